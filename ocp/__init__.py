@@ -8,6 +8,7 @@ from ocp.free_time import free
 from ocp.policy import Feedback, OpenLoop
 from ocp.problem import Constraint, Problem, Scaling, Scenarios
 from ocp.programs.solver import Status
+from ocp.request import Settings
 from ocp.rollout import Gains, Rollout, roll_out
 from ocp.solution import Replay, Solution
 from ocp.solve import solve
@@ -34,6 +35,7 @@ __all__ = [
     "Rollout",
     "Scaling",
     "Scenarios",
+    "Settings",
     "SingleShooting",
     "Solution",
     "Status",

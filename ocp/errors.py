@@ -9,6 +9,8 @@ from typing import TypeVar
 
 T = TypeVar("T")
 _LONGEST = 80
+_ALIKE = 0.6
+"""Least similarity, of 1, of a name that is proposed."""
 
 
 class InputError(ValueError):
@@ -63,13 +65,11 @@ def abbreviated(value: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
-def did_you_mean(name: str, known: Iterable[str], alike: float = 0.5) -> str:
-    """Return ``" (did you mean 'x'?)"`` for the nearest known name, or nothing.
-
-    ``alike``, from 0 to 1, says how near it must be.
-    """
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return ``" (did you mean 'x'?)"`` for the nearest known name, or nothing if none is near."""
     names = {candidate.lower(): candidate for candidate in known}
-    close = get_close_matches(name.lower(), names, n=1, cutoff=alike)
+    # Of two letters one may be wrong, as mu for nu.
+    close = get_close_matches(name.lower(), names, n=1, cutoff=0.5 if len(name) == 2 else _ALIKE)
     return f" (did you mean {names[close[0]]!r}?)" if close else ""
 
 

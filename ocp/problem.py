@@ -25,15 +25,19 @@ from ocp.problem_parts import (
     column,
 )
 from ocp.programs.units import band
-from ocp.validation import Count, Line, Recorded, validated
+from ocp.validation import Count, Line, Name, Recorded, validated
 
 __all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Scales", "Scaling", "Scenarios"]
 
+SWEPT = "way between nodes"
+SHARES, DEPTH = (0.25, 0.5, 0.75), 0.05
+"""Shares of a step at which a swept problem keeps bodies apart, and how deep, in characteristic
+gaps, straight motion may cut into one: half of what the referee tolerates."""
 Guess = Callable[["Problem", np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Maps (problem, parameter values) to states (N+1, nx) and inputs (N, nu) to start from."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Problem:
     """Minimise the mean over scenarios of ``sum_k l(x_k, u_k, du_k) + l_N(x_N)``, k < N.
 
@@ -41,12 +45,13 @@ class Problem:
     u_k - u_{k-1}, with u_{-1} = ``u_before``), ``system.lam`` (the impulses of contact of the step
     from x_k to x_{k+1}; the mean over the branches of a law that averages) and the parameters,
     ``terminal_cost`` in ``system.x`` and the parameters, and ``path`` constraints in what the
-    stage cost has, but ``du``. ``x0`` (nx,), ``u_before`` (nu,), and all bounds are expressions in
-    the parameters. With ``h=free(lower, upper)`` the step size is the last state, and the final
-    time is free (:func:`~ocp.free_time.free`). ``source`` is the user's
-    file that it was built by, None for one that has a name or none, and ``source_digest`` that of
-    all the file was made of then (:mod:`problems.source_digest`); ``shown`` is the
-    :class:`problems.user_code.UserProblemRecord` that its runs store.
+    stage cost has, but ``du``, and ``system.x_next``. ``x0`` (nx,), ``u_before`` (nu,), and all
+    bounds are expressions in the parameters. With ``h=free(lower, upper)`` the step size is the
+    last state, and the final time is free (:func:`~ocp.free_time.free`). With ``swept`` nothing
+    passes through anything between two nodes either, by one more path constraint. ``source`` is
+    the user's file that it was built by, None for one that has a name or none, and
+    ``source_digest`` that of all the file was made of then (:mod:`problems.source_digest`);
+    ``shown`` is the :class:`problems.user_code.UserProblemRecord` that its runs store.
 
     Raises :class:`~ocp.errors.InputError` where a dimension does not fit.
     """
@@ -76,6 +81,7 @@ class Problem:
     source_digest: str | None = None
     shown: Any = None
     h: FreeStep | None = None
+    swept: bool = False
 
     def __post_init__(self) -> None:
         for what, kind in _KINDS.items():
@@ -106,6 +112,26 @@ class Problem:
             made = with_free_step(self, validated(f"{self.name}: h", self.h, InstanceOf[FreeStep]))
             for what, value in {**made, "h": None}.items():
                 self._set(what, value)
+        if self.swept and all(one.name != SWEPT for one in self.path):
+            self._set("path", (*self.path, self._sweep()))
+
+    def __repr__(self) -> str:
+        from ocp.problem_summary import summary
+
+        return summary(self)
+
+    def _sweep(self) -> Constraint:
+        """True distances on the straight way between nodes, at three places of every step."""
+        system = self.system
+        if system.phi is None:
+            raise InputError(
+                f"{self.name}: swept needs the distances of its contacts, and the system gives no"
+                " phi; leave swept out"
+            )
+        way = (system.x + share * (system.x_next - system.x) for share in SHARES)
+        gaps = ca.vertcat(*(ca.substitute(system.phi, system.x, at) for at in way))
+        least = -DEPTH * self.scaling.gap * self.scaling.units.of("m")
+        return Constraint(SWEPT, gaps, least, ca.inf)
 
     def _set(self, what: str, value: Any) -> None:
         object.__setattr__(self, what, value)
@@ -123,8 +149,10 @@ class Problem:
         ]
         bounds += [] if free is None else [("the start", free.lower), ("the start", free.upper)]
         for known, used, expected in (
-            (along, [("stage_cost", self.stage_cost), *((c.name, c.expression) for c in self.path)],
+            (along, [("stage_cost", self.stage_cost)],
              "no state, input, du, contact impulse or declared parameter"),
+            ([*along, s.x_next], [(c.name, c.expression) for c in self.path],
+             "no state, input, next state, contact impulse or declared parameter"),
             (last, [("terminal_cost", self.terminal_cost),
                     *((c.name, c.expression) for c in self.terminal)],
              "no state or declared parameter"),
@@ -310,11 +338,12 @@ class Problem:
         Raises :class:`~ocp.errors.InputError` for a ``guess`` of other shapes, or not finite.
         """
         if self.guess is not None:
-            return self._checked_guess(self.guess(self, p))
+            return self.checked_guess(self.guess(self, p))
         x0, u_before = (np.array(v).ravel() for v in self.limits(p)[:2])
         return np.tile(x0, (self.N + 1, 1)), np.tile(u_before, (self.N, 1))
 
-    def _checked_guess(self, given: Any) -> tuple[np.ndarray, np.ndarray]:
+    def checked_guess(self, given: Any) -> tuple[np.ndarray, np.ndarray]:
+        """States and inputs of a guess; raises as :meth:`initial_guess` does."""
         try:
             states, inputs = (np.asarray(part) for part in given)
         except (TypeError, ValueError):
@@ -337,7 +366,7 @@ class Problem:
 
 
 _KINDS: dict[str, Any] = {
-    "name": Line, "system": InstanceOf[ContactSystem], "N": Count,
+    "name": Name, "system": InstanceOf[ContactSystem], "N": Count,
     "parameters": InstanceOf[ParameterTable], "path": tuple[InstanceOf[Constraint], ...],
     "terminal": tuple[InstanceOf[Constraint], ...], "scenarios": InstanceOf[Scenarios],
     "start": InstanceOf[FreeStart] | None, "guess": Callable[..., Any] | None,

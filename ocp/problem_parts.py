@@ -12,7 +12,15 @@ from pydantic import InstanceOf
 
 from ocp.errors import InputError, abbreviated
 from ocp.programs.units import SI, Units
-from ocp.validation import Count, Index, Line, NotNegative, Positive, validate_fields, validated
+from ocp.validation import (
+    Count,
+    Index,
+    Name,
+    NotNegative,
+    Positive,
+    validate_fields,
+    validated,
+)
 
 
 def column(what: str, value: Any, *sizes: int) -> ca.SX:
@@ -76,7 +84,7 @@ class Constraint:
     upper: ca.SX | float
 
     def __post_init__(self) -> None:
-        name = validated("a constraint's name", self.name, Line)
+        name = validated("a constraint's name", self.name, Name)
         expression = column(f"constraint {name}", self.expression)
         object.__setattr__(self, "expression", expression)
         for side in ("lower", "upper"):

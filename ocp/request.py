@@ -26,7 +26,8 @@ from ocp.validation import number, parse, whole
 ProblemSource: TypeAlias = Any
 """What builds a problem at any parameters: a :class:`problems.ProblemSpec`."""
 ProblemLike = Problem | ProblemSource | str | PathLike[str]
-"""A problem, what builds one (:class:`problems.ProblemSpec`), a registered name, or a file."""
+"""A problem, what builds one (:class:`problems.ProblemSpec`), the ``Params`` of one, a registered
+name, or a file."""
 
 
 def resolve_problem(
@@ -44,6 +45,8 @@ def resolve_problem(
     Raises :class:`~ocp.errors.InputError` for a keyword that neither has, that both have, or that
     ``params`` or ``contact_settings`` give too, and for parameters of a problem that is built.
     """
+    if hasattr(type(problem), "model_fields"):
+        problem = load_plugin("problems").get(problem)
     found = problem if isinstance(problem, Problem) else _source(problem)
     for_problem, for_law = split_keywords(
         found, contact, params, contact_settings, keywords, solver
@@ -111,7 +114,7 @@ def check_setting_names(settings: Mapping[str, Any], solver: str) -> None:
         if not has_option(solver, bare):
             known = [*OWN, *documented(solver)]
             raise InputError(
-                f"unknown setting {key!r}{did_you_mean(bare, known, 0.6)}; there are"
+                f"unknown setting {key!r}{did_you_mean(bare, known)}; there are"
                 f" {', '.join(OWN)}, policy.<name>, and the options of {solver}: list them with ocp"
                 f" settings and ocp settings {solver}"
             )
@@ -179,6 +182,12 @@ class Settings:
     ] = None
     jit: Annotated[bool, "evaluate by compiled C, cached, where a compiler is found"] = False
     options: dict[str, Any] = field(default_factory=dict)
+
+    def given(self) -> dict[str, Any]:
+        """The settings that differ from their defaults, and the solver's options, by name."""
+        usual = Settings()
+        own = {key: getattr(self, key) for key in OWN}
+        return {**{k: v for k, v in own.items() if v != getattr(usual, k)}, **self.options}
 
     @classmethod
     def read(cls, raw: Mapping[str, Any]) -> Settings:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from dynamics.contact import ContactLaw, Step
-from ocp.errors import NotConverged
+from ocp.errors import InputError, NotConverged
 from ocp.problem import Problem
 
 STEP_TOLERANCE = 1e-7
@@ -136,12 +137,13 @@ def roll_on(
         step = law if isinstance(law, Step) else law.close(problem.system)
     p = step_values(problem, step, values, own=step is law)
     physical = problem.parameters.pack(values)
-    start = problem.initial_states(physical) if x0 is None else np.atleast_2d(x0)
+    nx, nu = problem.system.nx, problem.system.nu
+    start = problem.initial_states(physical) if x0 is None else _array("x0", x0, (None, nx))
     lower, upper = (np.array(v).ravel() for v in problem.limits(physical)[2:4])
     S, N = len(start), problem.N
-    x, u = np.full((S, N + 1, problem.system.nx), np.nan), np.empty((S, N, problem.system.nu))
+    x, u = np.full((S, N + 1, nx), np.nan), np.empty((S, N, nu))
     lam, gap = np.full((S, N, step.n), np.nan), np.full((S, N, step.n), np.nan)
-    u[:] = np.nan if isinstance(inputs, Gains) else inputs
+    u[:] = np.nan if isinstance(inputs, Gains) else _array("inputs", inputs, (None, N, nu), S)
     error = np.zeros((S, N, step.n))
     x[:, 0] = start
     # Gains read the state of every node; inputs are rolled out in one call.
@@ -166,6 +168,26 @@ def roll_on(
     for one in lost:
         rolled.costs[one.scenario] = np.nan
     return rolled, min(lost, key=lambda one: one.step, default=None)
+
+
+def _array(
+    what: str, given: Any, shape: tuple[int | None, ...], scenarios: int | None = None
+) -> np.ndarray:
+    """``given`` as an array of ``shape``, its first size 1 or ``scenarios``; any where None.
+
+    Raises :class:`~ocp.errors.InputError` for another shape, and for what are no numbers.
+    """
+    first = "S" if scenarios is None else str(scenarios)
+    expected = f"({', '.join([first, *map(str, shape[1:])])})"
+    try:
+        found = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be an array {expected} of numbers, got {given!r}") from None
+    found = found.reshape((1,) * (len(shape) - found.ndim) + found.shape)
+    fits = scenarios is None or found.shape[0] in (1, scenarios)
+    if not fits or found.shape[1:] != shape[1:]:
+        raise InputError(f"{what} must be an array {expected}, got the shape {np.shape(given)}")
+    return found
 
 
 def step_values(

@@ -25,7 +25,7 @@ from ocp.session import Session
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.transcription import Method
 from ocp.transcription.nlp import StageCompiler
-from ocp.warm_start import carried_guess, carry
+from ocp.warm_start import GuessLike, carried_guess, carry, given_guess
 
 Rank = Literal["planned", "exact", "referee"]
 """What orders several answers: their cost under the law, replayed under the exact one, or by the
@@ -42,13 +42,14 @@ def solve(
     transcription: Method | str = "direct",
     policy: Policy | str = "open-loop",
     solver: str = "ipopt",
-    settings: Mapping[str, Any] | None = None,
+    settings: Settings | Mapping[str, Any] | None = None,
     starts: int = 1,
     seed: int = 0,
     progress: Callable[[StageRecord], None] | None = None,
     start: Solution | None = None,
     rank_by: Rank = "planned",
     *,
+    guess: GuessLike | None = None,
     refine: bool = False,
     method: Method | str | None = None,
     params: Mapping[str, Any] | None = None,
@@ -62,10 +63,12 @@ def solve(
         solve("push-disc", contact="barrier", mu=1e-3, M=2.0)
         solve(problems.get("push-disc", M=2.0), Barrier(mu=1e-3), Direct(), OpenLoop())
 
-    ``problem`` may also be the path of a file that defines one. What is named takes its settings
+    ``problem`` may also be the path of a file that defines one, or parameters, which editors
+    complete: ``solve(push_disc.Params(M=2.0))``. What is named takes its settings
     as ``keywords`` or, with the same name as something else, in ``params`` (of the problem) and
     ``contact_settings`` (of the law). ``settings`` are those of ``-s``: the method's, the solver's,
-    and ``policy.<name>``. ``method`` is another word for ``transcription``.
+    and ``policy.<name>``, or an :class:`ocp.Settings`. ``method`` is another word for
+    ``transcription``.
 
     ``starts`` > 1 solves from as many guesses, the first the problem's own, the others perturbed
     by seeded noise of 0.3 characteristic units; the best certified answer wins, by its own cost or,
@@ -76,6 +79,10 @@ def solve(
     under another law or by another method: its trajectories and multipliers are what the solver
     starts at (:func:`~ocp.warm_start.carry`). Where it does not converge from there, the usual
     path is followed with those trajectories as the guess.
+
+    ``guess`` is where the solver starts in place of the problem's own guess: two arrays, states
+    (N+1, nx) and inputs (N, nu); a dataset with ``x`` and ``u``; or a solution, such as a run that
+    :func:`ocp.load` reads, resampled where its horizon differs.
 
     ``refine`` plans again at half the step, from the last plan, until its cost and that of its
     replay at half the step agree (:func:`~ocp.refinement.refined`); of a problem object N is
@@ -88,6 +95,12 @@ def solve(
         problem, contact, transcription, policy, solver, settings,
         method=method, params=params, contact_settings=contact_settings, **keywords,
     )  # fmt: skip
+    if guess is not None:
+        if start is not None:
+            raise InputError("start and guess both say where to begin; give one of them")
+        given = given_guess(guess, session.problem, session.values)
+        guessed = replace(session.problem, guess=lambda made, p: given)
+        session = replace(session, problem=guessed)
     if start is not None and starts != 1:
         raise InputError("start cannot be combined with several starts; leave starts at 1")
     if refine:
@@ -157,7 +170,7 @@ def new_session(
     transcription: Method | str = "direct",
     policy: Policy | str = "open-loop",
     solver: str = "ipopt",
-    settings: Mapping[str, Any] | None = None,
+    settings: Settings | Mapping[str, Any] | None = None,
     *,
     method: Method | str | None = None,
     params: Mapping[str, Any] | None = None,
@@ -171,7 +184,8 @@ def new_session(
     """
     if method is not None and transcription != "direct":
         raise InputError("method and transcription are one argument; give one of them")
-    for_policy, own = split_policy_settings(settings or {})
+    given = settings.given() if isinstance(settings, Settings) else settings or {}
+    for_policy, own = split_policy_settings(given)
     made, for_law = resolve_problem(problem, contact, params, contact_settings, keywords, solver)
     way = method_of(transcription if method is None else method)
     check_setting_names(own, solver)

@@ -185,6 +185,7 @@ Count = Annotated[int, BeforeValidator(_number), Field(ge=1)]
 Index = Annotated[int, BeforeValidator(_number), Field(ge=0)]
 Line = Annotated[str, Field(strict=True), AfterValidator(_line)]
 """A text that fits into a line and a terminal."""
+Name = Annotated[Line, Field(min_length=1)]
 Scalar = bool | int | float | str
 Recorded = Scalar | list[Scalar]
 """What the record of a run holds of a parameter or a setting."""

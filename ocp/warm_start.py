@@ -11,6 +11,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
 
 from dynamics.contact import Step
 from dynamics.systems import Signal
@@ -147,6 +149,27 @@ def carried_guess(
     carrier = _Carrier(solution, problem, values)
     x, u = carrier.trajectories()
     return np.concatenate([carrier.first_states(len(x)), x], axis=1).mean(axis=0), u.mean(axis=0)
+
+
+GuessLike = Solution | xr.Dataset | tuple[ArrayLike, ArrayLike]
+"""A solution or a run that was loaded, a dataset with x and u, or states and inputs."""
+
+
+def given_guess(
+    given: GuessLike, problem: Problem, values: dict[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """States (N+1, nx) and inputs (N, nu) of what a caller gives; of scenarios the first.
+
+    Raises :class:`~ocp.errors.InputError` for other shapes, or what is not finite.
+    """
+    if isinstance(given, Solution):
+        return carried_guess(given, problem, values)
+    if isinstance(given, xr.Dataset):
+        if missing := {"x", "u"} - set(given):
+            raise InputError(f"the guess has no {' and no '.join(sorted(missing))}; it needs both")
+        x, u = given["x"].values, given["u"].values
+        given = (x[0], u[0]) if x.ndim == 3 else (x, u)
+    return problem.checked_guess(given)
 
 
 def _check(solution: Solution, nlp: NLP) -> None:

@@ -48,6 +48,15 @@ class Box:
 
 
 @dataclass(frozen=True)
+class Polygon:
+    """A convex polygon with the ``corners`` of its core, counter-clockwise, grown by ``radius``."""
+
+    corners: tuple[tuple[float, float], ...]
+    radius: NotNegative = 0.0
+    role: Role = "object"
+
+
+@dataclass(frozen=True)
 class Capsule:
     """A link with round ends: all within ``radius`` of the segment (x1, y1) to (x2, y2)."""
 
@@ -104,7 +113,7 @@ class HalfPlane:
     role: Role = "environment"
 
 
-Shape = Disc | Box | Capsule | Segment | Spring | Mark | HalfPlane
+Shape = Disc | Box | Polygon | Capsule | Segment | Spring | Mark | HalfPlane
 
 
 @dataclass(frozen=True)
@@ -156,4 +165,6 @@ def solid(shape: contacts.Shape, x: float, y: float, angle: float, role: str = "
         case contacts.Box(half, radius):
             size = 2 * float(half[0]), 2 * float(half[1])
             return Box(x, y, *size, -angle, role, float(radius))
+        case contacts.Polygon(_, radius):
+            return Polygon(tuple(placed(corner) for corner in shape.corners), float(radius), role)
     raise TypeError(f"cannot draw a {type(shape).__name__}")

@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from pydantic import AfterValidator, BaseModel, Field
 
-from ocp.errors import InputError
+from ocp.errors import InputError, abbreviated
 from ocp.problem import Problem
 from ocp.store.provenance import file_digest
 from ocp.validation import Line, Recorded, validated
@@ -147,7 +147,8 @@ def check_name(name: str) -> str:
     """Return the name of a problem; raises ValueError unless it is one word."""
     if not re.fullmatch(r"\w[\w.-]*", name) or len(name) > _LONGEST:
         raise ValueError(
-            f"must be a word of letters, digits, '-' and '_', of at most {_LONGEST} characters"
+            "a name must be a word of letters, digits, '-' and '_', of at most"
+            f" {_LONGEST} characters, got {abbreviated(name)}"
         )
     return name
 

@@ -9,6 +9,7 @@ from typing import Any
 from ocp.errors import InputError
 from ocp.problem import Problem
 from ocp.store.stored_run import StoredRun
+from problems.registry import get as get
 from problems.registry import load, names, objective_names, registered, spec
 from problems.registry import named as named
 from problems.spec import ProblemSpec, Spec

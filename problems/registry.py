@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -18,7 +19,7 @@ from ocp.errors import InputError, choose, did_you_mean
 from ocp.problem import Problem
 from ocp.validation import expand_path
 from problems.loading import check, check_file, import_file, read
-from problems.parameters import table, unit_of
+from problems.parameters import Parameters, table, unit_of
 from problems.source_digest import source_digest
 from problems.spec import ProblemSpec, Spec, defined
 
@@ -63,6 +64,7 @@ def registered(name: str) -> ProblemSpec:
 
     Raises :class:`~ocp.errors.InputError` for a name that there is not.
     """
+    refuse_robot_file(name)
     if name not in _MODULES:
         raise InputError(
             f"unknown problem {name!r}{did_you_mean(name, _MODULES)}; there are"
@@ -71,12 +73,32 @@ def registered(name: str) -> ProblemSpec:
     return defined(ProblemSpec, importlib.import_module(_MODULES[name]))
 
 
-def get(name: str, **params: Any) -> Problem:
+def refuse_robot_file(name: str) -> None:
+    """Raise :class:`~ocp.errors.InputError` for a robot's description, URDF, SDF or MJCF."""
+    if name.lower().endswith((".urdf", ".xacro", ".sdf", ".xml", ".mjcf")):
+        raise InputError(
+            f"{name}: robot files (URDF, SDF, MJCF) are not read; a problem is a Python file, which"
+            " lists the robot's links, joints and contacts as a dynamics.systems.Machine;"
+            " ocp new NAME --machine writes one to start from"
+        )
+
+
+def get(name: str | Parameters, **params: Any) -> Problem:
     """Build the problem ``name`` with ``params``, the rest at their defaults.
+
+    In place of both, the problem's own parameters, which editors complete and type checkers check:
+    ``get(push_disc.Params(M=2.0))``.
 
     Raises :class:`~ocp.errors.InputError` for an unknown name or a bad parameter.
     """
-    return spec(name).problem(params)
+    if isinstance(name, str):
+        return spec(name).problem(params)
+    module = sys.modules[type(name).__module__]
+    if not isinstance(name, Parameters) or getattr(module, "Params", None) is not type(name):
+        raise InputError(
+            f"a problem is a name, a file, or the Params of one, got {type(name).__name__}"
+        )
+    return defined(ProblemSpec, module).problem({**name.model_dump(), **params})
 
 
 def load(path: str | Path) -> ProblemSpec:
@@ -166,6 +188,7 @@ def named(name: str) -> ObjectiveSpec | ProblemSpec:
     known = [*names(), *_OBJECTIVES]
     if name.endswith(".py") or name in known:
         return spec(name)
+    refuse_robot_file(name)
     raise InputError(
         f"unknown problem {name!r}{did_you_mean(name, known)}; there are {', '.join(known)}, or"
         " give the path of a file such as my_problem.py"

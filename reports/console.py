@@ -51,7 +51,8 @@ def table_of(*columns: str, rows: Iterable[Sequence[str]] = (), title: str | Non
     """A table with titled columns, right-aligned where the title begins with ``>``."""
     table = Table(box=None, title=title, title_justify="left", pad_edge=False, padding=(0, 2, 0, 0))
     for name in columns:
-        table.add_column(name.removeprefix(">"), justify="right" if name[:1] == ">" else "left")
+        head = Text(name.removeprefix(">"))  # a unit in brackets is no markup
+        table.add_column(head, justify="right" if name[:1] == ">" else "left")
     for row in rows:
         table.add_row(*row)
     return table
@@ -291,51 +292,6 @@ def physics_residuals(audit: Audit) -> list[tuple[str, float, str]]:
         ("momentum residual", audit.momentum_residual, "N s"),
     )
     return [row for row in residuals if math.isfinite(row[1])]
-
-
-def contact_table(audit: Audit) -> Table:
-    """Active steps, peak force and sliding of each contact; the idle ones are counted."""
-    rough = math.isfinite(audit.cone_violation)
-    heads = ("steps", *(["slipping"] if rough else []), "peak N", *(["slid m"] if rough else []))
-    rows = (
-        (name, steps, slipping, peak, slid, degenerate, spans) if rough
-        else (name, steps, peak, degenerate, spans)
-        for name, steps, spans, slipping, peak, slid, degenerate in contact_rows(audit)
-    )  # fmt: skip
-    numbers = (f">{head}" for head in (*heads, "degenerate"))
-    table = table_of("contact", *numbers, "steps from-to", rows=rows)
-    table.caption, table.caption_justify = idle_contacts(audit), "left"
-    return table
-
-
-def contact_rows(audit: Audit, peak: Callable[[int], float] | None = None) -> list[tuple[str, ...]]:
-    """Name, steps, spans, slipping steps, peak force [N], slip [m], degenerate steps; as text.
-
-    ``peak`` gives another peak for the number of a contact.
-    """
-    return [
-        (found.name, str(found.steps), spans_text(found.spans), str(found.slipping),
-         number(peak(i) if peak else found.peak_force, 4),
-         number(found.slid, 3) if found.slipping else "0", str(found.degenerate))
-        for i, found in enumerate(audit.contacts) if found.steps
-    ]  # fmt: skip
-
-
-def idle_contacts(audit: Audit) -> str:
-    """The number of contacts that are never active, and of their degenerate steps."""
-    idle = [found for found in audit.contacts if not found.steps]
-    if not idle:
-        return ""
-    steps = sum(found.degenerate for found in idle)
-    grazing = f", degenerate at {steps} steps" if steps else ""
-    return f"{len(idle)} {'contact' if len(idle) == 1 else 'contacts'} never active{grazing}"
-
-
-def spans_text(spans: Sequence[Sequence[int]], most: int = 6) -> str:
-    """Spans of steps: ``0-4, 7, 9-12``; the first ``most`` and a count of the others."""
-    parts = [f"{first}-{last}" if last > first else str(first) for first, last in spans]
-    more = f", {len(parts) - most} more" if len(parts) > most else ""
-    return ", ".join(parts[:most]) + more
 
 
 def violation_table(solution: Solution) -> Table:

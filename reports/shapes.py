@@ -15,7 +15,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
-from problems.drawing import Box, Capsule, Disc, HalfPlane, Mark, Segment, Shape, Spring
+from problems.drawing import Box, Capsule, Disc, HalfPlane, Mark, Polygon, Segment, Shape, Spring
 from reports.style import BLUE, FAINT, GREEN, GREY, ORANGE
 
 _COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN}
@@ -52,6 +52,8 @@ def _corners(shape: Shape) -> list[tuple[float, float]]:
             c, s = abs(math.cos(angle)), abs(math.sin(angle))
             a, b = (c * width + s * height) / 2, (s * width + c * height) / 2
             return [(x - a, y - b), (x + a, y + b)]
+        case Polygon(corners, r):
+            return [(x + sign * r, y + sign * r) for x, y in corners for sign in (-1, 1)]
         case Capsule(x1, y1, x2, y2, r):
             low = min(x1, x2) - r, min(y1, y2) - r
             return [low, (max(x1, x2) + r, max(y1, y2) + r)]
@@ -73,6 +75,9 @@ def outline(shape: Shape) -> Path:
             points = _grown(corners, radius) if radius else corners
             place = Affine2D().rotate(shape.angle).translate(shape.x, shape.y)
             return _closed(place.transform(points))
+        case Polygon(corners, radius):
+            at = np.array(corners)
+            return _closed(_grown(at, radius) if radius else at)
         case Capsule(x1, y1, x2, y2, radius):
             along = np.array([x2 - x1, y2 - y1])
             if not along.any():

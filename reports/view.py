@@ -21,6 +21,7 @@ from problems.drawing import (
     Disc,
     HalfPlane,
     Mark,
+    Polygon,
     Segment,
     Shape,
     Spring,
@@ -136,7 +137,7 @@ class RunView:
 
 
 _KINDS: dict[str, type[Shape]] = {
-    kind.__name__: kind for kind in (Disc, Box, Capsule, Segment, Spring, Mark, HalfPlane)
+    kind.__name__: kind for kind in (Disc, Box, Polygon, Capsule, Segment, Spring, Mark, HalfPlane)
 }
 T = TypeVar("T", Shape, ContactFrame)
 

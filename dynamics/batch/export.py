@@ -53,6 +53,11 @@ _HEADER = """\
    parameter p[{np}], with the values of {name}_parameters
 {parameters}
 */
+#ifndef {name}_h
+#define {name}_h
+#ifdef __cplusplus
+extern "C" {{
+#endif
 enum {{ {name}_nx = {nx}, {name}_nu = {nu}, {name}_nlam = {nlam}, {name}_np = {np} }};
 extern const double {name}_parameters[{room}];
 
@@ -65,6 +70,12 @@ int {name}_step(const double *x, const double *u, const double *p, double *x_nex
    solved contact, each row by row: A[i*{nx} + j] = d x_next[i] / d x[j]. */
 int {name}_derivatives(const double *x, const double *u, const double *p, double *x_next,
                        double *lam, double *A, double *B);
+"""
+_GUARD_END = """
+#ifdef __cplusplus
+}
+#endif
+#endif
 """
 _POLICY_HEADER = """
 /* The input u at step t = 0, 1, ..., {last} and state x{law}; later steps take the last row. */
@@ -118,12 +129,13 @@ def exported(
     name: str,
     about: Sequence[str] = (),
     policy: TabulatedPolicy | None = None,
-) -> str:
-    """The C text: functions `<name>_step`, `<name>_derivatives` and, of a policy, `<name>_policy`.
+) -> tuple[str, str]:
+    """The C file and its header: `<name>_step`, `<name>_derivatives`, of a policy `<name>_policy`.
 
-    `values` (np,) are those of the parameters `step.p`; `name` is made a C identifier, and the
-    lines `about` stand first in the file. The derivatives go through the contact by the implicit
-    function theorem, or as the law defines them where its gradient is frozen.
+    The C file begins with its header, and may be included together with it. `values` (np,) are
+    those of the parameters `step.p`; `name` is made a C identifier, and the lines `about` stand
+    first in the file. The derivatives go through the contact by the implicit function theorem, or
+    as the law defines them where its gradient is frozen.
 
     Raises `ValueError` where sizes do not fit.
     """
@@ -139,15 +151,16 @@ def exported(
             _STEP % {"name": name, "nlam": step.n},
         )
     )
-    header = _header(step, name, about, values)
-    told = "" if policy is None else _policy_header(name, policy)
+    declared = "" if policy is None else _policy_header(name, policy)
+    header = _header(step, name, about, values) + declared + _GUARD_END
     tables = _table(f"{name}_parameters", values, "")
     acts = "" if policy is None else _policy(name, policy, system.nx)
     text = "\n".join((tables, body, acts))
-    text = f"{header}{told}\n{scalar_prelude(text)}\n{text}".rstrip()
+    text = f"{header}\n{scalar_prelude(text)}\n{text}".rstrip()
     # What includes this file keeps its own words.
     defined = re.findall(r"^#define (\w+)", text, re.MULTILINE)
-    return "\n".join((text, *(f"#undef {word}" for word in defined), ""))
+    undone = (f"#undef {word}" for word in defined if word != f"{name}_h")
+    return "\n".join((text, *undone, "")), header
 
 
 def identifier(name: str) -> str:

@@ -41,6 +41,12 @@ class ContactLaw(Closure):
         """Return what was chosen, for the run's record."""
         return {key: value for key, value in vars(self).items() if value is not None}
 
+    def __repr__(self) -> str:
+        plain = int | float | str | ContactLaw
+        own = ((key, value) for key, value in vars(self).items() if isinstance(value, plain))
+        given = ", ".join(f"{key}={value!r}" for key, value in own)
+        return f"{type(self).__name__}({given})"
+
     def close(self, system: ContactSystem) -> Step:
         """Close the contact of ``system``; raises ``ValueError`` where the law cannot take it."""
         p = self.parameters(system)
@@ -69,11 +75,11 @@ def law_parameter(name: str, value: float, unit: str, description: str) -> Param
 
 def positive(law: str, name: str, value: float, hint: str = "") -> float:
     """Return ``value`` as a positive finite float; raises ``ValueError`` otherwise."""
-    number = float(value)
+    number = value if isinstance(value, int | float | np.number) else math.nan
     if not (math.isfinite(number) and number > 0):
         tail = f"; {hint}" if hint else ""
         raise ValueError(f"{law}: {name} must be positive and finite, got {value}{tail}")
-    return number
+    return float(number)
 
 
 def whole(law: str, name: str, value: float, low: int, high: int) -> int:

@@ -51,6 +51,8 @@ class Randomized(ContactLaw):
             )
         if noise not in _NOISES:
             raise ValueError(f"randomized: noise must be on input or state, got {noise!r}")
+        if not isinstance(base, ContactLaw | None):
+            raise ValueError(f"randomized: base must be a law such as Exact(), got {base!r}")
         if isinstance(base, Randomized):
             raise ValueError("randomized: the base law must not be randomized itself")
         self.sigma = positive("randomized", "sigma", sigma)

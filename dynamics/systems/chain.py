@@ -53,8 +53,9 @@ class Chain:
     Raises ``ValueError`` where the links are no tree or not physical, see :class:`Link`.
     """
 
-    def __init__(self, links: Sequence[Link], gravity: Number = 9.81) -> None:
-        self.gravity = gravity
+    def __init__(self, links: Sequence[Link], gravity: Number | Vector = 9.81) -> None:
+        # Its acceleration (x, z); a number points down.
+        self.gravity = gravity if isinstance(gravity, tuple) else (0.0, -gravity)
         self._ordered = root_first(links)
         self._links = {link.name: link for link in links}
         self._first: dict[str, int] = {}
@@ -169,12 +170,13 @@ class Chain:
         return result
 
     def potential(self, q: ca.SX) -> ca.SX:
-        """Energy of gravity (zero at z = 0) and of the springs [J]."""
-        weight = sum(
-            (link.mass * self.position(q, link.name, link.com)[1] for link in self._ordered),
-            ca.SX(0),
+        """Energy of gravity (zero at the origin) and of the springs [J]."""
+        moment = sum(
+            (link.mass * self.position(q, link.name, link.com) for link in self._ordered),
+            ca.SX.zeros(2),
         )
-        return self.gravity * weight + ca.dot(self._each(lambda link: link.spring), q**2) / 2
+        springs = ca.dot(self._each(lambda link: link.spring), q**2) / 2
+        return springs - ca.dot(ca.vertcat(*self.gravity), moment)
 
     def kinetic(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Kinetic energy ``v' M(q) v / 2`` [J]."""
@@ -288,7 +290,7 @@ class Chain:
         felt: dict[str, ca.SX] = {}
         for link in self._ordered:
             turning, growing = ca.SX(0), ca.SX(0)
-            moving = ca.vertcat(0, self.gravity)
+            moving = ca.vertcat(-self.gravity[0], -self.gravity[1])
             step = frames[link.name].step
             base = ca.SX(0)
             if link.parent is not None:

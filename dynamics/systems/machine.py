@@ -2,43 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
 
 from dynamics.systems.chain import Chain
+from dynamics.systems.checks import items, number, point, positive, text
 from dynamics.systems.contact_rows import Cone
 from dynamics.systems.contacts import Contact, Disc, HalfPlane, Pose, Shape
 from dynamics.systems.pairs import EnergyBook
 from dynamics.systems.parameters import ParameterTable, Signal
-from dynamics.systems.planar import Link, Number
+from dynamics.systems.planar import Link, Number, Vector, root_first
 from dynamics.systems.system import ContactSystem
 from dynamics.systems.timestepping import time_stepping
 
+WORLD = "world"
+"""The link of parts that never move."""
 _GROUND = HalfPlane()
+
+
+def link_pose(chain: Chain, q: ca.SX, link: str) -> Pose:
+    """The pose of a link at ``q``, or of the world."""
+    return Pose.fixed() if link == WORLD else chain.pose(q, link)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A ``shape`` fixed to a link, in its frame, which may meet the parts of other links."""
+    """A ``shape`` fixed to a link, in its frame, which may meet the parts of other links.
+
+    On the link :data:`WORLD` it never moves: a wall, a slope, a step.
+
+    Raises ``ValueError`` for an empty name and for what is not a shape.
+    """
 
     name: str
     link: str
     shape: Shape
+
+    def __post_init__(self) -> None:
+        text("the name of a part", self.name)
+        if not isinstance(self.shape, Shape):
+            raise ValueError(
+                f"part {self.name!r}: shape must be a Disc, Box, Capsule or HalfPlane,"
+                f" got {self.shape!r}"
+            )
 
 
 @dataclass(frozen=True)
 class Sphere:
     """A round part that may touch the ground: ``centre`` in its link's frame [m], ``radius`` [m].
 
-    In the plane it is a disc.
+    In the plane it is a disc. Raises ``ValueError`` for an empty name, an invalid centre or radius.
     """
 
     name: str
     link: str
     centre: tuple[float, float]
     radius: float
+
+    def __post_init__(self) -> None:
+        text("the name of a sphere", self.name)
+        point(f"sphere {self.name!r}: centre", self.centre)
+        positive(f"sphere {self.name!r}: radius", self.radius)
 
     @property
     def shape(self) -> Disc:
@@ -51,18 +77,32 @@ class Machine:
     """A tree of links, the spheres on them that may touch the ground z = 0, and what else meets.
 
     ``meetings`` are pairs of names, of spheres or of further ``parts``, on two links each, that may
-    touch each other. The contact of two is called ``<one> on <other>``.
+    touch each other; one of them may be on the :data:`WORLD`. The contact of two is called
+    ``<one> on <other>``. ``gravity`` [m/s²] pulls down, or is the acceleration (x, z), as on a
+    slope.
+
+    Raises ``ValueError`` for links that are no tree, and for names that are unknown or used twice.
     """
 
     links: tuple[Link, ...]
     spheres: tuple[Sphere, ...]
     parts: tuple[Part, ...] = field(default=(), kw_only=True)
     meetings: tuple[tuple[str, str], ...] = field(default=(), kw_only=True)
+    gravity: Number | Vector = field(default=9.81, kw_only=True)
 
     def __post_init__(self) -> None:
-        links = [link.name for link in self.links]
+        items("links", Link, self.links)
+        items("spheres", Sphere, self.spheres)
+        items("parts", Part, self.parts)
+        links = [link.name for link in root_first(self.links)]
+        if WORLD in links:
+            raise ValueError(f"a link is named {WORLD!r}, which never moves; give it another name")
+        if isinstance(self.gravity, tuple):
+            point("gravity", self.gravity)
+        else:
+            number("gravity", self.gravity)
         for part in (*self.spheres, *self.parts):
-            if part.link not in links:
+            if part.link not in links and not (part.link == WORLD and isinstance(part, Part)):
                 raise ValueError(
                     f"{part.name!r} is on link {part.link!r}, which does not exist; "
                     f"choose from {', '.join(links)}"
@@ -75,9 +115,9 @@ class Machine:
             if len({known[name] for name in meeting}) == 1:
                 raise ValueError(f"{' and '.join(meeting)} are on the same link and never meet")
 
-    def chain(self, gravity: Number = 9.81) -> Chain:
-        """Build the equations of motion under ``gravity`` [m/s²]."""
-        return Chain(self.links, gravity)
+    def chain(self) -> Chain:
+        """Build the equations of motion."""
+        return Chain(self.links, self.gravity)
 
     def contacts(
         self, chain: Chain, q: ca.SX, spheres: Collection[str] | None = None
@@ -94,10 +134,18 @@ class Machine:
                 found[sphere.name] = Contact.between(sphere.shape, pose, _GROUND, Pose.fixed())
         for one, other in self.meetings:
             a, b = parts[one], parts[other]
+            if a.link == WORLD:
+                a, b = b, a
             found[f"{one} on {other}"] = Contact.between(
-                a.shape, chain.pose(q, a.link), b.shape, chain.pose(q, b.link)
+                a.shape, link_pose(chain, q, a.link), b.shape, link_pose(chain, q, b.link)
             )
         return found
+
+    def _outside(self, names: Sequence[str]) -> list[bool]:
+        """Whether each contact of these ``names`` is one with the ground or the world."""
+        still = {part.name for part in self.parts if part.link == WORLD}
+        inner = {f"{a} on {b}" for a, b in self.meetings if not {a, b} & still}
+        return [name not in inner for name in names]
 
     def system(
         self,
@@ -123,12 +171,11 @@ class Machine:
         more = (Signal("h", "s", "step size"),) if free_step else ()
         v = ca.SX.sym("v", chain.nq)
         damping = -ca.jacobian(chain.damping(v), v)
-        motors, mass, g = scale * chain.B, chain.total_mass, chain.gravity
+        motors, weight = scale * chain.B, chain.total_mass * ca.vertcat(*chain.gravity)
         base, limits = ca.diag(damping)[:2], chain.limits
         joints = [chain.coordinates[i].name for i, _, _ in limits]
         names = list(self.contacts(chain, ca.SX.sym("q", chain.nq), spheres))
-        inner = len(self.meetings)
-        outer = ca.vertcat(ca.DM.ones(len(names) - inner, 1), ca.DM.zeros(inner, 1))
+        outside = self._outside(names)
 
         def stacked(each: Callable[[Contact], ca.SX], q: ca.SX) -> ca.SX:
             return ca.vertcat(*map(each, self.contacts(chain, q, spheres).values()))
@@ -136,8 +183,11 @@ class Machine:
         def book(
             q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, tangential: ca.SX
         ) -> EnergyBook:
-            contact = ca.vertcat(ca.dot(outer, tangential), ca.dot(outer, normal))
-            external = contact - h * ca.vertcat(0, mass * g) - h * base * v_next[:2]
+            external = h * weight - h * base * v_next[:2]
+            touching = self.contacts(chain, q, spheres).values()
+            for i, contact in enumerate(touching):
+                if outside[i]:
+                    external += normal[i] * contact.normal + tangential[i] * contact.tangent
             work = h * ca.dot(v_next, motors @ u - damping @ v_next)
             return EnergyBook(chain.energy(q, v), work, chain.momentum(q, v), external)
 

@@ -9,6 +9,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dynamics.systems.checks import items, number, text
+
 LAW_PREFIX = "contact."
 """What the name of a parameter of a contact law begins with, unlike those of a problem."""
 
@@ -25,16 +27,19 @@ class Signal:
     description: str = ""
 
     def __post_init__(self) -> None:
-        for what, text in (("name", self.name), ("unit", self.unit), ("meaning", self.description)):
-            if not text.isprintable():
-                raise ValueError(f"the {what} {text!r} of a signal has unprintable characters")
+        for what, said in (("name", self.name), ("unit", self.unit), ("meaning", self.description)):
+            if not said.isprintable():
+                raise ValueError(f"the {what} {said!r} of a signal has unprintable characters")
         if not self.name:
             raise ValueError("a signal has no name; write it as 'x [m] position'")
 
 
 @dataclass(frozen=True, eq=False)
 class Parameter:
-    """A scalar that a study may turn: a symbol in the graph with a default value."""
+    """A scalar that a study may turn: a symbol in the graph with a default value.
+
+    Raises ``ValueError`` for an empty name and a value that is not a finite number.
+    """
 
     name: str
     value: float
@@ -43,6 +48,9 @@ class Parameter:
     symbol: ca.SX | None = None
 
     def __post_init__(self) -> None:
+        text("the name of a parameter", self.name)
+        if number(f"the value of parameter {self.name!r}", self.value) is None:
+            raise ValueError(f"the value of parameter {self.name!r} must be a number, not a symbol")
         if self.symbol is None:
             object.__setattr__(self, "symbol", ca.SX.sym(self.name))
 
@@ -61,10 +69,17 @@ class ParameterTable:
     Values travel by name as mappings, which :meth:`pack` makes the vector's and :meth:`unpack`
     reads back from it. Parameters of a contact law are called ``contact.<name>``; the entries of a
     matrix, ``F[i,j]``, are also read and given together as ``F``.
+
+    Raises ``ValueError`` for what is not a :class:`Parameter`, and for two that share a name.
     """
 
     def __init__(self, parameters: Iterable[Parameter] = ()) -> None:
-        self._by_name = {parameter.name: parameter for parameter in parameters}
+        self._by_name: dict[str, Parameter] = {}
+        for parameter in items("the parameters of a table", Parameter, parameters):
+            if self._by_name.setdefault(parameter.name, parameter) is not parameter:
+                raise ValueError(
+                    f"two different parameters share the name {parameter.name!r}; rename one"
+                )
 
     def __iter__(self) -> Iterator[Parameter]:
         return iter(self._by_name.values())
@@ -83,17 +98,13 @@ class ParameterTable:
             return symbol
         found = {_entry(n)[1]: self[n] for n in self._by_name if _entry(n)[0] == name}
         if not found:
-            raise KeyError(name)
+            raise KeyError(f"no parameter {name!r}; available: {', '.join(self.names)}")
         whole = ca.SX(*(1 + np.max(list(found), axis=0)))
         for index, symbol in found.items():
             whole[index] = symbol
         return whole
 
     def __add__(self, other: ParameterTable) -> ParameterTable:
-        clash = set(self._by_name) & set(other._by_name)
-        same = all(self._by_name[name] is other._by_name[name] for name in clash)
-        if not same:
-            raise ValueError(f"two different parameters share the name {sorted(clash)[0]!r}")
         return ParameterTable([*self, *other])
 
     @property
@@ -161,10 +172,14 @@ def _entry(name: str) -> tuple[str, tuple[int, ...]]:
     return whole, tuple(int(part) for part in rest.rstrip("]").split(",")) if bracket else ()
 
 
-def signals(text: str) -> tuple[Signal, ...]:
-    """Read ``"x [m] position; v [m/s] velocity"`` into signals."""
+def signals(written: str) -> tuple[Signal, ...]:
+    """Read ``"x [m] position; v [m/s] velocity"`` into signals.
+
+    Raises ``ValueError`` for anything else than text of this form.
+    """
+    text("signals", written)
     found = []
-    for item in text.split(";"):
+    for item in written.split(";"):
         name, _, rest = item.strip().partition("[")
         unit, _, description = rest.partition("]")
         found.append(Signal(name.strip(), unit.strip() or "1", description.strip()))

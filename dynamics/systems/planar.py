@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import casadi as ca
+
+from dynamics.systems.checks import number, point, positive, text
 
 Number = float | ca.SX
 Vector = tuple[Number, Number]
@@ -30,6 +32,9 @@ class Link:
     without parent. ``spring`` and ``damping`` act on every coordinate of the joint, at rest at
     q = 0 [N m/rad, N m s/rad; N/m, N s/m for lengths]; ``gear`` is the force or torque of one
     unit of input, None where no motor is; ``limits`` bound q from below and above.
+
+    Raises ``ValueError`` for an invalid argument: a mass or inertia that is not positive, limits
+    reversed, a free joint with a parent, a motor or limits.
     """
 
     name: str
@@ -46,19 +51,41 @@ class Link:
     gear: Number | None = None
     limits: tuple[Number, Number] | None = None
 
+    def __post_init__(self) -> None:
+        text("the name of a link", self.name)
+        owner = f"link {self.name!r}:"
+        positive(f"{owner} mass", self.mass)
+        positive(f"{owner} inertia", self.inertia)
+        for what in ("com", "anchor", "axis"):
+            point(f"{owner} {what}", getattr(self, what))
+        for what in ("offset", "spring", "damping"):
+            number(f"{owner} {what}", getattr(self, what))
+        if self.joint not in get_args(Joint):
+            kinds = ", ".join(map(repr, get_args(Joint)))
+            raise ValueError(f"{owner} joint must be one of {kinds}, got {self.joint!r}")
+        if self.limits is not None:
+            low, high = point(f"{owner} limits", self.limits)
+            if low is not None and high is not None and not low < high:
+                raise ValueError(
+                    f"{owner} limits are {low:g} to {high:g}; expected the lower one first"
+                )
+        if self.joint == "free" and (self.parent or self.gear is not None or self.limits):
+            raise ValueError(
+                f"link {self.name!r} floats freely, so it takes no parent, gear or limits;"
+                " leave them out or choose a hinge or a slide"
+            )
+
 
 def root_first(links: Sequence[Link]) -> tuple[Link, ...]:
     """Order ``links`` so that each follows its parent.
 
-    Raises ``ValueError`` where the links are no tree (a cycle, an unknown parent, a name used
-    twice) or a link makes no sense (mass or inertia not positive, limits reversed, a free joint
-    with a parent, a motor or limits).
+    Raises ``ValueError`` where the links are no tree: a cycle, an unknown parent, a name used
+    twice.
     """
     by_name: dict[str, Link] = {}
     for link in links:
         if link.name in by_name:
             raise ValueError(f"two links are named {link.name!r}; give each link its own name")
-        _check(link)
         by_name[link.name] = link
     ordered: dict[str, Link] = {}
     for link in links:
@@ -80,20 +107,3 @@ def _path_to_root(link: Link, by_name: dict[str, Link]) -> list[Link]:
             raise ValueError(f"the links form a cycle, {ring}; a tree needs a link without parent")
         path.append(by_name[parent])
     return path
-
-
-def _check(link: Link) -> None:
-    for what, value in (("mass", link.mass), ("inertia", link.inertia)):
-        if not isinstance(value, ca.SX) and not value > 0:
-            raise ValueError(f"link {link.name!r} has {what} {value:g}; expected a positive number")
-    if link.limits is not None and not any(isinstance(bound, ca.SX) for bound in link.limits):
-        low, high = link.limits
-        if not low < high:
-            raise ValueError(
-                f"link {link.name!r} has limits {low:g} to {high:g}; expected the lower one first"
-            )
-    if link.joint == "free" and (link.parent or link.gear is not None or link.limits):
-        raise ValueError(
-            f"link {link.name!r} floats freely, so it takes no parent, gear or limits;"
-            " leave them out or choose a hinge or a slide"
-        )

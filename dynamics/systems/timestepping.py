@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import casadi as ca
 
-from dynamics.systems.contact_rows import Cone, ContactRows, Touching, contact_rows
+from dynamics.systems.checks import items, positive
+from dynamics.systems.contact_rows import FORMS, Cone, ContactRows, Touching, contact_rows
 from dynamics.systems.pairs import ContactForces, EnergyBook, Pair, Sharp
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.system import ContactSystem, check_shape
@@ -76,8 +77,13 @@ def time_stepping(
     the contacts never open, see :func:`~dynamics.systems.timestepping.pressed_rows`.
 
     Stewart and Trinkle, doi 10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I.
-    Raises ``ValueError`` where a dimension does not fit.
+    Raises ``ValueError`` where an argument has the wrong type or a dimension does not fit.
     """
+    _check_arguments(name, states, inputs, contacts, h, parameters, cone)
+    functions = {"impulse": impulse, "distance": distance, "sliding": sliding, "limits": limits}
+    for what, given in functions.items():
+        if not callable(given) and not (given is None and what != "impulse"):
+            raise ValueError(f"system {name!r}: {what} must be a function, got {given!r}")
     nq, free_step = divmod(len(states), 2)
     x, x_next = ca.SX.sym("x", 2 * nq), ca.SX.sym("x_next", 2 * nq)
     if free_step:
@@ -142,6 +148,29 @@ def time_stepping(
     free = ca.solve(inertia, M @ v + smooth - h * K @ q)
     rows = pressed_rows(name, contacts, sliding(q), friction, load, inertia, free, v_next, h)
     return built(rows, Sharp())
+
+
+def _check_arguments(
+    name: str,
+    states: tuple[Signal, ...],
+    inputs: tuple[Signal, ...],
+    contacts: tuple[Signal, ...],
+    h: Number,
+    parameters: ParameterTable,
+    cone: str,
+) -> None:
+    """Raise ``ValueError`` for a wrong type, a step size that is not positive, a cone unknown."""
+    for what, given in (("states", states), ("inputs", inputs), ("contacts", contacts)):
+        items(f"system {name!r}: {what}", Signal, given)
+    positive(f"system {name!r}: h", h)
+    if not isinstance(parameters, ParameterTable):
+        raise ValueError(
+            f"system {name!r}: parameters must be a ParameterTable, got a"
+            f" {type(parameters).__name__}; write ParameterTable([Parameter('m', 1.0, 'kg')])"
+        )
+    if cone not in FORMS:
+        kinds = ", ".join(map(repr, FORMS))
+        raise ValueError(f"system {name!r}: cone must be one of {kinds}, got {cone!r}")
 
 
 def pressed_rows(
@@ -233,8 +262,9 @@ def quasi_dynamic(
     As the QP ``min 1/2 dq' P dq - b' dq`` has the unit J s, the log-barrier weight converts as
     ``mu = 1 / kappa``.
 
-    Raises ``ValueError`` where a dimension does not fit.
+    Raises ``ValueError`` where an argument has the wrong type or a dimension does not fit.
     """
+    _check_arguments(name, states, inputs, contacts, h, parameters, cone)
     nq, nu = len(states), len(inputs)
     x, x_next, u = ca.SX.sym("x", nq), ca.SX.sym("x_next", nq), ca.SX.sym("u", nu)
     dq, n_free = x_next - x, nq - nu

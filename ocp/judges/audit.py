@@ -43,9 +43,9 @@ class Audit:
     over all contacts and steps; ``dynamics_residual`` max |residual|, ``law_residual`` max
     |lam gap - mu|, ``constraint_violation`` of bounds, path and terminal constraints,
     ``penetration`` max(0, -phi) with phi the true signed distance, ``exact_cost`` the cost of the
-    replay, ``state_gap`` max |x - x_replay|. ``active_steps`` counts (step, contact) pairs in
-    contact; ``task_gradient`` is the largest change per unit input of the cost of what contact
-    alone moves, NaN where it moves nothing alone.
+    replay, ``state_gap`` max |x - x_replay|. ``active_steps`` counts complementarity
+    pairs, friction's too, over the steps with lam above its gap; ``task_gradient`` is the largest
+    change per unit input of the cost of what contact alone moves, NaN where it moves nothing alone.
 
     With friction, largest over contacts and steps: ``cone_violation`` max(0, |tangential| -
     friction normal) [N s] and ``dissipation_residual`` [J], what friction misses of the most it

@@ -12,7 +12,7 @@ import numpy as np
 from dynamics.systems import LAW_PREFIX
 from ocp.judges.referee import PENETRATION_SHARE, seen_gap
 from ocp.physics.constraints import describe_violations
-from ocp.problem import Problem
+from ocp.problem import SWEPT, Problem
 from ocp.programs.solver import TIMED_OUT
 
 if TYPE_CHECKING:
@@ -239,13 +239,15 @@ def jumps_of(problem: Problem) -> tuple[str, ...]:
     system, sizes = problem.system, problem.scales
     du = ca.SX.sym("du", system.nu) if problem.du is None else problem.du
     of = {"stage_cost": problem.stage_cost, "terminal_cost": problem.terminal_cost}
-    of |= {one.name: one.expression for one in (*problem.path, *problem.terminal)}
-    moving, p = ca.vertcat(system.x, system.u, du), problem.parameters
+    of |= {
+        one.name: one.expression for one in (*problem.path, *problem.terminal) if one.name != SWEPT
+    }
+    moving, p = ca.vertcat(system.x, system.u, du, system.x_next), problem.parameters
     return tuple(dict.fromkeys(
         f"{jump} in {name}"
         for name, expression in of.items()
         for entry in ca.substitute(expression, p.vector, p.values).nz
-        for jump in jumps(entry, moving, np.concatenate([sizes.x, sizes.u, sizes.u]))
+        for jump in jumps(entry, moving, np.concatenate([sizes.x, sizes.u, sizes.u, sizes.x]))
     ))  # fmt: skip
 
 

@@ -95,9 +95,9 @@ def broken_constraints(
     ]
     for kind, constraints in (("path", problem.path), ("terminal", problem.terminal)):
         if constraints:
-            at = (x[:, :-1], u, impulses)
+            at = (x[:, :-1], u, x[:, 1:], impulses)
             if kind == "terminal":
-                at = (x[:, -1:], u[:, -1:], impulses[:, -1:])
+                at = (x[:, -1:], u[:, -1:], x[:, -1:], impulses[:, -1:])
             off, size = _constraints_off(problem, constraints, *at, physical, of_x)
             first = 0 if kind == "path" else problem.N
             names = constraint_names(constraints)
@@ -151,7 +151,7 @@ def _worst_entries(
 
 def _constraints_off(
     problem: Problem, constraints: Sequence[Constraint], x: np.ndarray, u: np.ndarray,
-    lam: np.ndarray, physical: np.ndarray, of_x: np.ndarray,
+    x_next: np.ndarray, lam: np.ndarray, physical: np.ndarray, of_x: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Violation of every entry, (S, steps, n), and the size of a change of it."""
     system = problem.system
@@ -159,13 +159,14 @@ def _constraints_off(
     low = ca.vertcat(*(c.lower for c in constraints))
     high = ca.vertcat(*(c.upper for c in constraints))
     size = _row_sizes(value, system.x, of_x) + _row_sizes(value, system.u, problem.scales.u)
+    size += _row_sizes(value, system.x_next, of_x)
     size += _row_sizes(value, system.lam, np.full(system.nlam, problem.scales.impulse))
     function = ca.Function(
         "constraints",
-        [system.x, system.u, system.lam, problem.parameters.vector],
+        [system.x, system.u, system.x_next, system.lam, problem.parameters.vector],
         [ca.densify(part) for part in (ca.fmax(low - value, value - high), size)],
     )
-    off, size = at_steps(function, x, u, lam, p=physical)
+    off, size = at_steps(function, x, u, x_next, lam, p=physical)
     # Where nothing changes a constraint to first order, any violation of it is a large one.
     return off, np.fmax(size, 1e-12)
 

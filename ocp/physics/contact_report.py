@@ -13,7 +13,7 @@ from ocp.physics.measures import TrajectoryEvaluator, mean_multipliers
 from ocp.problem import Problem, Scales
 
 _ACTIVE = 1e-6
-"""Share of the characteristic impulse above which a contact counts as acting."""
+"""Share of the characteristic impulse above which a normal impulse counts."""
 _SLIPS = 1e-6
 """Share of the characteristic gap slid in a step above which a contact counts as slipping."""
 _DEGENERATE = 1e-5
@@ -24,10 +24,11 @@ _DEGENERATE = 1e-5
 class ContactSummary:
     """One contact over all scenarios and steps.
 
-    ``steps`` in contact, of them ``slipping``; ``peak_force`` [N] of the normal force; ``slid`` [m]
-    the distance slid while in contact; ``degenerate`` counts the steps at which complementarity is
-    not strict: impulse and gap are both near zero, and gradients are one-sided; ``spans`` (first,
-    last) steps of the first scenario's contacts.
+    ``steps`` at which it is active (:func:`acting`), of them ``slipping``; ``distant`` steps with
+    force at a distance; ``peak_force`` [N] of the normal force; ``slid`` [m] the distance slid
+    while active; ``degenerate`` counts the steps at which complementarity is not strict: impulse
+    and gap are both near zero, and gradients are one-sided; ``spans`` (first, last) active steps of
+    the first scenario.
     """
 
     name: str
@@ -37,6 +38,7 @@ class ContactSummary:
     slid: float
     degenerate: int
     spans: list[tuple[int, int]] = field(default_factory=list)
+    distant: int = 0
 
 
 @dataclass(frozen=True)
@@ -45,11 +47,12 @@ class ContactReport:
 
     ``normal``, ``tangential`` impulses [N s], ``slip`` [m/s], ``bound`` friction normal [N s], what
     the tangential impulse may be at most; ``active``, ``slipping``, ``degenerate`` whether the
-    contact acts, whether it slips then, and whether its complementarity is not strict. Largest over
-    all contacts and steps: ``cone_violation`` max(0, |tangential| - friction normal) [N s];
-    ``dissipation_residual`` friction normal |slip| + tangential slip [J], zero where friction
-    dissipates as much as it can; ``energy_gain`` [J] the largest rise of energy in a step beyond
-    the work done; ``dissipated`` [J] what contact took in all; ``momentum_residual`` [N s].
+    contact is active (:func:`acting`), whether it slips then, and whether its complementarity is
+    not strict. Largest over all contacts and steps: ``cone_violation`` max(0, |tangential| -
+    friction normal) [N s]; ``dissipation_residual`` friction normal |slip| + tangential slip [J],
+    zero where friction dissipates as much as it can; ``energy_gain`` [J] the largest rise of energy
+    in a step beyond the work done; ``dissipated`` [J] what contact took in all;
+    ``momentum_residual`` [N s].
     """
 
     names: tuple[str, ...]
@@ -92,12 +95,15 @@ def contact_report(
         )
     degenerate = _degenerate_steps(system, problem.scales, lam, gap, len(names))
     h = at(ca.SX(system.h))[0]
-    active = normal > _ACTIVE * problem.scales.impulse
+    active, distant = acting(
+        normal / problem.scales.impulse, _gaps(step, gap, len(names)) / problem.scales.gap
+    )
     slipping = active & (np.abs(slip) * h > _SLIPS * problem.scales.gap)
     # A multiplier in newton is a force already.
     are_forces = forces is None and all(signal.unit == "N" for signal in system.contacts)
     force = normal if are_forces else normal / h
-    contacts = _summaries(names, force, np.abs(slip) * h, active, slipping, degenerate)
+    flags = active, slipping, degenerate, distant
+    contacts = _summaries(names, force, np.abs(slip) * h, *flags)
     rough, bound = forces is not None, friction * normal
     return ContactReport(
         names, normal, tangential, slip, bound, active, slipping, degenerate, contacts,
@@ -105,6 +111,27 @@ def contact_report(
         largest(bound * np.abs(slip) + tangential * slip) if rough else float("nan"),
         *_books(system.book, at),
     )  # fmt: skip
+
+
+def acting(normal: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whether contacts are active, and whether they push at a distance.
+
+    ``normal`` impulses and ``gap``, of one shape, are shares of their characteristic sizes. An
+    active contact has an impulse above 1e-6 and above its gap. One with such an impulse and a
+    larger gap is not active: smoothing lets it push at a distance.
+    """
+    return (normal > _ACTIVE) & (normal > gap), (normal > _ACTIVE) & (normal <= gap)
+
+
+def _gaps(step: Step, gap: np.ndarray, points: int) -> np.ndarray:
+    """The gap of every contact's normal pair, (S, N, points), zero for a contact without one."""
+    found, mean = np.zeros((*gap.shape[:2], points)), mean_multipliers(step, gap)
+    if step.system.forces is None:
+        return mean
+    for i, pair in enumerate(step.system.pairs):
+        if pair.kind == "normal" and pair.contact < points:
+            found[:, :, pair.contact] = mean[:, :, i]
+    return found
 
 
 def _degenerate_steps(
@@ -123,7 +150,7 @@ def _degenerate_steps(
 
 def _summaries(
     names: tuple[str, ...], force: np.ndarray, way: np.ndarray, active: np.ndarray,
-    slipping: np.ndarray, degenerate: np.ndarray,
+    slipping: np.ndarray, degenerate: np.ndarray, distant: np.ndarray,
 ) -> list[ContactSummary]:  # fmt: skip
     """Sum up forces [N], ways slid [m] and flags, each (S, N, points); nothing without forces."""
     if np.isnan(force).all():
@@ -137,6 +164,7 @@ def _summaries(
             slid=float(way[:, :, i][active[:, :, i]].sum()),
             degenerate=int(degenerate[:, :, i].sum()),
             spans=_spans(active[0, :, i]),
+            distant=int(distant[:, :, i].sum()),
         )
         for i, name in enumerate(names)
     ]

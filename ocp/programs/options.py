@@ -131,7 +131,7 @@ def _option(solver: str, name: str) -> Option:
         if name in known:
             return known[name]
         raise InputError(f"{solver} refused its options: it has no {name!r}"
-                         f"{did_you_mean(name, known, 0.6)}")  # fmt: skip
+                         f"{did_you_mean(name, known)}")  # fmt: skip
     own = INTERFACE.get(solver, {})
     return own[name] if name in own else _probed(solver, name)
 

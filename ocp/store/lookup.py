@@ -48,8 +48,8 @@ def find(text: str, root: Path | str | None = None) -> Path:
 def _back(text: str, runs: Sequence[RunEntry], store: Path) -> Path:
     back = 1 if text == "@last" else int(text[1:])
     if back > len(runs):
-        holds = f"holds {len(runs)} runs" if runs else "holds no runs"
-        raise InputError(f"there is no run {text}: {store} {holds}; ocp runs lists them")
+        holds = f"{len(runs)} run{'s' * (len(runs) != 1)}" if runs else "no runs"
+        raise InputError(f"there is no run {text}: {store} holds {holds}; ocp runs lists them")
     return runs[-back].path
 
 

@@ -91,7 +91,8 @@ class _Condensed:
         xi_next = ca.vertcat(x_next, *([u] if problem.uses_du else []))
         bounded_u = [("u_bound", u)] if graph.feedback and limits["u"] else []
         bounded_x = [("x_bound", x_next)] if limits["x"] else []
-        path = [("path", closed(graph.path_constraints()))] if problem.path else []
+        along = ca.substitute(graph.path_constraints(), system.x_next, step.x_next_expr)
+        path = [("path", closed(along))] if problem.path else []
         names = {
             "u_bound": graph.component_names("u"),
             "x_bound": graph.component_names("x"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -10,7 +11,8 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import Machine
+from dynamics.systems import Link, Machine
+from dynamics.systems.machine import WORLD, link_pose
 from problems.drawing import Capsule, ContactFrame, HalfPlane, Shape, solid
 
 _ROUNDING = 1e-9
@@ -72,8 +74,11 @@ def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
     places = _places(machine)
     bars, poses = (np.array(out).T.tolist() for out in places(state[: places.numel_in(0)]))
     links = [Capsule(x1, z1, x2, z2, _THICKNESS) for x1, z1, x2, z2 in bars]
-    shapes = (part.shape for part in (*machine.spheres, *machine.parts))
-    drawn = (solid(shape, *at) for shape, at in zip(shapes, poses, strict=True))
+    parts = (*machine.spheres, *machine.parts)
+    drawn = (
+        solid(part.shape, x, z, angle, "environment" if part.link == WORLD else "object")
+        for part, (x, z, angle) in zip(parts, poses, strict=True)
+    )
     return [HalfPlane(0, 0, 0, 1), *links, *drawn]
 
 
@@ -96,6 +101,16 @@ def _frames(machine: Machine, spheres: tuple[str, ...] | None) -> ca.Function:
     return ca.Function("frames", [q], [ca.densify(ca.horzcat(ca.SX(4, 0), *columns))])
 
 
+def _rod(link: Link) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Ends of the thin rod with the link's mass, inertia and centre of mass, along its ``com``."""
+    x, z = (float(c) for c in link.com)
+    away = math.hypot(x, z)
+    along = (x / away, z / away) if away else (1.0, 0.0)
+    half = math.sqrt(3 * float(link.inertia) / float(link.mass))
+    dx, dz = half * along[0], half * along[1]
+    return (x - dx, z - dz), (x + dx, z + dz)
+
+
 @cache
 def _places(machine: Machine) -> ca.Function:
     """Map q to the ends of every bar, (4, bars), and to the poses of all parts, (3, parts)."""
@@ -107,10 +122,12 @@ def _places(machine: Machine) -> ca.Function:
         joints = [other.anchor for other in machine.links if other.parent == link.name]
         own = [s.centre for s in machine.spheres if s.link == link.name]
         points = sorted({(float(x), float(z)) for x, z in own + joints})
-        ends = pairwise(points) if link.parent is None else [(_JOINT, p) for p in points]
+        ends = [*pairwise(points)] if link.parent is None else [(_JOINT, p) for p in points]
+        if not ends and all(part.link != link.name for part in (*machine.spheres, *machine.parts)):
+            ends = [_rod(link)]
         place = chain.pose(q, link.name).place
         bars += [ca.vertcat(place(start), place(end)) for start, end in ends if start != end]
     for part in (*machine.spheres, *machine.parts):
-        pose = chain.pose(q, part.link)
+        pose = link_pose(chain, q, part.link)
         poses.append(ca.vertcat(pose.position, pose.angle))
     return ca.Function("places", [q], [ca.densify(ca.horzcat(*each)) for each in (bars, poses)])

@@ -1,6 +1,6 @@
 """Pushing problems from shapes: what is there, who touches whom, the system and the drawing."""
 
-from dynamics.systems.contacts import Box, Capsule, Disc, HalfPlane
+from dynamics.systems.contacts import Box, Capsule, Disc, HalfPlane, Polygon, Union
 from problems.scenes.scene import Scene, pictured
 from problems.scenes.things import Body, Goal, Obstacle, Pusher
 
@@ -12,7 +12,9 @@ __all__ = [
     "Goal",
     "HalfPlane",
     "Obstacle",
+    "Polygon",
     "Pusher",
     "Scene",
+    "Union",
     "pictured",
 ]

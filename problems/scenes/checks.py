@@ -11,7 +11,8 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import ParameterTable
-from dynamics.systems.contacts import Box, Capsule, Disc, HalfPlane, Shape
+from dynamics.systems.contacts import Box, Capsule, Disc, HalfPlane, Polygon, Shape
+from dynamics.systems.contacts.polygon import clockwise, fault, parts
 from dynamics.systems.contacts.shapes import Point, Scalar
 from ocp.errors import InputError, did_you_mean
 from problems.scenes.things import Body, Goal, Obstacle, Pusher, Thing
@@ -47,19 +48,9 @@ def check_names(things: Sequence[Thing | Goal], pairs: Sequence[tuple[str, str]]
             raise InputError(f"{pair[0]!r} and {pair[1]!r} are obstacles and never touch")
 
 
-def _check_kind(thing: object) -> None:
+def _check_kind(thing: Thing | Goal) -> None:
     if isinstance(thing, Goal):
         return
-    if not isinstance(thing, Thing):
-        raise InputError(
-            f"a scene holds bodies, pushers, obstacles and goals; got a {type(thing).__name__}"
-        )
-    if not isinstance(thing.shape, Shape):
-        raise InputError(
-            f"the shape of {thing.name!r} is a {type(thing.shape).__module__}."
-            f"{type(thing.shape).__name__}; expected a Disc, Box, Capsule or HalfPlane of"
-            " problems.scenes"
-        )
     if isinstance(thing.shape, HalfPlane) and not isinstance(thing, Obstacle):
         raise InputError(
             f"{thing.name!r} moves, and a half-plane is unbounded; make it an Obstacle, or its"
@@ -91,7 +82,8 @@ def check_numbers(scene: Scene, parameters: ParameterTable) -> None:
         return float(at(values))
 
     for thing in scene.things:
-        _check_shape(thing, value)
+        for shape in parts(thing.shape):
+            _check_shape(thing, shape, value)
         for what, number in _weights(thing):
             if not value(number) > 0:
                 raise InputError(
@@ -122,8 +114,8 @@ def _weights(thing: Thing) -> list[tuple[str, Scalar]]:
     return [(name, number) for name, number in found if number is not None]
 
 
-def _check_shape(thing: Thing, value: Value) -> None:
-    match thing.shape:
+def _check_shape(thing: Thing, shape: Shape, value: Value) -> None:
+    match shape:
         case Disc(radius):
             _check_size(thing, "disc has the radius", value(radius))
         case Capsule(start, end, radius):
@@ -137,6 +129,15 @@ def _check_shape(thing: Thing, value: Value) -> None:
                 raise InputError(
                     f"the corners of {thing.name!r} are rounded by {value(radius):g} m; expected"
                     f" at least 0 and at most half its shorter side, {min(sides):g} m"
+                )
+        case Polygon(vertices, radius):
+            at = np.array([[value(vertex[i]) for i in range(2)] for vertex in vertices])
+            if found := fault(at, value(radius)):
+                raise InputError(f"the polygon of {thing.name!r} {found}")
+            if clockwise(at):
+                raise InputError(
+                    f"the polygon of {thing.name!r} runs clockwise; give vertices with symbols"
+                    " counterclockwise"
                 )
         case HalfPlane(_, normal):
             _check_unit(f"the half-plane of {thing.name!r} has the normal", normal, value)

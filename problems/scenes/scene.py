@@ -19,8 +19,10 @@ from dynamics.systems import (
     quasi_dynamic,
     time_stepping,
 )
+from dynamics.systems.checks import items, not_negative
 from dynamics.systems.contact_rows import Cone
 from dynamics.systems.contacts import Contact, Pose
+from dynamics.systems.contacts.polygon import parts
 from dynamics.systems.contacts.shapes import Point, Scalar, column
 from problems.drawing import ContactFrame, Disc, Segment, Shape, solid
 from problems.scenes.checks import check_names, check_numbers, required
@@ -49,11 +51,14 @@ class Scene:
         friction: Scalar | Mapping[Pair, Scalar] = 0.0,
         apart: Sequence[Pair] = (),
     ) -> None:
-        self.things = tuple(thing for thing in things if isinstance(thing, Thing))
-        self.goals = tuple(thing for thing in things if isinstance(thing, Goal))
+        given = items("the things of a scene", (Body, Pusher, Obstacle, Goal), things)
+        self.things = tuple(thing for thing in given if isinstance(thing, Thing))
+        self.goals = tuple(thing for thing in given if isinstance(thing, Goal))
         self.apart, self._given = tuple(map(frozenset, apart)), friction
         rough = [*friction] if isinstance(friction, Mapping) else []
-        check_names(things, [*rough, *apart])
+        for value in friction.values() if isinstance(friction, Mapping) else [friction]:
+            not_negative("the friction of a scene", value)
+        check_names(given, [*rough, *apart])
         self.bodies = tuple(thing for thing in self.things if isinstance(thing, Body))
         self.pushers = tuple(thing for thing in self.things if isinstance(thing, Pusher))
         self.touches = tuple(touches(self.things, self.apart))
@@ -319,7 +324,7 @@ def _drawn(scene: Scene, poses: list[Place]) -> list[Shape]:
     placed = list(zip(scene.things, poses, strict=True))
     still = [(thing, at) for thing, at in placed if isinstance(thing, Obstacle)]
     moving = [(thing, at) for thing, at in placed if not isinstance(thing, Obstacle)]
-    found = [solid(thing.shape, *at, "environment") for thing, at in still]
+    found = [solid(part, *at, "environment") for thing, at in still for part in parts(thing.shape)]
     for goal in scene.goals:
         pose = float(goal.at[0]), float(goal.at[1]), -float(goal.angle)
         found += _marked(there[goal.body], pose, "goal")
@@ -330,9 +335,9 @@ def _drawn(scene: Scene, poses: list[Place]) -> list[Shape]:
 
 def _marked(thing: Thing, at: Place, role: str) -> list[Shape]:
     """The thing, and on a disc that turns the radius that is upright at angle zero."""
-    drawn = solid(thing.shape, *at, role)
-    if not (thing.turns and isinstance(drawn, Disc)):
-        return [drawn]
-    x, y, angle = drawn.x, drawn.y, at[2]
-    end = x + drawn.radius * math.sin(angle), y + drawn.radius * math.cos(angle)
-    return [drawn, Segment(x, y, *end, role)]
+    drawn = [solid(part, *at, role) for part in parts(thing.shape)]
+    if not (thing.turns and isinstance(disc := drawn[0], Disc)):
+        return drawn
+    x, y, angle = disc.x, disc.y, at[2]
+    end = x + disc.radius * math.sin(angle), y + disc.radius * math.cos(angle)
+    return [*drawn, Segment(x, y, *end, role)]

@@ -9,7 +9,10 @@ from itertools import combinations
 import casadi as ca
 
 from dynamics.systems import Signal
-from dynamics.systems.contacts import Contact, Disc, Pose, Shape
+from dynamics.systems.checks import number, point, positive, text, unit
+from dynamics.systems.contacts import Contact, Pose, Shape, Union
+from dynamics.systems.contacts.areas import area, moved
+from dynamics.systems.contacts.polygon import parts, vertex_pairs
 from dynamics.systems.contacts.shapes import Point, Scalar, column
 
 _AXES = ("x", "y")
@@ -19,13 +22,29 @@ _AXES = ("x", "y")
 class Thing:
     """A ``shape`` called ``name``, at ``at`` [m], turned anticlockwise by ``angle`` [rad].
 
-    The shape lies in the thing's own frame, whose origin is at ``at``.
+    The shape lies in the thing's own frame, whose origin is at ``at``. Raises ``ValueError`` for an
+    invalid argument.
     """
 
     name: str
-    shape: Shape
+    shape: Shape | Union
     at: Point
     angle: Scalar = 0.0
+
+    def __post_init__(self) -> None:
+        text(f"the name of the {type(self).__name__}", self.name)
+        if not isinstance(self.shape, Shape | Union):
+            raise ValueError(
+                f"{self.name}: shape must be a Disc, Box, Capsule, Polygon, HalfPlane or Union of"
+                f" problems.scenes, got {self.shape!r}"
+            )
+        point(f"{self.name}: at", self.at)
+        number(f"{self.name}: angle", self.angle)
+        for what in ("mass", "inertia", "stiffness"):
+            if (value := getattr(self, what, None)) is not None:
+                positive(f"{self.name}: {what}", value)
+        if (axis := getattr(self, "axis", None)) is not None:
+            unit(f"{self.name}: axis", axis)
 
     @property
     def coordinates(self) -> tuple[Signal, ...]:
@@ -68,6 +87,19 @@ class Body(Thing):
         found = _places(self.name)
         turn = Signal(f"{self.name}_angle", "rad", f"{self.name}, anticlockwise")
         return (*found, turn) if self.turns else found
+
+    @classmethod
+    def uniform(
+        cls, name: str, shape: Shape | Union, at: Point, angle: Scalar = 0.0, mass: Scalar = 1.0
+    ) -> Body:
+        """A body whose mass is spread evenly over ``shape``, with its centre of mass at ``at``.
+
+        The origin of the frame moves to the centroid c, and the inertia is ``mass int |r - c|² dA /
+        A``, rounded corners and all parts of a union counted. Raises ``ValueError`` for an invalid
+        argument.
+        """
+        whole = area(shape)
+        return cls(name, moved(shape, -whole.centre), at, angle, mass, mass * whole.gyration)
 
     @property
     def turns(self) -> bool:
@@ -128,6 +160,11 @@ class Goal:
     at: Point
     angle: Scalar = 0.0
 
+    def __post_init__(self) -> None:
+        text("the body of a Goal", self.body)
+        point(f"goal of {self.body}: at", self.at)
+        number(f"goal of {self.body}: angle", self.angle)
+
 
 def _places(name: str) -> tuple[Signal, ...]:
     return tuple(Signal(f"{name}_{axis}", "m", name) for axis in _AXES)
@@ -164,8 +201,8 @@ def touches(things: Sequence[Thing], apart: Collection[frozenset[str]]) -> list[
     """All contacts of two things of which one moves, but of the pairs in ``apart``.
 
     Where flat sides may come to lie on each other at any angle, every corner is a contact of its
-    own, ``<one> on <other> <number>``: what rests on a side rests on its two ends, and the nearest
-    corner alone would have no gradient where two are equally near.
+    own, ``<one> on <other> <number>``, see
+    :func:`~dynamics.systems.contacts.polygon.vertex_pairs`.
     """
     found = []
     for first, second in combinations(things, 2):
@@ -188,12 +225,6 @@ def _rank(thing: Thing) -> int:
 
 
 def _shapes(one: Thing, other: Thing) -> list[tuple[Shape, Shape]]:
-    a, b = one.shape, other.shape
-    round_one = any(len(shape.corners) == 1 for shape in (a, b))
-    if round_one or not (one.turns or other.turns):
-        return [(a, b)]
-    return [*((disc, b) for disc in _corners(a)), *((a, disc) for disc in _corners(b))]
-
-
-def _corners(shape: Shape) -> list[Disc]:
-    return [Disc(shape.radius, corner) for corner in shape.corners]
+    if one.turns or other.turns:
+        return vertex_pairs(one.shape, other.shape)
+    return [(a, b) for a in parts(one.shape) for b in parts(other.shape)]

@@ -28,6 +28,8 @@ HORIZONS = np.array([2, 4, 6, 8, 10, 12, 14, 16, 18, 20])
 BOUNDS = ("4.5 as printed", "4.5, sign corrected", "4.5, l at the point", "1/lambda_min(S)",
           "5.1", "5.1 corrected", "A.26 for the slope")  # fmt: skip
 
+QUICK = {"draws": 50, "sweep": 4, "pairs": 15, "n_samples": 4000}
+
 
 class Params(StudyParams):
     """Parameters of T1; the papers test none of this."""

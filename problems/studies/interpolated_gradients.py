@@ -20,6 +20,8 @@ NOTES = (
 ESTIMATORS = ("zobg-mean", "fobg", "alpha-fixed", "alpha-variance", "alpha")
 CASES = ("heaviside", "coulomb", "ball-wall")
 
+QUICK = {"n_samples": 500, "repeats": 8}
+
 
 class Params(StudyParams):
     """Parameters of P7, all our choice: the text has no figure of its own for it."""

@@ -15,6 +15,7 @@ from ocp.learning.explorer import Buffer, Explorer, random_transitions
 from ocp.learning.identification.identify import OneStepLoss, identify, intervals
 from ocp.learning.identification.random_search import RandomSearch
 from ocp.task import Task
+from problems.studies.progress import tracked
 from problems.studies.study import (
     Claim,
     Pieces,
@@ -37,7 +38,7 @@ NOTES = (
     " rad/s as the paper's does; the search weighs each coordinate by how much it moves.",
     "Intervals: 95 % of the minima of resampled transitions, out to what was found.",
 )
-QUICK = {"seeds": 1, "held": 300, "iterations": 100, "rows": 64, "units": 64, "epochs": 100}
+QUICK = {"seeds": 1, "held": 100, "iterations": 20, "rows": 32, "units": 32, "epochs": 20}
 RESUMES = True
 
 
@@ -84,7 +85,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
         for j, n in enumerate(sizes):
             if kind != DATA[0] and n != params.data:
                 continue
-            for seed in range(params.seeds):
+            for seed in tracked(f"{kind}, {n} transitions: seeds", range(params.seeds)):
                 key = f"{kind}-{n}-{seed}"
                 make = partial(by_network, source, n, seed, params)
                 errors[i, 1, j, seed] = pieces.get(f"network-{key}", make)["errors"]

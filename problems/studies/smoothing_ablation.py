@@ -14,7 +14,7 @@ NOTES = (
     " actions; the paper's axis gives neither law nor noise.",
     "FOPG as ocp train has it for the task, with the plain mean of gradients of eq. 4.2.",
 )
-QUICK = {"runs": 2, "iterations": 30, "judged": 5}
+QUICK = {"runs": 2, "iterations": 4, "judged": 2}
 RESUMES = True
 
 TASK = "half-cheetah"

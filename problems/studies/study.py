@@ -103,7 +103,7 @@ class FigureStudy:
     numeric variable and coordinate has ``units`` (:func:`dataset`); ``claims(data)``, which
     reads that data, whose attributes hold the parameters; and ``NOTES``, what a reader must know of
     choices and corrections. A long study sets ``RESUMES``: its ``run(params, pieces)`` looks up
-    each finished piece first. ``QUICK`` are sizes at which it takes a minute or two, and its claims
+    each finished piece first. ``QUICK`` are sizes at which it takes at most 20 s, and its claims
     carry little weight.
     """
 
@@ -133,7 +133,7 @@ class FigureStudy:
 
     @property
     def quick(self) -> Mapping[str, int]:
-        """Parameters at which the study takes a minute or two."""
+        """Sizes of a quick look."""
         return getattr(self._module, "QUICK", {})
 
     def claims(self, data: xr.Dataset) -> list[Claim]:

@@ -54,7 +54,7 @@ NOTES = (
     " begins; the other network begins by chance.",
     "Wall time is that of this machine, one process a run, and depends on what else it does.",
 )
-QUICK = {"runs": 2, "kilosteps": 20, "model_based": 3, "judged": 4, "plans": 1}
+QUICK = {"runs": 2, "kilosteps": 2, "model_based": 2, "judged": 2, "plans": 1}
 RESUMES = True
 
 

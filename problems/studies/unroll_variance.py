@@ -11,6 +11,7 @@ from dynamics.batch import DensePolicy, StepFunction
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Trained
+from problems.studies.progress import tracked
 from problems.studies.shared.trainings import job
 from problems.studies.study import Claim, Pieces, StudyParams, dataset, over, setting
 
@@ -23,7 +24,7 @@ NOTES = (
     " is the largest norm of the step's slopes [A B] among the visited states, L_pi the"
     " policy's, in the states' and inputs' own units.",
 )
-QUICK = {"stages": 2, "unrolls": 64}
+QUICK = {"stages": 2, "every": 1, "unrolls": 16}
 RESUMES = True
 
 TASKS = ("hopper", "half-cheetah")
@@ -45,7 +46,8 @@ class Params(StudyParams):
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
     """Variances of all laws, lengths and policies of both tasks, and Lipschitz constants."""
-    found = [pieces.get(task, lambda task=task: _task(task, params)) for task in TASKS]
+    found = [pieces.get(task, lambda task=task: _task(task, params))
+             for task in tracked("tasks", TASKS)]  # fmt: skip
     every = ("task", "stage", "law", "length")
     return dataset(
         {
@@ -74,13 +76,14 @@ def _task(task: str, params: Params) -> dict[str, np.ndarray]:
     variance, lost = np.full((2, *shape, len(LENGTHS)), np.nan)
     lipschitz, of_policy = np.zeros(shape), np.zeros(params.stages)
     algorithm, k = asked.algorithm, 0
+    steps = [_step(experiment, law) for law in LAWS.values()]
     state = algorithm.begin(experiment)
     for s in range(params.stages):
         trained = algorithm.policy(experiment, state)
         x0 = _visited(experiment, trained, params, s)
         of_policy[s] = _lipschitz_policy(experiment, trained, x0)
         for i, law in enumerate(LAWS.values()):
-            lipschitz[s, i] = _lipschitz(experiment, law, trained, x0)
+            lipschitz[s, i] = _lipschitz(experiment, steps[i], trained, x0)
             for j, length in enumerate(LENGTHS):
                 found = experiment.rollouts(length, law).moments(
                     x0, trained.theta, trained.normaliser,
@@ -111,10 +114,15 @@ def _visited(experiment: Experiment, trained: Trained, params: Params, stage: in
     return candidates[rng.integers(len(candidates), size=params.unrolls)]
 
 
-def _lipschitz(experiment: Experiment, law: ContactLaw, trained: Trained, x: np.ndarray) -> float:
-    """Largest spectral norm of the step's slopes [A B] at states x under the policy."""
+def _step(experiment: Experiment, law: ContactLaw) -> StepFunction:
     task = experiment.task
-    step = StepFunction(law.close(replace(task.system, parameters=task.parameters)), threads=1)
+    return StepFunction(law.close(replace(task.system, parameters=task.parameters)), threads=1)
+
+
+def _lipschitz(
+    experiment: Experiment, step: StepFunction, trained: Trained, x: np.ndarray
+) -> float:
+    """Largest spectral norm of the step's slopes [A B] at states x under the policy."""
     steps, by_x, by_u = step.slopes(x, experiment.inputs(trained, x))
     good = np.isfinite(steps.x_next).all(axis=1)
     whole = np.concatenate([by_x[good], by_u[good]], axis=2)

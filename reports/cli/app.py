@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import inspect
+import os
 import re
 import sys
 import traceback
@@ -11,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, Field, fields
+from difflib import get_close_matches
 from importlib import import_module
 from inspect import Parameter
 from pathlib import Path
@@ -21,6 +23,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from reports.cli import interrupt, streams
 from reports.cli.commands import COMMANDS
+from reports.cli.completion import of_field
 from reports.cli.options import Options, decoded
 
 
@@ -95,7 +98,7 @@ def _parameter(field: Field[Any], hint: Any) -> Parameter:
     elif not any(flag.startswith("--") for flag in flags):
         flags = (f"--{field.name.replace('_', '-')}", *flags)
     default = Parameter.empty if field.default is MISSING else field.default
-    annotation = Annotated[hint, make(*flags, **shown)]
+    annotation = Annotated[hint, make(*flags, **shown, autocompletion=of_field(field.name))]
     return Parameter(field.name, Parameter.KEYWORD_ONLY, annotation=annotation, default=default)
 
 
@@ -128,7 +131,9 @@ class Strict(TyperCommand):
         parse = parser.parse_args
 
         def parse_args(args: list[str]) -> Any:
-            raw, rest, order = parse(args=args)
+            # In completion the last option has no value yet, and the others would not be read.
+            cut = ctx.resilient_parsing and bool(args) and args[-1].startswith("-")
+            raw, rest, order = parse(args=args[:-1] if cut else args)
             numbers = {name: self._number(ctx, name, word) for name, word in raw.items()}
             self._check(ctx, raw, order)
             return numbers, rest, order
@@ -299,13 +304,15 @@ def _explain(error: BaseException) -> tuple[str, int]:
         message = error.format_message()  # pyright: ignore[reportAttributeAccessIssue]
         if not message or type(error).__name__ == "NoArgsIsHelpError":
             return "", 2
-        return f"{_shortened(message).rstrip('.')}; see ocp --help", 2
+        return f"{_shortened(_usage(error, message)).rstrip('.')}; see ocp --help", 2
     if isinstance(code := getattr(error, "exit_code", None), int):
         return _shortened(str(error)), code
     # rich turns a broken pipe into SystemExit.
     if isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
         streams.abandon()
         return "", 1
+    if isinstance(error, SystemExit) and "_OCP_COMPLETE" in os.environ:
+        return "", error.code if isinstance(error.code, int) else 1
     if isinstance(error, OSError) and error.errno in _FULL:
         streams.abandon()
         where = f" to {_shortened(str(error.filename))}" if error.filename is not None else ""
@@ -330,6 +337,15 @@ def _explain(error: BaseException) -> tuple[str, int]:
         "this is a bug in the workbench; --debug shows its location",
         1,
     )
+
+
+def _usage(error: Any, message: str) -> str:
+    """A message of the parser; the nearest name stands as in our own messages."""
+    known = getattr(error, "possibilities", None)
+    if not known:
+        return re.sub(r"\. Did you mean ('[^']+').*", r" (did you mean \1?)", message)
+    nearest = get_close_matches(error.option_name, known, n=1, cutoff=0.0)[0]
+    return f"No such option {error.option_name!r} (did you mean {nearest!r}?)"
 
 
 def _shortened(message: str) -> str:

@@ -232,6 +232,7 @@ class AnimateOptions(RunOptions, SourceOptions):
     file: Path = option(MISSING, "--output", "-o", help="The .gif, .mp4 or .html file to write.")
     fps: int = option(25, min=1, max=100, help="Frames per second.")
     speed: float = option(1.0, min=1e-3, max=1e3, help="1 is real time, 0.5 half speed.")
+    repeat: int = option(1, min=1, max=100, help="Show a periodic motion, a stride, n times.")
     cones: bool = option(False, help="Draw friction cones.")
 
 
@@ -248,7 +249,7 @@ class ExportOptions(SourceOptions):
     )
     file: Path = option(MISSING, "--output", "-o", help="The C file to write.")
     params: list[str] | None = assigned("--param", "-p", help="Parameter of the problem.")
-    contact: str | None = option(None, help="Contact law; default: that of the run, or barrier.")
+    contact: str | None = option(None, help="Contact law; default: that of the run, or exact.")
     law_settings: list[str] | None = assigned(
         "--contact-setting", "-c", help="Setting of the contact law."
     )

@@ -126,18 +126,28 @@ def _read_run(what: str, options: ExportOptions) -> ExportRequest:
 
 
 def run(options: ExportOptions, request: ExportRequest) -> int:
-    """Write one step of a problem, its derivatives and a run's policy as one C11 file."""
-    text = exported(request.step, request.values, request.name, request.about, request.policy)
-    content = text.encode()
-    atomic.write(options.file, content, "the C file")
+    """Write a problem's step, its derivatives and a run's policy as a C11 file and a header."""
+    text, header = exported(request.step, request.values, request.name, request.about,
+                            request.policy)  # fmt: skip
+    beside = options.file.with_suffix(".h")
+    # Nothing is written beside a FIFO or a device.
+    plain = options.file.is_file() or not options.file.exists()
+    atomic.write(options.file, text.encode(), "the C file")
+    if plain:
+        atomic.write(beside, header.encode(), "the header")
+    rule = f"{options.file.stem}.o: {options.file.name} ; cc -std=c11 -O2 -ffp-contract=off -c $<"
     name = identifier(request.name)
     functions = [f"{name}_step", f"{name}_derivatives"]
     if request.policy is not None:
         functions.append(f"{name}_policy")
     options.output.say(f"C file: {options.file} ({', '.join(functions)})")
+    if plain:
+        options.output.say(f"header: {beside}")
+    options.output.say(f"Makefile: {rule}")
     options.output.document({
-        "file": str(options.file), "problem": request.name, "contact": request.law.name,
+        "file": str(options.file), "header": str(beside) if plain else None, "makefile": rule,
+        "problem": request.name, "contact": request.law.name,
         "contact_settings": request.law.settings(), "run": request.run,
-        "policy": request.policy_name, "functions": functions, "bytes": len(content),
+        "policy": request.policy_name, "functions": functions, "bytes": len(text.encode()),
     })  # fmt: skip
     return 0

@@ -14,6 +14,8 @@ from pathlib import Path
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
+from rich.progress import Progress, TaskID
+
 from ocp import store
 from ocp.effort import STUDY, check_memory
 from ocp.errors import InputError, choose
@@ -23,7 +25,9 @@ from ocp.store.checkpoint import Checkpoint
 from ocp.store.stored_run import StoredRun
 from problems import studies
 from problems.studies import FigureStudy
+from problems.studies.progress import listening
 from problems.studies.study import did_hold
+from reports.cli import interrupt
 from reports.cli.commands import FigureOptions
 from reports.cli.request import assignments, check_places
 from reports.papers import FORMATS, bare
@@ -127,8 +131,28 @@ def _alone(study: FigureStudy, params: dict[str, Any], options: FigureOptions) -
     with Checkpoint(options.out if study.resumes else None, study.id, params) as kept:
         for line in kept.notes:
             options.output.say(line)
-        with _explained(study, params):
+        with _explained(study, params), _progress(options):
             return study.data(params, kept, jobs, options.scheduler)
+
+
+@contextmanager
+def _progress(options: FigureOptions) -> Iterator[None]:
+    """Show a bar with the time left of the loop that a study is in, on a terminal."""
+    hidden = options.output.quiet or not options.output.console.is_terminal
+    with Progress(
+        *Progress.get_default_columns(), console=options.output.console, transient=True,
+        disable=hidden,
+    ) as bar:  # fmt: skip
+        tasks: dict[str, TaskID] = {}
+
+        def heard(what: str, done: int, total: int) -> None:
+            interrupt.check()
+            if what not in tasks:
+                tasks[what] = bar.add_task(what)
+            bar.update(tasks[what], completed=done, total=total)
+
+        with listening(heard):
+            yield
 
 
 def _bare(run: StoredRun, options: FigureOptions) -> Path:

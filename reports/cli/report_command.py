@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from rich.progress import Progress
 
+from ocp.errors import InputError
 from ocp.store.stored_run import StoredRun
 from problems.spec import ProblemSpec
 from reports.cli import interrupt
 from reports.cli.commands import AnimateOptions, ReportOptions
 from reports.cli.request import check_place
-from reports.motion.animation import Animation, check_drawable, frame_times
+from reports.motion.animation import Animation, check_drawable, frame_times, is_periodic, repeated
 from reports.motion.movie import check_format, write
 from reports.pdf import write_pdf
 from reports.style import styled
@@ -39,6 +40,13 @@ def check_animate(options: AnimateOptions) -> RunView:
     found = options.stored(options.run)
     view = RunView.of(found, options.own([found]))
     check_drawable(view)
+    if options.repeat > 1:
+        if not is_periodic(view):
+            raise InputError(
+                f"--repeat is for periodic motions; {view.run.meta['problem']} does not end as it"
+                " began, so drop --repeat"
+            )
+        view = repeated(view, options.repeat)
     frame_times(float(view.time[-1]), options.fps, options.speed)
     return view
 

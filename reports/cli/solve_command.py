@@ -27,6 +27,7 @@ from reports.cli.commands import ReplayOptions, SolveOptions
 from reports.cli.request import Request, assignments, case_of, check_place, check_places
 from reports.cli.streams import Output
 from reports.console import number, small
+from reports.contacts import contact_table
 
 NOT_CONVERGED = 3
 REQUIREMENTS = {"survives": "the referee's replay follows the plan, at h and at h/4"}
@@ -146,7 +147,7 @@ def show(output: Output, solution: Solution) -> None:
         output.note(told)
     output.note(console.result_table(solution))
     if solution.audit.contacts:
-        output.note(console.contact_table(solution.audit))
+        output.note(contact_table(solution.audit))
     if solution.audit.worst and not solution.success:
         output.note(console.violation_table(solution))
     if solution.others:

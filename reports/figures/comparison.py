@@ -71,7 +71,7 @@ def costs(views: list[RunView], names: list[str]) -> Figure:
     axis.hlines(place, finite.min(axis=0), finite.max(axis=0), color=GREY, linewidth=0.8, zorder=0)
     positive = np.unique(off[np.isfinite(off) & (off > 1e-9 * max(abs(least), 1e-12))])
     if len(positive) > 1 and positive[-1] > _WIDE * positive[0]:
-        axis.set_xscale("symlog", linthresh=float(positive[0]))
+        axis.set_xscale("symlog", linthresh=10 ** np.floor(np.log10(positive[0])))
     axis.set_yticks(place, names)
     axis.set_ylim(len(views) - 0.5, -0.5)
     axis.set_xlabel(f"cost beyond the cheapest plan, {number(least, 7)}")

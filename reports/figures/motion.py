@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -104,8 +105,8 @@ def undetermined(found: list[Track]) -> bool:
     )  # fmt: skip
 
 
-def plan_rows(view: RunView) -> list[Row]:
-    """Rows of panels, one a component, but for multipliers that are zero throughout.
+def plan_rows(view: RunView, without: Collection[str] = ()) -> list[Row]:
+    """Rows of panels, one a component, but for multipliers ``without`` and those that are zero.
 
     Where plan and replay part, the band between them is shaded and their difference drawn below,
     to one scale in each group; not for inputs that are the same by construction.
@@ -114,7 +115,7 @@ def plan_rows(view: RunView) -> list[Row]:
     resting = idle(found)
     groups: dict[str, list[Track]] = {}
     for track in found:
-        if not (track.multiplier and track.name in resting):
+        if not (track.multiplier and (track.name in resting or track.name in without)):
             groups.setdefault(track.heading, []).append(track)
     panels = {}
     for heading, members in groups.items():

@@ -33,7 +33,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Cell:
-    """A panel in its place: ``heading`` names the group of which it is the first, else it is ""."""
+    """A panel in its place: ``heading`` names the group of which it is the first in its row."""
 
     column: int
     heading: str
@@ -46,7 +46,8 @@ Row = list[Cell]
 def in_rows(groups: Mapping[str, Sequence[Panel]], columns: int = COLUMNS) -> list[Row]:
     """Lay groups of panels out by their headings, in order.
 
-    A group begins beside the one before where that saves it a row, else on a new one.
+    A group begins beside the one before where that saves it a row, else on a new one. Its heading
+    stands over each of its rows: a page may end between two.
     """
     rows: list[Row] = []
     for heading, panels in groups.items():
@@ -56,7 +57,8 @@ def in_rows(groups: Mapping[str, Sequence[Panel]], columns: int = COLUMNS) -> li
         for index, panel in enumerate(panels):
             if len(rows[-1]) == columns:
                 rows.append([])
-            rows[-1].append(Cell(len(rows[-1]), "" if index else heading, panel))
+            goes_on = bool(index and rows[-1])
+            rows[-1].append(Cell(len(rows[-1]), "" if goes_on else heading, panel))
     return [row for row in rows if row]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,8 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
+from dynamics.systems.pairs import Pair
+from ocp.physics.contact_report import acting
 from reports.console import shown_stages, stage_title
-from reports.figures.motion import mean_multiplier
+from reports.figures.motion import SAME, mean_multiplier
 from reports.figures.panels import (
     Panel,
     Row,
@@ -39,19 +43,19 @@ from reports.view import RunView
 
 FLOOR = 1e-12
 """What lies below, zero included, is no number for a log axis and is not drawn."""
-_ACTS = 1e-6
-"""Share of the largest multiplier in the same unit above which a pair is in contact."""
 
 
-def at_the_end(view: RunView) -> bool:
-    """Whether the run's law is complementarity itself, mu = 0 throughout."""
-    mu = view.array("mu")
-    return mu is not None and bool(np.all(mu == 0))
+def off_the_end(view: RunView) -> bool:
+    """Whether a contact is drawn before the end of the central path, mu = 0: above the floor."""
+    lam, gap, mu = (view.array(name) for name in ("lam", "gap", "mu"))
+    if lam is None or gap is None or mu is None or not np.isfinite(mu).any():
+        return False
+    return bool(np.any(mu != 0) and np.any((lam > FLOOR) & (gap > FLOOR)))
 
 
 def contact_plane(view: RunView) -> Figure:
     """Multipliers of the plan against gaps on log axes, with the central path ``lam gap = mu``."""
-    figure = Figure(figsize=(WIDTH, 2.9))
+    figure = Figure(figsize=(WIDTH, 2.4))
     axis = figure.subplots()
     signals = view.signals("contacts")
     lam, gap, mu = (view.array(name) for name in ("lam", "gap", "mu"))
@@ -114,125 +118,151 @@ def _central_path(axis: Axes, mu: np.ndarray, gap: np.ndarray) -> None:
                   label=f"λ gap = {value:.2g}")  # fmt: skip
 
 
-def interval_rows(view: RunView) -> tuple[list[Row], int, list[str]]:
-    """Multiplier above, gap below, over time, for every contact that acts.
+@dataclass(frozen=True)
+class Contact:
+    """One contact over the steps of all scenarios, arrays (S, N).
 
-    Rows, their number of columns, and the names of the contacts that never act. Contacts are pairs
-    of the normal kind, or all where there are none. Contact is shaded, of several scenarios the
-    darker the more of them are in contact.
+    ``normal`` is its impulse or force, ``again`` that of the replay or None, ``gap`` None where it
+    is unknown; ``active`` as :func:`ocp.physics.contact_report.acting` has it. ``friction`` holds
+    friction, its bound, and flags of slip and degeneracy, where there is friction. ``multipliers``
+    are the names of what is drawn.
     """
-    signals = view.signals("contacts")
-    lam, gap = view.array("lam"), view.array("gap")
-    assert lam is not None and gap is not None
+
+    title: str
+    normal: np.ndarray
+    again: np.ndarray | None
+    gap: np.ndarray | None
+    active: np.ndarray
+    friction: tuple[np.ndarray, ...] = ()
+    multipliers: tuple[str, ...] = ()
+
+
+def contacts_of(view: RunView) -> list[Contact]:
+    """The contacts of a run, in the order of its table of contacts; none for a run without lam."""
+    lam, signals = view.array("lam"), view.signals("contacts")
+    if lam is None:
+        return []
     pairs = view.problem.system.pairs if view.problem is not None else ()
-    normal = [i for i, pair in enumerate(pairs) if pair.kind == "normal"]
-    panels, resting = list[Panel](), list[str]()
-    reach = float(np.max(gap, initial=0.0))
-    for index in normal or range(len(signals)):
-        pushed, way = (mean_multiplier(view, values, index) for values in (lam, gap))
-        alike = [i for i, signal in enumerate(signals) if signal.unit == signals[index].unit]
-        largest = max(np.max(mean_multiplier(view, lam, i), initial=0.0) for i in alike)
-        touching = pushed > _ACTS * largest
-        if not touching.any():
-            resting.append(signals[index].name)
-            continue
-        title = label(signals[index].name, signals[index].unit)
-        panels.append(_interval(view.time, title, reach, (pushed, way, touching)))
-    columns = columns_for(len(panels))
-    return in_rows({"": panels}, columns), columns, resting
+    if view.array("friction_bound") is not None:
+        return [_rough(view, i, pairs) for i in range(view.run.data.sizes["point"])]
+    gap, again = view.array("gap"), view.array("lam_replay")
+    assert gap is not None
+    if again is not None and again.shape[:2] != lam.shape[:2]:
+        again = None
+    of = [mean_multiplier(view, lam, i) for i in range(len(signals))]
+    ways = [mean_multiplier(view, gap, i) for i in range(len(signals))]
+    scales = getattr(view.problem, "scales", None)
+    # Without the problem's file, sizes are those of the run.
+    sizes = [max((float(one.max()) for one in group), default=0.0) or 1.0 for group in (of, ways)]
+    if scales is not None:
+        sizes = [scales.impulse, scales.gap]
+    return [
+        Contact(
+            label(signal.name, signal.unit), of[i],
+            None if again is None else mean_multiplier(view, again, i), ways[i],
+            acting(of[i] / sizes[0], ways[i] / sizes[1])[0], multipliers=(signal.name,),
+        )
+        for i, signal in enumerate(signals)
+    ]  # fmt: skip
 
 
-def _interval(
-    time: np.ndarray, title: str, reach: float, data: tuple[np.ndarray, np.ndarray, np.ndarray]
-) -> Panel:
-    pushed, way, touching = data
-    look = {"linewidth": 1.2 if len(pushed) == 1 else 0.5}
+def _rough(view: RunView, point: int, pairs: Sequence[Pair]) -> Contact:
+    """A contact with friction, from what the run stores of it."""
+    own = [i for i, pair in enumerate(pairs)
+           if pair.contact == point and pair.kind in ("normal", "friction")]  # fmt: skip
+    normal = next((i for i in own if pairs[i].kind == "normal"), None)
+    gap, signals = view.array("gap"), view.signals("contacts")
 
-    def shade(axis: Axes) -> None:
-        for scenario in touching:
-            spans(axis, time, scenario, facecolor=SKY, alpha=0.3 / len(touching), linewidth=0)
+    def stored(name: str) -> np.ndarray:
+        values = view.array(name)
+        assert values is not None
+        return values[..., point]
 
-    def main(axis: Axes) -> None:
-        shade(axis)
-        lines(axis, time, pushed, color=BLUE, **look)
-
-    def below(axis: Axes) -> None:
-        shade(axis)
-        note_zero(axis)
-        lines(axis, time, way, color=GREEN, **look)
-        if reach > 0 and np.max(way) < _ACTS * reach:
-            # A gap that never opens: to its own scale it would be noise.
-            axis.set_ylim(-0.05 * reach, reach)
-
-    return Panel(title, main, below)
+    flags = (stored("slipping") > 0.5, stored("degenerate") > 0.5)
+    again = view.array("normal_impulse_replay")
+    return Contact(
+        label(str(view.run.data["point"].values[point]), "N s"), stored("normal_impulse"),
+        None if again is None or again.shape[:2] != flags[0].shape else again[..., point],
+        None if gap is None or normal is None else mean_multiplier(view, gap, normal),
+        stored("active") > 0.5,
+        (stored("friction_impulse"), stored("friction_bound"), *flags),
+        tuple(signals[i].name for i in own),
+    )  # fmt: skip
 
 
 _CONE: dict[str, Any] = {"facecolor": PURPLE, "alpha": 0.3}
 _SLIP: dict[str, Any] = {"facecolor": ORANGE, "alpha": 0.25, "linewidth": 0}
-_STICK: dict[str, Any] = {"facecolor": SKY, "alpha": 0.2, "linewidth": 0}
+_STICK: dict[str, Any] = {"facecolor": SKY, "alpha": 0.3, "linewidth": 0}
 _DEGENERATE: dict[str, Any] = {"color": INK, "marker": "v", "markersize": 3.5, "linestyle": ""}
 
 
-def friction_rows(view: RunView) -> tuple[list[Row], int]:
-    """Normal and friction impulse [N s] of every contact that acts, in all scenarios of the plan.
+def rows_of_contacts(view: RunView) -> tuple[list[Row], int]:
+    """Impulse above, gap below, over time, for every contact that pushes, and how many columns.
 
-    The band is what friction can hold, +-friction times the normal impulse; steps at which the
-    contact slips or sticks are shaded, the paler the fewer scenarios do, and steps at which
-    complementarity is not strict marked. Comes with the number of columns; there are no rows for a
-    run without friction or contact.
+    With friction, its impulse and the band that it must stay in, +-friction times the normal
+    impulse. Steps at which the contact is active are shaded, by whether it slips, of several
+    scenarios the darker the more of them; steps without strict complementarity are marked. The
+    replay is dashed where it differs.
     """
-    if view.array("friction_bound") is None:
-        return [], 1
-    acting = np.flatnonzero((_all(view, "active") > 0.5).any(axis=(0, 1)))
-    names = [str(name) for name in view.run.data["point"].values]
-    panels = [_friction_panel(view, names[i], int(i)) for i in acting]
-    columns = columns_for(len(panels))
-    return in_rows({"Contacts [N s]": panels}, columns), columns
+    found = contacts_of(view)
+    most = max((float(one.normal.max()) for one in found), default=0.0)
+    found = [one for one in found if one.active.any() or one.normal.max() > SAME * most]
+    reach = max((float(one.gap.max()) for one in found if one.gap is not None), default=0.0)
+    columns = columns_for(len(found))
+    return in_rows({"": [_contact(view.time, one, reach) for one in found]}, columns), columns
 
 
-def _friction_panel(view: RunView, name: str, i: int) -> Panel:
-    flags = ("active", "slipping", "degenerate")
-    active, slips, degenerate = (_all(view, flag)[..., i] > 0.5 for flag in flags)
-    normal, friction, bound = (
-        _all(view, kind)[..., i]
-        for kind in ("normal_impulse", "friction_impulse", "friction_bound")
-    )
-    width = {"linewidth": 1.2 if len(normal) == 1 else 0.5}
+def _contact(time: np.ndarray, one: Contact, reach: float) -> Panel:
+    look = {"linewidth": 1.2 if len(one.normal) == 1 else 0.5}
+    slips = one.friction[2] if one.friction else np.zeros_like(one.active)
+
+    def shade(axis: Axes) -> None:
+        for active, slipping in zip(one.active, slips, strict=True):
+            for when, how in ((active & ~slipping, _STICK), (active & slipping, _SLIP)):
+                spans(axis, time, when, **{**how, "alpha": how["alpha"] / len(slips)})
 
     def main(axis: Axes) -> None:
-        share = 1 / len(normal)
-        for slipping, touching, most in zip(slips, active, bound, strict=True):
-            _shade(axis, view.time, slipping, _SLIP, share)
-            _shade(axis, view.time, touching & ~slipping, _STICK, share)
-            between(axis, view.time, -most, most, **{**_CONE, "alpha": _CONE["alpha"] * share})
+        shade(axis)
+        if one.friction:
+            _friction(axis, time, one.friction, look)
+        lines(axis, time, one.normal, color=BLUE, **look)
+        off = 0.0 if one.again is None else np.abs(one.again - one.normal).max(initial=0.0)
+        if one.again is not None and off > SAME * np.abs(one.normal).max(initial=0.0):
+            lines(axis, time, one.again, color=INK, linestyle="--", linewidth=0.7)
+
+    def below(axis: Axes) -> None:
+        shade(axis)
         note_zero(axis)
-        lines(axis, view.time, normal, color=BLUE, **width)
-        lines(axis, view.time, friction, color=VERMILLION, **width)
-        middle = (view.time[:-1] + view.time[1:]) / 2
-        place = middle[degenerate.any(axis=0)]
-        axis.plot(place, np.zeros_like(place), **_DEGENERATE)
+        assert one.gap is not None
+        lines(axis, time, one.gap, color=GREEN, **look)
+        if reach > 0 and np.max(one.gap) < SAME * reach:
+            # A gap that never opens: to its own scale it would be noise.
+            axis.set_ylim(-0.05 * reach, reach)
 
-    return Panel(f"{name} [N s]", main)
-
-
-def _all(view: RunView, name: str) -> np.ndarray:
-    """A stored array of all scenarios, (S, N, points)."""
-    values = view.array(name)
-    assert values is not None
-    return values
+    return Panel(one.title, main, None if one.gap is None else below)
 
 
-def _shade(
-    axis: Axes, time: np.ndarray, when: np.ndarray, look: dict[str, Any], share: float
+def _friction(
+    axis: Axes, time: np.ndarray, data: tuple[np.ndarray, ...], look: dict[str, float]
 ) -> None:
-    spans(axis, time, when, **{**look, "alpha": look["alpha"] * share})
+    friction, bound, _, degenerate = data
+    for most in bound:
+        between(axis, time, -most, most, **{**_CONE, "alpha": _CONE["alpha"] / len(bound)})
+    note_zero(axis)
+    lines(axis, time, friction, color=VERMILLION, **look)
+    place = ((time[:-1] + time[1:]) / 2)[degenerate.any(axis=0)]
+    axis.plot(place, np.zeros_like(place), **_DEGENERATE)
+
+
+_BESIDE = 1.81
+"""Width [inch] of a figure beside the table of stages, 46 mm."""
 
 
 def homotopy(view: RunView) -> Figure:
     """Cost, complementarity and residual after each stage; what is zero is not drawn."""
     numbers, stages = zip(*shown_stages(view.run.stages, view.run.meta["cost"])[0], strict=True)
-    figure = Figure(figsize=(WIDTH, 1.9))
-    left, right = figure.subplots(1, 2)
+    figure = Figure(figsize=(_BESIDE, min(max(1.9, 0.5 + 0.15 * len(numbers)), 2.8)))
+    left, right = figure.subplots(2, 1, sharex=True)
     number = np.array(numbers)
     kept = np.array([stage.accepted for stage in stages])
     cost = np.array([stage.cost for stage in stages], dtype=float)
@@ -251,12 +281,12 @@ def homotopy(view: RunView) -> Figure:
         seen = values > 0
         right.semilogy(number[seen], values[seen], "o-", color=color, label=text)
     right.set_ylabel("size")
-    figure.legend(*right.get_legend_handles_labels(), loc="outside right upper")
+    figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=2,
+                  fontsize=7, handlelength=1.2, columnspacing=0.8)  # fmt: skip
     if not kept.all():
-        left.legend()
-    for axis in (left, right):
-        axis.set(xlabel="stage", xlim=(number[0] - 0.5, number[-1] + 0.5))
-        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+        left.legend(fontsize=7)
+    right.set(xlabel="stage", xlim=(number[0] - 0.5, number[-1] + 0.5))
+    right.xaxis.set_major_locator(MaxNLocator(integer=True))
     return figure
 
 

@@ -269,7 +269,8 @@ def _show_all(axis: Axes, reach: np.ndarray, reference: np.ndarray) -> None:
     margin = 0.05 * (high - low) or 1.0
     known = float(np.nanmax(np.abs(reference), initial=0.0)) if reference.size else 0.0
     if known > 0 and max(-low, high) > _FAR * known:
-        axis.set_yscale("symlog", linthresh=3 * known)
+        # At a power of ten the ticks next to zero stay clear of it.
+        axis.set_yscale("symlog", linthresh=10 ** np.ceil(np.log10(3 * known)))
     axis.set_ylim(low - margin, high + margin)
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import xarray as xr
 
 from ocp.errors import InputError
+from ocp.problem import Problem
 from problems.drawing import ContactFrame, Shape
 from problems.plugin import spec_of
 from reports.shapes import Camera, film
@@ -149,6 +151,31 @@ def _sampled(forces: Forces, nodes: np.ndarray, times: np.ndarray) -> Forces:
         return np.stack([at_nodes[max(0, k - count + 1) : k + 1].mean(axis=0) for k in nearest])
 
     return replace(forces, normal=mean(forces.normal), friction=mean(forces.friction))
+
+
+def is_periodic(view: RunView) -> bool:
+    """Whether the problem's motion ends as it began."""
+    start = view.problem.start if isinstance(view.problem, Problem) else None
+    return start is not None and bool(start.periodic)
+
+
+def repeated(view: RunView, count: int) -> RunView:
+    """``count`` strides of a periodic run, each starting where the last one ended.
+
+    Every stride adds its increment to the states (zero for periodic ones) and its duration to the
+    time; impulses repeat.
+    """
+    data = view.run.data.reset_coords()
+    nodes = data[[name for name in data if "node" in data[name].dims]]
+    gained = nodes.isel(node=-1) - nodes.isel(node=0)
+    strides = [nodes.isel(node=slice(bool(k), None)) + k * gained for k in range(count)]
+    pushes = data[[name for name in data if "interval" in data[name].dims]]
+    again = xr.merge([xr.concat(strides, "node"), xr.concat([pushes] * count, "interval")])
+    run = replace(view.run, data=again.set_coords("time"))
+    if view.spec is None:
+        return replace(view, run=run)
+    title = f"{view.spec.title}, the stride {count} times"
+    return replace(view, run=run, spec=replace(view.spec, title=title))
 
 
 def check_drawable(view: RunView) -> None:

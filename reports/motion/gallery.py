@@ -9,18 +9,15 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import xarray as xr
 from matplotlib.figure import Figure
 
 from ocp.errors import InputError
-from ocp.problem import Problem
 from ocp.store import atomic
 from ocp.store.runs import list_runs, load
-from reports.motion.animation import Animation
+from reports.motion.animation import Animation, is_periodic, repeated
 from reports.motion.movie import write
 from reports.strobe import draw_strobe
 from reports.style import styled
@@ -66,31 +63,6 @@ def newest(root: Path, name: str) -> RunView:
 def moving(view: RunView) -> Animation:
     """Animate a run; a periodic one for several strides at half speed."""
     return Animation(repeated(view, _STRIDES), speed=0.5) if is_periodic(view) else Animation(view)
-
-
-def is_periodic(view: RunView) -> bool:
-    """Whether the problem's motion ends as it began."""
-    start = view.problem.start if isinstance(view.problem, Problem) else None
-    return start is not None and bool(start.periodic)
-
-
-def repeated(view: RunView, count: int) -> RunView:
-    """``count`` strides of a periodic run, each starting where the last one ended.
-
-    Every stride adds its increment to the states (zero for periodic ones) and its duration to the
-    time; impulses repeat.
-    """
-    data = view.run.data.reset_coords()
-    nodes = data[[name for name in data if "node" in data[name].dims]]
-    gained = nodes.isel(node=-1) - nodes.isel(node=0)
-    strides = [nodes.isel(node=slice(bool(k), None)) + k * gained for k in range(count)]
-    pushes = data[[name for name in data if "interval" in data[name].dims]]
-    again = xr.merge([xr.concat(strides, "node"), xr.concat([pushes] * count, "interval")])
-    run = replace(view.run, data=again.set_coords("time"))
-    if view.spec is None:
-        return replace(view, run=run)
-    title = f"{view.spec.title}, the stride {count} times"
-    return replace(view, run=run, spec=replace(view.spec, title=title))
 
 
 def draw(root: Path, folder: Path, still: Sequence[str], moved: Sequence[str]) -> list[Path]:

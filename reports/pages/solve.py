@@ -11,8 +11,6 @@ from matplotlib.figure import Figure
 
 from ocp.programs.solver import Status
 from reports.console import (
-    contact_rows,
-    idle_contacts,
     number,
     physics_residuals,
     small,
@@ -21,6 +19,7 @@ from reports.console import (
     stage_title,
     violation_rows,
 )
+from reports.contacts import contact_columns, contact_notes
 from reports.figures import motion, run
 from reports.notation import label, symbol
 from reports.pages.described import Page, head, law, numbered, row_figures, shown
@@ -38,9 +37,11 @@ def solve_page(view: RunView, cones: bool = False) -> Page:
     stored = view.run
     solved = stored.status is Status.SOLVED
     found, signals = motion.tracks(view), view.signals("contacts")
+    told = {name for contact in run.contacts_of(view) for name in contact.multipliers}
     unit = signals[0].unit if signals else ""
     if view.array("normal_impulse") is not None:
         unit = "N s"
+    heads, rows = contact_columns(stored.audit, unit, partial(peak_multiplier, view))
     content = {
         **head(view),
         "grade": stored.meta["grade"],
@@ -50,27 +51,28 @@ def solve_page(view: RunView, cones: bool = False) -> Page:
         "apart": small(motion.apart(found)),
         "undetermined": motion.undetermined(found),
         "replayed": any(track.again is not None for track in found),
-        "zero": motion.idle(found),
+        "zero": [name for name in motion.idle(found) if name not in told],
         "stages": _stages(view),
         "left_out": stage_note(stored.stages, stored.meta["cost"]),
         "worst": [] if solved else violation_rows(stored.audit),
         "starts": [key.replace("_", " ") for key in _starts(view)],
         "others": [[shown(other.get(key)) for key in _starts(view)]
                    for other in stored.meta["others"]],
-        "contacts": contact_rows(stored.audit, partial(peak_multiplier, view)),
-        "peak": label("peak", unit),
-        "idle": idle_contacts(stored.audit),
+        "contacts": rows,
+        "contact_heads": heads,
+        "contact_notes": contact_notes(stored.audit),
+        "rough": view.array("friction_bound") is not None,
         "scenarios": view.scenarios,
         "gap": label("its gap", view.gap_unit),
         "averaged": view.run.data.sizes.get("contact", 0) > len(view.signals("contacts")),
         "pictured": len(picked_scenarios(view.pictured)),
     }  # fmt: skip
     figures, content["arrows"] = _motion(view, cones)
-    figures |= row_figures("motion", motion.plan_rows(view))
-    if view.array("lam") is not None:
-        drawn, content["untouched"] = _law_figures(view)
-        figures |= drawn
-    figures |= row_figures("friction", *run.friction_rows(view))
+    figures |= row_figures("motion", motion.plan_rows(view, told))
+    if run.off_the_end(view):
+        figures["contact"] = run.contact_plane(view)
+    panels, columns = run.rows_of_contacts(view)
+    figures |= row_figures("contacts", panels, columns, _BELOW)
     if len(stored.stages) > 1:
         figures["homotopy"] = run.homotopy(view)
     if "K" in stored.data:
@@ -103,17 +105,6 @@ def _starts(view: RunView) -> list[str]:
     return [key for key in _OF_STARTS if any(key in other for other in others)]
 
 
-def _law_figures(view: RunView) -> tuple[dict[str, Figure | None], list[str]]:
-    """Figures of the law, and the names of idle contacts without a figure."""
-    if run.at_the_end(view):
-        rows, columns, resting = run.interval_rows(view)
-        return {**row_figures("intervals", rows, columns, _BELOW)}, resting
-    mu = view.array("mu")
-    if mu is None or not np.isfinite(mu).any():
-        return {}, []
-    return {"contact": run.contact_plane(view)}, []
-
-
 def peak_multiplier(view: RunView, index: int) -> float:
     """Largest normal impulse, else multiplier, of a contact over all scenarios."""
     normal, lam = view.array("normal_impulse"), view.array("lam")
@@ -133,7 +124,7 @@ def key_numbers(view: RunView) -> list[dict[str, Any]]:
     if np.isfinite(referee.refined_cost):
         costs.append(["referee at h/4", number(referee.refined_cost, 7)])
     costs += [["iterations", str(meta["iterations"])],
-              ["(step, contact) active", str(audit.active_steps)]]  # fmt: skip
+              ["active contact steps", str(sum(one.steps for one in audit.contacts))]]  # fmt: skip
     kind = f", {certificate.kind}" if certificate.kind else ""
     holds = [["stationarity", f"{certificate.stationarity}{kind}"],
              ["KKT residual", small(certificate.kkt_residual)]]  # fmt: skip

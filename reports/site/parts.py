@@ -12,7 +12,8 @@ from problems import drawing, parameters, scenes
 from reports.site.roles import cleaned
 
 PARTS: dict[str, tuple[Any, ...]] = {
-    "Shapes": (scenes.Disc, scenes.Box, scenes.Capsule, scenes.HalfPlane),
+    "Shapes": (scenes.Disc, scenes.Box, scenes.Capsule, scenes.Polygon, scenes.HalfPlane,
+               scenes.Union),
     "Scenes": (scenes.Body, scenes.Pusher, scenes.Obstacle, scenes.Goal, scenes.Scene,
                scenes.Scene.quasi_dynamic, scenes.Scene.time_stepping, scenes.pictured),
     "Machines": (systems.Link, systems.Sphere, systems.Part, systems.Machine,

@@ -67,8 +67,20 @@ def test_a_gif_of_a_stored_run(ocp, store_of_runs: Path) -> None:
         (["push-1d/", "-o", "x.gif", "--fps", "0"], ["--fps"]),
         (["push-1d/", "-o", "x.gif", "--speed", "0"], ["--speed"]),
         (["push-1d/", "-o", "x.gif", "--speed", "0.001"], ["at most 1500", "--speed"]),
+        (["push-1d/", "-o", "x.gif", "--repeat", "2"], ["periodic motions", "drop --repeat"]),
     ],
-    ids=["ending", "ffmpeg", "run", "kind", "drawing", "no file", "fps", "speed", "frames"],
+    ids=[
+        "ending",
+        "ffmpeg",
+        "run",
+        "kind",
+        "drawing",
+        "no file",
+        "fps",
+        "speed",
+        "frames",
+        "repeat",
+    ],
 )
 def test_what_it_cannot_do_is_said(
     ocp, store_of_runs: Path, monkeypatch, arguments: list[str], said: list[str]

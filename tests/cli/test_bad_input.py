@@ -18,6 +18,7 @@ CONTINUE = ("continue", "wall-1d", "--contact", "barrier", "--over", "contact.mu
 
 CASES = {
     "problem": (["solve", "wal-1d"], ["'wal-1d'", "did you mean 'wall-1d'", "push-disc"]),
+    "robot": (["solve", "go1.urdf"], ["robot files", "are not read", "ocp new NAME --machine"]),
     "problem in show": (["show", "ball-bonce"], ["did you mean 'ball-bounce'"]),
     "command": (["sole"], ["sole", "solve"]),
     "option": ([*SOLVE, "--bogus"], ["--bogus"]),
@@ -204,7 +205,7 @@ def build(params):
         ("stage_cost=ca.sumsqr(system.u)", 'stage_cost=ca.SX.sym("w")', ["uses w"]),
         ("    return Problem", "    Problem", ["returned", "expected"]),
         ("h=0.1", 'h=p["hh"]', ["hh"]),
-        ("h=0.1", "h=0", ["step size must be positive, got 0 s"]),
+        ("h=0.1", "h=0", ["h must be positive, got 0"]),
         ('1.0, "kg", "mass", above=0', '-1.0, "kg", "mass"', ["positive definite", "is -1;"]),
         ('1.0, "kg", "mass", above=0', '0.0, "kg", "mass"', ["positive definite", "is 0;"]),
     ],

@@ -67,7 +67,8 @@ def test_a_runs_file_repeats_its_rollout(ocp, policy, law) -> None:
     wanted = solution.replay(Barrier(mu=1e-3) if law is None else Exact()).data["x"].values[0]
     text = Path("rollout.c").read_text()
     assert Path(run).name in text
-    states = rolled(text, "push_1d", wanted[0], len(wanted) - 1)
+    assert Path(told["header"]).read_text() in text
+    states = rolled(f'#include "{told["header"]}"\n{text}', "push_1d", wanted[0], len(wanted) - 1)
     np.testing.assert_allclose(states, wanted, rtol=1e-9, atol=1e-11)
 
 
@@ -85,7 +86,11 @@ def test_a_problem_at_other_parameters_has_no_policy(ocp) -> None:
         "mu=0.02",
     )
     assert done.code == 0
-    assert done.out == "C file: a/disc.c (push_disc_step, push_disc_derivatives)\n"
+    assert done.out.splitlines() == [
+        "C file: a/disc.c (push_disc_step, push_disc_derivatives)",
+        "header: a/disc.h",
+        "Makefile: disc.o: disc.c ; cc -std=c11 -O2 -ffp-contract=off -c $<",
+    ]
     text = Path("a/disc.c").read_text()
     assert "M = 2.5 [kg]" in text
     assert "contact.mu = 0.02 [N s m]" in text

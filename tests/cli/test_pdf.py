@@ -102,7 +102,7 @@ def test_the_page_says_what_the_run_says(views) -> None:
     assert parameters["h"] == ["0.1", "s", "step size"]
     assert parameters["w_v"][1] == "s²/m²"
     assert ["seed", "0"] in content["settings"]
-    assert set(drawn) == {"motion-01", "contact", "strobe", "homotopy"}
+    assert set(drawn) == {"motion-01", "contact", "contacts-01", "strobe", "homotopy"}
     assert "Suh" in content["citation"]
     text = str(content)
     assert "seconds" not in text and "solve_s" not in text, "times differ from run to run"

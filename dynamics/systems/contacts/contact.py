@@ -33,8 +33,10 @@ class Contact:
         """Contact of two convex shapes whose distance is that of a corner of either core.
 
         Right as long as the cores are apart or one holds a corner of the other, which is all that
-        two cores can do but cross like swords. Not differentiable where two corners are equally
-        near, as where a side lies on another: there take the corners as discs of their own.
+        two cores can do but cross like swords. Where neither turns against the other this is the
+        distance from a fixed convex set, once differentiable outside. Where they turn it is not,
+        as soon as a side lies on another: there every corner is a contact of its own, see
+        :func:`~dynamics.systems.contacts.polygon.vertex_pairs`.
 
         Raises ``ValueError`` for two half-planes.
         """

@@ -8,6 +8,8 @@ from functools import cached_property
 
 import casadi as ca
 
+from dynamics.systems.checks import not_negative, point, positive, unit
+
 Scalar = float | ca.SX
 Point = tuple[Scalar, Scalar] | ca.SX
 
@@ -78,11 +80,16 @@ class Shape(ABC):
 class Box(Shape):
     """A box with half side lengths ``half_size``, corners rounded by ``radius``.
 
-    The origin of the body is in its middle.
+    The origin of the body is in its middle. Raises ``ValueError`` for invalid sizes.
     """
 
     half_size: Point
     radius: Scalar = 0.0
+
+    def __post_init__(self) -> None:
+        point("Box half_size", self.half_size)
+        positive("Box half_size", self.half_size[0], self.half_size[1])
+        not_negative("Box radius", self.radius)
 
     @property
     def corners(self) -> tuple[Point, ...]:
@@ -112,11 +119,19 @@ class Box(Shape):
 
 @dataclass(frozen=True, eq=False)
 class Capsule(Shape):
-    """All points within ``radius`` of the segment from ``start`` to ``end``."""
+    """All points within ``radius`` of the segment from ``start`` to ``end``.
+
+    Raises ``ValueError`` for invalid points or an invalid radius.
+    """
 
     start: Point
     end: Point
     radius: Scalar
+
+    def __post_init__(self) -> None:
+        point("Capsule start", self.start)
+        point("Capsule end", self.end)
+        positive("Capsule radius", self.radius)
 
     @property
     def corners(self) -> tuple[Point, ...]:
@@ -135,10 +150,17 @@ class Capsule(Shape):
 
 @dataclass(frozen=True, eq=False)
 class Disc(Shape):
-    """All points within ``radius`` of ``centre``."""
+    """All points within ``radius`` of ``centre``.
+
+    Raises ``ValueError`` for an invalid radius or centre. The radius 0 is a point.
+    """
 
     radius: Scalar
     centre: Point = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        not_negative("Disc radius", self.radius)
+        point("Disc centre", self.centre)
 
     @property
     def corners(self) -> tuple[Point, ...]:
@@ -154,11 +176,18 @@ class Disc(Shape):
 
 @dataclass(frozen=True, eq=False)
 class HalfPlane(Shape):
-    """The half-plane through ``origin`` with outward unit ``normal``, of radius zero."""
+    """The half-plane through ``origin`` with outward unit ``normal``, of radius zero.
+
+    Raises ``ValueError`` for an invalid origin, or a normal whose length is not 1.
+    """
 
     origin: Point = (0.0, 0.0)
     normal: Point = (0.0, 1.0)
     radius = 0.0
+
+    def __post_init__(self) -> None:
+        point("HalfPlane origin", self.origin)
+        unit("HalfPlane normal", self.normal)
 
     @property
     def corners(self) -> tuple[Point, ...]:

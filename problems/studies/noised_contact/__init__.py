@@ -1,7 +1,7 @@
 """N1: a pusher and a block between walls, learned from noised data, sparse and dense."""
 
 from problems.studies.noised_contact.claims import claims
-from problems.studies.noised_contact.data import Params, run
+from problems.studies.noised_contact.data import QUICK, Params, run
 
 NOTES = (
     "The paper gives no numbers: the pusher's spring is stiff, so that the slope in contact is"
@@ -13,4 +13,4 @@ NOTES = (
     " several starts of their weights.",
 )
 
-__all__ = ["NOTES", "Params", "claims", "run"]
+__all__ = ["NOTES", "QUICK", "Params", "claims", "run"]

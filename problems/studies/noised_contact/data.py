@@ -39,6 +39,9 @@ class Params(StudyParams):
     epochs: int = setting(2000, "1", "passes over 2000 rows of data in training", least=1)
 
 
+QUICK = {"dense": 200, "draws": 100, "networks": 1, "units": 32, "epochs": 200}
+
+
 def run(params: Params) -> xr.Dataset:
     """Curves of fig. 1 and rollouts; sampling errors over many sets of data beside them."""
     pusher, walls, sigma = LinePusher(params.rho), Walls(), params.sigma

@@ -12,6 +12,7 @@ from dynamics.contact import ContactLaw
 from ocp.errors import choose
 from ocp.learning.training import ALGORITHMS
 from ocp.scheduling import Failure, Function, Report, run_jobs
+from problems.studies.progress import report
 from problems.studies.study import Claim, Pieces, over
 from problems.tasks import registry
 from problems.tasks.registry import default_settings, make_algorithm
@@ -54,7 +55,10 @@ def side_by_side(function: Function, jobs: Mapping[str, Any], pieces: Pieces) ->
     left = [key for key, arrays in found.items() if arrays is None]
     workers = min(pieces.jobs, max(1, len(left)))
     work = [jobs[key] for key in left]
-    for place, outcome in run_jobs(function, work, workers, pieces.scheduler):
+    outcomes = run_jobs(function, work, workers, pieces.scheduler)
+    report("jobs", 0, len(work))
+    for done, (place, outcome) in enumerate(outcomes, 1):
+        report("jobs", done, len(work))
         if isinstance(outcome, Failure):
             raise outcome.error
         found[left[place]] = pieces.keep(left[place], outcome)

@@ -1,7 +1,7 @@
 """N3: which smoothing to trust, by what its plans cost under the exact law."""
 
 from problems.studies.smoothings_compared.claims import claims
-from problems.studies.smoothings_compared.data import Params, run
+from problems.studies.smoothings_compared.data import QUICK, Params, run
 
 NOTES = (
     "In short, at the defaults: plan under the exact law by its default route, or under a sharp"
@@ -24,4 +24,4 @@ NOTES = (
 )
 RESUMES = True
 
-__all__ = ["NOTES", "Params", "claims", "run"]
+__all__ = ["NOTES", "QUICK", "Params", "claims", "run"]

@@ -19,10 +19,12 @@ from dynamics.learned.transitions import Transitions
 from ocp import Direct, Solution, solve
 from ocp.rollout import roll_out
 from problems.registry import get
+from problems.studies.progress import tracked
 from problems.studies.shared.learned_laws import average, network, transitions
 from problems.studies.study import Pieces, StudyParams, dataset, setting
 
 PROBLEMS = ("push-1d", "push-disc", "planar-push", "planar-hand")
+QUICK = {"seeds": 1, "data": 1000, "epochs": 1, "samples": 2}
 SHARES = (0.001, 0.01, 0.1, 1.0)
 """Weights of the data's log-density, as shares of a step's cost at rest."""
 TRUSTED = 0.001
@@ -117,23 +119,22 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
     shape, shares = (len(PROBLEMS), len(LAWS), params.seeds), (0.0, *SHARES)
     told = np.full((*shape, 6), np.nan)
     trust = np.full((len(PROBLEMS), len(shares), params.seeds, 6), np.nan)
-    for i, name in enumerate(PROBLEMS):
-        for k in range(params.seeds):
-            seed = params.seed + k
-            source = TaskData(name, seed, params)
-            for j, law in enumerate(LAWS):
-                if law == "trusting ewda":
-                    continue
-                at = seed if law in DRAWN else params.seed
-                key = f"{name}-{law.replace(' ', '-')}-{at}"
-                told[i, j, k] = pieces.get(key, lambda s=source, w=law: s.planned(w))["told"]
-            trust[i, 0, k] = told[i, LAWS.index("ewda"), k]
-            for j, share in enumerate(SHARES, 1):
-                key = f"{name}-trust-{share:g}-{seed}"
-                trust[i, j, k] = pieces.get(key, lambda s=source, b=share: s.trusting(b))["told"]
-            chosen = trust[i, shares.index(TRUSTED), k].copy()
-            chosen[-2:] += trust[i, 0, k, -2:]
-            told[i, LAWS.index("trusting ewda"), k] = chosen
+    for i, k in tracked("problems and seeds", list(np.ndindex(len(PROBLEMS), params.seeds))):
+        name, seed = PROBLEMS[i], params.seed + k
+        source = TaskData(name, seed, params)
+        for j, law in enumerate(LAWS):
+            if law == "trusting ewda":
+                continue
+            at = seed if law in DRAWN else params.seed
+            key = f"{name}-{law.replace(' ', '-')}-{at}"
+            told[i, j, k] = pieces.get(key, lambda s=source, w=law: s.planned(w))["told"]
+        trust[i, 0, k] = told[i, LAWS.index("ewda"), k]
+        for j, share in enumerate(SHARES, 1):
+            key = f"{name}-trust-{share:g}-{seed}"
+            trust[i, j, k] = pieces.get(key, lambda s=source, b=share: s.trusting(b))["told"]
+        chosen = trust[i, shares.index(TRUSTED), k].copy()
+        chosen[-2:] += trust[i, 0, k, -2:]
+        told[i, LAWS.index("trusting ewda"), k] = chosen
     return dataset(
         {
             **_labelled(("problem", "law", "seed"), told, ""),

@@ -1,7 +1,7 @@
 """N2: does the object move, planned or learned from a start without contact?"""
 
 from problems.studies.start_without_contact.claims import claims
-from problems.studies.start_without_contact.data import Params, run
+from problems.studies.start_without_contact.data import QUICK, Params, run
 
 NOTES = (
     "Curves: gains K_t, k_t by Adam through each of the five dynamics; thin on the model, thick"
@@ -16,4 +16,4 @@ NOTES = (
 )
 RESUMES = True
 
-__all__ = ["NOTES", "Params", "claims", "run"]
+__all__ = ["NOTES", "QUICK", "Params", "claims", "run"]

@@ -18,6 +18,7 @@ from dynamics.learned.transitions import Transitions
 from ocp import SingleShooting, Solution, solve
 from ocp.problem import Problem
 from problems.registry import get
+from problems.studies.progress import tracked
 from problems.studies.shared.learned_laws import transitions
 from problems.studies.start_without_contact.dynamics import (
     DYNAMICS,
@@ -73,6 +74,9 @@ class _TaskData:
         return dynamics(kind, data, sigma, params.epochs, seed, step, params.draws)
 
 
+QUICK = {"seeds": 1, "data": 1000, "draws": 10, "steps": 100, "epochs": 1}
+
+
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
     """All pieces of the study, those that are kept not anew."""
     variables, coordinates = labelled(pieces.get("plans", lambda: planned(params)))
@@ -101,18 +105,19 @@ def _learned(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> d
     states = np.full((*shape, nodes, 7), np.nan)
     of_object = np.full((*shape, params.seeds), np.nan)
     gains, work = np.full((*shape, 2), np.nan), np.zeros(shape, dtype=int)
-    for row, (name, source) in enumerate(sources.items()):
-        for column, kind in enumerate(DYNAMICS):
-            for seed in range(params.seeds):
-                # f has no data and no noise: every seed is the first.
-                at = params.seed + (seed if kind != "f" else 0)
-                found = _descent(pieces, source, kind, params.width, params.data, at)
-                learned[row, column, seed] = np.stack([found["model"], found["exact"]], axis=1)
-                of_object[row, column, seed] = object_cost(name, found["states"])
-                if seed == 0:
-                    states[row, column, :, : source.problem.system.nx] = found["states"]
-            found = pieces.get(f"ipopt-{name}-{kind}", _ipopt(source, kind))
-            gains[row, column], work[row, column] = found["costs"], found["iterations"]
+    named = list(sources.items())
+    for row, column in tracked("problems and dynamics", list(np.ndindex(shape))):
+        (name, source), kind = named[row], DYNAMICS[column]
+        for seed in range(params.seeds):
+            # f has no data and no noise: every seed is the first.
+            at = params.seed + (seed if kind != "f" else 0)
+            found = _descent(pieces, source, kind, params.width, params.data, at)
+            learned[row, column, seed] = np.stack([found["model"], found["exact"]], axis=1)
+            of_object[row, column, seed] = object_cost(name, found["states"])
+            if seed == 0:
+                states[row, column, :, : source.problem.system.nx] = found["states"]
+        found = pieces.get(f"ipopt-{name}-{kind}", _ipopt(source, kind))
+        gains[row, column], work[row, column] = found["costs"], found["iterations"]
     both = ("problem", "dynamics")
     return {
         "learned": ((*both, "seed", "step", "end"), learned, "1", "cost, eq. 14"),
@@ -152,12 +157,11 @@ def _swept(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> dic
     """Final exact cost of the learned dynamics over width of noise and amount of data."""
     amounts = _amounts(params)
     final = np.full((len(PROBLEMS), len(SWEPT), len(WIDTHS), len(amounts)), np.nan)
-    for row, source in enumerate(sources.values()):
-        for column, kind in enumerate(SWEPT):
-            for j, n in enumerate(amounts):
-                for i, sigma in enumerate(WIDTHS):
-                    found = _descent(pieces, source, kind, sigma, n, params.seed)
-                    final[row, column, i, j] = np.median(found["exact"][-LAST:])
+    listed = list(sources.values())
+    for row, column, i, j in tracked("widths and amounts", list(np.ndindex(final.shape))):
+        kind, sigma, n = SWEPT[column], WIDTHS[i], amounts[j]
+        found = _descent(pieces, listed[row], kind, sigma, n, params.seed)
+        final[row, column, i, j] = np.median(found["exact"][-LAST:])
     dims = ("problem", "swept", "width", "amount")
     return {"final": (dims, final, "1", "final cost under the exact law")}
 

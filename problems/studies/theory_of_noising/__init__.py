@@ -1,7 +1,7 @@
 """N0: what noised data make of a function, computed where its theory can be checked."""
 
 from problems.studies.theory_of_noising.claims import claims
-from problems.studies.theory_of_noising.data import Params, run
+from problems.studies.theory_of_noising.data import QUICK, Params, run
 
 NOTES = (
     "sigma is in metres along a line, and in deviations of the data in many dimensions.",
@@ -13,4 +13,4 @@ NOTES = (
     " sigma/sqrt(2).",
 )
 
-__all__ = ["NOTES", "Params", "claims", "run"]
+__all__ = ["NOTES", "QUICK", "Params", "claims", "run"]

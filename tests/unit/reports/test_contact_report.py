@@ -15,12 +15,13 @@ from rich.console import Console
 from dynamics.contact import Exact
 from ocp import solve, store
 from ocp.judges.audit import Audit
-from ocp.physics.contact_report import ContactSummary
+from ocp.physics.contact_report import ContactSummary, acting
 from problems import spec
 from reports import console
 from reports.cli.solve_command import document
+from reports.contacts import contact_table, spans_text
 from reports.figures.panels import draw_rows
-from reports.figures.run import friction_rows
+from reports.figures.run import rows_of_contacts
 from reports.pages.solve import solve_page
 from reports.style import ORANGE, SKY, styled
 from reports.view import RunView
@@ -86,10 +87,10 @@ def test_json_has_the_contacts_and_the_books(run) -> None:
 
 def test_figure_draws_impulses_within_their_bound(run) -> None:
     view = run[1]
-    (axis,) = draw_rows(*friction_rows(view)).axes
+    axis, _ = draw_rows(*rows_of_contacts(view)).axes
     assert axis.get_title("left") == "push [N s]"
     drawn = [np.asarray(line.get_ydata())[:-1] for line in axis.lines if len(line.get_xdata()) > 2]
-    for values, name in zip(drawn, ("normal_impulse", "friction_impulse"), strict=True):
+    for values, name in zip(drawn, ("friction_impulse", "normal_impulse"), strict=True):
         np.testing.assert_allclose(values, array(view, name)[0, :, 0], rtol=1e-12)
     (band,) = (c for c in axis.collections if isinstance(c, PolyCollection))
     heights = band.get_paths()[0].vertices[:, 1]
@@ -101,7 +102,7 @@ def test_figure_draws_impulses_within_their_bound(run) -> None:
 
 def test_shading_covers_the_steps_that_slip_and_those_that_stick(run) -> None:
     view = run[1]
-    (axis,) = draw_rows(*friction_rows(view)).axes
+    axis, _ = draw_rows(*rows_of_contacts(view)).axes
     spans = [patch for patch in axis.patches if isinstance(patch, Rectangle)]
     width = dict.fromkeys((ORANGE, SKY), 0.0)
     for span in spans:
@@ -116,12 +117,35 @@ def test_page_has_the_contact_that_acts(run) -> None:
     with styled():
         content, figures = solve_page(run[1])
     (row,) = content["contacts"]
-    assert row[0] == "push" and row[1] == "20" and row[2] == "0-19"
-    assert "friction-01" in figures
+    told = dict(zip(content["contact_heads"], row, strict=True))
+    assert (told["contact"], told[">active"], told["at steps"]) == ("push", "20", "0-19")
+    panels = [axis.get_title("left") for figure in figures.values() for axis in figure.axes]
+    assert panels.count("push [N s]") == 1, "an impulse is drawn once"
     residuals = {group["title"]: group["rows"] for group in content["key"]}["Residuals"]
     assert any(name == "friction cone [N s]" for name, _ in residuals)
-    assert content["peak"] == "peak [N s]", "the unit of the pictures"
-    assert float(row[4]) == pytest.approx(array(run[1], "normal_impulse").max(), rel=1e-3)
+    assert float(told[">peak [N s]"]) == pytest.approx(
+        array(run[1], "normal_impulse").max(), rel=1e-3
+    )
+
+
+def test_a_smoothed_contact_is_active_or_pushes_at_a_distance_and_never_both() -> None:
+    """On the central path lam gap = mu, an impulse above its gap is one above sqrt(mu)."""
+    lam = np.geomspace(1e-9, 1.0, 50)
+    active, distant = acting(lam, 1e-4 / lam)
+    np.testing.assert_array_equal(active, lam > 1e-2)
+    np.testing.assert_array_equal(distant, (lam > 1e-6) & (lam <= 1e-2))
+    shares = acting(np.array([np.nan, 0.0, 1.0, 1.0]), np.array([np.nan, 0.0, 0.0, 2.0]))
+    np.testing.assert_array_equal(shares, [[0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+def test_force_at_a_distance_has_its_name_and_column() -> None:
+    near, far = (
+        ContactSummary(name, n, 0, 1.0, 0.0, 0, [], 5 - n) for name, n in (("a", 5), ("b", 0))
+    )
+    assert "distant" not in shown(made(near)) and "force at a distance" not in shown(made(near))
+    text = shown(made(near, far))
+    assert "distant" in text and "force at a distance" in " ".join(text.split())
+    assert "never" not in text, "b pushes"
 
 
 def made(*contacts: ContactSummary, cone: float = 0.0) -> Audit:
@@ -130,7 +154,7 @@ def made(*contacts: ContactSummary, cone: float = 0.0) -> Audit:
 
 def shown(audit: Audit) -> str:
     printer = Console(width=console.COLUMNS, record=True, file=io.StringIO())
-    printer.print(console.contact_table(audit))
+    printer.print(contact_table(audit))
     return printer.export_text()
 
 
@@ -146,4 +170,4 @@ def test_table_has_only_what_acts_and_counts_the_rest() -> None:
 
 def test_many_spans_are_cut_short() -> None:
     spans = [(k, k) for k in range(0, 20, 2)]
-    assert console.spans_text(spans) == "0, 2, 4, 6, 8, 10, 4 more"
+    assert spans_text(spans) == "0, 2, 4, 6, 8, 10, 4 more"

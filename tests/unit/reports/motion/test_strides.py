@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from reports.motion.animation import Animation
-from reports.motion.gallery import is_periodic, repeated
+from reports.motion.animation import Animation, is_periodic, repeated
 from reports.strobe import strobe
 from tests.unit.reports.made import sliding_box
 

@@ -53,7 +53,8 @@ def run(
         contacts=signals("; ".join(contacts)), pairs=tuple(pairs), gap_unit="m", forces=None,
     )  # fmt: skip
     meta = {"kind": "solve", "problem": "made", "record": {"contact": "exact"}}
-    problem = cast(Any, SimpleNamespace(system=system))
+    scales = SimpleNamespace(impulse=1.0, gap=1.0)
+    problem = cast(Any, SimpleNamespace(system=system, scales=scales))
     return RunView(StoredRun(Path("runs/made"), data, meta), None, None, problem)
 
 

@@ -96,6 +96,22 @@ def test_the_axis_covers_the_interval_of_every_estimator() -> None:
     assert low <= (mean - 1.96 * error).min() and high >= (mean + 1.96 * error).max()
 
 
+@pytest.mark.parametrize("scale", [0.04, 0.3, 2.0])
+def test_numbers_beside_zero_are_not_printed_over_each_other(scale: float) -> None:
+    """On an axis by powers of ten of both signs, whatever the reference."""
+    mean, error = np.array([[scale, 90.0]]), np.array([[0.1, 60.0]])
+    run = stored([row("zobg"), row("fobg")], mean, error)
+    run.data["reference"] *= scale
+    figure = sweep.estimate_figure(run)
+    figure.draw_without_rendering()
+    axis = figure.axes[0]
+    low, high = axis.get_ylim()
+    ticks = [tick for tick in axis.get_yticks() if low <= tick <= high]
+    places = axis.transData.transform([(0.0, tick) for tick in ticks])[:, 1]
+    assert axis.get_yscale() == "symlog" and 0 in ticks
+    assert np.diff(places).min() > 9 * figure.dpi / 72, "a line of 8 points each"
+
+
 def test_each_estimator_has_its_own_colour_wherever_it_stands() -> None:
     looks = [sweep.look(name) for name in NAMES]
     assert len({color for color, _ in looks}) == len(NAMES)

@@ -10,6 +10,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.patches import Rectangle
 
 from reports.figures import run as figures
+from reports.figures.motion import plan_rows
 from reports.figures.panels import draw_rows
 from reports.style import CYCLE, SKY, line_of
 from tests.unit.reports.pages.made import run, waves
@@ -26,9 +27,9 @@ def exact(contacts: dict[str, np.ndarray], gaps: np.ndarray, **more):
 def test_impulse_above_gap_below_and_contact_shaded() -> None:
     gaps = np.stack([GAP, np.ones(N)], axis=-1)[None]
     view = exact({"toe [N s]": PUSH[None], "heel [N s]": np.zeros((1, N))}, gaps)
-    assert figures.at_the_end(view)
-    rows, columns, resting = figures.interval_rows(view)
-    assert (columns, resting) == (1, ["heel"])
+    assert not figures.off_the_end(view)
+    rows, columns = figures.rows_of_contacts(view)
+    assert columns == 1, "heel never pushes"
     above, below = draw_rows(rows, columns, 0.6).axes
     assert above.get_title("left") == "toe [N s]"
     for axis, values in ((above, PUSH), (below, GAP)):
@@ -39,17 +40,43 @@ def test_impulse_above_gap_below_and_contact_shaded() -> None:
         assert to_rgb(axis.patches[0].get_facecolor()) == pytest.approx(to_rgb(SKY))
 
 
-def test_only_normal_pairs_are_contacts() -> None:
-    contacts = {"toe [N s]": PUSH[None], "rub [N s]": PUSH[None], "stop [N s]": PUSH[None]}
-    gaps = np.repeat(GAP[None, :, None], 3, axis=-1)
-    rows, _, _ = figures.interval_rows(exact(contacts, gaps, kinds=["normal", "friction", "limit"]))
-    assert [cell.panel.title for row in rows for cell in row] == ["toe [N s]"]
+def test_force_at_a_distance_is_drawn_and_not_shaded() -> None:
+    push, gap = np.full(N, 1e-2), np.full(N, 1e-1)
+    push[3], gap[3] = 1e-1, 1e-2
+    view = exact({"wall [N s]": push[None]}, gap[None, :, None], mu=1e-3)
+    above, below = draw_rows(*figures.rows_of_contacts(view)).axes
+    for axis in (above, below):
+        spans = [(p.get_x(), p.get_width()) for p in axis.patches if isinstance(p, Rectangle)]
+        assert spans == [pytest.approx((0.3, 0.1))]
+
+
+def test_a_replay_is_dashed_where_it_differs() -> None:
+    gaps = GAP[None, :, None]
+    same, other = (
+        draw_rows(*figures.rows_of_contacts(exact({"toe [N s]": PUSH[None]}, gaps, replay={
+            "lam": factor * PUSH[None, :, None]}))).axes[0]
+        for factor in (1.0, 0.5)
+    )  # fmt: skip
+    assert [line.get_linestyle() for line in same.lines] == ["-"]
+    assert [line.get_linestyle() for line in other.lines] == ["-", "--"]
+    np.testing.assert_array_equal(np.asarray(other.lines[1].get_ydata())[:-1], PUSH / 2)
+
+
+@pytest.mark.parametrize("values", [(0.0, 0.0), (1.0, 1.0), (1e-300, 1e300), (0.0, np.nan)])
+@pytest.mark.filterwarnings("error")
+def test_odd_numbers_are_drawn_without_a_warning(values: tuple[float, float]) -> None:
+    push, other = (np.full((1, N), value) for value in values)
+    view = exact({"toe [N s]": push}, other[..., None], mu=1e-3, replay={"lam": other[..., None]})
+    assert figures.off_the_end(view) == bool(values == (1.0, 1.0))
+    rows, columns = figures.rows_of_contacts(view)
+    for figure in [*([draw_rows(rows, columns)] if rows else []), draw_rows(plan_rows(view))]:
+        figure.draw_without_rendering()
 
 
 def test_a_smoothed_law_is_no_end_and_its_points_lie_on_the_path() -> None:
     lam = np.geomspace(1e-3, 1, N)
     view = exact({"toe [N s]": lam[None]}, (1e-3 / lam)[None, :, None], mu=1e-3)
-    assert not figures.at_the_end(view)
+    assert figures.off_the_end(view)
     (axis,) = figures.contact_plane(view).axes
     points = next(line for line in axis.lines if line.get_label() == "toe")
     np.testing.assert_allclose(np.prod(points.get_data(), axis=0), 1e-3)

@@ -1,0 +1,104 @@
+"""Area, centre and second moment of shapes, for masses that are spread evenly."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import casadi as ca
+
+from dynamics.systems.contacts.polygon import Polygon, Union, parts, rectangle
+from dynamics.systems.contacts.shapes import Box, Capsule, Disc, Point, Shape, column
+
+
+class Area(NamedTuple):
+    """``area`` [m²], ``first`` moment (2, 1) [m³] and polar ``second`` moment [m⁴] at the origin.
+
+    Their sums are those of unions.
+    """
+
+    area: ca.SX
+    first: ca.SX
+    second: ca.SX
+
+    @property
+    def centre(self) -> ca.SX:
+        """The centroid (2, 1) [m]."""
+        return self.first / self.area
+
+    @property
+    def gyration(self) -> ca.SX:
+        """Inertia about the centroid for the mass 1 [m²]."""
+        return self.second / self.area - ca.sumsqr(self.centre)
+
+
+def area(shape: Shape | Union) -> Area:
+    """The area of a bounded shape: its core, rectangles at its sides, sectors at its corners.
+
+    Shapes of a union count in full, so they must not overlap. Raises ``ValueError`` for a
+    half-plane.
+    """
+    pieces = [piece for part in parts(shape) for piece in _pieces(part)]
+    if not pieces:
+        raise ValueError("a half-plane has no area; give a bounded shape")
+    total = pieces[0]
+    for piece in pieces[1:]:
+        total = Area(*map(ca.plus, total, piece))
+    return total
+
+
+def _pieces(shape: Shape) -> list[Area]:
+    core, r = [column(corner) for corner in shape.corners], ca.SX(shape.radius)
+    if len(core) == 1:
+        return [_sector(core[0], r, ca.SX(2 * ca.pi), ca.SX.zeros(2))]
+    found = [_ring(core)] if len(core) > 2 else []
+    ends = core[1:] + core[:1]
+    normals = [ca.vertcat(*(e[1], -e[0])) / ca.norm_2(e) for e in map(ca.minus, ends, core)]
+    for i, (a, b, n) in enumerate(zip(core, ends, normals, strict=True)):
+        m = normals[i - 1]
+        angle = ca.atan2(m[0] * n[1] - m[1] * n[0], ca.dot(m, n))
+        found.append(_ring([a, a + r * n, b + r * n, b]))
+        found.append(_sector(a, r, angle, ca.vertcat(n[1] - m[1], m[0] - n[0])))
+    return found
+
+
+def _ring(vertices: list[ca.SX]) -> Area:
+    """A polygon, counterclockwise."""
+    total = Area(ca.SX(0), ca.SX.zeros(2), ca.SX(0))
+    for a, b in zip(vertices, vertices[1:] + vertices[:1], strict=True):
+        cross = a[0] * b[1] - a[1] * b[0]
+        second = ca.sumsqr(a) + ca.dot(a, b) + ca.sumsqr(b)
+        total = Area(
+            total.area + cross / 2,
+            total.first + cross * (a + b) / 6,
+            total.second + cross * second / 12,
+        )
+    return total
+
+
+def _sector(centre: ca.SX, r: ca.SX, angle: ca.SX, along: ca.SX) -> Area:
+    """A sector of a disc; ``along`` is the integral of the unit vectors in its angle."""
+    size, first = angle * r**2 / 2, r**3 / 3 * along
+    second = angle * r**4 / 4 + 2 * ca.dot(centre, first) + size * ca.sumsqr(centre)
+    return Area(size, size * centre + first, second)
+
+
+def moved(shape: Shape | Union, by: Point) -> Shape | Union:
+    """``shape`` moved by a vector of its frame; raises ``ValueError`` for a half-plane."""
+    step = column(by)
+
+    def there(at: Point) -> tuple[ca.SX, ca.SX]:
+        found = column(at) + step
+        return found[0], found[1]
+
+    match shape:
+        case Union(whole):
+            return Union([moved(part, by) for part in whole])  # type: ignore[misc]
+        case Disc(radius, centre):
+            return Disc(radius, there(centre))
+        case Capsule(start, end, radius):
+            return Capsule(there(start), there(end), radius)
+        case Polygon(vertices, radius):
+            return Polygon([there(vertex) for vertex in vertices], radius)
+        case Box():
+            return moved(rectangle(shape), by)
+    raise ValueError(f"a {type(shape).__name__} cannot be moved; give a bounded shape")

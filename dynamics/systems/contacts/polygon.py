@@ -1,0 +1,236 @@
+"""Convex polygons, and bodies that are unions of convex shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems.checks import items, not_negative, point
+from dynamics.systems.contacts.shapes import (
+    Box,
+    Disc,
+    HalfPlane,
+    Point,
+    Pose,
+    Scalar,
+    Shape,
+    column,
+)
+
+_FLAT = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Polygon(Shape):
+    """A convex polygon, its ``vertices`` (at least three, in order) rounded by ``radius``.
+
+    The sides are those of the sharp polygon: rounding takes away from the corners, as it does with
+    :class:`Box`. Vertices that are numbers may run either way round, symbols must run from the
+    first axis of the plane to the second, counterclockwise in (x, y).
+
+    Raises ``ValueError`` for vertices without area, whose sides cross, or which are not convex, and
+    for a radius that leaves nothing of a side.
+    """
+
+    vertices: Sequence[Point]
+    radius: Scalar = 0.0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.vertices, str | ca.SX) or len(self.vertices) < 3:
+            raise ValueError(
+                f"Polygon vertices must be at least three points, got {self.vertices!r}"
+            )
+        numbers = [point(f"Polygon vertices[{i}]", v) for i, v in enumerate(self.vertices)]
+        not_negative("Polygon radius", self.radius)
+        if any(value is None for vertex in numbers for value in vertex):
+            return
+        at = np.array(numbers, dtype=float)
+        rounded = ca.SX(self.radius)
+        if found := fault(at, float(rounded) if rounded.is_constant() else 0.0):
+            raise ValueError(f"Polygon {found}")
+        ring = at[::-1] if clockwise(at) else at
+        object.__setattr__(self, "vertices", tuple((float(x), float(z)) for x, z in ring))
+
+    @cached_property
+    def normals(self) -> list[ca.SX]:
+        """The outward unit normal (2, 1) of every side, which starts at the vertex of its index."""
+        ring = [column(vertex) for vertex in self.vertices]
+        along = [b - a for a, b in zip(ring, ring[1:] + ring[:1], strict=True)]
+        return [ca.vertcat(e[1], -e[0]) / ca.norm_2(e) for e in along]
+
+    @property
+    def corners(self) -> tuple[Point, ...]:
+        """The centres of the rounded corners, ``v - r (m + n)/(1 + m'n)`` between normals m, n."""
+        return self._corners
+
+    @cached_property
+    def _corners(self) -> tuple[Point, ...]:
+        n = self.normals
+        return tuple(
+            column(v) - self.radius * (n[i - 1] + n[i]) / (1 + ca.dot(n[i - 1], n[i]))
+            for i, v in enumerate(self.vertices)
+        )
+
+    def beside(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
+        """``|p - c| - r`` where the corner c of the core is nearest, else ``max n'(p - c) - r``.
+
+        The maximum is over the sides: outside it is that of the side below p, inside that of the
+        nearest side. Once differentiable wherever p is outside the core or near one side alone.
+        """
+        p, corners, n = pose.local(point), list(map(column, self.corners)), self.normals
+        heights = [ca.dot(m, p - c) for m, c in zip(n, corners, strict=True)]
+        distance, normal = heights[0], n[0]
+        for height, m in zip(heights[1:], n[1:], strict=True):
+            normal = ca.if_else(height > distance, m, normal)
+            distance = ca.fmax(distance, height)
+        for i, corner in enumerate(corners):
+            apart = p - corner
+            # Past the end of the side before, and before the start of the side after.
+            past = n[i - 1][0] * apart[1] - n[i - 1][1] * apart[0] > 0
+            before = n[i][0] * apart[1] - n[i][1] * apart[0] < 0
+            near = ca.logic_and(past, before)
+            # Elsewhere the root's argument is 1, as its slope at 0 would be infinite.
+            length = ca.sqrt(ca.if_else(near, ca.sumsqr(apart), 1))
+            distance = ca.if_else(near, length, distance)
+            normal = ca.if_else(near, apart / length, normal)
+        return distance - self.radius, pose.turn(normal)
+
+
+def rectangle(box: Box) -> Polygon:
+    """``box`` as a polygon."""
+    x, z = box.half_size[0], box.half_size[1]
+    return Polygon([(x, z), (-x, z), (-x, -z), (x, -z)], box.radius)
+
+
+def fault(vertices: np.ndarray, radius: float) -> str | None:
+    """What keeps ``vertices`` (n, 2), rounded by ``radius``, from a convex polygon; else None."""
+    along = np.roll(vertices, -1, axis=0) - vertices
+    size = float(np.ptp(vertices, axis=0).max())
+    if not size or np.linalg.norm(along, axis=1).min() <= _FLAT * size:
+        return "has two equal vertices; leave one of them out"
+    if np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)[1] <= _FLAT * size:
+        return "has no area; give vertices that do not lie on one line"
+    if _crosses(vertices):
+        return "has sides that cross; give the vertices in their order around the outline"
+    before = np.roll(along, 1, axis=0)
+    turns = (-1 if clockwise(vertices) else 1) * _cross(before, along) / size**2
+    if turns.min() < -_FLAT:
+        return f"is not convex at vertex {turns.argmin()}; write it as a Union of convex polygons"
+    if turns.min() <= _FLAT:
+        return f"vertex {turns.argmin()} lies on the line of its neighbours; leave it out"
+    lengths = np.linalg.norm(along, axis=1)
+    turned = np.arctan2(np.abs(_cross(before, along)), (before * along).sum(axis=1))
+    taken = np.tan(turned / 2)
+    most = float((lengths / (taken + np.roll(taken, -1))).min())
+    if radius >= most:
+        return f"has corners rounded by {radius:g} m; expected less than {most:.6g} m"
+    return None
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def clockwise(vertices: np.ndarray) -> bool:
+    """Whether ``vertices`` (n, 2) run from the second axis of the plane to the first."""
+    return bool(_cross(vertices, np.roll(vertices, -1, axis=0)).sum() < 0)
+
+
+def _crosses(vertices: np.ndarray) -> bool:
+    """Whether two sides that are no neighbours cross."""
+    n, ends = len(vertices), np.roll(vertices, -1, axis=0)
+    for i in range(n):
+        for j in range(i + 2, n - (i == 0)):
+            a, b, c, d = vertices[i], ends[i], vertices[j], ends[j]
+            one = _cross(b - a, c - a) * _cross(b - a, d - a)
+            if one < 0 and _cross(d - c, a - c) * _cross(d - c, b - c) < 0:
+                return True
+    return False
+
+
+@dataclass(frozen=True, eq=False)
+class Union:
+    """A body made of convex ``parts`` that may share sides but no area, such as a T or an L.
+
+    Raises ``ValueError`` for no part, and for a part that is unbounded or no shape.
+    """
+
+    parts: Sequence[Shape]
+
+    def __post_init__(self) -> None:
+        parts = items("the parts of a Union", Shape, self.parts)
+        if not parts or any(isinstance(part, HalfPlane) for part in parts):
+            raise ValueError(f"a Union needs bounded shapes, got {self.parts!r}")
+        sharp = (rectangle(part) if isinstance(part, Box) else part for part in parts)
+        object.__setattr__(self, "parts", tuple(sharp))
+
+
+def parts(shape: Shape | Union) -> tuple[Shape, ...]:
+    """The convex shapes that ``shape`` consists of."""
+    return tuple(shape.parts) if isinstance(shape, Union) else (shape,)
+
+
+def vertex_pairs(one: Shape | Union, other: Shape | Union) -> list[tuple[Shape, Shape]]:
+    """The contacts of two bodies that may turn: each corner of one against each part of the other.
+
+    Two convex shapes apart are ``d = max t`` subject to ``t <= phi_i`` apart, phi_i the distance
+    of corner i of one core from the other shape. The contact requires ``t >= 0`` of every
+    constraint by itself, ``lam_i phi_i = mu``: the smoothing of this program is the central path of
+    the contact, and its ``phi_i`` are once differentiable outside the cores. The n impulses of two
+    shapes add up to ``mu sum 1/phi_i``, between ``mu/d`` and ``n mu/d``; shapes pressed together by
+    an impulse F stay between ``mu/F`` and ``n mu/F`` apart, and both go to zero with mu. Two sides
+    that lie on each other touch at the two ends of what they share. A disc has one contact with
+    each part.
+
+    The least ``phi_i`` is the distance of shapes apart and in touch, and minus their depth where a
+    corner is in a side. Where two sharp corners meet it is above minus the depth, and two shapes
+    that cross with no corner in the other count as apart. Corners that meet exactly push twice.
+    """
+    found = []
+    for a in parts(one):
+        for b in parts(other):
+            if 1 in (len(a.corners), len(b.corners)):
+                found.append((a, b))
+                continue
+            found += [(Disc(a.radius, corner), b) for corner in _outer(a, one)]
+            found += [(a, Disc(b.radius, corner)) for corner in _outer(b, other)]
+    return found
+
+
+def _outer(shape: Shape, of: Shape | Union) -> list[Point]:
+    """The corners of a part that are corners of the whole, each with the first part that has it."""
+    whole = parts(of)
+    if len(whole) == 1 or not isinstance(shape, Polygon):
+        return list(shape.corners)
+    kept = []
+    for corner in shape.corners:
+        angles = [_angle(part, corner) for part in whole]
+        first = next(part for part, angle in zip(whole, angles, strict=True) if angle > 0)
+        if sum(angles) < np.pi - 1e-6 and first is shape:
+            kept.append(corner)
+    return kept
+
+
+def _angle(part: Shape, at: Point) -> float:
+    """The angle [rad] that ``part`` fills around a place; of parts with symbols or rounding none
+    but their own corners'.
+    """
+    if not isinstance(part, Polygon):
+        return 0.0
+    sides = [
+        ca.dot(m, column(at) - column(c)) for m, c in zip(part.normals, part.corners, strict=True)
+    ]
+    if not all(side.is_constant() for side in sides):
+        return 1e-3 if any(at is corner for corner in part.corners) else 0.0
+    heights = np.array([float(side) for side in sides])
+    size = max(float(ca.norm_inf(column(v) - column(at))) for v in part.vertices)
+    on = np.flatnonzero(np.abs(heights) <= _FLAT * size)
+    if heights.max() > _FLAT * size:
+        return 0.0
+    if len(on) == 2:
+        return float(np.pi - ca.acos(ca.dot(*(part.normals[i] for i in on))))
+    return np.pi if len(on) else 2 * np.pi

@@ -1,0 +1,37 @@
+"""Progress of a study: how far its loops are, for whoever listens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import TypeVar
+
+T = TypeVar("T")
+Listener = Callable[[str, int, int], None]
+"""Is told what a loop computes, how many of its items are done, and how many there are."""
+_LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
+
+
+@contextmanager
+def listening(listener: Listener) -> Iterator[None]:
+    """Send the progress of every study in this block to ``listener``."""
+    token = _LISTENER.set(listener)
+    try:
+        yield
+    finally:
+        _LISTENER.reset(token)
+
+
+def report(what: str, done: int, total: int) -> None:
+    """Tell the listener, where there is one, that ``done`` of ``total`` items are finished."""
+    if listener := _LISTENER.get():
+        listener(what, done, total)
+
+
+def tracked(what: str, items: Sequence[T]) -> Iterator[T]:
+    """Yield the ``items`` of a loop and report each that is done."""
+    for done, item in enumerate(items):
+        report(what, done, len(items))
+        yield item
+    report(what, len(items), len(items))
