@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 # Tests start many processes: each reads the bytecode that the first one wrote.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-mpcc bench-random lint gallery claims docs generated notebooks numbers verdicts refined promises
+.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-mpcc bench-random bench-world lint gallery claims docs generated notebooks numbers verdicts refined promises
 
 setup: $(READY)
 
@@ -86,6 +86,10 @@ COUNT ?= 30
 SEED ?= 0
 bench-random: setup
 	$(BIN)/python -m tests.benchmarks.ocp.random_instances --count $(COUNT) --seed $(SEED) $(PROBLEMS)
+
+# Solves ten scenes of the plane by the default command; SCENES="box tee" those with such words.
+bench-world: setup
+	$(BIN)/python -m tests.benchmarks.ocp.world $(SCENES)
 
 # The site, from docs/ and docstrings into build/site; warnings are errors, and nothing is fetched.
 docs: setup

@@ -55,6 +55,7 @@ class Session:
     homotopy: bool | None = None
     factor: float | None = None
     start_value: float | None = None
+    search: bool | None = None
     compiled: StageCompiler | None = None
 
     def __post_init__(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.transcription import Method
 from ocp.transcription.nlp import StageCompiler
 from ocp.warm_start import GuessLike, carried_guess, carry, given_guess
+
+if TYPE_CHECKING:
+    from ocp.search import PushSearch
 
 Rank = Literal["planned", "exact", "referee"]
 """What orders several answers: their cost under the law, replayed under the exact one, or by the
@@ -50,6 +53,7 @@ def solve(
     rank_by: Rank = "planned",
     *,
     guess: GuessLike | None = None,
+    search: bool | None = None,
     refine: bool = False,
     method: Method | str | None = None,
     params: Mapping[str, Any] | None = None,
@@ -84,6 +88,9 @@ def solve(
     (N+1, nx) and inputs (N, nu); a dataset with ``x`` and ``u``; or a solution, such as a run that
     :func:`ocp.load` reads, resampled where its horizon differs.
 
+    ``search=True`` finds pushes from nothing (:mod:`ocp.search`), False never; by default a scene
+    is searched whose answer has no certificate, does not survive, or hardly beats standing still.
+
     ``refine`` plans again at half the step, from the last plan, until its cost and that of its
     replay at half the step agree (:func:`~ocp.refinement.refined`); of a problem object N is
     doubled and all else kept, of a named one it is as with parameters ``N`` and ``h``.
@@ -91,10 +98,17 @@ def solve(
     Raises :class:`~ocp.errors.InputError` for settings, names or combinations that cannot be.
     """
     check_starts(starts)
+    if search and start is not None:
+        raise InputError("start and search both say where to begin; give one of them")
     session = new_session(
         problem, contact, transcription, policy, solver, settings,
         method=method, params=params, contact_settings=contact_settings, **keywords,
     )  # fmt: skip
+    session.search = search
+    if search:
+        from ocp.search import check_search
+
+        check_search(session)
     if guess is not None:
         if start is not None:
             raise InputError("start and guess both say where to begin; give one of them")
@@ -126,7 +140,8 @@ def refine_from(
 
     def again(turned: dict[str, Any], start: Solution) -> Solution:
         compiled = StageCompiler() if session.compiled else None
-        finer = replace(session, problem=build(session.problem, turned), compiled=compiled)
+        rebuilt = replace(build(session.problem, turned), swept=found.problem.swept)
+        finer = replace(session, problem=rebuilt, compiled=compiled)
         values = {**session.values, **turned}
         finer.values |= {name: v for name, v in values.items() if name in finer.values}
         return solve_from(finer, start, seed, progress)
@@ -206,7 +221,7 @@ def new_session(
         chosen.homotopy,
         chosen.factor,
         chosen.start,
-        StageCompiler() if chosen.jit else None,
+        compiled=StageCompiler() if chosen.jit else None,
     )
     _check_use(session, set(own))
     return session
@@ -240,26 +255,46 @@ def solve_session(
 ) -> Solution:
     """Solve a session from one or several guesses.
 
+    A search over pushes replaces these where it is chosen and finds anything, and comes after them
+    where their answer falls short (:meth:`ocp.search.PushSearch.wanted`).
+
     Raises :class:`~ocp.solution.Interrupted`, with the best answer so far, or in the first start
     with the best point so far, where Ctrl-C ends it.
     """
     solutions: list[Solution] = []
+    pushes = _pushes(session, seed, progress)
     tried = WAYS if starts == 1 else starts
     guesses = initial_guesses(session.problem, session.values, tried, seed)
     try:
         with interruptible():
-            for number, guess in enumerate(guesses):
+            if pushes is not None and session.search:
+                solutions += pushes.solutions()
+            for number, guess in enumerate(guesses if not solutions else ()):
                 if number >= starts and not (session.from_afar and _stands_still(solutions[-1])):
                     break
                 first = keeping(session, seed, progress)
                 with nullcontext(progress) if solutions else first as watch:
                     outcome = session.solve(progress=watch, guess=guess, number=number)
                     solutions.append(judged(session, outcome, seed))
+            best = min(solutions, key=lambda found: rank(found, rank_by))
+            if pushes is not None and pushes.wanted(best):
+                solutions += pushes.solutions(best)
     except KeyboardInterrupt as stop:
         if not solutions:
             raise
         raise Interrupted(best_of(session, solutions, rank_by)) from stop
     return solutions[0] if len(solutions) == 1 else best_of(session, solutions, rank_by)
+
+
+def _pushes(
+    session: Session, seed: int, progress: Callable[[StageRecord], None] | None
+) -> PushSearch | None:
+    """The search over pushes, where it is chosen or the problem is a scene."""
+    if session.search is False or not (session.search or session.problem.system.scene):
+        return None
+    from ocp.search import PushSearch
+
+    return PushSearch(session, seed, progress)
 
 
 def _stands_still(found: Solution) -> bool:
@@ -310,7 +345,11 @@ def credited(session: Session, solutions: list[Solution]) -> list[Solution]:
 
 
 def rank(found: Solution, by: Rank = "planned") -> tuple[int, float]:
-    """Order answers: certified ones first, then the others that are feasible, then by cost."""
+    """Order answers: certified ones first, then the others that are feasible, then by cost.
+
+    Where plans were searched for, those that survive the referee come before all others.
+    """
     costs = {"planned": found.cost, "exact": found.audit.exact_cost, "referee": found.referee.cost}
     cost = costs[by]
-    return _FEASIBLE.get(found.status, 3), cost if np.isfinite(cost) else np.inf
+    lost = found.referee.survives is False and found.problem.system.scene
+    return _FEASIBLE.get(found.status, 3) + 4 * lost, cost if np.isfinite(cost) else np.inf

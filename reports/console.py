@@ -307,6 +307,16 @@ def violation_rows(audit: Audit) -> list[tuple[str, ...]]:
     ]
 
 
+def search_note(tried: Mapping[str, Any]) -> str:
+    """What a search over pushes tried (:class:`ocp.search.PushSearch`)."""
+    plans = tried["plans"]
+    kept = sum(bool(one["survives"]) for one in plans)
+    return (
+        f"Search: {tried['motions']} motions of {tried['steps']} steps rolled out;"
+        f" {len(plans)} {'plan' if len(plans) == 1 else 'plans'} solved, {kept} survive."
+    )
+
+
 def starts_table(others: Sequence[Mapping[str, Any]]) -> Table:
     """The other starts of a multi-start."""
     columns = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations")

@@ -62,7 +62,8 @@ class ContactSystem:
     ``refinable``: h only discretises, and ``h / 4`` is the same system, sampled more often.
     ``mass`` and ``stiffness`` are what must be positive definite, expressions in x and the
     parameters, where the system has them: M (nq, nq), of quasi-dynamics that of the free
-    coordinates alone, and its actuators' K.
+    coordinates alone, and its actuators' K. ``scene``: bodies, pushers and obstacles of a scene
+    with true gaps make it, so that the default route may search over pushes (:mod:`ocp.search`).
 
     Raises ``ValueError`` when a dimension does not fit or a symbol is not declared.
     """
@@ -89,6 +90,7 @@ class ContactSystem:
     refinable: bool = False
     mass: ca.SX | None = None
     stiffness: ca.SX | None = None
+    scene: bool = False
 
     def __post_init__(self) -> None:
         if not self.pairs:

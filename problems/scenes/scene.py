@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache, cached_property
 from itertools import accumulate, pairwise
 from typing import Any
@@ -155,7 +156,7 @@ class Scene:
         check_numbers(self, parameters)
         pull = ca.SX.zeros(2) if load is None else column(load)
         weights = [ca.vertcat(b.mass * pull, *[0] * b.turns) for b in self.bodies]
-        return quasi_dynamic(
+        made = quasi_dynamic(
             name,
             states=self.coordinates,
             inputs=self._commands("m", "commanded"),
@@ -171,6 +172,7 @@ class Scene:
             load=ca.vertcat(ca.SX(0, 1), *weights),
             parameters=parameters,
         )
+        return replace(made, scene=not linearised)
 
     def time_stepping(
         self,
@@ -203,7 +205,7 @@ class Scene:
         free = M.numel() - len(masses)
         speeds = (Signal(f"v_{c.name}", f"{c.unit}/s", f"speed of {c.name}")
                   for c in self.coordinates)  # fmt: skip
-        return time_stepping(
+        made = time_stepping(
             name,
             states=(*self.coordinates, *speeds),
             inputs=self._commands("N", "force on"),
@@ -219,6 +221,7 @@ class Scene:
             parameters=parameters,
             book=energy_book(self, M, M * falling, h),
         )
+        return replace(made, scene=not linearised)
 
     def _commands(self, unit: str, what: str) -> tuple[Signal, ...]:
         coordinates = (c for pusher in self.pushers for c in pusher.coordinates)

@@ -108,6 +108,10 @@ class SolveOptions(StartsOptions):
     require: str | None = option(
         None, metavar="survives", help="Exit 3 unless the plan survives the referee."
     )
+    search: bool | None = option(
+        None, "--search/--no-search",
+        help="Search over pushes from nothing; by default for a scene whose answer falls short.",
+    )  # fmt: skip
     refine: bool = option(False, help="Solve again at h/2, h/4, ... until the cost converges.")
     plot: Path | None = option(
         None, metavar="FILE", help="Draw the solution to a .pdf, .svg or .png file."

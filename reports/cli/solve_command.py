@@ -48,6 +48,13 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
         format_of(options.plot)
         check_place(options.plot, "figure")
     request = Request.read(options)
+    if options.search and (options.starts > 1 or options.start is not None):
+        raise InputError("--search finds its own starts; drop --starts and --from")
+    request.session.search = options.search
+    if options.search:
+        from ocp.search import check_search
+
+        check_search(request.session)
     if options.refine:
         halved(request.session.problem, request.session.values, 1)
     workers = min(options.jobs, options.starts)
@@ -150,6 +157,8 @@ def show(output: Output, solution: Solution) -> None:
         output.note(contact_table(solution.audit))
     if solution.audit.worst and not solution.success:
         output.note(console.violation_table(solution))
+    if searched := solution.record.get("search"):
+        output.note(console.search_note(searched))
     if solution.others:
         output.note(console.starts_table(solution.others))
 
@@ -182,6 +191,7 @@ def document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
         "survives_at_h": solution.referee.survives_at_h,
         "refined_cost": solution.referee.refined_cost,
         "refined": record.get("refined"),
+        "search": record.get("search"),
         "referee": asdict(solution.referee),
         "grade": solution.grade,
         "stages": [asdict(stage) for stage in solution.stages],

@@ -35,7 +35,10 @@ def _work(name: str, line: str, leaves: str = "") -> Work:
 
 MAKING = (
     _work("solve", "solve wall-1d -p N=4"),
-    _work("continue", "continue wall-1d -p N=4 --over contact.mu --from 1e-1 --to 1e-2 --steps 4"),
+    _work(
+        "continue",
+        "continue wall-1d --contact barrier -p N=4 --over contact.mu --from .1 --to .01 --steps 4",
+    ),
     _work("estimate", "estimate heaviside -n 2000 --sweep sigma=0.1:1:4"),
     _work("sweep", "sweep push-1d -p N=3 --over M=1:2:4"),
     _work(

@@ -1,0 +1,168 @@
+"""Search over how to touch: plans found from nothing by pushes, each solved on its own branch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ocp.errors import InputError
+from ocp.judgement import judged
+from ocp.judges.referee import PENETRATION_SHARE
+from ocp.policy import Feedback
+from ocp.programs.solver import Point, Result, Status
+from ocp.rollout import Rollout, roll_on
+from ocp.routes.branches import Branches
+from ocp.routes.homotopy import Homotopy, Progress, RouteResult
+from ocp.routes.rollouts import pack_rollout
+from ocp.routes.touching import TouchSearch, searchable
+from ocp.session import Session
+from ocp.solution import Solution, StageRecord
+
+CANDIDATES = 4
+"""Plans of the tree that are solved locally."""
+ITERATIONS = 100
+"""Of a branch of a plan, after which it is given up."""
+_REPLAYS, _SAME = 3, 1e-3
+"""Branches solved one from the replay of another, and difference of states, in characteristic
+sizes, up to which a replay is the plan."""
+IDLE_SHARE = 0.9
+"""Share of the cost of standing still above which an answer of a scene is searched for anew."""
+
+
+def check_search(session: Session) -> None:
+    """Raise :class:`~ocp.errors.InputError` where no pushes can be searched for."""
+    if not searchable(session.problem):
+        raise InputError(
+            f"{session.problem.name}: the search needs inputs that are commanded places of pushers,"
+            " as in a quasi-dynamic scene, one scenario and a given start; leave --search out"
+        )
+    if isinstance(session.policy, Feedback):
+        raise InputError("the search plans inputs, no feedback gains; leave --search out")
+
+
+def through(found: Solution) -> bool:
+    """Whether the plan passes through anything between nodes, as far as the referee tolerates."""
+    worst, depth = found.referee.between, PENETRATION_SHARE * found.problem.scales.gap
+    return worst is not None and worst.amount > depth
+
+
+@dataclass
+class PushSearch:
+    """Plans of a session's problem, swept, from a tree over pushes drawn from ``seed``.
+
+    ``tried`` describes for the record what was rolled out and what became of it.
+    """
+
+    session: Session
+    seed: int = 0
+    progress: Progress | None = None
+    tried: dict[str, Any] = field(default_factory=dict)
+
+    def solutions(self, found: Solution | None = None) -> Iterator[Solution]:
+        """Solve what was ``found`` as swept, then the best plans of the tree, each on its branch.
+
+        Under another law than the exact one, or another method, a plan is the guess of the law's
+        own route. What passes through nothing is not solved again.
+        """
+        swept = self._swept()
+        if found is not None and found.status is not Status.NO_PROGRESS and through(found):
+            guess = found.data["x"].values[0], found.data["u"].values[0]
+            outcome = swept.solve(guess=guess, progress=self.progress)
+            yield judged(swept, outcome, self.seed)
+        if searchable(swept.problem):
+            yield from self._pushed(swept)
+
+    def wanted(self, found: Solution) -> bool:
+        """Whether the default route goes on to search: a scene's answer falls short.
+
+        That is one without a certificate, one that does not survive the referee, and one that costs
+        more than :data:`IDLE_SHARE` of standing still.
+        """
+        session = self.session
+        if session.search is not None or not session.complementary:
+            return False
+        if isinstance(session.policy, Feedback) or session.problem.scenarios.n > 1:
+            return False
+        idle = found.idle_cost > 0 and found.cost > IDLE_SHARE * found.idle_cost
+        return bool(idle or not found.certificate.certified or found.referee.survives is False)
+
+    def _pushed(self, swept: Session) -> Iterator[Solution]:
+        tree = TouchSearch(swept.problem, swept.values, self.seed)
+        nodes = []
+        for number, nodes in enumerate(tree.rounds(), 1):
+            self._report(number, nodes[0].resting, tree.tried)
+        plans = [
+            plan for node in nodes[:CANDIDATES]
+            if (plan := self._rolled(swept, tree.whole(node))) is not None
+        ]  # fmt: skip
+        self.tried |= {"seed": self.seed, "motions": tree.tried, "steps": tree.rolled, "plans": []}
+        for plan, found in self._solved(swept, plans):
+            self.tried["plans"].append({
+                "rolled_cost": plan.cost, "cost": found.cost, "status": found.status.label,
+                "survives": found.referee.survives,
+                "pushers": plan.x[0, :, -swept.problem.system.nu :].tolist(),
+            })  # fmt: skip
+            yield replace(found, record={**found.record, "swept": True, "search": self.tried})
+            if found.certificate.certified and found.referee.survives:
+                break
+
+    def _rolled(self, swept: Session, inputs: np.ndarray) -> Rollout | None:
+        plan, failed = roll_on(swept.problem, inputs[None], swept.values)
+        return plan if failed is None else None
+
+    def _solved(self, swept: Session, plans: list[Rollout]) -> Iterator[tuple[Rollout, Solution]]:
+        """Plans with what their branches give, the cheapest first, each improved in its turn.
+
+        The unimproved answer follows where the improved one does not survive.
+        """
+        if not swept.complementary:
+            for plan in plans:
+                outcome = swept.solve(guess=(plan.x[0], plan.u[0]), progress=self.progress)
+                yield plan, judged(swept, outcome, self.seed)
+            return
+        ends = [(plan, *end) for plan in plans if (end := self._settled(swept, plan)) is not None]
+        for plan, branches, end in sorted(ends, key=lambda one: one[2].f):
+            found = self._judged(swept, branches, branches.improve(end))
+            yield plan, found
+            if found.referee.survives is False:
+                yield plan, self._judged(swept, branches, end)
+
+    def _settled(self, swept: Session, plan: Rollout) -> tuple[Branches, Result] | None:
+        """The answer on a plan's branch, or on that of its replay where contacts differ there."""
+        found = None
+        for _ in range(_REPLAYS):
+            branches = Branches(Homotopy(swept.nlp_of, swept.solver, swept.values, self.progress))
+            point = Point(pack_rollout(branches.program, plan, None))
+            end = branches.solve_branch(point, ITERATIONS)
+            if end is None:
+                break
+            found = branches, end
+            blocks = branches.program.variables.unpack(end.point.x)
+            again = self._rolled(swept, blocks["u"][0])
+            if again is None:
+                break
+            off = np.abs(again.x[0, 1:] - blocks["x"][0]) / swept.problem.scales.x
+            if off.max() < _SAME:
+                break
+            plan = again
+        return found
+
+    def _judged(self, swept: Session, branches: Branches, end: Result) -> Solution:
+        outcome = RouteResult(end, branches.program, True, branches.follower.trace)
+        return judged(swept, outcome, self.seed)
+
+    def _swept(self) -> Session:
+        session = self.session
+        if session.problem.swept:
+            return session
+        swept = replace(session, problem=replace(session.problem, swept=True), search=False)
+        swept.values |= session.values
+        return swept
+
+    def _report(self, number: int, cost: float, motions: int) -> None:
+        if self.progress is not None:
+            nan = np.nan
+            self.progress(StageRecord("pushes", number, cost, nan, nan, motions, nan, "searched"))

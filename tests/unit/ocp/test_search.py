@@ -1,0 +1,126 @@
+"""Pushes found from nothing: steps, complementarity problems and plans by independent means."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from dynamics.systems import ParameterTable
+from ocp import solve
+from ocp.errors import InputError
+from ocp.judges.referee import RefereeReport
+from ocp.problem import SWEPT, Constraint, Problem, Scaling
+from ocp.rollout import roll_on
+from ocp.routes.near_steps import NearSteps, linear_complementarity
+from ocp.routes.touching import TouchSearch
+from ocp.search import PushSearch, through
+from ocp.solve import new_session
+from ocp.stationarity.certificate import Certificate
+from problems import get
+from problems.scenes import Body, Box, Disc, Obstacle, Pusher, Scene
+
+REACH = 0.15
+
+
+def behind(N: int = 20) -> Problem:
+    """The finger stands between a disc and its goal; a block narrows the way round."""
+    scene = Scene(
+        [
+            Pusher("finger", Disc(0.05), at=(-0.3, 0.0), stiffness=50.0),
+            Body("disc", Disc(0.15), at=(0.0, 0.0), mass=1.0, inertia=0.01),
+            Obstacle("block", Box((0.1, 0.05)), at=(0.0, -0.4)),
+        ],
+        friction=0.3,
+    )
+    table = ParameterTable(())
+    system = scene.quasi_dynamic("behind", table, h=0.05)
+    off = scene.of("disc", system.x)[:2] - ca.vertcat(-0.3, 0)
+    du = ca.SX.sym("du", 2)
+    return Problem(
+        "behind", system, N, stage_cost=0.1 * ca.sumsqr(du), terminal_cost=10 * ca.sumsqr(off),
+        x0=scene.at_rest(system), parameters=table, du=du, u_before=scene.hold,
+        path=[Constraint("reach", system.u - scene.of("finger", system.x), -REACH, REACH)],
+        scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),
+    )  # fmt: skip
+
+
+def test_linear_complementarity_problems_agree_with_enumeration() -> None:
+    rng, n = np.random.default_rng(0), 4
+    A = rng.normal(size=(50, n, n))
+    F, z = A @ A.transpose(0, 2, 1) + 0.1 * np.eye(n), rng.normal(size=(50, n))
+    found = linear_complementarity(F, z, np.ones((50, n), dtype=bool))
+    for matrix, vector, lam in zip(F, z, found, strict=True):
+        answers = []
+        for active in itertools.product((False, True), repeat=n):
+            own, on = np.zeros(n), np.array(active)
+            own[on] = np.linalg.solve(matrix[np.ix_(on, on)], -vector[on])
+            if own.min() >= 0 and (matrix @ own + vector).min() >= -1e-12:
+                answers.append(own)
+        np.testing.assert_allclose(lam, answers[0], atol=1e-6)
+
+
+def test_steps_with_near_contacts_are_the_exact_laws() -> None:
+    problem, single = behind(), behind(1)
+    values, physical = problem.parameters.defaults, problem.parameters.pack({})
+    rng = np.random.default_rng(1)
+    angle = rng.uniform(0, 2 * np.pi, 12)
+    x = np.zeros((12, 5))
+    x[:, 3:] = 0.21 * np.column_stack([np.cos(angle), np.sin(angle)])
+    u = x[:, 3:] + rng.uniform(-0.1, 0.1, (12, 2))
+    near = NearSteps(problem, problem.referee_step.system, physical)(x, u)
+    for start, command, end in zip(x, u, near, strict=True):
+        exact, failed = roll_on(single, command[None, None], values, x0=start[None])
+        assert failed is None
+        np.testing.assert_allclose(end, exact.x[0, 1], atol=1e-6)
+
+
+def test_a_plan_is_found_from_behind_and_has_the_same_bits_again() -> None:
+    problem = behind()
+    found = solve(problem, contact="exact", search=True)
+    assert found.certificate.certified and found.referee.survives
+    assert found.cost < 0.3 * found.idle_cost and not through(found)
+    assert found.problem.swept and found.record["search"]["motions"] > 100
+    seen = [
+        [(node.x.tobytes(), node.cost) for node in nodes]
+        for _ in range(2)
+        for nodes in TouchSearch(problem, problem.parameters.defaults, 3).rounds(2)
+    ]
+    assert seen[:2] == seen[2:]
+
+
+def test_what_is_swept_stays_apart_on_the_way_too() -> None:
+    problem = behind(8)
+    x, x_next = np.array([0, 0, 0, -0.3, 0.02]), np.array([0, 0, 0, 0.3, 0.02])
+    swept = replace(problem, swept=True)
+    (way,) = (one for one in swept.path if one.name == SWEPT)
+    system = swept.system
+    value = ca.Function("way", [system.x, system.x_next], [way.expression])(x, x_next)
+    assert system.phi is not None
+    phi = ca.Function("phi", [system.x], [system.phi])
+    expected = [phi(x + share * (x_next - x)) for share in (0.25, 0.5, 0.75)]
+    np.testing.assert_allclose(np.array(value), np.array(ca.vertcat(*expected)), atol=1e-12)
+    lower = np.array(ca.DM(way.lower))
+    assert float(ca.mmin(value)) < -0.1 < lower.min() and lower.max() < 0
+
+
+def test_an_answer_that_stands_still_or_is_lost_falls_short() -> None:
+    session = new_session(behind(2), "exact")
+    pushes = PushSearch(session)
+    found = solve(behind(2), contact="exact", search=False)
+    assert pushes.wanted(replace(found, cost=0.95 * found.idle_cost))
+    good = replace(found, cost=0.5 * found.idle_cost, certificate=Certificate("B"))
+    assert not pushes.wanted(replace(good, referee=RefereeReport(survives=True)))
+    assert pushes.wanted(replace(good, referee=RefereeReport(survives=False)))
+    session.search = False
+    assert not pushes.wanted(replace(found, cost=found.idle_cost))
+
+
+def test_no_search_where_inputs_are_forces() -> None:
+    with pytest.raises(InputError, match="commanded places"):
+        solve(get("wall-1d"), contact="exact", search=True)
+    with pytest.raises(InputError, match="give one of them"):
+        solve(get("push-disc"), search=True, start=object())  # type: ignore[arg-type]
