@@ -13,9 +13,9 @@ from ocp.judgement import judged
 from ocp.judges.referee import PENETRATION_SHARE
 from ocp.policy import Feedback
 from ocp.programs.solver import Point, Result, Status
-from ocp.rollout import Rollout, roll_on
+from ocp.rollout import Rollout
 from ocp.routes.branches import Branches
-from ocp.routes.homotopy import Homotopy, Progress, RouteResult
+from ocp.routes.homotopy import Homotopy, Progress, RouteResult, Trace
 from ocp.routes.rollouts import pack_rollout
 from ocp.routes.touching import TouchSearch, searchable
 from ocp.session import Session
@@ -25,7 +25,9 @@ CANDIDATES = 4
 """Plans of the tree that are solved locally."""
 ITERATIONS = 100
 """Of a branch of a plan, after which it is given up."""
-_REPLAYS, _SAME = 3, 1e-3
+_FIRST = 2
+"""Of these, solved before the others."""
+_REPLAYS, _SAME = 5, 1e-3
 """Branches solved one from the replay of another, and difference of states, in characteristic
 sizes, up to which a replay is the plan."""
 IDLE_SHARE = 0.9
@@ -94,26 +96,31 @@ class PushSearch:
         nodes = []
         for number, nodes in enumerate(tree.rounds(), 1):
             self._report(number, nodes[0].resting, tree.tried)
+        self.tried |= {"seed": self.seed, "motions": tree.tried, "steps": tree.rolled, "plans": []}
         plans = [
             plan for node in nodes[:CANDIDATES]
-            if (plan := self._rolled(swept, tree.whole(node))) is not None
+            if (plan := tree.rollout(tree.whole(node))) is not None
         ]  # fmt: skip
-        self.tried |= {"seed": self.seed, "motions": tree.tried, "steps": tree.rolled, "plans": []}
-        for plan, found in self._solved(swept, plans):
-            self.tried["plans"].append({
-                "rolled_cost": plan.cost, "cost": found.cost, "status": found.status.label,
-                "survives": found.referee.survives,
-                "pushers": plan.x[0, :, -swept.problem.system.nu :].tolist(),
-            })  # fmt: skip
-            yield replace(found, record={**found.record, "swept": True, "search": self.tried})
-            if found.certificate.certified and found.referee.survives:
+        plans.sort(key=lambda plan: plan.cost)
+        # The best few first: those that follow are solved only where none of these survives.
+        for first in (slice(0, _FIRST), slice(_FIRST, None)):
+            good = False
+            for plan, found in self._solved(swept, tree, plans[first]):
+                self.tried["plans"].append({
+                    "rolled_cost": plan.cost, "cost": found.cost, "status": found.status.label,
+                    "survives": found.referee.survives,
+                    "pushers": plan.x[0, :, -swept.problem.system.nu :].tolist(),
+                })  # fmt: skip
+                yield replace(found, record={**found.record, "swept": True, "search": self.tried})
+                good = bool(found.certificate.certified and found.referee.survives)
+                if good:
+                    break
+            if good:
                 break
 
-    def _rolled(self, swept: Session, inputs: np.ndarray) -> Rollout | None:
-        plan, failed = roll_on(swept.problem, inputs[None], swept.values)
-        return plan if failed is None else None
-
-    def _solved(self, swept: Session, plans: list[Rollout]) -> Iterator[tuple[Rollout, Solution]]:
+    def _solved(
+        self, swept: Session, tree: TouchSearch, plans: list[Rollout]
+    ) -> Iterator[tuple[Rollout, Solution]]:
         """Plans with what their branches give, the cheapest first, each improved in its turn.
 
         The unimproved answer follows where the improved one does not survive.
@@ -123,36 +130,46 @@ class PushSearch:
                 outcome = swept.solve(guess=(plan.x[0], plan.u[0]), progress=self.progress)
                 yield plan, judged(swept, outcome, self.seed)
             return
-        ends = [(plan, *end) for plan in plans if (end := self._settled(swept, plan)) is not None]
-        for plan, branches, end in sorted(ends, key=lambda one: one[2].f):
+        follower = Homotopy(swept.nlp_of, swept.solver, swept.values, self.progress)
+        branches = Branches(follower)
+        ends = [
+            (plan, *end) for plan in plans
+            if (end := self._settled(branches, tree, plan)) is not None
+        ]  # fmt: skip
+        for plan, end, _ in sorted(ends, key=lambda one: (one[2] > _SAME, one[1].f)):
             found = self._judged(swept, branches, branches.improve(end))
             yield plan, found
             if found.referee.survives is False:
                 yield plan, self._judged(swept, branches, end)
 
-    def _settled(self, swept: Session, plan: Rollout) -> tuple[Branches, Result] | None:
-        """The answer on a plan's branch, or on that of its replay where contacts differ there."""
-        found = None
+    def _settled(
+        self, branches: Branches, tree: TouchSearch, plan: Rollout
+    ) -> tuple[Result, float] | None:
+        """The answer on a plan's branch, or on that of its replay where contacts differ there.
+
+        With it, by how much the states of its replay differ, in characteristic sizes.
+        """
+        found, program = None, branches.program
         for _ in range(_REPLAYS):
-            branches = Branches(Homotopy(swept.nlp_of, swept.solver, swept.values, self.progress))
-            point = Point(pack_rollout(branches.program, plan, None))
+            point = Point(pack_rollout(program, plan, None))
             end = branches.solve_branch(point, ITERATIONS)
             if end is None:
                 break
-            found = branches, end
-            blocks = branches.program.variables.unpack(end.point.x)
-            again = self._rolled(swept, blocks["u"][0])
+            blocks = program.variables.unpack(end.point.x)
+            again = tree.rollout(blocks["u"][0])
             if again is None:
+                found = found or (end, np.inf)
                 break
-            off = np.abs(again.x[0, 1:] - blocks["x"][0]) / swept.problem.scales.x
+            off = np.abs(again.x[0, 1:] - blocks["x"][0]) / tree.problem.scales.x
+            found, plan = (end, float(off.max())), again
             if off.max() < _SAME:
                 break
-            plan = again
         return found
 
     def _judged(self, swept: Session, branches: Branches, end: Result) -> Solution:
-        outcome = RouteResult(end, branches.program, True, branches.follower.trace)
-        return judged(swept, outcome, self.seed)
+        """Judge an answer; the work so far counts as its own."""
+        trace, branches.follower.trace = branches.follower.trace, Trace()
+        return judged(swept, RouteResult(end, branches.program, True, trace), self.seed)
 
     def _swept(self) -> Session:
         session = self.session

@@ -84,14 +84,15 @@ class Branches:
         found = []
         for active in reversed(self.program.active_sets(start.x)):
             before = len(self.follower.trace.records)
-            one = self._solve_branch(start, active, most)
+            one = self.follow(start, active, most)
             if one is not None:
                 found.insert(0, one)
                 took = max((r.iterations for r in self.follower.trace.records[before:]), default=0)
                 most = min(most, second_limit(took))
         return min(found, key=lambda one: one.f, default=None)
 
-    def _solve_branch(self, start: Point, active: np.ndarray, most: int) -> Result | None:
+    def follow(self, start: Point, active: np.ndarray, most: int) -> Result | None:
+        """Solve a branch, and its neighbours at pairs that are (0, 0) while these cost less."""
         best, point, own = None, start, self.program.natural.f
         for _ in range(_ROUNDS):
             found = self.solved.get(active.tobytes()) or self.solve(point, active, most)

@@ -18,6 +18,8 @@ from ocp.problem import Problem
 _ITERATIONS, _LINEARISATIONS, _TO_EDGE, _LEAST = 40, 10, 0.995, 1e-12
 _SOLVED, _DEEP = 1e-9, 1e-6
 """Error of steps, and depth of a contact that was left out, in characteristic units."""
+_LOOSE = 1e-6
+"""Friction, in characteristic impulses, below which a contact has none."""
 _NEAR = 8
 """Contacts that a step looks at, the nearest."""
 
@@ -38,6 +40,11 @@ class NearSteps:
         self.of_gap = np.where(impulses, scales.gap, scales.impulse)
         owners = np.array([pair.contact for pair in system.pairs])
         self.owners = [np.flatnonzero(owners == i) for i in range(owners.max() + 1)]
+        kinds = [pair.kind for pair in system.pairs]
+        self.slips = [
+            (i, [j for j in self.owners[pair.contact] if kinds[j] == "friction"])
+            for i, pair in enumerate(system.pairs) if pair.kind == "slip"
+        ]  # fmt: skip
         width = max(map(len, self.owners))
         # Contacts with fewer pairs repeat their last, which a mask leaves out.
         self.rows = np.array([[*own, *[own[-1]] * (width - len(own))] for own in self.owners])
@@ -57,6 +64,10 @@ class NearSteps:
 
     def __call__(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """The next states (S, nx)."""
+        return self.solved(x, u)[0]
+
+    def solved(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The next states (S, nx), multipliers and gaps (S, nlam) of all pairs."""
         S, zeros = len(x), np.zeros((len(x), self.n))
         once = self._once(x, u, np.zeros_like(x), zeros, self.p)
         moved = np.linalg.inv(once["moved"])
@@ -65,20 +76,29 @@ class NearSteps:
         phi = np.asarray(self._distance(x, self.p))[:, : len(self.owners)]
         near = np.argsort(phi, axis=1, kind="stable")[:, :_NEAR]
         rows, real = self.rows[near].reshape(S, -1), self.real[near].reshape(S, -1)
-        x_next, left = x.copy(), np.arange(S)
+        x_next, left, near_lam = x.copy(), np.arange(S), np.zeros(rows.shape)
         for _ in range(_LINEARISATIONS):
             some = x[left], u[left], x_next[left]
-            there, gap = self._linearised(*some, a[left], B[left], rows[left], real[left])
+            there, lam = self._linearised(*some, a[left], B[left], rows[left], real[left])
             off = np.abs(there - x_next[left]).max(axis=1)
-            x_next[left] = there
+            x_next[left], near_lam[left] = there, lam
             left = left[~(off < _SOLVED) & np.isfinite(off)]
             if not len(left):
                 break
-        gap = self._along(x, u, x_next, zeros, self.p)["gap"][:, :, 0]
+        lam, (s, k) = zeros, np.nonzero(real)
+        lam[s, rows[s, k]] = near_lam[s, k] * self.of_lam[rows[s, k]]
+        gap = self._along(x, u, x_next, lam, self.p)["gap"][:, :, 0]
+        for slip, sides in self.slips:
+            # A contact without an impulse leaves its slip open above what the motion asks for: one
+            # that is larger makes no pair of its own (0, 0).
+            more = np.maximum(0.0, self.of_lam[slip] - gap[:, sides].min(axis=1))
+            more[lam[:, sides].max(axis=1) > _LOOSE * self.of_gap[slip]] = 0.0
+            lam[:, slip] += more
+            gap[:, sides] += more[:, None]
         normal = np.array([own[0] for own in self.owners])
         x_next[(gap[:, normal] / self.of_gap[normal] < -_DEEP).any(axis=1)] = np.nan
         x_next[left] = np.nan
-        return x_next
+        return x_next, lam, gap
 
     def _linearised(
         self, x: np.ndarray, u: np.ndarray, at: np.ndarray, a: np.ndarray, B: np.ndarray,

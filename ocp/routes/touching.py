@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from dynamics.batch import BatchFunction
 from ocp.problem import SWEPT, Problem
-from ocp.rollout import at_steps
+from ocp.rollout import Rollout, at_steps, problem_impulses, trajectory_costs
 from ocp.routes.near_steps import NearSteps
 
 _ROUNDS, _BEAM = 4, 8
@@ -319,6 +319,23 @@ class TouchSearch:
             self.problem.cost_terms, x[:, None], u, 0 * u, none, p=self.physical
         )
         return (self.problem.N - gone) * stage[:, 0, 0] + terminal[:, 0, 0]
+
+    def rollout(self, inputs: np.ndarray) -> Rollout | None:
+        """What inputs (N, nu) do under the model's own exact law; None where a step fails."""
+        problem, step = self.problem, self.problem.exact_step
+        steps = NearSteps(problem, problem.system, self.physical)
+        x, found = [self.first().x], []
+        for u in inputs:
+            x_next, lam, gap = steps.solved(x[-1], u[None])
+            if not np.isfinite(x_next).all():
+                return None
+            x.append(x_next)
+            found.append((lam, gap))
+        lam, gap = (np.array(part).transpose(1, 0, 2) for part in zip(*found, strict=True))
+        states = np.array(x).transpose(1, 0, 2)
+        impulses = problem_impulses(problem, step, states, inputs[None], lam, self.physical)
+        costs = trajectory_costs(problem, states, inputs[None], impulses, self.physical)
+        return Rollout(states, inputs[None], lam, gap, impulses, costs)
 
     def whole(self, node: Node) -> np.ndarray:
         """Inputs (N, nu) of a plan, the last held to the end."""
