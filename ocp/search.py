@@ -27,7 +27,9 @@ ITERATIONS = 100
 """Of a branch of a plan, after which it is given up."""
 _FIRST = 2
 """Of these, solved before the others."""
-_REPLAYS, _SAME = 5, 1e-3
+_MANY = 24
+"""Pairs of a step above which a scene is searched before anything else."""
+_REPLAYS, _SAME = 3, 1e-3
 """Branches solved one from the replay of another, and difference of states, in characteristic
 sizes, up to which a replay is the plan."""
 IDLE_SHARE = 0.9
@@ -77,16 +79,29 @@ class PushSearch:
         if searchable(swept.problem):
             yield from self._pushed(swept)
 
+    @property
+    def first(self) -> bool:
+        """Whether the search replaces the usual path: where chosen, and in scenes of many corners.
+
+        Relaxations of so many pairs take minutes, and end in the nearest valley.
+        """
+        many = self._own and self.session.problem.system.nlam > _MANY
+        return bool(self.session.search or (many and searchable(self.session.problem)))
+
+    @property
+    def _own(self) -> bool:
+        """Whether the default route may search of its own accord."""
+        session = self.session
+        plain = session.problem.scenarios.n == 1 and not isinstance(session.policy, Feedback)
+        return session.search is None and session.complementary and plain
+
     def wanted(self, found: Solution) -> bool:
         """Whether the default route goes on to search: a scene's answer falls short.
 
         That is one without a certificate, one that does not survive the referee, and one that costs
         more than :data:`IDLE_SHARE` of standing still.
         """
-        session = self.session
-        if session.search is not None or not session.complementary:
-            return False
-        if isinstance(session.policy, Feedback) or session.problem.scenarios.n > 1:
+        if not self._own:
             return False
         idle = found.idle_cost > 0 and found.cost > IDLE_SHARE * found.idle_cost
         return bool(idle or not found.certificate.certified or found.referee.survives is False)
@@ -137,9 +152,10 @@ class PushSearch:
             if (end := self._settled(branches, tree, plan)) is not None
         ]  # fmt: skip
         for plan, end, _ in sorted(ends, key=lambda one: (one[2] > _SAME, one[1].f)):
-            found = self._judged(swept, branches, branches.improve(end))
+            best = branches.improve(end)
+            found = self._judged(swept, branches, best)
             yield plan, found
-            if found.referee.survives is False:
+            if found.referee.survives is False and best is not end:
                 yield plan, self._judged(swept, branches, end)
 
     def _settled(

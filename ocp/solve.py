@@ -255,8 +255,9 @@ def solve_session(
 ) -> Solution:
     """Solve a session from one or several guesses.
 
-    A search over pushes replaces these where it is chosen and finds anything, and comes after them
-    where their answer falls short (:meth:`ocp.search.PushSearch.wanted`).
+    A search over pushes replaces these where it is chosen, or the scene has many corners, and it
+    finds anything; it comes after them where their answer falls short
+    (:meth:`ocp.search.PushSearch.wanted`).
 
     Raises :class:`~ocp.solution.Interrupted`, with the best answer so far, or in the first start
     with the best point so far, where Ctrl-C ends it.
@@ -267,8 +268,9 @@ def solve_session(
     guesses = initial_guesses(session.problem, session.values, tried, seed)
     try:
         with interruptible():
-            if pushes is not None and session.search:
+            if pushes is not None and pushes.first:
                 solutions += pushes.solutions()
+                pushes = None
             for number, guess in enumerate(guesses if not solutions else ()):
                 if number >= starts and not (session.from_afar and _stands_still(solutions[-1])):
                     break

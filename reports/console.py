@@ -152,7 +152,7 @@ def shown_stages(
     cost = math.nan if cost is None else cost
     off = [(abs(stage.cost - cost), -number) for number, stage in shown if stage.accepted]
     least, place = min(off, default=(math.inf, 0))
-    found = least <= _SAME * max(abs(cost), _SAME)
+    found = math.isfinite(cost) and least <= _SAME * max(abs(cost), _SAME)
     return shown[: -place if found else None], found
 
 

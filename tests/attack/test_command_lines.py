@@ -127,7 +127,7 @@ solve push-1d -p N=4 --json -p M=1e-3 -p goal_x=1e308
 solve wall-1d -p N=4 --json --contact barrier -c mu=1e-300
 solve wall-1d -p N=4 --json --contact barrier -c mu=1e300
 continue wall-1d -p N=3 --over m --from 1 --to 1e-300 --steps 3 --json
-continue wall-1d --contact barrier --over contact.mu --from 1 --to 1e-300 --scale log --json
+continue wall-1d --contact barrier -p N=3 --over mu --from 1 --to 1e-99 --scale log --steps 3 --json
 estimate belt-block --sigma 1e308 -n 100 --json
 estimate heaviside --sigma 1e308 -n 100 --json
 estimate heaviside --sigma 1e-308 -n 100 --json
@@ -239,7 +239,7 @@ def drawn(dice: Random) -> list[str]:
         "solve wall-1d --contact adaptive": ["-p N={}", "-c sigma={}", "-p m={}", "-p h={}"],
         "solve wall-1d --contact randomized -c samples=8": [
             "-c samples={}", "-c sigma={}", "-c seed={}"],
-        "continue wall-1d --contact barrier --over contact.mu --from 1 --to 1e-2 --steps 3": [
+        "continue wall-1d --contact barrier -p N=3 --over mu --from 1 --to 1e-2 --steps 3": [
             "--from {}", "--to {}", "--steps {}", "-p N={}", "-p m={}"],
         "estimate heaviside -n 100": ["-n {}", "--sigma {}", "--seed {}", "--sweep sigma={}:1:3",
                                       "--sweep sigma=0.1:1:{}", "--reference-samples {}"],

@@ -44,7 +44,7 @@ def test_of_stages_with_the_same_cost_the_last_accepted_is_the_answer() -> None:
 
 def test_a_path_without_an_answer_is_shown_whole() -> None:
     stages = [stage("mu", 1.0), stage("mu", 2.0, accepted=False), stage("mu", 3.0)]
-    for cost in (5.0, float("nan"), None):
+    for cost in (5.0, float("nan"), float("inf"), None):
         shown, found = shown_stages(stages, cost)
         assert not found and [one for _, one in shown] == stages
         assert stage_note(stages, cost) == "" and stage_rows(stages, cost)[-1][-1] == ""
