@@ -18,7 +18,7 @@ from ocp.routes.branches import Branches
 from ocp.routes.homotopy import Homotopy, Progress, RouteResult, Trace
 from ocp.routes.rollouts import pack_rollout
 from ocp.routes.touching import TouchSearch, searchable
-from ocp.session import Session
+from ocp.session import Session, as_swept
 from ocp.solution import Solution, StageRecord
 
 CANDIDATES = 4
@@ -53,6 +53,16 @@ def through(found: Solution) -> bool:
     return worst is not None and worst.amount > depth
 
 
+def falls_short(found: Solution) -> bool:
+    """Whether a scene's answer is not to be trusted, or idles.
+
+    That is one without a certificate, one that does not survive the referee, and one that costs
+    more than :data:`IDLE_SHARE` of standing still.
+    """
+    idle = found.idle_cost > 0 and found.cost > IDLE_SHARE * found.idle_cost
+    return bool(idle or not found.certificate.certified or found.referee.survives is False)
+
+
 @dataclass
 class PushSearch:
     """Plans of a session's problem, swept, from a tree over pushes drawn from ``seed``.
@@ -66,16 +76,23 @@ class PushSearch:
     tried: dict[str, Any] = field(default_factory=dict)
 
     def solutions(self, found: Solution | None = None) -> Iterator[Solution]:
-        """Solve what was ``found`` as swept, then the best plans of the tree, each on its branch.
+        """Answers of the usual path with the way between nodes swept, then those of pushes.
 
-        Under another law than the exact one, or another method, a plan is the guess of the law's
-        own route. What passes through nothing is not solved again.
+        What was ``found`` is where that path starts; where it passes through nothing, or where
+        nothing was found in a scene of many corners, the path is left out. Pushes are tried unless
+        its answer suffices. Under another law than the exact one, or another method, their plans
+        are guesses of the law's own route.
         """
-        swept = self._swept()
-        if found is not None and found.status is not Status.NO_PROGRESS and through(found):
-            guess = found.data["x"].values[0], found.data["u"].values[0]
-            outcome = swept.solve(guess=guess, progress=self.progress)
-            yield judged(swept, outcome, self.seed)
+        swept, few = as_swept(self.session), self.session.problem.system.nlam <= _MANY
+        moving = found is not None and found.status is not Status.NO_PROGRESS and through(found)
+        if moving or (found is None and few):
+            guess = None
+            if found is not None:
+                guess = found.data["x"].values[0], found.data["u"].values[0]
+            again = judged(swept, swept.solve(guess=guess, progress=self.progress), self.seed)
+            yield replace(again, record={**again.record, "swept": True})
+            if found is not None and not falls_short(again):
+                return
         if searchable(swept.problem):
             yield from self._pushed(swept)
 
@@ -96,15 +113,8 @@ class PushSearch:
         return session.search is None and session.complementary and plain
 
     def wanted(self, found: Solution) -> bool:
-        """Whether the default route goes on to search: a scene's answer falls short.
-
-        That is one without a certificate, one that does not survive the referee, and one that costs
-        more than :data:`IDLE_SHARE` of standing still.
-        """
-        if not self._own:
-            return False
-        idle = found.idle_cost > 0 and found.cost > IDLE_SHARE * found.idle_cost
-        return bool(idle or not found.certificate.certified or found.referee.survives is False)
+        """Whether the default route goes on to search after an answer that falls short."""
+        return self._own and falls_short(found)
 
     def _pushed(self, swept: Session) -> Iterator[Solution]:
         tree = TouchSearch(swept.problem, swept.values, self.seed)
@@ -126,7 +136,7 @@ class PushSearch:
                     "survives": found.referee.survives,
                     "pushers": plan.x[0, :, -swept.problem.system.nu :].tolist(),
                 })  # fmt: skip
-                yield replace(found, record={**found.record, "swept": True, "search": self.tried})
+                yield replace(found, record={**found.record, "swept": True})
                 good = bool(found.certificate.certified and found.referee.survives)
                 if good:
                     break
@@ -186,14 +196,6 @@ class PushSearch:
         """Judge an answer; the work so far counts as its own."""
         trace, branches.follower.trace = branches.follower.trace, Trace()
         return judged(swept, RouteResult(end, branches.program, True, trace), self.seed)
-
-    def _swept(self) -> Session:
-        session = self.session
-        if session.problem.swept:
-            return session
-        swept = replace(session, problem=replace(session.problem, swept=True), search=False)
-        swept.values |= session.values
-        return swept
 
     def _report(self, number: int, cost: float, motions: int) -> None:
         if self.progress is not None:

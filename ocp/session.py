@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -210,3 +210,12 @@ class Session:
         zeros = np.zeros((step.n, len(U)))
         _, gap, _ = step.relation.map(len(U))(X[:-1].T, U.T, X[1:].T, zeros, values)
         return np.array(gap).T
+
+
+def as_swept(session: Session) -> Session:
+    """The session of the same problem as swept, at the same values, which searches no further."""
+    if session.problem.swept:
+        return session
+    swept = replace(session, problem=replace(session.problem, swept=True), search=False)
+    swept.values |= session.values
+    return swept

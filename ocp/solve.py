@@ -21,7 +21,7 @@ from ocp.refinement import halved, refined
 from ocp.request import ProblemLike, Settings, check_setting_names, rebuilder, resolve_problem
 from ocp.rollout import initial_guesses
 from ocp.routes.homotopy import GAIN
-from ocp.session import Session
+from ocp.session import Session, as_swept
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.transcription import Method
 from ocp.transcription.nlp import StageCompiler
@@ -167,6 +167,8 @@ def solve_from(
     :func:`~ocp.warm_start.carry` does, and :class:`~ocp.solution.Interrupted` with the best point,
     where Ctrl-C ends it.
     """
+    if start.record.get("swept"):
+        session = as_swept(session)
     with keeping(session, seed, progress) as watch:
         outcome = session.resume(carry(start, session.nlp_of("product"), session.values), watch)
         if not (resumed := outcome.finished):
@@ -176,7 +178,8 @@ def solve_from(
             outcome = cold
         found = judged(session, outcome, seed)
     origin = start.record.get("hash", "a solution in memory")
-    return replace(found, record={**found.record, "from": origin, "resumed": resumed})
+    own = {"from": origin, "resumed": resumed, "swept": session.problem.swept}
+    return replace(found, record={**found.record, **own})
 
 
 def new_session(
@@ -270,7 +273,6 @@ def solve_session(
         with interruptible():
             if pushes is not None and pushes.first:
                 solutions += pushes.solutions()
-                pushes = None
             for number, guess in enumerate(guesses if not solutions else ()):
                 if number >= starts and not (session.from_afar and _stands_still(solutions[-1])):
                     break
@@ -279,13 +281,15 @@ def solve_session(
                     outcome = session.solve(progress=watch, guess=guess, number=number)
                     solutions.append(judged(session, outcome, seed))
             best = min(solutions, key=lambda found: rank(found, rank_by))
-            if pushes is not None and pushes.wanted(best):
+            if pushes is not None and not pushes.first and pushes.wanted(best):
                 solutions += pushes.solutions(best)
     except KeyboardInterrupt as stop:
         if not solutions:
             raise
         raise Interrupted(best_of(session, solutions, rank_by)) from stop
-    return solutions[0] if len(solutions) == 1 else best_of(session, solutions, rank_by)
+    best = solutions[0] if len(solutions) == 1 else best_of(session, solutions, rank_by)
+    searched = pushes.tried if pushes is not None else {}
+    return replace(best, record={**best.record, "search": searched}) if searched else best
 
 
 def _pushes(
@@ -294,6 +298,7 @@ def _pushes(
     """The search over pushes, where it is chosen or the problem is a scene."""
     if session.search is False or not (session.search or session.problem.system.scene):
         return None
+    # Only here: what only scenes need is not loaded for other problems.
     from ocp.search import PushSearch
 
     return PushSearch(session, seed, progress)
@@ -349,7 +354,7 @@ def credited(session: Session, solutions: list[Solution]) -> list[Solution]:
 def rank(found: Solution, by: Rank = "planned") -> tuple[int, float]:
     """Order answers: certified ones first, then the others that are feasible, then by cost.
 
-    Where plans were searched for, those that survive the referee come before all others.
+    Of a scene, answers that survive the referee come before all others.
     """
     costs = {"planned": found.cost, "exact": found.audit.exact_cost, "referee": found.referee.cost}
     cost = costs[by]

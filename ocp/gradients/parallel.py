@@ -70,7 +70,7 @@ class JobWorkers:
     ) -> Iterator[Chunk]:
         """Chunks of n samples from ``first`` to ``last`` in their order; raises what a job raised.
 
-        Samples are told by their number, so it does not matter which worker draws them.
+        A sample depends on its number alone, not on the worker that draws it.
         """
         pieces = [PieceJob(self.case, estimator, noise, begin, min(begin + PIECE, last), n)
                   for begin in range(first, last, PIECE)]  # fmt: skip

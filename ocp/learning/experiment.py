@@ -154,7 +154,7 @@ class Experiment:
         self._counted.append(float(steps))
 
     def take_step_count(self) -> float:
-        """Sum what :meth:`count_steps` was told since the last call."""
+        """Steps that :meth:`count_steps` has counted since the last call."""
         total = sum(self._counted)
         self._counted.clear()
         return total

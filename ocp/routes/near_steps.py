@@ -1,7 +1,7 @@
 """One step of many states at once, with the contacts that are near alone, without a compiler.
 
-A scene of many corners has a hundred pairs, of which a step meets a few. Compiling the step of all
-of them takes minutes; here a step of a thousand states takes half a second.
+A scene of many corners has a hundred pairs, of which a step meets a few: without the others, and
+with dense linear algebra over all states at once, no graph of the whole step is built.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ _NEAR = 8
 class NearSteps:
     """Steps ``x_next = step(x, u)`` under the exact law, (S, nx) and (S, nu).
 
-    An interior point method on ``lam gap(x_next(lam), lam) = mu`` follows mu to zero in the pairs
-    of the :data:`_NEAR` nearest contacts of every state; the other pairs have no impulse. A state
-    is NaN where it does not converge, or where a contact that was left out is penetrated.
+    In the pairs of the :data:`_NEAR` nearest contacts of every state, ``0 <= lam ⟂ gap(x_next, lam)
+    >= 0`` is linearised at the last x_next and solved, until x_next stays (Josephy and Newton's
+    method); the other pairs have no impulse. A state is NaN where that does not converge, or where
+    a contact that was left out is penetrated.
     """
 
     def __init__(self, problem: Problem, system: ContactSystem, physical: np.ndarray) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from dynamics.batch import BatchFunction
-from ocp.problem import SWEPT, Problem
+from ocp.problem import DEPTH, SHARES, SWEPT, Problem
 from ocp.rollout import Rollout, at_steps, problem_impulses, trajectory_costs
 from ocp.routes.near_steps import NearSteps
 
@@ -31,9 +31,6 @@ _REACH = 3.0
 _NEWTON = 6
 _CLEAR, _TOUCHED = 0.02, 1e-3
 """Distances in characteristic gaps that a path keeps from bodies, and within which one touches."""
-_CUT = 0.05
-"""How deep, in characteristic gaps, straight motion between nodes may go into a body."""
-_BETWEEN = (0.25, 0.5, 0.75)
 
 
 @dataclass(frozen=True)
@@ -62,11 +59,13 @@ class TouchSearch:
     """
 
     def __init__(self, problem: Problem, values: dict[str, float], seed: int = 0) -> None:
-        self.problem, self.values = problem, values
+        self.problem = problem
         self.physical = problem.parameters.pack(values)
         self.rng = np.random.default_rng(seed)
         self.tried = self.rolled = 0
         self._step = NearSteps(problem, problem.referee_step.system, self.physical)
+        same = problem.referee_step.system is problem.system
+        self._own = self._step if same else NearSteps(problem, problem.system, self.physical)
 
     @cached_property
     def _distance(self) -> Callable[[np.ndarray], np.ndarray]:
@@ -103,8 +102,8 @@ class TouchSearch:
     def first(self) -> Node:
         """The start, where everything stands still."""
         x0, before = (np.array(v).ravel() for v in self.problem.limits(self.physical)[:2])
-        start = Node(x0[None], np.zeros((0, before.size)), 0.0, 0.0)
-        return Node(start.x, start.u, 0.0, self._resting(start.x, np.zeros(1))[0])
+        resting = self._resting(x0[None], np.zeros(1))[0]
+        return Node(x0[None], np.zeros((0, before.size)), 0.0, resting)
 
     def rounds(self, rounds: int = _ROUNDS) -> Iterator[list[Node]]:
         """After every round the plans so far, the cheapest first; their last inputs are held."""
@@ -178,7 +177,7 @@ class TouchSearch:
         sizes, nu = self.problem.scales, self._nu
         at = np.repeat(x[None], 4 * _TOUCHES, axis=0)
         drawn = self.rng.uniform(-_REACH, _REACH, (len(at), len(own)))
-        places = nu_index(nu, own, x.size)
+        places = x.size - nu + own
         nearest = at[:1].copy()
         self._newton(nearest, contact, places)
         at[:, places] = nearest[0, places] + sizes.x[places] * drawn
@@ -267,7 +266,7 @@ class TouchSearch:
         for k in range(K):
             x[alive, k + 1] = self._step(x[alive, k], u[alive, k])
             alive = alive[np.isfinite(x[alive, k + 1]).all(axis=1)]
-            alive = alive[self._cut(x[alive, k : k + 2]) < _CUT * self.problem.scales.gap]
+            alive = alive[self._cut(x[alive, k : k + 2]) < DEPTH * self.problem.scales.gap]
         self.tried, self.rolled = self.tried + S, self.rolled + S * K
         if not len(alive):
             return []
@@ -287,7 +286,7 @@ class TouchSearch:
 
     def _cut(self, x: np.ndarray) -> np.ndarray:
         """Deepest penetration (S,) on the straight way between nodes."""
-        ways = [x[:, :-1] * (1 - s) + x[:, 1:] * s for s in _BETWEEN]
+        ways = [x[:, :-1] * (1 - s) + x[:, 1:] * s for s in SHARES]
         gap = self._distance(np.concatenate(ways, axis=1).reshape(-1, x.shape[2]))
         return -gap.reshape(len(x), -1).min(axis=1, initial=np.inf)
 
@@ -323,10 +322,9 @@ class TouchSearch:
     def rollout(self, inputs: np.ndarray) -> Rollout | None:
         """What inputs (N, nu) do under the model's own exact law; None where a step fails."""
         problem, step = self.problem, self.problem.exact_step
-        steps = NearSteps(problem, problem.system, self.physical)
         x, found = [self.first().x], []
         for u in inputs:
-            x_next, lam, gap = steps.solved(x[-1], u[None])
+            x_next, lam, gap = self._own.solved(x[-1], u[None])
             if not np.isfinite(x_next).all():
                 return None
             x.append(x_next)
@@ -341,8 +339,3 @@ class TouchSearch:
         """Inputs (N, nu) of a plan, the last held to the end."""
         last = node.u[-1] if len(node.u) else self._before
         return np.vstack([node.u, np.repeat(last[None], self.problem.N - len(node.u), axis=0)])
-
-
-def nu_index(nu: int, own: np.ndarray, nx: int) -> np.ndarray:
-    """Positions in x of the pushers' coordinates ``own``."""
-    return nx - nu + own

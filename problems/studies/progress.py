@@ -1,4 +1,4 @@
-"""Progress of a study: how far its loops are, for whoever listens."""
+"""Progress of a study: how far its loops are, for a listener."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TypeVar
 
 T = TypeVar("T")
 Listener = Callable[[str, int, int], None]
-"""Is told what a loop computes, how many of its items are done, and how many there are."""
+"""Called with what a loop computes, how many of its items are done, and how many there are."""
 _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
@@ -24,7 +24,7 @@ def listening(listener: Listener) -> Iterator[None]:
 
 
 def report(what: str, done: int, total: int) -> None:
-    """Tell the listener, where there is one, that ``done`` of ``total`` items are finished."""
+    """Report to the listener, if any, that ``done`` of ``total`` items are finished."""
     if listener := _LISTENER.get():
         listener(what, done, total)
 

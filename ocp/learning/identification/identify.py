@@ -241,8 +241,8 @@ def intervals(
 
     With J_t and errors r_t at ``log_psi`` (n_psi,), resample b's minimum is ``log_psi -
     (sum_b J_t'J_t)^(-1) sum_b J_t' r_t``. The interval has 95 % of the 400 minima and reaches to
-    what was found: it tells of the noise in the data, and where those are exact, of how far the
-    search stayed from their minimum. J_t is by central differences; transitions that do not solve
+    what was found: it measures the noise in the data and, where those are exact, the distance of
+    the search from their minimum. J_t is by central differences; transitions that do not solve
     there are left out. Two-sided quantiles, so an interval is one of each parameter alone.
     """
     J, r = _linearised(loss, log_psi, buffer)
