@@ -40,6 +40,8 @@ _MODULES = {
     "planar-hand": "problems.planar_hand",
     "hopper": "problems.hopper",
     "half-cheetah": "problems.half_cheetah",
+    "push-box": "problems.push_box",
+    "push-t": "problems.push_t",
 }
 _TRIES = 3
 """To read a file that is being edited; one that writes to what it names is never at rest."""

@@ -1,0 +1,121 @@
+"""A body that slides on a table and is pushed, without friction, at one of its sides at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems import ContactSystem, ParameterTable, signals
+from dynamics.systems.pairs import Sharp
+from ocp.problem import Constraint
+from problems.drawing import ContactFrame, Segment, Shape
+
+Corner = tuple[ca.SX | float, ca.SX | float]
+
+
+@dataclass(frozen=True)
+class SidePushing:
+    """Quasi-static motion of a body with ``corners`` (counter-clockwise, in its own frame) [m].
+
+    The input has a force F_i >= 0 [N] for each side and a moment m [N m]. The side whose force
+    exceeds the sum of all others pushes with what is left, ``w_i = max(F_i - sum_(j != i) F_j, 0)``
+    as ``0 <= w_i ⟂ w_i - F_i + sum_(j != i) F_j >= 0``: at most one side pushes, anywhere along
+    its length, so that ``|m| <= sum_i w_i L_i / 2``. With the limit surface a sphere in (force,
+    moment / ``reach``), and ``weight`` [N] the largest force of friction with the table::
+
+        (x', y') = R(theta) sum_i w_i n_i / weight
+        theta' = (m + sum_i w_i (c_i x n_i)) / (reach weight)
+
+    with n_i the inner normal, c_i the middle and L_i the length of side i; ``reach`` [m] is a
+    characteristic length times a factor. Steps are those of Euler's method.
+    """
+
+    name: str
+    corners: Sequence[Corner]
+    weight: ca.SX
+    reach: ca.SX
+    h: ca.SX
+    parameters: ParameterTable
+
+    @cached_property
+    def _sides(self) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
+        """Middle, inner normal and half length of every side."""
+        found, ends = [], [ca.vertcat(*(ca.SX(v) for v in corner)) for corner in self.corners]
+        for first, second in zip(ends, ends[1:] + ends[:1], strict=True):
+            way = second - first
+            length = ca.norm_2(way)
+            found.append(((first + second) / 2, ca.vertcat(-way[1], way[0]) / length, length / 2))
+        return found
+
+    @cached_property
+    def system(self) -> ContactSystem:
+        """The system; states x, y, theta, inputs F_i and m, one multiplier w_i [N] a side."""
+        n = len(self.corners)
+        x, x_next, u, w = (ca.SX.sym(s, k) for s, k in
+                           (("x", 3), ("x_next", 3), ("u", n + 1), ("w", n)))  # fmt: skip
+        force, moment = ca.SX(2, 1), u[n]
+        for i, (middle, normal, _) in enumerate(self._sides):
+            force += w[i] * normal
+            moment += w[i] * (middle[0] * normal[1] - middle[1] * normal[0])
+        cos, sin = ca.cos(x[2]), ca.sin(x[2])
+        rate = ca.vertcat(
+            cos * force[0] - sin * force[1], sin * force[0] + cos * force[1], moment / self.reach
+        )
+        sides = range(1, n + 1)
+        return ContactSystem(
+            name=self.name,
+            x=x, u=u, x_next=x_next, lam=w,
+            residual=x_next - x - self.h * rate / self.weight,
+            gap=w + ca.sum1(u[:n]) - 2 * u[:n],
+            states=signals("x [m] body; y [m] body; theta [rad] body, anticlockwise"),
+            inputs=signals("; ".join([*(f"F{i} [N] force at side {i}" for i in sides),
+                                      "m [N m] moment of the force about the side's middle"])),
+            contacts=signals("; ".join(f"side{i} [N] force of side {i}" for i in sides)),
+            h=self.h,
+            parameters=self.parameters,
+            gap_unit="N",
+            sharp=Sharp(),
+            refinable=True,
+        )  # fmt: skip
+
+    @cached_property
+    def on_the_side(self) -> Constraint:
+        """The force acts between the ends of the side that pushes."""
+        system = self.system
+        most = sum((system.lam[i] * half for i, (*_, half) in enumerate(self._sides)), ca.SX(0))
+        m = system.u[len(self.corners)]
+        return Constraint("on the side", ca.vertcat(most - m, most + m), 0.0, ca.inf)
+
+    @property
+    def u_lower(self) -> ca.SX:
+        """Forces push."""
+        return ca.vertcat(ca.SX.zeros(len(self.corners)), -ca.inf)
+
+
+def outline(corners: Sequence[tuple[float, float]], pose: np.ndarray, role: str) -> list[Shape]:
+    """Draw the sides of a body at a pose (x, y, theta)."""
+    return [Segment(*ends, role) for ends in _sides_at(corners, pose)]
+
+
+def side_frames(corners: Sequence[tuple[float, float]], pose: np.ndarray) -> list[ContactFrame]:
+    """Forces are drawn at the middle of their sides; the moment m says where they act."""
+    found = []
+    for x1, y1, x2, y2 in _sides_at(corners, pose):
+        length = math.hypot(x2 - x1, y2 - y1)
+        middle = (x1 + x2) / 2, (y1 + y2) / 2
+        found.append(ContactFrame(*middle, (y1 - y2) / length, (x2 - x1) / length))
+    return found
+
+
+def _sides_at(
+    corners: Sequence[tuple[float, float]], pose: np.ndarray
+) -> list[tuple[float, float, float, float]]:
+    x0, y0, angle = (float(value) for value in pose)
+    cos, sin = math.cos(angle), math.sin(angle)
+    ends = [(x0 + cos * x - sin * y, y0 + sin * x + cos * y) for x, y in corners]
+    return [(*a, *b) for a, b in zip(ends, ends[1:] + ends[:1], strict=True)]
