@@ -268,7 +268,8 @@ def scaling(
 
     A curved gap, ``true`` at lam = 0, is no more than a million: its linear model may be zero.
 
-    A slip pair, whose F_ii is zero, is scaled against the pairs that it meets. Without ``pairs`` F
+    A slip pair, whose F_ii is zero, is scaled against the pairs that it meets, a way slid on a
+    table as the body's other ways. Without ``pairs`` F
     is a P-matrix; where it is not, the path of a negative F_ii is not a number from its start.
     """
     n = z.numel()
@@ -276,6 +277,10 @@ def scaling(
     known = {i: 1 / ca.sqrt(size) for i, size in sizes.items()}
     D = dict(known)
     for i in set(range(n)) - set(known):
+        beside = [known[k] for k in known if pairs[i].kind == "table" and pairs[k] == pairs[i]]
+        if beside:
+            D[i] = beside[0]
+            continue
         met = [ca.fabs(F[i, j]) * known[j] for j in known if not F[i, j].is_zero()]
         D[i] = 1 / ca.mmax(ca.vertcat(*met))
     column = ca.vertcat(ca.SX(0, 1), *(D[i] for i in range(n)))

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from dynamics.systems.system import ContactSystem
 
 
-Kind = Literal["normal", "friction", "slip", "limit"]
+Kind = Literal["normal", "friction", "slip", "limit", "table"]
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,8 @@ class Pair:
     ``normal``: an impulse along the normal (or along an edge of the friction cone) against a
     distance. ``friction``: an impulse along the tangent against the slip in its direction.
     ``slip``: the slip against what is left of the friction cone. ``limit``: the impulse of a joint
-    limit against the way to it.
+    limit against the way to it. ``table``: ways that a body slides on a table against what is left
+    of the friction there; all of one body have one number.
     """
 
     kind: Kind

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 
 from dynamics.systems.checks import items, positive
 from dynamics.systems.contact_rows import FORMS, Cone, ContactRows, Touching, contact_rows
+from dynamics.systems.limit_surface import LimitSurface, on_tables
 from dynamics.systems.pairs import ContactForces, EnergyBook, Pair, Sharp
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.system import ContactSystem, check_shape
@@ -241,6 +242,7 @@ def quasi_dynamic(
     cone: Cone = "edges",
     linearised: bool = False,
     load: ca.SX | None = None,
+    tables: Sequence[LimitSurface] = (),
 ) -> ContactSystem:
     """Quasi-dynamic model of noising, eq. 13, with the transposes it lacks put in.
 
@@ -259,6 +261,9 @@ def quasi_dynamic(
     and Coulomb friction with maximum dissipation, as
     :func:`~dynamics.systems.timestepping.time_stepping` writes it.
 
+    Bodies with a surface in ``tables`` lie on a table and slide as
+    :class:`~dynamics.systems.limit_surface.LimitSurface` says.
+
     As the QP ``min 1/2 dq' P dq - b' dq`` has the unit J s, the log-barrier weight converts as
     ``mu = 1 / kappa``.
 
@@ -275,16 +280,20 @@ def quasi_dynamic(
 
     def built(touching: Touching) -> ContactSystem:
         rows = contact_rows(name, touching, x, x_next, lambda J: J @ dq, h)
+        pushed = rows.push[:n_free] + h * weight
+        residual = ca.vertcat(
+            mass @ dq[:n_free] / h - pushed,
+            h * stiffness @ (x_next[n_free:] - u) - rows.push[n_free:],
+        )
+        if tables:
+            rows, residual = on_tables(rows, residual, dq[:n_free], pushed, mass, tables, h)
         return ContactSystem(
             name=name,
             x=x,
             u=u,
             x_next=x_next,
             lam=rows.lam,
-            residual=ca.vertcat(
-                mass @ dq[:n_free] / h - rows.push[:n_free] - h * weight,
-                h * stiffness @ (x_next[n_free:] - u) - rows.push[n_free:],
-            ),
+            residual=residual,
             gap=rows.gap,
             states=states,
             inputs=inputs,

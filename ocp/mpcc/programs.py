@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 
@@ -229,17 +229,24 @@ class MPCCProgram(Program):
 
     @cached_property
     def scale(self) -> Scale | None:
-        """None but for the cost's :func:`~ocp.programs.units.band`."""
+        """None but for the cost's :func:`~ocp.programs.units.band`, by its steepest variables.
+
+        Summed over all variables a penalty in the cost, far from its minimum, outweighs the cost.
+        """
         p = self.parameter_vector({"penalty": 0.0, "relaxation": 0.0})
-        f = band(self.span(self.extended(self.start), p))
+        changes = self._changes(self.extended(self.start), p)
+        f = band(_largest(one.max(initial=0.0) for one in changes))
         return None if f == 1 else Scale.none(self.n, self.m, f)
 
     def span(self, x: np.ndarray, p: np.ndarray) -> float:
         """What the cost changes by as x (n,) moves by characteristic sizes, to second order."""
+        return _largest(one.sum() for one in self._changes(x, p))
+
+    def _changes(self, x: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
+        """What the cost changes by as each variable, and pair of variables, moves by its size."""
         sizes = self.sizes(x)
-        bend = np.abs(self.hessian(x, p, 1.0, np.zeros(self.m)).sparse())
-        spans = np.array([np.abs(self.slopes(x, p)[0]) @ sizes, sizes @ (bend @ sizes)])
-        return float(np.max(spans[np.isfinite(spans)], initial=0.0))
+        bend = np.abs(self.hessian(x, p, 1.0, np.zeros(self.m)).sparse()).tocoo()
+        return [np.abs(self.slopes(x, p)[0]) * sizes, bend.data * sizes[bend.row] * sizes[bend.col]]
 
     def pair_name(self, index: int) -> PairName:
         """Name of a pair, which has neither scenario nor step."""
@@ -253,3 +260,8 @@ class MPCCProgram(Program):
             own = at >= x.size
             whole[at[own]] = np.maximum(np.array(value).ravel()[own], 0.0)
         return whole
+
+
+def _largest(values: Iterable[float]) -> float:
+    """The largest finite one, at least zero."""
+    return max((float(value) for value in values if np.isfinite(value)), default=0.0)

@@ -13,98 +13,14 @@ from ocp.errors import InputError, choose
 from ocp.judges.audit import TOLERANCES
 from ocp.mpcc.programs import MPCC, MPCCProgram, programs_of, sized
 from ocp.problem import Scaling
-from ocp.programs.program import Functions, Layout, PairName, Program
+from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result, Solver, Status
 from ocp.routes.branches import Branches, polish
-from ocp.routes.complementarity import Search, solve_pairs
-from ocp.routes.homotopy import Homotopy
-from ocp.routes.relaxations import STRATEGIES
+from ocp.routes.complementarity import Search, by_strategy
+from ocp.routes.homotopy import Homotopy, RouteResult
+from ocp.routes.relaxations import STRATEGIES, Strategy
+from ocp.routes.schedules import improved
 from ocp.stationarity.certificate import Certificate, certify
-
-
-class Elastic(Program):
-    """``min sum(a + b)`` subject to ``g_lower <= g(x, p) - a + b <= g_upper``, the same pairs.
-
-    a, b >= 0 (m,) are what rows are above and below their limits. Bounds of x and complementarity
-    are kept, so every point with complementary pairs can be made feasible.
-    """
-
-    def __init__(self, base: Program) -> None:
-        self.base, self.pairs, self.solvers = base, base.pairs, {}
-        self.reformulation = base.reformulation
-        self.variables, self.constraints = Layout(), base.constraints
-        for name, block in base.variables.blocks.items():
-            self.variables.add(name, block.shape, block.components)
-        self.variables.add("above", (base.m,))
-        self.variables.add("below", (base.m,))
-        n, m = base.n, base.m
-        z, p = ca.MX.sym("z", n + 2 * m), ca.MX.sym("p", base.n_parameters)
-        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", m)
-        x, above, below = z[:n], z[n : n + m], z[n + m :]
-        f = ca.sum1(above) + ca.sum1(below)
-        g, jacobian = base.jacobian(x, p)
-        moved, one = g - above + below, ca.MX.eye(m)
-        slope = ca.vertcat(ca.MX.zeros(n), ca.MX.ones(2 * m))
-        hessian = ca.diagcat(base.hessian(x, p, 0.0, lam_g), ca.MX(2 * m, 2 * m))
-        wide = ca.horzcat(jacobian, -one, one)
-        self.f_g, self.gradient, self.jacobian, self.hessian = Functions.of(
-            (z, p, lam_f, lam_g), (f, moved), (f, slope), (moved, wide), hessian
-        )
-
-    @property
-    def title(self) -> str:
-        """Name of the problem."""
-        return self.base.title
-
-    def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
-        """The problem's own."""
-        return self.base.parameter_vector(values)
-
-    def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
-        """The problem's own, and violations from zero on."""
-        own, m = self.base.bounds(values), self.base.m
-        lower, upper = np.zeros(2 * m), np.full(2 * m, np.inf)
-        return {
-            **own,
-            "lbx": np.concatenate([own["lbx"], lower]),
-            "ubx": np.concatenate([own["ubx"], upper]),
-        }
-
-    def sizes(self, x: np.ndarray) -> np.ndarray:
-        """The problem's own; 1 for violations."""
-        return np.concatenate([self.base.sizes(x[: self.base.n]), np.ones(2 * self.base.m)])
-
-    def pair_name(self, index: int) -> PairName:
-        """The problem's own."""
-        return self.base.pair_name(index)
-
-    def lifted(self, x: np.ndarray, p: np.ndarray, limits: dict[str, np.ndarray]) -> np.ndarray:
-        """Add to x (n,) the violations that it has."""
-        _, g = self.base.values(x, p)
-        off = [np.maximum(g - limits["ubg"], 0.0), np.maximum(limits["lbg"] - g, 0.0)]
-        return np.concatenate([x, *np.nan_to_num(off)])
-
-
-def restored(follower: Homotopy, x: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """Minimise violation over branches from a point of the program as reformulation "none".
-
-    Branch and improve as for any cost (:class:`~ocp.routes.branches.Branches`); a violation left at
-    the end is a local minimum over all branches to first order. Returns the point and its sum of
-    violations, None where no branch was solved.
-    """
-    base = follower.nlp_of("none")
-    elastic = Elastic(base)
-    inner = Homotopy(lambda _: elastic, follower.solver, follower.values, follower.progress,
-                     follower.trace)  # fmt: skip
-    branches = Branches(inner)
-    own = base.bounds(follower.values)
-    inside = np.clip(x, own["lbx"], own["ubx"])
-    start = Point(elastic.lifted(inside, branches.p, own))
-    found = branches.solve_branch(start) or branches.propose(start)
-    if found is None:
-        return None
-    found = branches.improve(found)
-    return found.point.x[: base.n], found.f
 
 
 def violation(
@@ -125,9 +41,14 @@ def violation(
 
 
 DEFAULTS = ("l1-quick", "scholtes-quick")
-"""Strategies that are tried: an exact penalty is cheapest, the relaxation bears more."""
+"""Strategies that are followed: an exact penalty is cheapest, the relaxation bears more."""
+DEFAULTS_LARGE = ("l1-quick", "scholtes-exact", "scholtes-quick")
+"""Of large problems: where many switches pull off the path, slow stages find better minima. The
+last is followed where none of the others is certified."""
 _LARGE = 300
-"""Variables from which on the first certified answer is taken."""
+"""Variables from which on a problem is large: its ends are improved until one is certified."""
+_SOFT = ((1.0, 10.0), (1.0, 1000.0), (0.0, 1.0))
+"""Of cost and violation in softened problems, which are solved where no other was."""
 
 
 @dataclass(frozen=True)
@@ -169,7 +90,7 @@ def solve(
     mpcc: MPCC,
     x0: float | Sequence[float] | np.ndarray = 0.0,
     p: Sequence[float] | np.ndarray = (),
-    strategies: Sequence[str] = DEFAULTS,
+    strategies: Sequence[str] | None = None,
     solver: str = "ipopt",
     options: dict[str, object] | None = None,
 ) -> MPCCSolution:
@@ -178,9 +99,11 @@ def solve(
     Each strategy relaxes the pairs until their active set shows; a branch that holds it is solved,
     and exchanged as long as the linear program with complementarity constraints finds descent
     (:mod:`ocp.routes.branches`). Complementarity problems have many local minima, and strategies
-    end in different ones: all are tried and the cheapest certified answer returned, but from 300
-    variables on the first certified one. Where none is feasible, violation is minimised
-    over branches and what is left of it is named.
+    end in different ones: all are tried and the cheapest certified answer returned. From 300
+    variables on their ends are exchanged in the order of their costs until one is certified.
+    ``strategies`` are :data:`DEFAULTS` or, there, :data:`DEFAULTS_LARGE`. Where none is
+    certified, constraints are softened (:func:`softened`), so that equations may be more than
+    variables; where nothing is feasible, what is left of violation is named.
 
     Raises :class:`~ocp.errors.InputError` for sizes that do not fit, unknown names, or a start that
     is not finite.
@@ -191,46 +114,103 @@ def solve(
         at = int(np.flatnonzero(~np.isfinite(start))[0])
         raise InputError(f"{mpcc.name}: x0[{at}] is {start[at]}, expected a finite number")
     given = sized(mpcc.name, "p", p, mpcc.p.numel()) if mpcc.p.numel() else np.zeros(0)
-    for name in strategies:
+    for name in strategies or ():
         choose("strategy", name, STRATEGIES)
-    inside = np.clip(start, *mpcc.x_bounds)
-    programs = programs_of(mpcc, given, inside)
-    values = {"penalty": 0.0, "relaxation": 0.0}
-    follower = Homotopy(programs, Solver(solver, dict(options or {})), values)
-    scaling = Scaling(impulse=1.0, gap=1.0)
-    best: MPCCSolution | None = None
-    for name in strategies:
-        search = Search(STRATEGIES[name], scaling, lambda program: Point(program.extended(inside)))
-        end = solve_pairs(follower, search)
-        found = _judged(programs("none"), end.nlp, end.result, inside, name)
-        if best is None or _rank(found) < _rank(best):
-            best = found
-        if best.success and end.nlp.n >= _LARGE:
-            break
-    assert best is not None
-    if best.infeasibility > TOLERANCES["constraint_violation"]:
-        best = _restored(follower, programs("none"), best, inside)
+    inside, nlp_solver = np.clip(start, *mpcc.x_bounds), Solver(solver, dict(options or {}))
+    best, follower = _followed(mpcc, inside, given, strategies, nlp_solver)
+    if not best.success:
+        best = _softened(best, follower, inside, strategies)
     spent = {"iterations": follower.trace.iterations, "seconds": time.perf_counter() - began}
     return MPCCSolution(**{**vars(best), **spent})
 
 
-def _restored(
-    follower: Homotopy, program: MPCCProgram, end: MPCCSolution, start: np.ndarray
+def _followed(
+    mpcc: MPCC,
+    start: np.ndarray,
+    given: np.ndarray,
+    strategies: Sequence[str] | None,
+    solver: Solver,
+) -> tuple[MPCCSolution, Homotopy]:
+    """Follow the strategies from ``start`` (n,), and improve their ends, cheapest first."""
+    programs = programs_of(mpcc, given, start)
+    follower = Homotopy(programs, solver, {"penalty": 0.0, "relaxation": 0.0})
+    branches, best = Branches(follower), None
+    large = branches.program.n >= _LARGE
+    names = strategies or (DEFAULTS_LARGE if large else DEFAULTS)
+    for some in (names[:2], names[2:]) if large else (names,):
+        legs = [(name, _leg(follower, STRATEGIES[name], start)) for name in some]
+        for name, leg in sorted(legs, key=lambda leg: (not leg[1].finished, leg[1].result.f)):
+            if best is not None and best.success and large:
+                break
+            result = improved(branches, leg.result) if leg.finished else leg.result
+            found = _judged(programs("none"), leg.nlp, result, start, name)
+            best = found if best is None else min(best, found, key=_rank)
+        if best is not None and best.success:
+            break
+    assert best is not None
+    return best, follower
+
+
+def _leg(follower: Homotopy, strategy: Strategy, start: np.ndarray) -> RouteResult:
+    """Follow a strategy from ``start`` (n,), and solve the branch where it ends."""
+    scaling = Scaling(impulse=1.0, gap=1.0)
+    search = Search(strategy, scaling, lambda program: Point(program.extended(start)))
+    return by_strategy(follower, search, strategy)
+
+
+def softened(mpcc: MPCC, cost: float, weight: float) -> MPCC:
+    """Return ``min cost f + weight sum(a + b)`` with ``lbg <= g - a + b <= ubg``, the same pairs.
+
+    a, b >= 0 (m,), the last variables, are what rows are above and below their limits: every point
+    with complementary pairs is feasible, whatever the rank of the rows. From some weight on its
+    minima are the problem's own (exact penalty); without the cost they have the least violation.
+    """
+    m, (lower, upper) = mpcc.g.numel(), mpcc.x_bounds
+    a, b = ca.SX.sym("above", m), ca.SX.sym("below", m)
+    return MPCC(
+        ca.vertcat(mpcc.x, a, b), cost * mpcc.f + weight * ca.sum1(a + b), mpcc.G, mpcc.H,
+        mpcc.g - a + b, mpcc.p, np.concatenate([lower, np.zeros(2 * m)]),
+        np.concatenate([upper, np.full(2 * m, np.inf)]), *mpcc.g_bounds, mpcc.names, mpcc.name,
+    )  # fmt: skip
+
+
+def _softened(
+    best: MPCCSolution, follower: Homotopy, start: np.ndarray, strategies: Sequence[str] | None
 ) -> MPCCSolution:
-    """Polish from where violation is least near an infeasible end; keep the better of both."""
-    least = restored(follower, program.extended(end.x))
-    if least is None:
-        return end
-    x, p = least[0], program.parameter_vector(follower.values)
-    there = Result.at(program, Point(x), p, Status.INFEASIBLE, "restored")
-    polished = polish(follower, program, there)
-    found = _judged(program, polished.nlp, polished.result, start, end.strategy)
-    return found if _rank(found) < _rank(end) else end
+    """Solve the softened problem at growing weights, and polish its answers as the problem's own.
+
+    Where none is feasible it is solved without the cost, from the least violation so far.
+    """
+    program = follower.nlp_of("none")
+    assert isinstance(program, MPCCProgram)
+    mpcc, values = program.mpcc, follower.values
+    (lower, upper), p = mpcc.g_bounds, program.parameter_vector(values)
+    for cost, weight in _SOFT:
+        if best.success or (cost == 0 and _feasible(best)):
+            break
+        begin = start if cost else best.x
+        g = program.values(program.extended(begin), p)[1][: mpcc.g.numel()]
+        off = np.nan_to_num([np.maximum(g - upper, 0.0), np.maximum(lower - g, 0.0)])
+        soft = softened(mpcc, cost, weight * program.natural.f)
+        found, inner = _followed(
+            soft, np.concatenate([begin, *off]), program.given, strategies, follower.solver
+        )
+        follower.trace.absorb(inner.trace)
+        point = Point(program.extended(found.x[: mpcc.x.numel()]))
+        there = Result.at(program, point, p, Status.INFEASIBLE, "softened")
+        polished = polish(follower, program, there)
+        for nlp, result in ((program, there), (polished.nlp, polished.result)):
+            best = min(best, _judged(program, nlp, result, start, found.strategy), key=_rank)
+    return best
+
+
+def _feasible(found: MPCCSolution) -> bool:
+    return found.infeasibility <= TOLERANCES["constraint_violation"]
 
 
 def _rank(found: MPCCSolution) -> tuple[bool, bool, float]:
-    infeasible = found.infeasibility > TOLERANCES["constraint_violation"]
-    return infeasible, not found.success, found.infeasibility if infeasible else found.f
+    feasible = _feasible(found)
+    return not feasible, not found.success, found.f if feasible else found.infeasibility
 
 
 def _judged(

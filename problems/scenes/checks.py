@@ -109,7 +109,7 @@ def check_numbers(scene: Scene, parameters: ParameterTable) -> None:
 
 
 def _weights(thing: Thing) -> list[tuple[str, Scalar]]:
-    names = ("mass", "inertia", "stiffness")
+    names = ("mass", "inertia", "stiffness", "table", "reach")
     found = ((name, getattr(thing, name, None)) for name in names)
     return [(name, number) for name, number in found if number is not None]
 

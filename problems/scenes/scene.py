@@ -25,6 +25,7 @@ from dynamics.systems.contact_rows import Cone
 from dynamics.systems.contacts import Contact, Pose
 from dynamics.systems.contacts.polygon import parts
 from dynamics.systems.contacts.shapes import Point, Scalar, column
+from ocp.errors import InputError
 from problems.drawing import ContactFrame, Disc, Segment, Shape, solid
 from problems.scenes.checks import check_names, check_numbers, required
 from problems.scenes.things import Body, Goal, Obstacle, Pusher, Thing, Touch, touches
@@ -138,12 +139,16 @@ class Scene:
         cone: Cone = "linearised",
         linearised: bool = False,
         load: Point | None = None,
+        gravity: Scalar = 9.81,
+        inertial: bool = True,
     ) -> ContactSystem:
         """Bodies without momentum, and pushers that springs draw to where they are told to be.
 
         The state is q, the input the commanded coordinates of the pushers [m]; gaps are the true
         ones at the next state unless ``linearised``. ``load`` [m/s²] pulls at every body's mass.
-        See :func:`~dynamics.systems.timestepping.quasi_dynamic`.
+        Bodies with a ``table`` are pressed to it by ``gravity`` [m/s²], and slide quasi-statically
+        unless ``inertial`` (:class:`~dynamics.systems.limit_surface.LimitSurface`). See
+        :func:`~dynamics.systems.timestepping.quasi_dynamic`.
 
         Raises :class:`~ocp.errors.InputError` for numbers that make no sense at the parameters'
         values, such as things that start inside each other.
@@ -154,6 +159,11 @@ class Scene:
             for _ in p.coordinates
         ]
         check_numbers(self, parameters)
+        if not inertial and (free := [b.name for b in self.bodies if b.table is None]):
+            raise InputError(
+                f"{free[0]!r} glides without friction or inertia, so nothing holds it; give it a"
+                " table, or leave inertial=True"
+            )
         pull = ca.SX.zeros(2) if load is None else column(load)
         weights = [ca.vertcat(b.mass * pull, *[0] * b.turns) for b in self.bodies]
         made = quasi_dynamic(
@@ -170,6 +180,11 @@ class Scene:
             cone=cone,
             linearised=linearised,
             load=ca.vertcat(ca.SX(0, 1), *weights),
+            tables=[
+                surface
+                for body in self.bodies
+                if (surface := body.limit_surface(self._at[body.name].start, gravity, inertial))
+            ],
             parameters=parameters,
         )
         return replace(made, scene=not linearised)
@@ -195,6 +210,11 @@ class Scene:
             for p in self.pushers
             for _ in p.coordinates
         ]
+        if lying := [body.name for body in self.bodies if body.table is not None]:
+            raise InputError(
+                f"{lying[0]!r} lies on a table, which only Scene.quasi_dynamic knows; leave its"
+                " table out here"
+            )
         check_numbers(self, parameters)
         pull, M = column(gravity), ca.vertcat(ca.SX(0, 1), *self._masses, *masses)
         falling = ca.vertcat(

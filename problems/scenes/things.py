@@ -11,9 +11,10 @@ import casadi as ca
 from dynamics.systems import Signal
 from dynamics.systems.checks import number, point, positive, text, unit
 from dynamics.systems.contacts import Contact, Pose, Shape, Union
-from dynamics.systems.contacts.areas import area, moved
+from dynamics.systems.contacts.areas import area, mean_distance, moved
 from dynamics.systems.contacts.polygon import parts, vertex_pairs
 from dynamics.systems.contacts.shapes import Point, Scalar, column
+from dynamics.systems.limit_surface import LimitSurface
 
 _AXES = ("x", "y")
 
@@ -40,7 +41,7 @@ class Thing:
             )
         point(f"{self.name}: at", self.at)
         number(f"{self.name}: angle", self.angle)
-        for what in ("mass", "inertia", "stiffness"):
+        for what in ("mass", "inertia", "stiffness", "table", "reach"):
             if (value := getattr(self, what, None)) is not None:
                 positive(f"{self.name}: {what}", value)
         if (axis := getattr(self, "axis", None)) is not None:
@@ -75,11 +76,15 @@ class Body(Thing):
     """What moves freely, with coordinates x, y [m], and an angle [rad] where it has an ``inertia``.
 
     ``mass`` [kg]; ``inertia`` [kg m²] about the origin of its frame, which is its centre of mass,
-    None for a body that never turns.
+    None for a body that never turns. ``table`` is Coulomb's coefficient with a table that the body
+    lies on, None where it glides freely; ``reach`` [m] the mean distance of the pressure under it
+    from its centre of mass, by default that of a pressure spread evenly over its shape.
     """
 
     mass: Scalar = 1.0
     inertia: Scalar | None = None
+    table: Scalar | None = None
+    reach: Scalar | None = None
 
     @property
     def coordinates(self) -> tuple[Signal, ...]:
@@ -90,8 +95,9 @@ class Body(Thing):
 
     @classmethod
     def uniform(
-        cls, name: str, shape: Shape | Union, at: Point, angle: Scalar = 0.0, mass: Scalar = 1.0
-    ) -> Body:
+        cls, name: str, shape: Shape | Union, at: Point, angle: Scalar = 0.0, mass: Scalar = 1.0,
+        table: Scalar | None = None,
+    ) -> Body:  # fmt: skip
         """A body whose mass is spread evenly over ``shape``, with its centre of mass at ``at``.
 
         The origin of the frame moves to the centroid c, and the inertia is ``mass int |r - c|² dA /
@@ -99,7 +105,16 @@ class Body(Thing):
         argument.
         """
         whole = area(shape)
-        return cls(name, moved(shape, -whole.centre), at, angle, mass, mass * whole.gyration)
+        shape = moved(shape, -whole.centre)
+        return cls(name, shape, at, angle, mass, mass * whole.gyration, table)
+
+    def limit_surface(self, first: int, gravity: Scalar, inertial: bool) -> LimitSurface | None:
+        """Its friction with the table; its coordinates start at number ``first``."""
+        if self.table is None:
+            return None
+        reach = mean_distance(self.shape) if self.reach is None else self.reach
+        force = self.table * self.mass * gravity
+        return LimitSurface(self.name, first, force, reach if self.turns else None, inertial)
 
     @property
     def turns(self) -> bool:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
 
 from dynamics.systems.contacts.polygon import Polygon, Union, parts, rectangle
 from dynamics.systems.contacts.shapes import Box, Capsule, Disc, Point, Shape, column
+
+_GAUSS = np.polynomial.legendre.leggauss(16)
+_NODES, _WEIGHTS = (_GAUSS[0] + 1) / 2, _GAUSS[1] / 2
 
 
 class Area(NamedTuple):
@@ -43,6 +48,48 @@ def area(shape: Shape | Union) -> Area:
     total = pieces[0]
     for piece in pieces[1:]:
         total = Area(*map(ca.plus, total, piece))
+    return total
+
+
+def mean_distance(shape: Shape | Union) -> ca.SX:
+    """Mean distance [m] of a shape's points from its centroid: ``int |r| dA / A``.
+
+    By the divergence theorem ``int |r| dA`` is the integral of ``|r| (x dy - y dx) / 3`` along the
+    boundary, here by Gauss' quadrature; shapes of a union count in full.
+    """
+    whole, total = area(shape), ca.SX(0)
+    for part in parts(shape):
+        for curve in _boundary(part, whole.centre):
+            total += curve
+    return total / (3 * whole.area)
+
+
+def _boundary(shape: Shape, origin: ca.SX) -> Iterator[ca.SX]:
+    """Integrals of ``|r| (x dy - y dx)`` about ``origin`` along sides and rounded corners."""
+    core, radius = [column(corner) - origin for corner in shape.corners], ca.SX(shape.radius)
+    if len(core) == 1:
+        for quarter in range(4):
+            yield _arc(core[0], radius, ca.SX(quarter * ca.pi / 2), ca.SX(ca.pi / 2))
+        return
+    ends = core[1:] + core[:1]
+    normals = [ca.vertcat(*(e[1], -e[0])) / ca.norm_2(e) for e in map(ca.minus, ends, core)]
+    for i, (a, b, n) in enumerate(zip(core, ends, normals, strict=True)):
+        m = normals[i - 1]
+        turn = ca.atan2(m[0] * n[1] - m[1] * n[0], ca.dot(m, n))
+        yield _arc(a, radius, ca.atan2(m[1], m[0]), turn)
+        half = (b - a) / 2
+        for begin in (a + radius * n, a + radius * n + half):
+            for t, weight in zip(_NODES, _WEIGHTS, strict=True):
+                at = begin + t * half
+                yield weight * ca.norm_2(at) * (at[0] * half[1] - at[1] * half[0])
+
+
+def _arc(centre: ca.SX, radius: ca.SX, start: ca.SX, turn: ca.SX) -> ca.SX:
+    total = ca.SX(0)
+    for t, weight in zip(_NODES, _WEIGHTS, strict=True):
+        out = ca.vertcat(ca.cos(start + t * turn), ca.sin(start + t * turn))
+        at = centre + radius * out
+        total += weight * turn * radius * ca.norm_2(at) * ca.dot(at, out)
     return total
 
 

@@ -15,10 +15,12 @@ import ocp.mpcc
 from ocp.errors import InputError
 from ocp.mpcc import MPCC, solve
 from ocp.mpcc.programs import programs_of
-from ocp.mpcc.solving import Elastic, restored
+from ocp.mpcc.solving import softened
 from ocp.programs.solver import Point, Result, Solver, Status
 from ocp.routes.branches import Branches, polish
 from ocp.routes.homotopy import Homotopy
+from tests.benchmarks.mpcc import scholtes_peer
+from tests.benchmarks.mpcc.switching import instances
 
 
 def symbols(n: int) -> tuple[ca.SX, list[ca.SX]]:
@@ -277,40 +279,49 @@ def test_a_branch_that_cannot_be_guessed_is_proposed() -> None:
     assert found.result.point.x == pytest.approx([0, 1e-3], abs=1e-8)
 
 
-def test_restoration_exchanges_branches_until_feasible() -> None:
+def test_an_infeasible_branch_is_left_for_the_other() -> None:
     """``y - x = 1`` from (0.2, 0): its branch ends at the origin, one off; the other's does not."""
     v, (x, y) = symbols(2)
-    found = restored(follower_of(MPCC(v, x, x, y, g=y - x - 1)), np.array([0.2, 0.0]))
-    assert found is not None
-    assert found[0] == pytest.approx([0, 1], abs=1e-6)
-    assert found[1] == pytest.approx(0, abs=1e-6)
+    found = solve(MPCC(v, x, x, y, g=y - x - 1), [0.2, 0.0])
+    assert found.success and found.x == pytest.approx([0, 1], abs=1e-8)
 
 
-def test_restoration_leaves_the_least_violation() -> None:
+def test_the_softened_problem_without_cost_leaves_the_least_violation() -> None:
     """``x = 1`` and ``y = 2`` cannot both be: giving up x costs 1, giving up y costs 2."""
     v, (x, y) = symbols(2)
     mpcc = MPCC(v, x, x, y, g=ca.vertcat(x - 1, y - 2))
-    found = restored(follower_of(mpcc), np.array([0.1, 0.3]))
-    assert found is not None
-    assert found[1] == pytest.approx(1, abs=1e-6)
+    found = solve(softened(mpcc, 0.0, 1.0))
+    assert found.success and found.f == pytest.approx(1, abs=1e-8)
+    assert found.x == pytest.approx([0, 2, 0, 0, 1, 0], abs=1e-8)
+    assert solve(mpcc, [0.1, 0.3]).status is Status.INFEASIBLE
 
 
-def test_the_elastic_program_differentiates_what_it_states() -> None:
+@pytest.mark.parametrize("weight", [2.1, 10.0])
+def test_the_softened_problem_is_the_problem_above_a_weight(weight: float) -> None:
+    """min (x - 3)² with x = 2, y free: the multiplier of the row is 2."""
     v, (x, y) = symbols(2)
-    mpcc = MPCC(v, x, x, y, g=ca.vertcat(x * y**2, ca.sin(x)))
-    base = programs_of(mpcc, np.zeros(0), np.zeros(v.numel()))("none")
-    nlp = Elastic(base)
-    rng = np.random.default_rng(1)
-    z, lam, p = rng.normal(size=nlp.n), rng.normal(size=nlp.m), np.zeros(2)
-    u = ca.MX.sym("u", nlp.n)
-    f, g = nlp.f_g(u, p)
-    own = ca.Function(
-        "own", [u], [ca.gradient(f, u), ca.jacobian(g, u), ca.hessian(ca.dot(lam, g), u)[0]]
-    )
-    slope, jacobian, hessian = (np.array(value) for value in own(z))
-    assert np.array(nlp.gradient(z, p)[1]) == pytest.approx(slope)
-    assert np.array(nlp.jacobian(z, p)[1]) == pytest.approx(jacobian)
-    assert np.array(nlp.hessian(z, p, 1.0, lam)) == pytest.approx(np.triu(hessian))
-    limits = {"lbg": np.zeros(2), "ubg": np.zeros(2)}
-    lifted = nlp.lifted(np.array([1.0, -2.0]), p, limits)
-    assert np.array(nlp.f_g(lifted, p)[1]).ravel() == pytest.approx([0, 0], abs=1e-15)
+    mpcc = MPCC(v, (x - 3) ** 2, x, y, g=x - 2)
+    assert solve(softened(mpcc, 1.0, weight)).x[0] == pytest.approx(2, abs=1e-6)
+    below = solve(softened(mpcc, 1.0, 1.0)).x[0]
+    assert below == pytest.approx(2.5, abs=1e-6), "a weight of 1 buys 1/2 of violation"
+
+
+def test_rows_may_be_more_than_variables() -> None:
+    """Rank counts: three times one line; and products, a square, of what the pair says already."""
+    v, (x, y) = symbols(2)
+    line = x + y - 1
+    found = solve(MPCC(v, (x - 1) ** 2 + (y - 2) ** 2, x, y, g=line * ca.DM([1, 2, 3])), [0.3, 0.3])
+    assert found.success and found.x == pytest.approx([0, 1], abs=1e-8)
+    v, (x, y, z) = symbols(3)
+    rows = ca.vertcat((x + z - 1) * ca.DM([1, 2, 3]), x * y, x**2 - x * (1 - z))
+    found = solve(MPCC(v, ca.sumsqr(v - 1), x, y, g=rows), [0.3, 0.3, 0.0])
+    assert found.success and found.x == pytest.approx([0, 1, 1], abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["tank-1 radau 10x3x2 fine", "hopper radau 10x3x2 fine"])
+def test_switches_and_jumps_by_finite_elements(name: str) -> None:
+    """Certified, and no dearer than where a plain Scholtes loop ends."""
+    problem, start = instances()[name]()
+    found, loop = solve(problem, start), scholtes_peer.solve(problem, start)
+    assert found.success and found.infeasibility <= 1e-6
+    assert loop.converged and found.f <= loop.f * (1 + 1e-6) + 1e-7

@@ -1,0 +1,79 @@
+"""Friction of a body with the table that it lies on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+
+from dynamics.systems.contact_rows import ContactRows
+from dynamics.systems.pairs import Pair
+from dynamics.systems.parameters import Signal
+
+
+@dataclass(frozen=True, eq=False)
+class LimitSurface:
+    """Friction of the body ``name``, whose coordinates x, y (and angle) start at number ``first``.
+
+    Its wrench w = (f_x, f_y, m) stays within the ellipsoid ``|g| <= 1``, ``g = (f_x, f_y, m /
+    reach) / force`` (Goyal, Ruina and Papadopoulos, doi 10.1016/0043-1648(91)90104-3; Lynch, doi
+    10.1109/70.508439), and the body slides along its normal where w lies on it::
+
+        (dx, dy, reach dangle) = s g,   0 <= s ⟂ h force (1 - |g|²) / 2 >= 0
+
+    with s [m] the way slid in a step. As the step is affine in its multipliers, ``s g`` is the
+    difference of p and n, ``0 <= p ⟂ m/h (p - s g) >= 0`` and ``0 <= n ⟂ m/h (n + s g) >= 0``.
+
+    ``force`` [N] is Coulomb's coefficient times the weight, ``reach`` [m] the mean distance of the
+    pressure from the centre of mass, None for a body that never turns. Where the body is not
+    ``inertial``, w is what pushes it (quasi-static); else what is left after ``M dq / h²``.
+    """
+
+    name: str
+    first: int
+    force: ca.SX | float
+    reach: ca.SX | float | None = None
+    inertial: bool = True
+
+    @property
+    def lengths(self) -> ca.SX:
+        """By what coordinates become ways [m]: 1, 1 and ``reach``."""
+        turning = ca.SX(0, 1) if self.reach is None else ca.SX(self.reach)
+        return ca.vertcat(ca.SX.ones(2), turning)
+
+
+def on_tables(
+    rows: ContactRows, residual: ca.SX, dq: ca.SX, pushed: ca.SX, mass: ca.SX,
+    surfaces: Sequence[LimitSurface], h: ca.SX | float,
+) -> tuple[ContactRows, ca.SX]:  # fmt: skip
+    """Add the pairs of bodies on a table to ``rows``, and put their motion into ``residual``.
+
+    ``pushed`` are the impulses of contacts and load (nq, 1) [N s], ``mass`` is M (nq, nq).
+    """
+    residual, contacts = ca.SX(residual), 1 + max((p.contact for p in rows.pairs), default=-1)
+    for number, surface in enumerate(surfaces):
+        lengths = surface.lengths
+        k = lengths.numel()
+        at = slice(surface.first, surface.first + k)
+        p, n, s = (ca.SX.sym(f"{surface.name}_{way}", size) for way, size in
+                   (("forward", k), ("backward", k), ("slid", 1)))  # fmt: skip
+        impulse = pushed[at] - (mass @ dq / h)[at] if surface.inertial else pushed[at]
+        bound = h * surface.force
+        g, unit = impulse / lengths / bound, mass[surface.first, surface.first] / h
+        residual[at] = dq[at] - (p - n) / lengths
+        gaps = unit * (p - s * g), unit * (n + s * g), bound * (1 - ca.sumsqr(g)) / 2
+        ways = [
+            f"{way} {axis}" for way in ("forward", "backward") for axis in ["x", "y", "angle"][:k]
+        ]
+        rows = replace(
+            rows,
+            lam=ca.vertcat(rows.lam, p, n, s),
+            gap=ca.vertcat(rows.gap, *gaps),
+            signals=(*rows.signals, *(
+                Signal(f"{surface.name} on table {way}", "m", "way slid in a step")
+                for way in [*ways, "slid"]
+            )),
+            pairs=(*rows.pairs, *[Pair("table", contacts + number)] * (2 * k + 1)),
+        )  # fmt: skip
+    return rows, residual
