@@ -87,9 +87,13 @@ SEED ?= 0
 bench-random: setup
 	$(BIN)/python -m tests.benchmarks.ocp.random_instances --count $(COUNT) --seed $(SEED) $(PROBLEMS)
 
-# Solves ten scenes of the plane by the default command; SCENES="box tee" those with such words.
+# Ten scenes of the plane by the default command, and push-box and push-t from many starts
+# (SCENES="box tee" those with such words); then a box pushed round an obstacle, N = 100, fifty
+# times, and problems that switch and jump, against a plain Scholtes loop.
 bench-world: setup
 	$(BIN)/python -m tests.benchmarks.ocp.world $(SCENES)
+	$(BIN)/python -m tests.benchmarks.ocp.pushing
+	$(BIN)/python -m tests.benchmarks.mpcc.switching
 
 # The site, from docs/ and docstrings into build/site; warnings are errors, and nothing is fetched.
 docs: setup

@@ -203,9 +203,7 @@ STRATEGIES: dict[str, Strategy] = {
     "central-path": CentralPath(),
     "scholtes-adaptive": ScholtesAdaptive(),
     "scholtes": _SCHOLTES,
-    "scholtes-exact": Falling(
-        lambda t, first: replace(relaxed(t, {"max_iter": _SHORT}), partial=True)
-    ),
+    "scholtes-exact": Falling(lambda t, first: relaxed(t, {"max_iter": _SHORT})),
     "scholtes-cold": Falling(lambda t, first: relaxed(t, {"warm_start_init_point": "no"})),
     "scholtes-quick": Falling(_quick, factor=0.01),
     "l1": L1Penalty(),
