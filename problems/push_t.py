@@ -24,7 +24,18 @@ e = norm((x, y) - (x, y)_"goal")^2 + (cos theta - cos theta_"goal")^2
   + (sin theta - sin theta_"goal")^2
 min sum_(k=0)^(N-1) w_x e_k + w_F norm(F_k)^2 + w_"end" e_N
 """
-golden = {"exact": Golden(0.8620344554, settings={"strategy": "l1"}, start=5, tried=40)}
+golden = {
+    "exact": Golden(
+        0.8619986665,
+        settings={"strategy": "l1"},
+        start=5,
+        tried=40,
+        note="with FMA the same solve ends in the neighbouring local minimum 0.8620344554",
+        # Minima whose contact schedules differ by one step lie 1e-5 to 1e-4 apart, relative; the
+        # last bit of a sine decides which of two is met: 4.2e-5 on processors with FMA.
+        tolerance=5e-5,
+    )
+}
 
 _CENTRE = 2.6429
 """Height of the centre of mass above the foot of the stem, in widths."""
