@@ -134,21 +134,18 @@ def _followed(
     """Follow the strategies from ``start`` (n,), and improve their ends, cheapest first."""
     programs = programs_of(mpcc, given, start)
     follower = Homotopy(programs, solver, {"penalty": 0.0, "relaxation": 0.0})
-    branches, best = Branches(follower), None
+    branches = Branches(follower)
     large = branches.program.n >= _LARGE
     names = strategies or (DEFAULTS_LARGE if large else DEFAULTS)
+    found: list[MPCCSolution] = []
     for some in (names[:2], names[2:]) if large else (names,):
         legs = [(name, _leg(follower, STRATEGIES[name], start)) for name in some]
         for name, leg in sorted(legs, key=lambda leg: (not leg[1].finished, leg[1].result.f)):
-            if best is not None and best.success and large:
-                break
             result = improved(branches, leg.result) if leg.finished else leg.result
-            found = _judged(programs("none"), leg.nlp, result, start, name)
-            best = found if best is None else min(best, found, key=_rank)
-        if best is not None and best.success:
-            break
-    assert best is not None
-    return best, follower
+            found.append(_judged(programs("none"), leg.nlp, result, start, name))
+            if large and found[-1].success:
+                return found[-1], follower
+    return min(found, key=_rank), follower
 
 
 def _leg(follower: Homotopy, strategy: Strategy, start: np.ndarray) -> RouteResult:

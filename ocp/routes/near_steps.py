@@ -27,10 +27,10 @@ _NEAR = 8
 class NearSteps:
     """Steps ``x_next = step(x, u)`` under the exact law, (S, nx) and (S, nu).
 
-    In the pairs of the :data:`_NEAR` nearest contacts of every state, ``0 <= lam ⟂ gap(x_next, lam)
-    >= 0`` is linearised at the last x_next and solved, until x_next stays (Josephy and Newton's
-    method); the other pairs have no impulse. A state is NaN where that does not converge, or where
-    a contact that was left out is penetrated.
+    In the pairs of the :data:`_NEAR` nearest contacts of every state and of the bodies on tables,
+    ``0 <= lam ⟂ gap(x_next, lam) >= 0`` is linearised at the last x_next and lam and solved, until
+    they stay (Josephy and Newton's method); the other pairs have no impulse. A state is NaN where
+    that does not converge, or where a contact that was left out is penetrated.
     """
 
     def __init__(self, problem: Problem, system: ContactSystem, physical: np.ndarray) -> None:
@@ -46,6 +46,7 @@ class NearSteps:
             (i, [j for j in self.owners[pair.contact] if kinds[j] == "friction"])
             for i, pair in enumerate(system.pairs) if pair.kind == "slip"
         ]  # fmt: skip
+        self.curved = not ca.is_linear(system.gap, system.lam)
         width = max(map(len, self.owners))
         # Contacts with fewer pairs repeat their last, which a mask leaves out.
         self.rows = np.array([[*own, *[own[-1]] * (width - len(own))] for own in self.owners])
@@ -76,13 +77,17 @@ class NearSteps:
         B = -moved @ once["pushed"]
         phi = np.asarray(self._distance(x, self.p))[:, : len(self.owners)]
         near = np.argsort(phi, axis=1, kind="stable")[:, :_NEAR]
+        always = np.arange(phi.shape[1], len(self.owners))
+        near = np.column_stack([near, np.tile(always, (S, 1))])
         rows, real = self.rows[near].reshape(S, -1), self.real[near].reshape(S, -1)
         x_next, left, near_lam = x.copy(), np.arange(S), np.zeros(rows.shape)
         for _ in range(_LINEARISATIONS):
-            some = x[left], u[left], x_next[left]
+            some = x[left], u[left], x_next[left], near_lam[left]
             there, lam = self._linearised(*some, a[left], B[left], rows[left], real[left])
             off = np.abs(there - x_next[left]).max(axis=1)
-            x_next[left], near_lam[left] = there, lam
+            if self.curved:
+                off = np.maximum(off, np.abs(lam - near_lam[left]).max(axis=1))
+            x_next[left], near_lam[left] = there, np.where(np.isfinite(lam), lam, 0.0)
             left = left[~(off < _SOLVED) & np.isfinite(off)]
             if not len(left):
                 break
@@ -102,20 +107,24 @@ class NearSteps:
         return x_next, lam, gap
 
     def _linearised(
-        self, x: np.ndarray, u: np.ndarray, at: np.ndarray, a: np.ndarray, B: np.ndarray,
-        rows: np.ndarray, real: np.ndarray,
+        self, x: np.ndarray, u: np.ndarray, at: np.ndarray, near: np.ndarray, a: np.ndarray,
+        B: np.ndarray, rows: np.ndarray, real: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        """Next states (S, nx) with the gaps expanded ``at`` (S, nx), and the multipliers."""
+        """Next states (S, nx) with the gaps expanded ``at`` (S, nx) and ``near`` (S, rows), and
+        the multipliers."""
         here = np.arange(len(x))[:, None]
-        found = self._along(x, u, at, np.zeros((len(x), self.n)), self.p)
+        last = np.zeros((len(x), self.n))
+        s, k = np.nonzero(real)
+        last[s, rows[s, k]] = near[s, k] * self.of_lam[rows[s, k]]
+        found = self._along(x, u, at, last, self.p)
         units, sizes = self.of_gap[rows], self.of_lam[rows]
         slope = found["by_state"][here, rows]
         B_near = np.take_along_axis(B, rows[:, None, :], axis=2) * sizes[:, None, :]
         z = found["gap"][here, rows, 0] + np.einsum("sij,sj->si", slope, a - at)
-        F = slope @ B_near + (
-            found["by_lam"][here[:, :, None], rows[:, :, None], rows[:, None, :]]
-            * sizes[:, None, :]
-        )
+        by_lam = found["by_lam"][here[:, :, None], rows[:, :, None], rows[:, None, :]]
+        by_lam = np.where(real[:, None, :], by_lam * sizes[:, None, :], 0.0)
+        z -= np.einsum("sij,sj->si", by_lam, near)
+        F = slope @ B_near + by_lam
         both = real[:, :, None] & real[:, None, :]
         lam = linear_complementarity(np.where(both, F / units[:, :, None], 0.0), z / units, real)
         return a + np.einsum("sij,sj->si", B_near, lam), lam

@@ -86,6 +86,11 @@ class Body(Thing):
     table: Scalar | None = None
     reach: Scalar | None = None
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.reach is not None and self.table is None:
+            raise ValueError(f"{self.name}: reach is that of a table; give table as well")
+
     @property
     def coordinates(self) -> tuple[Signal, ...]:
         """``<name>_x``, ``<name>_y`` and, where it turns, ``<name>_angle``."""
@@ -112,9 +117,12 @@ class Body(Thing):
         """Its friction with the table; its coordinates start at number ``first``."""
         if self.table is None:
             return None
-        reach = mean_distance(self.shape) if self.reach is None else self.reach
-        force = self.table * self.mass * gravity
-        return LimitSurface(self.name, first, force, reach if self.turns else None, inertial)
+        reach = self.reach
+        if not self.turns:
+            reach = None
+        elif reach is None:
+            reach = mean_distance(self.shape)
+        return LimitSurface(self.name, first, self.table * self.mass * gravity, reach, inertial)
 
     @property
     def turns(self) -> bool:

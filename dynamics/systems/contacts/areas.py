@@ -64,6 +64,28 @@ def mean_distance(shape: Shape | Union) -> ca.SX:
     return total / (3 * whole.area)
 
 
+class _Side(NamedTuple):
+    """A side of a core, a to b (2, 1), its outward normal, and the corner at a that it follows.
+
+    At the corner the boundary turns by ``turn`` [rad] from normal ``before`` to ``normal``.
+    """
+
+    a: ca.SX
+    b: ca.SX
+    normal: ca.SX
+    before: ca.SX
+    turn: ca.SX
+
+
+def _sides(core: list[ca.SX]) -> Iterator[_Side]:
+    """Counterclockwise sides of a core of two corners or more; a capsule's segment has two."""
+    ends = core[1:] + core[:1]
+    normals = [ca.vertcat(*(e[1], -e[0])) / ca.norm_2(e) for e in map(ca.minus, ends, core)]
+    for i, (a, b, n) in enumerate(zip(core, ends, normals, strict=True)):
+        m = normals[i - 1]
+        yield _Side(a, b, n, m, ca.atan2(m[0] * n[1] - m[1] * n[0], ca.dot(m, n)))
+
+
 def _boundary(shape: Shape, origin: ca.SX) -> Iterator[ca.SX]:
     """Integrals of ``|r| (x dy - y dx)`` about ``origin`` along sides and rounded corners."""
     core, radius = [column(corner) - origin for corner in shape.corners], ca.SX(shape.radius)
@@ -71,11 +93,7 @@ def _boundary(shape: Shape, origin: ca.SX) -> Iterator[ca.SX]:
         for quarter in range(4):
             yield _arc(core[0], radius, ca.SX(quarter * ca.pi / 2), ca.SX(ca.pi / 2))
         return
-    ends = core[1:] + core[:1]
-    normals = [ca.vertcat(*(e[1], -e[0])) / ca.norm_2(e) for e in map(ca.minus, ends, core)]
-    for i, (a, b, n) in enumerate(zip(core, ends, normals, strict=True)):
-        m = normals[i - 1]
-        turn = ca.atan2(m[0] * n[1] - m[1] * n[0], ca.dot(m, n))
+    for a, b, n, m, turn in _sides(core):
         yield _arc(a, radius, ca.atan2(m[1], m[0]), turn)
         half = (b - a) / 2
         for begin in (a + radius * n, a + radius * n + half):
@@ -98,13 +116,9 @@ def _pieces(shape: Shape) -> list[Area]:
     if len(core) == 1:
         return [_sector(core[0], r, ca.SX(2 * ca.pi), ca.SX.zeros(2))]
     found = [_ring(core)] if len(core) > 2 else []
-    ends = core[1:] + core[:1]
-    normals = [ca.vertcat(*(e[1], -e[0])) / ca.norm_2(e) for e in map(ca.minus, ends, core)]
-    for i, (a, b, n) in enumerate(zip(core, ends, normals, strict=True)):
-        m = normals[i - 1]
-        angle = ca.atan2(m[0] * n[1] - m[1] * n[0], ca.dot(m, n))
+    for a, b, n, m, turn in _sides(core):
         found.append(_ring([a, a + r * n, b + r * n, b]))
-        found.append(_sector(a, r, angle, ca.vertcat(n[1] - m[1], m[0] - n[0])))
+        found.append(_sector(a, r, turn, ca.vertcat(n[1] - m[1], m[0] - n[0])))
     return found
 
 

@@ -163,11 +163,14 @@ def switched(name: str, system: Switched, mesh: Mesh) -> tuple[MPCC, np.ndarray]
                 distances.append(sides)
 
             def at(
-                state: ca.SX, u: ca.SX = u, alphas: list[ca.SX] = alphas, split: object = split
+                state: ca.SX,
+                u: ca.SX = u,
+                alphas: list[ca.SX] = alphas,
+                split: Callable[[ca.SX], None] = split,
             ) -> tuple[ca.SX, ca.SX]:
                 alpha = rows.new("alpha", k, 0.0, 1.0, 0.5)
                 alphas.append(ca.vertcat(1 - alpha, alpha))
-                split(state)  # type: ignore[operator]
+                split(state)
                 return system.rate(state, u, alpha), system.cost(state, u)
 
             x = element(rows, mesh, h, x, x0, at)

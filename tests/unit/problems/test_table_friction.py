@@ -11,10 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import dblquad
 
+from dynamics.batch import StepFunction
 from dynamics.contact import Exact
 from dynamics.systems import ContactSystem, ParameterTable
 from dynamics.systems.contacts.areas import mean_distance
 from ocp.errors import InputError
+from ocp.problem import Problem, Scaling
+from ocp.routes.near_steps import NearSteps
 from problems.scenes import Body, Box, Capsule, Disc, Pusher, Scene, Union
 
 F, REACH, H = 0.4 * 2.0 * 9.81, 0.08, 0.05
@@ -107,9 +110,30 @@ def test_inertia_only_delays() -> None:
     assert more[0] - 2.0 * slow[0] / H == pytest.approx(lam[0], abs=1e-7)
 
 
+@pytest.mark.parametrize("inertial", [False, True])
+def test_batches_and_the_search_step_as_one_step_does(inertial: bool) -> None:
+    """25 drawn pushes: the batch engine and the search's step against the exact step."""
+    system = pushed(at=(-0.2, 0.04), inertial=inertial)
+    draws = np.random.default_rng(3).uniform(0.0, 0.03, 25)
+    alone = np.array([step(system, [0.0] * 4, u)[0] for u in draws])
+    zeros = np.zeros((25, 4))
+    for backend in ("numpy", "c"):
+        found = StepFunction(Exact().close(system), backend)(zeros, draws[:, None])
+        np.testing.assert_allclose(found.x_next, alone, atol=1e-9)
+    problem = Problem(
+        "pushed", system, N=1, x0=ca.SX.zeros(4), stage_cost=ca.SX(0),
+        terminal_cost=ca.sumsqr(system.x),
+        parameters=ParameterTable(()), scaling=Scaling(impulse=0.1, gap=0.01),
+    )  # fmt: skip
+    near = NearSteps(problem, system, np.zeros(0))(zeros, draws[:, None])
+    np.testing.assert_allclose(near, alone, atol=2e-6)
+
+
 def test_bad_tables() -> None:
     with pytest.raises(ValueError, match="table"):
         Body("box", Box((0.1, 0.1)), (0, 0), table=-1.0)
+    with pytest.raises(ValueError, match="give table as well"):
+        Body("box", Box((0.1, 0.1)), (0, 0), reach=0.1)
     finger = Pusher("finger", Disc(0.05), at=(-0.5, 0), stiffness=10.0, mass=1.0)
     scene = Scene([finger, Body("box", Box((0.1, 0.1)), (0, 0))])
     with pytest.raises(InputError, match="give it a table"):
