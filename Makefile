@@ -134,7 +134,8 @@ claims: setup
 # Pictures of the README: these problems in this order, solved under the exact law, or as
 # SOLVE_<problem> says, and as animations.
 GALLERY := wall-1d push-1d box-slide ball-bounce ball-throw cart-transport \
-	push-disc planar-push planar-hand cart-walls hopper-1d hopper half-cheetah push-box push-t
+	push-disc planar-push planar-hand cart-walls hopper-1d hopper half-cheetah push-box push-t \
+	soft-walls spinner finger-disc idto-hopper
 SOLVE_cart-walls := --contact barrier -c mu=1e-3
 SOLVE_push-box := --contact exact -s strategy=scholtes-exact
 SOLVE_push-t := --contact exact -s strategy=l1

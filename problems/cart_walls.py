@@ -121,20 +121,32 @@ def _system(p: ParameterTable) -> ContactSystem:
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Cart, pole with its tip, and the springs of both walls at the height of the tip."""
-    position, height = float(state[0]), params.l
-    # The model is linear in the angle, and so is the picture: then contact looks like contact.
-    tip = position + params.l * float(state[1])
-    right, left = max(params.wall, tip), min(-params.wall, tip)
-    return [
-        Box(position, -0.05, 0.2, 0.1, role="actuator"),
-        Segment(position, 0, tip, height),
-        Mark(tip, height),
-        Spring(params.wall + 0.15, height, right, height),
-        Spring(-params.wall - 0.15, height, left, height),
-    ]
+    return pole_shapes(float(state[0]), *_tip(params, state), params.wall)
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """The right wall pushes the tip to the left, the left wall to the right."""
-    tip = float(state[0]) + params.l * float(state[1])
-    return [ContactFrame(tip, params.l, -1, 0), ContactFrame(tip, params.l, 1, 0)]
+    return pole_frames(*_tip(params, state))
+
+
+def _tip(params: Params, state: np.ndarray) -> tuple[float, float]:
+    return float(state[0]) + params.l * float(state[1]), params.l
+
+
+def pole_shapes(position: float, tip: float, height: float, wall: float) -> list[Shape]:
+    """A cart at ``position``, a pole with its ``tip`` at a ``height``, and the walls' springs.
+
+    The model is linear in the angle, and so is the picture: then contact looks like contact.
+    """
+    return [
+        Box(position, -0.05, 0.2, 0.1, role="actuator"),
+        Segment(position, 0, tip, height),
+        Mark(tip, height),
+        Spring(wall + 0.15, height, max(wall, tip), height),
+        Spring(-wall - 0.15, height, min(-wall, tip), height),
+    ]
+
+
+def pole_frames(tip: float, height: float) -> list[ContactFrame]:
+    """Of the right wall and of the left on the tip."""
+    return [ContactFrame(tip, height, -1, 0), ContactFrame(tip, height, 1, 0)]

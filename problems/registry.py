@@ -42,6 +42,10 @@ _MODULES = {
     "half-cheetah": "problems.half_cheetah",
     "push-box": "problems.push_box",
     "push-t": "problems.push_t",
+    "soft-walls": "problems.soft_walls",
+    "spinner": "problems.spinner",
+    "finger-disc": "problems.finger_disc",
+    "idto-hopper": "problems.idto_hopper",
 }
 _TRIES = 3
 """To read a file that is being edited; one that writes to what it names is never at rest."""

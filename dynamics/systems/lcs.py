@@ -24,7 +24,7 @@ def lcs(
     states: tuple[Signal, ...] | None = None,
     inputs: tuple[Signal, ...] | None = None,
     contacts: tuple[Signal, ...] | None = None,
-    h: float = 1.0,
+    h: ca.SX | float = 1.0,
     parameters: ParameterTable | None = None,
 ) -> ContactSystem:
     """Linear complementarity system (adaptive barrier smoothing, eq. 2.1-2.2).

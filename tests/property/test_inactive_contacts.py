@@ -20,12 +20,15 @@ FORWARD = {
     "hopper-1d": {"zb": 1.0, "zf": 1.0},
     "hopper": {"torso_z": 1.0},
     "half-cheetah": {"torso_z": 1.0},
+    "soft-walls": {"p": -0.4},
+    "finger-disc": {"shoulder": -0.5},
+    "idto-hopper": {"torso_z": 1.0},
 }
 """What is added to the state that a problem starts from, so that nothing touches after a step."""
 FOLLOWED = {"push-1d": ["qa"], "push-disc": ["ax", "ay"], "planar-push": ["ax", "ay"],
             "planar-hand": ["l1", "l2", "r1", "r2"]}  # fmt: skip
 """States that a problem's inputs command; the others' inputs are zero."""
-MACHINES = {"hopper", "half-cheetah"}
+MACHINES = {"hopper", "half-cheetah", "spinner", "finger-disc", "idto-hopper"}
 LONG = {*MACHINES, "planar-hand"}
 """Too long for a compiler in the default tests, which try them by the other engines."""
 ENGINES = [

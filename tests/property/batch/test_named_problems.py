@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from dynamics.batch import RolloutFunction, open_loop
@@ -16,10 +17,19 @@ from problems import get, names
 from tests.examples import settings
 from tests.unit.dynamics.batch.backends import FAST
 
+Route = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Costs (n,) and gradients (n, N, nu) from starts (n, nx) and inputs (n, N, nu)."""
 HORIZON = 4
 # Their kernels take a compiler a good part of a minute.
 LARGE = ("hopper", "half-cheetah")
 NAMES = [pytest.param(n, marks=[pytest.mark.slow] if n in LARGE else []) for n in names()]
+SEARCHED = 2e-12
+"""Scaled violation above which a step of CasADi lost its path and was found by the search from
+other starts, which ends anywhere below 1e-10; the batch starts warm and follows its path to the
+end. Such draws are left out: two of 240 samples of finger-disc, where next states differ by 8e-11.
+"""
+NOISE = 1e-5
+"""No rounding of a route moves its gradient by more, relative: no route widens its own bound."""
 LAWS = {
     "barrier": lambda: Barrier(mu=1e-3),
     "adaptive": lambda: Adaptive(sigma=0.2),
@@ -29,7 +39,10 @@ LAWS = {
 
 @functools.cache
 def prepared(name: str, law: str):
-    """Rollouts in C and NumPy, the unrolled CasADi graph, start, and the problem's input scale."""
+    """Routes of CasADi's graph, C and NumPy, how badly CasADi's is solved, and where samples are.
+
+    These are the start, the inputs before it, and the problem's sizes.
+    """
     problem = get(name)
     system, step = problem.system, LAWS[law]().close(problem.system)
     p, du = step.p.vector, ca.SX.sym("du", system.nu)
@@ -41,41 +54,57 @@ def prepared(name: str, law: str):
         ca.Function("terminal", [system.x, p], [terminal]),
     )
     policy = open_loop(system.nx, system.nu)
-    made = [RolloutFunction(step, *costs, HORIZON, policy, backend=b) for b in FAST]
+    batch = [RolloutFunction(step, *costs, HORIZON, policy, backend=b) for b in FAST]
     x0, before = (np.array(v)[:, 0] for v in problem.limits(problem.parameters.values)[:2])
     start, inputs = ca.MX.sym("x0", system.nx), ca.MX.sym("inputs", system.nu, HORIZON)
-    x, last, cost = start, ca.MX(ca.DM(before)), ca.MX(0)
+    x, last, cost, off = start, ca.MX(ca.DM(before)), ca.MX(0), ca.MX(0)
     for t in range(HORIZON):
         u = inputs[:, t]
         cost += costs[0](*[x, u, *([u - last] if change else []), step.p.values])
+        off = ca.fmax(off, ca.mmax(step.solve(x, u, step.p.values)[3]))
         x, last = step.map(x, u, step.p.values)[0], u
     cost += costs[1](x, step.p.values)
     reference = ca.Function("reference", [start, inputs], [cost, ca.gradient(cost, inputs)])
-    return made, reference, x0, before if change else None, problem.scaling
+    unsolved = ca.Function("unsolved", [start, inputs], [off])
+    before = before if change else None
+    routes = [of_casadi(reference), *(of_batch(one, before) for one in batch)]
+    return routes, unsolved, x0, before, problem.scaling
 
 
-def reference_values(
-    reference: ca.Function, starts: np.ndarray, inputs: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Costs (n,) and gradients (n, N, nu) of CasADi's graph."""
-    wanted = [reference(x, u.T) for x, u in zip(starts, inputs, strict=True)]
-    costs = np.array([float(value[0]) for value in wanted])
-    return costs, np.array([np.array(value[1]).T for value in wanted])
+def of_casadi(graph: ca.Function) -> Route:
+    """CasADi's graph, sample by sample."""
+
+    def route(starts: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found = [graph(x, u.T) for x, u in zip(starts, inputs, strict=True)]
+        costs = np.array([float(value[0]) for value in found])
+        return costs, np.array([np.array(value[1]).T for value in found])
+
+    return route
+
+
+def of_batch(rollout: RolloutFunction, before: np.ndarray | None) -> Route:
+    """A backend, all samples at once."""
+
+    def route(starts: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        got = rollout(starts, inputs, u_before=before)
+        return np.array(got.cost), np.array(got.gradient)
+
+    return route
 
 
 def rounding(
-    reference: ca.Function, starts: np.ndarray, inputs: np.ndarray, rng: np.random.Generator
+    route: Route, starts: np.ndarray, inputs: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What rounding of the data does to the answer: changes (n,) of costs and of gradients.
+    """What rounding of the data does to a route: changes (n,) of costs and of gradients.
 
     The largest change over six draws that move every state and input by 1e-15 of itself. Two
     routes that are both right to rounding differ by about as much.
     """
-    costs, gradients = reference_values(reference, starts, inputs)
+    costs, gradients = route(starts, inputs)
     by_cost, by_gradient = np.zeros((2, len(costs)))
     for _ in range(6):
         moved = [a * (1 + 1e-15 * rng.choice([-1, 1], a.shape)) for a in (starts, inputs)]
-        cost, gradient = reference_values(reference, *moved)
+        cost, gradient = route(*moved)
         by_cost = np.maximum(by_cost, np.abs(cost - costs))
         by_gradient = np.maximum(by_gradient, np.abs(gradient - gradients).max(axis=(1, 2)))
     return by_cost, by_gradient
@@ -86,23 +115,28 @@ def rounding(
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_agrees_with_casadi(name, law, seed):
-    made, reference, x0, before, scale = prepared(name, law)
+    routes, unsolved, x0, before, scale = prepared(name, law)
     rng = np.random.default_rng(seed)
-    n = 4
-    shaken = [signal.name != "h" for signal in get(name).system.states]  # not a step size
+    n, system = 4, get(name).system
+    shaken = [signal.name != "h" for signal in system.states]  # not a step size
     starts = x0 + 0.2 * scale.x * rng.standard_normal((n, len(x0))) * shaken
-    inputs = scale.u * rng.standard_normal((n, HORIZON, reference.size1_in(1)))
+    inputs = scale.u * rng.standard_normal((n, HORIZON, system.nu))
     inputs += 0 if before is None else before
-    costs, gradients = reference_values(reference, starts, inputs)
+    off = [float(unsolved(x, u.T)) for x, u in zip(starts, inputs, strict=True)]
+    assume(max(off) <= SEARCHED)
     # Where a hand of planar-hand is drawn far into the disc, lam is 1e5 N s at a gap of 1e-8 m and
     # the contact's equations have a condition number of 1e6: rounding the data moves costs by 1e-10
-    # and gradients by 5e-9. Over 240 samples a law, routes differ there by 2.3 times that at most.
-    # Elsewhere, friction or not, 1e-12 and 1e-10 hold.
-    by_cost, by_gradient = rounding(reference, starts, inputs, rng)
-    cost_bound = np.maximum(1e-12 * np.abs(costs), 5 * by_cost)
+    # and gradients by 5e-9. Where both discs of idto-hopper's foot press, forces are open and the
+    # derivative has pivots as small as the end of the path: rounding moves its gradients by up to
+    # 1e-4, on one route 70 times as much as on another. So each route has its own rounding, and two
+    # differ by twice the sum of both at most, over 400 samples under the exact law. Elsewhere,
+    # friction or not, 1e-12 and 1e-10 hold.
+    (costs, gradients), *found = (route(starts, inputs) for route in routes)
+    (by_cost, by_gradient), *own = (rounding(route, starts, inputs, rng) for route in routes)
     floor = 1e-12 * np.abs(gradients).max() + 1e-10 * np.abs(gradients)
-    gradient_bound = np.maximum(floor, 5 * by_gradient[:, None, None])
-    for f in made:
-        got = f(starts, inputs, u_before=before)
-        assert np.all(np.abs(got.cost - costs) <= cost_bound)
-        assert np.all(np.abs(got.gradient - gradients) <= gradient_bound)
+    for (cost, gradient), (own_cost, own_gradient) in zip(found, own, strict=True):
+        assert own_gradient.max() <= NOISE * np.abs(gradients).max()
+        cost_bound = np.maximum(1e-12 * np.abs(costs), 5 * (by_cost + own_cost))
+        assert np.all(np.abs(cost - costs) <= cost_bound)
+        rounded = (by_gradient + own_gradient)[:, None, None]
+        assert np.all(np.abs(gradient - gradients) <= np.maximum(floor, 5 * rounded))

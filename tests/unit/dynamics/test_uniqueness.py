@@ -11,7 +11,8 @@ from dynamics.contact import AffineStep, Exact, ImplicitStep
 from dynamics.systems import ContactSystem, ParameterTable, lcs, quasi_dynamic, signals
 
 AFFINE = {"wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls", "box-slide",
-          "cart-transport", "ball-throw", "hopper-1d", "push-box", "push-t"}  # fmt: skip
+          "cart-transport", "ball-throw", "hopper-1d", "push-box", "push-t",
+          "soft-walls"}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", problems.names())

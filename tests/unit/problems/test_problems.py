@@ -20,6 +20,7 @@ from reports.cli.request import assignments
 
 NAMES = ["wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls"]
 MACHINES = ("hopper", "half-cheetah")
+FINGERS = ("spinner", "finger-disc")
 PARAMETERS = [
     (name, parameter) for name in NAMES for parameter in problems.spec(name).Params.model_fields
 ]
@@ -62,7 +63,8 @@ def test_every_parameter_can_be_set_and_reaches_the_problem(name: str, parameter
 def test_a_run_records_every_parameter_that_built_its_problem(name: str):
     """As symbol or as setting; without friction some problems have no symbol for it."""
     spec = problems.spec(name)
-    smooth = {"friction": 0.0} if name in (*MACHINES, "planar-push", "planar-hand") else {}
+    rough = (*MACHINES, *FINGERS, "idto-hopper", "planar-push", "planar-hand")
+    smooth = {"friction": 0.0} if name in rough else {}
     for given in ({}, {"N": 3}, smooth):
         problem = spec.problem(given)
         symbols = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))

@@ -104,6 +104,7 @@ SHORT = {
     "planar-hand": {"N": 2},
     "hopper": {"N": 2},
     "half-cheetah": {"N": 2},
+    **{name: {"N": 3} for name in ("spinner", "finger-disc", "idto-hopper", "soft-walls")},
 }
 # Their kernels take a compiler a good part of a minute.
 LARGE = ("hopper", "half-cheetah")

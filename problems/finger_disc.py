@@ -1,0 +1,109 @@
+"""A finger that turns a disc to an angle from where it touches it."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+from pydantic import model_validator
+
+from dynamics.systems import ParameterTable
+from ocp.problem import Problem, Scaling
+from problems.drawing import Shape
+from problems.machines.finger import FingerParams, finger_frames, finger_shapes, finger_system
+from problems.parameters import quantity, structure, table
+from problems.spec import Citation, Golden
+
+name = "finger-disc"
+title = "A finger that turns a disc to an angle"
+citation = Citation(
+    "nurkanovic2022nosnoc", "nosnoc's finger and disc; its code, examples/mpc/mpc_finger_ball"
+)
+axes = ("x [m]", "z [m]")
+equations = r"""
+M(q) (v^+ - v) = h (u - b(q, v) - D v^+) + J_n^top gamma + J_t^top (beta^+ - beta^-), quad
+  q^+ = q + h v^+, quad q "= (shoulder, elbow, disc), clockwise"
+0 <= gamma perp phi(q^+) >= 0, quad phi = norm(p(q) - c) - R - r, quad
+  0 <= beta^plus.minus perp psi plus.minus h J_t v^+ >= 0, quad
+  0 <= psi perp f gamma - beta^+ - beta^- >= 0
+q_0: quad p(q_0) = c - (R + r, 0), quad q_2 > 0: "the elbow is above the line to the tip"
+e^2 = w_a ((q_1 - q_(1,0))^2 + (q_2 - q_(2,0))^2) + w_d (q_3 - theta)^2
+min sum_(k=0)^(N-1) h (e_k^2 + w_v (v_1^2 + v_2^2) + w_omega v_3^2 + w_u norm(u_k)^2)
+  + w_"end" e_N^2 + w_"rest" norm(v_N)^2, quad abs(u) <= u_"max"
+"""
+golden = {"exact": Golden(1.6414158127, tried=24)}
+
+
+class Params(FingerParams):
+    """Parameters of ``finger-disc``; weights are near those of the source."""
+
+    m: float = quantity(0.5, "kg", "mass of either link, centred in its middle", above=0)
+    damping: float = quantity(0.0, "N m s/rad", "damping of either joint", least=0)
+    r: float = quantity(0.0, "m", "radius of the fingertip, a point by default", least=0)
+    R: float = quantity(0.3, "m", "radius of the disc", above=0)
+    disc_inertia: float = quantity(0.0225, "kg m^2", "inertia of the disc, of 0.5 kg", above=0)
+    friction: float = quantity(0.8, "1", "Coulomb's coefficient of tip and disc", least=0)
+    N: int = structure(15, "number of steps", least=1)
+    goal: float = quantity(math.pi / 4, "rad", "theta, where the disc shall turn, clockwise")
+    u_max: float = quantity(10.0, "N m", "largest torque", above=0)
+    w_a: float = quantity(0.1, "1/s", "weight of the joints' way from their start", least=0)
+    w_d: float = quantity(20.0, "1/s", "weight of the disc's way to its goal", least=0)
+    w_v: float = quantity(1.0, "s", "weight of the joints' velocities", least=0)
+    w_omega: float = quantity(1e-3, "s", "weight of the disc's velocity", least=0)
+    w_u: float = quantity(0.01, "1/(N^2 m^2 s)", "weight of the torques", least=0)
+    w_end: float = quantity(0.5, "s", "how much more the end weighs than a second", least=0)
+    w_rest: float = quantity(0.1, "s^2", "terminal weight of the velocities", least=0)
+
+    @model_validator(mode="after")
+    def _start_is_in_reach(self) -> Params:
+        away = math.hypot(self.x - self.R - self.r, self.z)
+        if not self.r < away < 2 * self.length - self.r:
+            raise ValueError(
+                f"the finger starts at the disc's left side, {away:.6g} m away, and reaches up to"
+                f" {2 * self.length - self.r:g} m; bring x, z nearer or make length greater"
+            )
+        return self
+
+
+def _start(p: ParameterTable) -> ca.SX:
+    """Shoulder and elbow (2, 1) [rad] at which the tip touches the disc from the left."""
+    x, z, a, b = p["x"] - p["R"] - p["r"], p["z"], p["length"], p["length"] - p["r"]
+    elbow = ca.acos((x**2 + z**2 - a**2 - b**2) / (2 * a * b))
+    return ca.vertcat(ca.atan2(x, z) - ca.atan2(b * ca.sin(elbow), a + b * ca.cos(elbow)), elbow)
+
+
+def build(params: Params) -> Problem:
+    """Steps (finger-disc.1) with contact (finger-disc.2) from (finger-disc.3), cost (finger-disc.5)
+    of the tracking error (finger-disc.4); state (q, v), impulses lam [N s].
+
+    Impacts are plastic. The source's controller starts away from the disc, keeps the tip left of
+    1.4 m by a penalty and has torques up to 15 N m; its weights of the joints' way are 0.5 and 0.1,
+    at the end 1, as is there that of the disc's velocity.
+    """
+    p = table(params)
+    system = finger_system(name, p)
+    p = system.parameters
+    q, v, posture = system.x[:3], system.x[3:], _start(p)
+    off = p["w_a"] * ca.sumsqr(q[:2] - posture) + p["w_d"] * (q[2] - p["goal"]) ** 2
+    moving = p["w_v"] * ca.sumsqr(v[:2]) + p["w_omega"] * v[2] ** 2
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        stage_cost=p["h"] * (off + moving + p["w_u"] * ca.sumsqr(system.u)),
+        terminal_cost=p["w_end"] * off + p["w_rest"] * ca.sumsqr(v),
+        x0=ca.vertcat(posture, ca.SX.zeros(4)),
+        parameters=p,
+        u_lower=-p["u_max"],
+        u_upper=p["u_max"],
+        scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=5.0),
+    )
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Finger and disc, and the disc's goal."""
+    return finger_shapes(params, state, params.goal)
+
+
+frames = finger_frames

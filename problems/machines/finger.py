@@ -1,0 +1,96 @@
+"""A finger of two links and a disc on a pin, which it turns."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dynamics.systems import ContactSystem, Link, Machine, ParameterTable, Part, contacts
+from problems.drawing import Capsule, ContactFrame, Disc, Segment, Shape
+from problems.machines.tracking import in_torques
+from problems.parameters import Parameters, friction_of, quantity
+
+_WIDTH = 0.03
+
+
+class FingerParams(Parameters):
+    """The finger at the origin and the disc on its pin."""
+
+    length: float = quantity(1.0, "m", "length of either link", above=0)
+    m: float = quantity(1.0, "kg", "mass of either link, centred in its middle", above=0)
+    inertia: float = quantity(0.0839, "kg m^2", "inertia of either link about its centre", above=0)
+    damping: float = quantity(0.1, "N m s/rad", "damping of either joint", least=0)
+    g: float = quantity(9.81, "m/s^2", "gravity")
+    r: float = quantity(0.05, "m", "radius of the fingertip, which ends with the link", least=0)
+    R: float = quantity(0.25, "m", "radius of the disc", above=0)
+    x: float = quantity(1.5, "m", "place of the disc's pin, forward")
+    z: float = quantity(1.0, "m", "place of the disc's pin, upward")
+    disc_inertia: float = quantity(0.074, "kg m^2", "inertia of the disc", above=0)
+    disc_damping: float = quantity(0.1, "N m s/rad", "damping of the disc", least=0)
+    friction: float = quantity(0.5, "1", "Coulomb's coefficient of tip and disc", least=0)
+    h: float = quantity(0.05, "s", "step size", above=0)
+
+
+def finger_system(name: str, p: ParameterTable) -> ContactSystem:
+    """One step of shoulder, elbow and disc, torques [N m] at both joints of the finger.
+
+    Angles count clockwise from straight up, state (q, v); the centre of the fingertip lies ``r``
+    before the end of the second link, and nothing else of the finger touches. The disc is balanced
+    on its pin.
+    """
+    p, friction = friction_of(p)
+    length, r = p["length"], p["r"]
+    link = {"mass": p["m"], "inertia": p["inertia"], "com": (0.0, length / 2), "gear": 1.0,
+            "damping": p["damping"]}  # fmt: skip
+    machine = Machine(
+        (
+            Link("shoulder", None, **link),
+            Link("elbow", "shoulder", anchor=(0.0, length), **link),
+            # Balanced on its pin, the disc turns whatever its mass.
+            Link("disc", None, 1.0, p["disc_inertia"], anchor=(p["x"], p["z"]),
+                 damping=p["disc_damping"]),
+        ),
+        (),
+        parts=(
+            Part("tip", "elbow", contacts.Disc(r, (0.0, length - r))),
+            Part("disc", "disc", contacts.Disc(p["R"])),
+        ),
+        meetings=(("tip", "disc"),),
+        gravity=p["g"],
+    )  # fmt: skip
+    return in_torques(machine.system(name, p, h=p["h"], friction=friction))
+
+
+def finger_shapes(params: FingerParams, state: np.ndarray, goal: float) -> list[Shape]:
+    """Links, tip, and the disc with a radius that turns; another is the goal's [rad]."""
+    (x, z), elbow, tip = (params.x, params.z), *_places(params, state)
+    disc = Disc(x, z, params.R)
+
+    def spoke(angle: float, role: str) -> Segment:
+        return Segment(x, z, x + params.R * math.sin(angle), z + params.R * math.cos(angle), role)
+
+    return [
+        disc, spoke(goal, "goal"), spoke(float(state[2]), "object"),
+        Capsule(0.0, 0.0, *elbow, _WIDTH, "actuator"), Capsule(*elbow, *tip, _WIDTH, "actuator"),
+        Disc(*tip, params.r, "actuator"),
+    ]  # fmt: skip
+
+
+def finger_frames(params: FingerParams, state: np.ndarray) -> list[ContactFrame]:
+    """The tip pushes the disc from where its rim is nearest to it."""
+    tip = np.array(_places(params, state)[1])
+    to_disc = np.array([params.x, params.z]) - tip
+    nx, nz = (float(v) for v in to_disc / np.linalg.norm(to_disc))
+    x, z = float(tip[0]) + params.r * nx, float(tip[1]) + params.r * nz
+    return [ContactFrame(x, z, nx, nz, params.friction)]
+
+
+def _places(
+    params: FingerParams, state: np.ndarray
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The elbow, and the centre of the fingertip."""
+    upper, fore = float(state[0]), float(state[0] + state[1])
+    a, b = params.length, params.length - params.r
+    elbow = a * math.sin(upper), a * math.cos(upper)
+    return elbow, (elbow[0] + b * math.sin(fore), elbow[1] + b * math.cos(fore))

@@ -1,0 +1,30 @@
+"""What tracking by a machine needs: torques in N m, and a nominal that runs in time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+
+from dynamics.systems import ContactSystem, Signal
+
+
+def with_nominal(system: ContactSystem, rate: ca.SX, nominal: Signal) -> ContactSystem:
+    """The system with the last state ``nominal``, which grows by ``rate`` a second.
+
+    As a state it runs on between the plans of a closed loop, and at any step size.
+    """
+    now, then = ca.SX.sym(nominal.name), ca.SX.sym(f"{nominal.name}_next")
+    return replace(
+        system,
+        x=ca.vertcat(system.x, now),
+        x_next=ca.vertcat(system.x_next, then),
+        residual=ca.vertcat(system.residual, then - now - system.h * rate),
+        states=(*system.states, nominal),
+    )
+
+
+def in_torques(system: ContactSystem) -> ContactSystem:
+    """The system of a machine whose gears are 1 N m, with its inputs in this unit."""
+    torques = tuple(Signal(one.name, "N m", "torque") for one in system.inputs)
+    return replace(system, inputs=torques)

@@ -1,0 +1,84 @@
+"""A finger that spins a disc on a pin."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems import Signal
+from ocp.problem import Problem, Scaling
+from problems.drawing import Shape
+from problems.machines.finger import FingerParams, finger_frames, finger_shapes, finger_system
+from problems.machines.tracking import with_nominal
+from problems.parameters import quantity, structure, table
+from problems.spec import Citation, Golden
+
+name = "spinner"
+title = "A finger that spins a disc"
+citation = Citation("kurtz2023idto", "IDTO's spinner; its code, examples/spinner")
+axes = ("x [m]", "z [m]")
+equations = r"""
+M(q) (v^+ - v) = h (u - b(q, v) - D v^+) + J_n^top gamma + J_t^top (beta^+ - beta^-), quad
+  q^+ = q + h v^+, quad q "= (shoulder, elbow, disc), clockwise"
+0 <= gamma perp phi(q^+) >= 0, quad phi = norm(p(q) - c) - R - r, quad
+  0 <= beta^plus.minus perp psi plus.minus h J_t v^+ >= 0, quad
+  0 <= psi perp f gamma - beta^+ - beta^- >= 0
+theta^+ = theta + h omega, quad e = (q_1 - q_(1,0), q_2 - q_(2,0), q_3 - theta - "lead")
+min sum_(k=0)^(N-1) h (w_q norm(e_k)^2 + w_v norm(v_k)^2 + w_u norm(u_k)^2)
+  + w_"end" norm(e_N)^2 + w_"rest" norm(v_N)^2
+"""
+golden = {
+    "exact": Golden(
+        8.3918095564, tried=44, note="other minima: 8.3963802, 8.3984789, 8.4031937, 12.55, 17.73"
+    )
+}
+
+
+class Params(FingerParams):
+    """Parameters of ``spinner``, the source's."""
+
+    N: int = structure(40, "number of steps", least=1)
+    shoulder0: float = quantity(0.3, "rad", "start and goal of the shoulder")
+    elbow0: float = quantity(1.5, "rad", "start and goal of the elbow")
+    rate: float = quantity(1.0, "rad/s", "omega, how fast the nominal angle theta of the disc runs")
+    lead: float = quantity(0.0, "rad", "what is added to the nominal angle")
+    w_q: float = quantity(1.0, "1/s", "weight of the way to the nominal angles", least=0)
+    w_v: float = quantity(0.1, "s", "weight of the velocities", least=0)
+    w_u: float = quantity(0.1, "1/(N^2 m^2 s)", "weight of the torques", least=0)
+    w_end: float = quantity(10.0, "1", "terminal weight of the way to the nominal", least=0)
+    w_rest: float = quantity(0.1, "s^2", "terminal weight of the velocities", least=0)
+
+
+def build(params: Params) -> Problem:
+    """Steps (spinner.1) with contact (spinner.2) and a nominal that runs (spinner.3), cost
+    (spinner.4); state (q, v, nominal), impulses lam [N s].
+
+    The nominal begins at the disc's angle, zero, and is a state, so that a closed loop has it
+    too; there ``lead`` takes it back to the disc's present angle. Contact is rigid, where the
+    source has stiff springs; nothing drives the disc, where it penalises a force.
+    """
+    p = table(params)
+    system = with_nominal(
+        finger_system(name, p), p["rate"], Signal("nominal", "rad", "nominal angle of the disc")
+    )
+    q, v, nominal = system.x[:3], system.x[3:6], system.x[6]
+    off = q - ca.vertcat(p["shoulder0"], p["elbow0"], nominal + p["lead"])
+    running = p["w_q"] * ca.sumsqr(off) + p["w_v"] * ca.sumsqr(v)
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        stage_cost=p["h"] * (running + p["w_u"] * ca.sumsqr(system.u)),
+        terminal_cost=p["w_end"] * ca.sumsqr(off) + p["w_rest"] * ca.sumsqr(v),
+        x0=ca.vertcat(p["shoulder0"], p["elbow0"], ca.SX.zeros(5)),
+        parameters=system.parameters,
+        scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=5.0),
+    )
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Finger and disc, and the nominal angle of the disc."""
+    return finger_shapes(params, state, float(state[6]) + params.lead)
+
+
+frames = finger_frames
