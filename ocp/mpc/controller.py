@@ -1,0 +1,239 @@
+"""A receding-horizon controller, built once and then asked at every sample."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dynamics.contact import ContactLaw, Exact
+from ocp.errors import InputError, choose
+from ocp.mpc.measurement import Measurement
+from ocp.mpc.phases.full import Full
+from ocp.mpc.phases.newton import NewtonPhase
+from ocp.mpc.phases.policy import FixedPolicy, Law, along
+from ocp.mpc.phases.protocol import Answer, Phase, Sample
+from ocp.mpc.phases.table import NEWTON, PHASES
+from ocp.mpc.receding import Receding, Values, horizon_rows
+from ocp.mpc.rollouts import Roller
+from ocp.mpc.stages import Plan, StageModel
+from ocp.policy import OpenLoop
+from ocp.problem import Problem
+from ocp.rollout import Gains
+from ocp.session import Session
+from ocp.transcription import Direct
+from ocp.transcription.nlp import StageCompiler, trajectories
+
+_WARM_UP = 30
+"""Programs at most before the first answer, which starts from another law's or state's plan."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """What a controller answers: the input, the plan behind it, and how it came about.
+
+    ``status`` is ``solved``, ``plan before`` (no step improved on the shifted plan), ``kept`` (no
+    new plan could be made; the shifted one goes on) or ``late`` (the deadline was missed and the
+    shifted plan's input is sent); ``why`` says what was not as usual, in sentences. ``seconds`` is
+    the whole work of the sample, preparation and feedback. ``merit`` is the plan's cost, with the
+    penalty of violated constraints.
+    """
+
+    u: np.ndarray
+    plan: Plan | None
+    status: str
+    seconds: float
+    why: str = ""
+    merit: float = np.nan
+
+
+@dataclass
+class Controller:
+    """Answer each measured state with an input, by a plan that recedes with the horizon.
+
+        controller = Controller(problems.get("soft-walls"))
+        command = controller.step(x, u_before)
+
+    ``law`` closes the contact of the plans: the exact one, or for the phase ``relaxed`` a smoothed
+    one. ``phase`` is one of :data:`~ocp.mpc.phases.table.PHASES`; ``policy`` is what the phase
+    ``policy`` evaluates: a function ``(x, k) -> u``, :class:`~ocp.rollout.Gains`, or None for the
+    regulator's gains along the first plan. ``iterations`` is the number of quadratic programs a
+    sample. ``deadline`` (s) is optional: an answer that comes later is replaced by the shifted
+    plan's input, and counted in ``misses``. ``told`` are sentences on what a receding horizon had
+    to change of the problem.
+
+    Everything symbolic happens here, and functions are compiled once and cached. Measured state,
+    last input, parameters and the law's mu are parameters of the one program.
+
+    Raises :class:`~ocp.errors.InputError` for an unknown phase, a law that the phase cannot use,
+    and a problem whose step size is free.
+    """
+
+    problem: Problem
+    law: ContactLaw | None = None
+    phase: str = "qpcc"
+    policy: Law | Gains | None = None
+    iterations: int = 1
+    deadline: float | None = None
+    parameters: Values = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        choose("phase", self.phase, PHASES)
+        self.contact = self.law = PHASES[self.phase].law(self.law)
+        if self.iterations < 1:
+            raise InputError(f"iterations must be 1 or more, got {self.iterations}")
+        self.receding = Receding.of(self.problem)
+        self.told = list(self.receding.told)
+        planned = self.receding.problem
+        exact = isinstance(self.law, Exact)
+        self.session = Session(
+            planned, self.contact, Direct(), OpenLoop(), compiled=StageCompiler()
+        )
+        self.model = StageModel(planned, planned.exact_step if exact else self.session.step)
+        self.roller = Roller(self.model)
+        if self.model.backend != "c":
+            self.told.append(
+                f"There is no C compiler: steps are evaluated by {self.model.backend}."
+            )
+        self._base = np.array([self.session.values[name] for name in self.model.names])
+        self._dynamics = self._names_of_dynamics()
+        p = self._rows({})
+        limits = self._limits(p)
+        self.start, self._u_start = limits[:2]
+        self.measurement = Measurement(planned)
+        self._first = self._first_plan(p)
+        self._regulated = self._regulator(p) if self.phase == "policy" and not self.policy else None
+        self.reset()
+
+    def reset(self) -> None:
+        """Start again from the first plan, as if no sample had been answered."""
+        self.plan, self.u_before = self._first, self._u_start
+        self.misses, self.samples = 0, 0
+        self._phase = self._built()
+
+    def _names_of_dynamics(self) -> set[str]:
+        import casadi as ca
+
+        step, system = self.model.step, self.problem.system
+        seen = ca.vertcat(step.residual, step.gap, step.mu)
+        return {n for n in step.p.names if ca.depends_on(seen, step.p[n])} if system.nx else set()
+
+    def _rows(self, values: Values) -> np.ndarray:
+        given = {**self.parameters, **values}
+        return horizon_rows(self.receding, self.model.names, self._base, given, self._dynamics)
+
+    def _limits(self, p: np.ndarray) -> list[np.ndarray]:
+        found = self.receding.problem.limits(p[0, self.model.of_problem])
+        return [np.array(v).ravel() for v in found]
+
+    def _first_plan(self, p: np.ndarray) -> Plan:
+        """Solve the problem once, from its own start."""
+        self.session.values |= dict(zip(self.model.names, p[0], strict=True))
+        self._solved = self.session.solve()
+        nlp, result = self._solved.nlp, self._solved.result
+        found = trajectories(nlp, result, nlp.parameter_vector(self.session.values))
+        return Plan(found.x[0], found.u[0], found.lam[0], found.gap[0])
+
+    def _built(self) -> Phase:
+        if self.phase == "full":
+            return Full(self.session, self.model, self._solved)
+        if self.phase != "policy":
+            return NEWTON[self.phase](self.model, self.roller, self.iterations)
+        if callable(self.policy):
+            return FixedPolicy(self.policy)
+        gains = self.policy or self._regulated
+        assert gains is not None
+        return FixedPolicy(along(gains))
+
+    def _regulator(self, p: np.ndarray) -> Gains:
+        """Gains of the linear-quadratic regulator along the first plan, its contacts held."""
+        limits, plan = self._limits(p), self._first
+        phase = NEWTON["qp" if isinstance(self.law, Exact) else "relaxed"](self.model, self.roller)
+        phase.prepare(plan, Sample(limits[0], limits[1], p, (limits[2], limits[3])))
+        assert phase.prepared is not None
+        K = phase.regulator.gains(phase.prepared.lin)
+        return Gains(K, plan.u - np.einsum("kij,kj->ki", K, plan.x[:-1]))
+
+    def values(self, parameters: Values) -> np.ndarray:
+        """The problem's own parameters (np,) at a sample's values, those of its first step."""
+        found = self._rows(parameters)[0, self.model.of_problem]
+        return found[: len(self.problem.parameters)]
+
+    @property
+    def values_of_sample(self) -> dict[str, float]:
+        """All values of the sample that was answered last, by name."""
+        return dict(zip(self.model.names, self._p[0], strict=True))
+
+    def step(
+        self, x: np.ndarray, u_before: np.ndarray | None = None, parameters: Values | None = None
+    ) -> Command:
+        """The input for a measured state ``x`` (nx,).
+
+        ``u_before`` (nu,) is the input that was applied last, by default the one commanded;
+        ``parameters`` are values by name, numbers or, for parameters of the cost and constraints,
+        arrays over the horizon (N,) or (N+1,).
+
+        A state that is not finite, outside its bounds or in penetration does not raise: it is
+        projected, or the plan's prediction takes its place, and ``why`` says so. Raises
+        :class:`~ocp.errors.InputError` for arrays of another shape and unknown parameters.
+        """
+        began = time.perf_counter()
+        p = self._rows(parameters or {})
+        limits = self._limits(p)
+        before = self.u_before if u_before is None else np.asarray(u_before, dtype=float).ravel()
+        ahead = self._ahead(p)
+        seen, told = self.measurement.projected(
+            x, ahead.x[0], limits[4:], p[0, self.model.of_problem]
+        )
+        self._measure(p, seen, before)
+        self._p = p
+        sample = Sample(seen, before, p, (limits[2], limits[3]))
+        self._phase.prepare(ahead, sample)
+        answer = self._warm(sample) if self.samples == 0 else self._phase.feedback(sample)
+        u, status, why = answer.u, answer.status, [*told, *([answer.why] if answer.why else [])]
+        seconds = time.perf_counter() - began
+        if self.deadline is not None and seconds > self.deadline and self.samples:
+            self.misses += 1
+            u, status = np.clip(ahead.u[0], *sample.bounds), "late"
+        if answer.plan is not None:
+            self.plan = answer.plan
+        self.u_before, self.samples = u, self.samples + 1
+        return Command(u, answer.plan, status, seconds, "; ".join(why), answer.merit)
+
+    def _measure(self, p: np.ndarray, x: np.ndarray, u_before: np.ndarray) -> None:
+        for name, value in self.receding.start(x, u_before).items():
+            p[:, self.model.names.index(name)] = value
+
+    def _ahead(self, p: np.ndarray) -> Plan:
+        """The plan one step later, its last step by the last gains; itself before any sample."""
+        plan = self.plan
+        if self.samples == 0 or self.phase == "policy":
+            return plan
+        u_last = self._tail(plan, self._limits(p))
+        last = self.roller.ahead(plan.x[-1:], u_last, p)
+        last = last if np.isfinite(last).all() else plan.x[-1:]
+        x = np.concatenate([plan.x[1:], last])
+        u = np.concatenate([plan.u[1:], u_last])
+        lam, gap = (np.concatenate([v[1:], v[-1:]]) for v in (plan.lam, plan.gap))
+        return Plan(x, u, lam, gap)
+
+    def _tail(self, plan: Plan, limits: list[np.ndarray]) -> np.ndarray:
+        """The input of the step that the horizon gains: the last gains go on."""
+        if not isinstance(self._phase, NewtonPhase):
+            return plan.u[-1:]
+        moved = self._phase.gain @ (plan.x[-1] - plan.x[-2])
+        return np.clip(plan.u[-1:] + moved, limits[2], limits[3])
+
+    def _warm(self, sample: Sample) -> Answer:
+        """The first answer, by as many programs as it takes."""
+        answer = self._phase.feedback(sample)
+        for _ in range(_WARM_UP):
+            if self.phase not in NEWTON or answer.plan is None or answer.status == "kept":
+                break
+            self._phase.prepare(answer.plan, sample)
+            found = self._phase.feedback(sample)
+            if not found.merit < answer.merit * (1 - 1e-6):
+                break
+            answer = found
+        return answer

@@ -1,0 +1,156 @@
+"""The quadratic program of a horizon, solved by PIQP, which uses its stages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import piqp
+import scipy.sparse as sp
+
+from ocp.mpc.linearised import Affine, Linearised
+from ocp.mpc.stages import StageModel
+
+_SOFT = 1e3
+"""Penalty of what a row is violated by, in characteristic costs for its characteristic size."""
+_TOLERANCE = 1e-9
+_ITERATIONS = 60
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A step dx (N+1, nx), du (N, nu) of a plan, and the multipliers of its program.
+
+    ``costates`` (N, nx) belong to the dynamics, ``rows`` (N, rows) to the rows, in costs for their
+    characteristic sizes; ``objective`` is the change of cost that the program predicts, with the
+    penalty of violated rows.
+    """
+
+    dx: np.ndarray
+    du: np.ndarray
+    costates: np.ndarray
+    rows: np.ndarray
+    objective: float
+    iterations: int
+    solved: bool
+
+
+class HorizonQP:
+    """``min sum_k 1/2 w' H w + g' w + penalty`` over steps of a plan, its pattern fixed once.
+
+    Variables are du_k, a slack s_k and dx_{k+1} of every step; w_k = (dx_k, du_{k-1}, du_k).
+    Dynamics are equations and bounds on inputs hold; rows may be violated by s_k >= 0 at an exact
+    penalty, so that every program has a solution.
+    """
+
+    def __init__(self, model: StageModel, rows: int) -> None:
+        self.model, self.n_rows = model, rows
+        nx, nu, N = model.nx, model.nu, model.N
+        per = nu + 1 + nx
+        self.size = N * per
+        k = np.arange(N)[:, None] * per
+        self.u, self.s = k + np.arange(nu), k[:, 0] + nu
+        self.x_next = k + nu + 1 + np.arange(nx)
+        self.x = np.concatenate([np.full((1, nx), -1), self.x_next[:-1]])
+        before = np.concatenate([np.full((1, nu), -1), self.u[:-1]])
+        if not model.problem.uses_du:
+            before[:] = -1
+        self.w = np.concatenate([self.x, before, self.u], axis=1)
+        self._lay()
+        self._solver: piqp.SparseSolver | None = None
+
+    def _lay(self) -> None:
+        """Places of every entry of the Hessian, the equations and the rows."""
+        N, nx, m = self.model.N, self.model.nx, self.n_rows
+        nw, end = self.w.shape[1], self.x_next[-1]
+        row, column = (
+            np.broadcast_to(v, (N, nw, nw)) for v in (self.w[:, :, None], self.w[:, None])
+        )
+        self._P = _Pattern(
+            np.concatenate([row.ravel(), np.repeat(end, nx), self.s]),
+            np.concatenate([column.ravel(), np.tile(end, nx), self.s]), (self.size, self.size),
+        )  # fmt: skip
+        equation = np.arange(N * nx).reshape(N, nx)
+        xu = np.concatenate([self.x, self.u], axis=1)
+        self._A = _Pattern(
+            np.concatenate([np.repeat(equation, xu.shape[1], axis=1).ravel(), equation.ravel()]),
+            np.concatenate([np.tile(xu, (1, nx)).ravel(), self.x_next.ravel()]),
+            (N * nx, self.size),
+        )
+        touched = np.concatenate([self.x, self.u, self.s[:, None]], axis=1)
+        number = np.repeat(np.arange(N * m).reshape(N, m), touched.shape[1], axis=1)
+        self._G = _Pattern(number.ravel(), np.tile(touched, (1, m)).ravel(), (N * m, self.size))
+
+    def solve(
+        self, lin: Linearised, rows: Affine, dx0: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
+    ) -> Direction:
+        """The step from a plan whose first state is off by ``dx0`` (nx,).
+
+        ``rows`` stay at 0 or above; ``bounds`` are those of du, each (N, nu).
+        """
+        model, N, nx = self.model, self.model.N, self.model.nx
+        cost = model.problem.scales.cost
+        H, end = lin.hessian / cost, lin.end[1] / cost
+        P = self._P(np.concatenate([H.ravel(), end.ravel(), np.full(N, 1e-2 * _SOFT)]))
+        dynamics = np.concatenate([lin.x_next.by_x, lin.x_next.by_u], axis=2)
+        A = self._A(np.concatenate([-dynamics.ravel(), np.ones(N * nx)]))
+        ahead = lin.x_next.value.copy()
+        ahead[0] += lin.x_next.by_x[0] @ dx0
+        low = -rows.value
+        low[0] -= rows.by_x[0] @ dx0
+        slack = np.ones((N, self.n_rows, 1))
+        G = self._G(np.concatenate([rows.by_x, rows.by_u, slack], axis=2).ravel())
+        x_l, x_u = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        x_l[self.s] = 0.0
+        x_l[self.u], x_u[self.u] = bounds
+        c = self._linear(lin, dx0, cost)
+        z, found = self._solved(P, c, A, ahead.ravel(), G, low.ravel(), x_l, x_u)
+        dx = np.concatenate([dx0[None], z[self.x_next]])
+        return Direction(
+            dx, z[self.u], np.array(found.y).reshape(N, nx) * cost,
+            np.array(found.z_l).reshape(N, self.n_rows) * cost,
+            float(found.info.primal_obj) * cost, int(found.info.iter),
+            found.info.status == piqp.PIQP_SOLVED and bool(np.isfinite(z).all()),
+        )  # fmt: skip
+
+    def _linear(self, lin: Linearised, dx0: np.ndarray, cost: float) -> np.ndarray:
+        g = lin.gradient / cost
+        g[0] += lin.hessian[0][:, : self.model.nx] @ dx0 / cost
+        keep, c = self.w >= 0, np.zeros(self.size)
+        np.add.at(c, self.w[keep], g[keep])
+        c[self.x_next[-1]] += lin.end[0] / cost
+        c[self.s] += _SOFT
+        return c
+
+    def _solved(self, *program: Any) -> tuple[np.ndarray, piqp.Result]:
+        P, c, A, b, G, low, x_l, x_u = program
+        given = P, c, A, b, G, low, np.full(low.size, np.inf), x_l, x_u
+        if self._solver is None:
+            self._solver = piqp.SparseSolver()
+            settings = self._solver.settings
+            settings.kkt_solver = piqp.KKTSolver.sparse_multistage
+            settings.eps_abs, settings.eps_rel = _TOLERANCE, 0.0
+            settings.check_duality_gap = False
+            settings.max_iter = _ITERATIONS
+            self._solver.setup(*given)
+        else:
+            self._solver.update(*given)
+        self._solver.solve()
+        return np.array(self._solver.result.x), self._solver.result
+
+
+class _Pattern:
+    """A sparse matrix whose entries come in a fixed order; those at -1 are left out."""
+
+    def __init__(self, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> None:
+        self.kept = np.flatnonzero((rows >= 0) & (columns >= 0))
+        key = columns[self.kept] * shape[0] + rows[self.kept]
+        unique, self.place = np.unique(key, return_inverse=True)
+        starts = np.searchsorted(unique, np.arange(shape[1] + 1) * shape[0])
+        self.matrix = sp.csc_matrix((np.zeros(unique.size), unique % shape[0], starts), shape=shape)
+
+    def __call__(self, data: np.ndarray) -> sp.csc_matrix:
+        """The matrix of these entries; entries at the same place add up."""
+        self.matrix.data = np.bincount(self.place, data[self.kept], self.matrix.nnz)
+        return self.matrix

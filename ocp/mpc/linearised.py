@@ -1,0 +1,120 @@
+"""Steps of a plan linearised, with next state, multipliers and gaps eliminated from each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from ocp.mpc.stages import Evaluated, Plan, StageModel
+
+
+class Closure(NamedTuple):
+    """Linear closure ``a dgap + b dlam - m dmu = c`` of every pair and step, each (N, n)."""
+
+    a: np.ndarray
+    b: np.ndarray
+    m: np.ndarray
+    c: np.ndarray
+
+    @classmethod
+    def active(cls, plan: Plan, closed: np.ndarray) -> Closure:
+        """``gap = 0`` where ``closed`` (N, n), ``lam = 0`` elsewhere."""
+        shut = closed.astype(float)
+        return cls(shut, 1 - shut, 0 * shut, np.where(closed, -plan.gap, -plan.lam))
+
+    @classmethod
+    def product(cls, plan: Plan, mu: np.ndarray) -> Closure:
+        """``lam gap = mu``, linearised at the plan, in units of its larger factor."""
+        size = np.maximum(np.maximum(abs(plan.lam), abs(plan.gap)), 1e-300)
+        off = mu - plan.lam * plan.gap
+        return cls(plan.lam / size, plan.gap / size, 1 / size, off / size)
+
+
+class Affine(NamedTuple):
+    """``value + by_x dx + by_u du`` of every step: (N, k), (N, k, nx) and (N, k, nu)."""
+
+    value: np.ndarray
+    by_x: np.ndarray
+    by_u: np.ndarray
+
+
+@dataclass
+class Linearised:
+    """A horizon near a plan: everything as changes dx_k, du_k from it.
+
+    ``x_next`` (its change), ``lam``, ``gap`` and ``rows`` are :class:`Affine`; ``gradient`` (N, nw)
+    and ``hessian`` (N, nw, nw) of the cost by w = (x, u_before, u), ``end`` those of the terminal
+    cost. ``by_closure`` (N, nx + n, n) is the change of (x_next, lam) with the closures' right
+    sides, ``gap_by_closure`` (N, n, n) that of the gaps, ``rows_by_closure`` that of the rows.
+    """
+
+    x_next: Affine
+    lam: Affine
+    gap: Affine
+    rows: Affine
+    gradient: np.ndarray
+    hessian: np.ndarray
+    end: tuple[np.ndarray, np.ndarray]
+    by_closure: np.ndarray
+    gap_by_closure: np.ndarray
+    rows_by_closure: np.ndarray
+
+
+def linearise(model: StageModel, plan: Plan, at: Evaluated, closure: Closure) -> Linearised:
+    """Eliminate x_next, lam and gap from every step: one (nx + n) system for each.
+
+    Raises ``numpy.linalg.LinAlgError`` where a step's system is singular.
+    """
+    nx, nu, n = model.nx, model.nu, model.n
+    xu, J = nx + nu, at.jacobian
+    edges = np.cumsum([0, nx, n, n, model.m])
+    R, G, M, P = (J[:, a:b] for a, b in pairwise(edges))
+    a, b, m, c = closure
+    pairs = a[:, :, None] * G - m[:, :, None] * M
+    matrix = np.concatenate([R[:, :, xu:], pairs[:, :, xu:]], axis=1)
+    i = np.arange(n)
+    matrix[:, nx + i, nx + i] += b + model.compliance
+    off = np.concatenate([-at.residual, c], axis=1)
+    ways = -np.concatenate([R[:, :, :xu], pairs[:, :, :xu]], axis=1)
+    sides = np.zeros((len(J), nx + n, n))
+    sides[:, nx + i, i] = 1.0
+    found = np.linalg.solve(matrix, np.concatenate([off[:, :, None], ways, sides], axis=2))
+    moved, by_closure = found[:, :, : 1 + xu], found[:, :, 1 + xu :]
+    x_next, dlam = (Affine(part[:, :, 0], part[:, :, 1 : 1 + nx], part[:, :, 1 + nx :])
+                    for part in (moved[:, :nx], moved[:, nx:]))  # fmt: skip
+
+    def through(part: np.ndarray, value: np.ndarray) -> Affine:
+        by = part[:, :, xu:] @ moved
+        return Affine(value + by[:, :, 0], part[:, :, :nx] + by[:, :, 1 : 1 + nx],
+                      part[:, :, nx:xu] + by[:, :, 1 + nx :])  # fmt: skip
+
+    gradient, hessian = _cost(model, at, dlam)
+    return Linearised(
+        x_next, dlam._replace(value=dlam.value + plan.lam), through(G, at.gap), through(P, at.rows),
+        gradient, hessian, (at.end_gradient, positive(at.end_hessian)),
+        by_closure, G[:, :, xu:] @ by_closure, P[:, :, xu:] @ by_closure,
+    )  # fmt: skip
+
+
+def _cost(model: StageModel, at: Evaluated, dlam: Affine) -> tuple[np.ndarray, np.ndarray]:
+    """Gradient and Hessian by (x, u_before, u), through the multipliers where they cost."""
+    nw = model.nx + 2 * model.nu
+    if not model.costs_impulses:
+        return at.gradient[:, :nw], positive(at.hessian[:, :nw, :nw])
+    T = np.zeros((model.N, nw + model.n, nw))
+    T[:, :nw] = np.eye(nw)
+    T[:, nw:, : model.nx], T[:, nw:, model.nx + model.nu :] = dlam.by_x, dlam.by_u
+    bent = at.gradient + np.einsum("nij,nj->ni", at.hessian[:, :, nw:], dlam.value)
+    across = T.transpose(0, 2, 1)
+    return (across @ bent[:, :, None])[:, :, 0], positive(across @ at.hessian @ T)
+
+
+def positive(matrix: np.ndarray) -> np.ndarray:
+    """Symmetric matrices (..., n, n) with negative eigenvalues set to zero."""
+    values, vectors = np.linalg.eigh(matrix)
+    if values.size == 0 or values.min() >= 0:
+        return matrix
+    return (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)

@@ -1,0 +1,80 @@
+"""The exact route at every sample: the complementarity problem, from the shifted solution."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ocp.errors import InputError
+from ocp.mpc.phases.protocol import Answer, Sample
+from ocp.mpc.stages import Plan, StageModel
+from ocp.programs.program import Layout
+from ocp.programs.solver import Point
+from ocp.routes.homotopy import RouteResult
+from ocp.session import Session
+from ocp.transcription.nlp import trajectories
+
+
+class Full:
+    """Solve the whole problem, warm from the solution before, by the route that ``solve`` takes."""
+
+    def __init__(self, session: Session, model: StageModel, first: RouteResult) -> None:
+        self.session, self.model, self.last = session, model, first
+        self.count = 0
+        self.plan: Plan | None = None
+
+    def prepare(self, plan: Plan | None, sample: Sample) -> None:
+        """Keep the shifted plan for a solve that fails."""
+        self.plan = plan
+
+    def feedback(self, sample: Sample) -> Answer:
+        """Solve from the shifted solution; where that fails, the shifted plan goes on."""
+        session, p = self.session, sample.p
+        held = [n for i, n in enumerate(self.model.names) if np.ptp(p[:, i]) > 0]
+        session.values |= dict(zip(self.model.names, p[0], strict=True))
+        try:
+            result = session.solve(self._start())
+        except InputError as error:
+            return self._kept(sample, str(error))
+        nlp = result.nlp
+        found = trajectories(nlp, result.result, nlp.parameter_vector(session.values))
+        plan = Plan(found.x[0], found.u[0], found.lam[0], found.gap[0])
+        if not (result.result.ok and plan.finite):
+            return self._kept(sample, f"the solver ended with {result.result.status.value}")
+        self.last = result
+        why = f"the value of {', '.join(held)} at the first step holds throughout" if held else ""
+        merit = self.model.merits(
+            plan.x[None], plan.u[None], plan.lam[None], sample.u_before, p
+        )[0][0]  # fmt: skip
+        return Answer(plan.u[0], plan, "solved", why, float(merit))
+
+    def _kept(self, sample: Sample, reason: str) -> Answer:
+        """The shifted plan, whose inputs are still within the bounds of the moment."""
+        plan = self.plan
+        u = np.zeros(self.model.nu) if plan is None else plan.u[0]
+        return Answer(
+            np.clip(u, *sample.bounds), plan, "kept", f"{reason}; the plan before goes on"
+        )
+
+    def _start(self) -> Point:
+        nlp, point = self.last.nlp, self.last.result.point
+        self.count += 1
+        if self.count == 1:
+            return point
+        x = shifted(nlp.variables, point.x)
+        assert x is not None
+        return Point(
+            x, shifted(nlp.variables, point.lam_x),
+            shifted(nlp.constraints, point.lam_g),
+        )  # fmt: skip
+
+
+def shifted(layout: Layout, vector: np.ndarray | None) -> np.ndarray | None:
+    """Values of a program's blocks one step later; those of the last step are repeated."""
+    if vector is None:
+        return None
+    blocks = {}
+    for name, values in layout.unpack(vector).items():
+        along = values.ndim >= 2 and values.shape[1] > 1
+        moved = np.concatenate([values[:, 1:], values[:, -1:]], axis=1) if along else values
+        blocks[name] = moved
+    return layout.pack(blocks)

@@ -1,0 +1,38 @@
+"""Feedback that plans nothing: a function of the state, gains of a plan, or a regulator's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ocp.mpc.phases.protocol import Answer, Sample
+from ocp.mpc.stages import Plan
+from ocp.rollout import Gains
+
+Law = Callable[[np.ndarray, int], np.ndarray]
+"""``u = law(x, k)`` at the sample k, counted from 0."""
+
+
+class FixedPolicy:
+    """``u = law(x, k)``, clipped to the bounds. The horizon does not move."""
+
+    def __init__(self, law: Law) -> None:
+        self.law, self.count = law, 0
+
+    def prepare(self, plan: Plan | None, sample: Sample) -> None:
+        """Nothing to prepare."""
+
+    def feedback(self, sample: Sample) -> Answer:
+        """Evaluate the law."""
+        u = np.asarray(self.law(sample.x, self.count), dtype=float).ravel()
+        self.count += 1
+        if not np.isfinite(u).all():
+            return Answer(np.clip(sample.u_before, *sample.bounds), None, "kept",
+                          "the policy's input is not finite; the input before goes on")  # fmt: skip
+        return Answer(np.clip(u, *sample.bounds), None)
+
+
+def along(gains: Gains) -> Law:
+    """``u = K_k x + k_k`` of gains (N, nu, nx); after step N the last ones hold."""
+    return lambda x, k: gains.input(k, x)

@@ -1,0 +1,47 @@
+"""What a feedback phase is: it turns a measured state into the next plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from ocp.mpc.stages import Plan
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A measurement: state (nx,), last input (nu,), parameters (N+1, np), bounds on u (nu,)."""
+
+    x: np.ndarray
+    u_before: np.ndarray
+    p: np.ndarray
+    bounds: tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The input to apply and the plan behind it; ``why`` says what was not as usual."""
+
+    u: np.ndarray
+    plan: Plan | None
+    status: str = "solved"
+    why: str = ""
+    merit: float = field(default=np.nan)
+
+
+class Phase(Protocol):
+    """One way to answer a measurement.
+
+    ``prepare`` does all that needs no measurement, for the plan shifted by one step; ``feedback``
+    does the rest.
+    """
+
+    def prepare(self, plan: Plan | None, sample: Sample) -> None:
+        """Evaluate, linearise and factorise at a plan, with the parameters of ``sample``."""
+        ...
+
+    def feedback(self, sample: Sample) -> Answer:
+        """Answer a measurement."""
+        ...

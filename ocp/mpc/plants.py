@@ -1,0 +1,97 @@
+"""What a controller drives in a simulation: the model itself, or sharper and changed physics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dynamics.batch import StepFunction
+from ocp.errors import InputError, choose, did_you_mean
+from ocp.judges.referee import REFINEMENT, step_place
+from ocp.problem import Problem
+
+PLANTS = {
+    "exact": "the exact law at the model's step size",
+    "referee": "the sharpest contact that the system has",
+    "h/4": "the sharpest contact at a quarter of the step size, the input held",
+    "noise": "the exact law, with noise of 1 % of the characteristic sizes where none is given",
+}
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """What is unlike the model.
+
+    ``noise_state`` and ``noise_input`` are standard deviations of the measurement and of the
+    applied input, one number for all or values by name, in the signals' units; ``mismatch`` are the
+    plant's own parameters; ``delay`` applies each input one sample late; ``pushes`` are changes of
+    the state (nx,) by sample.
+    """
+
+    noise_state: float | Mapping[str, float] = 0.0
+    noise_input: float | Mapping[str, float] = 0.0
+    mismatch: Mapping[str, float] = field(default_factory=dict)
+    delay: bool = False
+    pushes: Mapping[int, np.ndarray] = field(default_factory=dict)
+
+
+class Plant:
+    """One step of the world from sample to sample, at parameters of its own.
+
+    Raises :class:`~ocp.errors.InputError` for an unknown plant or parameter, and for ``h/4`` where
+    the step size only counts steps.
+    """
+
+    def __init__(self, problem: Problem, name: str, mismatch: Mapping[str, float]) -> None:
+        choose("plant", name, PLANTS)
+        known = problem.parameters.names
+        for one in mismatch:
+            if one not in known:
+                raise InputError(
+                    f"mismatch: {problem.name} has no parameter {one!r}{did_you_mean(one, known)}"
+                )
+        self.problem, self.substeps = problem, 1
+        values = dict(zip(known, problem.parameters.values, strict=True)) | dict(mismatch)
+        step = problem.referee_step if name in ("referee", "h/4") else problem.exact_step
+        if name == "h/4":
+            why, h, _ = step_place(problem.system)
+            if why or not h:
+                raise InputError(f"plant h/4: {why or 'the step size is a state'}; take referee")
+            values[h] /= REFINEMENT
+            self.substeps = REFINEMENT
+        self._step, self._solve = StepFunction(step, threads=1), step.solve
+        self._p = step.p.pack({name: values[name] for name in step.p.names if name in values})
+        sharpest = step is not problem.exact_step
+        self.lam = slice(0, 0 if sharpest else problem.system.nlam)
+
+    def ahead(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The state after a sample, and the sum of the model's impulses, NaN under others."""
+        total = np.zeros(self.problem.system.nlam)
+        for _ in range(self.substeps):
+            found = self._step(x[None], u[None], self._p)
+            after, lam = found.x_next[0], found.lam[0, self.lam]
+            if not np.isfinite(after).all():  # The solver of single steps tries more starts.
+                after, lam = (np.array(v).ravel() for v in self._solve(x, u, self._p)[:2])
+                lam = lam[self.lam]
+            x = after
+            total = total + lam if lam.size else np.full_like(total, np.nan)
+        return x, total
+
+
+def deviations(given: float | Mapping[str, float], names: list[str], what: str) -> np.ndarray:
+    """Standard deviations of all signals, from one number or from values by name.
+
+    Raises :class:`~ocp.errors.InputError` for an unknown name, a negative or non-finite number.
+    """
+    if isinstance(given, Mapping):
+        for name in given:
+            if name not in names:
+                raise InputError(f"{what}: unknown signal {name!r}{did_you_mean(name, names)}")
+        found = np.array([float(given.get(name, 0.0)) for name in names])
+    else:
+        found = np.full(len(names), float(given))
+    if not (np.isfinite(found).all() and (found >= 0).all()):
+        raise InputError(f"{what} must be 0 or more and finite, got {given}")
+    return found

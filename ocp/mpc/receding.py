@@ -1,0 +1,119 @@
+"""The problem that a receding horizon solves: its start and last input are parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems import Parameter, ParameterTable
+from ocp.errors import InputError, did_you_mean
+from ocp.problem import Problem, Scenarios
+
+_WEIGHT = 100.0
+"""Of softened terminal constraints, in characteristic costs for a characteristic size."""
+
+Values = Mapping[str, "float | np.ndarray"]
+"""Parameters by name; an array (N,) or (N+1,) has one value per step of the horizon."""
+
+
+@dataclass(frozen=True)
+class Receding:
+    """A problem whose measured state and last input are parameters.
+
+    ``problem`` has the parameters ``measured_0 ...`` and ``last_input_0 ...``; ``told`` says in
+    sentences what a receding horizon had to change.
+    """
+
+    problem: Problem
+    told: tuple[str, ...]
+
+    @classmethod
+    def of(cls, problem: Problem) -> Receding:
+        """Make one of a problem.
+
+        Raises :class:`~ocp.errors.InputError` for a free final time, which has no fixed sample.
+        """
+        if problem.h is not None:
+            raise InputError(
+                f"{problem.name}: the step size is free, and a controller needs a fixed one; build"
+                " the problem with a number for h"
+            )
+        told: list[str] = []
+        made: dict[str, Any] = {"start": None, "terminal": (), "scenarios": Scenarios()}
+        if problem.start is not None:
+            told.append("The start is measured, not chosen; periodicity is left out.")
+        if problem.scenarios.n > 1:
+            told.append(f"The measured state replaces the {problem.scenarios.n} scenarios.")
+        if problem.terminal:
+            names = ", ".join(one.name for one in problem.terminal)
+            told.append(f"Terminal constraints ({names}) are softened.")
+            made["terminal_cost"] = problem.terminal_cost + _softened(problem)
+        defaults = problem.parameters.values
+        x0, before = (np.array(v).ravel() for v in problem.limits(defaults)[:2])
+        measured = [Parameter(f"measured_{i}", v, "1", "measured state") for i, v in enumerate(x0)]
+        last = [Parameter(f"last_input_{i}", v, "1", "input before") for i, v in enumerate(before)]
+        added = ParameterTable([*measured, *last])
+        made["x0"] = added.vector[: len(measured)]
+        if problem.uses_du:
+            made["u_before"] = added.vector[len(measured) :]
+        changed = replace(problem, parameters=problem.parameters + added, **made)
+        return cls(changed, tuple(told))
+
+    @cached_property
+    def added(self) -> set[str]:
+        """Names of the parameters that hold the measurement."""
+        nx, nu = self.problem.system.nx, self.problem.system.nu
+        return set(self.problem.parameters.names[-(nx + nu) :])
+
+    def start(self, x: np.ndarray, u_before: np.ndarray) -> dict[str, float]:
+        """Values of the added parameters at a measurement."""
+        found = {f"measured_{i}": float(v) for i, v in enumerate(x)}
+        return found | {f"last_input_{i}": float(v) for i, v in enumerate(u_before)}
+
+
+def _softened(problem: Problem) -> ca.SX:
+    """100 characteristic costs times the squared violation of terminal constraints."""
+    off = ca.SX(0)
+    for one in problem.terminal:
+        above, below = one.expression - one.upper, one.lower - one.expression
+        off += ca.sumsqr(ca.fmax(above, 0) + ca.fmax(below, 0))
+    return _WEIGHT * problem.scales.cost / problem.scaling.x**2 * off
+
+
+def horizon_rows(
+    receding: Receding, names: list[str], base: np.ndarray, values: Values, dynamics: set[str]
+) -> np.ndarray:
+    """Parameters as rows (N+1, np), one per step and one for the end, from ``base`` (np,).
+
+    ``dynamics`` are the names that the step depends on, which have one value over a horizon.
+
+    Raises :class:`~ocp.errors.InputError` for an unknown name, and for an array of another length
+    or of a parameter of the dynamics.
+    """
+    N, known = receding.problem.N, [n for n in names if n not in receding.added]
+    found = np.tile(base, (N + 1, 1))
+    for name, value in values.items():
+        if name not in known:
+            raise InputError(
+                f"{receding.problem.name} has no parameter {name!r}{did_you_mean(name, known)}"
+            )
+        given, i = np.asarray(value, dtype=float), names.index(name)
+        if given.ndim == 0:
+            found[:, i] = given
+            continue
+        if given.shape not in ((N,), (N + 1,)):
+            raise InputError(
+                f"{name} over the horizon needs {N} or {N + 1} values, got an array {given.shape}"
+            )
+        if name in dynamics and np.ptp(given) > 0:
+            raise InputError(
+                f"{name} is a parameter of the dynamics, which has one value over the horizon; give"
+                " a number"
+            )
+        found[: len(given), i], found[len(given) :, i] = given, given[-1]
+    return found

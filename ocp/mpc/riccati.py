@@ -1,0 +1,44 @@
+"""Gains of the linear-quadratic regulator along a plan."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems.elimination import solve_without_pivoting
+from ocp.mpc.linearised import Linearised
+from ocp.transcription.nlp import StageCompiler
+
+_LEAST = 1e-9
+"""Added to the curvature by inputs, as a share of its mean."""
+
+
+class Regulator:
+    """``K_k = -Quu^-1 Qux`` backwards along a plan, one compiled step repeated N times.
+
+    With ``Q = H_k + (A_k B_k)' V_{k+1} (A_k B_k)`` and ``V_k = Qxx + Qxu K_k``. The cost of input
+    increments counts as that of inputs.
+    """
+
+    def __init__(self, nx: int, nu: int, N: int) -> None:
+        self.nx, self.nu, self.N = nx, nu, N
+        V, AB = ca.SX.sym("V", nx, nx), ca.SX.sym("AB", nx, nx + nu)
+        H = ca.SX.sym("H", nx + nu, nx + nu)
+        Q = H + AB.T @ V @ AB
+        Quu = Q[nx:, nx:]
+        Quu = Quu + _LEAST / nu * ca.trace(Quu) * ca.SX.eye(nu)
+        K = -solve_without_pivoting(Quu, Q[nx:, :nx])
+        before = Q[:nx, :nx] + Q[:nx, nx:] @ K
+        step = ca.Function("mpc_riccati", [V, AB, H], [0.5 * (before + before.T), K], {"cse": True})
+        self._backwards = StageCompiler()(step).mapaccum(N)
+
+    def gains(self, lin: Linearised) -> np.ndarray:
+        """K (N, nu, nx), zero where it is not finite."""
+        nx, nu, N = self.nx, self.nu, self.N
+        AB = np.concatenate([lin.x_next.by_x, lin.x_next.by_u], axis=2)
+        xu = np.r_[:nx, nx + nu : nx + 2 * nu]
+        H = lin.hessian[:, xu[:, None], xu]
+        columns = (v[::-1].transpose(1, 0, 2).reshape(v.shape[1], -1) for v in (AB, H))
+        _, K = self._backwards(lin.end[1], *columns)
+        found = np.asarray(K).reshape(nu, N, nx).transpose(1, 0, 2)[::-1]
+        return found if np.isfinite(found).all() else np.zeros_like(found)

@@ -1,0 +1,62 @@
+"""Candidates for the next plan, rolled out under the law from the measured state."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch import Episode, EpisodeFunction, RolloutPolicy, StepFunction
+from ocp.mpc.stages import Plan, StageModel
+
+_FAR = 1e6
+"""Limit of inputs without bounds, in characteristic inputs."""
+
+
+class Roller:
+    """Plans of ``u_k = clip(K_k x_k + k_k)``, rolled out under the law of a stage model."""
+
+    def __init__(self, model: StageModel) -> None:
+        self.model = model
+        step, nx, nu = model.step, model.nx, model.nu
+        x, theta = ca.SX.sym("x", nx), ca.SX.sym("theta", nu * (nx + 3))
+        K, k = ca.reshape(theta[: nu * nx], nx, nu).T, theta[nu * nx : nu * nx + nu]
+        low, high = theta[nu * (nx + 1) : nu * (nx + 2)], theta[nu * (nx + 2) :]
+        law = ca.Function("clipped", [x, theta], [ca.fmin(ca.fmax(K @ x + k, low), high)])
+        u, p = ca.SX.sym("u", nu), ca.SX.sym("p", 0)
+        none = ca.Function("none", [x, p], [ca.SX.zeros(1)])
+        reward = ca.Function("reward", [x, u, ca.SX.sym("x_next", nx), p], [ca.SX.zeros(1)])
+        objective = Episode(reward, none, none)
+        policy = RolloutPolicy(law, per_step=True)
+        self._roll = EpisodeFunction(step, objective, model.N, policy, threads=1)
+        self._step = StepFunction(step, threads=1)
+
+    def ahead(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """The states (n, nx) one step after x (n, nx), under u (n, nu)."""
+        return self._step(x, u, p[0, self.model.of_step]).x_next
+
+    def roll(
+        self, x0: np.ndarray, K: np.ndarray, k: np.ndarray, u_before: np.ndarray,
+        bounds: tuple[np.ndarray, np.ndarray], p: np.ndarray,
+    ) -> tuple[Plan, float, int]:  # fmt: skip
+        """The candidate of lowest merit, its merit, and which it is.
+
+        Gains K (S, N, nu, nx) and k (S, N, nu) are those of S candidates; one that has no solution
+        at a step has an infinite merit.
+        """
+        model, (S, N) = self.model, K.shape[:2]
+        far = _FAR * model.problem.scales.u
+        low, high = np.maximum(bounds[0], -far), np.minimum(bounds[1], far)
+        ends = np.broadcast_to(np.concatenate([low, high]), (S, N, 2 * model.nu))
+        theta = np.concatenate([K.reshape(S, N, -1), k, ends], axis=2)
+        own = p[0, model.of_step]
+        x = self._roll(np.tile(x0, (S, 1)), theta, np.append(own, 1.0), states=True).states
+        u = np.clip(np.einsum("skij,skj->ski", K, x[:, :-1]) + k, low, high)
+        flat = x[:, :-1].reshape(S * N, -1), u.reshape(S * N, -1)
+        lam = self._step(*flat, own).lam[:, : model.n].reshape(S, N, -1)
+        merit, gap = model.merits(x, u, lam, u_before, p)
+        sound = (
+            np.isfinite(merit) & np.isfinite(x).all(axis=(1, 2)) & np.isfinite(lam).all(axis=(1, 2))
+        )
+        merit = np.where(sound, merit, np.inf)
+        best = int(np.argmin(merit))
+        return Plan(x[best], u[best], lam[best], gap[best]), float(merit[best]), best

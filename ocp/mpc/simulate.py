@@ -1,0 +1,201 @@
+"""Closed-loop simulation: a controller on a plant, seed by seed, sample by sample."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ocp.errors import InputError
+from ocp.mpc.controller import Command, Controller
+from ocp.mpc.judge import PlanJudge
+from ocp.mpc.plants import Disturbance, Plant, deviations
+from ocp.mpc.receding import Values
+from ocp.problem import Problem
+
+_FAR = 1e4
+"""A state beyond this many characteristic sizes has diverged."""
+_SHARE = 0.01
+"""Noise of the plant ``noise`` where none is given, in characteristic sizes."""
+
+Goals = Callable[[int, np.ndarray], Values]
+"""Parameters of the controller at a sample, from its number and the measured state."""
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """Trajectories of S seeds over T samples, as labelled arrays, and what was counted.
+
+    ``data`` has x (S, T+1, nx), u (S, T, nu), measured (S, T, nx), plan (S, T, N+1, nx), seconds,
+    cost (S, T), merit, status (S, T) and ended (S,), the number of samples before the plant
+    diverged. ``why`` are the sentences of the commands, with how often each came.
+    """
+
+    problem: Problem
+    data: xr.Dataset
+    why: Mapping[str, int]
+    misses: int
+    record: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def costs(self) -> np.ndarray:
+        """Closed-loop cost (S,): all stage costs and the terminal cost; NaN where a seed ended."""
+        return self.data["cost"].sum("sample", skipna=False).values + self.data["end_cost"].values
+
+    @property
+    def survived(self) -> np.ndarray:
+        """Whether a seed reached the last sample (S,)."""
+        return self.data["ended"].values == self.data.sizes["sample"]
+
+    @property
+    def certified(self) -> float:
+        """Share of the judged plans that are stationary; NaN where none was judged."""
+        judged = self.data["certificate"].values
+        asked = judged != ""
+        return float(np.isin(judged[asked], ("B", "KKT")).mean()) if asked.any() else np.nan
+
+    def percentile(self, share: float, skip: int = 10) -> float:
+        """Percentile of the seconds of a sample, without the first ``skip`` of every seed."""
+        seconds = self.data["seconds"].values[:, skip:]
+        return float(np.nanpercentile(seconds, share)) if seconds.size else np.nan
+
+
+def simulate(
+    controller: Controller, steps: int, plant: str = "exact",
+    disturbance: Disturbance | None = None, *, seeds: int = 1, seed: int = 0,
+    x0: np.ndarray | None = None, goals: Goals | None = None, certify: int = 0,
+    progress: Callable[[int, int, Command], None] | None = None,
+) -> ClosedLoop:  # fmt: skip
+    """Drive ``plant`` from ``x0`` (nx,) or (seeds, nx) for ``steps`` samples, once a seed.
+
+    ``certify`` judges every n-th plan by an independent certificate, outside the timed step.
+    The noise of seed s is the stream s of ``seed``. A plant that diverges ends its seed; Ctrl-C
+    ends the simulation, and what ran is returned.
+
+    Raises :class:`~ocp.errors.InputError` for counts below 1 and as :class:`Plant` does.
+    """
+    given = disturbance or Disturbance()
+    for what, count in (("steps", steps), ("seeds", seeds)):
+        if count < 1:
+            raise InputError(f"{what} must be 1 or more, got {count}")
+    loop = _Loop(controller, Plant(controller.problem, plant, given.mismatch), given, steps, seeds)
+    loop.goals, loop.certify, loop.progress = goals, certify, progress
+    if plant == "noise":
+        loop.default_noise()
+    starts = controller.start if x0 is None else np.asarray(x0, dtype=float)
+    starts = np.broadcast_to(starts, (seeds, controller.problem.system.nx))
+    stopped = False
+    for s, stream in enumerate(np.random.SeedSequence(seed).spawn(seeds)):
+        try:
+            loop.run(s, starts[s], np.random.default_rng(stream))
+        except KeyboardInterrupt:
+            stopped = True
+            break
+    record = {"plant": plant, "steps": steps, "seeds": seeds, "seed": seed, "stopped": stopped,
+              "phase": controller.phase, "law": controller.contact.name}  # fmt: skip
+    return loop.result(record)
+
+
+class _Loop:
+    """The arrays of a simulation, filled seed by seed."""
+
+    def __init__(
+        self, controller: Controller, plant: Plant, given: Disturbance, steps: int, seeds: int
+    ) -> None:
+        self.controller, self.plant, self.given = controller, plant, given
+        self.goals: Goals | None = None
+        self.progress: Callable[[int, int, Command], None] | None = None
+        self.certify = 0
+        self.judge = PlanJudge(controller.session)
+        problem, system = controller.problem, controller.problem.system
+        nx, nu, N = system.nx, system.nu, problem.N
+        self.states, self.inputs = ([one.name for one in part]
+                                    for part in (system.states, system.inputs))  # fmt: skip
+        self.sd_x = deviations(given.noise_state, self.states, "noise-state")
+        self.sd_u = deviations(given.noise_input, self.inputs, "noise-input")
+        shapes = {"x": (steps + 1, nx), "u": (steps, nu), "measured": (steps, nx),
+                  "plan": (steps, N + 1, nx), "cost": (steps,), "seconds": (steps,),
+                  "merit": (steps,)}  # fmt: skip
+        self.arrays = {name: np.full((seeds, *shape), np.nan) for name, shape in shapes.items()}
+        self.status = np.full((seeds, steps), "", dtype="<U12")
+        self.certificate = np.full((seeds, steps), "", dtype="<U12")
+        self.ended, self.end_cost = np.zeros(seeds, dtype=int), np.full(seeds, np.nan)
+        self.why: dict[str, int] = {}
+        self.misses, self.steps = 0, steps
+
+    def default_noise(self) -> None:
+        """Noise of the plant ``noise``, where none is given."""
+        scales = self.controller.problem.scales
+        if not self.sd_x.any() and not self.sd_u.any():
+            self.sd_x, self.sd_u = _SHARE * scales.x, _SHARE * scales.u
+
+    def run(self, s: int, x: np.ndarray, rng: np.random.Generator) -> None:
+        """One seed, from its start to its end."""
+        controller, far = self.controller, _FAR * self.controller.problem.scales.x
+        controller.reset()
+        before = waiting = controller.u_before
+        self.arrays["x"][s, 0] = x
+        for k in range(self.steps):
+            x = x + np.asarray(self.given.pushes.get(k, 0.0))
+            seen = x + self.sd_x * rng.standard_normal(x.size)
+            asked = self.goals(k, seen) if self.goals else {}
+            command = controller.step(seen, before, asked)
+            self._keep(s, k, seen, command)
+            wanted = waiting if self.given.delay else command.u
+            waiting = command.u
+            u = wanted + self.sd_u * rng.standard_normal(wanted.size)
+            x_next, lam = self.plant.ahead(x, u)
+            values = controller.values(asked)
+            self.arrays["u"][s, k] = u
+            self.arrays["cost"][s, k], self.end_cost[s] = self._cost(
+                x, u, before, lam, x_next, values
+            )
+            x, before = x_next, u
+            if not np.isfinite(x).all() or (abs(x) > far).any():
+                return
+            self.arrays["x"][s, k + 1] = x
+            self.ended[s] = k + 1
+
+    def _keep(self, s: int, k: int, seen: np.ndarray, command: Command) -> None:
+        arrays = self.arrays
+        arrays["measured"][s, k], arrays["seconds"][s, k] = seen, command.seconds
+        arrays["merit"][s, k], self.status[s, k] = command.merit, command.status
+        self.misses += command.status == "late"
+        if command.plan is not None:
+            arrays["plan"][s, k] = command.plan.x
+            if self.certify and k % self.certify == 0:
+                values = self.controller.values_of_sample
+                self.certificate[s, k] = self.judge.verdict(command.plan, values)
+        for reason in filter(None, command.why.split("; ")):
+            kind = _NUMBER.sub("#", reason)
+            self.why[kind] = self.why.get(kind, 0) + 1
+        if self.progress:
+            self.progress(s, k, command)
+
+    def _cost(
+        self, x: np.ndarray, u: np.ndarray, before: np.ndarray, lam: np.ndarray, x_next: np.ndarray,
+        p: np.ndarray,
+    ) -> tuple[float, float]:  # fmt: skip
+        """Cost of a step, and that of the end if the loop ended here."""
+        terms, du = self.controller.problem.cost_terms, u - before
+        return float(terms(x, u, du, lam, p)[0]), float(terms(x_next, u, du, lam, p)[1])
+
+    def result(self, record: dict[str, Any]) -> ClosedLoop:
+        """All as labelled arrays."""
+        dims = {"x": ("node", "state"), "u": ("sample", "input"), "measured": ("sample", "state"),
+                "plan": ("sample", "ahead", "state"), "cost": ("sample",), "seconds": ("sample",),
+                "merit": ("sample",)}  # fmt: skip
+        parts = {name: (("seed", *dims[name]), value) for name, value in self.arrays.items()}
+        parts |= {
+            name: (("seed", "sample"), getattr(self, name)) for name in ("status", "certificate")
+        }
+        parts |= {name: (("seed",), getattr(self, name)) for name in ("ended", "end_cost")}
+        data = xr.Dataset(parts, coords={"state": self.states, "input": self.inputs})
+        return ClosedLoop(self.controller.problem, data, self.why, self.misses, record)
+
+
+_NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?(e-?[0-9]+)?")

@@ -1,0 +1,170 @@
+"""Values and derivatives of all steps of a horizon under a law, from one compiled function."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch import BatchFunction
+from dynamics.contact import Step
+from ocp.policy import OpenLoop
+from ocp.problem import Problem
+from ocp.transcription.common import Graph
+
+_COMPLIANCE = 1e-9
+_PENALTY = 100.0
+"""Of violated constraints in the merit, in characteristic costs for a characteristic size."""
+
+
+@dataclass
+class Plan:
+    """States x (N+1, nx), inputs u (N, nu), multipliers lam and gaps (N, n) of a horizon."""
+
+    x: np.ndarray
+    u: np.ndarray
+    lam: np.ndarray
+    gap: np.ndarray
+
+    @property
+    def finite(self) -> bool:
+        """Whether no state and no input is NaN or infinite."""
+        return bool(np.isfinite(self.x).all() and np.isfinite(self.u).all())
+
+
+class Evaluated(NamedTuple):
+    """Steps of a plan, a row each, and their derivatives.
+
+    residual (N, nx), gap and mu (N, n), and ``rows`` (N, m), which constraints keep at 0 or above;
+    ``jacobian`` of all of them by (x, u, x_next, lam); gradient (N, nw + n) and Hessian of the
+    stage cost by w = (x, u_before, u) and lam, and of the terminal cost by x_N.
+    """
+
+    residual: np.ndarray
+    gap: np.ndarray
+    mu: np.ndarray
+    rows: np.ndarray
+    jacobian: np.ndarray
+    gradient: np.ndarray
+    hessian: np.ndarray
+    end_gradient: np.ndarray
+    end_hessian: np.ndarray
+
+
+class StageModel:
+    """One step of a problem under a law, for all steps of a plan at once.
+
+    Path constraints and bounds on states are rows of x_next and of the step, in characteristic
+    sizes.
+
+    Raises :class:`~ocp.errors.InputError` as :class:`~ocp.transcription.common.Graph` does.
+    """
+
+    def __init__(self, problem: Problem, step: Step) -> None:
+        self.problem, self.step = problem, step
+        graph = Graph(problem, step, OpenLoop())
+        self.nx, self.nu, self.n, self.N = graph.nx, graph.nu, step.n, problem.N
+        self.names = graph.names
+        self.of_step = [self.names.index(name) for name in step.p.names]
+        self.of_problem = [self.names.index(name) for name in problem.parameters.names]
+        system = problem.system
+        rows = self._rows(graph)
+        self.m = rows.numel()
+        cost, w = graph.stage_cost(), ca.vertcat(system.x, graph.u_before, system.u, step.lam)
+        self.costs_impulses = bool(ca.depends_on(cost, step.lam))
+        values = ca.vertcat(step.residual, step.gap, step.mu, rows)
+        by = ca.vertcat(system.x, system.u, system.x_next, step.lam)
+        hessian, gradient = ca.hessian(cost, w)
+        arguments = [system.x, graph.u_before, system.u, system.x_next, step.lam, graph.p]
+        off = _PENALTY * problem.scales.cost * ca.sum1(ca.fmax(-rows, 0))
+        self._merit = _batched("mpc_merit", arguments, [cost + off, step.gap])
+        self._stage = _batched("mpc_stage", arguments,
+                               [values, ca.jacobian(values, by), gradient, hessian])  # fmt: skip
+        last, end = [system.x, graph.p], problem.terminal_cost
+        hessian, gradient = ca.hessian(end, system.x)
+        self._end_cost = _batched("mpc_end_cost", last, [end])
+        self._end_slopes = _batched("mpc_end", last, [gradient, hessian])
+
+    @property
+    def backend(self) -> str:
+        """What evaluates the steps: ``c``, or ``numpy`` on a computer without a compiler."""
+        return self._stage.backend
+
+    def _rows(self, graph: Graph) -> ca.SX:
+        problem, path = self.problem, graph.path_constraints()
+        limits = [ca.vertcat(ca.SX(0, 1), *(getattr(c, end) for c in problem.path))
+                  for end in ("lower", "upper")]  # fmt: skip
+        kept = _between(path, limits, np.ones(path.numel()))
+        ends = [ca.repmat(ca.SX(v), self.nx // ca.SX(v).numel())
+                for v in (problem.x_lower, problem.x_upper)]  # fmt: skip
+        return ca.vertcat(kept, _between(problem.system.x_next, ends, problem.scales.x))
+
+    def merits(
+        self, x: np.ndarray, u: np.ndarray, lam: np.ndarray, u_before: np.ndarray, p: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Merit (S,) of S plans, and their gaps (S, N, n); ``p`` is (N+1, np).
+
+        The merit is the cost and 100 characteristic costs times all that constraints are violated
+        by, in characteristic sizes.
+        """
+        S = len(x)
+        before = np.concatenate([np.broadcast_to(u_before, (S, 1, self.nu)), u[:, :-1]], axis=1)
+        each = (x[:, :-1], before, u, x[:, 1:], lam, np.broadcast_to(p[:-1], (S, *p[:-1].shape)))
+        cost, gap = self._merit(*(v.reshape(S * self.N, -1) for v in each))
+        end = self._end_cost(x[:, -1], p[-1])
+        return cost.reshape(S, self.N).sum(axis=1) + end[:, 0], gap.reshape(S, self.N, self.n)
+
+    def evaluate(self, plan: Plan, u_before: np.ndarray, p: np.ndarray) -> Evaluated:
+        """Values and derivatives of the steps of a plan; ``p`` is (N+1, np)."""
+        before = np.concatenate([u_before[None], plan.u[:-1]])
+        x, N = plan.x, self.N
+        values, jacobian, gradient, hessian = self._stage(
+            x[:-1], before, plan.u, x[1:], plan.lam, p[:-1]
+        )
+        slope, bend = self._end_slopes(x[-1:], p[-1])
+        edges = np.cumsum([0, self.nx, self.n, self.n, self.m])
+        residual, gap, mu, rows = (values[:, a:b] for a, b in pairwise(edges))
+        nw = gradient.shape[1]
+        return Evaluated(
+            residual, gap, mu, rows, jacobian.reshape(N, -1, edges[-1]).transpose(0, 2, 1),
+            gradient, hessian.reshape(N, nw, nw), slope[0], bend.reshape(self.nx, self.nx),
+        )  # fmt: skip
+
+    @cached_property
+    def sizes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Characteristic sizes (n,) of multipliers and gaps, exchanged for slips."""
+        scales, pairs = self.problem.scales, self.problem.system.pairs
+        slips = np.array([p.kind in ("slip", "table") for p in pairs] * self.step.branches, bool)
+        lam = np.where(slips, scales.gap, scales.impulse)
+        return lam, np.where(slips, scales.impulse, scales.gap)
+
+    @cached_property
+    def compliance(self) -> np.ndarray:
+        """Of closed pairs (n,), gap over force: redundant contacts share their load.
+
+        1e-9 in characteristic sizes; none for slips, which friction forces determine.
+        """
+        pairs = self.problem.system.pairs
+        forces = np.array([pair.kind not in ("slip", "table") for pair in pairs], dtype=float)
+        lam, gap = self.sizes
+        return _COMPLIANCE * np.tile(forces, self.step.branches) * gap / lam
+
+
+def _between(value: ca.SX, ends: list[ca.SX], sizes: np.ndarray) -> ca.SX:
+    """Rows that are 0 or more between the bounds, in ``sizes``; none for an infinite bound."""
+    rows = [
+        sign * (value[i] - end[i]) / sizes[i]
+        for sign, end in zip((1, -1), ends, strict=True)
+        for i in range(value.numel())
+        if not (end[i].is_constant() and np.isinf(float(end[i])))
+    ]
+    return ca.vertcat(ca.SX(0, 1), *rows)
+
+
+def _batched(name: str, arguments: list[ca.SX], outputs: list[ca.SX]) -> BatchFunction:
+    function = ca.Function(name, arguments, [ca.densify(v) for v in outputs], {"cse": True})
+    return BatchFunction(function, threads=1)

@@ -1,0 +1,187 @@
+"""The controller and its loop: optimal costs that are known otherwise, bad input, determinism."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynamics.contact import Barrier, Exact
+from ocp.errors import InputError
+from ocp.mpc import Controller, Disturbance, simulate
+from ocp.mpc.receding import Receding
+from ocp.problem import Constraint
+from problems import get
+
+OPTIMUM = 361.3236972
+"""Enumerated over all windows of contact, tests/golden/test_contact_windows.py."""
+
+
+@pytest.fixture(scope="module")
+def walls() -> Controller:
+    return Controller(get("soft-walls"))
+
+
+@pytest.fixture(scope="module")
+def disc() -> Controller:
+    return Controller(get("push-disc"))
+
+
+def test_the_loop_costs_what_the_best_of_all_contact_windows_does(walls: Controller) -> None:
+    """The terminal cost is the value of going on without contact, so receding changes nothing."""
+    loop = simulate(walls, 60, certify=6)
+    assert loop.costs[0] == pytest.approx(OPTIMUM, rel=1e-6)
+    assert loop.survived.all()
+    assert loop.certified == 1.0
+
+
+@pytest.mark.parametrize("phase", ["qp", "policy"])
+def test_other_phases_agree_where_the_plan_is_followed(phase: str) -> None:
+    loop = simulate(Controller(get("soft-walls"), phase=phase), 30)
+    assert loop.costs[0] == pytest.approx(OPTIMUM, rel=1e-6)
+
+
+def test_the_whole_route_agrees_with_one_quadratic_program(walls: Controller) -> None:
+    """From a disturbed start, where active sets differ from the first plan's."""
+    x0 = walls.start + np.array([0.03, 0.1, -0.2, 0.3])
+    full = simulate(Controller(get("soft-walls"), phase="full"), 3, x0=x0)
+    fast = simulate(walls, 3, x0=x0)
+    assert fast.costs == pytest.approx(full.costs, rel=1e-6)
+
+
+def test_a_smoothed_plan_costs_more_on_the_exact_plant(walls: Controller) -> None:
+    soft = simulate(Controller(get("soft-walls"), Barrier(mu=1e-2), "relaxed"), 40)
+    assert soft.costs[0] > simulate(walls, 40).costs[0]
+
+
+def test_the_same_seed_gives_the_same_bits(disc: Controller) -> None:
+    given = Disturbance(noise_state=0.01, noise_input=0.01)
+    first, second = (simulate(disc, 12, "exact", given, seeds=2, seed=5) for _ in range(2))
+    for name in ("x", "u", "plan", "cost", "status"):
+        assert np.array_equal(first.data[name], second.data[name], equal_nan=name != "status")
+    one = simulate(disc, 12, "exact", given, seeds=1, seed=5)
+    assert np.array_equal(one.data["x"][0], first.data["x"][0])
+    assert not np.array_equal(first.data["x"][0], first.data["x"][1])
+
+
+def test_noise_of_a_centimetre_does_not_stop_the_push(disc: Controller) -> None:
+    loop = simulate(disc, 60, "exact", Disturbance(noise_state=0.01), seeds=3)
+    goal = disc.problem.parameters
+    values = dict(zip(goal.names, goal.values, strict=True))
+    reached = loop.data["x"].values[:, -1, :2] - [values["goal_x"], values["goal_y"]]
+    assert np.linalg.norm(reached, axis=1).max() < 0.02
+    assert any("penetrates" in sentence for sentence in loop.why)
+
+
+@pytest.mark.parametrize(
+    ("state", "sentence"),
+    [
+        ([np.nan, 0.0, -1.0, 0.2], "not finite"),
+        ([0.0, 0.0, -0.05, 0.0], "penetrates"),
+        ([np.inf, np.nan, np.nan, np.nan], "not finite"),
+    ],
+)
+def test_a_bad_measurement_is_told_and_answered(
+    disc: Controller, state: list[float], sentence: str
+) -> None:
+    disc.reset()
+    command = disc.step(np.array(state))
+    assert sentence in command.why
+    assert np.isfinite(command.u).all()
+    assert np.isfinite(disc.step(disc.start).u).all()
+
+
+def test_projection_is_the_smallest_motion_out(disc: Controller) -> None:
+    """A pusher inside the disc leaves it; both move alike, and only along the line between them."""
+    p = disc.problem.parameters.values
+    x = np.array([0.0, 0.0, -0.2, 0.0])
+    bounds = [np.full(4, -np.inf), np.full(4, np.inf)]
+    physical = np.append(p, np.zeros(6))
+    found, told = disc.measurement.projected(x, x, bounds, physical[: len(p) + 6])
+    phi = float(disc.problem.signed_distance(found, p)[0])
+    assert phi == pytest.approx(0.0, abs=1e-9)
+    assert found[[1, 3]] == pytest.approx(0.0, abs=1e-12)
+    assert found[0] == pytest.approx(-(found[2] + 0.2), abs=1e-9)
+    assert len(told) == 1
+
+
+def test_references_are_parameters_over_the_horizon(disc: Controller) -> None:
+    N = disc.problem.N
+    disc.reset()
+    still = disc.step(disc.start, parameters={"goal_x": np.full(N + 1, 1.0)})
+    disc.reset()
+    assert np.array_equal(disc.step(disc.start, parameters={"goal_x": 1.0}).u, still.u)
+    with pytest.raises(InputError, match="needs 20 or 21 values"):
+        disc.step(disc.start, parameters={"goal_x": np.ones(3)})
+    with pytest.raises(InputError, match="parameter of the dynamics"):
+        disc.step(disc.start, parameters={"h": np.linspace(0.1, 0.2, N)})
+    with pytest.raises(InputError, match="did you mean 'goal_x'"):
+        disc.step(disc.start, parameters={"goal_xx": 1.0})
+
+
+def test_a_deadline_that_is_missed_sends_the_shifted_plan() -> None:
+    late = Controller(get("push-disc"), deadline=1e-9)
+    first = late.step(late.start)
+    assert first.status != "late", "the first sample has no plan before it"
+    second = late.step(first.plan.x[1])
+    assert (second.status, late.misses) == ("late", 1)
+    assert second.u == pytest.approx(first.plan.u[1])
+
+
+def test_delay_pushes_and_mismatch_are_the_plants(disc: Controller) -> None:
+    plain = simulate(disc, 4)
+    delayed = simulate(disc, 4, "exact", Disturbance(delay=True))
+    assert np.array_equal(delayed.data["u"][0, 0], disc._u_start)
+    pushed = simulate(disc, 4, "exact", Disturbance(pushes={2: np.array([0.1, 0, 0, 0])}))
+    moved = pushed.data["measured"][0, 2] - plain.data["measured"][0, 2]
+    assert moved.values == pytest.approx([0.1, 0, 0, 0], abs=1e-12)
+    other = simulate(disc, 4, "exact", Disturbance(mismatch={"M": 2.0}))
+    assert abs(other.data["x"] - plain.data["x"]).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"phase": "qpc"}, "unknown phase 'qpc' .did you mean 'qpcc'"),
+        ({"law": Barrier(mu=1e-2)}, "plans under the exact law, not under barrier"),
+        ({"law": Exact(), "phase": "relaxed"}, "plans under a smoothed law"),
+        ({"iterations": 0}, "iterations must be 1 or more"),
+    ],
+)
+def test_bad_input_gets_one_sentence(given: dict, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        Controller(get("push-disc"), **given)
+
+
+def test_bad_plants_get_one_sentence(disc: Controller) -> None:
+    with pytest.raises(InputError, match="unknown plant 'exakt'"):
+        simulate(disc, 3, "exakt")
+    with pytest.raises(InputError, match="no parameter 'mass'"):
+        simulate(disc, 3, "exact", Disturbance(mismatch={"mass": 1.0}))
+    with pytest.raises(InputError, match="steps must be 1 or more"):
+        simulate(disc, 0)
+    with pytest.raises(InputError, match="noise-state must be 0 or more"):
+        simulate(disc, 3, "exact", Disturbance(noise_state=-1.0))
+
+
+def test_terminal_constraints_are_softened_and_told() -> None:
+    """100 characteristic costs times the squared violation, in characteristic sizes."""
+    plain = get("push-disc")
+    ends = [Constraint("stop", plain.system.x[:1], 0.5, 0.5)]
+    problem = replace(plain, terminal=ends)
+    receding = Receding.of(problem)
+    assert receding.told == ("Terminal constraints (stop) are softened.",)
+    x = np.array([0.8, 0.1, -0.5, 0.0])
+    p, both = problem.parameters.values, receding.problem.parameters.values
+    u, lam = np.zeros(2), np.zeros(1)
+    before = float(problem.cost_terms(x, u, u, lam, p)[1])
+    after = float(receding.problem.cost_terms(x, u, u, lam, both)[1])
+    expected = 100 * problem.scales.cost * (0.3 / problem.scaling.x) ** 2
+    assert after - before == pytest.approx(expected)
+    assert not receding.problem.terminal
+
+
+def test_a_free_start_is_measured_and_told() -> None:
+    [told] = [one for one in Receding.of(get("half-cheetah")).told if "start" in one]
+    assert told == "The start is measured, not chosen; periodicity is left out."

@@ -1,0 +1,128 @@
+"""Linearised steps, active sets and the regulator, each against another way to the same numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_discrete_are
+
+from dynamics.batch import StepFunction
+from ocp.mpc.active_set import ActiveSets
+from ocp.mpc.horizon_qp import HorizonQP
+from ocp.mpc.linearised import Affine, Closure, Linearised, linearise, positive
+from ocp.mpc.receding import Receding
+from ocp.mpc.riccati import Regulator
+from ocp.mpc.rollouts import Roller
+from ocp.mpc.stages import Plan, StageModel
+from problems import get
+
+
+class Horizon:
+    """A problem with random inputs, rolled out under the exact law."""
+
+    def __init__(self, name: str, seed: int, **params: float) -> None:
+        self.problem = Receding.of(get(name, **params)).problem
+        self.model = StageModel(self.problem, self.problem.exact_step)
+        table = self.problem.parameters.values
+        x0, self.u_before, low, high = (np.array(v).ravel() for v in self.problem.limits(table)[:4])
+        self.p = np.zeros((self.model.N + 1, len(self.model.names)))
+        self.p[:, self.model.of_problem] = table
+        rng, scales = np.random.default_rng(seed), self.problem.scales
+        k = scales.u * rng.standard_normal((1, self.model.N, self.model.nu))
+        K = np.zeros((1, self.model.N, self.model.nu, self.model.nx))
+        roller = Roller(self.model)
+        self.plan, self.merit, _ = roller.roll(x0, K, k, self.u_before, (low, high), self.p)
+
+    def linearised(self, plan: Plan) -> tuple[np.ndarray, Linearised]:
+        at = self.model.evaluate(plan, self.u_before, self.p)
+        closed = ActiveSets(self.model).of(plan)
+        return closed, linearise(self.model, plan, at, Closure.active(plan, closed))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("name", ["soft-walls", "finger-disc"])
+def test_linearised_steps_are_those_of_the_implicit_function(name: str, seed: int) -> None:
+    """Where no pair is near both zeros, and a plan that was rolled out moves nowhere by itself."""
+    made = Horizon(name, seed)
+    plan, model = made.plan, made.model
+    _, lin = made.linearised(plan)
+    step = StepFunction(model.step, threads=1)
+    own = made.p[0, model.of_step]
+    _, by_x, by_u = step.slopes(plan.x[:-1], plan.u, own)
+    lam, gap = (side / size for side, size in
+                zip((plan.lam, plan.gap), model.sizes, strict=True))  # fmt: skip
+    strict = (np.maximum(lam, gap) > 1e-3).all(axis=1)
+    assert strict.any(), "draws with decided contacts"
+    scale = 1 + abs(by_x).max()
+    assert abs(lin.x_next.value).max() < 1e-6
+    assert abs(lin.x_next.by_x - by_x)[strict].max() < 1e-5 * scale
+    assert abs(lin.x_next.by_u - by_u)[strict].max() < 1e-5 * scale
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_friction_has_one_closure_for_each_motion(seed: int) -> None:
+    """Slip is always closed; a contact without force slides, one that sticks holds both forces."""
+    made = Horizon("finger-disc", seed)
+    sets = ActiveSets(made.model)
+    closed = sets.of(made.plan)
+    [contact] = sets.contacts
+    f, normal = list(contact.friction), closed[:, contact.normal]
+    assert closed[:, contact.slip].all()
+    assert closed[:, f].any(axis=1).all()
+    assert (closed[~normal][:, f].sum(axis=1) == 1).all()
+    slip = made.plan.lam[:, contact.slip]
+    sticks = closed[:, f].all(axis=1)
+    assert (slip[sticks] <= 1e-6).all()
+    for which in np.eye(made.model.n, dtype=bool):
+        other = sets.exchanged(closed, np.broadcast_to(which, closed.shape))
+        assert other[:, contact.slip].all()
+        assert other[:, f].any(axis=1).all()
+        assert not other[:, f][~other[:, contact.normal]].all(axis=1).any()
+
+
+def regular(nx: int, nu: int, N: int, seed: int) -> Linearised:
+    """A linear-quadratic horizon with drawn matrices."""
+    rng = np.random.default_rng(seed)
+    A, B = rng.standard_normal((N, nx, nx)), rng.standard_normal((N, nx, nu))
+    root = rng.standard_normal((N, nx + 2 * nu, nx + 2 * nu))
+    H = np.einsum("kij,klj->kil", root, root) + np.eye(nx + 2 * nu)
+    H[:, nx : nx + nu], H[:, :, nx : nx + nu] = 0.0, 0.0
+    nothing = Affine(np.zeros((N, 0)), np.zeros((N, 0, nx)), np.zeros((N, 0, nu)))
+    empty = np.zeros((N, nx, 0))
+    return Linearised(
+        Affine(np.zeros((N, nx)), A, B), nothing, nothing, nothing, np.zeros((N, nx + 2 * nu)), H,
+        (np.zeros(nx), np.eye(nx)), empty, empty, empty,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_regulator_is_the_quadratic_program_without_constraints(seed: int) -> None:
+    """``du_k = K_k dx_k`` along the program's solution."""
+    problem = Receding.of(get("soft-walls", N=6)).problem
+    model = StageModel(problem, problem.exact_step)
+    lin = regular(model.nx, model.nu, model.N, seed)
+    dx0 = np.random.default_rng(seed + 10).standard_normal(model.nx)
+    free = np.full((model.N, model.nu), np.inf)
+    found = HorizonQP(model, 0).solve(lin, lin.rows, dx0, (-free, free))
+    K = Regulator(model.nx, model.nu, model.N).gains(lin)
+    assert found.solved
+    assert np.einsum("kij,kj->ki", K, found.dx[:-1]) == pytest.approx(found.du, rel=1e-5, abs=1e-6)
+
+
+def test_the_regulator_converges_to_the_algebraic_riccati_equation() -> None:
+    rng = np.random.default_rng(3)
+    A, B = rng.standard_normal((3, 3)) * 0.6, rng.standard_normal((3, 2))
+    N, H = 200, np.zeros((7, 7))
+    H[:3, :3], H[5:, 5:] = np.eye(3), np.eye(2)
+    lin = regular(3, 2, N, 0)
+    lin.x_next = Affine(np.zeros((N, 3)), np.tile(A, (N, 1, 1)), np.tile(B, (N, 1, 1)))
+    lin.hessian = np.tile(H, (N, 1, 1))
+    V = solve_discrete_are(A, B, np.eye(3), np.eye(2))
+    K = -np.linalg.solve(np.eye(2) + B.T @ V @ B, B.T @ V @ A)
+    assert Regulator(3, 2, N).gains(lin)[0] == pytest.approx(K, abs=1e-7)
+
+
+def test_negative_curvature_is_set_to_zero() -> None:
+    matrix = np.array([[1.0, 2.0], [2.0, 1.0]])
+    assert positive(matrix[None])[0] == pytest.approx(np.full((2, 2), 1.5))
+    assert positive(np.eye(2)) is not None
