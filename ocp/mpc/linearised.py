@@ -26,11 +26,17 @@ class Closure(NamedTuple):
         return cls(shut, 1 - shut, 0 * shut, np.where(closed, -plan.gap, -plan.lam))
 
     @classmethod
-    def product(cls, plan: Plan, mu: np.ndarray) -> Closure:
-        """``lam gap = mu``, linearised at the plan, in units of its larger factor."""
-        size = np.maximum(np.maximum(abs(plan.lam), abs(plan.gap)), 1e-300)
-        off = mu - plan.lam * plan.gap
-        return cls(plan.lam / size, plan.gap / size, 1 / size, off / size)
+    def product(cls, plan: Plan, mu: np.ndarray, sizes: tuple[np.ndarray, np.ndarray]) -> Closure:
+        """``lam gap = mu``, linearised at the plan, in ``sizes`` and units of its larger factor."""
+        L, G = (abs(v) / s + _FLOOR for v, s in zip((plan.lam, plan.gap), sizes, strict=True))
+        lam_size, gap_size = sizes
+        larger, unit = np.maximum(L, G), lam_size * gap_size
+        off = (mu - plan.lam * plan.gap) / unit
+        return cls(L / gap_size / larger, G / lam_size / larger, 1 / unit / larger, off / larger)
+
+
+_FLOOR = 1e-10
+"""Added to both factors, which may vanish together where a law has mu = 0."""
 
 
 class Affine(NamedTuple):

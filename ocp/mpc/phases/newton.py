@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,6 +53,7 @@ class NewtonPhase(ABC):
         self.model, self.roller, self.iterations = model, roller, iterations
         self.qp = HorizonQP(model, self.n_rows)
         self.regulator = Regulator(model.nx, model.nu, model.N)
+        self.plan: Plan
         self.prepared: Prepared | None = None
         self.gain = np.zeros((model.nu, model.nx))
 
@@ -79,10 +81,12 @@ class NewtonPhase(ABC):
     def prepare(self, plan: Plan | None, sample: Sample) -> None:
         """Evaluate and linearise ``plan``."""
         assert plan is not None, "a quadratic program starts from a plan"
+        self.plan, self.prepared = plan, None
         at = self.model.evaluate(plan, sample.u_before, sample.p)
         plan.gap = at.gap
         closed = self.active(plan)
-        self.prepared = Prepared(plan, at, closed, self.linearised(plan, at, closed))
+        with suppress(np.linalg.LinAlgError):
+            self.prepared = Prepared(plan, at, closed, self.linearised(plan, at, closed))
 
     def linearised(self, plan: Plan, at: Evaluated, closed: np.ndarray) -> Linearised:
         """The plan's steps with the contact eliminated."""
@@ -103,19 +107,25 @@ class NewtonPhase(ABC):
         return answer
 
     def _once(self, sample: Sample) -> Answer:
-        prepared = self.prepared
-        assert prepared is not None, "prepare comes before feedback"
-        plan = prepared.plan
-        proposals, why = self.proposals(prepared, sample)
+        prepared, plan = self.prepared, self.plan
+        if prepared is None:
+            return self._kept(sample, "a step of the plan has no linearisation")
+        try:
+            proposals, why = self.proposals(prepared, sample)
+        except np.linalg.LinAlgError:
+            proposals, why = [], "a step has no linearisation after an exchange of contacts"
         K, k = self._candidates(plan, proposals, proposals[-1].lin if proposals else prepared.lin)
         found, merit, which = self.roller.roll(
             sample.x, K, k, sample.u_before, sample.bounds, sample.p
         )
         if not np.isfinite(merit):
-            reason = "no candidate could be rolled out under the law; the plan before goes on"
-            return Answer(np.clip(plan.u[0], *sample.bounds), plan, "kept", reason)
+            return self._kept(sample, "no candidate could be rolled out under the law")
         self.gain = K[1, -1]
         return Answer(found.u[0], found, "solved" if which > 1 else "plan before", why, merit)
+
+    def _kept(self, sample: Sample, reason: str) -> Answer:
+        u = np.clip(self.plan.u[0], *sample.bounds)
+        return Answer(u, self.plan, "kept", f"{reason}; the plan before goes on")
 
     def _candidates(
         self, plan: Plan, proposals: list[Proposal], lin: Linearised

@@ -20,7 +20,7 @@ class Relaxed(NewtonPhase):
 
     def closure(self, plan: Plan, at: Evaluated, closed: np.ndarray) -> Closure:
         """The law's own."""
-        return Closure.product(plan, at.mu)
+        return Closure.product(plan, at.mu, self.model.sizes)
 
     def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
         """The constraints."""
