@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 
+import casadi as ca
 import numpy as np
 
 from dynamics.contact import ContactLaw, Exact
@@ -98,8 +99,9 @@ class Controller:
             )
         self._base = np.array([self.session.values[name] for name in self.model.names])
         self._dynamics = self._names_of_dynamics()
-        p = self._rows({})
-        limits = self._limits(p)
+        places = [self.model.names.index(name) for name in self.receding.added]
+        self._places, self._last = np.array(places), ({}, *self._asked({}))
+        p, limits = self._last[1:]
         self.start, self._u_start = limits[:2]
         self.measurement = Measurement(planned)
         self._first = self._first_plan(p)
@@ -113,25 +115,31 @@ class Controller:
         self._phase = self._built()
 
     def _names_of_dynamics(self) -> set[str]:
-        import casadi as ca
-
-        step, system = self.model.step, self.problem.system
+        step = self.model.step
         seen = ca.vertcat(step.residual, step.gap, step.mu)
-        return {n for n in step.p.names if ca.depends_on(seen, step.p[n])} if system.nx else set()
+        return {n for n in step.p.names if ca.depends_on(seen, step.p[n])}
 
     def _rows(self, values: Values) -> np.ndarray:
         given = {**self.parameters, **values}
         return horizon_rows(self.receding, self.model.names, self._base, given, self._dynamics)
 
-    def _limits(self, p: np.ndarray) -> list[np.ndarray]:
+    def _asked(self, values: Values) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Parameters (N+1, np), and the problem's limits at them."""
+        p = self._rows(values)
         found = self.receding.problem.limits(p[0, self.model.of_problem])
-        return [np.array(v).ravel() for v in found]
+        return p, [np.array(v).ravel() for v in found]
 
     def _first_plan(self, p: np.ndarray) -> Plan:
-        """Solve the problem once, from its own start."""
+        """Solve the problem once, from its own start; a given policy needs no plan."""
+        if self.phase == "policy" and self.policy:
+            x, u = self.receding.problem.initial_guess(p[0, self.model.of_problem])
+            none = np.zeros((self.model.N, self.model.n))
+            return Plan(np.asarray(x), np.asarray(u), none, none)
         self.session.values |= dict(zip(self.model.names, p[0], strict=True))
         self._solved = self.session.solve()
         nlp, result = self._solved.nlp, self._solved.result
+        if not result.ok:
+            self.told.append(f"The first plan did not converge: {result.status.value}.")
         found = trajectories(nlp, result, nlp.parameter_vector(self.session.values))
         return Plan(found.x[0], found.u[0], found.lam[0], found.gap[0])
 
@@ -148,7 +156,7 @@ class Controller:
 
     def _regulator(self, p: np.ndarray) -> Gains:
         """Gains of the linear-quadratic regulator along the first plan, its contacts held."""
-        limits, plan = self._limits(p), self._first
+        limits, plan = self._last[2], self._first
         phase = NEWTON["qp" if isinstance(self.law, Exact) else "relaxed"](self.model, self.roller)
         phase.prepare(plan, Sample(limits[0], limits[1], p, (limits[2], limits[3])))
         assert phase.prepared is not None
@@ -179,14 +187,15 @@ class Controller:
         :class:`~ocp.errors.InputError` for arrays of another shape and unknown parameters.
         """
         began = time.perf_counter()
-        p = self._rows(parameters or {})
-        limits = self._limits(p)
+        if parameters or self._last[0]:
+            self._last = (parameters or {}, *self._asked(parameters or {}))
+        p, limits = self._last[1].copy(), self._last[2]
         before = self.u_before if u_before is None else np.asarray(u_before, dtype=float).ravel()
-        ahead = self._ahead(p)
+        ahead = self._ahead(p, limits)
         seen, told = self.measurement.projected(
             x, ahead.x[0], limits[4:], p[0, self.model.of_problem]
         )
-        self._measure(p, seen, before)
+        p[:, self._places] = np.concatenate([seen, before])
         self._p = p
         sample = Sample(seen, before, p, (limits[2], limits[3]))
         self._phase.prepare(ahead, sample)
@@ -201,16 +210,12 @@ class Controller:
         self.u_before, self.samples = u, self.samples + 1
         return Command(u, answer.plan, status, seconds, "; ".join(why), answer.merit)
 
-    def _measure(self, p: np.ndarray, x: np.ndarray, u_before: np.ndarray) -> None:
-        for name, value in self.receding.start(x, u_before).items():
-            p[:, self.model.names.index(name)] = value
-
-    def _ahead(self, p: np.ndarray) -> Plan:
+    def _ahead(self, p: np.ndarray, limits: list[np.ndarray]) -> Plan:
         """The plan one step later, its last step by the last gains; itself before any sample."""
         plan = self.plan
         if self.samples == 0 or self.phase == "policy":
             return plan
-        u_last = self._tail(plan, self._limits(p))
+        u_last = self._tail(plan, limits)
         last = self.roller.ahead(plan.x[-1:], u_last, p)
         last = last if np.isfinite(last).all() else plan.x[-1:]
         x = np.concatenate([plan.x[1:], last])

@@ -65,15 +65,10 @@ class Receding:
         return cls(changed, tuple(told))
 
     @cached_property
-    def added(self) -> set[str]:
-        """Names of the parameters that hold the measurement."""
+    def added(self) -> list[str]:
+        """Names of the parameters that hold the measured state and the last input."""
         nx, nu = self.problem.system.nx, self.problem.system.nu
-        return set(self.problem.parameters.names[-(nx + nu) :])
-
-    def start(self, x: np.ndarray, u_before: np.ndarray) -> dict[str, float]:
-        """Values of the added parameters at a measurement."""
-        found = {f"measured_{i}": float(v) for i, v in enumerate(x)}
-        return found | {f"last_input_{i}": float(v) for i, v in enumerate(u_before)}
+        return self.problem.parameters.names[-(nx + nu) :]
 
 
 def _softened(problem: Problem) -> ca.SX:

@@ -25,6 +25,7 @@ class _Tried(NamedTuple):
 
     closed: np.ndarray
     lin: Linearised
+    rows: Affine
     found: Direction
 
 
@@ -77,10 +78,7 @@ class QPCC(NewtonPhase):
 
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
         """The step with the plan's active set, and the best after exchanges."""
-        first = best = _Tried(
-            prepared.closed, prepared.lin,
-            self._solved(prepared, prepared.lin, prepared.closed, sample),
-        )  # fmt: skip
+        first = best = self._tried(prepared, prepared.lin, prepared.closed, sample)
         if not first.found.solved:
             return [], UNSOLVED
         exchanges = 0
@@ -104,9 +102,10 @@ class QPCC(NewtonPhase):
         for which in (wanted, alone)[: 1 + (wanted.sum() > 1)]:
             closed = self.sets.exchanged(best.closed, which)
             lin = self.linearised(prepared.plan, prepared.at, closed)
-            found = self._solved(prepared, lin, closed, sample)
-            if found.solved and found.objective < best.found.objective - _GAIN * self.cost:
-                return _Tried(closed, lin, found)
+            tried = self._tried(prepared, lin, closed, sample)
+            fallen = tried.found.objective < best.found.objective - _GAIN * self.cost
+            if tried.found.solved and fallen:
+                return tried
         return None
 
     @property
@@ -114,24 +113,28 @@ class QPCC(NewtonPhase):
         """The characteristic cost."""
         return self.model.problem.scales.cost
 
-    def _solved(
+    def _tried(
         self, prepared: Prepared, lin: Linearised, closed: np.ndarray, sample: Sample
-    ) -> Direction:
+    ) -> _Tried:
         dx0, bounds = sample.x - prepared.plan.x[0], self.bounds_of_step(prepared.plan, sample)
-        return self.qp.solve(lin, self.rows(lin, closed), dx0, bounds)
+        rows = self.rows(lin, closed)
+        return _Tried(closed, lin, rows, self.qp.solve(lin, rows, dx0, bounds))
 
     def _gains(self, tried: _Tried) -> np.ndarray:
         """Minus sigma (N, n) of pairs with both sides at zero, in characteristic costs."""
-        closed, lin, found = tried.closed, tried.lin, tried.found
-        model, rows = self.model, self.rows(lin, closed)
+        closed, lin, rows, found = tried
+        model = self.model
         n, nx, sizes = model.n, model.nx, model.sizes
         at = rows.value[:, :n] + np.einsum("kij,kj->ki", rows.by_x[:, :n], found.dx[:-1])
         at += np.einsum("kij,kj->ki", rows.by_u[:, :n], found.du)
+        touching = (at <= _ACTIVE) & self.sets.exchangeable(closed)
+        if not touching.any():
+            return np.zeros_like(at)
         own, held = np.where(closed, *sizes), np.where(closed, *sizes[::-1])
         by_rows = np.where(closed[:, :, None], lin.by_closure[:, nx:], lin.gap_by_closure)
         sigma = -np.einsum("ki,kij->kj", found.costates, lin.by_closure[:, :nx])
         sigma -= np.einsum("ki,kij->kj", found.rows[:, :n], by_rows / own[:, :, None])
         sigma -= np.einsum("ki,kij->kj", found.rows[:, n:], lin.rows_by_closure)
         gains = -sigma * held
-        gains[(at > _ACTIVE) | ~self.sets.exchangeable(closed)] = 0.0
+        gains[~touching] = 0.0
         return gains / self.cost
