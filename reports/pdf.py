@@ -27,7 +27,7 @@ _TEMPLATES = Path(__file__).with_name("templates")
 def write_pdf(
     runs: Sequence[StoredRun], path: Path, cones: bool = False, own: ProblemSpec | None = None
 ) -> None:
-    """Write a report of one run, or of several solves or trainings, to ``path``.
+    """Write a report of one run, or of several solves, trainings or closed loops.
 
     Friction cones are drawn where ``cones``; ``own`` is the problem of a user's file.
     Raises :class:`~ocp.errors.InputError` where the file cannot be written, where runs cannot be
@@ -54,6 +54,7 @@ PAGES = {
     "estimate": "reports.pages.sweep.estimate_page",
     "figure": "reports.pages.study.study_page",
     "train": "reports.pages.training.training_page",
+    "closed-loop": "reports.pages.closed_loop.loops_page",
 }
 """Module and function of each kind of run, imported when it is drawn."""
 _TEMPLATES_OF = {"continue": "continuation", "figure": "study", "train": "training"}
@@ -68,10 +69,10 @@ def _page(
         from reports.pages.comparison import comparison_page
 
         return ("comparison.typ", *comparison_page(views, cones))
-    if len(kinds) > 1 or (len(views) > 1 and kinds != {"train"}):
+    if len(kinds) > 1 or (len(views) > 1 and not kinds <= {"train", "closed-loop"}):
         raise InputError(
-            "a report of several runs needs runs of ocp solve, or runs of ocp train; report the"
-            " others one by one"
+            "a report of several runs needs runs of ocp solve, of ocp train or of ocp mpc; report"
+            " the others one by one"
         )
     (kind,) = kinds
     module, _, name = PAGES[kind].rpartition(".")
@@ -79,6 +80,7 @@ def _page(
     given: dict[str, tuple[Any, ...]] = {
         "solve": (views[0], cones), "continue": (views[0], cones), "sweep": (views[0],),
         "estimate": (views[0].run, own), "figure": (views[0].run,), "train": (views,),
+        "closed-loop": (views,),
     }  # fmt: skip
     return (f"{_TEMPLATES_OF.get(kind, kind)}.typ", *page(*given[kind]))
 

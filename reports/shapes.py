@@ -16,9 +16,10 @@ from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
 from problems.drawing import Box, Capsule, Disc, HalfPlane, Mark, Polygon, Segment, Shape, Spring
-from reports.style import BLUE, FAINT, GREEN, GREY, ORANGE
+from reports.style import BLUE, FAINT, GREEN, GREY, ORANGE, SKY
 
-_COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN}
+_COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN,
+           "plan": SKY}  # fmt: skip
 _ARC = math.pi / 16
 _HALF_TURN = np.linspace(-math.pi / 2, math.pi / 2, 18)
 COILS, COIL = 6, 0.04

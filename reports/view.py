@@ -60,6 +60,8 @@ class RunView:
 
         ``own`` is the problem of a user's file (:func:`~problems.plugin.spec_of`).
         """
+        if run.kind == "closed-loop":
+            run = replace(run, data=_as_solve(run.data))
         try:
             return cls(run, *(task_of(run) if run.kind == "train" else problem_of(run, own)))
         except InputError:
@@ -134,6 +136,16 @@ class RunView:
 
     def _of(self, data: xr.Dataset) -> RunView:
         return replace(self, run=replace(self.run, data=data))
+
+
+_OF_SOLVE = {"seed": "scenario", "sample": "interval", "input": "control",
+             "input_unit": "control_unit"}  # fmt: skip
+
+
+def _as_solve(data: xr.Dataset) -> xr.Dataset:
+    """A closed loop as far as its longest seed came, with a solve's names of dimensions."""
+    ended = max(1, int(data["ended"].max()))
+    return data.isel(node=slice(0, ended + 1), sample=slice(0, ended)).rename(_OF_SOLVE)
 
 
 _KINDS: dict[str, type[Shape]] = {

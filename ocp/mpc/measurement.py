@@ -44,22 +44,19 @@ class Measurement:
         clipped = np.clip(seen, *bounds)
         if not np.array_equal(clipped, seen):
             told.append("the measured state is outside its bounds and was clipped")
-        outside, depth = self._outside(clipped, physical)
-        if depth > 0:
-            told.append(f"the measured state penetrates by {depth:.2g} m and was moved out")
+        outside = self._outside(clipped, physical)
+        if not np.array_equal(outside, clipped):
+            told.append("the measured state is in penetration and was moved out")
         return outside, told
 
-    def _outside(self, x: np.ndarray, physical: np.ndarray) -> tuple[np.ndarray, float]:
+    def _outside(self, x: np.ndarray, physical: np.ndarray) -> np.ndarray:
         if self._distances is None:
-            return x, 0.0
-        scales, worst = self.problem.scales, 0.0
+            return x
+        scales = self.problem.scales
         for _ in range(_ROUNDS):
             phi, J = (np.array(v) for v in self._distances(x, physical))
-            off = np.minimum(phi.ravel(), 0.0)
-            worst = max(worst, float(-off.min()))
-            deep = off < -_DEPTH * scales.gap
+            deep = phi.ravel() < -_DEPTH * scales.gap
             if not deep.any():
                 break
-            scaled = J[deep] * scales.x
-            x = x - scales.x * (np.linalg.pinv(scaled) @ off[deep])
-        return x, worst if worst > _DEPTH * scales.gap else 0.0
+            x = x - scales.x * (np.linalg.pinv(J[deep] * scales.x) @ phi.ravel()[deep])
+        return x

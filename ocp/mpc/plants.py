@@ -50,7 +50,8 @@ class Plant:
         for one in mismatch:
             if one not in known:
                 raise InputError(
-                    f"mismatch: {problem.name} has no parameter {one!r}{did_you_mean(one, known)}"
+                    f"mismatch: {problem.name} has no physical parameter"
+                    f" {one!r}{did_you_mean(one, known)}"
                 )
         self.problem, self.substeps = problem, 1
         values = dict(zip(known, problem.parameters.values, strict=True)) | dict(mismatch)
@@ -88,7 +89,10 @@ def deviations(given: float | Mapping[str, float], names: list[str], what: str) 
     if isinstance(given, Mapping):
         for name in given:
             if name not in names:
-                raise InputError(f"{what}: unknown signal {name!r}{did_you_mean(name, names)}")
+                raise InputError(
+                    f"{what}: unknown signal {name!r}{did_you_mean(name, names)}; there are"
+                    f" {', '.join(names)}"
+                )
         found = np.array([float(given.get(name, 0.0)) for name in names])
     else:
         found = np.full(len(names), float(given))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from ocp.errors import InputError
+from ocp.judges.referee import step_place
 from ocp.mpc.controller import Command, Controller
 from ocp.mpc.judge import PlanJudge
 from ocp.mpc.plants import Disturbance, Plant, deviations
@@ -129,9 +129,12 @@ class _Loop:
 
     def default_noise(self) -> None:
         """Noise of the plant ``noise``, where none is given."""
-        scales = self.controller.problem.scales
+        problem = self.controller.problem
         if not self.sd_x.any() and not self.sd_u.any():
-            self.sd_x, self.sd_u = _SHARE * scales.x, _SHARE * scales.u
+            self.sd_x, self.sd_u = _SHARE * problem.scales.x, _SHARE * problem.scales.u
+            place = step_place(problem.system)[2]
+            if place >= 0:  # The step size is a state, which nobody measures.
+                self.sd_x[place] = 0.0
 
     def run(self, s: int, x: np.ndarray, rng: np.random.Generator) -> None:
         """One seed, from its start to its end."""
@@ -171,8 +174,7 @@ class _Loop:
                 values = self.controller.values_of_sample
                 self.certificate[s, k] = self.judge.verdict(command.plan, values)
         for reason in filter(None, command.why.split("; ")):
-            kind = _NUMBER.sub("#", reason)
-            self.why[kind] = self.why.get(kind, 0) + 1
+            self.why[reason] = self.why.get(reason, 0) + 1
         if self.progress:
             self.progress(s, k, command)
 
@@ -196,6 +198,3 @@ class _Loop:
         parts |= {name: (("seed",), getattr(self, name)) for name in ("ended", "end_cost")}
         data = xr.Dataset(parts, coords={"state": self.states, "input": self.inputs})
         return ClosedLoop(self.controller.problem, data, self.why, self.misses, record)
-
-
-_NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?(e-?[0-9]+)?")

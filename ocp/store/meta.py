@@ -178,6 +178,22 @@ class FigureMeta(TypedDict):
     claims: list[Row]
 
 
+class ClosedLoopMeta(TypedDict):
+    """What a run of ``ocp mpc`` has; lists have one entry per seed, times are in seconds."""
+
+    costs: list[float]
+    cost_interval: list[float]
+    ended: list[int]
+    survived: float
+    diverged: int
+    seconds: dict[str, float]
+    statuses: dict[str, int]
+    misses: int
+    certified: float
+    why: dict[str, int]
+    told: list[str]
+
+
 class ParameterMeaning(TypedDict):
     """What a parameter is."""
 
@@ -205,7 +221,7 @@ class OwnProblem(TypedDict):
 
 KINDS: dict[str, Any] = {
     "solve": SolveMeta, "continue": ContinueMeta, "sweep": SweepMeta, "estimate": EstimateMeta,
-    "train": TrainMeta, "figure": FigureMeta,
+    "train": TrainMeta, "figure": FigureMeta, "closed-loop": ClosedLoopMeta,
 }  # fmt: skip
 
 

@@ -83,6 +83,7 @@ def problem_part(problem: Problem, data: xr.Dataset | None = None) -> dict[str, 
         return {}
     motions = {} if data is None else {
         suffix: np.asarray(data[f"x{suffix}"].values[0]) for suffix in ("", "_replay")
+        if f"x{suffix}" in data
     }  # fmt: skip
     return {PROBLEM_FILE: json.dumps(to_json(problem.shown.told(motions))).encode()}
 

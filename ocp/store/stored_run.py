@@ -137,8 +137,10 @@ ROWS = {
     "continue": ("point", "scenario", "node"),
     "estimate": ("point", "estimator"),
     "train": ("iteration",),
+    "closed-loop": ("seed", "node"),
 }
-"""Dimensions that a CSV has a row for, by the kind of a run; intervals are nodes but the last."""
+"""Dimensions that a CSV has a row for, by the kind of a run; intervals and samples are nodes but
+the last."""
 
 
 def rows_of(run: StoredRun) -> tuple[str, ...] | None:
@@ -216,9 +218,10 @@ def _of_array(
 ) -> Iterator[tuple[str, list[Any]]]:
     """Columns of one array, a label each; none of an array that is not over the rows."""
     array = data[name]
-    if "interval" in array.dims and "node" in rows:
-        after = data.sizes["node"] - data.sizes["interval"]
-        array = array.pad(interval=(0, after)).rename(interval="node")
+    step = next((one for one in ("interval", "sample") if one in array.dims), None)
+    if step is not None and "node" in rows:
+        after = data.sizes["node"] - data.sizes[step]
+        array = array.pad({step: (0, after)}).rename({step: "node"})
     along = [one for one in rows if one in array.dims]
     across = [one for one in array.dims if one not in rows]
     if not along or len(across) > 1:

@@ -12,6 +12,7 @@ from reports.cli.learning.options import (
     LearnOptions,
     TrainOptions,
 )
+from reports.cli.mpc_options import MpcOptions
 from reports.cli.options import (
     PROBLEM,
     RUN,
@@ -334,11 +335,11 @@ class DoctorOptions(Options):
 COMMANDS: dict[str, type[Options]] = {
     "list": ListOptions, "laws": LawsOptions, "methods": MethodsOptions,
     "settings": SettingsOptions, "show": ShowOptions, "new": NewOptions, "solve": SolveOptions,
-    "replay": ReplayOptions, "continue": ContinueOptions, "sweep": SweepOptions,
-    "estimate": EstimateOptions, "collect": CollectOptions, "learn": LearnOptions,
-    "train": TrainOptions, "evaluate": EvaluateOptions, "figure": FigureOptions,
-    "report": ReportOptions, "animate": AnimateOptions, "export": ExportOptions,
-    "runs": RunsOptions, "runs rm": RmOptions, "runs export": RunsExportOptions,
-    "doctor": DoctorOptions,
+    "replay": ReplayOptions, "mpc": MpcOptions, "continue": ContinueOptions,
+    "sweep": SweepOptions, "estimate": EstimateOptions, "collect": CollectOptions,
+    "learn": LearnOptions, "train": TrainOptions, "evaluate": EvaluateOptions,
+    "figure": FigureOptions, "report": ReportOptions, "animate": AnimateOptions,
+    "export": ExportOptions, "runs": RunsOptions, "runs rm": RmOptions,
+    "runs export": RunsExportOptions, "doctor": DoctorOptions,
 }  # fmt: skip
 """The options of every command by its name, which may have two words."""

@@ -70,6 +70,18 @@ def _settings(given: dict[str, Any]) -> Words:
     return [f"{name}=" for name in (*OWN, *documented(given.get("solver") or "ipopt"))]
 
 
+def _phases(given: dict[str, Any]) -> Words:
+    from ocp.mpc.phases.table import PHASES
+
+    return PHASES
+
+
+def _plants(given: dict[str, Any]) -> Words:
+    from ocp.mpc.plants import PLANTS
+
+    return PLANTS
+
+
 def _figures(given: dict[str, Any]) -> Words:
     from problems.studies import ids
 
@@ -90,6 +102,6 @@ _WORDS: dict[str, Callable[[dict[str, Any]], Words]] = {
     "problem": _problems, "contact": _laws, "law": _laws, "law_settings": _law_settings,
     "params": _parameters, "method": _methods, "policy": _policies, "settings": _settings,
     "figures": _figures, "run": _runs, "runs": _runs, "start": _runs, "at": _runs,
-    "what": _runs_or_problems,
+    "what": _runs_or_problems, "phase": _phases, "plant": _plants, "mismatch": _parameters,
 }  # fmt: skip
 """What completes the field of a command's options."""

@@ -11,9 +11,9 @@ from typing import Any
 
 from reports.cli import EXIT_CODE, end
 
-__all__ = ["EXIT_CODE", "answered", "check", "seen", "watched"]
+__all__ = ["EXIT_CODE", "answered", "check", "deferred", "seen", "watched"]
 
-_seen, _answered = threading.Event(), threading.Event()
+_seen, _answered, _deferred = threading.Event(), threading.Event(), threading.Event()
 
 
 @contextmanager
@@ -37,6 +37,16 @@ def watched() -> Iterator[None]:
         sys.unraisablehook = hook
 
 
+@contextmanager
+def deferred() -> Iterator[None]:
+    """Only record a first Ctrl-C inside, which :func:`check` then raises between two steps."""
+    _deferred.set()
+    try:
+        yield
+    finally:
+        _deferred.clear()
+
+
 def seen() -> bool:
     """Whether Ctrl-C was pressed, even if compiled code swallowed it."""
     return _seen.is_set()
@@ -57,7 +67,8 @@ def _note(*_: object) -> None:
     if _seen.is_set():
         end()
     _seen.set()
-    raise KeyboardInterrupt
+    if not _deferred.is_set():
+        raise KeyboardInterrupt
 
 
 def _quiet(report: Any) -> Any:

@@ -11,6 +11,7 @@ from ocp.errors import InputError
 from ocp.problem import Problem
 from problems.drawing import ContactFrame, Shape
 from problems.plugin import spec_of
+from reports.loops.ghost import with_ghosts
 from reports.shapes import Camera, film
 from reports.strobe import Forces, forces_of
 from reports.view import RunView
@@ -59,7 +60,8 @@ class Animation:
     def title(self) -> str:
         """The problem's title, and the number of the scenario if there are several."""
         scenarios = self.view.run.data.sizes["scenario"]
-        which = f", scenario 0 of {scenarios}" if scenarios > 1 else ""
+        what = "seed" if self.view.run.kind == "closed-loop" else "scenario"
+        which = f", {what} 0 of {scenarios}" if scenarios > 1 else ""
         return f"{self.view.title}{which}"
 
     @property
@@ -105,6 +107,11 @@ def motions(view: RunView, times: np.ndarray) -> list[Motion]:
     title = f"planned under the {law} law"
     if view.run.kind == "train":
         title = f"the policy of {view.run.record['algorithm']} under the exact law"
+    if view.run.kind == "closed-loop":
+        record = view.run.record
+        title = f"phase {record['phase']}, plant {record['plant']}; pale: the end of the plan"
+        loop = _motion(view, "", title, times)
+        return [replace(loop, shapes=with_ghosts(view, times, loop.shapes))]
     plan = _motion(view, "", title, times)
     x, x_replay = view.array("x"), view.array("x_replay")
     assert x is not None
@@ -181,10 +188,10 @@ def repeated(view: RunView, count: int) -> RunView:
 def check_drawable(view: RunView) -> None:
     """Raise :class:`~ocp.errors.InputError` for a run that does not move or has no drawing."""
     name = view.run.meta["problem"]
-    if view.run.kind not in ("solve", "train") or view.array("x") is None:
+    if view.run.kind not in ("solve", "train", "closed-loop") or view.array("x") is None:
         raise InputError(
             f"{view.run.path} is a run of ocp {view.run.kind}, which has no motion; give a run of"
-            " ocp solve or ocp train"
+            " ocp solve, ocp train or ocp mpc"
         )
     if view.picture is not None:
         return

@@ -162,7 +162,8 @@ def _forces(view: RunView, motion: Motion) -> Chart | None:
     if own is None or forces is None or not acting:
         return None
     what = "impulse" if forces.unit == "N s" else "force"
-    whose = "" if isinstance(view.problem, Task) else ", planned"
+    simulated = isinstance(view.problem, Task) or view.run.kind == "closed-loop"
+    whose = "" if simulated else ", planned"
     return {
         "title": f"contact {what}s{', replayed' if motion.suffix else whose}",
         "label": label(what, forces.unit),
@@ -185,6 +186,8 @@ def _costs(view: RunView, motions: Sequence[Motion]) -> Chart | None:
             return None
         curves.append({"name": name, "values": paid[0], "end": paid[1], "color": color, "dash": 0})
     gained = isinstance(view.problem, Task)
+    if view.run.kind == "closed-loop":
+        curves[0]["name"] = "closed loop"
     if gained:
         curves[0]["name"] = "this episode"
     ends = [curve["end"] for curve in curves]
@@ -207,6 +210,10 @@ def so_far(view: RunView, suffix: str) -> tuple[np.ndarray, float] | None:
     scenario 0, at the stored parameters; None for a problem that is not found again.
     """
     problem, x, u = view.problem, view.array(f"x{suffix}"), view.array(f"u{suffix}")
+    if view.run.kind == "closed-loop":
+        paid, end = (view.run.data[name].values[0] for name in ("cost", "end_cost"))
+        sums = np.concatenate([[0.0], np.cumsum(paid)])
+        return sums, float(sums[-1] + end)
     if problem is None or x is None or u is None:
         return None
     p = problem.parameters.values

@@ -20,7 +20,8 @@ from reports.view import RunView
 
 _IN_ORDER = ("problem", "contact", "method", "policy", "solver", "strategy")
 _GROUPS = ("params", "contact_settings", "policy_settings", "solver_options")
-_NOT_COMPARED = ("source", "versions", "citation", "audit_s", "law_parameters", "jit", "learned_at")
+_NOT_COMPARED = ("source", "versions", "citation", "audit_s", "law_parameters", "jit", "learned_at",
+                 "certify", "rate")  # fmt: skip
 
 
 def comparison_page(views: list[RunView], cones: bool = False) -> Page:

@@ -132,6 +132,20 @@ COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
             "--threads": number("1", "2"),
         },
     ),
+    "mpc": (
+        among("wall-1d", "push-1d").map(lambda name: [name]),
+        {
+            **STORE, **LAW, "-p": PROBLEM["-p"], "--seed": number("0", "7"),
+            "--pdf": among("a.pdf", "new/b.pdf"), "--tag": among("paper", "two words"),
+            "--phase": among("qpcc", "qp", "relaxed", "policy", "full"),
+            "--plant": among("exact", "noise", "referee", "h/4"), "--steps": number("2", "5"),
+            "--rate": number("100", "1e6"), "--iterations": number("1", "2"),
+            "--deadline": number("1e-3"), "--noise-state": number("0.01") | setting(q=("0.1",)),
+            "--noise-input": number("0.01"), "--mismatch": setting(m=("2",), M=("2",)),
+            "--delay": None, "--push": among("1:q=0.1", "1:x=0.1", "9:x=1", "x:1"),
+            "--seeds": number("1", "2"), "--certify": number("1", "2"),
+        },
+    ),
     "replay": (among("@solve", "@continue", "@train").map(lambda run: [run]), {**STORE, **LAW}),
     "report": (
         st.tuples(

@@ -14,6 +14,7 @@ EXEMPT_AT_MOST = 8
 QUICK = [
     "README.md",
     "docs/tutorials/first-solve.md",
+    "docs/tutorials/close-the-loop.md",
     "docs/reference/problem-file.md",
     "docs/reference/python/index.md",
     "docs/theory/verdicts.md",

@@ -90,7 +90,7 @@ class QPCC(NewtonPhase):
         steps = [Proposal(first.found, first.lin)]
         if not exchanges:
             return steps, ""
-        return [*steps, Proposal(best.found, best.lin)], f"active set exchanged {exchanges} times"
+        return [*steps, Proposal(best.found, best.lin)], "contacts were exchanged"
 
     def _exchanged(self, prepared: Prepared, best: _Tried, sample: Sample) -> _Tried | None:
         """The program after an exchange that lowers its optimum, None where there is none."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dynamics.contact import Barrier, ContactLaw, Exact
+from dynamics.learned.laws import LearnedLaw
 from ocp.errors import InputError
 from ocp.mpc.phases.newton import NewtonPhase
 from ocp.mpc.phases.qp import FixedActiveSet
@@ -32,6 +33,11 @@ class PhaseEntry:
 
         Raises :class:`~ocp.errors.InputError` for a law that the phase cannot use.
         """
+        if isinstance(given, LearnedLaw):
+            raise InputError(
+                f"{given.name} has no pairs of force and gap, which every phase plans with; choose"
+                " exact, barrier, adaptive or randomized"
+            )
         if given is None:
             return Barrier(mu=1e-2) if self.exact is False else Exact()
         if self.exact is not None and isinstance(given, Exact) != self.exact:

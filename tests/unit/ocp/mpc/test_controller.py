@@ -71,14 +71,14 @@ def test_noise_of_a_centimetre_does_not_stop_the_push(disc: Controller) -> None:
     values = dict(zip(goal.names, goal.values, strict=True))
     reached = loop.data["x"].values[:, -1, :2] - [values["goal_x"], values["goal_y"]]
     assert np.linalg.norm(reached, axis=1).max() < 0.02
-    assert any("penetrates" in sentence for sentence in loop.why)
+    assert any("penetration" in sentence for sentence in loop.why)
 
 
 @pytest.mark.parametrize(
     ("state", "sentence"),
     [
         ([np.nan, 0.0, -1.0, 0.2], "not finite"),
-        ([0.0, 0.0, -0.05, 0.0], "penetrates"),
+        ([0.0, 0.0, -0.05, 0.0], "penetration"),
         ([np.inf, np.nan, np.nan, np.nan], "not finite"),
     ],
 )
@@ -157,7 +157,7 @@ def test_bad_input_gets_one_sentence(given: dict, sentence: str) -> None:
 def test_bad_plants_get_one_sentence(disc: Controller) -> None:
     with pytest.raises(InputError, match="unknown plant 'exakt'"):
         simulate(disc, 3, "exakt")
-    with pytest.raises(InputError, match="no parameter 'mass'"):
+    with pytest.raises(InputError, match="no physical parameter 'mass'"):
         simulate(disc, 3, "exact", Disturbance(mismatch={"mass": 1.0}))
     with pytest.raises(InputError, match="steps must be 1 or more"):
         simulate(disc, 0)

@@ -1,0 +1,211 @@
+"""``ocp mpc PROBLEM``: a receding-horizon controller on a plant, stored as a closed loop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dynamics.contact import ContactLaw
+from ocp import store
+from ocp.effort import check_memory
+from ocp.errors import InputError, choose, did_you_mean
+from ocp.factories import closing_law
+from ocp.mpc.controller import Command, Controller
+from ocp.mpc.phases.table import PHASES
+from ocp.mpc.plants import Disturbance, Plant, deviations
+from ocp.mpc.receding import Receding
+from ocp.mpc.simulate import ClosedLoop, simulate
+from ocp.problem import Problem
+from ocp.store.stored_run import StoredRun
+from ocp.validation import parse
+from problems.plugin import source
+from problems.spec import ProblemSpec
+from reports.cli import interrupt
+from reports.cli.mpc_options import MpcOptions
+from reports.cli.request import assignments, check_places
+from reports.console import live
+from reports.loops.summary import labelled, loop_table, reasons, summary
+
+NOT_SURVIVED = 3
+_DEFAULT_STEPS = 100
+
+
+@dataclass(frozen=True)
+class LoopCase:
+    """The checked options: problem, law, what is unlike the model, and the number of samples."""
+
+    spec: ProblemSpec
+    params: dict[str, Any]
+    problem: Problem
+    law: ContactLaw
+    given: Disturbance
+    steps: int
+
+    def record(self, options: MpcOptions) -> dict[str, Any]:
+        """Everything that determines the result."""
+        path = self.spec.path
+        return {
+            "params": self.params, "source": None if path is None else str(path),
+            "contact": self.law.name, "contact_settings": self.law.settings(),
+            **{key: getattr(options, key) for key in ("phase", "plant", "iterations", "deadline",
+                                                      "seeds", "seed", "rate", "certify")},
+            "samples": self.steps, "delay": options.delay or None,
+            **{key: ", ".join(getattr(options, key) or ()) or None
+               for key in ("noise_state", "noise_input", "mismatch", "push")},
+        }  # fmt: skip
+
+
+def check(options: MpcOptions) -> LoopCase:
+    """Build the problem, and check law, plant and disturbances."""
+    entry = choose("phase", options.phase, PHASES)
+    for flag in ("rate", "deadline"):
+        value = getattr(options, flag)
+        if value is not None and not value > 0:
+            raise InputError(f"--{flag} must be above 0, got {value:g}")
+    spec, values = source(options.problem), assignments("-p", options.params)
+    problem = spec.problem(values)
+    receding = Receding.of(problem)
+    settings, name = assignments("-c", options.law_settings), options.contact
+    if name == "own":
+        name = "barrier" if entry.exact is False else "exact"
+    own = options.contact == "own" and not settings
+    law = entry.law(None if own else closing_law(name, settings, receding.problem.system))
+    steps = options.steps or max(_DEFAULT_STEPS, problem.N)
+    given = _disturbance(options, spec, problem, steps)
+    Plant(problem, options.plant, given.mismatch)
+    system = problem.system
+    numbers = steps * ((problem.N + 4) * system.nx + 2 * system.nu + 2 * system.nlam + 30)
+    check_memory(f"{options.seeds} seeds of {steps} samples", 16.0 * options.seeds * numbers)
+    check_places(options.out, options.pdf)
+    return LoopCase(spec, spec.params(values).model_dump(), problem, law, given, steps)
+
+
+def _disturbance(
+    options: MpcOptions, spec: ProblemSpec, problem: Problem, steps: int
+) -> Disturbance:
+    states, inputs = ([one.name for one in part]
+                      for part in (problem.system.states, problem.system.inputs))  # fmt: skip
+    noise = _deviation("--noise-state", options.noise_state)
+    applied = _deviation("--noise-input", options.noise_input)
+    deviations(noise, states, "--noise-state")
+    deviations(applied, inputs, "--noise-input")
+    mismatch = {
+        name: parse(f"--mismatch {name}", text, float)
+        for name, text in assignments("--mismatch", options.mismatch).items()
+    }
+    known = problem.parameters.names
+    for name in mismatch:
+        if name not in known:
+            raise InputError(
+                f"--mismatch: {problem.name} has no physical parameter {name!r}"
+                f"{did_you_mean(name, known)}; available: {', '.join(known)}"
+            )
+    # A plant's parameter has the range of the problem's.
+    spec.params({**assignments("-p", options.params), **mismatch})
+    pushes = _pushes(options.push or (), states, steps)
+    return Disturbance(noise, applied, mismatch, options.delay, pushes)
+
+
+def _deviation(flag: str, words: Sequence[str] | None) -> float | dict[str, float]:
+    """One number for all signals, or values by name."""
+    words = list(words or ())
+    if len(words) == 1 and "=" not in words[0]:
+        return parse(flag, words[0], float)
+    if any("=" not in word for word in words):
+        raise InputError(
+            f"{flag} takes one number for all signals or name=value for each, got"
+            f" {', '.join(words)}; drop one of the two"
+        )
+    return {name: parse(f"{flag} {name}", text, float)
+            for name, text in assignments(flag, words).items()}  # fmt: skip
+
+
+def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np.ndarray]:
+    """Changes of the state (nx,) by sample."""
+    found: dict[int, np.ndarray] = {}
+    for word in words:
+        sample, sign, change = word.partition(":")
+        if not sign:
+            raise InputError(f"--push: expected K:name=value, got {word!r}; write 20:{states[0]}=1")
+        k = parse("--push: the sample", sample.strip(), int)
+        if not 0 <= k < steps:
+            raise InputError(f"--push {word}: the sample must be from 0 to {steps - 1}, got {k}")
+        for name, text in assignments("--push", [change]).items():
+            if name not in states:
+                raise InputError(
+                    f"--push: unknown state {name!r}{did_you_mean(name, states)}; available:"
+                    f" {', '.join(states)}"
+                )
+            found.setdefault(k, np.zeros(len(states)))
+            found[k][states.index(name)] += parse(f"--push {name}", text, float)
+    return found
+
+
+def run(options: MpcOptions, case: LoopCase) -> int:
+    """Build the controller, simulate the closed loop, and store it."""
+    with _progress(options, case.steps) as report:
+        controller = Controller(
+            case.problem, case.law, options.phase, None, options.iterations, options.deadline
+        )
+        interrupt.check()
+        # In the middle of a sample it could end as an error of compiled code.
+        with interrupt.deferred():
+            loop = simulate(
+                controller, case.steps, options.plant, case.given, seeds=options.seeds,
+                seed=options.seed, certify=options.certify, progress=report,
+            )  # fmt: skip
+            stored = _stored(options, case, controller, loop)
+    output = options.output
+    output.note(loop_table(stored.meta))
+    output.say(stored.meta["verdict"])
+    for line in (*controller.told, *reasons(stored.meta)):
+        output.say(line)
+    output.finish(stored, {name: stored.meta[name] for name in _TOLD}, options.pdf, case.spec)
+    output.note(f"Look at it with ocp report {stored.path.name} -o loop.pdf, or ocp animate.")
+    interrupt.check()
+    return 0 if stored.meta["status"] == "done" else NOT_SURVIVED
+
+
+def _stored(
+    options: MpcOptions, case: LoopCase, controller: Controller, loop: ClosedLoop
+) -> StoredRun:
+    """Store what ran; raises KeyboardInterrupt where nothing did."""
+    data = labelled(loop, case.given.mismatch)
+    if not data.sizes["seed"]:
+        raise KeyboardInterrupt
+    meta = {
+        "kind": "closed-loop", "argv": options.argv, "tags": options.tags, "seed": options.seed,
+        "record": case.record(options), "source_digest": case.spec.digest,
+        **summary(loop, data, controller.told, options.rate),
+    }  # fmt: skip
+    drawn = data.isel(node=slice(0, int(data["ended"].values[0]) + 1))
+    part = store.problem_part(case.problem, drawn)
+    return store.write(options.out, case.spec.name, data, meta, part)
+
+
+_TOLD = (
+    "problem", "record", "status", "verdict", "cost", "cost_interval", "costs", "ended",
+    "survived", "diverged", "seconds", "statuses", "misses", "certified", "why", "told", "hash",
+    "versions",
+)  # fmt: skip
+"""What ``--json`` prints of the stored description."""
+
+
+@contextmanager
+def _progress(options: MpcOptions, steps: int) -> Iterator[Any]:
+    """Yield a callback for samples: one line on a terminal, elsewhere one every two seconds."""
+    with live(not options.output.progress, every_s=2.0) as show:
+        show(f"{options.problem}: building the controller", now=True)
+
+        def report(seed: int, k: int, command: Command) -> None:
+            interrupt.check()
+            merit = f", merit {command.merit:.5g}" if math.isfinite(command.merit) else ""
+            place = f"seed {seed + 1} of {options.seeds}, sample {k + 1} of {steps}"
+            show(f"{place}, {1e3 * command.seconds:.1f} ms{merit}")
+
+        yield report

@@ -1,0 +1,201 @@
+"""A closed loop as a run stores it: labelled arrays, and what was counted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.table import Table
+
+from dynamics.batch import StepFunction
+from ocp.mpc.simulate import ClosedLoop
+from ocp.physics.contact_report import least_slip
+from ocp.problem import Problem
+from ocp.rollout import at_steps
+from ocp.solution import units_of
+from ocp.warm_start import node_times
+from reports.console import number, table_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_WARM = 10
+"""Samples at the start of each seed that times leave out: the first plans start cold."""
+
+
+def labelled(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Dataset:
+    """The arrays of the seeds that began, with times, units and contacts.
+
+    Added are ``time`` (node) [s], and ``lam`` and ``gap`` (seed, sample, contact): those of the
+    exact law at the recorded states and inputs, with the plant's parameters ``mismatch``.
+    """
+    problem, system = loop.problem, loop.problem.system
+    values = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
+    data = loop.data.isel(seed=np.isfinite(loop.data["u"].values).any(axis=(1, 2)))
+    entries, of = units_of(
+        {"state": system.states, "input": system.inputs, "contact": system.contacts}
+    )
+    lam, gap = _contacts(problem, data, {**values, **mismatch})
+    times = node_times(problem, problem.parameters.pack(values))
+    step = float(times[1] - times[0])
+    along = ("seed", "sample", "contact")
+    data = data.assign({
+        "lam": (along, lam, of["contact"]), "gap": (along, gap, {"units": system.gap_unit}),
+        **{f"{name}_unit": (name, units) for name, units in entries.items()},
+    }).assign_coords(
+        time=("node", step * np.arange(data.sizes["node"]), {"units": "s"}),
+        contact=[signal.name for signal in system.contacts],
+    )  # fmt: skip
+    own = {"x": "state", "measured": "state", "plan": "state", "u": "input"}
+    units = {**{name: of[kind]["units"] for name, kind in own.items()}, "seconds": "s"}
+    for name, variable in data.data_vars.items():
+        variable.attrs.setdefault("units", units.get(str(name), "1"))
+    return data
+
+
+def _contacts(
+    problem: Problem, data: xr.Dataset, values: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Multipliers and gaps (S, T, nlam) of the exact law; NaN where nothing was simulated."""
+    step, x, u = problem.exact_step, data["x"].values, data["u"].values
+    found = np.full((2, *u.shape[:2], problem.system.nlam), np.nan)
+    known = np.isfinite(x[:, :-1]).all(axis=2) & np.isfinite(u).all(axis=2)
+    if not problem.system.nlam:
+        return found[0], found[1]
+    p = step.p.pack({name: values[name] for name in step.p.names if name in values})
+    before, applied = x[:, :-1][known], u[known]
+    solved = StepFunction(step, threads=1)(before, applied, p)
+    lam = solved.lam[:, : step.n]
+    given = (before[None], applied[None], solved.x_next[None], lam[None])
+    gap = at_steps(step.relation, *given, p=p)[1][0]
+    found[0][known], found[1][known] = least_slip(step, lam, gap)
+    return found[0], found[1]
+
+
+def summary(
+    loop: ClosedLoop, data: xr.Dataset, told: Sequence[str], rate: float | None
+) -> dict[str, Any]:
+    """What :class:`~ocp.store.meta.ClosedLoopMeta` lists, ``status`` and ``verdict`` among it.
+
+    ``rate`` [Hz] is what times are compared with; None: one sample a step of the model.
+    """
+    seeds, steps = data.sizes["seed"], data.sizes["sample"]
+    ended, costs = data["ended"].values, loop.costs[:seeds]
+    survived = ended == steps
+    unfinished = bool(loop.record["stopped"]) and not survived[-1]
+    diverged = int((~survived).sum()) - unfinished
+    status = "stopped" if loop.record["stopped"] else "diverged" if diverged else "done"
+    statuses = data["status"].values
+    found = {
+        "status": status,
+        "costs": costs.tolist(),
+        **_spread(costs[np.isfinite(costs)]),
+        "ended": ended.tolist(),
+        "survived": float(survived.mean()),
+        "diverged": diverged,
+        "seconds": _times(data, rate),
+        "statuses": dict(Counter(map(str, statuses[statuses != ""]))),
+        "misses": loop.misses,
+        "certified": loop.certified,
+        "why": dict(loop.why),
+        "told": list(told),
+    }
+    return {**found, "verdict": _verdict(found, data)}
+
+
+def _spread(costs: np.ndarray) -> dict[str, Any]:
+    """Mean, and Student's 95 % interval of it, NaN of a single seed."""
+    from scipy.special import stdtrit
+
+    n, mean = len(costs), float(np.mean(costs)) if len(costs) else np.nan
+    half = float(stdtrit(n - 1, 0.975) * costs.std(ddof=1) / np.sqrt(n)) if n > 1 else np.nan
+    return {"cost": mean, "cost_interval": [mean - half, mean + half]}
+
+
+def _times(data: xr.Dataset, rate: float | None) -> dict[str, float]:
+    """Percentiles [s] of the work of a sample, and how many took longer than the period."""
+    seconds = timed(data["seconds"].values)
+    period = 1 / rate if rate is not None else float(data["time"].values[1])
+    p50, p99, most = (float(np.percentile(seconds, q)) if seconds.size else np.nan
+                      for q in (50, 99, 100))  # fmt: skip
+    return {"p50": p50, "p99": p99, "max": most, "period": period, "samples": seconds.size,
+            "over": int((seconds > period).sum())}  # fmt: skip
+
+
+def timed(seconds: np.ndarray) -> np.ndarray:
+    """The times [s] that are counted, of (S, T): without those at the start of each seed."""
+    each = [row[np.isfinite(row)] for row in seconds]
+    return np.concatenate([row[_WARM if len(row) > 2 * _WARM else 1 :] for row in each])
+
+
+def _verdict(found: Mapping[str, Any], data: xr.Dataset) -> str:
+    """The result in sentences, without times."""
+    seeds, steps = data.sizes["seed"], data.sizes["sample"]
+    many = f"{seeds} seeds" if seeds > 1 else "1 seed"
+    whole = int(sum(end == steps for end in found["ended"]))
+    parts = []
+    if whole:
+        low, high = found["cost_interval"]
+        wide = f" [{number(low, 5)}, {number(high, 5)}]" if np.isfinite(low) else ""
+        cost = f"Cost {number(found['cost'], 7)}{wide} over {steps} sample{'s' * (steps > 1)}"
+        parts.append(f"{cost}; {whole} of {many} reached the end.")
+    if found["diverged"]:
+        first = next(k for k, end in enumerate(found["ended"]) if end < steps)
+        parts.append(f"The plant diverged in {found['diverged']} of {many}, seed {first} at sample"
+                     f" {found['ended'][first]}.")  # fmt: skip
+    if found["status"] == "stopped":
+        paid = float(np.nansum(data["cost"].values[-1]))
+        parts.append(f"Stopped by the user at seed {seeds - 1}, sample {found['ended'][-1]} of"
+                     f" {steps}, cost so far {number(paid, 5)}.")  # fmt: skip
+    return "\n".join(parts)
+
+
+def rate_sentence(meta: Mapping[str, Any]) -> str:
+    """How the times of the samples compare with the period."""
+    found = meta["seconds"]
+    many = f"{found['over']} of {found['samples']} samples took longer than"
+    return f"{many} the period of {_ms(found['period'])} ms."
+
+
+def reasons(meta: Mapping[str, Any]) -> Iterator[str]:
+    """Rate, deadline, and sentences of the controller with how often each came."""
+    if meta["seconds"]["over"]:
+        yield rate_sentence(meta)
+    if meta["misses"]:
+        late = meta["misses"]
+        yield f"{late} of the answers came after the deadline; the plan before gave the input."
+    for text, count in sorted(meta["why"].items(), key=lambda row: -row[1]):
+        yield f"{text} ({count} sample{'' if count == 1 else 's'})"
+
+
+def loop_rows(meta: Mapping[str, Any]) -> list[list[str]]:
+    """Names and numbers of a closed loop, as text."""
+    found, (low, high) = meta["seconds"], meta["cost_interval"]
+    wide = "–" if low is None else f"{number(low, 5)} to {number(high, 5)}"
+    return [
+        ["cost, mean over seeds", number(meta["cost"], 7)],
+        ["95 % interval", wide],
+        ["seeds that reached the end", f"{100 * meta['survived']:.3g} %"],
+        ["time of a sample, p50 [ms]", _ms(found["p50"])],
+        ["p99 [ms]", _ms(found["p99"])],
+        ["largest [ms]", _ms(found["max"])],
+        ["period [ms]", _ms(found["period"])],
+        ["longer than the period", f"{found['over']} of {found['samples']}"],
+        ["missed deadlines", str(meta["misses"])],
+        *([name, str(count)] for name, count in meta["statuses"].items()),
+        ["plans judged stationary",
+         "–" if meta["certified"] is None else f"{100 * meta['certified']:.3g} %"],
+    ]  # fmt: skip
+
+
+def loop_table(meta: Mapping[str, Any]) -> Table:
+    """The same as a table."""
+    table = table_of("", ">", rows=loop_rows(meta))
+    table.show_header = False
+    return table
+
+
+def _ms(seconds: float | None) -> str:
+    return "–" if seconds is None else number(1e3 * seconds, 3)

@@ -1,0 +1,76 @@
+"""The pages of closed loops: one in full, or several side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from reports.console import number
+from reports.figures import motion
+from reports.loops import figures
+from reports.loops.summary import loop_rows, reasons
+from reports.pages.comparison import labels
+from reports.pages.described import Page, head, how, law, row_figures, settings
+from reports.view import RunView
+
+_GRADES = {"done": "survives", "stopped": "certified", "diverged": "failed"}
+_FIRST = ("phase", "plant")
+
+
+def loops_page(views: list[RunView]) -> Page:
+    """Content and figures of one closed loop, or of several."""
+    content = {
+        **head(views[0]), "law": law(views[0]),
+        "hashes": [view.run.meta["hash"] for view in views],
+        "grades": [_GRADES.get(view.run.meta["status"], "failed") for view in views],
+        "verdicts": [view.run.meta["verdict"] for view in views],
+    }  # fmt: skip
+    return _one(views[0], content) if len(views) == 1 else _several(views, content)
+
+
+def _one(view: RunView, content: dict[str, Any]) -> Page:
+    meta = view.run.meta
+    content |= {
+        "labels": [""], "heads": [], "rows": [], "key": loop_rows(meta),
+        "how": [*_first(view.run.record), *(row for row in how(view.run) if row[0] == "law")],
+        "settings": [row for row in settings(view.run) if row[0] not in _FIRST],
+        "notes": [*meta["told"], *reasons(meta)],
+    }  # fmt: skip
+    drawn = {"snapshots": figures.snapshots(view), "cost": figures.cost_and_times(view),
+             "timeline": figures.timeline(view)}  # fmt: skip
+    found = {name: figure for name, figure in drawn.items() if figure is not None}
+    contacts = [signal.name for signal in view.signals("contacts")]
+    return content, found | row_figures("motion", motion.plan_rows(view, contacts))
+
+
+def _first(record: Mapping[str, Any]) -> list[list[str]]:
+    return [[name, str(record[name])] for name in _FIRST]
+
+
+def _several(views: list[RunView], content: dict[str, Any]) -> Page:
+    told = labels([view.run for view in views])
+    names = [chr(ord("A") + i) if i < 26 else str(i + 1) for i in range(len(views))]
+    rows: dict[str, list[str]] = {}
+    for place, view in enumerate(views):
+        for name, text in loop_rows(view.run.meta):
+            rows.setdefault(name, ["–"] * len(views))[place] = text
+    one_problem = len({view.run.meta["problem"] for view in views}) == 1
+    content |= {
+        "title": views[0].title if one_problem else "Comparison of closed loops",
+        "labels": [f"{name}: {text}" for name, text in zip(names, told, strict=True)],
+        "heads": ["", *names], "rows": [[name, *cells] for name, cells in rows.items()],
+        "key": [], "how": [], "settings": [], "notes": [_cheapest(views, names)],
+    }  # fmt: skip
+    if not one_problem:
+        content |= {"equations": [], "typed": [], "parameters": [], "citation": "", "unloaded": ""}
+    return content, {"compared": figures.compared(views, names)}
+
+
+def _cheapest(views: list[RunView], names: list[str]) -> str:
+    """Which run costs least on average."""
+    costs = {name: view.run.meta["cost"] for name, view in zip(names, views, strict=True)}
+    known = {name: cost for name, cost in costs.items() if cost is not None}
+    if not known:
+        return "No seed of any run reached the end."
+    best = min(known, key=lambda name: known[name])
+    return f"{best} has the lowest mean cost, {number(known[best], 6)}."

@@ -1,0 +1,200 @@
+"""``ocp mpc``: a closed loop simulated, told, stored, reported and filmed."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ocp import store
+from ocp.mpc.controller import Controller
+from ocp.mpc.simulate import simulate
+from problems import get
+from reports.cli.app import main
+from reports.loops.summary import labelled, summary, timed
+from tests.cli.conftest import Ocp
+from tests.cli.test_interruption import read_until, start
+
+SMALL = ("mpc", "soft-walls", "-p", "N=5")
+
+
+@pytest.fixture(scope="module")
+def loops(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A store with three seeds under noise, one exact loop and one that diverges, only read."""
+    root = tmp_path_factory.mktemp("loops")
+    calls = (
+        ["--plant", "noise", "--seeds", "3", "--steps", "24", "--certify", "8"],
+        ["--steps", "24"],
+        ["--steps", "12", "--push", "5:dtheta=1e7"],
+    )
+    codes = [main([*SMALL, *options, "--out", str(root), "-q"]) for options in calls]
+    assert codes == [0, 0, 3]
+    return root
+
+
+def test_the_document_is_what_the_run_stores(ocp: Ocp) -> None:
+    options = ("--steps", "15", "--noise-state", "p=0.01", "--mismatch", "mp=0.5", "--delay",
+               "--push", "3:dp=0.2", "--push", "3:p=0.01", "--certify", "5")  # fmt: skip
+    done = ocp(*SMALL, *options, "--json")
+    assert done.code == 0, done.err
+    told = done.json
+    run = store.load(told["run"])
+    assert run.kind == "closed-loop" and told["status"] == "done"
+    for name in set(told) - {"run", "pdf"}:
+        assert told[name] == run.meta[name], name
+    assert told["record"]["push"] == "3:dp=0.2, 3:p=0.01" and told["record"]["delay"] is True
+    data = run.data
+    assert data["x"].shape == (1, 16, 4) and data["plan"].shape == (1, 15, 6, 4)
+    paid = float(data["cost"].sum() + data["end_cost"].sum())
+    assert told["cost"] == pytest.approx(paid, rel=1e-12)
+    assert sum(told["statuses"].values()) == 15
+    assert (data["certificate"].values != "").sum() == 3 and told["certified"] is not None
+
+
+def test_a_loop_is_read_back_as_it_was_simulated(tmp_path: Path) -> None:
+    problem = get("soft-walls", N=5)
+    loop = simulate(Controller(problem), 12, "noise", seeds=2)
+    data = labelled(loop, {})
+    meta = {"kind": "closed-loop", "argv": [], "record": {}, **summary(loop, data, [], None)}
+    run = store.load(store.write(tmp_path, "soft-walls", data, meta).path)
+    for name, array in loop.data.data_vars.items():
+        assert run.data[name].dims == array.dims
+        np.testing.assert_array_equal(run.data[name].values, array.values)
+    assert run.meta["costs"] == loop.costs.tolist()
+    # Under its own law the plant's forces are those of the contact, on its pairs.
+    assert float(abs(run.data["lam"] * run.data["gap"]).max()) < 1e-9
+    assert np.allclose(np.diff(run.data["time"].values), 0.01)
+
+
+def test_same_seed_same_bits(ocp: Ocp) -> None:
+    options = ("--steps", "12", "--plant", "noise", "--seeds", "2", "--json")
+    one, again, other = (
+        ocp(*SMALL, *options, "--seed", seed, "--out", place).json
+        for seed, place in (("3", "a"), ("3", "b"), ("4", "c"))
+    )
+    assert one["hash"] == again["hash"] != other["hash"]
+    first, second = (store.load(done["run"]).data for done in (one, again))
+    for name in set(map(str, first.variables)) - {"seconds"}:
+        assert first[name].values.tobytes() == second[name].values.tobytes(), name
+    x = first["x"].values
+    assert not np.array_equal(x[0], x[1]), "each seed has its own noise"
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--phase", "nope"), "unknown phase 'nope'"),
+        (("--plant", "refere"), "unknown plant 'refere' (did you mean 'referee'?)"),
+        (("--rate", "0"), "--rate must be above 0, got 0"),
+        (("--rate", "nan"), "--rate must be a finite number, got 'nan'"),
+        (("--noise-state", "nan"), "--noise-state must be a finite number, got 'nan'"),
+        (("--noise-state", "-1"), "--noise-state must be 0 or more and finite, got -1.0"),
+        (("--noise-state", "1", "--noise-state", "p=1"), "drop one of the two"),
+        (("--noise-input", "v=1"), "--noise-input: unknown signal 'v'"),
+        (("--mismatch", "mpp=1"), "no physical parameter 'mpp' (did you mean 'mp'?)"),
+        (("--mismatch", "mp=-1"), "parameter mp (mass of the pole) must be a number > 0 [kg]"),
+        (("--push", "20"), "--push: expected K:name=value, got '20'"),
+        (("--push", "100:p=1"), "the sample must be from 0 to 99, got 100"),
+        (("--push", "2:q=1"), "--push: unknown state 'q'"),
+        (("--contact", "barrier"), "phase qpcc plans under the exact law, not under barrier"),
+        (("-c", "mu=1"), "contact law exact has no setting 'mu'"),
+        (("--steps", "1e6", "--seeds", "1e4"), "10000 seeds of 1000000 samples would take"),
+    ],
+)
+def test_bad_input_is_one_sentence(ocp: Ocp, options: tuple[str, ...], sentence: str) -> None:
+    done = ocp(*SMALL, *options)
+    assert done.code == 2 and sentence in done.err, done.err
+    assert len(done.err.splitlines()) == 1 and not Path("runs").exists()
+
+
+def test_a_rate_faster_than_a_solve_is_told_and_goes_on(ocp: Ocp) -> None:
+    done = ocp(*SMALL, "--steps", "25", "--rate", "1e6", "--deadline", "1e-6")
+    assert done.code == 0
+    assert "15 of 15 samples took longer than the period of 0.001 ms." in done.out
+    assert "24 of the answers came after the deadline" in done.out
+
+
+def test_a_plant_that_diverges_ends_its_seed_and_is_kept(ocp: Ocp, loops: Path) -> None:
+    run = store.load(store.find("@last", loops))
+    assert run.meta["status"] == "diverged" and run.meta["ended"] == [5]
+    assert run.meta["verdict"] == "The plant diverged in 1 of 1 seed, seed 0 at sample 5."
+    assert np.isfinite(run.data["x"].values[0, :6]).all()
+    assert np.isnan(run.data["x"].values[0, 6:]).all() and run.meta["cost"] is None
+    assert ocp("report", "@last", "-o", "a.pdf", "--out", str(loops)).code == 0
+    assert ocp("animate", "@last", "-o", "a.html", "--out", str(loops)).code == 0
+
+
+def test_ctrl_c_keeps_what_ran(tmp_path: Path) -> None:
+    process = start([*SMALL, "--steps", "100000", "--seeds", "2", "--json"], tmp_path)
+    read_until(process, "sample")
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130 and "stopped by the user" in err
+    told = json.loads(out)
+    run = store.load(tmp_path / told["run"])
+    (ended,) = told["ended"]
+    assert told["status"] == "stopped" and 0 < ended < 100_000
+    assert np.isfinite(run.data["x"].values[0, : ended + 1]).all()
+    assert f"Stopped by the user at seed 0, sample {ended} of 100000" in told["verdict"]
+
+
+def test_report_of_one_and_of_several(ocp: Ocp, loops: Path) -> None:
+    for runs in (("@3",), ("@1", "@2", "@3")):
+        done = ocp("report", *runs, "-o", "loop.pdf", "--out", str(loops))
+        assert done.code == 0, done.err
+        assert Path("loop.pdf").read_bytes().startswith(b"%PDF")
+    solved = ocp("solve", "wall-1d", "-q", "--json").json["run"]
+    done = ocp("report", "@1", solved, "-o", "mixed.pdf", "--out", str(loops))
+    assert done.code == 2 and "needs runs of ocp solve, of ocp train or of ocp mpc" in done.err
+
+
+def test_a_film_has_the_plan_and_the_cost(ocp: Ocp, loops: Path) -> None:
+    done = ocp("animate", "@3", "-o", "loop.html", "--out", str(loops), "--json")
+    assert done.code == 0, done.err
+    text = Path("loop.html").read_text()
+    found = re.search(r'<script[^>]*id="film"[^>]*>(.*?)</script>', text, re.DOTALL)
+    assert found is not None
+    film = json.loads(found[1])
+    roles = {role for _, role in film["kinds"]}
+    assert "plan" in roles and "object" in roles
+    assert [chart["curves"][0]["name"] for chart in film["charts"]][-1] == "closed loop"
+    run = store.load(store.find("@3", loops))
+    assert film["charts"][-1]["curves"][0]["end"] == pytest.approx(run.meta["costs"][0], rel=1e-6)
+
+
+def test_listing_and_export_know_the_kind(ocp: Ocp, loops: Path) -> None:
+    listed = ocp("runs", "--kind", "closed-loop", "--json", "--out", str(loops)).json["runs"]
+    assert [run["status"] for run in listed] == ["done", "done", "diverged"]
+    assert "phase" in ocp("runs", "@3", "--out", str(loops)).out
+    assert ocp("runs", "export", "@3", "-o", "loop.csv", "--out", str(loops)).code == 0
+    lines = Path("loop.csv").read_text().splitlines()
+    assert len(lines) == 1 + 3 * 25 and "u.u [N]" in lines[0] and "plan" not in lines[0]
+    done = ocp("replay", "@3", "--out", str(loops))
+    assert done.code == 2 and "expected a run of ocp solve" in done.err
+
+
+def test_times_leave_out_the_start_of_each_seed() -> None:
+    seconds = np.full((2, 30), 1.0)
+    seconds[:, :10], seconds[1, 12:] = 9.0, np.nan
+    assert timed(seconds).tolist() == [1.0] * 20 + [9.0] * 9 + [1.0] * 2
+
+
+def test_a_loop_of_a_file_of_ones_own_keeps_its_drawing(ocp: Ocp) -> None:
+    assert ocp("new", "bumper").code == 0
+    done = ocp("mpc", "bumper.py", "--steps", "8", "--plant", "referee", "-q", "--pdf", "a.pdf")
+    assert done.code == 0, done.err
+    assert ocp("animate", "@last", "-o", "a.html").code == 0
+    assert '"plan"' not in Path("a.html").read_text(), "the file draws the plan, and is not loaded"
+    assert ocp("animate", "@last", "-o", "a.html", "--source", "bumper.py").code == 0
+    assert '"plan"' in Path("a.html").read_text()
+
+
+def test_a_learned_model_has_no_forces_to_plan_with(ocp: Ocp) -> None:
+    assert ocp("collect", "push-1d", "--samples", "200", "-o", "data.nc", "-q").code == 0
+    assert ocp("learn", "data.nc", "--model", "ewda", "-o", "model.nc", "-q").code == 0
+    done = ocp("mpc", "push-1d", "--contact", "ewda", "-c", "model=model.nc", "--phase", "relaxed")
+    assert done.code == 2 and "ewda has no pairs of force and gap" in done.err
