@@ -60,9 +60,11 @@ class Controller:
     one. ``phase`` is one of :data:`~ocp.mpc.phases.table.PHASES`; ``policy`` is what the phase
     ``policy`` evaluates: a function ``(x, k) -> u``, :class:`~ocp.rollout.Gains`, or None for the
     regulator's gains along the first plan. ``iterations`` is the number of quadratic programs a
-    sample. ``deadline`` (s) is optional: an answer that comes later is replaced by the shifted
-    plan's input, and counted in ``misses``. ``told`` are sentences on what a receding horizon had
-    to change of the problem.
+    sample. ``trust``, of (0, 1], is how much of a measurement's difference from the state that the
+    law predicts from the sample before is believed: below 1 it averages noise out, as an observer
+    of constant gain does. ``deadline`` (s) is optional: an answer that comes later is replaced by
+    the shifted plan's input, and counted in ``misses``. ``told`` are sentences on what a receding
+    horizon had to change of the problem.
 
     Everything symbolic happens here, and functions are compiled once and cached. Measured state,
     last input, parameters and the law's mu are parameters of the one program.
@@ -76,6 +78,7 @@ class Controller:
     phase: str = "qpcc"
     policy: Law | Gains | None = None
     iterations: int = 1
+    trust: float = 1.0
     deadline: float | None = None
     parameters: Values = field(default_factory=dict)
 
@@ -84,6 +87,8 @@ class Controller:
         self.contact = self.law = PHASES[self.phase].law(self.law)
         if self.iterations < 1:
             raise InputError(f"iterations must be 1 or more, got {self.iterations}")
+        if not 0 < self.trust <= 1:
+            raise InputError(f"trust must be above 0 and at most 1, got {self.trust}")
         self.receding = Receding.of(self.problem)
         self.told = list(self.receding.told)
         planned = self.receding.problem
@@ -192,9 +197,13 @@ class Controller:
         p, limits = self._last[1].copy(), self._last[2]
         before = self.u_before if u_before is None else np.asarray(u_before, dtype=float).ravel()
         ahead = self._ahead(p, limits)
+        expected = self._expected(ahead, before, p)
+        if self.trust < 1 and self.samples:
+            x = expected + self.trust * (np.asarray(x, dtype=float).ravel() - expected)
         seen, told = self.measurement.projected(
-            x, ahead.x[0], limits[4:], p[0, self.model.of_problem]
+            x, expected, limits[4:], p[0, self.model.of_problem]
         )
+        self._seen = seen
         p[:, self._places] = np.concatenate([seen, before])
         self._p = p
         sample = Sample(seen, before, p, (limits[2], limits[3]))
@@ -222,6 +231,13 @@ class Controller:
         u = np.concatenate([plan.u[1:], u_last])
         lam, gap = (np.concatenate([v[1:], v[-1:]]) for v in (plan.lam, plan.gap))
         return Plan(x, u, lam, gap)
+
+    def _expected(self, ahead: Plan, u_before: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """The state that the law predicts from the sample before, or that of the first plan."""
+        if not self.samples or (self.trust == 1 and self.phase != "policy"):
+            return ahead.x[0]
+        found = self.roller.ahead(self._seen[None], u_before[None], p)[0]
+        return found if np.isfinite(found).all() else self._seen
 
     def _tail(self, plan: Plan, limits: list[np.ndarray]) -> np.ndarray:
         """The input of the step that the horizon gains: the last gains go on."""

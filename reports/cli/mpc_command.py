@@ -52,8 +52,9 @@ class LoopCase:
         return {
             "params": self.params, "source": None if path is None else str(path),
             "contact": self.law.name, "contact_settings": self.law.settings(),
-            **{key: getattr(options, key) for key in ("phase", "plant", "iterations", "deadline",
-                                                      "seeds", "seed", "rate", "certify")},
+            **{key: getattr(options, key) for key in ("phase", "plant", "iterations", "trust",
+                                                      "deadline", "seeds", "seed", "rate",
+                                                      "certify")},
             "samples": self.steps, "delay": options.delay or None,
             **{key: ", ".join(getattr(options, key) or ()) or None
                for key in ("noise_state", "noise_input", "mismatch", "push")},
@@ -150,8 +151,9 @@ def run(options: MpcOptions, case: LoopCase) -> int:
     """Build the controller, simulate the closed loop, and store it."""
     with _progress(options, case.steps) as report:
         controller = Controller(
-            case.problem, case.law, options.phase, None, options.iterations, options.deadline
-        )
+            case.problem, case.law, options.phase, None, options.iterations, options.trust,
+            options.deadline,
+        )  # fmt: skip
         interrupt.check()
         # In the middle of a sample it could end as an error of compiled code.
         with interrupt.deferred():

@@ -38,6 +38,9 @@ class MpcOptions(LawOptions, TagOptions):
         None, metavar="HZ", help="Rate that times are compared with; default: 1/h."
     )
     iterations: int = option(1, min=1, max=1000, help="Quadratic programs per sample.")
+    trust: float = option(
+        1.0, help="Share of a measurement that is believed, the rest is predicted; above 0, to 1."
+    )
     deadline: float | None = option(
         None, metavar="S", help="Later answers are replaced by the input of the plan before."
     )

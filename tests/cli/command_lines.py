@@ -140,6 +140,7 @@ COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
             "--phase": among("qpcc", "qp", "relaxed", "policy", "full"),
             "--plant": among("exact", "noise", "referee", "h/4"), "--steps": number("2", "5"),
             "--rate": number("100", "1e6"), "--iterations": number("1", "2"),
+            "--trust": number("0.5", "1"),
             "--deadline": number("1e-3"), "--noise-state": number("0.01") | setting(q=("0.1",)),
             "--noise-input": number("0.01"), "--mismatch": setting(m=("2",), M=("2",)),
             "--delay": None, "--push": among("1:q=0.1", "1:x=0.1", "9:x=1", "x:1"),

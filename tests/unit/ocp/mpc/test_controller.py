@@ -129,6 +129,24 @@ def test_a_deadline_that_is_missed_sends_the_shifted_plan() -> None:
     assert second.u == pytest.approx(first.plan.u[1])
 
 
+def test_an_observer_changes_nothing_without_noise_and_reduces_it_with(disc: Controller) -> None:
+    calm = Controller(get("push-disc"), trust=0.3)
+    for noise, plain, filtered in (
+        (
+            given,
+            simulate(disc, 40, "exact", given, seeds=4),
+            simulate(calm, 40, "exact", given, seeds=4),
+        )
+        for given in (Disturbance(), Disturbance(noise_state=0.01))
+    ):
+        if noise.noise_state == 0:
+            assert filtered.costs == pytest.approx(plain.costs, rel=1e-6)
+        else:
+            assert filtered.costs.mean() < plain.costs.mean()
+    with pytest.raises(InputError, match="trust must be above 0"):
+        Controller(get("push-disc"), trust=0.0)
+
+
 def test_delay_pushes_and_mismatch_are_the_plants(disc: Controller) -> None:
     plain = simulate(disc, 4)
     delayed = simulate(disc, 4, "exact", Disturbance(delay=True))
