@@ -254,7 +254,7 @@ class Controller:
                 break
             self._phase.prepare(answer.plan, sample)
             found = self._phase.feedback(sample)
-            if not found.merit < answer.merit * (1 - 1e-6):
+            if not found.merit < answer.merit - 1e-6 * abs(answer.merit):
                 break
             answer = found
         return answer

@@ -94,16 +94,15 @@ class NewtonPhase(ABC):
 
     def feedback(self, sample: Sample) -> Answer:
         """Solve the program from the measured state, and roll the candidates out."""
-        before, answer = np.inf, None
-        for k in range(self.iterations):
-            if k:
-                assert answer is not None and answer.plan is not None
-                self.prepare(answer.plan, sample)
-            answer = self._once(sample)
-            if answer.status == "kept" or not answer.merit < before - 1e-9 * abs(before):
+        answer = self._once(sample)
+        for _ in range(self.iterations - 1):
+            if answer.plan is None or answer.status == "kept":
                 break
-            before = answer.merit
-        assert answer is not None
+            self.prepare(answer.plan, sample)
+            better = self._once(sample)
+            if not better.merit < answer.merit - 1e-9 * abs(answer.merit):
+                break
+            answer = better
         return answer
 
     def _once(self, sample: Sample) -> Answer:
