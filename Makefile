@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 # Tests start many processes: each reads the bytecode that the first one wrote.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-mpcc bench-random bench-world lint gallery claims docs generated notebooks numbers verdicts refined promises
+.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-mpcc bench-random bench-world bench-mpc lint gallery claims docs generated notebooks numbers verdicts refined promises
 
 setup: $(READY)
 
@@ -94,6 +94,11 @@ bench-world: setup
 	$(BIN)/python -m tests.benchmarks.ocp.world $(SCENES)
 	$(BIN)/python -m tests.benchmarks.ocp.pushing
 	$(BIN)/python -m tests.benchmarks.mpcc.switching
+
+# Reference tasks in closed loop, each beside a plain Opti loop, and the quadratic programs of a
+# sample by other solvers, and rewrites the tables of the site; TASKS=soft-walls,spinner some of them.
+bench-mpc: setup
+	$(BIN)/python -m tests.benchmarks.mpc.bench $(TASKS)
 
 # The site, from docs/ and docstrings into build/site; warnings are errors, and nothing is fetched.
 docs: setup

@@ -1,4 +1,4 @@
-"""The table "which smoothing to trust", from the data of study N3."""
+"""The tables "which smoothing to trust": of plans, study N3, and in the loop, study C1."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 
 import xarray as xr
 
+from problems.studies.laws_in_the_loop.data import FEEDBACK, LAWS, relative, survives
 from problems.studies.smoothings_compared.data import WITHIN, described, excess
 
 
@@ -52,3 +53,21 @@ def _cell(share: float, lives: int, of: int) -> str:
     if lives == 0:
         return word
     return f"{word} ✓" if lives == of else f"{word} ✓ {lives}/{of}"
+
+
+def loop_rows(data: xr.Dataset) -> list[list[str]]:
+    """Columns, then one row a controller: a task's cells with excess and survival, then times.
+
+    An excess is the median over plants and seeds; that of gains, and their survival, are over the
+    first horizon.
+    """
+    tasks = [str(name) for name in data["task"].values]
+    dear, alive = relative(data).median(["plant", "seed"]) - 1, survives(data)
+    lives, of = alive.sum(["plant", "seed"]), alive.count(["plant", "seed"])
+    found = [["planning again", *tasks, "p99 [ms]"]]
+    for name in (*LAWS, *FEEDBACK):
+        own, span = data["ms"].sel(controller=name), "first horizon" if name in FEEDBACK else "run"
+        where = [{"controller": name, "task": task, "span": span} for task in tasks]
+        cells = [_cell(float(dear.sel(a)), int(lives.sel(a)), int(of.sel(a))) for a in where]
+        found.append([name, *cells, f"{float(own.min()):.2g} to {float(own.max()):.2g}"])
+    return found

@@ -5,6 +5,7 @@ from problems.spec import Citation
 from problems.studies.study import Claim, FigureStudy
 
 _NOISING, _PATHOLOGIES, _SMOOTHING = "suh2023noising", "suh2022pathologies", "zhang2023adaptive"
+_LINEAR = "shirai2024linear"
 _FIGURES = (
     ("N0", "problems.studies.theory_of_noising",
      "Theory of noising data",
@@ -69,6 +70,9 @@ _FIGURES = (
     ("AT", "problems.studies.convergence_bound",
      "Convergence of policy gradients, beside its bound",
      _SMOOTHING, "Thm. 4.2, on the example of fig. 7a"),
+    ("C1", "problems.studies.laws_in_the_loop",
+     "Which smoothing to trust in the loop",
+     _LINEAR, "The question of its title, and what it leaves open"),
     ("T1", "problems.studies.audited_theory",
      "The theory audited on random contact problems",
      _SMOOTHING, "Thm. 4.4, 4.5, 5.1, 5.4, prop. 5.2, 5.3; and lemmas III.1, III.4 of Pathologies"),

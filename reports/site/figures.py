@@ -2,8 +2,8 @@
 
 Claims lie as JSON in ``docs/generated/data/claims``; ``python -m reports.site.figures FILE.json``
 stores there the claims in that file, the output of ``ocp figure --all --json``, each picture in
-``docs/pictures/figures/<id>.png``, and of N3 the table :mod:`reports.smoothings`; ``make claims``
-makes the figures first.
+``docs/pictures/figures/<id>.png``, and of N3 and C1 the tables of :mod:`reports.smoothings`;
+``make claims`` makes the figures first.
 """
 
 from __future__ import annotations
@@ -43,9 +43,16 @@ PAPERS = {
     "N": "How noising data affects learned contact dynamics",
     "P": "Pathologies of differentiable simulation through contact",
     "A": "Adaptive barrier smoothing",
+    "C": "Linear feedback on smoothed dynamics, and planning again",
     "T": "Theorems of all three",
 }
 """What figures reproduce, by the first letter of their names."""
+
+_TABLES = {
+    "N3": ("smoothings", smoothings.rows),
+    "C1": ("smoothings-in-the-loop", smoothings.loop_rows),
+}
+"""Name and rows of the table that a figure's data give."""
 
 
 def measured() -> dict[str, dict[str, Any]]:
@@ -132,10 +139,11 @@ def keep(figures: Sequence[Mapping[str, Any]]) -> list[Path]:
             with xr.open_dataset(file, engine="scipy") as data, styled():
                 drawn = DRAWINGS[study.id].draw(data)
                 written.append(save_picture(drawn, f"figures/{study.id}"))
-                if study.id == "N3":
-                    columns, *rows = smoothings.rows(data)
+                if study.id in _TABLES:
+                    name, rows_of = _TABLES[study.id]
+                    columns, *rows = rows_of(data)
                     written.append(write_table(
-                        "smoothings", title="Which smoothing to trust", command="ocp figure N3",
+                        name, title=study.title, command=f"ocp figure {study.id}",
                         columns=columns, rows=rows,
                     ))  # fmt: skip
     return written

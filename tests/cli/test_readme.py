@@ -33,13 +33,19 @@ def test_the_readme_is_short() -> None:
     assert len(README.read_bytes()) <= LARGEST
 
 
-def test_its_table_of_smoothings_says_what_was_measured() -> None:
-    measured = json.loads((DOCS / "generated" / "data" / "smoothings.json").read_text())
-    wanted = {tuple(map(cell, row[:5])) for row in measured["rows"]}
-    text = README.read_text().partition("## Which smoothing")[2].partition("\n## ")[0]
+@pytest.mark.parametrize(
+    ("table", "title", "columns", "number"),
+    [("smoothings", "Which smoothing", 5, 6), ("smoothings-in-the-loop", "And in the loop", 7, 4)],
+)
+def test_its_tables_of_smoothings_say_what_was_measured(
+    table: str, title: str, columns: int, number: int
+) -> None:
+    measured = json.loads((DOCS / "generated" / "data" / f"{table}.json").read_text())
+    wanted = {tuple(map(cell, row[:columns])) for row in measured["rows"]}
+    text = README.read_text().partition(f"## {title}")[2].partition("\n## ")[0]
     lines = [line for line in text.splitlines() if line.startswith("| ")][2:]
     rows = [tuple(part.strip() for part in line.strip("| ").split(" | ")) for line in lines]
-    assert len(rows) == 6 and set(rows) <= wanted
+    assert len(rows) == number and set(rows) <= wanted
 
 
 def test_added_problem_catches_the_mass(tmp_path: Path) -> None:

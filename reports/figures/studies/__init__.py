@@ -1,6 +1,7 @@
 """Drawings of the studies, by the study's identifier."""
 
 from reports.figures.studies import (
+    in_the_loop,
     learned_laws,
     noising,
     pathologies,
@@ -31,5 +32,6 @@ DRAWINGS: dict[str, Drawing] = {
     "A7": policies.a7,
     "AM": learned_laws.am,
     "AT": policies.at,
+    "C1": in_the_loop.c1,
     "T1": smoothing.t1,
 }

@@ -19,6 +19,8 @@ from reports.papers import BOTH, COLUMN, render
 from reports.style import styled, to_svg
 from tests.golden.figures.verdicts import SLOW, SMALL, small
 
+PAPERS = ("suh2023noising", "suh2022pathologies", "zhang2023adaptive", "shirai2024linear")
+
 
 @pytest.mark.parametrize("identifier", [name for name in SMALL if name not in SLOW])
 def test_data_carry_units_and_are_drawn(identifier: str) -> None:
@@ -43,7 +45,7 @@ def test_every_study_says_where_its_values_come_from() -> None:
     for identifier in studies.ids():
         study = studies.get(identifier)
         assert study.id == identifier
-        assert study.citation.key in ("suh2023noising", "suh2022pathologies", "zhang2023adaptive")
+        assert study.citation.key in PAPERS
         for name, about in study.Params.model_fields.items():
             extra = about.json_schema_extra
             assert isinstance(extra, dict) and extra["origin"] in (PAPER, CODE, CHOICE), name

@@ -33,10 +33,11 @@ SMALL: dict[str, dict[str, float]] = {
     "A7": {},
     "AM": {"seeds": 1, "held": 300, "iterations": 100, "rows": 64, "units": 64, "epochs": 100},
     "AT": {},
+    "C1": {},
     "T1": {"draws": 60, "sweep": 8, "pairs": 20, "n_samples": 5000},
 }
 
-SLOW = {"N0", "N1", "N2", "N3", "A3", "A4", "A5", "AM", "AT"}
+SLOW = {"N0", "N1", "N2", "N3", "A3", "A4", "A5", "AM", "AT", "C1"}
 """Those that take minutes."""
 
 VERDICTS: dict[str, dict[str, bool]] = {
@@ -297,6 +298,21 @@ VERDICTS: dict[str, dict[str, bool]] = {
         "Smoothing lowers the gradient's variance": False,
         "Smoothing adds bias": False,
         "The law of the least bias climbs the most": False,
+    },
+    "C1": {
+        "model: planning again under the exact law costs the least": False,
+        "referee: planning again under the exact law costs the least": False,
+        "h/4: planning again under the exact law costs the least": False,
+        "mismatch: planning again under the exact law costs the least": False,
+        "noise: planning again under the exact law costs the least": False,
+        "The smaller mu, the less the barrier's loop costs": True,
+        "At mu = 0.001 its loop costs no more than that of the exact law": True,
+        "Linear feedback along the exact plan costs less than its inputs alone": True,
+        "Linear feedback along the exact plan is sufficient": False,
+        "Linear feedback along the smoothed plan costs less than its inputs alone": True,
+        "Linear feedback along the smoothed plan is sufficient": False,
+        "On the model every law's loop survives": False,
+        "No smoothed law's loop survives more often than that of the exact law": False,
     },
     "T1": {
         "The Lipschitz constant explodes as mu falls, inversely proportional to it": False,

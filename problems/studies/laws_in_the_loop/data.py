@@ -1,0 +1,167 @@
+"""C1: closed loops of every controller on every plant of every task.
+
+Pieces, each kept as soon as it is done: of one task, one controller and one plant the costs and
+ends of all seeds, and the time of a sample.
+"""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import xarray as xr
+
+from dynamics.batch import BatchWarning
+from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
+from ocp.judges.referee import step_place
+from ocp.mpc import ClosedLoop, Controller, Disturbance, simulate
+from ocp.problem import Problem
+from problems.registry import get
+from problems.studies.progress import tracked
+from problems.studies.study import Pieces, StudyParams, dataset, setting
+
+TASKS = {"push-disc": "M", "soft-walls": "k", "planar-push": "m", "cart-walls": "mp",
+         "finger-disc": "m", "spinner": "m"}  # fmt: skip
+"""The parameter of each that the plant ``mismatch`` has otherwise."""
+PLANTS = ("model", "referee", "h/4", "mismatch", "noise")
+LAWS: dict[str, ContactLaw] = {
+    "exact": Exact(),
+    **{f"barrier {mu:g}": Barrier(mu=mu) for mu in (1e-1, 1e-2, 1e-3)},
+    "adaptive": Adaptive(),
+    "randomized": Randomized(),
+}
+"""By mu [N s m]; adaptive and randomized at their defaults."""
+FOLLOWED = ("exact", "barrier 0.01")
+FEEDBACK = tuple(f"gains, {law}" for law in FOLLOWED)
+INPUTS = tuple(f"inputs, {law}" for law in FOLLOWED)
+CONTROLLERS = (*LAWS, *FEEDBACK, *INPUTS)
+QUICK = {"tasks": 1, "seeds": 2}
+_LARGER, _HORIZONS = 1.3, 2
+_MOST = 1000.0
+"""Largest cost over the best that is told; a plant that diverged has it."""
+_TWICE = 2.0
+
+
+class Params(StudyParams):
+    """Parameters of C1; those of the problems and laws are their own defaults."""
+
+    tasks: int = setting(len(TASKS), "1", "the first of the tasks", least=1, most=len(TASKS))
+    seeds: int = setting(20, "1", "seeds of starts and noise", least=2, most=200)
+    spread: float = setting(0.05, "1", "of starts, in characteristic sizes", least=0, most=0.2)
+
+
+class TaskLoops:
+    """One task, and its controllers, each built when first asked for."""
+
+    def __init__(self, name: str, params: Params) -> None:
+        self.name, self.params, self.problem = name, params, get(name)
+        self.starts = starts(self.problem, params)
+        self.controller = cache(self._controller)
+
+    def _controller(self, name: str) -> Controller:
+        kind, _, law = name.rpartition(", ")
+        if kind == "inputs":
+            u = self.controller(f"gains, {law}").plan.u
+            return Controller(self.problem, phase="policy",
+                              policy=lambda _, k: u[min(k, len(u) - 1)])  # fmt: skip
+        phase = "policy" if kind else "qpcc" if law == "exact" else "relaxed"
+        return Controller(self.problem, law=LAWS[law], phase=phase)
+
+    @property
+    def plants(self) -> list[str]:
+        """The plants that are not another one."""
+        alike = {"referee": self.problem.referee_step is self.problem.exact_step,
+                 "h/4": bool(step_place(self.problem.system)[0])}  # fmt: skip
+        return [plant for plant in PLANTS if not alike.get(plant)]
+
+    def loop(self, name: str, plant: str) -> dict[str, np.ndarray]:
+        """Costs over one horizon and over the run (seeds, 2), ends and the time of a sample."""
+        which, N = TASKS[self.name], self.problem.N
+        larger = {which: _LARGER * self.problem.parameters.defaults[which]}
+        given = Disturbance(mismatch=larger if plant == "mismatch" else {})
+        physics = plant if plant in ("referee", "h/4", "noise") else "exact"
+        with warnings.catch_warnings():
+            # Candidates of a step that diverge: the plan keeps another.
+            warnings.simplefilter("ignore", BatchWarning)
+            found = simulate(
+                self.controller(name), _HORIZONS * N, physics, given, seeds=self.params.seeds,
+                seed=self.params.seed, x0=self.starts,
+            )  # fmt: skip
+        costs = np.stack([cost_at(found, N), found.costs], axis=1)
+        return {"cost": costs, "ended": ~found.survived, "ms": np.array(1e3 * found.percentile(99))}
+
+
+def starts(problem: Problem, params: Params) -> np.ndarray:
+    """The problem's own start and others around it, none in penetration (seeds, nx)."""
+    p, system = problem.parameters.values, problem.system
+    own = np.array(problem.limits(p)[0]).ravel()
+    phi = ca.SX(0) if system.phi is None else system.phi
+    distances = ca.Function("distances", [system.x, problem.parameters.vector], [phi])
+    rng, found = np.random.default_rng(params.seed), [own]
+    while len(found) < params.seeds:
+        x = own + params.spread * problem.scales.x * rng.standard_normal(own.size)
+        if np.all(np.array(distances(x, p)) >= 0):
+            found.append(x)
+    return np.array(found)
+
+
+def cost_at(found: ClosedLoop, N: int) -> np.ndarray:
+    """Cost of the first ``N`` samples, with the terminal cost of the state after them (S,)."""
+    x, u, paid = (found.data[name].values for name in ("x", "u", "cost"))
+    problem, last = found.problem, u[:, N - 1]
+    terms, p = problem.cost_terms, problem.parameters.values
+    lam = np.zeros(problem.system.nlam)
+    ends = [float(terms(*at, 0 * at[1], lam, p)[1]) for at in zip(x[:, N], last, strict=True)]
+    return paid[:, :N].sum(axis=1) + ends
+
+
+def run(params: Params, pieces: Pieces) -> xr.Dataset:
+    """All pieces of the study, those that are kept not anew."""
+    names = list(TASKS)[: params.tasks]
+    shape = len(names), len(PLANTS), len(CONTROLLERS)
+    costs = np.full((*shape, params.seeds, 2), np.nan)
+    ended, ms = np.full((*shape, params.seeds), np.nan), np.full(shape, np.nan)
+    sources = [TaskLoops(name, params) for name in names]
+    for i, j in tracked("tasks and controllers", list(np.ndindex(shape[0], shape[2]))):
+        source, name = sources[i], CONTROLLERS[j]
+        for plant in source.plants:
+            key = f"{names[i]}-{name}-{plant}".replace(", ", "-").replace(" ", "-").replace("/", "")
+            told = pieces.get(key, lambda s=source, n=name, p=plant: s.loop(n, p))
+            at = i, PLANTS.index(plant), j
+            costs[at], ended[at], ms[at] = told["cost"], told["ended"], told["ms"]
+    dims = ("task", "plant", "controller")
+    return dataset(
+        {
+            "cost": ((*dims, "seed", "span"), costs, "1", "closed-loop cost"),
+            "ended": ((*dims, "seed"), ended, "1", "whether the plant diverged, 1 or 0"),
+            "ms": (dims, ms, "ms", "time of a sample, percentile 99"),
+        },
+        {
+            "task": names,
+            "plant": list(PLANTS),
+            "controller": list(CONTROLLERS),
+            "seed": (params.seed + np.arange(params.seeds), "1"),
+            "span": ["first horizon", "run"],
+        },
+    )  # fmt: skip
+
+
+def relative(data: xr.Dataset) -> xr.DataArray:
+    """Cost over the best controller's on the same task, plant and seed; NaN where not run."""
+    ratio = data["cost"] / data["cost"].min("controller")
+    return ratio.fillna(_MOST).clip(max=_MOST).where(data["ended"].notnull())
+
+
+def survives(data: xr.Dataset) -> xr.DataArray:
+    """Whether a cost is at most twice the best of its seed on the model; NaN where not run."""
+    best = data["cost"].sel(plant="model", drop=True).min("controller")
+    return (data["cost"] <= _TWICE * best).astype(float).where(data["ended"].notnull())
+
+
+def settings(data: xr.Dataset) -> list[tuple[str, str]]:
+    """The pairs of a task and a plant that were run."""
+    ran = data["ended"].notnull().all(["controller", "seed"]).values
+    tasks, plants = data["task"].values, data["plant"].values
+    return [(str(tasks[i]), str(plants[j])) for i, j in np.argwhere(ran)]

@@ -1,0 +1,159 @@
+"""The tasks in closed loop: problem, starts, disturbance, and what counts as done."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+import problems
+from ocp.mpc.controller import Controller
+from ocp.mpc.plants import Disturbance
+from ocp.mpc.simulate import Goals
+from ocp.problem import Problem
+
+SKIP, BALANCED = 10, (0.35, 0.1)
+"""Samples of each run that are not timed; largest place [m] and angle [rad] of a balanced pole."""
+NEAR = 0.01
+"""Farthest [m] from its goal that a pushed body may be at the end."""
+TURN = 2.0
+"""How far [rad] the spinner must be turned."""
+
+
+Outcome = Callable[[np.ndarray], np.ndarray]
+"""Which trajectories x (S, T+1, nx) of a loop are good; a loop that diverged ends in NaN."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One row: ``floor`` is the longest p99 [s], ``outcome`` what is demanded at the
+    end, in a share ``needed`` of the starts and from the first, the problem's own.
+
+    ``spread`` is half the width of the box around the problem's start from which others are drawn;
+    ``against`` is a phase that runs the first ``compared`` starts for a comparison of costs.
+    """
+
+    name: str
+    problem: str
+    floor: float
+    steps: int
+    starts: int
+    spread: tuple[float, ...]
+    outcome: Outcome
+    says: str
+    parameters: dict[str, float] = field(default_factory=dict)
+    settings: dict[str, float] = field(default_factory=dict)
+    """Of the controller."""
+    goals: Goals | None = None
+    noise: dict[str, float] = field(default_factory=dict)
+    trust: float = 1.0
+    """Of the controller, in a measurement."""
+    needed: float = 1.0
+    """Share of the starts in which the outcome is demanded."""
+    came: Outcome | None = None
+    """What is told beside the outcome: whether it was so at some sample."""
+    certify: int = 20
+    against: str = ""
+    compared: int = 1
+    ratio: float = np.inf
+    """Largest closed-loop cost, over that of ``against``."""
+    peer: int = 0
+    """Samples of the plain loop; 0 without."""
+    published: str = ""
+
+    def controller(self, phase: str = "qpcc") -> Controller:
+        """The controller."""
+        return Controller(self.made(), phase=phase, **self.settings)
+
+    def made(self) -> Problem:
+        """The problem."""
+        return problems.get(self.problem, **self.parameters)
+
+    def drawn(self, start: np.ndarray) -> np.ndarray:
+        """The given start and others around it, (starts, nx)."""
+        off = np.random.default_rng(0).uniform(-1, 1, (self.starts, start.size))
+        off[0] = 0.0
+        wide = np.zeros(start.size)
+        wide[: len(self.spread)] = self.spread
+        return start + off * wide
+
+    @property
+    def disturbance(self) -> Disturbance:
+        """Noise of the measurement."""
+        return Disturbance(noise_state=self.noise)
+
+
+def balanced(x: np.ndarray) -> np.ndarray:
+    """Whether cart and pole are within :data:`BALANCED` at the end, by start."""
+    return (np.abs(x[:, -1, :2]) <= BALANCED).all(axis=1)
+
+
+def turned(x: np.ndarray) -> np.ndarray:
+    """Whether the spinner was turned by :data:`TURN`."""
+    return x[:, -1, 2] >= TURN
+
+
+def back(x: np.ndarray) -> np.ndarray:
+    """Whether the hopper is half a metre further back, its torso at most 0.2 m lower."""
+    return (x[:, -1, 0] <= x[:, 0, 0] - 0.5) & (x[:, -1, 1] > x[:, 0, 1] - 0.2)
+
+
+def at(*goal: float, end: bool = True) -> Outcome:
+    """Whether the body is within :data:`NEAR` of a place at the end, or else at some sample."""
+
+    def found(x: np.ndarray) -> np.ndarray:
+        near = np.linalg.norm(x[:, :, : len(goal)] - goal, axis=2) <= NEAR
+        return near[:, -1] if end else near.any(axis=1)
+
+    return found
+
+
+def follows(x: np.ndarray) -> np.ndarray:
+    """Whether the disc is within 0.1 rad of every goal when the next one comes."""
+    ends = np.arange(1, x.shape[1] // 25 + 1) * 25
+    goals = [staircase(k - 1)["goal"] for k in ends]
+    return (np.abs(x[:, ends, 2] - goals) <= 0.1).all(axis=1)
+
+
+def from_present(of: int, nominal: int) -> Goals:
+    """The nominal begins at the present value of a coordinate, at every sample."""
+    return lambda _, x: {"lead": float(x[of] - x[nominal])}
+
+
+def staircase(k: int, _: object = None) -> dict[str, float]:
+    """Goals of the disc's angle, 25 samples each."""
+    return {"goal": math.pi / 4 * (1, 2, 1, 0)[k // 25 % 4]}
+
+
+def _walls(N: int, floor: float, published: str) -> Task:
+    return Task(
+        f"soft-walls N = {N}", "soft-walls", floor, 200, 106, (0.03, 0.06, 0.15, 0.15), balanced,
+        "balanced", {"N": N}, needed=0.95, certify=100, peer=1010,
+        published=published,
+    )  # fmt: skip
+
+
+_PLACES = dict.fromkeys(("ox", "oy", "ax", "ay"), 0.01)
+
+TASKS = {
+    task.name: task
+    for task in (
+        _walls(5, 1e-3, "C3 100 Hz"),
+        _walls(20, 3e-3, ""),
+        Task("spinner", "spinner", 5e-3, 100, 12, (0.05, 0.05), turned, f"turned {TURN:g} rad",
+             goals=from_present(2, 6), against="relaxed", compared=12, ratio=1.0, peer=110,
+             published="IDTO 200 Hz"),
+        Task("finger-disc", "finger-disc", 10e-3, 100, 12, (0, 0, 0, 0.2, 0.2), follows,
+             "follows", goals=staircase, against="full", ratio=1.02, peer=110),
+        Task("idto-hopper", "idto-hopper", 10e-3, 100, 12, (0, 0, 0, 0, 0, 0.05), back,
+             "back 0.5 m", goals=from_present(0, 10), peer=60, published="IDTO 100 Hz"),
+        Task("push-disc", "push-disc", 2e-3, 60, 20, (0.1, 0.1, 0.1, 0.1), at(1.0, 0.5),
+             "ends within 1 cm", came=at(1.0, 0.5, end=False), settings={"trust": 0.3},
+             noise=_PLACES, certify=10, peer=300),
+        Task("planar-push", "planar-push", 5e-3, 60, 20, (0.03, 0.03, 0.1, 0.03, 0.03),
+             at(0.5, 1.0), "ends within 1 cm", {"w_du": 1.0}, {"trust": 0.3},
+             came=at(0.5, 1.0, end=False), noise=_PLACES, certify=10, peer=300),
+    )
+}  # fmt: skip
