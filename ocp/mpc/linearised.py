@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -35,6 +36,8 @@ class Closure(NamedTuple):
         return cls(L / gap_size / larger, G / lam_size / larger, 1 / unit / larger, off / larger)
 
 
+_ROUNDING = 1e-12
+"""Negative eigenvalues of this share of the trace are rounding's."""
 _FLOOR = 1e-10
 """Added to both factors, which may vanish together where a law has mu = 0."""
 
@@ -120,7 +123,9 @@ def _cost(model: StageModel, at: Evaluated, dlam: Affine) -> tuple[np.ndarray, n
 
 def positive(matrix: np.ndarray) -> np.ndarray:
     """Symmetric matrices (..., n, n) with negative eigenvalues set to zero."""
-    values, vectors = np.linalg.eigh(matrix)
-    if values.size == 0 or values.min() >= 0:
+    size = np.einsum("...ii->...", abs(matrix))[..., None, None]
+    with suppress(np.linalg.LinAlgError):
+        np.linalg.cholesky(matrix + (_ROUNDING * size + 1e-300) * np.eye(matrix.shape[-1]))
         return matrix
+    values, vectors = np.linalg.eigh(matrix)
     return (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
