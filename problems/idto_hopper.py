@@ -35,9 +35,9 @@ golden = {
     "exact": Golden(
         2.0028764399,
         tried=137,
-        note="it leans, and is not the lowest seen: l1 found hops of 1.904 to 1.986 once, so"
-        " unstable that a replay of their inputs leaves them; they were not found again, 26 solves with"
-        " l1 end at 2.0197309; another minimum: 2.0393840",
+        note="it leans, and is not the lowest seen: l1 once found hops of 1.904 to 1.986, so"
+        " unstable that a replay of their inputs leaves them; they were not found again, and 26"
+        " solves with l1 end at 2.0197309; another minimum: 2.0393840",
     )
 }
 
