@@ -47,6 +47,8 @@ _MODULES = {
     "finger-disc": "problems.finger_disc",
     "idto-hopper": "problems.idto_hopper",
 }
+ROBOT_FILES = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
+"""How the names of robots' files end."""
 _TRIES = 3
 """To read a file that is being edited; one that writes to what it names is never at rest."""
 
@@ -80,12 +82,11 @@ def registered(name: str) -> ProblemSpec:
 
 
 def refuse_robot_file(name: str) -> None:
-    """Raise :class:`~ocp.errors.InputError` for a robot's description, URDF, SDF or MJCF."""
-    if name.lower().endswith((".urdf", ".xacro", ".sdf", ".xml", ".mjcf")):
+    """Raise :class:`~ocp.errors.InputError` for a robot's description: it is no problem."""
+    if name.lower().endswith(ROBOT_FILES):
         raise InputError(
-            f"{name}: robot files (URDF, SDF, MJCF) are not read; a problem is a Python file, which"
-            " lists the robot's links, joints and contacts as a dynamics.systems.Machine;"
-            " ocp new NAME --machine writes one to start from"
+            f"{name}: a robot's file says what moves and not what to do; ocp new NAME --robot FILE"
+            " writes a problem of a planar URDF or MJCF file, and ocp show FILE what is read"
         )
 
 

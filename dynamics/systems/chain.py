@@ -142,7 +142,7 @@ class Chain:
                         )
                     spin = spin + _moment(frames[ancestor].step, momentum)
                     ancestor = self._links[ancestor].parent
-        return M
+        return M + ca.diag(self._armature)
 
     def bias(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Coriolis, centrifugal and gravity forces (nq, 1) [N m, N]."""
@@ -167,7 +167,7 @@ class Chain:
             if link.parent is not None:
                 force[link.parent] += force[name]
                 moment[link.parent] += moment[name] + _moment(frame.step, force[name])
-        return result
+        return result + self._armature * a
 
     def potential(self, q: ca.SX) -> ca.SX:
         """Energy of gravity (zero at the origin) and of the springs [J]."""
@@ -183,7 +183,7 @@ class Chain:
         energy = ca.SX(0)
         for link, turning, moving in self._centres(q, v):
             energy += link.mass * ca.sumsqr(moving) + link.inertia * turning**2
-        return energy / 2
+        return (energy + ca.dot(self._armature, v**2)) / 2
 
     def energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Kinetic and potential energy [J]."""
@@ -195,6 +195,10 @@ class Chain:
         for link, _, moving in self._centres(q, v):
             total += link.mass * moving
         return total
+
+    @cached_property
+    def _armature(self) -> ca.SX:
+        return ca.sparsify(self._each(lambda link: link.armature))
 
     def _each(self, value: Callable[[Link], Number]) -> ca.SX:
         return ca.vertcat(

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 import casadi as ca
 
-from dynamics.systems.checks import number, point, positive, text
+from dynamics.systems.checks import not_negative, number, point, positive, text
 
 Number = float | ca.SX
 Vector = tuple[Number, Number]
@@ -31,10 +31,12 @@ class Link:
     the parent's frame, by q [m]; ``free`` has the coordinates x, z [m] and angle [rad] of a link
     without parent. ``spring`` and ``damping`` act on every coordinate of the joint, at rest at
     q = 0 [N m/rad, N m s/rad; N/m, N s/m for lengths]; ``gear`` is the force or torque of one
-    unit of input, None where no motor is; ``limits`` bound q from below and above.
+    unit of input, None where no motor is; ``limits`` bound q from below and above; ``armature`` is
+    the inertia of the rotor, which adds to the joint's own entry of the mass matrix and weighs
+    nothing [kg m²; kg for lengths].
 
-    Raises ``ValueError`` for an invalid argument: a mass or inertia that is not positive, limits
-    reversed, a free joint with a parent, a motor or limits.
+    Raises ``ValueError`` for an invalid argument: a mass or inertia that is not positive, a
+    negative armature, limits reversed, a free joint with a parent, a motor, limits or an armature.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Link:
     damping: Number = 0.0
     gear: Number | None = None
     limits: tuple[Number, Number] | None = None
+    armature: Number = 0.0
 
     def __post_init__(self) -> None:
         text("the name of a link", self.name)
@@ -60,6 +63,7 @@ class Link:
             point(f"{owner} {what}", getattr(self, what))
         for what in ("offset", "spring", "damping"):
             number(f"{owner} {what}", getattr(self, what))
+        not_negative(f"{owner} armature", self.armature)
         if self.joint not in get_args(Joint):
             kinds = ", ".join(map(repr, get_args(Joint)))
             raise ValueError(f"{owner} joint must be one of {kinds}, got {self.joint!r}")
@@ -69,10 +73,11 @@ class Link:
                 raise ValueError(
                     f"{owner} limits are {low:g} to {high:g}; expected the lower one first"
                 )
-        if self.joint == "free" and (self.parent or self.gear is not None or self.limits):
+        fixed = self.parent or self.gear is not None or self.limits
+        if self.joint == "free" and (fixed or not ca.SX(self.armature).is_zero()):
             raise ValueError(
-                f"link {self.name!r} floats freely, so it takes no parent, gear or limits;"
-                " leave them out or choose a hinge or a slide"
+                f"link {self.name!r} floats freely, so it takes no parent, gear, limits or"
+                " armature; leave them out or choose a hinge or a slide"
             )
 
 

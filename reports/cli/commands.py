@@ -73,13 +73,15 @@ class ShowOptions(Options):
     """Show a problem: equations, parameters with units and defaults, citation, golden values.
 
     A learning task of the same name is shown too. For data and models: origin, ranges, scales, and
-    the quality of the fit.
+    the quality of the fit. For a planar robot: its links, motors and contacts, and what of its file
+    is not used.
     """
 
     code: ClassVar = "reports.cli.list_command:show"
-    examples: ClassVar = ("show push-disc", "show data.nc")
+    examples: ClassVar = ("show push-disc", "show data.nc", "show robot.xml")
     problem: str = argument(
-        metavar="PROBLEM|FILE", help=f"{PROBLEM[:-1]}, or a .nc file of ocp collect or ocp learn."
+        metavar="PROBLEM|FILE",
+        help=f"{PROBLEM[:-1]}, a .nc file of ocp collect or ocp learn, or a URDF or MJCF file.",
     )
 
 
@@ -87,10 +89,15 @@ class NewOptions(Options):
     """Write NAME.py, a commented problem file to begin with, which solves as it is."""
 
     code: ClassVar = "reports.cli.new_command"
-    examples: ClassVar = ("new bumper", "new push-box --scene", "new leg --machine")
+    examples: ClassVar = (
+        "new bumper", "new push-box --scene", "new leg --machine", "new hop --robot robot.xml",
+    )  # fmt: skip
     problem: str = argument(metavar="NAME", help="Name of the problem and of its file.")
     scene: bool = option(False, help="Bodies and pushers of shapes, in place of distances by hand.")
     machine: bool = option(False, help="Links with joints and motors over the ground.")
+    robot: Path | None = option(
+        None, metavar="FILE", help="A planar robot of a URDF or MJCF file, to another pose."
+    )
 
 
 class SolveOptions(StartsOptions):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from dynamics.laws import LAWS
 from dynamics.learned.transitions import Transitions
@@ -17,7 +17,7 @@ from ocp.policy import POLICIES
 from ocp.programs.solver import SOLVERS
 from ocp.transcription import METHODS
 from problems import describe, names, spec, studies
-from problems.registry import ObjectiveSpec, named, objective_names, objective_spec
+from problems.registry import ROBOT_FILES, ObjectiveSpec, named, objective_names, objective_spec
 from problems.spec import ProblemSpec, Spec
 from problems.tasks import registry
 from reports import settings
@@ -28,6 +28,8 @@ from reports.settings import SettingGroup
 
 if TYPE_CHECKING:
     from xarray import Dataset
+
+    from problems.robots import Robot
 
 _MARGIN = 21
 Catalogue = dict[str, list[dict[str, str]]]
@@ -122,20 +124,47 @@ def _show_groups(options: Options, groups: Sequence[SettingGroup], document: dic
     return 0
 
 
-def check_show(options: ShowOptions) -> ProblemSpec | ObjectiveSpec | Transitions | Dataset:
+def check_show(
+    options: ShowOptions,
+) -> ProblemSpec | ObjectiveSpec | Transitions | Dataset | Robot:
     """Find the problem, or read the file."""
     from ocp.store import models
 
+    if options.problem.lower().endswith(ROBOT_FILES):
+        from problems import robots
+
+        return robots.load(options.problem)
     if not options.problem.endswith(".nc"):
         return named(options.problem)
     return models.load_any(Path(options.problem))
 
 
 def run_show(
-    options: ShowOptions, found: ProblemSpec | ObjectiveSpec | Transitions | Dataset
+    options: ShowOptions, found: ProblemSpec | ObjectiveSpec | Transitions | Dataset | Robot
 ) -> int:
     """Show a problem: equations, parameters with units and defaults, citation, golden values."""
-    return _show_spec(options, found) if isinstance(found, Spec) else _show_file(options, found)
+    if isinstance(found, Spec):
+        return _show_spec(options, found)
+    if options.problem.lower().endswith(ROBOT_FILES):
+        return _show_robot(options, cast("Robot", found))
+    return _show_file(options, cast("Transitions | Dataset", found))
+
+
+def _show_robot(options: ShowOptions, found: Robot) -> int:
+    from reports import robots
+    from reports.console import print_table
+
+    content = found.document()
+    options.output.document(content)
+    if options.as_json:
+        return 0
+    for title, table in robots.tables(content):
+        print(f"{title}\n")
+        print_table(table)
+        print()
+    for line in robots.lines(content):
+        print(fill(line, 80, subsequent_indent="  ", break_on_hyphens=False))
+    return 0
 
 
 def _show_file(options: ShowOptions, found: Transitions | Dataset) -> int:

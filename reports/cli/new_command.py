@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
 from pathlib import Path
 
@@ -12,7 +14,9 @@ from problems.loading import check_name
 from reports.cli.commands import NewOptions
 from reports.cli.request import check_place
 
-TEMPLATES = {"plain": "bumper.py", "scene": "past_a_post.py", "machine": "push_up.py"}
+TEMPLATES = {
+    "plain": "bumper.py", "scene": "past_a_post.py", "machine": "push_up.py", "robot": "hop_on.py",
+}  # fmt: skip
 """Files of ``examples``, which a wheel has among its templates (pyproject.toml)."""
 _FOLDERS = [Path(__file__).parents[1] / "templates", Path(__file__).parents[2] / "examples"]
 
@@ -23,20 +27,29 @@ def check(options: NewOptions) -> Path:
         file = Path(f"{check_name(options.problem.removesuffix('.py'))}.py")
     if file.stem in names():
         raise InputError(f"{file.stem} is a problem of the workbench; choose another name")
-    if options.machine and options.scene:
-        raise InputError("--machine and --scene are two kinds of file; give one of them")
+    given = [f"--{kind}" for kind in TEMPLATES if getattr(options, kind, None)]
+    if len(given) > 1:
+        raise InputError(f"{' and '.join(given)} are two kinds of file; give one of them")
     if file.exists() or file.is_symlink():
         raise InputError(f"{file} exists; choose another name, or move the file away")
     check_place(file, "problem file")
+    if options.robot is not None:
+        from problems import robots
+
+        robots.load(options.robot)
     return file
 
 
 def run(options: NewOptions, file: Path) -> int:
     """Write the template under its new name, and say how to solve it."""
-    kind = "machine" if options.machine else "scene" if options.scene else "plain"
+    kind = next((kind for kind in TEMPLATES if getattr(options, kind, None)), "plain")
     places = (folder / TEMPLATES[kind] for folder in _FOLDERS)
     text = next(place for place in places if place.exists()).read_text(encoding="utf-8")
     named = re.sub('^name = ".*"$', f'name = "{file.stem}"', text, count=1, flags=re.MULTILINE)
+    if options.robot is not None:
+        place = os.path.relpath(options.robot.expanduser().resolve(), Path.cwd())
+        written = json.dumps(Path(place).as_posix(), ensure_ascii=False)
+        named = named.replace('"hopper.xml"', written)
     atomic.write(file, named.encode(), "the problem file")
     options.output.say(f"problem file: {file}; solve it with ocp solve {file} --contact exact")
     options.output.document({"file": str(file), "problem": file.stem, "template": kind})

@@ -18,7 +18,7 @@ CONTINUE = ("continue", "wall-1d", "--contact", "barrier", "--over", "contact.mu
 
 CASES = {
     "problem": (["solve", "wal-1d"], ["'wal-1d'", "did you mean 'wall-1d'", "push-disc"]),
-    "robot": (["solve", "go1.urdf"], ["robot files", "are not read", "ocp new NAME --machine"]),
+    "robot": (["solve", "go1.urdf"], ["not what to do", "ocp new NAME --robot"]),
     "problem in show": (["show", "ball-bonce"], ["did you mean 'ball-bounce'"]),
     "command": (["sole"], ["sole", "solve"]),
     "option": ([*SOLVE, "--bogus"], ["--bogus"]),

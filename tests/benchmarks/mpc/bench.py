@@ -83,7 +83,7 @@ def compared(task: Task, loop: ClosedLoop, x0: np.ndarray) -> str:
     if not np.isfinite(task.ratio):
         return ""
     chosen = x0[: task.compared]
-    other = task.controller(task.against)
+    other = Controller(task.made(), phase=task.against, trust=task.trust)
     loop_ = simulate(other, task.steps, goals=task.goals, seeds=len(chosen), x0=chosen)
     ratios = loop.costs[: task.compared] / loop_.costs
     text = f"{np.median(ratios):.4g} {task.against} ({loop_.costs[0]:.4g})"

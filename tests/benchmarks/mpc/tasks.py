@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import problems
-from ocp.mpc.controller import Controller
 from ocp.mpc.plants import Disturbance
 from ocp.mpc.simulate import Goals
 from ocp.problem import Problem
@@ -44,8 +43,6 @@ class Task:
     outcome: Outcome
     says: str
     parameters: dict[str, float] = field(default_factory=dict)
-    settings: dict[str, float] = field(default_factory=dict)
-    """Of the controller."""
     goals: Goals | None = None
     noise: dict[str, float] = field(default_factory=dict)
     trust: float = 1.0
@@ -62,10 +59,6 @@ class Task:
     peer: int = 0
     """Samples of the plain loop; 0 without."""
     published: str = ""
-
-    def controller(self, phase: str = "qpcc") -> Controller:
-        """The controller."""
-        return Controller(self.made(), phase=phase, **self.settings)
 
     def made(self) -> Problem:
         """The problem."""
@@ -150,10 +143,10 @@ TASKS = {
         Task("idto-hopper", "idto-hopper", 10e-3, 100, 12, (0, 0, 0, 0, 0, 0.05), back,
              "back 0.5 m", goals=from_present(0, 10), peer=60, published="IDTO 100 Hz"),
         Task("push-disc", "push-disc", 2e-3, 60, 20, (0.1, 0.1, 0.1, 0.1), at(1.0, 0.5),
-             "ends within 1 cm", came=at(1.0, 0.5, end=False), settings={"trust": 0.3},
+             "ends within 1 cm", came=at(1.0, 0.5, end=False), trust=0.3,
              noise=_PLACES, certify=10, peer=300),
         Task("planar-push", "planar-push", 5e-3, 60, 20, (0.03, 0.03, 0.1, 0.03, 0.03),
-             at(0.5, 1.0), "ends within 1 cm", {"w_du": 1.0}, {"trust": 0.3},
+             at(0.5, 1.0), "ends within 1 cm", {"w_du": 1.0}, trust=0.3,
              came=at(0.5, 1.0, end=False), noise=_PLACES, certify=10, peer=300),
     )
 }  # fmt: skip

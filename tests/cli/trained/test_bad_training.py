@@ -136,4 +136,4 @@ def test_a_policy_of_another_task_is_named(ocp: Ocp, root: Path, tmp_path: Path)
 def test_runs_of_several_kinds_are_not_reported_together(ocp: Ocp, root: Path) -> None:
     both = [str(next(root.glob(f"{name}/2*"))) for name in ("ball-throw", "wall-1d")]
     done = ocp("report", *both, "-o", "a.pdf")
-    assert done.code == 2 and "needs runs of ocp solve, or runs of ocp train" in done.err
+    assert done.code == 2 and "needs runs of ocp solve, of ocp train or of ocp mpc" in done.err
