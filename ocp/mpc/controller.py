@@ -168,10 +168,10 @@ class Controller:
         K = phase.regulator.gains(phase.prepared.lin)
         return Gains(K, plan.u - np.einsum("kij,kj->ki", K, plan.x[:-1]))
 
-    def values(self, parameters: Values) -> np.ndarray:
-        """The problem's own parameters (np,) at a sample's values, those of its first step."""
-        found = self._rows(parameters)[0, self.model.of_problem]
-        return found[: len(self.problem.parameters)]
+    @property
+    def physical(self) -> np.ndarray:
+        """The problem's own parameters (np,) at the sample that was answered last."""
+        return self._p[0, self.model.of_problem][: len(self.problem.parameters)]
 
     @property
     def values_of_sample(self) -> dict[str, float]:
@@ -195,14 +195,19 @@ class Controller:
         if parameters or self._last[0]:
             self._last = (parameters or {}, *self._asked(parameters or {}))
         p, limits = self._last[1].copy(), self._last[2]
-        before = self.u_before if u_before is None else np.asarray(u_before, dtype=float).ravel()
+        x, before = _vector("the state", x, self.model.nx), self.u_before
+        if u_before is not None:
+            given = _vector("the last input", u_before, self.model.nu)
+            before = np.where(np.isfinite(given), given, before)
         ahead = self._ahead(p, limits)
         expected = self._expected(ahead, before, p)
         if self.trust < 1 and self.samples:
-            x = expected + self.trust * (np.asarray(x, dtype=float).ravel() - expected)
+            x = expected + self.trust * (x - expected)
         seen, told = self.measurement.projected(
             x, expected, limits[4:], p[0, self.model.of_problem]
         )
+        if u_before is not None and not np.isfinite(u_before).all():
+            told.append("the last input is not finite; the one commanded is used there")
         self._seen = seen
         p[:, self._places] = np.concatenate([seen, before])
         self._p = p
@@ -258,3 +263,10 @@ class Controller:
                 break
             answer = found
         return answer
+
+
+def _vector(what: str, given: np.ndarray, size: int) -> np.ndarray:
+    found = np.asarray(given, dtype=float).ravel()
+    if found.size != size:
+        raise InputError(f"{what} must have {size} numbers, got {found.size}")
+    return found

@@ -32,7 +32,6 @@ class Direction:
     costates: np.ndarray
     rows: np.ndarray
     objective: float
-    iterations: int
     solved: bool
 
 
@@ -110,7 +109,7 @@ class HorizonQP:
         return Direction(
             dx, z[self.u], np.array(found.y).reshape(N, nx) * cost,
             np.array(found.z_l).reshape(N, self.n_rows) * cost,
-            float(found.info.primal_obj) * cost, int(found.info.iter),
+            float(found.info.primal_obj) * cost,
             found.info.status == piqp.PIQP_SOLVED and bool(np.isfinite(z).all()),
         )  # fmt: skip
 

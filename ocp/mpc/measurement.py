@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 import numpy as np
 
-from ocp.errors import InputError
 from ocp.problem import Problem
 
 _DEPTH = 1e-9
@@ -27,17 +24,14 @@ class Measurement:
             self._distances = ca.Function("distances", given, [phi, ca.jacobian(phi, system.x)])
 
     def projected(
-        self, x: Any, expected: np.ndarray, bounds: list[np.ndarray], physical: np.ndarray
+        self, x: np.ndarray, expected: np.ndarray, bounds: list[np.ndarray], physical: np.ndarray
     ) -> tuple[np.ndarray, list[str]]:
         """The state to plan from, and what was changed.
 
         A state that is not finite is replaced by the ``expected`` one; one outside ``bounds`` is
         clipped; penetration is taken back by the smallest motion, in characteristic sizes.
         """
-        seen = np.asarray(x, dtype=float).ravel()
-        if seen.shape != expected.shape:
-            raise InputError(f"the state must have {expected.size} numbers, got {seen.size}")
-        told = []
+        seen, told = x, []
         if not np.isfinite(seen).all():
             seen = np.where(np.isfinite(seen), seen, expected)
             told.append("the measured state is not finite; the predicted one is used there")

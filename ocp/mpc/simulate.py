@@ -152,10 +152,9 @@ class _Loop:
             waiting = command.u
             u = wanted + self.sd_u * rng.standard_normal(wanted.size)
             x_next, lam = self.plant.ahead(x, u)
-            values = controller.values(asked)
             self.arrays["u"][s, k] = u
             self.arrays["cost"][s, k], self.end_cost[s] = self._cost(
-                x, u, before, lam, x_next, values
+                x, u, before, lam, x_next, controller.physical
             )
             x, before = x_next, u
             if not np.isfinite(x).all() or (abs(x) > far).any():

@@ -18,11 +18,12 @@ class Full:
     """Solve the whole problem, warm from the solution before, by the route that ``solve`` takes."""
 
     def __init__(self, session: Session, model: StageModel, first: RouteResult) -> None:
-        self.session, self.model, self.last = session, model, first
-        self.count = 0
-        self.plan: Plan | None = None
+        self.session, self.model = session, model
+        self.nlp, self.point = first.nlp, first.result.point
+        self.plan: Plan
+        self.fresh = True
 
-    def prepare(self, plan: Plan | None, sample: Sample) -> None:
+    def prepare(self, plan: Plan, sample: Sample) -> None:
         """Keep the shifted plan for a solve that fails."""
         self.plan = plan
 
@@ -32,7 +33,7 @@ class Full:
         held = [n for i, n in enumerate(self.model.names) if np.ptp(p[:, i]) > 0]
         session.values |= dict(zip(self.model.names, p[0], strict=True))
         try:
-            result = session.solve(self._start())
+            result = session.solve(self._shifted())
         except InputError as error:
             return self._kept(sample, str(error))
         nlp = result.nlp
@@ -40,7 +41,7 @@ class Full:
         plan = Plan(found.x[0], found.u[0], found.lam[0], found.gap[0])
         if not (result.result.ok and plan.finite):
             return self._kept(sample, f"the solver ended with {result.result.status.value}")
-        self.last = result
+        self.nlp, self.point = nlp, result.result.point
         why = f"the value of {', '.join(held)} at the first step holds throughout" if held else ""
         merit = self.model.merits(
             plan.x[None], plan.u[None], plan.lam[None], sample.u_before, p
@@ -49,23 +50,21 @@ class Full:
 
     def _kept(self, sample: Sample, reason: str) -> Answer:
         """The shifted plan, whose inputs are still within the bounds of the moment."""
-        plan = self.plan
-        u = np.zeros(self.model.nu) if plan is None else plan.u[0]
-        return Answer(
-            np.clip(u, *sample.bounds), plan, "kept", f"{reason}; the plan before goes on"
-        )
+        u = np.clip(self.plan.u[0], *sample.bounds)
+        return Answer(u, self.plan, "kept", f"{reason}; the plan before goes on")
 
-    def _start(self) -> Point:
-        nlp, point = self.last.nlp, self.last.result.point
-        self.count += 1
-        if self.count == 1:
-            return point
-        x = shifted(nlp.variables, point.x)
+    def _shifted(self) -> Point:
+        """The solution before, one step later; itself at the first sample."""
+        if self.fresh:
+            self.fresh = False
+            return self.point
+        variables, constraints, point = self.nlp.variables, self.nlp.constraints, self.point
+        x = shifted(variables, point.x)
         assert x is not None
-        return Point(
-            x, shifted(nlp.variables, point.lam_x),
-            shifted(nlp.constraints, point.lam_g),
+        self.point = Point(
+            x, shifted(variables, point.lam_x), shifted(constraints, point.lam_g)
         )  # fmt: skip
+        return self.point
 
 
 def shifted(layout: Layout, vector: np.ndarray | None) -> np.ndarray | None:

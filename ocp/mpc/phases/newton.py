@@ -78,9 +78,8 @@ class NewtonPhase(ABC):
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
         """Steps to roll out, those of solved programs, the best last; and what is to be told."""
 
-    def prepare(self, plan: Plan | None, sample: Sample) -> None:
+    def prepare(self, plan: Plan, sample: Sample) -> None:
         """Evaluate and linearise ``plan``."""
-        assert plan is not None, "a quadratic program starts from a plan"
         self.plan, self.prepared = plan, None
         at = self.model.evaluate(plan, sample.u_before, sample.p)
         plan.gap = at.gap

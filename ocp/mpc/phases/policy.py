@@ -20,7 +20,7 @@ class FixedPolicy:
     def __init__(self, law: Law) -> None:
         self.law, self.count = law, 0
 
-    def prepare(self, plan: Plan | None, sample: Sample) -> None:
+    def prepare(self, plan: Plan, sample: Sample) -> None:
         """Nothing to prepare."""
 
     def feedback(self, sample: Sample) -> Answer:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -28,7 +28,7 @@ class Answer:
     plan: Plan | None
     status: str = "solved"
     why: str = ""
-    merit: float = field(default=np.nan)
+    merit: float = np.nan
 
 
 class Phase(Protocol):
@@ -38,7 +38,7 @@ class Phase(Protocol):
     does the rest.
     """
 
-    def prepare(self, plan: Plan | None, sample: Sample) -> None:
+    def prepare(self, plan: Plan, sample: Sample) -> None:
         """Evaluate, linearise and factorise at a plan, with the parameters of ``sample``."""
         ...
 

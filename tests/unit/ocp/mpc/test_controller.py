@@ -92,6 +92,17 @@ def test_a_bad_measurement_is_told_and_answered(
     assert np.isfinite(disc.step(disc.start).u).all()
 
 
+def test_a_bad_last_input_is_told_and_a_wrong_shape_refused(disc: Controller) -> None:
+    disc.reset()
+    command = disc.step(disc.start, u_before=np.array([np.nan, 0.0]))
+    assert "the last input is not finite" in command.why
+    assert np.isfinite(command.u).all()
+    with pytest.raises(InputError, match="the state must have 4 numbers, got 2"):
+        disc.step(np.zeros(2))
+    with pytest.raises(InputError, match="the last input must have 2 numbers, got 3"):
+        disc.step(disc.start, u_before=np.zeros(3))
+
+
 def test_projection_is_the_smallest_motion_out(disc: Controller) -> None:
     """A pusher inside the disc leaves it; both move alike, and only along the line between them."""
     p = disc.problem.parameters.values

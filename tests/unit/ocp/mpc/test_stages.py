@@ -125,4 +125,5 @@ def test_the_regulator_converges_to_the_algebraic_riccati_equation() -> None:
 def test_negative_curvature_is_set_to_zero() -> None:
     matrix = np.array([[1.0, 2.0], [2.0, 1.0]])
     assert positive(matrix[None])[0] == pytest.approx(np.full((2, 2), 1.5))
-    assert positive(np.eye(2)) is not None
+    convex = np.array([[[2.0, 1.0], [1.0, 2.0]]])
+    assert np.array_equal(positive(convex), convex)
