@@ -47,12 +47,7 @@ class Plant:
     def __init__(self, problem: Problem, name: str, mismatch: Mapping[str, float]) -> None:
         choose("plant", name, PLANTS)
         known = problem.parameters.names
-        for one in mismatch:
-            if one not in known:
-                raise InputError(
-                    f"mismatch: {problem.name} has no physical parameter"
-                    f" {one!r}{did_you_mean(one, known)}"
-                )
+        check_mismatch(problem, mismatch)
         self.problem, self.substeps = problem, 1
         values = dict(zip(known, problem.parameters.values, strict=True)) | dict(mismatch)
         step = problem.referee_step if name in ("referee", "h/4") else problem.exact_step
@@ -79,6 +74,17 @@ class Plant:
             x = after
             total = total + lam if lam.size else np.full_like(total, np.nan)
         return x, total
+
+
+def check_mismatch(problem: Problem, mismatch: Mapping[str, float]) -> None:
+    """Raise :class:`~ocp.errors.InputError` for a name that is no parameter of the problem."""
+    known = problem.parameters.names
+    for name in mismatch:
+        if name not in known:
+            raise InputError(
+                f"mismatch: {problem.name} has no physical parameter {name!r}"
+                f"{did_you_mean(name, known)}; there are {', '.join(known)}"
+            )
 
 
 def deviations(given: float | Mapping[str, float], names: list[str], what: str) -> np.ndarray:

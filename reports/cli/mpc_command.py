@@ -17,7 +17,7 @@ from ocp.errors import InputError, choose, did_you_mean
 from ocp.factories import closing_law
 from ocp.mpc.controller import Command, Controller
 from ocp.mpc.phases.table import PHASES
-from ocp.mpc.plants import Disturbance, Plant, deviations
+from ocp.mpc.plants import Disturbance, Plant, check_mismatch, deviations
 from ocp.mpc.receding import Receding
 from ocp.mpc.simulate import ClosedLoop, simulate
 from ocp.problem import Problem
@@ -99,13 +99,7 @@ def _disturbance(
         name: parse(f"--mismatch {name}", text, float)
         for name, text in assignments("--mismatch", options.mismatch).items()
     }
-    known = problem.parameters.names
-    for name in mismatch:
-        if name not in known:
-            raise InputError(
-                f"--mismatch: {problem.name} has no physical parameter {name!r}"
-                f"{did_you_mean(name, known)}; available: {', '.join(known)}"
-            )
+    check_mismatch(problem, mismatch)
     # A plant's parameter has the range of the problem's.
     spec.params({**assignments("-p", options.params), **mismatch})
     pushes = _pushes(options.push or (), states, steps)
