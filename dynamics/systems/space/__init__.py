@@ -1,0 +1,18 @@
+"""Machines in space: bodies, joints, shapes, and their equations of motion."""
+
+from dynamics.systems.space.body import Body
+from dynamics.systems.space.machine import SpatialMachine, SpatialPart
+from dynamics.systems.space.shapes import Box, Capsule, Cylinder, Hull, Plane, Shape, Sphere
+
+__all__ = [
+    "Body",
+    "Box",
+    "Capsule",
+    "Cylinder",
+    "Hull",
+    "Plane",
+    "Shape",
+    "SpatialMachine",
+    "SpatialPart",
+    "Sphere",
+]

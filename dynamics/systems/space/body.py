@@ -1,0 +1,126 @@
+"""Rigid bodies in space and the joints that carry them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import casadi as ca
+
+from dynamics.systems.checks import not_negative, number, point, positive, text
+
+Number = float | ca.SX
+Vector = tuple[Number, Number, Number]
+Quaternion = tuple[Number, Number, Number, Number]
+Joint = Literal["free", "ball", "hinge", "slide", "fixed"]
+POSITIONS = {"free": 7, "ball": 4, "hinge": 1, "slide": 1, "fixed": 0}
+VELOCITIES = {"free": 6, "ball": 3, "hinge": 1, "slide": 1, "fixed": 0}
+"""Numbers that a joint has in q and in v."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body and the joint that carries it; every number may be a CasADi symbol.
+
+    The body's frame has its origin in the joint. At q = 0 (a ball at the quaternion 1) it lies at
+    ``place`` [m], turned by the unit quaternion ``turn`` (w, x, y, z), in the frame of ``parent``,
+    which is the world where None. z points up.
+
+    ``mass`` [kg], which may be zero where other bodies hang on this one; ``inertia`` about the
+    centre of mass in the body's axes, (xx, yy, zz) or (xx, yy, zz, xy, xz, yz) [kg m²]; ``com``
+    that centre [m].
+
+    ``joint``: a ``hinge`` turns about ``axis``, a unit vector of the body's frame, by q [rad]; a
+    ``slide`` moves along it by q [m]; a ``ball`` has a unit quaternion, and its angular velocity
+    in the body's axes [rad/s]; ``free`` has the position in the world [m] and a quaternion, and as
+    velocities those of the origin in the world's axes [m/s] and of turning in its own; ``fixed``
+    has none. ``spring`` and ``damping`` act in hinges and slides (damping in all joints), the
+    spring at rest at ``rest`` [N m/rad, N m s/rad; N/m, N s/m]; ``gear``, ``limits`` and
+    ``armature`` as in :class:`~dynamics.systems.Link`.
+
+    Raises ``ValueError`` for an invalid argument: a negative mass or inertia, inertia that breaks
+    the triangle inequality, an axis or quaternion not of unit length, limits reversed, and what the
+    kind of joint cannot have.
+    """
+
+    name: str
+    parent: str | None
+    mass: Number
+    inertia: tuple[Number, ...] = (0.0, 0.0, 0.0)
+    com: Vector = (0.0, 0.0, 0.0)
+    place: Vector = (0.0, 0.0, 0.0)
+    turn: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    joint: Joint = "hinge"
+    axis: Vector = (0.0, 1.0, 0.0)
+    spring: Number = 0.0
+    rest: Number = 0.0
+    damping: Number = 0.0
+    gear: Number | None = None
+    limits: tuple[Number, Number] | None = None
+    armature: Number = 0.0
+
+    def __post_init__(self) -> None:
+        text("the name of a body", self.name)
+        owner = f"body {self.name!r}:"
+        not_negative(f"{owner} mass", self.mass)
+        for what, sizes in (("inertia", (3, 6)), ("com", (3,)), ("place", (3,)), ("turn", (4,)),
+                            ("axis", (3,))):  # fmt: skip
+            vector(f"{owner} {what}", getattr(self, what), sizes)
+        for what in ("spring", "rest", "damping"):
+            number(f"{owner} {what}", getattr(self, what))
+        not_negative(f"{owner} armature", self.armature)
+        if self.joint not in get_args(Joint):
+            kinds = ", ".join(map(repr, get_args(Joint)))
+            raise ValueError(f"{owner} joint must be one of {kinds}, got {self.joint!r}")
+        self._check_inertia(owner)
+        for what in ("turn", "axis"):
+            unit(f"{owner} {what}", getattr(self, what))
+        self._check_joint(owner)
+
+    def _check_inertia(self, owner: str) -> None:
+        found = [number(f"{owner} inertia[{i}]", value) for i, value in enumerate(self.inertia[:3])]
+        known = [value for value in found if value is not None]
+        if any(value < 0 for value in known):
+            raise ValueError(f"{owner} inertia must not be negative, got {known}")
+        if len(known) == 3 and 2 * max(known) > sum(known) * (1 + 1e-6):
+            raise ValueError(
+                f"{owner} inertia {known} belongs to no body: no moment is larger than the sum of"
+                " the other two"
+            )
+
+    def _check_joint(self, owner: str) -> None:
+        if self.limits is not None:
+            low, high = point(f"{owner} limits", self.limits)
+            if low is not None and high is not None and not low < high:
+                raise ValueError(
+                    f"{owner} limits are {low:g} to {high:g}; expected the lower one first"
+                )
+        single = self.joint in ("hinge", "slide")
+        wrong = [what for what in ("gear", "limits") if getattr(self, what) is not None]
+        wrong += [what for what in ("spring", "armature") if not ca.SX(getattr(self, what)).is_zero()]
+        if wrong and not single:
+            raise ValueError(
+                f"{owner} a {self.joint} joint has no {wrong[0]}; leave it out, or take a hinge or"
+                " a slide"
+            )
+        if self.joint == "free" and self.parent is not None:
+            raise ValueError(f"{owner} it floats freely, so it has no parent; leave parent out")
+
+
+def vector(what: str, value: object, sizes: tuple[int, ...]) -> None:
+    """Raise ``ValueError`` unless ``value`` is a tuple of numbers with one of the ``sizes``."""
+    if not isinstance(value, tuple) or len(value) not in sizes:
+        counts = " or ".join(map(str, sizes))
+        raise ValueError(f"{what} must be a tuple of {counts} numbers, got {value!r}")
+    for i, entry in enumerate(value):
+        number(f"{what}[{i}]", entry)
+
+
+def unit(what: str, value: tuple[Number, ...]) -> None:
+    """Raise ``ValueError`` unless ``value`` has length 1, or symbols."""
+    found = [number(what, entry) for entry in value]
+    if any(entry is None for entry in found):
+        return
+    length = sum(entry**2 for entry in found if entry is not None) ** 0.5
+    if abs(length - 1) > 1e-6:
+        raise ValueError(f"{what} must have length 1, got {value} of length {length:.6g}")

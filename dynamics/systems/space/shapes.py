@@ -1,0 +1,91 @@
+"""Shapes of bodies in space, as plain numbers in the frame of their body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dynamics.systems.checks import not_negative, positive
+from dynamics.systems.space.body import Number, Quaternion, Vector, unit, vector
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere:
+    """All within ``radius`` [m] of ``centre``; the radius 0 is a point."""
+
+    radius: Number
+    centre: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        not_negative("Sphere radius", self.radius)
+        vector("Sphere centre", self.centre, (3,))
+
+
+@dataclass(frozen=True, eq=False)
+class Capsule:
+    """All within ``radius`` [m] of the segment from ``start`` to ``end``."""
+
+    start: Vector
+    end: Vector
+    radius: Number
+
+    def __post_init__(self) -> None:
+        positive("Capsule radius", self.radius)
+        vector("Capsule start", self.start, (3,))
+        vector("Capsule end", self.end, (3,))
+
+
+@dataclass(frozen=True, eq=False)
+class Cylinder:
+    """A cylinder of ``radius`` [m] whose axis runs from ``start`` to ``end``."""
+
+    start: Vector
+    end: Vector
+    radius: Number
+
+    def __post_init__(self) -> None:
+        positive("Cylinder radius", self.radius)
+        vector("Cylinder start", self.start, (3,))
+        vector("Cylinder end", self.end, (3,))
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A box with half sides ``half_size`` [m] around ``centre``, turned by a unit quaternion."""
+
+    half_size: Vector
+    centre: Vector = (0.0, 0.0, 0.0)
+    turn: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        vector("Box half_size", self.half_size, (3,))
+        positive("Box half_size", *self.half_size)
+        vector("Box centre", self.centre, (3,))
+        vector("Box turn", self.turn, (4,))
+        unit("Box turn", self.turn)
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """The convex hull of ``points`` [m], of a mesh."""
+
+    points: tuple[Vector, ...]
+
+    def __post_init__(self) -> None:
+        for i, one in enumerate(self.points):
+            vector(f"Hull points[{i}]", one, (3,))
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """The half-space below the plane through ``origin`` with the outward unit ``normal``."""
+
+    origin: Vector = (0.0, 0.0, 0.0)
+    normal: Vector = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        vector("Plane origin", self.origin, (3,))
+        vector("Plane normal", self.normal, (3,))
+        unit("Plane normal", self.normal)
+
+
+Shape = Sphere | Capsule | Cylinder | Box | Hull | Plane
