@@ -36,7 +36,8 @@ class Body:
     velocities those of the origin in the world's axes [m/s] and of turning in its own; ``fixed``
     has none. ``spring`` and ``damping`` act in hinges and slides (damping in all joints), the
     spring at rest at ``rest`` [N m/rad, N m s/rad; N/m, N s/m]; ``gear``, ``limits`` and
-    ``armature`` as in :class:`~dynamics.systems.Link`.
+    ``armature`` as in :class:`~dynamics.systems.Link`. ``servo`` is the stiffness of a motor whose
+    input is the position it pulls to [N m/rad; N/m].
 
     Raises ``ValueError`` for an invalid argument: a negative mass or inertia, inertia that breaks
     the triangle inequality, an axis or quaternion not of unit length, limits reversed, and what the
@@ -56,6 +57,7 @@ class Body:
     rest: Number = 0.0
     damping: Number = 0.0
     gear: Number | None = None
+    servo: Number | None = None
     limits: tuple[Number, Number] | None = None
     armature: Number = 0.0
 
@@ -96,13 +98,15 @@ class Body:
                     f"{owner} limits are {low:g} to {high:g}; expected the lower one first"
                 )
         single = self.joint in ("hinge", "slide")
-        wrong = [what for what in ("gear", "limits") if getattr(self, what) is not None]
+        wrong = [what for what in ("gear", "servo", "limits") if getattr(self, what) is not None]
         wrong += [what for what in ("spring", "armature") if not ca.SX(getattr(self, what)).is_zero()]
         if wrong and not single:
             raise ValueError(
                 f"{owner} a {self.joint} joint has no {wrong[0]}; leave it out, or take a hinge or"
                 " a slide"
             )
+        if self.gear is not None and self.servo is not None:
+            raise ValueError(f"{owner} gear and servo are two kinds of motor; give one of them")
         if self.joint == "free" and self.parent is not None:
             raise ValueError(f"{owner} it floats freely, so it has no parent; leave parent out")
 

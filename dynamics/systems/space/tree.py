@@ -1,0 +1,369 @@
+"""Equations of motion of trees of bodies in space, by recursion in the axes of each body."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+
+from dynamics.systems.parameters import Signal
+from dynamics.systems.planar import root_first
+from dynamics.systems.space import rotation
+from dynamics.systems.space.body import POSITIONS, VELOCITIES, Body, Number, Vector
+
+_AXES = "xyz"
+
+
+@dataclass(frozen=True, eq=False)
+class _Joint:
+    """Rotation of a body's axes into its parent's, its origin there, and what its joint moves.
+
+    ``turns`` and ``moves`` (3, n) are the columns of angular and linear velocity in the body's own
+    axes for each entry of v; of a free joint the linear ones are left out, see :class:`Tree`.
+    """
+
+    R: ca.SX
+    r: ca.SX
+    turns: ca.SX
+    moves: ca.SX
+
+
+class Tree:
+    """Rigid bodies joined to trees in space.
+
+    ``M(q) dv/dt + C(q, v) v + g(q) = B u + springs + dampers + contact forces``. M comes from
+    composite rigid bodies and the rest from Newton-Euler recursions in the axes of each body
+    (Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 5-6). q and v stand in the order of the
+    bodies given, as MuJoCo has them: a free joint has its place in the world, its quaternion, the
+    velocity of its origin in the world's axes and its angular velocity in its own.
+
+    All methods take and return SX expressions; quaternions in q must be of unit length.
+    Raises ``ValueError`` where the bodies are no tree.
+    """
+
+    def __init__(self, bodies: Sequence[Body], gravity: Vector = (0.0, 0.0, -9.81)) -> None:
+        self.gravity = ca.SX(ca.vertcat(*gravity))
+        self._ordered = root_first(bodies)
+        self.bodies = {body.name: body for body in bodies}
+        self.q_of: dict[str, slice] = {}
+        self.v_of: dict[str, slice] = {}
+        nq = nv = 0
+        for body in bodies:
+            self.q_of[body.name] = slice(nq, nq := nq + POSITIONS[body.joint])
+            self.v_of[body.name] = slice(nv, nv := nv + VELOCITIES[body.joint])
+        self.nq, self.nv = nq, nv
+        self._joints_at: dict[tuple[int, ...], tuple[ca.SX, dict[str, _Joint]]] = {}
+        self._poses_at: dict[tuple[int, ...], tuple[ca.SX, dict[str, tuple[ca.SX, ca.SX]]]] = {}
+
+    @property
+    def coordinates(self) -> tuple[Signal, ...]:
+        """Names and units of q."""
+        return tuple(one for body in self.bodies.values() for one in _positions(body))
+
+    @property
+    def velocities(self) -> tuple[Signal, ...]:
+        """Names and units of v."""
+        return tuple(one for body in self.bodies.values() for one in _velocities(body))
+
+    @property
+    def actuated(self) -> tuple[str, ...]:
+        """Names of the bodies whose joints have a motor or a servo, in the order of inputs."""
+        found = self.bodies.items()
+        return tuple(n for n, body in found if body.gear is not None or body.servo is not None)
+
+    @property
+    def limits(self) -> list[tuple[str, int, int, Number, Number]]:
+        """Limits as (body, index into q, index into v, lowest, highest)."""
+        return [
+            (name, self.q_of[name].start, self.v_of[name].start, *body.limits)
+            for name, body in self.bodies.items()
+            if body.limits is not None
+        ]
+
+    @cached_property
+    def turning(self) -> list[int]:
+        """Indices into q of all quaternions."""
+        found = {"free": slice(3, 7), "ball": slice(0, 4)}
+        return [
+            i
+            for name, body in self.bodies.items()
+            if body.joint in found
+            for i in range(self.nq)[self.q_of[name]][found[body.joint]]
+        ]
+
+    @cached_property
+    def total_mass(self) -> ca.SX:
+        """Mass of all bodies [kg]."""
+        return sum((ca.SX(body.mass) for body in self._ordered), ca.SX(0))
+
+    def each(self, value: Callable[[Body], Number | None]) -> ca.SX:
+        """One number of every body for all of its velocities (nv, 1), zero where it is None."""
+        found = (value(body) for body in self.bodies.values() for _ in range(VELOCITIES[body.joint]))
+        return ca.sparsify(ca.vertcat(ca.SX(0, 1), *(ca.SX(0 if one is None else one) for one in found)))
+
+    def position_of(self, q: ca.SX) -> ca.SX:
+        """Where hinges and slides stand, in the order of v (nv, 1), zero for other joints."""
+        at = ca.SX(self.nv, 1)
+        for name, body in self.bodies.items():
+            if body.joint in ("hinge", "slide"):
+                at[self.v_of[name]] = q[self.q_of[name]]
+        return at
+
+    def advance(self, q: ca.SX, way: ca.SX) -> ca.SX:
+        """``q (+) way`` (nq, 1), way (nv, 1) along v: quaternions turn exactly, the rest is added."""
+        parts = []
+        for name, body in self.bodies.items():
+            at, along = q[self.q_of[name]], way[self.v_of[name]]
+            if body.joint in ("free", "ball"):
+                n = at.numel() - 4
+                parts += [at[:n] + along[:n], rotation.turned(at[n:], along[n:])]
+            else:
+                parts.append(at + along)
+        return ca.vertcat(*parts)
+
+    def pose(self, q: ca.SX, body: str) -> tuple[ca.SX, ca.SX]:
+        """Rotation (3, 3) of a body's axes into the world's, and its origin there (3, 1) [m]."""
+        return self._poses(q)[body]
+
+    def motions(self, q: ca.SX, body: str) -> list[tuple[int, ca.SX, ca.SX, ca.SX]]:
+        """What moves a body: (index into v, turning axis, direction moved, a point of the axis).
+
+        All in the world's axes, of the body's joint and of all above it.
+        """
+        found, joints, at = [], self._joints(q), body
+        while at is not None:
+            (R, p), joint, start = self.pose(q, at), joints[at], self.v_of[at].start
+            free = 3 if self.bodies[at].joint == "free" else 0
+            found += [(start + k, ca.SX(3, 1), ca.SX.eye(3)[:, k], p) for k in range(free)]
+            for k in range(joint.turns.size2()):
+                turn, move = R @ joint.turns[:, k], R @ joint.moves[:, k]
+                found.append((start + free + k, turn, move, p))
+            at = self.bodies[at].parent
+        return found
+
+    def mass(self, q: ca.SX) -> ca.SX:
+        """Mass matrix M(q) (nv, nv), symmetric positive definite [kg, kg m, kg m²]."""
+        joints, M = self._joints(q), ca.SX(self.nv, self.nv)
+        for name, (mass, first, second) in self._composites(joints).items():
+            joint, free = joints[name], self.bodies[name].joint == "free"
+            for k in range(joint.turns.size2()):
+                turn, move = joint.turns[:, k], joint.moves[:, k]
+                momentum = mass * move + ca.cross(turn, first)
+                spin = second @ turn + ca.cross(first, move)
+                column = self.v_of[name].start + k + 3 * free
+                at: str | None = name
+                while at is not None:
+                    above = joints[at]
+                    rows = above.turns.T @ spin + above.moves.T @ momentum
+                    outer = above.R @ momentum
+                    if self.bodies[at].joint == "free":
+                        rows = ca.vertcat(outer, rows)
+                    start = self.v_of[at].start
+                    for row in range(rows.numel()):
+                        M[start + row, column] = M[column, start + row] = rows[row]
+                    spin = above.R @ spin + ca.cross(above.r, outer)
+                    momentum, at = outer, self.bodies[at].parent
+            if free:
+                place = range(self.nv)[self.v_of[name]][:3]
+                M[place, place] = mass * ca.SX.eye(3)
+        return M + ca.diag(self.each(lambda body: body.armature))
+
+    def bias(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Coriolis, centrifugal and gravity forces (nv, 1) [N m, N]."""
+        return self.inverse_dynamics(q, v, v, ca.SX(self.nv, 1))
+
+    def weight(self, q: ca.SX) -> ca.SX:
+        """Forces that hold the tree against gravity (nv, 1) [N m, N]."""
+        still = ca.SX(self.nv, 1)
+        return self.inverse_dynamics(q, still, still, still)
+
+    def coriolis(self, q: ca.SX, v: ca.SX, w: ca.SX) -> ca.SX:
+        """``C(q, v) w`` (nv, 1), linear in v and in w, with ``dM/dt = C + C'`` along v.
+
+        So of the velocity forces C(q, v) v those that turn energy over do no work on any w: they
+        can be implicit in w. Niemeyer and Slotine, doi 10.1177/027836499101000201; Echeandia and
+        Wensing, doi 10.1115/1.4051169.
+        """
+        return self.inverse_dynamics(q, v, w, ca.SX(self.nv, 1), ca.SX(3, 1))
+
+    def inverse_dynamics(
+        self, q: ca.SX, v: ca.SX, w: ca.SX, a: ca.SX, gravity: ca.SX | None = None
+    ) -> ca.SX:
+        """Force ``M(q) a + C(q, v) w + g(q)`` (nv, 1) without forming M [N m, N]."""
+        joints, pull = self._joints(q), self.gravity if gravity is None else gravity
+        states = self._accelerations(joints, v, w, a, -pull)
+        force = {body.name: ca.SX(3, 1) for body in self._ordered}
+        moment = dict(force)
+        result = ca.SX(self.nv, 1)
+        for body in reversed(self._ordered):
+            name, joint = body.name, joints[body.name]
+            omega, along, alpha, felt = states[name]
+            com, inertia = ca.SX(ca.vertcat(*body.com)), _inertia(body)
+            own = ca.SX(body.mass) * (
+                felt + ca.cross(alpha, com) + ca.cross(along, ca.cross(omega, com))
+            )
+            spin = inertia @ (alpha - ca.cross(omega, along)) + ca.cross(along, inertia @ omega)
+            force[name] += own
+            moment[name] += spin + ca.cross(com, own)
+            outer = joint.R @ force[name]
+            result[self.v_of[name]] = ca.vertcat(
+                outer if body.joint == "free" else ca.SX(0, 1),
+                joint.turns.T @ moment[name] + joint.moves.T @ force[name],
+            )
+            if body.parent is not None:
+                force[body.parent] += outer
+                moment[body.parent] += joint.R @ moment[name] + ca.cross(joint.r, outer)
+        return result + self.each(lambda body: body.armature) * a
+
+    def potential(self, q: ca.SX) -> ca.SX:
+        """Energy of gravity (zero at the origin) and of the springs [J]."""
+        moment = ca.SX(3, 1)
+        for body in self._ordered:
+            R, p = self.pose(q, body.name)
+            moment += ca.SX(body.mass) * (p + R @ ca.SX(ca.vertcat(*body.com)))
+        off = self.position_of(q) - self.each(lambda body: body.rest)
+        return ca.dot(self.each(lambda b: b.spring), off**2) / 2 - ca.dot(self.gravity, moment)
+
+    def energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Kinetic and potential energy [J]."""
+        return ca.dot(v, self.mass(q) @ v) / 2 + self.potential(q)
+
+    def momentum(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Linear momentum (3, 1) [N s]."""
+        total = ca.SX(3, 1)
+        for body in self._ordered:
+            R, p = self.pose(q, body.name)
+            centre = p + R @ ca.SX(ca.vertcat(*body.com))
+            for index, turn, move, pivot in self.motions(q, body.name):
+                total += ca.SX(body.mass) * v[index] * (move + ca.cross(turn, centre - pivot))
+        return total
+
+    def _joints(self, q: ca.SX) -> dict[str, _Joint]:
+        return _kept(self._joints_at, q, lambda: {b.name: self._joint(b, q) for b in self._ordered})
+
+    def _joint(self, body: Body, q: ca.SX) -> _Joint:
+        at, axis = q[self.q_of[body.name]], ca.sparsify(ca.SX(ca.vertcat(*body.axis)))
+        turn, none = rotation.matrix(ca.SX(ca.vertcat(*body.turn))), ca.SX(3, 1)
+        place = ca.sparsify(ca.SX(ca.vertcat(*body.place)))
+        match body.joint:
+            case "hinge":
+                return _Joint(ca.sparsify(turn) @ rotation.about(axis, at), place, axis, none)
+            case "slide":
+                turn = ca.sparsify(turn)
+                return _Joint(turn, place + turn @ axis * at, none, axis)
+            case "ball":
+                R = ca.sparsify(turn) @ rotation.matrix(at)
+                return _Joint(R, place, ca.SX.eye(3), ca.SX(3, 3))
+            case "free":
+                return _Joint(rotation.matrix(at[3:]), at[:3], ca.SX.eye(3), ca.SX(3, 3))
+        return _Joint(ca.sparsify(turn), place, ca.SX(3, 0), ca.SX(3, 0))
+
+    def _poses(self, q: ca.SX) -> dict[str, tuple[ca.SX, ca.SX]]:
+        def make() -> dict[str, tuple[ca.SX, ca.SX]]:
+            found: dict[str, tuple[ca.SX, ca.SX]] = {}
+            for body in self._ordered:
+                joint = self._joints(q)[body.name]
+                if body.parent is None:
+                    found[body.name] = joint.R, joint.r
+                else:
+                    R, p = found[body.parent]
+                    found[body.name] = R @ joint.R, p + R @ joint.r
+            return found
+
+        return _kept(self._poses_at, q, make)
+
+    def _composites(self, joints: dict[str, _Joint]) -> dict[str, tuple[ca.SX, ca.SX, ca.SX]]:
+        """Mass, first and second moment about its origin of each body with all that hangs on it."""
+        found = {}
+        for body in self._ordered:
+            com, mass = ca.sparsify(ca.SX(ca.vertcat(*body.com))), ca.SX(body.mass)
+            found[body.name] = mass, mass * com, _inertia(body) + mass * _spread(com, com)
+        for body in reversed(self._ordered):
+            if body.parent is None:
+                continue
+            joint, (mass, first, second) = joints[body.name], found[body.name]
+            above, first = found[body.parent], joint.R @ first
+            moved = _symmetric(joint.R @ second @ joint.R.T) + mass * _spread(joint.r, joint.r)
+            cross = _spread(first, joint.r) + _spread(joint.r, first)
+            found[body.parent] = (
+                above[0] + mass, above[1] + first + mass * joint.r,
+                above[2] + moved + _symmetric(cross),
+            )  # fmt: skip
+        return found
+
+    def _accelerations(
+        self, joints: dict[str, _Joint], v: ca.SX, w: ca.SX, a: ca.SX, felt: ca.SX
+    ) -> dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]]:
+        """Angular velocity for v and for w, that for w's derivative along v, the origin's likewise.
+
+        In the axes of each body; ``felt`` is the acceleration of the world.
+        """
+        still = ca.SX(3, 1)
+        found: dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]] = {}
+        for body in self._ordered:
+            joint, rows = joints[body.name], self.v_of[body.name]
+            omega, along, alpha, moving = found.get(body.parent or "", (still, still, still, felt))
+            own_v, own_w, own_a = v[rows], w[rows], a[rows]
+            if body.joint == "free":
+                moving = moving + own_a[:3]
+                own_v, own_w, own_a = own_v[3:], own_w[3:], own_a[3:]
+            else:
+                moving = moving + ca.cross(alpha, joint.r) + ca.cross(along, ca.cross(omega, joint.r))
+            inward = joint.R.T
+            omega, along, alpha, moving = (inward @ one for one in (omega, along, alpha, moving))
+            slid_v, slid_w = joint.moves @ own_v, joint.moves @ own_w
+            moving = moving + joint.moves @ own_a
+            moving = moving + ca.cross(along, slid_v) + ca.cross(omega, slid_w)
+            turned_w = joint.turns @ own_w
+            carried = omega if body.joint == "hinge" else omega + joint.turns @ own_v
+            alpha = alpha + joint.turns @ own_a + ca.cross(carried, turned_w)
+            found[body.name] = omega + joint.turns @ own_v, along + turned_w, alpha, moving
+        return found
+
+
+def _kept(store: dict, q: ca.SX, make: Callable[[], dict]) -> dict:
+    """What was made for q before: mass, forces and contacts share their sines and cosines."""
+    # The q beside it keeps its elements alive, without which a hash could be given out again.
+    key = tuple(q[i].element_hash() for i in range(q.numel()))
+    if key not in store:
+        store[key] = q, make()
+    return store[key][1]
+
+
+def _inertia(body: Body) -> ca.SX:
+    xx, yy, zz, xy, xz, yz = (*body.inertia, 0, 0, 0)[:6]
+    rows = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+    return ca.sparsify(ca.vertcat(*(ca.SX(ca.horzcat(*row)) for row in rows)))
+
+
+def _spread(a: ca.SX, b: ca.SX) -> ca.SX:
+    """``a'b 1 - a b'``: second moment of a mass of 1 kg where a = b."""
+    return ca.dot(a, b) * ca.SX.eye(3) - a @ b.T
+
+
+def _symmetric(A: ca.SX) -> ca.SX:
+    """A symmetric matrix by its upper triangle alone, so that the lower one costs nothing."""
+    return ca.triu2symm(ca.triu(A))
+
+
+def _positions(body: Body) -> list[Signal]:
+    name = body.name
+    if body.joint in ("hinge", "slide"):
+        unit, what = ("rad", "angle") if body.joint == "hinge" else ("m", "travel")
+        return [Signal(name, unit, f"{what} of {name} in its joint")]
+    places = [Signal(f"{name}_{a}", "m", f"position of {name} along {a}") for a in _AXES]
+    turned = [Signal(f"{name}_q{a}", "1", f"quaternion of {name}") for a in ("w", *_AXES)]
+    return {"free": places + turned, "ball": turned, "fixed": []}[body.joint]
+
+
+def _velocities(body: Body) -> list[Signal]:
+    name = body.name
+    if body.joint in ("hinge", "slide"):
+        unit = "rad/s" if body.joint == "hinge" else "m/s"
+        return [Signal(f"v_{name}", unit, f"velocity of {name}")]
+    linear = [Signal(f"v_{name}_{a}", "m/s", f"velocity of {name} along {a}") for a in _AXES]
+    spin = [Signal(f"w_{name}_{a}", "rad/s", f"angular velocity of {name} about its {a}")
+            for a in _AXES]  # fmt: skip
+    return {"free": linear + spin, "ball": spin, "fixed": []}[body.joint]
