@@ -72,8 +72,9 @@ class Coordinates:
     """
 
     def __init__(self, system: ContactSystem) -> None:
-        by_state = ca.jacobian(system.residual, system.x_next)
-        by_lam = ca.jacobian(system.residual, system.lam)
+        residual, gap = system.expanded
+        by_state = ca.jacobian(residual, system.x_next)
+        by_lam = ca.jacobian(residual, system.lam)
         pushed = sorted(set(by_lam.sparsity().get_triplet()[0]))
         free = [i for i in range(system.nx) if i not in pushed]
         moved = -solve_without_pivoting(by_state[free, free], by_state[free, pushed])
@@ -81,11 +82,11 @@ class Coordinates:
         C[free, :], C[pushed, :] = moved, ca.SX.eye(len(pushed))
         self.r, self.C = len(pushed), ca.sparsify(C)
         self.T = by_state[pushed, pushed] + by_state[pushed, free] @ moved
-        by_next = ca.jacobian(system.gap, system.x_next)
+        by_next = ca.jacobian(gap, system.x_next)
         P, Q = -by_lam[pushed, :], ca.sparsify(by_next @ self.C)
         self.own, self.P_signs, self.Q_signs = _alike(system, P, Q)
         self.P_own, self.Q_own = P[:, self.own], Q[self.own, :]
-        self.E = ca.jacobian(system.gap, system.lam)
+        self.E = ca.jacobian(gap, system.lam)
 
 
 def _alike(system: ContactSystem, P: ca.SX, Q: ca.SX) -> tuple[list[int], ca.DM, ca.DM]:

@@ -24,9 +24,10 @@ class CurvedGap:
 
     def __init__(self, system: ContactSystem) -> None:
         self._system, unknown = system, ca.vertcat(system.x_next, system.lam)
-        slopes = ca.jacobian(system.gap, unknown)
+        _, gap = system.expanded
+        slopes = ca.jacobian(gap, unknown)
         self.rows = [i for i in range(system.nlam) if ca.depends_on(slopes[i, :], unknown)]
-        self._gap = system.gap[self.rows]
+        self._gap = gap[self.rows]
         self._states = [i for i in range(system.nx) if ca.depends_on(self._gap, system.x_next[i])]
         given = ca.vertcat(system.x, system.u, system.parameters.vector)
         used = [i for i in range(given.numel()) if ca.depends_on(self._gap, given[i])]

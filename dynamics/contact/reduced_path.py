@@ -32,7 +32,7 @@ class ReducedPath(Path):
         if curved and not curved.rows:
             curved = None
         self.coordinates, self._system = coordinates, system
-        here = ca.vertcat(system.x, ca.SX.zeros(system.nlam))
+        here = ca.vertcat(system.unmoved, ca.SX.zeros(system.nlam))
         unknown = ca.vertcat(system.x_next, system.lam)
         self._E, self._Q = ca.substitute([coordinates.E, coordinates.Q_own], [unknown], [here])
         super().__init__(self._E.sparsity(), exact, system.pairs, curved, False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -27,6 +28,35 @@ FORMS: dict[str, ConeForm] = {
 
 
 @dataclass(frozen=True, eq=False)
+class Space:
+    """What contacts in space need besides: ``sliding`` gives 2 nc rows, of both tangents.
+
+    ``velocities`` nv of the rows, which multiply v where that is not dq/dt: ``pressing`` maps q to
+    J_n (nc, nv), ``tangent`` to ``dq/dt`` by v (nq, nv). Friction's cone is a pyramid with 4 or 8
+    ``edges``.
+    """
+
+    velocities: int
+    pressing: Callable[[ca.SX], ca.SX]
+    tangent: Callable[[ca.SX], ca.SX]
+    edges: int
+
+    def directions(self, first: ca.SX, second: ca.SX) -> list[ca.SX]:
+        """Rows along half of the edges, the others being their negatives, from both tangents."""
+        if self.edges == 4:
+            return [first, second]
+        return [first, second, *((first + sign * second) / math.sqrt(2) for sign in (1, -1))]
+
+    def components(self, along: list[ca.SX]) -> ca.SX:
+        """Impulses along both tangents, one after the other, from those along all directions."""
+        if self.edges == 4:
+            return ca.vertcat(*along)
+        first, second, rise, fall = along
+        both = ((rise + sign * fall) / math.sqrt(2) for sign in (1, -1))
+        return ca.vertcat(*map(ca.plus, (first, second), both))
+
+
+@dataclass(frozen=True, eq=False)
 class Touching:
     """Contacts of a mechanism, nc of them, and the limits of its joints, nl.
 
@@ -41,6 +71,7 @@ class Touching:
     linearised: bool
     limits: Callable[[ca.SX], ca.SX] | None = None
     limit_names: tuple[str, ...] = ()
+    space: Space | None = None
 
     @property
     def rough(self) -> tuple[list[int], ca.SX]:
@@ -94,7 +125,8 @@ def contact_rows(
 
     Raises ``ValueError`` where a dimension does not fit.
     """
-    nq, nc, nl = q.numel(), len(touching.contacts), len(touching.limit_names)
+    nc, nl, space = len(touching.contacts), len(touching.limit_names), touching.space
+    nv = q.numel() if space is None else space.velocities
 
     def approached(
         what: str, distance: Callable[[ca.SX], ca.SX], count: int
@@ -102,9 +134,15 @@ def contact_rows(
         """Distance at q, its slope there, and the gap."""
         here = distance(q)
         check_shape(name, what, here, (count, 1))
-        slope = ca.jacobian(here, q)
-        gap = here + slope @ (q_next - q) if touching.linearised else distance(q_next)
-        return here, slope, gap
+        if space is None:
+            slope = ca.jacobian(here, q)
+            gap = here + slope @ (q_next - q) if touching.linearised else distance(q_next)
+            return here, slope, gap
+        if distance is touching.distance:
+            slope = space.pressing(q)
+        else:
+            slope = ca.jacobian(here, q) @ space.tangent(q)
+        return here, slope, here + way(slope) if touching.linearised else distance(q_next)
 
     limits, left, forces = [], ca.SX(0, 1), None
     if touching.limits is not None:
@@ -116,24 +154,30 @@ def contact_rows(
     rows, owners = [plain], [list(range(nc))]
     rough, f = touching.rough
     if touching.sliding is not None and rough:
-        J_t = touching.sliding(q)
-        check_shape(name, "sliding(q)", J_t, (nc, nq))
-        slid, form = way(J_t), FORMS[touching.cone]
-        lam = ca.SX.sym("lam", nc + nl + form.more * len(rough))
+        J_t, tangents = touching.sliding(q), 1 if space is None else 2
+        check_shape(name, "sliding(q)", J_t, (tangents * nc, nv))
+        form, ways = FORMS[touching.cone], [J_t[nc * k : nc * (k + 1), :] for k in range(tangents)]
+        directions = ways if space is None else space.directions(*ways)
+        lam = ca.SX.sym("lam", nc + nl + form.more(len(directions)) * len(rough))
         own = [lam[rough], *ca.vertsplit(lam[nc + nl :], len(rough))]
         some = tuple(touching.contacts[i] for i in rough)
-        at = Rubbing(some, gap[rough], J[rough, :], J_t[rough, :], f[rough], slid[rough], own)
+        slid = [way(one) for one in directions]
+        at = Rubbing(some, gap[rough], J[rough, :], [one[rough, :] for one in directions],
+                     f[rough], [one[rough] for one in slid], own)  # fmt: skip
         (first, *more), pressed, rubbed = form.pairs(at)
         rows, owners = [_replaced(plain, first, rough), *more], [*owners, *[rough] * len(more)]
-        normal, along = lam[:nc], ca.SX.zeros(nc)
-        normal[rough], along[rough] = pressed, rubbed
+        normal, along = lam[:nc], ca.SX.zeros(tangents * nc)
+        where = [nc * k + i for k in range(tangents) for i in rough]
+        normal[rough] = pressed
+        along[where] = rubbed[0] if space is None else space.components(rubbed)
         names = tuple(contact.name for contact in touching.contacts)
-        forces = ContactForces(names, normal, along, slid / h, f)
+        forces = ContactForces(names, normal, along, ca.vertcat(*slid[:tangents]) / h, f,
+                               2 if space is None else space.edges)  # fmt: skip
     rows[1:1], owners[1:1] = limits, [list(range(nc, nc + nl))] * len(limits)
     return ContactRows(
         lam,
         ca.vertcat(ca.SX(0, 1), *(row.gap for row in rows)),
-        ca.vertcat(ca.SX(0, nq), *(row.direction for row in rows)).T @ lam,
+        ca.vertcat(ca.SX(0, nv), *(row.direction for row in rows)).T @ lam,
         tuple(signal for row in rows for signal in row.signals),
         tuple(
             Pair(row.kind, owner)

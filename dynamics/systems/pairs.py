@@ -38,7 +38,9 @@ class ContactForces:
 
     ``normal`` and ``tangential`` (points, 1) are impulses [N s], expressions in (x, u, lam) and the
     parameters; ``slip`` (points, 1) the tangential velocity [m/s] that the law of friction sees, in
-    (x, u, x_next); ``friction`` (points, 1) Coulomb's coefficients.
+    (x, u, x_next); ``friction`` (points, 1) Coulomb's coefficients. In space ``tangential`` and
+    ``slip`` are (2 points, 1), along first and then along second tangents, and friction's pyramid
+    has so many ``edges``.
     """
 
     names: tuple[str, ...]
@@ -46,6 +48,7 @@ class ContactForces:
     tangential: ca.SX
     slip: ca.SX
     friction: ca.SX
+    edges: int = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +57,7 @@ class EnergyBook:
 
     ``energy`` is an expression in x, ``work`` in (x, u, x_next): actuation and damping. What is
     left of ``energy(x_next) - energy(x) - work`` is what contact gave or took, and the
-    integrator's error. ``momentum`` (2, 1) [N s] is an expression in x, ``external`` (2, 1) [N s]
+    integrator's error. ``momentum`` (2 or 3, 1) [N s] is an expression in x, ``external`` [N s]
     the impulse from outside over one step, contact included, in (x, u, x_next, lam); what
     ``momentum`` gains beyond it is the integrator's error, of the order of h² in a step.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, Protocol, TypeVar, get_args
 
 import casadi as ca
 
@@ -81,25 +81,42 @@ class Link:
             )
 
 
-def root_first(links: Sequence[Link]) -> tuple[Link, ...]:
+class Member(Protocol):
+    """What has a name and hangs on another, or on nothing."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        ...
+
+    @property
+    def parent(self) -> str | None:
+        """The name of what it hangs on."""
+        ...
+
+
+Branch = TypeVar("Branch", bound=Member)
+
+
+def root_first(links: Sequence[Branch]) -> tuple[Branch, ...]:
     """Order ``links`` so that each follows its parent.
 
     Raises ``ValueError`` where the links are no tree: a cycle, an unknown parent, a name used
     twice.
     """
-    by_name: dict[str, Link] = {}
+    by_name: dict[str, Branch] = {}
     for link in links:
         if link.name in by_name:
             raise ValueError(f"two links are named {link.name!r}; give each link its own name")
         by_name[link.name] = link
-    ordered: dict[str, Link] = {}
+    ordered: dict[str, Branch] = {}
     for link in links:
         for ancestor in reversed(_path_to_root(link, by_name)):
             ordered[ancestor.name] = ancestor
     return tuple(ordered.values())
 
 
-def _path_to_root(link: Link, by_name: dict[str, Link]) -> list[Link]:
+def _path_to_root(link: Branch, by_name: dict[str, Branch]) -> list[Branch]:
     path = [link]
     while (parent := path[-1].parent) is not None:
         if parent not in by_name:

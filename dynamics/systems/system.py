@@ -8,6 +8,7 @@ from functools import cached_property
 import casadi as ca
 
 from dynamics.systems.elimination import solve_without_pivoting
+from dynamics.systems.mechanism import Mechanism
 from dynamics.systems.pairs import (
     TRUE_GAPS,
     ContactForces,
@@ -64,6 +65,10 @@ class ContactSystem:
     parameters, where the system has them: M (nq, nq), of quasi-dynamics that of the free
     coordinates alone, and its actuators' K. ``scene``: bodies, pushers and obstacles of a scene
     with true gaps make it, so that the default route may search over pushes (:mod:`ocp.search`).
+    ``machine``: what it was built from, where that was a machine.
+
+    ``turning`` are the places in x of quaternions: their rows of the residual are ``x_next[i] - f``
+    with f an expression in (x, u) and the other entries of x_next, and need not be affine.
 
     Raises ``ValueError`` when a dimension does not fit or a symbol is not declared.
     """
@@ -91,6 +96,8 @@ class ContactSystem:
     mass: ca.SX | None = None
     stiffness: ca.SX | None = None
     scene: bool = False
+    machine: Mechanism | None = None
+    turning: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.pairs:
@@ -192,14 +199,48 @@ class ContactSystem:
         return deciding_pairs(self.pairs)
 
     @cached_property
+    def expanded(self) -> tuple[ca.SX, ca.SX]:
+        """Residual and gap with x_next's quaternions taken out of both.
+
+        Where they turn, the residual has its expansion about no motion, and the gap has what the
+        other entries make of them: the residual is affine in (x_next, lam), and its quaternions
+        decide nothing else.
+        """
+        if not self.turning:
+            return self.residual, self.gap
+        rows, moved = list(self.turning), self.turned(self.x_next)
+        others = [i for i in range(self.nx) if i not in self.turning]
+        still = self.unmoved[others]
+        slope = ca.jacobian(moved, self.x_next[others])
+        here, slope = ca.substitute([moved, slope], [self.x_next[others]], [still])
+        residual = ca.SX(self.residual)
+        residual[rows] = self.x_next[rows] - here - slope @ (self.x_next[others] - still)
+        return residual, ca.substitute(self.gap, self.x_next[rows], moved)
+
+    @cached_property
+    def unmoved(self) -> ca.SX:
+        """x_next about which gaps are expanded (nx, 1): x, without the velocities that turn."""
+        start, rows = ca.SX(self.x), self.residual[list(self.turning)]
+        for i in range(self.nx):
+            if i not in self.turning and ca.depends_on(rows, self.x_next[i]):
+                start[i] = 0
+        return start
+
+    def turned(self, x_next: ca.SX) -> ca.SX:
+        """Quaternions of the next state (n, 1) from its other entries."""
+        rows = list(self.turning)
+        turned = self.x_next[rows] - self.residual[rows]
+        return ca.substitute(turned, self.x_next, x_next)
+
+    @cached_property
     def _by_state(self) -> ca.SX:
         """Jacobian of the residual by x_next (nx, nx)."""
-        return ca.jacobian(self.residual, self.x_next)
+        return ca.jacobian(self.expanded[0], self.x_next)
 
     @cached_property
     def configured(self) -> bool:
         """Whether the inertia of the step depends on the state that it starts from."""
-        return ca.depends_on(self._by_state, ca.vertcat(self.x, self.u))
+        return bool(self.turning) or ca.depends_on(self._by_state, ca.vertcat(self.x, self.u))
 
     @cached_property
     def linear(self) -> bool:
@@ -218,30 +259,34 @@ class ContactSystem:
         Raises ``ValueError`` where the residual is not affine in ``(x_next, lam)``.
         """
         nx, nothing = self.nx, ca.SX.zeros(self.nlam)
-        unknown = ca.vertcat(self.x_next, self.lam)
-        jacobian = ca.jacobian(self.residual, unknown)
+        unknown, (residual, gap) = ca.vertcat(self.x_next, self.lam), self.expanded
+        jacobian = ca.jacobian(residual, unknown)
         if ca.depends_on(jacobian, unknown):
             raise ValueError(f"system {self.name!r}: the step is not affine in (x_next, lam)")
-        constant = ca.substitute(self.residual, unknown, ca.SX.zeros(unknown.numel()))
+        constant = ca.substitute(residual, unknown, ca.SX.zeros(unknown.numel()))
         solve = solve_without_pivoting if self.configured else ca.solve
         solved = -solve(jacobian[:, :nx], ca.horzcat(constant, jacobian[:, nx:]))
         # What is put in for a symbol must have an entry even where it is zero.
         a, B = ca.densify(solved[:, 0]), solved[:, 1:]
-        by_state, by_lam = (ca.jacobian(self.gap, part) for part in (self.x_next, self.lam))
+        by_state, by_lam = (ca.jacobian(gap, part) for part in (self.x_next, self.lam))
         affine = not ca.depends_on(ca.vertcat(ca.vec(by_state), ca.vec(by_lam)), unknown)
-        z = ca.substitute(self.gap, unknown, ca.vertcat(a, nothing))
-        here = ca.vertcat(a if affine else self.x, nothing)
-        gap, by_state, by_lam = ca.substitute([self.gap, by_state, by_lam], [unknown], [here])
+        z = ca.substitute(gap, unknown, ca.vertcat(a, nothing))
+        here = ca.vertcat(a if affine else self.unmoved, nothing)
+        gap, by_state, by_lam = ca.substitute([gap, by_state, by_lam], [unknown], [here])
         F = by_lam + by_state @ B
-        return ReducedContact(a, B, z, F, z if affine else gap + by_state @ (a - self.x), affine)
+        return ReducedContact(
+            a, B, z, F, z if affine else gap + by_state @ (a - self.unmoved), affine
+        )
 
     @cached_property
     def x_next_expr(self) -> ca.SX:
         """The next state (nx, 1) in terms of (x, u, lam, p); raises as :attr:`reduced` does."""
         if not self.configured:
             return self.reduced.a + self.reduced.B @ self.lam
-        at_zero = ca.substitute(self.residual, self.x_next, ca.SX.zeros(self.nx))
-        return -solve_without_pivoting(self._by_state, ca.densify(at_zero))
+        at_zero = ca.substitute(self.expanded[0], self.x_next, ca.SX.zeros(self.nx))
+        found = -solve_without_pivoting(self._by_state, ca.densify(at_zero))
+        found[list(self.turning)] = self.turned(found)
+        return found
 
     @cached_property
     def motion(self) -> ca.SX:

@@ -45,11 +45,11 @@ class ContactSummary:
 class ContactReport:
     """Forces and books of a trajectory; arrays (S, N, points), NaN where a system has none.
 
-    ``normal``, ``tangential`` impulses [N s], ``slip`` [m/s], ``bound`` friction normal [N s], what
-    the tangential impulse may be at most; ``active``, ``slipping``, ``degenerate`` whether the
-    contact is active (:func:`acting`), whether it slips then, and whether its complementarity is
-    not strict. Largest over all contacts and steps: ``cone_violation`` max(0, |tangential| -
-    friction normal) [N s]; ``dissipation_residual`` friction normal |slip| + tangential slip [J],
+    ``normal``, ``tangential`` impulses [N s], ``slip`` [m/s] (in space their sizes), ``bound``
+    friction normal [N s], what the tangential impulse may be at most; ``active``, ``slipping``,
+    ``degenerate`` whether the contact is active (:func:`acting`), whether it slips then, and
+    whether its complementarity is not strict. Largest over all contacts and steps:
+    ``cone_violation`` max(0, |tangential| - friction normal) [N s]; ``dissipation_residual`` friction normal |slip| + tangential slip [J],
     zero where friction dissipates as much as it can; ``energy_gain`` [J] the largest rise of energy
     in a step beyond the work done; ``dissipated`` [J] what contact took in all;
     ``momentum_residual`` [N s].
@@ -87,12 +87,15 @@ def contact_report(
     if forces is None:
         names = tuple(signal.name for signal in system.contacts)
         normal = mean
-        tangential = slip = friction = np.zeros_like(mean)
+        tangential = slip = friction = power = reach = np.zeros_like(mean)
     else:
         names = forces.names
         normal, tangential, slip, friction = at(
             forces.normal, forces.tangential, forces.slip, forces.friction
         )
+        power, reach = tangential * slip, np.abs(slip)
+        if forces.edges > 2:
+            tangential, slip, power, reach = _in_space(tangential, slip, forces.edges)
     degenerate = _degenerate_steps(system, problem.scales, lam, gap, len(names))
     h = at(ca.SX(system.h))[0]
     active, distant = acting(
@@ -108,9 +111,23 @@ def contact_report(
     return ContactReport(
         names, normal, tangential, slip, bound, active, slipping, degenerate, contacts,
         largest(np.abs(tangential) - bound) if rough else float("nan"),
-        largest(bound * np.abs(slip) + tangential * slip) if rough else float("nan"),
+        largest(bound * reach + power) if rough else float("nan"),
         *_books(system.book, at),
     )  # fmt: skip
+
+
+def _in_space(
+    tangential: np.ndarray, slip: np.ndarray, edges: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Sizes of both, of shape (S, N, points), the power, and slip along the nearest edge.
+
+    Of a pyramid with ``edges`` the impulse that dissipates most lies on that edge.
+    """
+    parts = [np.array(np.split(part, 2, axis=-1)) for part in (tangential, slip)]
+    sizes = [np.hypot(*part) for part in parts]
+    angles = np.arange(edges) * 2 * np.pi / edges
+    along = np.tensordot(np.array([np.cos(angles), np.sin(angles)]).T, parts[1], 1)
+    return *sizes, (parts[0] * parts[1]).sum(axis=0), along.max(axis=0)  # pyright: ignore
 
 
 def acting(normal: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

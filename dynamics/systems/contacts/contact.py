@@ -105,18 +105,19 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Rubbing:
-    """nc contacts that rub: ``gap`` (nc, 1) [m], rows ``J_n`` and ``J_t`` (nc, nq) along normal and
-    tangent, Coulomb's ``friction`` f (nc, 1), and ``slid`` (nc, 1) [m] the way slid in a step.
+    """nc contacts that rub: ``gap`` (nc, 1) [m], rows ``J_n`` (nc, nq) along the normal.
 
+    ``J_t`` are rows (nc, nq) along every direction of the friction cone, one in the plane, and
+    ``slid`` (nc, 1) [m] the ways slid along them in a step; ``friction`` is Coulomb's f (nc, 1).
     ``lam`` are the impulses along the first row's directions and those of the form's own rows.
     """
 
     contacts: tuple[Signal, ...]
     gap: ca.SX
     J_n: ca.SX
-    J_t: ca.SX
+    J_t: list[ca.SX]
     friction: ca.SX
-    slid: ca.SX
+    slid: list[ca.SX]
     lam: list[ca.SX]
 
     @property
@@ -133,6 +134,12 @@ class Rubbing:
         """Largest impulse along the tangent, f gamma (nc, 1) [N s]."""
         return ca.if_else(self.friction == 0, 1, self.friction) * self.lam[0]
 
+    @property
+    def directions(self) -> list[tuple[str, ca.SX, ca.SX]]:
+        """Number, none in the plane, rows and way slid of every direction."""
+        numbers = [""] if len(self.J_t) == 1 else [str(k) for k in range(1, len(self.J_t) + 1)]
+        return list(zip(numbers, self.J_t, self.slid, strict=True))
+
     def named(self, what: str, unit: str, description: str) -> list[Signal]:
         """``<contact><what>`` for every contact."""
         return [Signal(f"{c.name}{what}", unit, description) for c in self.contacts]
@@ -141,65 +148,75 @@ class Rubbing:
 class ConeForm(NamedTuple):
     """A form of the cone: how many rows it adds to the normal one, and all of them.
 
-    ``pairs`` returns the rows, the normal one first, and the impulses along normal and tangent.
+    ``more`` maps the number of directions to those rows. ``pairs`` returns the rows, the normal
+    one first, and the impulses along the normal and along every direction.
     """
 
-    more: int
-    pairs: Callable[[Rubbing], tuple[list[Row], ca.SX, ca.SX]]
+    more: Callable[[int], int]
+    pairs: Callable[[Rubbing], tuple[list[Row], ca.SX, list[ca.SX]]]
 
 
-def _edge_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, ca.SX]:
+def _edge_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, list[ca.SX]]:
     """``lam± ⟂ gap ± f slid``, with the impulse ``sum (J_n ± f J_t)' lam±``.
 
     At the price that a sliding contact opens at the rate ``f |J_t v|`` (Anitescu, doi
     10.1007/s10107-005-0590-7).
     """
-    plus, minus = at.lam
-    J_t, slid = ca.diag(at.friction) @ at.J_t, at.friction * at.slid
-    rows = []
-    for sign, turned, way in (("+", J_t, slid), ("-", -J_t, -slid)):
-        named = [Signal(f"{c.name}{sign}", c.unit, c.description) for c in at.contacts]
-        rows.append(Row("normal", at.gap + way, at.J_n + turned, named))
-    return rows, plus + minus, at.friction * (plus - minus)
+    rows, along, total, lam = [], [], ca.SX(at.gap.numel(), 1), iter(at.lam)
+    for number, J_t, slid in at.directions:
+        J_t, way = ca.diag(at.friction) @ J_t, at.friction * slid
+        plus, minus = next(lam), next(lam)
+        for sign, turned, slides in (("+", J_t, way), ("-", -J_t, -way)):
+            named = [Signal(f"{c.name}{sign}{number}", c.unit, c.description) for c in at.contacts]
+            rows.append(Row("normal", at.gap + slides, at.J_n + turned, named))
+        total += plus + minus
+        along.append(at.friction * (plus - minus))
+    return rows, total, along
 
 
-EDGES = ConeForm(1, _edge_pairs)
+EDGES = ConeForm(lambda directions: 2 * directions - 1, _edge_pairs)
 
 
-def _linearised_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, ca.SX]:
-    """``gamma ⟂ gap``, ``beta± ⟂ psi ± slid`` and ``psi ⟂ f gamma - beta+ - beta-``."""
-    gamma, plus, minus, psi = at.lam
-    J_t, slid = ca.diag(at.rubs) @ at.J_t, at.rubs * at.slid
-    still = ca.SX(*J_t.shape)
-    rows = [
-        Row("normal", at.gap, at.J_n, list(at.contacts)),
-        Row("friction", psi + slid, J_t, at.named(" friction+", "N s", "friction impulse")),
-        Row("friction", psi - slid, -J_t, at.named(" friction-", "N s", "friction impulse")),
-        Row("slip", at.bound - plus - minus, still, at.named(" slip", "m", "way slid in a step")),
-    ]
-    return rows, gamma, at.rubs * (plus - minus)
+def _linearised_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, list[ca.SX]]:
+    """``gamma ⟂ gap``, ``beta± ⟂ psi ± slid`` and ``psi ⟂ f gamma - sum of all beta``."""
+    gamma, *sides, psi = at.lam
+    rows, along = [Row("normal", at.gap, at.J_n, list(at.contacts))], []
+    for k, (number, J_t, slid) in enumerate(at.directions):
+        J_t, way = ca.diag(at.rubs) @ J_t, at.rubs * slid
+        for sign, turned, slides in (("+", J_t, way), ("-", -J_t, -way)):
+            named = at.named(f" friction{number}{sign}", "N s", "friction impulse")
+            rows.append(Row("friction", psi + slides, turned, named))
+        along.append(at.rubs * (sides[2 * k] - sides[2 * k + 1]))
+    left = at.bound
+    for beta in sides:
+        left = left - beta
+    still, named = ca.SX(*at.J_n.shape), at.named(" slip", "m", "way slid in a step")
+    rows.append(Row("slip", left, still, named))
+    return rows, gamma, along
 
 
-LINEARISED = ConeForm(3, _linearised_pairs)
+LINEARISED = ConeForm(lambda directions: 2 * directions + 1, _linearised_pairs)
 
 
-def _second_order_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, ca.SX]:
+def _second_order_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, list[ca.SX]]:
     """``gamma ⟂ gap``, ``upper ⟂ dual + 2 slid`` and ``dual ⟂ 2 f gamma - upper``.
 
     The lower eigenvalue stands as the gap of the dual's, so that no equation but the pairs is
     needed.
     """
+    if len(at.J_t) > 1:
+        raise ValueError("the second-order cone is written for one tangent; take cone='linearised'")
     gamma, upper, dual = at.lam
-    J_t, slid = ca.diag(at.rubs) @ at.J_t, at.rubs * at.slid
+    J_t, slid = ca.diag(at.rubs) @ at.J_t[0], at.rubs * at.slid[0]
     still = ca.SX(*J_t.shape)
     above = at.named(" cone", "N s", "friction impulse above its least")
     back = at.named(" slip", "m", "twice the way slid back")
     rows = [
-        Row("normal", at.gap, at.J_n - ca.diag(at.friction) @ at.J_t, list(at.contacts)),
+        Row("normal", at.gap, at.J_n - ca.diag(at.friction) @ at.J_t[0], list(at.contacts)),
         Row("friction", dual + 2 * slid, J_t, above),
         Row("slip", 2 * at.bound - upper, still, back),
     ]
-    return rows, gamma, at.rubs * (upper - at.bound)
+    return rows, gamma, [at.rubs * (upper - at.bound)]
 
 
-SECOND_ORDER = ConeForm(2, _second_order_pairs)
+SECOND_ORDER = ConeForm(lambda directions: 2, _second_order_pairs)

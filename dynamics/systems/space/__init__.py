@@ -1,8 +1,10 @@
 """Machines in space: bodies, joints, shapes, and their equations of motion."""
 
 from dynamics.systems.space.body import Body
+from dynamics.systems.space.contact import SpatialContact
 from dynamics.systems.space.machine import SpatialMachine, SpatialPart
 from dynamics.systems.space.shapes import Box, Capsule, Cylinder, Hull, Plane, Shape, Sphere
+from dynamics.systems.space.tree import Tree
 
 __all__ = [
     "Body",
@@ -12,7 +14,9 @@ __all__ = [
     "Hull",
     "Plane",
     "Shape",
+    "SpatialContact",
     "SpatialMachine",
     "SpatialPart",
     "Sphere",
+    "Tree",
 ]

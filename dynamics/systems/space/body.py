@@ -7,7 +7,8 @@ from typing import Literal, get_args
 
 import casadi as ca
 
-from dynamics.systems.checks import not_negative, number, point, positive, text
+from dynamics.systems.checks import not_negative, number, point, text
+from dynamics.systems.parameters import Signal
 
 Number = float | ca.SX
 Vector = tuple[Number, Number, Number]
@@ -79,6 +80,29 @@ class Body:
             unit(f"{owner} {what}", getattr(self, what))
         self._check_joint(owner)
 
+    @property
+    def positions(self) -> list[Signal]:
+        """Names and units of its entries of q."""
+        name = self.name
+        if self.joint in ("hinge", "slide"):
+            unit, what = ("rad", "angle") if self.joint == "hinge" else ("m", "travel")
+            return [Signal(name, unit, f"{what} of {name} in its joint")]
+        places = [Signal(f"{name}_{a}", "m", f"position of {name} along {a}") for a in "xyz"]
+        turned = [Signal(f"{name}_q{a}", "1", f"quaternion of {name}") for a in "wxyz"]
+        return {"free": places + turned, "ball": turned, "fixed": []}[self.joint]
+
+    @property
+    def velocities(self) -> list[Signal]:
+        """Names and units of its entries of v."""
+        name = self.name
+        if self.joint in ("hinge", "slide"):
+            unit = "rad/s" if self.joint == "hinge" else "m/s"
+            return [Signal(f"v_{name}", unit, f"velocity of {name}")]
+        linear = [Signal(f"v_{name}_{a}", "m/s", f"velocity of {name} along {a}") for a in "xyz"]
+        spin = [Signal(f"w_{name}_{a}", "rad/s", f"angular velocity of {name} about its {a}")
+                for a in "xyz"]  # fmt: skip
+        return {"free": linear + spin, "ball": spin, "fixed": []}[self.joint]
+
     def _check_inertia(self, owner: str) -> None:
         found = [number(f"{owner} inertia[{i}]", value) for i, value in enumerate(self.inertia[:3])]
         known = [value for value in found if value is not None]
@@ -99,7 +123,9 @@ class Body:
                 )
         single = self.joint in ("hinge", "slide")
         wrong = [what for what in ("gear", "servo", "limits") if getattr(self, what) is not None]
-        wrong += [what for what in ("spring", "armature") if not ca.SX(getattr(self, what)).is_zero()]
+        wrong += [
+            what for what in ("spring", "armature") if not ca.SX(getattr(self, what)).is_zero()
+        ]
         if wrong and not single:
             raise ValueError(
                 f"{owner} a {self.joint} joint has no {wrong[0]}; leave it out, or take a hinge or"

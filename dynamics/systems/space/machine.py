@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
-from dynamics.systems.space.body import Body, Vector
+import casadi as ca
+
+from dynamics.systems.checks import items, text
+from dynamics.systems.contact_rows import Cone
+from dynamics.systems.parameters import ParameterTable
+from dynamics.systems.planar import root_first
+from dynamics.systems.space.body import Body, Vector, vector
+from dynamics.systems.space.contact import Place, SpatialContact, between
 from dynamics.systems.space.shapes import Shape
+from dynamics.systems.space.stepping import Touch, spatial_step
+from dynamics.systems.space.tree import Tree
+from dynamics.systems.system import ContactSystem
 
 WORLD = "world"
+_FIXED = Place(ca.SX.eye(3), ca.SX(3, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,6 +31,14 @@ class SpatialPart:
     body: str
     shape: Shape
 
+    def __post_init__(self) -> None:
+        text("the name of a part", self.name)
+        if not isinstance(self.shape, Shape):
+            raise ValueError(
+                f"part {self.name!r}: shape must be a Sphere, Capsule, Cylinder, Box, Hull or Plane"
+                f" of dynamics.systems.space, got {self.shape!r}"
+            )
+
 
 @dataclass(frozen=True, eq=False)
 class SpatialMachine:
@@ -26,9 +47,113 @@ class SpatialMachine:
     ``meetings`` are pairs of names of parts, on two bodies each, that may touch; one of them may be
     on the :data:`WORLD`. Their contacts are called ``<one> on <other>``, with a number behind where
     a pair has several points. ``gravity`` is an acceleration [m/s²].
+
+    Raises ``ValueError`` for bodies that are no tree, and for names that are unknown or used twice.
     """
 
     bodies: tuple[Body, ...]
     parts: tuple[SpatialPart, ...] = ()
     meetings: tuple[tuple[str, str], ...] = ()
     gravity: Vector = field(default=(0.0, 0.0, -9.81), kw_only=True)
+
+    def __post_init__(self) -> None:
+        items("bodies", Body, self.bodies)
+        items("parts", SpatialPart, self.parts)
+        vector("gravity", self.gravity, (3,))
+        bodies = [body.name for body in root_first(self.bodies)]
+        if WORLD in bodies:
+            raise ValueError(f"a body is named {WORLD!r}, which never moves; give it another name")
+        for part in self.parts:
+            if part.body not in (*bodies, WORLD):
+                raise ValueError(
+                    f"{part.name!r} is on body {part.body!r}, which does not exist; choose from"
+                    f" {', '.join(bodies)}"
+                )
+        known = {part.name: part.body for part in self.parts}
+        if len(known) < len(self.parts):
+            names = [part.name for part in self.parts]
+            twice = next(name for name in names if names.count(name) > 1)
+            raise ValueError(f"two parts are named {twice!r}; give each part its own name")
+        for meeting in self.meetings:
+            for name in meeting:
+                if name not in known:
+                    raise ValueError(f"{name!r} is not a part; choose from {', '.join(known)}")
+            if len({known[name] for name in meeting}) == 1:
+                raise ValueError(f"{' and '.join(meeting)} are on the same body and never meet")
+
+    @cached_property
+    def _tree(self) -> Tree:
+        return Tree(self.bodies, self.gravity)
+
+    def tree(self) -> Tree:
+        """The equations of motion."""
+        return self._tree
+
+    def touches(self, tree: Tree, q: ca.SX) -> dict[str, tuple[SpatialContact, str, str]]:
+        """Contacts at the pose ``q`` (nq, 1), each with the bodies of its A and of its B."""
+        parts, found = {part.name: part for part in self.parts}, {}
+
+        def place(body: str) -> Place:
+            return _FIXED if body == WORLD else Place(*tree.pose(q, body))
+
+        for one, other in self.meetings:
+            a, b = parts[one], parts[other]
+            if a.body == WORLD:
+                a, b = b, a
+            near = between(a.shape, place(a.body), b.shape, place(b.body))
+            for k, contact in enumerate(near, 1):
+                number = f" {k}" if len(near) > 1 else ""
+                found[f"{one} on {other}{number}"] = contact, a.body, b.body
+        return found
+
+    def contacts(self, tree: Tree, q: ca.SX) -> dict[str, SpatialContact]:
+        """Contacts at the pose ``q`` (nq, 1) by name."""
+        return {name: contact for name, (contact, *_) in self.touches(tree, q).items()}
+
+    def system(
+        self,
+        name: str,
+        parameters: ParameterTable,
+        *,
+        h: ca.SX | float,
+        friction: ca.SX | float | None,
+        edges: int = 4,
+        scale: float = 1.0,
+        cone: Cone = "linearised",
+        linearised: bool = False,
+        inertial: bool = True,
+    ) -> ContactSystem:
+        """One step of the machine with friction and joint limits, as :func:`spatial_step` has it.
+
+        ``friction`` is Coulomb's coefficient, of all contacts or of each, None without friction;
+        one unit of input is ``scale`` times the gear [N m, N], or the position of a servo.
+        """
+        tree = self.tree()
+
+        def touch(q: ca.SX) -> list[Touch]:
+            def moves(body: str) -> list:
+                return [] if body == WORLD else tree.motions(q, body)
+
+            return [
+                Touch(label, contact, moves(one), moves(other), other == WORLD)
+                for label, (contact, one, other) in self.touches(tree, q).items()
+            ]
+
+        made: Callable[[ca.SX], list[Touch]] = _once(touch)
+        return spatial_step(
+            name, tree, made, parameters, h=h, friction=friction, edges=edges, scale=scale,
+            cone=cone, linearised=linearised, inertial=inertial,
+        )  # fmt: skip
+
+
+def _once(make: Callable[[ca.SX], list[Touch]]) -> Callable[[ca.SX], list[Touch]]:
+    """``make``, whose results are kept for every q: distances and rows share their graphs."""
+    kept: dict[tuple[int, ...], tuple[ca.SX, list[Touch]]] = {}
+
+    def made(q: ca.SX) -> list[Touch]:
+        key = tuple(q[i].element_hash() for i in range(q.numel()))
+        if key not in kept:
+            kept[key] = q, make(q)
+        return kept[key][1]
+
+    return made

@@ -13,8 +13,6 @@ from dynamics.systems.planar import root_first
 from dynamics.systems.space import rotation
 from dynamics.systems.space.body import POSITIONS, VELOCITIES, Body, Number, Vector
 
-_AXES = "xyz"
-
 
 @dataclass(frozen=True, eq=False)
 class _Joint:
@@ -60,12 +58,12 @@ class Tree:
     @property
     def coordinates(self) -> tuple[Signal, ...]:
         """Names and units of q."""
-        return tuple(one for body in self.bodies.values() for one in _positions(body))
+        return tuple(one for body in self.bodies.values() for one in body.positions)
 
     @property
     def velocities(self) -> tuple[Signal, ...]:
         """Names and units of v."""
-        return tuple(one for body in self.bodies.values() for one in _velocities(body))
+        return tuple(one for body in self.bodies.values() for one in body.velocities)
 
     @property
     def actuated(self) -> tuple[str, ...]:
@@ -100,8 +98,12 @@ class Tree:
 
     def each(self, value: Callable[[Body], Number | None]) -> ca.SX:
         """One number of every body for all of its velocities (nv, 1), zero where it is None."""
-        found = (value(body) for body in self.bodies.values() for _ in range(VELOCITIES[body.joint]))
-        return ca.sparsify(ca.vertcat(ca.SX(0, 1), *(ca.SX(0 if one is None else one) for one in found)))
+        found = (
+            value(body) for body in self.bodies.values() for _ in range(VELOCITIES[body.joint])
+        )
+        return ca.sparsify(
+            ca.vertcat(ca.SX(0, 1), *(ca.SX(0 if one is None else one) for one in found))
+        )
 
     def position_of(self, q: ca.SX) -> ca.SX:
         """Where hinges and slides stand, in the order of v (nv, 1), zero for other joints."""
@@ -112,7 +114,7 @@ class Tree:
         return at
 
     def advance(self, q: ca.SX, way: ca.SX) -> ca.SX:
-        """``q (+) way`` (nq, 1), way (nv, 1) along v: quaternions turn exactly, the rest is added."""
+        """``q (+) way`` (nq, 1), way (nv, 1) along v: quaternions turn exactly, the rest adds."""
         parts = []
         for name, body in self.bodies.items():
             at, along = q[self.q_of[name]], way[self.v_of[name]]
@@ -310,7 +312,9 @@ class Tree:
                 moving = moving + own_a[:3]
                 own_v, own_w, own_a = own_v[3:], own_w[3:], own_a[3:]
             else:
-                moving = moving + ca.cross(alpha, joint.r) + ca.cross(along, ca.cross(omega, joint.r))
+                moving = (
+                    moving + ca.cross(alpha, joint.r) + ca.cross(along, ca.cross(omega, joint.r))
+                )
             inward = joint.R.T
             omega, along, alpha, moving = (inward @ one for one in (omega, along, alpha, moving))
             slid_v, slid_w = joint.moves @ own_v, joint.moves @ own_w
@@ -325,7 +329,7 @@ class Tree:
 
 def _kept(store: dict, q: ca.SX, make: Callable[[], dict]) -> dict:
     """What was made for q before: mass, forces and contacts share their sines and cosines."""
-    # The q beside it keeps its elements alive, without which a hash could be given out again.
+    # The q beside it keeps its elements alive: a hash of others could be given out again.
     key = tuple(q[i].element_hash() for i in range(q.numel()))
     if key not in store:
         store[key] = q, make()
@@ -346,24 +350,3 @@ def _spread(a: ca.SX, b: ca.SX) -> ca.SX:
 def _symmetric(A: ca.SX) -> ca.SX:
     """A symmetric matrix by its upper triangle alone, so that the lower one costs nothing."""
     return ca.triu2symm(ca.triu(A))
-
-
-def _positions(body: Body) -> list[Signal]:
-    name = body.name
-    if body.joint in ("hinge", "slide"):
-        unit, what = ("rad", "angle") if body.joint == "hinge" else ("m", "travel")
-        return [Signal(name, unit, f"{what} of {name} in its joint")]
-    places = [Signal(f"{name}_{a}", "m", f"position of {name} along {a}") for a in _AXES]
-    turned = [Signal(f"{name}_q{a}", "1", f"quaternion of {name}") for a in ("w", *_AXES)]
-    return {"free": places + turned, "ball": turned, "fixed": []}[body.joint]
-
-
-def _velocities(body: Body) -> list[Signal]:
-    name = body.name
-    if body.joint in ("hinge", "slide"):
-        unit = "rad/s" if body.joint == "hinge" else "m/s"
-        return [Signal(f"v_{name}", unit, f"velocity of {name}")]
-    linear = [Signal(f"v_{name}_{a}", "m/s", f"velocity of {name} along {a}") for a in _AXES]
-    spin = [Signal(f"w_{name}_{a}", "rad/s", f"angular velocity of {name} about its {a}")
-            for a in _AXES]  # fmt: skip
-    return {"free": linear + spin, "ball": spin, "fixed": []}[body.joint]

@@ -1,0 +1,175 @@
+"""The step of a machine in space: time stepping on the tangent space of its positions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+
+from dynamics.systems.checks import positive
+from dynamics.systems.contact_rows import Cone, ContactRows, Space, Touching, contact_rows
+from dynamics.systems.pairs import EnergyBook
+from dynamics.systems.parameters import ParameterTable, Signal
+from dynamics.systems.space.contact import Motions, SpatialContact
+from dynamics.systems.space.tree import Tree
+from dynamics.systems.system import ContactSystem
+
+_EDGES = (4, 8)
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """A contact at a pose: its name, what moves A and B, and whether B is the world."""
+
+    name: str
+    contact: SpatialContact
+    one: Motions
+    other: Motions
+    outside: bool
+
+
+def spatial_step(
+    name: str,
+    tree: Tree,
+    touches: Callable[[ca.SX], list[Touch]],
+    parameters: ParameterTable,
+    *,
+    h: ca.SX | float,
+    friction: ca.SX | float | None,
+    edges: int,
+    scale: float,
+    cone: Cone,
+    linearised: bool,
+    inertial: bool,
+) -> ContactSystem:
+    """Implicit time stepping in space, plastic impacts, Coulomb friction with two tangents.
+
+    ``M(q) (v+ - v) = h (B u - C(q, v) v+ - g(q) - D v+ - K (p + h v+ - r)) + J_n' gamma
+    + J_t' beta + J_l' nu`` and ``q+ = q (+) h v+``, where quaternions turn exactly and stay of unit
+    length, p are the positions of hinges and slides and r those where springs rest, or what servos
+    are told. Velocity forces are linear in v+ and turn energy over without making any where M does
+    not change. The pairs are those of :func:`~dynamics.systems.timestepping.time_stepping`, but
+    that the friction cone is a pyramid inscribed in Coulomb's, with 4 or 8 ``edges``:
+
+    ``0 <= beta_k ⟂ psi + h d_k' J_t v+ >= 0``  and  ``0 <= psi ⟂ f gamma - sum beta_k >= 0``.
+
+    State (q, v), contacts are impulses [N s]. Without ``inertial`` the step forgets v, quasi-
+    dynamic: ``M v+`` stands in place of ``M (v+ - v)``, and servos have no inertia. Stewart and
+    Trinkle, as there; Anitescu and Potra, doi 10.1023/A:1008292328909.
+
+    Raises ``ValueError`` for an unknown cone or number of edges, and for h that is not positive.
+    """
+    positive(f"system {name!r}: h", h)
+    if edges not in _EDGES:
+        raise ValueError(f"system {name!r}: edges must be 4 or 8, got {edges}")
+    nq, nv, motors = tree.nq, tree.nv, tree.actuated
+    x, x_next = ca.SX.sym("x", nq + nv), ca.SX.sym("x_next", nq + nv)
+    q, v, q_next, v_next = x[:nq], x[nq:], x_next[:nq], x_next[nq:]
+    u = ca.SX.sym("u", len(motors))
+    names = [touch.name for touch in touches(q)]
+    contacts = tuple(Signal(one, "N s", "normal impulse") for one in names)
+    limits = tree.limits
+    way = ca.SX.sym("way", nv)
+    stretched = ca.jacobian(tree.advance(q, way), way)
+    tangent = ca.Function("tangent", [q], [ca.substitute(stretched, way, ca.SX.zeros(nv))])
+    rows_of = _rows(touches, nv)
+    space = Space(nv, lambda at: rows_of(at)[0], lambda at: ca.SX(tangent(at)), edges)
+
+    def left(at: ca.SX) -> ca.SX:
+        low = [at[i] - lowest for _, i, _, lowest, _ in limits]
+        return ca.vertcat(*low, *(highest - at[i] for _, i, _, _, highest in limits))
+
+    M, forced = tree.mass(q), _smooth(tree, q, v, v_next, u, h, scale)
+    if inertial:
+        moved = M @ (v_next - v)
+    else:
+        bodies = [i for i, k in enumerate(_servos(tree)) if not k]
+        moved = ca.SX(nv, 1)
+        M = M[bodies, bodies]
+        moved[bodies] = M @ v_next[bodies]
+
+    def built(touching: Touching) -> ContactSystem:
+        rows = contact_rows(name, touching, q, q_next, lambda J: h * (J @ v_next), h)
+        return ContactSystem(
+            name=name, x=x, u=u, x_next=x_next, lam=rows.lam,
+            residual=ca.vertcat(
+                q_next - tree.advance(q, h * v_next), moved - h * forced - rows.push
+            ),
+            gap=rows.gap, states=(*tree.coordinates, *tree.velocities),
+            inputs=tuple(_input(tree, motor) for motor in motors), contacts=rows.signals, h=h,
+            parameters=parameters, phi=rows.phi, mu_per_kappa=h, pairs=rows.pairs,
+            forces=rows.forces, sharp=touching.sharp(rows.curved, built), refinable=inertial,
+            book=_book(tree, touches, rows, x, u, x_next, forced, h) if inertial else None,
+            mass=M, turning=tuple(tree.turning),
+        )  # fmt: skip
+
+    ends = tuple(f"{body} {end}" for end in ("low", "high") for body, *_ in limits)
+    return built(Touching(
+        contacts, lambda at: ca.vertcat(ca.SX(0, 1), *(t.contact.phi for t in touches(at))),
+        lambda at: rows_of(at)[1], friction, cone, linearised, left if limits else None, ends,
+        space,
+    ))  # fmt: skip
+
+
+def _rows(
+    touches: Callable[[ca.SX], list[Touch]], nv: int
+) -> Callable[[ca.SX], tuple[ca.SX, ca.SX]]:
+    """Rows along normals (nc, nv), and along first and second tangents (2 nc, nv), at a pose."""
+
+    def rows(q: ca.SX) -> tuple[ca.SX, ca.SX]:
+        found = [touch.contact.rows(touch.one, touch.other, nv) for touch in touches(q)]
+        normal, *along = (ca.vertcat(ca.SX(0, nv), *(row[k] for row in found)) for k in range(3))
+        return ca.sparsify(normal), ca.sparsify(ca.vertcat(*along))
+
+    return rows
+
+
+def _smooth(
+    tree: Tree, q: ca.SX, v: ca.SX, v_next: ca.SX, u: ca.SX, h: ca.SX | float, scale: float
+) -> ca.SX:
+    """All forces but contact (nv, 1), linear in v_next."""
+    motor, servo = tree.each(lambda b: b.gear), tree.each(lambda b: b.servo)
+    asked = ca.SX(tree.nv, 1)
+    for k, name in enumerate(tree.actuated):
+        asked[tree.v_of[name]] = u[k]
+    stands = tree.position_of(q) + h * v_next
+    springs = tree.each(lambda b: b.spring) * (tree.each(lambda b: b.rest) - stands)
+    return (
+        scale * motor * asked + servo * (asked - stands) + springs
+        - tree.each(lambda b: b.damping) * v_next - tree.weight(q) - tree.coriolis(q, v, v_next)
+    )  # fmt: skip
+
+
+def _servos(tree: Tree) -> list[bool]:
+    """Whether each entry of v is that of a servo."""
+    driven = tree.each(lambda body: None if body.servo is None else 1)
+    return [not entry.is_zero() for entry in ca.vertsplit(driven)]
+
+
+def _input(tree: Tree, motor: str) -> Signal:
+    body = tree.bodies[motor]
+    if body.servo is None:
+        return Signal(f"u_{motor}", "1", "motor")
+    return Signal(f"u_{motor}", "rad" if body.joint == "hinge" else "m", "position of the servo")
+
+
+def _book(
+    tree: Tree, touches: Callable[[ca.SX], list[Touch]], rows: ContactRows, x: ca.SX, u: ca.SX,
+    x_next: ca.SX, forced: ca.SX, h: ca.SX | float,
+) -> EnergyBook:  # fmt: skip
+    q, v, v_next = x[: tree.nq], x[tree.nq :], x_next[tree.nq :]
+    normal = rows.lam[: len(touches(q))] if rows.forces is None else rows.forces.normal
+    along = ca.SX(2 * normal.numel(), 1) if rows.forces is None else rows.forces.tangential
+    external = h * tree.total_mass * tree.gravity
+    for i, touch in enumerate(touches(q)):
+        if touch.outside:
+            external = external + normal[i] * touch.contact.normal
+            for k, tangent in enumerate(touch.contact.tangents):
+                external = external + along[k * normal.numel() + i] * tangent
+    springs = tree.each(lambda b: b.spring) * (
+        tree.each(lambda b: b.rest) - tree.position_of(q) - h * v_next
+    )
+    velocity = tree.weight(q) + tree.coriolis(q, v, v_next)
+    work = h * ca.dot(v_next, forced + velocity - springs)
+    return EnergyBook(tree.energy(q, v), work, tree.momentum(q, v), external)
