@@ -49,10 +49,10 @@ class ContactReport:
     friction normal [N s], what the tangential impulse may be at most; ``active``, ``slipping``,
     ``degenerate`` whether the contact is active (:func:`acting`), whether it slips then, and
     whether its complementarity is not strict. Largest over all contacts and steps:
-    ``cone_violation`` max(0, |tangential| - friction normal) [N s]; ``dissipation_residual`` friction normal |slip| + tangential slip [J],
-    zero where friction dissipates as much as it can; ``energy_gain`` [J] the largest rise of energy
-    in a step beyond the work done; ``dissipated`` [J] what contact took in all;
-    ``momentum_residual`` [N s].
+    ``cone_violation`` max(0, |tangential| - friction normal) [N s]; ``dissipation_residual``
+    friction normal |slip| + tangential slip [J], zero where friction dissipates as much as it can;
+    ``energy_gain`` [J] the largest rise of energy in a step beyond the work done; ``dissipated``
+    [J] what contact took in all; ``momentum_residual`` [N s].
     """
 
     names: tuple[str, ...]
