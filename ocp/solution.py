@@ -34,6 +34,7 @@ from ocp.programs.solver import Status
 from ocp.rollout import Gains, Rollout, roll_out
 from ocp.stationarity.certificate import Certificate
 from ocp.validation import expand_path
+from ocp.worlds.replay import InWorld, in_world
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -251,6 +252,15 @@ class Solution:
         settings = {**(contact_settings or {}), **parameters}
         made = closing_law(law, settings, self.problem.system)
         return replayed(self.problem, self.data, self.cost, self.gains, self.values, made)
+
+    def in_world(self, name: str = "mujoco") -> InWorld:
+        """The plan's inputs, or its policy, in another world: cost, and how far it hangs on it.
+
+        Raises :class:`~ocp.errors.InputError` as :func:`ocp.worlds.replay.in_world` does.
+        """
+        inputs = self.data["u"].values if self.gains is None else self.gains
+        start = self.data["x"].values[:, 0]
+        return in_world(name, self.problem, inputs, self.values, start, self.cost)
 
     def plot(self) -> Figure:
         """Draw what ``ocp solve --plot`` writes: strobe above states, inputs and forces."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 
@@ -11,6 +11,7 @@ from dynamics.systems.chain import Chain
 from dynamics.systems.checks import items, number, point, positive, text
 from dynamics.systems.contact_rows import Cone
 from dynamics.systems.contacts import Contact, Disc, HalfPlane, Pose, Shape
+from dynamics.systems.mechanism import Mechanism
 from dynamics.systems.pairs import EnergyBook
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.planar import Link, Number, Vector, root_first
@@ -195,7 +196,7 @@ class Machine:
             low = [q[i] - lowest for i, lowest, _ in limits]
             return ca.vertcat(*low, *(highest - q[i] for i, _, highest in limits))
 
-        return time_stepping(
+        made = time_stepping(
             name,
             states=(*chain.coordinates, *chain.velocities, *more),
             inputs=tuple(Signal(f"u_{joint}", "1", "motor") for joint in chain.actuated),
@@ -215,3 +216,5 @@ class Machine:
             linearised=linearised,
             book=book,
         )
+        touching = None if spheres is None else tuple(spheres)
+        return replace(made, machine=Mechanism(self, scale, touching))

@@ -107,6 +107,8 @@ def findings(found: Solution) -> list[str]:
             "The solver did not converge from the stored run; this is a cold solve with that run's"
             " trajectories as the guess."
         )
+    if told := found.record.get("world"):
+        lines.append(told["sentence"])
     solver = found.record.get("solver", "ipopt")
     if not found.success and solver != "ipopt":
         lines.append(f"The solver was {solver}; the default, ipopt, solves more: --solver ipopt.")

@@ -11,12 +11,14 @@ from dynamics.batch import StepFunction
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.judges.referee import REFINEMENT, step_place
 from ocp.problem import Problem
+from ocp.worlds.mujoco_world import MujocoWorld
 
 PLANTS = {
     "exact": "the exact law at the model's step size",
     "referee": "the sharpest contact that the system has",
     "h/4": "the sharpest contact at a quarter of the step size, the input held",
     "noise": "the exact law, with noise of 1 % of the characteristic sizes where none is given",
+    "mujoco": "MuJoCo with its soft contact, at steps of a millisecond, the input held",
 }
 
 
@@ -40,8 +42,8 @@ class Disturbance:
 class Plant:
     """One step of the world from sample to sample, at parameters of its own.
 
-    Raises :class:`~ocp.errors.InputError` for an unknown plant or parameter, and for ``h/4`` where
-    the step size only counts steps.
+    Raises :class:`~ocp.errors.InputError` for an unknown plant or parameter, for ``h/4`` where
+    the step size only counts steps, and as :class:`~ocp.worlds.mujoco_world.MujocoWorld` does.
     """
 
     def __init__(self, problem: Problem, name: str, mismatch: Mapping[str, float]) -> None:
@@ -50,6 +52,7 @@ class Plant:
         check_mismatch(problem, mismatch)
         self.problem, self.substeps = problem, 1
         values = dict(zip(known, problem.parameters.values, strict=True)) | dict(mismatch)
+        self._world = MujocoWorld(problem, values) if name == "mujoco" else None
         step = problem.referee_step if name in ("referee", "h/4") else problem.exact_step
         if name == "h/4":
             why, h, _ = step_place(problem.system)
@@ -65,6 +68,8 @@ class Plant:
     def ahead(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The state after a sample, and the sum of the model's impulses, NaN under others."""
         total = np.zeros(self.problem.system.nlam)
+        if self._world is not None:
+            return self._world.ahead(x, u), total * np.nan
         for _ in range(self.substeps):
             found = self._step(x[None], u[None], self._p)
             after, lam = found.x_next[0], found.lam[0, self.lam]

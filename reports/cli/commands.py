@@ -121,17 +121,21 @@ class SolveOptions(StartsOptions):
         help="Search over pushes from nothing; by default for a scene whose answer falls short.",
     )  # fmt: skip
     refine: bool = option(False, help="Solve again at h/2, h/4, ... until the cost converges.")
+    world: str | None = option(None, help="Try the plan in another simulator too: mujoco.")
     plot: Path | None = option(
         None, metavar="FILE", help="Draw the solution to a .pdf, .svg or .png file."
     )
 
 
 class ReplayOptions(RunOptions, LawOptions, SourceOptions):
-    """Simulate the inputs, or the feedback policy, of a stored run under a contact law."""
+    """Simulate the inputs, or the feedback policy, of a stored run under a law or in MuJoCo."""
 
     code: ClassVar = "reports.cli.solve_command:replay"
-    examples: ClassVar = ("replay @last", "replay @last --contact barrier -c mu=1e-2")
+    examples: ClassVar = (
+        "replay @last", "replay @last --contact barrier -c mu=1e-2", "replay @last --world mujoco",
+    )  # fmt: skip
     contact: str = option("exact", help="Contact law; list with ocp laws.")
+    world: str | None = option(None, help="Another simulator in place of a law: mujoco.")
 
 
 class ContinueOptions(SolverOptions):

@@ -30,7 +30,7 @@ class MpcOptions(LawOptions, TagOptions):
         help="Contact law of the plans; own: exact, for phase relaxed barrier with mu=1e-2.",
     )  # fmt: skip
     phase: str = option("qpcc", help="qpcc, qp, relaxed, full or policy.")
-    plant: str = option("exact", help="exact, referee, h/4 or noise.")
+    plant: str = option("exact", help="exact, referee, h/4, noise or mujoco.")
     steps: int | None = option(
         None, min=1, max=1_000_000, help="Samples; default: the larger of 100 and the horizon."
     )

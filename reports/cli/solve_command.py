@@ -20,6 +20,8 @@ from ocp.solution import Interrupted, Replay, Solution, StageRecord
 from ocp.solve import Rank, refine_from, solve_from, solve_session
 from ocp.store import atomic
 from ocp.store.stored_run import StoredRun
+from ocp.worlds import WORLDS
+from ocp.worlds.mujoco_world import MujocoWorld
 from problems.plugin import edited, problem_of
 from reports import console
 from reports.cli import interrupt
@@ -57,6 +59,9 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
         check_search(request.session)
     if options.refine:
         halved(request.session.problem, request.session.values, 1)
+    if options.world is not None:
+        choose("world", options.world, WORLDS)
+        MujocoWorld(request.session.problem, request.session.values)
     workers = min(options.jobs, options.starts)
     check_memory(f"{workers} solves in parallel", workers * request.session.memory)
     check_places(options.out, options.pdf)
@@ -90,6 +95,9 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
         session.memory * workers,
     )  # fmt: skip
     solution = _solved(options, request, start)
+    if options.world is not None:
+        found = solution.in_world(options.world)
+        solution.record["world"] = {**found.document, "sentence": found.sentence}
     stored = store.save(solution, options.out, options.argv, options.tags or ())
     show(output, solution)
     if solution.record["jit"] not in (None, "compiled"):
@@ -191,7 +199,7 @@ def document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
         "survives_at_h": solution.referee.survives_at_h,
         "refined_cost": solution.referee.refined_cost,
         "refined": record.get("refined"),
-        "search": record.get("search"),
+        **{key: record.get(key) for key in ("search", "world")},
         "referee": asdict(solution.referee),
         "grade": solution.grade,
         "stages": [asdict(stage) for stage in solution.stages],
@@ -203,20 +211,32 @@ def document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-ReplayRequest = tuple[StoredRun, Solution, ContactLaw]
+ReplayRequest = tuple[StoredRun, Solution, ContactLaw | str]
 
 
 def check_replay(options: ReplayOptions) -> ReplayRequest:
-    """Read the run's plan, and make the law."""
+    """Read the run's plan, and make the law; or name the world."""
+    if options.world is not None and options.given & {"contact", "law_settings"}:
+        raise InputError("--world excludes a contact law; drop --contact and -c, or --world")
     found = options.stored(options.run)
     problem = problem_of(found, options.own([found]))[2]
+    solution = found.solution(problem)
+    if options.world is not None:
+        return found, solution, options.world
     law = closing_law(options.contact, assignments("-c", options.law_settings), problem.system)
-    return found, found.solution(problem), law
+    return found, solution, law
 
 
 def run_replay(options: ReplayOptions, request: ReplayRequest) -> int:
-    """Simulate the inputs, or the feedback policy, of a stored run under a contact law."""
+    """Simulate the inputs, or the feedback policy, of a stored run under a law, or in a world."""
     (stored, solution, law), output = request, options.output
+    if isinstance(law, str):
+        found = solution.in_world(law)
+        output.say(found.sentence)
+        output.document(
+            {"run": str(stored.path), "problem": stored.meta["problem"], **found.document}
+        )
+        return 0 if math.isfinite(found.cost) else NOT_CONVERGED
     rolled = solution.replay(law)
     output.say(
         f"planned cost {number(rolled.planned_cost, 8)};"

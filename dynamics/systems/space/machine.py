@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import casadi as ca
 
 from dynamics.systems.checks import items, text
 from dynamics.systems.contact_rows import Cone
+from dynamics.systems.mechanism import Mechanism
 from dynamics.systems.parameters import ParameterTable
 from dynamics.systems.planar import root_first
 from dynamics.systems.space.body import Body, Vector, vector
@@ -140,10 +141,11 @@ class SpatialMachine:
             ]
 
         made: Callable[[ca.SX], list[Touch]] = _once(touch)
-        return spatial_step(
+        step = spatial_step(
             name, tree, made, parameters, h=h, friction=friction, edges=edges, scale=scale,
             cone=cone, linearised=linearised, inertial=inertial,
         )  # fmt: skip
+        return replace(step, machine=Mechanism(self, scale))
 
 
 def _once(make: Callable[[ca.SX], list[Touch]]) -> Callable[[ca.SX], list[Touch]]:

@@ -1,0 +1,17 @@
+"""What a system was built from, for whoever simulates the same machine by other means."""
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """The ``machine`` that a system steps, in the plane or in space.
+
+    One unit of input is ``scale`` times a joint's gear; ``spheres`` may touch the ground, by
+    default all.
+    """
+
+    machine: Any
+    scale: float = 1.0
+    spheres: tuple[str, ...] | None = None

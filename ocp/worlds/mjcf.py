@@ -1,0 +1,159 @@
+"""Machines written as MJCF, the language of MuJoCo, with numbers in place of symbols."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from math import cos, sin
+from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+from dynamics.systems import Link, Machine, contacts, space
+from dynamics.systems.machine import WORLD
+from dynamics.systems.mechanism import Mechanism
+from dynamics.systems.planar import root_first
+from ocp.errors import InputError
+
+GROUND = "z = 0"
+_POINT = 1e-10
+"""Radius [m] of a point, for MuJoCo has no sphere of radius zero."""
+_Number = Callable[[Any], float]
+
+
+class Mjcf(NamedTuple):
+    """A machine's text, its joints in the order of our q, and the geoms of every contact."""
+
+    text: str
+    joints: list[str]
+    pairs: dict[str, tuple[str, str]]
+
+
+def mjcf(built: Mechanism, number: _Number, friction: Mapping[str, float]) -> Mjcf:
+    """Write a machine whose contacts rub by ``friction``, by name; others are frictionless.
+
+    ``number`` is what its entries are. Links of the plane turn about +y, as here; their discs are
+    spheres, their boxes are deep, and a ``free`` one has two slides and a hinge. Only what may
+    touch here is a pair there, and parts that meet nothing are left out.
+
+    Raises :class:`~ocp.errors.InputError` for a shape that MuJoCo has not.
+    """
+
+    def row(value: Any) -> str:
+        return " ".join(repr(number(v)) for v in (value if isinstance(value, tuple) else (value,)))
+
+    def write(above: Element, tag: str, /, **given: Any) -> Element:
+        """An element with words, numbers and rows of numbers, without what is None."""
+        words = {key: value if isinstance(value, str) else row(value)
+                 for key, value in given.items() if value is not None}  # fmt: skip
+        return SubElement(above, tag, words)
+
+    machine = built.machine
+    flat = isinstance(machine, Machine)
+    owners: tuple[Any, ...] = machine.links if flat else machine.bodies
+    gravity = _deep(machine.chain().gravity if flat else machine.gravity)
+    root = Element("mujoco")
+    write(root, "compiler", angle="radian", inertiafromgeom="false")
+    option = write(root, "option", gravity=gravity, cone="elliptic", integrator="implicitfast")
+    write(option, "flag", autoreset="disable")
+    asset, bodies = write(root, "asset"), {WORLD: write(root, "worldbody")}
+    contact, actuator = write(root, "contact"), write(root, "actuator")
+    joints: dict[str, list[str]] = {}
+    one: Any
+    for one in root_first(owners):
+        place, turn, moves = _planar(one, number) if flat else _spatial(one)
+        body = write(bodies[one.parent or WORLD], "body", name=one.name, pos=place, quat=turn)
+        bodies[one.name], joints[one.name] = body, [name for name, *_ in moves]
+        for name, kind, axis in moves:
+            given = {"range": one.limits, "damping": one.damping}
+            if kind in ("hinge", "slide"):
+                given |= {"axis": axis, "stiffness": one.spring, "armature": one.armature}
+                given["springref"] = getattr(one, "rest", None)
+            write(body, "joint", name=name, type=kind, **given)
+        if number(one.mass):
+            moments = (one.inertia,) * 3 if flat else one.inertia
+            kind = "diaginertia" if len(moments) == 3 else "fullinertia"
+            write(body, "inertial", mass=one.mass, pos=_deep(one.com), **{kind: moments})
+        if one.gear is not None:
+            gear = built.scale * one.gear
+            write(actuator, "motor", name=one.name, joint=one.name, gear=gear)
+        elif getattr(one, "servo", None) is not None:
+            write(actuator, "position", name=one.name, joint=one.name, kp=one.servo)
+    shapes, pairs = _shapes(built)
+    for part in dict.fromkeys(part for pair in pairs.values() for part in pair):
+        on, shape = shapes[part]
+        if isinstance(shape, space.Hull):
+            write(asset, "mesh", name=part, vertex=tuple(v for at in shape.points for v in at))
+        given = _geom(part, on, shape, number)
+        write(bodies[on], "geom", name=part, contype="0", conaffinity="0", mass="0", **given)
+    for label, (geom1, geom2) in pairs.items():
+        f = friction.get(label, friction.get(f"{label} 1", 0.0))
+        rubs = (f, f, 0.005, 1e-4, 1e-4) if f else None
+        write(contact, "pair", geom1=geom1, geom2=geom2, condim="3" if f else "1", friction=rubs)
+    order = [joint for one in owners for joint in joints[one.name]]
+    return Mjcf(tostring(root, encoding="unicode"), order, pairs)
+
+
+_Frame = tuple[Any, Any, Sequence[tuple[str, str, Any]]]
+"""Place and turn in the parent's frame, and joints: name, kind, and axis in the own frame."""
+
+
+def _spatial(body: space.Body) -> _Frame:
+    moves = [] if body.joint == "fixed" else [(body.name, body.joint, body.axis)]
+    return body.place, body.turn, moves
+
+
+def _planar(link: Link, number: _Number) -> _Frame:
+    a, name = number(link.offset), link.name
+
+    def along(x: Any, z: Any) -> tuple[Any, Any, Any]:
+        """A direction of the parent's frame in the link's."""
+        return x * cos(a) - z * sin(a), 0.0, x * sin(a) + z * cos(a)
+
+    hinge = "hinge", (0.0, 1.0, 0.0)
+    moves: list[tuple[str, str, Any]] = [(name, *hinge)]
+    if link.joint == "slide":
+        moves = [(name, "slide", along(*link.axis))]
+    elif link.joint == "free":
+        slides = [(f"{name}_x", "slide", along(1, 0)), (f"{name}_z", "slide", along(0, 1))]
+        moves = [*slides, (f"{name}_angle", *hinge)]
+    return _deep(link.anchor), (cos(a / 2), 0.0, sin(a / 2), 0.0), moves
+
+
+def _deep(point: Any) -> tuple[Any, ...]:
+    """A point of the plane, or in space, in space."""
+    flat = not isinstance(point, tuple) or len(point) == 2
+    return (point[0], 0.0, point[1]) if flat else point
+
+
+def _shapes(built: Mechanism) -> tuple[dict[str, tuple[str, Any]], dict[str, tuple[str, str]]]:
+    """Shapes by name, each with its body, and the pairs of every contact."""
+    machine = built.machine
+    pairs = {f"{one} on {other}": (one, other) for one, other in machine.meetings}
+    if not isinstance(machine, Machine):
+        return {part.name: (part.body, part.shape) for part in machine.parts}, pairs
+    found = {part.name: (part.link, part.shape) for part in (*machine.spheres, *machine.parts)}
+    down = [s.name for s in machine.spheres if built.spheres is None or s.name in built.spheres]
+    return {GROUND: (WORLD, space.Plane()), **found}, {n: (n, GROUND) for n in down} | pairs
+
+
+def _geom(part: str, on: str, shape: Any, number: _Number) -> dict[str, Any]:
+    """A shape of the plane or in space as attributes of a geom."""
+    match shape:
+        case space.Sphere() | contacts.Disc():
+            radius = max(number(shape.radius), _POINT)
+            return {"type": "sphere", "size": radius, "pos": _deep(shape.centre)}
+        case space.Capsule() | space.Cylinder() | contacts.Capsule():
+            ends = (*_deep(shape.start), *_deep(shape.end))
+            return {"type": type(shape).__name__.lower(), "size": shape.radius, "fromto": ends}
+        case space.Box():
+            placed = {"pos": shape.centre, "quat": shape.turn}
+            return {"type": "box", "size": shape.half_size, **placed}
+        case contacts.Box() if shape.radius == 0:
+            x, z = shape.half_size[0], shape.half_size[1]
+            return {"type": "box", "size": (x, x + z, z)}
+        case space.Hull():
+            return {"type": "mesh", "mesh": part}
+        case space.Plane() | contacts.HalfPlane() if on == WORLD:
+            placed = {"pos": _deep(shape.origin), "zaxis": _deep(shape.normal)}
+            return {"type": "plane", "size": "0 0 1", **placed}
+    what = "rounded" if isinstance(shape, contacts.Box) else "moving"
+    raise InputError(f"part {part!r} is a {what} {type(shape).__name__}, which MuJoCo has not")
