@@ -3,6 +3,10 @@
 Lengths in metres, angles in radians. Every shape is a frozen value, so those of several instants
 that are equal (walls, goals) can be drawn once. ``role`` is ``"object"``, ``"actuator"``,
 ``"environment"`` or ``"goal"``.
+
+A picture of space (:mod:`problems.machines.perspective`) needs shapes that hide what comes before
+them in their list. These have a ``shade``: how dark, up to 1 for the full colour of the role; with
+the shade 0 one sees through. Shaded segments are lines on a floor.
 """
 
 from __future__ import annotations
@@ -17,6 +21,7 @@ from dynamics.systems import contacts
 from dynamics.systems.contacts import Point
 from ocp.validation import NotNegative, Number
 
+Shade = Annotated[float, Field(ge=0, le=1)]
 Role = Annotated[str, Field(pattern="^(object|actuator|environment|goal)$")]
 
 
@@ -28,6 +33,7 @@ class Disc:
     y: Number
     radius: NotNegative
     role: Role = "object"
+    shade: Shade = 0.0
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,11 @@ class Polygon:
     corners: tuple[tuple[float, float], ...]
     radius: NotNegative = 0.0
     role: Role = "object"
+    shade: Shade = 0.0
+
+    def __post_init__(self) -> None:
+        # Those of a stored run are lists, which have no hash.
+        object.__setattr__(self, "corners", tuple((x, y) for x, y in self.corners))
 
 
 @dataclass(frozen=True)
@@ -66,6 +77,7 @@ class Capsule:
     y2: Number
     radius: NotNegative
     role: Role = "object"
+    shade: Shade = 0.0
 
 
 @dataclass(frozen=True)
@@ -77,6 +89,7 @@ class Segment:
     x2: Number
     y2: Number
     role: Role = "object"
+    shade: Shade = 0.0
 
 
 @dataclass(frozen=True)
@@ -126,6 +139,9 @@ class ContactFrame:
     without friction pushes by ``lam * normal``.
 
     ``friction`` is Coulomb's coefficient; the force lies within atan(friction) of the normal.
+
+    A frame seen in space is not ``flat``: its normal is as long as it looks, and of its force the
+    normal part alone is drawn.
     """
 
     x: Number
@@ -133,6 +149,7 @@ class ContactFrame:
     nx: Number
     ny: Number
     friction: NotNegative = 0.0
+    flat: bool = True
 
     @property
     def tangent(self) -> tuple[float, float]:

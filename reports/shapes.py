@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import takewhile
+from typing import Any, TypeVar
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
@@ -20,6 +22,7 @@ from reports.style import BLUE, FAINT, GREEN, GREY, ORANGE, SKY
 
 _COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN,
            "plan": SKY}  # fmt: skip
+Rgba = tuple[float, float, float, float]
 _ARC = math.pi / 16
 _HALF_TURN = np.linspace(-math.pi / 2, math.pi / 2, 18)
 COILS, COIL = 6, 0.04
@@ -37,7 +40,8 @@ REACH = 4.0
 def bounds(shapes: Iterable[Shape]) -> np.ndarray:
     """Smallest box around shapes [m]: ((x_low, y_low), (x_high, y_high)), shape (2, 2).
 
-    Of a half plane only the point that it is given by counts; without shapes the box is inside out.
+    Of a half plane only the point that it is given by counts, and no line on a floor; without
+    shapes the box is inside out.
     """
     points = [point for shape in shapes for point in _corners(shape)]
     if not points:
@@ -58,6 +62,8 @@ def _corners(shape: Shape) -> list[tuple[float, float]]:
         case Capsule(x1, y1, x2, y2, r):
             low = min(x1, x2) - r, min(y1, y2) - r
             return [low, (max(x1, x2) + r, max(y1, y2) + r)]
+        case Segment(shade=shade) if shade:
+            return []
         case Segment(x1, y1, x2, y2) | Spring(x1, y1, x2, y2):
             return [(x1, y1), (x2, y2)]
         case Mark(x, y) | HalfPlane(x, y):
@@ -127,14 +133,62 @@ def beyond(shape: HalfPlane, middle: np.ndarray, reach: float) -> Path:
     return _closed(np.array([*edge, edge[1] - reach * normal, edge[0] - reach * normal]))
 
 
+def width(shape: Shape) -> float:
+    """Width of its line [pt]: lines on a floor are as thin as edges."""
+    return EDGE if hides(shape) else THICK.get(type(shape), EDGE)
+
+
 def color(role: str) -> str:
     """Colour of bodies of a role."""
     return _COLORS.get(role, GREY)
 
 
+def hides(shape: Shape) -> bool:
+    """Whether one does not see through it."""
+    return getattr(shape, "shade", 0.0) > 0
+
+
+def inks(shape: Shape, strength: float = 1.0) -> tuple[Rgba, Rgba]:
+    """Colours of a body's inside and of its edge, or of a bar twice; ``strength`` is how dark."""
+    ink, shade = to_rgba(color(shape.role))[:3], getattr(shape, "shade", 0.0)
+    if not hides(shape):
+        return (*ink, FILLED * strength), (*ink, strength)
+    inside, edge = (_on_paper(ink, strength * dark) for dark in (shade, 1.0))
+    return inside, inside if isinstance(shape, Segment) else edge
+
+
+def _on_paper(ink: Sequence[float], share: float) -> Rgba:
+    """What a share of ink looks like on white, and hides what is below."""
+    red, green, blue = (1 + share * (part - 1) for part in ink)
+    return red, green, blue, 1.0
+
+
+T = TypeVar("T", bound=Hashable)
+
+
+def still(frames: Sequence[Sequence[T]], hiding: Sequence[bool]) -> list[T]:
+    """What is in every frame, to be drawn once below the rest.
+
+    Of what in the first frame is ``hiding`` others, only that with which all frames begin.
+    """
+    begun = len([*takewhile(lambda each: len(set(each)) == 1, zip(*frames, strict=False))])
+    common = set.intersection(*map(set, frames))
+    return [
+        one for i, (one, hides) in enumerate(zip(frames[0], hiding, strict=True))
+        if one in common and (i < begun or not hides)
+    ]  # fmt: skip
+
+
+def name_axes(axis: Axes, names: tuple[str, str]) -> None:
+    """Label the axes; without names, as in a picture of space, they have no rulers either."""
+    axis.set(xlabel=names[0], ylabel=names[1])
+    if not any(names):
+        axis.set(xticks=[], yticks=[])
+
+
 def draw(shape: Shape, axis: Axes, strength: float) -> Artist:
     """Draw one shape and return its artist; ``strength`` in (0, 1] is how dark."""
-    ink = color(shape.role)
+    face, edge = inks(shape, strength)
     match shape:
         case Mark():
             return _mark(shape, axis, strength)
@@ -144,11 +198,10 @@ def draw(shape: Shape, axis: Axes, strength: float) -> Artist:
             path = beyond(shape, limits.mean(axis=1), reach)
             patch = PathPatch(path, facecolor=FAINT, edgecolor=GREY, linewidth=0.8, zorder=0)
         case Segment() | Spring():
-            patch = PathPatch(outline(shape), fill=False, edgecolor=(ink, strength),
-                              linewidth=THICK[type(shape)], capstyle="round", zorder=2)  # fmt: skip
+            patch = PathPatch(outline(shape), fill=False, edgecolor=edge, capstyle="round",
+                              linewidth=width(shape), zorder=1 if hides(shape) else 2)  # fmt: skip
         case _:
-            patch = PathPatch(outline(shape), facecolor=(ink, FILLED * strength),
-                              edgecolor=(ink, strength), linewidth=EDGE)  # fmt: skip
+            patch = PathPatch(outline(shape), facecolor=face, edgecolor=edge, linewidth=EDGE)
     return axis.add_patch(patch)
 
 

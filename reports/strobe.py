@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from textwrap import fill
 
 import casadi as ca
@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Wedge
 
 from problems.drawing import ContactFrame, Shape
-from reports.shapes import bounds, draw, show
+from reports.shapes import bounds, draw, hides, name_axes, show, still
 from reports.style import INK, PURPLE, VERMILLION, WIDTH
 from reports.view import RunView
 
@@ -70,6 +70,15 @@ def forces_of(view: RunView, suffix: str = "") -> Forces | None:
     return Forces(pushed, np.zeros_like(pushed), signals[0].unit if signals else "")
 
 
+def forces_drawn(
+    forces: Forces | None, contacts: Sequence[Sequence[ContactFrame]]
+) -> Forces | None:
+    """The forces that arrows show: of contacts seen in space the normal ones alone."""
+    if forces is None or all(frame.flat for frames in contacts[:1] for frame in frames):
+        return forces
+    return replace(forces, friction=np.zeros_like(forces.friction))
+
+
 def caption(largest: float, unit: str, rough: bool) -> str:
     """Caption of arrows and, where contacts are ``rough``, of cones."""
     cones = "; shaded: friction cone" if rough else ""
@@ -104,7 +113,8 @@ def visible(
 ) -> Iterator[tuple[ContactFrame, float, float]]:
     """Contacts with their normal and friction force, without the smallest forces."""
     for frame, normal, friction in zip(contacts, *pushes, strict=False):
-        if math.hypot(normal, friction) >= LEAST * largest > 0:
+        seen = math.hypot(frame.nx, frame.ny)
+        if seen * math.hypot(normal, friction) >= LEAST * largest > 0:
             yield frame, float(normal), float(friction)
 
 
@@ -254,8 +264,7 @@ def draw_strobe(
             draw_contacts(axis, frames, pushes, most, cones=0.5 if cones else 0)
         if most > 0:
             axis.set_title(caption(most, forces.unit, cones), loc="left", color=INK)
-    axis.set_xlabel(picture.axes[0])
-    axis.set_ylabel(picture.axes[1])
+    name_axes(axis, picture.axes)
     axis.set_axisbelow(True)
 
 
@@ -276,11 +285,10 @@ def draw_motion(axis: Axes, plays: list[list[Shape]], strongest: int | None = No
         if strongest not in chosen:
             chosen[inner] = strongest
     frames = [plays[node] for node in chosen]
-    fixed = set.intersection(*(set(shapes) for shapes in frames))
+    fixed = still(frames, [hides(shape) for shape in frames[0]])
     show(axis, [shape for shapes in frames for shape in shapes])
-    for shape in frames[0]:
-        if shape in fixed:
-            draw(shape, axis, 1.0)
+    for shape in fixed:
+        draw(shape, axis, 1.0)
     for strength, shapes in zip(np.linspace(0.2, 1, len(frames)), frames, strict=True):
         for shape in shapes:
             if shape not in fixed:
@@ -290,8 +298,8 @@ def draw_motion(axis: Axes, plays: list[list[Shape]], strongest: int | None = No
 
 def _instants(plays: list[list[Shape]]) -> np.ndarray:
     """A few evenly spaced nodes: fewer where bodies hardly move."""
-    still = set.intersection(*(set(shapes) for shapes in plays))
-    boxes = np.array([bounds(s for s in shapes if s not in still) for shapes in plays])
+    fixed = set.intersection(*(set(shapes) for shapes in plays))
+    boxes = np.array([bounds(s for s in shapes if s not in fixed) for shapes in plays])
     count = _FEWEST
     if np.isfinite(boxes).all():
         way = np.abs(np.diff(boxes.mean(axis=1), axis=0)).sum(axis=0)
@@ -302,4 +310,6 @@ def _instants(plays: list[list[Shape]]) -> np.ndarray:
 
 def _forces_drawn(view: RunView) -> Forces | None:
     """The forces, if the problem has contact frames."""
-    return forces_of(view) if view.picture is not None and view.picture.framed else None
+    if view.picture is None or not view.picture.framed:
+        return None
+    return forces_drawn(forces_of(view), view.picture.contacts("", view.time[:1]))

@@ -214,9 +214,13 @@ def _read(motion: dict[str, Any]) -> tuple[list[list[Shape]], list[list[ContactF
 
 
 def _between(kept: list[list[T]], place: float) -> list[T]:
-    """Interpolation at a place between two nodes; the nearer of them where kinds change."""
+    """Interpolation at a place between two nodes; the nearer of them where kinds change.
+
+    And in a picture of space, where the order of shapes changes.
+    """
     before, after = kept[int(place)], kept[min(int(place) + 1, len(kept) - 1)]
-    if [type(one) for one in before] != [type(one) for one in after]:
+    changes = [type(one) for one in before] != [type(one) for one in after]
+    if changes or any(getattr(one, "shade", 0.0) for one in before):
         return kept[round(place)]
     share = place % 1.0
     return [_mixed(*pair, share) for pair in zip(before, after, strict=True)] if share else before

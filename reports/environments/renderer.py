@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from problems.drawing import HalfPlane, Shape
 from problems.tasks.registry import TaskSpec
-from reports.shapes import Camera, bounds, draw
+from reports.shapes import Camera, bounds, draw, name_axes
 from reports.strobe import draw_motion
 from reports.style import INK, styled
 
@@ -37,7 +37,7 @@ class Renderer:
                 self._view(plays[0]).aim(axis, 0)
                 for shape in plays[0]:
                     draw(shape, axis, 1.0)
-            axis.set(xlabel=self._spec.axes[0], ylabel=self._spec.axes[1])
+            name_axes(axis, self._spec.axes)
             axis.set_title(f"t = {time:.2f} s", loc="right", color=INK)
             canvas.draw()
             return np.array(canvas.buffer_rgba())[:, :, :3].copy()

@@ -13,7 +13,7 @@ from problems.drawing import ContactFrame, Shape
 from problems.plugin import spec_of
 from reports.loops.ghost import with_ghosts
 from reports.shapes import Camera, film
-from reports.strobe import Forces, forces_of
+from reports.strobe import Forces, forces_drawn, forces_of
 from reports.view import RunView
 
 _MOST_FRAMES = 1500
@@ -134,13 +134,14 @@ def _motion(view: RunView, suffix: str, title: str, times: np.ndarray) -> Motion
         states = states[:end]
         title = f"{title}; diverges at {times[end]:.2f} s"
     seen = times[: len(states)]
-    forces = forces_of(view, suffix)
+    contacts = picture.contacts(suffix, seen)
+    forces = forces_drawn(forces_of(view, suffix), contacts)
     return Motion(
         title,
         suffix,
         states,
         picture.shapes(suffix, seen),
-        picture.contacts(suffix, seen),
+        contacts,
         None if forces is None else _sampled(forces, view.time, times),
     )
 

@@ -28,7 +28,7 @@ from problems.drawing import ContactFrame, HalfPlane, Mark, Segment, Shape, Spri
 from reports import shapes
 from reports.motion.animation import Animation, Motion
 from reports.motion.player import player
-from reports.shapes import Camera
+from reports.shapes import Camera, Rgba
 from reports.strobe import CONE, caption, longest_arrow, visible
 from reports.style import FAINT, GREY, INK, PURPLE, VERMILLION, literal
 
@@ -36,8 +36,6 @@ _POINTS = 72.0
 HEAD = 5.0, 2.0
 """Length and half the width of an arrow's head [pt]."""
 _NONE = (0.0, 0.0, 0.0, 0.0)
-
-Rgba = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
@@ -112,6 +110,7 @@ class MotionArtist:
 def of_shape(shape: Shape, middle: np.ndarray, size: np.ndarray, point: float) -> Stroke:
     """Stroke of a body in a view around ``middle`` of ``size`` [m], a ``point`` of paper in [m]."""
     ink = to_rgba(shapes.color(shape.role))
+    face, edge = shapes.inks(shape)
     match shape:
         case HalfPlane():
             path = shapes.beyond(shape, middle, shapes.REACH * float(size.sum()))
@@ -124,9 +123,10 @@ def of_shape(shape: Shape, middle: np.ndarray, size: np.ndarray, point: float) -
         case Mark(x, y):
             return Stroke(Outline.circle((x, y), shapes.MARK / 2 * point), ink, _NONE, 0.0, 2)
         case Segment() | Spring():
-            return Stroke(shapes.outline(shape), _NONE, ink, shapes.THICK[type(shape)], 2)
+            order = 1 if shapes.hides(shape) else 2
+            return Stroke(shapes.outline(shape), _NONE, edge, shapes.width(shape), order)
         case _:
-            return Stroke(shapes.outline(shape), (*ink[:3], shapes.FILLED), ink, shapes.EDGE, 1)
+            return Stroke(shapes.outline(shape), face, edge, shapes.EDGE, 1)
 
 
 def arrow(
@@ -179,7 +179,7 @@ class Canvas:
         self.clock = self.figure.text(0.99, 0.98, "", ha="right", animated=True, **look)
         for scene, motion in zip(self.scenes, shown.motions, strict=True):
             scene.axis.set_title(motion.title, loc="left", color=INK)
-            scene.axis.set(xlabel=shown.axes[0], ylabel=shown.axes[1])
+            shapes.name_axes(scene.axis, shown.axes)
             scene.axis.label_outer()
         if shown.largest > 0:
             text = caption(shown.largest, shown.unit, shown.rough)

@@ -50,9 +50,9 @@ def film_of(animation: Animation) -> dict[str, Any]:
     """The data that the page's script draws.
 
     ``motions`` hold per frame the shapes ``[kind, numbers...]``, an index into ``kinds`` (name and
-    role) and the fields of :mod:`problems.drawing` in their order without the role, and the
-    ``arrows`` ``[x, y, force x, force y, normal x, normal y, friction]``; ``charts`` are those of
-    :func:`~reports.motion.player.charts` over ``nodes`` [s].
+    role) and the fields of :mod:`problems.drawing` in their order without the role, corners as
+    ``x, y, ...`` in one, and the ``arrows`` ``[x, y, force x, force y, normal x, normal y,
+    friction]``; ``charts`` are those of :func:`~reports.motion.player.charts` over ``nodes`` [s].
     """
     size = animation.cameras[0].size
     digits = max(0, _DIGITS - math.floor(math.log10(float(size.max()))))
@@ -97,21 +97,29 @@ def _motion(
     motion: Motion, camera: Camera, largest: float, kinds: dict[tuple[str, str], int], digits: int
 ) -> dict[str, Any]:
     frames = [[_numbers(shape, kinds, digits) for shape in frame] for frame in motion.shapes]
-    fixed = [shape for shape in frames[0] if all(shape in frame for frame in frames)]
+    fixed = shapes.still(frames, [shapes.hides(shape) for shape in motion.shapes[0]])
+    once = set(fixed)
     still = not np.ptp(camera.middle, axis=0).any()
     return {
         "title": motion.title,
         "middle": np.round(camera.middle[:1] if still else camera.middle, digits).tolist(),
-        "fixed": fixed,
-        "frames": [[shape for shape in frame if shape not in fixed] for frame in frames],
+        "fixed": [[*one] for one in fixed],
+        "frames": [[[*one] for one in frame if one not in once] for frame in frames],
         "arrows": [_arrows(motion, frame, largest, digits) for frame in range(len(frames))],
     }
 
 
-def _numbers(shape: Shape, kinds: dict[tuple[str, str], int], digits: int) -> list[float]:
+def _numbers(shape: Shape, kinds: dict[tuple[str, str], int], digits: int) -> tuple[Any, ...]:
     kind = kinds.setdefault((type(shape).__name__, shape.role), len(kinds))
-    values = [getattr(shape, part.name) for part in fields(shape) if part.name != "role"]
-    return [kind, *(round(float(value), digits) for value in values)]
+    values = (getattr(shape, part.name) for part in fields(shape) if part.name != "role")
+    return kind, *(_rounded(value, digits) for value in values)
+
+
+def _rounded(value: Any, digits: int) -> Any:
+    """A number, or the coordinates of corners one behind the other."""
+    if isinstance(value, tuple):
+        return tuple(round(float(each), digits) for corner in value for each in corner)
+    return round(float(value), digits)
 
 
 def _arrows(motion: Motion, frame: int, largest: float, digits: int) -> list[list[float | None]]:

@@ -39,7 +39,7 @@ class Plot {
     const frame = (this.frame = { left: 52, top: 6, right: width - 14, bottom: height - 34 });
     this.toX = (value) => frame.left + ((value - x[0]) / (x[1] - x[0])) * (frame.right - frame.left);
     this.toY = (value) => frame.bottom - ((value - y[0]) / (y[1] - y[0])) * (frame.bottom - frame.top);
-    this.rule(x, y);
+    if (this.labels.some(Boolean)) this.rule(x, y);
   }
   rule(x, y) {
     const { pen, frame } = this;
@@ -101,6 +101,18 @@ const OUTLINES = {
     path.arc(x1, y1, r, along + Math.PI / 2, along + (3 * Math.PI) / 2);
     path.closePath();
   },
+  Polygon: (path, [corners, radius]) => {
+    const many = corners.length, side = (k) => {
+      const [x1, y1, x2, y2] = [0, 1, 2, 3].map((i) => corners[(k + i) % many]);
+      return [x1, y1, x2, y2, Math.atan2(x1 - x2, y2 - y1)];
+    };
+    for (let k = 0; k < many; k += 2) {
+      const [x1, y1, x2, y2, out] = side(k), next = side(k + 2)[4];
+      path.lineTo(x1 + radius * Math.cos(out), y1 + radius * Math.sin(out));
+      if (radius > 0) path.arc(x2, y2, radius, out, next);
+    }
+    path.closePath();
+  },
   Segment: (path, [x1, y1, x2, y2]) => { path.moveTo(x1, y1); path.lineTo(x2, y2); },
   Spring: (path, [x1, y1, x2, y2]) => {
     const length = Math.hypot(x2 - x1, y2 - y1) || 1, many = 2 * film.coils + 1;
@@ -123,7 +135,13 @@ const OUTLINES = {
 };
 const LINES = { Segment: 2.2, Spring: 1.1 };
 const LEVEL = { HalfPlane: 0, Segment: 2, Spring: 2, Mark: 2 };
-const level = ([kind]) => (film.kinds[kind][1] === "goal" ? 4 : LEVEL[film.kinds[kind][0]] ?? 1);
+const SHADED = ["Disc", "Polygon", "Capsule", "Segment"];
+// How dark the inside of a shape is that hides others, else zero.
+const shadeOf = ([kind, ...numbers]) => (SHADED.includes(film.kinds[kind][0]) ? numbers.at(-1) : 0);
+const level = (shape) => {
+  const [kind, role] = film.kinds[shape[0]];
+  return shadeOf(shape) > 0 ? 1 : role === "goal" ? 4 : LEVEL[kind] ?? 1;
+};
 
 class Picture extends Plot {
   constructor(parent, motion) {
@@ -158,6 +176,7 @@ class Picture extends Plot {
   }
   shape(pen, [index, ...numbers], middle, reach) {
     const [kind, role] = film.kinds[index], ink = film.colors[role] ?? "#7A7A7A";
+    const shade = shadeOf([index, ...numbers]);
     pen.strokeStyle = pen.fillStyle = ink;
     pen.lineWidth = LINES[kind] ?? 1.2;
     pen.lineCap = "round";
@@ -168,12 +187,21 @@ class Picture extends Plot {
     if (kind === "HalfPlane") {
       pen.fillStyle = "#d9d9d9";
       pen.fill(line);
+    } else if (kind in LINES && shade > 0) {
+      pen.lineWidth = 1.2;
+      pen.globalAlpha = shade;
     } else if (!(kind in LINES)) {
-      pen.globalAlpha = 0.25;
+      if (shade > 0) {
+        pen.fillStyle = "#fff";
+        pen.fill(line);
+        pen.fillStyle = ink;
+      }
+      pen.globalAlpha = shade || 0.25;
       pen.fill(line);
       pen.globalAlpha = 1;
     }
     pen.stroke(line);
+    pen.globalAlpha = 1;
   }
   mark(pen, x, y, role) {
     pen.beginPath();

@@ -1,0 +1,190 @@
+"""Solids in space as plane shapes: what a camera sees of them, and what hides what."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems.space import shapes
+from dynamics.systems.space.rotation import matrix
+from problems.drawing import Capsule, ContactFrame, Disc, Polygon, Segment, Shape
+
+Array = np.ndarray
+Place = tuple[float, float, float]
+Solid = tuple[shapes.Shape, Array, Array, str]
+"""A shape, the rotation (3, 3) and the place (3,) of its body in the world, and its role."""
+_AWAY, _NEAREST, _TOUCH, _FLOOR, _BEYOND = 4.0, 0.25, 2e-3, 0.7, 0.3
+"""Distance of a camera in sizes; in distances what is too near to be seen, how far bodies that
+touch may overlap, half a floor, and how far its middle is beyond the target."""
+_LIGHT = np.array([-0.5, 0.75, -0.45])
+_DARK, _BRIGHT, _ROUND, _LINE, _ALIKE = 0.65, 0.12, 0.35, 0.4, 1.15
+"""Shades of faces away from light, which comes from the upper left, and towards it; of round bodies
+and lines of floors; and the ratio up to which radii look alike."""
+_CIRCLE = np.array([(math.cos(k * math.pi / 16), math.sin(k * math.pi / 16)) for k in range(32)])
+_CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+_SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera at ``eye`` that looks at ``target`` [m]; a metre there is ``focal`` long."""
+
+    eye: Place
+    target: Place = (0.0, 0.0, 0.0)
+    focal: float = 1.0
+
+    @classmethod
+    def around(
+        cls, target: Place, size: float, azimuth: float = -math.pi / 3, elevation: float = 0.35
+    ) -> Camera:
+        """Look at ``size`` [m]; the eye is ``azimuth`` about z from x, ``elevation`` up [rad]."""
+        (x, y, z), away, flat = target, _AWAY * size, _AWAY * size * math.cos(elevation)
+        ahead, aside = flat * math.cos(azimuth), flat * math.sin(azimuth)
+        return cls((x + ahead, y + aside, z + away * math.sin(elevation)), target)
+
+    @cached_property
+    def axes(self) -> Array:
+        """Unit vectors to the right, up and forward, the rows of (3, 3)."""
+        forward = (np.array(self.target) - self.eye) / self.distance
+        flat = math.hypot(forward[0], forward[1])
+        right = np.array([forward[1], -forward[0], 0]) / flat if flat > 1e-9 else np.eye(3)[0]
+        return np.array([right, np.cross(right, forward), forward])
+
+    @property
+    def distance(self) -> float:
+        """From the eye to the target [m]."""
+        return math.dist(self.eye, self.target)
+
+    def scale(self, depth: Array) -> Array:
+        """How long a metre is in the picture, at depths of at least a quarter of the distance."""
+        return self.focal * self.distance / np.maximum(depth, _NEAREST * self.distance)
+
+    def project(self, points: Array) -> tuple[Array, Array]:
+        """Places in the picture (n, 2), ``scale * (right, up)``, and depths (n,); points (n, 3)."""
+        seen = (points - np.array(self.eye)) @ self.axes.T
+        return seen[:, :2] * self.scale(seen[:, 2])[:, None], seen[:, 2]
+
+
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """What is within ``radius`` of the hull of ``points``; of faces corners, normal, if seen."""
+
+    role: str
+    points: Array
+    radius: float
+    faces: list[tuple[Array, Array, bool]]
+
+
+def solids_seen(camera: Camera, solids: Iterable[Solid]) -> list[Shape]:
+    """Draw solids from back to front, above planes, which are grids of lines."""
+    drawn, bodies = list[Shape](), list[_Body]()
+    for shape, R, p, role in solids:
+        if isinstance(shape, shapes.Plane):
+            origin, normal = np.array([shape.origin, shape.normal], dtype=float) @ R.T
+            drawn += _grid(camera, origin + p, normal, role)
+            continue
+        own, radius, sides = _parts(shape)
+        points, faces = own @ R.T + p, list[tuple[Array, Array, bool]]()
+        for at in (points[[*side]] for side in sides):
+            normal = np.cross(at[1] - at[0], at[2] - at[1])
+            seen = bool((camera.eye - at[0]) @ normal > 0)
+            faces.append((at, normal / np.linalg.norm(normal), seen))
+        bodies.append(_Body(role, points, radius, faces))
+    return drawn + [one for body in _from_back(camera, bodies) for one in _seen(camera, body)]
+
+
+def frame_seen(camera: Camera, point: Array, normal: Array, friction: float) -> ContactFrame:
+    """The frame of a contact at ``point`` (3,) with unit ``normal`` (3,), as the camera sees it.
+
+    A cone of friction looks wider the more it points to the camera, which is never inside of it.
+    """
+    ((x, y),), depth = camera.project(point[None])
+    right, up, forward = camera.axes @ normal
+    scale, away = camera.scale(depth)[0], forward / depth[0]
+    # sin(half) = sin(atan(friction)) / sin(angle), between normal and line of sight.
+    along = (point - camera.eye) @ normal / np.linalg.norm(point - camera.eye)
+    square = 1 - (1 + friction**2) * float(along) ** 2
+    wide = friction / math.sqrt(square) if square > 0 else 0.0
+    seen = map(float, (x, y, scale * right - x * away, scale * up - y * away))
+    return ContactFrame(*seen, friction=wide, flat=False)
+
+
+def _parts(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
+    """Points in the body's frame, the radius around them, and which of them each face has."""
+    match shape:
+        case shapes.Sphere(radius, centre):
+            return np.array([centre], dtype=float), float(radius), []
+        case shapes.Capsule(start, end, radius):
+            return np.array([start, end], dtype=float), float(radius), []
+        case shapes.Cylinder(start, end, radius):
+            low, high = np.array([start, end], dtype=float)
+            ring = float(radius) * _CIRCLE @ _across(high - low)
+            return np.concatenate([low + ring[::-1], high + ring]), 0.0, [range(32), range(32, 64)]
+        case shapes.Box(half, centre, turn):
+            R = np.array(ca.evalf(matrix(ca.vertcat(*map(ca.SX, turn)))))
+            return np.array(centre, dtype=float) + _CORNERS * half @ R.T, 0.0, _SIDES
+        case shapes.Hull(points):
+            return np.array(points, dtype=float), 0.0, []
+    raise TypeError(f"cannot draw a {type(shape).__name__}")
+
+
+def _across(normal: Array) -> Array:
+    """Unit vectors (2, 3) that ``normal`` is counter-clockwise to; x and y where it is z."""
+    up = np.cross(normal, np.eye(3)[int(abs(normal[0]) > 0.9 * np.linalg.norm(normal))])
+    return np.array([np.cross(up, normal) / np.linalg.norm(normal), up]) / np.linalg.norm(up)
+
+
+def _grid(camera: Camera, origin: Array, normal: Array, role: str) -> Iterator[Segment]:
+    """Lines of a plane around what is seen, but for those that come too near to the camera."""
+    axes, far = _across(normal), camera.distance
+    side = next((each for each in (2.0, 1.0, 0.5, 0.25, 0.1) if each <= far / 12), 0.05)
+    middle = axes @ (camera.target + _BEYOND * far * camera.axes[2] - origin) // side
+    many = round(_FLOOR * far / side)
+    for k in range(-many, many + 1):
+        for ends in ([(k, -many), (k, many)], [(-many, k), (many, k)]):
+            places, depth = camera.project(origin + side * (middle + ends) @ axes)
+            if depth.min() > _NEAREST * far:
+                (x1, y1), (x2, y2) = places.tolist()
+                yield Segment(x1, y1, x2, y2, role, _LINE)
+
+
+def _from_back(camera: Camera, bodies: list[_Body]) -> Iterator[_Body]:
+    """The deepest first, but what is on the camera's side of a face after what is behind it."""
+    shows = np.zeros((len(bodies), len(bodies)), dtype=bool)
+    for i, body in enumerate(bodies):
+        for at, normal, seen in body.faces:
+            gaps = [float(((one.points - at[0]) @ normal).min()) - one.radius for one in bodies]
+            outside = np.array(gaps) > -_TOUCH * camera.distance
+            shows[(i, slice(None)) if seen else (slice(None), i)] |= outside
+    first = shows & ~shows.T
+    left = sorted(range(len(bodies)), key=lambda i: -camera.project(bodies[i].points)[1].mean())
+    while left:
+        deepest = next((i for i in left if not first[left, i].any()), left[0])
+        yield bodies[left.pop(left.index(deepest))]
+
+
+def _seen(camera: Camera, body: _Body) -> Iterator[Shape]:
+    """Its outline, and the faces that are turned to the camera."""
+    from scipy.spatial import ConvexHull
+
+    places, depth = camera.project(body.points)
+    radii = body.radius * camera.scale(np.sqrt(np.maximum(depth**2 - body.radius**2, 0)))
+    (x1, y1), (x2, y2), r = *places[[0, -1]].tolist(), float(radii.mean())
+    if len(places) == 1:
+        yield Disc(x1, y1, r, body.role, _ROUND)
+    elif len(places) == 2 and radii.max() <= _ALIKE * radii.min():
+        yield Capsule(x1, y1, x2, y2, r, body.role, _ROUND)
+    elif len(body.faces) != len(_SIDES):
+        circle = _CIRCLE if body.radius else _CIRCLE[:1]
+        cloud = (places[:, None] + radii[:, None, None] * circle).reshape(-1, 2)
+        # Joggled (QJ), so that points on one line have a hull too.
+        hull = ConvexHull(cloud, qhull_options="QJ").vertices
+        yield Polygon(tuple(cloud[hull].tolist()), 0.0, body.role, _ROUND)
+    for at, normal, _ in (face for face in body.faces if face[2]):
+        shade = _DARK + (_BRIGHT - _DARK) * (1 + float(_LIGHT @ camera.axes @ normal)) / 2
+        yield Polygon(tuple(camera.project(at)[0].tolist()), 0.0, body.role, shade)
