@@ -142,7 +142,7 @@ class Chain:
                         )
                     spin = spin + _moment(frames[ancestor].step, momentum)
                     ancestor = self._links[ancestor].parent
-        return M + ca.diag(self._armature)
+        return M + ca.diag(self.armature)
 
     def bias(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Coriolis, centrifugal and gravity forces (nq, 1) [N m, N]."""
@@ -152,22 +152,30 @@ class Chain:
         """Force ``M(q) a + bias(q, v)`` (nq, 1) without forming M [N m, N]."""
         frames = self._frames(q)
         omega, alpha, acceleration = self._accelerations(frames, v, a)
-        force = {link.name: ca.SX.zeros(2) for link in self._ordered}
-        moment = {link.name: ca.SX(0) for link in self._ordered}
-        result = ca.SX.zeros(self.nq)
-        for link in reversed(self._ordered):
-            name, frame = link.name, frames[link.name]
-            r = frame.turn(link.com)
+        loads: dict[str, tuple[ca.SX, ca.SX]] = {}
+        for link in self._ordered:
+            name, r = link.name, frames[link.name].turn(link.com)
             moving = acceleration[name] + alpha[name] * _swing(r)
             # The centripetal part of the force passes through the joint, so its moment is none.
-            moment[name] += link.inertia * alpha[name] + link.mass * _moment(r, moving)
-            force[name] += link.mass * (moving - omega[name] ** 2 * r)
-            for index, motion in self._motions(name, frames):
-                result[index] = motion.turn * moment[name] + motion.along.T @ force[name]
-            if link.parent is not None:
-                force[link.parent] += force[name]
-                moment[link.parent] += moment[name] + _moment(frame.step, force[name])
-        return result + self._armature * a
+            moment = link.inertia * alpha[name] + link.mass * _moment(r, moving)
+            loads[name] = link.mass * (moving - omega[name] ** 2 * r), moment
+        return self._gathered(frames, loads) + self.armature * a
+
+    def weight(self, q: ca.SX) -> ca.SX:
+        """Force that holds the chain against gravity (nq, 1) [N m, N]."""
+        return self.inverse_dynamics(q, ca.SX(self.nq, 1), ca.SX(self.nq, 1))
+
+    def link_velocities(self, q: ca.SX, v: ca.SX) -> dict[str, ca.SX]:
+        """Velocity of each link's centre of mass, and its angular velocity: w = J(q) v, (3, 1)."""
+        return {link.name: ca.vertcat(c, turning) for link, turning, c in self._centres(q, v)}
+
+    def link_momenta(self, q: ca.SX, w: dict[str, ca.SX]) -> ca.SX:
+        """``J(q)' m w`` (nq, 1) [N m s, N s], m mass and inertia of links at velocities w."""
+        frames, loads = self._frames(q), {}
+        for link in self._ordered:
+            linear, r = link.mass * w[link.name][:2], frames[link.name].turn(link.com)
+            loads[link.name] = linear, link.inertia * w[link.name][2] + _moment(r, linear)
+        return self._gathered(frames, loads)
 
     def potential(self, q: ca.SX) -> ca.SX:
         """Energy of gravity (zero at the origin) and of the springs [J]."""
@@ -183,7 +191,7 @@ class Chain:
         energy = ca.SX(0)
         for link, turning, moving in self._centres(q, v):
             energy += link.mass * ca.sumsqr(moving) + link.inertia * turning**2
-        return (energy + ca.dot(self._armature, v**2)) / 2
+        return (energy + ca.dot(self.armature, v**2)) / 2
 
     def energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Kinetic and potential energy [J]."""
@@ -196,8 +204,25 @@ class Chain:
             total += link.mass * moving
         return total
 
+    def _gathered(self, frames: dict[str, _Frame], loads: dict[str, tuple[ca.SX, ca.SX]]) -> ca.SX:
+        """Along the coordinates (nq, 1): force on each link, and its moment about the joint."""
+        force = {link.name: ca.SX.zeros(2) for link in self._ordered}
+        moment = {link.name: ca.SX(0) for link in self._ordered}
+        result = ca.SX.zeros(self.nq)
+        for link in reversed(self._ordered):
+            name = link.name
+            moment[name] += loads[name][1]
+            force[name] += loads[name][0]
+            for index, motion in self._motions(name, frames):
+                result[index] = motion.turn * moment[name] + motion.along.T @ force[name]
+            if link.parent is not None:
+                force[link.parent] += force[name]
+                moment[link.parent] += moment[name] + _moment(frames[name].step, force[name])
+        return result
+
     @cached_property
-    def _armature(self) -> ca.SX:
+    def armature(self) -> ca.SX:
+        """Inertia of the rotors (nq, 1) [kg m², kg]."""
         return ca.sparsify(self._each(lambda link: link.armature))
 
     def _each(self, value: Callable[[Link], Number]) -> ca.SX:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
 
 import casadi as ca
 
@@ -11,6 +12,7 @@ from dynamics.systems.chain import Chain
 from dynamics.systems.checks import items, number, point, positive, text
 from dynamics.systems.contact_rows import Cone
 from dynamics.systems.contacts import Contact, Disc, HalfPlane, Pose, Shape
+from dynamics.systems.flight import flight
 from dynamics.systems.mechanism import Mechanism
 from dynamics.systems.pairs import EnergyBook
 from dynamics.systems.parameters import ParameterTable, Signal
@@ -20,6 +22,8 @@ from dynamics.systems.timestepping import time_stepping
 
 WORLD = "world"
 """The link of parts that never move."""
+Gyroscopic = Literal["explicit", "implicit"]
+"""How a step takes Coriolis and centrifugal forces."""
 _GROUND = HalfPlane()
 
 
@@ -160,14 +164,21 @@ class Machine:
         cone: Cone = "linearised",
         linearised: bool = False,
         free_step: bool = False,
+        gyroscopic: Gyroscopic = "explicit",
     ) -> ContactSystem:
         """One step of the machine over the ground z = 0, with friction and joint limits.
 
         ``spheres`` are those that may touch the ground, by default all; ``friction`` None is
         frictionless; one unit of input is ``scale`` times the gear [N m]; ``cone`` is how
-        friction's is written. With ``free_step`` h is a symbol and one state more. Names of
-        contacts are those of :meth:`contacts`, of limits ``<joint> low`` and ``<joint> high``.
+        friction's is written. With ``free_step`` h is a symbol and one state more. Coriolis and
+        centrifugal forces are the ``gyroscopic`` ones: explicit, or implicit, which gain no energy
+        (:func:`~dynamics.systems.flight.flight`). Names of contacts are those of :meth:`contacts`,
+        of limits ``<joint> low`` and ``<joint> high``.
+
+        Raises ``ValueError`` for another word in ``gyroscopic``.
         """
+        if gyroscopic not in get_args(Gyroscopic):
+            raise ValueError(f"gyroscopic must be 'explicit' or 'implicit', got {gyroscopic!r}")
         chain = self.chain()
         more = (Signal("h", "s", "step size"),) if free_step else ()
         v = ca.SX.sym("v", chain.nq)
@@ -180,6 +191,11 @@ class Machine:
 
         def stacked(each: Callable[[Contact], ca.SX], q: ca.SX) -> ca.SX:
             return ca.vertcat(*map(each, self.contacts(chain, q, spheres).values()))
+
+        def impulse(q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
+            if gyroscopic == "implicit":
+                return h * (motors @ u - chain.weight(q)) + flight(chain, q, v, h)
+            return h * (motors @ u - chain.bias(q, v))
 
         def book(
             q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, tangential: ca.SX
@@ -203,7 +219,7 @@ class Machine:
             contacts=tuple(Signal(contact, "N s", "normal impulse") for contact in names),
             h=h,
             mass=chain.mass,
-            impulse=lambda q, v, u: h * (motors @ u - chain.bias(q, v)),
+            impulse=impulse,
             parameters=parameters,
             distance=lambda q: stacked(lambda contact: contact.phi, q),
             sliding=lambda q: stacked(lambda contact: contact.jacobians(q)[1], q),

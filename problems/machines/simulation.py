@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from typing import Any, get_args
 
 import casadi as ca
 import numpy as np
 
 from dynamics.contact import ContactLaw
+from dynamics.systems.flight import flight
+from dynamics.systems.machine import Gyroscopic
 from ocp.errors import InputError, NotConverged
 from ocp.problem import Problem
 from ocp.rollout import STEP_TOLERANCE, Rollout, roll_out
@@ -19,27 +22,49 @@ from problems.registry import get
 _MACHINES = {"hopper": hopper, "half-cheetah": half_cheetah}
 
 
-def simulation(name: str, steps: int = 50, seed: int = 0, **params: Any) -> tuple[Problem, Any]:
+def simulation(
+    name: str,
+    steps: int = 50,
+    seed: int = 0,
+    gyroscopic: Gyroscopic = "explicit",
+    **params: Any,
+) -> tuple[Problem, Any]:
     """The problem ``name`` over ``steps``, and the state x0 (nx,) of its environment's reset.
 
     All spheres may touch, h is the environment's 0.05 s, and the start its pose, lifted by 0.25 m
     and shaken by uniform noise out of ``seed``: 0.005 for ``hopper``, 0.1 for ``half-cheetah``, in
-    every coordinate and velocity. ``params`` change any parameter, ``spheres`` and hopper's ``h``
-    too.
+    every coordinate and velocity. With ``gyroscopic="implicit"`` velocity forces gain no energy and
+    no motion overflows (:func:`~dynamics.systems.flight.flight`). ``params`` change any parameter,
+    ``spheres`` and hopper's ``h`` too.
 
-    Raises :class:`~ocp.errors.InputError` for a name that is no machine or a bad parameter.
+    Raises :class:`~ocp.errors.InputError` for a name that is no machine, another word in
+    ``gyroscopic``, or a bad parameter.
     """
     if name not in _MACHINES:
         raise InputError(
             f"{name!r} is not a machine that can be simulated; available: {', '.join(_MACHINES)}"
         )
+    if gyroscopic not in get_args(Gyroscopic):
+        raise InputError(f"gyroscopic must be 'explicit' or 'implicit', got {gyroscopic!r}")
     machine: PublishedMachine = _MACHINES[name]()
     given: dict[str, Any] = {"spheres": "all", "N": steps, **params}
     x0 = machine.reset(seed)
     if name == "hopper":
-        return get(name, **{"h": machine.h, **given}), x0
-    step_size = given.setdefault("h_max", machine.h)
-    return get(name, **given), np.append(x0, step_size)
+        given.setdefault("h", machine.h)
+    else:
+        x0 = np.append(x0, given.setdefault("h_max", machine.h))
+    problem = get(name, **given)
+    return (_implicit(problem, machine) if gyroscopic == "implicit" else problem), x0
+
+
+def _implicit(problem: Problem, machine: PublishedMachine) -> Problem:
+    """The problem, its explicit velocity forces taken for those of a flight."""
+    system, chain = problem.system, machine.chain()
+    rows = slice(chain.nq, 2 * chain.nq)
+    q, v, residual = system.x[: chain.nq], system.x[rows], ca.SX(system.residual)
+    explicit = system.h * (chain.weight(q) - chain.bias(q, v))
+    residual[rows] += explicit - flight(chain, q, v, system.h)
+    return replace(problem, system=replace(system, residual=residual))
 
 
 def simulate(
@@ -48,19 +73,21 @@ def simulate(
     inputs: np.ndarray | None = None,
     law: ContactLaw | None = None,
     seed: int = 0,
+    gyroscopic: Gyroscopic = "explicit",
     **params: Any,
 ) -> Rollout:
     """Roll a machine out from its environment's reset (:func:`simulation`).
 
     ``inputs`` (steps, nu) are the motors', by default at rest, and go unclipped, as in the source;
-    ``law`` is the contact law, by default the exact one. States are (q, v), for ``half-cheetah``
+    ``law`` is the contact law, by default the exact one, ``gyroscopic`` how velocity forces act.
+    States are (q, v), for ``half-cheetah``
     with h behind them, shape (1, steps + 1, nx).
 
     Raises :class:`~ocp.errors.InputError` where the inputs do not fit, and
     :class:`~ocp.errors.NotConverged` where a step has no solution or none was found; the message
     says which.
     """
-    problem, x0 = simulation(name, steps, seed, **params)
+    problem, x0 = simulation(name, steps, seed, gyroscopic, **params)
     plan = np.zeros((steps, problem.system.nu)) if inputs is None else np.asarray(inputs, float)
     if plan.shape != (steps, problem.system.nu):
         raise InputError(
@@ -92,7 +119,7 @@ def _reason(
     if turned.any():
         wild = (
             f"; since step {int(np.argmax(turned))} limbs turn by more than a whole turn in a step:"
-            " take a smaller h or smaller inputs"
+            ' take gyroscopic="implicit", a smaller h or smaller inputs'
         )
     free = ca.Function("free", [system.x, system.u, step.p.vector], [system.reduced.a])
     if np.isfinite(np.array(free(x[-1], plan[k], p))).all():
