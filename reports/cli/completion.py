@@ -82,6 +82,12 @@ def _plants(given: dict[str, Any]) -> Words:
     return PLANTS
 
 
+def _worlds(given: dict[str, Any]) -> Words:
+    from ocp.worlds import WORLDS
+
+    return WORLDS
+
+
 def _figures(given: dict[str, Any]) -> Words:
     from problems.studies import ids
 
@@ -103,5 +109,6 @@ _WORDS: dict[str, Callable[[dict[str, Any]], Words]] = {
     "params": _parameters, "method": _methods, "policy": _policies, "settings": _settings,
     "figures": _figures, "run": _runs, "runs": _runs, "start": _runs, "at": _runs,
     "what": _runs_or_problems, "phase": _phases, "plant": _plants, "mismatch": _parameters,
+    "world": _worlds,
 }  # fmt: skip
 """What completes the field of a command's options."""

@@ -138,7 +138,7 @@ COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
             **STORE, **LAW, "-p": PROBLEM["-p"], "--seed": number("0", "7"),
             "--pdf": among("a.pdf", "new/b.pdf"), "--tag": among("paper", "two words"),
             "--phase": among("qpcc", "qp", "relaxed", "policy", "full"),
-            "--plant": among("exact", "noise", "referee", "h/4"), "--steps": number("2", "5"),
+            "--plant": among("exact", "noise", "referee", "h/4", "mujoco"), "--steps": number("2", "5"),
             "--rate": number("100", "1e6"), "--iterations": number("1", "2"),
             "--trust": number("0.5", "1"),
             "--deadline": number("1e-3"), "--noise-state": number("0.01") | setting(q=("0.1",)),
@@ -147,7 +147,10 @@ COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
             "--seeds": number("1", "2"), "--certify": number("1", "2"),
         },
     ),
-    "replay": (among("@solve", "@continue", "@train").map(lambda run: [run]), {**STORE, **LAW}),
+    "replay": (
+        among("@solve", "@continue", "@train").map(lambda run: [run]),
+        {**STORE, **LAW, "--world": among("mujoco", "moon")},
+    ),
     "report": (
         st.tuples(
             st.lists(among("@solve", "@continue", "@train"), min_size=1, max_size=2),
