@@ -8,7 +8,6 @@ import numpy as np
 from ocp.problem import Problem, Scaling
 from problems import robots
 from problems.drawing import ContactFrame, Shape
-from problems.machines.machine import machine_frames
 from problems.parameters import Parameters, quantity, structure, table
 
 name = "hop-on"
@@ -42,7 +41,7 @@ def build(params: Params) -> Problem:
     return Problem(
         name, system, params.N, stage_cost=p["h"] * running,
         terminal_cost=100 * ca.sumsqr(q - goal) + ca.sumsqr(v), parameters=p,
-        x0=ca.vertcat(ca.SX(start), ca.SX.zeros(nq)), u_lower=lower, u_upper=upper,
+        x0=ca.vertcat(ca.SX(start), ca.SX.zeros(v.numel())), u_lower=lower, u_upper=upper,
         scaling=Scaling(impulse=0.25 * robot.mass, gap=0.1),  # of a contact: g h m, and 0.1 m
     )  # fmt: skip
 
@@ -54,4 +53,4 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Place and normal of every contact, for the arrows of its force."""
-    return machine_frames(robot.machine, state, None, params.friction)
+    return robot.frames(state, params.friction)

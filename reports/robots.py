@@ -9,7 +9,7 @@ from rich.table import Table
 
 from reports.console import number, table_of
 
-_UNITS = {"slide": "m", "hinge": "rad", "free": ""}
+_UNITS = {"slide": "m", "hinge": "rad"}
 
 
 def tables(content: Mapping[str, Any]) -> Iterator[tuple[str, Table]]:
@@ -18,17 +18,18 @@ def tables(content: Mapping[str, Any]) -> Iterator[tuple[str, Table]]:
     ``content`` is what :meth:`problems.robots.Robot.document` gives.
     """
     depths: dict[str, int] = {"world": -1}
-    rows = []
+    rows, space = [], isinstance(content["links"][0]["inertia"], list)
     for link in content["links"]:
         depth = depths[link["name"]] = depths[link["parent"]] + 1
-        limits, unit = link["limits"], _UNITS[link["joint"]]
+        limits, unit = link["limits"], _UNITS.get(link["joint"], "")
+        keys = () if space else ("inertia", "spring", "damping", "armature")
         rows.append((
             f"{'  ' * depth}{link['name']}", link["joint"], number(link["mass"]),
-            *(number(link[key]) for key in ("inertia", "spring", "damping", "armature")),
+            *(number(link[key]) for key in keys),
             "" if limits is None else f"{number(limits[0])} to {number(limits[1])} {unit}",
         ))  # fmt: skip
-    heads = ("link", "joint", ">kg", ">kg m²", ">spring", ">damping", ">armature", "limits")
-    yield "Links", table_of(*heads, rows=rows)
+    more = () if space else (">kg m²", ">spring", ">damping", ">armature")
+    yield "Links", table_of("link", "joint", ">kg", *more, "limits", rows=rows)
     if content["motors"]:
         yield "Motors", table_of(
             "motor", "link", ">gear [N m, N]", "input",
@@ -59,6 +60,7 @@ def lines(content: Mapping[str, Any]) -> Iterator[str]:
         yield f"Counted from where the spring rests: {', '.join(shifted)}."
     home = ", ".join(f"{one['name']} {number(one['home'])}" for one in content["coordinates"])
     yield f"Home: {home}."
+    yield from content["notes"]
     if content["ignored"]:
         yield "Not used:"
     for told in content["ignored"]:

@@ -4,23 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from dynamics.systems import Part, Sphere
 from dynamics.systems.contacts import Capsule, Disc, HalfPlane, Polygon, Shape
-from problems.robots.tree import TILT, Frame, body_name, clean, plane
+from problems.robots.pairs import GROUND_FRICTION, Kind, geom_names, pairs_of
+from problems.robots.tree import TILT, Frame, clean, plane
 
 _WORLD = "world"
-_PLANE, _, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = range(7)
-_GROUND_FRICTION = 1.0
-"""Coulomb's coefficient of the ground below a URDF, MuJoCo's default."""
-
-
-_NO_CONTACT, _PARENTS_MEET = 1 << 4, 1 << 10
-"""Bits of MuJoCo's flags that turn off contact, and the filter of parents."""
 Corner = tuple[str, tuple[float, float], float]
 """A disc of a geom: its name, its centre in the link's frame [m], its radius [m]."""
 
@@ -100,14 +93,14 @@ def touching(model: Any, data: Any, frames: Mapping[int, Frame], *, urdf: bool) 
     A pair may as in the file: by ``contype`` and ``conaffinity``, but for parent and child, and for
     what is excluded. Below a ``urdf`` lies the ground.
     """
-    names, found = _names(model), _Found()
+    names, found = geom_names(model), _Found()
     links = [frames[int(model.body_weldid[body])] for body in model.geom_bodyid]
-    flat = {g for g in range(model.ngeom) if model.geom_type[g] == _PLANE}
+    flat = {g for g in range(model.ngeom) if model.geom_type[g] == Kind.PLANE}
     planes = {g: _half_plane(data, g, links[g]) for g in flat}
     solids = {
         g: _solid(model, data, g, names[g], links[g]) for g in range(model.ngeom) if g not in flat
     }
-    pairs = _pairs(model)
+    pairs = pairs_of(model)
     for (a, b), friction in pairs.items():
         if not flat & {a, b}:
             # A part of the world comes last.
@@ -125,7 +118,7 @@ def touching(model: Any, data: Any, frames: Mapping[int, Frame], *, urdf: bool) 
         grounds["ground"] = HalfPlane()
         for g, solid in solids.items():
             if solid.link != _WORLD and (model.geom_contype[g] or model.geom_conaffinity[g]):
-                friction = max(_GROUND_FRICTION, float(model.geom_friction[g][0]))
+                friction = max(GROUND_FRICTION, float(model.geom_friction[g][0]))
                 found.over(solid, "ground", True, friction)
     met = {name for meeting in found.meetings for name in meeting}
     parts = {name: Part(name, _WORLD, half) for name, half in grounds.items()
@@ -147,20 +140,6 @@ def touching(model: Any, data: Any, frames: Mapping[int, Frame], *, urdf: bool) 
 def _level(half: HalfPlane) -> bool:
     """Whether a half-plane is the ground z = 0."""
     return float(half.origin[1]) == 0 and float(half.normal[0]) == 0 < float(half.normal[1])
-
-
-def _names(model: Any) -> list[str]:
-    """A name for every geom: its own, or that of its body with a number."""
-    given = [model.geom(g).name for g in range(model.ngeom)]
-    names: list[str] = []
-    for g, name in enumerate(given):
-        body = int(model.geom_bodyid[g])
-        number = g - int(model.body_geomadr[body]) + 1
-        name = name or f"{body_name(model, body)} geom {number}"
-        while name in names or (not given[g] and name in given):
-            name += "'"
-        names.append(name)
-    return names
 
 
 def _half_plane(data: Any, g: int, frame: Frame) -> HalfPlane | None:
@@ -192,11 +171,11 @@ def _solid(model: Any, data: Any, g: int, name: str, frame: Frame) -> _Solid:
         return _Solid(name, frame.link, Polygon(at), corners, depth)
 
     radius = float(size[0])
-    if kind == _SPHERE or (kind == _ELLIPSOID and size[0] == size[1] == size[2]):
+    if kind == Kind.SPHERE or (kind == Kind.ELLIPSOID and size[0] == size[1] == size[2]):
         return disc(radius, 0.0)
-    if kind in (_CAPSULE, _CYLINDER) and across[2]:
+    if kind in (Kind.CAPSULE, Kind.CYLINDER) and across[2]:
         return disc(radius, float(size[1]))
-    if kind == _CAPSULE:
+    if kind == Kind.CAPSULE:
         ends = [local(sign * size[1] * R[:, 2]) for sign in (-1, 1)]
         corners = tuple(
             (f"{name} {end}", at, radius) for end, at in zip(("start", "end"), ends, strict=True)
@@ -205,54 +184,17 @@ def _solid(model: Any, data: Any, g: int, name: str, frame: Frame) -> _Solid:
             return _Solid(name, frame.link, None, corners, fault="it leans along y")
         depth = middle[1], middle[1]
         return _Solid(name, frame.link, Capsule(ends[0], ends[1], radius), corners, depth)
-    if kind == _CYLINDER and abs(R[1, 2]) <= TILT:
+    if kind == Kind.CYLINDER and abs(R[1, 2]) <= TILT:
         along = R[:, 2]
         return rectangle(size[1] * along, radius * np.array([-along[2], 0.0, along[0]]), 0.0)
-    if kind == _BOX and any(across):
+    if kind == Kind.BOX and any(across):
         k = across.index(True)
         i, j = (axis for axis in range(3) if axis != k)
         return rectangle(size[i] * R[:, i], size[j] * R[:, j], float(size[k]))
-    return _Solid(name, frame.link, fault=f"it {_FAULTS.get(kind, 'is of no known kind')}")
+    return _Solid(name, frame.link, fault=f"it {_FAULTS.get(Kind(kind), 'is of no known kind')}")
 
 
 _FAULTS = {
-    _ELLIPSOID: "is an ellipsoid", _CYLINDER: "leans along y", _BOX: "leans along y",
-    _BOX + 1: "is a mesh", _BOX + 2: "is a signed distance field",
+    Kind.ELLIPSOID: "is an ellipsoid", Kind.CYLINDER: "leans along y", Kind.BOX: "leans along y",
+    Kind.MESH: "is a mesh", Kind.SDF: "is a signed distance field",
 }  # fmt: skip
-
-
-def _pairs(model: Any) -> dict[tuple[int, int], float]:
-    """Pairs of geoms that may touch, with Coulomb's coefficient, 0 where they only push."""
-    if model.opt.disableflags & _NO_CONTACT:
-        return {}
-    found = {
-        tuple(sorted((int(model.pair_geom1[k]), int(model.pair_geom2[k])))): (
-            float(model.pair_friction[k][0]) if model.pair_dim[k] > 1 else 0.0
-        )
-        for k in range(model.npair)
-    }
-    excluded = {
-        frozenset((int(code) >> 16, int(code) & 0xFFFF)) for code in model.exclude_signature
-    }
-    for a, b in combinations(range(model.ngeom), 2):
-        bodies = int(model.geom_bodyid[a]), int(model.geom_bodyid[b])
-        if frozenset(bodies) not in excluded and _meet(model, a, b, *bodies):
-            found.setdefault((a, b), _friction(model, a, b))
-    return {(a, b): friction for (a, b), friction in found.items()}
-
-
-def _meet(model: Any, a: int, b: int, body_a: int, body_b: int) -> bool:
-    """Whether a file lets two geoms touch: by their bits, and unless they are parent and child."""
-    welds = int(model.body_weldid[body_a]), int(model.body_weldid[body_b])
-    above = [int(model.body_weldid[model.body_parentid[weld]]) for weld in welds]
-    kin = 0 not in welds and (welds[0] == above[1] or welds[1] == above[0])
-    if welds[0] == welds[1] or (kin and not model.opt.disableflags & _PARENTS_MEET):
-        return False
-    types, affinities = model.geom_contype, model.geom_conaffinity
-    return bool(types[a] & affinities[b] or types[b] & affinities[a])
-
-
-def _friction(model: Any, a: int, b: int) -> float:
-    ranks = model.geom_priority[[a, b]]
-    one = [a, b] if ranks[0] == ranks[1] else [a if ranks[0] > ranks[1] else b]
-    return float(model.geom_friction[one][:, 0].max()) if model.geom_condim[one].max() > 1 else 0.0

@@ -88,8 +88,6 @@ def _things(model: Any, geoms: Iterable[int]) -> list[str]:
     mocap = [body_name(model, b) for b in range(model.nbody) if model.body_mocapid[b] >= 0]
     if mocap:
         told.append(f"mocap of {listed('body', mocap)}: it never moves")
-    if model.opt.gravity[1]:
-        told.append("gravity along y: nothing moves there")
     if any(model.geom_condim[g] > 3 for g in geoms):
         told.append("torsional and rolling friction (condim above 3): contacts only slide")
     return told

@@ -1,4 +1,4 @@
-"""Robots from URDF and MJCF files: compiled by MuJoCo, then taken over as links of the plane."""
+"""Robots from URDF and MJCF files: compiled by MuJoCo, then taken over as links or bodies."""
 
 from __future__ import annotations
 
@@ -15,34 +15,44 @@ from ocp.errors import InputError
 from ocp.validation import expand_path
 from problems.robots.geoms import touching
 from problems.robots.leftovers import leftovers
-from problems.robots.robot import Robot
+from problems.robots.robot import PlanarRobot, Robot
 from problems.robots.source import Source, listed, read_source
+from problems.robots.spatial import home_of, spatial_robot
 from problems.robots.tree import TILT, joint_name, tree
 
-MOST_JOINTS = 50
+MOST_JOINTS = 100
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
 
 
-def load(path: str | Path) -> Robot:
-    """Read a planar robot from a URDF or MJCF file, all of whose numbers are in SI units.
+def load(path: str | Path, *, space: bool = False, floating: bool = False) -> Robot:
+    """Read a robot from a URDF or MJCF file, all of whose numbers are in SI units.
 
     Planar are hinges about ±y and slides in the plane of x and z. A root that slides along x and z
-    and turns about y becomes one ``free`` joint; bodies without joints become part of their parent.
-    A URDF stands over the ground z = 0, and each of its joints with an ``effort`` has a motor whose
-    unit is that. Nothing outside the file's folder is opened.
+    and turns about y becomes one ``free`` joint there. Other robots, and with ``space`` all, are
+    read in space, where q is MuJoCo's qpos and v its qvel. Bodies without joints become part of
+    their parent. A URDF stands over the ground z = 0, and each of its joints with an ``effort`` has
+    a motor whose unit is that; its root is fixed to the world unless it is ``floating``. Nothing
+    outside the file's folder is opened.
 
-    Raises :class:`~ocp.errors.InputError` where MuJoCo is not installed, the file is no robot, is
-    not planar, or has joints that :class:`~dynamics.systems.Link` cannot express.
+    Raises :class:`~ocp.errors.InputError` where MuJoCo is not installed, the file is no robot, or
+    has what :class:`~dynamics.systems.space.Body` cannot express.
     """
     file = expand_path(path)
-    source = read_source(file)
+    source = read_source(file, floating=floating)
     model = _compiled(source, file)
     data = import_module("mujoco").MjData(model)
     data.qpos[:] = model.qpos0
     import_module("mujoco").mj_kinematics(model, data)
-    _check_planar(model, data, file)
+    notes = ["The root is fixed; --floating makes it free."] if source.rooted else []
     try:
-        return _robot(model, data, source, file)
+        if not space:
+            try:
+                _check_planar(model, data)
+                return replace(_planar(model, data, source, file), notes=tuple(notes))
+            except ValueError as error:
+                notes.append(f"Read in space: {error}.")
+        found = spatial_robot(model, source, file, _gravity(model))
+        return replace(found, notes=tuple(notes))
     except ValueError as error:
         raise InputError(f"{file}: {error}") from error
 
@@ -64,7 +74,10 @@ def _compiled(source: Source, file: Path) -> Any:
     finally:
         mujoco.set_mju_user_warning(warn)
     if model.njnt > MOST_JOINTS:
-        raise InputError(f"{file}: {model.njnt} joints; at most {MOST_JOINTS} are read")
+        raise InputError(
+            f"{file}: {model.njnt} joints; at most {MOST_JOINTS} are read, as the equations of"
+            " motion of more take minutes to build"
+        )
     if model.njnt == 0:
         raise InputError(f"{file}: no joint, so nothing moves; expected a robot")
     for name in (
@@ -91,7 +104,8 @@ def _reason(message: str) -> str:
     return f"not a robot that compiles: {text}{where}"
 
 
-def _check_planar(model: Any, data: Any, file: Path) -> None:
+def _check_planar(model: Any, data: Any) -> None:
+    """Raise ``ValueError`` with the joints that move out of the plane."""
     found = []
     for j in range(model.njnt):
         kind, axis = model.jnt_type[j], data.xaxis[j]
@@ -106,19 +120,19 @@ def _check_planar(model: Any, data: Any, file: Path) -> None:
             found.append((j, f"slides along {along}"))
     if found:
         j, why = found[0]
-        more = f" (and {len(found) - 1} more do not fit)" if len(found) > 1 else ""
-        raise InputError(
-            f"{file}: the robot is three-dimensional, and only planar ones are read, with hinges"
-            f" about y and slides in the plane of x and z: joint {joint_name(model, j)!r} {why}"
-            f"{more}"
-        )
+        more = f" (and {len(found) - 1} more are not planar)" if len(found) > 1 else ""
+        raise ValueError(f"joint {joint_name(model, j)!r} {why}{more}")
 
 
-def _robot(model: Any, data: Any, source: Source, file: Path) -> Robot:
+def _gravity(model: Any) -> np.ndarray:
+    off = model.opt.disableflags & import_module("mujoco").mjtDisableBit.mjDSBL_GRAVITY
+    return np.zeros(3) if off else np.array(model.opt.gravity)
+
+
+def _planar(model: Any, data: Any, source: Source, file: Path) -> PlanarRobot:
     links, frames, coordinates = tree(model, data)
     ground = touching(model, data, frames, urdf=source.urdf)
-    off = model.opt.disableflags & import_module("mujoco").mjtDisableBit.mjDSBL_GRAVITY
-    gx, _, gz = (0.0, 0.0, 0.0) if off else (float(value) for value in model.opt.gravity)
+    gx, across, gz = _gravity(model).tolist()
     machine = Machine(
         tuple(links), ground.spheres, parts=ground.parts, meetings=ground.meetings,
         gravity=(gx, gz) if gx else -gz,
@@ -129,18 +143,15 @@ def _robot(model: Any, data: Any, source: Source, file: Path) -> Robot:
     signs, rests = (np.array([getattr(c, key) for c in coordinates]) for key in ("sign", "rest"))
     motors = [one.motor for one in coordinates if one.motor]
     ignored = [*source.ignored, *ground.ignored, *leftovers(model, ground.geoms)]
+    if across:
+        ignored.append("gravity along y: nothing moves there")
     if still:
         ignored.append(f"{listed('contact', still)}: no joint moves it")
-    return Robot(
+    return PlanarRobot(
         file, machine, tuple(joint_name(model, one.joint) for one in coordinates), signs, rests,
-        signs * (_home(model)[at] - rests) + 0.0, friction, tuple(motor.name for motor in motors),
+        signs * (home_of(model)[at] - rests) + 0.0, friction, tuple(motor.name for motor in motors),
         np.array([motor.range for motor in motors]).reshape(-1, 2), tuple(ignored),
     )  # fmt: skip
-
-
-def _home(model: Any) -> np.ndarray:
-    keys = {model.key(k).name: k for k in range(model.nkey)}
-    return model.key_qpos[keys["home"]] if "home" in keys else model.qpos0
 
 
 def _without_still(machine: Machine) -> tuple[Machine, list[str]]:

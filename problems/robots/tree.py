@@ -88,7 +88,7 @@ def tree(model: Any, data: Any) -> tuple[list[Link], dict[int, Frame], list[Coor
     frames = {0: Frame("world", np.zeros(2), 0.0)}
     links: list[Link] = []
     coordinates: list[Coordinate] = []
-    motors = _motors(model)
+    motors = motors_of(model)
     for body in (b for b in range(1, model.nbody) if model.body_weldid[b] == b):
         above = int(model.body_weldid[model.body_parentid[body]])
         joints = _joints(model, data, body, above)
@@ -202,12 +202,13 @@ def _inertia(model: Any, data: Any, body: int) -> tuple[float, float, Plane]:
 
 
 def is_motor(model: Any, k: int) -> bool:
-    """Whether an actuator is a motor at a joint: its force is its input times a constant."""
+    """Whether an actuator is a motor of a hinge or slide: its force is the input times a number."""
     kinds = (model.actuator_gaintype, model.actuator_biastype, model.actuator_dyntype)
-    return int(model.actuator_trntype[k]) in (0, 1) and not any(int(kind[k]) for kind in kinds)
+    plain = int(model.actuator_trntype[k]) in (0, 1) and not any(int(kind[k]) for kind in kinds)
+    return plain and int(model.jnt_type[model.actuator_trnid[k][0]]) in (_SLIDE, _HINGE)
 
 
-def _motors(model: Any) -> dict[int, Motor]:
+def motors_of(model: Any) -> dict[int, Motor]:
     """Motors by joint; of a file without any those of joints whose torque is bounded."""
     found: dict[int, Motor] = {}
     for k in (k for k in range(model.nu) if is_motor(model, k)):

@@ -69,12 +69,15 @@ class SettingsOptions(Options):
     )
 
 
+FLOATING = "Of a URDF: its root moves freely in space."
+
+
 class ShowOptions(Options):
     """Show a problem: equations, parameters with units and defaults, citation, golden values.
 
     A learning task of the same name is shown too. For data and models: origin, ranges, scales, and
-    the quality of the fit. For a planar robot: its links, motors and contacts, and what of its file
-    is not used.
+    the quality of the fit. For a robot: its links, motors and contacts, and what of its file is not
+    used.
     """
 
     code: ClassVar = "reports.cli.list_command:show"
@@ -83,6 +86,7 @@ class ShowOptions(Options):
         metavar="PROBLEM|FILE",
         help=f"{PROBLEM[:-1]}, a .nc file of ocp collect or ocp learn, or a URDF or MJCF file.",
     )
+    floating: bool = option(False, help=FLOATING)
 
 
 class NewOptions(Options):
@@ -96,8 +100,9 @@ class NewOptions(Options):
     scene: bool = option(False, help="Bodies and pushers of shapes, in place of distances by hand.")
     machine: bool = option(False, help="Links with joints and motors over the ground.")
     robot: Path | None = option(
-        None, metavar="FILE", help="A planar robot of a URDF or MJCF file, to another pose."
+        None, metavar="FILE", help="A robot of a URDF or MJCF file, to another pose."
     )
+    floating: bool = option(False, help=FLOATING)
 
 
 class SolveOptions(StartsOptions):

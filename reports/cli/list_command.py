@@ -133,7 +133,7 @@ def check_show(
     if options.problem.lower().endswith(ROBOT_FILES):
         from problems import robots
 
-        return robots.load(options.problem)
+        return robots.load(options.problem, floating=options.floating)
     if not options.problem.endswith(".nc"):
         return named(options.problem)
     return models.load_any(Path(options.problem))

@@ -10,7 +10,7 @@ import pytest
 
 from ocp import solve
 from problems import load, robots
-from problems.drawing import ContactFrame, HalfPlane
+from problems.drawing import ContactFrame, HalfPlane, Segment
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "tests/data"
@@ -32,7 +32,50 @@ def test_a_robot_is_shown_with_all_that_was_read_and_what_was_not(ocp) -> None:
     assert len(found["ignored"]) == 2
 
 
-FILES = {"hopper": HOPPER, "arm": DATA / "arm.xml", "leg": DATA / "leg.urdf"}
+X, Z = "<joint name='x' type='slide' axis='1 0 0'/>", "<joint name='z' type='slide' axis='0 0 1'/>"
+J, G = "<joint name='j' axis='0 1 0'/>", "<geom name='g' size='.1'/>"
+SPATIAL = {
+    "ball": ("<joint name='b' type='ball'/>", "joint 'b' is a ball joint"),
+    "free": ("<freejoint name='f'/>", "joint 'f' is free in six directions"),
+    "axis": ("<joint name='k' axis='1 0 0'/>", "joint 'k' turns about (1, 0, 0)"),
+    "slide": ("<joint name='k' type='slide' axis='0 1 0'/>", "'k' slides along (0, 1, 0)"),
+    "two joints": (f"{X}{J}", "body 'a' has the joints x, j; a body has one"),
+    "hinge before slides": (f"{J}{X}{Z}", "and then a hinge about y"),
+    "dampings of a root": (
+        f"{X}{Z}<joint name='j' axis='0 1 0' damping='1'/>", "have different dampings"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", SPATIAL)
+def test_what_is_not_planar_is_read_in_space_and_why_is_said(ocp, case: str) -> None:
+    joints, told = SPATIAL[case]
+    Path("robot.xml").write_text(mjcf(joints + G))
+    found = ocp("show", "robot.xml", "--json").json
+    assert len(found["links"][-1]["inertia"]) == 6
+    (note,) = found["notes"]
+    assert note.startswith("Read in space: ") and told in note, note
+
+
+def test_a_robot_floats_when_asked(ocp) -> None:
+    heavy = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    text = (DATA / "finger.urdf").read_text()
+    base = f'<link name="base"><inertial>{heavy}</inertial></link>'
+    Path("finger.urdf").write_text(text.replace('<link name="base"/>', base))
+    line = "The root is fixed; --floating makes it free."
+    assert line in ocp("show", "finger.urdf").out
+    shown = ocp("show", "finger.urdf", "--floating")
+    assert shown.code == 0 and line not in shown.out and "base_x 0, base_y 0" in shown.out
+    assert "Read in space: joint 'base floats' is free in six directions" in shown.out
+    assert ocp("new", "fly", "--robot", "finger.urdf", "--floating").code == 0
+    assert '"finger.urdf", floating=True)' in Path("fly.py").read_text()
+    problem = load("fly.py").problem({"N": 3})
+    assert problem.initial_states(problem.parameters.values)[0].shape == (17,)
+    done = ocp("show", str(HOPPER), "--floating")
+    assert done.code == 2 and "an MJCF file says itself what floats" in done.err
+
+
+FILES = {"hopper": HOPPER, "arm": DATA / "arm.xml", "leg": DATA / "leg.urdf",
+         "crane": DATA / "crane.xml"}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -47,7 +90,8 @@ def test_a_problem_of_a_robot_loads_and_is_drawn(ocp, name: str) -> None:
     problem = found.problem({"N": 3})
     assert problem.name == "my-robot" and found.draw is not None and found.frames is not None
     x0 = problem.initial_states(problem.parameters.values)[0]
-    assert any(isinstance(shape, HalfPlane) for shape in found.draw(found.params({}), x0))
+    shapes = found.draw(found.params({}), x0)
+    assert any(isinstance(shape, Segment if name == "crane" else HalfPlane) for shape in shapes)
     frames = found.frames(found.params({}), x0)
     assert frames and all(isinstance(frame, ContactFrame) for frame in frames)
     before = found.digest
@@ -80,8 +124,6 @@ def mjcf(inside: str, more: str = "") -> str:
     return f"<mujoco>{more}<worldbody><body name='a'>{inside}</body></worldbody></mujoco>"
 
 
-J, G = "<joint name='j' axis='0 1 0'/>", "<geom name='g' size='.1'/>"
-X, Z = "<joint name='x' type='slide' axis='1 0 0'/>", "<joint name='z' type='slide' axis='0 0 1'/>"
 URDF = (DATA / "leg.urdf").read_text()
 BAD = {
     "no XML": ("hello", "is no XML"),
@@ -98,21 +140,13 @@ BAD = {
     "overflow": (mjcf(J + "<geom size='1e200'/>"), "overflows"),
     "twice": (mjcf(f"{J}{G}<body name='a'>{J}{G}</body>"), "repeated name 'a' in body"),
     "unknown attribute": (mjcf(f"{J}<geom bogus='1' size='.1'/>"), "'bogus'"),
-    "ball": (mjcf("<joint name='b' type='ball'/>" + G), "joint 'b' is a ball joint"),
-    "free": (mjcf("<freejoint name='f'/>" + G), "joint 'f' is free in six directions"),
-    "axis": (mjcf("<joint name='k' axis='1 0 0'/>" + G), "joint 'k' turns about (1, 0, 0)"),
-    "slide": (mjcf("<joint name='k' type='slide' axis='0 1 0'/>" + G), "slides along (0, 1, 0)"),
-    "two joints": (mjcf(f"{X}{J}{G}"), "body 'a' has the joints x, j; a body has one"),
-    "hinge before slides": (mjcf(f"{J}{X}{Z}{G}"), "and then a hinge about y"),
-    "dampings of a root": (
-        mjcf(f"{X}{Z}<joint name='j' axis='0 1 0' damping='1'/>{G}"), "have different dampings"),
-    "motor of a root": (
-        mjcf(f"{X}{Z}{J}{G}", "<actuator><motor joint='x'/></actuator>"), "have different motors"),
     "two motors": (
         mjcf(J + G, "<actuator><motor joint='j'/><motor joint='j'/></actuator>"), "two motors"),
     "many joints": (
         "<mujoco><worldbody>" + "<body><joint axis='0 1 0'/><geom size='.1'/></body>" * 200
-        + "</worldbody></mujoco>", "200 joints; at most 50"),
+        + "</worldbody></mujoco>", "200 joints; at most 100"),
+    "uneven tree": (
+        URDF.replace('<child link="leg"/>', '<child link="torso"/>'), "not a robot that compiles"),
     "mimic": (
         URDF.replace("<axis", '<mimic joint="root"/><axis'), "mimics 'root'"),
     "plugin": (
