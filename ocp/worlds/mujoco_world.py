@@ -57,7 +57,7 @@ class MujocoWorld:
         try:
             self.model = self._mujoco.MjModel.from_xml_string(self.written.text)
         except (ValueError, self._mujoco.FatalError) as error:
-            why = str(error).partition("\n")[0]
+            why = " ".join(str(error).removeprefix("Error: ").split())
             raise InputError(f"MuJoCo does not take {problem.name}: {why}") from None
         self.data = self._mujoco.MjData(self.model)
         self._q: list[int] = []
