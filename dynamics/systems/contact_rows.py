@@ -33,7 +33,7 @@ class Space:
 
     ``velocities`` nv of the rows, which multiply v where that is not dq/dt: ``pressing`` maps q to
     J_n (nc, nv), ``tangent`` to ``dq/dt`` by v (nq, nv). Friction's cone is a pyramid with 4 or 8
-    ``edges``.
+    ``edges``; with 2, of a machine that moves in a plane, there are nc rows of one tangent.
     """
 
     velocities: int
@@ -41,15 +41,16 @@ class Space:
     tangent: Callable[[ca.SX], ca.SX]
     edges: int
 
-    def directions(self, first: ca.SX, second: ca.SX) -> list[ca.SX]:
-        """Rows along half of the edges, the others being their negatives, from both tangents."""
-        if self.edges == 4:
-            return [first, second]
+    def directions(self, rows: list[ca.SX]) -> list[ca.SX]:
+        """Rows along half of the edges, the others being their negatives, from the tangents'."""
+        if self.edges < 8:
+            return rows
+        first, second = rows
         return [first, second, *((first + sign * second) / math.sqrt(2) for sign in (1, -1))]
 
     def components(self, along: list[ca.SX]) -> ca.SX:
-        """Impulses along both tangents, one after the other, from those along all directions."""
-        if self.edges == 4:
+        """Impulses along the tangents, one after the other, from those along all directions."""
+        if self.edges < 8:
             return ca.vertcat(*along)
         first, second, rise, fall = along
         both = ((rise + sign * fall) / math.sqrt(2) for sign in (1, -1))
@@ -154,10 +155,10 @@ def contact_rows(
     rows, owners = [plain], [list(range(nc))]
     rough, f = touching.rough
     if touching.sliding is not None and rough:
-        J_t, tangents = touching.sliding(q), 1 if space is None else 2
+        J_t, tangents = touching.sliding(q), 1 if space is None else min(2, space.edges // 2)
         check_shape(name, "sliding(q)", J_t, (tangents * nc, nv))
         form, ways = FORMS[touching.cone], [J_t[nc * k : nc * (k + 1), :] for k in range(tangents)]
-        directions = ways if space is None else space.directions(*ways)
+        directions = ways if space is None else space.directions(ways)
         lam = ca.SX.sym("lam", nc + nl + form.more(len(directions)) * len(rough))
         own = [lam[rough], *ca.vertsplit(lam[nc + nl :], len(rough))]
         some = tuple(touching.contacts[i] for i in rough)

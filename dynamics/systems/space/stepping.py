@@ -54,6 +54,8 @@ def spatial_step(
 
     ``0 <= beta_k ⟂ psi + h d_k' J_t v+ >= 0``  and  ``0 <= psi ⟂ f gamma - sum beta_k >= 0``.
 
+    A machine all of whose contacts can slide along one tangent alone has the two edges of that.
+
     State (q, v), contacts are impulses [N s]. Without ``inertial`` the step forgets v, quasi-
     dynamic: ``M v+`` stands in place of ``M (v+ - v)``, and servos have no inertia. Stewart and
     Trinkle, as there; Anitescu and Potra, doi 10.1023/A:1008292328909.
@@ -74,6 +76,8 @@ def spatial_step(
     stretched = ca.jacobian(tree.advance(q, way), way)
     tangent = ca.Function("tangent", [q], [ca.substitute(stretched, way, ca.SX.zeros(nv))])
     rows_of = _rows(touches, nv)
+    if flat := rows_of(q)[1][len(names) :, :].nnz() == 0:
+        edges = 2
     space = Space(nv, lambda at: rows_of(at)[0], lambda at: ca.SX(tangent(at)), edges)
 
     def left(at: ca.SX) -> ca.SX:
@@ -105,11 +109,15 @@ def spatial_step(
         )  # fmt: skip
 
     ends = tuple(f"{body} {end}" for end in ("low", "high") for body, *_ in limits)
-    return built(Touching(
-        contacts, lambda at: ca.vertcat(ca.SX(0, 1), *(t.contact.phi for t in touches(at))),
-        lambda at: rows_of(at)[1], friction, cone, linearised, left if limits else None, ends,
-        space,
-    ))  # fmt: skip
+
+    def distance(at: ca.SX) -> ca.SX:
+        return ca.vertcat(ca.SX(0, 1), *(touch.contact.phi for touch in touches(at)))
+
+    def sliding(at: ca.SX) -> ca.SX:
+        return rows_of(at)[1][: len(names) * (1 if flat else 2), :]
+
+    return built(Touching(contacts, distance, sliding, friction, cone, linearised,
+                          left if limits else None, ends, space))  # fmt: skip
 
 
 def _rows(
@@ -160,13 +168,13 @@ def _book(
 ) -> EnergyBook:  # fmt: skip
     q, v, v_next = x[: tree.nq], x[tree.nq :], x_next[tree.nq :]
     normal = rows.lam[: len(touches(q))] if rows.forces is None else rows.forces.normal
-    along = ca.SX(2 * normal.numel(), 1) if rows.forces is None else rows.forces.tangential
+    along, n = ca.SX(0, 1) if rows.forces is None else rows.forces.tangential, normal.numel()
     external = h * tree.total_mass * tree.gravity
     for i, touch in enumerate(touches(q)):
         if touch.outside:
             external = external + normal[i] * touch.contact.normal
-            for k, tangent in enumerate(touch.contact.tangents):
-                external = external + along[k * normal.numel() + i] * tangent
+            for k, tangent in zip(range(i, along.numel(), n), touch.contact.tangents, strict=False):
+                external = external + along[k] * tangent
     springs = tree.each(lambda b: b.spring) * (
         tree.each(lambda b: b.rest) - tree.position_of(q) - h * v_next
     )

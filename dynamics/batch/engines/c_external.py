@@ -1,0 +1,47 @@
+"""C source of a CasADi function in CasADi's own interface; a long one is cut into short functions.
+
+CasADi writes one C function of one statement an operation, on which gcc spends minutes where there
+are tens of thousands.
+"""
+
+from __future__ import annotations
+
+import re
+
+import casadi as ca
+
+from dynamics.batch.engines import c_source
+from dynamics.batch.engines.c_prelude import scalar_prelude
+from dynamics.batch.graphs.tape import tape_of
+
+_BODY = """\
+static int casadi_f0(const casadi_real **arg, casadi_real **res, casadi_int *iw, casadi_real *w,
+                     int mem) {
+  static const V zero[%(largest)d];
+  V unused[%(room)d];
+  const V *in[] = {%(inputs)s};
+  V *out[] = {%(outputs)s};
+  (void)zero, (void)iw, (void)w, (void)mem;
+  kernel(in, out);
+  return 0;
+}
+"""
+
+
+def source(function: ca.Function) -> str:
+    """C text of ``function``, to be loaded by ``ca.external``; numbers are CasADi's to the bit."""
+    generator = ca.CodeGenerator(function.name())
+    generator.add(function)
+    text = generator.dump()
+    if not function.is_a("SXFunction") or function.n_instructions() <= c_source.WHOLE:
+        return text
+    kernel = c_source.kernel(tape_of(function), "kernel")
+    n_in, n_out = range(function.n_in()), range(function.n_out())
+    body = _BODY % {
+        "largest": max(1, *map(function.nnz_in, n_in)),
+        "room": max(1, *map(function.nnz_out, n_out)),
+        "inputs": ", ".join(f"arg[{k}] ? arg[{k}] : zero" for k in n_in),
+        "outputs": ", ".join(f"res[{k}] ? res[{k}] : unused" for k in n_out),
+    }
+    head, _, rest = text.partition("static int casadi_f0(")
+    return head + scalar_prelude(kernel) + "\n" + kernel + body + re.split(r"^}\n", rest, 1, re.M)[1]
