@@ -65,7 +65,7 @@ def main() -> None:
     """Measure machine after machine, and store each column as it is there."""
     old = read(TABLE) if (DATA / f"{TABLE}.json").exists() else {"columns": ["law"], "rows": []}
     cells = {(row[0], name): value for row in old["rows"]
-             for name, value in zip(old["columns"][1:], row[1:], strict=True)}  # fmt: skip
+             for name, value in zip(old["columns"][1:], row[1:], strict=True) if value}  # fmt: skip
     for machine in sys.argv[1:] or MACHINES:
         began, count = time.perf_counter(), MACHINES[machine][1]
         tasks = [(machine, law, seed) for law in LAWS for seed in range(count)]
@@ -75,13 +75,14 @@ def main() -> None:
             cells[law, machine] = cell(found[k * count : (k + 1) * count])
         print(machine, [cells[law, machine] for law in LAWS],
               f"{time.perf_counter() - began:.0f} s", flush=True)  # fmt: skip
+        names = [name for name in MACHINES if any(at == name for _, at in cells)]
         write_table(
             TABLE, title="And in MuJoCo?", command="python -m tests.benchmarks.robots.worlds",
-            columns=["law", *MACHINES],
-            rows=[[law, *(cells.get((law, name)) for name in MACHINES)] for law in LAWS],
+            columns=["law", *names],
+            rows=[[law, *(cells[law, name] for name in names)] for law in LAWS],
             note="Shares of tasks, one parameter each by up to 10 % another, whose cost in MuJoCo"
             f" is within 20 % of what it is here: {', '.join(WAYS)}. Of"
-            f" {', '.join(f'{name} {count}' for name, (_, count) in MACHINES.items())} tasks.",
+            f" {', '.join(f'{name} {MACHINES[name][1]}' for name in names)} tasks.",
         )  # fmt: skip
 
 
