@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from dynamics.systems.checks import positive
-from dynamics.systems.contact_rows import Cone, ContactRows, Space, Touching, contact_rows
+from dynamics.systems.contact_rows import FORMS, Cone, ContactRows, Space, Touching, contact_rows
 from dynamics.systems.pairs import EnergyBook
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.space.contact import Motions, SpatialContact
@@ -63,6 +63,9 @@ def spatial_step(
     Raises ``ValueError`` for an unknown cone or number of edges, and for h that is not positive.
     """
     positive(f"system {name!r}: h", h)
+    if cone not in FORMS:
+        kinds = ", ".join(map(repr, FORMS))
+        raise ValueError(f"system {name!r}: cone must be one of {kinds}, got {cone!r}")
     if edges not in _EDGES:
         raise ValueError(f"system {name!r}: edges must be 4 or 8, got {edges}")
     nq, nv, motors = tree.nq, tree.nv, tree.actuated
