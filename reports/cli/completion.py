@@ -3,39 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from importlib import import_module
 from typing import Any
 
 import typer
 
 Words = Iterable[str]
+_NAMED = {
+    "contact": "dynamics.laws:LAWS",
+    "law": "dynamics.laws:LAWS",
+    "method": "ocp.transcription:METHODS",
+    "policy": "ocp.policy:POLICIES",
+    "phase": "ocp.mpc.phases.table:PHASES",
+    "plant": "ocp.mpc.plants:PLANTS",
+    "world": "ocp.worlds:WORLDS",
+    "figures": "problems.studies:STUDIES",
+}
+"""Module and name of the table whose names complete a field, loaded when they are asked for."""
 
 
 def of_field(name: str) -> Callable[[typer.Context, str], list[str]] | None:
     """The completion of the option or argument called ``name``, None where there is none."""
-    find = _WORDS.get(name)
-    if find is None:
+    if name not in _WORDS and name not in _NAMED:
         return None
 
     def complete(ctx: typer.Context, incomplete: str) -> list[str]:
         # A message would go into the command line.
         try:
-            return [word for word in find(ctx.params) if word.startswith(incomplete)]
+            words = _WORDS[name](ctx.params) if name in _WORDS else _table(_NAMED[name])
+            return [word for word in words if word.startswith(incomplete)]
         except Exception:
             return []
 
     return complete
 
 
+def _table(place: str) -> Words:
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
+
+
 def _problems(given: dict[str, Any]) -> Words:
     from problems.registry import names, objective_names
 
     return [*names(), *objective_names()]
-
-
-def _laws(given: dict[str, Any]) -> Words:
-    from dynamics.laws import LAWS
-
-    return LAWS
 
 
 def _law_settings(given: dict[str, Any]) -> Words:
@@ -51,47 +62,11 @@ def _parameters(given: dict[str, Any]) -> Words:
     return [f"{name}=" for name in registered(given["problem"]).Params.model_fields]
 
 
-def _methods(given: dict[str, Any]) -> Words:
-    from ocp.transcription import METHODS
-
-    return METHODS
-
-
-def _policies(given: dict[str, Any]) -> Words:
-    from ocp.policy import POLICIES
-
-    return POLICIES
-
-
 def _settings(given: dict[str, Any]) -> Words:
     from ocp.programs.options import documented
     from ocp.request import OWN
 
     return [f"{name}=" for name in (*OWN, *documented(given.get("solver") or "ipopt"))]
-
-
-def _phases(given: dict[str, Any]) -> Words:
-    from ocp.mpc.phases.table import PHASES
-
-    return PHASES
-
-
-def _plants(given: dict[str, Any]) -> Words:
-    from ocp.mpc.plants import PLANTS
-
-    return PLANTS
-
-
-def _worlds(given: dict[str, Any]) -> Words:
-    from ocp.worlds import WORLDS
-
-    return WORLDS
-
-
-def _figures(given: dict[str, Any]) -> Words:
-    from problems.studies import ids
-
-    return ids()
 
 
 def _runs(given: dict[str, Any]) -> Words:
@@ -105,10 +80,8 @@ def _runs_or_problems(given: dict[str, Any]) -> Words:
 
 
 _WORDS: dict[str, Callable[[dict[str, Any]], Words]] = {
-    "problem": _problems, "contact": _laws, "law": _laws, "law_settings": _law_settings,
-    "params": _parameters, "method": _methods, "policy": _policies, "settings": _settings,
-    "figures": _figures, "run": _runs, "runs": _runs, "start": _runs, "at": _runs,
-    "what": _runs_or_problems, "phase": _phases, "plant": _plants, "mismatch": _parameters,
-    "world": _worlds,
+    "problem": _problems, "law_settings": _law_settings, "params": _parameters,
+    "mismatch": _parameters, "settings": _settings, "run": _runs, "runs": _runs, "start": _runs,
+    "at": _runs, "what": _runs_or_problems,
 }  # fmt: skip
-"""What completes the field of a command's options."""
+"""What completes the other fields, of the options that are given."""
