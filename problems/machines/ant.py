@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from functools import cache
 from math import pi, radians, sin, sqrt
+from typing import Any
 
 import numpy as np
 
@@ -29,10 +31,16 @@ def _tube(end: tuple[float, float, float]) -> tuple[float, np.ndarray, np.ndarra
     return middle + caps, along / 2, across * (np.eye(3) - outer) + about * outer
 
 
+def _three(point: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = map(float, point)
+    return x, y, z
+
+
 def _six(inertia: np.ndarray) -> tuple[float, ...]:
     return tuple(float(inertia[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
 
 
+@cache
 def ant() -> SpatialMachine:
     """Gymnasium's ant, 14 velocities and 8 motors; one unit of input is 150 N m.
 
@@ -51,7 +59,7 @@ def ant() -> SpatialMachine:
     parts = [
         SpatialPart("floor", "world", Plane()), SpatialPart("torso", "torso", Sphere(_BALL)),
     ]  # fmt: skip
-    joint = {"damping": 1.0, "armature": 1.0, "gear": TORQUE}
+    joint: dict[str, Any] = {"damping": 1.0, "armature": 1.0, "gear": TORQUE}
     for leg, (x, y) in LEGS.items():
         thigh, shank = (0.2 * x, 0.2 * y, 0.0), (0.4 * x, 0.4 * y, 0.0)
         low, high = (radians(v) for v in _ANKLES[leg])
@@ -61,7 +69,7 @@ def ant() -> SpatialMachine:
             "torso",
             mass,
             _six(inertia),
-            com=tuple(map(float, centre)),
+            com=_three(centre),
             place=thigh,
             axis=(0.0, 0.0, 1.0),
             limits=(-pi / 6, pi / 6),
@@ -70,7 +78,7 @@ def ant() -> SpatialMachine:
         mass, centre, inertia = _tube(shank)
         side = -x * y / sqrt(2)
         ankle = Body(f"ankle_{leg}", f"hip_{leg}", mass, _six(inertia),
-                     com=tuple(map(float, centre)), place=thigh, axis=(side, 1 / sqrt(2), 0.0),
+                     com=_three(centre), place=thigh, axis=(side, 1 / sqrt(2), 0.0),
                      limits=(low, high), **joint)  # fmt: skip
         bodies += [hip, ankle]
         parts += [

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from functools import cache
 from math import cos
+from typing import Any
 
 import numpy as np
 
@@ -15,9 +17,8 @@ from dynamics.systems.space import (
     SpatialPart,
     Sphere,
 )
-from dynamics.systems.space.body import Vector
 
-TRUNK: Vector = (0.19, 0.05, 0.05)
+TRUNK = (0.19, 0.05, 0.05)
 THIGH = SHIN = 0.2
 FOOT = 0.02
 TORQUE = 25.0
@@ -32,6 +33,7 @@ def _rod(length: float, mass: float) -> tuple[float, float, float]:
     return long, long, thick
 
 
+@cache
 def quadruped(belly: bool = False) -> SpatialMachine:
     """Trunk 6.9 kg, hips 0.7 kg, thighs 0.6 kg, shins 0.1 kg; one unit of input is 25 N m.
 
@@ -39,7 +41,8 @@ def quadruped(belly: bool = False) -> SpatialMachine:
     are spheres of 2 cm; with ``belly`` the lower corners of the trunk may touch the ground too.
     """
     a, b, c = (2 * half for half in TRUNK)
-    mass, joint = 6.9, {"damping": 0.05, "armature": 0.005, "gear": TORQUE}
+    mass: float = 6.9
+    joint: dict[str, Any] = {"damping": 0.05, "armature": 0.005, "gear": TORQUE}
     bodies = [
         Body("trunk", None, mass, (mass * (b * b + c * c) / 12, mass * (a * a + c * c) / 12,
                                    mass * (a * a + b * b) / 12), joint="free")
@@ -67,7 +70,7 @@ def quadruped(belly: bool = False) -> SpatialMachine:
         ]  # fmt: skip
         touching.append(leg)
         if belly:
-            corner = tuple(s * half for s, half in zip((fore, left, -1), TRUNK, strict=True))
+            corner = (fore * TRUNK[0], left * TRUNK[1], -TRUNK[2])
             parts.append(SpatialPart(f"{leg} belly", "trunk", Sphere(0.0, corner)))
             touching.append(f"{leg} belly")
     return SpatialMachine(tuple(bodies), tuple(parts), tuple((one, "floor") for one in touching))
