@@ -216,14 +216,13 @@ class StageCompiler:
 
     def __call__(self, function: ca.Function) -> ca.Function:
         """Return the compiled function, or ``function`` itself once compiling has failed."""
+        from dynamics.batch.engines.c_external import source
         from dynamics.batch.engines.compiler import load
 
         if self._reason:
             return function
-        generator = ca.CodeGenerator(function.name())
-        generator.add(function)
         try:
-            return ca.external(function.name(), load(generator.dump())._name)
+            return ca.external(function.name(), load(source(function))._name)
         except RuntimeError as error:
             self._reason = str(error).strip().splitlines()[-1]
             return function

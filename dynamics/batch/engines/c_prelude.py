@@ -175,9 +175,9 @@ def scalar_prelude(text: str) -> str:
     """C text before kernels over single doubles: of what there is, what `text` names."""
     erfinv = _ERFINV_LANE.replace("__builtin_", "") if "verfinv" in text else ""
     lines = ["#include <math.h>", "#define V double", "#define M int"]
+    used = set(re.findall(r"\w+", text + erfinv))
     for word, meaning in _SCALAR.items():
-        name = word.partition("(")[0]
-        if re.search(rf"\b{name}\b", text + erfinv):
+        if word.partition("(")[0] in used:
             lines.append(f"#define {word} {meaning}".rstrip())
     return "\n".join((*lines, erfinv))
 

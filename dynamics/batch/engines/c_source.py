@@ -142,6 +142,9 @@ class _Parts:
 
     def _spill(self) -> None:
         last = self._last_parts()
+        read: list[list[int]] = [[] for _ in self.parts]
+        for i, p in last.items():
+            read[p].append(i)
         free: list[int] = []
         for p, part in enumerate(self.parts):
             for i in part:
@@ -150,7 +153,7 @@ class _Parts:
                         free.append(self.n_slots)
                         self.n_slots += 1
                     self.slots[i] = free.pop()
-            free += [self.slots[i] for i, end in last.items() if end == p and i in self.slots]
+            free += [self.slots[i] for i in read[p] if i in self.slots]
 
     def _last_parts(self) -> dict[int, int]:
         last: dict[int, int] = {}
