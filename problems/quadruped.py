@@ -12,11 +12,14 @@ from problems.machines.quadruped import LEGS, TRUNK, height, pose
 from problems.machines.quadruped import quadruped as machine_of
 from problems.machines.spatial import AXES, spatial_frames, spatial_shapes
 from problems.parameters import choice
+from problems.spec import Citation, Golden
 
 name = "quadruped"
 title = "Quadruped: trot, stand up or jump"
+citation = Citation("stewart1996implicit", "the time stepping; the machine is our own")
 axes = AXES
 equations = STEPS
+golden = {"exact": Golden(0.1250533092, tried=1)}
 _THIGH, _SHIN, _FOLDED = 0.8, -1.6, 2.6
 """Angles of a leg that stands, and of a folded one, whose foot is on the floor beside the belly."""
 _STANDS = pose(0.0, height(_THIGH, _SHIN), _THIGH, _SHIN)

@@ -104,10 +104,11 @@ SHORT = {
     "planar-hand": {"N": 2},
     "hopper": {"N": 2},
     "half-cheetah": {"N": 2},
+    **{name: {"N": 2} for name in ("quadruped", "ant", "push-cube", "reorient")},
     **{name: {"N": 3} for name in ("spinner", "finger-disc", "idto-hopper", "soft-walls")},
 }
 # Their kernels take a compiler a good part of a minute.
-LARGE = ("hopper", "half-cheetah")
+LARGE = ("hopper", "half-cheetah", "quadruped", "ant", "push-cube", "reorient")
 NAMES = [pytest.param(n, marks=[pytest.mark.slow] if n in LARGE else []) for n in names()]
 
 
