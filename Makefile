@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 # Tests start many processes: each reads the bytecode that the first one wrote.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-mpcc bench-random bench-world bench-mpc lint gallery claims docs generated notebooks numbers verdicts refined promises
+.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-mpcc bench-random bench-world bench-mpc bench-robots lint gallery claims docs generated notebooks numbers verdicts refined promises
 
 setup: $(READY)
 
@@ -99,6 +99,12 @@ bench-world: setup
 # sample by other solvers, and rewrites the tables of the site; TASKS=soft-walls,spinner some of them.
 bench-mpc: setup
 	$(BIN)/python -m tests.benchmarks.mpc.bench $(TASKS)
+
+# Equations of published robots against MuJoCo, the quadruped's stage and iteration, rollouts of the
+# ant; EXTRA_ROBOTS=DIR:DIR has robots of packages that are not installed, PEERS=PYTHON is one with
+# pin and adam-robotics; PARTS="stage rollouts" some of it.
+bench-robots: setup
+	PEERS="$(PEERS)" EXTRA_ROBOTS="$(EXTRA_ROBOTS)" $(BIN)/python -m tests.benchmarks.robots.bench $(PARTS)
 
 # The site, from docs/ and docstrings into build/site; warnings are errors, and nothing is fetched.
 docs: setup

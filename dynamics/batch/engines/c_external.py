@@ -27,7 +27,7 @@ static int casadi_f0(const casadi_real **arg, casadi_real **res, casadi_int *iw,
 
 
 def source(function: ca.Function) -> str:
-    """C text of ``function``, to be loaded by ``ca.external``; numbers are CasADi's to the bit."""
+    """C text of ``function`` for ``ca.external``; numbers are CasADi's but for rounding."""
     generator = ca.CodeGenerator(function.name())
     generator.add(function)
     text = generator.dump()

@@ -1,4 +1,4 @@
-"""C of CasADi functions: a long one, in many short functions, is the same to the bit."""
+"""C of CasADi functions: a long one, in many short functions, is the same."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def long_function(rounds: int) -> ca.Function:
     return ca.Function("turned", [x, p], [value, ca.sumsqr(value)])
 
 
-def test_a_long_function_is_cut_and_gives_the_same_bits() -> None:
+def test_a_long_function_is_cut_and_gives_the_same() -> None:
     f = long_function(40)
     assert f.n_instructions() > c_source.WHOLE
     text = source(f)
