@@ -28,27 +28,18 @@ AT_ONCE = 200_000
 """States that are drawn at once."""
 
 
-def collect(
-    step: Step,
-    region: Region,
-    n: int,
-    seed: int,
-    keep: Keep | None = None,
-    values: Mapping[str, float] | None = None,
-    provenance: Mapping[str, Any] | None = None,
-) -> Transitions:
+def collect(step: Step, region: Region, n: int, seed: int) -> Transitions:
     """Draw n transitions of ``step``, the first half in the region's ranges, the rest in its tube.
 
-    ``keep`` chooses among states, by default those that do not penetrate (:func:`apart`).
-    ``values`` of parameters replace the step's. A step that was not solved is left out, another
-    drawn in its place, and ``unsolved`` in the provenance counts them. The same seed gives the same
-    data, whatever the number of threads or of :class:`Piece` workers.
+    States that penetrate are not kept (:func:`apart`). A step that was not solved is left out,
+    another drawn in its place, and ``unsolved`` in the provenance counts them. The same seed gives
+    the same data, whatever the number of threads or of :class:`Piece` workers.
 
     Raises ``ValueError`` for a region that does not fit, that keeps almost no state, and for what
     :meth:`Transitions.checked` refuses.
     """
-    drawn = [draw_piece(step, region, piece, keep, values) for piece in pieces(n, seed)]
-    return merged(step, region, drawn, seed, provenance)
+    drawn = [draw_piece(step, region, piece) for piece in pieces(n, seed)]
+    return merged(step, region, drawn, seed)
 
 
 @dataclass(frozen=True)
@@ -82,14 +73,11 @@ def pieces(n: int, seed: int) -> list[Piece]:
     ]
 
 
-def draw_piece(
-    step: Step, region: Region, piece: Piece, keep: Keep | None = None,
-    values: Mapping[str, float] | None = None,
-) -> Drawn:  # fmt: skip
+def draw_piece(step: Step, region: Region, piece: Piece) -> Drawn:
     """Draw the transitions of a piece; raises as :func:`collect` does."""
     region.check(step.system)
-    p, rng = step.p.pack(values), np.random.default_rng(piece.stream)
-    source = _Source(step, p, region, apart(step, p) if keep is None else keep)
+    p, rng = step.p.values, np.random.default_rng(piece.stream)
+    source = _Source(step, p, region, apart(step, p))
     in_ranges = source.draw(rng, piece.in_ranges, region.box_states, "ranges")
     in_tube = source.draw(rng, piece.in_tube, region.tube_states, "tube")
     return Drawn(in_ranges, in_tube, source.unsolved)

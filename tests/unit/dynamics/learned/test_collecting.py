@@ -91,18 +91,12 @@ def test_the_seed_decides_and_threads_do_not(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_values_of_parameters_reach_step_and_distance() -> None:
-    step, where = problem("push-1d").exact_step, region("push-1d")
-    found = collect(step, where, 400, 0, values={"width": 0.6, "M": 3.0})
+    step = get("push-1d", width=0.6, M=3.0, qu0=1.0).exact_step
+    found = collect(step, region("push-1d"), 400, 0)
     assert (found.x[:, 0] - found.x[:, 1]).min() >= 0.6
     rho = 1.0 / (3.0 + 1.0)
     wanted = found.x[:, 0] + rho * np.maximum(0, found.u[:, 0] - found.x[:, 0] + 0.6)
     np.testing.assert_allclose(found.x_next[:, 0], wanted, rtol=0, atol=1e-12)
-
-
-def test_what_is_kept_may_be_chosen() -> None:
-    step, where = problem("push-1d").exact_step, region("push-1d")
-    found = collect(step, where, 300, 0, keep=lambda x: x[:, 0] < x[:, 1])
-    assert (found.x[:, 0] < found.x[:, 1]).all()
 
 
 def test_a_region_that_lies_inside_a_body_is_told() -> None:
