@@ -219,16 +219,12 @@ class Intervals:
     """``low`` and ``high`` (n,) of psi; [0, inf] for one that the transitions do not determine.
 
     ``information`` (n, n) is the mean over transitions of ``J_t' J_t``, J_t the derivative of the
-    scaled errors by log psi; ``weakest`` (n,) the direction of log psi that it knows least of, of
-    length 1, and ``least`` and ``most`` its smallest and largest eigenvalue.
+    scaled errors by log psi.
     """
 
     low: np.ndarray
     high: np.ndarray
     information: np.ndarray
-    weakest: np.ndarray
-    least: float
-    most: float
 
 
 def intervals(
@@ -263,8 +259,8 @@ def intervals(
     return Intervals(
         np.where(lost, 0.0, np.exp(np.minimum(low, log_psi))),
         np.where(lost, np.inf, np.exp(np.maximum(high, log_psi))),
-        information, axes[:, 0], float(eigenvalues[0]), float(eigenvalues[-1]),
-    )  # fmt: skip
+        information,
+    )
 
 
 def _linearised(
