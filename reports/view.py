@@ -31,7 +31,6 @@ from problems.plugin import known_parameters, problem_of
 if TYPE_CHECKING:
     import xarray as xr
 
-    from ocp.store.stored_run import StoredRun
     from ocp.task import Task
     from problems.tasks.registry import TaskSpec
 

@@ -7,6 +7,7 @@ import xarray as xr
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.experiment import Experiment
+from ocp.learning.explorer import squash
 from ocp.learning.protocol import Algorithm
 from ocp.learning.unrolls.gradients import FOPG, SHARP, ZOPG
 from ocp.task import Task
@@ -95,12 +96,6 @@ def run(params: Params) -> xr.Dataset:
     )
 
 
-def decided(task: Task, theta: np.ndarray) -> np.ndarray:
-    """Angle and speed of the policy's parameters (..., 2)."""
-    half, middle = (task.upper - task.lower) / 2, (task.upper + task.lower) / 2
-    return middle + half * np.tanh(theta)
-
-
 def parameters_of(task: Task, decision: np.ndarray) -> np.ndarray:
     """The policy's parameters that give these angles and speeds (..., 2)."""
     half, middle = (task.upper - task.lower) / 2, (task.upper + task.lower) / 2
@@ -122,7 +117,7 @@ def _learned(
     for k in range(params.iterations):
         state, _ = algorithm.iterate(experiment, state, k)
         found.append(state["theta"])
-    return decided(task, np.array(found))
+    return squash(task, np.array(found))
 
 
 def _returns(experiment: Experiment, law: ContactLaw, decisions: np.ndarray) -> np.ndarray:

@@ -58,8 +58,6 @@ def run(params: Params) -> xr.Dataset:
         **_learned("block", "x", states, x, lambda rest: rest, params),
         "f": ("u", pusher.step(u), "m", "block after a step, exact"),
         "f_sigma": ("u", pusher.smoothed(u, sigma), "m", "closed form"),
-        "uniform_pusher": ("u", pusher.noised(u, sigma, -1, 1), "m",
-                           "g_sigma of uniform data, closed form"),
         "uniform_block": ("x", walls.noised(x, sigma), "m",
                           "g_sigma of uniform states, closed form"),
         "sampled": ("dot", drawn.mean(axis=0), "m", "f_sigma, mean of draws"),

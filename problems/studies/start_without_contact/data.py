@@ -8,7 +8,7 @@ and what width of noise and how many data make of the learned ones.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -28,9 +28,6 @@ from problems.studies.start_without_contact.dynamics import (
     dynamics,
 )
 from problems.studies.study import CODE, Pieces, StudyParams, dataset, setting
-
-if TYPE_CHECKING:
-    from problems.studies.start_without_contact.data import Params
 
 SWEPT = ("g_sigma", "h_sigma")
 WIDTHS = (0.05, 0.1, 0.2, 0.4)
