@@ -56,9 +56,9 @@ def spatial_step(
 
     A machine all of whose contacts can slide along one tangent alone has the two edges of that.
 
-    State (q, v), contacts are impulses [N s]. Without ``inertial`` the step forgets v, quasi-
-    dynamic: ``M v+`` stands in place of ``M (v+ - v)``, and servos have no inertia. Stewart and
-    Trinkle, as there; Anitescu and Potra, doi 10.1023/A:1008292328909.
+    State (q, v), contacts are impulses [N s]. Without ``inertial`` the step forgets v and is quasi-
+    dynamic: ``M v+`` stands in place of ``M (v+ - v) + h C v+``, and servos have no inertia.
+    Stewart and Trinkle, as there; Anitescu and Potra, doi 10.1023/A:1008292328909.
 
     Raises ``ValueError`` for an unknown cone or number of edges, and for h that is not positive.
     """
@@ -87,14 +87,13 @@ def spatial_step(
         low = [at[i] - lowest for _, i, _, lowest, _ in limits]
         return ca.vertcat(*low, *(highest - at[i] for _, i, _, _, highest in limits))
 
-    M, forced = tree.mass(q), _smooth(tree, q, v, v_next, u, h, scale)
+    M, forced = tree.mass(q), _smooth(tree, q, v_next, u, h, scale)
     if inertial:
-        moved = M @ (v_next - v)
+        moved = h * tree.inverse_dynamics(q, v, v_next, (v_next - v) / h)
     else:
-        bodies = [i for i, k in enumerate(_servos(tree)) if not k]
-        moved = ca.SX(nv, 1)
-        M = M[bodies, bodies]
-        moved[bodies] = M @ v_next[bodies]
+        bodies = [i for i, driven in enumerate(_servos(tree)) if not driven]
+        M, moved = M[bodies, bodies], h * tree.weight(q)
+        moved[bodies] += M @ v_next[bodies]
 
     def built(touching: Touching) -> ContactSystem:
         rows = contact_rows(name, touching, q, q_next, lambda J: h * (J @ v_next), h)
@@ -136,10 +135,8 @@ def _rows(
     return rows
 
 
-def _smooth(
-    tree: Tree, q: ca.SX, v: ca.SX, v_next: ca.SX, u: ca.SX, h: ca.SX | float, scale: float
-) -> ca.SX:
-    """All forces but contact (nv, 1), linear in v_next."""
+def _smooth(tree: Tree, q: ca.SX, v_next: ca.SX, u: ca.SX, h: ca.SX | float, scale: float) -> ca.SX:
+    """Forces of motors, servos, springs and dampers (nv, 1), linear in v_next."""
     motor, servo = tree.each(lambda b: b.gear), tree.each(lambda b: b.servo)
     asked = ca.SX(tree.nv, 1)
     for k, name in enumerate(tree.actuated):
@@ -148,7 +145,7 @@ def _smooth(
     springs = tree.each(lambda b: b.spring) * (tree.each(lambda b: b.rest) - stands)
     return (
         scale * motor * asked + servo * (asked - stands) + springs
-        - tree.each(lambda b: b.damping) * v_next - tree.weight(q) - tree.coriolis(q, v, v_next)
+        - tree.each(lambda b: b.damping) * v_next
     )  # fmt: skip
 
 
@@ -181,6 +178,5 @@ def _book(
     springs = tree.each(lambda b: b.spring) * (
         tree.each(lambda b: b.rest) - tree.position_of(q) - h * v_next
     )
-    velocity = tree.weight(q) + tree.coriolis(q, v, v_next)
-    work = h * ca.dot(v_next, forced + velocity - springs)
+    work = h * ca.dot(v_next, forced - springs)
     return EnergyBook(tree.energy(q, v), work, tree.momentum(q, v), external)
