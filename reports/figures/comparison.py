@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from reports.console import number, small
-from reports.figures.motion import Track, idle, tracks
+from reports.figures.motion import Track, idle, largest, tracks
 from reports.figures.panels import Panel, Row, in_rows, lines, note_zero
 from reports.figures.run import FLOOR
 from reports.notation import label, symbol
@@ -99,7 +99,7 @@ def overlay_rows(views: list[RunView]) -> tuple[list[Row], list[str]]:
     reach: dict[str, float] = {}
     for heading, name in kept:
         members = [each[heading, name] for each in whole if (heading, name) in each]
-        most = max((_largest(m.plan - members[0].plan) for m in members if differ), default=0.0)
+        most = max((largest(m.plan - members[0].plan) for m in members if differ), default=0.0)
         reach[heading] = max(reach.get(heading, 0.0), most)
     panels: dict[str, list[Panel]] = {}
     for heading, name in kept:
@@ -130,10 +130,6 @@ def _panel(
 
     title = label(own[0][1].name, own[0][1].unit)
     return Panel(title, main, below if reach is not None else None)
-
-
-def _largest(values: np.ndarray) -> float:
-    return float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
 
 
 _COLOURS = {"contact": GREEN, "degenerate": GREEN, "fold": PURPLE, "switch": ORANGE}

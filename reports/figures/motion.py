@@ -54,7 +54,7 @@ class Track:
     def size(self) -> float:
         """Largest number that occurs."""
         both = [self.plan] if self.again is None else [self.plan, self.again]
-        return max(_largest(values) for values in both)
+        return max(largest(values) for values in both)
 
 
 def tracks(view: RunView) -> list[Track]:
@@ -91,7 +91,7 @@ def idle(found: list[Track]) -> list[str]:
 def apart(found: list[Track]) -> float:
     """Largest distance of plan and replay beside a state's or input's size; 0 without a replay."""
     shares = [
-        _largest(track.off) / track.size
+        largest(track.off) / track.size
         for track in found if track.off is not None and track.size > 0 and not track.multiplier
     ]  # fmt: skip
     return max(shares, default=0.0)
@@ -100,7 +100,7 @@ def apart(found: list[Track]) -> float:
 def undetermined(found: list[Track]) -> bool:
     """Whether multipliers of the replay are others although the motion is the same."""
     return apart(found) <= SAME and any(
-        _largest(track.off) > SAME * track.size for track in found
+        largest(track.off) > SAME * track.size for track in found
         if track.multiplier and track.name not in idle(found)
     )  # fmt: skip
 
@@ -119,7 +119,7 @@ def plan_rows(view: RunView, without: Collection[str] = ()) -> list[Row]:
             groups.setdefault(track.heading, []).append(track)
     panels = {}
     for heading, members in groups.items():
-        reach = max(_largest(track.off) for track in members)
+        reach = max(largest(track.off) for track in members)
         size = max(track.size for track in members)
         told = reach if reach > SAME * size else None
         panels[heading] = [_panel(track, time, told) for track in members]
@@ -153,7 +153,7 @@ def _plan(axis: Axes, time: np.ndarray, track: Track, again: bool) -> None:
         between(axis, time, low, high, color=PLANNED, alpha=0.15)
     if not again or track.again is None:
         return
-    reach = _BEYOND * _largest(track.plan)
+    reach = _BEYOND * largest(track.plan)
     for plan, other in zip(track.plan, track.again, strict=True):
         between(axis, time, plan, other, color=REPLAYED, alpha=0.3 / len(track.plan) ** 0.5)
     lines(axis, time, track.again, color=REPLAYED, linewidth=0.5 * width)
@@ -180,7 +180,8 @@ def _heading(view: RunView, kind: str, index: int) -> str:
     return label(f"{_KINDS[pairs[index].kind]} λ", unit)
 
 
-def _largest(values: np.ndarray | None) -> float:
+def largest(values: np.ndarray | None) -> float:
+    """The largest of the finite values, without sign; 0 where there is none."""
     if values is None:
         return 0.0
     return float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))

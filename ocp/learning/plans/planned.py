@@ -19,7 +19,7 @@ from ocp.problem import Constraint, Guess, Problem, Scaling
 from ocp.programs.solver import Point
 from ocp.rollout import InitialGuess, roll_on
 from ocp.routes.branches import Branches
-from ocp.routes.homotopy import Homotopy, Progress, RouteResult
+from ocp.routes.homotopy import Homotopy, RouteResult
 from ocp.routes.rollouts import pack_rollout
 from ocp.session import Session
 from ocp.solution import Solution
@@ -116,9 +116,7 @@ def best_plan(
     task: Task,
     x0: np.ndarray,
     *guesses: Guess,
-    scaling: Scaling | None = None,
     settings: dict[str, Any] | None = None,
-    progress: Progress | None = None,
 ) -> BestPlan:
     """Plan an episode from ``x0`` (nx,) by direct transcription under the exact law.
 
@@ -126,28 +124,26 @@ def best_plan(
     is a motion under the exact law is solved on its own branch and improved from there, which
     keeps to it; any other, or where that comes to nothing, is solved by the default route. The best
     certified plan is returned, or where none is certified the best of the others.
-    ``scaling`` has the characteristic sizes, ``settings`` are those of :func:`ocp.solve`.
+    ``settings`` are those of :func:`ocp.solve`.
 
     Raises as :func:`~ocp.learning.plans.planned.planned_problem` does.
     """
-    problem = planned_problem(task, x0, scaling=scaling)
+    problem = planned_problem(task, x0)
     session = new_session(problem, EXACT, settings=settings)
     p = problem.parameters.values
     begun = [guess(problem, p) for guess in guesses] or [problem.initial_guess(p)]
     found = []
     for number, guess in enumerate(begun):
-        outcome = _polished(session, guess, progress)
+        outcome = _polished(session, guess)
         if outcome is None:
-            outcome = session.solve(progress=progress, guess=guess, number=number)
+            outcome = session.solve(guess=guess, number=number)
         found.append(judged(session, outcome, seed=0))
     best = best_of(session, found)
     replay = (best.data[name].values[0] for name in ("x_replay", "u_replay"))
     return BestPlan(best, *episode_return(task, *replay))
 
 
-def _polished(
-    session: Session, guess: InitialGuess, progress: Progress | None
-) -> RouteResult | None:
+def _polished(session: Session, guess: InitialGuess) -> RouteResult | None:
     """The best plan near a motion, along its contacts; None where it is none, or none was found."""
     states, inputs = guess
     problem = session.problem
@@ -155,7 +151,7 @@ def _polished(
     off = np.abs(rolled.x[0] - states) / problem.scales.x
     if unsolved is not None or not np.all(off <= _SAME):
         return None
-    follower = Homotopy(session.nlp_of, session.solver, session.values, progress)
+    follower = Homotopy(session.nlp_of, session.solver, session.values)
     branches, nlp = Branches(follower), session.judging_nlp()
     found = branches.solve_branch(Point(pack_rollout(nlp, rolled, None)))
     if found is None:
