@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
@@ -172,8 +174,8 @@ def _guess(params: Params):
     return guess
 
 
-def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Floor, hand, goal and the ball, whose size is for the eye only."""
+def draw(params: Any, state: np.ndarray) -> list[Shape]:
+    """Floor, hand, goal and the ball, whose size is for the eye only; of the task as well."""
     radius = 0.05
     return [
         HalfPlane(0, 0, 0, 1),
@@ -183,6 +185,6 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     ]
 
 
-def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+def frames(params: Any, state: np.ndarray) -> list[ContactFrame]:
     """The floor pushes upwards."""
     return [ContactFrame(float(state[0]), float(state[1]), 0, 1)]

@@ -8,14 +8,13 @@ import numpy as np
 from dynamics.systems import ParameterTable
 from ocp.task import Task
 from problems import ball_throw as problem
-from problems.drawing import ContactFrame, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation
 
 name = "ball-throw"
 title = "Ball throw: arrive at a goal by way of the floor"
 citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, fig. 7a; numbers are ours")
-axes = problem.axes
+axes, draw, frames = problem.axes, problem.draw, problem.frames
 decisions = 1
 observation_bounds = {"hand": (0.0, 1.0)}
 training = {"all": {"hidden": None, "unroll": 1000, "rate": 0.05}, "ars": {"rate": 0.1}}
@@ -70,18 +69,3 @@ def build(params: Params) -> Task:
         lower=np.array([-_STEEPEST, 0.0][: system.nu]),
         upper=np.array([_STEEPEST, params.speed_max][: system.nu]),
     )
-
-
-def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Floor, hand, goal and the ball, whose size is for the eye only."""
-    return problem.draw(_thrown(params), state)
-
-
-def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """The floor pushes upwards."""
-    return problem.frames(_thrown(params), state)
-
-
-def _thrown(params: Params) -> problem.Params:
-    """What the drawing asks for."""
-    return problem.Params(x0=params.x0, z0=params.z0, goal_x=params.goal_x, goal_z=params.goal_z)
