@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 from pydantic import model_validator
@@ -135,11 +137,11 @@ def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return X, np.zeros((N, problem.system.nu))
 
 
-def draw(params: Params, state: np.ndarray) -> list[Shape]:
+def draw(params: Any, state: np.ndarray) -> list[Shape]:
     """Links and the ground."""
     return machine_shapes(_PICTURED, state)
 
 
-def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+def frames(params: Any, state: np.ndarray) -> list[ContactFrame]:
     """Return where each sphere touches the ground, and the joint limits nowhere."""
     return machine_frames(_PICTURED, state, SPHERES[params.spheres], params.friction)

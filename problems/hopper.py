@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 from pydantic import model_validator
@@ -137,6 +139,6 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     return [*machine_shapes(_PICTURED, state), Mark(params.goal, 0.0, "goal")]
 
 
-def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+def frames(params: Any, state: np.ndarray) -> list[ContactFrame]:
     """Contacts of the spheres with the ground."""
     return machine_frames(_PICTURED, state, SPHERES[params.spheres], params.friction)

@@ -7,10 +7,8 @@ import numpy as np
 
 from dynamics.systems.contact_rows import Cone
 from ocp.task import Task
-from problems.drawing import ContactFrame, Shape
-from problems.half_cheetah import SPHERES
+from problems import half_cheetah as problem
 from problems.machines.half_cheetah import half_cheetah as machine_of
-from problems.machines.machine import machine_frames, machine_shapes
 from problems.parameters import Parameters, choice, quantity, structure
 from problems.spec import Citation
 from problems.tasks.running import built, inertia, mass, tame
@@ -20,7 +18,7 @@ title = "Half-cheetah: run"
 citation = Citation(
     "zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; reward and reset of Dojo's"
 )
-axes = ("x [m]", "z [m]")
+axes, draw, frames = problem.axes, problem.draw, problem.frames
 training = {"all": {"iterations": 150}, "mbpo": {"iterations": 60, "hidden": (32, 32)}}
 equations = """
 max quad "mean of" sum_(t=0)^(N-1) r_t, quad r_t = dot(x)_(t+1) - 0.1 norm(u_t)^2
@@ -72,7 +70,8 @@ class Params(Parameters):
 
 def build(params: Params) -> Task:
     """Build the task; the state is (q, v), the reward [1] adds a speed [m/s] to numbers."""
-    system, common = built(name, params, machine_of, "spring_scale", SPHERES[params.spheres])
+    spheres = problem.SPHERES[params.spheres]
+    system, common = built(name, params, machine_of, "spring_scale", spheres)
     x, nq = system.x, system.nx // 2
     return Task(
         **common,
@@ -81,13 +80,3 @@ def build(params: Params) -> Task:
         lasts=ca.SX(0, 1),
         observation=x[1:],
     )
-
-
-def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Links, spheres and the ground."""
-    return machine_shapes(_MACHINE, state)
-
-
-def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Return where each sphere touches the ground, and the joint limits nowhere."""
-    return machine_frames(_MACHINE, state, SPHERES[params.spheres], params.friction)

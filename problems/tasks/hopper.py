@@ -7,10 +7,10 @@ import numpy as np
 
 from dynamics.systems.contact_rows import Cone
 from ocp.task import Task
-from problems.drawing import ContactFrame, Shape
-from problems.hopper import SPHERES
+from problems import hopper as problem
+from problems.drawing import Shape
 from problems.machines.hopper import hopper as machine_of
-from problems.machines.machine import machine_frames, machine_shapes
+from problems.machines.machine import machine_shapes
 from problems.parameters import Parameters, choice, quantity, structure
 from problems.spec import Citation
 from problems.tasks.running import built, inertia, mass, tame
@@ -20,7 +20,7 @@ title = "Hopper: run without falling"
 citation = Citation(
     "zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; reward, reset and end of Dojo's"
 )
-axes = ("x [m]", "z [m]")
+axes, frames = problem.axes, problem.frames
 learner = "ars"
 training = {
     # A hundredth of the largest torque turns the torso past its end in a few steps.
@@ -82,7 +82,7 @@ def build(params: Params) -> Task:
     The source leaves the inputs unbounded; the bounds of one unit, 200 N m, are ours. A state that
     is not finite ends the episode too.
     """
-    system, common = built(name, params, machine_of, "spring", SPHERES[params.spheres])
+    system, common = built(name, params, machine_of, "spring", problem.SPHERES[params.spheres])
     x, u, nq = system.x, system.u, system.nx // 2
     lasts = ca.vertcat(x[1] - _LOWEST, _STEEPEST - x[2], _STEEPEST + x[2], _WILDEST**2 - x**2)
     standing = ca.logic_and(x[1] > _LOWEST, ca.fabs(x[2]) < _STEEPEST)
@@ -99,8 +99,3 @@ def build(params: Params) -> Task:
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Links, spheres and the ground."""
     return machine_shapes(_MACHINE, state)
-
-
-def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Contacts of the spheres with the ground."""
-    return machine_frames(_MACHINE, state, SPHERES[params.spheres], params.friction)
