@@ -21,7 +21,11 @@ citation = Citation(
 )
 axes = AXES
 equations = STEPS
-golden = {"exact": Golden(0.1266218499, tried=1)}
+golden = {
+    "exact": Golden(
+        0.12040724552, settings={"strategy": "scholtes"}, tried=3, note="another minimum: 0.1289853"
+    )
+}
 _CAMERA = Camera.around((0.2, 0.0, 0.3), 1.4)
 
 
@@ -30,6 +34,7 @@ class Params(GaitParams):
 
     friction: float = quantity(1.0, "1", "Coulomb's coefficient with the ground", above=0)
     h: float = quantity(0.05, "s", "step size", above=0)
+    w_u: float = quantity(0.2, "1/s", "weight of the inputs", least=0)
     w_v: float = quantity(0.05, "s/m^2", "weight of the velocities", least=0)
 
 
