@@ -34,11 +34,12 @@ from ocp.programs.solver import Status
 from ocp.rollout import Gains, Rollout, roll_out
 from ocp.stationarity.certificate import Certificate
 from ocp.validation import expand_path
-from ocp.worlds.replay import InWorld, in_world
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
+
+    from ocp.worlds.replay import InWorld
 
 
 @dataclass(frozen=True)
@@ -258,6 +259,8 @@ class Solution:
 
         Raises :class:`~ocp.errors.InputError` as :func:`ocp.worlds.replay.in_world` does.
         """
+        from ocp.worlds.replay import in_world
+
         inputs = self.data["u"].values if self.gains is None else self.gains
         start = self.data["x"].values[:, 0]
         return in_world(name, self.problem, inputs, self.values, start, self.cost)

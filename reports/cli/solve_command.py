@@ -21,7 +21,6 @@ from ocp.solve import Rank, refine_from, solve_from, solve_session
 from ocp.store import atomic
 from ocp.store.stored_run import StoredRun
 from ocp.worlds import WORLDS
-from ocp.worlds.mujoco_world import MujocoWorld
 from problems.plugin import edited, problem_of
 from reports import console
 from reports.cli import interrupt
@@ -60,6 +59,8 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     if options.refine:
         halved(request.session.problem, request.session.values, 1)
     if options.world is not None:
+        from ocp.worlds.mujoco_world import MujocoWorld
+
         choose("world", options.world, WORLDS)
         MujocoWorld(request.session.problem, request.session.values)
     workers = min(options.jobs, options.starts)
