@@ -12,7 +12,7 @@ from problems.parameters import Parameters, quantity, structure, table
 
 name = "hop-on"
 title = "A robot of a file goes to another pose"
-axes = ("x [m]", "z [m]")
+axes = ("", "")  # a picture in perspective has no rulers
 robot = robots.load(Path(__file__).parent / "hopper.xml")  # what it has: ocp show FILE
 start = robot.standing()  # the file's home; a robot that floats stands on the ground
 nq = len(start)
@@ -34,8 +34,9 @@ def build(params: Params) -> Problem:
     p = table(params)  # a symbol for each quantity
     machine, goal = robot.machine, robot.displaced(start, p["distance"])
     system = machine.system(name, p, h=p["h"], friction=p["friction"] * robot.coefficients)
-    lower, upper = robot.controls.T  # limits of the inputs, in units of gear
-    share = system.u / np.where(np.isfinite(upper), upper, 1.0)
+    lower, upper = robot.controls.T  # limits of the inputs: units of gear, or positions of servos
+    size = np.where(np.isfinite(upper - lower), (upper - lower) / 2, 1.0)
+    share = (system.u - robot.held(start)) / size
     q, v = system.x[:nq], system.x[nq:]
     running = p["w_u"] * ca.sumsqr(share) + p["w_v"] * ca.sumsqr(v)
     return Problem(

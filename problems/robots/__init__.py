@@ -1,4 +1,4 @@
-"""Robots from URDF and MJCF files; ``load(path)`` reads a planar one."""
+"""Robots from URDF and MJCF files; ``load(path)`` reads one."""
 
 from problems.robots.reading import load
 from problems.robots.robot import Robot

@@ -1,200 +1,184 @@
-"""Geoms of a compiled file as parts of the plane, and which of them may touch."""
+"""Geoms of a compiled file as parts in space, and which of them may touch."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from itertools import combinations
 from typing import Any
 
+import casadi as ca
 import numpy as np
+from scipy.spatial import ConvexHull
 
-from dynamics.systems import Part, Sphere
-from dynamics.systems.contacts import Capsule, Disc, HalfPlane, Polygon, Shape
-from problems.robots.pairs import GROUND_FRICTION, Kind, geom_names, pairs_of
-from problems.robots.tree import TILT, Frame, clean, plane
+from dynamics.systems.space import (
+    Box,
+    Capsule,
+    Cylinder,
+    Hull,
+    Plane,
+    Shape,
+    SpatialMachine,
+    SpatialPart,
+    Sphere,
+)  # fmt: skip
+from dynamics.systems.space.machine import WORLD
+from problems.robots.bodies import Pose, exact
+from problems.robots.reach import apart
 
-_WORLD = "world"
-Corner = tuple[str, tuple[float, float], float]
-"""A disc of a geom: its name, its centre in the link's frame [m], its radius [m]."""
-
-
-@dataclass(frozen=True)
-class _Solid:
-    """A geom in the plane: its section ``shape``, and the ``corners`` that meet planes first.
-
-    ``depth`` is the part of the y axis in which the section is this one, less what rounds it [m].
-    Where there is no section or no corner, ``fault`` says why.
-    """
-
-    name: str
-    link: str
-    shape: Shape | None = None
-    corners: tuple[Corner, ...] = ()
-    depth: tuple[float, float] = (0.0, 0.0)
-    fault: str = ""
+MOST_CORNERS = 32
+"""Corners that are kept of a mesh, at most."""
+_NAMED = 3
+"""Pairs that are named where many are left out."""
+_NO_CONTACT, _PARENTS_MEET = 1 << 4, 1 << 10
+"""Bits of MuJoCo's flags that turn off contact, and the filter of parents."""
 
 
 @dataclass(frozen=True)
 class Touching:
-    """Spheres over the ground, further parts, who meets whom, and the coefficients by contact.
+    """A machine, Coulomb's coefficient of each of its contacts by name, and what touches nothing.
 
-    ``geoms`` are those of the file that may touch anything.
+    ``grounds`` are numbers of contacts with level ground, ``geoms`` those of the file that may
+    touch anything.
     """
 
-    spheres: tuple[Sphere, ...]
-    parts: tuple[Part, ...]
-    meetings: tuple[tuple[str, str], ...]
-    friction: Mapping[str, float]
-    geoms: tuple[int, ...]
-    ignored: tuple[str, ...]
+    machine: SpatialMachine
+    friction: dict[str, float]
+    grounds: list[int]
+    geoms: list[int]
+    ignored: list[str]
 
 
-@dataclass
-class _Found:
-    """What is collected pair by pair."""
+def touching(model: Any, machine: SpatialMachine, poses: Sequence[Pose]) -> Touching:
+    """Give a machine all geoms whose shape is known, and the pairs that may touch and can meet.
 
-    spheres: dict[str, Sphere] = field(default_factory=dict)
-    points: dict[str, Part] = field(default_factory=dict)
-    on_ground: dict[str, float] = field(default_factory=dict)
-    meetings: dict[tuple[str, str], float] = field(default_factory=dict)
-    ignored: dict[str, None] = field(default_factory=dict)
-
-    def over(self, solid: _Solid, plane: str, level: bool, friction: float) -> None:
-        """Let the corners of a solid meet a plane, which is the ground where it is ``level``."""
-        if not solid.corners:
-            self.ignored[f"geom {solid.name}: {solid.fault}, so it touches nothing here"] = None
-        for name, centre, radius in solid.corners:
-            if level and radius > 0:
-                self.spheres[name] = Sphere(name, solid.link, centre, radius)
-                self.on_ground[name] = max(friction, self.on_ground.get(name, 0.0))
-            else:
-                self.points[name] = Part(name, solid.link, Disc(radius, centre))
-                self.meetings[name, plane] = friction
-
-    def meet(self, one: _Solid, other: _Solid, friction: float) -> None:
-        """Let two solids meet whose sections lie in one plane."""
-        if one.shape is None or other.shape is None:
-            for solid in (s for s in (one, other) if s.shape is None):
-                told = f"geom {solid.name}: {solid.fault}, so it touches no other part here"
-                self.ignored[told] = None
-            return
-        apart = max(one.depth[0], other.depth[0]) - min(one.depth[1], other.depth[1])
-        if apart <= TILT:
-            self.meetings[one.name, other.name] = friction
-        elif apart < float(one.shape.radius) + float(other.shape.radius):
-            self.ignored[
-                f"geoms {one.name} and {other.name}: at different y, they never touch here"
-            ] = None
-
-
-def touching(model: Any, data: Any, frames: Mapping[int, Frame], *, urdf: bool) -> Touching:
-    """Take over all geoms whose section in the plane is known, and the pairs that may touch.
-
-    A pair may as in the file: by ``contype`` and ``conaffinity``, but for parent and child, and for
-    what is excluded. Below a ``urdf`` lies the ground.
+    Raises ``ValueError`` for contacts of one name.
     """
-    names, found = geom_names(model), _Found()
-    links = [frames[int(model.body_weldid[body])] for body in model.geom_bodyid]
-    flat = {g for g in range(model.ngeom) if model.geom_type[g] == Kind.PLANE}
-    planes = {g: _half_plane(data, g, links[g]) for g in flat}
-    solids = {
-        g: _solid(model, data, g, names[g], links[g]) for g in range(model.ngeom) if g not in flat
-    }
-    pairs = pairs_of(model)
-    for (a, b), friction in pairs.items():
-        if not flat & {a, b}:
-            # A part of the world comes last.
-            one, other = (b, a) if solids[a].link == _WORLD else (a, b)
-            found.meet(solids[one], solids[other], friction)
+    pairs, ignored, data = pairs_of(model), list[str](), import_module("mujoco").MjData(model)
+    geoms = sorted({g for pair in pairs for g in pair})
+    found = _parts(model, poses, geoms, ignored)
+    machine = replace(machine, parts=tuple(found.values()))
+    tree, left = machine.tree(), defaultdict[str, list[str]](list)
+    q = ca.SX.sym("q", tree.nq)
+    friction, grounds, meetings = dict[str, float](), list[int](), list[tuple[str, str]]()
+    for (a, b), coefficient in pairs.items():
+        if a not in found or b not in found:
             continue
-        low, other = (a, b) if a in flat else (b, a)
-        half = planes[low]
-        if half is None or other in flat:
-            found.ignored[f"plane {names[low]}: it moves, or leans along y"] = None
+        # A part of the world comes last.
+        one, other = (found[g] for g in ((b, a) if found[a].body == WORLD else (a, b)))
+        pair = one.name, other.name
+        try:
+            near = replace(machine, meetings=(pair,)).contacts(tree, q)
+        except ValueError as error:
+            left[str(error)].append(" and ".join(pair))
+            continue
+        if twice := friction.keys() & near.keys():
+            raise ValueError(f"two contacts are called {min(twice)!r}; give the geoms other names")
+        if not any(ca.depends_on(contact.phi, q) for contact in near.values()):
+            left["no joint moves them"].append(" and ".join(pair))
+        elif apart(model, data, a, b):
+            left["they can never meet within the joints' limits"].append(" and ".join(pair))
         else:
-            found.over(solids[other], names[low], _level(half), friction)
-    grounds = {names[g]: half for g, half in planes.items() if half is not None}
-    if urdf:
-        grounds["ground"] = HalfPlane()
-        for g, solid in solids.items():
-            if solid.link != _WORLD and (model.geom_contype[g] or model.geom_conaffinity[g]):
-                friction = max(GROUND_FRICTION, float(model.geom_friction[g][0]))
-                found.over(solid, "ground", True, friction)
-    met = {name for meeting in found.meetings for name in meeting}
-    parts = {name: Part(name, _WORLD, half) for name, half in grounds.items()
-             if name in met or not _level(half)}  # fmt: skip
-    parts |= {s.name: Part(s.name, s.link, s.shape) for s in solids.values() if s.shape is not None}
-    parts |= found.points
-    kept = tuple(part for name, part in parts.items() if name not in found.spheres)
-    friction = {
-        **{name: found.on_ground[name] for name in found.spheres},
-        **{f"{a} on {b}": f for (a, b), f in found.meetings.items()},
-    }
-    seen = range(model.ngeom) if urdf else sorted({g for pair in pairs for g in pair})
-    return Touching(
-        tuple(found.spheres.values()), kept, tuple(found.meetings), friction, tuple(seen),
-        tuple(found.ignored),
-    )  # fmt: skip
+            if isinstance(other.shape, Plane) and other.shape.normal[2] == 1:
+                grounds += range(len(friction), len(friction) + len(near))
+            friction |= dict.fromkeys(near, coefficient)
+            meetings.append(pair)
+    for why, own in left.items():
+        more = f" and {len(own) - _NAMED} more" if len(own) > _NAMED else ""
+        many = "" if len(own) == 1 else "s"
+        ignored.append(f"{len(own)} pair{many} of geoms, {', '.join(own[:_NAMED])}{more}: {why}")
+    return Touching(replace(machine, meetings=tuple(meetings)), friction, grounds, geoms, ignored)
 
 
-def _level(half: HalfPlane) -> bool:
-    """Whether a half-plane is the ground z = 0."""
-    return float(half.origin[1]) == 0 and float(half.normal[0]) == 0 < float(half.normal[1])
+def _parts(
+    model: Any, poses: Sequence[Pose], geoms: list[int], ignored: list[str]
+) -> dict[int, SpatialPart]:
+    """Parts by geom; of ``geoms``, which may touch anything, tell what is no part."""
+    found: dict[int, SpatialPart] = {}
+    for g in range(model.ngeom):
+        name, told = model.geom(g).name, ""
+        pose = poses[model.geom_bodyid[g]].then(model.geom_pos[g], model.geom_quat[g])
+        kind = import_module("mujoco").mjtGeom(int(model.geom_type[g])).name[7:].lower()
+        try:
+            shape, told = _shape(model, g, kind, pose)
+            found[g] = SpatialPart(name, pose.body, shape)
+        except ValueError as error:
+            told = f"geom {name}: it is {error}, and touches nothing here"
+        ignored += [told] if told and g in geoms else []
+    return found
 
 
-def _half_plane(data: Any, g: int, frame: Frame) -> HalfPlane | None:
-    normal = data.geom_xmat[g].reshape(3, 3)[:, 2]
-    if frame.link != _WORLD or abs(normal[1]) > TILT:
-        return None
-    up = plane(normal) / np.hypot(normal[0], normal[2])
-    return HalfPlane(clean(data.geom_xpos[g][[0, 2]]), clean(up))
+def _shape(model: Any, g: int, kind: str, pose: Pose) -> tuple[Shape, str]:
+    """A geom in the frame of its body, and what of it is left out.
+
+    Raises ``ValueError`` where no shape is like it, with the reason.
+    """
+    size, middle = model.geom_size[g], exact(pose.place)
+    R, radius = pose.turn.as_matrix(), float(size[0])
+    if kind == "plane" and pose.body == WORLD:
+        return Plane(middle, exact(R[:, 2])), ""
+    if kind == "sphere" or (kind == "ellipsoid" and len(set(size.tolist())) == 1):
+        return Sphere(radius, middle), ""
+    if kind in ("capsule", "cylinder"):
+        start, end = (exact(pose.place + side * size[1] * R[:, 2]) for side in (-1, 1))
+        return (Capsule if kind == "capsule" else Cylinder)(start, end, radius), ""
+    if kind == "box":
+        straight = np.abs(R).round()
+        if np.allclose(np.abs(R), straight, atol=1e-12):
+            return Box(exact(straight @ size), middle), ""
+        return Box(exact(size), middle, exact(pose.turn.as_quat(scalar_first=True))), ""
+    if kind == "mesh":
+        return _hull(model, g, pose)
+    raise ValueError(f"of the kind {kind}")
 
 
-def _solid(model: Any, data: Any, g: int, name: str, frame: Frame) -> _Solid:
-    """The section of a geom in the frame of its link."""
-    kind, size, middle = int(model.geom_type[g]), model.geom_size[g], data.geom_xpos[g]
-    R = data.geom_xmat[g].reshape(3, 3)
-    across = [abs(R[1, k]) > 1 - TILT**2 for k in range(3)]
-
-    def local(*steps: np.ndarray) -> tuple[float, float]:
-        return clean(frame.local(plane(middle + np.sum(steps, axis=0))))
-
-    def disc(radius: float, half: float) -> _Solid:
-        centre = local()
-        depth = middle[1] - half, middle[1] + half
-        return _Solid(name, frame.link, Disc(radius, centre), ((name, centre, radius),), depth)
-
-    def rectangle(a: np.ndarray, b: np.ndarray, half: float) -> _Solid:
-        at = local(a, b), local(-a, b), local(-a, -b), local(a, -b)
-        corners = tuple((f"{name} corner {k}", corner, 0.0) for k, corner in enumerate(at, 1))
-        depth = middle[1] - half, middle[1] + half
-        return _Solid(name, frame.link, Polygon(at), corners, depth)
-
-    radius = float(size[0])
-    if kind == Kind.SPHERE or (kind == Kind.ELLIPSOID and size[0] == size[1] == size[2]):
-        return disc(radius, 0.0)
-    if kind in (Kind.CAPSULE, Kind.CYLINDER) and across[2]:
-        return disc(radius, float(size[1]))
-    if kind == Kind.CAPSULE:
-        ends = [local(sign * size[1] * R[:, 2]) for sign in (-1, 1)]
-        corners = tuple(
-            (f"{name} {end}", at, radius) for end, at in zip(("start", "end"), ends, strict=True)
-        )
-        if abs(R[1, 2]) > TILT:
-            return _Solid(name, frame.link, None, corners, fault="it leans along y")
-        depth = middle[1], middle[1]
-        return _Solid(name, frame.link, Capsule(ends[0], ends[1], radius), corners, depth)
-    if kind == Kind.CYLINDER and abs(R[1, 2]) <= TILT:
-        along = R[:, 2]
-        return rectangle(size[1] * along, radius * np.array([-along[2], 0.0, along[0]]), 0.0)
-    if kind == Kind.BOX and any(across):
-        k = across.index(True)
-        i, j = (axis for axis in range(3) if axis != k)
-        return rectangle(size[i] * R[:, i], size[j] * R[:, j], float(size[k]))
-    return _Solid(name, frame.link, fault=f"it {_FAULTS.get(Kind(kind), 'is of no known kind')}")
+def _hull(model: Any, g: int, pose: Pose) -> tuple[Hull, str]:
+    """The corners that MuJoCo keeps of a mesh's hull, and how deep inside of it they are."""
+    mesh = int(model.geom_dataid[g])
+    first, many = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    corners = model.mesh_vert[first : first + many].astype(float)
+    at = int(model.mesh_graphadr[mesh])
+    count = 0 if at < 0 else int(model.mesh_graph[at])
+    if not 0 < count <= MOST_CORNERS:
+        raise ValueError(f"a mesh without a hull of at most {MOST_CORNERS} corners")
+    kept = corners[model.mesh_graph[at + 2 + count : at + 2 + 2 * count]]
+    faces = ConvexHull(kept).equations
+    depth = 1e3 * float((corners @ faces[:, :3].T + faces[:, 3]).max())
+    told = f"hull of mesh {model.geom(g).name}: {count} corners, at most {depth:.2g} mm inside"
+    hull = Hull(tuple(exact(pose.place + at) for at in pose.turn.apply(kept)))
+    return hull, told if depth > 1e-3 else ""
 
 
-_FAULTS = {
-    Kind.ELLIPSOID: "is an ellipsoid", Kind.CYLINDER: "leans along y", Kind.BOX: "leans along y",
-    Kind.MESH: "is a mesh", Kind.SDF: "is a signed distance field",
-}  # fmt: skip
+def pairs_of(model: Any) -> dict[tuple[int, int], float]:
+    """Pairs of geoms that may touch, with Coulomb's coefficient, 0 where they only push.
+
+    Those that the file names, and those that their bits let touch: of bodies that are neither
+    excluded nor fixed to each other, nor parent and child.
+    """
+    if model.opt.disableflags & _NO_CONTACT:
+        return {}
+    found: dict[tuple[int, int], float] = {}
+    for k in range(model.npair):
+        a, b = sorted((int(model.pair_geom1[k]), int(model.pair_geom2[k])))
+        found[a, b] = float(model.pair_friction[k][0]) if model.pair_dim[k] > 1 else 0.0
+    excluded = {frozenset(divmod(int(code), 1 << 16)) for code in model.exclude_signature}
+    types, affinities, body = model.geom_contype, model.geom_conaffinity, model.geom_bodyid
+    weld = model.body_weldid[body]
+    above = model.body_weldid[model.body_parentid[weld]]
+    kin = not model.opt.disableflags & _PARENTS_MEET
+    for a, b in combinations(range(model.ngeom), 2):
+        joined = weld[a] and weld[b] and (weld[a] == above[b] or weld[b] == above[a]) and kin
+        if weld[a] == weld[b] or joined or frozenset(body[[a, b]].tolist()) in excluded:
+            continue
+        if types[a] & affinities[b] or types[b] & affinities[a]:
+            found.setdefault((a, b), _friction(model, a, b))
+    return found
+
+
+def _friction(model: Any, a: int, b: int) -> float:
+    """Of the geom with the higher priority, or the larger one."""
+    ranks = model.geom_priority[[a, b]]
+    one = [a, b] if ranks[0] == ranks[1] else [a if ranks[0] > ranks[1] else b]
+    return float(model.geom_friction[one][:, 0].max()) if model.geom_condim[one].max() > 1 else 0.0

@@ -2,32 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from functools import cache
+from collections.abc import Iterable, Iterator
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 
+from problems.robots.bodies import drive_of
 from problems.robots.source import listed
-from problems.robots.tree import body_name, is_motor, joint_name
 
 _PLAIN = (
     '<mujoco><worldbody><body><joint name="j"/><geom size=".1"/></body></worldbody>'
     '<actuator><motor joint="j"/></actuator></mujoco>'
 )
-_RIGID = "contact is rigid"
+_RIGID, _JOINT = "contact is rigid", "give it to the joint"
 _SETTINGS = {
     "geom_solref": _RIGID, "geom_solimp": _RIGID, "geom_margin": _RIGID, "geom_gap": _RIGID,
     "geom_fluid": "there is no fluid", "geom_adhesion": "nothing sticks",
     "geom_surfacevel": "surfaces do not run",
     "jnt_solref": "limits are rigid", "jnt_solimp": "limits are rigid",
-    "jnt_margin": "limits are rigid",
-    "jnt_springyield": "springs do not yield", "jnt_stiffnesspoly": "springs are linear",
-    "dof_frictionloss": "joints have no dry friction", "dof_dampingpoly": "damping is linear",
-    "body_gravcomp": "gravity acts on every link",
-    "actuator_armature": "give it to the joint", "actuator_damping": "give it to the joint",
-    "actuator_dampingpoly": "give it to the joint", "actuator_delay": "motors act at once",
+    "jnt_margin": "limits are rigid", "jnt_springyield": "springs do not yield",
+    "jnt_stiffnesspoly": "springs are linear", "dof_frictionloss": "joints have no dry friction",
+    "dof_dampingpoly": "damping is linear", "body_gravcomp": "gravity acts on every body",
+    "actuator_armature": _JOINT, "actuator_damping": _JOINT, "actuator_dampingpoly": _JOINT,
+    "actuator_delay": "motors act at once",
 }  # fmt: skip
 """Settings of MuJoCo's model by name, and what holds instead."""
 
@@ -37,70 +35,48 @@ def leftovers(model: Any, geoms: Iterable[int]) -> list[str]:
 
     Of geoms those count that may touch anything.
     """
-    plain = _plain()
-    rows: dict[str, tuple[Iterable[int], Callable[[int], str]]] = {
-        "geom": (geoms, lambda g: model.geom(g).name or _of_body(model, model.geom_bodyid[g])),
-        "joint": (range(model.njnt), lambda j: joint_name(model, j)),
-        "body": (range(1, model.nbody), lambda b: body_name(model, b)),
-        "actuator": (range(model.nu), lambda k: _named(model.actuator(k).name, "actuator", k)),
-    }
-    told = []
+    plain, told = import_module("mujoco").MjModel.from_xml_string(_PLAIN), list[str]()
+    rows = {"geom": geoms, "joint": range(model.njnt), "body": range(1, model.nbody),
+            "actuator": range(model.nu)}  # fmt: skip
     for name, instead in _SETTINGS.items():
         kind, _, setting = name.partition("_")
         what = {"jnt": "joint", "dof": "joint"}.get(kind, kind)
         values, usual = getattr(model, name, None), getattr(plain, name, None)
         if values is None or usual is None:
             continue
-        indices, label = rows[what]
-        if kind == "dof":
-            places = {k: int(model.jnt_dofadr[k]) for k in indices}
-        else:
-            places = {k: k for k in indices}
-        own = [
-            label(k) for k, at in places.items()
-            if np.any(values[at] != usual[-1])
-            and ("limits" not in instead or model.jnt_limited[k])
-        ]  # fmt: skip
-        if own:
-            told.append(f"{setting} of {listed(what, own)}: {instead}")
-    return [*told, *_things(model, geoms)]
-
-
-def _things(model: Any, geoms: Iterable[int]) -> list[str]:
-    """Whole elements of a file."""
-    names = {
-        "tendon": [_named(model.tendon(k).name, "tendon", k) for k in range(model.ntendon)],
-        "equality constraint": [_named(model.eq(k).name, "equality", k) for k in range(model.neq)],
-        "keyframe": [
-            _named(model.key(k).name, "key", k) for k in range(model.nkey)
-            if model.key(k).name != "home"
-        ],
-    }  # fmt: skip
-    instead = {
-        "tendon": "only joints bind links", "equality constraint": "only joints bind links",
-        "keyframe": "the one named home is home",
-    }  # fmt: skip
-    told = [f"{listed(what, found)}: {instead[what]}" for what, found in names.items() if found]
-    other = [_named(model.actuator(k).name, "actuator", k) for k in range(model.nu)
-             if not is_motor(model, k)]  # fmt: skip
-    if other:
-        told.append(f"{listed('actuator', other)}: only motors at joints are read")
-    mocap = [body_name(model, b) for b in range(model.nbody) if model.body_mocapid[b] >= 0]
-    if mocap:
-        told.append(f"mocap of {listed('body', mocap)}: it never moves")
+        at = model.jnt_dofadr if kind == "dof" else range(len(values))
+        own = [k for k in rows[what] if np.any(values[at[k]] != usual[-1])]
+        if "limits" in instead:
+            own = [j for j in own if model.jnt_limited[j]]
+        names = [getattr(model, what)(k).name for k in own]
+        told += [f"{setting} of {listed(what, names)}: {instead}"] if names else []
+    for what, kind, which, instead in _things(model):
+        names = [getattr(model, kind)(k).name for k in which]
+        kind = "equality constraint" if kind == "eq" else kind
+        told += [f"{what}{listed(kind, names)}: {instead}"] if names else []
     if any(model.geom_condim[g] > 3 for g in geoms):
         told.append("torsional and rolling friction (condim above 3): contacts only slide")
     return told
 
 
-def _of_body(model: Any, body: int) -> str:
-    return f"of {body_name(model, int(body))}"
-
-
-def _named(name: str, kind: str, number: int) -> str:
-    return name or f"{kind} {number + 1}"
-
-
-@cache
-def _plain() -> Any:
-    return import_module("mujoco").MjModel.from_xml_string(_PLAIN)
+def _things(model: Any) -> Iterator[tuple[str, str, list[int], str]]:
+    """What of a kind of elements is left out, of which, and what holds instead."""
+    single = np.flatnonzero(model.jnt_type < 2).tolist()
+    for what, has in (("armature", model.dof_armature[model.jnt_dofadr]),
+                      ("spring", model.jnt_stiffness), ("limit", model.jnt_limited)):  # fmt: skip
+        own = [j for j in single if has[j]]
+        yield f"{what} of ", "joint", own, "only hinges and slides have one"
+    bound = "only joints bind bodies"
+    yield "", "tendon", [*range(model.ntendon)], bound
+    yield "", "eq", [*range(model.neq)], bound
+    yield "", "sensor", [*range(model.nsensor)], "nothing is measured here"
+    keys = [k for k in range(model.nkey) if model.key(k).name != "home"]
+    yield "", "key", keys, "the one named home is home"
+    drives = [drive_of(model, k) for k in range(model.nu)]
+    odd = [k for k, drive in enumerate(drives) if drive is None]
+    yield "", "actuator", odd, "only motors and position servos of hinges and slides are read"
+    bounded = model.jnt_actfrclimited[model.actuator_trnid[:, 0]] | model.actuator_forcelimited
+    strong = [k for k, drive in enumerate(drives) if drive and drive.servo and bounded[k]]
+    yield "force range of ", "actuator", strong, "a servo pulls as hard as it must"
+    mocap = np.flatnonzero(model.body_mocapid >= 0).tolist()
+    yield "mocap of ", "body", mocap, "it never moves"

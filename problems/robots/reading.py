@@ -1,96 +1,121 @@
-"""Robots from URDF and MJCF files: compiled by MuJoCo, then taken over as links or bodies."""
+"""Robots from URDF and MJCF files: compiled by MuJoCo, then taken over as bodies in space."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+import warnings
+from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
-from dynamics.systems import Machine
+from dynamics.systems.space import SpatialMachine
+from dynamics.systems.space.body import POSITIONS
 from ocp.errors import InputError
 from ocp.validation import expand_path
-from problems.robots.geoms import touching
+from problems.machines.perspective import Camera
+from problems.robots.bodies import JOINTS, bodies, drives_of
+from problems.robots.geoms import MOST_CORNERS, touching
 from problems.robots.leftovers import leftovers
-from problems.robots.robot import PlanarRobot, Robot
-from problems.robots.source import Source, listed, read_source
-from problems.robots.spatial import home_of, spatial_robot
-from problems.robots.tree import TILT, joint_name, tree
+from problems.robots.robot import Robot
+from problems.robots.source import listed, read_source
 
 MOST_JOINTS = 100
-_FREE, _BALL, _SLIDE, _HINGE = range(4)
+_FINITE = ("body_mass", "body_inertia", "body_ipos", "geom_size", "jnt_range", "dof_armature")
+_NOT_FREE = (
+    "nothing to set free: an MJCF file says itself what floats (<freejoint/>), and of a URDF it is"
+    " the one link that stands fixed in the world"
+)
+_TILT = 1e-5
+"""How far an axis may be off the plane for a camera from its side."""
 
 
-def load(path: str | Path, *, space: bool = False, floating: bool = False) -> Robot:
+def load(path: str | Path, *, floating: bool = False) -> Robot:
     """Read a robot from a URDF or MJCF file, all of whose numbers are in SI units.
 
-    Planar are hinges about ±y and slides in the plane of x and z. A root that slides along x and z
-    and turns about y becomes one ``free`` joint there. Other robots, and with ``space`` all, are
-    read in space, where q is MuJoCo's qpos and v its qvel. Bodies without joints become part of
-    their parent. A URDF stands over the ground z = 0, and each of its joints with an ``effort`` has
-    a motor whose unit is that; its root is fixed to the world unless it is ``floating``. Nothing
-    outside the file's folder is opened.
+    Bodies without joints become part of their parent. A URDF stands over the ground z = 0, and each
+    of its joints with an ``effort`` has a motor whose unit is that; its root is fixed to the world
+    unless it is ``floating``. Nothing outside the file's folder is opened.
 
     Raises :class:`~ocp.errors.InputError` where MuJoCo is not installed, the file is no robot, or
     has what :class:`~dynamics.systems.space.Body` cannot express.
     """
     file = expand_path(path)
-    source = read_source(file, floating=floating)
-    model = _compiled(source, file)
-    data = import_module("mujoco").MjData(model)
-    data.qpos[:] = model.qpos0
-    import_module("mujoco").mj_kinematics(model, data)
-    notes = ["The root is fixed; --floating makes it free."] if source.rooted else []
-    try:
-        if not space:
-            try:
-                _check_planar(model, data)
-                return replace(_planar(model, data, source, file), notes=tuple(notes))
-            except ValueError as error:
-                notes.append(f"Read in space: {error}.")
-        found = spatial_robot(model, source, file, _gravity(model))
-        return replace(found, notes=tuple(notes))
-    except ValueError as error:
-        raise InputError(f"{file}: {error}") from error
-
-
-def _compiled(source: Source, file: Path) -> Any:
     try:
         mujoco = import_module("mujoco")
     except ImportError:
         raise InputError(
             "reading robot files needs the package mujoco; install 'centralpath[robots]'"
         ) from None
+    source = read_source(file)
     warn = mujoco.get_mju_user_warning()
     # Its own handler writes a file into the current folder.
     mujoco.set_mju_user_warning(lambda message: None)
     try:
-        model = mujoco.MjModel.from_xml_string(source.text, source.assets)
+        with warnings.catch_warnings(action="ignore"):
+            spec = mujoco.MjSpec.from_string(source.text, assets=source.assets)
+            roots = spec.worldbody.bodies
+            rooted = source.urdf and len(roots) == 1 and not roots[0].joints
+            if floating and not rooted:
+                raise InputError(f"{file}: {_NOT_FREE}")
+            if floating:
+                roots[0].add_freejoint(name=f"{roots[0].name} floats")
+            _complete(spec, urdf=source.urdf)
+            model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"{file}: {_reason(str(error))}") from None
     finally:
         mujoco.set_mju_user_warning(warn)
+    try:
+        _check(model)
+        note = ["The root is fixed; --floating makes it free."] if rooted and not floating else []
+        return _robot(file, model, source.ignored, note)
+    except ValueError as error:
+        raise InputError(f"{file}: {error}") from error
+
+
+def _complete(spec: Any, *, urdf: bool) -> None:
+    """Give a URDF its ground, everything a name, and meshes hulls of few corners."""
+    if urdf:
+        plane = import_module("mujoco").mjtGeom.mjGEOM_PLANE
+        spec.worldbody.add_geom(name="ground", type=plane, size=[0, 0, 1])
+    for mesh in spec.meshes:
+        # Where the hull is what has mass it must stay whole.
+        if mesh.inertia != import_module("mujoco").mjtMeshInertia.mjMESH_INERTIA_CONVEX:
+            mesh.maxhullvert = MOST_CORNERS
+    for what in ("body", "joint", "actuator", "tendon", "equality", "key", "sensor"):
+        elements = getattr(spec, {"body": "bodies", "equality": "equalities"}.get(what, f"{what}s"))
+        _name((one, f"{what} {k}") for k, one in enumerate(elements, what != "body"))
+    _name((geom, f"{body.name} geom {k}") for body in spec.bodies
+          for k, geom in enumerate(body.geoms, 1))  # fmt: skip
+
+
+def _name(elements: Iterable[tuple[Any, str]]) -> None:
+    """Name those without a name as it stands beside them, each in another way."""
+    listed = list(elements)
+    taken = {one.name for one, _ in listed}
+    for one, name in listed:
+        if not one.name:
+            while name in taken:
+                name += "'"
+            taken.add(name)
+            one.name = name
+
+
+def _check(model: Any) -> None:
+    """Raise ``ValueError`` for what does not move, is too large, or overflows."""
     if model.njnt > MOST_JOINTS:
-        raise InputError(
-            f"{file}: {model.njnt} joints; at most {MOST_JOINTS} are read, as the equations of"
-            " motion of more take minutes to build"
+        raise ValueError(
+            f"{model.njnt} joints; at most {MOST_JOINTS} are read, as the equations of motion of"
+            " more take minutes to build"
         )
     if model.njnt == 0:
-        raise InputError(f"{file}: no joint, so nothing moves; expected a robot")
-    for name in (
-        "body_mass",
-        "body_inertia",
-        "body_ipos",
-        "geom_size",
-        "jnt_range",
-        "dof_armature",
-    ):
+        raise ValueError("no joint, so nothing moves; expected a robot")
+    for name in _FINITE:
         if not np.isfinite(getattr(model, name)).all():
-            raise InputError(f"{file}: {name.partition('_')[2]} overflows; give smaller numbers")
-    return model
+            raise ValueError(f"{name.partition('_')[2]} overflows; give smaller numbers")
 
 
 def _reason(message: str) -> str:
@@ -99,67 +124,39 @@ def _reason(message: str) -> str:
     text = lines[0].replace("XML ", "").replace("Error: ", "").replace("engine error: ", "")
     named = [line.split("'")[1] for line in lines if line.startswith("Element name '")]
     where = f" in {named[0]!r}" if named and named[0] else ""
-    if text.startswith("mass and inertia of moving bodies"):
-        return f"a body moves and has no mass or inertia{where}; give it <inertial>"
     return f"not a robot that compiles: {text}{where}"
 
 
-def _check_planar(model: Any, data: Any) -> None:
-    """Raise ``ValueError`` with the joints that move out of the plane."""
-    found = []
-    for j in range(model.njnt):
-        kind, axis = model.jnt_type[j], data.xaxis[j]
-        along = f"({', '.join(f'{value:.3g}' for value in axis + 0.0)})"
-        if kind == _FREE:
-            found.append((j, "is free in six directions"))
-        elif kind == _BALL:
-            found.append((j, "is a ball joint"))
-        elif kind == _HINGE and np.hypot(axis[0], axis[2]) > TILT:
-            found.append((j, f"turns about {along}"))
-        elif kind == _SLIDE and abs(axis[1]) > TILT:
-            found.append((j, f"slides along {along}"))
-    if found:
-        j, why = found[0]
-        more = f" (and {len(found) - 1} more are not planar)" if len(found) > 1 else ""
-        raise ValueError(f"joint {joint_name(model, j)!r} {why}{more}")
-
-
-def _gravity(model: Any) -> np.ndarray:
-    off = model.opt.disableflags & import_module("mujoco").mjtDisableBit.mjDSBL_GRAVITY
-    return np.zeros(3) if off else np.array(model.opt.gravity)
-
-
-def _planar(model: Any, data: Any, source: Source, file: Path) -> PlanarRobot:
-    links, frames, coordinates = tree(model, data)
-    ground = touching(model, data, frames, urdf=source.urdf)
-    gx, across, gz = _gravity(model).tolist()
-    machine = Machine(
-        tuple(links), ground.spheres, parts=ground.parts, meetings=ground.meetings,
-        gravity=(gx, gz) if gx else -gz,
-    )  # fmt: skip
-    machine, still = _without_still(machine)
-    friction = {name: f for name, f in ground.friction.items() if name not in still}
-    at = [model.jnt_qposadr[one.joint] for one in coordinates]
-    signs, rests = (np.array([getattr(c, key) for c in coordinates]) for key in ("sign", "rest"))
-    motors = [one.motor for one in coordinates if one.motor]
-    ignored = [*source.ignored, *ground.ignored, *leftovers(model, ground.geoms)]
-    if across:
-        ignored.append("gravity along y: nothing moves there")
-    if still:
-        ignored.append(f"{listed('contact', still)}: no joint moves it")
-    return PlanarRobot(
-        file, machine, tuple(joint_name(model, one.joint) for one in coordinates), signs, rests,
-        signs * (home_of(model)[at] - rests) + 0.0, friction, tuple(motor.name for motor in motors),
-        np.array([motor.range for motor in motors]).reshape(-1, 2), tuple(ignored),
+def _robot(file: Path, model: Any, ignored: list[str], notes: list[str]) -> Robot:
+    drives, off = drives_of(model), import_module("mujoco").mjtDisableBit.mjDSBL_GRAVITY
+    tree, poses = bodies(model, drives)
+    gx, gy, gz = [0.0] * 3 if model.opt.disableflags & off else model.opt.gravity.tolist()
+    found = touching(model, SpatialMachine(tree, gravity=(gx, gy, gz)), poses)
+    damped = [drive.name for drive in drives.values() if drive.damping]
+    if damped:
+        notes.append(f"The kv of {listed('actuator', damped)} is part of the damping.")
+    keys = {model.key(k).name: k for k in range(model.nkey)}
+    home = np.array(model.key_qpos[keys["home"]] if "home" in keys else model.qpos0)
+    joints = [model.joint(j).name for j, kind in enumerate(model.jnt_type)
+              for _ in range(POSITIONS[JOINTS[kind]])]  # fmt: skip
+    return Robot(
+        file, found.machine, tuple(joints), tuple(drives.values()), home, found.friction,
+        tuple(found.grounds), _camera(model, home),
+        (*ignored, *found.ignored, *leftovers(model, found.geoms)), tuple(notes),
     )  # fmt: skip
 
 
-def _without_still(machine: Machine) -> tuple[Machine, list[str]]:
-    """The machine without contacts whose distance never changes, and their names."""
-    chain = machine.chain()
-    q = ca.SX.sym("q", chain.nq)
-    contacts = machine.contacts(chain, q)
-    still = [name for name, contact in contacts.items() if not ca.depends_on(contact.phi, q)]
-    spheres = tuple(sphere for sphere in machine.spheres if sphere.name not in still)
-    meetings = tuple(pair for pair in machine.meetings if " on ".join(pair) not in still)
-    return replace(machine, spheres=spheres, meetings=meetings), still
+def _camera(model: Any, home: np.ndarray) -> Camera:
+    """One that sees all geoms at home; from the side, where all moves in the plane of x and z."""
+    data = import_module("mujoco").MjData(model)
+    data.qpos[:] = home
+    import_module("mujoco").mj_kinematics(model, data)
+    moves = model.body_weldid[model.geom_bodyid] > 0
+    places, radii = data.geom_xpos[moves], model.geom_rbound[moves, None]
+    places = np.vstack([data.xpos[1:], places - radii, places + radii])
+    x, y, z = (places.min(axis=0) + places.max(axis=0)).tolist()
+    size = max(0.1, float(np.ptp(places, axis=0).max()))
+    across, kinds = abs(data.xaxis[:, 1]), model.jnt_type
+    flat = np.where(kinds == 3, 1 - across, np.where(kinds == 2, across, 1.0)).max() < _TILT
+    view = {"azimuth": -math.pi / 2, "elevation": 0.0} if flat else {}
+    return Camera.around((x / 2, y / 2, z / 2), size, **view)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -16,15 +17,16 @@ from ocp.errors import InputError, abbreviated
 _LARGEST = 5_000_000
 _DEEPEST = 100
 _REFUSED = {
-    "attach", "composite", "deformable", "extension", "flex", "flexcomp", "model", "plugin",
-    "replicate", "skin",
+    "attach", "composite", "deformable", "extension", "flex", "flexcomp", "include", "mimic",
+    "model", "plugin", "replicate", "skin",
 }  # fmt: skip
-_SEEN_ONLY = {"camera", "light", "material", "statistic", "texture", "visual"}
-"""What changes a picture alone."""
+_SEEN_ONLY = {"camera", "custom", "light", "material", "size", "statistic", "texture", "visual"}
+"""What changes a picture, or memory, alone."""
+_ASIDE = {"sensor": "nothing is measured here", "transmission": "each joint has its own motor",
+          "gazebo": "no part of the motion"}  # fmt: skip
 _NAMES = {"name", "class", "childclass"}
 _TAKEN = {"gravity", "contact", "filterparent"}
-_FLUID = {"density", "viscosity", "wind"}
-_FOLDERS = ("assetdir", "meshdir", "texturedir")
+_FOLDERS = ("texturedir", "assetdir", "meshdir")
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _DUMMY, _SINGULAR = 1e-3, 1e-9
 """Mass of links that only have one because a program wants it [kg]; a share of an inertia."""
@@ -34,57 +36,51 @@ _MESHES = {".stl", ".obj", ".msh"}
 
 @dataclass(frozen=True)
 class Source:
-    """A robot's file as one text, with the files that it names, and what was left out of it.
-
-    ``rooted``: the root of a URDF is fixed to the world, and could float.
-    """
+    """A robot's file as one text, with the files that it names, and what was left out of it."""
 
     text: str
     urdf: bool
-    assets: dict[str, bytes] = field(default_factory=dict)
-    ignored: tuple[str, ...] = ()
-    rooted: bool = False
+    assets: dict[str, bytes]
+    ignored: list[str]
 
 
-def read_source(file: Path, *, floating: bool = False) -> Source:
+def read_source(file: Path) -> Source:
     """Read a URDF or MJCF file with all that it includes from its own folder.
-
-    The root of a URDF gets a free joint where it is ``floating``.
 
     Raises :class:`~ocp.errors.InputError` for what is no such file, for a name of a file outside
     the folder, and for elements that are not read.
     """
     root = _parsed(file, file)
-    kind = root.tag.rpartition("}")[2]
     if any("xacro" in element.tag for element in root.iter()):
         raise InputError(
             f"{file}: xacro is not read; write the URDF that it stands for, and read that"
         )
-    if kind not in ("mujoco", "robot"):
+    if root.tag not in ("mujoco", "robot"):
+        kind = root.tag.rpartition("}")[2]
         raise InputError(
             f"{file}: <{kind}> is neither a URDF (<robot>) nor an MJCF (<mujoco>) file"
         )
-    ignored: list[str] = []
-    rooted = False
-    if kind == "mujoco":
-        _include(root, file)
-    else:
-        tags = ("transmission", "gazebo", "sensor")
-        counts = {tag: len(list(_removed(root, {tag}))) for tag in tags}
-        ignored += [
-            f"<{tag}>, {n} of them: no part of the motion" for tag, n in counts.items() if n
-        ]
-    _check_elements(root, file)
-    if kind == "robot":
-        assets = _strip_urdf(root, file, ignored)
-        rooted = _root(root, file, floating) and not floating
-    elif floating:
-        raise InputError(f"{file}: an MJCF file says itself what floats; give a body <freejoint/>")
-    else:
-        _strip_mjcf(root, ignored)
-        assets = _take_meshes(root, file)
-    text = ElementTree.tostring(root, encoding="unicode")
-    return Source(text, kind == "robot", assets, tuple(ignored), rooted)
+    urdf, ignored, seen = root.tag == "robot", list[str](), {file.resolve()}
+    # Step by step, as what is included may include more.
+    while not urdf and (found := next(_children(root, {"include"}), None)):
+        parent, child = found
+        name = child.get("file", "")
+        part = _inside(file, name, "include", there=True)
+        if part in seen:
+            raise InputError(f"{file}: {name} is included twice; include it once")
+        seen.add(part)
+        place = list(parent).index(child)
+        parent[place : place + 1] = list(_parsed(part, file))
+    for tag, why in _ASIDE.items():
+        gone = _without(root, {tag})
+        own = gone if urdf else [one for group in gone for one in group]
+        if own:
+            ignored.append(f"{listed(tag, [one.get('name', one.tag) for one in own])}: {why}")
+    _check(root, file)
+    _without(root, _SEEN_ONLY)
+    (_strip_urdf if urdf else _strip_mjcf)(root, ignored)
+    assets = _take_meshes(root, file, ignored)
+    return Source(ElementTree.tostring(root, encoding="unicode"), urdf, assets, ignored)
 
 
 def listed(what: str, names: list[str]) -> str:
@@ -93,7 +89,7 @@ def listed(what: str, names: list[str]) -> str:
     return f"{what.replace('body', 'bodie') if many else what}{many} {', '.join(names)}"
 
 
-def _parsed(file: Path, main: Path) -> ElementTree.Element:
+def _parsed(file: Path, main: Path) -> Element:
     if not file.is_file():
         kind = "is not a regular file" if file.exists() else "there is no such file"
         raise InputError(f"{file}: {kind}; expected a robot as URDF or MJCF")
@@ -103,80 +99,43 @@ def _parsed(file: Path, main: Path) -> ElementTree.Element:
         text = file.read_bytes().decode("utf-8-sig")
         if re.search(r"<!(DOCTYPE|ENTITY)", text, re.IGNORECASE):
             raise InputError(f"{file}: declares a document type, which is not read; leave it out")
-        root = ElementTree.fromstring(text)
+        return ElementTree.fromstring(text)
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError:
         raise InputError(f"{file}: is not a text in UTF-8; expected URDF or MJCF") from None
     except ElementTree.ParseError as error:
         raise InputError(f"{file}: is no XML: {error}; expected URDF or MJCF") from None
+
+
+def _inside(main: Path, name: str, tag: str, *, there: bool = False) -> Path:
+    """The file ``name`` in the folder of ``main``, which no links lead out of."""
+    folder = main.parent.resolve()
+    found = (folder / name).resolve()
+    where = f"{main}: file {abbreviated(name)} of <{tag}>"
+    if not found.is_relative_to(folder):
+        raise InputError(f"{where} leads out of the robot's folder; name files inside of it")
+    if there and not _there(found):
+        raise InputError(f"{where} is not in its folder")
+    return found
+
+
+def _check(root: Element, main: Path) -> None:
+    """Refuse what is not read, files out of the folder, and numbers that are not finite."""
     level, depth = [root], 0
     while level:
         level, depth = [child for element in level for child in element], depth + 1
         if depth > _DEEPEST:
-            raise InputError(f"{file}: elements are nested deeper than {_DEEPEST} levels")
-    _check_places(root, main)
-    return root
-
-
-def _check_places(root: ElementTree.Element, main: Path) -> None:
-    """Refuse every name of a file that is absolute or leads out of the folder of ``main``."""
+            raise InputError(f"{main}: elements are nested deeper than {_DEEPEST} levels")
     for element in root.iter():
+        if element.tag in _REFUSED:
+            raise InputError(f"{main}: <{element.tag}> is not read; write the robot without it")
         for name, value in element.attrib.items():
             if name.startswith("file") or name in _FOLDERS:
-                place = value.removeprefix("package://")
-                parts = re.split(r"[/\\]", place)
-                outside = parts[0] == "" or ".." in parts or ":" in place or place[:1] == "~"
-                if (outside and place) or "\0" in place:
-                    raise InputError(
-                        f"{main}: {name}={abbreviated(value)} of <{element.tag}> leads out of the"
-                        " robot's folder; name files inside of it"
-                    )
-
-
-def _inside(main: Path, name: str, element: str) -> Path:
-    """The file ``name`` in the folder of ``main``, which links do not lead out of."""
-    folder = main.parent.resolve()
-    found = (folder / name).resolve()
-    if not found.is_relative_to(folder):
-        raise InputError(
-            f"{main}: file={abbreviated(name)} of <{element}> leads out of the robot's folder; name"
-            " files inside of it"
-        )
-    if not found.is_file():
-        raise InputError(f"{main}: file={abbreviated(name)} of <{element}> is not in its folder")
-    return found
-
-
-def _include(root: ElementTree.Element, main: Path) -> None:
-    """Put what is included in its place; a file is included once."""
-    seen = {main.resolve()}
-    while found := _first_include(root):
-        parent, place = found
-        name = parent[place].get("file", "")
-        file = _inside(main, name, "include")
-        if file in seen:
-            raise InputError(f"{main}: {name} is included twice; include it once")
-        seen.add(file)
-        parent[place : place + 1] = list(_parsed(file, main))
-
-
-def _first_include(root: ElementTree.Element) -> tuple[ElementTree.Element, int] | None:
-    for parent in root.iter():
-        for place, child in enumerate(parent):
-            if child.tag == "include":
-                return parent, place
-    return None
-
-
-def _check_elements(root: ElementTree.Element, file: Path) -> None:
-    for element in root.iter():
-        if element.tag in _REFUSED | {"include"}:
-            raise InputError(f"{file}: <{element.tag}> is not read; write the robot without it")
-        for name, value in element.attrib.items():
-            if name not in _NAMES and any(map(_is_wild, value.split())):
+                _inside(main, value.removeprefix("package://"), element.tag)
+            elif name not in _NAMES and any(map(_is_wild, value.split())):
                 raise InputError(
-                    f"{file}: {name}={abbreviated(value)} of <{element.tag}> is not finite; give"
+                    f"{main}: {name}={abbreviated(value)} of <{element.tag}> is not finite; give"
                     " finite numbers"
                 )
 
@@ -188,69 +147,45 @@ def _is_wild(word: str) -> bool:
         return False
 
 
-def _removed(root: ElementTree.Element, tags: set[str]) -> Iterator[ElementTree.Element]:
-    for parent in list(root.iter()):
-        for child in list(parent):
-            if child.tag in tags:
-                parent.remove(child)
-                yield child
+def _children(root: Element, tags: set[str]) -> Iterator[tuple[Element, Element]]:
+    """Elements of some ``tags``, each behind its parent."""
+    return ((parent, child) for parent in root.iter() for child in parent if child.tag in tags)
 
 
-def _root(root: ElementTree.Element, file: Path, floating: bool) -> bool:
-    """Whether the root link stands fixed in the world; let it float where it should."""
-    links = [link.get("name", "") for link in root.findall("link")]
-    below = {child.get("link") for child in root.iterfind("joint/child")}
-    tops = [name for name in links if name not in below]
-    fixed = len(tops) == 1 and "world" not in links
-    if floating and not fixed:
-        raise InputError(f"{file}: the link called world never moves; name the root another way")
-    if floating:
-        ElementTree.SubElement(root, "link", name="world")
-        joint = ElementTree.SubElement(root, "joint", name=f"{tops[0]} floats", type="floating")
-        ElementTree.SubElement(joint, "parent", link="world")
-        ElementTree.SubElement(joint, "child", link=tops[0])
-    return fixed
+def _without(root: Element, tags: set[str]) -> list[Element]:
+    """Remove all elements of some ``tags``, and return them."""
+    found = list(_children(root, tags))
+    for parent, child in found:
+        parent.remove(child)
+    return [child for _, child in found]
 
 
-def _strip_urdf(root: ElementTree.Element, file: Path, ignored: list[str]) -> dict[str, bytes]:
-    """Leave out what is no part of the motion; the contents of the meshes that may touch."""
-    for joint in root.findall("joint"):
-        mimic = joint.find("mimic")
-        if mimic is not None:
-            raise InputError(
-                f"{file}: joint {joint.get('name')!r} mimics {mimic.get('joint')!r}, and coupled"
-                " joints are not read; leave <mimic> out"
-            )
-    list(_removed(root, {"material", "visual"}))
-    folder, bare = _mesh_folder(root)
-    assets: dict[str, bytes] = {}
-    lost: dict[str, None] = {}
-    for link in root.findall("link"):
-        for collision in link.findall("collision"):
-            mesh = collision.find("geometry/mesh")
-            if mesh is None:
-                continue
-            found = _mesh_below(file, folder, mesh.get("filename", ""), bare)
-            if found is None:
-                link.remove(collision)
-                lost[link.get("name", "")] = None
-            else:
-                name = f"mesh{len(assets)}{found.suffix.lower()}"
-                mesh.set("filename", name)
-                assets[name] = found.read_bytes()
-    odd = [link.get("name", "") for link in root.findall("link") if _mended(link)]
+def _strip_mjcf(root: Element, ignored: list[str]) -> None:
+    """Leave out what names files of pictures and heights, and tell of options."""
+    for element in root.iter():
+        element.attrib.pop("material", None)
+    for field in root.iter("hfield"):
+        # It stays flat, and touches nothing.
+        field.attrib.pop("file", None)
+        field.attrib |= {"nrow": "2", "ncol": "2"}
+    names = [name for kind in ("option", "flag") for one in root.iter(kind) for name in one.attrib
+             if name not in _TAKEN]  # fmt: skip
+    if names:
+        ignored.append(f"{listed('option', names)}: settings of a simulator, or of a fluid")
+
+
+def _strip_urdf(root: Element, ignored: list[str]) -> None:
+    """Leave out inertias that no body has, and tell of limits that nothing holds."""
+    odd = [link.get("name", "") for link in root.iter("link") if _mended(link)]
     if odd:
         ignored.append(f"products of inertia of {listed('link', odd)}: no body has them")
-    if lost:
-        where = "no STL, OBJ or MSH file in the robot's folder, so it touches nothing"
-        ignored.append(f"mesh of {listed('link', list(lost))}: {where}")
-    fast = [joint.get("name", "") for joint in root.findall("joint") if _limit(joint, "velocity")]
+    fast = [joint.get("name", "") for joint in root.iter("joint")
+            if joint.find("limit[@velocity]") is not None]  # fmt: skip
     if fast:
         ignored.append(f"velocity limit of {listed('joint', fast)}: speeds are not bounded")
-    return assets
 
 
-def _mended(link: ElementTree.Element) -> bool:
+def _mended(link: Element) -> bool:
     """Whether a link is a dummy whose products of inertia no body has; then leave these out."""
     mass, found = link.find("inertial/mass"), link.find("inertial/inertia")
     if mass is None or found is None:
@@ -263,69 +198,45 @@ def _mended(link: ElementTree.Element) -> bool:
     least = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0]
     if not light or least > _SINGULAR * max(xx, yy, zz) or min(xx, yy, zz) <= 0:
         return False
-    for key in _MOMENTS[3:]:
-        found.set(key, "0")
+    found.attrib |= dict.fromkeys(_MOMENTS[3:], "0")
     return True
 
 
-def _mesh_below(file: Path, folder: str, name: str, bare: bool) -> Path | None:
-    """A mesh of a URDF in the folder of ``file``; a package may be that folder or lie in it."""
-    parts = Path(name.removeprefix("package://")).parts
-    starts = [len(parts) - 1] if bare else range(len(parts) if "://" in name else 1)
-    for start in starts:
-        try:
-            found = _inside(file, str(Path(folder, *parts[start:])), "mesh")
-        except InputError:
+def _take_meshes(root: Element, file: Path, ignored: list[str]) -> dict[str, bytes]:
+    """Contents of all meshes under names without a folder; a URDF does without those not there."""
+    urdf, folder = root.tag == "robot", ""
+    assets, lost = dict[str, bytes](), dict[str, None]()
+    for compiler in root.iter("compiler"):
+        named = {name: compiler.attrib.pop(name, "") for name in _FOLDERS}
+        folder = named["meshdir"] or named["assetdir"] or folder
+    above = {child: parent for parent in root.iter() for child in parent}
+    key = "filename" if urdf else "file"
+    for mesh in [one for one in root.iter("mesh") if one.get(key)]:
+        name = mesh.attrib[key]
+        # The first folders may be a package's, or those of another computer.
+        parts = Path(name.removeprefix("package://")).parts
+        places = [str(Path(folder, *parts[k:])) for k in range(len(parts))]
+        found = [one for one in (_inside(file, place, "mesh") for place in places) if _there(one)]
+        if urdf and (not found or found[0].suffix.lower() not in _MESHES):
+            collision = above[above[mesh]]
+            above[collision].remove(collision)
+            lost[above[collision].get("name", "")] = None
             continue
-        return found if found.suffix.lower() in _MESHES else None
-    return None
-
-
-def _limit(joint: ElementTree.Element, what: str) -> str | None:
-    found = joint.find("limit")
-    return None if found is None else found.get(what)
-
-
-def _strip_mjcf(root: ElementTree.Element, ignored: list[str]) -> None:
-    names = [s.get("name", s.tag) for part in _removed(root, {"sensor"}) for s in part]
-    if names:
-        ignored.append(f"{listed('sensor', names)}: nothing is measured here")
-    list(_removed(root, {*_SEEN_ONLY, "custom", "size"}))
-    for element in root.iter():
-        element.attrib.pop("material", None)
-    for parent in root.iter():
-        for geom in [one for one in parent if one.get("hfield")]:
-            ignored.append(f"height field {geom.get('hfield')}: it touches nothing here")
-            parent.remove(geom)
-    list(_removed(root, {"hfield"}))
-    told = [one for kind in ("option", "flag") for one in root.iter(kind)]
-    fluid = [name for one in told for name in one.attrib if name in _FLUID]
-    if fluid:
-        ignored.append(f"{listed('option', fluid)}: there is no fluid")
-    simulator = [k for one in told for k in one.attrib if k not in _TAKEN | _FLUID]
-    if simulator:
-        ignored.append(f"{listed('option', simulator)}: settings of a simulator")
-
-
-def _take_meshes(root: ElementTree.Element, file: Path) -> dict[str, bytes]:
-    """Contents of all meshes, which may give bodies their inertia, under names without a folder."""
-    folder, bare = _mesh_folder(root)
-    assets: dict[str, bytes] = {}
-    for number, mesh in enumerate(root.iter("mesh")):
-        if name := mesh.get("file"):
-            place = Path(name).name if bare else name
-            content = _inside(file, str(Path(folder, place)), "mesh")
+        content = found[0] if found else _inside(file, places[0], "mesh", there=True)
+        inner = f"mesh{len(assets)}{content.suffix.lower()}"
+        assets[inner] = content.read_bytes()
+        if not urdf:
             mesh.set("name", mesh.get("name", Path(name).stem))
-            mesh.set("file", f"mesh{number}{content.suffix}")
-            assets[mesh.attrib["file"]] = content.read_bytes()
+        mesh.set(key, inner)
+    if lost:
+        where = "no STL, OBJ or MSH file in the robot's folder, so it touches nothing"
+        ignored.append(f"mesh of {listed('link', list(lost))}: {where}")
     return assets
 
 
-def _mesh_folder(root: ElementTree.Element) -> tuple[str, bool]:
-    """Where a file says that its meshes lie, and whether their names lose their own folders."""
-    folder, bare = "", False
-    for compiler in root.iter("compiler"):
-        bare = compiler.attrib.pop("strippath", "false") == "true" or bare
-        places = {name: compiler.attrib.pop(name) for name in _FOLDERS if name in compiler.attrib}
-        folder = places.get("meshdir", places.get("assetdir", folder))
-    return folder, bare
+def _there(file: Path) -> bool:
+    """Whether a file is there; a name that is too long for one is no error."""
+    try:
+        return file.is_file()
+    except OSError:
+        return False
