@@ -105,6 +105,7 @@ bench-mpc: setup
 # pin and adam-robotics; PARTS="stage rollouts" some of it.
 bench-robots: setup
 	PEERS="$(PEERS)" EXTRA_ROBOTS="$(EXTRA_ROBOTS)" $(BIN)/python -m tests.benchmarks.robots.bench $(PARTS)
+	$(BIN)/python -m tests.benchmarks.robots.plans
 
 # The site, from docs/ and docstrings into build/site; warnings are errors, and nothing is fetched.
 docs: setup

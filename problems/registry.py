@@ -46,6 +46,10 @@ _MODULES = {
     "spinner": "problems.spinner",
     "finger-disc": "problems.finger_disc",
     "idto-hopper": "problems.idto_hopper",
+    "quadruped": "problems.quadruped",
+    "ant": "problems.ant",
+    "push-cube": "problems.push_cube",
+    "reorient": "problems.reorient",
 }
 ROBOT_FILES = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
 """How the names of robots' files end."""
@@ -86,7 +90,7 @@ def refuse_robot_file(name: str) -> None:
     if name.lower().endswith(ROBOT_FILES):
         raise InputError(
             f"{name}: a robot's file says what moves and not what to do; ocp new NAME --robot FILE"
-            " writes a problem of a planar URDF or MJCF file, and ocp show FILE what is read"
+            " writes a problem of a URDF or MJCF file, and ocp show FILE what is read"
         )
 
 

@@ -23,6 +23,8 @@ from problems.robots.robot import Robot
 from problems.robots.source import listed, read_source
 
 MOST_JOINTS = 100
+_SLIDE = 2
+"""MuJoCo's number of a slide; hinges have the next."""
 _FINITE = ("body_mass", "body_inertia", "body_ipos", "geom_size", "jnt_range", "dof_armature")
 _NOT_FREE = (
     "nothing to set free: an MJCF file says itself what floats (<freejoint/>), and of a URDF it is"
@@ -137,6 +139,14 @@ def _robot(file: Path, model: Any, ignored: list[str], notes: list[str]) -> Robo
         notes.append(f"The kv of {listed('actuator', damped)} is part of the damping.")
     keys = {model.key(k).name: k for k in range(model.nkey)}
     home = np.array(model.key_qpos[keys["home"]] if "home" in keys else model.qpos0)
+    past = []
+    for j in np.flatnonzero(model.jnt_limited * (model.jnt_type >= _SLIDE)).tolist():
+        at, (low, high) = int(model.jnt_qposadr[j]), model.jnt_range[j]
+        if not low <= home[at] <= high:
+            home[at] = np.clip(home[at], low, high)
+            past.append(model.joint(j).name or f"joint {j + 1}")
+    if past:
+        notes.append(f"Home is past the limits of {listed('joint', past)} and starts at them.")
     joints = [model.joint(j).name for j, kind in enumerate(model.jnt_type)
               for _ in range(POSITIONS[JOINTS[kind]])]  # fmt: skip
     return Robot(

@@ -1,0 +1,220 @@
+"""A fingertip pushes a cube over a table in space, or tips it over an edge."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import casadi as ca
+import numpy as np
+from pydantic import model_validator
+
+from dynamics.systems import ParameterTable
+from dynamics.systems.space import Body, Box, Plane, SpatialMachine, SpatialPart, Sphere, rotation
+from dynamics.systems.space.body import Number
+from ocp.problem import Problem, Scaling
+from problems.drawing import ContactFrame, Disc, Polygon, Shape
+from problems.machines.perspective import Camera
+from problems.machines.spatial import AXES, spatial_frames, spatial_shapes
+from problems.parameters import Parameters, choice, quantity, structure, table
+from problems.spec import Citation, Golden, smoothed
+
+name = "push-cube"
+title = "A fingertip pushes or tips a cube on a table, in space"
+citation = Citation("suh2023noising", "Noising data, sec. V, its quasi-dynamic model; task ours")
+axes = AXES
+equations = r"""
+"cube" o "at" p "with the unit quaternion" q "and the velocities" v_o = (dot(p), omega), quad
+  "fingertip" t, quad c "commanded"
+M v_o^+ = h (0, 0, -m g, 0, 0, 0) + J_(n,o)^top gamma + J_(t,o)^top beta, quad
+  M = diag(m, m, m, I, I, I), quad I = m a^2 \/ 6
+h K (t^+ - c) = J_(n,t)^top gamma + J_(t,t)^top beta
+p^+ = p + h dot(p)^+, quad q^+ = q exp(h omega^+ \/ 2)
+0 <= gamma_i perp phi_i (p^+, q^+, t^+) >= 0, quad i "each corner on the table, and the tip"
+0 <= beta_(i k) perp psi_i + h d_k^top J_(t,i) v^+ >= 0, quad
+  0 <= psi_i perp f_i gamma_i - sum_k beta_(i k) >= 0, quad d_k "four edges of a pyramid"
+q_"goal" "turns by" psi "about" z "after a quarter turn about" y "where the cube is tipped"
+e = norm(p - p_"goal")^2 + 4 w_q norm("vec"(q_"goal"^(-1) q))^2
+min sum_(k=0)^(N-1) w_c norm(c_k - t_k)^2 + w_"end" e_N
+"""
+golden = {"exact": Golden(1.0), "barrier mu=1e-3": smoothed(1.0)}
+
+
+class Params(Parameters):
+    """Parameters of ``push-cube``."""
+
+    a: float = quantity(0.2, "m", "side of the cube", above=0)
+    m: float = quantity(1.0, "kg", "mass of the cube", above=0)
+    r: float = quantity(0.03, "m", "radius of the fingertip", above=0)
+    K: float = quantity(100.0, "N/m", "stiffness of the fingertip's servos", above=0)
+    friction: float = quantity(0.6, "1", "Coulomb's coefficient of cube and table", above=0)
+    grip: float = quantity(0.9, "1", "Coulomb's coefficient of cube and fingertip", above=0)
+    g: float = quantity(9.81, "m/s^2", "gravity", above=0)
+    h: float = quantity(0.05, "s", "step size", above=0)
+    N: int = structure(20, "number of steps", least=1)
+    turn: str = choice(("flat", "over"), "the cube stays flat, or is tipped over by a quarter turn")
+    x0: float = quantity(-0.2, "m", "start of the fingertip, x; the cube's middle is at 0")
+    y0: float = quantity(0.0, "m", "start of the fingertip, y")
+    z0: float = quantity(0.15, "m", "start of the fingertip, z; the table is at 0")
+    goal_x: float = quantity(0.3, "m", "goal of the cube's middle, x")
+    goal_y: float = quantity(0.0, "m", "goal of the cube's middle, y")
+    yaw: float = quantity(0.5, "rad", "goal of the cube's turn about z")
+    w_q: float = quantity(0.1, "m^2/rad^2", "weight of the turn to the goal", least=0)
+    w_end: float = quantity(10.0, "1/m^2", "terminal weight of the way to the goal", least=0)
+    w_c: float = quantity(0.1, "1/m^2", "weight of commands away from the fingertip", least=0)
+
+    @model_validator(mode="after")
+    def _tip_starts_free(self) -> Params:
+        x, y, z = abs(self.x0), abs(self.y0), abs(self.z0 - self.a / 2)
+        off = math.hypot(*(max(one - self.a / 2, 0.0) for one in (x, y, z))) - self.r
+        if off < 0 or self.z0 < 0:
+            raise ValueError(
+                f"the fingertip starts inside the cube or below the table, at ({self.x0:g},"
+                f" {self.y0:g}, {self.z0:g}) m; move x0, y0 or z0 away"
+            )
+        return self
+
+
+def fingertip(called: str, stiffness: Number) -> tuple[Body, ...]:
+    """Three slides along x, y and z with servos; the last one, ``<called>z``, carries the tip."""
+    x, y, z = (f"{called}{axis}" for axis in "xyz")
+    return (
+        Body(x, None, 0.0, joint="slide", axis=(1.0, 0.0, 0.0), servo=stiffness),
+        Body(y, x, 0.0, joint="slide", axis=(0.0, 1.0, 0.0), servo=stiffness),
+        Body(z, y, 0.0, joint="slide", axis=(0.0, 0.0, 1.0), servo=stiffness),
+    )
+
+
+def machine(of: Params | ParameterTable) -> SpatialMachine:
+    """Cube, fingertip and table, with the numbers of ``of`` or the symbols of its table."""
+    a, m, r, K = (of[key] if isinstance(of, ParameterTable) else getattr(of, key)
+                  for key in ("a", "m", "r", "K"))  # fmt: skip
+    return SpatialMachine(
+        (Body("cube", None, m, (m * a**2 / 6,) * 3, joint="free"), *fingertip("tip", K)),
+        (SpatialPart("table", "world", Plane()),
+         SpatialPart("cube", "cube", Box((a / 2, a / 2, a / 2))),
+         SpatialPart("tip", "tipz", Sphere(r))),
+        (("cube", "table"), ("cube", "tip")),
+        gravity=(0.0, 0.0, -of.g if isinstance(of, Params) else -of["g"]),
+    )  # fmt: skip
+
+
+def goal_turn(yaw: ca.SX, over: bool) -> ca.SX:
+    """Unit quaternion (4, 1): ``yaw`` about z, after a quarter turn about y where ``over``."""
+    half = ca.vertcat(ca.cos(yaw / 2), 0, 0, ca.sin(yaw / 2))
+    return rotation.product(half, ca.SX([math.sqrt(0.5), 0, math.sqrt(0.5), 0])) if over else half
+
+
+def turn_between(one: ca.SX, other: ca.SX) -> ca.SX:
+    """Squared turn between unit quaternions, ``4 sin^2`` of half of the angle [rad^2]."""
+    inverse = ca.vertcat(one[0], -one[1:])
+    return 4 * ca.sumsqr(rotation.product(inverse, other)[1:])
+
+
+def build(params: Params) -> Problem:
+    """Steps (push-cube.2) to (push-cube.4), contact (push-cube.5), (push-cube.6), cost
+    (push-cube.9) with (push-cube.8).
+
+    The gap is the true distance. State (q, v); inputs are commanded positions [m], which a free
+    fingertip takes at once; lam in N s.
+    """
+    p = table(params)
+    corners = ca.repmat(p["friction"], 8)
+    system = machine(p).system(
+        name, p, h=p["h"], friction=ca.vertcat(corners, p["grip"]), inertial=False
+    )
+    tip = ca.vertcat(p["x0"], p["y0"], p["z0"])
+    goal = ca.vertcat(p["goal_x"], p["goal_y"], p["a"] / 2)
+    x = system.x
+    off = turn_between(goal_turn(p["yaw"], params.turn == "over"), x[3:7])
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        stage_cost=p["w_c"] * ca.sumsqr(system.u - x[7:10]),
+        terminal_cost=p["w_end"] * (ca.sumsqr(x[:3] - goal) + p["w_q"] * off),
+        x0=ca.vertcat(0, 0, p["a"] / 2, 1, 0, 0, 0, tip, ca.SX.zeros(9)),
+        parameters=p,
+        guess=_over if params.turn == "over" else _flat,
+        scaling=Scaling(impulse=0.5, gap=0.1),
+    )
+
+
+def _flat(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return _carried(problem, p, 0.0)
+
+
+def _over(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return _carried(problem, p, math.pi / 2)
+
+
+def _carried(problem: Problem, p: np.ndarray, over: float) -> tuple[np.ndarray, np.ndarray]:
+    """The cube on its way to the goal, evenly, about its lower front edge; the tip at its back."""
+    at, N = problem.parameters.unpack(p), problem.N
+    a, s = at["a"], np.linspace(0, 1, N + 1)
+    X = np.tile(problem.initial_states(p)[0], (N + 1, 1))
+    height = (0.35 if over else 0.0) * a
+    for k, share in enumerate(s):
+        tilt, yaw = share * over / 2, share * at["yaw"] / 2
+        turn = rotation.product(
+            ca.SX([math.cos(yaw), 0, 0, math.sin(yaw)]),
+            ca.SX([math.cos(tilt), 0, math.sin(tilt), 0]),
+        )
+        R = rotation.matrix(turn)
+        X[k, 3:7] = np.array(ca.evalf(turn)).ravel()
+        X[k, :3] = share * at["goal_x"], share * at["goal_y"], a / 2
+        if over:
+            back = np.array(ca.evalf(R @ ca.SX([-a / 2, 0, a / 2]))).ravel()
+            X[k, :3] += back + np.array([a / 2 - share * a, 0.0, -a / 2])
+        behind = R @ ca.SX([-a / 2 - at["r"], 0, height])
+        X[k, 7:10] = X[k, :3] + np.array(ca.evalf(behind)).ravel()
+    X[0, 7:10] = problem.initial_states(p)[0][7:10]
+    X[1:, 10:13] = np.diff(X[:, :3], axis=0) / at["h"]
+    X[1:, 16:19] = np.diff(X[:, 7:10], axis=0) / at["h"]
+    return X, X[1:, 7:10] + 0.02
+
+
+@cache
+def _pictured(dumped: str) -> SpatialMachine:
+    params = Params.model_validate_json(dumped)
+    place = ca.SX([params.goal_x, params.goal_y, params.a / 2])
+    turn = goal_turn(ca.SX(params.yaw), params.turn == "over")
+    return with_goal(machine(params), "cube", place, turn)
+
+
+def with_goal(shown: SpatialMachine, body: str, place: ca.SX, turn: ca.SX) -> SpatialMachine:
+    """``shown`` with a second ``body`` called goal, which never moves and touches nothing."""
+    x, y, z, *q = (float(v) for v in ca.vertsplit(ca.evalf(ca.vertcat(place, turn))))
+    goal = Body("goal", None, 0.0, joint="fixed", place=(x, y, z), turn=(q[0], q[1], q[2], q[3]))
+    again = (SpatialPart(f"goal {part.name}", "goal", part.shape) for part in shown.parts
+             if part.body == body)  # fmt: skip
+    return replace(shown, bodies=(*shown.bodies, goal), parts=(*shown.parts, *again))
+
+
+def seen_with_goal(
+    shown: SpatialMachine, camera: Camera, state: np.ndarray, tips: set[str]
+) -> list[Shape]:
+    """Draw a machine whose fingertips are ``tips``; one sees through its goal."""
+    found = [
+        replace(one, shade=0.0) if one.role == "goal" and isinstance(one, Disc | Polygon) else one
+        for one in spatial_shapes(shown, camera, state, tips, {"goal"})
+    ]
+    return sorted(found, key=lambda one: one.role == "goal" and isinstance(one, Polygon))
+
+
+def _camera(params: Params) -> Camera:
+    middle = (params.goal_x / 2, params.goal_y / 2, 0.3 * params.a)
+    size = math.hypot(params.goal_x, params.goal_y) + 2.5 * params.a
+    return Camera.around(middle, size, elevation=0.45)
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Cube, fingertip and table, and the cube's goal."""
+    return seen_with_goal(_pictured(params.model_dump_json()), _camera(params), state, {"tipz"})
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+    """Of every corner on the table, and of the fingertip on the cube."""
+    shown = _pictured(params.model_dump_json()), _camera(params), state
+    return [*spatial_frames(*shown, params.friction)[:-1], spatial_frames(*shown, params.grip)[-1]]

@@ -1,0 +1,165 @@
+"""Three fingertips turn a ball or a cube on a table, in space."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import casadi as ca
+import numpy as np
+from pydantic import model_validator
+
+from dynamics.systems import ParameterTable
+from dynamics.systems.space import Body, Box, Plane, SpatialMachine, SpatialPart, Sphere
+from ocp.problem import Problem, Scaling
+from problems.drawing import ContactFrame, Shape
+from problems.machines.perspective import Camera
+from problems.machines.spatial import AXES, spatial_frames
+from problems.parameters import Parameters, choice, quantity, structure, table
+from problems.push_cube import fingertip, seen_with_goal, turn_between, with_goal
+from problems.spec import Citation, Golden, smoothed
+
+name = "reorient"
+title = "Three fingertips turn a ball or a cube on a table, in space"
+citation = Citation("suh2023noising", "Noising data, sec. V, its quasi-dynamic model; task ours")
+axes = AXES
+equations = r"""
+"object" o "at" p "with the unit quaternion" q, quad "fingertips" t_j, j = 1, 2, 3, quad
+  c_j "commanded"
+M v_o^+ = h (0, 0, -m g, 0, 0, 0) + J_(n,o)^top gamma + J_(t,o)^top beta, quad
+  M = diag(m, m, m, I, I, I)
+h K (t_j^+ - c_j) = J_(n,j)^top gamma + J_(t,j)^top beta
+p^+ = p + h dot(p)^+, quad q^+ = q exp(h omega^+ \/ 2)
+0 <= gamma_i perp phi_i >= 0, quad 0 <= beta_(i k) perp psi_i + h d_k^top J_(t,i) v^+ >= 0, quad
+  0 <= psi_i perp f_i gamma_i - sum_k beta_(i k) >= 0
+I = 2 m a^2 \/ 5 "of a ball of radius" a "," quad I = 2 m a^2 \/ 3 "of a cube with sides" 2 a
+t_(j,0) "around the object, 120 degrees apart," quad norm(t_j - t_(j,0))_infinity <= "reach"
+e = norm(p - p_0)^2 + 4 w_q norm("vec"(q_"goal"^(-1) q))^2, quad
+  q_"goal" = (cos theta \/ 2, bold(n) sin theta \/ 2)
+min sum_(k=0)^(N-1) w_c sum_j norm(c_(j,k) - t_(j,k))^2 + w_"end" e_N
+"""
+golden = {"exact": Golden(1.0), "barrier mu=1e-3": smoothed(1.0)}
+TIPS = ("thumb", "index", "middle")
+
+
+class Params(Parameters):
+    """Parameters of ``reorient``."""
+
+    body: str = choice(("ball", "cube"), "what is turned")
+    axis: str = choice(("z", "x", "y"), "axis n that it turns about; z points up")
+    a: float = quantity(0.1, "m", "radius of the ball, or half the side of the cube", above=0)
+    m: float = quantity(0.5, "kg", "its mass", above=0)
+    r: float = quantity(0.03, "m", "radius of the fingertips", above=0)
+    K: float = quantity(100.0, "N/m", "stiffness of the fingertips' servos", above=0)
+    friction: float = quantity(0.3, "1", "Coulomb's coefficient with the table", above=0)
+    grip: float = quantity(0.9, "1", "Coulomb's coefficient with the fingertips", above=0)
+    g: float = quantity(9.81, "m/s^2", "gravity", above=0)
+    h: float = quantity(0.05, "s", "step size", above=0)
+    N: int = structure(12, "number of steps", least=1)
+    away: float = quantity(0.15, "m", "start of the fingertips, distance from the axis", above=0)
+    z0: float = quantity(0.1, "m", "start of the fingertips, height above the table", least=0)
+    reach: float = quantity(0.12, "m", "how far a fingertip may go from its start, along each axis",
+                            above=0)  # fmt: skip
+    goal: float = quantity(math.pi / 4, "rad", "angle to turn by")
+    w_q: float = quantity(0.1, "m^2/rad^2", "weight of the turn to the goal", least=0)
+    w_end: float = quantity(100.0, "1/m^2", "terminal weight of the way to the goal", least=0)
+    w_c: float = quantity(1.0, "1/m^2", "weight of commands away from the fingertips", least=0)
+
+    @model_validator(mode="after")
+    def _tips_start_free(self) -> Params:
+        wide = self.a * (math.sqrt(2) if self.body == "cube" else 1)
+        if self.away < self.a + self.r or (self.body == "cube" and self.z0 > 2 * self.a):
+            raise ValueError(
+                f"the fingertips start {self.away:g} m from the axis, inside the object, which is"
+                f" {wide:g} m wide; make away at least a + r = {self.a + self.r:g} m"
+            )
+        return self
+
+
+def _starts(away: ca.SX | float, z: ca.SX | float) -> ca.SX:
+    """Where the fingertips start (9, 1) [m]: behind the object, and at either side in front."""
+    angles = (math.pi / 2 + 2 * math.pi / 3 * k for k in range(3))
+    return ca.vertcat(*(ca.vertcat(away * math.cos(t), away * math.sin(t), z) for t in angles))
+
+
+def machine(of: Params | ParameterTable, body: str) -> SpatialMachine:
+    """Object, fingertips and table, with the numbers of ``of`` or the symbols of its table."""
+    a, m, r, K, g = (of[key] if isinstance(of, ParameterTable) else getattr(of, key)
+                     for key in ("a", "m", "r", "K", "g"))  # fmt: skip
+    share, shape = (2 / 5, Sphere(a)) if body == "ball" else (2 / 3, Box((a, a, a)))
+    fingers = [body for tip in TIPS for body in fingertip(tip, K)]
+    return SpatialMachine(
+        (Body(body, None, m, (share * m * a**2,) * 3, joint="free"), *fingers),
+        (SpatialPart("table", "world", Plane()), SpatialPart(body, body, shape),
+         *(SpatialPart(tip, f"{tip}z", Sphere(r)) for tip in TIPS)),
+        ((body, "table"), *((body, tip) for tip in TIPS)),
+        gravity=(0.0, 0.0, -g),
+    )  # fmt: skip
+
+
+def _turned(axis: str, angle: ca.SX | float) -> ca.SX:
+    """Unit quaternion (4, 1) of a turn by ``angle`` about an axis of the world."""
+    return ca.vertcat(ca.cos(angle / 2), ca.sin(angle / 2) * ca.SX(np.eye(3)["xyz".index(axis)]))
+
+
+def build(params: Params) -> Problem:
+    """Steps (reorient.2) to (reorient.4), contact (reorient.5), cost (reorient.9) with
+    (reorient.8).
+
+    The gap is the true distance. State (q, v); inputs are commanded positions [m], which a free
+    fingertip takes at once; lam in N s.
+    """
+    p = table(params)
+    resting = 1 if params.body == "ball" else 8
+    coefficients = ca.vertcat(ca.repmat(p["friction"], resting), ca.repmat(p["grip"], 3))
+    system = machine(p, params.body).system(
+        name, p, h=p["h"], friction=coefficients, inertial=False
+    )
+    x, tips = system.x, _starts(p["away"], p["z0"])
+    off = turn_between(_turned(params.axis, p["goal"]), x[3:7])
+    place = ca.vertcat(0, 0, p["a"])
+    free = ca.SX([ca.inf] * 7), ca.SX([ca.inf] * 15)
+    return Problem(
+        name=name,
+        system=system,
+        N=params.N,
+        stage_cost=p["w_c"] * ca.sumsqr(system.u - x[7:16]),
+        terminal_cost=p["w_end"] * (ca.sumsqr(x[:3] - place) + p["w_q"] * off),
+        x0=ca.vertcat(place, 1, 0, 0, 0, tips, ca.SX.zeros(15)),
+        parameters=p,
+        x_lower=ca.vertcat(-free[0], tips - p["reach"], -free[1]),
+        x_upper=ca.vertcat(free[0], tips + p["reach"], free[1]),
+        scaling=Scaling(impulse=0.2, gap=0.1),
+    )
+
+
+@cache
+def _pictured(dumped: str) -> SpatialMachine:
+    """With the goal, and with marks on a ball, which show how it has turned."""
+    params = Params.model_validate_json(dumped)
+    shown, a = machine(params, params.body), params.a
+    places = ((0.0, 0.0, a), (a, 0.0, 0.0), (-a, 0.0, 0.0), (0.0, a, 0.0), (0.0, -a, 0.0))
+    marks = (SpatialPart(f"mark {k}", "ball", Sphere(0.15 * a, place))
+             for k, place in enumerate(places) if params.body == "ball")  # fmt: skip
+    shown = replace(shown, parts=(*shown.parts, *marks))
+    return with_goal(shown, params.body, ca.SX([0, 0, a]), _turned(params.axis, params.goal))
+
+
+def _camera(params: Params) -> Camera:
+    return Camera.around((0.0, 0.0, 0.8 * params.a), 2.6 * (params.away + params.r), elevation=0.6)
+
+
+def draw(params: Params, state: np.ndarray) -> list[Shape]:
+    """Object, fingertips and table, and the object's goal."""
+    return seen_with_goal(
+        _pictured(params.model_dump_json()), _camera(params), state, {f"{tip}z" for tip in TIPS}
+    )
+
+
+def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
+    """Of every point on the table, and of every fingertip on the object."""
+    shown = _pictured(params.model_dump_json()), _camera(params), state
+    return [
+        *spatial_frames(*shown, params.friction)[:-3], *spatial_frames(*shown, params.grip)[-3:]
+    ]  # fmt: skip
