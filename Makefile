@@ -105,7 +105,7 @@ bench-mpc: setup
 # pin and adam-robotics; PARTS="stage rollouts" some of it.
 bench-robots: setup
 	PEERS="$(PEERS)" EXTRA_ROBOTS="$(EXTRA_ROBOTS)" $(BIN)/python -m tests.benchmarks.robots.bench $(PARTS)
-	$(BIN)/python -m tests.benchmarks.robots.plans
+	EXTRA_ROBOTS="$(EXTRA_ROBOTS)" $(BIN)/python -m tests.benchmarks.robots.plans
 
 # The site, from docs/ and docstrings into build/site; warnings are errors, and nothing is fetched.
 docs: setup
@@ -147,7 +147,7 @@ claims: setup
 # SOLVE_<problem> says, and as animations.
 GALLERY := wall-1d push-1d box-slide ball-bounce ball-throw cart-transport \
 	push-disc planar-push planar-hand cart-walls hopper-1d hopper half-cheetah push-box push-t \
-	soft-walls spinner finger-disc idto-hopper
+	soft-walls spinner finger-disc idto-hopper quadruped ant push-cube reorient
 SOLVE_cart-walls := --contact barrier -c mu=1e-3
 SOLVE_push-box := --contact exact -s strategy=scholtes-exact
 SOLVE_push-t := --contact exact -s strategy=l1
