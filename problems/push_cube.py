@@ -35,7 +35,8 @@ p^+ = p + h dot(p)^+, quad q^+ = q exp(h omega^+ \/ 2)
 0 <= beta_(i k) perp psi_i + h d_k^top J_(t,i) v^+ >= 0, quad
   0 <= psi_i perp f_i gamma_i - sum_k beta_(i k) >= 0, quad d_k "four edges of a pyramid"
 q_"goal" "turns by" psi "about" z "after a quarter turn about" y "where the cube is tipped"
-e = norm(p - p_"goal")^2 + 4 w_q norm("vec"(q_"goal"^(-1) q))^2
+e = norm(p - p_"goal")^2 + 4 w_q norm("turn"(q_"goal", q))^2
+"turn, the vector part of the quaternion that turns one to the other"
 min sum_(k=0)^(N-1) w_c norm(c_k - t_k)^2 + w_"end" e_N
 """
 golden = {

@@ -35,8 +35,9 @@ p^+ = p + h dot(p)^+, quad q^+ = q exp(h omega^+ \/ 2)
   0 <= psi_i perp f_i gamma_i - sum_k beta_(i k) >= 0
 I = 2 m a^2 \/ 5 "of a ball of radius" a "," quad I = 2 m a^2 \/ 3 "of a cube with sides" 2 a
 t_(j,0) "around the object, 120 degrees apart," quad norm(t_j - t_(j,0))_infinity <= "reach"
-e = norm(p - p_0)^2 + 4 w_q norm("vec"(q_"goal"^(-1) q))^2, quad
+e = norm(p - p_0)^2 + 4 w_q norm("turn"(q_"goal", q))^2, quad
   q_"goal" = (cos theta \/ 2, bold(n) sin theta \/ 2)
+"turn, the vector part of the quaternion that turns one to the other"
 min sum_(k=0)^(N-1) w_c sum_j norm(c_(j,k) - t_(j,k))^2 + w_"end" e_N
 """
 golden = {

@@ -13,7 +13,7 @@ from problems.parameters import Parameters, choice, quantity, structure, table
 
 STEPS = r"""
 M(q) (v^+ - v) = h (B u - C(q, v) v^+ - g(q) - D v^+) + J_n^top gamma + J_t^top beta + J_l^top nu
-q^+ = q plus.circle h v^+, quad q "= (place, quaternion, joints)"
+q^+ = q ⊕ h v^+, quad q "= (place, quaternion, joints)"
 0 <= gamma perp phi(q^+) >= 0, quad 0 <= nu perp "joint limits" >= 0
 0 <= beta_k perp psi + h d_k^top J_t v^+ >= 0, quad 0 <= psi perp f gamma - sum beta_k >= 0
 min sum_(k=0)^(N-1) h (w_u norm(u_k)^2 + w_v norm(v_k)^2)

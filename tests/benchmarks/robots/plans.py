@@ -17,7 +17,7 @@ from reports.site.measured import write_table
 from tests.benchmarks.robots.equations import File
 
 ROBOTS = (
-    File("gymnasium", "mujoco/assets/ant.xml"),
+    File("gymnasium", "mujoco/assets/pusher_v5.xml"),
     File("dm_control", "suite/cheetah.xml"),
     File("example_robot_data", "ur_description/urdf/ur5_robot.urdf"),
 )
