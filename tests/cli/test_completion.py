@@ -8,7 +8,7 @@ from reports.cli.app import main
 
 ASKED = {
     "ocp so": ["solve"],
-    "ocp solve pu": ["push-1d", "push-box", "push-disc", "push-t"],
+    "ocp solve pu": ["push-1d", "push-box", "push-cube", "push-disc", "push-t"],
     "ocp solve push-disc --contact bar": ["barrier"],
     "ocp solve push-disc --contact barrier -c ": ["mu=", "kappa="],
     "ocp solve push-disc -p goal": ["goal_x=", "goal_y="],

@@ -21,7 +21,10 @@ ROBOTS = (
     File("dm_control", "suite/cheetah.xml"),
     File("example_robot_data", "ur_description/urdf/ur5_robot.urdf"),
 )
-QUADRUPED = {"trot": (), "stand up": ("-p", "start=lie", "-p", "distance=0")}
+QUADRUPED = {
+    "trot": (),
+    "stand up, w_v = 0.02": ("-p", "start=lie", "-p", "distance=0", "-p", "w_v=0.02"),
+}
 LAWS = {"exact": ("--contact", "exact"), "barrier 1e-3": ("--contact", "barrier", "-c", "mu=1e-3")}
 FLOOR_S = 60.0
 COLUMNS = ("plan", "law", "certificate", "cost", "survives", "seconds")
