@@ -31,9 +31,12 @@ FOLLOWED = {"push-1d": ["qa"], "push-disc": ["ax", "ay"], "planar-push": ["ax", 
 MACHINES = {"hopper", "half-cheetah", "spinner", "finger-disc", "idto-hopper"}
 LONG = {*MACHINES, "planar-hand"}
 """Too long for a compiler in the default tests, which try them by the other engines."""
+SPACE = ("quadruped", "ant", "push-cube", "reorient")
+"""Start in contact in every coordinate; tests/unit/dynamics/space has their free motion."""
+NAMES = [name for name in problems.names() if name not in SPACE]
 ENGINES = [
     pytest.param(name, backend, marks=[pytest.mark.slow] * (backend == "c" and name in LONG))
-    for name in problems.names()
+    for name in NAMES
     for backend in BACKENDS
 ]
 
@@ -54,7 +57,7 @@ def apart(name: str) -> tuple[np.ndarray, np.ndarray]:
     return x, np.array(u or [0.0] * problem.system.nu)
 
 
-@pytest.mark.parametrize("name", problems.names())
+@pytest.mark.parametrize("name", NAMES)
 def test_impulses_that_do_not_act_have_no_derivative(name):
     """By the state, the input and every parameter, though the way slid of a machine is open."""
     step, (x, u) = closed(name), apart(name)

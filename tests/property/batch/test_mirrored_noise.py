@@ -19,10 +19,11 @@ from tests.examples import settings
 HORIZON, SAMPLES = 3, 4
 # Their kernels take a compiler a good part of a minute.
 LARGE = ("hopper", "half-cheetah")
+SPACE = ("quadruped", "ant", "push-cube", "reorient")
 CASES = [
-    (name, backend)
+    pytest.param(name, backend, marks=[pytest.mark.slow] if name in SPACE else [])
     for name in names()
-    for backend in (("numpy",) if name in LARGE else ("numpy", "c"))
+    for backend in (("numpy",) if name in LARGE + SPACE else ("numpy", "c"))
 ]
 
 

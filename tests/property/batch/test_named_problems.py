@@ -21,7 +21,7 @@ Route = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Costs (n,) and gradients (n, N, nu) from starts (n, nx) and inputs (n, N, nu)."""
 HORIZON = 4
 # Their kernels take a compiler a good part of a minute.
-LARGE = ("hopper", "half-cheetah")
+LARGE = ("hopper", "half-cheetah", "quadruped", "ant", "push-cube", "reorient")
 NAMES = [pytest.param(n, marks=[pytest.mark.slow] if n in LARGE else []) for n in names()]
 SEARCHED = 2e-12
 """Scaled violation above which a step of CasADi lost its path and was found by the search from
