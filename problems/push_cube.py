@@ -119,7 +119,7 @@ def turn_between(one: ca.SX, other: ca.SX) -> ca.SX:
 
 def build(params: Params) -> Problem:
     """Steps (push-cube.2) to (push-cube.4), contact (push-cube.5), (push-cube.6), cost
-    (push-cube.9) with (push-cube.8).
+    (push-cube.10) with (push-cube.8).
 
     The gap is the true distance. State (q, v); inputs are commanded positions [m], which a free
     fingertip takes at once; lam in N s.

@@ -109,7 +109,7 @@ def _turned(axis: str, angle: ca.SX | float) -> ca.SX:
 
 
 def build(params: Params) -> Problem:
-    """Steps (reorient.2) to (reorient.4), contact (reorient.5), cost (reorient.9) with
+    """Steps (reorient.2) to (reorient.4), contact (reorient.5), cost (reorient.10) with
     (reorient.8).
 
     The gap is the true distance. State (q, v); inputs are commanded positions [m], which a free
