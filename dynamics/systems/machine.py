@@ -233,4 +233,34 @@ class Machine:
             book=book,
         )
         touching = None if spheres is None else tuple(spheres)
-        return replace(made, machine=Mechanism(self, scale, touching))
+        return replace(made, machine=Mechanism(self, scale, touching, gyroscopic))
+
+
+def with_implicit_forces(system: ContactSystem) -> ContactSystem:
+    """Return the system with velocity forces that gain no energy, as simulations have them.
+
+    They are :func:`~dynamics.systems.flight.flight` in place of ``-h C(q, v) v``, in the sharpest
+    sibling of the system too. A system that is not a planar machine's, with q and v first in x, or
+    that has implicit forces already, is returned as it is.
+    """
+    built = system.machine
+    if built is None or built.gyroscopic == "implicit" or not isinstance(built.machine, Machine):
+        return system
+    chain = built.machine.chain()
+    signals = (*chain.coordinates, *chain.velocities)
+    if system.states[: len(signals)] != signals:
+        return system
+    rows = slice(chain.nq, 2 * chain.nq)
+    q, v = system.x[: chain.nq], system.x[rows]
+    explicit = system.h * (chain.weight(q) - chain.bias(q, v))
+    change = explicit - flight(chain, q, v, system.h)
+
+    def changed(old: ContactSystem) -> ContactSystem:
+        residual = ca.SX(old.residual)
+        residual[rows] += change
+        return replace(old, residual=residual)
+
+    sharp, build = system.sharp, system.sharp and system.sharp.build
+    if sharp is not None and build is not None:
+        sharp = replace(sharp, build=lambda: changed(build()))
+    return replace(changed(system), sharp=sharp, machine=replace(built, gyroscopic="implicit"))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dynamics.batch import StepFunction
+from dynamics.systems.machine import with_implicit_forces
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.judges.referee import REFINEMENT, step_place
 from ocp.problem import Problem
@@ -42,6 +43,9 @@ class Disturbance:
 class Plant:
     """One step of the world from sample to sample, at parameters of its own.
 
+    The velocity forces of a planar machine gain no energy, also where the model has explicit ones
+    (:func:`~dynamics.systems.machine.with_implicit_forces`).
+
     Raises :class:`~ocp.errors.InputError` for an unknown plant or parameter, for ``h/4`` where
     the step size only counts steps, and as :class:`~ocp.worlds.mujoco_world.MujocoWorld` does.
     """
@@ -50,6 +54,9 @@ class Plant:
         choose("plant", name, PLANTS)
         known = problem.parameters.names
         check_mismatch(problem, mismatch)
+        system = with_implicit_forces(problem.system)
+        if system is not problem.system:
+            problem = replace(problem, system=system)
         self.problem, self.substeps = problem, 1
         values = dict(zip(known, problem.parameters.values, strict=True)) | dict(mismatch)
         self._world = MujocoWorld(problem, values) if name == "mujoco" else None

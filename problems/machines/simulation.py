@@ -9,8 +9,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import ContactLaw
-from dynamics.systems.flight import flight
-from dynamics.systems.machine import Gyroscopic
+from dynamics.systems.machine import Gyroscopic, with_implicit_forces
 from ocp.errors import InputError, NotConverged
 from ocp.problem import Problem
 from ocp.rollout import STEP_TOLERANCE, Rollout, roll_out
@@ -26,7 +25,7 @@ def simulation(
     name: str,
     steps: int = 50,
     seed: int = 0,
-    gyroscopic: Gyroscopic = "explicit",
+    gyroscopic: Gyroscopic = "implicit",
     **params: Any,
 ) -> tuple[Problem, Any]:
     """The problem ``name`` over ``steps``, and the state x0 (nx,) of its environment's reset.
@@ -34,8 +33,8 @@ def simulation(
     All spheres may touch, h is the environment's 0.05 s, and the start its pose, lifted by 0.25 m
     and shaken by uniform noise out of ``seed``: 0.005 for ``hopper``, 0.1 for ``half-cheetah``, in
     every coordinate and velocity. With ``gyroscopic="implicit"`` velocity forces gain no energy and
-    no motion overflows (:func:`~dynamics.systems.flight.flight`). ``params`` change any parameter,
-    ``spheres`` and hopper's ``h`` too.
+    no motion overflows (:func:`~dynamics.systems.flight.flight`); the problem's own are explicit.
+    ``params`` change any parameter, ``spheres`` and hopper's ``h`` too.
 
     Raises :class:`~ocp.errors.InputError` for a name that is no machine, another word in
     ``gyroscopic``, or a bad parameter.
@@ -54,17 +53,9 @@ def simulation(
     else:
         x0 = np.append(x0, given.setdefault("h_max", machine.h))
     problem = get(name, **given)
-    return (_implicit(problem, machine) if gyroscopic == "implicit" else problem), x0
-
-
-def _implicit(problem: Problem, machine: PublishedMachine) -> Problem:
-    """The problem, its explicit velocity forces taken for those of a flight."""
-    system, chain = problem.system, machine.chain()
-    rows = slice(chain.nq, 2 * chain.nq)
-    q, v, residual = system.x[: chain.nq], system.x[rows], ca.SX(system.residual)
-    explicit = system.h * (chain.weight(q) - chain.bias(q, v))
-    residual[rows] += explicit - flight(chain, q, v, system.h)
-    return replace(problem, system=replace(system, residual=residual))
+    if gyroscopic == "implicit":
+        problem = replace(problem, system=with_implicit_forces(problem.system))
+    return problem, x0
 
 
 def simulate(
@@ -73,15 +64,14 @@ def simulate(
     inputs: np.ndarray | None = None,
     law: ContactLaw | None = None,
     seed: int = 0,
-    gyroscopic: Gyroscopic = "explicit",
+    gyroscopic: Gyroscopic = "implicit",
     **params: Any,
 ) -> Rollout:
     """Roll a machine out from its environment's reset (:func:`simulation`).
 
     ``inputs`` (steps, nu) are the motors', by default at rest, and go unclipped, as in the source;
     ``law`` is the contact law, by default the exact one, ``gyroscopic`` how velocity forces act.
-    States are (q, v), for ``half-cheetah``
-    with h behind them, shape (1, steps + 1, nx).
+    States are (q, v), for ``half-cheetah`` with h behind them, shape (1, steps + 1, nx).
 
     Raises :class:`~ocp.errors.InputError` where the inputs do not fit, and
     :class:`~ocp.errors.NotConverged` where a step has no solution or none was found; the message

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import Machine
+from dynamics.systems.flight import flight
 
 OPEN, STICK, FORWARD, BACKWARD = range(4)
 _FAR = 0.3
@@ -30,9 +31,14 @@ class Landed:
 
 
 class ModeStepper:
-    """Steps of a machine over the ground, written from the equations of motion of its chain."""
+    """Steps of a machine over the ground, written from the equations of motion of its chain.
 
-    def __init__(self, machine: Machine, h: float, friction: float) -> None:
+    Velocity forces are explicit unless ``implicit``, as in simulations.
+    """
+
+    def __init__(
+        self, machine: Machine, h: float, friction: float, *, implicit: bool = False
+    ) -> None:
         self.h, self.friction, self.nq = h, friction, machine.chain().nq
         chain = machine.chain()
         q, v = ca.SX.sym("q", chain.nq), ca.SX.sym("v", chain.nq)
@@ -48,6 +54,8 @@ class ModeStepper:
         )
         D, K = -ca.jacobian(chain.damping(v), v), -ca.jacobian(chain.spring(v), v)
         drive = chain.mass(q) @ v - h * (chain.bias(q, v) + K @ q)
+        if implicit:
+            drive += h * (chain.bias(q, v) - chain.weight(q)) + flight(chain, q, v, h)
         inertia = chain.mass(q) + h * D + h * h * K
         self.motion = ca.Function("motion", [q, v], [ca.densify(inertia), drive])
         self.contact = ca.Function("contact", [q], [gaps, ca.densify(ca.jacobian(gaps, q))])

@@ -23,7 +23,7 @@ from tests.golden.known import BETTER, reached, session_of
 @pytest.fixture(scope="module")
 def modes() -> ModeStepper:
     machine = hopper()
-    return ModeStepper(machine, machine.h, machine.friction)
+    return ModeStepper(machine, machine.h, machine.friction, implicit=True)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

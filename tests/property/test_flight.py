@@ -11,9 +11,12 @@ import pytest
 from dynamics.systems import Link, Machine
 from dynamics.systems.chain import Chain
 from dynamics.systems.flight import flight
+from dynamics.systems.machine import with_implicit_forces
 from dynamics.systems.parameters import ParameterTable
 from ocp.errors import InputError
+from ocp.mpc.plants import Plant
 from ocp.rollout import roll_out
+from problems import get
 from problems.machines.half_cheetah import half_cheetah
 from problems.machines.hopper import hopper
 from problems.machines.machine import PublishedMachine
@@ -125,7 +128,7 @@ def test_a_turn_about_a_fixed_axis_in_closed_form():
     ("name", "machine"), [("hopper", hopper()), ("half-cheetah", half_cheetah())]
 )
 def test_a_machine_and_its_simulation_step_alike(name: str, machine: PublishedMachine):
-    s, nq = simulation(name, gyroscopic="implicit")[0].system, len(machine.pose)
+    s, nq = simulation(name)[0].system, len(machine.pose)
     own = machine.system(
         "own", ParameterTable(), h=machine.h, friction=machine.friction, gyroscopic="implicit"
     )
@@ -137,6 +140,38 @@ def test_a_machine_and_its_simulation_step_alike(name: str, machine: PublishedMa
     more = [machine.h] * (s.nx - 2 * nq)
     values = theirs([*x, *more], u, [*x_next, *more], lam, s.parameters.values).full()
     assert np.allclose(mine(x, u, x_next, lam).full(), values[: 2 * nq], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["hopper", "idto-hopper"])
+def test_a_plant_steps_as_a_machine_with_implicit_forces(name: str):
+    """Also under the sharpest contact, and with a state behind the machine's own."""
+    problem = get(name)
+    model = problem.system
+    found = with_implicit_forces(model)
+    driven = Plant(problem, "exact", {}).problem.system
+    assert model.machine and driven.machine and driven.machine.gyroscopic == "implicit"
+    assert ca.is_equal(driven.residual, found.residual, 100)
+    chain = model.machine.machine.chain()
+    q, v = model.x[: chain.nq], model.x[chain.nq : 2 * chain.nq]
+    wanted = model.h * (chain.weight(q) - chain.bias(q, v)) - flight(chain, q, v, model.h)
+    rng = np.random.default_rng(6)
+    for old, new in ((model, found), (model.sharpest, found.sharpest)):
+        symbols = [model.x, model.u, model.x_next, old.lam, model.parameters.vector]
+        lam = ca.substitute(new.residual, new.lam, old.lam)
+        change = ca.Function("change", symbols, [lam - old.residual, wanted])
+        sizes = (model.nx, model.nu, model.nx, old.nlam)
+        at = [10 * rng.normal(size=n) for n in sizes]
+        got, expected = (part.full() for part in change(*at, model.parameters.values))
+        assert np.allclose(got[chain.nq : 2 * chain.nq], expected, rtol=1e-9, atol=1e-9)
+        assert np.abs(expected).max() > 1e-3
+        assert not np.any(got[: chain.nq]) and not np.any(got[2 * chain.nq :])
+    assert with_implicit_forces(found) is found
+
+
+def test_a_system_without_a_planar_machine_stays_as_it_is():
+    for name in ("push-disc", "reorient"):
+        system = get(name).system
+        assert with_implicit_forces(system) is system
 
 
 def test_another_word_is_refused():
@@ -157,7 +192,7 @@ def test_a_simulation_refuses_it_too():
 
 def fastest(seeds: int) -> float:
     """Fastest limb [rad/s] of hoppers under the largest inputs, 30 steps from each seed's reset."""
-    problem, _ = simulation("hopper", 30, gyroscopic="implicit")
+    problem, _ = simulation("hopper", 30)
     starts = np.array([hopper().reset(seed) for seed in range(seeds)])
     u = np.array([np.random.default_rng(seed).uniform(-1, 1, (30, 3)) for seed in range(seeds)])
     x = roll_out(problem, u, problem.parameters.defaults, x0=starts).x
@@ -167,6 +202,11 @@ def fastest(seeds: int) -> float:
 def test_the_hopper_under_the_largest_inputs_overflows_no_more():
     """The explicit forces overflow with seed 0 (tests/golden/test_hard_steps.py)."""
     assert fastest(2) < 500
+
+
+def test_a_simulation_has_implicit_forces_unless_told_otherwise():
+    inputs = np.random.default_rng(0).uniform(-1, 1, (30, 3))
+    assert np.abs(simulate("hopper", 30, inputs).x[0, :, 8:]).max() < 500
 
 
 def test_no_seed_overflows():

@@ -20,8 +20,8 @@ N = 64
 
 
 def machine(name: str, law: ContactLaw) -> tuple[Step, np.ndarray]:
-    """A machine's step, and N states near the reset of its environment."""
-    problem, x0 = simulation(name)
+    """A machine's step, and N states near the reset; explicit velocity forces run wild in time."""
+    problem, x0 = simulation(name, gyroscopic="explicit")
     shaken = x0 + 0.005 * np.random.default_rng(1).standard_normal((N, len(x0)))
     if name == "half-cheetah":
         shaken[:, -1] = x0[-1]
