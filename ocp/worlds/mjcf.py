@@ -52,7 +52,9 @@ def mjcf(built: Mechanism, number: _Number, friction: Mapping[str, float]) -> Mj
     gravity = _deep(machine.chain().gravity if flat else machine.gravity)
     root = Element("mujoco")
     write(root, "compiler", angle="radian", inertiafromgeom="false")
-    option = write(root, "option", gravity=gravity, cone="elliptic", integrator="implicitfast")
+    # MuJoCo 4.0.0 factorises sparse Jacobians wrongly.
+    option = write(root, "option", gravity=gravity, cone="elliptic", integrator="implicitfast",
+                   jacobian="dense")  # fmt: skip
     write(option, "flag", autoreset="disable")
     asset, bodies = write(root, "asset"), {WORLD: write(root, "worldbody")}
     contact, actuator = write(root, "contact"), write(root, "actuator")

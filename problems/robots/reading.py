@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import fromstring
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from ocp.validation import expand_path
 from problems.machines.perspective import Camera
 from problems.robots.bodies import JOINTS, bodies, drives_of
 from problems.robots.geoms import MOST_CORNERS, touching
+from problems.robots.inertias import check_inertias
 from problems.robots.leftovers import leftovers
 from problems.robots.robot import Robot
 from problems.robots.source import listed, read_source
@@ -30,6 +32,7 @@ _NOT_FREE = (
     "nothing to set free: an MJCF file says itself what floats (<freejoint/>), and of a URDF it is"
     " the one link that stands fixed in the world"
 )
+_WATER = "its mass is that of its shapes, at 1000 kg/m³"
 _TILT = 1e-5
 """How far an axis may be off the plane for a camera from its side."""
 
@@ -64,7 +67,7 @@ def load(path: str | Path, *, floating: bool = False) -> Robot:
                 raise InputError(f"{file}: {_NOT_FREE}")
             if floating:
                 roots[0].add_freejoint(name=f"{roots[0].name} floats")
-            _complete(spec, urdf=source.urdf)
+            estimated = _complete(spec, urdf=source.urdf)
             model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"{file}: {_reason(str(error))}") from None
@@ -72,14 +75,26 @@ def load(path: str | Path, *, floating: bool = False) -> Robot:
         mujoco.set_mju_user_warning(warn)
     try:
         _check(model)
+        check_inertias(model, spec, fromstring(source.text) if source.urdf else None)
         note = ["The root is fixed; --floating makes it free."] if rooted and not floating else []
+        if estimated:
+            note.append(f"{listed('link', estimated)} moves without <inertial>: {_WATER}.")
         return _robot(file, model, source.ignored, note)
     except ValueError as error:
         raise InputError(f"{file}: {error}") from error
 
 
-def _complete(spec: Any, *, urdf: bool) -> None:
-    """Give a URDF its ground, everything a name, and meshes hulls of few corners."""
+def _complete(spec: Any, *, urdf: bool) -> list[str]:
+    """Give a URDF its ground, everything a name, and meshes hulls of few corners.
+
+    Links of a URDF without <inertial> have no mass, but where their own joint moves them; return
+    the names of those, whose mass is that of their shapes.
+    """
+    spec.compiler.fusestatic = False
+    estimated = [body for body in spec.bodies[1:] if urdf and not body.explicitinertial]
+    for body in estimated:
+        for geom in body.geoms if not body.joints else ():
+            geom.density = 0.0
     if urdf:
         plane = import_module("mujoco").mjtGeom.mjGEOM_PLANE
         spec.worldbody.add_geom(name="ground", type=plane, size=[0, 0, 1])
@@ -92,6 +107,7 @@ def _complete(spec: Any, *, urdf: bool) -> None:
         _name((one, f"{what} {k}") for k, one in enumerate(elements, what != "body"))
     _name((geom, f"{body.name} geom {k}") for body in spec.bodies
           for k, geom in enumerate(body.geoms, 1))  # fmt: skip
+    return [body.name for body in estimated if body.joints]
 
 
 def _name(elements: Iterable[tuple[Any, str]]) -> None:
