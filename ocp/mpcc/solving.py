@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
 from ocp.errors import InputError, choose
 from ocp.judges.audit import TOLERANCES
+from ocp.judges.jumps import Domain, jump_findings_of
 from ocp.mpcc.programs import MPCC, MPCCProgram, programs_of, sized
 from ocp.problem import Scaling
 from ocp.programs.program import Program
@@ -57,7 +58,7 @@ class MPCCSolution:
 
     ``success`` means feasible to 1e-6 and certified B-stationary, whatever the solver's status.
     ``infeasibility`` is the largest violation of a bound, of g, or of min(G, H) = 0; ``worst`` says
-    where. ``strategy`` is the one that led there.
+    where. ``strategy`` is the one that led there. ``findings`` are sentences on what jumps.
     """
 
     x: np.ndarray
@@ -71,6 +72,7 @@ class MPCCSolution:
     strategy: str
     iterations: int
     seconds: float
+    findings: tuple[str, ...] = ()
 
     @property
     def success(self) -> bool:
@@ -83,7 +85,9 @@ class MPCCSolution:
         if self.status is Status.INFEASIBLE:
             return f"Locally infeasible: {self.worst} cannot be met near the last point."
         word = self.status.value.partition(":")[0].capitalize()
-        return f"{word}: cost {self.f:.8g}; {self.certificate.sentence}."
+        return " ".join(
+            [f"{word}: cost {self.f:.8g}; {self.certificate.sentence}.", *self.findings]
+        )
 
 
 def solve(
@@ -120,8 +124,16 @@ def solve(
     best, follower = _followed(mpcc, inside, given, strategies, nlp_solver)
     if not best.success:
         best = _softened(best, follower, inside, strategies)
-    spent = {"iterations": follower.trace.iterations, "seconds": time.perf_counter() - began}
-    return MPCCSolution(**{**vars(best), **spent})
+    told = _jump_findings(mpcc, given, best.x) if _feasible(best) else ()
+    seconds = time.perf_counter() - began
+    return replace(best, iterations=follower.trace.iterations, seconds=seconds, findings=told)
+
+
+def _jump_findings(mpcc: MPCC, p: np.ndarray, x: np.ndarray) -> tuple[str, ...]:
+    """What jumps within the bounds on x, on lines about zero and about ``x`` (n,)."""
+    parts = {"f": mpcc.f, "g": mpcc.g, "G": mpcc.G, "H": mpcc.H}
+    fixed = {name: ca.substitute(part, mpcc.p, p) for name, part in parts.items()}
+    return jump_findings_of(fixed, mpcc.x, Domain(np.fmax(1, np.abs(x)), *mpcc.x_bounds, x))
 
 
 def _followed(
