@@ -1,6 +1,6 @@
 """A contact law: the exact one averaged over logistic noise in the gap."""
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import casadi as ca
 
@@ -29,7 +29,7 @@ class Logistic(ContactLaw):
     name: ClassVar[str] = "logistic"
     summary: ClassVar[str] = "lam gap = mu(z), the average over logistic noise"
 
-    def __init__(self, width: float = 0.01) -> None:
+    def __init__(self, width: Annotated[float, "scale of the noise"] = 0.01) -> None:
         self.width = positive(self.name, "width", width, "for width = 0 use the exact law")
 
     def parameters(self, system: ContactSystem) -> ParameterTable:

@@ -14,6 +14,7 @@ import numpy as np
 
 from dynamics.learned.laws import LearnedLaw
 from ocp.errors import interruptible
+from ocp.factories import law_record
 from ocp.judges.audit import CONTENT, STILL, Audit, audit, cost_span, feasible, idle_cost
 from ocp.judges.referee import evaluate
 from ocp.judges.verdict import UNJUDGED
@@ -121,8 +122,7 @@ def record(session: Session, seed: int) -> dict[str, Any]:
     learned = session.law if isinstance(session.law, LearnedLaw) else None
     return {
         "problem": problem.name,
-        "contact": session.law.name,
-        "contact_settings": session.law.settings(),
+        **law_record(session.law),
         "method": session.method.name,
         "policy": policy.name,
         "policy_settings": asdict(policy),

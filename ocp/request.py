@@ -170,7 +170,9 @@ class Settings:
         " not given rolls out the plan of the direct transcription",
     ] = None
     strategy: Annotated[
-        str, f"how a direct transcription meets exact complementarity: {', '.join(STRATEGIES)}"
+        str,
+        f"how a direct transcription meets exact complementarity: {', '.join(STRATEGIES)}; ocp"
+        " settings strategies says which for what",
     ] = DEFAULT_STRATEGY
     factor: Annotated[
         Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] | None,

@@ -1,4 +1,4 @@
-"""A user's problem file: imported, read name by name, and checked before any command uses it."""
+"""A user's file of a problem or a law: imported, read, and checked before a command uses it."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from dataclasses import replace
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, cast, get_type_hints
 
 import casadi as ca
 import numpy as np
 from pydantic import AfterValidator, BaseModel, Field
 
+from dynamics.contact import ContactLaw
 from ocp.errors import InputError, abbreviated
+from ocp.factories import contact_law
 from ocp.problem import Problem
 from ocp.store.provenance import file_digest
 from ocp.validation import Line, Recorded, validated
@@ -40,7 +42,7 @@ def import_file(path: Path) -> ModuleType:
     name = f"user_problem_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path, loader=_Afresh(name, str(path)))
     if spec is None or spec.loader is None:
-        raise InputError(f"{path}: not a Python file; expected one that defines a problem")
+        raise InputError(f"{path}: not a Python file; expected one that defines a problem or a law")
     module = importlib.util.module_from_spec(spec)
     # pydantic looks a model's annotations up in the module of that name.
     sys.modules[spec.name] = module
@@ -56,7 +58,7 @@ def check_file(path: Path) -> None:
     if not path.is_file():
         other = "is a directory" if path.is_dir() else "is not a regular file"
         kind = other if path.exists() else "there is no such file"
-        raise InputError(f"{path}: {kind}; expected a Python file that defines a problem")
+        raise InputError(f"{path}: {kind}; expected a Python file that defines a problem or a law")
 
 
 class _Afresh(SourceFileLoader):
@@ -216,6 +218,58 @@ def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:
     return replace(
         found, **{key: _own(key, function, file) for key, function in functions.items() if function}
     )
+
+
+def read_law(module: ModuleType, file: Path, digest: str) -> type[ContactLaw]:
+    """Return the contact law that ``module``, the file at ``file`` with that digest, defines.
+
+    Its functions raise nothing but :class:`~ocp.errors.InputError` from then on.
+
+    Raises :class:`~ocp.errors.InputError` where there is none, or several, or a part is missing.
+    """
+    from dynamics.laws import LAWS
+
+    classes = [*dict.fromkeys(one for one in vars(module).values() if _is_law(one, module))]
+    if len(classes) != 1:
+        raise InputError(
+            f"{file}: the file must define one class derived from dynamics.contact.ContactLaw;"
+            f" found {', '.join(one.__name__ for one in classes) or 'none'}"
+        )
+    law = classes[0]
+    if missing := [*sorted(law.__abstractmethods__), *(k for k in _LAW if not hasattr(law, k))]:
+        raise InputError(f"{file}: {law.__name__} must define {', '.join(missing)}")
+    for key, kind in _LAW.items():
+        validated(f"{file}: {law.__name__}.{key}", getattr(law, key), kind)
+    if law.name in LAWS:
+        raise InputError(f"{file}: there is a law called {law.name} already; choose another name")
+    _check_types(law, file)
+    for name, function in list(vars(law).items()):
+        if inspect.isfunction(function):
+            through = ValueError if name == "__init__" else ()
+            what = f"{law.__name__}.{name}(...)"
+            setattr(law, name, guarded(function, what, file, through=through))
+    law.source, law.source_digest = str(file), digest
+    law.__reduce__ = lambda self: (contact_law, (str(file), self.settings()))
+    return law
+
+
+_LAW: dict[str, Any] = {"name": Annotated[Line, AfterValidator(check_name)], "summary": Line}
+
+
+def _is_law(value: Any, module: ModuleType) -> bool:
+    derived = isinstance(value, type) and issubclass(value, ContactLaw)
+    return derived and value.__module__ == module.__name__
+
+
+def _check_types(law: type[ContactLaw], file: Path) -> None:
+    with user_code(f"the types of {law.__name__}.__init__ cannot be read:", file):
+        hints = get_type_hints(law.__init__)
+    for name, argument in inspect.signature(law).parameters.items():
+        if name not in hints or argument.kind in (argument.VAR_POSITIONAL, argument.VAR_KEYWORD):
+            raise InputError(
+                f"{file}: {law.__name__}.__init__ must say the type of each setting; write {name}:"
+                " float = 0.01, for example"
+            )
 
 
 def _own(key: str, function: Callable[..., Any], file: Path) -> Callable[..., Any]:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from dynamics.contact import ContactLaw
+from dynamics.systems import ContactSystem
 from ocp.errors import InputError
+from ocp.factories import closing_law, law_class
 from ocp.problem import Problem
 from ocp.store.stored_run import StoredRun
 from problems.registry import get as get
 from problems.registry import load, names, objective_names, registered, spec
+from problems.registry import load_law as load_law
 from problems.registry import named as named
 from problems.spec import ProblemSpec, Spec
 
@@ -58,6 +62,32 @@ def edited(run: StoredRun, own: ProblemSpec | None) -> str | None:
         f"{own.path or own.name}, or what it imports, has changed since {run.path.name} was stored;"
         " the current file is used"
     )
+
+
+def law_of(
+    run: StoredRun, contact: str | None, settings: Mapping[str, Any], system: ContactSystem
+) -> tuple[ContactLaw, str | None]:
+    """Return the law called ``contact``, None for the run's, and a warning where its file changed.
+
+    The run's law without ``settings`` has those of the run.
+
+    Raises :class:`~ocp.errors.InputError` where a user's file defines the law and is not named.
+    """
+    record, digest = run.record, run.record.get("contact_digest")
+    name = str(record.get("contact")) if contact is None else contact
+    if digest is not None and name == record["contact"]:
+        raise InputError(
+            f"{name} is the law of the file {record['contact_source']}, and a run never loads code"
+            " by itself; name the file with --contact FILE"
+        )
+    theirs = digest is not None and name.endswith(".py") and law_class(name).name
+    if not settings and (contact is None or theirs == record.get("contact")):
+        settings = record.get("contact_settings") or {}
+    law = closing_law(name, settings, system)
+    if theirs != record.get("contact") or law.source_digest == digest:
+        return law, None
+    changed = f"{law.source}, or what it imports, has changed since {run.path.name} was stored"
+    return law, f"{changed}; the current file is used"
 
 
 def spec_of(run: StoredRun, own: ProblemSpec | None = None) -> ProblemSpec:

@@ -37,7 +37,7 @@ def collect_piece(job: CollectJob, report: Report) -> Drawn:
     Raises :class:`~ocp.store.provenance.FilesChanged` where the problem's file has changed.
     """
     found = registry.spec(job.problem)
-    check_content(job.problem, job.content, found.digest, {})
+    check_content(job.problem, job.content, [found.digest], {})
     problem = found.problem(job.params)
     region = region_of(found, found.params(job.params), problem)
     return draw_piece(problem.exact_step, region, job.piece)

@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
+from dynamics.contact import ContactLaw
 from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.problem import Problem
 from ocp.validation import expand_path
-from problems.loading import check, check_file, import_file, read
+from problems.loading import check, check_file, import_file, read, read_law
 from problems.parameters import Parameters, table, unit_of
 from problems.source_digest import source_digest
 from problems.spec import ProblemSpec, Spec, defined
@@ -128,6 +129,27 @@ def load(path: str | Path) -> ProblemSpec:
     found = read(module, file, digest)
     check(found)
     return found
+
+
+_laws: dict[Path, type[ContactLaw]] = {}
+"""Contact law of each file that was read, as it was then."""
+
+
+def load_law(path: str | Path) -> type[ContactLaw]:
+    """Read the contact law of a user's file; it is imported again only where the file has changed.
+
+    The file defines one class derived from :class:`dynamics.contact.ContactLaw`, as
+    ``examples/logistic.py`` does.
+
+    Raises :class:`~ocp.errors.InputError` as :func:`problems.loading.read_law` does, and where
+    there is no such file or it raises.
+    """
+    file = expand_path(path).resolve()
+    check_file(file)
+    if file not in _laws or _laws[file].source_digest != source_digest(file):
+        module, digest = _imported(file)
+        _laws[file] = read_law(module, file, digest)
+    return _laws[file]
 
 
 def _imported(file: Path) -> tuple[ModuleType, str]:

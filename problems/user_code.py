@@ -25,15 +25,19 @@ if TYPE_CHECKING:
 Function = Callable[..., Any]
 
 
-def guarded(function: Function, what: str, path: Path, check: Function | None = None) -> Function:
+def guarded(
+    function: Function, what: str, path: Path, check: Function | None = None,
+    through: type[Exception] | tuple[()] = (),
+) -> Function:  # fmt: skip
     """Return ``function`` of the file at ``path`` with every error as one sentence.
 
-    ``check`` converts its result, or raises :class:`~ocp.errors.InputError`.
+    ``check`` converts its result, or raises :class:`~ocp.errors.InputError`. Errors of the type
+    ``through`` are raised as they are.
     """
 
     @functools.wraps(function)
     def call(*given: Any, **named: Any) -> Any:
-        with user_code(f"{what} failed:", path):
+        with user_code(f"{what} failed:", path, through):
             value = function(*given, **named)
         try:
             return value if check is None else check(value)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from inspect import signature
 from textwrap import fill
 from typing import Any
 
 from dynamics.laws import LAWS
 from ocp.errors import InputError, did_you_mean
+from ocp.factories import law_class
 from ocp.gradients.estimators import RULES
 from ocp.learning.experiment import Experiment
 from ocp.learning.identification.psi_learning import PsiLearning
@@ -18,6 +20,8 @@ from ocp.policy import POLICIES
 from ocp.programs.options import documented
 from ocp.programs.solver import IPOPT_DEFAULTS, SOLVERS
 from ocp.request import Setting, Settings, declared
+from ocp.routes.relaxations import STRATEGY_USES
+from ocp.transcription import METHODS
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,33 @@ class SettingGroup:
 def laws() -> list[SettingGroup]:
     """Contact laws with the settings that ``-c`` takes."""
     return _groups(LAWS, "-c NAME=VALUE")
+
+
+def law(name: str) -> SettingGroup:
+    """The settings of a law of a user's file; one that is not declared has no meaning here."""
+    cls = law_class(name)
+    plain = {
+        key: Setting(key, "value", None if one.default is one.empty else one.default, "")
+        for key, one in signature(cls).parameters.items()
+    }
+    known = plain | {one.name: one for one in declared(cls)}
+    return SettingGroup(cls.name, "-c NAME=VALUE", cls.summary, [*known.values()])
+
+
+def methods() -> list[SettingGroup]:
+    """Methods, settings of a solve, strategies and policies."""
+    found = [Setting(name, "", None, method.summary) for name, method in METHODS.items()]
+    about = "how a problem becomes a program"
+    return [
+        SettingGroup("methods", "--method NAME", about, found), solves(), strategies(), *policies()
+    ]  # fmt: skip
+
+
+def strategies() -> SettingGroup:
+    """Strategies of exact complementarity, and what each is for."""
+    about = "which for what, of the direct method under the exact law"
+    found = [Setting(name, "", None, meaning) for name, meaning in STRATEGY_USES.items()]
+    return SettingGroup("strategies", "-s strategy=NAME", about, found)
 
 
 def solves() -> SettingGroup:
@@ -88,7 +119,14 @@ def solver(name: str) -> SettingGroup:
 
 def groups() -> list[SettingGroup]:
     """All settings except the solvers' options."""
-    return [solves(), *policies(), *laws(), *estimators(), *training()]
+    return [group for kind in kinds().values() for group in kind]
+
+
+def kinds() -> dict[str, list[SettingGroup]]:
+    """The groups by what they belong to; a word of ``ocp settings``."""
+    return {
+        "methods": methods(), "laws": laws(), "estimators": estimators(), "training": training()
+    }  # fmt: skip
 
 
 def changed(group: SettingGroup) -> SettingGroup:
@@ -99,11 +137,17 @@ def changed(group: SettingGroup) -> SettingGroup:
 
 
 def matching(word: str) -> list[SettingGroup]:
-    """The group called ``word``, or all settings of that name.
+    """The groups of a kind, the one group called ``word``, or all settings of that name.
+
+    A file (``*.py``) is that of a user's law.
 
     Raises :class:`~ocp.errors.InputError` with the nearest name where there is none.
     """
     named = {group.name: group for group in groups()}
+    if word.endswith(".py"):
+        return [law(word)]
+    if word in kinds():
+        return kinds()[word]
     if word in SOLVERS:
         return [solver(word)]
     if word in named:
@@ -115,10 +159,11 @@ def matching(word: str) -> list[SettingGroup]:
         for group in every
     ]
     if not any(group.settings for group in found):
-        choices = [*named, *SOLVERS, *(one.name for group in every for one in group.settings)]
+        choices = [*kinds(), *named, *SOLVERS]
+        choices += [one.name for group in every for one in group.settings]
         raise InputError(
             f"unknown name {word!r}{did_you_mean(word, choices)}; groups:"
-            f" {', '.join([*named, *SOLVERS])}"
+            f" {', '.join(dict.fromkeys([*kinds(), *named, *SOLVERS]))}"
         )
     return [group for group in found if group.settings]
 
@@ -127,7 +172,8 @@ def line(one: Setting) -> str:
     """A setting as it is typed, its type and its meaning, on lines of 80 columns."""
     default = default_text(one.default)
     text = f"{one.name}={default}" if default else one.name
-    return fill(f"{text} ({one.kind}): {one.meaning}".rstrip(": "), 80, initial_indent="  ",
+    kind = f" ({one.kind})" if one.kind else ""
+    return fill(f"{text}{kind}: {one.meaning}".rstrip(": "), 80, initial_indent="  ",
                 subsequent_indent="      ", break_on_hyphens=False)  # fmt: skip
 
 

@@ -32,6 +32,10 @@ class ContactLaw(Closure):
     """
 
     summary: ClassVar[str]
+    source: ClassVar[str | None] = None
+    """File of a user that defines the law; None for laws of the workbench."""
+    source_digest: ClassVar[str | None] = None
+    """SHA-256 of that file and of what it imports."""
 
     @abstractmethod
     def parameters(self, system: ContactSystem) -> ParameterTable:

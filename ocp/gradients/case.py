@@ -12,7 +12,7 @@ from dynamics.contact import ContactLaw
 from ocp.distribution import load_plugin
 from ocp.effort import check_memory, sampling_memory
 from ocp.errors import InputError, input_errors
-from ocp.factories import closing_law, policy_of
+from ocp.factories import closing_law, law_digest, policy_of
 from ocp.gradients.chunks import CHUNK
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.rollouts import RolloutObjective
@@ -77,8 +77,8 @@ class ObjectiveCase:
         :class:`~ocp.store.provenance.FilesChanged` where a file is no longer what it was.
         """
         spec = load_plugin("problems").named(self.problem) if spec is None else spec
-        digest = getattr(spec, "digest", None)
-        check_content(self.problem, self.content, digest, self.contact_settings)
+        digests = getattr(spec, "digest", None), law_digest(self.contact)
+        check_content(self.problem, self.content, digests, self.contact_settings)
         made = self._static(spec) if hasattr(spec, "objective") else self._rollouts(spec)
         return replace(made, objective=made.objective.at(self.at)) if self.at else made
 

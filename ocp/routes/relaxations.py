@@ -215,6 +215,22 @@ STRATEGIES: dict[str, Strategy] = {
     "lin-fukushima": Falling(_lin_fukushima, factor=0.3, power=0.5),
 }
 """By name; "scholtes-cold" is the textbook loop: tight stages, cold multipliers."""
+STRATEGY_USES = {
+    "central-path": "the default; every stage feels all contacts. Start here",
+    "scholtes-adaptive": "the default of laws that average exact steps over noise; takes over where"
+    " the central path is not followed to its end",
+    "scholtes": "another relaxation, often another minimum: try it where the plan looks poor",
+    "scholtes-exact": "every stage solved tightly: where fast stages drift into poor minima, on"
+    " large programs; slow",
+    "scholtes-cold": "the textbook loop with cold multipliers, to compare with a script; slowest",
+    "scholtes-quick": "few stages from a problem's own guess; the second of ocp.mpcc",
+    "l1": "exact penalty; stays near the guess: with a good guess, or many starts",
+    "l1-quick": "loose penalty, cheapest: small programs; the first of ocp.mpcc",
+    "l1-scholtes": "penalty for the region, relaxation for the point: with a rough guess",
+    "fischer-burmeister": "an equation, to compare with the literature; slower",
+    "lin-fukushima": "two-sided relaxation, to compare with the literature; slower",
+}
+"""What each strategy is for, as ``ocp settings strategies`` prints it."""
 DEFAULT_STRATEGY = "central-path"
 AVERAGED_STRATEGY = "scholtes-adaptive"
 """The default where a law averages exact steps."""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 # Where, when and how fast a run was made: runs that differ only in these are the same answer.
 _PROVENANCE = {"argv", "created", "revision", "versions", "source", "source_digest",
-               "tags"}  # fmt: skip
+               "contact_source", "contact_digest", "tags"}  # fmt: skip
 _TIMES = {"build_s", "solve_s", "audit_s", "seconds", "stage_seconds", "evaluation_s", "solver_s",
           "wall_s"}  # fmt: skip
 _CIRCUMSTANCES = _PROVENANCE | _TIMES

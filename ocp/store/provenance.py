@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -40,13 +40,14 @@ def file_digest(file: Path) -> str:
         raise InputError(f"cannot read {file}: {error.strerror or error}") from error
 
 
-def content_digest(source: str | None, settings: Mapping[str, Any]) -> str:
+def content_digest(sources: Iterable[str | None], settings: Mapping[str, Any]) -> str:
     """SHA-256, in hex, of a user's files that a study is asked of; "" of none.
 
-    ``source`` is the digest of the problem's file, None for a registered one; ``settings`` may name
-    others, as ``model`` of a learned law does. Raises as :func:`file_digest` does.
+    ``sources`` are the digests of the files of problem and law, None for those of the workbench;
+    ``settings`` may name others, as ``model`` of a learned law does. Raises as :func:`file_digest`
+    does.
     """
-    found = [] if source is None else [source]
+    found = [source for source in sources if source is not None]
     for key, value in sorted(settings.items()):
         file = Path(value) if isinstance(value, str | Path) else None
         # A long text is no place: to ask would raise.
@@ -60,10 +61,10 @@ class FilesChanged(InputError):
 
 
 def check_content(
-    problem: str, expected: str | None, source: str | None, settings: Mapping[str, Any]
+    problem: str, expected: str | None, sources: Iterable[str | None], settings: Mapping[str, Any]
 ) -> None:
     """Raise :class:`FilesChanged` unless :func:`content_digest` is ``expected``, None for any."""
-    if expected not in (None, content_digest(source, settings)):
+    if expected not in (None, content_digest(sources, settings)):
         raise FilesChanged(
             f"{problem}, what it imports, or a file of the law has changed since this was begun, so"
             " that two problems would mix; give the same command again"

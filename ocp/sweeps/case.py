@@ -20,7 +20,7 @@ from dynamics.contact import ContactLaw, Step
 from dynamics.systems import LAW_PREFIX, ParameterTable
 from ocp.distribution import load_plugin
 from ocp.errors import InputError, did_you_mean
-from ocp.factories import DEFAULT_LAW, law_settings
+from ocp.factories import DEFAULT_LAW, law_digest, law_settings
 from ocp.problem import Problem
 from ocp.request import OWN, ProblemSource
 from ocp.session import Session
@@ -57,14 +57,16 @@ class Case:
         :class:`~ocp.store.provenance.FilesChanged` where files have changed since the request.
         """
         found = load_plugin("problems").source(self.problem)
-        digest = getattr(found, "digest", None)
-        check_content(self.problem, self.content, digest, self.contact_settings)
+        check_content(self.problem, self.content, self._digests(found), self.contact_settings)
         return found
 
     def with_content(self, source: ProblemSource) -> Case:
         """The same, asked of the user's files as ``source`` was read from them."""
-        digest = getattr(source, "digest", None)
-        return replace(self, content=content_digest(digest, self.contact_settings))
+        content = content_digest(self._digests(source), self.contact_settings)
+        return replace(self, content=content)
+
+    def _digests(self, source: ProblemSource) -> tuple[str | None, str | None]:
+        return getattr(source, "digest", None), law_digest(self.contact)
 
     def session(self, source: ProblemSource | None = None) -> Session:
         """Build it, of ``source`` where that is at hand.

@@ -17,7 +17,7 @@ import numpy as np
 from dynamics.contact import ContactLaw
 from ocp.effort import check_memory, points_memory
 from ocp.errors import InputError, interruptible
-from ocp.factories import DEFAULT_LAW
+from ocp.factories import DEFAULT_LAW, law_name
 from ocp.judgement import record
 from ocp.problem import Problem
 from ocp.request import ProblemLike, split_keywords
@@ -84,7 +84,7 @@ def sweep(
     own, given = split_keywords(
         Case(name).source(), contact, params, contact_settings, keywords, solver
     )
-    law = contact if isinstance(contact, str) else contact.name
+    law = law_name(contact)
     given = given if isinstance(contact, str) else contact.settings()
     case = Case(name, own, law, given, method, policy, solver, dict(settings or {}))
     study = make_grid(case, axes(over), starts, seed, rank_by)

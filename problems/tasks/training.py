@@ -11,6 +11,7 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError
+from ocp.factories import law_record
 from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.protocol import Algorithm, Normaliser, Trained
 from ocp.learning.training import KEY, evaluate, read_checkpoint, train
@@ -158,7 +159,7 @@ class TrainingJob:
     def checkpoint(self, experiment: Experiment, store: Path) -> Checkpoint:
         """What is kept of it in a store, named after all that decides its result."""
         decisive = {**experiment.settings(), "iterations": experiment.iterations}
-        content = content_digest(None, self.law.settings())
+        content = content_digest([self.law.source_digest], self.law.settings())
         return Checkpoint(store, self.task, {"training": decisive}, content)
 
 
@@ -208,8 +209,7 @@ def record(experiment: Experiment) -> dict[str, Any]:
         "params": dict(experiment.params),
         "algorithm": experiment.algorithm.name,
         "algorithm_settings": experiment.algorithm.settings(),
-        "contact": experiment.law.name,
-        "contact_settings": experiment.law.settings(),
+        **law_record(experiment.law),
         **{name: getattr(experiment, name) for name in (*names, "episodes")},
     }
 

@@ -14,6 +14,7 @@ from reports.cli.learning.options import (
 )
 from reports.cli.mpc_options import MpcOptions
 from reports.cli.options import (
+    LAW,
     PROBLEM,
     RUN,
     JobsOptions,
@@ -41,31 +42,18 @@ class ListOptions(Options):
     examples: ClassVar = ("list", "list --json")
 
 
-class LawsOptions(Options):
-    """List the contact laws with every setting of -c: default, value, meaning."""
-
-    code: ClassVar = "reports.cli.list_command:laws"
-    examples: ClassVar = ("laws", "laws adaptive", "laws --json")
-    law: str | None = argument(None, help="One law; default: all.")
-
-
-class MethodsOptions(Options):
-    """List the methods and policies of ocp solve, with every setting of -s that they take."""
-
-    code: ClassVar = "reports.cli.list_command:methods"
-    examples: ClassVar = ("methods", "methods --json")
-
-
 class SettingsOptions(Options):
-    """List every setting of -s and -c: default, value, meaning.
+    """List methods, strategies, policies, laws and every setting of -s and -c: default, meaning.
 
     IPOPT's options are listed where our default differs from IPOPT's; ocp settings ipopt has all.
     """
 
     code: ClassVar = "reports.cli.list_command:settings"
-    examples: ClassVar = ("settings", "settings ipopt", "settings fopg", "settings tol")
+    examples: ClassVar = ("settings", "settings strategies", "settings ipopt", "settings tol")
     word: str | None = argument(
-        None, help="A law, policy, solver, estimator or algorithm, or the name of a setting."
+        None,
+        help="methods, strategies, laws, estimators or training; one law (its name or a file),"
+        " policy, solver, estimator or algorithm; or the name of a setting.",
     )
 
 
@@ -139,7 +127,7 @@ class ReplayOptions(RunOptions, LawOptions, SourceOptions):
     examples: ClassVar = (
         "replay @last", "replay @last --contact barrier -c mu=1e-2", "replay @last --world mujoco",
     )  # fmt: skip
-    contact: str = option("exact", help="Contact law; list with ocp laws.")
+    contact: str = option("exact", help=LAW)
     world: str | None = option(None, help="Another simulator in place of a law: mujoco.")
 
 
@@ -188,7 +176,7 @@ class EstimateOptions(JobsOptions, ProblemOptions):
         "estimate heaviside --samples 1e5 --sweep sigma=0.01:1:9:log",
         "estimate push-1d --contact exact --estimators zobg,alpha -s alpha.gamma=1",
     )
-    contact: str = option("barrier", help="Contact law; list with ocp laws.")
+    contact: str = option("barrier", help=LAW)
     estimators: str = option(
         "zobg,fobg,alpha", help="Names separated by commas; list with ocp list."
     )
@@ -349,9 +337,8 @@ class DoctorOptions(Options):
 
 
 COMMANDS: dict[str, type[Options]] = {
-    "list": ListOptions, "laws": LawsOptions, "methods": MethodsOptions,
-    "settings": SettingsOptions, "show": ShowOptions, "new": NewOptions, "solve": SolveOptions,
-    "replay": ReplayOptions, "mpc": MpcOptions, "continue": ContinueOptions,
+    "list": ListOptions, "settings": SettingsOptions, "show": ShowOptions, "new": NewOptions,
+    "solve": SolveOptions, "replay": ReplayOptions, "mpc": MpcOptions, "continue": ContinueOptions,
     "sweep": SweepOptions, "estimate": EstimateOptions, "collect": CollectOptions,
     "learn": LearnOptions, "train": TrainOptions, "evaluate": EvaluateOptions,
     "figure": FigureOptions, "report": ReportOptions, "animate": AnimateOptions,

@@ -13,7 +13,7 @@ import numpy as np
 from ocp import store
 from ocp.effort import check_time
 from ocp.errors import InputError, choose, did_you_mean, interruptible
-from ocp.factories import contact_law, split_policy_settings
+from ocp.factories import contact_law, law_digest, law_name, law_record, split_policy_settings
 from ocp.gradients.case import ObjectiveCase
 from ocp.gradients.estimation import Sampling
 from ocp.gradients.estimators import RULES
@@ -97,8 +97,9 @@ class EstimateRequest:
             "source": None if path is None else str(path),
         }  # fmt: skip
         if hasattr(self.objective, "problem"):
+            law = contact_law(options.contact, assignments("-c", options.law_settings))
             record |= {
-                "contact": options.contact, "law_settings": list(options.law_settings or ()),
+                **law_record(law), "law_settings": list(options.law_settings or ()),
                 "policy": options.policy, "policy_settings": _policy_settings(options),
                 "at": options.at,
             }  # fmt: skip
@@ -117,7 +118,8 @@ class EstimateRequest:
     def content(self) -> str:
         """Digest of the user's files: the problem's and a learned law's."""
         given = assignments("-c", self.options.law_settings)
-        return content_digest(getattr(self.spec, "digest", None), given)
+        digests = getattr(self.spec, "digest", None), law_digest(self.options.contact)
+        return content_digest(digests, given)
 
     def rebuilt(self, changed: Mapping[str, float]) -> SampledObjective:
         """Build the objective again at a structural value, such as a number of steps."""
@@ -178,8 +180,9 @@ def case_of(
     if not isinstance(spec, ObjectiveSpec):
         theta = None if options.at is None else _stored_decision(options, spec, given)
         settings = assignments("-c", options.law_settings)
-        content = content_digest(spec.digest, settings)
-        return ObjectiveCase(name, given, options.contact, settings, options.policy, own, theta,
+        law = law_name(options.contact)
+        content = content_digest([spec.digest, law_digest(law)], settings)
+        return ObjectiveCase(name, given, law, settings, options.policy, own, theta,
                              engine, content=content)  # fmt: skip
     unused = [_OF_ROLLOUTS[name] for name in _OF_ROLLOUTS if name in options.given]
     unused += [f"-s policy.{name}" for name in own]

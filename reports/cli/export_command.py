@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
 
@@ -18,7 +18,7 @@ from ocp.rollout import step_values
 from ocp.solution import Solution
 from ocp.store import atomic
 from problems import names, spec
-from problems.plugin import problem_of
+from problems.plugin import law_of, problem_of
 from problems.registry import objective_names
 from reports.cli.commands import ExportOptions
 from reports.cli.request import assignments, check_place
@@ -99,18 +99,10 @@ def _find(options: ExportOptions) -> ExportRequest:
         problem = found.problem(assignments("-p", options.params))
         law = closing_law(options.contact or DEFAULT_LAW, given, problem.system)
         return ExportRequest(found.name, found.title, problem, law)
-    request = _read_run(what, options)
-    if options.params:
-        raise InputError(
-            f"-p: a run has fixed parameters; to choose them export the problem {request.name}"
-        )
-    if options.contact is None and not options.law_settings:
-        return request
-    name, system = options.contact or request.law.name, request.problem.system
-    return replace(request, law=closing_law(name, given, system))
+    return _read_run(what, options, given)
 
 
-def _read_run(what: str, options: ExportOptions) -> ExportRequest:
+def _read_run(what: str, options: ExportOptions, given: dict[str, str]) -> ExportRequest:
     """Read a run; raises InputError, with the closest name, where there is none."""
     if what in objective_names():
         raise InputError(f"{what} is an objective without dynamics and has no step to export")
@@ -121,7 +113,13 @@ def _read_run(what: str, options: ExportOptions) -> ExportRequest:
         raise InputError(f"{error}; no problem has this name either{hint}") from error
     found, _, problem = problem_of(run, options.own([run]))
     solution = run.solution(problem)
-    law = closing_law(run.record["contact"], run.record["contact_settings"], problem.system)
+    if options.params:
+        raise InputError(
+            f"-p: a run has fixed parameters; to choose them export the problem {found.name}"
+        )
+    law, warning = law_of(run, options.contact, given, problem.system)
+    if warning:
+        options.output.say(warning)
     return ExportRequest(found.name, found.title, problem, law, solution, run.path.name)
 
 

@@ -1,4 +1,4 @@
-"""What there is: ``ocp list``, ``laws``, ``methods``, ``settings``; ``ocp show`` describes one."""
+"""What there is: ``ocp list`` and ``settings``; ``ocp show`` describes one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 from dynamics.laws import LAWS
 from dynamics.learned.transitions import Transitions
-from ocp.errors import choose
 from ocp.gradients.estimators import RULES, SAMPLED
 from ocp.learning.training import ALGORITHMS
 from ocp.policy import POLICIES
@@ -21,7 +20,7 @@ from problems.registry import ROBOT_FILES, ObjectiveSpec, named, objective_names
 from problems.spec import ProblemSpec, Spec
 from problems.tasks import registry
 from reports import settings
-from reports.cli.commands import LawsOptions, SettingsOptions, ShowOptions
+from reports.cli.commands import SettingsOptions, ShowOptions
 from reports.cli.options import Options
 from reports.notation import full_citation, plain
 from reports.settings import SettingGroup
@@ -82,39 +81,8 @@ def check_settings(options: SettingsOptions) -> list[SettingGroup]:
 
 def run_settings(options: SettingsOptions, found: list[SettingGroup]) -> int:
     """Print the settings."""
-    return _show_groups(options, found, {"settings": [group.row() for group in found]})
-
-
-def check_laws(options: LawsOptions) -> list[SettingGroup]:
-    """Find the laws; raises InputError for an unknown one."""
-    found = {group.name: group for group in settings.laws()}
-    return [*found.values()] if options.law is None else [choose("law", options.law, found)]
-
-
-def run_laws(options: LawsOptions, found: list[SettingGroup]) -> int:
-    """Print the laws with their settings."""
-    return _show_groups(options, found, {"laws": [group.row() for group in found]})
-
-
-def check_methods(options: Options) -> list[SettingGroup]:
-    """Find the settings of a solve and of the policies."""
-    return [settings.solves(), *settings.policies()]
-
-
-def run_methods(options: Options, found: list[SettingGroup]) -> int:
-    """Print the methods, then the settings."""
-    methods = [{"name": name, "summary": method.summary} for name, method in METHODS.items()]
-    if not options.as_json:
-        _print_names(methods)
-        print()
-    rows = [group.row() for group in found]
-    return _show_groups(options, found, {"methods": methods, "settings": rows})
-
-
-def _show_groups(options: Options, groups: Sequence[SettingGroup], document: dict[str, Any]) -> int:
-    """Print each group under a heading of its own, or the document."""
-    options.output.document(document)
-    for number, group in enumerate(() if options.as_json else groups):
+    options.output.document({"settings": [group.row() for group in found]})
+    for number, group in enumerate(() if options.as_json else found):
         if number:
             print()
         head = f"{group.name} ({group.syntax})" if group.settings else group.name

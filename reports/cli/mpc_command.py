@@ -14,7 +14,7 @@ from dynamics.contact import ContactLaw
 from ocp import store
 from ocp.effort import check_memory
 from ocp.errors import InputError, choose, did_you_mean
-from ocp.factories import closing_law
+from ocp.factories import closing_law, law_record
 from ocp.mpc.controller import Command, Controller
 from ocp.mpc.phases.table import PHASES
 from ocp.mpc.plants import Disturbance, Plant, check_mismatch, deviations
@@ -51,7 +51,7 @@ class LoopCase:
         path = self.spec.path
         return {
             "params": self.params, "source": None if path is None else str(path),
-            "contact": self.law.name, "contact_settings": self.law.settings(),
+            **law_record(self.law),
             **{key: getattr(options, key) for key in ("phase", "plant", "iterations", "trust",
                                                       "deadline", "seeds", "seed", "rate",
                                                       "certify")},

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 RUN = "A run: its path, part of its name, or @last, @2, ... from the latest back."
 PROBLEM = "Registered name or path/to/file.py."
+LAW = "Contact law: a name of ocp settings laws, or path/to/file.py."
 
 
 def option(default: Any, *flags: str, **shown: Any) -> Any:
@@ -156,9 +157,9 @@ class TagOptions(StoreOptions):
 class LawOptions(StoreOptions):
     """A contact law and its settings."""
 
-    contact: str = option("exact", help="Contact law; list with ocp laws.")
+    contact: str = option("exact", help=LAW)
     law_settings: list[str] | None = assigned(
-        "--contact-setting", "-c", help="Setting of the contact law; list with ocp laws."
+        "--contact-setting", "-c", help="Setting of the contact law; list with ocp settings LAW."
     )
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ocp import store, validation
 from ocp.errors import InputError
+from ocp.factories import law_name
 from ocp.session import Session
 from ocp.solve import new_session
 from ocp.store import atomic
@@ -145,7 +146,7 @@ def read_names(options: SolverOptions) -> tuple[ProblemSpec, dict[str, Any]]:
     """
     return source(options.problem), {
         "params": assignments("-p", options.params),
-        "contact": options.contact,
+        "contact": law_name(options.contact),
         "contact_settings": assignments("-c", options.law_settings),
         "method": options.method,
         "policy": options.policy,

@@ -11,7 +11,6 @@ from dynamics.contact import ContactLaw
 from ocp import store
 from ocp.effort import check_memory
 from ocp.errors import InputError, choose
-from ocp.factories import closing_law
 from ocp.physics.constraints import describe_violations
 from ocp.programs.solver import Status
 from ocp.refinement import halved
@@ -21,7 +20,7 @@ from ocp.solve import Rank, refine_from, solve_from, solve_session
 from ocp.store import atomic
 from ocp.store.stored_run import StoredRun
 from ocp.worlds import WORLDS
-from problems.plugin import edited, problem_of
+from problems.plugin import edited, law_of, problem_of
 from reports import console
 from reports.cli import interrupt
 from reports.cli.commands import ReplayOptions, SolveOptions
@@ -224,7 +223,10 @@ def check_replay(options: ReplayOptions) -> ReplayRequest:
     solution = found.solution(problem)
     if options.world is not None:
         return found, solution, options.world
-    law = closing_law(options.contact, assignments("-c", options.law_settings), problem.system)
+    given = assignments("-c", options.law_settings)
+    law, warning = law_of(found, options.contact, given, problem.system)
+    if warning:
+        options.output.say(warning)
     return found, solution, law
 
 

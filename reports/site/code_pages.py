@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ocp.transcription import METHODS
 from reports import settings
 from reports.cli.app import commands, first_paragraph
 from reports.settings import SettingGroup
@@ -46,10 +45,10 @@ def help_text(name: str, command: Any) -> str:
 
 
 INTRODUCTIONS = {
-    "laws": "Contact laws, `--contact LAW`, and their settings, `-c NAME=VALUE`. `ocp laws` prints"
-    " the same, `ocp laws adaptive` a single law.",
-    "solves": "Methods and policies of `ocp solve`, and their settings, `-s NAME=VALUE`."
-    " `ocp methods` prints the same.",
+    "laws": "Contact laws, `--contact LAW`, and their settings, `-c NAME=VALUE`. `ocp settings"
+    " laws` prints the same, `ocp settings adaptive` a single law.",
+    "solves": "Methods, strategies and policies of `ocp solve`, and their settings,"
+    " `-s NAME=VALUE`. `ocp settings methods` prints the same.",
     "estimators": "Estimators that mix two orders, and their settings, `ocp estimate -s`.",
     "training": "Settings of `ocp train -s`: of all algorithms, and of each.",
     "solver": "Options of IPOPT whose default here differs from IPOPT's. Set them, like every other"
@@ -62,7 +61,7 @@ def settings_pages() -> dict[str, str]:
     """A page each for laws, methods, estimators, training and the solver, and a list."""
     shown = {
         "laws": ("Contact laws", settings.laws()),
-        "solves": ("Methods and policies", [settings.solves(), *settings.policies()]),
+        "solves": ("Methods and policies", settings.methods()),
         "estimators": ("Estimators", settings.estimators()),
         "training": ("Training", settings.training()),
         "solver": ("IPOPT", [settings.changed(settings.solver("ipopt"))]),
@@ -73,11 +72,8 @@ def settings_pages() -> dict[str, str]:
         " names the closest match.\n\n"
     )
     pages = {"settings/index.md": head + "".join(rows)}
-    methods = [(f"`{name}`", escaped(method.summary)) for name, method in METHODS.items()]
     for name, (title, groups) in shown.items():
         parts = [f"# {title}\n", f"{INTRODUCTIONS[name]}\n", *map(section, groups)]
-        if name == "solves":
-            parts.insert(2, table(("`--method`", ""), methods))
         pages[f"settings/{name}.md"] = "\n".join(parts)
     return pages
 

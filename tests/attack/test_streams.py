@@ -13,7 +13,7 @@ from tests.attack import program
 from tests.attack.works import furnish
 
 LINES = (
-    "list", "show push-1d", "runs", "runs @1", "laws", "settings", "doctor", "--help",
+    "list", "show push-1d", "runs", "runs @1", "settings laws", "settings", "doctor", "--help",
     "solve push-1d -p N=3", "solve push-1d -p N=3 --json", "solve nothing",
     "estimate heaviside -n 100 --json",
 )  # fmt: skip

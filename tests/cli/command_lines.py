@@ -88,8 +88,6 @@ COMMANDS: dict[str, tuple[st.SearchStrategy[list[str]], Options]] = {
         ),
         {**STORE, "--format": among("csv", "npz")},
     ),
-    "laws": (st.just([]) | among(*LAWS).map(lambda law: [law]), {}),
-    "methods": (st.just([]), {}),
     "settings": (st.just([]) | among("ipopt", "fopg", "sigma").map(lambda word: [word]), {}),
     "doctor": (st.just([]), {}),
     "solve": (

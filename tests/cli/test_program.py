@@ -103,7 +103,9 @@ def test_levels_are_set_back(capsys) -> None:
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8"])
 def test_output_in_every_encoding(tmp_path: Path, encoding: str) -> None:
     """The sign of complementarity, which cp1252 lacks, ends no program."""
-    done = run_as(tmp_path, "laws", PYTHONIOENCODING=encoding, PYTHONUTF8="0", LC_ALL="C")
+    done = run_as(
+        tmp_path, "settings", "laws", PYTHONIOENCODING=encoding, PYTHONUTF8="0", LC_ALL="C"
+    )
     assert done.returncode == 0, done.stderr
     sign = "⟂" if encoding == "utf-8" else "_|_"
     assert f"0 <= lam {sign} gap" in done.stdout.decode(encoding)

@@ -1,4 +1,4 @@
-"""``ocp laws``, ``methods``, ``settings``: everything that may be set, as it is declared."""
+"""``ocp settings``: everything that may be set, as it is declared."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from ocp.policy import POLICIES
 from ocp.programs.options import documented
 from ocp.programs.solver import IPOPT_DEFAULTS
 from ocp.request import OWN, Setting, Settings, declared
+from ocp.routes.relaxations import STRATEGIES
 from ocp.transcription import METHODS
 from problems.tasks.registry import settings_of
 from reports.settings import training
@@ -46,12 +47,12 @@ def test_a_declared_argument_has_name_kind_default_and_meaning() -> None:
 @pytest.mark.parametrize("name", LAWS)
 def test_every_setting_of_a_law_is_declared_and_told(ocp, name: str) -> None:
     takes = inspect.signature(LAWS[name]).parameters
-    told = ocp("laws", name, "--json").json["laws"][0]
+    told = ocp("settings", name, "--json").json["settings"][0]
     assert [one["name"] for one in told["settings"]] == list(takes)
     for one in told["settings"]:
         default = takes[one["name"]].default
         assert one["default"] == default and one["meaning"] and one["kind"]
-    text = ocp("laws", name).out
+    text = ocp("settings", name).out
     assert all(f"\n  {key}" in text for key in takes)
 
 
@@ -100,7 +101,7 @@ def test_a_setting_is_found_by_its_name(ocp) -> None:
     ("arguments", "told"),
     [
         (["settings", "fobg"], ["did you mean 'fopg'", "randomized"]),
-        (["laws", "barier"], ["did you mean 'barrier'", "exact"]),
+        (["settings", "barier"], ["did you mean 'barrier'", "exact"]),
         (
             ["solve", "wall-1d", "--contact", "barrier", "-s", "homotpy=true"],
             ["did you mean 'homotopy'", "ocp settings"],
@@ -111,7 +112,7 @@ def test_a_setting_is_found_by_its_name(ocp) -> None:
         ),
         (
             ["solve", "wall-1d", "--contact", "barrier", "-c", "nu=1"],
-            ["mu, kappa", "ocp laws barrier"],
+            ["mu, kappa", "ocp settings barrier"],
         ),
     ],
 )
@@ -121,10 +122,21 @@ def test_what_is_unknown_is_told_what_there_is(ocp, arguments: list[str], told: 
     assert all(part in done.err for part in told), done.err
 
 
-def test_methods(ocp) -> None:
-    found = ocp("methods", "--json").json
-    assert [method["name"] for method in found["methods"]] == list(METHODS)
-    assert "feedback (-s policy.NAME=VALUE)" in ocp("methods").out
+def test_a_kind_lists_all_its_groups(ocp) -> None:
+    def names(kind: str) -> list[str]:
+        return [group["name"] for group in ocp("settings", kind, "--json").json["settings"]]
+
+    assert names("laws") == list(LAWS)
+    assert names("methods") == ["methods", "solve", "strategies", *POLICIES]
+    told = {group["name"]: group for group in ocp("settings", "methods", "--json").json["settings"]}
+    assert [one["name"] for one in told["methods"]["settings"]] == list(METHODS)
+    assert "feedback (-s policy.NAME=VALUE)" in ocp("settings", "methods").out
+
+
+def test_every_strategy_says_what_it_is_for(ocp) -> None:
+    told = ocp("settings", "strategies", "--json").json["settings"][0]["settings"]
+    assert [one["name"] for one in told] == list(STRATEGIES)
+    assert all(one["meaning"] for one in told)
 
 
 def test_a_setting_may_be_called_without_its_prefix(ocp) -> None:

@@ -99,7 +99,7 @@ def test_closed_streams_get_no_file_of_ours(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 @pytest.mark.parametrize(
-    "words", [["list"], ["--help"], ["show", "push-1d"], ["runs"], ["doctor"], ["laws"]]
+    "words", [["list"], ["--help"], ["show", "push-1d"], ["runs"], ["doctor"], ["settings"]]
 )
 def test_an_output_that_is_full_is_told(words, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)

@@ -69,7 +69,7 @@ def check_collect(options: CollectOptions) -> CollectRequest:
     check_place(options.file, "transitions")
     file = found.name if found.path is None else str(found.path)
     return CollectRequest(found.name, params.model_dump(), problem, region, samples, file,
-                          content_digest(found.digest, {}))  # fmt: skip
+                          content_digest([found.digest], {}))  # fmt: skip
 
 
 def run_collect(options: CollectOptions, request: CollectRequest) -> int:

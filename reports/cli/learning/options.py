@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from reports.cli.options import (
+    LAW,
     PROBLEM,
     JobsOptions,
     LawOptions,
@@ -116,6 +117,6 @@ class EvaluateOptions(RunOptions, LawOptions):
     examples: ClassVar = (
         "evaluate @last", "evaluate @last --contact barrier -c mu=1e-3 --episodes 1000",
     )  # fmt: skip
-    contact: str = option("exact", help="Contact law; list with ocp laws.")
+    contact: str = option("exact", help=LAW)
     episodes: int = option(100, "-n", min=1, max=1_000_000, help="Number of episodes.")
     seed: int = option(0, min=0, help="Seed of the initial states.")

@@ -156,12 +156,12 @@ def test_the_content_is_of_all_files_that_are_named(tmp_path: Path) -> None:
     model = tmp_path / "model.nc"
     model.write_text("one")
     settings = {"model": str(model), "sigma": 0.1, "mode": "x" * 5000}
-    one = content_digest(None, settings)
-    assert content_digest(None, {**settings, "sigma": 0.2}) == one
-    assert content_digest("digest", settings) != one
+    one = content_digest([], settings)
+    assert content_digest([], {**settings, "sigma": 0.2}) == one
+    assert content_digest(["digest"], settings) != one
     model.write_text("two")
-    assert content_digest(None, settings) != one
-    assert content_digest(None, {"sigma": 0.1}) == ""
+    assert content_digest([], settings) != one
+    assert content_digest([], {"sigma": 0.1}) == ""
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
