@@ -120,6 +120,7 @@ def roll_on(
     law: ContactLaw | Step | None = None,
     x0: np.ndarray | None = None,
     substeps: int = 1,
+    first: int = 0,
 ) -> tuple[Rollout, Unsolved | None]:
     """Roll out as :func:`roll_out` does, and say where it ended instead of raising.
 
@@ -129,7 +130,8 @@ def roll_on(
 
     With ``substeps`` every input, or the policy's answer at a node, is held over so many steps, and
     what is returned are the problem's nodes, the sum of lam and the last gap between two of them;
-    the step size must then have been divided already, in ``values`` or in ``x0``.
+    the step size must then have been divided already, in ``values`` or in ``x0``. With ``first``,
+    ``x0`` are the states at that node; all before it, and so the costs, are NaN.
     """
     if law is None:
         step = problem.exact_step
@@ -145,15 +147,15 @@ def roll_on(
     lam, gap = np.full((S, N, step.n), np.nan), np.full((S, N, step.n), np.nan)
     u[:] = np.nan if isinstance(inputs, Gains) else _array("inputs", inputs, (None, N, nu), S)
     error = np.zeros((S, N, step.n))
-    x[:, 0] = start
+    x[:, first] = start
     # Gains read the state of every node; inputs are rolled out in one call.
     each = 1 if isinstance(inputs, Gains) else N
-    for first in range(0, N, each):
-        steps = slice(first, first + each)
+    for k in range(first, N, each):
+        steps = slice(k, k + each)
         if isinstance(inputs, Gains):
-            u[:, first] = [np.clip(inputs.input(first, one), lower, upper) for one in x[:, first]]
+            u[:, k] = [np.clip(inputs.input(k, one), lower, upper) for one in x[:, k]]
         x[:, 1:][:, steps], lam[:, steps], gap[:, steps], error[:, steps] = _ahead(
-            step, x[:, first], u[:, steps], p, substeps
+            step, x[:, k], u[:, steps], p, substeps
         )
     lost: list[Unsolved] = []
     wrong = ~np.all(error <= STEP_TOLERANCE, axis=2)

@@ -20,9 +20,17 @@ from ocp.physics.constraints import (
     seen_sizes,
     travelled,
 )
-from ocp.physics.measures import Physics, Worst, distances, find_nonuniqueness, measure
+from ocp.physics.measures import Physics, Worst, distances, measure
+from ocp.physics.step_solutions import differing_contacts, find_nonuniqueness
 from ocp.problem import Problem
-from ocp.rollout import Gains, Rollout, Unsolved, roll_on, trajectory_costs
+from ocp.rollout import (
+    Gains,
+    Rollout,
+    Unsolved,
+    problem_impulses,
+    roll_on,
+    trajectory_costs,
+)
 
 REFINEMENT = 4
 """By how much h is divided for the refined cost."""
@@ -37,8 +45,6 @@ At the nodes true gaps leave none but rounding. In between the straight way cuts
 hundredth of the gap where contacts roll, by whole bodies where one passes through another.
 """
 LEAST_COST, _LEAST_GAP = 1e-9, 1e-4
-_SHARP = 1e-4
-"""Share of the characteristic mu at which a step of the barrier law is nearly the exact one."""
 
 
 @dataclass(frozen=True)
@@ -137,8 +143,8 @@ class RefereeReport:
     replay: how deep bodies are in one another at the nodes (``penetration``) and on the way between
     them (``between``), and the largest true distance at which a normal force acts
     (``force_distance``), all [m]. ``broken`` are the constraints that the replay breaks.
-    ``nonuniqueness`` describes the first step of the plan at which the model's contact has another
-    solution, "" where there is none.
+    ``nonuniqueness`` describes a step of the plan at which the model's contact has another
+    solution, "" where none was found, and ``branch_cost`` is what the plan's inputs cost with it.
     """
 
     cost: float = math.nan
@@ -155,6 +161,7 @@ class RefereeReport:
     replay_between: Worst | None = None
     broken: list[Violation] = field(default_factory=list)
     nonuniqueness: str = ""
+    branch_cost: float = math.nan
     survives_at_h: bool | None = None
     refined_reasons: list[str] = field(default_factory=list)
 
@@ -180,9 +187,9 @@ def evaluate(
     """
     physical = problem.parameters.pack(values)
     found = referee(problem, plan.u if gains is None else gains, values, plan.x[:, 0])
-    two = _other_solution(problem, plan, values)
+    two, branch_cost = _other_solution(problem, plan, values, gains)
     if found.note is None:
-        return RefereeReport(note="no geometry", nonuniqueness=two), found
+        return RefereeReport(note="no geometry", nonuniqueness=two, branch_cost=branch_cost), found
     there = found.replay
     planned = measure(problem, step, plan.x, plan.u, plan.lam, physical)
     replayed = measure(problem, problem.referee_step, there.x, there.u, there.lam, physical)
@@ -208,22 +215,42 @@ def evaluate(
         replay_between=replayed.between,
         broken=[one.violation for one in broken],
         nonuniqueness=two,
+        branch_cost=branch_cost,
     ), found
 
 
-def _other_solution(problem: Problem, plan: Rollout, values: dict[str, float]) -> str:
-    """Describe the first step of a plan whose contact has another solution, "" without one."""
+def _other_solution(
+    problem: Problem, plan: Rollout, values: dict[str, float], gains: Gains | None
+) -> tuple[str, float]:
+    """Describe a step of a plan whose contact has another solution, and cost the plan with it.
+
+    It is the solution that the replay takes, or else the one that costs most. ``("", nan)`` where
+    no step has one; NaN where its motion cannot be followed to the end.
+    """
     found = find_nonuniqueness(problem, plan.x, plan.u, plan.lam, values)
     if found is None:
-        return ""
-    mu, unit = _SHARP * problem.scales.mu, found.unit.removeprefix("1")
-    return (
-        f"the contact forces at step {found.step} are not unique"
-        f" ({', '.join(found.contacts)}): from the same state and input, {found.state} can"
-        f" also end {found.distance:.2g} {unit}".rstrip()
-        + " away; plan with a unique step"
-        f" instead: --method multiple-shooting --contact barrier -c mu={mu:.0e}"
-    )
+        return "", math.nan
+    k, s, step = found.step, found.scenario, problem.exact_step
+    inputs = plan.u[[s]] if gains is None else gains
+    rolled, _ = roll_on(problem, inputs, values, step, found.x_next, first=k + 1)
+    x, u, lam, physical = rolled.x, rolled.u, rolled.lam, problem.parameters.pack(values)
+    x[:, : k + 1], u[:, : k + 1] = plan.x[s, : k + 1], plan.u[s, : k + 1]
+    lam[:, :k], lam[:, k] = plan.lam[s, :k], found.lam
+    impulses = problem_impulses(problem, step, x, u, lam, physical)
+    costs = trajectory_costs(problem, x, u, impulses, physical)
+    which = 0 if found.replayed else int(np.nan_to_num(costs, nan=-np.inf).argmax())
+    apart = np.abs(found.x_next[which] - plan.x[s, k + 1])
+    i = int((apart / problem.scales.x).argmax())
+    signal, cost = problem.system.states[i], float(costs[which])
+    contacts = ", ".join(differing_contacts(problem, plan.lam[s, k], found.lam[which]))
+    words = (
+        f"the contact forces at step {k} are not unique ({contacts}): from the same state and"
+        f" input, {signal.name} can also end {apart[i]:.2g} {signal.unit.removeprefix('1')}"
+    ).rstrip()
+    words += f" away, as the replay does{'' if found.replayed else ' not'}"
+    ending = f"costs {cost:.6g}" if math.isfinite(cost) else "cannot be followed to the end"
+    more = f"; {found.steps - 1} more steps have another solution" if found.steps > 1 else ""
+    return f"{words}, and the motion from there {ending} instead of {plan.costs[s]:.6g}{more}", cost
 
 
 def seen_gap(problem: Problem, x: np.ndarray) -> float:

@@ -20,8 +20,8 @@ Grade = Literal["survives", "certified", "failed"]
 functions; neither. Shown green, amber and red."""
 _SAME = 1e-5
 _NOTABLE, _DEEP = 0.1, 0.3
-_BLURRED, _CLEAR = 0.5, 1e-2
-"""Shares of the characteristic mu that are too large, and that are recommended."""
+_BLURRED = 0.5
+"""Share of the characteristic mu from which mu is as large."""
 _FEASIBLE = ("not-optimal", "undecided")
 """Statuses of unsuccessful plans whose survival is reported."""
 
@@ -71,10 +71,13 @@ def findings(found: Solution) -> list[str]:
             "The cost is NaN or infinite at the last iterate: give a guess with a finite cost, and"
             " bounds that keep the states where the cost is finite."
         ]
-    lines = [] if found.success or not explained else [_sentence(explained)]
     forceless = math.isnan(found.audit.complementarity)
-    if found.status.label == "no-progress" and found.audit.active_steps == 0 and not forceless:
-        lines = [_sentence(f"the contacts never act; {explained}")]
+    if found.status.label == "no-progress":
+        if found.audit.active_steps == 0 and not forceless:
+            explained = f"the contacts never act; {explained}"
+        if len(found.stages) < 2:
+            explained += "; no homotopy was followed, whose smoothing feels contact from afar"
+    lines = [] if found.success or not explained else [_sentence(explained)]
     if found.certificate.reason != UNJUDGED:
         lines.append(_sentence(found.certificate.sentence))
         lines += jump_findings(found.problem)
@@ -103,7 +106,7 @@ def findings(found: Solution) -> list[str]:
         lines.append(told["sentence"])
     solver = found.record.get("solver", "ipopt")
     if not found.success and solver != "ipopt":
-        lines.append(f"The solver was {solver}; the default, ipopt, solves more: --solver ipopt.")
+        lines.append(f"The solver was {solver}, and not the default, ipopt.")
     return lines
 
 
@@ -171,28 +174,23 @@ def _replay(found: Solution) -> str:
         return "under the exact law the cost of the replay is NaN or infinite"
     infeasible = found.certificate.reason == UNJUDGED
     least = max(_NOTABLE * abs(found.cost), _SAME * found.problem.scales.cost)
-    if infeasible or found.referee.nonuniqueness or abs(off) <= least:
+    branch = abs(found.referee.branch_cost - audit.exact_cost) <= _NOTABLE * abs(audit.exact_cost)
+    if infeasible or branch or abs(off) <= least:
         return ""
     if found.record.get("contact") == "exact":
-        remedy = "" if found.record.get("policy") == "feedback" else (
-            "; feedback gains may stabilise it (--policy feedback)"
-        )  # fmt: skip
-        return f"the motion is unstable: the replay diverges from the plan{remedy}"
+        return "the motion is unstable: the replay diverges from the plan"
     return (
         f"the plan relies on the smoothing: under the exact law it costs {audit.exact_cost:.6g}"
-        f" instead of {found.cost:.6g}{_narrower(found)}"
+        f" instead of {found.cost:.6g}{_blurred(found)}"
     )
 
 
-def _narrower(found: Solution) -> str:
-    """Propose a smaller mu where mu is as large as typical impulse times gap."""
+def _blurred(found: Solution) -> str:
+    """Say where mu is as large as typical impulse times gap."""
     mu, own = found.values.get(f"{LAW_PREFIX}mu", 0.0), found.problem.scales.mu
     if mu < _BLURRED * own:
         return ""
-    return (
-        f"; mu = {mu:g} is as large as the problem's typical impulse times gap, {own:.0e} N s m:"
-        f" take -c mu={_CLEAR * own:.0e}"
-    )
+    return f"; mu = {mu:g} is as large as the problem's typical impulse times gap, {own:.0e} N s m"
 
 
 def _broken(found: Solution) -> str:

@@ -30,10 +30,7 @@ class Status(Enum):
     NOT_OPTIMAL = "feasible, not optimal"
     UNDECIDED = "feasible, but whether it is optimal was not decided"
     INEXACT = "not solved: the solver stopped, but the audited residuals are above tolerance"
-    NO_PROGRESS = (
-        "no-progress: it does no better than standing still; start from a smoothing law and"
-        " follow it (--contact exact -s homotopy=true)"
-    )
+    NO_PROGRESS = "no-progress: it does no better than standing still"
     ITERATION_LIMIT = "not converged: the iteration limit was reached"
     TIME_LIMIT = "not converged: the time limit was reached"
     INFEASIBLE = "not converged: the constraints could not be met from this guess"

@@ -170,12 +170,13 @@ def test_the_rough_slopes_freedom_is_named_with_step_and_contacts() -> None:
     [(rough_slope, 5e-6), (functools.partial(to_a_goal, TWO_ENDED, 2.0), 1e-4)],
 )
 def test_planning_through_the_step_is_planning_against_the_freedom(problem_of, mu: float) -> None:
-    """The remedy that the verdict names: a plan that its exact replay follows, and cheaper there.
+    """Here, but not everywhere, it leads to a plan that its exact replay follows, and cheaper there.
 
     The barrier law alone is no remedy: at any mu, ``lam (z - lam) = mu`` has two ends as well.
     """
     free = solved(problem_of)
-    assert f"--method multiple-shooting --contact barrier -c mu={mu:.0e}" in free.verdict
+    assert "as the replay does, and the motion from there costs" in free.verdict
+    assert "--" not in free.verdict, "the verdict names no remedy that was not tried"
     bound = solved(problem_of, Barrier(mu=mu), MultipleShooting())
     assert bound.status is Status.SOLVED and bound.referee.nonuniqueness == ""
     assert bound.audit.exact_cost == pytest.approx(bound.cost, rel=1e-2)
@@ -195,7 +196,7 @@ def test_standing_still_is_no_progress_though_a_contact_rests() -> None:
     assert "does no better than standing still" in found.verdict
     assert "survives" not in headline(found)
     onward = solve(rough_slope(), Exact(), SingleShooting(), settings={"homotopy": True})
-    assert "-s homotopy=true" in found.verdict and onward.cost < 1.0, "the advice leads on"
+    assert "no homotopy was followed" in found.verdict and onward.cost < 1.0
 
 
 def test_what_forces_from_afar_move_is_no_standing_still() -> None:

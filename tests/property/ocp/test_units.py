@@ -235,13 +235,13 @@ def test_light_balls_and_heavy_discs_end_where_others_do(
     assert found.success and found.cost == pytest.approx(cost, rel=1e-5)
 
 
-def test_a_mu_as_large_as_the_problem_is_told_with_one_that_is_not() -> None:
+def test_a_mu_as_large_as_the_problem_is_told() -> None:
     """A ball of 10 g is one of 1 kg in another unit of mass, and so is mu = 1e-5 one of 1e-3."""
     light = get("ball-bounce", m=0.01, u_max=0.15, w_u=100.0)
     blurred = solve(light, Barrier())
     assert blurred.referee.survives is False
     assert "mu = 0.001 is as large as the problem's typical impulse times gap" in blurred.verdict
-    assert blurred.verdict.count("take -c mu=1e-05.") == 1
+    assert "-c mu=" not in blurred.verdict, "a smaller mu was not tried"
     clear = solve(light, Barrier(mu=1e-5))
     known = in_si("ball-bounce", soft=True)
     assert clear.cost == pytest.approx(known.cost, rel=1e-6)

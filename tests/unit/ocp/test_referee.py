@@ -14,7 +14,12 @@ from dynamics.systems import ContactSystem
 from ocp import Direct, Gains, NotConverged, Problem, Solution, roll_out, solve
 from ocp.judges.referee import Referee, RefereeReport, evaluate, referee, survival
 from ocp.physics.constraints import broken_constraints
-from ocp.physics.measures import find_nonuniqueness, measure
+from ocp.physics.measures import measure
+from ocp.physics.step_solutions import (
+    Nonuniqueness,
+    differing_contacts,
+    find_nonuniqueness,
+)
 from ocp.rollout import Rollout, roll_on
 from problems import get
 from tests.unit.ocp.user_problems import (
@@ -87,13 +92,20 @@ def off_the_slopes_laws(problem: Problem, v: float, v_next: float, u: float) -> 
     return max(0.0, -normal, -push, abs(rub) - f * normal, abs(h * across - normal) - face * push)
 
 
+def contacts_of(problem: Problem, lam: np.ndarray, found: Nonuniqueness) -> tuple[str, ...]:
+    return differing_contacts(problem, lam[found.scenario, found.step], found.lam[0])
+
+
 def test_a_push_up_a_rough_slope_is_not_determined_and_the_step_is_named() -> None:
     found, report, sharp = solved(rough_slope)
     plan = plan_of(found)
     nonuniqueness = find_nonuniqueness(found.problem, plan.x, plan.u, plan.lam, found.values)
     assert nonuniqueness is not None and "not unique" in report.nonuniqueness
-    assert set(nonuniqueness.contacts) <= {"slope", "face"}
-    assert nonuniqueness.distance > 0.01
+    assert nonuniqueness.replayed and f"at step {nonuniqueness.step} " in report.nonuniqueness
+    assert set(contacts_of(found.problem, plan.lam, nonuniqueness)) <= {"slope", "face"}
+    distance = plan.x[0, nonuniqueness.step + 1, 4] - nonuniqueness.x_next[0, 4]
+    assert distance > 0.01
+    assert report.branch_cost == pytest.approx(sharp.cost, rel=1e-2)
     assert sharp.note == "the model itself"
     assert sharp.cost > 2 * found.cost
     assert report.reasons
@@ -105,7 +117,7 @@ def test_a_push_up_a_rough_slope_is_not_determined_and_the_step_is_named() -> No
     for end in ends:
         assert end[3] == pytest.approx(end[4], abs=1e-6)
         assert off_the_slopes_laws(problem, x[k, 4], end[4], u) < 1e-5
-    assert ends[0][4] - ends[1][4] == pytest.approx(nonuniqueness.distance, rel=1e-6)
+    assert ends[0][4] - ends[1][4] == pytest.approx(distance, rel=1e-6)
     assert off_the_slopes_laws(problem, x[k, 4], x[k + 1, 4] + 1.0, u) > 1e-2
 
 
@@ -130,7 +142,8 @@ def test_a_plan_that_hops_through_a_disc_is_one_of_two_ends_of_its_step() -> Non
     u, lam = x[:, 1:, 2:], np.zeros((1, 1, 3))
     nonuniqueness = find_nonuniqueness(problem, x, u, lam, defaults(problem))
     assert nonuniqueness is not None
-    assert (nonuniqueness.step, nonuniqueness.scenario, nonuniqueness.contacts) == (0, 0, ("push",))
+    assert (nonuniqueness.step, nonuniqueness.scenario, nonuniqueness.replayed) == (0, 0, True)
+    assert contacts_of(problem, lam, nonuniqueness) == ("push",)
     found = measure(problem, problem.exact_step, x, u, lam, physical(problem))
     assert found.penetration is not None
     assert found.between is not None

@@ -1,0 +1,189 @@
+"""Steps with several solutions: every one that can be enumerated by hand, and none where one is."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from dynamics.contact import Exact
+from dynamics.systems import Parameter, ParameterTable, lcs, signals, time_stepping
+from ocp import Direct, solve
+from ocp.judges.referee import evaluate
+from ocp.physics.step_solutions import Nonuniqueness, find_nonuniqueness
+from ocp.problem import Problem, Scaling
+from ocp.rollout import roll_out
+from problems import get
+from tests.unit.ocp.user_problems import defaults
+
+
+def coupled(F: np.ndarray, d: np.ndarray, N: int = 1) -> Problem:
+    """``x+ = lam``, ``0 <= lam ⟂ F lam + d + u >= 0``: the ends of a step are its multipliers."""
+    n = len(d)
+    system = lcs(
+        "coupled", A=np.zeros((n, n)), B=np.zeros((n, 1)), C=np.eye(n), D=np.zeros((n, n)),
+        E=np.ones((n, 1)), F=F, d=d,
+    )  # fmt: skip
+    return Problem(
+        name="coupled", system=system, N=N, stage_cost=system.u**2,
+        terminal_cost=ca.sumsqr(system.x), x0=ca.SX.zeros(n), parameters=ParameterTable(), u_lower=-1, u_upper=1,
+        scaling=Scaling(impulse=1.0, gap=100.0, x=1.0, u=1.0),
+    )  # fmt: skip
+
+
+def enumerated(F: np.ndarray, d: np.ndarray) -> list[np.ndarray]:
+    """Solutions of ``0 <= lam ⟂ F lam + d >= 0``, from all its ``2^n`` systems of equations."""
+    solutions = []
+    for active in product([False, True], repeat=len(d)):
+        rows, lam = np.flatnonzero(active), np.zeros(len(d))
+        lam[rows] = np.linalg.solve(F[np.ix_(rows, rows)], -d[rows])
+        if min(lam.min(), (F @ lam + d).min()) > -1e-12:
+            solutions.append(lam)
+    return solutions
+
+
+def others_of(problem: Problem, lam: np.ndarray) -> Nonuniqueness | None:
+    """Other ends of a first step from zero that ends at x = lam, without an input."""
+    x = np.stack([np.zeros_like(lam), lam])[None]
+    return find_nonuniqueness(problem, x, np.zeros((1, 1, 1)), lam[None, None], defaults(problem))
+
+
+def distinct(ends: np.ndarray) -> np.ndarray:
+    return np.unique(ends.round(6) + 0.0, axis=0)
+
+
+def test_a_pair_of_contacts_that_lift_each_other_off_has_two_ends() -> None:
+    """lam = 0, or ``F^-1 = -[[1, 2], [2, 1]] / 3`` and both at 1; P fails by det F = -3."""
+    F, d = np.array([[1.0, -2.0], [-2.0, 1.0]]), np.ones(2)
+    found = others_of(coupled(F, d), np.zeros(2))
+    assert found is not None and (found.step, found.scenario, found.steps) == (0, 0, 1)
+    np.testing.assert_allclose(distinct(found.x_next), [[1.0, 1.0]], atol=1e-9)
+    back = others_of(coupled(F, d), np.ones(2))
+    assert back is not None
+    np.testing.assert_allclose(distinct(back.x_next), [[0.0, 0.0]], atol=1e-9)
+
+
+@pytest.mark.parametrize("stiff", [1.0, 1e6])
+def test_all_solutions_of_random_matrices_are_found(stiff: float) -> None:
+    """Five coupled contacts, of which one may be stiff: 2^5 systems of equations each."""
+    rng, several = np.random.default_rng(4), 0
+    for _ in range(40):
+        F, d = rng.normal(size=(5, 5)) + 0.5 * np.eye(5), rng.normal(size=5)
+        F[0, 0] = F[0, 0] * stiff
+        solutions = enumerated(F, d)
+        if not solutions:
+            continue
+        found = others_of(coupled(F, d), solutions[0])
+        expected = [lam for lam in solutions if np.abs(lam - solutions[0]).max() > 1e-2]
+        ends = np.zeros((0, 5)) if found is None else found.x_next
+        np.testing.assert_allclose(
+            distinct(ends), distinct(np.reshape(expected, (-1, 5))), atol=1e-5
+        )
+        several += len(expected) > 0
+    assert several > 5
+
+
+def test_a_step_with_one_solution_has_no_other() -> None:
+    """Where F is a P-matrix, symmetric or not, and where only the forces are open."""
+    rng = np.random.default_rng(5)
+    for _ in range(30):
+        L, skew = rng.normal(size=(2, 4, 4))
+        F, d = L @ L.T + 0.1 * np.eye(4) + skew - skew.T, rng.normal(size=4)
+        (lam,) = enumerated(F, d)
+        assert others_of(coupled(F, d), lam) is None
+    # Two contacts push the same way: any share of one impulse, and a single end.
+    system = lcs("twins", A=[[0.0]], B=[[0.0]], C=[[1.0, 1.0]], D=[[0.0], [0.0]], E=[[0.0], [0.0]],
+                 F=np.ones((2, 2)), d=-np.ones(2))  # fmt: skip
+    twins = Problem(name="twins", system=system, N=1, stage_cost=system.u**2,
+                    terminal_cost=ca.SX(0), x0=ca.SX(0), parameters=ParameterTable(),
+                    scaling=Scaling(1.0, 1.0))  # fmt: skip
+    x, lam = np.array([[[0.0], [1.0]]]), np.array([[[0.3, 0.7]]])
+    assert find_nonuniqueness(twins, x, np.zeros((1, 1, 1)), lam, defaults(twins)) is None
+
+
+def rod(friction: float, slip: float, rise: float, h: float = 0.01) -> Problem:
+    """A rod of 2 m and 1 kg at 60 degrees slides on its lower end: Painlevé's paradox.
+
+    ``slip`` and ``rise`` [m/s] are the velocities of that end, along and across the floor.
+    """
+    p = ParameterTable([Parameter("h", h, "s"), Parameter("friction", friction)])
+    system = time_stepping(
+        "rod",
+        states=signals("x [m]; y [m]; a [rad]; vx [m/s]; vy [m/s]; w [rad/s]"),
+        inputs=signals("u [N]"), contacts=signals("tip [N s]"), h=p["h"],
+        mass=ca.diag(ca.SX([1.0, 1.0, 1 / 3])), impulse=lambda q, v, u: ca.vertcat(0 * u, 0, 0),
+        distance=lambda q: q[1] - ca.sin(q[2]), linearised=True,
+        sliding=lambda q: ca.horzcat(1, 0, ca.sin(q[2])), friction=p["friction"], parameters=p,
+    )  # fmt: skip
+    x0 = [0.0, np.sin(np.pi / 3), np.pi / 3, slip, rise, 0.0]
+    return Problem(
+        name="rod", system=system, N=2, stage_cost=system.u**2, terminal_cost=system.x[0] ** 2,
+        x0=ca.DM(x0), parameters=p, scaling=Scaling(impulse=1.0, gap=0.1, x=1.0, u=1.0),
+    )  # fmt: skip
+
+
+def test_painleves_rod_lifts_off_slides_or_jams() -> None:
+    """With ``A = 1 + 3 c² - 3 f s c < 0`` a rising tip may open, slide on, or stop at once."""
+    f, slip, rise, c, s = 2.0, -5.0, 0.1, 0.5, np.sqrt(0.75)
+    nn, nt, tt = 1 + 3 * c * c, -3 * s * c, 1 + 3 * s * s
+    slides = -rise / (nn + f * nt)
+    jams = np.linalg.solve([[nn, nt], [nt, tt]], [-rise, -slip])
+    assert slides > 0 and slip + (nt + f * tt) * slides < 0 and abs(jams[1]) < f * jams[0]
+    impulses = np.array([[0.0, 0.0], [slides, f * slides], jams])  # normal, tangential
+    v = [slip, rise, 0] + impulses @ np.array([[0, 1, -3 * c], [1, 0, 3 * s]])
+    problem = rod(f, slip, rise)
+    x0 = problem.initial_states(problem.parameters.values)[0]
+    ends = np.column_stack([x0[:3] + 0.01 * v, v])
+    lam = np.zeros((1, 1, 4))
+    lam[0, 0, 3] = -0.01 * slip
+    x = np.stack([x0, ends[0]])[None]
+    found = find_nonuniqueness(problem, x, np.zeros((1, 1, 1)), lam, defaults(problem))
+    assert found is not None
+    expected = ends[1:][ends[1:, 3].argsort()]
+    order = distinct(found.x_next)
+    np.testing.assert_allclose(order[order[:, 3].argsort()], expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(("friction", "slip", "rise"), [(1.0, -5.0, 0.1), (2.0, 5.0, 0.1)])
+def test_a_rod_without_the_paradox_goes_on_in_one_way(
+    friction: float, slip: float, rise: float
+) -> None:
+    """A > 0: less friction, or sliding the other way; the tip opens, and nothing else."""
+    problem = rod(friction, slip, rise)
+    plan = roll_out(problem, np.zeros((1, 2, 1)), defaults(problem))
+    report, _ = evaluate(problem, problem.exact_step, plan, defaults(problem))
+    assert report.nonuniqueness == "" and np.isnan(report.branch_cost)
+    paradox = rod(2.0, -5.0, rise)
+    plan = roll_out(paradox, np.zeros((1, 2, 1)), defaults(paradox))
+    report, _ = evaluate(paradox, paradox.exact_step, plan, defaults(paradox))
+    assert report.nonuniqueness.startswith("the contact forces at step 0 are not unique (tip)")
+    assert abs(report.branch_cost - plan.cost) > 1e-5
+
+
+def test_finger_discs_second_end_is_named_with_its_cost() -> None:
+    """Its tip may leave the disc at step 1, and the same torques then cost 27.5."""
+    found = solve(get("finger-disc"), Exact(), Direct())
+    report = found.referee
+    assert report.nonuniqueness.startswith(
+        "the contact forces at step 1 are not unique (tip on disc): from the same state and input"
+    )
+    assert report.branch_cost == pytest.approx(27.5151, rel=1e-4)
+    x, u, p = found.data["x"].values, found.data["u"].values, found.problem
+    lam = found.data["lam"].values
+    other = find_nonuniqueness(p, x, u, lam, found.values)
+    assert other is not None and not other.replayed
+    # By the relation itself: zero residual, and lam and gap complementary and not negative.
+    for end, forces in ((other.x_next[0], other.lam[0]), (x[0, 2], lam[0, 1])):
+        residual, gap, _ = p.exact_step.relation(x[0, 1], u[0, 1], end, forces, p.parameters.values)
+        assert np.abs(np.array(residual)).max() < 1e-8
+        assert min(np.array(gap).min(), forces.min()) > -1e-8
+        assert np.abs(np.array(gap).ravel() * forces).max() < 1e-8
+    step = p.exact_step.solve.mapaccum(p.N - 2)
+    ahead = np.array(step(other.x_next[0], u[0, 2:].T, p.parameters.values)[0]).T
+    states = np.vstack([x[0, :2], other.x_next[:1], ahead])
+    stage = sum(float(p.cost_terms(states[k], u[0, k], 0, 0, p.parameters.values)[0])
+                for k in range(p.N))  # fmt: skip
+    end = float(p.cost_terms(states[-1], 0, 0, 0, p.parameters.values)[1])
+    assert report.branch_cost == pytest.approx(stage + end, rel=1e-9)
