@@ -62,8 +62,8 @@ def find_nonuniqueness(
     step is solved from the plan's own state and input, so that no earlier difference grows into it.
     None where there is none, and where the plan obeys another law or has branches.
     """
-    step, nx, nlam = problem.exact_step, x.shape[2], problem.system.nlam
-    if lam.shape[2] != step.n or not nlam:
+    step = problem.exact_step
+    if lam.shape[2] != step.n or not step.n:
         return None
     x_next, other, _, error = at_steps(step.solve, x[:, :-1], u, p=step.p.pack(values))
     obeys, gap = _obeys(problem, x, u, lam, values)
@@ -135,8 +135,9 @@ class StepSolutions:
         self.p, self.x_sizes = physical, scales.x
         self.of_lam, self.of_gap = np.where(
             [signal.unit == "m" for signal in system.contacts],
-            [[scales.gap], [scales.impulse]], [[scales.impulse], [scales.gap]],
-        )  # fmt: skip
+            [[scales.gap], [scales.impulse]],
+            [[scales.impulse], [scales.gap]],
+        )
         kinds, groups = [pair.kind for pair in system.pairs], {}
         for i, pair in enumerate(system.pairs):
             groups.setdefault((pair.kind == "limit", pair.contact), []).append(i)
@@ -144,8 +145,10 @@ class StepSolutions:
         self.modes = [_modes(rows, kinds) for rows in self.groups]
         self.slips = [
             (i, [j for j in rows if kinds[j] == "friction"])
-            for rows in self.groups for i in rows if kinds[i] == "slip"
-        ]  # fmt: skip
+            for rows in self.groups
+            for i in rows
+            if kinds[i] == "slip"
+        ]
         lam = ca.SX.sym("lam", system.nlam)
         parts = ca.substitute(
             [system.residual, system.gap / self.of_gap], [system.lam], [self.of_lam * lam]
@@ -170,8 +173,8 @@ class StepSolutions:
             some = slice(first, first + _AT_ONCE)
             sets = [self._active(*pairs) for pairs in zip(lam[some], gap[some], strict=True)]
             at = np.repeat(np.arange(len(sets)), [len(active) for active in sets])
-            at, *ends = self._solve(at, np.concatenate(sets), x[some], u[some], x_next[some])
-            found.append((at + first, *ends))
+            at, ends, forces = self._solve(at, np.concatenate(sets), x[some], u[some], x_next[some])
+            found.append((at + first, ends, forces))
         at, ends, forces = (np.concatenate(part) for part in zip(*found, strict=True))
         return at, ends, forces * self.of_lam
 
@@ -194,20 +197,29 @@ class StepSolutions:
         self, at: np.ndarray, active: np.ndarray, x: np.ndarray, u: np.ndarray, x_next: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Solutions (m, .) among the sets (n, nlam) of active pairs of the steps ``at`` (n,)."""
-        lam, model = np.zeros(active.shape), self._reduced(x, u, x_next, np.zeros_like(active[: len(x)]))
+        lam, model = (
+            np.zeros(active.shape),
+            self._reduced(x, u, x_next, np.zeros_like(active[: len(x)])),
+        )
         # All sets of a step begin at one point, which is expanded once.
         dx, lam, gap = _newton(model, at, active, lam)
         self._let_slide(lam, gap)
         left = (np.minimum(lam, gap) > -self._reach).all(axis=1)
         at, active = at[left], active[left]
-        lam, x_next, moved = np.where(active, lam[left], 0.0), x_next[at] + dx[left], np.ones(len(at))
+        lam, x_next, moved = (
+            np.where(active, lam[left], 0.0),
+            x_next[at] + dx[left],
+            np.ones(len(at)),
+        )
         for _ in range(_ITERATIONS):
             left = np.flatnonzero((moved >= _SOLVED) & (moved < _LOST))
             if not left.size:
                 break
             model = self._reduced(x[at[left]], u[at[left]], x_next[left], lam[left])
             dx, ahead, _ = _newton(model, np.arange(left.size), active[left], lam[left])
-            moved[left] = np.abs(np.column_stack([dx / self.x_sizes, ahead - lam[left]])).max(axis=1)
+            moved[left] = np.abs(np.column_stack([dx / self.x_sizes, ahead - lam[left]])).max(
+                axis=1
+            )
             x_next[left], lam[left] = x_next[left] + dx, ahead
         residual, gap, *_ = self._evaluate(x[at], u[at], x_next, lam)
         self._let_slide(lam, gap := gap[:, :, 0])
@@ -235,14 +247,18 @@ class StepSolutions:
         ends = np.cumsum([rows * columns for rows, columns in self._shapes])[:-1]
         return [
             part.reshape(-1, columns, rows).swapaxes(1, 2)
-            for part, (rows, columns) in zip(np.split(entries, ends, axis=1), self._shapes, strict=True)
-        ]  # fmt: skip
+            for part, (rows, columns) in zip(
+                np.split(entries, ends, axis=1), self._shapes, strict=True
+            )
+        ]
 
 
 def _newton(
-    model: tuple[np.ndarray, np.ndarray, np.ndarray], at: np.ndarray, active: np.ndarray,
+    model: tuple[np.ndarray, np.ndarray, np.ndarray],
+    at: np.ndarray,
+    active: np.ndarray,
     lam: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Step of x_next (n, nx), and lam and gaps (n, nlam) to first order, for the expansions ``at``.
 
     Of a singular set, such as four corners on one floor, lam moves as little as it can.

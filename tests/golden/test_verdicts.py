@@ -170,7 +170,7 @@ def test_the_rough_slopes_freedom_is_named_with_step_and_contacts() -> None:
     [(rough_slope, 5e-6), (functools.partial(to_a_goal, TWO_ENDED, 2.0), 1e-4)],
 )
 def test_planning_through_the_step_is_planning_against_the_freedom(problem_of, mu: float) -> None:
-    """Here, but not everywhere, it leads to a plan that its exact replay follows, and cheaper there.
+    """It leads to a plan that its exact replay follows, and cheaper there; here, not everywhere.
 
     The barrier law alone is no remedy: at any mu, ``lam (z - lam) = mu`` has two ends as well.
     """

@@ -23,14 +23,27 @@ def coupled(F: np.ndarray, d: np.ndarray, N: int = 1) -> Problem:
     """``x+ = lam``, ``0 <= lam ⟂ F lam + d + u >= 0``: the ends of a step are its multipliers."""
     n = len(d)
     system = lcs(
-        "coupled", A=np.zeros((n, n)), B=np.zeros((n, 1)), C=np.eye(n), D=np.zeros((n, n)),
-        E=np.ones((n, 1)), F=F, d=d,
-    )  # fmt: skip
+        "coupled",
+        A=np.zeros((n, n)),
+        B=np.zeros((n, 1)),
+        C=np.eye(n),
+        D=np.zeros((n, n)),
+        E=np.ones((n, 1)),
+        F=F,
+        d=d,
+    )
     return Problem(
-        name="coupled", system=system, N=N, stage_cost=system.u**2,
-        terminal_cost=ca.sumsqr(system.x), x0=ca.SX.zeros(n), parameters=ParameterTable(), u_lower=-1, u_upper=1,
+        name="coupled",
+        system=system,
+        N=N,
+        stage_cost=system.u**2,
+        terminal_cost=ca.sumsqr(system.x),
+        x0=ca.SX.zeros(n),
+        parameters=ParameterTable(),
+        u_lower=-1,
+        u_upper=1,
         scaling=Scaling(impulse=1.0, gap=100.0, x=1.0, u=1.0),
-    )  # fmt: skip
+    )
 
 
 def enumerated(F: np.ndarray, d: np.ndarray) -> list[np.ndarray]:
@@ -94,11 +107,26 @@ def test_a_step_with_one_solution_has_no_other() -> None:
         (lam,) = enumerated(F, d)
         assert others_of(coupled(F, d), lam) is None
     # Two contacts push the same way: any share of one impulse, and a single end.
-    system = lcs("twins", A=[[0.0]], B=[[0.0]], C=[[1.0, 1.0]], D=[[0.0], [0.0]], E=[[0.0], [0.0]],
-                 F=np.ones((2, 2)), d=-np.ones(2))  # fmt: skip
-    twins = Problem(name="twins", system=system, N=1, stage_cost=system.u**2,
-                    terminal_cost=ca.SX(0), x0=ca.SX(0), parameters=ParameterTable(),
-                    scaling=Scaling(1.0, 1.0))  # fmt: skip
+    system = lcs(
+        "twins",
+        A=[[0.0]],
+        B=[[0.0]],
+        C=[[1.0, 1.0]],
+        D=[[0.0], [0.0]],
+        E=[[0.0], [0.0]],
+        F=np.ones((2, 2)),
+        d=-np.ones(2),
+    )
+    twins = Problem(
+        name="twins",
+        system=system,
+        N=1,
+        stage_cost=system.u**2,
+        terminal_cost=ca.SX(0),
+        x0=ca.SX(0),
+        parameters=ParameterTable(),
+        scaling=Scaling(1.0, 1.0),
+    )
     x, lam = np.array([[[0.0], [1.0]]]), np.array([[[0.3, 0.7]]])
     assert find_nonuniqueness(twins, x, np.zeros((1, 1, 1)), lam, defaults(twins)) is None
 
@@ -112,16 +140,28 @@ def rod(friction: float, slip: float, rise: float, h: float = 0.01) -> Problem:
     system = time_stepping(
         "rod",
         states=signals("x [m]; y [m]; a [rad]; vx [m/s]; vy [m/s]; w [rad/s]"),
-        inputs=signals("u [N]"), contacts=signals("tip [N s]"), h=p["h"],
-        mass=ca.diag(ca.SX([1.0, 1.0, 1 / 3])), impulse=lambda q, v, u: ca.vertcat(0 * u, 0, 0),
-        distance=lambda q: q[1] - ca.sin(q[2]), linearised=True,
-        sliding=lambda q: ca.horzcat(1, 0, ca.sin(q[2])), friction=p["friction"], parameters=p,
-    )  # fmt: skip
+        inputs=signals("u [N]"),
+        contacts=signals("tip [N s]"),
+        h=p["h"],
+        mass=ca.diag(ca.SX([1.0, 1.0, 1 / 3])),
+        impulse=lambda q, v, u: ca.vertcat(0 * u, 0, 0),
+        distance=lambda q: q[1] - ca.sin(q[2]),
+        linearised=True,
+        sliding=lambda q: ca.horzcat(1, 0, ca.sin(q[2])),
+        friction=p["friction"],
+        parameters=p,
+    )
     x0 = [0.0, np.sin(np.pi / 3), np.pi / 3, slip, rise, 0.0]
     return Problem(
-        name="rod", system=system, N=2, stage_cost=system.u**2, terminal_cost=system.x[0] ** 2,
-        x0=ca.DM(x0), parameters=p, scaling=Scaling(impulse=1.0, gap=0.1, x=1.0, u=1.0),
-    )  # fmt: skip
+        name="rod",
+        system=system,
+        N=2,
+        stage_cost=system.u**2,
+        terminal_cost=system.x[0] ** 2,
+        x0=ca.SX(x0),
+        parameters=p,
+        scaling=Scaling(impulse=1.0, gap=0.1, x=1.0, u=1.0),
+    )
 
 
 def test_painleves_rod_lifts_off_slides_or_jams() -> None:
@@ -183,7 +223,8 @@ def test_finger_discs_second_end_is_named_with_its_cost() -> None:
     step = p.exact_step.solve.mapaccum(p.N - 2)
     ahead = np.array(step(other.x_next[0], u[0, 2:].T, p.parameters.values)[0]).T
     states = np.vstack([x[0, :2], other.x_next[:1], ahead])
-    stage = sum(float(p.cost_terms(states[k], u[0, k], 0, 0, p.parameters.values)[0])
-                for k in range(p.N))  # fmt: skip
+    stage = sum(
+        float(p.cost_terms(states[k], u[0, k], 0, 0, p.parameters.values)[0]) for k in range(p.N)
+    )
     end = float(p.cost_terms(states[-1], 0, 0, 0, p.parameters.values)[1])
     assert report.branch_cost == pytest.approx(stage + end, rel=1e-9)
