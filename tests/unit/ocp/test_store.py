@@ -59,7 +59,14 @@ def solution(seconds: float = 1.0, cost: float = 2.5) -> Solution:
     values = dict(zip(problem.parameters.names, problem.parameters.values.tolist(), strict=True))
     certificate = Certificate("not", moves=[ContactChange("opening contact", "wall", 0, 2, 4)])
     refereed = RefereeReport(
-        3.0, 0.5, False, ["it costs 3"], "true gaps", force_distance=Worst(0.1, "wall", 0, 2)
+        3.0,
+        0.5,
+        False,
+        ["it costs 3"],
+        "true gaps",
+        force_distance=Worst(0.1, "wall", 0, 2),
+        nonuniqueness="the contact forces at step 1 are not unique",
+        branch_cost=27.5,
     )
     return Solution(
         dataset(), cost, Status.SOLVED, audit, certificate, refereed, 9.0, [stage], 7, seconds,
