@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from math import cos, sin
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, tostring
+
+import numpy as np
+from scipy.spatial.transform import Rotation
 
 from dynamics.systems import Link, Machine, contacts, space
 from dynamics.systems.machine import WORLD
@@ -31,8 +34,9 @@ def mjcf(built: Mechanism, number: _Number, friction: Mapping[str, float]) -> Mj
     """Write a machine whose contacts rub by ``friction``, by name; others are frictionless.
 
     ``number`` is what its entries are. Links of the plane turn about +y, as here; their discs are
-    spheres, their boxes are deep, and a ``free`` one has two slides and a hinge. Only what may
-    touch here is a pair there, and parts that meet nothing are left out.
+    spheres, their boxes are deep, and a ``free`` one has two slides and a hinge. A body without
+    mass that only carries another one is left out, and that one has the joints of both. Only what
+    may touch here is a pair there, and parts that meet nothing are left out.
 
     Raises :class:`~ocp.errors.InputError` for a shape that MuJoCo has not.
     """
@@ -58,29 +62,35 @@ def mjcf(built: Mechanism, number: _Number, friction: Mapping[str, float]) -> Mj
     write(option, "flag", autoreset="disable")
     asset, bodies = write(root, "asset"), {WORLD: write(root, "worldbody")}
     contact, actuator = write(root, "contact"), write(root, "actuator")
-    joints: dict[str, list[str]] = {}
+    shapes, pairs = _shapes(built)
+    parts = list(dict.fromkeys(part for pair in pairs.values() for part in pair))
+    framed = {one.name: _planar(one, number) if flat else _spatial(one)
+              for one in root_first(owners)}  # fmt: skip
+    order = [move.name for one in owners for move in framed[one.name].moves]
+    _merge(framed, {shapes[part][0] for part in parts}, number)
     one: Any
-    for one in root_first(owners):
-        place, turn, moves = _planar(one, number) if flat else _spatial(one)
-        body = write(bodies[one.parent or WORLD], "body", name=one.name, pos=place, quat=turn)
-        bodies[one.name], joints[one.name] = body, [name for name, *_ in moves]
-        for name, kind, axis in moves:
-            given = {"range": one.limits, "damping": one.damping}
-            if kind in ("hinge", "slide"):
-                given |= {"axis": axis, "stiffness": one.spring, "armature": one.armature}
-                given["springref"] = getattr(one, "rest", None)
-            write(body, "joint", name=name, type=kind, **given)
+    for name, frame in framed.items():
+        one = frame.owner
+        body = write(bodies[frame.parent], "body", name=name, pos=frame.place, quat=frame.turn)
+        bodies[name] = body
+        for move in frame.moves:
+            carrier: Any = move.owner
+            given = {"range": carrier.limits, "damping": carrier.damping, "pos": move.at}
+            if move.kind in ("hinge", "slide"):
+                given |= {"axis": move.axis, "stiffness": carrier.spring}
+                given |= {"armature": carrier.armature, "springref": getattr(carrier, "rest", None)}
+            write(body, "joint", name=move.name, type=move.kind, **given)
         if number(one.mass):
             moments = (one.inertia,) * 3 if flat else one.inertia
             kind = "diaginertia" if len(moments) == 3 else "fullinertia"
             write(body, "inertial", mass=one.mass, pos=_deep(one.com), **{kind: moments})
+    for one in root_first(owners):
         if one.gear is not None:
             gear = built.scale * one.gear
             write(actuator, "motor", name=one.name, joint=one.name, gear=gear)
         elif getattr(one, "servo", None) is not None:
             write(actuator, "position", name=one.name, joint=one.name, kp=one.servo)
-    shapes, pairs = _shapes(built)
-    for part in dict.fromkeys(part for pair in pairs.values() for part in pair):
+    for part in parts:
         on, shape = shapes[part]
         if isinstance(shape, space.Hull):
             write(asset, "mesh", name=part, vertex=tuple(v for at in shape.points for v in at))
@@ -90,17 +100,32 @@ def mjcf(built: Mechanism, number: _Number, friction: Mapping[str, float]) -> Mj
         f = friction.get(label, friction.get(f"{label} 1", 0.0))
         rubs = (f, f, 0.005, 1e-4, 1e-4) if f else None
         write(contact, "pair", geom1=geom1, geom2=geom2, condim="3" if f else "1", friction=rubs)
-    order = [joint for one in owners for joint in joints[one.name]]
     return Mjcf(tostring(root, encoding="unicode"), order, pairs)
 
 
-_Frame = tuple[Any, Any, Sequence[tuple[str, str, Any]]]
-"""Place and turn in the parent's frame, and joints: name, kind, and axis in the own frame."""
+class _Move(NamedTuple):
+    """A joint of a link or body: its ``axis`` and a point ``at`` it in the own frame."""
+
+    owner: Any
+    name: str
+    kind: str
+    axis: Any
+    at: Any = None
+
+
+class _Frame(NamedTuple):
+    """A link or body in MuJoCo: its place and turn in the parent's frame, and its joints."""
+
+    owner: Any
+    parent: str
+    place: Any
+    turn: Any
+    moves: list[_Move]
 
 
 def _spatial(body: space.Body) -> _Frame:
-    moves = [] if body.joint == "fixed" else [(body.name, body.joint, body.axis)]
-    return body.place, body.turn, moves
+    moves = [] if body.joint == "fixed" else [_Move(body, body.name, body.joint, body.axis)]
+    return _Frame(body, body.parent or WORLD, body.place, body.turn, moves)
 
 
 def _planar(link: Link, number: _Number) -> _Frame:
@@ -110,14 +135,49 @@ def _planar(link: Link, number: _Number) -> _Frame:
         """A direction of the parent's frame in the link's."""
         return x * cos(a) - z * sin(a), 0.0, x * sin(a) + z * cos(a)
 
-    hinge = "hinge", (0.0, 1.0, 0.0)
-    moves: list[tuple[str, str, Any]] = [(name, *hinge)]
+    moves = [_Move(link, name, "hinge", (0.0, 1.0, 0.0))]
     if link.joint == "slide":
-        moves = [(name, "slide", along(*link.axis))]
+        moves = [_Move(link, name, "slide", along(*link.axis))]
     elif link.joint == "free":
-        slides = [(f"{name}_x", "slide", along(1, 0)), (f"{name}_z", "slide", along(0, 1))]
-        moves = [*slides, (f"{name}_angle", *hinge)]
-    return _deep(link.anchor), (cos(a / 2), 0.0, sin(a / 2), 0.0), moves
+        slides = [_Move(link, f"{name}_{end}", "slide", along(*axis))
+                  for end, axis in (("x", (1, 0)), ("z", (0, 1)))]  # fmt: skip
+        moves = [*slides, moves[0]._replace(name=f"{name}_angle")]
+    turn = cos(a / 2), 0.0, sin(a / 2), 0.0
+    return _Frame(link, link.parent or WORLD, _deep(link.anchor), turn, moves)
+
+
+def _merge(frames: dict[str, _Frame], touching: set[str], number: _Number) -> None:
+    """Give the joints of bodies without mass, that carry one other and touch nothing, to that one.
+
+    MuJoCo moves no body without mass, but has several joints in one body, which act in turn.
+    """
+
+    def numbers(values: Any) -> np.ndarray:
+        return np.array([number(value) for value in values])
+
+    for name, upper in list(frames.items()):
+        upper, one = frames[name], upper.owner
+        carried = [child for child, frame in frames.items() if frame.parent == name]
+        single = all(move.kind in ("hinge", "slide") for move in upper.moves)
+        heavy = number(one.mass) or any(map(number, one.inertia))
+        if heavy or len(carried) != 1 or name in touching or not single:
+            continue
+        lower = frames[carried[0]]
+        place, turn = numbers(lower.place), Rotation.from_quat(numbers(lower.turn),
+                                                               scalar_first=True)  # fmt: skip
+        moves = [
+            move._replace(
+                axis=tuple(turn.inv().apply(numbers(move.axis))),
+                at=tuple(turn.inv().apply(numbers(move.at or (0.0,) * 3) - place)),
+            )
+            for move in upper.moves
+        ]
+        above = Rotation.from_quat(numbers(upper.turn), scalar_first=True)
+        frames[carried[0]] = _Frame(
+            lower.owner, upper.parent, tuple(numbers(upper.place) + above.apply(place)),
+            tuple((above * turn).as_quat(scalar_first=True)), [*moves, *lower.moves],
+        )  # fmt: skip
+        del frames[name]
 
 
 def _deep(point: Any) -> tuple[Any, ...]:

@@ -11,18 +11,23 @@ import numpy as np
 
 _POSES, _FAR = 128, 1e4
 """Poses that are tried of two geoms, and the longest distance that is measured [m]."""
+_PARALLEL = 1e-9
+"""How far parallel axes may be off, and lengths compared with others, relative."""
 
 
 def apart(model: Any, data: Any, one: int, other: int) -> bool:
     """Whether two geoms can never meet; False where that is not known. ``data`` is overwritten.
 
     The ranges of the joints between them are cut into pieces. They never meet if they are further
-    apart in the middle of every piece than the joints can move them within it.
+    apart in the middle of every piece than the joints can move them within it, or if they move in
+    parallel planes, beside each other.
     """
     mujoco, geoms = import_module("mujoco"), (one, other)
     ways = [_above(model, int(model.geom_bodyid[g])) for g in geoms]
     ways = [[j for j in way if j not in ways[0] or j not in ways[1]] for way in ways]
     joints = [j for way in ways for j in way]
+    if _beside(model, data, joints, geoms):
+        return True
     ranges = np.array([_range(model, j) for j in joints]).reshape(-1, 2)
     if not np.isfinite(ranges).all():
         return False
@@ -43,6 +48,25 @@ def apart(model: Any, data: Any, one: int, other: int) -> bool:
         if mujoco.mj_geomDistance(model, data, one, other, _FAR, None) <= moved:
             return False
     return True
+
+
+def _beside(model: Any, data: Any, joints: list[int], geoms: tuple[int, int]) -> bool:
+    """Whether boxes around two geoms are apart along the one axis about which all joints turn."""
+    data.qpos[:] = model.qpos0
+    import_module("mujoco").mj_kinematics(model, data)
+    hinges = [j for j in joints if model.jnt_type[j] == 3]
+    if not hinges or any(model.jnt_type[j] < 2 for j in joints) or 0 in model.geom_type[[*geoms]]:
+        return False
+    axis = data.xaxis[hinges[0]].copy()
+    turned = np.abs(np.cross(data.xaxis[hinges], axis)).max()
+    slid = np.abs([data.xaxis[j] @ axis for j in joints if model.jnt_type[j] == 2]).max(initial=0.0)
+    middles, halves = list[float](), list[float]()
+    for g in geoms:
+        along = data.geom_xmat[g].reshape(3, 3).T @ axis
+        middles.append(data.geom_xpos[g] @ axis + along @ model.geom_aabb[g, :3])
+        halves.append(np.abs(along) @ model.geom_aabb[g, 3:])
+    gap = abs(middles[0] - middles[1]) - sum(halves)
+    return max(turned, slid) < _PARALLEL and gap > _PARALLEL * (sum(halves) + abs(middles[0]))
 
 
 def _above(model: Any, body: int) -> list[int]:

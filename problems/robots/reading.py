@@ -34,15 +34,16 @@ _NOT_FREE = (
 )
 _WATER = "its mass is that of its shapes, at 1000 kg/m³"
 _TILT = 1e-5
-"""How far an axis may be off the plane for a camera from its side."""
+"""How far an axis may be off the plane of a planar robot, or for a camera from its side."""
 
 
-def load(path: str | Path, *, floating: bool = False) -> Robot:
+def load(path: str | Path, *, floating: bool = False, planar: bool = False) -> Robot:
     """Read a robot from a URDF or MJCF file, all of whose numbers are in SI units.
 
     Bodies without joints become part of their parent. A URDF stands over the ground z = 0, and each
     of its joints with an ``effort`` has a motor whose unit is that; its root is fixed to the world
-    unless it is ``floating``. Nothing outside the file's folder is opened.
+    unless it is ``floating``, or ``planar``: free in the vertical plane in which its joints move
+    it. Nothing outside the file's folder is opened.
 
     Raises :class:`~ocp.errors.InputError` where MuJoCo is not installed, the file is no robot, or
     has what :class:`~dynamics.systems.space.Body` cannot express.
@@ -63,12 +64,17 @@ def load(path: str | Path, *, floating: bool = False) -> Robot:
             spec = mujoco.MjSpec.from_string(source.text, assets=source.assets)
             roots = spec.worldbody.bodies
             rooted = source.urdf and len(roots) == 1 and not roots[0].joints
-            if floating and not rooted:
+            if floating and planar:
+                raise InputError("floating and planar are two ways to free a root; give one")
+            if (floating or planar) and not rooted:
                 raise InputError(f"{file}: {_NOT_FREE}")
             if floating:
                 roots[0].add_freejoint(name=f"{roots[0].name} floats")
             estimated = _complete(spec, urdf=source.urdf)
             model = spec.compile()
+            if planar:
+                _free_in_plane(roots[0], _plane_axis(model))
+                model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"{file}: {_reason(str(error))}") from None
     finally:
@@ -76,7 +82,11 @@ def load(path: str | Path, *, floating: bool = False) -> Robot:
     try:
         _check(model)
         check_inertias(model, spec, fromstring(source.text) if source.urdf else None)
-        note = ["The root is fixed; --floating makes it free."] if rooted and not floating else []
+        note = (
+            ["The root is fixed; --floating makes it free."]
+            if rooted and not (floating or planar)
+            else []
+        )
         if estimated:
             note.append(f"{listed('link', estimated)} moves without <inertial>: {_WATER}.")
         return _robot(file, model, source.ignored, note)
@@ -108,6 +118,38 @@ def _complete(spec: Any, *, urdf: bool) -> list[str]:
     _name((geom, f"{body.name} geom {k}") for body in spec.bodies
           for k, geom in enumerate(body.geoms, 1))  # fmt: skip
     return [body.name for body in estimated if body.joints]
+
+
+def _plane_axis(model: Any) -> np.ndarray:
+    """Horizontal unit vector (3,) about which all hinges turn, y where there is none.
+
+    Raises ``ValueError`` where a joint leaves the vertical plane that it is normal to.
+    """
+    mujoco = import_module("mujoco")
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    hinges = np.flatnonzero(model.jnt_type == _SLIDE + 1)
+    axis = np.array(data.xaxis[hinges[0]] if len(hinges) else (0.0, 1.0, 0.0))
+    axis *= np.sign(axis[np.abs(axis).argmax()])
+    for j, kind in enumerate(model.jnt_type):
+        hinge, along = kind > _SLIDE, data.xaxis[j]
+        off = np.abs(np.cross(along, axis)).max() if hinge else abs(along @ axis)
+        if kind < _SLIDE or off > _TILT or (hinge and abs(along[2]) > _TILT):
+            raise ValueError(
+                f"joint {model.joint(j).name!r} leaves the plane; planar robots have hinges about"
+                " one horizontal axis and slides across it"
+            )
+    return axis
+
+
+def _free_in_plane(root: Any, axis: np.ndarray) -> None:
+    """Give the root of a robot two slides and a hinge about a horizontal ``axis`` (3,)."""
+    kinds = import_module("mujoco").mjtJoint
+    forward = np.cross(axis, (0.0, 0.0, 1.0))
+    forward *= np.sign(forward[np.abs(forward).argmax()])
+    for name, along in (("xyz"[int(np.abs(forward).argmax())], forward), ("z", (0.0, 0.0, 1.0))):
+        root.add_joint(name=f"{root.name} {name}", type=kinds.mjJNT_SLIDE, axis=along)
+    root.add_joint(name=f"{root.name} turns", type=kinds.mjJNT_HINGE, axis=axis)
 
 
 def _name(elements: Iterable[tuple[Any, str]]) -> None:

@@ -58,8 +58,8 @@ class Robot:
 
     @property
     def floats(self) -> bool:
-        """Whether the root moves freely along x and z."""
-        return {"x", "z"} <= set(self._ways)
+        """Whether the root moves freely along z and along x or y."""
+        return "z" in self._ways and len(self._ways) > 1
 
     @cached_property
     def distances(self) -> ca.Function:
@@ -78,13 +78,13 @@ class Robot:
         return pose
 
     def displaced(self, pose: np.ndarray, way: ca.SX | float) -> ca.SX:
-        """Return a pose (nq, 1) with the root ``way`` [m] further along x.
+        """Return a pose (nq, 1) with the root ``way`` [m] further along x, or y if it has no x.
 
         Where the root is fixed every hinge and slide is ``way`` further, up to its limit [rad, m].
         """
         goal, tree = ca.SX(pose), self.machine.tree()
         if self.floats:
-            index, sign = self._ways["x"]
+            index, sign = self._ways.get("x") or self._ways["y"]
             goal[index] += sign * way
             return goal
         for body in self.machine.bodies:

@@ -58,6 +58,7 @@ class SettingsOptions(Options):
 
 
 FLOATING = "Of a URDF: its root moves freely in space."
+PLANAR = "Of a URDF: its root moves freely in the plane of its joints."
 
 
 class ShowOptions(Options):
@@ -75,6 +76,7 @@ class ShowOptions(Options):
         help=f"{PROBLEM[:-1]}, a .nc file of ocp collect or ocp learn, or a URDF or MJCF file.",
     )
     floating: bool = option(False, help=FLOATING)
+    planar: bool = option(False, help=PLANAR)
 
 
 class NewOptions(Options):
@@ -91,6 +93,7 @@ class NewOptions(Options):
         None, metavar="FILE", help="A robot of a URDF or MJCF file, to another pose."
     )
     floating: bool = option(False, help=FLOATING)
+    planar: bool = option(False, help=PLANAR)
 
 
 class SolveOptions(StartsOptions):

@@ -36,7 +36,7 @@ def check(options: NewOptions) -> Path:
     if options.robot is not None:
         from problems import robots
 
-        robots.load(options.robot, floating=options.floating)
+        robots.load(options.robot, floating=options.floating, planar=options.planar)
     return file
 
 
@@ -49,7 +49,8 @@ def run(options: NewOptions, file: Path) -> int:
     if options.robot is not None:
         place = os.path.relpath(options.robot.expanduser().resolve(), Path.cwd())
         written = json.dumps(Path(place).as_posix(), ensure_ascii=False)
-        written += ", floating=True" if options.floating else ""
+        ways = ("floating", "planar")
+        written += "".join(f", {way}=True" for way in ways if getattr(options, way))
         named = named.replace('"hopper.xml")', f"{written})")
     atomic.write(file, named.encode(), "the problem file")
     options.output.say(f"problem file: {file}; solve it with ocp solve {file} --contact exact")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
 
 from dynamics.systems.space import rotation
 from dynamics.systems.space.body import Vector
@@ -89,6 +90,13 @@ def between(one: Shape, a: Place, other: Shape, b: Place) -> list[SpatialContact
         kinds = f"{type(one).__name__} and {type(other).__name__}"
         raise ValueError(f"a contact of {kinds} is not known; take spheres or capsules for one")
     return [_reversed(contact) for contact in found] if turned else found
+
+
+def at_random_poses(rows: ca.SX) -> np.ndarray:
+    """Values (m, 3 n) of an expression (m, n) at three random values of all its symbols."""
+    symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(rows))
+    evaluate, rng = ca.Function("rows", [symbols], [ca.densify(rows)]), np.random.default_rng(0)
+    return np.hstack([evaluate(rng.uniform(0.1, 1, symbols.numel())).full() for _ in range(3)])
 
 
 def _reversed(contact: SpatialContact) -> SpatialContact:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import casadi as ca
+import numpy as np
 
 from dynamics.systems.checks import items, text
 from dynamics.systems.contact_rows import Cone
@@ -14,7 +15,7 @@ from dynamics.systems.mechanism import Mechanism
 from dynamics.systems.parameters import ParameterTable
 from dynamics.systems.planar import root_first
 from dynamics.systems.space.body import Body, Vector, vector
-from dynamics.systems.space.contact import Place, SpatialContact, between
+from dynamics.systems.space.contact import Motions, Place, SpatialContact, at_random_poses, between
 from dynamics.systems.space.shapes import Shape
 from dynamics.systems.space.stepping import Touch, spatial_step
 from dynamics.systems.space.tree import Tree
@@ -22,6 +23,8 @@ from dynamics.systems.system import ContactSystem
 
 WORLD = "world"
 _FIXED = Place(ca.SX.eye(3), ca.SX(3, 1))
+_ROUNDING = 1e-12
+"""How far numbers of equal contacts may be apart, relative."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +50,8 @@ class SpatialMachine:
 
     ``meetings`` are pairs of names of parts, on two bodies each, that may touch; one of them may be
     on the :data:`WORLD`. Their contacts are called ``<one> on <other>``, with a number behind where
-    a pair has several points. ``gravity`` is an acceleration [m/s²].
+    a pair has several points; of points that all joints move alike, as those of a box that moves in
+    a plane, there is one. ``gravity`` is an acceleration [m/s²].
 
     Raises ``ValueError`` for bodies that are no tree, and for names that are unknown or used twice.
     """
@@ -93,19 +97,23 @@ class SpatialMachine:
     def touches(self, tree: Tree, q: ca.SX) -> dict[str, tuple[SpatialContact, str, str]]:
         """Contacts at the pose ``q`` (nq, 1), each with the bodies of its A and of its B."""
         parts, found = {part.name: part for part in self.parts}, {}
-
-        def place(body: str) -> Place:
-            return _FIXED if body == WORLD else Place(*tree.pose(q, body))
-
         for one, other in self.meetings:
             a, b = parts[one], parts[other]
             if a.body == WORLD:
                 a, b = b, a
-            near = between(a.shape, place(a.body), b.shape, place(b.body))
-            for k, contact in enumerate(near, 1):
-                number = f" {k}" if len(near) > 1 else ""
+            if (one, other) not in self._points:
+                self._points[one, other] = _distinct(tree, a, b)
+            near = _near(tree, q, a, b)
+            points = [near[k] for k in self._points[one, other]]
+            for k, contact in enumerate(points, 1):
+                number = f" {k}" if len(points) > 1 else ""
                 found[f"{one} on {other}{number}"] = contact, a.body, b.body
         return found
+
+    @cached_property
+    def _points(self) -> dict[tuple[str, str], list[int]]:
+        """Numbers of the points that each pair has once, of those that were looked at."""
+        return {}
 
     def contacts(self, tree: Tree, q: ca.SX) -> dict[str, SpatialContact]:
         """Contacts at the pose ``q`` (nq, 1) by name."""
@@ -132,13 +140,11 @@ class SpatialMachine:
         tree = self.tree()
 
         def touch(q: ca.SX) -> list[Touch]:
-            def moves(body: str) -> list:
-                return [] if body == WORLD else tree.motions(q, body)
-
             return [
-                Touch(label, contact, moves(one), moves(other), other == WORLD)
+                Touch(label, contact, _motions(tree, q, one), _motions(tree, q, other),
+                      other == WORLD)
                 for label, (contact, one, other) in self.touches(tree, q).items()
-            ]
+            ]  # fmt: skip
 
         made: Callable[[ca.SX], list[Touch]] = _once(touch)
         step = spatial_step(
@@ -146,6 +152,36 @@ class SpatialMachine:
             cone=cone, linearised=linearised, inertial=inertial,
         )  # fmt: skip
         return replace(step, machine=Mechanism(self, scale))
+
+
+def _motions(tree: Tree, q: ca.SX, body: str) -> Motions:
+    return [] if body == WORLD else tree.motions(q, body)
+
+
+def _near(tree: Tree, q: ca.SX, a: SpatialPart, b: SpatialPart) -> list[SpatialContact]:
+    """All contacts of two parts at a pose."""
+    places = (_FIXED if one.body == WORLD else Place(*tree.pose(q, one.body)) for one in (a, b))
+    return between(a.shape, next(places), b.shape, next(places))
+
+
+def _distinct(tree: Tree, a: SpatialPart, b: SpatialPart) -> list[int]:
+    """Numbers of the contacts of two parts, without those that push and rub as one before.
+
+    Two are alike where distances and rows along normal and tangents agree at random poses; no two
+    points of a body that turns about a centre are.
+    """
+    q = ca.SX.sym("q", tree.nq)
+    near, moves = _near(tree, q, a, b), [_motions(tree, q, part.body) for part in (a, b)]
+    rows = [ca.horzcat(contact.phi, *contact.rows(*moves, tree.nv)) for contact in near]
+    stacked = ca.densify(ca.vertcat(*rows))
+    if len(near) < 2 or (tree.turning and ca.depends_on(stacked, q[tree.turning])):
+        return list(range(len(near)))
+    values, distinct = at_random_poses(stacked), list[int]()
+    for k, row in enumerate(values):
+        allowed = _ROUNDING * np.abs(row).max()
+        if not any(np.abs(row - values[other]).max() <= allowed for other in distinct):
+            distinct.append(k)
+    return distinct
 
 
 def _once(make: Callable[[ca.SX], list[Touch]]) -> Callable[[ca.SX], list[Touch]]:

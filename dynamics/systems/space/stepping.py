@@ -6,12 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from dynamics.systems.checks import positive
 from dynamics.systems.contact_rows import FORMS, Cone, ContactRows, Space, Touching, contact_rows
 from dynamics.systems.pairs import EnergyBook
 from dynamics.systems.parameters import ParameterTable, Signal
-from dynamics.systems.space.contact import Motions, SpatialContact
+from dynamics.systems.space.contact import Motions, SpatialContact, at_random_poses
 from dynamics.systems.space.tree import Tree
 from dynamics.systems.system import ContactSystem
 
@@ -54,7 +55,8 @@ def spatial_step(
 
     ``0 <= beta_k ⟂ psi + h d_k' J_t v+ >= 0``  and  ``0 <= psi ⟂ f gamma - sum beta_k >= 0``.
 
-    A machine all of whose contacts can slide along one tangent alone has the two edges of that.
+    A machine all of whose contacts can slide along one tangent alone has the two edges of that,
+    which is the first tangent of each contact, or the second of each.
 
     State (q, v), contacts are impulses [N s]. Without ``inertial`` the step forgets v and is quasi-
     dynamic: ``M v+`` stands in place of ``M (v+ - v) + h C v+``, and servos have no inertia.
@@ -79,8 +81,10 @@ def spatial_step(
     stretched = ca.jacobian(tree.advance(q, way), way)
     tangent = ca.Function("tangent", [q], [ca.substitute(stretched, way, ca.SX.zeros(nv))])
     rows_of = _rows(touches, nv)
-    if flat := rows_of(q)[1][len(names) :, :].nnz() == 0:
-        edges = 2
+    along = ca.vertsplit(rows_of(q)[1], len(names)) if names else [ca.SX(0, nv)] * 2
+    still = [not np.any(at_random_poses(rows)) for rows in along]
+    edges = 2 if any(still) else edges
+    first = 1 if still == [True, False] else 0
     space = Space(nv, lambda at: rows_of(at)[0], lambda at: ca.SX(tangent(at)), edges)
 
     def left(at: ca.SX) -> ca.SX:
@@ -106,7 +110,7 @@ def spatial_step(
             inputs=tuple(_input(tree, motor) for motor in motors), contacts=rows.signals, h=h,
             parameters=parameters, phi=rows.phi, mu_per_kappa=h, pairs=rows.pairs,
             forces=rows.forces, sharp=touching.sharp(rows.curved, built), refinable=inertial,
-            book=_book(tree, touches, rows, x, u, x_next, forced, h) if inertial else None,
+            book=_book(tree, touches, first, rows, x, u, x_next, forced, h) if inertial else None,
             mass=M, turning=tuple(tree.turning),
         )  # fmt: skip
 
@@ -116,7 +120,7 @@ def spatial_step(
         return ca.vertcat(ca.SX(0, 1), *(touch.contact.phi for touch in touches(at)))
 
     def sliding(at: ca.SX) -> ca.SX:
-        return rows_of(at)[1][: len(names) * (1 if flat else 2), :]
+        return rows_of(at)[1][len(names) * first :, :][: len(names) * min(2, edges // 2), :]
 
     return built(Touching(contacts, distance, sliding, friction, cone, linearised,
                           left if limits else None, ends, space))  # fmt: skip
@@ -163,8 +167,8 @@ def _input(tree: Tree, motor: str) -> Signal:
 
 
 def _book(
-    tree: Tree, touches: Callable[[ca.SX], list[Touch]], rows: ContactRows, x: ca.SX, u: ca.SX,
-    x_next: ca.SX, forced: ca.SX, h: ca.SX | float,
+    tree: Tree, touches: Callable[[ca.SX], list[Touch]], first: int, rows: ContactRows, x: ca.SX,
+    u: ca.SX, x_next: ca.SX, forced: ca.SX, h: ca.SX | float,
 ) -> EnergyBook:  # fmt: skip
     q, v, v_next = x[: tree.nq], x[tree.nq :], x_next[tree.nq :]
     normal = rows.lam[: len(touches(q))] if rows.forces is None else rows.forces.normal
@@ -173,7 +177,8 @@ def _book(
     for i, touch in enumerate(touches(q)):
         if touch.outside:
             external = external + normal[i] * touch.contact.normal
-            for k, tangent in zip(range(i, along.numel(), n), touch.contact.tangents, strict=False):
+            tangents = touch.contact.tangents[first:]
+            for k, tangent in zip(range(i, along.numel(), n), tangents, strict=False):
                 external = external + along[k] * tangent
     springs = tree.each(lambda b: b.spring) * (
         tree.each(lambda b: b.rest) - tree.position_of(q) - h * v_next

@@ -188,6 +188,46 @@ def test_a_machine_in_space_is_the_same_in_mujoco() -> None:
     assert np.linalg.norm(x[3:7]) == pytest.approx(1.0, abs=1e-12)
 
 
+TURN = (np.cos(0.4), 0.6 * np.sin(0.4), 0.0, 0.8 * np.sin(0.4))
+HEAVY = {"mass": 1.0, "inertia": (0.02, 0.03, 0.04, 0.001, 0.002, -0.003), "com": (0.1, 0.2, 0.3)}
+MASSLESS: dict[str, Any] = {
+    "slide, slide, hinge": (
+        space.Body("x", None, 0.0, joint="slide", axis=(1.0, 0.0, 0.0)),
+        space.Body("z", "x", 0.0, joint="slide", axis=(0.0, 0.0, 1.0)),
+        space.Body("wheel", "z", **HEAVY, gear=2.0, damping=0.1),
+    ),
+    "turned and moved": (
+        space.Body("root", None, **HEAVY, joint="free"),
+        space.Body("a", "root", 0.0, place=(0.1, -0.2, 0.3), turn=TURN, axis=(0.6, 0.0, 0.8),
+                   armature=0.1, spring=3.0, rest=0.2, limits=(-2.0, 2.0), servo=5.0),
+        space.Body("b", "a", 0.0, place=(0.4, 0.1, 0.0), turn=TURN, axis=(0.0, 0.0, 1.0)),
+        space.Body("c", "b", **HEAVY, place=(0.0, 0.2, -0.1), turn=TURN, joint="slide"),
+        space.Body("d", "b", **HEAVY),
+        space.Body("e", "d", 0.0, joint="slide", place=(0.3, 0.2, 0.1)),
+        space.Body("f", "e", **HEAVY, place=(0.1, 0.0, 0.0), turn=TURN, gear=2.0),
+    ),
+}  # fmt: skip
+
+
+def test_bodies_without_mass_share_one_with_several_joints() -> None:
+    """M, forces and distances are compared as the world is built."""
+    tyre = space.SpatialPart("tyre", "wheel", space.Sphere(0.2, (0.0, 0.1, 0.0)))
+    ground = space.SpatialPart("ground", "world", space.Plane())
+    machine = space.SpatialMachine(
+        MASSLESS["slide, slide, hinge"], (tyre, ground), (("tyre", "ground"),)
+    )
+    there = world(problem_of(machine))
+    assert there.written.joints == ["x", "z", "wheel"] and there.model.nbody == 2
+    # b carries two bodies and stays: with them it has mass, and MuJoCo wants it in each moving one.
+    bodies = tuple(
+        replace(body, mass=0.01, inertia=(1e-4,) * 3) if body.name == "b" else body
+        for body in MASSLESS["turned and moved"]
+    )
+    there = world(problem_of(space.SpatialMachine(bodies), friction=None))
+    assert there.written.joints == [body.name for body in bodies]
+    assert there.model.nbody == 1 + len(bodies) - 2
+
+
 def test_a_plan_that_stands_keeps_its_cost() -> None:
     problem = problem_of(BALL, N=20)
     x = problem.system.x
