@@ -171,8 +171,8 @@ def _distinct(tree: Tree, a: SpatialPart, b: SpatialPart) -> list[int]:
     points of a body that turns about a centre are.
     """
     q = ca.SX.sym("q", tree.nq)
-    near, moves = _near(tree, q, a, b), [_motions(tree, q, part.body) for part in (a, b)]
-    rows = [ca.horzcat(contact.phi, *contact.rows(*moves, tree.nv)) for contact in near]
+    near, one, other = _near(tree, q, a, b), _motions(tree, q, a.body), _motions(tree, q, b.body)
+    rows = [ca.horzcat(contact.phi, *contact.rows(one, other, tree.nv)) for contact in near]
     stacked = ca.densify(ca.vertcat(*rows))
     if len(near) < 2 or (tree.turning and ca.depends_on(stacked, q[tree.turning])):
         return list(range(len(near)))
