@@ -16,8 +16,9 @@ from dynamics.learned.laws import LearnedLaw
 from ocp.errors import interruptible
 from ocp.factories import law_record
 from ocp.judges.audit import CONTENT, STILL, Audit, audit, cost_span, feasible, idle_cost
-from ocp.judges.referee import evaluate
+from ocp.judges.referee import Referee, evaluate, referee
 from ocp.judges.verdict import UNJUDGED
+from ocp.problem import Problem
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result, Status
 from ocp.rollout import Rollout, problem_impulses, trajectory_costs
@@ -29,7 +30,7 @@ from ocp.stationarity.certificate import Certificate, certify
 from ocp.stationarity.sensitivity import sensitivity
 from ocp.store.dataset import label
 from ocp.store.provenance import versions
-from ocp.transcription.nlp import trajectories
+from ocp.transcription.nlp import Trajectories, trajectories
 
 _FLAT = 1e-7
 _IDLE = 1e-6
@@ -66,11 +67,12 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
         )
         if certificate.stationarity == "not":
             certificate = replace(certificate, reason=outcome.trace.refused)
-        derivative = partial(sensitivity, program, point, given)
+        again = partial(_replay, session.problem)
+        derivative = partial(sensitivity, program, point, given, again)
         idle = idle_cost(session.problem, session.step, values, rolled)
-    report, referee = evaluate(session.problem, session.step, rolled, values, plan.gains)
+    report, replays = evaluate(session.problem, session.step, rolled, values, plan.gains)
     return Solution(
-        data=label(nlp, plan, replay, book, outcome, values, referee.replay),
+        data=label(nlp, plan, replay, book, outcome, values, replays.replay),
         cost=rolled.cost,
         status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span),
         audit=found,
@@ -88,6 +90,11 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
         evaluation_s=outcome.trace.evaluation_s,
         derivative=derivative,
     )
+
+
+def _replay(problem: Problem, plan: Trajectories, values: dict[str, float]) -> Referee:
+    inputs = plan.u if plan.gains is None else plan.gains
+    return referee(problem, inputs, values, plan.x[:, 0])
 
 
 def status_of(

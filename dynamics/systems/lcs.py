@@ -31,7 +31,8 @@ def lcs(
 
     ``x+ = A x + B u + C lam + c``, ``0 <= lam ⟂ D x + E u + F lam + d >= 0``; matrices numeric or
     symbolic in ``parameters``. It has one solution for every (x, u) iff F is a P-matrix, see
-    :func:`is_p_matrix`.
+    :func:`is_p_matrix`. Where h is a parameter and x stands still at h = 0 but for contact, h only
+    discretises, and h/4 is the same system, sampled more often.
 
     Raises ``ValueError`` where a matrix has the wrong shape.
     """
@@ -64,7 +65,16 @@ def lcs(
         h=h,
         parameters=parameters or ParameterTable(),
         gap_unit="1",
+        refinable=_discretises(h, m["A"], m["B"], offset_x),
     )
+
+
+def _discretises(h: ca.SX | float, A: ca.SX, B: ca.SX, c: ca.SX) -> bool:
+    """Whether h is a symbol at whose zero ``x+ = A x + B u + c`` stands still."""
+    if not isinstance(h, ca.SX) or not h.is_symbolic():
+        return False
+    A, B, c = ca.substitute([A - ca.SX.eye(A.shape[0]), B, c], [h], [ca.SX(0)])
+    return bool(ca.sparsify(ca.simplify(ca.horzcat(A, B, c))).nnz() == 0)
 
 
 def _column(value: ArrayLike | ca.SX, size: int, name: str) -> ca.SX:

@@ -104,6 +104,8 @@ def findings(found: Solution) -> list[str]:
         )
     if told := found.record.get("world"):
         lines.append(told["sentence"])
+    slopes = found.record.get("sensitivities", {}).values()
+    lines += [_sentence(slope["sentence"]) for slope in slopes]
     solver = found.record.get("solver", "ipopt")
     if not found.success and solver != "ipopt":
         lines.append(f"The solver was {solver}, and not the default, ipopt.")

@@ -118,6 +118,9 @@ class SolveOptions(StartsOptions):
     )  # fmt: skip
     refine: bool = option(False, help="Solve again at h/2, h/4, ... until the cost converges.")
     world: str | None = option(None, help="Try the plan in another simulator too: mujoco.")
+    sensitivity: list[str] | None = option(
+        None, metavar="NAME", help="Differentiate the optimal cost by a parameter, replays too."
+    )
     plot: Path | None = option(
         None, metavar="FILE", help="Draw the solution to a .pdf, .svg or .png file."
     )

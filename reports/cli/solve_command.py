@@ -63,6 +63,8 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
         choose("world", options.world, WORLDS)
         MujocoWorld(request.session.problem, request.session.values)
     workers = min(options.jobs, options.starts)
+    for name in options.sensitivity or ():
+        choose("parameter", name, dict.fromkeys(request.session.step.p.names))
     check_memory(f"{workers} solves in parallel", workers * request.session.memory)
     check_places(options.out, options.pdf)
     start = None if options.start is None else _start(request, options)
@@ -98,6 +100,9 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     if options.world is not None:
         found = solution.in_world(options.world)
         solution.record["world"] = {**found.document, "sentence": found.sentence}
+    if options.sensitivity:
+        slopes = {name: _cost_slopes(solution, name) for name in options.sensitivity}
+        solution.record["sensitivities"] = slopes
     stored = store.save(solution, options.out, options.argv, options.tags or ())
     show(output, solution)
     if solution.record["jit"] not in (None, "compiled"):
@@ -115,6 +120,16 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     survives = options.require is None or bool(solution.referee.survives)
     finite = math.isfinite(solution.cost) and math.isfinite(solution.audit.exact_cost)
     return 0 if solution.success and survives and finite else NOT_CONVERGED
+
+
+def _cost_slopes(solution: Solution, name: str) -> dict[str, Any]:
+    """Slopes of the cost and of its replays by a parameter, or why there are none."""
+    try:
+        found = solution.sensitivity(name)
+    except InputError as error:
+        return {"sentence": str(error)}
+    slopes = {key: float(found[key]) for key in ("cost", "cost_referee", "cost_refined")}
+    return {**slopes, "sentence": found.attrs["finding"]}
 
 
 def _solved(options: SolveOptions, request: Request, start: Solution | None) -> Solution:
@@ -199,7 +214,7 @@ def document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
         "survives_at_h": solution.referee.survives_at_h,
         "refined_cost": solution.referee.refined_cost,
         "refined": record.get("refined"),
-        **{key: record.get(key) for key in ("search", "world")},
+        **{key: record.get(key) for key in ("search", "world", "sensitivities")},
         "referee": asdict(solution.referee),
         "grade": solution.grade,
         "stages": [asdict(stage) for stage in solution.stages],

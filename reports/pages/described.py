@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Page = tuple[dict[str, Any], dict[str, Figure]]
 _NOT_SETTINGS = (
     "params", "problem", "source", "versions", "citation", "audit_s", "N", "law_parameters",
-    "sweep", "jit", "learned_at",
+    "sweep", "jit", "learned_at", "sensitivities",
 )  # fmt: skip
 _FIRST = ("contact", "method", "policy", "solver")
 _LEAST_MU = 1e-12

@@ -285,3 +285,16 @@ def test_points_of_a_path_carry_all_three_judges(ocp) -> None:
         assert point["stationarity"] == "KKT" and point["success"]
         assert point["survives"] is False
         assert point["referee_cost"] > 1.1 * point["cost"]
+
+
+def test_a_sensitivity_is_printed_with_those_of_its_replays(ocp) -> None:
+    found = ocp("solve", "push-1d", *EXACT, "--sensitivity", "M", *QUIET).json
+    slopes = found["sensitivities"]["M"]
+    assert slopes["cost_referee"] == pytest.approx(slopes["cost"], rel=1e-5)
+    assert slopes["cost_refined"] is None, "the step size is part of the model"
+    assert f"The sensitivity dcost/dM is {slopes['cost']:.4g}, " in found["verdict"]
+    unknown = ocp("solve", "push-1d", "--sensitivity", "penalty")
+    assert unknown.code == 2 and "unknown parameter 'penalty'" in unknown.err
+    short = ("--contact", "barrier", "-s", "ipopt.max_iter=1", "--sensitivity", "M")
+    failed = ocp("solve", "push-1d", *short, *QUIET)
+    assert failed.code == 3 and "not solved" in failed.json["sensitivities"]["M"]["sentence"]

@@ -5,11 +5,14 @@ from __future__ import annotations
 import functools
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from dynamics.contact import Barrier, ContactLaw, Exact
+from dynamics.systems import Parameter, ParameterTable, lcs, signals, time_stepping
 from ocp import Direct, InputError, MultipleShooting, Problem, SingleShooting, Solution, solve
+from ocp.problem import Scaling
 from ocp.solve import new_session, solve_session
 from problems import get
 from tests.unit.ocp.test_tracking import R, between_walls, pressing
@@ -108,6 +111,88 @@ def test_an_optimum_that_can_move_has_none() -> None:
     problem = between_walls(lambda u, _: 0 * u, lambda x, theta: (x - theta) ** 2, N=2)
     with pytest.raises(InputError, match="singular"):
         solve_at(problem, 0.3).sensitivity("theta")
+
+
+def elastic(start: float, h: float = 0.005, steps: int = 400, weight: float = 1e6) -> Problem:
+    """A ball on a stiff spring, ``0 <= lam ⟂ z+ + lam / k >= 0``, without gravity, from v = -1.
+
+    It leaves at T = 2 with ``z = T - z0 - pi / sqrt(k)``: the physics' slope by z0 is -1.
+    """
+    p = ParameterTable([
+        Parameter("z0", start, "m"), Parameter("k", 1e4, "N/m"), Parameter("h", h, "s"),
+    ])  # fmt: skip
+    h_ = p["h"]
+    A = ca.SX.eye(2)
+    A[0, 1] = h_
+    system = lcs(
+        "elastic", states=signals("z [m]; v [m/s]"), inputs=signals("u [N]"),
+        contacts=signals("floor [N]"), A=A, B=ca.vertcat(h_**2, h_), C=ca.vertcat(h_**2, h_),
+        D=ca.horzcat(ca.SX(1), h_), E=ca.SX(h_**2), F=1 / p["k"] + h_**2, h=h_, parameters=p,
+    )  # fmt: skip
+    return Problem(
+        name="elastic", system=system, N=steps, stage_cost=weight * system.u**2,
+        terminal_cost=system.x[0], x0=ca.vertcat(p["z0"], -1), parameters=p, u_lower=-10,
+        u_upper=10, scaling=Scaling(impulse=50, gap=0.01, u=1),
+    )  # fmt: skip
+
+
+def end_of_flight(start: float, h: float, steps: int, k: float = 1e4) -> float:
+    z, v = start, -1.0
+    for _ in range(steps):
+        v += h * max(0.0, -(z + h * v) / (1 / k + h * h))
+        z += h * v
+    return z
+
+
+@pytest.mark.parametrize("start", [1.0015, 1.003])
+def test_a_stiff_contacts_slope_is_told_beside_that_of_a_quarter_of_the_step(start: float) -> None:
+    """The map's slope is 4.13 at h and -3.43 at h/4, and the physics' -1."""
+    ours = solve(elastic(start), Exact(), Direct()).sensitivity("z0")
+    slopes = [
+        (end_of_flight(start + 1e-7, h, n) - end_of_flight(start - 1e-7, h, n)) / 2e-7
+        for h, n in ((0.005, 400), (0.00125, 1600))
+    ]
+    assert slopes == pytest.approx([4.1296, -3.43], abs=5e-3)
+    assert float(ours["cost"]) == pytest.approx(slopes[0], rel=1e-5)
+    assert float(ours["cost_referee"]) == pytest.approx(slopes[0], rel=1e-5)
+    assert float(ours["cost_refined"]) == pytest.approx(slopes[1], rel=1e-5)
+    assert ours["x_refined"].values[0, -1, 0] == pytest.approx(slopes[1], rel=1e-5)
+    words = ours.attrs["finding"]
+    assert words.startswith("the sensitivity dcost/dz0 is 4.13, 4.13 in the replay, -3.4")
+    assert words.endswith(" in the replay at h/4: it depends on the step size")
+
+
+def falling(h: float = 0.1, N: int = 10) -> Problem:
+    """A mass of 1 kg is pushed up with F against a weight of 10 N over a floor."""
+    p = ParameterTable([Parameter("F", 10.5, "N"), Parameter("h", h, "s")])
+    system = time_stepping(
+        "lift-off", states=signals("z [m]; v [m/s]"), inputs=signals("u [N]"), mass=1.0,
+        contacts=signals("floor [N s]"), h=p["h"], distance=lambda q: q, parameters=p,
+        impulse=lambda q, v, u: p["h"] * (u + p["F"] - 10),
+    )  # fmt: skip
+    return Problem(
+        name="lift-off", system=system, N=N, stage_cost=1e3 * system.u**2, x0=ca.SX.zeros(2),
+        terminal_cost=system.x[0], parameters=p, u_lower=-20, u_upper=20,
+        scaling=Scaling(impulse=1, gap=0.1, u=5),
+    )  # fmt: skip
+
+
+def test_a_slope_that_converges_with_the_step_is_confirmed() -> None:
+    """``z_N = h² N (N + 1) / 2 (F - m g) / m``: 0.55 at h and 0.5125 at h/4."""
+    ours = solve(falling(), Exact(), Direct()).sensitivity("F")
+    assert ours["x"].values[0, -1, 0] == pytest.approx(0.55, rel=1e-4)
+    assert ours["x_refined"].values[0, -1, 0] == pytest.approx(0.5125, rel=1e-4)
+    assert float(ours["cost_refined"]) == pytest.approx(0.5125, rel=1e-3)
+    assert "it depends on" not in ours.attrs["finding"]
+
+
+def test_where_the_step_is_the_model_there_is_no_slope_at_a_quarter_of_it() -> None:
+    ours = solved("push-1d", "exact").sensitivity("M")
+    assert float(ours["cost_referee"]) == pytest.approx(float(ours["cost"]), rel=1e-5)
+    assert np.isnan(float(ours["cost_refined"])) and np.isnan(ours["x_refined"].values).all()
+    assert ours.attrs["refined_note"] == "the step size is part of the model"
+    soft = solved("push-1d", "barrier").sensitivity("contact.mu")
+    assert "in the replay: it depends on the law" in soft.attrs["finding"]
 
 
 def test_what_is_no_parameter_or_no_solution_is_told() -> None:
