@@ -179,9 +179,9 @@ def solid(shape: contacts.Shape, x: float, y: float, angle: float, role: str = "
             return Capsule(*placed(start), *placed(end), float(radius), role)
         case contacts.HalfPlane(origin, normal):
             return HalfPlane(*placed(origin), *turned(normal), role)
-        case contacts.Box(half, radius):
+        case contacts.Box(half, radius, centre):
             size = 2 * float(half[0]), 2 * float(half[1])
-            return Box(x, y, *size, -angle, role, float(radius))
+            return Box(*placed(centre), *size, -angle, role, float(radius))
         case contacts.Polygon(_, radius):
             return Polygon(tuple(placed(corner) for corner in shape.corners), float(radius), role)
     raise TypeError(f"cannot draw a {type(shape).__name__}")

@@ -52,10 +52,7 @@ def solution_figure(view: RunView) -> Figure:
 
     Raises :class:`~ocp.errors.InputError` for a run that is no solve.
     """
-    if view.run.kind != "solve" or view.array("x") is None:
-        raise InputError(
-            f"{view.run.path} holds a {view.run.kind} study, expected a run of ocp solve"
-        )
+    view.run.check_solve()
     shown = groups(view)
     rows = -(-len(shown) // _COLUMNS)
     drawn = view.picture is not None

@@ -3,6 +3,7 @@
 from dynamics.systems.chain import Chain
 from dynamics.systems.lcs import is_p_matrix, lcs
 from dynamics.systems.machine import Machine, Part, Sphere
+from dynamics.systems.mechanism import WORLD
 from dynamics.systems.pairs import ContactForces, EnergyBook, Pair, Sharp
 from dynamics.systems.parameters import (
     LAW_PREFIX,
@@ -18,6 +19,7 @@ from dynamics.systems.timestepping import quasi_dynamic, time_stepping
 
 __all__ = [
     "LAW_PREFIX",
+    "WORLD",
     "Chain",
     "ContactForces",
     "ContactSystem",

@@ -13,15 +13,13 @@ from dynamics.systems.checks import items, number, point, positive, text
 from dynamics.systems.contact_rows import Cone
 from dynamics.systems.contacts import Contact, Disc, HalfPlane, Pose, Shape
 from dynamics.systems.flight import flight
-from dynamics.systems.mechanism import Mechanism
+from dynamics.systems.mechanism import WORLD, Mechanism
 from dynamics.systems.pairs import EnergyBook
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.planar import Link, Number, Vector, root_first
 from dynamics.systems.system import ContactSystem
 from dynamics.systems.timestepping import time_stepping
 
-WORLD = "world"
-"""The link of parts that never move."""
 Gyroscopic = Literal["explicit", "implicit"]
 """How a step takes Coriolis and centrifugal forces."""
 _GROUND = HalfPlane()

@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
+WORLD = "world"
+"""The link or body of parts that never move, of machines in the plane and in space."""
+
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:

@@ -105,11 +105,7 @@ class StoredRun:
         Raises :class:`~ocp.errors.DamagedRun` where ``meta.json`` lacks a part of it, and
         :class:`~ocp.errors.InputError` for a run that is no solve.
         """
-        if self.kind != "solve":
-            hint = "; ocp evaluate judges a policy" if self.kind == "train" else ""
-            raise InputError(
-                f"{self.path} holds a {self.kind} study, expected a run of ocp solve{hint}"
-            )
+        self.check_solve()
         data, numbers = self.data, ("cost", "idle_cost", "build_s", "solve_s", "evaluation_s")
         kept = ("status", "audit", "certificate", "referee", "stages", "record")
         return Solution(
@@ -122,6 +118,16 @@ class StoredRun:
             **{name: getattr(self, name) for name in kept},
             **{name: self._described(float, name) for name in numbers},
         )
+
+    def check_solve(self) -> None:
+        """Raise :class:`~ocp.errors.InputError` unless the run is one of ``ocp solve``."""
+        if self.kind != "solve":
+            hints = {"train": "; ocp evaluate judges a policy", "figure": "; ocp report shows it"}
+            command = {"closed-loop": "mpc"}.get(self.kind, self.kind)
+            raise InputError(
+                f"{self.path} is a run of ocp {command}, expected a run of ocp"
+                f" solve{hints.get(self.kind, '')}"
+            )
 
     def _described(self, kind: Any, key: str) -> Any:
         try:

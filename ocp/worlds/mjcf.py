@@ -10,8 +10,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dynamics.systems import Link, Machine, contacts, space
-from dynamics.systems.machine import WORLD
+from dynamics.systems import WORLD, Link, Machine, contacts, space
 from dynamics.systems.mechanism import Mechanism
 from dynamics.systems.planar import root_first
 from ocp.errors import InputError
@@ -211,7 +210,7 @@ def _geom(part: str, on: str, shape: Any, number: _Number) -> dict[str, Any]:
             return {"type": "box", "size": shape.half_size, **placed}
         case contacts.Box() if shape.radius == 0:
             x, z = shape.half_size[0], shape.half_size[1]
-            return {"type": "box", "size": (x, x + z, z)}
+            return {"type": "box", "size": (x, x + z, z), "pos": _deep(shape.centre)}
         case space.Hull():
             return {"type": "mesh", "mesh": part}
         case space.Plane() | contacts.HalfPlane() if on == WORLD:

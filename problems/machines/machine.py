@@ -11,8 +11,8 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import Link, Machine
-from dynamics.systems.machine import WORLD, link_pose
+from dynamics.systems import WORLD, Link, Machine
+from dynamics.systems.machine import link_pose
 from problems.drawing import Capsule, ContactFrame, HalfPlane, Shape, solid
 
 _ROUNDING = 1e-9

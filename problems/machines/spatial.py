@@ -8,8 +8,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from dynamics.systems.space import SpatialMachine
-from dynamics.systems.space.machine import WORLD
+from dynamics.systems.space import WORLD, SpatialMachine
 from problems.drawing import ContactFrame, Shape
 from problems.machines.perspective import Camera, Solid, frame_seen, solids_seen
 

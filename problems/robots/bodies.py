@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dynamics.systems.space import Body
+from dynamics.systems.space import WORLD, Body
 from dynamics.systems.space.body import Joint
-from dynamics.systems.space.machine import WORLD
 
 _ROUNDING = 1e-12
 JOINTS: tuple[Joint, ...] = ("free", "ball", "slide", "hinge")

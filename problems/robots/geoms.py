@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from dynamics.systems.space import (
+    WORLD,
     Box,
     Capsule,
     Cylinder,
@@ -24,7 +25,6 @@ from dynamics.systems.space import (
     SpatialPart,
     Sphere,
 )  # fmt: skip
-from dynamics.systems.space.machine import WORLD
 from problems.robots.bodies import Pose, exact
 from problems.robots.reach import apart
 

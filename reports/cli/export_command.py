@@ -109,8 +109,9 @@ def _read_run(what: str, options: ExportOptions, given: dict[str, str]) -> Expor
     try:
         run = options.stored(what)
     except InputError as error:
-        hint = did_you_mean(what, names())
-        raise InputError(f"{error}; no problem has this name either{hint}") from error
+        hint = f"; no problem has this name either{did_you_mean(what, names())}"
+        raise InputError(f"{error}{'' if what.startswith('@') else hint}") from error
+    run.check_solve()
     found, _, problem = problem_of(run, options.own([run]))
     solution = run.solution(problem)
     if options.params:

@@ -234,6 +234,7 @@ def check_replay(options: ReplayOptions) -> ReplayRequest:
     if options.world is not None and options.given & {"contact", "law_settings"}:
         raise InputError("--world excludes a contact law; drop --contact and -c, or --world")
     found = options.stored(options.run)
+    found.check_solve()
     problem = problem_of(found, options.own([found]))[2]
     solution = found.solution(problem)
     if options.world is not None:

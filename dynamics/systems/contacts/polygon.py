@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from functools import cached_property
 
 import casadi as ca
@@ -28,6 +28,7 @@ _FLAT = 1e-9
 class Polygon(Shape):
     """A convex polygon, its ``vertices`` (at least three, in order) rounded by ``radius``.
 
+    Vertices count from ``centre``, and are kept as they lie in the frame of the body.
     The sides are those of the sharp polygon: rounding takes away from the corners, as it does with
     :class:`Box`. Vertices that are numbers may run either way round, symbols must run from the
     first axis of the plane to the second, counterclockwise in (x, y).
@@ -38,13 +39,19 @@ class Polygon(Shape):
 
     vertices: Sequence[Point]
     radius: Scalar = 0.0
+    centre: InitVar[Point] = (0.0, 0.0)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, centre: Point) -> None:
         if isinstance(self.vertices, str | ca.SX) or len(self.vertices) < 3:
             raise ValueError(
                 f"Polygon vertices must be at least three points, got {self.vertices!r}"
             )
-        numbers = [point(f"Polygon vertices[{i}]", v) for i, v in enumerate(self.vertices)]
+        point("Polygon centre", centre)
+        for i, vertex in enumerate(self.vertices):
+            point(f"Polygon vertices[{i}]", vertex)
+        there = [(v[0] + centre[0], v[1] + centre[1]) for v in self.vertices]
+        object.__setattr__(self, "vertices", there)
+        numbers = [point("Polygon vertex", vertex) for vertex in there]
         not_negative("Polygon radius", self.radius)
         if any(value is None for vertex in numbers for value in vertex):
             return
@@ -102,8 +109,7 @@ class Polygon(Shape):
 
 def rectangle(box: Box) -> Polygon:
     """``box`` as a polygon."""
-    x, z = box.half_size[0], box.half_size[1]
-    return Polygon([(x, z), (-x, z), (-x, -z), (x, -z)], box.radius)
+    return Polygon(Box(box.half_size, 0.0, box.centre).corners, box.radius)
 
 
 def fault(vertices: np.ndarray, radius: float) -> str | None:

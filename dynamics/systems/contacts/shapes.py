@@ -78,33 +78,36 @@ class Shape(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Box(Shape):
-    """A box with half side lengths ``half_size``, corners rounded by ``radius``.
+    """A box with half side lengths ``half_size`` around ``centre``, corners rounded by ``radius``.
 
-    The origin of the body is in its middle. Raises ``ValueError`` for invalid sizes.
+    Raises ``ValueError`` for invalid sizes or an invalid centre.
     """
 
     half_size: Point
     radius: Scalar = 0.0
+    centre: Point = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         point("Box half_size", self.half_size)
         positive("Box half_size", self.half_size[0], self.half_size[1])
         not_negative("Box radius", self.radius)
+        point("Box centre", self.centre)
 
     @property
     def corners(self) -> tuple[Point, ...]:
         """The centres of the four rounded corners."""
-        x, z = (self.half_size[i] - self.radius for i in range(2))
-        return ((x, z), (-x, z), (-x, -z), (x, -z))
+        x, z, r = self.centre[0], self.centre[1], self.radius
+        a, b = self.half_size[0] - r, self.half_size[1] - r
+        return ((x + a, z + b), (x - a, z + b), (x - a, z - b), (x + a, z - b))
 
     def beside(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
-        """With p the point in the box's frame and ``d = |p| - half_size + radius``,
+        """With p the point from the centre in the box's axes, ``d = |p| - half_size + radius``,
 
         ``|max(d, 0)| + min(max(d_1, d_2), 0) - radius``; outside the normal points from the nearest
         point, inside towards the nearest side. Not differentiable where two sides are equally near
         inside.
         """
-        p = pose.local(point)
+        p = pose.local(point) - column(self.centre)
         side = ca.if_else(p >= 0, 1, -1)
         d = side * p - column(self.half_size) + self.radius
         at_corner = ca.logic_and(d[0] > 0, d[1] > 0)

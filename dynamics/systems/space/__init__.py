@@ -1,5 +1,6 @@
 """Machines in space: bodies, joints, shapes, and their equations of motion."""
 
+from dynamics.systems.mechanism import WORLD
 from dynamics.systems.space.body import Body
 from dynamics.systems.space.contact import SpatialContact
 from dynamics.systems.space.machine import SpatialMachine, SpatialPart
@@ -7,6 +8,7 @@ from dynamics.systems.space.shapes import Box, Capsule, Cylinder, Hull, Plane, S
 from dynamics.systems.space.tree import Tree
 
 __all__ = [
+    "WORLD",
     "Body",
     "Box",
     "Capsule",

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynamics.systems.checks import items, text
 from dynamics.systems.contact_rows import Cone
-from dynamics.systems.mechanism import Mechanism
+from dynamics.systems.mechanism import WORLD, Mechanism
 from dynamics.systems.parameters import ParameterTable
 from dynamics.systems.planar import root_first
 from dynamics.systems.space.body import Body, Vector, vector
@@ -21,7 +21,6 @@ from dynamics.systems.space.stepping import Touch, spatial_step
 from dynamics.systems.space.tree import Tree
 from dynamics.systems.system import ContactSystem
 
-WORLD = "world"
 _FIXED = Place(ca.SX.eye(3), ca.SX(3, 1))
 _ROUNDING = 1e-12
 """How far numbers of equal contacts may be apart, relative."""

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from dynamics.contact import Exact
-from dynamics.systems import ContactSystem, Link, Machine, ParameterTable, Part, Sphere
+from dynamics.systems import WORLD, ContactSystem, Link, Machine, ParameterTable, Part, Sphere
 from dynamics.systems.contacts import Box, HalfPlane
-from dynamics.systems.machine import WORLD
 from problems import drawing
 from problems.machines.machine import machine_shapes
 

@@ -81,5 +81,5 @@ def test_contacts_that_hardly_push_are_left_out() -> None:
 
 def test_a_run_that_is_no_solve_is_refused(run: StoredRun) -> None:
     study = replace(run, meta={**run.meta, "kind": "estimate"})
-    with pytest.raises(InputError, match="holds a estimate study, expected a run of ocp solve"):
+    with pytest.raises(InputError, match="is a run of ocp estimate, expected a run of ocp solve"):
         bare(study, "pdf")
