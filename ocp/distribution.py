@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from importlib import metadata
+from importlib.machinery import PathFinder
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -36,14 +37,17 @@ def version() -> str:
         return "unknown"
 
 
-def shadowing(names: tuple[str, ...] = _BESIDE) -> str:
+def shadowing(names: tuple[str, ...] = _BESIDE, folder: Path | None = None) -> str:
     """One sentence on what Python finds in the place of the first hidden package of ``names``.
 
-    It is empty where all are ours.
+    It is empty where all are ours. With a ``folder`` it is what a script in there would find.
     """
     for name in names:
         found = sys.modules.get(name)
-        spec = find_spec(name) if found is None else found.__spec__
+        if folder is not None:
+            spec = PathFinder.find_spec(name, [str(folder), *sys.path])
+        else:
+            spec = find_spec(name) if found is None else found.__spec__
         places = [] if spec is None else [spec.origin, *(spec.submodule_search_locations or ())]
         place = next((Path(place).resolve() for place in places if place), None)
         if place is not None and not place.is_relative_to(_ROOT / name):

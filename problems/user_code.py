@@ -18,6 +18,7 @@ import numpy as np
 
 from ocp.errors import InputError
 from problems.parameters import unit_of
+from problems.source_digest import OWN
 
 if TYPE_CHECKING:
     from problems.spec import ProblemSpec
@@ -108,7 +109,11 @@ def where(error: BaseException, path: Path) -> str:
         if Path(frame.filename) == path
     ]
     place = f"line {lines[-1]}: " if lines else ""
-    return f"{place}{type(error).__name__}: {reason(error)}"
+    name = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
+    beside = [path.parent / f"{name}.py", path.parent / name]
+    twin = next((one for one in beside if name in OWN and one.exists()), None)
+    hint = "" if twin is None else f"; {twin} has the name of a package of centralpath; rename it"
+    return f"{place}{type(error).__name__}: {reason(error)}{hint}"
 
 
 def reason(error: BaseException) -> str:

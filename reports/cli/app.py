@@ -317,11 +317,8 @@ def _explain(error: BaseException) -> tuple[str, int]:
         streams.abandon()
         where = f" to {_shortened(str(error.filename))}" if error.filename is not None else ""
         return f"cannot write{where}: {error.strerror}; free some space or write elsewhere", 1
-    if isinstance(error, ImportError):
-        from ocp.distribution import shadowing
-
-        if hidden := shadowing():
-            return hidden, 2
+    if isinstance(error, ImportError) and (hidden := _hidden_package()):
+        return hidden, 2
     if isinstance(error, OSError) and error.filename is not None:
         reason = f"{error.strerror}; name another file or directory"
         return f"cannot use {_shortened(str(error.filename))}: {reason}", 2
@@ -337,6 +334,15 @@ def _explain(error: BaseException) -> tuple[str, int]:
         "this is a bug in the workbench; --debug shows its location",
         1,
     )
+
+
+def _hidden_package() -> str:
+    """A sentence on a file or folder that hides one of our packages; empty where none does."""
+    try:
+        from ocp.distribution import shadowing
+    except ImportError as error:
+        return str(error)
+    return shadowing()
 
 
 def _usage(error: Any, message: str) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 
 from dynamics.batch.engines import compiler
+from ocp.distribution import shadowing
 from ocp.errors import InputError
 from ocp.programs.solver import SOLVERS
 from ocp.store.provenance import versions
@@ -21,9 +22,10 @@ LINEAR_SOLVERS = ("mumps", "spral")
 
 
 def check(options: DoctorOptions) -> dict[str, Any]:
-    """Find the directory that each of the four packages was imported from."""
-    roots = {name: str(Path(import_module(name).__file__ or "").parents[1]) for name in PACKAGES}
-    return {"root": common_root(roots), "roots": roots}
+    """Find the directory of each of the four packages, and what hides one from a script here."""
+    roots = {name: str(Path(import_module(name).__path__[0]).parent) for name in PACKAGES}
+    hidden = shadowing(PACKAGES, Path.cwd())
+    return {"root": common_root(roots), "roots": roots, "scripts here": hidden or "no name hidden"}
 
 
 def run(options: DoctorOptions, place: dict[str, Any]) -> int:
@@ -47,8 +49,9 @@ def common_root(roots: dict[str, str]) -> str:
     if len(set(roots.values())) > 1:
         places = ", ".join(f"{name} from {root}" for name, root in roots.items())
         raise InputError(
-            f"the four packages come from different places: {places}; another distribution has a"
-            " package of the same name; install centralpath in its own environment"
+            f"the four packages come from different places: {places}; a file or folder of yours, or"
+            " another distribution, has the name of a package: rename yours, or install centralpath"
+            " in its own environment"
         )
     return next(iter(roots.values()))
 

@@ -80,3 +80,29 @@ def test_a_file_of_that_name_is_no_trouble_until_ours_is_needed(tmp_path: Path) 
     put(tmp_path, "problems", "file")
     done = python(tmp_path, "-c", "import ocp; print(ocp.__version__)")
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(("name", "kind"), [("problems", "package"), ("dynamics", "file")])
+def test_doctor_says_what_a_script_in_this_folder_would_find(tmp_path, name, kind) -> None:
+    clean = python(tmp_path, "-m", "ocp", "doctor", "--json")
+    assert json.loads(clean.stdout)["scripts here"] == "no name hidden"
+    place = put(tmp_path, name, kind)
+    found = json.loads(python(tmp_path, "-m", "ocp", "doctor", "--json").stdout)
+    assert f"{place} has the name of the package {name}" in found["scripts here"]
+
+
+def test_the_program_started_by_a_script_there_ends_with_one_sentence(tmp_path: Path) -> None:
+    place = put(tmp_path, "dynamics", "file")
+    place.write_text("")
+    code = "import sys; from reports.cli.app import main; sys.exit(main(['settings']))"
+    done = python(tmp_path, "-c", code)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert f"{place} has the name of the package dynamics" in done.stderr
+
+
+def test_a_problem_file_that_means_the_one_beside_it_is_told(tmp_path: Path) -> None:
+    place = put(tmp_path, "dynamics", "file")
+    (tmp_path / "own.py").write_text("from dynamics import Mine\n")
+    done = python(tmp_path, "-m", "ocp", "show", "own.py")
+    assert done.returncode == 2
+    assert f"{place} has the name of a package of centralpath; rename it" in done.stderr
