@@ -101,6 +101,8 @@ def lcp_solver(n: int, exact: bool = False) -> ca.Function:
     """
     z, mu, F = ca.SX.sym("z", n), ca.SX.sym("mu", n), ca.SX.sym("F", n, n)
     names = ["z", "F", "mu"], ["lam", "s", "error"]
+    if n == 0:
+        return ca.Function("contact_0", [z, F, mu], [z, z, z], *names)
     if n == 1:
         lam = exact_scalar_solution(z, F) if exact else scalar_solution(z, F, mu)
         s = ca.fmax(0, z) if exact else ca.if_else(z > 0, z + F * lam, mu / ca.fmax(lam, 1e-300))

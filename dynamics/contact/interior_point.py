@@ -36,7 +36,7 @@ def scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
 
 def exact_scalar_solution(z: ca.SX, F: ca.SX) -> ca.SX:
     """Solution of ``0 <= lam ⟂ z + F lam >= 0`` for one contact: max(0, -z) / F."""
-    return ca.fmax(0, -z) / F
+    return ca.if_else(z < 0, -z / F, 0)
 
 
 def advance(

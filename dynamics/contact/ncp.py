@@ -45,8 +45,12 @@ def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
     pair's scaled violation, 1e-10 or less where the step was solved. With ``exact`` mu is ignored
     and the point at :data:`~dynamics.contact.path.MU_EXACT` returned.
     """
-    path, mu = path_of(system, exact), ca.SX.sym("mu", system.nlam)
-    given = [system.x, system.u, system.parameters.vector]
+    names = ["x", "u", "p", "mu"], ["x_next", "lam", "gap", "error"]
+    given, mu = [system.x, system.u, system.parameters.vector], ca.SX.sym("mu", system.nlam)
+    if not system.nlam:
+        outputs = [system.x_next_expr, mu, mu, mu]
+        return ca.Function("contact_0", [*given, mu], outputs, *names, {"cse": True})
+    path = path_of(system, exact)
     opening = ca.Function("opening", [*given, mu], [path.opening_of(system, mu)], {"cse": True})
     x_next = ca.Function("x_next", [*given, system.lam], [system.x_next_expr], {"cse": True})
     arguments = [ca.MX.sym(f"in_{k}", opening.numel_in(k)) for k in range(4)]
@@ -54,7 +58,6 @@ def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
     pair = followed(ca.MX.ones(path.size), data)
     lam, gap, error = _recovered(path, followed)(*ending(pair, data), pair, data)
     outputs = [x_next(*arguments[:3], lam), lam, gap, error]
-    names = ["x", "u", "p", "mu"], ["x_next", "lam", "gap", "error"]
     return ca.Function("contact_ncp", arguments, outputs, *names)
 
 

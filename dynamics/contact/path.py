@@ -48,7 +48,7 @@ class CurvedGap:
     def opening_along(self, C: ca.SX) -> ca.SX:
         """What :meth:`along` needs, in the system's (x, u, p)."""
         return ca.vertcat(
-            self._system.reduced.a[self._states], C[self._states, :].nz[:], self._given
+            self._system.reduced.a[self._states], ca.vec(C[self._states, :].nz[:]), self._given
         )
 
     def along(self, lam: ca.SX, w: ca.SX, C: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -83,6 +83,8 @@ _CLOSE, _MET = 1e-7, 1e-9
 _WEAK = 1e-2
 # Of a curved gap: the scale is at least so much of it.
 _LEAST = 1e-6
+# Of the largest compliance of a pair: less is none, and the largest stands in its place.
+_NO_SIZE = 1e-12
 TRUE_GAP, ARRIVED, LOST = 2.0, 3.0, 4.0
 """Values of a pair's last entry beside 1: the true gap is followed, to its end, or lost."""
 
@@ -141,7 +143,7 @@ class Path:
         D, c = scaling(z, F, 0 * mu if self.exact else mu, self.pairs, true)
         target = mu * 0 + MU_EXACT if self.exact else ca.fmax(mu / c**2, MU_LEAST)
         F = ca.project(ca.diag(D) @ F @ ca.diag(D), self.pattern)
-        return ca.densify(ca.vertcat(z * D / c, F.nz[:], target, 1 / target, D, c, self.more))
+        return ca.densify(ca.vertcat(z * D / c, ca.vec(F.nz[:]), target, 1 / target, D, c, self.more))
 
     @property
     def more(self) -> ca.SX:
@@ -283,7 +285,9 @@ def scaling(
             D[i] = beside[0]
             continue
         met = [ca.fabs(F[i, j]) * known[j] for j in known if not F[i, j].is_zero()]
-        D[i] = 1 / ca.mmax(ca.vertcat(*met))
+        # A gap that no impulse changes, as between parts that never move, has no scale of its own.
+        other = ca.mmin(ca.vertcat(*known.values())) if known else ca.SX(1)
+        D[i] = 1 / ca.mmax(ca.vertcat(*met)) if met else other
     column = ca.vertcat(ca.SX(0, 1), *(D[i] for i in range(n)))
     more = ca.SX(0, 1) if true is None else _LEAST * ca.fabs(true * column)
     size = ca.mmax(ca.vertcat(ca.fabs(z * column), more, ca.sqrt(mu)))
@@ -312,4 +316,6 @@ def _sizes(F: ca.SX, pairs: tuple[Pair, ...]) -> dict[int, ca.SX]:
         if pair.kind == "friction" and normal[pair.contact] in sizes:
             across = sizes[normal[pair.contact]]
             sizes[i] = ca.if_else(sizes[i] > 0, sizes[i], across) if i in sizes else across
-    return sizes
+    largest = ca.mmax(ca.vertcat(0, *sizes.values()))
+    # A tip straight below its hinge moves along the ground alone: there its F_ii is zero.
+    return {i: ca.if_else(size > _NO_SIZE * largest, size, largest) for i, size in sizes.items()}

@@ -61,7 +61,9 @@ class ReducedPath(Path):
             "P": factors["P"] @ ca.diag(D[own]),
             "Q": ca.diag(D[own]) @ factors["Q"],
         }
-        entries = [ca.project(scaled[name], factors[name].sparsity()).nz[:] for name in scaled]
+        entries = [
+            ca.vec(ca.project(scaled[name], factors[name].sparsity()).nz[:]) for name in scaled
+        ]
         return ca.densify(ca.vertcat(z * D / c, *entries, target, 1 / target, D, c, self.more))
 
     @property

@@ -129,6 +129,13 @@ class ContactSystem:
                 f"system {self.name!r}: {len(self.pairs)} pairs for {len(self.contacts)} named"
                 " contacts; give one for each entry of lam"
             )
+        for signal, entry in zip(self.contacts, ca.vertsplit(ca.SX(self.gap)), strict=True):
+            if entry.is_constant() and not float(entry) > 0:
+                raise ValueError(
+                    f"system {self.name!r}: the gap of {signal.name!r} is {float(entry):g} in every"
+                    " state, so that its impulse is undetermined; make it depend on the state, or"
+                    " leave the contact out"
+                )
         symbols = (self.x, self.u, self.x_next, self.lam, self.parameters.vector)
         known, used = (
             {str(symbol) for symbol in ca.symvar(ca.vertcat(*parts))}
@@ -177,8 +184,8 @@ class ContactSystem:
 
     @property
     def gaps(self) -> str | None:
-        """``"true"`` or ``"linearised"``, what the model's own gaps are; None without geometry."""
-        if self.phi is None or self._sharp is None:
+        """``"true"`` or ``"linearised"``, what the model's own gaps are; None without distances."""
+        if self.phi is None or not self.phi.numel() or self._sharp is None:
             return None
         return "linearised" if TRUE_GAPS in self._sharp.note else "true"
 

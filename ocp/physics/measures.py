@@ -49,6 +49,8 @@ def distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.ndarr
     """True signed distances phi at states x (..., nx) of a system with geometry, (..., n_phi)."""
     phi = problem.signed_distance
     assert phi is not None
+    if not phi.numel_out(0):
+        return np.empty((*x.shape[:-1], 0))
     states = x.reshape(-1, x.shape[-1])
     found = phi.map(len(states))(states.T, physical)
     return np.array(found).T.reshape(*x.shape[:-1], -1)

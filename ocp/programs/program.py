@@ -317,4 +317,4 @@ def _scaled(matrix: ca.MX, rows: np.ndarray, columns: np.ndarray) -> ca.MX:
     """``diag(rows) matrix diag(columns)``, entry by entry."""
     pattern = matrix.sparsity()
     row, column = (np.array(part, dtype=int) for part in pattern.get_triplet())
-    return ca.MX(pattern, ca.MX(matrix.nz[:]) * ca.DM(rows[row] * columns[column]))
+    return ca.MX(pattern, ca.vec(matrix.nz[:]) * ca.DM(rows[row] * columns[column]))

@@ -198,9 +198,10 @@ class _Dense:
         self._places, kept = [], []
         for expression in outputs.values():
             expression = ca.sparsify(expression)
-            rows, columns = (np.array(part) for part in expression.sparsity().get_triplet())
+            pattern = expression.sparsity()
+            rows, columns = (np.array(part, dtype=int) for part in pattern.get_triplet())
             self._places.append((expression.shape, rows, columns))
-            kept.append(expression.nz[:])
+            kept.append(ca.vec(expression.nz[:]))
         made = ca.Function("dense", symbols, [ca.densify(one) for one in kept])
         self._batch = BatchFunction(made, backend="numpy")
 

@@ -48,6 +48,8 @@ def searchable(problem: Problem) -> bool:
     system = problem.system
     if system.stiffness is None or system.mass is None or problem.signed_distance is None:
         return False
+    if not system.nlam:
+        return False
     single = problem.scenarios.n == 1 and problem.start is None
     return single and system.mass.shape[0] + system.stiffness.shape[0] == system.nx
 
@@ -263,11 +265,13 @@ class TouchSearch:
         x = np.full((S, K + 1, self.problem.system.nx), np.nan)
         x[:, 0] = [node.x[-1] for node in nodes]
         alive = np.arange(S)
+        self.tried, self.rolled = self.tried + S, self.rolled + S * K
         for k in range(K):
+            if not len(alive):
+                break
             x[alive, k + 1] = self._step(x[alive, k], u[alive, k])
             alive = alive[np.isfinite(x[alive, k + 1]).all(axis=1)]
             alive = alive[self._cut(x[alive, k : k + 2]) < DEPTH * self.problem.scales.gap]
-        self.tried, self.rolled = self.tried + S, self.rolled + S * K
         if not len(alive):
             return []
         chosen, x, u = [nodes[s] for s in alive], x[alive], u[alive]
@@ -288,7 +292,8 @@ class TouchSearch:
         """Deepest penetration (S,) on the straight way between nodes."""
         ways = [x[:, :-1] * (1 - s) + x[:, 1:] * s for s in SHARES]
         gap = self._distance(np.concatenate(ways, axis=1).reshape(-1, x.shape[2]))
-        return -gap.reshape(len(x), -1).min(axis=1, initial=np.inf)
+        gap = gap.reshape(len(x), len(SHARES) * (x.shape[1] - 1), gap.shape[-1])
+        return -gap.min(axis=(1, 2), initial=np.inf)
 
     def _stages(self, x: np.ndarray, u: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Sum of stage costs and penalties (S,) of states x (S, K+1, nx), inputs u (S, K, nu)."""

@@ -31,6 +31,7 @@ _WORDS = {
     "limit": ("leaving limit", "meeting limit"),
     "friction": ("dropping", "applying"),
     "slip": ("stopping", "starting"),
+    "table": ("stopping", "starting"),
     "pair": ("freeing the second of", "freeing the first of"),
 }
 """What it means that a pair's gap, or its multiplier, grows."""
@@ -144,7 +145,7 @@ def certify(
     distinguishes a gradient from rounding.
     """
     began = time.perf_counter()
-    f, complementary = nlp.values(x, p)[0], nlp.reformulation == "none"
+    f, complementary = nlp.values(x, p)[0], nlp.reformulation == "none" and nlp.pairs.size > 0
     model = linear_model(nlp, x, p, bounds)
     if not (np.isfinite(f) and model.finite):
         return Certificate(

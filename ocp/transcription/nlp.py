@@ -134,7 +134,8 @@ class NLP(Program):
         lam = np.array([units.of(signal.unit) for signal in self.step.contacts])
         known = {"x": x, "x0": x, "u": u, "k": u, "K": u[:, None] / x, "lam": lam, "gap": 1.0}
         own = np.full(self.m, -1)
-        own[self.constraints["gap_definition"].index] = self.variables["gap"].index
+        if self.step.n:
+            own[self.constraints["gap_definition"].index] = self.variables["gap"].index
         values = table.defaults
         natural = {p.name: values[p.name] / units.of(p.unit) for p in table}
         given = [

@@ -112,7 +112,7 @@ class Stage:
 
 
 def _nonzeros(matrix: ca.SX) -> ca.SX:
-    return matrix[matrix.sparsity()].nz[:] if matrix.nnz() else ca.SX(0, 1)
+    return ca.vec(matrix[matrix.sparsity()].nz[:]) if matrix.nnz() else ca.SX(0, 1)
 
 
 class _Mapped:

@@ -187,7 +187,7 @@ class CasadiKernel:
     def __init__(self, fn: ca.Function, threads: int = 1) -> None:
         inputs = [ca.MX.sym(fn.name_in(k), fn.nnz_in(k)) for k in range(fn.n_in())]
         shaped = [ca.MX(fn.sparsity_in(k), v) for k, v in enumerate(inputs)]
-        outputs = [v.nz[:] for v in fn.call(shaped)]
+        outputs = [ca.vec(v.nz[:]) for v in fn.call(shaped)]
         # On dense vectors of nonzeros, which is what a row of samples is.
         self._flat = ca.Function(f"{fn.name()}_rows", inputs, outputs)
         self._threads = threads

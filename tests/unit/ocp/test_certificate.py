@@ -6,6 +6,7 @@ import itertools
 import os
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from ocp.stationarity.certificate import certify
+from dynamics.systems.pairs import Kind
+from ocp.stationarity.certificate import _WORDS, certify
 from ocp.stationarity.lpec import LinearModel, negative_curvature
 from tests.unit.ocp.mpcc.mpcc_cases import SmallMPCC, free_pair, scheel_scholtes
 
@@ -216,3 +218,7 @@ def test_no_number_is_undecided() -> None:
     found = judge(free_pair(lambda a, b: a + b), [np.nan, 0.0])
     assert found.stationarity == "undecided"
     assert "NaN or infinite" in found.sentence
+
+
+def test_every_kind_of_pair_has_words_for_its_changes() -> None:
+    assert {*get_args(Kind), "pair"} == set(_WORDS)

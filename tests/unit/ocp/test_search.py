@@ -134,3 +134,25 @@ def test_a_scene_that_passes_through_is_solved_as_swept_and_resumed_so() -> None
     again = solve(problem, contact="exact", start=found)
     assert again.record["swept"] and again.problem.swept
     assert again.cost == pytest.approx(found.cost, rel=1e-6)
+
+
+def test_steps_of_a_system_whose_gaps_do_not_see_their_impulses() -> None:
+    """Without friction no gap depends on lam itself; the steps are the exact law's all the same."""
+    problem = get("push-1d")
+    values = problem.parameters.defaults
+    x = np.array(problem.limits(problem.parameters.pack(values))[0]).ravel()[None]
+    u = x[:, -problem.system.nu :] + 0.2
+    near = NearSteps(problem, problem.system, problem.parameters.pack(values))
+    single, x_exact = replace(problem, N=1), x[0]
+    for _ in range(3):
+        x = near(x, u)
+        exact, failed = roll_on(single, u[None], values, x0=x_exact[None])
+        assert failed is None
+        x_exact = exact.x[0, 1]
+        np.testing.assert_allclose(x[0], x_exact, atol=1e-6)
+
+
+def test_motions_that_all_fail_leave_no_plan() -> None:
+    tree = TouchSearch(behind(4), behind(4).parameters.defaults)
+    tree._step = lambda x, u: np.full_like(x, np.nan)
+    assert tree._rolled([(tree.first(), np.zeros((4, 2)))]) == []

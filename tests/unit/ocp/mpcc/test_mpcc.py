@@ -325,3 +325,18 @@ def test_switches_and_jumps_by_finite_elements(name: str) -> None:
     found, loop = solve(problem, start), scholtes_peer.solve(problem, start)
     assert found.success and found.infeasibility <= 1e-6
     assert loop.converged and found.f <= loop.f * (1 + 1e-6) + 1e-7
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("rows", [{}, {"lbg": -np.inf, "ubg": 10.0}], ids=["none", "one"])
+def test_programs_of_one_row_are_solved_at_every_size_of_the_cost(
+    factor: float, rows: dict[str, float]
+) -> None:
+    """By enumeration x = 0, y = 3 costs 4 factors, and x = 2, y = 0 nine."""
+    x, (a, b) = symbols(2)
+    more = {"g": a + b, **rows} if rows else {}
+    cost = factor * ((a - 2) ** 2 + (b - 3) ** 2)
+    found = solve(MPCC(x=x, f=cost, G=a, H=b, **more), x0=[0.0, 0.0])
+    assert found.success
+    np.testing.assert_allclose(found.x, [0, 3], atol=1e-5)
+    assert found.f == pytest.approx(4 * factor, rel=1e-6)
