@@ -143,7 +143,9 @@ class Path:
         D, c = scaling(z, F, 0 * mu if self.exact else mu, self.pairs, true)
         target = mu * 0 + MU_EXACT if self.exact else ca.fmax(mu / c**2, MU_LEAST)
         F = ca.project(ca.diag(D) @ F @ ca.diag(D), self.pattern)
-        return ca.densify(ca.vertcat(z * D / c, ca.vec(F.nz[:]), target, 1 / target, D, c, self.more))
+        return ca.densify(
+            ca.vertcat(z * D / c, ca.vec(F.nz[:]), target, 1 / target, D, c, self.more)
+        )
 
     @property
     def more(self) -> ca.SX:

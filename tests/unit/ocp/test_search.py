@@ -152,7 +152,7 @@ def test_steps_of_a_system_whose_gaps_do_not_see_their_impulses() -> None:
         np.testing.assert_allclose(x[0], x_exact, atol=1e-6)
 
 
-def test_motions_that_all_fail_leave_no_plan() -> None:
+def test_motions_that_all_fail_leave_no_plan(monkeypatch: pytest.MonkeyPatch) -> None:
     tree = TouchSearch(behind(4), behind(4).parameters.defaults)
-    tree._step = lambda x, u: np.full_like(x, np.nan)
+    monkeypatch.setattr(tree, "_step", lambda x, u: np.full_like(x, np.nan))
     assert tree._rolled([(tree.first(), np.zeros((4, 2)))]) == []

@@ -35,7 +35,7 @@ def free_mass() -> Problem:
         parameters=p,
     )  # fmt: skip
     end = WEIGHT * ((system.x[0] - 1) ** 2 + system.x[1] ** 2)
-    return Problem("free mass", system, N, system.u**2, end, ca.DM([0, 0]), p)
+    return Problem("free mass", system, N, system.u**2, end, ca.SX([0, 0]), p)
 
 
 def quadratic_program() -> tuple[float, np.ndarray]:
@@ -92,7 +92,7 @@ def fixed_gap(gap: float) -> Problem:
         contacts=signals("wall [N s]"), h=p["h"], mass=1.0, impulse=lambda q, v, u: u,
         distance=lambda q: 0 * q + gap, parameters=p,
     )  # fmt: skip
-    return Problem("fixed", system, 5, system.u**2, (system.x[0] - 1) ** 2, ca.DM([0, 0]), p,
+    return Problem("fixed", system, 5, system.u**2, (system.x[0] - 1) ** 2, ca.SX([0, 0]), p,
                    scaling=Scaling(impulse=1.0, gap=0.1))  # fmt: skip
 
 
@@ -108,7 +108,7 @@ def test_a_contact_that_never_closes_changes_nothing(law) -> None:
 
 @pytest.mark.parametrize("gap", [0.0, -0.1])
 def test_a_contact_that_is_closed_in_every_state_is_refused(gap: float) -> None:
-    with pytest.raises(ValueError, match="'wall' is .* in every state.*leave the contact out"):
+    with pytest.raises(ValueError, match="leave the contact out"):
         fixed_gap(gap)
 
 
