@@ -67,8 +67,9 @@ class ContactSystem:
     with true gaps make it, so that the default route may search over pushes (:mod:`ocp.search`).
     ``machine``: what it was built from, where that was a machine.
 
-    ``turning`` are the places in x of quaternions: their rows of the residual are ``x_next[i] - f``
-    with f an expression in (x, u) and the other entries of x_next, and need not be affine.
+    ``turning`` are the places in x of quaternions, and of origins that turn with one about another
+    point: their rows of the residual are ``x_next[i] - f`` with f an expression in (x, u) and the
+    other entries of x_next, and need not be affine.
 
     Raises ``ValueError`` when a dimension does not fit or a symbol is not declared.
     """

@@ -34,8 +34,9 @@ class Body:
     ``joint``: a ``hinge`` turns about ``axis``, a unit vector of the body's frame, by q [rad]; a
     ``slide`` moves along it by q [m]; a ``ball`` has a unit quaternion, and its angular velocity
     in the body's axes [rad/s]; ``free`` has the position in the world [m] and a quaternion, and as
-    velocities those of the origin in the world's axes [m/s] and of turning in its own; ``fixed``
-    has none. ``spring`` and ``damping`` act in hinges and slides (damping in all joints), the
+    velocities those of the origin in the world's axes [m/s] and of turning in its own (a step reads
+    them at the pose before, see :meth:`~dynamics.systems.space.tree.Tree.before`); ``fixed`` has
+    none. ``spring`` and ``damping`` act in hinges and slides (damping in all joints), the
     spring at rest at ``rest`` [N m/rad, N m s/rad; N/m, N s/m]; ``gear``, ``limits`` and
     ``armature`` as in :class:`~dynamics.systems.Link`. ``servo`` is the stiffness of a motor whose
     input is the position it pulls to [N m/rad; N/m].

@@ -50,8 +50,10 @@ def spatial_step(
     + J_t' beta + J_l' nu`` and ``q+ = q (+) h v+``, where quaternions turn exactly and stay of unit
     length, p are the positions of hinges and slides and r those where springs rest, or what servos
     are told. Velocity forces are linear in v+ and turn energy over without making any where M does
-    not change. The pairs are those of :func:`~dynamics.systems.timestepping.time_stepping`, but
-    that the friction cone is a pyramid inscribed in Coulomb's, with 4 or 8 ``edges``:
+    not change. In place of ``v+ - v`` of a free body's origin stands the change of its centre of
+    mass, v taken at the pose before, ``q (-) h v``, so that momentum is kept. The pairs are those of
+    :func:`~dynamics.systems.timestepping.time_stepping`, but that the friction cone is a pyramid
+    inscribed in Coulomb's, with 4 or 8 ``edges``:
 
     ``0 <= beta_k ⟂ psi + h d_k' J_t v+ >= 0``  and  ``0 <= psi ⟂ f gamma - sum beta_k >= 0``.
 
@@ -93,7 +95,8 @@ def spatial_step(
 
     M, forced = tree.mass(q), _smooth(tree, q, v_next, u, h, scale)
     if inertial:
-        moved = h * tree.inverse_dynamics(q, v, v_next, (v_next - v) / h)
+        change = tree.about_centres(q, v_next) - tree.about_centres(tree.before(q, v, h), v)
+        moved = h * tree.inverse_dynamics(q, v, v_next, change / h, centred=True)
     else:
         bodies = [i for i, driven in enumerate(_servos(tree)) if not driven]
         M, moved = M[bodies, bodies], h * tree.weight(q)
@@ -111,7 +114,7 @@ def spatial_step(
             parameters=parameters, phi=rows.phi, mu_per_kappa=h, pairs=rows.pairs,
             forces=rows.forces, sharp=touching.sharp(rows.curved, built), refinable=inertial,
             book=_book(tree, touches, first, rows, x, u, x_next, forced, h) if inertial else None,
-            mass=M, turning=tuple(tree.turning),
+            mass=M, turning=(*tree.turning, *tree.swinging),
         )  # fmt: skip
 
     ends = tuple(f"{body} {end}" for end in ("low", "high") for body, *_ in limits)
@@ -184,4 +187,5 @@ def _book(
         tree.each(lambda b: b.rest) - tree.position_of(q) - h * v_next
     )
     work = h * ca.dot(v_next, forced - springs)
-    return EnergyBook(tree.energy(q, v), work, tree.momentum(q, v), external)
+    here = tree.about_centres(q, tree.about_centres(tree.before(q, v, h), v), -1)
+    return EnergyBook(tree.energy(q, here), work, tree.momentum(q, here), external)

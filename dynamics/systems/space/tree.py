@@ -92,6 +92,18 @@ class Tree:
         ]
 
     @cached_property
+    def centres(self) -> dict[str, ca.SX]:
+        """Centres of mass (3, 1) [m] of free bodies whose origin is another point, by name."""
+        found = {name: ca.sparsify(ca.SX(ca.vertcat(*body.com)))
+                 for name, body in self.bodies.items() if body.joint == "free"}  # fmt: skip
+        return {name: centre for name, centre in found.items() if centre.nnz()}
+
+    @cached_property
+    def swinging(self) -> list[int]:
+        """Indices into q of all places of free bodies that turn about another point."""
+        return [self.q_of[name].start + k for name in self.centres for k in range(3)]
+
+    @cached_property
     def total_mass(self) -> ca.SX:
         """Mass of all bodies [kg]."""
         return sum((ca.SX(body.mass) for body in self._ordered), ca.SX(0))
@@ -114,16 +126,44 @@ class Tree:
         return at
 
     def advance(self, q: ca.SX, way: ca.SX) -> ca.SX:
-        """``q (+) way`` (nq, 1), way (nv, 1) along v: quaternions turn exactly, the rest adds."""
+        """``q (+) way`` (nq, 1), way (nv, 1) along v: quaternions turn exactly, the rest adds.
+
+        Of a free body the centre of mass moves straight, and its origin turns about that.
+        """
         parts = []
         for name, body in self.bodies.items():
             at, along = q[self.q_of[name]], way[self.v_of[name]]
             if body.joint in ("free", "ball"):
                 n = at.numel() - 4
-                parts += [at[:n] + along[:n], rotation.turned(at[n:], along[n:])]
+                place, turned = at[:n] + along[:n], rotation.turned(at[n:], along[n:])
+                if name in self.centres:
+                    here, then = rotation.matrix(at[n:]), rotation.matrix(turned)
+                    centre = self.centres[name]
+                    place += here @ (ca.cross(along[n:], centre) + centre) - then @ centre
+                parts += [place, turned]
             else:
                 parts.append(at + along)
         return ca.vertcat(*parts)
+
+    def about_centres(self, q: ca.SX, v: ca.SX, sign: int = 1) -> ca.SX:
+        """v (nv, 1) with the velocity of a free body's centre of mass for that of its origin.
+
+        With ``sign`` -1 the other way round.
+        """
+        found = ca.SX(v)
+        for name, centre in self.centres.items():
+            four, spin = q[self.q_of[name]][3:], v[self.v_of[name]][3:]
+            start = self.v_of[name].start
+            found[start : start + 3] += sign * rotation.matrix(four) @ ca.cross(spin, centre)
+        return found
+
+    def before(self, q: ca.SX, v: ca.SX, h: ca.SX | float) -> ca.SX:
+        """The pose that a step of h led from to q with v, as far as :meth:`about_centres` asks."""
+        found = ca.SX(q)
+        for name in self.centres:
+            four = slice(self.q_of[name].start + 3, self.q_of[name].stop)
+            found[four] = rotation.turned(q[four], -h * v[self.v_of[name]][3:])
+        return found
 
     def pose(self, q: ca.SX, body: str) -> tuple[ca.SX, ca.SX]:
         """Rotation (3, 3) of a body's axes into the world's, and its origin there (3, 1) [m]."""
@@ -191,11 +231,16 @@ class Tree:
         return self.inverse_dynamics(q, v, w, ca.SX(self.nv, 1), ca.SX(3, 1))
 
     def inverse_dynamics(
-        self, q: ca.SX, v: ca.SX, w: ca.SX, a: ca.SX, gravity: ca.SX | None = None
-    ) -> ca.SX:
-        """Force ``M(q) a + C(q, v) w + g(q)`` (nv, 1) without forming M [N m, N]."""
+        self, q: ca.SX, v: ca.SX, w: ca.SX, a: ca.SX, gravity: ca.SX | None = None, *,
+        centred: bool = False,
+    ) -> ca.SX:  # fmt: skip
+        """Force ``M(q) a + C(q, v) w + g(q)`` (nv, 1) without forming M [N m, N].
+
+        Where ``centred``, a has accelerations of centres of mass of free bodies, as the change of
+        :meth:`about_centres`, in place of those of their origins.
+        """
         joints, pull = self._joints(q), self.gravity if gravity is None else gravity
-        states = self._accelerations(joints, v, w, a, -pull)
+        states = self._accelerations(joints, v, w, a, -pull, self.centres if centred else {})
         force = {body.name: ca.SX(3, 1) for body in self._ordered}
         moment = dict(force)
         result = ca.SX(self.nv, 1)
@@ -296,11 +341,13 @@ class Tree:
         return found
 
     def _accelerations(
-        self, joints: dict[str, _Joint], v: ca.SX, w: ca.SX, a: ca.SX, felt: ca.SX
-    ) -> dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]]:
+        self, joints: dict[str, _Joint], v: ca.SX, w: ca.SX, a: ca.SX, felt: ca.SX,
+        centres: dict[str, ca.SX],
+    ) -> dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]]:  # fmt: skip
         """Angular velocity for v and for w, that for w's derivative along v, the origin's likewise.
 
-        In the axes of each body; ``felt`` is the acceleration of the world.
+        In the axes of each body; ``felt`` is the acceleration of the world. Of the bodies named in
+        ``centres`` a has that of this point, not of the origin.
         """
         still = ca.SX(3, 1)
         found: dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]] = {}
@@ -323,7 +370,10 @@ class Tree:
             turned_w = joint.turns @ own_w
             carried = omega if body.joint == "hinge" else omega + joint.turns @ own_v
             alpha = alpha + joint.turns @ own_a + ca.cross(carried, turned_w)
-            found[body.name] = omega + joint.turns @ own_v, along + turned_w, alpha, moving
+            omega, along = omega + joint.turns @ own_v, along + turned_w
+            if (centre := centres.get(body.name)) is not None:
+                moving -= ca.cross(alpha, centre) + ca.cross(along, ca.cross(omega, centre))
+            found[body.name] = omega, along, alpha, moving
         return found
 
 
