@@ -35,8 +35,8 @@ class Body:
     ``slide`` moves along it by q [m]; a ``ball`` has a unit quaternion, and its angular velocity
     in the body's axes [rad/s]; ``free`` has the position in the world [m] and a quaternion, and as
     velocities those of the origin in the world's axes [m/s] and of turning in its own (a step reads
-    them at the pose before, see :meth:`~dynamics.systems.space.tree.Tree.before`); ``fixed`` has
-    none. ``spring`` and ``damping`` act in hinges and slides (damping in all joints), the
+    them at the pose before, :func:`~dynamics.systems.space.centres.centre_velocities`); ``fixed``
+    has none. ``spring`` and ``damping`` act in hinges and slides (damping in all joints), the
     spring at rest at ``rest`` [N m/rad, N m s/rad; N/m, N s/m]; ``gear``, ``limits`` and
     ``armature`` as in :class:`~dynamics.systems.Link`. ``servo`` is the stiffness of a motor whose
     input is the position it pulls to [N m/rad; N/m].
@@ -80,6 +80,13 @@ class Body:
         for what in ("turn", "axis"):
             unit(f"{owner} {what}", getattr(self, what))
         self._check_joint(owner)
+
+    @property
+    def inertia_matrix(self) -> ca.SX:
+        """Inertia about the centre of mass (3, 3) in the body's axes [kg m²]."""
+        xx, yy, zz, xy, xz, yz = (*self.inertia, 0, 0, 0)[:6]
+        rows = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+        return ca.sparsify(ca.vertcat(*(ca.SX(ca.horzcat(*row)) for row in rows)))
 
     @property
     def positions(self) -> list[Signal]:

@@ -12,6 +12,7 @@ from dynamics.systems.checks import positive
 from dynamics.systems.contact_rows import FORMS, Cone, ContactRows, Space, Touching, contact_rows
 from dynamics.systems.pairs import EnergyBook
 from dynamics.systems.parameters import ParameterTable, Signal
+from dynamics.systems.space.centres import about_centres, centre_velocities
 from dynamics.systems.space.contact import Motions, SpatialContact, at_random_poses
 from dynamics.systems.space.tree import Tree
 from dynamics.systems.system import ContactSystem
@@ -51,8 +52,8 @@ def spatial_step(
     length, p are the positions of hinges and slides and r those where springs rest, or what servos
     are told. Velocity forces are linear in v+ and turn energy over without making any where M does
     not change. In place of ``v+ - v`` of a free body's origin stands the change of its centre of
-    mass, v taken at the pose before, ``q (-) h v``, so that momentum is kept. The pairs are those of
-    :func:`~dynamics.systems.timestepping.time_stepping`, but that the friction cone is a pyramid
+    mass, v taken at the pose before, ``q (-) h v``, so that momentum is kept. The pairs are those
+    of :func:`~dynamics.systems.timestepping.time_stepping`, but that the friction cone is a pyramid
     inscribed in Coulomb's, with 4 or 8 ``edges``:
 
     ``0 <= beta_k ⟂ psi + h d_k' J_t v+ >= 0``  and  ``0 <= psi ⟂ f gamma - sum beta_k >= 0``.
@@ -95,7 +96,7 @@ def spatial_step(
 
     M, forced = tree.mass(q), _smooth(tree, q, v_next, u, h, scale)
     if inertial:
-        change = tree.about_centres(q, v_next) - tree.about_centres(tree.before(q, v, h), v)
+        change = about_centres(tree, q, v_next) - centre_velocities(tree, q, v, h)
         moved = h * tree.inverse_dynamics(q, v, v_next, change / h, centred=True)
     else:
         bodies = [i for i, driven in enumerate(_servos(tree)) if not driven]
@@ -187,5 +188,5 @@ def _book(
         tree.each(lambda b: b.rest) - tree.position_of(q) - h * v_next
     )
     work = h * ca.dot(v_next, forced - springs)
-    here = tree.about_centres(q, tree.about_centres(tree.before(q, v, h), v), -1)
+    here = about_centres(tree, q, centre_velocities(tree, q, v, h), -1)
     return EnergyBook(tree.energy(q, here), work, tree.momentum(q, here), external)

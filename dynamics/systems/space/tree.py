@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
@@ -12,20 +11,7 @@ from dynamics.systems.parameters import Signal
 from dynamics.systems.planar import root_first
 from dynamics.systems.space import rotation
 from dynamics.systems.space.body import POSITIONS, VELOCITIES, Body, Number, Vector
-
-
-@dataclass(frozen=True, eq=False)
-class _Joint:
-    """Rotation of a body's axes into its parent's, its origin there, and what its joint moves.
-
-    ``turns`` and ``moves`` (3, n) are the columns of angular and linear velocity in the body's own
-    axes for each entry of v; of a free joint the linear ones are left out, see :class:`Tree`.
-    """
-
-    R: ca.SX
-    r: ca.SX
-    turns: ca.SX
-    moves: ca.SX
+from dynamics.systems.space.joints import JointFrame, joint_frame
 
 
 class Tree:
@@ -52,7 +38,7 @@ class Tree:
             self.q_of[body.name] = slice(nq, nq := nq + POSITIONS[body.joint])
             self.v_of[body.name] = slice(nv, nv := nv + VELOCITIES[body.joint])
         self.nq, self.nv = nq, nv
-        self._joints_at: dict[tuple[int, ...], tuple[ca.SX, dict[str, _Joint]]] = {}
+        self._joints_at: dict[tuple[int, ...], tuple[ca.SX, dict[str, JointFrame]]] = {}
         self._poses_at: dict[tuple[int, ...], tuple[ca.SX, dict[str, tuple[ca.SX, ca.SX]]]] = {}
 
     @property
@@ -145,26 +131,6 @@ class Tree:
                 parts.append(at + along)
         return ca.vertcat(*parts)
 
-    def about_centres(self, q: ca.SX, v: ca.SX, sign: int = 1) -> ca.SX:
-        """v (nv, 1) with the velocity of a free body's centre of mass for that of its origin.
-
-        With ``sign`` -1 the other way round.
-        """
-        found = ca.SX(v)
-        for name, centre in self.centres.items():
-            four, spin = q[self.q_of[name]][3:], v[self.v_of[name]][3:]
-            start = self.v_of[name].start
-            found[start : start + 3] += sign * rotation.matrix(four) @ ca.cross(spin, centre)
-        return found
-
-    def before(self, q: ca.SX, v: ca.SX, h: ca.SX | float) -> ca.SX:
-        """The pose that a step of h led from to q with v, as far as :meth:`about_centres` asks."""
-        found = ca.SX(q)
-        for name in self.centres:
-            four = slice(self.q_of[name].start + 3, self.q_of[name].stop)
-            found[four] = rotation.turned(q[four], -h * v[self.v_of[name]][3:])
-        return found
-
     def pose(self, q: ca.SX, body: str) -> tuple[ca.SX, ca.SX]:
         """Rotation (3, 3) of a body's axes into the world's, and its origin there (3, 1) [m]."""
         return self._poses(q)[body]
@@ -237,7 +203,7 @@ class Tree:
         """Force ``M(q) a + C(q, v) w + g(q)`` (nv, 1) without forming M [N m, N].
 
         Where ``centred``, a has accelerations of centres of mass of free bodies, as the change of
-        :meth:`about_centres`, in place of those of their origins.
+        :func:`~dynamics.systems.space.centres.about_centres`, in place of those of their origins.
         """
         joints, pull = self._joints(q), self.gravity if gravity is None else gravity
         states = self._accelerations(joints, v, w, a, -pull, self.centres if centred else {})
@@ -247,7 +213,7 @@ class Tree:
         for body in reversed(self._ordered):
             name, joint = body.name, joints[body.name]
             omega, along, alpha, felt = states[name]
-            com, inertia = ca.SX(ca.vertcat(*body.com)), _inertia(body)
+            com, inertia = ca.SX(ca.vertcat(*body.com)), body.inertia_matrix
             own = ca.SX(body.mass) * (
                 felt + ca.cross(alpha, com) + ca.cross(along, ca.cross(omega, com))
             )
@@ -287,25 +253,12 @@ class Tree:
                 total += ca.SX(body.mass) * v[index] * (move + ca.cross(turn, centre - pivot))
         return total
 
-    def _joints(self, q: ca.SX) -> dict[str, _Joint]:
-        return _kept(self._joints_at, q, lambda: {b.name: self._joint(b, q) for b in self._ordered})
-
-    def _joint(self, body: Body, q: ca.SX) -> _Joint:
-        at, axis = q[self.q_of[body.name]], ca.sparsify(ca.SX(ca.vertcat(*body.axis)))
-        turn, none = rotation.matrix(ca.SX(ca.vertcat(*body.turn))), ca.SX(3, 1)
-        place = ca.sparsify(ca.SX(ca.vertcat(*body.place)))
-        match body.joint:
-            case "hinge":
-                return _Joint(ca.sparsify(turn) @ rotation.about(axis, at), place, axis, none)
-            case "slide":
-                turn = ca.sparsify(turn)
-                return _Joint(turn, place + turn @ axis * at, none, axis)
-            case "ball":
-                R = ca.sparsify(turn) @ rotation.matrix(at)
-                return _Joint(R, place, ca.SX.eye(3), ca.SX(3, 3))
-            case "free":
-                return _Joint(rotation.matrix(at[3:]), at[:3], ca.SX.eye(3), ca.SX(3, 3))
-        return _Joint(ca.sparsify(turn), place, ca.SX(3, 0), ca.SX(3, 0))
+    def _joints(self, q: ca.SX) -> dict[str, JointFrame]:
+        return _kept(
+            self._joints_at,
+            q,
+            lambda: {b.name: joint_frame(b, q[self.q_of[b.name]]) for b in self._ordered},
+        )
 
     def _poses(self, q: ca.SX) -> dict[str, tuple[ca.SX, ca.SX]]:
         def make() -> dict[str, tuple[ca.SX, ca.SX]]:
@@ -321,12 +274,12 @@ class Tree:
 
         return _kept(self._poses_at, q, make)
 
-    def _composites(self, joints: dict[str, _Joint]) -> dict[str, tuple[ca.SX, ca.SX, ca.SX]]:
+    def _composites(self, joints: dict[str, JointFrame]) -> dict[str, tuple[ca.SX, ca.SX, ca.SX]]:
         """Mass, first and second moment about its origin of each body with all that hangs on it."""
         found = {}
         for body in self._ordered:
             com, mass = ca.sparsify(ca.SX(ca.vertcat(*body.com))), ca.SX(body.mass)
-            found[body.name] = mass, mass * com, _inertia(body) + mass * _spread(com, com)
+            found[body.name] = mass, mass * com, body.inertia_matrix + mass * _spread(com, com)
         for body in reversed(self._ordered):
             if body.parent is None:
                 continue
@@ -341,7 +294,7 @@ class Tree:
         return found
 
     def _accelerations(
-        self, joints: dict[str, _Joint], v: ca.SX, w: ca.SX, a: ca.SX, felt: ca.SX,
+        self, joints: dict[str, JointFrame], v: ca.SX, w: ca.SX, a: ca.SX, felt: ca.SX,
         centres: dict[str, ca.SX],
     ) -> dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]]:  # fmt: skip
         """Angular velocity for v and for w, that for w's derivative along v, the origin's likewise.
@@ -384,12 +337,6 @@ def _kept(store: dict, q: ca.SX, make: Callable[[], dict]) -> dict:
     if key not in store:
         store[key] = q, make()
     return store[key][1]
-
-
-def _inertia(body: Body) -> ca.SX:
-    xx, yy, zz, xy, xz, yz = (*body.inertia, 0, 0, 0)[:6]
-    rows = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
-    return ca.sparsify(ca.vertcat(*(ca.SX(ca.horzcat(*row)) for row in rows)))
 
 
 def _spread(a: ca.SX, b: ca.SX) -> ca.SX:

@@ -1,0 +1,44 @@
+"""Frames of bodies in space at the positions of their joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from dynamics.systems.space import rotation
+from dynamics.systems.space.body import Body
+
+
+@dataclass(frozen=True, eq=False)
+class JointFrame:
+    """Rotation of a body's axes into its parent's, its origin there, and what its joint moves.
+
+    ``turns`` and ``moves`` (3, n) are the columns of angular and linear velocity in the body's own
+    axes for each entry of v; of a free joint the linear ones are left out, see
+    :class:`~dynamics.systems.space.tree.Tree`.
+    """
+
+    R: ca.SX
+    r: ca.SX
+    turns: ca.SX
+    moves: ca.SX
+
+
+def joint_frame(body: Body, at: ca.SX) -> JointFrame:
+    """Return the frame of a body whose joint stands at ``at``, its entries of q."""
+    axis = ca.sparsify(ca.SX(ca.vertcat(*body.axis)))
+    turn, none = rotation.matrix(ca.SX(ca.vertcat(*body.turn))), ca.SX(3, 1)
+    place = ca.sparsify(ca.SX(ca.vertcat(*body.place)))
+    match body.joint:
+        case "hinge":
+            return JointFrame(ca.sparsify(turn) @ rotation.about(axis, at), place, axis, none)
+        case "slide":
+            turn = ca.sparsify(turn)
+            return JointFrame(turn, place + turn @ axis * at, none, axis)
+        case "ball":
+            R = ca.sparsify(turn) @ rotation.matrix(at)
+            return JointFrame(R, place, ca.SX.eye(3), ca.SX(3, 3))
+        case "free":
+            return JointFrame(rotation.matrix(at[3:]), at[:3], ca.SX.eye(3), ca.SX(3, 3))
+    return JointFrame(ca.sparsify(turn), place, ca.SX(3, 0), ca.SX(3, 0))
