@@ -7,7 +7,7 @@ to its arrays. Quantities of an interval belong to its end, as the implicit step
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -23,6 +23,15 @@ from ocp.programs.solver import Point
 from ocp.rollout import at_steps
 from ocp.solution import Solution
 from ocp.transcription.nlp import NLP
+
+
+class Plan(NamedTuple):
+    """What :func:`carry` reads of a solution: trajectories, ``problem`` and ``method``, status."""
+
+    data: xr.Dataset
+    record: dict[str, Any]
+    status: Any
+
 
 _KINDS = {
     "state": ("x", "x0", "dynamics", "x_bound"),
@@ -117,7 +126,7 @@ class _Mesh:
         return np.moveaxis(found.reshape(-1, *moved.shape[1:]), 0, axis)
 
 
-def carry(solution: Solution, nlp: NLP, values: dict[str, float]) -> Point:
+def carry(solution: Solution | Plan, nlp: NLP, values: dict[str, float]) -> Point:
     """Write a solution into the variables and multipliers of ``nlp`` at parameter ``values``.
 
     As many steps are taken over one by one. With another number trajectories are interpolated in
@@ -172,7 +181,7 @@ def given_guess(
     return problem.checked_guess(given)
 
 
-def _check(solution: Solution, nlp: NLP) -> None:
+def _check(solution: Solution | Plan, nlp: NLP) -> None:
     name, system = nlp.problem.name, nlp.problem.system
     origin = str(solution.record.get("problem"))
     if origin != name:
@@ -182,7 +191,7 @@ def _check(solution: Solution, nlp: NLP) -> None:
     if not all(np.isfinite(solution.data[key].values).all() for key in ("x", "u")):
         raise InputError(
             "the run to start from has NaN or infinite trajectories"
-            f" ({solution.status.label}); start from a solved one"
+            f" ({getattr(solution.status, 'label', solution.status)}); start from a solved one"
         )
     for what, dimension, signals in (
         ("states", "state", system.states),
@@ -214,7 +223,9 @@ def _contact_duals(
 class _Carrier:
     """One solution on its way to another mesh of its problem."""
 
-    def __init__(self, solution: Solution, problem: Problem, values: dict[str, float]) -> None:
+    def __init__(
+        self, solution: Solution | Plan, problem: Problem, values: dict[str, float]
+    ) -> None:
         self.solution, self.data = solution, solution.data
         self.values, self.problem = values, problem
         self.physical = problem.parameters.pack(values)

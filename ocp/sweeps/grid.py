@@ -134,9 +134,19 @@ class Grid:
             or (name.startswith("problem.") and whole(name))
         )  # fmt: skip
 
-    def job(self, place: Mapping[str, float]) -> SolveJob:
-        """The job of a point."""
-        return SolveJob(self.case.at(place), self.starts, self.seed, self.rank)
+    def job(self, place: Mapping[str, float], start: JobResult | None = None) -> SolveJob:
+        """The job of a point, alone or from the plan of another one."""
+        return SolveJob(self.case.at(place), self.starts, self.seed, self.rank, start=start)
+
+    def neighbours(self, place: int) -> list[int]:
+        """Places of the points one step away along an axis."""
+        at, found = np.unravel_index(place, self.shape), list[int]()
+        for axis, size in enumerate(self.shape):
+            for moved in (at[axis] - 1, at[axis] + 1):
+                if 0 <= moved < size:
+                    near = (*at[:axis], moved, *at[axis + 1 :])
+                    found.append(int(np.ravel_multi_index(near, self.shape)))
+        return found
 
     def check(self) -> Session:
         """Build the first point, and see that no value of an axis is refused everywhere.
@@ -257,11 +267,12 @@ def save_point(checkpoint: Checkpoint, place: int, point: JobResult) -> None:
 
 def saved_points(study: Grid, checkpoint: Checkpoint) -> dict[int, JobResult]:
     """Finished points by their places."""
-    read = ((place, _saved_point(checkpoint, place)) for place in range(math.prod(study.shape)))
+    read = ((place, saved_point(checkpoint, place)) for place in range(math.prod(study.shape)))
     return {place: point for place, point in read if point is not None}
 
 
-def _saved_point(checkpoint: Checkpoint, place: int) -> JobResult | None:
+def saved_point(checkpoint: Checkpoint, place: int) -> JobResult | None:
+    """A finished point, or solve from a neighbour, by its number; None where there is none."""
     rows = checkpoint.rows(place)
     if rows is None:
         return None

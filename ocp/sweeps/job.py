@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from contextlib import closing
@@ -20,6 +21,7 @@ from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.solve import Rank, best_of, check_starts, credited, rank, solve_session
 from ocp.store.provenance import FilesChanged
 from ocp.sweeps.case import Case, cached_session
+from ocp.warm_start import Plan, carry
 
 TRAJECTORIES = ("x", "u", "lam", "gap", "x_replay", "u_replay", "x_referee", "u_referee", "K", "k")
 """What is kept of a solution's arrays, beside the times of nodes."""
@@ -29,13 +31,17 @@ REFUSED, FAULT = "refused", "fault"
 
 @dataclass(frozen=True)
 class SolveJob:
-    """A case, its guesses, and which of the answers is taken; or the ``number`` of one guess."""
+    """A case, its guesses, and which of the answers is taken; or the ``number`` of one guess.
+
+    With ``start``, what came of a neighbouring point, it is solved from that plan alone.
+    """
 
     case: Case
     starts: int = 1
     seed: int = 0
     rank: Rank = "planned"
     number: int = 0
+    start: JobResult | None = None
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,15 @@ class JobResult:
     row: dict[str, Any]
     arrays: dict[str, LabelledArray]
 
+    def plan(self, session: Session) -> Plan:
+        """The trajectories as a start for a session of the same problem."""
+        import xarray as xr
+
+        coords = {dim: names for a in self.arrays.values() for dim, names in a.labels.items()}
+        arrays = {name: (array.dims, array.values) for name, array in self.arrays.items()}
+        record = {"problem": session.problem.name, "method": session.method.name}
+        return Plan(xr.Dataset(arrays, coords), record, str(self.row["status"]))
+
 
 def solve_job(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
     """Solve a point; a :data:`~ocp.scheduling.Function` that tells each stage's iterations.
@@ -67,9 +82,15 @@ def solve_job(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
     try:
         with interruptible():
             session = cached_session(job.case)
-            found = solve_session(
-                session, job.starts, job.seed, lambda stage: report(stage.iterations), job.rank
-            )
+
+            def progress(stage: StageRecord) -> None:
+                report(stage.iterations)
+
+            if job.start is None:
+                found = solve_session(session, job.starts, job.seed, progress, job.rank)
+            else:
+                point = carry(job.start.plan(session), session.nlp_of("product"), session.values)
+                found = judged(session, session.resume(point, progress), job.seed)
     except FilesChanged:
         raise
     except InputError as error:
@@ -82,16 +103,16 @@ def solve_job(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
 def failed_result(status: str, sentence: str) -> JobResult:
     """A point without an answer, and why."""
     nothing: dict[str, Any] = dict.fromkeys(NUMBERS, float("nan"))
-    row = {**nothing, "status": status, "stationarity": "", "kind": "", "grade": "failed",
+    row = {**nothing, **dict.fromkeys(WORDS, ""), "status": status, "grade": "failed",
            "verdict": sentence, "success": 0, "survives": -1, "iterations": 0}  # fmt: skip
     return JobResult({**row, "seconds": 0.0}, {})
 
 
 NUMBERS = ("cost", "exact_cost", "referee_cost", "refined_cost", "idle_cost", "complementarity",
-           "kkt_residual", "dynamics_residual", "penetration", "solve_s")  # fmt: skip
-"""What is a number in a row."""
-WORDS = ("status", "stationarity", "kind", "grade", "verdict")
-"""What is a text there."""
+           "kkt_residual", "dynamics_residual", "penetration", "solve_s", "own_cost")  # fmt: skip
+"""What is a number in a row; ``own_cost`` is NaN, but of an outlier its own solve's cost."""
+WORDS = ("status", "stationarity", "kind", "grade", "verdict", "start")
+"""What is a text there; ``start`` is the point whose plan gave the answer of an outlier."""
 COUNTS = ("success", "survives", "iterations")
 """What is whole; success and survives are 1 or 0, and -1 is unknown."""
 
@@ -109,6 +130,7 @@ def _row(found: Solution) -> dict[str, Any]:
         "dynamics_residual": audit.dynamics_residual,
         "penetration": audit.penetration,
         "solve_s": found.solve_s,
+        "own_cost": math.nan,
     }
     return {
         **{name: float(value) for name, value in numbers.items()},
@@ -117,6 +139,7 @@ def _row(found: Solution) -> dict[str, Any]:
         "kind": certificate.kind,
         "grade": found.grade,
         "verdict": found.verdict,
+        "start": "",
         "success": int(found.success),
         "survives": -1 if referee.survives is None else int(referee.survives),
         "iterations": int(found.iterations),

@@ -8,6 +8,7 @@ import shlex
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,9 +27,19 @@ from ocp.session import Session
 from ocp.solve import Rank, check_starts
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.provenance import FilesChanged
+from ocp.sweeps import neighbours
 from ocp.sweeps.case import Case
-from ocp.sweeps.grid import Grid, axes, dataset, dimension, save_point, saved_points
-from ocp.sweeps.job import COUNTS, FAULT, NUMBERS, WORDS, JobResult, failed_result, solve_job
+from ocp.sweeps.grid import Grid, axes, dataset, dimension, save_point, saved_point, saved_points
+from ocp.sweeps.job import (
+    COUNTS,
+    FAULT,
+    NUMBERS,
+    WORDS,
+    JobResult,
+    SolveJob,
+    failed_result,
+    solve_job,
+)
 from ocp.validation import Axis, expand_path
 
 if TYPE_CHECKING:
@@ -69,10 +80,11 @@ def sweep(
     :func:`ocp.solve`; a problem goes by its name or its file, for other processes build it too.
 
     ``jobs`` processes of this computer work side by side, or with ``scheduler``, such as
-    ``tcp://127.0.0.1:8786``, a Dask cluster. Each point's answer is that of a solve of its own, to
-    the last bit: it depends neither on them nor on the other points. A point whose worker was
-    killed is begun again. With ``store``, a directory, finished points are kept there until all
-    are, and the same call goes on after a stop.
+    ``tcp://127.0.0.1:8786``, a Dask cluster; answers do not depend on them. Each point's answer is
+    that of a solve of its own, to the last bit, unless a neighbour's plan is better there: such
+    outliers have the neighbour in ``start`` and the cost of their own solve in ``own_cost``. A
+    point whose worker was killed is begun again. With ``store``, a directory, finished points are
+    kept there until all are, and the same call goes on after a stop.
 
     Returns a dataset with a dimension an axis and, at each point, ``cost exact_cost referee_cost
     survives status stationarity iterations seconds verdict`` and more, and the trajectories ``x u
@@ -161,16 +173,58 @@ def solve_grid(
 ) -> list[JobResult]:
     """All points of a study: those of ``found`` as they are, the others solved and added to it.
 
+    Then, pass by pass, each point is solved from its cheapest neighbour's plan where that costs
+    less, and the better answer is taken: a pass starts at what the one before it came to, so that
+    neither order nor number of workers counts.
+
     Each that is solved is written to the checkpoint and passed to ``on_point``. What a point
     reports, and None at its end, goes to ``callback``, which may raise to stop.
 
     Raises :class:`~ocp.store.provenance.FilesChanged` where files have changed since the request.
     """
-    places, found = study.places, {} if found is None else found
+    found = {} if found is None else found
+    jobs_of = {place: study.job(values) for place, values in enumerate(study.places)}
+    run = partial(_solve_jobs, study, jobs, scheduler, checkpoint, callback=callback)
+    run(jobs_of, 0, found, on_point)
+    points = [found[place] for place in range(len(jobs_of))]
+    changed = set(range(len(points)))
+    for number in range(1, sum(study.shape)):
+        starts = neighbours.starts(study, points, changed)
+        warm = {k: study.job(study.places[k], points[near]) for k, near in starts.items()}
+        tried: dict[int, JobResult] = {}
+        run(warm, number * len(points), tried, lambda *_: None)
+        better = {k for k in tried if neighbours.improves(study, tried[k].row, points[k].row)}
+        names = [dimension(axis.name) for axis in study.axes]
+        for k in better:
+            near = dict(zip(names, study.places[starts[k]].values(), strict=True))
+            points[k] = neighbours.outlier(tried[k], points[k], where(near, names))
+        changed = better
+        if not changed:
+            break
+    return points
+
+
+def _solve_jobs(
+    study: Grid,
+    jobs: int,
+    scheduler: str | None,
+    checkpoint: Checkpoint | None,
+    jobs_of: Mapping[int, SolveJob],
+    first: int,
+    found: dict[int, JobResult],
+    on_point: OnPoint,
+    callback: Callable[[int, Any], None],
+) -> None:
+    """Add to ``found`` what comes of the jobs by place; they are kept from number ``first`` on."""
+    for place in jobs_of:
+        kept = saved_point(checkpoint, first + place) if checkpoint and first else None
+        if kept is not None:
+            found[place] = kept
+    places = study.places
     # Points of one structure stand together, for a worker builds each structure once.
-    left = sorted((place for place in range(len(places)) if place not in found),
+    left = sorted((place for place in jobs_of if place not in found),
                   key=lambda place: study.shape_of(places[place]))  # fmt: skip
-    work = [study.job(places[place]) for place in left]
+    work = [jobs_of[place] for place in left]
 
     def told(index: int, message: Any) -> None:
         callback(left[index], message)
@@ -188,10 +242,9 @@ def solve_grid(
             else:
                 point = outcome
                 if checkpoint is not None:
-                    save_point(checkpoint, place, point)
+                    save_point(checkpoint, first + place, point)
             found[place] = point
             on_point(place, point)
-    return [found[place] for place in range(len(places))]
 
 
 KIND = "sweep"
@@ -253,7 +306,11 @@ def rows(data: xr.Dataset) -> list[dict[str, Any]]:
     """Every point: its coordinates and what it came to, the last axis fastest."""
     dims = [str(dim) for dim in data["cost"].dims]
     names = (*NUMBERS, "seconds", *COUNTS, *WORDS)
-    columns = {name: np.asarray(data[name].values).ravel().tolist() for name in names}
+    count = data["cost"].size
+    columns = {
+        name: np.asarray(data[name].values).ravel().tolist() if name in data else [""] * count
+        for name in names
+    }
     places = itertools.product(*(data[dim].values.tolist() for dim in dims))
     return [
         {**dict(zip(dims, place, strict=True)), **{name: columns[name][i] for name in names}}
@@ -284,8 +341,14 @@ def verdict(found: list[dict[str, Any]], dims: list[str]) -> str:
                 f"; cost from {ends[0]} at {where(low, dims)} to {ends[1]} at {where(high, dims)}"
             )
         )
-    failures = [row for row in found if not row["success"]]
-    lines = [f"{where(row, dims)}: {_first(row['verdict'])}" for row in failures[:_TOLD]]
+    failures, outliers = ([row for row in found if not row["success"]],
+                          [row for row in found if row.get("start")])  # fmt: skip
+    lines = [
+        f"outlier {where(row, dims)}: {row['own_cost']:.6g} alone, {row['cost']:.6g} from the plan"
+        f" at {row['start']}"
+        for row in outliers[:_TOLD]
+    ]
+    lines += [f"{where(row, dims)}: {_first(row['verdict'])}" for row in failures[:_TOLD]]
     if len(failures) > _TOLD:
         lines.append(f"and {len(failures) - _TOLD} more that failed")
     return "\n".join([f"{told}.", *lines])

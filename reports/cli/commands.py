@@ -155,7 +155,8 @@ class ContinueOptions(SolverOptions):
 class SweepOptions(StartsOptions):
     """Solve a problem at every point of a grid, over processes or a Dask cluster.
 
-    Each point is what ocp solve gives there. Finished points are kept: after Ctrl-C or a kill the
+    Each point is what ocp solve gives there, unless a neighbour's plan is better; such outliers are
+    named. Finished points are kept: after Ctrl-C or a kill the
     same command resumes, with the same result as without the stop.
     """
 

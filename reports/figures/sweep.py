@@ -81,6 +81,8 @@ def _lines(data: xr.Dataset, axis: Axis) -> Figure:
         values = np.where(good, data[name].values, np.nan)
         if np.isfinite(values).any():
             top.plot(x, values, style, color=color, label=words)
+    if "own_cost" in data and np.isfinite(data["own_cost"].values).any():
+        top.plot(x, data["own_cost"].values, "x", color=GREY, label="outlier: its own solve")
     shown = data[["cost", "exact_cost"]].to_array().values[:, good]
     if shown.size and np.nanmin(shown) > 0 and np.nanmax(shown) > 20 * np.nanmin(shown):
         top.set_yscale("log")

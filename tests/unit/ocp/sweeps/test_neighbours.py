@@ -1,0 +1,73 @@
+"""Points that a neighbour's plan improves: which are tried, what counts as better, and marks."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ocp.sweeps import neighbours, sweep
+from ocp.sweeps.case import Case
+from ocp.sweeps.grid import Grid, axes
+from ocp.sweeps.job import failed_result
+from tests.unit.ocp.sweeps.same import same
+
+GRID = Grid(Case("push-1d"), axes({"problem.M": [1.0, 2.0, 3.0], "problem.K": [1.0, 2.0]}))
+ROW = {"success": 1, "survives": 1, "idle_cost": 10.0, "exact_cost": 1.0, "referee_cost": 1.0}
+
+
+def row(cost: float, **other: Any) -> dict[str, Any]:
+    return {**failed_result("", "").row, **ROW, "cost": cost, "status": "solved", **other}
+
+
+def point(cost: float, **other: Any) -> neighbours.JobResult:
+    return neighbours.JobResult(row(cost, **other), {})
+
+
+def test_neighbours_are_one_step_away_along_an_axis() -> None:
+    assert [sorted(GRID.neighbours(k)) for k in range(6)] == [
+        [1, 2], [0, 3], [0, 3, 4], [1, 2, 5], [2, 5], [3, 4],
+    ]  # fmt: skip
+
+
+def test_a_point_starts_at_its_cheapest_neighbour_where_that_costs_less() -> None:
+    points = [point(cost) for cost in (1.0, 2.0, 3.0, 0.5, 4.0, 5.0)]
+    assert neighbours.starts(GRID, points, range(6)) == {1: 3, 2: 3, 4: 2, 5: 3}
+    assert neighbours.starts(GRID, points, {2}) == {4: 2}, "from the others it was solved before"
+    points[3] = failed_result("fault", "died")
+    points[0] = point(math.nan, success=0, status="not converged")
+    # A worker that died is no plan, and its point is not tried again.
+    assert neighbours.starts(GRID, points, range(6)) == {0: 1, 4: 2, 5: 4}
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e6, -1e6])
+def test_better_is_a_share_of_what_a_plan_changes(offset: float) -> None:
+    """The constant of a cost plays no part."""
+    base = {"idle_cost": 10.0 + offset}
+    own = row(2.0 + offset, **base)
+    assert neighbours.improves(GRID, row(1.9 + offset, **base), own)
+    assert not neighbours.improves(GRID, row(1.999 + offset, **base), own)
+    assert not neighbours.improves(GRID, row(1.0 + offset, survives=0, **base), own)
+    assert not neighbours.improves(GRID, row(1.0 + offset, success=0, **base), own)
+    assert neighbours.improves(GRID, row(3.0 + offset, **base), row(math.nan, success=0))
+
+
+def test_an_outlier_keeps_the_cost_of_its_own_solve() -> None:
+    first = neighbours.outlier(point(3.0, iterations=2), point(5.0, iterations=7), "M = 1")
+    again = neighbours.outlier(point(2.0), first, "M = 2")
+    assert (first.row["own_cost"], first.row["start"], first.row["iterations"]) == (5.0, "M = 1", 9)
+    assert (again.row["own_cost"], again.row["start"], again.row["cost"]) == (5.0, "M = 2", 2.0)
+
+
+def test_a_plan_left_in_a_poor_minimum_is_found_from_the_side_alike_by_any_number_of_workers() -> (
+    None
+):
+    """The push over 5 cm alone ends at 7.4 in place of 0.49."""
+    found = sweep("push-box", {"distance": [0.05, 0.1]}, params={"N": 12})
+    assert np.isfinite(found["own_cost"].values).tolist() == [True, False]
+    assert float(found["own_cost"][0]) > 5 and float(found["cost"][0]) < 0.6
+    assert found["start"].values.tolist() == ["distance = 0.1", ""]
+    assert found["success"].values.tolist() == [1, 1]
+    assert same(found, sweep("push-box", {"distance": [0.05, 0.1]}, params={"N": 12}, jobs=2))
