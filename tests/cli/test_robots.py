@@ -48,6 +48,12 @@ def test_a_robot_floats_when_asked(ocp) -> None:
     assert '"finger.urdf", floating=True)' in Path("fly.py").read_text()
     problem = load("fly.py").problem({"N": 3})
     assert problem.initial_states(problem.parameters.values)[0].shape == (17,)
+    shown = ocp("show", "finger.urdf", "--planar")
+    assert shown.code == 0 and line not in shown.out and "base x 0, base z 0, base 0" in shown.out
+    assert ocp("new", "slide", "--robot", "finger.urdf", "--planar").code == 0
+    assert '"finger.urdf", planar=True)' in Path("slide.py").read_text()
+    done = ocp("show", "finger.urdf", "--planar", "--floating")
+    assert done.code == 2 and "two ways to free a root; give one" in done.err
     done = ocp("show", str(HOPPER), "--floating")
     assert done.code == 2 and "an MJCF file says itself what floats" in done.err
 

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.systems import Link, Machine
+from dynamics.systems import Link, Machine, Sphere
 from dynamics.systems.chain import Chain
 from dynamics.systems.flight import flight
 from dynamics.systems.machine import with_implicit_forces
@@ -143,8 +143,11 @@ def test_a_machine_and_its_simulation_step_alike(name: str, machine: PublishedMa
 
 
 @pytest.mark.parametrize("name", ["hopper", "idto-hopper"])
-def test_a_plant_steps_as_a_machine_with_implicit_forces(name: str):
+def test_a_plant_steps_as_a_machine_with_implicit_forces(
+    name: str, monkeypatch: pytest.MonkeyPatch
+):
     """Also under the sharpest contact, and with a state behind the machine's own."""
+    monkeypatch.setattr("ocp.mpc.plants.StepFunction", lambda *_, **__: None)  # it compiles
     problem = get(name)
     model = problem.system
     found = with_implicit_forces(model)
@@ -166,6 +169,20 @@ def test_a_plant_steps_as_a_machine_with_implicit_forces(name: str):
         assert np.abs(expected).max() > 1e-3
         assert not np.any(got[: chain.nq]) and not np.any(got[2 * chain.nq :])
     assert with_implicit_forces(found) is found
+
+
+def test_the_sharpest_sibling_has_implicit_forces_too():
+    edges = Machine(CRANE, (Sphere("hook", "hook", (0.0, 0.0), 0.1),)).system(
+        "crane", ParameterTable(), h=0.05, friction=0.5, cone="edges"
+    )
+    found, n = with_implicit_forces(edges), edges.nx // 2
+    assert edges.sharpest is not edges and found.sharpest is not found
+    change = [ca.substitute(new.residual, new.lam, old.lam) - old.residual
+              for old, new in ((edges, found), (edges.sharpest, found.sharpest))]  # fmt: skip
+    at = [edges.x, edges.u, edges.x_next, edges.lam, edges.sharpest.lam]
+    values = [np.linspace(1, 2, part.numel()) for part in at]
+    one, other = (part.full() for part in ca.Function("change", at, change)(*values))
+    assert np.allclose(one, other, rtol=1e-9, atol=1e-9) and np.abs(one[n:]).max() > 1e-3
 
 
 def test_a_system_without_a_planar_machine_stays_as_it_is():
@@ -205,8 +222,9 @@ def test_the_hopper_under_the_largest_inputs_overflows_no_more():
 
 
 def test_a_simulation_has_implicit_forces_unless_told_otherwise():
-    inputs = np.random.default_rng(0).uniform(-1, 1, (30, 3))
-    assert np.abs(simulate("hopper", 30, inputs).x[0, :, 8:]).max() < 500
+    built = simulation("hopper")[0].system.machine
+    told = simulation("hopper", gyroscopic="explicit")[0].system.machine
+    assert built and told and (built.gyroscopic, told.gyroscopic) == ("implicit", "explicit")
 
 
 def test_no_seed_overflows():

@@ -81,7 +81,7 @@ def spatial_step(
     contacts = tuple(Signal(one, "N s", "normal impulse") for one in names)
     limits = tree.limits
     way = ca.SX.sym("way", nv)
-    stretched = ca.jacobian(tree.advance(q, way), way)
+    stretched = ca.jacobian(tree.advance(q, way, centred=False), way)
     tangent = ca.Function("tangent", [q], [ca.substitute(stretched, way, ca.SX.zeros(nv))])
     rows_of = _rows(touches, nv)
     along = ca.vertsplit(rows_of(q)[1], len(names)) if names else [ca.SX(0, nv)] * 2

@@ -111,10 +111,11 @@ class Tree:
                 at[self.v_of[name]] = q[self.q_of[name]]
         return at
 
-    def advance(self, q: ca.SX, way: ca.SX) -> ca.SX:
+    def advance(self, q: ca.SX, way: ca.SX, *, centred: bool = True) -> ca.SX:
         """``q (+) way`` (nq, 1), way (nv, 1) along v: quaternions turn exactly, the rest adds.
 
-        Of a free body the centre of mass moves straight, and its origin turns about that.
+        Of a free body the centre of mass moves straight and its origin turns about that, or where
+        not ``centred`` the origin moves straight, which is the same for small ways.
         """
         parts = []
         for name, body in self.bodies.items():
@@ -122,7 +123,7 @@ class Tree:
             if body.joint in ("free", "ball"):
                 n = at.numel() - 4
                 place, turned = at[:n] + along[:n], rotation.turned(at[n:], along[n:])
-                if name in self.centres:
+                if centred and name in self.centres:
                     here, then = rotation.matrix(at[n:]), rotation.matrix(turned)
                     centre = self.centres[name]
                     place += here @ (ca.cross(along[n:], centre) + centre) - then @ centre

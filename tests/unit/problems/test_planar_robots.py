@@ -77,14 +77,15 @@ def test_a_box_falls_and_slides_as_with_each_contact_twice(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     shape = Box((0.1, 0.2, 0.1))
-    (_, once), x = step_of(rig("xzt", shape)), np.array([0, 0.2, 0.3, 1.0, 0, 2.0])
+    (_, once), x = step_of(rig("xzt", shape)), np.array([0, 0.15, 0.3, 1.0, 0, 2.0])
     monkeypatch.setattr(space_machine, "_distinct", lambda *_: list(range(8)))
     system, twice = step_of(rig("xzt", shape))
     assert system.nlam == 8 * 4
     y = x
-    for _ in range(40):
+    for _ in range(15):
         x, y = (np.array(step.solve(at, [], [])[0]).ravel() for step, at in ((once, x), (twice, y)))
         np.testing.assert_allclose(x, y, atol=1e-6)
+    assert twice.solve(y, [], [])[1].full().max() > 0.01
     assert 0.1 - 1e-6 < x[1] < 0.1 * 2**0.5 + 1e-6  # on a face, or about a corner
 
 
@@ -116,7 +117,6 @@ def biped(folder: Path, axis: str, aside: str = "0 0.1 0", hip: str = "") -> Pat
     [
         ("0 1 0", "0 0.1 0", (1, 0, 0)),
         ("-1 0 0", "0.1 0 0", (0, 1, 0)),
-        ("0 -1 0", "0 0.1 0", (1, 0, 0)),
     ],
 )
 def test_a_urdf_stays_in_the_plane_of_its_joints(
