@@ -9,6 +9,8 @@ from rich.table import Table
 
 from reports.console import number, table_of
 
+MOST_ROWS = 300
+"""Contacts that are printed, at most."""
 _UNITS = {"slide": "m", "hinge": "rad"}
 
 
@@ -39,11 +41,11 @@ def tables(content: Mapping[str, Any]) -> Iterator[tuple[str, Table]]:
                 rows=list(map(_motor, content["motors"])),
             ),
         )
-    if content["contacts"]:
+    if contacts := content["contacts"]:
         yield "Contacts", table_of(
             "contact", ">friction", ">distance at home [m]",
             rows=[(one["name"], number(one["friction"]), number(one["distance"]))
-                  for one in content["contacts"]],
+                  for one in contacts[:MOST_ROWS]],
         )  # fmt: skip
 
 
@@ -57,6 +59,8 @@ def _motor(motor: Mapping[str, Any]) -> tuple[str, ...]:
 
 def lines(content: Mapping[str, Any]) -> Iterator[str]:
     """Home, and what of the file is not used."""
+    if more := len(content["contacts"][MOST_ROWS:]):
+        yield f"{more} more contacts: --json lists all."
     home = ", ".join(f"{one['name']} {number(one['home'])}" for one in content["coordinates"])
     yield f"Home: {home}."
     yield from content["notes"]

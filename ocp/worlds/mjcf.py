@@ -37,7 +37,8 @@ def mjcf(built: Mechanism, number: _Number, friction: Mapping[str, float]) -> Mj
     mass that only carries another one is left out, and that one has the joints of both. Only what
     may touch here is a pair there, and parts that meet nothing are left out.
 
-    Raises :class:`~ocp.errors.InputError` for a shape that MuJoCo has not.
+    Raises :class:`~ocp.errors.InputError` for a shape that MuJoCo has not, and for couplings, which
+    it softens.
     """
 
     def row(value: Any) -> str:
@@ -50,6 +51,10 @@ def mjcf(built: Mechanism, number: _Number, friction: Mapping[str, float]) -> Mj
         return SubElement(above, tag, words)
 
     machine = built.machine
+    if getattr(machine, "couplings", ()):
+        raise InputError(
+            "the machine has joints that follow others, which MuJoCo binds softly; try it here"
+        )
     flat = isinstance(machine, Machine)
     owners: tuple[Any, ...] = machine.links if flat else machine.bodies
     gravity = _deep(machine.chain().gravity if flat else machine.gravity)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -33,13 +33,17 @@ class Pose:
 
 @dataclass(frozen=True)
 class Drive:
-    """An actuator's name and the range of its input; ``gear``, or ``servo``, and ``damping``."""
+    """An actuator's name and the range of its input; ``gear``, or ``servo``, and ``damping``.
+
+    ``damper`` names a velocity servo whose damping it has too, and whose input is 0.
+    """
 
     name: str
     range: tuple[float, float]
     gear: float | None = None
     servo: float | None = None
     damping: float = 0.0
+    damper: str = ""
 
 
 def exact(values: Sequence[float] | np.ndarray, size: float = 1.0) -> Any:
@@ -95,12 +99,14 @@ def _jointed(model: Any, j: int, name: str, pose: Pose, drive: Drive | None) -> 
     back, slid = Rotation.from_rotvec(-q0 * axis), 0.0
     if kind == "slide":
         back, slid = Rotation.identity(), q0 * axis
-    low, high = model.jnt_range[j].tolist()
+    low, high = model.jnt_range[j].tolist() if model.jnt_limited[j] else (-np.inf, np.inf)
+    if np.isfinite(low) != np.isfinite(high):
+        raise ValueError(f"joint {model.joint(j).name!r} has one infinite limit; give a number")
     body = replace(
         body, place=exact(anchor - slid), axis=exact(axis), armature=float(model.dof_armature[dof]),
         spring=float(model.jnt_stiffness[j]),
         rest=float(model.qpos_spring[at]) if model.jnt_stiffness[j] else 0.0,
-        limits=(low, high) if model.jnt_limited[j] else None,
+        limits=(low, high) if np.isfinite(low) else None,
         gear=drive and drive.gear, servo=drive and drive.servo,
     )  # fmt: skip
     return body, Pose(name, back.apply(pose.place - anchor), back * pose.turn)
@@ -122,24 +128,33 @@ def _inertia(model: Any, body: int, poses: Sequence[Pose]) -> dict[str, Any]:
     return {"mass": total, "inertia": exact(six, float(np.trace(inertia))), "com": exact(centre)}
 
 
-def drives_of(model: Any) -> dict[int, Drive]:
-    """Motors and servos by joint; of a file without any those of joints whose torque is bounded.
+def drives_of(model: Any, followers: Container[int] = ()) -> dict[int, Drive]:
+    """Return motors and servos by joint; a velocity servo beside a position servo only damps.
 
-    Raises ``ValueError`` for a joint with two.
+    In a file without any, joints whose torque is bounded have motors, but for ``followers``.
+    Raises ``ValueError`` for a joint with two others.
     """
-    found: dict[int, Drive] = {}
+    drives: dict[int, Drive] = {}
     for k in range(model.nu):
         joint = int(model.actuator_trnid[k][0])
-        if (drive := drive_of(model, k)) is not None:
-            if joint in found:
-                raise ValueError(f"joint {model.joint(joint).name!r} has two motors; give it one")
-            found[joint] = drive
+        if (drive := drive_of(model, k)) is None:
+            continue
+        if joint in drives:
+            servo, damper = sorted((drives[joint], drive), key=lambda d: d.servo is None)
+            if servo.servo is None or damper.servo is not None or not damper.damping:
+                name = model.joint(joint).name
+                raise ValueError(
+                    f"joint {name!r} has two motors, {drives[joint].name} and {drive.name}; give it"
+                    " one"
+                )
+            drive = replace(servo, damping=servo.damping + damper.damping, damper=damper.name)
+        drives[joint] = drive
     if model.nu == 0:
         for joint in np.flatnonzero(model.jnt_actfrclimited).tolist():
             most = float(model.jnt_actfrcrange[joint][1])
-            if most > 0:
-                found[joint] = Drive(model.joint(joint).name, (-1.0, 1.0), gear=most)
-    return dict(sorted(found.items()))
+            if most > 0 and joint not in followers:
+                drives[joint] = Drive(model.joint(joint).name, (-1.0, 1.0), gear=most)
+    return dict(sorted(drives.items()))
 
 
 def drive_of(model: Any, k: int) -> Drive | None:
@@ -149,6 +164,7 @@ def drive_of(model: Any, k: int) -> Drive | None:
     """
     joint, bias = int(model.actuator_trnid[k][0]), int(model.actuator_biastype[k])
     odd = model.actuator_gaintype[k] or model.actuator_dyntype[k] or bias > 1
+    # Other transmissions have numbers of tendons, sites or bodies in the joint's place.
     if odd or model.actuator_trntype[k] > 1 or JOINTS[model.jnt_type[joint]] in ("free", "ball"):
         return None
     gain, gear = float(model.actuator_gainprm[k][0]), float(model.actuator_gear[k][0])

@@ -25,11 +25,15 @@ from dynamics.systems.space import (
     SpatialPart,
     Sphere,
 )  # fmt: skip
+from dynamics.systems.space.contact import between
+from dynamics.systems.space.machine import body_places, distinct_points, name_contacts
 from problems.robots.bodies import Pose, exact
-from problems.robots.reach import apart
+from problems.robots.reach import apart, joints_above
 
 MOST_CORNERS = 32
 """Corners that are kept of a mesh, at most."""
+MOST_PAIRS = 10_000
+"""Pairs of geoms that may touch, at most."""
 _NAMED = 3
 """Pairs that are named where many are left out."""
 _NO_CONTACT, _PARENTS_MEET = 1 << 4, 1 << 10
@@ -40,11 +44,13 @@ _NO_CONTACT, _PARENTS_MEET = 1 << 4, 1 << 10
 class Touching:
     """A machine, Coulomb's coefficient of each of its contacts by name, and what touches nothing.
 
+    ``distances`` maps q (nq, 1) to the signed distance of every contact (nc, 1) [m].
     ``grounds`` are numbers of contacts with level ground, ``geoms`` those of the file that may
     touch anything.
     """
 
     machine: SpatialMachine
+    distances: ca.Function
     friction: dict[str, float]
     grounds: list[int]
     geoms: list[int]
@@ -57,12 +63,19 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[Pose]) -> Touc
     Raises ``ValueError`` for contacts of one name.
     """
     pairs, ignored, data = pairs_of(model), list[str](), import_module("mujoco").MjData(model)
+    if len(pairs) > MOST_PAIRS:
+        raise ValueError(
+            f"{len(pairs)} pairs of geoms may touch; at most {MOST_PAIRS} are read; let fewer do so"
+            " by contype, conaffinity and exclude"
+        )
     geoms = sorted({g for pair in pairs for g in pair})
     found = _parts(model, poses, geoms, ignored)
     machine = replace(machine, parts=tuple(found.values()))
     tree, left = machine.tree(), defaultdict[str, list[str]](list)
     q = ca.SX.sym("q", tree.nq)
+    above, places = joints_above(model), body_places(tree, q)
     friction, grounds, meetings = dict[str, float](), list[int](), list[tuple[str, str]]()
+    phis = [ca.SX(0, 1)]
     for (a, b), coefficient in pairs.items():
         if a not in found or b not in found:
             continue
@@ -70,26 +83,31 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[Pose]) -> Touc
         one, other = (found[g] for g in ((b, a) if found[a].body == WORLD else (a, b)))
         pair = one.name, other.name
         try:
-            near = replace(machine, meetings=(pair,)).contacts(tree, q)
+            points = between(one.shape, places[one.body], other.shape, places[other.body])
         except ValueError as error:
             left[str(error)].append(" and ".join(pair))
             continue
+        points = [points[k] for k in distinct_points(tree, q, one, other, len(points))]
+        near = name_contacts(*pair, points)
         if twice := friction.keys() & near.keys():
             raise ValueError(f"two contacts are called {min(twice)!r}; give the geoms other names")
         if not any(ca.depends_on(contact.phi, q) for contact in near.values()):
             left["no joint moves them"].append(" and ".join(pair))
-        elif apart(model, data, a, b):
+        elif apart(model, data, above, a, b):
             left["they can never meet within the joints' limits"].append(" and ".join(pair))
         else:
             if isinstance(other.shape, Plane) and other.shape.normal[2] == 1:
                 grounds += range(len(friction), len(friction) + len(near))
             friction |= dict.fromkeys(near, coefficient)
             meetings.append(pair)
+            phis += [contact.phi for contact in points]
     for why, own in left.items():
         more = f" and {len(own) - _NAMED} more" if len(own) > _NAMED else ""
         many = "" if len(own) == 1 else "s"
         ignored.append(f"{len(own)} pair{many} of geoms, {', '.join(own[:_NAMED])}{more}: {why}")
-    return Touching(replace(machine, meetings=tuple(meetings)), friction, grounds, geoms, ignored)
+    machine = replace(machine, meetings=tuple(meetings))
+    distances = ca.Function("distances", [q], [ca.densify(ca.vertcat(*phis))])
+    return Touching(machine, distances, friction, grounds, geoms, ignored)
 
 
 def _parts(
@@ -161,6 +179,12 @@ def pairs_of(model: Any) -> dict[tuple[int, int], float]:
         return {}
     found: dict[tuple[int, int], float] = {}
     for k in range(model.npair):
+        first, second = model.pair_friction[k][:2]
+        if first != second and model.pair_dim[k] > 1:
+            raise ValueError(
+                f"contact pair {model.pair(k).name or k + 1!r} has the friction {first:g} and"
+                f" {second:g}; friction here is the same in all directions, so give one number"
+            )
         a, b = sorted((int(model.pair_geom1[k]), int(model.pair_geom2[k])))
         found[a, b] = float(model.pair_friction[k][0]) if model.pair_dim[k] > 1 else 0.0
     excluded = {frozenset(divmod(int(code), 1 << 16)) for code in model.exclude_signature}

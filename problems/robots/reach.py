@@ -15,16 +15,18 @@ _PARALLEL = 1e-9
 """How far parallel axes may be off, and lengths compared with others, relative."""
 
 
-def apart(model: Any, data: Any, one: int, other: int) -> bool:
-    """Whether two geoms can never meet; False where that is not known. ``data`` is overwritten.
+def apart(model: Any, data: Any, above: list[list[int]], one: int, other: int) -> bool:
+    """Whether two geoms can never meet; False where that is not known.
 
+    ``above`` has the joints that move each body; ``data`` is overwritten.
     The ranges of the joints between them are cut into pieces. They never meet if they are further
     apart in the middle of every piece than the joints can move them within it, or if they move in
     parallel planes, beside each other.
     """
     mujoco, geoms = import_module("mujoco"), (one, other)
-    ways = [_above(model, int(model.geom_bodyid[g])) for g in geoms]
-    ways = [[j for j in way if j not in ways[0] or j not in ways[1]] for way in ways]
+    ways = [above[model.geom_bodyid[g]] for g in geoms]
+    shared = set(ways[0]) & set(ways[1])
+    ways = [[j for j in way if j not in shared] for way in ways]
     joints = [j for way in ways for j in way]
     if _beside(model, data, joints, geoms):
         return True
@@ -69,10 +71,13 @@ def _beside(model: Any, data: Any, joints: list[int], geoms: tuple[int, int]) ->
     return max(turned, slid) < _PARALLEL and gap > _PARALLEL * (sum(halves) + abs(middles[0]))
 
 
-def _above(model: Any, body: int) -> list[int]:
-    """The joints that move a body, its own first."""
-    own = np.flatnonzero(model.jnt_bodyid == body)[::-1].tolist()
-    return own + _above(model, int(model.body_parentid[body])) if body else own
+def joints_above(model: Any) -> list[list[int]]:
+    """Return the joints that move each body, its own first."""
+    moving: list[list[int]] = [[]]
+    for body in range(1, model.nbody):
+        own = np.flatnonzero(model.jnt_bodyid == body)[::-1].tolist()
+        moving.append(own + moving[model.body_parentid[body]])
+    return moving
 
 
 def _range(model: Any, j: int) -> tuple[float, float]:

@@ -10,24 +10,26 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import fromstring
 
+import casadi as ca
 import numpy as np
 
-from dynamics.systems.space import SpatialMachine
+from dynamics.systems.space import Coupling, SpatialMachine
 from dynamics.systems.space.body import POSITIONS
 from ocp.errors import InputError
 from ocp.validation import expand_path
 from problems.machines.perspective import Camera
 from problems.robots.bodies import JOINTS, bodies, drives_of
+from problems.robots.couplings import equations
+from problems.robots.elements import listed
 from problems.robots.geoms import MOST_CORNERS, touching
 from problems.robots.inertias import check_inertias
 from problems.robots.leftovers import leftovers
 from problems.robots.robot import Robot
-from problems.robots.source import listed, read_source
+from problems.robots.source import Source, read_source
 
-MOST_JOINTS = 100
 _SLIDE = 2
 """MuJoCo's number of a slide; hinges have the next."""
-_FINITE = ("body_mass", "body_inertia", "body_ipos", "geom_size", "jnt_range", "dof_armature")
+_FINITE = ("body_mass", "body_inertia", "body_ipos", "geom_size", "dof_armature")
 _NOT_FREE = (
     "nothing to set free: an MJCF file says itself what floats (<freejoint/>), and of a URDF it is"
     " the one link that stands fixed in the world"
@@ -37,13 +39,19 @@ _TILT = 1e-5
 """How far an axis may be off the plane of a planar robot, or for a camera from its side."""
 
 
-def load(path: str | Path, *, floating: bool = False, planar: bool = False) -> Robot:
+def load(
+    path: str | Path,
+    *,
+    floating: bool = False,
+    planar: bool = False,
+    folder: str | Path | None = None,
+) -> Robot:
     """Read a robot from a URDF or MJCF file, all of whose numbers are in SI units.
 
     Bodies without joints become part of their parent. A URDF stands over the ground z = 0, and each
     of its joints with an ``effort`` has a motor whose unit is that; its root is fixed to the world
     unless it is ``floating``, or ``planar``: free in the vertical plane in which its joints move
-    it. Nothing outside the file's folder is opened.
+    it. Nothing outside ``folder`` is opened, by default the file's own.
 
     Raises :class:`~ocp.errors.InputError` where MuJoCo is not installed, the file is no robot, or
     has what :class:`~dynamics.systems.space.Body` cannot express.
@@ -55,7 +63,7 @@ def load(path: str | Path, *, floating: bool = False, planar: bool = False) -> R
         raise InputError(
             "reading robot files needs the package mujoco; install 'centralpath[robots]'"
         ) from None
-    source = read_source(file)
+    source = read_source(file, None if folder is None else expand_path(folder))
     warn = mujoco.get_mju_user_warning()
     # Its own handler writes a file into the current folder.
     mujoco.set_mju_user_warning(lambda message: None)
@@ -68,9 +76,10 @@ def load(path: str | Path, *, floating: bool = False, planar: bool = False) -> R
                 raise InputError("floating and planar are two ways to free a root; give one")
             if (floating or planar) and not rooted:
                 raise InputError(f"{file}: {_NOT_FREE}")
-            if floating:
+            still = rooted and not spec.joints and not (floating or planar)
+            if floating or still:
                 roots[0].add_freejoint(name=f"{roots[0].name} floats")
-            estimated = _complete(spec, urdf=source.urdf)
+            estimated = _complete(spec, source)
             model = spec.compile()
             if planar:
                 _free_in_plane(roots[0], _plane_axis(model))
@@ -82,32 +91,36 @@ def load(path: str | Path, *, floating: bool = False, planar: bool = False) -> R
     try:
         _check(model)
         check_inertias(model, spec, fromstring(source.text) if source.urdf else None)
-        note = (
-            ["The root is fixed; --floating makes it free."]
-            if rooted and not (floating or planar)
-            else []
-        )
+        fixed = "The root is fixed; --floating makes it free."
+        notes = ["Without a joint its root is free."] if still else [fixed]
+        notes = notes if rooted and not (floating or planar) else []
         if estimated:
-            note.append(f"{listed('link', estimated)} moves without <inertial>: {_WATER}.")
-        return _robot(file, model, source.ignored, note)
+            notes.append(f"{listed('link', estimated)} moves without <inertial>: {_WATER}.")
+        return _robot(file, model, source, notes)
     except ValueError as error:
         raise InputError(f"{file}: {error}") from error
 
 
-def _complete(spec: Any, *, urdf: bool) -> list[str]:
-    """Give a URDF its ground, everything a name, and meshes hulls of few corners.
+def _complete(spec: Any, source: Source) -> list[str]:
+    """Give a URDF ground and friction, everything a name, and meshes hulls of few corners.
 
     Links of a URDF without <inertial> have no mass, but where their own joint moves them; return
     the names of those, whose mass is that of their shapes.
     """
     spec.compiler.fusestatic = False
-    estimated = [body for body in spec.bodies[1:] if urdf and not body.explicitinertial]
+    estimated = [body for body in spec.bodies[1:] if source.urdf and not body.explicitinertial]
     for body in estimated:
         for geom in body.geoms if not body.joints else ():
             geom.density = 0.0
-    if urdf:
+    if source.urdf:
         plane = import_module("mujoco").mjtGeom.mjGEOM_PLANE
         spec.worldbody.add_geom(name="ground", type=plane, size=[0, 0, 1])
+    # Of two geoms the one of higher priority decides: here a stated friction, and the smaller.
+    ranked = sorted(source.friction.items(), key=lambda item: -item[1])
+    for priority, (link, friction) in enumerate(ranked, 1):
+        body = spec.body(link)
+        for geom in body.geoms if body else ():
+            geom.friction[0], geom.priority = friction, priority
     for mesh in spec.meshes:
         # Where the hull is what has mass it must stay whole.
         if mesh.inertia != import_module("mujoco").mjtMeshInertia.mjMESH_INERTIA_CONVEX:
@@ -165,12 +178,7 @@ def _name(elements: Iterable[tuple[Any, str]]) -> None:
 
 
 def _check(model: Any) -> None:
-    """Raise ``ValueError`` for what does not move, is too large, or overflows."""
-    if model.njnt > MOST_JOINTS:
-        raise ValueError(
-            f"{model.njnt} joints; at most {MOST_JOINTS} are read, as the equations of motion of"
-            " more take minutes to build"
-        )
+    """Raise ``ValueError`` for what does not move, or overflows."""
     if model.njnt == 0:
         raise ValueError("no joint, so nothing moves; expected a robot")
     for name in _FINITE:
@@ -187,14 +195,23 @@ def _reason(message: str) -> str:
     return f"not a robot that compiles: {text}{where}"
 
 
-def _robot(file: Path, model: Any, ignored: list[str], notes: list[str]) -> Robot:
-    drives, off = drives_of(model), import_module("mujoco").mjtDisableBit.mjDSBL_GRAVITY
+def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
+    coupled = equations(model, source.mimics)
+    followers = {next(iter(coefficients)) for coefficients, _ in coupled}
+    drives, off = drives_of(model, followers), import_module("mujoco").mjtDisableBit.mjDSBL_GRAVITY
     tree, poses = bodies(model, drives)
     gx, gy, gz = [0.0] * 3 if model.opt.disableflags & off else model.opt.gravity.tolist()
-    found = touching(model, SpatialMachine(tree, gravity=(gx, gy, gz)), poses)
+    couplings = tuple(Coupling({tree[j].name: factor for j, factor in coefficients.items()}, value)
+                      for coefficients, value in coupled)  # fmt: skip
+    machine = SpatialMachine(tree, gravity=(gx, gy, gz), couplings=couplings)
+    ties = machine.coupled()
+    notes += map(_equation, couplings)
+    found = touching(model, machine, poses)
     damped = [drive.name for drive in drives.values() if drive.damping]
     if damped:
         notes.append(f"The kv of {listed('actuator', damped)} is part of the damping.")
+    notes += [f"The input of actuator {drive.damper} is 0: its kv is part of the damping."
+              for drive in drives.values() if drive.damper]  # fmt: skip
     keys = {model.key(k).name: k for k in range(model.nkey)}
     home = np.array(model.key_qpos[keys["home"]] if "home" in keys else model.qpos0)
     past = []
@@ -205,13 +222,22 @@ def _robot(file: Path, model: Any, ignored: list[str], notes: list[str]) -> Robo
             past.append(model.joint(j).name or f"joint {j + 1}")
     if past:
         notes.append(f"Home is past the limits of {listed('joint', past)} and starts at them.")
+    if ties:
+        home = np.array(ca.evalf(ties.close(machine.tree(), ca.SX(home)))).ravel()
     joints = [model.joint(j).name for j, kind in enumerate(model.jnt_type)
               for _ in range(POSITIONS[JOINTS[kind]])]  # fmt: skip
     return Robot(
-        file, found.machine, tuple(joints), tuple(drives.values()), home, found.friction,
-        tuple(found.grounds), _camera(model, home),
-        (*ignored, *found.ignored, *leftovers(model, found.geoms)), tuple(notes),
+        file, found.machine, found.distances, tuple(joints), tuple(drives.values()), home,
+        found.friction, tuple(found.grounds), _camera(model, home),
+        (*source.ignored, *found.ignored, *leftovers(model, found.geoms)), tuple(notes),
     )  # fmt: skip
+
+
+def _equation(coupling: Coupling) -> str:
+    """Write a coupling for people."""
+    (first, unit), *others = coupling.coefficients.items()
+    terms = [f"{-factor / unit:g} {name}" for name, factor in others]
+    return f"Joint {first} follows: {first} = {' + '.join([*terms, f'{coupling.value / unit:g}'])}."
 
 
 def _camera(model: Any, home: np.ndarray) -> Camera:

@@ -22,6 +22,7 @@ from problems.robots.bodies import Drive
 class Robot:
     """A robot of a file: its ``machine``, whose q is MuJoCo's qpos and v its qvel, and the rest.
 
+    ``distances`` maps q (nq, 1) to the signed distance of every contact (nc, 1) [m].
     ``joints`` names the file's joint of every entry of q, and ``drives`` the motors and servos in
     the order of inputs. ``home`` (nq,) is q of the file's keyframe ``home``, without one of its
     joints at their references. ``friction`` has Coulomb's coefficient of every contact by name, in
@@ -32,6 +33,7 @@ class Robot:
 
     path: Path
     machine: SpatialMachine
+    distances: ca.Function
     joints: tuple[str, ...]
     drives: tuple[Drive, ...]
     home: np.ndarray
@@ -61,14 +63,6 @@ class Robot:
         """Whether the root moves freely along z and along x or y."""
         return "z" in self._ways and len(self._ways) > 1
 
-    @cached_property
-    def distances(self) -> ca.Function:
-        """Map q (nq, 1) to the signed distance of every contact (nc, 1) [m]."""
-        tree = self.machine.tree()
-        q = ca.SX.sym("q", tree.nq)
-        found = [contact.phi for contact in self.machine.contacts(tree, q).values()]
-        return ca.Function("distances", [q], [ca.densify(ca.vertcat(ca.SX(0, 1), *found))])
-
     def standing(self) -> np.ndarray:
         """Home (nq,), lifted or lowered to where a floating robot first touches the ground [m]."""
         pose = self.home.copy()
@@ -92,7 +86,8 @@ class Robot:
                 low, high = body.limits or (-np.inf, np.inf)
                 at = tree.q_of[body.name]
                 goal[at] = ca.fmin(ca.fmax(goal[at] + way, low), high)
-        return goal
+        ties = self.machine.coupled()
+        return ties.close(tree, goal) if ties else goal
 
     def held(self, pose: np.ndarray) -> np.ndarray:
         """Inputs (nu,) that ask for a pose: its positions of servos, and 0 of motors."""

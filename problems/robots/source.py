@@ -4,32 +4,28 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
-
-import numpy as np
+from xml.parsers import expat
 
 from ocp.errors import InputError, abbreviated
+from problems.robots.elements import listed, unread
+from problems.robots.urdf import Mimic, children, clean, declare_world, take_friction, take_mimics
 
-_LARGEST = 5_000_000
-_DEEPEST = 100
-_REFUSED = {
-    "attach", "composite", "deformable", "extension", "flex", "flexcomp", "include", "mimic",
-    "model", "plugin", "replicate", "skin",
-}  # fmt: skip
-_SEEN_ONLY = {"camera", "custom", "light", "material", "size", "statistic", "texture", "visual"}
-"""What changes a picture, or memory, alone."""
-_ASIDE = {"sensor": "nothing is measured here", "transmission": "each joint has its own motor",
-          "gazebo": "no part of the motion"}  # fmt: skip
-_NAMES = {"name", "class", "childclass"}
-_TAKEN = {"gravity", "contact", "filterparent"}
-_FOLDERS = ("texturedir", "assetdir", "meshdir")
-_MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-_DUMMY, _SINGULAR = 1e-3, 1e-9
-"""Mass of links that only have one because a program wants it [kg]; a share of an inertia."""
+_LARGEST, _DEEPEST, _LONGEST = 2_000_000, 100, 200
+"""Size of a file with all that it includes [bytes], levels of elements, attributes of one."""
+MOST_JOINTS, MOST_GEOMS = 100, 1000
+_HUGE = 1e50
+"""Largest number; products of several of it stay finite."""
+_NAMES = {"name", "class", "childclass", "model", "text", "data"}
+_BOUNDS = {"lower", "upper", "effort", "velocity"}
+_RANGES = _BOUNDS | {"range", "ctrlrange", "forcerange", "actuatorfrcrange"}
+"""Attributes that may be infinite."""
+_OWNERS = {"body", "worldbody", "frame"}
+"""Elements of MJCF whose joints and geoms are those of the robot."""
+_FOLDERS = ("assetdir", "meshdir", "texturedir")
 _MESHES = {".stl", ".obj", ".msh"}
 """Endings of the meshes that MuJoCo reads."""
 
@@ -42,168 +38,205 @@ class Source:
     urdf: bool
     assets: dict[str, bytes]
     ignored: list[str]
+    friction: dict[str, float]
+    mimics: list[Mimic]
 
 
-def read_source(file: Path) -> Source:
-    """Read a URDF or MJCF file with all that it includes from its own folder.
+def read_source(file: Path, folder: Path | None = None) -> Source:
+    """Read a URDF or MJCF file with all that it includes from its ``folder``, by default its own.
+
+    ``friction`` has Coulomb's coefficients of a URDF's links that state one.
 
     Raises :class:`~ocp.errors.InputError` for what is no such file, for a name of a file outside
-    the folder, and for elements that are not read.
+    the folder, for more than 100 joints or 1000 geoms, and for elements that are not read and
+    without which the robot would be another.
     """
-    root = _parsed(file, file)
+    root, size = _parsed(file, 0)
+    kind = root.tag.rpartition(":")[2]
     if any("xacro" in element.tag for element in root.iter()):
         raise InputError(
             f"{file}: xacro is not read; write the URDF that it stands for, and read that"
         )
-    if root.tag not in ("mujoco", "robot"):
-        kind = root.tag.rpartition("}")[2]
+    if kind == "sdf":
         raise InputError(
-            f"{file}: <{kind}> is neither a URDF (<robot>) nor an MJCF (<mujoco>) file"
+            f"{file}: SDF, the language of Gazebo, is not read; convert it to URDF, for instance"
+            " with UrdfExporter of the Python package rod, and read that"
         )
-    urdf, ignored, seen = root.tag == "robot", list[str](), {file.resolve()}
+    if kind not in ("mujoco", "robot"):
+        part = "; give the file that includes it" if kind == "mujocoinclude" else ""
+        raise InputError(
+            f"{file}: <{kind}> is neither a URDF (<robot>) nor an MJCF (<mujoco>) file{part}"
+        )
+    place = Place(file, (folder or file.parent).resolve())
+    urdf, seen = root.tag == "robot", {file.resolve()}
     # Step by step, as what is included may include more.
-    while not urdf and (found := next(_children(root, {"include"}), None)):
-        parent, child = found
+    while not urdf and (pair := next(children(root, {"include"}), None)):
+        parent, child = pair
         name = child.get("file", "")
-        part = _inside(file, name, "include", there=True)
+        part = place.find(name, "include")
         if part in seen:
             raise InputError(f"{file}: {name} is included twice; include it once")
         seen.add(part)
-        place = list(parent).index(child)
-        parent[place : place + 1] = list(_parsed(part, file))
-    for tag, why in _ASIDE.items():
-        gone = _without(root, {tag})
-        own = gone if urdf else [one for group in gone for one in group]
-        if own:
-            ignored.append(f"{listed(tag, [one.get('name', one.tag) for one in own])}: {why}")
-    _check(root, file)
-    _without(root, _SEEN_ONLY)
-    (_strip_urdf if urdf else _strip_mjcf)(root, ignored)
-    assets = _take_meshes(root, file, ignored)
-    return Source(ElementTree.tostring(root, encoding="unicode"), urdf, assets, ignored)
+        index = list(parent).index(child)
+        inner, size = _parsed(part, size)
+        parent[index : index + 1] = list(inner)
+    _check_size(root, file)
+    if urdf:
+        declare_world(root)
+    ignored = list[str]()
+    friction = take_friction(root, file, ignored) if urdf else {}
+    try:
+        ignored += unread(root, urdf=urdf)
+    except ValueError as error:
+        raise InputError(f"{file}: {error}") from None
+    _check(root, place)
+    mimics = [] if not urdf else take_mimics(root, file)
+    if urdf:
+        ignored += clean(root)
+    else:
+        _strip_mjcf(root)
+    assets = _take_meshes(root, place, ignored)
+    text = ElementTree.tostring(root, encoding="unicode")
+    return Source(text, urdf, assets, ignored, friction, mimics)
 
 
-def listed(what: str, names: list[str]) -> str:
-    """``what`` in the plural where there are several, and the names: ``"sensors a, b"``."""
-    many = "" if len(names) == 1 else "s"
-    return f"{what.replace('body', 'bodie') if many else what}{many} {', '.join(names)}"
-
-
-def _parsed(file: Path, main: Path) -> Element:
+def _parsed(file: Path, size: int) -> tuple[Element, int]:
+    """Return a file's root, and ``size`` of the files before it with its own [bytes]."""
     if not file.is_file():
         kind = "is not a regular file" if file.exists() else "there is no such file"
         raise InputError(f"{file}: {kind}; expected a robot as URDF or MJCF")
-    if file.stat().st_size > _LARGEST:
+    if (size := size + file.stat().st_size) > _LARGEST:
         raise InputError(f"{file}: larger than {_LARGEST // 1_000_000} MB; expected a robot")
     try:
         text = file.read_bytes().decode("utf-8-sig")
         if re.search(r"<!(DOCTYPE|ENTITY)", text, re.IGNORECASE):
             raise InputError(f"{file}: declares a document type, which is not read; leave it out")
-        return ElementTree.fromstring(text)
+        return _tree(re.sub(r"<\?xml.*?\?>", "", text, count=1, flags=re.DOTALL)), size
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError:
         raise InputError(f"{file}: is not a text in UTF-8; expected URDF or MJCF") from None
-    except ElementTree.ParseError as error:
+    except expat.ExpatError as error:
         raise InputError(f"{file}: is no XML: {error}; expected URDF or MJCF") from None
 
 
-def _inside(main: Path, name: str, tag: str, *, there: bool = False) -> Path:
-    """The file ``name`` in the folder of ``main``, which no links lead out of."""
-    folder = main.parent.resolve()
-    found = (folder / name).resolve()
-    where = f"{main}: file {abbreviated(name)} of <{tag}>"
-    if not found.is_relative_to(folder):
-        raise InputError(f"{where} leads out of the robot's folder; name files inside of it")
-    if there and not _there(found):
-        raise InputError(f"{where} is not in its folder")
-    return found
+def _tree(text: str) -> Element:
+    """Parse XML; prefixes of names stay as they are, declared or not."""
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
+    parser.Parse(text.encode(), True)
+    return builder.close()
 
 
-def _check(root: Element, main: Path) -> None:
-    """Refuse what is not read, files out of the folder, and numbers that are not finite."""
+@dataclass(frozen=True)
+class Place:
+    """A robot's ``file``, and the ``folder`` out of which nothing is opened."""
+
+    file: Path
+    folder: Path
+
+    def resolve(self, name: str, tag: str) -> Path:
+        """Return where a file that is named beside the robot's lies; no links lead out.
+
+        Raises :class:`~ocp.errors.InputError` for one outside the folder.
+        """
+        path = (self.file.parent.resolve() / name).resolve()
+        if not path.is_relative_to(self.folder):
+            raise InputError(
+                f"{self.file}: file {abbreviated(name)} of <{tag}> leads out of the robot's folder;"
+                " name one that holds both with --folder DIR"
+            )
+        return path
+
+    def existing(self, name: str) -> Path | None:
+        """Return where a file lies, None without one in the folder."""
+        try:
+            path = self.resolve(name, "mesh")
+        except InputError:
+            return None
+        return path if _there(path) else None
+
+    def find(self, name: str, tag: str) -> Path:
+        """Return where a file lies; raise :class:`~ocp.errors.InputError` if it does not exist."""
+        path = self.resolve(name, tag)
+        if not _there(path):
+            raise InputError(
+                f"{self.file}: file {abbreviated(name)} of <{tag}> is not in its folder"
+            )
+        return path
+
+
+def _check_size(root: Element, file: Path) -> None:
+    """Refuse more joints, geoms, levels or attributes than are read, before any work."""
     level, depth = [root], 0
     while level:
         level, depth = [child for element in level for child in element], depth + 1
         if depth > _DEEPEST:
-            raise InputError(f"{main}: elements are nested deeper than {_DEEPEST} levels")
+            raise InputError(f"{file}: elements are nested deeper than {_DEEPEST} levels")
+    if root.tag == "robot":
+        joints = sum(joint.get("type") != "fixed" for joint in root.iterfind("joint"))
+        geoms = sum(1 for _ in root.iter("collision"))
+    else:
+        owners = [element for element in root.iter() if element.tag in _OWNERS]
+        owned = [child.tag for owner in owners for child in owner]
+        joints, geoms = owned.count("joint") + owned.count("freejoint"), owned.count("geom")
+    if joints > MOST_JOINTS:
+        raise InputError(
+            f"{file}: {joints} joints; at most {MOST_JOINTS} are read, as the equations of motion"
+            " of more take minutes to build"
+        )
+    if geoms > MOST_GEOMS:
+        raise InputError(f"{file}: {geoms} geoms; at most {MOST_GEOMS} are read; merge some")
+    longest = max(root.iter(), key=lambda element: len(element.attrib))
+    if (count := len(longest.attrib)) > _LONGEST:
+        raise InputError(f"{file}: <{longest.tag}> has {count} attributes; expected a robot")
+
+
+def _check(root: Element, place: Place) -> None:
+    """Refuse files out of the folder, and numbers that no robot has."""
     for element in root.iter():
-        if element.tag in _REFUSED:
-            raise InputError(f"{main}: <{element.tag}> is not read; write the robot without it")
         for name, value in element.attrib.items():
-            if name.startswith("file") or name in _FOLDERS:
-                _inside(main, value.removeprefix("package://"), element.tag)
-            elif name not in _NAMES and any(map(_is_wild, value.split())):
+            if name == "file" or name in _FOLDERS[:2]:
+                place.resolve(value, element.tag)
+            elif name not in _NAMES and (wrong := _out_of_range(name, value)):
                 raise InputError(
-                    f"{main}: {name}={abbreviated(value)} of <{element.tag}> is not finite; give"
-                    " finite numbers"
+                    f"{place.file}: {name}={abbreviated(value)} of <{element.tag}> {wrong}"
                 )
 
 
-def _is_wild(word: str) -> bool:
-    try:
-        return not math.isfinite(float(word))
-    except ValueError:
-        return False
+def _out_of_range(name: str, value: str) -> str:
+    """What is wrong with the numbers of an attribute, "" where nothing is."""
+    for word in value.split():
+        try:
+            number = float(word)
+        except ValueError:
+            continue
+        if math.isinf(number) and name in _RANGES:
+            continue
+        if not math.isfinite(number):
+            return "is not finite; give finite numbers"
+        if abs(number) > _HUGE:
+            return f"is too large to compute with; give numbers below {_HUGE:g}"
+    return ""
 
 
-def _children(root: Element, tags: set[str]) -> Iterator[tuple[Element, Element]]:
-    """Elements of some ``tags``, each behind its parent."""
-    return ((parent, child) for parent in root.iter() for child in parent if child.tag in tags)
-
-
-def _without(root: Element, tags: set[str]) -> list[Element]:
-    """Remove all elements of some ``tags``, and return them."""
-    found = list(_children(root, tags))
-    for parent, child in found:
-        parent.remove(child)
-    return [child for _, child in found]
-
-
-def _strip_mjcf(root: Element, ignored: list[str]) -> None:
-    """Leave out what names files of pictures and heights, and tell of options."""
+def _strip_mjcf(root: Element) -> None:
+    """Leave out what names files of pictures and heights."""
     for element in root.iter():
         element.attrib.pop("material", None)
     for field in root.iter("hfield"):
         # It stays flat, and touches nothing.
         field.attrib.pop("file", None)
         field.attrib |= {"nrow": "2", "ncol": "2"}
-    names = [name for kind in ("option", "flag") for one in root.iter(kind) for name in one.attrib
-             if name not in _TAKEN]  # fmt: skip
-    if names:
-        ignored.append(f"{listed('option', names)}: settings of a simulator, or of a fluid")
 
 
-def _strip_urdf(root: Element, ignored: list[str]) -> None:
-    """Leave out inertias that no body has, and tell of limits that nothing holds."""
-    odd = [link.get("name", "") for link in root.iter("link") if _mended(link)]
-    if odd:
-        ignored.append(f"products of inertia of {listed('link', odd)}: no body has them")
-    fast = [joint.get("name", "") for joint in root.iter("joint")
-            if joint.find("limit[@velocity]") is not None]  # fmt: skip
-    if fast:
-        ignored.append(f"velocity limit of {listed('joint', fast)}: speeds are not bounded")
+def _take_meshes(root: Element, place: Place, ignored: list[str]) -> dict[str, bytes]:
+    """Return the contents of all meshes under names without a folder.
 
-
-def _mended(link: Element) -> bool:
-    """Whether a link is a dummy whose products of inertia no body has; then leave these out."""
-    mass, found = link.find("inertial/mass"), link.find("inertial/inertia")
-    if mass is None or found is None:
-        return False
-    try:
-        light = float(mass.get("value", "")) < _DUMMY
-        xx, yy, zz, xy, xz, yz = (float(found.get(key, 0)) for key in _MOMENTS)
-    except ValueError:
-        return False
-    least = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0]
-    if not light or least > _SINGULAR * max(xx, yy, zz) or min(xx, yy, zz) <= 0:
-        return False
-    found.attrib |= dict.fromkeys(_MOMENTS[3:], "0")
-    return True
-
-
-def _take_meshes(root: Element, file: Path, ignored: list[str]) -> dict[str, bytes]:
-    """Contents of all meshes under names without a folder; a URDF does without those not there."""
+    A URDF does without those that are outside the folder, or of another kind.
+    """
     urdf, folder = root.tag == "robot", ""
     assets, lost = dict[str, bytes](), dict[str, None]()
     for compiler in root.iter("compiler"):
@@ -211,18 +244,19 @@ def _take_meshes(root: Element, file: Path, ignored: list[str]) -> dict[str, byt
         folder = named["meshdir"] or named["assetdir"] or folder
     above = {child: parent for parent in root.iter() for child in parent}
     key = "filename" if urdf else "file"
+    bases = [one for one in place.file.resolve().parents if one.is_relative_to(place.folder)]
     for mesh in [one for one in root.iter("mesh") if one.get(key)]:
         name = mesh.attrib[key]
         # The first folders may be a package's, or those of another computer.
-        parts = Path(name.removeprefix("package://")).parts
-        places = [str(Path(folder, *parts[k:])) for k in range(len(parts))]
-        found = [one for one in (_inside(file, place, "mesh") for place in places) if _there(one)]
-        if urdf and (not found or found[0].suffix.lower() not in _MESHES):
+        parts = Path(name.rpartition("://")[2].lstrip("/") if urdf else name).parts
+        places = [str(base / Path(folder, *parts[k:])) for base in bases for k in range(len(parts))]
+        content = next(filter(None, map(place.existing, places)), None)
+        if urdf and (content is None or content.suffix.lower() not in _MESHES):
             collision = above[above[mesh]]
             above[collision].remove(collision)
             lost[above[collision].get("name", "")] = None
             continue
-        content = found[0] if found else _inside(file, places[0], "mesh", there=True)
+        content = content or place.find(str(Path(folder, name)), "mesh")
         inner = f"mesh{len(assets)}{content.suffix.lower()}"
         assets[inner] = content.read_bytes()
         if not urdf:
@@ -230,7 +264,8 @@ def _take_meshes(root: Element, file: Path, ignored: list[str]) -> dict[str, byt
         mesh.set(key, inner)
     if lost:
         where = "no STL, OBJ or MSH file in the robot's folder, so it touches nothing"
-        ignored.append(f"mesh of {listed('link', list(lost))}: {where}")
+        hint = "--folder DIR names a folder around it"
+        ignored.append(f"mesh of {listed('link', lost)}: {where}; {hint}")
     return assets
 
 

@@ -59,6 +59,7 @@ class SettingsOptions(Options):
 
 FLOATING = "Of a URDF: its root moves freely in space."
 PLANAR = "Of a URDF: its root moves freely in the plane of its joints."
+FOLDER = "A folder around the robot's file, out of which nothing is opened."
 
 
 class ShowOptions(Options):
@@ -77,6 +78,7 @@ class ShowOptions(Options):
     )
     floating: bool = option(False, help=FLOATING)
     planar: bool = option(False, help=PLANAR)
+    folder: Path | None = option(None, metavar="DIR", help=FOLDER)
 
 
 class NewOptions(Options):
@@ -94,6 +96,7 @@ class NewOptions(Options):
     )
     floating: bool = option(False, help=FLOATING)
     planar: bool = option(False, help=PLANAR)
+    folder: Path | None = option(None, metavar="DIR", help=FOLDER)
 
 
 class SolveOptions(StartsOptions):

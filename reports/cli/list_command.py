@@ -101,7 +101,9 @@ def check_show(
     if options.problem.lower().endswith(ROBOT_FILES):
         from problems import robots
 
-        return robots.load(options.problem, floating=options.floating, planar=options.planar)
+        return robots.load(
+            options.problem, floating=options.floating, planar=options.planar, folder=options.folder
+        )
     if not options.problem.endswith(".nc"):
         return named(options.problem)
     return models.load_any(Path(options.problem))

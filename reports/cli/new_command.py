@@ -36,7 +36,9 @@ def check(options: NewOptions) -> Path:
     if options.robot is not None:
         from problems import robots
 
-        robots.load(options.robot, floating=options.floating, planar=options.planar)
+        robots.load(
+            options.robot, floating=options.floating, planar=options.planar, folder=options.folder
+        )
     return file
 
 
@@ -47,12 +49,19 @@ def run(options: NewOptions, file: Path) -> int:
     text = next(place for place in places if place.exists()).read_text(encoding="utf-8")
     named = re.sub('^name = ".*"$', f'name = "{file.stem}"', text, count=1, flags=re.MULTILINE)
     if options.robot is not None:
-        place = os.path.relpath(options.robot.expanduser().resolve(), Path.cwd())
-        written = json.dumps(Path(place).as_posix(), ensure_ascii=False)
         ways = ("floating", "planar")
+        written = _relative(options.robot)
         written += "".join(f", {way}=True" for way in ways if getattr(options, way))
+        if options.folder is not None:
+            written += f", folder=Path(__file__).parent / {_relative(options.folder)}"
         named = named.replace('"hopper.xml")', f"{written})")
     atomic.write(file, named.encode(), "the problem file")
     options.output.say(f"problem file: {file}; solve it with ocp solve {file} --contact exact")
     options.output.document({"file": str(file), "problem": file.stem, "template": kind})
     return 0
+
+
+def _relative(path: Path) -> str:
+    """Write a path from the current folder as a string of Python."""
+    place = os.path.relpath(path.expanduser().resolve(), Path.cwd())
+    return json.dumps(Path(place).as_posix(), ensure_ascii=False)

@@ -3,6 +3,7 @@
 from dynamics.systems.mechanism import WORLD
 from dynamics.systems.space.body import Body
 from dynamics.systems.space.contact import SpatialContact
+from dynamics.systems.space.coupling import Coupling
 from dynamics.systems.space.machine import SpatialMachine, SpatialPart
 from dynamics.systems.space.shapes import Box, Capsule, Cylinder, Hull, Plane, Shape, Sphere
 from dynamics.systems.space.tree import Tree
@@ -12,6 +13,7 @@ __all__ = [
     "Body",
     "Box",
     "Capsule",
+    "Coupling",
     "Cylinder",
     "Hull",
     "Plane",

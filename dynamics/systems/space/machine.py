@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -16,6 +16,7 @@ from dynamics.systems.parameters import ParameterTable
 from dynamics.systems.planar import root_first
 from dynamics.systems.space.body import Body, Vector, vector
 from dynamics.systems.space.contact import Motions, Place, SpatialContact, at_random_poses, between
+from dynamics.systems.space.coupling import CoupledJoints, Coupling
 from dynamics.systems.space.shapes import Shape
 from dynamics.systems.space.stepping import Touch, spatial_step
 from dynamics.systems.space.tree import Tree
@@ -50,7 +51,7 @@ class SpatialMachine:
     ``meetings`` are pairs of names of parts, on two bodies each, that may touch; one of them may be
     on the :data:`WORLD`. Their contacts are called ``<one> on <other>``, with a number behind where
     a pair has several points; of points that all joints move alike, as those of a box that moves in
-    a plane, there is one. ``gravity`` is an acceleration [m/s²].
+    a plane, there is one. ``gravity`` is an acceleration [m/s²], ``couplings`` bind joints.
 
     Raises ``ValueError`` for bodies that are no tree, and for names that are unknown or used twice.
     """
@@ -59,6 +60,7 @@ class SpatialMachine:
     parts: tuple[SpatialPart, ...] = ()
     meetings: tuple[tuple[str, str], ...] = ()
     gravity: Vector = field(default=(0.0, 0.0, -9.81), kw_only=True)
+    couplings: tuple[Coupling, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         items("bodies", Body, self.bodies)
@@ -93,26 +95,35 @@ class SpatialMachine:
         """The equations of motion."""
         return self._tree
 
+    def coupled(self) -> CoupledJoints | None:
+        """Return the joints that move together, None without any."""
+        return CoupledJoints(self.tree(), self.couplings) if self.couplings else None
+
     def touches(self, tree: Tree, q: ca.SX) -> dict[str, tuple[SpatialContact, str, str]]:
         """Contacts at the pose ``q`` (nq, 1), each with the bodies of its A and of its B."""
         parts, found = {part.name: part for part in self.parts}, {}
+        places = body_places(tree, q)
         for one, other in self.meetings:
             a, b = parts[one], parts[other]
             if a.body == WORLD:
                 a, b = b, a
+            near = between(a.shape, places[a.body], b.shape, places[b.body])
             if (one, other) not in self._points:
-                self._points[one, other] = _distinct(tree, a, b)
-            near = _near(tree, q, a, b)
+                self._points[one, other] = distinct_points(tree, self._q, a, b, len(near))
             points = [near[k] for k in self._points[one, other]]
-            for k, contact in enumerate(points, 1):
-                number = f" {k}" if len(points) > 1 else ""
-                found[f"{one} on {other}{number}"] = contact, a.body, b.body
+            for name, contact in name_contacts(one, other, points).items():
+                found[name] = contact, a.body, b.body
         return found
 
     @cached_property
     def _points(self) -> dict[tuple[str, str], list[int]]:
         """Numbers of the points that each pair has once, of those that were looked at."""
         return {}
+
+    @cached_property
+    def _q(self) -> ca.SX:
+        """A pose at which points are compared; one for all pairs, whose tree is built once."""
+        return ca.SX.sym("q", self.tree().nq)
 
     def contacts(self, tree: Tree, q: ca.SX) -> dict[str, SpatialContact]:
         """Contacts at the pose ``q`` (nq, 1) by name."""
@@ -149,6 +160,7 @@ class SpatialMachine:
         step = spatial_step(
             name, tree, made, parameters, h=h, friction=friction, edges=edges, scale=scale,
             cone=cone, linearised=linearised, inertial=inertial,
+            coupled=self.coupled(),
         )  # fmt: skip
         return replace(step, machine=Mechanism(self, scale))
 
@@ -157,24 +169,36 @@ def _motions(tree: Tree, q: ca.SX, body: str) -> Motions:
     return [] if body == WORLD else tree.motions(q, body)
 
 
-def _near(tree: Tree, q: ca.SX, a: SpatialPart, b: SpatialPart) -> list[SpatialContact]:
-    """All contacts of two parts at a pose."""
-    places = (_FIXED if one.body == WORLD else Place(*tree.pose(q, one.body)) for one in (a, b))
-    return between(a.shape, next(places), b.shape, next(places))
+def body_places(tree: Tree, q: ca.SX) -> dict[str, Place]:
+    """Where the world and all bodies are at the pose ``q`` (nq, 1), by name."""
+    return {WORLD: _FIXED} | {name: Place(*tree.pose(q, name)) for name in tree.bodies}
 
 
-def _distinct(tree: Tree, a: SpatialPart, b: SpatialPart) -> list[int]:
-    """Numbers of the contacts of two parts, without those that push and rub as one before.
+def name_contacts(
+    one: str, other: str, contacts: Sequence[SpatialContact]
+) -> dict[str, SpatialContact]:
+    """Name the contacts of two parts, with numbers where there are several."""
+    numbers = [f" {k}" for k in range(1, len(contacts) + 1)] if len(contacts) > 1 else [""]
+    return {f"{one} on {other}{n}": c for n, c in zip(numbers, contacts, strict=False)}
 
-    Two are alike where distances and rows along normal and tangents agree at random poses; no two
-    points of a body that turns about a centre are.
+
+def distinct_points(tree: Tree, q: ca.SX, a: SpatialPart, b: SpatialPart, count: int) -> list[int]:
+    """Numbers of the ``count`` contacts of two parts, without those that push and rub as another.
+
+    Two are alike where distances and rows along normal and tangents agree at random poses of the
+    symbol ``q`` (nq, 1); no two points of a body that turns about a centre are.
     """
-    q = ca.SX.sym("q", tree.nq)
-    near, one, other = _near(tree, q, a, b), _motions(tree, q, a.body), _motions(tree, q, b.body)
+    if count < 2:
+        return list(range(count))
+    places = {
+        body: _FIXED if body == WORLD else Place(*tree.pose(q, body)) for body in (a.body, b.body)
+    }
+    near = between(a.shape, places[a.body], b.shape, places[b.body])
+    one, other = _motions(tree, q, a.body), _motions(tree, q, b.body)
     rows = [ca.horzcat(contact.phi, *contact.rows(one, other, tree.nv)) for contact in near]
     stacked = ca.densify(ca.vertcat(*rows))
-    if len(near) < 2 or (tree.turning and ca.depends_on(stacked, q[tree.turning])):
-        return list(range(len(near)))
+    if tree.turning and ca.depends_on(stacked, q[tree.turning]):
+        return list(range(count))
     values, distinct = at_random_poses(stacked), list[int]()
     for k, row in enumerate(values):
         allowed = _ROUNDING * np.abs(row).max()

@@ -14,6 +14,7 @@ from dynamics.systems.pairs import EnergyBook
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.space.centres import about_centres, centre_velocities
 from dynamics.systems.space.contact import Motions, SpatialContact, at_random_poses
+from dynamics.systems.space.coupling import CoupledJoints
 from dynamics.systems.space.tree import Tree
 from dynamics.systems.system import ContactSystem
 
@@ -44,6 +45,7 @@ def spatial_step(
     cone: Cone,
     linearised: bool,
     inertial: bool,
+    coupled: CoupledJoints | None = None,
 ) -> ContactSystem:
     """Implicit time stepping in space, plastic impacts, Coulomb friction with two tangents.
 
@@ -64,6 +66,8 @@ def spatial_step(
     State (q, v), contacts are impulses [N s]. Without ``inertial`` the step forgets v and is quasi-
     dynamic: ``M v+`` stands in place of ``M (v+ - v) + h C v+``, and servos have no inertia.
     Stewart and Trinkle, as there; Anitescu and Potra, doi 10.1023/A:1008292328909.
+
+    Joints that are ``coupled`` move together at the end of the step.
 
     Raises ``ValueError`` for an unknown cone or number of edges, and for h that is not positive.
     """
@@ -105,11 +109,12 @@ def spatial_step(
 
     def built(touching: Touching) -> ContactSystem:
         rows = contact_rows(name, touching, q, q_next, lambda J: h * (J @ v_next), h)
+        motion = moved - h * forced - rows.push
+        if coupled is not None:
+            motion = coupled.constrain(motion, tree.position_of(q), v_next, h)
         return ContactSystem(
             name=name, x=x, u=u, x_next=x_next, lam=rows.lam,
-            residual=ca.vertcat(
-                q_next - tree.advance(q, h * v_next), moved - h * forced - rows.push
-            ),
+            residual=ca.vertcat(q_next - tree.advance(q, h * v_next), motion),
             gap=rows.gap, states=(*tree.coordinates, *tree.velocities),
             inputs=tuple(_input(tree, motor) for motor in motors), contacts=rows.signals, h=h,
             parameters=parameters, phi=rows.phi, mu_per_kappa=h, pairs=rows.pairs,

@@ -50,14 +50,16 @@ def test_what_is_not_used_is_told_by_name(tmp_path: Path) -> None:
     for words in (
         "sensor angle: nothing is measured", "options timestep, density, limit: settings of a",
         "solref of geom ball:", "frictionloss of joint j:", "gravcomp of body a:", "tendon rope:",
-        "equality constraint tie:", "actuators pull, rope: only motors",
+        "actuators pull, rope: only motors", "site s: nothing acts at sites",
         "geom egg: it is of the kind ellipsoid, and touches nothing",
         "geom hills: it is of the kind hfield", "torsional and rolling",
         "1 pair of geoms, hub and floor: no joint moves them", "key other:",
         "force range of actuator servo: a servo pulls as hard as it must",
     ):  # fmt: skip
         assert words in told, told
-    assert robot.notes == ("The kv of actuator servo is part of the damping.",)
+    assert robot.notes == (
+        "Joint a follows: a = 1 b + -0.523599.", "The kv of actuator servo is part of the damping."
+    )  # fmt: skip
     assert [drive.name for drive in robot.drives] == ["m", "servo"]
     assert np.isinf(robot.controls).all()
     np.testing.assert_allclose(robot.home, [0, np.radians(30), 0])
@@ -69,7 +71,6 @@ def test_what_free_and_ball_joints_have_and_ours_have_not_is_told() -> None:
     for words in (
         "armature of joint swivel: only hinges", "limit of joint swivel:",
         "spring of joint swivel:",
-        "equality constraint loop: only joints bind bodies",
         "geom egg: it is of the kind ellipsoid",
         "1 pair of geoms, mast and block: a contact of Box and Box is not known",
         "2 pairs of geoms, far and floor, far and block: they can never meet",
@@ -203,5 +204,6 @@ def test_hulls_of_meshes_meet_the_ground(tmp_path: Path) -> None:
     file.write_text(urdf('<mesh filename="package://pkg/meshes/none.stl"/>'))
     (told,) = [one for one in robots.load(file, floating=True).ignored if one.startswith("mesh")]
     assert told == (
-        "mesh of link foot: no STL, OBJ or MSH file in the robot's folder, so it touches nothing"
+        "mesh of link foot: no STL, OBJ or MSH file in the robot's folder, so it touches nothing;"
+        " --folder DIR names a folder around it"
     )

@@ -1,0 +1,75 @@
+"""Joints of a compiled file that move together: equality constraints that are linear in q."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from problems.robots.urdf import Mimic
+
+_KINDS = ("connect", "weld", "joint", "tendon")
+"""Equality constraints in the order of MuJoCo's numbers; joints and fixed tendons are linear."""
+_OFF = 1 << 1
+"""MuJoCo's flag that turns equality constraints off."""
+Equation = tuple[dict[int, float], float]
+"""Coefficients by number of a joint, of which the first follows, and the sum's value."""
+
+
+def equations(model: Any, mimics: Iterable[Mimic]) -> list[Equation]:
+    """Return ``sum(coefficient * q) = value`` for every active equality, and for ``mimics``.
+
+    Raises ``ValueError`` for a constraint that closes a loop, or is not linear.
+    """
+    rows: list[Equation] = []
+    for k in _active(model):
+        kind, name = int(model.eq_type[k]), model.equality(k).name
+        if not 2 <= kind < len(_KINDS):
+            what = _KINDS[kind] if kind < 2 else "constraint"
+            raise ValueError(
+                f"equality <{what}> {name!r} closes a loop, and joints form trees here; delete it"
+                " to plan without it"
+            )
+        offset, slope, *curved = model.eq_data[k][:5].tolist()
+        if any(curved):
+            raise ValueError(f"equality {name!r} is not linear; give polycoef two numbers")
+        first, second = (
+            _length(model, kind, int(ids[k])) for ids in (model.eq_obj1id, model.eq_obj2id)
+        )
+        coefficients = dict(first[0])
+        for joint, coefficient in second[0].items():
+            coefficients[joint] = coefficients.get(joint, 0.0) - slope * coefficient
+        rows.append((coefficients, first[1] + offset - slope * second[1]))
+    for mimic in mimics:
+        row = {model.joint(mimic.joint).id: 1.0}
+        if mimic.leader:
+            row[model.joint(mimic.leader).id] = -mimic.multiplier
+        rows.append((row, mimic.offset))
+    return rows
+
+
+def coupled_tendons(model: Any) -> set[int]:
+    """Return numbers of the tendons that an active equality uses."""
+    ids = model.eq_obj1id, model.eq_obj2id
+    return {int(of[k]) for k in _active(model) if model.eq_type[k] == 3 for of in ids}
+
+
+def _active(model: Any) -> Iterator[int]:
+    if model.opt.disableflags & _OFF:
+        return iter(())
+    return (k for k in range(model.neq) if model.eq_active0[k])
+
+
+def _length(model: Any, kind: int, number: int) -> tuple[Mapping[int, float], float]:
+    """Coefficients of a joint or fixed tendon, and its length at the joints' references."""
+    if number < 0:
+        return {}, 0.0
+    if kind == 2:
+        return {number: 1.0}, float(model.qpos0[model.jnt_qposadr[number]])
+    start = int(model.tendon_adr[number])
+    wraps = range(start, start + int(model.tendon_num[number]))
+    if any(model.wrap_type[w] != 1 for w in wraps):
+        raise ValueError(
+            f"tendon {model.tendon(number).name!r} is bound and not linear; delete that"
+        )
+    terms = {int(model.wrap_objid[w]): float(model.wrap_prm[w]) for w in wraps}
+    return terms, sum(c * float(model.qpos0[model.jnt_qposadr[j]]) for j, c in terms.items())

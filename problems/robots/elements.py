@@ -1,0 +1,225 @@
+"""What of a robot's file is read: one table of elements and attributes, and words for the rest."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from xml.etree.ElementTree import Element
+
+
+def _table(text: str) -> dict[str, list[str]]:
+    """Read lines ``key: words``, which go on in indented lines."""
+    lines = re.sub(r"\n +", " ", text.strip()).splitlines()
+    return {key: words.split() for key, _, words in (line.partition(":") for line in lines)}
+
+
+ALL = "*"
+"""Stands for every attribute."""
+_POSE = "pos quat axisangle xyaxes zaxis euler"
+_ACTUATOR = """name class joint jointinparent tendon site body refsite cranksite slidersite gear
+    ctrllimited ctrlrange forcelimited forcerange gainprm biasprm gaintype biastype
+    dyntype dynprm inheritrange"""
+_URDF = """
+robot: name
+link: name
+inertial:
+origin: xyz rpy
+mass: value
+inertia: ixx ixy ixz iyy iyz izz
+collision: name
+geometry:
+box: size
+sphere: radius
+cylinder: radius length
+capsule: radius length
+mesh: filename scale
+joint: name type
+parent: link
+child: link
+axis: xyz
+limit: lower upper effort
+dynamics: damping
+mimic: joint multiplier offset
+mujoco:
+compiler: *
+lateral_friction: value
+mu: value
+mu1: value
+mu2: value
+"""
+_MJCF = """
+mujoco: model
+mujocoinclude: *
+include: file
+compiler: *
+option: gravity
+flag: gravity contact filterparent equality
+default: class
+worldbody:
+body: name childclass mocap POSE
+frame: name childclass POSE
+inertial: mass diaginertia fullinertia POSE
+freejoint: name align
+joint: name class type pos axis ref springref springdamper stiffness damping armature range
+    limited actuatorfrcrange actuatorfrclimited joint coef joint1 joint2 polycoef active
+geom: name class type size fromto mesh fitscale hfield mass density shellinertia contype
+    conaffinity condim friction priority POSE
+asset:
+mesh: name class file vertex face scale refpos refquat inertia content_type builtin params
+    maxhullvert
+contact:
+pair: name class geom1 geom2 condim friction
+exclude: name body1 body2
+equality:
+connect: *
+weld: *
+tendon: name class active tendon1 tendon2 polycoef
+fixed: name class
+spatial: *
+actuator:
+general: ACTUATOR
+motor: ACTUATOR
+position: ACTUATOR kp kv dampratio timeconst
+velocity: ACTUATOR kv
+keyframe:
+key: name qpos
+intvelocity: *
+damper: *
+cylinder: *
+muscle: *
+adhesion: *
+dcmotor: *
+"""
+URDF = _table(_URDF)
+"""Attributes of URDF that are read, by element; the text of mu, mu1 and mu2 is read too."""
+MJCF = _table(_MJCF.replace("POSE", _POSE).replace("ACTUATOR", _ACTUATOR))
+"""Attributes of MJCF that are read, by element; some may be in vain, see leftovers."""
+_PICTURE_WORDS = """
+camera color custom group light material numeric rgba size skin statistic texcoord text
+texture tuple user visual
+"""
+_PICTURES = set(_PICTURE_WORDS.split())
+"""Elements and attributes that change pictures alone."""
+_BULKY = {"camera", "custom", "light", "material", "skin", "statistic", "texture", "visual"}
+"""Elements of MJCF that are left out before compiling; some name files."""
+_INSTEAD = """
+nothing is measured here: sensor calibration
+each joint has its own motor: transmission
+settings of another program: gazebo
+its soft limits and gains act in another program: safety_controller
+speeds are not bounded: velocity
+joints have no dry friction: friction frictionloss
+gravity acts on every body: gravcomp
+contacts only slide: rolling_friction spinning_friction
+contact is rigid: solref solimp solmix margin gap contact contact_cfm contact_erp restitution
+limits are rigid: solreflimit solimplimit
+there is no such friction: solreffriction solimpfriction
+there is no fluid: fluidshape fluidcoef
+it stays flat and touches nothing: hfield
+nothing acts at sites: site
+surfaces do not run: surfacevel
+motors act at once: delay
+give it to the joint: armature
+"""
+_REASONS = {name: why for why, names in _table(_INSTEAD).items() for name in names}
+"""What holds instead of elements and attributes that are not read."""
+_CHANGES = """
+it copies another file: attach
+nothing bends here: composite flex flexcomp
+it runs programs: extension plugin
+of a URDF nothing is included: include
+it closes a loop, and joints form trees here: loop_joint
+it reads another file: model
+it makes copies: replicate
+"""
+REFUSED = {name: why for why, names in _table(_CHANGES).items() for name in names}
+"""Elements without which the robot would be another, and why they are not read."""
+REFUSED_OF_URDF = {"include", "loop_joint"}
+
+
+def listed(what: str, names: Iterable[str]) -> str:
+    """Return ``what``, in the plural where there are several, and names: ``"sensors a, b"``."""
+    names = list(dict.fromkeys(names))
+    many = "" if len(names) == 1 else "s"
+    return f"{what.replace('body', 'bodie') if many else what}{many} {', '.join(names)}"
+
+
+def unread(root: Element, *, urdf: bool) -> list[str]:
+    """Return a sentence for everything in a file that is not read, by name, grouped by reason.
+
+    What is not read is removed from a URDF, and elements that draw from an MJCF.
+    Raises ``ValueError`` for elements without which the robot would be another.
+    """
+    table, pictures = URDF if urdf else MJCF, set[str]()
+    told: dict[tuple[str, str, str], list[str]] = {}
+    for element, owners in _walk(root, table, remove=None if urdf else _BULKY):
+        tag, (kind, name) = element.tag, _named(element, owners)
+        if tag in REFUSED and (not urdf or tag in REFUSED_OF_URDF):
+            raise ValueError(f"<{tag}> is not read, as {REFUSED[tag]}; write the robot without it")
+        if tag in _PICTURES:
+            pictures.add(tag)
+        elif tag in table:
+            attributes = _unread_attributes(element, table[tag], urdf=urdf)
+            pictures |= _PICTURES & attributes.keys()
+            for attribute in (name for name in attributes if name not in _PICTURES):
+                key, what = _sentence(attribute, tag, kind, name)
+                told.setdefault(key, []).append(what)
+        elif tag == "sensor" and not urdf:
+            names = [sensor.get("name", sensor.tag) for sensor in element]
+            told.setdefault(("", tag, _why(tag)), []).extend(names)
+        else:
+            inside = dict.fromkeys(one.tag for one in element.iter() if one is not element)
+            name += f" ({', '.join(inside)})" if inside else ""
+            told.setdefault(("" if kind == tag else f"{tag} of ", kind, _why(tag)), []).append(name)
+    lines = [f"{prefix}{listed(kind, names)}: {why}" for (prefix, kind, why), names in told.items()]
+    return lines + ([f"{', '.join(sorted(pictures))}: change pictures alone"] if pictures else [])
+
+
+def _unread_attributes(element: Element, read: list[str], *, urdf: bool) -> dict[str, str]:
+    """Return attributes that are not read, and take those out that MuJoCo need not see."""
+    unread = {k: v for k, v in element.attrib.items() if k not in read and read != [ALL]}
+    for name in unread:
+        if urdf or ":" in name:
+            del element.attrib[name]
+    return {k: v for k, v in unread.items() if not k.startswith("xmlns")}
+
+
+def _sentence(attribute: str, tag: str, kind: str, name: str) -> tuple[tuple[str, str, str], str]:
+    """Begin, kind of element and reason of a sentence about an attribute, and what it names."""
+    if tag in ("option", "flag"):
+        return ("", "option", "settings of a simulator, or of a fluid"), attribute
+    prefix = f"{attribute} of " if kind == tag else f"{attribute} of {tag} of "
+    return (prefix, kind, _why(attribute)), name
+
+
+def _why(name: str) -> str:
+    return _REASONS.get(name, "an extension of another program" if ":" in name else "not read")
+
+
+def _walk(
+    root: Element, table: dict[str, list[str]], remove: set[str] | None
+) -> Iterator[tuple[Element, tuple[Element, ...]]]:
+    """Yield all elements that are read, and the topmost of those that are not, with those above.
+
+    The latter are removed, all where ``remove`` is None.
+    """
+    stack: list[tuple[Element, tuple[Element, ...]]] = [(root, ())]
+    while stack:
+        element, owners = stack.pop()
+        yield element, owners
+        if element.tag in table:
+            stack += [(child, (*owners, element)) for child in reversed(element)]
+        elif owners and (remove is None or element.tag in remove):
+            owners[-1].remove(element)
+
+
+def _named(element: Element, owners: tuple[Element, ...]) -> tuple[str, str]:
+    """Tag and name of the element, or of the nearest one above it that has a name."""
+    for one in (element, *reversed(owners)):
+        if one.tag in ("default", "worldbody"):
+            return (
+                ("body", "world") if one.tag == "worldbody" else (one.tag, one.get("class", "main"))
+            )
+        if name := one.get("name") or one.get("reference"):
+            return one.tag, name
+    return owners[0].tag if owners else element.tag, "as a whole"

@@ -1,0 +1,153 @@
+"""What URDF files say in their own ways: the world, friction, joints that follow, dummies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from ocp.errors import InputError
+from problems.robots.elements import listed
+
+_FRICTION = {"lateral_friction", "mu", "mu1", "mu2"}
+_HOLDERS = {"contact", "gazebo", "surface", "friction", "ode"}
+"""Elements of a URDF that friction may stand in."""
+_MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_DUMMY, _SINGULAR = 1e-3, 1e-9
+"""Mass of links that only have one because a program wants it [kg]; a share of an inertia."""
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint of a URDF that follows another: ``q = multiplier * q[leader] + offset``.
+
+    Without a ``leader`` it stays at its offset.
+    """
+
+    joint: str
+    leader: str
+    multiplier: float
+    offset: float
+
+
+def children(root: Element, tags: set[str]) -> Iterator[tuple[Element, Element]]:
+    """Yield elements of some ``tags``, each behind its parent."""
+    return ((parent, child) for parent in root.iter() for child in parent if child.tag in tags)
+
+
+def declare_world(root: Element) -> None:
+    """Add the link ``world`` of a URDF whose joints hang on it without declaring it."""
+    links = {link.get("name") for link in root.iterfind("link")}
+    parents = {parent.get("link") for parent in root.iterfind("joint/parent")}
+    if "world" in parents - links:
+        root.insert(0, Element("link", name="world"))
+
+
+def take_friction(root: Element, file: Path, told: list[str]) -> dict[str, float]:
+    """Return the friction that links of a URDF state, and take it out; of several the smallest.
+
+    Raises :class:`~ocp.errors.InputError` for one that depends on the direction, or is negative.
+    """
+    stated: dict[str, dict[float, None]] = {}
+    links = [(link, link.get("name", "")) for link in root.iterfind("link")]
+    for element, name in links + [(g, g.get("reference", "")) for g in root.iterfind("gazebo")]:
+        along: dict[Element, float] = {}
+        for parent, child in list(children(element, _FRICTION)):
+            try:
+                value = float(child.get("value") or child.text or "")
+            except ValueError:
+                continue
+            parent.remove(child)
+            if not 0 <= value < np.inf:
+                raise InputError(f"{file}: friction {value:g} of link {name!r}; expected 0 or more")
+            if along.setdefault(parent, value) != value:
+                raise InputError(
+                    f"{file}: link {name!r} has the friction {along[parent]:g} and {value:g};"
+                    " friction here is the same in all directions, so give one number"
+                )
+            stated.setdefault(name, {})[value] = None
+    for name, values in stated.items():
+        if len(values) > 1:
+            told.append(f"friction {max(values):g} of link {name}: the smaller {min(values):g} is")
+            told[-1] += " used"
+    # What held nothing else is read as a whole.
+    while empty := [pair for pair in children(root, _HOLDERS) if _is_empty(pair[1])]:
+        for parent, child in empty:
+            parent.remove(child)
+    return {name: min(values) for name, values in stated.items()}
+
+
+def _is_empty(element: Element) -> bool:
+    return len(element) == 0 and not (element.text or "").strip()
+
+
+def take_mimics(root: Element, file: Path) -> list[Mimic]:
+    """Return the joints of a URDF that follow another, and take that out.
+
+    What follows a joint that is fixed stays at its offset, and what is fixed follows none.
+    """
+    mimics = list[Mimic]()
+    kinds = {joint.get("name"): joint.get("type") for joint in root.iterfind("joint")}
+    for joint, element in list(children(root, {"mimic"})):
+        name, leader = joint.get("name", ""), element.get("joint", "")
+        joint.remove(element)
+        try:
+            numbers = float(element.get("multiplier", 1)), float(element.get("offset", 0))
+        except ValueError:
+            raise InputError(f"{file}: <mimic> of joint {name!r}: expected numbers") from None
+        if leader not in kinds or leader == name:
+            raise InputError(
+                f"{file}: joint {name!r} mimics {leader!r}, which is no other joint; delete its"
+                " <mimic>, or name another joint"
+            )
+        if kinds[name] != "fixed":
+            mimics.append(Mimic(name, "" if kinds[leader] == "fixed" else leader, *numbers))
+    return mimics
+
+
+def clean(root: Element) -> list[str]:
+    """Leave out inertias that no body has, and bounds that are infinite; return what to say."""
+    told = []
+    odd = [link.get("name", "") for link in root.iter("link") if _mended(link)]
+    if odd:
+        told.append(f"products of inertia of {listed('link', odd)}: no body has them")
+    for joint in root.iter("joint"):
+        limit = joint.find("limit")
+        if limit is None:
+            continue
+        infinite = {end for end in ("lower", "upper", "effort") if _infinite(limit.get(end))}
+        if {"lower", "upper"} <= infinite and joint.get("type") == "revolute":
+            joint.set("type", "continuous")
+        for end in infinite if {"lower", "upper"} <= infinite else infinite - {"lower", "upper"}:
+            del limit.attrib[end]
+        if "effort" in infinite:
+            told.append(f"effort of joint {joint.get('name')}: it is infinite, so no motor")
+    return told
+
+
+def _infinite(value: str | None) -> bool:
+    try:
+        return math.isinf(float(value or 0))
+    except ValueError:
+        return False
+
+
+def _mended(link: Element) -> bool:
+    """Whether a link is a dummy whose products of inertia no body has; then leave these out."""
+    mass, found = link.find("inertial/mass"), link.find("inertial/inertia")
+    if mass is None or found is None:
+        return False
+    try:
+        light = float(mass.get("value", "")) < _DUMMY
+        xx, yy, zz, xy, xz, yz = (float(found.get(key, 0)) for key in _MOMENTS)
+    except ValueError:
+        return False
+    least = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0]
+    if not light or least > _SINGULAR * max(xx, yy, zz) or min(xx, yy, zz) <= 0:
+        return False
+    found.attrib |= dict.fromkeys(_MOMENTS[3:], "0")
+    return True
