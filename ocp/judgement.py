@@ -19,7 +19,7 @@ from ocp.judges.audit import CONTENT, STILL, Audit, audit, cost_span, feasible, 
 from ocp.judges.referee import Referee, evaluate, referee
 from ocp.judges.verdict import UNJUDGED
 from ocp.problem import Problem
-from ocp.programs.program import Program
+from ocp.programs.program import PENALTY, Program
 from ocp.programs.solver import Point, Result, Status
 from ocp.rollout import Rollout, problem_impulses, trajectory_costs
 from ocp.routes.homotopy import Progress, RouteResult, Trace, translate
@@ -56,7 +56,7 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
     if kept:
         span = cost_span(session.problem, rolled, physical)
         program, point = route_for(session).invert(session, outcome, rolled, plan.gains)
-        given = {**values, "penalty": 0.0}
+        given = {**values, PENALTY: 0.0}
         certificate = certify(
             program,
             point.x,

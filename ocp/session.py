@@ -13,6 +13,7 @@ from dynamics.contact.law import Schedule
 from ocp.effort import solve_memory, solve_seconds
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
+from ocp.programs.program import PENALTY, RELAXATION
 from ocp.programs.solver import Point, Solver
 from ocp.rollout import InitialGuess
 from ocp.routes.homotopy import (
@@ -67,7 +68,7 @@ class Session:
         self.nlps: dict[str, NLP] = {}
         self.helpers: dict[str, Session] = {}
         table = self.problem.parameters + self.step.p
-        self.values = table.defaults | {"penalty": 0.0, "relaxation": 0.0}
+        self.values = table.defaults | {PENALTY: 0.0, RELAXATION: 0.0}
         self.problem.check_physics()
         self.build_s = time.perf_counter() - began
 

@@ -10,7 +10,15 @@ import casadi as ca
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.programs.program import Functions, Layout, PairName, Program, closure_rows
+from ocp.programs.program import (
+    PENALTY,
+    RELAXATION,
+    Functions,
+    Layout,
+    PairName,
+    Program,
+    closure_rows,
+)
 from ocp.programs.units import Scale, band
 
 
@@ -203,7 +211,7 @@ class MPCCProgram(Program):
 
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
         """p, then penalty and relaxation."""
-        return np.concatenate([self.given, [values["penalty"], values["relaxation"]]])
+        return np.concatenate([self.given, [values[PENALTY], values[RELAXATION]]])
 
     def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
         """Bounds of the problem; members of pairs are at least zero."""
@@ -233,7 +241,7 @@ class MPCCProgram(Program):
 
         Summed over all variables a penalty in the cost, far from its minimum, outweighs the cost.
         """
-        p = self.parameter_vector({"penalty": 0.0, "relaxation": 0.0})
+        p = self.parameter_vector({PENALTY: 0.0, RELAXATION: 0.0})
         changes = self._changes(self.extended(self.start), p)
         f = band(_largest(one.max(initial=0.0) for one in changes))
         return None if f == 1 else Scale.none(self.n, self.m, f)

@@ -14,7 +14,7 @@ from ocp.judges.audit import TOLERANCES
 from ocp.judges.jumps import Domain, jump_findings_of
 from ocp.mpcc.programs import MPCC, MPCCProgram, programs_of, sized
 from ocp.problem import Scaling
-from ocp.programs.program import Program
+from ocp.programs.program import PENALTY, RELAXATION, Program
 from ocp.programs.solver import Point, Result, Solver, Status
 from ocp.routes.branches import Branches, polish
 from ocp.routes.complementarity import Search, by_strategy
@@ -145,7 +145,7 @@ def _followed(
 ) -> tuple[MPCCSolution, Homotopy]:
     """Follow the strategies from ``start`` (n,), and improve their ends, cheapest first."""
     programs = programs_of(mpcc, given, start)
-    follower = Homotopy(programs, solver, {"penalty": 0.0, "relaxation": 0.0})
+    follower = Homotopy(programs, solver, {PENALTY: 0.0, RELAXATION: 0.0})
     branches = Branches(follower)
     large = branches.program.n >= _LARGE
     names = strategies or (DEFAULTS_LARGE if large else DEFAULTS)
@@ -226,7 +226,7 @@ def _judged(
     program: MPCCProgram, source: Program, result: Result, start: np.ndarray, name: str
 ) -> MPCCSolution:
     """Certify a result where it is feasible; else name the most violated constraint."""
-    values = {"penalty": 0.0, "relaxation": 0.0}
+    values = {PENALTY: 0.0, RELAXATION: 0.0}
     mpcc, x = program.mpcc, program.extended(result.point.x[: program.mpcc.x.numel()])
     p, bounds = program.parameter_vector(values), program.bounds(values)
     off, worst = violation(program, x, p, bounds)

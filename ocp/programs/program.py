@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     import scipy.sparse as sp
 
 
+PENALTY, RELAXATION = "route.penalty", "route.relaxation"
+"""Parameters that every program has beside those of its problem, whose names are the user's."""
+
+
 @dataclass(frozen=True)
 class Block:
     """A named array inside a vector: its shape, where it starts, and the names of its last axis."""

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ocp.programs.program import Program
+from ocp.programs.program import PENALTY, Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.homotopy import WARM, Homotopy, RouteResult, lower, translate
 from ocp.stationarity.certificate import RADII, linear_model, tolerance_of
@@ -42,7 +42,7 @@ class Branches:
     def __init__(self, follower: Homotopy) -> None:
         self.follower = follower
         self.program = follower.nlp_of("none")
-        self.p = self.program.parameter_vector({**follower.values, "penalty": 0.0})
+        self.p = self.program.parameter_vector({**follower.values, PENALTY: 0.0})
         self.limits = self.program.bounds(follower.values)
         self.solved: dict[bytes, Result] = {}
 

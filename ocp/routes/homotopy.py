@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.programs.program import Program
+from ocp.programs.program import PENALTY, Program
 from ocp.programs.solver import Point, Result, Solver, Status
 from ocp.solution import StageRecord
 
@@ -167,7 +167,7 @@ class Homotopy:
     def solve_stage(self, stage: HomotopyStage, nlp: Program, start: Point, warm: bool) -> Result:
         """Solve one stage and write its line of the table."""
         values = {**self.values, **stage.parameters}
-        values["penalty"] *= nlp.natural.f
+        values[PENALTY] *= nlp.natural.f
         p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
         if stage.contact is not None and "contact" in nlp.constraints:
             rows = nlp.constraints["contact"].index.ravel()

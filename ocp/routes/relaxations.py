@@ -16,7 +16,7 @@ import numpy as np
 from dynamics.contact.law import Schedule
 from dynamics.systems import LAW_PREFIX
 from ocp.problem import Scaling
-from ocp.programs.program import Program
+from ocp.programs.program import PENALTY, RELAXATION, Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.homotopy import PRIMAL, Homotopy, HomotopyPath, HomotopyStage, geometric
 
@@ -147,12 +147,12 @@ def _quick(t: float, first: bool) -> HomotopyStage:
 
 def _fischer_burmeister(t: float, first: bool) -> HomotopyStage:
     """``lam + gap - sqrt(lam² + gap² + 2 t) = 0``."""
-    return HomotopyStage("t", t, "fischer-burmeister", {"relaxation": t}, options={"mu_init": 1e-4})
+    return HomotopyStage("t", t, "fischer-burmeister", {RELAXATION: t}, options={"mu_init": 1e-4})
 
 
 def _lin_fukushima(t: float, first: bool) -> HomotopyStage:
     """``lam gap <= t²`` and ``(lam + t)(gap + t) >= t²`` (Lin and Fukushima 2005)."""
-    parameters = {"relaxation": t}
+    parameters = {RELAXATION: t}
     return HomotopyStage("t", t, "lin-fukushima", parameters, (-np.inf, 0.0), {"mu_init": 1e-4})
 
 
@@ -177,7 +177,7 @@ class L1Penalty:
         def stage(rho: float) -> HomotopyStage:
             barrier = {} if rho == self.first else {"mu_init": self.barrier}
             return HomotopyStage(
-                "rho", rho, "none", {"penalty": rho}, options={**self.options, **barrier}
+                "rho", rho, "none", {PENALTY: rho}, options={**self.options, **barrier}
             )
 
         values = [self.first * 10.0**i for i in range(self.steps)]

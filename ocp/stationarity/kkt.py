@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.programs.program import Program
+from ocp.programs.program import PENALTY, Program
 from ocp.programs.solver import Point
 from ocp.stationarity.certificate import fit_multipliers, linear_model
 from ocp.stationarity.lpec import negative_curvature
@@ -90,7 +90,7 @@ class KKTCurve:
 
     def given(self, tau: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Parameter vector and bounds at a coordinate of the parameter."""
-        values = {**self.values, self.name: tau * self.unit, "penalty": 0.0}
+        values = {**self.values, self.name: tau * self.unit, PENALTY: 0.0}
         return self.program.parameter_vector(values), self.program.bounds(values)
 
     def _held(

@@ -12,7 +12,7 @@ from dynamics.contact.learned_step import LearnedStep
 from ocp.errors import InputError
 from ocp.policy import Feedback, Policy
 from ocp.problem import Problem
-from ocp.programs.program import Layout
+from ocp.programs.program import PENALTY, RELAXATION, Layout
 from ocp.transcription.hidden import Compile, Evaluated, Hidden, Implicit
 
 
@@ -39,7 +39,7 @@ class Graph:
             )
         table = self.problem.parameters + self.step.p
         self.penalty, self.relaxation = ca.SX.sym("penalty"), ca.SX.sym("relaxation")
-        self.names = [*table.names, "penalty", "relaxation"]
+        self.names = [*table.names, PENALTY, RELAXATION]
         self.p = ca.vertcat(table.vector, self.penalty, self.relaxation)
         self.K = ca.SX.sym("K", self.nu, self.nx)
         self.k = ca.SX.sym("k", self.nu)

@@ -12,7 +12,7 @@ import numpy as np
 from dynamics.contact import Step
 from ocp.policy import Policy
 from ocp.problem import Problem
-from ocp.programs.program import Layout, PairName, Program
+from ocp.programs.program import PENALTY, RELAXATION, Layout, PairName, Program
 from ocp.programs.solver import Result
 from ocp.programs.units import Scale, measured
 from ocp.rollout import Gains, at_steps
@@ -139,7 +139,7 @@ class NLP(Program):
         values = table.defaults
         natural = {p.name: values[p.name] / units.of(p.unit) for p in table}
         given = [
-            self.parameter_vector({"penalty": 0.0, "relaxation": 0.0, **part})
+            self.parameter_vector({PENALTY: 0.0, RELAXATION: 0.0, **part})
             for part in (values, natural)
         ]
         first = self.variables.pack({name: known[name] for name in self.variables.blocks})

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from dynamics.contact import Adaptive
 from ocp.policy import OpenLoop
-from ocp.programs.program import REFORMULATIONS
+from ocp.programs.program import PENALTY, REFORMULATIONS, RELAXATION
 from ocp.session import Session
 from problems import get
 from tests.examples import settings
@@ -46,7 +46,7 @@ def automatic(case: str, method: str, reformulation: str = "product") -> ca.Func
 
 
 def parameters(found: Session, reformulation: str = "product") -> np.ndarray:
-    values = {**found.values, "penalty": 3.0, "relaxation": 0.1}
+    values = {**found.values, PENALTY: 3.0, RELAXATION: 0.1}
     return found.nlp_of(reformulation).parameter_vector(values)
 
 

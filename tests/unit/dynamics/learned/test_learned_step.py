@@ -13,6 +13,7 @@ from dynamics.contact import ContactLaw, Exact, Randomized
 from dynamics.contact.learned_step import CasadiMap
 from dynamics.learned.laws import Ewda, Mlp
 from ocp import Direct, Feedback, MultipleShooting, OpenLoop, SingleShooting, solve
+from ocp.programs.program import PENALTY, RELAXATION
 from ocp.rollout import roll_out
 from ocp.transcription.common import Graph
 from problems import get
@@ -38,7 +39,7 @@ def differences(function, x: np.ndarray, e: float = 1e-6) -> np.ndarray:
 def test_first_and_second_derivatives_are_those_of_differences(law, method, policy):
     step = LAWS[law]().close(PROBLEM.system)
     nlp = method.transcribe(Graph(PROBLEM, step, policy))
-    values = (PROBLEM.parameters + step.p).defaults | {"penalty": 0.0, "relaxation": 0.0}
+    values = (PROBLEM.parameters + step.p).defaults | {PENALTY: 0.0, RELAXATION: 0.0}
     p = nlp.parameter_vector(values)
     rng = np.random.default_rng(0)
     x, lam_g = 0.3 * rng.standard_normal(nlp.n), rng.standard_normal(nlp.m)
@@ -68,7 +69,7 @@ def test_trust_adds_the_weighted_density_to_the_stage_cost():
     for name in ("ewda", "trusting"):
         step = LAWS[name]().close(PROBLEM.system)
         nlp = Direct().transcribe(Graph(PROBLEM, step, OpenLoop()))
-        values = (PROBLEM.parameters + step.p).defaults | {"penalty": 0.0, "relaxation": 0.0}
+        values = (PROBLEM.parameters + step.p).defaults | {PENALTY: 0.0, RELAXATION: 0.0}
         p = nlp.parameter_vector(values)
         found[name] = float(nlp.f_g(x, p)[0])
     blocks = nlp.variables.unpack(x)
@@ -147,7 +148,7 @@ def test_a_point_is_evaluated_once():
     model = Wavy(PROBLEM.system)
     step = Ewda(model).close(PROBLEM.system)
     nlp = Direct().transcribe(Graph(PROBLEM, step, OpenLoop()))
-    values = (PROBLEM.parameters + step.p).defaults | {"penalty": 0.0, "relaxation": 0.0}
+    values = (PROBLEM.parameters + step.p).defaults | {PENALTY: 0.0, RELAXATION: 0.0}
     p, x = nlp.parameter_vector(values), np.zeros(nlp.n)
     nlp.f_g(x, p), nlp.gradient(x, p), nlp.jacobian(x, p)
     nlp.hessian(x, p, 1.0, np.zeros(nlp.m))

@@ -16,6 +16,7 @@ from ocp.errors import InputError
 from ocp.mpcc import MPCC, solve
 from ocp.mpcc.programs import programs_of
 from ocp.mpcc.solving import softened
+from ocp.programs.program import PENALTY, RELAXATION
 from ocp.programs.solver import Point, Result, Solver, Status
 from ocp.routes.branches import Branches, polish
 from ocp.routes.homotopy import Homotopy
@@ -30,7 +31,7 @@ def symbols(n: int) -> tuple[ca.SX, list[ca.SX]]:
 
 def follower_of(mpcc: MPCC) -> Homotopy:
     programs = programs_of(mpcc, np.zeros(0), np.zeros(mpcc.x.numel()))
-    return Homotopy(programs, Solver("ipopt"), {"penalty": 0.0, "relaxation": 0.0})
+    return Homotopy(programs, Solver("ipopt"), {PENALTY: 0.0, RELAXATION: 0.0})
 
 
 def test_the_example_of_the_documentation_is_15_lines_and_right(
