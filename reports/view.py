@@ -106,8 +106,11 @@ class RunView:
         return str(self.run.data["gap"].attrs.get("units", "m")) if "gap" in self.run.data else "m"
 
     def array(self, name: str) -> np.ndarray | None:
-        """Values of a stored array, or None where the run has none, as forces of a learned law."""
-        found = self.run.data.get(name)
+        """Values of a stored array, or None where the run has none, as forces of a learned law.
+
+        What a study varies may have the same name, and is a coordinate.
+        """
+        found = self.run.data.data_vars.get(name)
         return found.values if found is not None and found.size else None
 
     @property

@@ -111,5 +111,4 @@ class ObjectiveCase:
         with input_errors():
             objective = RolloutObjective(problem, law, chosen, theta, **self.engine)
         sigma = SIGMA_SHARE * float(problem.scales.u.max())
-        known = spec.Params.model_fields.get("sigma")
-        return NamedObjective(objective, values, sigma, known.default if known else sigma)
+        return NamedObjective(objective, values, sigma, sigma)

@@ -32,6 +32,8 @@ OF_THE_PLAN = ("sigma", "samples")
 def read_sweep(text: str) -> Axis:
     """Read values of a parameter, one of :data:`OF_THE_PLAN`, or a component of the decision.
 
+    ``problem.sigma`` is the problem's parameter of that name.
+
     Raises :class:`~ocp.errors.InputError` as :func:`~ocp.validation.spaced` does.
     """
     found = spaced("--sweep", text)
@@ -136,7 +138,7 @@ class SweepRun:
         """What of the objective is swept, and its value."""
         if value is None or self.sweep is None or self.sweep.name in OF_THE_PLAN:
             return {}
-        return {self.sweep.name: value}
+        return {self.sweep.name.removeprefix("problem."): value}
 
 
 def _points_of(
@@ -150,9 +152,10 @@ def _points_of(
     if sweep.name == "samples":
         return [(objective, replace(sampling, samples=int(value))) for value in sweep.values]
     known = [*objective.parameters, *(signal.name for signal in objective.decision)]
-    if sweep.name not in known and build is not None:
-        return [(build({sweep.name: value}), sampling) for value in sweep.values]
-    return [(objective.at({sweep.name: value}), sampling) for value in sweep.values]
+    name = sweep.name.removeprefix("problem.")
+    if name not in known and build is not None:
+        return [(build({name: value}), sampling) for value in sweep.values]
+    return [(objective.at({name: value}), sampling) for value in sweep.values]
 
 
 def _probed(objective: SampledObjective, sampling: Sampling) -> float:

@@ -20,7 +20,7 @@ from ocp.gradients.estimators import RULES
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.parallel import JobWorkers
 from ocp.gradients.sampling import reference_kind
-from ocp.gradients.sweep import SweepRun, read_sweep, summary, sweep_dataset
+from ocp.gradients.sweep import OF_THE_PLAN, SweepRun, read_sweep, summary, sweep_dataset
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.json_values import to_json
 from ocp.store.provenance import content_digest
@@ -54,7 +54,8 @@ class EstimateRequest:
         """Check the command line; raises InputError for the first word that does not fit."""
         spec = named(options.problem)
         given = assignments("-p", options.params)
-        if "sigma" in given and options.sigma is not None:
+        static = isinstance(spec, ObjectiveSpec)
+        if static and "sigma" in given and options.sigma is not None:
             raise InputError("--sigma and -p sigma set the same value; drop one of them")
         estimators = tuple(n.strip() for n in options.estimators.split(",") if n.strip())
         rules = _rules(split_policy_settings(assignments("-s", options.settings))[1], estimators)
@@ -76,7 +77,7 @@ class EstimateRequest:
                 f"the reference of {spec.name} is not sampled; drop --reference-samples or choose"
                 " --reference zobg"
             )
-        if "sigma" in params:
+        if static:
             params["sigma"] = sampling.sigma
         if sweep is not None:
             _check_sweep(sweep, spec, given, options)
@@ -160,7 +161,7 @@ class EstimateRequest:
         """Unit of what is swept."""
         if self.sweep is None or self.sweep.name == "samples":
             return "1"
-        known = self.spec.Params.model_fields.get(self.sweep.name)
+        known = self.spec.Params.model_fields.get(_swept_parameter(self.sweep, self.spec))
         if known is not None:
             return unit_of(known)
         units = {s.name: s.unit for s in self.objective.decision}
@@ -197,6 +198,12 @@ def _policy_settings(options: EstimateOptions) -> dict[str, str]:
     return split_policy_settings(assignments("-s", options.settings))[0]
 
 
+def _swept_parameter(swept: Axis, spec: ObjectiveSpec | ProblemSpec) -> str:
+    """Return the problem's parameter that is swept, "" where it is the noise or sample count."""
+    of_noise = isinstance(spec, ProblemSpec) and swept.name in OF_THE_PLAN
+    return "" if of_noise else swept.name.removeprefix("problem.")
+
+
 def _check_sweep(
     swept: Axis,
     spec: ObjectiveSpec | ProblemSpec,
@@ -206,21 +213,22 @@ def _check_sweep(
     """Raise InputError for a swept value out of range, and for a second value of what is swept."""
     law, sign, parameter = swept.name.partition(".")
     of_law = (law, sign) == ("contact", ".")
-    beside = {name: "-p " + name for name in given}
+    name = _swept_parameter(swept, spec)
+    beside = {swept.name: f"-p {name}"} if name in given else {}
     own = assignments("-c", options.law_settings)
     beside |= {f"contact.{name}": "-c " + name for name in own}
     beside |= {name: f"--{name}" for name in ("sigma", "samples") if name in options.given}
     if swept.name in beside:
         raise InputError(f"--sweep sets {swept.name}; drop {beside[swept.name]}")
     for value in swept.values:
-        if swept.name in spec.Params.model_fields:
-            spec.params({**given, swept.name: value})
+        if name in spec.Params.model_fields:
+            spec.params({**given, name: value})
         elif of_law:
             contact_law(options.contact, {**own, parameter: str(value)})
-    if isinstance(spec, ProblemSpec) and swept.name in spec.Params.model_fields:
+    if isinstance(spec, ProblemSpec) and name in spec.Params.model_fields:
         # The range of a parameter may allow what mechanics does not: a user's mass below zero.
         for value in (min(swept.values), max(swept.values)):
-            spec.problem({**given, swept.name: value})
+            spec.problem({**given, name: value})
 
 
 def _stored_decision(

@@ -8,6 +8,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from ocp.errors import InputError
+from ocp.gradients.sweep import OF_THE_PLAN
 from ocp.gradients.verdict import WIDE, short_verdict, weakest_verdict
 from ocp.store.stored_run import StoredRun
 from ocp.sweeps.sweep import rows
@@ -24,11 +25,11 @@ from reports.view import RunView
 
 def sweep_page(view: RunView) -> Page:
     """Content and figures of a sweep; swept names are left out of the tables of constants."""
-    swept = {axis["name"] for axis in view.run.meta["study"]["axes"]}
-    swept |= {name.removeprefix("problem.") for name in swept}
-    common = head(view)
-    for table in ("parameters", "settings"):
-        common[table] = [row for row in common[table] if row[0] not in swept]
+    swept, common = {axis["name"] for axis in view.run.meta["study"]["axes"]}, head(view)
+    varied = {name.removeprefix("problem.") for name in swept}
+    parameters = {row[0] for row in common["parameters"]}
+    common["parameters"] = [row for row in common["parameters"] if row[0] not in varied]
+    common["settings"] = [row for row in common["settings"] if row[0] not in swept - parameters]
     common["how"] = how(view.run, swept)
     content, figures = sweep_content(view.run)
     return {**common, "law": law(view), **content}, figures
@@ -80,7 +81,10 @@ def estimate_page(run: StoredRun, own: ProblemSpec | None = None) -> Page:
     spec = _spec(run, own)
     rows = meta["estimates"]
     content = described(run, spec, run.record["params"])
-    parameters = [row for row in content["parameters"] if not swept or row[0] != swept["name"]]
+    # Of a rollout sigma and samples are those of the noise; the problem may have others.
+    noise = swept and swept["name"] in OF_THE_PLAN and run.record.get("contact")
+    varied = swept["name"].removeprefix("problem.") if swept and not noise else ""
+    parameters = [row for row in content["parameters"] if row[0] != varied]
     content |= {
         "title": f"Gradient of {meta['problem']}",
         "verdict": f"{headline(rows)}\n{meta['verdict']}",
