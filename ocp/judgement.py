@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.learned.laws import LearnedLaw
+from ocp.cost_constant import cost_share
 from ocp.errors import interruptible
 from ocp.factories import law_record
 from ocp.judges.audit import CONTENT, STILL, Audit, audit, cost_span, feasible, idle_cost
@@ -63,7 +64,6 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
             program.parameter_vector(given),
             program.bounds(given),
             point.lam_g,
-            span,
         )
         if certificate.stationarity == "not":
             certificate = replace(certificate, reason=outcome.trace.refused)
@@ -74,7 +74,7 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
     return Solution(
         data=label(nlp, plan, replay, book, outcome, values, replays.replay),
         cost=rolled.cost,
-        status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span),
+        status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span, values),
         audit=found,
         certificate=certificate,
         referee=report,
@@ -99,7 +99,7 @@ def _replay(problem: Problem, plan: Trajectories, values: dict[str, float]) -> R
 
 def status_of(
     outcome: RouteResult, found: Audit, kept: bool, certificate: Certificate, cost: float,
-    idle: float, span: float,
+    idle: float, span: float, values: dict[str, float],
 ) -> Status:  # fmt: skip
     """Combine audit, certificate and, where these find no answer, the solver's status."""
     result = outcome.result
@@ -114,7 +114,9 @@ def status_of(
     own = found.state_gap <= STILL * outcome.nlp.problem.scales.x.max() and np.isfinite(idle)
     blind = found.active_steps == 0 and found.task_gradient < _FLAT and own
     sloped = certificate.slope > CONTENT * span
-    if blind or (sloped and cost >= idle - _IDLE * abs(idle)):
+    problem = outcome.nlp.problem
+    gain = cost_share(problem, idle - cost, idle, problem.parameters.pack(values))
+    if blind or (sloped and gain <= _IDLE):
         return Status.NO_PROGRESS
     if certificate.certified:
         return Status.SOLVED

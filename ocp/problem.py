@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,6 +13,8 @@ from pydantic import InstanceOf
 
 from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, ParameterTable
+from ocp.characteristic_sizes import GAP_SHARE, derive_sizes, gap_changes
+from ocp.cost_constant import split_constant
 from ocp.errors import InputError, abbreviated
 from ocp.free_time import FreeStep, with_free_step
 from ocp.problem_parts import (
@@ -24,7 +26,7 @@ from ocp.problem_parts import (
     check_symbols,
     column,
 )
-from ocp.programs.units import band
+from ocp.programs.units import ORDINARY_ROWS, band, solver_unit
 from ocp.validation import Count, Line, Name, Recorded, validated
 
 __all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Scales", "Scaling", "Scenarios"]
@@ -130,7 +132,7 @@ class Problem:
             )
         way = (system.x + share * (system.x_next - system.x) for share in SHARES)
         gaps = ca.vertcat(*(ca.substitute(system.phi, system.x, at) for at in way))
-        least = -DEPTH * self.scaling.gap * self.scaling.units.of("m")
+        least = -DEPTH * self.scales.gap
         return Constraint(SWEPT, gaps, least, ca.inf)
 
     def _set(self, what: str, value: Any) -> None:
@@ -225,6 +227,24 @@ class Problem:
         return ca.Function("cost_terms", self._symbols, costs, *names)
 
     @cached_property
+    def changeable_costs(self) -> tuple[ca.SX, ca.SX]:
+        """Stage and terminal cost without their constant terms, which no plan can change."""
+        return self._split_costs[0][0], self._split_costs[1][0]
+
+    @cached_property
+    def _split_costs(self) -> list[tuple[ca.SX, ca.SX]]:
+        moving = ca.vertcat(*self._symbols[:4])
+        return [split_constant(cost, moving) for cost in (self.stage_cost, self.terminal_cost)]
+
+    def constant_cost(self, physical: np.ndarray) -> float:
+        """Sum over the horizon of the costs' constant terms at values (np,) of the parameters."""
+        stage, terminal = (part[1] for part in self._split_costs)
+        if stage.is_zero() and terminal.is_zero():
+            return 0.0
+        total = ca.Function("constant", [self.parameters.vector], [self.N * stage + terminal])
+        return float(total(physical))
+
+    @cached_property
     def state_slopes(self) -> ca.Function:
         """Map ``(x, u, du, lam, p)`` to gradients of the costs.
 
@@ -244,15 +264,56 @@ class Problem:
 
     @cached_property
     def scales(self) -> Scales:
-        """The characteristic sizes of ``scaling`` in SI, signal by signal."""
-        scaling, units = self.scaling, self.scaling.units
+        """The characteristic sizes in SI, signal by signal; those not stated are derived."""
+        stated, units = self.scaling, self._units_of_signals
+        derived = derive_sizes(self) if stated.derived else None
+
+        def size(name: str) -> Any:
+            multiple = getattr(stated, name)
+            return getattr(derived, name) if multiple is None else multiple * getattr(units, name)
+
+        sizes = Scales(size("impulse"), size("gap"), size("x"), size("u"))
+        return replace(sizes, cost=stated.units.cost * self._cost_band(sizes.over(units)))
+
+    @cached_property
+    def natural(self) -> Scales:
+        """Units in which a solver sees states, inputs, impulses and gaps.
+
+        Those of ``scaling.units``; in SI, of a size that was derived, the power of two beside it
+        unless it is ordinary (:func:`~ocp.programs.units.solver_unit`).
+        """
+        if not (self.scaling.units.plain and self.scaling.derived):
+            return self._units_of_signals
+        names = self.scaling.derived
+        return replace(
+            self._units_of_signals,
+            **{name: solver_unit(getattr(self.scales, name)) for name in names},
+        )
+
+    @cached_property
+    def natural_scales(self) -> Scales:
+        """The characteristic sizes as multiples of :attr:`natural`."""
+        return self.scales.over(self.natural)
+
+    @cached_property
+    def pair_units(self) -> np.ndarray:
+        """Units (nlam,) of the pairs' gaps over the natural one, multipliers have the inverse.
+
+        Powers of two, 1 unless what a gap changes by as states move by their sizes is far from the
+        characteristic gap, as where distances are computed in nanometres.
+        """
+        changes = gap_changes(self, self.scales.x)
+        return solver_unit(np.nan_to_num(changes * GAP_SHARE / self.scales.gap), ORDINARY_ROWS)
+
+    @cached_property
+    def _units_of_signals(self) -> Scales:
+        """The natural units of states and inputs, by their dimensions."""
+        units = self.scaling.units
         states, inputs = (
             np.array([units.of(signal.unit) for signal in part])
             for part in (self.system.states, self.system.inputs)
         )
-        return Scales(scaling.impulse * units.of("N s"), scaling.gap * units.of("m"),
-                     scaling.x * states, scaling.u * inputs, units.cost * self._cost_band,
-                     )  # fmt: skip
+        return Scales(units.of("N s"), units.of("m"), states, inputs, units.cost)
 
     @property
     def weights(self) -> set[str]:
@@ -275,15 +336,17 @@ class Problem:
             == [True, False]
         }  # fmt: skip
 
-    @cached_property
-    def _cost_band(self) -> float:
-        """Band of the change of cost as states and inputs at rest move by their natural sizes."""
-        scaling, units = self.scaling, self.scaling.units
+    def _cost_band(self, sizes: Scales) -> float:
+        """Band of the change of cost as states and inputs at rest move by ``sizes``.
+
+        Sizes, and the parameters' values, are in natural units.
+        """
+        units = self.scaling.units
         p = np.array([one.value / units.of(one.unit) for one in self.parameters])
         x, u = (np.array(v).ravel() for v in self.limits(p)[:2])
         costs = [
-            np.ravel(self.cost_terms(x + s * scaling.x, u + s * scaling.u, s * scaling.u,
-                                     abs(s) * scaling.impulse, p))
+            np.ravel(self.cost_terms(x + s * sizes.x, u + s * sizes.u, s * sizes.u,
+                                     abs(s) * sizes.impulse, p))
             for s in (0.0, -1.0, 1.0)
         ]  # fmt: skip
         changes = np.abs(np.array(costs[1:], dtype=float) - costs[0]) @ (self.N, 1.0)

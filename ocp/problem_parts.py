@@ -99,33 +99,33 @@ class Constraint:
 class Scaling:
     """Characteristic sizes: of a contact impulse, of a gap, of a state and an input.
 
-    ``x`` and ``u`` scale the perturbation
-    of guesses in a multi-start and normalise what the audit compares. All are multiples of the
-    natural ``units`` of their signals, so that none depends on the units of the parameters;
-    :meth:`~Problem.scales` gives them in SI.
+    ``x`` and ``u`` scale the perturbation of guesses in a multi-start and normalise what the audit
+    compares. All are multiples of the natural ``units`` of their signals, so that none depends on
+    the units of the parameters. A size that is None is derived from the problem's data
+    (:mod:`ocp.characteristic_sizes`); :attr:`~Problem.scales` gives all of them in SI.
 
     Raises :class:`~ocp.errors.InputError` for a size that is not positive and finite.
     """
 
-    impulse: float = 1.0
-    gap: float = 0.1
-    x: float = 1.0
-    u: float = 1.0
+    impulse: float | None = None
+    gap: float | None = None
+    x: float | None = None
+    u: float | None = None
     units: Units = SI
 
     def __post_init__(self) -> None:
-        sizes = dict.fromkeys(("impulse", "gap", "x", "u"), Positive)
+        sizes = dict.fromkeys(("impulse", "gap", "x", "u"), Positive | None)
         validate_fields(self, "scaling", **sizes, units=InstanceOf[Units] | None)
 
     @property
-    def mu(self) -> float:
-        """``impulse * gap``, at which homotopies start."""
-        return self.impulse * self.gap
+    def derived(self) -> tuple[str, ...]:
+        """Names of the sizes that are derived from data."""
+        return tuple(name for name in ("impulse", "gap", "x", "u") if getattr(self, name) is None)
 
 
 @dataclass(frozen=True)
 class Scales:
-    """Characteristic sizes in SI: impulse, gap, states (nx,) and inputs (nu,); and of the cost."""
+    """Characteristic sizes: impulse, gap, states (nx,) and inputs (nu,); and of the cost."""
 
     impulse: float
     gap: float
@@ -137,6 +137,11 @@ class Scales:
     def mu(self) -> float:
         """``impulse * gap``, at which homotopies start."""
         return self.impulse * self.gap
+
+    def over(self, units: Scales) -> Scales:
+        """Return the same sizes as multiples of others."""
+        return Scales(self.impulse / units.impulse, self.gap / units.gap, self.x / units.x,
+                      self.u / units.u, self.cost / units.cost)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ocp.cost_constant import cost_share
 from ocp.errors import InputError
-from ocp.judges.referee import LEAST_COST, place_of, refined_replay, step_place
+from ocp.judges.referee import place_of, refined_replay, step_place
 from ocp.problem import Problem
 from ocp.programs.solver import Status
 from ocp.rollout import Gains, roll_on
@@ -42,8 +43,9 @@ class Level:
         x0, h = found.data["x"].values[:, 0], float(found.data["time"][1])
         replay, _ = refined_replay(found.problem, _inputs(found), found.values, x0, by=2)
         replayed = float("nan") if replay is None else replay.cost
-        share = AGREED * max(abs(found.cost), LEAST_COST * found.problem.scales.cost)
-        agreed = abs(replayed - found.cost) <= share
+        physical = found.problem.parameters.pack(found.values)
+        apart = cost_share(found.problem, abs(replayed - found.cost), found.cost, physical)
+        agreed = apart <= AGREED
         return cls(h, found.problem.N, found.status.label, found.cost, replayed, agreed)
 
 

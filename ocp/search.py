@@ -59,7 +59,9 @@ def falls_short(found: Solution) -> bool:
     That is one without a certificate, one that does not survive the referee, and one that costs
     more than :data:`IDLE_SHARE` of standing still.
     """
-    idle = found.idle_cost > 0 and found.cost > IDLE_SHARE * found.idle_cost
+    constant = found.problem.constant_cost(found.problem.parameters.pack(found.values))
+    idling = found.idle_cost - constant
+    idle = idling > 0 and found.cost - constant > IDLE_SHARE * idling
     return bool(idle or not found.certificate.certified or found.referee.survives is False)
 
 

@@ -198,10 +198,10 @@ class Session:
         if isinstance(self.policy, Feedback):
             blocks["k"] = U[:1] if self.policy.stationary else U
         if "lam" in nlp.variables:
-            scaling, units = self.problem.scaling, nlp.variables.unpack(nlp.natural.x)
-            mu = scaling.mu
+            sizes, units = self.problem.natural_scales, nlp.variables.unpack(nlp.natural.x)
+            mu = sizes.mu
             free = self._free_gaps(X, U) / units["gap"][0]
-            gap = np.maximum(free, np.sqrt(mu * scaling.gap))
+            gap = np.maximum(free, np.sqrt(mu * sizes.gap))
             blocks["gap"], blocks["lam"] = gap * units["gap"], mu / gap * units["lam"]
         return Point(nlp.variables.pack({k: v for k, v in blocks.items() if k in nlp.variables}))
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from dynamics.contact import ContactLaw
+from ocp.cost_constant import cost_share
 from ocp.effort import check_memory, solve_memory
 from ocp.errors import InputError, input_errors, interruptible
 from ocp.factories import DEFAULT_LAW, closing_law, method_of, policy_of, split_policy_settings
@@ -344,9 +346,11 @@ def credited(session: Session, solutions: list[Solution]) -> list[Solution]:
     least = min((one.cost for one in solutions if one.status in _FEASIBLE), default=np.inf)
     if len(ended) < 2 or not session.from_afar:
         return solutions
+    physical = session.problem.parameters.pack(session.values)
+    share = partial(cost_share, session.problem, cost=least, physical=physical)
     return [
         replace(one, status=Status.SOLVED, record={**one.record, "ways": len(ended)})
-        if _stands_still(one) and not one.cost > least + GAIN * abs(least) else one
+        if _stands_still(one) and not share(one.cost - least) > GAIN else one
         for one in solutions
     ]  # fmt: skip
 

@@ -215,9 +215,22 @@ class Tracker:
         differ = (before.held.x != self.curve.held.x)[program.pairs].any(axis=0)
         named = [program.pair_name(int(i)) for i in np.flatnonzero(differ)]
         return [
-            Event("contact", self.value, outcome.result.f, "changes", pair.name, (pair.step,))
+            Event(
+                "contact",
+                self.value,
+                self.cost(outcome.result.f),
+                "changes",
+                pair.name,
+                (pair.step,),
+            )
             for pair in named
         ]
+
+    def cost(self, f: float, value: float | None = None) -> float:
+        """Return the problem's cost with its constant terms, from a program's, at a parameter."""
+        values = {**self.session.values, self.name: self.value if value is None else value}
+        problem = self.session.problem
+        return f + problem.constant_cost(problem.parameters.pack(values))
 
     def jumped(self, outcome: RouteResult, value: float) -> bool:
         """Whether an outcome lies off the curve's tangent by more than twice the predicted way."""
@@ -244,7 +257,7 @@ class Tracker:
         """The switch to another curve: where, at most back to ``since``, it becomes the cheaper."""
         other, curve, v = Tracker(self.session, self.name, self.span, self.log), self.curve, self.v
         other.begin(better)
-        low, high, cost = since, self.value, better.result.f
+        low, high, cost = since, self.value, self.cost(better.result.f)
         assert curve is not None
         while other.curve is not None and abs(high - low) > 0.1 * LOCATED * curve.unit:
             middle = (low + high) / 2
@@ -255,12 +268,16 @@ class Tracker:
             if here is not None and there is not None and below is not None and not below.any():
                 gain = curve.result(here)[1] - other.curve.result(there)[1]
             if gain > 0 and here is not None and there is not None:
-                high, v, other.v, cost = middle, here, there, curve.result(here)[1]
+                high, v, other.v = middle, here, there
+                cost = self.cost(curve.result(here)[1], middle)
             else:
                 low = middle
+        ending = "becomes cheaper"
         if abs(high - since) <= LOCATED * curve.unit:
-            return Event("switch", self.value, better.result.f, "another point is cheaper")
-        return Event("switch", high, cost, "another point becomes cheaper")
+            return Event(
+                "switch", self.value, self.cost(better.result.f), "another point is cheaper"
+            )
+        return Event("switch", high, cost, f"another point {ending}")
 
     def turn(self, forward: float, first: float, goal: float) -> Iterator[Stop]:
         """Step round folds by pseudo-arclength until the path goes ``forward`` again, and on.

@@ -231,7 +231,9 @@ class _Walk:
             return self._back(tried)
         self.followed.events += tracker.events
         if jumped or ended:
-            self.followed.events.append(Event("switch", value, tried.result.f, "the curve ends"))
+            self.followed.events.append(
+                Event("switch", value, tracker.cost(tried.result.f), "the curve ends")
+            )
         explained = jumped or ended or any(e.kind in PAIRS for e in tracker.events)
         tracker.begin(tried)
         if curve is not None and not explained:

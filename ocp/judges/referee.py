@@ -11,6 +11,7 @@ import numpy as np
 
 from dynamics.contact import Step
 from dynamics.systems import ContactSystem
+from ocp.cost_constant import cost_share
 from ocp.physics.constraints import (
     Broken,
     Violation,
@@ -44,7 +45,7 @@ PENETRATION_SHARE = 0.1
 At the nodes true gaps leave none but rounding. In between the straight way cuts corners: by a
 hundredth of the gap where contacts roll, by whole bodies where one passes through another.
 """
-LEAST_COST, _LEAST_GAP = 1e-9, 1e-4
+_LEAST_GAP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -196,7 +197,7 @@ def evaluate(
     broken = broken_constraints(
         problem, there.x, there.u, there.impulses, physical, seen_sizes(problem, plan.x)
     )
-    reasons = survival(problem, plan, found, replayed, broken)
+    reasons = survival(problem, plan, found, replayed, broken, physical)
     finer = survival_refined(problem, plan, found, values)
     return RefereeReport(
         cost=found.cost,
@@ -264,8 +265,9 @@ def seen_gap(problem: Problem, x: np.ndarray) -> float:
 
 
 def survival(
-    problem: Problem, plan: Rollout, outcome: Referee, physics: Physics, broken: Sequence[Broken]
-) -> tuple[str, ...]:
+    problem: Problem, plan: Rollout, outcome: Referee, physics: Physics, broken: Sequence[Broken],
+    physical: np.ndarray,
+) -> tuple[str, ...]:  # fmt: skip
     """Reasons why a refereed plan does not survive, each half a sentence; empty where it does.
 
     It survives where the replay was solved throughout, costs at most :data:`COST_SHARE` more than
@@ -273,9 +275,10 @@ def survival(
     :data:`~ocp.physics.constraints.CONSTRAINT_SHARE` and its bodies apart to
     :data:`PENETRATION_SHARE` of the problem's characteristic sizes, which count for no more than
     the plan itself moves (:func:`~ocp.physics.constraints.seen_sizes`, :func:`seen_gap`).
-    ``physics`` and ``broken`` are those of the replay.
+    ``physics`` and ``broken`` are those of the replay. Constant terms of the cost are no part of it
+    (:func:`~ocp.cost_constant.cost_share`).
     """
-    excess = (outcome.cost - plan.cost) / max(abs(plan.cost), LEAST_COST * problem.scales.cost)
+    excess = cost_share(problem, outcome.cost - plan.cost, plan.cost, physical)
     off = np.abs(outcome.replay.x - plan.x)
     shares = off / seen_sizes(problem, plan.x)
     share = float(shares.max())
@@ -320,8 +323,8 @@ def survival_refined(
         return (f"the replay stops: {outcome.refined_note}",)
     if not math.isfinite(there.cost):
         return ("the cost is NaN or infinite",)
-    reasons, least = [], LEAST_COST * problem.scales.cost
-    if there.cost - plan.cost > COST_SHARE * max(abs(plan.cost), least):
+    reasons = []
+    if cost_share(problem, there.cost - plan.cost, plan.cost, physical) > COST_SHARE:
         reasons.append(f"it costs {there.cost:.6g}")
     seen = seen_sizes(problem, plan.x)
     every = broken_constraints(problem, there.x, there.u, there.impulses, physical, seen)

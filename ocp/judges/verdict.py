@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any, Literal
 
 from dynamics.systems import LAW_PREFIX
+from ocp.cost_constant import cost_share
 from ocp.judges.jumps import jump_findings
 from ocp.judges.referee import PENETRATION_SHARE, seen_gap
 from ocp.physics.constraints import describe_violations
@@ -127,9 +128,14 @@ def _referee(found: Solution) -> str:
     off = abs(referee.refined_cost - referee.cost)
     if referee.refined_reasons and referee.survives_at_h:
         who += "; at a quarter of the step size " + "; ".join(referee.refined_reasons[:3])
-    elif off > _NOTABLE * abs(referee.cost):
+    elif _share(found, off, referee.cost) > _NOTABLE:
         who += f"; at a quarter of the step size it costs {referee.refined_cost:.6g}"
     return who + (_cut(found) if referee.survives_at_h else "")
+
+
+def _share(found: Solution, change: float, cost: float) -> float:
+    physical = found.problem.parameters.pack(found.values)
+    return cost_share(found.problem, change, cost, physical)
 
 
 def _cut(found: Solution) -> str:
@@ -175,9 +181,11 @@ def _replay(found: Solution) -> str:
     if not math.isfinite(audit.exact_cost):
         return "under the exact law the cost of the replay is NaN or infinite"
     infeasible = found.certificate.reason == UNJUDGED
-    least = max(_NOTABLE * abs(found.cost), _SAME * found.problem.scales.cost)
-    branch = abs(found.referee.branch_cost - audit.exact_cost) <= _NOTABLE * abs(audit.exact_cost)
-    if infeasible or branch or abs(off) <= least:
+    small = abs(off) <= _SAME * found.problem.scales.cost
+    small |= _share(found, abs(off), found.cost) <= _NOTABLE
+    apart = abs(found.referee.branch_cost - audit.exact_cost)
+    branch = _share(found, apart, audit.exact_cost) <= _NOTABLE
+    if infeasible or branch or small:
         return ""
     if found.record.get("contact") == "exact":
         return "the motion is unstable: the replay diverges from the plan"

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocp.judges.audit import cost_span
 from ocp.mpc.stages import Plan
-from ocp.rollout import Rollout, problem_impulses, trajectory_costs
 from ocp.session import Session
 from ocp.stationarity.certificate import certify
 
@@ -35,13 +33,4 @@ class PlanJudge:
         box = np.maximum(bounds["lbx"] - point, point - bounds["ubx"]) / nlp.natural.x
         if not max(off.max(initial=0.0), box.max(initial=0.0)) <= _FEASIBLE:
             return "infeasible"
-        return certify(nlp, point, p, bounds, cost_span=self._span(plan, values)).stationarity
-
-    def _span(self, plan: Plan, values: dict[str, float]) -> float:
-        """What the cost changes by over characteristic sizes, beside which nothing is a gain."""
-        problem, step = self.session.problem, self.session.step
-        physical = problem.parameters.pack(values)
-        x, u, lam, gap = (part[None] for part in (plan.x, plan.u, plan.lam, plan.gap))
-        impulses = problem_impulses(problem, step, x, u, lam, physical)
-        costs = trajectory_costs(problem, x, u, impulses, physical)
-        return cost_span(problem, Rollout(x, u, lam, gap, impulses, costs), physical)
+        return certify(nlp, point, p, bounds).stationarity

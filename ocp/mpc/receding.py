@@ -77,7 +77,7 @@ def _softened(problem: Problem) -> ca.SX:
     for one in problem.terminal:
         above, below = one.expression - one.upper, one.lower - one.expression
         off += ca.sumsqr(ca.fmax(above, 0) + ca.fmax(below, 0))
-    return _WEIGHT * problem.scales.cost / problem.scaling.x**2 * off
+    return _WEIGHT * problem.scales.cost / problem.natural_scales.x.max() ** 2 * off
 
 
 def horizon_rows(

@@ -84,7 +84,7 @@ class StageModel:
         self._merit = _batched("mpc_merit", arguments, [cost + off, step.gap])
         self._stage = _batched("mpc_stage", arguments,
                                [values, ca.jacobian(values, by), gradient, hessian])  # fmt: skip
-        last, end = [system.x, graph.p], problem.terminal_cost
+        last, end = [system.x, graph.p], problem.changeable_costs[1]
         hessian, gradient = ca.hessian(end, system.x)
         self._end_cost = _batched("mpc_end_cost", last, [end])
         self._end_slopes = _batched("mpc_end", last, [gradient, hessian])

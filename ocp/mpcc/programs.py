@@ -9,7 +9,9 @@ from functools import cache, cached_property
 import casadi as ca
 import numpy as np
 
+from ocp.cost_constant import split_constant
 from ocp.errors import InputError
+from ocp.mpcc.sizes import variable_sizes
 from ocp.programs.program import (
     PENALTY,
     RELAXATION,
@@ -19,7 +21,7 @@ from ocp.programs.program import (
     Program,
     closure_rows,
 )
-from ocp.programs.units import Scale, band
+from ocp.programs.units import Scale, band, row_units, solver_unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +123,9 @@ class Lifted:
 
     def __init__(self, mpcc: MPCC) -> None:
         self.mpcc = mpcc
-        f, *parts = ca.cse([mpcc.f, mpcc.g, mpcc.G, mpcc.H])
+        rest, constant = split_constant(mpcc.f, mpcc.x)
+        self.constant = ca.Function("constant", [mpcc.p], [constant])
+        f, *parts = ca.cse([rest, mpcc.g, mpcc.G, mpcc.H])
         self.variables, self.constraints = Layout(), Layout()
         n, k = mpcc.x.numel(), mpcc.G.numel()
         self.variables.add("x", (n,), tuple(str(mpcc.x[i]) for i in range(n)))
@@ -231,30 +235,44 @@ class MPCCProgram(Program):
             "ubg": self.constraints.pack({name: pair[1] for name, pair in ends.items()}),
         }
 
+    def constant(self, p: np.ndarray) -> float:
+        """Constant terms of the cost, which the program leaves out."""
+        return float(self.lifted.constant(self.given))
+
     def sizes(self, x: np.ndarray) -> np.ndarray:
-        """1, or where a variable is larger its own size there."""
-        return np.maximum(1.0, np.abs(x))
+        """The variables' units, or where a variable is larger its value there."""
+        return np.maximum(self._units, np.abs(x))
+
+    @cached_property
+    def _units(self) -> np.ndarray:
+        """Power of two beside the derived size of each variable (n,), 1 for ordinary ones."""
+        return solver_unit(variable_sizes(self, self.extended(self.start), self._plain))
+
+    @cached_property
+    def _plain(self) -> np.ndarray:
+        return self.parameter_vector({PENALTY: 0.0, RELAXATION: 0.0})
 
     @cached_property
     def scale(self) -> Scale | None:
-        """None but for the cost's :func:`~ocp.programs.units.band`, by its steepest variables.
+        """Units of variables, rows and cost; None where all are ordinary.
 
-        Summed over all variables a penalty in the cost, far from its minimum, outweighs the cost.
+        The cost's is the :func:`~ocp.programs.units.band` of what its steepest variable, or pair of
+        variables, changes: summed over all variables a penalty in the cost, far from its minimum,
+        outweighs the cost.
         """
-        p = self.parameter_vector({PENALTY: 0.0, RELAXATION: 0.0})
-        changes = self._changes(self.extended(self.start), p)
-        f = band(_largest(one.max(initial=0.0) for one in changes))
-        return None if f == 1 else Scale.none(self.n, self.m, f)
-
-    def span(self, x: np.ndarray, p: np.ndarray) -> float:
-        """What the cost changes by as x (n,) moves by characteristic sizes, to second order."""
-        return _largest(one.sum() for one in self._changes(x, p))
-
-    def _changes(self, x: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
-        """What the cost changes by as each variable, and pair of variables, moves by its size."""
-        sizes = self.sizes(x)
-        bend = np.abs(self.hessian(x, p, 1.0, np.zeros(self.m)).sparse()).tocoo()
-        return [np.abs(self.slopes(x, p)[0]) * sizes, bend.data * sizes[bend.row] * sizes[bend.col]]
+        x, p = self._units, self._plain
+        point = self.extended(self.start)
+        bend = np.abs(self.hessian(point, p, 1.0, np.zeros(self.m)).sparse()).tocoo()
+        sizes = self.sizes(point)
+        changes = (
+            np.abs(self.slopes(point, p)[0]) * sizes,
+            bend.data * sizes[bend.row] * sizes[bend.col],
+        )
+        f = band(_largest(change.max(initial=0.0) for change in changes))
+        g = row_units(x, lambda z, p: (0.0, self.slopes(z, p)[2]), p)
+        if "contact" in self.constraints:
+            g[self.constraints["contact"].index] = x[self.pairs].prod(axis=0)
+        return None if f == 1 and np.all(x == 1) and np.all(g == 1) else Scale(x, g, f)
 
     def pair_name(self, index: int) -> PairName:
         """Name of a pair, which has neither scenario nor step."""

@@ -13,7 +13,6 @@ from ocp.errors import InputError, choose
 from ocp.judges.audit import TOLERANCES
 from ocp.judges.jumps import Domain, jump_findings_of
 from ocp.mpcc.programs import MPCC, MPCCProgram, programs_of, sized
-from ocp.problem import Scaling
 from ocp.programs.program import PENALTY, RELAXATION, Program
 from ocp.programs.solver import Point, Result, Solver, Status
 from ocp.routes.branches import Branches, polish
@@ -27,12 +26,13 @@ from ocp.stationarity.certificate import Certificate, certify
 def violation(
     program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]
 ) -> tuple[float, str]:
-    """Return the largest violation of a bound or constraint at x, and its name."""
+    """Return the largest violation of a bound or constraint at x, in its unit, and its name."""
     _, g = program.values(x, p)
-    worst, name = 0.0, "nothing"
-    parts = (("bound on", program.variables, x, "x"), ("constraint", program.constraints, g, "g"))
-    for what, layout, values, letter in parts:
-        off = np.maximum(bounds[f"lb{letter}"] - values, values - bounds[f"ub{letter}"])
+    worst, name, units = 0.0, "nothing", program.natural
+    parts = (("bound on", program.variables, x, "x", units.x),
+             ("constraint", program.constraints, g, "g", units.g))  # fmt: skip
+    for what, layout, values, letter, unit in parts:
+        off = np.maximum(bounds[f"lb{letter}"] - values, values - bounds[f"ub{letter}"]) / unit
         if off.size and not off.max() <= worst:
             at = int(np.argmax(np.nan_to_num(off, nan=np.inf)))
             block, index = layout.locate(at)
@@ -48,6 +48,8 @@ DEFAULTS_LARGE = ("l1-quick", "scholtes-exact", "scholtes-quick")
 last is followed where none of the others is certified."""
 _LARGE = 300
 """Variables from which on a problem is large: its ends are improved until one is certified."""
+_NEAR_BOUND = 1e-8
+"""Distance to a bound, in sizes, that an interior point leaves."""
 _SOFT = ((1.0, 10.0), (1.0, 1000.0), (0.0, 1.0))
 """Of cost and violation in softened problems, which are solved where no other was."""
 
@@ -57,8 +59,9 @@ class MPCCSolution:
     """An answer to an :class:`MPCC`: x (n,), G and H (k,) there, cost and certificate.
 
     ``success`` means feasible to 1e-6 and certified B-stationary, whatever the solver's status.
-    ``infeasibility`` is the largest violation of a bound, of g, or of min(G, H) = 0; ``worst`` says
-    where. ``strategy`` is the one that led there. ``findings`` are sentences on what jumps.
+    ``infeasibility`` is the largest violation of a bound, of g, or of min(G, H) = 0, each in the
+    unit that its derived size gives it (1 for ordinary sizes); ``worst`` says where. ``strategy``
+    is the one that led there. ``findings`` are sentences on what jumps.
     """
 
     x: np.ndarray
@@ -162,8 +165,7 @@ def _followed(
 
 def _leg(follower: Homotopy, strategy: Strategy, start: np.ndarray) -> RouteResult:
     """Follow a strategy from ``start`` (n,), and solve the branch where it ends."""
-    scaling = Scaling(impulse=1.0, gap=1.0)
-    search = Search(strategy, scaling, lambda program: Point(program.extended(start)))
+    search = Search(strategy, 1.0, lambda program: Point(program.extended(start)))
     return by_strategy(follower, search, strategy)
 
 
@@ -213,6 +215,20 @@ def _softened(
     return best
 
 
+def _at_bounds(
+    program: MPCCProgram, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]
+) -> np.ndarray:
+    """Put variables that nearly are at a bound on it, where the cost falls and rows still hold.
+
+    An interior point stays off its bounds by a distance that a steep cost makes dear.
+    """
+    near, moved = _NEAR_BOUND * program.sizes(x), x
+    for end in (bounds["lbx"], bounds["ubx"]):
+        moved = np.where(np.abs(moved - end) <= near, end, moved)
+    feasible = violation(program, moved, p, bounds)[0] <= TOLERANCES["constraint_violation"]
+    return moved if feasible and program.values(moved, p)[0] < program.values(x, p)[0] else x
+
+
 def _feasible(found: MPCCSolution) -> bool:
     return found.infeasibility <= TOLERANCES["constraint_violation"]
 
@@ -229,27 +245,22 @@ def _judged(
     values = {PENALTY: 0.0, RELAXATION: 0.0}
     mpcc, x = program.mpcc, program.extended(result.point.x[: program.mpcc.x.numel()])
     p, bounds = program.parameter_vector(values), program.bounds(values)
+    x = _at_bounds(program, x, p, bounds)
     off, worst = violation(program, x, p, bounds)
     sides = program.lifted.sides(x[: mpcc.x.numel()], program.given)
     G, H = (np.array(v).ravel() for v in sides)
-    apart = np.abs(np.minimum(G, H))
+    units = program.natural.x[program.pairs]
+    apart = np.abs(np.minimum(G / units[0], H / units[1]))
     if apart.size and apart.max() > off:
         off, worst = float(apart.max()), f"complementarity of {mpcc.pair(int(apart.argmax()))!r}"
     certificate = Certificate("undecided", reason="the point is not feasible")
     status = Status.INEXACT if result.ok else result.status
     if off <= TOLERANCES["constraint_violation"]:
         multipliers = result.point.lam_g if source is program else None
-        certificate = certify(program, x, p, bounds, multipliers, _span(program, start, x, p))
+        certificate = certify(program, x, p, bounds, multipliers)
         decided = {"not": Status.NOT_OPTIMAL, "undecided": Status.UNDECIDED}
         status = decided.get(certificate.stationarity, Status.SOLVED)
     elif result.status in (Status.SOLVED, Status.INFEASIBLE):
         status = Status.INFEASIBLE
-    f, _ = program.values(x, p)
+    f = program.values(x, p)[0] + program.constant(p)
     return MPCCSolution(x[: mpcc.x.numel()], G, H, f, status, certificate, off, worst, name, 0, 0.0)
-
-
-def _span(program: MPCCProgram, start: np.ndarray, x: np.ndarray, p: np.ndarray) -> float:
-    """What the cost changes by: on the way from the start, and there by characteristic sizes."""
-    begin = program.extended(start)
-    change = abs(program.values(begin, p)[0] - program.values(x, p)[0])
-    return max(change if np.isfinite(change) else 0.0, program.span(begin, p))

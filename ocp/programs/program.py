@@ -142,6 +142,35 @@ class Program(ABC):
     def pair_name(self, index: int) -> PairName:
         """What the pair ``pairs[:, index]`` is called."""
 
+    def constant(self, p: np.ndarray) -> float:
+        """What the cost has beside ``f``: constant terms, which no point can change."""
+        return 0.0
+
+    def typical_change(self, x: np.ndarray, p: np.ndarray) -> float:
+        """Return a change of the cost beside which others are small, at a point x.
+
+        Of every signal (the entries of a block with one last index) the largest
+        ``|slope| + |curvature| / 2`` of an entry that moves by its size. The lower median over the
+        signals that change the cost, or, where that is more, the cost itself, which has no constant
+        terms, up to the largest signal's. So it grows neither with a sum over many steps nor with
+        one steep entry. Zero where nothing changes the cost.
+        """
+        sizes = self.sizes(x)
+        f, gradient = self.gradient(x, p)
+        bend = self.bend(x, p, np.zeros(self.m), sizes).diagonal()
+        each = np.abs(np.array(gradient).ravel()) * sizes + np.abs(bend) / 2
+        each = np.nan_to_num(each, posinf=0.0)
+        signals = [
+            block.index.reshape(-1, block.shape[-1]).T
+            for block in self.variables.blocks.values() if block.size
+        ]  # fmt: skip
+        largest = np.array([each[rows].max() for block in signals for rows in block])
+        largest = largest[largest > 0]
+        if not largest.size:
+            return 0.0
+        median = float(np.quantile(largest, 0.5, method="lower"))
+        return max(median, min(abs(float(f)), float(largest.max())))
+
     @property
     def chains(self) -> np.ndarray:
         """Indices of pairs that follow one another in time, a row a chain; none without time."""

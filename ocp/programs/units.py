@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -99,6 +99,22 @@ def band(span: float) -> float:
     return 2.0 ** (24 * np.floor((np.log2(span) + 6) / 24)) if usable else 1.0
 
 
+ORDINARY_ROWS = 13
+"""Exponent of two up to which a row keeps its unit: solvers scale rows themselves."""
+
+
+def solver_unit(sizes: Any, ordinary: int = 7) -> np.ndarray:
+    """Power of two next to each size, 1 for ordinary ones and for what is no size.
+
+    Ordinary sizes are from ``2**-ordinary`` to ``2**ordinary``, which suits a solver's tolerances:
+    problems keep the numbers they state.
+    """
+    sizes = np.asarray(sizes, dtype=float)
+    usable = np.isfinite(sizes) & (sizes > 0)
+    exponents = np.round(np.log2(np.where(usable, sizes, 1.0)))
+    return np.where(np.abs(exponents) <= ordinary, 1.0, 2.0**exponents)
+
+
 @dataclass(frozen=True)
 class Scale:
     """What a solver divides a program's variables (n,), constraints (m,) and cost by."""
@@ -157,3 +173,24 @@ def _medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     found, some = np.ones(count), sizes > 0
     found[some] = values[order][middle[some]]
     return found
+
+
+def row_scaled(
+    x: np.ndarray, at: Entries, p: np.ndarray, cost: float, largest: float = np.inf
+) -> Scale | None:
+    """Scale of a program whose variables have the units ``x`` (n,); None where all are 1.
+
+    A row's unit is the power of two beside the largest change of it by a variable that moves by its
+    unit, up to ``largest``, and 1 where that is ordinary: a constraint means the same in whatever
+    unit it is written.
+    """
+    g = np.minimum(row_units(x, at, p), largest)
+    ones = np.all(x == 1) and np.all(g == 1) and cost == 1
+    return None if ones else Scale(x, g, cost)
+
+
+def row_units(x: np.ndarray, at: Entries, p: np.ndarray) -> np.ndarray:
+    """Units of the rows (m,), see :func:`row_scaled`, at a random point about the units ``x``."""
+    _, jacobian = at(x * np.random.default_rng(0).uniform(0.5, 1.5, x.size), p)
+    changes = abs(jacobian).multiply(x[None, :]).max(axis=1)
+    return solver_unit(changes.toarray().ravel(), ORDINARY_ROWS)

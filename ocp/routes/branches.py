@@ -168,13 +168,13 @@ class Branches:
         multipliers = best.point.lam_g
         if multipliers is None:
             return False
-        return model.dual_bound(multipliers, radius) <= tolerance_of(model, best.f)
+        return model.dual_bound(multipliers, radius) <= tolerance_of(model)
 
     def _exchanged(self, model: LinearModel, best: Result, radius: float) -> Result | None:
         """Solve the branch that a direction of descent leads to; None without one."""
         if not 0 < model.effort(radius) <= _EFFORT:
             return None
-        cut = tolerance_of(model, best.f)
+        cut = tolerance_of(model)
         direction = model.descend(radius, True, cut, first=True)
         if not direction.decrease > cut:
             return None
@@ -183,8 +183,9 @@ class Branches:
         there = best.point.x + radius * model.sizes * direction.step
         found = self.solve(Point(there, best.point.lam_x, best.point.lam_g), active)
         how = f"{found.word} after {found.iterations} iterations"
+        cost = found.f + self.program.constant(self.p)
         self.follower.trace.refused = (
-            f"the branch with these contacts costs {found.f:.6g}" if found.ok
+            f"the branch with these contacts costs {cost:.6g}" if found.ok
             else f"the solver did not converge on the branch with these contacts ({how})"
         )  # fmt: skip
         return found if found.ok else None

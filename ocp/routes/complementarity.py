@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ocp.problem import Scaling
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.branches import Branches, polish
@@ -20,7 +19,7 @@ from ocp.routes.schedules import VAIN, distant_schedules, improved
 
 @dataclass(frozen=True)
 class Search:
-    """Which strategy relaxes the pairs, from sizes ``scaling``, and where it starts.
+    """Which strategy relaxes the pairs, from ``mu`` in natural units on, and where it starts.
 
     ``fallback`` is the strategy to use where it ends on no branch. ``rolls`` roll inputs out, whose
     branches are then solved (:mod:`~ocp.routes.schedules`): a few after a path that was
@@ -29,7 +28,7 @@ class Search:
     """
 
     strategy: Strategy
-    scaling: Scaling
+    mu: float
     start: Callable[[Any], Point]
     fallback: Strategy | None = None
     alternatives: Sequence[Strategy] = ()
@@ -87,12 +86,12 @@ def by_strategy(follower: Homotopy, search: Search, strategy: Strategy) -> Route
     step_backs = 0 if search.alternatives and strategy not in search.alternatives else STEP_BACKS
     if isinstance(strategy, CentralPath):
         strategy = strategy.over(follower.nlp_of("none").chains.shape[-1])
-    paths = strategy.paths(search.scaling)
+    paths = strategy.paths(search.mu)
     source = follower.nlp_of(paths[0].reformulation)
     found = follow_paths(follower, paths, search.start(source), source, step_backs=step_backs)
     polished = polish(follower, found.nlp, found.result, improving=False)
     if not polished.finished and found.result.ok and isinstance(strategy, CentralPath):
-        further = strategy.further(search.scaling)
+        further = strategy.further(search.mu)
         found = follow_paths(follower, further, found.result.point, found.nlp, warm=True)
         polished = polish(follower, found.nlp, found.result, improving=False)
     return polished

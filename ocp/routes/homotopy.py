@@ -190,7 +190,7 @@ class Homotopy:
         line = StageRecord(
             label=label,
             value=value,
-            cost=result.f,
+            cost=result.f + nlp.constant(p),
             complementarity=float(np.abs(nlp.products(result.point.x, p)).max(initial=0.0)),
             residual=float(np.maximum(off, 0).max(initial=0.0)),
             iterations=result.iterations,

@@ -15,7 +15,6 @@ import numpy as np
 
 from dynamics.contact.law import Schedule
 from dynamics.systems import LAW_PREFIX
-from ocp.problem import Scaling
 from ocp.programs.program import PENALTY, RELAXATION, Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.homotopy import PRIMAL, Homotopy, HomotopyPath, HomotopyStage, geometric
@@ -35,9 +34,9 @@ T_LOOSE = 1e-4
 
 
 class Strategy(Protocol):
-    """Paths to follow one after the other, from sizes characteristic of the problem."""
+    """Paths to follow one after the other, from ``mu``, characteristic impulse times gap."""
 
-    def paths(self, scaling: Scaling) -> list[HomotopyPath]:
+    def paths(self, mu: float) -> list[HomotopyPath]:
         """Return the paths, easiest first."""
         ...
 
@@ -80,15 +79,15 @@ class CentralPath:
         """The same for a horizon of so many steps; none where there is no time."""
         return replace(self, steps=steps)
 
-    def paths(self, scaling: Scaling) -> list[HomotopyPath]:
+    def paths(self, mu: float) -> list[HomotopyPath]:
         """One path from ``wide`` times impulse times distance to a ten-thousandth of these."""
-        start = self.wide * scaling.mu
-        values = geometric(start, T_LOOSE * scaling.mu, self.factor)
+        start = self.wide * mu
+        values = geometric(start, T_LOOSE * mu, self.factor)
         return [HomotopyPath(values, lambda t: self._stage(t, t >= start))]
 
-    def further(self, scaling: Scaling) -> list[HomotopyPath]:
+    def further(self, mu: float) -> list[HomotopyPath]:
         """The same path on to 1e-8."""
-        values = geometric(T_LOOSE * scaling.mu, T_SHARP, 0.1)
+        values = geometric(T_LOOSE * mu, T_SHARP, 0.1)
         return [HomotopyPath(values, lambda t: self._stage(t, False))]
 
     def _stage(self, t: float, first: bool) -> HomotopyStage:
@@ -125,9 +124,9 @@ class Falling:
     factor: float = 0.1
     power: float = 1.0
 
-    def paths(self, scaling: Scaling) -> list[HomotopyPath]:
+    def paths(self, mu: float) -> list[HomotopyPath]:
         """The path."""
-        start = scaling.mu**self.power
+        start = mu**self.power
         values = geometric(start, T_SHARP**self.power, self.factor)
         return [HomotopyPath(values, lambda t: self.stage(t, t >= start))]
 
@@ -171,7 +170,7 @@ class L1Penalty:
     barrier: float = 1e-4
     options: dict[str, float] = field(default_factory=dict)
 
-    def paths(self, scaling: Scaling) -> list[HomotopyPath]:
+    def paths(self, mu: float) -> list[HomotopyPath]:
         """One ladder of penalties."""
 
         def stage(rho: float) -> HomotopyStage:
@@ -193,10 +192,9 @@ by solving a relaxation better than it is relaxed."""
 class L1ThenScholtes:
     """Two or three penalties find the region, Scholtes' relaxation from a small t the point."""
 
-    def paths(self, scaling: Scaling) -> list[HomotopyPath]:
+    def paths(self, mu: float) -> list[HomotopyPath]:
         """The ladder, then the relaxation."""
-        small = Scaling(scaling.impulse, 1e-3 * scaling.gap)
-        return [*L1Penalty(steps=3).paths(scaling), *_SCHOLTES.paths(small)]
+        return [*L1Penalty(steps=3).paths(mu), *_SCHOLTES.paths(1e-3 * mu)]
 
 
 STRATEGIES: dict[str, Strategy] = {

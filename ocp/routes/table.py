@@ -117,7 +117,7 @@ class WarmStart(Route):
             tries = [{**keep, "mu_init": 1e-7, **short}, {**keep, "mu_init": 1e-3}]
         stages = [HomotopyStage(session.step.law.name, 0.0, options=options) for options in tries]
         if session.complementary:
-            t = (_NEAR if start.near else _WIDE) * session.problem.scaling.mu
+            t = (_NEAR if start.near else _WIDE) * session.problem.natural_scales.mu
             stages = [relaxed(t, {**keep, "mu_init": max(t / 10, 1e-9)})]
         result = follower.solve_stage(stages[0], nlp, point, True)
         for stage in stages[1:]:
@@ -143,7 +143,9 @@ class Complementarity(Route):
     def _search(self, session: Session, start: Start) -> Search:
         problem, guess = session.problem, start.guess
         strategy = choose("strategy", session.strategy, STRATEGIES)
-        plain = Search(strategy, problem.scaling, partial(session.first_point, guess=guess))
+        plain = Search(
+            strategy, problem.natural_scales.mu, partial(session.first_point, guess=guess)
+        )
         if session.strategy != DEFAULT_STRATEGY:
             return plain
         own = guess or problem.initial_guess(problem.parameters.pack(session.values))

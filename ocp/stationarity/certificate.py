@@ -21,7 +21,7 @@ RADII = (1e-3, 1e-4)
 """Trust regions, in characteristic sizes, in which a direction of descent is looked for."""
 _BIACTIVE = 1e-6
 _FLAT = 1e-4
-_NOISE = 1e-9
+_NOISE = 1e-8
 WITHIN = 1e-2
 """How far, in characteristic sizes, a direction of descent is followed to tell what it gains."""
 
@@ -69,12 +69,14 @@ class Certificate:
 
     ``biactive`` counts pairs with both members below 1e-6 of their characteristic size;
     ``lpec_decrease`` is what the cost falls per unit of trust region, to first order, along the
-    steepest direction that keeps complementarity, zero where certified; ``tolerance`` what counts
-    as zero: 1e-4 of the larger of |cost| and ``slope``, the scaled 1-norm of the cost's gradient,
-    which is what the cost would fall by without constraints; within a hundredth of the sizes that
-    is a millionth of them. ``gain`` is what the direction gains within a hundredth of the sizes,
-    the Lagrangian's curvature counted. ``kkt_residual`` is the
-    largest entry of the Lagrangian's projected gradient, over IPOPT's scale of the multipliers.
+    steepest direction that keeps complementarity, zero where certified. ``tolerance`` is what
+    counts as zero: 1e-4 of :meth:`~ocp.programs.program.Program.typical_change`, so that within a
+    hundredth of the sizes a millionth of that is no gain. It depends on no constant term of the
+    cost, and grows neither with a sum over many steps nor with one steep entry. ``slope`` is the
+    scaled 1-norm of the cost's gradient, which is what the cost would fall by without constraints.
+    ``gain`` is what the direction gains within a hundredth of the sizes, the Lagrangian's curvature
+    counted. ``kkt_residual`` is the largest entry of the Lagrangian's projected gradient, over
+    IPOPT's scale of the multipliers.
     ``negative_curvature`` counts directions along which the Lagrangian curves down on the active
     constraints' null space, -1 where that was not computed.
     """
@@ -120,7 +122,6 @@ def certify(
     p: np.ndarray,
     bounds: dict[str, np.ndarray],
     multipliers: np.ndarray | None = None,
-    cost_span: float = 0.0,
 ) -> Certificate:
     """Judge a feasible point ``x`` of ``nlp`` to first order, and count negative curvature.
 
@@ -140,25 +141,24 @@ def certify(
     1e-4, so that a descent has to persist as the region shrinks (Leyffer and Munson 2007;
     Nurkanovic and Leyffer, arXiv 2501.13835). Constraints and bounds within 1e-4 count as active.
 
-    ``cost_span`` is what the cost changes by over characteristic sizes. A direction that gains less
-    than 1e-9 of that and of the cost, curvature counted, is none: at a cost of zero nothing else
-    distinguishes a gradient from rounding.
+    A direction that gains less than 1e-8 of the cost's typical change, curvature counted, is none:
+    nothing else distinguishes a gradient from rounding where the cost is flat.
     """
     began = time.perf_counter()
-    f, complementary = nlp.values(x, p)[0], nlp.reformulation == "none" and nlp.pairs.size > 0
     model = linear_model(nlp, x, p, bounds)
-    if not (np.isfinite(f) and model.finite):
+    complementary = nlp.reformulation == "none" and nlp.pairs.size > 0
+    if not (np.isfinite(nlp.values(x, p)[0]) and model.finite):
         return Certificate(
             "undecided", reason="a function or derivative is NaN or infinite at the point"
         )
     slope = float(np.abs(model.cost).sum())
-    tolerance = tolerance_of(model, f)
+    tolerance = tolerance_of(model)
     verdict, strong, descent = _search(model, multipliers, tolerance)
     fitted = multipliers if multipliers is not None else fit_multipliers(model)
     hessian, gain = nlp.bend(x, p, fitted, model.sizes), 0.0
     if verdict == "not":
         gain = _gain(descent, hessian)
-        if gain <= _NOISE * max(abs(f), cost_span):
+        if gain <= _NOISE * model.typical_change:
             verdict, gain = "B", 0.0
     return Certificate(
         stationarity=verdict if complementary or verdict != "B" else "KKT",
@@ -186,12 +186,13 @@ def linear_model(
     :meth:`~ocp.stationarity.lpec.LinearModel.at`.
     """
     pairs = nlp.pairs if nlp.reformulation == "none" else np.zeros((2, 0), dtype=int)
-    return LinearModel.at(x, *nlp.slopes(x, p), bounds, nlp.sizes(x), pairs, residuals)
+    change = nlp.typical_change(x, p)
+    return LinearModel.at(x, *nlp.slopes(x, p), bounds, nlp.sizes(x), pairs, residuals, change)
 
 
-def tolerance_of(model: LinearModel, f: float) -> float:
+def tolerance_of(model: LinearModel) -> float:
     """What a decrease per radius must exceed to count, see :class:`Certificate`."""
-    return _FLAT * max(abs(f), float(np.abs(model.cost).sum()))
+    return _FLAT * model.typical_change
 
 
 def _search(

@@ -35,6 +35,7 @@ class LinearModel:
 
     ``cost`` (n,) is the gradient times the sizes, ``rows`` (m_g, n) the Jacobian so scaled, with
     its largest entry in every row brought to 1; ``row_scale`` (m_g,) are the factors.
+    ``typical_change`` is that of the cost (:meth:`~ocp.programs.program.Program.typical_change`).
     """
 
     cost: np.ndarray
@@ -47,12 +48,13 @@ class LinearModel:
     members: np.ndarray
     row_scale: np.ndarray
     sizes: np.ndarray
+    typical_change: float = 0.0
 
     @classmethod
     def at(
         cls, x: np.ndarray, gradient: np.ndarray, g: np.ndarray, jacobian: sp.spmatrix,
         bounds: dict[str, np.ndarray], sizes: np.ndarray, pairs: np.ndarray,
-        residuals: bool = False,
+        residuals: bool = False, typical_change: float = 0.0,
     ) -> LinearModel:  # fmt: skip
         """Scale the derivatives at ``x``; ``bounds`` are ``lbx ubx lbg ubg``, without contact's.
 
@@ -79,6 +81,7 @@ class LinearModel:
             np.maximum(x[pairs] / sizes[pairs], 0.0),
             scale,
             sizes,
+            typical_change,
         )
 
     @property

@@ -170,5 +170,7 @@ def _cost_slope(curve: KKTCurve, v: np.ndarray) -> float:
         (x, _), (p, bounds) = curve.point(v + sign * step), curve.given(v[-1] + sign * step[-1])
         f, g = curve.program.values(x, p)
         held = np.where(curve.held.g < 0, bounds["lbg"], bounds["ubg"])[curve.acting]
-        ends.append(f + float(y[curve.acting] @ (g[curve.acting] - held)))
+        ends.append(
+            f + curve.program.constant(p) + float(y[curve.acting] @ (g[curve.acting] - held))
+        )
     return (ends[0] - ends[1]) / (2 * step[-1] * curve.unit)

@@ -71,8 +71,8 @@ class Graph:
         return 1 if isinstance(self.policy, Feedback) and self.policy.stationary else self.problem.N
 
     def stage_cost(self) -> ca.SX:
-        """Stage cost with du written out as u - u_before, and what the law adds to it."""
-        problem, cost = self.problem, self._with_impulses(self.problem.stage_cost)
+        """Stage cost without constants, du written out as u - u_before, and what the law adds."""
+        problem, cost = self.problem, self._with_impulses(self.problem.changeable_costs[0])
         if problem.du is not None:
             cost = ca.substitute(cost, problem.du, problem.system.u - self.u_before)
         return cost + self.step.extra_stage_cost

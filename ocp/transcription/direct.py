@@ -179,7 +179,14 @@ def terminal_stage(graph: Graph, variables: Layout, constraints: Layout) -> Stag
     expression, rows = add_rows(constraints, parts, S, 1)
     index = state_index(graph, variables)[:, -1]
     return Stage(
-        "terminal", problem.system.x, graph.p, problem.terminal_cost, expression, index, rows, 1 / S
+        "terminal",
+        problem.system.x,
+        graph.p,
+        problem.changeable_costs[1],
+        expression,
+        index,
+        rows,
+        1 / S,
     )
 
 

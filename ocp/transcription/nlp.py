@@ -14,7 +14,7 @@ from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.programs.program import PENALTY, RELAXATION, Layout, PairName, Program
 from ocp.programs.solver import Result
-from ocp.programs.units import Scale, measured
+from ocp.programs.units import Scale, measured, row_scaled
 from ocp.rollout import Gains, at_steps
 
 if TYPE_CHECKING:
@@ -68,6 +68,11 @@ class NLP(Program):
         head = [values[name] for name in self.names]
         return np.concatenate([head, self.data.pack({"x0": x0, "u_before": u_before})])
 
+    def constant(self, p: np.ndarray) -> float:
+        """The problem's constant cost, see :meth:`~ocp.problem.Problem.constant_cost`."""
+        values = dict(zip(self.names, p, strict=False))
+        return self.problem.constant_cost(self.problem.parameters.pack(values))
+
     def products(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
         """``lam gap`` of every contact and step, flat; shooting methods solve the contacts."""
         if self.contacts is None:
@@ -107,56 +112,76 @@ class NLP(Program):
         States and inputs have theirs; an impulse or a gap its own, the two exchanged for a slip
         pair, whose multiplier is a way and whose gap an impulse; gains are inputs over states.
         """
-        scaling = self.problem.scaling
-        slips = [pair.kind == "slip" for pair in self.problem.system.pairs] * self.step.branches
-        impulse = np.where(slips, scaling.gap, scaling.impulse)
-        gap = np.where(slips, scaling.impulse, scaling.gap)
-        known = {"x": scaling.x, "x0": scaling.x, "u": scaling.u, "k": scaling.u,
-                 "K": scaling.u / scaling.x, "lam": impulse, "gap": gap}  # fmt: skip
-        natural = self.variables.pack({name: known[name] for name in self.variables.blocks})
-        return natural * self.natural.x
+        sizes = self.problem.natural_scales
+        slips = self._slips
+        impulse = np.where(slips, sizes.gap, sizes.impulse)
+        gap = np.where(slips, sizes.impulse, sizes.gap)
+        known = {"x": sizes.x, "x0": sizes.x, "u": sizes.u, "k": sizes.u,
+                 "K": sizes.u[:, None] / sizes.x, "lam": impulse, "gap": gap}  # fmt: skip
+        multiples = self.variables.pack({name: known[name] for name in self.variables.blocks})
+        return multiples * self.natural.x
+
+    @property
+    def _slips(self) -> np.ndarray:
+        """Mask (n,) of the pairs whose multiplier is a way and whose gap is an impulse."""
+        return np.array([p.kind == "slip" for p in self.problem.system.pairs] * self.step.branches)
 
     @cached_property
     def scale(self) -> Scale | None:
-        """Natural units of variables, constraints, cost: see :func:`~ocp.programs.units.measured`.
+        """Units in which a solver sees variables, constraints and cost; None for all in SI.
 
-        None in SI, and by shooting, whose contacts are solved on the way.
+        Variables have their :attr:`~ocp.problem.Problem.natural` units, rows in SI the power of two
+        beside what they change by (:func:`~ocp.programs.units.row_units`), in other units what
+        :func:`~ocp.programs.units.measured` tells. By shooting, whose contacts are solved on the
+        way and whose rows may be steep, rows are only made larger, and none in other units than SI.
         """
         import scipy.sparse as sp
 
-        units, table = self.problem.scaling.units, self.problem.parameters + self.step.p
         cost = self.problem.scales.cost
-        if units.plain or "gap" not in self.variables:
-            return None if cost == 1 else Scale.none(self.n, self.m, cost)
-        system = self.problem.system
-        x, u = (np.array([units.of(signal.unit) for signal in part])
-                for part in (system.states, system.inputs))  # fmt: skip
-        lam = np.array([units.of(signal.unit) for signal in self.step.contacts])
-        known = {"x": x, "x0": x, "u": u, "k": u, "K": u[:, None] / x, "lam": lam, "gap": 1.0}
-        own = np.full(self.m, -1)
-        if self.step.n:
-            own[self.constraints["gap_definition"].index] = self.variables["gap"].index
-        values = table.defaults
-        natural = {p.name: values[p.name] / units.of(p.unit) for p in table}
-        given = [
-            self.parameter_vector({PENALTY: 0.0, RELAXATION: 0.0, **part})
-            for part in (values, natural)
-        ]
-        first = self.variables.pack({name: known[name] for name in self.variables.blocks})
+        table = self.problem.parameters + self.step.p
+
+        def parameters(values: dict[str, float]) -> np.ndarray:
+            return self.parameter_vector({PENALTY: 0.0, RELAXATION: 0.0, **values})
 
         def entries(z: np.ndarray, p: np.ndarray) -> tuple[float, sp.csr_matrix]:
             return float(self.f_g(z, p)[0]), sp.csr_matrix(self.jacobian(z, p)[1].sparse())
 
-        found = measured(first, own, entries, *given)
+        x, units = self._variable_units(), self.problem.scaling.units
+        shooting = "gap" not in self.variables
+        if shooting and not units.plain:
+            return None if cost == 1 else Scale.none(self.n, self.m, cost)
+        if units.plain:
+            largest = 1.0 if shooting else np.inf
+            return row_scaled(x, entries, parameters(table.defaults), cost, largest)
+        defining = np.full(self.m, -1)
+        if self.step.n:
+            defining[self.constraints["gap_definition"].index] = self.variables["gap"].index
+        natural = {p.name: table.defaults[p.name] / units.of(p.unit) for p in table}
+        found = measured(x, defining, entries, parameters(table.defaults), parameters(natural))
         return replace(found, f=found.f * cost)
+
+    def _variable_units(self) -> np.ndarray:
+        """Units of the variables (n,), as far as they are known without the constraints."""
+        problem = self.problem
+        natural, units = problem.natural, problem.scaling.units
+        if units.plain:
+            ratio = np.tile(problem.pair_units, self.step.branches)
+            lam = np.where(self._slips, natural.gap, natural.impulse) / ratio
+            gap = np.where(self._slips, natural.impulse, natural.gap) * ratio
+        else:
+            lam = np.array([units.of(signal.unit) for signal in self.step.contacts])
+            gap = np.ones_like(lam)
+        known = {"x": natural.x, "x0": natural.x, "u": natural.u, "k": natural.u,
+                 "K": natural.u[:, None] / natural.x, "lam": lam, "gap": gap}  # fmt: skip
+        return self.variables.pack({name: known[name] for name in self.variables.blocks})
 
     def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
         """By the sizes of both members and, where slip makes that another set, as if all were
         impulses and gaps: friction that hardly slides is cut off by neither alone.
         """
-        own = super().active_sets(x)
+        own, sizes = super().active_sets(x), self.problem.natural_scales
         first, second = (x / self.natural.x)[self.pairs]
-        other = first / self.problem.scaling.impulse > second / self.problem.scaling.gap
+        other = first / sizes.impulse > second / sizes.gap
         return own if np.array_equal(own[0], other) else [other, *own]
 
     @property

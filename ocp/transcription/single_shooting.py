@@ -122,7 +122,7 @@ class _Condensed:
             self.constraints.add("terminal", (self.S, 1, expression.numel()), names)
         index = np.zeros((self.S, self.xi.numel()), dtype=int)
         rows = np.zeros((self.S, expression.numel()), dtype=int)
-        self.terminal = Stage("terminal", self.xi, graph.p, problem.terminal_cost, expression,
+        self.terminal = Stage("terminal", self.xi, graph.p, problem.changeable_costs[1], expression,
                               index, rows, 1 / self.S)  # fmt: skip
 
     def _rollout(self, theta: ca.MX, p: ca.MX, data: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:

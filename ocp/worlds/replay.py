@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from ocp.cost_constant import cost_share
 from ocp.errors import choose
 from ocp.problem import Problem
 from ocp.rollout import Gains, trajectory_costs
 from ocp.worlds import WORLDS
 from ocp.worlds.mujoco_world import SOLREF, STEP, MujocoWorld
 
-KEPT, _LEAST = 0.2, 1e-9
+KEPT = 0.2
 """By which share of its cost, or of the characteristic one, a plan may differ that keeps it."""
 SOLREFS, STEPS = (0.005, 0.04), (5e-4, 2e-3)
 """Ends of the band: time constants of contact, and steps [s]."""
@@ -83,8 +84,7 @@ def in_world(
         return float(trajectory_costs(problem, x, u, np.zeros((S, N, system.nlam)), p).mean())
 
     costs = [cost(SOLREF, STEP), *(cost(*pair) for pair in product(SOLREFS, STEPS))]
-    least = _LEAST * problem.scales.cost
-    keeps = abs(costs[0] - planned_cost) <= KEPT * max(abs(planned_cost), least)
+    keeps = cost_share(problem, abs(costs[0] - planned_cost), planned_cost, p) <= KEPT
     return InWorld(
         name, costs[0], planned_cost, keeps, (float(np.min(costs)), float(np.max(costs)))
     )
