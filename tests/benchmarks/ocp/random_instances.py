@@ -75,7 +75,7 @@ def alone(instance: Instance) -> Answer:
 
     def run(session: Session) -> RouteResult:
         follower = Homotopy(session.nlp_of, session.solver, session.values)
-        search = Search(CentralPath(), session.problem.scaling, session.first_point)
+        search = Search(CentralPath(), session.problem.natural_scales.mu, session.first_point)
         return by_strategy(follower, search, search.strategy)
 
     return _from_session(instance, run)

@@ -162,8 +162,8 @@ def test_translation_keeps_what_both_forms_have() -> None:
 
 @pytest.mark.parametrize("name", STRATEGIES)
 def test_every_strategy_starts_at_sizes_of_the_problem_and_ends_tight(name: str) -> None:
-    scaling = get("cart-walls").scaling
-    paths = STRATEGIES[name].paths(scaling)
+    mu = get("cart-walls").natural_scales.mu
+    paths = STRATEGIES[name].paths(mu)
     for path in paths:
         values = list(path.values)
         ordered = sorted(values, reverse=values[0] > values[-1])

@@ -206,7 +206,7 @@ def test_terminal_constraints_are_softened_and_told() -> None:
     u, lam = np.zeros(2), np.zeros(1)
     before = float(problem.cost_terms(x, u, u, lam, p)[1])
     after = float(receding.problem.cost_terms(x, u, u, lam, both)[1])
-    expected = 100 * problem.scales.cost * (0.3 / problem.scaling.x) ** 2
+    expected = 100 * problem.scales.cost * (0.3 / problem.natural_scales.x.max()) ** 2
     assert after - before == pytest.approx(expected)
     assert not receding.problem.terminal
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ocp.programs.program import PairName, Program
+from ocp.programs.program import Layout, PairName, Program
 from ocp.programs.units import Scale
 
 
@@ -23,6 +23,7 @@ class SmallMPCC:
     pairs: np.ndarray
     reformulation: str = "none"
     values, slopes, bend = Program.values, Program.slopes, Program.bend
+    typical_change = Program.typical_change
 
     def __post_init__(self) -> None:
         p, lam_f, lam_g = ca.SX.sym("p"), ca.SX.sym("lf"), ca.SX.sym("lg", self.g.numel())
@@ -34,7 +35,10 @@ class SmallMPCC:
         hessian = ca.triu(ca.hessian(lagrangian, self.x)[0])
         self.hessian = ca.Function("h", [*inputs, lam_f, lam_g], [hessian])
         self.pairs = np.asarray(self.pairs, dtype=int).reshape(2, -1)
-        self.natural = Scale.none(self.x.numel(), self.g.numel())
+        self.m = self.g.numel()
+        self.natural = Scale.none(self.x.numel(), self.m)
+        self.variables = Layout()
+        self.variables.add("x", (self.x.numel(),))
 
     def sizes(self, x: np.ndarray) -> np.ndarray:
         return np.ones(self.x.numel())

@@ -271,7 +271,7 @@ def unsolved(nlp: Any, x: list[float]) -> Result:
 def test_a_branch_that_cannot_be_guessed_is_proposed() -> None:
     """At (0.002, 0.001) the larger side is x, but ``y = 0.001`` asks for x = 0."""
     v, (x, y) = symbols(2)
-    follower = follower_of(MPCC(v, (x - 1) ** 2, x, y, g=y - 1e-3))
+    follower = follower_of(MPCC(v, (x - 1) ** 2, x, y, g=y - 1e-3, ubx=[np.inf, 2.0]))
     nlp = follower.nlp_of("none")
     start = unsolved(nlp, [2e-3, 1e-3])
     assert Branches(follower).solve_branch(start.point) is None
