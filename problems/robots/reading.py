@@ -84,6 +84,8 @@ def load(
             if planar:
                 _free_in_plane(roots[0], _plane_axis(model))
                 model = spec.compile()
+    except InputError:
+        raise
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"{file}: {_reason(str(error))}") from None
     finally:

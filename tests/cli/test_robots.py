@@ -56,6 +56,7 @@ def test_a_robot_floats_when_asked(ocp) -> None:
     assert done.code == 2 and "two ways to free a root; give one" in done.err
     done = ocp("show", str(HOPPER), "--floating")
     assert done.code == 2 and "an MJCF file says itself what floats" in done.err
+    assert done.err.startswith(f"error: {HOPPER}: nothing to set free")
 
 
 FILES = {"hopper": HOPPER, "arm": DATA / "arm.xml", "leg": DATA / "leg.urdf",
