@@ -61,15 +61,22 @@ def mjcf(built: Mechanism, number: _Number, friction: Mapping[str, float]) -> Mj
     root = Element("mujoco")
     write(root, "compiler", angle="radian", inertiafromgeom="false")
     # MuJoCo 4.0.0 factorises sparse Jacobians wrongly.
-    option = write(root, "option", gravity=gravity, cone="elliptic", integrator="implicitfast",
-                   jacobian="dense")  # fmt: skip
+    option = write(
+        root,
+        "option",
+        gravity=gravity,
+        cone="elliptic",
+        integrator="implicitfast",
+        jacobian="dense",
+    )
     write(option, "flag", autoreset="disable")
     asset, bodies = write(root, "asset"), {WORLD: write(root, "worldbody")}
     contact, actuator = write(root, "contact"), write(root, "actuator")
     shapes, pairs = _shapes(built)
     parts = list(dict.fromkeys(part for pair in pairs.values() for part in pair))
-    framed = {one.name: _planar(one, number) if flat else _spatial(one)
-              for one in root_first(owners)}  # fmt: skip
+    framed = {
+        one.name: _planar(one, number) if flat else _spatial(one) for one in root_first(owners)
+    }
     order = [move.name for one in owners for move in framed[one.name].moves]
     _merge(framed, {shapes[part][0] for part in parts}, number)
     one: Any
@@ -143,8 +150,10 @@ def _planar(link: Link, number: _Number) -> _Frame:
     if link.joint == "slide":
         moves = [_Move(link, name, "slide", along(*link.axis))]
     elif link.joint == "free":
-        slides = [_Move(link, f"{name}_{end}", "slide", along(*axis))
-                  for end, axis in (("x", (1, 0)), ("z", (0, 1)))]  # fmt: skip
+        slides = [
+            _Move(link, f"{name}_{end}", "slide", along(*axis))
+            for end, axis in (("x", (1, 0)), ("z", (0, 1)))
+        ]
         moves = [*slides, moves[0]._replace(name=f"{name}_angle")]
     turn = cos(a / 2), 0.0, sin(a / 2), 0.0
     return _Frame(link, link.parent or WORLD, _deep(link.anchor), turn, moves)
@@ -167,20 +176,25 @@ def _merge(frames: dict[str, _Frame], touching: set[str], number: _Number) -> No
         if heavy or len(carried) != 1 or name in touching or not single:
             continue
         lower = frames[carried[0]]
-        place, turn = numbers(lower.place), Rotation.from_quat(numbers(lower.turn),
-                                                               scalar_first=True)  # fmt: skip
-        moves = [
-            move._replace(
-                axis=tuple(turn.inv().apply(numbers(move.axis))),
-                at=tuple(turn.inv().apply(numbers(move.at or (0.0,) * 3) - place)),
-            )
-            for move in upper.moves
-        ]
-        above = Rotation.from_quat(numbers(upper.turn), scalar_first=True)
+        place, (above, turn) = (
+            numbers(lower.place),
+            (
+                Rotation.from_quat(numbers(frame.turn), scalar_first=True)
+                for frame in (upper, lower)
+            ),
+        )
+        moves = list[_Move]()
+        for move in upper.moves:
+            axis, at = numbers(move.axis), numbers(move.at or (0.0,) * 3) - place
+            axis, at = (tuple(turn.inv().apply(vector)) for vector in (axis, at))
+            moves.append(move._replace(axis=axis, at=at))
         frames[carried[0]] = _Frame(
-            lower.owner, upper.parent, tuple(numbers(upper.place) + above.apply(place)),
-            tuple((above * turn).as_quat(scalar_first=True)), [*moves, *lower.moves],
-        )  # fmt: skip
+            lower.owner,
+            upper.parent,
+            tuple(numbers(upper.place) + above.apply(place)),
+            tuple((above * turn).as_quat(scalar_first=True)),
+            [*moves, *lower.moves],
+        )
         del frames[name]
 
 

@@ -37,7 +37,7 @@ def check_inertias(model: Any, spec: Any, urdf: Element | None) -> None:
         if inertial is not None:
             expected = _of_urdf(inertial)
         elif body.explicitinertial:
-            expected = _of_mjcf(body, spec.compiler)
+            expected = _of_mjcf(body, spec)
         else:
             expected = _of_geoms(model, body, spec.compiler.inertiagrouprange)
         b = model.body(body.name).id
@@ -52,30 +52,24 @@ def _compare(name: str, expected: _Moments, compiled: _Moments) -> None:
     # What has no mass has its centre anywhere.
     length = np.sqrt(np.trace(expected[2]) / expected[0]) if expected[0] else np.inf
     sizes = expected[0], max(length, float(np.abs(expected[1]).max())), np.trace(expected[2])
-    for what, a, b, size in zip(("mass", "centre", "inertia"), expected, compiled, sizes,
-                                strict=True):  # fmt: skip
-        if np.abs(np.subtract(a, b)).max() > _ROUNDING * size:
-            said, read = (" ".join(f"{number:.6g}" for number in _six(value)) for value in (a, b))
+    for what, a, b, size in zip(
+        ("mass", "centre", "inertia"), expected, compiled, sizes, strict=True
+    ):
+        if (off := np.abs(np.subtract(a, b)).max()) > _ROUNDING * size:
             raise ValueError(
-                f"body {name!r}: the file says {what} {said}, and MuJoCo"
-                f" {import_module('mujoco').__version__} reads {read}; install a version that"
-                " centralpath[robots] allows"
+                f"body {name!r}: MuJoCo {import_module('mujoco').__version__} reads another {what}"
+                f" than the file says, by {off:.3g}; install a version that centralpath[robots]"
+                " allows"
             )
-
-
-def _six(value: Any) -> np.ndarray:
-    """The numbers of a mass, a centre, or an inertia (xx, yy, zz, xy, xz, yz), without rounding."""
-    value = np.asarray(value, dtype=float)
-    numbers = value[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]] if value.ndim == 2 else value.ravel()
-    return np.where(np.abs(numbers) > _ROUNDING * np.abs(numbers).max(), numbers, 0.0)
 
 
 def _of_urdf(inertial: Element) -> _Moments:
     def numbers(tag: str, names: str, default: str = "0") -> list[float]:
         element = inertial.find(tag)
         attributes = {} if element is None else element.attrib
-        return [float(word) for name in names.split()
-                for word in attributes.get(name, default).split()]  # fmt: skip
+        return [
+            float(word) for name in names.split() for word in attributes.get(name, default).split()
+        ]
 
     turn = Rotation.from_euler("xyz", numbers("origin", "rpy", "0 0 0"))
     six = numbers("inertia", "ixx iyy izz ixy ixz iyz")
@@ -83,33 +77,15 @@ def _of_urdf(inertial: Element) -> _Moments:
     return mass, centre, _turned(turn, six)
 
 
-def _of_mjcf(body: Any, compiler: Any) -> _Moments:
-    full = np.array(body.fullinertia)
+def _of_mjcf(body: Any, spec: Any) -> _Moments:
+    turn, full = body.iquat, np.array(body.fullinertia)
+    if not body.ialt.type.name.endswith("QUAT"):
+        turn = spec.resolve_orientation(
+            degree=spec.compiler.degree, sequence=spec.compiler.eulerseq, orientation=body.ialt
+        )
     six = [*body.inertia, 0, 0, 0] if np.isnan(full[0]) else full
-    return body.mass, np.array(body.ipos), _turned(_orientation(body, compiler), six)
-
-
-def _orientation(body: Any, compiler: Any) -> Rotation:
-    """How the frame of an ``<inertial>`` is turned, in whichever way the file says so."""
-    other, unit = body.ialt, np.pi / 180 if compiler.degree else 1.0
-    match other.type.name.removeprefix("mjORIENTATION_").lower():
-        case "axisangle":
-            axis = np.array(other.axisangle[:3])
-            return Rotation.from_rotvec(axis / np.linalg.norm(axis) * other.axisangle[3] * unit)
-        case "xyaxes":
-            x, y = np.array(other.xyaxes[:3]), np.array(other.xyaxes[3:])
-            return Rotation.align_vectors([x, y], np.eye(3)[:2], weights=[np.inf, 1])[0]
-        case "zaxis":
-            z = np.array(other.zaxis) / np.linalg.norm(other.zaxis)
-            axis = np.cross([0, 0, 1], z)
-            sine = np.linalg.norm(axis)
-            axis = axis / sine if sine > 0 else np.array([1.0, 0, 0])
-            return Rotation.from_rotvec(np.arctan2(sine, z[2]) * axis)
-        case "euler":
-            # Small letters turn with the axes for MuJoCo, capitals for SciPy.
-            order = "".join(compiler.eulerseq).swapcase()
-            return Rotation.from_euler(order, np.array(other.euler) * unit)
-    return Rotation.from_quat(body.iquat, scalar_first=True)
+    turned = _turned(Rotation.from_quat(turn, scalar_first=True), six)
+    return body.mass, np.array(body.ipos), turned
 
 
 def _of_geoms(model: Any, body: Any, groups: Any) -> _Moments | None:
@@ -146,8 +122,8 @@ def _solid(kind: str, a: float, b: float, c: float) -> tuple[float, list[float]]
         kind, b, c = "ellipsoid", a, a
     if kind in ("ellipsoid", "box"):
         volume, share = (4 / 3 * pi, 1 / 5) if kind == "ellipsoid" else (8, 1 / 3)
-        return volume * a * b * c, [share * (b * b + c * c), share * (a * a + c * c),
-                                    share * (a * a + b * b)]  # fmt: skip
+        squares = np.square([a, b, c])
+        return volume * a * b * c, (share * (squares.sum() - squares)).tolist()
     if kind in ("cylinder", "capsule"):
         rod, ball = 2 * pi * a * a * b, 4 / 3 * pi * a**3 if kind == "capsule" else 0.0
         tube, ends = rod / (rod + ball), ball / (rod + ball)

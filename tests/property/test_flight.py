@@ -177,8 +177,10 @@ def test_the_sharpest_sibling_has_implicit_forces_too():
     )
     found, n = with_implicit_forces(edges), edges.nx // 2
     assert edges.sharpest is not edges and found.sharpest is not found
-    change = [ca.substitute(new.residual, new.lam, old.lam) - old.residual
-              for old, new in ((edges, found), (edges.sharpest, found.sharpest))]  # fmt: skip
+    change = [
+        ca.substitute(new.residual, new.lam, old.lam) - old.residual
+        for old, new in ((edges, found), (edges.sharpest, found.sharpest))
+    ]
     at = [edges.x, edges.u, edges.x_next, edges.lam, edges.sharpest.lam]
     values = [np.linspace(1, 2, part.numel()) for part in at]
     one, other = (part.full() for part in ca.Function("change", at, change)(*values))

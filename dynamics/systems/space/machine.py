@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -17,6 +17,7 @@ from dynamics.systems.planar import root_first
 from dynamics.systems.space.body import Body, Vector, vector
 from dynamics.systems.space.contact import Motions, Place, SpatialContact, at_random_poses, between
 from dynamics.systems.space.coupling import CoupledJoints, Coupling
+from dynamics.systems.space.joints import memoise_expression
 from dynamics.systems.space.shapes import Shape
 from dynamics.systems.space.stepping import Touch, spatial_step
 from dynamics.systems.space.tree import Tree
@@ -151,16 +152,17 @@ class SpatialMachine:
 
         def touch(q: ca.SX) -> list[Touch]:
             return [
-                Touch(label, contact, _motions(tree, q, one), _motions(tree, q, other),
-                      other == WORLD)
+                Touch(
+                    label, contact, _motions(tree, q, one), _motions(tree, q, other), other == WORLD
+                )
                 for label, (contact, one, other) in self.touches(tree, q).items()
-            ]  # fmt: skip
+            ]
 
-        made: Callable[[ca.SX], list[Touch]] = _once(touch)
+        store: dict[tuple[int, ...], tuple[ca.SX, list[Touch]]] = {}
         step = spatial_step(
-            name, tree, made, parameters, h=h, friction=friction, edges=edges, scale=scale,
-            cone=cone, linearised=linearised, inertial=inertial,
-            coupled=self.coupled(),
+            name, tree, lambda q: memoise_expression(store, q, lambda: touch(q)), parameters,
+            h=h, friction=friction, edges=edges, scale=scale, cone=cone, linearised=linearised,
+            inertial=inertial, coupled=self.coupled(),
         )  # fmt: skip
         return replace(step, machine=Mechanism(self, scale))
 
@@ -205,16 +207,3 @@ def distinct_points(tree: Tree, q: ca.SX, a: SpatialPart, b: SpatialPart, count:
         if not any(np.abs(row - values[other]).max() <= allowed for other in distinct):
             distinct.append(k)
     return distinct
-
-
-def _once(make: Callable[[ca.SX], list[Touch]]) -> Callable[[ca.SX], list[Touch]]:
-    """``make``, whose results are kept for every q: distances and rows share their graphs."""
-    kept: dict[tuple[int, ...], tuple[ca.SX, list[Touch]]] = {}
-
-    def made(q: ca.SX) -> list[Touch]:
-        key = tuple(q[i].element_hash() for i in range(q.numel()))
-        if key not in kept:
-            kept[key] = q, make(q)
-        return kept[key][1]
-
-    return made

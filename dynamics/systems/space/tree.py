@@ -11,7 +11,7 @@ from dynamics.systems.parameters import Signal
 from dynamics.systems.planar import root_first
 from dynamics.systems.space import rotation
 from dynamics.systems.space.body import POSITIONS, VELOCITIES, Body, Number, Vector
-from dynamics.systems.space.joints import JointFrame, joint_frame
+from dynamics.systems.space.joints import JointFrame, joint_frame, memoise_expression
 
 
 class Tree:
@@ -80,8 +80,11 @@ class Tree:
     @cached_property
     def centres(self) -> dict[str, ca.SX]:
         """Centres of mass (3, 1) [m] of free bodies whose origin is another point, by name."""
-        found = {name: ca.sparsify(ca.SX(ca.vertcat(*body.com)))
-                 for name, body in self.bodies.items() if body.joint == "free"}  # fmt: skip
+        found = {
+            name: ca.sparsify(ca.SX(ca.vertcat(*body.com)))
+            for name, body in self.bodies.items()
+            if body.joint == "free"
+        }
         return {name: centre for name, centre in found.items() if centre.nnz()}
 
     @cached_property
@@ -188,20 +191,21 @@ class Tree:
         still = ca.SX(self.nv, 1)
         return self.inverse_dynamics(q, still, still, still)
 
-    def coriolis(self, q: ca.SX, v: ca.SX, w: ca.SX) -> ca.SX:
-        """``C(q, v) w`` (nv, 1), linear in v and in w, with ``dM/dt = C + C'`` along v.
-
-        So of the velocity forces C(q, v) v those that turn energy over do no work on any w: they
-        can be implicit in w. Niemeyer and Slotine, doi 10.1177/027836499101000201; Echeandia and
-        Wensing, doi 10.1115/1.4051169.
-        """
-        return self.inverse_dynamics(q, v, w, ca.SX(self.nv, 1), ca.SX(3, 1))
-
     def inverse_dynamics(
-        self, q: ca.SX, v: ca.SX, w: ca.SX, a: ca.SX, gravity: ca.SX | None = None, *,
+        self,
+        q: ca.SX,
+        v: ca.SX,
+        w: ca.SX,
+        a: ca.SX,
+        gravity: ca.SX | None = None,
+        *,
         centred: bool = False,
-    ) -> ca.SX:  # fmt: skip
+    ) -> ca.SX:
         """Force ``M(q) a + C(q, v) w + g(q)`` (nv, 1) without forming M [N m, N].
+
+        ``C(q, v) w`` is linear in v and in w, with ``dM/dt = C + C'`` along v: velocity forces that
+        turn energy over do no work on any w, and can be implicit in w. Niemeyer and Slotine, doi
+        10.1177/027836499101000201; Echeandia and Wensing, doi 10.1115/1.4051169.
 
         Where ``centred``, a has accelerations of centres of mass of free bodies, as the change of
         :func:`~dynamics.systems.space.centres.about_centres`, in place of those of their origins.
@@ -255,7 +259,7 @@ class Tree:
         return total
 
     def _joints(self, q: ca.SX) -> dict[str, JointFrame]:
-        return _kept(
+        return memoise_expression(
             self._joints_at,
             q,
             lambda: {b.name: joint_frame(b, q[self.q_of[b.name]]) for b in self._ordered},
@@ -273,7 +277,7 @@ class Tree:
                     found[body.name] = R @ joint.R, p + R @ joint.r
             return found
 
-        return _kept(self._poses_at, q, make)
+        return memoise_expression(self._poses_at, q, make)
 
     def _composites(self, joints: dict[str, JointFrame]) -> dict[str, tuple[ca.SX, ca.SX, ca.SX]]:
         """Mass, first and second moment about its origin of each body with all that hangs on it."""
@@ -295,9 +299,14 @@ class Tree:
         return found
 
     def _accelerations(
-        self, joints: dict[str, JointFrame], v: ca.SX, w: ca.SX, a: ca.SX, felt: ca.SX,
+        self,
+        joints: dict[str, JointFrame],
+        v: ca.SX,
+        w: ca.SX,
+        a: ca.SX,
+        felt: ca.SX,
         centres: dict[str, ca.SX],
-    ) -> dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]]:  # fmt: skip
+    ) -> dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]]:
         """Angular velocity for v and for w, that for w's derivative along v, the origin's likewise.
 
         In the axes of each body; ``felt`` is the acceleration of the world. Of the bodies named in
@@ -329,15 +338,6 @@ class Tree:
                 moving -= ca.cross(alpha, centre) + ca.cross(along, ca.cross(omega, centre))
             found[body.name] = omega, along, alpha, moving
         return found
-
-
-def _kept(store: dict, q: ca.SX, make: Callable[[], dict]) -> dict:
-    """What was made for q before: mass, forces and contacts share their sines and cosines."""
-    # The q beside it keeps its elements alive: a hash of others could be given out again.
-    key = tuple(q[i].element_hash() for i in range(q.numel()))
-    if key not in store:
-        store[key] = q, make()
-    return store[key][1]
 
 
 def _spread(a: ca.SX, b: ca.SX) -> ca.SX:

@@ -198,15 +198,26 @@ MASSLESS: dict[str, Any] = {
     ),
     "turned and moved": (
         space.Body("root", None, **HEAVY, joint="free"),
-        space.Body("a", "root", 0.0, place=(0.1, -0.2, 0.3), turn=TURN, axis=(0.6, 0.0, 0.8),
-                   armature=0.1, spring=3.0, rest=0.2, limits=(-2.0, 2.0), servo=5.0),
+        space.Body(
+            "a",
+            "root",
+            0.0,
+            place=(0.1, -0.2, 0.3),
+            turn=TURN,
+            axis=(0.6, 0.0, 0.8),
+            armature=0.1,
+            spring=3.0,
+            rest=0.2,
+            limits=(-2.0, 2.0),
+            servo=5.0,
+        ),
         space.Body("b", "a", 0.0, place=(0.4, 0.1, 0.0), turn=TURN, axis=(0.0, 0.0, 1.0)),
         space.Body("c", "b", **HEAVY, place=(0.0, 0.2, -0.1), turn=TURN, joint="slide"),
         space.Body("d", "b", **HEAVY),
         space.Body("e", "d", 0.0, joint="slide", place=(0.3, 0.2, 0.1)),
         space.Body("f", "e", **HEAVY, place=(0.1, 0.0, 0.0), turn=TURN, gear=2.0),
     ),
-}  # fmt: skip
+}
 
 
 def test_bodies_without_mass_share_one_with_several_joints() -> None:

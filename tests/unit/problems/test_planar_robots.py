@@ -30,9 +30,15 @@ def rig(joints: str, shape: Any, tilt: float = 0.0) -> SpatialMachine:
         axis = {"x": (1.0, 0.0, 0.0), "z": (0.0, 0.0, 1.0), "t": (0.0, 1.0, 0.0)}[kind]
         heavy = kind == joints[-1]
         bodies.append(
-            Body(kind, above, 1.0 if heavy else 0.0, (0.1,) * 3 if heavy else (0.0,) * 3,
-                 joint="hinge" if kind == "t" else "slide", axis=axis)
-        )  # fmt: skip
+            Body(
+                kind,
+                above,
+                1.0 if heavy else 0.0,
+                (0.1,) * 3 if heavy else (0.0,) * 3,
+                joint="hinge" if kind == "t" else "slide",
+                axis=axis,
+            )
+        )
         above = kind
     parts = (SpatialPart("foot", joints[-1], shape), SpatialPart("floor", "world", Plane()))
     return SpatialMachine(tuple(bodies), parts, (("foot", "floor"),))
@@ -63,8 +69,9 @@ def test_a_box_that_only_slides_has_its_lower_and_its_upper_face() -> None:
 
 def test_a_box_that_is_free_has_all_of_its_corners() -> None:
     parts = (SpatialPart("foot", "b", Box((0.1, 0.2, 0.3))), SpatialPart("floor", "world", Plane()))
-    machine = SpatialMachine((Body("b", None, 1.0, (0.1,) * 3, joint="free"),), parts,
-                             (("foot", "floor"),))  # fmt: skip
+    machine = SpatialMachine(
+        (Body("b", None, 1.0, (0.1,) * 3, joint="free"),), parts, (("foot", "floor"),)
+    )
     assert len(machine.contacts(machine.tree(), ca.SX.sym("q", 7))) == 8
 
 
@@ -97,12 +104,16 @@ def biped(folder: Path, axis: str, aside: str = "0 0.1 0", hip: str = "") -> Pat
         return f'<link name="{name}">{inertial}{shape}</link>'
 
     def joint(parent: str, child: str, at: str, about: str) -> str:
-        return (f'<joint name="to {child}" type="revolute"><parent link="{parent}"/>'
-                f'<child link="{child}"/><origin xyz="{at}"/><axis xyz="{about}"/>'
-                '<limit lower="-2" upper="2" effort="20"/></joint>')  # fmt: skip
+        return (
+            f'<joint name="to {child}" type="revolute"><parent link="{parent}"/>'
+            f'<child link="{child}"/><origin xyz="{at}"/><axis xyz="{about}"/>'
+            '<limit lower="-2" upper="2" effort="20"/></joint>'
+        )
 
-    foot = ('<collision><origin xyz="0 0 -0.4"/><geometry><sphere radius="0.04"/></geometry>'
-            "</collision>")  # fmt: skip
+    foot = (
+        '<collision><origin xyz="0 0 -0.4"/><geometry><sphere radius="0.04"/></geometry>'
+        "</collision>"
+    )
     text = link("torso", '<collision><geometry><box size="0.2 0.2 0.3"/></geometry></collision>')
     other = " ".join(str(-float(number)) for number in aside.split())
     text += link("left", foot) + joint("torso", "left", aside, hip or axis)
@@ -127,8 +138,12 @@ def test_a_urdf_stays_in_the_plane_of_its_joints(
     flat, free = robots.load(file, planar=True), robots.load(file, floating=True)
     way = "xyz"[int(np.abs(forward).argmax())]
     assert [body.name for body in flat.machine.bodies] == [
-        f"torso {way}", "torso z", "torso", "left", "right",
-    ]  # fmt: skip
+        f"torso {way}",
+        "torso z",
+        "torso",
+        "left",
+        "right",
+    ]
     assert flat.floats and not flat.notes
     system = flat.machine.system("s", ParameterTable(), h=H, friction=flat.coefficients)
     assert len(flat.friction) == 6 and system.nlam == 4 + 6 * 4
@@ -180,7 +195,9 @@ def test_a_robot_with_its_box_has_each_contact_once(tmp_path: Path) -> None:
     )
     robot: Robot = robots.load(file)
     assert list(robot.friction) == [
-        "tip on floor", *(f"box on floor {k}" for k in range(1, 5)), "tip on box",
-    ]  # fmt: skip
+        "tip on floor",
+        *(f"box on floor {k}" for k in range(1, 5)),
+        "tip on box",
+    ]
     system = robot.machine.system("s", ParameterTable(), h=H, friction=robot.coefficients)
     assert system.nlam == 6 * 4

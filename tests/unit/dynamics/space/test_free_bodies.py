@@ -28,10 +28,13 @@ def random_body(rng: np.random.Generator) -> Body:
     second = A @ A.T
     inertia = np.trace(second) * np.eye(3) - second
     return Body(
-        "b", None, float(rng.uniform(0.1, 5)),
+        "b",
+        None,
+        float(rng.uniform(0.1, 5)),
         tuple(map(float, inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])),
-        com=vector(rng.choice([0.01, 0.3, 3]) * rng.normal(size=3)), joint="free",
-    )  # fmt: skip
+        com=vector(rng.choice([0.01, 0.3, 3]) * rng.normal(size=3)),
+        joint="free",
+    )
 
 
 def alone(body: Body, h: float, gravity=(0.0, 0.0, 0.0)) -> ContactSystem:
@@ -44,8 +47,9 @@ def flight(system: ContactSystem, x: np.ndarray, steps: int) -> tuple[np.ndarray
     """States (steps, nx), energies (steps,) and linear momenta (steps, 3), from x on."""
     book = system.book
     assert book is not None
-    step = ca.Function("step", [system.x], [system.x_next_expr, system.x, book.energy,
-                                            book.momentum])  # fmt: skip
+    step = ca.Function(
+        "step", [system.x], [system.x_next_expr, system.x, book.energy, book.momentum]
+    )
     found = step.mapaccum(steps)(x)
     return found[1].full().T, found[2].full().ravel(), found[3].full().T
 
@@ -53,8 +57,9 @@ def flight(system: ContactSystem, x: np.ndarray, steps: int) -> tuple[np.ndarray
 def start(rng: np.random.Generator, speed: float) -> np.ndarray:
     quaternion = rng.normal(size=4)
     quaternion /= np.linalg.norm(quaternion)
-    return np.concatenate([rng.normal(size=3), quaternion, rng.normal(size=3),
-                           speed * rng.normal(size=3)])  # fmt: skip
+    return np.concatenate(
+        [rng.normal(size=3), quaternion, rng.normal(size=3), speed * rng.normal(size=3)]
+    )
 
 
 def test_energy_is_never_gained_and_momentum_is_kept() -> None:
@@ -106,8 +111,10 @@ def test_with_contact_it_moves_as_the_same_body_about_its_centre() -> None:
     own = Body("b", None, 2.0, (0.03, 0.04, 0.05), joint="free")
 
     def rolling(body: Body, at: np.ndarray) -> ContactSystem:
-        parts = (SpatialPart("ball", "b", Sphere(r, vector(at))),
-                 SpatialPart("floor", "world", Plane()))  # fmt: skip
+        parts = (
+            SpatialPart("ball", "b", Sphere(r, vector(at))),
+            SpatialPart("floor", "world", Plane()),
+        )
         machine = SpatialMachine((body,), parts, (("ball", "floor"),))
         return machine.system("s", ParameterTable(), h=h, friction=friction)
 
@@ -118,8 +125,9 @@ def test_with_contact_it_moves_as_the_same_body_about_its_centre() -> None:
     quaternion = turn.as_quat(scalar_first=True)
     before = turn * Rotation.from_rotvec(-h * spin)
     x = np.concatenate([place, quaternion, speed, spin])
-    y = np.concatenate([place - turn.apply(centre), quaternion,
-                        speed - before.apply(np.cross(spin, centre)), spin])  # fmt: skip
+    y = np.concatenate(
+        [place - turn.apply(centre), quaternion, speed - before.apply(np.cross(spin, centre)), spin]
+    )
     steps, pressed = [Exact().close(system) for system in (twin, moved)], 0
     for _ in range(60):
         (x, lam), (y, other) = (

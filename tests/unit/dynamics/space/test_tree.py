@@ -42,7 +42,7 @@ def _tree(name: str) -> Tree:
 def _maps(name: str) -> ca.Function:
     tree = _tree(name)
     q, v, w = (ca.SX.sym(s, n) for s, n in (("q", tree.nq), ("v", tree.nv), ("w", tree.nv)))
-    by_w = ca.jacobian(tree.coriolis(q, v, w), w)
+    by_w = ca.jacobian(tree.inverse_dynamics(q, v, w, ca.SX(tree.nv, 1), ca.SX(3, 1)), w)
     outputs = [tree.mass(q), by_w, tree.bias(q, v), tree.weight(q), tree.energy(q, v),
                tree.momentum(q, v), tree.advance(q, v)]  # fmt: skip
     return ca.Function("maps", [q, v], [ca.densify(one) for one in outputs], {"cse": True})
