@@ -82,7 +82,7 @@ def load(
             estimated = _complete(spec, source)
             model = spec.compile()
             if planar:
-                _free_in_plane(roots[0], _plane_axis(model))
+                _free_in_plane(roots[0], _plane_axis(model, file))
                 model = spec.compile()
     except InputError:
         raise
@@ -135,10 +135,10 @@ def _complete(spec: Any, source: Source) -> list[str]:
     return [body.name for body in estimated if body.joints]
 
 
-def _plane_axis(model: Any) -> np.ndarray:
+def _plane_axis(model: Any, file: Path) -> np.ndarray:
     """Horizontal unit vector (3,) about which all hinges turn, y where there is none.
 
-    Raises ``ValueError`` where a joint leaves the vertical plane that it is normal to.
+    Raises :class:`~ocp.errors.InputError` where a joint leaves the plane that it is normal to.
     """
     mujoco = import_module("mujoco")
     data = mujoco.MjData(model)
@@ -150,8 +150,8 @@ def _plane_axis(model: Any) -> np.ndarray:
         hinge, along = kind > _SLIDE, data.xaxis[j]
         off = np.abs(np.cross(along, axis)).max() if hinge else abs(along @ axis)
         if kind < _SLIDE or off > _TILT or (hinge and abs(along[2]) > _TILT):
-            raise ValueError(
-                f"joint {model.joint(j).name!r} leaves the plane; planar robots have hinges about"
+            raise InputError(
+                f"{file}: joint {model.joint(j).name!r} leaves the plane; planar robots have hinges about"
                 " one horizontal axis and slides across it"
             )
     return axis
