@@ -151,8 +151,8 @@ def _plane_axis(model: Any, file: Path) -> np.ndarray:
         off = np.abs(np.cross(along, axis)).max() if hinge else abs(along @ axis)
         if kind < _SLIDE or off > _TILT or (hinge and abs(along[2]) > _TILT):
             raise InputError(
-                f"{file}: joint {model.joint(j).name!r} leaves the plane; planar robots have hinges about"
-                " one horizontal axis and slides across it"
+                f"{file}: joint {model.joint(j).name!r} leaves the plane; planar robots have"
+                " hinges about one horizontal axis and slides across it"
             )
     return axis
 
