@@ -46,6 +46,21 @@ def derive_sizes(problem: Problem) -> DerivedSizes:
     return DerivedSizes(x, u, data.impulse(x), GAP_SHARE * data.typical_gap_change(x))
 
 
+def describe_sizes(problem: Problem) -> str:
+    """List the derived sizes with their units, the largest of each unit; "" without any."""
+    system, scales = problem.system, problem.scales
+    sizes = {"impulse": {"N s": scales.impulse}, "gap": {"m": scales.gap}, "x": {}, "u": {}}
+    for name, signals in (("x", system.states), ("u", system.inputs)):
+        for size, signal in zip(getattr(scales, name), signals, strict=True):
+            unit = signal.unit.removeprefix("1")
+            sizes[name][unit] = max(float(size), sizes[name].get(unit, 0.0))
+    return "; ".join(
+        f"{name} " + ", ".join(f"{size:.2g} {unit}".rstrip() for unit, size in sizes[name].items())
+        for name in problem.scaling.derived
+        if sizes[name]
+    )
+
+
 def gap_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
     """Return what each gap (nlam,) changes by, to first order, as states move by ``x_sizes``.
 

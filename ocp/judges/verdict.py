@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from dynamics.systems import LAW_PREFIX
+from ocp.characteristic_sizes import describe_sizes
 from ocp.cost_constant import cost_share
 from ocp.judges.jumps import jump_findings
 from ocp.judges.referee import PENETRATION_SHARE, seen_gap
@@ -93,6 +96,8 @@ def findings(found: Solution) -> list[str]:
     model += f"; its training data have {differs}" if differs else ""
     parts = (model, _referee(found), _replay(found), _broken(found), found.referee.nonuniqueness)
     lines += [_sentence(line) for line in parts if line]
+    if sizes := _derived_sizes(found):
+        lines.append(sizes)
     if steps := found.record.get("refined"):
         lines.append(_refined(steps["levels"], steps["stopped"]))
     if cut := sum(stage.status in TIMED_OUT for stage in found.stages):
@@ -115,6 +120,15 @@ def findings(found: Solution) -> list[str]:
 
 UNJUDGED = "the point is not feasible"
 """The certificate's reason for a point that is not feasible."""
+
+
+def _derived_sizes(found: Solution) -> str:
+    """Name the sizes that no one stated, where they set the solver's units or decide a verdict."""
+    problem = found.problem
+    ordinary = all(np.all(np.asarray(unit) == 1) for unit in vars(problem.natural).values())
+    decided = found.certificate.certified and found.referee.survives is not False
+    sizes = "" if ordinary and decided else describe_sizes(problem)
+    return sizes and f"Sizes derived from the problem's data (Scaling states others): {sizes}."
 
 
 def _referee(found: Solution) -> str:
