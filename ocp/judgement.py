@@ -29,6 +29,7 @@ from ocp.session import Session
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.stationarity.certificate import Certificate, certify
 from ocp.stationarity.sensitivity import sensitivity
+from ocp.stationarity.unbounded import runaway_inputs, unbounded_inputs, unbounded_variables
 from ocp.store.dataset import label
 from ocp.store.provenance import versions
 from ocp.transcription.nlp import Trajectories, trajectories
@@ -54,27 +55,29 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
     rolled = Rollout(plan.x, plan.u, plan.lam, plan.gap, impulses, costs)
     certificate = Certificate("undecided", reason=UNJUDGED)
     idle, span, derivative = float("nan"), 0.0, None
+    endless = unbounded_inputs(session.problem, session.step, values, rolled)
     if kept:
         span = cost_span(session.problem, rolled, physical)
         program, point = route_for(session).invert(session, outcome, rolled, plan.gains)
         given = {**values, PENALTY: 0.0}
-        certificate = certify(
-            program,
-            point.x,
-            program.parameter_vector(given),
-            program.bounds(given),
-            point.lam_g,
-        )
+        at = program.parameter_vector(given), program.bounds(given)
+        certificate = certify(program, point.x, *at, point.lam_g)
         if certificate.stationarity == "not":
             certificate = replace(certificate, reason=outcome.trace.refused)
         again = partial(_replay, session.problem)
         derivative = partial(sensitivity, program, point, given, again)
         idle = idle_cost(session.problem, session.step, values, rolled)
+        limited = all(limit.is_regular() for limit in session.problem.limits(physical)[2:4])
+        endless = endless or ("" if limited else unbounded_variables(program, *at, point.x))
+    if not (endless or result.ok or certificate.certified):
+        endless = runaway_inputs(session.problem, plan.u)
     report, replays = evaluate(session.problem, session.step, rolled, values, plan.gains)
     return Solution(
         data=label(nlp, plan, replay, book, outcome, values, replays.replay),
         cost=rolled.cost,
-        status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span, values),
+        status=status_of(
+            outcome, found, kept, certificate, rolled.cost, idle, span, values, bool(endless)
+        ),
         audit=found,
         certificate=certificate,
         referee=report,
@@ -83,7 +86,11 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
         iterations=outcome.trace.iterations,
         build_s=session.total_build_s,
         solve_s=outcome.trace.seconds,
-        record={**record(session, seed), "audit_s": time.perf_counter() - began},
+        record={
+            **record(session, seed),
+            "audit_s": time.perf_counter() - began,
+            "unbounded": endless,
+        },
         problem=session.problem,
         values=dict(values),
         gains=plan.gains,
@@ -99,12 +106,14 @@ def _replay(problem: Problem, plan: Trajectories, values: dict[str, float]) -> R
 
 def status_of(
     outcome: RouteResult, found: Audit, kept: bool, certificate: Certificate, cost: float,
-    idle: float, span: float, values: dict[str, float],
+    idle: float, span: float, values: dict[str, float], endless: bool,
 ) -> Status:  # fmt: skip
     """Combine audit, certificate and, where these find no answer, the solver's status."""
     result = outcome.result
     if result.status is Status.INTERRUPTED:
         return result.status
+    if endless:
+        return Status.UNBOUNDED
     if not np.isfinite(cost):
         return Status.DIVERGED
     if not kept:

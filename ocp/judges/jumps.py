@@ -15,24 +15,20 @@ from ocp.problem import SWEPT, Problem
 _SWITCHES = {
     ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!=", ca.OP_FLOOR: "floor",
     ca.OP_CEIL: "ceil", ca.OP_SIGN: "sign", ca.OP_FMOD: "fmod", ca.OP_REMAINDER: "remainder",
-    ca.OP_COPYSIGN: "copysign", ca.OP_ATAN2: "atan2",
+    ca.OP_COPYSIGN: "copysign", ca.OP_ATAN2: "atan2", ca.OP_FABS: "x/|x|", ca.OP_DIV: "division",
+    ca.OP_INV: "division",
 }  # fmt: skip
-_QUOTIENTS = {ca.OP_DIV: "division", ca.OP_INV: "division", ca.OP_POW: "power",
-              ca.OP_CONSTPOW: "power"}  # fmt: skip
 _CALLS = (-1, 48)
 """What CasADi reports as the operation of an output of a call, and of the call."""
-_LINES, _FOLLOWED = 64, 16
-"""Lines that are drawn, and those of them on which one switch is followed."""
-_HALVINGS, _GRID = 60, np.linspace(0, 1, 33)
-_NEAR_ZERO = 0.1
-"""Share of its largest value on a line below which a divisor may have a zero beside a place."""
+_LINES, _FOLLOWED, _HALVINGS = 64, 16, 60
+"""Lines that are drawn, those of them on which one switch is followed, and how closely."""
 _SEEN, _ROUNDING = 1e-9, 1e-12
 """What counts as a jump, of the values beside it, and of those at the ends of the line."""
-_ASIDE = (1e-6, 1e-9, 1e-12)
-"""Distances from a zero of a divisor, in lengths of the line, at which its sides are compared."""
-_POINT = 1e-12
-"""Coordinates below that share of the line's are rounded to zero, to meet ``x == 0`` exactly."""
-_GOLDEN = (5**0.5 - 1) / 2
+_ASIDE, _POLE = 1e-6, 1e4
+"""Values beside a switch that are so many times those at this share of the line are a pole's."""
+_BLUNT, _POINT = 1e-3, 1e-12
+"""What counts as a jump where a value beside a switch is NaN; and the share of the line's below
+which coordinates are rounded to zero, to meet ``x == 0`` exactly."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +54,6 @@ class Domain:
         ends = about + self.sizes * far * rng.normal(size=(2, _LINES, n))
         low, high = np.clip(ends, self.lower, self.upper)
         return low.T, high.T
-
-    @cached_property
-    def places(self) -> ca.DM:
-        """Equidistant points (n, P L) of all lines, line by line for each place."""
-        low, high = self.ends
-        return ca.DM(np.concatenate([low + t * (high - low) for t in _GRID], axis=1))
 
     def allowed(self, points: np.ndarray) -> np.ndarray:
         """Which of ``points`` (n, L) violate no constraint."""
@@ -101,12 +91,15 @@ def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
         np.array(value).ravel() for value in problem.limits(p.values)
     )
     none = np.zeros(system.nlam)
-    slack = [] if system.phi is None else [
-        system.phi, ca.substitute(system.phi, system.x, system.x_next)
-    ]  # fmt: skip
+    slack = (
+        []
+        if system.phi is None
+        else [system.phi, ca.substitute(system.phi, system.x, system.x_next)]
+    )
     for row in problem.path:
-        low, high = (ca.evalf(ca.substitute(end, p.vector, p.values)) for end in
-                     (row.lower, row.upper))  # fmt: skip
+        low, high = (
+            ca.evalf(ca.substitute(end, p.vector, p.values)) for end in (row.lower, row.upper)
+        )
         open_rows = np.flatnonzero(np.array(low < high)).tolist()
         slack += [(row.expression - low)[open_rows], (high - row.expression)[open_rows]]
     constant = ca.substitute(ca.vertcat(ca.SX(0, 1), *slack), p.vector, p.values)
@@ -121,10 +114,12 @@ def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
 
 def jump_findings_of(parts: Mapping[str, ca.SX], moving: ca.SX, domain: Domain) -> tuple[str, ...]:
     """Sentences on the jumps of named ``parts``, expressions in ``moving`` (n, 1) alone."""
-    names = [f"{jump} in {name}" for name, part in parts.items()
-             for jump in jumps(part, moving, domain)]  # fmt: skip
-    calls = [f"{node} in {name}" for name, part in parts.items()
-             for node in dict.fromkeys(_calls(part))]  # fmt: skip
+    names = [
+        f"{jump} in {name}" for name, part in parts.items() for jump in jumps(part, moving, domain)
+    ]
+    calls = [
+        f"{node} in {name}" for name, part in parts.items() for node in dict.fromkeys(_calls(part))
+    ]
     told = []
     if names:
         told.append(
@@ -143,28 +138,18 @@ def jumps(expression: ca.SX, moving: ca.SX, domain: Domain) -> list[str]:
     """Names of the operations at which ``expression`` (k, 1) jumps as ``moving`` (n, 1) moves.
 
     It may use no other symbols. On straight lines through the domain a place where an operation of
-    the graph switches is found by bisection, or where a divisor is zero by minimisation, and the
-    values on its two sides compared: ``if_else`` that is continuous, as Huber's loss is, does not
-    jump, nor does ``sqrt(x**2)``, nor a switch that no line crosses. A pole, whose values grow
-    without end, is no jump.
+    the graph switches, or a divisor or an absolute value changes sign, is found by bisection, and
+    the values on its two sides compared: ``if_else`` that is continuous, as Huber's loss is, does
+    not jump, nor does ``sqrt(x**2)``, nor a switch that no line crosses, nor a pole.
     """
     values = ca.Function("values", [moving], [ca.densify(expression)])
     found: list[str] = []
-    divisors: set[int] = set()
     for node in _nodes(expression):
-        if node.op() in _QUOTIENTS:
-            name, divisor = _QUOTIENTS[node.op()], node.dep(node.op() == ca.OP_DIV)
-            if name in found or divisor.element_hash() in divisors:
-                continue
-            divisors.add(divisor.element_hash())
-            sides, jumped = [ca.fabs(divisor)], _jumps_at_zero
-        else:
-            name, jumped = _SWITCHES.get(node.op(), ""), _jumps_at_switch
-            sides = [ca.vertcat(side, node) for side in _sides(node)] if name else []
-        if name in found or not ca.depends_on(node, moving):
+        name = _SWITCHES.get(node.op())
+        if name is None or name in found or not ca.depends_on(node, moving):
             continue
-        followed = (ca.Function("side", [moving], [side]) for side in sides)
-        found += [name] if any(jumped(side, values, domain) for side in followed) else []
+        followed = (ca.Function("side", [moving], [side, node]) for side in _sides(node))
+        found += [name] if any(_jumps_at(side, values, domain) for side in followed) else []
     return found
 
 
@@ -190,67 +175,43 @@ def _calls(expression: ca.SX) -> Iterator[str]:
 
 def _sides(node: ca.SX) -> list[ca.SX]:
     """Expressions, constant between the places where an operation may jump."""
-    first, second = node.dep(0), node.dep(node.n_dep() - 1)
-    if node.op() in (ca.OP_EQ, ca.OP_NE):
+    operation, first, second = node.op(), node.dep(0), node.dep(node.n_dep() - 1)
+    if operation in (ca.OP_EQ, ca.OP_NE):
         return [first < second]
-    if node.op() == ca.OP_FMOD:
+    if operation == ca.OP_FMOD:
         return [ca.sign(first / second) * ca.floor(ca.fabs(first / second))]
-    if node.op() == ca.OP_REMAINDER:
+    if operation == ca.OP_REMAINDER:
         return [ca.floor(first / second + 0.5)]
-    if node.op() == ca.OP_COPYSIGN:
+    if operation in (ca.OP_COPYSIGN, ca.OP_FABS, ca.OP_DIV, ca.OP_INV):
         return [second < 0]
-    return [first < 0, second < 0] if node.op() == ca.OP_ATAN2 else [node]
+    return [first < 0, second < 0] if operation == ca.OP_ATAN2 else [node]
 
 
-def _at(function: ca.Function, points: np.ndarray | ca.DM) -> np.ndarray:
-    return np.array(function(points))
+def _at(function: ca.Function, points: np.ndarray, output: int = 0) -> np.ndarray:
+    return np.array(function(points) if function.n_out() == 1 else function(points)[output])
 
 
-def _jumps_at_switch(side: ca.Function, values: ca.Function, domain: Domain) -> bool:
+def _jumps_at(side: ca.Function, values: ca.Function, domain: Domain) -> bool:
     """Whether values differ on the two sides of a switch, or on it where two terms are equal."""
     low, high = domain.ends
-    before, after = _at(side, low)[:1], _at(side, high)[:1]
+    before, after = _at(side, low), _at(side, high)
     crossed = np.flatnonzero(np.isfinite(before + after) & (before != after))[:_FOLLOWED]
     if not crossed.size:
         return False
     low, high, before = low[:, crossed], high[:, crossed], before[:, crossed]
-    length = np.abs(high - low)
-    scale = sum(np.abs(_at(values, end)) for end in (low, high))
+    ends, scale = (low, high), np.abs(_at(values, low)) + np.abs(_at(values, high))
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        same = _at(side, middle)[:1] == before
+        same = _at(side, middle) == before
         low, high = np.where(same, middle, low), np.where(same, high, middle)
-    on = np.where(np.abs(low) < _POINT * length, 0.0, low)
+    on = np.where(np.abs(low) < _POINT * np.abs(ends[1] - ends[0]), 0.0, low)
     first, last, between = (_at(values, point) for point in (low, high, on))
+    aside = [_at(values, low + _ASIDE * (end - low)) for end in ends]
+    pole = np.abs(first) > _POLE * np.abs(aside[0])
     least = _SEEN * (np.abs(first) + np.abs(last)) + _ROUNDING * scale
-    beside = (np.minimum(first, last) - between, between - np.maximum(first, last))
-    switched = _at(side, on)[1:] != _at(side, low)[1:]
-    point = switched & (np.maximum(*beside) > least)
-    jumped = (np.abs(first - last) > least) | point
+    beside = np.maximum(np.minimum(first, last) - between, between - np.maximum(first, last))
+    point = np.isfinite(beside) & (beside > least) & (_at(side, on, 1) != _at(side, low, 1))
+    # A quotient of zeros: what stands a little further aside is compared, less closely.
+    unknown = np.isnan(first + last) & (np.abs(aside[1] - aside[0]) > _BLUNT * scale)
+    jumped = ((np.abs(first - last) > least) & ~pole) | point | unknown
     return bool(np.any(jumped & domain.allowed(low) & domain.allowed(high)))
-
-
-def _jumps_at_zero(size: ca.Function, values: ca.Function, domain: Domain) -> bool:
-    """Whether values differ by the same on the two sides of a divisor's zero, however near."""
-    low, high = domain.ends
-    sizes = _at(size, domain.places).reshape(_GRID.size, -1)
-    least, most = np.clip(sizes.argmin(axis=0), 1, _GRID.size - 2), sizes.max(axis=0)
-    tried = np.flatnonzero(sizes.min(axis=0) < _NEAR_ZERO * most)[:_FOLLOWED]
-    if not tried.size:
-        return False
-    low, way, most = low[:, tried], (high - low)[:, tried], most[tried]
-    begin, end = _GRID[least[tried] - 1], _GRID[least[tried] + 1]
-    for _ in range(2 * _HALVINGS):
-        inner, outer = end - _GOLDEN * (end - begin), begin + _GOLDEN * (end - begin)
-        left = _at(size, low + inner * way)[0] < _at(size, low + outer * way)[0]
-        begin, end = np.where(left, begin, inner), np.where(left, outer, end)
-    zero = (begin + end) / 2
-    met = _at(size, low + zero * way)[0] <= _SEEN * most
-    met &= (zero > _ASIDE[0]) & (zero < 1 - _ASIDE[0]) & domain.allowed(low + zero * way)
-    sides = np.array([
-        [_at(values, low + (zero + aside) * way) for aside in (-distance, distance)]
-        for distance in _ASIDE
-    ])  # fmt: skip
-    steps = np.abs(sides[:, 1] - sides[:, 0])
-    least = np.fmax(0.5 * steps.max(axis=0), _SEEN * np.abs(sides[0]).sum(axis=0))
-    return bool(np.any(met & (steps.min(axis=0) > least)))

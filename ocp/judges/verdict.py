@@ -69,8 +69,9 @@ def _refereed(found: Solution) -> str:
 
 def findings(found: Solution) -> list[str]:
     """Explain the headline, one sentence a finding."""
-    explained = found.status.value.partition(": ")[2]
-    if not math.isfinite(found.cost):
+    unbounded = found.record.get("unbounded", "")
+    explained = unbounded or found.status.value.partition(": ")[2]
+    if not math.isfinite(found.cost) and not unbounded:
         return [
             "The cost is NaN or infinite at the last iterate: give a guess with a finite cost, and"
             " bounds that keep the states where the cost is finite."
@@ -82,7 +83,7 @@ def findings(found: Solution) -> list[str]:
         if len(found.stages) < 2:
             explained += "; no homotopy was followed, whose smoothing feels contact from afar"
     lines = [] if found.success or not explained else [_sentence(explained)]
-    if found.certificate.reason != UNJUDGED:
+    if found.certificate.reason != UNJUDGED and not unbounded:
         lines.append(_sentence(found.certificate.sentence))
         lines += jump_findings(found.problem)
     if ways := found.record.get("ways"):

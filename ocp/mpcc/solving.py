@@ -21,6 +21,7 @@ from ocp.routes.homotopy import Homotopy, RouteResult
 from ocp.routes.relaxations import STRATEGIES, Strategy
 from ocp.routes.schedules import improved
 from ocp.stationarity.certificate import Certificate, certify
+from ocp.stationarity.unbounded import unbounded_variables
 
 
 def violation(
@@ -61,7 +62,8 @@ class MPCCSolution:
     ``success`` means feasible to 1e-6 and certified B-stationary, whatever the solver's status.
     ``infeasibility`` is the largest violation of a bound, of g, or of min(G, H) = 0, each in the
     unit that its derived size gives it (1 for ordinary sizes); ``worst`` says where. ``strategy``
-    is the one that led there. ``findings`` are sentences on what jumps.
+    is the one that led there. ``findings`` are sentences on what jumps, or on
+    a cost that falls for ever.
     """
 
     x: np.ndarray
@@ -88,9 +90,8 @@ class MPCCSolution:
         if self.status is Status.INFEASIBLE:
             return f"Locally infeasible: {self.worst} cannot be met near the last point."
         word = self.status.value.partition(":")[0].capitalize()
-        return " ".join(
-            [f"{word}: cost {self.f:.8g}; {self.certificate.sentence}.", *self.findings]
-        )
+        certified = [] if self.status is Status.UNBOUNDED else [f"{self.certificate.sentence}."]
+        return f"{word}: cost {self.f:.8g}; " + " ".join([*certified, *self.findings])
 
 
 def solve(
@@ -128,8 +129,24 @@ def solve(
     if not best.success:
         best = _softened(best, follower, inside, strategies)
     told = _jump_findings(mpcc, given, best.x) if _feasible(best) else ()
+    if endless := _endless(follower, best.x, inside):
+        best, told = replace(best, status=Status.UNBOUNDED), (endless,)
     seconds = time.perf_counter() - began
     return replace(best, iterations=follower.trace.iterations, seconds=seconds, findings=told)
+
+
+def _endless(follower: Homotopy, x: np.ndarray, start: np.ndarray) -> str:
+    """Sentence on a cost that falls for ever from x (n,), or from ``start`` with closed pairs."""
+    program, values = follower.nlp_of("none"), follower.values
+    assert isinstance(program, MPCCProgram)
+    answer, begin = program.extended(x), program.extended(start)
+    smaller = program.pairs[
+        np.argmin(begin[program.pairs], axis=0), np.arange(len(program.pairs.T))
+    ]
+    begin[smaller] = 0.0
+    given = program.parameter_vector(values), program.bounds(values)
+    endless = unbounded_variables(program, *given, answer, begin)
+    return f"{endless}." if endless else ""
 
 
 def _jump_findings(mpcc: MPCC, p: np.ndarray, x: np.ndarray) -> tuple[str, ...]:

@@ -29,6 +29,7 @@ class Status(Enum):
     SOLVED = "solved: feasible by the audit, and certified stationary"
     NOT_OPTIMAL = "feasible, not optimal"
     UNDECIDED = "feasible, but whether it is optimal was not decided"
+    UNBOUNDED = "not solved: the cost falls for ever"
     INEXACT = "not solved: the solver stopped, but the audited residuals are above tolerance"
     NO_PROGRESS = "no-progress: it does no better than standing still"
     ITERATION_LIMIT = "not converged: the iteration limit was reached"

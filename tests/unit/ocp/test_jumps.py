@@ -22,11 +22,11 @@ JUMPS = {
     "<": ca.if_else(A > 0.1, A, A + 1e-3), "<=": (A >= B) * 1.0, "fmod": ca.fmod(A, 2),
     "remainder": ca.remainder(B, 2), "copysign": ca.copysign(3, A), "==": ca.if_else(A == 0, 1, 0),
     "!=": ca.if_else(B != 0.25, 1, 0), "atan2": ca.atan2(ca.sin(A), ca.cos(A)),
-    "division": A / ca.fabs(A), "power": A * ca.power(A**2 + 0 * B, -0.5),
+    "x/|x|": A / ca.fabs(A), "division": ca.fabs(A) / A,
 }  # fmt: skip
 MORE_JUMPS = {
     "cut at the origin": ("atan2", ca.atan2(0 * A, A - 0.3)),
-    "steps of a root": ("division", B / ca.sqrt(B**2)),
+    "steps of a root": ("x/|x|", B / ca.sqrt(B**2)),
     "an arc tangent of a pole": ("division", ca.atan(1 / A)),
     "inside a norm": ("sign", ca.sqrt(1 + (A + ca.sign(B)) ** 2)),
 }
@@ -38,7 +38,7 @@ KINKS = {
     "angle": ca.cos(ca.atan2(A, B)), "half an angle": ca.cos(ca.atan2(A, B) / 2),
     "pole": 1 / A + 1 / B**2, "wave": ca.fabs(ca.fmod(ca.fabs(A), 2) - 1),
     "even": ca.copysign(A, B) ** 2, "sinc": ca.sin(A) / A, "rounded": A / ca.sqrt(A**2 + 1e-12),
-    "point": ca.if_else(A == 0, 1, ca.sin(A) / A),
+    "point": ca.if_else(A == 0, 1, ca.sin(A) / A), "quotient": ca.sin(A - 0.4) / (A - 0.4),
 }  # fmt: skip
 
 
@@ -87,7 +87,7 @@ def cart(push=lambda q, u: u, wall=lambda q: q, **changes) -> Problem:
 
 @pytest.mark.parametrize(("problem", "place"), [
     (cart(push=lambda q, u: u + 0.3 * (q > 0.5)), "< in dynamics"),
-    (cart(push=lambda q, u: u - 0.1 * q / ca.fabs(q)), "division in dynamics"),
+    (cart(push=lambda q, u: u + (q - 0.4) / ca.fabs(q - 0.4)), "x/|x| in dynamics"),
     (cart(push=lambda q, u: u + 0.2 * ca.sign(u)), "sign in dynamics"),
     (cart(wall=lambda q: q + 0.2 * (q < 0.4)), "< in gaps"),
     (cart(terminal_cost=lambda x, u: ca.atan2(0 * x[0], x[0] - 0.3)), "atan2 in terminal_cost"),
