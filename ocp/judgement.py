@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from dynamics.learned.laws import LearnedLaw
-from ocp.cost_constant import cost_share
 from ocp.errors import interruptible
 from ocp.factories import law_record
 from ocp.judges.audit import CONTENT, STILL, Audit, audit, cost_span, feasible, idle_cost
@@ -26,6 +25,7 @@ from ocp.rollout import Rollout, problem_impulses, trajectory_costs
 from ocp.routes.homotopy import Progress, RouteResult, Trace, translate
 from ocp.routes.table import route_for
 from ocp.session import Session
+from ocp.sizes.cost import cost_share
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.stationarity.certificate import Certificate, certify
 from ocp.stationarity.sensitivity import sensitivity

@@ -13,8 +13,6 @@ from pydantic import InstanceOf
 
 from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, ParameterTable
-from ocp.characteristic_sizes import GAP_SHARE, derive_sizes, gap_changes
-from ocp.cost_constant import split_constant
 from ocp.errors import InputError, abbreviated
 from ocp.free_time import FreeStep, with_free_step
 from ocp.problem_parts import (
@@ -27,6 +25,8 @@ from ocp.problem_parts import (
     column,
 )
 from ocp.programs.units import ORDINARY_ROWS, band, solver_unit
+from ocp.sizes.characteristic import GAP_SHARE, derive_sizes, gap_changes
+from ocp.sizes.cost import split_constant
 from ocp.validation import Count, Line, Name, Recorded, validated
 
 __all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Scales", "Scaling", "Scenarios"]

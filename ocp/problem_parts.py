@@ -102,7 +102,7 @@ class Scaling:
     ``x`` and ``u`` scale the perturbation of guesses in a multi-start and normalise what the audit
     compares. All are multiples of the natural ``units`` of their signals, so that none depends on
     the units of the parameters. A size that is None is derived from the problem's data
-    (:mod:`ocp.characteristic_sizes`); :attr:`~Problem.scales` gives all of them in SI.
+    (:mod:`ocp.sizes.characteristic`); :attr:`~Problem.scales` gives all of them in SI.
 
     Raises :class:`~ocp.errors.InputError` for a size that is not positive and finite.
     """

@@ -9,12 +9,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ocp.cost_constant import cost_share
 from ocp.errors import InputError
 from ocp.judges.referee import place_of, refined_replay, step_place
 from ocp.problem import Problem
 from ocp.programs.solver import Status
 from ocp.rollout import Gains, roll_on
+from ocp.sizes.cost import cost_share
 from ocp.solution import Solution
 
 AGREED = 0.05

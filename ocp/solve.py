@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from dynamics.contact import ContactLaw
-from ocp.cost_constant import cost_share
 from ocp.effort import check_memory, solve_memory
 from ocp.errors import InputError, input_errors, interruptible
 from ocp.factories import DEFAULT_LAW, closing_law, method_of, policy_of, split_policy_settings
@@ -24,6 +23,7 @@ from ocp.request import ProblemLike, Settings, check_setting_names, rebuilder, r
 from ocp.rollout import initial_guesses
 from ocp.routes.homotopy import GAIN
 from ocp.session import Session, as_swept
+from ocp.sizes.cost import cost_share
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.transcription import Method
 from ocp.transcription.nlp import StageCompiler

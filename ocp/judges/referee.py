@@ -11,7 +11,6 @@ import numpy as np
 
 from dynamics.contact import Step
 from dynamics.systems import ContactSystem
-from ocp.cost_constant import cost_share
 from ocp.physics.constraints import (
     Broken,
     Violation,
@@ -32,6 +31,7 @@ from ocp.rollout import (
     roll_on,
     trajectory_costs,
 )
+from ocp.sizes.cost import cost_share
 
 REFINEMENT = 4
 """By how much h is divided for the refined cost."""
@@ -276,7 +276,7 @@ def survival(
     :data:`PENETRATION_SHARE` of the problem's characteristic sizes, which count for no more than
     the plan itself moves (:func:`~ocp.physics.constraints.seen_sizes`, :func:`seen_gap`).
     ``physics`` and ``broken`` are those of the replay. Constant terms of the cost are no part of it
-    (:func:`~ocp.cost_constant.cost_share`).
+    (:func:`~ocp.sizes.cost.cost_share`).
     """
     excess = cost_share(problem, outcome.cost - plan.cost, plan.cost, physical)
     off = np.abs(outcome.replay.x - plan.x)

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from dynamics.systems import LAW_PREFIX
-from ocp.characteristic_sizes import describe_sizes
-from ocp.cost_constant import cost_share
 from ocp.judges.jumps import jump_findings
 from ocp.judges.referee import PENETRATION_SHARE, seen_gap
 from ocp.physics.constraints import describe_violations
 from ocp.programs.solver import TIMED_OUT
+from ocp.sizes.characteristic import describe_sizes
+from ocp.sizes.cost import cost_share
 
 if TYPE_CHECKING:
     from ocp.solution import Solution

@@ -9,7 +9,6 @@ from functools import cache, cached_property
 import casadi as ca
 import numpy as np
 
-from ocp.cost_constant import split_constant
 from ocp.errors import InputError
 from ocp.mpcc.sizes import variable_sizes
 from ocp.programs.program import (
@@ -22,6 +21,7 @@ from ocp.programs.program import (
     closure_rows,
 )
 from ocp.programs.units import Scale, band, row_units, solver_unit
+from ocp.sizes.cost import split_constant
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ocp.cost_constant import cost_share
 from ocp.errors import choose
 from ocp.problem import Problem
 from ocp.rollout import Gains, trajectory_costs
+from ocp.sizes.cost import cost_share
 from ocp.worlds import WORLDS
 from ocp.worlds.mujoco_world import SOLREF, STEP, MujocoWorld
 
