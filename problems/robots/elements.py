@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator
 from xml.etree.ElementTree import Element
 
 
 def _table(text: str) -> dict[str, list[str]]:
-    """Read lines ``key: words``, which go on in indented lines."""
-    lines = re.sub(r"\n +", " ", text.strip()).splitlines()
-    return {key: words.split() for key, _, words in (line.partition(":") for line in lines)}
+    """Read ``key: words; key: words``."""
+    entries = (entry.partition(":") for entry in " ".join(text.split()).split(";"))
+    return {key.strip(): words.split() for key, _, words in entries}
 
 
 ALL = "*"
@@ -20,75 +19,25 @@ _ACTUATOR = """name class joint jointinparent tendon site body refsite cranksite
     ctrllimited ctrlrange forcelimited forcerange gainprm biasprm gaintype biastype
     dyntype dynprm inheritrange"""
 _URDF = """
-robot: name
-link: name
-inertial:
-origin: xyz rpy
-mass: value
-inertia: ixx ixy ixz iyy iyz izz
-collision: name
-geometry:
-box: size
-sphere: radius
-cylinder: radius length
-capsule: radius length
-mesh: filename scale
-joint: name type
-parent: link
-child: link
-axis: xyz
-limit: lower upper effort
-dynamics: damping
-mimic: joint multiplier offset
-mujoco:
-compiler: *
-lateral_friction: value
-mu: value
-mu1: value
-mu2: value
+robot: name; link: name; inertial:; origin: xyz rpy; mass: value; inertia: ixx ixy ixz iyy iyz
+izz; collision: name; geometry:; box: size; sphere: radius; cylinder: radius length; capsule:
+radius length; mesh: filename scale; joint: name type; parent: link; child: link; axis: xyz;
+limit: lower upper effort; dynamics: damping; mimic: joint multiplier offset; mujoco:; compiler:
+*; lateral_friction: value; mu: value; mu1: value; mu2: value
 """
 _MJCF = """
-mujoco: model
-mujocoinclude: *
-include: file
-compiler: *
-option: gravity
-flag: gravity contact filterparent equality
-default: class
-worldbody:
-body: name childclass mocap POSE
-frame: name childclass POSE
-inertial: mass diaginertia fullinertia POSE
-freejoint: name align
+mujoco: model; mujocoinclude: *; include: file; compiler: *; option: gravity; flag: gravity
+contact filterparent equality; default: class; worldbody:; body: name childclass mocap POSE;
+frame: name childclass POSE; inertial: mass diaginertia fullinertia POSE; freejoint: name align;
 joint: name class type pos axis ref springref springdamper stiffness damping armature range
-    limited actuatorfrcrange actuatorfrclimited joint coef joint1 joint2 polycoef active
-geom: name class type size fromto mesh fitscale hfield mass density shellinertia contype
-    conaffinity condim friction priority POSE
-asset:
-mesh: name class file vertex face scale refpos refquat inertia content_type builtin params
-    maxhullvert
-contact:
-pair: name class geom1 geom2 condim friction
-exclude: name body1 body2
-equality:
-connect: *
-weld: *
-tendon: name class active tendon1 tendon2 polycoef
-fixed: name class
-spatial: *
-actuator:
-general: ACTUATOR
-motor: ACTUATOR
-position: ACTUATOR kp kv dampratio timeconst
-velocity: ACTUATOR kv
-keyframe:
-key: name qpos
-intvelocity: *
-damper: *
-cylinder: *
-muscle: *
-adhesion: *
-dcmotor: *
+limited actuatorfrcrange actuatorfrclimited joint coef joint1 joint2 polycoef active; geom: name
+class type size fromto mesh fitscale hfield mass density shellinertia contype conaffinity condim
+friction priority POSE; asset:; mesh: name class file vertex face scale refpos refquat inertia
+content_type builtin params maxhullvert; contact:; pair: name class geom1 geom2 condim friction;
+exclude: name body1 body2; equality:; connect: *; weld: *; tendon: name class active tendon1
+tendon2 polycoef; fixed: name class; spatial: *; actuator:; general: ACTUATOR; motor: ACTUATOR;
+position: ACTUATOR kp kv dampratio timeconst; velocity: ACTUATOR kv; keyframe:; key: name qpos;
+intvelocity: *; damper: *; cylinder: *; muscle: *; adhesion: *; dcmotor: *
 """
 URDF = _table(_URDF)
 """Attributes of URDF that are read, by element; the text of mu, mu1 and mu2 is read too."""
@@ -103,34 +52,21 @@ _PICTURES = set(_PICTURE_WORDS.split())
 _BULKY = {"camera", "custom", "light", "material", "skin", "statistic", "texture", "visual"}
 """Elements of MJCF that are left out before compiling; some name files."""
 _INSTEAD = """
-nothing is measured here: sensor calibration
-each joint has its own motor: transmission
-settings of another program: gazebo
-its soft limits and gains act in another program: safety_controller
-speeds are not bounded: velocity
-joints have no dry friction: friction frictionloss
-gravity acts on every body: gravcomp
-contacts only slide: rolling_friction spinning_friction
-contact is rigid: solref solimp solmix margin gap contact contact_cfm contact_erp restitution
-limits are rigid: solreflimit solimplimit
-there is no such friction: solreffriction solimpfriction
-there is no fluid: fluidshape fluidcoef
-it stays flat and touches nothing: hfield
-nothing acts at sites: site
-surfaces do not run: surfacevel
-motors act at once: delay
-give it to the joint: armature
+nothing is measured here: sensor calibration; each joint has its own motor: transmission; settings
+of another program: gazebo; its soft limits and gains act in another program: safety_controller;
+speeds are not bounded: velocity; joints have no dry friction: friction frictionloss; gravity acts
+on every body: gravcomp; contacts only slide: rolling_friction spinning_friction; contact is
+rigid: solref solimp solmix margin gap contact contact_cfm contact_erp restitution; limits are
+rigid: solreflimit solimplimit; there is no such friction: solreffriction solimpfriction; there is
+no fluid: fluidshape fluidcoef; it stays flat and touches nothing: hfield; nothing acts at sites:
+site; surfaces do not run: surfacevel; motors act at once: delay; give it to the joint: armature
 """
 _REASONS = {name: why for why, names in _table(_INSTEAD).items() for name in names}
 """What holds instead of elements and attributes that are not read."""
 _CHANGES = """
-it copies another file: attach
-nothing bends here: composite flex flexcomp
-it runs programs: extension plugin
-of a URDF nothing is included: include
-it closes a loop, and joints form trees here: loop_joint
-it reads another file: model
-it makes copies: replicate
+it copies another file: attach; nothing bends here: composite flex flexcomp; it runs programs:
+extension plugin; of a URDF nothing is included: include; it closes a loop, and joints form trees
+here: loop_joint; it reads another file: model; it makes copies: replicate
 """
 REFUSED = {name: why for why, names in _table(_CHANGES).items() for name in names}
 """Elements without which the robot would be another, and why they are not read."""

@@ -1,8 +1,8 @@
 """Sixty public robot files: which are read, with how many bodies, motors and contacts, and why not.
 
 ``python -m tests.benchmarks.robots.public`` reads them and rewrites the site's table. Packages that
-are not installed are looked for in the folders of ``EXTRA_ROBOTS``, one folder a package, into which
-its wheel is unpacked.
+are not installed are looked for below the folders of ``EXTRA_ROBOTS``, into which their wheels are
+unpacked.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ FILES = {
         " mini_cheetah/mini_cheetah.urdf r2d2.urdf"
     ),
 }
-"""Ends of the files' paths by package; those that begin with ``..`` name files of the folder above."""
+"""Ends of the files' paths by package; those with ``..`` name files of the folder above."""
 
 
 def find(package: str, path: str) -> Path | None:
@@ -107,7 +107,7 @@ def main() -> None:
         command="python -m tests.benchmarks.robots.public",
         columns=COLUMNS,
         rows=lines,
-        note=f"{read} of {len(lines)} files are read; what of them is not used, ocp show FILE tells.",
+        note=f"{read} of {len(lines)} files are read; ocp show tells what of them is not used.",
     )
 
 
