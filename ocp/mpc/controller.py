@@ -3,28 +3,34 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
+from pydantic import Field, InstanceOf
 
 from dynamics.contact import ContactLaw, Exact
 from ocp.errors import InputError, choose
+from ocp.factories import DEFAULT_LAW, closing_law
 from ocp.mpc.measurement import Measurement
 from ocp.mpc.phases.full import Full
 from ocp.mpc.phases.newton import NewtonPhase
 from ocp.mpc.phases.policy import FixedPolicy, Law, along
-from ocp.mpc.phases.protocol import Answer, Phase, Sample
+from ocp.mpc.phases.protocol import Answer, Phase, Sample, numbers
 from ocp.mpc.phases.table import NEWTON, PHASES
 from ocp.mpc.receding import Receding, Values, horizon_rows
 from ocp.mpc.rollouts import Roller
 from ocp.mpc.stages import Plan, StageModel
 from ocp.policy import OpenLoop
 from ocp.problem import Problem
+from ocp.request import resolve_problem
 from ocp.rollout import Gains
 from ocp.session import Session
 from ocp.transcription import Direct
 from ocp.transcription.nlp import StageCompiler, trajectories
+from ocp.validation import Count, Positive, validated
 
 _WARM_UP = 30
 """Programs at most before the first answer, which starts from another law's or state's plan."""
@@ -56,25 +62,25 @@ class Controller:
         controller = Controller(problems.get("soft-walls"))
         command = controller.step(x, u_before)
 
-    ``law`` closes the contact of the plans: the exact one, or for the phase ``relaxed`` a smoothed
-    one. ``phase`` is one of :data:`~ocp.mpc.phases.table.PHASES`; ``policy`` is what the phase
-    ``policy`` evaluates: a function ``(x, k) -> u``, :class:`~ocp.rollout.Gains`, or None for the
-    regulator's gains along the first plan. ``iterations`` is the number of quadratic programs a
-    sample. ``trust``, of (0, 1], is how much of a measurement's difference from the state that the
-    law predicts from the sample before is believed: below 1 it averages noise out, as an observer
-    of constant gain does. ``deadline`` (s) is optional: an answer that comes later is replaced by
-    the shifted plan's input, and counted in ``misses``. ``told`` are sentences on what a receding
-    horizon had to change of the problem.
+    ``law``, an object or a name, closes the contact of the plans: the exact one, or for the phase
+    ``relaxed`` a smoothed one. ``phase`` is one of :data:`~ocp.mpc.phases.table.PHASES`;
+    ``policy`` is what the phase ``policy`` evaluates: a function ``(x, k) -> u``,
+    :class:`~ocp.rollout.Gains`, or None for the regulator's gains along the first plan.
+    ``iterations`` is the number of quadratic programs a sample. ``trust``, of (0, 1], is how much
+    of a measurement's difference from the state that the law predicts from the sample before is
+    believed: below 1 it averages noise out, as an observer of constant gain does. ``deadline`` (s)
+    is optional: an answer that comes later is replaced by the shifted plan's input, and counted in
+    ``misses``. ``told`` are sentences on what a receding horizon had to change of the problem.
 
     Everything symbolic happens here, and functions are compiled once and cached. Measured state,
     last input, parameters and the law's mu are parameters of the one program.
 
     Raises :class:`~ocp.errors.InputError` for an unknown phase, a law that the phase cannot use,
-    and a problem whose step size is free.
+    numbers out of their range, and a problem whose step size is free.
     """
 
     problem: Problem
-    law: ContactLaw | None = None
+    law: ContactLaw | str | None = None
     phase: str = "qpcc"
     policy: Law | Gains | None = None
     iterations: int = 1
@@ -83,16 +89,12 @@ class Controller:
     parameters: Values = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        choose("phase", self.phase, PHASES)
-        self.contact = self.law = PHASES[self.phase].law(self.law)
-        if self.iterations < 1:
-            raise InputError(f"iterations must be 1 or more, got {self.iterations}")
-        if not 0 < self.trust <= 1:
-            raise InputError(f"trust must be above 0 and at most 1, got {self.trust}")
+        self._check()
         self.receding = Receding.of(self.problem)
         self.told = list(self.receding.told)
         planned = self.receding.problem
-        exact = isinstance(self.law, Exact)
+        exact = isinstance(self.contact, Exact)
+        self._softer = NEWTON["qpcc" if exact else "relaxed"]
         self.session = Session(
             planned, self.contact, Direct(), OpenLoop(), compiled=StageCompiler()
         )
@@ -112,6 +114,21 @@ class Controller:
         self._first = self._first_plan(p)
         self._regulated = self._regulator(p) if self.phase == "policy" and not self.policy else None
         self.reset()
+
+    def _check(self) -> None:
+        """Read the arguments, with one sentence for what is wrong."""
+        entry = choose("phase", validated("phase", self.phase, str), PHASES)
+        if not isinstance(self.problem, Problem):
+            self.problem, _ = resolve_problem(self.problem, DEFAULT_LAW, None, None, {}, "ipopt")
+        law = validated("law", self.law, InstanceOf[ContactLaw] | str | None)
+        law = closing_law(law, {}, self.problem.system) if isinstance(law, str) else law
+        self.contact = self.law = entry.law(law)
+        self.iterations = validated("iterations", self.iterations, Count)
+        self.trust = validated("trust", self.trust, Annotated[Positive, Field(le=1)])
+        self.deadline = validated("deadline", self.deadline, Positive | None)
+        if self.policy is not None and self.phase != "policy":
+            raise InputError(f'a policy is for the phase "policy", not for {self.phase}')
+        validated("policy", self.policy, InstanceOf[Gains] | Callable[..., Any] | None)
 
     def reset(self) -> None:
         """Start again from the first plan, as if no sample had been answered."""
@@ -150,19 +167,20 @@ class Controller:
 
     def _built(self) -> Phase:
         if self.phase == "full":
-            return Full(self.session, self.model, self._solved)
+            softer = self._softer(self.model, self.roller, _WARM_UP)
+            return Full(self.session, self.model, self._solved, softer)
         if self.phase != "policy":
             return NEWTON[self.phase](self.model, self.roller, self.iterations)
         if callable(self.policy):
-            return FixedPolicy(self.policy)
+            return FixedPolicy(self.policy, self.model.nu)
         gains = self.policy or self._regulated
         assert gains is not None
-        return FixedPolicy(along(gains))
+        return FixedPolicy(along(gains), self.model.nu)
 
     def _regulator(self, p: np.ndarray) -> Gains:
         """Gains of the linear-quadratic regulator along the first plan, its contacts held."""
         limits, plan = self._last[2], self._first
-        phase = NEWTON["qp" if isinstance(self.law, Exact) else "relaxed"](self.model, self.roller)
+        phase = self._softer(self.model, self.roller)
         phase.prepare(plan, Sample(limits[0], limits[1], p, (limits[2], limits[3])))
         assert phase.prepared is not None
         K = phase.regulator.gains(phase.prepared.lin)
@@ -187,17 +205,17 @@ class Controller:
         ``parameters`` are values by name, numbers or, for parameters of the cost and constraints,
         arrays over the horizon (N,) or (N+1,).
 
-        A state that is not finite, outside its bounds or in penetration does not raise: it is
-        projected, or the plan's prediction takes its place, and ``why`` says so. Raises
+        A state that is not finite is replaced by the plan's prediction, one in penetration is moved
+        out, one outside its bounds is planned from as it is; ``why`` says so. Raises
         :class:`~ocp.errors.InputError` for arrays of another shape and unknown parameters.
         """
         began = time.perf_counter()
         if parameters or self._last[0]:
             self._last = (parameters or {}, *self._asked(parameters or {}))
         p, limits = self._last[1].copy(), self._last[2]
-        x, before = _vector("the state", x, self.model.nx), self.u_before
+        x, before = numbers("the state", x, self.model.nx), self.u_before
         if u_before is not None:
-            given = _vector("the last input", u_before, self.model.nu)
+            given = numbers("the last input", u_before, self.model.nu)
             before = np.where(np.isfinite(given), given, before)
         ahead = self._ahead(p, limits)
         expected = self._expected(ahead, before, p)
@@ -263,10 +281,3 @@ class Controller:
                 break
             answer = found
         return answer
-
-
-def _vector(what: str, given: np.ndarray, size: int) -> np.ndarray:
-    found = np.asarray(given, dtype=float).ravel()
-    if found.size != size:
-        raise InputError(f"{what} must have {size} numbers, got {found.size}")
-    return found

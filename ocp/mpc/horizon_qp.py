@@ -9,11 +9,14 @@ import numpy as np
 import piqp
 import scipy.sparse as sp
 
+from ocp.mpc.constraint_rows import PENALTIES
 from ocp.mpc.linearised import Affine, Linearised
 from ocp.mpc.stages import StageModel
 
-_SOFT = 1e3
-"""Penalty of what a row is violated by, in characteristic costs for its characteristic size."""
+_CURVATURE = 1e-2
+"""Of the penalty, as a share of its slope."""
+_FAR = 1e4
+"""Value of a row, in characteristic sizes, above which the row is scaled down to it."""
 _TOLERANCE = 1e-9
 _ITERATIONS = 60
 
@@ -24,7 +27,7 @@ class Direction:
 
     ``costates`` (N, nx) belong to the dynamics, ``rows`` (N, rows) to the rows, in costs for their
     characteristic sizes; ``objective`` is the change of cost that the program predicts, with the
-    penalty of violated rows.
+    penalty of violated rows. ``violation`` is the sum of the slacks, in characteristic sizes.
     """
 
     dx: np.ndarray
@@ -32,25 +35,30 @@ class Direction:
     costates: np.ndarray
     rows: np.ndarray
     objective: float
+    violation: float
     solved: bool
 
 
 class HorizonQP:
     """``min sum_k 1/2 w' H w + g' w + penalty`` over steps of a plan, its pattern fixed once.
 
-    Variables are du_k, a slack s_k and dx_{k+1} of every step; w_k = (dx_k, du_{k-1}, du_k).
+    Variables are du_k, slacks s_k and dx_{k+1} of every step; w_k = (dx_k, du_{k-1}, du_k).
     Dynamics are equations and bounds on inputs hold; rows may be violated by s_k >= 0 at an exact
-    penalty, so that every program has a solution.
+    penalty, so that every program has a solution. All rows of a step share one slack, or with
+    ``separate`` each of the model's constraints, which come last, has its own: then a constraint
+    that cannot be met loosens no other.
     """
 
-    def __init__(self, model: StageModel, rows: int) -> None:
+    def __init__(self, model: StageModel, rows: int, separate: bool = False) -> None:
         self.model, self.n_rows = model, rows
         nx, nu, N = model.nx, model.nu, model.N
-        per = nu + 1 + nx
+        shared = rows - model.m if separate else rows
+        self.slack_of = np.maximum(np.arange(rows) - shared + 1, 0)
+        per = nu + (slacks := 1 + rows - shared) + nx
         self.size = N * per
         k = np.arange(N)[:, None] * per
-        self.u, self.s = k + np.arange(nu), k[:, 0] + nu
-        self.x_next = k + nu + 1 + np.arange(nx)
+        self.u, self.s = k + np.arange(nu), k + nu + np.arange(slacks)
+        self.x_next = k + nu + slacks + np.arange(nx)
         self.x = np.concatenate([np.full((1, nx), -1), self.x_next[:-1]])
         before = np.concatenate([np.full((1, nu), -1), self.u[:-1]])
         if not model.problem.uses_du:
@@ -67,8 +75,9 @@ class HorizonQP:
             np.broadcast_to(v, (N, nw, nw)) for v in (self.w[:, :, None], self.w[:, None])
         )
         self._P = _Pattern(
-            np.concatenate([row.ravel(), np.repeat(end, nx), self.s]),
-            np.concatenate([column.ravel(), np.tile(end, nx), self.s]), (self.size, self.size),
+            np.concatenate([row.ravel(), np.repeat(end, nx), self.s.ravel()]),
+            np.concatenate([column.ravel(), np.tile(end, nx), self.s.ravel()]),
+            (self.size, self.size),
         )  # fmt: skip
         equation = np.arange(N * nx).reshape(N, nx)
         xu = np.concatenate([self.x, self.u], axis=1)
@@ -77,49 +86,55 @@ class HorizonQP:
             np.concatenate([np.tile(xu, (1, nx)).ravel(), self.x_next.ravel()]),
             (N * nx, self.size),
         )
-        touched = np.concatenate([self.x, self.u, self.s[:, None]], axis=1)
-        number = np.repeat(np.arange(N * m).reshape(N, m), touched.shape[1], axis=1)
-        self._G = _Pattern(number.ravel(), np.tile(touched, (1, m)).ravel(), (N * m, self.size))
+        slack = self.s[:, self.slack_of, None]
+        touched = np.concatenate([np.repeat(xu[:, None], m, axis=1), slack], axis=2)
+        number = np.repeat(np.arange(N * m), touched.shape[2])
+        self._G = _Pattern(number, touched.ravel(), (N * m, self.size))
 
     def solve(
-        self, lin: Linearised, rows: Affine, dx0: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
-    ) -> Direction:
+        self, lin: Linearised, rows: Affine, dx0: np.ndarray,
+        bounds: tuple[np.ndarray, np.ndarray], penalty: float = PENALTIES[0],
+    ) -> Direction:  # fmt: skip
         """The step from a plan whose first state is off by ``dx0`` (nx,).
 
-        ``rows`` stay at 0 or above; ``bounds`` are those of du, each (N, nu).
+        ``rows`` stay at 0 or above; ``bounds`` are those of du, each (N, nu); ``penalty`` is what
+        a slack costs, in characteristic costs for a characteristic size.
         """
         model, N, nx = self.model, self.model.N, self.model.nx
         cost = model.problem.scales.cost
         H, end = lin.hessian / cost, lin.end[1] / cost
-        P = self._P(np.concatenate([H.ravel(), end.ravel(), np.full(N, 1e-2 * _SOFT)]))
+        curvature = np.full(self.s.size, _CURVATURE * penalty)
+        P = self._P(np.concatenate([H.ravel(), end.ravel(), curvature]))
         dynamics = np.concatenate([lin.x_next.by_x, lin.x_next.by_u], axis=2)
         A = self._A(np.concatenate([-dynamics.ravel(), np.ones(N * nx)]))
         ahead = lin.x_next.value.copy()
         ahead[0] += lin.x_next.by_x[0] @ dx0
         low = -rows.value
         low[0] -= rows.by_x[0] @ dx0
-        slack = np.ones((N, self.n_rows, 1))
-        G = self._G(np.concatenate([rows.by_x, rows.by_u, slack], axis=2).ravel())
+        # Entries of 1e9 beside those of 1 leave the solver without a tolerance to reach.
+        far = np.maximum(1.0, -low / _FAR)
+        entries = np.concatenate([rows.by_x, rows.by_u, np.ones((N, self.n_rows, 1))], axis=2)
+        G, low = self._G((entries / far[:, :, None]).ravel()), low / far
         x_l, x_u = np.full(self.size, -np.inf), np.full(self.size, np.inf)
         x_l[self.s] = 0.0
         x_l[self.u], x_u[self.u] = bounds
-        c = self._linear(lin, dx0, cost)
+        c = self._linear(lin, dx0, cost, penalty)
         z, found = self._solved(P, c, A, ahead.ravel(), G, low.ravel(), x_l, x_u)
         dx = np.concatenate([dx0[None], z[self.x_next]])
         return Direction(
             dx, z[self.u], np.array(found.y).reshape(N, nx) * cost,
-            np.array(found.z_l).reshape(N, self.n_rows) * cost,
-            float(found.info.primal_obj) * cost,
+            np.array(found.z_l).reshape(N, self.n_rows) / far * cost,
+            float(found.info.primal_obj) * cost, float(z[self.s].sum()),
             found.info.status == piqp.PIQP_SOLVED and bool(np.isfinite(z).all()),
         )  # fmt: skip
 
-    def _linear(self, lin: Linearised, dx0: np.ndarray, cost: float) -> np.ndarray:
+    def _linear(self, lin: Linearised, dx0: np.ndarray, cost: float, penalty: float) -> np.ndarray:
         g = lin.gradient / cost
         g[0] += lin.hessian[0][:, : self.model.nx] @ dx0 / cost
         keep, c = self.w >= 0, np.zeros(self.size)
         np.add.at(c, self.w[keep], g[keep])
         c[self.x_next[-1]] += lin.end[0] / cost
-        c[self.s] += _SOFT
+        c[self.s] += penalty
         return c
 
     def _solved(self, *program: Any) -> tuple[np.ndarray, piqp.Result]:

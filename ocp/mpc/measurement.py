@@ -1,10 +1,11 @@
-"""A measured state made fit for a plan: finite, within bounds, without penetration."""
+"""A measured state made fit for a plan: finite, and without penetration."""
 
 from __future__ import annotations
 
 import casadi as ca
 import numpy as np
 
+from ocp.mpc.constraint_rows import MET
 from ocp.problem import Problem
 
 _DEPTH = 1e-9
@@ -18,7 +19,7 @@ class Measurement:
     def __init__(self, problem: Problem) -> None:
         self.problem, system = problem, problem.system
         phi = system.phi
-        self._distances = None
+        self._distances, self.names = None, [signal.name for signal in system.states]
         if phi is not None and phi.numel():
             given = [system.x, problem.parameters.vector]
             self._distances = ca.Function("distances", given, [phi, ca.jacobian(phi, system.x)])
@@ -26,21 +27,22 @@ class Measurement:
     def projected(
         self, x: np.ndarray, expected: np.ndarray, bounds: list[np.ndarray], physical: np.ndarray
     ) -> tuple[np.ndarray, list[str]]:
-        """The state to plan from, and what was changed.
+        """The state to plan from, and what was changed or is not as a plan wants it.
 
-        A state that is not finite is replaced by the ``expected`` one; one outside ``bounds`` is
-        clipped; penetration is taken back by the smallest motion, in characteristic sizes.
+        A state that is not finite is replaced by the ``expected`` one; penetration is taken back by
+        the smallest motion, in characteristic sizes. One outside ``bounds`` is planned from as it
+        is.
         """
         seen, told = x, []
         if not np.isfinite(seen).all():
             seen = np.where(np.isfinite(seen), seen, expected)
             told.append("the measured state is not finite; the predicted one is used there")
-        clipped = np.clip(seen, *bounds)
-        if not np.array_equal(clipped, seen):
-            told.append("the measured state is outside its bounds and was clipped")
-        outside = self._outside(clipped, physical)
-        if not np.array_equal(outside, clipped):
+        outside = self._outside(seen, physical)
+        if not np.array_equal(outside, seen):
             told.append("the measured state is in penetration and was moved out")
+        beyond = np.maximum(bounds[0] - outside, outside - bounds[1]) > MET * self.problem.scales.x
+        if names := [self.names[i] for i in np.flatnonzero(beyond)]:
+            told.append(f"the measured state is outside the bounds on {', '.join(names)}")
         return outside, told
 
     def _outside(self, x: np.ndarray, physical: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from dynamics.systems.machine import with_implicit_forces
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.judges.referee import REFINEMENT, step_place
 from ocp.problem import Problem
+from ocp.validation import Index, Number, validated
 from ocp.worlds.mujoco_world import MujocoWorld
 
 PLANTS = {
@@ -53,7 +55,7 @@ class Plant:
     def __init__(self, problem: Problem, name: str, mismatch: Mapping[str, float]) -> None:
         choose("plant", name, PLANTS)
         known = problem.parameters.names
-        check_mismatch(problem, mismatch)
+        mismatch = check_mismatch(problem, mismatch)
         system = with_implicit_forces(problem.system)
         if system is not problem.system:
             problem = replace(problem, system=system)
@@ -88,8 +90,13 @@ class Plant:
         return x, total
 
 
-def check_mismatch(problem: Problem, mismatch: Mapping[str, float]) -> None:
-    """Raise :class:`~ocp.errors.InputError` for a name that is no parameter of the problem."""
+def check_mismatch(problem: Problem, mismatch: Mapping[str, float]) -> Mapping[str, float]:
+    """Return the plant's own parameters as numbers.
+
+    Raises :class:`~ocp.errors.InputError` for a name that is no parameter of the problem, and for
+    values that are not finite or make no mechanics.
+    """
+    mismatch = validated("mismatch", mismatch, Mapping[str, Number])
     known = problem.parameters.names
     for name in mismatch:
         if name not in known:
@@ -97,6 +104,20 @@ def check_mismatch(problem: Problem, mismatch: Mapping[str, float]) -> None:
                 f"mismatch: {problem.name} has no physical parameter {name!r}"
                 f"{did_you_mean(name, known)}; there are {', '.join(known)}"
             )
+    if mismatch:
+        problem.check_physics(problem.parameters.defaults | dict(mismatch))
+    return mismatch
+
+
+def check_pushes(problem: Problem, pushes: Mapping[int, np.ndarray], steps: int) -> None:
+    """Raise :class:`~ocp.errors.InputError` for a sample or a change of the state that is none."""
+    nx = problem.system.nx
+    for k, change in validated("pushes", pushes, Mapping[Index, Any]).items():
+        if k >= steps:
+            raise InputError(f"pushes: the sample must be from 0 to {steps - 1}, got {k}")
+        numbers = validated(f"pushes[{k}]", np.ravel(change).tolist(), list[Number])
+        if len(numbers) != nx:
+            raise InputError(f"pushes[{k}] must have {nx} numbers, got {len(numbers)}")
 
 
 def deviations(given: float | Mapping[str, float], names: list[str], what: str) -> np.ndarray:
@@ -104,6 +125,7 @@ def deviations(given: float | Mapping[str, float], names: list[str], what: str) 
 
     Raises :class:`~ocp.errors.InputError` for an unknown name, a negative or non-finite number.
     """
+    given = validated(what, given, Number | Mapping[str, Number])
     if isinstance(given, Mapping):
         for name in given:
             if name not in names:

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import Episode, EpisodeFunction, RolloutPolicy, StepFunction
-from ocp.mpc.stages import Plan, StageModel
+from ocp.mpc.stages import LEAST_PENALTY, Plan, StageModel
 
 _FAR = 1e6
 """Limit of inputs without bounds, in characteristic inputs."""
@@ -37,8 +37,9 @@ class Roller:
     def roll(
         self, x0: np.ndarray, K: np.ndarray, k: np.ndarray, u_before: np.ndarray,
         bounds: tuple[np.ndarray, np.ndarray], p: np.ndarray,
-    ) -> tuple[Plan, float, int]:  # fmt: skip
-        """The candidate of lowest merit, its merit, and which it is.
+        penalty: float = LEAST_PENALTY,
+    ) -> tuple[Plan, float, int, str]:  # fmt: skip
+        """The candidate of lowest merit, its merit, which it is, and what it violates, or "".
 
         Gains K (S, N, nu, nx) and k (S, N, nu) are those of S candidates; one that has no solution
         at a step has an infinite merit.
@@ -53,10 +54,11 @@ class Roller:
         u = np.clip(np.einsum("skij,skj->ski", K, x[:, :-1]) + k, low, high)
         flat = x[:, :-1].reshape(S * N, -1), u.reshape(S * N, -1)
         lam = self._step(*flat, own).lam[:, : model.n].reshape(S, N, -1)
-        merit, gap = model.merits(x, u, lam, u_before, p)
+        merit, off, gap = model.merits(x, u, lam, u_before, p, penalty)
         sound = (
             np.isfinite(merit) & np.isfinite(x).all(axis=(1, 2)) & np.isfinite(lam).all(axis=(1, 2))
         )
         merit = np.where(sound, merit, np.inf)
         best = int(np.argmin(merit))
-        return Plan(x[best], u[best], lam[best], gap[best]), float(merit[best]), best
+        plan = Plan(x[best], u[best], lam[best], gap[best])
+        return plan, float(merit[best]), best, model.worst_row(off[best])

@@ -4,21 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import xarray as xr
+from pydantic import InstanceOf
 
 from ocp.errors import InputError
 from ocp.judges.referee import step_place
+from ocp.mpc.constraint_rows import ConstraintRows
 from ocp.mpc.controller import Command, Controller
 from ocp.mpc.judge import PlanJudge
-from ocp.mpc.plants import Disturbance, Plant, deviations
-from ocp.mpc.receding import Values
+from ocp.mpc.plants import Disturbance, Plant, check_pushes, deviations
+from ocp.mpc.receding import Values, finite_array
+from ocp.mpc.verdict import LoopVerdict, PlantViolation
 from ocp.problem import Problem
+from ocp.validation import Count, Index, validated
 
-_FAR = 1e4
-"""A state beyond this many characteristic sizes has diverged."""
+_FAR = 100.0
+"""A state beyond this many sizes of the loop, and as many more for each horizon, has diverged."""
 _SHARE = 0.01
 """Noise of the plant ``noise`` where none is given, in characteristic sizes."""
 
@@ -32,7 +38,8 @@ class ClosedLoop:
 
     ``data`` has x (S, T+1, nx), u (S, T, nu), measured (S, T, nx), plan (S, T, N+1, nx), seconds,
     cost (S, T), merit, status (S, T) and ended (S,), the number of samples before the plant
-    diverged. ``why`` are the sentences of the commands, with how often each came.
+    diverged. ``why`` are the sentences of the commands, with how often each came; ``violations``
+    are those by the plant, of bounds on states and path constraints, the worst first.
     """
 
     problem: Problem
@@ -40,11 +47,37 @@ class ClosedLoop:
     why: Mapping[str, int]
     misses: int
     record: dict[str, Any] = field(default_factory=dict)
+    violations: list[PlantViolation] = field(default_factory=list)
+
+    @cached_property
+    def verdict(self) -> LoopVerdict:
+        """Status and sentences; ``str(loop.verdict)`` is what ``ocp mpc`` prints."""
+        return LoopVerdict(self)
+
+    @property
+    def stage_costs(self) -> np.ndarray:
+        """Sum of the stage costs (S,), NaN where a seed ended."""
+        return self.data["cost"].sum("sample", skipna=False).values
+
+    @property
+    def end_costs(self) -> np.ndarray:
+        """Terminal cost (S,) of the last state."""
+        return self.data["end_cost"].values
 
     @property
     def costs(self) -> np.ndarray:
         """Closed-loop cost (S,): all stage costs and the terminal cost; NaN where a seed ended."""
-        return self.data["cost"].sum("sample", skipna=False).values + self.data["end_cost"].values
+        return self.stage_costs + self.end_costs
+
+    @property
+    def cost_interval(self) -> tuple[float, float]:
+        """Student's 95 % interval of the mean of finite costs, NaN of a single one."""
+        from scipy.special import stdtrit
+
+        costs = self.costs[np.isfinite(self.costs)]
+        n, mean = len(costs), float(costs.mean()) if len(costs) else np.nan
+        half = float(stdtrit(n - 1, 0.975) * costs.std(ddof=1) / np.sqrt(n)) if n > 1 else np.nan
+        return mean - half, mean + half
 
     @property
     def survived(self) -> np.ndarray:
@@ -76,18 +109,18 @@ def simulate(
     The noise of seed s is the stream s of ``seed``. A plant that diverges ends its seed; Ctrl-C
     ends the simulation, and what ran is returned.
 
-    Raises :class:`~ocp.errors.InputError` for counts below 1 and as :class:`Plant` does.
+    Raises :class:`~ocp.errors.InputError` for counts below 1, starts of another shape or not
+    finite, pushes beyond the end, and as :class:`Plant` does.
     """
-    given = disturbance or Disturbance()
-    for what, count in (("steps", steps), ("seeds", seeds)):
-        if count < 1:
-            raise InputError(f"{what} must be 1 or more, got {count}")
+    given = validated("disturbance", disturbance or Disturbance(), InstanceOf[Disturbance])
+    steps, seeds = validated("steps", steps, Count), validated("seeds", seeds, Count)
+    seed, certify = validated("seed", seed, Index), validated("certify", certify, Index)
+    starts = _starts(controller, x0, seeds)
+    check_pushes(controller.problem, given.pushes, steps)
     loop = _Loop(controller, Plant(controller.problem, plant, given.mismatch), given, steps, seeds)
     loop.goals, loop.certify, loop.progress = goals, certify, progress
     if plant == "noise":
         loop.default_noise()
-    starts = controller.start if x0 is None else np.asarray(x0, dtype=float)
-    starts = np.broadcast_to(starts, (seeds, controller.problem.system.nx))
     stopped = False
     for s, stream in enumerate(np.random.SeedSequence(seed).spawn(seeds)):
         try:
@@ -98,6 +131,15 @@ def simulate(
     record = {"plant": plant, "steps": steps, "seeds": seeds, "seed": seed, "stopped": stopped,
               "phase": controller.phase, "law": controller.contact.name}  # fmt: skip
     return loop.result(record)
+
+
+def _starts(controller: Controller, x0: np.ndarray | None, seeds: int) -> np.ndarray:
+    """Starts (seeds, nx), by default the problem's own."""
+    nx = controller.problem.system.nx
+    starts = controller.start if x0 is None else finite_array("x0", x0)
+    if starts.shape not in ((nx,), (seeds, nx)):
+        raise InputError(f"x0 must have shape ({nx},) or ({seeds}, {nx}), got {starts.shape}")
+    return np.broadcast_to(starts, (seeds, nx))
 
 
 class _Loop:
@@ -126,6 +168,10 @@ class _Loop:
         self.ended, self.end_cost = np.zeros(seeds, dtype=int), np.full(seeds, np.nan)
         self.why: dict[str, int] = {}
         self.misses, self.steps = 0, steps
+        self.rows = ConstraintRows.of(problem)
+        self.off = np.zeros((seeds, steps, len(self.rows.names)))
+        at = [system.x, system.u, system.x_next, system.lam, problem.parameters.vector]
+        self._off = ca.Function("off", at, [-self.rows.expression])
 
     def default_noise(self) -> None:
         """Noise of the plant ``noise``, where none is given."""
@@ -138,12 +184,12 @@ class _Loop:
 
     def run(self, s: int, x: np.ndarray, rng: np.random.Generator) -> None:
         """One seed, from its start to its end."""
-        controller, far = self.controller, _FAR * self.controller.problem.scales.x
+        controller, N = self.controller, self.controller.problem.N
         controller.reset()
+        far = _FAR * np.maximum(self._sizes(), abs(x))
         before = waiting = controller.u_before
-        self.arrays["x"][s, 0] = x
         for k in range(self.steps):
-            x = x + np.asarray(self.given.pushes.get(k, 0.0))
+            self.arrays["x"][s, k] = x = x + np.asarray(self.given.pushes.get(k, 0.0))
             seen = x + self.sd_x * rng.standard_normal(x.size)
             asked = self.goals(k, seen) if self.goals else {}
             command = controller.step(seen, before, asked)
@@ -156,11 +202,20 @@ class _Loop:
             self.arrays["cost"][s, k], self.end_cost[s] = self._cost(
                 x, u, before, lam, x_next, controller.physical
             )
+            self.off[s, k] = np.ravel(self._off(x, u, x_next, lam, controller.physical))
             x, before = x_next, u
-            if not np.isfinite(x).all() or (abs(x) > far).any():
+            if not np.isfinite(x).all() or (abs(x) > far * (1 + k / N)).any():
                 return
             self.arrays["x"][s, k + 1] = x
             self.ended[s] = k + 1
+
+    def _sizes(self) -> np.ndarray:
+        """Sizes of the states (nx,): characteristic ones, the first plan's, and finite bounds."""
+        problem, plan = self.controller.problem, self.controller.plan.x
+        bounds = [np.array(v).ravel() for v in problem.limits(problem.parameters.values)[4:]]
+        parts = [problem.scales.x, *abs(plan[np.isfinite(plan).all(axis=1)]),
+                 *(np.where(np.isfinite(v), abs(v), 0.0) for v in bounds)]  # fmt: skip
+        return np.max(parts, axis=0)
 
     def _keep(self, s: int, k: int, seen: np.ndarray, command: Command) -> None:
         arrays = self.arrays
@@ -190,10 +245,24 @@ class _Loop:
         dims = {"x": ("node", "state"), "u": ("sample", "input"), "measured": ("sample", "state"),
                 "plan": ("sample", "ahead", "state"), "cost": ("sample",), "seconds": ("sample",),
                 "merit": ("sample",)}  # fmt: skip
-        parts = {name: (("seed", *dims[name]), value) for name, value in self.arrays.items()}
+        parts = {name: (("seed", *dims[name]), self.arrays[name]) for name in dims}
         parts |= {
             name: (("seed", "sample"), getattr(self, name)) for name in ("status", "certificate")
         }
         parts |= {name: (("seed",), getattr(self, name)) for name in ("ended", "end_cost")}
         data = xr.Dataset(parts, coords={"state": self.states, "input": self.inputs})
-        return ClosedLoop(self.controller.problem, data, self.why, self.misses, record)
+        begun = np.isfinite(self.arrays["u"]).any(axis=(1, 2))
+        return ClosedLoop(self.controller.problem, data.isel(seed=begun), self.why, self.misses,
+                          record, self._violations())  # fmt: skip
+
+    def _violations(self) -> list[PlantViolation]:
+        """The constraints that the plant violated, each once, the worst first."""
+        worst: dict[str, PlantViolation] = {}
+        off = np.nan_to_num(self.off)
+        for i in np.argsort(-off.max(axis=(0, 1), initial=0.0), kind="stable"):
+            seed, sample = divmod(int(off[:, :, i].argmax()), self.steps)
+            name, share = self.rows.names[i], float(off[seed, sample, i])
+            found = PlantViolation(name, share * float(self.rows.sizes[i]), share, seed, sample)
+            if share > 0:
+                worst.setdefault(name, found)
+        return list(worst.values())

@@ -12,12 +12,13 @@ import numpy as np
 
 from dynamics.batch import BatchFunction
 from dynamics.contact import Step
+from ocp.mpc.constraint_rows import ConstraintRows
 from ocp.policy import OpenLoop
 from ocp.problem import Problem
 from ocp.transcription.common import Graph
 
 _COMPLIANCE = 1e-9
-_PENALTY = 100.0
+LEAST_PENALTY = 100.0
 """Of violated constraints in the merit, in characteristic costs for a characteristic size."""
 
 
@@ -72,7 +73,8 @@ class StageModel:
         self.of_step = [self.names.index(name) for name in step.p.names]
         self.of_problem = [self.names.index(name) for name in problem.parameters.names]
         system = problem.system
-        rows = self._rows(graph)
+        constraints = ConstraintRows.of(problem)
+        rows, self.worst_row = graph.with_impulses(constraints.expression), constraints.worst
         self.m = rows.numel()
         cost, w = graph.stage_cost(), ca.vertcat(system.x, graph.u_before, system.u, step.lam)
         self.costs_impulses = bool(ca.depends_on(cost, step.lam))
@@ -80,8 +82,7 @@ class StageModel:
         by = ca.vertcat(system.x, system.u, system.x_next, step.lam)
         hessian, gradient = ca.hessian(cost, w)
         arguments = [system.x, graph.u_before, system.u, system.x_next, step.lam, graph.p]
-        off = _PENALTY * problem.scales.cost * ca.sum1(ca.fmax(-rows, 0))
-        self._merit = _batched("mpc_merit", arguments, [cost + off, step.gap])
+        self._merit = _batched("mpc_merit", arguments, [cost, ca.fmax(-rows, 0), step.gap])
         self._stage = _batched("mpc_stage", arguments,
                                [values, ca.jacobian(values, by), gradient, hessian])  # fmt: skip
         last, end = [system.x, graph.p], problem.changeable_costs[1]
@@ -94,29 +95,23 @@ class StageModel:
         """What evaluates the steps: ``c``, or ``numpy`` on a computer without a compiler."""
         return self._stage.backend
 
-    def _rows(self, graph: Graph) -> ca.SX:
-        problem, path = self.problem, graph.path_constraints()
-        limits = [ca.vertcat(ca.SX(0, 1), *(getattr(c, end) for c in problem.path))
-                  for end in ("lower", "upper")]  # fmt: skip
-        kept = _between(path, limits, np.ones(path.numel()))
-        ends = [ca.repmat(ca.SX(v), self.nx // ca.SX(v).numel())
-                for v in (problem.x_lower, problem.x_upper)]  # fmt: skip
-        return ca.vertcat(kept, _between(problem.system.x_next, ends, problem.scales.x))
-
     def merits(
-        self, x: np.ndarray, u: np.ndarray, lam: np.ndarray, u_before: np.ndarray, p: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Merit (S,) of S plans, and their gaps (S, N, n); ``p`` is (N+1, np).
+        self, x: np.ndarray, u: np.ndarray, lam: np.ndarray, u_before: np.ndarray, p: np.ndarray,
+        penalty: float = LEAST_PENALTY,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        """Merit (S,) of S plans, violation of their rows (S, N, m), gaps (S, N, n).
 
-        The merit is the cost and 100 characteristic costs times all that constraints are violated
-        by, in characteristic sizes.
+        ``p`` is (N+1, np). The merit is the cost and ``penalty`` characteristic costs times all
+        that constraints are violated by, in characteristic sizes.
         """
         S = len(x)
         before = np.concatenate([np.broadcast_to(u_before, (S, 1, self.nu)), u[:, :-1]], axis=1)
         each = (x[:, :-1], before, u, x[:, 1:], lam, np.broadcast_to(p[:-1], (S, *p[:-1].shape)))
-        cost, gap = self._merit(*(v.reshape(S * self.N, -1) for v in each))
-        end = self._end_cost(x[:, -1], p[-1])
-        return cost.reshape(S, self.N).sum(axis=1) + end[:, 0], gap.reshape(S, self.N, self.n)
+        outputs = self._merit(*(v.reshape(S * self.N, -1) for v in each))
+        cost, off, gap = (v.reshape(S, self.N, -1) for v in outputs)
+        end = self._end_cost(x[:, -1], p[-1])[:, 0]
+        paid = cost + penalty * self.problem.scales.cost * off.sum(axis=2, keepdims=True)
+        return paid.sum(axis=(1, 2)) + end, off, gap
 
     def evaluate(self, plan: Plan, u_before: np.ndarray, p: np.ndarray) -> Evaluated:
         """Values and derivatives of the steps of a plan; ``p`` is (N+1, np)."""
@@ -152,17 +147,6 @@ class StageModel:
         forces = np.array([pair.kind not in ("slip", "table") for pair in pairs], dtype=float)
         lam, gap = self.sizes
         return _COMPLIANCE * np.tile(forces, self.step.branches) * gap / lam
-
-
-def _between(value: ca.SX, ends: list[ca.SX], sizes: np.ndarray) -> ca.SX:
-    """Rows that are 0 or more between the bounds, in ``sizes``; none for an infinite bound."""
-    rows = [
-        sign * (value[i] - end[i]) / sizes[i]
-        for sign, end in zip((1, -1), ends, strict=True)
-        for i in range(value.numel())
-        if not (end[i].is_constant() and np.isinf(float(end[i])))
-    ]
-    return ca.vertcat(ca.SX(0, 1), *rows)
 
 
 def _batched(name: str, arguments: list[ca.SX], outputs: list[ca.SX]) -> BatchFunction:

@@ -158,9 +158,7 @@ def _constraints_off(
     value = ca.vertcat(*(c.expression for c in constraints))
     low = ca.vertcat(*(c.lower for c in constraints))
     high = ca.vertcat(*(c.upper for c in constraints))
-    size = _row_sizes(value, system.x, of_x) + _row_sizes(value, system.u, problem.scales.u)
-    size += _row_sizes(value, system.x_next, of_x)
-    size += _row_sizes(value, system.lam, np.full(system.nlam, problem.scales.impulse))
+    size = row_sizes(problem, value, of_x)
     function = ca.Function(
         "constraints",
         [system.x, system.u, system.x_next, system.lam, problem.parameters.vector],
@@ -171,7 +169,16 @@ def _constraints_off(
     return off, np.fmax(size, 1e-12)
 
 
-def _row_sizes(value: ca.SX, of: ca.SX, sizes: np.ndarray) -> ca.SX:
-    """Largest change of every entry by an entry of ``of`` that moves by its size, (n, 1)."""
-    J = ca.fabs(ca.densify(ca.jacobian(value, of))) @ ca.diag(ca.DM(sizes))
-    return ca.vertcat(*(ca.mmax(ca.horzcat(0, J[i, :])) for i in range(value.numel())))
+def row_sizes(problem: Problem, value: ca.SX, of_x: np.ndarray) -> ca.SX:
+    """What entries (n, 1) change by, to first order, as each signal moves by its size, (n, 1).
+
+    ``of_x`` (nx,) are the sizes of the states; x and x_next, inputs and impulses each count once.
+    """
+    system, scales = problem.system, problem.scales
+    impulses = np.full(system.nlam, scales.impulse)
+    parts = ((system.x, of_x), (system.u, scales.u), (system.x_next, of_x), (system.lam, impulses))
+    total = ca.SX.zeros(value.numel())
+    for symbols, sizes in parts:
+        J = ca.fabs(ca.densify(ca.jacobian(value, symbols))) @ ca.diag(ca.DM(sizes))
+        total += ca.vertcat(*(ca.mmax(ca.horzcat(0, J[i, :])) for i in range(value.numel())))
+    return total

@@ -74,6 +74,10 @@ class OptionalMeta(TypedDict, total=False):
     grade: Grade | None
     cost: float
     over: str
+    stage_cost: float
+    terminal_cost: float
+    planned: float
+    violated: list[Row]
 
 
 class SolveMeta(TypedDict):

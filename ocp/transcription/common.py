@@ -72,12 +72,12 @@ class Graph:
 
     def stage_cost(self) -> ca.SX:
         """Stage cost without constants, du written out as u - u_before, and what the law adds."""
-        problem, cost = self.problem, self._with_impulses(self.problem.changeable_costs[0])
+        problem, cost = self.problem, self.with_impulses(self.problem.changeable_costs[0])
         if problem.du is not None:
             cost = ca.substitute(cost, problem.du, problem.system.u - self.u_before)
         return cost + self.step.extra_stage_cost
 
-    def _with_impulses(self, expression: ca.SX) -> ca.SX:
+    def with_impulses(self, expression: ca.SX) -> ca.SX:
         """The same in the step's multipliers: the system's are their mean over branches."""
         if not self.problem.uses_impulses:
             return expression
@@ -86,7 +86,7 @@ class Graph:
     def path_constraints(self) -> ca.SX:
         """Path constraint expressions, stacked."""
         path = ca.vertcat(ca.SX(0, 1), *(c.expression for c in self.problem.path))
-        return self._with_impulses(path)
+        return self.with_impulses(path)
 
     def terminal_constraints(self) -> ca.SX:
         """Terminal constraint expressions, stacked."""

@@ -164,7 +164,7 @@ def run(options: MpcOptions, case: LoopCase) -> int:
     output.finish(stored, {name: stored.meta[name] for name in _TOLD}, options.pdf, case.spec)
     output.note(f"Look at it with ocp report {stored.path.name} -o loop.pdf, or ocp animate.")
     interrupt.check()
-    return 0 if stored.meta["status"] == "done" else NOT_SURVIVED
+    return 0 if stored.meta["status"] in ("done", "warnings") else NOT_SURVIVED
 
 
 def _stored(
@@ -185,8 +185,9 @@ def _stored(
 
 
 _TOLD = (
-    "problem", "record", "status", "verdict", "cost", "cost_interval", "costs", "ended",
-    "survived", "diverged", "seconds", "statuses", "misses", "certified", "why", "told", "hash",
+    "problem", "record", "status", "verdict", "cost", "cost_interval", "stage_cost",
+    "terminal_cost", "costs", "ended", "survived", "diverged", "planned", "violated", "seconds",
+    "statuses", "misses", "certified", "why", "told", "hash",
     "versions",
 )  # fmt: skip
 """What ``--json`` prints of the stored description."""

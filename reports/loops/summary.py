@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,14 +27,14 @@ _WARM = 10
 
 
 def labelled(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Dataset:
-    """The arrays of the seeds that began, with times, units and contacts.
+    """The arrays of a loop with times, units and contacts.
 
     Added are ``time`` (node) [s], and ``lam`` and ``gap`` (seed, sample, contact): those of the
     exact law at the recorded states and inputs, with the plant's parameters ``mismatch``.
     """
     problem, system = loop.problem, loop.problem.system
     values = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
-    data = loop.data.isel(seed=np.isfinite(loop.data["u"].values).any(axis=(1, 2)))
+    data = loop.data
     entries, of = units_of(
         {"state": system.states, "input": system.inputs, "contact": system.contacts}
     )
@@ -81,20 +82,20 @@ def summary(
 
     ``rate`` [Hz] is what times are compared with; None: one sample a step of the model.
     """
-    seeds, steps = data.sizes["seed"], data.sizes["sample"]
-    ended, costs = data["ended"].values, loop.costs[:seeds]
-    survived = ended == steps
-    unfinished = bool(loop.record["stopped"]) and not survived[-1]
-    diverged = int((~survived).sum()) - unfinished
-    status = "stopped" if loop.record["stopped"] else "diverged" if diverged else "done"
-    statuses = data["status"].values
-    found = {
-        "status": status,
+    ended, costs, verdict = data["ended"].values, loop.costs, loop.verdict
+    statuses, whole = data["status"].values, np.isfinite(costs)
+    averages = {"cost": costs, "stage_cost": loop.stage_costs, "terminal_cost": loop.end_costs}
+    return {
+        "status": verdict.status,
+        "verdict": str(verdict),
         "costs": costs.tolist(),
-        **_spread(costs[np.isfinite(costs)]),
+        **{name: float(v[whole].mean()) if whole.any() else np.nan for name, v in averages.items()},
+        "cost_interval": list(loop.cost_interval),
         "ended": ended.tolist(),
-        "survived": float(survived.mean()),
-        "diverged": diverged,
+        "survived": float(loop.survived.mean()),
+        "diverged": verdict.diverged,
+        "planned": verdict.planned,
+        "violated": [asdict(one) for one in verdict.violated],
         "seconds": _times(data, rate),
         "statuses": dict(Counter(map(str, statuses[statuses != ""]))),
         "misses": loop.misses,
@@ -102,16 +103,6 @@ def summary(
         "why": dict(loop.why),
         "told": list(told),
     }
-    return {**found, "verdict": _verdict(found, data)}
-
-
-def _spread(costs: np.ndarray) -> dict[str, Any]:
-    """Mean, and Student's 95 % interval of it, NaN of a single seed."""
-    from scipy.special import stdtrit
-
-    n, mean = len(costs), float(np.mean(costs)) if len(costs) else np.nan
-    half = float(stdtrit(n - 1, 0.975) * costs.std(ddof=1) / np.sqrt(n)) if n > 1 else np.nan
-    return {"cost": mean, "cost_interval": [mean - half, mean + half]}
 
 
 def _times(data: xr.Dataset, rate: float | None) -> dict[str, float]:
@@ -128,28 +119,6 @@ def timed(seconds: np.ndarray) -> np.ndarray:
     """The times [s] that are counted, of (S, T): without those at the start of each seed."""
     each = [row[np.isfinite(row)] for row in seconds]
     return np.concatenate([row[_WARM if len(row) > 2 * _WARM else 1 :] for row in each])
-
-
-def _verdict(found: Mapping[str, Any], data: xr.Dataset) -> str:
-    """The result in sentences, without times."""
-    seeds, steps = data.sizes["seed"], data.sizes["sample"]
-    many = f"{seeds} seeds" if seeds > 1 else "1 seed"
-    whole = int(sum(end == steps for end in found["ended"]))
-    parts = []
-    if whole:
-        low, high = found["cost_interval"]
-        wide = f" [{number(low, 5)}, {number(high, 5)}]" if np.isfinite(low) else ""
-        cost = f"Cost {number(found['cost'], 7)}{wide} over {steps} sample{'s' * (steps > 1)}"
-        parts.append(f"{cost}; {whole} of {many} reached the end.")
-    if found["diverged"]:
-        first = next(k for k, end in enumerate(found["ended"]) if end < steps)
-        parts.append(f"The plant diverged in {found['diverged']} of {many}, seed {first} at sample"
-                     f" {found['ended'][first]}.")  # fmt: skip
-    if found["status"] == "stopped":
-        paid = float(np.nansum(data["cost"].values[-1]))
-        parts.append(f"Stopped by the user at seed {seeds - 1}, sample {found['ended'][-1]} of"
-                     f" {steps}, cost so far {number(paid, 5)}.")  # fmt: skip
-    return "\n".join(parts)
 
 
 def rate_sentence(meta: Mapping[str, Any]) -> str:
@@ -177,7 +146,10 @@ def loop_rows(meta: Mapping[str, Any]) -> list[list[str]]:
     return [
         ["cost, mean over seeds", number(meta["cost"], 7)],
         ["95 % interval", wide],
+        ["of it stage costs", number(meta["stage_cost"], 7)],
+        ["of it terminal cost", number(meta["terminal_cost"], 7)],
         ["seeds that reached the end", f"{100 * meta['survived']:.3g} %"],
+        ["samples with a new plan", f"{100 * meta['planned']:.3g} %"],
         ["time of a sample, p50 [ms]", _ms(found["p50"])],
         ["p99 [ms]", _ms(found["p99"])],
         ["largest [ms]", _ms(found["max"])],

@@ -5,15 +5,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from ocp.mpc.constraint_rows import FALL, MET, PENALTIES
 from ocp.mpc.horizon_qp import Direction, HorizonQP
 from ocp.mpc.linearised import Affine, Closure, Linearised, linearise
 from ocp.mpc.phases.protocol import Answer, Sample
 from ocp.mpc.riccati import Regulator
 from ocp.mpc.rollouts import Roller
-from ocp.mpc.stages import Evaluated, Plan, StageModel
+from ocp.mpc.stages import LEAST_PENALTY, Evaluated, Plan, StageModel
 
 _SHARES = (1.0, 0.5, 0.25, 0.06)
 """Parts of a step that are rolled out, each with the regulator's gains around it."""
@@ -51,7 +53,7 @@ class NewtonPhase(ABC):
 
     def __init__(self, model: StageModel, roller: Roller, iterations: int = 1) -> None:
         self.model, self.roller, self.iterations = model, roller, iterations
-        self.qp = HorizonQP(model, self.n_rows)
+        self.qp, self.penalty = HorizonQP(model, self.n_rows), 0.0
         self.regulator = Regulator(model.nx, model.nu, model.N)
         self.plan: Plan
         self.prepared: Prepared | None = None
@@ -80,7 +82,7 @@ class NewtonPhase(ABC):
 
     def prepare(self, plan: Plan, sample: Sample) -> None:
         """Evaluate and linearise ``plan``."""
-        self.plan, self.prepared = plan, None
+        self.plan, self.prepared, self.penalty = plan, None, 0.0
         at = self.model.evaluate(plan, sample.u_before, sample.p)
         plan.gap = at.gap
         closed = self.active(plan)
@@ -90,6 +92,30 @@ class NewtonPhase(ABC):
     def linearised(self, plan: Plan, at: Evaluated, closed: np.ndarray) -> Linearised:
         """The plan's steps with the contact eliminated."""
         return linearise(self.model, plan, at, self.closure(plan, at, closed))
+
+    @cached_property
+    def softer(self) -> HorizonQP:
+        """The same program with a slack for each constraint."""
+        return HorizonQP(self.model, self.n_rows, separate=True)
+
+    def solve(self, lin: Linearised, rows: Affine, sample: Sample) -> Direction:
+        """Return the program's step, with slacks and penalty of their own where it violates rows.
+
+        These then hold for the sample's other programs, so that their optima compare.
+        """
+        given = (lin, rows, sample.x - self.plan.x[0], self.bounds_of_step(self.plan, sample))
+        if self.penalty:
+            return self.softer.solve(*given, self.penalty)
+        best = self.qp.solve(*given)
+        if not self.model.m or (best.solved and best.violation < MET):
+            return best
+        least = np.inf
+        for penalty in PENALTIES:
+            found = self.softer.solve(*given, penalty)
+            if not found.solved or not found.violation < FALL * least:
+                break
+            best, least, self.penalty = found, found.violation, penalty
+        return best
 
     def feedback(self, sample: Sample) -> Answer:
         """Solve the program from the measured state, and roll the candidates out."""
@@ -113,13 +139,21 @@ class NewtonPhase(ABC):
         except np.linalg.LinAlgError:
             proposals, why = [], "a step has no linearisation after an exchange of contacts"
         K, k = self._candidates(plan, proposals, proposals[-1].lin if proposals else prepared.lin)
-        found, merit, which = self.roller.roll(
-            sample.x, K, k, sample.u_before, sample.bounds, sample.p
+        found, merit, which, off = self.roller.roll(
+            sample.x, K, k, sample.u_before, sample.bounds, sample.p, self._price(proposals)
         )
         if not np.isfinite(merit):
             return self._kept(sample, "no candidate could be rolled out under the law")
         self.gain = K[1, -1]
-        return Answer(found.u[0], found, "solved" if which > 1 else "plan before", why, merit)
+        status = "kept" if not proposals else "solved" if which > 1 else "plan before"
+        told = "; ".join(filter(None, (why, off)))
+        return Answer(found.u[0], found, status, told, merit, bool(off))
+
+    def _price(self, proposals: list[Proposal]) -> float:
+        """Penalty of the merit: twice the largest multiplier of a constraint, at least 100."""
+        m, cost = self.model.m, self.model.problem.scales.cost
+        largest = max((abs(one.step.rows[:, -m:]).max() for one in proposals if m), default=0.0)
+        return max(LEAST_PENALTY, 2 * float(largest) / cost)
 
     def _kept(self, sample: Sample, reason: str) -> Answer:
         u = np.clip(self.plan.u[0], *sample.bounds)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ocp.mpc.phases.protocol import Answer, Sample
+from ocp.mpc.phases.protocol import Answer, Sample, numbers
 from ocp.mpc.stages import Plan
 from ocp.rollout import Gains
 
@@ -17,15 +17,15 @@ Law = Callable[[np.ndarray, int], np.ndarray]
 class FixedPolicy:
     """``u = law(x, k)``, clipped to the bounds. The horizon does not move."""
 
-    def __init__(self, law: Law) -> None:
-        self.law, self.count = law, 0
+    def __init__(self, law: Law, nu: int) -> None:
+        self.law, self.nu, self.count = law, nu, 0
 
     def prepare(self, plan: Plan, sample: Sample) -> None:
         """Nothing to prepare."""
 
     def feedback(self, sample: Sample) -> Answer:
-        """Evaluate the law."""
-        u = np.asarray(self.law(sample.x, self.count), dtype=float).ravel()
+        """Evaluate the law; raises :class:`~ocp.errors.InputError` for no nu numbers."""
+        u = numbers("the policy's input", self.law(sample.x, self.count), self.nu)
         self.count += 1
         if not np.isfinite(u).all():
             return Answer(np.clip(sample.u_before, *sample.bounds), None, "kept",

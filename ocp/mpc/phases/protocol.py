@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
+from ocp.errors import InputError, abbreviated
 from ocp.mpc.stages import Plan
 
 
@@ -22,13 +23,17 @@ class Sample:
 
 @dataclass(frozen=True)
 class Answer:
-    """The input to apply and the plan behind it; ``why`` says what was not as usual."""
+    """The input to apply and the plan behind it; ``why`` says what was not as usual.
+
+    ``violated``: the plan violates a constraint.
+    """
 
     u: np.ndarray
     plan: Plan | None
     status: str = "solved"
     why: str = ""
     merit: float = np.nan
+    violated: bool = False
 
 
 class Phase(Protocol):
@@ -45,3 +50,17 @@ class Phase(Protocol):
     def feedback(self, sample: Sample) -> Answer:
         """Answer a measurement."""
         ...
+
+
+def numbers(what: str, value: Any, size: int) -> np.ndarray:
+    """Return ``value`` as an array (size,), which may hold NaN.
+
+    Raises :class:`~ocp.errors.InputError` for what is not ``size`` numbers.
+    """
+    try:
+        array = np.asarray(value, dtype=float).ravel()
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be {size} numbers, got {abbreviated(value)}") from None
+    if array.size != size:
+        raise InputError(f"{what} must have {size} numbers, got {array.size}")
+    return array

@@ -78,7 +78,7 @@ class QPCC(NewtonPhase):
 
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
         """The step with the plan's active set, and the best after exchanges."""
-        first = best = self._tried(prepared, prepared.lin, prepared.closed, sample)
+        first = best = self._tried(prepared.lin, prepared.closed, sample)
         if not first.found.solved:
             return [], UNSOLVED
         exchanges = 0
@@ -102,7 +102,7 @@ class QPCC(NewtonPhase):
         for which in (wanted, alone)[: 1 + (wanted.sum() > 1)]:
             closed = self.sets.exchanged(best.closed, which)
             lin = self.linearised(prepared.plan, prepared.at, closed)
-            tried = self._tried(prepared, lin, closed, sample)
+            tried = self._tried(lin, closed, sample)
             fallen = tried.found.objective < best.found.objective - _GAIN * self.cost
             if tried.found.solved and fallen:
                 return tried
@@ -113,12 +113,9 @@ class QPCC(NewtonPhase):
         """The characteristic cost."""
         return self.model.problem.scales.cost
 
-    def _tried(
-        self, prepared: Prepared, lin: Linearised, closed: np.ndarray, sample: Sample
-    ) -> _Tried:
-        dx0, bounds = sample.x - prepared.plan.x[0], self.bounds_of_step(prepared.plan, sample)
+    def _tried(self, lin: Linearised, closed: np.ndarray, sample: Sample) -> _Tried:
         rows = self.rows(lin, closed)
-        return _Tried(closed, lin, rows, self.qp.solve(lin, rows, dx0, bounds))
+        return _Tried(closed, lin, rows, self.solve(lin, rows, sample))
 
     def _gains(self, tried: _Tried) -> np.ndarray:
         """Minus sigma (N, n) of pairs with both sides at zero, in characteristic costs."""

@@ -28,6 +28,5 @@ class Relaxed(NewtonPhase):
 
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
         """The step of the one program."""
-        dx0, bounds = sample.x - prepared.plan.x[0], self.bounds_of_step(prepared.plan, sample)
-        found = self.qp.solve(prepared.lin, prepared.lin.rows, dx0, bounds)
+        found = self.solve(prepared.lin, prepared.lin.rows, sample)
         return ([Proposal(found, prepared.lin)], "") if found.solved else ([], UNSOLVED)

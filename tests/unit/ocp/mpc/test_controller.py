@@ -154,7 +154,7 @@ def test_an_observer_changes_nothing_without_noise_and_reduces_it_with(disc: Con
             assert filtered.costs == pytest.approx(plain.costs, rel=1e-6)
         else:
             assert filtered.costs.mean() < plain.costs.mean()
-    with pytest.raises(InputError, match="trust must be above 0"):
+    with pytest.raises(InputError, match="trust must be greater than 0"):
         Controller(get("push-disc"), trust=0.0)
 
 
@@ -175,7 +175,7 @@ def test_delay_pushes_and_mismatch_are_the_plants(disc: Controller) -> None:
         ({"phase": "qpc"}, "unknown phase 'qpc' .did you mean 'qpcc'"),
         ({"law": Barrier(mu=1e-2)}, "plans under the exact law, not under barrier"),
         ({"law": Exact(), "phase": "relaxed"}, "plans under a smoothed law"),
-        ({"iterations": 0}, "iterations must be 1 or more"),
+        ({"iterations": 0}, "iterations must be greater than or equal to 1, got 0"),
     ],
 )
 def test_bad_input_gets_one_sentence(given: dict, sentence: str) -> None:
@@ -188,7 +188,7 @@ def test_bad_plants_get_one_sentence(disc: Controller) -> None:
         simulate(disc, 3, "exakt")
     with pytest.raises(InputError, match="no physical parameter 'mass'"):
         simulate(disc, 3, "exact", Disturbance(mismatch={"mass": 1.0}))
-    with pytest.raises(InputError, match="steps must be 1 or more"):
+    with pytest.raises(InputError, match="steps must be greater than or equal to 1, got 0"):
         simulate(disc, 0)
     with pytest.raises(InputError, match="noise-state must be 0 or more"):
         simulate(disc, 3, "exact", Disturbance(noise_state=-1.0))

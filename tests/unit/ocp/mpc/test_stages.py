@@ -31,7 +31,7 @@ class Horizon:
         k = scales.u * rng.standard_normal((1, self.model.N, self.model.nu))
         K = np.zeros((1, self.model.N, self.model.nu, self.model.nx))
         roller = Roller(self.model)
-        self.plan, self.merit, _ = roller.roll(x0, K, k, self.u_before, (low, high), self.p)
+        self.plan, self.merit, *_ = roller.roll(x0, K, k, self.u_before, (low, high), self.p)
 
     def linearised(self, plan: Plan) -> tuple[np.ndarray, Linearised]:
         at = self.model.evaluate(plan, self.u_before, self.p)

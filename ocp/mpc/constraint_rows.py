@@ -1,0 +1,75 @@
+"""Path constraints and bounds on states as rows that a plan keeps, or violates at a penalty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ocp.physics.constraints import row_sizes
+from ocp.problem import Problem
+from ocp.transcription.common import constraint_names
+
+PENALTIES = (1e3, 1e4, 1e5, 1e6)
+"""Of a slack, in characteristic costs for a characteristic size; the next is tried while it lowers
+the violation by a hundredth."""
+MET, FALL = 1e-6, 0.99
+"""Violation up to which a row counts as met, in characteristic sizes; the share of it that a larger
+penalty may leave."""
+
+
+@dataclass(frozen=True)
+class ConstraintRows:
+    """Path constraints and bounds on x_next as ``expression`` (m, 1), which is 0 or more.
+
+    In characteristic ``sizes`` (m,): those of the states for bounds, and for a path constraint what
+    it changes by near the start, to first order, as states and inputs move by theirs.
+    """
+
+    expression: ca.SX
+    names: tuple[str, ...]
+    sizes: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem) -> ConstraintRows:
+        """Return the rows of a problem; an infinite bound has none."""
+        system, path = problem.system, problem.path
+        value = ca.vertcat(*(one.expression for one in path), system.x_next)
+        names = [*(f"constraint {name}" for name in constraint_names(path)),
+                 *(f"the bound on {signal.name}" for signal in system.states)]  # fmt: skip
+        sizes = np.concatenate([_path_sizes(problem), problem.scales.x])
+        bounds = [ca.repmat(ca.SX(v), system.nx // ca.SX(v).numel())
+                  for v in (problem.x_lower, problem.x_upper)]  # fmt: skip
+        ends = [ca.vertcat(*(getattr(one, side) for one in path), bound)
+                for side, bound in zip(("lower", "upper"), bounds, strict=True)]  # fmt: skip
+        rows = [
+            (sign * (value[i] - end[i]) / sizes[i], i)
+            for sign, end in zip((1, -1), ends, strict=True)
+            for i in range(value.numel())
+            if not (end[i].is_constant() and np.isinf(float(end[i])))
+        ]
+        which = [i for _, i in rows]
+        expression = ca.vertcat(ca.SX(0, 1), *(row for row, _ in rows))
+        return cls(expression, tuple(names[i] for i in which), sizes[which])
+
+    def worst(self, off: np.ndarray) -> str:
+        """Half a sentence on the worst of the violations ``off`` (N, m) of a plan, "" if met."""
+        if not off.max(initial=0.0) > MET:
+            return ""
+        return f"the plan violates {self.names[int(off.max(axis=0).argmax())]}"
+
+
+def _path_sizes(problem: Problem) -> np.ndarray:
+    """Characteristic sizes of path constraints, the largest near the start; 1 for a constant."""
+    system, scales, p = problem.system, problem.scales, problem.parameters
+    path = ca.vertcat(ca.SX(0, 1), *(one.expression for one in problem.path))
+    x, u = (np.array(v).ravel() for v in problem.limits(p.values)[:2])
+    size = ca.Function("sizes", [system.x, system.u, system.x_next, system.lam, p.vector],
+                       [row_sizes(problem, path, scales.x)])  # fmt: skip
+    near = [
+        np.ravel(size(x + dx, u + s * scales.u, x + dx, abs(s) * scales.impulse, p.values))
+        for s in (0.0, -1.0, 1.0) for dx in (s * scales.x,)
+    ]  # fmt: skip
+    sizes = np.nan_to_num(near, nan=0.0, posinf=0.0).max(axis=0)
+    return np.where(sizes > 0, sizes, 1.0)
