@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ocp.physics.constraints import row_sizes
+from ocp.physics.constraints import Broken, Violation, row_sizes
 from ocp.problem import Problem
 from ocp.transcription.common import constraint_names
 
@@ -24,10 +24,12 @@ class ConstraintRows:
     """Path constraints and bounds on x_next as ``expression`` (m, 1), which is 0 or more.
 
     In characteristic ``sizes`` (m,): those of the states for bounds, and for a path constraint what
-    it changes by near the start, to first order, as states and inputs move by theirs.
+    it changes by near the start, to first order, as states and inputs move by theirs. ``kinds``
+    (m,) are ``bound on x`` or ``path``, ``names`` those of states and constraints.
     """
 
     expression: ca.SX
+    kinds: tuple[str, ...]
     names: tuple[str, ...]
     sizes: np.ndarray
 
@@ -36,8 +38,8 @@ class ConstraintRows:
         """Return the rows of a problem; an infinite bound has none."""
         system, path = problem.system, problem.path
         value = ca.vertcat(*(one.expression for one in path), system.x_next)
-        names = [*(f"constraint {name}" for name in constraint_names(path)),
-                 *(f"the bound on {signal.name}" for signal in system.states)]  # fmt: skip
+        names = [*(("path", name) for name in constraint_names(path)),
+                 *(("bound on x", signal.name) for signal in system.states)]  # fmt: skip
         sizes = np.concatenate([_path_sizes(problem), problem.scales.x])
         bounds = [ca.repmat(ca.SX(v), system.nx // ca.SX(v).numel())
                   for v in (problem.x_lower, problem.x_upper)]  # fmt: skip
@@ -51,25 +53,28 @@ class ConstraintRows:
         ]
         which = [i for _, i in rows]
         expression = ca.vertcat(ca.SX(0, 1), *(row for row, _ in rows))
-        return cls(expression, tuple(names[i] for i in which), sizes[which])
+        kinds, own = (tuple(names[i][part] for i in which) for part in (0, 1))
+        return cls(expression, kinds, own, sizes[which])
 
-    def worst(self, off: np.ndarray) -> str:
-        """Half a sentence on the worst of the violations ``off`` (N, m) of a plan, "" if met."""
-        if not off.max(initial=0.0) > MET:
-            return ""
-        return f"the plan violates {self.names[int(off.max(axis=0).argmax())]}"
+    def violations(self, off: np.ndarray) -> list[Broken]:
+        """Every violated constraint of ``off`` (S, N, m) where it is worst, the worst first."""
+        off, worst = np.nan_to_num(off, nan=0.0), dict[tuple[str, str], Broken]()
+        for i in np.argsort(-off.max(axis=(0, 1), initial=0.0), kind="stable"):
+            s, k = divmod(int(off[:, :, i].argmax()), off.shape[1])
+            name, share = (self.kinds[i], self.names[i]), float(off[s, k, i])
+            if share > MET:
+                found = Violation(*name, s, k, share * float(self.sizes[i]))
+                worst.setdefault(name, Broken(found, share))
+        return list(worst.values())
 
 
 def _path_sizes(problem: Problem) -> np.ndarray:
-    """Characteristic sizes of path constraints, the largest near the start; 1 for a constant."""
+    """Characteristic sizes of path constraints, one size away from the start; 1 for a constant."""
     system, scales, p = problem.system, problem.scales, problem.parameters
     path = ca.vertcat(ca.SX(0, 1), *(one.expression for one in problem.path))
     x, u = (np.array(v).ravel() for v in problem.limits(p.values)[:2])
     size = ca.Function("sizes", [system.x, system.u, system.x_next, system.lam, p.vector],
                        [row_sizes(problem, path, scales.x)])  # fmt: skip
-    near = [
-        np.ravel(size(x + dx, u + s * scales.u, x + dx, abs(s) * scales.impulse, p.values))
-        for s in (0.0, -1.0, 1.0) for dx in (s * scales.x,)
-    ]  # fmt: skip
-    sizes = np.nan_to_num(near, nan=0.0, posinf=0.0).max(axis=0)
-    return np.where(sizes > 0, sizes, 1.0)
+    x, u = x + scales.x, u + scales.u
+    sizes = np.array(size(x, u, x, scales.impulse, p.values)).ravel()
+    return np.where(np.isfinite(sizes) & (sizes > 0), sizes, 1.0)

@@ -13,7 +13,7 @@ from pydantic import Field, InstanceOf
 
 from dynamics.contact import ContactLaw, Exact
 from ocp.errors import InputError, choose
-from ocp.factories import DEFAULT_LAW, closing_law
+from ocp.factories import closing_law
 from ocp.mpc.measurement import Measurement
 from ocp.mpc.phases.full import Full
 from ocp.mpc.phases.newton import NewtonPhase
@@ -25,7 +25,6 @@ from ocp.mpc.rollouts import Roller
 from ocp.mpc.stages import Plan, StageModel
 from ocp.policy import OpenLoop
 from ocp.problem import Problem
-from ocp.request import resolve_problem
 from ocp.rollout import Gains
 from ocp.session import Session
 from ocp.transcription import Direct
@@ -118,8 +117,6 @@ class Controller:
     def _check(self) -> None:
         """Read the arguments, with one sentence for what is wrong."""
         entry = choose("phase", validated("phase", self.phase, str), PHASES)
-        if not isinstance(self.problem, Problem):
-            self.problem, _ = resolve_problem(self.problem, DEFAULT_LAW, None, None, {}, "ipopt")
         law = validated("law", self.law, InstanceOf[ContactLaw] | str | None)
         law = closing_law(law, {}, self.problem.system) if isinstance(law, str) else law
         self.contact = self.law = entry.law(law)
@@ -213,9 +210,9 @@ class Controller:
         if parameters or self._last[0]:
             self._last = (parameters or {}, *self._asked(parameters or {}))
         p, limits = self._last[1].copy(), self._last[2]
-        x, before = numbers("the state", x, self.model.nx), self.u_before
+        x, before = numbers("the state", np.ravel(x), (self.model.nx,)), self.u_before
         if u_before is not None:
-            given = numbers("the last input", u_before, self.model.nu)
+            given = numbers("the last input", np.ravel(u_before), (self.model.nu,))
             before = np.where(np.isfinite(given), given, before)
         ahead = self._ahead(p, limits)
         expected = self._expected(ahead, before, p)

@@ -12,6 +12,7 @@ from dynamics.batch import StepFunction
 from dynamics.systems.machine import with_implicit_forces
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.judges.referee import REFINEMENT, step_place
+from ocp.mpc.phases.protocol import numbers
 from ocp.problem import Problem
 from ocp.validation import Index, Number, validated
 from ocp.worlds.mujoco_world import MujocoWorld
@@ -111,13 +112,10 @@ def check_mismatch(problem: Problem, mismatch: Mapping[str, float]) -> Mapping[s
 
 def check_pushes(problem: Problem, pushes: Mapping[int, np.ndarray], steps: int) -> None:
     """Raise :class:`~ocp.errors.InputError` for a sample or a change of the state that is none."""
-    nx = problem.system.nx
     for k, change in validated("pushes", pushes, Mapping[Index, Any]).items():
         if k >= steps:
             raise InputError(f"pushes: the sample must be from 0 to {steps - 1}, got {k}")
-        numbers = validated(f"pushes[{k}]", np.ravel(change).tolist(), list[Number])
-        if len(numbers) != nx:
-            raise InputError(f"pushes[{k}] must have {nx} numbers, got {len(numbers)}")
+        numbers(f"pushes[{k}]", change, (problem.system.nx,), finite=True)
 
 
 def deviations(given: float | Mapping[str, float], names: list[str], what: str) -> np.ndarray:

@@ -11,7 +11,8 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import Parameter, ParameterTable
-from ocp.errors import InputError, abbreviated, did_you_mean
+from ocp.errors import InputError, did_you_mean
+from ocp.mpc.phases.protocol import numbers
 from ocp.problem import Problem, Scenarios
 
 _WEIGHT = 100.0
@@ -80,17 +81,6 @@ def _softened(problem: Problem) -> ca.SX:
     return _WEIGHT * problem.scales.cost / problem.natural_scales.x.max() ** 2 * off
 
 
-def finite_array(what: str, value: Any) -> np.ndarray:
-    """Return ``value`` as an array; raises :class:`~ocp.errors.InputError` unless it is finite."""
-    try:
-        found = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        found = np.array(np.nan)
-    if not np.isfinite(found).all():
-        raise InputError(f"{what} must be finite numbers, got {abbreviated(value)}")
-    return found
-
-
 def horizon_rows(
     receding: Receding, names: list[str], base: np.ndarray, values: Values, dynamics: set[str]
 ) -> np.ndarray:
@@ -108,7 +98,7 @@ def horizon_rows(
             raise InputError(
                 f"{receding.problem.name} has no parameter {name!r}{did_you_mean(name, known)}"
             )
-        given, i = finite_array(name, value), names.index(name)
+        given, i = numbers(name, value, finite=True), names.index(name)
         if given.ndim == 0:
             found[:, i] = given
             continue

@@ -7,6 +7,7 @@ import numpy as np
 
 from dynamics.batch import Episode, EpisodeFunction, RolloutPolicy, StepFunction
 from ocp.mpc.stages import LEAST_PENALTY, Plan, StageModel
+from ocp.physics.constraints import Broken
 
 _FAR = 1e6
 """Limit of inputs without bounds, in characteristic inputs."""
@@ -38,8 +39,8 @@ class Roller:
         self, x0: np.ndarray, K: np.ndarray, k: np.ndarray, u_before: np.ndarray,
         bounds: tuple[np.ndarray, np.ndarray], p: np.ndarray,
         penalty: float = LEAST_PENALTY,
-    ) -> tuple[Plan, float, int, str]:  # fmt: skip
-        """The candidate of lowest merit, its merit, which it is, and what it violates, or "".
+    ) -> tuple[Plan, float, int, list[Broken]]:  # fmt: skip
+        """The candidate of lowest merit, its merit, which it is, and what it violates.
 
         Gains K (S, N, nu, nx) and k (S, N, nu) are those of S candidates; one that has no solution
         at a step has an infinite merit.
@@ -61,4 +62,4 @@ class Roller:
         merit = np.where(sound, merit, np.inf)
         best = int(np.argmin(merit))
         plan = Plan(x[best], u[best], lam[best], gap[best])
-        return plan, float(merit[best]), best, model.worst_row(off[best])
+        return plan, float(merit[best]), best, model.violations(off[[best]])

@@ -12,19 +12,20 @@ import numpy as np
 import xarray as xr
 from pydantic import InstanceOf
 
-from ocp.errors import InputError
 from ocp.judges.referee import step_place
 from ocp.mpc.constraint_rows import ConstraintRows
 from ocp.mpc.controller import Command, Controller
 from ocp.mpc.judge import PlanJudge
+from ocp.mpc.phases.protocol import numbers
 from ocp.mpc.plants import Disturbance, Plant, check_pushes, deviations
-from ocp.mpc.receding import Values, finite_array
-from ocp.mpc.verdict import LoopVerdict, PlantViolation
+from ocp.mpc.receding import Values
+from ocp.mpc.verdict import LoopVerdict
+from ocp.physics.constraints import Broken
 from ocp.problem import Problem
 from ocp.validation import Count, Index, validated
 
 _FAR = 100.0
-"""A state beyond this many sizes of the loop, and as many more for each horizon, has diverged."""
+"""How far a state may be in the time of a horizon, in sizes of problem, start and first plan."""
 _SHARE = 0.01
 """Noise of the plant ``noise`` where none is given, in characteristic sizes."""
 
@@ -47,7 +48,7 @@ class ClosedLoop:
     why: Mapping[str, int]
     misses: int
     record: dict[str, Any] = field(default_factory=dict)
-    violations: list[PlantViolation] = field(default_factory=list)
+    violations: list[Broken] = field(default_factory=list)
 
     @cached_property
     def verdict(self) -> LoopVerdict:
@@ -60,14 +61,9 @@ class ClosedLoop:
         return self.data["cost"].sum("sample", skipna=False).values
 
     @property
-    def end_costs(self) -> np.ndarray:
-        """Terminal cost (S,) of the last state."""
-        return self.data["end_cost"].values
-
-    @property
     def costs(self) -> np.ndarray:
         """Closed-loop cost (S,): all stage costs and the terminal cost; NaN where a seed ended."""
-        return self.stage_costs + self.end_costs
+        return self.stage_costs + self.data["end_cost"].values
 
     @property
     def cost_interval(self) -> tuple[float, float]:
@@ -115,7 +111,9 @@ def simulate(
     given = validated("disturbance", disturbance or Disturbance(), InstanceOf[Disturbance])
     steps, seeds = validated("steps", steps, Count), validated("seeds", seeds, Count)
     seed, certify = validated("seed", seed, Index), validated("certify", certify, Index)
-    starts = _starts(controller, x0, seeds)
+    nx = controller.problem.system.nx
+    starts = controller.start if x0 is None else x0
+    starts = np.broadcast_to(numbers("x0", starts, (nx,), (seeds, nx), finite=True), (seeds, nx))
     check_pushes(controller.problem, given.pushes, steps)
     loop = _Loop(controller, Plant(controller.problem, plant, given.mismatch), given, steps, seeds)
     loop.goals, loop.certify, loop.progress = goals, certify, progress
@@ -131,15 +129,6 @@ def simulate(
     record = {"plant": plant, "steps": steps, "seeds": seeds, "seed": seed, "stopped": stopped,
               "phase": controller.phase, "law": controller.contact.name}  # fmt: skip
     return loop.result(record)
-
-
-def _starts(controller: Controller, x0: np.ndarray | None, seeds: int) -> np.ndarray:
-    """Starts (seeds, nx), by default the problem's own."""
-    nx = controller.problem.system.nx
-    starts = controller.start if x0 is None else finite_array("x0", x0)
-    if starts.shape not in ((nx,), (seeds, nx)):
-        raise InputError(f"x0 must have shape ({nx},) or ({seeds}, {nx}), got {starts.shape}")
-    return np.broadcast_to(starts, (seeds, nx))
 
 
 class _Loop:
@@ -186,7 +175,9 @@ class _Loop:
         """One seed, from its start to its end."""
         controller, N = self.controller, self.controller.problem.N
         controller.reset()
-        far = _FAR * np.maximum(self._sizes(), abs(x))
+        plan = controller.plan.x
+        sizes = [controller.problem.scales.x, abs(x), *abs(plan[np.isfinite(plan).all(axis=1)])]
+        far = _FAR * np.max(sizes, axis=0)
         before = waiting = controller.u_before
         for k in range(self.steps):
             self.arrays["x"][s, k] = x = x + np.asarray(self.given.pushes.get(k, 0.0))
@@ -208,14 +199,6 @@ class _Loop:
                 return
             self.arrays["x"][s, k + 1] = x
             self.ended[s] = k + 1
-
-    def _sizes(self) -> np.ndarray:
-        """Sizes of the states (nx,): characteristic ones, the first plan's, and finite bounds."""
-        problem, plan = self.controller.problem, self.controller.plan.x
-        bounds = [np.array(v).ravel() for v in problem.limits(problem.parameters.values)[4:]]
-        parts = [problem.scales.x, *abs(plan[np.isfinite(plan).all(axis=1)]),
-                 *(np.where(np.isfinite(v), abs(v), 0.0) for v in bounds)]  # fmt: skip
-        return np.max(parts, axis=0)
 
     def _keep(self, s: int, k: int, seen: np.ndarray, command: Command) -> None:
         arrays = self.arrays
@@ -253,16 +236,4 @@ class _Loop:
         data = xr.Dataset(parts, coords={"state": self.states, "input": self.inputs})
         begun = np.isfinite(self.arrays["u"]).any(axis=(1, 2))
         return ClosedLoop(self.controller.problem, data.isel(seed=begun), self.why, self.misses,
-                          record, self._violations())  # fmt: skip
-
-    def _violations(self) -> list[PlantViolation]:
-        """The constraints that the plant violated, each once, the worst first."""
-        worst: dict[str, PlantViolation] = {}
-        off = np.nan_to_num(self.off)
-        for i in np.argsort(-off.max(axis=(0, 1), initial=0.0), kind="stable"):
-            seed, sample = divmod(int(off[:, :, i].argmax()), self.steps)
-            name, share = self.rows.names[i], float(off[seed, sample, i])
-            found = PlantViolation(name, share * float(self.rows.sizes[i]), share, seed, sample)
-            if share > 0:
-                worst.setdefault(name, found)
-        return list(worst.values())
+                          record, self.rows.violations(self.off))  # fmt: skip

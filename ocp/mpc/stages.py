@@ -74,7 +74,7 @@ class StageModel:
         self.of_problem = [self.names.index(name) for name in problem.parameters.names]
         system = problem.system
         constraints = ConstraintRows.of(problem)
-        rows, self.worst_row = graph.with_impulses(constraints.expression), constraints.worst
+        rows, self.violations = graph.with_impulses(constraints.expression), constraints.violations
         self.m = rows.numel()
         cost, w = graph.stage_cost(), ca.vertcat(system.x, graph.u_before, system.u, step.lam)
         self.costs_impulses = bool(ca.depends_on(cost, step.lam))

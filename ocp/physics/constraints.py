@@ -50,6 +50,11 @@ class Broken:
     violation: Violation
     share: float
 
+    @property
+    def name(self) -> str:
+        """The constraint in words, as in "bound on v"."""
+        return f"{_KINDS[self.violation.name]} {self.violation.component}"
+
 
 def seen_sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
     """Characteristic sizes of the states (nx,) for judging against a plan x (S, N+1, nx).

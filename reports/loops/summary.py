@@ -84,7 +84,8 @@ def summary(
     """
     ended, costs, verdict = data["ended"].values, loop.costs, loop.verdict
     statuses, whole = data["status"].values, np.isfinite(costs)
-    averages = {"cost": costs, "stage_cost": loop.stage_costs, "terminal_cost": loop.end_costs}
+    parts = {"stage_cost": loop.stage_costs, "terminal_cost": data["end_cost"].values}
+    averages = {"cost": costs, **parts}
     return {
         "status": verdict.status,
         "verdict": str(verdict),
@@ -95,7 +96,7 @@ def summary(
         "survived": float(loop.survived.mean()),
         "diverged": verdict.diverged,
         "planned": verdict.planned,
-        "violated": [asdict(one) for one in verdict.violated],
+        "violated": [{**asdict(one.violation), "share": one.share} for one in verdict.violated],
         "seconds": _times(data, rate),
         "statuses": dict(Counter(map(str, statuses[statuses != ""]))),
         "misses": loop.misses,

@@ -146,8 +146,8 @@ class NewtonPhase(ABC):
             return self._kept(sample, "no candidate could be rolled out under the law")
         self.gain = K[1, -1]
         status = "kept" if not proposals else "solved" if which > 1 else "plan before"
-        told = "; ".join(filter(None, (why, off)))
-        return Answer(found.u[0], found, status, told, merit, bool(off))
+        told = [*filter(None, [why]), *(f"the plan violates {one.name}" for one in off)]
+        return Answer(found.u[0], found, status, "; ".join(told), merit, bool(off))
 
     def _price(self, proposals: list[Proposal]) -> float:
         """Penalty of the merit: twice the largest multiplier of a constraint, at least 100."""

@@ -25,7 +25,8 @@ class FixedPolicy:
 
     def feedback(self, sample: Sample) -> Answer:
         """Evaluate the law; raises :class:`~ocp.errors.InputError` for no nu numbers."""
-        u = numbers("the policy's input", self.law(sample.x, self.count), self.nu)
+        u = np.ravel(self.law(sample.x, self.count))
+        u = numbers("the policy's input", u, (self.nu,))
         self.count += 1
         if not np.isfinite(u).all():
             return Answer(np.clip(sample.u_before, *sample.bounds), None, "kept",

@@ -52,15 +52,18 @@ class Phase(Protocol):
         ...
 
 
-def numbers(what: str, value: Any, size: int) -> np.ndarray:
-    """Return ``value`` as an array (size,), which may hold NaN.
+def numbers(what: str, value: Any, *shapes: tuple[int, ...], finite: bool = False) -> np.ndarray:
+    """Return ``value`` as an array of one of the ``shapes``; of any where none is given.
 
-    Raises :class:`~ocp.errors.InputError` for what is not ``size`` numbers.
+    Raises :class:`~ocp.errors.InputError` for anything else.
     """
     try:
-        array = np.asarray(value, dtype=float).ravel()
+        array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"{what} must be {size} numbers, got {abbreviated(value)}") from None
-    if array.size != size:
-        raise InputError(f"{what} must have {size} numbers, got {array.size}")
+        raise InputError(f"{what} must be numbers, got {abbreviated(value)}") from None
+    if finite and not np.isfinite(array).all():
+        raise InputError(f"{what} must be finite, got {abbreviated(value)}")
+    if shapes and array.shape not in shapes:
+        expected = " or ".join(" x ".join(map(str, shape)) for shape in shapes)
+        raise InputError(f"{what} must have {expected} numbers, got {array.size}")
     return array

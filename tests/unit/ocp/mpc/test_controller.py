@@ -214,3 +214,67 @@ def test_terminal_constraints_are_softened_and_told() -> None:
 def test_a_free_start_is_measured_and_told() -> None:
     [told] = [one for one in Receding.of(get("half-cheetah")).told if "start" in one]
     assert told == "The start is measured, not chosen; periodicity is left out."
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"deadline": 0.0}, "deadline must be greater than 0"),
+        ({"deadline": np.nan}, "deadline must be a finite number"),
+        ({"deadline": "soon"}, "deadline must be a number, got 'soon'"),
+        ({"law": "exakt"}, "unknown contact law 'exakt' .did you mean 'exact'"),
+        ({"law": "barrier"}, "plans under the exact law, not under barrier"),
+        ({"law": 3}, "law must be"),
+        ({"policy": lambda x, k: x}, 'a policy is for the phase "policy", not for qpcc'),
+        ({"policy": 3, "phase": "policy"}, "policy must be"),
+        ({"parameters": {"goal_x": "far"}}, "goal_x must be numbers, got 'far'"),
+        ({"parameters": {"goal_x": np.nan}}, "goal_x must be finite, got nan"),
+    ],
+)
+def test_arguments_that_are_none_get_one_sentence(given: dict, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        Controller(get("push-disc"), **given)
+
+
+def test_a_law_may_be_named_as_in_solve(disc: Controller) -> None:
+    named = Controller(get("push-disc"), "exact")
+    assert isinstance(named.law, Exact)
+    assert named.step(named.start).u.tolist() == disc_first(disc)
+    assert isinstance(Controller(get("push-disc"), "barrier", "relaxed").law, Barrier)
+
+
+def disc_first(disc: Controller) -> list[float]:
+    disc.reset()
+    return disc.step(disc.start).u.tolist()
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"certify": -1}, "certify must be greater than or equal to 0"),
+        ({"certify": 2.5}, "certify must be a"),
+        ({"seed": -1}, "seed must be greater than or equal to 0"),
+        ({"x0": np.zeros(3)}, "x0 must have 4 or 2 x 4 numbers, got 3"),
+        ({"x0": np.zeros((3, 4))}, "x0 must have 4 or 2 x 4 numbers, got 12"),
+        ({"x0": np.full(4, np.inf)}, "x0 must be finite"),
+        ({"x0": "left"}, "x0 must be numbers, got 'left'"),
+        ({"disturbance": Disturbance(mismatch={"M": np.nan})}, "must be a finite number"),
+        ({"disturbance": Disturbance(mismatch={"M": -1.0})}, "mass matrix must be positive"),
+        ({"disturbance": Disturbance(pushes={3: np.zeros(4)})}, "from 0 to 2, got 3"),
+        ({"disturbance": Disturbance(pushes={-1: np.zeros(4)})}, "greater than or equal to 0"),
+        ({"disturbance": Disturbance(pushes={0: np.zeros(3)})}, "must have 4 numbers, got 3"),
+        ({"disturbance": Disturbance(noise_state="much")}, "noise-state must be"),
+        ({"disturbance": 3}, "disturbance must be an instance of Disturbance"),
+    ],
+)
+def test_simulations_that_cannot_be_get_one_sentence(
+    disc: Controller, given: dict, sentence: str
+) -> None:
+    with pytest.raises(InputError, match=sentence):
+        simulate(disc, 3, seeds=2, **given)
+
+
+def test_a_policy_of_another_size_is_refused() -> None:
+    wrong = Controller(get("push-disc"), phase="policy", policy=lambda x, k: x)
+    with pytest.raises(InputError, match="the policy's input must have 2 numbers, got 4"):
+        wrong.step(wrong.start)
