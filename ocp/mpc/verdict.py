@@ -86,4 +86,4 @@ class LoopVerdict:
             v[whole].mean() for v in (self.loop.costs, self.loop.stage_costs, ends)
         )
         parts = f"stage costs {stages:.6g}, terminal cost {end:.6g}"
-        return f"Cost {cost:.7g}{wide} {over} ({parts})"
+        return f"Cost {cost:.7g}{wide} ({parts}) {over}"

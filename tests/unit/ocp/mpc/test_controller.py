@@ -263,7 +263,7 @@ def disc_first(disc: Controller) -> list[float]:
         ({"disturbance": Disturbance(pushes={3: np.zeros(4)})}, "from 0 to 2, got 3"),
         ({"disturbance": Disturbance(pushes={-1: np.zeros(4)})}, "greater than or equal to 0"),
         ({"disturbance": Disturbance(pushes={0: np.zeros(3)})}, "must have 4 numbers, got 3"),
-        ({"disturbance": Disturbance(noise_state="much")}, "noise-state must be"),
+        ({"disturbance": replace(Disturbance(), noise_state="much")}, "noise-state must be"),
         ({"disturbance": 3}, "disturbance must be an instance of Disturbance"),
     ],
 )
