@@ -6,6 +6,7 @@ The program has the true state, no bound at its first node, and a slack for each
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -32,22 +33,24 @@ def cart(kind: str = "bound", weight: float = 1.0) -> Problem:
         parameters=parameters,
     )  # fmt: skip
     x, v = system.x[0], system.x[1]
-    most = ca.vertcat(0.6 if kind == "two" else ca.inf, ca.inf if kind == "path" else V_MAX)
+    v_max = ca.inf if kind == "path" else V_MAX
+    x_max = 0.6 if kind == "two" else ca.inf
+    x_lower, x_upper = ca.SX([-ca.inf, -v_max]), ca.SX([x_max, v_max])
     speed = Constraint("speed", 1e-6 * system.x_next[1], -1e-6 * V_MAX, 1e-6 * V_MAX)
     return Problem(
-        "cart", system, N, parameters=parameters, x0=ca.DM([0, 0]),
+        "cart", system, N, parameters=parameters, x0=ca.SX.zeros(2),
         stage_cost=weight * H * ((x - GOAL) ** 2 + 0.1 * v**2 + 0.01 * system.u**2),
         terminal_cost=weight * (10 * (x - GOAL) ** 2 + v**2), u_lower=-U_MAX, u_upper=U_MAX,
-        x_lower=-ca.inf if kind == "path" else ca.vertcat(-ca.inf, -V_MAX), x_upper=most,
+        x_lower=x_lower, x_upper=x_upper,
         path=[speed] if kind == "path" else [], scaling=Scaling(impulse=1, gap=0.1, u=U_MAX),
     )  # fmt: skip
 
 
 def by_hand(start: np.ndarray, x_max: float = np.inf) -> float:
     """The first input of the quadratic program, its slacks at a penalty of 1e5."""
-    program = ca.Opti("conic")
+    program: Any = ca.Opti("conic")
     X, U, S = program.variable(2, N + 1), program.variable(1, N), program.variable(2, N)
-    cost = 10 * (X[0, N] - GOAL) ** 2 + X[1, N] ** 2 + 1e5 * ca.sum1(ca.vec(S))
+    cost: Any = 10 * (X[0, N] - GOAL) ** 2 + X[1, N] ** 2 + 1e5 * ca.sum1(ca.vec(S))
     program.subject_to(X[:, 0] == start)
     program.subject_to(ca.vec(S) >= 0)
     program.subject_to(program.bounded(-U_MAX, U, U_MAX))
