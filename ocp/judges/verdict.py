@@ -12,7 +12,7 @@ from ocp.judges.jumps import jump_findings
 from ocp.judges.referee import PENETRATION_SHARE, seen_gap
 from ocp.physics.constraints import describe_violations
 from ocp.programs.solver import TIMED_OUT
-from ocp.sizes.characteristic import describe_sizes
+from ocp.sizes.characteristic import describe_sizes, doubtful_sizes
 from ocp.sizes.cost import cost_share
 
 if TYPE_CHECKING:
@@ -99,6 +99,9 @@ def findings(found: Solution) -> list[str]:
     lines += [_sentence(line) for line in parts if line]
     if sizes := _derived_sizes(found):
         lines.append(sizes)
+    if not found.certificate.certified and (doubts := doubtful_sizes(found.problem)):
+        listed = ", ".join(doubts)
+        lines.append(f"Of the stated sizes {listed}; leave them out of Scaling to derive them.")
     if steps := found.record.get("refined"):
         lines.append(_refined(steps["levels"], steps["stopped"]))
     if cut := sum(stage.status in TIMED_OUT for stage in found.stages):

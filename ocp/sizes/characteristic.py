@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 GAP_SHARE = 0.1
 """Characteristic gap as a share of what gaps change by as states move by their sizes."""
+_DOUBTFUL = 1e3
+"""Ratio of a stated size to the derived one from which on the stated one is named."""
 _ROUNDING = 1e-12
 """Share of the largest entry below which a difference is rounding."""
 
@@ -59,6 +61,17 @@ def describe_sizes(problem: Problem) -> str:
         for name in problem.scaling.derived
         if sizes[name]
     )
+
+
+def doubtful_sizes(problem: Problem) -> list[str]:
+    """Name stated sizes that are :data:`_DOUBTFUL` times what the data give, or a share of it."""
+    stated, derived = problem.scales, derive_sizes(problem)
+    doubts = []
+    for name in ("impulse", "gap", "x", "u"):
+        ratio = np.max(getattr(stated, name)) / np.max(getattr(derived, name))
+        if not 1 / _DOUBTFUL <= ratio <= _DOUBTFUL:
+            doubts.append(f"{name} is {ratio:.2g} times what the problem's data give")
+    return doubts
 
 
 def gap_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:

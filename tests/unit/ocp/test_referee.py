@@ -204,7 +204,7 @@ def test_a_replay_that_fails_is_kept_up_to_there() -> None:
     with pytest.raises(NotConverged, match="at step 7 of scenario 0"):
         roll_out(problem, inputs, values, problem.referee_step, x0)
     plan = roll_out(problem, np.zeros((1, problem.N, 2)), values)
-    reasons = survival(problem, plan, report, measured(problem, report), [])
+    reasons = survival(problem, plan, report, measured(problem, report), [], physical(problem))
     assert reasons[0].startswith("step 7 did not converge, contact 'push")
 
 
@@ -316,7 +316,7 @@ def test_what_survives_is_within_its_shares() -> None:
     clean = replace(sharp, replay=plan, cost=found.cost)
 
     def verdict(judged: Referee, broken=()) -> tuple[str, ...]:
-        return survival(problem, plan, judged, replayed, broken)
+        return survival(problem, plan, judged, replayed, broken, physical(problem))
 
     assert verdict(clean) == ()
     assert verdict(replace(clean, cost=1.09 * found.cost)) == ()

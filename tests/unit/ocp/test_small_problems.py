@@ -32,7 +32,7 @@ def test_a_flight_through_a_body_does_not_survive_however_small_the_body(length:
     plan = Rollout(x, u, one, one, one, np.zeros(1))
     replay = Referee(plan, 0.0, None, "the model itself", np.nan, "")
     found = measure(problem, problem.exact_step, x, u, one, np.zeros(0))
-    (reason,) = survival(problem, plan, replay, found, [])
+    (reason,) = survival(problem, plan, replay, found, [], np.zeros(0))
     assert reason == f"post is penetrated by {0.2 * length:.2g} at step 0"
 
 
