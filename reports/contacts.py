@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from rich.console import Group
 from rich.text import Text
 
 from ocp.judges.audit import Audit
 from reports.console import number, table_of
-from reports.notation import label
 
 _ACTIVE = "Active: normal impulse above 1e-6 and above the gap, in characteristic sizes."
 _DISTANT = "Distant: such an impulse over a larger gap, force at a distance of smoothing."
@@ -22,24 +21,21 @@ def contact_table(audit: Audit) -> Group:
     return Group(table_of(*heads, rows=rows), *map(Text, contact_notes(audit)))
 
 
-def contact_columns(
-    audit: Audit, unit: str = "N", peak: Callable[[int], float] | None = None
-) -> tuple[list[str], list[list[str]]]:
+def contact_columns(audit: Audit) -> tuple[list[str], list[list[str]]]:
     """Titles, ``>`` before those of numbers, and rows of the contacts that push.
 
-    ``peak`` gives another peak [``unit``] for the number of a contact. Columns of sliding stand
-    with friction alone, that of distant steps where there are any.
+    Columns of sliding stand with friction alone, that of distant steps where there are any.
     """
     rough, far = math.isfinite(audit.cone_violation), _far(audit)
     columns = {"contact": True, ">active": True, ">distant": far, ">slipping": rough,
-               f">{label('peak', unit)}": True, ">slid [m]": rough, ">degenerate": True,
+               ">peak [N]": True, ">slid [m]": rough, ">degenerate": True,
                "at steps": True}  # fmt: skip
     rows = [
         [found.name, str(found.steps), str(found.distant), str(found.slipping),
-         number(peak(i) if peak else found.peak_force, 4),
+         number(found.peak_force, 4),
          number(found.slid, 3) if found.slipping else "0", str(found.degenerate),
          spans_text(found.spans)]
-        for i, found in enumerate(audit.contacts) if found.steps or found.distant
+        for found in audit.contacts if found.steps or found.distant
     ]  # fmt: skip
     kept = [[cell for cell, keep in zip(row, columns.values(), strict=True) if keep]
             for row in rows]  # fmt: skip

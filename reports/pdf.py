@@ -25,22 +25,27 @@ _TEMPLATES = Path(__file__).with_name("templates")
 
 
 def write_pdf(
-    runs: Sequence[StoredRun], path: Path, cones: bool = False, own: ProblemSpec | None = None
-) -> None:
+    runs: Sequence[StoredRun], path: Path, cones: bool = False, own: ProblemSpec | None = None,
+    signals: str | None = None,
+) -> None:  # fmt: skip
     """Write a report of one run, or of several solves, trainings or closed loops.
 
-    Friction cones are drawn where ``cones``; ``own`` is the problem of a user's file.
+    Friction cones are drawn where ``cones``; ``own`` is the problem of a user's file; ``signals``
+    are those of a solve that are drawn, None for all.
     Raises :class:`~ocp.errors.InputError` where the file cannot be written, where runs cannot be
     compared, or where a problem's typst equations do not compile.
     """
-    atomic.write(path, render(runs, cones, own), "the PDF")
+    atomic.write(path, render(runs, cones, own, signals), "the PDF")
 
 
-def render(runs: Sequence[StoredRun], cones: bool = False, own: ProblemSpec | None = None) -> bytes:
+def render(
+    runs: Sequence[StoredRun], cones: bool = False, own: ProblemSpec | None = None,
+    signals: str | None = None,
+) -> bytes:  # fmt: skip
     """Return the PDF's bytes."""
     views = [RunView.of(run, own) for run in runs]
     with styled():
-        template, content, figures = _page(views, cones, own)
+        template, content, figures = _page(views, cones, own, signals)
         if template != "study.typ":
             figures = {name: literal(figure) for name, figure in figures.items()}
         drawn = {name: to_svg(figure) for name, figure in figures.items()}
@@ -61,10 +66,12 @@ _TEMPLATES_OF = {"continue": "continuation", "figure": "study", "train": "traini
 
 
 def _page(
-    views: list[RunView], cones: bool, own: ProblemSpec | None
+    views: list[RunView], cones: bool, own: ProblemSpec | None, signals: str | None
 ) -> tuple[str, dict[str, Any], dict[str, Figure]]:
     """Template, content and figures of the views."""
     kinds = {view.run.kind for view in views}
+    if signals is not None and (kinds != {"solve"} or len(views) > 1):
+        raise InputError("--signals is for the report of one run of ocp solve; drop it")
     if kinds == {"solve"} and len(views) > 1:
         from reports.pages.comparison import comparison_page
 
@@ -78,11 +85,31 @@ def _page(
     module, _, name = PAGES[kind].rpartition(".")
     page = getattr(import_module(module), name)
     given: dict[str, tuple[Any, ...]] = {
-        "solve": (views[0], cones), "continue": (views[0], cones), "sweep": (views[0],),
+        "solve": (views[0], cones, signals), "continue": (views[0], cones), "sweep": (views[0],),
         "estimate": (views[0].run, own), "figure": (views[0].run,), "train": (views,),
         "closed-loop": (views,),
     }  # fmt: skip
     return (f"{_TEMPLATES_OF.get(kind, kind)}.typ", *page(*given[kind]))
+
+
+_SCALES = (1.0, 0.94, 0.88, 0.82, 0.76)
+"""Sizes of figures that are tried, until the last page is half full."""
+_TOP, _HEIGHT = 57.0, 717.0
+"""First line of a page and height of its text [pt]."""
+
+
+def _with_full_pages(root: Path, template: str, content: dict[str, Any]) -> bytes:
+    """Compile with figures so large that at least half of the last page is filled, if any size is.
+
+    Raises ``typst.TypstError`` for content that does not compile.
+    """
+    file, options = str(root / template), {"root": str(root), "ignore_system_fonts": True}
+    for scale in (*_SCALES, 1.0):
+        (root / "content.json").write_text(json.dumps(to_json({**content, "scale": scale})))
+        end = json.loads(typst.query(file, "<end>", field="value", one=True, **options))
+        if end["page"] == 1 or end["y"] > _TOP + _HEIGHT / 2:
+            break
+    return typst.compile(file, **options)
 
 
 def _typeset(template: str, content: dict[str, Any], figures: dict[str, bytes]) -> bytes:
@@ -93,9 +120,8 @@ def _typeset(template: str, content: dict[str, Any], figures: dict[str, bytes]) 
         for name, svg in figures.items():
             (root / f"{name}.svg").write_bytes(svg)
         content = {**content, "figures": sorted(figures)}
-        (root / "content.json").write_text(json.dumps(to_json(content)))
         try:
-            return typst.compile(str(root / template), root=folder, ignore_system_fonts=True)
+            return _with_full_pages(root, template, content)
         except typst.TypstError as error:
             raise InputError(
                 f"the report does not compile: {error}; check the problem's typst equations"

@@ -239,6 +239,9 @@ class ReportOptions(SourceOptions):
     runs: list[str] = argument(help="Runs: paths, or parts of their names.")
     pdf: Path = option(MISSING, "--output", "-o", help="The PDF to write.")
     cones: bool = option(False, help="Draw friction cones at the contact forces.")
+    signals: str | None = option(
+        None, metavar="NAME,...", help="Draw only these signals of a solve over time; * is a joker."
+    )
 
 
 class AnimateOptions(RunOptions, SourceOptions):

@@ -27,7 +27,7 @@ def check_report(options: ReportOptions) -> tuple[list[StoredRun], ProblemSpec |
 def run_report(options: ReportOptions, request: tuple[list[StoredRun], ProblemSpec | None]) -> int:
     """Write the PDF."""
     runs, own = request
-    write_pdf(runs, options.pdf, options.cones, own)
+    write_pdf(runs, options.pdf, options.cones, own, options.signals)
     options.output.say(f"PDF: {options.pdf}")
     options.output.document({"pdf": str(options.pdf), "runs": [str(item.path) for item in runs]})
     return 0

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import fnmatch
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ocp.errors import InputError, did_you_mean
 from reports.figures.panels import Panel, Row, between, draw_rows, in_rows, lines, note_zero
 from reports.notation import label
 from reports.style import PLANNED, REPLAYED
 from reports.view import RunView
 
-SAME = 1e-6
-"""Share of a component's size below which plan and replay are one line."""
+SAME = 1e-4
+"""Share of a signal's range up to which plan and replay are one line."""
+NEGLIGIBLE = 1e-6
+"""Share of a size below which an amount is not drawn."""
 _IDLE = 1e-9
 """Share of the largest multiplier in the same unit below which one counts as zero throughout."""
 _BEYOND = 3.0
@@ -49,6 +53,17 @@ class Track:
     def off(self) -> np.ndarray | None:
         """Replay minus plan."""
         return None if self.again is None else self.again - self.plan
+
+    @property
+    def parted(self) -> bool:
+        """Whether the replay is another line than the plan."""
+        return largest(self.off) > max(SAME * self.span, NEGLIGIBLE * self.size)
+
+    @property
+    def span(self) -> float:
+        """Range of plan and replay together."""
+        both = self.plan if self.again is None else np.append(self.plan, self.again)
+        return float(np.ptp(both[np.isfinite(both)])) if np.isfinite(both).any() else 0.0
 
     @property
     def size(self) -> float:
@@ -89,41 +104,67 @@ def idle(found: list[Track]) -> list[str]:
 
 
 def apart(found: list[Track]) -> float:
-    """Largest distance of plan and replay beside a state's or input's size; 0 without a replay."""
+    """Largest distance of plan and replay beside a state's or input's range; 0 without a replay."""
     shares = [
-        largest(track.off) / track.size
-        for track in found if track.off is not None and track.size > 0 and not track.multiplier
+        largest(track.off) / track.span
+        for track in found if track.off is not None and track.span > 0 and not track.multiplier
     ]  # fmt: skip
     return max(shares, default=0.0)
 
 
 def undetermined(found: list[Track]) -> bool:
     """Whether multipliers of the replay are others although the motion is the same."""
-    return apart(found) <= SAME and any(
-        largest(track.off) > SAME * track.size for track in found
-        if track.multiplier and track.name not in idle(found)
-    )  # fmt: skip
+    return not parted(found) and any(
+        track.parted for track in found if track.multiplier and track.name not in idle(found)
+    )
 
 
-def plan_rows(view: RunView, without: Collection[str] = ()) -> list[Row]:
+def parted(found: Sequence[Track]) -> bool:
+    """Whether the replay of a state or an input is another line than its plan."""
+    return any(track.parted for track in found if not track.multiplier)
+
+
+def plan_rows(
+    view: RunView, without: Collection[str] = (), signals: Collection[str] = ()
+) -> list[Row]:
     """Rows of panels, one a component, but for multipliers ``without`` and those that are zero.
 
-    Where plan and replay part, the band between them is shaded and their difference drawn below,
-    to one scale in each group; not for inputs that are the same by construction.
+    With names of ``signals`` only these. Where plan and replay part, the band between them is
+    shaded and their difference drawn below, to one scale in each group; not for inputs that are the
+    same by construction.
     """
     found, time = tracks(view), view.time
-    resting = idle(found)
+    resting = {*idle(found), *without}
     groups: dict[str, list[Track]] = {}
     for track in found:
-        if not (track.multiplier and (track.name in resting or track.name in without)):
+        if (
+            track.name in signals if signals
+            else not (track.multiplier and track.name in resting)
+        ):  # fmt: skip
             groups.setdefault(track.heading, []).append(track)
     panels = {}
     for heading, members in groups.items():
         reach = max(largest(track.off) for track in members)
-        size = max(track.size for track in members)
-        told = reach if reach > SAME * size else None
-        panels[heading] = [_panel(track, time, told) for track in members]
+        panels[heading] = [_panel(one, time, reach if one.parted else None) for one in members]
     return in_rows(panels)
+
+
+def chosen(view: RunView, words: str) -> list[str]:
+    """Names of signals from words with commas, in which * stands for any letters.
+
+    Raises :class:`~ocp.errors.InputError` for a word that fits none.
+    """
+    names = [track.name for track in tracks(view)]
+    found: list[str] = []
+    for word in (part.strip() for part in words.split(",")):
+        fitting = fnmatch.filter(names, word)
+        if not fitting:
+            raise InputError(
+                f"--signals: there is no signal {word!r}{did_you_mean(word, names)}; there are"
+                f" {', '.join(names)}"
+            )
+        found += fitting
+    return found
 
 
 def trajectories(view: RunView) -> Figure:

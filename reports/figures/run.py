@@ -14,7 +14,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from dynamics.systems.pairs import Pair
 from ocp.physics.contact_report import acting
 from reports.console import shown_stages, stage_title
-from reports.figures.motion import SAME, mean_multiplier
+from reports.figures.motion import NEGLIGIBLE, SAME, mean_multiplier
 from reports.figures.panels import (
     Panel,
     Row,
@@ -206,7 +206,7 @@ def rows_of_contacts(view: RunView) -> tuple[list[Row], int]:
     """
     found = contacts_of(view)
     most = max((float(one.normal.max()) for one in found), default=0.0)
-    found = [one for one in found if one.active.any() or one.normal.max() > SAME * most]
+    found = [one for one in found if one.active.any() or one.normal.max() > NEGLIGIBLE * most]
     reach = max((float(one.gap.max()) for one in found if one.gap is not None), default=0.0)
     columns = columns_for(len(found))
     return in_rows({"": [_contact(view.time, one, reach) for one in found]}, columns), columns
@@ -235,7 +235,7 @@ def _contact(time: np.ndarray, one: Contact, reach: float) -> Panel:
         note_zero(axis)
         assert one.gap is not None
         lines(axis, time, one.gap, color=GREEN, **look)
-        if reach > 0 and np.max(one.gap) < SAME * reach:
+        if reach > 0 and np.max(one.gap) < NEGLIGIBLE * reach:
             # A gap that never opens: to its own scale it would be noise.
             axis.set_ylim(-0.05 * reach, reach)
 

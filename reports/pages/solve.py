@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,26 +30,27 @@ _ENDS = 12
 """Number of first and of last stages in a shortened table."""
 
 
-def solve_page(view: RunView, cones: bool = False) -> Page:
-    """Content and figures of one solved run; friction cones are drawn where ``cones``."""
-    stored = view.run
+def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -> Page:
+    """Content and figures of one solved run; friction cones are drawn where ``cones``.
+
+    ``signals`` are those that are drawn over time (:func:`reports.figures.motion.chosen`), None for
+    all.
+    """
+    stored, found = view.run, motion.tracks(view)
     solved = stored.status is Status.SOLVED
-    found, signals = motion.tracks(view), view.signals("contacts")
+    names = [] if signals is None else motion.chosen(view, signals)
     told = {name for contact in run.contacts_of(view) for name in contact.multipliers}
-    unit = signals[0].unit if signals else ""
-    if view.array("normal_impulse") is not None:
-        unit = "N s"
-    heads, rows = contact_columns(stored.audit, unit, partial(peak_multiplier, view))
+    heads, rows = contact_columns(stored.audit)
     content = {
         **head(view),
         "grade": stored.meta["grade"],
         "key": key_numbers(view),
         "law": law(view),
-        "parted": motion.apart(found) > motion.SAME,
+        "parted": motion.parted(found),
         "apart": small(motion.apart(found)),
         "undetermined": motion.undetermined(found),
         "replayed": any(track.again is not None for track in found),
-        "zero": [name for name in motion.idle(found) if name not in told],
+        "zero": [name for name in motion.idle(found) if name not in told and not names],
         "stages": _stages(view),
         "left_out": stage_note(stored.stages, stored.meta["cost"]),
         "worst": [] if solved else violation_rows(stored.audit),
@@ -68,7 +67,7 @@ def solve_page(view: RunView, cones: bool = False) -> Page:
         "pictured": len(picked_scenarios(view.pictured)),
     }  # fmt: skip
     figures, content["arrows"] = _motion(view, cones)
-    figures |= row_figures("motion", motion.plan_rows(view, told))
+    figures |= row_figures("motion", motion.plan_rows(view, told, names))
     if run.off_the_end(view):
         figures["contact"] = run.contact_plane(view)
     panels, columns = run.rows_of_contacts(view)
@@ -103,14 +102,6 @@ def _starts(view: RunView) -> list[str]:
     """Columns of the table of starts."""
     others = view.run.meta["others"]
     return [key for key in _OF_STARTS if any(key in other for other in others)]
-
-
-def peak_multiplier(view: RunView, index: int) -> float:
-    """Largest normal impulse, else multiplier, of a contact over all scenarios."""
-    normal, lam = view.array("normal_impulse"), view.array("lam")
-    if normal is not None:
-        return float(normal[..., index].max())
-    return math.nan if lam is None else float(motion.mean_multiplier(view, lam, index).max())
 
 
 def key_numbers(view: RunView) -> list[dict[str, Any]]:

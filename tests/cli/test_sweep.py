@@ -51,7 +51,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_each_point_is_told_and_stored_as_a_solve_of_its_own(ocp: Ocp) -> None:
-    done = ocp("sweep", "push-1d", "--contact", "barrier", *OVER, "--json")
+    done = ocp("sweep", "push-1d", *OVER, "--json")
     assert done.code == 0, done.err
     told = done.json
     assert [axis["name"] for axis in told["axes"]] == ["M", "contact.mu"]

@@ -9,6 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from problems.registry import spec
@@ -23,6 +24,12 @@ _LABELS = {
     "f": "$f$", "f_sigma": r"$f_\sigma$", "g_sigma": r"$g_\sigma$", "h": "$h$",
     "h_sigma": r"$h_\sigma$",
 }  # fmt: skip
+_ENDS: dict[str, dict[str, Any]] = {
+    "on the model": {"linewidth": 0.7}, "replayed": {"linewidth": 1.8},
+    "IPOPT": {"marker": "o", "linestyle": "", "markerfacecolor": "white"},
+    "IPOPT, replayed": {"marker": "o", "linestyle": ""},
+}  # fmt: skip
+"""How curves and circles of both ends are drawn, of any colour."""
 
 
 @drawing(
@@ -44,14 +51,17 @@ def n2(data: xr.Dataset) -> Figure:
         _curves(axis, data.sel(problem=name))
         axis.set_title(name)
     curves.axes[0].set_ylabel("cost (14)")
-    curves.legend(*curves.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
+    handles, words = curves.axes[0].get_legend_handles_labels()
+    ends = [Line2D([], [], color=INK, **look) for look in _ENDS.values()]
+    curves.legend([*handles, *ends], [*words, *_ENDS], loc="outside upper center", ncols=9,
+                  columnspacing=1.0, handlelength=1.4, fontsize=7.5)  # fmt: skip
     _strobes(strobes, data, names)
     _maps(maps, data, names)
     for axis, name in zip(bars.subplots(1, 2), names, strict=True):
         _costs(axis, data.sel(problem=name))
         axis.set_title(name)
     bars.axes[0].set_ylabel("cost of the object")
-    bars.axes[0].legend(loc="upper center", ncols=3)
+    bars.legend(*bars.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 
@@ -112,7 +122,7 @@ def _costs(axis: Axes, data: xr.Dataset) -> None:
     for offset, kind, color in zip((-0.27, 0, 0.27), kinds, (GREY, BLUE, PURPLE), strict=True):
         values = data["cost"].sel(of=kind).values
         axis.bar(places + offset, values, 0.25, color=color, label=str(kind))
-    axis.set(yscale="log", ylim=(1, 8 * float(data["cost"].max())))
+    axis.set(yscale="log", ylim=(1, 2 * float(data["cost"].max())))
     axis.set_xticks(places, [str(law) for law in data["law"].values])
 
 

@@ -65,7 +65,7 @@ def test_numbers_alone_build_no_program_again(monkeypatch: pytest.MonkeyPatch) -
             return real(self, *given, **more)
 
         monkeypatch.setattr(method, "transcribe", counted)
-    kept, case = SessionCache(), Case("push-1d", SHORT)
+    kept, case = SessionCache(), Case("push-1d", SHORT, "barrier")
     solve_session(kept.session(case))
     first = len(built)
     assert first > 0
@@ -78,13 +78,15 @@ def test_numbers_alone_build_no_program_again(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_every_point_is_the_solve_of_its_own() -> None:
-    found = sweep("push-1d", {"M": [0.5, 2.0], "contact.mu": "1e-3:1e-1:2:log"}, params=SHORT)
+    found = sweep(
+        "push-1d", {"M": [0.5, 2.0], "contact.mu": "1e-3:1e-1:2:log"}, "barrier", params=SHORT
+    )
     assert found["cost"].dims == ("M", "contact.mu") and found["M"].attrs["units"] == "kg"
     assert found["contact.mu"].values.tolist() == [1e-3, 1e-1]
     for M in (0.5, 2.0):
         for mu in (1e-3, 1e-1):
             alone = solve_session(
-                Case("push-1d", {**SHORT, "M": M}, contact_settings={"mu": mu}).session()
+                Case("push-1d", {**SHORT, "M": M}, "barrier", {"mu": mu}).session()
             )
             point = found.sel({"M": M, "contact.mu": mu})
             assert float(point["cost"]) == alone.cost
@@ -137,9 +139,9 @@ def test_seeds_and_starts_are_those_of_each_solve() -> None:
 
 def test_a_law_that_is_made_is_the_law_by_name_and_keywords_find_their_owner() -> None:
     made = sweep("push-1d", {"M": [1.0, 2.0]}, Barrier(mu=1e-2), params=SHORT)
-    named = sweep("push-1d", {"M": [1.0, 2.0]}, contact_settings={"mu": 1e-2}, params=SHORT)
+    named = sweep("push-1d", {"M": [1.0, 2.0]}, "barrier", mu=1e-2, params=SHORT)
     assert same(made, named)
-    assert same(named, sweep(get("push-1d").name, {"M": "1:2:2"}, mu=1e-2, N=6))
+    assert same(named, sweep(get("push-1d").name, {"M": "1:2:2"}, "barrier", mu=1e-2, N=6))
     assert set(made.data_vars) >= TIMES
 
 

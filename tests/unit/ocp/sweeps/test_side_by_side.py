@@ -23,7 +23,7 @@ SHORT = {"N": 6}
 
 
 def test_one_process_or_two_or_one_killed_on_the_way_give_the_same_bits() -> None:
-    alone = sweep("push-1d", OVER, params=SHORT)
+    alone = sweep("push-1d", OVER, "barrier", params=SHORT)
     killed: list[int] = []
 
     def kill_one(*_: object) -> None:
@@ -34,7 +34,7 @@ def test_one_process_or_two_or_one_killed_on_the_way_give_the_same_bits() -> Non
             os.kill(pid, signal.SIGKILL)
             killed.append(pid)
 
-    beside = sweep("push-1d", OVER, params=SHORT, jobs=2, progress=kill_one)
+    beside = sweep("push-1d", OVER, "barrier", params=SHORT, jobs=2, progress=kill_one)
     assert killed
     assert same(alone, beside)
 
@@ -52,13 +52,18 @@ def test_a_sweep_that_stopped_goes_on_and_ends_as_if_it_had_not(tmp_path: Path) 
             raise Stop
 
     with pytest.raises(Stop):
-        sweep("push-1d", OVER, params=SHORT, store=tmp_path, progress=stop)
+        sweep("push-1d", OVER, "barrier", params=SHORT, store=tmp_path, progress=stop)
     again: list[int] = []
     whole = sweep(
-        "push-1d", OVER, params=SHORT, store=tmp_path, progress=lambda place, _: again.append(place)
+        "push-1d",
+        OVER,
+        "barrier",
+        params=SHORT,
+        store=tmp_path,
+        progress=lambda place, _: again.append(place),
     )
     assert sorted([*ended, *again]) == list(range(6)) and len(again) == 3
-    assert same(whole, sweep("push-1d", OVER, params=SHORT))
+    assert same(whole, sweep("push-1d", OVER, "barrier", params=SHORT))
     assert not list(tmp_path.rglob(".unfinished-*"))
 
 

@@ -7,6 +7,7 @@ import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 
+from ocp.errors import InputError
 from reports.figures import motion
 from reports.figures.panels import COLUMNS, Panel, draw_rows, in_rows
 from reports.style import PLANNED, REPLAYED
@@ -72,7 +73,8 @@ def test_plan_and_replay_that_are_one_motion_have_no_differences() -> None:
 def test_a_difference_is_replay_minus_plan_and_the_band_lies_between_them() -> None:
     states = {"a [m]": np.linspace(0, 1, N + 1)[None], "b [m]": np.ones((1, N + 1))}
     plan = np.stack(list(states.values()), axis=-1)
-    off = np.stack([0.1 * np.linspace(0, 1, N + 1) ** 2, np.zeros(N + 1)], axis=-1)[None]
+    way = np.linspace(0, 1, N + 1) ** 2
+    off = np.stack([0.1 * way, 0.01 * way], axis=-1)[None]
     view = run(states, waves(1, "N", N, "u"), waves(1, "N s", N, "c"), replay={"x": plan + off})
     first = motion.plan_rows(view)[0]
     assert [cell.panel.below is not None for cell in first] == [True, True, False, False]
@@ -135,3 +137,28 @@ def test_kinds_of_pairs_are_groups_of_their_own() -> None:
     view = run({"x [m]": np.zeros((1, N + 1))}, waves(1, "N", N, "u"), pushes,
                kinds=["normal", "limit", "friction", "friction"])  # fmt: skip
     assert headings(view)[2:] == ["Normal λ [N s]", "Limit λ [N s]", "Friction λ [N s]"]
+
+
+@pytest.mark.parametrize(("share", "parts"), [(0.5e-4, False), (2e-4, True)])
+@pytest.mark.parametrize("offset", [0.0, 10.0])
+def test_a_replay_within_a_ten_thousandth_of_the_range_is_the_same_curve(
+    share: float, parts: bool, offset: float
+) -> None:
+    """The range counts, not how far from zero a signal is."""
+    plan = offset + np.linspace(0.0, 2.0, N + 1)[None]
+    off = share * 2.0 * np.sin(np.linspace(0, np.pi, N + 1))
+    track = motion.Track("Positions", "p", "m", plan, plan + off)
+    assert track.span == pytest.approx(2.0, rel=1e-3)
+    assert track.parted is parts
+    level = motion.Track("Positions", "p", "m", np.ones((1, 3)), np.ones((1, 3)) * (1 + 1e-9))
+    assert not level.parted, "rounding of a signal that does not move"
+
+
+def test_signals_are_chosen_by_name_and_by_joker() -> None:
+    view = large()
+    names = motion.chosen(view, "p1, w*,u0")
+    assert names == ["p1", *(f"w{i}" for i in range(7)), "u0"]
+    shown = [cell.panel.title for row in motion.plan_rows(view, (), names) for cell in row]
+    assert shown == ["p1 [m]", *(f"w{i} [rad/s]" for i in range(7)), "u0 [N m]"]
+    with pytest.raises(InputError, match=r"no signal 'pp1' \(did you mean 'p1'\?\); there are p0"):
+        motion.chosen(view, "u0,pp1")
