@@ -28,9 +28,10 @@ zero; two ends that are further apart than :data:`APART` are not the same end, s
 """
 MODES = 128
 """Combinations of modes that are tried at one step, at most."""
-_ITERATIONS, _SOLVED, _SINGULAR, _LOST = 12, 1e-9, 1e-10, 1e6
-_REACH = 1.0
-"""Violation, in characteristic sizes, of the first linear model from which curved gaps go on."""
+_ITERATIONS, _SOLVED, _SINGULAR, _LOST = 12, 1e-9, 1e-13, 1e6
+_REACH = {True: 1e-6, False: 1.0}
+"""Violation, in characteristic sizes, up to which a set goes on from its first linear model: of an
+affine step, and of others."""
 _AT_ONCE = 32
 """Steps whose sets are solved together."""
 
@@ -132,23 +133,19 @@ class StepSolutions:
 
     def __init__(self, problem: Problem, physical: np.ndarray) -> None:
         system, scales = problem.system, problem.scales
-        self.p, self.x_sizes = physical, scales.x
+        self.p, self.x_sizes, self._reach = physical, scales.x, _REACH[system.reduced.affine]
         self.of_lam, self.of_gap = np.where(
             [signal.unit == "m" for signal in system.contacts],
             [[scales.gap], [scales.impulse]],
             [[scales.impulse], [scales.gap]],
         )
-        kinds, groups = [pair.kind for pair in system.pairs], {}
-        for i, pair in enumerate(system.pairs):
-            groups.setdefault((pair.kind == "limit", pair.contact), []).append(i)
-        self.groups = [rows for rows in groups.values() if kinds[rows[0]] in ("normal", "limit")]
-        self.modes = [_modes(rows, kinds) for rows in self.groups]
-        self.slips = [
-            (i, [j for j in rows if kinds[j] == "friction"])
-            for rows in self.groups
-            for i in rows
-            if kinds[i] == "slip"
-        ]
+        kinds = np.array([pair.kind for pair in system.pairs])
+        owners = np.array([pair.contact for pair in system.pairs]) + 0.5 * (kinds == "limit")
+        groups = [np.flatnonzero(owners == owner) for owner in np.unique(owners)]
+        self.groups = [rows for rows in groups if kinds[rows[0]] in ("normal", "limit")]
+        self.modes = [_modes(rows, kinds[rows]) for rows in self.groups]
+        sides = [(rows[kinds[rows] == "slip"], rows[kinds[rows] == "friction"]) for rows in groups]
+        self.slips = [(int(slip[0]), edges) for slip, edges in sides if slip.size and edges.size]
         lam = ca.SX.sym("lam", system.nlam)
         parts = ca.substitute(
             [system.residual, system.gap / self.of_gap], [system.lam], [self.of_lam * lam]
@@ -158,7 +155,6 @@ class StepSolutions:
         self._shapes = [part.shape for part in parts]
         entries = ca.vertcat(*(ca.vec(ca.densify(part)) for part in parts))
         self._model = ca.Function("model", symbols, [entries])
-        self._reach = _SOLVED if system.reduced.affine else _REACH
 
     def __call__(
         self, x: np.ndarray, u: np.ndarray, x_next: np.ndarray, lam: np.ndarray, gap: np.ndarray
@@ -174,9 +170,9 @@ class StepSolutions:
             sets = [self._active(*pairs) for pairs in zip(lam[some], gap[some], strict=True)]
             at = np.repeat(np.arange(len(sets)), [len(active) for active in sets])
             at, ends, forces = self._solve(at, np.concatenate(sets), x[some], u[some], x_next[some])
-            found.append((at + first, ends, forces))
+            found.append((at + first, ends, forces * self.of_lam))
         at, ends, forces = (np.concatenate(part) for part in zip(*found, strict=True))
-        return at, ends, forces * self.of_lam
+        return at, ends, forces
 
     def _active(self, lam: np.ndarray, gap: np.ndarray) -> np.ndarray:
         """Sets of active pairs (modes, nlam) of one step with lam and gap (nlam,), scaled."""
@@ -189,39 +185,30 @@ class StepSolutions:
         sets = np.tile(lam > gap, (count, 1))
         for i in chosen:
             sets[:, self.groups[i]] = False
-        for one, modes in zip(sets, product(*(self.modes[i] for i in chosen)), strict=True):
-            one[[row for mode in modes for row in mode]] = True
+        for active, modes in zip(sets, product(*(self.modes[i] for i in chosen)), strict=True):
+            active[[row for mode in modes for row in mode]] = True
         return sets
 
     def _solve(
         self, at: np.ndarray, active: np.ndarray, x: np.ndarray, u: np.ndarray, x_next: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Solutions (m, .) among the sets (n, nlam) of active pairs of the steps ``at`` (n,)."""
-        lam, model = (
-            np.zeros(active.shape),
-            self._reduced(x, u, x_next, np.zeros_like(active[: len(x)])),
-        )
         # All sets of a step begin at one point, which is expanded once.
-        dx, lam, gap = _newton(model, at, active, lam)
-        self._let_slide(lam, gap)
-        left = (np.minimum(lam, gap) > -self._reach).all(axis=1)
-        at, active = at[left], active[left]
-        lam, x_next, moved = (
-            np.where(active, lam[left], 0.0),
-            x_next[at] + dx[left],
-            np.ones(len(at)),
-        )
+        model = self._reduced(x, u, x_next, np.zeros((len(x), active.shape[1])))
+        dx, lam, gap = _newton(*model, at, active)
+        self._let_slide(free := lam.copy(), gap)
+        left = (np.minimum(free, gap) > -self._reach).all(axis=1)
+        at, active, lam = at[left], active[left], lam[left]
+        x, u, x_next, moved = x[at], u[at], x_next[at] + dx[left], np.ones(len(at))
         for _ in range(_ITERATIONS):
             left = np.flatnonzero((moved >= _SOLVED) & (moved < _LOST))
             if not left.size:
                 break
-            model = self._reduced(x[at[left]], u[at[left]], x_next[left], lam[left])
-            dx, ahead, _ = _newton(model, np.arange(left.size), active[left], lam[left])
-            moved[left] = np.abs(np.column_stack([dx / self.x_sizes, ahead - lam[left]])).max(
-                axis=1
-            )
-            x_next[left], lam[left] = x_next[left] + dx, ahead
-        residual, gap, *_ = self._evaluate(x[at], u[at], x_next, lam)
+            model = self._reduced(x[left], u[left], x_next[left], lam[left])
+            dx, dl, _ = _newton(*model, np.arange(left.size), active[left])
+            x_next[left], lam[left] = x_next[left] + dx, lam[left] + dl
+            moved[left] = np.abs(np.column_stack([dx / self.x_sizes, dl])).max(axis=1)
+        residual, gap, *_ = self._evaluate(x, u, x_next, lam)
         self._let_slide(lam, gap := gap[:, :, 0])
         solved = (moved < _SOLVED) & (np.abs(residual).max(axis=(1, 2), initial=0.0) < _SOLVED)
         good = solved & (np.minimum(lam, gap) > -_SOLVED).all(axis=1)
@@ -235,61 +222,46 @@ class StepSolutions:
             gap[:, sides] += more[:, None]
 
     def _reduced(self, *point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Expand steps: ``dx = moved (1, dlam)``, ``gap + off + F dlam``, scaled."""
+        """Expand steps: ``dx = moved (1, dlam)`` and scaled gaps ``off + F dlam``."""
         residual, gap, D, E, G, H = self._evaluate(*point)
         moved = -np.linalg.solve(D, np.concatenate([residual, E], axis=2))
         return moved, H + G @ moved[:, :, 1:], (gap + G @ moved[:, :, :1])[:, :, 0]
 
     def _evaluate(self, *point: np.ndarray) -> list[np.ndarray]:
         """Residual, scaled gap and their Jacobians by x_next and scaled lam, each (n, ., .)."""
-        columns = [*(ca.DM(part.T.astype(float)) for part in point), self.p]
-        entries = np.array(self._model.map(len(point[0]))(*columns)).T
-        ends = np.cumsum([rows * columns for rows, columns in self._shapes])[:-1]
-        return [
-            part.reshape(-1, columns, rows).swapaxes(1, 2)
-            for part, (rows, columns) in zip(
-                np.split(entries, ends, axis=1), self._shapes, strict=True
-            )
-        ]
+        entries = np.array(
+            self._model.map(len(point[0]))(*(ca.DM(part.T) for part in point), self.p)
+        )
+        parts = np.split(entries.T, np.cumsum([m * n for m, n in self._shapes])[:-1], axis=1)
+        shaped = zip(parts, self._shapes, strict=True)
+        return [part.reshape(-1, n, m).swapaxes(1, 2) for part, (m, n) in shaped]
 
 
 def _newton(
-    model: tuple[np.ndarray, np.ndarray, np.ndarray],
-    at: np.ndarray,
-    active: np.ndarray,
-    lam: np.ndarray,
+    moved: np.ndarray, F: np.ndarray, off: np.ndarray, at: np.ndarray, active: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Step of x_next (n, nx), and lam and gaps (n, nlam) to first order, for the expansions ``at``.
+    """Steps of x_next (n, nx) and lam (n, nlam), and the gaps there, for the expansions ``at``.
 
-    Of a singular set, such as four corners on one floor, lam moves as little as it can.
+    A singular set, such as four corners on one floor, is regularised: what it has is found by
+    repetition.
     """
-    moved, F, off = model
-    width = active.sum(axis=1).max(initial=1)
-    rows = np.argsort(~active, axis=1, kind="stable")[:, :width]
-    real = np.take_along_axis(active, rows, 1)
-    step, every = at[:, None], F[at[:, None, None], np.arange(F.shape[1])[:, None], rows[:, None]]
-    square = np.where(
-        real[:, :, None] & real[:, None], np.take_along_axis(every, rows[:, :, None], 1), 0.0
-    )
-    right = np.where(real, off[step, rows], 0.0)
-    finite = np.isfinite(square).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
-    dl = np.full(right.shape, np.nan)
-    dl[finite] = -(np.linalg.pinv(square[finite], _SINGULAR) @ right[finite][:, :, None])[:, :, 0]
-    forces = lam.copy()
-    np.put_along_axis(forces, rows, np.take_along_axis(forces, rows, 1) + dl, 1)
-    by_lam = moved[at[:, None, None], np.arange(moved.shape[1])[:, None], rows[:, None] + 1]
-    dx = moved[at, :, 0] + (by_lam @ dl[:, :, None])[:, :, 0]
-    return dx, forces, off[at] + (every @ dl[:, :, None])[:, :, 0]
+    used = np.flatnonzero(active.any(axis=0))
+    own, columns = active[:, used], F[:, :, used][at]
+    square = np.where(own[:, :, None] & own[:, None], columns[:, used], 0.0)
+    square += np.where(own, _SINGULAR, 1.0)[:, :, None] * np.eye(used.size)
+    dl = np.zeros(active.shape)
+    dl[:, used] = -np.linalg.solve(square, np.where(own, off[at][:, used], 0.0)[:, :, None])[
+        :, :, 0
+    ]
+    dx = moved[at, :, 0] + (moved[:, :, used + 1][at] @ dl[:, used, None])[:, :, 0]
+    return dx, dl, off[at] + (columns @ dl[:, used, None])[:, :, 0]
 
 
-def _modes(rows: list[int], kinds: list[str]) -> list[tuple[int, ...]]:
+def _modes(rows: np.ndarray, kinds: np.ndarray) -> list[tuple[int, ...]]:
     """Sets of active pairs of one contact: open; along one edge or between two, stick or slide."""
-    normal, edges, slip = (
-        [i for i in rows if kinds[i] in some]
-        for some in (("normal", "limit"), ("friction",), ("slip",))
-    )
-    if not edges:
+    edges, slip = rows[kinds == "friction"], rows[kinds == "slip"]
+    normal = rows[(kinds == "normal") | (kinds == "limit")]
+    if not edges.size:
         return [some for size in range(len(normal) + 1) for some in combinations(normal, size)]
-    pairs = combinations(edges, 2) if len(edges) > 2 else ()
-    sides = [*combinations(edges, 1), *pairs]
+    sides = [*combinations(edges, 1), *(combinations(edges, 2) if len(edges) > 2 else ())]
     return [(), *((*normal, *some, *end) for some in sides for end in ((), slip))]
