@@ -147,10 +147,10 @@ def loop_rows(meta: Mapping[str, Any]) -> list[list[str]]:
     return [
         ["cost, mean over seeds", number(meta["cost"], 7)],
         ["95 % interval", wide],
-        ["of it stage costs", number(meta["stage_cost"], 7)],
-        ["of it terminal cost", number(meta["terminal_cost"], 7)],
-        ["seeds that reached the end", f"{100 * meta['survived']:.3g} %"],
-        ["samples with a new plan", f"{100 * meta['planned']:.3g} %"],
+        ["of it stage costs", number(meta.get("stage_cost"), 7)],
+        ["of it terminal cost", number(meta.get("terminal_cost"), 7)],
+        ["seeds that reached the end", _share(meta["survived"])],
+        ["samples with a new plan", _share(meta.get("planned"))],
         ["time of a sample, p50 [ms]", _ms(found["p50"])],
         ["p99 [ms]", _ms(found["p99"])],
         ["largest [ms]", _ms(found["max"])],
@@ -158,8 +158,7 @@ def loop_rows(meta: Mapping[str, Any]) -> list[list[str]]:
         ["longer than the period", f"{found['over']} of {found['samples']}"],
         ["missed deadlines", str(meta["misses"])],
         *([name, str(count)] for name, count in meta["statuses"].items()),
-        ["plans judged stationary",
-         "–" if meta["certified"] is None else f"{100 * meta['certified']:.3g} %"],
+        ["plans judged stationary", _share(meta["certified"])],
     ]  # fmt: skip
 
 
@@ -168,6 +167,10 @@ def loop_table(meta: Mapping[str, Any]) -> Table:
     table = table_of("", ">", rows=loop_rows(meta))
     table.show_header = False
     return table
+
+
+def _share(value: float | None) -> str:
+    return "–" if value is None else f"{number(100 * value, 3)} %"
 
 
 def _ms(seconds: float | None) -> str:

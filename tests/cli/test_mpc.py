@@ -199,3 +199,17 @@ def test_a_learned_model_has_no_forces_to_plan_with(ocp: Ocp) -> None:
     assert ocp("learn", "data.nc", "--model", "ewda", "-o", "model.nc", "-q").code == 0
     done = ocp("mpc", "push-1d", "--contact", "ewda", "-c", "model=model.nc", "--phase", "relaxed")
     assert done.code == 2 and "ewda has no pairs of force and gap" in done.err
+
+
+def test_a_bound_that_the_plant_violates_is_exit_code_3_and_in_the_document(ocp: Ocp) -> None:
+    """The box is pushed to 0.9 m; it may be 0.5 m off the middle of its cart."""
+    small = ("mpc", "cart-transport", "-p", "N=5", "--steps", "6")
+    done = ocp(*small, "--push", "3:r=1.1", "--json")
+    assert done.code == 3, done.err
+    told = done.json
+    assert told["status"] == "failed" and told["planned"] == 1.0
+    (broken,) = told["violated"]
+    assert (broken["name"], broken["component"], broken["step"]) == ("bound on x", "r", 3)
+    assert told["cost"] == pytest.approx(told["stage_cost"] + told["terminal_cost"])
+    assert "The plant violates bound on r by up to" in told["verdict"]
+    assert ocp("report", "@last", "-o", "a.pdf").code == 0
