@@ -49,6 +49,20 @@ def split_constant(cost: ca.SX, moving: ca.SX, depth: int = _DEPTH) -> tuple[ca.
     return (cost, ca.SX(0)) if constant.is_zero() else (rest, constant)
 
 
+def never_negative(expression: ca.SX, depth: int = _DEPTH) -> bool:
+    """Whether a scalar is plainly a sum of squares and the like, with positive weights."""
+    if expression.is_constant():
+        return float(expression) >= 0
+    if depth == 0 or expression.is_leaf():
+        return False
+    left, right = expression.dep(0), expression.dep(expression.n_dep() - 1)
+    if expression.op() == ca.OP_CONSTPOW:
+        return right.is_constant() and float(right) % 2 == 0
+    if expression.op() in (ca.OP_ADD, ca.OP_MUL, ca.OP_DIV, ca.OP_TWICE):
+        return never_negative(left, depth - 1) and never_negative(right, depth - 1)
+    return expression.op() in (ca.OP_SQ, ca.OP_FABS, ca.OP_SQRT, ca.OP_EXP)
+
+
 def cost_share(problem: Problem, change: float, cost: float, physical: np.ndarray) -> float:
     """Return a ``change`` of the cost as a share of what a plan of that ``cost`` can change.
 

@@ -7,6 +7,7 @@ from functools import partial
 from itertools import product
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
@@ -14,6 +15,7 @@ from ocp.physics.constraints import CONSTRAINT_SHARE, broken_constraints
 from ocp.problem import Problem
 from ocp.programs.program import Program
 from ocp.rollout import Rollout, roll_on
+from ocp.sizes.cost import never_negative, split_constant
 from ocp.stationarity.certificate import linear_model
 from ocp.stationarity.lpec import LinearModel
 
@@ -81,8 +83,25 @@ def fall(cost: Callable[[float], float], reach: float, best: float, least: float
 
 def unbounded_inputs(problem: Problem, step: Step, values: dict[str, float], plan: Rollout) -> str:
     """Sentence on inputs without bounds along which the plan's cost falls for ever, or ""."""
-    rays = _input_rays(problem, step, values, plan)
+    least = _cost_of_inputs(problem, values)
+    rays = _input_rays(problem, step, values, plan, least)
     return endless(rays, plan.cost, 1e-3 * _ROUNDING * problem.scales.cost)
+
+
+def _cost_of_inputs(
+    problem: Problem, values: dict[str, float]
+) -> Callable[[np.ndarray], float] | None:
+    """What inputs (N, nu) cost by themselves, where no state or impulse can lower that; or None."""
+    system, p = problem.system, problem.parameters
+    du = ca.SX.sym("du", system.nu) if problem.du is None else problem.du
+    costs = [problem.stage_cost, problem.terminal_cost]
+    stage, terminal = ca.substitute(costs, [p.vector], [ca.DM(p.pack(values))])
+    rest, of_inputs = split_constant(stage, ca.vertcat(system.x, system.lam))
+    if not (never_negative(rest) and never_negative(terminal)):
+        return None
+    each = ca.Function("cost_of_inputs", [system.u, du], [of_inputs])
+    before = np.array(problem.limits(p.pack(values))[1]).ravel()
+    return lambda u: float(np.sum(each(u.T, np.diff(u, axis=0, prepend=before[None]).T)))
 
 
 def runaway_inputs(problem: Problem, u: np.ndarray) -> str:
@@ -93,11 +112,13 @@ def runaway_inputs(problem: Problem, u: np.ndarray) -> str:
 
 
 def _input_rays(
-    problem: Problem, step: Step, values: dict[str, float], plan: Rollout
-) -> Iterator[Ray]:
+    problem: Problem, step: Step, values: dict[str, float], plan: Rollout,
+    least: Callable[[np.ndarray], float] | None,
+) -> Iterator[Ray]:  # fmt: skip
     """Inputs without bounds, alone, by twos, and all as in the plan, along the whole horizon.
 
-    They are rolled out under the law, from the plan and, where that is distant, from the guess.
+    They are rolled out under the law, from the plan and, where that is distant, from the guess;
+    not where what the inputs cost by themselves, ``least``, is more than the plan.
     """
     physical, sizes = problem.parameters.pack(values), problem.scales.u
     low, high = (np.isfinite(np.array(v).ravel()) for v in problem.limits(physical)[2:4])
@@ -119,6 +140,8 @@ def _input_rays(
         along = " and ".join(names[i] for i in np.flatnonzero(moved))
         reach = float(np.abs(planned / sizes)[:, moved].max())
         for base in (planned, guess) if reach > _DISTANT else (planned,):
+            if least is not None and least(base + max(reach, 1.0) * _FIRST * way) > plan.cost:
+                continue
             yield along, partial(_rolled, problem, step, values, plan.x[:, 0], base, way), reach
 
 
