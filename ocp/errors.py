@@ -19,6 +19,12 @@ class InputError(ValueError):
     exit_code = 2
 
 
+class NotWritten(InputError):
+    """A result that could not be written, for a full disk or an error of the file's format."""
+
+    exit_code = 1
+
+
 class NotConverged(RuntimeError):
     """A solve or a rollout that did not reach its tolerance; the message says where."""
 

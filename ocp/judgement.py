@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.learned.laws import LearnedLaw
-from ocp.errors import interruptible
+from ocp.errors import InputError, abbreviated, interruptible
 from ocp.factories import law_record
 from ocp.judges.audit import CONTENT, STILL, Audit, audit, cost_span, feasible, idle_cost
 from ocp.judges.referee import Referee, evaluate, referee
@@ -242,3 +242,27 @@ def _beyond(value: np.ndarray, low: np.ndarray, high: np.ndarray, size: np.ndarr
     """Largest violation of bounds, in natural units; infinite for NaN."""
     off = np.maximum(np.maximum(low - value, value - high), 0.0) / size
     return float(np.nan_to_num(off, nan=np.inf, posinf=np.inf).max(initial=0.0))
+
+
+@contextmanager
+def failures_kept(failures: list[Exception]) -> Iterator[None]:
+    """Append to ``failures`` what one of several candidates raises, so that others go on.
+
+    An :class:`~ocp.errors.InputError`, which every candidate would raise, goes through.
+    """
+    try:
+        with interruptible():
+            yield
+    except InputError:
+        raise
+    except Exception as error:
+        _LOG.exception("a candidate ended in an error")
+        failures.append(error)
+
+
+def with_failures(found: Solution, failures: list[Exception]) -> Solution:
+    """A solution whose record names the errors that other candidates ended in."""
+    if not failures:
+        return found
+    told = [f"{type(error).__name__}: {abbreviated(str(error))}" for error in failures]
+    return replace(found, record={**found.record, "failures": told})

@@ -6,15 +6,15 @@ from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp.effort import check_memory, solve_memory
-from ocp.errors import InputError, input_errors, interruptible
+from ocp.errors import InputError, choose, input_errors, interruptible
 from ocp.factories import DEFAULT_LAW, closing_law, method_of, policy_of, split_policy_settings
-from ocp.judgement import judged, keeping
+from ocp.judgement import failures_kept, judged, keeping, with_failures
 from ocp.policy import Policy
 from ocp.problem import Problem
 from ocp.programs.solver import Solver, Status
@@ -27,6 +27,7 @@ from ocp.sizes.cost import cost_share
 from ocp.solution import Interrupted, Solution, StageRecord
 from ocp.transcription import Method
 from ocp.transcription.nlp import StageCompiler
+from ocp.validation import Count, Index, validated
 from ocp.warm_start import GuessLike, carried_guess, carry, given_guess
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ def solve(
 
     Raises :class:`~ocp.errors.InputError` for settings, names or combinations that cannot be.
     """
-    check_starts(starts)
+    check_starts(starts, seed, rank_by)
     if search and start is not None:
         raise InputError("start and search both say where to begin; give one of them")
     session = new_session(
@@ -151,10 +152,12 @@ def refine_from(
     return refined(found, again)
 
 
-def check_starts(starts: int) -> None:
-    """Raise :class:`~ocp.errors.InputError` for fewer starts than one, or too many."""
-    if not 1 <= starts <= 10_000:
+def check_starts(starts: int, seed: int = 0, rank_by: str = "planned") -> None:
+    """Raise :class:`~ocp.errors.InputError` for starts, a seed or a rank that cannot be."""
+    if not 1 <= validated("starts", starts, Count) <= 10_000:
         raise InputError(f"starts must be from 1 to 10000, got {starts}")
+    validated("seed", seed, Index)
+    choose("rank", rank_by, dict.fromkeys(get_args(Rank)))
 
 
 def solve_from(
@@ -268,29 +271,37 @@ def solve_session(
     with the best point so far, where Ctrl-C ends it.
     """
     solutions: list[Solution] = []
+    failures: list[Exception] = []
     pushes = _pushes(session, seed, progress)
     tried = WAYS if starts == 1 else starts
     guesses = initial_guesses(session.problem, session.values, tried, seed)
     try:
         with interruptible():
             if pushes is not None and pushes.first:
-                solutions += pushes.solutions()
+                with failures_kept(failures):
+                    solutions += pushes.solutions()
             for number, guess in enumerate(guesses if not solutions else ()):
-                if number >= starts and not (session.from_afar and _stands_still(solutions[-1])):
+                still = solutions and session.from_afar and _stands_still(solutions[-1])
+                if number >= starts and not still:
                     break
                 first = keeping(session, seed, progress)
-                with nullcontext(progress) if solutions else first as watch:
+                watching = nullcontext(progress) if solutions else first
+                with failures_kept(failures), watching as watch:
                     outcome = session.solve(progress=watch, guess=guess, number=number)
                     solutions.append(judged(session, outcome, seed))
+            if not solutions:
+                raise failures[0]
             best = min(solutions, key=lambda found: rank(found, rank_by))
             if pushes is not None and not pushes.first and pushes.wanted(best):
-                solutions += pushes.solutions(best)
+                with failures_kept(failures):
+                    solutions += pushes.solutions(best)
     except KeyboardInterrupt as stop:
         if not solutions:
             raise
         raise Interrupted(best_of(session, solutions, rank_by)) from stop
     best = solutions[0] if len(solutions) == 1 else best_of(session, solutions, rank_by)
     searched = pushes.tried if pushes is not None else {}
+    best = with_failures(best, failures)
     return replace(best, record={**best.record, "search": searched}) if searched else best
 
 

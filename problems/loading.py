@@ -87,11 +87,22 @@ def _forget_others(path: Path) -> None:
     """Drop modules that differ from what the file would import now, and all that may use them."""
     modules = folder_modules(path)
     now = {name: (str(file), file_digest(file)) for name, file in modules.items()}
-    loaded = {name: str(sys.modules[name].__file__) for name in now if name in sys.modules}
+    loaded = {name: file for name in now if (file := _loaded_from(name))}
     if any(_contents.get(name, (file, now[name][1])) != now[name] for name, file in loaded.items()):
         for name in loaded:
             del sys.modules[name]
     _contents.update(now)
+
+
+def _loaded_from(name: str) -> str:
+    """File that a loaded module of a user came from; empty for Python's and installed modules.
+
+    Those stay whatever lies beside the file: the whole program uses them.
+    """
+    file = getattr(sys.modules.get(name), "__file__", None)
+    if file is None or name in sys.stdlib_module_names or "site-packages" in Path(file).parts:
+        return ""
+    return str(file)
 
 
 def check(spec: ProblemSpec) -> None:

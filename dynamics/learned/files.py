@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynamics.learned.netcdf import check_readable
 from dynamics.learned.stored import EWDA, KINDS, TRANSITIONS, plain
 from dynamics.learned.transitions import Transitions
 from dynamics.systems import Signal
@@ -78,9 +79,15 @@ def read(path: Path) -> xr.Dataset:
                 f"{path} is not a netCDF file; ocp collect writes data and ocp learn writes models"
             )
     try:
-        dataset = xr.load_dataset(path, engine="netcdf4", mask_and_scale=False, decode_times=False)
-    except (OSError, RuntimeError, ValueError, TypeError) as error:
-        raise ValueError(f"{path} is truncated or damaged; create it again") from error
+        content = path.read_bytes()
+        check_readable(content)
+        dataset = xr.load_dataset(
+            content, engine="netcdf4", mask_and_scale=False, decode_times=False
+        )
+    except MemoryError:
+        raise
+    except Exception as error:
+        raise ValueError(f"{path} is truncated or damaged: {error}; create it again") from error
     kind = plain(dataset.attrs.get("kind"))
     if kind not in KINDS:
         raise ValueError(

@@ -180,7 +180,13 @@ def signals(written: str) -> tuple[Signal, ...]:
     text("signals", written)
     found = []
     for item in written.split(";"):
-        name, _, rest = item.strip().partition("[")
-        unit, _, description = rest.partition("]")
+        name, opened, rest = item.strip().partition("[")
+        unit, closed, description = rest.partition("]")
+        # One word alone is a name without a unit; of several, one may be meant as the unit.
+        if opened != "[" * len(closed) or (not opened and len(name.split()) > 1):
+            raise ValueError(
+                f"signals: {item.strip()!r} needs its unit in brackets; write it as 'x [m]"
+                " position', with [1] where there is none"
+            )
         found.append(Signal(name.strip(), unit.strip() or "1", description.strip()))
     return tuple(found)

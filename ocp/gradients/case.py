@@ -87,13 +87,28 @@ class ObjectiveCase:
         values = spec.params(self.params).model_dump()
         usual = float(spec.Params.model_fields["sigma"].default)
         objective = spec.objective(self.params, **self.engine)
+        if self.theta is not None:
+            self._check_decision(spec.name, len(objective.decision))
+            names = [signal.name for signal in objective.decision]
+            decision = dict(zip(names, self.theta.tolist(), strict=True))
+            if twice := sorted(decision.keys() & self.params.keys()):
+                raise InputError(f"{twice[0]} is set by theta and by params; give one of them")
+            objective = objective.at(decision)
+            values |= decision
         return NamedObjective(objective, values, float(values["sigma"]), usual)
+
+    def _check_decision(self, name: str, expected: int) -> None:
+        if self.theta is not None and self.theta.size != expected:
+            raise InputError(
+                f"the decision has {self.theta.size} variables, {name} needs {expected}; give the"
+                " parameters of the run that it is from"
+            )
 
     def _rollouts(self, spec: Any) -> NamedObjective:
         """A problem's rollouts."""
         values, problem = spec.params(self.params).model_dump(), spec.problem(self.params)
         law = closing_law(self.contact, self.contact_settings, problem.system)
-        own, theta = self.policy_settings, self.theta
+        own = self.policy_settings
         chosen = policy_of(self.policy, own)
         if unused := own.keys() - {"stationary"}:
             raise InputError(
@@ -103,12 +118,9 @@ class ObjectiveCase:
         needed = sampling_memory(float(problem.N) * per_step, CHUNK)
         check_memory(f"{spec.name} with N = {problem.N}", needed)
         expected = problem.N * per_step if not own.get("stationary") else None
-        if theta is not None and expected is not None and theta.size != expected:
-            raise InputError(
-                f"the decision has {theta.size} variables, {spec.name} needs {expected}; give the"
-                " parameters of the run that it is from"
-            )
+        if expected is not None:
+            self._check_decision(spec.name, expected)
         with input_errors():
-            objective = RolloutObjective(problem, law, chosen, theta, **self.engine)
+            objective = RolloutObjective(problem, law, chosen, self.theta, **self.engine)
         sigma = SIGMA_SHARE * float(problem.scales.u.max())
         return NamedObjective(objective, values, sigma, sigma)

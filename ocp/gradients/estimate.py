@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from dynamics.contact import ContactLaw
+from ocp.errors import InputError, abbreviated
 from ocp.gradients.case import ObjectiveCase
 from ocp.gradients.estimation import Estimate, Sampling, run_sampling
 from ocp.gradients.estimators import Rule
 from ocp.gradients.parallel import JobWorkers
 from ocp.gradients.sampling import Progress
 from ocp.policy import Policy
+from ocp.validation import Index, Number, validated
 
 
 def estimate(
@@ -44,7 +46,8 @@ def estimate(
 
     ``problem`` is an objective's or a problem's name, or the path of a problem's file. Without
     ``sigma`` the noise is the objective's own, or a tenth of the inputs' largest scale.
-    ``theta`` are inputs or gains of all steps, by default the problem's guess; ``engine`` takes
+    ``theta`` is the decision: of an objective its components, of a problem the inputs or gains of
+    all steps, by default the problem's guess; ``engine`` takes
     ``backend`` and ``threads``. Everything else is as in :class:`Sampling` and
     :func:`ocp.solve`. With ``jobs`` > 1, or the address of a Dask ``scheduler``, samples are drawn
     in so many processes, or on the cluster, with the same bits.
@@ -52,6 +55,15 @@ def estimate(
     Raises :class:`~ocp.errors.InputError` for unknown names, parameters out of range, and noise
     beyond 1e9 times or below 1e-9 times the default.
     """
+    if not isinstance(problem, str | PathLike):
+        raise InputError(
+            f"estimate samples an objective by its name, or the path of a file that defines one"
+            f" (name, title, Params and cost in CasADi, as problems/heaviside.py), got"
+            f" {abbreviated(problem)}"
+        )
+    validated("seed", seed, Index)
+    if theta is not None:
+        theta = np.asarray(validated("theta", np.ravel(theta).tolist(), list[Number]))
     case = ObjectiveCase(
         fspath(problem), params or {}, contact, contact_settings or {}, policy,
         policy_settings or {}, theta, engine,

@@ -112,6 +112,11 @@ def findings(found: Solution) -> list[str]:
             "The solver did not converge from the stored run; this is a cold solve with that run's"
             " trajectories as the guess."
         )
+    if failures := found.record.get("failures"):
+        lines.append(
+            f"{len(failures)} other solution attempt{'s' * (len(failures) > 1)} ended in an error"
+            f" of the program ({failures[0]}); -v shows where."
+        )
     if told := found.record.get("world"):
         lines.append(told["sentence"])
     slopes = found.record.get("sensitivities", {}).values()

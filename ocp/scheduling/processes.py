@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.connection import wait
 from types import ModuleType
 from typing import Any
@@ -45,7 +46,8 @@ def run_in_processes(
     try:
         while waiting or crew:
             while waiting and len(crew) < workers:
-                crew.append(_Worker.hired(function))
+                with _uninterrupted():
+                    crew.append(_Worker.hired(function))
                 crew[-1].give(waiting.popleft(), jobs)
             ready = wait([worker.pipe for worker in crew])
             for worker in [one for one in crew if one.pipe in ready]:
@@ -109,6 +111,18 @@ class _Worker:
 
 
 @contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Hold a Ctrl-C back to the end; a process that is started inside holds it back on its own."""
+    # Python's tracker, which starts with the first process, would let signals through again.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
 def _alone() -> Iterator[None]:
     """Start processes that leave the other cores to others, and the caller's program alone.
 
@@ -154,6 +168,7 @@ def _serve(function: Function, pipe: Any) -> None:
         pipe.send(("progress", message))
 
     with suppress(KeyboardInterrupt, EOFError, OSError):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         while given := pipe.recv():
             outcome = run_job(function, given[0], report)
             _check_interrupt()

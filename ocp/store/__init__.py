@@ -8,7 +8,9 @@ from ocp.store.runs import (
     list_runs,
     load,
     problem_part,
+    read_entry,
     read_meta,
+    run_paths,
     save,
     write,
 )
@@ -24,7 +26,9 @@ __all__ = [
     "list_runs",
     "load",
     "problem_part",
+    "read_entry",
     "read_meta",
+    "run_paths",
     "save",
     "write",
 ]

@@ -13,13 +13,20 @@ import os
 import shutil
 import stat
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ocp.errors import InputError
+from ocp.errors import InputError, NotWritten
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _PREFIX = ".ocp-partial-"
+NETCDF = threading.Lock()
+"""The netCDF library crashes where two threads of a process are in it."""
 
 
 def write(path: Path, content: bytes, what: str = "") -> None:
@@ -93,14 +100,33 @@ def _pour(draft: Path, path: Path) -> None:
 
 @contextmanager
 def write_errors(place: str, advice: str = "another place") -> Iterator[None]:
-    """Turn an OSError into an :class:`~ocp.errors.InputError` with the place and a way out."""
+    """Turn an OSError into an :class:`~ocp.errors.InputError` with the place and a way out.
+
+    A full disk raises :class:`~ocp.errors.NotWritten`, which is one too.
+    """
     try:
         yield
     except OSError as error:
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        reason = "the disk is full" if full else error.strerror or str(error)
-        mend = "free some space or choose" if full else "choose"
-        raise InputError(f"cannot write {place}: {reason}; {mend} {advice}") from error
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            reason = "the disk is full; free some space or choose"
+            raise NotWritten(f"cannot write {place}: {reason} {advice}") from error
+        reason = error.strerror or str(error)
+        raise InputError(f"cannot write {place}: {reason}; choose {advice}") from error
+
+
+def netcdf(data: xr.Dataset, what: str) -> bytes:
+    """The netCDF file of ``data``, made in memory; ``what`` says in errors whose it is.
+
+    Raises :class:`~ocp.errors.NotWritten` where the netCDF library fails.
+    """
+    try:
+        with NETCDF:
+            return bytes(data.to_netcdf(engine="netcdf4"))
+    except (RuntimeError, OSError) as error:
+        raise NotWritten(
+            f"cannot write {what}: the netCDF library says {str(error)!r}; take fewer points, steps"
+            " or scenarios, or free some memory"
+        ) from error
 
 
 @contextmanager

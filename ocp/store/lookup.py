@@ -15,11 +15,13 @@ from ocp.problem import Problem
 from ocp.solution import Solution
 from ocp.store.atomic import discard
 from ocp.store.run_files import DATA_FILE, META_FILE, MOST
-from ocp.store.runs import RunEntry, list_runs, load
+from ocp.store.runs import load, read_entry, run_paths
 from ocp.validation import expand_path
 
 VARIABLE = "OCP_RUNS"
 """Environment variable that names the store where none is said."""
+_COMPARED = 200
+"""Latest runs among which the nearest name is looked for."""
 
 
 def default_root() -> Path:
@@ -39,32 +41,39 @@ def find(text: str, root: Path | str | None = None) -> Path:
     store = default_root() if root is None else expand_path(root)
     if not text.startswith("@") and expand_path(text).exists():
         return expand_path(text)
-    runs = list_runs(store)
+    runs = run_paths(store)
     if re.fullmatch(r"@(last|[1-9]\d{0,8})", text):
         return _back(text, runs, store)
     return _named(text, runs, store)
 
 
-def _back(text: str, runs: Sequence[RunEntry], store: Path) -> Path:
+def _back(text: str, runs: Sequence[Path], store: Path) -> Path:
     back = 1 if text == "@last" else int(text[1:])
     if back > len(runs):
         holds = f"{len(runs)} run{'s' * (len(runs) != 1)}" if runs else "no runs"
         raise InputError(f"there is no run {text}: {store} holds {holds}; ocp runs lists them")
-    return runs[-back].path
+    return runs[-back]
 
 
-def _named(text: str, runs: Sequence[RunEntry], store: Path) -> Path:
-    named = {f"{entry.path.parent.name}/{entry.path.name}": entry for entry in runs}
-    matches = [entry for name, entry in named.items() if text in name]
-    contents = {str(one.path) if one.meta is None else one.meta["hash"] for one in matches}
-    if len(contents) == 1:
-        return matches[-1].path
+def _named(text: str, runs: Sequence[Path], store: Path) -> Path:
+    named = {f"{path.parent.name}/{path.name}": path for path in runs}
+    matches = [path for name, path in named.items() if text in name]
+    if len(matches) == 1:
+        return matches[0]
     if matches:
-        some = ", ".join(entry.path.name for entry in matches[:3])
+        first = _content(matches[0])
+        if all(_content(path) == first for path in matches[1:]):
+            return matches[-1]
+        some = ", ".join(path.name for path in matches[:3])
         raise InputError(f"{text!r} names {len(matches)} runs ({some}, ...); give more of it")
-    raise InputError(
-        f"there is no run {text!r}{did_you_mean(text, named)}; ocp runs lists what {store} holds"
-    )
+    near = did_you_mean(text, list(named)[-_COMPARED:])
+    raise InputError(f"there is no run {text!r}{near}; ocp runs lists what {store} holds")
+
+
+def _content(path: Path) -> str:
+    """Hash of a run's content; of a damaged one its path."""
+    entry = read_entry(path)
+    return str(path) if entry.meta is None else entry.meta["hash"]
 
 
 def check_removable(path: Path) -> None:

@@ -20,8 +20,7 @@ def save(dataset: xr.Dataset, path: Path) -> None:
     Raises :class:`~ocp.errors.InputError` where the file cannot be written.
     """
     whole = dataset.assign_attrs({files.CHECKSUM: files.checksum(dataset)})
-    with atomic.replacing(path, "the file") as draft:
-        whole.to_netcdf(draft, engine="netcdf4")
+    atomic.write(path, atomic.netcdf(whole, f"the file {path}"), "the file")
 
 
 def load_any(path: Path) -> Transitions | xr.Dataset:

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import errno
 import json
-import math
 import os
 import re
-import threading
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
@@ -22,10 +20,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynamics.learned.netcdf import check_readable
 from ocp.errors import DamagedRun, InputError
 from ocp.problem import Problem
 from ocp.solution import Solution
-from ocp.store.atomic import draft_directory, flush, write_errors
+from ocp.store.atomic import NETCDF, draft_directory, flush, netcdf, write_errors
 from ocp.store.json_values import content_hash, to_json
 from ocp.store.meta import check_meta, check_tags
 from ocp.store.provenance import git_revision, versions
@@ -46,8 +45,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SCHEMA = 3
-_NETCDF = threading.Lock()
-"""The netCDF library crashes where two threads of a process are in it."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +127,7 @@ def write(
     """
     created = datetime.now(UTC)
     described = _completed(problem, data, meta, created)
-    with _NETCDF:
-        content = bytes(data.to_netcdf(engine="netcdf4"))
+    content = netcdf(data, f"the run to {root}")
     files = sealed(described, {DATA_FILE: content, **(parts or {})})
     name = f"{created:%Y%m%dT%H%M%SZ}-{described['hash']}"
     place = expand_path(root)
@@ -188,20 +184,13 @@ def load(path: Path | str) -> StoredRun:
 
 def _arrays(file: Path, content: bytes) -> xr.Dataset:
     """The dataset in the bytes of a netCDF file, which are as they were written."""
-    import netCDF4
     import xarray as xr
 
     try:
-        with _NETCDF:
-            with netCDF4.Dataset(file.name, memory=content) as found:
-                claimed = sum(math.prod(v.shape) * np.dtype(v.dtype or object).itemsize
-                              for v in found.variables.values())  # fmt: skip
-            if claimed > len(content):
-                raise DamagedRun(
-                    f"{file} claims {claimed} bytes of numbers and has {len(content)} in all"
-                )
+        with NETCDF:
+            check_readable(content)
             return _visible(xr.load_dataset(content, engine="netcdf4"))
-    except (DamagedRun, MemoryError):
+    except MemoryError:
         raise
     except Exception as error:
         raise DamagedRun(f"{file} is not a readable netCDF file: {error}") from error
@@ -235,11 +224,11 @@ def read_meta(directory: Path) -> dict[str, Any]:
     return meta
 
 
-def list_runs(root: Path | str) -> list[RunEntry]:
-    """List all runs under ``root``, oldest first, the damaged ones with the reason.
+def run_paths(root: Path | str) -> list[Path]:
+    """Folders of all runs under ``root``, oldest first, by their names; no file is opened.
 
-    Each is judged alone. Runs of the same second are in order too, but for damaged ones, which
-    then come first.
+    Runs of the same second are in the order in which their descriptions were written. A folder of a
+    problem that cannot be read stands for its runs.
 
     Raises :class:`~ocp.errors.InputError` for a ``root`` that cannot be read.
     """
@@ -249,17 +238,26 @@ def list_runs(root: Path | str) -> list[RunEntry]:
         return []
     except OSError as error:
         raise InputError(f"cannot read the runs in {root}: {reason(error)}") from error
-    return sorted((entry for shelf in shelves for entry in _shelved(shelf)), key=_age)
+    return sorted((path for shelf in shelves for path in _shelved(shelf)), key=_age)
 
 
-def _shelved(shelf: Path) -> list[RunEntry]:
+def list_runs(root: Path | str) -> list[RunEntry]:
+    """Read all runs under ``root``, oldest first, the damaged ones with the reason.
+
+    Each is judged alone; raises as :func:`run_paths` does.
+    """
+    return [read_entry(path) for path in run_paths(root)]
+
+
+def _shelved(shelf: Path) -> list[Path]:
     try:
-        return [_entry(directory) for directory in _folders(shelf)]
-    except OSError as error:
-        return [RunEntry(shelf, None, f"{shelf} cannot be read: {reason(error)}")]
+        return _folders(shelf)
+    except OSError:
+        return [shelf]
 
 
-def _entry(directory: Path) -> RunEntry:
+def read_entry(directory: Path) -> RunEntry:
+    """Read the description of a run, and compare its files with their checksums."""
     try:
         meta = read_meta(directory)
         for name in meta["parts"]:
@@ -282,9 +280,13 @@ def _folders(directory: Path) -> list[Path]:
         return sorted(Path(entry.path) for entry in found if may_be(entry))
 
 
-def _age(entry: RunEntry) -> tuple[str, str]:
-    """Sorts runs by when they were stored: the second by the name, the rest as described."""
-    return entry.path.name.partition("-")[0], (entry.meta or {}).get("created", "")
+def _age(path: Path) -> tuple[str, int, str]:
+    """Sorts runs by when they were stored: the second by the name, the rest as written."""
+    try:
+        written = (path / META_FILE).stat().st_mtime_ns
+    except OSError:
+        written = 0
+    return path.name.partition("-")[0], written, path.name
 
 
 def _rename_into(partial: Path, shelf: Path, name: str) -> Path:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ocp.errors import InputError, interruptible
-from ocp.judgement import judged
+from ocp.judgement import failures_kept, judged, with_failures
 from ocp.rollout import initial_guesses
 from ocp.routes.homotopy import RouteResult
 from ocp.scheduling import Failure, run_jobs
@@ -197,11 +197,12 @@ def solve_starts(
     ``session`` is that of ``case`` here. The answer is :func:`~ocp.solve.solve_session`'s, to the
     last bit, and so is what it raises.
     """
-    check_starts(starts)
+    check_starts(starts, seed, rank_by)
     if starts == 1 or (jobs == 1 and scheduler is None):
         return solve_session(session, starts, seed, progress, rank_by)
     work = [SolveJob(case, starts, seed, number=number) for number in range(starts)]
     found: dict[int, StartResult] = {}
+    failures: list[Exception] = []
 
     def callback(_: int, stage: Any) -> None:
         if progress is not None:
@@ -214,13 +215,17 @@ def solve_starts(
         ):
             for place, sent in outcomes:
                 if isinstance(sent, Failure):
-                    raise sent.error
-                found[place] = sent
+                    with failures_kept(failures):
+                        raise sent.error
+                else:
+                    found[place] = sent
     except KeyboardInterrupt as stop:
         if not found:
             raise
         raise Interrupted(_best(session, found, seed, rank_by)) from stop
-    return _best(session, found, seed, rank_by)
+    if not found:
+        raise failures[0]
+    return with_failures(_best(session, found, seed, rank_by), failures)
 
 
 def _best(session: Session, found: dict[int, StartResult], seed: int, rank_by: Rank) -> Solution:

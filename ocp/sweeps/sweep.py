@@ -133,7 +133,7 @@ def make_grid(
 
     Raises :class:`~ocp.errors.InputError` for a name that is unknown, twice or given otherwise.
     """
-    check_starts(starts)
+    check_starts(starts, seed, rank_by)
     source = case.source()
     case = case.with_content(source)
     full = [replace(axis, name=case.full_name(axis.name, source)) for axis in over]

@@ -312,7 +312,9 @@ class RunsOptions(StoreOptions):
     since: str | None = option(
         None, metavar="WHEN", help="Only runs since a date (2026-01-31) or in the last 2h, 7d."
     )
-    last: int | None = option(None, "-n", min=1, metavar="N", help="Only the last N matching runs.")
+    last: int | None = option(
+        None, "-n", min=1, metavar="N", help="The last N matching runs; 100 if not given."
+    )
 
 
 class RmOptions(StoreOptions):

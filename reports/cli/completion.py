@@ -70,9 +70,9 @@ def _settings(given: dict[str, Any]) -> Words:
 
 
 def _runs(given: dict[str, Any]) -> Words:
-    from ocp.store.runs import list_runs
+    from ocp.store.runs import run_paths
 
-    return ["@last", *(entry.path.name for entry in list_runs(given.get("out") or "runs"))]
+    return ["@last", *(path.name for path in run_paths(given.get("out") or "runs"))]
 
 
 def _runs_or_problems(given: dict[str, Any]) -> Words:

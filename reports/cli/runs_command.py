@@ -19,6 +19,8 @@ from reports.tables import run_lines, run_table
 
 FILTERS = ("problem", "kind", "contact", "method", "algorithm", "status")
 """Filters of a listing, by their names in its objects."""
+_SHOWN = 100
+"""Runs that are listed, and files of which are read, where no number is given."""
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
 
 
@@ -61,12 +63,19 @@ def run(options: RunsOptions, request: RunsRequest) -> int:
         if not options.as_json:
             print_table(run_table(one))
         return 0
-    every = listing(options.out)
-    entries = [entry for entry in every if _matches(options, since, entry)]
-    entries = entries[-options.last :] if options.last else entries
-    options.output.document({"runs": entries})
+    paths, entries, others = store.run_paths(options.out), [], []
+    for place, path in enumerate(reversed(paths), 1):
+        row = _row(store.read_entry(path), f"@{place}")
+        (entries if _matches(options, since, row) else others).append(row)
+        if len(entries) == (options.last or _SHOWN):
+            break
+    entries.reverse()
+    older = len(paths) - len(entries) - len(others)
+    options.output.document({"runs": entries, "older": older})
     if not options.as_json:
-        _print(options, entries, every)
+        _print(options, entries, others)
+        if older and options.last is None:
+            print(f"{older} older runs were not read; list all with -n {len(paths)}")
     return 0
 
 
@@ -96,12 +105,6 @@ def _matches(options: RunsOptions, since: datetime | None, entry: dict[str, Any]
         return False
     created = entry["created"]
     return since is None or (created is not None and datetime.fromisoformat(created) >= since)
-
-
-def listing(root: Path) -> list[dict[str, Any]]:
-    """Return one object a run, oldest first: at (``@1`` is the latest), run, problem, ...."""
-    entries = store.list_runs(root)
-    return [_row(entry, f"@{len(entries) - place}") for place, entry in enumerate(entries)]
 
 
 def _row(entry: Any, at: str) -> dict[str, Any]:

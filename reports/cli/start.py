@@ -9,19 +9,24 @@ from reports.cli import end
 _signal = __import__("_signal")
 
 
-def main() -> int:
-    """Run the command that ``sys.argv`` gives and return its exit code.
+def main() -> None:
+    """Run the command that ``sys.argv`` gives, and end the process with its exit code.
 
-    Ctrl-C ends the process at once before :mod:`reports.cli.interrupt` takes over, and after it.
+    Ctrl-C ends the process at once, with 130, before :mod:`reports.cli.interrupt` takes over and
+    after it, up to the last instruction.
     """
     _signal.signal(_signal.SIGINT, end)
     _open_closed()
     from reports.cli.app import main as run
 
     code = run()
-    # What is left is Python's own end, in which a handler of Python's would raise in odd places.
-    _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
-    return code
+    # Python's own end runs no handlers of signals: the process ends here, once that work is done.
+    __import__("atexit")._run_exitfuncs()
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    finally:
+        os._exit(code)
 
 
 def _open_closed() -> None:

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from ocp.errors import InputError
 from ocp.store import atomic
-from ocp.store.runs import list_runs, load
+from ocp.store.runs import load, run_paths
 from reports.motion.animation import Animation, is_periodic, repeated
 from reports.motion.movie import write
 from reports.strobe import draw_strobe
@@ -54,7 +54,7 @@ def newest(root: Path, name: str) -> RunView:
 
     Raises :class:`~ocp.errors.InputError` where there is none.
     """
-    found = [entry.path for entry in list_runs(root) if entry.path.parent.name == name]
+    found = [path for path in run_paths(root) if path.parent.name == name]
     if not found:
         raise InputError(f"{root} has no run of {name}; ocp solve {name} --out {root} stores one")
     return RunView.of(load(found[-1]))

@@ -1,0 +1,64 @@
+"""Candidates that raise cost nothing but themselves; starts, seeds and ranks that cannot be."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+import pytest
+
+from ocp import solve
+from ocp.errors import InputError
+
+# The package's function has the name of the module.
+solving = import_module("ocp.solve")
+judged = solving.judged
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
+    """Let the judgement of the candidates of these numbers raise."""
+    calls: list[int] = []
+
+    def judge(*given: Any) -> Any:
+        calls.append(len(calls))
+        if calls[-1] in numbers:
+            raise RuntimeError("the judge fell ill")
+        return judged(*given)
+
+    monkeypatch.setattr(solving, "judged", judge)
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_one_candidate_that_raises_loses_nothing(
+    monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    expected = solve("wall-1d", contact="barrier").cost
+    failing(monkeypatch, number)
+    found = solve("wall-1d", contact="barrier", starts=3)
+    assert found.success
+    assert found.cost == pytest.approx(expected, rel=1e-6)
+    assert len(found.others) == 2
+    assert "1 other solution attempt ended in an error" in found.verdict
+    assert "RuntimeError: 'the judge fell ill'" in found.verdict
+
+
+def test_what_all_candidates_raise_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    failing(monkeypatch, 0, 1)
+    with pytest.raises(RuntimeError, match="fell ill"):
+        solve("wall-1d", contact="barrier", starts=2)
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"rank_by": "x"}, "unknown rank 'x'"),
+        ({"seed": -1}, "seed must be"),
+        ({"seed": 1.5}, "seed must be"),
+        ({"starts": 2.5}, "starts must be"),
+        ({"starts": 0}, "starts must be"),
+        ({"search": True}, "the search needs"),
+    ],
+)
+def test_nonsense_is_refused_before_any_work(given: dict[str, Any], reason: str) -> None:
+    with pytest.raises(InputError, match=reason):
+        solve("wall-1d", **given)
