@@ -261,8 +261,6 @@ def failures_kept(failures: list[Exception]) -> Iterator[None]:
 
 
 def with_failures(found: Solution, failures: list[Exception]) -> Solution:
-    """A solution whose record names the errors that other candidates ended in."""
-    if not failures:
-        return found
+    """Put the errors that other candidates ended in, if any, into a solution's record."""
     told = [f"{type(error).__name__}: {abbreviated(str(error))}" for error in failures]
-    return replace(found, record={**found.record, "failures": told})
+    return replace(found, record=found.record | ({"failures": told} if told else {}))

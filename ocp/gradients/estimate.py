@@ -57,9 +57,8 @@ def estimate(
     """
     if not isinstance(problem, str | PathLike):
         raise InputError(
-            f"estimate samples an objective by its name, or the path of a file that defines one"
-            f" (name, title, Params and cost in CasADi, as problems/heaviside.py), got"
-            f" {abbreviated(problem)}"
+            "estimate takes the name of an objective or problem, or the path of a file that defines"
+            f" one with CasADi, got {abbreviated(problem)}"
         )
     validated("seed", seed, Index)
     if theta is not None:

@@ -107,11 +107,10 @@ def write_errors(place: str, advice: str = "another place") -> Iterator[None]:
     try:
         yield
     except OSError as error:
+        kind, reason, mend = InputError, error.strerror or str(error), "choose"
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            reason = "the disk is full; free some space or choose"
-            raise NotWritten(f"cannot write {place}: {reason} {advice}") from error
-        reason = error.strerror or str(error)
-        raise InputError(f"cannot write {place}: {reason}; choose {advice}") from error
+            kind, reason, mend = NotWritten, "the disk is full", "free some space or choose"
+        raise kind(f"cannot write {place}: {reason}; {mend} {advice}") from error
 
 
 def netcdf(data: xr.Dataset, what: str) -> bytes:

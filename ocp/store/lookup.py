@@ -58,10 +58,8 @@ def _back(text: str, runs: Sequence[Path], store: Path) -> Path:
 def _named(text: str, runs: Sequence[Path], store: Path) -> Path:
     named = {f"{path.parent.name}/{path.name}": path for path in runs}
     matches = [path for name, path in named.items() if text in name]
-    if len(matches) == 1:
-        return matches[0]
     if matches:
-        first = _content(matches[0])
+        first = _content(matches[0]) if len(matches) > 1 else ""
         if all(_content(path) == first for path in matches[1:]):
             return matches[-1]
         some = ", ".join(path.name for path in matches[:3])

@@ -227,7 +227,7 @@ def read_meta(directory: Path) -> dict[str, Any]:
 def run_paths(root: Path | str) -> list[Path]:
     """Folders of all runs under ``root``, oldest first, by their names; no file is opened.
 
-    Runs of the same second are in the order in which their descriptions were written. A folder of a
+    Runs of the same second are in the order in which their folders were filled. A folder of a
     problem that cannot be read stands for its runs.
 
     Raises :class:`~ocp.errors.InputError` for a ``root`` that cannot be read.
@@ -283,7 +283,7 @@ def _folders(directory: Path) -> list[Path]:
 def _age(path: Path) -> tuple[str, int, str]:
     """Sorts runs by when they were stored: the second by the name, the rest as written."""
     try:
-        written = (path / META_FILE).stat().st_mtime_ns
+        written = path.stat().st_mtime_ns
     except OSError:
         written = 0
     return path.name.partition("-")[0], written, path.name

@@ -237,3 +237,14 @@ def test_a_folder_of_an_odd_name_is_shown_and_not_obeyed(ocp, tmp_path: Path) ->
     (tmp_path / "runs/wall-1d/20990101T000000Z-\x1b[31m").mkdir(parents=True)
     listed = ocp("runs").out
     assert "\x1b" not in listed and r"\x1b[31m  wall-1d  damaged" in listed
+
+
+def test_a_listing_reads_the_latest_hundred_and_says_so(ocp, runs: Path, monkeypatch) -> None:
+    monkeypatch.setattr("reports.cli.runs_command._SHOWN", 2)
+    done = ocp("runs")
+    assert done.code == 0
+    assert done.out.count("@") == 2
+    assert "2 older runs were not read; list all with -n 4" in done.out
+    assert len(json.loads(ocp("runs", "--json").out)["runs"]) == 2
+    assert json.loads(ocp("runs", "--json").out)["older"] == 2
+    assert len(json.loads(ocp("runs", "-n", "4", "--json").out)["runs"]) == 4

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynamics.systems import LAW_PREFIX, Parameter, ParameterTable, entries
+from dynamics.systems import LAW_PREFIX, Parameter, ParameterTable, entries, signals
 
 FINITE = st.floats(-1e6, 1e6)
 
@@ -59,3 +59,13 @@ def test_a_law_parameter_is_no_parameter_of_the_problem() -> None:
 
 def test_units_are_told_by_name() -> None:
     assert table().units["F[1,0]"] == "m/(N s)" and table().units["contact.mu"] == "N s m"
+
+
+@pytest.mark.parametrize("written", ["fl N left", "x [m]; v m/s speed", "fl [N left", "fl N] left"])
+def test_signals_whose_brackets_are_forgotten_are_refused(written: str) -> None:
+    with pytest.raises(ValueError, match="needs its unit in brackets"):
+        signals(written)
+
+
+def test_a_signal_of_one_word_has_no_unit() -> None:
+    assert [signal.unit for signal in signals("x; v [m/s]")] == ["1", "m/s"]

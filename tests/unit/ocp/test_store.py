@@ -21,7 +21,7 @@ import xarray as xr
 
 from dynamics.contact import Barrier
 from ocp import solve, store
-from ocp.errors import DamagedRun, InputError
+from ocp.errors import DamagedRun, InputError, NotWritten
 from ocp.judges.audit import Audit
 from ocp.judges.referee import RefereeReport
 from ocp.physics.constraints import Violation
@@ -343,3 +343,27 @@ def test_only_one_module_renames_into_place() -> None:
         if by_hand.search(file.read_text())
     }
     assert found == {"ocp/store/atomic.py", "ocp/store/runs.py"}
+
+
+def test_runs_are_found_by_their_names_without_opening_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of one second are in the order in which they were written, damaged ones too."""
+    paths = [store.save(solution(), tmp_path, []).path for _ in range(3)]
+    (paths[1] / "meta.json").write_bytes(b"damaged")
+    for place, path in enumerate(paths):
+        os.utime(path, ns=(place, place))
+    monkeypatch.setattr("ocp.store.runs.read_meta", None)
+    assert store.run_paths(tmp_path) == paths
+    assert [store.find(f"@{k}", tmp_path) for k in (3, 2, 1)] == paths
+    assert store.find("@last", tmp_path) == paths[-1]
+
+
+def test_an_array_that_netcdf_cannot_hold_is_a_sentence(tmp_path: Path) -> None:
+    class Failing:
+        def to_netcdf(self, **_: object) -> bytes:
+            raise RuntimeError("NetCDF: HDF error")
+
+    with pytest.raises(NotWritten, match="NetCDF: HDF error") as caught:
+        atomic.netcdf(Failing(), "the run")  # pyright: ignore[reportArgumentType]
+    assert caught.value.exit_code == 1

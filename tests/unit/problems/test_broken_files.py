@@ -111,3 +111,14 @@ def test_what_is_no_file_is_refused(make: str, tmp_path: Path, monkeypatch, caps
     err = capsys.readouterr().err
     words = {"folder": "is a directory", "nothing": "there is no such file"}
     assert words.get(make, "is not a regular file") in err and err.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["time", "json", "numpy", "xarray", "calendar"])
+def test_a_file_beside_it_that_is_called_as_pythons_own_changes_nothing(
+    name: str, tmp_path: Path
+) -> None:
+    (tmp_path / f"{name}.py").write_text("x = 1\n")
+    (tmp_path / "good.py").write_text(GOOD)
+    loaded = sys.modules.get(name)
+    assert problems.load(tmp_path / "good.py").problem().system.nx == 2
+    assert sys.modules.get(name) is loaded

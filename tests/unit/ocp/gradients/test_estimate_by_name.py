@@ -83,3 +83,32 @@ def test_a_changed_file_is_not_mixed(tmp_path):
     case = ObjectiveCase("heaviside", {}, content="other")
     with pytest.raises(InputError, match="has changed since this was begun"):
         case.build()
+
+
+def test_theta_is_the_decision_of_an_objective() -> None:
+    """The gradient of the smoothed step is the normal density, at theta = 0.5 too."""
+    found = ocp.estimate("heaviside", ["zobg"], 500, theta=np.array([0.5]))["zobg"]
+    by_name = ocp.estimate("heaviside", ["zobg"], 500, params={"theta": 0.5})["zobg"]
+    np.testing.assert_array_equal(found.mean, by_name.mean)
+    assert found.known is not None
+    density = np.exp(-0.5 * (0.5 / 0.2) ** 2) / (0.2 * np.sqrt(2 * np.pi))
+    assert found.known.gradient[0] == pytest.approx(density, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"theta": np.zeros(2)}, "2 variables, heaviside needs 1"),
+        ({"theta": [np.nan]}, "theta"),
+        ({"theta": [0.1], "params": {"theta": 0.1}}, "give one of them"),
+        ({"seed": -1}, "seed must be"),
+    ],
+)
+def test_decisions_and_seeds_that_cannot_be_are_refused(given, reason: str) -> None:
+    with pytest.raises(InputError, match=reason):
+        ocp.estimate("heaviside", ["zobg"], 10, **given)
+
+
+def test_a_python_function_is_answered_by_a_sentence() -> None:
+    with pytest.raises(InputError, match="takes the name of an objective"):
+        ocp.estimate(lambda theta, w: theta @ w)  # pyright: ignore[reportArgumentType]

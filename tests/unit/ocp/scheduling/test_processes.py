@@ -125,3 +125,25 @@ def test_a_script_needs_no_guard_and_workers_keep_to_one_thread(tmp_path: Path) 
 def test_fewer_than_one_worker_is_refused() -> None:
     with pytest.raises(InputError, match="at least 1 worker, got 0"):
         run_jobs(squared, [{"x": 1.0}], 0)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.2, 0.8])
+def test_ctrl_c_while_workers_start_is_silent(seconds: float) -> None:
+    """A terminal sends it to the workers too, which import for a second or so."""
+    program = (
+        "from ocp.scheduling import run_jobs\n"
+        "from tests.unit.ocp.scheduling.jobs_done import squared\n"
+        "print('ready', flush=True)\n"
+        "try:\n    list(run_jobs(squared, [{'x': 1.0}] * 4, 2))\n"
+        "except KeyboardInterrupt:\n    print('stopped')\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], cwd=ROOT, start_new_session=True, text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    assert process.stdout is not None and process.stdout.readline() == "ready\n"
+    time.sleep(seconds)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert err == ""
+    assert out in ("stopped\n", "")
