@@ -259,9 +259,12 @@ def _shelved(shelf: Path) -> list[Path]:
 def read_entry(directory: Path) -> RunEntry:
     """Read the description of a run, and compare its files with their checksums."""
     try:
+        os.scandir(directory).close()
         meta = read_meta(directory)
         for name in meta["parts"]:
             part(directory, meta, name)
+    except OSError as error:
+        return RunEntry(directory, None, f"{directory} cannot be read: {reason(error)}")
     except (DamagedRun, InputError) as error:
         return RunEntry(directory, None, str(error))
     return RunEntry(directory, meta)
