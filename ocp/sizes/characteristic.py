@@ -17,6 +17,8 @@ GAP_SHARE = 0.1
 """Characteristic gap as a share of what gaps change by as states move by their sizes."""
 _DOUBTFUL = 1e3
 """Ratio of a stated size to the derived one from which on the stated one is named."""
+_AT_REST = 1e-6
+"""Share of what a step without contact moves up to which a state rests."""
 _ROUNDING = 1e-12
 """Share of the largest entry below which a difference is rounding."""
 
@@ -38,7 +40,7 @@ def derive_sizes(problem: Problem) -> DerivedSizes:
     how far away the goal is, by one Newton step on each cost and on each terminal constraint that
     x0 violates. States of one unit share the largest of theirs. A velocity has at least what
     crosses its length in the horizon, and a length what its velocity covers. Where nothing moves,
-    bounds and then values at x0 decide. An input's size is half the width of its bounds, or what
+    what gaps change by as other states move decides, then bounds, then values at x0. An input's size is half the width of its bounds, or what
     moves a state by its size within the horizon. An impulse changes a state by its size; a gap has
     :data:`GAP_SHARE` of what it changes by as the states move by theirs.
     """
@@ -100,12 +102,11 @@ class _Data:
         """Sizes of the states (nx,)."""
         moved = np.fmax(self._travel(), self._goal_distance())
         moved[list(self.system.turning)] = 1.0
-        for fallback in (None, self._bound_widths, lambda: np.abs(self.x0)):
-            if fallback is not None:
-                moved = np.where(self._by_unit(moved) > 0, moved, fallback())
-            sizes = self._linked(self._by_unit(moved))
+        sizes = self._linked(self._by_unit(moved))
+        for fallback in (self._by_gaps, self._bound_widths, lambda _: np.abs(self.x0)):
             if np.all(sizes > 0):
                 break
+            sizes = self._linked(self._by_unit(np.where(sizes > 0, sizes, fallback(sizes))))
         return np.where(sizes > 0, sizes, 1.0)
 
     def input_sizes(self, x: np.ndarray) -> np.ndarray:
@@ -173,8 +174,10 @@ class _Data:
             if not np.all(np.isfinite(x)):
                 break
             farthest = np.fmax(farthest, np.abs(x - self.x0))
-        farthest[farthest <= _ROUNDING * np.abs(self.x0).max(initial=0.0)] = 0.0
-        return farthest
+        # At rest on the ground a solver's error is what moves; without contact all would fall.
+        free = self._by_unit(np.abs(self._at_start(self.system.reduced.a).ravel() - self.x0))
+        noise = np.fmax(_ROUNDING * np.abs(self.x0).max(initial=0.0), _AT_REST * free)
+        return np.where(farthest > noise, farthest, 0.0)
 
     def _goal_distance(self) -> np.ndarray:
         """How far from x0 costs and terminal constraints want every state (nx,)."""
@@ -203,7 +206,16 @@ class _Data:
         du = ca.SX.sym("du", self.system.nu) if self.problem.du is None else self.problem.du
         return self._at_start(ca.substitute(expression, du, 0 * du)).ravel()
 
-    def _bound_widths(self) -> np.ndarray:
+    def _by_gaps(self, sizes: np.ndarray) -> np.ndarray:
+        """Change of each state (nx,) that moves a gap as much as states of known ``sizes`` do."""
+        by_state = np.abs(self._at_start(ca.jacobian(self.system.gap, self.system.x_next)))
+        by_state = by_state[self._distances()]
+        moved = (by_state * sizes).max(axis=1, initial=0.0)[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            needed = np.where((by_state > 0) & (moved > 0), moved / by_state, 0.0)
+        return needed.max(axis=0, initial=0.0)
+
+    def _bound_widths(self, _: np.ndarray) -> np.ndarray:
         """Distance of every state (nx,) at x0 to its farther finite bound, zero without one."""
         with np.errstate(invalid="ignore"):
             ends = np.abs([self.x_lower - self.x0, self.x_upper - self.x0])
