@@ -20,7 +20,7 @@ from ocp.programs.program import (
     Program,
     closure_rows,
 )
-from ocp.programs.units import Scale, band, row_units, solver_unit
+from ocp.programs.units import ORDINARY_ROWS, Scale, band, row_units, solver_unit
 from ocp.sizes.cost import split_constant
 
 
@@ -246,7 +246,8 @@ class MPCCProgram(Program):
     @cached_property
     def _units(self) -> np.ndarray:
         """Power of two beside the derived size of each variable (n,), 1 for ordinary ones."""
-        return solver_unit(variable_sizes(self, self.extended(self.start), self._plain))
+        sizes = variable_sizes(self, self.extended(self.start), self._plain)
+        return solver_unit(sizes, ORDINARY_ROWS)
 
     @cached_property
     def _plain(self) -> np.ndarray:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ocp.programs.program import PENALTY, RELAXATION, Program
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 _ROUNDS = 3
 """Passes in which sizes are carried over from variable to variable through the rows."""
@@ -16,10 +21,10 @@ def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.nda
     The largest of: its value at the start, half the distance of its bounds or the distance of its
     only bound, and one Newton step of the cost. A variable without any of these has the smallest
     step that meets a row which the start violates, and else the smallest that changes a row as much
-    as the variables do whose sizes are known.
+    as the others there do. That step, up to 1, is also the least size of any variable: a start at
+    rounding's distance from zero, or from where the cost wants it, makes nothing small.
     """
-    values = {PENALTY: 0.0, RELAXATION: 0.0}
-    bounds = program.bounds(values)
+    bounds = program.bounds({PENALTY: 0.0, RELAXATION: 0.0})
     slope, g, jacobian = program.slopes(start, p)
     curvature = program.bend(start, p, np.zeros(program.m), np.ones(program.n)).diagonal()
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -27,13 +32,13 @@ def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.nda
     candidates = [np.abs(start), _bound_distances(start, bounds["lbx"], bounds["ubx"]),
                   np.where(curvature > 0, newton, 0.0)]  # fmt: skip
     sizes = np.max(np.nan_to_num(candidates, posinf=0.0), axis=0)
-    change = abs(jacobian).tocsc()
+    rows = abs(jacobian).tocsr()
     violation = np.maximum(np.maximum(bounds["lbg"] - g, g - bounds["ubg"]), 0.0)
-    sizes = _carried(sizes, change, np.nan_to_num(violation, posinf=0.0))
+    wanted = _smallest_steps(rows, np.nan_to_num(violation, posinf=0.0)[rows.tocoo().row])
+    sizes = np.where(sizes > 0, sizes, wanted)
     for _ in range(_ROUNDS):
-        sizes = _carried(
-            sizes, change, change.multiply(sizes[None, :]).max(axis=1).toarray().ravel()
-        )
+        others = _smallest_steps(rows, _changes_by_others(rows, sizes))
+        sizes = np.where(sizes > 0, np.maximum(sizes, np.minimum(others, 1.0)), others)
     return np.where(sizes > 0, sizes, np.nan)
 
 
@@ -43,11 +48,22 @@ def _bound_distances(start: np.ndarray, lower: np.ndarray, upper: np.ndarray) ->
     return np.where(width > 0, width, np.max(ends, axis=0))
 
 
-def _carried(sizes: np.ndarray, change: object, rows: np.ndarray) -> np.ndarray:
-    """Give variables without a size the smallest one that changes a row by ``rows`` (m,)."""
-    by_row = change.tocoo()  # pyright: ignore[reportAttributeAccessIssue]
-    usable = (by_row.data > 0) & (rows[by_row.row] > 0)
-    steps = np.full(sizes.size, np.inf)
-    ratio = rows[by_row.row[usable]] / by_row.data[usable]
-    np.minimum.at(steps, by_row.col[usable], ratio)
-    return np.where((sizes > 0) | ~np.isfinite(steps), sizes, steps)
+def _changes_by_others(rows: sp.csr_matrix, sizes: np.ndarray) -> np.ndarray:
+    """Largest change of its row by another variable, for every entry (nnz,) of ``rows``."""
+    entries = rows.tocoo()
+    change = entries.data * sizes[entries.col]
+    largest, second = np.zeros(rows.shape[0]), np.zeros(rows.shape[0])
+    np.maximum.at(largest, entries.row, change)
+    at_largest = change >= largest[entries.row]
+    np.maximum.at(second, entries.row, np.where(at_largest, 0.0, change))
+    count = np.bincount(entries.row, at_largest, rows.shape[0])
+    second = np.where(count > 1, largest, second)
+    return np.where(at_largest, second[entries.row], largest[entries.row])
+
+
+def _smallest_steps(rows: sp.csr_matrix, changes: np.ndarray) -> np.ndarray:
+    """Smallest step (n,) of each variable that changes a row by ``changes`` (nnz,); 0 if none."""
+    entries, steps = rows.tocoo(), np.full(rows.shape[1], np.inf)
+    usable = (entries.data > 0) & (changes > 0)
+    np.minimum.at(steps, entries.col[usable], changes[usable] / entries.data[usable])
+    return np.where(np.isfinite(steps), steps, 0.0)

@@ -21,7 +21,7 @@ RADII = (1e-3, 1e-4)
 """Trust regions, in characteristic sizes, in which a direction of descent is looked for."""
 _BIACTIVE = 1e-6
 _FLAT = 1e-4
-_NOISE = 1e-8
+_NOISE = 1e-6
 WITHIN = 1e-2
 """How far, in characteristic sizes, a direction of descent is followed to tell what it gains."""
 
@@ -141,7 +141,7 @@ def certify(
     1e-4, so that a descent has to persist as the region shrinks (Leyffer and Munson 2007;
     Nurkanovic and Leyffer, arXiv 2501.13835). Constraints and bounds within 1e-4 count as active.
 
-    A direction that gains less than 1e-8 of the cost's typical change, curvature counted, is none:
+    A direction that gains less than 1e-6 of the typical change, curvature counted, is none:
     nothing else distinguishes a gradient from rounding where the cost is flat.
     """
     began = time.perf_counter()
