@@ -32,12 +32,14 @@ def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.nda
     candidates = [np.abs(start), _bound_distances(start, bounds["lbx"], bounds["ubx"]),
                   np.where(curvature > 0, newton, 0.0)]  # fmt: skip
     sizes = np.max(np.nan_to_num(candidates, posinf=0.0), axis=0)
-    rows = abs(jacobian).tocsr()
+    entries = abs(jacobian).tocoo()
     violation = np.maximum(np.maximum(bounds["lbg"] - g, g - bounds["ubg"]), 0.0)
-    wanted = _smallest_steps(rows, np.nan_to_num(violation, posinf=0.0)[rows.tocoo().row])
+    violation = np.nan_to_num(violation, posinf=0.0)
+    wanted = _smallest_steps(entries, program.n, violation[entries.row])
     sizes = np.where(sizes > 0, sizes, wanted)
     for _ in range(_ROUNDS):
-        others = _smallest_steps(rows, _changes_by_others(rows, sizes))
+        changes = _changes_by_others(entries, program.m, sizes)
+        others = _smallest_steps(entries, program.n, changes)
         sizes = np.where(sizes > 0, np.maximum(sizes, np.minimum(others, 1.0)), others)
     return np.where(sizes > 0, sizes, np.nan)
 
@@ -48,22 +50,21 @@ def _bound_distances(start: np.ndarray, lower: np.ndarray, upper: np.ndarray) ->
     return np.where(width > 0, width, np.max(ends, axis=0))
 
 
-def _changes_by_others(rows: sp.csr_matrix, sizes: np.ndarray) -> np.ndarray:
-    """Largest change of its row by another variable, for every entry (nnz,) of ``rows``."""
-    entries = rows.tocoo()
+def _changes_by_others(entries: sp.coo_matrix, m: int, sizes: np.ndarray) -> np.ndarray:
+    """Largest change of its row by another variable, for every entry (nnz,) of m rows."""
     change = entries.data * sizes[entries.col]
-    largest, second = np.zeros(rows.shape[0]), np.zeros(rows.shape[0])
+    largest, second = np.zeros(m), np.zeros(m)
     np.maximum.at(largest, entries.row, change)
     at_largest = change >= largest[entries.row]
     np.maximum.at(second, entries.row, np.where(at_largest, 0.0, change))
-    count = np.bincount(entries.row, at_largest, rows.shape[0])
+    count = np.bincount(entries.row, at_largest, m)
     second = np.where(count > 1, largest, second)
     return np.where(at_largest, second[entries.row], largest[entries.row])
 
 
-def _smallest_steps(rows: sp.csr_matrix, changes: np.ndarray) -> np.ndarray:
+def _smallest_steps(entries: sp.coo_matrix, n: int, changes: np.ndarray) -> np.ndarray:
     """Smallest step (n,) of each variable that changes a row by ``changes`` (nnz,); 0 if none."""
-    entries, steps = rows.tocoo(), np.full(rows.shape[1], np.inf)
+    steps = np.full(n, np.inf)
     usable = (entries.data > 0) & (changes > 0)
     np.minimum.at(steps, entries.col[usable], changes[usable] / entries.data[usable])
     return np.where(np.isfinite(steps), steps, 0.0)

@@ -36,13 +36,14 @@ class DerivedSizes:
 def derive_sizes(problem: Problem) -> DerivedSizes:
     """Derive the characteristic sizes of a problem at its own parameter values.
 
-    A state's size is the largest of: how far the guess and its exact rollout move it from x0, and
-    how far away the goal is, by one Newton step on each cost and on each terminal constraint that
-    x0 violates. States of one unit share the largest of theirs. A velocity has at least what
-    crosses its length in the horizon, and a length what its velocity covers. Where nothing moves,
-    what gaps change by as other states move decides, then bounds, then values at x0. An input's size is half the width of its bounds, or what
-    moves a state by its size within the horizon. An impulse changes a state by its size; a gap has
-    :data:`GAP_SHARE` of what it changes by as the states move by theirs.
+    A state's size is the largest of: how far the guess and its exact rollout move it from x0,
+    and how far away the goal is, by one Newton step on each cost and on each terminal
+    constraint that x0 violates. States of one unit share the largest of theirs. A velocity has
+    at least what crosses its length in the horizon, and a length what its velocity covers.
+    Where nothing moves, what gaps change by as other states move decides, then bounds, then
+    values at x0. An input's size is half the width of its bounds, or what moves a state by its
+    size within the horizon. An impulse changes a state by its size; a gap has :data:`GAP_SHARE`
+    of what it changes by as the states move by theirs.
     """
     data = _Data(problem)
     x = data.state_sizes()

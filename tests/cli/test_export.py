@@ -141,4 +141,4 @@ def test_a_run_has_its_own_parameters_and_a_policy(ocp, store_of_runs: Path) -> 
     assert "a run has fixed parameters" in done.err
     done = ocp("export", str(runs["continue"]), "-o", "x.c")
     assert done.code == 2
-    assert "continue study" in done.err
+    assert "is a run of ocp continue" in done.err
