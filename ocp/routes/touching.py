@@ -137,7 +137,7 @@ class TouchSearch:
             before = node.u[-1] if len(node.u) else self._before
             left = self.problem.N - len(node.u)
             for way in self._ways(node.x[-1], before):
-                for steps in {left, max(2, left // 2)}:
+                for steps in {left, min(left, max(2, left // 2))}:
                     plans.setdefault(steps, []).append((node, self._timed(way, steps)))
         return [node for steps in sorted(plans) for node in self._rolled(plans[steps])]
 

@@ -94,8 +94,7 @@ class Closed:
             **self._observing(),
         }
         if around is None:
-            assert isinstance(self.step, AffineStep)
-            with_p["forward"] = (self._forward(self.step), 3)
+            with_p["forward"] = (self._forward(), 3)
         else:
             with_p |= {name: (getattr(around, name), 3) for name in around.with_p}
         derived, rest = hoisted(with_p, self.n_parameters)
@@ -179,10 +178,12 @@ class Closed:
         z, F, mu = self._closed(step.z, step.F, step.mu)
         return [(z[rows], F[rows, rows], mu[rows]) for rows in step.rows]
 
-    def _forward(self, step: AffineStep) -> ca.Function:
+    def _forward(self) -> ca.Function:
+        step = self.step
+        contacts = self._contacts(step) if step.n and isinstance(step, AffineStep) else []
         solved = [
             interior_point.exact_scalar_solution(z, F) if step.exact else _scalar_solution(z, F, mu)
-            for z, F, mu in (self._contacts(step) if step.n else [])
+            for z, F, mu in contacts
         ]
         return _function("forward", self.arguments, self._effects(ca.vertcat(ca.SX(0, 1), *solved)))
 
@@ -190,8 +191,8 @@ class Closed:
         """What solves or evaluates the step between two graphs; None where one graph does."""
         if isinstance(self.step, LearnedStep):
             return self._asked(self.step)
-        scalar = isinstance(self.step, AffineStep) and self.step.system.nlam <= 1
-        return None if scalar else self._loop()
+        explicit = self.step.system.nlam <= isinstance(self.step, AffineStep)
+        return None if explicit else self._loop()
 
     def _asked(self, step: LearnedStep) -> Asked:
         x_next, cost = self._closed(self.x_next, self.stage_cost)

@@ -156,3 +156,10 @@ def test_motions_that_all_fail_leave_no_plan(monkeypatch: pytest.MonkeyPatch) ->
     tree = TouchSearch(behind(4), behind(4).parameters.defaults)
     monkeypatch.setattr(tree, "_step", lambda x, u: np.full_like(x, np.nan))
     assert tree._rolled([(tree.first(), np.zeros((4, 2)))]) == []
+
+
+@pytest.mark.parametrize("N", [1, 2])
+def test_a_horizon_of_one_step_is_searched_too(N: int) -> None:
+    found = solve(behind(N), search=True, settings={"max_iter": 5})
+    assert found.record["search"]["motions"] > 0
+    assert np.isfinite(found.cost)

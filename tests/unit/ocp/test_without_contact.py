@@ -123,3 +123,19 @@ def test_a_tip_straight_below_its_hinge_is_advanced() -> None:
     np.testing.assert_allclose(x_next, 0, atol=1e-12)
     assert lam[0] == 0
     assert gap[0] == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("phase", ["qpcc", "qp", "policy", "full"])
+def test_the_closed_loop_of_a_machine_without_contacts_swings_like_its_plan(phase: str) -> None:
+    """A rod whose inertia depends on its state, so that no step is linear in the next state."""
+    p = ParameterTable([Parameter("h", 0.05, "s")])
+    cart = Link("cart", None, mass=1.0, inertia=1.0, joint="slide", axis=(1, 0), gear=10.0)
+    rod = Link("rod", "cart", mass=0.3, inertia=1e-3, com=(0, -0.5))
+    system = Machine(links=(cart, rod), spheres=()).system("rod", p, h=p["h"], friction=None)
+    x, u = system.x, system.u
+    problem = Problem("rod", system, 4, u**2 + ca.sumsqr(x), ca.sumsqr(x), ca.SX([0, 0.5, 0, 0]), p)
+    assert not system.linear
+    plan = solve(problem)
+    loop = simulate(Controller(problem, phase=phase), 1)
+    assert loop.data["u"].values.ravel() == pytest.approx(plan.data["u"].values[0, 0], abs=1e-4)
+    assert loop.data["x"].values[0, 1] == pytest.approx(plan.data["x"].values[0, 1], abs=1e-5)
