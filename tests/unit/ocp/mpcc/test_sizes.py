@@ -1,0 +1,87 @@
+"""Sizes of a complementarity problem's variables: from its start, bounds, cost and rows."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from ocp.mpcc import MPCC
+from ocp.mpcc.programs import MPCCProgram, programs_of
+from ocp.mpcc.sizes import variable_sizes
+
+NONE = ca.SX(0, 1)
+x, y, z = (ca.SX.sym(name) for name in "xyz")
+
+
+def sizes(mpcc: MPCC, start: list[float]) -> np.ndarray:
+    begin = np.array(start, dtype=float)
+    program = programs_of(mpcc, np.zeros(0), begin)("none")
+    assert isinstance(program, MPCCProgram)
+    p = program.parameter_vector({"route.penalty": 0.0, "route.relaxation": 0.0})
+    return variable_sizes(program, program.extended(begin), p)
+
+
+@pytest.mark.parametrize(
+    ("mpcc", "start", "size"),
+    [
+        (MPCC(x, x**4, NONE, NONE), 3e-6, 3e-6),
+        (MPCC(x, ca.SX(0), NONE, NONE, lbx=-2e5, ubx=4e5), 0.0, 3e5),
+        (MPCC(x, ca.SX(0), NONE, NONE, lbx=7e-9), 0.0, 7e-9),
+        (MPCC(x, (x - 5e4) ** 2, NONE, NONE), 0.0, 5e4),
+        (MPCC(x, ca.SX(0), NONE, NONE, g=1e9 * x - 2, lbg=0, ubg=0), 0.0, 2e-9),
+        (MPCC(x, ca.SX(0), NONE, NONE, g=x, lbg=-np.inf, ubg=-4e3), 0.0, 4e3),
+    ],
+    ids=["start", "both bounds", "one bound", "Newton step", "equation", "inequality"],
+)
+def test_a_size_is_that_of_what_is_stated(mpcc: MPCC, start: float, size: float) -> None:
+    assert sizes(mpcc, [start]) == pytest.approx([size], rel=1e-9)
+
+
+def test_the_largest_of_start_bounds_and_cost_counts() -> None:
+    mpcc = MPCC(x, (x - 5) ** 2, NONE, NONE, lbx=-1e3, ubx=1e3)
+    assert sizes(mpcc, [3.0]) == pytest.approx([1e3])
+    assert sizes(mpcc, [4e3]) == pytest.approx([4e3])
+
+
+def test_sizes_are_carried_over_from_variable_to_variable() -> None:
+    """A current of 1e-6 A through 1e9 Ohm is a voltage of 1e3 V, and that over 1 s a flux."""
+    mpcc = MPCC(
+        ca.vertcat(x, y, z),
+        ca.SX(0),
+        NONE,
+        NONE,
+        g=ca.vertcat(1e9 * x - y, y - 1e-2 * z),
+        lbx=[-1e-6, -np.inf, -np.inf],
+        ubx=[1e-6, np.inf, np.inf],
+    )
+    assert sizes(mpcc, [0, 0, 0]) == pytest.approx([1e-6, 1e3, 1e5])
+
+
+def test_what_nothing_tells_has_no_size() -> None:
+    mpcc = MPCC(ca.vertcat(x, y), (x - 2) ** 2 + y, NONE, NONE)
+    found = sizes(mpcc, [0, 0])
+    assert found[0] == pytest.approx(2)
+    assert np.isnan(found[1])
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e-3, 1e6])
+def test_sizes_follow_the_unit_of_a_variable(unit: float) -> None:
+    """The same diode with its current counted in another unit.
+
+    But for a small factor: what rows say of the others is a least size up to 1 alone.
+    """
+    known, found = (
+        MPCC(
+            ca.vertcat(x, y, z),
+            (x + 1) ** 2 + (5.0 * one * y - 0.5) ** 2,
+            y,
+            z,
+            g=5.0 * one * y - x - z,
+            lbx=[-2, -np.inf, -np.inf],
+            ubx=[2, np.inf, np.inf],
+        )
+        for one in (1.0, unit)
+    )
+    ratio = sizes(found, [0, 0, 0]) * [1, unit, 1] / sizes(known, [0, 0, 0])
+    assert np.all((ratio > 0.1) & (ratio < 10))
