@@ -202,14 +202,10 @@ class Problem:
         """Map ``p`` to ``(x0, u_before, u_lower, u_upper, x_lower, x_upper)``."""
         nx, nu = self.system.nx, self.system.nu
         before = ca.SX.zeros(nu) if self.u_before is None else self.u_before
-        outputs = [
-            _column(self.x0, nx),
-            _column(before, nu),
-            *(_column(value, nu) for value in (self.u_lower, self.u_upper)),
-            *(_column(value, nx) for value in (self.x_lower, self.x_upper)),
-        ]
-        names = ["x0", "u_before", "u_lower", "u_upper", "x_lower", "x_upper"]
-        return ca.Function("limits", [self.parameters.vector], outputs, ["p"], names)
+        values = (self.x0, before, self.u_lower, self.u_upper, self.x_lower, self.x_upper)
+        sizes = (nx, nu, nu, nu, nx, nx)
+        outputs = [_column(value, size) for value, size in zip(values, sizes, strict=True)]
+        return ca.Function("limits", [self.parameters.vector], outputs, ["p"], [*_BY_PARAMETERS])
 
     @cached_property
     def start_limits(self) -> ca.Function:

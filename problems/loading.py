@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -225,10 +226,11 @@ def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:
         if hasattr(module, key):
             setattr(module, key, validated(f"{file}: {key}", getattr(module, key), kind))
     found = defined(ProblemSpec, module, path=file, digest=digest)
-    functions = {key: getattr(found, key) for key in _RETURNED}
-    return replace(
-        found, **{key: _own(key, function, file) for key, function in functions.items() if function}
-    )
+    for key, (call, kind) in _RETURNED.items():
+        if function := getattr(found, key):
+            check = kind and partial(validated, "it", kind=kind)
+            found = replace(found, **{key: guarded(function, call, file, check)})
+    return found
 
 
 def read_law(module: ModuleType, file: Path, digest: str) -> type[ContactLaw]:
@@ -240,7 +242,9 @@ def read_law(module: ModuleType, file: Path, digest: str) -> type[ContactLaw]:
     """
     from dynamics.laws import LAWS
 
-    classes = [*dict.fromkeys(one for one in vars(module).values() if _is_law(one, module))]
+    laws = (kind for kind in vars(module).values()
+            if inspect.isclass(kind) and issubclass(kind, ContactLaw))  # fmt: skip
+    classes = [*dict.fromkeys(law for law in laws if law.__module__ == module.__name__)]
     if len(classes) != 1:
         raise InputError(
             f"{file}: the file must define one class derived from dynamics.contact.ContactLaw;"
@@ -267,11 +271,6 @@ def read_law(module: ModuleType, file: Path, digest: str) -> type[ContactLaw]:
 _LAW: dict[str, Any] = {"name": Annotated[Line, AfterValidator(check_name)], "summary": Line}
 
 
-def _is_law(value: Any, module: ModuleType) -> bool:
-    derived = isinstance(value, type) and issubclass(value, ContactLaw)
-    return derived and value.__module__ == module.__name__
-
-
 def _check_types(law: type[ContactLaw], file: Path) -> None:
     with user_code(f"the types of {law.__name__}.__init__ cannot be read:", file):
         hints = get_type_hints(law.__init__)
@@ -281,8 +280,3 @@ def _check_types(law: type[ContactLaw], file: Path) -> None:
                 f"{file}: {law.__name__}.__init__ must say the type of each setting; write {name}:"
                 " float = 0.01, for example"
             )
-
-
-def _own(key: str, function: Callable[..., Any], file: Path) -> Callable[..., Any]:
-    call, kind = _RETURNED[key]
-    return guarded(function, call, file, kind and (lambda value: validated("it", value, kind)))

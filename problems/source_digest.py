@@ -137,19 +137,10 @@ def _nodes(tree: ast.AST) -> Iterator[ast.AST]:
     while waiting:
         node = waiting.pop()
         yield node
-        if isinstance(node, ast.If) and _is_main(node.test):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "__name__ == '__main__'":
             waiting += node.orelse
         else:
             waiting += ast.iter_child_nodes(node)
-
-
-def _is_main(test: ast.expr) -> bool:
-    return (
-        isinstance(test, ast.Compare)
-        and isinstance(test.left, ast.Name)
-        and test.left.id == "__name__"
-        and isinstance(test.ops[0], ast.Eq)
-    )
 
 
 def _imported(node: ast.AST, package: str) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
@@ -13,10 +13,10 @@ from dynamics.systems.checks import items, number, point, positive, text
 from dynamics.systems.contact_rows import Cone
 from dynamics.systems.contacts import Contact, Disc, HalfPlane, Pose, Shape
 from dynamics.systems.flight import flight
-from dynamics.systems.mechanism import WORLD, Mechanism
+from dynamics.systems.mechanism import WORLD, Mechanism, check_parts
 from dynamics.systems.pairs import EnergyBook
 from dynamics.systems.parameters import ParameterTable, Signal
-from dynamics.systems.planar import Link, Number, Vector, root_first
+from dynamics.systems.planar import Link, Number, Vector
 from dynamics.systems.system import ContactSystem
 from dynamics.systems.timestepping import time_stepping
 
@@ -97,26 +97,13 @@ class Machine:
         items("links", Link, self.links)
         items("spheres", Sphere, self.spheres)
         items("parts", Part, self.parts)
-        links = [link.name for link in root_first(self.links)]
-        if WORLD in links:
-            raise ValueError(f"a link is named {WORLD!r}, which never moves; give it another name")
         if isinstance(self.gravity, tuple):
             point("gravity", self.gravity)
         else:
             number("gravity", self.gravity)
-        for part in (*self.spheres, *self.parts):
-            if part.link not in links and not (part.link == WORLD and isinstance(part, Part)):
-                raise ValueError(
-                    f"{part.name!r} is on link {part.link!r}, which does not exist; "
-                    f"choose from {', '.join(links)}"
-                )
-        known = {part.name: part.link for part in (*self.spheres, *self.parts)}
-        for meeting in self.meetings:
-            for name in meeting:
-                if name not in known:
-                    raise ValueError(f"{name!r} is not a part; choose from {', '.join(known)}")
-            if len({known[name] for name in meeting}) == 1:
-                raise ValueError(f"{' and '.join(meeting)} are on the same link and never meet")
+        moving = [(sphere.name, sphere.link) for sphere in self.spheres]
+        parts = [(part.name, part.link) for part in self.parts]
+        check_parts("link", self.links, moving, parts, self.meetings)
 
     def chain(self) -> Chain:
         """Build the equations of motion."""
@@ -143,12 +130,6 @@ class Machine:
                 a.shape, link_pose(chain, q, a.link), b.shape, link_pose(chain, q, b.link)
             )
         return found
-
-    def _outside(self, names: Sequence[str]) -> list[bool]:
-        """Whether each contact of these ``names`` is one with the ground or the world."""
-        still = {part.name for part in self.parts if part.link == WORLD}
-        inner = {f"{a} on {b}" for a, b in self.meetings if not {a, b} & still}
-        return [name not in inner for name in names]
 
     def system(
         self,
@@ -185,7 +166,8 @@ class Machine:
         base, limits = ca.diag(damping)[:2], chain.limits
         joints = [chain.coordinates[i].name for i, _, _ in limits]
         names = list(self.contacts(chain, ca.SX.sym("q", chain.nq), spheres))
-        outside = self._outside(names)
+        still = {part.name for part in self.parts if part.link == WORLD}
+        inner = {f"{a} on {b}" for a, b in self.meetings if not {a, b} & still}
 
         def stacked(each: Callable[[Contact], ca.SX], q: ca.SX) -> ca.SX:
             return ca.vertcat(*map(each, self.contacts(chain, q, spheres).values()))
@@ -199,9 +181,8 @@ class Machine:
             q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, tangential: ca.SX
         ) -> EnergyBook:
             external = h * weight - h * base * v_next[:2]
-            touching = self.contacts(chain, q, spheres).values()
-            for i, contact in enumerate(touching):
-                if outside[i]:
+            for i, (label, contact) in enumerate(self.contacts(chain, q, spheres).items()):
+                if label not in inner:
                     external += normal[i] * contact.normal + tangential[i] * contact.tangent
             work = h * ca.dot(v_next, motors @ u - damping @ v_next)
             return EnergyBook(chain.energy(q, v), work, chain.momentum(q, v), external)

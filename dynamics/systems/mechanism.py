@@ -1,7 +1,11 @@
 """What a system was built from, for whoever simulates the same machine by other means."""
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
+
+from dynamics.systems.planar import Branch, root_first
 
 WORLD = "world"
 """The link or body of parts that never move, of machines in the plane and in space."""
@@ -19,3 +23,35 @@ class Mechanism:
     scale: float = 1.0
     spheres: tuple[str, ...] | None = None
     gyroscopic: Literal["explicit", "implicit"] = "explicit"
+
+
+def check_parts(
+    kind: str,
+    members: Sequence[Branch],
+    moving: Sequence[tuple[str, str]],
+    parts: Sequence[tuple[str, str]],
+    meetings: Sequence[tuple[str, str]],
+) -> None:
+    """Raise ``ValueError`` for links or bodies that are no tree, and for wrong names on them.
+
+    ``moving`` and ``parts`` are pairs (name, link or body); only the latter may be on the world.
+    """
+    names = [member.name for member in root_first(members)]
+    if WORLD in names:
+        raise ValueError(f"a {kind} is named {WORLD!r}, which never moves; give it another name")
+    for name, owner in (*moving, *parts):
+        if owner not in names and not (owner == WORLD and (name, owner) in parts):
+            raise ValueError(
+                f"{name!r} is on {kind} {owner!r}, which does not exist; choose from"
+                f" {', '.join(names)}"
+            )
+    counts = Counter(name for name, _ in (*moving, *parts))
+    if twice := [name for name, count in counts.items() if count > 1]:
+        raise ValueError(f"two parts are named {twice[0]!r}; give each part its own name")
+    owners = dict((*moving, *parts))
+    for meeting in meetings:
+        for name in meeting:
+            if name not in owners:
+                raise ValueError(f"{name!r} is not a part; choose from {', '.join(owners)}")
+        if len({owners[name] for name in meeting}) == 1:
+            raise ValueError(f"{' and '.join(meeting)} are on the same {kind} and never meet")

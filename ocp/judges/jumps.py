@@ -90,12 +90,9 @@ def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
     x0, u0, u_low, u_high, x_low, x_high = (
         np.array(value).ravel() for value in problem.limits(p.values)
     )
-    none = np.zeros(system.nlam)
-    slack = (
-        []
-        if system.phi is None
-        else [system.phi, ca.substitute(system.phi, system.x, system.x_next)]
-    )
+    none, slack = np.zeros(system.nlam), list[ca.SX]()
+    if system.phi is not None:
+        slack = [system.phi, ca.substitute(system.phi, system.x, system.x_next)]
     for row in problem.path:
         low, high = (
             ca.evalf(ca.substitute(end, p.vector, p.values)) for end in (row.lower, row.upper)

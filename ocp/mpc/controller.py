@@ -104,7 +104,9 @@ class Controller:
                 f"There is no C compiler: steps are evaluated by {self.model.backend}."
             )
         self._base = np.array([self.session.values[name] for name in self.model.names])
-        self._dynamics = self._names_of_dynamics()
+        step = self.model.step
+        dynamics = ca.vertcat(step.residual, step.gap, step.mu)
+        self._dynamics = {n for n in step.p.names if ca.depends_on(dynamics, step.p[n])}
         places = [self.model.names.index(name) for name in self.receding.added]
         self._places, self._last = np.array(places), ({}, *self._asked({}))
         p, limits = self._last[1:]
@@ -133,20 +135,12 @@ class Controller:
         self.misses, self.samples = 0, 0
         self._phase = self._built()
 
-    def _names_of_dynamics(self) -> set[str]:
-        step = self.model.step
-        seen = ca.vertcat(step.residual, step.gap, step.mu)
-        return {n for n in step.p.names if ca.depends_on(seen, step.p[n])}
-
-    def _rows(self, values: Values) -> np.ndarray:
-        given = {**self.parameters, **values}
-        return horizon_rows(self.receding, self.model.names, self._base, given, self._dynamics)
-
     def _asked(self, values: Values) -> tuple[np.ndarray, list[np.ndarray]]:
         """Parameters (N+1, np), and the problem's limits at them."""
-        p = self._rows(values)
-        found = self.receding.problem.limits(p[0, self.model.of_problem])
-        return p, [np.array(v).ravel() for v in found]
+        values = {**self.parameters, **values}
+        p = horizon_rows(self.receding, self.model.names, self._base, values, self._dynamics)
+        limits = self.receding.problem.limits(p[0, self.model.of_problem])
+        return p, [np.array(v).ravel() for v in limits]
 
     def _first_plan(self, p: np.ndarray) -> Plan:
         """Solve the problem once, from its own start; a given policy needs no plan."""

@@ -189,10 +189,10 @@ class _Loop:
             waiting = command.u
             u = wanted + self.sd_u * rng.standard_normal(wanted.size)
             x_next, lam = self.plant.ahead(x, u)
+            terms, given = controller.problem.cost_terms, (u, u - before, lam, controller.physical)
             self.arrays["u"][s, k] = u
-            self.arrays["cost"][s, k], self.end_cost[s] = self._cost(
-                x, u, before, lam, x_next, controller.physical
-            )
+            self.arrays["cost"][s, k] = float(terms(x, *given)[0])
+            self.end_cost[s] = float(terms(x_next, *given)[1])
             self.off[s, k] = np.ravel(self._off(x, u, x_next, lam, controller.physical))
             x, before = x_next, u
             if not np.isfinite(x).all() or (abs(x) > far * (1 + k / N)).any():
@@ -214,14 +214,6 @@ class _Loop:
             self.why[reason] = self.why.get(reason, 0) + 1
         if self.progress:
             self.progress(s, k, command)
-
-    def _cost(
-        self, x: np.ndarray, u: np.ndarray, before: np.ndarray, lam: np.ndarray, x_next: np.ndarray,
-        p: np.ndarray,
-    ) -> tuple[float, float]:  # fmt: skip
-        """Cost of a step, and that of the end if the loop ended here."""
-        terms, du = self.controller.problem.cost_terms, u - before
-        return float(terms(x, u, du, lam, p)[0]), float(terms(x_next, u, du, lam, p)[1])
 
     def result(self, record: dict[str, Any]) -> ClosedLoop:
         """All as labelled arrays."""

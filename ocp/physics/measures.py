@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
+from dynamics.batch import BatchFunction, BatchWarning
 from dynamics.contact import Step
 from dynamics.systems import ContactSystem
 from ocp.problem import Problem
@@ -31,6 +33,28 @@ class TrajectoryEvaluator:
         outputs = [ca.densify(expression) for expression in expressions]
         function = ca.Function("evaluate", self.symbols, outputs)
         return at_steps(function, *self.values, p=self.physical)
+
+
+class DenseFunction:
+    """Expressions in symbols at many points at once, as dense matrices, from their nonzeros."""
+
+    def __init__(self, symbols: list[ca.SX], expressions: list[ca.SX]) -> None:
+        outputs = [ca.sparsify(expression) for expression in expressions]
+        self._patterns = [(output.shape, *output.sparsity().get_triplet()) for output in outputs]
+        nonzeros = [ca.densify(ca.vec(output.nz[:])) for output in outputs]
+        self._batch = BatchFunction(ca.Function("dense", symbols, nonzeros), backend="numpy")
+
+    def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
+        """Evaluate at n points (n, .), or at one for all (.,): a matrix (n, ., .) each."""
+        # A state that diverges is expected, and NaN says so.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", BatchWarning)
+            values = self._batch(*arguments)
+        matrices = []
+        for entries, (shape, rows, columns) in zip(values, self._patterns, strict=True):
+            matrices.append(np.zeros((len(entries), *shape)))
+            matrices[-1][:, rows, columns] = entries
+        return matrices
 
 
 def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:
@@ -113,6 +137,22 @@ def measure(
         between(problem, x, physical),
         None if np.isnan(impulse).all() else _worst(acting, names),
     )
+
+
+def pair_sizes(problem: Problem, system: ContactSystem) -> tuple[np.ndarray, np.ndarray]:
+    """Characteristic sizes (nlam,) of a system's multipliers and gaps: either may be a way [m]."""
+    ways, sizes = [signal.unit == "m" for signal in system.contacts], problem.scales
+    lam = np.where(ways, sizes.gap, sizes.impulse)
+    return lam, np.where(ways, sizes.impulse, sizes.gap)
+
+
+def slip_sides(system: ContactSystem) -> list[tuple[int, list[int]]]:
+    """Return each contact's slip pair, and its pairs of friction."""
+    return [
+        (i, [j for j, other in enumerate(system.pairs)
+             if other.kind == "friction" and other.contact == pair.contact])
+        for i, pair in enumerate(system.pairs) if pair.kind == "slip"
+    ]  # fmt: skip
 
 
 def _worst(amounts: np.ndarray, names: Sequence[str]) -> Worst:

@@ -14,7 +14,7 @@ from itertools import combinations, product
 import casadi as ca
 import numpy as np
 
-from ocp.physics.measures import TrajectoryEvaluator
+from ocp.physics.measures import DenseFunction, TrajectoryEvaluator, pair_sizes, slip_sides
 from ocp.problem import Problem
 from ocp.rollout import at_steps
 
@@ -134,27 +134,20 @@ class StepSolutions:
     def __init__(self, problem: Problem, physical: np.ndarray) -> None:
         system, scales = problem.system, problem.scales
         self.p, self.x_sizes, self._reach = physical, scales.x, _REACH[system.reduced.affine]
-        self.of_lam, self.of_gap = np.where(
-            [signal.unit == "m" for signal in system.contacts],
-            [[scales.gap], [scales.impulse]],
-            [[scales.impulse], [scales.gap]],
-        )
+        self.of_lam, self.of_gap = pair_sizes(problem, system)
         kinds = np.array([pair.kind for pair in system.pairs])
         owners = np.array([pair.contact for pair in system.pairs]) + 0.5 * (kinds == "limit")
         groups = [np.flatnonzero(owners == owner) for owner in np.unique(owners)]
         self.groups = [rows for rows in groups if kinds[rows[0]] in ("normal", "limit")]
         self.modes = [_modes(rows, kinds[rows]) for rows in self.groups]
-        sides = [(rows[kinds[rows] == "slip"], rows[kinds[rows] == "friction"]) for rows in groups]
-        self.slips = [(int(slip[0]), edges) for slip, edges in sides if slip.size and edges.size]
+        self._slips = slip_sides(system)
         lam = ca.SX.sym("lam", system.nlam)
         parts = ca.substitute(
             [system.residual, system.gap / self.of_gap], [system.lam], [self.of_lam * lam]
         )
         parts += [ca.jacobian(part, by) for part in parts for by in (system.x_next, lam)]
         symbols = [system.x, system.u, system.x_next, lam, problem.parameters.vector]
-        self._shapes = [part.shape for part in parts]
-        entries = ca.vertcat(*(ca.vec(ca.densify(part)) for part in parts))
-        self._model = ca.Function("model", symbols, [entries])
+        self._model = DenseFunction(symbols, parts)
 
     def __call__(
         self, x: np.ndarray, u: np.ndarray, x_next: np.ndarray, lam: np.ndarray, gap: np.ndarray
@@ -208,7 +201,7 @@ class StepSolutions:
             dx, dl, _ = _newton(*model, np.arange(left.size), active[left])
             x_next[left], lam[left] = x_next[left] + dx, lam[left] + dl
             moved[left] = np.abs(np.column_stack([dx / self.x_sizes, dl])).max(axis=1)
-        residual, gap, *_ = self._evaluate(x, u, x_next, lam)
+        residual, gap, *_ = self._model(x, u, x_next, lam, self.p)
         self._let_slide(lam, gap := gap[:, :, 0])
         solved = (moved < _SOLVED) & (np.abs(residual).max(axis=(1, 2), initial=0.0) < _SOLVED)
         good = solved & (np.minimum(lam, gap) > -_SOLVED).all(axis=1)
@@ -216,25 +209,16 @@ class StepSolutions:
 
     def _let_slide(self, lam: np.ndarray, gap: np.ndarray) -> None:
         """Raise the slip of open contacts to what the motion asks for: it is no unknown of them."""
-        for slip, sides in self.slips:
+        for slip, sides in self._slips:
             more = np.where(lam[:, sides].any(axis=1), 0.0, -gap[:, sides].min(axis=1).clip(max=0))
             lam[:, slip] += more
             gap[:, sides] += more[:, None]
 
     def _reduced(self, *point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Expand steps: ``dx = moved (1, dlam)`` and scaled gaps ``off + F dlam``."""
-        residual, gap, D, E, G, H = self._evaluate(*point)
+        residual, gap, D, E, G, H = self._model(*point, self.p)
         moved = -np.linalg.solve(D, np.concatenate([residual, E], axis=2))
         return moved, H + G @ moved[:, :, 1:], (gap + G @ moved[:, :, :1])[:, :, 0]
-
-    def _evaluate(self, *point: np.ndarray) -> list[np.ndarray]:
-        """Residual, scaled gap and their Jacobians by x_next and scaled lam, each (n, ., .)."""
-        entries = np.array(
-            self._model.map(len(point[0]))(*(ca.DM(part.T) for part in point), self.p)
-        )
-        parts = np.split(entries.T, np.cumsum([m * n for m, n in self._shapes])[:-1], axis=1)
-        shaped = zip(parts, self._shapes, strict=True)
-        return [part.reshape(-1, n, m).swapaxes(1, 2) for part, (m, n) in shaped]
 
 
 def _newton(

@@ -6,13 +6,12 @@ with dense linear algebra over all states at once, no graph of the whole step is
 
 from __future__ import annotations
 
-import warnings
-
 import casadi as ca
 import numpy as np
 
-from dynamics.batch import BatchFunction, BatchWarning
+from dynamics.batch import BatchFunction
 from dynamics.systems import ContactSystem
+from ocp.physics.measures import DenseFunction, pair_sizes, slip_sides
 from ocp.problem import Problem
 
 _ITERATIONS, _LINEARISATIONS, _TO_EDGE, _LEAST = 40, 10, 0.995, 1e-12
@@ -35,17 +34,10 @@ class NearSteps:
 
     def __init__(self, problem: Problem, system: ContactSystem, physical: np.ndarray) -> None:
         self.p, self.n = physical, system.nlam
-        scales = problem.scales
-        impulses = np.array([signal.unit == "N s" for signal in system.contacts])
-        self.of_lam = np.where(impulses, scales.impulse, scales.gap)
-        self.of_gap = np.where(impulses, scales.gap, scales.impulse)
+        self.of_lam, self.of_gap = pair_sizes(problem, system)
         owners = np.array([pair.contact for pair in system.pairs])
         self.owners = [np.flatnonzero(owners == i) for i in range(owners.max() + 1)]
-        kinds = [pair.kind for pair in system.pairs]
-        self.slips = [
-            (i, [j for j in self.owners[pair.contact] if kinds[j] == "friction"])
-            for i, pair in enumerate(system.pairs) if pair.kind == "slip"
-        ]  # fmt: skip
+        self.slips = slip_sides(system)
         self.curved = not ca.is_linear(system.gap, system.lam)
         width = max(map(len, self.owners))
         # Contacts with fewer pairs repeat their last, which a mask leaves out.
@@ -53,13 +45,10 @@ class NearSteps:
         self.real = np.array([[True] * len(o) + [False] * (width - len(o)) for o in self.owners])
         symbols = [system.x, system.u, system.x_next, system.lam, problem.parameters.vector]
         jac = ca.jacobian
-        moved = jac(system.residual, system.x_next)
-        sparse = {"gap": system.gap, "by_state": jac(system.gap, system.x_next),
-                  "by_lam": jac(system.gap, system.lam)}  # fmt: skip
-        still = {"residual": system.residual, "moved": moved,
-                 "pushed": jac(system.residual, system.lam)}  # fmt: skip
-        self._along = _Dense(symbols, sparse)
-        self._once = _Dense(symbols, still)
+        x_next, lam = system.x_next, system.lam
+        gaps = [system.gap, jac(system.gap, x_next), jac(system.gap, lam)]
+        motion = [system.residual, jac(system.residual, x_next), jac(system.residual, lam)]
+        self._along, self._once = DenseFunction(symbols, gaps), DenseFunction(symbols, motion)
         phi = problem.signed_distance
         assert phi is not None
         self._distance = BatchFunction(phi, backend="numpy")
@@ -71,10 +60,10 @@ class NearSteps:
     def solved(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The next states (S, nx), multipliers and gaps (S, nlam) of all pairs."""
         S, zeros = len(x), np.zeros((len(x), self.n))
-        once = self._once(x, u, np.zeros_like(x), zeros, self.p)
-        moved = np.linalg.inv(once["moved"])
-        a = -(moved @ once["residual"])[:, :, 0]
-        B = -moved @ once["pushed"]
+        residual, by_state, by_lam = self._once(x, u, np.zeros_like(x), zeros, self.p)
+        moved = np.linalg.inv(by_state)
+        a = -(moved @ residual)[:, :, 0]
+        B = -moved @ by_lam
         phi = np.asarray(self._distance(x, self.p))[:, : len(self.owners)]
         near = np.argsort(phi, axis=1, kind="stable")[:, :_NEAR]
         always = np.arange(phi.shape[1], len(self.owners))
@@ -93,7 +82,7 @@ class NearSteps:
                 break
         lam, (s, k) = zeros, np.nonzero(real)
         lam[s, rows[s, k]] = near_lam[s, k] * self.of_lam[rows[s, k]]
-        gap = self._along(x, u, x_next, lam, self.p)["gap"][:, :, 0]
+        gap = self._along(x, u, x_next, lam, self.p)[0][:, :, 0]
         for slip, sides in self.slips:
             # A contact without an impulse leaves its slip open above what the motion asks for: one
             # that is larger makes no pair of its own (0, 0).
@@ -116,12 +105,12 @@ class NearSteps:
         last = np.zeros((len(x), self.n))
         s, k = np.nonzero(real)
         last[s, rows[s, k]] = near[s, k] * self.of_lam[rows[s, k]]
-        found = self._along(x, u, at, last, self.p)
+        gap, by_state, by_lam = self._along(x, u, at, last, self.p)
         units, sizes = self.of_gap[rows], self.of_lam[rows]
-        slope = found["by_state"][here, rows]
+        slope = by_state[here, rows]
         B_near = np.take_along_axis(B, rows[:, None, :], axis=2) * sizes[:, None, :]
-        z = found["gap"][here, rows, 0] + np.einsum("sij,sj->si", slope, a - at)
-        by_lam = found["by_lam"][here[:, :, None], rows[:, :, None], rows[:, None, :]]
+        z = gap[here, rows, 0] + np.einsum("sij,sj->si", slope, a - at)
+        by_lam = by_lam[here[:, :, None], rows[:, :, None], rows[:, None, :]]
         by_lam = np.where(real[:, None, :], by_lam * sizes[:, None, :], 0.0)
         z -= np.einsum("sij,sj->si", by_lam, near)
         F = slope @ B_near + by_lam
@@ -188,33 +177,3 @@ def _to_edge(
     down = [np.where(own & (d < 0), -v / np.where(d < 0, d, -1), np.inf)
             for v, d in ((lam, dl), (slack, ds))]  # fmt: skip
     return np.minimum(1.0, _TO_EDGE * np.minimum(*down).min(axis=1))[:, None]
-
-
-class _Dense:
-    """Outputs of a graph over many samples as dense matrices, from their nonzeros."""
-
-    def __init__(self, symbols: list[ca.SX], outputs: dict[str, ca.SX]) -> None:
-        self._names = list(outputs)
-        self._places, kept = [], []
-        for expression in outputs.values():
-            expression = ca.sparsify(expression)
-            pattern = expression.sparsity()
-            rows, columns = (np.array(part, dtype=int) for part in pattern.get_triplet())
-            self._places.append((expression.shape, rows, columns))
-            kept.append(ca.vec(expression.nz[:]))
-        made = ca.Function("dense", symbols, [ca.densify(one) for one in kept])
-        self._batch = BatchFunction(made, backend="numpy")
-
-    def __call__(self, *arguments: np.ndarray) -> dict[str, np.ndarray]:
-        # A state that diverges is expected, and NaN says so.
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", BatchWarning)
-            found = self._batch(*arguments)
-        dense = {}
-        for name, values, (shape, rows, columns) in zip(
-            self._names, found, self._places, strict=True
-        ):
-            matrix = np.zeros((len(values), *shape))
-            matrix[:, rows, columns] = values
-            dense[name] = matrix
-        return dense

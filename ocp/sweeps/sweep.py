@@ -348,7 +348,9 @@ def verdict(found: list[dict[str, Any]], dims: list[str]) -> str:
         f" at {row['start']}"
         for row in outliers[:_TOLD]
     ]
-    lines += [f"{where(row, dims)}: {_first(row['verdict'])}" for row in failures[:_TOLD]]
+    lines += [
+        f"{where(row, dims)}: {row['verdict']}".partition("\n")[0] for row in failures[:_TOLD]
+    ]
     if len(failures) > _TOLD:
         lines.append(f"and {len(failures) - _TOLD} more that failed")
     return "\n".join([f"{told}.", *lines])
@@ -360,7 +362,3 @@ _TOLD = 5
 def where(row: dict[str, Any], dims: list[str]) -> str:
     """Coordinates of a point in words: ``M = 0.5, contact.mu = 0.001``."""
     return ", ".join(f"{dim} = {row[dim]:g}" for dim in dims)
-
-
-def _first(text: str) -> str:
-    return text.partition("\n")[0]

@@ -153,7 +153,8 @@ def assemble(stages: list[Stage], n: int, n_data: int, m: int, n_p: int,
     f, g = _sum_costs(costs), _collect(stages, [v[0] for v in values], m)
 
     slope = [_Mapped(stage, make(stage.cost_slope()))(source, p) for stage in stages]
-    grad = _scattered_gradient(stages, [v[1] for v in slope], n)
+    target = np.concatenate([stage.index.ravel() for stage in stages])
+    grad = _add_up(target, n, ca.vertcat(*(ca.vec(v[1]) for v in slope)))
     made = [(stage, *stage.constraint_slopes()) for stage in stages]
     first = [_Mapped(stage, make(function))(source, p) for stage, function, _ in made]
     g1 = _collect(stages, [v[0] for v in first], m)
@@ -186,11 +187,6 @@ def _collect(stages: list[Stage], parts: list[ca.MX], m: int) -> ca.MX:
     return flat[order.tolist()] if m else ca.MX(0, 1)
 
 
-def _scattered_gradient(stages: list[Stage], parts: list[ca.MX], n: int) -> ca.MX:
-    target = np.concatenate([stage.index.ravel() for stage in stages])
-    return _add_up(target, n, ca.vertcat(*(ca.vec(part) for part in parts)))
-
-
 def _add_up(target: np.ndarray, size: int, values: ca.MX) -> ca.MX:
     """Sum ``values`` into a dense vector of ``size`` at ``target``, dropping targets beyond."""
     kept = np.flatnonzero(target < size)
@@ -204,15 +200,22 @@ def _by_columns(m: int, n: int, row: np.ndarray, column: np.ndarray) -> ca.Spars
     return ca.Sparsity(m, n, start.tolist(), row.tolist())
 
 
+def _placed(*parts: tuple[np.ndarray, np.ndarray, ca.Sparsity]) -> list[np.ndarray]:
+    """Rows and columns of all copies' entries, from indices of rows, of columns, and patterns."""
+    placed = [
+        [
+            index[:, entry].ravel()
+            for index, entry in zip(indices, pattern.get_triplet(), strict=True)
+        ]
+        for *indices, pattern in parts
+    ]
+    return [np.concatenate(part) for part in zip(*placed, strict=True)]
+
+
 def _scattered_jacobian(
     patterns: list[tuple[Stage, ca.Sparsity]], parts: list[ca.MX], n: int, m: int
 ) -> ca.MX:
-    rows, columns = [], []
-    for stage, pattern in patterns:
-        row, column = (np.array(v, dtype=int) for v in pattern.get_triplet())
-        rows.append(stage.rows[:, row].ravel())
-        columns.append(stage.index[:, column].ravel())
-    row, column = np.concatenate(rows), np.concatenate(columns)
+    row, column = _placed(*((stage.rows, stage.index, pattern) for stage, pattern in patterns))
     kept = np.flatnonzero(column < n)
     order = kept[np.argsort(column[kept] * m + row[kept], kind="stable")]
     sparsity = _by_columns(m, n, row[order], column[order])
@@ -223,13 +226,8 @@ def _scattered_jacobian(
 def _scattered_hessian(
     patterns: list[tuple[Stage, ca.Sparsity]], parts: list[ca.MX], n: int
 ) -> ca.MX:
-    rows, columns = [], []
-    for stage, pattern in patterns:
-        row, column = (np.array(v, dtype=int) for v in pattern.get_triplet())
-        rows.append(stage.index[:, row].ravel())
-        columns.append(stage.index[:, column].ravel())
-    first, second = np.concatenate(rows), np.concatenate(columns)
-    row, column = np.minimum(first, second), np.maximum(first, second)
+    ends = _placed(*((stage.index, stage.index, pattern) for stage, pattern in patterns))
+    row, column = np.minimum(*ends), np.maximum(*ends)
     kept = column < n
     key = np.where(kept, column * n + row, n * n)
     unique, target = np.unique(key, return_inverse=True)

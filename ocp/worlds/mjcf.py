@@ -61,15 +61,8 @@ def mjcf(built: Mechanism, number: _Number, friction: Mapping[str, float]) -> Mj
     root = Element("mujoco")
     write(root, "compiler", angle="radian", inertiafromgeom="false")
     # MuJoCo 4.0.0 factorises sparse Jacobians wrongly.
-    option = write(
-        root,
-        "option",
-        gravity=gravity,
-        cone="elliptic",
-        integrator="implicitfast",
-        jacobian="dense",
-    )
-    write(option, "flag", autoreset="disable")
+    solver = {"cone": "elliptic", "integrator": "implicitfast", "jacobian": "dense"}
+    write(write(root, "option", gravity=gravity, **solver), "flag", autoreset="disable")
     asset, bodies = write(root, "asset"), {WORLD: write(root, "worldbody")}
     contact, actuator = write(root, "contact"), write(root, "actuator")
     shapes, pairs = _shapes(built)
@@ -176,24 +169,18 @@ def _merge(frames: dict[str, _Frame], touching: set[str], number: _Number) -> No
         if heavy or len(carried) != 1 or name in touching or not single:
             continue
         lower = frames[carried[0]]
-        place, (above, turn) = (
-            numbers(lower.place),
-            (
-                Rotation.from_quat(numbers(frame.turn), scalar_first=True)
-                for frame in (upper, lower)
-            ),
-        )
+        place, quaternions = numbers(lower.place), [numbers(upper.turn), numbers(lower.turn)]
+        above, turn = Rotation.from_quat(quaternions, scalar_first=True)
         moves = list[_Move]()
         for move in upper.moves:
             axis, at = numbers(move.axis), numbers(move.at or (0.0,) * 3) - place
             axis, at = (tuple(turn.inv().apply(vector)) for vector in (axis, at))
             moves.append(move._replace(axis=axis, at=at))
-        frames[carried[0]] = _Frame(
-            lower.owner,
-            upper.parent,
-            tuple(numbers(upper.place) + above.apply(place)),
-            tuple((above * turn).as_quat(scalar_first=True)),
-            [*moves, *lower.moves],
+        frames[carried[0]] = lower._replace(
+            parent=upper.parent,
+            place=tuple(numbers(upper.place) + above.apply(place)),
+            turn=tuple((above * turn).as_quat(scalar_first=True)),
+            moves=[*moves, *lower.moves],
         )
         del frames[name]
 

@@ -11,9 +11,8 @@ import numpy as np
 
 from dynamics.systems.checks import items, text
 from dynamics.systems.contact_rows import Cone
-from dynamics.systems.mechanism import WORLD, Mechanism
+from dynamics.systems.mechanism import WORLD, Mechanism, check_parts
 from dynamics.systems.parameters import ParameterTable
-from dynamics.systems.planar import root_first
 from dynamics.systems.space.body import Body, Vector, vector
 from dynamics.systems.space.contact import Motions, Place, SpatialContact, at_random_poses, between
 from dynamics.systems.space.coupling import CoupledJoints, Coupling
@@ -67,26 +66,8 @@ class SpatialMachine:
         items("bodies", Body, self.bodies)
         items("parts", SpatialPart, self.parts)
         vector("gravity", self.gravity, (3,))
-        bodies = [body.name for body in root_first(self.bodies)]
-        if WORLD in bodies:
-            raise ValueError(f"a body is named {WORLD!r}, which never moves; give it another name")
-        for part in self.parts:
-            if part.body not in (*bodies, WORLD):
-                raise ValueError(
-                    f"{part.name!r} is on body {part.body!r}, which does not exist; choose from"
-                    f" {', '.join(bodies)}"
-                )
-        known = {part.name: part.body for part in self.parts}
-        if len(known) < len(self.parts):
-            names = [part.name for part in self.parts]
-            twice = next(name for name in names if names.count(name) > 1)
-            raise ValueError(f"two parts are named {twice!r}; give each part its own name")
-        for meeting in self.meetings:
-            for name in meeting:
-                if name not in known:
-                    raise ValueError(f"{name!r} is not a part; choose from {', '.join(known)}")
-            if len({known[name] for name in meeting}) == 1:
-                raise ValueError(f"{' and '.join(meeting)} are on the same body and never meet")
+        parts = [(part.name, part.body) for part in self.parts]
+        check_parts("body", self.bodies, [], parts, self.meetings)
 
     @cached_property
     def _tree(self) -> Tree:
