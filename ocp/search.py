@@ -122,7 +122,11 @@ class PushSearch:
         tree = TouchSearch(swept.problem, swept.values, self.seed)
         nodes = []
         for number, nodes in enumerate(tree.rounds(), 1):
-            self._report(number, nodes[0].resting, tree.tried)
+            if self.progress is not None:
+                cost, nan = nodes[0].resting, np.nan
+                self.progress(
+                    StageRecord("pushes", number, cost, nan, nan, tree.tried, nan, "searched")
+                )
         self.tried |= {"seed": self.seed, "motions": tree.tried, "steps": tree.rolled, "plans": []}
         plans = [
             plan for node in nodes[:CANDIDATES]
@@ -198,8 +202,3 @@ class PushSearch:
         """Judge an answer; the work so far counts as its own."""
         trace, branches.follower.trace = branches.follower.trace, Trace()
         return judged(swept, RouteResult(end, branches.program, True, trace), self.seed)
-
-    def _report(self, number: int, cost: float, motions: int) -> None:
-        if self.progress is not None:
-            nan = np.nan
-            self.progress(StageRecord("pushes", number, cost, nan, nan, motions, nan, "searched"))

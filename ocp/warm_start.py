@@ -230,13 +230,10 @@ class _Carrier:
         self.values, self.problem = values, problem
         self.physical = problem.parameters.pack(values)
         old = np.asarray(self.data["time"].values)
-        self.mesh = _Mesh(old[1:], self._times(old)[1:])
-
-    def _times(self, old: np.ndarray) -> np.ndarray:
-        """Times [s] of the new nodes; a step size that is a state keeps the old duration."""
-        if not self.free_steps:
-            return node_times(self.problem, self.physical)
-        return np.linspace(0.0, old[-1], self.problem.N + 1)
+        # A step size that is a state keeps the old duration.
+        new = np.linspace(0.0, old[-1], problem.N + 1)
+        new = new if self.free_steps else node_times(problem, self.physical)
+        self.mesh = _Mesh(old[1:], new[1:])
 
     @property
     def free_steps(self) -> list[int]:

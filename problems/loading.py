@@ -22,7 +22,6 @@ from pydantic import AfterValidator, BaseModel, Field
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, abbreviated
 from ocp.factories import contact_law
-from ocp.problem import Problem
 from ocp.store.provenance import file_digest
 from ocp.validation import Line, Recorded, validated
 from problems.drawing import ContactFrame, Shape
@@ -127,20 +126,15 @@ def check(spec: ProblemSpec) -> None:
     cost = np.array(problem.cost_terms(start[0], np.zeros(system.nu), np.zeros(system.nu), 0, p))
     if not np.all(np.isfinite(cost)):
         raise InputError(f"{spec.path}: the cost is not a finite number at x0 and u = 0")
-    if not np.all(np.isfinite(_step(problem, start[0], p))):
+    s, own = problem.system, problem.parameters.vector
+    at = ca.Function("step", [s.x, s.u, s.x_next, s.lam, own], [ca.vertcat(s.residual, s.gap)])
+    if not np.all(np.isfinite(np.array(at(start[0], 0, start[0], 0, p)))):
         raise InputError(f"{spec.path}: residual or gap is not finite at x0, u = 0 and lam = 0")
     params = spec.params({})
     for drawing in (spec.draw, spec.frames):
         if drawing is not None:
             drawing(params, start[0])
     _check_words(spec, params)
-
-
-def _step(problem: Problem, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Residual and gap of a step that stays at x, without inputs and impulses."""
-    s, own = problem.system, problem.parameters.vector
-    at = ca.Function("step", [s.x, s.u, s.x_next, s.lam, own], [ca.vertcat(s.residual, s.gap)])
-    return np.array(at(x, 0, x, 0, p))
 
 
 def _check_words(spec: ProblemSpec, params: BaseModel) -> None:

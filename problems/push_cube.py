@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import casadi as ca
 import numpy as np
@@ -141,17 +141,9 @@ def build(params: Params) -> Problem:
         terminal_cost=p["w_end"] * (ca.sumsqr(x[:3] - goal) + p["w_q"] * off),
         x0=ca.vertcat(0, 0, p["a"] / 2, 1, 0, 0, 0, tip, ca.SX.zeros(9)),
         parameters=p,
-        guess=_over if params.turn == "over" else _flat,
+        guess=partial(_carried, over=math.pi / 2 if params.turn == "over" else 0.0),
         scaling=Scaling(impulse=0.5, gap=0.1),
     )
-
-
-def _flat(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return _carried(problem, p, 0.0)
-
-
-def _over(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return _carried(problem, p, math.pi / 2)
 
 
 def _carried(problem: Problem, p: np.ndarray, over: float) -> tuple[np.ndarray, np.ndarray]:

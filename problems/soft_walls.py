@@ -115,13 +115,10 @@ def cost_to_go(A: ca.SX, B: ca.SX, Q: ca.SX, R: ca.SX) -> ca.SX:
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Cart, pole with its tip, and the springs of both walls at the height of the tip."""
-    return pole_shapes(float(state[0]), *_tip(params, state), params.wall)
+    tip = float(state[0]) - params.lp * float(state[1])
+    return pole_shapes(float(state[0]), tip, params.lp, params.wall)
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """The right wall pushes the tip to the left, the left wall to the right."""
-    return pole_frames(*_tip(params, state))
-
-
-def _tip(params: Params, state: np.ndarray) -> tuple[float, float]:
-    return float(state[0]) - params.lp * float(state[1]), params.lp
+    return pole_frames(float(state[0]) - params.lp * float(state[1]), params.lp)

@@ -100,7 +100,8 @@ class _Search:
         for part in name.split("."):
             whole = f"{whole}.{part}" if whole else part
             spec = None if whole in OWN else _spec(part, path)
-            if spec is None or (spec.origin and _installed(Path(spec.origin))):
+            origin = None if spec is None else spec.origin and Path(spec.origin).resolve()
+            if spec is None or (origin and any(map(origin.is_relative_to, _places()))):
                 return
             inside = spec.submodule_search_locations
             if spec.origin and whole not in self.found:
@@ -125,10 +126,6 @@ def _places() -> set[Path]:
     places = [sysconfig.get_path(kind) for kind in kinds]
     places += [*site.getsitepackages(), site.getusersitepackages()]
     return {Path(place).resolve() for place in places}
-
-
-def _installed(file: Path) -> bool:
-    return any(file.resolve().is_relative_to(place) for place in _places())
 
 
 def _nodes(tree: ast.AST) -> Iterator[ast.AST]:

@@ -141,22 +141,18 @@ class ProblemSpec(Spec):
         guess = problem.guess
         if guess is not None and self.path is not None:
             guess = guarded(guess, "guess(problem, p)", self.path)
+        symbols, given = problem.parameters.names, params.model_dump()
+        fixed = {name: value for name, value in given.items() if name not in symbols}
         return replace(
             problem,
             guess=guess,
             scaling=replace(problem.scaling, units=natural_units(params, problem)),
-            settings={**_fixed(params, problem), **problem.settings},
+            settings={**fixed, **problem.settings},
             citation=problem.citation or (self.citation.key if self.citation else ""),
             source=None if self.path is None else str(self.path),
             source_digest=self.digest,
             shown=None if self.path is None else UserProblemRecord(self, params),
         )
-
-
-def _fixed(params: BaseModel, problem: Problem) -> dict[str, Any]:
-    """Parameters that are no symbols of the problem, for the record of a run."""
-    symbols = problem.parameters.names
-    return {name: value for name, value in params.model_dump().items() if name not in symbols}
 
 
 def check_parameters(owner: str, Params: type[BaseModel], values: Mapping[str, Any]) -> Any:

@@ -208,13 +208,9 @@ def training_progress(quiet: bool, epochs: int) -> Iterator[Callable[[Epoch, str
             done = epoch.number - first.setdefault(name, epoch.number - 1)
             seconds = (time.monotonic() - began) / done
             left = f", {seconds * (epochs - epoch.number):.0f} s left"
-            text = name + _line(epoch, epochs)
+            errors = f"loss {number(epoch.train, 3)}, held out {number(epoch.noised, 3)}"
+            text = f"{name}epoch {epoch.number} of {epochs}, {errors}"
             now = epoch.number % 10 == 0 or epoch.number == epochs
             show(text if now else "", now, lambda: Text(text + left))
 
         yield report
-
-
-def _line(epoch: Epoch, epochs: int) -> str:
-    error = number(epoch.noised, 3)
-    return f"epoch {epoch.number} of {epochs}, loss {number(epoch.train, 3)}, held out {error}"

@@ -60,7 +60,10 @@ class RunView:
         ``own`` is the problem of a user's file (:func:`~problems.plugin.spec_of`).
         """
         if run.kind == "closed-loop":
-            run = replace(run, data=_as_solve(run.data))
+            # As far as its longest seed came.
+            ended = max(1, int(run.data["ended"].max()))
+            data = run.data.isel(node=slice(0, ended + 1), sample=slice(0, ended))
+            run = replace(run, data=data.rename(_OF_SOLVE))
         try:
             return cls(run, *(task_of(run) if run.kind == "train" else problem_of(run, own)))
         except InputError:
@@ -142,12 +145,6 @@ class RunView:
 
 _OF_SOLVE = {"seed": "scenario", "sample": "interval", "input": "control",
              "input_unit": "control_unit"}  # fmt: skip
-
-
-def _as_solve(data: xr.Dataset) -> xr.Dataset:
-    """A closed loop as far as its longest seed came, with a solve's names of dimensions."""
-    ended = max(1, int(data["ended"].max()))
-    return data.isel(node=slice(0, ended + 1), sample=slice(0, ended)).rename(_OF_SOLVE)
 
 
 _KINDS: dict[str, type[Shape]] = {

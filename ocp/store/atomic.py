@@ -51,7 +51,10 @@ def replacing(path: Path, what: str = "") -> Iterator[Path]:
             with tempfile.TemporaryDirectory(prefix=_PREFIX) as room:
                 draft = Path(room) / path.name
                 yield draft
-                _pour(draft, path)
+                # No O_CREAT: had it vanished since, a file would be made that is not replaced.
+                sink = os.open(path, os.O_WRONLY)  # A FIFO waits for its reader.
+                with draft.open("rb") as source, os.fdopen(sink, "wb") as target:
+                    shutil.copyfileobj(source, target)
             return
         with draft_directory(place.parent) as room:
             draft = room / path.name
@@ -89,13 +92,6 @@ def _is_handle(path: Path) -> bool:
             return True
         seen = home / seen.readlink()
     return False
-
-
-def _pour(draft: Path, path: Path) -> None:
-    """Write a draft to a device, a FIFO or an open file; a FIFO waits for its reader."""
-    # No O_CREAT: had it vanished since, a regular file would be made that is not replaced whole.
-    with draft.open("rb") as source, os.fdopen(os.open(path, os.O_WRONLY), "wb") as sink:
-        shutil.copyfileobj(source, sink)
 
 
 @contextmanager

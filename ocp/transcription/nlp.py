@@ -86,10 +86,13 @@ class NLP(Program):
         physical = problem.parameters.pack(values)
         limits = [np.array(v).ravel() for v in problem.limits(physical)]
         u_lower, u_upper, x_lower, x_upper = limits[2:]
+        # Without a normal force nothing else holds the slip of a contact.
+        far = {"slip": _SLIP * problem.scales.gap}
+        most = [far.get(pair.kind, np.inf) for pair in problem.system.pairs] * self.step.branches
         known = {
             "x": (x_lower, x_upper),
             "u": (u_lower, u_upper),
-            "lam": (0.0, self._largest_multipliers()),
+            "lam": (0.0, np.array(most)),
             "gap": (0.0, np.inf),
         }
         gain_bound = getattr(self.policy, "bound", np.inf)
@@ -198,12 +201,6 @@ class NLP(Program):
         _, (scenario, step, i) = self.variables.locate(int(self.pairs[0, index]))
         kinds = self.problem.system.pairs
         return PairName(kinds[i % len(kinds)].kind, self.step.contacts[i].name, scenario, step)
-
-    def _largest_multipliers(self) -> np.ndarray:
-        """No bound, but for the slip of a contact: without a normal force nothing else holds it."""
-        kinds = [pair.kind for pair in self.problem.system.pairs] * self.step.branches
-        far = _SLIP * self.problem.scales.gap
-        return np.array([far if kind == "slip" else np.inf for kind in kinds])
 
     def _constraint_bounds(
         self, physical: np.ndarray, known: dict[str, tuple]

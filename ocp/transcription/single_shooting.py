@@ -213,7 +213,8 @@ class _Condensed:
         gradient = ca.MX.zeros(1, n)
         rows: dict[str, list[ca.MX]] = {name: [] for name in [*self.extra, "terminal"]}
         Y_all, blocks, ends = [], [], []
-        picks = [self._pick(k) for k in range(self.N)]
+        identity = ca.DM.eye(n)
+        picks = [identity[index.tolist(), :] for index in self.theta_index]
         for s in range(self.S):
             M = ca.MX(nxi, n)
             for k in range(self.N):
@@ -244,11 +245,6 @@ class _Condensed:
             size = self.constraints[name].shape[-1]
             rows[name].append(block[at : at + size, :])
             at += size
-
-    def _pick(self, k: int) -> ca.DM:
-        index = self.theta_index[k]
-        return ca.DM.triplet(list(range(index.size)), index.tolist(), ca.DM.ones(index.size),
-                             index.size, self.variables.size)  # fmt: skip
 
     def _hessian(self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX,
                  lam_f: ca.MX, lam_g: ca.MX, first: dict) -> ca.MX:  # fmt: skip

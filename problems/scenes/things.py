@@ -233,21 +233,15 @@ def touches(things: Sequence[Thing], apart: Collection[frozenset[str]]) -> list[
         if still or frozenset((first.name, second.name)) in apart:
             continue
         called = f"{first.name} on {second.name}"
-        one, other = sorted((first, second), key=_rank)
-        pairs = _shapes(one, other)
+        one, other = sorted(
+            (first, second), key=lambda thing: [not isinstance(thing, kind) for kind in _FIRST]
+        )
+        pairs = [(a, b) for a in parts(one.shape) for b in parts(other.shape)]
+        if one.turns or other.turns:
+            pairs = vertex_pairs(one.shape, other.shape)
         names = [called] if len(pairs) == 1 else [f"{called} {i + 1}" for i in range(len(pairs))]
         found += [
             Touch(name, one, shape, other, against)
             for name, (shape, against) in zip(names, pairs, strict=True)
         ]
     return found
-
-
-def _rank(thing: Thing) -> int:
-    return next(i for i, kind in enumerate(_FIRST) if isinstance(thing, kind))
-
-
-def _shapes(one: Thing, other: Thing) -> list[tuple[Shape, Shape]]:
-    if one.turns or other.turns:
-        return vertex_pairs(one.shape, other.shape)
-    return [(a, b) for a in parts(one.shape) for b in parts(other.shape)]

@@ -76,7 +76,8 @@ def _task(task: str, params: Params) -> dict[str, np.ndarray]:
     variance, lost = np.full((2, *shape, len(LENGTHS)), np.nan)
     lipschitz, of_policy = np.zeros(shape), np.zeros(params.stages)
     algorithm, k = asked.algorithm, 0
-    steps = [_step(experiment, law) for law in LAWS.values()]
+    system = replace(experiment.task.system, parameters=experiment.task.parameters)
+    steps = [StepFunction(law.close(system), threads=1) for law in LAWS.values()]
     state = algorithm.begin(experiment)
     for s in range(params.stages):
         trained = algorithm.policy(experiment, state)
@@ -112,11 +113,6 @@ def _visited(experiment: Experiment, trained: Trained, params: Params, stage: in
     alive = np.arange(found.states.shape[1]) < np.maximum(found.lived, 1)[:, None]
     candidates = found.states[finite & alive]
     return candidates[rng.integers(len(candidates), size=params.unrolls)]
-
-
-def _step(experiment: Experiment, law: ContactLaw) -> StepFunction:
-    task = experiment.task
-    return StepFunction(law.close(replace(task.system, parameters=task.parameters)), threads=1)
 
 
 def _lipschitz(

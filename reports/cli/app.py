@@ -273,7 +273,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt) or interrupt.seen():
-            return _stopped()
+            streams.abandon()
+            print("stopped by the user; finished work is kept", file=sys.stderr)
+            return interrupt.EXIT_CODE
         if "--debug" in given:
             traceback.print_exc()
         message, code = _explain(error)
@@ -288,12 +290,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-
-
-def _stopped() -> int:
-    streams.abandon()
-    print("stopped by the user; finished work is kept", file=sys.stderr)
-    return interrupt.EXIT_CODE
 
 
 def _explain(error: BaseException) -> tuple[str, int]:

@@ -75,13 +75,9 @@ def _runs(given: dict[str, Any]) -> Words:
     return ["@last", *(path.name for path in run_paths(given.get("out") or "runs"))]
 
 
-def _runs_or_problems(given: dict[str, Any]) -> Words:
-    return [*_problems(given), *_runs(given)]
-
-
 _WORDS: dict[str, Callable[[dict[str, Any]], Words]] = {
     "problem": _problems, "law_settings": _law_settings, "params": _parameters,
     "mismatch": _parameters, "settings": _settings, "run": _runs, "runs": _runs, "start": _runs,
-    "at": _runs, "what": _runs_or_problems,
+    "at": _runs, "what": lambda given: [*_problems(given), *_runs(given)],
 }  # fmt: skip
 """What completes the other fields, of the options that are given."""

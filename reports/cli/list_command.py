@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from textwrap import fill
@@ -61,15 +60,10 @@ def run_list(options: Options, content: Catalogue) -> int:
         for title, items in content.items():
             if items:
                 print(title)
-            _print_names(items)
+            for row in items:
+                text = f"  {row['name']:<{_MARGIN - 3}} {row['summary']}"
+                print(fill(text, 80, subsequent_indent=" " * _MARGIN, break_on_hyphens=False))
     return 0
-
-
-def _print_names(rows: Sequence[dict[str, str]]) -> None:
-    """Print each name with its summary, on lines of 80 columns."""
-    for row in rows:
-        text = f"  {row['name']:<{_MARGIN - 3}} {row['summary']}"
-        print(fill(text, 80, subsequent_indent=" " * _MARGIN, break_on_hyphens=False))
 
 
 def check_settings(options: SettingsOptions) -> list[SettingGroup]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from reports.console import number
@@ -32,7 +31,8 @@ def _one(view: RunView, content: dict[str, Any]) -> Page:
     meta = view.run.meta
     content |= {
         "labels": [""], "heads": [], "rows": [], "key": loop_rows(meta),
-        "how": [*_first(view.run.record), *(row for row in how(view.run) if row[0] == "law")],
+        "how": [*([name, str(view.run.record[name])] for name in _FIRST),
+                *(row for row in how(view.run) if row[0] == "law")],
         "settings": [row for row in settings(view.run) if row[0] not in _FIRST],
         "notes": [*meta["told"], *reasons(meta)],
     }  # fmt: skip
@@ -41,10 +41,6 @@ def _one(view: RunView, content: dict[str, Any]) -> Page:
     found = {name: figure for name, figure in drawn.items() if figure is not None}
     contacts = [signal.name for signal in view.signals("contacts")]
     return content, found | row_figures("motion", motion.plan_rows(view, contacts))
-
-
-def _first(record: Mapping[str, Any]) -> list[list[str]]:
-    return [[name, str(record[name])] for name in _FIRST]
 
 
 def _several(views: list[RunView], content: dict[str, Any]) -> Page:

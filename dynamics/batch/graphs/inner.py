@@ -104,7 +104,9 @@ def solver_of(path: Path) -> dict[str, Any]:
     pair = ca.SX.sym("pair", path.size)
     ends = path.ending()(pair, path.data)
     sizes = {"n": path.n, "n_pair": path.size, "n_data": path.data.numel()}
-    followed = _function("followed", [pair, path.data], [_solved(ends[0], ends[2])])
+    # Infinite where the path was not followed to its end: no sample counts then.
+    reached = ends[0] / (ca.mmax(ends[2]) <= _FOLLOWED)
+    followed = _function("followed", [pair, path.data], [reached])
     return {
         **sizes, "path": path.iteration(), "followed": followed,
         **(_by_newton(path) if path.unique else _from_starts(path)),
@@ -137,11 +139,6 @@ def _by_newton(path: Path) -> dict[str, Any]:
 
 def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
     return ca.Function(name, inputs, [ca.densify(value) for value in outputs])
-
-
-def _solved(lam: ca.SX, error: ca.SX) -> ca.SX:
-    """``lam``, or infinity where the path was not followed to its end: no sample counts then."""
-    return lam / (ca.mmax(error) <= _FOLLOWED)
 
 
 def _newton(lam: ca.SX, z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:

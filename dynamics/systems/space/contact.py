@@ -89,7 +89,8 @@ def between(one: Shape, a: Place, other: Shape, b: Place) -> list[SpatialContact
     if not found:
         kinds = f"{type(one).__name__} and {type(other).__name__}"
         raise ValueError(f"a contact of {kinds} is not known; take spheres or capsules for one")
-    return [_reversed(contact) for contact in found] if turned else found
+    reverse = [SpatialContact(c.phi, -c.normal, c.point - c.phi * c.normal) for c in found]
+    return reverse if turned else found
 
 
 def at_random_poses(rows: ca.SX) -> np.ndarray:
@@ -97,11 +98,6 @@ def at_random_poses(rows: ca.SX) -> np.ndarray:
     symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(rows))
     evaluate, rng = ca.Function("rows", [symbols], [ca.densify(rows)]), np.random.default_rng(0)
     return np.hstack([evaluate(rng.uniform(0.1, 1, symbols.numel())).full() for _ in range(3)])
-
-
-def _reversed(contact: SpatialContact) -> SpatialContact:
-    point = contact.point - contact.phi * contact.normal
-    return SpatialContact(contact.phi, -contact.normal, point)
 
 
 def _found(one: Shape, a: Place, other: Shape, b: Place) -> list[SpatialContact]:
@@ -205,14 +201,9 @@ def _beside_plane(other: Plane, b: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
     return ca.dot(normal, point - b.at(other.origin)), normal
 
 
-def _beside_sphere(other: Sphere, b: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
-    apart = point - b.at(other.centre)
-    distance = ca.norm_2(apart)
-    return distance - other.radius, apart / distance
-
-
-def _beside_capsule(other: Capsule, b: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
-    apart = point - _on_segment(other, b, point)
+def _beside_round(other: Sphere | Capsule, b: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
+    middle = b.at(other.centre) if isinstance(other, Sphere) else _on_segment(other, b, point)
+    apart = point - middle
     distance = ca.norm_2(apart)
     return distance - other.radius, apart / distance
 
@@ -259,7 +250,7 @@ def _beside_cylinder(other: Cylinder, b: Place, point: ca.SX) -> tuple[ca.SX, ca
 
 Beside = Callable[..., tuple[ca.SX, ca.SX]]
 _BESIDE: dict[type, Beside] = {
-    Plane: _beside_plane, Sphere: _beside_sphere, Capsule: _beside_capsule, Box: _beside_box,
+    Plane: _beside_plane, Sphere: _beside_round, Capsule: _beside_round, Box: _beside_box,
     Cylinder: _beside_cylinder,
 }  # fmt: skip
 """Signed distance of a point from a shape's surface, and the unit normal out there."""

@@ -103,7 +103,8 @@ def spatial_step(
         change = about_centres(tree, q, v_next) - centre_velocities(tree, q, v, h)
         moved = h * tree.inverse_dynamics(q, v, v_next, change / h, centred=True)
     else:
-        bodies = [i for i, driven in enumerate(_servos(tree)) if not driven]
+        driven = tree.each(lambda body: None if body.servo is None else 1)
+        bodies = [i for i, entry in enumerate(ca.vertsplit(driven)) if entry.is_zero()]
         M, moved = M[bodies, bodies], h * tree.weight(q)
         moved[bodies] += M @ v_next[bodies]
 
@@ -160,12 +161,6 @@ def _smooth(tree: Tree, q: ca.SX, v_next: ca.SX, u: ca.SX, h: ca.SX | float, sca
         scale * motor * asked + servo * (asked - stands) + springs
         - tree.each(lambda b: b.damping) * v_next
     )  # fmt: skip
-
-
-def _servos(tree: Tree) -> list[bool]:
-    """Whether each entry of v is that of a servo."""
-    driven = tree.each(lambda body: None if body.servo is None else 1)
-    return [not entry.is_zero() for entry in ca.vertsplit(driven)]
 
 
 def _input(tree: Tree, motor: str) -> Signal:
