@@ -25,6 +25,8 @@ ALWAYS = (
     "tests/cli/test_one_way.py::test_a_solve_with_its_pdf_loads_and_calls_little",
     "tests/cli/test_pdf.py::test_reports_of_stored_runs",
     "tests/cli/test_sweep.py::test_the_same_command_goes_on_after_a_kill_or_ctrl_c[9]",
+    "tests/crossed/test_crossings.py::test_a_way_on_a_problem_ends_with_its_exit_code",
+    "tests/crossed/test_crossings.py::test_a_way_on_a_problem_gives_a_verdict_or_a_sentence",
     "tests/docs/test_generated.py::test_generated_pages_are_in_step",
     "tests/docs/test_pages.py::test_a_page_works_as_printed[README.md]",
     "tests/docs/test_pages.py::test_a_page_works_as_printed[docs/tutorials/first-solve.md]",

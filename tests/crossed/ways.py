@@ -1,0 +1,141 @@
+"""Ways that options name, and problems that they are crossed with; both are read from the tables
+that the program itself has, so that a new name is crossed too."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from dynamics.laws import LAWS
+from ocp.mpc.phases.table import PHASES
+from ocp.mpc.plants import PLANTS
+from ocp.policy import POLICIES
+from ocp.programs.solver import SOLVERS
+from ocp.routes.relaxations import STRATEGIES
+from ocp.transcription import METHODS
+from ocp.worlds import WORLDS
+from problems import names
+
+STRANGERS = sorted((Path(__file__).parent / "strangers").glob("*.py"))
+PROBLEMS = [*names(), *(str(file) for file in STRANGERS)]
+LONG_BUILDS = ("quadruped", "ant", "push-cube", "reorient", "half-cheetah", "hopper")
+"""Problems of which one way takes from seconds to minutes, most of it to build the graphs."""
+COSTLY = {
+    *LONG_BUILDS,
+    "idto-hopper",
+    *("soft-walls", "planar-hand", "finger-disc", "push-t", "spinner"),
+    *("two_bodies", "joint_limit", "clashing_names"),
+}
+"""Problems and strangers of which one way takes more than a quarter of a second at the median."""
+SMALLEST = dict.fromkeys(
+    ("least_time.py", "periodic.py", "ball-throw", "half-cheetah", "hopper-1d"), 2
+)
+"""Smallest horizons of problems for which one step is too short."""
+_LIMITS = {"ipopt": "max_iter", "uno": "max_iterations"}
+"""Names of a solver's limit of iterations, where it is not ``max_iter``."""
+_ITERATIONS = 3
+
+
+@dataclass(frozen=True)
+class Way:
+    """One choice of ways: ``loop`` are words of ``ocp mpc``, without them it is a solve."""
+
+    name: str
+    solve: dict[str, Any] = field(default_factory=dict)
+    world: str = ""
+    loop: dict[str, str] = field(default_factory=dict)
+
+
+def _settings(solver: str = "ipopt", **more: Any) -> dict[str, Any]:
+    return {_LIMITS.get(solver, "max_iter"): _ITERATIONS, **more}
+
+
+def ways() -> Iterator[Way]:
+    """All ways, each with few iterations."""
+    for law, method in itertools.product(LAWS, METHODS):
+        yield Way(f"{law}-{method}", {"contact": law, "method": method})
+    for policy, law in itertools.product(POLICIES, LAWS):
+        yield Way(f"{policy}-{law}", {"policy": policy, "contact": law})
+    for policy, method in itertools.product(POLICIES, METHODS):
+        yield Way(f"{policy}-{method}", {"policy": policy, "method": method})
+    for strategy in STRATEGIES:
+        yield Way(strategy, {"settings": _settings(strategy=strategy)})
+    for solver in SOLVERS:
+        yield Way(f"solver-{solver}", {"solver": solver, "settings": _settings(solver)})
+    for homotopy in (True, False):
+        settings = _settings(homotopy=homotopy)
+        yield Way(f"homotopy-{homotopy}", {"contact": "barrier", "settings": settings})
+    for rank in ("planned", "exact", "referee"):
+        yield Way(f"two-starts-{rank}", {"starts": 2, "rank_by": rank})
+    for search in (True, False):
+        yield Way(f"search-{search}", {"search": search})
+    yield Way("refine", {"refine": True})
+    for world in WORLDS:
+        yield Way(f"world-{world}", world=world)
+    for phase, law in itertools.product(PHASES, ("own", *LAWS)):
+        yield Way(f"mpc-{phase}-{law}", loop={"phase": phase, "contact": law})
+    for plant in PLANTS:
+        yield Way(f"mpc-on-{plant}", loop={"plant": plant})
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """One way on one problem, at its smallest size."""
+
+    problem: str
+    way: Way
+
+    @property
+    def name(self) -> str:
+        """Name of the case, which does not depend on where the repository lies."""
+        return f"{Path(self.problem).stem}:{self.way.name}"
+
+    @property
+    def costly(self) -> bool:
+        """Whether the problem takes long even at its smallest size."""
+        return Path(self.problem).stem in COSTLY
+
+    @property
+    def params(self) -> dict[str, int]:
+        """Parameters of the smallest size."""
+        return {"N": SMALLEST.get(Path(self.problem).name, 1)}
+
+    def drawn(self, share: int, purpose: str = "") -> bool:
+        """Whether this is one of every ``share`` cases, the same ones on every day."""
+        digest = hashlib.sha256(f"{purpose}{self.name}".encode()).digest()
+        return int.from_bytes(digest[:4], "big") % share == 0
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Arguments of :func:`ocp.solve` beside the problem."""
+        return {"settings": _settings(), **self.way.solve}
+
+    @property
+    def words(self) -> list[str]:
+        """The same as a command line."""
+        size = [word for name, value in self.params.items() for word in ("-p", f"{name}={value}")]
+        if self.way.loop:
+            options = [word for k, v in self.way.loop.items() for word in (f"--{k}", v)]
+            return ["mpc", self.problem, *size, *options, "--steps", "2", "--certify", "1"]
+        given = {**self.arguments}
+        words = [
+            f"{k}={str(v).lower() if isinstance(v, bool) else v}"
+            for k, v in given.pop("settings").items()
+        ]
+        size += [word for setting in words for word in ("-s", setting)]
+        if "search" in given:
+            size.append("--search" if given.pop("search") else "--no-search")
+        if given.pop("refine", False):
+            size.append("--refine")
+        if self.way.world:
+            size += ["--world", self.way.world]
+        flags = {"rank_by": "--rank"}
+        options = [w for k, v in given.items() for w in (flags.get(k, f"--{k}"), str(v))]
+        return ["solve", self.problem, *size, *options]
+
+
+CROSSINGS = [Crossing(problem, way) for problem in PROBLEMS for way in ways()]
