@@ -220,7 +220,7 @@ class Problem:
         """Map ``(x, u, du, lam, p)`` to ``(stage cost, terminal cost at x)``."""
         costs = [self.stage_cost, self.terminal_cost]
         names = ["x", "u", "du", "lam", "p"], ["stage", "terminal"]
-        return ca.Function("cost_terms", self._symbols, costs, *names)
+        return ca.Function("cost_terms", self.symbols, costs, *names)
 
     @cached_property
     def changeable_costs(self) -> tuple[ca.SX, ca.SX]:
@@ -229,7 +229,7 @@ class Problem:
 
     @cached_property
     def _split_costs(self) -> list[tuple[ca.SX, ca.SX]]:
-        moving = ca.vertcat(*self._symbols[:4])
+        moving = ca.vertcat(*self.symbols[:4])
         return [split_constant(cost, moving) for cost in (self.stage_cost, self.terminal_cost)]
 
     def constant_cost(self, physical: np.ndarray) -> float:
@@ -249,10 +249,10 @@ class Problem:
         x, lam = self.system.x, self.system.lam
         sought = (self.stage_cost, x), (self.terminal_cost, x), (self.stage_cost, lam)
         slopes = [ca.densify(ca.gradient(cost, by)) for cost, by in sought]
-        return ca.Function("state_slopes", self._symbols, slopes)
+        return ca.Function("state_slopes", self.symbols, slopes)
 
     @property
-    def _symbols(self) -> list[ca.SX]:
+    def symbols(self) -> list[ca.SX]:
         """``(x, u, du, lam, p)``, with a symbol for du where the cost has none."""
         system = self.system
         du = ca.SX.sym("du", system.nu) if self.du is None else self.du

@@ -148,5 +148,5 @@ def pole_shapes(position: float, tip: float, height: float, wall: float) -> list
 
 
 def pole_frames(tip: float, height: float) -> list[ContactFrame]:
-    """Of the right wall and of the left on the tip."""
+    """Frames of the right wall and of the left on the tip."""
     return [ContactFrame(tip, height, -1, 0), ContactFrame(tip, height, 1, 0)]

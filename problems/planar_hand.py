@@ -98,7 +98,7 @@ class Params(Parameters):
 
     @property
     def joints(self) -> tuple[float, float, float, float]:
-        """Where the joints start [rad]."""
+        """Start of the joints [rad]."""
         return self.l1, self.l2, self.r1, self.r2
 
     @model_validator(mode="after")
@@ -159,7 +159,7 @@ def _links(q: ca.SX, p: Params | ParameterTable) -> list[_Link]:
 def _touches(
     q: ca.SX, p: Params | ParameterTable, discs: bool = False
 ) -> dict[str, contacts.Contact]:
-    """Where the ball is near the arms, link by link, or disc by disc."""
+    """Contacts of the ball with the arms, link by link, or disc by disc."""
     ball, R, r, shapes = contacts.Pose(q[:2], -q[2]), _of(p, "R"), _of(p, "r"), []
     for link in _links(q, p):
         if not discs:

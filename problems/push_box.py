@@ -89,5 +89,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Of every side."""
+    """Frames of every side."""
     return side_frames(_corners(params), state)

@@ -212,6 +212,6 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Of every corner on the table, and of the fingertip on the cube."""
+    """Frames of every corner on the table, and of the fingertip on the cube."""
     shown = _pictured(params.model_dump_json()), _camera(params), state
     return [*spatial_frames(*shown, params.friction)[:-1], spatial_frames(*shown, params.grip)[-1]]

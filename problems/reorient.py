@@ -83,7 +83,7 @@ class Params(Parameters):
 
 
 def _starts(away: ca.SX | float, z: ca.SX | float) -> ca.SX:
-    """Where the fingertips start (9, 1) [m]: behind the object, and at either side in front."""
+    """Start of the fingertips (9, 1) [m]: behind the object, and at either side in front."""
     angles = (math.pi / 2 + 2 * math.pi / 3 * k for k in range(3))
     return ca.vertcat(*(ca.vertcat(away * math.cos(t), away * math.sin(t), z) for t in angles))
 
@@ -163,7 +163,7 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Of every point on the table, and of every fingertip on the object."""
+    """Frames of every point on the table, and of every fingertip on the object."""
     shown = _pictured(params.model_dump_json()), _camera(params), state
     return [
         *spatial_frames(*shown, params.friction)[:-3], *spatial_frames(*shown, params.grip)[-3:]

@@ -53,7 +53,7 @@ _folders: list[str] = []
 
 
 def searched(folder: Path) -> list[str]:
-    """Where a file in ``folder`` finds modules: where all do, and then beside it."""
+    """Return where a file in ``folder`` finds modules: where all do, then beside it."""
     return [*(place for place in sys.path if place not in _folders), str(folder)]
 
 
@@ -111,7 +111,7 @@ class _Search:
 
 
 def _spec(name: str, path: Sequence[str]) -> ModuleSpec | None:
-    """Where a module lies, by the last part of its name, without loading the package around it."""
+    """Find a module by the last part of its name, without loading the package around it."""
     try:
         spec = PathFinder.find_spec(name, path)
     except (ImportError, OSError, ValueError):
@@ -121,7 +121,7 @@ def _spec(name: str, path: Sequence[str]) -> ModuleSpec | None:
 
 @cache
 def _places() -> set[Path]:
-    """Where what is installed lies."""
+    """Return folders of what is installed."""
     kinds = ("stdlib", "platstdlib", "purelib", "platlib")
     places = [sysconfig.get_path(kind) for kind in kinds]
     places += [*site.getsitepackages(), site.getusersitepackages()]

@@ -26,7 +26,7 @@ S = TypeVar("S", bound="Spec")
 
 @dataclass(frozen=True)
 class Citation:
-    """Where a problem comes from: the key in the bibliography, and the place in words."""
+    """Source of a problem: the key in the bibliography, and the place in words."""
 
     key: Line
     text: Line

@@ -214,7 +214,7 @@ class LearnedStep(Step):
 
     @cached_property
     def queries(self) -> ca.SX:
-        """Where the model is evaluated, (B n_in, 1) in (x, u, p)."""
+        """Points at which the model is evaluated, (B n_in, 1) in (x, u, p)."""
         z = ca.vertcat(self.system.x, self.system.u)
         return ca.vertcat(*(z + ca.vertcat(b.noise_x, b.noise_u) for b in self.nodes))
 

@@ -133,7 +133,7 @@ class Samples:
 
     @property
     def scales(self) -> tuple[Normalisation, Normalisation]:
-        """Of z and of y, over all rows; raises ``ValueError`` for a column that never varies."""
+        """Normalise z and y over all rows; raise ``ValueError`` for a column that never varies."""
         named = (self.z, "{}", self.origin.z), (self.y, "the next {}", self.origin.y)
         z, y = (
             Normalisation.of(rows, [form.format(signal.name) for signal in signals])

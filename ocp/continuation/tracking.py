@@ -321,7 +321,7 @@ class Tracker:
     def _fold(
         self, curve: KKTCurve, v: np.ndarray, t: np.ndarray, weights: np.ndarray, arc: float
     ) -> np.ndarray:
-        """Where the parameter's part of the tangent is zero, by bisection in the arc."""
+        """Find where the parameter's part of the tangent is zero, by bisection in the arc."""
         low, high, at = 0.0, arc, v
         for _ in range(40):
             s = (low + high) / 2

@@ -70,14 +70,14 @@ def jump_findings(problem: Problem) -> tuple[str, ...]:
     turn, which changes no physics. The coefficient of friction is in the gaps of slip.
     """
     system, p = problem.system, problem.parameters
-    du = ca.SX.sym("du", system.nu) if problem.du is None else problem.du
+    x, u, du, lam, _ = problem.symbols
     rows = [row for row in (*problem.path, *problem.terminal) if row.name != SWEPT]
     tangential = np.array([pair.kind == "friction" for pair in system.pairs], dtype=bool)
     gaps = system.gap[np.flatnonzero(~tangential).tolist()]
     parts = {"stage_cost": problem.stage_cost, "terminal_cost": problem.terminal_cost}
     parts |= {row.name: row.expression for row in rows}
     parts |= {"dynamics": system.residual, "gaps": gaps}
-    moving = ca.vertcat(system.x, system.u, du, system.x_next, system.lam)
+    moving = ca.vertcat(x, u, du, system.x_next, lam)
     fixed = {name: ca.substitute(part, p.vector, p.values) for name, part in parts.items()}
     return jump_findings_of(
         fixed, moving, _domain(problem, moving, np.where(tangential, 0.0, np.inf))
@@ -85,7 +85,7 @@ def jump_findings(problem: Problem) -> tuple[str, ...]:
 
 
 def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
-    """Where ``x, u, du, x_next, lam`` are on plans, by bounds, distances and path inequalities."""
+    """Domain of ``x, u, du, x_next, lam`` on plans, by bounds, distances and path inequalities."""
     system, sizes, p = problem.system, problem.scales, problem.parameters
     x0, u0, u_low, u_high, x_low, x_high = (
         np.array(value).ravel() for value in problem.limits(p.values)

@@ -174,7 +174,7 @@ def _cut(found: Solution) -> str:
 
 
 def _refined(levels: list[dict[str, Any]], stopped: str) -> str:
-    """Where refinement of the step ended, and why where costs do not agree."""
+    """Say where refinement of the step ended, and why where costs do not agree."""
     last = levels[-1]
     end = stopped or "they agree"
     return (

@@ -145,7 +145,7 @@ Report = Callable[[int, Row], None]
 
 @dataclass
 class _Progress:
-    """Where a training stands; ``best`` is the policy that was judged best so far."""
+    """State of a training; ``best`` is the policy that was judged best so far."""
 
     state: State
     rows: list[Row] = field(default_factory=list)

@@ -17,7 +17,7 @@ from ocp.factories import closing_law
 from ocp.mpc.measurement import Measurement
 from ocp.mpc.phases.full import Full
 from ocp.mpc.phases.newton import NewtonPhase
-from ocp.mpc.phases.policy import FixedPolicy, Law, along
+from ocp.mpc.phases.policy import FixedPolicy, Law
 from ocp.mpc.phases.protocol import Answer, Phase, Sample, numbers
 from ocp.mpc.phases.table import NEWTON, PHASES
 from ocp.mpc.receding import Receding, Values, horizon_rows
@@ -166,7 +166,7 @@ class Controller:
             return FixedPolicy(self.policy, self.model.nu)
         gains = self.policy or self._regulated
         assert gains is not None
-        return FixedPolicy(along(gains), self.model.nu)
+        return FixedPolicy(lambda x, k: gains.input(k, x), self.model.nu)
 
     def _regulator(self, p: np.ndarray) -> Gains:
         """Gains of the linear-quadratic regulator along the first plan, its contacts held."""

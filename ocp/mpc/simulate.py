@@ -15,17 +15,21 @@ from pydantic import InstanceOf
 from ocp.judges.referee import step_place
 from ocp.mpc.constraint_rows import ConstraintRows
 from ocp.mpc.controller import Command, Controller
-from ocp.mpc.judge import PlanJudge
 from ocp.mpc.phases.protocol import numbers
 from ocp.mpc.plants import Disturbance, Plant, check_pushes, deviations
 from ocp.mpc.receding import Values
+from ocp.mpc.stages import Plan
 from ocp.mpc.verdict import LoopVerdict
 from ocp.physics.constraints import Broken
 from ocp.problem import Problem
+from ocp.session import Session
+from ocp.stationarity.certificate import certify
 from ocp.validation import Count, Index, validated
 
 _FAR = 100.0
 """How far a state may be in the time of a horizon, in sizes of problem, start and first plan."""
+_FEASIBLE = 1e-6
+"""Largest violation of constraints of a plan that is judged, in their characteristic sizes."""
 _SHARE = 0.01
 """Noise of the plant ``noise`` where none is given, in characteristic sizes."""
 
@@ -141,7 +145,6 @@ class _Loop:
         self.goals: Goals | None = None
         self.progress: Callable[[int, int, Command], None] | None = None
         self.certify = 0
-        self.judge = PlanJudge(controller.session)
         problem, system = controller.problem, controller.problem.system
         nx, nu, N = system.nx, system.nu, problem.N
         self.states, self.inputs = ([one.name for one in part]
@@ -209,7 +212,7 @@ class _Loop:
             arrays["plan"][s, k] = command.plan.x
             if self.certify and k % self.certify == 0:
                 values = self.controller.values_of_sample
-                self.certificate[s, k] = self.judge.verdict(command.plan, values)
+                self.certificate[s, k] = judge_plan(self.controller.session, command.plan, values)
         for reason in filter(None, command.why.split("; ")):
             self.why[reason] = self.why.get(reason, 0) + 1
         if self.progress:
@@ -229,3 +232,21 @@ class _Loop:
         begun = np.isfinite(self.arrays["u"]).any(axis=(1, 2))
         return ClosedLoop(self.controller.problem, data.isel(seed=begun), self.why, self.misses,
                           record, self.rows.violations(self.off))  # fmt: skip
+
+
+def judge_plan(session: Session, plan: Plan, values: dict[str, float]) -> str:
+    """``B`` or ``KKT`` for a stationary plan, ``not``, ``undecided`` or ``infeasible``.
+
+    ``B`` is B-stationarity for the exact law, ``KKT`` that of the smoothed problem.
+    """
+    nlp = session.judging_nlp()
+    found = {"x": plan.x[None, 1:], "u": plan.u[None], "lam": plan.lam[None],
+             "gap": plan.gap[None]}  # fmt: skip
+    point = nlp.variables.pack({k: v for k, v in found.items() if k in nlp.variables})
+    p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
+    g = nlp.values(point, p)[1]
+    off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"]) / nlp.natural.g
+    box = np.maximum(bounds["lbx"] - point, point - bounds["ubx"]) / nlp.natural.x
+    if not max(off.max(initial=0.0), box.max(initial=0.0)) <= _FEASIBLE:
+        return "infeasible"
+    return certify(nlp, point, p, bounds).stationarity

@@ -139,7 +139,7 @@ class StageModel:
 
     @cached_property
     def compliance(self) -> np.ndarray:
-        """Of closed pairs (n,), gap over force: redundant contacts share their load.
+        """Compliance of closed pairs (n,), gap over force: redundant contacts share their load.
 
         1e-9 in characteristic sizes; none for slips, which friction forces determine.
         """

@@ -95,7 +95,7 @@ _STATUS = {
 
 @dataclass(frozen=True)
 class Result:
-    """Where a solver stopped: point, cost, constraints, and its own word on it.
+    """End of a solve: point, cost, constraints, and its own word on it.
 
     Of its ``seconds``, ``evaluation_s`` went into evaluating the NLP and its derivatives, the rest
     into the solver's linear algebra and its own affairs.

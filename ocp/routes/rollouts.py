@@ -112,7 +112,7 @@ class RolloutStarts:
         return lower, upper
 
     def perturbed(self, program: Program, count: int) -> list[Point]:
-        """Where guessed inputs lead, the own and perturbed ones, ``count`` in all."""
+        """Roll out guessed inputs, the own and perturbed ones, ``count`` in all."""
         plans = initial_guesses(self.problem, self.values, count, 0, self.guess)
         rolled = self._rolled(np.array([u for _, u in plans]))
         solved = np.flatnonzero(np.all(np.isfinite(rolled.x), axis=(1, 2)))

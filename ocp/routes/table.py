@@ -56,7 +56,7 @@ _DIVERGED = 1e-3
 
 @dataclass(frozen=True)
 class Start:
-    """Where a solve starts: from a ``guess``, or warm from a ``point`` of the product NLP.
+    """Start of a solve: from a ``guess``, or warm from a ``point`` of the product NLP.
 
     ``number`` counts several guesses. A point that is ``near`` differs by a small step of a
     parameter; others were carried from another mesh, law or method.

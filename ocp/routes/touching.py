@@ -164,7 +164,7 @@ class TouchSearch:
         return found
 
     def _through(self, point: np.ndarray, into: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """Where a push from a point towards ``into`` is commanded to end."""
+        """Return where a push from a point towards ``into`` is commanded to end."""
         size = float(self.problem.scales.x[-1])
         length = size * np.exp(self.rng.uniform(np.log(0.1), np.log(_REACH)))
         way = into.copy()

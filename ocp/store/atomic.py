@@ -67,7 +67,7 @@ def replacing(path: Path, what: str = "") -> Iterator[Path]:
 
 
 def destination(path: Path) -> Path | None:
-    """Where a file called ``path`` lies, links followed; None for what is written to instead.
+    """Return where a file called ``path`` lies, links followed; None for what is written into.
 
     Raises OSError where it is neither: a directory, a socket, a disk, a circle of links.
     """

@@ -192,14 +192,14 @@ def structure(session: Session) -> list[Any]:
 
 
 def _costs_and_bounds(problem: Problem) -> ca.Function:
-    system, p = problem.system, problem.parameters.vector
-    du = ca.SX.sym("du", system.nu) if problem.du is None else problem.du
+    p = problem.parameters.vector
     constraints = [*problem.path, *problem.terminal]
     parts = [(one.expression, one.lower, one.upper) for one in constraints]
     ends = [*problem.limits(p), *problem.start_limits(p)]
     costs = [problem.stage_cost, problem.terminal_cost]
-    held = [*costs, *ends, *(ca.SX(part) for row in parts for part in row), ca.SX(system.h)]
-    return ca.Function("problem", [system.x, system.u, du, system.lam, p], held)
+    h = ca.SX(problem.system.h)
+    held = [*costs, *ends, *(ca.SX(part) for row in parts for part in row), h]
+    return ca.Function("problem", problem.symbols, held)
 
 
 def _digest(function: ca.Function) -> str:

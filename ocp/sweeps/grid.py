@@ -223,7 +223,7 @@ def _unit(session: Session, name: str) -> str:
 
 
 def _sizes(points: Iterable[JobResult]) -> dict[str, int | list[str]]:
-    """Of every dimension the most entries that a point has, or all labels in order."""
+    """Return the most entries that a point has in each dimension, or all labels in order."""
     counts: dict[str, int] = {}
     labels: dict[str, list[str]] = {}
     for array in (one for point in points for one in point.arrays.values()):

@@ -117,7 +117,7 @@ class Evaluated(Hidden):
         return ca.reshape(asked, self.map.n_in, -1)
 
     def values(self, w: ca.MX, p: ca.MX, copies: int) -> ca.MX:
-        """Of all copies, evaluated together."""
+        """Values of all copies, evaluated together."""
         y, slopes = self.map.slopes(len(self.bends) * copies)(self._queries(w, p, copies))
         return ca.vertcat(ca.reshape(y, -1, copies), ca.reshape(slopes, -1, copies))
 

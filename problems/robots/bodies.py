@@ -19,7 +19,7 @@ JOINTS: tuple[Joint, ...] = ("free", "ball", "slide", "hinge")
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a frame is in a ``body``'s: its origin ``place`` (3,) [m], the ``turn`` of its axes."""
+    """A frame in a ``body``'s: its origin ``place`` (3,) [m], the ``turn`` of its axes."""
 
     body: str
     place: np.ndarray = field(default_factory=lambda: np.zeros(3))

@@ -202,7 +202,7 @@ def pairs_of(model: Any) -> dict[tuple[int, int], float]:
 
 
 def _friction(model: Any, a: int, b: int) -> float:
-    """Of the geom with the higher priority, or the larger one."""
+    """Return friction of the geom with the higher priority, or the larger one."""
     ranks = model.geom_priority[[a, b]]
     one = [a, b] if ranks[0] == ranks[1] else [a if ranks[0] > ranks[1] else b]
     return float(model.geom_friction[one][:, 0].max()) if model.geom_condim[one].max() > 1 else 0.0

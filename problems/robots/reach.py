@@ -81,7 +81,7 @@ def joints_above(model: Any) -> list[list[int]]:
 
 
 def _range(model: Any, j: int) -> tuple[float, float]:
-    """Where a hinge or a slide may be; without end for all other joints."""
+    """Range of a hinge or a slide; without end for all other joints."""
     if model.jnt_limited[j] and model.jnt_type[j] > 1:
         return tuple(model.jnt_range[j].tolist())
     return (-math.pi, math.pi) if model.jnt_type[j] == 3 else (-math.inf, math.inf)

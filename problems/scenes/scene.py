@@ -74,7 +74,7 @@ class Scene:
 
     @cached_property
     def start(self) -> ca.SX:
-        """Where all that moves starts, (nq, 1)."""
+        """Start of all that moves, (nq, 1)."""
         return ca.vertcat(ca.SX(0, 1), *(thing.start for thing in self.moving))
 
     @cached_property
@@ -91,7 +91,7 @@ class Scene:
         return x[self._at[name]]
 
     def pose(self, q: ca.SX) -> Callable[[Thing], Pose]:
-        """Where every thing is at ``q``."""
+        """Return a function from a thing to its pose at ``q``."""
         return lambda thing: thing.pose(q[self._at.get(thing.name, slice(0, 0))])
 
     def contacts(self, q: ca.SX) -> list[Contact]:

@@ -63,7 +63,7 @@ class Thing:
         return ca.SX(0, 1)
 
     def pose(self, q: ca.SX) -> Pose:
-        """Where it is at its own coordinates ``q``."""
+        """Return its pose at its own coordinates ``q``."""
         return Pose(column(self.at), -ca.SX(self.angle))
 
 
@@ -135,7 +135,7 @@ class Body(Thing):
         return ca.vertcat(column(self.at), self.angle) if self.turns else column(self.at)
 
     def pose(self, q: ca.SX) -> Pose:
-        """Where it is at its own coordinates ``q``."""
+        """Return its pose at its own coordinates ``q``."""
         return Pose(q[:2], -ca.SX(q[2] if self.turns else self.angle))
 
 
@@ -165,7 +165,7 @@ class Pusher(Thing):
         return column(self.at) if self.axis is None else ca.SX.zeros(1)
 
     def pose(self, q: ca.SX) -> Pose:
-        """Where it is at its own coordinates ``q``."""
+        """Return its pose at its own coordinates ``q``."""
         place = q if self.axis is None else column(self.at) + q * column(self.axis)
         return Pose(place, -ca.SX(self.angle))
 

@@ -266,7 +266,7 @@ def _errors(data: xr.Dataset) -> list[Claim]:
 
 
 def _full(data: xr.Dataset, name: str, kind: str) -> np.ndarray:
-    """Of psi at the full number of transitions, (seeds, parameters)."""
+    """Values of psi at the full number of transitions, (seeds, parameters)."""
     return data[name].sel(data=kind, transitions=data.attrs["data"]).values
 
 

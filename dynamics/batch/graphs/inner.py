@@ -89,7 +89,7 @@ class InnerLoop:
 
 
 def guess(path: Path, data: ca.SX) -> ca.SX:
-    """Where Newton's method starts: what each contact would have alone, with F_ii = 1."""
+    """Start of Newton's method: what each contact would have alone, with F_ii = 1."""
     if not path.unique:
         return ca.SX.zeros(path.n)
     z, mu = path.parts(data)["z"], path.parts(data)["mu"]
@@ -114,7 +114,7 @@ def solver_of(path: Path) -> dict[str, Any]:
 
 
 def _from_starts(path: Path) -> dict[str, Any]:
-    """Where the multipliers may not be unique there is no Newton method before the path."""
+    """Fields of a path without Newton's method before it: multipliers may not be unique."""
     iterations = {"most": _COLD, "most_warm": _WARM, "most_further": _SEARCHED}
     graphs = {"warm": starts.warm_start(path), "further": starts.further_start(path)}
     return {**iterations, **graphs, "starts": starts.COUNT}

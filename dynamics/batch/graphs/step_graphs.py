@@ -99,7 +99,7 @@ class Layers:
 
 
 def layer_slices(sizes: Sequence[int]) -> list[tuple[slice, slice, tuple[int, int]]]:
-    """Of each layer: entries of theta that are weights, and offsets; the weights' shape."""
+    """Entries of theta that are each layer's weights and offsets, and the weights' shape."""
     found, at = [], 0
     for before, after in pairwise(sizes):
         middle, end = at + before * after, at + (before + 1) * after

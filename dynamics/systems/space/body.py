@@ -35,7 +35,7 @@ class Body:
     ``slide`` moves along it by q [m]; a ``ball`` has a unit quaternion, and its angular velocity
     in the body's axes [rad/s]; ``free`` has the position in the world [m] and a quaternion, and as
     velocities those of the origin in the world's axes [m/s] and of turning in its own (a step reads
-    them at the pose before, :func:`~dynamics.systems.space.centres.centre_velocities`); ``fixed``
+    them at the pose before, :func:`~dynamics.systems.space.stepping.centre_velocities`); ``fixed``
     has none. ``spring`` and ``damping`` act in hinges and slides (damping in all joints), the
     spring at rest at ``rest`` [N m/rad, N m s/rad; N/m, N s/m]; ``gear``, ``limits`` and
     ``armature`` as in :class:`~dynamics.systems.Link`. ``servo`` is the stiffness of a motor whose

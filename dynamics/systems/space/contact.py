@@ -22,7 +22,7 @@ _DOWN = -0.7
 
 
 class Place(NamedTuple):
-    """Where a shape's frame is: rotation (3, 3) into the world, origin (3, 1) [m]."""
+    """A shape's frame: rotation (3, 3) into the world, origin (3, 1) [m]."""
 
     R: ca.SX
     p: ca.SX
@@ -131,14 +131,14 @@ def _found(one: Shape, a: Place, other: Shape, b: Place) -> list[SpatialContact]
 def _contact(
     distance: ca.SX, normal: ca.SX, centre: ca.SX, radius: ca.SX | float
 ) -> SpatialContact:
-    """Of a sphere whose centre is at ``distance`` from B."""
+    """Contact of a sphere whose centre is at ``distance`` from B."""
     return SpatialContact(distance - radius, normal, centre - radius * normal)
 
 
 def _of_points(
     one: ca.SX, radius: ca.SX | float, other: ca.SX, more: ca.SX | float
 ) -> SpatialContact:
-    """Of spheres around two points."""
+    """Contacts of spheres around two points."""
     apart = one - other
     distance = ca.norm_2(apart)
     return _contact(distance - more, apart / distance, one, radius)

@@ -153,7 +153,7 @@ def _motions(tree: Tree, q: ca.SX, body: str) -> Motions:
 
 
 def body_places(tree: Tree, q: ca.SX) -> dict[str, Place]:
-    """Where the world and all bodies are at the pose ``q`` (nq, 1), by name."""
+    """Return places of the world and all bodies at the pose ``q`` (nq, 1), by name."""
     return {WORLD: _FIXED} | {name: Place(*tree.pose(q, name)) for name in tree.bodies}
 
 

@@ -12,7 +12,7 @@ from dynamics.systems.checks import positive
 from dynamics.systems.contact_rows import FORMS, Cone, ContactRows, Space, Touching, contact_rows
 from dynamics.systems.pairs import EnergyBook
 from dynamics.systems.parameters import ParameterTable, Signal
-from dynamics.systems.space.centres import about_centres, centre_velocities
+from dynamics.systems.space import rotation
 from dynamics.systems.space.contact import Motions, SpatialContact, at_random_poses
 from dynamics.systems.space.coupling import CoupledJoints
 from dynamics.systems.space.tree import Tree
@@ -190,3 +190,29 @@ def _book(
     work = h * ca.dot(v_next, forced - springs)
     here = about_centres(tree, q, centre_velocities(tree, q, v, h), -1)
     return EnergyBook(tree.energy(q, here), work, tree.momentum(q, here), external)
+
+
+def about_centres(tree: Tree, q: ca.SX, v: ca.SX, sign: int = 1) -> ca.SX:
+    """v (nv, 1) with the velocity of a free body's centre of mass in place of its origin's.
+
+    With ``sign`` -1 the other way round.
+    """
+    found = ca.SX(v)
+    for name, centre in tree.centres.items():
+        four, spin = q[tree.q_of[name]][3:], v[tree.v_of[name]][3:]
+        start = tree.v_of[name].start
+        found[start : start + 3] += sign * rotation.matrix(four) @ ca.cross(spin, centre)
+    return found
+
+
+def centre_velocities(tree: Tree, q: ca.SX, v: ca.SX, h: ca.SX | float) -> ca.SX:
+    """Return :func:`about_centres` of a state, whose v is that at the pose before, ``q (-) h v``.
+
+    A step of h hands over the velocities of centres of mass exactly by that: it ends with origins'
+    velocities at the pose that it set out from.
+    """
+    before = ca.SX(q)
+    for name in tree.centres:
+        four = slice(tree.q_of[name].start + 3, tree.q_of[name].stop)
+        before[four] = rotation.turned(q[four], -h * v[tree.v_of[name]][3:])
+    return about_centres(tree, before, v)

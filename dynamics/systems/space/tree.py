@@ -107,7 +107,7 @@ class Tree:
         )
 
     def position_of(self, q: ca.SX) -> ca.SX:
-        """Where hinges and slides stand, in the order of v (nv, 1), zero for other joints."""
+        """Positions of hinges and slides in the order of v (nv, 1), zero for other joints."""
         at = ca.SX(self.nv, 1)
         for name, body in self.bodies.items():
             if body.joint in ("hinge", "slide"):
@@ -208,7 +208,7 @@ class Tree:
         10.1177/027836499101000201; Echeandia and Wensing, doi 10.1115/1.4051169.
 
         Where ``centred``, a has accelerations of centres of mass of free bodies, as the change of
-        :func:`~dynamics.systems.space.centres.about_centres`, in place of those of their origins.
+        :func:`~dynamics.systems.space.stepping.about_centres`, in place of those of their origins.
         """
         joints, pull = self._joints(q), self.gravity if gravity is None else gravity
         states = self._accelerations(joints, v, w, a, -pull, self.centres if centred else {})

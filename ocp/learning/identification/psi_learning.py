@@ -121,7 +121,7 @@ class PsiLearning(Algorithm):
         return {**state, **found}, float(loss(cloud["mean"], seen)[0]) / len(seen)
 
     def _loss(self, experiment: Experiment) -> OneStepLoss:
-        """Of the model, at the experiment's psi but for the names."""
+        """Loss of the model, at the experiment's psi but for the names."""
         values = experiment.task.parameters.unpack(experiment.physics)
         task = experiment.task
         step = EXACT.close(replace(task.system, parameters=task.parameters))

@@ -97,7 +97,7 @@ class RandomSearch:
 
     @property
     def weights(self) -> np.ndarray:
-        """Of the better half, best first; their sum is 1."""
+        """Weights of the better half, best first; their sum is 1."""
         half = self.candidates // 2
         found = np.log((self.candidates + 1) / 2) - np.log(np.arange(1, half + 1))
         return found / found.sum()

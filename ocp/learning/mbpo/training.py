@@ -80,7 +80,7 @@ class Walk(NamedTuple):
 
 
 class ObservationScales(NamedTuple):
-    """Of observations, and of increments of states, both from the explored steps."""
+    """Scales of observations, and of increments of states, from the explored steps."""
 
     seen: Normaliser
     moved: np.ndarray

@@ -8,7 +8,6 @@ import numpy as np
 
 from ocp.mpc.phases.protocol import Answer, Sample, numbers
 from ocp.mpc.stages import Plan
-from ocp.rollout import Gains
 
 Law = Callable[[np.ndarray, int], np.ndarray]
 """``u = law(x, k)`` at the sample k, counted from 0."""
@@ -32,8 +31,3 @@ class FixedPolicy:
             return Answer(np.clip(sample.u_before, *sample.bounds), None, "kept",
                           "the policy's input is not finite; the input before goes on")  # fmt: skip
         return Answer(np.clip(u, *sample.bounds), None)
-
-
-def along(gains: Gains) -> Law:
-    """``u = K_k x + k_k`` of gains (N, nu, nx); after step N the last ones hold."""
-    return lambda x, k: gains.input(k, x)

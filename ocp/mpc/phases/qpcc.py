@@ -135,3 +135,9 @@ class QPCC(NewtonPhase):
         gains = -sigma * held
         gains[~touching] = 0.0
         return gains / self.cost
+
+
+class FixedActiveSet(QPCC):
+    """The program of :class:`QPCC` without exchanges: contacts stay as the plan has them."""
+
+    exchanges = 0

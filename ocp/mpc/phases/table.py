@@ -8,15 +8,10 @@ from dynamics.contact import Barrier, ContactLaw, Exact
 from dynamics.learned.laws import LearnedLaw
 from ocp.errors import InputError
 from ocp.mpc.phases.newton import NewtonPhase
-from ocp.mpc.phases.qp import FixedActiveSet
-from ocp.mpc.phases.qpcc import QPCC
+from ocp.mpc.phases.qpcc import QPCC, FixedActiveSet
 from ocp.mpc.phases.relaxed import Relaxed
 
-NEWTON: dict[str, type[NewtonPhase]] = {
-    "qpcc": QPCC,
-    "qp": FixedActiveSet,
-    "relaxed": Relaxed,
-}
+NEWTON: dict[str, type[NewtonPhase]] = {"qpcc": QPCC, "qp": FixedActiveSet, "relaxed": Relaxed}
 """Phases that solve a quadratic program."""
 
 
