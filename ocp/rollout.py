@@ -225,6 +225,18 @@ def _ahead(
     return after[:, :, -1], lam.sum(axis=2), gap[:, :, -1], largest
 
 
+def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:
+    """Multipliers (S, N, nlam), averaged over a law's branches by their weights.
+
+    NaN where the law has none, though the system has contacts: a learned law knows no forces.
+    """
+    if step.n < step.system.nlam:
+        return np.full((*lam.shape[:2], step.system.nlam), np.nan)
+    weights = np.array([node.weight for node in step.nodes])
+    branches = lam.reshape(*lam.shape[:2], len(weights), step.system.nlam)
+    return np.einsum("snbl,b->snl", branches, weights)
+
+
 def problem_impulses(
     problem: Problem, step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray,
     physical: np.ndarray,
@@ -239,8 +251,7 @@ def problem_impulses(
     unknown = np.full((*lam.shape[:2], own.nlam), np.nan)
     if not problem.uses_impulses or step.n == 0:
         return unknown
-    weights = np.array([node.weight for node in step.nodes])
-    mean = np.einsum("skbn,b->skn", lam.reshape(*lam.shape[:2], step.branches, -1), weights)
+    mean = mean_multipliers(step, lam)
     if [one.name for one in own.contacts] == [one.name for one in other.contacts]:
         return mean
     if own.forces is None or other.forces is None:

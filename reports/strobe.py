@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Wedge
 
 from problems.drawing import ContactFrame, Shape
+from reports.figures.motion import largest
 from reports.shapes import bounds, draw, hides, name_axes, show, still
 from reports.style import INK, PURPLE, VERMILLION, WIDTH
 from reports.view import RunView
@@ -41,8 +42,7 @@ class Forces:
     @property
     def largest(self) -> float:
         """Size of the largest finite force, 0 where there is none."""
-        size = np.hypot(self.normal, self.friction)
-        return float(np.max(size[np.isfinite(size)], initial=0.0))
+        return largest(np.hypot(self.normal, self.friction))
 
 
 def forces_of(view: RunView, suffix: str = "") -> Forces | None:

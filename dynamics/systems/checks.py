@@ -64,6 +64,13 @@ def point(what: str, value: Any) -> list[float | None]:
     return [number(f"{what}[{i}]", value[i]) for i in range(2)]
 
 
+def limits(owner: str, value: Any) -> None:
+    """Raise ``ValueError`` unless ``value`` is None, or two numbers, the lower one first."""
+    low, high = (None, None) if value is None else point(f"{owner} limits", value)
+    if low is not None and high is not None and not low < high:
+        raise ValueError(f"{owner} limits are {low:g} to {high:g}; expected the lower one first")
+
+
 def unit(what: str, value: Any) -> None:
     """Raise ``ValueError`` unless ``value`` is a vector of length 1, or has symbols."""
     x, y = point(what, value)

@@ -8,7 +8,7 @@ from typing import Literal, Protocol, TypeVar, get_args
 
 import casadi as ca
 
-from dynamics.systems.checks import not_negative, number, point, positive, text
+from dynamics.systems.checks import limits, not_negative, number, point, positive, text
 
 Number = float | ca.SX
 Vector = tuple[Number, Number]
@@ -67,12 +67,7 @@ class Link:
         if self.joint not in get_args(Joint):
             kinds = ", ".join(map(repr, get_args(Joint)))
             raise ValueError(f"{owner} joint must be one of {kinds}, got {self.joint!r}")
-        if self.limits is not None:
-            low, high = point(f"{owner} limits", self.limits)
-            if low is not None and high is not None and not low < high:
-                raise ValueError(
-                    f"{owner} limits are {low:g} to {high:g}; expected the lower one first"
-                )
+        limits(owner, self.limits)
         fixed = self.parent or self.gear is not None or self.limits
         if self.joint == "free" and (fixed or not ca.SX(self.armature).is_zero()):
             raise ValueError(

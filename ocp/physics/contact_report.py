@@ -9,8 +9,9 @@ import numpy as np
 
 from dynamics.contact import Step
 from dynamics.systems import ContactSystem, EnergyBook
-from ocp.physics.measures import TrajectoryEvaluator, mean_multipliers
+from ocp.physics.measures import TrajectoryEvaluator
 from ocp.problem import Problem, Scales
+from ocp.rollout import mean_multipliers
 
 _ACTIVE = 1e-6
 """Share of the characteristic impulse above which a normal impulse counts."""

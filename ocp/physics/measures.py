@@ -13,7 +13,7 @@ from dynamics.batch import BatchFunction, BatchWarning
 from dynamics.contact import Step
 from dynamics.systems import ContactSystem
 from ocp.problem import Problem
-from ocp.rollout import at_steps
+from ocp.rollout import at_steps, mean_multipliers
 
 
 class TrajectoryEvaluator:
@@ -55,18 +55,6 @@ class DenseFunction:
             matrices.append(np.zeros((len(entries), *shape)))
             matrices[-1][:, rows, columns] = entries
         return matrices
-
-
-def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:
-    """Multipliers (S, N, nlam), averaged over a law's branches by their weights.
-
-    NaN where the law has none, though the system has contacts: a learned law knows no forces.
-    """
-    if step.n < step.system.nlam:
-        return np.full((*lam.shape[:2], step.system.nlam), np.nan)
-    weights = np.array([node.weight for node in step.nodes])
-    branches = lam.reshape(*lam.shape[:2], len(weights), step.system.nlam)
-    return np.einsum("snbl,b->snl", branches, weights)
 
 
 def distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.ndarray:

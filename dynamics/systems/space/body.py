@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 import casadi as ca
 
-from dynamics.systems.checks import not_negative, number, point, text
+from dynamics.systems.checks import limits, not_negative, number, text
 from dynamics.systems.parameters import Signal
 
 Number = float | ca.SX
@@ -123,12 +123,7 @@ class Body:
             )
 
     def _check_joint(self, owner: str) -> None:
-        if self.limits is not None:
-            low, high = point(f"{owner} limits", self.limits)
-            if low is not None and high is not None and not low < high:
-                raise ValueError(
-                    f"{owner} limits are {low:g} to {high:g}; expected the lower one first"
-                )
+        limits(owner, self.limits)
         single = self.joint in ("hinge", "slide")
         wrong = [what for what in ("gear", "servo", "limits") if getattr(self, what) is not None]
         wrong += [

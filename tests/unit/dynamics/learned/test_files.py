@@ -68,8 +68,10 @@ def test_the_same_is_the_same_file_to_the_last_bit(file: Path, tmp_path: Path) -
 
 def test_a_file_cut_short_or_changed_is_told(file: Path) -> None:
     content = file.read_bytes()
+    # Behind the numbers stand zeros, without which nothing is missing.
+    size = len(content.rstrip(b"\0"))
     for share in (0.5, 0.9, 0.99):
-        file.write_bytes(content[: int(share * len(content))])
+        file.write_bytes(content[: int(share * size)])
         with pytest.raises(InputError, match="truncated or"):
             models.load_any(file)
     # A bit of the numbers, which netCDF itself would never miss.
