@@ -140,7 +140,7 @@ class StepSolutions:
         groups = [np.flatnonzero(owners == owner) for owner in np.unique(owners)]
         self.groups = [rows for rows in groups if kinds[rows[0]] in ("normal", "limit")]
         self.modes = [_modes(rows, kinds[rows]) for rows in self.groups]
-        self._slips = slip_sides(system)
+        self._slips = [(slip, sides) for slip, sides in slip_sides(system) if sides]
         lam = ca.SX.sym("lam", system.nlam)
         parts = ca.substitute(
             [system.residual, system.gap / self.of_gap], [system.lam], [self.of_lam * lam]

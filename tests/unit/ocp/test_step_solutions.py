@@ -228,3 +228,11 @@ def test_finger_discs_second_end_is_named_with_its_cost() -> None:
     )
     end = float(p.cost_terms(states[-1], 0, 0, 0, p.parameters.values)[1])
     assert report.branch_cost == pytest.approx(stage + end, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["box-slide", "cart-transport"])
+def test_a_slip_whose_friction_stands_in_its_own_pair_is_searched_too(name: str) -> None:
+    """These contacts have no pairs of friction beside their slip."""
+    found = solve(get(name, N=1), method="single-shooting")
+    assert found.success
+    assert "failures" not in found.record
