@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -111,12 +111,11 @@ def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
 
 def jump_findings_of(parts: Mapping[str, ca.SX], moving: ca.SX, domain: Domain) -> tuple[str, ...]:
     """Sentences on the jumps of named ``parts``, expressions in ``moving`` (n, 1) alone."""
-    names = [
-        f"{jump} in {name}" for name, part in parts.items() for jump in jumps(part, moving, domain)
-    ]
-    calls = [
-        f"{node} in {name}" for name, part in parts.items() for node in dict.fromkeys(_calls(part))
-    ]
+
+    def located(find: Callable[[ca.SX], Iterable[str]]) -> list[str]:
+        return [f"{node} in {name}" for name, part in parts.items() for node in find(part)]
+
+    names, calls = located(lambda part: jumps(part, moving, domain)), located(_calls)
     told = []
     if names:
         told.append(
@@ -163,11 +162,10 @@ def _nodes(expression: ca.SX) -> Iterator[ca.SX]:
         left += [node.dep(k) for k in range(node.n_dep())]
 
 
-def _calls(expression: ca.SX) -> Iterator[str]:
+def _calls(expression: ca.SX) -> dict[str, None]:
     """Names of the functions that a graph calls, which have no graph in it."""
-    for node in _nodes(expression):
-        if node.op() in _CALLS:
-            yield str(node).partition("(")[0]
+    calls = (str(node) for node in _nodes(expression) if node.op() in _CALLS)
+    return dict.fromkeys(call.partition("(")[0] for call in calls)
 
 
 def _sides(node: ca.SX) -> list[ca.SX]:

@@ -110,17 +110,11 @@ def _obeys(
 def differing_contacts(problem: Problem, one: np.ndarray, other: np.ndarray) -> tuple[str, ...]:
     """Names of the contacts whose impulses, each (nlam,), are not the same."""
     system = problem.system
-    apart = np.abs(one - other) > APART * problem.scales.impulse
-    names = [signal.name for signal in system.contacts]
-    first = {pair.contact: i for i, pair in reversed(list(enumerate(system.pairs)))}
-    called = {
-        contact: names[i] if system.forces is None or contact >= len(system.forces.names)
-        else system.forces.names[contact]
-        for contact, i in first.items()
-    }  # fmt: skip
-    return tuple(dict.fromkeys(
-        called[pair.contact] for i, pair in enumerate(system.pairs) if apart[i]
-    ))  # fmt: skip
+    names = dict(enumerate(() if system.forces is None else system.forces.names))
+    for pair, signal in zip(system.pairs, system.contacts, strict=True):
+        names.setdefault(pair.contact, signal.name)
+    differing = np.flatnonzero(np.abs(one - other) > APART * problem.scales.impulse)
+    return tuple(dict.fromkeys(names[system.pairs[i].contact] for i in differing))
 
 
 class StepSolutions:

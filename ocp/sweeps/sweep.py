@@ -334,13 +334,8 @@ def verdict(found: list[dict[str, Any]], dims: list[str]) -> str:
     if solved:
         low, high = (pick(solved, key=lambda row: row["cost"]) for pick in (min, max))
         ends = [f"{row['cost']:.6g}" for row in (low, high)]
-        told += (
-            f"; cost {ends[0]}"
-            if ends[0] == ends[1]
-            else (
-                f"; cost from {ends[0]} at {where(low, dims)} to {ends[1]} at {where(high, dims)}"
-            )
-        )
+        span = f"from {ends[0]} at {where(low, dims)} to {ends[1]} at {where(high, dims)}"
+        told += f"; cost {ends[0] if ends[0] == ends[1] else span}"
     failures, outliers = ([row for row in found if not row["success"]],
                           [row for row in found if row.get("start")])  # fmt: skip
     lines = [
