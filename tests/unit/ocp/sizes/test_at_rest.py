@@ -10,7 +10,7 @@ from problems.registry import spec
 
 
 def test_what_rests_on_the_ground_has_sizes_of_its_joints() -> None:
-    """A solver's error is all that moves; lengths follow from what gaps change by as joints turn."""
+    """Only a solver's error moves; lengths follow from what gaps change by as joints turn."""
     problem = spec("examples/push_up.py").problem()
     sizes = derive_sizes(problem)
     assert sizes.x[2] == pytest.approx(0.5)  # the goal
