@@ -139,6 +139,18 @@ def test_the_mean_is_over_equal_steps_of_those_that_spend_the_same(first: float)
         assert held["On hopper FOPG with ABS ends the highest"]
 
 
+def test_algorithms_that_never_leave_their_initial_policy_are_named():
+    """Their best return is the first of every run; one run that rises is enough to have trained."""
+    made = curves_of(3, points=4)
+    made["best"][:] = 3.0
+    made["best"].loc[{"task": "hopper", "algorithm": ["FOPG", "AoBG"]}] = 0.0
+    made["best"].loc[{"task": "hopper", "algorithm": "AoBG"}][1] = 1e-9
+    named = {c.claim: c.measured.partition("; ")[2] for c in claims(made) if "with ABS" in c.claim}
+    assert {claim.split()[1]: words for claim, words in named.items()} == {
+        "hopper": "never above their initial policy: FOPG", "half-cheetah": "",
+    }  # fmt: skip
+
+
 @pytest.mark.parametrize(("reached", "gain"), [(5.0, 1.0), (11.0, -1.0)])
 def test_verdicts_on_plans_follow_the_data(reached: float, gain: float):
     made = curves_of(3, points=4)
