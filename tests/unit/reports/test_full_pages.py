@@ -22,7 +22,7 @@ def set_page(root: Path, count: int) -> dict[str, Any]:
     """Where a document of ``count`` figures, 18 % of a page high each, ends."""
     for file in pdf._TEMPLATES.glob("*.typ"):
         shutil.copy(file, root)
-    blocks = PAGE.format(count=count).replace("1.8 * scale", "scale / 100% * 130pt")
+    blocks = PAGE.format(count=count).replace("1.8 * scale", "scale() / 100% * 130pt")
     (root / "t.typ").write_text(blocks)
     assert pdf._with_full_pages(root, "t.typ", {}).startswith(b"%PDF")
     options = {"root": str(root), "ignore_system_fonts": True}
