@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from reports.view import RunView
 
 
-def main() -> int:
+def main() -> None:
     """Run the command line."""
     from reports.cli.start import main
 
-    return main()
+    main()
 
 
 def report(solution: Solution, path: Path) -> Path:

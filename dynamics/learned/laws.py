@@ -44,7 +44,7 @@ class LearnedLaw(ContactLaw):
             raise ValueError(
                 f"{self.name}: a learned law needs its model; give model=FILE, made by ocp learn"
             )
-        self.source = model
+        self._stated = model
         loaded = read_model(Path(model)) if isinstance(model, (str, Path)) else model
         if loaded.kind != self.name:
             raise ValueError(
@@ -56,12 +56,12 @@ class LearnedLaw(ContactLaw):
 
     def settings(self) -> dict[str, float | int | str]:
         """The model's file, or the hash of its data where it came from none."""
-        from_file = isinstance(self.source, (str, Path))
-        return {"model": str(self.source) if from_file else self.model.origin.data_hash}
+        from_file = isinstance(self._stated, (str, Path))
+        return {"model": str(self._stated) if from_file else self.model.origin.data_hash}
 
     def at(self, **values: Any) -> ContactLaw:
         """Return the same law with other values of its settings."""
-        return type(self)(**{**self.settings(), "model": self.source, **values})
+        return type(self)(**{**self.settings(), "model": self._stated, **values})
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
         """None; raises ``ValueError`` where the model is of another system's states or inputs."""
