@@ -1,0 +1,361 @@
+"""Plans as they are asked about in public: small units, constants, hard ends, patches of ice."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from dynamics.systems import (
+    Link,
+    Machine,
+    Parameter,
+    ParameterTable,
+    Sphere,
+    signals,
+    time_stepping,
+)
+from ocp import Constraint, Solution, Status, free, solve
+from ocp.problem import Problem, Scaling
+from problems.scenes import Body, Box, Disc, Goal, Obstacle, Polygon, Pusher, Scene, Union
+
+TABLE = ParameterTable([Parameter("h", 0.1, "s")])
+
+
+def braked(gap_unit: float = 1.0, offset: float = 0.0, **more) -> Problem:
+    """A mass at 2.5 m/s, 0.9 m before a wall; its brake takes 0.1 N s a step."""
+    system = time_stepping(
+        "braked",
+        states=signals("x [m]; v [m/s]"),
+        inputs=signals("J [N s]"),
+        contacts=signals("wall [N s]"),
+        h=TABLE["h"],
+        mass=1.0,
+        impulse=lambda q, v, u: u,
+        distance=lambda q: q / gap_unit,
+        parameters=TABLE,
+    )
+    x, v = system.x[0], system.x[1]
+    given = {
+        "stage_cost": 0.1 * system.u**2,
+        "terminal_cost": 10 * (x - 0.25) ** 2 + 10 * v**2 + offset,
+        "u_lower": -0.1,
+        "u_upper": 0.1,
+        "scaling": Scaling(impulse=1.0, gap=0.1),
+    }
+    return Problem("braked", system, 20, x0=ca.SX([0.9, -2.5]), parameters=TABLE, **given | more)
+
+
+def best_of_all_windows() -> float:
+    """Cost of the best plan of :func:`braked`, over all steps of the first and the last touch.
+
+    Between them the mass rests at the wall; before and after it moves freely. Each window is a
+    convex program in the inputs, of which those while it rests are zero.
+    """
+    h, N = 0.1, 20
+
+    def roll(u: np.ndarray, first: int, last: int) -> tuple[float, float, float]:
+        x, v, lowest = 0.9, -2.5, np.inf
+        for k in range(N):
+            v += u[k]
+            if first <= k <= last:
+                # The wall stops it at x = 0 at the end of the step, and gives no pull.
+                lowest = min(lowest, -(x + h * v))
+                v = -x / h
+            x += h * v
+            if not first <= k <= last:
+                lowest = min(lowest, x)
+        return x, v, lowest
+
+    def cost(u: np.ndarray, first: int, last: int) -> float:
+        x, v, _ = roll(u, first, last)
+        return 0.1 * float(u @ u) + 10 * (x - 0.25) ** 2 + 10 * v**2
+
+    least = np.inf
+    for first in range(1, 8):
+        for last in range(first + 1, N):
+            found = minimize(
+                cost,
+                np.zeros(N),
+                (first, last),
+                bounds=[(-0.1, 0.1)] * N,
+                constraints={
+                    "type": "ineq",
+                    "fun": lambda u, *window: roll(u, *window)[2],
+                    "args": (first, last),
+                },
+                method="SLSQP",
+                options={"ftol": 1e-12},
+            )
+            if roll(found.x, first, last)[2] > -1e-7:
+                least = min(least, found.fun)
+    return least
+
+
+@pytest.mark.slow
+def test_the_braked_mass_is_the_best_of_all_windows() -> None:
+    assert solve(braked()).cost == pytest.approx(best_of_all_windows(), rel=1e-4)
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e-6, 1e3])
+def test_a_gap_in_another_unit_is_the_same_gap(unit: float) -> None:
+    known, found = solve(braked()), solve(braked(unit))
+    assert known.success and found.success
+    assert found.cost == pytest.approx(known.cost, rel=1e-4, abs=1e-7)
+    assert found.referee.survives == known.referee.survives
+
+
+def verdict_words(found: Solution) -> list[str]:
+    """The verdict without its numbers, which have the constant in them."""
+    return [found.status.label, found.grade, re.sub(r"-?\d[\d.e+-]*", "#", found.verdict)]
+
+
+@pytest.mark.parametrize("offset", [1e6, -1e6])
+def test_a_large_constant_does_not_make_standing_still_the_best(offset: float) -> None:
+    """Gliding into the wall without the brake costs 0.2 more."""
+    found = solve(braked(offset=offset))
+    assert found.idle_cost - found.cost > 0.1
+    assert "tanding still" not in found.verdict
+    assert verdict_words(found) == verdict_words(solve(braked()))
+
+
+def tipped(offset: float) -> Problem:
+    """A wheel with an arm that may touch the ground and lift it."""
+    machine = Machine(
+        links=(
+            Link("hub", None, mass=0.9, inertia=0.08, joint="free"),
+            Link("arm", "hub", mass=0.25, inertia=0.01, com=(0.15, 0), gear=4.0),
+        ),
+        spheres=(Sphere("wheel", "hub", (0, 0), 0.12), Sphere("tip", "arm", (0.35, 0), 0.04)),
+    )
+    system = machine.system("tipped", TABLE, h=TABLE["h"], friction=0.6)
+    x = system.x
+    return Problem(
+        "tipped",
+        system,
+        8,
+        0.01 * ca.sumsqr(system.u),
+        80 * (x[0] - 0.2) ** 2 + ca.sumsqr(x[4:]) + offset,
+        ca.SX([0, 0.12, 0, 0, 0, 0, 0, 0]),
+        TABLE,
+        u_lower=-1,
+        u_upper=1,
+        scaling=Scaling(impulse=0.5, gap=0.1),
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("offset", [20.0, -300.0])
+def test_a_constant_changes_no_word_on_a_machine(offset: float) -> None:
+    plain, moved = solve(tipped(0.0)), solve(tipped(offset))
+    assert np.array_equal(plain.data["u"].values, moved.data["u"].values)
+    assert verdict_words(plain) == verdict_words(moved)
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e-9, 1.0, 1e6])
+def test_rows_that_contradict_each_other_are_infeasible_in_any_unit(unit: float) -> None:
+    plain = braked(u_lower=-1, u_upper=1)
+    x = plain.system.x[0]
+    rows = [
+        Constraint("here", unit * x, unit * 0.2, unit * 0.2),
+        Constraint("there", unit * x, unit * 0.3, unit * 0.3),
+    ]
+    found = solve(replace(plain, terminal=rows))
+    assert not found.success
+    assert "ot converged" in found.verdict or "ot solved" in found.verdict
+
+
+@pytest.mark.parametrize(("goal", "reached"), [(0.8, True), (1.0, True), (1.15, False)])
+def test_a_goal_behind_a_wall_is_not_reached(goal: float, reached: bool) -> None:
+    system = time_stepping(
+        "fenced",
+        states=signals("x [m]; v [m/s]"),
+        inputs=signals("F [N]"),
+        contacts=signals("fence [N s]"),
+        h=TABLE["h"],
+        mass=1.0,
+        impulse=lambda q, v, u: TABLE["h"] * u,
+        distance=lambda q: 1.0 - q,
+        parameters=TABLE,
+    )
+    end = [Constraint("goal", system.x[0] - goal, 0, 0)]
+    found = solve(
+        Problem(
+            "fenced",
+            system,
+            12,
+            0.01 * system.u**2,
+            0,
+            ca.SX([0, 0]),
+            TABLE,
+            u_lower=-20,
+            u_upper=20,
+            terminal=end,
+        )
+    )
+    assert found.success == reached
+    assert reached or found.status is Status.INFEASIBLE
+
+
+@pytest.mark.parametrize(("N", "way", "mass", "force"), [(2, 0.7, 1.0, 2.0), (12, 1.6, 3.0, 5.0)])
+def test_the_shortest_time_to_rest_at_a_wall_is_the_closed_form(
+    N: int, way: float, mass: float, force: float
+) -> None:
+    """Full force all the way: the wall takes what speed there is in the last step.
+
+    In N - 1 steps of semi-implicit Euler the way is ``a h² (N - 1) N / 2``, so that
+    ``N h = sqrt(2 d N / (a (N - 1)))``.
+    """
+    system = time_stepping(
+        "dash",
+        states=signals("x [m]; v [m/s]"),
+        inputs=signals("F [N]"),
+        contacts=signals("wall [N s]"),
+        h=TABLE["h"],
+        mass=mass,
+        impulse=lambda q, v, u: TABLE["h"] * u,
+        distance=lambda q: way - q,
+        parameters=TABLE,
+    )
+    x, v = system.x[0], system.x[1]
+    found = solve(
+        Problem(
+            "dash",
+            system,
+            N,
+            0,
+            N * TABLE["h"],
+            ca.SX([0, 0]),
+            TABLE,
+            u_lower=-force,
+            u_upper=force,
+            terminal=[Constraint("there", x - way, 0, 0), Constraint("rest", v, 0, 0)],
+            h=free(0.001, 3.0),
+        )
+    )
+    assert found.success
+    assert found.cost == pytest.approx(np.sqrt(2 * way * N * mass / (force * (N - 1))), rel=1e-6)
+
+
+def corner(N: int, stiffness: float = 150.0) -> Problem:
+    """A finger pushes an L on a table past a post."""
+    shape = Union(
+        [
+            Polygon([(-0.12, -0.08), (0.12, -0.08), (0.12, 0.0), (-0.12, 0.0)]),
+            Polygon([(-0.12, 0.0), (-0.04, 0.0), (-0.04, 0.12), (-0.12, 0.12)]),
+        ]
+    )
+    things = Scene(
+        [
+            Pusher("finger", Disc(0.03), at=(-0.25, 0.0), stiffness=stiffness),
+            Body("ell", shape, at=(0.0, 0.0), mass=0.8, inertia=0.01, table=0.3),
+            Obstacle("post", Disc(0.05), at=(0.3, -0.03)),
+            Goal("ell", at=(0.4, 0.1), angle=1.2),
+        ],
+        friction={("finger", "ell"): 0.3},
+    )
+    system = things.quasi_dynamic("corner", TABLE, h=TABLE["h"])
+    off = things.of("ell", system.x)[:2] - ca.SX([0.4, 0.1])
+    du = ca.SX.sym("du", system.nu)
+    return Problem(
+        "corner",
+        system,
+        N,
+        0.01 * ca.sumsqr(off) + 0.05 * ca.sumsqr(du),
+        20 * ca.sumsqr(off),
+        things.at_rest(system),
+        TABLE,
+        du=du,
+        u_before=things.hold,
+        scaling=Scaling(impulse=0.3, gap=0.1, x=0.5, u=0.5),
+    )
+
+
+@pytest.mark.slow
+def test_a_body_on_a_table_that_is_not_at_its_best_gets_a_verdict() -> None:
+    found = solve(corner(6), search=False, settings={"max_iter": 40})
+    assert found.verdict
+    assert "failures" not in found.record
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stiffness", [1e-9, 1e-3])
+def test_a_finger_on_next_to_no_spring_gets_a_verdict(stiffness: float) -> None:
+    found = solve(corner(2, stiffness), settings={"max_iter": 20})
+    assert found.verdict
+    assert "failures" not in found.record
+
+
+HAND, DRY, ICE, EDGE, END, STEPS, STEP = 0.01, 0.6, 0.05, 1.0, 2.0, 40, 0.05
+
+
+def iced() -> Problem:
+    """A hand pushes a block from dry floor onto ice, which begins at ``EDGE``, to rest."""
+    things = Scene(
+        [
+            Pusher("hand", Disc(0.1), at=(-0.2, 0.1), mass=HAND, axis=(1.0, 0.0)),
+            Body("block", Disc(0.1), at=(0.0, 0.1), mass=1.0),
+            Obstacle("dry", Box((2.0, 0.5)), at=(EDGE - 2.0, -0.5)),
+            Obstacle("ice", Box((2.0, 0.5)), at=(EDGE + 2.0, -0.5)),
+            Goal("block", at=(END, 0.1)),
+        ],
+        friction={("block", "dry"): DRY, ("block", "ice"): ICE},
+        apart=[("hand", "dry"), ("hand", "ice")],
+    )
+    system = things.time_stepping("iced", ParameterTable(), h=STEP, gravity=(0, -9.81))
+    off, v = things.of("block", system.x)[0] - END, system.x[system.nx // 2 :]
+    return Problem(
+        "iced",
+        system,
+        STEPS,
+        0.01 * STEP * system.u**2,
+        100 * off**2 + 10 * ca.sumsqr(v),
+        things.at_rest(system),
+        ParameterTable(),
+        u_lower=-15,
+        u_upper=15,
+        scaling=Scaling(impulse=0.5, gap=0.1, u=5),
+    )
+
+
+def ice_peer(on_dry: int, released: int) -> float:
+    """Cost where the block is on dry floor for ``on_dry`` steps and pushed for ``released`` steps.
+
+    A convex program: hand and block move together, forward, and then the block slides on alone.
+    """
+    opti = ca.Opti()
+    force, x, v = opti.variable(STEPS), opti.variable(STEPS + 1), opti.variable(STEPS + 1)
+    hand = opti.variable(STEPS + 1)
+    opti.subject_to([x[0] == 0, v[0] == 0, hand[0] == 0])
+    for k in range(STEPS):
+        brake = (DRY if k < on_dry else ICE) * 9.81 * STEP
+        push = HAND * (hand[k] - hand[k + 1]) + STEP * force[k]
+        opti.subject_to(x[k + 1] == x[k] + STEP * v[k + 1])
+        opti.subject_to(v[k + 1] >= 0)
+        if k < released:
+            opti.subject_to([hand[k + 1] == v[k + 1], push >= 0, v[k + 1] - v[k] == push - brake])
+        else:
+            opti.subject_to([push == 0, hand[k + 1] <= v[k + 1], v[k + 1] - v[k] == -brake])
+        # A step has the friction of where it ends.
+        opti.subject_to(x[k + 1] <= EDGE if k < on_dry else x[k + 1] >= EDGE)
+    opti.subject_to(opti.bounded(-15, force, 15))
+    end = 100 * (x[STEPS] - END) ** 2 + 10 * (v[STEPS] ** 2 + hand[STEPS] ** 2)
+    opti.minimize(0.01 * STEP * ca.sumsqr(force) + end)
+    opti.solver("ipopt", {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes"}})
+    try:
+        return float(opti.solve().value(opti.f))
+    except RuntimeError:
+        return np.inf
+
+
+@pytest.mark.slow
+def test_a_block_from_floor_onto_ice_costs_no_more_than_pushing_it_along() -> None:
+    peers = [ice_peer(n, r) for n in range(12, 30) for r in (15, 20, 25)]
+    assert np.isfinite(min(peers))
+    found = solve(iced())
+    assert found.success
+    assert found.cost == pytest.approx(min(peers), rel=1e-4)
