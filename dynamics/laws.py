@@ -5,6 +5,4 @@ from __future__ import annotations
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from dynamics.learned.laws import Ewda, Mlp
 
-LAWS: dict[str, type[ContactLaw]] = {
-    law.name: law for law in (Exact, Barrier, Adaptive, Randomized, Ewda, Mlp)
-}
+LAWS: dict[str, type[ContactLaw]] = {law.name: law for law in (Exact, Barrier, Adaptive, Randomized, Ewda, Mlp)}

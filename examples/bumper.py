@@ -45,11 +45,17 @@ def build(params: Params) -> Problem:
     )
     x, v = system.x[0], system.x[1]
     return Problem(
-        name, system, params.N, stage_cost=p["w"] * system.u**2, parameters=p,
-        terminal_cost=10 * (x - p["goal"]) ** 2 + 10 * v**2, x0=ca.vertcat(1.0, p["v0"]),
-        u_lower=-p["u_max"], u_upper=p["u_max"],
+        name,
+        system,
+        params.N,
+        stage_cost=p["w"] * system.u**2,
+        parameters=p,
+        terminal_cost=10 * (x - p["goal"]) ** 2 + 10 * v**2,
+        x0=ca.vertcat(1.0, p["v0"]),
+        u_lower=-p["u_max"],
+        u_upper=p["u_max"],
         scaling=Scaling(impulse=1.0, gap=0.1),  # usual size of a contact impulse and of a gap
-    )  # fmt: skip
+    )
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:

@@ -34,19 +34,17 @@ def arm(p) -> Chain:
     """Shoulder at the origin, both joints with a motor."""
     link = {"mass": p["m"], "inertia": p["m"] * p["length"] ** 2 / 12, "gear": 1.0, "damping": 0.05}
     com, end = (0.0, -p["length"] / 2), (0.0, -p["length"])
-    return Chain([Link("upper", None, com=com, **link),
-                  Link("lower", "upper", com=com, anchor=end, **link)])  # fmt: skip
+    return Chain([Link("upper", None, com=com, **link), Link("lower", "upper", com=com, anchor=end, **link)])
 
 
 def contacts(p, q) -> list[Contact]:
     """Elbow and tip, a ball each, against either wall."""
     chain, ball = arm(p), Disc(RADIUS, (0.0, -p["length"]))
     return [
-        Contact.between(ball, chain.pose(q, link), HalfPlane((-side * p["wall"], 0), (side, 0)),
-                        Pose.fixed())
+        Contact.between(ball, chain.pose(q, link), HalfPlane((-side * p["wall"], 0), (side, 0)), Pose.fixed())
         for link in ("upper", "lower")
         for side in WALLS.values()
-    ]  # fmt: skip
+    ]
 
 
 def build(params: Params) -> Problem:
@@ -114,10 +112,7 @@ def frames(params: Params, state: np.ndarray) -> list[drawing.ContactFrame]:
     """Where the balls touch the walls, or come near to them."""
     q = ca.SX(ca.DM(state[:2]))
     found = contacts(params.model_dump(), q)
-    return [
-        drawing.ContactFrame(*map(float, (*c.point.nz, *c.normal.nz)), params.friction)
-        for c in found
-    ]
+    return [drawing.ContactFrame(*map(float, (*c.point.nz, *c.normal.nz)), params.friction) for c in found]
 
 
 if __name__ == "__main__":

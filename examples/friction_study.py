@@ -42,8 +42,7 @@ def drawn(curves: dict[str, xr.Dataset]) -> plt.Figure:
     figure, axes = plt.subplots(figsize=(5, 3.2), layout="constrained")
     for name, curve in curves.items():
         (line,) = axes.plot(curve.friction, curve.planned, label=f"{name}, planned")
-        axes.plot(curve.friction, curve.exact, "x", color=line.get_color(),
-                  label=f"{name}, under exact contact")  # fmt: skip
+        axes.plot(curve.friction, curve.exact, "x", color=line.get_color(), label=f"{name}, under exact contact")
     axes.set_xlabel("friction of the slope [1]")
     axes.set_ylabel("cost [1]")
     axes.set_yscale("log")
@@ -58,9 +57,11 @@ def main() -> None:
     curves = {name: followed(law) for name, law in LAWS.items()}
     for name, curve in curves.items():
         curve.to_netcdf(out / f"friction-{name}.nc")
-        print(f"{name}: cost {float(curve.planned[0]):.4g} at friction {LEAST},"
-              f" {float(curve.planned[-1]):.4g} at {MOST}; under exact contact"
-              f" {float(curve.exact[0]):.4g} and {float(curve.exact[-1]):.4g}")  # fmt: skip
+        print(
+            f"{name}: cost {float(curve.planned[0]):.4g} at friction {LEAST},"
+            f" {float(curve.planned[-1]):.4g} at {MOST}; under exact contact"
+            f" {float(curve.exact[0]):.4g} and {float(curve.exact[-1]):.4g}"
+        )
     drawn(curves).savefig(out / "friction.png", dpi=150)
 
 

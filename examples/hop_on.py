@@ -40,11 +40,17 @@ def build(params: Params) -> Problem:
     q, v = system.x[:nq], system.x[nq:]
     running = p["w_u"] * ca.sumsqr(share) + p["w_v"] * ca.sumsqr(v)
     return Problem(
-        name, system, params.N, stage_cost=p["h"] * running,
-        terminal_cost=100 * ca.sumsqr(q - goal) + ca.sumsqr(v), parameters=p,
-        x0=ca.vertcat(ca.SX(start), ca.SX.zeros(v.numel())), u_lower=lower, u_upper=upper,
+        name,
+        system,
+        params.N,
+        stage_cost=p["h"] * running,
+        terminal_cost=100 * ca.sumsqr(q - goal) + ca.sumsqr(v),
+        parameters=p,
+        x0=ca.vertcat(ca.SX(start), ca.SX.zeros(v.numel())),
+        u_lower=lower,
+        u_upper=upper,
         scaling=Scaling(impulse=0.25 * robot.mass, gap=0.1),  # of a contact: g h m, and 0.1 m
-    )  # fmt: skip
+    )
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:

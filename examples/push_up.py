@@ -17,9 +17,15 @@ machine = Machine(
     links=(
         Link("body", None, mass=1.0, inertia=0.03, joint="free"),  # or hinge, or slide
         Link(
-            "arm", "body", mass=0.3, inertia=0.004,  # [kg], [kg m^2] about the centre of mass
-            com=(0.2, 0), anchor=(0.3, 0),  # centre of mass; joint in the frame of the body
-            gear=5.0, damping=0.1, limits=(-1.0, 2.0),  # motor [N m] at u = 1; joint [N m s], [rad]
+            "arm",
+            "body",
+            mass=0.3,
+            inertia=0.004,  # [kg], [kg m^2] about the centre of mass
+            com=(0.2, 0),
+            anchor=(0.3, 0),  # centre of mass; joint in the frame of the body
+            gear=5.0,
+            damping=0.1,
+            limits=(-1.0, 2.0),  # motor [N m] at u = 1; joint [N m s], [rad]
         ),
     ),
     # What may touch the ground z = 0: name, link, centre in its frame, radius.
@@ -28,7 +34,7 @@ machine = Machine(
         Sphere("nose", "body", (0.3, 0), 0.05),
         Sphere("hand", "arm", (0.4, 0), 0.05),
     ),
-)  # fmt: skip
+)
 
 
 class Params(Parameters):
@@ -46,12 +52,17 @@ def build(params: Params) -> Problem:
     system = machine.system(name, p, h=p["h"], friction=p["friction"])
     x, v = system.x[:4], system.x[4:]
     return Problem(
-        name, system, params.N, stage_cost=0.05 * (system.u**2 + 0.01 * ca.sumsqr(v)),
-        terminal_cost=100 * (x[2] + p["lift"]) ** 2 + ca.sumsqr(v), parameters=p,
+        name,
+        system,
+        params.N,
+        stage_cost=0.05 * (system.u**2 + 0.01 * ca.sumsqr(v)),
+        terminal_cost=100 * (x[2] + p["lift"]) ** 2 + ca.sumsqr(v),
+        parameters=p,
         x0=ca.vertcat(0, 0.05, ca.SX.zeros(6)),
-        u_lower=-1, u_upper=1,  # torque limits, in units of gear
+        u_lower=-1,
+        u_upper=1,  # torque limits, in units of gear
         scaling=Scaling(impulse=0.5, gap=0.1),  # usual size of a contact impulse and of a gap
-    )  # fmt: skip
+    )
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:

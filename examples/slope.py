@@ -39,16 +39,21 @@ def scene(p):
     block = Box((p["half"], p["high"]))
     return Scene(
         [
-            Pusher("cart", Disc(r), at=on_slope(p, -0.4, r), mass=p["cart"],
-                   axis=on_slope(p, 1, 0)),
-            Body("block", block, at=on_slope(p, 0, p["high"]), angle=p["angle"], mass=p["m"],
-                 inertia=p["m"] * (p["half"] ** 2 + p["high"] ** 2) / 3),
+            Pusher("cart", Disc(r), at=on_slope(p, -0.4, r), mass=p["cart"], axis=on_slope(p, 1, 0)),
+            Body(
+                "block",
+                block,
+                at=on_slope(p, 0, p["high"]),
+                angle=p["angle"],
+                mass=p["m"],
+                inertia=p["m"] * (p["half"] ** 2 + p["high"] ** 2) / 3,
+            ),
             Obstacle("slope", HalfPlane(normal=on_slope(p, 0, 1)), at=(0.0, 0.0)),
             Goal("block", at=on_slope(p, p["way"], p["high"]), angle=p["angle"]),
         ],
         friction={("block", "slope"): p["friction"]},
         apart=[("cart", "slope")],
-    )  # fmt: skip
+    )
 
 
 draw, frames = pictured(scene)

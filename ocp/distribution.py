@@ -52,8 +52,7 @@ def shadowing(names: tuple[str, ...] = _BESIDE, folder: Path | None = None) -> s
         place = next((Path(place).resolve() for place in places if place), None)
         if place is not None and not place.is_relative_to(_ROOT / name):
             return (
-                f"{place} has the name of the package {name} of {NAME} and hides it; rename it, or"
-                " start Python with -P"
+                f"{place} has the name of the package {name} of {NAME} and hides it; rename it, or start Python with -P"
             )
     return ""
 

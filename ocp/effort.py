@@ -78,9 +78,7 @@ def stage_size(problem: Problem, policy: Policy | None = None) -> int:
     return system.nx + system.nu + 2 * system.nlam + gains
 
 
-def solve_memory(
-    problem: Problem, policy: Policy | None = None, law: ContactLaw | None = None
-) -> float:
+def solve_memory(problem: Problem, policy: Policy | None = None, law: ContactLaw | None = None) -> float:
     """Bytes that a solve takes, about: a polynomial in :func:`stage_size` a stage.
 
     A stage stands in the program at every step, scenario and node of the law.

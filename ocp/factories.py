@@ -81,9 +81,10 @@ def law_record(law: ContactLaw) -> dict[str, Any]:
     """Return what a run stores of its law; for one of a user's file also where it is from."""
     origin = {"contact_source": law.source, "contact_digest": law.source_digest}
     return {
-        "contact": law.name, "contact_settings": law.settings(),
+        "contact": law.name,
+        "contact_settings": law.settings(),
         **(origin if law.source else {}),
-    }  # fmt: skip
+    }
 
 
 def law_digest(contact: ContactLaw | str) -> str | None:
@@ -108,9 +109,7 @@ def laws_with(setting: str) -> str:
     return f"; {setting} belongs to {', '.join(names)}" if names else ""
 
 
-def closing_law(
-    contact: ContactLaw | str, values: Mapping[str, Any], system: ContactSystem
-) -> ContactLaw:
+def closing_law(contact: ContactLaw | str, values: Mapping[str, Any], system: ContactSystem) -> ContactLaw:
     """Make a law that can close ``system``; raises InputError where it cannot."""
     from dynamics.laws import LAWS
 
@@ -128,8 +127,7 @@ def _check_target(law: ContactLaw, system: ContactSystem, p: ParameterTable) -> 
     mu = ca.SX(law.target(system, ca.SX.sym("z", n), ca.SX.sym("F", n, n), p))
     if mu.shape != (n, 1):
         raise ValueError(
-            f"{law.name}: target(system, z, F, p) must return mu of shape ({n}, 1), as z has, got"
-            f" {mu.shape}"
+            f"{law.name}: target(system, z, F, p) must return mu of shape ({n}, 1), as z has, got {mu.shape}"
         )
 
 

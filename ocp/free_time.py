@@ -35,14 +35,11 @@ def free(lower: ca.SX | float, upper: ca.SX | float) -> FreeStep:
 
     Raises :class:`~ocp.errors.InputError` for bounds that are not two positive numbers in order.
     """
-    ends = [column(f"{side} of a free step size", value, 1)
-            for side, value in (("lower", lower), ("upper", upper))]  # fmt: skip
+    ends = [column(f"{side} of a free step size", value, 1) for side, value in (("lower", lower), ("upper", upper))]
     if all(end.is_constant() for end in ends):
         low, high = (float(end) for end in ends)
         if not (0 < low <= high < np.inf):
-            raise InputError(
-                f"a free step size needs 0 < lower <= upper [s], got {low:g} and {high:g}"
-            )
+            raise InputError(f"a free step size needs 0 < lower <= upper [s], got {low:g} and {high:g}")
     return FreeStep(*ends)
 
 
@@ -55,13 +52,11 @@ def with_free_step(problem: Any, step: FreeStep) -> dict[str, Any]:
     given = [s for s in ca.vertsplit(problem.parameters.vector) if ca.is_equal(s, ca.SX(system.h))]
     if not given:
         raise InputError(
-            f"{name}: the step size is free, but that of the system is not a parameter; build the"
-            " system with h=p['h']"
+            f"{name}: the step size is free, but that of the system is not a parameter; build the system with h=p['h']"
         )
     rows = (*problem.path, *problem.terminal)
     bounds = {what: getattr(problem, what) for what in _KEPT}
-    bounds |= {f"{side} of {one.name}": getattr(one, side) for one in rows
-               for side in ("lower", "upper")}  # fmt: skip
+    bounds |= {f"{side} of {one.name}": getattr(one, side) for one in rows for side in ("lower", "upper")}
     for what, bound in bounds.items():
         if bound is not None and ca.depends_on(ca.SX(bound), given[0]):
             raise InputError(
@@ -101,16 +96,12 @@ def _every(bound: ca.SX | float, nx: int) -> ca.SX:
     return ca.repmat(value, nx // value.numel(), 1)
 
 
-def _stretched(
-    system: ContactSystem, put: Callable[[Any], Any], h: ca.SX, h_next: ca.SX
-) -> ContactSystem:
+def _stretched(system: ContactSystem, put: Callable[[Any], Any], h: ca.SX, h_next: ca.SX) -> ContactSystem:
     """The system with h in place of its parameter, and ``h_next = h`` as its last state."""
 
     def each(part: Any) -> Any:
         changed = {
-            one.name: put(getattr(part, one.name))
-            for one in fields(part)
-            if isinstance(getattr(part, one.name), ca.SX)
+            one.name: put(getattr(part, one.name)) for one in fields(part) if isinstance(getattr(part, one.name), ca.SX)
         }
         return replace(part, **changed)
 
@@ -118,8 +109,7 @@ def _stretched(
     if note is not None:
         same = sharpest is system
         sharp = Sharp(note, None if same else lambda: _stretched(sharpest, put, h, h_next))
-    parts = {what: each(part) for what in ("forces", "book")
-             if is_dataclass(part := getattr(system, what))}  # fmt: skip
+    parts = {what: each(part) for what in ("forces", "book") if is_dataclass(part := getattr(system, what))}
     return replace(
         each(system),
         x=ca.vertcat(system.x, h),

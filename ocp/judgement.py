@@ -75,9 +75,7 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
     return Solution(
         data=label(nlp, plan, replay, book, outcome, values, replays.replay),
         cost=rolled.cost,
-        status=status_of(
-            outcome, found, kept, certificate, rolled.cost, idle, span, values, bool(endless)
-        ),
+        status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span, values, bool(endless)),
         audit=found,
         certificate=certificate,
         referee=report,
@@ -105,9 +103,16 @@ def _replay(problem: Problem, plan: Trajectories, values: dict[str, float]) -> R
 
 
 def status_of(
-    outcome: RouteResult, found: Audit, kept: bool, certificate: Certificate, cost: float,
-    idle: float, span: float, values: dict[str, float], endless: bool,
-) -> Status:  # fmt: skip
+    outcome: RouteResult,
+    found: Audit,
+    kept: bool,
+    certificate: Certificate,
+    cost: float,
+    idle: float,
+    span: float,
+    values: dict[str, float],
+    endless: bool,
+) -> Status:
     """Combine audit, certificate and, where these find no answer, the solver's status."""
     result = outcome.result
     if result.status is Status.INTERRUPTED:
@@ -152,15 +157,16 @@ def record(session: Session, seed: int) -> dict[str, Any]:
             **{name: session.values[name] for name in problem.parameters.names},
             **problem.settings,
         },
-        "law_parameters": {name: session.values[name] for name in session.step.p.names
-                  if name not in problem.parameters},
+        "law_parameters": {
+            name: session.values[name] for name in session.step.p.names if name not in problem.parameters
+        },
         "N": problem.N,
         "learned_at": learned.learned_at(problem.system, session.values) if learned else {},
         "seed": seed,
         "versions": versions(),
         "citation": problem.citation,
         "source": problem.source,
-    }  # fmt: skip
+    }
 
 
 _LOG = logging.getLogger(__name__)

@@ -91,9 +91,17 @@ class Problem:
             owner = called.get(what, f"{self.name}: {what}")
             self._set(what, validated(owner, getattr(self, what), kind))
         nx, nu = self.system.nx, self.system.nu
-        sizes = {"x0": (nx,), "du": (nu,), "u_before": (nu,), "u_lower": (nu, 1),
-                 "u_upper": (nu, 1), "x_lower": (nx, 1), "x_upper": (nx, 1),
-                 "stage_cost": (1,), "terminal_cost": (1,)}  # fmt: skip
+        sizes = {
+            "x0": (nx,),
+            "du": (nu,),
+            "u_before": (nu,),
+            "u_lower": (nu, 1),
+            "u_upper": (nu, 1),
+            "x_lower": (nx, 1),
+            "x_upper": (nx, 1),
+            "stage_cost": (1,),
+            "terminal_cost": (1,),
+        }
         for what, allowed in sizes.items():
             value = getattr(self, what)
             if value is not None or what not in ("du", "u_before"):
@@ -102,8 +110,7 @@ class Problem:
             raise InputError(f"{self.name}: a cost on du needs both du and u_before, or neither")
         if self.scenarios.n > 1 and len(self.scenarios.std) != nx:
             raise InputError(
-                f"{self.name}: scenarios.std has {len(self.scenarios.std)} entries, expected one"
-                f" per state, {nx}"
+                f"{self.name}: scenarios.std has {len(self.scenarios.std)} entries, expected one per state, {nx}"
             )
         if self.start is not None and self.scenarios.n > 1:
             raise InputError(f"{self.name}: a free start needs a single scenario")
@@ -127,8 +134,7 @@ class Problem:
         system = self.system
         if system.phi is None:
             raise InputError(
-                f"{self.name}: swept needs the distances of its contacts, and the system gives no"
-                " phi; leave swept out"
+                f"{self.name}: swept needs the distances of its contacts, and the system gives no phi; leave swept out"
             )
         way = (system.x + share * (system.x_next - system.x) for share in SHARES)
         gaps = ca.vertcat(*(ca.substitute(system.phi, system.x, at) for at in way))
@@ -151,18 +157,24 @@ class Problem:
         ]
         bounds += [] if free is None else [("the start", free.lower), ("the start", free.upper)]
         for known, used, expected in (
-            (along, [("stage_cost", self.stage_cost)],
-             "no state, input, du, contact impulse or declared parameter"),
-            ([*along, s.x_next], [(c.name, c.expression) for c in self.path],
-             "no state, input, next state, contact impulse or declared parameter"),
-            (last, [("terminal_cost", self.terminal_cost),
-                    *((c.name, c.expression) for c in self.terminal)],
-             "no state or declared parameter"),
-            (own, [*((what, getattr(self, what)) for what in _BY_PARAMETERS), *bounds],
-             "no declared parameter"),
-            (own, [("the system", s.parameters.vector)],
-             "no parameter of the problem; give the problem the table that the system has"),
-        ):  # fmt: skip
+            (along, [("stage_cost", self.stage_cost)], "no state, input, du, contact impulse or declared parameter"),
+            (
+                [*along, s.x_next],
+                [(c.name, c.expression) for c in self.path],
+                "no state, input, next state, contact impulse or declared parameter",
+            ),
+            (
+                last,
+                [("terminal_cost", self.terminal_cost), *((c.name, c.expression) for c in self.terminal)],
+                "no state or declared parameter",
+            ),
+            (own, [*((what, getattr(self, what)) for what in _BY_PARAMETERS), *bounds], "no declared parameter"),
+            (
+                own,
+                [("the system", s.parameters.vector)],
+                "no parameter of the problem; give the problem the table that the system has",
+            ),
+        ):
             for what, value in used:
                 if value is not None:
                     check_symbols(f"{self.name}: {what}", value, known, expected)
@@ -306,8 +318,7 @@ class Problem:
         """The natural units of states and inputs, by their dimensions."""
         units = self.scaling.units
         states, inputs = (
-            np.array([units.of(signal.unit) for signal in part])
-            for part in (self.system.states, self.system.inputs)
+            np.array([units.of(signal.unit) for signal in part]) for part in (self.system.states, self.system.inputs)
         )
         return Scales(units.of("N s"), units.of("m"), states, inputs, units.cost)
 
@@ -315,8 +326,7 @@ class Problem:
     def weights(self) -> set[str]:
         """Names of parameters that weigh the cost: it is linear in each, nothing else has them."""
         s, cost = self.system, ca.vertcat(self.stage_cost, self.terminal_cost)
-        rows = (row for one in (*self.path, *self.terminal)
-                for row in (one.expression, one.lower, one.upper))  # fmt: skip
+        rows = (row for one in (*self.path, *self.terminal) for row in (one.expression, one.lower, one.upper))
         ends = [getattr(self, what) for what in _BY_PARAMETERS]
         start = [] if self.start is None else [self.start.lower, self.start.upper]
         elsewhere = [
@@ -326,11 +336,11 @@ class Problem:
         ]
         taken = {one.element_hash() for part in elsewhere for one in ca.symvar(part)}
         return {
-            name for name in self.parameters.names
+            name
+            for name in self.parameters.names
             if self.parameters[name].element_hash() not in taken
-            and [any(ca.which_depends(cost, self.parameters[name], order)) for order in (1, 2)]
-            == [True, False]
-        }  # fmt: skip
+            and [any(ca.which_depends(cost, self.parameters[name], order)) for order in (1, 2)] == [True, False]
+        }
 
     def _cost_band(self, sizes: Scales) -> float:
         """Band of the change of cost as states and inputs at rest move by ``sizes``.
@@ -341,10 +351,9 @@ class Problem:
         p = np.array([one.value / units.of(one.unit) for one in self.parameters])
         x, u = (np.array(v).ravel() for v in self.limits(p)[:2])
         costs = [
-            np.ravel(self.cost_terms(x + s * sizes.x, u + s * sizes.u, s * sizes.u,
-                                     abs(s) * sizes.impulse, p))
+            np.ravel(self.cost_terms(x + s * sizes.x, u + s * sizes.u, s * sizes.u, abs(s) * sizes.impulse, p))
             for s in (0.0, -1.0, 1.0)
-        ]  # fmt: skip
+        ]
         changes = np.abs(np.array(costs[1:], dtype=float) - costs[0]) @ (self.N, 1.0)
         return band(float(changes.max()) / units.cost)
 
@@ -353,9 +362,7 @@ class Problem:
         """Map ``(x, p)`` to step size, mass, stiffness and friction, empty where there is none."""
         system = self.system
         friction = None if system.forces is None else system.forces.friction
-        known = (ca.SX() if one is None else one for one in (
-            system.mass, system.stiffness, friction
-        ))  # fmt: skip
+        known = (ca.SX() if one is None else one for one in (system.mass, system.stiffness, friction))
         given = [system.x, self.parameters.vector]
         return ca.Function("physics", given, [ca.SX(system.h), *(ca.densify(one) for one in known)])
 
@@ -371,8 +378,9 @@ class Problem:
         if not h > 0:
             raise InputError(f"{self.name}: the step size must be positive, got {h.item():g} s")
         for matrix, what, raised in (
-            (M, "mass", "masses and inertias"), (K, "stiffness", "stiffnesses"),
-        ):  # fmt: skip
+            (M, "mass", "masses and inertias"),
+            (K, "stiffness", "stiffnesses"),
+        ):
             known = np.isfinite(matrix).all()
             least = np.linalg.eigvalsh(matrix).min(initial=np.inf) if known else np.nan
             if not least > 0:
@@ -382,8 +390,7 @@ class Problem:
                 )
         if not np.all(friction >= 0):
             raise InputError(
-                f"{self.name}: Coulomb's coefficients of friction must not be negative, got"
-                f" {friction.min():g}"
+                f"{self.name}: Coulomb's coefficients of friction must not be negative, got {friction.min():g}"
             )
 
     def initial_states(self, p: np.ndarray) -> np.ndarray:
@@ -407,8 +414,7 @@ class Problem:
             states, inputs = (np.asarray(part) for part in given)
         except (TypeError, ValueError):
             raise InputError(
-                f"{self.name}: the guess must be two arrays, states and inputs, got"
-                f" {abbreviated(given)}"
+                f"{self.name}: the guess must be two arrays, states and inputs, got {abbreviated(given)}"
             ) from None
         found = states.shape, inputs.shape
         expected = (self.N + 1, self.system.nx), (self.N, self.system.nu)
@@ -417,20 +423,25 @@ class Problem:
                 f"{self.name}: the guess has states {found[0]} and inputs {found[1]}, expected"
                 f" {expected[0]} and {expected[1]}"
             )
-        if not all(
-            part.dtype.kind in "if" and np.isfinite(part).all() for part in (states, inputs)
-        ):
+        if not all(part.dtype.kind in "if" and np.isfinite(part).all() for part in (states, inputs)):
             raise InputError(f"{self.name}: the guess must be finite")
         return states, inputs
 
 
 _KINDS: dict[str, Any] = {
-    "name": Name, "system": InstanceOf[ContactSystem], "N": Count,
-    "parameters": InstanceOf[ParameterTable], "path": tuple[InstanceOf[Constraint], ...],
-    "terminal": tuple[InstanceOf[Constraint], ...], "scenarios": InstanceOf[Scenarios],
-    "start": InstanceOf[FreeStart] | None, "guess": Callable[..., Any] | None,
-    "scaling": InstanceOf[Scaling], "settings": dict[Line, Recorded], "citation": Line,
-}  # fmt: skip
+    "name": Name,
+    "system": InstanceOf[ContactSystem],
+    "N": Count,
+    "parameters": InstanceOf[ParameterTable],
+    "path": tuple[InstanceOf[Constraint], ...],
+    "terminal": tuple[InstanceOf[Constraint], ...],
+    "scenarios": InstanceOf[Scenarios],
+    "start": InstanceOf[FreeStart] | None,
+    "guess": Callable[..., Any] | None,
+    "scaling": InstanceOf[Scaling],
+    "settings": dict[Line, Recorded],
+    "citation": Line,
+}
 _BY_PARAMETERS = ("x0", "u_before", "u_lower", "u_upper", "x_lower", "x_upper")
 
 

@@ -30,9 +30,7 @@ def column(what: str, value: Any, *sizes: int) -> ca.SX:
     """
     found = _expression(value)
     if found is None:
-        raise InputError(
-            f"{what} must be numbers or an expression of ca.SX, got {abbreviated(value)}"
-        )
+        raise InputError(f"{what} must be numbers or an expression of ca.SX, got {abbreviated(value)}")
     if min(found.shape) > 1:
         raise InputError(f"{what} must be a column, got a matrix of shape {found.shape}")
     if sizes and found.numel() not in sizes:
@@ -88,9 +86,7 @@ class Constraint:
         expression = column(f"constraint {name}", self.expression)
         object.__setattr__(self, "expression", expression)
         for side in ("lower", "upper"):
-            bound = column(
-                f"{side} of constraint {name}", getattr(self, side), expression.numel(), 1
-            )
+            bound = column(f"{side} of constraint {name}", getattr(self, side), expression.numel(), 1)
             every = ca.repmat(bound, expression.numel() // bound.numel())
             object.__setattr__(self, side, every)
 
@@ -140,8 +136,13 @@ class Scales:
 
     def over(self, units: Scales) -> Scales:
         """Return the same sizes as multiples of others."""
-        return Scales(self.impulse / units.impulse, self.gap / units.gap, self.x / units.x,
-                      self.u / units.u, self.cost / units.cost)  # fmt: skip
+        return Scales(
+            self.impulse / units.impulse,
+            self.gap / units.gap,
+            self.x / units.x,
+            self.u / units.u,
+            self.cost / units.cost,
+        )
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,12 @@ def summary(problem: Any) -> str:
     system, p = problem.system, problem.parameters
     x0, _, *bounds = (np.array(value).ravel() for value in problem.limits(p.values))
     h = ca.Function("h", [system.x, p.vector], [ca.SX(system.h)])(x0, p.values)
-    terms = ["stage", *(["increments of u"] if problem.uses_du else []),
-             *(["impulses"] if problem.uses_impulses else []), "terminal"]  # fmt: skip
+    terms = [
+        "stage",
+        *(["increments of u"] if problem.uses_du else []),
+        *(["impulses"] if problem.uses_impulses else []),
+        "terminal",
+    ]
     scenarios = problem.scenarios.n
     lines = {
         "horizon": [f"N = {problem.N} steps of h = {float(h):.4g} s"],

@@ -48,9 +48,7 @@ def resolve_problem(
     if hasattr(type(problem), "model_fields"):
         problem = load_plugin("problems").get(problem)
     found = problem if isinstance(problem, Problem) else _source(problem)
-    for_problem, for_law = split_keywords(
-        found, contact, params, contact_settings, keywords, solver
-    )
+    for_problem, for_law = split_keywords(found, contact, params, contact_settings, keywords, solver)
     if not isinstance(found, Problem):
         return found.problem(for_problem), for_law
     if for_problem:
@@ -124,16 +122,18 @@ def _source(problem: ProblemSource | str | PathLike[str]) -> ProblemSource:
     if isinstance(problem, str | PathLike):
         return load_plugin("problems").source(fspath(problem))
     if not hasattr(problem, "problem"):
-        raise InputError(
-            f"a problem is a name, a file or an ocp.Problem, got {type(problem).__name__}"
-        )
+        raise InputError(f"a problem is a name, a file or an ocp.Problem, got {type(problem).__name__}")
     return problem
 
 
 def _unknown_keyword(
-    key: str, found: Problem | ProblemSource, contact: ContactLaw | str, takes: tuple[str, ...],
-    settings: tuple[str, ...], solver: str,
-) -> str:  # fmt: skip
+    key: str,
+    found: Problem | ProblemSource,
+    contact: ContactLaw | str,
+    takes: tuple[str, ...],
+    settings: tuple[str, ...],
+    solver: str,
+) -> str:
     """Say where a keyword belongs that neither the problem nor the law has."""
     if key.startswith("policy") or key in OWN or has_option(solver, key):
         return f"{key} is not an argument of solve; use settings={{{key!r}: ...}}"
@@ -226,8 +226,7 @@ def declared(cls: type) -> list[Setting]:
 
 def _hint(cls: type, name: str) -> Any:
     """Type of an argument that makes ``cls``; None where only type checkers know it."""
-    owner = next((base for base in cls.__mro__ if name in vars(base).get("__annotations__", {})),
-                 cls.__init__)  # fmt: skip
+    owner = next((base for base in cls.__mro__ if name in vars(base).get("__annotations__", {})), cls.__init__)
     scope = vars(sys.modules[owner.__module__])
     with suppress(NameError):
         alone = SimpleNamespace(__annotations__={name: owner.__annotations__[name]})

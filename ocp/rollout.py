@@ -172,9 +172,7 @@ def roll_on(
     return rolled, min(lost, key=lambda one: one.step, default=None)
 
 
-def _array(
-    what: str, given: Any, shape: tuple[int | None, ...], scenarios: int | None = None
-) -> np.ndarray:
+def _array(what: str, given: Any, shape: tuple[int | None, ...], scenarios: int | None = None) -> np.ndarray:
     """``given`` as an array of ``shape``, its first size 1 or ``scenarios``; any where None.
 
     Raises :class:`~ocp.errors.InputError` for another shape, and for what are no numbers.
@@ -192,9 +190,7 @@ def _array(
     return found
 
 
-def step_values(
-    problem: Problem, step: Step, values: dict[str, float], own: bool = True
-) -> np.ndarray:
+def step_values(problem: Problem, step: Step, values: dict[str, float], own: bool = True) -> np.ndarray:
     """Values of a step's parameters: by name, and the law's own where ``values`` has none.
 
     Without ``own`` the law's parameters are its settings, whatever ``values`` holds.
@@ -215,10 +211,7 @@ def _ahead(
     S, K = u.shape[:2]
     rolled = step.solve.map(S).mapaccum(K * count)
     columns = np.repeat(u, count, axis=1).swapaxes(0, 1).reshape(K * count * S, u.shape[2]).T
-    found = (
-        np.array(v).T.reshape(K, count, S, v.shape[0]).transpose(2, 0, 1, 3)
-        for v in rolled(x.T, columns, p)
-    )
+    found = (np.array(v).T.reshape(K, count, S, v.shape[0]).transpose(2, 0, 1, 3) for v in rolled(x.T, columns, p))
     after, lam, gap, error = found
     right = np.isfinite(error) & np.isfinite(after).all(axis=3, keepdims=True)
     largest = np.where(right, error, np.inf).max(axis=2, initial=0.0)
@@ -238,9 +231,13 @@ def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:
 
 
 def problem_impulses(
-    problem: Problem, step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray,
+    problem: Problem,
+    step: Step,
+    x: np.ndarray,
+    u: np.ndarray,
+    lam: np.ndarray,
     physical: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Impulses of the contacts of the problem's system, (S, N, nlam), from a step's (S, N, n).
 
     They are the mean over the step's branches. A step of another system, which has friction in
@@ -260,9 +257,10 @@ def problem_impulses(
     sought = ca.jacobian(sought, own.lam)
     given = ca.substitute(given, ca.vertcat(other.x, other.u), ca.vertcat(own.x, own.u))
     matched = ca.Function(
-        "matched", [own.x, own.u, other.lam, problem.parameters.vector],
+        "matched",
+        [own.x, own.u, other.lam, problem.parameters.vector],
         [ca.vec(ca.densify(sought)), ca.densify(given)],
-    )  # fmt: skip
+    )
     columns, forces = at_steps(matched, x[:, :-1], u, mean, p=physical)
     edges = columns.reshape(*lam.shape[:2], own.nlam, -1).swapaxes(2, 3)
     found = np.linalg.pinv(np.nan_to_num(edges)) @ forces[..., None]

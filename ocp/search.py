@@ -124,24 +124,23 @@ class PushSearch:
         for number, nodes in enumerate(tree.rounds(), 1):
             if self.progress is not None:
                 cost, nan = nodes[0].resting, np.nan
-                self.progress(
-                    StageRecord("pushes", number, cost, nan, nan, tree.tried, nan, "searched")
-                )
+                self.progress(StageRecord("pushes", number, cost, nan, nan, tree.tried, nan, "searched"))
         self.tried |= {"seed": self.seed, "motions": tree.tried, "steps": tree.rolled, "plans": []}
-        plans = [
-            plan for node in nodes[:CANDIDATES]
-            if (plan := tree.rollout(tree.whole(node))) is not None
-        ]  # fmt: skip
+        plans = [plan for node in nodes[:CANDIDATES] if (plan := tree.rollout(tree.whole(node))) is not None]
         plans.sort(key=lambda plan: plan.cost)
         # The best few first: those that follow are solved only where none of these survives.
         for first in (slice(0, _FIRST), slice(_FIRST, None)):
             good = False
             for plan, found in self._solved(swept, tree, plans[first]):
-                self.tried["plans"].append({
-                    "rolled_cost": plan.cost, "cost": found.cost, "status": found.status.label,
-                    "survives": found.referee.survives,
-                    "pushers": plan.x[0, :, -swept.problem.system.nu :].tolist(),
-                })  # fmt: skip
+                self.tried["plans"].append(
+                    {
+                        "rolled_cost": plan.cost,
+                        "cost": found.cost,
+                        "status": found.status.label,
+                        "survives": found.referee.survives,
+                        "pushers": plan.x[0, :, -swept.problem.system.nu :].tolist(),
+                    }
+                )
                 yield replace(found, record={**found.record, "swept": True})
                 good = bool(found.certificate.certified and found.referee.survives)
                 if good:
@@ -149,9 +148,7 @@ class PushSearch:
             if good:
                 break
 
-    def _solved(
-        self, swept: Session, tree: TouchSearch, plans: list[Rollout]
-    ) -> Iterator[tuple[Rollout, Solution]]:
+    def _solved(self, swept: Session, tree: TouchSearch, plans: list[Rollout]) -> Iterator[tuple[Rollout, Solution]]:
         """Plans with what their branches give, the cheapest first, each improved in its turn.
 
         The unimproved answer follows where the improved one does not survive.
@@ -163,10 +160,7 @@ class PushSearch:
             return
         follower = Homotopy(swept.nlp_of, swept.solver, swept.values, self.progress)
         branches = Branches(follower)
-        ends = [
-            (plan, *end) for plan in plans
-            if (end := self._settled(branches, tree, plan)) is not None
-        ]  # fmt: skip
+        ends = [(plan, *end) for plan in plans if (end := self._settled(branches, tree, plan)) is not None]
         for plan, end, _ in sorted(ends, key=lambda one: (one[2] > _SAME, one[1].f)):
             best = branches.improve(end)
             found = self._judged(swept, branches, best)
@@ -174,9 +168,7 @@ class PushSearch:
             if found.referee.survives is False and best is not end:
                 yield plan, self._judged(swept, branches, end)
 
-    def _settled(
-        self, branches: Branches, tree: TouchSearch, plan: Rollout
-    ) -> tuple[Result, float] | None:
+    def _settled(self, branches: Branches, tree: TouchSearch, plan: Rollout) -> tuple[Result, float] | None:
         """The answer on a plan's branch, or on that of its replay where contacts differ there.
 
         With it, by how much the states of its replay differ, in characteristic sizes.

@@ -88,8 +88,13 @@ class Session:
             built = self.nlps[reformulation]
             _LOG.info(
                 "%s by %s, %s reformulation: %d variables, %d constraints, built in %.3f s",
-                self.problem.name, self.method.name, reformulation, built.n, built.m, took,
-            )  # fmt: skip
+                self.problem.name,
+                self.method.name,
+                reformulation,
+                built.n,
+                built.m,
+                took,
+            )
         return self.nlps[reformulation]
 
     @property
@@ -98,9 +103,13 @@ class Session:
         return self.step.exact and isinstance(self.method, Direct)
 
     def solve(
-        self, start: Point | None = None, progress: Progress | None = None,
-        guess: InitialGuess | None = None, warm_from: NLP | None = None, number: int = 0,
-    ) -> RouteResult:  # fmt: skip
+        self,
+        start: Point | None = None,
+        progress: Progress | None = None,
+        guess: InitialGuess | None = None,
+        warm_from: NLP | None = None,
+        number: int = 0,
+    ) -> RouteResult:
         """Solve at the present values, from a warm point of ``warm_from`` or from a guess.
 
         ``number`` counts several guesses: each takes another relaxation than the one before, since
@@ -163,9 +172,7 @@ class Session:
         """Return the session of the same problem under another law, at the values both have."""
         key = f"{law.name} {method.name}"
         if key not in self.helpers:
-            self.helpers[key] = Session(
-                self.problem, law, method, self.policy, self.solver, compiled=self.compiled
-            )
+            self.helpers[key] = Session(self.problem, law, method, self.policy, self.solver, compiled=self.compiled)
         helper = self.helpers[key]
         helper.values |= {name: v for name, v in self.values.items() if name in helper.values}
         return helper

@@ -81,9 +81,13 @@ class Replay:
 
 
 def replayed(
-    problem: Problem, plan: xr.Dataset, planned_cost: float, gains: Gains | None,
-    values: dict[str, float], law: ContactLaw,
-) -> Replay:  # fmt: skip
+    problem: Problem,
+    plan: xr.Dataset,
+    planned_cost: float,
+    gains: Gains | None,
+    values: dict[str, float],
+    law: ContactLaw,
+) -> Replay:
     """Roll out what ``plan`` holds, or ``gains``, under ``law`` from the plan's own starts.
 
     Raises :class:`~ocp.errors.NotConverged` where a step of the law did not solve.
@@ -105,9 +109,7 @@ def replayed(
         state_gap=float(np.max(np.abs(rolled.x - x))),
         penetration=max(0.0, float(np.max(deepest, initial=0.0))),
         between=None if distance is None else between(problem, rolled.x, physical),
-        broken=noticeable(
-            broken_constraints(problem, rolled.x, rolled.u, rolled.impulses, physical, seen)
-        ),
+        broken=noticeable(broken_constraints(problem, rolled.x, rolled.u, rolled.impulses, physical, seen)),
     )
 
 
@@ -117,8 +119,7 @@ def units_of(
     """Units of signals by dimension, and attributes of arrays over it, which name them."""
     units = {key: [signal.unit for signal in found] for key, found in entries.items()}
     return units, {
-        key: {"units": found[0] if len(set(found)) == 1 else f"see {key}_unit"}
-        for key, found in units.items()
+        key: {"units": found[0] if len(set(found)) == 1 else f"see {key}_unit"} for key, found in units.items()
     }
 
 

@@ -104,9 +104,17 @@ def solve(
     if search and start is not None:
         raise InputError("start and search both say where to begin; give one of them")
     session = new_session(
-        problem, contact, transcription, policy, solver, settings,
-        method=method, params=params, contact_settings=contact_settings, **keywords,
-    )  # fmt: skip
+        problem,
+        contact,
+        transcription,
+        policy,
+        solver,
+        settings,
+        method=method,
+        params=params,
+        contact_settings=contact_settings,
+        **keywords,
+    )
     session.search = search
     if search:
         from ocp.search import check_search
@@ -305,9 +313,7 @@ def solve_session(
     return replace(best, record={**best.record, "search": searched}) if searched else best
 
 
-def _pushes(
-    session: Session, seed: int, progress: Callable[[StageRecord], None] | None
-) -> PushSearch | None:
+def _pushes(session: Session, seed: int, progress: Callable[[StageRecord], None] | None) -> PushSearch | None:
     """The search over pushes, where it is chosen or the problem is a scene."""
     if session.search is False or not (session.search or session.problem.system.scene):
         return None
@@ -341,9 +347,7 @@ def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planne
         for index, found in enumerate(solutions)
     ]
     iterations = sum(found.iterations for found in solutions)
-    spent = {
-        key: sum(getattr(found, key) for found in solutions) for key in ("solve_s", "evaluation_s")
-    }
+    spent = {key: sum(getattr(found, key) for found in solutions) for key in ("solve_s", "evaluation_s")}
     return replace(best, others=others, iterations=iterations, **spent)
 
 
@@ -361,9 +365,10 @@ def credited(session: Session, solutions: list[Solution]) -> list[Solution]:
     share = partial(cost_share, session.problem, cost=least, physical=physical)
     return [
         replace(one, status=Status.SOLVED, record={**one.record, "ways": len(ended)})
-        if _stands_still(one) and not share(one.cost - least) > GAIN else one
+        if _stands_still(one) and not share(one.cost - least) > GAIN
+        else one
         for one in solutions
-    ]  # fmt: skip
+    ]
 
 
 def rank(found: Solution, by: Rank = "planned") -> tuple[int, float]:

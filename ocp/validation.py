@@ -98,15 +98,10 @@ def spaced(option: str, text: str, least: int = 1) -> Axis:
     first, last, count = found
     if not (count.is_integer() and least <= count <= MOST):
         single = f"; a single value goes with -p {name}=..." if least > 1 else ""
-        raise InputError(
-            f"{where}: n must be a whole number from {least} to {MOST}, got {parts[2]}{single}"
-        )
+        raise InputError(f"{where}: n must be a whole number from {least} to {MOST}, got {parts[2]}{single}")
     log = parts[3:] == ["log"]
     if log and not min(first, last) > 0:
-        raise InputError(
-            f"{where}: equal ratios need ends above zero, got {first:g} and {last:g}; leave out"
-            " :log"
-        )
+        raise InputError(f"{where}: equal ratios need ends above zero, got {first:g} and {last:g}; leave out :log")
     values = (np.geomspace if log else np.linspace)(first, last, int(count))
     return Axis(name, tuple(values.tolist()), log)
 
@@ -147,9 +142,7 @@ def _written(word: str, real: bool) -> float | int:
     except ValueError:
         raise ValueError("a number") from None
     # Python reads more than is a number here: nan, inf, 1_000 and digits of other scripts.
-    raise ValueError(
-        "a finite number" if word.strip().isascii() and "_" not in word else "a number"
-    )
+    raise ValueError("a finite number" if word.strip().isascii() and "_" not in word else "a number")
 
 
 def _kinds(kind: Any) -> set[Any]:

@@ -49,9 +49,7 @@ _LEAST = 1e-12
 """Smallest mu, in characteristic units, whose path a pair is put on."""
 
 
-def node_times(
-    problem: Problem, physical: np.ndarray, start: np.ndarray | None = None
-) -> np.ndarray:
+def node_times(problem: Problem, physical: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
     """Times [s] of the nodes at parameter values ``physical``, shape (N+1,).
 
     ``start`` (nx,) is the first state, which holds the step size where that is a state.
@@ -111,9 +109,7 @@ class _Mesh:
         starts = self.new - self.new[0]
         return np.full(len(self.new), False) if self.same else starts > self.old[-1] * (1 - 1e-9)
 
-    def interpolate(
-        self, values: np.ndarray, axis: int, first: np.ndarray | None = None
-    ) -> np.ndarray:
+    def interpolate(self, values: np.ndarray, axis: int, first: np.ndarray | None = None) -> np.ndarray:
         """Interpolate along an axis of intervals, ``first`` at time 0; hold beyond the ends."""
         if self.same or values.shape[axis] == 1:
             return values
@@ -151,9 +147,7 @@ def carry(solution: Solution | Plan, nlp: NLP, values: dict[str, float]) -> Poin
     return Point(x, nlp.variables.pack(lam_x), nlp.constraints.pack(lam_g))
 
 
-def carried_guess(
-    solution: Solution, problem: Problem, values: dict[str, float]
-) -> tuple[np.ndarray, np.ndarray]:
+def carried_guess(solution: Solution, problem: Problem, values: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
     """States (N+1, nx) and inputs (N, nu) of a solution, on the problem's mesh, as a guess."""
     carrier = _Carrier(solution, problem, values)
     x, u = carrier.trajectories()
@@ -164,9 +158,7 @@ GuessLike = Solution | xr.Dataset | tuple[ArrayLike, ArrayLike]
 """A solution or a run that was loaded, a dataset with x and u, or states and inputs."""
 
 
-def given_guess(
-    given: GuessLike, problem: Problem, values: dict[str, float]
-) -> tuple[np.ndarray, np.ndarray]:
+def given_guess(given: GuessLike, problem: Problem, values: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
     """States (N+1, nx) and inputs (N, nu) of what a caller gives; of scenarios the first.
 
     Raises :class:`~ocp.errors.InputError` for other shapes, or what is not finite.
@@ -185,9 +177,7 @@ def _check(solution: Solution | Plan, nlp: NLP) -> None:
     name, system = nlp.problem.name, nlp.problem.system
     origin = str(solution.record.get("problem"))
     if origin != name:
-        raise InputError(
-            f"the run to start from is of {origin}, not of {name}; start from a run of {name}"
-        )
+        raise InputError(f"the run to start from is of {origin}, not of {name}; start from a run of {name}")
     if not all(np.isfinite(solution.data[key].values).all() for key in ("x", "u")):
         raise InputError(
             "the run to start from has NaN or infinite trajectories"
@@ -206,9 +196,7 @@ def _check(solution: Solution | Plan, nlp: NLP) -> None:
             )
 
 
-def _contact_duals(
-    lam: np.ndarray, gap: np.ndarray, lam_x: dict[str, np.ndarray], exact: bool
-) -> np.ndarray:
+def _contact_duals(lam: np.ndarray, gap: np.ndarray, lam_x: dict[str, np.ndarray], exact: bool) -> np.ndarray:
     """Multipliers of ``lam gap = mu`` (or <= t) from those of fixed pairs; changes ``lam_x``."""
     # A fixed pair's smaller member is held at zero by a force of either sign. It equals the
     # product's multiplier times the larger member; a bound takes what pulls below zero.
@@ -223,9 +211,7 @@ def _contact_duals(
 class _Carrier:
     """One solution on its way to another mesh of its problem."""
 
-    def __init__(
-        self, solution: Solution | Plan, problem: Problem, values: dict[str, float]
-    ) -> None:
+    def __init__(self, solution: Solution | Plan, problem: Problem, values: dict[str, float]) -> None:
         self.solution, self.data = solution, solution.data
         self.values, self.problem = values, problem
         self.physical = problem.parameters.pack(values)
@@ -297,10 +283,7 @@ class _Carrier:
         _, lam, gap, _ = at_steps(step.solve, ahead, u, p=p)
         names = [contact.name for contact in step.contacts]
         if [str(value) for value in self.data["contact"].values] == names:
-            carried = [
-                self._scenarios(self.mesh.interpolate(self.data[key].values, 1))
-                for key in ("lam", "gap")
-            ]
+            carried = [self._scenarios(self.mesh.interpolate(self.data[key].values, 1)) for key in ("lam", "gap")]
             covered = ~self.mesh.beyond[None, :, None]
             lam = np.where(covered, carried[0] * self._sizes(step.contacts), lam)
             gap = np.where(covered, carried[1], gap)
@@ -309,9 +292,7 @@ class _Carrier:
         _, _, mu = at_steps(step.relation, ahead, u, x, lam, p=p)
         return self._on_path(lam, gap, mu)
 
-    def _on_path(
-        self, lam: np.ndarray, gap: np.ndarray, mu: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _on_path(self, lam: np.ndarray, gap: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Keep the larger of each pair, in characteristic sizes; the other follows from mu."""
         size = self.problem.scales
         mu = np.maximum(mu, _LEAST * size.impulse * size.gap)

@@ -16,16 +16,10 @@ from problems.spec import Citation, Golden
 
 name = "ant"
 title = "Ant: walk"
-citation = Citation(
-    "schulman2016high", "where the ant comes from; the table of Gymnasium's ant.xml"
-)
+citation = Citation("schulman2016high", "where the ant comes from; the table of Gymnasium's ant.xml")
 axes = AXES
 equations = STEPS
-golden = {
-    "exact": Golden(
-        0.12040724552, settings={"strategy": "scholtes"}, tried=3, note="another minimum: 0.1289853"
-    )
-}
+golden = {"exact": Golden(0.12040724552, settings={"strategy": "scholtes"}, tried=3, note="another minimum: 0.1289853")}
 _CAMERA = Camera.around((0.2, 0.0, 0.3), 1.4)
 
 
@@ -41,8 +35,7 @@ class Params(GaitParams):
 def build(params: Params) -> Problem:
     """Steps (ant.1) on the tangent space (ant.2) with contacts (ant.3) and friction (ant.4), cost
     (ant.5); state (q, v), impulses lam [N s]."""
-    return gait(name, params, machine_of(), standing(), standing(), _walk,
-                Scaling(impulse=0.1, gap=0.1, x=0.1, u=0.1))  # fmt: skip
+    return gait(name, params, machine_of(), standing(), standing(), _walk, Scaling(impulse=0.1, gap=0.1, x=0.1, u=0.1))
 
 
 def _walk(share: np.ndarray) -> np.ndarray:

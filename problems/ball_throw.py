@@ -45,8 +45,7 @@ class Params(Parameters):
 
     m: float = quantity(1.0, "kg", "mass", above=0)
     g: float = quantity(9.81, "m/s^2", "gravity", above=0)
-    restitution: float = quantity(0.7, "1", "velocity after a bounce over that before", least=0,
-                                  most=1)  # fmt: skip
+    restitution: float = quantity(0.7, "1", "velocity after a bounce over that before", least=0, most=1)
     h: float = quantity(0.02, "s", "step size", above=0)
     N: int = structure(50, "number of steps", least=2)
     x0: float = quantity(0.0, "m", "the hand, x")

@@ -94,11 +94,7 @@ def _system(p: ParameterTable) -> ContactSystem:
     mc, mp, length = p["mc"], p["mp"], p["l"]
     _, theta, dp, dtheta = ca.vertsplit(x_next)
     acceleration = p["g"] * mp / mc * theta + u / mc
-    turn = (
-        p["g"] * (mc + mp) / (length * mc) * theta
-        + u / (length * mc)
-        + (lam[1] - lam[0]) / (length * mp)
-    )
+    turn = p["g"] * (mc + mp) / (length * mc) * theta + u / (length * mc) + (lam[1] - lam[0]) / (length * mp)
     tip = x_next[0] + length * theta
     return ContactSystem(
         name=name,

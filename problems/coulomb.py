@@ -70,9 +70,7 @@ def zobg_variance(theta: float, nu: float, sigma: float, baseline: float) -> flo
     """
     from scipy.stats import norm
 
-    low, high = (
-        np.clip(v, -_REACH * sigma, _REACH * sigma) for v in (-theta - nu / 2, nu / 2 - theta)
-    )
+    low, high = (np.clip(v, -_REACH * sigma, _REACH * sigma) for v in (-theta - nu / 2, nu / 2 - theta))
     t, weights = _NODES
     w = low + (high - low) * (t + 1) / 2
     density = norm.pdf(w / sigma) / sigma * weights * (high - low) / 2

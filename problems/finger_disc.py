@@ -17,9 +17,7 @@ from problems.spec import Citation, Golden
 
 name = "finger-disc"
 title = "A finger that turns a disc to an angle"
-citation = Citation(
-    "nurkanovic2022nosnoc", "nosnoc's finger and disc; its code, examples/mpc/mpc_finger_ball"
-)
+citation = Citation("nurkanovic2022nosnoc", "nosnoc's finger and disc; its code, examples/mpc/mpc_finger_ball")
 axes = ("x [m]", "z [m]")
 equations = r"""
 M(q) (v^+ - v) = h (u - b(q, v) - D v^+) + J_n^top gamma + J_t^top (beta^+ - beta^-), quad

@@ -18,9 +18,7 @@ from problems.spec import Citation, Golden, smoothed
 
 name = "half-cheetah"
 title = "Half-cheetah: a periodic gait at a given speed"
-citation = Citation(
-    "zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; tables of Dojo's cheetah"
-)
+citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; tables of Dojo's cheetah")
 axes = ("x [m]", "z [m]")
 equations = """
 M(q) (v^+ - v) = h (B u - b(q, v) - D v^+ - K q^+) + J_n^top gamma + J_t^top (beta^+ - beta^-)
@@ -64,15 +62,9 @@ class Params(Parameters):
     friction: float = quantity(0.4, "1", "Coulomb's coefficient with the ground", least=0)
     damping: float = quantity(1.0, "N m s/rad", "damping of each joint", least=0)
     base_damping: float = quantity(0.0, "N s/m", "drag on the torso, none in nature", least=0)
-    u_max: float = quantity(
-        1.0, "1", "largest input, a unit is 30 to 120 N m; not kept in the source", above=0
-    )
-    spheres: str = choice(
-        tuple(SPHERES), "which parts may touch: shins and feet, all nine, or the feet"
-    )
-    cone: Cone = choice(
-        ("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues"
-    )
+    u_max: float = quantity(1.0, "1", "largest input, a unit is 30 to 120 N m; not kept in the source", above=0)
+    spheres: str = choice(tuple(SPHERES), "which parts may touch: shins and feet, all nine, or the feet")
+    cone: Cone = choice(("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues")
     limits: int = structure(1, "1 for joint limits, 0 for none", most=1)
     w_u: float = quantity(1.0, "1", "weight of the inputs", least=0)
     w_v: float = quantity(1e-3, "s^2/m^2", "weight of the velocities", least=0)
@@ -91,13 +83,16 @@ def build(params: Params) -> Problem:
     """Steps (half-cheetah.1) with contacts (half-cheetah.5); state (q, v, h), lam in N s."""
     p, friction = friction_of(table(params))
     step = ca.SX.sym("h")
-    machine = machine_of(
-        base_damping=p["base_damping"], damping=p["damping"], limits=bool(params.limits)
-    )
+    machine = machine_of(base_damping=p["base_damping"], damping=p["damping"], limits=bool(params.limits))
     system = machine.system(
-        name, p, h=step, friction=friction, spheres=SPHERES[params.spheres], free_step=True,
+        name,
+        p,
+        h=step,
+        friction=friction,
+        spheres=SPHERES[params.spheres],
+        free_step=True,
         cone=params.cone,
-    )  # fmt: skip
+    )
     x, nx = system.x, system.nx
     nq = nx // 2
     pose = np.array(machine.pose)

@@ -18,9 +18,7 @@ from problems.spec import Citation, Golden, smoothed
 
 name = "hopper"
 title = "Hopper: hop forward and land at rest"
-citation = Citation(
-    "zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; tables of Dojo's hopper"
-)
+citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; tables of Dojo's hopper")
 axes = ("x [m]", "z [m]")
 equations = """
 M(q) (v^+ - v) = h (B u - b(q, v) - D v^+ - K q^+) + J_n^top gamma + J_t^top (beta^+ - beta^-)
@@ -57,18 +55,10 @@ class Params(Parameters):
     friction: float = quantity(1.0, "1", "Coulomb's coefficient with the ground", least=0)
     spring: float = quantity(10.0, "N m/rad", "stiffness of each joint", least=0)
     damping: float = quantity(1.0, "N m s/rad", "damping of each joint", least=0)
-    base_damping: float = quantity(
-        0.0, "N s/m", "drag on the torso, 50 as the source is parsed, 0 in nature", least=0
-    )
-    u_max: float = quantity(
-        1.0, "1", "largest input, a unit is 200 N m; the source has no bound", above=0
-    )
-    spheres: str = choice(
-        tuple(SPHERES), "which parts may touch: all but the hip, all, or toe and heel"
-    )
-    cone: Cone = choice(
-        ("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues"
-    )
+    base_damping: float = quantity(0.0, "N s/m", "drag on the torso, 50 as the source is parsed, 0 in nature", least=0)
+    u_max: float = quantity(1.0, "1", "largest input, a unit is 200 N m; the source has no bound", above=0)
+    spheres: str = choice(tuple(SPHERES), "which parts may touch: all but the hip, all, or toe and heel")
+    cone: Cone = choice(("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues")
     limits: int = structure(0, "1 for joint limits, as in the source's later version", most=1)
     z0: float = quantity(1.21, "m", "height of the torso at the start; 1.21 stands on the ground")
     pitch0: float = quantity(0.0, "rad", "angle of the torso at the start")
@@ -92,13 +82,19 @@ def build(params: Params) -> Problem:
     """Steps (hopper.1) with contacts (hopper.5); state (q, v), impulses lam [N s]."""
     p, friction = friction_of(table(params))
     machine = machine_of(
-        base_damping=p["base_damping"], spring=p["spring"], damping=p["damping"],
+        base_damping=p["base_damping"],
+        spring=p["spring"],
+        damping=p["damping"],
         limits=bool(params.limits),
-    )  # fmt: skip
+    )
     system = machine.system(
-        name, p, h=p["h"], friction=friction, spheres=SPHERES[params.spheres],
+        name,
+        p,
+        h=p["h"],
+        friction=friction,
+        spheres=SPHERES[params.spheres],
         cone=params.cone,
-    )  # fmt: skip
+    )
     x, nq = system.x, system.nx // 2
     angles = [p[f"{joint}0"] for joint in ("pitch", "thigh", "leg", "foot")]
     start = ca.vertcat(0, p["z0"], *angles, ca.SX.zeros(nq))

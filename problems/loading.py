@@ -236,8 +236,7 @@ def read_law(module: ModuleType, file: Path, digest: str) -> type[ContactLaw]:
     """
     from dynamics.laws import LAWS
 
-    laws = (kind for kind in vars(module).values()
-            if inspect.isclass(kind) and issubclass(kind, ContactLaw))  # fmt: skip
+    laws = (kind for kind in vars(module).values() if inspect.isclass(kind) and issubclass(kind, ContactLaw))
     classes = [*dict.fromkeys(law for law in laws if law.__module__ == module.__name__)]
     if len(classes) != 1:
         raise InputError(

@@ -42,9 +42,7 @@ golden = {
         note="the default settings end at 12.2497958, or from other starts at 12.2470823; other"
         " minima: 12.1822137, 12.1823455, 12.2245472",
     ),
-    "barrier mu=1e-3": smoothed(
-        12.0089398, start=1, tried=9, note="the problem's own guess ends at 12.0101558"
-    ),
+    "barrier mu=1e-3": smoothed(12.0089398, start=1, tried=9, note="the problem's own guess ends at 12.0101558"),
 }
 
 _DISCS = ((0.0, 1 / 3, 2 / 3, 1.0), (0.5, 1.0))
@@ -69,12 +67,8 @@ class Params(Parameters):
     g: float = quantity(0.0, "m/s^2", "gravity, towards negative y")
     h: float = quantity(0.1, "s", "step size", above=0)
     N: int = structure(20, "number of steps", least=1)
-    links: str = choice(
-        ("capsules", "discs"), "shape of a link: one smooth capsule, or the published discs"
-    )
-    gap: str = choice(
-        ("linearised", "true"), "phi at the next state: linearised, as published, or the true one"
-    )
+    links: str = choice(("capsules", "discs"), "shape of a link: one smooth capsule, or the published discs")
+    gap: str = choice(("linearised", "true"), "phi at the next state: linearised, as published, or the true one")
     ox0: float = quantity(0.0, "m", "start of the ball, x")
     oy0: float = quantity(0.35, "m", "start of the ball, y")
     angle0: float = quantity(0.0, "rad", "start of the ball, angle")
@@ -85,8 +79,7 @@ class Params(Parameters):
     goal_x: float = quantity(-0.3, "m", "goal of the ball, x")
     goal_y: float = quantity(0.35, "m", "goal of the ball, y")
     goal_angle: float = quantity(0.5, "rad", "goal of the ball, angle")
-    w: float = quantity(10.0, "1", "weight of the ball's distance to the goal, in m and rad",
-                        least=0)  # fmt: skip
+    w: float = quantity(10.0, "1", "weight of the ball's distance to the goal, in m and rad", least=0)
     w_a: float = quantity(1e-3, "1/rad^2", "weight of the joints' distance to their start", least=0)
     w_du: float = quantity(10.0, "1/rad^2", "stage weight of the input's increments", least=0)
     w_end: float = quantity(100.0, "1", "how much more the end weighs than a step", least=0)
@@ -108,16 +101,12 @@ class Params(Parameters):
         ):
             if not low <= value <= high:
                 raise ValueError(
-                    f"joint {joint} starts outside its limits: {value:g} rad, which must lie in"
-                    f" [{low:.4g}, {high:.4g}]"
+                    f"joint {joint} starts outside its limits: {value:g} rad, which must lie in [{low:.4g}, {high:.4g}]"
                 )
         state = ca.SX([self.ox0, self.oy0, self.angle0, *self.joints])
         for link, contact in _touches(state, self).items():
             if (off := float(contact.phi)) < 0:
-                raise ValueError(
-                    f"the ball starts {-off:.3g} m inside link {link}; move ox0, oy0 or"
-                    f" open the arms"
-                )
+                raise ValueError(f"the ball starts {-off:.3g} m inside link {link}; move ox0, oy0 or open the arms")
         for side, x in (("left", -self.base), ("right", self.base)):
             off = math.hypot(self.goal_x - x, self.goal_y) - self.R - self.r
             if off < 0:
@@ -156,9 +145,7 @@ def _links(q: ca.SX, p: Params | ParameterTable) -> list[_Link]:
     return found
 
 
-def _touches(
-    q: ca.SX, p: Params | ParameterTable, discs: bool = False
-) -> dict[str, contacts.Contact]:
+def _touches(q: ca.SX, p: Params | ParameterTable, discs: bool = False) -> dict[str, contacts.Contact]:
     """Contacts of the ball with the arms, link by link, or disc by disc."""
     ball, R, r, shapes = contacts.Pose(q[:2], -q[2]), _of(p, "R"), _of(p, "r"), []
     for link in _links(q, p):
@@ -168,10 +155,7 @@ def _touches(
         for number, share in enumerate(_DISCS[int(link.name[1]) - 1]):
             disc = contacts.Disc(r, (share * link.end[0], 0.0))
             shapes.append((f"{link.name} disc {number}", link.pose, disc))
-    return {
-        called: contacts.Contact.between(contacts.Disc(R), ball, shape, pose)
-        for called, pose, shape in shapes
-    }
+    return {called: contacts.Contact.between(contacts.Disc(R), ball, shape, pose) for called, pose, shape in shapes}
 
 
 def _of(p: Params | ParameterTable, key: str) -> ca.SX:
@@ -198,11 +182,8 @@ def build(params: Params) -> Problem:
             "ox [m] ball; oy [m] ball; theta [rad] ball, anticlockwise; l1 [rad] left arm;"
             " l2 [rad] left arm; r1 [rad] right arm; r2 [rad] right arm"
         ),
-        inputs=signals("ul1 [rad] commanded; ul2 [rad] commanded; ur1 [rad] commanded;"
-                       " ur2 [rad] commanded"),
-        contacts=tuple(
-            Signal(touch, "N s", "impulse on the ball") for touch in _touches(start, p, discs)
-        ),
+        inputs=signals("ul1 [rad] commanded; ul2 [rad] commanded; ur1 [rad] commanded; ur2 [rad] commanded"),
+        contacts=tuple(Signal(touch, "N s", "impulse on the ball") for touch in _touches(start, p, discs)),
         h=p["h"],
         mass=ca.diag(ca.vertcat(p["m"], p["m"], p["inertia"])),
         stiffness=ca.diag(K),
@@ -212,7 +193,7 @@ def build(params: Params) -> Problem:
         friction=friction,
         linearised=params.gap == "linearised",
         parameters=p,
-    )  # fmt: skip
+    )
     x, du = system.x, ca.SX.sym("du", 4)
     off = x[:3] - ca.vertcat(p["goal_x"], p["goal_y"], p["goal_angle"])
     state_cost = p["w"] * ca.sumsqr(off) + p["w_a"] * ca.sumsqr(x[3:] - start[3:])
@@ -261,8 +242,7 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     shapes: list[Shape] = [goal, _hand(goal, params.goal_angle), ball, _hand(ball, float(state[2]))]
     for link in _links(ca.SX(ca.DM(state)), params):
         (x1, y1), (x2, y2) = (
-            (float(point[0]), float(point[1]))
-            for point in (link.pose.position, link.pose.place(link.end))
+            (float(point[0]), float(point[1])) for point in (link.pose.position, link.pose.place(link.end))
         )
         shapes.append(Capsule(x1, y1, x2, y2, params.r, "actuator"))
     return shapes
@@ -278,9 +258,6 @@ def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Every link, or disc of one, pushes the ball where the ball's rim is nearest to it."""
     found = []
     for touch in _touches(ca.SX(ca.DM(state)), params, params.links == "discs").values():
-        x, y, nx, ny = (
-            float(v) for part in (touch.point, touch.normal)
-            for v in ca.vertsplit(part)
-        )  # fmt: skip
+        x, y, nx, ny = (float(v) for part in (touch.point, touch.normal) for v in ca.vertsplit(part))
         found.append(ContactFrame(x, y, nx, ny, params.friction))
     return found

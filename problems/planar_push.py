@@ -48,9 +48,7 @@ class Params(Parameters):
     friction: float = quantity(2 / 3, "1", "Coulomb's coefficient; 0: frictionless", least=0)
     h: float = quantity(0.1, "s", "step size", above=0)
     N: int = structure(20, "number of steps", least=1)
-    gap: str = choice(
-        ("linearised", "true"), "phi at the next state: linearised, as published, or the true one"
-    )
+    gap: str = choice(("linearised", "true"), "phi at the next state: linearised, as published, or the true one")
     ox0: float = quantity(0.0, "m", "start of the box, x")
     oy0: float = quantity(0.5, "m", "start of the box, y")
     angle0: float = quantity(0.0, "rad", "start of the box, angle")
@@ -110,9 +108,7 @@ def build(params: Params) -> Problem:
 
     system = quasi_dynamic(
         name,
-        states=signals(
-            "ox [m] box; oy [m] box; theta [rad] box, anticlockwise; ax [m] pusher; ay [m] pusher"
-        ),
+        states=signals("ox [m] box; oy [m] box; theta [rad] box, anticlockwise; ax [m] pusher; ay [m] pusher"),
         inputs=signals("ux [m] commanded pusher; uy [m] commanded pusher"),
         contacts=signals("push [N s] impulse on the box"),
         h=p["h"],
@@ -140,9 +136,7 @@ def build(params: Params) -> Problem:
         du=du,
         u_before=ca.vertcat(p["ax0"], p["ay0"]),
         path=[Constraint("reach", system.u - x[3:], -p["reach"], p["reach"])],
-        scenarios=Scenarios(
-            params.scenarios, (std, std, params.scenario_angle_std, 0.0, 0.0), params.scenario_seed
-        ),
+        scenarios=Scenarios(params.scenarios, (std, std, params.scenario_angle_std, 0.0, 0.0), params.scenario_seed),
         scaling=Scaling(impulse=1.0, gap=0.1, x=0.5, u=0.5),
     )
 

@@ -30,9 +30,7 @@ golden = {
         tried=33,
         independent="all 210 windows of contact, each a convex QP",
     ),
-    "barrier mu=1e-3": smoothed(
-        1.3869158, tried=11, note="a plain Opti script ends no lower from 18 random guesses"
-    ),
+    "barrier mu=1e-3": smoothed(1.3869158, tried=11, note="a plain Opti script ends no lower from 18 random guesses"),
 }
 
 

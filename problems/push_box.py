@@ -33,9 +33,7 @@ class Params(Parameters):
     m: float = quantity(1.0, "kg", "mass of the box", above=0)
     friction: float = quantity(0.5, "1", "Coulomb's coefficient with the table", above=0)
     g: float = quantity(9.8, "m/s^2", "gravity", above=0)
-    c: float = quantity(
-        0.4, "1", "largest moment of friction, over that of its force at r", above=0
-    )
+    c: float = quantity(0.4, "1", "largest moment of friction, over that of its force at r", above=0)
     h: float = quantity(0.02, "s", "step size", above=0)
     N: int = structure(100, "number of steps", least=1)
     distance: float = quantity(3.0, "m", "distance of the goal", least=0)

@@ -39,11 +39,7 @@ e = norm(p - p_"goal")^2 + 4 w_q norm("turn"(q_"goal", q))^2
 "turn, the vector part of the quaternion that turns one to the other"
 min sum_(k=0)^(N-1) w_c norm(c_k - t_k)^2 + w_"end" e_N
 """
-golden = {
-    "exact": Golden(
-        0.02728969294, settings={"strategy": "scholtes"}, tried=2, note="another minimum: 0.0276413"
-    )
-}
+golden = {"exact": Golden(0.02728969294, settings={"strategy": "scholtes"}, tried=2, note="another minimum: 0.0276413")}
 
 
 class Params(Parameters):
@@ -93,16 +89,17 @@ def fingertip(called: str, stiffness: Number) -> tuple[Body, ...]:
 
 def machine(of: Params | ParameterTable) -> SpatialMachine:
     """Cube, fingertip and table, with the numbers of ``of`` or the symbols of its table."""
-    a, m, r, K = (of[key] if isinstance(of, ParameterTable) else getattr(of, key)
-                  for key in ("a", "m", "r", "K"))  # fmt: skip
+    a, m, r, K = (of[key] if isinstance(of, ParameterTable) else getattr(of, key) for key in ("a", "m", "r", "K"))
     return SpatialMachine(
         (Body("cube", None, m, (m * a**2 / 6,) * 3, joint="free"), *fingertip("tip", K)),
-        (SpatialPart("table", "world", Plane()),
-         SpatialPart("cube", "cube", Box((a / 2, a / 2, a / 2))),
-         SpatialPart("tip", "tipz", Sphere(r))),
+        (
+            SpatialPart("table", "world", Plane()),
+            SpatialPart("cube", "cube", Box((a / 2, a / 2, a / 2))),
+            SpatialPart("tip", "tipz", Sphere(r)),
+        ),
         (("cube", "table"), ("cube", "tip")),
         gravity=(0.0, 0.0, -of.g if isinstance(of, Params) else -of["g"]),
-    )  # fmt: skip
+    )
 
 
 def goal_turn(yaw: ca.SX, over: bool) -> ca.SX:
@@ -126,9 +123,7 @@ def build(params: Params) -> Problem:
     """
     p = table(params)
     corners = ca.repmat(p["friction"], 8)
-    system = machine(p).system(
-        name, p, h=p["h"], friction=ca.vertcat(corners, p["grip"]), inertial=False
-    )
+    system = machine(p).system(name, p, h=p["h"], friction=ca.vertcat(corners, p["grip"]), inertial=False)
     tip = ca.vertcat(p["x0"], p["y0"], p["z0"])
     goal = ca.vertcat(p["goal_x"], p["goal_y"], p["a"] / 2)
     x = system.x
@@ -184,14 +179,11 @@ def with_goal(shown: SpatialMachine, body: str, place: ca.SX, turn: ca.SX) -> Sp
     """``shown`` with a second ``body`` called goal, which never moves and touches nothing."""
     x, y, z, *q = (float(v) for v in ca.vertsplit(ca.evalf(ca.vertcat(place, turn))))
     goal = Body("goal", None, 0.0, joint="fixed", place=(x, y, z), turn=(q[0], q[1], q[2], q[3]))
-    again = (SpatialPart(f"goal {part.name}", "goal", part.shape) for part in shown.parts
-             if part.body == body)  # fmt: skip
+    again = (SpatialPart(f"goal {part.name}", "goal", part.shape) for part in shown.parts if part.body == body)
     return replace(shown, bodies=(*shown.bodies, goal), parts=(*shown.parts, *again))
 
 
-def seen_with_goal(
-    shown: SpatialMachine, camera: Camera, state: np.ndarray, tips: set[str]
-) -> list[Shape]:
+def seen_with_goal(shown: SpatialMachine, camera: Camera, state: np.ndarray, tips: set[str]) -> list[Shape]:
     """Draw a machine whose fingertips are ``tips``; one sees through its goal."""
     found = [
         replace(one, shade=0.0) if one.role == "goal" and isinstance(one, Disc | Polygon) else one

@@ -29,9 +29,7 @@ golden = {
         tried=33,
         note="a plain Opti script, cold Scholtes homotopy, ends no lower from 36 random guesses",
     ),
-    "barrier mu=1e-3": smoothed(
-        0.100609441, tried=11, note="a plain Opti script ends no lower from 18 random guesses"
-    ),
+    "barrier mu=1e-3": smoothed(0.100609441, tried=11, note="a plain Opti script ends no lower from 18 random guesses"),
 }
 
 

@@ -49,9 +49,7 @@ class Params(Parameters):
     m: float = quantity(1.0, "kg", "mass of the T", above=0)
     friction: float = quantity(0.4, "1", "Coulomb's coefficient with the table", above=0)
     g: float = quantity(9.8, "m/s^2", "gravity", above=0)
-    c: float = quantity(
-        0.4, "1", "largest moment of friction, over that of its force at r", above=0
-    )
+    c: float = quantity(0.4, "1", "largest moment of friction, over that of its force at r", above=0)
     h: float = quantity(0.05, "s", "step size", above=0)
     N: int = structure(50, "number of steps", least=1)
     x0: float = quantity(0.24722, "m", "start, x")
@@ -85,9 +83,11 @@ def build(params: Params) -> Problem:
     system = pushed.system
     x, angle, sides = system.x, p["goal_angle"], system.nlam
     away = ca.vertcat(
-        x[0] - p["goal_x"], x[1] - p["goal_y"],
-        ca.cos(x[2]) - ca.cos(angle), ca.sin(x[2]) - ca.sin(angle),
-    )  # fmt: skip
+        x[0] - p["goal_x"],
+        x[1] - p["goal_y"],
+        ca.cos(x[2]) - ca.cos(angle),
+        ca.sin(x[2]) - ca.sin(angle),
+    )
     return Problem(
         name=name,
         system=system,

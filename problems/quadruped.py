@@ -44,8 +44,15 @@ def build(params: Params) -> Problem:
     """Steps (quadruped.1) on the tangent space (quadruped.2) with contacts (quadruped.3) and
     friction (quadruped.4), cost (quadruped.5); state (q, v), impulses lam [N s]."""
     lies = params.start == "lie"
-    return gait(name, params, machine_of(belly=lies), _LIES if lies else _STANDS, _STANDS, _trot,
-                Scaling(impulse=1.0, gap=0.1, x=0.1, u=0.3))  # fmt: skip
+    return gait(
+        name,
+        params,
+        machine_of(belly=lies),
+        _LIES if lies else _STANDS,
+        _STANDS,
+        _trot,
+        Scaling(impulse=1.0, gap=0.1, x=0.1, u=0.3),
+    )
 
 
 def _trot(share: np.ndarray) -> np.ndarray:

@@ -52,8 +52,7 @@ def region_of(spec: ProblemSpec, params: Any, problem: Problem) -> Region:
     found = around_task(problem) if spec.region is None else spec.region(params)
     if not isinstance(found, Region):
         raise InputError(
-            f"{owner}: region(params) returned {type(found).__name__}, expected a"
-            " dynamics.learned.region.Region"
+            f"{owner}: region(params) returned {type(found).__name__}, expected a dynamics.learned.region.Region"
         )
     try:
         found.check(problem.system)

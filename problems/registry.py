@@ -107,9 +107,7 @@ def get(name: str | Parameters, **params: Any) -> Problem:
         return spec(name).problem(params)
     module = sys.modules[type(name).__module__]
     if not isinstance(name, Parameters) or getattr(module, "Params", None) is not type(name):
-        raise InputError(
-            f"a problem is a name, a file, or the Params of one, got {type(name).__name__}"
-        )
+        raise InputError(f"a problem is a name, a file, or the Params of one, got {type(name).__name__}")
     return defined(ProblemSpec, module).problem({**name.model_dump(), **params})
 
 

@@ -40,11 +40,7 @@ e = norm(p - p_0)^2 + 4 w_q norm("turn"(q_"goal", q))^2, quad
 "turn, the vector part of the quaternion that turns one to the other"
 min sum_(k=0)^(N-1) w_c sum_j norm(c_(j,k) - t_(j,k))^2 + w_"end" e_N
 """
-golden = {
-    "exact": Golden(
-        0.00348597807, settings={"strategy": "scholtes"}, tried=2, note="another minimum: 0.0037430"
-    )
-}
+golden = {"exact": Golden(0.00348597807, settings={"strategy": "scholtes"}, tried=2, note="another minimum: 0.0037430")}
 TIPS = ("thumb", "index", "middle")
 
 
@@ -64,8 +60,7 @@ class Params(Parameters):
     N: int = structure(12, "number of steps", least=1)
     away: float = quantity(0.15, "m", "start of the fingertips, distance from the axis", above=0)
     z0: float = quantity(0.1, "m", "start of the fingertips, height above the table", least=0)
-    reach: float = quantity(0.12, "m", "how far a fingertip may go from its start, along each axis",
-                            above=0)  # fmt: skip
+    reach: float = quantity(0.12, "m", "how far a fingertip may go from its start, along each axis", above=0)
     goal: float = quantity(math.pi / 4, "rad", "angle to turn by")
     w_q: float = quantity(0.1, "m^2/rad^2", "weight of the turn to the goal", least=0)
     w_end: float = quantity(100.0, "1/m^2", "terminal weight of the way to the goal", least=0)
@@ -90,17 +85,21 @@ def _starts(away: ca.SX | float, z: ca.SX | float) -> ca.SX:
 
 def machine(of: Params | ParameterTable, body: str) -> SpatialMachine:
     """Object, fingertips and table, with the numbers of ``of`` or the symbols of its table."""
-    a, m, r, K, g = (of[key] if isinstance(of, ParameterTable) else getattr(of, key)
-                     for key in ("a", "m", "r", "K", "g"))  # fmt: skip
+    a, m, r, K, g = (
+        of[key] if isinstance(of, ParameterTable) else getattr(of, key) for key in ("a", "m", "r", "K", "g")
+    )
     share, shape = (2 / 5, Sphere(a)) if body == "ball" else (2 / 3, Box((a, a, a)))
     fingers = [body for tip in TIPS for body in fingertip(tip, K)]
     return SpatialMachine(
         (Body(body, None, m, (share * m * a**2,) * 3, joint="free"), *fingers),
-        (SpatialPart("table", "world", Plane()), SpatialPart(body, body, shape),
-         *(SpatialPart(tip, f"{tip}z", Sphere(r)) for tip in TIPS)),
+        (
+            SpatialPart("table", "world", Plane()),
+            SpatialPart(body, body, shape),
+            *(SpatialPart(tip, f"{tip}z", Sphere(r)) for tip in TIPS),
+        ),
         ((body, "table"), *((body, tip) for tip in TIPS)),
         gravity=(0.0, 0.0, -g),
-    )  # fmt: skip
+    )
 
 
 def _turned(axis: str, angle: ca.SX | float) -> ca.SX:
@@ -118,9 +117,7 @@ def build(params: Params) -> Problem:
     p = table(params)
     resting = 1 if params.body == "ball" else 8
     coefficients = ca.vertcat(ca.repmat(p["friction"], resting), ca.repmat(p["grip"], 3))
-    system = machine(p, params.body).system(
-        name, p, h=p["h"], friction=coefficients, inertial=False
-    )
+    system = machine(p, params.body).system(name, p, h=p["h"], friction=coefficients, inertial=False)
     x, tips = system.x, _starts(p["away"], p["z0"])
     off = turn_between(_turned(params.axis, p["goal"]), x[3:7])
     place = ca.vertcat(0, 0, p["a"])
@@ -145,8 +142,11 @@ def _pictured(dumped: str) -> SpatialMachine:
     params = Params.model_validate_json(dumped)
     shown, a = machine(params, params.body), params.a
     places = ((0.0, 0.0, a), (a, 0.0, 0.0), (-a, 0.0, 0.0), (0.0, a, 0.0), (0.0, -a, 0.0))
-    marks = (SpatialPart(f"mark {k}", "ball", Sphere(0.15 * a, place))
-             for k, place in enumerate(places) if params.body == "ball")  # fmt: skip
+    marks = (
+        SpatialPart(f"mark {k}", "ball", Sphere(0.15 * a, place))
+        for k, place in enumerate(places)
+        if params.body == "ball"
+    )
     shown = replace(shown, parts=(*shown.parts, *marks))
     return with_goal(shown, params.body, ca.SX([0, 0, a]), _turned(params.axis, params.goal))
 
@@ -157,14 +157,10 @@ def _camera(params: Params) -> Camera:
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Object, fingertips and table, and the object's goal."""
-    return seen_with_goal(
-        _pictured(params.model_dump_json()), _camera(params), state, {f"{tip}z" for tip in TIPS}
-    )
+    return seen_with_goal(_pictured(params.model_dump_json()), _camera(params), state, {f"{tip}z" for tip in TIPS})
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Frames of every point on the table, and of every fingertip on the object."""
     shown = _pictured(params.model_dump_json()), _camera(params), state
-    return [
-        *spatial_frames(*shown, params.friction)[:-3], *spatial_frames(*shown, params.grip)[-3:]
-    ]  # fmt: skip
+    return [*spatial_frames(*shown, params.friction)[:-3], *spatial_frames(*shown, params.grip)[-3:]]

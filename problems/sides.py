@@ -56,32 +56,38 @@ class SidePushing:
     def system(self) -> ContactSystem:
         """The system; states x, y, theta, inputs F_i and m, one multiplier w_i [N] a side."""
         n = len(self.corners)
-        x, x_next, u, w = (ca.SX.sym(s, k) for s, k in
-                           (("x", 3), ("x_next", 3), ("u", n + 1), ("w", n)))  # fmt: skip
+        x, x_next, u, w = (ca.SX.sym(s, k) for s, k in (("x", 3), ("x_next", 3), ("u", n + 1), ("w", n)))
         force, moment = ca.SX(2, 1), u[n]
         for i, (middle, normal, _) in enumerate(self._sides):
             force += w[i] * normal
             moment += w[i] * (middle[0] * normal[1] - middle[1] * normal[0])
         cos, sin = ca.cos(x[2]), ca.sin(x[2])
-        rate = ca.vertcat(
-            cos * force[0] - sin * force[1], sin * force[0] + cos * force[1], moment / self.reach
-        )
+        rate = ca.vertcat(cos * force[0] - sin * force[1], sin * force[0] + cos * force[1], moment / self.reach)
         sides = range(1, n + 1)
         return ContactSystem(
             name=self.name,
-            x=x, u=u, x_next=x_next, lam=w,
+            x=x,
+            u=u,
+            x_next=x_next,
+            lam=w,
             residual=x_next - x - self.h * rate / self.weight,
             gap=w + ca.sum1(u[:n]) - 2 * u[:n],
             states=signals("x [m] body; y [m] body; theta [rad] body, anticlockwise"),
-            inputs=signals("; ".join([*(f"F{i} [N] force at side {i}" for i in sides),
-                                      "m [N m] moment of the force about the side's middle"])),
+            inputs=signals(
+                "; ".join(
+                    [
+                        *(f"F{i} [N] force at side {i}" for i in sides),
+                        "m [N m] moment of the force about the side's middle",
+                    ]
+                )
+            ),
             contacts=signals("; ".join(f"side{i} [N] force of side {i}" for i in sides)),
             h=self.h,
             parameters=self.parameters,
             gap_unit="N",
             sharp=Sharp(),
             refinable=True,
-        )  # fmt: skip
+        )
 
     @cached_property
     def on_the_side(self) -> Constraint:
@@ -112,9 +118,7 @@ def side_frames(corners: Sequence[tuple[float, float]], pose: np.ndarray) -> lis
     return found
 
 
-def _sides_at(
-    corners: Sequence[tuple[float, float]], pose: np.ndarray
-) -> list[tuple[float, float, float, float]]:
+def _sides_at(corners: Sequence[tuple[float, float]], pose: np.ndarray) -> list[tuple[float, float, float, float]]:
     x0, y0, angle = (float(value) for value in pose)
     cos, sin = math.cos(angle), math.sin(angle)
     ends = [(x0 + cos * x - sin * y, y0 + sin * x + cos * y) for x, y in corners]

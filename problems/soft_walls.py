@@ -80,12 +80,20 @@ def build(params: Params) -> Problem:
     C[3] = h * (lp * (mc + mp) / (mc * mp * lc**2) - 1 / (mc * lc))
     tip = ca.horzcat(1, -lp, 0, 0)
     system = lcs(
-        name, A=A, B=B, C=ca.horzcat(C, -C), D=ca.vertcat(-tip, tip), E=ca.SX(2, 1),
-        F=ca.SX.eye(2) / p["k"], d=ca.vertcat(p["wall"], p["wall"]), h=h, parameters=p,
+        name,
+        A=A,
+        B=B,
+        C=ca.horzcat(C, -C),
+        D=ca.vertcat(-tip, tip),
+        E=ca.SX(2, 1),
+        F=ca.SX.eye(2) / p["k"],
+        d=ca.vertcat(p["wall"], p["wall"]),
+        h=h,
+        parameters=p,
         states=signals("p [m] cart; theta [rad] pole, anticlockwise; dp [m/s]; dtheta [rad/s]"),
         inputs=signals("u [N] force on the cart"),
         contacts=signals("right [N] force of the right wall; left [N] force of the left wall"),
-    )  # fmt: skip
+    )
     x, Q = system.x, ca.diag(ca.vertcat(p["w_p"], p["w_theta"], p["w_dp"], p["w_dtheta"]))
     return Problem(
         name=name,

@@ -134,8 +134,7 @@ class ProblemSpec(Spec):
         if not isinstance(problem, Problem):
             kind = "nothing" if problem is None else f"a {type(problem).__name__}"
             raise InputError(
-                f"{self.path or self.name}: build(params) returned {kind}, expected an"
-                " ocp.problem.Problem"
+                f"{self.path or self.name}: build(params) returned {kind}, expected an ocp.problem.Problem"
             )
         problem.check_physics()
         guess = problem.guess
@@ -183,8 +182,7 @@ def _explain(Params: type[BaseModel], error: ValidationError, values: Mapping[st
     fields = Params.model_fields
     if parameter not in fields:
         return (
-            f"unknown parameter {parameter!r}"
-            f"{did_you_mean(parameter, fields)}; it takes {', '.join(fields) or 'none'}"
+            f"unknown parameter {parameter!r}{did_you_mean(parameter, fields)}; it takes {', '.join(fields) or 'none'}"
         )
     about = fields[parameter]
     given = values.get(parameter, found["input"])

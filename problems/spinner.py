@@ -27,11 +27,7 @@ theta^+ = theta + h omega, quad e = (q_1 - q_(1,0), q_2 - q_(2,0), q_3 - theta -
 min sum_(k=0)^(N-1) h (w_q norm(e_k)^2 + w_v norm(v_k)^2 + w_u norm(u_k)^2)
   + w_"end" norm(e_N)^2 + w_"rest" norm(v_N)^2
 """
-golden = {
-    "exact": Golden(
-        8.3918095564, tried=44, note="other minima: 8.3963802, 8.3984789, 8.4031937, 12.55, 17.73"
-    )
-}
+golden = {"exact": Golden(8.3918095564, tried=44, note="other minima: 8.3963802, 8.3984789, 8.4031937, 12.55, 17.73")}
 
 
 class Params(FingerParams):
@@ -58,9 +54,7 @@ def build(params: Params) -> Problem:
     source has stiff springs; nothing drives the disc, where it penalises a force.
     """
     p = table(params)
-    system = with_nominal(
-        finger_system(name, p), p["rate"], Signal("nominal", "rad", "nominal angle of the disc")
-    )
+    system = with_nominal(finger_system(name, p), p["rate"], Signal("nominal", "rad", "nominal angle of the disc"))
     q, v, nominal = system.x[:3], system.x[3:6], system.x[6]
     off = q - ca.vertcat(p["shoulder0"], p["elbow0"], nominal + p["lead"])
     running = p["w_q"] * ca.sumsqr(off) + p["w_v"] * ca.sumsqr(v)

@@ -27,9 +27,12 @@ Function = Callable[..., Any]
 
 
 def guarded(
-    function: Function, what: str, path: Path, check: Function | None = None,
+    function: Function,
+    what: str,
+    path: Path,
+    check: Function | None = None,
     through: type[Exception] | tuple[()] = (),
-) -> Function:  # fmt: skip
+) -> Function:
     """Return ``function`` of the file at ``path`` with every error as one sentence.
 
     ``check`` converts its result, or raises :class:`~ocp.errors.InputError`. Errors of the type
@@ -103,11 +106,7 @@ def where(error: BaseException, path: Path) -> str:
     """Say what was raised and at which line of the user's file."""
     if isinstance(error, SyntaxError) and error.lineno is not None:
         return f"line {error.lineno}: {type(error).__name__}: {error.msg}"
-    lines = [
-        frame.lineno
-        for frame in traceback.extract_tb(error.__traceback__)
-        if Path(frame.filename) == path
-    ]
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == path]
     place = f"line {lines[-1]}: " if lines else ""
     name = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
     beside = [path.parent / f"{name}.py", path.parent / name]

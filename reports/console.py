@@ -84,10 +84,16 @@ def stage_rows(stages: Sequence[StageRecord], cost: float | None) -> list[tuple[
 
 def _stage_cells(index: int, stage: StageRecord) -> tuple[str, ...]:
     return (
-        str(index), stage.label, small(stage.value) if stage.value else "", number(stage.cost, 7),
-        small(stage.complementarity), small(stage.residual), str(stage.iterations),
-        f"{stage.seconds:.2f}", "" if stage.accepted else "stepped back",
-    )  # fmt: skip
+        str(index),
+        stage.label,
+        small(stage.value) if stage.value else "",
+        number(stage.cost, 7),
+        small(stage.complementarity),
+        small(stage.residual),
+        str(stage.iterations),
+        f"{stage.seconds:.2f}",
+        "" if stage.accepted else "stepped back",
+    )
 
 
 def stage_line(stage: StageRecord) -> str:
@@ -139,9 +145,7 @@ class StageFilter:
         return taken
 
 
-def shown_stages(
-    stages: Sequence[StageRecord], cost: float | None
-) -> tuple[list[tuple[int, StageRecord]], bool]:
+def shown_stages(stages: Sequence[StageRecord], cost: float | None) -> tuple[list[tuple[int, StageRecord]], bool]:
     """The stages that tables show, with their numbers, and whether the last one is the answer.
 
     The answer of this ``cost`` is the iterate of the accepted stage with the same cost: the last of
@@ -195,9 +199,7 @@ def live(quiet: bool, every_s: float, delay: bool = False) -> Iterator[Callable[
     screen = Live(console=console, transient=True, auto_refresh=False)
     terminal, last = console.is_terminal, time.monotonic() if delay else -math.inf
 
-    def show(
-        line: str, now: bool = False, picture: Callable[[], RenderableType] | None = None
-    ) -> None:
+    def show(line: str, now: bool = False, picture: Callable[[], RenderableType] | None = None) -> None:
         nonlocal last
         seconds = time.monotonic()
         due = now or seconds - last >= (0.1 if terminal else every_s)
@@ -277,10 +279,10 @@ def distance_rows(referee: RefereeReport) -> list[tuple[str, str, str]]:
         ("distance where force acts", referee.force_distance),
     )
     return [
-        (name, small(worst.amount), f"m, {worst.contact}, step {worst.step}" if worst.amount > 0
-         else "m")
-        for name, worst in found if worst is not None
-    ]  # fmt: skip
+        (name, small(worst.amount), f"m, {worst.contact}, step {worst.step}" if worst.amount > 0 else "m")
+        for name, worst in found
+        if worst is not None
+    ]
 
 
 def physics_residuals(audit: Audit) -> list[tuple[str, float, str]]:
@@ -302,9 +304,7 @@ def violation_table(solution: Solution) -> Table:
 
 def violation_rows(audit: Audit) -> list[tuple[str, ...]]:
     """Constraint, component, scenario, step and amount of the worst violations, as text."""
-    return [
-        (v.name, v.component, str(v.scenario), str(v.step), small(v.amount)) for v in audit.worst
-    ]
+    return [(v.name, v.component, str(v.scenario), str(v.step), small(v.amount)) for v in audit.worst]
 
 
 def search_note(tried: Mapping[str, Any]) -> str:
@@ -321,9 +321,6 @@ def starts_table(others: Sequence[Mapping[str, Any]]) -> Table:
     """The other starts of a multi-start."""
     columns = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations")
     keys = [key for key in columns if any(key in other for other in others)]
-    rows = (
-        [number(v, 8) if isinstance(v := other.get(key), float) else str(v) for key in keys]
-        for other in others
-    )
+    rows = ([number(v, 8) if isinstance(v := other.get(key), float) else str(v) for key in keys] for other in others)
     heads = (f">{key.replace('_', ' ')}" for key in keys)
     return table_of(*heads, rows=rows, title="other starts")

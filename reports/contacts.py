@@ -27,18 +27,31 @@ def contact_columns(audit: Audit) -> tuple[list[str], list[list[str]]]:
     Columns of sliding stand with friction alone, that of distant steps where there are any.
     """
     rough, far = math.isfinite(audit.cone_violation), _far(audit)
-    columns = {"contact": True, ">active": True, ">distant": far, ">slipping": rough,
-               ">peak [N]": True, ">slid [m]": rough, ">degenerate": True,
-               "at steps": True}  # fmt: skip
+    columns = {
+        "contact": True,
+        ">active": True,
+        ">distant": far,
+        ">slipping": rough,
+        ">peak [N]": True,
+        ">slid [m]": rough,
+        ">degenerate": True,
+        "at steps": True,
+    }
     rows = [
-        [found.name, str(found.steps), str(found.distant), str(found.slipping),
-         number(found.peak_force, 4),
-         number(found.slid, 3) if found.slipping else "0", str(found.degenerate),
-         spans_text(found.spans)]
-        for found in audit.contacts if found.steps or found.distant
-    ]  # fmt: skip
-    kept = [[cell for cell, keep in zip(row, columns.values(), strict=True) if keep]
-            for row in rows]  # fmt: skip
+        [
+            found.name,
+            str(found.steps),
+            str(found.distant),
+            str(found.slipping),
+            number(found.peak_force, 4),
+            number(found.slid, 3) if found.slipping else "0",
+            str(found.degenerate),
+            spans_text(found.spans),
+        ]
+        for found in audit.contacts
+        if found.steps or found.distant
+    ]
+    kept = [[cell for cell, keep in zip(row, columns.values(), strict=True) if keep] for row in rows]
     return [head for head, keep in columns.items() if keep], kept
 
 

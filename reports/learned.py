@@ -33,10 +33,14 @@ def data_document(data: Transitions) -> dict[str, Any]:
         "hash": data.hash,
         **_origin(provenance),
         "coordinates": _coordinates(
-            data.names, data.units, len(data.states), data.z,
-            data.normalisation.shift, data.normalisation.scale,
+            data.names,
+            data.units,
+            len(data.states),
+            data.z,
+            data.normalisation.shift,
+            data.normalisation.scale,
         ),
-    }  # fmt: skip
+    }
 
 
 def _origin(provenance: Mapping[str, Any]) -> dict[str, Any]:
@@ -44,9 +48,7 @@ def _origin(provenance: Mapping[str, Any]) -> dict[str, Any]:
     return {key: provenance.get(key) for key in keys}
 
 
-def model_dataset(
-    model: xr.Dataset, fitted: xr.Dataset, data: Transitions, held_out: int
-) -> xr.Dataset:
+def model_dataset(model: xr.Dataset, fitted: xr.Dataset, data: Transitions, held_out: int) -> xr.Dataset:
     """A model's file: the model, its fit, and what its data were."""
     ranges = {"z_least": ("z", data.z.min(axis=0)), "z_most": ("z", data.z.max(axis=0))}
     attributes = {
@@ -80,14 +82,16 @@ def model_document(dataset: xr.Dataset) -> dict[str, Any]:
         "seed": int(attributes["seed"]),
         "hidden": [dataset.sizes[f"unit_{layer}"] for layer in range(layers - 1)] or None,
         "hash": attributes["data_hash"],
-        "data": None if not whole else {
+        "data": None
+        if not whole
+        else {
             "rows": int(attributes["data_rows"]),
             "held_out": int(attributes["held_out"]),
             **_origin(json.loads(attributes["provenance"])),
         },
         "coordinates": [{**row, "noise": sigma * row["scale"]} for row in coordinates],
         "fit": _fit(dataset, names[:nx], units[:nx]) if whole else None,
-    }  # fmt: skip
+    }
 
 
 def _fit(dataset: xr.Dataset, names: list[str], units: list[str]) -> dict[str, Any]:
@@ -101,12 +105,9 @@ def _fit(dataset: xr.Dataset, names: list[str], units: list[str]) -> dict[str, A
     rays = (found.distances, found.displacement, found.outside)
     return {
         "sigma": found.sigma,
-        "states": [
-            dict(zip(keys, row, strict=True)) for row in zip(names, units, *errors, strict=True)
-        ],
+        "states": [dict(zip(keys, row, strict=True)) for row in zip(names, units, *errors, strict=True)],
         "outside": [
-            dict(zip(("distance", "displacement", "beyond"), row, strict=True))
-            for row in zip(*rays, strict=True)
+            dict(zip(("distance", "displacement", "beyond"), row, strict=True)) for row in zip(*rays, strict=True)
         ],
     }
 
@@ -116,10 +117,17 @@ def _coordinates(
 ) -> list[dict[str, Any]]:
     columns = zip(names, units, z.min(axis=0), z.max(axis=0), shift, scale, strict=True)
     return [
-        {"name": name, "unit": unit, "role": "state" if i < nx else "input", "least": float(least),
-         "most": float(most), "shift": float(centre), "scale": float(width)}
+        {
+            "name": name,
+            "unit": unit,
+            "role": "state" if i < nx else "input",
+            "least": float(least),
+            "most": float(most),
+            "shift": float(centre),
+            "scale": float(width),
+        }
         for i, (name, unit, least, most, centre, width) in enumerate(columns)
-    ]  # fmt: skip
+    ]
 
 
 def lines(document: Mapping[str, Any]) -> list[str]:
@@ -127,16 +135,17 @@ def lines(document: Mapping[str, Any]) -> list[str]:
     whose = document["problem"] or "an unnamed system"
     data_hash = f"data {document['hash'][:16]}"
     if document["kind"] == "transitions":
-        return [f"{document['rows']} transitions of {whose}, {document['how'] or 'from elsewhere'}",
-                *_drawn(document), data_hash]  # fmt: skip
+        return [
+            f"{document['rows']} transitions of {whose}, {document['how'] or 'from elsewhere'}",
+            *_drawn(document),
+            data_hash,
+        ]
     data, sizes = document["data"], document["hidden"]
     shape = f", hidden layers of {', '.join(map(str, sizes))}" if sizes else ""
     head = f"{document['kind']} of {whose}{shape}: sigma {document['sigma']:g}, normalised"
     if data is None:
         return [head, data_hash]
-    seen = (
-        f"learned from {data['rows'] - data['held_out']} transitions, {data['held_out']} held out"
-    )
+    seen = f"learned from {data['rows'] - data['held_out']} transitions, {data['held_out']} held out"
     how = _drawn(data) or [data["how"] or "imported"]
     return [head, f"{seen}, seed {document['seed']}", *how, data_hash]
 
@@ -146,9 +155,7 @@ def _drawn(document: Mapping[str, Any]) -> list[str]:
     if document.get("in_tube") is None:
         return []
     tube = f"{document['in_tube']} in the tube around the task"
-    return [
-        f"drawn with seed {document['seed']}: {tube}; {document['unsolved']} unsolved, left out"
-    ]
+    return [f"drawn with seed {document['seed']}: {tube}; {document['unsolved']} unsolved, left out"]
 
 
 def tables(document: Mapping[str, Any]) -> list[Group]:
@@ -160,8 +167,7 @@ def tables(document: Mapping[str, Any]) -> list[Group]:
 
 def coordinate_table(document: Mapping[str, Any]) -> Group:
     """A line a coordinate of z: its range, and the scale that normalises it."""
-    keys = [key for key in ("least", "most", "shift", "scale", "noise")
-            if key in document["coordinates"][0]]  # fmt: skip
+    keys = [key for key in ("least", "most", "shift", "scale", "noise") if key in document["coordinates"][0]]
     table = table_of("", "", "unit", *(f">{key}" for key in keys))
     for row in document["coordinates"]:
         table.add_row(row["role"], row["name"], row["unit"], *(number(row[k], 4) for k in keys))
@@ -177,9 +183,7 @@ def fit_table(document: Mapping[str, Any]) -> Group:
     for row in document["fit"]["states"]:
         table.add_row(row["name"], row["unit"], *(number(row[key], 3) for key in keys))
     rows, sigma = document["data"]["held_out"], document["fit"]["sigma"]
-    return Group(
-        table, f"root mean square of {rows} rows; noised: inputs perturbed by {sigma:g} scale"
-    )
+    return Group(table, f"root mean square of {rows} rows; noised: inputs perturbed by {sigma:g} scale")
 
 
 def outside_table(document: Mapping[str, Any]) -> Group:

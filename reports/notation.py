@@ -14,9 +14,21 @@ _TOKEN = re.compile(
     r"|(?P<fraction> */ *| *\\/ *)"
     r"|(?P<other>.)"
 )
-_WORDS = {"lambda": "lam", "perp": "⟂", "quad": "", "min": "minimise ", "max": "maximise ",
-          "tilde": "~", "infinity": "∞", "dots": "...", "plus.minus": "±", "top": "'", "dot": "·",
-          "delta": "d", "dif": "d"}  # fmt: skip
+_WORDS = {
+    "lambda": "lam",
+    "perp": "⟂",
+    "quad": "",
+    "min": "minimise ",
+    "max": "maximise ",
+    "tilde": "~",
+    "infinity": "∞",
+    "dots": "...",
+    "plus.minus": "±",
+    "top": "'",
+    "dot": "·",
+    "delta": "d",
+    "dif": "d",
+}
 _AROUND = {"norm": "||", "abs": "||", "dot": " '", "macron": "  "}
 """What stands before and behind a function's argument instead of its name and brackets."""
 
@@ -48,8 +60,17 @@ def plain(line: str) -> str:
 
 def _tidy(text: str) -> str:
     """Powers as superscripts, derivatives as ``dF/dx``, a difference as one word."""
-    for sign, written in (("^2", "²"), ("^4", "⁴"), ("^+", "+"), ("^-", "-"), ("^±", "±"),
-                          ("^'", "'"), ("_+", "+"), ("_-", "-"), ("_±", "±")):  # fmt: skip
+    for sign, written in (
+        ("^2", "²"),
+        ("^4", "⁴"),
+        ("^+", "+"),
+        ("^-", "-"),
+        ("^±", "±"),
+        ("^'", "'"),
+        ("_+", "+"),
+        ("_-", "-"),
+        ("_±", "±"),
+    ):
         text = text.replace(sign, written)
     text = re.sub(r"\(d (\w+)\)", r"d\1", text)
     return re.sub(r"\bd (?=[a-z]_|q\b)", "d", text).strip()
@@ -65,9 +86,7 @@ def full_citation(key: str) -> str:
 
     page, given = str(_ROOT / "templates" / "citation.typ"), {"key": key}
     try:
-        set_page = typst.compile(
-            page, root=str(_ROOT), format="html", ignore_system_fonts=True, sys_inputs=given
-        )
+        set_page = typst.compile(page, root=str(_ROOT), format="html", ignore_system_fonts=True, sys_inputs=given)
     except typst.TypstError:
         return key
     cited = set_page.decode().partition("<p>")[2].partition("</p>")[0]
@@ -77,10 +96,23 @@ def full_citation(key: str) -> str:
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _GREEK = {
-    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "eta": "η",
-    "theta": "θ", "kappa": "κ", "mu": "μ", "nu": "ν", "rho": "ρ", "sigma": "σ", "tau": "τ",
-    "phi": "φ", "psi": "ψ", "omega": "ω",
-}  # fmt: skip
+    "alpha": "α",
+    "beta": "β",
+    "gamma": "γ",
+    "delta": "δ",
+    "epsilon": "ε",
+    "eta": "η",
+    "theta": "θ",
+    "kappa": "κ",
+    "mu": "μ",
+    "nu": "ν",
+    "rho": "ρ",
+    "sigma": "σ",
+    "tau": "τ",
+    "phi": "φ",
+    "psi": "ψ",
+    "omega": "ω",
+}
 _LAW = (("lam", "λ"), ("mu", "μ"), ("<=", "≤"), (">=", "≥"))
 
 

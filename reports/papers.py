@@ -72,8 +72,7 @@ def solution_figure(view: RunView) -> Figure:
         law = view.run.record.get("contact", "chosen")
         texts = f"planned under the {law} law", "replayed under the exact law"
         handles = [
-            Line2D([], [], color=INK, linestyle=dash, label=text)
-            for dash, text in zip(_DASHES, texts, strict=True)
+            Line2D([], [], color=INK, linestyle=dash, label=text) for dash, text in zip(_DASHES, texts, strict=True)
         ]
         figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
@@ -131,8 +130,15 @@ def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
     axis.set_ylim(low, high + _LINE * rows * (high - low))
     axis.set_title(group.title, loc="left")
     axis.set_xlabel("time [s]")
-    axis.legend(fontsize=7, ncols=columns, handlelength=1.0, columnspacing=0.8,
-                labelspacing=0.2, borderaxespad=0.2, loc="upper left")  # fmt: skip
+    axis.legend(
+        fontsize=7,
+        ncols=columns,
+        handlelength=1.0,
+        columnspacing=0.8,
+        labelspacing=0.2,
+        borderaxespad=0.2,
+        loc="upper left",
+    )
 
 
 COLUMN, BOTH = 3.5, 7.16
@@ -163,9 +169,7 @@ def format_of(file: Path) -> str:
     return ending
 
 
-def bare(
-    run: StoredRun, ending: str, panel: str | None = None, own: ProblemSpec | None = None
-) -> bytes:
+def bare(run: StoredRun, ending: str, panel: str | None = None, own: ProblemSpec | None = None) -> bytes:
     """Draw a stored study or solve, or only its panel ``"a"``, ``"b"``, ...
 
     ``own`` is the problem in a file that a person named.

@@ -25,9 +25,12 @@ _TEMPLATES = Path(__file__).with_name("templates")
 
 
 def write_pdf(
-    runs: Sequence[StoredRun], path: Path, cones: bool = False, own: ProblemSpec | None = None,
+    runs: Sequence[StoredRun],
+    path: Path,
+    cones: bool = False,
+    own: ProblemSpec | None = None,
     signals: str | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Write a report of one run, or of several solves, trainings or closed loops.
 
     Friction cones are drawn where ``cones``; ``own`` is the problem of a user's file; ``signals``
@@ -39,9 +42,11 @@ def write_pdf(
 
 
 def render(
-    runs: Sequence[StoredRun], cones: bool = False, own: ProblemSpec | None = None,
+    runs: Sequence[StoredRun],
+    cones: bool = False,
+    own: ProblemSpec | None = None,
     signals: str | None = None,
-) -> bytes:  # fmt: skip
+) -> bytes:
     """Return the PDF's bytes."""
     views = [RunView.of(run, own) for run in runs]
     with styled():
@@ -78,17 +83,20 @@ def _page(
         return ("comparison.typ", *comparison_page(views, cones))
     if len(kinds) > 1 or (len(views) > 1 and not kinds <= {"train", "closed-loop"}):
         raise InputError(
-            "a report of several runs needs runs of ocp solve, of ocp train or of ocp mpc; report"
-            " the others one by one"
+            "a report of several runs needs runs of ocp solve, of ocp train or of ocp mpc; report the others one by one"
         )
     (kind,) = kinds
     module, _, name = PAGES[kind].rpartition(".")
     page = getattr(import_module(module), name)
     given: dict[str, tuple[Any, ...]] = {
-        "solve": (views[0], cones, signals), "continue": (views[0], cones), "sweep": (views[0],),
-        "estimate": (views[0].run, own), "figure": (views[0].run,), "train": (views,),
+        "solve": (views[0], cones, signals),
+        "continue": (views[0], cones),
+        "sweep": (views[0],),
+        "estimate": (views[0].run, own),
+        "figure": (views[0].run,),
+        "train": (views,),
         "closed-loop": (views,),
-    }  # fmt: skip
+    }
     return (f"{_TEMPLATES_OF.get(kind, kind)}.typ", *page(*given[kind]))
 
 
@@ -123,6 +131,4 @@ def _typeset(template: str, content: dict[str, Any], figures: dict[str, bytes]) 
         try:
             return _with_full_pages(root, template, content)
         except typst.TypstError as error:
-            raise InputError(
-                f"the report does not compile: {error}; check the problem's typst equations"
-            ) from error
+            raise InputError(f"the report does not compile: {error}; check the problem's typst equations") from error

@@ -86,8 +86,7 @@ def _numbers(solution: Solution) -> dict[str, str]:
         "problem": f"{record['problem']}, N = {record['N']}",
         "law": f"{record['contact']}{f', {parameters}' if parameters else ''}",
         "method, policy": f"{record['method']}, {record['policy']}",
-        "solver": f"{record['solver']}, {solution.iterations} iterations,"
-        f" {solution.build_s + solution.solve_s:.2f} s",
+        "solver": f"{record['solver']}, {solution.iterations} iterations, {solution.build_s + solution.solve_s:.2f} s",
     }
 
 

@@ -24,10 +24,14 @@ def tables(content: Mapping[str, Any]) -> Iterator[tuple[str, Table]]:
     for link in content["links"]:
         depth = depths[link["name"]] = depths[link["parent"]] + 1
         limits, unit = link["limits"], _UNITS.get(link["joint"], "")
-        rows.append((
-            f"{'  ' * depth}{link['name']}", link["joint"], number(link["mass"]),
-            "" if limits is None else f"{number(limits[0])} to {number(limits[1])} {unit}",
-        ))  # fmt: skip
+        rows.append(
+            (
+                f"{'  ' * depth}{link['name']}",
+                link["joint"],
+                number(link["mass"]),
+                "" if limits is None else f"{number(limits[0])} to {number(limits[1])} {unit}",
+            )
+        )
     yield "Links", table_of("link", "joint", ">kg", "limits", rows=rows)
     if content["motors"]:
         yield (
@@ -42,11 +46,15 @@ def tables(content: Mapping[str, Any]) -> Iterator[tuple[str, Table]]:
             ),
         )
     if contacts := content["contacts"]:
-        yield "Contacts", table_of(
-            "contact", ">friction", ">distance at home [m]",
-            rows=[(one["name"], number(one["friction"]), number(one["distance"]))
-                  for one in contacts[:MOST_ROWS]],
-        )  # fmt: skip
+        yield (
+            "Contacts",
+            table_of(
+                "contact",
+                ">friction",
+                ">distance at home [m]",
+                rows=[(one["name"], number(one["friction"]), number(one["distance"])) for one in contacts[:MOST_ROWS]],
+            ),
+        )
 
 
 def _motor(motor: Mapping[str, Any]) -> tuple[str, ...]:

@@ -58,9 +58,7 @@ def methods() -> list[SettingGroup]:
     """Methods, settings of a solve, strategies and policies."""
     found = [Setting(name, "", None, method.summary) for name, method in METHODS.items()]
     about = "how a problem becomes a program"
-    return [
-        SettingGroup("methods", "--method NAME", about, found), solves(), strategies(), *policies()
-    ]  # fmt: skip
+    return [SettingGroup("methods", "--method NAME", about, found), solves(), strategies(), *policies()]
 
 
 def strategies() -> SettingGroup:
@@ -88,22 +86,18 @@ def estimators() -> list[SettingGroup]:
 
 def _groups(table: Mapping[str, Any], syntax: str) -> list[SettingGroup]:
     """A group for each class of a table; ``{}`` in the syntax stands for its name."""
-    return [
-        SettingGroup(name, syntax.format(name), cls.summary, declared(cls))
-        for name, cls in table.items()
-    ]
+    return [SettingGroup(name, syntax.format(name), cls.summary, declared(cls)) for name, cls in table.items()]
 
 
 def training() -> list[SettingGroup]:
     """Settings of ``ocp train``: of all algorithms, and of each."""
     psi = SettingGroup(
-        "psi", "-s psi=NAMES, and -s psi.NAME=VALUE",
+        "psi",
+        "-s psi=NAMES, and -s psi.NAME=VALUE",
         "physical parameters NAMES, learned with the policy; psi.NAME is an initial value",
         [*declared(PsiLearning), *declared(RandomSearch)],
-    )  # fmt: skip
-    every = SettingGroup(
-        "train", "-s NAME=VALUE", "settings of all algorithms of ocp train", declared(Experiment)
     )
+    every = SettingGroup("train", "-s NAME=VALUE", "settings of all algorithms of ocp train", declared(Experiment))
     return [every, psi, *_groups(ALGORITHMS, "-s {}.NAME=VALUE")]
 
 
@@ -124,9 +118,7 @@ def groups() -> list[SettingGroup]:
 
 def kinds() -> dict[str, list[SettingGroup]]:
     """The groups by what they belong to; a word of ``ocp settings``."""
-    return {
-        "methods": methods(), "laws": laws(), "estimators": estimators(), "training": training()
-    }  # fmt: skip
+    return {"methods": methods(), "laws": laws(), "estimators": estimators(), "training": training()}
 
 
 def changed(group: SettingGroup) -> SettingGroup:
@@ -154,10 +146,7 @@ def matching(word: str) -> list[SettingGroup]:
         return [named[word]]
     every = [*named.values(), *map(solver, SOLVERS)]
     last = word.rpartition(".")[2]
-    found = [
-        replace(group, settings=[one for one in group.settings if one.name == last])
-        for group in every
-    ]
+    found = [replace(group, settings=[one for one in group.settings if one.name == last]) for group in every]
     if not any(group.settings for group in found):
         choices = [*kinds(), *named, *SOLVERS]
         choices += [one.name for group in every for one in group.settings]
@@ -173,8 +162,13 @@ def line(one: Setting) -> str:
     default = default_text(one.default)
     text = f"{one.name}={default}" if default else one.name
     kind = f" ({one.kind})" if one.kind else ""
-    return fill(f"{text}{kind}: {one.meaning}".rstrip(": "), 80, initial_indent="  ",
-                subsequent_indent="      ", break_on_hyphens=False)  # fmt: skip
+    return fill(
+        f"{text}{kind}: {one.meaning}".rstrip(": "),
+        80,
+        initial_indent="  ",
+        subsequent_indent="      ",
+        break_on_hyphens=False,
+    )
 
 
 def default_text(value: Any) -> str:

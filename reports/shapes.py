@@ -20,8 +20,7 @@ from matplotlib.transforms import Affine2D
 from problems.drawing import Box, Capsule, Disc, HalfPlane, Mark, Polygon, Segment, Shape, Spring
 from reports.style import BLUE, FAINT, GREEN, GREY, ORANGE, SKY
 
-_COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN,
-           "plan": SKY}  # fmt: skip
+_COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN, "plan": SKY}
 Rgba = tuple[float, float, float, float]
 _ARC = math.pi / 16
 _HALF_TURN = np.linspace(-math.pi / 2, math.pi / 2, 18)
@@ -114,9 +113,7 @@ def _grown(corners: np.ndarray, radius: float) -> np.ndarray:
     leaving = np.arctan2(along[:, 1], along[:, 0]) - math.pi / 2
     arriving = np.roll(leaving, 1)
     rounded = []
-    for corner, start, turn in zip(
-        corners, arriving, (leaving - arriving) % (2 * math.pi), strict=True
-    ):
+    for corner, start, turn in zip(corners, arriving, (leaving - arriving) % (2 * math.pi), strict=True):
         angles = start + np.linspace(0, turn, 2 + int(turn / _ARC))
         rounded.append(corner + radius * np.column_stack([np.cos(angles), np.sin(angles)]))
     return np.concatenate(rounded)
@@ -174,9 +171,10 @@ def still(frames: Sequence[Sequence[T]], hiding: Sequence[bool]) -> list[T]:
     begun = len([*takewhile(lambda each: len(set(each)) == 1, zip(*frames, strict=False))])
     common = set.intersection(*map(set, frames))
     return [
-        one for i, (one, hides) in enumerate(zip(frames[0], hiding, strict=True))
+        one
+        for i, (one, hides) in enumerate(zip(frames[0], hiding, strict=True))
         if one in common and (i < begun or not hides)
-    ]  # fmt: skip
+    ]
 
 
 def name_axes(axis: Axes, names: tuple[str, str]) -> None:
@@ -198,8 +196,14 @@ def draw(shape: Shape, axis: Axes, strength: float) -> Artist:
             path = beyond(shape, limits.mean(axis=1), reach)
             patch = PathPatch(path, facecolor=FAINT, edgecolor=GREY, linewidth=0.8, zorder=0)
         case Segment() | Spring():
-            patch = PathPatch(outline(shape), fill=False, edgecolor=edge, capstyle="round",
-                              linewidth=width(shape), zorder=1 if hides(shape) else 2)  # fmt: skip
+            patch = PathPatch(
+                outline(shape),
+                fill=False,
+                edgecolor=edge,
+                capstyle="round",
+                linewidth=width(shape),
+                zorder=1 if hides(shape) else 2,
+            )
         case _:
             patch = PathPatch(outline(shape), facecolor=face, edgecolor=edge, linewidth=EDGE)
     return axis.add_patch(patch)
@@ -209,8 +213,7 @@ def _mark(shape: Mark, axis: Axes, strength: float) -> Line2D:
     look: dict[str, Any] = {"marker": "o", "markersize": MARK, "markeredgewidth": 0}
     if shape.role == "goal":
         look = {"marker": "+", "markersize": CROSS, "markeredgewidth": 1.5, "zorder": 4}
-    (mark,) = axis.plot([shape.x], [shape.y], color=color(shape.role), alpha=strength,
-                        linestyle="none", **look)  # fmt: skip
+    (mark,) = axis.plot([shape.x], [shape.y], color=color(shape.role), alpha=strength, linestyle="none", **look)
     return mark
 
 
@@ -255,8 +258,9 @@ def film(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
     more than five times as long as high, or as the bodies, is replaced by cameras that each follow
     their own motion.
     """
-    boxes = [np.array([bounds(one for one in shapes if not isinstance(one, HalfPlane))
-                       for shapes in play]) for play in plays]  # fmt: skip
+    boxes = [
+        np.array([bounds(one for one in shapes if not isinstance(one, HalfPlane)) for shapes in play]) for play in plays
+    ]
     whole = _union(boxes)
     size = whole[1] - whole[0]
     body = float(np.max(boxes[0][:, 1] - boxes[0][:, 0]))

@@ -38,10 +38,7 @@ def rows(data: xr.Dataset) -> list[list[str]]:
     survives, of = data["survives"].sum("seed"), data.sizes["seed"]
     found = [["law", *names, "seconds"]]
     for law, text in described(data.attrs).items():
-        cells = [
-            _cell(float(dear.sel(law=law, problem=p)), int(survives.sel(law=law, problem=p)), of)
-            for p in names
-        ]
+        cells = [_cell(float(dear.sel(law=law, problem=p)), int(survives.sel(law=law, problem=p)), of) for p in names]
         own = spent.sel(law=law)
         found.append([text, *cells, f"{float(own.min()):.2g} to {float(own.max()):.2g}"])
     return found

@@ -70,9 +70,7 @@ def forces_of(view: RunView, suffix: str = "") -> Forces | None:
     return Forces(pushed, np.zeros_like(pushed), signals[0].unit if signals else "")
 
 
-def forces_drawn(
-    forces: Forces | None, contacts: Sequence[Sequence[ContactFrame]]
-) -> Forces | None:
+def forces_drawn(forces: Forces | None, contacts: Sequence[Sequence[ContactFrame]]) -> Forces | None:
     """The forces that arrows show: of contacts seen in space the normal ones alone."""
     if forces is None or all(frame.flat for frames in contacts[:1] for frame in frames):
         return forces
@@ -138,9 +136,7 @@ def draw_contacts(
     return drawn
 
 
-def draw_force(
-    axis: Axes, frame: ContactFrame, normal: float, friction: float, scale: float
-) -> Artist:
+def draw_force(axis: Axes, frame: ContactFrame, normal: float, friction: float, scale: float) -> Artist:
     """Draw the force as an arrow from the contact, ``scale`` [m per unit] times its size long."""
     tx, ty = frame.tangent
     tip = (
@@ -148,19 +144,36 @@ def draw_force(
         frame.y + scale * (normal * frame.ny + friction * ty),
     )
     return axis.annotate(
-        "", xytext=(frame.x, frame.y), xy=tip, zorder=5, annotation_clip=False,
-        arrowprops={"arrowstyle": "-|>", "color": VERMILLION, "linewidth": 1.0, "shrinkA": 0,
-                    "shrinkB": 0, "mutation_scale": 6},
-    )  # fmt: skip
+        "",
+        xytext=(frame.x, frame.y),
+        xy=tip,
+        zorder=5,
+        annotation_clip=False,
+        arrowprops={
+            "arrowstyle": "-|>",
+            "color": VERMILLION,
+            "linewidth": 1.0,
+            "shrinkA": 0,
+            "shrinkB": 0,
+            "mutation_scale": 6,
+        },
+    )
 
 
 def draw_cone(axis: Axes, frame: ContactFrame, length: float, strength: float = 1) -> Artist:
     """Draw the friction cone, half as wide as atan(friction) on either side of the normal."""
     middle = math.degrees(math.atan2(frame.ny, frame.nx))
     half = math.degrees(math.atan(frame.friction))
-    cone = Wedge((frame.x, frame.y), CONE * length, middle - half, middle + half, zorder=3,
-                 facecolor=(PURPLE, 0.22 * strength),
-                 edgecolor=(PURPLE, 0.8 * strength), linewidth=0.6)  # fmt: skip
+    cone = Wedge(
+        (frame.x, frame.y),
+        CONE * length,
+        middle - half,
+        middle + half,
+        zorder=3,
+        facecolor=(PURPLE, 0.22 * strength),
+        edgecolor=(PURPLE, 0.8 * strength),
+        linewidth=0.6,
+    )
     return axis.add_patch(cone)
 
 
@@ -192,9 +205,7 @@ def picked_scenarios(count: int) -> list[int]:
     return [int(index) for index in np.linspace(0, count - 1, most).round()]
 
 
-def strobe_rows(
-    shown: Sequence[tuple[str, RunView]], cones: bool = False
-) -> tuple[list[Figure], str]:
+def strobe_rows(shown: Sequence[tuple[str, RunView]], cones: bool = False) -> tuple[list[Figure], str]:
     """Strobes beside each other under their titles, of scenario 0 each, in rows of one figure each.
 
     Views without a picture are left out. Those of one problem have the same limits, and their
@@ -244,9 +255,7 @@ def _one_view(axes: Sequence[Axes]) -> None:
         axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
 
 
-def draw_strobe(
-    axis: Axes, view: RunView, cones: bool = False, largest: float | None = None
-) -> None:
+def draw_strobe(axis: Axes, view: RunView, cones: bool = False, largest: float | None = None) -> None:
     """Draw the strobe of scenario 0 into given axes, forces on the bodies that are drawn.
 
     A force of ``largest``, if not given the largest of the run, has the longest arrow.

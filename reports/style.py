@@ -19,10 +19,14 @@ from matplotlib.ticker import FixedFormatter, FuncFormatter
 BLUE, VERMILLION, GREEN = "#004C80", "#CC5500", "#006F51"
 ORANGE, SKY, PURPLE, YELLOW = "#E69F00", "#8CCDF2", "#CC79A7", "#F0E442"
 INDIGO, WINE, OLIVE, BROWN, LIME, MAGENTA = (
-    "#332288", "#882255", "#999933", "#661100", "#7FC41C", "#E6007E",
-)  # fmt: skip
-CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY,
-         INDIGO, WINE, OLIVE, BROWN, LIME, MAGENTA)  # fmt: skip
+    "#332288",
+    "#882255",
+    "#999933",
+    "#661100",
+    "#7FC41C",
+    "#E6007E",
+)
+CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, INDIGO, WINE, OLIVE, BROWN, LIME, MAGENTA)
 """Twelve colours that stay apart, the six first ones for colour-blind readers and in grey too."""
 GREY, FAINT, INK = "#7A7A7A", "#D9D9D9", "#222222"
 PLANNED, REPLAYED = BLUE, VERMILLION
@@ -89,10 +93,11 @@ def literal(figure: Figure) -> Figure:
     """
     axes = [axis for axis in figure.findobj(Axis) if isinstance(axis, Axis)]
     numbers = {
-        text for axis in axes for text in axis.findobj(Text)
-        if text is not axis.label
-        and not isinstance(axis.get_major_formatter(), FixedFormatter | FuncFormatter)
-    }  # fmt: skip
+        text
+        for axis in axes
+        for text in axis.findobj(Text)
+        if text is not axis.label and not isinstance(axis.get_major_formatter(), FixedFormatter | FuncFormatter)
+    }
     for text in figure.findobj(Text):
         if isinstance(text, Text) and text not in numbers:
             text.set_parse_math(False)

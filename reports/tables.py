@@ -50,8 +50,7 @@ def run_table(run: StoredRun) -> Table:
     table.show_header = False
     meta, record = run.meta, run.meta.get("record") or {}
     table.add_row("run", str(run.path))
-    for key in ("kind", "problem", "created", "status", "cost", "return", "iterations", "seed",
-                "tags", "revision"):  # fmt: skip
+    for key in ("kind", "problem", "created", "status", "cost", "return", "iterations", "seed", "tags", "revision"):
         if meta.get(key) not in (None, []):
             table.add_row(key, _inline(meta[key]))
     for key, value in record.items():
@@ -93,9 +92,13 @@ def curve_lines(name: str, rows: Sequence[Mapping[str, Any]], heads: bool) -> It
         yield _cells(stage_title(name), "cost", "exact cost", "lam·gap", "iter")
     for row in rows:
         yield _cells(
-            f"{row['value']:.5g}", number(row["cost"], 7), number(row["exact_cost"], 7),
-            small(row["complementarity"]), str(row["iterations"]), row["status"],
-        )  # fmt: skip
+            f"{row['value']:.5g}",
+            number(row["cost"], 7),
+            number(row["exact_cost"], 7),
+            small(row["complementarity"]),
+            str(row["iterations"]),
+            row["status"],
+        )
 
 
 def _cells(*cells: str) -> str:
@@ -109,8 +112,7 @@ def event_rows(events: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]
     for count, event in enumerate(kept, start=1):
         steps = ", ".join(str(step) for step in event["steps"])
         what = f"{event['contact']} {event['change']}".strip()
-        yield (str(count), f"{event['value']:.8g}", event["kind"], what, steps,
-               number(event["cost"], 7))  # fmt: skip
+        yield (str(count), f"{event['value']:.8g}", event["kind"], what, steps, number(event["cost"], 7))
 
 
 def event_table(name: str, events: Sequence[Mapping[str, Any]]) -> Table:
@@ -130,9 +132,7 @@ def run_lines(rows: Sequence[Row]) -> Iterator[str]:
         yield f"{row['at']:>{wide}}  {name}  {row['problem']}  {outcome(row)}"
         detail = row["damage"] or ", ".join(_parts(row))
         margin = " " * (wide + 2)
-        yield from wrap(
-            detail, 80, initial_indent=margin, subsequent_indent=margin, break_on_hyphens=False
-        )
+        yield from wrap(detail, 80, initial_indent=margin, subsequent_indent=margin, break_on_hyphens=False)
 
 
 def outcome(row: Row) -> str:
@@ -177,11 +177,12 @@ def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[l
         [
             *(f"{row[dim]:.4g}" for dim in dims),
             *(number(row[name], 6) for name in ("cost", "exact_cost", "referee_cost")),
-            str(row["iterations"]), f"{row['seconds']:.1f}",
+            str(row["iterations"]),
+            f"{row['seconds']:.1f}",
             str(row["status"] if row["grade"] == "failed" else row["grade"]),
         ]
         for row in rows[:MOST]
-    ]  # fmt: skip
+    ]
 
 
 def point_table(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> Table:
@@ -197,9 +198,7 @@ _BAR = 20
 
 
 @contextmanager
-def sweep_progress(
-    names: Sequence[str], before: int, quiet: bool
-) -> Iterator[Callable[[int, JobResult], None]]:
+def sweep_progress(names: Sequence[str], before: int, quiet: bool) -> Iterator[Callable[[int, JobResult], None]]:
     """Yield a callback for the place of each finished point; ``names`` label all points.
 
     The first ``before`` calls are points that were kept. On a terminal one line moves; elsewhere a
@@ -236,9 +235,7 @@ def duration(seconds: float) -> str:
 
 
 @contextmanager
-def estimate_progress(
-    quiet: bool, check: Callable[[], None]
-) -> Iterator[Callable[[SweepProgress], None]]:
+def estimate_progress(quiet: bool, check: Callable[[], None]) -> Iterator[Callable[[SweepProgress], None]]:
     """Yield a callback that prints rate and time left, and calls ``check``."""
     began, first = time.monotonic(), None
     with live(quiet, every_s=5.0, delay=True) as show:
@@ -264,9 +261,7 @@ def estimate_table(rows: Sequence[Mapping[str, Any]], swept: str | None) -> Tabl
     """One line per estimate; for several components the norms."""
     several = any(isinstance(row["mean"], list) for row in rows)
     numbers = ("|mean|" if several else "mean", "std error", "variance", "reference")
-    found = (
-        (*columns, word) for *columns, _, word in (estimate_cells(row, bool(swept)) for row in rows)
-    )
+    found = ((*columns, word) for *columns, _, word in (estimate_cells(row, bool(swept)) for row in rows))
     heads = ("estimator", *(f">{head}" for head in numbers), "verdict")
     return table_of(*([f">{swept}"] if swept else []), *heads, rows=found)
 

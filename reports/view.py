@@ -143,8 +143,7 @@ class RunView:
         return replace(self, run=replace(self.run, data=data))
 
 
-_OF_SOLVE = {"seed": "scenario", "sample": "interval", "input": "control",
-             "input_unit": "control_unit"}  # fmt: skip
+_OF_SOLVE = {"seed": "scenario", "sample": "interval", "input": "control", "input_unit": "control_unit"}
 
 
 _KINDS: dict[str, type[Shape]] = {

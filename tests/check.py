@@ -85,9 +85,7 @@ def commands(file: Path) -> list[list[str]]:
     problem = re.search(r'^name(?:, \w+)* = "([\w-]+)"', file.read_text(), re.MULTILINE)
     if problem and file.parent == ROOT / "problems":
         # Problems are found by name, and nobody imports them.
-        found.append(
-            ["pytest", str(ROOT / "tests/unit/problems/test_problems.py"), "-k", problem[1]]
-        )
+        found.append(["pytest", str(ROOT / "tests/unit/problems/test_problems.py"), "-k", problem[1]])
     return [*found, ["pytest", *tests]] if tests else found
 
 

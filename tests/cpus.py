@@ -45,19 +45,11 @@ class Processor:
 
 
 PROCESSORS: Mapping[str, Processor] = {
-    "skylake-x": Processor(
-        ("avx512f", "avx512dq", "avx512vl"), (), (), "SkylakeX", "AVX512", "skylake-avx512"
-    ),
+    "skylake-x": Processor(("avx512f", "avx512dq", "avx512vl"), (), (), "SkylakeX", "AVX512", "skylake-avx512"),
     "haswell": Processor(("avx2", "fma"), _AVX512, _X86_V4, "Haswell", "AVX2", ""),
-    "sandybridge": Processor(
-        ("avx",), (*_AVX512, "AVX2", "FMA"), _X86_V3, "Sandybridge", "AVX", "sandybridge"
-    ),
-    "nehalem": Processor(
-        ("sse4_2",), (*_AVX512, "AVX2", "FMA", "AVX"), _X86_V3, "Nehalem", "SSE4_2", "x86-64"
-    ),
-    "nehalem-with-native-c": Processor(
-        ("sse4_2",), (*_AVX512, "AVX2", "FMA", "AVX"), _X86_V3, "Nehalem", "SSE4_2", ""
-    ),
+    "sandybridge": Processor(("avx",), (*_AVX512, "AVX2", "FMA"), _X86_V3, "Sandybridge", "AVX", "sandybridge"),
+    "nehalem": Processor(("sse4_2",), (*_AVX512, "AVX2", "FMA", "AVX"), _X86_V3, "Nehalem", "SSE4_2", "x86-64"),
+    "nehalem-with-native-c": Processor(("sse4_2",), (*_AVX512, "AVX2", "FMA", "AVX"), _X86_V3, "Nehalem", "SSE4_2", ""),
 }
 """By name; the last tells faults of libraries from those of generated C."""
 

@@ -19,9 +19,7 @@ def checked_block(block: int) -> int:
     return block
 
 
-def bind(
-    args: Sequence[Any], named: Mapping[str, Any], names: Sequence[str], what: str
-) -> list[Any]:
+def bind(args: Sequence[Any], named: Mapping[str, Any], names: Sequence[str], what: str) -> list[Any]:
     """Arguments in the order of `names`, given either all by position or all by name.
 
     Raises `TypeError` that names missing, unknown and surplus inputs.
@@ -42,9 +40,7 @@ def bind(
             )
         return [named[name] for name in names]
     if len(args) != len(names):
-        raise TypeError(
-            f"{what} takes {len(names)} inputs ({', '.join(names)}), but {len(args)} were given"
-        )
+        raise TypeError(f"{what} takes {len(names)} inputs ({', '.join(names)}), but {len(args)} were given")
     return list(args)
 
 
@@ -83,9 +79,7 @@ def as_doubles(value: Any, name: str, what: str) -> np.ndarray:
     return array.astype(np.float64, copy=False)
 
 
-def common_length(
-    rows: Mapping[str, np.ndarray], what: str, lengths: Mapping[str, int] | None = None
-) -> int:
+def common_length(rows: Mapping[str, np.ndarray], what: str, lengths: Mapping[str, int] | None = None) -> int:
     """The number of samples that all inputs agree on; inputs of length 1 are shared.
 
     `lengths` must agree too, whatever they are. Raises `ValueError` naming all that count where

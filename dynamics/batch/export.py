@@ -172,13 +172,10 @@ def identifier(name: str) -> str:
 def _header(step: Step, name: str, about: Sequence[str], values: np.ndarray) -> str:
     system = step.system
     parameters = [
-        Signal(f"{p.name} = {float(value)!r}", p.unit, p.description)
-        for p, value in zip(step.p, values, strict=True)
+        Signal(f"{p.name} = {float(value)!r}", p.unit, p.description) for p, value in zip(step.p, values, strict=True)
     ]
     return _HEADER.format(
-        about="\n   ".join(
-            line for text in about or (name,) for line in wrap(_harmless(text), _WIDTH) or [""]
-        ),
+        about="\n   ".join(line for text in about or (name,) for line in wrap(_harmless(text), _WIDTH) or [""]),
         name=name,
         **{"nx": system.nx, "nu": system.nu, "nlam": step.n},
         **{"np": len(values), "room": max(len(values), 1)},
@@ -192,8 +189,7 @@ def _header(step: Step, name: str, about: Sequence[str], values: np.ndarray) -> 
 def _listed(signals: Iterable[Signal]) -> str:
     """One line an entry: index, name, unit, meaning."""
     return "\n".join(
-        f"     {i}: {_harmless(f'{s.name} [{s.unit}] {s.description}')}".rstrip()
-        for i, s in enumerate(signals)
+        f"     {i}: {_harmless(f'{s.name} [{s.unit}] {s.description}')}".rstrip() for i, s in enumerate(signals)
     )
 
 

@@ -166,9 +166,7 @@ class StepFunction:
     `BatchFunction` does.
     """
 
-    def __init__(
-        self, step: Step, backend: str = "auto", threads: int | None = None, block: int = BLOCK
-    ) -> None:
+    def __init__(self, step: Step, backend: str = "auto", threads: int | None = None, block: int = BLOCK) -> None:
         system = step.system
         self.threads, self.block = checked_threads(threads), checked_block(block)
         self.default_p = step.p.values

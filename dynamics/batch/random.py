@@ -110,10 +110,7 @@ class Gaussian:
         """
         sigma = np.asarray(self.sigma, dtype=np.float64)
         if sigma.shape not in ((), (1,), (nu,)):
-            raise ValueError(
-                f"sigma has shape {sigma.shape}; expected one number or shape ({nu},), "
-                "one for each input"
-            )
+            raise ValueError(f"sigma has shape {sigma.shape}; expected one number or shape ({nu},), one for each input")
         return np.array(np.broadcast_to(-sigma if self.turned else sigma, (nu,)))
 
     def draw(self, n_samples: int, horizon: int, nu: int) -> np.ndarray:

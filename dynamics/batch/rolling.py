@@ -62,9 +62,7 @@ class Moments:
 
     def merged(self, other: Moments) -> Moments:
         """Moments of both sets of samples together (Chan, Golub, LeVeque)."""
-        n, mean, m2 = _merge(
-            (np.array(self.n), self.mean, self.m2), (np.array(other.n), other.mean, other.m2)
-        )
+        n, mean, m2 = _merge((np.array(self.n), self.mean, self.m2), (np.array(other.n), other.mean, other.m2))
         return Moments(int(n), mean, m2)
 
 
@@ -153,9 +151,7 @@ class Rolling:
 
     def _makers(self) -> dict[str, Any]:
         tapes, threads = self.tapes, self.threads
-        makers: dict[str, Any] = {
-            name: partial(ChunkEngine, tapes, threads, make) for name, make in KERNELS.items()
-        }
+        makers: dict[str, Any] = {name: partial(ChunkEngine, tapes, threads, make) for name, make in KERNELS.items()}
         if isinstance(tapes.forward, Asked):
             return makers
         return {"c": lambda: CompiledRolloutEngine(tapes, threads, self.block), **makers}
@@ -245,9 +241,7 @@ class Rolling:
         lengths = {name: len(a) for name, a in own.items() if a is not None}
         if n_samples is not None:
             if isinstance(n_samples, bool) or int(n_samples) != n_samples or n_samples < 0:
-                raise ValueError(
-                    f"n_samples must be a whole number of at least 0, not {n_samples!r}"
-                )
+                raise ValueError(f"n_samples must be a whole number of at least 0, not {n_samples!r}")
             lengths["n_samples"] = int(n_samples)
         return Call(
             n=common_length({"x0": start, "theta": thetas, "p": parameters}, what, lengths),
@@ -281,8 +275,7 @@ class Rolling:
         array = as_doubles(noise, "noise", "the rollout")
         if array.ndim != 3 or array.shape[1:] != shape:
             raise ValueError(
-                f"noise has shape {array.shape}; expected (n_samples, {shape[0]}, {shape[1]}): "
-                "samples, steps, inputs"
+                f"noise has shape {array.shape}; expected (n_samples, {shape[0]}, {shape[1]}): samples, steps, inputs"
             )
         return np.ascontiguousarray(array.reshape(len(array), -1))
 

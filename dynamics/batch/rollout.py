@@ -114,9 +114,15 @@ class RolloutFunction(Rolling):
         gradient (cost - baseline) * score. Raises `ValueError` as a call does.
         """
         q = self._request(
-            self._start(x0, u_before), theta, p, noise, n_samples,
-            gradient=gradient, score=score, baseline=float(baseline),
-        )  # fmt: skip
+            self._start(x0, u_before),
+            theta,
+            p,
+            noise,
+            n_samples,
+            gradient=gradient,
+            score=score,
+            baseline=float(baseline),
+        )
         return self._summed(q)
 
     def _start(self, x0: Any, u_before: Any | None) -> np.ndarray:
@@ -205,9 +211,7 @@ class EpisodeFunction(Rolling):
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """
-        q = self._asked(
-            x0, theta, p, noise, n_samples, gradient=gradient, score=score, along=along, pull=pull
-        )
+        q = self._asked(x0, theta, p, noise, n_samples, gradient=gradient, score=score, along=along, pull=pull)
         shape = (q.n, *self.policy.shape(self.horizon))
         nx, last = self.tapes.nx, np.empty((q.n, self.tapes.nx))
         trail = np.empty((q.n, self.horizon + 1, nx)) if states else None
@@ -244,14 +248,19 @@ class EpisodeFunction(Rolling):
         gradient (return - baseline) * score. Raises `ValueError` as a call does.
         """
         q = self._asked(
-            x0, theta, p, noise, n_samples, gradient=gradient, score=score, along=along,
+            x0,
+            theta,
+            p,
+            noise,
+            n_samples,
+            gradient=gradient,
+            score=score,
+            along=along,
             baseline=-float(baseline),
-        )  # fmt: skip
+        )
         return self._summed(q, -1.0)
 
-    def _asked(
-        self, x0: Any, *given: Any, along: Episodes | None, pull: Any = None, **wanted: Any
-    ) -> Call:
+    def _asked(self, x0: Any, *given: Any, along: Episodes | None, pull: Any = None, **wanted: Any) -> Call:
         states = as_rows(x0, self.tapes.nx - 2, "x0", "the rollout")
         start = np.hstack([states, np.ones((len(states), 1)), np.zeros((len(states), 1))])
         followed = None

@@ -41,9 +41,7 @@ def gaussian_mu(z: ca.SX, F: ca.SX, sigma: ca.SX | float) -> ca.SX:
     return small * (size + F * small)
 
 
-def quartic_mu(
-    distance: ca.SX, mu_max: ca.SX | float, scale: ca.SX | float, power: ca.SX | float
-) -> ca.SX:
+def quartic_mu(distance: ca.SX, mu_max: ca.SX | float, scale: ca.SX | float, power: ca.SX | float) -> ca.SX:
     """``mu_max (scale d² + 1)^-power`` of abs, eq. C.2; d [m]."""
     return mu_max * (scale * distance**2 + 1) ** (-power)
 
@@ -69,21 +67,11 @@ class Adaptive(ContactLaw):
 
     def __init__(
         self,
-        law: Annotated[
-            str | Callable[[ca.SX, ca.SX], ca.SX], f"mu(z): {' or '.join(_USUAL)}"
-        ] = "gaussian",
-        sigma: Annotated[
-            float | None, _described("gaussian", "sigma", "width of the noise [m]")
-        ] = None,
-        mu_max: Annotated[
-            float | None, _described("quartic", "mu_max", "mu at a distance of 0 [N s m]")
-        ] = None,
-        scale: Annotated[
-            float | None, _described("quartic", "scale", "times the distance squared [1/m²]")
-        ] = None,
-        power: Annotated[
-            float | None, _described("quartic", "power", "by which mu falls with it")
-        ] = None,
+        law: Annotated[str | Callable[[ca.SX, ca.SX], ca.SX], f"mu(z): {' or '.join(_USUAL)}"] = "gaussian",
+        sigma: Annotated[float | None, _described("gaussian", "sigma", "width of the noise [m]")] = None,
+        mu_max: Annotated[float | None, _described("quartic", "mu_max", "mu at a distance of 0 [N s m]")] = None,
+        scale: Annotated[float | None, _described("quartic", "scale", "times the distance squared [1/m²]")] = None,
+        power: Annotated[float | None, _described("quartic", "power", "by which mu falls with it")] = None,
         gradient: Annotated[
             str, f"of mu: {' or '.join(_GRADIENTS)}; frozen holds mu, which shooting alone takes"
         ] = "total",
@@ -98,8 +86,7 @@ class Adaptive(ContactLaw):
         for name, value in given.items():
             if value is not None and name not in wanted:
                 raise ValueError(
-                    f"adaptive: {name} does not belong to law {law!r}; it takes"
-                    f" {', '.join(wanted) or 'no parameter'}"
+                    f"adaptive: {name} does not belong to law {law!r}; it takes {', '.join(wanted) or 'no parameter'}"
                 )
         chosen = {**wanted, **{name: value for name, value in given.items() if value is not None}}
         self.values = {name: positive("adaptive", name, value) for name, value in chosen.items()}

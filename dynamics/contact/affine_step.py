@@ -56,8 +56,7 @@ class AffineStep(Step):
     @cached_property
     def data(self) -> ca.Function:
         """Map ``(x, u, p)`` to ``(a, B, z, F, mu)``, dense but for F, block diagonal."""
-        outputs = [*(ca.densify(value) for value in (self.a, self.B, self.z)), self.F,
-                   ca.densify(self.mu)]  # fmt: skip
+        outputs = [*(ca.densify(value) for value in (self.a, self.B, self.z)), self.F, ca.densify(self.mu)]
         names = ["a", "B", "z", "F", "mu"]
         return ca.Function("step_data", self.inputs, outputs, ["x", "u", "p"], names)
 

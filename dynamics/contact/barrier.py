@@ -31,12 +31,8 @@ class Barrier(ContactLaw):
 
     def __init__(
         self,
-        mu: Annotated[
-            float | None, f"lam gap [N s m]; {_USUAL_MU:g} where kappa is not given either"
-        ] = None,
-        kappa: Annotated[
-            float | None, "weight of the log-barrier [1/J] instead of mu, which falls as it grows"
-        ] = None,
+        mu: Annotated[float | None, f"lam gap [N s m]; {_USUAL_MU:g} where kappa is not given either"] = None,
+        kappa: Annotated[float | None, "weight of the log-barrier [1/J] instead of mu, which falls as it grows"] = None,
     ) -> None:
         if mu is not None and kappa is not None:
             raise ValueError("barrier: give mu or kappa, not both; they fix each other")
@@ -56,8 +52,7 @@ class Barrier(ContactLaw):
             return ParameterTable([law_parameter("mu", self.mu, "N s m", "central-path parameter")])
         if system.mu_per_kappa is None:
             raise ValueError(
-                f"barrier: system {system.name!r} has no log-barrier energy that converts kappa;"
-                " give mu instead"
+                f"barrier: system {system.name!r} has no log-barrier energy that converts kappa; give mu instead"
             )
         assert self.kappa is not None
         return ParameterTable([law_parameter("kappa", self.kappa, "1/J", "log-barrier weight")])

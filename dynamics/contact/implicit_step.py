@@ -75,17 +75,18 @@ class ImplicitStep(Step):
 
     def solution(self, x: ca.MX, u: ca.MX, p: ca.MX) -> tuple[ca.MX, ...]:
         """``inner, x_next, lam, gap, error`` by the path of the nonlinear problem."""
-        noise = ca.Function("noise", [self.p.vector], [
-            ca.horzcat(*(ca.densify(part) for part in parts))
-            for parts in zip(*((node.noise_x, node.noise_u) for node in self.nodes), strict=True)
-        ])  # fmt: skip
+        noise = ca.Function(
+            "noise",
+            [self.p.vector],
+            [
+                ca.horzcat(*(ca.densify(part) for part in parts))
+                for parts in zip(*((node.noise_x, node.noise_u) for node in self.nodes), strict=True)
+            ],
+        )
         by_x, by_u = noise(p)
         mu = ca.Function("targets", self.inputs, [ca.densify(self.mu)])(x, u, p)
         solver, physical = ncp_solver(self.system, self.exact), p[: len(self.system.parameters)]
-        solved = [
-            solver(x + by_x[:, k], u + by_u[:, k], physical, mu[rows])
-            for k, rows in enumerate(self.rows)
-        ]
+        solved = [solver(x + by_x[:, k], u + by_u[:, k], physical, mu[rows]) for k, rows in enumerate(self.rows)]
         states = [branch[0] for branch in solved]
         lam, gap, error = (ca.vertcat(*(branch[i] for branch in solved)) for i in (1, 2, 3))
         x_next = ca.MX.zeros(self.system.nx)

@@ -39,9 +39,7 @@ def exact_scalar_solution(z: ca.SX, F: ca.SX) -> ca.SX:
     return ca.if_else(z < 0, -z / F, 0)
 
 
-def advance(
-    lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per_mu: ca.SX
-) -> tuple[ca.SX, ca.SX]:
+def advance(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per_mu: ca.SX) -> tuple[ca.SX, ca.SX]:
     """The pair after one iteration on the scaled problem, as expressions: ``lam, s``.
 
     All (n, 1); ``gap`` is ``z + F lam`` at lam, ``per_mu`` 1/mu; lam, s > 0, and ``s = gap`` holds
@@ -94,9 +92,7 @@ def advance(
     step_plain, step_corrected = length(plain, fraction), length(corrected, fraction)
     # What is left of a step's products is (1 - step) off + step^2 dlam ds, at most.
     curving = ca.mmax(ca.fabs(plain[0] * plain[1]) * per_mu)
-    step_plain = ca.if_else(
-        near, ca.fmin(step_plain, worst / ca.fmax(ca.fmax(2 * curving, worst), 1e-300)), step_plain
-    )
+    step_plain = ca.if_else(near, ca.fmin(step_plain, worst / ca.fmax(ca.fmax(2 * curving, worst), 1e-300)), step_plain)
     better = ca.sum1(ca.fabs(excess(corrected, step_corrected, target - bent))) < ca.sum1(
         ca.fabs(excess(plain, step_plain, target))
     )

@@ -56,9 +56,7 @@ class ContactLaw(Closure):
         p = self.parameters(system)
         return self.closed(system, self, p, tuple(self.nodes(system, p)))
 
-    def closed(
-        self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]
-    ) -> Step:
+    def closed(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
         """The step that this law makes at ``nodes``, for ``law``: itself, or its average."""
         made = AffineStep if system.linear else ImplicitStep
         return made(system, law, p, nodes)

@@ -75,9 +75,11 @@ class CasadiMap:
         """
         given = (self.n_in, n), (self.n_out, n)
         return self._function(
-            "bends", given, [(self.n_in, self.n_in * n)],
+            "bends",
+            given,
+            [(self.n_in, self.n_in * n)],
             lambda z, weights: [_side_by_side(self.model.curvatures(z, weights))],
-        )  # fmt: skip
+        )
 
     def values(self) -> ca.Function:
         """``z (n_in, 1) -> y (n_out, 1)``, which CasADi can differentiate twice."""
@@ -90,9 +92,7 @@ class CasadiMap:
 
         z = [(n_in, 1)]
         second = self._function("tensor", z, [(n_out * n_in, n_in)], tensor)
-        first = self._function(
-            "jacobian", z, [(n_out, n_in)], lambda z: [self.evaluated(z)[1][0]], second
-        )
+        first = self._function("jacobian", z, [(n_out, n_in)], lambda z: [self.evaluated(z)[1][0]], second)
         return self._function("values", z, [(n_out, 1)], lambda z: [self.evaluated(z)[0].T], first)
 
     def _function(self, name: str, given: Shapes, *rest: Any) -> ca.Function:
@@ -111,8 +111,7 @@ class CasadiMap:
             new = list(range(len(z)))
         if new:
             found = self.model.jacobians(z[new])
-            self._known |= {keys[i]: pair for i, pair in zip(new, zip(*found, strict=True),
-                                                             strict=True)}  # fmt: skip
+            self._known |= {keys[i]: pair for i, pair in zip(new, zip(*found, strict=True), strict=True)}
         pairs = [self._known[key] for key in keys]
         return np.stack([pair[0] for pair in pairs]), np.stack([pair[1] for pair in pairs])
 
@@ -226,9 +225,7 @@ class LearnedStep(Step):
     def x_next_expr(self) -> ca.SX:
         """The branches' mean."""
         parts = zip(self.nodes, self._outputs, strict=True)
-        return sum(
-            (node.weight * y[: self.system.nx] for node, y in parts), ca.SX(self.system.nx, 1)
-        )
+        return sum((node.weight * y[: self.system.nx] for node, y in parts), ca.SX(self.system.nx, 1))
 
     @property
     def extra_stage_cost(self) -> ca.SX:

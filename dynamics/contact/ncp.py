@@ -145,9 +145,7 @@ def _phi(path: Path, lam: ca.SX, gap: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     return lam + gap - size, 1 - lam / size, 1 - gap / size
 
 
-def _repeated(
-    body: ca.Function, doublings: int, unfinished: Callable[[ca.MX], ca.MX]
-) -> ca.Function:
+def _repeated(body: ca.Function, doublings: int, unfinished: Callable[[ca.MX], ca.MX]) -> ca.Function:
     """Repeat ``body: (point, data) -> point`` while ``unfinished(point)``.
 
     At most 2^doublings times, and once at least.

@@ -47,9 +47,7 @@ class CurvedGap:
 
     def opening_along(self, C: ca.SX) -> ca.SX:
         """What :meth:`along` needs, in the system's (x, u, p)."""
-        return ca.vertcat(
-            self._system.reduced.a[self._states], ca.vec(C[self._states, :].nz[:]), self._given
-        )
+        return ca.vertcat(self._system.reduced.a[self._states], ca.vec(C[self._states, :].nz[:]), self._given)
 
     def along(self, lam: ca.SX, w: ca.SX, C: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Gaps of the rows where ``x_next = a + C w``, and their derivatives by lam and by w.
@@ -143,9 +141,7 @@ class Path:
         D, c = scaling(z, F, 0 * mu if self.exact else mu, self.pairs, true)
         target = mu * 0 + MU_EXACT if self.exact else ca.fmax(mu / c**2, MU_LEAST)
         F = ca.project(ca.diag(D) @ F @ ca.diag(D), self.pattern)
-        return ca.densify(
-            ca.vertcat(z * D / c, ca.vec(F.nz[:]), target, 1 / target, D, c, self.more)
-        )
+        return ca.densify(ca.vertcat(z * D / c, ca.vec(F.nz[:]), target, 1 / target, D, c, self.more))
 
     @property
     def more(self) -> ca.SX:
@@ -266,9 +262,7 @@ def _without_inactive(lam: ca.SX, s: ca.SX, F: Compliance) -> tuple[ca.SX, ca.SX
     return ca.if_else(valid, ca.fmax(0, new_lam), lam), ca.if_else(valid, ca.fmax(0, new_s), s)
 
 
-def scaling(
-    z: ca.SX, F: ca.SX, mu: ca.SX, pairs: tuple[Pair, ...], true: ca.SX | None = None
-) -> tuple[ca.SX, ca.SX]:
+def scaling(z: ca.SX, F: ca.SX, mu: ca.SX, pairs: tuple[Pair, ...], true: ca.SX | None = None) -> tuple[ca.SX, ca.SX]:
     """D (n, 1) and a scalar c so that ``z D / c`` and ``D F D`` are of order one.
 
     A curved gap, ``true`` at lam = 0, is no more than a million: its linear model may be zero.
@@ -306,13 +300,17 @@ def _sizes(F: ca.SX, pairs: tuple[Pair, ...]) -> dict[int, ca.SX]:
     own = [i for i in range(len(pairs)) if not F[i, i].is_zero()]
     contact = {"normal", "friction"}
     sizes = {
-        i: ca.mmax(ca.vertcat(*(
-            ca.fabs(F[i, j]) for j in own
-            if j == i or (pairs[i].contact == pairs[j].contact
-                          and {pairs[i].kind, pairs[j].kind} == contact)
-        )))
+        i: ca.mmax(
+            ca.vertcat(
+                *(
+                    ca.fabs(F[i, j])
+                    for j in own
+                    if j == i or (pairs[i].contact == pairs[j].contact and {pairs[i].kind, pairs[j].kind} == contact)
+                )
+            )
+        )
         for i in own
-    }  # fmt: skip
+    }
     normal = {pair.contact: i for i, pair in enumerate(pairs) if pair.kind == "normal"}
     for i, pair in enumerate(pairs):
         if pair.kind == "friction" and normal[pair.contact] in sizes:

@@ -41,14 +41,10 @@ class Randomized(ContactLaw):
         seed: Annotated[int, "of the nodes"] = 0,
         scheme: Annotated[str, f"of the nodes: {', '.join(SCHEMES)}"] = "sobol",
         noise: Annotated[str, f"on what: {' or '.join(_NOISES)}"] = "input",
-        base: Annotated[
-            ContactLaw | None, "law that is averaged, exact if not given; its own as base.NAME"
-        ] = None,
+        base: Annotated[ContactLaw | None, "law that is averaged, exact if not given; its own as base.NAME"] = None,
     ) -> None:
         if scheme not in SCHEMES:
-            raise ValueError(
-                f"randomized: scheme must be one of {', '.join(SCHEMES)}, got {scheme!r}"
-            )
+            raise ValueError(f"randomized: scheme must be one of {', '.join(SCHEMES)}, got {scheme!r}")
         if noise not in _NOISES:
             raise ValueError(f"randomized: noise must be on input or state, got {noise!r}")
         if not isinstance(base, ContactLaw | None):
@@ -97,19 +93,13 @@ class Randomized(ContactLaw):
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
         """``contact.sigma`` and the base law's parameters."""
-        own = law_parameter(
-            "sigma", self.sigma, "SI", f"standard deviation of the noise on the {self.noise}"
-        )
+        own = law_parameter("sigma", self.sigma, "SI", f"standard deviation of the noise on the {self.noise}")
         inner = self.base.parameters(system)
         if "contact.sigma" in inner:
-            raise ValueError(
-                "randomized: the base law has a sigma of its own; use barrier or exact"
-            )
+            raise ValueError("randomized: the base law has a sigma of its own; use barrier or exact")
         return ParameterTable([own]) + inner
 
-    def closed(
-        self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]
-    ) -> Step:
+    def closed(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
         """The base law's step at all nodes."""
         return self.base.closed(system, law, p, nodes)
 
@@ -131,9 +121,7 @@ class Randomized(ContactLaw):
         return branches
 
 
-def standard_normal_nodes(
-    dimension: int, samples: int, seed: int, scheme: str
-) -> tuple[np.ndarray, np.ndarray]:
+def standard_normal_nodes(dimension: int, samples: int, seed: int, scheme: str) -> tuple[np.ndarray, np.ndarray]:
     """Nodes (n, dimension) and weights (n,) that average over N(0, I).
 
     Raises ``ValueError`` where a Gauss-Hermite tensor would have more than 4096 nodes.

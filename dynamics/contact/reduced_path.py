@@ -61,9 +61,7 @@ class ReducedPath(Path):
             "P": factors["P"] @ ca.diag(D[own]),
             "Q": ca.diag(D[own]) @ factors["Q"],
         }
-        entries = [
-            ca.vec(ca.project(scaled[name], factors[name].sparsity()).nz[:]) for name in scaled
-        ]
+        entries = [ca.vec(ca.project(scaled[name], factors[name].sparsity()).nz[:]) for name in scaled]
         return ca.densify(ca.vertcat(z * D / c, *entries, target, 1 / target, D, c, self.more))
 
     @property
@@ -75,8 +73,7 @@ class ReducedPath(Path):
         """Entries of F between the pairs of one contact, which set the scales, and E."""
         factors, coordinates = self._factors, self.coordinates
         system, E = self._system, factors["E"]
-        low = LowRank(E, factors["T"], factors["P"], coordinates.P_signs, factors["Q"],
-                      coordinates.Q_signs)  # fmt: skip
+        low = LowRank(E, factors["T"], factors["P"], coordinates.P_signs, factors["Q"], coordinates.Q_signs)
         columns = low.by_own()
         near = ca.SX(E)
         kinds = {"normal", "friction", "limit"}
@@ -95,9 +92,7 @@ class ReducedPath(Path):
         for factor in factors:
             ends.append(ends[-1] + factor.nnz())
         parts = ca.vertsplit(entries, ends)
-        E, T, P, Q = (
-            ca.SX(factor.sparsity(), part) for factor, part in zip(factors, parts, strict=True)
-        )
+        E, T, P, Q = (ca.SX(factor.sparsity(), part) for factor, part in zip(factors, parts, strict=True))
         return LowRank(E, T, P, self.coordinates.P_signs, Q, self.coordinates.Q_signs)
 
     def at(self, lam: ca.SX, true: ca.SX) -> tuple[ca.SX, LowRank]:
@@ -110,9 +105,7 @@ class ReducedPath(Path):
         gap = known["z"] + start.felt(lam, w)
         D, c = known["D"], known["c"]
         E, Q = ca.SX(start.E), ca.SX(start.Q_own)
-        rows, by_lam, by_w = self.curved.along(
-            c * D * lam, c * w, self.coordinates.C, known["more"]
-        )
+        rows, by_lam, by_w = self.curved.along(c * D * lam, c * w, self.coordinates.C, known["more"])
         for k, i in enumerate(self.curved.rows):
             own = self.coordinates.Q_signs[i, :].sparsity().get_col()[0]
             # Opposite walls share one row but for its sign.

@@ -262,9 +262,7 @@ class Step(ABC):
         # The way slid of an open contact has no gap at all; its row is then this times dlam.
         gap = ca.fmax(self.gap_expr, _LEAST_GAP) if self.exact else self.gap_expr
         diagonal = ca.diag(gap) @ ca.jacobian(self.lam, self.inner)
-        return ca.vertcat(
-            ca.jacobian(self.motion, self.inner), diagonal + ca.diag(self.lam) @ by_inner
-        )
+        return ca.vertcat(ca.jacobian(self.motion, self.inner), diagonal + ca.diag(self.lam) @ by_inner)
 
     def solve_relation(self, rhs: ca.SX, transposed: bool = False) -> ca.SX:
         """Solve with :attr:`relation_jacobian`, or with its transpose."""

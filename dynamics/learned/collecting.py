@@ -84,9 +84,12 @@ def draw_piece(step: Step, region: Region, piece: Piece) -> Drawn:
 
 
 def merged(
-    step: Step, region: Region, drawn: Sequence[Drawn], seed: int,
+    step: Step,
+    region: Region,
+    drawn: Sequence[Drawn],
+    seed: int,
     provenance: Mapping[str, Any] | None = None,
-) -> Transitions:  # fmt: skip
+) -> Transitions:
     """Put pieces together in their order, all rows in the ranges before those in the tube."""
     rows = [*(one.in_ranges for one in drawn), *(one.in_tube for one in drawn)]
     x, u, x_next = (np.concatenate(column) for column in zip(*rows, strict=True))
@@ -111,9 +114,7 @@ class _Source:
     def __post_init__(self) -> None:
         self._advance = StepFunction(self.step)
         system = self.step.system
-        self._states, self._inputs = (
-            [signal.name for signal in part] for part in (system.states, system.inputs)
-        )
+        self._states, self._inputs = ([signal.name for signal in part] for part in (system.states, system.inputs))
 
     def draw(self, rng: np.random.Generator, wanted: int, states: DrawStates, where: str) -> Rows:
         """``wanted`` rows of x, u and x_next, states drawn by ``states``."""

@@ -163,9 +163,7 @@ class EwdaModel:
         """
         origin = Origin.of(dataset, EWDA)
         names = ("z_data", "y_data", "z_shift", "z_scale")
-        z, y, shift, scale = (
-            np.ascontiguousarray(dataset[name].values, dtype=float) for name in names
-        )
+        z, y, shift, scale = (np.ascontiguousarray(dataset[name].values, dtype=float) for name in names)
         attributes = dataset.attrs
         scales, sigma = Normalisation(shift, scale), float(attributes["sigma"])
         return cls(z, y, scales, sigma, origin, int(attributes["seed"]))

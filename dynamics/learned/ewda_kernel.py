@@ -72,9 +72,7 @@ class NumpyMoments:
         # A product with scaled rows is symmetric only up to its rounding.
         return total, 0.5 * (sums + sums.transpose(0, 2, 1))
 
-    def _weights(
-        self, near: np.ndarray, q: np.ndarray, c: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _weights(self, near: np.ndarray, q: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         d = self.points.z[near] - c
         exponent = -np.einsum("ik,ik->i", d, d + 2 * (c - q)) / (2 * self.points.sigma**2)
         # Above 0 only by rounding, which far out is of any size: there the neighbours tie.
@@ -177,9 +175,7 @@ class CompiledMoments:
         above = np.tril(sums[:, 1:, 1:], -1).transpose(0, 2, 1)
         return sums[:, 0, 0], below + above
 
-    def _all(
-        self, kind: int, size: tuple[int, int], *given: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _all(self, kind: int, size: tuple[int, int], *given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Index of the nearest point (nq,) and the sums (nq, *size), a batch at a time."""
         count = len(given[0])
         rows = [np.ascontiguousarray(array, dtype=float) for array in given]
@@ -190,9 +186,7 @@ class CompiledMoments:
             self._batch(kind, batch, where[begin:end], sums[begin:end])
         return self._order[where], sums
 
-    def _batch(
-        self, kind: int, given: list[np.ndarray], where: np.ndarray, sums: np.ndarray
-    ) -> None:
+    def _batch(self, kind: int, given: list[np.ndarray], where: np.ndarray, sums: np.ndarray) -> None:
         n = len(where)
         counters = np.zeros((2, _PHASES), dtype=np.int64)
         arrays = {

@@ -38,8 +38,7 @@ def transitions_of(dataset: xr.Dataset, path: Path) -> Transitions:
     kind = dataset.attrs["kind"]
     if kind != TRANSITIONS:
         raise ValueError(
-            f"{path} holds a model of kind {kind}, not transitions; give what ocp collect wrote, or"
-            " a table"
+            f"{path} holds a model of kind {kind}, not transitions; give what ocp collect wrote, or a table"
         )
     return _made(Transitions, dataset, path)
 
@@ -75,29 +74,20 @@ def read(path: Path) -> xr.Dataset:
         raise ValueError(f"{path}: {found}; ocp collect writes data and ocp learn writes models")
     with path.open("rb") as file:
         if file.read(len(_HDF)) != _HDF:
-            raise ValueError(
-                f"{path} is not a netCDF file; ocp collect writes data and ocp learn writes models"
-            )
+            raise ValueError(f"{path} is not a netCDF file; ocp collect writes data and ocp learn writes models")
     try:
         content = path.read_bytes()
         check_readable(content)
-        dataset = xr.load_dataset(
-            content, engine="netcdf4", mask_and_scale=False, decode_times=False
-        )
+        dataset = xr.load_dataset(content, engine="netcdf4", mask_and_scale=False, decode_times=False)
     except MemoryError:
         raise
     except Exception as error:
         raise ValueError(f"{path} is truncated or damaged: {error}; create it again") from error
     kind = plain(dataset.attrs.get("kind"))
     if kind not in KINDS:
-        raise ValueError(
-            f"{path} is not a file of this program: its kind is {kind!r}, expected"
-            f" {', '.join(KINDS)}"
-        )
+        raise ValueError(f"{path} is not a file of this program: its kind is {kind!r}, expected {', '.join(KINDS)}")
     if plain(dataset.attrs.get(CHECKSUM)) != checksum(dataset):
-        raise ValueError(
-            f"{path} does not match its checksum: truncated or changed; create it again"
-        )
+        raise ValueError(f"{path} does not match its checksum: truncated or changed; create it again")
     return dataset
 
 
@@ -143,8 +133,7 @@ def read_table(
         states, inputs = signals
     after = [Signal(f"{signal.name}{NEXT}", signal.unit) for signal in states]
     x, u, x_next = (
-        _values(path, table, [_column(path, heads, signal) for signal in part])
-        for part in (states, inputs, after)
+        _values(path, table, [_column(path, heads, signal) for signal in part]) for part in (states, inputs, after)
     )
     told = {"how": f"read from {path.name}", **(provenance or {})}
     return Transitions.checked(x, u, x_next, states, inputs, told)
@@ -205,16 +194,12 @@ def _named(path: Path, texts: list[str], columns: Mapping[str, str]) -> Heads:
     for name, column in columns.items():
         match = heads.get(_split(column)[0])
         if match is None or column not in (match[0], _split(match[0])[0]):
-            raise ValueError(
-                f"{path}: no column {column!r} for {name}; available: {', '.join(texts)}"
-            )
+            raise ValueError(f"{path}: no column {column!r} for {name}; available: {', '.join(texts)}")
         found[name] = match
     return found
 
 
-def _guessed(
-    path: Path, heads: Heads, names: list[str]
-) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
+def _guessed(path: Path, heads: Heads, names: list[str]) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
     """States and inputs of a table that nothing is known about."""
     states = [name for name in names if f"{name}{NEXT}" in names]
     if not states:
@@ -224,9 +209,7 @@ def _guessed(
         )
     ends = {f"{name}{NEXT}" for name in states}
     inputs = [name for name in names if name not in states and name not in ends]
-    first, second = (
-        tuple(Signal(name, heads[name][1] or "1") for name in part) for part in (states, inputs)
-    )
+    first, second = (tuple(Signal(name, heads[name][1] or "1") for name in part) for part in (states, inputs))
     return first, second
 
 

@@ -69,8 +69,7 @@ PER_COORDINATE = ("y_scale", "clean", "noised")
 ALONG_RAYS = ("displacement", "outside")
 
 
-def fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float,
-        seed: int = 0) -> Fit:  # fmt: skip
+def fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float, seed: int = 0) -> Fit:
     """Compare a map with the rows ``held_out`` of the data, and follow it out of all of them.
 
     Raises ``ValueError`` for no held-out row and for a map of other sizes.
@@ -78,8 +77,7 @@ def fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float,
     ny = data.y.shape[1]
     if learned.n_in != data.z.shape[1] or learned.n_out < ny:
         raise ValueError(
-            f"fit: the model maps {learned.n_in} numbers to {learned.n_out}, the data have"
-            f" {data.z.shape[1]} and {ny}"
+            f"fit: the model maps {learned.n_in} numbers to {learned.n_out}, the data have {data.z.shape[1]} and {ny}"
         )
     if not len(held_out):
         raise ValueError("fit: no row is held out to compare the model with; hold some out")
@@ -88,8 +86,7 @@ def fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float,
     z, y = data.z[held_out], data.y[held_out]
     noised = z + sigma * z_scales.scale * rng.standard_normal(z.shape)
     clean_rms, noised_rms = (
-        np.sqrt(np.mean(((learned.values(at)[:, :ny] - y) / y_scales.scale) ** 2, axis=0))
-        for at in (z, noised)
+        np.sqrt(np.mean(((learned.values(at)[:, :ny] - y) / y_scales.scale) ** 2, axis=0)) for at in (z, noised)
     )
     directions = rng.standard_normal((RAYS, data.z.shape[1]))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -97,9 +94,7 @@ def fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float,
     return Fit(float(sigma), y_scales.scale, clean_rms, noised_rms, np.array(DISTANCES), *along)
 
 
-def _rays(
-    learned: LearnedMap, data: Samples, directions: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _rays(learned: LearnedMap, data: Samples, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """``displacement`` and ``outside`` at each of the distances."""
     z_scales, y_scales = data.scales
     z = z_scales.normalised(data.z)

@@ -41,9 +41,7 @@ class LearnedLaw(ContactLaw):
 
     def __init__(self, model: _Model = None) -> None:
         if model is None:
-            raise ValueError(
-                f"{self.name}: a learned law needs its model; give model=FILE, made by ocp learn"
-            )
+            raise ValueError(f"{self.name}: a learned law needs its model; give model=FILE, made by ocp learn")
         self._stated = model
         loaded = read_model(Path(model)) if isinstance(model, (str, Path)) else model
         if loaded.kind != self.name:
@@ -77,27 +75,21 @@ class LearnedLaw(ContactLaw):
                 )
         return ParameterTable()
 
-    def learned_at(
-        self, system: ContactSystem, values: Mapping[str, float]
-    ) -> dict[str, tuple[float, float]]:
+    def learned_at(self, system: ContactSystem, values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
         """Parameters of the motion that were others when the data were taken: then, and now."""
         moving = {str(symbol) for symbol in ca.symvar(ca.vertcat(system.residual, system.gap))}
         then = self.model.origin.parameters
         return {
             name: (float(then[name]), values[name])
             for name in system.parameters.names
-            if name in moving
-            and isinstance(then.get(name), int | float)
-            and then[name] != values[name]
+            if name in moving and isinstance(then.get(name), int | float) and then[name] != values[name]
         }
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
         """Nothing: no pairs are left."""
         return ca.SX(0, 1)
 
-    def closed(
-        self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]
-    ) -> Step:
+    def closed(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
         """The model's step."""
         name = LAW_PREFIX + "trust"
         trust = p[name] if name in p.names else None

@@ -41,12 +41,9 @@ class Region:
             for name, (low, high) in given.items():
                 if not (np.isfinite(high - low) and low < high):
                     raise ValueError(
-                        f"the region's range of {what} {name} must be finite and rise, got"
-                        f" [{low:g}, {high:g}]"
+                        f"the region's range of {what} {name} must be finite and rise, got [{low:g}, {high:g}]"
                     )
-        strange = [
-            f"{u}: {x}" for u, x in self.around.items() if u not in inputs or x not in states
-        ]
+        strange = [f"{u}: {x}" for u, x in self.around.items() if u not in inputs or x not in states]
         if strange:
             raise ValueError(
                 f"the region measures {strange[0]}; expected an input of {', '.join(inputs)} from"

@@ -41,8 +41,10 @@ class _Network(_Model):
 
 
 _ATTRIBUTES: dict[str, type[_Attributes]] = {
-    TRANSITIONS: _Attributes, EWDA: _Model, MLP: _Network,
-}  # fmt: skip
+    TRANSITIONS: _Attributes,
+    EWDA: _Model,
+    MLP: _Network,
+}
 _DIMENSIONS = {
     **dict.fromkeys(("z", "z_unit", "z_shift", "z_scale", "z_least", "z_most"), ("z",)),
     **dict.fromkeys(("state", "state_unit", "y_shift", "y_scale"), ("state",)),
@@ -71,10 +73,7 @@ def check(dataset: xr.Dataset, kind: str) -> None:
     if attributes.get("kind") != kind:
         raise ValueError(f"expected a file of kind {kind!r}, found {attributes.get('kind')!r}")
     if attributes.get("schema") != SCHEMA:
-        raise ValueError(
-            f"its schema is {attributes.get('schema')}, this version reads {SCHEMA};"
-            " create it again"
-        )
+        raise ValueError(f"its schema is {attributes.get('schema')}, this version reads {SCHEMA}; create it again")
     try:
         _ATTRIBUTES[kind].model_validate(attributes)
     except ValidationError as error:
@@ -95,8 +94,7 @@ def check(dataset: xr.Dataset, kind: str) -> None:
             raise ValueError(f"weight_{layer} does not fit the layer before it")
         (size,) = bias
     if layers and size != dataset.sizes["state"]:
-        raise ValueError(f"bias_{layers[-1]} has {size} entries, and there are"
-                         f" {dataset.sizes['state']} states")  # fmt: skip
+        raise ValueError(f"bias_{layers[-1]} has {size} entries, and there are {dataset.sizes['state']} states")
 
 
 def _check_variable(name: str, dataset: xr.Dataset) -> None:

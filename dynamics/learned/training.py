@@ -79,8 +79,14 @@ class Training:
     other training, and where the extra ``learn`` is not installed.
     """
 
-    def __init__(self, data: Samples, sigma: float, recipe: Recipe | None = None, seed: int = 0,
-                 state: dict[str, np.ndarray] | None = None) -> None:  # fmt: skip
+    def __init__(
+        self,
+        data: Samples,
+        sigma: float,
+        recipe: Recipe | None = None,
+        seed: int = 0,
+        state: dict[str, np.ndarray] | None = None,
+    ) -> None:
         if not (sigma >= 0 and math.isfinite(sigma)):
             raise ValueError(f"mlp: sigma must be at least 0 and finite, got {sigma}")
         self.data, self.sigma, self.seed = data, float(sigma), seed
@@ -130,10 +136,7 @@ class Training:
             if len(self.held_out):
                 clean, noised = network.errors(now.layers, *held)
             if not math.isfinite(train):
-                raise ValueError(
-                    f"mlp: training diverged in epoch {now.number}; lower rate (now"
-                    f" {self.recipe.rate:g})"
-                )
+                raise ValueError(f"mlp: training diverged in epoch {now.number}; lower rate (now {self.recipe.rate:g})")
             if not len(self.held_out) or noised < now.least:
                 now = replace(now, best=now.layers, best_at=now.number, least=noised)
             self._now = now
@@ -149,9 +152,7 @@ class Training:
         if state is None:
             return self._network.start
         if "identity" not in state or bytes(state["identity"]) != self._identity():
-            raise ValueError(
-                "mlp: the checkpoint has other data, recipe, sigma or seed; start again"
-            )
+            raise ValueError("mlp: the checkpoint has other data, recipe, sigma or seed; start again")
         return self._network.progress(state)
 
     def _identity(self) -> bytes:

@@ -136,8 +136,7 @@ class Samples:
         """Normalise z and y over all rows; raise ``ValueError`` for a column that never varies."""
         named = (self.z, "{}", self.origin.z), (self.y, "the next {}", self.origin.y)
         z, y = (
-            Normalisation.of(rows, [form.format(signal.name) for signal in signals])
-            for rows, form, signals in named
+            Normalisation.of(rows, [form.format(signal.name) for signal in signals]) for rows, form, signals in named
         )
         return z, y
 
@@ -259,9 +258,7 @@ class Transitions:
     def check_signals(self, states: Sequence[Signal], inputs: Sequence[Signal], owner: str) -> None:
         """Raise ``ValueError`` unless names and units are those of ``owner``, in its order."""
         wanted = [[(s.name, s.unit) for s in part] for part in (states, inputs)]
-        for what, own, expected in zip(
-            ("states", "inputs"), (self.states, self.inputs), wanted, strict=True
-        ):
+        for what, own, expected in zip(("states", "inputs"), (self.states, self.inputs), wanted, strict=True):
             if [(s.name, s.unit) for s in own] != expected:
                 raise ValueError(
                     f"data: the {what} are {listed(own)}, and {owner} has"

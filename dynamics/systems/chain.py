@@ -75,9 +75,7 @@ class Chain:
     @property
     def velocities(self) -> tuple[Signal, ...]:
         """Names and units of v = dq/dt."""
-        return tuple(
-            Signal(f"v_{c.name}", f"{c.unit}/s", f"velocity of {c.name}") for c in self.coordinates
-        )
+        return tuple(Signal(f"v_{c.name}", f"{c.unit}/s", f"velocity of {c.name}") for c in self.coordinates)
 
     @property
     def actuated(self) -> tuple[str, ...]:
@@ -87,11 +85,7 @@ class Chain:
     @property
     def limits(self) -> list[tuple[int, Number, Number]]:
         """Limits of the joints as (index into q, lowest, highest)."""
-        return [
-            (self._first[name], *link.limits)
-            for name, link in self._links.items()
-            if link.limits is not None
-        ]
+        return [(self._first[name], *link.limits) for name, link in self._links.items() if link.limits is not None]
 
     @cached_property
     def total_mass(self) -> ca.SX:
@@ -137,9 +131,7 @@ class Chain:
                 ancestor: str | None = name
                 while ancestor is not None:
                     for row, other in self._motions(ancestor, frames):
-                        M[row, column] = M[column, row] = (
-                            other.turn * spin + other.along.T @ momentum
-                        )
+                        M[row, column] = M[column, row] = other.turn * spin + other.along.T @ momentum
                     spin = spin + _moment(frames[ancestor].step, momentum)
                     ancestor = self._links[ancestor].parent
         return M + ca.diag(self.armature)
@@ -226,9 +218,7 @@ class Chain:
         return ca.sparsify(self._each(lambda link: link.armature))
 
     def _each(self, value: Callable[[Link], Number]) -> ca.SX:
-        return ca.vertcat(
-            *(ca.SX(value(link)) for link in self._links.values() for _ in _coordinates(link))
-        )
+        return ca.vertcat(*(ca.SX(value(link)) for link in self._links.values() for _ in _coordinates(link)))
 
     def _frames(self, q: ca.SX) -> dict[str, _Frame]:
         # Kept for every q, so that mass, bias and contacts share their sines and cosines. The

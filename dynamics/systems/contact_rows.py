@@ -23,8 +23,10 @@ from dynamics.systems.system import ContactSystem, check_shape
 
 Cone = Literal["linearised", "second-order", "edges"]
 FORMS: dict[str, ConeForm] = {
-    "linearised": LINEARISED, "second-order": SECOND_ORDER, "edges": EDGES,
-}  # fmt: skip
+    "linearised": LINEARISED,
+    "second-order": SECOND_ORDER,
+    "edges": EDGES,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,9 +131,7 @@ def contact_rows(
     nc, nl, space = len(touching.contacts), len(touching.limit_names), touching.space
     nv = q.numel() if space is None else space.velocities
 
-    def approached(
-        what: str, distance: Callable[[ca.SX], ca.SX], count: int
-    ) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def approached(what: str, distance: Callable[[ca.SX], ca.SX], count: int) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Distance at q, its slope there, and the gap."""
         here = distance(q)
         check_shape(name, what, here, (count, 1))
@@ -163,8 +163,15 @@ def contact_rows(
         own = [lam[rough], *ca.vertsplit(lam[nc + nl :], len(rough))]
         some = tuple(touching.contacts[i] for i in rough)
         slid = [way(one) for one in directions]
-        at = Rubbing(some, gap[rough], J[rough, :], [one[rough, :] for one in directions],
-                     f[rough], [one[rough] for one in slid], own)  # fmt: skip
+        at = Rubbing(
+            some,
+            gap[rough],
+            J[rough, :],
+            [one[rough, :] for one in directions],
+            f[rough],
+            [one[rough] for one in slid],
+            own,
+        )
         (first, *more), pressed, rubbed = form.pairs(at)
         rows, owners = [_replaced(plain, first, rough), *more], [*owners, *[rough] * len(more)]
         normal, along = lam[:nc], ca.SX.zeros(tangents * nc)
@@ -172,19 +179,16 @@ def contact_rows(
         normal[rough] = pressed
         along[where] = rubbed[0] if space is None else space.components(rubbed)
         names = tuple(contact.name for contact in touching.contacts)
-        forces = ContactForces(names, normal, along, ca.vertcat(*slid[:tangents]) / h, f,
-                               2 if space is None else space.edges)  # fmt: skip
+        forces = ContactForces(
+            names, normal, along, ca.vertcat(*slid[:tangents]) / h, f, 2 if space is None else space.edges
+        )
     rows[1:1], owners[1:1] = limits, [list(range(nc, nc + nl))] * len(limits)
     return ContactRows(
         lam,
         ca.vertcat(ca.SX(0, 1), *(row.gap for row in rows)),
         ca.vertcat(ca.SX(0, nv), *(row.direction for row in rows)).T @ lam,
         tuple(signal for row in rows for signal in row.signals),
-        tuple(
-            Pair(row.kind, owner)
-            for row, owned in zip(rows, owners, strict=True)
-            for owner in owned
-        ),
+        tuple(Pair(row.kind, owner) for row, owned in zip(rows, owners, strict=True) for owner in owned),
         forces,
         ca.vertcat(phi, left),
         ca.depends_on(ca.vertcat(J, *(limit.direction for limit in limits)), q),

@@ -41,8 +41,7 @@ def lcs(
         for key, value in (("A", A), ("B", B), ("C", C), ("D", D), ("E", E), ("F", F))
     }
     nx, nu, nlam = matrices["A"].shape[0], matrices["B"].shape[1], matrices["F"].shape[0]
-    shapes = {"A": (nx, nx), "B": (nx, nu), "C": (nx, nlam), "D": (nlam, nx), "E": (nlam, nu),
-              "F": (nlam, nlam)}  # fmt: skip
+    shapes = {"A": (nx, nx), "B": (nx, nu), "C": (nx, nlam), "D": (nlam, nx), "E": (nlam, nu), "F": (nlam, nlam)}
     for key, shape in shapes.items():
         if matrices[key].shape != shape:
             raise ValueError(f"LCS matrix {key} has shape {matrices[key].shape}, expected {shape}")

@@ -44,9 +44,14 @@ class LimitSurface:
 
 
 def on_tables(
-    rows: ContactRows, residual: ca.SX, dq: ca.SX, pushed: ca.SX, mass: ca.SX,
-    surfaces: Sequence[LimitSurface], h: ca.SX | float,
-) -> tuple[ContactRows, ca.SX]:  # fmt: skip
+    rows: ContactRows,
+    residual: ca.SX,
+    dq: ca.SX,
+    pushed: ca.SX,
+    mass: ca.SX,
+    surfaces: Sequence[LimitSurface],
+    h: ca.SX | float,
+) -> tuple[ContactRows, ca.SX]:
     """Add the pairs of bodies on a table to ``rows``, and put their motion into ``residual``.
 
     ``pushed`` are the impulses of contacts and load (nq, 1) [N s], ``mass`` is M (nq, nq).
@@ -56,24 +61,23 @@ def on_tables(
         lengths = surface.lengths
         k = lengths.numel()
         at = slice(surface.first, surface.first + k)
-        p, n, s = (ca.SX.sym(f"{surface.name}_{way}", size) for way, size in
-                   (("forward", k), ("backward", k), ("slid", 1)))  # fmt: skip
+        p, n, s = (
+            ca.SX.sym(f"{surface.name}_{way}", size) for way, size in (("forward", k), ("backward", k), ("slid", 1))
+        )
         impulse = pushed[at] - (mass @ dq / h)[at] if surface.inertial else pushed[at]
         bound = h * surface.force
         g, unit = impulse / lengths / bound, mass[surface.first, surface.first] / h
         residual[at] = dq[at] - (p - n) / lengths
         gaps = unit * (p - s * g), unit * (n + s * g), bound * (1 - ca.sumsqr(g)) / 2
-        ways = [
-            f"{way} {axis}" for way in ("forward", "backward") for axis in ["x", "y", "angle"][:k]
-        ]
+        ways = [f"{way} {axis}" for way in ("forward", "backward") for axis in ["x", "y", "angle"][:k]]
         rows = replace(
             rows,
             lam=ca.vertcat(rows.lam, p, n, s),
             gap=ca.vertcat(rows.gap, *gaps),
-            signals=(*rows.signals, *(
-                Signal(f"{surface.name} on table {way}", "m", "way slid in a step")
-                for way in [*ways, "slid"]
-            )),
+            signals=(
+                *rows.signals,
+                *(Signal(f"{surface.name} on table {way}", "m", "way slid in a step") for way in [*ways, "slid"]),
+            ),
             pairs=(*rows.pairs, *[Pair("table", contacts + number)] * (2 * k + 1)),
-        )  # fmt: skip
+        )
     return rows, residual

@@ -46,10 +46,7 @@ class Part:
     def __post_init__(self) -> None:
         text("the name of a part", self.name)
         if not isinstance(self.shape, Shape):
-            raise ValueError(
-                f"part {self.name!r}: shape must be a Disc, Box, Capsule or HalfPlane,"
-                f" got {self.shape!r}"
-            )
+            raise ValueError(f"part {self.name!r}: shape must be a Disc, Box, Capsule or HalfPlane, got {self.shape!r}")
 
 
 @dataclass(frozen=True)
@@ -109,9 +106,7 @@ class Machine:
         """Build the equations of motion."""
         return Chain(self.links, self.gravity)
 
-    def contacts(
-        self, chain: Chain, q: ca.SX, spheres: Collection[str] | None = None
-    ) -> dict[str, Contact]:
+    def contacts(self, chain: Chain, q: ca.SX, spheres: Collection[str] | None = None) -> dict[str, Contact]:
         """Contacts at the pose ``q`` (nq, 1): of the spheres with the ground, and the meetings.
 
         Of ``spheres``, all by default, those named touch the ground.
@@ -177,9 +172,7 @@ class Machine:
                 return h * (motors @ u - chain.weight(q)) + flight(chain, q, v, h)
             return h * (motors @ u - chain.bias(q, v))
 
-        def book(
-            q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, tangential: ca.SX
-        ) -> EnergyBook:
+        def book(q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, tangential: ca.SX) -> EnergyBook:
             external = h * weight - h * base * v_next[:2]
             for i, (label, contact) in enumerate(self.contacts(chain, q, spheres).items()):
                 if label not in inner:

@@ -41,10 +41,7 @@ def check_parts(
         raise ValueError(f"a {kind} is named {WORLD!r}, which never moves; give it another name")
     for name, owner in (*moving, *parts):
         if owner not in names and not (owner == WORLD and (name, owner) in parts):
-            raise ValueError(
-                f"{name!r} is on {kind} {owner!r}, which does not exist; choose from"
-                f" {', '.join(names)}"
-            )
+            raise ValueError(f"{name!r} is on {kind} {owner!r}, which does not exist; choose from {', '.join(names)}")
     counts = Counter(name for name, _ in (*moving, *parts))
     if twice := [name for name, count in counts.items() if count > 1]:
         raise ValueError(f"two parts are named {twice[0]!r}; give each part its own name")

@@ -76,10 +76,7 @@ def deciding_pairs(pairs: tuple[Pair, ...]) -> list[int]:
     themselves, and so do the pairs of a contact whose normal force is known.
     """
     normal = {pair.contact: i for i, pair in enumerate(pairs) if pair.kind == "normal"}
-    return [
-        normal.get(pair.contact, i) if pair.kind in ("friction", "slip") else i
-        for i, pair in enumerate(pairs)
-    ]
+    return [normal.get(pair.contact, i) if pair.kind in ("friction", "slip") else i for i, pair in enumerate(pairs)]
 
 
 _PROBES = 3
@@ -88,9 +85,7 @@ _MOST = 10
 """Contacts up to which every set of them is looked at where F has not full rank."""
 
 
-def has_open_multipliers(
-    pairs: tuple[Pair, ...], contact: ca.Function, parameters: np.ndarray
-) -> bool:
+def has_open_multipliers(pairs: tuple[Pair, ...], contact: ca.Function, parameters: np.ndarray) -> bool:
     """Whether contacts may leave multipliers open, so that F is no P-matrix.
 
     ``contact`` maps (x, u, p) to F (n, n) and z (n, 1), the gap being ``z + F lam``.
@@ -190,9 +185,7 @@ def _is_distance_at_rest(system: ContactSystem, phi: ca.SX) -> bool:
     rng = np.random.default_rng(0)
     for _ in range(_POSES):
         x = np.where(poses, rng.normal(size=system.nx), 0.0)
-        gap, distance = (
-            np.array(v) for v in both(x, np.zeros(system.nu), system.parameters.values)
-        )
+        gap, distance = (np.array(v) for v in both(x, np.zeros(system.nu), system.parameters.values))
         if not np.allclose(gap, distance, rtol=_SAME, atol=_SAME):
             return False
     return True

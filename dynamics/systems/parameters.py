@@ -77,9 +77,7 @@ class ParameterTable:
         self._by_name: dict[str, Parameter] = {}
         for parameter in items("the parameters of a table", Parameter, parameters):
             if self._by_name.setdefault(parameter.name, parameter) is not parameter:
-                raise ValueError(
-                    f"two different parameters share the name {parameter.name!r}; rename one"
-                )
+                raise ValueError(f"two different parameters share the name {parameter.name!r}; rename one")
 
     def __iter__(self) -> Iterator[Parameter]:
         return iter(self._by_name.values())

@@ -118,13 +118,10 @@ class ContactSystem:
                     f"system {self.name!r}: {what} has {expression.numel()} entries, but there are"
                     f" {size} named {of}; give {what} one entry for each"
                 )
-        for of, named in (("states", self.states), ("inputs", self.inputs),
-                          ("contacts", self.contacts)):  # fmt: skip
+        for of, named in (("states", self.states), ("inputs", self.inputs), ("contacts", self.contacts)):
             names = [signal.name for signal in named]
             if twice := sorted({name for name in names if names.count(name) > 1}):
-                raise ValueError(
-                    f"system {self.name!r}: two {of} have the name {twice[0]!r}; rename one"
-                )
+                raise ValueError(f"system {self.name!r}: two {of} have the name {twice[0]!r}; rename one")
         if len(self.pairs) != len(self.contacts):
             raise ValueError(
                 f"system {self.name!r}: {len(self.pairs)} pairs for {len(self.contacts)} named"
@@ -139,8 +136,7 @@ class ContactSystem:
                 )
         symbols = (self.x, self.u, self.x_next, self.lam, self.parameters.vector)
         known, used = (
-            {str(symbol) for symbol in ca.symvar(ca.vertcat(*parts))}
-            for parts in (symbols, (self.residual, self.gap))
+            {str(symbol) for symbol in ca.symvar(ca.vertcat(*parts))} for parts in (symbols, (self.residual, self.gap))
         )
         if undeclared := sorted(used - known):
             raise ValueError(
@@ -194,8 +190,7 @@ class ContactSystem:
     def distance_names(self) -> tuple[str, ...]:
         """Names of the entries of ``phi``: those of the contacts, then those of joint limits."""
         count = 0 if self.phi is None else self.phi.numel()
-        kinds = [(pair.kind, signal.name) for pair, signal in zip(self.pairs, self.contacts,
-                                                                  strict=True)]  # fmt: skip
+        kinds = [(pair.kind, signal.name) for pair, signal in zip(self.pairs, self.contacts, strict=True)]
         points = [name for kind, name in kinds if kind == "normal"]
         points = points if self.forces is None else list(self.forces.names)
         names = (*points, *(name for kind, name in kinds if kind == "limit"))
@@ -282,9 +277,7 @@ class ContactSystem:
         here = ca.vertcat(a if affine else self.unmoved, nothing)
         gap, by_state, by_lam = ca.substitute([gap, by_state, by_lam], [unknown], [here])
         F = by_lam + by_state @ B
-        return ReducedContact(
-            a, B, z, F, z if affine else gap + by_state @ (a - self.unmoved), affine
-        )
+        return ReducedContact(a, B, z, F, z if affine else gap + by_state @ (a - self.unmoved), affine)
 
     @cached_property
     def x_next_expr(self) -> ca.SX:
@@ -305,6 +298,4 @@ class ContactSystem:
 def check_shape(system: str, what: str, expression: ca.SX, shape: tuple[int, int]) -> None:
     """Raise ``ValueError`` where a builder's argument has another shape than documented."""
     if ca.SX(expression).shape != shape:
-        raise ValueError(
-            f"system {system!r}: {what} has shape {ca.SX(expression).shape}, expected {shape}"
-        )
+        raise ValueError(f"system {system!r}: {what} has shape {ca.SX(expression).shape}, expected {shape}")

@@ -138,8 +138,7 @@ def time_stepping(
         return built(rows, touching.sharp(rows.curved, touched))
 
     if distance is not None and load is None:
-        return touched(Touching(contacts, distance, sliding, friction, cone, linearised, limits,
-                                limit_names))  # fmt: skip
+        return touched(Touching(contacts, distance, sliding, friction, cone, linearised, limits, limit_names))
     if distance is not None or load is None or sliding is None or friction is None:
         raise ValueError(
             f"system {name!r}: give its contacts a distance, or, where they never open, a load with"

@@ -64,10 +64,11 @@ def joined(events: list[Event], span: float | None) -> list[Event]:
     found: list[Event] = []
     for event in events:
         at_once = [
-            i for i, e in enumerate(found)
+            i
+            for i, e in enumerate(found)
             if abs(e.value - event.value) <= LOCATED * (span or abs(e.value))
             and ({e.kind, event.kind} <= set(PAIRS) or _named(e) == _named(event))
-        ]  # fmt: skip
+        ]
         if not at_once:
             found.append(event)
             continue

@@ -91,9 +91,7 @@ class Tracker:
             found = curve.at(v, target)
             below = self._violated(curve, found)
             # A minimum that has become a saddle: a singular point was passed.
-            if found is None or below is None or (
-                not below.any() and curve.curvature(found) > self.down
-            ):  # fmt: skip
+            if found is None or below is None or (not below.any() and curve.curvature(found) > self.down):
                 target = v[-1] * np.sqrt(target / v[-1]) if self.log else (v[-1] + target) / 2
                 if self._far(v[-1], target) < least:
                     break
@@ -152,9 +150,7 @@ class Tracker:
         values = {**curve.values, self.name: value}
         return KKTCurve(curve.program, values, self.name, unit, Point(x), y, held)
 
-    def _located(
-        self, curve: KKTCurve, low: np.ndarray, high: np.ndarray
-    ) -> tuple[np.ndarray, int]:
+    def _located(self, curve: KKTCurve, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, int]:
         """First end that changes between two points, and where: secant, every third bisection."""
         near, far = (self._kept(curve.margins(v)) for v in (low, high))
         end, width = 0, 1e-3 * LOCATED
@@ -274,9 +270,7 @@ class Tracker:
                 low = middle
         ending = "becomes cheaper"
         if abs(high - since) <= LOCATED * curve.unit:
-            return Event(
-                "switch", self.value, self.cost(better.result.f), "another point is cheaper"
-            )
+            return Event("switch", self.value, self.cost(better.result.f), "another point is cheaper")
         return Event("switch", high, cost, f"another point {ending}")
 
     def turn(self, forward: float, first: float, goal: float) -> Iterator[Stop]:
@@ -318,9 +312,7 @@ class Tracker:
             if self.around or (v[-1] - first / curve.unit) * forward <= 0:
                 return
 
-    def _fold(
-        self, curve: KKTCurve, v: np.ndarray, t: np.ndarray, weights: np.ndarray, arc: float
-    ) -> np.ndarray:
+    def _fold(self, curve: KKTCurve, v: np.ndarray, t: np.ndarray, weights: np.ndarray, arc: float) -> np.ndarray:
         """Find where the parameter's part of the tangent is zero, by bisection in the arc."""
         low, high, at = 0.0, arc, v
         for _ in range(40):

@@ -154,9 +154,7 @@ class _Walk:
             whole = math.floor(self.at / full + 1e-9) + 1
             value = self._value(whole * full if step == full else self.at + step)
             tracker = self.tracker
-            if self._tracked(value) or (
-                tracker.stuck and self._solved(self._beyond(tracker.value))
-            ):
+            if self._tracked(value) or (tracker.stuck and self._solved(self._beyond(tracker.value))):
                 step = min(full, 2 * step)
                 continue
             small = step <= _SMALL * full
@@ -231,9 +229,7 @@ class _Walk:
             return self._back(tried)
         self.followed.events += tracker.events
         if jumped or ended:
-            self.followed.events.append(
-                Event("switch", value, tracker.cost(tried.result.f), "the curve ends")
-            )
+            self.followed.events.append(Event("switch", value, tracker.cost(tried.result.f), "the curve ends"))
         explained = jumped or ended or any(e.kind in PAIRS for e in tracker.events)
         tracker.begin(tried)
         if curve is not None and not explained:
@@ -318,8 +314,7 @@ def curve_dataset(curve: Continuation) -> Any:
     import xarray as xr
 
     keep = ("x", "u", "lam", "gap", "x_replay", "u_replay", "lam_replay", "gap_replay", "K", "k")
-    parts = [point.solution.data[[n for n in keep if n in point.solution.data]]
-             for point in curve.points]  # fmt: skip
+    parts = [point.solution.data[[n for n in keep if n in point.solution.data]] for point in curve.points]
     data = xr.concat(parts, dim="point", join="override", combine_attrs="override")
     data = data.assign_coords(value=("point", np.array([point.value for point in curve.points])))
     for key in ("cost", "exact_cost", "iterations", "complementarity"):

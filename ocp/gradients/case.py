@@ -111,9 +111,7 @@ class ObjectiveCase:
         own = self.policy_settings
         chosen = policy_of(self.policy, own)
         if unused := own.keys() - {"stationary"}:
-            raise InputError(
-                f"-s policy.{min(unused)} has no effect: an estimate has no gains to limit; drop it"
-            )
+            raise InputError(f"-s policy.{min(unused)} has no effect: an estimate has no gains to limit; drop it")
         per_step = problem.system.nu * (1 if chosen.name == "open-loop" else problem.system.nx + 1)
         needed = sampling_memory(float(problem.N) * per_step, CHUNK)
         check_memory(f"{spec.name} with N = {problem.N}", needed)

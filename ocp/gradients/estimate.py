@@ -64,14 +64,18 @@ def estimate(
     if theta is not None:
         theta = np.asarray(validated("theta", np.ravel(theta).tolist(), list[Number]))
     case = ObjectiveCase(
-        fspath(problem), params or {}, contact, contact_settings or {}, policy,
-        policy_settings or {}, theta, engine,
-    )  # fmt: skip
+        fspath(problem),
+        params or {},
+        contact,
+        contact_settings or {},
+        policy,
+        policy_settings or {},
+        theta,
+        engine,
+    )
     named = case.build()
     noise = named.sigma if sigma is None else sigma
-    sampling = Sampling(
-        tuple(estimators), samples, noise, seed, rules, reference, reference_samples
-    )
+    sampling = Sampling(tuple(estimators), samples, noise, seed, rules, reference, reference_samples)
     named.check_sigma([noise])
     # The streams of the first point of ocp estimate, so that both print the same numbers.
     streams = np.random.SeedSequence(seed, spawn_key=(0,))

@@ -228,14 +228,18 @@ def run_sampling(
     for name in sampling.sampled:
         estimator = SAMPLED[name]
         noise = Gaussian(sampling.sigma, stream(seed, estimator.stream))
-        found[name] = run_estimator(
-            objective, estimator, noise, sampling.samples, progress, kept(name), workers
-        )
+        found[name] = run_estimator(objective, estimator, noise, sampling.samples, progress, kept(name), workers)
         _check_finite(objective, name, found[name])
     known = reference_gradient(
-        objective, sampling.sigma, seed, sampling.most_reference_samples, sampling.reference,
-        progress, kept("reference"), workers,
-    )  # fmt: skip
+        objective,
+        sampling.sigma,
+        seed,
+        sampling.most_reference_samples,
+        sampling.reference,
+        progress,
+        kept("reference"),
+        workers,
+    )
     judged = _Judge(objective, sampling, seed, known)
     answers = {}
     for name in sampling.estimators:
@@ -250,9 +254,12 @@ class _Judge:
     """Turns what was sampled into estimates with verdicts."""
 
     def __init__(
-        self, objective: SampledObjective, sampling: Sampling, seed: np.random.SeedSequence,
+        self,
+        objective: SampledObjective,
+        sampling: Sampling,
+        seed: np.random.SeedSequence,
         known: ReferenceGradient | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._objective, self._sampling, self._seed, self._known = objective, sampling, seed, known
 
     def sampled(self, name: str, found: EstimatorRun) -> Estimate:
@@ -274,9 +281,7 @@ class _Judge:
         verdict = self._verdict(self._known, moments, None)
         return Estimate(name, moments, cost, self._known, verdict, None, choice, bad)
 
-    def _verdict(
-        self, known: ReferenceGradient | None, moments: Moments, bias: EmpiricalBias | None
-    ) -> Verdict:
+    def _verdict(self, known: ReferenceGradient | None, moments: Moments, bias: EmpiricalBias | None) -> Verdict:
         verdict = judge(moments, known)
         return judge(moments, known, self._jump, bias) if verdict.word == "biased" else verdict
 
@@ -319,7 +324,4 @@ def _check_finite(objective: SampledObjective, name: str, found: EstimatorRun) -
             " keep them finite"
         )
     if not np.isfinite([found.moments.mean, found.moments.variance]).all():
-        raise InputError(
-            f"{objective.name}: mean or variance of {name} overflows double precision; take"
-            " another sigma"
-        )
+        raise InputError(f"{objective.name}: mean or variance of {name} overflows double precision; take another sigma")

@@ -33,9 +33,7 @@ class Estimator(ABC):
     def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
         """Return what gives the single estimates; ``n`` is how many there will be."""
 
-    def with_baseline(
-        self, objective: SampledObjective, mean_cost: Callable[[], float]
-    ) -> Estimator:
+    def with_baseline(self, objective: SampledObjective, mean_cost: Callable[[], float]) -> Estimator:
         """The same with its baseline as a number; ``mean_cost()`` is that of all samples."""
         return self
 
@@ -57,9 +55,7 @@ class ZeroOrder(Estimator):
     value: float | None = None
     stream: ClassVar[int] = 0
 
-    def with_baseline(
-        self, objective: SampledObjective, mean_cost: Callable[[], float]
-    ) -> ZeroOrder:
+    def with_baseline(self, objective: SampledObjective, mean_cost: Callable[[], float]) -> ZeroOrder:
         """The same with b as a number."""
         if self.baseline == "none":
             return replace(self, value=0.0)
@@ -225,9 +221,7 @@ class ConfidenceTest:
     Raises :class:`~ocp.errors.InputError` for gamma <= 0, delta outside (0, 1), deviation < 0.
     """
 
-    gamma: Annotated[
-        float | None, "bound on the error; a tenth of the zeroth-order gradient if not given"
-    ] = None
+    gamma: Annotated[float | None, "bound on the error; a tenth of the zeroth-order gradient if not given"] = None
     delta: Annotated[float, "probability that the test fails"] = 0.05
     deviation: Annotated[float | None, "bound on one sample; the largest seen if not given"] = None
     name: ClassVar[str] = "alpha"
@@ -238,8 +232,7 @@ class ConfidenceTest:
             raise InputError(f"alpha: gamma must be positive and finite, got {self.gamma}")
         if not 0 < self.delta < 1:
             raise InputError(
-                f"alpha: delta, the probability that the test fails, must lie between 0 and 1,"
-                f" got {self.delta}"
+                f"alpha: delta, the probability that the test fails, must lie between 0 and 1, got {self.delta}"
             )
         if self.deviation is not None and not self.deviation >= 0:
             raise InputError(f"alpha: deviation must be 0 or more, got {self.deviation}")
@@ -291,6 +284,4 @@ class FixedWeight:
 
 
 Rule = ConfidenceTest | InverseVariance | FixedWeight
-RULES: dict[str, type[Rule]] = {
-    rule.name: rule for rule in (ConfidenceTest, InverseVariance, FixedWeight)
-}
+RULES: dict[str, type[Rule]] = {rule.name: rule for rule in (ConfidenceTest, InverseVariance, FixedWeight)}

@@ -65,15 +65,15 @@ class JobWorkers:
     jobs: int = 1
     scheduler: str | None = None
 
-    def chunks(
-        self, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int
-    ) -> Iterator[Chunk]:
+    def chunks(self, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int) -> Iterator[Chunk]:
         """Chunks of n samples from ``first`` to ``last`` in their order; raises what a job raised.
 
         A sample depends on its number alone, not on the worker that draws it.
         """
-        pieces = [PieceJob(self.case, estimator, noise, begin, min(begin + PIECE, last), n)
-                  for begin in range(first, last, PIECE)]  # fmt: skip
+        pieces = [
+            PieceJob(self.case, estimator, noise, begin, min(begin + PIECE, last), n)
+            for begin in range(first, last, PIECE)
+        ]
         ended: dict[int, list[Chunk]] = {}
         due = 0
         with closing(run_jobs(sum_piece, pieces, self.jobs, self.scheduler)) as outcomes:

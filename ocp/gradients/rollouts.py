@@ -50,9 +50,7 @@ class RolloutObjective(SampledObjective):
         self._engine = engine
         self.parameters = self.step.p.defaults
         shape = self._policy.shape(problem.N)
-        self.theta = (
-            self._guess(shape) if theta is None else np.asarray(theta, float).reshape(shape)
-        ).ravel()
+        self.theta = (self._guess(shape) if theta is None else np.asarray(theta, float).reshape(shape)).ravel()
         self.decision = _decision(problem, policy, shape)
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
@@ -94,9 +92,13 @@ class RolloutObjective(SampledObjective):
     def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
         """Moments computed inside the kernel that rolls out and draws the noise."""
         found = without_warnings(
-            self._forward.moments, **self._arguments(n, noise.first), noise=noise,
-            gradient=order == "first", score=order == "zeroth", baseline=baseline,
-        )  # fmt: skip
+            self._forward.moments,
+            **self._arguments(n, noise.first),
+            noise=noise,
+            gradient=order == "first",
+            score=order == "zeroth",
+            baseline=baseline,
+        )
         part = {"cost": found.value, "zeroth": found.zeroth, "first": found.gradient}[order]
         flat = Moments(part.n, np.ravel(part.mean), np.ravel(part.m2))
         return flat, found.nonfinite.indices
@@ -163,11 +165,7 @@ def _decision(problem: Problem, policy: Policy, shape: tuple[int, ...]) -> tuple
     if isinstance(policy, OpenLoop):
         row = [(s.name, s.unit) for s in system.inputs]
         return tuple(Signal(f"{n}[{t}]", unit) for t in range(shape[0]) for n, unit in row)
-    gains = [
-        (f".{u.name}.{x.name}", f"{u.unit}/({x.unit})")
-        for u in system.inputs
-        for x in system.states
-    ]
+    gains = [(f".{u.name}.{x.name}", f"{u.unit}/({x.unit})") for u in system.inputs for x in system.states]
     offsets = [(f".{u.name}", u.unit) for u in system.inputs]
     steps = [f"[{t}]" for t in range(shape[0])] if len(shape) == 2 else [""]
     return tuple(

@@ -26,9 +26,7 @@ Progress = Callable[[int], None]
 class Workers(Protocol):
     """What computes chunks elsewhere."""
 
-    def chunks(
-        self, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int
-    ) -> Iterator[Chunk]:
+    def chunks(self, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int) -> Iterator[Chunk]:
         """Chunks of n samples from ``first`` to ``last``; of the costs without an estimator."""
         ...
 
@@ -72,15 +70,17 @@ def run_estimator(
                 progress(size)
             if keep is not None and (sums.done == n or keep[0].due()):
                 sums.save(keep)
-    return EstimatorRun(
-        sums.total, sums.largest, np.concatenate(sums.kept), np.concatenate(sums.nonfinite)
-    )
+    return EstimatorRun(sums.total, sums.largest, np.concatenate(sums.kept), np.concatenate(sums.nonfinite))
 
 
 def _advance(
-    sums: _Sums, objective: SampledObjective, estimator: Estimator, noise: Gaussian, n: int,
+    sums: _Sums,
+    objective: SampledObjective,
+    estimator: Estimator,
+    noise: Gaussian,
+    n: int,
     workers: Workers | None,
-) -> Iterator[int]:  # fmt: skip
+) -> Iterator[int]:
     """Take all samples in and yield their numbers: one by one while they are kept, then chunks."""
 
     def of_all() -> float:
@@ -133,10 +133,15 @@ class _Sums:
         """Write the sums."""
         checkpoint, key = keep
         checkpoint.save_state(
-            key, done=self.done, largest=self.largest, n=self.total.n, mean=self.total.mean,
-            m2=self.total.m2, kept=np.concatenate(self.kept),
+            key,
+            done=self.done,
+            largest=self.largest,
+            n=self.total.n,
+            mean=self.total.mean,
+            m2=self.total.m2,
+            kept=np.concatenate(self.kept),
             nonfinite=np.concatenate(self.nonfinite),
-        )  # fmt: skip
+        )
 
     def restore(self, keep: CheckpointKey) -> None:
         """Go on from sums that were written, where there are any."""

@@ -176,9 +176,11 @@ def _size(objective: SampledObjective, sampling: Sampling) -> int:
 
 
 def sweep_dataset(
-    objective: SampledObjective, rows: Sequence[Sequence[dict[str, Any]]], sweep: Axis | None,
+    objective: SampledObjective,
+    rows: Sequence[Sequence[dict[str, Any]]],
+    sweep: Axis | None,
     unit: str = "1",
-) -> xr.Dataset:  # fmt: skip
+) -> xr.Dataset:
     """Rows of finished points as arrays over (point, estimator, component), with units.
 
     ``objective`` names the components; points that have fewer are filled up with NaN.

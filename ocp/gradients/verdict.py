@@ -220,10 +220,13 @@ def judge(
         return Verdict(
             "unbiased within the interval",
             f"{told}, {worst:.2g} standard errors at most (allowed {limit:.3g}){tail * wide}.",
-            error, worst, wide,
-        )  # fmt: skip
-    far = f"{told}, " + ("although the samples do not vary" if worst > 1e6 else
-                         f"{worst:.3g} standard errors (allowed {limit:.3g})")  # fmt: skip
+            error,
+            worst,
+            wide,
+        )
+    far = f"{told}, " + (
+        "although the samples do not vary" if worst > 1e6 else f"{worst:.3g} standard errors (allowed {limit:.3g})"
+    )
     if jump is not None and not jump.discontinuous:
         sentence = f"{far}; the cost is continuous, its steepest slope {jump.slope:.3g}"
         if bias is not None and bias.Delta > 0:

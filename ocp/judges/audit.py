@@ -24,8 +24,7 @@ TOLERANCES = {
     "complementarity": 1e-8,
 }
 """What ``success`` demands; complementarity only of the exact law."""
-_OF_BOOK = ("cone_violation", "dissipation_residual", "energy_gain", "dissipated",
-            "momentum_residual", "contacts")  # fmt: skip
+_OF_BOOK = ("cone_violation", "dissipation_residual", "energy_gain", "dissipated", "momentum_residual", "contacts")
 """What a contact report gives the audit."""
 _ACTIVE = 1e-7
 _WORST = 5
@@ -86,9 +85,13 @@ def signed_distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> n
 
 
 def audit(
-    nlp: NLP, result: Result, plan: Trajectories, values: dict[str, float], p: np.ndarray,
+    nlp: NLP,
+    result: Result,
+    plan: Trajectories,
+    values: dict[str, float],
+    p: np.ndarray,
     bounds: dict[str, np.ndarray],
-) -> tuple[Audit, Rollout, ContactReport]:  # fmt: skip
+) -> tuple[Audit, Rollout, ContactReport]:
     """Judge a result by its trajectories, and replay it under the exact law.
 
     Open loop: the same inputs. Feedback: the same policy from each scenario. The book is that of
@@ -123,9 +126,7 @@ def audit(
         worst=worst_constraints(nlp, result.point.x, g, bounds),
         **{name: getattr(book, name) for name in _OF_BOOK},
         replay_failed="" if unsolved is None else unsolved.brief,
-        replay_broken=noticeable(
-            broken_constraints(problem, replay.x, replay.u, replay.impulses, physical, seen)
-        ),
+        replay_broken=noticeable(broken_constraints(problem, replay.x, replay.u, replay.impulses, physical, seen)),
     )
     return found, replay, book
 
@@ -184,9 +185,7 @@ def _moved_by_contact_alone(problem: Problem) -> np.ndarray:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def _slopes(
-    problem: Problem, replay: Rollout, values: dict[str, float], mask: np.ndarray
-) -> tuple[float, float]:
+def _slopes(problem: Problem, replay: Rollout, values: dict[str, float], mask: np.ndarray) -> tuple[float, float]:
     """Largest derivative by an input of the cost on the masked states, and its slopes' sum."""
     step = problem.exact_step
     physical = problem.parameters.pack(values)
@@ -225,9 +224,7 @@ def feasible(nlp: NLP, found: Audit) -> bool:
     return all(np.isfinite(v) and v <= TOLERANCES[key] for key, v in limits.items())
 
 
-def worst_constraints(
-    nlp: NLP, x: np.ndarray, g: np.ndarray, bounds: dict[str, np.ndarray]
-) -> list[Violation]:
+def worst_constraints(nlp: NLP, x: np.ndarray, g: np.ndarray, bounds: dict[str, np.ndarray]) -> list[Violation]:
     """Return the five most violated constraints and bounds, by name, scenario and step."""
     g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
     x_off = np.maximum(bounds["lbx"] - x, x - bounds["ubx"])
@@ -254,9 +251,7 @@ def cost_span(problem: Problem, plan: Rollout, physical: np.ndarray) -> float:
     """
     sizes = problem.scales
     costs = [
-        trajectory_costs(
-            problem, plan.x + s * sizes.x, plan.u + s * sizes.u, plan.impulses, physical
-        )
+        trajectory_costs(problem, plan.x + s * sizes.x, plan.u + s * sizes.u, plan.impulses, physical)
         for s in (-1.0, 1.0)
     ]
     return float(np.nan_to_num([np.abs(c - plan.costs).max() for c in costs]).max())

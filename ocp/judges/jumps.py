@@ -13,11 +13,21 @@ import numpy as np
 from ocp.problem import SWEPT, Problem
 
 _SWITCHES = {
-    ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!=", ca.OP_FLOOR: "floor",
-    ca.OP_CEIL: "ceil", ca.OP_SIGN: "sign", ca.OP_FMOD: "fmod", ca.OP_REMAINDER: "remainder",
-    ca.OP_COPYSIGN: "copysign", ca.OP_ATAN2: "atan2", ca.OP_FABS: "x/|x|", ca.OP_DIV: "division",
+    ca.OP_LT: "<",
+    ca.OP_LE: "<=",
+    ca.OP_EQ: "==",
+    ca.OP_NE: "!=",
+    ca.OP_FLOOR: "floor",
+    ca.OP_CEIL: "ceil",
+    ca.OP_SIGN: "sign",
+    ca.OP_FMOD: "fmod",
+    ca.OP_REMAINDER: "remainder",
+    ca.OP_COPYSIGN: "copysign",
+    ca.OP_ATAN2: "atan2",
+    ca.OP_FABS: "x/|x|",
+    ca.OP_DIV: "division",
     ca.OP_INV: "division",
-}  # fmt: skip
+}
 _CALLS = (-1, 48)
 """What CasADi reports as the operation of an output of a call, and of the call."""
 _LINES, _FOLLOWED, _HALVINGS = 64, 16, 60
@@ -79,24 +89,18 @@ def jump_findings(problem: Problem) -> tuple[str, ...]:
     parts |= {"dynamics": system.residual, "gaps": gaps}
     moving = ca.vertcat(x, u, du, system.x_next, lam)
     fixed = {name: ca.substitute(part, p.vector, p.values) for name, part in parts.items()}
-    return jump_findings_of(
-        fixed, moving, _domain(problem, moving, np.where(tangential, 0.0, np.inf))
-    )
+    return jump_findings_of(fixed, moving, _domain(problem, moving, np.where(tangential, 0.0, np.inf)))
 
 
 def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
     """Domain of ``x, u, du, x_next, lam`` on plans, by bounds, distances and path inequalities."""
     system, sizes, p = problem.system, problem.scales, problem.parameters
-    x0, u0, u_low, u_high, x_low, x_high = (
-        np.array(value).ravel() for value in problem.limits(p.values)
-    )
+    x0, u0, u_low, u_high, x_low, x_high = (np.array(value).ravel() for value in problem.limits(p.values))
     none, slack = np.zeros(system.nlam), list[ca.SX]()
     if system.phi is not None:
         slack = [system.phi, ca.substitute(system.phi, system.x, system.x_next)]
     for row in problem.path:
-        low, high = (
-            ca.evalf(ca.substitute(end, p.vector, p.values)) for end in (row.lower, row.upper)
-        )
+        low, high = (ca.evalf(ca.substitute(end, p.vector, p.values)) for end in (row.lower, row.upper))
         open_rows = np.flatnonzero(np.array(low < high)).tolist()
         slack += [(row.expression - low)[open_rows], (high - row.expression)[open_rows]]
     constant = ca.substitute(ca.vertcat(ca.SX(0, 1), *slack), p.vector, p.values)

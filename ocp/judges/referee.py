@@ -72,9 +72,7 @@ class Referee:
         return math.nan if self.refined is None else self.refined.cost
 
 
-def referee(
-    problem: Problem, inputs: np.ndarray | Gains, values: dict[str, float], x0: np.ndarray
-) -> Referee:
+def referee(problem: Problem, inputs: np.ndarray | Gains, values: dict[str, float], x0: np.ndarray) -> Referee:
     """Replay ``inputs`` (S or 1, N, nu), or a policy, from x0 (S, nx) under the sharpest contact.
 
     ``values`` are parameter values by name. Never raises for a step without a solution.
@@ -102,9 +100,12 @@ def step_place(system: ContactSystem) -> tuple[str, str, int]:
 
 
 def refined_replay(
-    problem: Problem, inputs: np.ndarray | Gains, values: dict[str, float], x0: np.ndarray,
+    problem: Problem,
+    inputs: np.ndarray | Gains,
+    values: dict[str, float],
+    x0: np.ndarray,
     by: int = REFINEMENT,
-) -> tuple[Rollout | None, str]:  # fmt: skip
+) -> tuple[Rollout | None, str]:
     """Replay at h / ``by`` under the sharpest contact, at the problem's nodes, and why it ended.
 
     None where h is no step of a discretisation, and the reason.
@@ -194,9 +195,7 @@ def evaluate(
     there = found.replay
     planned = measure(problem, step, plan.x, plan.u, plan.lam, physical)
     replayed = measure(problem, problem.referee_step, there.x, there.u, there.lam, physical)
-    broken = broken_constraints(
-        problem, there.x, there.u, there.impulses, physical, seen_sizes(problem, plan.x)
-    )
+    broken = broken_constraints(problem, there.x, there.u, there.impulses, physical, seen_sizes(problem, plan.x))
     reasons = survival(problem, plan, found, replayed, broken, physical)
     finer = survival_refined(problem, plan, found, values)
     return RefereeReport(
@@ -258,16 +257,19 @@ def seen_gap(problem: Problem, x: np.ndarray) -> float:
     """Characteristic gap [m] to judge a plan x (S, N+1, nx): at most a third of the way it goes."""
     own = problem.scales.gap
     way = [
-        size for size, signal in zip(travelled(problem, x), problem.system.states, strict=True)
-        if signal.unit == "m"
-    ]  # fmt: skip
+        size for size, signal in zip(travelled(problem, x), problem.system.states, strict=True) if signal.unit == "m"
+    ]
     return float(np.clip(min(way, default=np.inf) / 3, _LEAST_GAP * own, own))
 
 
 def survival(
-    problem: Problem, plan: Rollout, outcome: Referee, physics: Physics, broken: Sequence[Broken],
+    problem: Problem,
+    plan: Rollout,
+    outcome: Referee,
+    physics: Physics,
+    broken: Sequence[Broken],
     physical: np.ndarray,
-) -> tuple[str, ...]:  # fmt: skip
+) -> tuple[str, ...]:
     """Reasons why a refereed plan does not survive, each half a sentence; empty where it does.
 
     It survives where the replay was solved throughout, costs at most :data:`COST_SHARE` more than
@@ -299,16 +301,12 @@ def survival(
     deep = seen_gap(problem, plan.x)
     for worst, where in ((physics.penetration, "node"), (physics.between, "step")):
         if worst is not None and worst.amount > PENETRATION_SHARE * deep:
-            reasons.append(
-                f"{worst.contact} is penetrated by {worst.amount:.2g} at {where} {worst.step}"
-            )
+            reasons.append(f"{worst.contact} is penetrated by {worst.amount:.2g} at {where} {worst.step}")
             break
     return tuple(reasons)
 
 
-def survival_refined(
-    problem: Problem, plan: Rollout, outcome: Referee, values: dict[str, float]
-) -> tuple[str, ...]:
+def survival_refined(problem: Problem, plan: Rollout, outcome: Referee, values: dict[str, float]) -> tuple[str, ...]:
     """Reasons why the replay at h/4 fails, each half a sentence; none without such a replay.
 
     It holds where it was solved, costs at most :data:`COST_SHARE` more than the plan, and keeps

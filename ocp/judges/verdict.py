@@ -230,18 +230,14 @@ def _broken(found: Solution) -> str:
     """Constraints that the exact replay violates, unless the referee lists its own."""
     if found.referee.word == "does not survive" or not found.audit.replay_broken:
         return ""
-    return "replayed under the exact law, its " + ", its ".join(
-        describe_violations(found.audit.replay_broken)
-    )
+    return "replayed under the exact law, its " + ", its ".join(describe_violations(found.audit.replay_broken))
 
 
 def grade(found: Solution) -> Grade:
     """The grade that colours the verdict."""
     if not found.success:
         return "failed"
-    return (
-        "survives" if found.referee.survives and not jump_findings(found.problem) else "certified"
-    )
+    return "survives" if found.referee.survives and not jump_findings(found.problem) else "certified"
 
 
 def _sentence(text: str) -> str:

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_RECORDED = ("hidden", "initial", "rest", "normalise", "discount", "seed", "evaluate_every",
-             "episodes", "budget")  # fmt: skip
+_RECORDED = ("hidden", "initial", "rest", "normalise", "discount", "seed", "evaluate_every", "episodes", "budget")
 EXACT = Exact()
 """The law that every policy is judged under."""
 
@@ -65,9 +64,7 @@ class Experiment:
     task: Task
     algorithm: Algorithm
     law: ContactLaw = field(default_factory=lambda: Adaptive("quartic"))
-    hidden: Annotated[
-        tuple[int, ...] | None, "units of each tanh layer, as 64,64; affine, or open-loop"
-    ] = ()
+    hidden: Annotated[tuple[int, ...] | None, "units of each tanh layer, as 64,64; affine, or open-loop"] = ()
     initial: Annotated[float, "size of the last layer's first weights"] = 0.1
     rest: tuple[float, ...] | None = None
     normalise: Annotated[bool, "observations by their running mean and scale"] = True
@@ -95,8 +92,7 @@ class Experiment:
         at_least(0, "seed", self.seed)
         if not 0 < self.discount <= 1:
             raise InputError(
-                f"discount must be above 0 and at most 1, got {self.discount:g}; 1 counts all"
-                " rewards alike"
+                f"discount must be above 0 and at most 1, got {self.discount:g}; 1 counts all rewards alike"
             )
         not_below(0, "initial", self.initial)
         size = len(self.task.parameters)
@@ -185,9 +181,7 @@ class Experiment:
             return self.initial * rng.standard_normal(self.policy.n_theta)
         theta = first_weights(self.policy.sizes, self.initial, rng)
         if self.rest is not None:
-            embed_affine(
-                *balancing_feedback(self.task, np.array(self.rest)), self.policy.layers(theta)
-            )
+            embed_affine(*balancing_feedback(self.task, np.array(self.rest)), self.policy.layers(theta))
         return theta
 
     def first_states(self, n: int, rng: np.random.Generator) -> np.ndarray:
@@ -198,9 +192,7 @@ class Experiment:
         """What a policy sees, before it is normalised, (n, n_o), in states (n, nx)."""
         return self._observe(states, self.physics)
 
-    def inputs(
-        self, trained: Trained, states: np.ndarray, noise: np.ndarray | float = 0.0
-    ) -> np.ndarray:
+    def inputs(self, trained: Trained, states: np.ndarray, noise: np.ndarray | float = 0.0) -> np.ndarray:
         """Inputs (n, nu) of a policy in states (n, nx), with ``noise`` (n, nu) on its actions."""
         if isinstance(self.policy, DensePolicy):
             normaliser = trained.normaliser

@@ -35,9 +35,7 @@ class Buffer:
                 f" {self.x_next.shape}; expected (n, nx), (n, nu), (n, nx)"
             )
         if len(self.u) != len(self.x):
-            raise InputError(
-                f"transitions: {len(self.x)} states and {len(self.u)} inputs; pair them"
-            )
+            raise InputError(f"transitions: {len(self.x)} states and {len(self.u)} inputs; pair them")
         whole = np.hstack([self.x, self.u, self.x_next])
         if bad := int(np.count_nonzero(~np.isfinite(whole).all(axis=1))):
             raise InputError(f"transitions: {bad} of {len(whole)} are not finite; leave them out")
@@ -101,9 +99,12 @@ class Explorer:
     """
 
     def __init__(
-        self, task: Task, values: Mapping[str, float] | None = None,
-        count: Callable[[int], None] | None = None, **engine: Any,
-    ) -> None:  # fmt: skip
+        self,
+        task: Task,
+        values: Mapping[str, float] | None = None,
+        count: Callable[[int], None] | None = None,
+        **engine: Any,
+    ) -> None:
         self.task, self._count = task, count
         step = Exact().close(task.system)
         self.p = task.parameters.pack(values)
@@ -145,9 +146,7 @@ class Explorer:
         ended = solved & self.ended(x_next)
         return EpisodeSteps(x, u, steps.x_next, reward, ended, solved, touched)
 
-    def advance(
-        self, seen: EpisodeSteps, age: np.ndarray, rng: np.random.Generator
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def advance(self, seen: EpisodeSteps, age: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """States and ages that the next step starts from, some of them first ones."""
         age = age + 1
         again = seen.ended | ~seen.solved | (age >= self.task.horizon)
@@ -155,9 +154,7 @@ class Explorer:
         return np.where(again[:, None], fresh, seen.x_next), np.where(again, young, age)
 
 
-def random_transitions(
-    explorer: Explorer, n: int, seed: int | Sequence[int]
-) -> tuple[Buffer, np.ndarray]:
+def random_transitions(explorer: Explorer, n: int, seed: int | Sequence[int]) -> tuple[Buffer, np.ndarray]:
     """``n`` solved transitions of random policies, and whether bodies touch in the end (n,).
 
     Fifty episodes at a time, each with inputs ``mid + half tanh(s (G o + w))`` of its own: G

@@ -55,9 +55,7 @@ class Normaliser:
         mean = observations.mean(axis=0)
         m2 = ((observations - mean) ** 2).sum(axis=0)
         total, off = self.n + n, mean - self.mean
-        return Normaliser(
-            total, self.mean + off * n / total, self.m2 + m2 + off**2 * self.n * n / total
-        )
+        return Normaliser(total, self.mean + off * n / total, self.m2 + m2 + off**2 * self.n * n / total)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """As a checkpoint holds it."""
@@ -84,9 +82,7 @@ def first_weights(sizes: Sequence[int], last: float, rng: np.random.Generator) -
     return np.concatenate(parts)
 
 
-def vjp(
-    policy: RolloutPolicy, theta: np.ndarray, seen: np.ndarray, bar: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def vjp(policy: RolloutPolicy, theta: np.ndarray, seen: np.ndarray, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """``bar' da/dtheta`` (n, n_theta) and ``bar' da/do`` (n, n_o) at normalised observations.
 
     ``seen`` is (n, n_o), ``bar`` (n, n_a); a policy without observations is its own parameters.
@@ -106,9 +102,7 @@ def vjp(
     return np.hstack(parts), bar
 
 
-def renormalised(
-    policy: RolloutPolicy, theta: np.ndarray, before: Normaliser, after: Normaliser
-) -> np.ndarray:
+def renormalised(policy: RolloutPolicy, theta: np.ndarray, before: Normaliser, after: Normaliser) -> np.ndarray:
     """Parameters of the same policy where ``after`` normalises what ``before`` did.
 
     ``W' = W s'/s`` and ``b' = b + W (m' - m)/s`` of the first layer, with the means m and scales s.
@@ -139,10 +133,7 @@ def balancing_feedback(task: Task, rest: np.ndarray) -> tuple[np.ndarray, np.nda
     what is observed keeps it.
     """
     if np.shape(rest) != (task.system.nx,) or not np.isfinite(rest).all():
-        raise InputError(
-            f"rest must be {task.system.nx} finite numbers, a state of {task.name}, got"
-            f" {np.shape(rest)}"
-        )
+        raise InputError(f"rest must be {task.system.nx} finite numbers, a state of {task.name}, got {np.shape(rest)}")
     step = Barrier(mu=1e-10).close(replace(task.system, parameters=task.parameters))
     middle, half = (task.upper + task.lower) / 2, (task.upper - task.lower) / 2
     stepped, by_x, by_u = StepFunction(step, "casadi", 1).slopes(rest[None], middle[None])

@@ -34,14 +34,10 @@ class TaskRollouts:
     Raises ``ValueError`` where the law cannot close the system.
     """
 
-    def __init__(
-        self, task: Task, law: ContactLaw, policy: RolloutPolicy, horizon: int, **engine: Any
-    ) -> None:
+    def __init__(self, task: Task, law: ContactLaw, policy: RolloutPolicy, horizon: int, **engine: Any) -> None:
         self.task, self.law, self.policy, self.horizon = task, law, policy, horizon
         step = law.close(replace(task.system, parameters=task.parameters))
-        self.function = EpisodeFunction(
-            step, episode_rewards(task, horizon), horizon, policy, **engine
-        )
+        self.function = EpisodeFunction(step, episode_rewards(task, horizon), horizon, policy, **engine)
         self.parameters = self.function.parameters
 
     def over(self, horizon: int) -> TaskRollouts | None:
@@ -82,9 +78,7 @@ class TaskRollouts:
         p = self._packed(normaliser, 1.0, None)
         return without_warnings(self.function.moments, x0, theta, p, **asked)
 
-    def _packed(
-        self, normaliser: Normaliser | None, discount: float, model_params: np.ndarray | None
-    ) -> np.ndarray:
+    def _packed(self, normaliser: Normaliser | None, discount: float, model_params: np.ndarray | None) -> np.ndarray:
         """Values of :attr:`parameters`, (np,), or (n, np) where they differ over samples."""
         own = self.task.parameters.values
         if model_params is not None:

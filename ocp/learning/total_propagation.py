@@ -55,11 +55,7 @@ class Particles:
     def part(self, chosen: np.ndarray) -> Particles:
         """Those of ``chosen`` (n,) alone."""
         of_first = ("states", "good", "final", "final_by_x")
-        arrays = {
-            f.name: getattr(self, f.name)
-            for f in fields(self)
-            if f.name not in ("policy", "trained")
-        }
+        arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("policy", "trained")}
         cut = {n: a[chosen] if n in of_first else a[:, chosen] for n, a in arrays.items()}
         return replace(self, **cut)
 
@@ -71,9 +67,7 @@ class Particles:
         return by_theta, np.einsum("no,nox->nx", by_o, self.o_by_x[t])
 
 
-def simulate_particles(
-    experiment: Experiment, trained: Trained, x0: np.ndarray, noise: np.ndarray
-) -> Particles:
+def simulate_particles(experiment: Experiment, trained: Trained, x0: np.ndarray, noise: np.ndarray) -> Particles:
     """Particles ``x_{t+1} = f(x_t, u_t) + noise_t`` from x0 (n, nx), noise (H, n, nx)."""
     model, rows = experiment.cached(_Model), []
     x, alive = x0, np.ones(len(x0), dtype=bool)
@@ -220,9 +214,7 @@ class TotalPropagation(Clipping):
         lost = np.argwhere(found.good & ~np.isfinite(found.rewards))
         if len(lost):
             step, sample = lost[0].tolist()
-            raise InputError(
-                non_finite_reward(experiment, step, f"sample {sample} in iteration {k}")
-            )
+            raise InputError(non_finite_reward(experiment, step, f"sample {sample} in iteration {k}"))
         good = found.good
         if good.sum() < 2:
             raise NotConverged(
@@ -264,9 +256,7 @@ def total_propagation(particles: Particles, score: np.ndarray) -> tuple[np.ndarr
         on = alive[:, None]
         togo = np.where(alive, particles.rewards[t] + togo, 0.0)
         advantage = (togo - _others(togo, alive))[:, None]
-        ways = [
-            np.where(on, bar, 0.0) for bar in (advantage * score[t], particles.r_by_next[t] + after)
-        ]
+        ways = [np.where(on, bar, 0.0) for bar in (advantage * score[t], particles.r_by_next[t] + after)]
         by_x, by_u = particles.x_by_x[t], particles.x_by_u[t]
         by_theta = [particles.pulled(t, _times(bar, by_u))[0] for bar in ways]
         v_L, v_R = (float(each.var(axis=0, ddof=1).sum()) for each in by_theta)

@@ -80,9 +80,7 @@ def evaluate(
     return evaluate_from(experiment, trained, law, x0)
 
 
-def evaluate_from(
-    experiment: Experiment, trained: Trained, law: ContactLaw, x0: np.ndarray
-) -> Evaluation:
+def evaluate_from(experiment: Experiment, trained: Trained, law: ContactLaw, x0: np.ndarray) -> Evaluation:
     """As :func:`evaluate`, from first states ``x0`` (n, nx)."""
     found = experiment.rollouts(experiment.task.horizon, law)(
         x0, trained.theta, trained.normaliser, n_samples=len(x0), states=True
@@ -106,9 +104,7 @@ def evaluate_from(
     lost = np.argwhere(~np.isfinite(returns))
     if len(lost):
         episode, step = lost[0].tolist()
-        raise InputError(
-            non_finite_reward(experiment, step, f"episode {episode} of the evaluation")
-        )
+        raise InputError(non_finite_reward(experiment, step, f"episode {episode} of the evaluation"))
     whole = lengths == nodes - 1
     ended = BatchFunction(task.ends, "numpy", 1)(states[whole, -1], task.parameters.values)
     total = returns.sum(axis=1)
@@ -117,9 +113,7 @@ def evaluate_from(
     return Evaluation(total, lengths, _measures(task, at, on, lengths), states, inputs, unsolved)
 
 
-def _measures(
-    task: Task, at: tuple[np.ndarray, ...], on: np.ndarray, lengths: np.ndarray
-) -> dict[str, np.ndarray]:
+def _measures(task: Task, at: tuple[np.ndarray, ...], on: np.ndarray, lengths: np.ndarray) -> dict[str, np.ndarray]:
     """Means of the task's measures over the steps of each episode that count, ``on`` (n, N)."""
     if not task.measures:
         return {}
@@ -158,9 +152,7 @@ class _Progress:
         return sum(row.get("env_steps", 0.0) for row in self.rows)
 
 
-def train(
-    experiment: Experiment, checkpoint: Checkpoint | None = None, report: Report | None = None
-) -> xr.Dataset:
+def train(experiment: Experiment, checkpoint: Checkpoint | None = None, report: Report | None = None) -> xr.Dataset:
     """Run the experiment, from where ``checkpoint`` stopped, and return curves and policy.
 
     Row k of the curves, over ``iteration`` 0..iterations, tells of the policy after k iterations:
@@ -264,9 +256,7 @@ def _check_same_settings(stored: dict[str, Any], asked: dict[str, Any]) -> None:
     differ = [n for n in {**stored, **asked} if stored.get(n) != asked.get(n)]
     if differ:
         told = ", ".join(f"{n} = {stored.get(n)} not {asked.get(n)}" for n in differ)
-        raise InputError(
-            f"the run to resume has other settings: {told}; give the same, or start a new run"
-        )
+        raise InputError(f"the run to resume has other settings: {told}; give the same, or start a new run")
 
 
 def _curves(rows: list[Row]) -> dict[str, np.ndarray]:

@@ -35,9 +35,10 @@ class ActiveSets:
         for branch in range(model.step.branches):
             first = branch * len(pairs)
             for owner in {pair.contact for pair in pairs}:
-                own = {kind: [first + i for i, pair in enumerate(pairs)
-                              if (pair.contact, pair.kind) == (owner, kind)]
-                       for kind in ("normal", "friction", "slip")}  # fmt: skip
+                own = {
+                    kind: [first + i for i, pair in enumerate(pairs) if (pair.contact, pair.kind) == (owner, kind)]
+                    for kind in ("normal", "friction", "slip")
+                }
                 if [len(places) for places in own.values()] == [1, 2, 1]:
                     f = own["friction"]
                     self.contacts.append(Coulomb(own["normal"][0], (f[0], f[1]), own["slip"][0]))

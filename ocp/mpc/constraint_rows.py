@@ -38,13 +38,16 @@ class ConstraintRows:
         """Return the rows of a problem; an infinite bound has none."""
         system, path = problem.system, problem.path
         value = ca.vertcat(*(one.expression for one in path), system.x_next)
-        names = [*(("path", name) for name in constraint_names(path)),
-                 *(("bound on x", signal.name) for signal in system.states)]  # fmt: skip
+        names = [
+            *(("path", name) for name in constraint_names(path)),
+            *(("bound on x", signal.name) for signal in system.states),
+        ]
         sizes = np.concatenate([_path_sizes(problem), problem.scales.x])
-        bounds = [ca.repmat(ca.SX(v), system.nx // ca.SX(v).numel())
-                  for v in (problem.x_lower, problem.x_upper)]  # fmt: skip
-        ends = [ca.vertcat(*(getattr(one, side) for one in path), bound)
-                for side, bound in zip(("lower", "upper"), bounds, strict=True)]  # fmt: skip
+        bounds = [ca.repmat(ca.SX(v), system.nx // ca.SX(v).numel()) for v in (problem.x_lower, problem.x_upper)]
+        ends = [
+            ca.vertcat(*(getattr(one, side) for one in path), bound)
+            for side, bound in zip(("lower", "upper"), bounds, strict=True)
+        ]
         rows = [
             (sign * (value[i] - end[i]) / sizes[i], i)
             for sign, end in zip((1, -1), ends, strict=True)
@@ -73,8 +76,9 @@ def _path_sizes(problem: Problem) -> np.ndarray:
     system, scales, p = problem.system, problem.scales, problem.parameters
     path = ca.vertcat(ca.SX(0, 1), *(one.expression for one in problem.path))
     x, u = (np.array(v).ravel() for v in problem.limits(p.values)[:2])
-    size = ca.Function("sizes", [system.x, system.u, system.x_next, system.lam, p.vector],
-                       [row_sizes(problem, path, scales.x)])  # fmt: skip
+    size = ca.Function(
+        "sizes", [system.x, system.u, system.x_next, system.lam, p.vector], [row_sizes(problem, path, scales.x)]
+    )
     x, u = x + scales.x, u + scales.u
     sizes = np.array(size(x, u, x, scales.impulse, p.values)).ravel()
     return np.where(np.isfinite(sizes) & (sizes > 0), sizes, 1.0)

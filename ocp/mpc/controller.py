@@ -94,15 +94,11 @@ class Controller:
         planned = self.receding.problem
         exact = isinstance(self.contact, Exact)
         self._softer = NEWTON["qpcc" if exact else "relaxed"]
-        self.session = Session(
-            planned, self.contact, Direct(), OpenLoop(), compiled=StageCompiler()
-        )
+        self.session = Session(planned, self.contact, Direct(), OpenLoop(), compiled=StageCompiler())
         self.model = StageModel(planned, planned.exact_step if exact else self.session.step)
         self.roller = Roller(self.model)
         if self.model.backend != "c":
-            self.told.append(
-                f"There is no C compiler: steps are evaluated by {self.model.backend}."
-            )
+            self.told.append(f"There is no C compiler: steps are evaluated by {self.model.backend}.")
         self._base = np.array([self.session.values[name] for name in self.model.names])
         step = self.model.step
         dynamics = ca.vertcat(step.residual, step.gap, step.mu)
@@ -187,9 +183,7 @@ class Controller:
         """All values of the sample that was answered last, by name."""
         return dict(zip(self.model.names, self._p[0], strict=True))
 
-    def step(
-        self, x: np.ndarray, u_before: np.ndarray | None = None, parameters: Values | None = None
-    ) -> Command:
+    def step(self, x: np.ndarray, u_before: np.ndarray | None = None, parameters: Values | None = None) -> Command:
         """The input for a measured state ``x`` (nx,).
 
         ``u_before`` (nu,) is the input that was applied last, by default the one commanded;
@@ -212,9 +206,7 @@ class Controller:
         expected = self._expected(ahead, before, p)
         if self.trust < 1 and self.samples:
             x = expected + self.trust * (x - expected)
-        seen, told = self.measurement.projected(
-            x, expected, limits[4:], p[0, self.model.of_problem]
-        )
+        seen, told = self.measurement.projected(x, expected, limits[4:], p[0, self.model.of_problem])
         if u_before is not None and not np.isfinite(u_before).all():
             told.append("the last input is not finite; the one commanded is used there")
         self._seen = seen

@@ -71,14 +71,12 @@ class HorizonQP:
         """Places of every entry of the Hessian, the equations and the rows."""
         N, nx, m = self.model.N, self.model.nx, self.n_rows
         nw, end = self.w.shape[1], self.x_next[-1]
-        row, column = (
-            np.broadcast_to(v, (N, nw, nw)) for v in (self.w[:, :, None], self.w[:, None])
-        )
+        row, column = (np.broadcast_to(v, (N, nw, nw)) for v in (self.w[:, :, None], self.w[:, None]))
         self._P = _Pattern(
             np.concatenate([row.ravel(), np.repeat(end, nx), self.s.ravel()]),
             np.concatenate([column.ravel(), np.tile(end, nx), self.s.ravel()]),
             (self.size, self.size),
-        )  # fmt: skip
+        )
         equation = np.arange(N * nx).reshape(N, nx)
         xu = np.concatenate([self.x, self.u], axis=1)
         self._A = _Pattern(
@@ -92,9 +90,13 @@ class HorizonQP:
         self._G = _Pattern(number, touched.ravel(), (N * m, self.size))
 
     def solve(
-        self, lin: Linearised, rows: Affine, dx0: np.ndarray,
-        bounds: tuple[np.ndarray, np.ndarray], penalty: float = PENALTIES[0],
-    ) -> Direction:  # fmt: skip
+        self,
+        lin: Linearised,
+        rows: Affine,
+        dx0: np.ndarray,
+        bounds: tuple[np.ndarray, np.ndarray],
+        penalty: float = PENALTIES[0],
+    ) -> Direction:
         """The step from a plan whose first state is off by ``dx0`` (nx,).
 
         ``rows`` stay at 0 or above; ``bounds`` are those of du, each (N, nu); ``penalty`` is what
@@ -122,11 +124,14 @@ class HorizonQP:
         z, found = self._solved(P, c, A, ahead.ravel(), G, low.ravel(), x_l, x_u)
         dx = np.concatenate([dx0[None], z[self.x_next]])
         return Direction(
-            dx, z[self.u], np.array(found.y).reshape(N, nx) * cost,
+            dx,
+            z[self.u],
+            np.array(found.y).reshape(N, nx) * cost,
             np.array(found.z_l).reshape(N, self.n_rows) / far * cost,
-            float(found.info.primal_obj) * cost, float(z[self.s].sum()),
+            float(found.info.primal_obj) * cost,
+            float(z[self.s].sum()),
             found.info.status == piqp.PIQP_SOLVED and bool(np.isfinite(z).all()),
-        )  # fmt: skip
+        )
 
     def _linear(self, lin: Linearised, dx0: np.ndarray, cost: float, penalty: float) -> np.ndarray:
         g = lin.gradient / cost

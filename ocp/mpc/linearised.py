@@ -92,20 +92,29 @@ def linearise(model: StageModel, plan: Plan, at: Evaluated, closure: Closure) ->
     sides[:, nx + i, i] = 1.0
     found = np.linalg.solve(matrix, np.concatenate([off[:, :, None], ways, sides], axis=2))
     moved, by_closure = found[:, :, : 1 + xu], found[:, :, 1 + xu :]
-    x_next, dlam = (Affine(part[:, :, 0], part[:, :, 1 : 1 + nx], part[:, :, 1 + nx :])
-                    for part in (moved[:, :nx], moved[:, nx:]))  # fmt: skip
+    x_next, dlam = (
+        Affine(part[:, :, 0], part[:, :, 1 : 1 + nx], part[:, :, 1 + nx :]) for part in (moved[:, :nx], moved[:, nx:])
+    )
 
     def through(part: np.ndarray, value: np.ndarray) -> Affine:
         by = part[:, :, xu:] @ moved
-        return Affine(value + by[:, :, 0], part[:, :, :nx] + by[:, :, 1 : 1 + nx],
-                      part[:, :, nx:xu] + by[:, :, 1 + nx :])  # fmt: skip
+        return Affine(
+            value + by[:, :, 0], part[:, :, :nx] + by[:, :, 1 : 1 + nx], part[:, :, nx:xu] + by[:, :, 1 + nx :]
+        )
 
     gradient, hessian = _cost(model, at, dlam)
     return Linearised(
-        x_next, dlam._replace(value=dlam.value + plan.lam), through(G, at.gap), through(P, at.rows),
-        gradient, hessian, (at.end_gradient, positive(at.end_hessian)),
-        by_closure, G[:, :, xu:] @ by_closure, P[:, :, xu:] @ by_closure,
-    )  # fmt: skip
+        x_next,
+        dlam._replace(value=dlam.value + plan.lam),
+        through(G, at.gap),
+        through(P, at.rows),
+        gradient,
+        hessian,
+        (at.end_gradient, positive(at.end_hessian)),
+        by_closure,
+        G[:, :, xu:] @ by_closure,
+        P[:, :, xu:] @ by_closure,
+    )
 
 
 def _cost(model: StageModel, at: Evaluated, dlam: Affine) -> tuple[np.ndarray, np.ndarray]:

@@ -128,8 +128,7 @@ def deviations(given: float | Mapping[str, float], names: list[str], what: str) 
         for name in given:
             if name not in names:
                 raise InputError(
-                    f"{what}: unknown signal {name!r}{did_you_mean(name, names)}; there are"
-                    f" {', '.join(names)}"
+                    f"{what}: unknown signal {name!r}{did_you_mean(name, names)}; there are {', '.join(names)}"
                 )
         found = np.array([float(given.get(name, 0.0)) for name in names])
     else:

@@ -95,21 +95,16 @@ def horizon_rows(
     found = np.tile(base, (N + 1, 1))
     for name, value in values.items():
         if name not in known:
-            raise InputError(
-                f"{receding.problem.name} has no parameter {name!r}{did_you_mean(name, known)}"
-            )
+            raise InputError(f"{receding.problem.name} has no parameter {name!r}{did_you_mean(name, known)}")
         given, i = numbers(name, value, finite=True), names.index(name)
         if given.ndim == 0:
             found[:, i] = given
             continue
         if given.shape not in ((N,), (N + 1,)):
-            raise InputError(
-                f"{name} over the horizon needs {N} or {N + 1} values, got an array {given.shape}"
-            )
+            raise InputError(f"{name} over the horizon needs {N} or {N + 1} values, got an array {given.shape}")
         if name in dynamics and np.ptp(given) > 0:
             raise InputError(
-                f"{name} is a parameter of the dynamics, which has one value over the horizon; give"
-                " a number"
+                f"{name} is a parameter of the dynamics, which has one value over the horizon; give a number"
             )
         found[: len(given), i], found[len(given) :, i] = given, given[-1]
     return found

@@ -36,10 +36,15 @@ class Roller:
         return self._step(x, u, p[0, self.model.of_step]).x_next
 
     def roll(
-        self, x0: np.ndarray, K: np.ndarray, k: np.ndarray, u_before: np.ndarray,
-        bounds: tuple[np.ndarray, np.ndarray], p: np.ndarray,
+        self,
+        x0: np.ndarray,
+        K: np.ndarray,
+        k: np.ndarray,
+        u_before: np.ndarray,
+        bounds: tuple[np.ndarray, np.ndarray],
+        p: np.ndarray,
         penalty: float = LEAST_PENALTY,
-    ) -> tuple[Plan, float, int, list[Broken]]:  # fmt: skip
+    ) -> tuple[Plan, float, int, list[Broken]]:
         """The candidate of lowest merit, its merit, which it is, and what it violates.
 
         Gains K (S, N, nu, nx) and k (S, N, nu) are those of S candidates; one that has no solution
@@ -56,9 +61,7 @@ class Roller:
         flat = x[:, :-1].reshape(S * N, -1), u.reshape(S * N, -1)
         lam = self._step(*flat, own).lam[:, : model.n].reshape(S, N, -1)
         merit, off, gap = model.merits(x, u, lam, u_before, p, penalty)
-        sound = (
-            np.isfinite(merit) & np.isfinite(x).all(axis=(1, 2)) & np.isfinite(lam).all(axis=(1, 2))
-        )
+        sound = np.isfinite(merit) & np.isfinite(x).all(axis=(1, 2)) & np.isfinite(lam).all(axis=(1, 2))
         merit = np.where(sound, merit, np.inf)
         best = int(np.argmin(merit))
         plan = Plan(x[best], u[best], lam[best], gap[best])

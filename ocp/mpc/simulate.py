@@ -98,11 +98,18 @@ class ClosedLoop:
 
 
 def simulate(
-    controller: Controller, steps: int, plant: str = "exact",
-    disturbance: Disturbance | None = None, *, seeds: int = 1, seed: int = 0,
-    x0: np.ndarray | None = None, goals: Goals | None = None, certify: int = 0,
+    controller: Controller,
+    steps: int,
+    plant: str = "exact",
+    disturbance: Disturbance | None = None,
+    *,
+    seeds: int = 1,
+    seed: int = 0,
+    x0: np.ndarray | None = None,
+    goals: Goals | None = None,
+    certify: int = 0,
     progress: Callable[[int, int, Command], None] | None = None,
-) -> ClosedLoop:  # fmt: skip
+) -> ClosedLoop:
     """Drive ``plant`` from ``x0`` (nx,) or (seeds, nx) for ``steps`` samples, once a seed.
 
     ``certify`` judges every n-th plan by an independent certificate, outside the timed step.
@@ -130,30 +137,40 @@ def simulate(
         except KeyboardInterrupt:
             stopped = True
             break
-    record = {"plant": plant, "steps": steps, "seeds": seeds, "seed": seed, "stopped": stopped,
-              "phase": controller.phase, "law": controller.contact.name}  # fmt: skip
+    record = {
+        "plant": plant,
+        "steps": steps,
+        "seeds": seeds,
+        "seed": seed,
+        "stopped": stopped,
+        "phase": controller.phase,
+        "law": controller.contact.name,
+    }
     return loop.result(record)
 
 
 class _Loop:
     """The arrays of a simulation, filled seed by seed."""
 
-    def __init__(
-        self, controller: Controller, plant: Plant, given: Disturbance, steps: int, seeds: int
-    ) -> None:
+    def __init__(self, controller: Controller, plant: Plant, given: Disturbance, steps: int, seeds: int) -> None:
         self.controller, self.plant, self.given = controller, plant, given
         self.goals: Goals | None = None
         self.progress: Callable[[int, int, Command], None] | None = None
         self.certify = 0
         problem, system = controller.problem, controller.problem.system
         nx, nu, N = system.nx, system.nu, problem.N
-        self.states, self.inputs = ([one.name for one in part]
-                                    for part in (system.states, system.inputs))  # fmt: skip
+        self.states, self.inputs = ([one.name for one in part] for part in (system.states, system.inputs))
         self.sd_x = deviations(given.noise_state, self.states, "noise-state")
         self.sd_u = deviations(given.noise_input, self.inputs, "noise-input")
-        shapes = {"x": (steps + 1, nx), "u": (steps, nu), "measured": (steps, nx),
-                  "plan": (steps, N + 1, nx), "cost": (steps,), "seconds": (steps,),
-                  "merit": (steps,)}  # fmt: skip
+        shapes = {
+            "x": (steps + 1, nx),
+            "u": (steps, nu),
+            "measured": (steps, nx),
+            "plan": (steps, N + 1, nx),
+            "cost": (steps,),
+            "seconds": (steps,),
+            "merit": (steps,),
+        }
         self.arrays = {name: np.full((seeds, *shape), np.nan) for name, shape in shapes.items()}
         self.status = np.full((seeds, steps), "", dtype="<U12")
         self.certificate = np.full((seeds, steps), "", dtype="<U12")
@@ -220,18 +237,28 @@ class _Loop:
 
     def result(self, record: dict[str, Any]) -> ClosedLoop:
         """All as labelled arrays."""
-        dims = {"x": ("node", "state"), "u": ("sample", "input"), "measured": ("sample", "state"),
-                "plan": ("sample", "ahead", "state"), "cost": ("sample",), "seconds": ("sample",),
-                "merit": ("sample",)}  # fmt: skip
-        parts = {name: (("seed", *dims[name]), self.arrays[name]) for name in dims}
-        parts |= {
-            name: (("seed", "sample"), getattr(self, name)) for name in ("status", "certificate")
+        dims = {
+            "x": ("node", "state"),
+            "u": ("sample", "input"),
+            "measured": ("sample", "state"),
+            "plan": ("sample", "ahead", "state"),
+            "cost": ("sample",),
+            "seconds": ("sample",),
+            "merit": ("sample",),
         }
+        parts = {name: (("seed", *dims[name]), self.arrays[name]) for name in dims}
+        parts |= {name: (("seed", "sample"), getattr(self, name)) for name in ("status", "certificate")}
         parts |= {name: (("seed",), getattr(self, name)) for name in ("ended", "end_cost")}
         data = xr.Dataset(parts, coords={"state": self.states, "input": self.inputs})
         begun = np.isfinite(self.arrays["u"]).any(axis=(1, 2))
-        return ClosedLoop(self.controller.problem, data.isel(seed=begun), self.why, self.misses,
-                          record, self.rows.violations(self.off))  # fmt: skip
+        return ClosedLoop(
+            self.controller.problem,
+            data.isel(seed=begun),
+            self.why,
+            self.misses,
+            record,
+            self.rows.violations(self.off),
+        )
 
 
 def judge_plan(session: Session, plan: Plan, values: dict[str, float]) -> str:
@@ -240,8 +267,7 @@ def judge_plan(session: Session, plan: Plan, values: dict[str, float]) -> str:
     ``B`` is B-stationarity for the exact law, ``KKT`` that of the smoothed problem.
     """
     nlp = session.judging_nlp()
-    found = {"x": plan.x[None, 1:], "u": plan.u[None], "lam": plan.lam[None],
-             "gap": plan.gap[None]}  # fmt: skip
+    found = {"x": plan.x[None, 1:], "u": plan.u[None], "lam": plan.lam[None], "gap": plan.gap[None]}
     point = nlp.variables.pack({k: v for k, v in found.items() if k in nlp.variables})
     p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
     g = nlp.values(point, p)[1]

@@ -83,8 +83,7 @@ class StageModel:
         hessian, gradient = ca.hessian(cost, w)
         arguments = [system.x, graph.u_before, system.u, system.x_next, step.lam, graph.p]
         self._merit = _batched("mpc_merit", arguments, [cost, ca.fmax(-rows, 0), step.gap])
-        self._stage = _batched("mpc_stage", arguments,
-                               [values, ca.jacobian(values, by), gradient, hessian])  # fmt: skip
+        self._stage = _batched("mpc_stage", arguments, [values, ca.jacobian(values, by), gradient, hessian])
         last, end = [system.x, graph.p], problem.changeable_costs[1]
         hessian, gradient = ca.hessian(end, system.x)
         self._end_cost = _batched("mpc_end_cost", last, [end])
@@ -96,9 +95,14 @@ class StageModel:
         return self._stage.backend
 
     def merits(
-        self, x: np.ndarray, u: np.ndarray, lam: np.ndarray, u_before: np.ndarray, p: np.ndarray,
+        self,
+        x: np.ndarray,
+        u: np.ndarray,
+        lam: np.ndarray,
+        u_before: np.ndarray,
+        p: np.ndarray,
         penalty: float = LEAST_PENALTY,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Merit (S,) of S plans, violation of their rows (S, N, m), gaps (S, N, n).
 
         ``p`` is (N+1, np). The merit is the cost and ``penalty`` characteristic costs times all
@@ -117,17 +121,22 @@ class StageModel:
         """Values and derivatives of the steps of a plan; ``p`` is (N+1, np)."""
         before = np.concatenate([u_before[None], plan.u[:-1]])
         x, N = plan.x, self.N
-        values, jacobian, gradient, hessian = self._stage(
-            x[:-1], before, plan.u, x[1:], plan.lam, p[:-1]
-        )
+        values, jacobian, gradient, hessian = self._stage(x[:-1], before, plan.u, x[1:], plan.lam, p[:-1])
         slope, bend = self._end_slopes(x[-1:], p[-1])
         edges = np.cumsum([0, self.nx, self.n, self.n, self.m])
         residual, gap, mu, rows = (values[:, a:b] for a, b in pairwise(edges))
         nw = gradient.shape[1]
         return Evaluated(
-            residual, gap, mu, rows, jacobian.reshape(N, -1, edges[-1]).transpose(0, 2, 1),
-            gradient, hessian.reshape(N, nw, nw), slope[0], bend.reshape(self.nx, self.nx),
-        )  # fmt: skip
+            residual,
+            gap,
+            mu,
+            rows,
+            jacobian.reshape(N, -1, edges[-1]).transpose(0, 2, 1),
+            gradient,
+            hessian.reshape(N, nw, nw),
+            slope[0],
+            bend.reshape(self.nx, self.nx),
+        )
 
     @cached_property
     def sizes(self) -> tuple[np.ndarray, np.ndarray]:

@@ -40,9 +40,12 @@ class LoopVerdict:
         self.short = short[:-1] if stopped and not loop.survived[-1:].all() else short
         self.diverged = len(self.short)
         far = any(one.share > STATE_SHARE for one in self.violated)
-        outcomes = {"stopped": stopped, "diverged": self.diverged,
-                    "failed": far or len(self.infinite) or not self.solved,
-                    "warnings": self.violated or self.planned < 1}  # fmt: skip
+        outcomes = {
+            "stopped": stopped,
+            "diverged": self.diverged,
+            "failed": far or len(self.infinite) or not self.solved,
+            "warnings": self.violated or self.planned < 1,
+        }
         self.status = next((status for status, holds in outcomes.items() if holds), "done")
 
     def __str__(self) -> str:
@@ -56,22 +59,26 @@ class LoopVerdict:
             over = f"over {steps} sample{'s' * (steps > 1)}"
             yield f"{self._cost(over)}; {int(loop.survived.sum())} of {many} reached the end."
         if self.diverged:
-            yield (f"The plant diverged in {self.diverged} of {many}, seed {self.short[0]} at"
-                   f" sample {ended[self.short[0]]}.")  # fmt: skip
+            yield (
+                f"The plant diverged in {self.diverged} of {many}, seed {self.short[0]} at"
+                f" sample {ended[self.short[0]]}."
+            )
         if self.status == "stopped":
             paid = float(np.nansum(data["cost"].values[-1]))
-            yield (f"Stopped by the user at seed {len(ended) - 1}, sample {ended[-1]} of"
-                   f" {steps}, cost so far {paid:.5g}.")  # fmt: skip
+            yield (
+                f"Stopped by the user at seed {len(ended) - 1}, sample {ended[-1]} of {steps}, cost so far {paid:.5g}."
+            )
         if self.planned < 1:
             yield f"A new plan was made in {self.fresh} of {self.samples} samples."
         if many_infinite := len(self.infinite):
             seed, sample = self.infinite[0]
-            yield (f"The stage cost is NaN or infinite in {many_infinite} of {self.samples}"
-                   f" samples, first at sample {sample} of seed {seed}.")  # fmt: skip
+            yield (
+                f"The stage cost is NaN or infinite in {many_infinite} of {self.samples}"
+                f" samples, first at sample {sample} of seed {seed}."
+            )
         for one in self.violated[:_NAMED]:
             v = one.violation
-            yield (f"The plant violates {one.name} by up to {v.amount:.3g}, at sample {v.step} of"
-                   f" seed {v.scenario}.")  # fmt: skip
+            yield (f"The plant violates {one.name} by up to {v.amount:.3g}, at sample {v.step} of seed {v.scenario}.")
         if (rest := len(self.violated) - _NAMED) > 0:
             yield f"It violates {rest} more constraint{'s' * (rest > 1)}."
 
@@ -82,8 +89,6 @@ class LoopVerdict:
             return f"No finite cost {over}"
         wide = f" [{low:.5g}, {high:.5g}]" if np.isfinite(low) else ""
         ends = self.loop.data["end_cost"].values
-        cost, stages, end = (
-            v[whole].mean() for v in (self.loop.costs, self.loop.stage_costs, ends)
-        )
+        cost, stages, end = (v[whole].mean() for v in (self.loop.costs, self.loop.stage_costs, ends))
         parts = f"stage costs {stages:.6g}, terminal cost {end:.6g}"
         return f"Cost {cost:.7g}{wide} ({parts}) {over}"

@@ -59,8 +59,7 @@ class MPCC:
             if crossed.size:
                 i = int(crossed[0])
                 raise InputError(
-                    f"{self.name}: the bounds of {what}[{i}] cross: {lower[i]:g} > {upper[i]:g};"
-                    " exchange or widen them"
+                    f"{self.name}: the bounds of {what}[{i}] cross: {lower[i]:g} > {upper[i]:g}; exchange or widen them"
                 )
         for i in range(self.G.numel()):
             if ca.is_equal(self.G[i], self.H[i], 2):
@@ -74,13 +73,10 @@ class MPCC:
             raise InputError(f"{self.name}: f has {self.f.numel()} entries, expected 1")
         if self.G.numel() != self.H.numel():
             raise InputError(
-                f"{self.name}: G has {self.G.numel()} entries and H {self.H.numel()}; expected as"
-                " many of both"
+                f"{self.name}: G has {self.G.numel()} entries and H {self.H.numel()}; expected as many of both"
             )
         if self.names and len(self.names) != self.G.numel():
-            raise InputError(
-                f"{self.name}: {len(self.names)} names for {self.G.numel()} pairs; give one each"
-            )
+            raise InputError(f"{self.name}: {len(self.names)} names for {self.G.numel()} pairs; give one each")
         known = {str(symbol) for symbol in ca.symvar(ca.vertcat(self.x, self.p))}
         used = ca.symvar(ca.vertcat(self.f, self.g, self.G, self.H))
         strange = sorted({str(symbol) for symbol in used} - known)
@@ -174,9 +170,7 @@ def programs_of(mpcc: MPCC, p: np.ndarray, start: np.ndarray) -> Callable[[str],
 class MPCCProgram(Program):
     """An :class:`~ocp.mpcc.MPCC` in a reformulation of :class:`~ocp.programs.program.Program`."""
 
-    def __init__(
-        self, lifted: Lifted, reformulation: str, p: np.ndarray, start: np.ndarray
-    ) -> None:
+    def __init__(self, lifted: Lifted, reformulation: str, p: np.ndarray, start: np.ndarray) -> None:
         self.lifted, self.mpcc, self.given = lifted, lifted.mpcc, p
         self.reformulation = reformulation
         self.start = start

@@ -31,8 +31,11 @@ def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.nda
     curvature = program.bend(start, p, np.zeros(program.m), np.ones(program.n)).diagonal()
     with np.errstate(divide="ignore", invalid="ignore"):
         newton = np.abs(slope / curvature)
-    candidates = [np.abs(start), _bound_distances(start, bounds["lbx"], bounds["ubx"]),
-                  np.where(curvature > 0, newton, 0.0)]  # fmt: skip
+    candidates = [
+        np.abs(start),
+        _bound_distances(start, bounds["lbx"], bounds["ubx"]),
+        np.where(curvature > 0, newton, 0.0),
+    ]
     sizes = np.max(np.nan_to_num(candidates, posinf=0.0), axis=0)
     entries = abs(jacobian).tocoo()
     violation = np.maximum(np.maximum(bounds["lbg"] - g, g - bounds["ubg"]), 0.0)

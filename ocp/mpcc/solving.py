@@ -24,14 +24,11 @@ from ocp.stationarity.certificate import Certificate, certify
 from ocp.stationarity.unbounded import unbounded_variables
 
 
-def violation(
-    program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]
-) -> tuple[float, str]:
+def violation(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> tuple[float, str]:
     """Return the largest violation of a bound or constraint at x, in its unit, and its name."""
     _, g = program.values(x, p)
     worst, name, units = 0.0, "nothing", program.natural
-    parts = (("bound on", program.variables, x, "x", units.x),
-             ("constraint", program.constraints, g, "g", units.g))  # fmt: skip
+    parts = (("bound on", program.variables, x, "x", units.x), ("constraint", program.constraints, g, "g", units.g))
     for what, layout, values, letter, unit in parts:
         off = np.maximum(bounds[f"lb{letter}"] - values, values - bounds[f"ub{letter}"]) / unit
         if off.size and not off.max() <= worst:
@@ -140,9 +137,7 @@ def _endless(follower: Homotopy, x: np.ndarray, start: np.ndarray) -> str:
     program, values = follower.nlp_of("none"), follower.values
     assert isinstance(program, MPCCProgram)
     answer, begin = program.extended(x), program.extended(start)
-    smaller = program.pairs[
-        np.argmin(begin[program.pairs], axis=0), np.arange(len(program.pairs.T))
-    ]
+    smaller = program.pairs[np.argmin(begin[program.pairs], axis=0), np.arange(len(program.pairs.T))]
     begin[smaller] = 0.0
     given = program.parameter_vector(values), program.bounds(values)
     endless = unbounded_variables(program, *given, answer, begin)
@@ -196,10 +191,18 @@ def softened(mpcc: MPCC, cost: float, weight: float) -> MPCC:
     m, (lower, upper) = mpcc.g.numel(), mpcc.x_bounds
     a, b = ca.SX.sym("above", m), ca.SX.sym("below", m)
     return MPCC(
-        ca.vertcat(mpcc.x, a, b), cost * mpcc.f + weight * ca.sum1(a + b), mpcc.G, mpcc.H,
-        mpcc.g - a + b, mpcc.p, np.concatenate([lower, np.zeros(2 * m)]),
-        np.concatenate([upper, np.full(2 * m, np.inf)]), *mpcc.g_bounds, mpcc.names, mpcc.name,
-    )  # fmt: skip
+        ca.vertcat(mpcc.x, a, b),
+        cost * mpcc.f + weight * ca.sum1(a + b),
+        mpcc.G,
+        mpcc.H,
+        mpcc.g - a + b,
+        mpcc.p,
+        np.concatenate([lower, np.zeros(2 * m)]),
+        np.concatenate([upper, np.full(2 * m, np.inf)]),
+        *mpcc.g_bounds,
+        mpcc.names,
+        mpcc.name,
+    )
 
 
 def _softened(
@@ -220,9 +223,7 @@ def _softened(
         g = program.values(program.extended(begin), p)[1][: mpcc.g.numel()]
         off = np.nan_to_num([np.maximum(g - upper, 0.0), np.maximum(lower - g, 0.0)])
         soft = softened(mpcc, cost, weight * program.natural.f)
-        found, inner = _followed(
-            soft, np.concatenate([begin, *off]), program.given, strategies, follower.solver
-        )
+        found, inner = _followed(soft, np.concatenate([begin, *off]), program.given, strategies, follower.solver)
         follower.trace.absorb(inner.trace)
         point = Point(program.extended(found.x[: mpcc.x.numel()]))
         there = Result.at(program, point, p, Status.INFEASIBLE, "softened")
@@ -232,9 +233,7 @@ def _softened(
     return best
 
 
-def _at_bounds(
-    program: MPCCProgram, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]
-) -> np.ndarray:
+def _at_bounds(program: MPCCProgram, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> np.ndarray:
     """Put variables that nearly are at a bound on it, where the cost falls and rows still hold.
 
     An interior point stays off its bounds by a distance that a steep cost makes dear.
@@ -255,9 +254,7 @@ def _rank(found: MPCCSolution) -> tuple[bool, bool, float]:
     return not feasible, not found.success, found.f if feasible else found.infeasibility
 
 
-def _judged(
-    program: MPCCProgram, source: Program, result: Result, start: np.ndarray, name: str
-) -> MPCCSolution:
+def _judged(program: MPCCProgram, source: Program, result: Result, start: np.ndarray, name: str) -> MPCCSolution:
     """Certify a result where it is feasible; else name the most violated constraint."""
     values = {PENALTY: 0.0, RELAXATION: 0.0}
     mpcc, x = program.mpcc, program.extended(result.point.x[: program.mpcc.x.numel()])

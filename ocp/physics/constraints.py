@@ -22,9 +22,12 @@ that leave the bound by something which can be seen.
 """
 _FAR, _LEAST = 10.0, 1e-3
 _KINDS = {
-    "bound on x": "bound on", "bound on u": "bound on", "path": "constraint",
-    "terminal": "terminal constraint", "periodic": "periodicity of",
-}  # fmt: skip
+    "bound on x": "bound on",
+    "bound on u": "bound on",
+    "path": "constraint",
+    "terminal": "terminal constraint",
+    "periodic": "periodicity of",
+}
 
 
 @dataclass(frozen=True)
@@ -80,9 +83,13 @@ def travelled(problem: Problem, x: np.ndarray) -> np.ndarray:
 
 
 def broken_constraints(
-    problem: Problem, x: np.ndarray, u: np.ndarray, impulses: np.ndarray, physical: np.ndarray,
+    problem: Problem,
+    x: np.ndarray,
+    u: np.ndarray,
+    impulses: np.ndarray,
+    physical: np.ndarray,
     sizes: np.ndarray | None = None,
-) -> list[Broken]:  # fmt: skip
+) -> list[Broken]:
     """Find what trajectories x (S, N+1, nx), u (S, N, nu) violate, each entry where it is worst.
 
     ``impulses`` (S, N, nlam) are those of the system. Bounds of states and inputs, path and
@@ -129,10 +136,7 @@ def describe_violations(broken: Sequence[Violation]) -> list[str]:
 
     They begin with the constraint's name: "terminal constraint end is violated by 0.3 at step 20".
     """
-    return [
-        f"{_KINDS[v.name]} {v.component} is violated by {v.amount:.2g} at step {v.step}"
-        for v in broken
-    ]
+    return [f"{_KINDS[v.name]} {v.component} is violated by {v.amount:.2g} at step {v.step}" for v in broken]
 
 
 def _off(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -155,9 +159,15 @@ def _worst_entries(
 
 
 def _constraints_off(
-    problem: Problem, constraints: Sequence[Constraint], x: np.ndarray, u: np.ndarray,
-    x_next: np.ndarray, lam: np.ndarray, physical: np.ndarray, of_x: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    problem: Problem,
+    constraints: Sequence[Constraint],
+    x: np.ndarray,
+    u: np.ndarray,
+    x_next: np.ndarray,
+    lam: np.ndarray,
+    physical: np.ndarray,
+    of_x: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
     """Violation of every entry, (S, steps, n), and the size of a change of it."""
     system = problem.system
     value = ca.vertcat(*(c.expression for c in constraints))

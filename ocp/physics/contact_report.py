@@ -73,9 +73,14 @@ class ContactReport:
 
 
 def contact_report(
-    problem: Problem, step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray,
-    gap: np.ndarray, physical: np.ndarray,
-) -> ContactReport:  # fmt: skip
+    problem: Problem,
+    step: Step,
+    x: np.ndarray,
+    u: np.ndarray,
+    lam: np.ndarray,
+    gap: np.ndarray,
+    physical: np.ndarray,
+) -> ContactReport:
     """Keep the books of trajectories x (S, N+1, nx), u (S, N, nu), lam and gap (S, N, n).
 
     Multipliers of a law with branches are averaged with the branches' weights. The contacts are
@@ -91,17 +96,13 @@ def contact_report(
         tangential = slip = friction = power = reach = np.zeros_like(mean)
     else:
         names = forces.names
-        normal, tangential, slip, friction = at(
-            forces.normal, forces.tangential, forces.slip, forces.friction
-        )
+        normal, tangential, slip, friction = at(forces.normal, forces.tangential, forces.slip, forces.friction)
         power, reach = tangential * slip, np.abs(slip)
         if forces.edges > 2:
             tangential, slip, power, reach = _in_space(tangential, slip, forces.edges)
     degenerate = _degenerate_steps(system, problem.scales, lam, gap, len(names))
     h = at(ca.SX(system.h))[0]
-    active, distant = acting(
-        normal / problem.scales.impulse, _gaps(step, gap, len(names)) / problem.scales.gap
-    )
+    active, distant = acting(normal / problem.scales.impulse, _gaps(step, gap, len(names)) / problem.scales.gap)
     slipping = active & (np.abs(slip) * h > _SLIPS * problem.scales.gap)
     # A multiplier in newton is a force already.
     are_forces = forces is None and all(signal.unit == "N" for signal in system.contacts)
@@ -110,11 +111,19 @@ def contact_report(
     contacts = _summaries(names, force, np.abs(slip) * h, *flags)
     rough, bound = forces is not None, friction * normal
     return ContactReport(
-        names, normal, tangential, slip, bound, active, slipping, degenerate, contacts,
+        names,
+        normal,
+        tangential,
+        slip,
+        bound,
+        active,
+        slipping,
+        degenerate,
+        contacts,
         largest(np.abs(tangential) - bound) if rough else float("nan"),
         largest(bound * reach + power) if rough else float("nan"),
         *_books(system.book, at),
-    )  # fmt: skip
+    )
 
 
 def _in_space(
@@ -167,9 +176,14 @@ def _degenerate_steps(
 
 
 def _summaries(
-    names: tuple[str, ...], force: np.ndarray, way: np.ndarray, active: np.ndarray,
-    slipping: np.ndarray, degenerate: np.ndarray, distant: np.ndarray,
-) -> list[ContactSummary]:  # fmt: skip
+    names: tuple[str, ...],
+    force: np.ndarray,
+    way: np.ndarray,
+    active: np.ndarray,
+    slipping: np.ndarray,
+    degenerate: np.ndarray,
+    distant: np.ndarray,
+) -> list[ContactSummary]:
     """Sum up forces [N], ways slid [m] and flags, each (S, N, points); nothing without forces."""
     if np.isnan(force).all():
         return []
@@ -224,8 +238,11 @@ def least_slip(step: Step, lam: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray
         return lam, gap
     for rows in step.rows:
         for i, pair in enumerate(pairs):
-            sides = [rows.start + j for j, other in enumerate(pairs)
-                     if (other.kind, other.contact) == ("friction", pair.contact)]  # fmt: skip
+            sides = [
+                rows.start + j
+                for j, other in enumerate(pairs)
+                if (other.kind, other.contact) == ("friction", pair.contact)
+            ]
             if pair.kind == "slip" and sides:
                 spare = np.maximum(0, gap[..., sides].min(axis=-1))
                 spare = np.minimum(spare, lam[..., rows.start + i])

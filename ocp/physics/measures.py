@@ -23,8 +23,15 @@ class TrajectoryEvaluator:
     (S, N, nlam); ``physical`` the values of the problem's parameters.
     """
 
-    def __init__(self, problem: Problem, system: ContactSystem, x: np.ndarray, u: np.ndarray,
-                 lam: np.ndarray, physical: np.ndarray) -> None:  # fmt: skip
+    def __init__(
+        self,
+        problem: Problem,
+        system: ContactSystem,
+        x: np.ndarray,
+        u: np.ndarray,
+        lam: np.ndarray,
+        physical: np.ndarray,
+    ) -> None:
         self.symbols = [system.x, system.u, system.x_next, system.lam, problem.parameters.vector]
         self.values, self.physical = (x[:, :-1], u, x[:, 1:], lam), physical
 
@@ -104,9 +111,13 @@ class Physics:
 
 
 def measure(
-    problem: Problem, step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray,
+    problem: Problem,
+    step: Step,
+    x: np.ndarray,
+    u: np.ndarray,
+    lam: np.ndarray,
     physical: np.ndarray,
-) -> Physics:  # fmt: skip
+) -> Physics:
     """Measure trajectories x (S, N+1, nx), u (S, N, nu), lam (S, N, n) of a closed step."""
     if problem.signed_distance is None:
         return Physics(None, None, None)
@@ -137,10 +148,10 @@ def pair_sizes(problem: Problem, system: ContactSystem) -> tuple[np.ndarray, np.
 def slip_sides(system: ContactSystem) -> list[tuple[int, list[int]]]:
     """Return each contact's slip pair, and its pairs of friction."""
     return [
-        (i, [j for j, other in enumerate(system.pairs)
-             if other.kind == "friction" and other.contact == pair.contact])
-        for i, pair in enumerate(system.pairs) if pair.kind == "slip"
-    ]  # fmt: skip
+        (i, [j for j, other in enumerate(system.pairs) if other.kind == "friction" and other.contact == pair.contact])
+        for i, pair in enumerate(system.pairs)
+        if pair.kind == "slip"
+    ]
 
 
 def _worst(amounts: np.ndarray, names: Sequence[str]) -> Worst:

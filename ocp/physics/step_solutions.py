@@ -98,9 +98,7 @@ def _obeys(
     """Whether the plan's own steps obey the exact relation, (S, N), and their gaps."""
     system, scaling = problem.system, problem.scales
     physical = problem.parameters.pack(values)
-    residual, gap = TrajectoryEvaluator(problem, system, x, u, lam, physical)(
-        system.residual, system.gap
-    )
+    residual, gap = TrajectoryEvaluator(problem, system, x, u, lam, physical)(system.residual, system.gap)
     product = scaling.impulse * scaling.gap
     off = np.stack([-lam / scaling.impulse, -gap / scaling.gap, lam * gap / product])
     motion = np.abs(residual).max(axis=2, initial=0.0)
@@ -136,9 +134,7 @@ class StepSolutions:
         self.modes = [_modes(rows, kinds[rows]) for rows in self.groups]
         self._slips = [(slip, sides) for slip, sides in slip_sides(system) if sides]
         lam = ca.SX.sym("lam", system.nlam)
-        parts = ca.substitute(
-            [system.residual, system.gap / self.of_gap], [system.lam], [self.of_lam * lam]
-        )
+        parts = ca.substitute([system.residual, system.gap / self.of_gap], [system.lam], [self.of_lam * lam])
         parts += [ca.jacobian(part, by) for part in parts for by in (system.x_next, lam)]
         symbols = [system.x, system.u, system.x_next, lam, problem.parameters.vector]
         self._model = DenseFunction(symbols, parts)
@@ -228,9 +224,7 @@ def _newton(
     square = np.where(own[:, :, None] & own[:, None], columns[:, used], 0.0)
     square += np.where(own, _SINGULAR, 1.0)[:, :, None] * np.eye(used.size)
     dl = np.zeros(active.shape)
-    dl[:, used] = -np.linalg.solve(square, np.where(own, off[at][:, used], 0.0)[:, :, None])[
-        :, :, 0
-    ]
+    dl[:, used] = -np.linalg.solve(square, np.where(own, off[at][:, used], 0.0)[:, :, None])[:, :, 0]
     dx = moved[at, :, 0] + (moved[:, :, used + 1][at] @ dl[:, used, None])[:, :, 0]
     return dx, dl, off[at] + (columns @ dl[:, used, None])[:, :, 0]
 

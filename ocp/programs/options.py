@@ -105,9 +105,7 @@ def check_options(solver: str, options: Mapping[str, Any]) -> dict[str, Any]:
         if isinstance(said, bool) and option.kind == "string":
             value = "yes" if said else "no"
         if not option.takes(value):
-            raise InputError(
-                f"{solver} refused its options: {name} must be {option.expected}, got {value!r}"
-            )
+            raise InputError(f"{solver} refused its options: {name} must be {option.expected}, got {value!r}")
         if name in LOOSEST and float(value) > LOOSEST[name]:
             raise InputError(
                 f"{solver} refused its options: {name} must be at most {LOOSEST[name]:g}, got"
@@ -130,8 +128,7 @@ def _option(solver: str, name: str) -> Option:
     if known := documented(solver):
         if name in known:
             return known[name]
-        raise InputError(f"{solver} refused its options: it has no {name!r}"
-                         f"{did_you_mean(name, known)}")  # fmt: skip
+        raise InputError(f"{solver} refused its options: it has no {name!r}{did_you_mean(name, known)}")
     own = INTERFACE.get(solver, {})
     return own[name] if name in own else _probed(solver, name)
 

@@ -78,8 +78,7 @@ class Layout:
         """Return the block that holds ``position``, and the index inside it."""
         for block in self.blocks.values():
             if block.start <= position < block.start + block.size:
-                return block, tuple(int(i) for i in np.unravel_index(
-                    position - block.start, block.shape))  # fmt: skip
+                return block, tuple(int(i) for i in np.unravel_index(position - block.start, block.shape))
         raise IndexError(position)
 
 
@@ -160,10 +159,7 @@ class Program(ABC):
         bend = self.bend(x, p, np.zeros(self.m), sizes).diagonal()
         each = np.abs(np.array(gradient).ravel()) * sizes + np.abs(bend) / 2
         each = np.nan_to_num(each, posinf=0.0)
-        signals = [
-            block.index.reshape(-1, block.shape[-1]).T
-            for block in self.variables.blocks.values() if block.size
-        ]  # fmt: skip
+        signals = [block.index.reshape(-1, block.shape[-1]).T for block in self.variables.blocks.values() if block.size]
         largest = np.array([each[rows].max() for block in signals for rows in block])
         largest = largest[largest > 0]
         if not largest.size:
@@ -214,9 +210,7 @@ class Program(ABC):
         gradient = np.array(self.gradient(x, p)[1]).ravel()
         return gradient, np.array(g).ravel(), sp.csr_matrix(jacobian.sparse())
 
-    def bend(
-        self, x: np.ndarray, p: np.ndarray, multipliers: np.ndarray, sizes: np.ndarray
-    ) -> sp.csr_matrix:
+    def bend(self, x: np.ndarray, p: np.ndarray, multipliers: np.ndarray, sizes: np.ndarray) -> sp.csr_matrix:
         """Hessian (n, n) of ``f + multipliers' g``, by variables over ``sizes`` (n,)."""
         import scipy.sparse as sp
 
@@ -243,8 +237,9 @@ class Functions(NamedTuple):
     hessian: ca.Function
 
     @classmethod
-    def of(cls, given: Sequence[Any], f_g: Sequence[Any], gradient: Sequence[Any],
-           jacobian: Sequence[Any], hessian: Any) -> Functions:  # fmt: skip
+    def of(
+        cls, given: Sequence[Any], f_g: Sequence[Any], gradient: Sequence[Any], jacobian: Sequence[Any], hessian: Any
+    ) -> Functions:
         """From ``given`` symbols (x, p, lam_f, lam_g), the outputs of three, and the triangle."""
         names, both = ["x", "p", "lam:f", "lam:g"], [*given[:2]]
         return cls(
@@ -297,8 +292,7 @@ class Scaled:
     def functions(self) -> dict[str, ca.Function]:
         """``f_g``, ``grad_f``, ``jac_g`` and ``hess_lag`` in z, in the program's conventions."""
         program, scale = self.program, self.scale
-        plain = {"f_g": program.f_g, "grad_f": program.gradient, "jac_g": program.jacobian,
-                 "hess_lag": program.hessian}  # fmt: skip
+        plain = {"f_g": program.f_g, "grad_f": program.gradient, "jac_g": program.jacobian, "hess_lag": program.hessian}
         if scale is None:
             return plain
         X, G = ca.DM(scale.x), ca.DM(scale.g)
@@ -316,11 +310,14 @@ class Scaled:
         }
         return {
             name: ca.Function(
-                f"scaled_{name}", [z, p, s, y][: plain[name].n_in()], parts,
-                plain[name].name_in(), plain[name].name_out(),
+                f"scaled_{name}",
+                [z, p, s, y][: plain[name].n_in()],
+                parts,
+                plain[name].name_in(),
+                plain[name].name_out(),
             )
             for name, parts in outputs.items()
-        }  # fmt: skip
+        }
 
     def given(self, start: Point, bounds: Bounds) -> Bounds:
         """Start and bounds in z, as arguments of a solver."""

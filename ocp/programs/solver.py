@@ -112,9 +112,14 @@ class Result:
 
     @classmethod
     def at(
-        cls, program: Program, point: Point, p: np.ndarray, status: Status, word: str,
+        cls,
+        program: Program,
+        point: Point,
+        p: np.ndarray,
+        status: Status,
+        word: str,
         seconds: float = 0.0,
-    ) -> Result:  # fmt: skip
+    ) -> Result:
         """Cost and constraints at a point that no solver moved."""
         return cls(point, *program.values(point.x, p), status, word, 0, seconds)
 
@@ -174,13 +179,25 @@ class Solver:
         # Wall time in f, g and their derivatives, as CasADi measured it around each call.
         evaluation_s = sum(float(v) for key, v in stats.items() if key.startswith("t_wall_nlp_"))
         result = Result(
-            point, cost, g, status, word, int(stats.get("iter_count", 0)), seconds, evaluation_s,
-        )  # fmt: skip
+            point,
+            cost,
+            g,
+            status,
+            word,
+            int(stats.get("iter_count", 0)),
+            seconds,
+            evaluation_s,
+        )
         _LOG.debug(
-            "%s on %s: %s after %d it in %.4f s, %.4f s of it in functions; options %s", self.name,
-            nlp.title, word, result.iterations, seconds, result.evaluation_s,
+            "%s on %s: %s after %d it in %.4f s, %.4f s of it in functions; options %s",
+            self.name,
+            nlp.title,
+            word,
+            result.iterations,
+            seconds,
+            result.evaluation_s,
             {**self.options, **overrides},
-        )  # fmt: skip
+        )
         return self._ended(nlp, p, result, bool(pressed))
 
     def _ended(self, nlp: Program, p: np.ndarray, result: Result, pressed: bool) -> Result:
@@ -194,9 +211,7 @@ class Solver:
             raise KeyboardInterrupt
         return result
 
-    def _thrown(
-        self, nlp: Program, start: Point, p: np.ndarray, error: RuntimeError, seconds: float
-    ) -> Result:
+    def _thrown(self, nlp: Program, start: Point, p: np.ndarray, error: RuntimeError, seconds: float) -> Result:
         """Tell as an outcome that a plugin threw; some refuse their options only when called."""
         word = str(error).strip().splitlines()[-1]
         if "option" in word or "logger" in word:
@@ -218,9 +233,11 @@ class Solver:
         functions = Scaled(nlp).functions()
         f, g = functions["f_g"].call([x, p], True, False)
         common: dict[str, Any] = {
-            "print_time": False, "calc_lam_p": False, "error_on_fail": False,
+            "print_time": False,
+            "calc_lam_p": False,
+            "error_on_fail": False,
             "show_eval_warnings": False,
-        }  # fmt: skip
+        }
         beside = INTERFACE.get(self.name, {})
         for name, value in {**USUAL[self.name], **options}.items():
             (common if name in beside else common.setdefault(self.name, {}))[name] = value

@@ -17,9 +17,14 @@ if TYPE_CHECKING:
     import scipy.sparse as sp
 
 _KNOWN = {
-    "kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "N": (1, 1, -2), "J": (1, 2, -2),
-    "rad": (0, 0, 0), "1": (0, 0, 0),
-}  # fmt: skip
+    "kg": (1, 0, 0),
+    "m": (0, 1, 0),
+    "s": (0, 0, 1),
+    "N": (1, 1, -2),
+    "J": (1, 2, -2),
+    "rad": (0, 0, 0),
+    "1": (0, 0, 0),
+}
 _SMOOTH, _ROUNDS = 1e-3, 60
 _SLIGHT = 0.05
 _KEPT = 0.75
@@ -133,9 +138,7 @@ Entries = Callable[[np.ndarray, np.ndarray], "tuple[float, sp.csr_matrix]"]
 """Cost and Jacobian of the constraints, its entries in one order, at variables and parameters."""
 
 
-def measured(
-    x: np.ndarray, own: np.ndarray, at: Entries, p: np.ndarray, natural: np.ndarray
-) -> Scale:
+def measured(x: np.ndarray, own: np.ndarray, at: Entries, p: np.ndarray, natural: np.ndarray) -> Scale:
     """Measure the units of cost and constraints by what the units ``x`` of variables do to them.
 
     Where equations hold in all units, ``J(x z, p) = g J(z, natural) / x`` row by row: the same
@@ -175,9 +178,7 @@ def _medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     return found
 
 
-def row_scaled(
-    x: np.ndarray, at: Entries, p: np.ndarray, cost: float, largest: float = np.inf
-) -> Scale | None:
+def row_scaled(x: np.ndarray, at: Entries, p: np.ndarray, cost: float, largest: float = np.inf) -> Scale | None:
     """Scale of a program whose variables have the units ``x`` (n,); None where all are 1.
 
     A row's unit is the power of two beside the largest change of it by a variable that moves by its

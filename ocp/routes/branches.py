@@ -51,9 +51,13 @@ class Branches:
         return self.program.active_sets(x)[-1]
 
     def solve(
-        self, start: Point, active: np.ndarray, most: int = LONGEST, mu_init: float = 1e-6,
+        self,
+        start: Point,
+        active: np.ndarray,
+        most: int = LONGEST,
+        mu_init: float = 1e-6,
         label: str = "active set",
-    ) -> Result:  # fmt: skip
+    ) -> Result:
         """Hold ``H = 0`` where ``active`` and ``G = 0`` elsewhere, and solve what remains.
 
         It is given up after ``most`` iterations; ``label`` is what the stage is called.
@@ -185,9 +189,10 @@ class Branches:
         how = f"{found.word} after {found.iterations} iterations"
         cost = found.f + self.program.constant(self.p)
         self.follower.trace.refused = (
-            f"the branch with these contacts costs {cost:.6g}" if found.ok
+            f"the branch with these contacts costs {cost:.6g}"
+            if found.ok
             else f"the solver did not converge on the branch with these contacts ({how})"
-        )  # fmt: skip
+        )
         return found if found.ok else None
 
     def bound_multipliers(self, found: Result, active: np.ndarray) -> np.ndarray:
@@ -212,9 +217,7 @@ def second_limit(took: int) -> int:
     return max(_LEAST, 2 ** math.ceil(math.log2(_PATIENCE * max(took, 1))))
 
 
-def polish(
-    follower: Homotopy, source: Program, result: Result, improving: bool = True
-) -> RouteResult:
+def polish(follower: Homotopy, source: Program, result: Result, improving: bool = True) -> RouteResult:
     """Solve the branch on which a relaxation's result lies and, if ``improving``, improve it.
 
     The input is returned, unfinished, where no branch could be solved.

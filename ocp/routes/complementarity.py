@@ -55,9 +55,7 @@ def solve_pairs(follower: Homotopy, search: Search) -> RouteResult:
     for strategy in () if smooth else search.alternatives:
         again = by_strategy(follower, search, strategy)
         polished += [again.result] if again.finished else []
-    hard = not smooth and not any(
-        lower(one, first.result) or not first.finished for one in polished
-    )
+    hard = not smooth and not any(lower(one, first.result) or not first.finished for one in polished)
     if search.rolls is not None and hard and (search.alternatives or not polished):
         points = search.rolls.perturbed(branches.program, _PERTURBED)
         tried = map(branches.solve_branch, points)

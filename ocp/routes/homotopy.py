@@ -123,8 +123,14 @@ class Homotopy:
     ``finished = False``.
     """
 
-    def __init__(self, nlp_of: Callable[[str], Program], solver: Solver, values: dict[str, float],
-                 progress: Progress | None = None, trace: Trace | None = None) -> None:  # fmt: skip
+    def __init__(
+        self,
+        nlp_of: Callable[[str], Program],
+        solver: Solver,
+        values: dict[str, float],
+        progress: Progress | None = None,
+        trace: Trace | None = None,
+    ) -> None:
         self.nlp_of, self.solver, self.values = nlp_of, solver, values
         self.progress, self.trace = progress, trace or Trace()
 
@@ -182,8 +188,9 @@ class Homotopy:
         self.record(stage.label, stage.value, nlp, result, p, bounds)
         return result
 
-    def record(self, label: str, value: float, nlp: Program, result: Result, p: np.ndarray,
-               bounds: dict[str, np.ndarray]) -> None:  # fmt: skip
+    def record(
+        self, label: str, value: float, nlp: Program, result: Result, p: np.ndarray, bounds: dict[str, np.ndarray]
+    ) -> None:
         """Add a line to the table and call ``progress``."""
         g = result.g
         off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
@@ -205,9 +212,15 @@ class Homotopy:
         self.trace.evaluation_s += result.evaluation_s
         _LOG.info(
             "%s %.3g: cost %.7g, lam gap %.1e, residual %.1e, %d it, %.3f s, %s",
-            label, value, line.cost, line.complementarity, line.residual, line.iterations,
-            line.seconds, line.status,
-        )  # fmt: skip
+            label,
+            value,
+            line.cost,
+            line.complementarity,
+            line.residual,
+            line.iterations,
+            line.seconds,
+            line.status,
+        )
         if result.ok:
             self.trace.points.append((nlp.reformulation, result.point.x))
         if self.progress is not None:
@@ -223,10 +236,9 @@ def translate(point: Point, source: Program, target: Program) -> Point:
         if vector is None:
             return None
         blocks = old.unpack(vector)
-        return new.pack({
-            name: blocks[name] for name in new.blocks
-            if name in blocks and blocks[name].shape == new[name].shape
-        })  # fmt: skip
+        return new.pack(
+            {name: blocks[name] for name in new.blocks if name in blocks and blocks[name].shape == new[name].shape}
+        )
 
     x = carried(point.x, source.variables, target.variables)
     assert x is not None
@@ -247,8 +259,7 @@ def geometric(start: float, end: float, factor: float) -> list[float]:
         return [end]
     ratio = end / start
     if ratio < sys.float_info.min:
-        raise InputError(f"{end:g} is too far below {start:g} for a homotopy; take values closer"
-                         " together")  # fmt: skip
+        raise InputError(f"{end:g} is too far below {start:g} for a homotopy; take values closer together")
     # A hair less, or rounding adds a stage where the factor goes into the way exactly.
     count = max(1, math.ceil(math.log(ratio) / math.log(factor) - 1e-9))
     if count > MOST_STAGES:

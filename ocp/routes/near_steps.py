@@ -96,9 +96,16 @@ class NearSteps:
         return x_next, lam, gap
 
     def _linearised(
-        self, x: np.ndarray, u: np.ndarray, at: np.ndarray, near: np.ndarray, a: np.ndarray,
-        B: np.ndarray, rows: np.ndarray, real: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        self,
+        x: np.ndarray,
+        u: np.ndarray,
+        at: np.ndarray,
+        near: np.ndarray,
+        a: np.ndarray,
+        B: np.ndarray,
+        rows: np.ndarray,
+        real: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Next states (S, nx) with the gaps expanded ``at`` (S, nx) and ``near`` (S, rows), and
         the multipliers."""
         here = np.arange(len(x))[:, None]
@@ -136,9 +143,7 @@ def linear_complementarity(F: np.ndarray, z: np.ndarray, real: np.ndarray) -> np
         if (ended | ~np.isfinite(m).all(axis=1)).all():
             break
         keep = ~ended & np.isfinite(m).all(axis=1)
-        left, m, s, own, matrix, off, product = (
-            part[keep] for part in (left, m, s, own, matrix, off, product)
-        )
+        left, m, s, own, matrix, off, product = (part[keep] for part in (left, m, s, own, matrix, off, product))
         count = np.maximum(own.sum(axis=1), 1)[:, None]
         mean = product.sum(axis=1)[:, None] / count
         dl, ds = _direction(m, s, matrix, off, np.zeros_like(mean), own)
@@ -152,9 +157,13 @@ def linear_complementarity(F: np.ndarray, z: np.ndarray, real: np.ndarray) -> np
 
 
 def _direction(
-    lam: np.ndarray, slack: np.ndarray, F: np.ndarray, off: np.ndarray, mu: np.ndarray,
+    lam: np.ndarray,
+    slack: np.ndarray,
+    F: np.ndarray,
+    off: np.ndarray,
+    mu: np.ndarray,
     own: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:
     """Newton's direction of multipliers and gaps, (S, n) each."""
     matrix, n = F.copy(), np.arange(lam.shape[1])
     safe = np.where(own, lam, 1.0)
@@ -170,10 +179,7 @@ def _direction(
     return dl, np.where(own, (F @ dl[:, :, None])[:, :, 0] + off, 0.0)
 
 
-def _to_edge(
-    lam: np.ndarray, dl: np.ndarray, slack: np.ndarray, ds: np.ndarray, own: np.ndarray
-) -> np.ndarray:
+def _to_edge(lam: np.ndarray, dl: np.ndarray, slack: np.ndarray, ds: np.ndarray, own: np.ndarray) -> np.ndarray:
     """Longest step (S, 1), at most 1, that keeps both positive."""
-    down = [np.where(own & (d < 0), -v / np.where(d < 0, d, -1), np.inf)
-            for v, d in ((lam, dl), (slack, ds))]  # fmt: skip
+    down = [np.where(own & (d < 0), -v / np.where(d < 0, d, -1), np.inf) for v, d in ((lam, dl), (slack, ds))]
     return np.minimum(1.0, _TO_EDGE * np.minimum(*down).min(axis=1))[:, None]

@@ -26,8 +26,12 @@ _SHORT = 300
 _LOOSE = {"bound_relax_factor": 1e-8, "constr_viol_tol": 1e-8, "max_iter": _SHORT}
 _SIXTY = 60
 """Steps up to which a horizon is short; no named problem has more by default."""
-_FLAT = {"acceptable_tol": 1.0, "acceptable_constr_viol_tol": 1e-4,
-         "acceptable_obj_change_tol": 1e-5, "acceptable_iter": 10}  # fmt: skip
+_FLAT = {
+    "acceptable_tol": 1.0,
+    "acceptable_constr_viol_tol": 1e-4,
+    "acceptable_obj_change_tol": 1e-5,
+    "acceptable_iter": 10,
+}
 """IPOPT options by which a stage ends in a flat valley, nearly feasible."""
 T_LOOSE = 1e-4
 """Fraction of impulse times distance at which the active set shows, and polishing can begin."""
@@ -44,8 +48,7 @@ class Strategy(Protocol):
 def _inexact(t: float) -> dict[str, float]:
     """IPOPT options for a stage solved no better than it is relaxed."""
     tolerance = min(1e-4, max(t, 1e-9))
-    return {"tol": tolerance, "mu_target": t / 10, "compl_inf_tol": tolerance,
-            "mu_init": max(t / 10, 1e-11)}  # fmt: skip
+    return {"tol": tolerance, "mu_target": t / 10, "compl_inf_tol": tolerance, "mu_init": max(t / 10, 1e-11)}
 
 
 def relaxed(t: float, options: dict[str, Any]) -> HomotopyStage:
@@ -140,8 +143,7 @@ def _quick(t: float, first: bool) -> HomotopyStage:
     """
     tolerance = max(T_SHARP, min(1e-4, 1e-2 * t))
     barrier = {} if first else {"mu_init": min(1e-3, t / 10)}
-    return relaxed(t, {**_LOOSE, **barrier, "tol": tolerance, "compl_inf_tol": tolerance,
-                       "dual_inf_tol": 1.0})  # fmt: skip
+    return relaxed(t, {**_LOOSE, **barrier, "tol": tolerance, "compl_inf_tol": tolerance, "dual_inf_tol": 1.0})
 
 
 def _fischer_burmeister(t: float, first: bool) -> HomotopyStage:
@@ -175,9 +177,7 @@ class L1Penalty:
 
         def stage(rho: float) -> HomotopyStage:
             barrier = {} if rho == self.first else {"mu_init": self.barrier}
-            return HomotopyStage(
-                "rho", rho, "none", {PENALTY: rho}, options={**self.options, **barrier}
-            )
+            return HomotopyStage("rho", rho, "none", {PENALTY: rho}, options={**self.options, **barrier})
 
         values = [self.first * 10.0**i for i in range(self.steps)]
         return [HomotopyPath(values, stage, strict=False, complete=_complementary)]
@@ -205,9 +205,7 @@ STRATEGIES: dict[str, Strategy] = {
     "scholtes-cold": Falling(lambda t, first: relaxed(t, {"warm_start_init_point": "no"})),
     "scholtes-quick": Falling(_quick, factor=0.01),
     "l1": L1Penalty(),
-    "l1-quick": L1Penalty(
-        1.0, steps=7, barrier=1e-3, options={**_LOOSE, "tol": 1e-6, "dual_inf_tol": 1e-2}
-    ),
+    "l1-quick": L1Penalty(1.0, steps=7, barrier=1e-3, options={**_LOOSE, "tol": 1e-6, "dual_inf_tol": 1e-2}),
     "l1-scholtes": L1ThenScholtes(),
     "fischer-burmeister": Falling(_fischer_burmeister),
     "lin-fukushima": Falling(_lin_fukushima, factor=0.3, power=0.5),
@@ -218,8 +216,7 @@ STRATEGY_USES = {
     "scholtes-adaptive": "the default of laws that average exact steps over noise; takes over where"
     " the central path is not followed to its end",
     "scholtes": "another relaxation, often another minimum: try it where the plan looks poor",
-    "scholtes-exact": "every stage solved tightly: where fast stages drift into poor minima, on"
-    " large programs; slow",
+    "scholtes-exact": "every stage solved tightly: where fast stages drift into poor minima, on large programs; slow",
     "scholtes-cold": "the textbook loop with cold multipliers, to compare with a script; slowest",
     "scholtes-quick": "few stages from a problem's own guess; the second of ocp.mpcc",
     "l1": "exact penalty; stays near the guess: with a good guess, or many starts",

@@ -164,10 +164,9 @@ def pack_rollout(nlp: Program, plan: Rollout, gains: Gains | None) -> np.ndarray
     if gains is not None:
         blocks |= {"K": gains.K, "k": gains.k}
     # One row where all scenarios share it.
-    return nlp.variables.pack({
-        name: blocks[name][: block.shape[0]]
-        for name, block in nlp.variables.blocks.items() if name in blocks
-    })  # fmt: skip
+    return nlp.variables.pack(
+        {name: blocks[name][: block.shape[0]] for name, block in nlp.variables.blocks.items() if name in blocks}
+    )
 
 
 def plan_of(nlp: NLP, x: np.ndarray) -> tuple[np.ndarray | Gains, np.ndarray | None]:
@@ -208,9 +207,7 @@ class RolloutPolish:
         if not branch.finished:
             return first, None
         second, _ = self._rolled_out(self.direct, branch.result.point.x)
-        return (
-            (second, branch.result) if second.f <= first.f + 1e-9 * abs(first.f) else (first, None)
-        )
+        return (second, branch.result) if second.f <= first.f + 1e-9 * abs(first.f) else (first, None)
 
     def follow(self, follower: Homotopy, path: HomotopyPath, start: Point) -> RouteResult:
         """Follow a path, solve the branches of its points, and improve the cheapest.

@@ -92,9 +92,7 @@ def improve_schedule(branches: Branches, best: Result, vain: int = VAIN) -> Resu
             return best
 
 
-def predicted_gains(
-    branches: Branches, found: Result, active: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def predicted_gains(branches: Branches, found: Result, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What each pair's change of sides promises (m,), and how far it is (m,).
 
     The first is the fall of the cost, to first order, as the member that is held grows by its
@@ -105,9 +103,7 @@ def predicted_gains(
     (first, second), sizes = program.pairs, program.sizes(x)
     held, free = np.where(active, (second, first), (first, second))
     multiplier = branches.bound_multipliers(found, active)
-    fall = np.where(
-        multiplier > MIN_MULTIPLIER, multiplier * (sizes / program.natural.x)[held], 0.0
-    )
+    fall = np.where(multiplier > MIN_MULTIPLIER, multiplier * (sizes / program.natural.x)[held], 0.0)
     return fall, np.maximum(x[free] / sizes[free], _NEAREST)
 
 
@@ -155,9 +151,7 @@ _FEASIBLE = 1e-6
 """Violation, in natural units, of a plan that keeps its limits."""
 
 
-def distant_schedules(
-    branches: Branches, points: Sequence[Point], below: float, most: int = _FAR_MOST
-) -> list[Result]:
+def distant_schedules(branches: Branches, points: Sequence[Point], below: float, most: int = _FAR_MOST) -> list[Result]:
     """Solve the branches of the cheapest feasible ``points``, one of every kind of schedule.
 
     An event that falls some steps earlier or later, or one more of them, makes another minimum,

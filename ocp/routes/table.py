@@ -81,9 +81,7 @@ class Route(ABC):
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
         """Solve, in whatever program of the session suits; ``follower`` records the work."""
 
-    def invert(
-        self, session: Session, found: RouteResult, plan: Rollout, gains: Gains | None
-    ) -> tuple[NLP, Point]:
+    def invert(self, session: Session, found: RouteResult, plan: Rollout, gains: Gains | None) -> tuple[NLP, Point]:
         """The program that is judged, and the result's point in it, with multipliers if known."""
         nlp, point = session.judging_nlp(), found.result.point
         if nlp is found.nlp:
@@ -143,9 +141,7 @@ class Complementarity(Route):
     def _search(self, session: Session, start: Start) -> Search:
         problem, guess = session.problem, start.guess
         strategy = choose("strategy", session.strategy, STRATEGIES)
-        plain = Search(
-            strategy, problem.natural_scales.mu, partial(session.first_point, guess=guess)
-        )
+        plain = Search(strategy, problem.natural_scales.mu, partial(session.first_point, guess=guess))
         if session.strategy != DEFAULT_STRATEGY:
             return plain
         own = guess or problem.initial_guess(problem.parameters.pack(session.values))
@@ -181,9 +177,12 @@ class ExactShooting(Route):
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
         """Try the plans in turn, until one is finished, kept by its rollout, and was easy."""
         nlp, direct, best = session.nlp_of("product"), session.judging_nlp(), None
-        polisher = RolloutPolish(nlp, direct, session.step, Homotopy(
-            lambda _: direct, session.solver, session.values, follower.progress, follower.trace
-        ))  # fmt: skip
+        polisher = RolloutPolish(
+            nlp,
+            direct,
+            session.step,
+            Homotopy(lambda _: direct, session.solver, session.values, follower.progress, follower.trace),
+        )
         for plan in self._plans(session, start, follower, polisher):
             try:
                 polished, solved = polisher.polish(plan.nlp, plan.result)
@@ -208,13 +207,10 @@ class ExactShooting(Route):
         if session.step.branches == 1:
             barrier = session.helper(Barrier(mu=MU_LAST), session.method)
             first = barrier.first_point(barrier.nlp_of("product"), start.guess)
-            within = Homotopy(barrier.nlp_of, barrier.solver, barrier.values, follower.progress,
-                              follower.trace)  # fmt: skip
+            within = Homotopy(barrier.nlp_of, barrier.solver, barrier.values, follower.progress, follower.trace)
             yield polisher.follow(within, barrier.path()[1], first)
 
-    def invert(
-        self, session: Session, found: RouteResult, plan: Rollout, gains: Gains | None
-    ) -> tuple[NLP, Point]:
+    def invert(self, session: Session, found: RouteResult, plan: Rollout, gains: Gains | None) -> tuple[NLP, Point]:
         """The same plan on its branch of the complementarity problem, where it was solved."""
         if found.on_branch is None:
             return super().invert(session, found, plan, gains)

@@ -199,17 +199,14 @@ class TouchSearch:
             size = np.maximum((slope**2).sum(axis=1), 1e-9)
             at[:, places] -= (gap / size)[:, None] * slope
 
-    def _paths(
-        self, x: np.ndarray, own: np.ndarray, goals: np.ndarray
-    ) -> list[list[np.ndarray] | None]:
+    def _paths(self, x: np.ndarray, own: np.ndarray, goals: np.ndarray) -> list[list[np.ndarray] | None]:
         """Shortest ways of a pusher from x to each goal, by stops that are clear; None without."""
         nu, sizes = self._nu, self.problem.scales
         middle = np.vstack([x[-nu:], goals])
         low, high = middle.min(axis=0), middle.max(axis=0)
         stops = np.repeat(x[None, -nu:], _STOPS, axis=0)
         wide = 0.5 * sizes.x[-nu:]
-        stops[:, own] = self.rng.uniform((low - wide)[own], (high + wide)[own],
-                                         (_STOPS, len(own)))  # fmt: skip
+        stops[:, own] = self.rng.uniform((low - wide)[own], (high + wide)[own], (_STOPS, len(own)))
         # Steps back from every goal, as a pusher leaves and reaches a body along its normal.
         back = self._outwards(x, np.vstack([x[None, -nu:], goals]), own)
         every = np.vstack([x[None, -nu:], goals, back, stops])
@@ -280,8 +277,7 @@ class TouchSearch:
         gone = np.array([len(n.u) + K for n in chosen])
         resting = cost + self._resting(x[:, -1], gone)
         return [
-            Node(np.vstack([n.x, x[s, 1:]]), np.vstack([n.u, u[s]]), cost[s], resting[s])
-            for s, n in enumerate(chosen)
+            Node(np.vstack([n.x, x[s, 1:]]), np.vstack([n.u, u[s]]), cost[s], resting[s]) for s, n in enumerate(chosen)
         ]
 
     @cached_property
@@ -319,9 +315,7 @@ class TouchSearch:
     def _resting(self, x: np.ndarray, gone: np.ndarray) -> np.ndarray:
         """Cost (S,) of standing still from states x (S, nx) to the end of the horizon."""
         u, none = x[:, None, -self._nu :], np.zeros((len(x), 1, self.problem.system.nlam))
-        stage, terminal = at_steps(
-            self.problem.cost_terms, x[:, None], u, 0 * u, none, p=self.physical
-        )
+        stage, terminal = at_steps(self.problem.cost_terms, x[:, None], u, 0 * u, none, p=self.physical)
         return (self.problem.N - gone) * stage[:, 0, 0] + terminal[:, 0, 0]
 
     def rollout(self, inputs: np.ndarray) -> Rollout | None:

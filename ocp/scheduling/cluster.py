@@ -109,10 +109,7 @@ def _connected(address: str) -> Iterator[Any]:
         ) from None
     with client:
         if not client.scheduler_info()["workers"]:
-            raise InputError(
-                f"the Dask scheduler at {address} has no workers; start some with dask worker"
-                f" {address}"
-            )
+            raise InputError(f"the Dask scheduler at {address} has no workers; start some with dask worker {address}")
         try:
             client.run(exec, NEEDED)
         except ImportError as error:

@@ -46,8 +46,5 @@ def run_sequentially(
 def worker_died(place: int) -> Failure:
     """Say that a job is given up, for its worker died each time."""
     return Failure(
-        RuntimeError(
-            f"job {place + 1} failed: its worker died each time, killed or out of"
-            " memory; use fewer processes"
-        )
+        RuntimeError(f"job {place + 1} failed: its worker died each time, killed or out of memory; use fewer processes")
     )

@@ -94,8 +94,7 @@ class _Data:
         self.p = problem.parameters.values
         limits = [np.array(v).ravel() for v in problem.limits(self.p)]
         self.x0, self.u_before, self.u_lower, self.u_upper, self.x_lower, self.x_upper = limits
-        h = float(ca.Function("h", [self.system.x, problem.parameters.vector],
-                              [ca.SX(self.system.h)])(self.x0, self.p))  # fmt: skip
+        h = float(ca.Function("h", [self.system.x, problem.parameters.vector], [ca.SX(self.system.h)])(self.x0, self.p))
         self.duration = h * problem.N if np.isfinite(h) and h > 0 else 1.0
         self.dimensions = [dimension(signal.unit) for signal in self.system.states]
 
@@ -138,8 +137,7 @@ class _Data:
         usable = changes[np.isfinite(changes) & (changes > 0)]
         if usable.size:
             return float(np.median(usable))
-        lengths = [size for size, signal in zip(x, self.system.states, strict=True)
-                   if signal.unit == "m"]  # fmt: skip
+        lengths = [size for size, signal in zip(x, self.system.states, strict=True) if signal.unit == "m"]
         return float(max(lengths, default=1.0))
 
     def gap_changes(self, x: np.ndarray) -> np.ndarray:

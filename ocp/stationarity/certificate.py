@@ -148,9 +148,7 @@ def certify(
     model = linear_model(nlp, x, p, bounds)
     complementary = nlp.reformulation == "none" and nlp.pairs.size > 0
     if not (np.isfinite(nlp.values(x, p)[0]) and model.finite):
-        return Certificate(
-            "undecided", reason="a function or derivative is NaN or infinite at the point"
-        )
+        return Certificate("undecided", reason="a function or derivative is NaN or infinite at the point")
     slope = float(np.abs(model.cost).sum())
     tolerance = tolerance_of(model)
     verdict, strong, descent = _search(model, multipliers, tolerance)
@@ -177,9 +175,12 @@ def certify(
 
 
 def linear_model(
-    nlp: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray],
+    nlp: Program,
+    x: np.ndarray,
+    p: np.ndarray,
+    bounds: dict[str, np.ndarray],
     residuals: bool = False,
-) -> LinearModel:  # fmt: skip
+) -> LinearModel:
     """Linearise a program at x; pairs count only under the reformulation "none".
 
     With ``residuals`` steps are to mend what is off, see
@@ -195,9 +196,7 @@ def tolerance_of(model: LinearModel) -> float:
     return _FLAT * model.typical_change
 
 
-def _search(
-    model: LinearModel, multipliers: np.ndarray | None, tolerance: float
-) -> tuple[Stationarity, bool, Descent]:
+def _search(model: LinearModel, multipliers: np.ndarray | None, tolerance: float) -> tuple[Stationarity, bool, Descent]:
     """Look for descent in shrinking regions; ``B`` as soon as there is none in one of them.
 
     The flag marks strong stationarity: not even both members of near pairs may grow.

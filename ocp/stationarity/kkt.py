@@ -42,9 +42,7 @@ class Held:
     def holds(self, end: int) -> bool:
         """Whether an end of :meth:`KKTCurve.margins` is held."""
         after = self.toggled(end)
-        return np.abs(after.x).sum() + np.abs(after.g).sum() < (
-            np.abs(self.x).sum() + np.abs(self.g).sum()
-        )
+        return np.abs(after.x).sum() + np.abs(after.g).sum() < (np.abs(self.x).sum() + np.abs(self.g).sum())
 
 
 class KKTCurve:
@@ -58,9 +56,15 @@ class KKTCurve:
     """
 
     def __init__(
-        self, program: Program, values: dict[str, float], name: str, unit: float, point: Point,
-        multipliers: np.ndarray, held: Held | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        program: Program,
+        values: dict[str, float],
+        name: str,
+        unit: float,
+        point: Point,
+        multipliers: np.ndarray,
+        held: Held | None = None,
+    ) -> None:
         import scipy.sparse as sp
 
         self.program, self.values, self.name, self.unit = program, values, name, unit
@@ -78,9 +82,7 @@ class KKTCurve:
         self.free, self.acting = self.held.x == 0, self.held.g != 0
         self.nx, self.ng = int(self.free.sum()), int(self.acting.sum())
         eta = multipliers / (self.scale * self.rows)
-        self.start = np.concatenate(
-            [(x / self.sizes)[self.free], eta[self.acting], [values[name] / unit]]
-        )
+        self.start = np.concatenate([(x / self.sizes)[self.free], eta[self.acting], [values[name] / unit]])
         self.iterations = 0
 
     @property
@@ -94,9 +96,13 @@ class KKTCurve:
         return self.program.parameter_vector(values), self.program.bounds(values)
 
     def _held(
-        self, x: np.ndarray, reduced: np.ndarray, y: np.ndarray, g: np.ndarray,
+        self,
+        x: np.ndarray,
+        reduced: np.ndarray,
+        y: np.ndarray,
+        g: np.ndarray,
         bounds: dict[str, np.ndarray],
-    ) -> Held:  # fmt: skip
+    ) -> Held:
         """Ends that press harder than they stand off, both in characteristic sizes."""
         slope, eta = reduced * self.sizes / self.scale, y / (self.scale * self.rows)
         lower, upper = bounds["lbx"] / self.sizes, bounds["ubx"] / self.sizes
@@ -143,9 +149,7 @@ class KKTCurve:
         square = sp.bmat([[H, A.T], [A, sp.csr_matrix((self.ng, self.ng))]])
         return sp.csc_matrix(sp.hstack([square, last[:, None]]))
 
-    def _second(
-        self, x: np.ndarray, y: np.ndarray, p: np.ndarray
-    ) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    def _second(self, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> tuple[sp.csr_matrix, sp.csr_matrix]:
         import scipy.sparse as sp
 
         H = sp.csr_matrix(self.program.bend(x, p, y, self.sizes) / self.scale)
@@ -176,9 +180,7 @@ class KKTCurve:
 
     def tangent(self, v: np.ndarray, border: np.ndarray | None = None) -> np.ndarray:
         """Direction of the curve with ``border' t = 1``; by default one unit of the parameter."""
-        return self.solve(
-            v, self.parameter_direction if border is None else border, self.parameter_direction
-        )
+        return self.solve(v, self.parameter_direction if border is None else border, self.parameter_direction)
 
     def newton(self, v: np.ndarray, border: np.ndarray, target: float) -> np.ndarray | None:
         """Come to the curve where ``border' v = target``; None where that does not converge."""
@@ -219,10 +221,9 @@ class KKTCurve:
         x, y = self.point(v)
         eta = y / (self.scale * self.rows)
         parts = [
-            _margins(x / self.sizes, bounds["lbx"] / self.sizes, bounds["ubx"] / self.sizes,
-                     slope, self.held.x),
+            _margins(x / self.sizes, bounds["lbx"] / self.sizes, bounds["ubx"] / self.sizes, slope, self.held.x),
             _margins(g, bounds["lbg"] * self.rows, bounds["ubg"] * self.rows, -eta, self.held.g),
-        ]  # fmt: skip
+        ]
         if self.own.size:
             holds = self.held.x[self.own] != 0
             parts[0][0][self.own[holds & (holds.sum(axis=0) == 1)]] = np.inf
@@ -272,9 +273,7 @@ def regular(
     return curve, v
 
 
-def _pressing(
-    low: np.ndarray, high: np.ndarray, value: np.ndarray, lower: np.ndarray, upper: np.ndarray
-) -> np.ndarray:
+def _pressing(low: np.ndarray, high: np.ndarray, value: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     held = np.where(low > value - lower, -1, np.where(high > upper - value, 1, 0))
     return np.where(lower == upper, 1, held)
 

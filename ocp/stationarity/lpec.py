@@ -52,10 +52,17 @@ class LinearModel:
 
     @classmethod
     def at(
-        cls, x: np.ndarray, gradient: np.ndarray, g: np.ndarray, jacobian: sp.spmatrix,
-        bounds: dict[str, np.ndarray], sizes: np.ndarray, pairs: np.ndarray,
-        residuals: bool = False, typical_change: float = 0.0,
-    ) -> LinearModel:  # fmt: skip
+        cls,
+        x: np.ndarray,
+        gradient: np.ndarray,
+        g: np.ndarray,
+        jacobian: sp.spmatrix,
+        bounds: dict[str, np.ndarray],
+        sizes: np.ndarray,
+        pairs: np.ndarray,
+        residuals: bool = False,
+        typical_change: float = 0.0,
+    ) -> LinearModel:
         """Scale the derivatives at ``x``; ``bounds`` are ``lbx ubx lbg ubg``, without contact's.
 
         With ``residuals`` rows keep what they are off by, for a direction to mend.
@@ -222,9 +229,12 @@ def _active(negative_slack: np.ndarray) -> np.ndarray:
 
 
 def _solved(
-    objective: np.ndarray, rows: tuple[Any, ...], box: tuple[Any, ...], whole: np.ndarray,
+    objective: np.ndarray,
+    rows: tuple[Any, ...],
+    box: tuple[Any, ...],
+    whole: np.ndarray,
     gap: float,
-) -> OptimizeResult:  # fmt: skip
+) -> OptimizeResult:
     """Solve by HiGHS; a second time without presolve where it ran into numerical trouble."""
     from scipy.optimize import Bounds, LinearConstraint, milp
 
@@ -260,9 +270,11 @@ def negative_curvature(hessian: sp.csr_matrix, constraints: sp.csr_matrix) -> in
     whole = sp.bmat([[top, constraints.T], [constraints, -_REGULAR * sp.identity(m)]], format="csc")
     try:
         factors = sla.splu(
-            whole, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+            whole,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
-        )  # fmt: skip
+        )
     except RuntimeError:
         return -1
     if not np.array_equal(factors.perm_r, factors.perm_c):

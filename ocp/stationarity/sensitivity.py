@@ -30,9 +30,7 @@ Replay = Callable[[Trajectories, dict[str, float]], Any]
 """Replays a plan at parameter values under the sharpest contact, see ocp.judges.referee."""
 
 
-def sensitivity(
-    program: NLP, point: Point, values: dict[str, float], replay: Replay, name: str
-) -> xr.Dataset:
+def sensitivity(program: NLP, point: Point, values: dict[str, float], replay: Replay, name: str) -> xr.Dataset:
     """Return ``dx/dp``, ``du/dp`` and ``dcost/dp`` for the parameter ``name`` at a solved point.
 
     On the active set, held, the KKT conditions ``F(z, p) = 0`` are smooth, and ``dz/dp`` solves
@@ -59,10 +57,7 @@ def sensitivity(
     t = curve.tangent(v)
     _check_strict(curve, v, t)
     ends = [_trajectories(program, curve, v + s * _DIFFERENCE * t) for s in (1, -1)]
-    dx, du = (
-        (getattr(ends[0], key) - getattr(ends[1], key)) / (2 * _DIFFERENCE * curve.unit)
-        for key in ("x", "u")
-    )
+    dx, du = ((getattr(ends[0], key) - getattr(ends[1], key)) / (2 * _DIFFERENCE * curve.unit) for key in ("x", "u"))
     replayed, refined, x_refined, note = _replayed_slopes(program, curve, v, t, replay)
     parameter = (program.problem.parameters + program.step.p).get(name)
     system = program.problem.system
@@ -75,13 +70,19 @@ def sensitivity(
             "cost_refined": ((), refined),
             "x_refined": (("scenario", "node", "state"), x_refined),
         },
-        coords={"state": [s.name for s in system.states],
-                "control": [s.name for s in system.inputs],
-                "state_unit": ("state", [s.unit for s in system.states]),
-                "control_unit": ("control", [s.unit for s in system.inputs])},
-        attrs={"parameter": name, "per": parameter.unit, "refined_note": note,
-               "finding": _finding(curve, cost, replayed, refined)},
-    )  # fmt: skip
+        coords={
+            "state": [s.name for s in system.states],
+            "control": [s.name for s in system.inputs],
+            "state_unit": ("state", [s.unit for s in system.states]),
+            "control_unit": ("control", [s.unit for s in system.inputs]),
+        },
+        attrs={
+            "parameter": name,
+            "per": parameter.unit,
+            "refined_note": note,
+            "finding": _finding(curve, cost, replayed, refined),
+        },
+    )
 
 
 def _replayed_slopes(
@@ -93,10 +94,7 @@ def _replayed_slopes(
         there = v + sign * step * t
         values = {**curve.values, curve.name: there[-1] * curve.unit}
         ends.append(replay(_trajectories(program, curve, there), values))
-    pairs = [
-        (end.cost, end.refined_cost, end.refined.x if end.refined else np.nan * end.replay.x)
-        for end in ends
-    ]
+    pairs = [(end.cost, end.refined_cost, end.refined.x if end.refined else np.nan * end.replay.x) for end in ends]
     cost, refined, x = ((a - b) / (2 * step * curve.unit) for a, b in zip(*pairs, strict=True))
     return cost, refined, x, ends[0].refined_note or ends[1].refined_note
 
@@ -170,7 +168,5 @@ def _cost_slope(curve: KKTCurve, v: np.ndarray) -> float:
         (x, _), (p, bounds) = curve.point(v + sign * step), curve.given(v[-1] + sign * step[-1])
         f, g = curve.program.values(x, p)
         held = np.where(curve.held.g < 0, bounds["lbg"], bounds["ubg"])[curve.acting]
-        ends.append(
-            f + curve.program.constant(p) + float(y[curve.acting] @ (g[curve.acting] - held))
-        )
+        ends.append(f + curve.program.constant(p) + float(y[curve.acting] @ (g[curve.acting] - held)))
     return (ends[0] - ends[1]) / (2 * step[-1] * curve.unit)

@@ -88,9 +88,7 @@ def unbounded_inputs(problem: Problem, step: Step, values: dict[str, float], pla
     return endless(rays, plan.cost, 1e-3 * _ROUNDING * problem.scales.cost)
 
 
-def _cost_of_inputs(
-    problem: Problem, values: dict[str, float]
-) -> Callable[[np.ndarray], float] | None:
+def _cost_of_inputs(problem: Problem, values: dict[str, float]) -> Callable[[np.ndarray], float] | None:
     """What inputs (N, nu) cost by themselves, where no state or impulse can lower that; or None."""
     system, p = problem.system, problem.parameters
     du = ca.SX.sym("du", system.nu) if problem.du is None else problem.du
@@ -112,9 +110,12 @@ def runaway_inputs(problem: Problem, u: np.ndarray) -> str:
 
 
 def _input_rays(
-    problem: Problem, step: Step, values: dict[str, float], plan: Rollout,
+    problem: Problem,
+    step: Step,
+    values: dict[str, float],
+    plan: Rollout,
     least: Callable[[np.ndarray], float] | None,
-) -> Iterator[Ray]:  # fmt: skip
+) -> Iterator[Ray]:
     """Inputs without bounds, alone, by twos, and all as in the plan, along the whole horizon.
 
     They are rolled out under the law, from the plan and, where that is distant, from the guess;
@@ -183,9 +184,7 @@ def unbounded_variables(
     return endless(rays, float(np.nan_to_num(best, nan=np.inf)))
 
 
-def _rays(
-    program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]
-) -> Iterator[Ray]:
+def _rays(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> Iterator[Ray]:
     """Down the cost's gradient, away from zero, and along each variable of a small program."""
     model = linear_model(program, x, p, bounds)
     ways = [-model.cost, x / model.sizes] if model.finite else []

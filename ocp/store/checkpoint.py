@@ -39,9 +39,7 @@ class Checkpoint:
     A file that cannot be read counts as not written.
     """
 
-    def __init__(
-        self, root: Path | None, problem: str, request: dict[str, Any], source: str = ""
-    ) -> None:
+    def __init__(self, root: Path | None, problem: str, request: dict[str, Any], source: str = "") -> None:
         asked = _hashed(to_json(request))
         self._asked = f".unfinished-{asked}-"
         # What does it: our own source, versions of what it stands on, the compiler and the CPU.
@@ -140,8 +138,7 @@ class Checkpoint:
         notes = []
         if busy:
             notes.append(
-                "another process runs the same computation; this one runs independently and"
-                " gives the same numbers"
+                "another process runs the same computation; this one runs independently and gives the same numbers"
             )
         if _empty(self.place):
             notes += self._outdated(self._shelf)

@@ -40,9 +40,11 @@ def label(
     system = problem.system
     # A law that averages has each contact often.
     signals = {
-        "state": system.states, "control": system.inputs, "contact_exact": system.contacts,
+        "state": system.states,
+        "control": system.inputs,
+        "contact_exact": system.contacts,
         "contact": nlp.step.contacts,
-    }  # fmt: skip
+    }
     entries, of = units_of(signals)
     gap_unit = {"units": system.gap_unit}
     mu_unit = {"units": f"{system.contacts[0].unit if system.contacts else 1} {system.gap_unit}"}

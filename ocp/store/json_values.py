@@ -27,10 +27,18 @@ if TYPE_CHECKING:
 
 
 # Where, when and how fast a run was made: runs that differ only in these are the same answer.
-_PROVENANCE = {"argv", "created", "revision", "versions", "source", "source_digest",
-               "contact_source", "contact_digest", "tags"}  # fmt: skip
-_TIMES = {"build_s", "solve_s", "audit_s", "seconds", "stage_seconds", "evaluation_s", "solver_s",
-          "wall_s"}  # fmt: skip
+_PROVENANCE = {
+    "argv",
+    "created",
+    "revision",
+    "versions",
+    "source",
+    "source_digest",
+    "contact_source",
+    "contact_digest",
+    "tags",
+}
+_TIMES = {"build_s", "solve_s", "audit_s", "seconds", "stage_seconds", "evaluation_s", "solver_s", "wall_s"}
 _CIRCUMSTANCES = _PROVENANCE | _TIMES
 
 
@@ -67,11 +75,7 @@ def to_json(value: Any) -> Any:
 
 def _without_circumstances(value: Any) -> Any:
     if isinstance(value, dict):
-        return {
-            key: _without_circumstances(item)
-            for key, item in value.items()
-            if key not in _CIRCUMSTANCES
-        }
+        return {key: _without_circumstances(item) for key, item in value.items() if key not in _CIRCUMSTANCES}
     return [_without_circumstances(item) for item in value] if isinstance(value, list) else value
 
 
@@ -107,9 +111,14 @@ def from_json(kind: Any, value: Any, place: str = "") -> Any:
 
 
 _WORDS = {
-    str: "a text", int: "a whole number", float: "a number or null", bool: "true or false",
-    list: "a list", dict: "an object", NoneType: "null",
-}  # fmt: skip
+    str: "a text",
+    int: "a whole number",
+    float: "a number or null",
+    bool: "true or false",
+    list: "a list",
+    dict: "an object",
+    NoneType: "null",
+}
 _PLAIN: dict[Any, Any] = {float: (int, float, NoneType)}
 
 
@@ -147,8 +156,7 @@ def _of_record(kind: Any, value: Any, place: str) -> Any:
     if missing := sorted(required - set(value)):
         raise ValueError(f"{_under(place, missing[0])} is missing")
     parts = {
-        key: from_json(types[key], item, _under(place, key)) if key in types else item
-        for key, item in value.items()
+        key: from_json(types[key], item, _under(place, key)) if key in types else item for key, item in value.items()
     }
     made: Any = kind if is_dataclass(kind) else dict
     return made(**parts)

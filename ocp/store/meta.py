@@ -224,9 +224,14 @@ class OwnProblem(TypedDict):
 
 
 KINDS: dict[str, Any] = {
-    "solve": SolveMeta, "continue": ContinueMeta, "sweep": SweepMeta, "estimate": EstimateMeta,
-    "train": TrainMeta, "figure": FigureMeta, "closed-loop": ClosedLoopMeta,
-}  # fmt: skip
+    "solve": SolveMeta,
+    "continue": ContinueMeta,
+    "sweep": SweepMeta,
+    "estimate": EstimateMeta,
+    "train": TrainMeta,
+    "figure": FigureMeta,
+    "closed-loop": ClosedLoopMeta,
+}
 
 
 def check_meta(file: Path, meta: dict[str, Any]) -> None:
@@ -275,7 +280,5 @@ def check_tags(tags: Iterable[str]) -> list[str]:
     """
     for tag in tags:
         if not re.fullmatch(r"[\w.-]{1,60}", tag):
-            raise InputError(
-                f"a tag is one word of letters, digits, _ . - and at most 60 of them, got {tag!r}"
-            )
+            raise InputError(f"a tag is one word of letters, digits, _ . - and at most 60 of them, got {tag!r}")
     return sorted(set(tags))

@@ -97,10 +97,13 @@ def git_revision() -> str | None:
         head, changes = (
             subprocess.run(
                 ["git", "-C", str(root), *command],
-                capture_output=True, text=True, timeout=10, check=True,
+                capture_output=True,
+                text=True,
+                timeout=10,
+                check=True,
             ).stdout.strip()
             for command in commands
-        )  # fmt: skip
+        )
     except (OSError, subprocess.SubprocessError):
         return None
     return head + ("+" if changes else "")

@@ -23,9 +23,7 @@ MOST = {DATA_FILE: 4 << 30, META_FILE: 32 << 20, PROBLEM_FILE: 256 << 20}
 """The files that a run may have, and how many bytes each may be."""
 
 _DEEPEST = 20
-_SHOWN = {
-    code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"
-}
+_SHOWN = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
 # Where text may hold one: written out, or as JSON escapes it.
 _CONTROL = re.compile(rb"[\x7f-\xff]|\\u00[0189][0-9a-fA-F]|\\u007[fF]|\\[bfr]")
 _END = re.compile(rb',\n "checksum": "([0-9a-f]{64})"\n}\n')
@@ -122,9 +120,11 @@ def reason(error: OSError) -> str:
 def _check_regular(file: Path, about: os.stat_result, most: int) -> None:
     if not stat.S_ISREG(about.st_mode):
         kinds = {
-            stat.S_IFLNK: "a symbolic link", stat.S_IFIFO: "a FIFO", stat.S_IFDIR: "a directory",
+            stat.S_IFLNK: "a symbolic link",
+            stat.S_IFIFO: "a FIFO",
+            stat.S_IFDIR: "a directory",
             stat.S_IFSOCK: "a socket",
-        }  # fmt: skip
+        }
         found = kinds.get(stat.S_IFMT(about.st_mode), "a device")
         raise DamagedRun(f"{file} cannot be read: it is {found}; a run holds regular files")
     if about.st_size > most:
@@ -137,8 +137,7 @@ def _too_large(file: Path, size: int, most: int) -> NoReturn:
 
 def _is_deeper(value: Any, most: int) -> bool:
     inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return any(most == 0 or _is_deeper(item, most - 1) for item in inner
-               if isinstance(item, dict | list))  # fmt: skip
+    return any(most == 0 or _is_deeper(item, most - 1) for item in inner if isinstance(item, dict | list))
 
 
 def visible(value: Any) -> Any:

@@ -56,9 +56,7 @@ class RunEntry:
     damage: str = ""
 
 
-def save(
-    solution: Solution, root: Path | str, argv: Sequence[str], tags: Sequence[str] = ()
-) -> StoredRun:
+def save(solution: Solution, root: Path | str, argv: Sequence[str], tags: Sequence[str] = ()) -> StoredRun:
     """Store a solution and return the run; raises as :func:`write` does."""
     problem, data, meta = _parts(solution, argv, tags)
     return write(root, problem, data, meta, problem_part(solution.problem, data))
@@ -78,20 +76,29 @@ def problem_part(problem: Problem, data: xr.Dataset | None = None) -> dict[str, 
     """
     if problem.shown is None:
         return {}
-    motions = {} if data is None else {
-        suffix: np.asarray(data[f"x{suffix}"].values[0]) for suffix in ("", "_replay")
-        if f"x{suffix}" in data
-    }  # fmt: skip
+    motions = (
+        {}
+        if data is None
+        else {suffix: np.asarray(data[f"x{suffix}"].values[0]) for suffix in ("", "_replay") if f"x{suffix}" in data}
+    )
     return {PROBLEM_FILE: json.dumps(to_json(problem.shown.told(motions))).encode()}
 
 
-def _parts(
-    solution: Solution, argv: Sequence[str], tags: Sequence[str] = ()
-) -> tuple[str, xr.Dataset, dict[str, Any]]:
+def _parts(solution: Solution, argv: Sequence[str], tags: Sequence[str] = ()) -> tuple[str, xr.Dataset, dict[str, Any]]:
     """Name of the problem, arrays and description of a solution."""
     record = dict(solution.record)
-    summary = ("idle_cost", "grade", "cost", "verdict", "iterations", "build_s", "solve_s",
-            "evaluation_s", "solver_s", "others")  # fmt: skip
+    summary = (
+        "idle_cost",
+        "grade",
+        "cost",
+        "verdict",
+        "iterations",
+        "build_s",
+        "solve_s",
+        "evaluation_s",
+        "solver_s",
+        "others",
+    )
     judged = ("audit", "certificate", "referee")
     meta = {
         "kind": "solve",
@@ -143,9 +150,7 @@ def write(
     return StoredRun(final, data, json.loads(files[META_FILE]), dict(parts or {}))
 
 
-def _completed(
-    problem: str, data: xr.Dataset, meta: dict[str, Any], created: datetime
-) -> dict[str, Any]:
+def _completed(problem: str, data: xr.Dataset, meta: dict[str, Any], created: datetime) -> dict[str, Any]:
     described = to_json(meta)
     return described | {
         "schema": SCHEMA,

@@ -125,8 +125,7 @@ class StoredRun:
             hints = {"train": "; ocp evaluate judges a policy", "figure": "; ocp report shows it"}
             command = {"closed-loop": "mpc"}.get(self.kind, self.kind)
             raise InputError(
-                f"{self.path} is a run of ocp {command}, expected a run of ocp"
-                f" solve{hints.get(self.kind, '')}"
+                f"{self.path} is a run of ocp {command}, expected a run of ocp solve{hints.get(self.kind, '')}"
             )
 
     def _described(self, kind: Any, key: str) -> Any:
@@ -159,9 +158,7 @@ def rows_of(run: StoredRun) -> tuple[str, ...] | None:
 def check_rows(run: StoredRun) -> None:
     """Raise :class:`~ocp.errors.InputError` for a kind of run that makes no one table."""
     if rows_of(run) is None:
-        raise InputError(
-            f"{run.path} holds a {run.kind}, whose arrays make no one table; take --format npz"
-        )
+        raise InputError(f"{run.path} holds a {run.kind}, whose arrays make no one table; take --format npz")
 
 
 def write_csv(run: StoredRun, file: Path) -> None:
@@ -219,9 +216,7 @@ def _columns(run: StoredRun) -> Iterator[tuple[str, list[Any]]]:
             yield from _of_array(data, name, rows, shape)
 
 
-def _of_array(
-    data: Any, name: str, rows: tuple[str, ...], shape: tuple[int, ...]
-) -> Iterator[tuple[str, list[Any]]]:
+def _of_array(data: Any, name: str, rows: tuple[str, ...], shape: tuple[int, ...]) -> Iterator[tuple[str, list[Any]]]:
     """Columns of one array, a label each; none of an array that is not over the rows."""
     array = data[name]
     step = next((one for one in ("interval", "sample") if one in array.dims), None)

@@ -75,9 +75,15 @@ class Case:
         and settings that there are not.
         """
         return new_session(
-            source or self.source(), self.contact, self.method, self.policy, self.solver,
-            self.settings, params=self.params, contact_settings=self.contact_settings,
-        )  # fmt: skip
+            source or self.source(),
+            self.contact,
+            self.method,
+            self.policy,
+            self.solver,
+            self.settings,
+            params=self.params,
+            contact_settings=self.contact_settings,
+        )
 
     def at(self, values: Mapping[str, float]) -> Case:
         """The same with other values by full name, as :meth:`full_name` gives it."""
@@ -126,12 +132,17 @@ class Case:
     def command(self, seed: int = 0, starts: int = 1, rank: str = "planned") -> list[str]:
         """Words of the ``ocp solve`` that does the same."""
         words = ["ocp", "solve", self.problem]
-        for option, held in (("-p", self.params), ("-c", self.contact_settings),
-                             ("-s", self.settings)):  # fmt: skip
+        for option, held in (("-p", self.params), ("-c", self.contact_settings), ("-s", self.settings)):
             words += [part for key, value in held.items() for part in (option, f"{key}={value}")]
-        chosen = {"contact": (self.contact, DEFAULT_LAW), "method": (self.method, "direct"),
-                  "policy": (self.policy, "open-loop"), "solver": (self.solver, "ipopt"),
-                  "seed": (seed, 0), "starts": (starts, 1), "rank": (rank, "planned")}  # fmt: skip
+        chosen = {
+            "contact": (self.contact, DEFAULT_LAW),
+            "method": (self.method, "direct"),
+            "policy": (self.policy, "open-loop"),
+            "solver": (self.solver, "ipopt"),
+            "seed": (seed, 0),
+            "starts": (starts, 1),
+            "rank": (rank, "planned"),
+        }
         for name, (value, usual) in chosen.items():
             words += [] if value == usual else [f"--{name}", str(value)]
         return words
@@ -181,14 +192,22 @@ def structure(session: Session) -> list[Any]:
     return [
         [(type(one), _digest(one.relation)) for one in steps],
         _digest(_costs_and_bounds(problem)),
-        step.p.names, problem.N, problem.scenarios,
+        step.p.names,
+        problem.N,
+        problem.scenarios,
         [pair.kind for pair in problem.system.pairs],
         _settings(session.law, step.p),
-        session.method.name, session.policy.name, asdict(session.policy),
-        session.solver.name, session.solver.options,
-        session.strategy, session.homotopy, session.factor, session.start_value,
+        session.method.name,
+        session.policy.name,
+        asdict(session.policy),
+        session.solver.name,
+        session.solver.options,
+        session.strategy,
+        session.homotopy,
+        session.factor,
+        session.start_value,
         session.compiled is None,
-    ]  # fmt: skip
+    ]
 
 
 def _costs_and_bounds(problem: Problem) -> ca.Function:
@@ -217,9 +236,12 @@ def _settings(law: ContactLaw, p: ParameterTable) -> list[Any]:
 
 
 def _share_functions(old: Session, new: Session) -> None:
-    for one, other in ((old.problem, new.problem), (old.step, new.step),
-                       (old.problem.exact_step, new.problem.exact_step),
-                       (old.problem.referee_step, new.problem.referee_step)):  # fmt: skip
+    for one, other in (
+        (old.problem, new.problem),
+        (old.step, new.step),
+        (old.problem.exact_step, new.problem.exact_step),
+        (old.problem.referee_step, new.problem.referee_step),
+    ):
         _give_functions(one, other)
     _give_programs(old, new)
     for helper in old.helpers.values():

@@ -60,8 +60,10 @@ def axis(text: str) -> Axis:
         raise InputError(f"--over {name}: both ends are {first:g}; give two that differ")
     values = tuple(float(f"{value:.{_DIGITS}g}") for value in found.values)
     if len(set(values)) < len(values):
-        raise InputError(f"--over {name}: {len(values)} values between {first:g} and {last:g} are"
-                         f" equal to {_DIGITS} digits; take fewer")  # fmt: skip
+        raise InputError(
+            f"--over {name}: {len(values)} values between {first:g} and {last:g} are"
+            f" equal to {_DIGITS} digits; take fewer"
+        )
     return Axis(name, values, found.log)
 
 
@@ -88,9 +90,28 @@ _UNITS = {"solve_s": "s", "seconds": "s", "penetration": "m"}
 _SECONDS = "seconds"
 _GAINS = {"K": "gain_K", "k": "gain_k"}
 """Names that parameters like to have."""
-_OWN = {"scenario", "node", "interval", "state", "control", "contact", "contact_exact", "time",
-        "x", "u", "lam", "gap", "x_replay", "u_replay", "x_referee", "u_referee", _SECONDS,
-        *NUMBERS, *WORDS, *COUNTS}  # fmt: skip
+_OWN = {
+    "scenario",
+    "node",
+    "interval",
+    "state",
+    "control",
+    "contact",
+    "contact_exact",
+    "time",
+    "x",
+    "u",
+    "lam",
+    "gap",
+    "x_replay",
+    "u_replay",
+    "x_referee",
+    "u_referee",
+    _SECONDS,
+    *NUMBERS,
+    *WORDS,
+    *COUNTS,
+}
 """Names that a study's dataset has itself."""
 
 
@@ -129,10 +150,10 @@ class Grid:
             return fields[name.removeprefix("problem.")].annotation is int
 
         return tuple(
-            value for name, value in place.items()
-            if name.startswith(("setting.", "policy."))
-            or (name.startswith("problem.") and whole(name))
-        )  # fmt: skip
+            value
+            for name, value in place.items()
+            if name.startswith(("setting.", "policy.")) or (name.startswith("problem.") and whole(name))
+        )
 
     def job(self, place: Mapping[str, float], start: JobResult | None = None) -> SolveJob:
         """The job of a point, alone or from the plan of another one."""
@@ -177,8 +198,10 @@ class Grid:
         asked = {
             "case": {**vars(self.case), "content": None},
             "axes": [vars(axis) for axis in self.axes],
-            "starts": self.starts, "seed": self.seed, "rank": self.rank,
-        }  # fmt: skip
+            "starts": self.starts,
+            "seed": self.seed,
+            "rank": self.rank,
+        }
         return Checkpoint(root, name, {"sweep": asked}, self.case.content or "")
 
 
@@ -248,10 +271,11 @@ def _stacked(
             continue
         array = point.arrays[name]
         taken = [
-            np.arange(size) if isinstance(known := sizes[dim], int)
+            np.arange(size)
+            if isinstance(known := sizes[dim], int)
             else [known.index(label) for label in array.labels[dim]]
             for dim, size in zip(dims, array.values.shape, strict=True)
-        ]  # fmt: skip
+        ]
         values[place][np.ix_(*taken)] = array.values
     return LabelledArray(dims, values.reshape(*shape, *ends), {})
 
@@ -280,10 +304,7 @@ def saved_point(checkpoint: Checkpoint, place: int) -> JobResult | None:
     values = checkpoint.state(_file(place)) if about else {}
     if values is None or set(values) != set(about):
         return None
-    arrays = {
-        name: LabelledArray(tuple(dims), values[name], labels)
-        for name, (dims, labels) in about.items()
-    }
+    arrays = {name: LabelledArray(tuple(dims), values[name], labels) for name, (dims, labels) in about.items()}
     return JobResult(rows[0]["row"], arrays)
 
 

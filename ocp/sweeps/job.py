@@ -103,13 +103,32 @@ def solve_job(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
 def failed_result(status: str, sentence: str) -> JobResult:
     """A point without an answer, and why."""
     nothing: dict[str, Any] = dict.fromkeys(NUMBERS, float("nan"))
-    row = {**nothing, **dict.fromkeys(WORDS, ""), "status": status, "grade": "failed",
-           "verdict": sentence, "success": 0, "survives": -1, "iterations": 0}  # fmt: skip
+    row = {
+        **nothing,
+        **dict.fromkeys(WORDS, ""),
+        "status": status,
+        "grade": "failed",
+        "verdict": sentence,
+        "success": 0,
+        "survives": -1,
+        "iterations": 0,
+    }
     return JobResult({**row, "seconds": 0.0}, {})
 
 
-NUMBERS = ("cost", "exact_cost", "referee_cost", "refined_cost", "idle_cost", "complementarity",
-           "kkt_residual", "dynamics_residual", "penetration", "solve_s", "own_cost")  # fmt: skip
+NUMBERS = (
+    "cost",
+    "exact_cost",
+    "referee_cost",
+    "refined_cost",
+    "idle_cost",
+    "complementarity",
+    "kkt_residual",
+    "dynamics_residual",
+    "penetration",
+    "solve_s",
+    "own_cost",
+)
 """What is a number in a row; ``own_cost`` is NaN, but of an outlier its own solve's cost."""
 WORDS = ("status", "stationarity", "kind", "grade", "verdict", "start")
 """What is a text there; ``start`` is the point whose plan gave the answer of an outlier."""
@@ -173,9 +192,7 @@ def solve_start(job: SolveJob, report: Callable[[Any], None]) -> StartResult:
     """Solve from one guess; a :data:`~ocp.scheduling.Function` that tells each stage."""
     session = cached_session(job.case)
     guess = initial_guesses(session.problem, session.values, job.starts, job.seed)[job.number]
-    outcome = session.solve(
-        progress=lambda stage: report(asdict(stage)), guess=guess, number=job.number
-    )
+    outcome = session.solve(progress=lambda stage: report(asdict(stage)), guess=guess, number=job.number)
     found = judged(session, outcome, job.seed)
     reformulation = next(key for key, nlp in session.nlps.items() if nlp is outcome.nlp)
     told = {one.name: getattr(found, one.name) for one in fields(found) if one.name not in _HELD}

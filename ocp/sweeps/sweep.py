@@ -93,9 +93,7 @@ def sweep(
     Raises :class:`~ocp.errors.InputError` for what no point could be solved with.
     """
     name = _name(problem)
-    own, given = split_keywords(
-        Case(name).source(), contact, params, contact_settings, keywords, solver
-    )
+    own, given = split_keywords(Case(name).source(), contact, params, contact_settings, keywords, solver)
     law = law_name(contact)
     given = given if isinstance(contact, str) else contact.settings()
     case = Case(name, own, law, given, method, policy, solver, dict(settings or {}))
@@ -106,9 +104,7 @@ def sweep(
     root = None if store is None else expand_path(store)
     with study.checkpoint(root, session.problem.name) as checkpoint:
         found = saved_points(study, checkpoint)
-        points = solve_grid(
-            study, jobs, scheduler, checkpoint, found, progress or (lambda *_: None)
-        )
+        points = solve_grid(study, jobs, scheduler, checkpoint, found, progress or (lambda *_: None))
         checkpoint.discard()
     return dataset(study, session, points)
 
@@ -126,9 +122,7 @@ def _name(problem: ProblemLike) -> str:
     return str(expand_path(named).resolve()) if named.endswith(".py") else named
 
 
-def make_grid(
-    case: Case, over: tuple[Axis, ...], starts: int = 1, seed: int = 0, rank_by: Rank = "planned"
-) -> Grid:
+def make_grid(case: Case, over: tuple[Axis, ...], starts: int = 1, seed: int = 0, rank_by: Rank = "planned") -> Grid:
     """A study of a case, its axes called by their full names.
 
     Raises :class:`~ocp.errors.InputError` for a name that is unknown, twice or given otherwise.
@@ -156,9 +150,8 @@ def check_points(study: Grid, session: Session) -> None:
     count = math.prod(study.shape)
     # Shorter points are filled up to the longest.
     longest = math.prod(
-        max(axis.values) / axis.values[0] for axis in study.axes
-        if axis.name in ("problem.N", "problem.scenarios")
-    )  # fmt: skip
+        max(axis.values) / axis.values[0] for axis in study.axes if axis.name in ("problem.N", "problem.scenarios")
+    )
     check_memory(f"a grid of {count} points", points_memory(session.problem, count, longest))
 
 
@@ -222,8 +215,7 @@ def _solve_jobs(
             found[place] = kept
     places = study.places
     # Points of one structure stand together, for a worker builds each structure once.
-    left = sorted((place for place in jobs_of if place not in found),
-                  key=lambda place: study.shape_of(places[place]))  # fmt: skip
+    left = sorted((place for place in jobs_of if place not in found), key=lambda place: study.shape_of(places[place]))
     work = [jobs_of[place] for place in left]
 
     def told(index: int, message: Any) -> None:
@@ -260,17 +252,21 @@ def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
             "at": {dim: row[dim] for dim in dims},
             "status": row["status"],
             "verdict": row["verdict"],
-            "command": shlex.join(
-                study.job(place).case.command(study.seed, study.starts, study.rank)
-            ),
+            "command": shlex.join(study.job(place).case.command(study.seed, study.starts, study.rank)),
         }
-        for place, row in zip(study.places, found, strict=True) if not row["success"]
-    ]  # fmt: skip
+        for place, row in zip(study.places, found, strict=True)
+        if not row["success"]
+    ]
     axes = [
-        {"name": dim, "full_name": axis.name, "values": list(axis.values), "log": axis.log,
-         "units": data[dim].attrs["units"]}
+        {
+            "name": dim,
+            "full_name": axis.name,
+            "values": list(axis.values),
+            "log": axis.log,
+            "units": data[dim].attrs["units"],
+        }
         for dim, axis in zip(dims, study.axes, strict=True)
-    ]  # fmt: skip
+    ]
     whole = solved == len(found)
     return {
         "kind": KIND,
@@ -292,8 +288,13 @@ def _shared_record(study: Grid, session: Session) -> dict[str, Any]:
     """What was asked and is the same at all points."""
     told = record(session, study.seed)
     swept = {axis.name for axis in study.axes}
-    groups = {"params": "problem.", "contact_settings": "contact.", "law_parameters": "",
-              "solver_options": "setting.", "policy_settings": "policy."}  # fmt: skip
+    groups = {
+        "params": "problem.",
+        "contact_settings": "contact.",
+        "law_parameters": "",
+        "solver_options": "setting.",
+        "policy_settings": "policy.",
+    }
     for group, head in groups.items():
         told[group] = {k: v for k, v in told[group].items() if f"{head}{k}" not in swept}
     if "problem.N" in swept:
@@ -307,10 +308,7 @@ def rows(data: xr.Dataset) -> list[dict[str, Any]]:
     dims = [str(dim) for dim in data["cost"].dims]
     names = (*NUMBERS, "seconds", *COUNTS, *WORDS)
     count = data["cost"].size
-    columns = {
-        name: np.asarray(data[name].values).ravel().tolist() if name in data else [""] * count
-        for name in names
-    }
+    columns = {name: np.asarray(data[name].values).ravel().tolist() if name in data else [""] * count for name in names}
     places = itertools.product(*(data[dim].values.tolist() for dim in dims))
     return [
         {**dict(zip(dims, place, strict=True)), **{name: columns[name][i] for name in names}}
@@ -336,16 +334,12 @@ def verdict(found: list[dict[str, Any]], dims: list[str]) -> str:
         ends = [f"{row['cost']:.6g}" for row in (low, high)]
         span = f"from {ends[0]} at {where(low, dims)} to {ends[1]} at {where(high, dims)}"
         told += f"; cost {ends[0] if ends[0] == ends[1] else span}"
-    failures, outliers = ([row for row in found if not row["success"]],
-                          [row for row in found if row.get("start")])  # fmt: skip
+    failures, outliers = ([row for row in found if not row["success"]], [row for row in found if row.get("start")])
     lines = [
-        f"outlier {where(row, dims)}: {row['own_cost']:.6g} alone, {row['cost']:.6g} from the plan"
-        f" at {row['start']}"
+        f"outlier {where(row, dims)}: {row['own_cost']:.6g} alone, {row['cost']:.6g} from the plan at {row['start']}"
         for row in outliers[:_TOLD]
     ]
-    lines += [
-        f"{where(row, dims)}: {row['verdict']}".partition("\n")[0] for row in failures[:_TOLD]
-    ]
+    lines += [f"{where(row, dims)}: {row['verdict']}".partition("\n")[0] for row in failures[:_TOLD]]
     if len(failures) > _TOLD:
         lines.append(f"and {len(failures) - _TOLD} more that failed")
     return "\n".join([f"{told}.", *lines])

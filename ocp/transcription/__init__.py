@@ -5,8 +5,6 @@ from ocp.transcription.nlp import NLP
 from ocp.transcription.single_shooting import SingleShooting
 
 Method = Direct | MultipleShooting | SingleShooting
-METHODS: dict[str, type[Method]] = {
-    method.name: method for method in (Direct, MultipleShooting, SingleShooting)
-}
+METHODS: dict[str, type[Method]] = {method.name: method for method in (Direct, MultipleShooting, SingleShooting)}
 
 __all__ = ["METHODS", "NLP", "Direct", "Method", "MultipleShooting", "SingleShooting"]

@@ -154,7 +154,5 @@ def constraint_names(constraints: object) -> tuple[str, ...]:
     names = []
     for constraint in constraints:  # pyright: ignore[reportGeneralTypeIssues]
         size = constraint.expression.numel()
-        names += (
-            [constraint.name] if size == 1 else [f"{constraint.name}[{i}]" for i in range(size)]
-        )
+        names += [constraint.name] if size == 1 else [f"{constraint.name}[{i}]" for i in range(size)]
     return tuple(names)

@@ -30,9 +30,7 @@ class Direct:
     name: ClassVar[str] = "direct"
     summary: ClassVar[str] = "states, inputs, multipliers and gaps are variables"
 
-    def transcribe(
-        self, graph: Graph, reformulation: str = "product", compiled: Compile | None = None
-    ) -> NLP:
+    def transcribe(self, graph: Graph, reformulation: str = "product", compiled: Compile | None = None) -> NLP:
         """Build the NLP; raises ``InputError`` for a law whose gradient is frozen."""
         step = graph.step
         if step.law.frozen:
@@ -47,22 +45,27 @@ class Direct:
         variables, constraints = trajectory_variables(graph, pairs=True), Layout()
         interval = _interval(graph, variables, constraints, reformulation)
         pairs = np.stack([variables["lam"].index.ravel(), variables["gap"].index.ravel()])
-        return whole(self.name, graph, variables, constraints, interval, compiled,
-                     reformulation=reformulation, pairs=pairs)  # fmt: skip
+        return whole(
+            self.name, graph, variables, constraints, interval, compiled, reformulation=reformulation, pairs=pairs
+        )
 
 
 def whole(
-    method: str, graph: Graph, variables: Layout, constraints: Layout, interval: Stage,
-    compiled: Compile | None, **own: Any,
-) -> NLP:  # fmt: skip
+    method: str,
+    graph: Graph,
+    variables: Layout,
+    constraints: Layout,
+    interval: Stage,
+    compiled: Compile | None,
+    **own: Any,
+) -> NLP:
     """The NLP of its intervals, the end, periodicity and the penalty of gains."""
     end = terminal_stage(graph, variables, constraints)
     back = periodicity(graph, variables, constraints)
     stages = [interval, end, *back, *gain_penalty(graph, variables)]
     data, n_p = graph.data(), len(graph.names)
     made = assemble(stages, variables.size, data.size, constraints.size, n_p, compiled)
-    return NLP(graph.problem, graph.step, graph.policy, method, variables, constraints,
-               graph.names, data, *made, **own)  # fmt: skip
+    return NLP(graph.problem, graph.step, graph.policy, method, variables, constraints, graph.names, data, *made, **own)
 
 
 def trajectory_variables(graph: Graph, pairs: bool) -> Layout:
@@ -151,9 +154,7 @@ def _interval(graph: Graph, variables: Layout, constraints: Layout, reformulatio
     return Stage("interval", w, graph.p, cost, expression, index, rows, 1 / S)
 
 
-def solved_interval(
-    graph: Graph, variables: Layout, constraints: Layout, compiled: Compile | None
-) -> Stage:
+def solved_interval(graph: Graph, variables: Layout, constraints: Layout, compiled: Compile | None) -> Stage:
     """Intervals whose step is solved inside: ``x_next = step(x, u)``, lam and gap no variables."""
     problem, S, N = graph.problem, graph.scenarios, graph.problem.N
     symbols, positions = interval_locals(graph, variables)
@@ -227,15 +228,12 @@ class MultipleShooting:
     name: ClassVar[str] = "multiple-shooting"
     summary: ClassVar[str] = "states and inputs are variables, contact is solved inside each step"
 
-    def transcribe(
-        self, graph: Graph, reformulation: str = "product", compiled: Compile | None = None
-    ) -> NLP:
+    def transcribe(self, graph: Graph, reformulation: str = "product", compiled: Compile | None = None) -> NLP:
         """Build the NLP; ``reformulation`` is ignored, since the step closes the contact itself."""
         variables, constraints = trajectory_variables(graph, pairs=False), Layout()
         interval = solved_interval(graph, variables, constraints, compiled)
         contacts = _contacts(graph, interval, variables.size, graph.data().size)
-        return whole(self.name, graph, variables, constraints, interval, compiled,
-                     contacts=contacts)  # fmt: skip
+        return whole(self.name, graph, variables, constraints, interval, compiled, contacts=contacts)
 
 
 def _contacts(graph: Graph, stage: Stage, n: int, n_data: int) -> ca.Function:

@@ -47,9 +47,7 @@ class Hidden(ABC):
         """Symbols of second derivatives that come from outside, none by default."""
         return ca.SX(0, 1)
 
-    def curvature_values(
-        self, slope: ca.Function, arguments: list[ca.MX], copies: int
-    ) -> list[ca.MX]:
+    def curvature_values(self, slope: ca.Function, arguments: list[ca.MX], copies: int) -> list[ca.MX]:
         """Values of ``curvatures`` (., copies), ``slope`` being ``dL/d inner`` of the arguments."""
         return []
 
@@ -104,9 +102,7 @@ class Evaluated(Hidden):
     p: ca.SX
 
     def __post_init__(self) -> None:
-        self.map, self.inner, self.symbols = (
-            self.step.learned, self.step.inner, self.step.evaluated
-        )  # fmt: skip
+        self.map, self.inner, self.symbols = (self.step.learned, self.step.inner, self.step.evaluated)
         self.bends = [ca.SX.sym("bend", self.map.n_in, self.map.n_in) for _ in self.step.nodes]
         self.asked = ca.Function("asked", [self.w, self.p], [ca.densify(self.queries)])
         w, p = ca.MX.sym("w", self.w.numel()), ca.MX.sym("p", self.p.numel())
@@ -149,9 +145,7 @@ class Evaluated(Hidden):
         """Entries of the H_b."""
         return ca.vertcat(*(ca.vec(bend) for bend in self.bends))
 
-    def curvature_values(
-        self, slope: ca.Function, arguments: list[ca.MX], copies: int
-    ) -> list[ca.MX]:
+    def curvature_values(self, slope: ca.Function, arguments: list[ca.MX], copies: int) -> list[ca.MX]:
         """The H_b of all copies, evaluated together."""
         weights = slope.map("weights", "serial", copies, [1], [])(*arguments)
         queries = self._queries(arguments[0], arguments[1], copies)

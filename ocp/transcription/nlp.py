@@ -119,8 +119,15 @@ class NLP(Program):
         slips = self._slips
         impulse = np.where(slips, sizes.gap, sizes.impulse)
         gap = np.where(slips, sizes.impulse, sizes.gap)
-        known = {"x": sizes.x, "x0": sizes.x, "u": sizes.u, "k": sizes.u,
-                 "K": sizes.u[:, None] / sizes.x, "lam": impulse, "gap": gap}  # fmt: skip
+        known = {
+            "x": sizes.x,
+            "x0": sizes.x,
+            "u": sizes.u,
+            "k": sizes.u,
+            "K": sizes.u[:, None] / sizes.x,
+            "lam": impulse,
+            "gap": gap,
+        }
         multiples = self.variables.pack({name: known[name] for name in self.variables.blocks})
         return multiples * self.natural.x
 
@@ -174,8 +181,15 @@ class NLP(Program):
         else:
             lam = np.array([units.of(signal.unit) for signal in self.step.contacts])
             gap = np.ones_like(lam)
-        known = {"x": natural.x, "x0": natural.x, "u": natural.u, "k": natural.u,
-                 "K": natural.u[:, None] / natural.x, "lam": lam, "gap": gap}  # fmt: skip
+        known = {
+            "x": natural.x,
+            "x0": natural.x,
+            "u": natural.u,
+            "k": natural.u,
+            "K": natural.u[:, None] / natural.x,
+            "lam": lam,
+            "gap": gap,
+        }
         return self.variables.pack({name: known[name] for name in self.variables.blocks})
 
     def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
@@ -202,9 +216,7 @@ class NLP(Program):
         kinds = self.problem.system.pairs
         return PairName(kinds[i % len(kinds)].kind, self.step.contacts[i].name, scenario, step)
 
-    def _constraint_bounds(
-        self, physical: np.ndarray, known: dict[str, tuple]
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _constraint_bounds(self, physical: np.ndarray, known: dict[str, tuple]) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = {}, {}
         for kind in ("path", "terminal"):
             if kind in self.constraints and self.constraints[kind].size:
@@ -217,9 +229,7 @@ class NLP(Program):
         return self.constraints.pack(lower), self.constraints.pack(upper)
 
 
-def _evaluated_bounds(
-    problem: Problem, kind: str, physical: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _evaluated_bounds(problem: Problem, kind: str, physical: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     constraints = problem.path if kind == "path" else problem.terminal
     ends = [ca.vertcat(*(getattr(c, end) for c in constraints)) for end in ("lower", "upper")]
     lower, upper = ca.Function("ends", [problem.parameters.vector], ends)(physical)

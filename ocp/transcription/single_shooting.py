@@ -31,9 +31,7 @@ class SingleShooting:
     name: ClassVar[str] = "single-shooting"
     summary: ClassVar[str] = "only inputs or gains are variables, states follow"
 
-    def transcribe(
-        self, graph: Graph, reformulation: str = "product", compiled: Compile | None = None
-    ) -> NLP:
+    def transcribe(self, graph: Graph, reformulation: str = "product", compiled: Compile | None = None) -> NLP:
         """Build the NLP; ``reformulation`` is ignored, since the step closes the contact itself.
 
         Raises :class:`~ocp.errors.InputError` where the start is chosen.
@@ -55,24 +53,29 @@ class SingleShooting:
         _, _, lam, gap = trajectories(*inputs)
         contacts = ca.Function("contacts", inputs, [lam, gap])
         return NLP(
-            problem, graph.step, graph.policy, self.name, variables, constraints, graph.names,
-            graph.data(), *functions, trajectories=trajectories, contacts=contacts,
-        )  # fmt: skip
+            problem,
+            graph.step,
+            graph.policy,
+            self.name,
+            variables,
+            constraints,
+            graph.names,
+            graph.data(),
+            *functions,
+            trajectories=trajectories,
+            contacts=contacts,
+        )
 
 
 class _Condensed:
     """Builds the condensed functions of one problem."""
 
-    def __init__(self, graph: Graph, variables: Layout, constraints: Layout,
-                 compiled: Compile | None) -> None:  # fmt: skip
+    def __init__(self, graph: Graph, variables: Layout, constraints: Layout, compiled: Compile | None) -> None:
         self.graph, self.variables, self.constraints = graph, variables, constraints
         self.make = compiled or (lambda function: function)
         problem = graph.problem
         self.S, self.N = graph.scenarios, problem.N
-        self.theta_index = (
-            graph.gain_index(variables) if graph.feedback
-            else variables["u"].index.reshape(self.N, -1)
-        )  # fmt: skip
+        self.theta_index = graph.gain_index(variables) if graph.feedback else variables["u"].index.reshape(self.N, -1)
         self._stage_expressions()
         self._terminal_expressions()
 
@@ -106,10 +109,16 @@ class _Condensed:
         w = ca.vertcat(self.xi, theta)
         hidden = graph.hidden(w, u if graph.feedback else None, self.make)
         self.stage = Stage(
-            "shooting", w, graph.p, closed(graph.stage_cost()), outputs,
+            "shooting",
+            w,
+            graph.p,
+            closed(graph.stage_cost()),
+            outputs,
             np.zeros((self.N * self.S, w.numel()), dtype=int),
-            np.zeros((self.N * self.S, outputs.numel()), dtype=int), 1 / self.S, hidden,
-        )  # fmt: skip
+            np.zeros((self.N * self.S, outputs.numel()), dtype=int),
+            1 / self.S,
+            hidden,
+        )
         self.solve = hidden.solve
         gap = closed(step.gap_expr)
         self.gap = ca.Function("gap", [w, graph.p, hidden.symbols], [gap, u])
@@ -122,8 +131,9 @@ class _Condensed:
             self.constraints.add("terminal", (self.S, 1, expression.numel()), names)
         index = np.zeros((self.S, self.xi.numel()), dtype=int)
         rows = np.zeros((self.S, expression.numel()), dtype=int)
-        self.terminal = Stage("terminal", self.xi, graph.p, problem.changeable_costs[1], expression,
-                              index, rows, 1 / self.S)  # fmt: skip
+        self.terminal = Stage(
+            "terminal", self.xi, graph.p, problem.changeable_costs[1], expression, index, rows, 1 / self.S
+        )
 
     def _rollout(self, theta: ca.MX, p: ca.MX, data: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
         """States xi of all scenarios (nxi, S (N+1)), locals w (nw, S N), solved inner unknowns."""
@@ -166,15 +176,16 @@ class _Condensed:
         dense = ca.Sparsity.dense(self.constraints.size, n)
         jac = ca.project(first["jacobian"], dense) if self.constraints.size else ca.MX(0, n)
         trajectories = ca.Function(
-            "trajectories", [theta, full], [xi[: graph.nx, :], u, impulses, gap],
-            ["theta", "p"], ["x", "u", "lam", "gap"],
-        )  # fmt: skip
+            "trajectories",
+            [theta, full],
+            [xi[: graph.nx, :], u, impulses, gap],
+            ["theta", "p"],
+            ["x", "u", "lam", "gap"],
+        )
         given = (theta, full, lam_f, lam_g)
         return Functions.of(given, (f, g), (f, first["gradient"]), (g, jac), hess), trajectories
 
-    def _values(
-        self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX
-    ) -> tuple[ca.MX, ca.MX]:
+    def _values(self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX) -> tuple[ca.MX, ca.MX]:
         stage = self.make(self.stage.values())
         cost, out = stage.map("stage_map", "serial", self.N * self.S, [1], [])(w, p, lam)
         last = self.terminal.values().map("end_map", "serial", self.S, [1], [])
@@ -207,9 +218,7 @@ class _Condensed:
         mapped = self.make(function).map("first_map", "serial", self.N * self.S, [1], [])
         _, _, slope, entries = mapped(w, p, lam)
         last, pattern_end = self.terminal.first()
-        _, _, slope_end, entries_end = last.map("end_first", "serial", self.S, [1], [])(
-            end, p, ca.MX(0, self.S)
-        )
+        _, _, slope_end, entries_end = last.map("end_first", "serial", self.S, [1], [])(end, p, ca.MX(0, self.S))
         gradient = ca.MX.zeros(1, n)
         rows: dict[str, list[ca.MX]] = {name: [] for name in [*self.extra, "terminal"]}
         Y_all, blocks, ends = [], [], []
@@ -235,9 +244,15 @@ class _Condensed:
         gradient += ca.gradient(self._gain_cost(theta), theta).T if self.graph.feedback else 0
         stacked = ca.vertcat(ca.MX(0, n), *(ca.vertcat(*v) for v in rows.values() if v))
         return {
-            "gradient": ca.densify(gradient.T), "jacobian": stacked, "Y": Y_all,
-            "J": blocks, "J_end": ends, "slope": slope, "slope_end": slope_end, "nw": nw,
-        }  # pyright: ignore[reportReturnType]  # fmt: skip
+            "gradient": ca.densify(gradient.T),
+            "jacobian": stacked,
+            "Y": Y_all,
+            "J": blocks,
+            "J_end": ends,
+            "slope": slope,
+            "slope_end": slope_end,
+            "nw": nw,
+        }  # pyright: ignore[reportReturnType]
 
     def _split_rows(self, rows: dict[str, list[ca.MX]], block: ca.MX) -> None:
         at = 0
@@ -246,8 +261,9 @@ class _Condensed:
             rows[name].append(block[at : at + size, :])
             at += size
 
-    def _hessian(self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX,
-                 lam_f: ca.MX, lam_g: ca.MX, first: dict) -> ca.MX:  # fmt: skip
+    def _hessian(
+        self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX, lam_f: ca.MX, lam_g: ca.MX, first: dict
+    ) -> ca.MX:
         multipliers, multipliers_end = self._multipliers(lam_g)
         adjoints = self._adjoints(lam_f, multipliers, multipliers_end, first)
         function, pattern = self.stage.second()
@@ -264,8 +280,7 @@ class _Condensed:
         for s in range(self.S):
             for k in range(self.N + 1):
                 Y = first["Y"][s * (self.N + 1) + k]
-                H = (ca.MX(pattern, entries[:, s * self.N + k]) if k < self.N
-                     else ca.MX(pattern_end, entries_end[:, s]))  # fmt: skip
+                H = ca.MX(pattern, entries[:, s * self.N + k]) if k < self.N else ca.MX(pattern_end, entries_end[:, s])
                 left.append(ca.densify(Y))
                 right.append(ca.densify(ca.triu2symm(H) @ Y))
         hessian = ca.vertcat(*left).T @ ca.vertcat(*right)
@@ -283,8 +298,7 @@ class _Condensed:
             end = ca.reshape(lam_g[self.constraints["terminal"].index.ravel().tolist()], -1, self.S)
         return ca.vertcat(*parts), end
 
-    def _adjoints(self, lam_f: ca.MX, multipliers: ca.MX, multipliers_end: ca.MX,
-                  first: dict) -> ca.MX:  # fmt: skip
+    def _adjoints(self, lam_f: ca.MX, multipliers: ca.MX, multipliers_end: ca.MX, first: dict) -> ca.MX:
         """Adjoints of ``lam_f f + lam_g' g`` with respect to xi_1..xi_N, (nxi, S N)."""
         nxi, columns = self.xi.numel(), []
         for s in range(self.S):
@@ -304,8 +318,7 @@ def _finite_limits(problem: Problem) -> dict[str, bool]:
     """Tell which bounds are not infinite, so that no empty constraint is made of them."""
 
     def finite(*values: ca.SX | float) -> bool:
-        return any(not ca.SX(v).is_constant() or np.isfinite(np.array(ca.DM(ca.SX(v)))).any()
-                   for v in values)  # fmt: skip
+        return any(not ca.SX(v).is_constant() or np.isfinite(np.array(ca.DM(ca.SX(v)))).any() for v in values)
 
     return {
         "u": finite(problem.u_lower, problem.u_upper),

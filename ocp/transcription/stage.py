@@ -137,8 +137,7 @@ def _listed(value: object) -> list[ca.MX]:
     return list(value) if isinstance(value, (list, tuple)) else [value]  # pyright: ignore
 
 
-def assemble(stages: list[Stage], n: int, n_data: int, m: int, n_p: int,
-             compiled: Compile | None = None) -> Functions:  # fmt: skip
+def assemble(stages: list[Stage], n: int, n_data: int, m: int, n_p: int, compiled: Compile | None = None) -> Functions:
     """Assemble an NLP of n variables and m constraints from stages.
 
     ``n_p`` parameters come first in the parameter vector, ``n_data`` data entries after them.
@@ -158,9 +157,7 @@ def assemble(stages: list[Stage], n: int, n_data: int, m: int, n_p: int,
     made = [(stage, *stage.constraint_slopes()) for stage in stages]
     first = [_Mapped(stage, make(function))(source, p) for stage, function, _ in made]
     g1 = _collect(stages, [v[0] for v in first], m)
-    jac = _scattered_jacobian(
-        [(stage, pattern) for stage, _, pattern in made], [v[1] for v in first], n, m
-    )
+    jac = _scattered_jacobian([(stage, pattern) for stage, _, pattern in made], [v[1] for v in first], n, m)
 
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", m)
     patterns, parts = [], []
@@ -203,18 +200,13 @@ def _by_columns(m: int, n: int, row: np.ndarray, column: np.ndarray) -> ca.Spars
 def _placed(*parts: tuple[np.ndarray, np.ndarray, ca.Sparsity]) -> list[np.ndarray]:
     """Rows and columns of all copies' entries, from indices of rows, of columns, and patterns."""
     placed = [
-        [
-            index[:, entry].ravel()
-            for index, entry in zip(indices, pattern.get_triplet(), strict=True)
-        ]
+        [index[:, entry].ravel() for index, entry in zip(indices, pattern.get_triplet(), strict=True)]
         for *indices, pattern in parts
     ]
     return [np.concatenate(part) for part in zip(*placed, strict=True)]
 
 
-def _scattered_jacobian(
-    patterns: list[tuple[Stage, ca.Sparsity]], parts: list[ca.MX], n: int, m: int
-) -> ca.MX:
+def _scattered_jacobian(patterns: list[tuple[Stage, ca.Sparsity]], parts: list[ca.MX], n: int, m: int) -> ca.MX:
     row, column = _placed(*((stage.rows, stage.index, pattern) for stage, pattern in patterns))
     kept = np.flatnonzero(column < n)
     order = kept[np.argsort(column[kept] * m + row[kept], kind="stable")]
@@ -223,9 +215,7 @@ def _scattered_jacobian(
     return ca.MX(sparsity, flat[order.tolist()])
 
 
-def _scattered_hessian(
-    patterns: list[tuple[Stage, ca.Sparsity]], parts: list[ca.MX], n: int
-) -> ca.MX:
+def _scattered_hessian(patterns: list[tuple[Stage, ca.Sparsity]], parts: list[ca.MX], n: int) -> ca.MX:
     ends = _placed(*((stage.index, stage.index, pattern) for stage, pattern in patterns))
     row, column = np.minimum(*ends), np.maximum(*ends)
     kept = column < n

@@ -46,15 +46,14 @@ def mjcf(built: Mechanism, number: _Number, friction: Mapping[str, float]) -> Mj
 
     def write(above: Element, tag: str, /, **given: Any) -> Element:
         """An element with words, numbers and rows of numbers, without what is None."""
-        words = {key: value if isinstance(value, str) else row(value)
-                 for key, value in given.items() if value is not None}  # fmt: skip
+        words = {
+            key: value if isinstance(value, str) else row(value) for key, value in given.items() if value is not None
+        }
         return SubElement(above, tag, words)
 
     machine = built.machine
     if getattr(machine, "couplings", ()):
-        raise InputError(
-            "the machine has joints that follow others, which MuJoCo binds softly; try it here"
-        )
+        raise InputError("the machine has joints that follow others, which MuJoCo binds softly; try it here")
     flat = isinstance(machine, Machine)
     owners: tuple[Any, ...] = machine.links if flat else machine.bodies
     gravity = _deep(machine.chain().gravity if flat else machine.gravity)
@@ -67,9 +66,7 @@ def mjcf(built: Mechanism, number: _Number, friction: Mapping[str, float]) -> Mj
     contact, actuator = write(root, "contact"), write(root, "actuator")
     shapes, pairs = _shapes(built)
     parts = list(dict.fromkeys(part for pair in pairs.values() for part in pair))
-    framed = {
-        one.name: _planar(one, number) if flat else _spatial(one) for one in root_first(owners)
-    }
+    framed = {one.name: _planar(one, number) if flat else _spatial(one) for one in root_first(owners)}
     order = [move.name for one in owners for move in framed[one.name].moves]
     _merge(framed, {shapes[part][0] for part in parts}, number)
     one: Any
@@ -143,10 +140,7 @@ def _planar(link: Link, number: _Number) -> _Frame:
     if link.joint == "slide":
         moves = [_Move(link, name, "slide", along(*link.axis))]
     elif link.joint == "free":
-        slides = [
-            _Move(link, f"{name}_{end}", "slide", along(*axis))
-            for end, axis in (("x", (1, 0)), ("z", (0, 1)))
-        ]
+        slides = [_Move(link, f"{name}_{end}", "slide", along(*axis)) for end, axis in (("x", (1, 0)), ("z", (0, 1)))]
         moves = [*slides, moves[0]._replace(name=f"{name}_angle")]
     turn = cos(a / 2), 0.0, sin(a / 2), 0.0
     return _Frame(link, link.parent or WORLD, _deep(link.anchor), turn, moves)

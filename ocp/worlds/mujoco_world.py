@@ -43,9 +43,7 @@ class MujocoWorld:
         try:
             self._mujoco: Any = import_module("mujoco")
         except ImportError:
-            raise InputError(
-                "the world of MuJoCo needs the package mujoco; install 'centralpath[robots]'"
-            ) from None
+            raise InputError("the world of MuJoCo needs the package mujoco; install 'centralpath[robots]'") from None
         self.problem, self._p = problem, problem.parameters.pack(values)
 
         def number(value: Any) -> float:
@@ -74,9 +72,7 @@ class MujocoWorld:
         self._h = ca.Function("h", [system.x, p], [ca.SX(system.h)])
         self.check()
 
-    def ahead(
-        self, x: np.ndarray, u: np.ndarray, solref: float = SOLREF, step: float = STEP
-    ) -> np.ndarray:
+    def ahead(self, x: np.ndarray, u: np.ndarray, solref: float = SOLREF, step: float = STEP) -> np.ndarray:
         """The state (nx,) a step of the problem after x (nx,) with u (nu,); NaN if it diverges."""
         model, mujoco, h = self.model, self._mujoco, float(self._h(x, self._p))
         count = max(1, math.ceil(h / step - 1e-9))
@@ -107,12 +103,13 @@ class MujocoWorld:
         tree = built.machine.chain() if flat else built.machine.tree()
         near = built.machine.contacts(tree, q, *([built.spheres] if flat else []))
         phis = ca.vertcat(ca.SX(0, 1), *(contact.phi for contact in near.values()))
-        pushed = ca.substitute(
-            system.residual[nq:n] / system.h, system.lam, ca.SX.zeros(system.nlam)
-        )
+        pushed = ca.substitute(system.residual[nq:n] / system.h, system.lam, ca.SX.zeros(system.nlam))
         pushed = ca.substitute(pushed, system.x_next, system.x)
-        ours = ca.Function("ours", [system.x, system.u, self.problem.parameters.vector],
-                           [tree.mass(q), tree.bias(q, v), ca.densify(phis), pushed])  # fmt: skip
+        ours = ca.Function(
+            "ours",
+            [system.x, system.u, self.problem.parameters.vector],
+            [tree.mass(q), tree.bias(q, v), ca.densify(phis), pushed],
+        )
         rng, full = np.random.default_rng(0), np.zeros((self.model.nv, self.model.nv))
         for _ in range(_STATES):
             x, u = rng.normal(size=system.nx), rng.normal(size=system.nu)

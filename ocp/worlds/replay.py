@@ -59,9 +59,13 @@ class InWorld:
 
 
 def in_world(
-    name: str, problem: Problem, inputs: np.ndarray | Gains, values: Mapping[str, float],
-    x0: np.ndarray, planned_cost: float,
-) -> InWorld:  # fmt: skip
+    name: str,
+    problem: Problem,
+    inputs: np.ndarray | Gains,
+    values: Mapping[str, float],
+    x0: np.ndarray,
+    planned_cost: float,
+) -> InWorld:
     """Roll ``inputs`` (S, N, nu), or gains, out from x0 (S, nx) in the world ``name``.
 
     Raises :class:`~ocp.errors.InputError` for an unknown one, and as
@@ -85,6 +89,4 @@ def in_world(
 
     costs = [cost(SOLREF, STEP), *(cost(*pair) for pair in product(SOLREFS, STEPS))]
     keeps = cost_share(problem, abs(costs[0] - planned_cost), planned_cost, p) <= KEPT
-    return InWorld(
-        name, costs[0], planned_cost, keeps, (float(np.min(costs)), float(np.max(costs)))
-    )
+    return InWorld(name, costs[0], planned_cost, keeps, (float(np.min(costs)), float(np.max(costs))))

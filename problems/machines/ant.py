@@ -50,15 +50,15 @@ def ant() -> SpatialMachine:
     ball = DENSITY * 4 / 3 * pi * _BALL**3
     tubes = [_tube((0.2 * x, 0.2 * y, 0.0)) for x, y in LEGS.values()]
     spread = sum(
-        (own + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-         for mass, centre, own in tubes),
+        (own + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre)) for mass, centre, own in tubes),
         ball * 2 / 5 * _BALL**2 * np.eye(3),
-    )  # fmt: skip
+    )
     torso = ball + sum(mass for mass, *_ in tubes)
     bodies = [Body("torso", None, torso, _six(spread), joint="free")]
     parts = [
-        SpatialPart("floor", "world", Plane()), SpatialPart("torso", "torso", Sphere(_BALL)),
-    ]  # fmt: skip
+        SpatialPart("floor", "world", Plane()),
+        SpatialPart("torso", "torso", Sphere(_BALL)),
+    ]
     joint: dict[str, Any] = {"damping": 1.0, "armature": 1.0, "gear": TORQUE}
     for leg, (x, y) in LEGS.items():
         thigh, shank = (0.2 * x, 0.2 * y, 0.0), (0.4 * x, 0.4 * y, 0.0)
@@ -77,9 +77,17 @@ def ant() -> SpatialMachine:
         )
         mass, centre, inertia = _tube(shank)
         side = -x * y / sqrt(2)
-        ankle = Body(f"ankle_{leg}", f"hip_{leg}", mass, _six(inertia),
-                     com=_three(centre), place=thigh, axis=(side, 1 / sqrt(2), 0.0),
-                     limits=(low, high), **joint)  # fmt: skip
+        ankle = Body(
+            f"ankle_{leg}",
+            f"hip_{leg}",
+            mass,
+            _six(inertia),
+            com=_three(centre),
+            place=thigh,
+            axis=(side, 1 / sqrt(2), 0.0),
+            limits=(low, high),
+            **joint,
+        )
         bodies += [hip, ankle]
         parts += [
             SpatialPart(f"leg {leg}", f"hip_{leg}", Capsule((0.0, 0.0, 0.0), thigh, _TUBE)),

@@ -41,15 +41,13 @@ def finger_system(name: str, p: ParameterTable) -> ContactSystem:
     """
     p, friction = friction_of(p)
     length, r = p["length"], p["r"]
-    link = {"mass": p["m"], "inertia": p["inertia"], "com": (0.0, length / 2), "gear": 1.0,
-            "damping": p["damping"]}  # fmt: skip
+    link = {"mass": p["m"], "inertia": p["inertia"], "com": (0.0, length / 2), "gear": 1.0, "damping": p["damping"]}
     machine = Machine(
         (
             Link("shoulder", None, **link),
             Link("elbow", "shoulder", anchor=(0.0, length), **link),
             # Balanced on its pin, the disc turns whatever its mass.
-            Link("disc", None, 1.0, p["disc_inertia"], anchor=(p["x"], p["z"]),
-                 damping=p["disc_damping"]),
+            Link("disc", None, 1.0, p["disc_inertia"], anchor=(p["x"], p["z"]), damping=p["disc_damping"]),
         ),
         (),
         parts=(
@@ -58,7 +56,7 @@ def finger_system(name: str, p: ParameterTable) -> ContactSystem:
         ),
         meetings=(("tip", "disc"),),
         gravity=p["g"],
-    )  # fmt: skip
+    )
     return in_torques(machine.system(name, p, h=p["h"], friction=friction))
 
 
@@ -71,10 +69,13 @@ def finger_shapes(params: FingerParams, state: np.ndarray, goal: float) -> list[
         return Segment(x, z, x + params.R * math.sin(angle), z + params.R * math.cos(angle), role)
 
     return [
-        disc, spoke(goal, "goal"), spoke(float(state[2]), "object"),
-        Capsule(0.0, 0.0, *elbow, _WIDTH, "actuator"), Capsule(*elbow, *tip, _WIDTH, "actuator"),
+        disc,
+        spoke(goal, "goal"),
+        spoke(float(state[2]), "object"),
+        Capsule(0.0, 0.0, *elbow, _WIDTH, "actuator"),
+        Capsule(*elbow, *tip, _WIDTH, "actuator"),
         Disc(*tip, params.r, "actuator"),
-    ]  # fmt: skip
+    ]
 
 
 def finger_frames(params: FingerParams, state: np.ndarray) -> list[ContactFrame]:
@@ -86,9 +87,7 @@ def finger_frames(params: FingerParams, state: np.ndarray) -> list[ContactFrame]
     return [ContactFrame(x, z, nx, nz, params.friction)]
 
 
-def _places(
-    params: FingerParams, state: np.ndarray
-) -> tuple[tuple[float, float], tuple[float, float]]:
+def _places(params: FingerParams, state: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:
     """The elbow, and the centre of the fingertip."""
     upper, fore = float(state[0]), float(state[0] + state[1])
     a, b = params.length, params.length - params.r

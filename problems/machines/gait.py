@@ -43,9 +43,14 @@ class GaitParams(Parameters):
 
 
 def gait(
-    name: str, params: GaitParams, machine: SpatialMachine, start: np.ndarray, stands: np.ndarray,
-    swing: Callable[[np.ndarray], np.ndarray], scaling: Scaling,
-) -> Problem:  # fmt: skip
+    name: str,
+    params: GaitParams,
+    machine: SpatialMachine,
+    start: np.ndarray,
+    stands: np.ndarray,
+    swing: Callable[[np.ndarray], np.ndarray],
+    scaling: Scaling,
+) -> Problem:
     """The problem to go from the pose ``start`` to ``stands``, moved as the parameters ask.
 
     Of q the first seven are the floating trunk's. ``swing`` maps shares of the way (n,) to what a
@@ -61,20 +66,20 @@ def gait(
         system=system,
         N=params.N,
         stage_cost=p["h"] * (p["w_u"] * ca.sumsqr(system.u) + p["w_v"] * ca.sumsqr(v)),
-        terminal_cost=p["w_place"] * ca.sumsqr(off[:3]) + p["w_turn"] * ca.sumsqr(off[3:7])
-        + p["w_joints"] * ca.sumsqr(off[7:]) + p["w_rest"] * ca.sumsqr(v),
+        terminal_cost=p["w_place"] * ca.sumsqr(off[:3])
+        + p["w_turn"] * ca.sumsqr(off[3:7])
+        + p["w_joints"] * ca.sumsqr(off[7:])
+        + p["w_rest"] * ca.sumsqr(v),
         x0=ca.vertcat(start, ca.SX.zeros(v.numel())),
         parameters=p,
         u_lower=-p["u_max"],
         u_upper=p["u_max"],
         guess=_straight(start, stands, swing),
         scaling=scaling,
-    )  # fmt: skip
+    )
 
 
-def _end(
-    stands: np.ndarray, distance: ca.SX | float, rise: ca.SX | float, turn: ca.SX | float
-) -> ca.SX:
+def _end(stands: np.ndarray, distance: ca.SX | float, rise: ca.SX | float, turn: ca.SX | float) -> ca.SX:
     """q at the end."""
     end = ca.SX(stands)
     end[0] += distance
@@ -83,9 +88,7 @@ def _end(
     return end
 
 
-def _straight(
-    start: np.ndarray, stands: np.ndarray, swing: Callable[[np.ndarray], np.ndarray]
-) -> Guess:
+def _straight(start: np.ndarray, stands: np.ndarray, swing: Callable[[np.ndarray], np.ndarray]) -> Guess:
     """From start to end along a straight way, legs swung in turn where it is long."""
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

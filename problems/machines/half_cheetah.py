@@ -15,19 +15,13 @@ _RADIUS = 0.046
 # name, parent, mass, inertia, centre of mass and tip below the joint, anchor, offset, limits,
 # spring, gear
 _LEGS = (
-    ("bthigh", "torso", 1.5352, 0.01525, -0.145, -0.290, (-0.5, 0.0), -0.658, (-0.52, 1.05),
-     240.0, 120.0),
-    ("bshin", "bthigh", 1.5809, 0.01660, -0.145, -0.290, (0.0, -0.290), 1.7, (-0.785, 0.785),
-     180.0, 90.0),
-    ("bfoot", "bshin", 1.069, 0.005444, -0.094, -0.188, (0.0, -0.290), -1.5, (-0.4, 0.785),
-     120.0, 60.0),
-    ("fthigh", "torso", 1.42558, 0.01231, -0.133, -0.266, (0.5, 0.0), 0.52, (-1.0, 0.7),
-     180.0, 120.0),
-    ("fshin", "fthigh", 1.17885, 0.00716, -0.106, -0.212, (0.0, -0.266), -1.11159, (-1.2, 0.87),
-     120.0, 60.0),
-    ("ffoot", "fshin", 0.84986, 0.002899, -0.070, -0.140, (0.0, -0.212), -0.1, (-0.5, 0.5),
-     60.0, 30.0),
-)  # fmt: skip
+    ("bthigh", "torso", 1.5352, 0.01525, -0.145, -0.290, (-0.5, 0.0), -0.658, (-0.52, 1.05), 240.0, 120.0),
+    ("bshin", "bthigh", 1.5809, 0.01660, -0.145, -0.290, (0.0, -0.290), 1.7, (-0.785, 0.785), 180.0, 90.0),
+    ("bfoot", "bshin", 1.069, 0.005444, -0.094, -0.188, (0.0, -0.290), -1.5, (-0.4, 0.785), 120.0, 60.0),
+    ("fthigh", "torso", 1.42558, 0.01231, -0.133, -0.266, (0.5, 0.0), 0.52, (-1.0, 0.7), 180.0, 120.0),
+    ("fshin", "fthigh", 1.17885, 0.00716, -0.106, -0.212, (0.0, -0.266), -1.11159, (-1.2, 0.87), 120.0, 60.0),
+    ("ffoot", "fshin", 0.84986, 0.002899, -0.070, -0.140, (0.0, -0.212), -0.1, (-0.5, 0.5), 60.0, 30.0),
+)
 
 
 def half_cheetah(
@@ -46,11 +40,21 @@ def half_cheetah(
     """
     torso = Link("torso", None, 6.36031, 0.8835, joint="free", damping=base_damping)
     legs = tuple(
-        Link(name, parent, mass, inertia, com=(0.0, com), anchor=anchor, offset=offset,
-             spring=spring_scale * stiffness, damping=damping, gear=gear,
-             limits=bounds if limits else None)
+        Link(
+            name,
+            parent,
+            mass,
+            inertia,
+            com=(0.0, com),
+            anchor=anchor,
+            offset=offset,
+            spring=spring_scale * stiffness,
+            damping=damping,
+            gear=gear,
+            limits=bounds if limits else None,
+        )
         for name, parent, mass, inertia, com, _, anchor, offset, bounds, stiffness, gear in _LEGS
-    )  # fmt: skip
+    )
     return PublishedMachine(
         links=(torso, *legs),
         spheres=(

@@ -33,12 +33,9 @@ def hopper(
     return PublishedMachine(
         links=(
             Link("torso", None, 3.53429, 0.06185, joint="free", damping=base_damping),
-            Link("thigh", "torso", 3.92699, 0.08426, com=(0.0, -0.225), anchor=(0.0, -0.20),
-                 limits=knee, **joint),
-            Link("leg", "thigh", 2.71433, 0.06704, com=(0.0, -0.25), anchor=(0.0, -0.45),
-                 limits=knee, **joint),
-            Link("foot", "leg", 5.08938, 0.09046, com=(0.065, 0.0), anchor=(0.0, -0.50),
-                 limits=ankle, **joint),
+            Link("thigh", "torso", 3.92699, 0.08426, com=(0.0, -0.225), anchor=(0.0, -0.20), limits=knee, **joint),
+            Link("leg", "thigh", 2.71433, 0.06704, com=(0.0, -0.25), anchor=(0.0, -0.45), limits=knee, **joint),
+            Link("foot", "leg", 5.08938, 0.09046, com=(0.065, 0.0), anchor=(0.0, -0.50), limits=ankle, **joint),
         ),
         spheres=(
             Sphere("torso", "torso", (0.0, 0.20), 0.05),
@@ -52,4 +49,4 @@ def hopper(
         h=0.05,
         lift=0.25,
         noise=0.005,
-    )  # fmt: skip
+    )

@@ -39,9 +39,7 @@ class Camera:
     focal: float = 1.0
 
     @classmethod
-    def around(
-        cls, target: Place, size: float, azimuth: float = -math.pi / 3, elevation: float = 0.35
-    ) -> Camera:
+    def around(cls, target: Place, size: float, azimuth: float = -math.pi / 3, elevation: float = 0.35) -> Camera:
         """Look at ``size`` [m]; the eye is ``azimuth`` about z from x, ``elevation`` up [rad]."""
         (x, y, z), away, flat = target, _AWAY * size, _AWAY * size * math.cos(elevation)
         ahead, aside = flat * math.cos(azimuth), flat * math.sin(azimuth)

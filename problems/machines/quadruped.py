@@ -44,30 +44,56 @@ def quadruped(belly: bool = False) -> SpatialMachine:
     mass: float = 6.9
     joint: dict[str, Any] = {"damping": 0.05, "armature": 0.005, "gear": TORQUE}
     bodies = [
-        Body("trunk", None, mass, (mass * (b * b + c * c) / 12, mass * (a * a + c * c) / 12,
-                                   mass * (a * a + b * b) / 12), joint="free")
-    ]  # fmt: skip
+        Body(
+            "trunk",
+            None,
+            mass,
+            (mass * (b * b + c * c) / 12, mass * (a * a + c * c) / 12, mass * (a * a + b * b) / 12),
+            joint="free",
+        )
+    ]
     parts = [SpatialPart("floor", "world", Plane()), SpatialPart("trunk", "trunk", Box(TRUNK))]
     touching = []
     for leg, (fore, left) in LEGS.items():
         bodies += [
-            Body(f"{leg}_hip", "trunk", 0.7, (7e-4, 9e-4, 7e-4), com=(0.0, 0.02 * left, 0.0),
-                 place=(_HIP * fore, _SIDE * left, 0.0), axis=(1.0, 0.0, 0.0),
-                 limits=(-0.8, 0.8), **joint),
-            Body(f"{leg}_thigh", f"{leg}_hip", 0.6, _rod(THIGH, 0.6), com=(0.0, 0.0, -0.05),
-                 place=(0.0, _OUT * left, 0.0), limits=(-1.0, 3.0), **joint),
-            Body(f"{leg}_shin", f"{leg}_thigh", 0.1, _rod(SHIN, 0.1), com=(0.0, 0.0, -SHIN / 2),
-                 place=(0.0, 0.0, -THIGH), limits=(-2.7, -0.4), **joint),
-        ]  # fmt: skip
+            Body(
+                f"{leg}_hip",
+                "trunk",
+                0.7,
+                (7e-4, 9e-4, 7e-4),
+                com=(0.0, 0.02 * left, 0.0),
+                place=(_HIP * fore, _SIDE * left, 0.0),
+                axis=(1.0, 0.0, 0.0),
+                limits=(-0.8, 0.8),
+                **joint,
+            ),
+            Body(
+                f"{leg}_thigh",
+                f"{leg}_hip",
+                0.6,
+                _rod(THIGH, 0.6),
+                com=(0.0, 0.0, -0.05),
+                place=(0.0, _OUT * left, 0.0),
+                limits=(-1.0, 3.0),
+                **joint,
+            ),
+            Body(
+                f"{leg}_shin",
+                f"{leg}_thigh",
+                0.1,
+                _rod(SHIN, 0.1),
+                com=(0.0, 0.0, -SHIN / 2),
+                place=(0.0, 0.0, -THIGH),
+                limits=(-2.7, -0.4),
+                **joint,
+            ),
+        ]
         parts += [
-            SpatialPart(f"{leg} hip", f"{leg}_hip", Capsule(
-                (0.0, 0.0, 0.0), (0.0, _OUT * left, 0.0), 0.035)),
-            SpatialPart(f"{leg} thigh", f"{leg}_thigh", Capsule(
-                (0.0, 0.0, 0.0), (0.0, 0.0, -THIGH), 0.02)),
-            SpatialPart(f"{leg} shin", f"{leg}_shin", Capsule(
-                (0.0, 0.0, 0.0), (0.0, 0.0, -SHIN), 0.012)),
+            SpatialPart(f"{leg} hip", f"{leg}_hip", Capsule((0.0, 0.0, 0.0), (0.0, _OUT * left, 0.0), 0.035)),
+            SpatialPart(f"{leg} thigh", f"{leg}_thigh", Capsule((0.0, 0.0, 0.0), (0.0, 0.0, -THIGH), 0.02)),
+            SpatialPart(f"{leg} shin", f"{leg}_shin", Capsule((0.0, 0.0, 0.0), (0.0, 0.0, -SHIN), 0.012)),
             SpatialPart(leg, f"{leg}_shin", Sphere(FOOT, (0.0, 0.0, -SHIN))),
-        ]  # fmt: skip
+        ]
         touching.append(leg)
         if belly:
             corner = (fore * TRUNK[0], left * TRUNK[1], -TRUNK[2])

@@ -40,9 +40,7 @@ def simulation(
     ``gyroscopic``, or a bad parameter.
     """
     if name not in _MACHINES:
-        raise InputError(
-            f"{name!r} is not a machine that can be simulated; available: {', '.join(_MACHINES)}"
-        )
+        raise InputError(f"{name!r} is not a machine that can be simulated; available: {', '.join(_MACHINES)}")
     if gyroscopic not in get_args(Gyroscopic):
         raise InputError(f"gyroscopic must be 'explicit' or 'implicit', got {gyroscopic!r}")
     machine: PublishedMachine = _MACHINES[name]()
@@ -91,9 +89,7 @@ def simulate(
         raise NotConverged(f"{name}: {_reason(problem, plan, law, x0, lost)}") from None
 
 
-def _reason(
-    problem: Problem, plan: np.ndarray, law: ContactLaw | None, x0: np.ndarray, lost: NotConverged
-) -> str:
+def _reason(problem: Problem, plan: np.ndarray, law: ContactLaw | None, x0: np.ndarray, lost: NotConverged) -> str:
     """Why the rollout of ``plan`` (N, nu) from ``x0`` (nx,) was ``lost``, as a sentence."""
     step, system = problem.exact_step if law is None else law.close(problem.system), problem.system
     p = step.p.pack(problem.parameters.defaults)

@@ -17,9 +17,12 @@ AXES = ("", "")
 
 
 def spatial_shapes(
-    machine: SpatialMachine, camera: Camera, state: np.ndarray, actuators: Collection[str] = (),
+    machine: SpatialMachine,
+    camera: Camera,
+    state: np.ndarray,
+    actuators: Collection[str] = (),
     goals: Collection[str] = (),
-) -> list[Shape]:  # fmt: skip
+) -> list[Shape]:
     """Draw all parts at ``state`` (q, v, ...); those on bodies named are actuators or goals."""
     poses = np.array(_poses(machine)(_of_unit_length(machine, state))).T
     solids: list[Solid] = []
@@ -30,9 +33,7 @@ def spatial_shapes(
     return solids_seen(camera, solids)
 
 
-def spatial_frames(
-    machine: SpatialMachine, camera: Camera, state: np.ndarray, friction: float
-) -> list[ContactFrame]:
+def spatial_frames(machine: SpatialMachine, camera: Camera, state: np.ndarray, friction: float) -> list[ContactFrame]:
     """Place and normal of every contact at ``state``."""
     found = np.array(_frames(machine)(_of_unit_length(machine, state))).T
     return [frame_seen(camera, row[:3], row[3:], friction) for row in found]

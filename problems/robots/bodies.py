@@ -103,12 +103,16 @@ def _jointed(model: Any, j: int, name: str, pose: Pose, drive: Drive | None) -> 
     if np.isfinite(low) != np.isfinite(high):
         raise ValueError(f"joint {model.joint(j).name!r} has one infinite limit; give a number")
     body = replace(
-        body, place=exact(anchor - slid), axis=exact(axis), armature=float(model.dof_armature[dof]),
+        body,
+        place=exact(anchor - slid),
+        axis=exact(axis),
+        armature=float(model.dof_armature[dof]),
         spring=float(model.jnt_stiffness[j]),
         rest=float(model.qpos_spring[at]) if model.jnt_stiffness[j] else 0.0,
         limits=(low, high) if np.isfinite(low) else None,
-        gear=drive and drive.gear, servo=drive and drive.servo,
-    )  # fmt: skip
+        gear=drive and drive.gear,
+        servo=drive and drive.servo,
+    )
     return body, Pose(name, back.apply(pose.place - anchor), back * pose.turn)
 
 
@@ -143,10 +147,7 @@ def drives_of(model: Any, followers: Container[int] = ()) -> dict[int, Drive]:
             servo, damper = sorted((drives[joint], drive), key=lambda d: d.servo is None)
             if servo.servo is None or damper.servo is not None or not damper.damping:
                 name = model.joint(joint).name
-                raise ValueError(
-                    f"joint {name!r} has two motors, {drives[joint].name} and {drive.name}; give it"
-                    " one"
-                )
+                raise ValueError(f"joint {name!r} has two motors, {drives[joint].name} and {drive.name}; give it one")
             drive = replace(servo, damping=servo.damping + damper.damping, damper=damper.name)
         drives[joint] = drive
     if model.nu == 0:
@@ -183,6 +184,9 @@ def drive_of(model: Any, k: int) -> Drive | None:
             a, b = sorted(float(end) / unit for end in ends)
             low, high = max(low, a), min(high, b)
     return Drive(
-        model.actuator(k).name, (low, high), gear=None if servo else gain * gear,
-        servo=gain * gear**2 if servo else None, damping=damping * gear**2,
-    )  # fmt: skip
+        model.actuator(k).name,
+        (low, high),
+        gear=None if servo else gain * gear,
+        servo=gain * gear**2 if servo else None,
+        damping=damping * gear**2,
+    )

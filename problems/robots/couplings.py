@@ -26,15 +26,12 @@ def equations(model: Any, mimics: Iterable[Mimic]) -> list[Equation]:
         if not 2 <= kind < len(_KINDS):
             what = _KINDS[kind] if kind < 2 else "constraint"
             raise ValueError(
-                f"equality <{what}> {name!r} closes a loop, and joints form trees here; delete it"
-                " to plan without it"
+                f"equality <{what}> {name!r} closes a loop, and joints form trees here; delete it to plan without it"
             )
         offset, slope, *curved = model.eq_data[k][:5].tolist()
         if any(curved):
             raise ValueError(f"equality {name!r} is not linear; give polycoef two numbers")
-        first, second = (
-            _length(model, kind, int(ids[k])) for ids in (model.eq_obj1id, model.eq_obj2id)
-        )
+        first, second = (_length(model, kind, int(ids[k])) for ids in (model.eq_obj1id, model.eq_obj2id))
         coefficients = dict(first[0])
         for joint, coefficient in second[0].items():
             coefficients[joint] = coefficients.get(joint, 0.0) - slope * coefficient
@@ -68,8 +65,6 @@ def _length(model: Any, kind: int, number: int) -> tuple[Mapping[int, float], fl
     start = int(model.tendon_adr[number])
     wraps = range(start, start + int(model.tendon_num[number]))
     if any(model.wrap_type[w] != 1 for w in wraps):
-        raise ValueError(
-            f"tendon {model.tendon(number).name!r} is bound and not linear; delete that"
-        )
+        raise ValueError(f"tendon {model.tendon(number).name!r} is bound and not linear; delete that")
     terms = {int(model.wrap_objid[w]): float(model.wrap_prm[w]) for w in wraps}
     return terms, sum(c * float(model.qpos0[model.jnt_qposadr[j]]) for j, c in terms.items())

@@ -153,9 +153,7 @@ def _named(element: Element, owners: tuple[Element, ...]) -> tuple[str, str]:
     """Tag and name of the element, or of the nearest one above it that has a name."""
     for one in (element, *reversed(owners)):
         if one.tag in ("default", "worldbody"):
-            return (
-                ("body", "world") if one.tag == "worldbody" else (one.tag, one.get("class", "main"))
-            )
+            return ("body", "world") if one.tag == "worldbody" else (one.tag, one.get("class", "main"))
         if name := one.get("name") or one.get("reference"):
             return one.tag, name
     return owners[0].tag if owners else element.tag, "as a whole"

@@ -24,7 +24,7 @@ from dynamics.systems.space import (
     SpatialMachine,
     SpatialPart,
     Sphere,
-)  # fmt: skip
+)
 from dynamics.systems.space.contact import between
 from dynamics.systems.space.machine import body_places, distinct_points, name_contacts
 from problems.robots.bodies import Pose, exact
@@ -110,9 +110,7 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[Pose]) -> Touc
     return Touching(machine, distances, friction, grounds, geoms, ignored)
 
 
-def _parts(
-    model: Any, poses: Sequence[Pose], geoms: list[int], ignored: list[str]
-) -> dict[int, SpatialPart]:
+def _parts(model: Any, poses: Sequence[Pose], geoms: list[int], ignored: list[str]) -> dict[int, SpatialPart]:
     """Parts by geom; of ``geoms``, which may touch anything, tell what is no part."""
     found: dict[int, SpatialPart] = {}
     for g in range(model.ngeom):

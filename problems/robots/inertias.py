@@ -52,9 +52,7 @@ def _compare(name: str, expected: _Moments, compiled: _Moments) -> None:
     # What has no mass has its centre anywhere.
     length = np.sqrt(np.trace(expected[2]) / expected[0]) if expected[0] else np.inf
     sizes = expected[0], max(length, float(np.abs(expected[1]).max())), np.trace(expected[2])
-    for what, a, b, size in zip(
-        ("mass", "centre", "inertia"), expected, compiled, sizes, strict=True
-    ):
+    for what, a, b, size in zip(("mass", "centre", "inertia"), expected, compiled, sizes, strict=True):
         if (off := np.abs(np.subtract(a, b)).max()) > _ROUNDING * size:
             raise ValueError(
                 f"body {name!r}: MuJoCo {import_module('mujoco').__version__} reads another {what}"
@@ -67,9 +65,7 @@ def _of_urdf(inertial: Element) -> _Moments:
     def numbers(tag: str, names: str, default: str = "0") -> list[float]:
         element = inertial.find(tag)
         attributes = {} if element is None else element.attrib
-        return [
-            float(word) for name in names.split() for word in attributes.get(name, default).split()
-        ]
+        return [float(word) for name in names.split() for word in attributes.get(name, default).split()]
 
     turn = Rotation.from_euler("xyz", numbers("origin", "rpy", "0 0 0"))
     six = numbers("inertia", "ixx iyy izz ixy ixz iyz")

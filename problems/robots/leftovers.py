@@ -30,8 +30,11 @@ def leftovers(model: Any, geoms: Iterable[int]) -> list[str]:
 def _things(model: Any) -> Iterator[tuple[str, str, list[int], str]]:
     """What of a kind of elements is left out, of which, and what holds instead."""
     single = np.flatnonzero(model.jnt_type < 2).tolist()
-    for what, has in (("armature", model.dof_armature[model.jnt_dofadr]),
-                      ("spring", model.jnt_stiffness), ("limit", model.jnt_limited)):  # fmt: skip
+    for what, has in (
+        ("armature", model.dof_armature[model.jnt_dofadr]),
+        ("spring", model.jnt_stiffness),
+        ("limit", model.jnt_limited),
+    ):
         own = [j for j in single if has[j]]
         yield f"{what} of ", "joint", own, "only hinges and slides have one"
     ties = [k for k in range(model.ntendon) if k not in coupled_tendons(model)]
@@ -42,9 +45,13 @@ def _things(model: Any) -> Iterator[tuple[str, str, list[int], str]]:
     drives = [drive_of(model, k) for k in range(model.nu)]
     odd = [k for k, drive in enumerate(drives) if drive is None]
     yield "", "actuator", odd, "only motors and position servos of hinges and slides are read"
-    strong = [k for k, drive in enumerate(drives) if drive and drive.servo and
-              (model.actuator_forcelimited[k] or
-               model.jnt_actfrclimited[model.actuator_trnid[k][0]])]  # fmt: skip
+    strong = [
+        k
+        for k, drive in enumerate(drives)
+        if drive
+        and drive.servo
+        and (model.actuator_forcelimited[k] or model.jnt_actfrclimited[model.actuator_trnid[k][0]])
+    ]
     yield "force range of ", "actuator", strong, "a servo pulls as hard as it must"
     mocap = np.flatnonzero(model.body_mocapid >= 0).tolist()
     yield "mocap of ", "body", mocap, "it never moves"

@@ -60,9 +60,7 @@ def load(
     try:
         mujoco = import_module("mujoco")
     except ImportError:
-        raise InputError(
-            "reading robot files needs the package mujoco; install 'centralpath[robots]'"
-        ) from None
+        raise InputError("reading robot files needs the package mujoco; install 'centralpath[robots]'") from None
     source = read_source(file, None if folder is None else expand_path(folder))
     warn = mujoco.get_mju_user_warning()
     # Its own handler writes a file into the current folder.
@@ -130,8 +128,7 @@ def _complete(spec: Any, source: Source) -> list[str]:
     for what in ("body", "joint", "actuator", "tendon", "equality", "key", "sensor"):
         elements = getattr(spec, {"body": "bodies", "equality": "equalities"}.get(what, f"{what}s"))
         _name((one, f"{what} {k}") for k, one in enumerate(elements, what != "body"))
-    _name((geom, f"{body.name} geom {k}") for body in spec.bodies
-          for k, geom in enumerate(body.geoms, 1))  # fmt: skip
+    _name((geom, f"{body.name} geom {k}") for body in spec.bodies for k, geom in enumerate(body.geoms, 1))
     return [body.name for body in estimated if body.joints]
 
 
@@ -203,8 +200,9 @@ def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
     drives, off = drives_of(model, followers), import_module("mujoco").mjtDisableBit.mjDSBL_GRAVITY
     tree, poses = bodies(model, drives)
     gx, gy, gz = [0.0] * 3 if model.opt.disableflags & off else model.opt.gravity.tolist()
-    couplings = tuple(Coupling({tree[j].name: factor for j, factor in coefficients.items()}, value)
-                      for coefficients, value in coupled)  # fmt: skip
+    couplings = tuple(
+        Coupling({tree[j].name: factor for j, factor in coefficients.items()}, value) for coefficients, value in coupled
+    )
     machine = SpatialMachine(tree, gravity=(gx, gy, gz), couplings=couplings)
     ties = machine.coupled()
     notes += map(_equation, couplings)
@@ -212,8 +210,11 @@ def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
     damped = [drive.name for drive in drives.values() if drive.damping]
     if damped:
         notes.append(f"The kv of {listed('actuator', damped)} is part of the damping.")
-    notes += [f"The input of actuator {drive.damper} is 0: its kv is part of the damping."
-              for drive in drives.values() if drive.damper]  # fmt: skip
+    notes += [
+        f"The input of actuator {drive.damper} is 0: its kv is part of the damping."
+        for drive in drives.values()
+        if drive.damper
+    ]
     keys = {model.key(k).name: k for k in range(model.nkey)}
     home = np.array(model.key_qpos[keys["home"]] if "home" in keys else model.qpos0)
     past = []
@@ -226,13 +227,20 @@ def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
         notes.append(f"Home is past the limits of {listed('joint', past)} and starts at them.")
     if ties:
         home = np.array(ca.evalf(ties.close(machine.tree(), ca.SX(home)))).ravel()
-    joints = [model.joint(j).name for j, kind in enumerate(model.jnt_type)
-              for _ in range(POSITIONS[JOINTS[kind]])]  # fmt: skip
+    joints = [model.joint(j).name for j, kind in enumerate(model.jnt_type) for _ in range(POSITIONS[JOINTS[kind]])]
     return Robot(
-        file, found.machine, found.distances, tuple(joints), tuple(drives.values()), home,
-        found.friction, tuple(found.grounds), _camera(model, home),
-        (*source.ignored, *found.ignored, *leftovers(model, found.geoms)), tuple(notes),
-    )  # fmt: skip
+        file,
+        found.machine,
+        found.distances,
+        tuple(joints),
+        tuple(drives.values()),
+        home,
+        found.friction,
+        tuple(found.grounds),
+        _camera(model, home),
+        (*source.ignored, *found.ignored, *leftovers(model, found.geoms)),
+        tuple(notes),
+    )
 
 
 def _equation(coupling: Coupling) -> str:

@@ -92,8 +92,9 @@ class Robot:
     def held(self, pose: np.ndarray) -> np.ndarray:
         """Inputs (nu,) that ask for a pose: its positions of servos, and 0 of motors."""
         tree = self.machine.tree()
-        return np.array([pose[tree.q_of[name]][0] if tree.bodies[name].servo is not None else 0.0
-                         for name in tree.actuated])  # fmt: skip
+        return np.array(
+            [pose[tree.q_of[name]][0] if tree.bodies[name].servo is not None else 0.0 for name in tree.actuated]
+        )
 
     @cached_property
     def _ways(self) -> dict[str, tuple[int, float]]:
@@ -133,8 +134,13 @@ class Robot:
                 for signal, joint, at in zip(tree.coordinates, self.joints, home, strict=True)
             ],
             "motors": [
-                {"name": drive.name, "link": link, "gear": drive.gear, "servo": drive.servo,
-                 "range": [end if np.isfinite(end) else None for end in drive.range]}
+                {
+                    "name": drive.name,
+                    "link": link,
+                    "gear": drive.gear,
+                    "servo": drive.servo,
+                    "range": [end if np.isfinite(end) else None for end in drive.range],
+                }
                 for drive, link in zip(self.drives, tree.actuated, strict=True)
             ],
             "contacts": [
@@ -143,4 +149,4 @@ class Robot:
             ],
             "notes": list(self.notes),
             "ignored": list(self.ignored),
-        }  # fmt: skip
+        }

@@ -54,9 +54,7 @@ def read_source(file: Path, folder: Path | None = None) -> Source:
     root, size = _parsed(file, 0)
     kind = root.tag.rpartition(":")[2]
     if any("xacro" in element.tag for element in root.iter()):
-        raise InputError(
-            f"{file}: xacro is not read; write the URDF that it stands for, and read that"
-        )
+        raise InputError(f"{file}: xacro is not read; write the URDF that it stands for, and read that")
     if kind == "sdf":
         raise InputError(
             f"{file}: SDF, the language of Gazebo, is not read; convert it to URDF, for instance"
@@ -64,9 +62,7 @@ def read_source(file: Path, folder: Path | None = None) -> Source:
         )
     if kind not in ("mujoco", "robot"):
         part = "; give the file that includes it" if kind == "mujocoinclude" else ""
-        raise InputError(
-            f"{file}: <{kind}> is neither a URDF (<robot>) nor an MJCF (<mujoco>) file{part}"
-        )
+        raise InputError(f"{file}: <{kind}> is neither a URDF (<robot>) nor an MJCF (<mujoco>) file{part}")
     place = Place(file, (folder or file.parent).resolve())
     urdf, seen = root.tag == "robot", {file.resolve()}
     # Step by step, as what is included may include more.
@@ -162,9 +158,7 @@ class Place:
         """Return where a file lies; raise :class:`~ocp.errors.InputError` if it does not exist."""
         path = self.resolve(name, tag)
         if not _there(path):
-            raise InputError(
-                f"{self.file}: file {abbreviated(name)} of <{tag}> is not in its folder"
-            )
+            raise InputError(f"{self.file}: file {abbreviated(name)} of <{tag}> is not in its folder")
         return path
 
 
@@ -201,9 +195,7 @@ def _check(root: Element, place: Place) -> None:
             if name == "file" or name in _FOLDERS[:2]:
                 place.resolve(value, element.tag)
             elif name not in _NAMES and (wrong := _out_of_range(name, value)):
-                raise InputError(
-                    f"{place.file}: {name}={abbreviated(value)} of <{element.tag}> {wrong}"
-                )
+                raise InputError(f"{place.file}: {name}={abbreviated(value)} of <{element.tag}> {wrong}")
 
 
 def _out_of_range(name: str, value: str) -> str:

@@ -53,8 +53,7 @@ def _check_kind(thing: Thing | Goal) -> None:
         return
     if isinstance(thing.shape, HalfPlane) and not isinstance(thing, Obstacle):
         raise InputError(
-            f"{thing.name!r} moves, and a half-plane is unbounded; make it an Obstacle, or its"
-            " shape a Box"
+            f"{thing.name!r} moves, and a half-plane is unbounded; make it an Obstacle, or its shape a Box"
         )
 
 
@@ -86,16 +85,13 @@ def check_numbers(scene: Scene, parameters: ParameterTable) -> None:
             _check_shape(thing, shape, value)
         for what, number in _weights(thing):
             if not value(number) > 0:
-                raise InputError(
-                    f"{thing.name!r} has the {what} {value(number):g}; expected a positive number"
-                )
+                raise InputError(f"{thing.name!r} has the {what} {value(number):g}; expected a positive number")
         if isinstance(thing, Pusher) and thing.axis is not None:
             _check_unit(f"the rail of {thing.name!r} runs along", thing.axis, value)
     for i, touch in enumerate(scene.touches):
         if value(scene.friction[i]) < 0:
             raise InputError(
-                f"{touch.name}: Coulomb's coefficient is {value(scene.friction[i]):g}; expected a"
-                " number >= 0"
+                f"{touch.name}: Coulomb's coefficient is {value(scene.friction[i]):g}; expected a number >= 0"
             )
     apart = ca.Function("apart", [symbols], [ca.densify(scene.distance(scene.start))])
     distances = np.array(apart(values)).ravel()
@@ -103,8 +99,7 @@ def check_numbers(scene: Scene, parameters: ParameterTable) -> None:
         touch, depth = scene.touches[deepest], -distances[deepest]
         if depth > _ROUNDING:
             raise InputError(
-                f"{touch.one.name!r} starts {depth:.3g} m inside {touch.other.name!r}; move one of"
-                " them by as much"
+                f"{touch.one.name!r} starts {depth:.3g} m inside {touch.other.name!r}; move one of them by as much"
             )
 
 
@@ -136,8 +131,7 @@ def _check_shape(thing: Thing, shape: Shape, value: Value) -> None:
                 raise InputError(f"the polygon of {thing.name!r} {found}")
             if clockwise(at):
                 raise InputError(
-                    f"the polygon of {thing.name!r} runs clockwise; give vertices with symbols"
-                    " counterclockwise"
+                    f"the polygon of {thing.name!r} runs clockwise; give vertices with symbols counterclockwise"
                 )
         case HalfPlane(_, normal):
             _check_unit(f"the half-plane of {thing.name!r} has the normal", normal, value)
@@ -151,6 +145,4 @@ def _check_size(thing: Thing, what: str, size: float) -> None:
 def _check_unit(what: str, vector: Point, value: Value) -> None:
     x, y = (value(vector[i]) for i in range(2))
     if not math.isclose(math.hypot(x, y), 1, rel_tol=1e-6):
-        raise InputError(
-            f"{what} ({x:g}, {y:g}) of length {math.hypot(x, y):g}; expected a vector of length 1"
-        )
+        raise InputError(f"{what} ({x:g}, {y:g}) of length {math.hypot(x, y):g}; expected a vector of length 1")

@@ -67,10 +67,7 @@ class Scene:
         self.moving = (*self.bodies, *self.pushers)
         self.coordinates = tuple(signal for thing in self.moving for signal in thing.coordinates)
         ends = [0, *accumulate(len(thing.coordinates) for thing in self.moving)]
-        self._at = {
-            thing.name: slice(*both)
-            for thing, both in zip(self.moving, pairwise(ends), strict=True)
-        }
+        self._at = {thing.name: slice(*both) for thing, both in zip(self.moving, pairwise(ends), strict=True)}
 
     @cached_property
     def start(self) -> ca.SX:
@@ -206,14 +203,11 @@ class Scene:
         :func:`~dynamics.systems.timestepping.time_stepping`; raises as :meth:`quasi_dynamic` does.
         """
         masses = [
-            ca.SX(required(p, p.mass, "mass", "a scene with velocities"))
-            for p in self.pushers
-            for _ in p.coordinates
+            ca.SX(required(p, p.mass, "mass", "a scene with velocities")) for p in self.pushers for _ in p.coordinates
         ]
         if lying := [body.name for body in self.bodies if body.table is not None]:
             raise InputError(
-                f"{lying[0]!r} lies on a table, which only Scene.quasi_dynamic knows; leave its"
-                " table out here"
+                f"{lying[0]!r} lies on a table, which only Scene.quasi_dynamic knows; leave its table out here"
             )
         check_numbers(self, parameters)
         pull, M = column(gravity), ca.vertcat(ca.SX(0, 1), *self._masses, *masses)
@@ -223,8 +217,7 @@ class Scene:
             *(pusher.directions.T @ pull for pusher in self.pushers),
         )
         free = M.numel() - len(masses)
-        speeds = (Signal(f"v_{c.name}", f"{c.unit}/s", f"speed of {c.name}")
-                  for c in self.coordinates)  # fmt: skip
+        speeds = (Signal(f"v_{c.name}", f"{c.unit}/s", f"speed of {c.name}") for c in self.coordinates)
         made = time_stepping(
             name,
             states=(*self.coordinates, *speeds),
@@ -259,9 +252,7 @@ def energy_book(scene: Scene, masses: ca.SX, weight: ca.SX, h: Scalar) -> Book:
     moves it.
     """
 
-    def keep(
-        q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, along: ca.SX
-    ) -> EnergyBook:
+    def keep(q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, along: ca.SX) -> EnergyBook:
         momentum, external = ca.SX.zeros(2), ca.SX.zeros(2)
         pushes = _pushes(scene, q, normal, along)
         forces = weight + ca.vertcat(ca.SX.zeros(weight.numel() - u.numel()), u)

@@ -100,9 +100,14 @@ class Body(Thing):
 
     @classmethod
     def uniform(
-        cls, name: str, shape: Shape | Union, at: Point, angle: Scalar = 0.0, mass: Scalar = 1.0,
+        cls,
+        name: str,
+        shape: Shape | Union,
+        at: Point,
+        angle: Scalar = 0.0,
+        mass: Scalar = 1.0,
         table: Scalar | None = None,
-    ) -> Body:  # fmt: skip
+    ) -> Body:
         """A body whose mass is spread evenly over ``shape``, with its centre of mass at ``at``.
 
         The origin of the frame moves to the centroid c, and the inertia is ``mass int |r - c|² dA /
@@ -233,15 +238,10 @@ def touches(things: Sequence[Thing], apart: Collection[frozenset[str]]) -> list[
         if still or frozenset((first.name, second.name)) in apart:
             continue
         called = f"{first.name} on {second.name}"
-        one, other = sorted(
-            (first, second), key=lambda thing: [not isinstance(thing, kind) for kind in _FIRST]
-        )
+        one, other = sorted((first, second), key=lambda thing: [not isinstance(thing, kind) for kind in _FIRST])
         pairs = [(a, b) for a in parts(one.shape) for b in parts(other.shape)]
         if one.turns or other.turns:
             pairs = vertex_pairs(one.shape, other.shape)
         names = [called] if len(pairs) == 1 else [f"{called} {i + 1}" for i in range(len(pairs))]
-        found += [
-            Touch(name, one, shape, other, against)
-            for name, (shape, against) in zip(names, pairs, strict=True)
-        ]
+        found += [Touch(name, one, shape, other, against) for name, (shape, against) in zip(names, pairs, strict=True)]
     return found

@@ -23,8 +23,7 @@ from problems.studies.shared.sampled_step import (
 from problems.studies.study import Claim, StudyParams, dataset, listed, over, setting
 
 NOTES = (
-    "mu(z) is the corrected eq. 5.1: kappa = (sigma pdf(z/sigma) - z tail(z/sigma))/F and"
-    " mu = kappa (z + F kappa).",
+    "mu(z) is the corrected eq. 5.1: kappa = (sigma pdf(z/sigma) - z tail(z/sigma))/F and mu = kappa (z + F kappa).",
     "The heavy tail of Student's t is the force at a distance of constant mu.",
     "Of the constant mu drawn the caption names 0.1, the others are our choice; its sigma is"
     " not given, so what depends on sigma is judged over a range of it.",
@@ -88,16 +87,19 @@ def _curves(params: Params) -> tuple[dict, dict]:
         "lam_constant": (per_mu, [c.lam for c in constant], "N s", "constant mu"),
         "lam_adaptive": ("z", adaptive.lam, "N s", "adaptive mu"),
         "mu_adaptive": ("z", adaptive.mu, "N s m", "adaptive mu(z)"),
-        "density_constant": (per_mu, [F * c.curvature for c in constant], "1/m",
-                             "noise of constant mu, F S''"),
+        "density_constant": (per_mu, [F * c.curvature for c in constant], "1/m", "noise of constant mu, F S''"),
         "density_adaptive": ("z", F * adaptive.curvature, "1/m", "noise of adaptive mu, F S''"),
-        "student": (per_mu, [student(F, mu)(z) for mu in MUS], "1/m",
-                    "Student t, 2 degrees of freedom, scale sqrt(2 F mu)"),
+        "student": (
+            per_mu,
+            [student(F, mu)(z) for mu in MUS],
+            "1/m",
+            "Student t, 2 degrees of freedom, scale sqrt(2 F mu)",
+        ),
         "gaussian": ("z", gaussian(sigma)(z), "1/m", "N(0, sigma²)"),
     }, {
         "z": (z, "m", "gap at lam = 0"),
         "mu": (MUS, "N s m", "central-path parameter"),
-    }  # fmt: skip
+    }
 
 
 def _tradeoff(params: Params) -> dict:
@@ -106,8 +108,7 @@ def _tradeoff(params: Params) -> dict:
     own = gaussian_contact(GAPS * params.sigma, F, params.sigma)
     error, bend = np.empty((2, len(WIDTHS), len(GAPS))), np.empty((2, len(WIDTHS)))
     for row, sigma in enumerate(WIDTHS * np.sqrt(F * NAMED)):
-        soft = (gaussian_contact(GAPS * sigma, F, sigma),
-                barrier_contact(GAPS * sigma, F, NAMED))  # fmt: skip
+        soft = (gaussian_contact(GAPS * sigma, F, sigma), barrier_contact(GAPS * sigma, F, NAMED))
         error[:, row] = [s.lam * F / sigma for s in soft]
         bend[:, row] = [s.curvature[0] * F * sigma for s in soft]
     kind = ("softening", "width")
@@ -124,10 +125,7 @@ def _noise(params: Params) -> dict:
     F, sigma = params.F, params.sigma
     probe = np.linspace(-2, 2, 9)
     widths = np.sqrt(F * np.array(MUS))
-    cases = [
-        (s, barrier_contact(probe * s, F, mu), student(F, mu))
-        for mu, s in zip(MUS, widths, strict=True)
-    ]
+    cases = [(s, barrier_contact(probe * s, F, mu), student(F, mu)) for mu, s in zip(MUS, widths, strict=True)]
     cases.append((sigma, gaussian_contact(probe * sigma, F, sigma), gaussian(sigma)))
     mismatch = np.empty(len(cases))
     for row, (scale, soft, density) in enumerate(cases):
@@ -136,19 +134,16 @@ def _noise(params: Params) -> dict:
         mismatch[row] = np.abs(lam - expected).max() * F / scale
     half = np.geomspace(1e-6, 1e6, 40001)
     wide = np.concatenate((-half[::-1], half))
-    mass = [np.trapezoid(barrier_contact(wide, C, NAMED).curvature, wide)
-            for C in COMPLIANCES]  # fmt: skip
+    mass = [np.trapezoid(barrier_contact(wide, C, NAMED).curvature, wide) for C in COMPLIANCES]
     near = np.linspace(-1, 1, 2001)
-    slope = [scalar_contact(Adaptive(law="quartic-per-contact"), near, C).slope.max()
-             for C in COMPLIANCES]  # fmt: skip
+    slope = [scalar_contact(Adaptive(law="quartic-per-contact"), near, C).slope.max() for C in COMPLIANCES]
     variance = [2 * quad(lambda w: w**2 * student_t.pdf(w, 2), 0, r, limit=400)[0] for r in _REACH]
     return {
         "mismatch": ("law", mismatch, "1", "max |E S_0(z + w) - S_mu(z)| over its size"),
         "printed_mass": ("compliance", mass, "1", "integral of rho as printed"),
         "quartic_slope": ("compliance", slope, "N s/m", "largest dlam/dz of eq. C.2"),
-        "variance_within": ("reach", variance, "1",
-                            "variance of that noise within the reach, over 2 F mu"),
-    }  # fmt: skip
+        "variance_within": ("reach", variance, "1", "variance of that noise within the reach, over 2 F mu"),
+    }
 
 
 def _printed(params: Params) -> dict:
@@ -167,13 +162,10 @@ def _printed(params: Params) -> dict:
     tangent = np.stack((soft.lam * F / sigma, soft.slope * F), axis=1)
     lines = np.stack([linearisations(at, 1.0, 1.0) for at in TANGENTS])
     return {
-        "kappa_misfit": (("reading", "setting"), off, "1",
-                         "largest |kappa - lam| F/sigma at the best c1, c2"),
-        "best_line": (("tangent", "norm", "coefficient"), lines, "1",
-                      "K F/sigma and W F of the best line"),
-        "line": (("tangent", "coefficient"), tangent, "1",
-                 "softened solution F/sigma and its gradient F"),
-    }  # fmt: skip
+        "kappa_misfit": (("reading", "setting"), off, "1", "largest |kappa - lam| F/sigma at the best c1, c2"),
+        "best_line": (("tangent", "norm", "coefficient"), lines, "1", "K F/sigma and W F of the best line"),
+        "line": (("tangent", "coefficient"), tangent, "1", "softened solution F/sigma and its gradient F"),
+    }
 
 
 _FAR = 3.0
@@ -197,18 +189,28 @@ def _tradeoff_claims(data: xr.Dataset) -> list[Claim]:
     reach = f"sigma = {width[0]:g} to {width[-1]:g} sqrt(F mu)"
     shares = listed(share[1:], ".2g")
     return [
-        Claim("mu(z) is contact-aware: large only near z = 0", "ABS, fig. 1c",
-              f"falls from sigma²/(2 pi F) = {peak:.4g}, below 1 % from {_FAR:g} sigma on",
-              f"{mu[0]:.4g} at contact, {shares} of it at " + listed(gap[1:], "g") + " sigma",
-              bool(np.isclose(mu[0], peak) and np.all(np.diff(mu) < 0)
-                   and np.all(share[far] < 0.01))),
-        Claim("mu(z) gives smoother dynamics than mu <= 0.1 around z = 0", "ABS, fig. 1d",
-              f"less curvature at {reach}", f"{over(list(width), smoother)} sqrt(F mu)",
-              bool(np.all(smoother))),
-        Claim("mu(z) best approximates the exact solution in contact-free regions",
-              "ABS, fig. 1d", f"error below that of mu = 0.1 from {_FAR:g} sigma on, at {reach}",
-              f"{over(list(gap[1:]), better)} sigma", bool(np.all(better[far[1:]]))),
-    ]  # fmt: skip
+        Claim(
+            "mu(z) is contact-aware: large only near z = 0",
+            "ABS, fig. 1c",
+            f"falls from sigma²/(2 pi F) = {peak:.4g}, below 1 % from {_FAR:g} sigma on",
+            f"{mu[0]:.4g} at contact, {shares} of it at " + listed(gap[1:], "g") + " sigma",
+            bool(np.isclose(mu[0], peak) and np.all(np.diff(mu) < 0) and np.all(share[far] < 0.01)),
+        ),
+        Claim(
+            "mu(z) gives smoother dynamics than mu <= 0.1 around z = 0",
+            "ABS, fig. 1d",
+            f"less curvature at {reach}",
+            f"{over(list(width), smoother)} sqrt(F mu)",
+            bool(np.all(smoother)),
+        ),
+        Claim(
+            "mu(z) best approximates the exact solution in contact-free regions",
+            "ABS, fig. 1d",
+            f"error below that of mu = 0.1 from {_FAR:g} sigma on, at {reach}",
+            f"{over(list(gap[1:]), better)} sigma",
+            bool(np.all(better[far[1:]])),
+        ),
+    ]
 
 
 def _smoothing(data: xr.Dataset) -> list[Claim]:
@@ -220,25 +222,46 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
     reach = listed(data["reach"].values, "g")
     grown = listed(variance, ".2f")
     return [
-        Claim("Constant mu is randomized smoothing by some noise", "ABS, prop. 5.2",
-              "E S_0(z + w) = S_mu(z)", f"within {mismatch[:-1].max():.1e} of its size; density"
-              f" equals Student's, two degrees of freedom, within {apart:.1e}",
-              bool(mismatch[:-1].max() < 1e-9 and apart < 1e-6)),
-        Claim("The noise has density rho = S_mu''(w)", "ABS, prop. 5.2",
-              "integral 1", f"{over(compliance, whole)} m/(N s): integrals "
-              + listed(mass, ".3f") + ", times F " + listed(mass * compliance, ".3f"),
-              bool(np.all(whole))),
-        Claim("The noise of constant mu has a variance", "our check",
-              "finite variance", f"{grown} times its scale squared within {reach} scales",
-              bool(np.diff(variance)[-1] < 0.01 * variance[0])),
-        Claim("BS is RS for any mu(z)", "ABS, prop. 5.2",
-              "dlam/dz <= 0 for eq. C.2, no negative density",
-              f"{over(compliance, monotone)} m/(N s): slopes up to "
-              + listed(slope, "+.3f") + " N s/m", bool(np.all(monotone))),
-        Claim("The adaptive mu is Gaussian smoothing", "eq. 5.1 corrected",
-              "E S_0(z + w) = S_mu(z)", f"within {mismatch[-1]:.1e} of its size",
-              bool(mismatch[-1] < 1e-9)),
-    ]  # fmt: skip
+        Claim(
+            "Constant mu is randomized smoothing by some noise",
+            "ABS, prop. 5.2",
+            "E S_0(z + w) = S_mu(z)",
+            f"within {mismatch[:-1].max():.1e} of its size; density"
+            f" equals Student's, two degrees of freedom, within {apart:.1e}",
+            bool(mismatch[:-1].max() < 1e-9 and apart < 1e-6),
+        ),
+        Claim(
+            "The noise has density rho = S_mu''(w)",
+            "ABS, prop. 5.2",
+            "integral 1",
+            f"{over(compliance, whole)} m/(N s): integrals "
+            + listed(mass, ".3f")
+            + ", times F "
+            + listed(mass * compliance, ".3f"),
+            bool(np.all(whole)),
+        ),
+        Claim(
+            "The noise of constant mu has a variance",
+            "our check",
+            "finite variance",
+            f"{grown} times its scale squared within {reach} scales",
+            bool(np.diff(variance)[-1] < 0.01 * variance[0]),
+        ),
+        Claim(
+            "BS is RS for any mu(z)",
+            "ABS, prop. 5.2",
+            "dlam/dz <= 0 for eq. C.2, no negative density",
+            f"{over(compliance, monotone)} m/(N s): slopes up to " + listed(slope, "+.3f") + " N s/m",
+            bool(np.all(monotone)),
+        ),
+        Claim(
+            "The adaptive mu is Gaussian smoothing",
+            "eq. 5.1 corrected",
+            "E S_0(z + w) = S_mu(z)",
+            f"within {mismatch[-1]:.1e} of its size",
+            bool(mismatch[-1] < 1e-9),
+        ),
+    ]
 
 
 def _printed_claims(data: xr.Dataset) -> list[Claim]:
@@ -259,10 +282,15 @@ def _printed_claims(data: xr.Dataset) -> list[Claim]:
         off = data["kappa_misfit"].sel(reading=reading).values
         good = off < 1e-6
         found.append(
-            Claim(sentence, source, "equal at some c1, c2",
-                  f"(F, variance) {over(settings, good)}; off by {off.min():.2g} to"
-                  f" {off.max():.2g} sigma/F at the best constants", bool(np.all(good)))
-        )  # fmt: skip
+            Claim(
+                sentence,
+                source,
+                "equal at some c1, c2",
+                f"(F, variance) {over(settings, good)}; off by {off.min():.2g} to"
+                f" {off.max():.2g} sigma/F at the best constants",
+                bool(np.all(good)),
+            )
+        )
     return found
 
 
@@ -272,9 +300,12 @@ def _lines(data: xr.Dataset) -> list[Claim]:
         line = data["best_line"].sel(norm=norm).values
         off = np.abs(line - tangent).max(axis=0)
         found.append(
-            Claim(f"K*, W* of the least {norm} residual are S_mu and its gradient", source,
-                  "equal at gaps of -1, -1/2, 1/2 and 1 sigma",
-                  f"off by up to {off[0]:.1e} sigma/F and {off[1]:.1e}/F",
-                  bool(np.all(off < 2e-3)))
-        )  # fmt: skip
+            Claim(
+                f"K*, W* of the least {norm} residual are S_mu and its gradient",
+                source,
+                "equal at gaps of -1, -1/2, 1/2 and 1 sigma",
+                f"off by up to {off[0]:.1e} sigma/F and {off[1]:.1e}/F",
+                bool(np.all(off < 2e-3)),
+            )
+        )
     return found

@@ -25,8 +25,15 @@ GAINS = np.array([0.8, 1.0, 1.2])
 _POINTS = 5
 """Cloud of each system's domain over which slope and supremum of thm. 4.5 are taken."""
 HORIZONS = np.array([2, 4, 6, 8, 10, 12, 14, 16, 18, 20])
-BOUNDS = ("4.5 as printed", "4.5, sign corrected", "4.5, l at the point", "1/lambda_min(S)",
-          "5.1", "5.1 corrected", "A.26 for the slope")  # fmt: skip
+BOUNDS = (
+    "4.5 as printed",
+    "4.5, sign corrected",
+    "4.5, l at the point",
+    "1/lambda_min(S)",
+    "5.1",
+    "5.1 corrected",
+    "A.26 for the slope",
+)
 
 QUICK = {"draws": 50, "sweep": 4, "pairs": 15, "n_samples": 4000}
 
@@ -69,11 +76,9 @@ def _audit(params: Params, rng: np.random.Generator) -> dict:
                 ratio[row, column, bound, undefined] = np.nan
             step[row, column] = np.mean(np.any(away.lam > mu[:, None] / apart, axis=1))
     return {
-        "ratio": (("kind", "size", "bound", "draw"), ratio, "1",
-                  "true slope over bound; for A.26 its relative error"),
-        "step_5_1": (("kind", "size"), step, "1",
-                     "how often lam_i > mu/z_i, against a step in the proof of 5.1"),
-    }  # fmt: skip
+        "ratio": (("kind", "size", "bound", "draw"), ratio, "1", "true slope over bound; for A.26 its relative error"),
+        "step_5_1": (("kind", "size"), step, "1", "how often lam_i > mu/z_i, against a step in the proof of 5.1"),
+    }
 
 
 def _over_domain(
@@ -127,10 +132,13 @@ def _counterexamples() -> dict:
     held = 4 * float(np.sum(found.lam[0] ** 2))
     return {
         "counter_4_5": ("side", [state, held], "1", "|dx+/dx| and thm. 4.5 at F_1"),
-        "counter_5_1": ("side",
-                        [bounds.norms(found.slope)[1], bounds.theorem_5_1(z[1:], mu[1:])[0]], "1",
-                        "|dlam/dz| and thm. 5.1 at F_2"),
-    }  # fmt: skip
+        "counter_5_1": (
+            "side",
+            [bounds.norms(found.slope)[1], bounds.theorem_5_1(z[1:], mu[1:])[0]],
+            "1",
+            "|dlam/dz| and thm. 5.1 at F_2",
+        ),
+    }
 
 
 def run(params: Params) -> xr.Dataset:
@@ -147,18 +155,21 @@ def run(params: Params) -> xr.Dataset:
             **audit,
             **sweep,
             **_counterexamples(),
-            **{f"pair_{name}": ("pair", values, "1", f"{name}, single contact")
-               for name, values in pairs.items()},
-            **{f"vector_{name}": ("vector", values, "1", f"{name}, lemma III.4")
-               for name, values in vectors.items()},
-            **{f"printed_{name}": (("constants", "pair"), values, "1",
-                                   f"{name} of thm. 5.4, eq. 5.1 as printed")
-               for name, values in bias.items()},
+            **{f"pair_{name}": ("pair", values, "1", f"{name}, single contact") for name, values in pairs.items()},
+            **{f"vector_{name}": ("vector", values, "1", f"{name}, lemma III.4") for name, values in vectors.items()},
+            **{
+                f"printed_{name}": (("constants", "pair"), values, "1", f"{name} of thm. 5.4, eq. 5.1 as printed")
+                for name, values in bias.items()
+            },
             "z_score": ((), unbiased["z_score"], "1", "lemma III.1 on wall-1d"),
             "components": ((), unbiased["components"], "1", "inputs compared"),
             "growth": (("gain", "horizon"), growth, "1", "variance of the gradient"),
-            "policy_lipschitz": ((), np.hypot(1, bounds.GROWTH_NOISE), "1",
-                                 "constant of the policy in state and noise"),
+            "policy_lipschitz": (
+                (),
+                np.hypot(1, bounds.GROWTH_NOISE),
+                "1",
+                "constant of the policy in state and noise",
+            ),
         },
         {
             "kind": list(bounds.KINDS),
@@ -169,13 +180,19 @@ def run(params: Params) -> xr.Dataset:
             "gain": (GAINS, "1", "Lipschitz constant of the dynamics"),
             "horizon": (HORIZONS, "1", "steps"),
         },
-    )  # fmt: skip
+    )
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
     """One claim a theorem, and for those that fail the corrected form beside it."""
-    return [*_stiffness(data), *_near_contact(data), *_smoothing(data), *_bias(data),
-            *_estimators(data), *_growth(data)]  # fmt: skip
+    return [
+        *_stiffness(data),
+        *_near_contact(data),
+        *_smoothing(data),
+        *_bias(data),
+        *_estimators(data),
+        *_growth(data),
+    ]
 
 
 def _holds(data: xr.Dataset, bound: str) -> tuple[float, float, str]:
@@ -203,24 +220,45 @@ def _stiffness(data: xr.Dataset) -> list[Claim]:
     definite = _holds(data, "1/lambda_min(S)")
     slope, held = data["counter_4_5"].values
     return [
-        Claim("The Lipschitz constant explodes as mu falls, inversely proportional to it",
-              "ABS, sec. 4.3", "slope ~ mu^-1", f"slope ~ mu^{power[0]:.3f} symmetric,"
-              f" mu^{power[1]:.3f} P", bool(max(power) < -0.5)),
-        Claim("What grows as mu falls is curvature", "corrected, 1/(4 F^1.5 sqrt(mu))",
-              "curvature ~ mu^-0.5", f"mu^{bend[0]:.3f} symmetric, mu^{bend[1]:.3f} P",
-              bool(np.allclose(bend, -0.5, atol=0.05))),
-        Claim("The slope is within the bound with l(mu) as printed", "ABS, thm. 4.5",
-              "always, l at its lower bound", printed[2] + ", largest slope and supremum over"
-              " several points of each", min(printed[:2]) == 1),
-        Claim("The same with the sign of (A.32) right", "ABS, thm. 4.5, (A.32)",
-              "always", signed[2], min(signed[:2]) == 1),
-        Claim("The same with l = |diag(lam)|²/mu at the point", "ABS, proof of thm. 4.5",
-              "always, F = [[1, -1000], [0, 1]] too", f"{point[2]}; there the slope is"
-              f" {slope:.0f}, the bound {held:.0f}",
-              bool(min(point[:2]) == 1 and slope <= held)),
-        Claim("|dlam/dz| <= 1/lambda_min(S) where S = sym(F) is definite", "corrected",
-              "always", definite[2], min(definite[:2]) == 1),
-    ]  # fmt: skip
+        Claim(
+            "The Lipschitz constant explodes as mu falls, inversely proportional to it",
+            "ABS, sec. 4.3",
+            "slope ~ mu^-1",
+            f"slope ~ mu^{power[0]:.3f} symmetric, mu^{power[1]:.3f} P",
+            bool(max(power) < -0.5),
+        ),
+        Claim(
+            "What grows as mu falls is curvature",
+            "corrected, 1/(4 F^1.5 sqrt(mu))",
+            "curvature ~ mu^-0.5",
+            f"mu^{bend[0]:.3f} symmetric, mu^{bend[1]:.3f} P",
+            bool(np.allclose(bend, -0.5, atol=0.05)),
+        ),
+        Claim(
+            "The slope is within the bound with l(mu) as printed",
+            "ABS, thm. 4.5",
+            "always, l at its lower bound",
+            printed[2] + ", largest slope and supremum over several points of each",
+            min(printed[:2]) == 1,
+        ),
+        Claim(
+            "The same with the sign of (A.32) right", "ABS, thm. 4.5, (A.32)", "always", signed[2], min(signed[:2]) == 1
+        ),
+        Claim(
+            "The same with l = |diag(lam)|²/mu at the point",
+            "ABS, proof of thm. 4.5",
+            "always, F = [[1, -1000], [0, 1]] too",
+            f"{point[2]}; there the slope is {slope:.0f}, the bound {held:.0f}",
+            bool(min(point[:2]) == 1 and slope <= held),
+        ),
+        Claim(
+            "|dlam/dz| <= 1/lambda_min(S) where S = sym(F) is definite",
+            "corrected",
+            "always",
+            definite[2],
+            min(definite[:2]) == 1,
+        ),
+    ]
 
 
 def _near_contact(data: xr.Dataset) -> list[Claim]:
@@ -230,20 +268,36 @@ def _near_contact(data: xr.Dataset) -> list[Claim]:
     slope, bound = data["counter_5_1"].values
     error = data["ratio"].sel(bound="A.26 for the slope").median("draw").values
     return [
-        Claim("The slope away from contact is within the bound", "ABS, thm. 5.1",
-              "always, F = [[1, -100], [0, 1]] at z = (1, 1) too",
-              f"{final[2]}; there the slope is {slope:.1f}, the bound {bound:.0f}",
-              bool(min(final[:2]) == 1 and slope <= bound)),
-        Claim("There lam_i <= mu/z_i", "ABS, proof of thm. 5.1", "never violated",
-              f"violated in {step.min():.0%} to {step.max():.0%} of systems with {size[1]} to"
-              f" {size[-1]} contacts", bool(step.max() == 0)),
-        Claim("|dlam/dz| <= min(1/lambda_min(S), n² mu/min z²), S definite", "corrected",
-              "always", corrected[2], min(corrected[:2]) == 1),
-        Claim("dlam/dz couples no contacts", "ABS, eq. A.26", "no error",
-              f"median error {error[0, 1]:.0%} at {size[1]} contacts, {error[0, -1]:.0%} at"
-              f" {size[-1]} (symmetric); {error[1, 1]:.0%}, {error[1, -1]:.0%} (P)",
-              bool(error[:, 1:].max() < 1e-6)),
-    ]  # fmt: skip
+        Claim(
+            "The slope away from contact is within the bound",
+            "ABS, thm. 5.1",
+            "always, F = [[1, -100], [0, 1]] at z = (1, 1) too",
+            f"{final[2]}; there the slope is {slope:.1f}, the bound {bound:.0f}",
+            bool(min(final[:2]) == 1 and slope <= bound),
+        ),
+        Claim(
+            "There lam_i <= mu/z_i",
+            "ABS, proof of thm. 5.1",
+            "never violated",
+            f"violated in {step.min():.0%} to {step.max():.0%} of systems with {size[1]} to {size[-1]} contacts",
+            bool(step.max() == 0),
+        ),
+        Claim(
+            "|dlam/dz| <= min(1/lambda_min(S), n² mu/min z²), S definite",
+            "corrected",
+            "always",
+            corrected[2],
+            min(corrected[:2]) == 1,
+        ),
+        Claim(
+            "dlam/dz couples no contacts",
+            "ABS, eq. A.26",
+            "no error",
+            f"median error {error[0, 1]:.0%} at {size[1]} contacts, {error[0, -1]:.0%} at"
+            f" {size[-1]} (symmetric); {error[1, 1]:.0%}, {error[1, -1]:.0%} (P)",
+            bool(error[:, 1:].max() < 1e-6),
+        ),
+    ]
 
 
 def _smoothing(data: xr.Dataset) -> list[Claim]:
@@ -251,19 +305,31 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
     barrier, gaussian = np.abs(pair["barrier"]).max(), np.abs(pair["gaussian"]).max()
     mass, off = pair["mass"], pair["misfit"]
     return [
-        Claim("S_mu(z) = E S_0(z + w) for the noise of constant mu", "ABS, prop. 5.2", "0",
-              f"{barrier:.0e}", bool(barrier < 1e-8)),
-        Claim("The density of that noise is S_mu''", "ABS, prop. 5.2", "integral 1",
-              f"{mass.min():.3f} to {mass.max():.3f}; times F {(mass * pair['F']).min():.3f} to"
-              f" {(mass * pair['F']).max():.3f}", bool(np.allclose(mass, 1, atol=1e-2))),
-        Claim("kappa as printed is E S_0(z + w), w Gaussian", "ABS, prop. 5.3, eq. 5.1",
-              "equal over z at some c1, c2",
-              f"within a hundredth of sigma/F in {np.mean(off < 0.01):.0%} of {off.size} cases,"
-              f" off by {off.min():.2g} to {off.max():.2g} sigma/F at the best constants",
-              bool(np.all(off < 0.01))),
-        Claim("kappa corrected is", "eq. 5.1 corrected", "equal", f"{gaussian:.0e}",
-              bool(gaussian < 1e-8)),
-    ]  # fmt: skip
+        Claim(
+            "S_mu(z) = E S_0(z + w) for the noise of constant mu",
+            "ABS, prop. 5.2",
+            "0",
+            f"{barrier:.0e}",
+            bool(barrier < 1e-8),
+        ),
+        Claim(
+            "The density of that noise is S_mu''",
+            "ABS, prop. 5.2",
+            "integral 1",
+            f"{mass.min():.3f} to {mass.max():.3f}; times F {(mass * pair['F']).min():.3f} to"
+            f" {(mass * pair['F']).max():.3f}",
+            bool(np.allclose(mass, 1, atol=1e-2)),
+        ),
+        Claim(
+            "kappa as printed is E S_0(z + w), w Gaussian",
+            "ABS, prop. 5.3, eq. 5.1",
+            "equal over z at some c1, c2",
+            f"within a hundredth of sigma/F in {np.mean(off < 0.01):.0%} of {off.size} cases,"
+            f" off by {off.min():.2g} to {off.max():.2g} sigma/F at the best constants",
+            bool(np.all(off < 0.01)),
+        ),
+        Claim("kappa corrected is", "eq. 5.1 corrected", "equal", f"{gaussian:.0e}", bool(gaussian < 1e-8)),
+    ]
 
 
 def _bias(data: xr.Dataset) -> list[Claim]:
@@ -274,36 +340,56 @@ def _bias(data: xr.Dataset) -> list[Claim]:
     above = np.mean(solved & ~good, axis=1)
     off = np.abs(data["pair_bias"].values - data["pair_tail"].values).max()
     return [
-        Claim("The bias of the adaptive slope is within its bound", "ABS, thm. 5.4",
-              "always, with mu of prop. 5.3 as printed, at constants (c1, c2)",
-              f"constants {over(constants, everywhere == 1)}: holds in "
-              + listed(everywhere, ".0%") + " of cases; above it in "
-              + listed(above, ".0%") + ", in the rest mu is negative and"
-              " there is no softened model",
-              bool(np.all(good))),
-        Claim("With the corrected mu that bias is tail(|z|/sigma)/F", "corrected",
-              "equal, so at most 1/(2F)", f"within {off:.0e}/F; largest"
-              f" {data['pair_bias'].values.max():.3f}/F", bool(off < 1e-9)),
-    ]  # fmt: skip
+        Claim(
+            "The bias of the adaptive slope is within its bound",
+            "ABS, thm. 5.4",
+            "always, with mu of prop. 5.3 as printed, at constants (c1, c2)",
+            f"constants {over(constants, everywhere == 1)}: holds in "
+            + listed(everywhere, ".0%")
+            + " of cases; above it in "
+            + listed(above, ".0%")
+            + ", in the rest mu is negative and"
+            " there is no softened model",
+            bool(np.all(good)),
+        ),
+        Claim(
+            "With the corrected mu that bias is tail(|z|/sigma)/F",
+            "corrected",
+            "equal, so at most 1/(2F)",
+            f"within {off:.0e}/F; largest {data['pair_bias'].values.max():.3f}/F",
+            bool(off < 1e-9),
+        ),
+    ]
 
 
 def _estimators(data: xr.Dataset) -> list[Claim]:
-    variance, paper, sharp = (
-        data[f"vector_{name}"].values for name in ("variance", "paper", "sharp")
-    )
+    variance, paper, sharp = (data[f"vector_{name}"].values for name in ("variance", "paper", "sharp"))
     good = [float(np.mean(variance >= bound * (1 - 1e-9) - 1e-9)) for bound in (paper, sharp)]
     score = float(data["z_score"])
     return [
-        Claim("First-order gradients are unbiased where the step is Lipschitz",
-              "Pathologies, lemma III.1", "means equal",
-              f"largest of {int(data['components'])} differences is {score:.1f} standard errors"
-              " (problem wall, exact law)", score < 5),
-        Claim("Var z >= Delta_0²/beta", "Pathologies, lemma III.4", "always",
-              f"holds in {good[0]:.2%} of {variance.size} random vectors, is zero in"
-              f" {np.mean(paper == 0):.0%}", good[0] == 1),
-        Claim("Var z >= (1 - beta)/beta Delta²", "lemma III.4 sharpened", "always",
-              f"holds in {good[1]:.2%}", good[1] == 1),
-    ]  # fmt: skip
+        Claim(
+            "First-order gradients are unbiased where the step is Lipschitz",
+            "Pathologies, lemma III.1",
+            "means equal",
+            f"largest of {int(data['components'])} differences is {score:.1f} standard errors"
+            " (problem wall, exact law)",
+            score < 5,
+        ),
+        Claim(
+            "Var z >= Delta_0²/beta",
+            "Pathologies, lemma III.4",
+            "always",
+            f"holds in {good[0]:.2%} of {variance.size} random vectors, is zero in {np.mean(paper == 0):.0%}",
+            good[0] == 1,
+        ),
+        Claim(
+            "Var z >= (1 - beta)/beta Delta²",
+            "lemma III.4 sharpened",
+            "always",
+            f"holds in {good[1]:.2%}",
+            good[1] == 1,
+        ),
+    ]
 
 
 def _growth(data: xr.Dataset) -> list[Claim]:
@@ -318,12 +404,18 @@ def _growth(data: xr.Dataset) -> list[Claim]:
 
     measured = f"{listed(rate, '.2f')} a step; of the variance itself {listed(raw, '.2f')}"
     return [
-        Claim("The variance is O(H^4 (L_f L_pi)^4H)", "ABS, thm. 4.4",
-              f"over H^4 rates at most {listed(printed, '.2f')}",
-              f"L_f {over(list(gains), rate <= printed + 0.02)}: {measured}",
-              bool(np.all(rate <= printed + 0.02))),
-        Claim("It is O(H^4 (sqrt(2) L_f L_pi)^4H)", "thm. 4.4 corrected",
-              f"over H^4 rates at most {listed(right, '.2f')}",
-              f"L_f {over(list(gains), rate <= right + 0.02)}: {measured}",
-              bool(np.all(rate <= right + 0.02))),
-    ]  # fmt: skip
+        Claim(
+            "The variance is O(H^4 (L_f L_pi)^4H)",
+            "ABS, thm. 4.4",
+            f"over H^4 rates at most {listed(printed, '.2f')}",
+            f"L_f {over(list(gains), rate <= printed + 0.02)}: {measured}",
+            bool(np.all(rate <= printed + 0.02)),
+        ),
+        Claim(
+            "It is O(H^4 (sqrt(2) L_f L_pi)^4H)",
+            "thm. 4.4 corrected",
+            f"over H^4 rates at most {listed(right, '.2f')}",
+            f"L_f {over(list(gains), rate <= right + 0.02)}: {measured}",
+            bool(np.all(rate <= right + 0.02)),
+        ),
+    ]

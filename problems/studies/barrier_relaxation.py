@@ -29,9 +29,7 @@ class Params(StudyParams):
     points: int = setting(201, "1", "inputs drawn, an odd number", least=3)
 
 
-def eq5(
-    x: np.ndarray, v: np.ndarray, u: np.ndarray, kappa: np.ndarray, m: float, h: float
-) -> np.ndarray:
+def eq5(x: np.ndarray, v: np.ndarray, u: np.ndarray, kappa: np.ndarray, m: float, h: float) -> np.ndarray:
     """Next position by pathologies eq. 5: ``x+ = h s``, ``s = (s0 + sqrt(s0² + 4/(kappa m)))/2``.
 
     ``s0 = x/h + v + u/m``; for s0 < 0 the same root as ``2/(kappa m)/(r - s0)``.
@@ -41,9 +39,7 @@ def eq5(
     return h * np.where(s0 > 0, (s0 + r) / 2, 2 / (kappa * m) / (r - s0))
 
 
-def solve_qp(
-    x: np.ndarray, v: np.ndarray, u: np.ndarray, m: float, h: float
-) -> tuple[np.ndarray, np.ndarray]:
+def solve_qp(x: np.ndarray, v: np.ndarray, u: np.ndarray, m: float, h: float) -> tuple[np.ndarray, np.ndarray]:
     """Solve the QP of pathologies eq. 3 at n points by an active-set method: x+ [m], lam [N s].
 
     ``min m/2 (v+ - v)² - u v+`` subject to ``x/h + v+ >= 0``; lam is the constraint's multiplier.
@@ -51,18 +47,20 @@ def solve_qp(
     one = ca.DM.ones(1, 1)
     quiet = {"print_iter": False, "print_header": False, "print_info": False}
     solver = ca.conic("qp", "qrqp", {"h": one.sparsity(), "a": one.sparsity()}, quiet)
-    found = [
-        solver(h=m * one, a=one, g=-(m * b + c), lba=-a / h, uba=np.inf)
-        for a, b, c in zip(x, v, u, strict=True)
-    ]
+    found = [solver(h=m * one, a=one, g=-(m * b + c), lba=-a / h, uba=np.inf) for a, b, c in zip(x, v, u, strict=True)]
     velocity, lam = (np.array([float(each[key]) for each in found]) for key in ("x", "lam_a"))
     return x + h * velocity, -lam
 
 
 def newton_step(
-    x: np.ndarray, v: np.ndarray, u: np.ndarray, kappa: np.ndarray, after: np.ndarray, m: float,
+    x: np.ndarray,
+    v: np.ndarray,
+    u: np.ndarray,
+    kappa: np.ndarray,
+    after: np.ndarray,
+    m: float,
     h: float,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """How far [m] the next positions ``after`` (n,) are off the minimiser of eq. 4, to first order.
 
     Derivatives are CasADi's of the objective, which is strictly convex.
@@ -99,27 +97,36 @@ def run(params: Params) -> xr.Dataset:
     return dataset(
         {
             "x_qp": ("u", drawn, "m", "next position, QP of eq. 3"),
-            "x_barrier": (both, found.x_next[:, 0].reshape(shape), "m",
-                          "next position, log barrier"),
+            "x_barrier": (both, found.x_next[:, 0].reshape(shape), "m", "next position, log barrier"),
             "x_eq5": (both, closed.reshape(shape), "m", "closed form of eq. 5"),
             "slope_exact": ("u", exact.x_by_u[:, 0, 0], "m/(N s)", "dx+/du, time stepping"),
-            "slope_barrier": (both, found.x_by_u[:, 0, 0].reshape(shape), "m/(N s)",
-                              "dx+/du, log barrier"),
-            "lam_barrier": (both, found.lam[:, 0].reshape(shape), "N s",
-                            "impulse of the wall, log barrier"),
-            "eq5_error": ("sample", at_random.x_next[:, 0] - reference, "m",
-                          "next position less that of eq. 5 at random x, v, u, kappa"),
+            "slope_barrier": (both, found.x_by_u[:, 0, 0].reshape(shape), "m/(N s)", "dx+/du, log barrier"),
+            "lam_barrier": (both, found.lam[:, 0].reshape(shape), "N s", "impulse of the wall, log barrier"),
+            "eq5_error": (
+                "sample",
+                at_random.x_next[:, 0] - reference,
+                "m",
+                "next position less that of eq. 5 at random x, v, u, kappa",
+            ),
             "newton": ("sample", newton, "m", "Newton's step of eq. 4 from that next position"),
-            "qp_error": ("sample", stepped.x_next[:, 0] - qp, "m",
-                         "next position by time stepping less that of the QP"),
-            "lam_error": ("sample", stepped.lam[:, 0] - multiplier, "N s",
-                          "impulse by time stepping less the QP's multiplier"),
+            "qp_error": (
+                "sample",
+                stepped.x_next[:, 0] - qp,
+                "m",
+                "next position by time stepping less that of the QP",
+            ),
+            "lam_error": (
+                "sample",
+                stepped.lam[:, 0] - multiplier,
+                "N s",
+                "impulse by time stepping less the QP's multiplier",
+            ),
         },
         {
             "u": (u, "N s", "input impulse"),
             "kappa": (KAPPAS, "1/J", "log-barrier weight"),
         },
-    )  # fmt: skip
+    )
 
 
 _PLACE = "Pathologies, "
@@ -143,31 +150,61 @@ def claims(data: xr.Dataset) -> list[Claim]:
     power = float(np.polyfit(np.log(kappas[:, 0]), np.log(largest), 1)[0])
     steepest = float(data["slope_barrier"].max())
     return [
-        Claim("The optimality condition (5) is that of the objective (4)", _PLACE + "eq. 4-5",
-              "0", f"its step is off the minimiser by {newton:.1e} m {cases}", newton < 1e-9),
-        Claim("It gives the next state in closed form", "closed form of eq. 5", "0",
-              f"{error:.1e} m {cases}", error < 1e-12),
-        Claim("The equations of motion (2) are the KKT condition of the QP (3)",
-              _PLACE + "ex. IV.1", "same x+, and lam its multiplier",
-              f"x+ within {qp:.1e} m, lam within {multiplier:.1e} N s {cases}",
-              bool(qp < 1e-9 and multiplier < 1e-9)),
-        Claim("x+ over u is a kinked line", _PLACE + "fig. 6", "slope 0, then h/m",
-              f"off by {relu:.1e} m/(N s)", bool(relu < 1e-12)),
-        Claim("As kappa grows, the solution of (4) converges to that of (3)",
-              _PLACE + "ex. IV.2", "0 at kappa = inf",
-              listed(largest, ".1e") + " m at kappa = "
-              + listed(kappas[:, 0], "g") + " per J, as kappa to the power"
-              f" {power:.2f}", bool(np.all(np.diff(largest) < 0) and -1.1 < power < -0.4)),
-        Claim("That convergence is slow at the kink only: x+ = h/sqrt(m kappa) there",
-              "closed form of eq. 5", "x+ sqrt(m kappa)/h = 1",
-              f"{kink.min():.6f} to {kink.max():.6f}; off it, difference*kappa"
-              f" {far[0]:.3g} to {far[-1]:.3g} m/J",
-              bool(np.allclose(kink, 1, rtol=1e-9))),
-        Claim("No spring constant: the gradient stays bounded however hard the wall",
-              _PLACE + "fig. 6", f"|dx+/du| <= h/m = {h / m:g}", f"{steepest:.6g} m/(N s)",
-              steepest <= h / m),
-        Claim("The wall exerts a force inversely proportional to the distance",
-              _PLACE + "ex. IV.2", "lam x+ kappa/h = 1",
-              f"within {product:.1e}, x+ after the step and lam an impulse",
-              bool(product < 1e-9)),
-    ]  # fmt: skip
+        Claim(
+            "The optimality condition (5) is that of the objective (4)",
+            _PLACE + "eq. 4-5",
+            "0",
+            f"its step is off the minimiser by {newton:.1e} m {cases}",
+            newton < 1e-9,
+        ),
+        Claim(
+            "It gives the next state in closed form",
+            "closed form of eq. 5",
+            "0",
+            f"{error:.1e} m {cases}",
+            error < 1e-12,
+        ),
+        Claim(
+            "The equations of motion (2) are the KKT condition of the QP (3)",
+            _PLACE + "ex. IV.1",
+            "same x+, and lam its multiplier",
+            f"x+ within {qp:.1e} m, lam within {multiplier:.1e} N s {cases}",
+            bool(qp < 1e-9 and multiplier < 1e-9),
+        ),
+        Claim(
+            "x+ over u is a kinked line",
+            _PLACE + "fig. 6",
+            "slope 0, then h/m",
+            f"off by {relu:.1e} m/(N s)",
+            bool(relu < 1e-12),
+        ),
+        Claim(
+            "As kappa grows, the solution of (4) converges to that of (3)",
+            _PLACE + "ex. IV.2",
+            "0 at kappa = inf",
+            listed(largest, ".1e") + " m at kappa = " + listed(kappas[:, 0], "g") + " per J, as kappa to the power"
+            f" {power:.2f}",
+            bool(np.all(np.diff(largest) < 0) and -1.1 < power < -0.4),
+        ),
+        Claim(
+            "That convergence is slow at the kink only: x+ = h/sqrt(m kappa) there",
+            "closed form of eq. 5",
+            "x+ sqrt(m kappa)/h = 1",
+            f"{kink.min():.6f} to {kink.max():.6f}; off it, difference*kappa {far[0]:.3g} to {far[-1]:.3g} m/J",
+            bool(np.allclose(kink, 1, rtol=1e-9)),
+        ),
+        Claim(
+            "No spring constant: the gradient stays bounded however hard the wall",
+            _PLACE + "fig. 6",
+            f"|dx+/du| <= h/m = {h / m:g}",
+            f"{steepest:.6g} m/(N s)",
+            steepest <= h / m,
+        ),
+        Claim(
+            "The wall exerts a force inversely proportional to the distance",
+            _PLACE + "ex. IV.2",
+            "lam x+ kappa/h = 1",
+            f"within {product:.1e}, x+ after the step and lam an impulse",
+            bool(product < 1e-9),
+        ),
+    ]

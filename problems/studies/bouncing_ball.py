@@ -23,9 +23,7 @@ NOTES = (
 )
 
 
-def in_log_height(
-    mu: float, q0: float, g: float, times: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def in_log_height(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Height and vertical velocity at ``times`` [s], (n,), of a ball thrown level from q0 [m].
 
     ``s = ln y``: ``s' = v exp(-s)``, ``v' = mu exp(-s) - g`` per unit mass, mu in J/kg; in y
@@ -55,8 +53,7 @@ def _integrate(mu: float, q0: float, g: float, end: float, times: Any, events: A
         inverse = np.exp(-state[0])
         return [state[1] * inverse, mu * inverse - g]
 
-    found = solve_ivp(slope, (0.0, end), [np.log(q0), 0.0], "DOP853", times, events=events,
-                      rtol=1e-11, atol=1e-12)  # fmt: skip
+    found = solve_ivp(slope, (0.0, end), [np.log(q0), 0.0], "DOP853", times, events=events, rtol=1e-11, atol=1e-12)
     if not found.success:
         raise ValueError(f"the ball's equation could not be integrated at mu = {mu}")
     return found
@@ -69,8 +66,7 @@ def as_printed(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np.nd
         gamma, e, _ = state
         return [e, (gamma**4 - gamma**3 * g - 2 * mu * e**2) / (-mu * gamma), gamma - g]
 
-    found = solve_ivp(slope, (times[0], times[-1]), [mu / q0, 0.0, 0.0], "DOP853", times,
-                      rtol=1e-11, atol=1e-12)  # fmt: skip
+    found = solve_ivp(slope, (times[0], times[-1]), [mu / q0, 0.0, 0.0], "DOP853", times, rtol=1e-11, atol=1e-12)
     return found.y[0], found.y[2]
 
 
@@ -104,9 +100,7 @@ def stepped(params: Params, h: float, mu: float | None) -> tuple[np.ndarray, np.
     system = get("ball-bounce", h=h, g=params.g, m=params.m).system
     law = Exact() if mu is None else Barrier(mu=h * params.m * mu)
     start = np.array([[0.0, params.q0, params.v0, 0.0]])
-    path, _ = SampledStep(law.close(system)).roll_out(
-        start, np.zeros((1, 2)), round(params.duration / h)
-    )
+    path, _ = SampledStep(law.close(system)).roll_out(start, np.zeros((1, 2)), round(params.duration / h))
     return path[0, :, 1], path[0, :, 3]
 
 
@@ -132,22 +126,32 @@ def run(params: Params) -> xr.Dataset:
         {
             "y": (per_mu, [y for y, _ in ode], "m", "height, ODE"),
             "v": (per_mu, [v for _, v in ode], "m/s", "vertical velocity, ODE"),
-            "rate": (per_mu,
-                     [(mu / y - params.g) / params.v0 for (y, _), mu in zip(ode, MUS, strict=True)],
-                     "1/s", "dv_y/dq_x, ODE"),
+            "rate": (
+                per_mu,
+                [(mu / y - params.g) / params.v0 for (y, _), mu in zip(ode, MUS, strict=True)],
+                "1/s",
+                "dv_y/dq_x, ODE",
+            ),
             "y_step": (stepping, [y for y, _ in soft], "m", "height, time stepping"),
             "v_step": (stepping, [v for _, v in soft], "m/s", "velocity, time stepping"),
             "rate_step": (("mu", "q_mid"), rates[:-1], "1/s", "dv_y/dq_x, stepping"),
             "y_exact": ("q_step", exact[0], "m", "height, exact law"),
             "v_exact": ("q_step", exact[1], "m/s", "velocity, exact law"),
             "rate_exact": ("q_mid", rates[-1], "1/s", "dv_y/dq_x, exact law"),
-            "printed_error": ((), np.abs(printed - ode[-1][1]).max(), "m/s",
-                              "(C.1) as printed less y'' = mu/y - g, largest mu"),
-            "energy_drift": ("mu", [np.ptp(e) / abs(e[0]) for e in energy], "1",
-                             "relative change of energy, ODE"),
+            "printed_error": (
+                (),
+                np.abs(printed - ode[-1][1]).max(),
+                "m/s",
+                "(C.1) as printed less y'' = mu/y - g, largest mu",
+            ),
+            "energy_drift": ("mu", [np.ptp(e) / abs(e[0]) for e in energy], "1", "relative change of energy, ODE"),
             "least": ("mu", [low for low, _, _ in turns], "m", "least height, ODE"),
-            "least_closed": ("mu", [least_height(mu, params.q0, params.g) for mu in MUS], "m",
-                             "least height, closed form"),
+            "least_closed": (
+                "mu",
+                [least_height(mu, params.q0, params.g) for mu in MUS],
+                "m",
+                "least height, closed form",
+            ),
             "apex": ("mu", [high for _, high, _ in turns], "m", "height regained, ODE"),
             "rebound": ("step", rebound, "m", "height regained by stepping, mu = 3"),
         },
@@ -155,11 +159,10 @@ def run(params: Params) -> xr.Dataset:
             "mu": (MUS, "J/kg", "central-path parameter of the force"),
             "q_x": (params.v0 * fine, "m", "horizontal position"),
             "q_step": (params.v0 * time, "m", "horizontal position"),
-            "q_mid": (params.v0 * (time[1:] + time[:-1]) / 2, "m",
-                      "horizontal position between two nodes"),
+            "q_mid": (params.v0 * (time[1:] + time[:-1]) / 2, "m", "horizontal position between two nodes"),
             "step": (FINE, "s", "step size"),
         },
-    )  # fmt: skip
+    )
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
@@ -176,23 +179,53 @@ def claims(data: xr.Dataset) -> list[Claim]:
     rest = largest(data["y_exact"].values[data["q_step"].values > free + 2 * h])
     least = np.abs(data["least"].values / data["least_closed"].values - 1).max()
     return [
-        Claim("In the exact LCS the velocity falls at -g and jumps at contact", "ABS, fig. 2",
-              f"dv_y/dt = {-g:g}, then a jump", f"{fall.mean():.4f} m/s², jump {jump:.3f} m/s over"
-              " two steps", bool(np.allclose(fall, -g) and jump > 0.9 * g * free)),
-        Claim("Larger mu makes the dynamics less stiff", "ABS, sec. 7.1", "lower peak of dv/dq",
-              listed(peak, ".3g") + " 1/s", bool(np.all(np.diff(peak) < 0))),
-        Claim("The same by time stepping", "ABS, sec. 7.1", "lower peak of dv/dq",
-              listed(peak_step, ".3g") + " 1/s", bool(np.all(np.diff(peak_step) < 0))),
-        Claim("(C.1) is the softened ball", "ABS, C.1", "y'' = mu/y - g",
-              f"{float(data['printed_error']):.1e} m/s apart at mu = {MUS[-1]:g}",
-              float(data["printed_error"]) < 1e-6),
-        Claim("Solving (C.1) gives the behaviour of the LCS, which does not bounce", "our check",
-              f"height regained {rest:.3g} m", f"{apex.min():.4f} to {apex.max():.4f} m: energy"
-              f" kept within {drift:.0e}", bool(apex.max() < 0.1 * q0)),
-        Claim("Least height is -(mu/g) W0(-(g/mu) exp(-E/mu))", "closed form", "equal",
-              f"within {least:.1e} relative", bool(least < 1e-6)),
-        Claim("Time stepping at fixed mu tends to that elastic ball as h falls",
-              "our check of C.1", f"{q0:g} m", listed(rebound, ".2f")
-              + f" m at h = {FINE[0]:g} to {FINE[-1]:g} s, mu = {REBOUND_MU:g}",
-              bool(np.all(np.diff(rebound) > 0) and rebound[-1] > 0.9 * q0)),
-    ]  # fmt: skip
+        Claim(
+            "In the exact LCS the velocity falls at -g and jumps at contact",
+            "ABS, fig. 2",
+            f"dv_y/dt = {-g:g}, then a jump",
+            f"{fall.mean():.4f} m/s², jump {jump:.3f} m/s over two steps",
+            bool(np.allclose(fall, -g) and jump > 0.9 * g * free),
+        ),
+        Claim(
+            "Larger mu makes the dynamics less stiff",
+            "ABS, sec. 7.1",
+            "lower peak of dv/dq",
+            listed(peak, ".3g") + " 1/s",
+            bool(np.all(np.diff(peak) < 0)),
+        ),
+        Claim(
+            "The same by time stepping",
+            "ABS, sec. 7.1",
+            "lower peak of dv/dq",
+            listed(peak_step, ".3g") + " 1/s",
+            bool(np.all(np.diff(peak_step) < 0)),
+        ),
+        Claim(
+            "(C.1) is the softened ball",
+            "ABS, C.1",
+            "y'' = mu/y - g",
+            f"{float(data['printed_error']):.1e} m/s apart at mu = {MUS[-1]:g}",
+            float(data["printed_error"]) < 1e-6,
+        ),
+        Claim(
+            "Solving (C.1) gives the behaviour of the LCS, which does not bounce",
+            "our check",
+            f"height regained {rest:.3g} m",
+            f"{apex.min():.4f} to {apex.max():.4f} m: energy kept within {drift:.0e}",
+            bool(apex.max() < 0.1 * q0),
+        ),
+        Claim(
+            "Least height is -(mu/g) W0(-(g/mu) exp(-E/mu))",
+            "closed form",
+            "equal",
+            f"within {least:.1e} relative",
+            bool(least < 1e-6),
+        ),
+        Claim(
+            "Time stepping at fixed mu tends to that elastic ball as h falls",
+            "our check of C.1",
+            f"{q0:g} m",
+            listed(rebound, ".2f") + f" m at h = {FINE[0]:g} to {FINE[-1]:g} s, mu = {REBOUND_MU:g}",
+            bool(np.all(np.diff(rebound) > 0) and rebound[-1] > 0.9 * q0),
+        ),
+    ]

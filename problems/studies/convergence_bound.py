@@ -164,9 +164,7 @@ def _moments(
     """Mean gradient (2,) of n throws, and the trace of the covariance of one."""
     seed = np.random.SeedSequence(params.seed, spawn_key=key)
     x0 = judge.task.reset(1, np.random.default_rng(0))
-    found = judge.rollouts(judge.task.horizon, law).moments(
-        x0, theta, noise=Gaussian(params.sigma, seed), n_samples=n
-    )
+    found = judge.rollouts(judge.task.horizon, law).moments(x0, theta, noise=Gaussian(params.sigma, seed), n_samples=n)
     assert found.gradient is not None
     return found.gradient.mean, float(found.gradient.m2.sum() / (found.gradient.n - 1))
 
@@ -188,22 +186,42 @@ def claims(data: xr.Dataset) -> list[Claim]:
     unit = data["bias"].attrs["units"]
     least = laws[int(np.argmin(bias))]
     return [
-        Claim("The smallest mean square gradient is below the bound", "ABS, thm. 4.2",
-              "left side at most the right one, under every law",
-              f"{over(laws, held)}: {', '.join(f'{a:.2g} <= {b:.2g}' for a, b in sides)}",
-              all(held) and bool(inside)),
-        Claim("The bound tells the size of what it bounds", "our check",
-              "at most 10 times as large", ", ".join(f"{ratio:.3g}" for ratio in ratios),
-              max(ratios) <= 10),
-        Claim("Smoothing lowers the gradient's variance", "ABS, sec. 4.3",
-              "below the exact law's, mean over steps and runs",
-              f"{over([laws[k] for k in smooth], lower)}: exact {variance[0]:.3g}, then"
-              f" {', '.join(f'{variance[k]:.3g}' for k in smooth)}"
-              f" {data['variance'].attrs['units']}", all(lower)),
-        Claim("Smoothing adds bias", "ABS, sec. 5.1", "above the exact law's",
-              f"{over([laws[k] for k in smooth], higher)}: exact {bias[0]:.3g}, then"
-              f" {', '.join(f'{bias[k]:.3g}' for k in smooth)} {unit}", all(higher)),
-        Claim("The law of the least bias climbs the most", "our check",
-              f"{least}, of the least mean bias", f"{closest} gained {gains.max():.3g} {unit}",
-              closest == least),
-    ]  # fmt: skip
+        Claim(
+            "The smallest mean square gradient is below the bound",
+            "ABS, thm. 4.2",
+            "left side at most the right one, under every law",
+            f"{over(laws, held)}: {', '.join(f'{a:.2g} <= {b:.2g}' for a, b in sides)}",
+            all(held) and bool(inside),
+        ),
+        Claim(
+            "The bound tells the size of what it bounds",
+            "our check",
+            "at most 10 times as large",
+            ", ".join(f"{ratio:.3g}" for ratio in ratios),
+            max(ratios) <= 10,
+        ),
+        Claim(
+            "Smoothing lowers the gradient's variance",
+            "ABS, sec. 4.3",
+            "below the exact law's, mean over steps and runs",
+            f"{over([laws[k] for k in smooth], lower)}: exact {variance[0]:.3g}, then"
+            f" {', '.join(f'{variance[k]:.3g}' for k in smooth)}"
+            f" {data['variance'].attrs['units']}",
+            all(lower),
+        ),
+        Claim(
+            "Smoothing adds bias",
+            "ABS, sec. 5.1",
+            "above the exact law's",
+            f"{over([laws[k] for k in smooth], higher)}: exact {bias[0]:.3g}, then"
+            f" {', '.join(f'{bias[k]:.3g}' for k in smooth)} {unit}",
+            all(higher),
+        ),
+        Claim(
+            "The law of the least bias climbs the most",
+            "our check",
+            f"{least}, of the least mean bias",
+            f"{closest} gained {gains.max():.3g} {unit}",
+            closest == least,
+        ),
+    ]

@@ -15,8 +15,7 @@ NOTES = (
     "The relaxation is one of the sign, 2 H - 1, not of H.",
     "Ex. III.5 has its gradient zero with probability at least c nu: true for small nu, where"
     " it is zero nearly always, and too little for the triple, which needs 1 - c nu.",
-    "The closed form of F in the text is that of neither; the one used here is checked by"
-    " quadrature.",
+    "The closed form of F in the text is that of neither; the one used here is checked by quadrature.",
     "Behind it a block of 100 kg dragged from rest by a belt with at most 5 N for 0.1 s.",
 )
 
@@ -60,36 +59,47 @@ def run(params: Params) -> xr.Dataset:
     unit = "s/m"
     return dataset(
         {
-            "friction": (("width", "slip"),
-                         [coulomb.at({"nu": nu}).costs(slip[:, None]) for nu in (1e-3, 0.2)], "1",
-                         "friction over its limit"),
-            "block_impulse": (("width", "slip"),
-                              [block.at({"nu": nu}).costs(slip[:, None]) for nu in (1e-3, 0.2)],
-                              "1", "impulse on the block over its limit"),
+            "friction": (
+                ("width", "slip"),
+                [coulomb.at({"nu": nu}).costs(slip[:, None]) for nu in (1e-3, 0.2)],
+                "1",
+                "friction over its limit",
+            ),
+            "block_impulse": (
+                ("width", "slip"),
+                [block.at({"nu": nu}).costs(slip[:, None]) for nu in (1e-3, 0.2)],
+                "1",
+                "impulse on the block over its limit",
+            ),
             "running_mean": (("order", "n"), running, unit, "estimate of n samples"),
             "truth": ((), known.gradient[0], unit, "gradient at theta"),
-            "silent": ("batch", silent, "1",
-                       "share of batches whose first-order samples are all zero"),
-            "chance": ("nu",
-                       [c.gradient[0] * nu / 2 for c, nu in zip(forms, nus, strict=True) if c], "1",
-                       "of a first-order sample not zero"),
+            "silent": ("batch", silent, "1", "share of batches whose first-order samples are all zero"),
+            "chance": (
+                "nu",
+                [c.gradient[0] * nu / 2 for c, nu in zip(forms, nus, strict=True) if c],
+                "1",
+                "of a first-order sample not zero",
+            ),
             "half_gradient": ("ratio", half[:, 0], unit, "gradient at theta = nu/2"),
             "half_chance": ("ratio", half[:, 1], "1", "of a sample not zero there"),
             "half_share": ("ratio", half[:, 2], "1", "of samples not zero there"),
-            "half_spread": ("ratio", half[:, 3], unit,
-                            "largest sample there with theta + w outside the tolerance"),
-            "stick": ((), _stick_width(), "m/s",
-                      "2 N h F/m, below which the block's mass limits the slope"),
-            "variance": (("order", "nu"), np.transpose(few), "s^2/m^2",
-                         "empirical variance of one sample"),
-            "zobg_variance": ("nu", [c.zobg_variance[0] for c in forms if c], "s^2/m^2",
-                              "of one sample, closed form"),
-            "fobg_variance": ("nu", [c.fobg_variance[0] for c in forms if c], "s^2/m^2",
-                              "of one sample, closed form"),
-            "wide_variance": (("order", "coarse"), np.transpose(wide), "s^2/m^2",
-                              "empirical variance of one sample, many samples"),
-            "block_variance": (("order", "block_nu"), np.transpose(behind), "s^2/m^2",
-                               "the same of the block on a belt"),
+            "half_spread": ("ratio", half[:, 3], unit, "largest sample there with theta + w outside the tolerance"),
+            "stick": ((), _stick_width(), "m/s", "2 N h F/m, below which the block's mass limits the slope"),
+            "variance": (("order", "nu"), np.transpose(few), "s^2/m^2", "empirical variance of one sample"),
+            "zobg_variance": ("nu", [c.zobg_variance[0] for c in forms if c], "s^2/m^2", "of one sample, closed form"),
+            "fobg_variance": ("nu", [c.fobg_variance[0] for c in forms if c], "s^2/m^2", "of one sample, closed form"),
+            "wide_variance": (
+                ("order", "coarse"),
+                np.transpose(wide),
+                "s^2/m^2",
+                "empirical variance of one sample, many samples",
+            ),
+            "block_variance": (
+                ("order", "block_nu"),
+                np.transpose(behind),
+                "s^2/m^2",
+                "the same of the block on a belt",
+            ),
         },
         {
             "order": list(ORDERS),
@@ -102,7 +112,7 @@ def run(params: Params) -> xr.Dataset:
             "batch": (BATCHES, "1", "samples of one batch"),
             "ratio": (_RATIOS, "1", "nu/sigma"),
         },
-    )  # fmt: skip
+    )
 
 
 def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
@@ -117,8 +127,7 @@ def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
         samples = here.differentiated(noise, params.many).direction[:, 0]
         outside = np.abs(nu / 2 + noise.draw(params.many, 1, 1)[:, 0, 0]) > nu / 2
         gradient = known.gradient[0]
-        rows.append((gradient, gradient * nu / 2, np.mean(samples != 0),
-                     np.abs(samples[outside]).max(initial=0)))  # fmt: skip
+        rows.append((gradient, gradient * nu / 2, np.mean(samples != 0), np.abs(samples[outside]).max(initial=0)))
     return np.array(rows)
 
 
@@ -126,10 +135,9 @@ def _silent(objective: SampledObjective, params: Params) -> np.ndarray:
     """Share of batches of first-order samples that are all zero, (len(BATCHES),)."""
     seed = np.random.SeedSequence(params.seed, spawn_key=(3000,))
     samples = objective.differentiated(Gaussian(params.sigma, seed), params.many).direction[:, 0]
-    return np.array([
-        np.mean(~np.any(samples[: len(samples) // size * size].reshape(-1, size), axis=1))
-        for size in BATCHES
-    ])  # fmt: skip
+    return np.array(
+        [np.mean(~np.any(samples[: len(samples) // size * size].reshape(-1, size), axis=1)) for size in BATCHES]
+    )
 
 
 def _stick_width() -> float:
@@ -139,9 +147,7 @@ def _stick_width() -> float:
 
 def _running_mean(objective: SampledObjective, name: str, params: Params) -> np.ndarray:
     estimator = SAMPLED[name]
-    noise = Gaussian(
-        params.sigma, np.random.SeedSequence(params.seed, spawn_key=(estimator.stream,))
-    )
+    noise = Gaussian(params.sigma, np.random.SeedSequence(params.seed, spawn_key=(estimator.stream,)))
     samples = estimator.sampler(objective, noise, params.n_samples).single(noise, params.n_samples)
     return np.cumsum(samples[:, 0]) / np.arange(1, params.n_samples + 1)
 
@@ -181,16 +187,23 @@ def _variance(data: xr.Dataset) -> list[Claim]:
     factor = largest(flat) / flat.min(initial=np.inf)
     where = f" for nu <= {_SMALL:g} sigma"
     return [
-        Claim("As nu falls the variance of the first order scales with 1/nu", _PLACE + "ex. III.5",
-              "4 c/nu, c = 1/(sqrt(2 pi) sigma)", f"nu to the power {slope:.3f}, {ratio.min():.3f}"
-              f" to {ratio.max():.3f} of it{where}; samples within"
-              f" {largest(np.abs(score)):.2g} standard errors",
-              bool(abs(slope + 1) < 0.02 and np.all(np.abs(ratio - 1) < 0.05)
-                   and largest(np.abs(score)) < 5)),
-        Claim("The variance of the zeroth order does not depend on nu", "our check",
-              "flat", f"within a factor {factor:.3g}{where}",
-              bool(factor < 1.05 + 10 * np.sqrt(2 / many))),
-    ]  # fmt: skip
+        Claim(
+            "As nu falls the variance of the first order scales with 1/nu",
+            _PLACE + "ex. III.5",
+            "4 c/nu, c = 1/(sqrt(2 pi) sigma)",
+            f"nu to the power {slope:.3f}, {ratio.min():.3f}"
+            f" to {ratio.max():.3f} of it{where}; samples within"
+            f" {largest(np.abs(score)):.2g} standard errors",
+            bool(abs(slope + 1) < 0.02 and np.all(np.abs(ratio - 1) < 0.05) and largest(np.abs(score)) < 5),
+        ),
+        Claim(
+            "The variance of the zeroth order does not depend on nu",
+            "our check",
+            "flat",
+            f"within a factor {factor:.3g}{where}",
+            bool(factor < 1.05 + 10 * np.sqrt(2 / many)),
+        ),
+    ]
 
 
 def _few_samples(data: xr.Dataset) -> list[Claim]:
@@ -207,16 +220,22 @@ def _few_samples(data: xr.Dataset) -> list[Claim]:
     rare, often = hits < _RARE, (hits > _OFTEN) & (data["chance"].values < 0.5)
     share = float(np.mean(empty[rare])) if rare.any() else np.nan
     return [
-        Claim("First-order values are zero where few samples are taken", _PLACE + "fig. 3",
-              f"0 for n well below 1/p = {1 / max(p, 1e-300):.3g} samples",
-              f"all zero in {least:.0%} of runs or more for n {reach}, in {silent[-1]:.0%} of those"
-              f" of {sizes[-1]}", bool(least > 0.5)),
-        Claim("At a fixed sample count the empirical variance falls to zero as nu does",
-              _PLACE + "fig. 3", "empty on a log scale",
-              f"{empty.sum()} of {nu.size} tolerances show none: {share:.0%} of those with n p <"
-              f" {_RARE:g}, {np.sum(empty & often)} of those with n p > {_OFTEN:g}",
-              bool(share > 0.5 and not np.any(empty & often))),
-    ]  # fmt: skip
+        Claim(
+            "First-order values are zero where few samples are taken",
+            _PLACE + "fig. 3",
+            f"0 for n well below 1/p = {1 / max(p, 1e-300):.3g} samples",
+            f"all zero in {least:.0%} of runs or more for n {reach}, in {silent[-1]:.0%} of those of {sizes[-1]}",
+            bool(least > 0.5),
+        ),
+        Claim(
+            "At a fixed sample count the empirical variance falls to zero as nu does",
+            _PLACE + "fig. 3",
+            "empty on a log scale",
+            f"{empty.sum()} of {nu.size} tolerances show none: {share:.0%} of those with n p <"
+            f" {_RARE:g}, {np.sum(empty & often)} of those with n p > {_OFTEN:g}",
+            bool(share > 0.5 and not np.any(empty & often)),
+        ),
+    ]
 
 
 def _empirical_bias(data: xr.Dataset) -> list[Claim]:
@@ -234,25 +253,40 @@ def _empirical_bias(data: xr.Dataset) -> list[Claim]:
     where = f" for nu <= {ratio[small].max():.3g} sigma"
     beyond = f", not from {ratio[~triple].min():.3g} on" if not triple.all() else ""
     return [
-        Claim("At theta = nu/2 the gradient is c = 1/(sqrt(2 pi) sigma)", _PLACE + "ex. III.5",
-              f"{c:.4g} s/m", f"{(F[small] / c).min():.3g} to {(F[small] / c).max():.4g} times c"
-              + where, bool(np.allclose(F[small], c, rtol=0.01))),
-        Claim("There the sample gradient is zero with probability at least c nu",
-              _PLACE + "ex. III.5", "as printed: P(zero) >= c nu",
-              f"P(zero) from {1 - p[small].max():.3g} to {1 - p[small].min():.5f}, c nu up to"
-              f" {beta[small].max():.3g}{where}",
-              bool(np.all(1 - p[small] >= beta[small]) and sampled)),
-        Claim("It is zero with probability at least 1 - c nu", "the event that ex. III.5 means",
-              "P(not zero) <= c nu", f"P(not zero) is {(p / beta)[small].min():.3f} to"
-              f" {(p / beta)[small].max():.4f} of c nu{where}; samples within {off.max():.2g}"
-              " standard errors", bool(np.all(rare[small]) and sampled)),
-        Claim("The FoBG has (c nu, c, 0)-empirical bias", _PLACE + "ex. III.5, def. III.3",
-              "on P(E) >= 1 - c nu: off by c or more, no spread",
-              f"off by {(F[small] / c).min():.3g} c or more, spread"
-              f" {data['half_spread'].values[small].max():g} s/m{where}; holds up to"
-              f" {ratio[triple].max(initial=0):.3g} sigma{beyond}",
-              bool(np.all(triple[small]))),
-    ]  # fmt: skip
+        Claim(
+            "At theta = nu/2 the gradient is c = 1/(sqrt(2 pi) sigma)",
+            _PLACE + "ex. III.5",
+            f"{c:.4g} s/m",
+            f"{(F[small] / c).min():.3g} to {(F[small] / c).max():.4g} times c" + where,
+            bool(np.allclose(F[small], c, rtol=0.01)),
+        ),
+        Claim(
+            "There the sample gradient is zero with probability at least c nu",
+            _PLACE + "ex. III.5",
+            "as printed: P(zero) >= c nu",
+            f"P(zero) from {1 - p[small].max():.3g} to {1 - p[small].min():.5f}, c nu up to"
+            f" {beta[small].max():.3g}{where}",
+            bool(np.all(1 - p[small] >= beta[small]) and sampled),
+        ),
+        Claim(
+            "It is zero with probability at least 1 - c nu",
+            "the event that ex. III.5 means",
+            "P(not zero) <= c nu",
+            f"P(not zero) is {(p / beta)[small].min():.3f} to"
+            f" {(p / beta)[small].max():.4f} of c nu{where}; samples within {off.max():.2g}"
+            " standard errors",
+            bool(np.all(rare[small]) and sampled),
+        ),
+        Claim(
+            "The FoBG has (c nu, c, 0)-empirical bias",
+            _PLACE + "ex. III.5, def. III.3",
+            "on P(E) >= 1 - c nu: off by c or more, no spread",
+            f"off by {(F[small] / c).min():.3g} c or more, spread"
+            f" {data['half_spread'].values[small].max():g} s/m{where}; holds up to"
+            f" {ratio[triple].max(initial=0):.3g} sigma{beyond}",
+            bool(np.all(triple[small])),
+        ),
+    ]
 
 
 def _block(data: xr.Dataset) -> Claim:
@@ -262,6 +296,8 @@ def _block(data: xr.Dataset) -> Claim:
     stays = largest(block[narrow]) / block[narrow].min(initial=np.inf)
     return Claim(
         "With a body behind the friction the variance grows no further than its mass lets it",
-        "our check", f"constant for nu well below 2 N h F/m = {width:g} m/s",
-        f"within a factor {stays:.2f} for nu <= {width / 10:g} m/s", bool(stays < 1.5),
-    )  # fmt: skip
+        "our check",
+        f"constant for nu well below 2 N h F/m = {width:g} m/s",
+        f"within a factor {stays:.2f} for nu <= {width / 10:g} m/s",
+        bool(stays < 1.5),
+    )

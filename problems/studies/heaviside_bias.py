@@ -43,9 +43,7 @@ def run(params: Params) -> xr.Dataset:
     for i, theta in enumerate(thetas):
         objective = base.at({"theta": theta})
         seed = np.random.SeedSequence(params.seed, spawn_key=(i,))
-        found = estimate_gradient(
-            objective, ESTIMATORS, params.n_samples, params.sigma, seed, reference="none"
-        )
+        found = estimate_gradient(objective, ESTIMATORS, params.n_samples, params.sigma, seed, reference="none")
         for j, estimate in enumerate(found.values()):
             mean[j, i], variance[j, i] = estimate.mean[0], estimate.variance[0]
             error[j, i] = estimate.standard_error[0]
@@ -54,8 +52,9 @@ def run(params: Params) -> xr.Dataset:
     boxes = params.sigma * np.array(_BOXES)
     edges = boxes[:, None] / 2
     # Half of the box on each side of w = -theta; differences of the nearer tail do not cancel.
-    delta = (norm.sf(np.abs(thetas) - edges, 0, params.sigma)
-             - norm.sf(np.abs(thetas) + edges, 0, params.sigma)) / (2 * edges)  # fmt: skip
+    delta = (norm.sf(np.abs(thetas) - edges, 0, params.sigma) - norm.sf(np.abs(thetas) + edges, 0, params.sigma)) / (
+        2 * edges
+    )
     both = ("estimator", "theta")
     return dataset(
         {
@@ -63,12 +62,14 @@ def run(params: Params) -> xr.Dataset:
             "F": ("theta", [c.objective for c in forms], "1", "smoothed, closed form"),
             "F_sampled": ("theta", sampled, "1", "smoothed, mean of samples"),
             "gradient": ("theta", [c.gradient[0] for c in forms], "1", "of F"),
-            "fobg_mean": ("theta", [c.fobg_mean[0] for c in forms], "1",
-                          "expectation of a first-order sample"),
-            "delta": (("box", "theta"), delta, "1",
-                      "expectation of a box of area one around 0, at theta + w"),
-            "zobg_variance": ("theta", [c.zobg_variance[0] for c in forms], "1",
-                              "of one ZoBG sample without baseline, closed form"),
+            "fobg_mean": ("theta", [c.fobg_mean[0] for c in forms], "1", "expectation of a first-order sample"),
+            "delta": (("box", "theta"), delta, "1", "expectation of a box of area one around 0, at theta + w"),
+            "zobg_variance": (
+                "theta",
+                [c.zobg_variance[0] for c in forms],
+                "1",
+                "of one ZoBG sample without baseline, closed form",
+            ),
             "mean": (both, mean, "1", "estimated gradient"),
             "variance": (both, variance, "1", "empirical variance of one sample"),
             "standard_error": (both, error, "1", "standard error of the mean"),
@@ -78,7 +79,7 @@ def run(params: Params) -> xr.Dataset:
             "box": (boxes, "1", "width of the box"),
             "estimator": list(ESTIMATORS),
         },
-    )  # fmt: skip
+    )
 
 
 _PLACE = "Pathologies, "
@@ -105,16 +106,28 @@ def _objective(data: xr.Dataset) -> list[Claim]:
     blur = 5 * np.sqrt(6 / (n * np.minimum(F, 1 - F)[told]))
     where = f" at {told.sum()} of {told.size} theta, those with {_BOTH_SIDES} samples a side"
     return [
-        Claim("The stochastic objective is the error function", _PLACE + "ex. III.2",
-              "F = erf(-theta; sigma²), read as the Gaussian tail", f"off by {objective:.2g}"
-              " standard errors at most" + where, objective < 5),
-        Claim("The zeroth-order estimate is unbiased", _PLACE + "sec. III-A, ex. III.2",
-              "F' = phi(theta/sigma)/sigma", f"off by {off:.2g} standard errors at most" + where,
-              off < 5),
-        Claim("The variance of the zeroth order is that of its closed form", "our check",
-              "ratio 1", f"off by {largest(np.abs(ratio - 1)):.3f} at most" + where,
-              bool(told.any() and np.all(np.abs(ratio - 1) < blur))),
-    ]  # fmt: skip
+        Claim(
+            "The stochastic objective is the error function",
+            _PLACE + "ex. III.2",
+            "F = erf(-theta; sigma²), read as the Gaussian tail",
+            f"off by {objective:.2g} standard errors at most" + where,
+            objective < 5,
+        ),
+        Claim(
+            "The zeroth-order estimate is unbiased",
+            _PLACE + "sec. III-A, ex. III.2",
+            "F' = phi(theta/sigma)/sigma",
+            f"off by {off:.2g} standard errors at most" + where,
+            off < 5,
+        ),
+        Claim(
+            "The variance of the zeroth order is that of its closed form",
+            "our check",
+            "ratio 1",
+            f"off by {largest(np.abs(ratio - 1)):.3f} at most" + where,
+            bool(told.any() and np.all(np.abs(ratio - 1) < blur)),
+        ),
+    ]
 
 
 def _first_order(data: xr.Dataset) -> list[Claim]:
@@ -126,18 +139,33 @@ def _first_order(data: xr.Dataset) -> list[Claim]:
     delta, narrow = data["delta"].values[-1], float(data["box"][-1])
     equal = float(np.abs(delta - true).max() / true.max())
     return [
-        Claim("The first-order estimate is zero, so it is biased at any theta",
-              _PLACE + "ex. III.2", "0, while F' > 0",
-              f"at most {np.abs(mean).max():g}; F' from {true.min():.1e} to {true.max():.4g}",
-              bool(np.all(mean == 0) and np.all(true > 0))),
-        Claim("The empirical variance of the first order is zero", _PLACE + "ex. III.2, fig. 2",
-              "0", f"{float(first['variance'].max()):g}", bool(np.all(first["variance"] == 0))),
-        Claim("The law of large numbers does not hold for the first order",
-              _PLACE + "ex. III.2", "the mean of the samples stays off their expectation",
-              f"off by {apart.max():g} at most, at {np.sum(diverges)} of {diverges.size} theta;"
-              f" their expectation is {np.abs(limit).max():g}, F' up to {true.max():.4g}",
-              bool(diverges.any())),
-        Claim("E delta(theta + w) = 0", _PLACE + "ex. III.2", "0, the limit of narrow boxes",
-              f"up to {delta.max():.4g} in a box of width {narrow:g}, equal to F' within"
-              f" {equal:.1e} of its largest", bool(delta.max() < 1e-3 * true.max())),
-    ]  # fmt: skip
+        Claim(
+            "The first-order estimate is zero, so it is biased at any theta",
+            _PLACE + "ex. III.2",
+            "0, while F' > 0",
+            f"at most {np.abs(mean).max():g}; F' from {true.min():.1e} to {true.max():.4g}",
+            bool(np.all(mean == 0) and np.all(true > 0)),
+        ),
+        Claim(
+            "The empirical variance of the first order is zero",
+            _PLACE + "ex. III.2, fig. 2",
+            "0",
+            f"{float(first['variance'].max()):g}",
+            bool(np.all(first["variance"] == 0)),
+        ),
+        Claim(
+            "The law of large numbers does not hold for the first order",
+            _PLACE + "ex. III.2",
+            "the mean of the samples stays off their expectation",
+            f"off by {apart.max():g} at most, at {np.sum(diverges)} of {diverges.size} theta;"
+            f" their expectation is {np.abs(limit).max():g}, F' up to {true.max():.4g}",
+            bool(diverges.any()),
+        ),
+        Claim(
+            "E delta(theta + w) = 0",
+            _PLACE + "ex. III.2",
+            "0, the limit of narrow boxes",
+            f"up to {delta.max():.4g} in a box of width {narrow:g}, equal to F' within {equal:.1e} of its largest",
+            bool(delta.max() < 1e-3 * true.max()),
+        ),
+    ]

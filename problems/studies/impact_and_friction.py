@@ -142,9 +142,7 @@ def _impact(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
             seen = _averaged(rates, h, near, params.sigma, count, rng)
             quiet[row, column] = np.mean(seen <= 1e-6)
     jump = params.g * impact
-    limit = -params.g * norm.sf((q - impact) / params.sigma) + jump * norm.pdf(
-        q, impact, params.sigma
-    )
+    limit = -params.g * norm.sf((q - impact) / params.sigma) + jump * norm.pdf(q, impact, params.sigma)
     variables = {
         "impact_soft": (("law", "q_mid"), soft, "1/s", "dv_y/dq_x, softened"),
         "impact_rs": (("finer", "count", "q_x"), averaged, "1/s", "mean derivative, RS"),
@@ -207,19 +205,24 @@ def _push(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
         "push_limit": ("u", limit, "m/(N s)", "RS with infinitely many samples"),
         "push_error": ("count", spread, "m/(N s)", "largest standard error of RS"),
         "push_step": ("u", step, "m/(N s)", "h/m where |u| > friction m g, else 0"),
-        "at_step": ("box_mu", at_step / params.h_box, "1",
-                    "dv+/du of the barrier at u = friction m g, over h/m"),
-        **{f"cost_{name}": ("box_mu", [getattr(c, name) for c in costs], unit, meaning)
-           for name, unit, meaning in (
-               ("bias", "m/(N s)", "rms error of the barrier's slope"),
-               ("sigma", "N", "noise at which RS has that bias"),
-               ("single", "1", "rms error of one exact solve at that noise, over that bias"),
-               ("needed", "1", "exact solves for an error within a tenth of the barrier's"))},
-        "push_residual": ("box_mu", np.abs(np.subtract(found, closed)).max(axis=1), "m/s",
-                          "v+ less the closed form"),
-        "slope_residual": ("box_mu", np.abs(np.subtract(by_push, slope)).max(axis=1), "m/(N s)",
-                           "dv+/du less the closed form"),
-    }  # fmt: skip
+        "at_step": ("box_mu", at_step / params.h_box, "1", "dv+/du of the barrier at u = friction m g, over h/m"),
+        **{
+            f"cost_{name}": ("box_mu", [getattr(c, name) for c in costs], unit, meaning)
+            for name, unit, meaning in (
+                ("bias", "m/(N s)", "rms error of the barrier's slope"),
+                ("sigma", "N", "noise at which RS has that bias"),
+                ("single", "1", "rms error of one exact solve at that noise, over that bias"),
+                ("needed", "1", "exact solves for an error within a tenth of the barrier's"),
+            )
+        },
+        "push_residual": ("box_mu", np.abs(np.subtract(found, closed)).max(axis=1), "m/s", "v+ less the closed form"),
+        "slope_residual": (
+            "box_mu",
+            np.abs(np.subtract(by_push, slope)).max(axis=1),
+            "m/(N s)",
+            "dv+/du less the closed form",
+        ),
+    }
     return variables, {"u": (u, "N", "push")}
 
 
@@ -269,21 +272,35 @@ def _impact_claims(data: xr.Dataset) -> list[Claim]:
     peak = float(data["impact_soft"].values[-1].max())
     areas = listed(area[:-1], ".2f")
     return [
-        Claim("The RS gradient of an impact is constant, with a large bias", "ABS, fig. 6a",
-              f"no impulse, not up to {float(data['impact_limit'].max()):.1f} 1/s, at the step of"
-              " BS and below", f"(step, N) {over(pairs, constant.ravel())}",
-              bool(np.all(constant))),
-        Claim("It is where few samples meet the step of the impact", "our check",
-              "no impulse at most points where a tenth of a sample is expected in it",
-              f"at {seen:.0%} or more of the points, in {rare.sum()} of {rare.size} cases",
-              bool(seen > 0.8)),
-        Claim("The BS gradient approximates the impulse at contact", "ABS, fig. 6a",
-              f"area {jump:.2f} m/s within 5 %", f"{over(laws[:-1], close[:-1])}: {areas} m/s",
-              bool(np.all(close[:-1]))),
-        Claim("So does the adaptive law's", "our check", f"area {jump:.2f} m/s within 5 %",
-              f"{area[-1]:.2f} m/s, peak {peak:.0f} 1/s",
-              bool(close[-1])),
-    ]  # fmt: skip
+        Claim(
+            "The RS gradient of an impact is constant, with a large bias",
+            "ABS, fig. 6a",
+            f"no impulse, not up to {float(data['impact_limit'].max()):.1f} 1/s, at the step of BS and below",
+            f"(step, N) {over(pairs, constant.ravel())}",
+            bool(np.all(constant)),
+        ),
+        Claim(
+            "It is where few samples meet the step of the impact",
+            "our check",
+            "no impulse at most points where a tenth of a sample is expected in it",
+            f"at {seen:.0%} or more of the points, in {rare.sum()} of {rare.size} cases",
+            bool(seen > 0.8),
+        ),
+        Claim(
+            "The BS gradient approximates the impulse at contact",
+            "ABS, fig. 6a",
+            f"area {jump:.2f} m/s within 5 %",
+            f"{over(laws[:-1], close[:-1])}: {areas} m/s",
+            bool(np.all(close[:-1])),
+        ),
+        Claim(
+            "So does the adaptive law's",
+            "our check",
+            f"area {jump:.2f} m/s within 5 %",
+            f"{area[-1]:.2f} m/s, peak {peak:.0f} 1/s",
+            bool(close[-1]),
+        ),
+    ]
 
 
 def _friction(data: xr.Dataset) -> list[Claim]:
@@ -298,20 +315,30 @@ def _friction(data: xr.Dataset) -> list[Claim]:
     mus = listed(data["box_mu"].values, ".1e")
 
     return [
-        Claim("RS gradients of friction are noisy", "ABS, fig. 6b",
-              f"standard error above {_NOISY:.0%} of h/m for N <= 100",
-              f"N {over(list(counts), noisy)}: {listed(error, '.1%')} of h/m",
-              bool(np.all(noisy[few]))),
-        Claim("BS gradients of friction are smooth", "ABS, sec. 5.2",
-              "second difference below that of RS, N <= 100",
-              f"{bend:.1e} against {listed(rough, '.1e')} m/(N s) at N = {listed(counts, 'd')}",
-              bool(np.all(bend < rough[few]))),
-        Claim("RS is costlier than BS", "ABS, fig. 6b",
-              "at noise of equal bias, more than one exact solve for BS's error within a tenth",
-              f"{listed(needed, '.0f')} solves at mu = {mus}; one has {listed(single, '.2f')} times"
-              f" BS's error, which is {listed(bias, '.1%')} of h/m, as RS's at sigma ="
-              f" {listed(sigma, '.2g')} N", bool(np.all(needed > 1))),
-    ]  # fmt: skip
+        Claim(
+            "RS gradients of friction are noisy",
+            "ABS, fig. 6b",
+            f"standard error above {_NOISY:.0%} of h/m for N <= 100",
+            f"N {over(list(counts), noisy)}: {listed(error, '.1%')} of h/m",
+            bool(np.all(noisy[few])),
+        ),
+        Claim(
+            "BS gradients of friction are smooth",
+            "ABS, sec. 5.2",
+            "second difference below that of RS, N <= 100",
+            f"{bend:.1e} against {listed(rough, '.1e')} m/(N s) at N = {listed(counts, 'd')}",
+            bool(np.all(bend < rough[few])),
+        ),
+        Claim(
+            "RS is costlier than BS",
+            "ABS, fig. 6b",
+            "at noise of equal bias, more than one exact solve for BS's error within a tenth",
+            f"{listed(needed, '.0f')} solves at mu = {mus}; one has {listed(single, '.2f')} times"
+            f" BS's error, which is {listed(bias, '.1%')} of h/m, as RS's at sigma ="
+            f" {listed(sigma, '.2g')} N",
+            bool(np.all(needed > 1)),
+        ),
+    ]
 
 
 def _closed_forms(data: xr.Dataset) -> list[Claim]:
@@ -321,17 +348,39 @@ def _closed_forms(data: xr.Dataset) -> list[Claim]:
     mid, at_step = len(data["u"]) // 2, data["at_step"].values
     mus = " at mu = " + listed(data["box_mu"].values, ".1e")
     return [
-        Claim("The exact slope is a step: 0 in stick, h/m in slip", "closed form",
-              "0, and h/m for |u| > friction m g", f"off by {stepped:.1e} m/(N s)",
-              stepped < 1e-5),
-        Claim("A barrier on both faces gives v+ = -(2 mu/h) f/(b² - f²)", "closed form", "0 m/s",
-              f"{residual:.1e} m/s", residual < 1e-9),
-        Claim("Its slope is (h/m) c/(1 + c), c = (2 m mu/h) (b² + f²)/(b² - f²)²", "closed form",
-              "0 m/(N s)", f"{slope:.1e} m/(N s)", slope < 1e-8),
-        Claim("BS of friction tends to the exact slope in stick", "closed form",
-              "0 m/(N s) at u = 0", listed(off[:, mid], ".1e") + " m/(N s)" + mus,
-              bool(np.all(off[:-1, mid] < off[1:, mid] / 5))),
-        Claim("Where the exact slope steps, BS tends to half of the step", "our check",
-              "0.5 h/m at u = friction m g", listed(at_step, ".3f") + " h/m" + mus,
-              bool(np.all(np.diff(np.abs(at_step - 0.5)) > 0) and abs(at_step[0] - 0.5) < 0.05)),
-    ]  # fmt: skip
+        Claim(
+            "The exact slope is a step: 0 in stick, h/m in slip",
+            "closed form",
+            "0, and h/m for |u| > friction m g",
+            f"off by {stepped:.1e} m/(N s)",
+            stepped < 1e-5,
+        ),
+        Claim(
+            "A barrier on both faces gives v+ = -(2 mu/h) f/(b² - f²)",
+            "closed form",
+            "0 m/s",
+            f"{residual:.1e} m/s",
+            residual < 1e-9,
+        ),
+        Claim(
+            "Its slope is (h/m) c/(1 + c), c = (2 m mu/h) (b² + f²)/(b² - f²)²",
+            "closed form",
+            "0 m/(N s)",
+            f"{slope:.1e} m/(N s)",
+            slope < 1e-8,
+        ),
+        Claim(
+            "BS of friction tends to the exact slope in stick",
+            "closed form",
+            "0 m/(N s) at u = 0",
+            listed(off[:, mid], ".1e") + " m/(N s)" + mus,
+            bool(np.all(off[:-1, mid] < off[1:, mid] / 5)),
+        ),
+        Claim(
+            "Where the exact slope steps, BS tends to half of the step",
+            "our check",
+            "0.5 h/m at u = friction m g",
+            listed(at_step, ".3f") + " h/m" + mus,
+            bool(np.all(np.diff(np.abs(at_step - 0.5)) > 0) and abs(at_step[0] - 0.5) < 0.05),
+        ),
+    ]

@@ -39,12 +39,10 @@ def _grids(params: Params) -> dict[str, tuple[SampledObjective, np.ndarray, floa
     """Objective, decisions and noise of each case."""
     coulomb = objective_spec("coulomb").objective({"nu": params.nu})
     return {
-        "heaviside": (objective_spec("heaviside").objective(),
-                      np.linspace(-0.8, 0.8, params.points), 0.2),
+        "heaviside": (objective_spec("heaviside").objective(), np.linspace(-0.8, 0.8, params.points), 0.2),
         "coulomb": (coulomb, np.linspace(-0.4, 0.4, params.points), 0.1),
-        "ball-wall": (objective_spec("ball-wall").objective(),
-                      np.linspace(0.6, 0.8, params.points), 0.02),
-    }  # fmt: skip
+        "ball-wall": (objective_spec("ball-wall").objective(), np.linspace(0.6, 0.8, params.points), 0.02),
+    }
 
 
 def run(params: Params) -> xr.Dataset:
@@ -61,8 +59,9 @@ def run(params: Params) -> xr.Dataset:
         for i, here in enumerate(at):
             for r in range(params.repeats):
                 seed = np.random.SeedSequence(params.seed, spawn_key=(c, i, r))
-                found = estimate_gradient(here, ESTIMATORS, params.n_samples, sigma, seed,
-                                          rules=rules, reference="none")  # fmt: skip
+                found = estimate_gradient(
+                    here, ESTIMATORS, params.n_samples, sigma, seed, rules=rules, reference="none"
+                )
                 for j, estimate in enumerate(found.values()):
                     mean[c, j, i, r] = estimate.mean[0]
                     if estimate.choice is not None:
@@ -113,24 +112,42 @@ def claims(data: xr.Dataset) -> list[Claim]:
     far = int(np.abs(wall["theta"].values - wall["theta"].values.min()).argmin())
     gain = float(spread.sel(estimator="alpha")[far] / spread.sel(estimator="zobg-mean")[far])
     return [
-        Claim("Empirical variance is an unreliable guide where the first order is biased",
-              _PLACE + "sec. IV-C", "inverse variance takes the Heaviside's zeros alone, alpha = 1",
-              f"in {fooled:.0%} of runs, error {worst['heaviside', 'alpha-variance']:.3f}"
-              " of the largest gradient", fooled > 0.99, share_margin(zeros, 0.99)),
-        Claim("The same happens under empirical bias", "our check",
-              "alpha = 1 where no sample falls within nu",
-              f"in {blind_share:.0%} of runs, error"
-              f" {worst['coulomb', 'alpha-variance']:.3f}", blind_share > 0.1,
-              share_margin(blind["alpha"] == 1, 0.1)),
-        Claim("A confidence interval from the zeroth order mends it", _PLACE + "sec. IV-C",
-              f"error <= gamma = {gamma:g} of the largest gradient, with probability"
-              f" {1 - delta:g}", f"in {kept:.2%} of all runs", kept >= 1 - delta,
-              share_margin(within, 1 - delta)),
-        Claim("A constant weight carries its share of the bias", "our check",
-              f"about {data.attrs['alpha']:g} where the first order is zero",
-              f"{fixed[0]:.3f} on the Heaviside", bool(abs(fixed[0] - data.attrs["alpha"]) < 0.1)),
-        Claim("Where the first order is right, the interpolation is the more accurate for it",
-              "our check", "spread below the zeroth order's",
-              f"{gain:.2g} of it at theta = {float(wall['theta'][far]):g} rad, far from the corner",
-              gain < 0.5),
-    ]  # fmt: skip
+        Claim(
+            "Empirical variance is an unreliable guide where the first order is biased",
+            _PLACE + "sec. IV-C",
+            "inverse variance takes the Heaviside's zeros alone, alpha = 1",
+            f"in {fooled:.0%} of runs, error {worst['heaviside', 'alpha-variance']:.3f} of the largest gradient",
+            fooled > 0.99,
+            share_margin(zeros, 0.99),
+        ),
+        Claim(
+            "The same happens under empirical bias",
+            "our check",
+            "alpha = 1 where no sample falls within nu",
+            f"in {blind_share:.0%} of runs, error {worst['coulomb', 'alpha-variance']:.3f}",
+            blind_share > 0.1,
+            share_margin(blind["alpha"] == 1, 0.1),
+        ),
+        Claim(
+            "A confidence interval from the zeroth order mends it",
+            _PLACE + "sec. IV-C",
+            f"error <= gamma = {gamma:g} of the largest gradient, with probability {1 - delta:g}",
+            f"in {kept:.2%} of all runs",
+            kept >= 1 - delta,
+            share_margin(within, 1 - delta),
+        ),
+        Claim(
+            "A constant weight carries its share of the bias",
+            "our check",
+            f"about {data.attrs['alpha']:g} where the first order is zero",
+            f"{fixed[0]:.3f} on the Heaviside",
+            bool(abs(fixed[0] - data.attrs["alpha"]) < 0.1),
+        ),
+        Claim(
+            "Where the first order is right, the interpolation is the more accurate for it",
+            "our check",
+            "spread below the zeroth order's",
+            f"{gain:.2g} of it at theta = {float(wall['theta'][far]):g} rad, far from the corner",
+            gain < 0.5,
+        ),
+    ]

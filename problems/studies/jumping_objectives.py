@@ -17,8 +17,7 @@ from problems.studies.shared.decision_sweep import sweep_decision
 from problems.studies.study import CODE, Claim, StudyParams, dataset, listed, setting
 
 NOTES = (
-    "All three are minimised: minus height, minus squared distance, minus squared angular"
-    " velocity.",
+    "All three are minimised: minus height, minus squared distance, minus squared angular velocity.",
     "The authors' code draws panel C from the surrogate -sin²(theta) up to 45 degrees; here the"
     " ball hits a bar, pivoted in its middle, in a plastic frictionless impact.",
 )
@@ -49,20 +48,21 @@ def run(params: Params) -> xr.Dataset:
     """Objective, smoothing and estimates along the three decisions."""
     systems = {
         "drop": (drop(params.step_height, params.start, params.g), np.pi / 2, "m", "m"),
-        "throw": (throw_wall(params.v0_throw, params.wall, params.wall_height, params.g),
-                  np.pi / 2, "m^2", "rad"),
-        "pivot": (pivot(params.v0_pivot, params.bar, params.length, params.mass, params.inertia),
-                  np.pi / 3, "1/s^2", "rad"),
-    }  # fmt: skip
+        "throw": (throw_wall(params.v0_throw, params.wall, params.wall_height, params.g), np.pi / 2, "m^2", "rad"),
+        "pivot": (
+            pivot(params.v0_pivot, params.bar, params.length, params.mass, params.inertia),
+            np.pi / 3,
+            "1/s^2",
+            "rad",
+        ),
+    }
     variables, coordinates = {}, {}
     for index, (name, (objective, reach, unit, per)) in enumerate(systems.items()):
         least = 0.0 if name == "throw" else -reach
         theta = np.linspace(least, reach, params.points)
         fine = np.linspace(least, reach, 100 * (params.points - 1) + 1)
         sigma = getattr(params, f"sigma_{name}")
-        found = sweep_decision(
-            objective, theta, sigma, params.n_samples, params.seed + 1000 * index
-        )
+        found = sweep_decision(objective, theta, sigma, params.n_samples, params.seed + 1000 * index)
         place, dense = f"theta_{name}", f"fine_{name}"
         slope = f"{unit}/{per}"
         variables |= {
@@ -108,8 +108,7 @@ def throw_wall(v0: float, distance: float, height: float, g: float) -> StaticObj
     return _objective("throw-wall", theta, -(x**2), "rad", "angle of the throw")
 
 
-def pivot(v0: float, distance: float, length: float, mass: float, inertia: float
-          ) -> StaticObjective:  # fmt: skip
+def pivot(v0: float, distance: float, length: float, mass: float, inertia: float) -> StaticObjective:
     """Hit a bar that pivots at (distance, 0), to transfer angular momentum: -omega² [1/s²].
 
     The ball flies straight at angle theta and meets the bar, which reaches ``length`` to both
@@ -173,34 +172,58 @@ def claims(data: xr.Dataset) -> list[Claim]:
     throw, tip = jumps(data, "throw"), jumps(data, "pivot")
     expected = np.arctan(data.attrs["length"] / data.attrs["bar"])
     best = int(data["f_throw"].values.argmin())
-    raw = [
-        float(np.abs(np.diff(data[f"f_{name}"].values)).max() / np.ptp(data[f"f_{name}"].values))
-        for name in NAMES
-    ]
+    raw = [float(np.abs(np.diff(data[f"f_{name}"].values)).max() / np.ptp(data[f"f_{name}"].values)) for name in NAMES]
     smooth = [_steps(data, name) for name in NAMES]
     angle = float(data["fine_throw"][best])
 
     return [
-        Claim("The objectives of all three systems jump", "Pathologies, sec. I, fig. 1",
-              "a jump of 10 % or more", f"{listed(raw, '.2f')} of the range within one fine step",
-              min(raw) > 0.1),
-        Claim("Randomized smoothing makes them continuous", "our check",
-              "steps no larger than range(f) spacing/(sqrt(2 pi) sigma)",
-              f"{listed(smooth, '.2f')} of it at most", max(smooth) < 1.05),
-        Claim("The dropped ball has no gradient almost everywhere", "our check",
-              "FoBG = 0", f"largest |FoBG| {flat:g} m/m", flat == 0),
-        Claim("FoBG is biased where the objective jumps", "Pathologies, sec. III-A",
-              "error beyond its interval", f"error {listed(found, '.2f')} of the largest slope",
-              min(found) > 0.2),
-        Claim("ZoBG is unbiased", "Pathologies, sec. III-A",
-              "errors of 1 standard error, mean 0", f"{listed(scatter, '.2f')} rms, mean"
-              f" {listed(offset, '.2f')} of its own standard error", bool(usual)),
-        Claim("The throw's best angle is pi/4, away from the wall's jumps", "closed form",
-              f"{np.pi / 4:.4f} rad, {-(reach**2):.5f} m²",
-              f"{angle:.4f} rad, {float(data['f_throw'][best]):.5f} m²; jumps at"
-              f" {listed(throw, '.3f')} rad", bool(abs(angle - np.pi / 4) < 2e-3
-                   and np.all(np.abs(throw - angle) > 0.01))),
-        Claim("Momentum transfer ends where the ball clears the tip", "closed form",
-              f"+-{expected:.4f} rad", f"{listed(tip, '+.4f')} rad",
-              bool(len(tip) == 2 and np.allclose(np.abs(tip), expected, atol=1e-3))),
-    ]  # fmt: skip
+        Claim(
+            "The objectives of all three systems jump",
+            "Pathologies, sec. I, fig. 1",
+            "a jump of 10 % or more",
+            f"{listed(raw, '.2f')} of the range within one fine step",
+            min(raw) > 0.1,
+        ),
+        Claim(
+            "Randomized smoothing makes them continuous",
+            "our check",
+            "steps no larger than range(f) spacing/(sqrt(2 pi) sigma)",
+            f"{listed(smooth, '.2f')} of it at most",
+            max(smooth) < 1.05,
+        ),
+        Claim(
+            "The dropped ball has no gradient almost everywhere",
+            "our check",
+            "FoBG = 0",
+            f"largest |FoBG| {flat:g} m/m",
+            flat == 0,
+        ),
+        Claim(
+            "FoBG is biased where the objective jumps",
+            "Pathologies, sec. III-A",
+            "error beyond its interval",
+            f"error {listed(found, '.2f')} of the largest slope",
+            min(found) > 0.2,
+        ),
+        Claim(
+            "ZoBG is unbiased",
+            "Pathologies, sec. III-A",
+            "errors of 1 standard error, mean 0",
+            f"{listed(scatter, '.2f')} rms, mean {listed(offset, '.2f')} of its own standard error",
+            bool(usual),
+        ),
+        Claim(
+            "The throw's best angle is pi/4, away from the wall's jumps",
+            "closed form",
+            f"{np.pi / 4:.4f} rad, {-(reach**2):.5f} m²",
+            f"{angle:.4f} rad, {float(data['f_throw'][best]):.5f} m²; jumps at {listed(throw, '.3f')} rad",
+            bool(abs(angle - np.pi / 4) < 2e-3 and np.all(np.abs(throw - angle) > 0.01)),
+        ),
+        Claim(
+            "Momentum transfer ends where the ball clears the tip",
+            "closed form",
+            f"+-{expected:.4f} rad",
+            f"{listed(tip, '+.4f')} rad",
+            bool(len(tip) == 2 and np.allclose(np.abs(tip), expected, atol=1e-3)),
+        ),
+    ]

@@ -50,8 +50,7 @@ MIXED = "m, rad, m/s, rad/s"
 class Params(StudyParams):
     """Parameters of AM; the paper's text has none, those of the network are its code's."""
 
-    data: int = setting(2000, "1", "transitions, of which a 40th, a 10th, a 4th are fewer",
-                        least=400)  # fmt: skip
+    data: int = setting(2000, "1", "transitions, of which a 40th, a 10th, a 4th are fewer", least=400)
     held: int = setting(1000, "1", "held-out transitions", least=50)
     seeds: int = setting(3, "1", "starts of psi and of networks", least=1, most=20)
     noise: float = setting(0.01, "1", "noise on next states, in deviations of steps", above=0)
@@ -98,30 +97,35 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
                 if kind == DATA[0] and n == params.data:
                     way[seed, : len(piece["way"])] = piece["way"]
     each = ("data", "transitions", "seed", "parameter")
-    return dataset({
-        "errors": (("data", "model", "transitions", "seed", "where"), errors, MIXED,
-                   "mean one-step error, held out"),
-        "still": (("data", "where"), still, MIXED, "mean one-step error if nothing moved"),
-        "touched": (("data",), touched, "1", "part of held-out transitions that end in contact"),
-        "way": (("seed", "iteration", "parameter"), way, "1", "mean of the cloud over the truth"),
-        "flight": (("parameter",), flight, "1",
-                   "upper end at the truth, over it, where nothing touches"),
-        "psi": (each, found["psi"], "1", "found over the truth"),
-        "low": (each, found["low"], "1", "interval, lower end over the truth"),
-        "high": (each, found["high"], "1", "interval, upper end over the truth"),
-    }, {
-        "data": list(DATA),
-        "model": list(MODELS),
-        "where": list(WHERE),
-        "parameter": list(PSI),
-        "transitions": (sizes, "1", "transitions to learn from"),
-        "iteration": (np.arange(way.shape[1]), "1", "of the search"),
-    })  # fmt: skip
+    return dataset(
+        {
+            "errors": (
+                ("data", "model", "transitions", "seed", "where"),
+                errors,
+                MIXED,
+                "mean one-step error, held out",
+            ),
+            "still": (("data", "where"), still, MIXED, "mean one-step error if nothing moved"),
+            "touched": (("data",), touched, "1", "part of held-out transitions that end in contact"),
+            "way": (("seed", "iteration", "parameter"), way, "1", "mean of the cloud over the truth"),
+            "flight": (("parameter",), flight, "1", "upper end at the truth, over it, where nothing touches"),
+            "psi": (each, found["psi"], "1", "found over the truth"),
+            "low": (each, found["low"], "1", "interval, lower end over the truth"),
+            "high": (each, found["high"], "1", "interval, upper end over the truth"),
+        },
+        {
+            "data": list(DATA),
+            "model": list(MODELS),
+            "where": list(WHERE),
+            "parameter": list(PSI),
+            "transitions": (sizes, "1", "transitions to learn from"),
+            "iteration": (np.arange(way.shape[1]), "1", "of the search"),
+        },
+    )
 
 
 LINKS = ("torso", "thigh", "leg", "foot")
-PSI = ("friction", "spring", "damping", *(f"mass_{link}" for link in LINKS),
-       *(f"inertia_{link}" for link in LINKS))  # fmt: skip
+PSI = ("friction", "spring", "damping", *(f"mass_{link}" for link in LINKS), *(f"inertia_{link}" for link in LINKS))
 DATA = ("exact", "noise", "drag")
 DRAG = 50.0
 """Of the torso, as the source's parser sets it [N s/m, N m s/rad]."""
@@ -193,10 +197,12 @@ def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[st
     around = intervals(loss, log_psi, seen[:JUDGES], seed=params.seed)
     predicted = loss.errors(log_psi, source.held)[0] * loss.scale + source.held.x_next
     return {
-        "errors": source.errors(predicted), "psi": found.values / source.truth,
-        "low": around.low / source.truth, "high": around.high / source.truth,
+        "errors": source.errors(predicted),
+        "psi": found.values / source.truth,
+        "low": around.low / source.truth,
+        "high": around.high / source.truth,
         "way": found.model_params / source.truth,
-    }  # fmt: skip
+    }
 
 
 def in_flight(source: TransitionData) -> dict[str, np.ndarray]:
@@ -212,8 +218,15 @@ def by_network(source: TransitionData, n: int, seed: int, params: Params) -> dic
     seen, held, system = source.pool[:n], source.held, source.task.system
     origin = Origin((*system.states, *system.inputs), system.states)
     samples = Samples(np.hstack([seen.x, seen.u]), seen.x_next, origin)
-    model = train(samples, 0.0, params.seed + seed, hidden=(params.units,) * 4,
-                  epochs=params.epochs, batch=256, patience=max(1, params.epochs // 6))  # fmt: skip
+    model = train(
+        samples,
+        0.0,
+        params.seed + seed,
+        hidden=(params.units,) * 4,
+        epochs=params.epochs,
+        batch=256,
+        patience=max(1, params.epochs // 6),
+    )
     return {"errors": source.errors(model.values(np.hstack([held.x, held.u])))}
 
 
@@ -247,22 +260,35 @@ def _errors(data: xr.Dataset) -> list[Claim]:
     all_nets = data["errors"].sel(data="exact", where="all", model="network").values
     falls = np.median(all_nets, axis=1)
     return [
-        Claim("A complementarity model approximates contact better than a network", _PLACE,
-              "into contact, held out: the largest error over starts below the least of networks",
-              f"{over(tried, below)} transitions; by factors of {listed(ratio, '.3g')}",
-              bool(below.size and np.all(below))),
-        Claim("So it does over all transitions", _PLACE,
-              "likewise", f"{listed(np.median(everywhere, axis=1), '.2g')} against"
-              f" {listed(np.median(nets, axis=1), '.2g')}",
-              bool(nets.size and np.all(everywhere.max(axis=1) < nets.min(axis=1)))),
-        Claim("psi of few transitions is ahead of a network of many", "our check",
-              f"{sizes[1]} transitions against {sizes[-1]}",
-              f"{largest(everywhere[1:2]):.2g} against {all_nets[-1].min():.2g}",
-              bool(largest(everywhere[1:2]) < all_nets[-1].min())),
-        Claim("A network learns from more transitions", "our check",
-              f"the median error from {sizes[-1]} is half of that from {sizes[0]} or less",
-              listed(falls, ".2g"), bool(falls[-1] <= 0.5 * falls[0])),
-    ]  # fmt: skip
+        Claim(
+            "A complementarity model approximates contact better than a network",
+            _PLACE,
+            "into contact, held out: the largest error over starts below the least of networks",
+            f"{over(tried, below)} transitions; by factors of {listed(ratio, '.3g')}",
+            bool(below.size and np.all(below)),
+        ),
+        Claim(
+            "So it does over all transitions",
+            _PLACE,
+            "likewise",
+            f"{listed(np.median(everywhere, axis=1), '.2g')} against {listed(np.median(nets, axis=1), '.2g')}",
+            bool(nets.size and np.all(everywhere.max(axis=1) < nets.min(axis=1))),
+        ),
+        Claim(
+            "psi of few transitions is ahead of a network of many",
+            "our check",
+            f"{sizes[1]} transitions against {sizes[-1]}",
+            f"{largest(everywhere[1:2]):.2g} against {all_nets[-1].min():.2g}",
+            bool(largest(everywhere[1:2]) < all_nets[-1].min()),
+        ),
+        Claim(
+            "A network learns from more transitions",
+            "our check",
+            f"the median error from {sizes[-1]} is half of that from {sizes[0]} or less",
+            listed(falls, ".2g"),
+            bool(falls[-1] <= 0.5 * falls[0]),
+        ),
+    ]
 
 
 def _full(data: xr.Dataset, name: str, kind: str) -> np.ndarray:
@@ -279,17 +305,28 @@ def _found(data: xr.Dataset) -> list[Claim]:
     flight = data["flight"].values
     unknown = ", ".join(str(name) for name in names[np.isposinf(flight)])
     return [
-        Claim("All of psi is found from exact transitions", "our check",
-              f"within {_NEAR:.0%} of the truth from {n}, from every start",
-              f"within {off.max():.2g}, the worst is {worst}",
-              bool(off.size and np.all(off < _NEAR))),
-        Claim("So many transitions determine all of psi", "our check",
-              "bounded intervals from every start",
-              f"{int(known.sum())} of {known.size}", bool(np.all(known))),
-        Claim("Those that touch nothing determine all but friction", "our check",
-              "unbounded at the truth: friction alone", f"unbounded: {unknown or 'none'}",
-              bool(unknown == "friction")),
-    ]  # fmt: skip
+        Claim(
+            "All of psi is found from exact transitions",
+            "our check",
+            f"within {_NEAR:.0%} of the truth from {n}, from every start",
+            f"within {off.max():.2g}, the worst is {worst}",
+            bool(off.size and np.all(off < _NEAR)),
+        ),
+        Claim(
+            "So many transitions determine all of psi",
+            "our check",
+            "bounded intervals from every start",
+            f"{int(known.sum())} of {known.size}",
+            bool(np.all(known)),
+        ),
+        Claim(
+            "Those that touch nothing determine all but friction",
+            "our check",
+            "unbounded at the truth: friction alone",
+            f"unbounded: {unknown or 'none'}",
+            bool(unknown == "friction"),
+        ),
+    ]
 
 
 def _noise(data: xr.Dataset) -> list[Claim]:
@@ -298,16 +335,22 @@ def _noise(data: xr.Dataset) -> list[Claim]:
     held = (low <= 1) & (high >= 1)
     off = np.abs(_full(data, "psi", "noise") - 1)
     return [
-        Claim("Where transitions are noisy psi still predicts better", "our check",
-              f"noise of {data.attrs['noise']:g} deviations of a step: as above",
-              f"{listed(np.median(psi, axis=1), '.2g')} against"
-              f" {listed(np.median(network, axis=1), '.2g')}",
-              bool(psi.size and np.all(psi.max(axis=1) < network.min(axis=1)))),
-        Claim("Intervals of noisy transitions hold the truth", "our check",
-              f"{_COVERED:.0%} of those of 95 % or more",
-              f"{int(held.sum())} of {held.size}; off by {off.max():.2g} at most",
-              bool(held.mean() >= _COVERED), share_margin(held, _COVERED)),
-    ]  # fmt: skip
+        Claim(
+            "Where transitions are noisy psi still predicts better",
+            "our check",
+            f"noise of {data.attrs['noise']:g} deviations of a step: as above",
+            f"{listed(np.median(psi, axis=1), '.2g')} against {listed(np.median(network, axis=1), '.2g')}",
+            bool(psi.size and np.all(psi.max(axis=1) < network.min(axis=1))),
+        ),
+        Claim(
+            "Intervals of noisy transitions hold the truth",
+            "our check",
+            f"{_COVERED:.0%} of those of 95 % or more",
+            f"{int(held.sum())} of {held.size}; off by {off.max():.2g} at most",
+            bool(held.mean() >= _COVERED),
+            share_margin(held, _COVERED),
+        ),
+    ]
 
 
 def _drag(data: xr.Dataset) -> list[Claim]:
@@ -317,11 +360,19 @@ def _drag(data: xr.Dataset) -> list[Claim]:
     off = np.abs(_full(data, "psi", "drag") - 1).max(axis=1)
     lead = [np.median(b[-1:]) / np.median(a[-1:]) for a, b in ((psi, network), (own, other))]
     return [
-        Claim("A drag that the model lacks takes its lead over a network", "our check",
-              "less than a tenth of it is left, the network's error over psi's",
-              f"{lead[0]:.2g} of {lead[1]:.2g}", bool(lead[0] < 0.1 * lead[1])),
-        Claim("There the intervals hold the truth", "our check",
-              f"{_COVERED:.0%} of those of 95 % or more",
-              f"{int(held.sum())} of {held.size}; off by {listed(off, '.2g')}",
-              bool(held.mean() >= _COVERED), share_margin(held, _COVERED)),
-    ]  # fmt: skip
+        Claim(
+            "A drag that the model lacks takes its lead over a network",
+            "our check",
+            "less than a tenth of it is left, the network's error over psi's",
+            f"{lead[0]:.2g} of {lead[1]:.2g}",
+            bool(lead[0] < 0.1 * lead[1]),
+        ),
+        Claim(
+            "There the intervals hold the truth",
+            "our check",
+            f"{_COVERED:.0%} of those of 95 % or more",
+            f"{int(held.sum())} of {held.size}; off by {listed(off, '.2g')}",
+            bool(held.mean() >= _COVERED),
+            share_margin(held, _COVERED),
+        ),
+    ]

@@ -37,10 +37,12 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
     """Exact returns and gradient variances of every run over its iterations."""
     every = max(1, params.iterations // params.judged)
     jobs = {
-        f"{name}-{r}": job(TASK, "fopg", law, params.seed * 1000 + r,
-                           iterations=params.iterations, evaluate_every=every)
-        for name, law in LAWS.items() for r in range(params.runs)
-    }  # fmt: skip
+        f"{name}-{r}": job(
+            TASK, "fopg", law, params.seed * 1000 + r, iterations=params.iterations, evaluate_every=every
+        )
+        for name, law in LAWS.items()
+        for r in range(params.runs)
+    }
     found = list(curves(jobs, pieces).values())
     judged = np.flatnonzero(np.isfinite(found[0]["evaluation_return"]))
     shape = (len(LAWS), params.runs)
@@ -53,14 +55,18 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
         {
             "exact_return": (one, table("evaluation_return", judged), "1", "return"),
             "speed": (one, table("evaluation_speed", judged), "m/s", "mean speed"),
-            "variance": (("law", "run", "step"), table("gradient_variance", slice(-1)), "1",
-                         "trace of one gradient's covariance"),
+            "variance": (
+                ("law", "run", "step"),
+                table("gradient_variance", slice(-1)),
+                "1",
+                "trace of one gradient's covariance",
+            ),
         },
         {
             "law": list(LAWS),
             "iteration": (judged, "1", "iteration"),
         },
-    )  # fmt: skip
+    )
 
 
 _PLACE = "ABS, sec. 7.4"
@@ -81,29 +87,48 @@ def claims(data: xr.Dataset) -> list[Claim]:
     sharp = np.log10(variance[_SHARP])
     falling = [difference(sharp, np.log10(variance[law])) for law in laws[1:]]
     return [
-        Claim("mu = 1e-10 learns slowly", _PLACE,
-              "mean return over iterations below that of mu = 1e-2, 95 % over seeds",
-              str(slower), slower.better, slower.margin),
-        gained("for its gradient has the higher variance", _PLACE,
-               "decades of a run's median above every other law's, 95 % over seeds", laws[1:],
-               falling),
-        Claim("mu = 1e-2 ends lower", _PLACE, "best return below that of mu = 1e-10, 95 %",
-              str(lower), lower.better, lower.margin),
+        Claim(
+            "mu = 1e-10 learns slowly",
+            _PLACE,
+            "mean return over iterations below that of mu = 1e-2, 95 % over seeds",
+            str(slower),
+            slower.better,
+            slower.margin,
+        ),
+        gained(
+            "for its gradient has the higher variance",
+            _PLACE,
+            "decades of a run's median above every other law's, 95 % over seeds",
+            laws[1:],
+            falling,
+        ),
+        Claim(
+            "mu = 1e-2 ends lower",
+            _PLACE,
+            "best return below that of mu = 1e-10, 95 %",
+            str(lower),
+            lower.better,
+            lower.margin,
+        ),
         *(claim for law in _ADAPTIVE for claim in _on_top(law, fixed, ends, areas)),
-    ]  # fmt: skip
+    ]
 
 
-def _on_top(
-    law: str, fixed: list[str], ends: dict[str, np.ndarray], areas: dict[str, np.ndarray]
-) -> list[Claim]:
+def _on_top(law: str, fixed: list[str], ends: dict[str, np.ndarray], areas: dict[str, np.ndarray]) -> list[Claim]:
     """Whether an adaptive law is above every fixed mu."""
-    place, name = (_PLACE, "The adaptive law") if law == _ADAPTIVE[0] else (
-        "our check", "The law matched to Gaussian noise")  # fmt: skip
+    place, name = (
+        (_PLACE, "The adaptive law") if law == _ADAPTIVE[0] else ("our check", "The law matched to Gaussian noise")
+    )
     return [
-        gained(f"{name} {words}", place, f"{expected} above that of every fixed mu, 95 %", fixed,
-               [difference(of[law], of[other]) for other in fixed])
+        gained(
+            f"{name} {words}",
+            place,
+            f"{expected} above that of every fixed mu, 95 %",
+            fixed,
+            [difference(of[law], of[other]) for other in fixed],
+        )
         for words, expected, of in (
             ("ends the highest", "best return", ends),
             ("learns the fastest", "mean return over iterations", areas),
         )
-    ]  # fmt: skip
+    ]

@@ -60,9 +60,12 @@ class _Pushing:
         x, u, p = ca.SX.sym("x", 4), ca.SX.sym("u"), ca.SX.sym("p", len(step.p))
         off = (x[1] - params.goal) ** 2
         self._rollout = RolloutFunction(
-            step, ca.Function("stage", [x, u, p], [off]), ca.Function("end", [x, p], [off]),
-            params.N, open_loop(4, 1),
-        )  # fmt: skip
+            step,
+            ca.Function("stage", [x, u, p], [off]),
+            ca.Function("end", [x, p], [off]),
+            params.N,
+            open_loop(4, 1),
+        )
 
     def variances(self, p: np.ndarray) -> tuple[float, float]:
         """Return the traces of the covariance of FoBG and of ZoBG with the zero-noise baseline."""
@@ -70,9 +73,14 @@ class _Pushing:
         theta += self._params.u0
         quiet = self._rollout(start, theta, p, gradient=False).cost[0]
         found = self._rollout.moments(
-            start, theta, p, Gaussian(self._params.sigma, self._params.seed),
-            self._params.n_samples, score=True, baseline=float(quiet),
-        )  # fmt: skip
+            start,
+            theta,
+            p,
+            Gaussian(self._params.sigma, self._params.seed),
+            self._params.n_samples,
+            score=True,
+            baseline=float(quiet),
+        )
         assert found.gradient is not None and found.zeroth is not None
         return float(found.gradient.variance.sum()), float(found.zeroth.variance.sum())
 
@@ -114,16 +122,13 @@ def run(params: Params) -> xr.Dataset:
     damped = [_sweep(other, share * limit(other)) for other in others]
     laws = [Exact(), *(Barrier(mu=mu) for mu in MUS)]
     rigid = pushing_system(None, *_arguments(params))
-    implicit = np.array(
-        [_Pushing(params, step).variances(step.p.values) for step in (w.close(rigid) for w in laws)]
-    )
+    implicit = np.array([_Pushing(params, step).variances(step.p.values) for step in (w.close(rigid) for w in laws)])
     unit = "m^4/N^2"
     return dataset(
         {
             "first_order": ("k", penalty[:, 0], unit, "variance of FoBG, spring"),
             "zeroth_order": ("k", penalty[:, 1], unit, "variance of ZoBG, spring"),
-            "damped": (("damping", "share", "order"), damped, unit,
-                       "variance at other factors on the velocity"),
+            "damped": (("damping", "share", "order"), damped, unit, "variance at other factors on the velocity"),
             "damped_limit": ("damping", [limit(o) for o in others], "N/m", "m (1 + c)/h² at those"),
             "implicit_first": ("law", implicit[:, 0], unit, "variance of FoBG"),
             "implicit_zeroth": ("law", implicit[:, 1], unit, "variance of ZoBG"),
@@ -137,7 +142,7 @@ def run(params: Params) -> xr.Dataset:
             "order": ["fobg", "zobg"],
             "law": ["exact", *(f"mu = {mu:g} J" for mu in MUS)],
         },
-    )  # fmt: skip
+    )
 
 
 def pushing_system(k: float | None, m: float, c: float, h: float, length: float) -> ContactSystem:
@@ -161,9 +166,12 @@ def pushing_system(k: float | None, m: float, c: float, h: float, length: float)
         E=[[0.0 if k is not None else -rate * h]],
         F=1 / table["k"] if k is not None else ca.SX(2 * rate * h),
         d=[-length],
-        states=signals(_STATES), inputs=signals("u [N]"), contacts=signals("contact [N]"),
-        h=h, parameters=table,
-    )  # fmt: skip
+        states=signals(_STATES),
+        inputs=signals("u [N]"),
+        contacts=signals("contact [N]"),
+        h=h,
+        parameters=table,
+    )
 
 
 _LIGHT = 0.99
@@ -201,33 +209,57 @@ def _spring(data: xr.Dataset) -> list[Claim]:
     growth = first.max(axis=1) / first[:, 0]
     grows = (growth > 1e3) & (flat < 2)
     return [
-        Claim("ZoBG has lower variance than FoBG as stiffness increases",
-              "Pathologies, ex. III.7", f"the curves cross below the limit, for c >= {_LIGHT:g}",
-              f"c {over(factors, crosses)}: at k = " + listed(passes[crosses], ".3g") + " N/m",
-              bool(np.all(crosses[light]))),
-        Claim("At low stiffness it is the other way round", "our check", "FoBG far below ZoBG",
-              f"c {over(factors, below)}: {largest(first[:, 0] / zeroth[:, 0]):.1e} of it at most"
-              f" at {share[0]:g} of the limit", bool(np.all(below))),
-        Claim("FoBG's variance grows with k, ZoBG's does not", "our check",
-              f"1000 times and less than twice up to {share[-1]:g} of the limit, c >= {_LIGHT:g}",
-              f"c {over(factors, grows)}: FoBG up " + listed(growth, ".1e")
-              + " times, ZoBG within a factor " + listed(flat, ".2f"), bool(np.all(grows[light]))),
-        Claim("Then semi-implicit integration becomes unstable", "Pathologies, ex. III.7",
-              f"k = m (1 + c)/h² = {bound:.0f} N/m", f"spectral radius passes one at {seen:.0f}"
-              " N/m", bool(abs(seen / bound - 1) < 2e-3)),
-    ]  # fmt: skip
+        Claim(
+            "ZoBG has lower variance than FoBG as stiffness increases",
+            "Pathologies, ex. III.7",
+            f"the curves cross below the limit, for c >= {_LIGHT:g}",
+            f"c {over(factors, crosses)}: at k = " + listed(passes[crosses], ".3g") + " N/m",
+            bool(np.all(crosses[light])),
+        ),
+        Claim(
+            "At low stiffness it is the other way round",
+            "our check",
+            "FoBG far below ZoBG",
+            f"c {over(factors, below)}: {largest(first[:, 0] / zeroth[:, 0]):.1e} of it at most"
+            f" at {share[0]:g} of the limit",
+            bool(np.all(below)),
+        ),
+        Claim(
+            "FoBG's variance grows with k, ZoBG's does not",
+            "our check",
+            f"1000 times and less than twice up to {share[-1]:g} of the limit, c >= {_LIGHT:g}",
+            f"c {over(factors, grows)}: FoBG up "
+            + listed(growth, ".1e")
+            + " times, ZoBG within a factor "
+            + listed(flat, ".2f"),
+            bool(np.all(grows[light])),
+        ),
+        Claim(
+            "Then semi-implicit integration becomes unstable",
+            "Pathologies, ex. III.7",
+            f"k = m (1 + c)/h² = {bound:.0f} N/m",
+            f"spectral radius passes one at {seen:.0f} N/m",
+            bool(abs(seen / bound - 1) < 2e-3),
+        ),
+    ]
 
 
 def _implicit(data: xr.Dataset) -> list[Claim]:
     first, zeroth = data["implicit_first"].values, data["implicit_zeroth"].values
     mus = listed(MUS, "g")
     return [
-        Claim("Implicit time stepping avoids it, however rigid", "Pathologies, sec. IV-A",
-              "FoBG far below ZoBG", f"FoBG {first[0]:.2g}, ZoBG {zeroth[0]:.2g} m⁴/N² (exact law)",
-              bool(first[0] < 0.01 * zeroth[0])),
-        Claim("Its smoothing keeps the variance low", "Pathologies, sec. IV-B",
-              "FoBG far below ZoBG",
-              listed(first[1:], ".2g") + " against "
-              + listed(zeroth[1:], ".2g") + f" m⁴/N² at mu = {mus}",
-              bool(np.all(first[1:] < 0.01 * zeroth[1:]))),
-    ]  # fmt: skip
+        Claim(
+            "Implicit time stepping avoids it, however rigid",
+            "Pathologies, sec. IV-A",
+            "FoBG far below ZoBG",
+            f"FoBG {first[0]:.2g}, ZoBG {zeroth[0]:.2g} m⁴/N² (exact law)",
+            bool(first[0] < 0.01 * zeroth[0]),
+        ),
+        Claim(
+            "Its smoothing keeps the variance low",
+            "Pathologies, sec. IV-B",
+            "FoBG far below ZoBG",
+            listed(first[1:], ".2g") + " against " + listed(zeroth[1:], ".2g") + f" m⁴/N² at mu = {mus}",
+            bool(np.all(first[1:] < 0.01 * zeroth[1:])),
+        ),
+    ]

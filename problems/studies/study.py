@@ -27,9 +27,7 @@ PAPER, CODE, CHOICE = "paper", "authors' code", "our choice"
 """Where a study's value comes from: the paper's text, its authors' public code, or nowhere."""
 
 
-def setting(
-    default: float, unit: str, meaning: str, origin: str = CHOICE, **limits: Unpack[Limits]
-) -> Any:
+def setting(default: float, unit: str, meaning: str, origin: str = CHOICE, **limits: Unpack[Limits]) -> Any:
     """Declare a study's parameter in SI ``unit``, with its range and its :data:`origin <PAPER>`."""
     return declared(default, unit, meaning, limits, origin=origin)
 
@@ -54,9 +52,11 @@ class Pieces:
     """
 
     def __init__(
-        self, checkpoint: Checkpoint | None = None, jobs: int | None = None,
+        self,
+        checkpoint: Checkpoint | None = None,
+        jobs: int | None = None,
         scheduler: str | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._checkpoint, self.scheduler = checkpoint, scheduler
         self.jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
 
@@ -148,9 +148,12 @@ class FigureStudy:
         return check_parameters(self.id, self.Params, values)
 
     def data(
-        self, values: Mapping[str, Any] | None = None, kept: Checkpoint | None = None,
-        jobs: int | None = None, scheduler: str | None = None,
-    ) -> xr.Dataset:  # fmt: skip
+        self,
+        values: Mapping[str, Any] | None = None,
+        kept: Checkpoint | None = None,
+        jobs: int | None = None,
+        scheduler: str | None = None,
+    ) -> xr.Dataset:
         """Run at ``values``, the rest at their defaults; the parameters become attributes.
 
         Pieces of a study that resumes are taken from ``kept`` and put there, and computed where
@@ -182,10 +185,7 @@ def dataset(variables: Mapping[str, Any], coordinates: Mapping[str, Any]) -> xr.
 
     return xr.Dataset(
         {name: labelled(*of) if len(of) == 4 else of for name, of in variables.items()},
-        {
-            name: labelled(name, *of) if isinstance(of, tuple) else of
-            for name, of in coordinates.items()
-        },
+        {name: labelled(name, *of) if isinstance(of, tuple) else of for name, of in coordinates.items()},
     )
 
 

@@ -47,8 +47,7 @@ class Params(StudyParams):
 def methods(params: Params) -> dict[str, tuple[Algorithm, ContactLaw]]:
     """Every method with the law that it learns through."""
     even = params.samples + params.samples % 2
-    whole = {"samples": even, "unroll": get("ball-throw").horizon, "sigma": params.sigma,
-             "rate": params.rate}  # fmt: skip
+    whole = {"samples": even, "unroll": get("ball-throw").horizon, "sigma": params.sigma, "rate": params.rate}
     first = FOPG(**whole)
     return {
         "ZOPG": (ZOPG(**whole), SHARP),
@@ -102,14 +101,10 @@ def parameters_of(task: Task, decision: np.ndarray) -> np.ndarray:
     return np.arctanh((decision - middle) / half)
 
 
-def _learned(
-    task: Task, algorithm: Algorithm, law: ContactLaw, params: Params, run: int
-) -> np.ndarray:
+def _learned(task: Task, algorithm: Algorithm, law: ContactLaw, params: Params, run: int) -> np.ndarray:
     """Decisions (iterations + 1, 2) of one run."""
     seed = params.seed * 1000 + run
-    experiment = Experiment(
-        task=task, algorithm=algorithm, law=law, hidden=None, seed=seed, normalise=False
-    )
+    experiment = Experiment(task=task, algorithm=algorithm, law=law, hidden=None, seed=seed, normalise=False)
     state = algorithm.begin(experiment)
     off = params.spread * np.random.default_rng([params.seed, run]).uniform(-1, 1, 2)
     state["theta"] = parameters_of(task, np.array([params.angle, params.speed]) + off)
@@ -146,26 +141,45 @@ def claims(data: xr.Dataset) -> list[Claim]:
         gains = [difference(last[name], last[other]) for name in barriers]
         faster = [difference(areas[name], areas[other]) for name in barriers]
         found += [
-            gained(f"Barrier smoothing ends at a higher return than {other}", _PLACE,
-                   "final return above, 95 % over runs", MUS, gains),
-            gained(f"Barrier smoothing converges faster than {other}", _PLACE,
-                   "mean return over iterations above, 95 % over runs", MUS, faster),
-        ]  # fmt: skip
+            gained(
+                f"Barrier smoothing ends at a higher return than {other}",
+                _PLACE,
+                "final return above, 95 % over runs",
+                MUS,
+                gains,
+            ),
+            gained(
+                f"Barrier smoothing converges faster than {other}",
+                _PLACE,
+                "mean return over iterations above, 95 % over runs",
+                MUS,
+                faster,
+            ),
+        ]
     best = max(barriers, key=lambda name: last[name].mean())
     for name in ("ABS quartic", "ABS gaussian"):
         final, way = difference(last[name], last[best]), difference(areas[name], areas[best])
         found.append(
-            Claim(f"Adaptive smoothing ({name.split()[1]}) does better than the best fixed one",
-                  _PLACE, "final return and mean over iterations above, 95 % over runs",
-                  f"against {best}: final {final}, mean {way}", final.better and way.better,
-                  least((final, way)))
-        )  # fmt: skip
+            Claim(
+                f"Adaptive smoothing ({name.split()[1]}) does better than the best fixed one",
+                _PLACE,
+                "final return and mean over iterations above, 95 % over runs",
+                f"against {best}: final {final}, mean {way}",
+                final.better and way.better,
+                least((final, way)),
+            )
+        )
     shares = [float((last[name] > _REACHED).mean()) for name in last]
     told = ", ".join(f"{name} {share:.0%}" for name, share in zip(last, shares, strict=True))
     found.append(
-        Claim("Every method gets to the goal", "our check",
-              f"return above {_REACHED:g} m² in all runs, the best being 0", told, min(shares) == 1)
-    )  # fmt: skip
+        Claim(
+            "Every method gets to the goal",
+            "our check",
+            f"return above {_REACHED:g} m² in all runs, the best being 0",
+            told,
+            min(shares) == 1,
+        )
+    )
     return [*found, *_of_landscapes(data, smoothed)]
 
 
@@ -174,8 +188,7 @@ def _of_landscapes(data: xr.Dataset, smoothed: list[str]) -> list[Claim]:
 
     # Local maxima that stand out by more than a thousandth of the range of values.
     lines = {str(law): data["line"].sel(law=law).values for law in data["law"].values}
-    peaks = {law: len(find_peaks(line, prominence=_PROMINENT * np.ptp(line))[0])
-             for law, line in lines.items()}  # fmt: skip
+    peaks = {law: len(find_peaks(line, prominence=_PROMINENT * np.ptp(line))[0]) for law, line in lines.items()}
     fewer = [peaks[name] < peaks["FOPG"] for name in smoothed]
     exact = data["landscape"].sel(law="FOPG")
     losses = []
@@ -183,11 +196,18 @@ def _of_landscapes(data: xr.Dataset, smoothed: list[str]) -> list[Claim]:
         top = np.unravel_index(data["landscape"].sel(law=name).values.argmax(), exact.shape)
         losses.append(float(exact.values.max() - exact.values[top]))
     return [
-        Claim("The exact law's landscape has local maxima that smoothing removes", "our check",
-              f"fewer along the angle than the exact law's {peaks['FOPG']}",
-              f"{over(smoothed, fewer)}: {', '.join(str(peaks[n]) for n in smoothed)}", all(fewer)),
-        Claim("The best throw under a smoothed law is the best under the exact one", "our check",
-              f"exact return of its best decision within {-_REACHED:g} m² of the best",
-              f"{over(smoothed, np.array(losses) < -_REACHED)}: less by"
-              f" {', '.join(f'{loss:.2g}' for loss in losses)}", max(losses) < -_REACHED),
-    ]  # fmt: skip
+        Claim(
+            "The exact law's landscape has local maxima that smoothing removes",
+            "our check",
+            f"fewer along the angle than the exact law's {peaks['FOPG']}",
+            f"{over(smoothed, fewer)}: {', '.join(str(peaks[n]) for n in smoothed)}",
+            all(fewer),
+        ),
+        Claim(
+            "The best throw under a smoothed law is the best under the exact one",
+            "our check",
+            f"exact return of its best decision within {-_REACHED:g} m² of the best",
+            f"{over(smoothed, np.array(losses) < -_REACHED)}: less by {', '.join(f'{loss:.2g}' for loss in losses)}",
+            max(losses) < -_REACHED,
+        ),
+    ]

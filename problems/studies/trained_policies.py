@@ -109,8 +109,10 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
     shown = plans(TASKS, params.plans, pieces)
     jobs = {
         f"{task}-{name}-{r}": _job(task, METHODS[name], params, r, shown[task])
-        for task in TASKS for name in METHODS for r in range(params.runs)
-    }  # fmt: skip
+        for task in TASKS
+        for name in METHODS
+        for r in range(params.runs)
+    }
     found = curves(jobs, pieces)
     own = {key: f for key, f in found.items() if jobs[key].algorithm.name == "mbpo"}
     steps = np.linspace(0, 1e3 * params.kilosteps, POINTS)
@@ -159,21 +161,15 @@ def _against_plans(
 ) -> dict[str, Any]:
     """Returns over the steps of a plan: of plans from both guesses, and of every policy."""
     n = params.plans
-    policies = {
-        key: Policy(job.task, policy_of(found[key]), job.options["hidden"])
-        for key, job in jobs.items()
-    }
+    policies = {key: Policy(job.task, policy_of(found[key]), job.options["hidden"]) for key, job in jobs.items()}
     reached = {key: policy.returns(n) for key, policy in policies.items()}
     best = {
-        task: max((key for key in jobs if jobs[key].task == task), key=lambda k: reached[k].mean())
-        for task in TASKS
+        task: max((key for key in jobs if jobs[key].task == task), key=lambda k: reached[k].mean()) for task in TASKS
     }
     near = plans(TASKS, n, pieces, {task: policies[key] for task, key in best.items()})
 
     def told(of: str) -> np.ndarray:
-        return np.array(
-            [[[one[of] for one in guess[task]] for guess in (shown, near)] for task in TASKS]
-        )
+        return np.array([[[one[of] for one in guess[task]] for guess in (shown, near)] for task in TASKS])
 
     shape = (len(TASKS), len(METHODS), params.runs, n)
     each = ("task", "guess", "start")
@@ -181,10 +177,13 @@ def _against_plans(
         "planned": (each, told("returned"), "1", "return of a plan"),
         "replayed": (each, told("replayed"), "1", "exact return of its inputs"),
         "certified": (each, told("certified"), "1", "whether it is certified"),
-        "reached": (("task", "algorithm", "run", "start"),
-                    np.reshape(list(reached.values()), shape), "1",
-                    "exact return of a policy over as many steps"),
-    }  # fmt: skip
+        "reached": (
+            ("task", "algorithm", "run", "start"),
+            np.reshape(list(reached.values()), shape),
+            "1",
+            "exact return of a policy over as many steps",
+        ),
+    }
 
 
 def _job(task: str, method: Method, params: Params, run: int, shown: list[Curves]) -> TrainingJob:
@@ -195,8 +194,7 @@ def _job(task: str, method: Method, params: Params, run: int, shown: list[Curves
     if method.algorithm == "mbpo":
         every = max(1, params.model_based // params.judged)
         asked = {"iterations": params.model_based, "evaluate_every": every}
-    return job(task, method.algorithm, method.law, seed, hidden=method.hidden, episodes=EPISODES,
-               start=start, **asked)  # fmt: skip
+    return job(task, method.algorithm, method.law, seed, hidden=method.hidden, episodes=EPISODES, start=start, **asked)
 
 
 STEPS = 20
@@ -259,9 +257,7 @@ def plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
 def starts(task: str, n: int) -> np.ndarray:
     """The first ``n`` states that plans start from (n, nx)."""
     made = registry.get(task)
-    return np.concatenate(
-        [made.reset(1, np.random.default_rng([_STARTS, number])) for number in range(n)]
-    )
+    return np.concatenate([made.reset(1, np.random.default_rng([_STARTS, number])) for number in range(n)])
 
 
 def plans(
@@ -270,9 +266,8 @@ def plans(
     """``n`` plans of each task, side by side, from held inputs or where ``best`` policies lead."""
     word = "plan" if best is None else "near"
     jobs = {
-        f"{word}-{task}-{k}": PlanJob(task, k, None if best is None else best[task])
-        for task in tasks for k in range(n)
-    }  # fmt: skip
+        f"{word}-{task}-{k}": PlanJob(task, k, None if best is None else best[task]) for task in tasks for k in range(n)
+    }
     found = side_by_side(plan, jobs, pieces)
     return {task: [found[f"{word}-{task}-{k}"] for k in range(n)] for task in tasks}
 
@@ -304,24 +299,35 @@ def claims(data: xr.Dataset) -> list[Claim]:
         best = {n: one["best"].sel(algorithm=n).values for n in papers}
         ends = [difference(best[_OURS], best[name], paired=False) for name in others]
         rivalry = [
-            gained(f"On {task} FOPG with ABS learns the fastest", _PLACE,
-                   "mean return over equal simulated steps above every other's, bootstrap 95 %",
-                   others, gains),
-            gained(f"On {task} FOPG with ABS ends the highest", _PLACE,
-                   "best return in equal simulated steps above every other's, bootstrap 95 %",
-                   others, ends),
-        ]  # fmt: skip
+            gained(
+                f"On {task} FOPG with ABS learns the fastest",
+                _PLACE,
+                "mean return over equal simulated steps above every other's, bootstrap 95 %",
+                others,
+                gains,
+            ),
+            gained(
+                f"On {task} FOPG with ABS ends the highest",
+                _PLACE,
+                "best return in equal simulated steps above every other's, bootstrap 95 %",
+                others,
+                ends,
+            ),
+        ]
         told = _untrained(one)
         found += [replace(claim, measured=claim.measured + told) for claim in rivalry]
         running = one["speed"].median("run").values >= _FAST[task]
         lasting = one["length"].median("run").values >= 100
         speeds = ", ".join(f"{s:.2f}" for s in one["speed"].median("run").values)
         found.append(
-            Claim(f"Every algorithm's best policy runs on {task}", "our check",
-                  f"half of the seeds at {_FAST[task]:g} m/s or more for 5 s, without falling",
-                  f"{over(papers, running & lasting)}: {speeds} m/s",
-                  bool(np.all(running & lasting)))
-        )  # fmt: skip
+            Claim(
+                f"Every algorithm's best policy runs on {task}",
+                "our check",
+                f"half of the seeds at {_FAST[task]:g} m/s or more for 5 s, without falling",
+                f"{over(papers, running & lasting)}: {speeds} m/s",
+                bool(np.all(running & lasting)),
+            )
+        )
     return found
 
 
@@ -339,18 +345,24 @@ def _of_plans(task: str, one: xr.Dataset) -> list[Claim]:
     best = one["replayed"].max("guess")
     shares = one["reached"].median("run").mean("start") / best.mean("start")
     names = [str(name) for name in one["algorithm"].values]
-    told = ", ".join(
-        f"{name} {share:.0%}" for name, share in zip(names, shares.values, strict=True)
-    )
+    told = ", ".join(f"{name} {share:.0%}" for name, share in zip(names, shares.values, strict=True))
     certified = one["certified"].astype(bool)
     off = abs(one["planned"] - one["replayed"]) > _SAME * abs(one["replayed"])
     return [
-        Claim(f"On {task} a network begun at plans learns faster than one by chance", "our check",
-              "mean return over equal simulated steps above, bootstrap 95 %", str(gain),
-              gain.better, gain.margin),
-        Claim(f"On {task} no policy is above the best plan found from the same starts", "our check",
-              f"share of the best plan's exact return over {STEPS} steps at most 100 %",
-              f"{told}; of {certified.size} plans {int(certified.sum())} certified,"
-              f" {int((certified & off).sum())} of these replay to another return",
-              bool((shares <= 1).all())),
-    ]  # fmt: skip
+        Claim(
+            f"On {task} a network begun at plans learns faster than one by chance",
+            "our check",
+            "mean return over equal simulated steps above, bootstrap 95 %",
+            str(gain),
+            gain.better,
+            gain.margin,
+        ),
+        Claim(
+            f"On {task} no policy is above the best plan found from the same starts",
+            "our check",
+            f"share of the best plan's exact return over {STEPS} steps at most 100 %",
+            f"{told}; of {certified.size} plans {int(certified.sum())} certified,"
+            f" {int((certified & off).sum())} of these replay to another return",
+            bool((shares <= 1).all()),
+        ),
+    ]

@@ -46,19 +46,19 @@ class Params(StudyParams):
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
     """Variances of all laws, lengths and policies of both tasks, and Lipschitz constants."""
-    found = [pieces.get(task, lambda task=task: _task(task, params))
-             for task in tracked("tasks", TASKS)]  # fmt: skip
+    found = [pieces.get(task, lambda task=task: _task(task, params)) for task in tracked("tasks", TASKS)]
     every = ("task", "stage", "law", "length")
     return dataset(
         {
-            "variance": (every, [f["variance"] for f in found], "1",
-                         "trace of one gradient's covariance"),
-            "lost": (every, [f["lost"] for f in found], "1",
-                     "share of unrolls that are not finite"),
-            "lipschitz": (("task", "stage", "law"), [f["lipschitz"] for f in found], "1",
-                          "L_f, the largest norm of [A B]"),
-            "lipschitz_policy": (("task", "stage"), [f["lipschitz_policy"] for f in found], "1",
-                                 "L_pi"),
+            "variance": (every, [f["variance"] for f in found], "1", "trace of one gradient's covariance"),
+            "lost": (every, [f["lost"] for f in found], "1", "share of unrolls that are not finite"),
+            "lipschitz": (
+                ("task", "stage", "law"),
+                [f["lipschitz"] for f in found],
+                "1",
+                "L_f, the largest norm of [A B]",
+            ),
+            "lipschitz_policy": (("task", "stage"), [f["lipschitz_policy"] for f in found], "1", "L_pi"),
         },
         {
             "task": list(TASKS),
@@ -66,7 +66,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
             "length": (LENGTHS, "1", "unroll length H"),
             "stage": (params.every * np.arange(params.stages), "1", "iterations of training"),
         },
-    )  # fmt: skip
+    )
 
 
 def _task(task: str, params: Params) -> dict[str, np.ndarray]:
@@ -87,9 +87,12 @@ def _task(task: str, params: Params) -> dict[str, np.ndarray]:
             lipschitz[s, i] = _lipschitz(experiment, steps[i], trained, x0)
             for j, length in enumerate(LENGTHS):
                 found = experiment.rollouts(length, law).moments(
-                    x0, trained.theta, trained.normaliser,
-                    noise=experiment.noise(params.sigma, s, "measured"), n_samples=len(x0),
-                )  # fmt: skip
+                    x0,
+                    trained.theta,
+                    trained.normaliser,
+                    noise=experiment.noise(params.sigma, s, "measured"),
+                    n_samples=len(x0),
+                )
                 assert found.gradient is not None
                 lost[s, i, j] = found.nonfinite.count / len(x0)
                 if found.gradient.n > 1:
@@ -97,8 +100,7 @@ def _task(task: str, params: Params) -> dict[str, np.ndarray]:
         for _ in range(params.every * (s + 1 < params.stages)):
             state, _ = algorithm.iterate(experiment, state, k)
             k += 1
-    return {"variance": variance, "lost": lost, "lipschitz": lipschitz,
-            "lipschitz_policy": of_policy}  # fmt: skip
+    return {"variance": variance, "lost": lost, "lipschitz": lipschitz, "lipschitz_policy": of_policy}
 
 
 def _visited(experiment: Experiment, trained: Trained, params: Params, stage: int) -> np.ndarray:
@@ -106,18 +108,20 @@ def _visited(experiment: Experiment, trained: Trained, params: Params, stage: in
     rng = experiment.rng(stage, "visited")
     x0 = experiment.first_states(params.unrolls, rng)
     found = experiment.rollouts(experiment.task.horizon, LAWS["mu 1e-10"])(
-        x0, trained.theta, trained.normaliser,
-        noise=experiment.noise(params.sigma, stage, "visited"), n_samples=len(x0), states=True,
-    )  # fmt: skip
+        x0,
+        trained.theta,
+        trained.normaliser,
+        noise=experiment.noise(params.sigma, stage, "visited"),
+        n_samples=len(x0),
+        states=True,
+    )
     finite = np.isfinite(found.states).all(axis=2)
     alive = np.arange(found.states.shape[1]) < np.maximum(found.lived, 1)[:, None]
     candidates = found.states[finite & alive]
     return candidates[rng.integers(len(candidates), size=params.unrolls)]
 
 
-def _lipschitz(
-    experiment: Experiment, step: StepFunction, trained: Trained, x: np.ndarray
-) -> float:
+def _lipschitz(experiment: Experiment, step: StepFunction, trained: Trained, x: np.ndarray) -> float:
     """Largest spectral norm of the step's slopes [A B] at states x under the policy."""
     steps, by_x, by_u = step.slopes(x, experiment.inputs(trained, x))
     good = np.isfinite(steps.x_next).all(axis=1)
@@ -192,10 +196,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
     rates = {(t, law): growth(data, t, law) for t in TASKS for law in LAWS}
     mean = data["variance"].mean("stage")
     last = mean.isel(length=-1)
-    shares = {
-        t: [float(last.sel(task=t, law=law) / last.sel(task=t, law=_SHARP)) for law in LAWS]
-        for t in TASKS
-    }
+    shares = {t: [float(last.sel(task=t, law=law) / last.sel(task=t, law=_SHARP)) for law in LAWS] for t in TASKS}
     wide, adaptive = list(LAWS).index(_WIDE), list(LAWS).index(_ADAPTIVE)
     exploding = [rates[t, _SHARP].low > 0 for t in TASKS]
     flatter = [rates[t, _WIDE].high < rates[t, _SHARP].low for t in TASKS]
@@ -204,35 +205,58 @@ def claims(data: xr.Dataset) -> list[Claim]:
     below = [rates[t, law].low <= bound_rate(data, t, law) for t in TASKS for law in LAWS]
     loose = [bound_rate(data, t, _SHARP) / rates[t, _SHARP].rate for t in TASKS]
     constants = data["lipschitz"].max("stage")
-    falling = [float(constants.sel(task=t, law=_WIDE)) < float(constants.sel(task=t, law=_SHARP))
-               for t in TASKS]  # fmt: skip
+    falling = [float(constants.sel(task=t, law=_WIDE)) < float(constants.sel(task=t, law=_SHARP)) for t in TASKS]
     return [
-        Claim("The variance explodes with the unroll length at mu = 1e-10", _PLACE,
-              f"log variance grows from H = {_LONG} on, 95 % over policies",
-              f"{over(TASKS, exploding)}: {', '.join(str(rates[t, _SHARP]) for t in TASKS)} a step",
-              all(exploding), min(r.rate / r.error for r in (rates[t, _SHARP] for t in TASKS))),
-        Claim("As mu increases the variance decreases", _PLACE,
-              "at the longest unroll, over mu = 1e-2 down to 1e-10 never falling",
-              f"{over(TASKS, ordered)}: "
-              + "; ".join(", ".join(f"{s:.2g}" for s in shares[t][:5]) for t in TASKS)
-              + f" of that at {_SHARP}", all(ordered)),
-        Claim("At mu = 1e-2 it grows more slowly than at 1e-10", _PLACE,
-              "intervals of the growth apart",
-              f"{over(TASKS, flatter)}: {', '.join(str(rates[t, _WIDE]) for t in TASKS)} a step",
-              all(flatter), min(apart)),
-        Claim("The adaptive law's variance lies between", "our check",
-              "at the longest unroll between those of mu = 1e-2 and 1e-10",
-              "; ".join(f"{t} {shares[t][adaptive]:.2g} of that at {_SHARP}, {_WIDE} has"
-                        f" {shares[t][wide]:.2g}" for t in TASKS),
-              all(min(shares[t][wide], 1) <= shares[t][adaptive] <= max(shares[t][wide], 1)
-                  for t in TASKS)),
-        Claim("The growth stays below theorem 4.4's", "ABS, thm. 4.4, constant mended",
-              "4 log(sqrt 2 L_f L_pi) a step",
-              f"bounds {', '.join(f'{bound_rate(data, t, _SHARP):.3g}' for t in TASKS)} at"
-              f" {_SHARP}, {', '.join(f'{r:.2g}' for r in loose)} times the growth", all(below)),
-        Claim("A larger mu means a larger Lipschitz constant", "ABS, sec. 7.2, as printed",
-              "L_f at mu = 1e-2 above that at 1e-10",
-              ", ".join(f"{t} {float(constants.sel(task=t, law=_WIDE)):.3g} and"
-                        f" {float(constants.sel(task=t, law=_SHARP)):.3g}" for t in TASKS),
-              not any(falling)),
-    ]  # fmt: skip
+        Claim(
+            "The variance explodes with the unroll length at mu = 1e-10",
+            _PLACE,
+            f"log variance grows from H = {_LONG} on, 95 % over policies",
+            f"{over(TASKS, exploding)}: {', '.join(str(rates[t, _SHARP]) for t in TASKS)} a step",
+            all(exploding),
+            min(r.rate / r.error for r in (rates[t, _SHARP] for t in TASKS)),
+        ),
+        Claim(
+            "As mu increases the variance decreases",
+            _PLACE,
+            "at the longest unroll, over mu = 1e-2 down to 1e-10 never falling",
+            f"{over(TASKS, ordered)}: "
+            + "; ".join(", ".join(f"{s:.2g}" for s in shares[t][:5]) for t in TASKS)
+            + f" of that at {_SHARP}",
+            all(ordered),
+        ),
+        Claim(
+            "At mu = 1e-2 it grows more slowly than at 1e-10",
+            _PLACE,
+            "intervals of the growth apart",
+            f"{over(TASKS, flatter)}: {', '.join(str(rates[t, _WIDE]) for t in TASKS)} a step",
+            all(flatter),
+            min(apart),
+        ),
+        Claim(
+            "The adaptive law's variance lies between",
+            "our check",
+            "at the longest unroll between those of mu = 1e-2 and 1e-10",
+            "; ".join(
+                f"{t} {shares[t][adaptive]:.2g} of that at {_SHARP}, {_WIDE} has {shares[t][wide]:.2g}" for t in TASKS
+            ),
+            all(min(shares[t][wide], 1) <= shares[t][adaptive] <= max(shares[t][wide], 1) for t in TASKS),
+        ),
+        Claim(
+            "The growth stays below theorem 4.4's",
+            "ABS, thm. 4.4, constant mended",
+            "4 log(sqrt 2 L_f L_pi) a step",
+            f"bounds {', '.join(f'{bound_rate(data, t, _SHARP):.3g}' for t in TASKS)} at"
+            f" {_SHARP}, {', '.join(f'{r:.2g}' for r in loose)} times the growth",
+            all(below),
+        ),
+        Claim(
+            "A larger mu means a larger Lipschitz constant",
+            "ABS, sec. 7.2, as printed",
+            "L_f at mu = 1e-2 above that at 1e-10",
+            ", ".join(
+                f"{t} {float(constants.sel(task=t, law=_WIDE)):.3g} and {float(constants.sel(task=t, law=_SHARP)):.3g}"
+                for t in TASKS
+            ),
+            not any(falling),
+        ),
+    ]

@@ -44,8 +44,7 @@ def flight_step(wall: Wall, g: float, h: float) -> ca.Function:
     left, right = wall.place - wall.width / 2, wall.place + wall.width / 2
     face = _fraction(left - p[0], way[0])
     at_face = p + face * way
-    hits_face = ca.logic_and(ca.logic_and(p[0] < left, p[0] + way[0] >= left),
-                             at_face[1] < wall.height)  # fmt: skip
+    hits_face = ca.logic_and(ca.logic_and(p[0] < left, p[0] + way[0] >= left), at_face[1] < wall.height)
     if wall.dome:
         centre, radius = ca.DM([wall.place, wall.height]), wall.width / 2
         off = p - centre
@@ -175,9 +174,16 @@ def _shrinking(params: Params, corner: float) -> dict:
         missed = np.abs(first.first_samples) <= smooth
         inside = first.first_samples[missed]
         mean = float(zeroth.moments.mean[0])
-        rows.append((first.moments.variance[0], zeroth.moments.variance[0], 1 - missed.mean(),
-                     abs(inside.mean() - mean), np.abs(inside - inside.mean()).max(),
-                     abs(mean)))  # fmt: skip
+        rows.append(
+            (
+                first.moments.variance[0],
+                zeroth.moments.variance[0],
+                1 - missed.mean(),
+                abs(inside.mean() - mean),
+                np.abs(inside - inside.mean()).max(),
+                abs(mean),
+            )
+        )
     names = ("variance_first", "variance_zeroth", "beta", "Delta", "S", "size")
     units = ("m^2/rad^2", "m^2/rad^2", "1", "m/rad", "m/rad", "m/rad")
     found = {
@@ -216,10 +222,8 @@ def run(params: Params) -> xr.Dataset:
             "slope": (shapes, stacked("slope"), slope, "its derivative"),
             "first": ((*shapes, "moment"), stacked("first"), slope, "FoBG"),
             "zeroth": ((*shapes, "moment"), stacked("zeroth"), slope, "ZoBG"),
-            "first_variance": (shapes, stacked("first_variance"), "m^2/rad^2",
-                               "variance of one sample, FoBG"),
-            "zeroth_variance": (shapes, stacked("zeroth_variance"), "m^2/rad^2",
-                                "variance of one sample, ZoBG"),
+            "first_variance": (shapes, stacked("first_variance"), "m^2/rad^2", "variance of one sample, FoBG"),
+            "zeroth_variance": (shapes, stacked("zeroth_variance"), "m^2/rad^2", "variance of one sample, ZoBG"),
             "corner": ((), corner, "rad", "angle at which the rectangle's f jumps"),
             **narrow,
         },
@@ -232,7 +236,7 @@ def run(params: Params) -> xr.Dataset:
             "theta": (theta, "rad", "angle"),
             "width": width,
         },
-    )  # fmt: skip
+    )
 
 
 def _chance(n: int) -> float:
@@ -250,9 +254,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
     worst = [int(np.abs(row).argmax()) for row in off]
     near = np.abs(data["theta"].values - float(data["corner"])) < data.attrs["sigma"]
     dome = float(np.mean(score[1][near] ** 2)) if near.any() else np.nan
-    zeroth = (data["zeroth"].values[:, :, 0] - data["slope"].values) / data["zeroth"].values[
-        :, :, 1
-    ]
+    zeroth = (data["zeroth"].values[:, :, 0] - data["slope"].values) / data["zeroth"].values[:, :, 1]
     rectangle = float(np.mean(zeroth[0] ** 2))
     width, first = data["width"].values, data["narrow_variance_first"].values
     power = float(np.polyfit(np.log(width), np.log(first), 1)[0])
@@ -261,32 +263,71 @@ def claims(data: xr.Dataset) -> list[Claim]:
     high, biased = first >= 2 * rough, (beta < 0.1) & (Delta > 0.5 * scale)
     place = "Pathologies, ex. III.6"
     return [
-        Claim("A rectangular wall makes the objective jump", place, "a jump at the corner",
-              f"{step[0]:.3f} m at {float(data['corner']):.4f} rad", bool(step[0] > 0.05)),
-        Claim("With a dome it is continuous, but stiff", place, "steep, no jump",
-              f"steps of at most {step[1]:.1e} m: slope {step[1] / size:.1f} m/rad against"
-              f" {away:.1f} away", bool(step[1] < 1e-2 and step[1] / size > 2 * away)),
-        Claim("FoBG is biased at the rectangle", place, "error beyond its interval",
-              f"{off[0][worst[0]]:+.2f} m/rad, {abs(score[0][worst[0]]):.0f} standard errors",
-              bool(abs(score[0][worst[0]]) > 10)),
-        Claim("ZoBG is not", "Pathologies, sec. III-A", "errors of 1 standard error",
-              f"{np.sqrt(rectangle):.2f} rms", rectangle < _chance(zeroth[0].size)),
-        Claim("With a dome FoBG is no longer biased asymptotically", place,
-              "errors of 1 standard error", f"{np.sqrt(dome):.2f} rms near the corner",
-              dome < _chance(near.sum())),
-        Claim("The stiffness still results in high variance", "our check",
-              "twice ZoBG's or more", f"domes {over(list(width), high)} m wide: "
-              + listed(first / rough, ".2g") + " times", bool(np.all(high))),
-        Claim("It grows as the dome shrinks towards the corner, ZoBG's does not", "our check",
-              "as 1/width", f"width to the power {power:.2f}; ZoBG {rough.min():.1f} to"
-              f" {rough.max():.1f} m²/rad²",
-              bool(-1.3 < power < -0.7 and rough.max() < 3 * rough.min())),
-        Claim("The dome results in high empirical bias", place,
-              "off by |F'|/2 or more where the dome is missed, in nine of ten cases",
-              f"domes {over(list(width), biased)} m wide: met with probability "
-              + listed(beta, ".2f") + ", off by "
-              + listed(Delta / scale, ".2f") + " of |F'|", bool(np.all(biased))),
-        Claim("It does as the dome shrinks", "our check", "the same at the narrowest",
-              f"met with probability {beta[-1]:.3f}, off by {Delta[-1] / scale[-1]:.2f} of |F'| at"
-              f" {width[-1]:g} m", bool(biased[-1])),
-    ]  # fmt: skip
+        Claim(
+            "A rectangular wall makes the objective jump",
+            place,
+            "a jump at the corner",
+            f"{step[0]:.3f} m at {float(data['corner']):.4f} rad",
+            bool(step[0] > 0.05),
+        ),
+        Claim(
+            "With a dome it is continuous, but stiff",
+            place,
+            "steep, no jump",
+            f"steps of at most {step[1]:.1e} m: slope {step[1] / size:.1f} m/rad against {away:.1f} away",
+            bool(step[1] < 1e-2 and step[1] / size > 2 * away),
+        ),
+        Claim(
+            "FoBG is biased at the rectangle",
+            place,
+            "error beyond its interval",
+            f"{off[0][worst[0]]:+.2f} m/rad, {abs(score[0][worst[0]]):.0f} standard errors",
+            bool(abs(score[0][worst[0]]) > 10),
+        ),
+        Claim(
+            "ZoBG is not",
+            "Pathologies, sec. III-A",
+            "errors of 1 standard error",
+            f"{np.sqrt(rectangle):.2f} rms",
+            rectangle < _chance(zeroth[0].size),
+        ),
+        Claim(
+            "With a dome FoBG is no longer biased asymptotically",
+            place,
+            "errors of 1 standard error",
+            f"{np.sqrt(dome):.2f} rms near the corner",
+            dome < _chance(near.sum()),
+        ),
+        Claim(
+            "The stiffness still results in high variance",
+            "our check",
+            "twice ZoBG's or more",
+            f"domes {over(list(width), high)} m wide: " + listed(first / rough, ".2g") + " times",
+            bool(np.all(high)),
+        ),
+        Claim(
+            "It grows as the dome shrinks towards the corner, ZoBG's does not",
+            "our check",
+            "as 1/width",
+            f"width to the power {power:.2f}; ZoBG {rough.min():.1f} to {rough.max():.1f} m²/rad²",
+            bool(-1.3 < power < -0.7 and rough.max() < 3 * rough.min()),
+        ),
+        Claim(
+            "The dome results in high empirical bias",
+            place,
+            "off by |F'|/2 or more where the dome is missed, in nine of ten cases",
+            f"domes {over(list(width), biased)} m wide: met with probability "
+            + listed(beta, ".2f")
+            + ", off by "
+            + listed(Delta / scale, ".2f")
+            + " of |F'|",
+            bool(np.all(biased)),
+        ),
+        Claim(
+            "It does as the dome shrinks",
+            "our check",
+            "the same at the narrowest",
+            f"met with probability {beta[-1]:.3f}, off by {Delta[-1] / scale[-1]:.2f} of |F'| at {width[-1]:g} m",
+            bool(biased[-1]),
+        ),
+    ]

@@ -15,9 +15,7 @@ from problems.tasks.running import built, inertia, mass, tame
 
 name = "half-cheetah"
 title = "Half-cheetah: run"
-citation = Citation(
-    "zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; reward and reset of Dojo's"
-)
+citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; reward and reset of Dojo's")
 axes, draw, frames = problem.axes, problem.draw, problem.frames
 training = {"all": {"iterations": 150}, "mbpo": {"iterations": 60, "hidden": (32, 32)}}
 equations = """
@@ -39,12 +37,8 @@ class Params(Parameters):
 
     h: float = quantity(_MACHINE.h, "s", "step size", above=0)
     horizon: int = structure(100, "steps of an episode, 80 in the source's training", least=1)
-    friction: float = quantity(
-        _MACHINE.friction, "1", "Coulomb's coefficient with the ground", least=0
-    )
-    spring_scale: float = quantity(
-        1.0, "1", "factor of the joints' springs, 60 to 240 N m/rad", least=0
-    )
+    friction: float = quantity(_MACHINE.friction, "1", "Coulomb's coefficient with the ground", least=0)
+    spring_scale: float = quantity(1.0, "1", "factor of the joints' springs, 60 to 240 N m/rad", least=0)
     damping: float = quantity(1.0, "N m s/rad", "damping of each joint", least=0)
     base_damping: float = quantity(0.0, "N s/m", "drag on the torso, none in nature", least=0)
     mass_torso: float = mass(_MACHINE, "torso")
@@ -62,9 +56,7 @@ class Params(Parameters):
     inertia_fshin: float = inertia(_MACHINE, "fshin")
     inertia_ffoot: float = inertia(_MACHINE, "ffoot")
     spheres: str = choice(_ORDER, "which parts may touch: all nine, shins and feet, or the feet")
-    cone: Cone = choice(
-        ("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues"
-    )
+    cone: Cone = choice(("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues")
     limits: int = structure(1, "1 for joint limits, 0 for none", most=1)
 
 

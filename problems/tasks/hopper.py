@@ -17,21 +17,25 @@ from problems.tasks.running import built, inertia, mass, tame
 
 name = "hopper"
 title = "Hopper: run without falling"
-citation = Citation(
-    "zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; reward, reset and end of Dojo's"
-)
+citation = Citation("zhang2023adaptive", "Adaptive barrier smoothing, sec. 7; reward, reset and end of Dojo's")
 axes, frames = problem.axes, problem.frames
 learner = "ars"
 training = {
     # A hundredth of the largest torque turns the torso past its end in a few steps.
     "all": {"rest": (0.0, 1.21, *[0.0] * 10), "sigma": 3e-3, "rate": 1e-3},
-    "ars": {"directions": 32, "top": 16, "spread": 3e-3, "rate": 1.5e-3, "iterations": 5000,
-            "evaluate_every": 50, "episodes": 100},
+    "ars": {
+        "directions": 32,
+        "top": 16,
+        "spread": 3e-3,
+        "rate": 1.5e-3,
+        "iterations": 5000,
+        "evaluate_every": 50,
+        "episodes": 100,
+    },
     # One wild jerk gives the most at once, whatever follows; cut rewards make a fall the dearer.
-    "mbpo": {"initial": 0.1, "sigma": 0.1, "rate": 3e-4, "cut": 0.3, "hidden": (32, 32),
-             "iterations": 80},
+    "mbpo": {"initial": 0.1, "sigma": 0.1, "rate": 3e-4, "cut": 0.3, "hidden": (32, 32), "iterations": 80},
     "zopg": {"unroll": 100, "iterations": 400},
-}  # fmt: skip
+}
 equations = """
 max quad "mean of" sum_(t=0)^(N-1) r_t, quad r_t = dot(x)_(t+1) + 0.1 - 10^(-4) norm(u_t)^2
 q = (x, z, theta, "thigh, leg, foot"), quad "dynamics as those of the problem hopper"
@@ -42,9 +46,7 @@ q_0 = q_"upright" + (0, 0.25 "m", 0, dots) + 0.005 xi, quad v_0 = 0.005 xi', qua
 """
 _LOWEST, _STEEPEST, _WILDEST, _FASTEST_SEEN = 0.7, 0.2, 100.0, 10.0
 _MACHINE = machine_of()
-observation_bounds = {
-    signal.name: (-_FASTEST_SEEN, _FASTEST_SEEN) for signal in _MACHINE.chain().velocities
-}
+observation_bounds = {signal.name: (-_FASTEST_SEEN, _FASTEST_SEEN) for signal in _MACHINE.chain().velocities}
 _ORDER = ("all", "outer", "foot")
 
 
@@ -53,14 +55,10 @@ class Params(Parameters):
 
     h: float = quantity(_MACHINE.h, "s", "step size", above=0)
     horizon: int = structure(100, "steps of an episode", least=1)
-    friction: float = quantity(
-        _MACHINE.friction, "1", "Coulomb's coefficient with the ground", least=0
-    )
+    friction: float = quantity(_MACHINE.friction, "1", "Coulomb's coefficient with the ground", least=0)
     spring: float = quantity(10.0, "N m/rad", "stiffness of each joint", least=0)
     damping: float = quantity(1.0, "N m s/rad", "damping of each joint", least=0)
-    base_damping: float = quantity(
-        0.0, "N s/m", "drag on the torso, 50 as the source is parsed, 0 in nature", least=0
-    )
+    base_damping: float = quantity(0.0, "N s/m", "drag on the torso, 50 as the source is parsed, 0 in nature", least=0)
     mass_torso: float = mass(_MACHINE, "torso")
     mass_thigh: float = mass(_MACHINE, "thigh")
     mass_leg: float = mass(_MACHINE, "leg")
@@ -70,9 +68,7 @@ class Params(Parameters):
     inertia_leg: float = inertia(_MACHINE, "leg")
     inertia_foot: float = inertia(_MACHINE, "foot")
     spheres: str = choice(_ORDER, "which parts may touch: all, all but the hip, or toe and heel")
-    cone: Cone = choice(
-        ("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues"
-    )
+    cone: Cone = choice(("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues")
     limits: int = structure(0, "1 for joint limits, as in the source's later version", most=1)
 
 

@@ -31,9 +31,12 @@ def _weights(machine: PublishedMachine, name: str) -> tuple[float, float]:
 
 
 def built(
-    name: str, params: Any, machine_of: Callable[..., PublishedMachine], spring: str,
+    name: str,
+    params: Any,
+    machine_of: Callable[..., PublishedMachine],
+    spring: str,
     spheres: Collection[str] | None,
-) -> tuple[ContactSystem, dict[str, Any]]:  # fmt: skip
+) -> tuple[ContactSystem, dict[str, Any]]:
     """System of the machine at ``params``, and the fields of :class:`~ocp.task.Task` that all have.
 
     The links weigh ``mass_<link>`` [kg] and ``inertia_<link>`` [kg m²]; ``spring`` names the
@@ -42,12 +45,8 @@ def built(
     """
     p, friction = friction_of(table(params))
     stiffness = {spring: p[spring]}
-    machine = machine_of(base_damping=p["base_damping"], damping=p["damping"],
-                         limits=bool(params.limits), **stiffness)  # fmt: skip
-    links = (
-        replace(link, mass=p[f"mass_{link.name}"], inertia=p[f"inertia_{link.name}"])
-        for link in machine.links
-    )
+    machine = machine_of(base_damping=p["base_damping"], damping=p["damping"], limits=bool(params.limits), **stiffness)
+    links = (replace(link, mass=p[f"mass_{link.name}"], inertia=p[f"inertia_{link.name}"]) for link in machine.links)
     system = replace(machine, links=tuple(links)).system(
         name, p, h=p["h"], friction=friction, spheres=spheres, cone=params.cone
     )

@@ -55,26 +55,24 @@ def _episode(experiment: Experiment, policy: Trained) -> dict[str, Any]:
     x, u = seen.states[0, : length + 1], seen.inputs[0, :length]
     step = EXACT.close(task.system)
     p = step.p.pack(dict(zip(task.parameters.names, task.parameters.values, strict=True)))
-    solved = [[np.array(value).ravel() for value in step.solve(*at, p)[1:3]]
-              for at in zip(x, u, strict=False)]  # fmt: skip
+    solved = [[np.array(value).ravel() for value in step.solve(*at, p)[1:3]] for at in zip(x, u, strict=False)]
     pairs = np.array(solved).reshape(length, 2, step.n)
     lam, _ = least_slip(step, pairs[:, 0], pairs[:, 1])
-    of = {"state": task.system.states, "control": task.system.inputs,
-          "contact": task.system.contacts}  # fmt: skip
+    of = {"state": task.system.states, "control": task.system.inputs, "contact": task.system.contacts}
     names = {key: (key, [signal.name for signal in signals]) for key, signals in of.items()}
-    units = {f"{key}_unit": (key, [signal.unit for signal in signals])
-             for key, signals in of.items()}  # fmt: skip
+    units = {f"{key}_unit": (key, [signal.unit for signal in signals]) for key, signals in of.items()}
     return {
         "x": (("scenario", "node", "state"), x[None], _unit("state", of["state"])),
         "u": (("scenario", "interval", "control"), u[None], _unit("control", of["control"])),
         "lam": (
-            ("scenario", "interval", "contact"), lam.reshape(1, length, step.n),
+            ("scenario", "interval", "contact"),
+            lam.reshape(1, length, step.n),
             _unit("contact", of["contact"]),
         ),
         **names,
         **units,
         "time": ("node", _h(experiment) * np.arange(length + 1), {"units": "s"}),
-    }  # fmt: skip
+    }
 
 
 def _unit(dimension: str, signals: tuple[Signal, ...]) -> dict[str, str]:
@@ -97,9 +95,8 @@ def _with_units(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:
     known |= {"wall_s": "s"}
     data = data.assign(
         observation_unit=("observation", [signal.unit for signal in task.observations]),
-        physical_unit=("physical", [task.parameters.get(str(name)).unit
-                                    for name in data["physical"].values]),
-    )  # fmt: skip
+        physical_unit=("physical", [task.parameters.get(str(name)).unit for name in data["physical"].values]),
+    )
     for name in ("mean", "scale"):
         data[name].attrs["units"] = "see observation_unit"
     data["psi"].attrs["units"] = "see physical_unit"
@@ -175,12 +172,8 @@ def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint)
     for other in checkpoint.other_states(KEY):
         done, settings = read_checkpoint(other)
         if [settings.get(key) for key in _ALIKE] == [asked[key] for key in _ALIKE]:
-            names = [
-                name for name in {**settings, **asked} if settings.get(name) != asked.get(name)
-            ]
-            parts = (
-                f"{name} = {settings.get(name)} instead of {asked.get(name)}" for name in names
-            )
+            names = [name for name in {**settings, **asked} if settings.get(name) != asked.get(name)]
+            parts = (f"{name} = {settings.get(name)} instead of {asked.get(name)}" for name in names)
             lines.append(
                 f"another training by {job.name} is unfinished after {done} iterations, with"
                 f" {', '.join(parts) or 'other iterations'}; run its own command to resume it"
@@ -221,9 +214,7 @@ def rebuilt(run: StoredRun) -> tuple[Experiment, Trained]:
     fit the task of that name.
     """
     if run.kind != KIND:
-        raise InputError(
-            f"{run.path} is a run of ocp {run.kind}, which holds no policy; give one of ocp train"
-        )
+        raise InputError(f"{run.path} is a run of ocp {run.kind}, which holds no policy; give one of ocp train")
     asked, data = run.record, run.data
     spec = registry.spec(str(run.meta["problem"]))
     params = spec.params(asked["params"])

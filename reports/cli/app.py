@@ -44,8 +44,7 @@ def _damage_reported(runs: Sequence[str]) -> Iterator[None]:
     """Report a run whose content is inconsistent, though its checksums agree, as damaged."""
     try:
         yield
-    except (ArithmeticError, AssertionError, AttributeError, LookupError, RuntimeError, TypeError,
-            ValueError) as error:  # fmt: skip
+    except (ArithmeticError, AssertionError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
         if not runs or hasattr(error, "exit_code"):
             raise
         from ocp.errors import DamagedRun
@@ -81,9 +80,7 @@ def click_command(name: str, options: type[Options]) -> Any:
     called.__annotations__ = {one.name: one.annotation for one in parameters}
     called.__signature__ = inspect.Signature(parameters)
     parser = type("Parser", (Strict,), {"declared": options, "hints": hints})
-    single = typer.Typer(
-        rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False
-    )
+    single = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
     single.command(name, cls=parser)(called)
     return typer.main.get_command(single)
 
@@ -207,9 +204,7 @@ class CommandGroup(TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write every command with the whole first paragraph of its help."""
         with formatter.section("Commands"):
-            formatter.write_dl([
-                (name, first_paragraph(self.get_command(ctx, name).help)) for name in COMMANDS
-            ])  # fmt: skip
+            formatter.write_dl([(name, first_paragraph(self.get_command(ctx, name).help)) for name in COMMANDS])
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Write a few commands to try first."""

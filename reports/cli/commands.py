@@ -86,14 +86,15 @@ class NewOptions(Options):
 
     code: ClassVar = "reports.cli.new_command"
     examples: ClassVar = (
-        "new bumper", "new push-box --scene", "new leg --machine", "new hop --robot robot.xml",
-    )  # fmt: skip
+        "new bumper",
+        "new push-box --scene",
+        "new leg --machine",
+        "new hop --robot robot.xml",
+    )
     problem: str = argument(metavar="NAME", help="Name of the problem and of its file.")
     scene: bool = option(False, help="Bodies and pushers of shapes, in place of distances by hand.")
     machine: bool = option(False, help="Links with joints and motors over the ground.")
-    robot: Path | None = option(
-        None, metavar="FILE", help="A robot of a URDF or MJCF file, to another pose."
-    )
+    robot: Path | None = option(None, metavar="FILE", help="A robot of a URDF or MJCF file, to another pose.")
     floating: bool = option(False, help=FLOATING)
     planar: bool = option(False, help=PLANAR)
     folder: Path | None = option(None, metavar="DIR", help=FOLDER)
@@ -104,29 +105,25 @@ class SolveOptions(StartsOptions):
 
     code: ClassVar = "reports.cli.solve_command"
     examples: ClassVar = (
-        "solve push-disc", "solve push-disc -p M=2 -p N=40 --contact exact --pdf plan.pdf",
+        "solve push-disc",
+        "solve push-disc -p M=2 -p N=40 --contact exact --pdf plan.pdf",
         "solve push-disc --contact adaptive -c sigma=0.05 -s tol=1e-8 --tag soft",
         "solve push-disc -p goal_x=0.5 --from @last",
         "solve push-disc --contact exact --starts 8 --jobs 2 --rank exact",
-    )  # fmt: skip
-    start: str | None = option(
-        None, "--from", metavar="RUN", help="Start from a stored run of the same problem."
     )
-    require: str | None = option(
-        None, metavar="survives", help="Exit 3 unless the plan survives the referee."
-    )
+    start: str | None = option(None, "--from", metavar="RUN", help="Start from a stored run of the same problem.")
+    require: str | None = option(None, metavar="survives", help="Exit 3 unless the plan survives the referee.")
     search: bool | None = option(
-        None, "--search/--no-search",
+        None,
+        "--search/--no-search",
         help="Search over pushes from nothing; by default for a scene whose answer falls short.",
-    )  # fmt: skip
+    )
     refine: bool = option(False, help="Solve again at h/2, h/4, ... until the cost converges.")
     world: str | None = option(None, help="Try the plan in another simulator too: mujoco.")
     sensitivity: list[str] | None = option(
         None, metavar="NAME", help="Differentiate the optimal cost by a parameter, replays too."
     )
-    plot: Path | None = option(
-        None, metavar="FILE", help="Draw the solution to a .pdf, .svg or .png file."
-    )
+    plot: Path | None = option(None, metavar="FILE", help="Draw the solution to a .pdf, .svg or .png file.")
 
 
 class ReplayOptions(RunOptions, LawOptions, SourceOptions):
@@ -134,8 +131,10 @@ class ReplayOptions(RunOptions, LawOptions, SourceOptions):
 
     code: ClassVar = "reports.cli.solve_command:replay"
     examples: ClassVar = (
-        "replay @last", "replay @last --contact barrier -c mu=1e-2", "replay @last --world mujoco",
-    )  # fmt: skip
+        "replay @last",
+        "replay @last --contact barrier -c mu=1e-2",
+        "replay @last --world mujoco",
+    )
     contact: str = option("exact", help=LAW)
     world: str | None = option(None, help="Another simulator in place of a law: mujoco.")
 
@@ -169,9 +168,10 @@ class SweepOptions(StartsOptions):
         "sweep push-1d --contact barrier --over mu=1e-3:1e-1:5:log --pdf sweep.pdf",
     )
     over: list[str] | None = option(
-        None, metavar="NAME=A:B:n[:log]",
+        None,
+        metavar="NAME=A:B:n[:log]",
         help="Values of a parameter, a law setting (contact.mu), a setting (setting.tol).",
-    )  # fmt: skip
+    )
 
 
 class EstimateOptions(JobsOptions, ProblemOptions):
@@ -187,9 +187,7 @@ class EstimateOptions(JobsOptions, ProblemOptions):
         "estimate push-1d --contact exact --estimators zobg,alpha -s alpha.gamma=1",
     )
     contact: str = option("barrier", help=LAW)
-    estimators: str = option(
-        "zobg,fobg,alpha", help="Names separated by commas; list with ocp list."
-    )
+    estimators: str = option("zobg,fobg,alpha", help="Names separated by commas; list with ocp list.")
     samples: str = option("1e5", "-n", help="Samples per estimator.")
     sweep: str | None = option(None, metavar="NAME=A:B:n[:log]", help="Sweep over NAME.")
     sigma: float | None = option(None, help="Standard deviation of the noise.")
@@ -209,21 +207,17 @@ class FigureOptions(JobsOptions, StoreOptions):
 
     code: ClassVar = "reports.cli.figure_command"
     examples: ClassVar = (
-        "figure A1", "figure --all --quick -j 4", "figure P3 P6 --format svg --panel b",
-    )  # fmt: skip
-    figures: list[str] | None = argument(
-        None, help="Figures, such as P6 (ocp list), or stored runs to draw again."
+        "figure A1",
+        "figure --all --quick -j 4",
+        "figure P3 P6 --format svg --panel b",
     )
+    figures: list[str] | None = argument(None, help="Figures, such as P6 (ocp list), or stored runs to draw again.")
     every: bool = option(False, "--all", help="All figures.")
     quick: bool = option(False, help="Smaller sizes for long studies.")
     params: list[str] | None = assigned("--param", "-p", help="Parameter of the study.")
     seed: int = option(0, min=0, help="Random seed.")
-    ending: str | None = option(
-        None, "--format", metavar="pdf|svg|png", help="Also write the bare figure for a paper."
-    )
-    panel: str | None = option(
-        None, metavar="a", help="Only this panel of the bare figure, one column wide."
-    )
+    ending: str | None = option(None, "--format", metavar="pdf|svg|png", help="Also write the bare figure for a paper.")
+    panel: str | None = option(None, metavar="a", help="Only this panel of the bare figure, one column wide.")
 
     @property
     def named_runs(self) -> list[str]:
@@ -249,8 +243,9 @@ class AnimateOptions(RunOptions, SourceOptions):
 
     code: ClassVar = "reports.cli.report_command:animate"
     examples: ClassVar = (
-        "animate @last -o motion.gif", "animate push-disc -o push.html --speed 0.5",
-    )  # fmt: skip
+        "animate @last -o motion.gif",
+        "animate push-disc -o push.html --speed 0.5",
+    )
     file: Path = option(MISSING, "--output", "-o", help="The .gif, .mp4 or .html file to write.")
     fps: int = option(25, min=1, max=100, help="Frames per second.")
     speed: float = option(1.0, min=1e-3, max=1e3, help="1 is real time, 0.5 half speed.")
@@ -263,8 +258,9 @@ class ExportOptions(SourceOptions):
 
     code: ClassVar = "reports.cli.export_command"
     examples: ClassVar = (
-        "export push-disc --contact barrier -c mu=1e-3 -o step.c", "export @last -o policy.c",
-    )  # fmt: skip
+        "export push-disc --contact barrier -c mu=1e-3 -o step.c",
+        "export @last -o policy.c",
+    )
     what: str = argument(
         metavar="RUN|PROBLEM",
         help="A run: its path, or part of its name; or a problem: its name or file.",
@@ -272,9 +268,7 @@ class ExportOptions(SourceOptions):
     file: Path = option(MISSING, "--output", "-o", help="The C file to write.")
     params: list[str] | None = assigned("--param", "-p", help="Parameter of the problem.")
     contact: str | None = option(None, help="Contact law; default: that of the run, or exact.")
-    law_settings: list[str] | None = assigned(
-        "--contact-setting", "-c", help="Setting of the contact law."
-    )
+    law_settings: list[str] | None = assigned("--contact-setting", "-c", help="Setting of the contact law.")
 
     @property
     def named_runs(self) -> list[str]:
@@ -292,29 +286,28 @@ class RunsOptions(StoreOptions):
 
     code: ClassVar = "reports.cli.runs_command"
     examples: ClassVar = (
-        "runs", "runs @last", "runs --problem push-disc --contact barrier --since 2h",
-        "runs --tag paper --status survives --json", "runs rm @2",
+        "runs",
+        "runs @last",
+        "runs --problem push-disc --contact barrier --since 2h",
+        "runs --tag paper --status survives --json",
+        "runs rm @2",
         "runs export @last -o motion.csv",
-    )  # fmt: skip
+    )
     run: str | None = argument(None, help=RUN)
     problem: str | None = option(None, help="Only runs of this problem.")
     kind: str | None = option(None, help="Only this kind: solve, continue, estimate, train, ...")
     contact: str | None = option(None, help="Only runs under this contact law.")
     method: str | None = option(None, help="Only runs by this method.")
     algorithm: str | None = option(None, help="Only policies trained by this algorithm.")
-    status: str | None = option(
-        None, help="Only this status: solved, survives, interrupted, damaged, ..."
-    )
+    status: str | None = option(None, help="Only this status: solved, survives, interrupted, damaged, ...")
     tags: list[str] | None = option(
-        None, "--tag", metavar="WORD",
+        None,
+        "--tag",
+        metavar="WORD",
         help="Only runs with this tag; repeat for several, all of which must match.",
-    )  # fmt: skip
-    since: str | None = option(
-        None, metavar="WHEN", help="Only runs since a date (2026-01-31) or in the last 2h, 7d."
     )
-    last: int | None = option(
-        None, "-n", min=1, metavar="N", help="The last N matching runs; 100 if not given."
-    )
+    since: str | None = option(None, metavar="WHEN", help="Only runs since a date (2026-01-31) or in the last 2h, 7d.")
+    last: int | None = option(None, "-n", min=1, metavar="N", help="The last N matching runs; 100 if not given.")
 
 
 class RmOptions(StoreOptions):
@@ -322,9 +315,7 @@ class RmOptions(StoreOptions):
 
     code: ClassVar = "reports.cli.runs_command:rm"
     examples: ClassVar = ("runs rm @last", "runs rm @2 @3 @4")
-    runs: list[str] = argument(
-        metavar="RUN...", help="Runs: paths, parts of their names, or numbers such as @2."
-    )
+    runs: list[str] = argument(metavar="RUN...", help="Runs: paths, parts of their names, or numbers such as @2.")
 
 
 class RunsExportOptions(RunOptions):
@@ -338,9 +329,7 @@ class RunsExportOptions(RunOptions):
     code: ClassVar = "reports.cli.runs_command:export"
     examples: ClassVar = ("runs export @last -o motion.csv", "runs export push-disc -o push.npz")
     file: Path = option(MISSING, "--output", "-o", help="The file to write.")
-    form: str | None = option(
-        None, "--format", metavar="csv|npz", help="csv or npz; default: by the file's name."
-    )
+    form: str | None = option(None, "--format", metavar="csv|npz", help="csv or npz; default: by the file's name.")
 
 
 class DoctorOptions(Options):
@@ -352,12 +341,27 @@ class DoctorOptions(Options):
 
 
 COMMANDS: dict[str, type[Options]] = {
-    "list": ListOptions, "settings": SettingsOptions, "show": ShowOptions, "new": NewOptions,
-    "solve": SolveOptions, "replay": ReplayOptions, "mpc": MpcOptions, "continue": ContinueOptions,
-    "sweep": SweepOptions, "estimate": EstimateOptions, "collect": CollectOptions,
-    "learn": LearnOptions, "train": TrainOptions, "evaluate": EvaluateOptions,
-    "figure": FigureOptions, "report": ReportOptions, "animate": AnimateOptions,
-    "export": ExportOptions, "runs": RunsOptions, "runs rm": RmOptions,
-    "runs export": RunsExportOptions, "doctor": DoctorOptions,
-}  # fmt: skip
+    "list": ListOptions,
+    "settings": SettingsOptions,
+    "show": ShowOptions,
+    "new": NewOptions,
+    "solve": SolveOptions,
+    "replay": ReplayOptions,
+    "mpc": MpcOptions,
+    "continue": ContinueOptions,
+    "sweep": SweepOptions,
+    "estimate": EstimateOptions,
+    "collect": CollectOptions,
+    "learn": LearnOptions,
+    "train": TrainOptions,
+    "evaluate": EvaluateOptions,
+    "figure": FigureOptions,
+    "report": ReportOptions,
+    "animate": AnimateOptions,
+    "export": ExportOptions,
+    "runs": RunsOptions,
+    "runs rm": RmOptions,
+    "runs export": RunsExportOptions,
+    "doctor": DoctorOptions,
+}
 """The options of every command by its name, which may have two words."""

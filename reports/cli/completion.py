@@ -76,8 +76,15 @@ def _runs(given: dict[str, Any]) -> Words:
 
 
 _WORDS: dict[str, Callable[[dict[str, Any]], Words]] = {
-    "problem": _problems, "law_settings": _law_settings, "params": _parameters,
-    "mismatch": _parameters, "settings": _settings, "run": _runs, "runs": _runs, "start": _runs,
-    "at": _runs, "what": lambda given: [*_problems(given), *_runs(given)],
-}  # fmt: skip
+    "problem": _problems,
+    "law_settings": _law_settings,
+    "params": _parameters,
+    "mismatch": _parameters,
+    "settings": _settings,
+    "run": _runs,
+    "runs": _runs,
+    "start": _runs,
+    "at": _runs,
+    "what": lambda given: [*_problems(given), *_runs(given)],
+}
 """What completes the other fields, of the options that are given."""

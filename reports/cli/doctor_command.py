@@ -72,9 +72,7 @@ def _linear_solver_works(name: str) -> bool:
     x = ca.MX.sym("x")
     quiet = {"print_level": 0, "sb": "yes", "linear_solver": name}
     try:
-        solver = ca.nlpsol(
-            "probe", "ipopt", {"x": x, "f": (x - 1) ** 2}, {"ipopt": quiet, "print_time": False}
-        )
+        solver = ca.nlpsol("probe", "ipopt", {"x": x, "f": (x - 1) ** 2}, {"ipopt": quiet, "print_time": False})
         found = float(solver(x0=0)["x"])
     except RuntimeError:
         return False

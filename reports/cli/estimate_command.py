@@ -65,17 +65,20 @@ class EstimateRequest:
         built = case.build(spec)
         objective, params = built.objective, built.params
         sampling = Sampling(
-            estimators, whole("--samples", options.samples),
-            built.sigma if options.sigma is None else options.sigma, options.seed, rules,
-            options.reference, None if most is None else whole("--reference-samples", most),
-        )  # fmt: skip
+            estimators,
+            whole("--samples", options.samples),
+            built.sigma if options.sigma is None else options.sigma,
+            options.seed,
+            rules,
+            options.reference,
+            None if most is None else whole("--reference-samples", most),
+        )
         swept = sweep.values if sweep is not None and sweep.name == "sigma" else ()
         built.check_sigma([sampling.sigma, *swept])
         kind = reference_kind(objective, sampling.sigma, sampling.reference)
         if most is not None and kind != "zobg":
             raise InputError(
-                f"the reference of {spec.name} is not sampled; drop --reference-samples or choose"
-                " --reference zobg"
+                f"the reference of {spec.name} is not sampled; drop --reference-samples or choose --reference zobg"
             )
         if static:
             params["sigma"] = sampling.sigma
@@ -89,21 +92,27 @@ class EstimateRequest:
         options, sampling, swept = self.options, self.sampling, self.sweep
         path = getattr(self.spec, "path", None)
         record = {
-            "problem": self.spec.name, "params": self.params,
-            "estimators": list(sampling.estimators), "samples": sampling.samples,
-            "sigma": sampling.sigma, "seed": sampling.seed,
-            "reference": sampling.reference, "reference_samples": sampling.most_reference_samples,
+            "problem": self.spec.name,
+            "params": self.params,
+            "estimators": list(sampling.estimators),
+            "samples": sampling.samples,
+            "sigma": sampling.sigma,
+            "seed": sampling.seed,
+            "reference": sampling.reference,
+            "reference_samples": sampling.most_reference_samples,
             "rules": {rule.name: vars(rule) for rule in sampling.rules},
             "sweep": None if swept is None else {"name": swept.name, "values": swept.values},
             "source": None if path is None else str(path),
-        }  # fmt: skip
+        }
         if hasattr(self.objective, "problem"):
             law = contact_law(options.contact, assignments("-c", options.law_settings))
             record |= {
-                **law_record(law), "law_settings": list(options.law_settings or ()),
-                "policy": options.policy, "policy_settings": _policy_settings(options),
+                **law_record(law),
+                "law_settings": list(options.law_settings or ()),
+                "policy": options.policy,
+                "policy_settings": _policy_settings(options),
                 "at": options.at,
-            }  # fmt: skip
+            }
         return record
 
     @property
@@ -171,9 +180,7 @@ class EstimateRequest:
         return units.get(self.sweep.name, "1")
 
 
-def case_of(
-    spec: ObjectiveSpec | ProblemSpec, given: Mapping[str, Any], options: EstimateOptions
-) -> ObjectiveCase:
+def case_of(spec: ObjectiveSpec | ProblemSpec, given: Mapping[str, Any], options: EstimateOptions) -> ObjectiveCase:
     """The objective in plain words; raises InputError for options that have no effect on it."""
     engine: dict[str, Any] = {"backend": options.backend, "threads": options.threads}
     own, path = _policy_settings(options), getattr(spec, "path", None)
@@ -183,14 +190,11 @@ def case_of(
         settings = assignments("-c", options.law_settings)
         law = law_name(options.contact)
         content = content_digest([spec.digest, law_digest(law)], settings)
-        return ObjectiveCase(name, given, law, settings, options.policy, own, theta,
-                             engine, content=content)  # fmt: skip
+        return ObjectiveCase(name, given, law, settings, options.policy, own, theta, engine, content=content)
     unused = [_OF_ROLLOUTS[name] for name in _OF_ROLLOUTS if name in options.given]
     unused += [f"-s policy.{name}" for name in own]
     if unused:
-        raise InputError(
-            f"{spec.name} is an objective without dynamics, {unused[0]} has no effect; drop it"
-        )
+        raise InputError(f"{spec.name} is an objective without dynamics, {unused[0]} has no effect; drop it")
     return ObjectiveCase(name, given, engine=engine)
 
 
@@ -231,15 +235,11 @@ def _check_sweep(
             spec.problem({**given, name: value})
 
 
-def _stored_decision(
-    options: EstimateOptions, spec: ProblemSpec, given: Mapping[str, Any]
-) -> np.ndarray:
+def _stored_decision(options: EstimateOptions, spec: ProblemSpec, given: Mapping[str, Any]) -> np.ndarray:
     """Inputs, or gains, of a stored run of this problem, in the order of a decision."""
     run = options.stored(str(options.at))
     if run.kind != "solve":
-        raise InputError(
-            f"--at {options.at}: it is a run of ocp {run.kind}; give a run of ocp solve"
-        )
+        raise InputError(f"--at {options.at}: it is a run of ocp {run.kind}; give a run of ocp solve")
     _check_same(run, options, spec, given)
     if options.policy == "open-loop":
         return run.data["u"].values[0]
@@ -249,15 +249,11 @@ def _stored_decision(
     return np.concatenate([K.reshape(len(K), -1), k], axis=1)
 
 
-def _check_same(
-    run: StoredRun, options: EstimateOptions, spec: ProblemSpec, given: Mapping[str, Any]
-) -> None:
+def _check_same(run: StoredRun, options: EstimateOptions, spec: ProblemSpec, given: Mapping[str, Any]) -> None:
     """Raise InputError unless a run is of this problem and has all parameters but the swept."""
     at = f"--at {options.at}: the run is of"
     if run.meta["problem"] != spec.name:
-        raise InputError(
-            f"{at} {run.meta['problem']}, not of {spec.name}; give a run of {spec.name}"
-        )
+        raise InputError(f"{at} {run.meta['problem']}, not of {spec.name}; give a run of {spec.name}")
     if run.meta.get("source_digest") != spec.digest:
         raise InputError(
             f"{at} another {spec.name}: {spec.path or 'the problem'}, or a file it imports, has"
@@ -266,14 +262,9 @@ def _check_same(
     swept = "" if options.sweep is None else options.sweep.partition("=")[0].strip()
     kept = run.record.get("params", {})
     wanted = to_json(spec.params(given).model_dump())
-    differ = [
-        f"{name}={kept.get(name)}" for name, value in wanted.items()
-        if name != swept and kept.get(name) != value
-    ]  # fmt: skip
+    differ = [f"{name}={kept.get(name)}" for name, value in wanted.items() if name != swept and kept.get(name) != value]
     if differ:
-        raise InputError(
-            f"{at} {spec.name} at other parameters; give those of the run: -p {' -p '.join(differ)}"
-        )
+        raise InputError(f"{at} {spec.name} at other parameters; give those of the run: -p {' -p '.join(differ)}")
 
 
 def _rules(given: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
@@ -296,9 +287,13 @@ def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoi
     key = {**request.decisive, "backend": options.backend}
     checkpoint = Checkpoint(options.out, request.spec.name, key, request.content)
     study = SweepRun(
-        request.objective, request.sampling, request.sweep, checkpoint, request.rebuilt,
+        request.objective,
+        request.sampling,
+        request.sweep,
+        checkpoint,
+        request.rebuilt,
         request.workers,
-    )  # fmt: skip
+    )
     what, seconds = f"{study.samples:.3g} samples of {request.spec.name}", study.seconds()
     check_time(what, seconds)
     options.output.announce(what, seconds)
@@ -348,11 +343,15 @@ def _meta(request: EstimateRequest, study: SweepRun) -> dict[str, Any]:
         "seed": request.sampling.seed,
         "record": request.record,
         "source_digest": getattr(request.spec, "digest", None),
-        "sweep": None if swept is None else {
-            "name": swept.name, "values": list(swept.values), "unit": request.unit(),
+        "sweep": None
+        if swept is None
+        else {
+            "name": swept.name,
+            "values": list(swept.values),
+            "unit": request.unit(),
             "log": swept.log,
         },
         "estimates": [row for point in study.rows for row in point],
         "status": "done" if study.finished else "stopped",
         "verdict": summary(study.rows),
-    }  # fmt: skip
+    }

@@ -80,8 +80,7 @@ def check(options: ExportOptions) -> ExportRequest:
     request = _find(options)
     if isinstance(request.step, LearnedStep):
         raise InputError(
-            f"contact law {request.law.name}: a learned step cannot be exported to C; choose"
-            " another law with --contact"
+            f"contact law {request.law.name}: a learned step cannot be exported to C; choose another law with --contact"
         )
     return request
 
@@ -115,9 +114,7 @@ def _read_run(what: str, options: ExportOptions, given: dict[str, str]) -> Expor
     found, _, problem = problem_of(run, options.own([run]))
     solution = run.solution(problem)
     if options.params:
-        raise InputError(
-            f"-p: a run has fixed parameters; to choose them export the problem {found.name}"
-        )
+        raise InputError(f"-p: a run has fixed parameters; to choose them export the problem {found.name}")
     law, warning = law_of(run, options.contact, given, problem.system)
     if warning:
         options.output.say(warning)
@@ -126,8 +123,7 @@ def _read_run(what: str, options: ExportOptions, given: dict[str, str]) -> Expor
 
 def run(options: ExportOptions, request: ExportRequest) -> int:
     """Write a problem's step, its derivatives and a run's policy as a C11 file and a header."""
-    text, header = exported(request.step, request.values, request.name, request.about,
-                            request.policy)  # fmt: skip
+    text, header = exported(request.step, request.values, request.name, request.about, request.policy)
     beside = options.file.with_suffix(".h")
     # Nothing is written beside a FIFO or a device.
     plain = options.file.is_file() or not options.file.exists()
@@ -143,10 +139,18 @@ def run(options: ExportOptions, request: ExportRequest) -> int:
     if plain:
         options.output.say(f"header: {beside}")
     options.output.say(f"Makefile: {rule}")
-    options.output.document({
-        "file": str(options.file), "header": str(beside) if plain else None, "makefile": rule,
-        "problem": request.name, "contact": request.law.name,
-        "contact_settings": request.law.settings(), "run": request.run,
-        "policy": request.policy_name, "functions": functions, "bytes": len(text.encode()),
-    })  # fmt: skip
+    options.output.document(
+        {
+            "file": str(options.file),
+            "header": str(beside) if plain else None,
+            "makefile": rule,
+            "problem": request.name,
+            "contact": request.law.name,
+            "contact_settings": request.law.settings(),
+            "run": request.run,
+            "policy": request.policy_name,
+            "functions": functions,
+            "bytes": len(text.encode()),
+        }
+    )
     return 0

@@ -57,15 +57,12 @@ def check(options: FigureOptions) -> FigureRequest:
     names = list(dict.fromkeys(named)) or studies.ids()
     given = {"seed": options.seed, **values}
     runs = options.named_runs
-    found = [options.stored(name) if name in runs else _study(name, given, options)
-             for name in names]  # fmt: skip
+    found = [options.stored(name) if name in runs else _study(name, given, options) for name in names]
     check_places(options.out, None)
     return found
 
 
-def _study(
-    name: str, given: dict[str, Any], options: FigureOptions
-) -> tuple[FigureStudy, dict[str, Any]]:
+def _study(name: str, given: dict[str, Any], options: FigureOptions) -> tuple[FigureStudy, dict[str, Any]]:
     study = studies.get(name)
     params = study.params({**(study.quick if options.quick else {}), **given}).model_dump()
     counts = {n: f.default for n, f in study.Params.model_fields.items() if f.annotation is int}
@@ -140,9 +137,11 @@ def _progress(options: FigureOptions) -> Iterator[None]:
     """Show a bar with the time left of the loop that a study is in, on a terminal."""
     hidden = options.output.quiet or not options.output.console.is_terminal
     with Progress(
-        *Progress.get_default_columns(), console=options.output.console, transient=True,
+        *Progress.get_default_columns(),
+        console=options.output.console,
+        transient=True,
         disable=hidden,
-    ) as bar:  # fmt: skip
+    ) as bar:
         tasks: dict[str, TaskID] = {}
 
         def heard(what: str, done: int, total: int) -> None:
@@ -170,8 +169,7 @@ def _explained(study: FigureStudy, params: dict[str, Any]) -> Iterator[None]:
     one by one, and a ball may land outside the whole observed interval.
     """
     usual = study.params({}).model_dump()
-    chosen = [f"{name}={value}" for name, value in params.items()
-              if name != "seed" and value != usual[name]]  # fmt: skip
+    chosen = [f"{name}={value}" for name, value in params.items() if name != "seed" and value != usual[name]]
     try:
         yield
     except (ArithmeticError, IndexError, ValueError) as error:
@@ -179,14 +177,11 @@ def _explained(study: FigureStudy, params: dict[str, Any]) -> Iterator[None]:
             raise
         reason = " ".join(str(error).split())
         raise InputError(
-            f"{study.id} has no result at {', '.join(chosen)} ({reason}); choose values closer to"
-            " its defaults"
+            f"{study.id} has no result at {', '.join(chosen)} ({reason}); choose values closer to its defaults"
         ) from error
 
 
-def _shown(
-    study: FigureStudy, params: dict[str, Any], data: xr.Dataset, options: FigureOptions
-) -> dict[str, Any]:
+def _shown(study: FigureStudy, params: dict[str, Any], data: xr.Dataset, options: FigureOptions) -> dict[str, Any]:
     """Store the data, check the claims, and draw the figure."""
     out, output = options.out, options.output
     with _explained(study, params):
@@ -214,5 +209,11 @@ def _shown(
     if options.ending or options.panel:
         files.append(str(_bare(stored, options)))
     output.say(f"files: {', '.join(files)}")
-    return {"id": study.id, "title": study.title, "files": files, "run": str(stored.path),
-            "seed": params["seed"], "claims": meta["claims"]}  # fmt: skip
+    return {
+        "id": study.id,
+        "title": study.title,
+        "files": files,
+        "run": str(stored.path),
+        "seed": params["seed"],
+        "claims": meta["claims"],
+    }

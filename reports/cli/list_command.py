@@ -95,17 +95,13 @@ def check_show(
     if options.problem.lower().endswith(ROBOT_FILES):
         from problems import robots
 
-        return robots.load(
-            options.problem, floating=options.floating, planar=options.planar, folder=options.folder
-        )
+        return robots.load(options.problem, floating=options.floating, planar=options.planar, folder=options.folder)
     if not options.problem.endswith(".nc"):
         return named(options.problem)
     return models.load_any(Path(options.problem))
 
 
-def run_show(
-    options: ShowOptions, found: ProblemSpec | ObjectiveSpec | Transitions | Dataset | Robot
-) -> int:
+def run_show(options: ShowOptions, found: ProblemSpec | ObjectiveSpec | Transitions | Dataset | Robot) -> int:
     """Show a problem: equations, parameters with units and defaults, citation, golden values."""
     if isinstance(found, Spec):
         return _show_spec(options, found)

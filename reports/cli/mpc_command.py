@@ -50,15 +50,20 @@ class LoopCase:
         """Everything that determines the result."""
         path = self.spec.path
         return {
-            "params": self.params, "source": None if path is None else str(path),
+            "params": self.params,
+            "source": None if path is None else str(path),
             **law_record(self.law),
-            **{key: getattr(options, key) for key in ("phase", "plant", "iterations", "trust",
-                                                      "deadline", "seeds", "seed", "rate",
-                                                      "certify")},
-            "samples": self.steps, "delay": options.delay or None,
-            **{key: ", ".join(getattr(options, key) or ()) or None
-               for key in ("noise_state", "noise_input", "mismatch", "push")},
-        }  # fmt: skip
+            **{
+                key: getattr(options, key)
+                for key in ("phase", "plant", "iterations", "trust", "deadline", "seeds", "seed", "rate", "certify")
+            },
+            "samples": self.steps,
+            "delay": options.delay or None,
+            **{
+                key: ", ".join(getattr(options, key) or ()) or None
+                for key in ("noise_state", "noise_input", "mismatch", "push")
+            },
+        }
 
 
 def check(options: MpcOptions) -> LoopCase:
@@ -86,11 +91,8 @@ def check(options: MpcOptions) -> LoopCase:
     return LoopCase(spec, spec.params(values).model_dump(), problem, law, given, steps)
 
 
-def _disturbance(
-    options: MpcOptions, spec: ProblemSpec, problem: Problem, steps: int
-) -> Disturbance:
-    states, inputs = ([one.name for one in part]
-                      for part in (problem.system.states, problem.system.inputs))  # fmt: skip
+def _disturbance(options: MpcOptions, spec: ProblemSpec, problem: Problem, steps: int) -> Disturbance:
+    states, inputs = ([one.name for one in part] for part in (problem.system.states, problem.system.inputs))
     noise = _deviation("--noise-state", options.noise_state)
     applied = _deviation("--noise-input", options.noise_input)
     deviations(noise, states, "--noise-state")
@@ -116,8 +118,7 @@ def _deviation(flag: str, words: Sequence[str] | None) -> float | dict[str, floa
             f"{flag} takes one number for all signals or name=value for each, got"
             f" {', '.join(words)}; drop one of the two"
         )
-    return {name: parse(f"{flag} {name}", text, float)
-            for name, text in assignments(flag, words).items()}  # fmt: skip
+    return {name: parse(f"{flag} {name}", text, float) for name, text in assignments(flag, words).items()}
 
 
 def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np.ndarray]:
@@ -133,8 +134,7 @@ def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np
         for name, text in assignments("--push", [change]).items():
             if name not in states:
                 raise InputError(
-                    f"--push: unknown state {name!r}{did_you_mean(name, states)}; available:"
-                    f" {', '.join(states)}"
+                    f"--push: unknown state {name!r}{did_you_mean(name, states)}; available: {', '.join(states)}"
                 )
             found.setdefault(k, np.zeros(len(states)))
             found[k][states.index(name)] += parse(f"--push {name}", text, float)
@@ -145,16 +145,27 @@ def run(options: MpcOptions, case: LoopCase) -> int:
     """Build the controller, simulate the closed loop, and store it."""
     with _progress(options, case.steps) as report:
         controller = Controller(
-            case.problem, case.law, options.phase, None, options.iterations, options.trust,
+            case.problem,
+            case.law,
+            options.phase,
+            None,
+            options.iterations,
+            options.trust,
             options.deadline,
-        )  # fmt: skip
+        )
         interrupt.check()
         # In the middle of a sample it could end as an error of compiled code.
         with interrupt.deferred():
             loop = simulate(
-                controller, case.steps, options.plant, case.given, seeds=options.seeds,
-                seed=options.seed, certify=options.certify, progress=report,
-            )  # fmt: skip
+                controller,
+                case.steps,
+                options.plant,
+                case.given,
+                seeds=options.seeds,
+                seed=options.seed,
+                certify=options.certify,
+                progress=report,
+            )
             stored = _stored(options, case, controller, loop)
     output = options.output
     output.note(loop_table(stored.meta))
@@ -167,29 +178,49 @@ def run(options: MpcOptions, case: LoopCase) -> int:
     return 0 if stored.meta["status"] in ("done", "warnings") else NOT_SURVIVED
 
 
-def _stored(
-    options: MpcOptions, case: LoopCase, controller: Controller, loop: ClosedLoop
-) -> StoredRun:
+def _stored(options: MpcOptions, case: LoopCase, controller: Controller, loop: ClosedLoop) -> StoredRun:
     """Store what ran; raises KeyboardInterrupt where nothing did."""
     data = labelled(loop, case.given.mismatch)
     if not data.sizes["seed"]:
         raise KeyboardInterrupt
     meta = {
-        "kind": "closed-loop", "argv": options.argv, "tags": options.tags, "seed": options.seed,
-        "record": case.record(options), "source_digest": case.spec.digest,
+        "kind": "closed-loop",
+        "argv": options.argv,
+        "tags": options.tags,
+        "seed": options.seed,
+        "record": case.record(options),
+        "source_digest": case.spec.digest,
         **summary(loop, data, controller.told, options.rate),
-    }  # fmt: skip
+    }
     drawn = data.isel(node=slice(0, int(data["ended"].values[0]) + 1))
     part = store.problem_part(case.problem, drawn)
     return store.write(options.out, case.spec.name, data, meta, part)
 
 
 _TOLD = (
-    "problem", "record", "status", "verdict", "cost", "cost_interval", "stage_cost",
-    "terminal_cost", "costs", "ended", "survived", "diverged", "planned", "violated", "seconds",
-    "statuses", "misses", "certified", "why", "told", "hash",
+    "problem",
+    "record",
+    "status",
+    "verdict",
+    "cost",
+    "cost_interval",
+    "stage_cost",
+    "terminal_cost",
+    "costs",
+    "ended",
+    "survived",
+    "diverged",
+    "planned",
+    "violated",
+    "seconds",
+    "statuses",
+    "misses",
+    "certified",
+    "why",
+    "told",
+    "hash",
     "versions",
-)  # fmt: skip
+)
 """What ``--json`` prints of the stored description."""
 
 

@@ -20,41 +20,29 @@ class MpcOptions(LawOptions, TagOptions):
         "mpc soft-walls -p N=10 --steps 200 --pdf loop.pdf",
         "mpc soft-walls --plant h/4 --noise-state 0.01 --mismatch mp=0.5 --seeds 5",
         "mpc soft-walls --phase relaxed -c mu=1e-3 --push 20:dp=0.5 --rate 100",
-    )  # fmt: skip
-    problem: str = argument(help=PROBLEM)
-    params: list[str] | None = assigned(
-        "--param", "-p", help="Parameter of the problem; list with ocp show PROBLEM."
     )
+    problem: str = argument(help=PROBLEM)
+    params: list[str] | None = assigned("--param", "-p", help="Parameter of the problem; list with ocp show PROBLEM.")
     contact: str = option(
-        "own", "--contact", "--law",
+        "own",
+        "--contact",
+        "--law",
         help="Contact law of the plans; own: exact, for phase relaxed barrier with mu=1e-2.",
-    )  # fmt: skip
+    )
     phase: str = option("qpcc", help="qpcc, qp, relaxed, full or policy.")
     plant: str = option("exact", help="exact, referee, h/4, noise or mujoco.")
-    steps: int | None = option(
-        None, min=1, max=1_000_000, help="Samples; default: the larger of 100 and the horizon."
-    )
-    rate: float | None = option(
-        None, metavar="HZ", help="Rate that times are compared with; default: 1/h."
-    )
+    steps: int | None = option(None, min=1, max=1_000_000, help="Samples; default: the larger of 100 and the horizon.")
+    rate: float | None = option(None, metavar="HZ", help="Rate that times are compared with; default: 1/h.")
     iterations: int = option(1, min=1, max=1000, help="Quadratic programs per sample.")
-    trust: float = option(
-        1.0, help="Share of a measurement that is believed, the rest is predicted; above 0, to 1."
-    )
+    trust: float = option(1.0, help="Share of a measurement that is believed, the rest is predicted; above 0, to 1.")
     deadline: float | None = option(
         None, metavar="S", help="Later answers are replaced by the input of the plan before."
     )
-    noise_state: list[str] | None = option(
-        None, metavar="X|NAME=X", help="Standard deviation of the measured state."
-    )
-    noise_input: list[str] | None = option(
-        None, metavar="X|NAME=X", help="Standard deviation of the applied input."
-    )
+    noise_state: list[str] | None = option(None, metavar="X|NAME=X", help="Standard deviation of the measured state.")
+    noise_input: list[str] | None = option(None, metavar="X|NAME=X", help="Standard deviation of the applied input.")
     mismatch: list[str] | None = assigned(help="Value of a parameter of the plant alone.")
     delay: bool = option(False, help="Apply each input one sample late.")
-    push: list[str] | None = option(
-        None, metavar="K:NAME=X", help="Change of a state before sample K."
-    )
+    push: list[str] | None = option(None, metavar="K:NAME=X", help="Change of a state before sample K.")
     seeds: int = option(1, min=1, max=10_000, help="Number of seeds of the noise.")
     seed: int = option(0, min=0, help="Random seed.")
     certify: int = option(0, min=0, metavar="N", help="Judge every Nth plan; 0: none.")

@@ -15,8 +15,11 @@ from reports.cli.commands import NewOptions
 from reports.cli.request import check_place
 
 TEMPLATES = {
-    "plain": "bumper.py", "scene": "past_a_post.py", "machine": "push_up.py", "robot": "hop_on.py",
-}  # fmt: skip
+    "plain": "bumper.py",
+    "scene": "past_a_post.py",
+    "machine": "push_up.py",
+    "robot": "hop_on.py",
+}
 """Files of ``examples``, which a wheel has among its templates (pyproject.toml)."""
 _FOLDERS = [Path(__file__).parents[1] / "templates", Path(__file__).parents[2] / "examples"]
 
@@ -36,9 +39,7 @@ def check(options: NewOptions) -> Path:
     if options.robot is not None:
         from problems import robots
 
-        robots.load(
-            options.robot, floating=options.floating, planar=options.planar, folder=options.folder
-        )
+        robots.load(options.robot, floating=options.floating, planar=options.planar, folder=options.folder)
     return file
 
 

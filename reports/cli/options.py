@@ -49,9 +49,7 @@ def decoded(word: str) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-@dataclass_transform(
-    kw_only_default=True, frozen_default=True, field_specifiers=(option, assigned, argument, field)
-)
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(option, assigned, argument, field))
 class Options:
     """Options of every command, each subclass a dataclass; ``given`` names those that are given.
 
@@ -66,9 +64,7 @@ class Options:
     examples: ClassVar[tuple[str, ...]]
     as_json: bool = option(False, "--json", help="Print one JSON document on stdout.")
     quiet: bool = option(False, "-q", help="No progress and no tables.")
-    verbose: int = option(
-        0, "-v", count=True, show_default=False, help="Log to stderr; -vv for all details."
-    )
+    verbose: int = option(0, "-v", count=True, show_default=False, help="Log to stderr; -vv for all details.")
     debug: bool = option(False, help="Show the traceback of an error.")
     given: frozenset[str] = frozenset()
 
@@ -121,9 +117,7 @@ class RunOptions(StoreOptions):
 class SourceOptions(StoreOptions):
     """The file of a run's problem: a run is data, and code that it names is never loaded."""
 
-    source: str | None = option(
-        None, "--source", metavar="FILE", help="File that defines the problem of the run."
-    )
+    source: str | None = option(None, "--source", metavar="FILE", help="File that defines the problem of the run.")
 
     def own(self, runs: Sequence[StoredRun]) -> ProblemSpec | None:
         """The problem in that file, None without one; warns where it has changed since.
@@ -142,9 +136,7 @@ class SourceOptions(StoreOptions):
 class TagOptions(StoreOptions):
     """Tags of the stored run."""
 
-    tags: list[str] | None = option(
-        None, "--tag", metavar="WORD", help="Tag the run; ocp runs --tag WORD finds it."
-    )
+    tags: list[str] | None = option(None, "--tag", metavar="WORD", help="Tag the run; ocp runs --tag WORD finds it.")
 
     def check(self) -> None:
         """Raise InputError for a tag that is not a single word."""
@@ -167,9 +159,7 @@ class ProblemOptions(LawOptions, TagOptions):
     """A problem under a law and a policy, and a report of the result."""
 
     problem: str = argument(help=PROBLEM)
-    params: list[str] | None = assigned(
-        "--param", "-p", help="Parameter of the problem; list with ocp show PROBLEM."
-    )
+    params: list[str] | None = assigned("--param", "-p", help="Parameter of the problem; list with ocp show PROBLEM.")
     policy: str = option("open-loop", help="open-loop or feedback.")
     settings: list[str] | None = assigned(
         "--setting", "-s", help="Setting of method, policy or solver; list with ocp settings."
@@ -189,9 +179,7 @@ class JobsOptions(Options):
     """Where many jobs are done: in processes of this computer, or on a Dask cluster."""
 
     jobs: int = option(1, "-j", min=1, max=1024, help="Number of parallel processes.")
-    scheduler: str | None = option(
-        None, metavar="ADDRESS", help="Address of a Dask scheduler; jobs go to its workers."
-    )
+    scheduler: str | None = option(None, metavar="ADDRESS", help="Address of a Dask scheduler; jobs go to its workers.")
 
     def check(self) -> None:
         """Raise InputError for processes beside a cluster."""

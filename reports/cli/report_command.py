@@ -65,10 +65,16 @@ def run_animate(options: AnimateOptions, view: RunView) -> int:
 
         size = write(animation, file, report)
     output.say(f"animation: {file} ({len(animation.times)} frames)")
-    output.document({
-        "animation": str(file), "run": str(view.run.path), "frames": len(animation.times),
-        "fps": animation.fps, "speed": options.speed,
-        "duration_s": float(animation.times[-1]), "bytes": size,
-        "panels": [motion.title for motion in animation.motions],
-    })  # fmt: skip
+    output.document(
+        {
+            "animation": str(file),
+            "run": str(view.run.path),
+            "frames": len(animation.times),
+            "fps": animation.fps,
+            "speed": options.speed,
+            "duration_s": float(animation.times[-1]),
+            "bytes": size,
+            "panels": [motion.title for motion in animation.motions],
+        }
+    )
     return 0

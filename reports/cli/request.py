@@ -29,9 +29,7 @@ def assignments(option: str, given: Iterable[str] | None) -> dict[str, str]:
     for item in given or ():
         name, sign, value = (part.strip() for part in item.partition("="))
         if not (name and sign and value):
-            raise InputError(
-                f"{option}: expected name=value, got {item!r}; write {option} name=1.0"
-            )
+            raise InputError(f"{option}: expected name=value, got {item!r}; write {option} name=1.0")
         if name in values:
             raise InputError(f"{option}: {name} is given twice; give it once")
         values[name] = value
@@ -55,8 +53,7 @@ def layers(option: str, text: str, words: str = "") -> tuple[int, ...]:
     units = [validation.whole(part) for part in text.split(",")]
     if not all(count is not None and 0 < count <= 100_000 for count in units):
         raise InputError(
-            f"{option} must be whole numbers from 1 to 100000 with commas, such as 64,64{words},"
-            f" got {text!r}"
+            f"{option} must be whole numbers from 1 to 100000 with commas, such as 64,64{words}, got {text!r}"
         )
     return tuple(count for count in units if count is not None)
 
@@ -98,8 +95,7 @@ def check_place(file: Path, what: str) -> None:
     # A device or a pipe has any name.
     if file.suffix.lower() != ending and (file.is_file() or not file.exists()):
         raise InputError(
-            f"the {what} must end in {ending}, got {str(file)!r}; use"
-            f" {file.with_suffix(ending).name!r}, for example"
+            f"the {what} must end in {ending}, got {str(file)!r}; use {file.with_suffix(ending).name!r}, for example"
         )
     with atomic.write_errors(f"the {what} to {file}"):
         place = atomic.destination(file)

@@ -31,9 +31,7 @@ def check(options: RunsOptions) -> RunsRequest:
     """Read the one run, None for all, and the date of ``--since``."""
     narrowed = sorted(options.given & {*FILTERS, "tags", "since", "last"})
     if options.run is not None and narrowed:
-        raise InputError(
-            f"a single run takes no filter; drop --{narrowed[0].replace('tags', 'tag')}"
-        )
+        raise InputError(f"a single run takes no filter; drop --{narrowed[0].replace('tags', 'tag')}")
     since = None if options.since is None else moment(options.since)
     return (None if options.run is None else options.stored(options.run)), since
 
@@ -49,8 +47,7 @@ def moment(text: str) -> datetime:
         found = datetime.fromisoformat(text)
     except ValueError:
         raise InputError(
-            f"--since must be a date such as 2026-01-31, or an age such as 30m, 2h, 7d, got"
-            f" {text!r}"
+            f"--since must be a date such as 2026-01-31, or an age such as 30m, 2h, 7d, got {text!r}"
         ) from None
     return found if found.tzinfo else found.replace(tzinfo=UTC)
 
@@ -79,9 +76,7 @@ def run(options: RunsOptions, request: RunsRequest) -> int:
     return 0
 
 
-def _print(
-    options: RunsOptions, entries: list[dict[str, Any]], every: list[dict[str, Any]]
-) -> None:
+def _print(options: RunsOptions, entries: list[dict[str, Any]], every: list[dict[str, Any]]) -> None:
     if entries:
         # Folders may have any name.
         print("\n".join(run_lines(visible(entries))))
@@ -118,13 +113,12 @@ def _row(entry: Any, at: str) -> dict[str, Any]:
         **{key: meta.get(key) for key in ("kind", "created", "hash", "cost", "grade")},
         "status": "damaged" if entry.damage else meta.get("status"),
         "tags": meta.get("tags") or [],
-        **{key: record.get(key) for key in ("contact", "contact_settings", "method", "policy",
-                                            "algorithm")},
+        **{key: record.get(key) for key in ("contact", "contact_settings", "method", "policy", "algorithm")},
         "N": record.get("N"),
         "scenarios": params.get("scenarios", 1) if "N" in record else None,
         **{key: meta.get(key) for key in ("seed", "return", "verdict", "over")},
         "damage": entry.damage or None,
-    }  # fmt: skip
+    }
 
 
 def check_rm(options: RmOptions) -> list[Path]:

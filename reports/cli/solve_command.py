@@ -77,8 +77,7 @@ def _start(request: Request, options: SolveOptions) -> Solution:
     found = options.stored(run)
     if found.meta["problem"] != name:
         raise InputError(
-            f"--from {run}: the run solves {found.meta['problem']}, not {name}; start from a run of"
-            f" {name}"
+            f"--from {run}: the run solves {found.meta['problem']}, not {name}; start from a run of {name}"
         )
     if warning := edited(found, request.spec):
         options.output.say(f"--from {run}: {warning}")
@@ -93,9 +92,10 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     workers = min(options.jobs, options.starts)
     several = f" from {options.starts} starts" if options.starts > 1 else ""
     output.announce(
-        f"{request.spec.name}{several}", session.seconds * options.starts / workers,
+        f"{request.spec.name}{several}",
+        session.seconds * options.starts / workers,
         session.memory * workers,
-    )  # fmt: skip
+    )
     solution = _solved(options, request, start)
     if options.world is not None:
         found = solution.in_world(options.world)
@@ -150,14 +150,18 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
                 from ocp.sweeps.job import solve_starts
 
                 found = solve_starts(
-                    request.session, case_of(request.spec, request.given), options.starts,
-                    options.seed, on_stage, rank, options.jobs, options.scheduler,
-                )  # fmt: skip
+                    request.session,
+                    case_of(request.spec, request.given),
+                    options.starts,
+                    options.seed,
+                    on_stage,
+                    rank,
+                    options.jobs,
+                    options.scheduler,
+                )
             if not options.refine:
                 return found
-            return refine_from(
-                request.session, found, rebuilder(request.spec), options.seed, on_stage
-            )
+            return refine_from(request.session, found, rebuilder(request.spec), options.seed, on_stage)
         except Interrupted as stop:
             if stop.solution.status is Status.INTERRUPTED:
                 interrupt.answered()
@@ -186,8 +190,7 @@ def show(output: Output, solution: Solution) -> None:
         output.note(console.starts_table(solution.others))
 
 
-_COPIED = ("success", "verdict", "cost", "iterations", "build_s", "solve_s", "evaluation_s",
-           "solver_s", "iteration_s")  # fmt: skip
+_COPIED = ("success", "verdict", "cost", "iterations", "build_s", "solve_s", "evaluation_s", "solver_s", "iteration_s")
 _CERTIFIED = ("biactive", "lpec_decrease", "kkt_residual", "negative_curvature")
 
 
@@ -252,15 +255,10 @@ def run_replay(options: ReplayOptions, request: ReplayRequest) -> int:
     if isinstance(law, str):
         found = solution.in_world(law)
         output.say(found.sentence)
-        output.document(
-            {"run": str(stored.path), "problem": stored.meta["problem"], **found.document}
-        )
+        output.document({"run": str(stored.path), "problem": stored.meta["problem"], **found.document})
         return 0 if math.isfinite(found.cost) else NOT_CONVERGED
     rolled = solution.replay(law)
-    output.say(
-        f"planned cost {number(rolled.planned_cost, 8)};"
-        f" under the {law.name} law {number(rolled.cost, 8)}"
-    )
+    output.say(f"planned cost {number(rolled.planned_cost, 8)}; under the {law.name} law {number(rolled.cost, 8)}")
     between = rolled.between
     output.say(
         f"largest state difference {small(rolled.state_gap)};"

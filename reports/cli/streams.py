@@ -88,12 +88,44 @@ def _descriptor(stream: TextIO) -> int | None:
 
 
 SIGNS = {
-    "⟂": "_|_", "·": "*", "–": "-", "—": "-", "…": "...", "≤": "<=", "≥": ">=", "≠": "!=",
-    "≈": "~", "±": "+-", "×": "x", "→": "->", "←": "<-", "−": "-", "∞": "inf", "√": "sqrt",
-    "Δ": "Delta", "∂": "d", "Σ": "Sigma", "α": "alpha", "β": "beta", "γ": "gamma", "δ": "delta",
-    "ε": "epsilon", "θ": "theta", "κ": "kappa", "λ": "lam", "μ": "mu", "µ": "u", "π": "pi",
-    "ρ": "rho", "σ": "sigma", "τ": "tau", "φ": "phi", "ψ": "psi", "ω": "omega", "‖": "||",
-}  # fmt: skip
+    "⟂": "_|_",
+    "·": "*",
+    "–": "-",
+    "—": "-",
+    "…": "...",
+    "≤": "<=",
+    "≥": ">=",
+    "≠": "!=",
+    "≈": "~",
+    "±": "+-",
+    "×": "x",
+    "→": "->",
+    "←": "<-",
+    "−": "-",
+    "∞": "inf",
+    "√": "sqrt",
+    "Δ": "Delta",
+    "∂": "d",
+    "Σ": "Sigma",
+    "α": "alpha",
+    "β": "beta",
+    "γ": "gamma",
+    "δ": "delta",
+    "ε": "epsilon",
+    "θ": "theta",
+    "κ": "kappa",
+    "λ": "lam",
+    "μ": "mu",
+    "µ": "u",
+    "π": "pi",
+    "ρ": "rho",
+    "σ": "sigma",
+    "τ": "tau",
+    "φ": "phi",
+    "ψ": "psi",
+    "ω": "omega",
+    "‖": "||",
+}
 """Replacements for signs that an encoding lacks."""
 HANDLER = "centralpath-signs"
 
@@ -101,9 +133,7 @@ HANDLER = "centralpath-signs"
 def written(text: str) -> str:
     """``text`` in ASCII: known signs by their names, letters without accents, the rest as ``?``."""
     bare = (unicodedata.normalize("NFKD", sign).encode("ascii", "ignore") for sign in text)
-    return "".join(
-        SIGNS.get(sign) or known.decode() or "?" for sign, known in zip(text, bare, strict=True)
-    )
+    return "".join(SIGNS.get(sign) or known.decode() or "?" for sign, known in zip(text, bare, strict=True))
 
 
 def _replaced(error: UnicodeError) -> tuple[str, int]:
@@ -264,9 +294,7 @@ class Output:
         text = json.dumps(to_json(content), indent=1, allow_nan=False)
         print(text, file=document_stream(), flush=True)
 
-    def finish(
-        self, run: StoredRun, content: dict[str, Any], pdf: Path | None, own: Any = None
-    ) -> None:
+    def finish(self, run: StoredRun, content: dict[str, Any], pdf: Path | None, own: Any = None) -> None:
         """Print where a run was stored, write its report to ``pdf``, and print its document.
 
         ``own`` is the problem that was solved, whose drawing the report shows.

@@ -68,9 +68,10 @@ def run(options: SweepOptions, request: SweepRequest) -> int:
     output, study = options.output, request.study
     count, session = math.prod(study.shape), request.session
     output.announce(
-        f"{count} points", count * options.starts * session.seconds / options.jobs,
+        f"{count} points",
+        count * options.starts * session.seconds / options.jobs,
         session.memory * options.jobs,
-    )  # fmt: skip
+    )
     with request.checkpoint as checkpoint:
         data = dataset(study, request.session, _points(options, request))
         meta = {
@@ -105,27 +106,29 @@ def _points(options: SweepOptions, request: SweepRequest) -> list[JobResult]:
     try:
         with sweep_progress(names, len(found), options.quiet) as ended:
             return solve_grid(
-                study, options.jobs, options.scheduler, request.checkpoint, found, ended,
+                study,
+                options.jobs,
+                options.scheduler,
+                request.checkpoint,
+                found,
+                ended,
                 lambda *_: interrupt.check(),
-            )  # fmt: skip
+            )
     except KeyboardInterrupt:
         output.say(f"{len(found)} of {len(names)} points are kept; the same command resumes")
         raise
 
 
-def _document(
-    meta: dict[str, Any], found: list[dict[str, Any]], data: xr.Dataset
-) -> dict[str, Any]:
+def _document(meta: dict[str, Any], found: list[dict[str, Any]], data: xr.Dataset) -> dict[str, Any]:
     names = ("problem", "contact", "method", "policy", "solver", "starts")
     return {
         **{name: meta["record"][name] for name in names},
         "axes": meta["study"]["axes"],
         "points": found,
         "failed": meta["study"]["failed"],
-        **{name: meta[name] for name in ("solved", "survives", "success", "status", "verdict",
-                                         "seed")},
+        **{name: meta[name] for name in ("solved", "survives", "success", "status", "verdict", "seed")},
         "arrays": {str(name): list(array.dims) for name, array in data.data_vars.items()},
-    }  # fmt: skip
+    }
 
 
 SCALES = {"log": "in equal ratios", "linear": "in equal steps"}
@@ -154,8 +157,9 @@ def run_continue(options: ContinueOptions, request: Request) -> int:
     """Continue a solution along a parameter of problem, law or start, and store the path."""
     options.output.announce(
         f"{options.steps} steps of {request.spec.name}",
-        options.steps * FOLLOWED * request.session.seconds, request.session.memory,
-    )  # fmt: skip
+        options.steps * FOLLOWED * request.session.seconds,
+        request.session.memory,
+    )
     path, interrupted = _followed(options, request)
     output, meta = options.output, _meta(options, request, path)
     problem, data = request.session.problem, curve_dataset(path)
@@ -183,17 +187,25 @@ def _followed(options: ContinueOptions, request: Request) -> tuple[Continuation,
     try:
         with interruptible():
             return continue_over(
-                session, over, options.start, options.end, options.steps, options.scale, note,
+                session,
+                over,
+                options.start,
+                options.end,
+                options.steps,
+                options.scale,
+                note,
                 options.seed,
-            ), False  # fmt: skip
+            ), False
     except KeyboardInterrupt:
         if not finished:
             raise
     return Continuation(
-        resolve(session, over), finished,
-        iterations=sum(p.solution.iterations for p in finished), nlp_builds=session.nlp_builds,
+        resolve(session, over),
+        finished,
+        iterations=sum(p.solution.iterations for p in finished),
+        nlp_builds=session.nlp_builds,
         broke=f"after {over} = {finished[-1].value:g}: stopped by the user",
-    ), True  # fmt: skip
+    ), True
 
 
 def _meta(options: ContinueOptions, request: Request, path: Continuation) -> dict[str, Any]:

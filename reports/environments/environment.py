@@ -86,9 +86,16 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._over = terminated or truncated
         seen, names = world.observed(found.x)[0], (m.signal.name for m in world.task.measures)
         measures = dict(zip(names, found.measures[0].tolist(), strict=True))
-        return seen, float(found.reward[0]), terminated, truncated, {
-            **measures, "unsolved": bool(found.unsolved[0]),
-        }  # fmt: skip
+        return (
+            seen,
+            float(found.reward[0]),
+            terminated,
+            truncated,
+            {
+                **measures,
+                "unsolved": bool(found.unsolved[0]),
+            },
+        )
 
     def render(self) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Draw the state, (height, width, 3) in bytes; of a flight a strobe."""
@@ -181,17 +188,14 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._t[:], self._over[:] = 0, False
         return self.world.observed(self._x), {}
 
-    def step(
-        self, actions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Act (num_envs, nu) in all; every result has num_envs rows, as have those of ``info``."""
         if not len(self._x):
             raise ResetNeeded("the environments were not reset; call reset() before step()")
         given = np.asarray(actions, float)
         if given.shape != self.action_space.shape:
             raise InputError(
-                f"actions have shape {given.shape}, expected {self.action_space.shape}: a row for"
-                " each environment"
+                f"actions have shape {given.shape}, expected {self.action_space.shape}: a row for each environment"
             )
         return self._acted(given, np.flatnonzero(~self._over))
 
@@ -226,10 +230,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         check_renders(self.render_mode, self._trail)
         seconds = self.world.seconds / self.world.hold * self._t
         shown = self._trail[-self.world.hold :]
-        return tuple(
-            picture.of([x[i] for x in shown], float(seconds[i]))
-            for i, picture in enumerate(self._renderers)
-        )
+        return tuple(picture.of([x[i] for x in shown], float(seconds[i])) for i, picture in enumerate(self._renderers))
 
     @cached_property
     def _renderers(self) -> list[Renderer]:

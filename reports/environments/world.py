@@ -58,9 +58,7 @@ class World:
     Raises :class:`~ocp.errors.InputError` for an unknown task or law, bad parameters or settings.
     """
 
-    def __init__(
-        self, name: str, contact: str, settings: Mapping[str, Any] | None, params: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, name: str, contact: str, settings: Mapping[str, Any] | None, params: Mapping[str, Any]) -> None:
         self.spec = spec(name)
         self.params = self.spec.params(params)
         self.task = task = self.spec.build(self.params)
@@ -70,9 +68,7 @@ class World:
         decisions = self.spec.decisions
         self.hold = 1 if decisions is None else -(-task.horizon // decisions)
         self.action_space = Box(-1.0, 1.0, (task.system.nu,), np.float64)
-        ends = [
-            self.spec.observation_bounds.get(o.name, (-LARGEST, LARGEST)) for o in task.observations
-        ]
+        ends = [self.spec.observation_bounds.get(o.name, (-LARGEST, LARGEST)) for o in task.observations]
         low, high = np.array(ends).T
         self.observation_space = Box(low, high, dtype=np.float64)
 
@@ -98,17 +94,14 @@ class World:
         task, given = self.task, np.asarray(actions, float)
         if given.ndim != 2 or given.shape[1] != task.system.nu:
             raise InputError(
-                f"{task.name}: an action has {task.system.nu} entries, got an array of shape"
-                f" {given.shape[1:]}"
+                f"{task.name}: an action has {task.system.nu} entries, got an array of shape {given.shape[1:]}"
             )
         if not np.isfinite(given).all():
             raise InputError(f"{task.name}: actions must be finite numbers from -1 to 1")
         half = (task.upper - task.lower) / 2
         return task.lower + half + half * np.clip(given, -1.0, 1.0)
 
-    def advance(
-        self, solver: Solver, x: np.ndarray, t: np.ndarray, actions: np.ndarray
-    ) -> StepResult:
+    def advance(self, solver: Solver, x: np.ndarray, t: np.ndarray, actions: np.ndarray) -> StepResult:
         """Act in n episodes at states ``x`` (n, nx) after ``t`` (n,) steps each."""
         task, n = self.task, len(x)
         u, p, trail, t = self.inputs(actions), task.parameters.values, [x], t.copy()

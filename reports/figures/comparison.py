@@ -103,22 +103,16 @@ def overlay_rows(views: list[RunView]) -> tuple[list[Row], list[str]]:
         reach[heading] = max(reach.get(heading, 0.0), most)
     panels: dict[str, list[Panel]] = {}
     for heading, name in kept:
-        own = [
-            (place, each[heading, name]) for place, each in enumerate(whole)
-            if (heading, name) in each
-        ]  # fmt: skip
+        own = [(place, each[heading, name]) for place, each in enumerate(whole) if (heading, name) in each]
         limit = reach[heading] if differ else None
         panels.setdefault(heading, []).append(_panel(own, views, limit))
     return in_rows(panels), sorted(resting)
 
 
-def _panel(
-    own: Sequence[tuple[int, Track]], views: Sequence[RunView], reach: float | None
-) -> Panel:
+def _panel(own: Sequence[tuple[int, Track]], views: Sequence[RunView], reach: float | None) -> Panel:
     def main(axis: Axes) -> None:
         for place, track in own:
-            lines(axis, views[place].time, track.plan, **line_of(place),
-                  linewidth=1.1 if len(track.plan) == 1 else 0.5)  # fmt: skip
+            lines(axis, views[place].time, track.plan, **line_of(place), linewidth=1.1 if len(track.plan) == 1 else 0.5)
 
     def below(axis: Axes) -> None:
         note_zero(axis)
@@ -249,8 +243,15 @@ def key_of_points(view: RunView) -> Figure:
     ]
     figure = Figure(figsize=(WIDTH, 0.25))
     figure.set_layout_engine("none")
-    figure.legend(handles=handles, loc="center left", ncols=len(handles), handlelength=1.2,
-                  columnspacing=1.2, fontsize=7.5, bbox_to_anchor=(0, 0.5))  # fmt: skip
+    figure.legend(
+        handles=handles,
+        loc="center left",
+        ncols=len(handles),
+        handlelength=1.2,
+        columnspacing=1.2,
+        fontsize=7.5,
+        bbox_to_anchor=(0, 0.5),
+    )
     return figure
 
 
@@ -267,9 +268,15 @@ def _mark(figure: Figure, events: list[dict]) -> None:
         for axis in figure.axes:
             axis.axvline(value, color=colour, linewidth=0.9, zorder=0.5)
         top.annotate(
-            str(count), (value, 1), xycoords=("data", "axes fraction"), color=colour, fontsize=8,
-            xytext=(0, 2 + 8 * (count % 2 == 0)), textcoords="offset points", ha="center",
-        )  # fmt: skip
+            str(count),
+            (value, 1),
+            xycoords=("data", "axes fraction"),
+            color=colour,
+            fontsize=8,
+            xytext=(0, 2 + 8 * (count % 2 == 0)),
+            textcoords="offset points",
+            ha="center",
+        )
 
 
 def _column(points: list[dict], name: str) -> np.ndarray:

@@ -24,8 +24,7 @@ _IDLE = 1e-9
 """Share of the largest multiplier in the same unit below which one counts as zero throughout."""
 _BEYOND = 3.0
 """Times the plan's largest number up to which a replay is followed within the plan's panel."""
-_STATES = {"m": "Positions", "rad": "Angles", "m/s": "Velocities", "rad/s": "Angular velocities",
-           "s": "Times"}  # fmt: skip
+_STATES = {"m": "Positions", "rad": "Angles", "m/s": "Velocities", "rad/s": "Angular velocities", "s": "Times"}
 _MULTIPLIERS = {"N s": "Impulses", "N": "Forces"}
 _KINDS = {"normal": "Normal", "friction": "Friction", "slip": "Slip", "limit": "Limit"}
 
@@ -107,8 +106,9 @@ def apart(found: list[Track]) -> float:
     """Largest distance of plan and replay beside a state's or input's range; 0 without a replay."""
     shares = [
         largest(track.off) / track.span
-        for track in found if track.off is not None and track.span > 0 and not track.multiplier
-    ]  # fmt: skip
+        for track in found
+        if track.off is not None and track.span > 0 and not track.multiplier
+    ]
     return max(shares, default=0.0)
 
 
@@ -124,9 +124,7 @@ def parted(found: Sequence[Track]) -> bool:
     return any(track.parted for track in found if not track.multiplier)
 
 
-def plan_rows(
-    view: RunView, without: Collection[str] = (), signals: Collection[str] = ()
-) -> list[Row]:
+def plan_rows(view: RunView, without: Collection[str] = (), signals: Collection[str] = ()) -> list[Row]:
     """Rows of panels, one a component, but for multipliers ``without`` and those that are zero.
 
     With names of ``signals`` only these. Where plan and replay part, the band between them is
@@ -137,10 +135,7 @@ def plan_rows(
     resting = {*idle(found), *without}
     groups: dict[str, list[Track]] = {}
     for track in found:
-        if (
-            track.name in signals if signals
-            else not (track.multiplier and track.name in resting)
-        ):  # fmt: skip
+        if track.name in signals if signals else not (track.multiplier and track.name in resting):
             groups.setdefault(track.heading, []).append(track)
     panels = {}
     for heading, members in groups.items():
@@ -160,8 +155,7 @@ def chosen(view: RunView, words: str) -> list[str]:
         fitting = fnmatch.filter(names, word)
         if not fitting:
             raise InputError(
-                f"--signals: there is no signal {word!r}{did_you_mean(word, names)}; there are"
-                f" {', '.join(names)}"
+                f"--signals: there is no signal {word!r}{did_you_mean(word, names)}; there are {', '.join(names)}"
             )
         found += fitting
     return found

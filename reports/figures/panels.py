@@ -67,9 +67,7 @@ def columns_for(count: int) -> int:
     return {1: 1, 2: 2, 3: 3, 5: 3, 6: 3, 9: 3}.get(count, COLUMNS)
 
 
-def draw_rows(
-    rows: Sequence[Row], columns: int = COLUMNS, below: float = 0.34, label: str = "time [s]"
-) -> Figure:
+def draw_rows(rows: Sequence[Row], columns: int = COLUMNS, below: float = 0.34, label: str = "time [s]") -> Figure:
     """Draw rows below each other, placed in inches so that those of several figures line up.
 
     ``below`` is the height [inch] of the strips below panels.
@@ -97,23 +95,27 @@ def _draw_row(figure: Figure, row: Row, top: float, shape: tuple[int, float], la
     def place(column: int, high: float, tall: float) -> Axes:
         left = column * cell_width + _LEFT
         across = cell_width - _LEFT - _RIGHT
-        return figure.add_axes(
-            (left / width, (high - tall) / height, across / width, tall / height)
-        )
+        return figure.add_axes((left / width, (high - tall) / height, across / width, tall / height))
 
     if any(cell.heading for cell in row):
         for cell in row:
             place_x, place_y = cell.column * cell_width + 0.06, top - 0.03
-            figure.text(place_x / width, place_y / height, cell.heading, fontsize=8.5,
-                        fontweight="bold", color=INK, va="top")  # fmt: skip
+            figure.text(
+                place_x / width, place_y / height, cell.heading, fontsize=8.5, fontweight="bold", color=INK, va="top"
+            )
         top -= _HEADING
     top -= _TITLE
     for cell in row:
         axis = place(cell.column, top, _MAIN)
         cell.panel.main(axis)
         _dress(axis, 4)
-        axis.set_title(cell.panel.title, loc="left", pad=2.5, x=-0.1 * columns / (width - 0.5),
-                       fontsize=8 if len(cell.panel.title) <= _LONG else 7)  # fmt: skip
+        axis.set_title(
+            cell.panel.title,
+            loc="left",
+            pad=2.5,
+            x=-0.1 * columns / (width - 0.5),
+            fontsize=8 if len(cell.panel.title) <= _LONG else 7,
+        )
         if cell.panel.below is not None:
             axis.tick_params(labelbottom=False)
             strip = place(cell.column, top - _MAIN - _BETWEEN, below)

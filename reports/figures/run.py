@@ -64,16 +64,26 @@ def contact_plane(view: RunView) -> Figure:
         _central_path(axis, mu, gap)
     for index, (title, members) in enumerate(groups(view).items()):
         own = np.s_[..., np.isin(np.arange(lam.shape[-1]) % len(signals), members)]
-        axis.plot(_above(gap[own]).ravel(), _above(lam[own]).ravel(), "os^Dv"[index % 5], alpha=0.8,
-                  color=CYCLE[index % len(CYCLE)], label=title)  # fmt: skip
+        axis.plot(
+            _above(gap[own]).ravel(),
+            _above(lam[own]).ravel(),
+            "os^Dv"[index % 5],
+            alpha=0.8,
+            color=CYCLE[index % len(CYCLE)],
+            label=title,
+        )
     gap_unit = view.gap_unit
-    axis.set(xscale="log", yscale="log", xlabel=label("gap", gap_unit),
-             ylabel=label("λ", signals[0].unit if signals else ""))  # fmt: skip
+    axis.set(
+        xscale="log", yscale="log", xlabel=label("gap", gap_unit), ylabel=label("λ", signals[0].unit if signals else "")
+    )
     _readable(axis)
     missing = int(np.sum((lam <= FLOOR) | (gap <= FLOOR)))
     if missing:
-        axis.set_title(f"{missing} of {lam.size} points have a λ or a gap below {FLOOR:.0e} and"
-                       " are not drawn", color=GREY, loc="left")  # fmt: skip
+        axis.set_title(
+            f"{missing} of {lam.size} points have a λ or a gap below {FLOOR:.0e} and are not drawn",
+            color=GREY,
+            loc="left",
+        )
     figure.legend(loc="outside right upper")
     return figure
 
@@ -114,8 +124,7 @@ def _central_path(axis: Axes, mu: np.ndarray, gap: np.ndarray) -> None:
     if ends[-1] / ends[0] < 1.001:
         ends = ends[-1:]
     for value, style in zip(ends, ("-", ":"), strict=False):
-        axis.plot(gaps, value / gaps, style, color=GREY, linewidth=0.9,
-                  label=f"λ gap = {value:.2g}")  # fmt: skip
+        axis.plot(gaps, value / gaps, style, color=GREY, linewidth=0.9, label=f"λ gap = {value:.2g}")
 
 
 @dataclass(frozen=True)
@@ -158,18 +167,20 @@ def contacts_of(view: RunView) -> list[Contact]:
         sizes = [scales.impulse, scales.gap]
     return [
         Contact(
-            label(signal.name, signal.unit), of[i],
-            None if again is None else mean_multiplier(view, again, i), ways[i],
-            acting(of[i] / sizes[0], ways[i] / sizes[1])[0], multipliers=(signal.name,),
+            label(signal.name, signal.unit),
+            of[i],
+            None if again is None else mean_multiplier(view, again, i),
+            ways[i],
+            acting(of[i] / sizes[0], ways[i] / sizes[1])[0],
+            multipliers=(signal.name,),
         )
         for i, signal in enumerate(signals)
-    ]  # fmt: skip
+    ]
 
 
 def _rough(view: RunView, point: int, pairs: Sequence[Pair]) -> Contact:
     """A contact with friction, from what the run stores of it."""
-    own = [i for i, pair in enumerate(pairs)
-           if pair.contact == point and pair.kind in ("normal", "friction")]  # fmt: skip
+    own = [i for i, pair in enumerate(pairs) if pair.contact == point and pair.kind in ("normal", "friction")]
     normal = next((i for i in own if pairs[i].kind == "normal"), None)
     gap, signals = view.array("gap"), view.signals("contacts")
 
@@ -181,13 +192,14 @@ def _rough(view: RunView, point: int, pairs: Sequence[Pair]) -> Contact:
     flags = (stored("slipping") > 0.5, stored("degenerate") > 0.5)
     again = view.array("normal_impulse_replay")
     return Contact(
-        label(str(view.run.data["point"].values[point]), "N s"), stored("normal_impulse"),
+        label(str(view.run.data["point"].values[point]), "N s"),
+        stored("normal_impulse"),
         None if again is None or again.shape[:2] != flags[0].shape else again[..., point],
         None if gap is None or normal is None else mean_multiplier(view, gap, normal),
         stored("active") > 0.5,
         (stored("friction_impulse"), stored("friction_bound"), *flags),
         tuple(signals[i].name for i in own),
-    )  # fmt: skip
+    )
 
 
 _CONE: dict[str, Any] = {"facecolor": PURPLE, "alpha": 0.3}
@@ -242,9 +254,7 @@ def _contact(time: np.ndarray, one: Contact, reach: float) -> Panel:
     return Panel(one.title, main, None if one.gap is None else below)
 
 
-def _friction(
-    axis: Axes, time: np.ndarray, data: tuple[np.ndarray, ...], look: dict[str, float]
-) -> None:
+def _friction(axis: Axes, time: np.ndarray, data: tuple[np.ndarray, ...], look: dict[str, float]) -> None:
     friction, bound, _, degenerate = data
     for most in bound:
         between(axis, time, -most, most, **{**_CONE, "alpha": _CONE["alpha"] / len(bound)})
@@ -281,8 +291,14 @@ def homotopy(view: RunView) -> Figure:
         seen = values > 0
         right.semilogy(number[seen], values[seen], "o-", color=color, label=text)
     right.set_ylabel("size")
-    figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=2,
-                  fontsize=7, handlelength=1.2, columnspacing=0.8)  # fmt: skip
+    figure.legend(
+        *right.get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=2,
+        fontsize=7,
+        handlelength=1.2,
+        columnspacing=0.8,
+    )
     if not kept.all():
         left.legend(fontsize=7)
     right.set(xlabel="stage", xlim=(number[0] - 0.5, number[-1] + 0.5))
@@ -302,9 +318,13 @@ def gains(view: RunView) -> Figure:
     image = None
     for index, axis in enumerate(axes):
         image = axis.pcolormesh(
-            np.arange(K.shape[0] + 1) - 0.5, np.arange(len(states) + 1) - 0.5, K[:, index, :].T,
-            cmap="PuOr", vmin=-limit, vmax=limit,
-        )  # fmt: skip
+            np.arange(K.shape[0] + 1) - 0.5,
+            np.arange(len(states) + 1) - 0.5,
+            K[:, index, :].T,
+            cmap="PuOr",
+            vmin=-limit,
+            vmax=limit,
+        )
         axis.set_yticks(range(len(states)), [signal.name for signal in states])
         axis.invert_yaxis()
         axis.grid(False)

@@ -41,9 +41,7 @@ def figures(data: xr.Dataset, axes: Sequence[Axis]) -> list[Figure]:
     order = sorted(range(len(axes)), key=lambda i: -len(axes[i]["values"]))
     across, up, *rest = order
     slices = [*itertools.product(*(range(len(axes[i]["values"])) for i in rest))]
-    chosen = [
-        {str(axes[i]["name"]): k for i, k in zip(rest, one, strict=True)} for one in slices
-    ]  # fmt: skip
+    chosen = [{str(axes[i]["name"]): k for i, k in zip(rest, one, strict=True)} for one in slices]
     span = axes[across], axes[up]
     shades = _Shades(data)
     return [_maps(data, span, chosen[k : k + _ROWS], shades) for k in range(0, len(chosen), _ROWS)]
@@ -91,8 +89,7 @@ def _lines(data: xr.Dataset, axis: Axis) -> Figure:
     middle.plot(x, replayed(data).values, "o-", color=CYCLE[4])
     middle.set_ylabel("replayed / planned")
     bottom.plot(x, np.where(good, data["iterations"].values, np.nan), "o-", color=CYCLE[3])
-    bottom.set(ylim=(0, 1.15 * max(1, int(data["iterations"].max()))), ylabel="iterations",
-               xlabel=_titled(axis))  # fmt: skip
+    bottom.set(ylim=(0, 1.15 * max(1, int(data["iterations"].max()))), ylabel="iterations", xlabel=_titled(axis))
     if axis["log"]:
         bottom.set_xscale("log")
     for place, grade in zip(x, data["grade"].values, strict=True):
@@ -112,8 +109,7 @@ def _legend(figure: Figure, axes: Axes, data: xr.Dataset) -> None:
     there = set(map(str, data["grade"].values.ravel()))
     used = [_GRADES[grade] for grade in _GRADES if grade in there]
     patches = [Patch(color=color, label=text) for color, text in used]
-    figure.legend([*handles, *patches], [*words, *(text for _, text in used)],
-                  loc="outside upper center", ncols=3)  # fmt: skip
+    figure.legend([*handles, *patches], [*words, *(text for _, text in used)], loc="outside upper center", ncols=3)
 
 
 class _Shades:
@@ -137,9 +133,7 @@ def _norm(values: np.ndarray) -> Normalize:
     return LogNorm(low, high) if low > 0 and high > 20 * low else Normalize(low, high)
 
 
-def _maps(
-    data: xr.Dataset, span: tuple[Axis, Axis], slices: Sequence[Mapping[str, int]], shades: _Shades
-) -> Figure:
+def _maps(data: xr.Dataset, span: tuple[Axis, Axis], slices: Sequence[Mapping[str, int]], shades: _Shades) -> Figure:
     figure = Figure(figsize=(WIDTH, 0.7 + 2.1 * len(slices)))
     grid = figure.subplots(len(slices), 3, sharex=True, sharey=True, squeeze=False)
     drawn: list[Any] = []
@@ -148,14 +142,14 @@ def _maps(
         good = part["success"].values == 1
         cost, ratio = np.where(good, part["cost"].values, np.nan), replayed(part).values
         drawn = [
-            _map(row[0], cost, shades.cost, "cividis"), _map(row[1], ratio, shades.ratio, "PuOr_r"),
+            _map(row[0], cost, shades.cost, "cividis"),
+            _map(row[1], ratio, shades.ratio, "PuOr_r"),
             _verdicts(row[2], part["grade"].values),
-        ]  # fmt: skip
+        ]
         for axes in row:
             up, across = np.nonzero(~good)
             axes.plot(across, up, "x", color=INK, markersize=4, linewidth=0)
-        words = ", ".join(f"{name} = {float(data[name].values[k]):.4g}"
-                          for name, k in chosen.items())  # fmt: skip
+        words = ", ".join(f"{name} = {float(data[name].values[k]):.4g}" for name, k in chosen.items())
         row[0].set_ylabel(_titled(span[1]) + (f"\n{words}" if words else ""))
     for axes, title in zip(grid[0], ("cost", "replayed / planned", "verdict"), strict=True):
         axes.set_title(title)
@@ -176,8 +170,9 @@ def _map(axes: Axes, values: np.ndarray, norm: Normalize, colours: str) -> Any:
     if values.size <= _WRITTEN:
         for (i, j), value in np.ndenumerate(values):
             if np.isfinite(value):
-                axes.text(j, i, f"{value:.3g}", ha="center", va="center", fontsize=7,
-                          color=_readable(drawn.cmap(norm(value))))  # fmt: skip
+                axes.text(
+                    j, i, f"{value:.3g}", ha="center", va="center", fontsize=7, color=_readable(drawn.cmap(norm(value)))
+                )
     _framed(axes, values.shape)
     return drawn
 
@@ -187,8 +182,9 @@ def _verdicts(axes: Axes, grades: np.ndarray) -> Any:
     codes = np.vectorize(kinds.index, otypes=[float])(grades)
     edges = [np.arange(size + 1) - 0.5 for size in reversed(codes.shape)]
     colours = ListedColormap([color for color, _ in _GRADES.values()])
-    drawn = axes.pcolormesh(*edges, codes, cmap=colours, norm=Normalize(-0.5, len(kinds) - 0.5),
-                            rasterized=codes.size > 2500)  # fmt: skip
+    drawn = axes.pcolormesh(
+        *edges, codes, cmap=colours, norm=Normalize(-0.5, len(kinds) - 0.5), rasterized=codes.size > 2500
+    )
     _framed(axes, codes.shape)
     return drawn
 
@@ -227,8 +223,17 @@ def _titled(axis: Axis) -> str:
 
 
 _MARKS = "os^Dvx*P+"
-_NAMES = ("zobg", "fobg", "alpha", "es", "zobg-zero-noise", "zobg-mean", "zobg-antithetic",
-          "alpha-variance", "alpha-fixed")  # fmt: skip
+_NAMES = (
+    "zobg",
+    "fobg",
+    "alpha",
+    "es",
+    "zobg-zero-noise",
+    "zobg-mean",
+    "zobg-antithetic",
+    "alpha-variance",
+    "alpha-fixed",
+)
 """In this order estimators have colours and marks, the same on every page."""
 _FAR = 30.0
 """Times the largest reference beyond which an axis goes on by powers of ten."""
@@ -286,8 +291,7 @@ def _along_components(run: StoredRun, top: Axes, bottom: Axes) -> np.ndarray:
         color, mark = look(name)
         mean, error = one["mean"].values, 1.96 * one["standard_error"].values
         ends += [mean - error, mean + error]
-        top.errorbar(at, mean, error, label=name, fmt=mark, color=color, linewidth=0.8,
-                     markersize=2.5)  # fmt: skip
+        top.errorbar(at, mean, error, label=name, fmt=mark, color=color, linewidth=0.8, markersize=2.5)
         bottom.plot(at, one["variance"], mark, color=color, markersize=2.5)
     known = data["reference"].isel(point=0).values[0]
     if np.isfinite(known).all():

@@ -83,12 +83,20 @@ def _histogram(axis: Axes, view: RunView) -> None:
     edges = np.geomspace(0.9 * seconds.min(), 1.1 * seconds.max(), _BINS)
     axis.hist(seconds, edges.tolist(), color=BLUE, alpha=0.5)
     marks: tuple[tuple[str, str, Any], ...] = (
-        ("p50", GREEN, "-"), ("p99", INK, "--"), ("max", GREY, ":"), ("period", VERMILLION, "-"),
-    )  # fmt: skip
+        ("p50", GREEN, "-"),
+        ("p99", INK, "--"),
+        ("max", GREY, ":"),
+        ("period", VERMILLION, "-"),
+    )
     for name, color, style in marks:
         if found[name] is not None:
-            axis.axvline(1e3 * found[name], color=color, linestyle=style, linewidth=1.0,
-                         label=f"{name} {1e3 * found[name]:.3g} ms")  # fmt: skip
+            axis.axvline(
+                1e3 * found[name],
+                color=color,
+                linestyle=style,
+                linewidth=1.0,
+                label=f"{name} {1e3 * found[name]:.3g} ms",
+            )
     _of_milliseconds(axis)
     axis.set_ylabel("samples")
     missed = f"{found['over']} of {found['samples']} over the period"
@@ -109,9 +117,7 @@ def timeline(view: RunView) -> Figure | None:
     pairs = view.problem.system.pairs if isinstance(view.problem, Problem) else ()
     shown = [
         (signal.name, contact.active)
-        for i, (signal, contact) in enumerate(
-            zip(view.signals("contacts"), contacts_of(view), strict=False)
-        )
+        for i, (signal, contact) in enumerate(zip(view.signals("contacts"), contacts_of(view), strict=False))
         if contact.active.any() and (i >= len(pairs) or pairs[i].kind in ("normal", "limit"))
     ][:_TIMELINE]
     if not shown:
@@ -141,8 +147,9 @@ def compared(views: Sequence[RunView], names: Sequence[str]) -> Figure:
         paid = paid[np.isfinite(paid).all(axis=1)]
         if len(paid):
             left.plot(view.time, paid.mean(axis=0), label=name, **look)
-            left.fill_between(view.time, paid.min(axis=0), paid.max(axis=0), alpha=0.15,
-                              color=look["color"], linewidth=0)  # fmt: skip
+            left.fill_between(
+                view.time, paid.min(axis=0), paid.max(axis=0), alpha=0.15, color=look["color"], linewidth=0
+            )
         seconds = np.sort(1e3 * timed(view.run.data["seconds"].values))
         right.step(seconds, (1 + np.arange(len(seconds))) / max(1, len(seconds)), **look)
     left.set(xlabel="time [s]", ylabel="cost so far")

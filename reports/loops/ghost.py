@@ -26,12 +26,7 @@ def ghost(view: RunView, sample: int, node: int, body: Sequence[Shape]) -> list[
     return [replace(one, role="plan") for one in spec.draw(view.params, state) if one not in body]
 
 
-def with_ghosts(
-    view: RunView, times: np.ndarray, shapes: Sequence[list[Shape]]
-) -> list[list[Shape]]:
+def with_ghosts(view: RunView, times: np.ndarray, shapes: Sequence[list[Shape]]) -> list[list[Shape]]:
     """The shapes of frames at ``times`` [s], each over the end of its sample's plan."""
     samples = np.searchsorted(view.time, times + 1e-9 * view.time[-1], side="right") - 1
-    return [
-        [*ghost(view, int(sample), -1, body), *body]
-        for sample, body in zip(samples, shapes, strict=False)
-    ]
+    return [[*ghost(view, int(sample), -1, body), *body] for sample, body in zip(samples, shapes, strict=False)]

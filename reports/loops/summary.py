@@ -35,20 +35,21 @@ def labelled(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Dataset:
     problem, system = loop.problem, loop.problem.system
     values = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
     data = loop.data
-    entries, of = units_of(
-        {"state": system.states, "input": system.inputs, "contact": system.contacts}
-    )
+    entries, of = units_of({"state": system.states, "input": system.inputs, "contact": system.contacts})
     lam, gap = _contacts(problem, data, {**values, **mismatch})
     times = node_times(problem, problem.parameters.pack(values))
     step = float(times[1] - times[0])
     along = ("seed", "sample", "contact")
-    data = data.assign({
-        "lam": (along, lam, of["contact"]), "gap": (along, gap, {"units": system.gap_unit}),
-        **{f"{name}_unit": (name, units) for name, units in entries.items()},
-    }).assign_coords(
+    data = data.assign(
+        {
+            "lam": (along, lam, of["contact"]),
+            "gap": (along, gap, {"units": system.gap_unit}),
+            **{f"{name}_unit": (name, units) for name, units in entries.items()},
+        }
+    ).assign_coords(
         time=("node", step * np.arange(data.sizes["node"]), {"units": "s"}),
         contact=[signal.name for signal in system.contacts],
-    )  # fmt: skip
+    )
     own = {"x": "state", "measured": "state", "plan": "state", "u": "input"}
     units = {**{name: of[kind]["units"] for name, kind in own.items()}, "seconds": "s"}
     for name, variable in data.data_vars.items():
@@ -56,9 +57,7 @@ def labelled(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Dataset:
     return data
 
 
-def _contacts(
-    problem: Problem, data: xr.Dataset, values: Mapping[str, float]
-) -> tuple[np.ndarray, np.ndarray]:
+def _contacts(problem: Problem, data: xr.Dataset, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
     """Multipliers and gaps (S, T, nlam) of the exact law; NaN where nothing was simulated."""
     step, x, u = problem.exact_step, data["x"].values, data["u"].values
     found = np.full((2, *u.shape[:2], problem.system.nlam), np.nan)
@@ -75,9 +74,7 @@ def _contacts(
     return found[0], found[1]
 
 
-def summary(
-    loop: ClosedLoop, data: xr.Dataset, told: Sequence[str], rate: float | None
-) -> dict[str, Any]:
+def summary(loop: ClosedLoop, data: xr.Dataset, told: Sequence[str], rate: float | None) -> dict[str, Any]:
     """What :class:`~ocp.store.meta.ClosedLoopMeta` lists, ``status`` and ``verdict`` among it.
 
     ``rate`` [Hz] is what times are compared with; None: one sample a step of the model.
@@ -110,10 +107,15 @@ def _times(data: xr.Dataset, rate: float | None) -> dict[str, float]:
     """Percentiles [s] of the work of a sample, and how many took longer than the period."""
     seconds = timed(data["seconds"].values)
     period = 1 / rate if rate is not None else float(data["time"].values[1])
-    p50, p99, most = (float(np.percentile(seconds, q)) if seconds.size else np.nan
-                      for q in (50, 99, 100))  # fmt: skip
-    return {"p50": p50, "p99": p99, "max": most, "period": period, "samples": seconds.size,
-            "over": int((seconds > period).sum())}  # fmt: skip
+    p50, p99, most = (float(np.percentile(seconds, q)) if seconds.size else np.nan for q in (50, 99, 100))
+    return {
+        "p50": p50,
+        "p99": p99,
+        "max": most,
+        "period": period,
+        "samples": seconds.size,
+        "over": int((seconds > period).sum()),
+    }
 
 
 def timed(seconds: np.ndarray) -> np.ndarray:
@@ -159,7 +161,7 @@ def loop_rows(meta: Mapping[str, Any]) -> list[list[str]]:
         ["missed deadlines", str(meta["misses"])],
         *([name, str(count)] for name, count in meta["statuses"].items()),
         ["plans judged stationary", _share(meta["certified"])],
-    ]  # fmt: skip
+    ]
 
 
 def loop_table(meta: Mapping[str, Any]) -> Table:

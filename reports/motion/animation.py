@@ -40,9 +40,7 @@ class Motion:
 class Animation:
     """A run at ``times`` [s]: one or two ``motions``, each with its camera."""
 
-    def __init__(
-        self, view: RunView, fps: int = 25, speed: float = 1.0, cones: bool = False
-    ) -> None:
+    def __init__(self, view: RunView, fps: int = 25, speed: float = 1.0, cones: bool = False) -> None:
         """Sample ``fps`` frames per second; ``speed`` 0.5 shows one second of motion in two.
 
         Raises :class:`~ocp.errors.InputError` for a run without states or a problem without a

@@ -52,9 +52,7 @@ class Stroke:
 class MotionArtist:
     """One motion on ``axis``, under its camera; ``largest`` is the force of the longest arrow."""
 
-    def __init__(
-        self, axis: Axes, motion: Motion, camera: Camera, largest: float, cones: bool
-    ) -> None:
+    def __init__(self, axis: Axes, motion: Motion, camera: Camera, largest: float, cones: bool) -> None:
         self.axis, self._motion, self._camera = axis, motion, camera
         self._largest, self._cones = largest, cones
         self._strokes = PathCollection([], capstyle="round")
@@ -117,8 +115,9 @@ def of_shape(shape: Shape, middle: np.ndarray, size: np.ndarray, point: float) -
             return Stroke(path, to_rgba(FAINT), to_rgba(GREY), 0.8, 0)
         case Mark(x, y, "goal"):
             arm = shapes.CROSS / 2 * point
-            cross = Outline([(x - arm, y), (x + arm, y), (x, y - arm), (x, y + arm)],
-                         [Outline.MOVETO, Outline.LINETO] * 2)  # fmt: skip
+            cross = Outline(
+                [(x - arm, y), (x + arm, y), (x, y - arm), (x, y + arm)], [Outline.MOVETO, Outline.LINETO] * 2
+            )
             return Stroke(cross, _NONE, ink, 1.5, 4)
         case Mark(x, y):
             return Stroke(Outline.circle((x, y), shapes.MARK / 2 * point), ink, _NONE, 0.0, 2)
@@ -129,9 +128,7 @@ def of_shape(shape: Shape, middle: np.ndarray, size: np.ndarray, point: float) -
             return Stroke(shapes.outline(shape), face, edge, shapes.EDGE, 1)
 
 
-def arrow(
-    contact: ContactFrame, normal: float, friction: float, scale: float, point: float
-) -> Stroke:
+def arrow(contact: ContactFrame, normal: float, friction: float, scale: float, point: float) -> Stroke:
     """Arrow of a force from its contact, ``scale`` [m per unit] times its size long."""
     tx, ty = contact.tangent
     force = normal * np.array([contact.nx, contact.ny]) + friction * np.array([tx, ty])
@@ -285,8 +282,9 @@ def _write_gif(animation: Animation, draft: Path, report: Callable[[int], None])
     shown = delays(count, animation.fps)
     shown[-1] += _REST
     pictures = frames()
-    next(pictures).save(draft, format="GIF", save_all=True, append_images=pictures, loop=0,
-                        duration=[10 * delay for delay in shown])  # fmt: skip
+    next(pictures).save(
+        draft, format="GIF", save_all=True, append_images=pictures, loop=0, duration=[10 * delay for delay in shown]
+    )
 
 
 def _palette(canvas: Canvas, count: int) -> Image.Image:
@@ -310,12 +308,30 @@ def _write_mp4(animation: Animation, draft: Path, report: Callable[[int], None])
     canvas, count = Canvas(animation), len(animation.times)
     height, width = canvas.picture(0).shape[:2]
     command = [
-        "ffmpeg", "-y", "-loglevel", "error",
-        "-f", "rawvideo", "-pix_fmt", "rgba", "-video_size", f"{width}x{height}",
-        "-framerate", str(animation.fps), "-i", "-",
-        "-codec:v", "h264", "-preset", "veryfast", "-pix_fmt", "yuv420p",
-        "-movflags", "+faststart", str(draft),
-    ]  # fmt: skip
+        "ffmpeg",
+        "-y",
+        "-loglevel",
+        "error",
+        "-f",
+        "rawvideo",
+        "-pix_fmt",
+        "rgba",
+        "-video_size",
+        f"{width}x{height}",
+        "-framerate",
+        str(animation.fps),
+        "-i",
+        "-",
+        "-codec:v",
+        "h264",
+        "-preset",
+        "veryfast",
+        "-pix_fmt",
+        "yuv420p",
+        "-movflags",
+        "+faststart",
+        str(draft),
+    ]
     log = draft.with_name("ffmpeg.log")
     # If it ends early, its log and exit code give the reason.
     with (

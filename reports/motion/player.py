@@ -33,8 +33,7 @@ _SIGNIFICANT = 7
 def player(animation: Animation) -> str:
     """The whole page."""
     verdict = animation.view.run.meta.get("verdict") or ""
-    film = json.dumps(film_of(animation), ensure_ascii=False, allow_nan=False,
-                      separators=(",", ":"))  # fmt: skip
+    film = json.dumps(film_of(animation), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     parts = {name: (_PAGE / f"player.{name}").read_text("utf-8") for name in ("html", "css", "js")}
     return Template(parts["html"]).substitute(
         title=html.escape(animation.title),
@@ -81,10 +80,7 @@ def film_of(animation: Animation) -> dict[str, Any]:
         "longest": longest_arrow(size),
         "caption": caption(largest, animation.unit, animation.rough) if largest > 0 else "",
         "motions": motions,
-        "charts": [
-            {**chart, "curves": [_curve(**curve) for curve in chart["curves"]]}
-            for chart in charts(animation)
-        ],
+        "charts": [{**chart, "curves": [_curve(**curve) for curve in chart["curves"]]} for chart in charts(animation)],
     }
 
 
@@ -177,18 +173,15 @@ def _forces(view: RunView, motion: Motion) -> Chart | None:
         "label": label(what, forces.unit),
         "wide": False,
         "curves": [
-            {"name": name, "values": own[:, i], "color": CYCLE[place % len(CYCLE)],
-             "dash": place // len(CYCLE) % 3}
+            {"name": name, "values": own[:, i], "color": CYCLE[place % len(CYCLE)], "dash": place // len(CYCLE) % 3}
             for place, (i, name) in enumerate(acting.items())
         ],
-    }  # fmt: skip
+    }
 
 
 def _costs(view: RunView, motions: Sequence[Motion]) -> Chart | None:
     curves = []
-    for motion, name, color in zip(
-        motions, ("planned", "replayed"), (PLANNED, REPLAYED), strict=False
-    ):
+    for motion, name, color in zip(motions, ("planned", "replayed"), (PLANNED, REPLAYED), strict=False):
         paid = so_far(view, motion.suffix)
         if paid is None:
             return None

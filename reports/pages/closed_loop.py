@@ -19,25 +19,34 @@ _FIRST = ("phase", "plant")
 def loops_page(views: list[RunView]) -> Page:
     """Content and figures of one closed loop, or of several."""
     content = {
-        **head(views[0]), "law": law(views[0]),
+        **head(views[0]),
+        "law": law(views[0]),
         "hashes": [view.run.meta["hash"] for view in views],
         "grades": [_GRADES.get(view.run.meta["status"], "failed") for view in views],
         "verdicts": [view.run.meta["verdict"] for view in views],
-    }  # fmt: skip
+    }
     return _one(views[0], content) if len(views) == 1 else _several(views, content)
 
 
 def _one(view: RunView, content: dict[str, Any]) -> Page:
     meta = view.run.meta
     content |= {
-        "labels": [""], "heads": [], "rows": [], "key": loop_rows(meta),
-        "how": [*([name, str(view.run.record[name])] for name in _FIRST),
-                *(row for row in how(view.run) if row[0] == "law")],
+        "labels": [""],
+        "heads": [],
+        "rows": [],
+        "key": loop_rows(meta),
+        "how": [
+            *([name, str(view.run.record[name])] for name in _FIRST),
+            *(row for row in how(view.run) if row[0] == "law"),
+        ],
         "settings": [row for row in settings(view.run) if row[0] not in _FIRST],
         "notes": [*meta["told"], *reasons(meta)],
-    }  # fmt: skip
-    drawn = {"snapshots": figures.snapshots(view), "cost": figures.cost_and_times(view),
-             "timeline": figures.timeline(view)}  # fmt: skip
+    }
+    drawn = {
+        "snapshots": figures.snapshots(view),
+        "cost": figures.cost_and_times(view),
+        "timeline": figures.timeline(view),
+    }
     found = {name: figure for name, figure in drawn.items() if figure is not None}
     contacts = [signal.name for signal in view.signals("contacts")]
     return content, found | row_figures("motion", motion.plan_rows(view, contacts))
@@ -54,9 +63,13 @@ def _several(views: list[RunView], content: dict[str, Any]) -> Page:
     content |= {
         "title": views[0].title if one_problem else "Comparison of closed loops",
         "labels": [f"{name}: {text}" for name, text in zip(names, told, strict=True)],
-        "heads": ["", *names], "rows": [[name, *cells] for name, cells in rows.items()],
-        "key": [], "how": [], "settings": [], "notes": [_cheapest(views, names)],
-    }  # fmt: skip
+        "heads": ["", *names],
+        "rows": [[name, *cells] for name, cells in rows.items()],
+        "key": [],
+        "how": [],
+        "settings": [],
+        "notes": [_cheapest(views, names)],
+    }
     if not one_problem:
         content |= {"equations": [], "typed": [], "parameters": [], "citation": "", "unloaded": ""}
     return content, {"compared": figures.compared(views, names)}

@@ -20,8 +20,7 @@ from reports.view import RunView
 
 _IN_ORDER = ("problem", "contact", "method", "policy", "solver", "strategy")
 _GROUPS = ("params", "contact_settings", "policy_settings", "solver_options")
-_NOT_COMPARED = ("source", "versions", "citation", "audit_s", "law_parameters", "jit", "learned_at",
-                 "certify", "rate")  # fmt: skip
+_NOT_COMPARED = ("source", "versions", "citation", "audit_s", "law_parameters", "jit", "learned_at", "certify", "rate")
 
 
 def comparison_page(views: list[RunView], cones: bool = False) -> Page:
@@ -71,10 +70,7 @@ def labels(runs: Sequence[StoredRun]) -> list[str]:
         requests = [one for one, other in zip(every, first, strict=True) if other == parts]
         differing = [key for key in own if _differs(key, own, requests)]
         parts = parts + [str(own[key]) for key in _IN_ORDER if key in differing]
-        parts += [
-            f"{symbol(key)} = {value_text(own[key], 4)}" for key in differing
-            if key not in _IN_ORDER
-        ]  # fmt: skip
+        parts += [f"{symbol(key)} = {value_text(own[key], 4)}" for key in differing if key not in _IN_ORDER]
         found.append(", ".join(parts) or str(run.meta["hash"])[:6])
     if len(set(found)) == len(found):
         return found
@@ -87,9 +83,7 @@ def labels(runs: Sequence[StoredRun]) -> list[str]:
 def _flat(run: StoredRun) -> dict[str, Any]:
     """The request of a run, with one name per setting."""
     record = {key: value for key, value in run.record.items() if key not in _NOT_COMPARED}
-    found = {
-        key: value for key, value in record.items() if key not in _GROUPS and value is not None
-    }
+    found = {key: value for key, value in record.items() if key not in _GROUPS and value is not None}
     for group in _GROUPS:
         beside = "contact." if group == "contact_settings" else ""
         found |= {beside + name: value for name, value in (record.get(group) or {}).items()}
@@ -110,12 +104,17 @@ def continuation_page(view: RunView, cones: bool = False) -> Page:
     over = str(meta["over"])
     rows = [
         [
-            f"{point['value']:.6g}", number(point["cost"], 7), number(point["exact_cost"], 7),
-            number(point.get("referee_cost"), 7), _SURVIVES[point.get("survives")],
-            small(point["complementarity"]), str(point["iterations"]), str(point["status"]),
+            f"{point['value']:.6g}",
+            number(point["cost"], 7),
+            number(point["exact_cost"], 7),
+            number(point.get("referee_cost"), 7),
+            _SURVIVES[point.get("survives")],
+            small(point["complementarity"]),
+            str(point["iterations"]),
+            str(point["status"]),
         ]
         for point in points
-    ]  # fmt: skip
+    ]
     # For a complete path: whether every plan on it survives.
     grade = "survives" if all(point["survives"] for point in points) else "certified"
     content = {
@@ -131,9 +130,8 @@ def continuation_page(view: RunView, cones: bool = False) -> Page:
         "events": [list(row) for row in event_rows(meta["events"])],
         "law": law(view),
         "floor": _below(points),
-        "key": [["total iterations", str(meta["iterations"])], ["NLPs built",
-                str(meta["nlp_builds"])]],
-    }  # fmt: skip
+        "key": [["total iterations", str(meta["iterations"])], ["NLPs built", str(meta["nlp_builds"])]],
+    }
     pictures, content["arrows"] = comparison.strobes(view, cones)
     figures = {"path": comparison.curve(view), **numbered("strobes", pictures)}
     if drawn := row_figures("motion", comparison.motion_rows(view)):

@@ -22,9 +22,19 @@ if TYPE_CHECKING:
 
 Page = tuple[dict[str, Any], dict[str, Figure]]
 _NOT_SETTINGS = (
-    "params", "problem", "source", "versions", "citation", "audit_s", "N", "law_parameters",
-    "sweep", "jit", "learned_at", "sensitivities",
-)  # fmt: skip
+    "params",
+    "problem",
+    "source",
+    "versions",
+    "citation",
+    "audit_s",
+    "N",
+    "law_parameters",
+    "sweep",
+    "jit",
+    "learned_at",
+    "sensitivities",
+)
 _FIRST = ("contact", "method", "policy", "solver")
 _LEAST_MU = 1e-12
 _UNLOADED = (
@@ -39,9 +49,7 @@ def head(view: RunView) -> dict[str, Any]:
     return {"title": view.title, **described(view.run, view.spec, values)}
 
 
-def described(
-    run: StoredRun, spec: Spec | FigureStudy | None, values: dict[str, Any]
-) -> dict[str, Any]:
+def described(run: StoredRun, spec: Spec | FigureStudy | None, values: dict[str, Any]) -> dict[str, Any]:
     """Origin, request and verdict of a run."""
     cited = spec.citation if spec else None
     stored = run.own_problem if spec is None else None
@@ -74,10 +82,7 @@ def how(run: StoredRun, without: Collection[str] = ()) -> list[list[str]]:
 def law_text(run: StoredRun, without: Collection[str] = ()) -> str:
     """Name and settings of the law, except ``without``: ``barrier (μ = 0.001)``."""
     name = str(run.record["contact"])
-    given = {
-        key: value for key, value in _law_settings(run, name).items()
-        if f"contact.{key}" not in without
-    }  # fmt: skip
+    given = {key: value for key, value in _law_settings(run, name).items() if f"contact.{key}" not in without}
     settings = ", ".join(f"{symbol(key)} = {shown(value)}" for key, value in given.items())
     return f"{name} ({settings})" if settings else name
 
@@ -128,9 +133,8 @@ def _parameters(
         kept = stored["parameters"].items()
         about |= {name: (one["unit"], one["description"]) for name, one in kept}
     return [
-        [name, shown(values[name]), powers(unit), meaning]
-        for name, (unit, meaning) in about.items() if name in values
-    ]  # fmt: skip
+        [name, shown(values[name]), powers(unit), meaning] for name, (unit, meaning) in about.items() if name in values
+    ]
 
 
 def shown(value: Any) -> str:
@@ -145,10 +149,7 @@ def shown(value: Any) -> str:
 def settings(run: StoredRun) -> list[list[str]]:
     """Settings of the request without a table or line of their own."""
     left = {key: value for key, value in run.record.items() if key not in _NOT_SETTINGS}
-    return [
-        row for row in pairs(left)
-        if row[0] not in _FIRST and not row[0].startswith("contact.")
-    ]  # fmt: skip
+    return [row for row in pairs(left) if row[0] not in _FIRST and not row[0].startswith("contact.")]
 
 
 def pairs(values: dict[str, Any]) -> list[list[str]]:
@@ -163,9 +164,7 @@ def pairs(values: dict[str, Any]) -> list[list[str]]:
     return rows
 
 
-def row_figures(
-    name: str, rows: list[Row], columns: int = COLUMNS, below: float = 0.34
-) -> dict[str, Figure]:
+def row_figures(name: str, rows: list[Row], columns: int = COLUMNS, below: float = 0.34) -> dict[str, Figure]:
     """A figure per row, ``name-01`` and so on, so that pages can break between rows."""
     return numbered(name, [draw_rows([row], columns, below) for row in rows])
 

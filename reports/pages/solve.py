@@ -55,8 +55,7 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
         "left_out": stage_note(stored.stages, stored.meta["cost"]),
         "worst": [] if solved else violation_rows(stored.audit),
         "starts": [key.replace("_", " ") for key in _starts(view)],
-        "others": [[shown(other.get(key)) for key in _starts(view)]
-                   for other in stored.meta["others"]],
+        "others": [[shown(other.get(key)) for key in _starts(view)] for other in stored.meta["others"]],
         "contacts": rows,
         "contact_heads": heads,
         "contact_notes": contact_notes(stored.audit),
@@ -65,7 +64,7 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
         "gap": label("its gap", view.gap_unit),
         "averaged": view.run.data.sizes.get("contact", 0) > len(view.signals("contacts")),
         "pictured": len(picked_scenarios(view.pictured)),
-    }  # fmt: skip
+    }
     figures, content["arrows"] = _motion(view, cones)
     figures |= row_figures("motion", motion.plan_rows(view, told, names))
     if run.off_the_end(view):
@@ -90,8 +89,10 @@ def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
 
 def _stages(view: RunView) -> list[list[str]]:
     """Rows of the homotopy's table, without the middle of a long one."""
-    rows = [[index, symbol(stage_title(label)), *cells, note] for index, label, *cells, _, note
-            in stage_rows(view.run.stages, view.run.meta["cost"])]  # fmt: skip
+    rows = [
+        [index, symbol(stage_title(label)), *cells, note]
+        for index, label, *cells, _, note in stage_rows(view.run.stages, view.run.meta["cost"])
+    ]
     if len(rows) <= 2 * _ENDS:
         return rows
     between = ["…", f"{len(rows) - 2 * _ENDS} more", *[""] * (len(rows[0]) - 2)]
@@ -108,17 +109,17 @@ def key_numbers(view: RunView) -> list[dict[str, Any]]:
     """Three columns of names and numbers: costs, checks, residuals."""
     meta, audit = view.run.meta, view.run.audit
     certificate, referee = view.run.certificate, view.run.referee
-    costs = [["planned, under the law", number(meta["cost"], 7)],
-             ["replayed, exact law", number(audit.exact_cost, 7)]]  # fmt: skip
+    costs = [["planned, under the law", number(meta["cost"], 7)], ["replayed, exact law", number(audit.exact_cost, 7)]]
     if referee.survives is not None:
         costs.append(["under the referee", number(referee.cost, 7)])
     if np.isfinite(referee.refined_cost):
         costs.append(["referee at h/4", number(referee.refined_cost, 7)])
-    costs += [["iterations", str(meta["iterations"])],
-              ["active contact steps", str(sum(one.steps for one in audit.contacts))]]  # fmt: skip
+    costs += [
+        ["iterations", str(meta["iterations"])],
+        ["active contact steps", str(sum(one.steps for one in audit.contacts))],
+    ]
     kind = f", {certificate.kind}" if certificate.kind else ""
-    holds = [["stationarity", f"{certificate.stationarity}{kind}"],
-             ["KKT residual", small(certificate.kkt_residual)]]  # fmt: skip
+    holds = [["stationarity", f"{certificate.stationarity}{kind}"], ["KKT residual", small(certificate.kkt_residual)]]
     if certificate.kind:
         holds.append(["biactive pairs", str(certificate.biactive)])
     if certificate.negative_curvature > 0:
@@ -131,16 +132,16 @@ def key_numbers(view: RunView) -> list[dict[str, Any]]:
         ["largest min(λ, gap)", small(audit.complementarity_min)],
         ["dynamics", small(audit.dynamics_residual)],
         ["constraints", small(audit.constraint_violation)],
-        *([label(_SHORT.get(name, name), unit.partition(",")[0]), small(value)]
-          for name, value, unit in physics_residuals(audit)),
-    ]  # fmt: skip
+        *(
+            [label(_SHORT.get(name, name), unit.partition(",")[0]), small(value)]
+            for name, value, unit in physics_residuals(audit)
+        ),
+    ]
     holds.append(["penetration [m]", small(audit.penetration)])
-    for name, worst in (("between nodes [m]", referee.between),
-                        ("force at distance [m]", referee.force_distance)):  # fmt: skip
+    for name, worst in (("between nodes [m]", referee.between), ("force at distance [m]", referee.force_distance)):
         if worst is not None:
             holds.append([name, small(worst.amount)])
-    return [{"title": "Cost", "rows": costs}, {"title": "Checks", "rows": holds},
-            {"title": "Residuals", "rows": left}]  # fmt: skip
+    return [{"title": "Cost", "rows": costs}, {"title": "Checks", "rows": holds}, {"title": "Residuals", "rows": left}]
 
 
 _SHORT = {

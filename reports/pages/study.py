@@ -16,10 +16,7 @@ def study_page(run: StoredRun) -> Page:
     content |= {
         "title": f"{study.id}: {study.title}",
         "caption": DRAWINGS[study.id].caption,
-        "claims": [
-            {**claim, "mark": verdict(claim["holds"], claim.get("margin"))}
-            for claim in run.meta["claims"]
-        ],
+        "claims": [{**claim, "mark": verdict(claim["holds"], claim.get("margin"))} for claim in run.meta["claims"]],
         "notes": list(study.notes),
         "parameters": [[*row, origin_of(fields[row[0]])] for row in content["parameters"]],
     }

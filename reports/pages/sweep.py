@@ -51,17 +51,25 @@ def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
             ["total iterations", str(sum(row["iterations"] for row in found))],
             ["work", duration(sum(row["seconds"] for row in found))],
         ],
-        "axes": [[axis["name"], number(axis["values"][0]), number(axis["values"][-1]),
-                  str(len(axis["values"])), "equal ratios" if axis["log"] else "equal steps"]
-                 for axis in axes],
+        "axes": [
+            [
+                axis["name"],
+                number(axis["values"][0]),
+                number(axis["values"][-1]),
+                str(len(axis["values"])),
+                "equal ratios" if axis["log"] else "equal steps",
+            ]
+            for axis in axes
+        ],
         "maps": names,
         "caption": drawn.caption(axes),
         "heads": [*dims, *HEADS],
         "points": point_rows(found, dims),
         "more": max(0, len(found) - MOST),
-        "failed": [[failure["command"], failure["verdict"].partition("\n")[0]]
-                   for failure in meta["study"]["failed"][:MOST]],
-    }  # fmt: skip
+        "failed": [
+            [failure["command"], failure["verdict"].partition("\n")[0]] for failure in meta["study"]["failed"][:MOST]
+        ],
+    }
     return content, dict(zip(names, figures, strict=True))
 
 

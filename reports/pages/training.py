@@ -26,9 +26,13 @@ def training_page(views: list[RunView]) -> Page:
     laws = list(dict.fromkeys(law_text(run) for run in firsts))
     laws_used = [["law", "; ".join(laws)], ["evaluated under", "exact"]]
     return {
-        **head(views[0]), "law": law(views[0]), **content, "how": laws_used, "settings": shared,
+        **head(views[0]),
+        "law": law(views[0]),
+        **content,
+        "how": laws_used,
+        "settings": shared,
         "own": own,
-    }, figures  # fmt: skip
+    }, figures
 
 
 def training_content(
@@ -40,9 +44,7 @@ def training_content(
     """
     tasks = dict.fromkeys(str(view.run.meta["problem"]) for view in views)
     if len(tasks) > 1:
-        raise InputError(
-            f"these policies are of several tasks, {', '.join(tasks)}; write one report per task"
-        )
+        raise InputError(f"these policies are of several tasks, {', '.join(tasks)}; write one report per task")
     found = groups([view.run for view in views])
     heads, cells = summary_rows(found)
     content = {
@@ -93,5 +95,6 @@ def _learned(group: SeedGroup) -> list[list[str]]:
     found = zip(map(str, psi["physical"].values), psi.values.tolist(), strict=True)
     return [
         [group.label, name, number(value, 6), number(own.get(name).value, 6), own.get(name).unit]
-        for name, value in found if value != own.get(name).value
-    ]  # fmt: skip
+        for name, value in found
+        if value != own.get(name).value
+    ]

@@ -138,10 +138,7 @@ PACKAGES = ("dynamics", "ocp", "problems", "reports")
 def architecture_pages() -> dict[str, str]:
     """``architecture.md``: the layers as text, then each package with its imports."""
     names = sorted(_units())
-    rows = [
-        (f"`{name}`", _summary(name), ", ".join(f"`{other}`" for other in _imports(name, names)))
-        for name in names
-    ]
+    rows = [(f"`{name}`", _summary(name), ", ".join(f"`{other}`" for other in _imports(name, names))) for name in names]
     listed = table(("package", "contents", "imports"), rows)
     return {"architecture.md": f"{_HEAD}```text\n{layers()}```\n\n{listed}"}
 

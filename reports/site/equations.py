@@ -62,9 +62,12 @@ def _equations(given: str) -> str:
 def mathml(lines: Sequence[str]) -> list[str]:
     """Each line of typst's mathematics as formulas between which a browser may break it."""
     page, _ = typst.compile_with_warnings(
-        str(_ROOT / "templates" / "equations.typ"), root=str(_ROOT), format="html",
-        ignore_system_fonts=True, sys_inputs={"lines": json.dumps(lines)},
-    )  # fmt: skip
+        str(_ROOT / "templates" / "equations.typ"),
+        root=str(_ROOT),
+        format="html",
+        ignore_system_fonts=True,
+        sys_inputs={"lines": json.dumps(lines)},
+    )
     found = re.findall(r"<math.*?</math>", page.decode(), re.S)
     lines_of = ("<wbr>".join(_pieces(Xml.fromstring(formula))) for formula in found)
     return [_BEFORE_COMMA.sub(r"</span>\1", line) for line in lines_of]

@@ -118,10 +118,7 @@ def claims(figure: Mapping[str, Any]) -> str:
 def stored(figure: Mapping[str, Any]) -> dict[str, Any]:
     """The claims of a figure for the site, and their origin."""
     keys = (*COLUMNS, "margin")
-    claims = [
-        {name: claim[name] for name in keys if claim.get(name) is not None}
-        for claim in figure["claims"]
-    ]
+    claims = [{name: claim[name] for name in keys if claim.get(name) is not None} for claim in figure["claims"]]
     command = f"ocp figure {figure['id']}"
     return {"id": figure["id"], **origin(command), "claims": claims}
 
@@ -142,10 +139,15 @@ def keep(figures: Sequence[Mapping[str, Any]]) -> list[Path]:
                 if study.id in _TABLES:
                     name, rows_of = _TABLES[study.id]
                     columns, *rows = rows_of(data)
-                    written.append(write_table(
-                        name, title=study.title, command=f"ocp figure {study.id}",
-                        columns=columns, rows=rows,
-                    ))  # fmt: skip
+                    written.append(
+                        write_table(
+                            name,
+                            title=study.title,
+                            command=f"ocp figure {study.id}",
+                            columns=columns,
+                            rows=rows,
+                        )
+                    )
     return written
 
 

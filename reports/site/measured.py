@@ -34,10 +34,7 @@ def cell(value: Any) -> str:
 def table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """Write a table; columns in which every cell begins like a number stand to the right."""
     body = [[cell(value) for value in row] for row in rows]
-    right = [
-        any(row[k] for row in body) and all(_is_number(row[k]) for row in body)
-        for k in range(len(columns))
-    ]
+    right = [any(row[k] for row in body) and all(_is_number(row[k]) for row in body) for k in range(len(columns))]
     rule = ["---:" if aligned else "---" for aligned in right]
     lines = [[cell(name) for name in columns], rule, *body]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
@@ -154,9 +151,7 @@ def save_picture(figure: Figure, name: str) -> Path:
     drawn, small = BytesIO(), BytesIO()
     figure.savefig(drawn, format="png", dpi=110, bbox_inches="tight", metadata={"Software": None})
     picture = (
-        Image.open(drawn)
-        .convert("RGB")
-        .quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        Image.open(drawn).convert("RGB").quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     )
     picture.save(small, format="png", optimize=True)
     file = DOCS / "pictures" / f"{name}.png"

@@ -12,19 +12,30 @@ from problems import drawing, parameters, scenes
 from reports.site.roles import cleaned
 
 PARTS: dict[str, tuple[Any, ...]] = {
-    "Shapes": (scenes.Disc, scenes.Box, scenes.Capsule, scenes.Polygon, scenes.HalfPlane,
-               scenes.Union),
-    "Scenes": (scenes.Body, scenes.Pusher, scenes.Obstacle, scenes.Goal, scenes.Scene,
-               scenes.Scene.quasi_dynamic, scenes.Scene.time_stepping, scenes.pictured),
-    "Machines": (systems.Link, systems.Sphere, systems.Part, systems.Machine,
-                 systems.Machine.system),
-    "Contacts by hand": (systems.signals, systems.time_stepping, systems.quasi_dynamic,
-                         Contact.between),
-    "Costs, constraints and start": (problem.Problem, problem.Constraint, problem.FreeStart,
-                                     free_time.free, problem.Scaling, problem.Scenarios),
+    "Shapes": (scenes.Disc, scenes.Box, scenes.Capsule, scenes.Polygon, scenes.HalfPlane, scenes.Union),
+    "Scenes": (
+        scenes.Body,
+        scenes.Pusher,
+        scenes.Obstacle,
+        scenes.Goal,
+        scenes.Scene,
+        scenes.Scene.quasi_dynamic,
+        scenes.Scene.time_stepping,
+        scenes.pictured,
+    ),
+    "Machines": (systems.Link, systems.Sphere, systems.Part, systems.Machine, systems.Machine.system),
+    "Contacts by hand": (systems.signals, systems.time_stepping, systems.quasi_dynamic, Contact.between),
+    "Costs, constraints and start": (
+        problem.Problem,
+        problem.Constraint,
+        problem.FreeStart,
+        free_time.free,
+        problem.Scaling,
+        problem.Scenarios,
+    ),
     "Parameters": (parameters.quantity, parameters.structure, parameters.choice, parameters.table),
     "Drawing by hand": (drawing.Mark, drawing.Segment, drawing.Spring, drawing.ContactFrame),
-}  # fmt: skip
+}
 _INNER = {"self", "settings", "citation", "source", "source_digest", "shown"}
 
 

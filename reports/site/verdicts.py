@@ -75,8 +75,7 @@ def verdict(found: dict[str, Any]) -> str:
     """Verdict of certificate and referee, as text."""
     if not found["success"]:
         return str(found["status"])
-    words = {(True, True): "survives", (False, True): "survives at this step only",
-             (None, None): "no referee"}  # fmt: skip
+    words = {(True, True): "survives", (False, True): "survives at this step only", (None, None): "no referee"}
     return f"solved, {words.get((found['survives'], found['survives_at_h']), 'does not survive')}"
 
 
@@ -130,12 +129,16 @@ def refined_rows(problem: str, folder: str) -> Iterator[Row]:
 def store_refined(problem: str, rows: Sequence[Row]) -> None:
     """Put the rows of one problem into the table of step sizes."""
     store(
-        "refined", Path(problem).stem, rows, [Path(name).stem for name in refinable()],
-        title="Cost over the step size", command="make refined",
+        "refined",
+        Path(problem).stem,
+        rows,
+        [Path(name).stem for name in refinable()],
+        title="Cost over the step size",
+        command="make refined",
         columns=("problem", "h [s]", "N", "planned", "replayed at h/2", "found"),
         note="`ocp solve PROBLEM --contact exact --refine`: each plan starts at the one above it;"
         " the replay holds its inputs over two steps of half the size.",
-    )  # fmt: skip
+    )
 
 
 def main() -> None:
@@ -151,8 +154,16 @@ def main() -> None:
             else:
                 rows = list(problem_rows(spec(name).name, Path(folder)))
                 note = f"Seconds of building and solving; learned laws from {SAMPLES} transitions."
-                store("verdicts", name, rows, [*names()], title="Verdicts under every law",
-                      command="make verdicts", columns=COLUMNS, note=note)  # fmt: skip
+                store(
+                    "verdicts",
+                    name,
+                    rows,
+                    [*names()],
+                    title="Verdicts under every law",
+                    command="make verdicts",
+                    columns=COLUMNS,
+                    note=note,
+                )
         for row in rows:
             print(*row, sep="  ", flush=True)
 

@@ -53,8 +53,7 @@ def signals(found: Sequence[SeedGroup]) -> Figure | None:
                 _banded(axis, group, "iteration", name, _color(place))
         axis.set_title(_SIGNALS[name], loc="left")
         axis.set_xlabel("iteration")
-        if name != "return_mean" and any(np.greater(line.get_ydata(), 0).any()
-                                         for line in axis.lines):  # fmt: skip
+        if name != "return_mean" and any(np.greater(line.get_ydata(), 0).any() for line in axis.lines):
             axis.set_yscale("log", nonpositive="mask")
     _legend(figure, found)
     return figure
@@ -68,8 +67,7 @@ def strobes(found: Sequence[SeedGroup]) -> list[Figure]:
         return [single]
     seeds = [f", seed {group.best.meta['seed']}" * (len(group.runs) > 1) for group, _ in shown]
     titled = zip(seeds, shown, strict=True)
-    return strobe_rows([((group.label + seed).removeprefix(", "), view)
-                        for seed, (group, view) in titled])[0]  # fmt: skip
+    return strobe_rows([((group.label + seed).removeprefix(", "), view) for seed, (group, view) in titled])[0]
 
 
 def _color(place: int) -> str:
@@ -100,7 +98,5 @@ def _legend(figure: Figure, found: Sequence[SeedGroup]) -> None:
         return
     handles = [Line2D([], [], color=_color(i), label=group.label) for i, group in enumerate(found)]
     if any(len(group.runs) > 1 for group in found):
-        handles.append(
-            Line2D([], [], color=GREY, linewidth=6, alpha=0.3, label="lowest to highest seed")
-        )
+        handles.append(Line2D([], [], color=GREY, linewidth=6, alpha=0.3, label="lowest to highest seed"))
     figure.legend(handles=handles, loc="outside upper center", ncols=min(6, len(handles)))

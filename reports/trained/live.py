@@ -15,8 +15,14 @@ from reports.console import number, small, table_of
 
 Callback = Callable[[int, Mapping[str, float]], None]
 _ROWS, _COLUMNS, _PLOT, _SPARK = 5, 6, (56, 6), 20
-_ELSEWHERE = ("iteration", "wall_s", "env_steps", "evaluation_return_deviation",
-              "evaluation_length", "evaluation_unsolved")  # fmt: skip
+_ELSEWHERE = (
+    "iteration",
+    "wall_s",
+    "env_steps",
+    "evaluation_return_deviation",
+    "evaluation_length",
+    "evaluation_unsolved",
+)
 """What the last rows leave out."""
 
 
@@ -53,9 +59,7 @@ class LearningCurve:
 
 
 @contextmanager
-def live(
-    trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]
-) -> Iterator[Callback]:
+def live(trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]) -> Iterator[Callback]:
     """Yield a callback for the place of a training and each of its rows.
 
     ``trainings`` are their iterations by name. On a terminal all of them are shown, elsewhere one
@@ -106,11 +110,14 @@ def _cells(one: LearningCurve) -> tuple[str, ...]:
         return (one.name, f"–/{one.iterations}", "", "", "", "", "")
     row, left = one.rows[-1], one.left
     return (
-        one.name, f"{row['iteration']:.0f}/{one.iterations}",
-        number(one.last("evaluation_return"), 4), number(one.last("return_mean"), 4),
-        f"{row.get('wall_s', 0.0):.0f} s", "" if left is None else f"{left:.0f} s",
+        one.name,
+        f"{row['iteration']:.0f}/{one.iterations}",
+        number(one.last("evaluation_return"), 4),
+        number(one.last("return_mean"), 4),
+        f"{row.get('wall_s', 0.0):.0f} s",
+        "" if left is None else f"{left:.0f} s",
         sparkline(one.curve, _SPARK),
-    )  # fmt: skip
+    )
 
 
 def rows_table(rows: Sequence[Mapping[str, Any]]) -> RenderableType:
@@ -119,9 +126,7 @@ def rows_table(rows: Sequence[Mapping[str, Any]]) -> RenderableType:
     names.sort(key=lambda name: not name.startswith("evaluation_"))
     names = names[:_COLUMNS]
     titles = [name.replace("evaluation_", "exact ").replace("_", " ") for name in names]
-    cells = (
-        [f"{row['iteration']:.0f}", *(number(row.get(name), 4) for name in names)] for row in rows
-    )
+    cells = ([f"{row['iteration']:.0f}", *(number(row.get(name), 4) for name in names)] for row in rows)
     return table_of(">iteration", *(f">{title}" for title in titles), rows=cells)
 
 
@@ -150,8 +155,5 @@ def _bars(values: Sequence[float], width: int, height: int) -> tuple[list[str], 
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
     heights = (known - low) / (high - low) if high > low else 0.5 + 0.0 * known
     eighths = [1 + round((8 * height - 1) * h) if np.isfinite(h) else 0 for h in heights.tolist()]
-    rows = [
-        "".join(_EIGHTHS[min(8, max(0, count - 8 * row))] for count in eighths)
-        for row in reversed(range(height))
-    ]
+    rows = ["".join(_EIGHTHS[min(8, max(0, count - 8 * row))] for count in eighths) for row in reversed(range(height))]
     return rows, low, high

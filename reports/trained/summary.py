@@ -51,10 +51,9 @@ def judged(data: xr.Dataset) -> list[dict[str, Any]]:
     names = [str(name) for name in data.data_vars if str(name).startswith(_JUDGED)]
     at = np.flatnonzero(np.isfinite(data[f"{_JUDGED}return"].values))
     return [
-        {"iteration": int(data["iteration"][i]),
-         **{name.removeprefix(_JUDGED): float(data[name][i]) for name in names}}
+        {"iteration": int(data["iteration"][i]), **{name.removeprefix(_JUDGED): float(data[name][i]) for name in names}}
         for i in at
-    ]  # fmt: skip
+    ]
 
 
 def measures(row: Mapping[str, Any]) -> list[str]:
@@ -89,8 +88,7 @@ def groups(runs: Sequence[StoredRun]) -> list[SeedGroup]:
         order.setdefault(repr(sorted(one.items())), []).append(place)
     firsts = [requests[places[0]] for places in order.values()]
     return [
-        SeedGroup(_label(requests[places[0]], firsts), [runs[place] for place in places])
-        for places in order.values()
+        SeedGroup(_label(requests[places[0]], firsts), [runs[place] for place in places]) for places in order.values()
     ]
 
 
@@ -118,9 +116,7 @@ def _label(request: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> s
     both = [request["algorithm"], request["contact"]]
     alike = [other for other in firsts if [other["algorithm"], other["contact"]] == both]
     own = [key for key in request if any(other.get(key) != request[key] for other in alike)]
-    return ", ".join(
-        [name, *(f"{key.rpartition('.')[2]} = {value_text(request[key], 3)}" for key in own)]
-    )
+    return ", ".join([name, *(f"{key.rpartition('.')[2]} = {value_text(request[key], 3)}" for key in own)])
 
 
 def verdict(group: SeedGroup) -> str:
@@ -141,39 +137,66 @@ def verdict(group: SeedGroup) -> str:
 
 def document(found: Sequence[SeedGroup]) -> dict[str, Any]:
     """What ``ocp train --json`` prints: ``runs``, ``groups`` of seeds, each with its returns."""
-    keys = ("return", "evaluation", "untrained", "last", "best_iteration", "env_steps", "wall_s",
-            "verdict", "seed", "hash")  # fmt: skip
+    keys = (
+        "return",
+        "evaluation",
+        "untrained",
+        "last",
+        "best_iteration",
+        "env_steps",
+        "wall_s",
+        "verdict",
+        "seed",
+        "hash",
+    )
     return {
         "groups": [
-            {"label": group.label, "verdict": verdict(group), "returns": group.returns,
-             "return_mean": group.returns.mean()}
+            {
+                "label": group.label,
+                "verdict": verdict(group),
+                "returns": group.returns,
+                "return_mean": group.returns.mean(),
+            }
             for group in found
         ],
         "runs": [
-            {"run": str(run.path), "algorithm": algorithm_of(run),
-             **{key: run.meta.get(key) for key in keys}}
-            for group in found for run in group.runs
+            {"run": str(run.path), "algorithm": algorithm_of(run), **{key: run.meta.get(key) for key in keys}}
+            for group in found
+            for run in group.runs
         ],
-    }  # fmt: skip
+    }
 
 
 def summary_rows(found: Sequence[SeedGroup]) -> tuple[list[str], list[list[str]]]:
     """Heads and cells: a line a run."""
     names = measures(found[0].runs[0].meta["evaluation"]) if found else []
     units = {name: found[0].runs[0].data[_JUDGED + name].attrs.get("units", "") for name in names}
-    heads = ["", "seed", "untrained", "return", "best at", *(
-        f"{name}, {units[name]}" for name in names), "steps", "time, s"]  # fmt: skip
+    heads = [
+        "",
+        "seed",
+        "untrained",
+        "return",
+        "best at",
+        *(f"{name}, {units[name]}" for name in names),
+        "steps",
+        "time, s",
+    ]
     cells = []
     for group in found:
         for run in group.runs:
             about = run.meta
-            cells.append([
-                group.label, str(about["seed"]), number(about["untrained"]["return"], 4),
-                number(about["return"], 4),
-                str(about["best_iteration"]),
-                *(number(about["evaluation"][name], 3) for name in names),
-                f"{about['env_steps']:.3g}", f"{about['wall_s']:.1f}",
-            ])  # fmt: skip
+            cells.append(
+                [
+                    group.label,
+                    str(about["seed"]),
+                    number(about["untrained"]["return"], 4),
+                    number(about["return"], 4),
+                    str(about["best_iteration"]),
+                    *(number(about["evaluation"][name], 3) for name in names),
+                    f"{about['env_steps']:.3g}",
+                    f"{about['wall_s']:.1f}",
+                ]
+            )
     return heads, cells
 
 
@@ -202,9 +225,7 @@ def judgement(task: Task, seen: Evaluation) -> dict[str, Any]:
         "horizon": task.horizon,
         "return": _spread(seen.returns, "1"),
         "length": _spread(seen.lengths, "1"),
-        "measures": {
-            name: _spread(values, units.get(name, "1")) for name, values in seen.measures.items()
-        },
+        "measures": {name: _spread(values, units.get(name, "1")) for name, values in seen.measures.items()},
         "fallen": len(early) / len(seen.returns),
         "lost": len(lost) / len(seen.returns),
         "unsolved": len(seen.unsolved) / steps,
@@ -221,8 +242,7 @@ def _spread(values: np.ndarray, unit: str) -> dict[str, Any]:
     if n > 1:
         half = stdtrit(n - 1, (1 + _CONFIDENCE) / 2) * values.std(ddof=1) / np.sqrt(n)
         interval = [mean - float(half), mean + float(half)]
-    return {"mean": mean, "interval": interval, "least": float(values.min()),
-            "most": float(values.max()), "unit": unit}  # fmt: skip
+    return {"mean": mean, "interval": interval, "least": float(values.min()), "most": float(values.max()), "unit": unit}
 
 
 def sentence(judged: Mapping[str, Any]) -> str:
@@ -256,12 +276,10 @@ def judgement_table(judged: Mapping[str, Any]) -> Table:
     for name, found in rows.items():
         title = name if found["unit"] == "1" else f"{name}, {found['unit']}"
         ends = (number(found[key], 4) for key in ("least", "most"))
-        table.add_row(title, number(found["mean"], 4), _interval(found).strip(), *ends,
-                      number(own.get(name), 4))  # fmt: skip
+        table.add_row(title, number(found["mean"], 4), _interval(found).strip(), *ends, number(own.get(name), 4))
     for name, title in _SHARES.items():
         known = own.get(name)
-        table.add_row(title, _share(judged[name]), "", "", "", "–" if known is None else
-                      _share(known))  # fmt: skip
+        table.add_row(title, _share(judged[name]), "", "", "", "–" if known is None else _share(known))
     return table
 
 

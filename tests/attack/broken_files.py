@@ -85,15 +85,29 @@ class Broken:
 
 
 RAISED = (
-    "SystemExit(0)", "SystemExit('bye')", "KeyboardInterrupt()", "BaseException('base')",
-    "GeneratorExit()", "RecursionError('deep')", "MemoryError()", "StopIteration()",
-    "AssertionError()", "OSError(28, 'No space left on device')", "BrokenPipeError()",
-    "ValueError('a\\ud800b')", "ValueError('\\x1b[2J\\x07' + chr(0))", "ValueError('y' * 100000)",
-    "ValueError('first\\nsecond\\nthird')", "UnicodeDecodeError('utf-8', b'x', 0, 1, 'no')",
-    "ExceptionGroup('two', [ValueError('one'), TypeError('two')])", "type('E', (Exception,),"
-    " {'__str__': lambda self: 1 / 0})()", "type('E', (BaseException,), {})('own')",
-    "ImportError('nothing of that name')", "SyntaxError('odd')", "EOFError()",
-)  # fmt: skip
+    "SystemExit(0)",
+    "SystemExit('bye')",
+    "KeyboardInterrupt()",
+    "BaseException('base')",
+    "GeneratorExit()",
+    "RecursionError('deep')",
+    "MemoryError()",
+    "StopIteration()",
+    "AssertionError()",
+    "OSError(28, 'No space left on device')",
+    "BrokenPipeError()",
+    "ValueError('a\\ud800b')",
+    "ValueError('\\x1b[2J\\x07' + chr(0))",
+    "ValueError('y' * 100000)",
+    "ValueError('first\\nsecond\\nthird')",
+    "UnicodeDecodeError('utf-8', b'x', 0, 1, 'no')",
+    "ExceptionGroup('two', [ValueError('one'), TypeError('two')])",
+    "type('E', (Exception,), {'__str__': lambda self: 1 / 0})()",
+    "type('E', (BaseException,), {})('own')",
+    "ImportError('nothing of that name')",
+    "SyntaxError('odd')",
+    "EOFError()",
+)
 """What user's code raises."""
 
 FUNCTIONS = {
@@ -139,7 +153,7 @@ MODULE = {
     "draw": {"None"},
     "frames": {"None"},
     "region": {"None"},
-}  # fmt: skip
+}
 """Names of the file, each with the values of :data:`WRONG` that are right for it."""
 
 PROBLEM = {
@@ -160,30 +174,54 @@ PROBLEM = {
     "scaling=Scaling()": set(),
     "settings={}": set(),
     'citation=""': {"a text"},
-}  # fmt: skip
+}
 """Arguments of the problem, each with the values of :data:`WRONG` that are right for it."""
 
 RETURNED = {
     "guess": (
-        "None", "1", "(1, 2, 3)", "(np.zeros((4, 2)), np.zeros((4, 1)))",
-        "(np.zeros((4, 3)), np.zeros((3, 1)))", "(np.full((4, 2), np.nan), np.zeros((3, 1)))",
-        "(np.zeros((4, 2)), np.full((3, 1), np.inf))", "('a', 'b')", "(None, None)",
+        "None",
+        "1",
+        "(1, 2, 3)",
+        "(np.zeros((4, 2)), np.zeros((4, 1)))",
+        "(np.zeros((4, 3)), np.zeros((3, 1)))",
+        "(np.full((4, 2), np.nan), np.zeros((3, 1)))",
+        "(np.zeros((4, 2)), np.full((3, 1), np.inf))",
+        "('a', 'b')",
+        "(None, None)",
         "(np.zeros((4, 2), dtype=complex) * 1j, np.zeros((3, 1)))",
-        "(np.array([['a', 'b']] * 4), np.zeros((3, 1)))", "iter(())",
+        "(np.array([['a', 'b']] * 4), np.zeros((3, 1)))",
+        "iter(())",
     ),
     "draw": (
-        "None", "1", "'text'", "[None]", "[1, 2]", "[Box(float('nan'), 0, 1, 1)]",
-        "[Box(0, 0, float('inf'), 1)]", "[Box('a', 0, 1, 1)]", "[Box(0, 0, None, 1)]",
-        "Box(0, 0, 1, 1)", "[Box(ca.SX.sym('w'), 0, 1, 1)]", "[Box(0, 0, 1, 1, role='devil')]",
-        "[Box(0, 0, 1, 1, role=None)]", "[Box(0, 0, -1, 1)]",
+        "None",
+        "1",
+        "'text'",
+        "[None]",
+        "[1, 2]",
+        "[Box(float('nan'), 0, 1, 1)]",
+        "[Box(0, 0, float('inf'), 1)]",
+        "[Box('a', 0, 1, 1)]",
+        "[Box(0, 0, None, 1)]",
+        "Box(0, 0, 1, 1)",
+        "[Box(ca.SX.sym('w'), 0, 1, 1)]",
+        "[Box(0, 0, 1, 1, role='devil')]",
+        "[Box(0, 0, 1, 1, role=None)]",
+        "[Box(0, 0, -1, 1)]",
         "[[Box(0, 0, 1, 1)]]",
     ),
     "frames": (
-        "None", "[None]", "[ContactFrame(float('nan'), 0, 1, 0)]", "'text'",
-        "[ContactFrame(0, 0, 1, 0, float('nan'))]", "[ContactFrame('a', None, 1, 0)]", "[1]",
+        "None",
+        "[None]",
+        "[ContactFrame(float('nan'), 0, 1, 0)]",
+        "'text'",
+        "[ContactFrame(0, 0, 1, 0, float('nan'))]",
+        "[ContactFrame('a', None, 1, 0)]",
+        "[1]",
     ),
     "region": (
-        "None", "1", "Region({}, {}, (), (), ())",
+        "None",
+        "1",
+        "Region({}, {}, (), (), ())",
         "Region({'q': (0, 1), 'v': (-1, 1)}, {'u': (-1, 1)}, (1, 0), (0, 0), ('a', 'b'))",
         "Region({'q': (0, float('nan')), 'v': (-1, 1)}, {'u': (-1, 1)}, (1, 0), (0, 0), (1, 1))",
         "Region({'q': 3, 'v': (-1, 1)}, {'u': (-1, 1)}, (1, 0), (0, 0), (1, 1))",
@@ -191,7 +229,7 @@ RETURNED = {
         "Region(None, None, None, None, None)",
         "Region({'q': (0, 1), 'v': (-1, 1)}, {'u': (-1, 1)}, (1, 0), (0, 0), (-1, 0.1))",
     ),
-}  # fmt: skip
+}
 """What functions return that they should not."""
 
 HABITS = {

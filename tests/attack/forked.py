@@ -31,10 +31,24 @@ from tests.attack.program import (
 )
 
 LOADED = (
-    "reports.cli.app", "casadi", "xarray", "netCDF4", "scipy.optimize", "scipy.sparse",
-    "matplotlib.backends.backend_agg", "ocp", "ocp.gradients", "ocp.continuation", "problems",
-    "ocp.store", "ocp.sweeps", "reports.pdf", "reports.figures", "PIL.Image", "typst",
-)  # fmt: skip
+    "reports.cli.app",
+    "casadi",
+    "xarray",
+    "netCDF4",
+    "scipy.optimize",
+    "scipy.sparse",
+    "matplotlib.backends.backend_agg",
+    "ocp",
+    "ocp.gradients",
+    "ocp.continuation",
+    "problems",
+    "ocp.store",
+    "ocp.sweeps",
+    "reports.pdf",
+    "reports.figures",
+    "PIL.Image",
+    "typst",
+)
 
 
 class Server:
@@ -65,9 +79,13 @@ class Server:
         ``limits`` are names of ``resource`` with their values, ``variables`` of the environment.
         """
         request = {
-            "arguments": list(arguments), "directory": str(directory), "patience": patience,
-            "limits": limits or {}, "step": step, "variables": variables,
-        }  # fmt: skip
+            "arguments": list(arguments),
+            "directory": str(directory),
+            "patience": patience,
+            "limits": limits or {},
+            "step": step,
+            "variables": variables,
+        }
         assert self._process.stdin is not None and self._process.stdout is not None
         self._process.stdin.write(json.dumps(request) + "\n")
         self._process.stdin.flush()

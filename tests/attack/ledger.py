@@ -53,10 +53,14 @@ class Tally:
         """Write the counts for the table."""
         KEPT.mkdir(parents=True, exist_ok=True)
         counts = {
-            "order": self.order, "promise": self.promise, "attack": self.attack,
-            "attempts": self.attempts, "faults": len(self.faults), "command": self.command,
+            "order": self.order,
+            "promise": self.promise,
+            "attack": self.attack,
+            "attempts": self.attempts,
+            "faults": len(self.faults),
+            "command": self.command,
             "seed": seed,
-        }  # fmt: skip
+        }
         (KEPT / f"{self.name}.json").write_text(json.dumps(counts, indent=1))
 
 

@@ -170,7 +170,7 @@ PARTICULAR = {
         "    def model_post_init(self, _):\n        raise OSError('x')\n    N: int",
         False,
     ),
-    "a file that deletes itself": ('name = "mine"', 'import os; os.remove(__file__)', False),
+    "a file that deletes itself": ('name = "mine"', "import os; os.remove(__file__)", False),
     "no name": ('name = "mine"\n', "", False),
     "no title": ('title = "My problem"\n', "", False),
     "two builds": ("def guess", "def build(a, b):\n    pass\n\ndef guess", False),
@@ -187,5 +187,5 @@ PARTICULAR = {
     "an import of itself": ("import casadi as ca", "import casadi as ca\nimport broken", True),
     "a star import": ("import numpy as np", "import numpy as np\nfrom numpy import *", True),
     "an endless recursion": ("    p = table(params)", "    return build(params)", False),
-}  # fmt: skip
+}
 """Old text, new text, and whether it works all the same."""

@@ -38,8 +38,7 @@ def command() -> list[str]:
     script = ROOT / "build" / "attack" / "ocp"
     script.parent.mkdir(parents=True, exist_ok=True)
     script.write_text(
-        f"import sys\nfrom {module} import {function}\nif __name__ == '__main__':\n"
-        f"    sys.exit({function}())\n"
+        f"import sys\nfrom {module} import {function}\nif __name__ == '__main__':\n    sys.exit({function}())\n"
     )
     return [sys.executable, str(script)]
 
@@ -90,9 +89,7 @@ def start(
     )
 
 
-def ended(
-    process: subprocess.Popen[bytes], arguments: Sequence[str], patience: float = PATIENCE_S
-) -> Ended:
+def ended(process: subprocess.Popen[bytes], arguments: Sequence[str], patience: float = PATIENCE_S) -> Ended:
     """Wait for the end of the program and of all that it started."""
     began = time.monotonic()
     try:

@@ -14,9 +14,17 @@ from pathlib import Path
 from typing import Any
 
 CHANGES = {
-    "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate", "os.link", "os.symlink",
-    "tempfile.mkdtemp", "tempfile.mkstemp", "shutil.rmtree",
-}  # fmt: skip
+    "os.rename",
+    "os.remove",
+    "os.mkdir",
+    "os.rmdir",
+    "os.truncate",
+    "os.link",
+    "os.symlink",
+    "tempfile.mkdtemp",
+    "tempfile.mkstemp",
+    "shutil.rmtree",
+}
 """Events that change names; ``open`` is one too where it is for writing."""
 
 

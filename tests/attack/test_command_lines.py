@@ -144,10 +144,38 @@ doctor --json
 """
 """Each prints one JSON document without NaN or infinity where it says that all is well."""
 NUMBERS = (
-    "0", "-0.0", "-1", "1", "1e-323", "1e-300", "1e-12", "1e12", "1e23", "1e300", "1e308", "1e400",
-    "nan", "inf", "-inf", "1_0", "0x10", "१२", "1e", "", " 1", "1,5", "1/3", "true",
-    "None", "9" * 400,    "2147483648", "9223372036854775808", "-9223372036854775809", "0.1", "3",
-)  # fmt: skip
+    "0",
+    "-0.0",
+    "-1",
+    "1",
+    "1e-323",
+    "1e-300",
+    "1e-12",
+    "1e12",
+    "1e23",
+    "1e300",
+    "1e308",
+    "1e400",
+    "nan",
+    "inf",
+    "-inf",
+    "1_0",
+    "0x10",
+    "१२",
+    "1e",
+    "",
+    " 1",
+    "1,5",
+    "1/3",
+    "true",
+    "None",
+    "9" * 400,
+    "2147483648",
+    "9223372036854775808",
+    "-9223372036854775809",
+    "0.1",
+    "3",
+)
 
 
 @pytest.fixture(scope="module")
@@ -233,27 +261,52 @@ def drawn(dice: Random) -> list[str]:
         return dice.choice((*NUMBERS, free))
 
     small = {
-        "solve push-1d": ["-p N={}", "-p M={}", "-p goal_x={}", "-p h={}", "-c mu={}",
-                          "--seed {}", "--starts {}", "-s max_iter={}", "-s factor={}",
-                          "-s start={}", "-s tol={}"],
+        "solve push-1d": [
+            "-p N={}",
+            "-p M={}",
+            "-p goal_x={}",
+            "-p h={}",
+            "-c mu={}",
+            "--seed {}",
+            "--starts {}",
+            "-s max_iter={}",
+            "-s factor={}",
+            "-s start={}",
+            "-s tol={}",
+        ],
         "solve wall-1d --contact adaptive": ["-p N={}", "-c sigma={}", "-p m={}", "-p h={}"],
-        "solve wall-1d --contact randomized -c samples=8": [
-            "-c samples={}", "-c sigma={}", "-c seed={}"],
+        "solve wall-1d --contact randomized -c samples=8": ["-c samples={}", "-c sigma={}", "-c seed={}"],
         "continue wall-1d --contact barrier -p N=3 --over mu --from 1 --to 1e-2 --steps 3": [
-            "--from {}", "--to {}", "--steps {}", "-p N={}", "-p m={}"],
-        "estimate heaviside -n 100": ["-n {}", "--sigma {}", "--seed {}", "--sweep sigma={}:1:3",
-                                      "--sweep sigma=0.1:1:{}", "--reference-samples {}"],
-        "estimate push-1d -p N=3 -n 20": [
-            "-n {}", "--sigma {}", "-p N={}", "--threads {}", "-p M={}"],
-        "sweep push-1d -p N=3 --over M=1:2:2": [
-            "--over h={}:0.1:2", "-p N={}", "-j {}", "--starts {}"],
+            "--from {}",
+            "--to {}",
+            "--steps {}",
+            "-p N={}",
+            "-p m={}",
+        ],
+        "estimate heaviside -n 100": [
+            "-n {}",
+            "--sigma {}",
+            "--seed {}",
+            "--sweep sigma={}:1:3",
+            "--sweep sigma=0.1:1:{}",
+            "--reference-samples {}",
+        ],
+        "estimate push-1d -p N=3 -n 20": ["-n {}", "--sigma {}", "-p N={}", "--threads {}", "-p M={}"],
+        "sweep push-1d -p N=3 --over M=1:2:2": ["--over h={}:0.1:2", "-p N={}", "-j {}", "--starts {}"],
         "train ball-throw --iterations 1 -s samples=2 -s unroll=2 -p horizon=3 -j 1": [
-            "--iterations {}", "-s samples={}", "-s unroll={}", "-s rate={}", "-s hidden={}",
-            "-p horizon={}", "-s episodes={}", "--seed {}"],
+            "--iterations {}",
+            "-s samples={}",
+            "-s unroll={}",
+            "-s rate={}",
+            "-s hidden={}",
+            "-p horizon={}",
+            "-s episodes={}",
+            "--seed {}",
+        ],
         "collect push-1d --samples 10 -o data.nc": ["--samples {}", "--seed {}", "-p M={}"],
         "replay @5": ["-c mu={}", "-c sigma={}"],
         "animate @5 -o motion.html": ["--fps {}", "--speed {}"],
-    }  # fmt: skip
+    }
     head = dice.choice(sorted(small))
     words = head.split()
     if words[0] == "solve":

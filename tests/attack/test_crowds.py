@@ -13,9 +13,7 @@ from tests.attack.works import MAKING, harm_to, hashes, leftovers
 AT_ONCE = 80
 
 
-def all_at_once(
-    lines: list[list[str]], place: Path, env: dict[str, str] | None = None
-) -> list[program.Ended]:
+def all_at_once(lines: list[list[str]], place: Path, env: dict[str, str] | None = None) -> list[program.Ended]:
     """Start all of them, then wait for all."""
     files = [(place / f".out-{k}", place / f".err-{k}") for k in range(len(lines))]
     started: list[subprocess.Popen[bytes]] = []
@@ -25,9 +23,7 @@ def all_at_once(
     ends = []
     for process, line, (out, err) in zip(started, lines, files, strict=True):
         end = program.ended(process, line)
-        ends.append(
-            program.Ended(line, end.code, out.read_text(), err.read_text("utf-8", "replace"), 0.0)
-        )
+        ends.append(program.Ended(line, end.code, out.read_text(), err.read_text("utf-8", "replace"), 0.0))
     return ends
 
 
@@ -57,9 +53,7 @@ def test_the_same_study_at_once(tally, tmp_path) -> None:
         "identical estimates, sweeps and trainings at once, beside listings and removals",
         71,
     )
-    studies = [
-        list(work.arguments) for work in MAKING if work.name in ("estimate", "sweep", "train")
-    ]
+    studies = [list(work.arguments) for work in MAKING if work.name in ("estimate", "sweep", "train")]
     lines = [line for line in studies for _ in range(5)] + [["runs", "--json"]] * 4
     ends = all_at_once(lines, tmp_path)
     found = [fault for end in ends for fault in program.faults(end, expected=(0,))]
@@ -68,8 +62,9 @@ def test_the_same_study_at_once(tally, tmp_path) -> None:
     for entry in store.list_runs(tmp_path / "runs"):
         meta = entry.meta or {}
         kinds.setdefault(meta.get("kind", "damaged"), set()).add(meta.get("hash", "damaged"))
-    found += [("altered run", f"the same {kind} gave {len(known)} answers")
-              for kind, known in kinds.items() if len(known) > 1]  # fmt: skip
+    found += [
+        ("altered run", f"the same {kind} gave {len(known)} answers") for kind, known in kinds.items() if len(known) > 1
+    ]
     stored = sum(len(list(shelf.glob("2*"))) for shelf in (tmp_path / "runs").iterdir())
     if stored != 15:
         found.append(("lost run", f"{stored} of 15 are there"))

@@ -18,11 +18,17 @@ from tests.attack.works import KINDS, furnish, run_of
 
 FLIPS, SHOWN = 400, 1
 READERS = (
-    ("runs", "RUN"), ("report", "RUN", "-o", "out.pdf"), ("runs", "export", "RUN", "-o", "o.npz"),
-    ("replay", "RUN"), ("animate", "RUN", "-o", "out.html"), ("evaluate", "RUN"),
-    ("figure", "RUN"), ("export", "RUN", "-o", "o.c"), ("solve", "push-1d", "--from", "RUN"),
+    ("runs", "RUN"),
+    ("report", "RUN", "-o", "out.pdf"),
+    ("runs", "export", "RUN", "-o", "o.npz"),
+    ("replay", "RUN"),
+    ("animate", "RUN", "-o", "out.html"),
+    ("evaluate", "RUN"),
+    ("figure", "RUN"),
+    ("export", "RUN", "-o", "o.c"),
+    ("solve", "push-1d", "--from", "RUN"),
     ("estimate", "push-1d", "--at", "RUN", "-n", "10"),
-)  # fmt: skip
+)
 """Commands that read a run."""
 
 
@@ -62,9 +68,7 @@ def test_flipped_bits(shop, kind: str, tally, side_by_side, dice: Random) -> Non
         bits = [dice.randrange(8 * len(content)) for _ in range(FLIPS)]
         for bit in bits:
             with changed(file, flipped(content, bit)):
-                account.count(
-                    accepted(run, f"{kind}/{file.name}, bit {bit % 8} of byte {bit // 8}")
-                )
+                account.count(accepted(run, f"{kind}/{file.name}, bit {bit % 8} of byte {bit // 8}"))
         for bit in bits[:SHOWN]:
             with changed(file, flipped(content, bit)):
                 account.count(by_commands(side_by_side, run, shop, f"{file.name}, bit {bit}"), 0)

@@ -93,8 +93,7 @@ def test_one_bad_run_among_good_ones(shop, tally, side_by_side, dice: Random, tm
         harm()
         listing = server.run(["runs", "--json"], here, patience=PATIENCE_S, limits=LIMITS)
         found = [(kind, f"{name}: {told}") for kind, told in program.faults(listing, expected=(0,))]
-        found += [("lost run", f"{name}: {run.name} is not listed") for run in good
-                  if run.name not in listing.out]  # fmt: skip
+        found += [("lost run", f"{name}: {run.name} is not listed") for run in good if run.name not in listing.out]
         attempts = 1
         if name == "terminal signs" and "\x1b" in server.run(["runs"], here).out:
             found.append((name, "runs"))
@@ -107,9 +106,7 @@ def test_one_bad_run_among_good_ones(shop, tally, side_by_side, dice: Random, tm
                 break
             quiet = (0, 4) if words[0] == "runs" else (4,)
             allowed = (0, 2, 4) if name == "a locked file" and os.geteuid() == 0 else quiet
-            found += [
-                (kind, f"{name}: {told}") for kind, told in program.faults(end, expected=allowed)
-            ]
+            found += [(kind, f"{name}: {told}") for kind, told in program.faults(end, expected=allowed)]
         account.count(found, attempts)
         shutil.rmtree(here)
 
@@ -136,21 +133,21 @@ def test_things_that_are_no_runs(shop, tally, side_by_side, tmp_path) -> None:
     os.mkfifo(runs / "fifo")
     os.mkfifo(shelf / "20990101T000005Z-fifo")
     lines = [
-        ["runs"], ["runs", "--json"], ["runs", "--status", "damaged"], ["runs", "@last"],
-        ["runs", "--since", "7d", "-v"], ["runs", "rm", "@last"],
+        ["runs"],
+        ["runs", "--json"],
+        ["runs", "--status", "damaged"],
+        ["runs", "@last"],
+        ["runs", "--since", "7d", "-v"],
+        ["runs", "rm", "@last"],
         ["report", "@last", "-o", "o.pdf"],
-    ]  # fmt: skip
+    ]
 
     def attack(server, line: list[str]) -> None:
         end = server.run(line, here, patience=PATIENCE_S)
         found = program.faults(end)
         if "\x1b" in end.out + end.err:
             found.append(("terminal signs", end.line))
-        if (
-            end.code == 0
-            and line[:2] == ["runs"]
-            and run_of(shop / "runs", "train").name not in end.out
-        ):
+        if end.code == 0 and line[:2] == ["runs"] and run_of(shop / "runs", "train").name not in end.out:
             found.append(("lost run", end.line))
         account.count(found)
 
@@ -231,11 +228,14 @@ def test_pickles(servers, shop, tally, tmp_path) -> None:
         for place in (here / "runs" / kind).glob("*/"):
             shutil.copy(here / "evil.nc", place / "state.npz")
     lines = [
-        *(["solve", "push-1d", "--contact", law, "-c", f"model={file}"]
-          for law in ("ewda", "mlp") for file in ("evil.npz", "evil.nc", "evil.pkl", "evil.npy")),
+        *(
+            ["solve", "push-1d", "--contact", law, "-c", f"model={file}"]
+            for law in ("ewda", "mlp")
+            for file in ("evil.npz", "evil.nc", "evil.pkl", "evil.npy")
+        ),
         *(["learn", file, "--model", "ewda", "-o", "m.nc"] for file in ("evil.npz", "evil.nc")),
         *(["runs", "export", run_of(here / "runs", kind).name, "-o", "o.npz"] for kind in KINDS),
-    ]  # fmt: skip
+    ]
     for line in lines:
         end = servers[0].run(line, here, patience=PATIENCE_S)
         found = program.faults(end)

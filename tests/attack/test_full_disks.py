@@ -147,11 +147,15 @@ def test_devices_for_output(shop, tally, side_by_side, tmp_path) -> None:
         63,
     )
     lines = [
-        ["solve", "wall-1d", "-p", "N=4", "-q", "--pdf"], ["report", "@1", "-q", "-o"],
-        ["runs", "export", "@1", "--format", "npz", "-o"], ["export", "push-1d", "-q", "-o"],
-        ["collect", "push-1d", "--samples", "10", "-q", "-o"], ["animate", "@5", "-q", "-o"],
-        ["show", "push-1d", "--plot"], ["solve", "wall-1d", "-p", "N=4", "-q", "--plot"],
-    ]  # fmt: skip
+        ["solve", "wall-1d", "-p", "N=4", "-q", "--pdf"],
+        ["report", "@1", "-q", "-o"],
+        ["runs", "export", "@1", "--format", "npz", "-o"],
+        ["export", "push-1d", "-q", "-o"],
+        ["collect", "push-1d", "--samples", "10", "-q", "-o"],
+        ["animate", "@5", "-q", "-o"],
+        ["show", "push-1d", "--plot"],
+        ["solve", "wall-1d", "-p", "N=4", "-q", "--plot"],
+    ]
 
     def attack(server, line: list[str]) -> None:
         here = shutil.copytree(shop, tmp_path / "-".join(line).replace("/", "") / "here")

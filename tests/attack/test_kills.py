@@ -77,18 +77,12 @@ def test_kills_at_steps_of_writing(shop, work, tally, side_by_side, dice, tmp_pa
     place = shutil.copytree(shop, tmp_path / "whole")
     log = tmp_path / "steps"
     step = {"under": str(tmp_path), "at": 0, "what": "kill"}
-    (asked,) = side_by_side(
-        lambda server, _: server.run(work.arguments, place, step={**step, "log": str(log)}), [0]
-    )
+    (asked,) = side_by_side(lambda server, _: server.run(work.arguments, place, step={**step, "log": str(log)}), [0])
     assert asked.code == 0, asked.err
     before = state_of(shop / "runs")
     known = sorted(hashes(place / "runs"))
     last = steps.counted(log)
-    chosen = (
-        range(1, last + 1)
-        if last <= AT_STEPS
-        else sorted(dice.sample(range(1, last + 1), AT_STEPS))
-    )
+    chosen = range(1, last + 1) if last <= AT_STEPS else sorted(dice.sample(range(1, last + 1), AT_STEPS))
 
     def attack(server, at: int) -> None:
         here = shutil.copytree(shop, tmp_path / f"at-{at}")
@@ -122,9 +116,7 @@ def test_kills_while_removing(shop, tally, side_by_side, tmp_path) -> None:
     place = shutil.copytree(shop, tmp_path / "whole")
     log = tmp_path / "steps"
     side_by_side(
-        lambda server, _: server.run(
-            REMOVE.arguments, place, step={**step, "at": 0, "log": str(log)}
-        ),
+        lambda server, _: server.run(REMOVE.arguments, place, step={**step, "at": 0, "log": str(log)}),
         [0],
     )
 

@@ -20,8 +20,7 @@ LINES = {
 def test_broken_problem_files(tally, side_by_side, dice: Random, tmp_path) -> None:
     account = tally(
         "Bad input is answered by one sentence and exit code 2, never by a traceback.",
-        f"{FILES} broken problem files: wrong types, NaN, raised exceptions, SystemExit, recursion,"
-        " surrogates",
+        f"{FILES} broken problem files: wrong types, NaN, raised exceptions, SystemExit, recursion, surrogates",
         80,
     )
     files = list(enumerate(sample(FILES, dice.randrange(1 << 30))))

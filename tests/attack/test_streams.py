@@ -13,10 +13,19 @@ from tests.attack import program
 from tests.attack.works import furnish
 
 LINES = (
-    "list", "show push-1d", "runs", "runs @1", "settings laws", "settings", "doctor", "--help",
-    "solve push-1d -p N=3", "solve push-1d -p N=3 --json", "solve nothing",
+    "list",
+    "show push-1d",
+    "runs",
+    "runs @1",
+    "settings laws",
+    "settings",
+    "doctor",
+    "--help",
+    "solve push-1d -p N=3",
+    "solve push-1d -p N=3 --json",
+    "solve nothing",
     "estimate heaviside -n 100 --json",
-)  # fmt: skip
+)
 SHELLS = {
     "to a full device": "{} > /dev/full",
     "both to a full device": "{} > /dev/full 2>&1",
@@ -59,9 +68,13 @@ def test_streams_and_places(shop, name: str, tally, side_by_side, tmp_path) -> N
         script = SHELLS[name].format(call)
         done = subprocess.run(
             ["bash", "-c", f"({script}); exit $?"],
-            cwd=here, env=program.environment(), capture_output=True, text=True, errors="replace",
+            cwd=here,
+            env=program.environment(),
+            capture_output=True,
+            text=True,
+            errors="replace",
             timeout=program.PATIENCE_S,
-        )  # fmt: skip
+        )
         end = program.Ended(words, done.returncode, done.stdout, done.stderr, 0.0)
         found = program.faults(end)
         if "closed" in name or name == "both to a full device":

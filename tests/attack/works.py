@@ -72,9 +72,7 @@ def furnish(server: Server, directory: Path) -> Path:
 
 def run_of(root: Path, kind: str) -> Path:
     """The one run of a kind in a store."""
-    (found,) = [
-        entry.path for entry in store.list_runs(root) if (entry.meta or {}).get("kind") == kind
-    ]
+    (found,) = [entry.path for entry in store.list_runs(root) if (entry.meta or {}).get("kind") == kind]
     return found
 
 

@@ -34,9 +34,7 @@ from tests.benchmarks.ocp import test_warm_starts as warm
 
 DOCS = Path(__file__).parents[2] / "docs"
 DATA = DOCS / "generated" / "data"
-_MARK = re.compile(
-    r"([-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?)[^\d<\n]*<!-- measured: (.+?) \| (\S+) -->"
-)
+_MARK = re.compile(r"([-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?)[^\d<\n]*<!-- measured: (.+?) \| (\S+) -->")
 _DECIMAL = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?$")
 _COUNTS, _COSTS = 0.02, 1e-5
 LAWS = {
@@ -88,9 +86,7 @@ def in_tables() -> Iterator[Measured]:
     for problem, method, *cells in matrix["rows"]:
         for law, cell in zip(matrix["columns"][2:], cells, strict=True):
             command = _solve(problem.strip("`"), f"{LAWS[law]} --method {method}")
-            yield from _numbers(
-                f"matrix: {problem}, {method}, {law}", command, cell.split(" / ")[:3]
-            )
+            yield from _numbers(f"matrix: {problem}, {method}, {law}", command, cell.split(" / ")[:3])
     verdicts = json.loads((DATA / "verdicts.json").read_text(encoding="utf-8"))
     for problem, law, _, *cells in verdicts["rows"]:
         if law in LAWS:
@@ -135,8 +131,13 @@ def document(command: str) -> Any:
         lines = [line.replace("ocp ", f"{program} ", 1) + " --quiet" for line in [*before, last]]
         lines = [*(f"{line} > {os.devnull}" for line in lines[:-1]), f"{lines[-1]} --json"]
         done = subprocess.run(
-            " && ".join(lines), shell=True, cwd=folder, text=True, capture_output=True, check=False,
-        )  # fmt: skip
+            " && ".join(lines),
+            shell=True,
+            cwd=folder,
+            text=True,
+            capture_output=True,
+            check=False,
+        )
     if done.returncode not in (0, 3):
         raise RuntimeError(f"{command} ended with {done.returncode}: {done.stderr.strip()}")
     return json.loads(done.stdout)
@@ -155,9 +156,7 @@ def compare(drawn: list[Measured], jobs: int = 1) -> list[str]:
     off = []
     with ThreadPoolExecutor(jobs) as pool:
         for number, found in zip(drawn, pool.map(measure, drawn), strict=True):
-            line = (
-                f"{number.place}: {number.path} {number.text}, now {found:.9g} ({number.command})"
-            )
+            line = f"{number.place}: {number.path} {number.text}, now {found:.9g} ({number.command})"
             print("agrees " if number.agrees(found) else "DIFFERS", line, flush=True)
             off += [] if number.agrees(found) else [line]
     return off

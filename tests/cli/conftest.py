@@ -50,10 +50,23 @@ def store_of_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ["solve", "push-1d", "--contact", "exact"],
         ["solve", "push-1d", "--contact", "adaptive", "--method", "multiple-shooting"],
         ["solve", "push-disc", "--contact", "barrier", "-p", "scenarios=3", "--policy", "feedback"],
-        ["continue", "wall-1d", "--contact", "barrier",
-         "--over", "contact.mu", "--from", "1e-1", "--to", "1e-4",
-         "--scale", "log", "--steps", "4"],
-    ]  # fmt: skip
+        [
+            "continue",
+            "wall-1d",
+            "--contact",
+            "barrier",
+            "--over",
+            "contact.mu",
+            "--from",
+            "1e-1",
+            "--to",
+            "1e-4",
+            "--scale",
+            "log",
+            "--steps",
+            "4",
+        ],
+    ]
     for arguments in calls:
         assert main([*arguments, "--out", str(root), "--quiet"]) == 0
     return root

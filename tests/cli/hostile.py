@@ -20,16 +20,27 @@ def build(params: Params) -> Problem:
     """Push a mass against a wall at x = 0."""
     p = table(params)
     system = time_stepping(
-        name, states=signals("x$a_{$ [m] posi$tion_{; =v<i> [m/s] velocity"),
-        inputs=signals("@u$_{ [N s] impulse"), contacts=signals("-wa$ll_{^$ [N s] impulse"),
-        h=0.1, mass=1.0, impulse=lambda q, v, u: u, distance=lambda q: q, parameters=p,
-    )  # fmt: skip
+        name,
+        states=signals("x$a_{$ [m] posi$tion_{; =v<i> [m/s] velocity"),
+        inputs=signals("@u$_{ [N s] impulse"),
+        contacts=signals("-wa$ll_{^$ [N s] impulse"),
+        h=0.1,
+        mass=1.0,
+        impulse=lambda q, v, u: u,
+        distance=lambda q: q,
+        parameters=p,
+    )
     x, v = system.x[0], system.x[1]
     return Problem(
-        name, system, N=8, stage_cost=0.1 * system.u**2, parameters=p,
-        terminal_cost=10 * (x - p["goal"]) ** 2 + 10 * v**2, x0=ca.vertcat(0.5, -1.0),
+        name,
+        system,
+        N=8,
+        stage_cost=0.1 * system.u**2,
+        parameters=p,
+        terminal_cost=10 * (x - p["goal"]) ** 2 + 10 * v**2,
+        x0=ca.vertcat(0.5, -1.0),
         scaling=Scaling(impulse=1.0, gap=0.1),
-    )  # fmt: skip
+    )
 
 
 def draw(params, state):

@@ -29,10 +29,23 @@ def store_of_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for arguments in (
         ["solve", "push-1d", "--contact", "barrier", "-p", "N=6"],
         ["solve", str(root / "bare.py"), "--contact", "barrier", "-p", "N=6"],
-        ["continue", "wall-1d", "--contact", "barrier",
-         "--over", "contact.mu", "--from", "1e-1", "--to", "1e-2",
-         "--scale", "log", "--steps", "2"],
-    ):  # fmt: skip
+        [
+            "continue",
+            "wall-1d",
+            "--contact",
+            "barrier",
+            "--over",
+            "contact.mu",
+            "--from",
+            "1e-1",
+            "--to",
+            "1e-2",
+            "--scale",
+            "log",
+            "--steps",
+            "2",
+        ],
+    ):
         assert main([*arguments, "--out", str(root / "runs"), "--quiet"]) == 0
     return root / "runs"
 
@@ -46,9 +59,7 @@ def test_a_gif_of_a_stored_run(ocp, store_of_runs: Path) -> None:
     assert done.json["duration_s"] == pytest.approx(0.6)
     assert done.json["bytes"] == Path("push.gif").stat().st_size
     assert done.json["panels"] == ["planned under the barrier law", "replayed under the exact law"]
-    slow = ocp(
-        "animate", "push-1d/", "-o", "s.html", "--fps", "5", "--speed", "0.5", "--json", *out
-    )
+    slow = ocp("animate", "push-1d/", "-o", "s.html", "--fps", "5", "--speed", "0.5", "--json", *out)
     assert slow.json["frames"] == 7
     plain = ocp("animate", "push-1d/", "-o", "again.gif", "--fps", "10", "--quiet", *out)
     assert plain.out == "animation: again.gif (7 frames)\n" and plain.err == ""

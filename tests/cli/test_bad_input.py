@@ -210,9 +210,7 @@ def build(params):
         ('1.0, "kg", "mass", above=0', '0.0, "kg", "mass"', ["positive definite", "is 0;"]),
     ],
 )
-def test_a_users_file_that_does_not_work(
-    ocp, tmp_path: Path, old: str, new: str, words: list[str]
-) -> None:
+def test_a_users_file_that_does_not_work(ocp, tmp_path: Path, old: str, new: str, words: list[str]) -> None:
     assert old in USER_FILE
     (tmp_path / "mine.py").write_text(USER_FILE.replace(old, new))
     done = ocp("solve", "mine.py")
@@ -285,9 +283,7 @@ def test_a_small_disk(ocp, tmp_path: Path) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()
     mount = shutil.which("mount")
-    made = mount and subprocess.run(
-        [mount, "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)], capture_output=True
-    )
+    made = mount and subprocess.run([mount, "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)], capture_output=True)
     if not made or made.returncode != 0:
         pytest.skip("no file system can be mounted here")
     try:

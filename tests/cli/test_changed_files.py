@@ -31,8 +31,7 @@ def draw(params, state):
     return [Disc(float(state[0]), 0.0, 0.1)]
 """
 QUICK = ["--reference", "none", "--quiet"]
-ESTIMATE = ["estimate", "mine.py", "-p", "N=3", "-n", "400", "--estimators", "fobg,zobg",
-            "--sweep", "m=1:2:3", *QUICK]  # fmt: skip
+ESTIMATE = ["estimate", "mine.py", "-p", "N=3", "-n", "400", "--estimators", "fobg,zobg", "--sweep", "m=1:2:3", *QUICK]
 SWEEP = ["sweep", "mine.py", "-p", "N=3", "--contact", "exact", "--over", "m=1:2:3", "--quiet"]
 SOLVE = ["solve", "mine.py", "-p", "N=3", "--contact", "exact", "--quiet"]
 ANEW = "the problem's file, or what it imports, has changed since the first run: starting again"
@@ -135,13 +134,15 @@ def test_two_of_the_same_at_once_leave_each_other_alone(
     assert not list(Path("runs/mine").glob(".unfinished-*"))
 
 
-def test_commands_say_that_the_file_has_changed(
-    weigh: Write, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_commands_say_that_the_file_has_changed(weigh: Write, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(SOLVE) == 0
-    lines = ["replay @last --source mine.py", "report @last --source mine.py -o a.pdf",
-             "animate @last --source mine.py -o a.html", "export @last --source mine.py -o a.c",
-             "solve mine.py -p N=3 --contact exact --quiet --from @last --out other"]  # fmt: skip
+    lines = [
+        "replay @last --source mine.py",
+        "report @last --source mine.py -o a.pdf",
+        "animate @last --source mine.py -o a.html",
+        "export @last --source mine.py -o a.c",
+        "solve mine.py -p N=3 --contact exact --quiet --from @last --out other",
+    ]
     store_of = str(Path("runs").resolve())
     lines[-1] = lines[-1].replace("@last --out other", f"{store.find('@last', store_of)}")
     capsys.readouterr()
@@ -159,9 +160,7 @@ def test_commands_say_that_the_file_has_changed(
         load(store.list_runs("runs")[0].path, source="mine.py")
 
 
-def test_a_decision_is_of_this_problem_at_these_parameters(
-    weigh: Write, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_decision_is_of_this_problem_at_these_parameters(weigh: Write, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(SOLVE) == 0
     run = str(store.find("@last", "runs"))
     assert main(["solve", "wall-1d", "--contact", "barrier", "-p", "N=3", "--quiet"]) == 0
@@ -178,9 +177,7 @@ def test_a_decision_is_of_this_problem_at_these_parameters(
     assert told("-p", "N=3", "--at", run) == ""
     assert told("-p", "N=3", "--at", run, "--sweep", "m=1:2:2") == ""
     assert "the run is of wall-1d, not of mine" in told("-p", "N=3", "--at", other)
-    assert "at other parameters; give those of the run: -p m=1.0" in told(
-        "-p", "N=3", "-p", "m=2", "--at", run
-    )
+    assert "at other parameters; give those of the run: -p m=1.0" in told("-p", "N=3", "-p", "m=2", "--at", run)
     assert "at other parameters; give those of the run: -p N=3" in told("--at", run)
     weigh(20)
     assert "mine.py, or a file it imports, has changed since" in told("-p", "N=3", "--at", run)

@@ -15,16 +15,44 @@ from problems import names, spec
 from problems.tasks import registry as tasks
 
 SOLVE_KEYS = {
-    "problem", "contact", "method", "policy", "solver", "status", "success", "cost", "exact_cost",
-    "iterations", "build_s", "solve_s", "evaluation_s", "solver_s", "iteration_s",
-    "complementarity", "complementarity_min",
-    "dynamics_residual", "penetration", "run", "params", "seed", "versions",
-}  # fmt: skip
+    "problem",
+    "contact",
+    "method",
+    "policy",
+    "solver",
+    "status",
+    "success",
+    "cost",
+    "exact_cost",
+    "iterations",
+    "build_s",
+    "solve_s",
+    "evaluation_s",
+    "solver_s",
+    "iteration_s",
+    "complementarity",
+    "complementarity_min",
+    "dynamics_residual",
+    "penetration",
+    "run",
+    "params",
+    "seed",
+    "versions",
+}
 POINT_KEYS = {"value", "status", "success", "cost", "exact_cost", "iterations", "complementarity"}
-TIMES = {"certificate_s",
-    "build_s", "solve_s", "audit_s", "seconds", "evaluation_s", "solver_s", "iteration_s", "run",
-    "pdf", "created",
-}  # fmt: skip
+TIMES = {
+    "certificate_s",
+    "build_s",
+    "solve_s",
+    "audit_s",
+    "seconds",
+    "evaluation_s",
+    "solver_s",
+    "iteration_s",
+    "run",
+    "pdf",
+    "created",
+}
 
 
 def strict(text: str) -> Any:
@@ -85,8 +113,9 @@ def test_the_split_of_the_time_adds_up(ocp) -> None:
 
 def test_a_failure_keeps_its_run_and_says_so(ocp) -> None:
     """From a guess without contact the exact law in shooting sees no gradient."""
-    done = ocp("solve", "push-1d", "--contact", "exact", "--method", "single-shooting",
-               "-s", "homotopy=false", "--json")  # fmt: skip
+    done = ocp(
+        "solve", "push-1d", "--contact", "exact", "--method", "single-shooting", "-s", "homotopy=false", "--json"
+    )
     found = strict(done.out)
     assert done.code == 3
     assert (found["success"], found["status"]) == (False, "no-progress")
@@ -126,9 +155,23 @@ def test_a_rerun_gives_identical_json_but_for_times(ocp) -> None:
 
 
 def test_continue_json(ocp) -> None:
-    done = ocp("continue", "wall-1d", "--contact", "barrier",
-               "--over", "contact.mu", "--from", "1e-1", "--to", "1e-4",
-               "--scale", "log", "--steps", "3", "--json")  # fmt: skip
+    done = ocp(
+        "continue",
+        "wall-1d",
+        "--contact",
+        "barrier",
+        "--over",
+        "contact.mu",
+        "--from",
+        "1e-1",
+        "--to",
+        "1e-4",
+        "--scale",
+        "log",
+        "--steps",
+        "3",
+        "--json",
+    )
     assert done.code == 0
     found = strict(done.out)
     assert set(found) >= {"points", "iterations", "nlp_builds", "run"}
@@ -144,17 +187,27 @@ def test_continue_json(ocp) -> None:
 
 
 def test_events_are_told_by_every_output_of_a_continuation(ocp) -> None:
-    done = ocp("continue", "planar-push", "--contact", "exact", "--over", "goal_x", "--from", "0.3",
-               "--to", "0.35", "--steps", "1", "--json")  # fmt: skip
+    done = ocp(
+        "continue",
+        "planar-push",
+        "--contact",
+        "exact",
+        "--over",
+        "goal_x",
+        "--from",
+        "0.3",
+        "--to",
+        "0.35",
+        "--steps",
+        "1",
+        "--json",
+    )
     found = strict(done.out)
     event = next(event for event in found["events"] if event["kind"] == "contact")
     assert (event["contact"], event["change"], event["steps"]) == ("push+", "opens", [2])
     assert 0.3 < event["value"] < 0.35
     assert event["cost"] == pytest.approx(85.805682, rel=1e-6)
-    assert (
-        f"1 contact event: 'push+' opens at step 2 (goal_x = {event['value']:.6g})"
-        in (found["verdict"])
-    )
+    assert f"1 contact event: 'push+' opens at step 2 (goal_x = {event['value']:.6g})" in (found["verdict"])
     assert "push+ opens" in done.err
 
 
@@ -198,8 +251,12 @@ def test_a_run_is_named_by_a_part_of_its_name(ocp, store_of_runs: Path) -> None:
 def test_runs_lists_the_damaged_ones_too(ocp, store_of_runs: Path) -> None:
     listed = strict(ocp("runs", "--out", str(store_of_runs), "--json").out)["runs"]
     assert sorted(entry["problem"] for entry in listed) == [
-        "push-1d", "push-1d", "push-disc", "wall-1d", "wall-1d",
-    ]  # fmt: skip
+        "push-1d",
+        "push-1d",
+        "push-disc",
+        "wall-1d",
+        "wall-1d",
+    ]
     assert all(entry["damage"] is None for entry in listed)
     ocp("solve", "wall-1d", "--contact", "barrier", "--quiet")
     meta = next(Path("runs").rglob("meta.json"))
@@ -229,9 +286,7 @@ def test_list_json(ocp) -> None:
 def test_show(ocp, name: str) -> None:
     found = strict(ocp("show", name, "--json").out)
     assert found["equations"]
-    assert {p["name"]: p["value"] for p in found["parameters"]} == spec(name).params(
-        {}
-    ).model_dump()
+    assert {p["name"]: p["value"] for p in found["parameters"]} == spec(name).params({}).model_dump()
     assert all(parameter["unit"] for parameter in found["parameters"])
     text = ocp("show", name).out
     unwrapped = " ".join(text.split())
@@ -354,9 +409,21 @@ def test_a_stage_is_told_in_one_line_without_a_terminal(ocp) -> None:
 
 
 def test_a_point_of_a_continuation_is_told_in_one_line(ocp) -> None:
-    done = ocp("continue", "wall-1d", "--contact", "barrier",
-               "--over", "m", "--from", "1", "--to", "2", "--steps", "2",
-               "--json")  # fmt: skip
+    done = ocp(
+        "continue",
+        "wall-1d",
+        "--contact",
+        "barrier",
+        "--over",
+        "m",
+        "--from",
+        "1",
+        "--to",
+        "2",
+        "--steps",
+        "2",
+        "--json",
+    )
     rows = [line.split() for line in done.err.splitlines()]
     assert [row[0] for row in rows[1:4]] == ["1", "1.5", "2"]
     assert [float(row[1]) for row in rows[1:4]] == pytest.approx(

@@ -29,13 +29,25 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     small, kept = ["-p", "N=3"], ["--quiet", "--out", str(root)]
     for line in (
         ["solve", "wall-1d", "--contact", "barrier", *small],
-        ["continue", "wall-1d", "--contact", "barrier",
-         *small, "--over", "mu", "--from", "0.1", "--to", "0.05",
-         "--steps", "1"],
+        [
+            "continue",
+            "wall-1d",
+            "--contact",
+            "barrier",
+            *small,
+            "--over",
+            "mu",
+            "--from",
+            "0.1",
+            "--to",
+            "0.05",
+            "--steps",
+            "1",
+        ],
         ["sweep", "wall-1d", "--contact", "barrier", *small, "--over", "m=1:2:2"],
         ["estimate", "heaviside", "-n", "100"],
         ["train", "ball-throw", "-s", "samples=2", "-p", "horizon=3", "--iterations", "1"],
-    ):  # fmt: skip
+    ):
         assert main([*line, *kept]) == 0
     solved = store.load(next(root.glob("wall-1d/*")))
     told = {"argv": [], "record": {"params": {}}, "status": "done", "verdict": "All hold."}
@@ -48,9 +60,7 @@ KINDS = ("solve", "continue", "sweep", "estimate", "train", "figure")
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["meta.json", "solution.nc"])
-def test_every_flipped_bit_is_found(
-    made: dict[str, Path], tmp_path: Path, kind: str, name: str
-) -> None:
+def test_every_flipped_bit_is_found(made: dict[str, Path], tmp_path: Path, kind: str, name: str) -> None:
     """Also in the checksums themselves, in blanks, and in the case of a digit or an exponent."""
     run = shutil.copytree(made[kind], tmp_path / "run")
     content = (run / name).read_bytes()
@@ -71,17 +81,14 @@ def test_every_byte_of_the_end_counts(made: dict[str, Path], tmp_path: Path) -> 
     run = shutil.copytree(made["solve"], tmp_path / "run")
     content = (run / "meta.json").read_bytes()
     others = [content[:-1], content + b"\n", content + b" ", b"\n" + content, b"", content * 2]
-    others += [content[:-i] + bytes([content[-i] ^ 0x20]) + content[len(content) - i + 1 :]
-               for i in range(1, 100)]  # fmt: skip
+    others += [content[:-i] + bytes([content[-i] ^ 0x20]) + content[len(content) - i + 1 :] for i in range(1, 100)]
     for changed in others:
         (run / "meta.json").write_bytes(changed)
         with pytest.raises(DamagedRun, match=r"meta\.json"):
             store.load(run)
 
 
-def test_a_flipped_bit_is_found_before_the_library_reads(
-    made: dict[str, Path], tmp_path: Path, monkeypatch
-) -> None:
+def test_a_flipped_bit_is_found_before_the_library_reads(made: dict[str, Path], tmp_path: Path, monkeypatch) -> None:
     run = shutil.copytree(made["solve"], tmp_path / "run")
     content = bytearray((run / "solution.nc").read_bytes())
     content[8] ^= 1
@@ -173,9 +180,17 @@ def test_one_bad_run_is_one_bad_line(ocp, made: dict[str, Path], tmp_path: Path,
     )
     act, said = HARMS[harm]
     act(bad)
-    for line in ("runs {}", "replay {}", "runs export {} -o a.csv", "report {} -o a.pdf",
-                 "figure {}", "export {} -o a.c", "animate {} -o a.gif",
-                 "solve wall-1d --from {}", "estimate wall-1d --at {}"):  # fmt: skip
+    for line in (
+        "runs {}",
+        "replay {}",
+        "runs export {} -o a.csv",
+        "report {} -o a.pdf",
+        "figure {}",
+        "export {} -o a.c",
+        "animate {} -o a.gif",
+        "solve wall-1d --from {}",
+        "estimate wall-1d --at {}",
+    ):
         done = ocp(*line.format(bad).split())
         assert done.code == 4 and done.err.count("\n") == 1, done.err
         assert said in done.err
@@ -231,17 +246,14 @@ def lacking_entry(way: str) -> Callable[[dict[str, Any]], None]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ENTRIES)
-def test_what_does_not_fit_together_is_no_internal_fault(
-    ocp, made: dict[str, Path], tmp_path: Path, kind: str
-) -> None:
+def test_what_does_not_fit_together_is_no_internal_fault(ocp, made: dict[str, Path], tmp_path: Path, kind: str) -> None:
     """Though every checksum agrees: parts left out, and arrays of another run."""
     another = (made["figure" if kind != "solve" else "train"] / "solution.nc").read_bytes()
     harms = [(lacking_entry(way), {}) for way in ENTRIES[kind]]
     for harm, parts in [*harms, (having(), {"solution": another})]:
         run = shutil.copytree(made[kind], tmp_path / "run")
         reseal(run, harm, **parts)
-        for line in ("runs {}", "replay {}", "runs export {} -o a.csv", "evaluate {}",
-                     "report {} -o a.pdf"):  # fmt: skip
+        for line in ("runs {}", "replay {}", "runs export {} -o a.csv", "evaluate {}", "report {} -o a.pdf"):
             done = ocp(*line.format(run).split())
             assert done.code in (0, 2, 4) and "internal error" not in done.err, done.err
             assert "Traceback" not in done.err

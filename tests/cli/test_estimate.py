@@ -46,9 +46,19 @@ def test_json_tells_mean_variance_error_reference_and_verdict(capsys, tmp_path):
 
 def test_a_sweep_over_a_law_gives_every_point(capsys, tmp_path):
     code, told, _ = estimate(
-        capsys, "wall-1d", "-p", "N=4", "--sweep", "contact.mu=1e-3:1e-1:3:log", "--samples", 500,
-        "--estimators", "fobg", "--out", tmp_path,
-    )  # fmt: skip
+        capsys,
+        "wall-1d",
+        "-p",
+        "N=4",
+        "--sweep",
+        "contact.mu=1e-3:1e-1:3:log",
+        "--samples",
+        500,
+        "--estimators",
+        "fobg",
+        "--out",
+        tmp_path,
+    )
     assert code == 0
     np.testing.assert_allclose([row["value"] for row in told["estimates"]], [1e-3, 1e-2, 1e-1])
     assert all(len(row["mean"]) == 4 for row in told["estimates"])
@@ -59,9 +69,17 @@ def test_a_sweep_over_a_law_gives_every_point(capsys, tmp_path):
 
 def test_a_horizon_can_be_swept(capsys, tmp_path):
     code, told, _ = estimate(
-        capsys, "wall-1d", "--sweep", "N=2:4:3", "--samples", 100, "--estimators", "fobg", "--out",
+        capsys,
+        "wall-1d",
+        "--sweep",
+        "N=2:4:3",
+        "--samples",
+        100,
+        "--estimators",
+        "fobg",
+        "--out",
         tmp_path,
-    )  # fmt: skip
+    )
     assert code == 0
     assert [len(row["mean"]) for row in told["estimates"]] == [2, 3, 4]
     mean = store.load(told["run"]).data["mean"].values
@@ -91,9 +109,20 @@ def test_a_stored_plan_is_the_decision(capsys, tmp_path):
     sizes = []
     for more in ((), ("--at", run)):
         _, told, _ = estimate(
-            capsys, "wall-1d", "-p", "N=5", "--samples", 2000, "--estimators", "fobg", "--sigma",
-            0.001, "--out", tmp_path, *more,
-        )  # fmt: skip
+            capsys,
+            "wall-1d",
+            "-p",
+            "N=5",
+            "--samples",
+            2000,
+            "--estimators",
+            "fobg",
+            "--sigma",
+            0.001,
+            "--out",
+            tmp_path,
+            *more,
+        )
         sizes.append(np.linalg.norm(told["estimates"][0]["mean"]))
     # Where inputs are optimal and inside their bounds the gradient is small.
     assert sizes[1] < sizes[0]
@@ -101,9 +130,19 @@ def test_a_stored_plan_is_the_decision(capsys, tmp_path):
 
 def test_a_page_shows_parameters_that_are_words(capsys, tmp_path):
     code, told, _ = estimate(
-        capsys, "planar-hand", "-p", "N=1", "--samples", 10, "--estimators", "zobg",
-        "--reference", "none", "--out", tmp_path,
-    )  # fmt: skip
+        capsys,
+        "planar-hand",
+        "-p",
+        "N=1",
+        "--samples",
+        10,
+        "--estimators",
+        "zobg",
+        "--reference",
+        "none",
+        "--out",
+        tmp_path,
+    )
     assert code == 0
     content, _ = estimate_page(store.load(told["run"]))
     shown = {row[0]: row[1:3] for row in content["parameters"]}
@@ -114,9 +153,17 @@ def test_a_page_shows_parameters_that_are_words(capsys, tmp_path):
 def test_a_pdf_is_written(capsys, tmp_path):
     pdf = tmp_path / "report.pdf"
     code, _, _ = estimate(
-        capsys, "coulomb", "--sweep", "nu=0.01:0.1:2", "--samples", 100, "--out", tmp_path, "--pdf",
+        capsys,
+        "coulomb",
+        "--sweep",
+        "nu=0.01:0.1:2",
+        "--samples",
+        100,
+        "--out",
+        tmp_path,
+        "--pdf",
         pdf,
-    )  # fmt: skip
+    )
     assert code == 0
     assert pdf.read_bytes().startswith(b"%PDF")
 
@@ -184,9 +231,19 @@ def test_help_names_every_backend(capsys):
 
 
 SWEEP = [
-    "estimate", "coulomb", "--sweep", "nu=1e-3:1e-1:3:log", "--samples", "6e5", "--estimators",
-    "zobg-mean,fobg,alpha", "--seed", "3", "--json", "--quiet",
-]  # fmt: skip
+    "estimate",
+    "coulomb",
+    "--sweep",
+    "nu=1e-3:1e-1:3:log",
+    "--samples",
+    "6e5",
+    "--estimators",
+    "zobg-mean,fobg,alpha",
+    "--seed",
+    "3",
+    "--json",
+    "--quiet",
+]
 
 
 def program(out: Path) -> list[str]:
@@ -212,9 +269,7 @@ def final(out: Path) -> tuple[list, dict]:
     return stored.meta["estimates"], {**arrays, "hash": stored.meta["hash"]}
 
 
-@pytest.mark.parametrize(
-    "signal_number", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("signal_number", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)])
 def test_a_stopped_sweep_goes_on_to_the_same_bits(tmp_path, signal_number):
     broken, whole = tmp_path / "broken", tmp_path / "whole"
     with subprocess.Popen(program(broken), stdout=subprocess.DEVNULL) as process:

@@ -52,9 +52,7 @@ def rolled(text: str, name: str, start: np.ndarray, steps: int) -> np.ndarray:
 @pytest.mark.parametrize("law", [None, "exact"])
 def test_a_runs_file_repeats_its_rollout(ocp, policy, law) -> None:
     """Under the run's own law, and under another: the replay of the run, state by state."""
-    solved = ocp(
-        "solve", "push-1d", "--contact", "barrier", "-c", "mu=1e-3", "--policy", policy, "--json"
-    )
+    solved = ocp("solve", "push-1d", "--contact", "barrier", "-c", "mu=1e-3", "--policy", policy, "--json")
     run = json.loads(solved.out)["run"]
     asked = [] if law is None else ["--contact", law]
     done = ocp("export", run, "-o", "rollout.c", *asked, "--json")

@@ -103,15 +103,9 @@ def test_a_place_that_cannot_be_written(ocp: Ocp, tmp_path: Path) -> None:
     assert "cannot write" in done.err
 
 
-@pytest.mark.parametrize(
-    ("ending", "begins"), [("pdf", b"%PDF"), ("svg", b"<?xml"), ("png", b"\x89PNG")]
-)
-def test_a_bare_figure_beside_the_report(
-    ocp: Ocp, tmp_path: Path, ending: str, begins: bytes
-) -> None:
-    done = ocp(
-        "figure", "P2", "-p", "n_samples=20", "-p", "points=10", "--format", ending, "--json", "-q"
-    )
+@pytest.mark.parametrize(("ending", "begins"), [("pdf", b"%PDF"), ("svg", b"<?xml"), ("png", b"\x89PNG")])
+def test_a_bare_figure_beside_the_report(ocp: Ocp, tmp_path: Path, ending: str, begins: bytes) -> None:
+    done = ocp("figure", "P2", "-p", "n_samples=20", "-p", "points=10", "--format", ending, "--json", "-q")
     assert done.code == 0, done.err
     assert done.json["files"][2] == f"runs/P2-figure.{ending}"
     assert (tmp_path / "runs/P2-figure").with_suffix(f".{ending}").read_bytes().startswith(begins)

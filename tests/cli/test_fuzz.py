@@ -16,9 +16,11 @@ from tests.cli.command_lines import OBJECTIVES, lines
 MOST_S = 2.0
 """Processor seconds for whatever does not solve."""
 QUIETLY = {
-    "derandomize": True, "deadline": None, "database": None,
+    "derandomize": True,
+    "deadline": None,
+    "database": None,
     "suppress_health_check": list(HealthCheck),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +38,10 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     # Loads JAX, which takes longer than any check may.
     network = ["learn", str(data), "--model", "mlp", "--hidden", "2", "--epochs", "1"]
     assert main([*network, "-o", str(root / "model.nc"), "--quiet"]) == 0
-    stored = {f"@{kind}": str(next((root / at).glob("*/2*")))
-              for kind, at in (("solve", "a"), ("continue", "b"), ("train", "c"))}  # fmt: skip
+    stored = {
+        f"@{kind}": str(next((root / at).glob("*/2*")))
+        for kind, at in (("solve", "a"), ("continue", "b"), ("train", "c"))
+    }
     return {**stored, "@data": str(data)}
 
 

@@ -26,16 +26,19 @@ def hostile(ocp: Ocp, tmp_path: Path) -> Ocp:
 @pytest.mark.parametrize(
     "lines",
     [
-        ["solve hostile.py --policy feedback --pdf a.pdf --plot a.png",
-         "report @last -o b.pdf --source hostile.py", "report @last -o c.pdf",
-         "animate @last -o a.html --source hostile.py", "animate @last -o a.gif"],
-        ["continue hostile.py --over goal --from 0.2 --to 0.3 --steps 3 --pdf d.pdf",
-         "runs export @last -o d.csv"],
+        [
+            "solve hostile.py --policy feedback --pdf a.pdf --plot a.png",
+            "report @last -o b.pdf --source hostile.py",
+            "report @last -o c.pdf",
+            "animate @last -o a.html --source hostile.py",
+            "animate @last -o a.gif",
+        ],
+        ["continue hostile.py --over goal --from 0.2 --to 0.3 --steps 3 --pdf d.pdf", "runs export @last -o d.csv"],
         ["sweep hostile.py --over goal=0.1:0.2:2 --pdf e.pdf"],
         ["estimate hostile.py -n 50 --pdf f.pdf"],
         ["show hostile.py", "export hostile.py -o x.c"],
     ],
-)  # fmt: skip
+)
 def test_every_page_is_written_without_a_warning(hostile: Ocp, lines: list[str]) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -52,8 +55,11 @@ def test_a_name_is_drawn_as_it_is_and_numbers_at_ticks_stay_mathematics() -> Non
         axis.set(title="x$a$", ylabel="u$_{$", xticks=[1, 2], xticklabels=["$b$", "c$_{$"])
         literal(figure)
         to_svg(figure)
-        names = {text.get_text(): text.get_parse_math() for text in axis.findobj(Text)
-                 if isinstance(text, Text) and text.get_text()}  # fmt: skip
+        names = {
+            text.get_text(): text.get_parse_math()
+            for text in axis.findobj(Text)
+            if isinstance(text, Text) and text.get_text()
+        }
     assert not any(names[name] for name in ("x$a$", "u$_{$", "$b$", "c$_{$"))
     assert all(parsed for text, parsed in names.items() if "mathdefault" in text)
     assert any("mathdefault" in text for text in names)

@@ -16,10 +16,21 @@ from ocp import Status, store
 
 PROGRAM = [sys.executable, "-c", "import sys; from reports.cli.app import main; sys.exit(main())"]
 LONG_PATH = [
-    "continue", "wall-1d", "--contact", "barrier",
-"--over", "contact.mu", "--from", "1", "--to", "1e-8",
-    "--scale", "log", "--steps", "5000",
-]  # fmt: skip
+    "continue",
+    "wall-1d",
+    "--contact",
+    "barrier",
+    "--over",
+    "contact.mu",
+    "--from",
+    "1",
+    "--to",
+    "1e-8",
+    "--scale",
+    "log",
+    "--steps",
+    "5000",
+]
 LONG_SOLVE = ["solve", "cart-walls", "--contact", "exact", "--starts", "9999"]
 
 
@@ -64,9 +75,7 @@ def test_ctrl_c_between_starts_keeps_the_best_of_them(tmp_path: Path) -> None:
 
 def test_ctrl_c_in_a_solver_keeps_the_best_point(tmp_path: Path) -> None:
     """The signal falls into IPOPT, which would need seconds more."""
-    process = start(
-        ["solve", "planar-hand", "--contact", "barrier", "-p", "N=60", "-vv", "--json"], tmp_path
-    )
+    process = start(["solve", "planar-hand", "--contact", "barrier", "-p", "N=60", "-vv", "--json"], tmp_path)
     read_until(process, "ipopt on planar-hand")
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)

@@ -42,9 +42,13 @@ def build(params):
 def test_nothing_stands_beside_the_document(tmp_path: Path, words: tuple[str, ...]) -> None:
     (tmp_path / "loud.py").write_text(LOUD)
     done = subprocess.run(
-        [*PROGRAM, "solve", "loud.py", "-p", "N=5", "--json", *words], cwd=tmp_path,
-        capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+        [*PROGRAM, "solve", "loud.py", "-p", "N=5", "--json", *words],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["problem"] == "wall-1d"
     assert ("This is Ipopt" in done.stderr) == ("print_level=5" in words)

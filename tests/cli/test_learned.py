@@ -120,15 +120,11 @@ def test_a_model_is_learned_shown_and_planned_with(ocp: Ocp, model: str) -> None
     again = ocp("solve", "push-1d", "--contact", "barrier", *words, "--from", run, "--json", "-q")
     assert again.json["cost"] == pytest.approx(solved.json["cost"], rel=1e-6)
     over = ["--over", "M", "--from", "1", "--to", "1.2", "--steps", "2", "--json", "-q"]
-    assert (
-        len(ocp("continue", "push-1d", "--contact", "barrier", *words, *over).json["points"]) == 3
-    )
+    assert len(ocp("continue", "push-1d", "--contact", "barrier", *words, *over).json["points"]) == 3
     if model == "ewda":
         # The cost need not rise with trust: the path has a fold at every datum that it passes.
         over = ["--over", "contact.trust", "--from", "0", "--to", "1e-3", "--steps", "2"]
-        points = ocp(
-            "continue", "push-1d", "--contact", "barrier", *words, *over, "--json", "-q"
-        ).json["points"]
+        points = ocp("continue", "push-1d", "--contact", "barrier", *words, *over, "--json", "-q").json["points"]
         assert (points[0]["value"], points[-1]["value"]) == (0, 1e-3)
     judged = ocp("estimate", "push-1d", *words, "-n", "200", "--json", "-q")
     assert judged.code == 0 and judged.json["estimates"]
@@ -152,8 +148,7 @@ def test_the_fit_is_that_of_rows_that_the_model_has_not_seen(ocp: Ocp) -> None:
 def test_a_user_s_table_becomes_a_plan(ocp: Ocp) -> None:
     Path("own.py").write_text(OWN)
     own_table(Path("own.csv"), HEADS)
-    done = ocp("learn", "own.csv", "--model", "ewda", "-o", "own.nc", "--problem", "own.py", "-q",
-               "--json")  # fmt: skip
+    done = ocp("learn", "own.csv", "--model", "ewda", "-o", "own.nc", "--problem", "own.py", "-q", "--json")
     assert done.code == 0, done.err
     assert (done.json["problem"], done.json["data"]["how"]) == ("own", "read from own.csv")
     solved = ocp("solve", "own.py", "--contact", "ewda", "-c", "model=own.nc", "--json", "-q")
@@ -324,9 +319,7 @@ def test_bad_input_is_told_in_a_sentence(ocp: Ocp, files: Path, case: str) -> No
     assert not Path("x.nc").exists()
 
 
-def test_training_without_jax_names_the_extra(
-    ocp: Ocp, files: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_training_without_jax_names_the_extra(ocp: Ocp, files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "jax", None)
     data = str(files / "data.nc")
     done = ocp("learn", data, "--model", "mlp", "-o", "x.nc")
@@ -349,8 +342,7 @@ def test_the_best_of_several_seeds_is_kept_whatever_the_processes(ocp) -> None:
     both = ocp("learn", "data.nc", *network, "--seeds", "2", "-j", "2", "-o", "best.nc", "--json")
     errors = both.json["seeds"]
     alone = {
-        seed: ocp("learn", "data.nc", *network, "--seed", seed, "-o", f"{seed}.nc", "--json").json
-        for seed in errors
+        seed: ocp("learn", "data.nc", *network, "--seed", seed, "-o", f"{seed}.nc", "--json").json for seed in errors
     }
     assert errors == {seed: found["seeds"][seed] for seed, found in alone.items()}
     best = min(errors, key=errors.__getitem__)

@@ -20,30 +20,44 @@ TOO_MUCH = {
     "steps": ([*WALL, "-p", "N=1e8"], "2.72e+03 GB of memory"),
     "steps beyond counting": ([*WALL, "-p", "N=1e23"], "a whole number >= 1, got '1e23'"),
     "steps of feedback": (
-        ["solve", "push-disc", "--contact", "barrier",
-         "-p", "N=900000", "--policy", "feedback"], "GB of memory",
+        ["solve", "push-disc", "--contact", "barrier", "-p", "N=900000", "--policy", "feedback"],
+        "GB of memory",
     ),
     "nodes of a law": (
         ["solve", "half-cheetah", "--contact", "randomized", "-c", "samples=4096", "-p", "N=200"],
         "816 GB of memory",
     ),
     "solves in parallel": (
-        [*WALL, "-p", "N=100000", "--starts", "1000", "--jobs", "1000"], "1000 solves in parallel",
+        [*WALL, "-p", "N=100000", "--starts", "1000", "--jobs", "1000"],
+        "1000 solves in parallel",
     ),
-    "points": (["sweep", "wall-1d", "--contact", "barrier",
-                "--over", "m=1:2:1e9"], "from 2 to 100000"),
+    "points": (["sweep", "wall-1d", "--contact", "barrier", "--over", "m=1:2:1e9"], "from 2 to 100000"),
     "points together": (
-        ["sweep", "wall-1d", "--contact", "barrier",
-         "--over", "m=1:2:20000", "-p", "N=100000"], "a grid of 20000 points",
+        ["sweep", "wall-1d", "--contact", "barrier", "--over", "m=1:2:20000", "-p", "N=100000"],
+        "a grid of 20000 points",
     ),
     "points of a growing horizon": (
-        ["sweep", "wall-1d", "--contact", "barrier",
-         "--over", "N=1:50000:50000"], "a grid of 50000 points",
+        ["sweep", "wall-1d", "--contact", "barrier", "--over", "N=1:50000:50000"],
+        "a grid of 50000 points",
     ),
     "steps of a curve": (
-        ["continue", "wall-1d", "--contact", "barrier",
-         "--over", "m", "--from", "1", "--to", "2", "--steps", "100000",
-         "-p", "N=20000"], "--steps 100000 would take",
+        [
+            "continue",
+            "wall-1d",
+            "--contact",
+            "barrier",
+            "--over",
+            "m",
+            "--from",
+            "1",
+            "--to",
+            "2",
+            "--steps",
+            "100000",
+            "-p",
+            "N=20000",
+        ],
+        "--steps 100000 would take",
     ),
     "values": (["estimate", "coulomb", "--sweep", "nu=0.1:1:1e9"], "from 1 to 100000"),
     "samples": (["estimate", "heaviside", "-n", "1e300"], "at most 9.2e+18"),
@@ -51,7 +65,8 @@ TOO_MUCH = {
     "noise of no effect": (["estimate", "wall-1d", "--sigma", "1e-100"], "must be from 5e-11"),
     "noise as a parameter": (["estimate", "coulomb", "-p", "sigma=1e80"], "must be from"),
     "noise of a sweep": (
-        ["estimate", "belt-block", "--sweep", "sigma=1e-300:1:2"], "must be from 1e-10",
+        ["estimate", "belt-block", "--sweep", "sigma=1e-300:1:2"],
+        "must be from 1e-10",
     ),
     "transitions": (["collect", "wall-1d", "-n", "1e15", "-o", "x.nc"], "GB of memory"),
     "unrolls": (["train", "ball-throw", "-s", "samples=1e12"], "GB of memory"),
@@ -61,7 +76,7 @@ TOO_MUCH = {
     "points of a figure": (["figure", "A1", "-p", "points=100000000"], "500 GB of memory"),
     "samples of a figure": (["figure", "P1", "-p", "n_samples=1e15"], "GB of memory"),
     "frames per second": (["animate", "x", "-o", "x.gif", "--fps", "1e9"], "--fps"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("words", "sentence"), TOO_MUCH.values(), ids=TOO_MUCH)
@@ -105,9 +120,23 @@ def test_a_curve_that_ends_in_no_number_has_failed(ocp, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(walk, "judged", overflown)
     monkeypatch.setattr(walk, "SMALLEST", 0.9)
-    done = ocp("continue", "wall-1d", "--contact", "barrier",
-               "--over", "m", "--from", "1", "--to", "0.5",
-               "--steps", "1", "-p", "N=3", "--json")  # fmt: skip
+    done = ocp(
+        "continue",
+        "wall-1d",
+        "--contact",
+        "barrier",
+        "--over",
+        "m",
+        "--from",
+        "1",
+        "--to",
+        "0.5",
+        "--steps",
+        "1",
+        "-p",
+        "N=3",
+        "--json",
+    )
     assert done.code == 3 and done.json["success"] is False
     assert "its cost, replayed, is not finite" in done.json["verdict"]
     assert all(point["exact_cost"] is not None for point in done.json["points"])

@@ -37,8 +37,21 @@ def loops(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_document_is_what_the_run_stores(ocp: Ocp) -> None:
-    options = ("--steps", "15", "--noise-state", "p=0.01", "--mismatch", "mp=0.5", "--delay",
-               "--push", "3:dp=0.2", "--push", "3:p=0.01", "--certify", "5")  # fmt: skip
+    options = (
+        "--steps",
+        "15",
+        "--noise-state",
+        "p=0.01",
+        "--mismatch",
+        "mp=0.5",
+        "--delay",
+        "--push",
+        "3:dp=0.2",
+        "--push",
+        "3:p=0.01",
+        "--certify",
+        "5",
+    )
     done = ocp(*SMALL, *options, "--json")
     assert done.code == 0, done.err
     told = done.json

@@ -29,9 +29,7 @@ def test_a_template_loads_under_its_new_name_and_is_drawn(ocp, kind: str) -> Non
     problem = found.problem({"N": 3})
     assert problem.name == "my-robot" and problem.N == 3
     x0 = problem.initial_states(problem.parameters.values)[0]
-    assert found.draw is not None and any(
-        isinstance(s, Disc) for s in found.draw(found.params({}), x0)
-    )
+    assert found.draw is not None and any(isinstance(s, Disc) for s in found.draw(found.params({}), x0))
     frames = [] if found.frames is None else found.frames(found.params({}), x0)
     assert all(isinstance(frame, ContactFrame) for frame in frames)
     assert len(frames) == {"plain": 0, "scene": 3, "machine": 3}[kind]
@@ -48,9 +46,7 @@ def test_a_template_solves_in_few_steps(ocp, kind: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_template_solves_and_survives_as_it_stands(ocp, kind: str) -> None:
-    done = ocp(
-        "solve", str(written(ocp, kind)), "--contact", "exact", "--require", "survives", "--json"
-    )
+    done = ocp("solve", str(written(ocp, kind)), "--contact", "exact", "--require", "survives", "--json")
     assert done.code == 0, done.err
     np.testing.assert_allclose(done.json["cost"], COSTS[kind], rtol=1e-4)
 

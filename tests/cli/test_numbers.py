@@ -19,19 +19,27 @@ DOORS = {
     "our setting": ["solve", "wall-1d", "--contact", "barrier", "-s", "factor={}"],
     "solver's setting": ["solve", "wall-1d", "--contact", "barrier", "-s", "tol={}"],
     "solver's count": ["solve", "wall-1d", "--contact", "barrier", "-s", "max_iter={}"],
-    "policy": ["solve", "wall-1d", "--contact", "barrier",
-               "--policy", "feedback", "-s", "policy.bound={}"],
+    "policy": ["solve", "wall-1d", "--contact", "barrier", "--policy", "feedback", "-s", "policy.bound={}"],
     "seed": ["solve", "wall-1d", "--contact", "barrier", "--seed", "{}"],
     "starts": ["solve", "wall-1d", "--contact", "barrier", "--starts={}"],
-    "first value": ["continue", "wall-1d", "--contact", "barrier",
-                    "--over", "m", "--from", "{}", "--to", "2"],
-    "continuation": ["continue", "wall-1d", "--contact", "barrier",
-                     "--over", "m", "--from", "1", "--to", "2",
-                     "--steps", "{}"],
+    "first value": ["continue", "wall-1d", "--contact", "barrier", "--over", "m", "--from", "{}", "--to", "2"],
+    "continuation": [
+        "continue",
+        "wall-1d",
+        "--contact",
+        "barrier",
+        "--over",
+        "m",
+        "--from",
+        "1",
+        "--to",
+        "2",
+        "--steps",
+        "{}",
+    ],
     "end of an axis": ["sweep", "wall-1d", "--contact", "barrier", "--over", "m={}:2:3"],
     "points of an axis": ["sweep", "wall-1d", "--contact", "barrier", "--over", "m=1:2:{}"],
-    "parameter of a sweep": ["sweep", "wall-1d", "--contact", "barrier",
-                             "--over", "m=1:2:3", "-p", "N={}"],
+    "parameter of a sweep": ["sweep", "wall-1d", "--contact", "barrier", "--over", "m=1:2:3", "-p", "N={}"],
     "samples": ["estimate", "heaviside", "-n", "{}"],
     "noise": ["estimate", "heaviside", "--sigma", "{}"],
     "estimate's sweep": ["estimate", "heaviside", "--sweep", "theta={}:1:3"],
@@ -47,7 +55,7 @@ DOORS = {
     "frames": ["animate", "x", "-o", "x.gif", "--fps", "{}"],
     "speed": ["animate", "x", "-o", "x.gif", "--speed", "{}"],
     "runs": ["runs", "--last", "{}"],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("door", DOORS.values(), ids=DOORS)
@@ -88,9 +96,7 @@ def test_whole_numbers_may_be_written_as_numbers(ocp, monkeypatch: pytest.Monkey
         "--steps",
         "2e2",
     )
-    assert [(one.seed, getattr(one, "starts", 0), getattr(one, "jobs", 0)) for one in seen] == [
-        (10, 2, 3), (0, 0, 0)
-    ]  # fmt: skip
+    assert [(one.seed, getattr(one, "starts", 0), getattr(one, "jobs", 0)) for one in seen] == [(10, 2, 3), (0, 0, 0)]
     assert (seen[1].start, seen[1].end, seen[1].steps) == (0.5, 10.0, 200)
 
 

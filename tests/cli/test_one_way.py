@@ -34,9 +34,7 @@ print(json.dumps({"code": code, "files": sorted(called), "modules": sorted(ours)
 
 
 def printed(program: str, directory: Path) -> dict:
-    found = subprocess.run(
-        [sys.executable, "-c", program, str(ROOT)], cwd=directory, capture_output=True, text=True
-    )
+    found = subprocess.run([sys.executable, "-c", program, str(ROOT)], cwd=directory, capture_output=True, text=True)
     assert found.returncode == 0, found.stderr
     return json.loads(found.stdout.splitlines()[-1])
 

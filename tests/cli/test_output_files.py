@@ -35,9 +35,15 @@ WRITERS = {
     "g.nc": "learn data.nc --model ewda -o",
 }
 BEGINS = {
-    ".pdf": b"%PDF-", ".png": b"\x89PNG", ".html": b"<!doctype html>", ".gif": b"GIF8",
-    ".c": b"/*", ".csv": b"scenario,node", ".npz": b"PK", ".nc": b"\x89HDF",
-}  # fmt: skip
+    ".pdf": b"%PDF-",
+    ".png": b"\x89PNG",
+    ".html": b"<!doctype html>",
+    ".gif": b"GIF8",
+    ".c": b"/*",
+    ".csv": b"scenario,node",
+    ".npz": b"PK",
+    ".nc": b"\x89HDF",
+}
 
 
 @pytest.mark.parametrize("name", WRITERS)

@@ -43,14 +43,13 @@ def test_a_run_under_it_is_replayed_and_exported_where_the_file_is_named(ocp, la
     "words",
     [
         ["sweep", "push-1d", *SHORT, "--over", "contact.width=0.02:0.1:2"],
-        ["continue", "push-1d", *SHORT, "--over", "contact.width", "--from", "0.1", "--to", "0.05",
-         "--steps", "1"],
+        ["continue", "push-1d", *SHORT, "--over", "contact.width", "--from", "0.1", "--to", "0.05", "--steps", "1"],
         ["estimate", "push-1d", *SHORT, "-n", "200"],
         ["mpc", "push-1d", "--phase", "relaxed", "--steps", "2"],
         ["train", "ball-throw", "--iterations", "1", "--algorithm", "zopg"],
     ],
     ids=lambda words: words[0],
-)  # fmt: skip
+)
 def test_every_command_takes_it(ocp, law: Path, words: list[str]) -> None:
     done = ocp(*words, "--contact", law.name)
     assert done.code == 0, done.err
@@ -71,7 +70,7 @@ def test_every_command_takes_it(ocp, law: Path, words: list[str]) -> None:
         ("self.width =", "self.wid =", "parameters(...) failed: line 37: AttributeError"),
         ("softplus(t", "(", "SyntaxError"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_file_is_one_sentence(ocp, law: Path, old: str, new: str, sentence: str) -> None:
     law.write_text(LAW.replace(old, new))
     done = ocp("solve", "planar-push", "--contact", law.name, "-q", *SHORT)

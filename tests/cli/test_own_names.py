@@ -17,10 +17,35 @@ from reports.pages.sweep import estimate_page, sweep_page
 from reports.view import RunView
 
 OURS = (
-    "mu", "kappa", "sigma", "penalty", "relaxation", "x", "u", "lam", "gap", "cost", "success",
-    "exact_cost", "iterations", "status", "seed", "node", "state", "scenario", "barrier", "exact",
-    "contact", "method", "value", "point", "params", "problem", "samples", "theta",
-)  # fmt: skip
+    "mu",
+    "kappa",
+    "sigma",
+    "penalty",
+    "relaxation",
+    "x",
+    "u",
+    "lam",
+    "gap",
+    "cost",
+    "success",
+    "exact_cost",
+    "iterations",
+    "status",
+    "seed",
+    "node",
+    "state",
+    "scenario",
+    "barrier",
+    "exact",
+    "contact",
+    "method",
+    "value",
+    "point",
+    "params",
+    "problem",
+    "samples",
+    "theta",
+)
 BLOCK = '''"""A block on a rough floor is pushed towards a wall."""
 import casadi as ca
 from dynamics.systems import signals, time_stepping
@@ -73,17 +98,20 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
     """The same block with names of ours, and with others."""
     written = []
     for name, a, signals in (
-        ("ours", "", ("x [m]; lam [m]; mu [m/s]; gap [m/s]", "cost [N]; u [N]",
-                      "kappa [N s]; sigma [N s]")),
-        ("theirs", "my_", ("a [m]; b [m]; c [m/s]; d [m/s]", "e [N]; f [N]",
-                           "floor [N s]; wall [N s]")),
-    ):  # fmt: skip
+        ("ours", "", ("x [m]; lam [m]; mu [m/s]; gap [m/s]", "cost [N]; u [N]", "kappa [N s]; sigma [N s]")),
+        ("theirs", "my_", ("a [m]; b [m]; c [m/s]; d [m/s]", "e [N]; f [N]", "floor [N s]; wall [N s]")),
+    ):
         names = [a + one for one in OURS[10:]]
         factors = "\n".join(f'    {one}: float = quantity(1.0, "1", "factor")' for one in names)
         text = BLOCK.format(
-            name=name, a=a, names=names, factors=factors, states=signals[0], inputs=signals[1],
+            name=name,
+            a=a,
+            names=names,
+            factors=factors,
+            states=signals[0],
+            inputs=signals[1],
             contacts=signals[2],
-        )  # fmt: skip
+        )
         (tmp_path / f"{name}.py").write_text(text)
         written.append(tmp_path / f"{name}.py")
     return written[0], written[1]
@@ -98,10 +126,9 @@ def test_a_plan_is_that_of_the_same_problem_with_other_names(files, law, setting
     """A terminal weight called penalty was taken for that of a route, and set to zero."""
     changed = {"mu": 0.4, "penalty": 20.0, "relaxation": 0.02, "seed": 1.5}
     plans = [
-        solve(get(str(path), **{a + key: value for key, value in changed.items()}), law,
-              contact_settings=settings)
+        solve(get(str(path), **{a + key: value for key, value in changed.items()}), law, contact_settings=settings)
         for path, a in zip(files, ("", "my_"), strict=True)
-    ]  # fmt: skip
+    ]
     ours, theirs = plans
     assert ours.success and ours.cost == pytest.approx(theirs.cost, rel=1e-9) and ours.cost > 1
     np.testing.assert_allclose(ours.data["u"].values, theirs.data["u"].values, atol=1e-7)

@@ -28,8 +28,14 @@ def house_style():
 
 def test_page_one_names_law_method_and_policy(views) -> None:
     how = dict(solve_page(views["solve push-disc barrier"])[0]["how"])
-    assert how == {"law": "barrier (μ = 0.001)", "method": "direct", "policy": "feedback",
-                   "solver": "ipopt", "steps": "20", "scenarios": "3"}  # fmt: skip
+    assert how == {
+        "law": "barrier (μ = 0.001)",
+        "method": "direct",
+        "policy": "feedback",
+        "solver": "ipopt",
+        "steps": "20",
+        "scenarios": "3",
+    }
     how = dict(solve_page(views["solve push-1d exact"])[0]["how"])
     assert (how["law"], how["policy"]) == ("exact", "open-loop")
 
@@ -88,15 +94,21 @@ def test_a_path_shows_its_motions(views) -> None:
     content, drawn = continuation_page(view)
     count = len(view.run.meta["points"])
     titles = [
-        axis.get_title("left") for name, figure in sorted(drawn.items())
-        if name.startswith("strobes-") for axis in figure.axes if axis.axison
-    ]  # fmt: skip
+        axis.get_title("left")
+        for name, figure in sorted(drawn.items())
+        if name.startswith("strobes-")
+        for axis in figure.axes
+        if axis.axison
+    ]
     assert len(titles) == min(6, count)
     assert titles[0] == "μ = 0.1 N s m" and titles[-1] == "μ = 0.0001 N s m"
     panels = [
-        axis.get_title("left") for name, figure in sorted(drawn.items())
-        if name.startswith("motion-") for axis in figure.axes if axis.get_title("left")
-    ]  # fmt: skip
+        axis.get_title("left")
+        for name, figure in sorted(drawn.items())
+        if name.startswith("motion-")
+        for axis in figure.axes
+        if axis.get_title("left")
+    ]
     signals = [s for kind in ("states", "inputs", "contacts") for s in view.signals(kind)]
     assert panels == [f"{signal.name} [{signal.unit}]" for signal in signals]
     assert "contact.mu" not in content["verdict"]

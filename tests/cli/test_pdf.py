@@ -41,13 +41,17 @@ def test_identical_runs_give_identical_bytes(ocp, tmp_path: Path) -> None:
     assert ocp(*arguments, "--pdf", "a.pdf").code == 0
     code = "import sys; from reports.cli.app import main; sys.exit(main())"
     environment = {
-        **os.environ, "PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo",
+        **os.environ,
+        "PYTHONHASHSEED": "7",
+        "TZ": "Asia/Tokyo",
         "PYTHONPATH": str(Path(__file__).parents[2]),
-    }  # fmt: skip
+    }
     done = subprocess.run(
         [sys.executable, "-c", code, *arguments, "--pdf", "b.pdf", "--out", "other"],
-        env=environment, cwd=tmp_path, capture_output=True,
-    )  # fmt: skip
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+    )
     assert done.returncode == 0, done.stderr
     first, second = (tmp_path / name for name in ("a.pdf", "b.pdf"))
     assert first.read_bytes() == second.read_bytes()
@@ -64,8 +68,7 @@ def test_reports_of_stored_runs(ocp, store_of_runs: Path) -> None:
     assert side_by_side.json == {"pdf": "two.pdf", "runs": runs}
     assert Path("two.pdf").read_bytes().startswith(b"%PDF")
     assert Path("two.pdf").stat().st_mode & 0o777 == 0o644
-    path = next(p for p in (store_of_runs / "wall-1d").iterdir() if "points" in
-                (p / "meta.json").read_text())  # fmt: skip
+    path = next(p for p in (store_of_runs / "wall-1d").iterdir() if "points" in (p / "meta.json").read_text())
     assert ocp("report", str(path), "-o", "path.pdf", *out).code == 0
     mixed = ocp("report", str(path), runs[0], "-o", "mixed.pdf", *out)
     assert mixed.code == 2 and "needs runs of ocp solve" in mixed.err
@@ -176,9 +179,7 @@ def test_the_continuation_page(views) -> None:
     assert top.get_xscale() == "log"
 
 
-def test_events_are_marked_and_listed_on_the_continuation_page(
-    views, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_events_are_marked_and_listed_on_the_continuation_page(views, monkeypatch: pytest.MonkeyPatch) -> None:
     view = views["continue wall-1d barrier"]
     shared = {"cost": 17.8, "change": "touches", "contact": "wall", "steps": [3]}
     events = [
@@ -190,8 +191,9 @@ def test_events_are_marked_and_listed_on_the_continuation_page(
     with styled():
         content, drawn = continuation_page(view)
     assert [row[:5] for row in content["events"]] == [
-        ["1", "0.002", "contact", "wall touches", "3"], ["2", "0.005", "fold", "turns", ""]
-    ]  # fmt: skip
+        ["1", "0.002", "contact", "wall touches", "3"],
+        ["2", "0.005", "fold", "turns", ""],
+    ]
     top, middle, _ = drawn["path"].axes
     assert [text.get_text() for text in top.texts] == ["1", "2"]
     marked = [np.asarray(line.get_xdata())[0] for line in middle.lines[1:]]
@@ -214,8 +216,7 @@ def test_citations() -> None:
         assert citation is not None
         assert full_citation(citation.key) != citation.key, "the bibliography lacks this key"
     assert full_citation("suh2023noising") == (
-        "Suh HT, Simchowitz M, Pang T, Tedrake R (2023) How Does Noising Data Affect Learned"
-        " Contact Dynamics?"
+        "Suh HT, Simchowitz M, Pang T, Tedrake R (2023) How Does Noising Data Affect Learned Contact Dynamics?"
     )
     assert "SIAM Journal on Numerical Analysis 40:702–733" in full_citation("paoli2002numerical")
     assert full_citation("somebody2030") == "somebody2030"

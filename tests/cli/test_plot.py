@@ -29,9 +29,7 @@ def test_a_solve_writes_its_figure(ocp, tmp_path: Path) -> None:
     with Image.open("push.png") as picture:
         assert picture.size[0] == pytest.approx(300 * BOTH, abs=1)
     assert Path("push.png").read_bytes() == bare(store.load(Path(done.json["run"])), "png")
-    plain = ocp(
-        "solve", "push-1d", "--contact", "barrier", "-p", "N=6", "--plot", "again.svg", "-q"
-    )
+    plain = ocp("solve", "push-1d", "--contact", "barrier", "-p", "N=6", "--plot", "again.svg", "-q")
     assert "figure: again.svg\n" in plain.out
     assert Path("again.svg").read_text().startswith("<?xml")
     again = ocp("figure", done.json["run"], "--format", "png", "--json", "-q")
@@ -46,9 +44,7 @@ def test_a_solve_writes_its_figure(ocp, tmp_path: Path) -> None:
         ("taken.pdf", "taken.pdf is a directory"),
     ],
 )
-def test_a_figure_that_cannot_be_written_is_told_before_solving(
-    ocp, tmp_path: Path, file: str, sentence: str
-) -> None:
+def test_a_figure_that_cannot_be_written_is_told_before_solving(ocp, tmp_path: Path, file: str, sentence: str) -> None:
     (tmp_path / "taken.pdf").mkdir()
     done = ocp("solve", "push-1d", "--contact", "barrier", "--plot", file)
     assert done.code == 2 and sentence in done.err and done.out == ""

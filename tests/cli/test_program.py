@@ -22,9 +22,12 @@ COMMANDS = commands()
 def run_as(directory: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess:
     """The program in a process of its own."""
     return subprocess.run(
-        [*PROGRAM, *arguments], cwd=directory, capture_output=True, check=False,
+        [*PROGRAM, *arguments],
+        cwd=directory,
+        capture_output=True,
+        check=False,
         env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
-    )  # fmt: skip
+    )
 
 
 def test_the_version_is_that_of_what_is_installed(ocp) -> None:
@@ -66,13 +69,8 @@ def test_stages_are_logged_at_info_and_solvers_at_debug(ocp, caplog) -> None:
     told = ocp("solve", "wall-1d", "--contact", "barrier", "-q", "-v").err
     assert "ocp.routes.homotopy: " in told and "ocp.session: " in told
     assert "ocp.programs.solver" not in told
-    assert (
-        "ocp.programs.solver: ipopt"
-        in ocp("solve", "wall-1d", "--contact", "barrier", "-q", "-vv").err
-    )
-    assert ocp("solve", "wall-1d", "--contact", "barrier", "-q").err == "", (
-        "what was asked for once is not kept"
-    )
+    assert "ocp.programs.solver: ipopt" in ocp("solve", "wall-1d", "--contact", "barrier", "-q", "-vv").err
+    assert ocp("solve", "wall-1d", "--contact", "barrier", "-q").err == "", "what was asked for once is not kept"
 
 
 def test_logging_is_pythons_own(caplog) -> None:
@@ -103,9 +101,7 @@ def test_levels_are_set_back(capsys) -> None:
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8"])
 def test_output_in_every_encoding(tmp_path: Path, encoding: str) -> None:
     """The sign of complementarity, which cp1252 lacks, ends no program."""
-    done = run_as(
-        tmp_path, "settings", "laws", PYTHONIOENCODING=encoding, PYTHONUTF8="0", LC_ALL="C"
-    )
+    done = run_as(tmp_path, "settings", "laws", PYTHONIOENCODING=encoding, PYTHONUTF8="0", LC_ALL="C")
     assert done.returncode == 0, done.stderr
     sign = "⟂" if encoding == "utf-8" else "_|_"
     assert f"0 <= lam {sign} gap" in done.stdout.decode(encoding)
@@ -129,8 +125,7 @@ def test_signs_are_written_in_words() -> None:
 
 @pytest.mark.parametrize(("words", "found"), [("ocp so", "solve"), ("ocp solve --st", "--starts")])
 def test_the_shell_completes_commands_and_options(tmp_path, words: str, found: str) -> None:
-    done = run_as(tmp_path, _OCP_COMPLETE="complete_bash", COMP_WORDS=words,
-                  COMP_CWORD=str(len(words.split()) - 1))  # fmt: skip
+    done = run_as(tmp_path, _OCP_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=str(len(words.split()) - 1))
     assert done.stdout.decode().split() == [found]
 
 

@@ -72,18 +72,38 @@ def test_python_stores_what_the_command_line_stores(ocp, tmp_path, name: str, la
 
 def test_method_policy_and_settings_are_those_of_the_command_line(ocp, tmp_path) -> None:
     told = ocp(
-        "solve", "push-disc", "--contact", "barrier",
-"-p", "N=4", "-p", "scenarios=2", "--method", "multiple-shooting",
-        "--policy", "feedback", "-s", "policy.penalty=0.01", "-s", "max_iter=200", "--json",
-    ).json  # fmt: skip
+        "solve",
+        "push-disc",
+        "--contact",
+        "barrier",
+        "-p",
+        "N=4",
+        "-p",
+        "scenarios=2",
+        "--method",
+        "multiple-shooting",
+        "--policy",
+        "feedback",
+        "-s",
+        "policy.penalty=0.01",
+        "-s",
+        "max_iter=200",
+        "--json",
+    ).json
     named = solve(
-        "push-disc", method="multiple-shooting", policy="feedback", params={"N": 4, "scenarios": 2},
+        "push-disc",
+        method="multiple-shooting",
+        policy="feedback",
+        params={"N": 4, "scenarios": 2},
         settings={"policy.penalty": 0.01, "max_iter": 200},
-    )  # fmt: skip
+    )
     made = solve(
-        get("push-disc", N=4, scenarios=2), Barrier(), MultipleShooting(), Feedback(0.01),
+        get("push-disc", N=4, scenarios=2),
+        Barrier(),
+        MultipleShooting(),
+        Feedback(0.01),
         settings={"max_iter": "200"},
-    )  # fmt: skip
+    )
     assert {stored_hash(named, tmp_path), stored_hash(made, tmp_path)} == {told["hash"]}
 
 
@@ -152,8 +172,7 @@ def test_what_is_wrong_is_told_in_the_same_words(ocp, line, python) -> None:
         ),
         (
             {"contact": "barrier", "muu": 1e-3},
-            "solve has no argument 'muu' (did you mean 'mu'?); the barrier law takes mu, kappa;"
-            " wall-1d takes",
+            "solve has no argument 'muu' (did you mean 'mu'?); the barrier law takes mu, kappa; wall-1d takes",
         ),
         (
             {"contact": "barrier", "mu": 1.0, "contact_settings": {"mu": 2.0}},
@@ -233,9 +252,7 @@ def test_a_solution_comes_back_from_the_store(pushed: Solution, tmp_path) -> Non
     xr.testing.assert_identical(again.replay("barrier", mu=1e-3).data, own.data)
 
 
-def test_runs_are_named_and_kept_as_on_the_command_line(
-    ocp, pushed: Solution, tmp_path, monkeypatch
-) -> None:
+def test_runs_are_named_and_kept_as_on_the_command_line(ocp, pushed: Solution, tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("OCP_RUNS", str(tmp_path / "kept"))
     run = pushed.save(tags=["first"])
     assert run.parent.parent == tmp_path / "kept"

@@ -37,9 +37,7 @@ def test_the_readme_is_short() -> None:
     ("table", "title", "columns", "number"),
     [("smoothings", "Which smoothing", 5, 6), ("smoothings-in-the-loop", "And in the loop", 7, 4)],
 )
-def test_its_tables_of_smoothings_say_what_was_measured(
-    table: str, title: str, columns: int, number: int
-) -> None:
+def test_its_tables_of_smoothings_say_what_was_measured(table: str, title: str, columns: int, number: int) -> None:
     measured = json.loads((DOCS / "generated" / "data" / f"{table}.json").read_text())
     wanted = {tuple(map(cell, row[:columns])) for row in measured["rows"]}
     text = README.read_text().partition(f"## {title}")[2].partition("\n## ")[0]

@@ -21,8 +21,14 @@ def test_a_robot_is_shown_with_all_that_was_read_and_what_was_not(ocp) -> None:
     shutil.copy(DATA / "finger.urdf", "finger.urdf")
     done = ocp("show", "finger.urdf")
     assert done.code == 0, done.err
-    for words in ("  fore", "shoulder", "-1 to 1", "tip geom 1 on ground", "Home: upper 0, fore 0.",
-                  "- velocity of limit of joints"):  # fmt: skip
+    for words in (
+        "  fore",
+        "shoulder",
+        "-1 to 1",
+        "tip geom 1 on ground",
+        "Home: upper 0, fore 0.",
+        "- velocity of limit of joints",
+    ):
         assert words in done.out, words
     found = ocp("show", "finger.urdf", "--json").json
     assert [link["parent"] for link in found["links"]] == [None, "upper"]
@@ -59,8 +65,13 @@ def test_a_robot_floats_when_asked(ocp) -> None:
     assert done.err.startswith(f"error: {HOPPER}: nothing to set free")
 
 
-FILES = {"hopper": HOPPER, "arm": DATA / "arm.xml", "leg": DATA / "leg.urdf",
-         "crane": DATA / "crane.xml", "servos": DATA / "servos.xml"}  # fmt: skip
+FILES = {
+    "hopper": HOPPER,
+    "arm": DATA / "arm.xml",
+    "leg": DATA / "leg.urdf",
+    "crane": DATA / "crane.xml",
+    "servos": DATA / "servos.xml",
+}
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -94,15 +105,11 @@ def test_a_problem_of_a_robot_solves(ocp, name: str) -> None:
     assert way == pytest.approx([0.2] * len(way), abs=0.02)
 
 
-def test_without_mujoco_the_sentence_says_what_to_install(
-    ocp, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_mujoco_the_sentence_says_what_to_install(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
     done = ocp("show", str(HOPPER))
     assert done.code == 2
-    assert done.err == (
-        "error: reading robot files needs the package mujoco; install 'centralpath[robots]'\n"
-    )
+    assert done.err == ("error: reading robot files needs the package mujoco; install 'centralpath[robots]'\n")
 
 
 def mjcf(inside: str, more: str = "") -> str:
@@ -119,36 +126,30 @@ BAD = {
     "empty": ("<mujoco/>", "no joint, so nothing moves"),
     "no mass": (mjcf(J), "must be larger than mjMINVAL in 'a'"),
     "negative mass": (mjcf(J + "<geom size='.1' mass='-1'/>"), "negative"),
-    "negative inertia": (
-        mjcf(J + "<inertial pos='0 0 0' mass='1' diaginertia='-1 -1 -1'/>"), "inertia"),
+    "negative inertia": (mjcf(J + "<inertial pos='0 0 0' mass='1' diaginertia='-1 -1 -1'/>"), "inertia"),
     "not finite": (mjcf("<joint pos='nan 0 0'/>" + G), "is not finite"),
     "too large": (mjcf(J + "<geom size='1e200'/>"), "too large to compute with"),
     "twice": (mjcf(f"{J}{G}<body name='a'>{J}{G}</body>"), "repeated name 'a' in body"),
     "unknown attribute": (mjcf(f"{J}<geom bogus='1' size='.1'/>"), "'bogus'"),
-    "two motors": (
-        mjcf(J + G, "<actuator><motor joint='j'/><motor joint='j'/></actuator>"), "two motors"),
+    "two motors": (mjcf(J + G, "<actuator><motor joint='j'/><motor joint='j'/></actuator>"), "two motors"),
     "many joints": (
-        "<mujoco><worldbody>" + "<body><joint axis='0 1 0'/><geom size='.1'/></body>" * 200
-        + "</worldbody></mujoco>", "200 joints; at most 100"),
-    "uneven tree": (
-        URDF.replace('<child link="leg"/>', '<child link="torso"/>'), "not a robot that compiles"),
-    "mimic": (
-        URDF.replace("<axis", '<mimic joint="none"/><axis'), "which is no other joint"),
-    "plugin": (
-        mjcf(J + G, "<extension><plugin plugin='p'/></extension>"), "<extension> is not read"),
+        "<mujoco><worldbody>" + "<body><joint axis='0 1 0'/><geom size='.1'/></body>" * 200 + "</worldbody></mujoco>",
+        "200 joints; at most 100",
+    ),
+    "uneven tree": (URDF.replace('<child link="leg"/>', '<child link="torso"/>'), "not a robot that compiles"),
+    "mimic": (URDF.replace("<axis", '<mimic joint="none"/><axis'), "which is no other joint"),
+    "plugin": (mjcf(J + G, "<extension><plugin plugin='p'/></extension>"), "<extension> is not read"),
     "copies": (mjcf(f"{J}<replicate count='9999999'>{G}</replicate>"), "<replicate> is not read"),
     "include above": (mjcf(J + G, "<include file='../secret.xml'/>"), "out of the robot's folder"),
     "include absolute": (mjcf(J + G, "<include file='/etc/passwd'/>"), "out of the robot's folder"),
     "include by a link": (mjcf(J + G, "<include file='link.xml'/>"), "out of the robot's folder"),
     "include missing": (mjcf(J + G, "<include file='none.xml'/>"), "is not in its folder"),
     "include itself": (mjcf(J + G, "<include file='robot.xml'/>"), "included twice"),
-    "include in URDF": (URDF.replace("<link name=\"world\"/>", "<include file='robot.xml'/>"),
-                        "<include> is not read"),
+    "include in URDF": (URDF.replace('<link name="world"/>', "<include file='robot.xml'/>"), "<include> is not read"),
     "mesh folder": (mjcf(J + G, "<compiler meshdir='/etc'/>"), "out of the robot's folder"),
-    "mesh above": (
-        mjcf(J + G, "<asset><mesh file='a/../../b.stl'/></asset>"), "out of the robot's folder"),
+    "mesh above": (mjcf(J + G, "<asset><mesh file='a/../../b.stl'/></asset>"), "out of the robot's folder"),
     "mesh missing": (mjcf(J + G, "<asset><mesh file='b.stl'/></asset>"), "is not in its folder"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -196,18 +197,14 @@ def test_a_hostile_file_opens_nothing_else(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(Path, "read_bytes", read_bytes)
     (tmp_path / "in").mkdir()
     (tmp_path / "in/part.xml").write_text(f"<x><body name='b' pos='0 0 1'>{J}{G}</body></x>")
-    (tmp_path / "robot.xml").write_text(
-        "<mujoco><worldbody><include file='in/part.xml'/></worldbody></mujoco>"
-    )
+    (tmp_path / "robot.xml").write_text("<mujoco><worldbody><include file='in/part.xml'/></worldbody></mujoco>")
     robot = robots.load(tmp_path / "robot.xml")
     assert [link.name for link in robot.machine.bodies] == ["b"]
     assert seen == [tmp_path / "robot.xml", tmp_path / "in/part.xml"]
     # Pictures are never opened, nor meshes of a URDF out of its folder.
-    (tmp_path / "robot.xml").write_text(
-        mjcf(J + G, "<asset><texture name='t' file='/dev/zero'/></asset>"))  # fmt: skip
+    (tmp_path / "robot.xml").write_text(mjcf(J + G, "<asset><texture name='t' file='/dev/zero'/></asset>"))
     assert "texture: change pictures alone" in robots.load(tmp_path / "robot.xml").ignored
-    (tmp_path / "robot.urdf").write_text(
-        URDF.replace('<sphere radius="0.04"/>', "<mesh filename='/etc/passwd'/>"))  # fmt: skip
+    (tmp_path / "robot.urdf").write_text(URDF.replace('<sphere radius="0.04"/>', "<mesh filename='/etc/passwd'/>"))
     assert any("mesh of link" in told for told in robots.load(tmp_path / "robot.urdf").ignored)
     assert not any(file.is_relative_to("/etc") or file == Path("/dev/zero") for file in seen)
 
@@ -217,13 +214,14 @@ def test_a_mesh_gives_inertia_and_a_hull(tmp_path: Path) -> None:
     faces = [(1, 3, 2), (1, 2, 4), (2, 3, 4), (1, 4, 3)]
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes/corner.obj").write_text(
-        "".join(f"v {x} {y} {z}\n" for x, y, z in corners)
-        + "".join(f"f {a} {b} {c}\n" for a, b, c in faces)
+        "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "".join(f"f {a} {b} {c}\n" for a, b, c in faces)
     )
-    (tmp_path / "robot.xml").write_text(mjcf(
-        J + "<geom type='mesh' mesh='corner' name='m'/>",
-        "<compiler meshdir='meshes'/><asset><mesh file='corner.obj'/></asset>",
-    ).replace("<worldbody>", "<worldbody><geom type='plane' size='0 0 1'/>"))  # fmt: skip
+    (tmp_path / "robot.xml").write_text(
+        mjcf(
+            J + "<geom type='mesh' mesh='corner' name='m'/>",
+            "<compiler meshdir='meshes'/><asset><mesh file='corner.obj'/></asset>",
+        ).replace("<worldbody>", "<worldbody><geom type='plane' size='0 0 1'/>")
+    )
     robot = robots.load(tmp_path / "robot.xml")
     assert float(robot.machine.bodies[0].mass) == pytest.approx(1000 / 6)
     assert [*robot.friction] == [f"m on world geom 1 {k}" for k in (1, 2, 3, 4)]

@@ -25,10 +25,22 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for line in (
         ["solve", "wall-1d", "--contact", "barrier", "--tag", "first", "--tag", "both"],
         ["solve", "wall-1d", "--contact", "barrier", "-c", "mu=1e-2", "--tag", "both"],
-        ["continue", "wall-1d", "--contact", "barrier", "--over", "mu", "--from", "1e-1",
-         "--to", "1e-2", "--steps", "2"],
+        [
+            "continue",
+            "wall-1d",
+            "--contact",
+            "barrier",
+            "--over",
+            "mu",
+            "--from",
+            "1e-1",
+            "--to",
+            "1e-2",
+            "--steps",
+            "2",
+        ],
         ["solve", "push-1d", "--contact", "exact"],
-    ):  # fmt: skip
+    ):
         assert main([*line, *small]) == 0
     return root
 
@@ -89,12 +101,13 @@ def test_a_run_is_named_from_the_latest_back(ocp, runs: Path) -> None:
     created = [json.loads((path / "meta.json").read_text())["created"] for path in ages]
     assert created == sorted(created), "in order, also those of one second"
     assert [find(text, runs) for text in ("@last", "@1", "@2", "@4")] == [
-        ages[-1], ages[-1], ages[-2], ages[0],
-    ]  # fmt: skip
+        ages[-1],
+        ages[-1],
+        ages[-2],
+        ages[0],
+    ]
     assert ocp("replay", "@last", "--json").json["run"].endswith(ages[-1].name)
-    assert (
-        ocp("solve", "wall-1d", "--contact", "barrier", "-p", "N=6", "--from", "@4", "-q").code == 0
-    )
+    assert ocp("solve", "wall-1d", "--contact", "barrier", "-p", "N=6", "--from", "@4", "-q").code == 0
     assert "resumed" not in ocp("runs", "@1").err
     assert ocp("report", "@2", "-o", "a.pdf").code == 0
     done = ocp("runs", "@9")
@@ -112,17 +125,30 @@ def test_tags_are_no_part_of_the_answer(ocp, runs: Path) -> None:
     assert "has no runs" in ocp("runs", "--out", "other").out
 
 
-@pytest.mark.parametrize("command", [
-    ["continue", "wall-1d", "--contact", "barrier",
-     "--over", "mu", "--from", "0.1", "--to", "0.01", "--steps", "1"],
-    ["estimate", "heaviside", "-n", "100"],
-    ["train", "ball-throw", "-s", "samples=2", "-p", "horizon=3", "--iterations", "1"],
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "command",
+    [
+        [
+            "continue",
+            "wall-1d",
+            "--contact",
+            "barrier",
+            "--over",
+            "mu",
+            "--from",
+            "0.1",
+            "--to",
+            "0.01",
+            "--steps",
+            "1",
+        ],
+        ["estimate", "heaviside", "-n", "100"],
+        ["train", "ball-throw", "-s", "samples=2", "-p", "horizon=3", "--iterations", "1"],
+    ],
+)
 def test_every_command_that_stores_a_run_takes_tags(ocp, command: list[str]) -> None:
     assert ocp(*command, "--tag", "mine", "--quiet").code == 0
-    assert [run["kind"] for run in ocp("runs", "--tag", "mine", "--json").json["runs"]] == [
-        command[0]
-    ]
+    assert [run["kind"] for run in ocp("runs", "--tag", "mine", "--json").json["runs"]] == [command[0]]
 
 
 def test_the_store_is_where_the_environment_says(ocp, tmp_path: Path, monkeypatch) -> None:

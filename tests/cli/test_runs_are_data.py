@@ -54,11 +54,25 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     mine, kept = str(root / "mine.py"), ["--out", str(root / "runs"), "--quiet"]
     for line in (
         ["solve", mine, "-p", "N=4"],
-        ["continue", mine, "--contact", "barrier", "-p", "N=4", "--over", "mu", "--from", "0.1",
-         "--to", "0.01", "--steps", "2"],
+        [
+            "continue",
+            mine,
+            "--contact",
+            "barrier",
+            "-p",
+            "N=4",
+            "--over",
+            "mu",
+            "--from",
+            "0.1",
+            "--to",
+            "0.01",
+            "--steps",
+            "2",
+        ],
         ["sweep", mine, "-p", "N=4", "--over", "m=1:2:2"],
         ["estimate", mine, "-p", "N=4", "-n", "100"],
-    ):  # fmt: skip
+    ):
         assert main([*line, *kept]) == 0
     return root
 
@@ -100,9 +114,7 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_no_command_runs_what_a_run_names(
-    ocp, received: dict[str, Path], tmp_path: Path, command: str
-) -> None:
+def test_no_command_runs_what_a_run_names(ocp, received: dict[str, Path], tmp_path: Path, command: str) -> None:
     # A page takes a second and more.
     chosen = ("solve source", "estimate problem") if command == "report" else received
     for run in map(received.__getitem__, chosen):
@@ -114,8 +126,10 @@ def test_no_command_runs_what_a_run_names(
 
 def test_nor_does_a_start_or_a_decision(ocp, made: Path, received: dict[str, Path]) -> None:
     run = received["solve source"]
-    for line in (["solve", str(made / "mine.py"), "-p", "N=4", "--from"],
-                 ["estimate", str(made / "mine.py"), "-p", "N=4", "-n", "10", "--at"]):  # fmt: skip
+    for line in (
+        ["solve", str(made / "mine.py"), "-p", "N=4", "--from"],
+        ["estimate", str(made / "mine.py"), "-p", "N=4", "-n", "10", "--at"],
+    ):
         assert ocp(*line, str(run), "-q").code == 0
     with pytest.raises(InputError, match=r"never loads code.*--source FILE"):
         load(run)
@@ -182,9 +196,7 @@ def test_a_run_shows_its_problem_without_the_file(ocp, made: Path, tmp_path: Pat
 
 
 def test_what_is_not_drawn_ahead_says_why(ocp, made: Path, tmp_path: Path) -> None:
-    (tmp_path / "late.py").write_text(
-        MINE.replace("return [Disc", "if state[0] < 0.9: return None\n    return [Disc")
-    )
+    (tmp_path / "late.py").write_text(MINE.replace("return [Disc", "if state[0] < 0.9: return None\n    return [Disc"))
     solved = ocp("solve", "late.py", "-p", "N=4", "--json", "-q")
     assert solved.code == 0, "a run is never lost for its drawing"
     done = ocp("animate", solved.json["run"], "-o", "a.gif")
@@ -203,11 +215,17 @@ def test_a_flip_in_what_is_kept_of_the_problem_is_found(made: Path, tmp_path: Pa
             store.load(run)
 
 
-@pytest.mark.parametrize("harm", [
-    b"[]", b"{}", b'{"title": 1}', b"[" * 10_000,
-    b'{"title": "a", "equations": [], "axes": ["x", "y"], "parameters": {}, "undrawn": "",'
-    b' "motions": {"": {"shapes": [[{"kind": "__import__", "name": "os"}]], "contacts": []}}}',
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "harm",
+    [
+        b"[]",
+        b"{}",
+        b'{"title": 1}',
+        b"[" * 10_000,
+        b'{"title": "a", "equations": [], "axes": ["x", "y"], "parameters": {}, "undrawn": "",'
+        b' "motions": {"": {"shapes": [[{"kind": "__import__", "name": "os"}]], "contacts": []}}}',
+    ],
+)
 def test_a_drawing_of_another_kind_is_damage(ocp, made: Path, tmp_path: Path, harm: bytes) -> None:
     source = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta.get("grade"))
     run = shutil.copytree(source, tmp_path / "run")

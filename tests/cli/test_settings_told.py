@@ -73,9 +73,7 @@ def test_settings_tells_all_of_them(ocp) -> None:
     assert of_ipopt.items() <= IPOPT_DEFAULTS.items()
     lines = ocp("settings").out.splitlines()
     assert max(map(len, lines)) <= 80
-    assert (
-        "  jit=false (true or false): evaluate by compiled C, cached, where a compiler is" in lines
-    )
+    assert "  jit=false (true or false): evaluate by compiled C, cached, where a compiler is" in lines
 
 
 def test_a_solvers_options_are_those_it_documents(ocp) -> None:
@@ -92,9 +90,7 @@ def test_a_setting_is_found_by_its_name(ocp) -> None:
         ("feedback", ["penalty"])
     ]
     several = ocp("settings", "sigma", "--json").json["settings"]
-    assert {"adaptive", "randomized", "fopg", "total-propagation"} <= {
-        group["name"] for group in several
-    }
+    assert {"adaptive", "randomized", "fopg", "total-propagation"} <= {group["name"] for group in several}
 
 
 @pytest.mark.parametrize(

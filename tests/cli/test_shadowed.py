@@ -17,9 +17,12 @@ OURS = ("dynamics", "ocp", "problems", "reports")
 def python(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run Python in ``folder``, with this checkout on the path behind it."""
     return subprocess.run(
-        [sys.executable, *arguments], cwd=folder, capture_output=True, text=True,
+        [sys.executable, *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    )
 
 
 def put(folder: Path, name: str, kind: str) -> Path:
@@ -44,9 +47,7 @@ def test_the_working_directory_does_not_stand_for_our_packages(tmp_path: Path, k
 
 
 @pytest.mark.parametrize("kind", ["file", "package"])
-def test_the_installed_program_never_looks_into_the_working_directory(
-    tmp_path: Path, kind: str
-) -> None:
+def test_the_installed_program_never_looks_into_the_working_directory(tmp_path: Path, kind: str) -> None:
     for name in OURS:
         put(tmp_path, name, kind)
     program = tmp_path / "elsewhere" / "ocp"
@@ -65,9 +66,7 @@ def test_the_installed_program_never_looks_into_the_working_directory(
         ("problems", "import sys; from reports.cli.app import main; sys.exit(main(['list']))"),
     ],
 )
-def test_what_a_script_has_beside_it_is_named_in_one_sentence(
-    tmp_path: Path, name: str, code: str
-) -> None:
+def test_what_a_script_has_beside_it_is_named_in_one_sentence(tmp_path: Path, name: str, code: str) -> None:
     place = put(tmp_path, name, "package")
     place.write_text("")
     done = python(tmp_path, "-c", code)

@@ -54,9 +54,7 @@ def test_ctrl_c_while_the_program_is_still_imported(seconds: float, tmp_path: Pa
 
 
 def test_nothing_is_imported_before_ctrl_c_is_heeded() -> None:
-    program = (
-        "import sys; old = {*sys.modules}; import reports.cli.start; print({*sys.modules} - old)"
-    )
+    program = "import sys; old = {*sys.modules}; import reports.cli.start; print({*sys.modules} - old)"
     found = subprocess.check_output([sys.executable, "-c", program], cwd=ROOT, text=True)
     assert ast.literal_eval(found) == {"reports", "reports.cli", "reports.cli.start"}
 
@@ -98,9 +96,7 @@ def test_closed_streams_get_no_file_of_ours(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
-@pytest.mark.parametrize(
-    "words", [["list"], ["--help"], ["show", "push-1d"], ["runs"], ["doctor"], ["settings"]]
-)
+@pytest.mark.parametrize("words", [["list"], ["--help"], ["show", "push-1d"], ["runs"], ["doctor"], ["settings"]])
 def test_an_output_that_is_full_is_told(words, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     with Path("/dev/full").open("w") as full:
@@ -148,6 +144,4 @@ def test_a_folder_that_is_gone_is_told(tmp_path: Path, monkeypatch, capsys) -> N
     monkeypatch.chdir(gone)
     gone.rmdir()
     assert main(["solve", "mine.py"]) == 2
-    assert capsys.readouterr().err == (
-        "error: the working directory no longer exists; change to another one\n"
-    )
+    assert capsys.readouterr().err == ("error: the working directory no longer exists; change to another one\n")

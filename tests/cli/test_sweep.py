@@ -73,8 +73,17 @@ def test_each_point_is_told_and_stored_as_a_solve_of_its_own(ocp: Ocp) -> None:
         "mu=0.01",
         "--json",
     ).json
-    names = ("cost", "exact_cost", "referee_cost", "status", "stationarity", "iterations",
-             "verdict", "complementarity", "grade")  # fmt: skip
+    names = (
+        "cost",
+        "exact_cost",
+        "referee_cost",
+        "status",
+        "stationarity",
+        "iterations",
+        "verdict",
+        "complementarity",
+        "grade",
+    )
     assert {name: point[name] for name in names} == {name: alone[name] for name in names}
     assert bool(point["survives"]) == alone["survives"]
     solved = store.load(alone["run"]).data
@@ -116,9 +125,12 @@ def _stopped(words: list[str], store_of: Path, stop: signal.Signals) -> subproce
     code = f"import sys\nfrom reports.cli.app import main\nsys.exit(main({words!r}))"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     process = subprocess.Popen(
-        [sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [sys.executable, "-c", code],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     end = time.monotonic() + 120
     while not list(store_of.glob(KEPT)) and time.monotonic() < end:
         time.sleep(0.02)
@@ -127,9 +139,7 @@ def _stopped(words: list[str], store_of: Path, stop: signal.Signals) -> subproce
 
 
 @pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGINT])
-def test_the_same_command_goes_on_after_a_kill_or_ctrl_c(
-    stop: signal.Signals, tmp_path: Path, ocp: Ocp
-) -> None:
+def test_the_same_command_goes_on_after_a_kill_or_ctrl_c(stop: signal.Signals, tmp_path: Path, ocp: Ocp) -> None:
     kept = tmp_path / "kept"
     words = [
         "sweep",
@@ -164,29 +174,25 @@ def _hash(told: dict[str, Any]) -> str:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["sweep", "push-1d", "--contact", "barrier"],
-         "a sweep needs a parameter; give --over NAME=A:B:n"),
+        (["sweep", "push-1d", "--contact", "barrier"], "a sweep needs a parameter; give --over NAME=A:B:n"),
         (["sweep", "push-1d", "--contact", "barrier", "--over", "M"], "expected NAME=A:B:n"),
-        (["sweep", "push-1d", "--contact", "barrier",
-          "--over", "Mass=1:2:2"], "no parameter 'Mass'"),
-        (["sweep", "push-1d", "--contact", "barrier",
-          "--over", "M=1:2:2", "-p", "M=3"], "drop its own value"),
-        (["sweep", "push-1d", "--contact", "barrier",
-          "--over", "M=-1:2:4"], "must be a number > 0 [kg], got -1"),
-        (["sweep", "push-1d", "--contact", "barrier",
-          "--over", "M=1:2:2", "--rank", "exact"], "give --starts 2 or more"),
-        (["sweep", "push-1d", "--contact", "barrier",
-          "--over", "M=1:2:2", "-j", "2", "--scheduler", "tcp://a:1"],
-         "drop one"),
-        (["sweep", "push-1d", "--contact", "barrier",
-          "--over", "setting.tl=1e-8:1e-6:2:log"], "tl"),
+        (["sweep", "push-1d", "--contact", "barrier", "--over", "Mass=1:2:2"], "no parameter 'Mass'"),
+        (["sweep", "push-1d", "--contact", "barrier", "--over", "M=1:2:2", "-p", "M=3"], "drop its own value"),
+        (["sweep", "push-1d", "--contact", "barrier", "--over", "M=-1:2:4"], "must be a number > 0 [kg], got -1"),
+        (
+            ["sweep", "push-1d", "--contact", "barrier", "--over", "M=1:2:2", "--rank", "exact"],
+            "give --starts 2 or more",
+        ),
+        (
+            ["sweep", "push-1d", "--contact", "barrier", "--over", "M=1:2:2", "-j", "2", "--scheduler", "tcp://a:1"],
+            "drop one",
+        ),
+        (["sweep", "push-1d", "--contact", "barrier", "--over", "setting.tl=1e-8:1e-6:2:log"], "tl"),
         (["sweep", "nothing", "--over", "M=1:2:2"], "unknown problem 'nothing'"),
-        (["solve", "push-1d", "--contact", "barrier",
-          "--jobs", "2"], "--jobs needs several starts"),
-        (["solve", "push-1d", "--contact", "barrier",
-          "--starts", "2", "--rank", "best"], "unknown rank 'best'"),
+        (["solve", "push-1d", "--contact", "barrier", "--jobs", "2"], "--jobs needs several starts"),
+        (["solve", "push-1d", "--contact", "barrier", "--starts", "2", "--rank", "best"], "unknown rank 'best'"),
     ],
-)  # fmt: skip
+)
 def test_bad_words_are_told_in_a_sentence(words: list[str], sentence: str, ocp: Ocp) -> None:
     done = ocp(*words)
     assert done.code == 2 and sentence in done.err

@@ -48,21 +48,14 @@ def test_what_is_certified_is_done_whether_or_not_it_survives(ocp) -> None:
 
 
 def test_survival_can_be_required(ocp) -> None:
-    assert (
-        ocp(
-            "solve", "planar-push", "--contact", "barrier", *EXACT, *QUIET, "--require", "survives"
-        ).code
-        == 3
-    )
+    assert ocp("solve", "planar-push", "--contact", "barrier", *EXACT, *QUIET, "--require", "survives").code == 3
     done = ocp("solve", "push-1d", "--contact", "barrier", *EXACT, *QUIET, "--require", "survives")
     assert done.code == 0
     assert (done.json["survives"], done.json["grade"]) == (True, "survives")
 
 
 def test_a_plan_that_survives_at_its_step_only_is_not_what_is_required(ocp) -> None:
-    done = ocp(
-        "solve", "cart-walls", "--contact", "barrier", *EXACT, *QUIET, "--require", "survives"
-    )
+    done = ocp("solve", "cart-walls", "--contact", "barrier", *EXACT, *QUIET, "--require", "survives")
     found = done.json
     assert done.code == 3 and found["success"]
     assert (found["survives"], found["survives_at_h"]) == (False, True)
@@ -71,9 +64,7 @@ def test_a_plan_that_survives_at_its_step_only_is_not_what_is_required(ocp) -> N
 
 def test_refine_tells_every_step_and_refuses_what_has_none(ocp) -> None:
     coarse = ("-p", "h=0.2", "-p", "N=10")
-    found = ocp(
-        "solve", "ball-bounce", "--contact", "barrier", *EXACT, *coarse, "--refine", *QUIET
-    ).json
+    found = ocp("solve", "ball-bounce", "--contact", "barrier", *EXACT, *coarse, "--refine", *QUIET).json
     levels = found["refined"]["levels"]
     assert len(levels) > 1 and levels[-1]["cost"] == found["cost"]
     assert found["params"]["N"] == levels[-1]["N"] == 10 * 2 ** (len(levels) - 1)
@@ -199,8 +190,9 @@ def test_starts_are_ranked_by_their_referee(ocp, tmp_path: Path) -> None:
     arguments = ("solve", "post.py", *EXACT, *QUIET, "--starts", "3")
     planned, refereed = ocp(*arguments), ocp(*arguments, "--rank", "referee")
     for done, key, other in (
-        (planned, "cost", "referee_cost"), (refereed, "referee_cost", "cost"),
-    ):  # fmt: skip
+        (planned, "cost", "referee_cost"),
+        (refereed, "referee_cost", "cost"),
+    ):
         found = done.json
         assert done.code == 0 and all(start["status"] == "solved" for start in found["others"])
         assert found[key] == min(start[key] for start in found["others"])
@@ -236,9 +228,7 @@ class Terminal(io.StringIO):
         return True
 
 
-@pytest.mark.parametrize(
-    ("grade", "code"), [("survives", 32), ("certified", 33), ("failed", 31)]
-)  # fmt: skip
+@pytest.mark.parametrize(("grade", "code"), [("survives", 32), ("certified", 33), ("failed", 31)])
 def test_a_verdict_has_its_colour_on_a_terminal(grade, code, monkeypatch) -> None:
     shown = Terminal()
     monkeypatch.setattr("sys.stdout", shown)
@@ -258,9 +248,10 @@ def test_a_verdict_in_a_pipe_is_plain(capsys) -> None:
 def test_the_pages_bar_has_the_grade_of_the_run(ocp) -> None:
     grades = {}
     for arguments in (
-        ("push-1d", *EXACT), ("planar-push", *EXACT),
+        ("push-1d", *EXACT),
+        ("planar-push", *EXACT),
         ("push-1d", *EXACT, "--method", "single-shooting", "-s", "homotopy=false"),
-    ):  # fmt: skip
+    ):
         found = ocp("solve", *arguments, *QUIET).json
         with styled():
             content, _ = solve_page(RunView.of(store.load(Path(found["run"]))))
@@ -277,9 +268,24 @@ def test_the_pages_bar_has_the_grade_of_the_run(ocp) -> None:
 
 
 def test_points_of_a_path_carry_all_three_judges(ocp) -> None:
-    found = ocp("continue", "planar-push", "--contact", "barrier",
-                "--over", "contact.mu", "--from", "1e-2", "--to", "1e-3",
-                "--scale", "log", "--steps", "2", "--json", "--quiet").json  # fmt: skip
+    found = ocp(
+        "continue",
+        "planar-push",
+        "--contact",
+        "barrier",
+        "--over",
+        "contact.mu",
+        "--from",
+        "1e-2",
+        "--to",
+        "1e-3",
+        "--scale",
+        "log",
+        "--steps",
+        "2",
+        "--json",
+        "--quiet",
+    ).json
     assert len(found["points"]) >= 3
     for point in found["points"]:
         assert point["stationarity"] == "KKT" and point["success"]

@@ -16,9 +16,7 @@ from reports.cli.streams import libraries_silenced
 
 
 @pytest.mark.parametrize("quiet", [False, True])
-def test_ours_are_one_line_and_the_others_nothing(
-    quiet: bool, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ours_are_one_line_and_the_others_nothing(quiet: bool, capsys: pytest.CaptureFixture[str]) -> None:
     with libraries_silenced(quiet), warnings.catch_warnings():
         warnings.simplefilter("always")
         for _ in range(2):
@@ -37,8 +35,12 @@ def test_without_compiler_and_home(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("not a folder")
     done = subprocess.run(
         [ocp, "estimate", "push-1d", "-n", "50", "-q", "--pdf", "a.pdf"],
-        cwd=tmp_path, env=bare, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        cwd=tmp_path,
+        env=bare,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "a.pdf").exists()
     for line in done.stderr.splitlines():
@@ -50,7 +52,10 @@ def test_a_file_with_an_accent_is_written_in_an_ascii_locale(tmp_path: Path) -> 
     ascii_only = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     done = subprocess.run(
         [ocp, "solve", "wall-1d", "--contact", "barrier", "--plot", "é.pdf", "-q"],
-        cwd=tmp_path, env={**os.environ, **ascii_only}, capture_output=True, check=False,
-    )  # fmt: skip
+        cwd=tmp_path,
+        env={**os.environ, **ascii_only},
+        capture_output=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "é.pdf").exists()

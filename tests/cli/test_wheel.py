@@ -24,9 +24,7 @@ pytestmark = pytest.mark.slow
 def run(*command: str | Path, cwd: Path, **more: str) -> subprocess.CompletedProcess[str]:
     """Run without this checkout on the path."""
     bare = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
-    done = subprocess.run(
-        [*map(str, command)], cwd=cwd, capture_output=True, text=True, env=bare | more
-    )
+    done = subprocess.run([*map(str, command)], cwd=cwd, capture_output=True, text=True, env=bare | more)
     assert done.returncode == 0, done.stdout + done.stderr
     return done
 
@@ -34,16 +32,13 @@ def run(*command: str | Path, cwd: Path, **more: str) -> subprocess.CompletedPro
 def built(target: str, folder: Path) -> Path:
     """Build the wheel or the sdist with the backend that is installed here, without network."""
     tools = os.environ.get("PYTHONPATH", "")
-    run(sys.executable, "-m", "hatchling", "build", "-t", target, "-d", folder, cwd=ROOT,
-        PYTHONPATH=tools)  # fmt: skip
+    run(sys.executable, "-m", "hatchling", "build", "-t", target, "-d", folder, cwd=ROOT, PYTHONPATH=tools)
     (file,) = folder.iterdir()
     return file
 
 
 def tracked(*folders: str) -> set[str]:
-    listed = subprocess.run(
-        ["git", "ls-files", *folders], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    listed = subprocess.run(["git", "ls-files", *folders], cwd=ROOT, capture_output=True, text=True, check=True)
     return set(listed.stdout.splitlines())
 
 
@@ -65,8 +60,19 @@ def elsewhere(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     where = "import sysconfig; print(sysconfig.get_path('purelib'))"
     site = Path(run(python, "-c", where, cwd=home).stdout.strip())
     (site / "borrowed.pth").write_text(sysconfig.get_path("purelib") + "\n")
-    run(sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", "--no-index",
-        "--quiet", wheel, cwd=home)  # fmt: skip
+    run(
+        sys.executable,
+        "-m",
+        "pip",
+        "--python",
+        python,
+        "install",
+        "--no-deps",
+        "--no-index",
+        "--quiet",
+        wheel,
+        cwd=home,
+    )
     return home / "bin"
 
 

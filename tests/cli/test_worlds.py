@@ -19,9 +19,7 @@ def test_a_solve_and_a_replay_tell_the_same_of_mujoco(ocp: Ocp) -> None:
     off = abs(told["cost"] - solved["cost"])
     assert told["keeps"] == (off <= 0.2 * solved["cost"])
     again = ocp("replay", "@last", "--world", "mujoco", "--json").json
-    assert {**again, "sentence": told["sentence"]} == {
-        "run": solved["run"], "problem": "finger-disc", **told
-    }  # fmt: skip
+    assert {**again, "sentence": told["sentence"]} == {"run": solved["run"], "problem": "finger-disc", **told}
     said = ocp("replay", "@last", "--world", "mujoco")
     assert said.code == 0 and said.out == f"{told['sentence']}\n"
     for line, named in (
@@ -34,9 +32,7 @@ def test_a_solve_and_a_replay_tell_the_same_of_mujoco(ocp: Ocp) -> None:
     assert unknown.code == 2 and "unknown world 'mujuco' (did you mean 'mujoco'?)" in unknown.err
 
 
-@pytest.mark.parametrize(
-    "line", [("solve", "push-disc", "--world"), ("mpc", "push-disc", "--plant")]
-)
+@pytest.mark.parametrize("line", [("solve", "push-disc", "--world"), ("mpc", "push-disc", "--plant")])
 def test_what_is_no_machine_is_refused_before_it_is_solved(ocp: Ocp, line: tuple[str]) -> None:
     done = ocp(*line, "mujoco")
     assert done.code == 2 and done.err.count("\n") == 1

@@ -31,9 +31,7 @@ COSTLY = {
     *("two_bodies", "joint_limit", "clashing_names"),
 }
 """Problems and strangers of which one way takes more than a quarter of a second at the median."""
-SMALLEST = dict.fromkeys(
-    ("least_time.py", "periodic.py", "ball-throw", "half-cheetah", "hopper-1d"), 2
-)
+SMALLEST = dict.fromkeys(("least_time.py", "periodic.py", "ball-throw", "half-cheetah", "hopper-1d"), 2)
 """Smallest horizons of problems for which one step is too short."""
 _LIMITS = {"ipopt": "max_iter", "uno": "max_iterations"}
 """Names of a solver's limit of iterations, where it is not ``max_iter``."""
@@ -122,10 +120,7 @@ class Crossing:
             options = [word for k, v in self.way.loop.items() for word in (f"--{k}", v)]
             return ["mpc", self.problem, *size, *options, "--steps", "2", "--certify", "1"]
         given = {**self.arguments}
-        words = [
-            f"{k}={str(v).lower() if isinstance(v, bool) else v}"
-            for k, v in given.pop("settings").items()
-        ]
+        words = [f"{k}={str(v).lower() if isinstance(v, bool) else v}" for k, v in given.pop("settings").items()]
         size += [word for setting in words for word in ("-s", setting)]
         if "search" in given:
             size.append("--search" if given.pop("search") else "--no-search")

@@ -50,9 +50,7 @@ class Block:
 
     @property
     def runs(self) -> bool:
-        return not self.mark.startswith("not run") and (
-            bool(self.file) or self.language in ("console", "python")
-        )
+        return not self.mark.startswith("not run") and (bool(self.file) or self.language in ("console", "python"))
 
 
 @dataclass(frozen=True)
@@ -207,9 +205,12 @@ class Walk:
     def shell(self, command: Command) -> tuple[int, str, str]:
         """Exit code, stdout and stderr of any other line."""
         done = subprocess.run(
-            ["bash", "-o", "pipefail", "-c", command.line], cwd=self.folder, env=environment(),
-            capture_output=True, text=True,
-        )  # fmt: skip
+            ["bash", "-o", "pipefail", "-c", command.line],
+            cwd=self.folder,
+            env=environment(),
+            capture_output=True,
+            text=True,
+        )
         return done.returncode, done.stdout, done.stderr
 
 
@@ -219,8 +220,6 @@ def environment() -> dict[str, str]:
     return {
         **os.environ,
         "PATH": os.pathsep.join([programs, os.environ.get("PATH", "")]),
-        "PYTHONPATH": os.pathsep.join(
-            part for part in (str(ROOT), os.environ.get("PYTHONPATH", "")) if part
-        ),
+        "PYTHONPATH": os.pathsep.join(part for part in (str(ROOT), os.environ.get("PYTHONPATH", "")) if part),
         "COLUMNS": "80",
     }

@@ -79,8 +79,11 @@ def test_a_table_is_kept_and_read_again(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(InputError, match="3 cells"):
         measured.write_table("some", rows=[["a"]], **given)
     assert table(kept["columns"], kept["rows"]).splitlines() == [
-        "| n | v | w |", "| --- | ---: | --- |", "| a | 1.5 | – |", "| b\\|c | 2 | yes |",
-    ]  # fmt: skip
+        "| n | v | w |",
+        "| --- | ---: | --- |",
+        "| a | 1.5 | – |",
+        "| b\\|c | 2 | yes |",
+    ]
 
 
 def test_all_parts_of_a_problem_file_are_listed_with_their_arguments() -> None:

@@ -33,15 +33,14 @@ def runnable(page: Path) -> list[Block]:
 def slow_pages() -> list[Path]:
     """Pages with something to run that no quick walk runs."""
     return [
-        page for page in pages()
+        page
+        for page in pages()
         if (found := runnable(page)) and (name(page) not in QUICK or any(b.slow for b in found))
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.parametrize("page", QUICK)
-def test_a_page_works_as_printed(
-    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_page_works_as_printed(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert runnable(ROOT / page)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
@@ -50,18 +49,25 @@ def test_a_page_works_as_printed(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", slow_pages(), ids=name)
-def test_a_page_works_to_its_end(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_page_works_to_its_end(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     Walk(page, tmp_path).through(slow=True)
 
 
 SOUGHT = (
-    "MPC", "receding horizon", "URDF", "MJCF", "3-D", "mesh", "Jupyter", "my robot", "biped",
-    "torque limits", "free final time",
-)  # fmt: skip
+    "MPC",
+    "receding horizon",
+    "URDF",
+    "MJCF",
+    "3-D",
+    "mesh",
+    "Jupyter",
+    "my robot",
+    "biped",
+    "torque limits",
+    "free final time",
+)
 
 
 @pytest.mark.parametrize("word", SOUGHT)
@@ -94,9 +100,11 @@ def test_blocks_are_found_with_their_marks_and_files() -> None:
     )
     found = blocks(text)
     assert [(b.language, b.file, b.slow, b.runs) for b in found] == [
-        ("python", "a.py", False, True), ("console", "", True, True),
-        ("python", "", False, False), ("text", "", False, False),
-    ]  # fmt: skip
+        ("python", "a.py", False, True),
+        ("console", "", True, True),
+        ("python", "", False, False),
+        ("text", "", False, False),
+    ]
     assert [b.text for b in found] == ["x = 1", "$ a\nb", "1 / 0", "z"]
     assert found[0].line == 3
 
@@ -104,8 +112,10 @@ def test_blocks_are_found_with_their_marks_and_files() -> None:
 def test_commands_are_parted_from_what_they_print() -> None:
     found = commands("$ a b\nout\n\nmore\n$ c \\\n    d\n$ e")
     assert [(c.line, c.output) for c in found] == [
-        ("a b", "out\n\nmore"), ("c \\\n    d", ""), ("e", ""),
-    ]  # fmt: skip
+        ("a b", "out\n\nmore"),
+        ("c \\\n    d", ""),
+        ("e", ""),
+    ]
 
 
 @pytest.mark.parametrize(

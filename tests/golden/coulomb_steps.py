@@ -36,9 +36,7 @@ class ModeStepper:
     Velocity forces are explicit unless ``implicit``, as in simulations.
     """
 
-    def __init__(
-        self, machine: Machine, h: float, friction: float, *, implicit: bool = False
-    ) -> None:
+    def __init__(self, machine: Machine, h: float, friction: float, *, implicit: bool = False) -> None:
         self.h, self.friction, self.nq = h, friction, machine.chain().nq
         chain = machine.chain()
         q, v = ca.SX.sym("q", chain.nq), ca.SX.sym("v", chain.nq)
@@ -82,9 +80,13 @@ class ModeStepper:
         raise AssertionError(f"curved gaps: the step still moves by {moved:.1e}")
 
     def _modes(
-        self, gap: np.ndarray, slope: np.ndarray, rub: np.ndarray, free: np.ndarray,
+        self,
+        gap: np.ndarray,
+        slope: np.ndarray,
+        rub: np.ndarray,
+        free: np.ndarray,
         by_impulse: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Impulses of the modes that fit best: gap + slope h v, rub v and the cone."""
         n, f = len(gap), self.friction
         # What is this far off stays open; the inequalities below would tell if it did not.

@@ -54,16 +54,29 @@ class Slide:
 def box(m=1.0, g=9.81, friction=0.5, h=0.05, goal=1.0) -> Slide:
     """``box-slide`` at its defaults."""
     one, rest = np.ones(1), np.zeros(1)
-    return Slide(m * np.eye(1), one, one, h, friction * h * m * g, rest, rest, goal * one,
-                 1e3 * one, 0.01, 100.0, 10.0, 15.0)  # fmt: skip
+    return Slide(
+        m * np.eye(1), one, one, h, friction * h * m * g, rest, rest, goal * one, 1e3 * one, 0.01, 100.0, 10.0, 15.0
+    )
 
 
 def cart(mc=2.0, mb=1.0, g=9.81, friction=0.2, h=0.05) -> Slide:
     """``cart-transport`` at its defaults: cart, and the box's offset on it."""
     M = np.array([[mc + mb, mb], [mb, mb]])
-    return Slide(M, np.array([1.0, 0.0]), np.array([0.0, 1.0]), h, friction * h * mb * g,
-                 np.array([0.0, -0.2]), np.zeros(2), np.array([1.0, 0.2]), np.array([1e3, 0.5]),
-                 0.01, 100.0, 10.0, 20.0)  # fmt: skip
+    return Slide(
+        M,
+        np.array([1.0, 0.0]),
+        np.array([0.0, 1.0]),
+        h,
+        friction * h * mb * g,
+        np.array([0.0, -0.2]),
+        np.zeros(2),
+        np.array([1.0, 0.2]),
+        np.array([1e3, 0.5]),
+        0.01,
+        100.0,
+        10.0,
+        20.0,
+    )
 
 
 def window(start: int, end: int, steps: int = 40) -> np.ndarray:

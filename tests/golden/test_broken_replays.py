@@ -42,9 +42,7 @@ def test_a_hard_end_that_only_smoothing_meets_is_named(moved: bool) -> None:
     (off,) = replay.broken
     assert (off.name, off.component, off.step) == ("terminal", "at", 20)
     assert off.amount == pytest.approx(abs(replay.data["x"].values[0, -1, 0] - 0.3), rel=1e-9)
-    assert repr(replay).endswith(
-        f"terminal constraint at is violated by {off.amount:.2g} at step 20>"
-    )
+    assert repr(replay).endswith(f"terminal constraint at is violated by {off.amount:.2g} at step 20>")
     sharp = solve(problem, Barrier(mu=1e-3))
     assert sharp.grade == "survives" and sharp.replay().broken == []
 
@@ -56,10 +54,16 @@ def test_a_hard_end_of_a_system_without_geometry_is_named_too() -> None:
     """
     ramp = lcs("ramp", A=ONE, B=[[0.0]], C=ONE, D=[[0.0]], E=[[-1.0]], F=ONE)
     problem = Problem(
-        "ramp", ramp, 6, 0.1 * ca.sumsqr(ramp.u), ca.SX(0), ca.SX([0.0]), ParameterTable([]),
+        "ramp",
+        ramp,
+        6,
+        0.1 * ca.sumsqr(ramp.u),
+        ca.SX(0),
+        ca.SX([0.0]),
+        ParameterTable([]),
         terminal=[Constraint("end", ramp.x[0], 0.3, 0.3)],
         guess=lambda problem, _: (np.zeros((7, 1)), np.full((6, 1), 0.05)),
-    )  # fmt: skip
+    )
     found = solve(problem, Barrier(mu=1e-3))
     u = 0.05 - 1e-3 / 0.05
     np.testing.assert_allclose(found.data["u"], u, atol=1e-6)
@@ -68,8 +72,7 @@ def test_a_hard_end_of_a_system_without_geometry_is_named_too() -> None:
     assert (off.component, off.step) == ("end", 6)
     assert off.amount == pytest.approx(0.3 - 6 * u, abs=1e-5)
     assert (
-        f"Replayed under the exact law, its terminal constraint end is violated by {off.amount:.2g}"
-        " at step 6."
+        f"Replayed under the exact law, its terminal constraint end is violated by {off.amount:.2g} at step 6."
     ) in found.verdict
 
 
@@ -78,9 +81,7 @@ def test_planar_push_leaves_its_reach_bound_in_the_replay() -> None:
     assert found.grade == "certified" and headline(found).endswith("; does not survive.")
     reach = next(v for v in found.referee.broken if v.component == "reach[0]")
     assert reach.amount > 0.01
-    assert f"its constraint reach[0] is violated by {reach.amount:.2g} at step {reach.step}" in (
-        found.verdict
-    )
+    assert f"its constraint reach[0] is violated by {reach.amount:.2g} at step {reach.step}" in (found.verdict)
     assert found.audit.constraint_violation < 1e-6, "the plan keeps it"
 
 

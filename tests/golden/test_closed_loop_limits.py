@@ -27,23 +27,36 @@ def cart(kind: str = "bound", weight: float = 1.0) -> Problem:
     parameters = ParameterTable([Parameter("h", H, "s")])
     wall = 1e8 if kind == "far" else 30.0
     system = time_stepping(
-        "cart", states=signals("x [m]; v [m/s]"), inputs=signals("u [N]"),
-        contacts=signals("wall [N s]"), h=parameters.vector[0], mass=1.0,
-        impulse=lambda q, v, u: parameters.vector[0] * u, distance=lambda q: wall - q,
+        "cart",
+        states=signals("x [m]; v [m/s]"),
+        inputs=signals("u [N]"),
+        contacts=signals("wall [N s]"),
+        h=parameters.vector[0],
+        mass=1.0,
+        impulse=lambda q, v, u: parameters.vector[0] * u,
+        distance=lambda q: wall - q,
         parameters=parameters,
-    )  # fmt: skip
+    )
     x, v = system.x[0], system.x[1]
     v_max = ca.inf if kind == "path" else V_MAX
     x_max = 0.6 if kind == "two" else ca.inf
     x_lower, x_upper = ca.SX([-ca.inf, -v_max]), ca.SX([x_max, v_max])
     speed = Constraint("speed", 1e-6 * system.x_next[1], -1e-6 * V_MAX, 1e-6 * V_MAX)
     return Problem(
-        "cart", system, N, parameters=parameters, x0=ca.SX.zeros(2),
+        "cart",
+        system,
+        N,
+        parameters=parameters,
+        x0=ca.SX.zeros(2),
         stage_cost=weight * H * ((x - GOAL) ** 2 + 0.1 * v**2 + 0.01 * system.u**2),
-        terminal_cost=weight * (10 * (x - GOAL) ** 2 + v**2), u_lower=-U_MAX, u_upper=U_MAX,
-        x_lower=x_lower, x_upper=x_upper,
-        path=[speed] if kind == "path" else [], scaling=Scaling(impulse=1, gap=0.1, u=U_MAX),
-    )  # fmt: skip
+        terminal_cost=weight * (10 * (x - GOAL) ** 2 + v**2),
+        u_lower=-U_MAX,
+        u_upper=U_MAX,
+        x_lower=x_lower,
+        x_upper=x_upper,
+        path=[speed] if kind == "path" else [],
+        scaling=Scaling(impulse=1, gap=0.1, u=U_MAX),
+    )
 
 
 def by_hand(start: np.ndarray, x_max: float = np.inf) -> float:
@@ -110,8 +123,7 @@ def test_a_limit_that_cannot_be_met_loosens_no_other(phase: str) -> None:
 
 @pytest.mark.parametrize("phase", ["qpcc", "relaxed", "policy"])
 def test_what_the_plant_violates_is_in_the_verdict(phase: str) -> None:
-    pushed = simulate(controller("bound", phase), 20,
-                      disturbance=Disturbance(pushes={8: np.array([0.0, 1.5])}))  # fmt: skip
+    pushed = simulate(controller("bound", phase), 20, disturbance=Disturbance(pushes={8: np.array([0.0, 1.5])}))
     (broken,) = pushed.verdict.violated
     assert (broken.name, broken.violation.step) == ("bound on v", 8)
     after = float(pushed.data["x"][0, 9, 1])

@@ -21,20 +21,32 @@ def wall(m: float, h: float) -> ContactSystem:
     """A mass against a wall, pathologies, eq. 2-5; the input is an impulse."""
     table = ParameterTable([Parameter("m", m, "kg"), Parameter("h", h, "s")])
     return time_stepping(
-        "wall", states=signals("x [m]; v [m/s]"), inputs=signals("u [N s]"),
-        contacts=signals("wall [N s]"), h=table["h"], mass=table["m"],
-        impulse=lambda q, v, u: u, distance=lambda q: q, parameters=table,
-    )  # fmt: skip
+        "wall",
+        states=signals("x [m]; v [m/s]"),
+        inputs=signals("u [N s]"),
+        contacts=signals("wall [N s]"),
+        h=table["h"],
+        mass=table["m"],
+        impulse=lambda q, v, u: u,
+        distance=lambda q: q,
+        parameters=table,
+    )
 
 
 def pusher(m: float, k: float, h: float, r: float = 0.0) -> ContactSystem:
     """The one-dimensional pusher of noising, eq. 13."""
     table = ParameterTable([Parameter("m", m), Parameter("k", k), Parameter("h", h)])
     return quasi_dynamic(
-        "pusher", states=signals("qu [m]; qa [m]"), inputs=signals("u [m]"),
-        contacts=signals("push [N s]"), h=table["h"], mass=table["m"], stiffness=table["k"],
-        distance=lambda q: q[0] - q[1] - r, parameters=table,
-    )  # fmt: skip
+        "pusher",
+        states=signals("qu [m]; qa [m]"),
+        inputs=signals("u [m]"),
+        contacts=signals("push [N s]"),
+        h=table["h"],
+        mass=table["m"],
+        stiffness=table["k"],
+        distance=lambda q: q[0] - q[1] - r,
+        parameters=table,
+    )
 
 
 def one_step(system: ContactSystem, law: ContactLaw, x, u) -> dict[str, np.ndarray]:
@@ -51,17 +63,32 @@ def one_step(system: ContactSystem, law: ContactLaw, x, u) -> dict[str, np.ndarr
 # x+ = h s, v+ = s - x/h, lam = 1/(kappa s), mu = h/kappa;
 # dx+/du = h s'/m, dx+/dx = s', dx+/dv = h s', dv+/du = s'/m, dv+/dx = (s' - 1)/h, dv+/dv = s'
 BARRIER = [
-    ((0, 0, 0, 1, 0.1, 100), (0.01, 0.1, 0.1, 0.001),
-     (0.05, 0.5, 0.05, 0.5, -5.0, 0.5)),
-    ((0.05, -1, 0.2, 2, 0.1, 1000),
-     (0.00012461179749810727, -0.4987538820250189, 0.8024922359499621, 0.0001),
-     (0.0001548002500023367, 0.003096005000046734, 0.0003096005000046734, 0.001548002500023367,
-      -9.969039949999532, 0.003096005000046734)),
-    ((0.3, -4, -0.5, 0.5, 0.05, 50),
-     (0.05192582403567252, -4.961483519286549, 0.0192582403567252, 0.001),
-     (0.09642383454426297, 0.9642383454426297, 0.048211917272131484, 1.9284766908852593,
-      -0.7152330911474069, 0.9642383454426297)),
-]  # fmt: skip
+    ((0, 0, 0, 1, 0.1, 100), (0.01, 0.1, 0.1, 0.001), (0.05, 0.5, 0.05, 0.5, -5.0, 0.5)),
+    (
+        (0.05, -1, 0.2, 2, 0.1, 1000),
+        (0.00012461179749810727, -0.4987538820250189, 0.8024922359499621, 0.0001),
+        (
+            0.0001548002500023367,
+            0.003096005000046734,
+            0.0003096005000046734,
+            0.001548002500023367,
+            -9.969039949999532,
+            0.003096005000046734,
+        ),
+    ),
+    (
+        (0.3, -4, -0.5, 0.5, 0.05, 50),
+        (0.05192582403567252, -4.961483519286549, 0.0192582403567252, 0.001),
+        (
+            0.09642383454426297,
+            0.9642383454426297,
+            0.048211917272131484,
+            1.9284766908852593,
+            -0.7152330911474069,
+            0.9642383454426297,
+        ),
+    ),
+]
 # the same at kappa = infinity: x+ = max(0, x + h (v + u/m)), v+ = (x+ - x)/h, lam = m (v+ - v) - u
 EXACT_WALL = [(0.0, 0.0, 0.0), (0.0, -0.5, 0.8), (0.05, -5.0, 0.0)]
 
@@ -104,21 +131,15 @@ PUSH_EXACT = {
 }
 # (u, mu): (qu+, qa+, lam, dqu+/du = (h/m) lam / sqrt(z² + 4 F mu))
 PUSH_BARRIER = {
-    (0.3, 1e-2): (0.5048695795713886, 0.29951304204286117, 0.04869579571388535,
-                  0.023110001930682276),
-    (0.3, 1e-4): (0.5000499862575573, 0.2999950013742443, 0.0004998625755730478,
-                  0.00024979393888070734),
-    (0.5, 1e-2): (0.5301511344577764, 0.49698488655422235, 0.30151134457776363,
-                  0.45454545454545453),
-    (0.5, 1e-4): (0.5030151134457777, 0.4996984886554222, 0.03015113445777636,
-                  0.45454545454545453),
+    (0.3, 1e-2): (0.5048695795713886, 0.29951304204286117, 0.04869579571388535, 0.023110001930682276),
+    (0.3, 1e-4): (0.5000499862575573, 0.2999950013742443, 0.0004998625755730478, 0.00024979393888070734),
+    (0.5, 1e-2): (0.5301511344577764, 0.49698488655422235, 0.30151134457776363, 0.45454545454545453),
+    (0.5, 1e-4): (0.5030151134457777, 0.4996984886554222, 0.03015113445777636, 0.45454545454545453),
     (0.6, 1e-2): (0.6, 0.59, 1.0, 0.8333333333333334),
-    (0.6, 1e-4): (0.5910089811504274, 0.5908991018849572, 0.9100898115042745,
-                  0.9080941970373103),
-    (1.0, 1e-2): (0.9565367311439725, 0.9543463268856027, 4.565367311439726,
-                  0.9051429464307637),
+    (0.6, 1e-4): (0.5910089811504274, 0.5908991018849572, 0.9100898115042745, 0.9080941970373103),
+    (1.0, 1e-2): (0.9565367311439725, 0.9543463268856027, 4.565367311439726, 0.9051429464307637),
     (1.0, 1e-4): (0.954565453665532, 0.9545434546334468, 4.54565453665532, 0.9090509143701349),
-}  # fmt: skip
+}
 # E qu+(u + w), w ~ N(0, 0.1²): qu + rho G(u + r - qu), rho = h² k/(m + h² k)
 PUSH_SMOOTHED = {
     0.3: 0.5007718820560754,
@@ -158,11 +179,16 @@ def chain() -> ContactSystem:
     """Two bodies in a row pushed by one actuator, h = 0.1, k = 500, m = (1, 2), no widths."""
     table = ParameterTable([Parameter("k", 500.0)])
     return quasi_dynamic(
-        "chain", states=signals("o1 [m]; o2 [m]; a [m]"), inputs=signals("u [m]"),
-        contacts=signals("first [N s]; second [N s]"), h=0.1, mass=ca.SX(ca.diag([1, 2])),
-        stiffness=table["k"], distance=lambda q: ca.vertcat(q[0] - q[2], q[1] - q[0]),
+        "chain",
+        states=signals("o1 [m]; o2 [m]; a [m]"),
+        inputs=signals("u [m]"),
+        contacts=signals("first [N s]; second [N s]"),
+        h=0.1,
+        mass=ca.SX(ca.diag([1, 2])),
+        stiffness=table["k"],
+        distance=lambda q: ca.vertcat(q[0] - q[2], q[1] - q[0]),
         parameters=table,
-    )  # fmt: skip
+    )
 
 
 def test_a_chain_of_two_bodies():
@@ -178,12 +204,14 @@ def test_a_chain_of_two_bodies():
 @pytest.mark.parametrize(
     ("mu", "lam", "q"),
     [
-        (1e-2, (2.5873270393075103, 0.0661425206306324),
-         (0.7521184518676878, 0.9033071260315316, 0.7482534592138498)),
-        (1e-4, (2.500888729252884, 0.0006666172496093265),
-         (0.7500222112003274, 0.9000333308624805, 0.7499822254149423)),
+        (1e-2, (2.5873270393075103, 0.0661425206306324), (0.7521184518676878, 0.9033071260315316, 0.7482534592138498)),
+        (
+            1e-4,
+            (2.500888729252884, 0.0006666172496093265),
+            (0.7500222112003274, 0.9000333308624805, 0.7499822254149423),
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_barrier_on_the_chain(mu, lam, q):
     got = one_step(chain(), Barrier(mu=mu), [0.5, 0.9, 0], 0.8)
     assert np.allclose(got["lam"].ravel(), lam, rtol=1e-9)

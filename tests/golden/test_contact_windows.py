@@ -117,8 +117,9 @@ def test_the_stated_value_is_the_best_of_all_windows_of_one_wall() -> None:
     inside = [(k >= a) & (k < b) for a in range(50) for b in range(a + 1, 51)]
     costs = [
         least(np.stack([acts * side for side in sides], axis=1).ravel())
-        for acts in inside for sides in ((True, False), (False, True))
-    ]  # fmt: skip
+        for acts in inside
+        for sides in ((True, False), (False, True))
+    ]
     assert f"all {len(costs)} windows" in golden.independent
     assert min(costs) == pytest.approx(golden.cost, rel=1e-6)
 
@@ -141,9 +142,7 @@ def test_the_stated_value_is_the_best_of_all_windows_of_contact(
     At least so many windows are ``feasible``: the test tries more than a few.
     """
     golden, least, k = spec(name).golden["exact"], peer(), np.arange(steps)
-    costs = [
-        least((k >= a) & (k < b)) for a in range(steps) for b in range(a + 1, steps + 1)
-    ]  # fmt: skip
+    costs = [least((k >= a) & (k < b)) for a in range(steps) for b in range(a + 1, steps + 1)]
     assert f"all {len(costs)} windows" in golden.independent
     assert np.isfinite(costs).sum() >= feasible
     assert min(costs) == pytest.approx(golden.cost, rel=1e-6)

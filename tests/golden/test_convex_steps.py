@@ -31,23 +31,22 @@ def qp_of(name: str) -> tuple[ca.Function, ca.Function]:
     system = problem.system
     dq = ca.SX.sym("dq", system.nx)
     at = [system.x_next, system.lam]
-    residual, gap = ca.substitute(
-        [system.residual, system.gap], at, [system.x + dq, ca.SX.zeros(system.nlam)]
-    )
+    residual, gap = ca.substitute([system.residual, system.gap], at, [system.x + dq, ca.SX.zeros(system.nlam)])
     P, A = ca.jacobian(residual, dq), ca.jacobian(gap, dq)
     still = [ca.substitute(part, dq, ca.SX.zeros(system.nx)) for part in (residual, gap)]
     given = [system.x, system.u, problem.parameters.vector]
     data = ca.Function("qp", given, [ca.densify(v) for v in (P, -still[0], A, still[1])])
     shapes = {"h": data.sparsity_out(0), "a": data.sparsity_out(2)}
-    options = {"print_iter": False, "print_header": False, "print_info": False,
-               "error_on_fail": False}  # fmt: skip
+    options = {"print_iter": False, "print_header": False, "print_info": False, "error_on_fail": False}
     return data, ca.conic("step", "qrqp", shapes, options)
 
 
 @pytest.mark.parametrize("name", ["planar-push", "planar-hand"])
 @settings(max_examples=20, deadline=None)
-@given(shift=st.lists(st.floats(-0.15, 0.15), min_size=7, max_size=7),
-       command=st.lists(st.floats(-0.2, 0.2), min_size=4, max_size=4))  # fmt: skip
+@given(
+    shift=st.lists(st.floats(-0.15, 0.15), min_size=7, max_size=7),
+    command=st.lists(st.floats(-0.2, 0.2), min_size=4, max_size=4),
+)
 def test_the_exact_step_is_the_qps_minimum(name, shift, command):
     problem, step = closed(name)
     p = problem.parameters.values

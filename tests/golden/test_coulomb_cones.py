@@ -29,12 +29,19 @@ CONES: tuple[Cone, ...] = ("linearised", "second-order")
 def block(cone: Cone) -> ContactSystem:
     """A unit mass on a floor, q = (x, z), pushed along it."""
     return time_stepping(
-        "block", states=signals("x [m]; z [m]; vx [m/s]; vz [m/s]"), inputs=signals("f [N]"),
-        contacts=signals("floor [N s]"), mass=ca.SX.eye(2),
-        impulse=lambda q, v, u: H * ca.vertcat(u, -G), distance=lambda q: q[1],
-        sliding=lambda q: ca.SX([[1.0, 0.0]]), friction=FRICTION, cone=cone, h=H,
+        "block",
+        states=signals("x [m]; z [m]; vx [m/s]; vz [m/s]"),
+        inputs=signals("f [N]"),
+        contacts=signals("floor [N s]"),
+        mass=ca.SX.eye(2),
+        impulse=lambda q, v, u: H * ca.vertcat(u, -G),
+        distance=lambda q: q[1],
+        sliding=lambda q: ca.SX([[1.0, 0.0]]),
+        friction=FRICTION,
+        cone=cone,
+        h=H,
         parameters=ParameterTable(),
-    )  # fmt: skip
+    )
 
 
 @functools.cache
@@ -46,18 +53,25 @@ def rod(cone: Cone) -> ContactSystem:
         return [q[:2] + arm, q[:2] - arm]
 
     return time_stepping(
-        "rod", states=signals("x [m]; z [m]; a [rad]; vx [m/s]; vz [m/s]; va [rad/s]"),
+        "rod",
+        states=signals("x [m]; z [m]; a [rad]; vx [m/s]; vz [m/s]; va [rad/s]"),
         inputs=signals("f [N]"),
-        contacts=signals("one [N s]; other [N s]"), mass=ca.diag(ca.SX([1.0, 1.0, 0.1])),
+        contacts=signals("one [N s]; other [N s]"),
+        mass=ca.diag(ca.SX([1.0, 1.0, 0.1])),
         impulse=lambda q, v, u: H * ca.vertcat(u, -G, 0),
         distance=lambda q: ca.vertcat(*(end[1] for end in ends(q))),
         sliding=lambda q: ca.vertcat(*(ca.jacobian(end[0], q) for end in ends(q))),
-        friction=FRICTION, cone=cone, h=H,
+        friction=FRICTION,
+        cone=cone,
+        h=H,
         book=lambda q, v, u, v_next, n, t: EnergyBook(
-            0.5 * (v[0] ** 2 + v[1] ** 2 + 0.1 * v[2] ** 2) + G * q[1], H * u * v_next[0], v[:2],
+            0.5 * (v[0] ** 2 + v[1] ** 2 + 0.1 * v[2] ** 2) + G * q[1],
+            H * u * v_next[0],
+            v[:2],
             ca.vertcat(ca.sum1(t), ca.sum1(n) - H * G),
-        ), parameters=ParameterTable(),
-    )  # fmt: skip
+        ),
+        parameters=ParameterTable(),
+    )
 
 
 def step(system: ContactSystem, law, x, u):
@@ -70,8 +84,7 @@ def step(system: ContactSystem, law, x, u):
 def forces(system: ContactSystem, x, u, x_next, lam) -> list[np.ndarray]:
     f = system.forces
     assert f is not None
-    function = ca.Function("forces", [system.x, system.u, system.x_next, system.lam],
-                           [f.normal, f.tangential, f.slip])  # fmt: skip
+    function = ca.Function("forces", [system.x, system.u, system.x_next, system.lam], [f.normal, f.tangential, f.slip])
     return [np.array(v).ravel() for v in function(x, u, x_next, lam)]
 
 
@@ -143,17 +156,16 @@ def test_a_falling_rod_keeps_its_books(cone):
     book = system.book
     assert book is not None
     evaluated = ca.Function(
-        "book", [system.x, system.u, system.x_next, system.lam],
+        "book",
+        [system.x, system.u, system.x_next, system.lam],
         [book.energy, book.work, book.momentum, book.external],
-    )  # fmt: skip
+    )
     x, lost = np.array([0.0, 0.8, 0.9, 1.0, 0.0, -1.0]), 0.0
     for _ in range(60):
         x_next, lam, _ = step(system, Exact(), x, 0.0)
         energy, work, momentum, external = evaluated(x, 0.0, x_next, lam)
         after, _, momentum_after, _ = evaluated(x_next, 0.0, x_next, lam)
-        np.testing.assert_allclose(
-            np.array(momentum_after - momentum), np.array(external), atol=1e-9
-        )
+        np.testing.assert_allclose(np.array(momentum_after - momentum), np.array(external), atol=1e-9)
         change = float(after - energy - work)
         # Semi-implicit Euler itself gives at most what gravity does over half a step.
         assert change <= 0.5 * (G * H) ** 2 + 1e-9
@@ -166,12 +178,18 @@ def test_a_falling_rod_keeps_its_books(cone):
 def test_a_dragged_disc_follows_coulomb_in_the_plane():
     """Quasi-dynamic rows are a cone's edges: a pusher's sideways drag is bounded by friction."""
     system = quasi_dynamic(
-        "drag", states=signals("x [m]; y [m]; ax [m]; ay [m]"), inputs=signals("ux [m]; uy [m]"),
-        contacts=signals("c [N s]"), h=0.1, mass=ca.SX.eye(2), stiffness=100 * ca.SX.eye(2),
+        "drag",
+        states=signals("x [m]; y [m]; ax [m]; ay [m]"),
+        inputs=signals("ux [m]; uy [m]"),
+        contacts=signals("c [N s]"),
+        h=0.1,
+        mass=ca.SX.eye(2),
+        stiffness=100 * ca.SX.eye(2),
         distance=lambda q: q[0] - q[2] - 0.5,
-        sliding=lambda q: ca.SX([[0.0, 1.0, 0.0, -1.0]]), friction=FRICTION,
+        sliding=lambda q: ca.SX([[0.0, 1.0, 0.0, -1.0]]),
+        friction=FRICTION,
         parameters=ParameterTable(),
-    )  # fmt: skip
+    )
     x = np.array([0.5, 0.0, 0.0, 0.0])
     for sideways, sticks in ((0.02, True), (0.5, False)):
         u = np.array([0.1, sideways])
@@ -199,5 +217,6 @@ def test_edges_of_the_cone_are_the_convex_program_and_are_refereed_by_coulomb(fo
     assert system.referee_note == "Coulomb friction with maximum dissipation"
     np.testing.assert_allclose(
         step(system.sharpest, Exact(), np.zeros(4), np.array([force]))[0],
-        step(block("linearised"), Exact(), np.zeros(4), np.array([force]))[0], atol=1e-9,
-    )  # fmt: skip
+        step(block("linearised"), Exact(), np.zeros(4), np.array([force]))[0],
+        atol=1e-9,
+    )

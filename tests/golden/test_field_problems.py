@@ -38,9 +38,7 @@ def test_the_answer_is_exact(name: str) -> None:
     assert found.audit.complementarity < 1e-10
 
 
-@pytest.mark.parametrize(
-    ("name", "peer"), [("box-slide", schedules.box()), ("cart-transport", schedules.cart())]
-)
+@pytest.mark.parametrize(("name", "peer"), [("box-slide", schedules.box()), ("cart-transport", schedules.cart())])
 def test_dry_friction_is_the_best_of_the_convex_programs_around_it(name: str, peer) -> None:
     found = exact(name)
     modes = slid(found)
@@ -52,9 +50,7 @@ def test_dry_friction_is_the_best_of_the_convex_programs_around_it(name: str, pe
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "peer"), [("box-slide", schedules.box()), ("cart-transport", schedules.cart())]
-)
+@pytest.mark.parametrize(("name", "peer"), [("box-slide", schedules.box()), ("cart-transport", schedules.cart())])
 def test_the_stated_value_is_the_best_of_all_schedules(name: str, peer) -> None:
     golden = spec(name).golden["exact"]
     costs = [peer.best(schedules.window(a, b)) for a in range(40) for b in range(a + 1, 41)]
@@ -116,8 +112,9 @@ def test_the_highest_jump_is_that_of_a_linear_program(values: dict) -> None:
     def loss(a: np.ndarray) -> tuple[float, np.ndarray]:
         return p.w_v * a.sum() ** 2 - count @ a, 2 * p.w_v * a.sum() - count
 
-    found = minimize(loss, np.zeros(N), jac=True, method="SLSQP", bounds=[(-p.g, top)] * N,
-                     options={"ftol": 1e-13, "maxiter": 1000})  # fmt: skip
+    found = minimize(
+        loss, np.zeros(N), jac=True, method="SLSQP", bounds=[(-p.g, top)] * N, options={"ftol": 1e-13, "maxiter": 1000}
+    )
     assert hopper_1d.highest(p) == pytest.approx(-(h**2) * found.fun, rel=1e-8)
 
 
@@ -150,9 +147,7 @@ def test_shooting_throws_as_well_without_any_homotopy() -> None:
     "tol",
     [1e-8, 1e-11, *(pytest.param(tol, marks=pytest.mark.slow) for tol in (1e-9, 1e-10))],
 )
-@pytest.mark.parametrize(
-    ("method", "own"), [(Direct(), {}), (SingleShooting(), {"homotopy": False})]
-)
+@pytest.mark.parametrize(("method", "own"), [(Direct(), {}), (SingleShooting(), {"homotopy": False})])
 def test_idle_inputs_cost_what_the_interior_point_leaves(method, own, tol) -> None:
     """(N - 1) tol / 2 at most: the golden's tolerance, which falls with the solver's."""
     golden = spec("ball-throw").golden["exact"]

@@ -45,8 +45,16 @@ def test_the_stated_value_is_reached_as_stated(name: str, key: str) -> None:
     assert fault(golden, reached(name, key)) == ""
 
 
-DRAWN = {"mc": 2.2205, "mp": 0.0932, "l": 0.4108, "wall": 0.3335, "k": 106.0, "h": 0.033,
-         "w_end": 90.53, "u_max": 2.3294}  # fmt: skip
+DRAWN = {
+    "mc": 2.2205,
+    "mp": 0.0932,
+    "l": 0.4108,
+    "wall": 0.3335,
+    "k": 106.0,
+    "h": 0.033,
+    "w_end": 90.53,
+    "u_max": 2.3294,
+}
 """Between these walls relaxations on the central path all end at 1915.75."""
 
 
@@ -70,10 +78,7 @@ def undercut(name: str, key: str, strategies: tuple[str, ...], guesses: range) -
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=[pytest.mark.slow] if name in HALF_A_MINUTE else [])
-        for name in problems.names()
-    ],
+    [pytest.param(name, marks=[pytest.mark.slow] if name in HALF_A_MINUTE else []) for name in problems.names()],
 )
 def test_no_strategy_undercuts_the_stated_value(name: str) -> None:
     assert undercut(name, "exact", STRATEGIES, range(1)) == []

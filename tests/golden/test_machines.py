@@ -102,9 +102,7 @@ def test_contact_takes_energy_and_gives_none(name: str):
 
 def test_what_the_energy_book_lacks_falls_with_the_square_of_the_step():
     """No step gives the hopper more energy than its integrator's error."""
-    gained = [
-        np.max(f["change"] - f["contact"]) for f in (books("hopper", h) for h in (0.05, 0.0125))
-    ]
+    gained = [np.max(f["change"] - f["contact"]) for f in (books("hopper", h) for h in (0.05, 0.0125))]
     assert 0 < gained[1] < gained[0] / 8 < 1e-4
 
 

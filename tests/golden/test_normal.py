@@ -42,9 +42,7 @@ def exact(t: float) -> tuple[float, float, float]:
         for level in range(400, 1, -1):
             fraction = x + level / fraction
         # tail = pdf / (t + 1/f), f the fraction from level 2 on
-        return (
-            float(pdf / (1 + x * fraction)), float(pdf * fraction / (1 + x * fraction)), float(pdf)
-        )  # fmt: skip
+        return (float(pdf / (1 + x * fraction)), float(pdf * fraction / (1 + x * fraction)), float(pdf))
 
 
 @pytest.fixture(scope="module")

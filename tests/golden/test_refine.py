@@ -99,12 +99,17 @@ def test_a_step_size_that_is_chosen_is_halved_by_its_bounds() -> None:
 def test_growth_is_that_of_a_linear_system() -> None:
     """A cart that falls off its balance, its wall far away: the largest entry of powers of A."""
     A = np.array([[1.1, 0.1], [0.2, 1.0]])
-    system = lcs("fall", A=A, B=[[0.0], [0.1]], C=[[0.0], [0.0]], D=[[0.0, 0.0]], E=[[0.0]],
-                 F=[[1.0]], d=[1.0])  # fmt: skip
+    system = lcs("fall", A=A, B=[[0.0], [0.1]], C=[[0.0], [0.0]], D=[[0.0, 0.0]], E=[[0.0]], F=[[1.0]], d=[1.0])
     problem = Problem(
-        "fall", system, 20, stage_cost=ca.sumsqr(system.u), terminal_cost=ca.sumsqr(system.x),
-        x0=ca.DM([0.1, 0.0]), parameters=system.parameters, scaling=Scaling(x=0.5),
-    )  # fmt: skip
+        "fall",
+        system,
+        20,
+        stage_cost=ca.sumsqr(system.u),
+        terminal_cost=ca.sumsqr(system.x),
+        x0=ca.DM([0.1, 0.0]),
+        parameters=system.parameters,
+        scaling=Scaling(x=0.5),
+    )
     found = solve(problem, Exact())
     powers = [np.linalg.matrix_power(A, k) for k in range(21)]
     assert growth(found) == pytest.approx(np.abs(powers).max(), rel=1e-5)

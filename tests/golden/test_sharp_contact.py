@@ -53,12 +53,18 @@ def pushed_disc(linearised: bool = True) -> ContactSystem:
 
     return quasi_dynamic(
         "pushed disc",
-        states=signals("x [m]; y [m]; a [rad]; ax [m]; ay [m]"), inputs=signals("ux [m]; uy [m]"),
-        contacts=signals("push [N s]"), h=H, mass=ca.SX(ca.DM(MASS[:3, :3])),
-        stiffness=50.0 * ca.SX.eye(2), parameters=ParameterTable(), friction=FRICTION,
-        distance=lambda q: ca.norm_2(q[:2] - q[3:]) - REACH, sliding=sliding,
+        states=signals("x [m]; y [m]; a [rad]; ax [m]; ay [m]"),
+        inputs=signals("ux [m]; uy [m]"),
+        contacts=signals("push [N s]"),
+        h=H,
+        mass=ca.SX(ca.DM(MASS[:3, :3])),
+        stiffness=50.0 * ca.SX.eye(2),
+        parameters=ParameterTable(),
+        friction=FRICTION,
+        distance=lambda q: ca.norm_2(q[:2] - q[3:]) - REACH,
+        sliding=sliding,
         linearised=linearised,
-    )  # fmt: skip
+    )
 
 
 def modes_of_pushed_disc(x: np.ndarray, u: np.ndarray) -> list[tuple[str, np.ndarray]]:
@@ -93,9 +99,7 @@ def modes_of_pushed_disc(x: np.ndarray, u: np.ndarray) -> list[tuple[str, np.nda
         impulse = fsolve(equations, [0.1, 0.0], full_output=True)[0]
         gamma, beta = impulse
         slid = J_t @ (end(impulse) - x)
-        fits = {
-            "stick": abs(beta) <= FRICTION * gamma, "ahead": slid >= 0, "back": slid <= 0
-        }[mode]  # fmt: skip
+        fits = {"stick": abs(beta) <= FRICTION * gamma, "ahead": slid >= 0, "back": slid <= 0}[mode]
         if gamma >= 0 and fits and np.abs(equations(impulse)).max() < 1e-10:
             found.append((mode, end(impulse)))
     return found
@@ -127,11 +131,18 @@ def test_a_planar_push_ends_in_the_mode_that_fits(linearised: bool) -> None:
 def rubbing() -> ContactSystem:
     """A finger over a fixed table, q = (x, z), commanded into it: nothing unactuated."""
     return quasi_dynamic(
-        "finger", states=signals("x [m]; z [m]"), inputs=signals("ux [m]; uz [m]"),
-        contacts=signals("table [N s]"), h=H, mass=ca.SX(0, 0), stiffness=10.0 * ca.SX.eye(2),
-        parameters=ParameterTable(), distance=lambda q: q[1], friction=FRICTION,
+        "finger",
+        states=signals("x [m]; z [m]"),
+        inputs=signals("ux [m]; uz [m]"),
+        contacts=signals("table [N s]"),
+        h=H,
+        mass=ca.SX(0, 0),
+        stiffness=10.0 * ca.SX.eye(2),
+        parameters=ParameterTable(),
+        distance=lambda q: q[1],
+        friction=FRICTION,
         sliding=lambda q: ca.SX([[1.0, 0.0]]),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("way", [-0.3, -0.06, 0.04, 0.3])
@@ -158,11 +169,17 @@ def test_a_turning_body_keeps_its_true_distance() -> None:
 
 def thrown_in_a_ring() -> ContactSystem:
     return time_stepping(
-        "ring", states=signals("x [m]; y [m]; vx [m/s]; vy [m/s]"),
-        inputs=signals("fx [N]; fy [N]"), contacts=signals("ring [N s]"), h=H, mass=ca.SX.eye(2),
-        impulse=lambda q, v, u: H * u, distance=lambda q: 1.0 - ca.norm_2(q),
-        parameters=ParameterTable(), linearised=True,
-    )  # fmt: skip
+        "ring",
+        states=signals("x [m]; y [m]; vx [m/s]; vy [m/s]"),
+        inputs=signals("fx [N]; fy [N]"),
+        contacts=signals("ring [N s]"),
+        h=H,
+        mass=ca.SX.eye(2),
+        impulse=lambda q, v, u: H * u,
+        distance=lambda q: 1.0 - ca.norm_2(q),
+        parameters=ParameterTable(),
+        linearised=True,
+    )
 
 
 def test_machines_with_expanded_gaps_are_refereed_by_true_ones() -> None:
@@ -185,11 +202,19 @@ def by_hand(gap, distance) -> ContactSystem:
     phi = distance(x)
     push = ca.gradient(phi, x)[:2] * lam
     return ContactSystem(
-        name="by hand", x=x, u=ca.SX.sym("u", 0), x_next=x_next, lam=lam,
+        name="by hand",
+        x=x,
+        u=ca.SX.sym("u", 0),
+        x_next=x_next,
+        lam=lam,
         residual=ca.vertcat(x_next[:2] - x[:2] - H * x_next[2:], x_next[2:] - x[2:] - push),
-        gap=gap(x, x_next, lam), states=signals("x [m]; y [m]; vx [m/s]; vy [m/s]"), inputs=(),
-        contacts=signals("ring [N s]"), h=H, phi=phi,
-    )  # fmt: skip
+        gap=gap(x, x_next, lam),
+        states=signals("x [m]; y [m]; vx [m/s]; vy [m/s]"),
+        inputs=(),
+        contacts=signals("ring [N s]"),
+        h=H,
+        phi=phi,
+    )
 
 
 def test_a_system_by_hand_is_sharpened_only_where_its_gap_is_an_expansion() -> None:
@@ -240,23 +265,25 @@ def test_every_named_problem_says_who_referees_it() -> None:
         system = problems.get(name).system
         assert system.referee_note == notes.get(name, itself)
         assert (system.sharpest is system) == (system.referee_note == itself)
-        assert [str(s) for s in (system.x, system.u)] == [
-            str(s) for s in (system.sharpest.x, system.sharpest.u)
-        ]
+        assert [str(s) for s in (system.x, system.u)] == [str(s) for s in (system.sharpest.x, system.sharpest.u)]
 
 
 def two_blocks(friction: ca.SX, cone, table: ParameterTable) -> ContactSystem:
     """Two unit masses on a floor, q = (x1, z1, x2, z2), pushed along by one force each."""
     return time_stepping(
         "blocks",
-        states=signals("x1 [m]; z1 [m]; x2 [m]; z2 [m]; vx1 [m/s]; vz1 [m/s]; vx2 [m/s];"
-                       " vz2 [m/s]"),
+        states=signals("x1 [m]; z1 [m]; x2 [m]; z2 [m]; vx1 [m/s]; vz1 [m/s]; vx2 [m/s]; vz2 [m/s]"),
         inputs=signals("f1 [N]; f2 [N]"),
-        contacts=signals("one [N s]; two [N s]"), mass=ca.SX.eye(4),
+        contacts=signals("one [N s]; two [N s]"),
+        mass=ca.SX.eye(4),
         impulse=lambda q, v, u: H * ca.vertcat(u[0], -10, u[1], -10),
-        distance=lambda q: q[[1, 3]], friction=friction, cone=cone,
-        sliding=lambda q: ca.SX([[1.0, 0, 0, 0], [0, 0, 1.0, 0]]), h=H, parameters=table,
-    )  # fmt: skip
+        distance=lambda q: q[[1, 3]],
+        friction=friction,
+        cone=cone,
+        sliding=lambda q: ca.SX([[1.0, 0, 0, 0], [0, 0, 1.0, 0]]),
+        h=H,
+        parameters=table,
+    )
 
 
 @pytest.mark.parametrize("cone", ["linearised", "second-order"])
@@ -291,8 +318,7 @@ def test_zero_friction_by_a_parameter_is_the_frictionless_machine() -> None:
     table = ParameterTable([Parameter("f", 0.0)])
     kept = {"h": 0.02, "spheres": ("bfoot", "ffoot")}
     rubbing_not, smooth = (
-        half_cheetah().system("cheetah", table, friction=friction, **kept)
-        for friction in (table["f"], None)
+        half_cheetah().system("cheetah", table, friction=friction, **kept) for friction in (table["f"], None)
     )
     x = np.zeros(smooth.nx)
     x[1], x[9:12] = 0.45, [1.0, -3.0, 2.0]
@@ -305,11 +331,19 @@ def test_convex_rows_take_a_zero_friction_too() -> None:
     table = ParameterTable([Parameter("f", 0.0)])
     base = pushed_disc()
     smooth = quasi_dynamic(
-        "smooth", states=base.states, inputs=base.inputs, contacts=signals("push [N s]"), h=H,
-        mass=ca.SX(ca.DM(MASS[:3, :3])), stiffness=50.0 * ca.SX.eye(2), parameters=table,
-        distance=lambda q: ca.norm_2(q[:2] - q[3:]) - REACH, friction=table["f"],
-        sliding=lambda q: ca.SX([[0, 1.0, R, 0, -1.0]]), linearised=True,
-    )  # fmt: skip
+        "smooth",
+        states=base.states,
+        inputs=base.inputs,
+        contacts=signals("push [N s]"),
+        h=H,
+        mass=ca.SX(ca.DM(MASS[:3, :3])),
+        stiffness=50.0 * ca.SX.eye(2),
+        parameters=table,
+        distance=lambda q: ca.norm_2(q[:2] - q[3:]) - REACH,
+        friction=table["f"],
+        sliding=lambda q: ca.SX([[0, 1.0, R, 0, -1.0]]),
+        linearised=True,
+    )
     x, u = np.array([REACH, 0, 0, 0, 0.0]), np.array([0.2, 0.1])
     for system in (smooth, smooth.sharpest):
         x_next = step(system, x, u)[0]

@@ -24,9 +24,7 @@ def thrown_cost(theta: float, speed: float, **params: float) -> float:
     p = Params(**params)
     end = roll(p, theta, speed)[-1]
     off = end[:4] - [p.goal_x, p.goal_z, p.goal_vx, p.goal_vz]
-    return float(
-        p.w_speed * speed**2 + p.w_end * (off[:2] ** 2).sum() + p.w_v * (off[2:] ** 2).sum()
-    )
+    return float(p.w_speed * speed**2 + p.w_end * (off[:2] ** 2).sum() + p.w_v * (off[2:] ** 2).sum())
 
 
 def best_throw(most: float, **params: float) -> float:

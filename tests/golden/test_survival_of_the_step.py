@@ -24,13 +24,14 @@ def at_a_quarter(found: Solution) -> float:
     fine = get(problem.name, N=4 * problem.N)
     u = found.data["u"].values
     rolled = roll_out(
-        fine, np.repeat(u, 4, axis=1), values | {"h": values["h"] / 4},
-        fine.referee_step, found.data["x"].values[:, 0],
-    )  # fmt: skip
+        fine,
+        np.repeat(u, 4, axis=1),
+        values | {"h": values["h"] / 4},
+        fine.referee_step,
+        found.data["x"].values[:, 0],
+    )
     p, x, du = problem.parameters.pack(values), rolled.x[0, ::4], 0 * u[0, 0]
-    stages = sum(
-        float(problem.cost_terms(x[k], u[0, k], du, 0, p)[0]) for k in range(problem.N)
-    )  # fmt: skip
+    stages = sum(float(problem.cost_terms(x[k], u[0, k], du, 0, p)[0]) for k in range(problem.N))
     return stages + float(problem.cost_terms(x[-1], u[0, -1], du, 0, p)[1])
 
 
@@ -89,8 +90,14 @@ def test_each_bound_of_the_finer_replay_is_a_reason_alone() -> None:
 
 def test_what_is_at_fault_at_the_step_itself_is_told_first() -> None:
     found = solve(get("box-slide"), Exact())
-    of = replace(found.referee, survives=False, survives_at_h=False, reasons=["it falls"],
-                 refined_reasons=["it costs 9"], refined_cost=9.0)  # fmt: skip
+    of = replace(
+        found.referee,
+        survives=False,
+        survives_at_h=False,
+        reasons=["it falls"],
+        refined_reasons=["it costs 9"],
+        refined_cost=9.0,
+    )
     bad = replace(found, referee=of)
     assert headline(bad).endswith("; does not survive.") and grade(bad) == "certified"
     told = " ".join(findings(bad))

@@ -37,9 +37,15 @@ TWO_ENDED = lcs("two-ended", A=ONE, B=ONE, C=ONE, D=ONE, E=ONE, F=[[-1.0]])
 def to_a_goal(system, goal: float) -> Problem:
     """Six steps of a scalar system from 0.5, cheap to move."""
     return Problem(
-        system.name, system, 6, 0.1 * ca.sumsqr(system.u), 10 * (system.x[0] - goal) ** 2,
-        ca.SX([0.5]), ParameterTable([]), scaling=Scaling(1.0, 1.0, 1.0, 1.0),
-    )  # fmt: skip
+        system.name,
+        system,
+        6,
+        0.1 * ca.sumsqr(system.u),
+        10 * (system.x[0] - goal) ** 2,
+        ca.SX([0.5]),
+        ParameterTable([]),
+        scaling=Scaling(1.0, 1.0, 1.0, 1.0),
+    )
 
 
 @functools.cache
@@ -73,18 +79,25 @@ def test_a_disc_pulled_round_a_post_is_certified_and_does_not_survive() -> None:
     x = found.data["x"].values[0, far.step + 1]
     by_hand = {"push": np.hypot(*(x[:2] - x[2:])) - 0.3, "post": np.hypot(*x[:2]) - 0.5}
     assert far.amount == pytest.approx(by_hand[far.contact], rel=1e-9)
-    assert (
-        f"in the plan {far.contact} acts at a distance of {far.amount:.2g} m at step {far.step}"
-        in (found.verdict)
-    )
+    assert f"in the plan {far.contact} acts at a distance of {far.amount:.2g} m at step {far.step}" in (found.verdict)
 
 
 def test_a_plan_that_passes_through_a_body_between_nodes_is_told() -> None:
     """The pusher hops to the far side of a box of 5 cm, clear of it at every node."""
     problem = get(
-        "planar-push", gap="true", side=0.05, r=0.02, reach=3, K=1e5, w_du=0, N=4, oy0=0.5,
-        goal_x=0, goal_y=-1.2, goal_angle=0,
-    )  # fmt: skip
+        "planar-push",
+        gap="true",
+        side=0.05,
+        r=0.02,
+        reach=3,
+        K=1e5,
+        w_du=0,
+        N=4,
+        oy0=0.5,
+        goal_x=0,
+        goal_y=-1.2,
+        goal_angle=0,
+    )
     found = solve(problem, Exact(), starts=6)
     assert found.audit.penetration < 1e-6
     through = found.referee.between
@@ -105,10 +118,16 @@ def test_a_start_inside_a_wall_never_survives(law: ContactLaw) -> None:
     """The law pushes out what begins 5 m deep in one step, which no wall does."""
     p = ParameterTable([])
     system = time_stepping(
-        "deep", states=signals("x [m]; v [m/s]"), inputs=signals("u [N]"),
-        contacts=signals("wall [N s]"), mass=ca.SX.eye(1), impulse=lambda q, v, u: 0.1 * u,
-        distance=lambda q: q, h=0.1, parameters=p,
-    )  # fmt: skip
+        "deep",
+        states=signals("x [m]; v [m/s]"),
+        inputs=signals("u [N]"),
+        contacts=signals("wall [N s]"),
+        mass=ca.SX.eye(1),
+        impulse=lambda q, v, u: 0.1 * u,
+        distance=lambda q: q,
+        h=0.1,
+        parameters=p,
+    )
     end = ca.sumsqr(system.x[0] - 1)
     found = solve(Problem("deep", system, 4, ca.sumsqr(system.u), end, ca.SX([-5.0, 0]), p), law)
     assert found.data["x"].values[0, 1, 0] > -1e-6
@@ -135,8 +154,10 @@ def test_an_oiled_finger_is_no_trouble() -> None:
 
 def test_a_puck_too_fast_for_its_fence_never_survives() -> None:
     for law, method in (
-        (Exact(), Direct()), (Exact(), MultipleShooting()), (Barrier(mu=1e-3), Direct()),
-    ):  # fmt: skip
+        (Exact(), Direct()),
+        (Exact(), MultipleShooting()),
+        (Barrier(mu=1e-3), Direct()),
+    ):
         found = solve(ring(h=0.1, speed=20.0), law, method)
         outside = np.hypot(*found.data["x"].values[0, :, :2].T).max() - 1.0
         assert outside > 0.5, "the model lets it out"
@@ -159,8 +180,11 @@ def test_the_rough_slopes_freedom_is_named_with_step_and_contacts() -> None:
     x, u = found.data["x"].values[0], found.data["u"].values[0]
     problem = found.problem
     other = np.array(problem.exact_step.solve(x[step], u[step], physical(problem))[0]).ravel()
-    before = np.array(problem.exact_step.solve.map(step)(x[:step].T, u[:step].T, physical(problem))
-                      [0]) if step else np.zeros((6, 0))  # fmt: skip
+    before = (
+        np.array(problem.exact_step.solve.map(step)(x[:step].T, u[:step].T, physical(problem))[0])
+        if step
+        else np.zeros((6, 0))
+    )
     assert np.abs(other - x[step + 1]).max() > 0.005, "the step as solved goes elsewhere"
     assert np.abs(before.T - x[1 : step + 1]).max(initial=0.0) <= 0.005, "and none before it does"
 
@@ -225,9 +249,15 @@ def test_to_hold_what_is_wanted_is_no_standing_still() -> None:
 def test_a_replay_without_solution_is_not_replayed() -> None:
     """With ``0 <= lam ⟂ z - lam >= 0`` on both sides, nothing solves outside of the walls."""
     both = lcs(
-        "both", A=[[1.0]], B=[[1.0]], C=[[1.0, -1.0]], D=[[1.0], [-1.0]], E=[[1.0], [-1.0]],
-        F=[[-1.0, 0.0], [0.0, -1.0]], d=[1.0, 1.0],
-    )  # fmt: skip
+        "both",
+        A=[[1.0]],
+        B=[[1.0]],
+        C=[[1.0, -1.0]],
+        D=[[1.0], [-1.0]],
+        E=[[1.0], [-1.0]],
+        F=[[-1.0, 0.0], [0.0, -1.0]],
+        d=[1.0, 1.0],
+    )
     found = solve(to_a_goal(both, 0.5), Exact())
     assert np.isnan(found.audit.exact_cost)
     where, contact = found.audit.replay_failed.split(" did not converge, contact ")
@@ -244,16 +274,13 @@ def test_a_cost_that_is_no_number_in_the_replay_does_not_survive() -> None:
 
     def guess(problem: Problem, _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         share = np.linspace(0, 1, problem.N + 1)[:, None]
-        return share * [1.2, 1.0] + (1 - share) * [0, -0.5], np.linspace(-0.5, 1, problem.N)[
-            :, None
-        ]
+        return share * [1.2, 1.0] + (1 - share) * [0, -0.5], np.linspace(-0.5, 1, problem.N)[:, None]
 
     found = solve(replace(problem, terminal_cost=end, guess=guess), Barrier(mu=0.1))
     assert np.isnan(found.referee.cost) and np.isfinite(found.referee.gap)
     assert found.referee.survives is False and found.grade == "certified"
     assert headline(found) == (
-        f"Solved: cost {found.cost:.6g}, exact law cost not finite, referee cost not finite;"
-        " does not survive."
+        f"Solved: cost {found.cost:.6g}, exact law cost not finite, referee cost not finite; does not survive."
     )
     assert "the cost of the replay is NaN or infinite" in found.verdict
     assert "Under the exact law the cost of the replay is NaN or infinite." in found.verdict
@@ -304,9 +331,7 @@ def test_every_verdict_says_which_gaps_the_model_has() -> None:
     bent = solved(round_a_post)
     true = solve(round_a_post(N=2, linearised=False), Barrier(mu=0.1))
     flat = solve(get("wall-1d"), Barrier(mu=0.1))
-    said = [
-        re.findall(r"The model's gaps are (\w+)\.", each.verdict) for each in (bent, true, flat)
-    ]
+    said = [re.findall(r"The model's gaps are (\w+)\.", each.verdict) for each in (bent, true, flat)]
     assert said == [["linearised"], ["true"], ["true"]]
 
 
@@ -328,8 +353,9 @@ def dearer_is_told(name: str, law: ContactLaw) -> None:
     assert (found.grade == "survives") == (found.success and referee.survives is True)
     assert found.success == (first.startswith("Solved"))
     # The referee's cost is that of these inputs, stepped here once more.
-    again = roll_out(found.problem, found.data["u"].values, found.values,
-                     found.problem.referee_step, found.data["x"].values[:, 0])  # fmt: skip
+    again = roll_out(
+        found.problem, found.data["u"].values, found.values, found.problem.referee_step, found.data["x"].values[:, 0]
+    )
     assert referee.survives is None or again.cost == pytest.approx(referee.cost, rel=1e-9)
 
 

@@ -7,7 +7,10 @@ from hypothesis import settings
 from tests.examples import AT_MOST, EVERY
 
 settings.register_profile(
-    "repeatable", max_examples=100 if EVERY else AT_MOST,
-    deadline=None, derandomize=True, database=None,
-)  # fmt: skip
+    "repeatable",
+    max_examples=100 if EVERY else AT_MOST,
+    deadline=None,
+    derandomize=True,
+    database=None,
+)
 settings.load_profile("repeatable")

@@ -25,11 +25,10 @@ from problems.machines.simulation import simulate, simulation
 CRANE = (
     Link("cart", None, 2.0, 0.1, joint="slide"),
     Link("arm", "cart", 1.0, 0.05, com=(0.2, -0.3), offset=0.4, armature=0.3),
-    Link("piston", "arm", 0.5, 0.02, com=(0.05, 0.0), anchor=(0.1, -0.5), joint="slide",
-         axis=(0.6, -0.8), offset=0.3),
+    Link("piston", "arm", 0.5, 0.02, com=(0.05, 0.0), anchor=(0.1, -0.5), joint="slide", axis=(0.6, -0.8), offset=0.3),
     Link("hook", "piston", 0.3, 0.01, com=(0.0, -0.1), anchor=(0.0, -0.05)),
     Link("ball", None, 0.4, 0.02, com=(0.03, 0.01), joint="free"),
-)  # fmt: skip
+)
 CHAINS = {
     "crane": Chain(CRANE),
     "hopper": hopper().chain(),
@@ -89,10 +88,7 @@ def test_as_h_tends_to_zero_the_forces_are_the_explicit_ones(chain: Chain):
 def test_a_tumbling_hopper_keeps_its_energy():
     """Two seconds without gravity, limbs at 15 rad/s, h = 0.01."""
     q, v = np.array([0, 2, 0, 0.5, -0.5, 0.3]), np.array([1.0, 2, 5, 13, -14, 15])
-    kept, gained = (
-        energies(free_step(CHAINS["hopper"], explicit), q, v, 0.01, 200)
-        for explicit in (False, True)
-    )
+    kept, gained = (energies(free_step(CHAINS["hopper"], explicit), q, v, 0.01, 200) for explicit in (False, True))
     assert 0.97 < kept[-1] / kept[0] <= 1
     assert gained[-1] / gained[0] > 1.3
 
@@ -124,14 +120,10 @@ def test_a_turn_about_a_fixed_axis_in_closed_form():
         assert step(np.array([0.4]), np.array([v]), h)[0][0] == pytest.approx(wanted, rel=1e-10)
 
 
-@pytest.mark.parametrize(
-    ("name", "machine"), [("hopper", hopper()), ("half-cheetah", half_cheetah())]
-)
+@pytest.mark.parametrize(("name", "machine"), [("hopper", hopper()), ("half-cheetah", half_cheetah())])
 def test_a_machine_and_its_simulation_step_alike(name: str, machine: PublishedMachine):
     s, nq = simulation(name)[0].system, len(machine.pose)
-    own = machine.system(
-        "own", ParameterTable(), h=machine.h, friction=machine.friction, gyroscopic="implicit"
-    )
+    own = machine.system("own", ParameterTable(), h=machine.h, friction=machine.friction, gyroscopic="implicit")
     rng = np.random.default_rng(4)
     x, u = rng.normal(size=2 * nq), rng.normal(size=own.nu)
     x_next, lam = rng.normal(size=2 * nq), rng.uniform(size=own.nlam)
@@ -143,9 +135,7 @@ def test_a_machine_and_its_simulation_step_alike(name: str, machine: PublishedMa
 
 
 @pytest.mark.parametrize("name", ["hopper", "idto-hopper"])
-def test_a_plant_steps_as_a_machine_with_implicit_forces(
-    name: str, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_plant_steps_as_a_machine_with_implicit_forces(name: str, monkeypatch: pytest.MonkeyPatch):
     """Also under the sharpest contact, and with a state behind the machine's own."""
     monkeypatch.setattr("ocp.mpc.plants.StepFunction", lambda *_, **__: None)  # it compiles
     problem = get(name)

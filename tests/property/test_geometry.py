@@ -72,12 +72,14 @@ def capsule_surface() -> np.ndarray:
     along = END / length
     across = np.array([-along[1], along[0]])
     share = np.linspace(0, 1, 1500)[:, None] * END
-    return np.vstack([
-        share + 0.15 * across,
-        share - 0.15 * across,
-        circle(np.zeros(2), 0.15, 0, 2 * np.pi),
-        circle(END, 0.15, 0, 2 * np.pi),
-    ])  # fmt: skip
+    return np.vstack(
+        [
+            share + 0.15 * across,
+            share - 0.15 * across,
+            circle(np.zeros(2), 0.15, 0, 2 * np.pi),
+            circle(END, 0.15, 0, 2 * np.pi),
+        ]
+    )
 
 
 def to_segment(p: np.ndarray) -> float:
@@ -207,9 +209,8 @@ def test_normal_and_jacobians_against_central_differences(
 @pytest.mark.parametrize("name", ["box", "rounded box"])
 @pytest.mark.parametrize(
     "centre",
-    [(0.5, 0.3), (0.5, 0.0), (0.0, 0.3), (0.0, 0.1), (0.6, 0.0), (0.0, -0.4), (0.38, 0.18),
-     (0.38, 0.5), (0.0, 0.0)],
-)  # fmt: skip
+    [(0.5, 0.3), (0.5, 0.0), (0.0, 0.3), (0.0, 0.1), (0.6, 0.0), (0.0, -0.4), (0.38, 0.18), (0.38, 0.5), (0.0, 0.0)],
+)
 def test_box_is_finite_on_every_seam(name: str, centre: tuple[float, float]) -> None:
     """On corners, sides and axes, where the pieces of the distance meet."""
     f = FUNCTIONS[name]
@@ -233,9 +234,7 @@ def test_box_is_finite_on_every_seam(name: str, centre: tuple[float, float]) -> 
         ((-0.1, -0.2), (0, -1), -0.2),
     ],
 )
-def test_sharp_box_by_hand(
-    centre: tuple[float, float], normal: tuple[float, float], phi: float
-) -> None:
+def test_sharp_box_by_hand(centre: tuple[float, float], normal: tuple[float, float], phi: float) -> None:
     f = FUNCTIONS["box"]
     q = configuration((0.0, 0.0, 0.0, 0.0), centre)
     assert float(f["phi"](q)) == pytest.approx(phi)

@@ -25,8 +25,12 @@ FORWARD = {
     "idto-hopper": {"torso_z": 1.0},
 }
 """What is added to the state that a problem starts from, so that nothing touches after a step."""
-FOLLOWED = {"push-1d": ["qa"], "push-disc": ["ax", "ay"], "planar-push": ["ax", "ay"],
-            "planar-hand": ["l1", "l2", "r1", "r2"]}  # fmt: skip
+FOLLOWED = {
+    "push-1d": ["qa"],
+    "push-disc": ["ax", "ay"],
+    "planar-push": ["ax", "ay"],
+    "planar-hand": ["l1", "l2", "r1", "r2"],
+}
 """States that a problem's inputs command; the others' inputs are zero."""
 MACHINES = {"hopper", "half-cheetah", "spinner", "finger-disc", "idto-hopper"}
 LONG = {*MACHINES, "planar-hand"}
@@ -67,8 +71,7 @@ def test_impulses_that_do_not_act_have_no_derivative(name):
     results = [lam, ca.jacobian(lam, every), ca.jacobian(after, every)]
     slopes = ca.Function("slopes", arguments, results)
     found, by_all, moved = (np.array(part) for part in slopes(x, u, step.p.values))
-    pushing = [i for i, pair in enumerate(step.system.pairs) if name not in MACHINES
-               or pair.kind != "slip"]  # fmt: skip
+    pushing = [i for i, pair in enumerate(step.system.pairs) if name not in MACHINES or pair.kind != "slip"]
     assert np.all(found[pushing] == 0.0)
     assert np.all(by_all == 0.0) and np.all(np.isfinite(moved))
 

@@ -119,9 +119,7 @@ def test_failure_is_reported():
 def by_minors(F: np.ndarray) -> bool:
     n = len(F)
     return all(
-        np.linalg.det(F[np.ix_(rows, rows)]) > 0
-        for size in range(1, n + 1)
-        for rows in combinations(range(n), size)
+        np.linalg.det(F[np.ix_(rows, rows)]) > 0 for size in range(1, n + 1) for rows in combinations(range(n), size)
     )
 
 

@@ -22,9 +22,7 @@ def contacts(n: int, m: int) -> ca.Function:
     a, b = ca.SX.sym("a", 2, n), ca.SX.sym("b", 2, m)
     one, other = (Polygon([s[:, i] for i in range(s.shape[1])]) for s in (a, b))
     found = [Contact.between(s, Pose.fixed(), t, Pose.fixed()) for s, t in vertex_pairs(one, other)]
-    outputs = [
-        ca.horzcat(*(getattr(c, what) for c in found)) for what in ("phi", "normal", "point")
-    ]
+    outputs = [ca.horzcat(*(getattr(c, what) for c in found)) for what in ("phi", "normal", "point")]
     return ca.Function("contacts", [a, b], outputs)
 
 
@@ -57,9 +55,7 @@ def minkowski(a: np.ndarray, b: np.ndarray) -> tuple[float, np.ndarray]:
     return best[0], best[1] / best[0]
 
 
-def nearest(
-    size: tuple[int, int], a: np.ndarray, b: np.ndarray
-) -> tuple[float, np.ndarray, np.ndarray]:
+def nearest(size: tuple[int, int], a: np.ndarray, b: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     phi, normal, point = (np.array(out) for out in FUNCTIONS[size](a, b))
     i = int(phi.argmin())
     return float(phi[0, i]), normal[:, i], point[:, i]
@@ -190,9 +186,7 @@ def test_a_box_is_a_polygon_of_its_corners() -> None:
     both = [ca.vertcat(*shape.beside(p, Pose(q[:2], q[2]))) for shape in (box, same)]
     points = np.random.default_rng(0).uniform(-1, 1, (500, 5))
     for engine in ("numpy", "c"):
-        one, other = BatchFunction(ca.Function("f", [p, q], both), backend=engine)(
-            points[:, :2], points[:, 2:]
-        )
+        one, other = BatchFunction(ca.Function("f", [p, q], both), backend=engine)(points[:, :2], points[:, 2:])
         np.testing.assert_allclose(one, other, atol=1e-14)
 
 
@@ -206,20 +200,15 @@ def test_the_gradient_is_the_normal_by_complex_steps_and_the_engines_agree() -> 
     at, pose = rng.uniform(-1, 1, (400, 2)), rng.uniform(-0.5, 0.5, (400, 3))
     phi, normal, found = BatchFunction(f, backend="numpy")(at, pose)
     np.testing.assert_allclose(found[phi.ravel() > -0.1], normal[phi.ravel() > -0.1], atol=1e-12)
-    for one, other in zip(
-        BatchFunction(f, backend="c")(at, pose), (phi, normal, found), strict=True
-    ):
+    for one, other in zip(BatchFunction(f, backend="c")(at, pose), (phi, normal, found), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-13)
     step = 1e-6
     for i in range(2):
         ahead, back = (
-            np.array(BatchFunction(f, backend="numpy")(at + s * np.eye(2)[i], pose)[0])
-            for s in (step, -step)
+            np.array(BatchFunction(f, backend="numpy")(at + s * np.eye(2)[i], pose)[0]) for s in (step, -step)
         )
         apart = phi.ravel() > -0.09
-        np.testing.assert_allclose(
-            ((ahead - back) / (2 * step)).ravel()[apart], normal[apart, i], atol=1e-4
-        )
+        np.testing.assert_allclose(((ahead - back) / (2 * step)).ravel()[apart], normal[apart, i], atol=1e-4)
 
 
 @pytest.mark.parametrize(

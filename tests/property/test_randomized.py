@@ -35,10 +35,7 @@ def smoothed_exact(x: float, u: float, sigma: float) -> float:
 def test_the_average_approaches_the_closed_form_as_samples_grow(scheme):
     def error(samples: int, seed: int) -> float:
         step = Randomized(0.5, samples, seed, scheme).close(pushed())
-        off = [
-            float(step.solve(x, 0.1, step.p.values)[0]) - smoothed_exact(x, 0.1, 0.5)
-            for x in (-0.4, 0.0, 0.3)
-        ]
+        off = [float(step.solve(x, 0.1, step.p.values)[0]) - smoothed_exact(x, 0.1, 0.5) for x in (-0.4, 0.0, 0.3)]
         return float(np.mean(np.abs(off)))
 
     errors = [np.mean([error(samples, seed) for seed in range(3)]) for samples in (16, 128, 1024)]
@@ -49,8 +46,7 @@ def test_the_average_approaches_the_closed_form_as_samples_grow(scheme):
 def test_the_hermite_rule_is_exact_for_smooth_steps():
     # softened contact is analytic: the rule converges fast, and agrees with a finer one
     values = [
-        mean_step(Randomized(0.2, n, scheme="gauss-hermite", base=Barrier(mu=0.3)), 0.1, 0.05)
-        for n in (3, 7, 20, 40)
+        mean_step(Randomized(0.2, n, scheme="gauss-hermite", base=Barrier(mu=0.3)), 0.1, 0.05) for n in (3, 7, 20, 40)
     ]
     off = np.abs(np.array(values[:-1]) - values[-1])
     assert off[0] < 1e-2
@@ -76,9 +72,11 @@ def test_several_noisy_inputs_add_up():
 
 @settings(max_examples=30)
 @given(
-    dimension=st.integers(1, 5), half=st.integers(1, 40), seed=st.integers(0, 2**31 - 1),
+    dimension=st.integers(1, 5),
+    half=st.integers(1, 40),
+    seed=st.integers(0, 2**31 - 1),
     scheme=st.sampled_from(SAMPLED),
-)  # fmt: skip
+)
 def test_drawn_nodes_repeat_and_have_no_odd_moments(dimension, half, seed, scheme):
     nodes, weights = standard_normal_nodes(dimension, 2 * half, seed, scheme)
     again, _ = standard_normal_nodes(dimension, 2 * half, seed, scheme)
@@ -114,9 +112,7 @@ def test_without_noise_the_average_is_the_base_law():
     for base in (Exact(), Barrier(mu=0.01), Adaptive(law="quartic")):
         step = base.close(pushed())
         plain = float(step.map(0.1, -0.4, step.p.values)[0])
-        assert mean_step(Randomized(1e-9, 8, base=base), 0.1, -0.4) == pytest.approx(
-            plain, abs=1e-8
-        )
+        assert mean_step(Randomized(1e-9, 8, base=base), 0.1, -0.4) == pytest.approx(plain, abs=1e-8)
 
 
 def test_the_same_seed_gives_the_same_step():

@@ -50,10 +50,7 @@ def trees(draw: Any) -> str:
     count = draw(st.integers(2, 4))
     above = [draw(st.integers(-1, i - 1)) for i in range(count)]
     own = [draw(body(i, above[i] == -1)) for i in range(count)]
-    turns = [
-        f'pos="{draw(near)} {draw(near)} {draw(near)}" euler="{draw(near)} {draw(near)} 0.3"'
-        for _ in own
-    ]
+    turns = [f'pos="{draw(near)} {draw(near)} {draw(near)}" euler="{draw(near)} {draw(near)} 0.3"' for _ in own]
 
     def written(i: int) -> str:
         below = "".join(written(k) for k in range(count) if above[k] == i)

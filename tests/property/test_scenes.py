@@ -66,8 +66,7 @@ def looked_at(scene: Scene) -> ca.Function:
     """q to distances, places, normals, rows of slip, and the slopes of the distances."""
     q = ca.SX.sym("q", len(scene.coordinates))
     found, phi = scene.contacts(q), scene.distance(q)
-    points, normals = (ca.horzcat(*each) for each in zip(*((c.point, c.normal) for c in found),
-                                                         strict=True))  # fmt: skip
+    points, normals = (ca.horzcat(*each) for each in zip(*((c.point, c.normal) for c in found), strict=True))
     parts = [phi, points, normals, scene.sliding(q), ca.jacobian(phi, q)]
     return ca.Function("look", [q], [ca.densify(part) for part in parts])
 
@@ -80,9 +79,10 @@ def at(look: ca.Function, q: np.ndarray) -> list[np.ndarray]:
 @pytest.mark.parametrize("theirs", SHAPES)
 @settings(max_examples=6, deadline=None)
 @given(
-    where=st.tuples(st.floats(0.45, 0.9), st.floats(-3, 3)), turn=st.floats(-3, 3),
+    where=st.tuples(st.floats(0.45, 0.9), st.floats(-3, 3)),
+    turn=st.floats(-3, 3),
     other=st.floats(-3, 3),
-)  # fmt: skip
+)
 def test_the_least_gap_is_the_distance_of_the_rims(mine, theirs, where, turn, other) -> None:
     """Two turned bodies, whose corners are contacts of their own where both have sides."""
     body = Body("object", SHAPES[mine], at=(0.0, 0.0), inertia=0.1)
@@ -101,10 +101,12 @@ def test_the_least_gap_is_the_distance_of_the_rims(mine, theirs, where, turn, ot
 @given(turn=st.floats(-3, 3), height=st.floats(0.5, 1.0), slope=st.floats(-1.0, 1.0))
 def test_every_corner_has_its_height_over_a_slope(turn, height, slope) -> None:
     normal = (float(-np.sin(slope)), float(np.cos(slope)))
-    scene = Scene([
-        Body("block", Box((0.3, 0.15)), at=(0.0, height), inertia=0.1),
-        Obstacle("slope", HalfPlane(normal=normal), at=(0.0, 0.0)),
-    ])  # fmt: skip
+    scene = Scene(
+        [
+            Body("block", Box((0.3, 0.15)), at=(0.0, height), inertia=0.1),
+            Obstacle("slope", HalfPlane(normal=normal), at=(0.0, 0.0)),
+        ]
+    )
     assert [touch.name for touch in scene.touches] == [f"block on slope {i}" for i in range(1, 5)]
     phi = at(looked_at(scene), np.array([0.1, height, turn]))[0].ravel()
     corners = np.array([[0.3, 0.15], [-0.3, 0.15], [-0.3, -0.15], [0.3, -0.15]])
@@ -115,13 +117,16 @@ def test_every_corner_has_its_height_over_a_slope(turn, height, slope) -> None:
 @functools.cache
 def three() -> tuple[Scene, ca.Function]:
     """A pusher on a rail, one in the plane, a body that turns, one that does not, a wall."""
-    made = Scene([
-        Pusher("cart", Box((0.2, 0.1)), at=(-1.0, 0.0), axis=(0.6, 0.8), mass=2.0, stiffness=40.0),
-        Body("block", Box((0.15, 0.25), 0.05), at=(0.0, 0.1), mass=1.5, inertia=0.07),
-        Body("puck", Disc(0.2), at=(0.7, 0.3), mass=0.5),
-        Pusher("hand", Disc(0.1), at=(0.2, 0.9), mass=0.7, stiffness=60.0),
-        Obstacle("wall", HalfPlane(normal=(-1.0, 0.0)), at=(2.0, 0.0)),
-    ], friction=0.4)  # fmt: skip
+    made = Scene(
+        [
+            Pusher("cart", Box((0.2, 0.1)), at=(-1.0, 0.0), axis=(0.6, 0.8), mass=2.0, stiffness=40.0),
+            Body("block", Box((0.15, 0.25), 0.05), at=(0.0, 0.1), mass=1.5, inertia=0.07),
+            Body("puck", Disc(0.2), at=(0.7, 0.3), mass=0.5),
+            Pusher("hand", Disc(0.1), at=(0.2, 0.9), mass=0.7, stiffness=60.0),
+            Obstacle("wall", HalfPlane(normal=(-1.0, 0.0)), at=(2.0, 0.0)),
+        ],
+        friction=0.4,
+    )
     return made, looked_at(made)
 
 
@@ -144,9 +149,7 @@ def test_gradients_and_slips_are_those_of_points_that_move(seed: int) -> None:
             assert slides[i, j] == pytest.approx(tangent @ moved / (2 * e), abs=1e-6)
 
 
-def _travel(
-    scene: Scene, thing: Thing, point: np.ndarray, q: np.ndarray, way: np.ndarray
-) -> np.ndarray:
+def _travel(scene: Scene, thing: Thing, point: np.ndarray, q: np.ndarray, way: np.ndarray) -> np.ndarray:
     """How far a material point of a thing goes from q - way to q + way."""
     frames = [_frame(scene, thing, value) for value in (q, q - way, q + way)]
     local = frames[0][1].T @ (point - frames[0][0])
@@ -220,19 +223,24 @@ def test_a_smooth_contact_has_its_normal_pair_alone() -> None:
     normals = [("normal", 0), ("normal", 1), ("normal", 2)]
     assert kinds == [*normals, ("friction", 0), ("friction", 0), ("slip", 0)]
     assert [signal.name for signal in system.contacts[:3]] == [
-        "hand on object", "hand on wall", "object on wall",
-    ]  # fmt: skip
+        "hand on object",
+        "hand on wall",
+        "object on wall",
+    ]
     assert wedged(0.0, NOTHING).nlam == 3 and wedged(0.0, NOTHING).forces is None
 
 
 @pytest.mark.parametrize("law", LAWS[:3], ids=lambda law: law.name)
 def test_a_mirrored_scene_moves_in_mirror_image(law: ContactLaw) -> None:
     def made(side: float) -> ContactSystem:
-        return Scene([
-            Pusher("hand", Disc(0.1), at=(-0.3, side * 0.1), stiffness=50.0),
-            Body("object", Box((0.2, 0.2), 0.05), at=(0.0, 0.0), inertia=0.02),
-            Obstacle("post", Disc(0.1), at=(0.3, side * 0.2)),
-        ], friction=0.3).quasi_dynamic("mirror", NOTHING, h=0.1)  # fmt: skip
+        return Scene(
+            [
+                Pusher("hand", Disc(0.1), at=(-0.3, side * 0.1), stiffness=50.0),
+                Body("object", Box((0.2, 0.2), 0.05), at=(0.0, 0.0), inertia=0.02),
+                Obstacle("post", Disc(0.1), at=(0.3, side * 0.2)),
+            ],
+            friction=0.3,
+        ).quasi_dynamic("mirror", NOTHING, h=0.1)
 
     flip = np.array([1, -1, -1, 1, -1])
     up, normal, drag = step(made(1), law, [0, 0, 0, -0.3, 0.1], [0.1, 0.15])
@@ -247,19 +255,32 @@ def test_a_mirrored_task_has_the_mirrored_plan() -> None:
     """Past a post that stands on the one side or on the other."""
 
     def planned(side: float) -> Solution:
-        scene = Scene([
-            Pusher("hand", Disc(0.1), at=(-0.35, 0.0), stiffness=50.0),
-            Body("object", Disc(0.2), at=(0.0, 0.0), inertia=0.02),
-            Obstacle("post", Disc(0.1), at=(0.45, -side * 0.1)),
-        ], friction={("hand", "object"): 0.3})  # fmt: skip
+        scene = Scene(
+            [
+                Pusher("hand", Disc(0.1), at=(-0.35, 0.0), stiffness=50.0),
+                Body("object", Disc(0.2), at=(0.0, 0.0), inertia=0.02),
+                Obstacle("post", Disc(0.1), at=(0.45, -side * 0.1)),
+            ],
+            friction={("hand", "object"): 0.3},
+        )
         system = scene.quasi_dynamic("mirror", NOTHING, h=0.05)
         du = ca.SX.sym("du", 2)
         off = scene.of("object", system.x)[:2] - ca.DM([0.6, side * 0.2])
-        return solve(Problem(
-            "mirror", system, 20, stage_cost=0.1 * ca.sumsqr(du),
-            terminal_cost=10 * ca.sumsqr(off), x0=scene.at_rest(system), parameters=NOTHING,
-            du=du, u_before=scene.hold, scaling=Scaling(0.5, 0.1, 0.5, 0.5),
-        ), Exact())  # fmt: skip
+        return solve(
+            Problem(
+                "mirror",
+                system,
+                20,
+                stage_cost=0.1 * ca.sumsqr(du),
+                terminal_cost=10 * ca.sumsqr(off),
+                x0=scene.at_rest(system),
+                parameters=NOTHING,
+                du=du,
+                u_before=scene.hold,
+                scaling=Scaling(0.5, 0.1, 0.5, 0.5),
+            ),
+            Exact(),
+        )
 
     up, down = planned(1), planned(-1)
     assert up.success and down.success and up.cost == pytest.approx(down.cost, rel=1e-6)
@@ -271,10 +292,13 @@ def test_a_mirrored_task_has_the_mirrored_plan() -> None:
 def test_a_quasi_dynamic_push_by_hand() -> None:
     """Springs in series: ``M do / h = h K (u - a+) = lam`` where both stay together."""
     M, K, h, told = 2.0, 50.0, 0.1, 0.05
-    system = Scene([
-        Pusher("hand", Disc(0.1), at=(-0.3, 0.0), stiffness=K),
-        Body("object", Disc(0.2), at=(0.0, 0.0), mass=M),
-    ], friction=0.5).quasi_dynamic("push", NOTHING, h=h)  # fmt: skip
+    system = Scene(
+        [
+            Pusher("hand", Disc(0.1), at=(-0.3, 0.0), stiffness=K),
+            Body("object", Disc(0.2), at=(0.0, 0.0), mass=M),
+        ],
+        friction=0.5,
+    ).quasi_dynamic("push", NOTHING, h=h)
     x_next, normal, _ = step(system, Exact(), [0, 0, -0.3, 0], [-0.3 + told, 0])
     gone = told * h * K / (M / h + h * K)
     np.testing.assert_allclose(x_next, [gone, 0, -0.3 + gone, 0], atol=1e-9)
@@ -283,11 +307,14 @@ def test_a_quasi_dynamic_push_by_hand() -> None:
 
 def moving(friction: float, rail: bool = False) -> ContactSystem:
     along = (0.6, 0.8) if rail else None
-    return Scene([
-        Body("one", Box((0.2, 0.2), 0.05), at=(0.0, 0.0), mass=1.5, inertia=0.07),
-        Body("two", Disc(0.2), at=(0.41, 0.1), mass=0.5, inertia=0.01),
-        Pusher("cart", Disc(0.1), at=(0.0, -0.35), mass=1.0, axis=along),
-    ], friction=friction).time_stepping("moving", NOTHING, h=0.01)  # fmt: skip
+    return Scene(
+        [
+            Body("one", Box((0.2, 0.2), 0.05), at=(0.0, 0.0), mass=1.5, inertia=0.07),
+            Body("two", Disc(0.2), at=(0.41, 0.1), mass=0.5, inertia=0.01),
+            Pusher("cart", Disc(0.1), at=(0.0, -0.35), mass=1.0, axis=along),
+        ],
+        friction=friction,
+    ).time_stepping("moving", NOTHING, h=0.01)
 
 
 def unbalanced(system: ContactSystem, x, u, x_next) -> list[np.ndarray]:

@@ -31,11 +31,12 @@ def box(half: tuple[float, float], radius: float) -> Solid:
 
 SOLIDS = {
     "disc": Solid(Disc(0.15, (0.1, -0.05)), np.array([0.1, -0.05]), np.zeros((2, 2)), 0.15),
-    "capsule": Solid(Capsule((-0.2, 0.0), (0.3, 0.1), 0.08), np.array([0.05, 0.05]),
-                     np.array([[0.25, 0.0], [0.05, 0.0]]), 0.08),
+    "capsule": Solid(
+        Capsule((-0.2, 0.0), (0.3, 0.1), 0.08), np.array([0.05, 0.05]), np.array([[0.25, 0.0], [0.05, 0.0]]), 0.08
+    ),
     "box": box((0.3, 0.2), 0.0),
     "rounded box": box((0.25, 0.35), 0.1),
-}  # fmt: skip
+}
 PAIRS = list(combinations_with_replacement(SOLIDS, 2))
 every_pair = pytest.mark.parametrize(("one", "other"), PAIRS)
 poses = st.tuples(*[st.floats(-0.7, 0.7)] * 2, st.floats(-3, 3), st.floats(-3, 3))
@@ -155,15 +156,11 @@ def test_a_corner_in_a_box_is_as_deep_as_it_is() -> None:
     """A square on its corner, 0.05 m into the top of another; then a corner into its flank."""
     boxes = functions(Box((0.2, 0.2)), Box((0.5, 0.3)))
     diagonal = 0.2 * np.sqrt(2)
-    phi, normal, _, point, *_ = (
-        np.array(v).ravel() for v in boxes([0.1, 0.3 + diagonal - 0.05, np.pi / 4, 0, 0, 0])
-    )
+    phi, normal, _, point, *_ = (np.array(v).ravel() for v in boxes([0.1, 0.3 + diagonal - 0.05, np.pi / 4, 0, 0, 0]))
     assert phi.item() == pytest.approx(-0.05)
     np.testing.assert_allclose(normal, [0, 1], atol=1e-12)
     np.testing.assert_allclose(point, [0.1, 0.25], atol=1e-12)
-    phi, normal, *_ = (
-        np.array(v).ravel() for v in boxes([0.5 + diagonal - 0.02, 0.0, np.pi / 4, 0, 0, 0])
-    )
+    phi, normal, *_ = (np.array(v).ravel() for v in boxes([0.5 + diagonal - 0.02, 0.0, np.pi / 4, 0, 0, 0]))
     assert phi.item() == pytest.approx(-0.02)
     np.testing.assert_allclose(normal, [1, 0], atol=1e-12)
 

@@ -31,9 +31,7 @@ def scalar(law: str) -> ca.Function:
     """``(z, F, parameter) -> (lam, dlam/dz, d²lam/dz²)`` of one contact, by the step map."""
     table = ParameterTable([Parameter("F", 1.0)])
     eye, zero = np.eye(1), np.zeros((1, 1))
-    system = lcs(
-        "contact", A=zero, B=zero, C=eye, D=eye, E=zero, F=ca.SX(table["F"]), parameters=table
-    )
+    system = lcs("contact", A=zero, B=zero, C=eye, D=eye, E=zero, F=ca.SX(table["F"]), parameters=table)
     laws = {"exact": Exact(), "barrier": Barrier(), "gaussian": Adaptive()}
     z, F, parameter = ca.MX.sym("z"), ca.MX.sym("F"), ca.MX.sym("parameter")
     p = F if law == "exact" else ca.vertcat(F, parameter)
@@ -56,8 +54,7 @@ def test_a_barrier_is_smoothing_by_students_t(z, F, exponent):
         return value("exact", -s, F, 0) * t.pdf((-z - s) / scale, 2) / scale
 
     near = abs(z) + 20 * scale
-    average = sum(quad(integrand, *part, epsabs=1e-11, limit=200)[0]
-                  for part in ((0, near), (near, np.inf)))  # fmt: skip
+    average = sum(quad(integrand, *part, epsabs=1e-11, limit=200)[0] for part in ((0, near), (near, np.inf)))
     assert value("barrier", z, F, mu) == pytest.approx(average, rel=2e-6)
 
 
@@ -151,8 +148,7 @@ def test_contacts_couple_in_the_jacobian(n, seed, exponent):
     numerical = np.empty((n, n))
     for j in range(n):
         shift = 1e-6 * np.eye(n)[j]
-        ends = [np.array(lcp_solver(n)(z + s, F, np.full(n, mu))[0]).ravel()
-                for s in (shift, -shift)]  # fmt: skip
+        ends = [np.array(lcp_solver(n)(z + s, F, np.full(n, mu))[0]).ravel() for s in (shift, -shift)]
         numerical[:, j] = (ends[0] - ends[1]) / 2e-6
     assert np.allclose(jacobian, numerical, rtol=1e-4, atol=1e-4 * np.abs(numerical).max())
 
@@ -188,8 +184,7 @@ def test_the_bound_of_a_p_matrix_holds_for_every_mu(n, seed):
     rng = np.random.default_rng(seed)
     F, z, eye = p_matrix("triangular", n, rng), rng.normal(size=n), np.eye(n)
     corners = [
-        np.abs(np.linalg.solve(eye - np.diag(d) + np.diag(d) @ F, np.diag(d)))
-        for d in product([0.0, 1.0], repeat=n)
+        np.abs(np.linalg.solve(eye - np.diag(d) + np.diag(d) @ F, np.diag(d))) for d in product([0.0, 1.0], repeat=n)
     ]
     bound = np.max(corners, axis=0)
     for mu in (1.0, 1e-3, 1e-6, 1e-9):

@@ -43,11 +43,16 @@ def system(contacts: int) -> ContactSystem:
     rng = np.random.default_rng(contacts)
     nx, nu, n = 3, 2, contacts
     return lcs(
-        "random", A=0.5 * rng.normal(size=(nx, nx)), B=rng.normal(size=(nx, nu)),
-        C=rng.normal(size=(nx, n)), D=rng.normal(size=(n, nx)), E=rng.normal(size=(n, nu)),
-        F=p_matrix("nonsymmetric" if n % 2 else "triangular", n, rng), c=rng.normal(size=nx),
+        "random",
+        A=0.5 * rng.normal(size=(nx, nx)),
+        B=rng.normal(size=(nx, nu)),
+        C=rng.normal(size=(nx, n)),
+        D=rng.normal(size=(n, nx)),
+        E=rng.normal(size=(n, nu)),
+        F=p_matrix("nonsymmetric" if n % 2 else "triangular", n, rng),
+        c=rng.normal(size=nx),
         d=rng.normal(size=n),
-    )  # fmt: skip
+    )
 
 
 @cache
@@ -115,9 +120,10 @@ def test_the_explicit_map_satisfies_the_implicit_relation(law):
     step = closed(law, 3)
     s = step.system
     relation = ca.Function(
-        "relation", [s.x, s.u, s.x_next, step.lam, step.p.vector],
+        "relation",
+        [s.x, s.u, s.x_next, step.lam, step.p.vector],
         [step.residual, step.gap, step.mu],
-    )  # fmt: skip
+    )
     for seed in range(5):
         w = point(law, 3, seed)
         x, u, p = w[:3], w[3:5], w[5:]

@@ -41,9 +41,7 @@ SETS = {"AVX-512": 3, "AVX2": 2, "AVX": 1, "SSE2": 0}
 @pytest.mark.parametrize("name", cpus.here())
 def test_a_process_acts_a_processor(name: str, tmp_path: Path) -> None:
     environment = {**os.environ, **cpus.variables(name, tmp_path), "OPENBLAS_VERBOSE": "2"}
-    done = subprocess.run(
-        [sys.executable, "-c", _ASK], env=environment, capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", _ASK], env=environment, capture_output=True, text=True, check=True)
     found, one = json.loads(done.stdout), cpus.PROCESSORS[name]
     assert f"Core: {one.openblas}" in done.stderr
     assert not any(found["numpy"].get(level) for level in one.numpy)

@@ -21,8 +21,13 @@ from tests.docs.pages import agrees
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
 SCRIPTS = [
-    "past_a_post", "behind", "slope", "double_pendulum_walls", "walk_round", "friction_study",
-]  # fmt: skip
+    "past_a_post",
+    "behind",
+    "slope",
+    "double_pendulum_walls",
+    "walk_round",
+    "friction_study",
+]
 NOTEBOOKS = sorted(EXAMPLES.glob("*.ipynb"))
 
 
@@ -62,12 +67,9 @@ def test_the_block_goes_up_the_slope_and_stays() -> None:
     assert np.abs(np.diff(way)[-2:]).max() < 1e-4, "at rest: the slope is less than atan(f)"
     # Across the slope the four corners carry the block's weight, along it friction, weight and
     # the cart's push make its momentum.
-    normal, drag = (found.data[f"{kind}_impulse"].sel(scenario=0) for kind in
-                    ("normal", "friction"))  # fmt: skip
+    normal, drag = (found.data[f"{kind}_impulse"].sel(scenario=0) for kind in ("normal", "friction"))
     corners = [f"block on slope {i}" for i in range(1, 5)]
-    np.testing.assert_allclose(
-        normal.sel(point=corners).sum("point"), h * m * g * np.cos(up), rtol=1e-5
-    )
+    np.testing.assert_allclose(normal.sel(point=corners).sum("point"), h * m * g * np.cos(up), rtol=1e-5)
     assert float(np.abs(drag.sel(point="cart on block")).max()) == 0
     push = normal.sel(point="cart on block").values
     gained = m * np.diff(states(found, "v_block_x", "v_block_y") @ along)
@@ -116,16 +118,19 @@ def test_the_pusher_follows_the_goal_to_the_other_side() -> None:
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_a_script_runs_anywhere(name: str, tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, str(EXAMPLES / f"{name}.py")], cwd=tmp_path, capture_output=True,
-        text=True, check=True, env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+        [sys.executable, str(EXAMPLES / f"{name}.py")],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
     told = {"walk_round": "goal_x -1.5000", "friction_study": "exact: cost"}
     assert told.get(name, "B-stationary") in done.stdout
     if name != "friction_study":
         return
     assert (tmp_path / "friction.png").stat().st_size > 10_000
-    exact, barrier = (xr.load_dataset(tmp_path / f"friction-{law}.nc") for law in
-                      ("exact", "barrier"))  # fmt: skip
+    exact, barrier = (xr.load_dataset(tmp_path / f"friction-{law}.nc") for law in ("exact", "barrier"))
     order = exact.sortby("friction")
     assert np.all(np.diff(order.planned) >= 0), "rougher slopes cost more"
     np.testing.assert_allclose(exact.exact, exact.planned, rtol=1e-3)

@@ -45,9 +45,7 @@ def test_an_object_is_pushed_past_a_post_in_its_way() -> None:
     assert found.success and found.certificate.stationarity == "B" and found.referee.survives
     assert found.data["x"].values[0, -1, :2] == pytest.approx([1.0, 0.3], abs=0.02)
     here = found.data.sel(scenario=0, point=["object on post", "pusher on object"])
-    push, drag = (
-        np.abs(here[f"{kind}_impulse"]).max("interval") for kind in ("normal", "friction")
-    )
+    push, drag = (np.abs(here[f"{kind}_impulse"]).max("interval") for kind in ("normal", "friction"))
     assert push.min() > 0.1, "the post is in the way"
     assert drag[0] == 0 and drag[1] > 0.01, "the post is smooth, the pusher is not"
 
@@ -57,9 +55,20 @@ def contact(law, compliance: float) -> ca.Function:
     one, zero = [[1.0]], [[0.0]]
     p = ParameterTable([Parameter("F", compliance)])
     return law.close(
-        lcs("one", A=zero, B=zero, C=one, D=one, E=zero, F=p["F"], parameters=p,
-            states=(Signal("z", "m"),), inputs=(Signal("u", "1"),), contacts=(Signal("c", "N s"),))
-    ).map  # fmt: skip
+        lcs(
+            "one",
+            A=zero,
+            B=zero,
+            C=one,
+            D=one,
+            E=zero,
+            F=p["F"],
+            parameters=p,
+            states=(Signal("z", "m"),),
+            inputs=(Signal("u", "1"),),
+            contacts=(Signal("c", "N s"),),
+        )
+    ).map
 
 
 @pytest.mark.parametrize("F", [0.3, 1.0, 20.0])

@@ -41,9 +41,7 @@ def test_no_module_needs_one_that_needs_it() -> None:
     assert order.index("dynamics.contact.step") < order.index("ocp.solve")
 
 
-@pytest.mark.parametrize(
-    ("floor", "above"), [(name, PACKAGES[i + 1 :]) for i, name in enumerate(PACKAGES[:-1])]
-)
+@pytest.mark.parametrize(("floor", "above"), [(name, PACKAGES[i + 1 :]) for i, name in enumerate(PACKAGES[:-1])])
 def test_a_floor_loads_nothing_from_above(floor: str, above: tuple[str, ...]) -> None:
     """Import every module of a floor in a fresh interpreter and look at what came along.
 
@@ -93,17 +91,18 @@ def test_asking_what_there_is_loads_no_heavy_library(code: str) -> None:
     told = f"print('loaded', [name for name in {HEAVY.split()!r} if name in sys.modules])"
     done = subprocess.run(
         [sys.executable, "-c", f"import sys\n{code}\n{told}"],
-        capture_output=True, text=True, cwd=ROOT, check=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        check=True,
+    )
     assert done.stdout.splitlines()[-1] == "loaded []"
 
 
 def test_no_room_is_crowded() -> None:
     """At most 22 files a folder; ``problems`` itself has one for each problem."""
     rooms = {file.parent for name in PACKAGES for file in (ROOT / name).rglob("*.py")}
-    crowded = {
-        str(room.relative_to(ROOT)): n for room in rooms if (n := len([*room.glob("*.py")])) > 22
-    }
+    crowded = {str(room.relative_to(ROOT)): n for room in rooms if (n := len([*room.glob("*.py")])) > 22}
     crowded.pop("problems", None)
     assert crowded == {}
 
@@ -132,6 +131,4 @@ def test_a_file_is_checked_by_its_own_tests() -> None:
 def test_the_list_of_slow_tests_names_tests() -> None:
     for name in times.listed():
         file, function = name.partition("[")[0].split("::")
-        assert f"def {function}(" in (ROOT / file).read_text(), (
-            f"{name} is no test; see tests/times.py"
-        )
+        assert f"def {function}(" in (ROOT / file).read_text(), f"{name} is no test; see tests/times.py"

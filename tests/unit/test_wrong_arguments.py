@@ -6,9 +6,7 @@ import pytest
 
 from tests.unit.wrong_arguments import TABLES, Call
 
-CASES = {
-    f"{table}: {said}": call for table, calls in TABLES.items() for said, call in calls.items()
-}
+CASES = {f"{table}: {said}": call for table, calls in TABLES.items() for said, call in calls.items()}
 
 
 def test_the_table_has_a_hundred_calls() -> None:

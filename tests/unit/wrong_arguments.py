@@ -50,19 +50,29 @@ BALL = Body("ball", Disc(0.1), at=(0, 0))
 
 def stepping(**more: Any) -> Any:
     given: dict[str, Any] = {
-        "states": signals("x [m]; v [m/s]"), "inputs": signals("u [N]"),
-        "contacts": signals("c [N s]"), "h": 0.1, "mass": 1.0, "impulse": lambda q, v, u: u,
-        "distance": lambda q: q, "parameters": ParameterTable([Parameter("m", 1.0, "kg")]),
-    }  # fmt: skip
+        "states": signals("x [m]; v [m/s]"),
+        "inputs": signals("u [N]"),
+        "contacts": signals("c [N s]"),
+        "h": 0.1,
+        "mass": 1.0,
+        "impulse": lambda q, v, u: u,
+        "distance": lambda q: q,
+        "parameters": ParameterTable([Parameter("m", 1.0, "kg")]),
+    }
     return time_stepping("t", **given | more)
 
 
 def pushing(**more: Any) -> Any:
     given: dict[str, Any] = {
-        "states": signals("x [m]; a [m]"), "inputs": signals("u [m]"),
-        "contacts": signals("c [N s]"), "h": 0.1, "mass": ca.SX(1), "stiffness": ca.SX(10),
-        "distance": lambda q: q[0] - q[1], "parameters": ParameterTable(),
-    }  # fmt: skip
+        "states": signals("x [m]; a [m]"),
+        "inputs": signals("u [m]"),
+        "contacts": signals("c [N s]"),
+        "h": 0.1,
+        "mass": ca.SX(1),
+        "stiffness": ca.SX(10),
+        "distance": lambda q: q[0] - q[1],
+        "parameters": ParameterTable(),
+    }
     return quasi_dynamic("t", **given | more)
 
 
@@ -72,9 +82,12 @@ def problem(**more: Any) -> Problem:
 
 def region(**more: Any) -> Region:
     given: dict[str, Any] = {
-        "states": {"x": (-1, 1), "v": (-1, 1)}, "inputs": {"u": (-1, 1)}, "start": (0, 0),
-        "goal": (1, 0), "spread": (0.1, 0.1),
-    }  # fmt: skip
+        "states": {"x": (-1, 1), "v": (-1, 1)},
+        "inputs": {"u": (-1, 1)},
+        "start": (0, 0),
+        "goal": (1, 0),
+        "spread": (0.1, 0.1),
+    }
     return Region(**given | more)
 
 
@@ -122,9 +135,7 @@ SYSTEMS: dict[str, Call] = {
     "the name of a parameter must be": lambda: Parameter("", 1.0),
     "the value of parameter 'm' must be a number": lambda: Parameter("m", "1"),  # pyright: ignore
     "the value of parameter 'm' must be finite": lambda: Parameter("m", np.inf),
-    "two different parameters share the name 'm'": lambda: ParameterTable(
-        [Parameter("m", 1), Parameter("m", 2)]
-    ),
+    "two different parameters share the name 'm'": lambda: ParameterTable([Parameter("m", 1), Parameter("m", 2)]),
     "must be a sequence of Parameter": lambda: ParameterTable(["m"]),  # pyright: ignore
     "no parameter 'M'": lambda: ParameterTable([Parameter("m", 1)])["M"],
     "states must be a sequence of Signal": lambda: stepping(states="x; v"),

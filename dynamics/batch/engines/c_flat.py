@@ -104,9 +104,7 @@ def addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
 def source(tape: Tape, block: int, machine: Compiler) -> str:
     """The C text for a tape on this machine, working on blocks of about `block` samples."""
     abreast = ABREAST if len(tape.operations) <= LONG else ABREAST_LONG
-    layout = RegisterLayout(
-        ("U",) * len(tape.input_sizes), ("U",) * len(tape.output_sizes), abreast
-    )
+    layout = RegisterLayout(("U",) * len(tape.input_sizes), ("U",) * len(tape.output_sizes), abreast)
     registers = abreast * max(1, block // (abreast * machine.width))
     return (
         prelude(machine)

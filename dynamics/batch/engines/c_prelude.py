@@ -162,10 +162,7 @@ _SCALAR = {
     "vfmax(a, b)": "((a) > (b) || (b) != (b) ? (a) : (b))",
     "vlarger(a, b)": "((a) > (b) ? (a) : (b))",
     "vsmaller(a, b)": "((a) < (b) ? (a) : (b))",
-    **{
-        f"v{name}": name
-        for name in (*VECTOR_FUNCTIONS, "sqrt", "fabs", "copysign", "floor", "ceil", "fmod")
-    },
+    **{f"v{name}": name for name in (*VECTOR_FUNCTIONS, "sqrt", "fabs", "copysign", "floor", "ceil", "fmod")},
     "vremainder": "remainder",
     "verfinv": "erfinv_lane",
 }
@@ -209,9 +206,7 @@ def _fused(compiler: Compiler) -> str:
     return _instruction("fused", "V a, V b, V c", _FUSED, "__builtin_fma(a[l], b[l], c[l])")
 
 
-def _instruction(
-    name: str, parameters: str, variants: tuple[tuple[str, int, str], ...], lane: str
-) -> str:
+def _instruction(name: str, parameters: str, variants: tuple[tuple[str, int, str], ...], lane: str) -> str:
     """An inline function by the first builtin there is for this width (0: any), else by lanes."""
     lines = []
     for k, (builtin, width, call) in enumerate(variants):
@@ -230,10 +225,7 @@ def _vector_function(name: str, compiler: Compiler) -> str:
         parameters = "V, V" if name in TWO_ARGUMENTS else "V"
         return f"extern V {symbol}({parameters});\n#define v{name} {symbol}\n"
     if name in TWO_ARGUMENTS:
-        return (
-            f"INLINE V v{name}(V a, V b) "
-            f"{{ V r; LANES r[l] = __builtin_{name}(a[l], b[l]); return r; }}\n"
-        )
+        return f"INLINE V v{name}(V a, V b) {{ V r; LANES r[l] = __builtin_{name}(a[l], b[l]); return r; }}\n"
     return f"INLINE V v{name}(V a) {{ V r; LANES r[l] = __builtin_{name}(a[l]); return r; }}\n"
 
 

@@ -126,8 +126,5 @@ def source() -> str:
 def _horner(name: str, variable: str, coefficients: Sequence[float]) -> str:
     """Statements that give `name` the value of a polynomial."""
     lines = [f"  {name} = SPLAT({number(coefficients[0])});"]
-    lines += [
-        f"  {name} = fused({name}, {variable}, SPLAT({number(value)}));"
-        for value in coefficients[1:]
-    ]
+    lines += [f"  {name} = fused({name}, {variable}, SPLAT({number(value)}));" for value in coefficients[1:]]
     return "\n".join(lines)

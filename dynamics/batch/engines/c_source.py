@@ -80,9 +80,7 @@ class RegisterLayout:
         return at if register == 0 else f"{at} + ({stride} > 1) * {register}"
 
 
-def kernel(
-    tape: Tape, name: str, layout: RegisterLayout | None = None, part: int | None = None
-) -> str:
+def kernel(tape: Tape, name: str, layout: RegisterLayout | None = None, part: int | None = None) -> str:
     """C text of `void name(const V *const in[], V *const out[])`.
 
     `in[k][j]` is nonzero j of input k, `out` likewise, laid out as `layout` says; no output may
@@ -181,10 +179,7 @@ class _Emitter:
             kind = "INLINE" if len(cut.parts[0]) <= INLINED else "static NOINLINE"
             return self._function(kind, self.name, self._body(0))
         names = [f"{self.name}_part{p}" for p in range(len(cut.parts))]
-        parts = [
-            self._function("static NOINLINE", name, self._body(p), ", V *w")
-            for p, name in enumerate(names)
-        ]
+        parts = [self._function("static NOINLINE", name, self._body(p), ", V *w") for p, name in enumerate(names)]
         calls = [f"V w[{max(cut.n_slots, 1) * registers}];"]
         calls += [f"{name}(in, out{', ts' * self.layout.with_ts}, w);" for name in names]
         return "".join(parts) + self._function("INLINE", self.name, calls)

@@ -190,9 +190,7 @@ def source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
     )
 
 
-def side_by_side(
-    functions: Mapping[str, ca.Function], block: int, machine: Compiler
-) -> tuple[int, int, int]:
+def side_by_side(functions: Mapping[str, ca.Function], block: int, machine: Compiler) -> tuple[int, int, int]:
     """Operations of all graphs, registers worked on abreast, and registers of a block."""
     length = sum(fn.n_instructions() for fn in functions.values())
     abreast = 2 if UNROLLED < length <= LONG else 1

@@ -131,10 +131,7 @@ def vector_math(mangling: str) -> dict[str, str]:
         library = ctypes.CDLL("libmvec.so.1")
     except OSError:
         return {}
-    names = {
-        name: f"{mangling}{'vv' if name in TWO_ARGUMENTS else 'v'}_{name}"
-        for name in VECTOR_FUNCTIONS
-    }
+    names = {name: f"{mangling}{'vv' if name in TWO_ARGUMENTS else 'v'}_{name}" for name in VECTOR_FUNCTIONS}
     return {name: symbol for name, symbol in names.items() if hasattr(library, symbol)}
 
 
@@ -239,12 +236,8 @@ def _verified(directory: Path, key: str) -> Path | None:
     return None
 
 
-def _compile(
-    key: str, source: str, compiler: Compiler, flags: tuple[str, ...], directory: Path
-) -> Path:
-    with tempfile.TemporaryDirectory(
-        prefix=_BUILD, dir=directory, ignore_cleanup_errors=True
-    ) as build:
+def _compile(key: str, source: str, compiler: Compiler, flags: tuple[str, ...], directory: Path) -> Path:
+    with tempfile.TemporaryDirectory(prefix=_BUILD, dir=directory, ignore_cleanup_errors=True) as build:
         text, built = Path(build, "batch.c"), Path(build, "batch.so")
         text.write_text(source, encoding="utf-8")
         libraries = ["-lmvec", "-lm"] if compiler.vector_math else ["-lm"]
@@ -256,9 +249,11 @@ def _compile(
                 raise FileNotFoundError(f"{build} was removed while it was compiled in") from error
             raise
         _LOG.info(
-            "%s compiled %d lines of C in %.2f s", compiler.path, source.count("\n"),
+            "%s compiled %d lines of C in %.2f s",
+            compiler.path,
+            source.count("\n"),
             time.perf_counter() - began,
-        )  # fmt: skip
+        )
         built.chmod(0o600)
         checksum = hashlib.sha256(built.read_bytes()).hexdigest()
         return built.replace(directory / f"{key}-{checksum}.so")

@@ -27,9 +27,7 @@ EngineT = TypeVar("EngineT")
 _told: set[str] = set()
 
 
-def choose(
-    backend: str, makers: Mapping[str, Callable[[], EngineT]], what: str
-) -> tuple[str, EngineT]:
+def choose(backend: str, makers: Mapping[str, Callable[[], EngineT]], what: str) -> tuple[str, EngineT]:
     """Build the named backend, or for `auto` the first of `makers` that can be built.
 
     Under `auto`, a backend that cannot be built is passed over; a `BatchWarning` line gives the
@@ -53,9 +51,7 @@ def choose(
             continue
         if reasons and reasons[0] not in _told:
             _told.add(reasons[0])
-            warnings.warn(
-                f"{reasons[0]}; {what} runs on the {name} backend", BatchWarning, stacklevel=4
-            )
+            warnings.warn(f"{reasons[0]}; {what} runs on the {name} backend", BatchWarning, stacklevel=4)
         return name, engine
     raise UnsupportedOperation("; ".join(dict.fromkeys(reasons)))
 
@@ -145,8 +141,7 @@ class NumpyKernel:
                 lines += [f"v{i} = {call}", *(f"del v{k}" for k in dead)]
                 live += 1 - len(dead)
                 self.width = max(self.width, live)
-        lines += [f"o[{k}][{j}] = v{v}" for k, row in enumerate(tape.outputs)
-                  for j, v in enumerate(row)]  # fmt: skip
+        lines += [f"o[{k}][{j}] = v{v}" for k, row in enumerate(tape.outputs) for j, v in enumerate(row)]
         names["where"] = np.where
         text = "\n    ".join(["def program(i, o):", *lines, "return"])
         exec(compile(text, f"<tape {tape.name}>", "exec"), names)

@@ -202,9 +202,7 @@ class ChunkEngine:
     arrays of a long graph must stay in cache.
     """
 
-    def __init__(
-        self, tapes: RolloutTapes, threads: int, make: Callable[[ca.Function], Kernel]
-    ) -> None:
+    def __init__(self, tapes: RolloutTapes, threads: int, make: Callable[[ca.Function], Kernel]) -> None:
         self._tapes, self._threads = tapes, threads
         self.chunk = 16384 if tapes.adjoint.n_instructions() < _SHORT else 4096
         self._rollout = ChunkRollout(tapes, make)

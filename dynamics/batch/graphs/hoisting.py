@@ -31,10 +31,7 @@ def hoisted(
     Returns `derived: p -> q`, and the functions with q in the place of p.
     """
     pool = _Pool(n_parameters)
-    split = {
-        name: _Split(tape_of(fn), position, pool).results()
-        for name, (fn, position) in functions.items()
-    }
+    split = {name: _Split(tape_of(fn), position, pool).results() for name, (fn, position) in functions.items()}
     q = ca.vertcat(ca.SX(0, 1), *pool.symbols.values())
     values = ca.vertcat(ca.SX(0, 1), *(pool.expressions[i] for i in pool.symbols))
     rest = {}
@@ -44,9 +41,7 @@ def hoisted(
             ca.reshape(result, fn.size_out(k)) if result.numel() else ca.SX(*fn.size_out(k))
             for k, result in enumerate(results)
         ]
-        rest[name] = ca.Function(
-            fn.name(), [q if k == position else a for k, a in enumerate(arguments)], shaped
-        )
+        rest[name] = ca.Function(fn.name(), [q if k == position else a for k, a in enumerate(arguments)], shaped)
     return ca.Function("derived", [pool.p], [ca.densify(values)]), rest
 
 
@@ -143,10 +138,25 @@ def apply(op: int, args: list[ca.SX]) -> ca.SX:
 
 
 _COSTLY = {
-    ca.OP_SQRT, ca.OP_DIV, ca.OP_INV, ca.OP_EXP, ca.OP_LOG, ca.OP_POW, ca.OP_CONSTPOW, ca.OP_SIN,
-    ca.OP_COS, ca.OP_TAN, ca.OP_ASIN, ca.OP_ACOS, ca.OP_ATAN, ca.OP_ATAN2, ca.OP_SINH, ca.OP_COSH,
-    ca.OP_TANH, ca.OP_ERF,
-}  # fmt: skip
+    ca.OP_SQRT,
+    ca.OP_DIV,
+    ca.OP_INV,
+    ca.OP_EXP,
+    ca.OP_LOG,
+    ca.OP_POW,
+    ca.OP_CONSTPOW,
+    ca.OP_SIN,
+    ca.OP_COS,
+    ca.OP_TAN,
+    ca.OP_ASIN,
+    ca.OP_ACOS,
+    ca.OP_ATAN,
+    ca.OP_ATAN2,
+    ca.OP_SINH,
+    ca.OP_COSH,
+    ca.OP_TANH,
+    ca.OP_ERF,
+}
 
 
 def carried(forward: ca.Function, adjoint: ca.Function) -> tuple[ca.Function, ca.Function]:

@@ -108,9 +108,11 @@ def solver_of(path: Path) -> dict[str, Any]:
     reached = ends[0] / (ca.mmax(ends[2]) <= _FOLLOWED)
     followed = _function("followed", [pair, path.data], [reached])
     return {
-        **sizes, "path": path.iteration(), "followed": followed,
+        **sizes,
+        "path": path.iteration(),
+        "followed": followed,
         **(_by_newton(path) if path.unique else _from_starts(path)),
-    }  # fmt: skip
+    }
 
 
 def _from_starts(path: Path) -> dict[str, Any]:

@@ -87,8 +87,7 @@ class Costs(Objective):
         nx, nu, np = step.system.nx, step.system.nu, len(step.p)
         extra = {"du": nu} if self.with_change else {}
         extra |= {"lam": step.system.nlam} if self.with_impulses else {}
-        fits("stage cost", self.stage, (nx, nu, *extra.values(), np),
-             f"({', '.join(('x', 'u', *extra, 'p'))})", 1)  # fmt: skip
+        fits("stage cost", self.stage, (nx, nu, *extra.values(), np), f"({', '.join(('x', 'u', *extra, 'p'))})", 1)
         if self.with_impulses and step.n == 0:
             raise ValueError("the stage cost needs contact impulses, which the law does not have")
         fits("terminal cost", self.final, (nx, np), "(x, p)", 1)
@@ -155,8 +154,10 @@ class Episode(Objective):
         weight, lived = ca.vertsplit(self.carried)
         over = of_first(self.done, x_next_expr, p=p) != 0
         after = ca.if_else(over, 0, self.parameters[DISCOUNT] * weight)
-        stays = [ca.if_else(self.alive, new, old) for new, old in
-                 zip(ca.vertsplit(x_next_expr), ca.vertsplit(x), strict=True)]  # fmt: skip
+        stays = [
+            ca.if_else(self.alive, new, old)
+            for new, old in zip(ca.vertsplit(x_next_expr), ca.vertsplit(x), strict=True)
+        ]
         gain = ca.if_else(self.alive, weight * of_first(self.reward, x, u, x_next_expr, p=p), 0)
         on = ca.if_else(self.alive, after, 0)
         return ca.vertcat(*stays, on, lived + self.alive), -gain
@@ -184,9 +185,7 @@ class Episode(Objective):
 
     def counted(self, bars: ca.SX) -> ca.SX:
         """Nothing once the episode is over, finite or not."""
-        return ca.vertcat(ca.SX(0, 1), *(
-            ca.if_else(self.alive, bar, 0) for bar in ca.vertsplit(ca.densify(bars))
-        ))  # fmt: skip
+        return ca.vertcat(ca.SX(0, 1), *(ca.if_else(self.alive, bar, 0) for bar in ca.vertsplit(ca.densify(bars))))
 
 
 def expanded(fn: ca.Function) -> ca.Function:
@@ -199,8 +198,7 @@ def fits(what: str, fn: ca.Function, sizes: tuple[int, ...], arguments: str, n_o
     given = tuple(fn.numel_in(k) for k in range(fn.n_in()))
     if given != sizes:
         raise ValueError(
-            f"the {what} must be a function of {arguments} with sizes {sizes}, "
-            f"but '{fn.name()}' takes sizes {given}"
+            f"the {what} must be a function of {arguments} with sizes {sizes}, but '{fn.name()}' takes sizes {given}"
         )
     if fn.n_out() != 1 or fn.numel_out(0) != n_out:
         raise ValueError(f"the {what} '{fn.name()}' must have one output with {n_out} entries")

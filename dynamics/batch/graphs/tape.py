@@ -7,9 +7,7 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-OP_NAMES: dict[int, str] = {
-    getattr(ca, name): name for name in dir(ca) if name.startswith("OP_") and name.isupper()
-}
+OP_NAMES: dict[int, str] = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_") and name.isupper()}
 
 BINARY = frozenset(
     {
@@ -32,9 +30,7 @@ UNARY = frozenset(
 # is its first operand, so the tape renames instead of computing.
 RENAMES = frozenset({ca.OP_ASSIGN, ca.OP_LIFT, ca.OP_PRINTME})
 BOOLEAN = frozenset({ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT})
-COMMUTATIVE = frozenset(
-    {ca.OP_ADD, ca.OP_MUL, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_HYPOT}
-)
+COMMUTATIVE = frozenset({ca.OP_ADD, ca.OP_MUL, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_HYPOT})
 
 
 class UnsupportedOperation(NotImplementedError):
@@ -144,9 +140,7 @@ def tape_of(fn: ca.Function) -> Tape:
 
 def _as_sx(fn: ca.Function) -> ca.Function:
     if fn.has_free():
-        raise UnsupportedOperation(
-            f"function '{fn.name()}' has free variables {fn.get_free()}; make them inputs"
-        )
+        raise UnsupportedOperation(f"function '{fn.name()}' has free variables {fn.get_free()}; make them inputs")
     if fn.is_a("SXFunction"):
         return fn
     try:
@@ -154,8 +148,7 @@ def _as_sx(fn: ca.Function) -> ca.Function:
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[-1]
         raise UnsupportedOperation(
-            f"function '{fn.name()}' ({fn.class_name()}) does not expand to scalar operations: "
-            f"{reason}"
+            f"function '{fn.name()}' ({fn.class_name()}) does not expand to scalar operations: {reason}"
         ) from error
 
 

@@ -42,18 +42,14 @@ class Contact:
         """
         near = [] if len(other.corners) == 1 < len(one.corners) else _corners(one, a, other, b)
         if len(one.corners) != 1:
-            near += [
-                (phi, -normal, point - phi * normal)
-                for phi, normal, point in _corners(other, b, one, a)
-            ]
+            near += [(phi, -normal, point - phi * normal) for phi, normal, point in _corners(other, b, one, a)]
         if not near:
             raise ValueError("two half-planes have no contact; one of the shapes must be bounded")
         phi, normal, point = near[0]
         for candidate in near[1:]:
             nearer = candidate[0] < phi
             normal, point = (
-                ca.if_else(nearer, new, old)
-                for new, old in zip(candidate[1:], (normal, point), strict=True)
+                ca.if_else(nearer, new, old) for new, old in zip(candidate[1:], (normal, point), strict=True)
             )
             phi = ca.fmin(phi, candidate[0])
         return cls(a, b, phi, normal, point)

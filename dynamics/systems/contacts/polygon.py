@@ -43,9 +43,7 @@ class Polygon(Shape):
 
     def __post_init__(self, centre: Point) -> None:
         if isinstance(self.vertices, str | ca.SX) or len(self.vertices) < 3:
-            raise ValueError(
-                f"Polygon vertices must be at least three points, got {self.vertices!r}"
-            )
+            raise ValueError(f"Polygon vertices must be at least three points, got {self.vertices!r}")
         point("Polygon centre", centre)
         for i, vertex in enumerate(self.vertices):
             point(f"Polygon vertices[{i}]", vertex)
@@ -227,9 +225,7 @@ def _angle(part: Shape, at: Point) -> float:
     """
     if not isinstance(part, Polygon):
         return 0.0
-    sides = [
-        ca.dot(m, column(at) - column(c)) for m, c in zip(part.normals, part.corners, strict=True)
-    ]
+    sides = [ca.dot(m, column(at) - column(c)) for m, c in zip(part.normals, part.corners, strict=True)]
     if not all(side.is_constant() for side in sides):
         return 1e-3 if any(at is corner for corner in part.corners) else 0.0
     heights = np.array([float(side) for side in sides])

@@ -67,8 +67,7 @@ class Body:
         text("the name of a body", self.name)
         owner = f"body {self.name!r}:"
         not_negative(f"{owner} mass", self.mass)
-        for what, sizes in (("inertia", (3, 6)), ("com", (3,)), ("place", (3,)), ("turn", (4,)),
-                            ("axis", (3,))):  # fmt: skip
+        for what, sizes in (("inertia", (3, 6)), ("com", (3,)), ("place", (3,)), ("turn", (4,)), ("axis", (3,))):
             vector(f"{owner} {what}", getattr(self, what), sizes)
         for what in ("spring", "rest", "damping"):
             number(f"{owner} {what}", getattr(self, what))
@@ -107,8 +106,7 @@ class Body:
             unit = "rad/s" if self.joint == "hinge" else "m/s"
             return [Signal(f"v_{name}", unit, f"velocity of {name}")]
         linear = [Signal(f"v_{name}_{a}", "m/s", f"velocity of {name} along {a}") for a in "xyz"]
-        spin = [Signal(f"w_{name}_{a}", "rad/s", f"angular velocity of {name} about its {a}")
-                for a in "xyz"]  # fmt: skip
+        spin = [Signal(f"w_{name}_{a}", "rad/s", f"angular velocity of {name} about its {a}") for a in "xyz"]
         return {"free": linear + spin, "ball": spin, "fixed": []}[self.joint]
 
     def _check_inertia(self, owner: str) -> None:
@@ -118,21 +116,17 @@ class Body:
             raise ValueError(f"{owner} inertia must not be negative, got {known}")
         if len(known) == 3 and 2 * max(known) > sum(known) * (1 + 1e-6):
             raise ValueError(
-                f"{owner} inertia {known} belongs to no body: no moment is larger than the sum of"
-                " the other two"
+                f"{owner} inertia {known} belongs to no body: no moment is larger than the sum of the other two"
             )
 
     def _check_joint(self, owner: str) -> None:
         limits(owner, self.limits)
         single = self.joint in ("hinge", "slide")
         wrong = [what for what in ("gear", "servo", "limits") if getattr(self, what) is not None]
-        wrong += [
-            what for what in ("spring", "armature") if not ca.SX(getattr(self, what)).is_zero()
-        ]
+        wrong += [what for what in ("spring", "armature") if not ca.SX(getattr(self, what)).is_zero()]
         if wrong and not single:
             raise ValueError(
-                f"{owner} a {self.joint} joint has no {wrong[0]}; leave it out, or take a hinge or"
-                " a slide"
+                f"{owner} a {self.joint} joint has no {wrong[0]}; leave it out, or take a hinge or a slide"
             )
         if self.gear is not None and self.servo is not None:
             raise ValueError(f"{owner} gear and servo are two kinds of motor; give one of them")

@@ -128,16 +128,12 @@ def _found(one: Shape, a: Place, other: Shape, b: Place) -> list[SpatialContact]
     return []
 
 
-def _contact(
-    distance: ca.SX, normal: ca.SX, centre: ca.SX, radius: ca.SX | float
-) -> SpatialContact:
+def _contact(distance: ca.SX, normal: ca.SX, centre: ca.SX, radius: ca.SX | float) -> SpatialContact:
     """Contact of a sphere whose centre is at ``distance`` from B."""
     return SpatialContact(distance - radius, normal, centre - radius * normal)
 
 
-def _of_points(
-    one: ca.SX, radius: ca.SX | float, other: ca.SX, more: ca.SX | float
-) -> SpatialContact:
+def _of_points(one: ca.SX, radius: ca.SX | float, other: ca.SX, more: ca.SX | float) -> SpatialContact:
     """Contacts of spheres around two points."""
     apart = one - other
     distance = ca.norm_2(apart)
@@ -250,7 +246,10 @@ def _beside_cylinder(other: Cylinder, b: Place, point: ca.SX) -> tuple[ca.SX, ca
 
 Beside = Callable[..., tuple[ca.SX, ca.SX]]
 _BESIDE: dict[type, Beside] = {
-    Plane: _beside_plane, Sphere: _beside_round, Capsule: _beside_round, Box: _beside_box,
+    Plane: _beside_plane,
+    Sphere: _beside_round,
+    Capsule: _beside_round,
+    Box: _beside_box,
     Cylinder: _beside_cylinder,
-}  # fmt: skip
+}
 """Signed distance of a point from a shape's surface, and the unit normal out there."""

@@ -46,9 +46,7 @@ class CoupledJoints:
         self.independent = [i for i in range(tree.nv) if i not in self.dependent]
         square = self.A[:, self.dependent]
         if np.linalg.matrix_rank(square) < len(couplings):
-            raise ValueError(
-                "couplings of joints contradict or repeat each other; give each joint one"
-            )
+            raise ValueError("couplings of joints contradict or repeat each other; give each joint one")
         self.A, self.b = np.linalg.solve(square, self.A), np.linalg.solve(square, self.b)
         self.basis = np.zeros((tree.nv, len(self.independent)))
         self.basis[self.independent] = np.eye(len(self.independent))

@@ -48,9 +48,7 @@ def joint_frame(body: Body, at: ca.SX) -> JointFrame:
     return JointFrame(ca.sparsify(turn), place, ca.SX(3, 0), ca.SX(3, 0))
 
 
-def memoise_expression(
-    store: dict[tuple[int, ...], tuple[ca.SX, T]], q: ca.SX, make: Callable[[], T]
-) -> T:
+def memoise_expression(store: dict[tuple[int, ...], tuple[ca.SX, T]], q: ca.SX, make: Callable[[], T]) -> T:
     """Return what was made for q before: mass, forces and contacts share sines and cosines."""
     # The q beside it keeps its elements alive: a hash of others could be given out again.
     key = tuple(q[i].element_hash() for i in range(q.numel()))

@@ -133,18 +133,25 @@ class SpatialMachine:
 
         def touch(q: ca.SX) -> list[Touch]:
             return [
-                Touch(
-                    label, contact, _motions(tree, q, one), _motions(tree, q, other), other == WORLD
-                )
+                Touch(label, contact, _motions(tree, q, one), _motions(tree, q, other), other == WORLD)
                 for label, (contact, one, other) in self.touches(tree, q).items()
             ]
 
         store: dict[tuple[int, ...], tuple[ca.SX, list[Touch]]] = {}
         step = spatial_step(
-            name, tree, lambda q: memoise_expression(store, q, lambda: touch(q)), parameters,
-            h=h, friction=friction, edges=edges, scale=scale, cone=cone, linearised=linearised,
-            inertial=inertial, coupled=self.coupled(),
-        )  # fmt: skip
+            name,
+            tree,
+            lambda q: memoise_expression(store, q, lambda: touch(q)),
+            parameters,
+            h=h,
+            friction=friction,
+            edges=edges,
+            scale=scale,
+            cone=cone,
+            linearised=linearised,
+            inertial=inertial,
+            coupled=self.coupled(),
+        )
         return replace(step, machine=Mechanism(self, scale))
 
 
@@ -157,9 +164,7 @@ def body_places(tree: Tree, q: ca.SX) -> dict[str, Place]:
     return {WORLD: _FIXED} | {name: Place(*tree.pose(q, name)) for name in tree.bodies}
 
 
-def name_contacts(
-    one: str, other: str, contacts: Sequence[SpatialContact]
-) -> dict[str, SpatialContact]:
+def name_contacts(one: str, other: str, contacts: Sequence[SpatialContact]) -> dict[str, SpatialContact]:
     """Name the contacts of two parts, with numbers where there are several."""
     numbers = [f" {k}" for k in range(1, len(contacts) + 1)] if len(contacts) > 1 else [""]
     return {f"{one} on {other}{n}": c for n, c in zip(numbers, contacts, strict=False)}
@@ -173,9 +178,7 @@ def distinct_points(tree: Tree, q: ca.SX, a: SpatialPart, b: SpatialPart, count:
     """
     if count < 2:
         return list(range(count))
-    places = {
-        body: _FIXED if body == WORLD else Place(*tree.pose(q, body)) for body in (a.body, b.body)
-    }
+    places = {body: _FIXED if body == WORLD else Place(*tree.pose(q, body)) for body in (a.body, b.body)}
     near = between(a.shape, places[a.body], b.shape, places[b.body])
     one, other = _motions(tree, q, a.body), _motions(tree, q, b.body)
     rows = [ca.horzcat(contact.phi, *contact.rows(one, other, tree.nv)) for contact in near]

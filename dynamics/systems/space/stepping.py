@@ -114,15 +114,28 @@ def spatial_step(
         if coupled is not None:
             motion = coupled.constrain(motion, tree.position_of(q), v_next, h)
         return ContactSystem(
-            name=name, x=x, u=u, x_next=x_next, lam=rows.lam,
+            name=name,
+            x=x,
+            u=u,
+            x_next=x_next,
+            lam=rows.lam,
             residual=ca.vertcat(q_next - tree.advance(q, h * v_next), motion),
-            gap=rows.gap, states=(*tree.coordinates, *tree.velocities),
-            inputs=tuple(_input(tree, motor) for motor in motors), contacts=rows.signals, h=h,
-            parameters=parameters, phi=rows.phi, mu_per_kappa=h, pairs=rows.pairs,
-            forces=rows.forces, sharp=touching.sharp(rows.curved, built), refinable=inertial,
+            gap=rows.gap,
+            states=(*tree.coordinates, *tree.velocities),
+            inputs=tuple(_input(tree, motor) for motor in motors),
+            contacts=rows.signals,
+            h=h,
+            parameters=parameters,
+            phi=rows.phi,
+            mu_per_kappa=h,
+            pairs=rows.pairs,
+            forces=rows.forces,
+            sharp=touching.sharp(rows.curved, built),
+            refinable=inertial,
             book=_book(tree, touches, first, rows, x, u, x_next, forced, h) if inertial else None,
-            mass=M, turning=(*tree.turning, *tree.swinging),
-        )  # fmt: skip
+            mass=M,
+            turning=(*tree.turning, *tree.swinging),
+        )
 
     ends = tuple(f"{body} {end}" for end in ("low", "high") for body, *_ in limits)
 
@@ -132,13 +145,12 @@ def spatial_step(
     def sliding(at: ca.SX) -> ca.SX:
         return rows_of(at)[1][len(names) * first :, :][: len(names) * min(2, edges // 2), :]
 
-    return built(Touching(contacts, distance, sliding, friction, cone, linearised,
-                          left if limits else None, ends, space))  # fmt: skip
+    return built(
+        Touching(contacts, distance, sliding, friction, cone, linearised, left if limits else None, ends, space)
+    )
 
 
-def _rows(
-    touches: Callable[[ca.SX], list[Touch]], nv: int
-) -> Callable[[ca.SX], tuple[ca.SX, ca.SX]]:
+def _rows(touches: Callable[[ca.SX], list[Touch]], nv: int) -> Callable[[ca.SX], tuple[ca.SX, ca.SX]]:
     """Rows along normals (nc, nv), and along first and second tangents (2 nc, nv), at a pose."""
 
     def rows(q: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -157,10 +169,7 @@ def _smooth(tree: Tree, q: ca.SX, v_next: ca.SX, u: ca.SX, h: ca.SX | float, sca
         asked[tree.v_of[name]] = u[k]
     stands = tree.position_of(q) + h * v_next
     springs = tree.each(lambda b: b.spring) * (tree.each(lambda b: b.rest) - stands)
-    return (
-        scale * motor * asked + servo * (asked - stands) + springs
-        - tree.each(lambda b: b.damping) * v_next
-    )  # fmt: skip
+    return scale * motor * asked + servo * (asked - stands) + springs - tree.each(lambda b: b.damping) * v_next
 
 
 def _input(tree: Tree, motor: str) -> Signal:
@@ -171,9 +180,16 @@ def _input(tree: Tree, motor: str) -> Signal:
 
 
 def _book(
-    tree: Tree, touches: Callable[[ca.SX], list[Touch]], first: int, rows: ContactRows, x: ca.SX,
-    u: ca.SX, x_next: ca.SX, forced: ca.SX, h: ca.SX | float,
-) -> EnergyBook:  # fmt: skip
+    tree: Tree,
+    touches: Callable[[ca.SX], list[Touch]],
+    first: int,
+    rows: ContactRows,
+    x: ca.SX,
+    u: ca.SX,
+    x_next: ca.SX,
+    forced: ca.SX,
+    h: ca.SX | float,
+) -> EnergyBook:
     q, v, v_next = x[: tree.nq], x[tree.nq :], x_next[tree.nq :]
     normal = rows.lam[: len(touches(q))] if rows.forces is None else rows.forces.normal
     along, n = ca.SX(0, 1) if rows.forces is None else rows.forces.tangential, normal.numel()
@@ -184,9 +200,7 @@ def _book(
             tangents = touch.contact.tangents[first:]
             for k, tangent in zip(range(i, along.numel(), n), tangents, strict=False):
                 external = external + along[k] * tangent
-    springs = tree.each(lambda b: b.spring) * (
-        tree.each(lambda b: b.rest) - tree.position_of(q) - h * v_next
-    )
+    springs = tree.each(lambda b: b.spring) * (tree.each(lambda b: b.rest) - tree.position_of(q) - h * v_next)
     work = h * ca.dot(v_next, forced - springs)
     here = about_centres(tree, q, centre_velocities(tree, q, v, h), -1)
     return EnergyBook(tree.energy(q, here), work, tree.momentum(q, here), external)

@@ -99,12 +99,8 @@ class Tree:
 
     def each(self, value: Callable[[Body], Number | None]) -> ca.SX:
         """One number of every body for all of its velocities (nv, 1), zero where it is None."""
-        found = (
-            value(body) for body in self.bodies.values() for _ in range(VELOCITIES[body.joint])
-        )
-        return ca.sparsify(
-            ca.vertcat(ca.SX(0, 1), *(ca.SX(0 if one is None else one) for one in found))
-        )
+        found = (value(body) for body in self.bodies.values() for _ in range(VELOCITIES[body.joint]))
+        return ca.sparsify(ca.vertcat(ca.SX(0, 1), *(ca.SX(0 if one is None else one) for one in found)))
 
     def position_of(self, q: ca.SX) -> ca.SX:
         """Positions of hinges and slides in the order of v (nv, 1), zero for other joints."""
@@ -219,9 +215,7 @@ class Tree:
             name, joint = body.name, joints[body.name]
             omega, along, alpha, felt = states[name]
             com, inertia = ca.SX(ca.vertcat(*body.com)), body.inertia_matrix
-            own = ca.SX(body.mass) * (
-                felt + ca.cross(alpha, com) + ca.cross(along, ca.cross(omega, com))
-            )
+            own = ca.SX(body.mass) * (felt + ca.cross(alpha, com) + ca.cross(along, ca.cross(omega, com)))
             spin = inertia @ (alpha - ca.cross(omega, along)) + ca.cross(along, inertia @ omega)
             force[name] += own
             moment[name] += spin + ca.cross(com, own)
@@ -293,9 +287,10 @@ class Tree:
             moved = _symmetric(joint.R @ second @ joint.R.T) + mass * _spread(joint.r, joint.r)
             cross = _spread(first, joint.r) + _spread(joint.r, first)
             found[body.parent] = (
-                above[0] + mass, above[1] + first + mass * joint.r,
+                above[0] + mass,
+                above[1] + first + mass * joint.r,
                 above[2] + moved + _symmetric(cross),
-            )  # fmt: skip
+            )
         return found
 
     def _accelerations(
@@ -322,9 +317,7 @@ class Tree:
                 moving = moving + own_a[:3]
                 own_v, own_w, own_a = own_v[3:], own_w[3:], own_a[3:]
             else:
-                moving = (
-                    moving + ca.cross(alpha, joint.r) + ca.cross(along, ca.cross(omega, joint.r))
-                )
+                moving = moving + ca.cross(alpha, joint.r) + ca.cross(along, ca.cross(omega, joint.r))
             inward = joint.R.T
             omega, along, alpha, moving = (inward @ one for one in (omega, along, alpha, moving))
             slid_v, slid_w = joint.moves @ own_v, joint.moves @ own_w

@@ -152,9 +152,13 @@ class Identification:
 
 
 def search_iteration(
-    loss: OneStepLoss, buffer: Buffer, search: RandomSearch, cloud: Cloud, seed: list[int],
+    loss: OneStepLoss,
+    buffer: Buffer,
+    search: RandomSearch,
+    cloud: Cloud,
+    seed: list[int],
     rows: int,
-) -> Cloud:  # fmt: skip
+) -> Cloud:
     """One iteration of the search: candidates, judged alike by ``rows`` transitions drawn anew.
 
     Random numbers depend on the seed and the number of the iteration alone.
@@ -263,9 +267,7 @@ def intervals(
     )
 
 
-def _linearised(
-    loss: OneStepLoss, log_psi: np.ndarray, buffer: Buffer
-) -> tuple[np.ndarray, np.ndarray]:
+def _linearised(loss: OneStepLoss, log_psi: np.ndarray, buffer: Buffer) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives (t, nx, n_psi) and errors (t, nx) where all of them are finite."""
     n = len(log_psi)
     around = log_psi + STEP * np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)])

@@ -66,10 +66,15 @@ class PsiLearning(Algorithm):
         none = np.zeros((0, experiment.task.system.nx))
         seen = Buffer(none, np.zeros((0, experiment.task.system.nu)), none)
         return {
-            **self.algorithm.begin(experiment), "psi": experiment.physics,
-            _OWN + "x": x, _OWN + "age": age, _OWN + "start": start, _OWN + "pass": np.array(0),
-            **prefixed(_CLOUD, self.search.begin(start)), **prefixed(_SEEN, vars(seen)),
-        }  # fmt: skip
+            **self.algorithm.begin(experiment),
+            "psi": experiment.physics,
+            _OWN + "x": x,
+            _OWN + "age": age,
+            _OWN + "start": start,
+            _OWN + "pass": np.array(0),
+            **prefixed(_CLOUD, self.search.begin(start)),
+            **prefixed(_SEEN, vars(seen)),
+        }
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """Transitions, then psi, then the policy."""

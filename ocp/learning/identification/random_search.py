@@ -48,16 +48,17 @@ class RandomSearch:
             )
         if not (0 <= self.narrow < self.width < np.inf):
             raise InputError(
-                f"random search ends at a width below that of its start, got {self.width:g} to"
-                f" {self.narrow:g}"
+                f"random search ends at a width below that of its start, got {self.width:g} to {self.narrow:g}"
             )
         if not self.width <= self.reach < np.inf:
             raise InputError(f"reach must be at least the width {self.width:g}, got {self.reach:g}")
 
     def begin(
-        self, mean: np.ndarray, sensitivity: np.ndarray | None = None,
+        self,
+        mean: np.ndarray,
+        sensitivity: np.ndarray | None = None,
         centre: np.ndarray | None = None,
-    ) -> Cloud:  # fmt: skip
+    ) -> Cloud:
         """The cloud around ``mean`` (n,), wider for what is less sensitive (n,).
 
         ``centre`` (n,) is where reach is measured from, by default the mean. A sensitivity that is
@@ -72,12 +73,12 @@ class RandomSearch:
             "centre": np.array(mean if centre is None else centre, float),
             "width": np.array(self.width),
             "shape": np.diag((moves.min() / moves) ** 2),
-            "turn": np.zeros(n), "drift": np.zeros(n), "count": np.array(0),
-        }  # fmt: skip
+            "turn": np.zeros(n),
+            "drift": np.zeros(n),
+            "count": np.array(0),
+        }
 
-    def iterate(
-        self, cloud: Cloud, losses: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator
-    ) -> Cloud:
+    def iterate(self, cloud: Cloud, losses: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator) -> Cloud:
         """Draw candidates (k, n), ask for their ``losses`` (k,), and move the cloud."""
         n = len(cloud["mean"])
         lengths, axes = np.linalg.eigh(cloud["shape"])
@@ -121,10 +122,14 @@ class RandomSearch:
         kept = 1 - c_1 - c_mu + (not going) * c_1 * c_c * (2 - c_c)
         shape = kept * cloud["shape"] + c_1 * np.outer(drift, drift) + c_mu * (y.T * w) @ y
         return {
-            "centre": cloud["centre"], "mean": cloud["mean"] + cloud["width"] * step,
+            "centre": cloud["centre"],
+            "mean": cloud["mean"] + cloud["width"] * step,
             "width": cloud["width"] * np.exp(c_s / damping * (length / expected - 1)),
-            "shape": (shape + shape.T) / 2, "turn": turn, "drift": drift, "count": count,
-        }  # fmt: skip
+            "shape": (shape + shape.T) / 2,
+            "turn": turn,
+            "drift": drift,
+            "count": count,
+        }
 
     def deviations(self, cloud: Cloud) -> np.ndarray:
         """Standard deviations (n,) of the cloud."""
@@ -132,6 +137,4 @@ class RandomSearch:
 
     def done(self, cloud: Cloud) -> bool:
         """Whether the search is over."""
-        return bool(
-            cloud["count"] >= self.iterations or np.max(self.deviations(cloud)) <= self.narrow
-        )
+        return bool(cloud["count"] >= self.iterations or np.max(self.deviations(cloud)) <= self.narrow)

@@ -93,9 +93,7 @@ class MBPO(Algorithm):
                 " input here; give it hidden layers"
             )
         if experiment.start is not None:
-            raise InputError(
-                "mbpo learns networks of its own and cannot start from a policy; leave start out"
-            )
+            raise InputError("mbpo learns networks of its own and cannot start from a policy; leave start out")
         whole = "walkers steps explored members elites model_units model_layers model_steps"
         whole += " model_batch branches shortest kept critic_units critic_layers updates batch"
         for name in whole.split():
@@ -103,11 +101,16 @@ class MBPO(Algorithm):
         for name in ("model_rate", "rate", "alpha", "sigma"):
             positive(name, getattr(self, name))
         for name, (low, high) in {
-            "elites": (1, self.members), "longest": (self.shortest, 1000),
-            "aim": (-10.0, 0.6), "held_out": (0.01, 0.5), "cut": (1e-9, math.inf),
-            "real": (0, 1), "critic_discount": (0, 1), "slow": (0, 1),
+            "elites": (1, self.members),
+            "longest": (self.shortest, 1000),
+            "aim": (-10.0, 0.6),
+            "held_out": (0.01, 0.5),
+            "cut": (1e-9, math.inf),
+            "real": (0, 1),
+            "critic_discount": (0, 1),
+            "slow": (0, 1),
             "capacity": (self.explored, 10_000_000),
-        }.items():  # fmt: skip
+        }.items():
             value = getattr(self, name)
             if not low <= value <= high:
                 raise InputError(f"{name} must be between {low:g} and {high:g}, got {value!r}")
@@ -120,7 +123,6 @@ class MBPO(Algorithm):
             from ocp.learning.mbpo.training import MBPOTrainer
         except ImportError as error:
             raise InputError(
-                "mbpo needs JAX, Equinox and Optax, which the extra learn installs: pip install"
-                " 'centralpath[learn]'"
+                "mbpo needs JAX, Equinox and Optax, which the extra learn installs: pip install 'centralpath[learn]'"
             ) from error
         return MBPOTrainer(self, experiment)

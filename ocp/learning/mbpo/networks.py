@@ -80,9 +80,13 @@ class Learner(NamedTuple):
 
 
 def begin_learner(
-    rng: np.random.Generator, members: int, n_in: int, hidden: tuple[int, ...], n_out: int,
+    rng: np.random.Generator,
+    members: int,
+    n_in: int,
+    hidden: tuple[int, ...],
+    n_out: int,
     rate: float,
-) -> Learner:  # fmt: skip
+) -> Learner:
     """Networks that start apart."""
     layers = begin_many(rng, members, (n_in, *hidden, 2 * n_out))
     least, most = (np.full(n_out, bound, np.float32) for bound in FIRST_BOUNDS)
@@ -202,9 +206,16 @@ class Rates(NamedTuple):
 
 
 def begin_agent(
-    rng: np.random.Generator, n_o: int, hidden: tuple[int, ...], nu: int, critics: tuple[int, ...],
-    initial: float, sigma: float, alpha: float, rate: float,
-) -> Agent:  # fmt: skip
+    rng: np.random.Generator,
+    n_o: int,
+    hidden: tuple[int, ...],
+    nu: int,
+    critics: tuple[int, ...],
+    initial: float,
+    sigma: float,
+    alpha: float,
+    rate: float,
+) -> Agent:
     """Networks at their start: means ``initial`` times as large, all deviations ``sigma``."""
     *trunk, mean = begin(rng, (n_o, *hidden, nu), initial)
     networks = Networks(
@@ -243,9 +254,7 @@ def judged(critics: Layers, o: jax.Array, t: jax.Array) -> jax.Array:
     return jax.vmap(lambda layers: values(layers, z, jax.nn.relu)[:, 0])(critics)
 
 
-def targets_of(
-    agent: Agent, batch: Batch, noise: jax.Array, discount: float | jax.Array
-) -> jax.Array:
+def targets_of(agent: Agent, batch: Batch, noise: jax.Array, discount: float | jax.Array) -> jax.Array:
     """``r + discount (1 - ended) (min_j Q'_j(o', t') - alpha log pi(t' | o'))``, (n,)."""
     t, log_density = drawn(agent.networks.actor, batch.o_next, noise)
     soft = judged(agent.targets, batch.o_next, t).min(axis=0)

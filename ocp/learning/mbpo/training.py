@@ -96,21 +96,28 @@ class MBPOTrainer:
         own = settings
         assert experiment.hidden is not None
         self.first_learner = begin_learner(
-            experiment.rng(0, "ensemble"), own.members, self.n_o + self.nu,
+            experiment.rng(0, "ensemble"),
+            own.members,
+            self.n_o + self.nu,
             (own.model_units,) * own.model_layers,
-            task.system.nx, own.model_rate,
-        )  # fmt: skip
+            task.system.nx,
+            own.model_rate,
+        )
         self.first_agent = begin_agent(
-            experiment.rng(0, "agent"), self.n_o, experiment.hidden, self.nu,
+            experiment.rng(0, "agent"),
+            self.n_o,
+            experiment.hidden,
+            self.nu,
             (own.critic_units,) * own.critic_layers,
-            experiment.initial, own.sigma, own.alpha, own.rate,
-        )  # fmt: skip
+            experiment.initial,
+            own.sigma,
+            own.alpha,
+            own.rate,
+        )
         walked = experiment.iterations * own.walkers * own.steps
         self.most_seen = min(own.capacity, own.explored + walked)
         self.train = trainer(own.model_rate)
-        self.update = updater(
-            Rates(own.rate, own.critic_discount * experiment.discount, own.slow, own.aim)
-        )
+        self.update = updater(Rates(own.rate, own.critic_discount * experiment.discount, own.slow, own.aim))
 
     def initial_state(self) -> State:
         """The state before iteration 0."""
@@ -124,11 +131,18 @@ class MBPOTrainer:
         x, age = self.explorer.first(own.walkers, self.experiment.rng(0, "starts"))
         none = Buffer(seen.x[:0], seen.u[:0], seen.x[:0])
         return {
-            **arrays("learner", self.first_learner), **arrays("agent", self.first_agent),
-            **_kept("seen", seen), **_kept("model", none), **normaliser.arrays(),
-            "moved": moved, "branched": np.zeros(0, dtype=int), "return_mean": np.array(np.nan),
-            "walk.x": x, "walk.age": age, "walk.gained": np.zeros(len(x)),
-        }  # fmt: skip
+            **arrays("learner", self.first_learner),
+            **arrays("agent", self.first_agent),
+            **_kept("seen", seen),
+            **_kept("model", none),
+            **normaliser.arrays(),
+            "moved": moved,
+            "branched": np.zeros(0, dtype=int),
+            "return_mean": np.array(np.nan),
+            "walk.x": x,
+            "walk.age": age,
+            "walk.gained": np.zeros(len(x)),
+        }
 
     def policy(self, state: State) -> Trained:
         """The policy of a state."""
@@ -146,27 +160,30 @@ class MBPOTrainer:
         seen = _of("seen", state).with_newest(more, own.capacity)
         learner, errors = self._fitted(learner, scales, seen, k)
         elites = elites_of(errors, own.elites)
-        length = branch_length(
-            k, own.shortest, own.longest, max(1, self.experiment.iterations // 2)
-        )
+        length = branch_length(k, own.shortest, own.longest, max(1, self.experiment.iterations // 2))
         new = self._branched(learner, elites, agent, scales, seen, length, k)
         sizes = np.append(state["branched"], len(new))[-own.kept :]
         model = _of("model", state).with_newest(new, int(sizes.sum()))
         agent, told = self._improved(agent, scales, seen, model, k)
         mean = np.array(np.mean(finished)) if finished else state["return_mean"]
         row = {
-            "return_mean": float(mean), "model_error": float(errors[elites].mean()),
-            "branch": float(length), **told,
-        }  # fmt: skip
+            "return_mean": float(mean),
+            "model_error": float(errors[elites].mean()),
+            "branch": float(length),
+            **told,
+        }
         return {
-            **state, **arrays("learner", learner), **arrays("agent", agent),
-            **_kept("seen", seen), **_kept("model", model), "branched": sizes,
-            "return_mean": mean, **{f"walk.{n}": v for n, v in walk._asdict().items()},
-        }, row  # fmt: skip
+            **state,
+            **arrays("learner", learner),
+            **arrays("agent", agent),
+            **_kept("seen", seen),
+            **_kept("model", model),
+            "branched": sizes,
+            "return_mean": mean,
+            **{f"walk.{n}": v for n, v in walk._asdict().items()},
+        }, row
 
-    def _walked(
-        self, agent: Agent, scales: ObservationScales, walk: Walk, k: int
-    ) -> tuple[Walk, Buffer, list[float]]:
+    def _walked(self, agent: Agent, scales: ObservationScales, walk: Walk, k: int) -> tuple[Walk, Buffer, list[float]]:
         """Episodes carried on, their transitions, and the returns of those that finished."""
         rng, parts, finished = self.experiment.rng(k, "actions"), [], []
         for _ in range(self.own.steps):
@@ -179,9 +196,7 @@ class MBPOTrainer:
             parts.append(Buffer.solved(step.x, step.u, step.x_next))
         return walk, Buffer.joined(parts), finished
 
-    def _inputs(
-        self, agent: Agent, scales: ObservationScales, rng: np.random.Generator, x: np.ndarray
-    ) -> np.ndarray:
+    def _inputs(self, agent: Agent, scales: ObservationScales, rng: np.random.Generator, x: np.ndarray) -> np.ndarray:
         """Inputs (n, nu) of the policy with its noise."""
         o = self._normalised(scales, x)
         t, _ = act(agent.networks.actor, o, rng.standard_normal((len(x), self.nu)).astype("f4"))
@@ -198,9 +213,7 @@ class MBPOTrainer:
         middle, half = (task.upper + task.lower) / 2, (task.upper - task.lower) / 2
         return ((u - middle) / half).astype(np.float32)
 
-    def _fitted(
-        self, learner: Learner, scales: ObservationScales, seen: Buffer, k: int
-    ) -> tuple[Learner, np.ndarray]:
+    def _fitted(self, learner: Learner, scales: ObservationScales, seen: Buffer, k: int) -> tuple[Learner, np.ndarray]:
         """The ensemble after more steps, and its members' errors on rows held out."""
         own, rng = self.own, self.experiment.rng(k, "model")
         z = np.hstack([self._normalised(scales, seen.x), self._tanh(seen.u)])
@@ -215,9 +228,15 @@ class MBPOTrainer:
         return learner, np.asarray(member_errors(learner.ensemble, z, y, known))
 
     def _branched(
-        self, learner: Learner, elites: np.ndarray, agent: Agent, scales: ObservationScales,
-        seen: Buffer, length: int, k: int,
-    ) -> Buffer:  # fmt: skip
+        self,
+        learner: Learner,
+        elites: np.ndarray,
+        agent: Agent,
+        scales: ObservationScales,
+        seen: Buffer,
+        length: int,
+        k: int,
+    ) -> Buffer:
         """Branches of the ensemble from states seen, each step by an elite drawn for each row."""
         own, rng = self.own, self.experiment.rng(k, "branches")
         starts = seen.x[rng.integers(len(seen), size=own.branches)]
@@ -241,16 +260,15 @@ class MBPOTrainer:
         own, rng = self.own, self.experiment.rng(k, "updates")
         real = round(own.real * own.batch) if len(model) else own.batch
         most = own.branches * own.longest * own.kept
-        parts = [
-            self._batch(scales, buffer, size)
-            for buffer, size in ((seen, self.most_seen), (model, most))
-        ]
+        parts = [self._batch(scales, buffer, size) for buffer, size in ((seen, self.most_seen), (model, most))]
         first = len(parts[0].reward)
         data = Batch(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
-        rows = np.hstack([
-            rng.integers(len(seen), size=(own.updates, real)),
-            first + rng.integers(max(len(model), 1), size=(own.updates, own.batch - real)),
-        ]).astype(np.int32)  # fmt: skip
+        rows = np.hstack(
+            [
+                rng.integers(len(seen), size=(own.updates, real)),
+                first + rng.integers(max(len(model), 1), size=(own.updates, own.batch - real)),
+            ]
+        ).astype(np.int32)
         key = jax.random.key(int(rng.integers(2**31)))
         agent, told = self.update(agent, data, rows, key)
         row = {name: float(np.mean(values)) for name, values in told.items()}
@@ -261,10 +279,12 @@ class MBPOTrainer:
         explorer, normalised = self.explorer, partial(self._normalised, scales)
         rewards = explorer.rewards(buffer.x, buffer.u, buffer.x_next)
         columns = Batch(
-            normalised(buffer.x), self._tanh(buffer.u),
-            np.clip(rewards, -self.own.cut, self.own.cut), explorer.ended(buffer.x_next),
+            normalised(buffer.x),
+            self._tanh(buffer.u),
+            np.clip(rewards, -self.own.cut, self.own.cut),
+            explorer.ended(buffer.x_next),
             normalised(buffer.x_next),
-        )  # fmt: skip
+        )
         return Batch(*(_padded(np.asarray(column, np.float32), size) for column in columns))
 
 

@@ -39,10 +39,7 @@ def demonstrations(
     for number, plan in enumerate(plans):
         x, u = (plan.data[name].values for name in ("x", "u"))
         if not (np.isfinite(x).all() and np.isfinite(u).all()):
-            raise InputError(
-                f"plan {number}, of {plan.problem.name}, has non-finite states or inputs; leave it"
-                " out"
-            )
+            raise InputError(f"plan {number}, of {plan.problem.name}, has non-finite states or inputs; leave it out")
         states.append(x[:, :-1].reshape(-1, x.shape[2]))
         inputs.append(np.broadcast_to(u, (len(x), *u.shape[1:])).reshape(-1, u.shape[2]))
         rng = np.random.default_rng([seed, number])
@@ -138,9 +135,13 @@ def fit_actions(
         return Trained(np.concatenate([found[:-1].T.ravel(), found[-1]]), normaliser)
     first = first_weights(policy.sizes, 1.0, np.random.default_rng(seed))
     found = minimize(
-        squared_error, first, (policy, seen, wanted), "L-BFGS-B", jac=True,
+        squared_error,
+        first,
+        (policy, seen, wanted),
+        "L-BFGS-B",
+        jac=True,
         options={"maxiter": _ITERATIONS, "maxfun": 2 * _ITERATIONS},
-    )  # fmt: skip
+    )
     return Trained(found.x, normaliser)
 
 
@@ -158,9 +159,7 @@ def squared_error(
     return error / len(seen), slope / len(seen)
 
 
-def _summed(
-    theta: np.ndarray, policy: DensePolicy, seen: np.ndarray, wanted: np.ndarray
-) -> tuple[float, np.ndarray]:
+def _summed(theta: np.ndarray, policy: DensePolicy, seen: np.ndarray, wanted: np.ndarray) -> tuple[float, np.ndarray]:
     """Sum of ``|a - a*|²`` and its gradient, back through the layers."""
     layers, values = policy.layers(theta), [seen]
     for weights, offsets in layers[:-1]:

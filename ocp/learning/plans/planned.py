@@ -97,9 +97,7 @@ class BestPlan:
     def words(self) -> str:
         """Return, what it is certified to be, what its replay makes of it, the referee's word."""
         found, steps = self.solution, self.solution.problem.N
-        said = ", ".join(
-            part for part in (found.certificate.stationarity, found.certificate.kind) if part
-        )
+        said = ", ".join(part for part in (found.certificate.stationarity, found.certificate.kind) if part)
         standing = (
             f"certified stationary ({said}), which is a local optimum at most"
             if self.certified
@@ -204,9 +202,7 @@ def planned_problem(task: Task, x0: np.ndarray, scaling: Scaling | None = None) 
             f" {np.array2string(start, threshold=8)}"
         )
     if bool(task.ends(start, task.parameters.values)):
-        raise InputError(
-            f"{task.name}: an episode from this start ends before its first step; give another"
-        )
+        raise InputError(f"{task.name}: an episode from this start ends before its first step; give another")
     after, before = _parts(task, start)
     final = ca.SX(task.final)
     lasting = _survival_constraint(task)
@@ -250,8 +246,7 @@ def _survival_constraint(task: Task) -> tuple[Constraint, ...]:
     if task.lasts is None:
         if ca.depends_on(ca.SX(task.done), task.system.x):
             raise InputError(
-                f"{task.name}: done depends on the state: give Task.lasts, the constraints that"
-                " keep an episode running"
+                f"{task.name}: done depends on the state: give Task.lasts, the constraints that keep an episode running"
             )
         return ()
     kept = ca.SX(task.lasts)

@@ -71,9 +71,7 @@ class Critic:
         slope[on] = weight[on, None] * np.einsum("no,nox->nx", by_o, by_x)
         return slope
 
-    def targets(
-        self, experiment: Experiment, state: State, episodes: Episodes, noise: Gaussian
-    ) -> np.ndarray:
+    def targets(self, experiment: Experiment, state: State, episodes: Episodes, noise: Gaussian) -> np.ndarray:
         """``y_t = sum_{j=t}^{H-1} d^{j-t} r_j + d^{H-t} V(x_H)``, (n, H), NaN where nobody is.
 
         Rewards are of the steps before an episode's end, under inputs with their noise, and V

@@ -105,9 +105,7 @@ class FOPG(Clipping):
     summary: ClassVar[str] = "first-order policy gradient through the contact model"
     contact: ClassVar[str] = "adaptive"
 
-    smoothing: Annotated[
-        str, "rollout: states and gradient are the law's; gradient: the gradient alone"
-    ] = "rollout"
+    smoothing: Annotated[str, "rollout: states and gradient are the law's; gradient: the gradient alone"] = "rollout"
     critic: Annotated[int, "units in each layer of a critic; 0 for none"] = 0
 
     @property
@@ -138,9 +136,7 @@ class FOPG(Clipping):
         if critic:
             reached = followed or roll(experiment, state, x0, steps, noise=noise)
             pull = critic.pull(experiment, state, reached)
-        found = roll(
-            experiment, state, x0, steps, noise=noise, gradient=True, along=followed, pull=pull
-        )
+        found = roll(experiment, state, x0, steps, noise=noise, gradient=True, along=followed, pull=pull)
         good = finite_samples(experiment, state, found, k)
         assert found.gradient is not None
         gradients = self.clipped(found.gradient[good])
@@ -201,9 +197,7 @@ class AoBG(Unrolled):
         return changed, {**row, "gradient_variance": variance, "alpha": alpha, "bias": bias}
 
 
-def mixing(
-    first: np.ndarray, zeroth: np.ndarray, gamma: float, delta: float
-) -> tuple[float, float]:
+def mixing(first: np.ndarray, zeroth: np.ndarray, gamma: float, delta: float) -> tuple[float, float]:
     """Weight alpha of ``first`` (n, d) against ``zeroth`` (m, d), samples, and B = |g1 - g0|.
 
     ``alpha* = s0² / (s0² + s1²)``, the variances of both means, minimises the variance. The bias is
@@ -248,9 +242,7 @@ class ARS(Algorithm):
         at_least(1, "directions", self.directions)
         at_least(1, "top", self.top)
         if self.top > self.directions:
-            raise InputError(
-                f"top is {self.top}, more than the {self.directions} directions; take fewer"
-            )
+            raise InputError(f"top is {self.top}, more than the {self.directions} directions; take fewer")
         positive("spread", self.spread)
         positive("rate", self.rate)
 

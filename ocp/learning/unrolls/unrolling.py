@@ -110,13 +110,9 @@ class Starts:
     def first(cls, experiment: Experiment, n: int, unroll: int) -> Starts:
         """First states, counted as of all ages so that episodes do not end at once."""
         rng, horizon = experiment.rng(0, "starts"), experiment.task.horizon
-        return cls(
-            experiment.first_states(n, rng), unroll * rng.integers(-(-horizon // unroll), size=n)
-        )
+        return cls(experiment.first_states(n, rng), unroll * rng.integers(-(-horizon // unroll), size=n))
 
-    def after(
-        self, experiment: Experiment, states: np.ndarray, lived: np.ndarray, k: int
-    ) -> Starts:
+    def after(self, experiment: Experiment, states: np.ndarray, lived: np.ndarray, k: int) -> Starts:
         """Carried on by unrolls through ``states`` (n, H+1, nx) of which ``lived`` (n,) counted."""
         n, unroll = len(states), states.shape[1] - 1
         x, age = states[np.arange(n), lived], self.age + lived
@@ -206,9 +202,7 @@ def non_finite_reward(experiment: Experiment, step: int, where: str) -> str:
     )
 
 
-def normalised_state(
-    experiment: Experiment, state: State, episodes: Episodes, good: np.ndarray
-) -> State:
+def normalised_state(experiment: Experiment, state: State, episodes: Episodes, good: np.ndarray) -> State:
     """The state with what was seen in its normaliser, and the policy as it was."""
     steps = np.arange(episodes.states.shape[1] - 1)
     alive = good[:, None] & (steps < episodes.lived[:, None])
@@ -281,9 +275,14 @@ class Unrolled(Algorithm):
         return ascend(self.optimiser, state, gradient, self.rate)
 
     def stepped(
-        self, experiment: Experiment, state: State, gradients: np.ndarray, episodes: Episodes,
-        good: np.ndarray, k: int,
-    ) -> tuple[State, Row]:  # fmt: skip
+        self,
+        experiment: Experiment,
+        state: State,
+        gradients: np.ndarray,
+        episodes: Episodes,
+        good: np.ndarray,
+        k: int,
+    ) -> tuple[State, Row]:
         """State after a step along the mean of ``gradients`` (n, n_theta), and iteration k's row.
 
         ``episodes``, of which those that are ``good`` (n,) count, carry the buffer on.
@@ -306,9 +305,7 @@ class Clipping(Unrolled):
     their way; by default nothing is cut.
     """
 
-    clip: Annotated[
-        float | None, "largest norm of a sample's gradient, in medians of all; biases the mean"
-    ] = None
+    clip: Annotated[float | None, "largest norm of a sample's gradient, in medians of all; biases the mean"] = None
 
     def check(self, experiment: Experiment) -> None:
         """As all, and the length."""

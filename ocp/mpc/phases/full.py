@@ -24,9 +24,7 @@ class Full:
     and goes on as long as its plans violate any.
     """
 
-    def __init__(
-        self, session: Session, model: StageModel, first: RouteResult, softer: NewtonPhase
-    ) -> None:
+    def __init__(self, session: Session, model: StageModel, first: RouteResult, softer: NewtonPhase) -> None:
         self.session, self.model, self.softer = session, model, softer
         self.nlp, self.point = first.nlp, first.result.point
         self.plan: Plan
@@ -67,9 +65,7 @@ class Full:
             return f"the solver ended with {result.result.status.value}"
         self.nlp, self.point = nlp, result.result.point
         why = f"the value of {', '.join(held)} at the first step holds throughout" if held else ""
-        merit = self.model.merits(
-            plan.x[None], plan.u[None], plan.lam[None], sample.u_before, p
-        )[0][0]  # fmt: skip
+        merit = self.model.merits(plan.x[None], plan.u[None], plan.lam[None], sample.u_before, p)[0][0]
         return Answer(plan.u[0], plan, "solved", why, float(merit))
 
     def _shifted(self) -> Point:
@@ -80,9 +76,7 @@ class Full:
         variables, constraints, point = self.nlp.variables, self.nlp.constraints, self.point
         x = shifted(variables, point.x)
         assert x is not None
-        self.point = Point(
-            x, shifted(variables, point.lam_x), shifted(constraints, point.lam_g)
-        )  # fmt: skip
+        self.point = Point(x, shifted(variables, point.lam_x), shifted(constraints, point.lam_g))
         return self.point
 
 

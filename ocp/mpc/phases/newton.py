@@ -159,9 +159,7 @@ class NewtonPhase(ABC):
         u = np.clip(self.plan.u[0], *sample.bounds)
         return Answer(u, self.plan, "kept", f"{reason}; the plan before goes on")
 
-    def _candidates(
-        self, plan: Plan, proposals: list[Proposal], lin: Linearised
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _candidates(self, plan: Plan, proposals: list[Proposal], lin: Linearised) -> tuple[np.ndarray, np.ndarray]:
         """Gains K (S, N, nu, nx) and k (S, N, nu): the plan without and with gains come first."""
         x, u = plan.x[:-1], plan.u
         regulator = self.regulator.gains(lin)

@@ -28,6 +28,10 @@ class FixedPolicy:
         u = numbers("the policy's input", u, (self.nu,))
         self.count += 1
         if not np.isfinite(u).all():
-            return Answer(np.clip(sample.u_before, *sample.bounds), None, "kept",
-                          "the policy's input is not finite; the input before goes on")  # fmt: skip
+            return Answer(
+                np.clip(sample.u_before, *sample.bounds),
+                None,
+                "kept",
+                "the policy's input is not finite; the input before goes on",
+            )
         return Answer(np.clip(u, *sample.bounds), None)

@@ -39,8 +39,7 @@ class PhaseEntry:
             right = "the exact law" if self.exact else "a smoothed law such as barrier"
             other = "relaxed" if self.exact else "qpcc"
             raise InputError(
-                f"phase {self.name} plans under {right}, not under {given.name}; choose another"
-                f" law, or phase {other}"
+                f"phase {self.name} plans under {right}, not under {given.name}; choose another law, or phase {other}"
             )
         return given
 

@@ -42,8 +42,7 @@ def _costs(data: xr.Dataset, span: str, at: tuple[str, str]) -> dict[str, np.nda
 
 def _told(where: list[tuple[str, str]], held: list[bool]) -> str:
     """In how many settings it held, and in which it did not."""
-    missed = [f"{task} on {plant}" for (task, plant), mark in zip(where, held, strict=True)
-              if not mark]  # fmt: skip
+    missed = [f"{task} on {plant}" for (task, plant), mark in zip(where, held, strict=True) if not mark]
     return f"{sum(held)} of {len(held)} settings" + f"; not {', '.join(missed)}" * bool(missed)
 
 
@@ -55,10 +54,15 @@ def _cheapest(data: xr.Dataset) -> list[Claim]:
         gains = [_ahead(_costs(data, "run", (task, plant))) for task in tasks]
         held = [bool(gain.mean >= 0) for gain in gains]
         found.append(
-            Claim(f"{plant}: planning again under the exact law costs the least", _CHECK,
-                  f"its mean cost is within {_SAME:.0%} of every smoothed law's, on every task",
-                  over(tasks, held), bool(held and all(held)), least(gains) if gains else None)
-        )  # fmt: skip
+            Claim(
+                f"{plant}: planning again under the exact law costs the least",
+                _CHECK,
+                f"its mean cost is within {_SAME:.0%} of every smoothed law's, on every task",
+                over(tasks, held),
+                bool(held and all(held)),
+                least(gains) if gains else None,
+            )
+        )
     return found
 
 
@@ -71,43 +75,52 @@ def _ahead(costs: dict[str, np.ndarray]) -> Difference:
 def _over_mu(data: xr.Dataset) -> list[Claim]:
     """The order of the barriers, and how close the sharpest is to the exact law."""
     where = settings(data)
-    means = [
-        {law: float(values.mean()) for law, values in _costs(data, "run", at).items()}
-        for at in where
-    ]
+    means = [{law: float(values.mean()) for law, values in _costs(data, "run", at).items()} for at in where]
     falls = [all(m[b] <= (1 + _SAME) * m[a] for a, b in pairwise(_BARRIERS)) for m in means]
     close = [m[_BARRIERS[-1]] <= (1 + _CLOSE) * m["exact"] for m in means]
     return [
-        Claim("The smaller mu, the less the barrier's loop costs", _CHECK,
-              f"from 0.1 to 0.001 the mean cost never rises by more than {_SAME:.0%}, in"
-              f" {_MOSTLY:.0%} of the settings",
-              _told(where, falls), bool(np.mean(falls) >= _MOSTLY)),
-        Claim("At mu = 0.001 its loop costs no more than that of the exact law", _CHECK,
-              f"within {_CLOSE:.0%} in the mean, in {_MOSTLY:.0%} of the settings",
-              _told(where, close), bool(np.mean(close) >= _MOSTLY)),
-    ]  # fmt: skip
+        Claim(
+            "The smaller mu, the less the barrier's loop costs",
+            _CHECK,
+            f"from 0.1 to 0.001 the mean cost never rises by more than {_SAME:.0%}, in {_MOSTLY:.0%} of the settings",
+            _told(where, falls),
+            bool(np.mean(falls) >= _MOSTLY),
+        ),
+        Claim(
+            "At mu = 0.001 its loop costs no more than that of the exact law",
+            _CHECK,
+            f"within {_CLOSE:.0%} in the mean, in {_MOSTLY:.0%} of the settings",
+            _told(where, close),
+            bool(np.mean(close) >= _MOSTLY),
+        ),
+    ]
 
 
 def _feedback(data: xr.Dataset) -> list[Claim]:
     """Gains along one plan, against its inputs alone and against planning again."""
     where, found = settings(data), []
-    means = [
-        {law: float(values.mean()) for law, values in _costs(data, "first horizon", at).items()}
-        for at in where
-    ]
+    means = [{law: float(values.mean()) for law, values in _costs(data, "first horizon", at).items()} for at in where]
     for gains, inputs, plan in zip(FEEDBACK, INPUTS, ("exact", "smoothed"), strict=True):
         law = gains.partition(", ")[2]
         better = [m[gains] <= m[inputs] for m in means]
         enough = [m[gains] <= (1 + _CLOSE) * min(m["exact"], m[law]) for m in means]
         found += [
-            Claim(f"Linear feedback along the {plan} plan costs less than its inputs alone",
-                  _SHIRAI, f"in the mean, in {_MOSTLY:.0%} of the settings", _told(where, better),
-                  bool(np.mean(better) >= _MOSTLY)),
-            Claim(f"Linear feedback along the {plan} plan is sufficient", _SHIRAI,
-                  f"within {_CLOSE:.0%} of planning again, under its law or the exact one, in"
-                  f" {_MOSTLY:.0%} of the settings",
-                  _told(where, enough), bool(np.mean(enough) >= _MOSTLY)),
-        ]  # fmt: skip
+            Claim(
+                f"Linear feedback along the {plan} plan costs less than its inputs alone",
+                _SHIRAI,
+                f"in the mean, in {_MOSTLY:.0%} of the settings",
+                _told(where, better),
+                bool(np.mean(better) >= _MOSTLY),
+            ),
+            Claim(
+                f"Linear feedback along the {plan} plan is sufficient",
+                _SHIRAI,
+                f"within {_CLOSE:.0%} of planning again, under its law or the exact one, in"
+                f" {_MOSTLY:.0%} of the settings",
+                _told(where, enough),
+                bool(np.mean(enough) >= _MOSTLY),
+            ),
+        ]
     return found
 
 
@@ -116,16 +129,27 @@ def _surviving(data: xr.Dataset) -> list[Claim]:
     alive, where = survives(data).sel(span="run"), settings(data)
     shares = {
         law: np.concatenate([alive.sel(controller=law, task=t, plant=p).values for t, p in where])
-        if where else np.array([np.nan])
+        if where
+        else np.array([np.nan])
         for law in LAWS
-    }  # fmt: skip
+    }
     own = [float(alive.sel(controller=law, plant="model").mean()) for law in LAWS]
     gains = [difference(shares["exact"], shares[law]) for law in list(LAWS)[1:]]
     told = ", ".join(f"{law} {share.mean():.0%}" for law, share in shares.items())
     return [
-        Claim("On the model every law's loop survives", _CHECK, "every run on every task",
-              over(list(LAWS), np.array(own) == 1), bool(np.all(np.array(own) == 1))),
-        Claim("No smoothed law's loop survives more often than that of the exact law", _CHECK,
-              "over all tasks, plants and seeds", told,
-              bool(all(gain.mean >= 0 for gain in gains)), least(gains)),
-    ]  # fmt: skip
+        Claim(
+            "On the model every law's loop survives",
+            _CHECK,
+            "every run on every task",
+            over(list(LAWS), np.array(own) == 1),
+            bool(np.all(np.array(own) == 1)),
+        ),
+        Claim(
+            "No smoothed law's loop survives more often than that of the exact law",
+            _CHECK,
+            "over all tasks, plants and seeds",
+            told,
+            bool(all(gain.mean >= 0 for gain in gains)),
+            least(gains),
+        ),
+    ]

@@ -22,8 +22,14 @@ from problems.registry import get
 from problems.studies.progress import tracked
 from problems.studies.study import Pieces, StudyParams, dataset, setting
 
-TASKS = {"push-disc": "M", "soft-walls": "k", "planar-push": "m", "cart-walls": "mp",
-         "finger-disc": "m", "spinner": "m"}  # fmt: skip
+TASKS = {
+    "push-disc": "M",
+    "soft-walls": "k",
+    "planar-push": "m",
+    "cart-walls": "mp",
+    "finger-disc": "m",
+    "spinner": "m",
+}
 """The parameter of each that the plant ``mismatch`` has otherwise."""
 PLANTS = ("model", "referee", "h/4", "mismatch", "noise")
 LAWS: dict[str, ContactLaw] = {
@@ -64,16 +70,17 @@ class TaskLoops:
         kind, _, law = name.rpartition(", ")
         if kind == "inputs":
             u = self.controller(f"gains, {law}").plan.u
-            return Controller(self.problem, phase="policy",
-                              policy=lambda _, k: u[min(k, len(u) - 1)])  # fmt: skip
+            return Controller(self.problem, phase="policy", policy=lambda _, k: u[min(k, len(u) - 1)])
         phase = "policy" if kind else "qpcc" if law == "exact" else "relaxed"
         return Controller(self.problem, law=LAWS[law], phase=phase)
 
     @property
     def plants(self) -> list[str]:
         """The plants that are not another one."""
-        alike = {"referee": self.problem.referee_step is self.problem.exact_step,
-                 "h/4": bool(step_place(self.problem.system)[0])}  # fmt: skip
+        alike = {
+            "referee": self.problem.referee_step is self.problem.exact_step,
+            "h/4": bool(step_place(self.problem.system)[0]),
+        }
         return [plant for plant in PLANTS if not alike.get(plant)]
 
     def loop(self, name: str, plant: str) -> dict[str, np.ndarray]:
@@ -86,9 +93,14 @@ class TaskLoops:
             # Candidates of a step that diverge: the plan keeps another.
             warnings.simplefilter("ignore", BatchWarning)
             found = simulate(
-                self.controller(name), _HORIZONS * N, physics, given, seeds=self.params.seeds,
-                seed=self.params.seed, x0=self.starts,
-            )  # fmt: skip
+                self.controller(name),
+                _HORIZONS * N,
+                physics,
+                given,
+                seeds=self.params.seeds,
+                seed=self.params.seed,
+                x0=self.starts,
+            )
         costs = np.stack([cost_at(found, N), found.costs], axis=1)
         return {"cost": costs, "ended": ~found.survived, "ms": np.array(1e3 * found.percentile(99))}
 
@@ -145,7 +157,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
             "seed": (params.seed + np.arange(params.seeds), "1"),
             "span": ["first horizon", "run"],
         },
-    )  # fmt: skip
+    )
 
 
 def relative(data: xr.Dataset) -> xr.DataArray:

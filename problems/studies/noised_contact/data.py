@@ -47,10 +47,11 @@ def run(params: Params) -> xr.Dataset:
     pusher, walls, sigma = LinePusher(params.rho), Walls(), params.sigma
     rng = np.random.default_rng([params.seed, 0])
     u, x = np.linspace(-1.4, 1.4, 421), np.linspace(-2, 2, 401)
-    commands = {"sparse": rng.uniform(-1, 1, params.sparse),
-                "dense": rng.uniform(-1, 1, params.dense)}  # fmt: skip
-    states = {"sparse": rng.uniform(-SPARSE_REACH, SPARSE_REACH, SPARSE_STATES),
-              "dense": rng.uniform(walls.low, walls.high, params.dense)}  # fmt: skip
+    commands = {"sparse": rng.uniform(-1, 1, params.sparse), "dense": rng.uniform(-1, 1, params.dense)}
+    states = {
+        "sparse": rng.uniform(-SPARSE_REACH, SPARSE_REACH, SPARSE_STATES),
+        "dense": rng.uniform(walls.low, walls.high, params.dense),
+    }
     noise = sigma * rng.standard_normal((params.draws, len(DOTS)))
     drawn = pusher.step(DOTS + noise)
     found = {
@@ -58,31 +59,36 @@ def run(params: Params) -> xr.Dataset:
         **_learned("block", "x", states, x, lambda rest: rest, params),
         "f": ("u", pusher.step(u), "m", "block after a step, exact"),
         "f_sigma": ("u", pusher.smoothed(u, sigma), "m", "closed form"),
-        "uniform_block": ("x", walls.noised(x, sigma), "m",
-                          "g_sigma of uniform states, closed form"),
+        "uniform_block": ("x", walls.noised(x, sigma), "m", "g_sigma of uniform states, closed form"),
         "sampled": ("dot", drawn.mean(axis=0), "m", "f_sigma, mean of draws"),
-        "sampled_error": ("dot", drawn.std(axis=0, ddof=1) / np.sqrt(params.draws), "m",
-                          "standard error of that mean"),
+        "sampled_error": ("dot", drawn.std(axis=0, ddof=1) / np.sqrt(params.draws), "m", "standard error of that mean"),
         "true_dots": ("dot", pusher.smoothed(DOTS, sigma), "m", "closed form"),
         **many_sets(pusher, params.sparse, params.dense, params.seed),
-    }  # fmt: skip
-    return dataset(found, {
-        "u": (u, "m", "commanded pusher"),
-        "x": (x, "m", "block before a step"),
-        "dot": (DOTS, "m", "commanded pusher"),
-        "regime": list(REGIMES),
-        "start": (STARTS, "m", "block at first"),
-        "step": (np.arange(STEPS + 1), "1", "steps"),
-        "width": (WIDTHS, "m", "sigma"),
-        "set": (np.arange(SETS), "1", "set of data"),
-        "map": ["g_sigma", "h_sigma"],
-    })  # fmt: skip
+    }
+    return dataset(
+        found,
+        {
+            "u": (u, "m", "commanded pusher"),
+            "x": (x, "m", "block before a step"),
+            "dot": (DOTS, "m", "commanded pusher"),
+            "regime": list(REGIMES),
+            "start": (STARTS, "m", "block at first"),
+            "step": (np.arange(STEPS + 1), "1", "steps"),
+            "width": (WIDTHS, "m", "sigma"),
+            "set": (np.arange(SETS), "1", "set of data"),
+            "map": ["g_sigma", "h_sigma"],
+        },
+    )
 
 
 def _learned(
-    name: str, along: str, data: dict[str, np.ndarray], at: np.ndarray,
-    f: Callable[[np.ndarray], np.ndarray], params: Params,
-) -> dict[str, Any]:  # fmt: skip
+    name: str,
+    along: str,
+    data: dict[str, np.ndarray],
+    at: np.ndarray,
+    f: Callable[[np.ndarray], np.ndarray],
+    params: Params,
+) -> dict[str, Any]:
     """g_sigma, networks h_sigma over ``at`` (k,), and rms distances over the noised data."""
     g = np.empty((len(REGIMES), len(at)))
     h = np.empty((len(REGIMES), params.networks, len(at)))
@@ -117,10 +123,17 @@ def _learned(
 def _network(z: np.ndarray, y: np.ndarray, params: Params, seed: int) -> MlpModel:
     times = max(1, _ROWS // len(z))
     return network_of(
-        np.tile(z, times), np.tile(y, times), params.sigma, seed,
-        hidden=(params.units, params.units), epochs=params.epochs, batch=_HELD_IN // 2, rate=3e-3,
-        held_out=1 - _HELD_IN / _ROWS, patience=params.epochs,
-    )  # fmt: skip
+        np.tile(z, times),
+        np.tile(y, times),
+        params.sigma,
+        seed,
+        hidden=(params.units, params.units),
+        epochs=params.epochs,
+        batch=_HELD_IN // 2,
+        rate=3e-3,
+        held_out=1 - _HELD_IN / _ROWS,
+        patience=params.epochs,
+    )
 
 
 def rollout(model: EwdaModel | MlpModel) -> np.ndarray:
@@ -167,20 +180,17 @@ def many_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[st
             inside[row, i] = np.min(1 - np.abs(after))
     both = ("width", "set")
     return {
-        "score_square": (both, square, "1",
-                         "mean of ((g - f_sigma)/standard error)², 3 sigma off ends"),
+        "score_square": (both, square, "1", "mean of ((g - f_sigma)/standard error)², 3 sigma off ends"),
         "dense_rms": (both, bias, "m", "rms of g_sigma - f_sigma, 3 sigma off ends"),
         "dense_error": (both, error, "m", "rms of the standard error of g_sigma"),
         "end_score": (both, at_end, "1", "(g - f_sigma)/standard error at the upper end"),
         "steepest": (both, steepest, "1", "slope of g_sigma over rho, sparse data"),
         "flattest": (both, flattest, "1", "the least in contact, within the data"),
         "least_inside": (both, inside, "m", "way inside the wall after one step"),
-    }  # fmt: skip
+    }
 
 
-def _with_error(
-    z: np.ndarray, y: np.ndarray, sigma: float, at: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _with_error(z: np.ndarray, y: np.ndarray, sigma: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """g_sigma at ``at`` (k,) and its standard error, for data drawn at random."""
     g = average_of(z, y, sigma).values(at[:, None])[:, 0]
     weight = np.exp(-0.5 * ((at[:, None] - z) / sigma) ** 2)

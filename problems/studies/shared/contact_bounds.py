@@ -135,8 +135,7 @@ def unbiasedness(seed: int, n: int) -> dict[str, float]:
     rollout = RolloutFunction(step, stage, terminal, 15, open_loop(2, 1))
     theta, start = np.full((15, 1), -0.2), np.array([0.3, 0.0])
     at_rest = rollout(start, theta, gradient=False).cost.mean()
-    found = rollout.moments(start, theta, noise=Gaussian(0.3, seed), n_samples=n, score=True,
-                            baseline=float(at_rest))  # fmt: skip
+    found = rollout.moments(start, theta, noise=Gaussian(0.3, seed), n_samples=n, score=True, baseline=float(at_rest))
     first, zeroth = found.gradient, found.zeroth
     assert first is not None and zeroth is not None
     error = np.hypot(first.standard_error, zeroth.standard_error)
@@ -155,18 +154,16 @@ def growth(seed: int, n: int, horizons: np.ndarray, gains: np.ndarray) -> np.nda
     found = np.empty((len(gains), len(horizons)))
     for row, gain in enumerate(gains):
         rate = gain / np.sqrt(2)
-        system = lcs("chain", A=[[rate]], B=[[rate]], C=[[1.0]], D=[[rate]], E=[[rate]],
-                     F=[[1.0]], d=[1e9])  # fmt: skip
+        system = lcs("chain", A=[[rate]], B=[[rate]], C=[[1.0]], D=[[rate]], E=[[rate]], F=[[1.0]], d=[1e9])
         step = Exact().close(system)
-        stage, terminal = _costs(
-            step, lambda x, u: ca.SX(0), lambda x: ca.sqrt(GROWTH_NOISE**2 + x[0] ** 2)
-        )
+        stage, terminal = _costs(step, lambda x, u: ca.SX(0), lambda x: ca.sqrt(GROWTH_NOISE**2 + x[0] ** 2))
         x, theta = ca.SX.sym("x"), ca.SX.sym("theta")
         policy = RolloutPolicy(ca.Function("shift", [x, theta], [x + theta]), per_step=False)
         for column, horizon in enumerate(horizons):
             rollout = RolloutFunction(step, stage, terminal, int(horizon), policy)
-            moments = rollout.moments(np.array([0.0]), np.array([0.0]), n_samples=n,
-                                      noise=Gaussian(GROWTH_NOISE, seed)).gradient  # fmt: skip
+            moments = rollout.moments(
+                np.array([0.0]), np.array([0.0]), n_samples=n, noise=Gaussian(GROWTH_NOISE, seed)
+            ).gradient
             assert moments is not None
             found[row, column] = moments.variance[0]
     return found
@@ -224,8 +221,7 @@ def _solver(n: int) -> SampledStep:
     """Return the step ``x+ = lam`` of the system whose state is z; F is made of parameters."""
     none, one = np.zeros((n, n)), np.eye(n)
     table = ParameterTable(entries("F", one))
-    system = lcs("random", A=none, B=np.zeros((n, 1)), C=one, D=one, E=np.zeros((n, 1)),
-                 F=table["F"], parameters=table)  # fmt: skip
+    system = lcs("random", A=none, B=np.zeros((n, 1)), C=one, D=one, E=np.zeros((n, 1)), F=table["F"], parameters=table)
     return SampledStep(Barrier(mu=1.0).close(system))
 
 

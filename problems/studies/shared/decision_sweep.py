@@ -13,9 +13,7 @@ from ocp.gradients.sampling import EstimatorRun, run_estimator
 _NODES = 4001
 
 
-def both_orders(
-    objective: SampledObjective, sigma: float, n: int, seed: int, stream: int
-) -> list[EstimatorRun]:
+def both_orders(objective: SampledObjective, sigma: float, n: int, seed: int, stream: int) -> list[EstimatorRun]:
     """FoBG and ZoBG with the mean as baseline, on independent noise of a ``stream``."""
     seeds = np.random.SeedSequence(seed, spawn_key=(stream,)).spawn(2)
     return [
@@ -44,13 +42,19 @@ def sweep_decision(
         middle = here.nominal()
         # Independent streams for every point, so that errors show as scatter, not as an offset.
         found = [sampled.moments for sampled in both_orders(here, sigma, n, seed, index)]
-        rows.append([
-            weight @ cost, weight @ ((cost - middle) * w) / sigma**2,
-            *(float(value) for m in found for value in (m.mean[0], m.standard_error[0],
-                                                        m.variance[0])),
-        ])  # fmt: skip
+        rows.append(
+            [
+                weight @ cost,
+                weight @ ((cost - middle) * w) / sigma**2,
+                *(float(value) for m in found for value in (m.mean[0], m.standard_error[0], m.variance[0])),
+            ]
+        )
     found = np.array(rows)
     return {
-        "F": found[:, 0], "slope": found[:, 1], "first": found[:, 2:4], "zeroth": found[:, 5:7],
-        "first_variance": found[:, 4], "zeroth_variance": found[:, 7],
-    }  # fmt: skip
+        "F": found[:, 0],
+        "slope": found[:, 1],
+        "first": found[:, 2:4],
+        "zeroth": found[:, 5:7],
+        "first_variance": found[:, 4],
+        "zeroth_variance": found[:, 7],
+    }

@@ -24,9 +24,7 @@ def average(data: Transitions, sigma: float, seed: int, trust: float = 0.0) -> E
     return Ewda(model, trust)
 
 
-def network(
-    data: Transitions, sigma: float, seed: int, epochs: int, batch: int = Recipe.batch
-) -> Mlp:
+def network(data: Transitions, sigma: float, seed: int, epochs: int, batch: int = Recipe.batch) -> Mlp:
     """The network h_sigma, or h for sigma = 0, the best of all ``epochs``."""
     model = train(data.samples(), sigma, seed, epochs=epochs, patience=epochs, batch=batch)
     return Mlp(model)

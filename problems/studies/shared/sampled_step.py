@@ -63,9 +63,12 @@ class SampledStep:
         self._derive = BatchFunction(ca.Function("step_derivatives", [x, u, p, lam], dense))
 
     def __call__(
-        self, x: ArrayLike, u: ArrayLike, values: Mapping[str, ArrayLike] | None = None,
+        self,
+        x: ArrayLike,
+        u: ArrayLike,
+        values: Mapping[str, ArrayLike] | None = None,
         **law: ArrayLike,
-    ) -> StepValues:  # fmt: skip
+    ) -> StepValues:
         """Evaluate at ``x`` (n, nx) and ``u`` (n, nu), either shared by all points as one row.
 
         ``values`` of parameters and ``law`` of the law's replace those of the step, each a number,
@@ -81,11 +84,14 @@ class SampledStep:
             return rows.reshape(n, width, height).transpose(0, 2, 1)
 
         return StepValues(
-            x_next, lam, gap, mu,
+            x_next,
+            lam,
+            gap,
+            mu,
             matrices(by_x, system.nx, system.nx),
             matrices(by_u, system.nx, system.nu),
             matrices(lam_by_x, self._step.n, system.nx),
-        )  # fmt: skip
+        )
 
     def roll_out(self, x: ArrayLike, u: ArrayLike, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """Repeat the step under a constant input: states (n, steps + 1, nx), lam (n, steps, nlam).
@@ -132,9 +138,7 @@ def gaussian_contact(z: ArrayLike, F: ArrayLike, sigma: ArrayLike) -> ScalarCont
     return scalar_contact(_GAUSSIAN, z, F, sigma=sigma)
 
 
-def scalar_contact(
-    law: ContactLaw, z: ArrayLike, F: ArrayLike, **law_values: ArrayLike
-) -> ScalarContact:
+def scalar_contact(law: ContactLaw, z: ArrayLike, F: ArrayLike, **law_values: ArrayLike) -> ScalarContact:
     """Evaluate ``0 <= lam ⟂ z + F lam >= 0`` as ``law`` closes it, at gaps ``z`` (n,) [m].
 
     lam is an impulse [N s]; F [m/(N s)] and ``law_values`` (``mu``, ``sigma``) are numbers
@@ -155,10 +159,17 @@ def _built(law: ContactLaw) -> tuple[BatchFunction, BatchFunction, ParameterTabl
     compliance = table["F"]
     system = lcs(
         "scalar contact",
-        A=[[0.0]], B=[[0.0]], C=[[1.0]], D=[[1.0]], E=[[0.0]], F=compliance,
-        states=(Signal("z", "m"),), inputs=(Signal("none", "1"),),
-        contacts=(Signal("contact", "N s"),), parameters=table,
-    )  # fmt: skip
+        A=[[0.0]],
+        B=[[0.0]],
+        C=[[1.0]],
+        D=[[1.0]],
+        E=[[0.0]],
+        F=compliance,
+        states=(Signal("z", "m"),),
+        inputs=(Signal("none", "1"),),
+        contacts=(Signal("contact", "N s"),),
+        parameters=table,
+    )
     step = law.close(system)
     x, u, p, lam = system.x, system.u, step.p.vector, step.lam
     slope = step.contact_jacobian(x)

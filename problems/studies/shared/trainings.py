@@ -26,9 +26,7 @@ def job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: Any) -
     cls = choose("algorithm", algorithm, ALGORITHMS)
     values = {**default_settings(registry.spec(task), algorithm, cls), **changed}
     chosen, options = make_algorithm(cls, values)
-    return TrainingJob(
-        task=task, params={}, algorithm=chosen, law=law, seed=seed, options=options, threads=1
-    )
+    return TrainingJob(task=task, params={}, algorithm=chosen, law=law, seed=seed, options=options, threads=1)
 
 
 def curves(jobs: Mapping[str, TrainingJob], pieces: Pieces) -> dict[str, Curves]:
@@ -120,9 +118,7 @@ def least(gains: Iterable[Difference]) -> float:
     return min(gain.margin for gain in gains)
 
 
-def gained(
-    sentence: str, source: str, expected: str, settings: Sequence[object], gains: list[Difference]
-) -> Claim:
+def gained(sentence: str, source: str, expected: str, settings: Sequence[object], gains: list[Difference]) -> Claim:
     """The claim that ``gains``, one at each of ``settings``, are all gains."""
     better = [gain.better for gain in gains]
     measured = f"{over(settings, better)}: {', '.join(map(str, gains))}"

@@ -24,8 +24,7 @@ _PLACE = "our check"
 
 def claims(data: xr.Dataset) -> list[Claim]:
     """Progress, closeness to the exact optimum, learned against analytic, and what trust does."""
-    return [*_progress(data), *_close(data), *_learned(data), *_seeds(data), *_surviving(data),
-            *_trust(data)]  # fmt: skip
+    return [*_progress(data), *_close(data), *_learned(data), *_seeds(data), *_surviving(data), *_trust(data)]
 
 
 def _names(data: xr.Dataset) -> list[str]:
@@ -50,10 +49,14 @@ def _progress(data: xr.Dataset) -> list[Claim]:
             shares = saved.sel(problem=name, law=list(laws)).values
             moved = shares >= _PROGRESS
             found.append(
-                Claim(f"{name}: every {kind} makes progress from a start without contact", _PLACE,
-                      expected, _each(laws, shares, ".0%"),
-                      bool(np.all(moved)))
-            )  # fmt: skip
+                Claim(
+                    f"{name}: every {kind} makes progress from a start without contact",
+                    _PLACE,
+                    expected,
+                    _each(laws, shares, ".0%"),
+                    bool(np.all(moved)),
+                )
+            )
     return found
 
 
@@ -63,30 +66,46 @@ def _close(data: xr.Dataset) -> list[Claim]:
     others = dear.drop_sel(law="exact").min("law", skipna=False).values
     expected = f"its exact replay costs at most {WITHIN:.0%} more, on every problem"
     found = [
-        Claim("No law's plan is cheaper under the exact law than the exact law's own", _PLACE,
-              f"by more than {_SAME:.0%}, on any problem",
-              f"cheapest of the others: {_each(names, others, '+.1%')}",
-              bool(np.all(others >= -_SAME)))
-    ]  # fmt: skip
+        Claim(
+            "No law's plan is cheaper under the exact law than the exact law's own",
+            _PLACE,
+            f"by more than {_SAME:.0%}, on any problem",
+            f"cheapest of the others: {_each(names, others, '+.1%')}",
+            bool(np.all(others >= -_SAME)),
+        )
+    ]
     for law in ANALYTIC:
         shares = dear.sel(law=law).values
         near = shares <= WITHIN
         found.append(
-            Claim(f"{law}: the plan is close to the exact optimum", _PLACE, expected,
-                  _each(names, shares, "+.1%"), bool(np.all(near)))
-        )  # fmt: skip
+            Claim(
+                f"{law}: the plan is close to the exact optimum",
+                _PLACE,
+                expected,
+                _each(names, shares, "+.1%"),
+                bool(np.all(near)),
+            )
+        )
     by_mu = dear.sel(law=["gentle barrier", "barrier", "sharp barrier"]).transpose("problem", ...)
     falls = np.all(np.diff(by_mu.values) <= _SAME, axis=1)
     hand = dear.sel(problem="planar-hand", law=list(ANALYTIC)).values
     return [
         *found,
-        Claim("The smaller mu, the closer the barrier's plan is to the exact optimum", _PLACE,
-              f"the excess never rises by more than {_SAME:.0%}", over(names, falls),
-              bool(np.all(falls))),
-        Claim("planar-hand: no smoothing comes close to the exact optimum", _PLACE,
-              f"each costs more than {WITHIN:.0%} more",
-              _each(ANALYTIC, hand, "+.0%"), bool(np.all(hand > WITHIN))),
-    ]  # fmt: skip
+        Claim(
+            "The smaller mu, the closer the barrier's plan is to the exact optimum",
+            _PLACE,
+            f"the excess never rises by more than {_SAME:.0%}",
+            over(names, falls),
+            bool(np.all(falls)),
+        ),
+        Claim(
+            "planar-hand: no smoothing comes close to the exact optimum",
+            _PLACE,
+            f"each costs more than {WITHIN:.0%} more",
+            _each(ANALYTIC, hand, "+.0%"),
+            bool(np.all(hand > WITHIN)),
+        ),
+    ]
 
 
 def _learned(data: xr.Dataset) -> list[Claim]:
@@ -97,16 +116,21 @@ def _learned(data: xr.Dataset) -> list[Claim]:
     clean, noised = (dear.sel(law=f"{kind} mlp").values for kind in ("clean", "noised"))
     better = noised < clean
     return [
-        Claim("Every learned law's plan costs more under the exact law than analytic ones", _PLACE,
-              f"the cheapest of them more than the dearest of {', '.join(_SHARP)}",
-              f"times the optimum: {_each(names, 1 + cheapest, '.3g')}; against"
-              f" {_each(names, 1 + sharp, '.3g')}",
-              bool(np.all(worse))),
-        Claim("Noise on its data makes a network's plan cheaper under the exact law",
-              "Noising data, sec. V-B", "on every problem",
-              f"times the optimum: {_each(names, 1 + noised, '.3g')}; clean"
-              f" {_each(names, 1 + clean, '.3g')}", bool(np.all(better))),
-    ]  # fmt: skip
+        Claim(
+            "Every learned law's plan costs more under the exact law than analytic ones",
+            _PLACE,
+            f"the cheapest of them more than the dearest of {', '.join(_SHARP)}",
+            f"times the optimum: {_each(names, 1 + cheapest, '.3g')}; against {_each(names, 1 + sharp, '.3g')}",
+            bool(np.all(worse)),
+        ),
+        Claim(
+            "Noise on its data makes a network's plan cheaper under the exact law",
+            "Noising data, sec. V-B",
+            "on every problem",
+            f"times the optimum: {_each(names, 1 + noised, '.3g')}; clean {_each(names, 1 + clean, '.3g')}",
+            bool(np.all(better)),
+        ),
+    ]
 
 
 def _seeds(data: xr.Dataset) -> list[Claim]:
@@ -117,12 +141,14 @@ def _seeds(data: xr.Dataset) -> list[Claim]:
         worst = spread.sel(law=list(laws)).max("problem", skipna=False).values
         alike = (worst <= _SPREAD) & (data.sizes["seed"] > 1)
         found.append(
-            Claim(f"Another seed of {kind} gives a plan of about the same exact cost", _PLACE,
-                  f"the dearest of {data.sizes['seed']} is at most {_SPREAD:g} times the cheapest,"
-                  " on every problem",
-                  f"times, at worst: {_each(laws, worst, '.3g')}",
-                  bool(np.all(alike)))
-        )  # fmt: skip
+            Claim(
+                f"Another seed of {kind} gives a plan of about the same exact cost",
+                _PLACE,
+                f"the dearest of {data.sizes['seed']} is at most {_SPREAD:g} times the cheapest, on every problem",
+                f"times, at worst: {_each(laws, worst, '.3g')}",
+                bool(np.all(alike)),
+            )
+        )
     return found
 
 
@@ -139,10 +165,14 @@ def _surviving(data: xr.Dataset) -> list[Claim]:
     for kind, shares in (("an analytic law", analytic), ("a learned law", learned)):
         good = int(np.sum(shares <= WITHIN))
         found.append(
-            Claim(f"A surviving plan of {kind} is close to the exact optimum", _PLACE,
-                  f"its exact replay costs at most {WITHIN:.0%} more, trust of any weight included",
-                  f"{good} of {len(shares)} surviving plans", bool(0 < len(shares) == good))
-        )  # fmt: skip
+            Claim(
+                f"A surviving plan of {kind} is close to the exact optimum",
+                _PLACE,
+                f"its exact replay costs at most {WITHIN:.0%} more, trust of any weight included",
+                f"{good} of {len(shares)} surviving plans",
+                bool(0 < len(shares) == good),
+            )
+        )
     return found
 
 
@@ -155,25 +185,33 @@ def _trust(data: xr.Dataset) -> list[Claim]:
     names, cost, shares = _names(data), data["trusting_cost"], data["share"].values
     apart = gap(cost).transpose("share", "problem", "seed").values
     narrower = apart[-1] < apart[0]
-    plan, replay = (_middle(cost.sel(motion=m)).transpose("problem", "share").values
-                    for m in ("plan", "exact replay"))  # fmt: skip
+    plan, replay = (_middle(cost.sel(motion=m)).transpose("problem", "share").values for m in ("plan", "exact replay"))
     ratio = replay[:, 1:] / replay[:, :1]
     helped = ratio.min(axis=1) <= 1 - WITHIN
     at = [f"{shares[1:][i]:g}" for i in ratio.argmin(axis=1)]
     given_up = plan[:, -1] / plan[:, 0]
     return [
-        Claim("Trust brings the replay nearer to the plan", _PLACE,
-              f"at its largest weight the gap is smaller than without in {_MOSTLY:.0%} of plans",
-              f"{narrower.sum()} of {narrower.size}; medians"
-              f" {_each(names, np.median(apart[-1], axis=1), '+.0%')}; without"
-              f" {_each(names, np.median(apart[0], axis=1), '+.0%')}",
-              bool(np.mean(narrower) >= _MOSTLY)),
-        Claim("Trust makes the plan cheaper under the exact law", _PLACE,
-              f"by {WITHIN:.0%} or more, at one weight at least, on every problem",
-              f"{_each(names, ratio.min(axis=1) - 1, '+.0%')}, at {', '.join(at)}",
-              bool(np.all(helped))),
-        Claim("Too much trust gives the task up for the data", _PLACE,
-              f"at its largest weight the plan costs {WITHIN:.0%} or more more on its own model",
-              f"times: {_each(names, given_up, '.3g')}",
-              bool(np.all(given_up >= 1 + WITHIN))),
-    ]  # fmt: skip
+        Claim(
+            "Trust brings the replay nearer to the plan",
+            _PLACE,
+            f"at its largest weight the gap is smaller than without in {_MOSTLY:.0%} of plans",
+            f"{narrower.sum()} of {narrower.size}; medians"
+            f" {_each(names, np.median(apart[-1], axis=1), '+.0%')}; without"
+            f" {_each(names, np.median(apart[0], axis=1), '+.0%')}",
+            bool(np.mean(narrower) >= _MOSTLY),
+        ),
+        Claim(
+            "Trust makes the plan cheaper under the exact law",
+            _PLACE,
+            f"by {WITHIN:.0%} or more, at one weight at least, on every problem",
+            f"{_each(names, ratio.min(axis=1) - 1, '+.0%')}, at {', '.join(at)}",
+            bool(np.all(helped)),
+        ),
+        Claim(
+            "Too much trust gives the task up for the data",
+            _PLACE,
+            f"at its largest weight the plan costs {WITHIN:.0%} or more more on its own model",
+            f"times: {_each(names, given_up, '.3g')}",
+            bool(np.all(given_up >= 1 + WITHIN)),
+        ),
+    ]

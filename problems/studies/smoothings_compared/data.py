@@ -139,8 +139,12 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
         {
             **_labelled(("problem", "law", "seed"), told, ""),
             **_labelled(("problem", "share", "seed"), trust, "trusting_"),
-            "rest": ("problem", [rest_cost(name) for name in PROBLEMS], "1",
-                     "cost of standing still under the exact law"),
+            "rest": (
+                "problem",
+                [rest_cost(name) for name in PROBLEMS],
+                "1",
+                "cost of standing still under the exact law",
+            ),
         },
         {
             "problem": list(PROBLEMS),
@@ -150,7 +154,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
             "motion": ["plan", "exact replay"],
             "part": ["learning", "solving"],
         },
-    )  # fmt: skip
+    )
 
 
 def _labelled(dims: tuple[str, ...], told: np.ndarray, prefix: str) -> dict[str, Any]:

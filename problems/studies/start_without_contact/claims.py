@@ -25,9 +25,8 @@ def claims(data: xr.Dataset) -> list[Claim]:
     return [
         claim
         for name in PROBLEMS
-        for claim in (*learned(name, data.sel(problem=name)),
-                      *open_loop(name, data.sel(problem=name)))
-    ]  # fmt: skip
+        for claim in (*learned(name, data.sel(problem=name)), *open_loop(name, data.sel(problem=name)))
+    ]
 
 
 def learned(name: str, data: xr.Dataset) -> list[Claim]:
@@ -41,8 +40,7 @@ def learned(name: str, data: xr.Dataset) -> list[Claim]:
     exact, model = last.sel(end="exact replay"), last.sel(end="model")
     middle = exact.median("seed")
     final = {str(kind): float(middle.sel(dynamics=kind)) for kind in data["dynamics"].values}
-    own = {str(kind): float(model.sel(dynamics=kind).median("seed"))
-           for kind in data["dynamics"].values}  # fmt: skip
+    own = {str(kind): float(model.sel(dynamics=kind).median("seed")) for kind in data["dynamics"].values}
     h = own["h"] / float(data["learned"].sel(dynamics="h", end="model").isel(step=0).median())
     told = ", ".join(f"{kind} {cost:.4g}" for kind, cost in final.items())
     ahead = (exact.sel(dynamics="g_sigma") < exact.sel(dynamics="h_sigma")).values
@@ -58,32 +56,65 @@ def learned(name: str, data: xr.Dataset) -> list[Claim]:
     moved = 1 - float(data["object"].sel(dynamics="f").isel(seed=0)) / rest
     moves = swept.sel(swept="g_sigma").isel(amount=-1).values <= (1 - _PROGRESS) * start
     return [
-        Claim(f"{name}: f makes no progress with the object", place,
-              f"the object's cost falls by less than {_FLAT:.0%}", f"{moved:.2%} of {rest:.6g}",
-              bool(abs(moved) < _FLAT)),
-        Claim(f"{name}: f_sigma is best under the exact law", place, "the lowest of the five",
-              told, bool(min(final, key=lambda kind: final[kind]) == "f_sigma")),
-        Claim(f"{name}: g_sigma is ahead of h_sigma", place,
-              "a lower final exact cost at every seed",
-              f"{int(ahead.sum())} of {ahead.size} seeds; {final['g_sigma']:.4g} and"
-              f" {final['h_sigma']:.4g}", bool(ahead.all())),
-        Claim(f"{name}: so it is over widths of noise and amounts of data", "our check",
-              "at every one", f"{int(before.sum())} of {before.size}", bool(before.all())),
-        Claim(f"{name}: noised data are ahead of clean data", place,
-              "g_sigma and h_sigma end lower than h", f"{', '.join(noised) or 'none'} of {told}",
-              bool(len(noised) == 2)),
-        Claim(f"{name}: h hardly moves on its own model" if name == PROBLEMS[0]
-              else f"{name}: h makes some progress on its own model", place,
-              "less than half of its cost is saved" if name == PROBLEMS[0]
-              else "more than a tenth of its cost is saved", f"{1 - h:.1%}",
-              bool(h > 0.5 if name == PROBLEMS[0] else h < 0.9)),
-        Claim(f"{name}: IPOPT finds gains as good on the model with fewer evaluations", "our check",
-              f"within {COST_SHARE:.0%} of Adam's {steps} iterations, where the model is smooth",
-              f"{over(_SMOOTH, better)}: {found}", bool(np.all(better))),
-        Claim(f"{name}: what is learned through g_sigma works under the exact law", "our check",
-              f"{_PROGRESS:.0%} of the cost are saved at every width, with all data",
-              over(list(widths), moves), bool(moves.all())),
-    ]  # fmt: skip
+        Claim(
+            f"{name}: f makes no progress with the object",
+            place,
+            f"the object's cost falls by less than {_FLAT:.0%}",
+            f"{moved:.2%} of {rest:.6g}",
+            bool(abs(moved) < _FLAT),
+        ),
+        Claim(
+            f"{name}: f_sigma is best under the exact law",
+            place,
+            "the lowest of the five",
+            told,
+            bool(min(final, key=lambda kind: final[kind]) == "f_sigma"),
+        ),
+        Claim(
+            f"{name}: g_sigma is ahead of h_sigma",
+            place,
+            "a lower final exact cost at every seed",
+            f"{int(ahead.sum())} of {ahead.size} seeds; {final['g_sigma']:.4g} and {final['h_sigma']:.4g}",
+            bool(ahead.all()),
+        ),
+        Claim(
+            f"{name}: so it is over widths of noise and amounts of data",
+            "our check",
+            "at every one",
+            f"{int(before.sum())} of {before.size}",
+            bool(before.all()),
+        ),
+        Claim(
+            f"{name}: noised data are ahead of clean data",
+            place,
+            "g_sigma and h_sigma end lower than h",
+            f"{', '.join(noised) or 'none'} of {told}",
+            bool(len(noised) == 2),
+        ),
+        Claim(
+            f"{name}: h hardly moves on its own model"
+            if name == PROBLEMS[0]
+            else f"{name}: h makes some progress on its own model",
+            place,
+            "less than half of its cost is saved" if name == PROBLEMS[0] else "more than a tenth of its cost is saved",
+            f"{1 - h:.1%}",
+            bool(h > 0.5 if name == PROBLEMS[0] else h < 0.9),
+        ),
+        Claim(
+            f"{name}: IPOPT finds gains as good on the model with fewer evaluations",
+            "our check",
+            f"within {COST_SHARE:.0%} of Adam's {steps} iterations, where the model is smooth",
+            f"{over(_SMOOTH, better)}: {found}",
+            bool(np.all(better)),
+        ),
+        Claim(
+            f"{name}: what is learned through g_sigma works under the exact law",
+            "our check",
+            f"{_PROGRESS:.0%} of the cost are saved at every width, with all data",
+            over(list(widths), moves),
+            bool(moves.all()),
+        ),
+    ]
 
 
 def open_loop(name: str, data: xr.Dataset) -> list[Claim]:
@@ -100,15 +131,32 @@ def open_loop(name: str, data: xr.Dataset) -> list[Claim]:
     moved = [fall[law] >= _PROGRESS for law in others]
     expected = f"the object's cost falls by {_PROGRESS:.0%} or more"
     return [
-        Claim(f"{name}: the exact dynamics make no progress from a start without contact", place,
-              "the object's cost as at rest", f"{stuck:.6g} of {rest:.6g}, {word}",
-              bool(abs(stuck - rest) <= 1e-9 * rest and word == Status.NO_PROGRESS.label)),
-        Claim(f"{name}: randomized smoothing makes progress", place, expected,
-              f"{fall['randomized']:.1%}", bool(fall["randomized"] >= _PROGRESS)),
-        Claim(f"{name}: so do the barrier and the adaptive law", "our check", expected,
-              f"{over(others, moved)}: " + ", ".join(f"{fall[law]:.1%}" for law in others),
-              bool(all(moved))),
-        Claim(f"{name}: the plan keeps its cost under the exact law", "our check",
-              f"its replay costs at most {COST_SHARE:.0%} more, of all of the cost",
-              f"{over(smooth, kept)}: " + listed(dearer, "+.1%"), bool(np.all(kept))),
-    ]  # fmt: skip
+        Claim(
+            f"{name}: the exact dynamics make no progress from a start without contact",
+            place,
+            "the object's cost as at rest",
+            f"{stuck:.6g} of {rest:.6g}, {word}",
+            bool(abs(stuck - rest) <= 1e-9 * rest and word == Status.NO_PROGRESS.label),
+        ),
+        Claim(
+            f"{name}: randomized smoothing makes progress",
+            place,
+            expected,
+            f"{fall['randomized']:.1%}",
+            bool(fall["randomized"] >= _PROGRESS),
+        ),
+        Claim(
+            f"{name}: so do the barrier and the adaptive law",
+            "our check",
+            expected,
+            f"{over(others, moved)}: " + ", ".join(f"{fall[law]:.1%}" for law in others),
+            bool(all(moved)),
+        ),
+        Claim(
+            f"{name}: the plan keeps its cost under the exact law",
+            "our check",
+            f"its replay costs at most {COST_SHARE:.0%} more, of all of the cost",
+            f"{over(smooth, kept)}: " + listed(dearer, "+.1%"),
+            bool(np.all(kept)),
+        ),
+    ]

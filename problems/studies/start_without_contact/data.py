@@ -125,9 +125,7 @@ def _learned(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> d
     }
 
 
-def _descent(
-    pieces: Pieces, source: _TaskData, kind: str, sigma: float, n: int, seed: int
-) -> dict[str, np.ndarray]:
+def _descent(pieces: Pieces, source: _TaskData, kind: str, sigma: float, n: int, seed: int) -> dict[str, np.ndarray]:
     params = source.params
 
     def make() -> dict[str, np.ndarray]:
@@ -172,10 +170,11 @@ _NODES = 21
 def law_of(name: str, params: Params) -> ContactLaw:
     """Return the contact law called ``name`` at the study's settings."""
     laws: dict[str, ContactLaw] = {
-        "exact": Exact(), "barrier": Barrier(mu=params.mu),
+        "exact": Exact(),
+        "barrier": Barrier(mu=params.mu),
         "adaptive": Adaptive(sigma=params.spread),
         "randomized": Randomized(params.sigma, params.samples, params.seed),
-    }  # fmt: skip
+    }
     return laws[name]
 
 
@@ -230,12 +229,11 @@ def labelled(found: dict[str, np.ndarray]) -> tuple[dict[str, Any], dict[str, An
         "total": ((*both, "motion"), found["total"], "1", "whole cost"),
         "iterations": (both, found["iterations"], "1", "iterations of the solver"),
         "status": (both, found["status"]),
-        "path": ((*both, "motion", "node", "pose"), found["path"], "m, m, rad",
-                 "pose of the object"),
+        "path": ((*both, "motion", "node", "pose"), found["path"], "m, m, rad", "pose of the object"),
     }, {
         "problem": list(PROBLEMS),
         "law": list(LAWS),
         "of": ["at rest", "plan", "exact replay"],
         "motion": ["plan", "exact replay"],
         "pose": ["x", "y", "angle"],
-    }  # fmt: skip
+    }

@@ -79,17 +79,20 @@ class Bundled(ContactLaw):
         """Nothing: the pairs were solved at every draw."""
         return ca.SX(0, 1)
 
-    def closed(
-        self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]
-    ) -> Step:
+    def closed(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
         """The step."""
         return LearnedStep(system, law, p, nodes, CasadiMap(self.bundle))
 
 
 def dynamics(
-    kind: str, data: Transitions, sigma: float, epochs: int, seed: int, problem_step: Step,
+    kind: str,
+    data: Transitions,
+    sigma: float,
+    epochs: int,
+    seed: int,
+    problem_step: Step,
     samples: int = 100,
-) -> ContactLaw:  # fmt: skip
+) -> ContactLaw:
     """The law called ``kind``, sigma in normalised units of the data."""
     if kind == "f":
         return Exact()
@@ -104,9 +107,7 @@ EVERY = 10
 """Iterations of Adam from one record to the next."""
 
 
-def descend(
-    problem: Problem, law: ContactLaw, rate: float, iterations: int
-) -> dict[str, np.ndarray]:
+def descend(problem: Problem, law: ContactLaw, rate: float, iterations: int) -> dict[str, np.ndarray]:
     """Minimise noising, eq. 14, over K_t and k_t from K = 0, k the actuator's start.
 
     Costs on the model and under the exact law, recorded every tenth iteration and at the end, and
@@ -117,8 +118,7 @@ def descend(
     own = {} if isinstance(law, Exact) else {"backend": "casadi", "threads": 1}
     model = RolloutObjective(problem, law, Feedback(), **own)
     steps = islice(adam(model.slope, model.theta, rate), iterations + 1)
-    kept = [(cost, exact.slope(theta)[0], theta)
-            for i, (theta, cost) in enumerate(steps) if i % EVERY == 0]  # fmt: skip
+    kept = [(cost, exact.slope(theta)[0], theta) for i, (theta, cost) in enumerate(steps) if i % EVERY == 0]
     planned, replayed, thetas = zip(*kept, strict=True)
     states = replay(problem, gains_of(problem, thetas[-1]))
     return {"model": np.array(planned), "exact": np.array(replayed), "states": states}

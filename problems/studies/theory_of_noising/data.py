@@ -104,10 +104,9 @@ def networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> 
         off[row, column, repeat] = np.sqrt(np.mean((answers(h, at) - g) ** 2))
     noise = np.sqrt(np.mean((g - pusher.step(at)) ** 2))
     return {
-        "network_error": (("units", "pairs", "repeat"), off, "m",
-                          "root mean square of h_sigma - g_sigma"),
+        "network_error": (("units", "pairs", "repeat"), off, "m", "root mean square of h_sigma - g_sigma"),
         "noising_effect": ((), noise, "m", "root mean square of g_sigma - f"),
-    }  # fmt: skip
+    }
 
 
 DIMENSIONS = np.arange(1, 13)
@@ -118,9 +117,7 @@ DRAWN = ("ranges alone", "half in the tube")
 _PLACES = 100
 
 
-def effective(
-    z: np.ndarray, scales: Normalisation, sigma: float, queries: np.ndarray
-) -> np.ndarray:
+def effective(z: np.ndarray, scales: Normalisation, sigma: float, queries: np.ndarray) -> np.ndarray:
     """``(sum w)²/sum w²`` (k,) of the weights of data z (n, d) at ``queries`` (k, d).
 
     w² are the weights of width sigma/sqrt(2), so that both sums are densities, that lemma 3's
@@ -171,10 +168,14 @@ def along_the_task(n: int, seed: int) -> dict[str, Any]:
         for column, z in enumerate((ranges[:n], _rows(mixed))):
             found[row, column] = [np.median(effective(z, scales, s, queries)) for s in SPREADS]
     return {
-        "task_neighbours": (("problem", "drawn", "normalised"), found, "1",
-                            "effective neighbours in the tube, median of queries"),
+        "task_neighbours": (
+            ("problem", "drawn", "normalised"),
+            found,
+            "1",
+            "effective neighbours in the tube, median of queries",
+        ),
         "task_size": ("problem", size, "1", "coordinates of state and input"),
-    }  # fmt: skip
+    }
 
 
 def _rows(data: Transitions) -> np.ndarray:

@@ -48,11 +48,14 @@ def uniform_data() -> dict[str, Any]:
     bernoulli = np.abs(PLACES**2 - PLACES + 1 / 6) / 2
     law = bernoulli[:, None] * SPACINGS**2 / np.sqrt(2 * np.pi)
     return {
-        "sum_error": (("command", "width", "place", "spacing"), off, "1",
-                      "largest |g - f_sigma| over rho sigma, evenly spaced data"),
-        "sum_law": (("place", "spacing"), law, "1",
-                    "the same by Euler and Maclaurin, to leading order"),
-    }  # fmt: skip
+        "sum_error": (
+            ("command", "width", "place", "spacing"),
+            off,
+            "1",
+            "largest |g - f_sigma| over rho sigma, evenly spaced data",
+        ),
+        "sum_law": (("place", "spacing"), law, "1", "the same by Euler and Maclaurin, to leading order"),
+    }
 
 
 def risks(rho: float, seed: int) -> dict[str, Any]:
@@ -78,20 +81,21 @@ def risks(rho: float, seed: int) -> dict[str, Any]:
                 # A smooth random function.
                 wave = size @ np.cos(rate[:, None] * (z / sigma) + phase[:, None])
                 wave /= np.sqrt(joint.sum(axis=0) @ wave**2)
-                higher[row, column, :, i] = [
-                    _risk(joint, y, g + change * wave) - least for change in CHANGES
-                ]
+                higher[row, column, :, i] = [_risk(joint, y, g + change * wave) - least for change in CHANGES]
             nearest = y[np.abs(z - x[:, None]).argmin(axis=0)]
             maps = pusher.step(z), pusher.smoothed(z, sigma), nearest
             others[row, column] = [_risk(joint, y, one) / least - 1 for one in maps]
     both = ("case", "width")
     return {
-        "higher": ((*both, "change", "perturbation"), higher, "m^2",
-                   "noised risk of g_sigma perturbed, above that of g_sigma"),
+        "higher": (
+            (*both, "change", "perturbation"),
+            higher,
+            "m^2",
+            "noised risk of g_sigma perturbed, above that of g_sigma",
+        ),
         "risk": (both, risk, "m^2", "noised risk of g_sigma"),
-        "others": ((*both, "candidate"), others, "1",
-                   "noised risk of other maps, above and over that of g_sigma"),
-    }  # fmt: skip
+        "others": ((*both, "candidate"), others, "1", "noised risk of other maps, above and over that of g_sigma"),
+    }
 
 
 def _distribution(case: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -128,16 +132,12 @@ def score(seed: int, n: int = 300, queries: int = 50) -> dict[str, Any]:
         model = EwdaModel(x, x, scales, sigma, Origin(names, names))
         far = sigma * rng.uniform(0, 5, (queries, 1))
         z = x[:queries] + far * rng.standard_normal((queries, dim))
-        ahead = [
-            [model.values(z + k * step * sigma * e)[:, -1] for k in (-2, -1, 1, 2)]
-            for e in np.eye(dim)
-        ]
+        ahead = [[model.values(z + k * step * sigma * e)[:, -1] for k in (-2, -1, 1, 2)] for e in np.eye(dim)]
         slopes = np.einsum("k,ikq->qi", np.array([1, -8, 8, -1]) / (12 * step), np.array(ahead))
         off[row, column] = np.abs(model.values(z)[:, :-1] - z - sigma * slopes).max() / sigma
     return {
-        "score_error": (("dimension", "spread"), off, "1",
-                        "largest |g - z - sigma² grad log p| over sigma"),
-    }  # fmt: skip
+        "score_error": (("dimension", "spread"), off, "1", "largest |g - z - sigma² grad log p| over sigma"),
+    }
 
 
 DEPTHS = np.array([0.0, 0.1, 0.3, 1, 2, 3, 5, 10, 20, 50, 100, 1000])
@@ -170,21 +170,16 @@ def walls() -> dict[str, Any]:
             count = round((block.high - block.low) / (spacing * sigma))
             data = block.low + (np.arange(count) + 0.5) * (block.high - block.low) / count
             off[row, column] = np.abs(answers(average_of(data, data, sigma), x) - g).max() / sigma
-            law[row, column] = (
-                np.abs(_midpoint(block, x, g, sigma, data[1] - data[0])).max() / sigma
-            )
+            law[row, column] = np.abs(_midpoint(block, x, g, sigma, data[1] - data[0])).max() / sigma
     return {
-        "walls_error": (("width", "spacing"), off, "1",
-                        "largest |g - closed form| over sigma, evenly spaced data"),
+        "walls_error": (("width", "spacing"), off, "1", "largest |g - closed form| over sigma, evenly spaced data"),
         "walls_law": (("width", "spacing"), law, "1", "the same by the error of the midpoint rule"),
         **_outside(),
         **_fixed_points(),
-    }  # fmt: skip
+    }
 
 
-def _midpoint(
-    block: Walls, x: np.ndarray, g: np.ndarray, sigma: float, spacing: float
-) -> np.ndarray:
+def _midpoint(block: Walls, x: np.ndarray, g: np.ndarray, sigma: float, spacing: float) -> np.ndarray:
     edges = np.array([[block.low], [block.high]])
     low, high = norm.cdf(edges, x, sigma)
     change = norm.pdf(edges, x, sigma) / (high - low) * (1 + (edges - g) * (x - edges) / sigma**2)
@@ -254,6 +249,10 @@ def near_the_ends(rho: float) -> dict[str, Any]:
             g = pusher.noised(u, sigma, block.low, block.high)
             bias[row, column] = (g - pusher.smoothed(u, sigma)) / (rho * sigma)
     return {
-        "bias": (("end", "width", "distance"), bias, "1",
-                 "(g_sigma - f_sigma)/(rho sigma) of uniform data near its ends"),
-    }  # fmt: skip
+        "bias": (
+            ("end", "width", "distance"),
+            bias,
+            "1",
+            "(g_sigma - f_sigma)/(rho sigma) of uniform data near its ends",
+        ),
+    }

@@ -51,9 +51,7 @@ class CollectRequest:
 def check_collect(options: CollectOptions) -> CollectRequest:
     """Build the problem, find its region, and check memory and file."""
     if options.problem in objective_names():
-        raise InputError(
-            f"{options.problem} is an objective without dynamics and has no transitions"
-        )
+        raise InputError(f"{options.problem} is an objective without dynamics and has no transitions")
     found = spec(options.problem)
     given = assignments("-p", options.params)
     params, problem = found.params(given), found.problem(given)
@@ -68,8 +66,9 @@ def check_collect(options: CollectOptions) -> CollectRequest:
     region = region_of(found, params, problem)
     check_place(options.file, "transitions")
     file = found.name if found.path is None else str(found.path)
-    return CollectRequest(found.name, params.model_dump(), problem, region, samples, file,
-                          content_digest([found.digest], {}))  # fmt: skip
+    return CollectRequest(
+        found.name, params.model_dump(), problem, region, samples, file, content_digest([found.digest], {})
+    )
 
 
 def run_collect(options: CollectOptions, request: CollectRequest) -> int:
@@ -91,8 +90,10 @@ def run_collect(options: CollectOptions, request: CollectRequest) -> int:
 
 def _drawn(options: CollectOptions, request: CollectRequest) -> list[Drawn]:
     """All pieces in their order, from the workers that the options name."""
-    jobs = [CollectJob(request.file, request.params, request.content, piece)
-            for piece in pieces(request.samples, options.seed)]  # fmt: skip
+    jobs = [
+        CollectJob(request.file, request.params, request.content, piece)
+        for piece in pieces(request.samples, options.seed)
+    ]
     found: dict[int, Drawn] = {}
     with closing(run_jobs(collect_piece, jobs, options.jobs, options.scheduler)) as outcomes:
         for place, outcome in outcomes:
@@ -128,8 +129,7 @@ def check(options: LearnOptions) -> LearnRequest:
     if options.noise < 0 or (options.noise == 0 and not network):
         least = "at least 0" if network else "above 0"
         raise InputError(
-            f"--noise: sigma, in normalised units, must be {least}, got {options.noise:g};"
-            f" {NOISE:g} is a common choice"
+            f"--noise: sigma, in normalised units, must be {least}, got {options.noise:g}; {NOISE:g} is a common choice"
         )
     if options.noise > 1e3:
         raise InputError(
@@ -201,8 +201,12 @@ def run(options: LearnOptions, request: LearnRequest) -> int:
     seconds = time.perf_counter() - began
     how = "" if best.epochs is None else f", {best.epochs} epochs"
     options.output.say(f"model: {options.file} ({options.model}{how}, {seconds:.1f} s)")
-    content = {"seconds": seconds, "epochs": best.epochs, "resumed": best.resumed,
-               "seeds": {one.seed: one.error for one in found}}  # fmt: skip
+    content = {
+        "seconds": seconds,
+        "epochs": best.epochs,
+        "resumed": best.resumed,
+        "seeds": {one.seed: one.error for one in found},
+    }
     options.output.document({"file": str(options.file), **document, **content})
     return 0
 
@@ -257,8 +261,10 @@ def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> li
             held.enter_context(checkpoint)
             for line in checkpoint.notes:
                 options.output.say(line)
-        jobs = [NetworkJob(request.data, options.noise, recipe, options.seed + k, one.place)
-                for k, one in enumerate(request.checkpoints)]  # fmt: skip
+        jobs = [
+            NetworkJob(request.data, options.noise, recipe, options.seed + k, one.place)
+            for k, one in enumerate(request.checkpoints)
+        ]
         show = held.enter_context(learned.training_progress(options.quiet, options.epochs))
 
         def callback(place: int, message: Any) -> None:

@@ -58,9 +58,7 @@ class LearnOptions(JobsOptions):
     seed: int = option(0, min=0, help="Random seed.")
     seeds: int = option(1, min=1, max=1000, help="Networks, one a seed; the best is kept (mlp).")
     problem: str | None = option(None, help=f"Problem of the data. {PROBLEM}")
-    columns: str | None = option(
-        None, metavar="NAME=COLUMN,...", help="Column names in a table."
-    )  # fmt: skip
+    columns: str | None = option(None, metavar="NAME=COLUMN,...", help="Column names in a table.")
 
 
 class TrainOptions(LawOptions, TagOptions):
@@ -76,27 +74,15 @@ class TrainOptions(LawOptions, TagOptions):
         "train hopper --algorithm fopg,ars --seeds 3 --iterations 200 --tag night",
     )
     task: str = argument(help="A named task.")
-    algorithm: str = option(
-        "usual", "-a", help="Names separated by commas; usual: the default of the task."
-    )
-    contact: str = option(
-        "own", help="Contact law in training; own: adaptive for fopg, exact for others."
-    )
+    algorithm: str = option("usual", "-a", help="Names separated by commas; usual: the default of the task.")
+    contact: str = option("own", help="Contact law in training; own: adaptive for fopg, exact for others.")
     params: list[str] | None = assigned("--param", "-p", help="Parameter of the task.")
-    settings: list[str] | None = assigned(
-        "--setting", "-s", help="Setting of all algorithms, or of one: ars.rate=0.1."
-    )
+    settings: list[str] | None = assigned("--setting", "-s", help="Setting of all algorithms, or of one: ars.rate=0.1.")
     seeds: int = option(1, min=1, max=1000, help="Number of seeds, from --seed on.")
     seed: int = option(0, min=0, help="The first seed.")
-    iterations: int | None = option(
-        None, min=1, help="Iterations of each training; default: that of the task, or 100."
-    )
-    jobs: int | None = option(
-        None, "-j", min=1, max=1024, help="Number of parallel processes; default: one per CPU."
-    )
-    scheduler: str | None = option(
-        None, metavar="ADDRESS", help="Address of a Dask cluster for the trainings."
-    )
+    iterations: int | None = option(None, min=1, help="Iterations of each training; default: that of the task, or 100.")
+    jobs: int | None = option(None, "-j", min=1, max=1024, help="Number of parallel processes; default: one per CPU.")
+    scheduler: str | None = option(None, metavar="ADDRESS", help="Address of a Dask cluster for the trainings.")
     pdf: Path | None = option(None, help="Write a PDF report to this file.")
 
     @classmethod
@@ -115,8 +101,9 @@ class EvaluateOptions(RunOptions, LawOptions):
 
     code: ClassVar = "reports.cli.learning.train_command:evaluate"
     examples: ClassVar = (
-        "evaluate @last", "evaluate @last --contact barrier -c mu=1e-3 --episodes 1000",
-    )  # fmt: skip
+        "evaluate @last",
+        "evaluate @last --contact barrier -c mu=1e-3 --episodes 1000",
+    )
     contact: str = option("exact", help=LAW)
     episodes: int = option(100, "-n", min=1, max=1_000_000, help="Number of episodes.")
     seed: int = option(0, min=0, help="Seed of the initial states.")

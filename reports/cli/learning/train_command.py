@@ -83,14 +83,18 @@ def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[Train
     workers = min(len(chosen) * options.seeds, options.jobs or _cpus())
     jobs = [
         TrainingJob(
-            task=options.task, params=assignments("-p", options.params), seed=seed,
-            algorithm=psi.wrap(algorithm), law=_law(options, algorithm, task),
-            options={**own, **every}, model_params=psi.guesses,
+            task=options.task,
+            params=assignments("-p", options.params),
+            seed=seed,
+            algorithm=psi.wrap(algorithm),
+            law=_law(options, algorithm, task),
+            options={**own, **every},
+            model_params=psi.guesses,
             threads=1 if options.scheduler is not None else max(1, _cpus() // workers),
         )
         for algorithm, own in chosen
         for seed in range(options.seed, options.seed + options.seeds)
-    ]  # fmt: skip
+    ]
     return jobs, workers
 
 

@@ -57,10 +57,7 @@ def algorithms(names: str, given: Mapping[str, str], spec: TaskSpec) -> Chosen:
 
 def _unknown(key: str, chosen: Mapping[str, type]) -> str:
     choices = {**OWN, **{name: "" for cls in chosen.values() for name in settings_of(cls)}}
-    return (
-        f"no setting {key!r} of {', '.join(chosen)}{did_you_mean(key, choices)}; available:"
-        f" {', '.join(choices)}"
-    )
+    return f"no setting {key!r} of {', '.join(chosen)}{did_you_mean(key, choices)}; available: {', '.join(choices)}"
 
 
 def _value(key: str, name: str, text: str, cls: type) -> Any:
@@ -149,12 +146,12 @@ def learned_parameters(given: Mapping[str, str], physical: Sequence[str]) -> Lea
         if not is_psi(key) or key == PSI:
             continue
         if name not in choices:
-            raise InputError(
-                f"no setting {key!r}{did_you_mean(name, choices)}; psi takes {', '.join(choices)}"
-            )
-        kind, values = (own.get(name), found.own) if name in own else (
-            (search.get(name), found.search) if name in search else (float, found.guesses)
-        )  # fmt: skip
+            raise InputError(f"no setting {key!r}{did_you_mean(name, choices)}; psi takes {', '.join(choices)}")
+        kind, values = (
+            (own.get(name), found.own)
+            if name in own
+            else ((search.get(name), found.search) if name in search else (float, found.guesses))
+        )
         values[name] = parse(f"setting {key}", text, kind)
     if not found.names and (found.own or found.search):
         raise InputError(

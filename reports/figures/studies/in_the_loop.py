@@ -45,8 +45,15 @@ def c1(data: xr.Dataset) -> Figure:
     left.set_yticks(range(len(where)), [plant for _, plant in where])
     firsts = [i for i, at in enumerate(where) if i == 0 or at[0] != where[i - 1][0]]
     for first, end in zip(firsts, [*firsts[1:], len(where)], strict=True):
-        left.text(-0.2, (first + end - 1) / 2, where[first][0], rotation=90, ha="center",
-                  va="center", transform=left.get_yaxis_transform())  # fmt: skip
+        left.text(
+            -0.2,
+            (first + end - 1) / 2,
+            where[first][0],
+            rotation=90,
+            ha="center",
+            va="center",
+            transform=left.get_yaxis_transform(),
+        )
     right.set_yticks([])
     left.set_title("planning again")
     right.set_title("one plan, first horizon")
@@ -72,10 +79,11 @@ def _map(axis: Axes, data: xr.Dataset, names: Sequence[str], span: str) -> None:
     axis.tick_params(length=0)
     axis.xaxis.tick_top()
     times = data["ms"].sel(controller=list(names)).median(["task", "plant"]).values
-    axis.set_xticks(range(len(names)), [
-        name.replace(", ", "\n").replace(" ", "\n") + f"\n{ms:.2g} ms"
-        for name, ms in zip(names, times, strict=True)
-    ], fontsize=7)  # fmt: skip
+    axis.set_xticks(
+        range(len(names)),
+        [name.replace(", ", "\n").replace(" ", "\n") + f"\n{ms:.2g} ms" for name, ms in zip(names, times, strict=True)],
+        fontsize=7,
+    )
     for i in range(1, len(where)):
         new = where[i][0] != where[i - 1][0]
         axis.axhline(i - 0.5, color=INK if new else FAINT, linewidth=0.8 if new else 0.4)

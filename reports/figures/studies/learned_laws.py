@@ -21,14 +21,18 @@ from reports.style import BLUE, CYCLE, FAINT, GREEN, GREY, INK, ORANGE, PURPLE, 
 
 _COLORS = {"f": GREY, "f_sigma": GREEN, "g_sigma": BLUE, "h": ORANGE, "h_sigma": VERMILLION}
 _LABELS = {
-    "f": "$f$", "f_sigma": r"$f_\sigma$", "g_sigma": r"$g_\sigma$", "h": "$h$",
+    "f": "$f$",
+    "f_sigma": r"$f_\sigma$",
+    "g_sigma": r"$g_\sigma$",
+    "h": "$h$",
     "h_sigma": r"$h_\sigma$",
-}  # fmt: skip
+}
 _ENDS: dict[str, dict[str, Any]] = {
-    "on the model": {"linewidth": 0.7}, "replayed": {"linewidth": 1.8},
+    "on the model": {"linewidth": 0.7},
+    "replayed": {"linewidth": 1.8},
     "IPOPT": {"marker": "o", "linestyle": "", "markerfacecolor": "white"},
     "IPOPT, replayed": {"marker": "o", "linestyle": ""},
-}  # fmt: skip
+}
 """How curves and circles of both ends are drawn, of any colour."""
 
 
@@ -53,8 +57,15 @@ def n2(data: xr.Dataset) -> Figure:
     curves.axes[0].set_ylabel("cost (14)")
     handles, words = curves.axes[0].get_legend_handles_labels()
     ends = [Line2D([], [], color=INK, **look) for look in _ENDS.values()]
-    curves.legend([*handles, *ends], [*words, *_ENDS], loc="outside upper center", ncols=9,
-                  columnspacing=1.0, handlelength=1.4, fontsize=7.5)  # fmt: skip
+    curves.legend(
+        [*handles, *ends],
+        [*words, *_ENDS],
+        loc="outside upper center",
+        ncols=9,
+        columnspacing=1.0,
+        handlelength=1.4,
+        fontsize=7.5,
+    )
     _strobes(strobes, data, names)
     _maps(maps, data, names)
     for axis, name in zip(bars.subplots(1, 2), names, strict=True):
@@ -72,10 +83,8 @@ def _curves(axis: Axes, data: xr.Dataset) -> None:
         found = data["learned"].sel(dynamics=kind)
         model, exact = (found.sel(end=end).values for end in data["end"].values)
         axis.plot(step, np.median(model, axis=0), color=color, linewidth=0.7)
-        axis.fill_between(step, exact.min(axis=0), exact.max(axis=0), color=color, alpha=0.15,
-                          linewidth=0)  # fmt: skip
-        axis.plot(step, np.median(exact, axis=0), color=color, linewidth=1.8,
-                  label=_LABELS[str(kind)])  # fmt: skip
+        axis.fill_between(step, exact.min(axis=0), exact.max(axis=0), color=color, alpha=0.15, linewidth=0)
+        axis.plot(step, np.median(exact, axis=0), color=color, linewidth=1.8, label=_LABELS[str(kind)])
         planned, replayed = data["gains"].sel(dynamics=kind).values
         axis.plot(1.05 * step[-1], planned, "o", color=color, markerfacecolor="white")
         axis.plot(1.05 * step[-1], replayed, "o", color=color)
@@ -102,15 +111,12 @@ def _maps(figure: SubFigure, data: xr.Dataset, names: list[str]) -> None:
         at = data.sel(problem=name)
         still = float(at["learned"].sel(dynamics="f", end="exact replay").isel(seed=0, step=0))
         ratio = at["final"].sel(swept=kind).values / still
-        axis.imshow(np.log10(ratio), cmap="RdBu_r", vmin=-1.5, vmax=1.5, origin="lower",
-                    aspect="auto")  # fmt: skip
+        axis.imshow(np.log10(ratio), cmap="RdBu_r", vmin=-1.5, vmax=1.5, origin="lower", aspect="auto")
         for i, j in np.ndindex(ratio.shape):
             strong = abs(np.log10(ratio[i, j])) > 0.9
             value = f"{ratio[i, j]:.2g}" if ratio[i, j] < 30 else ">30"
-            axis.text(j, i, value, ha="center", va="center", fontsize=7,
-                      color="white" if strong else INK)  # fmt: skip
-        axis.set_xticks(range(ratio.shape[1]), [f"{n:.0e}".replace("e+0", "e")
-                                                for n in data["amount"].values])  # fmt: skip
+            axis.text(j, i, value, ha="center", va="center", fontsize=7, color="white" if strong else INK)
+        axis.set_xticks(range(ratio.shape[1]), [f"{n:.0e}".replace("e+0", "e") for n in data["amount"].values])
         axis.set_yticks(range(ratio.shape[0]), [f"{w:g}" for w in data["width"].values])
         axis.grid(False)
         axis.set(title=f"{name}, {_LABELS[str(kind)]}", xlabel="transitions")
@@ -169,8 +175,7 @@ def _table(axis: Axes, data: xr.Dataset) -> None:
         style: dict[str, Any] = {"ha": "center", "va": "center", "color": INK if light else "white"}
         word = dearer(float(shown[row, column])) + _mark(int(lives[row, column]), of)
         axis.text(column, row - 0.16, word, **style)
-        axis.text(column, row + 0.25, f"plan {dearer(float(plans[row, column]))}", fontsize=7,
-                  **style)  # fmt: skip
+        axis.text(column, row + 0.25, f"plan {dearer(float(plans[row, column]))}", fontsize=7, **style)
     _grid(axis, data)
     axis.set_yticks(range(data.sizes["law"]), list(described(data.attrs).values()))
     axis.set_title("exact replay over the exact optimum")
@@ -209,8 +214,7 @@ def _over_share(axis: Axes, data: xr.Dataset, values: xr.DataArray, label: str) 
     for name, color in zip(data["problem"].values, CYCLE, strict=False):
         rows = values.sel(problem=name).transpose("seed", "share").values
         axis.plot(places, np.median(rows, axis=0), "o-", color=color, label=str(name))
-        axis.fill_between(places, rows.min(axis=0), rows.max(axis=0), color=color, alpha=0.12,
-                          linewidth=0)  # fmt: skip
+        axis.fill_between(places, rows.min(axis=0), rows.max(axis=0), color=color, alpha=0.12, linewidth=0)
     axis.axhline(1, color=GREY, linewidth=0.8, linestyle="--")
     axis.set(yscale="log", xlabel="weight of trust", ylabel=label)
     axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -253,15 +257,11 @@ def _over_transitions(axis: Axes, data: xr.Dataset) -> None:
             some = ~np.isnan(found).all(axis=1)
             found = found[some]
             label = str(model) if where == "all" else f"{model}, contact"
-            axis.plot(n[some], np.median(found, axis=1), style, marker="o", color=color,
-                      label=label)  # fmt: skip
+            axis.plot(n[some], np.median(found, axis=1), style, marker="o", color=color, label=label)
             if where == "all":
-                axis.fill_between(n[some], found.min(axis=1), found.max(axis=1), color=color,
-                                  alpha=0.2, linewidth=0)  # fmt: skip
-    axis.axhline(float(data["still"].sel(data="exact", where="all")), color=GREY,
-                 linestyle=":", label="nothing moves")  # fmt: skip
-    axis.set(xscale="log", yscale="log", xlabel="transitions learned from",
-             ylabel="mean one-step error")  # fmt: skip
+                axis.fill_between(n[some], found.min(axis=1), found.max(axis=1), color=color, alpha=0.2, linewidth=0)
+    axis.axhline(float(data["still"].sel(data="exact", where="all")), color=GREY, linestyle=":", label="nothing moves")
+    axis.set(xscale="log", yscale="log", xlabel="transitions learned from", ylabel="mean one-step error")
     axis.set_ylim(bottom=1e-8)
     axis.legend(loc="lower left", ncols=2)
 
@@ -273,9 +273,14 @@ def _kinds(axis: Axes, data: xr.Dataset) -> None:
         (-0.3, -0.1, 0.1, 0.3), ((m, w) for m in _MODEL_COLORS for w in wheres), strict=True
     ):
         found = at.sel(model=model, where=where).values
-        axis.bar(np.arange(len(kinds)) + offset, np.median(found, axis=1), 0.19,
-                 color=_MODEL_COLORS[model], alpha=0.5 if where == "flight" else 1.0,
-                 label=f"{model}, {where}")  # fmt: skip
+        axis.bar(
+            np.arange(len(kinds)) + offset,
+            np.median(found, axis=1),
+            0.19,
+            color=_MODEL_COLORS[model],
+            alpha=0.5 if where == "flight" else 1.0,
+            label=f"{model}, {where}",
+        )
         for place, each in enumerate(found):
             axis.plot(np.full(each.size, place + offset), each, ".", color=INK, markersize=3)
     axis.set(yscale="log", xticks=range(len(kinds)), ylabel="mean one-step error")
@@ -289,9 +294,13 @@ def _way(axis: Axes, data: xr.Dataset) -> None:
     for name in data["parameter"].values:
         color = {"friction": VERMILLION, "spring": GREEN, "damping": PURPLE}.get(str(name), FAINT)
         label = str(name) if color != FAINT else None
-        axis.plot(data["iteration"].values, way.sel(parameter=name).values,
-                  color=GREY if label is None else color, label=label,
-                  linewidth=0.6 if label is None else 1.2)  # fmt: skip
+        axis.plot(
+            data["iteration"].values,
+            way.sel(parameter=name).values,
+            color=GREY if label is None else color,
+            label=label,
+            linewidth=0.6 if label is None else 1.2,
+        )
     axis.plot([], [], color=GREY, linewidth=0.6, label="masses, inertias")
     axis.axhline(1, color=INK, linewidth=0.6)
     axis.set(yscale="log", xlabel="iteration of the random search", ylabel="psi / truth")
@@ -308,8 +317,7 @@ def _values(axis: Axes, data: xr.Dataset) -> None:
             place = np.arange(len(names)) + 0.27 * (group - 1) + 0.2 * (seed + 0.5) / seeds - 0.1
             psi, low, high = (np.clip(own[key].values, *_REACH) for key in ("psi", "low", "high"))
             axis.vlines(place, low, high, color=color, linewidth=1.2)
-            axis.plot(place, psi, "o", color=color, markersize=2.5,
-                      label=kind if seed == 0 else None)  # fmt: skip
+            axis.plot(place, psi, "o", color=color, markersize=2.5, label=kind if seed == 0 else None)
     axis.axhline(1, color=INK, linewidth=0.6)
     axis.set(yscale="log", ylim=_REACH, ylabel="psi / truth", xticks=range(len(names)))
     axis.set_xticklabels([name.replace("_", "\n") for name in names])

@@ -25,9 +25,7 @@ def n0(data: xr.Dataset) -> Figure:
     """Six panels: lemmas, walls, ends, networks and neighbours."""
     figure = Figure(figsize=(WIDTH, 7.2))
     panels = figure.subplots(3, 2).ravel()
-    for axis, panel in zip(
-        panels, (_uniform, _risk, _walls, _ends, _networks, _neighbours), strict=True
-    ):
+    for axis, panel in zip(panels, (_uniform, _risk, _walls, _ends, _networks, _neighbours), strict=True):
         panel(axis, data)
     return figure
 
@@ -41,8 +39,7 @@ def _uniform(axis: Axes, data: xr.Dataset) -> None:
         where = "at a datum" if place == 0 else "between two"
         axis.plot(spacing, error.T, mark, color=color, markersize=4)
         axis.plot([], [], mark, color=color, label=f"kink {where}", linestyle="-")
-    axis.set(title="lemma 1: uniform data", xlabel="$D/\\sigma$",
-             ylabel="$\\max|g_\\sigma - f_\\sigma|/\\rho\\sigma$")  # fmt: skip
+    axis.set(title="lemma 1: uniform data", xlabel="$D/\\sigma$", ylabel="$\\max|g_\\sigma - f_\\sigma|/\\rho\\sigma$")
     axis.set_xticks(spacing, [f"{value:g}" for value in spacing])
     axis.minorticks_off()
     axis.legend()
@@ -55,8 +52,11 @@ def _risk(axis: Axes, data: xr.Dataset) -> None:
         axis.plot(change, mean, mark, color=color, label=str(case), fillstyle="none")
     fine = np.linspace(change.min(), change.max(), 101)
     axis.plot(fine, fine**2, color=INK, zorder=0, label="$E\\,p^2$")
-    axis.set(title="lemmas 2 and 3: least noised risk", xlabel="perturbation, root mean square [m]",
-             ylabel="risk above that of $g_\\sigma$ [m²]")  # fmt: skip
+    axis.set(
+        title="lemmas 2 and 3: least noised risk",
+        xlabel="perturbation, root mean square [m]",
+        ylabel="risk above that of $g_\\sigma$ [m²]",
+    )
     axis.legend(ncols=2, loc="upper center", fontsize=7)
 
 
@@ -66,9 +66,7 @@ def _walls(axis: Axes, data: xr.Dataset) -> None:
     fine = np.geomspace(0.1, depth.max(), 200)
     bounds = (np.sqrt(fine**2 + 8) - fine) / 4, (np.sqrt(fine**2 + 4) - fine) / 2
     axis.loglog(fine, np.transpose(bounds), color=BLUE, linewidth=0.8)
-    axis.plot(
-        depth[1:], at["inside"][1:], "o", color=BLUE, label="way inside$/\\sigma$, its bounds"
-    )
+    axis.plot(depth[1:], at["inside"][1:], "o", color=BLUE, label="way inside$/\\sigma$, its bounds")
     axis.plot(fine[fine > 3], fine[fine > 3] ** -2, color=VERMILLION, label="$1/s^2$")
     axis.plot(depth[1:], at["slope_outside"][1:], "s", color=VERMILLION, label="slope")
     axis.set(title="block between walls, in penetration", xlabel="penetration $s$ over $\\sigma$")
@@ -81,8 +79,11 @@ def _ends(axis: Axes, data: xr.Dataset) -> None:
     axis.axvspan(0, 2, color=GREY, alpha=0.15, linewidth=0, label="within $2\\sigma$")
     axis.plot(distance, upper, color=BLUE, label="pusher in contact")
     axis.plot(distance, lower, color=VERMILLION, label="pusher away")
-    axis.set(title="ends of uniform data", xlabel="distance from the end over $\\sigma$",
-             ylabel="$(g_\\sigma - f_\\sigma)/\\rho\\sigma$")  # fmt: skip
+    axis.set(
+        title="ends of uniform data",
+        xlabel="distance from the end over $\\sigma$",
+        ylabel="$(g_\\sigma - f_\\sigma)/\\rho\\sigma$",
+    )
     axis.legend(loc="lower right")
 
 
@@ -90,8 +91,7 @@ def _networks(axis: Axes, data: xr.Dataset) -> None:
     pairs, units = data["pairs"].values, data["units"].values
     for number, shade in zip(units, light_to_dark(len(units)), strict=True):
         error = data["network_error"].sel(units=number)
-        axis.loglog(pairs, error.median("repeat"), color=shade,
-                    label=f"2 x {number} units")  # fmt: skip
+        axis.loglog(pairs, error.median("repeat"), color=shade, label=f"2 x {number} units")
         axis.plot(pairs, error, ".", color=shade)
     first = float(data["network_error"][-1, 0].median())
     axis.plot(pairs, first * np.sqrt(pairs[0] / pairs), "--", color=INK, label="rate $-1/2$")
@@ -99,8 +99,7 @@ def _networks(axis: Axes, data: xr.Dataset) -> None:
     axis.set_xticks(pairs, [str(n) for n in pairs])
     axis.set_yticks((0.005, 0.01, 0.02, 0.05), ("0.005", "0.01", "0.02", "0.05"))
     axis.minorticks_off()
-    axis.set(title="networks on noised pairs", xlabel="noised pairs",
-             ylabel="rms of $h_\\sigma - g_\\sigma$ [m]")  # fmt: skip
+    axis.set(title="networks on noised pairs", xlabel="noised pairs", ylabel="rms of $h_\\sigma - g_\\sigma$ [m]")
     axis.legend(loc="lower left", fontsize=7)
 
 
@@ -112,10 +111,20 @@ def _neighbours(axis: Axes, data: xr.Dataset) -> None:
         axis.plot(dims, at["neighbours"], "o", color=shade, label=f"$\\sigma$ = {width:g}")
     task, column = data["task_neighbours"], int(np.argmin(np.abs(widths - 0.2)))
     for drawn, face in zip(data["drawn"].values, ("white", VERMILLION), strict=True):
-        axis.plot(data["task_size"], task.sel(drawn=drawn).isel(normalised=column), "D",
-                  color=VERMILLION, markerfacecolor=face, label=str(drawn))  # fmt: skip
-    axis.set(ylim=(0.6, 2 * float(data.attrs["n_samples"])), title="curse of dimension",
-             xlabel="dimensions", ylabel="effective neighbours")  # fmt: skip
+        axis.plot(
+            data["task_size"],
+            task.sel(drawn=drawn).isel(normalised=column),
+            "D",
+            color=VERMILLION,
+            markerfacecolor=face,
+            label=str(drawn),
+        )
+    axis.set(
+        ylim=(0.6, 2 * float(data.attrs["n_samples"])),
+        title="curse of dimension",
+        xlabel="dimensions",
+        ylabel="effective neighbours",
+    )
     axis.legend(fontsize=7)
 
 
@@ -168,8 +177,7 @@ def _pusher_scene(axis: Axes) -> None:
 def _block_scene(axis: Axes) -> None:
     _scene(axis, "block between walls")
     for left in (-0.5, 2.5):
-        axis.add_patch(Rectangle((left, -0.02), 0.3, 0.8, facecolor=FAINT, edgecolor=GREY,
-                                 hatch="///"))  # fmt: skip
+        axis.add_patch(Rectangle((left, -0.02), 0.3, 0.8, facecolor=FAINT, edgecolor=GREY, hatch="///"))
     _box(axis, 0.75, 0.7, 0.6, BLUE, "block, $x$")
     axis.set_xlim(-0.6, 2.9)
 
@@ -180,28 +188,28 @@ def _rms(at: xr.Dataset, name: str) -> str:
 
 def _ticks(axis: Axes, places: np.ndarray) -> None:
     some = places if places.size <= 100 else places[::10]
-    axis.plot(some, np.full(some.size, 0.02), "|", color=INK, markersize=6,
-              transform=axis.get_xaxis_transform())  # fmt: skip
+    axis.plot(some, np.full(some.size, 0.02), "|", color=INK, markersize=6, transform=axis.get_xaxis_transform())
 
 
 def _pusher(axis: Axes, at: xr.Dataset, regime: str) -> None:
     u = at["u"].values
     axis.plot(u, at["f"], color=INK, linewidth=0.9, label="$f$")
-    axis.plot(
-        at["dot"], at["sampled"], "o", color=PURPLE, markersize=3, label="$f_\\sigma$ sampled"
-    )
+    axis.plot(at["dot"], at["sampled"], "o", color=PURPLE, markersize=3, label="$f_\\sigma$ sampled")
     axis.plot(u, at["pusher_g"], color=BLUE, label="$g_\\sigma$")
     axis.plot(u, at["pusher_h"][0], "--", color=VERMILLION, label=_rms(at, "pusher_rms"))
-    axis.set(ylim=(-0.15, 1.45), title=f"{regime}: {at.sizes[f'pusher_{regime}']} commands",
-             xlabel="command $u$ [m]", ylabel="block after a step $y$ [m]")  # fmt: skip
+    axis.set(
+        ylim=(-0.15, 1.45),
+        title=f"{regime}: {at.sizes[f'pusher_{regime}']} commands",
+        xlabel="command $u$ [m]",
+        ylabel="block after a step $y$ [m]",
+    )
     _ticks(axis, at[f"pusher_data_{regime}"].values)
     axis.legend(loc="upper left")
 
 
 def _wall_shades(axis: Axes) -> None:
     for low, high in ((-2, -_EDGE), (_EDGE, 2)):
-        axis.axvspan(low, high, facecolor=FAINT, alpha=0.35, hatch="///", edgecolor=GREY,
-                     linewidth=0)  # fmt: skip
+        axis.axvspan(low, high, facecolor=FAINT, alpha=0.35, hatch="///", edgecolor=GREY, linewidth=0)
     for side in (-_EDGE, _EDGE):
         axis.axhline(side, color=GREY, linewidth=0.7, linestyle=":")
     axis.plot((-2, 2), (-2, 2), "--", color=GREY, linewidth=0.7)
@@ -212,12 +220,15 @@ def _block(axis: Axes, at: xr.Dataset, regime: str) -> None:
     _wall_shades(axis)
     x = at["x"].values
     if regime == "dense":
-        axis.plot(x, at["uniform_block"], color=GREEN, linewidth=2.6, alpha=0.5,
-                  label="uniform states")  # fmt: skip
+        axis.plot(x, at["uniform_block"], color=GREEN, linewidth=2.6, alpha=0.5, label="uniform states")
     axis.plot(x, at["block_g"], color=BLUE, label="$g_\\sigma$")
     axis.plot(x, at["block_h"][0], "--", color=VERMILLION, label=_rms(at, "block_rms"))
-    axis.set(ylim=(-1.5, 1.5), title=f"{regime}: {at.sizes[f'block_{regime}']} states",
-             xlabel="block $x$ [m]", ylabel="block after a step [m]")  # fmt: skip
+    axis.set(
+        ylim=(-1.5, 1.5),
+        title=f"{regime}: {at.sizes[f'block_{regime}']} states",
+        xlabel="block $x$ [m]",
+        ylabel="block after a step [m]",
+    )
     _ticks(axis, at[f"block_data_{regime}"].values)
     axis.legend(loc="upper left", frameon=True, framealpha=0.9, edgecolor="none")
 
@@ -232,5 +243,9 @@ def _cobweb(axis: Axes, at: xr.Dataset, name: str) -> None:
         corners = np.repeat(path, 2)
         axis.plot(corners[:-1], np.append(path[0], corners[2:]), color=INK, linewidth=0.8)
         axis.plot(path[0], path[0], "o", color=INK, markersize=3)
-    axis.set(ylim=(-2, 2), title=f"rollouts of ${name[0]}_\\sigma$ from penetration",
-             xlabel="block $x$ [m]", ylabel="block after a step [m]")  # fmt: skip
+    axis.set(
+        ylim=(-2, 2),
+        title=f"rollouts of ${name[0]}_\\sigma$ from penetration",
+        xlabel="block $x$ [m]",
+        ylabel="block after a step [m]",
+    )

@@ -39,9 +39,7 @@ def unbroken(f: np.ndarray, least: float) -> np.ndarray:
     return np.where(np.append(np.abs(np.diff(f)), 0) > least, np.nan, f)
 
 
-def gradient_panel(
-    axis: Axes, theta: ArrayLike, slope: ArrayLike, first: ArrayLike, zeroth: ArrayLike
-) -> None:
+def gradient_panel(axis: Axes, theta: ArrayLike, slope: ArrayLike, first: ArrayLike, zeroth: ArrayLike) -> None:
     """Draw the gradient by quadrature, and both orders' estimates of it, all (n,)."""
     axis.plot(theta, slope, color=GREY, linewidth=2.5, label="$\\nabla F$")
     axis.plot(theta, first, ".", color=BLUE, label="FoBG")

@@ -13,11 +13,9 @@ from reports.style import BLUE, CYCLE, GREEN, GREY, INK, PURPLE, VERMILLION, WID
 
 _PANELS = (
     ("drop", "A. dropped ball", "drop at $\\theta$ [m]", "minus height [m]", "[m/m]"),
-    ("throw", "B. throw past a wall", "angle $\\theta$ [rad]", "minus distance$^2$ [m$^2$]",
-     "[m$^2$/rad]"),
-    ("pivot", "C. pivoted bar", "angle $\\theta$ [rad]", "$-\\omega^2$ [s$^{-2}$]",
-     "[s$^{-2}$/rad]"),
-)  # fmt: skip
+    ("throw", "B. throw past a wall", "angle $\\theta$ [rad]", "minus distance$^2$ [m$^2$]", "[m$^2$/rad]"),
+    ("pivot", "C. pivoted bar", "angle $\\theta$ [rad]", "$-\\omega^2$ [s$^{-2}$]", "[s$^{-2}$/rad]"),
+)
 
 
 @drawing(
@@ -135,8 +133,7 @@ def p4(data: xr.Dataset) -> Figure:
             axis.add_patch(Arc((place, height), width, width, theta1=0, theta2=180, color=INK))
         for path in data["path"].values[index]:
             axis.plot(path[:, 0], path[:, 1], color=color, linewidth=0.8)
-        axis.set(xlim=(1.35, 1.6), ylim=(0.45, 0.55), xlabel="$x$ [m]", ylabel="$y$ [m]",
-                 title=str(name))  # fmt: skip
+        axis.set(xlim=(1.35, 1.6), ylim=(0.45, 0.55), xlabel="$x$ [m]", ylabel="$y$ [m]", title=str(name))
         f = unbroken(data["f"].values[index], 0.05)
         objective.plot(fine, f, color=color, linewidth=2.6 - 1.6 * index, label=str(name))
         gradient, theta = gradients[index], data["theta"].values
@@ -193,15 +190,11 @@ def p6(data: xr.Dataset) -> Figure:
     u, kappas = data["u"].values, data["kappa"].values
     shades = light_to_dark(len(kappas))
     for index, (kappa, shade) in enumerate(zip(kappas, shades, strict=True)):
-        left.plot(
-            u, data["x_barrier"][index], color=shade, label=f"$\\kappa$ = {kappa:g} J$^{{-1}}$"
-        )
+        left.plot(u, data["x_barrier"][index], color=shade, label=f"$\\kappa$ = {kappa:g} J$^{{-1}}$")
         left.plot(u[::10], data["x_eq5"][index][::10], ".", color=shade, markersize=3)
         right.plot(u, data["slope_barrier"][index], color=shade)
     for axis, name in ((left, "x_qp"), (right, "slope_exact")):
-        axis.plot(
-            u, data[name], "--", color=INK, linewidth=1.0, label="QP" if axis is left else None
-        )
+        axis.plot(u, data[name], "--", color=INK, linewidth=1.0, label="QP" if axis is left else None)
         axis.set_xlabel("input impulse $u$ [N s]")
     left.set_ylabel("next position $x^+$ [m]")
     right.set_ylabel("$\\partial x^+ / \\partial u$ [m/(N s)]")
@@ -232,8 +225,7 @@ def p7(data: xr.Dataset) -> Figure:
             estimate = one.sel(estimator=name)
             top.plot(theta, estimate["mean"][:, 0], mark, color=color, markersize=3, label=label)
             if np.isfinite(estimate["alpha"]).all():
-                bottom.plot(theta, estimate["alpha"].mean("run"), f"{mark}-", color=color,
-                            markersize=3)  # fmt: skip
+                bottom.plot(theta, estimate["alpha"].mean("run"), f"{mark}-", color=color, markersize=3)
         reach = np.abs(truth).max()
         top.set(ylim=(truth.min() - 0.7 * reach, truth.max() + 0.7 * reach), title=case)
         bottom.set(ylim=(-0.05, 1.05), xlabel=f"$\\theta${_UNITS[case]}")

@@ -32,11 +32,11 @@ def a3(data: xr.Dataset) -> Figure:
             style = "--" if law == "adaptive" else "-"
             label = law if task == tasks[0] else None
             curves.semilogy(lengths, np.nanmean(values, axis=0), style, color=color, label=label)
-            curves.fill_between(lengths, np.nanmin(values, axis=0), np.nanmax(values, axis=0),
-                                color=color, alpha=0.07, linewidth=0)  # fmt: skip
+            curves.fill_between(
+                lengths, np.nanmin(values, axis=0), np.nanmax(values, axis=0), color=color, alpha=0.07, linewidth=0
+            )
             found = growth(data, task, law)
-            rates.errorbar([k], [found.rate], yerr=[[found.rate - found.low]], fmt="o",
-                           color=color, markersize=4)  # fmt: skip
+            rates.errorbar([k], [found.rate], yerr=[[found.rate - found.low]], fmt="o", color=color, markersize=4)
         rates.axhline(0, color=INK, linewidth=0.6)
         rates.set_xticks(range(len(laws)), laws, rotation=45)
         curves.set(title=task, ylabel="variance")
@@ -143,15 +143,17 @@ def a7(data: xr.Dataset) -> Figure:
     for k, (law, title) in enumerate(_SHOWN):
         axes = figure.add_subplot(grid[1, k])
         lost = np.maximum(-data["landscape"].sel(law=law).values, levels[0])
-        axes.contourf(data["theta"], data["s"], np.log10(lost).T, levels=np.log10(levels),
-                      cmap="Greys")  # fmt: skip
+        axes.contourf(data["theta"], data["s"], np.log10(lost).T, levels=np.log10(levels), cmap="Greys")
         way = data.sel(algorithm=law).isel(run=0)
         axes.plot(way["angle"], way["speed"], ".-", color=colors[law], markersize=2, linewidth=0.8)
         axes.plot(way["angle"][-1], way["speed"][-1], "o", color=colors[law], markersize=5)
         axes.plot([0.6], [3.0], "+", color=INK, markersize=7)
-        axes.set(xlim=(float(data["theta"].min()), float(data["theta"].max())),
-                 ylim=(float(data["s"].min()), float(data["s"].max())), title=title,
-                 xlabel="angle [rad]")  # fmt: skip
+        axes.set(
+            xlim=(float(data["theta"].min()), float(data["theta"].max())),
+            ylim=(float(data["s"].min()), float(data["s"].max())),
+            title=title,
+            xlabel="angle [rad]",
+        )
         if k == 0:
             axes.set_ylabel("speed [m/s]")
     return figure

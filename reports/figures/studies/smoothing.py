@@ -67,9 +67,7 @@ def a2(data: xr.Dataset) -> Figure:
         for axis, name, place in zip(row, names, places, strict=True):
             for index, shade in enumerate(shades):
                 axis.plot(data[place], data[name][index], color=shade)
-    for axis, name, place in zip(
-        axes[1], ("y_exact", "v_exact", "rate_exact"), rows[1][2], strict=True
-    ):
+    for axis, name, place in zip(axes[1], ("y_exact", "v_exact", "rate_exact"), rows[1][2], strict=True):
         axis.plot(data[place], data[name], "--", color=INK, linewidth=1.0)
     spike = data["rate_exact"].values
     where = float(data["q_mid"][int(spike.argmax())])
@@ -101,8 +99,7 @@ def a2v(data: xr.Dataset) -> Figure:
     shades = light_to_dark(len(h))
     for index, shade in enumerate(shades):
         left.loglog(data["mu"], data["first_order"][index], "o-", color=shade)
-        right.loglog(data["mu"], data["likelihood_ratio"][index], "s-", color=shade,
-                     label=f"h = {h[index]:g} s")  # fmt: skip
+        right.loglog(data["mu"], data["likelihood_ratio"][index], "s-", color=shade, label=f"h = {h[index]:g} s")
     left.set(title="first order", ylabel="variance [s$^2$/m$^2$]")
     right.set_title("likelihood ratio")
     for axis in (left, right):
@@ -128,16 +125,19 @@ def a6(data: xr.Dataset) -> Figure:
     shades = [*light_to_dark(len(laws) - 1, 0.05, 0.6), VERMILLION]
     for index, (name, shade) in enumerate(zip(laws, shades, strict=True)):
         text = name if name == "adaptive" else name.replace("mu", "BS $\\mu$")
-        impact.plot(data["q_mid"], data["impact_soft"][index], color=shade, label=text,
-                    linestyle="-." if name == "adaptive" else "-")  # fmt: skip
+        impact.plot(
+            data["q_mid"],
+            data["impact_soft"][index],
+            color=shade,
+            label=text,
+            linestyle="-." if name == "adaptive" else "-",
+        )
     mus = data["box_mu"].values
     for index, (mu, shade) in enumerate(zip(mus, shades, strict=False)):
         push.plot(data["u"], data["push_soft"][index], color=shade, label=f"BS $\\mu$ = {mu:.1e}")
     for index, (count, color) in enumerate(zip(data["count"].values, _RS, strict=True)):
-        impact.plot(data["q_x"], data["impact_rs"][-1, index], ".", color=color,
-                    markersize=3, label=f"RS N = {count}")  # fmt: skip
-        push.plot(data["u"], data["push_rs"][index], ".", color=color, markersize=3,
-                  label=f"RS N = {count}")  # fmt: skip
+        impact.plot(data["q_x"], data["impact_rs"][-1, index], ".", color=color, markersize=3, label=f"RS N = {count}")
+        push.plot(data["u"], data["push_rs"][index], ".", color=color, markersize=3, label=f"RS N = {count}")
     impact.plot(data["q_x"], data["impact_limit"], ":", color=GREY, label="RS N = $\\infty$")
     push.plot(data["u"], data["push_limit"], ":", color=GREY, label="RS N = $\\infty$")
     push.plot(data["u"], data["push_exact"], "--", color=INK, linewidth=0.9, label="exact")
@@ -163,9 +163,7 @@ def t1(data: xr.Dataset) -> Figure:
     figure = Figure(figsize=(WIDTH, 6.0))
     (often, scaling), (loose, growth) = figure.subplots(2, 2)
     names = [str(name) for name in data["bound"].values[:-1]]
-    for index, (kind, color) in enumerate(
-        zip(data["kind"].values, (BLUE, VERMILLION), strict=True)
-    ):
+    for index, (kind, color) in enumerate(zip(data["kind"].values, (BLUE, VERMILLION), strict=True)):
         ratio = data["ratio"].sel(kind=kind).values[:, :-1]
         share = [
             np.mean(values[np.isfinite(values)] <= 1 + 1e-9) if np.isfinite(values).any() else 0
@@ -180,9 +178,7 @@ def t1(data: xr.Dataset) -> Figure:
         size = data["size"].values + 0.12 - 0.24 * index
         middle = np.median(own, axis=1)
         reach = [middle - own.min(axis=1), own.max(axis=1) - middle]
-        loose.errorbar(
-            size, middle, reach, fmt="o", color=color, linewidth=0.8, capsize=2, label=str(kind)
-        )
+        loose.errorbar(size, middle, reach, fmt="o", color=color, linewidth=0.8, capsize=2, label=str(kind))
     for style, name in (("o-", "slope"), ("s--", "curvature"), (":", "bound as printed")):
         scaling.plot([], [], style, color=GREY, label=name)
     often.set_yticks(np.arange(len(names)), names)
@@ -195,8 +191,7 @@ def t1(data: xr.Dataset) -> Figure:
     for index, (gain, color) in enumerate(zip(data["gain"].values, CYCLE, strict=False)):
         row = data["growth"].values[index]
         growth.semilogy(horizon, row, "o-", color=color, label=f"$L_f$ = {gain:g}")
-        growth.semilogy(horizon, row[0] * max(gain, 1) ** (4.0 * (horizon - horizon[0])), ":",
-                        color=color)  # fmt: skip
+        growth.semilogy(horizon, row[0] * max(gain, 1) ** (4.0 * (horizon - horizon[0])), ":", color=color)
     growth.set(xlabel="horizon $H$ [steps]", ylabel="variance of the gradient")
     scaling.legend()
     loose.legend()

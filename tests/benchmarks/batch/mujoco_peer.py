@@ -25,9 +25,7 @@ def mjcf(machine: PublishedMachine) -> str:
     for link in machine.links:
         children.setdefault(link.parent, []).append(link)
     motors = "".join(
-        f'<motor joint="{link.name}" gear="{link.gear}"/>'
-        for link in machine.links
-        if link.gear is not None
+        f'<motor joint="{link.name}" gear="{link.gear}"/>' for link in machine.links if link.gear is not None
     )
     bodies = "".join(_body(machine, children, link) for link in children[None])
     return (
@@ -65,8 +63,7 @@ def _joints(machine: PublishedMachine, link: Link) -> str:
     damping = link.damping + machine.h * link.spring
     limits = f' range="{link.limits[0]} {link.limits[1]}" limited="true"' if link.limits else ""
     return (
-        f'<joint name="{link.name}" type="hinge" axis="0 1 0" stiffness="{link.spring}"'
-        f' damping="{damping}"{limits}/>'
+        f'<joint name="{link.name}" type="hinge" axis="0 1 0" stiffness="{link.spring}" damping="{damping}"{limits}/>'
     )
 
 

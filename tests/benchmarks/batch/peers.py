@@ -29,9 +29,7 @@ _LONGEST = 5000
 Inner = Callable[[InnerLoop, ca.MX, ca.MX], ca.MX]
 
 
-def casadi_rollout(
-    step: Step, stage: ca.Function, terminal: ca.Function, horizon: int
-) -> ca.Function:
+def casadi_rollout(step: Step, stage: ca.Function, terminal: ca.Function, horizon: int) -> ca.Function:
     """(x0, U, before) to cost and gradient by U (nu, N), unrolled and differentiated by CasADi.
 
     For one contact a flat SX graph of the closed form; for several an MX loop over the step's
@@ -52,9 +50,7 @@ def casadi_rollout(
     return ca.Function("rollout", [x0, U, before], [cost, ca.gradient(cost, U)])
 
 
-def casadi_forms(
-    step: Step, stage: ca.Function, terminal: ca.Function, horizon: int
-) -> dict[str, ca.Function]:
+def casadi_forms(step: Step, stage: ca.Function, terminal: ca.Function, horizon: int) -> dict[str, ca.Function]:
     """Forms of the rollout (x0, U, before) -> (cost, gradient) that CasADi can evaluate, by name.
 
     One contact: the closed form in a flat SX graph. Several: Newton's method on the smoothed
@@ -145,9 +141,7 @@ def generated(graph: ca.Function, folder: Path) -> ca.Function | None:
     return ca.external(graph.name(), str(built))
 
 
-def fastest(
-    forms: dict[str, ca.Function], x0: np.ndarray, before: np.ndarray, theta: np.ndarray
-) -> str:
+def fastest(forms: dict[str, ca.Function], x0: np.ndarray, before: np.ndarray, theta: np.ndarray) -> str:
     """The name of the form that takes the least processor time, of those that are right.
 
     Right is what agrees with the form that CasADi differentiates itself to 1e-10 in cost and
@@ -170,9 +164,7 @@ def fastest(
     return min(taken, key=lambda name: taken[name])
 
 
-def mapped(
-    graph: ca.Function, x0: np.ndarray, before: np.ndarray, theta: np.ndarray
-) -> Callable[[], list[ca.DM]]:
+def mapped(graph: ca.Function, x0: np.ndarray, before: np.ndarray, theta: np.ndarray) -> Callable[[], list[ca.DM]]:
     """A call of `graph.map(n, "thread", 2)` on samples theta (n, N, nu)."""
     n, horizon, nu = theta.shape
     fn = graph.map(n, "thread", 2)

@@ -103,9 +103,7 @@ def casadi_peers(case: Case, theta: np.ndarray, folder: Path) -> dict[str, ca.Fu
     before = np.zeros(case.step.system.nu) if case.u_before is None else case.u_before
     forms = casadi_forms(case.step, case.stage, case.terminal, case.horizon)
     own = fastest(forms, case.x0, before, theta)
-    written = {
-        name: generated(graph, folder / str(k)) for k, (name, graph) in enumerate(forms.items())
-    }
+    written = {name: generated(graph, folder / str(k)) for k, (name, graph) in enumerate(forms.items())}
     compiled = {name: graph for name, graph in written.items() if graph is not None}
     best = fastest(compiled, case.x0, before, theta)
     return {f"map ({own})": forms[own], f"map of its own C ({best})": compiled[best]}
@@ -119,10 +117,7 @@ def test_against_casadi(name, tmp_path):
     plain = case.rollout(backend="numpy", threads=2)
     before = np.zeros(case.step.system.nu) if case.u_before is None else case.u_before
     few = case.inputs(case.n_map)
-    peers = {
-        peer: mapped(graph, case.x0, before, few)
-        for peer, graph in casadi_peers(case, few, tmp_path).items()
-    }
+    peers = {peer: mapped(graph, case.x0, before, few) for peer, graph in casadi_peers(case, few, tmp_path).items()}
     runners = {
         **peers,
         **{name: case.runner(f, theta) for name, f in compiled.items()},
@@ -224,9 +219,7 @@ def test_memory_of_a_million_rollouts():
         "f.moments(c.x0, c.inputs(1)[0], noise=Gaussian(0.1, 0), n_samples=1_000_000, score=True); "
         "print(before, peak())"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     before, peak = (float(word) for word in done.stdout.split())
     tell(
         "wall-1d, a million rollouts with gradient moments",

@@ -40,15 +40,10 @@ def test_machines_against_casadi(name, monkeypatch, tmp_path):
     theta = 0.02 * rng.standard_normal((case.n, HORIZON, case.step.system.nu))
     few = theta[: case.n_map]
     before = np.zeros(case.step.system.nu)
-    peers = {
-        peer: mapped(graph, case.x0, before, few)
-        for peer, graph in casadi_peers(case, few, tmp_path).items()
-    }
+    peers = {peer: mapped(graph, case.x0, before, few) for peer, graph in casadi_peers(case, few, tmp_path).items()}
     seconds = race({**peers, "two": case.runner(two, theta)})
     got = two(case.x0, few)
-    rows = [
-        Row("C, two threads: rollouts with gradient", case.n / seconds["two"].wall / 1e3, " k/s")
-    ]
+    rows = [Row("C, two threads: rollouts with gradient", case.n / seconds["two"].wall / 1e3, " k/s")]
     for k, (peer, run) in enumerate(peers.items()):
         np.testing.assert_allclose(got.cost, np.array(run()[0])[0], rtol=1e-9)
         slow, ours = (seconds[peer].processor / case.n_map, seconds["two"].processor / case.n)
@@ -98,25 +93,32 @@ def test_the_contact_solve_of_a_rollout(name, monkeypatch, tmp_path):
         before, _ = let_loose(name, 1)
     theta = 0.1 * np.random.default_rng(0).standard_normal((1024, HORIZON, f.tapes.nu))
     batches = [runner(f, x0, few) for few in np.split(theta, len(theta) // 16)]
-    seconds = race({
-        "warm": runner(f, x0, theta), "forward": runner(f, x0, theta, gradient=False),
-        "few": lambda: [run() for run in batches], "cold": runner(cold, x0, theta),
-        "before": runner(before, x0, theta[:256]),
-    })  # fmt: skip
+    seconds = race(
+        {
+            "warm": runner(f, x0, theta),
+            "forward": runner(f, x0, theta, gradient=False),
+            "few": lambda: [run() for run in batches],
+            "cold": runner(cold, x0, theta),
+            "before": runner(before, x0, theta[:256]),
+        }
+    )
     # A step of wild motion may have several solutions, of which each start finds its own.
     apart = np.abs(f(x0, theta).cost / cold(x0, theta).cost - 1) > 1e-7
     assert apart.mean() < 0.01
     each = {key: seconds[key].processor / len(theta) for key in seconds}
     each["before"] *= 4
     ours = each["warm"]
-    tell(f"{name}, H = {HORIZON}, one thread", [
-        Row("rollouts with gradient", 1e-3 / ours, " k/s"),
-        Row("all pairs, from ones / that", each["before"] / ours, "x", least=1.8),
-        Row("from ones / that", each["cold"] / ours, "x", least=1.2),
-        Row("batches of 16: of that rate", ours / each["few"], "x", least=0.6),
-        Row("without gradient: of that rate", ours / each["forward"], "x"),
-        Row("compile", compiled, " s", most=60.0),
-    ])  # fmt: skip
+    tell(
+        f"{name}, H = {HORIZON}, one thread",
+        [
+            Row("rollouts with gradient", 1e-3 / ours, " k/s"),
+            Row("all pairs, from ones / that", each["before"] / ours, "x", least=1.8),
+            Row("from ones / that", each["cold"] / ours, "x", least=1.2),
+            Row("batches of 16: of that rate", ours / each["few"], "x", least=0.6),
+            Row("without gradient: of that rate", ours / each["forward"], "x"),
+            Row("compile", compiled, " s", most=60.0),
+        ],
+    )
 
 
 @pytest.mark.parametrize("name", ["hopper", "half-cheetah"])
@@ -127,16 +129,22 @@ def test_machines_against_mujoco(name):
     f, x0 = let_loose(name, 2)
     theta = 0.1 * np.random.default_rng(0).standard_normal((2048, HORIZON, f.tapes.nu))
     start, some, few = x0[: 2 * model.nq], theta[:512], theta[:32]
-    seconds = race({
-        "ours": runner(f, x0, theta), "forward": runner(f, x0, theta, gradient=False),
-        "rollout": mujoco_peer.forward(model, start, some, 2),
-        "transitionFD": mujoco_peer.derivatives(model, start, few, 2),
-    })  # fmt: skip
+    seconds = race(
+        {
+            "ours": runner(f, x0, theta),
+            "forward": runner(f, x0, theta, gradient=False),
+            "rollout": mujoco_peer.forward(model, start, some, 2),
+            "transitionFD": mujoco_peer.derivatives(model, start, few, 2),
+        }
+    )
     sizes = {"ours": 2048, "forward": 2048, "rollout": 512, "transitionFD": 32}
     each = {key: seconds[key].processor / size for key, size in sizes.items()}
-    tell(f"{name}, H = {HORIZON}, h = {machine.h}, against MuJoCo {mujoco.__version__}", [
-        Row("MuJoCo: rollouts", 1e-3 / each["rollout"], " k/s of a processor"),
-        Row("MuJoCo: with derivatives", 1e-3 / each["transitionFD"], " k/s of a processor"),
-        Row("C / mujoco.rollout", each["rollout"] / each["forward"], "x"),
-        Row("C / mjd_transitionFD", each["transitionFD"] / each["ours"], "x", least=5.0),
-    ])  # fmt: skip
+    tell(
+        f"{name}, H = {HORIZON}, h = {machine.h}, against MuJoCo {mujoco.__version__}",
+        [
+            Row("MuJoCo: rollouts", 1e-3 / each["rollout"], " k/s of a processor"),
+            Row("MuJoCo: with derivatives", 1e-3 / each["transitionFD"], " k/s of a processor"),
+            Row("C / mujoco.rollout", each["rollout"] / each["forward"], "x"),
+            Row("C / mjd_transitionFD", each["transitionFD"] / each["ours"], "x", least=5.0),
+        ],
+    )

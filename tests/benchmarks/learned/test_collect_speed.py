@@ -31,8 +31,6 @@ def test_collecting_1e5_transitions(name: str) -> None:
 
     data = [collected() for _ in range(4)][-1]
     first, best = times[0], min(times[1:])
-    print(
-        f"\n{name}: {N} transitions in {best:.2f} s, {first:.2f} s with what the step takes first"
-    )
+    print(f"\n{name}: {N} transitions in {best:.2f} s, {first:.2f} s with what the step takes first")
     assert len(data) == N and data.provenance["unsolved"] == 0
     assert best < FLOORS_S[name]

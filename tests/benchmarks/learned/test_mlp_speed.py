@@ -62,8 +62,5 @@ def test_evaluating_twenty_stages() -> None:
         "values and Jacobians": lambda: model.jacobians(z),
         "curvatures": lambda: model.curvatures(z, weights),
     }
-    rows = [
-        Row(what, 1e3 * seconds.wall, " ms", most=5.0)
-        for what, seconds in race(runners, rounds=51).items()
-    ]
+    rows = [Row(what, 1e3 * seconds.wall, " ms", most=5.0) for what, seconds in race(runners, rounds=51).items()]
     tell("A 4 x 128 network at 20 stages", rows)

@@ -23,9 +23,21 @@ from tests.benchmarks.mpc.check import Check
 from tests.benchmarks.mpc.tasks import SKIP, TASKS, Task
 
 COLUMNS = (
-    "task", "samples", "p50 ms", "p99 ms", "floor ms", "starts", "cost, over that of",
-    "certified", "disproved", "Opti p50 ms", "p99 ms ", "samples ", "p99 over ours", "published",
-)  # fmt: skip
+    "task",
+    "samples",
+    "p50 ms",
+    "p99 ms",
+    "floor ms",
+    "starts",
+    "cost, over that of",
+    "certified",
+    "disproved",
+    "Opti p50 ms",
+    "p99 ms ",
+    "samples ",
+    "p99 over ours",
+    "published",
+)
 PEER_S = 25.0
 """Longest time of the peer in a task."""
 
@@ -53,9 +65,15 @@ def driven(task: Task, controller: Controller, x0: np.ndarray) -> Judged:
             plans[seed, k] = command.plan, controller.values_of_sample
 
     loop = simulate(
-        controller, task.steps, disturbance=task.disturbance, seeds=len(x0), x0=x0,
-        goals=task.goals, certify=task.certify, progress=keep,
-    )  # fmt: skip
+        controller,
+        task.steps,
+        disturbance=task.disturbance,
+        seeds=len(x0),
+        x0=x0,
+        goals=task.goals,
+        certify=task.certify,
+        progress=keep,
+    )
     return Judged(loop, plans)
 
 
@@ -107,22 +125,32 @@ def measured(task: Task) -> tuple[list[str], int, int]:
     peer = opti_loop.run(task, PEER_S, x0, task.peer)
     count = int(np.isfinite(loop.data["seconds"].values[:, SKIP:]).sum())
     row = [
-        task.name, str(count), f"{1e3 * p50:.2f}",
-        bold(f"{1e3 * p99:.2f}", p99 > task.floor), f"{1e3 * task.floor:g}",
-        outcome(task, loop, x0), compared(task, loop, x0), f"{len(certified)} of {len(kinds)}",
-        bold(str(len(wrong)), bool(wrong)), f"{1e3 * peer.percentile(50):.1f}",
+        task.name,
+        str(count),
+        f"{1e3 * p50:.2f}",
+        bold(f"{1e3 * p99:.2f}", p99 > task.floor),
+        f"{1e3 * task.floor:g}",
+        outcome(task, loop, x0),
+        compared(task, loop, x0),
+        f"{len(certified)} of {len(kinds)}",
+        bold(str(len(wrong)), bool(wrong)),
+        f"{1e3 * peer.percentile(50):.1f}",
         f"{1e3 * peer.percentile(99):.1f}",
         f"{peer.seconds.size}" + (f", {peer.failed} failed" if peer.failed else ""),
-        f"{peer.percentile(99) / p99:.1f}", task.published,
-    ]  # fmt: skip
+        f"{peer.percentile(99) / p99:.1f}",
+        task.published,
+    ]
     told(task, found, wrong, steep, time.perf_counter() - began)
     return row, len(certified), len(wrong)
 
 
 def told(
-    task: Task, found: Judged, wrong: list[tuple[int, int]], steep: dict[tuple[int, int], float],
+    task: Task,
+    found: Judged,
+    wrong: list[tuple[int, int]],
+    steep: dict[tuple[int, int], float],
     seconds: float,
-) -> None:  # fmt: skip
+) -> None:
     """Print what the table leaves out: statuses, sentences, and where the outcome was missed."""
     loop = found.loop
     statuses = dict(zip(*np.unique(loop.data["status"].values, return_counts=True), strict=True))
@@ -133,8 +161,10 @@ def told(
     missed = np.flatnonzero(~task.outcome(loop.data["x"].values))
     ends = loop.data["x"].values[np.arange(len(loop.costs)), loop.data["ended"].values]
     for s in missed[:8]:
-        print(f"  not {task.says}: start {s}, ended after {loop.data['ended'].values[s]} samples"
-              f" at {np.round(ends[s], 3).tolist()}")  # fmt: skip
+        print(
+            f"  not {task.says}: start {s}, ended after {loop.data['ended'].values[s]} samples"
+            f" at {np.round(ends[s], 3).tolist()}"
+        )
     for at in wrong[:8]:
         print(f"  disproved: start {at[0]}, sample {at[1]}, {steep[at]:.2g} times what is zero")
     sys.stdout.flush()
@@ -153,9 +183,12 @@ def main(words: list[str]) -> None:
         rows = [cells for cells in old if cells[0] != row[0]] + [row]
         order = list(TASKS)
         write_table(
-            "mpc", title="Closed loop", command="make bench-mpc", columns=COLUMNS,
+            "mpc",
+            title="Closed loop",
+            command="make bench-mpc",
+            columns=COLUMNS,
             rows=sorted(rows, key=lambda cells: order.index(cells[0])),
-        )  # fmt: skip
+        )
         print(table(COLUMNS, [row]), flush=True)
     print("push-box with a finger: no task")
     print(f"{total[0]} plans certified, {total[1]} of them disproved")

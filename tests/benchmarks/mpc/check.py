@@ -29,15 +29,21 @@ class Check:
         problem, system, N = self.problem, self.problem.system, self.problem.N
         self.step = StepFunction(problem.exact_step, threads=1)
         self.packed = problem.exact_step.p.pack
-        X, U, L = (
-            ca.SX.sym(*of)
-            for of in (("X", system.nx, N + 1), ("U", system.nu, N), ("L", system.nlam, N))
-        )
+        X, U, L = (ca.SX.sym(*of) for of in (("X", system.nx, N + 1), ("U", system.nu, N), ("L", system.nlam, N)))
         before, p, cost = ca.SX.sym("before", system.nu), problem.parameters.vector, ca.SX(0)
-        rows, path = [], ca.Function("path", [system.x, system.u, p], [
-            ca.vertcat(ca.SX(0, 1), *(v for c in problem.path
-                                      for v in (c.lower - c.expression, c.expression - c.upper))),
-        ])  # fmt: skip
+        rows, path = (
+            [],
+            ca.Function(
+                "path",
+                [system.x, system.u, p],
+                [
+                    ca.vertcat(
+                        ca.SX(0, 1),
+                        *(v for c in problem.path for v in (c.lower - c.expression, c.expression - c.upper)),
+                    ),
+                ],
+            ),
+        )
         for k in range(N):
             last = U[:, k - 1] if k else before
             cost += problem.cost_terms(X[:, k], U[:, k], U[:, k] - last, L[:, k], p)[0]
@@ -74,9 +80,14 @@ class Check:
         return max(float(worst), 0.0) if worst > 1 else 0.0
 
     def _falls(
-        self, plan: Plan, ways: np.ndarray, radius: float, before: np.ndarray, p: np.ndarray,
+        self,
+        plan: Plan,
+        ways: np.ndarray,
+        radius: float,
+        before: np.ndarray,
+        p: np.ndarray,
         own: np.ndarray,
-    ) -> np.ndarray:  # fmt: skip
+    ) -> np.ndarray:
         """Falls (S,) of the cost along directions (S, N nu), over what counts as zero."""
         N, sizes, S = self.problem.N, self.problem.scales, len(ways)
         u = plan.u + radius * sizes.u * ways.reshape(S, N, -1)
@@ -92,12 +103,15 @@ class Check:
         cost, off = (np.array(v).ravel() for v in self._valued(X, u, L, before, p))
         flat = [v[0].T for v in (X, u, L)]
         zero = _FLAT * max(abs(cost[0]), float(self.slope(*flat, before, p)))
-        wide = [self._valued(X[:1] + s * sizes.x, u[:1] + s * sizes.u, L[:1], before, p)[0]
-                for s in (-1, 1)]  # fmt: skip
+        wide = [self._valued(X[:1] + s * sizes.x, u[:1] + s * sizes.u, L[:1], before, p)[0] for s in (-1, 1)]
         least = _NOISE * max(abs(cost[0]), *(abs(float(v) - cost[0]) for v in wide))
-        moved = np.max([np.abs((v - v[0]) / s).max(axis=(1, 2)) for v, s in
-                        ((X, sizes.x), (u, sizes.u), (L, sizes.impulse),
-                         (gap.reshape(L.shape), sizes.gap))], axis=0)  # fmt: skip
+        moved = np.max(
+            [
+                np.abs((v - v[0]) / s).max(axis=(1, 2))
+                for v, s in ((X, sizes.x), (u, sizes.u), (L, sizes.impulse), (gap.reshape(L.shape), sizes.gap))
+            ],
+            axis=0,
+        )
         fall = cost[0] - cost[1:]
         sound = np.isfinite(cost) & (off <= max(off[0], 0.0) + _SLACK)
         sound[1:] &= (fall > least) | (radius < RADII[0])

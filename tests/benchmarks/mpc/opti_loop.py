@@ -15,9 +15,14 @@ from tests.benchmarks.mpc.tasks import SKIP, Task
 EPS = 1e-6
 """What ``lam gap`` may be, in characteristic sizes."""
 OPTIONS = {
-    "print_level": 0, "sb": "yes", "max_iter": 300, "warm_start_init_point": "yes", "mu_init": 1e-4,
-    "warm_start_bound_push": 1e-8, "warm_start_mult_bound_push": 1e-8,
-}  # fmt: skip
+    "print_level": 0,
+    "sb": "yes",
+    "max_iter": 300,
+    "warm_start_init_point": "yes",
+    "mu_init": 1e-4,
+    "warm_start_bound_push": 1e-8,
+    "warm_start_mult_bound_push": 1e-8,
+}
 
 
 @dataclass(frozen=True)
@@ -46,10 +51,11 @@ class Script:
     def __init__(self, problem: Problem) -> None:
         system, N = problem.system, problem.N
         p = problem.parameters.vector
-        law = ca.Function("law", [system.x, system.u, system.x_next, system.lam, p],
-                          [system.residual, system.gap])  # fmt: skip
-        path, lower, upper = (ca.vertcat(ca.SX(0, 1), *(getattr(c, part) for c in problem.path))
-                              for part in ("expression", "lower", "upper"))  # fmt: skip
+        law = ca.Function("law", [system.x, system.u, system.x_next, system.lam, p], [system.residual, system.gap])
+        path, lower, upper = (
+            ca.vertcat(ca.SX(0, 1), *(getattr(c, part) for c in problem.path))
+            for part in ("expression", "lower", "upper")
+        )
         path = ca.Function("path", [system.x, system.u, p], [path, lower, upper])
         opti = ca.Opti()
         self.X, self.U = opti.variable(system.nx, N + 1), opti.variable(system.nu, N)

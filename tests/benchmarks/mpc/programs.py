@@ -18,20 +18,27 @@ from ocp.mpc.controller import Controller
 from ocp.mpc.plants import Plant
 from reports.site.measured import table, write_table
 
-CASES = (("soft-walls", 5), ("soft-walls", 10), ("soft-walls", 20), ("soft-walls", 50),
-         ("spinner", 5), ("spinner", 10), ("spinner", 20), ("spinner", 40),
-         ("spinner", 50))  # fmt: skip
+CASES = (
+    ("soft-walls", 5),
+    ("soft-walls", 10),
+    ("soft-walls", 20),
+    ("soft-walls", 50),
+    ("spinner", 5),
+    ("spinner", 10),
+    ("spinner", 20),
+    ("spinner", 40),
+    ("spinner", 50),
+)
 SAMPLE, ROUNDS, SAME, LIMIT = 5, 15, 1e-6, 2.0
 """Sample whose program it is; solves; largest difference; seconds of all solves."""
 PLUGINS: dict[str, dict[str, Any]] = {
     "piqp": {},
     "proxqp": {"proxqp": {"eps_abs": 1e-9, "eps_rel": 0.0, "max_iter": 10000}},
-    "osqp": {"osqp": {"eps_abs": 1e-8, "eps_rel": 0.0, "max_iter": 20000, "verbose": False,
-                      "polish": True}},
+    "osqp": {"osqp": {"eps_abs": 1e-8, "eps_rel": 0.0, "max_iter": 20000, "verbose": False, "polish": True}},
     "qpoases": {"printLevel": "none", "sparse": True},
     "daqp": {},
     "highs": {"highs": {"output_flag": False}},
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -71,8 +78,17 @@ Solve = Callable[[], np.ndarray]
 
 def by_piqp(program: Program, kind: Any, tolerance: float = 1e-9, gap: bool = False) -> Solve:
     """PIQP, its pattern set up once; ``gap`` asks for a small duality gap too."""
-    given = (program.P, program.c, program.A, program.b, program.G, program.low,
-             np.full(program.low.size, np.inf), program.x_l, program.x_u)  # fmt: skip
+    given = (
+        program.P,
+        program.c,
+        program.A,
+        program.b,
+        program.G,
+        program.low,
+        np.full(program.low.size, np.inf),
+        program.x_l,
+        program.x_u,
+    )
     solver = piqp.SparseSolver()
     settings = solver.settings
     settings.kkt_solver, settings.check_duality_gap = kind, gap
@@ -95,10 +111,14 @@ def by_casadi(program: Program, plugin: str) -> Solve:
     H, A = ca.DM(program.P), ca.DM(sp.vstack([program.A, program.G]).tocsc())
     solver = ca.conic("solver", plugin, {"h": H.sparsity(), "a": A.sparsity()}, options)
     given = {
-        "h": H, "g": program.c, "a": A, "lbx": program.x_l, "ubx": program.x_u,
+        "h": H,
+        "g": program.c,
+        "a": A,
+        "lbx": program.x_l,
+        "ubx": program.x_u,
         "lba": np.concatenate([program.b, program.low]),
         "uba": np.concatenate([program.b, np.full(program.low.size, np.inf)]),
-    }  # fmt: skip
+    }
     return lambda: np.array(solver(**given)["x"]).ravel()
 
 
@@ -119,8 +139,9 @@ def main() -> None:
     """Measure all, print the table, and store it."""
     stages, ldlt = piqp.KKTSolver.sparse_multistage, piqp.KKTSolver.sparse_ldlt
     ways: dict[str, Callable[[Program], Solve]] = {
-        "PIQP stages": lambda p: by_piqp(p, stages), "PIQP sparse LDLT": lambda p: by_piqp(p, ldlt),
-    }  # fmt: skip
+        "PIQP stages": lambda p: by_piqp(p, stages),
+        "PIQP sparse LDLT": lambda p: by_piqp(p, ldlt),
+    }
     for plugin in filter(ca.has_conic, PLUGINS):
         ways[f"CasADi {plugin}"] = lambda p, plugin=plugin: by_casadi(p, plugin)
     given = {f"{name} {N}": captured(name, N) for name, N in CASES}
@@ -138,8 +159,13 @@ def main() -> None:
         print(way, *cells, flush=True)
     columns = ["solver", *given]
     print(table(columns, rows))
-    write_table("mpc-programs", title="Quadratic programs of a sample [ms]",
-                command="make bench-mpc", columns=columns, rows=rows)  # fmt: skip
+    write_table(
+        "mpc-programs",
+        title="Quadratic programs of a sample [ms]",
+        command="make bench-mpc",
+        columns=columns,
+        rows=rows,
+    )
 
 
 if __name__ == "__main__":

@@ -38,9 +38,7 @@ _STARTS = 5
 
 def residuals(mpcc: MPCC, x: np.ndarray) -> tuple[float, float, float]:
     """Violation of bounds, rows and signs; largest |min(G, H)|; largest |G H|."""
-    g, G, H = (
-        np.array(v).ravel() for v in ca.Function("all", [mpcc.x], [mpcc.g, mpcc.G, mpcc.H])(x)
-    )
+    g, G, H = (np.array(v).ravel() for v in ca.Function("all", [mpcc.x], [mpcc.g, mpcc.G, mpcc.H])(x))
     (lbx, ubx), (lbg, ubg) = mpcc.x_bounds, mpcc.g_bounds
     off = np.concatenate([lbx - x, x - ubx, lbg - g, g - ubg, -G, -H])
     worst = float(np.max(np.nan_to_num(off, nan=np.inf), initial=0.0))
@@ -64,13 +62,18 @@ def measure(path: Path, reference: tuple[float, float], check: bool) -> dict[str
     worst, apart, _ = residuals(mpcc, found.x)
     audited = worst <= FEASIBLE and apart <= COMPLEMENTARY
     return {
-        "n": mpcc.x.numel(), "pairs": mpcc.G.numel(), "cost": sense * found.f,
-        "stationarity": found.certificate.stationarity, "kind": found.certificate.kind,
+        "n": mpcc.x.numel(),
+        "pairs": mpcc.G.numel(),
+        "cost": sense * found.f,
+        "stationarity": found.certificate.stationarity,
+        "kind": found.certificate.kind,
         "audited": audited,
         "hit": audited and at_reference(sense * found.f, reference, sense),
-        "seconds": seconds, "strategy": found.strategy, "note": found.verdict,
+        "seconds": seconds,
+        "strategy": found.strategy,
+        "note": found.verdict,
         "disproved": disproof(mpcc, stated.start, found) if check and found.success else "",
-    }  # fmt: skip
+    }
 
 
 def measure_peer(path: Path, reference: tuple[float, float]) -> dict[str, Any]:
@@ -83,10 +86,11 @@ def measure_peer(path: Path, reference: tuple[float, float]) -> dict[str, Any]:
     worst, apart, product = residuals(mpcc, found.x)
     audited = worst <= FEASIBLE and min(apart, product) <= COMPLEMENTARY
     return {
-        "peer_cost": sense * found.f, "peer_audited": audited,
+        "peer_cost": sense * found.f,
+        "peer_audited": audited,
         "peer_hit": audited and at_reference(sense * found.f, reference, sense),
         "peer_seconds": seconds,
-    }  # fmt: skip
+    }
 
 
 def disproof(mpcc: MPCC, start: np.ndarray, found: MPCCSolution) -> str:
@@ -120,9 +124,7 @@ def _child(pipe: Connection, work: Callable[..., dict[str, Any]], *given: Any) -
         pipe.send({"note": f"{type(error).__name__}: {error}"[:200]})
 
 
-def limited(
-    limit: float, charged: str, work: Callable[..., dict[str, Any]], *given: Any
-) -> dict[str, Any]:
+def limited(limit: float, charged: str, work: Callable[..., dict[str, Any]], *given: Any) -> dict[str, Any]:
     """Do work in a child process of limited time; without an answer a note says why.
 
     Who runs out of time has the limit written under ``charged``.

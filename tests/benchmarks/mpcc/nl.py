@@ -15,17 +15,41 @@ from ocp.errors import InputError
 from ocp.mpcc import MPCC
 
 _UNARY: dict[int, Callable[[Any], Any]] = {
-    15: ca.fabs, 16: lambda a: -a, 37: ca.tanh, 38: ca.tan, 39: ca.sqrt, 40: ca.sinh, 41: ca.sin,
-    42: ca.log10, 43: ca.log, 44: ca.exp, 45: ca.cosh, 46: ca.cos, 47: ca.atanh, 49: ca.atan,
-    50: ca.asinh, 51: ca.asin, 52: ca.acosh, 53: ca.acos, 76: lambda a: a**2,
-}  # fmt: skip
+    15: ca.fabs,
+    16: lambda a: -a,
+    37: ca.tanh,
+    38: ca.tan,
+    39: ca.sqrt,
+    40: ca.sinh,
+    41: ca.sin,
+    42: ca.log10,
+    43: ca.log,
+    44: ca.exp,
+    45: ca.cosh,
+    46: ca.cos,
+    47: ca.atanh,
+    49: ca.atan,
+    50: ca.asinh,
+    51: ca.asin,
+    52: ca.acosh,
+    53: ca.acos,
+    76: lambda a: a**2,
+}
 _BINARY: dict[int, Callable[[Any, Any], Any]] = {
-    0: lambda a, b: a + b, 1: lambda a, b: a - b, 2: lambda a, b: a * b, 3: lambda a, b: a / b,
-    5: lambda a, b: a**b, 48: ca.atan2, 75: lambda a, b: a**b, 77: lambda a, b: a**b,
-}  # fmt: skip
+    0: lambda a, b: a + b,
+    1: lambda a, b: a - b,
+    2: lambda a, b: a * b,
+    3: lambda a, b: a / b,
+    5: lambda a, b: a**b,
+    48: ca.atan2,
+    75: lambda a, b: a**b,
+    77: lambda a, b: a**b,
+}
 _MANY: dict[int, Callable[[Any, Any], Any]] = {
-    11: ca.fmin, 12: ca.fmax, 54: lambda a, b: a + b,
-}  # fmt: skip
+    11: ca.fmin,
+    12: ca.fmax,
+    54: lambda a, b: a + b,
+}
 _FREE, _FIXED, _COMPLEMENTS = 3, 4, 5
 
 
@@ -114,9 +138,7 @@ def _segment(found: NL, lines: list[list[str]], at: int) -> int:
     return _table(found, lines, kind, number, rest, after)
 
 
-def _table(
-    found: NL, lines: list[list[str]], kind: str, number: str, rest: list[int], after: int
-) -> int:
+def _table(found: NL, lines: list[list[str]], kind: str, number: str, rest: list[int], after: int) -> int:
     """Read a segment of numbers: bounds, starts; those of no meaning here are passed over."""
     if kind == "r":
         for i in range(found.rows):
@@ -245,8 +267,16 @@ def problem_of(found: NL, name: str) -> Stated:
     start[list(found.start)] = list(found.start.values())
     empty = ca.SX(0, 1)
     stated = MPCC(
-        x, -f if found.maximise else f, ca.vertcat(empty, *firsts), ca.vertcat(empty, *seconds),
-        ca.vertcat(empty, *rows), lbx=limits[:, 0], ubx=limits[:, 1],
-        lbg=ranges[:, 0], ubg=ranges[:, 1], names=names, name=name,
-    )  # fmt: skip
+        x,
+        -f if found.maximise else f,
+        ca.vertcat(empty, *firsts),
+        ca.vertcat(empty, *seconds),
+        ca.vertcat(empty, *rows),
+        lbx=limits[:, 0],
+        ubx=limits[:, 1],
+        lbg=ranges[:, 0],
+        ubg=ranges[:, 1],
+        names=names,
+        name=name,
+    )
     return Stated(stated, start, found.maximise)

@@ -66,9 +66,7 @@ def summary(rows: Sequence[Row], checked: bool) -> tuple[str, list[str]]:
     audited = [row for row in rows if row.audited]
     known = [row for row in rows if not math.isnan(row.reference)]
     judged = [row for row in known if row.audited]
-    hits, certified = sum(row.hit for row in judged), [
-        row for row in audited if row.stationarity in ("B", "KKT")
-    ]  # fmt: skip
+    hits, certified = sum(row.hit for row in judged), [row for row in audited if row.stationarity in ("B", "KKT")]
     seconds, peer_s = (
         sum(getattr(row, what) for row in rows if not math.isnan(getattr(row, what)))
         for what in ("seconds", "peer_seconds")
@@ -88,8 +86,7 @@ def summary(rows: Sequence[Row], checked: bool) -> tuple[str, list[str]]:
         "| | ocp.mpcc.solve | Scholtes loop |",
         "|---|---|---|",
         f"| audited, of {len(rows)} | {len(audited)} | {sum(row.peer_audited for row in rows)} |",
-        f"| at or below the reference, of {len(known)} | {hits}"
-        f" | {sum(row.peer_hit for row in known)} |",
+        f"| at or below the reference, of {len(known)} | {hits} | {sum(row.peer_hit for row in known)} |",
         f"| certified B-stationary, of those audited | {len(certified)} | |",
         f"| time, sum | {seconds:.1f} s | {peer_s:.1f} s |",
     ]

@@ -72,9 +72,11 @@ def solve(mpcc: MPCC, start: np.ndarray) -> PeerAnswer:
     m = mpcc.G.numel()
     nlp = {"x": ca.vertcat(*free), "p": t, "f": mpcc.f, "g": g}
     bounds = {
-        "lbx": lower, "ubx": upper,
-        "lbg": g_lower + [-np.inf] * m, "ubg": g_upper + [0.0] * m,
-    }  # fmt: skip
+        "lbx": lower,
+        "ubx": upper,
+        "lbg": g_lower + [-np.inf] * m,
+        "ubg": g_upper + [0.0] * m,
+    }
     cold = ca.nlpsol("cold", "ipopt", nlp, _OPTIONS)
     warm = ca.nlpsol("warm", "ipopt", nlp, {**_OPTIONS, **_WARM})
     return _loop(cold, warm, bounds, np.array(begin), mpcc.x.numel())

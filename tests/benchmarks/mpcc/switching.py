@@ -39,9 +39,13 @@ class Rows:
     f: ca.SX = field(default_factory=lambda: ca.SX(0))
 
     def new(
-        self, name: str, n: int, low: float = -np.inf, high: float = np.inf,
+        self,
+        name: str,
+        n: int,
+        low: float = -np.inf,
+        high: float = np.inf,
         start: float | np.ndarray = 0.0,
-    ) -> ca.SX:  # fmt: skip
+    ) -> ca.SX:
         """Variables (n,)."""
         symbol = ca.SX.sym(f"{name}_{len(self.x)}", n)
         self.x.append(symbol)
@@ -68,8 +72,7 @@ class Rows:
         lower, upper = np.array(self.bounds).T
         G, H = (ca.vertcat(*sides) for sides in zip(*self.sides, strict=True))
         g = ca.vertcat(*self.g)
-        problem = MPCC(ca.vertcat(*self.x), self.f, G, H, g, lbx=lower, ubx=upper,
-                       lbg=0.0, ubg=self.upper, name=name)  # fmt: skip
+        problem = MPCC(ca.vertcat(*self.x), self.f, G, H, g, lbx=lower, ubx=upper, lbg=0.0, ubg=self.upper, name=name)
         return problem, np.array(self.start)
 
 
@@ -101,8 +104,7 @@ class Mesh:
 
 def lengths(rows: Rows, mesh: Mesh) -> list[ca.SX]:
     """Free lengths of the elements of one stage, which together last as long as it."""
-    own = [rows.new("h", 1, SHORTEST * mesh.mean, LONGEST * mesh.mean, mesh.mean)
-           for _ in range(mesh.elements)]  # fmt: skip
+    own = [rows.new("h", 1, SHORTEST * mesh.mean, LONGEST * mesh.mean, mesh.mean) for _ in range(mesh.elements)]
     rows.zero(ca.sum1(ca.vertcat(*own)) - mesh.elements * mesh.mean)
     for h in own:
         rows.f += EVEN * ((h - mesh.mean) / mesh.mean) ** 2
@@ -110,9 +112,13 @@ def lengths(rows: Rows, mesh: Mesh) -> list[ca.SX]:
 
 
 def element(
-    rows: Rows, mesh: Mesh, h: ca.SX, x: ca.SX, start: np.ndarray,
+    rows: Rows,
+    mesh: Mesh,
+    h: ca.SX,
+    x: ca.SX,
+    start: np.ndarray,
     at: Callable[[ca.SX], tuple[ca.SX, ca.SX]],
-) -> ca.SX:  # fmt: skip
+) -> ca.SX:
     """Collocate one element from x; ``at`` gives rate and running cost at a point. Its end."""
     C, D, B = mesh.table
     own = [rows.new("x", x.numel(), start=start) for _ in range(mesh.points)]
@@ -267,12 +273,20 @@ def tanks(count: int, mesh: Mesh) -> tuple[MPCC, np.ndarray]:
         out = 0.5 * x + 2.0 * alpha * (0.2 + x)
         return ca.vertcat(u, *ca.vertsplit(out)[:-1]) - out
 
-    return switched(f"tank-{count}", Switched(
-        np.full(count, 0.2), 1, 0.0, 5.0, rate,
-        switches=lambda x: x - levels,
-        cost=lambda x, u: 0.1 * ca.sumsqr(u) + ca.sumsqr(x - 0.6),
-        at_end=lambda x: x[-1] - 0.55,
-    ), mesh)  # fmt: skip
+    return switched(
+        f"tank-{count}",
+        Switched(
+            np.full(count, 0.2),
+            1,
+            0.0,
+            5.0,
+            rate,
+            switches=lambda x: x - levels,
+            cost=lambda x, u: 0.1 * ca.sumsqr(u) + ca.sumsqr(x - 0.6),
+            at_end=lambda x: x[-1] - 0.55,
+        ),
+        mesh,
+    )
 
 
 def carriers(count: int, mesh: Mesh) -> tuple[MPCC, np.ndarray]:
@@ -286,22 +300,38 @@ def carriers(count: int, mesh: Mesh) -> tuple[MPCC, np.ndarray]:
         pull = ca.vertcat(stretch, 0) - ca.vertcat(0, stretch) if count > 1 else 0
         return ca.vertcat(v, force + drive * 4 + 20 * pull)
 
-    return switched(f"carrier-{count}", Switched(
-        np.zeros(2 * count), 2, 0.0, 2.0, rate,
-        switches=lambda x: x[count:],
-        cost=lambda x, u: 0.1 * ca.sumsqr(u[0] - 1) + 0.05 * u[1] ** 2 + ca.sumsqr(x[0] - 1),
-        at_end=lambda x: ca.vertcat(x[0] - 1, x[count:]),
-    ), mesh)  # fmt: skip
+    return switched(
+        f"carrier-{count}",
+        Switched(
+            np.zeros(2 * count),
+            2,
+            0.0,
+            2.0,
+            rate,
+            switches=lambda x: x[count:],
+            cost=lambda x, u: 0.1 * ca.sumsqr(u[0] - 1) + 0.05 * u[1] ** 2 + ca.sumsqr(x[0] - 1),
+            at_end=lambda x: ca.vertcat(x[0] - 1, x[count:]),
+        ),
+        mesh,
+    )
 
 
 def hopper(elasticity: float, mesh: Mesh) -> tuple[MPCC, np.ndarray]:
     """A ball with thrusters that bounces to a place."""
-    return jumping("bouncer", Jumping(
-        np.array([1.0, 0.0]), elasticity, 2, -12.0, 12.0,
-        force=lambda q, v, u: u - ca.DM([9.81, 0.0]),
-        cost=lambda x, u: 0.01 * ca.sumsqr(u),
-        at_end=lambda x: x - ca.DM([0.5, 2.0, 0.0, 0.0]),
-    ), mesh)  # fmt: skip
+    return jumping(
+        "bouncer",
+        Jumping(
+            np.array([1.0, 0.0]),
+            elasticity,
+            2,
+            -12.0,
+            12.0,
+            force=lambda q, v, u: u - ca.DM([9.81, 0.0]),
+            cost=lambda x, u: 0.01 * ca.sumsqr(u),
+            at_end=lambda x: x - ca.DM([0.5, 2.0, 0.0, 0.0]),
+        ),
+        mesh,
+    )
 
 
 def instances() -> dict[str, Callable[[], tuple[MPCC, np.ndarray]]]:
@@ -318,9 +348,12 @@ def instances() -> dict[str, Callable[[], tuple[MPCC, np.ndarray]]]:
     for kind, make in kinds.items():
         for scheme in ("radau", "legendre"):
             for stages, elements, points, fine, direct in (
-                (5, 2, 3, False, False), (10, 3, 2, False, False), (10, 3, 2, True, False),
-                (25, 2, 3, True, False), (10, 3, 2, False, True),
-            ):  # fmt: skip
+                (5, 2, 3, False, False),
+                (10, 3, 2, False, False),
+                (10, 3, 2, True, False),
+                (25, 2, 3, True, False),
+                (10, 3, 2, False, True),
+            ):
                 if direct and "hopper" in kind:
                     continue
                 length = 2.0 if "carrier" in kind or "hopper" in kind else 3.0

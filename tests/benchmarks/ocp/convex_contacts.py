@@ -27,13 +27,18 @@ FINGER = Pusher("finger", Disc(0.1), at=(-0.5, 0.0), stiffness=50.0)
 BOX = Body("box", Box((0.2, 0.2)), at=(0.0, 0.0), mass=1.0, inertia=0.03)
 SCENES = {
     "box, block": ([FINGER, BOX, Obstacle("block", Box((0.1, 0.1)), at=(0.5, -0.25))], (1.0, 0.2)),
-    "box along a wall": ([FINGER, BOX, Obstacle("wall", Box((1.0, 0.1)), at=(0.4, -0.32))],
-                         (0.7, -0.02)),
+    "box along a wall": ([FINGER, BOX, Obstacle("wall", Box((1.0, 0.1)), at=(0.4, -0.32))], (0.7, -0.02)),
     "finger, box": ([FINGER, BOX], (0.6, 0.2)),
-    "disc among boxes": ([FINGER, Body("box", Disc(0.2), at=(0, 0), mass=1.0, inertia=0.02),
-                          Obstacle("low", Box((0.1, 0.1)), at=(0.5, -0.25)),
-                          Obstacle("high", Box((0.1, 0.1)), at=(0.6, 0.4))], (1.0, 0.1)),
-}  # fmt: skip
+    "disc among boxes": (
+        [
+            FINGER,
+            Body("box", Disc(0.2), at=(0, 0), mass=1.0, inertia=0.02),
+            Obstacle("low", Box((0.1, 0.1)), at=(0.5, -0.25)),
+            Obstacle("high", Box((0.1, 0.1)), at=(0.6, 0.4)),
+        ],
+        (1.0, 0.1),
+    ),
+}
 BETWEEN = Contact.between
 
 
@@ -62,8 +67,7 @@ def separating(one: Shape, a: Pose, other: Shape, b: Pose) -> Contact:
     phi, normal, point = found[0]
     for more in found[1:]:
         normal, point = (
-            ca.if_else(more[0] > phi, new, old)
-            for new, old in zip(more[1:], (normal, point), strict=True)
+            ca.if_else(more[0] > phi, new, old) for new, old in zip(more[1:], (normal, point), strict=True)
         )
         phi = ca.fmax(phi, more[0])
     return Contact(a, b, phi, normal, column(point))
@@ -85,10 +89,17 @@ def measure(scene: str, way: str, answer: mp.Queue[str]) -> None:
     system = made.quasi_dynamic("scene", parameters, h=parameters["h"])
     off, du = made.of("box", system.x)[:2] - np.array(goal), ca.SX.sym("du", system.nu)
     problem = Problem(
-        "scene", system, 30, stage_cost=0.01 * ca.sumsqr(off) + 0.1 * ca.sumsqr(du),
-        terminal_cost=10 * ca.sumsqr(off), x0=made.at_rest(system), parameters=parameters, du=du,
-        u_before=made.hold, scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),
-    )  # fmt: skip
+        "scene",
+        system,
+        30,
+        stage_cost=0.01 * ca.sumsqr(off) + 0.1 * ca.sumsqr(du),
+        terminal_cost=10 * ca.sumsqr(off),
+        x0=made.at_rest(system),
+        parameters=parameters,
+        du=du,
+        u_before=made.hold,
+        scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),
+    )
     began = time.perf_counter()
     found = solve(problem, contact="exact")
     took = time.perf_counter() - began
@@ -102,16 +113,13 @@ def main() -> None:
     """Print one line for each scene and way."""
     chosen = sys.argv[1:]
     for scene in chosen[:1] or SCENES:
-        for way in chosen[1:] or (
-            list(WAYS) if "box, " in scene or "wall" in scene else [*WAYS][:1]
-        ):
+        for way in chosen[1:] or (list(WAYS) if "box, " in scene or "wall" in scene else [*WAYS][:1]):
             answer: mp.Queue[str] = mp.Queue()
             process = mp.Process(target=measure, args=(scene, way, answer))
             process.start()
             process.join(LIMIT)
             process.kill()
-            print(f"{scene:18s} {way:16s}", answer.get() if not answer.empty() else "  no answer",
-                  flush=True)  # fmt: skip
+            print(f"{scene:18s} {way:16s}", answer.get() if not answer.empty() else "  no answer", flush=True)
 
 
 if __name__ == "__main__":

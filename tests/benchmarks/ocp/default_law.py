@@ -23,9 +23,14 @@ from reports.site.measured import DATA, read, write_table
 
 TABLE, LAWS = "default-law", ("exact", "barrier")
 COLUMNS = (
-    "problem", "law", "certified of 10", "survive of 10", "best referee cost",
-    "median referee cost", "median s",
-)  # fmt: skip
+    "problem",
+    "law",
+    "certified of 10",
+    "survive of 10",
+    "best referee cost",
+    "median referee cost",
+    "median s",
+)
 PERTURBED, SEED, WORKERS = 10, 0, 2
 
 
@@ -53,10 +58,14 @@ def row(problem: str, law: str, answers: Sequence[Answer]) -> list[str]:
     """A row of the table; a plan whose replay stops costs infinity."""
     costs = [one.cost if math.isfinite(one.cost) else math.inf for one in answers]
     return [
-        f"`{problem}`", law, str(sum(one.certified for one in answers)),
-        str(sum(one.survives for one in answers)), f"{min(costs):.6g}", f"{median(costs):.6g}",
+        f"`{problem}`",
+        law,
+        str(sum(one.certified for one in answers)),
+        str(sum(one.survives for one in answers)),
+        f"{min(costs):.6g}",
+        f"{median(costs):.6g}",
         f"{median(one.seconds for one in answers):.2g}",
-    ]  # fmt: skip
+    ]
 
 
 def main() -> None:
@@ -69,12 +78,14 @@ def main() -> None:
                 fresh = row(problem, law, list(pool.map(answer, *given)))
                 old = [cells for cells in old if cells[:2] != fresh[:2]] + [fresh]
                 print("  ".join(fresh), flush=True)
-        order = {(f"`{name}`", law): i for i, (name, law) in
-                 enumerate((name, law) for name in names() for law in LAWS)}  # fmt: skip
+        order = {(f"`{name}`", law): i for i, (name, law) in enumerate((name, law) for name in names() for law in LAWS)}
         write_table(
-            TABLE, title="Exact and barrier under the referee", command="make bench-laws",
-            columns=COLUMNS, rows=sorted(old, key=lambda cells: order[cells[0], cells[1]]),
-        )  # fmt: skip
+            TABLE,
+            title="Exact and barrier under the referee",
+            command="make bench-laws",
+            columns=COLUMNS,
+            rows=sorted(old, key=lambda cells: order[cells[0], cells[1]]),
+        )
 
 
 if __name__ == "__main__":

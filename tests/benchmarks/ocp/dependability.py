@@ -27,21 +27,34 @@ from reports.site.measured import DATA, read, write_table
 
 TABLE = "dependability"
 COLUMNS = (
-    "problem", "N", "pairs a step", "audited of 20", "certified of 20", "default guess",
-    "median iterations", "median s", "certificate s", "best cost", "worst cost",
-    "within 1 % of the best", "referee", "survives", "floor",
-)  # fmt: skip
+    "problem",
+    "N",
+    "pairs a step",
+    "audited of 20",
+    "certified of 20",
+    "default guess",
+    "median iterations",
+    "median s",
+    "certificate s",
+    "best cost",
+    "worst cost",
+    "within 1 % of the best",
+    "referee",
+    "survives",
+    "floor",
+)
 PERTURBED, SEED, WORKERS = 20, 0, 2
 FEASIBLE = {Status.SOLVED, Status.NOT_OPTIMAL, Status.UNDECIDED, Status.NO_PROGRESS}
 FLOORS = {
-    "push-1d": 19, "push-disc": 19, "planar-push": 19, "planar-hand": 19,
-    "hopper": 16, "half-cheetah": 16,
-}  # fmt: skip
-EXAMPLES = Path(__file__).parents[3] / "examples"
-FILES = {
-    name: str(EXAMPLES / f"{name.replace('-', '_')}.py")
-    for name in ("behind", "slope", "double-pendulum-walls")
+    "push-1d": 19,
+    "push-disc": 19,
+    "planar-push": 19,
+    "planar-hand": 19,
+    "hopper": 16,
+    "half-cheetah": 16,
 }
+EXAMPLES = Path(__file__).parents[3] / "examples"
+FILES = {name: str(EXAMPLES / f"{name.replace('-', '_')}.py") for name in ("behind", "slope", "double-pendulum-walls")}
 """Problems of the examples by name, and where they are."""
 
 
@@ -79,10 +92,21 @@ def from_guess(problem: str, index: int) -> Start:
     found = judged(session, outcome, SEED)
     made = session.problem
     return Start(
-        problem, index, made.N, made.system.nlam, found.status in FEASIBLE, found.success,
-        found.status.label, found.cost, found.iterations, seconds, found.certificate.seconds,
-        found.referee.cost, found.referee.survives, _where(found),
-    )  # fmt: skip
+        problem,
+        index,
+        made.N,
+        made.system.nlam,
+        found.status in FEASIBLE,
+        found.success,
+        found.status.label,
+        found.cost,
+        found.iterations,
+        seconds,
+        found.certificate.seconds,
+        found.referee.cost,
+        found.referee.survives,
+        _where(found),
+    )
 
 
 def _where(found: Solution) -> str:
@@ -102,16 +126,22 @@ def row(starts: Sequence[Start]) -> list[str]:
     refereed = good[0] if good else starts[0]
     own, floor = starts[0], FLOORS.get(starts[0].problem)
     return [
-        f"`{own.problem}`", str(own.steps), str(own.pairs),
-        str(audited(starts)), str(certified(starts)),
+        f"`{own.problem}`",
+        str(own.steps),
+        str(own.pairs),
+        str(audited(starts)),
+        str(certified(starts)),
         "solved" if own.success else own.status,
         f"{median(start.iterations for start in starts):.0f}",
         f"{median(start.seconds for start in starts):.2g}",
         f"{median(start.certificate_s for start in starts):.2g}",
-        f"{best:.6g}", f"{worst:.6g}", f"{close} of {len(starts)}",
-        f"{refereed.referee:.6g}", {True: "yes", False: "no", None: "–"}[refereed.survives],
+        f"{best:.6g}",
+        f"{worst:.6g}",
+        f"{close} of {len(starts)}",
+        f"{refereed.referee:.6g}",
+        {True: "yes", False: "no", None: "–"}[refereed.survives],
         str(floor or ""),
-    ]  # fmt: skip
+    ]
 
 
 def audited(starts: Sequence[Start]) -> int:

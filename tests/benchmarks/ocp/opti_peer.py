@@ -75,9 +75,7 @@ class Script:
         start = (guess.x, guess.u, guess.lam, guess.gap)
         for block, value in zip(self.blocks, start, strict=True):
             opti.set_initial(block, value.T)
-        read = ca.Function(
-            "read", [opti.x, opti.p], [opti.f, ca.vec(self.blocks[2] * self.blocks[3])]
-        )
+        read = ca.Function("read", [opti.x, opti.p], [opti.f, ca.vec(self.blocks[2] * self.blocks[3])])
         cost, worst = np.nan, np.nan
         for t in values:
             opti.set_value(self.t, t)

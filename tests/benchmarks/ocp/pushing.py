@@ -34,8 +34,7 @@ def sliding_pusher(values: dict[str, float]) -> Problem:
     ``0 <= minus ⟂ mu n + c + d minus >= 0``.
     """
     table = ParameterTable([Parameter(name, value, "1") for name, value in values.items()])
-    x, x_next, u, lam = (ca.SX.sym(s, k) for s, k in
-                         (("x", 4), ("x_next", 4), ("u", 2), ("lam", 2)))  # fmt: skip
+    x, x_next, u, lam = (ca.SX.sym(s, k) for s, k in (("x", 4), ("x_next", 4), ("u", 2), ("lam", 2)))
     slid = lam[0] - lam[1]
     n, t = u[0], u[1] - DAMPING * slid
     a, mu, reach = table["a"], table["mu"], table["reach"]
@@ -44,37 +43,53 @@ def sliding_pusher(values: dict[str, float]) -> Problem:
     rate = ca.vertcat(cos * n - sin * t, sin * n + cos * t, moment / reach**2, slid)
     system = ContactSystem(
         name="pushing",
-        x=x, u=u, x_next=x_next, lam=lam,
+        x=x,
+        u=u,
+        x_next=x_next,
+        lam=lam,
         residual=x_next - x - H * rate,
         gap=mu * n + ca.vertcat(-u[1], u[1]) + DAMPING * lam,
         states=signals("x [m]; y [m]; theta [rad]; phi [rad]"),
         inputs=signals("n [N] normal force; c [N] force along the side"),
         contacts=signals("plus [rad/s] sliding up; minus [rad/s] sliding down"),
-        h=H, parameters=table, gap_unit="N", sharp=Sharp(), refinable=True,
-    )  # fmt: skip
+        h=H,
+        parameters=table,
+        gap_unit="N",
+        sharp=Sharp(),
+        refinable=True,
+    )
     away = x - ca.DM([0.3, 0.4, 1.5 * math.pi, 0.0])
     clear = ca.sumsqr(x[:2] - ca.vertcat(table["ox"], table["oy"])) - table["r"] ** 2
     return Problem(
-        "pushing", system, N,
+        "pushing",
+        system,
+        N,
         stage_cost=1e-2 * ca.sumsqr(u) + 1e-3 * ca.sumsqr(lam),
         terminal_cost=100 * ca.sumsqr(away * ca.DM([1, 1, 0.3, 0])),
-        x0=ca.vertcat(table["x0"], table["y0"], table["theta0"], 0.0), parameters=table,
-        u_lower=ca.SX([0.0, -LIMIT]), u_upper=ca.SX([LIMIT, LIMIT]),
+        x0=ca.vertcat(table["x0"], table["y0"], table["theta0"], 0.0),
+        parameters=table,
+        u_lower=ca.SX([0.0, -LIMIT]),
+        u_upper=ca.SX([LIMIT, LIMIT]),
         x_lower=ca.SX([-np.inf, -np.inf, -np.inf, -0.9]),
         x_upper=ca.SX([np.inf, np.inf, np.inf, 0.9]),
         path=[Constraint("clear", clear, 0.0, ca.inf)],
         scaling=Scaling(impulse=1.0, gap=0.1, x=0.3, u=0.1),
-    )  # fmt: skip
+    )
 
 
 def drawn(rng: np.random.Generator) -> dict[str, float]:
     """Parameters of one instance."""
     return {
-        "a": rng.uniform(0.04, 0.07), "mu": rng.uniform(0.2, 0.5), "reach": 0.05,
-        "ox": rng.uniform(0.1, 0.2), "oy": rng.uniform(0.15, 0.3), "r": rng.uniform(0.05, 0.1),
-        "x0": rng.uniform(-0.05, 0.0), "y0": rng.uniform(-0.05, 0.05),
+        "a": rng.uniform(0.04, 0.07),
+        "mu": rng.uniform(0.2, 0.5),
+        "reach": 0.05,
+        "ox": rng.uniform(0.1, 0.2),
+        "oy": rng.uniform(0.15, 0.3),
+        "r": rng.uniform(0.05, 0.1),
+        "x0": rng.uniform(-0.05, 0.0),
+        "y0": rng.uniform(-0.05, 0.05),
         "theta0": rng.uniform(-0.2, 0.2),
-    }  # fmt: skip
+    }
 
 
 def main(count: int = 50, strategy: str = "") -> None:
@@ -90,10 +105,12 @@ def main(count: int = 50, strategy: str = "") -> None:
         iterations.append(found.iterations)
         certified += found.certificate.certified
         kind, end = found.certificate.stationarity, found.data["x"].values[0, -1].round(3)
-        print(f"{k:>3} {found.cost:>9.5f} {iterations[-1]:>6} {seconds[-1]:>6.2f} s {kind:<10}"
-              f"{found.referee.word:<22}{end}", flush=True)  # fmt: skip
-    print(f"median {median(seconds):.2f} s, {median(iterations):.0f} iterations, certified"
-          f" {certified} of {count}")  # fmt: skip
+        print(
+            f"{k:>3} {found.cost:>9.5f} {iterations[-1]:>6} {seconds[-1]:>6.2f} s {kind:<10}"
+            f"{found.referee.word:<22}{end}",
+            flush=True,
+        )
+    print(f"median {median(seconds):.2f} s, {median(iterations):.0f} iterations, certified {certified} of {count}")
 
 
 if __name__ == "__main__":

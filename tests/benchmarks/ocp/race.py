@@ -11,9 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 
-def alternate(
-    runs: dict[str, Callable[[], Any]], rounds: int
-) -> tuple[dict[str, float], dict[str, Any]]:
+def alternate(runs: dict[str, Callable[[], Any]], rounds: int) -> tuple[dict[str, float], dict[str, Any]]:
     """Run all in turn, ``rounds`` times; median seconds and last result of each.
 
     The clock is processor time: every runner is single-threaded, so that on an idle machine it is

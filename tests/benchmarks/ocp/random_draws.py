@@ -15,9 +15,17 @@ from problems import spec
 from problems.parameters import is_structural
 
 PROBLEMS = (
-    "wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls", "box-slide", "ball-throw",
-    "cart-transport", "hopper-1d", "planar-push",
-)  # fmt: skip
+    "wall-1d",
+    "push-1d",
+    "push-disc",
+    "ball-bounce",
+    "cart-walls",
+    "box-slide",
+    "ball-throw",
+    "cart-transport",
+    "hopper-1d",
+    "planar-push",
+)
 FACTOR = 3.0
 _SHIFT, _FROM_ZERO = 0.3, 0.1
 """Shares of its own size, or units where it is zero, by which a place is moved at most."""
@@ -46,11 +54,7 @@ class Instance:
 
 def drawn(problem: str, count: int, seed: int, factor: float = FACTOR) -> Iterator[Instance]:
     """Draw ``count`` instances; what the problem's validation refuses is drawn again."""
-    fields = {
-        name: field
-        for name, field in spec(problem).Params.model_fields.items()
-        if not is_structural(field)
-    }
+    fields = {name: field for name, field in spec(problem).Params.model_fields.items() if not is_structural(field)}
     for index in range(count):
         rng = np.random.default_rng([seed, PROBLEMS.index(problem), index])
         while True:
@@ -66,9 +70,7 @@ def drawn(problem: str, count: int, seed: int, factor: float = FACTOR) -> Iterat
 def _value(field: FieldInfo, rng: np.random.Generator, factor: float) -> float:
     """Log-uniform within a factor where positive, else moved by a share of itself."""
     default = float(field.default)
-    positive = any(
-        getattr(limit, "gt", getattr(limit, "ge", None)) == 0 for limit in field.metadata
-    )
+    positive = any(getattr(limit, "gt", getattr(limit, "ge", None)) == 0 for limit in field.metadata)
     if positive and default > 0:
         return default * factor ** rng.uniform(-1, 1)
     return default + rng.uniform(-1, 1) * (_SHIFT * abs(default) or _FROM_ZERO)

@@ -40,8 +40,7 @@ SEED, STARTS = 0, 4
 LIMIT_S = 60.0
 WORSE, MOST_WORSE, MOST_TIME = 0.01, 0.03, 1.5
 BASELINE = "first strategy alone"
-FEASIBLE = {s.label for s in (Status.SOLVED, Status.NOT_OPTIMAL, Status.UNDECIDED,
-                              Status.NO_PROGRESS)}  # fmt: skip
+FEASIBLE = {s.label for s in (Status.SOLVED, Status.NOT_OPTIMAL, Status.UNDECIDED, Status.NO_PROGRESS)}
 
 
 @dataclass(frozen=True)
@@ -82,9 +81,11 @@ def alone(instance: Instance) -> Answer:
 
 
 def _from_session(
-    instance: Instance, run: Callable[[Session], RouteResult],
-    settings: dict[str, str] | None = None, method: Method | str = "direct",
-) -> Answer:  # fmt: skip
+    instance: Instance,
+    run: Callable[[Session], RouteResult],
+    settings: dict[str, str] | None = None,
+    method: Method | str = "direct",
+) -> Answer:
     problem = get(instance.problem, **instance.params)
     session = new_session(problem, Exact(), method, settings=settings)
     began, wall = time.process_time(), time.perf_counter()
@@ -94,16 +95,12 @@ def _from_session(
 
 
 def _strategy(name: str) -> Callable[[Instance], Answer]:
-    return lambda instance: _from_session(
-        instance, lambda session: session.solve(), {"strategy": name}
-    )
+    return lambda instance: _from_session(instance, lambda session: session.solve(), {"strategy": name})
 
 
 def _start(number: int) -> Callable[[Instance], Answer]:
     def run(session: Session) -> RouteResult:
-        return session.solve(
-            guess=initial_guesses(session.problem, session.values, number + 1, SEED)[number]
-        )
+        return session.solve(guess=initial_guesses(session.problem, session.values, number + 1, SEED)[number])
 
     return lambda instance: _from_session(instance, run)
 
@@ -194,9 +191,7 @@ class Summary:
             f"{self.uncertified} shooting answers solved without a certificate": self.uncertified,
             f"{self.slow} solves of over {LIMIT_S:g} s where direct needs 1 s": self.slow,
             f"{self.misplaced} audited throws off a bound or in the ground": self.misplaced,
-            f"{self.ratio:.2f} times the baseline's median time, floor {MOST_TIME}": (
-                self.ratio > MOST_TIME
-            ),
+            f"{self.ratio:.2f} times the baseline's median time, floor {MOST_TIME}": (self.ratio > MOST_TIME),
         }
         return [words for words, wrong in floors.items() if wrong]
 
@@ -221,9 +216,7 @@ def summary(found: Sequence[dict[str, Answer]]) -> Summary:
         for answer in answers.values()
         if answer.wall > LIMIT_S and answers["default"].wall <= 1.0
     ]
-    own, base = (
-        median(answers[name].seconds for answers in found) for name in ("default", BASELINE)
-    )
+    own, base = (median(answers[name].seconds for answers in found) for name in ("default", BASELINE))
     return Summary(
         len(found),
         sum(answers["default"].solved and answers["default"].certified for answers in found),
@@ -238,15 +231,33 @@ def summary(found: Sequence[dict[str, Answer]]) -> Summary:
 
 
 COLUMNS = (
-    "problem", "instances", "solved and certified", "> 1 % above the best", "shooting solved",
-    "of them uncertified", "over 60 s", "misplaced", "median s", "of the baseline's",
-)  # fmt: skip
+    "problem",
+    "instances",
+    "solved and certified",
+    "> 1 % above the best",
+    "shooting solved",
+    "of them uncertified",
+    "over 60 s",
+    "misplaced",
+    "median s",
+    "of the baseline's",
+)
 
 
 def row(name: str, s: Summary) -> list[str]:
     """A line of the table."""
-    cells = (name, s.count, s.solved, s.worse, s.shot, s.uncertified, s.slow, s.misplaced,
-             f"{s.seconds:.2g}", f"{s.ratio:.2f}")  # fmt: skip
+    cells = (
+        name,
+        s.count,
+        s.solved,
+        s.worse,
+        s.shot,
+        s.uncertified,
+        s.slow,
+        s.misplaced,
+        f"{s.seconds:.2g}",
+        f"{s.ratio:.2f}",
+    )
     return [str(cell) for cell in cells]
 
 
@@ -289,14 +300,13 @@ def main() -> int:
 def _tell(instance: Instance, answers: dict[str, Answer]) -> None:
     own, low = answers["default"], best(answers)
     if is_worse(answers) or not own.solved:
-        ways = [
-            name for name, a in answers.items() if a.solved and a.cost <= low + WORSE * abs(low)
-        ]
+        ways = [name for name, a in answers.items() if a.solved and a.cost <= low + WORSE * abs(low)]
         print(
             f"{instance.problem} {instance.index}: {own.status} {own.cost:.6g}, best {low:.6g} by"
             f" {', '.join(ways) or 'none'}; {instance.command}",
-            file=sys.stderr, flush=True,
-        )  # fmt: skip
+            file=sys.stderr,
+            flush=True,
+        )
 
 
 def _keep(store: dict[str, dict]) -> None:

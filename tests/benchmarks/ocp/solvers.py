@@ -54,9 +54,7 @@ def here(problem: str, law: str, solver: str) -> Solved:
 def apart(problem: str, law: str, solver: str) -> Solved:
     """Solve in a process of its own, at low priority."""
     words = [sys.executable, "-m", __spec__.name, "--one", problem, law, solver]
-    with subprocess.Popen(
-        words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    ) as child:
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as child:
         # Watched from outside: a timer of its own processor time slows SLEQP down thirtyfold.
         while child.poll() is None and processor_s(child.pid) < limit(solver):
             time.sleep(0.1)

@@ -26,10 +26,19 @@ def test_continuation_needs_a_sixth_of_the_cold_iterations() -> None:
             better += outcome.result.ok and outcome.result.f < point.solution.cost * (1 - 1e-4)
         ratios[name] = iterations / path.iterations
         builds.append(path.nlp_builds)
-        rows.append([name, len(path.points), path.iterations, iterations, f"{ratios[name]:.1f}",
-                     path.nlp_builds, better, failed])  # fmt: skip
-    columns = ["problem", "points", "iterations", "cold", "ratio", "NLPs built", "cold is better",
-               "cold fails"]  # fmt: skip
+        rows.append(
+            [
+                name,
+                len(path.points),
+                path.iterations,
+                iterations,
+                f"{ratios[name]:.1f}",
+                path.nlp_builds,
+                better,
+                failed,
+            ]
+        )
+    columns = ["problem", "points", "iterations", "cold", "ratio", "NLPs built", "cold is better", "cold fails"]
     tell("Continuation over mu", columns, rows)
     assert ratios["push-disc"] >= 6
     assert builds == [1] * len(FIVE)

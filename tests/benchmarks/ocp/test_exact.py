@@ -47,11 +47,15 @@ def test_default_strategy_against_scholtes_with_cold_starts() -> None:
         best = min(best, cold.result.f if cold.result.ok else math.inf)
         costs = (default.result.f, script.cost, cold.result.f)
         steps = (default.trace.iterations, script.iterations, cold.trace.iterations)
-        rows.append([
-            name, " / ".join(f"{cost:.6g}" for cost in costs), " / ".join(map(str, steps)),
-            " / ".join(ms(seconds[key]) for key in total),
-            *(f"{seconds[key] / seconds['default']:.1f}" for key in logs),
-        ])  # fmt: skip
+        rows.append(
+            [
+                name,
+                " / ".join(f"{cost:.6g}" for cost in costs),
+                " / ".join(map(str, steps)),
+                " / ".join(ms(seconds[key]) for key in total),
+                *(f"{seconds[key] / seconds['default']:.1f}" for key in logs),
+            ]
+        )
         for key in total:
             total[key] += seconds[key]
         for key in logs:
@@ -81,9 +85,7 @@ def test_all_strategies() -> None:
         steps = [found[name].trace.iterations for name in SET]
         tables["Cost"].append([strategy, *(f"{costs[strategy][n]:.6g}" for n in SET), ""])
         tables["Iterations"].append([strategy, *steps, sum(steps)])
-        tables["Milliseconds"].append(
-            [strategy, *(ms(seconds[name]) for name in SET), ms(sum(seconds.values()))]
-        )
+        tables["Milliseconds"].append([strategy, *(ms(seconds[name]) for name in SET), ms(sum(seconds.values()))])
     for title, rows in tables.items():
         tell(f"{title} of every strategy, exact law", ["strategy", *SET, "sum"], rows)
     for name in SET:

@@ -16,10 +16,8 @@ from tests.benchmarks.ocp.race import tell
 
 LAWS: dict[str, ContactLaw] = {"exact": Exact(), "barrier": Barrier(mu=1e-3)}
 LENGTHS = {"exact": (24, 50, 100, 200), "barrier": (20, 100, 400, 1000)}
-EXACT = ("push-1d", "push-disc", "ball-bounce", "cart-walls", "box-slide", "hopper-1d",
-         "planar-push")  # fmt: skip
-RUNS = [*((name, "exact") for name in EXACT), ("push-disc", "barrier"),
-        ("half-cheetah", "exact"), ("hopper", "exact")]  # fmt: skip
+EXACT = ("push-1d", "push-disc", "ball-bounce", "cart-walls", "box-slide", "hopper-1d", "planar-push")
+RUNS = [*((name, "exact") for name in EXACT), ("push-disc", "barrier"), ("half-cheetah", "exact"), ("hopper", "exact")]
 GROWTH = 2.0
 """Largest ratio of the time a step takes to that at the shortest horizon."""
 MISSED = {"hopper"}
@@ -59,19 +57,26 @@ def test_time_of_a_step_hardly_grows_with_the_horizon() -> None:
         lengths = LENGTHS[law]
         found = [measured(name, LAWS[law], N) for N in lengths]
         ratios = [one.step_s / found[0].step_s for one in found]
-        rows.append([
-            name, law, " / ".join(map(str, lengths)),
-            " / ".join(f"{1e3 * one.step_s:.3g}" for one in found),
-            " / ".join(f"{ratio:.2f}" for ratio in ratios),
-            " / ".join(str(one.iterations) for one in found),
-            " / ".join(dict.fromkeys(one.status for one in found)),
-        ])  # fmt: skip
+        rows.append(
+            [
+                name,
+                law,
+                " / ".join(map(str, lengths)),
+                " / ".join(f"{1e3 * one.step_s:.3g}" for one in found),
+                " / ".join(f"{ratio:.2f}" for ratio in ratios),
+                " / ".join(str(one.iterations) for one in found),
+                " / ".join(dict.fromkeys(one.status for one in found)),
+            ]
+        )
         missed |= {name} if max(ratios) > GROWTH else set()
         # After every row: the last ones take minutes.
         write_table(
-            "horizons", title=title, columns=columns, rows=rows,
+            "horizons",
+            title=title,
+            columns=columns,
+            rows=rows,
             command="pytest -m bench -s tests/benchmarks/ocp/test_horizons.py",
             note=f"Floor: a ratio of {GROWTH:g} at most.",
-        )  # fmt: skip
+        )
     tell(title, columns, rows)
     assert missed <= MISSED

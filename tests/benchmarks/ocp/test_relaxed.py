@@ -47,12 +47,18 @@ def test_relaxed_nlp_against_a_plain_script() -> None:
         assert outcome.result.ok and script.ok
         ratio = seconds["script"] / seconds["ours"]
         bounds = f"{seconds['bounds'] / seconds['ours']:.1f}" if "bounds" in seconds else ""
-        rows.append([
-            name, model.N, f"{outcome.result.f:.6g} / {script.cost:.6g}",
-            f"{outcome.trace.iterations} / {script.iterations}",
-            f"{ms(seconds['ours'])} / {ms(seconds['script'])}",
-            f"{ratio:.1f}", f"{floor:g}", bounds,
-        ])  # fmt: skip
+        rows.append(
+            [
+                name,
+                model.N,
+                f"{outcome.result.f:.6g} / {script.cost:.6g}",
+                f"{outcome.trace.iterations} / {script.iterations}",
+                f"{ms(seconds['ours'])} / {ms(seconds['script'])}",
+                f"{ratio:.1f}",
+                f"{floor:g}",
+                bounds,
+            ]
+        )
         slow += [(name, model.N, ratio)] if ratio < floor else []
         worse += [name] if outcome.result.f > script.cost * 1.005 else []
     columns = ["ours / script", "N", "cost", "iterations", "ms", "ratio", "floor", "bounds"]

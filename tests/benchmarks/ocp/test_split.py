@@ -38,9 +38,16 @@ def test_where_an_iteration_goes(tmp_path: Path) -> None:
             file = tmp_path / f"{name}-{jit}.txt"
             began = time.process_time()
             made = session(
-                name, Barrier(mu=1e-2), N, jit=jit, homotopy="false", max_iter=ITERATIONS,
-                print_timing_statistics="yes", output_file=str(file), file_print_level=3,
-            )  # fmt: skip
+                name,
+                Barrier(mu=1e-2),
+                N,
+                jit=jit,
+                homotopy="false",
+                max_iter=ITERATIONS,
+                print_timing_statistics="yes",
+                output_file=str(file),
+                file_print_level=3,
+            )
             nlp = made.nlp_of("product")
             made.first_point(nlp)
             built = time.process_time() - began
@@ -51,15 +58,29 @@ def test_where_an_iteration_goes(tmp_path: Path) -> None:
             linear = timed(report, "StdAugSystemSolverMultiSolve")
             ratio = timed(report, "OverallAlgorithm") / linear
             each = (trace.evaluation_s, solver_s)
-            rows.append([
-                name, jit, f"{built:.2f}", trace.iterations,
-                *(ms(seconds / trace.iterations) for seconds in each), f"{share:.2f}",
-                f"{ratio:.2f}",
-            ])  # fmt: skip
+            rows.append(
+                [
+                    name,
+                    jit,
+                    f"{built:.2f}",
+                    trace.iterations,
+                    *(ms(seconds / trace.iterations) for seconds in each),
+                    f"{share:.2f}",
+                    f"{ratio:.2f}",
+                ]
+            )
             missed += [(name, jit, "set-up", built)] if built >= BUILD and jit == "false" else []
             missed += [(name, jit, "functions", share)] if share > FUNCTIONS else []
             missed += [(name, jit, "overall", ratio)] if ratio > OVERALL else []
-    columns = ["problem", "jit", "set-up, s", "iterations", "functions, ms", "solver, ms",
-               "functions / solver", "all / linear"]  # fmt: skip
+    columns = [
+        "problem",
+        "jit",
+        "set-up, s",
+        "iterations",
+        "functions, ms",
+        "solver, ms",
+        "functions / solver",
+        "all / linear",
+    ]
     tell(f"Time of an iteration, N = {N}; floors {FUNCTIONS}, {OVERALL}", columns, rows)
     assert not missed

@@ -17,8 +17,7 @@ from ocp import store
 from reports.site.measured import write_table
 from tests.benchmarks.ocp.race import tell
 
-WORDS = ["sweep", "push-disc", "--over", "M=0.5:2:7", "--over", "contact.mu=1e-4:1e-1:4:log",
-         "--json", "--quiet"]  # fmt: skip
+WORDS = ["sweep", "push-disc", "--over", "M=0.5:2:7", "--over", "contact.mu=1e-4:1e-1:4:log", "--json", "--quiet"]
 LONG, SHORT = 300, 20
 """Steps of points that take a second or two, and of such that take a tenth of one."""
 FASTER = 1.7
@@ -62,10 +61,7 @@ def test_a_sweep_on_two_cores_against_one(tmp_path: Path) -> None:
     hashes[LONG].add(meta["hash"])
     assert [len(found) for found in hashes.values()] == [1, 1]
     least = {key: min(found) for key, found in seconds.items()}
-    rows = [
-        [f"N = {N}", f"{least[N, 1]:.1f}", f"{least[N, 2]:.1f}", f"{ratio(least, N):.2f}"]
-        for N in (LONG, SHORT)
-    ]
+    rows = [[f"N = {N}", f"{least[N, 1]:.1f}", f"{least[N, 2]:.1f}", f"{ratio(least, N):.2f}"] for N in (LONG, SHORT)]
     rows.append([f"N = {LONG}, one killed", "", f"{killed:.1f}", f"{least[LONG, 1] / killed:.2f}"])
     title = "A sweep of 28 points of push-disc, wall time of the whole command"
     columns = ["steps", "one process, s", "two, s", "ratio"]

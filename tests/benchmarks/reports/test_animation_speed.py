@@ -65,19 +65,22 @@ def test_files_of_an_animation(tmp_path: Path) -> None:
             animation = moving(RunView.of(run))
             for ending in WRITERS:
                 ours, theirs = tmp_path / f"ours.{ending}", tmp_path / f"theirs.{ending}"
-                pairs = [
-                    (spent(by_savefig, animation, theirs), spent(write, animation, ours))
-                    for _ in range(ROUNDS)
-                ]
+                pairs = [(spent(by_savefig, animation, theirs), spent(write, animation, ours)) for _ in range(ROUNDS)]
                 before, after = map(min, zip(*pairs, strict=True))
                 sizes = [f"{file.stat().st_size / 1e3:.0f}" for file in (theirs, ours)]
-                rows.append([
-                    f"`{name}`, {what}", ending, len(animation.times), f"{before:.2f}",
-                    f"{after:.2f}", f"{before / after:.1f}", *sizes,
-                ])  # fmt: skip
+                rows.append(
+                    [
+                        f"`{name}`, {what}",
+                        ending,
+                        len(animation.times),
+                        f"{before:.2f}",
+                        f"{after:.2f}",
+                        f"{before / after:.1f}",
+                        *sizes,
+                    ]
+                )
                 missed += [rows[-1]] if before / after < FLOOR else []
-    columns = ["motion", "file", "frames", "savefig, s", "here, s", "ratio", "savefig, kB",
-               "here, kB"]  # fmt: skip
+    columns = ["motion", "file", "frames", "savefig, s", "here, s", "ratio", "savefig, kB", "here, kB"]
     tell("animations", columns, rows)
     write_table(
         "animations",

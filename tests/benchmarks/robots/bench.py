@@ -18,8 +18,7 @@ from tests.benchmarks.robots import ants, peers, quadruped
 from tests.benchmarks.robots.equations import FILES, SOLO, STATES, WITHIN, measured
 
 COMMAND = "make bench-robots"
-ROBOTS = ("robot", "velocities", "M off by", "bias", "Jacobian", "M, instructions", "bias ",
-          "Jacobian ")  # fmt: skip
+ROBOTS = ("robot", "velocities", "M off by", "bias", "Jacobian", "M, instructions", "bias ", "Jacobian ")
 SPEED = ("what", "measured", "floor", "beside it")
 RATIO, COMPILE_S, ITERATION_MS, TIMES = 2.0, 30.0, 16.0, 10.0
 ISSUE = "adam-robotics, as the issue has it", 18, "", "", "", 5112, 2919, 785
@@ -66,9 +65,11 @@ def stage() -> Iterator[Row]:
     found = peers.asked(python, solo)["pin"] if python and solo else {"missing": "PEERS is not set"}
     if "second" in found:
         theirs = found["RNEA derivatives"] + found["second"]
-        beside = (f"pin on Solo12 {found['how']}: {theirs:.1f} µs = RNEA derivatives"
-                  f" {found['RNEA derivatives']:.1f} + second ones {found['second']:.1f};"
-                  f" ABA derivatives {found['ABA derivatives']:.1f}")  # fmt: skip
+        beside = (
+            f"pin on Solo12 {found['how']}: {theirs:.1f} µs = RNEA derivatives"
+            f" {found['RNEA derivatives']:.1f} + second ones {found['second']:.1f};"
+            f" ABA derivatives {found['ABA derivatives']:.1f}"
+        )
         parts = shown(parts, ours > RATIO * theirs)
     else:
         beside = f"pin: {found}"
@@ -76,9 +77,12 @@ def stage() -> Iterator[Row]:
     yield "its residual alone", f"{residual:.1f} µs", "", f"RNEA {found.get('rnea', 0):.1f} µs"
     (first, wall), (again, _) = quadruped.build_s(made)
     text = shown(f"{first:.1f} s", first > COMPILE_S)
-    yield ("program of the exact law with jit, built and compiled", text, f"{COMPILE_S:g} s",
-           f"from the cache {again:.1f} s; by the clock {wall:.0f} s at load"
-           f" {os.getloadavg()[0]:.1f}")  # fmt: skip
+    yield (
+        "program of the exact law with jit, built and compiled",
+        text,
+        f"{COMPILE_S:g} s",
+        f"from the cache {again:.1f} s; by the clock {wall:.0f} s at load {os.getloadavg()[0]:.1f}",
+    )
 
 
 def iteration() -> Iterator[Row]:
@@ -105,8 +109,12 @@ def rollouts() -> Iterator[Row]:
     for mu in (1e-3, 1e-2):
         ours = ants.ours_ms(ants.rollouts(mu, "c"))
         text = shown(f"{theirs / ours:.1f} times: {ours:.2f} ms", theirs < TIMES * ours)
-        yield (f"ant, {ants.STEPS} steps with gradient, mu = {mu:g}", text, f"{TIMES:g} times",
-               f"MuJoCo's mj_step and mjd_transitionFD: {theirs:.2f} ms")  # fmt: skip
+        yield (
+            f"ant, {ants.STEPS} steps with gradient, mu = {mu:g}",
+            text,
+            f"{TIMES:g} times",
+            f"MuJoCo's mj_step and mjd_transitionFD: {theirs:.2f} ms",
+        )
 
 
 def main(words: list[str]) -> None:

@@ -101,9 +101,10 @@ def measured(file: File, path: Path) -> list[str | float | int]:
         theirs = np.zeros((6, model.nv))
         mujoco.mj_jac(model, data, theirs[:3], theirs[3:], place.ravel(), number)
         pairs = (
-            (np.array(mass(data.qpos)), columns), (rows, theirs),
+            (np.array(mass(data.qpos)), columns),
+            (rows, theirs),
             (np.array(bias(data.qpos, data.qvel)).ravel(), data.qfrc_bias),
-        )  # fmt: skip
+        )
         off = [np.abs(a - b).max() / max(1.0, np.abs(b).max()) for a, b in pairs]
         worst = np.maximum(worst, off)
     shown = [f"{x:.1e}" if x <= WITHIN else f"**{x:.1e} missed**" for x in worst[[0, 2, 1]]]

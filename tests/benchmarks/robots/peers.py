@@ -45,8 +45,10 @@ def adam(urdf: str) -> dict[str, int]:
     made = KinDynComputations(urdf, joints)
     foot = next(link.get("name") for link in root.findall("link") if "FOOT" in link.get("name", ""))
     functions = {
-        "M": made.mass_matrix_fun(), "bias": made.bias_force_fun(), "J": made.jacobian_fun(foot),
-    }  # fmt: skip
+        "M": made.mass_matrix_fun(),
+        "bias": made.bias_force_fun(),
+        "J": made.jacobian_fun(foot),
+    }
     return {name: function.expand().n_instructions() for name, function in functions.items()}
 
 
@@ -72,8 +74,11 @@ def pin(urdf: str) -> dict[str, float | str]:
         print(error, file=sys.stderr)
     q = pinocchio.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq))
     data, v = model.createData(), np.ones(model.nv)
-    calls = {"rnea": pinocchio.rnea, "RNEA derivatives": pinocchio.computeRNEADerivatives,
-             "ABA derivatives": pinocchio.computeABADerivatives}  # fmt: skip
+    calls = {
+        "rnea": pinocchio.rnea,
+        "RNEA derivatives": pinocchio.computeRNEADerivatives,
+        "ABA derivatives": pinocchio.computeABADerivatives,
+    }
     return {
         "how": "from Python, without second derivatives",
         **{name: least_us(lambda f=f: f(model, data, q, v, v)) for name, f in calls.items()},

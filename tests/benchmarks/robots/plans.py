@@ -33,9 +33,7 @@ Row = tuple[str, str, str, float, str, str]
 
 def ocp(folder: Path, *words: str) -> str:
     """What a command prints on stdout; raises where it fails otherwise than by its verdict."""
-    found = subprocess.run(
-        [sys.executable, "-m", "ocp", *words], cwd=folder, capture_output=True, text=True
-    )
+    found = subprocess.run([sys.executable, "-m", "ocp", *words], cwd=folder, capture_output=True, text=True)
     if found.returncode not in (0, 3):
         raise RuntimeError(found.stderr)
     return found.stdout
@@ -83,8 +81,9 @@ def main() -> None:
             plan, words = f"quadruped, {task}", ("quadruped", *given)
             rows += [solved(folder, plan, law, FLOOR_S, *words) for law in LAWS]
     note = "Cold, by the clock, with importing; B or KKT certify, and none is no certificate."
-    write_table("robots-planned", title="Plans of robots", command="make bench-robots",
-                columns=COLUMNS, rows=rows, note=note)  # fmt: skip
+    write_table(
+        "robots-planned", title="Plans of robots", command="make bench-robots", columns=COLUMNS, rows=rows, note=note
+    )
 
 
 if __name__ == "__main__":

@@ -34,8 +34,7 @@ FILES = {
         " mujoco/assets/reacher.xml mujoco/assets/swimmer.xml mujoco/assets/walker2d_v5.xml"
     ),
     "gymnasium_robotics": (
-        "adroit_hand/adroit_door.xml adroit_hand/adroit_pen.xml ../assets/hand/reach.xml"
-        " ../assets/fetch/reach.xml"
+        "adroit_hand/adroit_door.xml adroit_hand/adroit_pen.xml ../assets/hand/reach.xml ../assets/fetch/reach.xml"
     ),
     "metaworld": "../sawyer_xyz/sawyer_reach_v3.xml",
     "safety_gymnasium": "xmls/car.xml xmls/doggo.xml",
@@ -51,8 +50,7 @@ FILES = {
         " robots/talos_reduced.urdf urdf/ur5_robot.urdf urdf/allegro_right_hand.urdf"
     ),
     "pybullet_data": (
-        "kuka_iiwa/model.urdf quadruped/minitaur.urdf franka_panda/panda.urdf"
-        " mini_cheetah/mini_cheetah.urdf r2d2.urdf"
+        "kuka_iiwa/model.urdf quadruped/minitaur.urdf franka_panda/panda.urdf mini_cheetah/mini_cheetah.urdf r2d2.urdf"
     ),
 }
 """Ends of the files' paths by package; those with ``..`` name files of the folder above."""

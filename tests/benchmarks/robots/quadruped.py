@@ -60,11 +60,18 @@ def problem() -> Problem:
     off[0] -= 0.1
     far = ca.dot(off**2, ca.DM(np.r_[np.ones(19), np.full(18, 1e-2)]))
     return Problem(
-        name="quadruped", system=system, N=N, stage_cost=(far + 1e-2 * ca.sumsqr(system.u)) / N,
-        terminal_cost=10 * far, x0=ca.DM(start), parameters=table, u_lower=-1.0, u_upper=1.0,
+        name="quadruped",
+        system=system,
+        N=N,
+        stage_cost=(far + 1e-2 * ca.sumsqr(system.u)) / N,
+        terminal_cost=10 * far,
+        x0=ca.DM(start),
+        parameters=table,
+        u_lower=-1.0,
+        u_upper=1.0,
         guess=lambda *_: (np.tile(start, (N + 1, 1)), np.zeros((N, 12))),
         scaling=Scaling(impulse=1.0, gap=0.1, x=0.1, u=0.1),
-    )  # fmt: skip
+    )
 
 
 def session(made: Problem, law: ContactLaw, jit: bool) -> Session:
@@ -87,17 +94,14 @@ def stage_us(made: Problem) -> list[float]:
     least.restype = ctypes.c_double
     found = []
     for function in (stage.constraint_values(), stage.constraint_slopes()[0], stage.second()[0]):
-        given = [0.2 * rng.standard_normal(max(1, function.nnz_in(k))) for k in
-                 range(function.n_in())]  # fmt: skip
+        given = [0.2 * rng.standard_normal(max(1, function.nnz_in(k))) for k in range(function.n_in())]
         taken = [np.zeros(max(1, function.nnz_out(k))) for k in range(function.n_out())]
         made_c = getattr(compiler.load(source(function)), function.name())
         arrays = [(ctypes.c_void_p * len(a))(*(v.ctypes.data for v in a)) for a in (given, taken)]
         found.append(1e6 * least(ctypes.cast(made_c, ctypes.c_void_p), *arrays, 100, 50))
         exact = function.call([ca.DM(g[: function.nnz_in(k)]) for k, g in enumerate(given)])
         for value, own in zip(exact, taken, strict=True):
-            np.testing.assert_allclose(
-                own[: value.nnz()], np.array(value.nz[:]).ravel(), atol=1e-12
-            )
+            np.testing.assert_allclose(own[: value.nnz()], np.array(value.nz[:]).ravel(), atol=1e-12)
     return found
 
 
@@ -133,10 +137,16 @@ def iteration_ms(made: Problem, jit: bool, **options: object) -> tuple[float, fl
         for k in range(ROUNDS):
             file = Path(folder, f"{k}.txt")
             fresh.nlp_of("product").solvers.clear()
-            fresh.solver = Solver("ipopt", {
-                "print_timing_statistics": "yes", "output_file": str(file), "file_print_level": 3,
-                "max_iter": 60, **options,
-            })  # fmt: skip
+            fresh.solver = Solver(
+                "ipopt",
+                {
+                    "print_timing_statistics": "yes",
+                    "output_file": str(file),
+                    "file_print_level": 3,
+                    "max_iter": 60,
+                    **options,
+                },
+            )
             fresh.solve()
             report = file.read_text()
             count = int(_number(report, "Number of Iterations"))

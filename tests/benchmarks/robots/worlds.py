@@ -24,12 +24,13 @@ from problems import get
 from reports.site.measured import DATA, read, write_table
 
 TABLE = "worlds"
-MACHINES = {"hopper": ("goal", 2), "idto-hopper": ("speed", 4), "spinner": ("rate", 4),
-            "finger-disc": ("goal", 4)}  # fmt: skip
+MACHINES = {"hopper": ("goal", 2), "idto-hopper": ("speed", 4), "spinner": ("rate", 4), "finger-disc": ("goal", 4)}
 """The parameter that is perturbed, and how many tasks there are."""
 LAWS: dict[str, ContactLaw] = {
-    "exact": Exact(), "barrier, mu = 0.001": Barrier(mu=1e-3), "adaptive": Adaptive(),
-}  # fmt: skip
+    "exact": Exact(),
+    "barrier, mu = 0.001": Barrier(mu=1e-3),
+    "adaptive": Adaptive(),
+}
 SPREAD, WORKERS = 0.1, 2
 WAYS = ("inputs", "gains", "planning again")
 
@@ -50,8 +51,7 @@ def kept(task: tuple[str, str, int]) -> tuple[bool, ...]:
         found = [in_world("mujoco", problem, u, values, x[:, 0], cost).keeps]
         again = Controller(problem, law=LAWS[law], phase="qpcc" if law == "exact" else "relaxed")
         for controller in (along, again):
-            here, there = (float(simulate(controller, problem.N, plant).costs[0])
-                           for plant in ("exact", "mujoco"))  # fmt: skip
+            here, there = (float(simulate(controller, problem.N, plant).costs[0]) for plant in ("exact", "mujoco"))
             found.append(abs(there - here) <= KEPT * abs(here))
     return tuple(found)
 
@@ -64,8 +64,12 @@ def cell(found: Sequence[tuple[bool, ...]]) -> str:
 def main() -> None:
     """Measure machine after machine, and store each column as it is there."""
     old = read(TABLE) if (DATA / f"{TABLE}.json").exists() else {"columns": ["law"], "rows": []}
-    cells = {(row[0], name): value for row in old["rows"]
-             for name, value in zip(old["columns"][1:], row[1:], strict=True) if value}  # fmt: skip
+    cells = {
+        (row[0], name): value
+        for row in old["rows"]
+        for name, value in zip(old["columns"][1:], row[1:], strict=True)
+        if value
+    }
     for machine in sys.argv[1:] or MACHINES:
         began, count = time.perf_counter(), MACHINES[machine][1]
         tasks = [(machine, law, seed) for law in LAWS for seed in range(count)]
@@ -73,17 +77,18 @@ def main() -> None:
             found = list(pool.map(kept, tasks))
         for k, law in enumerate(LAWS):
             cells[law, machine] = cell(found[k * count : (k + 1) * count])
-        print(machine, [cells[law, machine] for law in LAWS],
-              f"{time.perf_counter() - began:.0f} s", flush=True)  # fmt: skip
+        print(machine, [cells[law, machine] for law in LAWS], f"{time.perf_counter() - began:.0f} s", flush=True)
         names = [name for name in MACHINES if any(at == name for _, at in cells)]
         write_table(
-            TABLE, title="And in MuJoCo?", command="python -m tests.benchmarks.robots.worlds",
+            TABLE,
+            title="And in MuJoCo?",
+            command="python -m tests.benchmarks.robots.worlds",
             columns=["law", *names],
             rows=[[law, *(cells[law, name] for name in names)] for law in LAWS],
             note="Shares of tasks, one parameter each by up to 10 % another, whose cost in MuJoCo"
             f" is within 20 % of what it is here: {', '.join(WAYS)}. Of"
             f" {', '.join(f'{name} {MACHINES[name][1]}' for name in names)} tasks.",
-        )  # fmt: skip
+        )
 
 
 if __name__ == "__main__":

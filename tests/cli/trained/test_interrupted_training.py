@@ -22,8 +22,21 @@ EAGER = "from ocp.store import checkpoint; checkpoint.EVERY_S = 0.0"
 """A checkpoint after every iteration, so that a kill finds one early."""
 PROGRAM = [sys.executable, "-c", "import sys; from reports.cli.app import main; sys.exit(main())"]
 ROOT = Path(__file__).parents[3]
-LONG = ["train", "ball-throw", "-s", "samples=4", "-s", "rate=0.01",
-        "-s", "evaluate_every=50", "-s", "hidden=4", "--iterations", "150", "--quiet"]  # fmt: skip
+LONG = [
+    "train",
+    "ball-throw",
+    "-s",
+    "samples=4",
+    "-s",
+    "rate=0.01",
+    "-s",
+    "evaluate_every=50",
+    "-s",
+    "hidden=4",
+    "--iterations",
+    "150",
+    "--quiet",
+]
 
 
 def start(arguments: list[str], directory: Path) -> subprocess.Popen[str]:
@@ -31,9 +44,13 @@ def start(arguments: list[str], directory: Path) -> subprocess.Popen[str]:
     (directory / "first").mkdir(exist_ok=True)
     (directory / "first" / "sitecustomize.py").write_text(EAGER)
     return subprocess.Popen(
-        [*PROGRAM, *arguments], cwd=directory, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": f"{directory / 'first'}:{ROOT}"}, text=True,
-    )  # fmt: skip
+        [*PROGRAM, *arguments],
+        cwd=directory,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": f"{directory / 'first'}:{ROOT}"},
+        text=True,
+    )
 
 
 def finish(arguments: list[str], directory: Path) -> dict:
@@ -93,9 +110,7 @@ def test_the_same_command_goes_on(tmp_path: Path, whole: list[xr.Dataset], how: 
     assert not checkpoints(tmp_path)
 
 
-def test_processes_killed_on_the_way_change_nothing(
-    tmp_path: Path, whole: list[xr.Dataset]
-) -> None:
+def test_processes_killed_on_the_way_change_nothing(tmp_path: Path, whole: list[xr.Dataset]) -> None:
     process = start([*LONG, "--seeds", "2", "--jobs", "2", "--json"], tmp_path)
     wait_for(lambda: len(checkpoints(tmp_path)) == 2)
     os.kill(workers_of(process.pid)[-1], signal.SIGKILL)

@@ -12,8 +12,19 @@ from ocp import store
 from reports.cli.app import main
 from tests.cli.conftest import Done, Ocp
 
-SMALL = ("ball-throw", "-s", "samples=8", "-s", "rate=0.1", "-s", "episodes=3",
-         "-s", "evaluate_every=2", "--iterations", "6")  # fmt: skip
+SMALL = (
+    "ball-throw",
+    "-s",
+    "samples=8",
+    "-s",
+    "rate=0.1",
+    "-s",
+    "episodes=3",
+    "-s",
+    "evaluate_every=2",
+    "--iterations",
+    "6",
+)
 
 
 @pytest.fixture(scope="module")
@@ -96,9 +107,7 @@ def test_evaluate_says_first_what_the_policy_is_worth(trained: Path, ocp: Ocp) -
     }
     assert (found["fallen"], found["unsolved"]) == (0, 0)
     assert done.err.splitlines()[0] == found["verdict"]
-    softened = strict(
-        ocp("evaluate", str(run.path), "--contact", "barrier", "-c", "mu=0.1", "--json")
-    )
+    softened = strict(ocp("evaluate", str(run.path), "--contact", "barrier", "-c", "mu=0.1", "--json"))
     assert softened["return"]["mean"] != pytest.approx(own["return"], rel=1e-3)
     alone = strict(ocp("evaluate", str(run.path), "--episodes", "1", "--json"))
     assert alone["return"]["interval"] is None

@@ -37,9 +37,7 @@ def test_a_diode_of_a_large_resistor(ohms: float, start: list[float]) -> None:
         lbx=[-2, -FREE, -FREE],
         ubx=[2, FREE, FREE],
     )
-    conducting = minimize_scalar(
-        lambda v: 0.5 * (v + 1) ** 2 + (v - 0.5) ** 2, bounds=(0, 2), method="bounded"
-    )
+    conducting = minimize_scalar(lambda v: 0.5 * (v + 1) ** 2 + (v - 0.5) ** 2, bounds=(0, 2), method="bounded")
     assert conducting.fun > 0.25
     found = solve(problem, np.array(start) / [1, ohms, 1])
     assert found.success
@@ -74,9 +72,7 @@ def test_a_steep_price_at_its_bound_loosens_no_certificate(price: float) -> None
 
 @pytest.mark.parametrize("start", [[0, 0, 0], [0.5, 0.5, 9]])
 @pytest.mark.parametrize("offset", [1e4, -1e6, 1e8, 1e10])
-def test_a_constant_changes_neither_the_answer_nor_the_certificate(
-    offset: float, start: list[float]
-) -> None:
+def test_a_constant_changes_neither_the_answer_nor_the_certificate(offset: float, start: list[float]) -> None:
     """(1, 0) and (0, 1) both cost 1 beside the constant."""
 
     def shifted(constant: float) -> MPCCSolution:

@@ -202,9 +202,7 @@ def test_a_goal_behind_a_wall_is_not_reached(goal: float, reached: bool) -> None
 
 
 @pytest.mark.parametrize(("N", "way", "mass", "force"), [(2, 0.7, 1.0, 2.0), (12, 1.6, 3.0, 5.0)])
-def test_the_shortest_time_to_rest_at_a_wall_is_the_closed_form(
-    N: int, way: float, mass: float, force: float
-) -> None:
+def test_the_shortest_time_to_rest_at_a_wall_is_the_closed_form(N: int, way: float, mass: float, force: float) -> None:
     """Full force all the way: the wall takes what speed there is in the last step.
 
     In N - 1 steps of semi-implicit Euler the way is ``a h² (N - 1) N / 2``, so that

@@ -89,9 +89,7 @@ SLIDER = urdf(
         ("", "", 1.0),
     ],
 )
-def test_friction_of_a_link_is_that_of_its_contacts(
-    tmp_path: Path, inside: str, more: str, expected: float
-) -> None:
+def test_friction_of_a_link_is_that_of_its_contacts(tmp_path: Path, inside: str, more: str, expected: float) -> None:
     robot = read(tmp_path, SLIDER.format(inside, more), floating=True)
     assert robot.friction["puck geom 1 on ground"] == pytest.approx(expected)
     assert robot.friction["tip geom 1 on ground"] == 1
@@ -195,9 +193,7 @@ def test_attributes_that_are_not_read_are_named(tmp_path: Path, tag: str, name: 
 
 
 def test_all_that_the_tables_name_is_read_without_a_word(tmp_path: Path) -> None:
-    robot = read(
-        tmp_path, mjcf(SPHERE, "<actuator><motor name='m' joint='j' gear='3'/></actuator>")
-    )
+    robot = read(tmp_path, mjcf(SPHERE, "<actuator><motor name='m' joint='j' gear='3'/></actuator>"))
     assert not robot.ignored
     assert MJCF["weld"] == [ALL] and "effort" in URDF["limit"]
     assert "velocity" not in URDF["limit"] and "solref" not in MJCF["geom"]
@@ -274,9 +270,7 @@ MESH = "<collision><geometry><mesh filename='{}'/></geometry></collision>"
 @pytest.mark.parametrize(
     "name", ["package://kit/meshes/foot.obj", "../meshes/foot.obj", "file:///else/meshes/foot.obj"]
 )
-def test_meshes_out_of_the_folder_are_named_and_read_from_a_wider_one(
-    tmp_path: Path, name: str
-) -> None:
+def test_meshes_out_of_the_folder_are_named_and_read_from_a_wider_one(tmp_path: Path, name: str) -> None:
     tetrahedron(tmp_path / "kit/meshes/foot.obj")
     file = tmp_path / "kit/urdf/leg.urdf"
     file.parent.mkdir()
@@ -317,9 +311,7 @@ GRIPPER = urdf(
     link("left", "", 0.3),
     link("right", "", 0.2),
     joint("l", "palm", "left", axis="0 1 0"),
-    joint(
-        "r", "palm", "right", axis="0 -1 0", inside='<mimic joint="l" multiplier="2" offset="0.1"/>'
-    ),
+    joint("r", "palm", "right", axis="0 -1 0", inside='<mimic joint="l" multiplier="2" offset="0.1"/>'),
 )
 COUPLED = """<mujoco><option gravity="0 0 0"/>
   <default><geom size=".1" contype="0" conaffinity="0"/></default><worldbody>
@@ -391,9 +383,7 @@ def test_mujoco_is_not_asked_about_joints_that_follow(tmp_path: Path) -> None:
             "is not linear",
         ),
         (
-            COUPLED.format(
-                "<equality><joint joint1='r' joint2='l'/><joint joint1='l' joint2='r'/></equality>"
-            ),
+            COUPLED.format("<equality><joint joint1='r' joint2='l'/><joint joint1='l' joint2='r'/></equality>"),
             "contradict or repeat each other",
         ),
         (
@@ -442,9 +432,7 @@ def test_actuators_of_sites_bodies_and_tendons_are_named(tmp_path: Path, actuato
 @pytest.mark.parametrize("swapped", [False, True])
 def test_a_velocity_servo_beside_a_position_servo_damps(tmp_path: Path, swapped: bool) -> None:
     pair = ['<position name="p" joint="j" kp="40"/>', '<velocity name="d" joint="j" kv="3"/>']
-    robot = read(
-        tmp_path, mjcf(SPHERE, f"<actuator>{''.join(pair[:: -1 if swapped else 1])}</actuator>")
-    )
+    robot = read(tmp_path, mjcf(SPHERE, f"<actuator>{''.join(pair[:: -1 if swapped else 1])}</actuator>"))
     (body,) = robot.machine.bodies
     assert (body.servo, body.damping, body.gear) == (40, 3, None)
     assert "The input of actuator d is 0: its kv is part of the damping." in robot.notes
@@ -520,9 +508,7 @@ def test_files_that_are_too_large_are_refused_before_any_work(
         read(tmp_path, text)
 
 
-def test_a_long_chain_builds_each_contact_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_long_chain_builds_each_contact_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """4005 pairs took 50 s when each asked all bodies where they are."""
     counts = {"between": 0, "pose": 0}
     between, pose = geoms.between, Tree.pose

@@ -41,15 +41,11 @@ def lifted(thrust: float) -> Problem:
 
 
 @pytest.mark.parametrize(("thrust", "lifts"), [(18.0, False), (23.0, True)])
-def test_the_slope_of_the_height_is_that_of_the_free_flight_or_none(
-    thrust: float, lifts: bool
-) -> None:
+def test_the_slope_of_the_height_is_that_of_the_free_flight_or_none(thrust: float, lifts: bool) -> None:
     """``z_N = h² N (N + 1) / (2 m) (F - m g)`` above the weight."""
     slope = STEP**2 * N * (N + 1) / (2 * MASS) if lifts else 0.0
     found = solve(lifted(thrust))
-    assert found.data["x"].values[0, -1, 0] == pytest.approx(
-        slope * (thrust - WEIGHT), rel=1e-5, abs=1e-7
-    )
+    assert found.data["x"].values[0, -1, 0] == pytest.approx(slope * (thrust - WEIGHT), rel=1e-5, abs=1e-7)
     sensitivity = found.sensitivity("thrust")
     assert float(sensitivity["x"][0, -1, 0]) == pytest.approx(slope, rel=1e-5, abs=1e-7)
 

@@ -66,11 +66,7 @@ def verdicts(identifier: str, **changed: float) -> dict[str, bool]:
     assert all(isinstance(claim.holds, bool | np.bool_) for claim in found)
     assert all(claim.source and claim.expected and claim.measured for claim in found)
     assert [claim.claim for claim in found] == list(VERDICTS[identifier])
-    return {
-        claim.claim: bool(claim.holds)
-        for claim in found
-        if verdict(claim.holds, claim.margin) != WITHIN_NOISE
-    }
+    return {claim.claim: bool(claim.holds) for claim in found if verdict(claim.holds, claim.margin) != WITHIN_NOISE}
 
 
 def assert_same(found: dict[str, bool], identifier: str) -> None:
@@ -208,24 +204,16 @@ def planned(dearer: float) -> xr.Dataset:
     status[:, 0] = "no-progress"
     total = np.broadcast_to([50.0, 50.0 * (1 + dearer)], (*shape, 2))
     return xr.Dataset(
-        {"cost": ((*both, "of"), cost), "total": ((*both, "motion"), total),
-         "status": (both, status)},
-        {"problem": list(PROBLEMS), "law": list(LAWS),
-         "of": ["at rest", "plan", "exact replay"]},
-    )  # fmt: skip
+        {"cost": ((*both, "of"), cost), "total": ((*both, "motion"), total), "status": (both, status)},
+        {"problem": list(PROBLEMS), "law": list(LAWS), "of": ["at rest", "plan", "exact replay"]},
+    )
 
 
-@pytest.mark.parametrize(
-    ("dearer", "survives"), [(0.05, True), (0.2, False), (-0.3, True), (np.nan, False)]
-)
+@pytest.mark.parametrize(("dearer", "survives"), [(0.05, True), (0.2, False), (-0.3, True), (np.nan, False)])
 def test_a_plan_survives_by_its_whole_cost(dearer: float, survives: bool) -> None:
     data = planned(dearer)
     found = [claim for name in PROBLEMS for claim in open_loop(name, data.sel(problem=name))]
-    told = [
-        claim
-        for claim in found
-        if claim.claim.endswith("the plan keeps its cost under the exact law")
-    ]
+    told = [claim for claim in found if claim.claim.endswith("the plan keeps its cost under the exact law")]
     assert [bool(claim.holds) for claim in told] == [survives] * len(PROBLEMS)
     assert all(claim.holds for claim in found if claim not in told)
 

@@ -73,10 +73,12 @@ def drawn_up() -> xr.Dataset:
         def get(self, key, make):
             if key == "plans":
                 return {
-                    "cost": 1 + rng.random((*shape, 3)), "total": 1 + rng.random((*shape, 2)),
-                    "iterations": np.ones(shape, int), "status": np.full(shape, "solved"),
+                    "cost": 1 + rng.random((*shape, 3)),
+                    "total": 1 + rng.random((*shape, 2)),
+                    "iterations": np.ones(shape, int),
+                    "status": np.full(shape, "solved"),
                     "path": rng.random((*shape, 2, 21, 3)),
-                }  # fmt: skip
+                }
             if key.startswith("ipopt"):
                 return {"costs": np.array([1.0, 2.0]), "iterations": np.array(7)}
             problem = get("planar-push" if "push" in key else "planar-hand")

@@ -43,8 +43,7 @@ class Made(Pieces):
         self.keys.append(key)
         cost = next((c for part, c in self.costs.items() if part in key), usual(key))
         seeds = cost * np.array([1.0, 1.01, 1.02])
-        return {"cost": np.stack([seeds, 2 * seeds], axis=1), "ended": ~np.isfinite(seeds),
-                "ms": np.array(3.0)}  # fmt: skip
+        return {"cost": np.stack([seeds, 2 * seeds], axis=1), "ended": ~np.isfinite(seeds), "ms": np.array(3.0)}
 
 
 def usual(key: str) -> float:

@@ -39,9 +39,7 @@ def test_the_pusher_is_the_exact_step_of_push_1d() -> None:
     problem = get("push-1d", M=1.0, K=500.0, h=0.05, qu0=0.5, qa0=0.0)
     u = np.linspace(-1, 1.5, 41)
     start = np.tile([0.5, 0.0], (len(u), 1))
-    after = SampledStep(Exact().close(problem.system))(
-        start, u[:, None], {"M": 1.0, "K": 500.0, "h": 0.05}
-    )
+    after = SampledStep(Exact().close(problem.system))(start, u[:, None], {"M": 1.0, "K": 500.0, "h": 0.05})
     pusher = LinePusher(1.25 / 2.25, q=0.5, c=0.3)
     assert after.x_next[:, 0] == pytest.approx(pusher.step(u), abs=1e-10)
 
@@ -77,9 +75,7 @@ def test_far_in_a_wall_the_block_is_where_mills_ratio_says() -> None:
     # 1 - g = sigma/s (1 - 2/s² + ...) and the slope is 1/s² (1 - 6/s² + ...).
     inside = 1 - block.noised(1 + 0.1 * far, 0.1)
     assert inside == pytest.approx(0.1 / far * (1 - 2 / far**2), rel=1e-3, abs=1e-11)
-    assert block.slope(1 + 0.1 * far[:2], 0.1) == pytest.approx(
-        (1 - 6 / far[:2] ** 2) / far[:2] ** 2, rel=1e-2
-    )
+    assert block.slope(1 + 0.1 * far[:2], 0.1) == pytest.approx((1 - 6 / far[:2] ** 2) / far[:2] ** 2, rel=1e-2)
     assert block.displacement(0.0, 0.1) == 0
     assert block.noised(np.array([-1.3]), 0.1) == pytest.approx(-block.noised([1.3], 0.1))
 
@@ -147,10 +143,7 @@ def test_data_carry_units_and_are_drawn(identifier: str, monkeypatch: pytest.Mon
     # A network's place is taken by an average: what is drawn is the same, in seconds.
     monkeypatch.setattr(data, "network_of", lambda z, y, *_, **__: average_of(z, y, 0.1))
     found = studies.get(identifier).data(TINY[identifier])
-    assert all(
-        variable.attrs.get("units") or variable.dtype.kind not in "fiu"
-        for variable in found.variables.values()
-    )
+    assert all(variable.attrs.get("units") or variable.dtype.kind not in "fiu" for variable in found.variables.values())
     with styled():
         figure = DRAWINGS[identifier].draw(found)
         assert len(to_svg(figure)) > 10_000

@@ -64,9 +64,7 @@ def test_kappa_true_and_printed_as_the_errata_have_them() -> None:
     assert soft.lam[0] == pytest.approx(0.04217, abs=5e-6)
     assert averaged_exact(0.3, 2.0, gaussian(0.5)) == pytest.approx(soft.lam[0], rel=1e-10)
     assert printed_kappa(np.array(0.3), 0.5) == pytest.approx(0.5577, abs=1e-4)
-    assert linearisations(0.5, 1.0, 1.0) == pytest.approx(
-        np.array([[0.087, -0.129], [0.198, -0.309]]), abs=2e-3
-    )
+    assert linearisations(0.5, 1.0, 1.0) == pytest.approx(np.array([[0.087, -0.129], [0.198, -0.309]]), abs=2e-3)
 
 
 def test_constant_mu_is_student_noise_and_its_curvature_the_density() -> None:
@@ -137,9 +135,11 @@ def test_the_least_absolute_residual_is_that_of_a_linear_program(t: float) -> No
     line = np.stack((np.ones_like(w), w), axis=1)
     rows = np.block([[line, -one], [-line, -one]])
     found = linprog(
-        np.concatenate(([0, 0], weight)), rows, np.concatenate((target, -target)),
+        np.concatenate(([0, 0], weight)),
+        rows,
+        np.concatenate((target, -target)),
         bounds=[(None, None)] * 2 + [(0, None)] * len(w),
-    )  # fmt: skip
+    )
     assert least_residual(3 * t, 0.5, 3.0) == pytest.approx(6 * found.fun, rel=2e-3)
 
 
@@ -229,9 +229,7 @@ def test_the_spring_is_the_semi_implicit_one_and_fails_at_its_limit() -> None:
     assert step(x, u).x_next == pytest.approx(expected, abs=1e-12)
     assert limit(PushParams()) == pytest.approx(7992)
     for factor, grows in ((0.99, False), (1.01, True)):
-        closed = step(np.array([[0.01, 1.0, 0, 0]]), np.zeros((1, 1)), {"k": 7992 * factor}).x_by_x[
-            0
-        ]
+        closed = step(np.array([[0.01, 1.0, 0, 0]]), np.zeros((1, 1)), {"k": 7992 * factor}).x_by_x[0]
         assert (np.abs(np.linalg.eigvals(closed)).max() > 1 + 1e-9) is np.bool_(grows)
 
 

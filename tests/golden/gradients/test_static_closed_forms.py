@@ -18,16 +18,19 @@ from problems.registry import objective_spec
 HEAVISIDE = [
     (0.3, 0.5, {"objective": 0.7257468822499265, "zobg_variance": 1.6590939381697962}),
     (-0.4, 0.2, {"gradient": 0.2699548325659403}),
-    (0.0, 1.0, {"objective": 0.5, "gradient": 0.3989422804014327,
-                "zobg_variance": 0.3408450569081047}),
-]  # fmt: skip
+    (0.0, 1.0, {"objective": 0.5, "gradient": 0.3989422804014327, "zobg_variance": 0.3408450569081047}),
+]
 COULOMB = [
     (0.05, 0.1, 1.0, {"objective": 0.039861016065639715, "fobg_variance": 15.296632261945392}),
     (0.3, 0.2, 0.5, {"fobg_variance": 11.510750229112192, "zobg_variance": 2.110036867770157}),
-    (0.0, 0.01, 1.0, {"gradient": 0.7978812362963289, "fobg_variance": 158.93963279203203,
-                      "zobg_variance": 0.36338551946823694}),
+    (
+        0.0,
+        0.01,
+        1.0,
+        {"gradient": 0.7978812362963289, "fobg_variance": 158.93963279203203, "zobg_variance": 0.36338551946823694},
+    ),
     (0.5, 1.0, 0.5, {"objective": 0.609548422215397, "fobg_variance": 0.9979297259853618}),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("theta", "sigma", "expected"), HEAVISIDE)
@@ -47,18 +50,10 @@ def test_coulomb(theta, nu, sigma, expected):
 
 
 def test_variances_with_a_baseline():
-    np.testing.assert_allclose(
-        heaviside.zobg_variance(0.0, 1.0, 1.0), 0.3408450569081047, rtol=1e-10
-    )
-    np.testing.assert_allclose(
-        heaviside.zobg_variance(-0.4, 0.2, 0.0), 3.195426012738178, rtol=1e-10
-    )
-    np.testing.assert_allclose(
-        coulomb.zobg_variance(0.3, 0.2, 0.5, 1.0), 5.662444491551283, rtol=1e-10
-    )
-    np.testing.assert_allclose(
-        coulomb.zobg_variance(0.5, 1.0, 0.5, 1.0), 3.884147585254282, rtol=1e-10
-    )
+    np.testing.assert_allclose(heaviside.zobg_variance(0.0, 1.0, 1.0), 0.3408450569081047, rtol=1e-10)
+    np.testing.assert_allclose(heaviside.zobg_variance(-0.4, 0.2, 0.0), 3.195426012738178, rtol=1e-10)
+    np.testing.assert_allclose(coulomb.zobg_variance(0.3, 0.2, 0.5, 1.0), 5.662444491551283, rtol=1e-10)
+    np.testing.assert_allclose(coulomb.zobg_variance(0.5, 1.0, 0.5, 1.0), 3.884147585254282, rtol=1e-10)
 
 
 def test_probability_of_a_gradient_that_is_not_zero():
@@ -68,9 +63,7 @@ def test_probability_of_a_gradient_that_is_not_zero():
 
 @pytest.mark.parametrize("sigma", [0.1, 1.0])
 @pytest.mark.parametrize("theta", [-0.5, 0.0, 0.3])
-@pytest.mark.parametrize(
-    ("name", "nu"), [("heaviside", None), ("coulomb", 1e-3), ("coulomb", 1e-1)]
-)
+@pytest.mark.parametrize(("name", "nu"), [("heaviside", None), ("coulomb", 1e-3), ("coulomb", 1e-1)])
 def test_estimators_have_their_means_and_variances(name, nu, theta, sigma):
     """Within 5 standard errors at 1e6 samples; the error of a variance from the fourth moment."""
     values = {"theta": theta} | ({} if nu is None else {"nu": nu})
@@ -120,10 +113,7 @@ def test_error_falls_with_the_root_of_the_number_of_samples(repetitions):
     errors = []
     for n, runs in zip(sizes, repetitions, strict=True):
         off = [
-            estimate_gradient(objective, ["zobg"], int(n), 0.5, seed=seed, reference="none")[
-                "zobg"
-            ].mean[0]
-            - true
+            estimate_gradient(objective, ["zobg"], int(n), 0.5, seed=seed, reference="none")["zobg"].mean[0] - true
             for seed in range(runs)
         ]
         errors.append(np.sqrt(np.mean(np.square(off))))

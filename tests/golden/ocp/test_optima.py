@@ -32,10 +32,7 @@ def exact(name: str, strategy: str | None = None) -> Solution:
 @pytest.mark.parametrize(
     ("name", "method"),
     [(name, MultipleShooting()) for name in (*FIVE, "ball-throw")]
-    + [
-        pytest.param(name, SingleShooting(), marks=SLOW if name == "cart-walls" else ())
-        for name in FIVE
-    ],
+    + [pytest.param(name, SingleShooting(), marks=SLOW if name == "cart-walls" else ()) for name in FIVE],
 )
 def test_methods_agree_on_the_barrier_optimum(name: str, method) -> None:
     reference, found = barrier(name), solve(get(name), Barrier(mu=1e-3), method)

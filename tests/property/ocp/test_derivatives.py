@@ -75,9 +75,7 @@ def test_direct_equals_automatic_differentiation(case: str, seed: int, spread: f
 @pytest.mark.parametrize("reformulation", [one for one in REFORMULATIONS if one != "product"])
 @few
 @points
-def test_every_form_of_direct_equals_automatic_differentiation(
-    reformulation: str, seed: int, spread: float
-) -> None:
+def test_every_form_of_direct_equals_automatic_differentiation(reformulation: str, seed: int, spread: float) -> None:
     check_automatic("exact", reformulation, seed, spread)
 
 

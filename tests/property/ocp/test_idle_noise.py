@@ -39,20 +39,32 @@ def problem(idle: int, states: int) -> Problem:
     """The mass goes to 1; nothing is paid for the other states."""
     made = system(idle, states)
     return Problem(
-        name="mass", system=made, N=N, stage_cost=(made.x[0] - 1) ** 2 + 0.1 * made.u[0] ** 2,
-        terminal_cost=made.x[0] ** 2, x0=ca.SX.zeros(1 + states), parameters=ParameterTable(),
-    )  # fmt: skip
+        name="mass",
+        system=made,
+        N=N,
+        stage_cost=(made.x[0] - 1) ** 2 + 0.1 * made.u[0] ** 2,
+        terminal_cost=made.x[0] ** 2,
+        x0=ca.SX.zeros(1 + states),
+        parameters=ParameterTable(),
+    )
 
 
 def task(idle: int) -> Task:
     """The same to be learned; the mass alone is seen."""
     made, chance = system(idle, idle), ca.SX.sym("chance")
     return Task(
-        name="mass", system=made, parameters=ParameterTable(), horizon=N,
-        start=ca.vertcat(0.2 * chance, ca.SX.zeros(idle)), chance=chance,
-        reward=-((made.x_next[0] - 1) ** 2) - 0.1 * made.u[0] ** 2, observation=made.x[0],
-        observations=(Signal("x", "1"),), lower=-2 * np.ones(1 + idle), upper=2 * np.ones(1 + idle),
-    )  # fmt: skip
+        name="mass",
+        system=made,
+        parameters=ParameterTable(),
+        horizon=N,
+        start=ca.vertcat(0.2 * chance, ca.SX.zeros(idle)),
+        chance=chance,
+        reward=-((made.x_next[0] - 1) ** 2) - 0.1 * made.u[0] ** 2,
+        observation=made.x[0],
+        observations=(Signal("x", "1"),),
+        lower=-2 * np.ones(1 + idle),
+        upper=2 * np.ones(1 + idle),
+    )
 
 
 def variance(samples: np.ndarray) -> tuple[float, float]:
@@ -78,9 +90,7 @@ def static(idle: int) -> StaticObjective:
 OBJECTIVES = {
     "static": static,
     "open-loop": lambda idle: RolloutObjective(problem(idle, idle), LAW, backend="numpy"),
-    "feedback": lambda idle: RolloutObjective(
-        problem(idle, 0), LAW, Feedback(stationary=True), backend="numpy"
-    ),
+    "feedback": lambda idle: RolloutObjective(problem(idle, 0), LAW, Feedback(stationary=True), backend="numpy"),
 }
 
 
@@ -121,9 +131,14 @@ def test_no_algorithms_variance_grows_with_idle_inputs(make, hidden) -> None:
     for idle in (0, MANY):
         algorithm = make(samples=128, unroll=N, sigma=SIGMA)
         e = Experiment(
-            task=task(idle), algorithm=algorithm, law=LAW, hidden=hidden, threads=1,
-            normalise=False, seed=idle,
-        )  # fmt: skip
+            task=task(idle),
+            algorithm=algorithm,
+            law=LAW,
+            hidden=hidden,
+            threads=1,
+            normalise=False,
+            seed=idle,
+        )
         state = algorithm.begin(e)
         state["theta"] = _same_policy(e, hidden)
         name = "likelihood_ratio_share" if make is TotalPropagation else "gradient_variance"
@@ -166,10 +181,14 @@ def drawn(seed: int):
         return rng.normal(size=(rows, columns)) * (rng.random((rows, columns)) < share)
 
     made = lcs(
-        "drawn", A=sparse(nx, nx, 0.25), B=sparse(nx, nu, 0.3), C=sparse(nx, nlam, 0.3),
-        D=sparse(nlam, nx, 0.3), E=sparse(nlam, nu, 0.3),
+        "drawn",
+        A=sparse(nx, nx, 0.25),
+        B=sparse(nx, nu, 0.3),
+        C=sparse(nx, nlam, 0.3),
+        D=sparse(nlam, nx, 0.3),
+        E=sparse(nlam, nu, 0.3),
         F=np.eye(nlam) + 0.3 * np.diag([1.0], rng.choice([-1, 1])),
-    )  # fmt: skip
+    )
     p = law_parameters()
     of_stage, of_end = (ca.DM((rng.random(nx) < share).astype(float)) for share in (0.15, 0.3))
     stage = ca.Function("stage", [made.x, made.u, p], [ca.dot(of_stage, ca.sin(made.x))])
@@ -204,9 +223,14 @@ def test_what_is_scored_is_what_moves_the_cost(seed: int, per_step: bool) -> Non
 def test_the_tied_are_scored_with_whom_they_are_tied_to() -> None:
     """Gap 1 depends on lam_0 alone, lam_0 on input 0 alone: both reach a cost of lam_1's state."""
     made = lcs(
-        "tied", A=[[0.0]], B=[[0.0, 0.0, 0.0]], C=[[0.0, 1.0]], D=[[0.0], [0.0]],
-        E=[[1.0, 0, 0], [0, 1.0, 0]], F=[[1.0, 0.0], [0.5, 1.0]],
-    )  # fmt: skip
+        "tied",
+        A=[[0.0]],
+        B=[[0.0, 0.0, 0.0]],
+        C=[[0.0, 1.0]],
+        D=[[0.0], [0.0]],
+        E=[[1.0, 0, 0], [0, 1.0, 0]],
+        F=[[1.0, 0.0], [0.5, 1.0]],
+    )
     p = law_parameters()
     free = ca.Function("stage", [made.x, made.u, p], [ca.SX(0)])
     end = ca.Function("end", [made.x, p], [made.x[0]])

@@ -10,9 +10,7 @@ from hypothesis import strategies as st
 from ocp.programs.program import Layout
 from tests.examples import settings
 
-shapes = st.lists(
-    st.lists(st.integers(0, 4), min_size=1, max_size=3).map(tuple), min_size=1, max_size=6
-)
+shapes = st.lists(st.lists(st.integers(0, 4), min_size=1, max_size=3).map(tuple), min_size=1, max_size=6)
 
 
 def build(sizes: list[tuple[int, ...]]) -> Layout:
@@ -49,6 +47,4 @@ def test_every_position_belongs_to_one_place(sizes: list[tuple[int, ...]]) -> No
 
 def test_what_is_not_named_is_zero_and_what_is_small_is_spread() -> None:
     layout = build([(2, 3), (2,)])
-    np.testing.assert_array_equal(
-        layout.pack({"block0": np.array([1.0, 2.0, 3.0])}), [1, 2, 3, 1, 2, 3, 0, 0]
-    )
+    np.testing.assert_array_equal(layout.pack({"block0": np.array([1.0, 2.0, 3.0])}), [1, 2, 3, 1, 2, 3, 0, 0])

@@ -19,9 +19,18 @@ from ocp.session import Session
 from problems import get
 
 NAMES = (
-    "wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls", "box-slide", "ball-throw",
-    "cart-transport", "hopper-1d", "planar-push", "planar-hand",
-)  # fmt: skip
+    "wall-1d",
+    "push-1d",
+    "push-disc",
+    "ball-bounce",
+    "cart-walls",
+    "box-slide",
+    "ball-throw",
+    "cart-transport",
+    "hopper-1d",
+    "planar-push",
+    "planar-hand",
+)
 MACHINES = ("hopper", "half-cheetah")
 LAWS: dict[str, ContactLaw] = {
     "exact": Exact(),

@@ -23,10 +23,17 @@ from problems import get, spec
 from problems.parameters import is_structural, unit_of
 from tests.examples import settings
 
-OTHER = (Units(1e3, 1.0, 1.0), Units(1.0, 1e-3, 1.0), Units(1.0, 1.0, 60.0, 1e-9),
-         Units(1e-3, 1e2, 1e-3, 1e7))  # fmt: skip
-CONSISTENT = ("wall-1d", "push-1d", "push-disc", "ball-bounce", "box-slide", "cart-transport",
-              "hopper-1d", "planar-push")  # fmt: skip
+OTHER = (Units(1e3, 1.0, 1.0), Units(1.0, 1e-3, 1.0), Units(1.0, 1.0, 60.0, 1e-9), Units(1e-3, 1e2, 1e-3, 1e7))
+CONSISTENT = (
+    "wall-1d",
+    "push-1d",
+    "push-disc",
+    "ball-bounce",
+    "box-slide",
+    "cart-transport",
+    "hopper-1d",
+    "planar-push",
+)
 """Problems of which every parameter and every term of the cost has its unit; one cost is a way."""
 
 
@@ -121,9 +128,11 @@ def test_costs_are_invariant_in_very_many_units(problem: str, units: Units, soft
 @pytest.mark.slow
 @settings(max_examples=60)
 @given(
-    problem=st.sampled_from(CONSISTENT), units=other_units(), soft=st.booleans(),
+    problem=st.sampled_from(CONSISTENT),
+    units=other_units(),
+    soft=st.booleans(),
     method=st.sampled_from(["multiple-shooting", "single-shooting"]),
-)  # fmt: skip
+)
 def test_shooting_is_invariant_too(problem: str, units: Units, soft: bool, method: str) -> None:
     agrees(problem, units, soft, method)
 
@@ -142,9 +151,11 @@ def test_carts_between_walls_move_alike_in_any_unit_of_mass(kg: float) -> None:
 
 
 LAWS: dict[str, ContactLaw] = {
-    "exact": Exact(), "barrier": Barrier(mu=1e-3), "adaptive": Adaptive(sigma=0.02),
+    "exact": Exact(),
+    "barrier": Barrier(mu=1e-3),
+    "adaptive": Adaptive(sigma=0.02),
     "randomized": Randomized(sigma=0.02),
-}  # fmt: skip
+}
 
 
 @functools.cache
@@ -169,9 +180,14 @@ def costs_as_much(problem: str, law: str, cost: float) -> None:
 
 @pytest.mark.parametrize(
     ("problem", "law", "cost"),
-    [("push-1d", "exact", 1e-9), ("push-1d", "adaptive", 1e-9), ("box-slide", "exact", 1e-9),
-     ("hopper-1d", "exact", 1e-12), ("wall-1d", "randomized", 1e12)],
-)  # fmt: skip
+    [
+        ("push-1d", "exact", 1e-9),
+        ("push-1d", "adaptive", 1e-9),
+        ("box-slide", "exact", 1e-9),
+        ("hopper-1d", "exact", 1e-12),
+        ("wall-1d", "randomized", 1e12),
+    ],
+)
 def test_a_cost_in_another_unit_is_the_same_cost(
     problem: str, law: str, cost: float, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -225,12 +241,12 @@ def dimensionless(found: Solution, units: Units, key: str) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("problem", "params", "cost"),
-    [("ball-bounce", {"m": 0.01, "u_max": 0.15, "w_u": 100.0}, 0.745009),
-     ("push-disc", {"M": 1e6, "K": 5e7}, 0.100678)],
-)  # fmt: skip
-def test_light_balls_and_heavy_discs_end_where_others_do(
-    problem: str, params: dict[str, float], cost: float
-) -> None:
+    [
+        ("ball-bounce", {"m": 0.01, "u_max": 0.15, "w_u": 100.0}, 0.745009),
+        ("push-disc", {"M": 1e6, "K": 5e7}, 0.100678),
+    ],
+)
+def test_light_balls_and_heavy_discs_end_where_others_do(problem: str, params: dict[str, float], cost: float) -> None:
     found = solve(get(problem, **params), Exact())
     assert found.success and found.cost == pytest.approx(cost, rel=1e-5)
 
@@ -272,9 +288,15 @@ def test_one_parameter_that_leaves_the_others_is_outvoted() -> None:
 
 @pytest.mark.parametrize(
     ("unit", "exponents"),
-    [("1/(N s)^2", (-2, -2, 2)), ("1/(N^2 s)", (-2, -2, 3)), ("N m s/rad", (1, 2, -1)),
-     ("kg m²", (1, 2, 0)), ("s^2/m", (0, -1, 2)), ("1", (0, 0, 0))],
-)  # fmt: skip
+    [
+        ("1/(N s)^2", (-2, -2, 2)),
+        ("1/(N^2 s)", (-2, -2, 3)),
+        ("N m s/rad", (1, 2, -1)),
+        ("kg m²", (1, 2, 0)),
+        ("s^2/m", (0, -1, 2)),
+        ("1", (0, 0, 0)),
+    ],
+)
 def test_units_are_read(unit: str, exponents: tuple[int, int, int]) -> None:
     read = dimension(unit)
     assert read is not None and read.tolist() == list(exponents)

@@ -20,8 +20,16 @@ pytestmark = pytest.mark.bench
 
 
 def a_row(**fields: object) -> Row:
-    good = {"name": "a", "reference": 1.0, "cost": 1.0, "stationarity": "B", "audited": True,
-            "hit": True, "seconds": 1.0, "peer_seconds": 2.0}  # fmt: skip
+    good = {
+        "name": "a",
+        "reference": 1.0,
+        "cost": 1.0,
+        "stationarity": "B",
+        "audited": True,
+        "hit": True,
+        "seconds": 1.0,
+        "peer_seconds": 2.0,
+    }
     return Row(**{**good, **fields})
 
 

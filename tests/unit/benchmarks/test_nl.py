@@ -60,9 +60,7 @@ def values(stated: Stated, x: list[float]) -> list[np.ndarray]:
         ("o1\no1\nv0\nv1\no1\nv1\nv0\n", 2.0),
     ],
 )
-def test_every_operator_means_what_the_manual_says(
-    tmp_path: Path, expression: str, value: float
-) -> None:
+def test_every_operator_means_what_the_manual_says(tmp_path: Path, expression: str, value: float) -> None:
     stated = read(tmp_path, 2, 0, f"O0 0\n{expression}b\n{FREE}{FREE}")
     assert values(stated, [3.0, 2.0])[0] == pytest.approx([value], rel=1e-14)
 
@@ -127,9 +125,7 @@ BODY = "C0\nn-3\n" + NOTHING + "r\n5 {kind} 2\nb\n3\n{bounds}\nJ0 1\n0 2\n"
         (2, "1 9", [3 - 2 * 5], [9 - 4]),
     ],
 )
-def test_a_complementary_row_is_a_pair(
-    tmp_path: Path, kind: int, bounds: str, G: list[float], H: list[float]
-) -> None:
+def test_a_complementary_row_is_a_pair(tmp_path: Path, kind: int, bounds: str, G: list[float], H: list[float]) -> None:
     stated = read(tmp_path, 2, 1, BODY.format(kind=kind, bounds=bounds))
     _, g, first, second = values(stated, [5.0, 4.0])
     assert g.size == 0
@@ -174,9 +170,7 @@ def test_a_variable_that_complements_itself_is_zero(tmp_path: Path) -> None:
         ("F0 1 -1 name\n", "'F0' is not known"),
     ],
 )
-def test_what_is_not_known_is_refused_with_its_line(
-    tmp_path: Path, segments: str, said: str
-) -> None:
+def test_what_is_not_known_is_refused_with_its_line(tmp_path: Path, segments: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
         read(tmp_path, 1, 0, segments)
 

@@ -13,9 +13,7 @@ PAGE = "It costs 0.15425<!-- measured: ocp solve wall-1d | cost --> and takes 1,
 
 
 def test_a_number_in_prose_carries_its_command() -> None:
-    assert list(marked(PAGE, "page.md")) == [
-        Measured("page.md", "0.15425", "ocp solve wall-1d", "cost")
-    ]
+    assert list(marked(PAGE, "page.md")) == [Measured("page.md", "0.15425", "ocp solve wall-1d", "cost")]
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ from dynamics.laws import LAWS
         (lambda: Randomized(noise="contact"), "noise must be on input or state"),
         (lambda: Randomized(base=Randomized()), "base law must not be randomized"),
     ],
-)  # fmt: skip
+)
 def test_bad_settings_get_their_sentence(make, sentence):
     with pytest.raises(ValueError, match=sentence) as raised:
         make()

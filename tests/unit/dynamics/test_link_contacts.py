@@ -27,8 +27,7 @@ def two_bodies(shapes: tuple, friction: float | None = 0.5) -> ContactSystem:
         Link(name, None, mass=float(m), inertia=float(i), joint="free")
         for name, m, i in zip(("large", "small"), MASSES, INERTIAS, strict=True)
     )
-    parts = tuple(Part(link.name, link.name, shape) for link, shape in zip(links, shapes,
-                                                                          strict=True))  # fmt: skip
+    parts = tuple(Part(link.name, link.name, shape) for link, shape in zip(links, shapes, strict=True))
     machine = Machine(links, (), parts=parts, meetings=(("small", "large"),))
     return machine.system("two bodies", ParameterTable(), h=H, friction=friction)
 
@@ -69,9 +68,7 @@ def test_the_book_counts_no_impulse_between_links_as_one_from_outside() -> None:
     system = two_bodies(SHAPES["boxes"])
     step, book, x = Exact().close(system), system.book, thrown()
     assert book is not None
-    values = ca.Function(
-        "book", [system.x, system.u, system.x_next, system.lam], [book.momentum, book.external]
-    )
+    values = ca.Function("book", [system.x, system.u, system.x_next, system.lam], [book.momentum, book.external])
     met = False
     for _ in range(15):
         x_next, lam, *_ = (np.array(v).ravel() for v in step.solve(x, [], step.p.values))
@@ -116,8 +113,7 @@ def test_a_contact_between_links_does_no_work_in_a_rigid_motion() -> None:
     q = ca.SX.sym("q", chain.nq)
     contacts = machine.contacts(chain, q, spheres=("end",))
     assert list(contacts) == ["end", "hand on beam"]
-    rows = ca.Function("rows", [q], [ca.densify(ca.vertcat(*c.jacobians(q)))
-                                     for c in contacts.values()])  # fmt: skip
+    rows = ca.Function("rows", [q], [ca.densify(ca.vertcat(*c.jacobians(q))) for c in contacts.values()])
     at = np.array([0.2, 0.5, 0.3, 1.4, 1.9])
     ground, between = (np.array(v) for v in rows(at))
     rigid = np.array([[1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [at[1], -at[0], 1, 0, 0]]).T
@@ -149,8 +145,7 @@ def test_a_machine_is_drawn_with_its_parts_and_the_contacts_between_its_links() 
 )
 def test_a_part_is_drawn_where_its_link_is(shape: Shape, drawn: drawing.Shape) -> None:
     """The link is turned by a quarter, clockwise: its x points down and its z to the right."""
-    machine = Machine((Link("link", None, 1.0, 0.1, joint="free"),), (), parts=(
-        Part("part", "link", shape),))  # fmt: skip
+    machine = Machine((Link("link", None, 1.0, 0.1, joint="free"),), (), parts=(Part("part", "link", shape),))
     found = machine_shapes(machine, np.array([1.0, 2.0, np.pi / 2]))[-1]
     assert isinstance(found, type(drawn))
     np.testing.assert_allclose([*vars(found).values()][:4], [*vars(drawn).values()][:4], atol=1e-15)
@@ -172,9 +167,11 @@ def test_an_arm_that_folds_onto_its_own_bar_stops_there() -> None:
 
 @pytest.mark.parametrize(
     ("meeting", "sentence"),
-    [(("hand", "nose"), "'nose' is not a part; choose from hand, end, beam"),
-     (("end", "beam"), "end and beam are on the same link and never meet")],
-)  # fmt: skip
+    [
+        (("hand", "nose"), "'nose' is not a part; choose from hand, end, beam"),
+        (("end", "beam"), "end and beam are on the same link and never meet"),
+    ],
+)
 def test_a_meeting_that_cannot_be_is_refused(meeting, sentence: str) -> None:
     machine = folded()
     with pytest.raises(ValueError, match=sentence):

@@ -28,8 +28,9 @@ def test_packing_undoes_unpacking(vector: list[float]) -> None:
 def test_who_has_no_value_keeps_its_default() -> None:
     np.testing.assert_array_equal(table().pack(), table().values)
     assert table().unpack(table().pack({"m": 5.0, "elsewhere": 7.0})) == {
-        **table().defaults, "m": 5.0,
-    }  # fmt: skip
+        **table().defaults,
+        "m": 5.0,
+    }
 
 
 def test_a_matrix_is_given_and_read_whole() -> None:

@@ -63,8 +63,9 @@ def test_an_l_of_two_boxes_has_the_centroid_of_its_parts() -> None:
     whole = area(Union([foot, post]))
     assert float(whole.area) == pytest.approx(2 * 0.4 * 0.1)
     np.testing.assert_allclose(np.array(ca.DM(whole.centre)).ravel(), [0.125, 0.175])
-    scene = Scene([Body.uniform("l", Union([foot, post]), (0.0, 0.0)),
-                   Pusher("tip", Disc(0.05), (1.0, 0.0), stiffness=100.0)])  # fmt: skip
+    scene = Scene(
+        [Body.uniform("l", Union([foot, post]), (0.0, 0.0)), Pusher("tip", Disc(0.05), (1.0, 0.0), stiffness=100.0)]
+    )
     assert float(scene.distance(scene.start)[0]) > 0
 
 

@@ -23,19 +23,29 @@ from dynamics.systems import (
 
 def stepping(**changes):
     arguments = {
-        "states": signals("x [m]; v [m/s]"), "inputs": signals("u [N s]"),
-        "contacts": signals("wall [N s]"), "h": 0.1, "mass": ca.SX(1),
-        "impulse": lambda q, v, u: u, "distance": lambda q: q, "parameters": ParameterTable(),
-    }  # fmt: skip
+        "states": signals("x [m]; v [m/s]"),
+        "inputs": signals("u [N s]"),
+        "contacts": signals("wall [N s]"),
+        "h": 0.1,
+        "mass": ca.SX(1),
+        "impulse": lambda q, v, u: u,
+        "distance": lambda q: q,
+        "parameters": ParameterTable(),
+    }
     return time_stepping("wall", **{**arguments, **changes})
 
 
 def pushing(**changes):
     arguments = {
-        "states": signals("a [m]; b [m]"), "inputs": signals("u [m]"),
-        "contacts": signals("push [N s]"), "h": 0.1, "mass": ca.SX(1), "stiffness": ca.SX(100),
-        "distance": lambda q: q[0] - q[1], "parameters": ParameterTable(),
-    }  # fmt: skip
+        "states": signals("a [m]; b [m]"),
+        "inputs": signals("u [m]"),
+        "contacts": signals("push [N s]"),
+        "h": 0.1,
+        "mass": ca.SX(1),
+        "stiffness": ca.SX(100),
+        "distance": lambda q: q[0] - q[1],
+        "parameters": ParameterTable(),
+    }
     return quasi_dynamic("push", **{**arguments, **changes})
 
 
@@ -78,19 +88,35 @@ def test_a_system_counts_its_names():
     x, x_next, u, lam = (ca.SX.sym(name) for name in ("x", "x_next", "u", "lam"))
     with pytest.raises(ValueError, match="residual has 2 entries, but there are 1 named states"):
         ContactSystem(
-            name="odd", x=x, u=u, x_next=x_next, lam=lam, residual=ca.vertcat(x_next, x),
-            gap=lam, states=signals("x [m]"), inputs=signals("u [N]"),
-            contacts=signals("c [N]"), h=0.1,
-        )  # fmt: skip
+            name="odd",
+            x=x,
+            u=u,
+            x_next=x_next,
+            lam=lam,
+            residual=ca.vertcat(x_next, x),
+            gap=lam,
+            states=signals("x [m]"),
+            inputs=signals("u [N]"),
+            contacts=signals("c [N]"),
+            h=0.1,
+        )
 
 
 def test_a_step_that_is_not_affine_is_refused_by_name():
     x, x_next, u, lam = (ca.SX.sym(name) for name in ("x", "x_next", "u", "lam"))
     system = ContactSystem(
-        name="curved", x=x, u=u, x_next=x_next, lam=lam, residual=x_next**2 - u - lam,
-        gap=x_next, states=signals("x [m]"), inputs=signals("u [N]"), contacts=signals("c [N]"),
+        name="curved",
+        x=x,
+        u=u,
+        x_next=x_next,
+        lam=lam,
+        residual=x_next**2 - u - lam,
+        gap=x_next,
+        states=signals("x [m]"),
+        inputs=signals("u [N]"),
+        contacts=signals("c [N]"),
         h=0.1,
-    )  # fmt: skip
+    )
     with pytest.raises(ValueError, match=r"'curved': the step is not affine in \(x_next, lam\)"):
         _ = system.reduced
 
@@ -147,11 +173,18 @@ def test_a_step_does_not_ask_for_an_order_of_its_equations():
 
     def stepped(order: list[int]) -> list[np.ndarray]:
         system = ContactSystem(
-            name="curved", x=x, u=u, x_next=x_next, lam=lam,
-            residual=ca.vertcat(*(rows[i] for i in order)), gap=x_next[0] + x_next[0] ** 2 / 4,
-            states=signals("q [m]; v [m/s]"), inputs=signals("u [N s]"),
-            contacts=signals("wall [N s]"), h=0.1,
-        )  # fmt: skip
+            name="curved",
+            x=x,
+            u=u,
+            x_next=x_next,
+            lam=lam,
+            residual=ca.vertcat(*(rows[i] for i in order)),
+            gap=x_next[0] + x_next[0] ** 2 / 4,
+            states=signals("q [m]; v [m/s]"),
+            inputs=signals("u [N s]"),
+            contacts=signals("wall [N s]"),
+            h=0.1,
+        )
         step = Barrier(mu=1e-3).close(system).map
         at = [0.1, -2.0], [0.3], [1e-3]
         return [np.array(v) for v in (*step(*at), *step.jacobian()(*at, *step(*at)))]

@@ -10,9 +10,20 @@ import problems
 from dynamics.contact import AffineStep, Exact, ImplicitStep
 from dynamics.systems import ContactSystem, ParameterTable, lcs, quasi_dynamic, signals
 
-AFFINE = {"wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls", "box-slide",
-          "cart-transport", "ball-throw", "hopper-1d", "push-box", "push-t",
-          "soft-walls"}  # fmt: skip
+AFFINE = {
+    "wall-1d",
+    "push-1d",
+    "push-disc",
+    "ball-bounce",
+    "cart-walls",
+    "box-slide",
+    "cart-transport",
+    "ball-throw",
+    "hopper-1d",
+    "push-box",
+    "push-t",
+    "soft-walls",
+}
 
 
 @pytest.mark.parametrize("name", problems.names())
@@ -24,10 +35,17 @@ def test_named_problems_find_their_step(name: str) -> None:
 def two_gaps(first, second, **changes) -> ContactSystem:
     """A body on a line and a finger on a spring, q = (x, a), with two gaps."""
     return quasi_dynamic(
-        "two", states=signals("x [m]; a [m]"), inputs=signals("u [m]"),
-        contacts=signals("one [N s]; other [N s]"), h=0.1, mass=1.0, stiffness=100.0,
-        distance=lambda q: ca.vertcat(first(q), second(q)), parameters=ParameterTable(), **changes,
-    )  # fmt: skip
+        "two",
+        states=signals("x [m]; a [m]"),
+        inputs=signals("u [m]"),
+        contacts=signals("one [N s]; other [N s]"),
+        h=0.1,
+        mass=1.0,
+        stiffness=100.0,
+        distance=lambda q: ca.vertcat(first(q), second(q)),
+        parameters=ParameterTable(),
+        **changes,
+    )
 
 
 def push(q: ca.SX) -> ca.SX:
@@ -43,10 +61,16 @@ def test_contacts_are_open_only_where_they_may_close_at_once() -> None:
     assert not two_gaps(push, lambda q: 2 * push(q)).linear
     three = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
     more = quasi_dynamic(
-        "three", states=signals("x [m]; a [m]"), inputs=signals("u [m]; w [m]"),
-        contacts=signals("one [N s]; two [N s]; three [N s]"), h=0.1, mass=ca.SX(0, 0),
-        stiffness=ca.SX.eye(2), distance=lambda q: three @ q, parameters=ParameterTable(),
-    )  # fmt: skip
+        "three",
+        states=signals("x [m]; a [m]"),
+        inputs=signals("u [m]; w [m]"),
+        contacts=signals("one [N s]; two [N s]; three [N s]"),
+        h=0.1,
+        mass=ca.SX(0, 0),
+        stiffness=ca.SX.eye(2),
+        distance=lambda q: three @ q,
+        parameters=ParameterTable(),
+    )
     assert not more.linear, "three lines through one point"
 
 

@@ -39,9 +39,11 @@ def test_a_slope_of_the_world_is_the_ground_under_tilted_gravity() -> None:
     """The ball falls on the slope, slides and begins to roll; the same in the slope's axes."""
     tilted = Machine((BALL,), (SPHERE,), gravity=(G * DOWN[0], G * DOWN[1]))
     slope = Machine(
-        (BALL,), (SPHERE,), parts=(Part("slope", WORLD, HalfPlane(normal=UP)),),
+        (BALL,),
+        (SPHERE,),
+        parts=(Part("slope", WORLD, HalfPlane(normal=UP)),),
         meetings=(("slope", "rim"),),
-    )  # fmt: skip
+    )
     turn = np.array([[UP[1], UP[0]], [-UP[0], UP[1]]])
     start = np.array([0.0, 0.23, 0.0, 0.1, 0.0, 0.0])
     turned = np.array([*turn @ start[:2], 0.0, *turn @ start[3:5], 0.0])
@@ -58,16 +60,12 @@ def test_the_book_counts_the_world_as_outside() -> None:
     built = system(machine, ())
     step, book = Exact().close(built), built.book
     assert book is not None
-    values = ca.Function(
-        "book", [built.x, built.u, built.x_next, built.lam], [book.momentum, book.external]
-    )
+    values = ca.Function("book", [built.x, built.u, built.x_next, built.lam], [book.momentum, book.external])
     x = np.array([0.31, 0.5, 0.0, -2.0, 0.0, 3.0])
     x_next, lam, *_ = (np.array(v).ravel() for v in step.solve(x, [], step.p.values))
     assert lam[0] > 1.0
     before, external = (np.array(v).ravel() for v in values(x, [], x_next, lam))
-    np.testing.assert_allclose(
-        np.array(values(x_next, [], x_next, lam)[0]).ravel() - before, external, atol=1e-11
-    )
+    np.testing.assert_allclose(np.array(values(x_next, [], x_next, lam)[0]).ravel() - before, external, atol=1e-11)
 
 
 def test_what_has_no_shape_is_drawn_as_the_rod_of_its_inertia() -> None:

@@ -25,9 +25,7 @@ from ocp.session import Session
 from ocp.transcription import Method
 from problems import get
 
-METHODS: dict[str, Method] = {
-    method.name: method for method in (Direct(), MultipleShooting(), SingleShooting())
-}
+METHODS: dict[str, Method] = {method.name: method for method in (Direct(), MultipleShooting(), SingleShooting())}
 FIVE = ("wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls")
 SMOOTH = 0.05
 
@@ -74,14 +72,15 @@ CASES: dict[str, Case] = {
     "adaptive": (lambda: crowded(2), lambda: Adaptive(sigma=0.4), OpenLoop()),
     "two-contacts": (lambda: two_walls(2), lambda: Barrier(mu=SMOOTH), OpenLoop()),
     "two-feedback": (lambda: two_walls(2), lambda: Barrier(mu=SMOOTH), Feedback(penalty=0.1)),
-    "randomized": (line, lambda: Randomized(0.2, 3, scheme="gauss-hermite",
-                                            base=Barrier(mu=SMOOTH)), OpenLoop()),
+    "randomized": (line, lambda: Randomized(0.2, 3, scheme="gauss-hermite", base=Barrier(mu=SMOOTH)), OpenLoop()),
     "impulses": (lambda: weighed(two_walls(2)), lambda: Barrier(mu=SMOOTH), OpenLoop()),
-    "mean-impulses": (lambda: weighed(line()),
-                      lambda: Randomized(0.2, 3, scheme="gauss-hermite", base=Barrier(mu=SMOOTH)),
-                      Feedback(penalty=0.1)),
+    "mean-impulses": (
+        lambda: weighed(line()),
+        lambda: Randomized(0.2, 3, scheme="gauss-hermite", base=Barrier(mu=SMOOTH)),
+        Feedback(penalty=0.1),
+    ),
     "exact": (lambda: two_walls(2), Exact, Feedback(penalty=0.1)),
-}  # fmt: skip
+}
 
 
 @functools.cache
@@ -105,9 +104,7 @@ def directions(n: int, seed: int, most: int = 16) -> np.ndarray:
     return drawn / np.linalg.norm(drawn, axis=0)
 
 
-def numerical(
-    function: Callable[[np.ndarray], np.ndarray], x: np.ndarray, along: np.ndarray
-) -> np.ndarray:
+def numerical(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray, along: np.ndarray) -> np.ndarray:
     """Derivatives (outputs, d) by the five-point stencil, whose error falls with h^4."""
     step = 3e-4
     columns = []

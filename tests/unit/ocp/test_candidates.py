@@ -29,9 +29,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
 
 
 @pytest.mark.parametrize("number", [0, 1])
-def test_one_candidate_that_raises_loses_nothing(
-    monkeypatch: pytest.MonkeyPatch, number: int
-) -> None:
+def test_one_candidate_that_raises_loses_nothing(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
     expected = solve("wall-1d", contact="barrier").cost
     failing(monkeypatch, number)
     found = solve("wall-1d", contact="barrier", starts=3)

@@ -55,9 +55,13 @@ def enumerated(model: LinearModel) -> float:
         held = model.pairs[list(sides), near]
         high[held] = low[held] = -model.members[list(sides), near] / RADIUS
         found = linprog(
-            model.cost, model.rows[~equal], model.row_upper[~equal] / RADIUS, model.rows[equal],
-            np.zeros(equal.sum()), np.stack([low, high], axis=1),
-        )  # fmt: skip
+            model.cost,
+            model.rows[~equal],
+            model.row_upper[~equal] / RADIUS,
+            model.rows[equal],
+            np.zeros(equal.sum()),
+            np.stack([low, high], axis=1),
+        )
         best = max(best, -found.fun) if found.status == 0 else best
     return best
 
@@ -94,18 +98,20 @@ def test_the_bound_is_attained_at_the_programs_own_multipliers() -> None:
     lower, upper = model.box(RADIUS)
     rows = model.rows
     found = linprog(
-        model.cost, rows[3:], model.row_upper[3:] / RADIUS, rows[:3], np.zeros(3),
+        model.cost,
+        rows[3:],
+        model.row_upper[3:] / RADIUS,
+        rows[:3],
+        np.zeros(3),
         np.stack([lower, upper], axis=1),
-    )  # fmt: skip
+    )
     y = -np.concatenate([found.eqlin.marginals, found.ineqlin.marginals]) * model.row_scale
     assert model.dual_bound(y, RADIUS) == pytest.approx(-found.fun, abs=1e-9)
 
 
 @settings(max_examples=80, deadline=None)
 @given(st.integers(0, 2**31 - 1), st.integers(2, 12), st.integers(0, 6))
-def test_inertia_counts_the_reduced_hessians_negative_eigenvalues(
-    seed: int, n: int, m: int
-) -> None:
+def test_inertia_counts_the_reduced_hessians_negative_eigenvalues(seed: int, n: int, m: int) -> None:
     rng = np.random.default_rng(seed)
     m = min(m, n - 1)
     H = rng.standard_normal((n, n))

@@ -70,8 +70,7 @@ def test_two_at_once_have_places_of_their_own(tmp_path: Path) -> None:
         with second:
             assert second.rows(0) is None
             assert second.notes == [
-                "another process runs the same computation; this one runs independently and"
-                " gives the same numbers"
+                "another process runs the same computation; this one runs independently and gives the same numbers"
             ]
             second.save_rows(0, [{"of": "second"}])
             second.discard()
@@ -100,9 +99,7 @@ def test_what_a_killed_process_left_is_taken_over(tmp_path: Path) -> None:
         assert after.rows(0) == [{"mean": 1.0}] and not after.notes
 
 
-def test_a_place_that_vanishes_while_it_is_entered_is_not_held(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_place_that_vanishes_while_it_is_entered_is_not_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its owner removes it between the opening and the locking of another."""
     with Checkpoint(tmp_path, "toy", ASKED) as owner:
         assert owner.place is not None
@@ -124,9 +121,7 @@ def test_a_place_that_vanishes_while_it_is_entered_is_not_held(
 
 
 @pytest.mark.parametrize("changed", ["source", "program_digest", "identity"])
-def test_another_content_starts_anew_and_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changed: str
-) -> None:
+def test_another_content_starts_anew_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changed: str) -> None:
     with Checkpoint(tmp_path, "toy", ASKED, "a" * 64) as before:
         before.save_rows(0, [{"mean": 1.0}])
     if changed != "source":

@@ -29,8 +29,7 @@ METHODS = [Direct(), MultipleShooting(), SingleShooting()]
 @pytest.mark.parametrize("method", METHODS)
 def test_compiled_and_plain_solves_agree(method) -> None:
     plain, fast = (
-        solve(get("push-1d"), Barrier(mu=1e-3), method, settings={"jit": word})
-        for word in ("false", "true")
+        solve(get("push-1d"), Barrier(mu=1e-3), method, settings={"jit": word}) for word in ("false", "true")
     )
     assert fast.success
     assert fast.cost == pytest.approx(plain.cost, rel=1e-10)
@@ -43,8 +42,7 @@ def test_compiled_and_plain_solves_agree(method) -> None:
 def test_every_function_of_an_nlp_is_the_same(method) -> None:
     """Two contacts, so that the path solver is compiled as well where a method has it."""
     plain, fast = (
-        new_session(get("cart-walls", N=4), Barrier(mu=1e-3), method, settings={"jit": word})
-        for word in (False, True)
+        new_session(get("cart-walls", N=4), Barrier(mu=1e-3), method, settings={"jit": word}) for word in (False, True)
     )
     one, two = plain.nlp_of("product"), fast.nlp_of("product")
     noise = np.random.default_rng(5)
@@ -52,9 +50,7 @@ def test_every_function_of_an_nlp_is_the_same(method) -> None:
     p = one.parameter_vector(plain.values)
     for name in ("f_g", "gradient", "jacobian", "hessian"):
         given = [ca.DM(v) for v in ((x, p, 0.7, lam) if name == "hessian" else (x, p))]
-        for plain_value, value in zip(
-            getattr(one, name).call(given), getattr(two, name).call(given), strict=True
-        ):
+        for plain_value, value in zip(getattr(one, name).call(given), getattr(two, name).call(given), strict=True):
             a, b = (np.array(ca.densify(v)) for v in (plain_value, value))
             np.testing.assert_allclose(b, a, rtol=1e-9, atol=1e-9 * np.abs(a).max(initial=1))
 
@@ -84,9 +80,7 @@ def test_without_a_compiler_functions_are_interpreted_and_it_says_so(
         raise compiler.CompilerError("no C compiler was found")
 
     monkeypatch.setattr(compiler, "load", none)
-    plain, found = (
-        solve(get("push-1d"), Barrier(mu=1e-3), settings={"jit": word}) for word in ("no", "yes")
-    )
+    plain, found = (solve(get("push-1d"), Barrier(mu=1e-3), settings={"jit": word}) for word in ("no", "yes"))
     assert len(calls) == 1, "it is not looked for again and again"
     assert found.record["jit"] == "no C compiler was found; functions are interpreted"
     assert found.cost == plain.cost

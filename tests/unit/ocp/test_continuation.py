@@ -135,9 +135,7 @@ def test_a_step_that_fails_is_halved_and_grows_back(monkeypatch: pytest.MonkeyPa
     assert taken.max() <= asked * (1 + 1e-9), "never longer than asked"
     assert taken[-1] == pytest.approx(asked), "after the hard part the step has grown back"
     first_bad = next(i for i, (_, good) in enumerate(steps) if not good)
-    assert steps[first_bad + 1][0] == pytest.approx(
-        (steps[first_bad - 1][0] + steps[first_bad][0]) / 2
-    )
+    assert steps[first_bad + 1][0] == pytest.approx((steps[first_bad - 1][0] + steps[first_bad][0]) / 2)
 
 
 def test_a_path_that_ends_is_told_with_where_and_why() -> None:

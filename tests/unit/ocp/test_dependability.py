@@ -21,10 +21,24 @@ def starts() -> list[Start]:
     """A default that fails, ten starts that cost 1.00 to 1.09, ten that fail as well."""
     costs = [9.0, *(1 + k / 100 for k in range(10)), *[0.5] * 10]
     return [
-        Start("hopper", k, 60, 16, 1 <= k <= 10, 1 <= k <= 4, "infeasible", cost, 10 * k, k / 4,
-              k / 8, 2 * cost, k % 2 == 1, "")
+        Start(
+            "hopper",
+            k,
+            60,
+            16,
+            1 <= k <= 10,
+            1 <= k <= 4,
+            "infeasible",
+            cost,
+            10 * k,
+            k / 4,
+            k / 8,
+            2 * cost,
+            k % 2 == 1,
+            "",
+        )
         for k, cost in enumerate(costs)
-    ]  # fmt: skip
+    ]
 
 
 def test_row_counts_audited_and_certified_answers_apart() -> None:

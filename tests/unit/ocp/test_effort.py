@@ -63,16 +63,17 @@ def test_limits_are_those_of_the_groups_around_too(tmp_path: Path, monkeypatch) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "few", "many"), [("wall-1d", 1000, 4000), ("push-disc", 400, 1600)]
-)
+@pytest.mark.parametrize(("name", "few", "many"), [("wall-1d", 1000, 4000), ("push-disc", 400, 1600)])
 def test_memory_is_what_a_solve_takes(name: str, few: int, many: int) -> None:
     """Growth of the peak between two horizons, within a factor 2.5 of what is said beforehand."""
     peaks = [
-        float(subprocess.run([sys.executable, "-c", PEAK, name, str(N)], capture_output=True,
-                             text=True, check=True).stdout)
+        float(
+            subprocess.run(
+                [sys.executable, "-c", PEAK, name, str(N)], capture_output=True, text=True, check=True
+            ).stdout
+        )
         for N in (few, many)
-    ]  # fmt: skip
+    ]
     told = effort.solve_memory(get(name, N=many)) - effort.solve_memory(get(name, N=few))
     assert told / 2.5 < peaks[1] - peaks[0] < 2.5 * told
 

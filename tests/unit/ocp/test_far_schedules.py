@@ -62,9 +62,7 @@ def test_the_bounce_is_found_at_whichever_step_is_best() -> None:
     assert found.cost == pytest.approx(2.11242, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("seed", "index", "known"), [(41507, 3, 0.60505), (4242, 10, 0.667125), (41507, 0, None)]
-)
+@pytest.mark.parametrize(("seed", "index", "known"), [(41507, 3, 0.60505), (4242, 10, 0.667125), (41507, 0, None)])
 def test_a_throw_far_from_the_guess_is_found(seed: int, index: int, known: float | None) -> None:
     """Drawn throws, judged by a grid of all throws in closed form.
 
@@ -103,9 +101,7 @@ def test_schedules_lie_apart_by_the_steps_that_contacts_move(by: int) -> None:
 
 
 @pytest.mark.parametrize("solved", [False, True])
-def test_a_move_that_pays_is_made_or_the_verdict_says_why_not(
-    solved: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_move_that_pays_is_made_or_the_verdict_says_why_not(solved: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every branch of a short push: those that are not stationary are left, or told with a reason.
 
     With ``solved`` false no branch that is proposed converges.
@@ -113,9 +109,7 @@ def test_a_move_that_pays_is_made_or_the_verdict_says_why_not(
     session = new_session(get("push-1d", N=4), Exact())
     branches = Branches(Homotopy(session.nlp_of, session.solver, session.values))
     start, own, told = Point(session.first_point(branches.program).x), Branches.solve, 0
-    ended = [
-        branches.solve(start, np.array(bits)) for bits in itertools.product([False, True], repeat=4)
-    ]
+    ended = [branches.solve(start, np.array(bits)) for bits in itertools.product([False, True], repeat=4)]
 
     def failing(self: Branches, *given, **named) -> Result:
         found = own(self, *given, **named)
@@ -129,9 +123,7 @@ def test_a_move_that_pays_is_made_or_the_verdict_says_why_not(
         certificate = judged(session, outcome, 0).certificate
         if certificate.stationarity == "not":
             told += 1
-            assert "did not converge on the branch with these contacts (Lost" in (
-                certificate.sentence
-            )
+            assert "did not converge on the branch with these contacts (Lost" in (certificate.sentence)
     assert told == 0 if solved else told > 0
 
 

@@ -31,14 +31,24 @@ def dash(h: FreeStep | None, wall: float = 9.0, **more: object) -> Problem:
     """A mass goes from rest at 0 to GOAL in least time; a wall stands at ``wall``."""
     p = ParameterTable([Parameter("h", 0.1, "s"), Parameter("m", MASS, "kg")])
     system = time_stepping(
-        "dash", states=signals("x [m]; v [m/s]"), inputs=signals("u [N]"),
-        contacts=signals("wall [N s]"), h=p["h"], mass=p["m"], parameters=p,
-        impulse=lambda q, v, u: p["h"] * u, distance=lambda q: wall - q,
-    )  # fmt: skip
+        "dash",
+        states=signals("x [m]; v [m/s]"),
+        inputs=signals("u [N]"),
+        contacts=signals("wall [N s]"),
+        h=p["h"],
+        mass=p["m"],
+        parameters=p,
+        impulse=lambda q, v, u: p["h"] * u,
+        distance=lambda q: wall - q,
+    )
     given = {
-        "terminal": [Constraint("there", system.x[0] - GOAL, 0, 0)], "u_lower": -FORCE,
-        "u_upper": FORCE, "stage_cost": 0, "terminal_cost": N * p["h"], "x0": [0, 0],
-    }  # fmt: skip
+        "terminal": [Constraint("there", system.x[0] - GOAL, 0, 0)],
+        "u_lower": -FORCE,
+        "u_upper": FORCE,
+        "stage_cost": 0,
+        "terminal_cost": N * p["h"],
+        "x0": [0, 0],
+    }
     return Problem("dash", system, N, parameters=p, h=h, **given | more)  # pyright: ignore
 
 
@@ -82,9 +92,7 @@ def test_the_sharpest_contact_has_the_same_free_step() -> None:
     assert ca.is_equal(sharp.x, freed.system.x, 3)
     x = np.append(np.array(plain.limits(plain.parameters.values)[0]).ravel(), 0.1)
     u, values = np.array([-0.2, 0.3]), list(defaults(plain).values())
-    for of_plain, of_freed in (
-        (plain.exact_step, freed.exact_step), (plain.referee_step, freed.referee_step)
-    ):  # fmt: skip
+    for of_plain, of_freed in ((plain.exact_step, freed.exact_step), (plain.referee_step, freed.referee_step)):
         there = np.array(of_freed.solve(x, u, values)[0]).ravel()
         assert there[:-1] == pytest.approx(np.array(of_plain.solve(x[:-1], u, values)[0]).ravel())
         assert there[-1] == 0.1

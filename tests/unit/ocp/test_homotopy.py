@@ -72,8 +72,7 @@ def test_a_stage_that_fails_once_is_stepped_back_from() -> None:
     follower, (_, _, finished) = follow(failing(0.01, 1))
     assert finished
     between = math.sqrt(0.02 * 0.01)
-    expected = [(0.05, True), (0.02, True), (0.01, False), (between, True), (0.01, True),
-                (0.005, True)]  # fmt: skip
+    expected = [(0.05, True), (0.02, True), (0.01, False), (between, True), (0.01, True), (0.005, True)]
     assert [ok for _, ok in told(follower)] == [ok for _, ok in expected]
     np.testing.assert_allclose([v for v, _ in told(follower)], [v for v, _ in expected])
 
@@ -172,9 +171,7 @@ def test_every_strategy_starts_at_sizes_of_the_problem_and_ends_tight(name: str)
 
 
 def test_the_table_of_a_solve_tells_the_whole_way() -> None:
-    found = solve(
-        get("push-1d"), Barrier(mu=1e-6), Direct(), settings={"start": 0.01, "factor": 0.1}
-    )
+    found = solve(get("push-1d"), Barrier(mu=1e-6), Direct(), settings={"start": 0.01, "factor": 0.1})
     path = [line.value for line in found.stages if line.label == "mu"]
     np.testing.assert_allclose(path, np.geomspace(1e-2, 1e-6, 5))
     labels = [line.label for line in found.stages]

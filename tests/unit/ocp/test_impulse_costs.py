@@ -60,9 +60,7 @@ def test_it_presses_with_the_force_that_is_asked_for(method: Direct) -> None:
     assert found.certificate.stationarity == "B"
 
 
-@pytest.mark.parametrize(
-    "law", [Barrier(mu=1e-3), Adaptive(), Randomized(samples=4)], ids=lambda law: law.name
-)
+@pytest.mark.parametrize("law", [Barrier(mu=1e-3), Adaptive(), Randomized(samples=4)], ids=lambda law: law.name)
 def test_methods_agree_under_every_law(law: ContactLaw) -> None:
     costs = [solve(pressing(), law, method).cost for method in METHODS]
     assert costs == pytest.approx([costs[0]] * 3, rel=1e-5)
@@ -92,9 +90,7 @@ def test_the_impulse_of_an_interval_is_the_sum_over_its_smaller_steps() -> None:
     assert rolled.cost == pytest.approx(N * ((1.0 / H - FORCE) ** 2 + 1e-3 / 16))
 
 
-@pytest.mark.parametrize(
-    "law", [Exact(), Barrier(mu=0.02), Randomized(samples=4)], ids=lambda law: law.name
-)
+@pytest.mark.parametrize("law", [Exact(), Barrier(mu=0.02), Randomized(samples=4)], ids=lambda law: law.name)
 def test_the_gradient_of_rollouts_is_that_of_central_differences(law: ContactLaw) -> None:
     u = -0.5 + 0.1 * np.random.default_rng(2).standard_normal(N)
     objective = RolloutObjective(pressing(), law, theta=u)

@@ -74,9 +74,7 @@ def test_without_a_feasible_point_the_nearest_to_it_is_kept() -> None:
         solve(get("push-1d"), Barrier(mu=1e-6), progress=progress)
     kept = stop.value.solution
     assert [stage.label for stage in stages] == ["mu"] * 3
-    assert kept.data["lam"].values * kept.data["gap"].values == pytest.approx(
-        stages[-1].value, rel=1e-6
-    )
+    assert kept.data["lam"].values * kept.data["gap"].values == pytest.approx(stages[-1].value, rel=1e-6)
     assert kept.cost == pytest.approx(stages[-1].cost, rel=1e-9)
 
 

@@ -18,12 +18,20 @@ X = ca.SX.sym("x", 2)
 A, B = X[0], X[1]
 SIZES = np.array([1.0, 30.0])
 JUMPS = {
-    "floor": ca.floor(A), "ceil": B * ca.ceil(3 * A), "sign": ca.sign(A - B),
-    "<": ca.if_else(A > 0.1, A, A + 1e-3), "<=": (A >= B) * 1.0, "fmod": ca.fmod(A, 2),
-    "remainder": ca.remainder(B, 2), "copysign": ca.copysign(3, A), "==": ca.if_else(A == 0, 1, 0),
-    "!=": ca.if_else(B != 0.25, 1, 0), "atan2": ca.atan2(ca.sin(A), ca.cos(A)),
-    "x/|x|": A / ca.fabs(A), "division": ca.fabs(A) / A,
-}  # fmt: skip
+    "floor": ca.floor(A),
+    "ceil": B * ca.ceil(3 * A),
+    "sign": ca.sign(A - B),
+    "<": ca.if_else(A > 0.1, A, A + 1e-3),
+    "<=": (A >= B) * 1.0,
+    "fmod": ca.fmod(A, 2),
+    "remainder": ca.remainder(B, 2),
+    "copysign": ca.copysign(3, A),
+    "==": ca.if_else(A == 0, 1, 0),
+    "!=": ca.if_else(B != 0.25, 1, 0),
+    "atan2": ca.atan2(ca.sin(A), ca.cos(A)),
+    "x/|x|": A / ca.fabs(A),
+    "division": ca.fabs(A) / A,
+}
 MORE_JUMPS = {
     "cut at the origin": ("atan2", ca.atan2(0 * A, A - 0.3)),
     "steps of a root": ("x/|x|", B / ca.sqrt(B**2)),
@@ -31,15 +39,24 @@ MORE_JUMPS = {
     "inside a norm": ("sign", ca.sqrt(1 + (A + ca.sign(B)) ** 2)),
 }
 KINKS = {
-    "fabs": ca.fabs(A), "fmax": ca.fmax(A, B), "huber": ca.if_else(
-        ca.fabs(A) < 1, A**2 / 2, ca.fabs(A) - 0.5),
-    "sign": A * ca.sign(A), "hinge": ca.if_else(A > B, A - B, 0) ** 2, "smooth": ca.tanh(A * B),
-    "saw": ca.fabs(A - 2 * ca.floor(A / 2 + 0.5)), "root": ca.sqrt(A**2),
-    "angle": ca.cos(ca.atan2(A, B)), "half an angle": ca.cos(ca.atan2(A, B) / 2),
-    "pole": 1 / A + 1 / B**2, "wave": ca.fabs(ca.fmod(ca.fabs(A), 2) - 1),
-    "even": ca.copysign(A, B) ** 2, "sinc": ca.sin(A) / A, "rounded": A / ca.sqrt(A**2 + 1e-12),
-    "point": ca.if_else(A == 0, 1, ca.sin(A) / A), "quotient": ca.sin(A - 0.4) / (A - 0.4),
-}  # fmt: skip
+    "fabs": ca.fabs(A),
+    "fmax": ca.fmax(A, B),
+    "huber": ca.if_else(ca.fabs(A) < 1, A**2 / 2, ca.fabs(A) - 0.5),
+    "sign": A * ca.sign(A),
+    "hinge": ca.if_else(A > B, A - B, 0) ** 2,
+    "smooth": ca.tanh(A * B),
+    "saw": ca.fabs(A - 2 * ca.floor(A / 2 + 0.5)),
+    "root": ca.sqrt(A**2),
+    "angle": ca.cos(ca.atan2(A, B)),
+    "half an angle": ca.cos(ca.atan2(A, B) / 2),
+    "pole": 1 / A + 1 / B**2,
+    "wave": ca.fabs(ca.fmod(ca.fabs(A), 2) - 1),
+    "even": ca.copysign(A, B) ** 2,
+    "sinc": ca.sin(A) / A,
+    "rounded": A / ca.sqrt(A**2 + 1e-12),
+    "point": ca.if_else(A == 0, 1, ca.sin(A) / A),
+    "quotient": ca.sin(A - 0.4) / (A - 0.4),
+}
 
 
 @pytest.mark.parametrize("operation", JUMPS)
@@ -73,37 +90,57 @@ def test_no_named_problem_jumps(name):
 def cart(push=lambda q, u: u, wall=lambda q: q, **changes) -> Problem:
     """A cart that comes towards a wall."""
     system = time_stepping(
-        "cart", states=signals("x [m]; v [m/s]"), inputs=signals("u [N s]"),
-        contacts=signals("wall [N s]"), h=0.1, mass=1.0, impulse=lambda q, v, u: push(q, u),
-        distance=wall, parameters=ParameterTable([]),
-    )  # fmt: skip
+        "cart",
+        states=signals("x [m]; v [m/s]"),
+        inputs=signals("u [N s]"),
+        contacts=signals("wall [N s]"),
+        h=0.1,
+        mass=1.0,
+        impulse=lambda q, v, u: push(q, u),
+        distance=wall,
+        parameters=ParameterTable([]),
+    )
     x, v = system.x[0], system.x[1]
     plain = Problem(
-        "cart", system, N=5, stage_cost=0.1 * system.u**2, terminal_cost=10 * v**2 + x**2,
-        x0=ca.SX([1.0, -3.0]), parameters=system.parameters, u_lower=-0.1, u_upper=0.1,
-    )  # fmt: skip
+        "cart",
+        system,
+        N=5,
+        stage_cost=0.1 * system.u**2,
+        terminal_cost=10 * v**2 + x**2,
+        x0=ca.SX([1.0, -3.0]),
+        parameters=system.parameters,
+        u_lower=-0.1,
+        u_upper=0.1,
+    )
     return replace(plain, **{name: of(system.x, system.u) for name, of in changes.items()})
 
 
-@pytest.mark.parametrize(("problem", "place"), [
-    (cart(push=lambda q, u: u + 0.3 * (q > 0.5)), "< in dynamics"),
-    (cart(push=lambda q, u: u + (q - 0.4) / ca.fabs(q - 0.4)), "x/|x| in dynamics"),
-    (cart(push=lambda q, u: u + 0.2 * ca.sign(u)), "sign in dynamics"),
-    (cart(wall=lambda q: q + 0.2 * (q < 0.4)), "< in gaps"),
-    (cart(terminal_cost=lambda x, u: ca.atan2(0 * x[0], x[0] - 0.3)), "atan2 in terminal_cost"),
-    (cart(stage_cost=lambda x, u: u**2 + ca.fmod(x[0], 0.5)), "fmod in stage_cost"),
-], ids=lambda value: value if isinstance(value, str) else "")  # fmt: skip
+@pytest.mark.parametrize(
+    ("problem", "place"),
+    [
+        (cart(push=lambda q, u: u + 0.3 * (q > 0.5)), "< in dynamics"),
+        (cart(push=lambda q, u: u + (q - 0.4) / ca.fabs(q - 0.4)), "x/|x| in dynamics"),
+        (cart(push=lambda q, u: u + 0.2 * ca.sign(u)), "sign in dynamics"),
+        (cart(wall=lambda q: q + 0.2 * (q < 0.4)), "< in gaps"),
+        (cart(terminal_cost=lambda x, u: ca.atan2(0 * x[0], x[0] - 0.3)), "atan2 in terminal_cost"),
+        (cart(stage_cost=lambda x, u: u**2 + ca.fmod(x[0], 0.5)), "fmod in stage_cost"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
 def test_jumps_of_every_part_of_a_problem_are_named(problem, place):
     assert place in "".join(jump_findings(problem))
 
 
-@pytest.mark.parametrize("problem", [
-    cart(),
-    cart(stage_cost=lambda x, u: u**2 * (1 + (x[0] < -0.5))),
-    cart(push=lambda q, u: u + ca.sign(u - 0.2)),
-    cart(path=lambda x, u: [Constraint("near", x[0], 0, 2)],
-         stage_cost=lambda x, u: u**2 + ca.floor(x[0] / 3)),
-], ids=["plain", "behind the wall", "beyond the input", "beyond a constraint"])  # fmt: skip
+@pytest.mark.parametrize(
+    "problem",
+    [
+        cart(),
+        cart(stage_cost=lambda x, u: u**2 * (1 + (x[0] < -0.5))),
+        cart(push=lambda q, u: u + ca.sign(u - 0.2)),
+        cart(path=lambda x, u: [Constraint("near", x[0], 0, 2)], stage_cost=lambda x, u: u**2 + ca.floor(x[0] / 3)),
+    ],
+    ids=["plain", "behind the wall", "beyond the input", "beyond a constraint"],
+)
 def test_jumps_out_of_reach_are_not_named(problem):
     """A distance is never negative on a plan, and inputs keep to their bounds."""
     assert jump_findings(problem) == ()

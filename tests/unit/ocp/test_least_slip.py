@@ -16,19 +16,31 @@ H, G, FRICTION, N = 0.1, 10.0, 0.5, 4
 def thrown(cone: str) -> Problem:
     """A point in flight at -2 m/s along the ground, which it meets in the last step alone."""
     system = time_stepping(
-        "thrown", states=signals("x [m] along; z [m] height; vx [m/s] along; vz [m/s] up"),
+        "thrown",
+        states=signals("x [m] along; z [m] height; vx [m/s] along; vz [m/s] up"),
         inputs=signals("ux [N s] impulse along; uz [N s] impulse up"),
-        contacts=signals("ground [N s] normal impulse"), h=H, mass=ca.SX.eye(2),
-        impulse=lambda q, v, u: u + ca.vertcat(0, -G * H), distance=lambda q: q[1],
-        sliding=lambda q: ca.SX([[1.0, 0.0]]), friction=FRICTION, cone=cone,
+        contacts=signals("ground [N s] normal impulse"),
+        h=H,
+        mass=ca.SX.eye(2),
+        impulse=lambda q, v, u: u + ca.vertcat(0, -G * H),
+        distance=lambda q: q[1],
+        sliding=lambda q: ca.SX([[1.0, 0.0]]),
+        friction=FRICTION,
+        cone=cone,
         parameters=ParameterTable(),
-    )  # fmt: skip
+    )
     return Problem(
-        "thrown", system, N=N, stage_cost=ca.sumsqr(system.u),
-        terminal_cost=0.01 * system.x[0] ** 2, parameters=ParameterTable(),
+        "thrown",
+        system,
+        N=N,
+        stage_cost=ca.sumsqr(system.u),
+        terminal_cost=0.01 * system.x[0] ** 2,
+        parameters=ParameterTable(),
         x0=ca.SX([0.0, 0.8, -2.0, 0.0]),
-        u_lower=-0.01, u_upper=0.01, scaling=Scaling(impulse=1.0, gap=0.2),
-    )  # fmt: skip
+        u_lower=-0.01,
+        u_upper=0.01,
+        scaling=Scaling(impulse=1.0, gap=0.2),
+    )
 
 
 @pytest.mark.parametrize("cone", ["linearised", "second-order"])

@@ -52,9 +52,7 @@ def test_the_barrier_below_a_path_falls_as_the_horizon_grows() -> None:
     for steps in (120, 600):
         assert steps * held(steps) == pytest.approx(60 * held(60))
     later = CentralPath().over(600).paths(mu)[0]
-    assert later.stage_at(later.values[1]).options["mu_target"] == pytest.approx(
-        later.values[1] / 10
-    )
+    assert later.stage_at(later.values[1]).options["mu_target"] == pytest.approx(later.values[1] / 10)
 
 
 class Guessing(Branches):

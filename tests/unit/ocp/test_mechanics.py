@@ -18,19 +18,22 @@ from ocp.session import Session
 
 def finger(m: float = 1.0, K: float = 50.0, f: float = 0.5, h: float = 0.1) -> Problem:
     """A body on a line, pushed by a finger on springs that may also move across."""
-    p = ParameterTable([
-        Parameter("m", m, "kg"), Parameter("K", K, "N/m"), Parameter("f", f), Parameter("h", h, "s")
-    ])  # fmt: skip
+    p = ParameterTable([Parameter("m", m, "kg"), Parameter("K", K, "N/m"), Parameter("f", f), Parameter("h", h, "s")])
     system = quasi_dynamic(
         "finger",
-        states=signals("x [m]; a [m] finger; b [m] across"), inputs=signals("u [m]; w [m]"),
-        contacts=signals("push [N s]"), h=p["h"], mass=ca.diag(p["m"]),
-        stiffness=p["K"] * ca.SX.eye(2), distance=lambda q: q[0] - q[1] - 0.1, parameters=p,
-        sliding=lambda _: ca.SX([[0.0, 0.0, 1.0]]), friction=p["f"],
-    )  # fmt: skip
+        states=signals("x [m]; a [m] finger; b [m] across"),
+        inputs=signals("u [m]; w [m]"),
+        contacts=signals("push [N s]"),
+        h=p["h"],
+        mass=ca.diag(p["m"]),
+        stiffness=p["K"] * ca.SX.eye(2),
+        distance=lambda q: q[0] - q[1] - 0.1,
+        parameters=p,
+        sliding=lambda _: ca.SX([[0.0, 0.0, 1.0]]),
+        friction=p["f"],
+    )
     x = system.x
-    return Problem("finger", system, 3, ca.sumsqr(system.u - x[1:]), (x[0] - 1) ** 2,
-                   ca.SX([0.0, -0.2, 0.0]), p)  # fmt: skip
+    return Problem("finger", system, 3, ca.sumsqr(system.u - x[1:]), (x[0] - 1) ** 2, ca.SX([0.0, -0.2, 0.0]), p)
 
 
 WRONG = [

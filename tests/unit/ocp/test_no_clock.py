@@ -85,9 +85,7 @@ def decisions(code: str) -> list[str]:
 
 
 def test_clocks_only_feed_what_is_recorded() -> None:
-    files = [
-        file for file in HOUSE.rglob("*.py") if file.relative_to(HOUSE).as_posix() not in AROUND
-    ]
+    files = [file for file in HOUSE.rglob("*.py") if file.relative_to(HOUSE).as_posix() not in AROUND]
     assert len(files) > 100
     found = {file.name: said for file in files if (said := decisions(file.read_text()))}
     assert found == {}
@@ -108,17 +106,18 @@ def test_the_rule_sees_a_clock_that_decides(code: str) -> None:
 
 
 def test_the_rule_lets_a_clock_be_recorded() -> None:
-    code = (
-        "began = perf_counter()\nwork()\nsave(seconds=perf_counter() - began, x=1 if a > 2 else 0)"
-    )
+    code = "began = perf_counter()\nwork()\nsave(seconds=perf_counter() - began, x=1 if a > 2 else 0)"
     assert decisions(code) == []
 
 
 def answer(name: str, **params: float) -> tuple[bytes, ...]:
     """The bits of a solve: inputs, states, cost and the iterations it took."""
     found = solve(get(name, **params), Exact())
-    return (*(found.data[key].values.tobytes() for key in ("x", "u")),
-            np.float64(found.cost).tobytes(), np.int64(found.iterations).tobytes())  # fmt: skip
+    return (
+        *(found.data[key].values.tobytes() for key in ("x", "u")),
+        np.float64(found.cost).tobytes(),
+        np.int64(found.iterations).tobytes(),
+    )
 
 
 def test_a_clock_that_jumps_by_hours_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:

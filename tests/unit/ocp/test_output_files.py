@@ -129,6 +129,11 @@ def test_nobody_else_opens_a_file_to_write() -> None:
         if by_hand.search(file.read_text())
     }
     into_memory = {"reports/style.py", "reports/papers.py", "reports/site/measured.py"}
-    drafts = {"ocp/store/atomic.py", "ocp/store/runs.py", "reports/motion/movie.py",
-              "reports/motion/gallery.py", "reports/pdf.py"}  # fmt: skip
+    drafts = {
+        "ocp/store/atomic.py",
+        "ocp/store/runs.py",
+        "reports/motion/movie.py",
+        "reports/motion/gallery.py",
+        "reports/pdf.py",
+    }
     assert found == drafts | into_memory

@@ -80,9 +80,7 @@ def test_the_share_of_a_constraint_does_not_depend_on_how_it_is_written(scale: f
     end = Constraint("end", scale * problem.system.x[0], scale * 0.3, ca.inf)
     problem = replace(problem, terminal=[end])
     x = np.zeros((1, problem.N + 1, 2))
-    found = broken_constraints(
-        problem, x, np.zeros((1, problem.N, 1)), no_impulses(problem), physical(problem)
-    )
+    found = broken_constraints(problem, x, np.zeros((1, problem.N, 1)), no_impulses(problem), physical(problem))
     assert len(found) == 1
     assert found[0].violation.name == "terminal"
     assert found[0].violation.step == problem.N

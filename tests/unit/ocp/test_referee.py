@@ -178,9 +178,11 @@ def test_an_oiled_finger_grips_nothing() -> None:
     forces = found.problem.system.sharpest.forces
     assert forces is not None
     replay = sharp.replay
-    of = ca.Function("t", [found.problem.system.sharpest.lam], [ca.substitute(
-        forces.tangential, found.problem.parameters.vector, ca.SX(physical(found.problem))
-    )])  # fmt: skip
+    of = ca.Function(
+        "t",
+        [found.problem.system.sharpest.lam],
+        [ca.substitute(forces.tangential, found.problem.parameters.vector, ca.SX(physical(found.problem)))],
+    )
     along = np.array(of.map(replay.lam.shape[1])(replay.lam[0].T))
     assert np.abs(along[1]).max() == 0.0
     assert np.abs(along[0]).max() > 0.01
@@ -234,8 +236,7 @@ def test_the_refined_cost_is_that_of_a_quarter_of_the_step() -> None:
     rolled = roll_out(fine, np.repeat(inputs, 4, axis=1), values | {"h": values["h"] / 4}, x0=x0)
     coarse = rolled.x[:, ::4]
     stage = sum(
-        float(problem.cost_terms(coarse[0, k], inputs[0, k], 0, 0, physical(problem))[0])
-        for k in range(problem.N)
+        float(problem.cost_terms(coarse[0, k], inputs[0, k], 0, 0, physical(problem))[0]) for k in range(problem.N)
     )
     end = float(problem.cost_terms(coarse[0, -1], 0, 0, 0, physical(problem))[1])
     report = referee(problem, inputs, values, x0)

@@ -20,8 +20,16 @@ from ocp.solve import new_session, solve
 from problems import get
 from tests.benchmarks.ocp.random_draws import drawn
 
-WALLS = {"mc": 2.2205, "mp": 0.0932, "l": 0.4108, "wall": 0.3335, "k": 106.0, "h": 0.033,
-         "w_end": 90.53, "u_max": 2.3294}  # fmt: skip
+WALLS = {
+    "mc": 2.2205,
+    "mp": 0.0932,
+    "l": 0.4108,
+    "wall": 0.3335,
+    "k": 106.0,
+    "h": 0.033,
+    "w_end": 90.53,
+    "u_max": 2.3294,
+}
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=12))

@@ -41,11 +41,18 @@ def behind(N: int = 20) -> Problem:
     off = scene.of("disc", system.x)[:2] - ca.vertcat(-0.3, 0)
     du = ca.SX.sym("du", 2)
     return Problem(
-        "behind", system, N, stage_cost=0.1 * ca.sumsqr(du), terminal_cost=10 * ca.sumsqr(off),
-        x0=scene.at_rest(system), parameters=table, du=du, u_before=scene.hold,
+        "behind",
+        system,
+        N,
+        stage_cost=0.1 * ca.sumsqr(du),
+        terminal_cost=10 * ca.sumsqr(off),
+        x0=scene.at_rest(system),
+        parameters=table,
+        du=du,
+        u_before=scene.hold,
         path=[Constraint("reach", system.u - scene.of("finger", system.x), -REACH, REACH)],
         scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),
-    )  # fmt: skip
+    )
 
 
 def test_linear_complementarity_problems_agree_with_enumeration() -> None:

@@ -29,9 +29,7 @@ def differences(name: str, law: ContactLaw, parameter: str, at: Solution) -> tup
     """Central differences of cost, x and u over a thousandth of the parameter's value."""
     value = at.values[parameter]
     h = 1e-3 * abs(value)
-    there, back = (
-        solve(get(name, **{parameter: value + s * h}), law, Direct(), start=at) for s in (1, -1)
-    )
+    there, back = (solve(get(name, **{parameter: value + s * h}), law, Direct(), start=at) for s in (1, -1))
     return tuple(
         (a - b) / (2 * h)
         for a, b in (
@@ -45,9 +43,15 @@ def differences(name: str, law: ContactLaw, parameter: str, at: Solution) -> tup
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(
     ("name", "parameter"),
-    [("push-1d", "M"), ("push-1d", "qa0"), ("push-disc", "M"), ("cart-walls", "mp"),
-     ("cart-walls", "u_max"), ("planar-push", "goal_x")],
-)  # fmt: skip
+    [
+        ("push-1d", "M"),
+        ("push-1d", "qa0"),
+        ("push-disc", "M"),
+        ("cart-walls", "mp"),
+        ("cart-walls", "u_max"),
+        ("planar-push", "goal_x"),
+    ],
+)
 def test_sensitivities_are_the_limit_of_re_solves(name: str, parameter: str, law: str) -> None:
     found = solved(name, law)
     ours = found.sensitivity(parameter)
@@ -75,9 +79,7 @@ def test_shooting_has_the_sensitivity_of_direct(method) -> None:
 
 def test_the_law_has_sensitivities_too() -> None:
     found = solved("push-1d", "barrier")
-    costs = [
-        solve(get("push-1d"), Barrier(mu=1e-3 * (1 + s)), Direct()).cost for s in (1e-3, -1e-3)
-    ]
+    costs = [solve(get("push-1d"), Barrier(mu=1e-3 * (1 + s)), Direct()).cost for s in (1e-3, -1e-3)]
     slope = (costs[0] - costs[1]) / 2e-6
     assert float(found.sensitivity("contact.mu")["cost"]) == pytest.approx(slope, rel=1e-5)
 
@@ -118,22 +120,42 @@ def elastic(start: float, h: float = 0.005, steps: int = 400, weight: float = 1e
 
     It leaves at T = 2 with ``z = T - z0 - pi / sqrt(k)``: the physics' slope by z0 is -1.
     """
-    p = ParameterTable([
-        Parameter("z0", start, "m"), Parameter("k", 1e4, "N/m"), Parameter("h", h, "s"),
-    ])  # fmt: skip
+    p = ParameterTable(
+        [
+            Parameter("z0", start, "m"),
+            Parameter("k", 1e4, "N/m"),
+            Parameter("h", h, "s"),
+        ]
+    )
     h_ = p["h"]
     A = ca.SX.eye(2)
     A[0, 1] = h_
     system = lcs(
-        "elastic", states=signals("z [m]; v [m/s]"), inputs=signals("u [N]"),
-        contacts=signals("floor [N]"), A=A, B=ca.vertcat(h_**2, h_), C=ca.vertcat(h_**2, h_),
-        D=ca.horzcat(ca.SX(1), h_), E=ca.SX(h_**2), F=1 / p["k"] + h_**2, h=h_, parameters=p,
-    )  # fmt: skip
+        "elastic",
+        states=signals("z [m]; v [m/s]"),
+        inputs=signals("u [N]"),
+        contacts=signals("floor [N]"),
+        A=A,
+        B=ca.vertcat(h_**2, h_),
+        C=ca.vertcat(h_**2, h_),
+        D=ca.horzcat(ca.SX(1), h_),
+        E=ca.SX(h_**2),
+        F=1 / p["k"] + h_**2,
+        h=h_,
+        parameters=p,
+    )
     return Problem(
-        name="elastic", system=system, N=steps, stage_cost=weight * system.u**2,
-        terminal_cost=system.x[0], x0=ca.vertcat(p["z0"], -1), parameters=p, u_lower=-10,
-        u_upper=10, scaling=Scaling(impulse=50, gap=0.01, u=1),
-    )  # fmt: skip
+        name="elastic",
+        system=system,
+        N=steps,
+        stage_cost=weight * system.u**2,
+        terminal_cost=system.x[0],
+        x0=ca.vertcat(p["z0"], -1),
+        parameters=p,
+        u_lower=-10,
+        u_upper=10,
+        scaling=Scaling(impulse=50, gap=0.01, u=1),
+    )
 
 
 def end_of_flight(start: float, h: float, steps: int, k: float = 1e4) -> float:
@@ -166,15 +188,28 @@ def falling(h: float = 0.1, N: int = 10) -> Problem:
     """A mass of 1 kg is pushed up with F against a weight of 10 N over a floor."""
     p = ParameterTable([Parameter("F", 10.5, "N"), Parameter("h", h, "s")])
     system = time_stepping(
-        "lift-off", states=signals("z [m]; v [m/s]"), inputs=signals("u [N]"), mass=1.0,
-        contacts=signals("floor [N s]"), h=p["h"], distance=lambda q: q, parameters=p,
+        "lift-off",
+        states=signals("z [m]; v [m/s]"),
+        inputs=signals("u [N]"),
+        mass=1.0,
+        contacts=signals("floor [N s]"),
+        h=p["h"],
+        distance=lambda q: q,
+        parameters=p,
         impulse=lambda q, v, u: p["h"] * (u + p["F"] - 10),
-    )  # fmt: skip
+    )
     return Problem(
-        name="lift-off", system=system, N=N, stage_cost=1e3 * system.u**2, x0=ca.SX.zeros(2),
-        terminal_cost=system.x[0], parameters=p, u_lower=-20, u_upper=20,
+        name="lift-off",
+        system=system,
+        N=N,
+        stage_cost=1e3 * system.u**2,
+        x0=ca.SX.zeros(2),
+        terminal_cost=system.x[0],
+        parameters=p,
+        u_lower=-20,
+        u_upper=20,
         scaling=Scaling(impulse=1, gap=0.1, u=5),
-    )  # fmt: skip
+    )
 
 
 def test_a_slope_that_converges_with_the_step_is_confirmed() -> None:

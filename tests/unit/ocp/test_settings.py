@@ -17,10 +17,18 @@ from problems import get
 
 def test_own_settings_are_read_and_the_rest_is_the_solvers() -> None:
     read = Settings.read(
-        {"homotopy": "No", "factor": "0.3", "start": "1e-2", "strategy": "l1", "jit": "false",
-         "ipopt.max_iter": "7", "tol": "1e-6", "linear_solver": "mumps",
-         "print_user_options": "true"}
-    )  # fmt: skip
+        {
+            "homotopy": "No",
+            "factor": "0.3",
+            "start": "1e-2",
+            "strategy": "l1",
+            "jit": "false",
+            "ipopt.max_iter": "7",
+            "tol": "1e-6",
+            "linear_solver": "mumps",
+            "print_user_options": "true",
+        }
+    )
     assert read.homotopy is False
     assert (read.factor, read.start, read.strategy, read.jit) == (0.3, 0.01, "l1", False)
     options = {"max_iter": 7, "tol": 1e-6, "linear_solver": "mumps", "print_user_options": True}
@@ -38,9 +46,8 @@ def test_nothing_given_nothing_chosen() -> None:
 
 @pytest.mark.parametrize(
     ("word", "value"),
-    [("3", 3), ("3.5", 3.5), ("1e-3", 1e-3), ("TRUE", True), ("false", False), ("mumps", "mumps"),
-     (5, 5), ("-2", -2)],
-)  # fmt: skip
+    [("3", 3), ("3.5", 3.5), ("1e-3", 1e-3), ("TRUE", True), ("false", False), ("mumps", "mumps"), (5, 5), ("-2", -2)],
+)
 def test_words_that_read_as_numbers_are_numbers(word: object, value: object) -> None:
     assert literal(word) == value
     assert type(literal(word)) is type(value)
@@ -141,9 +148,7 @@ def test_a_frozen_gradient_is_not_for_direct() -> None:
         solve(get("push-1d", N=3), Adaptive(gradient="frozen"), Direct())
 
 
-@pytest.mark.parametrize(
-    "arguments", [{"penalty": -1.0}, {"penalty": float("inf")}, {"bound": 0.0}, {"bound": -1.0}]
-)
+@pytest.mark.parametrize("arguments", [{"penalty": -1.0}, {"penalty": float("inf")}, {"bound": 0.0}, {"bound": -1.0}])
 def test_bad_feedback_is_wrong_usage(arguments: dict[str, float]) -> None:
     with pytest.raises(InputError, match=next(iter(arguments))):
         Feedback(**arguments)

@@ -40,8 +40,10 @@ def test_every_option_of_ipopt_is_known_with_its_type() -> None:
     kinds = [option.kind for option in IPOPT.values()]
     assert len(kinds) > 250
     assert {kind: kinds.count(kind) > 40 for kind in set(kinds)} == {
-        "integer": True, "real": True, "string": True,
-    }  # fmt: skip
+        "integer": True,
+        "real": True,
+        "string": True,
+    }
     assert sum(math.isfinite(IPOPT[name].low) for name in NUMBERS) > 0.85 * len(NUMBERS)
     assert IPOPT["max_iter"].kind == "integer" and IPOPT["linear_solver"].words[7] == "mumps"
 
@@ -74,17 +76,16 @@ def test_ipopt_takes_the_numbers_that_are_said_to_be_taken(name: str, capfd) -> 
         ("sleqp", {"max_newton_iterations": 1.5}, "must be a whole number"),
     ],
 )
-def test_what_a_solver_cannot_take_is_refused(
-    solver: str, option: dict[str, Any], sentence: str
-) -> None:
+def test_what_a_solver_cannot_take_is_refused(solver: str, option: dict[str, Any], sentence: str) -> None:
     with pytest.raises(InputError, match=f"{solver} refused its options: .*{sentence}"):
         check_options(solver, option)
 
 
 def test_what_a_solver_takes_is_passed_on() -> None:
     assert check_options("ipopt", {"max_iter": 7.0, "print_user_options": False}) == {
-        "max_iter": 7, "print_user_options": "no",
-    }  # fmt: skip
+        "max_iter": 7,
+        "print_user_options": "no",
+    }
     assert check_options("fatrop", {"tol": 1e-6}) == {"tol": 1e-6}
     assert check_options("ipopt", LOOSEST_OF_IPOPT) == LOOSEST_OF_IPOPT
     assert has_option("ipopt", "mu_strategy") and not has_option("uno", "mu_strategy")

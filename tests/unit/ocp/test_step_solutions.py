@@ -91,9 +91,7 @@ def test_all_solutions_of_random_matrices_are_found(stiff: float) -> None:
         found = others_of(coupled(F, d), solutions[0])
         expected = [lam for lam in solutions if np.abs(lam - solutions[0]).max() > 1e-2]
         ends = np.zeros((0, 5)) if found is None else found.x_next
-        np.testing.assert_allclose(
-            distinct(ends), distinct(np.reshape(expected, (-1, 5))), atol=1e-5
-        )
+        np.testing.assert_allclose(distinct(ends), distinct(np.reshape(expected, (-1, 5))), atol=1e-5)
         several += len(expected) > 0
     assert several > 5
 
@@ -187,9 +185,7 @@ def test_painleves_rod_lifts_off_slides_or_jams() -> None:
 
 
 @pytest.mark.parametrize(("friction", "slip", "rise"), [(1.0, -5.0, 0.1), (2.0, 5.0, 0.1)])
-def test_a_rod_without_the_paradox_goes_on_in_one_way(
-    friction: float, slip: float, rise: float
-) -> None:
+def test_a_rod_without_the_paradox_goes_on_in_one_way(friction: float, slip: float, rise: float) -> None:
     """A > 0: less friction, or sliding the other way; the tip opens, and nothing else."""
     problem = rod(friction, slip, rise)
     plan = roll_out(problem, np.zeros((1, 2, 1)), defaults(problem))
@@ -223,9 +219,7 @@ def test_finger_discs_second_end_is_named_with_its_cost() -> None:
     step = p.exact_step.solve.mapaccum(p.N - 2)
     ahead = np.array(step(other.x_next[0], u[0, 2:].T, p.parameters.values)[0]).T
     states = np.vstack([x[0, :2], other.x_next[:1], ahead])
-    stage = sum(
-        float(p.cost_terms(states[k], u[0, k], 0, 0, p.parameters.values)[0]) for k in range(p.N)
-    )
+    stage = sum(float(p.cost_terms(states[k], u[0, k], 0, 0, p.parameters.values)[0]) for k in range(p.N))
     end = float(p.cost_terms(states[-1], 0, 0, 0, p.parameters.values)[1])
     assert report.branch_cost == pytest.approx(stage + end, rel=1e-9)
 

@@ -47,14 +47,21 @@ def dataset(shift: float = 0.0) -> xr.Dataset:
 
 def solution(seconds: float = 1.0, cost: float = 2.5) -> Solution:
     audit = Audit(
-        complementarity=1e-9, complementarity_min=1e-9, dynamics_residual=1e-12, law_residual=0.0,
-        constraint_violation=0.0, penetration=0.0, exact_penetration=math.nan, exact_cost=math.inf,
-        state_gap=0.0, active_steps=3, task_gradient=0.5,
+        complementarity=1e-9,
+        complementarity_min=1e-9,
+        dynamics_residual=1e-12,
+        law_residual=0.0,
+        constraint_violation=0.0,
+        penetration=0.0,
+        exact_penetration=math.nan,
+        exact_cost=math.inf,
+        state_gap=0.0,
+        active_steps=3,
+        task_gradient=0.5,
         worst=[Violation("dynamics", "q", 0, 2, 1e-12)],
-    )  # fmt: skip
+    )
     stage = StageRecord("contact.mu", 1e-3, 2.5, 1e-3, 1e-9, 7, seconds, "solved")
-    record = {"problem": "toy", "contact": "exact", "seed": 4,
-              "law_parameters": {"contact.mu": 1e-3}}  # fmt: skip
+    record = {"problem": "toy", "contact": "exact", "seed": 4, "law_parameters": {"contact.mu": 1e-3}}
     problem = get("wall-1d")
     values = dict(zip(problem.parameters.names, problem.parameters.values.tolist(), strict=True))
     certificate = Certificate("not", moves=[ContactChange("opening contact", "wall", 0, 2, 4)])
@@ -69,11 +76,22 @@ def solution(seconds: float = 1.0, cost: float = 2.5) -> Solution:
         branch_cost=27.5,
     )
     return Solution(
-        dataset(), cost, Status.SOLVED, audit, certificate, refereed, 9.0, [stage], 7, seconds,
-        2 * seconds, record,
-        problem=problem, values={**values, "contact.mu": 1e-3},
+        dataset(),
+        cost,
+        Status.SOLVED,
+        audit,
+        certificate,
+        refereed,
+        9.0,
+        [stage],
+        7,
+        seconds,
+        2 * seconds,
+        record,
+        problem=problem,
+        values={**values, "contact.mu": 1e-3},
         others=[{"start": 1, "cost": 3.0, "seconds": seconds}],
-    )  # fmt: skip
+    )
 
 
 def test_a_solution_survives_the_disk(tmp_path: Path) -> None:
@@ -226,8 +244,7 @@ def test_a_solution_with_a_part_missing_is_damaged(tmp_path: Path, part: str) ->
 
 def test_the_split_of_the_time_is_stored_and_no_part_of_the_hash(tmp_path: Path) -> None:
     first, second = (
-        store.load(store.save(replace(solution(), evaluation_s=s), tmp_path, []).path)
-        for s in (0.25, 0.75)
+        store.load(store.save(replace(solution(), evaluation_s=s), tmp_path, []).path) for s in (0.25, 0.75)
     )
     assert first.solution(solution().problem).evaluation_s == 0.25
     assert second.meta["solver_s"] == pytest.approx(second.meta["solve_s"] - 0.75)
@@ -247,9 +264,7 @@ def test_multipliers_survive_the_disk_by_name(tmp_path: Path) -> None:
     assert other.meta["hash"] != run.meta["hash"], "they are content"
 
 
-@pytest.mark.parametrize(
-    "call", [store.check_writable, lambda r: store.save(solution(), r, []).path]
-)
+@pytest.mark.parametrize("call", [store.check_writable, lambda r: store.save(solution(), r, []).path])
 def test_a_root_that_is_a_file_is_refused(tmp_path: Path, call) -> None:
     root = tmp_path / "runs"
     root.write_text("")
@@ -258,9 +273,7 @@ def test_a_root_that_is_a_file_is_refused(tmp_path: Path, call) -> None:
 
 
 @pytest.mark.parametrize("fails", ["fsync", "rename"])
-def test_a_full_disk_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str
-) -> None:
+def test_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str) -> None:
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -301,9 +314,7 @@ def test_kill_leaves_no_half_run_and_the_next_save_sweeps(tmp_path: Path) -> Non
     assert len(store.list_runs(tmp_path)) == 2
 
 
-def test_a_removal_cut_short_leaves_no_half_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_removal_cut_short_leaves_no_half_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = store.save(solution(), tmp_path, []).path
 
     def killed(place: Path) -> None:
@@ -345,9 +356,7 @@ def test_only_one_module_renames_into_place() -> None:
     assert found == {"ocp/store/atomic.py", "ocp/store/runs.py"}
 
 
-def test_runs_are_found_by_their_names_without_opening_a_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_runs_are_found_by_their_names_without_opening_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Those of one second are in the order in which they were written, damaged ones too."""
     paths = [store.save(solution(), tmp_path, []).path for _ in range(3)]
     (paths[1] / "meta.json").write_bytes(b"damaged")

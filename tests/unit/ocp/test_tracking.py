@@ -25,9 +25,16 @@ def between_walls(stage, terminal, walls: float = 1.0, size: float = 1.0, N: int
     p = ParameterTable([Parameter("theta", 0.0)])
     F = [[1.0, -1.0], [-1.0, 1.0]]
     system = lcs(
-        "between-walls", A=1.0, B=1.0, C=[[1.0, -1.0]], D=[[1.0], [-1.0]], E=[[1.0], [-1.0]],
-        F=F, d=[walls, walls], parameters=p,
-    )  # fmt: skip
+        "between-walls",
+        A=1.0,
+        B=1.0,
+        C=[[1.0, -1.0]],
+        D=[[1.0], [-1.0]],
+        E=[[1.0], [-1.0]],
+        F=F,
+        d=[walls, walls],
+        parameters=p,
+    )
     return Problem(
         name="between-walls",
         system=system,
@@ -56,9 +63,7 @@ def test_contacts_of_a_mass_between_two_walls_are_found_where_they_change() -> N
         assert event.value == pytest.approx(value, abs=6e-6)
         assert event.cost == pytest.approx(R + R**2, rel=1e-5)
         assert event.steps == (0,)
-    assert [(event.contact, event.change) for event in path.events] == [
-        ("contact0", "opens"), ("contact1", "touches")
-    ]  # fmt: skip
+    assert [(event.contact, event.change) for event in path.events] == [("contact0", "opens"), ("contact1", "touches")]
     for point in path.points:
         u = np.clip(point.value / (1 + R), -1, 1)
         assert point.solution.cost == pytest.approx(R * u**2 + (u - point.value) ** 2, rel=1e-9)
@@ -69,14 +74,17 @@ def test_contacts_that_change_at_one_value_are_one_degenerate_event(walls) -> No
     """Two masses, each as above with one wall: they touch at theta = wall (1 + r)."""
     p = ParameterTable([Parameter("theta", 0.0)])
     one = np.eye(2)
-    system = lcs(
-        "two-walls", A=one, B=one, C=-one, D=-one, E=-one, F=one, d=list(walls), parameters=p
-    )
+    system = lcs("two-walls", A=one, B=one, C=-one, D=-one, E=-one, F=one, d=list(walls), parameters=p)
     problem = Problem(
-        name="two-walls", system=system, N=1, stage_cost=R * ca.sumsqr(system.u),
-        terminal_cost=ca.sumsqr(system.x - p["theta"]), x0=ca.SX.zeros(2), parameters=p,
+        name="two-walls",
+        system=system,
+        N=1,
+        stage_cost=R * ca.sumsqr(system.u),
+        terminal_cost=ca.sumsqr(system.x - p["theta"]),
+        x0=ca.SX.zeros(2),
+        parameters=p,
         scaling=Scaling(1.0, 1.0, 1.0, 1.0),
-    )  # fmt: skip
+    )
     path = follow(problem, 0.2, 3.1, 7)
     at_once = walls[0] == walls[1]
     assert [e.kind for e in path.events] == (["degenerate"] if at_once else ["contact"] * 2)
@@ -95,9 +103,7 @@ def pressing(c: float, size: float = 1.0) -> Problem:
     theta = 1 + c; pressed against it u = theta at a cost of c, down to theta = 1. Both cost the
     same at theta² = 1 + c.
     """
-    return between_walls(
-        lambda u, theta: (u - theta) ** 2, lambda x, _: c * x**2, size=size
-    )  # fmt: skip
+    return between_walls(lambda u, theta: (u - theta) ** 2, lambda x, _: c * x**2, size=size)
 
 
 def test_a_minimum_that_ends_at_a_contact_is_left_there() -> None:
@@ -131,9 +137,7 @@ def test_another_minimum_is_taken_where_it_becomes_the_cheaper() -> None:
 
 def test_a_fold_is_stepped_round() -> None:
     """Stationary points of u⁴/4 - u²/2 - theta u are theta = u³ - u, with folds at u² = 1/3."""
-    problem = between_walls(
-        lambda u, t: u**4 / 4 - u**2 / 2 - t * u, lambda x, _: 0 * x, walls=100.0
-    )
+    problem = between_walls(lambda u, t: u**4 / 4 - u**2 / 2 - t * u, lambda x, _: 0 * x, walls=100.0)
     path = follow(problem, -1.0, 1.0, 10)
     assert path.broke is None
     at = 2 / (3 * np.sqrt(3))

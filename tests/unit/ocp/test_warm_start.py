@@ -113,9 +113,7 @@ def test_a_shorter_horizon_cuts(pushed: Solution) -> None:
     blocks = session.nlp_of("product").variables.unpack(point.x)
     np.testing.assert_allclose(blocks["u"][0], pushed.data["u"].values[0, :12], rtol=1e-14)
     duals = session.nlp_of("product").constraints.unpack(point.lam_g)
-    np.testing.assert_allclose(
-        duals["dynamics"][0], pushed.data["lam_g_dynamics"].values[0, :12], rtol=1e-14
-    )
+    np.testing.assert_allclose(duals["dynamics"][0], pushed.data["lam_g_dynamics"].values[0, :12], rtol=1e-14)
 
 
 @pytest.mark.parametrize("settings", [{"N": 40, "h": 0.05}, {"N": 25}, {"M": 1.3}])
@@ -174,9 +172,10 @@ def test_where_it_does_not_converge_the_usual_path_is_followed(
 
     resume = sessions.Session.resume
     monkeypatch.setattr(
-        sessions.Session, "resume",
+        sessions.Session,
+        "resume",
         lambda self, *a: replace(resume(self, *a), finished=False),
-    )  # fmt: skip
+    )
     found = solve(get("push-disc", M=1.2), Barrier(mu=1e-3), start=pushed)
     assert found.success
     assert "mu" in {stage.label for stage in found.stages}, "the law's own path"
@@ -217,11 +216,13 @@ def test_a_step_size_that_is_a_state_shrinks_with_a_finer_mesh() -> None:
     noise = np.random.default_rng(2)
     x, u = noise.random((1, 4, problem.system.nx)), noise.random((1, 3, problem.system.nu))
     x[..., column] = 0.03
-    data = xr.Dataset({
-        "x": (("scenario", "node", "state"), x),
-        "u": (("scenario", "interval", "control"), u),
-        "time": ("node", 0.03 * np.arange(4)),
-    })  # fmt: skip
+    data = xr.Dataset(
+        {
+            "x": (("scenario", "node", "state"), x),
+            "u": (("scenario", "interval", "control"), u),
+            "time": ("node", 0.03 * np.arange(4)),
+        }
+    )
     known = replace(known_as(), data=data, problem=problem)
     values = {p.name: p.value for p in problem.parameters}
     X, _ = carried_guess(known, problem, values)

@@ -30,10 +30,16 @@ def free_mass() -> Problem:
     """Move a mass of 1 kg by 1 m to rest: ``sum u² + 100 (x_N - 1)² + 100 v_N²``."""
     p = ParameterTable([Parameter("h", H, "s")])
     system = time_stepping(
-        "free mass", states=signals("x [m]; v [m/s]"), inputs=signals("u [N]"), contacts=(),
-        h=p["h"], mass=1.0, impulse=lambda q, v, u: p["h"] * u, distance=lambda q: ca.SX(0, 1),
+        "free mass",
+        states=signals("x [m]; v [m/s]"),
+        inputs=signals("u [N]"),
+        contacts=(),
+        h=p["h"],
+        mass=1.0,
+        impulse=lambda q, v, u: p["h"] * u,
+        distance=lambda q: ca.SX(0, 1),
         parameters=p,
-    )  # fmt: skip
+    )
     end = WEIGHT * ((system.x[0] - 1) ** 2 + system.x[1] ** 2)
     return Problem("free mass", system, N, system.u**2, end, ca.SX([0, 0]), p)
 
@@ -88,12 +94,19 @@ def test_a_machine_without_spheres_swings_like_a_pendulum() -> None:
 def fixed_gap(gap: float) -> Problem:
     p = ParameterTable([Parameter("h", H, "s")])
     system = time_stepping(
-        "fixed", states=signals("x [m]; v [m/s]"), inputs=signals("u [N s]"),
-        contacts=signals("wall [N s]"), h=p["h"], mass=1.0, impulse=lambda q, v, u: u,
-        distance=lambda q: 0 * q + gap, parameters=p,
-    )  # fmt: skip
-    return Problem("fixed", system, 5, system.u**2, (system.x[0] - 1) ** 2, ca.SX([0, 0]), p,
-                   scaling=Scaling(impulse=1.0, gap=0.1))  # fmt: skip
+        "fixed",
+        states=signals("x [m]; v [m/s]"),
+        inputs=signals("u [N s]"),
+        contacts=signals("wall [N s]"),
+        h=p["h"],
+        mass=1.0,
+        impulse=lambda q, v, u: u,
+        distance=lambda q: 0 * q + gap,
+        parameters=p,
+    )
+    return Problem(
+        "fixed", system, 5, system.u**2, (system.x[0] - 1) ** 2, ca.SX([0, 0]), p, scaling=Scaling(impulse=1.0, gap=0.1)
+    )
 
 
 @pytest.mark.parametrize("law", LAWS[:2], ids=lambda law: law.name)

@@ -27,17 +27,32 @@ from ocp.worlds.replay import in_world
 from problems import get
 
 H = 0.01
-BALL = Machine(
-    (Link("ball", None, 2.0, 0.1, joint="free"),), (Sphere("ball", "ball", (0, 0), 0.2),)
+BALL = Machine((Link("ball", None, 2.0, 0.1, joint="free"),), (Sphere("ball", "ball", (0, 0), 0.2),))
+PENDULUM = Machine(
+    (
+        Link(
+            "upper", None, 1.0, 0.02, com=(0.1, -0.3), anchor=(0.2, 0.1), offset=0.4, spring=2.0, damping=0.1, gear=3.0
+        ),
+        Link(
+            "rod",
+            "upper",
+            0.5,
+            0.01,
+            com=(0.0, -0.1),
+            anchor=(0.0, -0.5),
+            offset=-0.7,
+            joint="slide",
+            axis=(0.6, 0.8),
+            spring=40.0,
+            damping=0.3,
+            armature=0.05,
+        ),
+        Link("other", None, 0.4, 0.01, com=(0.0, 0.2), limits=(-1.0, 1.0)),
+        Link("end", "rod", 0.3, 0.02, com=(0.1, 0.0), anchor=(0.1, -0.2), gear=2.0),
+    ),
+    (),
+    gravity=(0.5, -9.0),
 )
-PENDULUM = Machine((
-    Link("upper", None, 1.0, 0.02, com=(0.1, -0.3), anchor=(0.2, 0.1), offset=0.4, spring=2.0,
-         damping=0.1, gear=3.0),
-    Link("rod", "upper", 0.5, 0.01, com=(0.0, -0.1), anchor=(0.0, -0.5), offset=-0.7, joint="slide",
-         axis=(0.6, 0.8), spring=40.0, damping=0.3, armature=0.05),
-    Link("other", None, 0.4, 0.01, com=(0.0, 0.2), limits=(-1.0, 1.0)),
-    Link("end", "rod", 0.3, 0.02, com=(0.1, 0.0), anchor=(0.1, -0.2), gear=2.0),
-), (), gravity=(0.5, -9.0))  # fmt: skip
 
 
 def problem_of(machine: Any, h: float = H, N: int = 1, **given: Any) -> Problem:
@@ -62,9 +77,7 @@ def run(problem: Problem, x: Any, steps: int, *soft: float) -> np.ndarray:
     return np.array(found)
 
 
-@pytest.mark.parametrize(
-    "name", ["hopper", "half-cheetah", "idto-hopper", "spinner", "finger-disc"]
-)
+@pytest.mark.parametrize("name", ["hopper", "half-cheetah", "idto-hopper", "spinner", "finger-disc"])
 def test_a_named_machine_is_the_same_in_mujoco(name: str) -> None:
     world(get(name))  # which checks M, forces and distances
 
@@ -122,11 +135,11 @@ def test_a_ball_rests_where_contact_carries_it() -> None:
 
 def test_a_block_slides_as_far_as_coulomb_says() -> None:
     block = Machine(
-        (Link("block", None, 1.0, 0.01, joint="free"),), (),
-        parts=(Part("block", "block", contacts.Box((0.2, 0.1))),
-               Part("floor", "world", contacts.HalfPlane())),
+        (Link("block", None, 1.0, 0.01, joint="free"),),
+        (),
+        parts=(Part("block", "block", contacts.Box((0.2, 0.1))), Part("floor", "world", contacts.HalfPlane())),
         meetings=(("block", "floor"),),
-    )  # fmt: skip
+    )
     x = run(problem_of(block), [0, 0.1, 0, 1.0, 0, 0], 50)
     assert x[-1, 0] == pytest.approx(1.0 / (2 * 0.5 * 9.81), rel=0.05)
     assert abs(x[-1, 3]) < 0.01
@@ -135,12 +148,17 @@ def test_a_block_slides_as_far_as_coulomb_says() -> None:
 
 
 def test_parts_meet_only_whom_they_meet_here() -> None:
-    parts = (Part("tip", "arm", contacts.Capsule((0, 0), (0, -0.3), 0.05)),
-             Part("slope", "world", contacts.HalfPlane((0, -1), (-0.6, 0.8))),
-             Part("idle", "arm", contacts.Box((1, 1), 0.1)))  # fmt: skip
-    machine = Machine((Link("arm", None, 1.0, 0.1),), (Sphere("a", "arm", (0, -0.2), 0.1),
-                      Sphere("b", "arm", (0, -0.1), 0.1)), parts=parts,
-                      meetings=(("slope", "tip"),))  # fmt: skip
+    parts = (
+        Part("tip", "arm", contacts.Capsule((0, 0), (0, -0.3), 0.05)),
+        Part("slope", "world", contacts.HalfPlane((0, -1), (-0.6, 0.8))),
+        Part("idle", "arm", contacts.Box((1, 1), 0.1)),
+    )
+    machine = Machine(
+        (Link("arm", None, 1.0, 0.1),),
+        (Sphere("a", "arm", (0, -0.2), 0.1), Sphere("b", "arm", (0, -0.1), 0.1)),
+        parts=parts,
+        meetings=(("slope", "tip"),),
+    )
     there = world(problem_of(machine, spheres=("b",)))
     assert there.written.pairs == {"b": ("b", "z = 0"), "slope on tip": ("slope", "tip")}
     assert 'name="idle"' not in there.written.text
@@ -162,16 +180,29 @@ def test_states_beyond_positions_and_velocities_follow_the_model() -> None:
 
 def test_a_machine_in_space_is_the_same_in_mujoco() -> None:
     bodies = (
-        space.Body("base", None, 2.0, (0.1, 0.2, 0.25, 0.01, -0.02, 0.03), (0.1, 0.0, -0.05),
-                   joint="free", damping=0.2),
-        space.Body("fixed", "base", 0.3, (0.01, 0.01, 0.01), place=(0.1, 0.2, 0.0),
-                   turn=(0.8, 0.0, 0.6, 0.0), joint="fixed"),
-        space.Body("arm", "fixed", 0.5, (0.02, 0.02, 0.01), (0.0, 0.0, 0.2), (0.0, 0.1, 0.3),
-                   axis=(0.6, 0.0, 0.8), spring=3.0, rest=0.2, gear=5.0, limits=(-1.0, 2.0),
-                   armature=0.1),
+        space.Body(
+            "base", None, 2.0, (0.1, 0.2, 0.25, 0.01, -0.02, 0.03), (0.1, 0.0, -0.05), joint="free", damping=0.2
+        ),
+        space.Body(
+            "fixed", "base", 0.3, (0.01, 0.01, 0.01), place=(0.1, 0.2, 0.0), turn=(0.8, 0.0, 0.6, 0.0), joint="fixed"
+        ),
+        space.Body(
+            "arm",
+            "fixed",
+            0.5,
+            (0.02, 0.02, 0.01),
+            (0.0, 0.0, 0.2),
+            (0.0, 0.1, 0.3),
+            axis=(0.6, 0.0, 0.8),
+            spring=3.0,
+            rest=0.2,
+            gear=5.0,
+            limits=(-1.0, 2.0),
+            armature=0.1,
+        ),
         space.Body("hand", "arm", 0.4, (0.01, 0.02, 0.015), place=(0.0, 0.0, 0.4), joint="ball"),
         space.Body("rail", None, 1.0, (0.1, 0.1, 0.1), joint="slide", servo=50.0, damping=2.0),
-    )  # fmt: skip
+    )
     parts = (
         space.SpatialPart("foot", "base", space.Box((0.2, 0.1, 0.05), (0.0, 0.0, -0.1))),
         space.SpatialPart("tip", "hand", space.Sphere(0.05, (0.0, 0.0, 0.1))),
@@ -224,9 +255,7 @@ def test_bodies_without_mass_share_one_with_several_joints() -> None:
     """M, forces and distances are compared as the world is built."""
     tyre = space.SpatialPart("tyre", "wheel", space.Sphere(0.2, (0.0, 0.1, 0.0)))
     ground = space.SpatialPart("ground", "world", space.Plane())
-    machine = space.SpatialMachine(
-        MASSLESS["slide, slide, hinge"], (tyre, ground), (("tyre", "ground"),)
-    )
+    machine = space.SpatialMachine(MASSLESS["slide, slide, hinge"], (tyre, ground), (("tyre", "ground"),))
     there = world(problem_of(machine))
     assert there.written.joints == ["x", "z", "wheel"] and there.model.nbody == 2
     # b carries two bodies and stays: with them it has mass, and MuJoCo wants it in each moving one.

@@ -45,16 +45,27 @@ def round_a_post(N: int = 10, linearised: bool = True) -> Problem:
         states=signals("x [m] disc; y [m] disc; ax [m] pusher; ay [m] pusher"),
         inputs=signals("ux [m] commanded pusher; uy [m] commanded pusher"),
         contacts=signals("push [N s]; post [N s]; pusher at post [N s]"),
-        h=p["h"], mass=ca.SX.eye(2), stiffness=50.0 * ca.SX.eye(2), distance=distance,
-        parameters=p, linearised=linearised,
-    )  # fmt: skip
+        h=p["h"],
+        mass=ca.SX.eye(2),
+        stiffness=50.0 * ca.SX.eye(2),
+        distance=distance,
+        parameters=p,
+        linearised=linearised,
+    )
     x, du = system.x, ca.SX.sym("du", 2)
     off = ca.sumsqr(x[:2] - ca.SX([-0.7, 0.0]))
     return Problem(
-        name="round a post", system=system, N=N, stage_cost=0.1 * ca.sumsqr(du),
-        terminal_cost=10 * off, x0=ca.SX([0.7, 0.1, 0.3, 0.6]), parameters=p, du=du,
-        u_before=ca.SX([0.3, 0.6]), scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),
-    )  # fmt: skip
+        name="round a post",
+        system=system,
+        N=N,
+        stage_cost=0.1 * ca.sumsqr(du),
+        terminal_cost=10 * off,
+        x0=ca.SX([0.7, 0.1, 0.3, 0.6]),
+        parameters=p,
+        du=du,
+        u_before=ca.SX([0.3, 0.6]),
+        scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),
+    )
 
 
 def rough_slope(N: int = 10) -> Problem:
@@ -63,16 +74,22 @@ def rough_slope(N: int = 10) -> Problem:
     The cart's face is rough too. Where block and cart move together the face may press the block
     onto the slope or lift it off, as its friction likes: the motion is not determined.
     """
-    p = ParameterTable([
-        Parameter("h", 0.05, "s"), Parameter("slope", 0.4, "rad"), Parameter("goal", 0.6, "m"),
-        Parameter("friction", 0.6), Parameter("face", 0.6),
-    ])  # fmt: skip
+    p = ParameterTable(
+        [
+            Parameter("h", 0.05, "s"),
+            Parameter("slope", 0.4, "rad"),
+            Parameter("goal", 0.6, "m"),
+            Parameter("friction", 0.6),
+            Parameter("face", 0.6),
+        ]
+    )
     h, weight = p["h"], 9.81
     along, across = weight * ca.sin(p["slope"]), weight * ca.cos(p["slope"])
     system = time_stepping(
         "rough slope",
-        states=signals("cart [m]; block [m] along; height [m] over the slope; v_cart [m/s];"
-                       " v_block [m/s]; v_height [m/s]"),
+        states=signals(
+            "cart [m]; block [m] along; height [m] over the slope; v_cart [m/s]; v_block [m/s]; v_height [m/s]"
+        ),
         inputs=signals("u [N] force on the cart"),
         contacts=signals("slope [N s]; face [N s]"),
         mass=ca.SX.eye(3),
@@ -80,15 +97,22 @@ def rough_slope(N: int = 10) -> Problem:
         distance=lambda q: ca.vertcat(q[2], q[1] - q[0]),
         sliding=lambda q: ca.SX([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
         friction=ca.vertcat(p["friction"], p["face"]),
-        h=h, parameters=p,
-    )  # fmt: skip
+        h=h,
+        parameters=p,
+    )
     x = system.x
     return Problem(
-        name="rough slope", system=system, N=N, stage_cost=1e-4 * system.u**2,
-        terminal_cost=100 * (x[1] - p["goal"]) ** 2 + ca.sumsqr(x[3:]), x0=ca.SX.zeros(6),
-        parameters=p, u_lower=0, u_upper=60,
+        name="rough slope",
+        system=system,
+        N=N,
+        stage_cost=1e-4 * system.u**2,
+        terminal_cost=100 * (x[1] - p["goal"]) ** 2 + ca.sumsqr(x[3:]),
+        x0=ca.SX.zeros(6),
+        parameters=p,
+        u_lower=0,
+        u_upper=60,
         scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=10.0),
-    )  # fmt: skip
+    )
 
 
 def two_grippers(friction: float = 0.0, N: int = 8) -> Problem:
@@ -103,20 +127,30 @@ def two_grippers(friction: float = 0.0, N: int = 8) -> Problem:
         states=signals("x [m] disc; y [m] disc; a [rad] disc; left [m]; right [m]; ly [m]; ry [m]"),
         inputs=signals("u_left [m]; u_right [m]; u_ly [m]; u_ry [m]"),
         contacts=signals("left [N s]; right [N s]"),
-        h=p["h"], mass=ca.diag(ca.SX([1.0, 1.0, 0.02])), stiffness=50.0 * ca.SX.eye(4),
-        distance=sides, parameters=p, friction=ca.vertcat(0.5, p["oiled"]),
-        sliding=lambda q: ca.SX([
-            [0, 1.0, 0.2, 0, 0, -1.0, 0],
-            [0, 1.0, -0.2, 0, 0, 0, -1.0],
-        ]),
-    )  # fmt: skip
+        h=p["h"],
+        mass=ca.diag(ca.SX([1.0, 1.0, 0.02])),
+        stiffness=50.0 * ca.SX.eye(4),
+        distance=sides,
+        parameters=p,
+        friction=ca.vertcat(0.5, p["oiled"]),
+        sliding=lambda q: ca.SX(
+            [
+                [0, 1.0, 0.2, 0, 0, -1.0, 0],
+                [0, 1.0, -0.2, 0, 0, 0, -1.0],
+            ]
+        ),
+    )
     x, u = system.x, system.u
     return Problem(
-        name="two grippers", system=system, N=N,
-        stage_cost=0.01 * ca.sumsqr(u - x[3:]), terminal_cost=10 * (x[1] - 0.3) ** 2,
-        x0=ca.SX([0, 0, 0, -0.2, 0.2, 0, 0]), parameters=p,
+        name="two grippers",
+        system=system,
+        N=N,
+        stage_cost=0.01 * ca.sumsqr(u - x[3:]),
+        terminal_cost=10 * (x[1] - 0.3) ** 2,
+        x0=ca.SX([0, 0, 0, -0.2, 0.2, 0, 0]),
+        parameters=p,
         scaling=Scaling(impulse=0.3, gap=0.05, x=0.3, u=0.3),
-    )  # fmt: skip
+    )
 
 
 def ring(h: float, speed: float, N: int = 20) -> Problem:
@@ -127,8 +161,12 @@ def ring(h: float, speed: float, N: int = 20) -> Problem:
         states=signals("x [m]; y [m]; vx [m/s]; vy [m/s]"),
         inputs=signals("fx [N]; fy [N]"),
         contacts=signals("ring [N s]"),
-        h=p["h"], mass=ca.SX.eye(2), impulse=lambda q, v, u: p["h"] * u,
-        distance=lambda q: 1.0 - ca.norm_2(q), parameters=p, linearised=True,
-    )  # fmt: skip
+        h=p["h"],
+        mass=ca.SX.eye(2),
+        impulse=lambda q, v, u: p["h"] * u,
+        distance=lambda q: 1.0 - ca.norm_2(q),
+        parameters=p,
+        linearised=True,
+    )
     effort = ca.sumsqr(system.u)
     return Problem("ring", system, N, effort, ca.SX(0), ca.SX([0.9, 0, 0, speed]), p)

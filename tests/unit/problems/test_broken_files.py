@@ -69,8 +69,9 @@ def test_what_a_function_returns_is_what_is_used(tmp_path: Path) -> None:
 
 def test_only_a_pressed_ctrl_c_goes_through(tmp_path: Path) -> None:
     file = tmp_path / "own.py"
-    file.write_text("import signal\ndef press(): signal.raise_signal(signal.SIGINT)\n"
-                    "def claim(): raise KeyboardInterrupt\n")  # fmt: skip
+    file.write_text(
+        "import signal\ndef press(): signal.raise_signal(signal.SIGINT)\ndef claim(): raise KeyboardInterrupt\n"
+    )
     module: dict = {}
     exec(compile(file.read_text(), str(file), "exec"), module)
 
@@ -114,9 +115,7 @@ def test_what_is_no_file_is_refused(make: str, tmp_path: Path, monkeypatch, caps
 
 
 @pytest.mark.parametrize("name", ["time", "json", "numpy", "xarray", "calendar"])
-def test_a_file_beside_it_that_is_called_as_pythons_own_changes_nothing(
-    name: str, tmp_path: Path
-) -> None:
+def test_a_file_beside_it_that_is_called_as_pythons_own_changes_nothing(name: str, tmp_path: Path) -> None:
     (tmp_path / f"{name}.py").write_text("x = 1\n")
     (tmp_path / "good.py").write_text(GOOD)
     loaded = sys.modules.get(name)

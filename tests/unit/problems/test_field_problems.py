@@ -20,9 +20,7 @@ from problems.parameters import is_structural
 from tests.unit.problems.test_problems import expressions, other_value
 
 NAMES = ["box-slide", "ball-throw", "cart-transport", "hopper-1d"]
-PARAMETERS = [
-    (name, parameter) for name in NAMES for parameter in problems.spec(name).Params.model_fields
-]
+PARAMETERS = [(name, parameter) for name in NAMES for parameter in problems.spec(name).Params.model_fields]
 
 
 def step(name: str, x: list[float], u: list[float], law=None, **values: float):
@@ -52,8 +50,7 @@ def test_costs_match_the_hand_computed_ones() -> None:
         ),
         "ball-throw": lambda x, u: (
             x[4] * 1e-3 * u[1] ** 2 + (1 - x[4]) * (u[0] ** 2 + 0.01 * u[1] ** 2),
-            (x[0] - 2.476) ** 2 + (x[1] - 0.5547) ** 2
-            + 0.1 * ((x[2] - 2.476) ** 2 + (x[3] - 0.4327) ** 2),
+            (x[0] - 2.476) ** 2 + (x[1] - 0.5547) ** 2 + 0.1 * ((x[2] - 2.476) ** 2 + (x[3] - 0.4327) ** 2),
         ),
         "cart-transport": lambda x, u: (
             0.01 * 0.05 * u[0] ** 2,
@@ -63,7 +60,7 @@ def test_costs_match_the_hand_computed_ones() -> None:
             0,
             0.8 * 0.4 - 0.8 * x[0] - 0.2 * x[1] + 10 * (0.8 * x[2] + 0.2 * x[3]) ** 2,
         ),
-    }  # fmt: skip
+    }
     rng = np.random.default_rng(5)
     for name, costs in hand.items():
         problem = problems.get(name)
@@ -116,9 +113,7 @@ def test_forces_of_dry_friction_are_told_from_ways_and_motion() -> None:
 
 @pytest.mark.parametrize("height", np.linspace(0.9, 1.1, 7))
 @pytest.mark.parametrize("restitution", [0.3, 0.7, 1.0])
-def test_a_ball_keeps_its_share_of_the_speed_wherever_it_falls_between_nodes(
-    height: float, restitution: float
-) -> None:
+def test_a_ball_keeps_its_share_of_the_speed_wherever_it_falls_between_nodes(height: float, restitution: float) -> None:
     """Speeds at the floor from the parabolas before and after; the published scheme is off by gh.
 
     With restitution of the velocity alone the share lies anywhere between 0 and e.
@@ -147,8 +142,7 @@ def test_a_throw_is_differentiated_as_its_closed_form() -> None:
         T = 1 - 2 * params.h  # a bounce takes two steps
         angles = np.linspace(0, 0.5, 101)
         found = [
-            ball_throw.roll(params, t + d, 3.0)[-1, 1] - ball_throw.roll(params, t - d, 3.0)[-1, 1]
-            for t in angles
+            ball_throw.roll(params, t + d, 3.0)[-1, 1] - ball_throw.roll(params, t - d, 3.0)[-1, 1] for t in angles
         ]
         truth = [height(t + d, T) - height(t - d, T) for t in angles]
         assert np.all(np.sign(found) == np.sign(truth))
@@ -239,10 +233,18 @@ def test_pairs_without_a_normal_pair_decide_for_themselves() -> None:
 def test_dry_friction_says_what_does_not_fit() -> None:
     with pytest.raises(ValueError, match=r"sliding\(q\) has shape \(1, 2\), expected \(1, 1\)"):
         time_stepping(
-            "bad", states=signals("x [m]; v [m/s]"), inputs=signals("u [N]"),
-            contacts=signals("floor [N s]"), h=0.1, mass=1.0, impulse=lambda q, v, u: u,
-            sliding=lambda q: ca.SX.ones(1, 2), load=1.0, friction=0.5, parameters=ParameterTable(),
-        )  # fmt: skip
+            "bad",
+            states=signals("x [m]; v [m/s]"),
+            inputs=signals("u [N]"),
+            contacts=signals("floor [N s]"),
+            h=0.1,
+            mass=1.0,
+            impulse=lambda q, v, u: u,
+            sliding=lambda q: ca.SX.ones(1, 2),
+            load=1.0,
+            friction=0.5,
+            parameters=ParameterTable(),
+        )
 
 
 def test_two_bodies_pressed_down_slide_as_each_would_alone() -> None:
@@ -252,13 +254,18 @@ def test_two_bodies_pressed_down_slide_as_each_would_alone() -> None:
         n = len(masses)
         system = time_stepping(
             "pressed",
-            states=signals("; ".join([f"q{i} [m]" for i in range(n)] +
-                                     [f"v{i} [m/s]" for i in range(n)])),
-            inputs=signals("u [N]"), contacts=signals("; ".join(f"c{i} [N s]" for i in range(n))),
-            h=0.1, mass=ca.diag(ca.SX(masses)), impulse=lambda q, v, u: 0.1 * u * ca.SX.ones(n),
-            sliding=lambda q: ca.SX.eye(n), load=5.0, friction=ca.SX(friction),
-            damping=damping * ca.SX.eye(n), parameters=ParameterTable(),
-        )  # fmt: skip
+            states=signals("; ".join([f"q{i} [m]" for i in range(n)] + [f"v{i} [m/s]" for i in range(n)])),
+            inputs=signals("u [N]"),
+            contacts=signals("; ".join(f"c{i} [N s]" for i in range(n))),
+            h=0.1,
+            mass=ca.diag(ca.SX(masses)),
+            impulse=lambda q, v, u: 0.1 * u * ca.SX.ones(n),
+            sliding=lambda q: ca.SX.eye(n),
+            load=5.0,
+            friction=ca.SX(friction),
+            damping=damping * ca.SX.eye(n),
+            parameters=ParameterTable(),
+        )
         step = Exact().close(system)
         start = np.concatenate([np.zeros(n), np.full(n, 0.2)])
         return np.array(step.solve(start, 4.0, [])[0]).reshape(2, n)

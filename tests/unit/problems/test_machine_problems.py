@@ -22,16 +22,10 @@ MACHINES = {"hopper": hopper, "half-cheetah": half_cheetah}
 def normals(name: str, **params) -> list[str]:
     """Names of the contacts of a problem."""
     system = problems.get(name, **params).system
-    return [
-        contact.name
-        for contact, pair in zip(system.contacts, system.pairs, strict=True)
-        if pair.kind == "normal"
-    ]
+    return [contact.name for contact, pair in zip(system.contacts, system.pairs, strict=True) if pair.kind == "normal"]
 
 
-@pytest.mark.parametrize(
-    ("name", "few", "some", "every"), [("hopper", 2, 4, 5), ("half-cheetah", 2, 4, 9)]
-)
+@pytest.mark.parametrize(("name", "few", "some", "every"), [("hopper", 2, 4, 5), ("half-cheetah", 2, 4, 9)])
 def test_spheres_choose_which_parts_touch(name: str, few: int, some: int, every: int):
     foot = "foot" if name == "hopper" else "feet"
     assert len(normals(name, spheres=foot)) == few
@@ -67,9 +61,7 @@ def test_base_damping_drags_the_torso():
     assert fast + 0.2 < slow < 0
 
 
-@pytest.mark.parametrize(
-    ("name", "height", "noise"), [("hopper", 1.5, 0.005), ("half-cheetah", 0.826509, 0.1)]
-)
+@pytest.mark.parametrize(("name", "height", "noise"), [("hopper", 1.5, 0.005), ("half-cheetah", 0.826509, 0.1)])
 def test_resets_are_those_of_the_source(name: str, height: float, noise: float):
     machine = MACHINES[name]()
     starts = np.array([machine.reset(seed) for seed in range(200)])
@@ -124,9 +116,7 @@ def test_bad_input_gets_its_sentence(name: str, values: dict, sentence: str):
 
 
 def test_simulations_refuse_what_does_not_fit():
-    with pytest.raises(
-        InputError, match="not a machine that can be simulated; available: hopper, half-cheetah"
-    ):
+    with pytest.raises(InputError, match="not a machine that can be simulated; available: hopper, half-cheetah"):
         simulate("push-disc")
     with pytest.raises(InputError, match=r"shape \(50, 2\), expected \(50, 3\)"):
         simulate("hopper", inputs=np.zeros((50, 2)))
@@ -157,8 +147,7 @@ def test_the_drawing_is_one_body_with_every_sphere_on_it(name: str):
     assert HalfPlane(0, 0, 0, 1) in shapes
     chain = machine.chain()
     q = ca.SX(state[: chain.nq])
-    centres = [np.array(ca.DM(chain.position(q, s.link, s.centre))).ravel() for s in
-               machine.spheres]  # fmt: skip
+    centres = [np.array(ca.DM(chain.position(q, s.link, s.centre))).ravel() for s in machine.spheres]
     assert np.allclose([[disc.x, disc.y] for disc in discs], centres)
     assert all(min(distance(disc, bar) for bar in bars) < 1e-12 for disc in discs)
     joined, left = [bars[0]], bars[1:]

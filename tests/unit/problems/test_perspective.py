@@ -102,11 +102,12 @@ def test_a_point_is_a_disc_without_radius() -> None:
     [
         Capsule((-0.1, 0, 0), (0.1, 0.05, 0.1), 0.04),
         Capsule((-0.2, 0.4, 0), (0.2, -0.4, 0.1), 0.04),
-        Cylinder((0, 0, -0.2), (0.1, 0, 0.2), 0.1), Box((0.1, 0.2, 0.05)),
+        Cylinder((0, 0, -0.2), (0.1, 0, 0.2), 0.1),
+        Box((0.1, 0.2, 0.05)),
         Hull(tuple(map(tuple, rng.normal(size=(20, 3)) * 0.1))),
     ],
     ids=["capsule", "long capsule", "cylinder", "box", "hull"],
-)  # fmt: skip
+)
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_drawn_of_a_solid_holds_all_of_it(shape: Shape, seed: int) -> None:
     R, p = turned(seed), np.array([0.1, -0.1, 0.2])
@@ -178,10 +179,7 @@ def test_the_cap_of_a_cylinder_that_is_seen_is_the_one_towards_the_eye() -> None
 def roles(*solids: tuple[Shape, np.ndarray, str]) -> list[str]:
     """Roles from back to front, of solids in the order given and the other way round."""
     given = [(shape, EYE, np.array(p, dtype=float), role) for shape, p, role in solids]
-    orders = [
-        list(dict.fromkeys(one.role for one in solids_seen(CAMERA, way)))
-        for way in (given, given[::-1])
-    ]
+    orders = [list(dict.fromkeys(one.role for one in solids_seen(CAMERA, way))) for way in (given, given[::-1])]
     assert orders[0] == orders[1]
     return orders[0]
 
@@ -201,8 +199,7 @@ def test_a_foot_far_out_on_a_wide_table_is_drawn_over_it() -> None:
 
 def test_a_floor_is_a_grid_below_all_else_and_the_same_in_every_frame() -> None:
     floor = (Plane(), EYE, np.zeros(3), "environment")
-    frames = [solids_seen(CAMERA, [(Sphere(0.1), EYE, np.array([x, 0, 0.1]), "object"), floor])
-              for x in (0.0, 0.1)]  # fmt: skip
+    frames = [solids_seen(CAMERA, [(Sphere(0.1), EYE, np.array([x, 0, 0.1]), "object"), floor]) for x in (0.0, 0.1)]
     lines = still(frames, [hides(one) for one in frames[0]])
     assert lines == frames[0][:-1] and len(lines) > 30
     assert all(isinstance(one, drawing.Segment) and one.role == "environment" for one in lines)
@@ -232,9 +229,7 @@ def test_shades_are_solid_and_flat_shapes_are_as_they_were() -> None:
     ink = np.array(flat.get_facecolor()[:3])
     np.testing.assert_allclose(solid.get_facecolor()[:3], 1 + 0.3 * (ink - 1))
     line = draw(drawing.Segment(0, 0, 1, 1, shade=0.4), axis, 1.0)
-    assert line.get_zorder() == solid.get_zorder() < draw(
-        drawing.Segment(0, 0, 1, 1), axis, 1.0
-    ).get_zorder()  # fmt: skip
+    assert line.get_zorder() == solid.get_zorder() < draw(drawing.Segment(0, 0, 1, 1), axis, 1.0).get_zorder()
 
 
 def test_what_hides_is_only_drawn_once_if_nothing_comes_below_it() -> None:

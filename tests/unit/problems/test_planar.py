@@ -23,11 +23,21 @@ PENDULUM = (
 CRANE = (
     Link("cart", None, 2.0, 0.1, joint="slide", gear=5.0, damping=0.3, limits=(-1.0, 1.0)),
     Link("arm", "cart", 1.0, 0.05, com=(0.2, -0.3), offset=0.4, gear=2.0),
-    Link("piston", "arm", 0.5, 0.02, com=(0.05, 0.0), anchor=(0.1, -0.5), joint="slide",
-         axis=(0.6, -0.8), spring=20.0, offset=0.3),
+    Link(
+        "piston",
+        "arm",
+        0.5,
+        0.02,
+        com=(0.05, 0.0),
+        anchor=(0.1, -0.5),
+        joint="slide",
+        axis=(0.6, -0.8),
+        spring=20.0,
+        offset=0.3,
+    ),
     Link("hook", "piston", 0.3, 0.01, com=(0.0, -0.1), anchor=(0.0, -0.05)),
     Link("ball", None, 0.4, 0.02, com=(0.03, 0.01), joint="free", damping=0.2),
-)  # fmt: skip
+)
 CHAINS = {
     "pendulum": Chain(PENDULUM),
     "crane": Chain(CRANE, gravity=1.7),
@@ -51,9 +61,7 @@ def evaluator(chain: Chain, build: Callable[[ca.SX, ca.SX], ca.SX]) -> Callable[
 def lagrangian_from_positions(chain: Chain, links: tuple[Link, ...], gravity: float):
     """L written down from where the centres of mass are, by differences instead of graphs."""
     q = ca.SX.sym("q", chain.nq)
-    centres = ca.Function(
-        "centres", [q], [ca.vertcat(*(chain.position(q, k.name, k.com) for k in links))]
-    )
+    centres = ca.Function("centres", [q], [ca.vertcat(*(chain.position(q, k.name, k.com) for k in links))])
     angles = ca.Function("angles", [q], [ca.vertcat(*(chain.pose(q, k.name).angle for k in links))])
     mass = np.array([float(k.mass) for k in links])
     inertia = np.array([float(k.inertia) for k in links])
@@ -71,10 +79,12 @@ def lagrangian_from_positions(chain: Chain, links: tuple[Link, ...], gravity: fl
 
 def test_kinematics_of_two_links_by_hand() -> None:
     """Angles count from z towards x: at pi/2 a link that hung down points backwards."""
-    chain = Chain([
-        Link("upper", None, 1.0, 1.0, anchor=(1.0, 2.0)),
-        Link("lower", "upper", 1.0, 1.0, anchor=(0.0, -0.5), offset=np.pi / 4),
-    ])  # fmt: skip
+    chain = Chain(
+        [
+            Link("upper", None, 1.0, 1.0, anchor=(1.0, 2.0)),
+            Link("lower", "upper", 1.0, 1.0, anchor=(0.0, -0.5), offset=np.pi / 4),
+        ]
+    )
     q = ca.SX.sym("q", 2)
     tip = ca.Function("tip", [q], [chain.position(q, "lower", (0.0, -0.3))])
     at = np.array(tip([np.pi / 2, -np.pi / 4])).ravel()
@@ -87,8 +97,14 @@ def test_coordinates_motors_and_limits_follow_the_order_of_the_links() -> None:
     """Also where a child is declared before its parent."""
     chain = Chain((CRANE[1], *CRANE[2:], CRANE[0]))
     assert [c.name for c in chain.coordinates] == [
-        "arm", "piston", "hook", "ball_x", "ball_z", "ball_angle", "cart",
-    ]  # fmt: skip
+        "arm",
+        "piston",
+        "hook",
+        "ball_x",
+        "ball_z",
+        "ball_angle",
+        "cart",
+    ]
     assert [c.unit for c in chain.coordinates] == ["rad", "m", "rad", "m", "m", "rad", "m"]
     assert chain.velocities[1].unit == "m/s"
     assert chain.limits == [(6, -1.0, 1.0)]
@@ -107,9 +123,7 @@ def test_coordinates_motors_and_limits_follow_the_order_of_the_links() -> None:
 @every_chain
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 10_000))
-def test_mass_is_the_hessian_of_kinetic_energy_and_positive_definite(
-    chain: Chain, seed: int
-) -> None:
+def test_mass_is_the_hessian_of_kinetic_energy_and_positive_definite(chain: Chain, seed: int) -> None:
     q, v, _ = state(chain, seed)
     M = evaluator(chain, lambda q, v: chain.mass(q))(q, v)
     np.testing.assert_array_equal(M, M.T)
@@ -153,10 +167,7 @@ def test_bias_mass_and_potential_are_those_of_one_lagrangian(chain: Chain) -> No
     # Coriolis forces do no work beyond the change of M: v' (bias - gravity) = v' dM/dt v / 2.
     power = evaluator(
         chain,
-        lambda q, v: (
-            ca.dot(v, chain.bias(q, v) - chain.bias(q, 0 * v))
-            - ca.jtimes(chain.kinetic(q, v), q, v)
-        ),
+        lambda q, v: ca.dot(v, chain.bias(q, v) - chain.bias(q, 0 * v)) - ca.jtimes(chain.kinetic(q, v), q, v),
     )(q, v)
     assert power.item() == pytest.approx(0, abs=1e-11)
 
@@ -165,9 +176,7 @@ def test_bias_mass_and_potential_are_those_of_one_lagrangian(chain: Chain) -> No
 def test_energy_drift_falls_with_the_step_at_first_order(chain: Chain) -> None:
     """Semi-implicit Euler with neither damping nor contact, over 0.08 s."""
     q, v = ca.SX.sym("q", chain.nq), ca.SX.sym("v", chain.nq)
-    acceleration = ca.Function(
-        "a", [q, v], [ca.solve(chain.mass(q), chain.spring(q) - chain.bias(q, v))]
-    )
+    acceleration = ca.Function("a", [q, v], [ca.solve(chain.mass(q), chain.spring(q) - chain.bias(q, v))])
     energy = ca.Function("e", [q, v], [chain.energy(q, v)])
     drifts = []
     for n in (100, 200, 400):

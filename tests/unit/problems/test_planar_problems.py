@@ -50,14 +50,14 @@ def test_published_settings():
         assert float(stage) == pytest.approx(state + 10 * np.sum(du**2), rel=1e-12)
         assert float(end) == pytest.approx(100 * state, rel=1e-12)
         (reach,) = problem.path
-        bound = ca.Function("bound", [problem.system.x, problem.system.u,
-                                      problem.parameters.vector],
-                            [reach.expression, ca.SX(reach.upper)])  # fmt: skip
+        bound = ca.Function(
+            "bound",
+            [problem.system.x, problem.system.u, problem.parameters.vector],
+            [reach.expression, ca.SX(reach.upper)],
+        )
         off, most = bound(x, u, problem.parameters.values)
         np.testing.assert_allclose(np.array(off).ravel(), u - x[n:])
-        np.testing.assert_array_equal(
-            np.array(most).ravel(), np.full(reach.expression.numel(), 0.2)
-        )
+        np.testing.assert_array_equal(np.array(most).ravel(), np.full(reach.expression.numel(), 0.2))
         assert problem.N == 20
     limits = [np.array(v).ravel() for v in hand.limits(hand.parameters.values)]
     np.testing.assert_allclose(limits[4][3:], [-math.pi / 2, -2.4, 0, 0])

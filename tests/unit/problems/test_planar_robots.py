@@ -69,9 +69,7 @@ def test_a_box_that_only_slides_has_its_lower_and_its_upper_face() -> None:
 
 def test_a_box_that_is_free_has_all_of_its_corners() -> None:
     parts = (SpatialPart("foot", "b", Box((0.1, 0.2, 0.3))), SpatialPart("floor", "world", Plane()))
-    machine = SpatialMachine(
-        (Body("b", None, 1.0, (0.1,) * 3, joint="free"),), parts, (("foot", "floor"),)
-    )
+    machine = SpatialMachine((Body("b", None, 1.0, (0.1,) * 3, joint="free"),), parts, (("foot", "floor"),))
     assert len(machine.contacts(machine.tree(), ca.SX.sym("q", 7))) == 8
 
 
@@ -110,10 +108,7 @@ def biped(folder: Path, axis: str, aside: str = "0 0.1 0", hip: str = "") -> Pat
             '<limit lower="-2" upper="2" effort="20"/></joint>'
         )
 
-    foot = (
-        '<collision><origin xyz="0 0 -0.4"/><geometry><sphere radius="0.04"/></geometry>'
-        "</collision>"
-    )
+    foot = '<collision><origin xyz="0 0 -0.4"/><geometry><sphere radius="0.04"/></geometry></collision>'
     text = link("torso", '<collision><geometry><box size="0.2 0.2 0.3"/></geometry></collision>')
     other = " ".join(str(-float(number)) for number in aside.split())
     text += link("left", foot) + joint("torso", "left", aside, hip or axis)
@@ -170,9 +165,7 @@ def test_a_urdf_stays_in_the_plane_of_its_joints(
     ("axis", "hip", "aside"),
     [("0 0 1", "", "0 0.1 0"), ("0 1 0", "1 0 0", "0 0.1 0"), ("0 0.8 0.6", "", "0 0.1 0")],
 )
-def test_a_robot_that_leaves_the_plane_is_refused(
-    tmp_path: Path, axis: str, hip: str, aside: str
-) -> None:
+def test_a_robot_that_leaves_the_plane_is_refused(tmp_path: Path, axis: str, hip: str, aside: str) -> None:
     file = biped(tmp_path, axis, aside, hip)
     with pytest.raises(InputError, match=r"joint 'to left' leaves the plane|'to right' leaves"):
         robots.load(file, planar=True)

@@ -21,9 +21,7 @@ from reports.cli.request import assignments
 NAMES = ["wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls"]
 MACHINES = ("hopper", "half-cheetah")
 FINGERS = ("spinner", "finger-disc")
-PARAMETERS = [
-    (name, parameter) for name in NAMES for parameter in problems.spec(name).Params.model_fields
-]
+PARAMETERS = [(name, parameter) for name in NAMES for parameter in problems.spec(name).Params.model_fields]
 
 
 def other_value(name: str, parameter: str) -> float:

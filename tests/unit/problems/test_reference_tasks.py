@@ -105,18 +105,14 @@ def tip_of(name: str, q: np.ndarray) -> np.ndarray:
     """The centre of the tip: 0.95 m or 1 m along the second link."""
     far = 0.95 if name == "spinner" else 1.0
     upper, fore = q[0], q[0] + q[1]
-    return np.array(
-        [math.sin(upper) + far * math.sin(fore), math.cos(upper) + far * math.cos(fore)]
-    )
+    return np.array([math.sin(upper) + far * math.sin(fore), math.cos(upper) + far * math.cos(fore)])
 
 
 def finger_state(name: str) -> np.ndarray:
     return RNG.normal(size=problems.get(name).system.nx)
 
 
-@pytest.mark.parametrize(
-    ("name", "m", "disc"), [("spinner", 1.0, 0.074), ("finger-disc", 0.5, 0.0225)]
-)
+@pytest.mark.parametrize(("name", "m", "disc"), [("spinner", 1.0, 0.074), ("finger-disc", 0.5, 0.0225)])
 def test_the_fingers_mass_matrix_in_closed_form(name: str, m: float, disc: float) -> None:
     problem, x = problems.get(name), finger_state(name)
     assert problem.system.mass is not None
@@ -209,9 +205,7 @@ def test_idtos_hopper_stands_on_both_discs_and_falls_freely() -> None:
 def test_stiffness_and_damping_are_the_implicit_pd_of_the_joints() -> None:
     """``M (v+ - v) = h (B u - b - D v+ - K q+)`` by linear algebra, in the air."""
     K, D, h, wanted = 100.0, 5.0, 0.05, np.array([-0.2, 0.5])
-    free, held = (
-        problems.get("idto-hopper", **more) for more in ({}, {"stiffness": K, "damping": D})
-    )
+    free, held = (problems.get("idto-hopper", **more) for more in ({}, {"stiffness": K, "damping": D}))
     x = start(free)
     x[1] += 1.0
     x[5:10] = RNG.normal(size=5)

@@ -48,18 +48,23 @@ def test_what_is_not_used_is_told_by_name(tmp_path: Path) -> None:
     robot = robots.load(file)
     told = "\n".join(robot.ignored)
     for words in (
-        "sensor angle: nothing is measured", "options timestep, density, limit: settings of a",
-        "solref of geom ball:", "frictionloss of joint j:", "gravcomp of body a:", "tendon rope:",
-        "actuators pull, rope: only motors", "site s: nothing acts at sites",
+        "sensor angle: nothing is measured",
+        "options timestep, density, limit: settings of a",
+        "solref of geom ball:",
+        "frictionloss of joint j:",
+        "gravcomp of body a:",
+        "tendon rope:",
+        "actuators pull, rope: only motors",
+        "site s: nothing acts at sites",
         "geom egg: it is of the kind ellipsoid, and touches nothing",
-        "geom hills: it is of the kind hfield", "torsional and rolling",
-        "1 pair of geoms, hub and floor: no joint moves them", "key other:",
+        "geom hills: it is of the kind hfield",
+        "torsional and rolling",
+        "1 pair of geoms, hub and floor: no joint moves them",
+        "key other:",
         "force range of actuator servo: a servo pulls as hard as it must",
-    ):  # fmt: skip
+    ):
         assert words in told, told
-    assert robot.notes == (
-        "Joint a follows: a = 1 b + -0.523599.", "The kv of actuator servo is part of the damping."
-    )  # fmt: skip
+    assert robot.notes == ("Joint a follows: a = 1 b + -0.523599.", "The kv of actuator servo is part of the damping.")
     assert [drive.name for drive in robot.drives] == ["m", "servo"]
     assert np.isinf(robot.controls).all()
     np.testing.assert_allclose(robot.home, [0, np.radians(30), 0])
@@ -69,12 +74,13 @@ def test_what_free_and_ball_joints_have_and_ours_have_not_is_told() -> None:
     robot = robots.load(ROOT / "tests/data/crane.xml")
     told = "\n".join(robot.ignored)
     for words in (
-        "armature of joint swivel: only hinges", "limit of joint swivel:",
+        "armature of joint swivel: only hinges",
+        "limit of joint swivel:",
         "spring of joint swivel:",
         "geom egg: it is of the kind ellipsoid",
         "1 pair of geoms, mast and block: a contact of Box and Box is not known",
         "2 pairs of geoms, far and floor, far and block: they can never meet",
-    ):  # fmt: skip
+    ):
         assert words in told, told
     assert not robot.floats
     goal = np.array(ca.evalf(robot.displaced(robot.home, 0.1))).ravel() - robot.home
@@ -105,11 +111,14 @@ def test_all_points_of_a_pair_have_its_coefficient_whatever_it_is_called(tmp_pat
     file.write_text(NAMES.format("floor 1", "leg on"))
     robot = robots.load(file)
     assert robot.friction == {
-        "leg on floor 1": 1, "leg on floor 2": 1, "leg on on floor": 1,
-        "leg on floor 1 1": 2, "leg on floor 1 2": 2, "leg on on floor 1": 2,
-    }  # fmt: skip
-    assert [list(robot.friction)[k] for k in robot.grounds] == [
-        "leg on floor 1", "leg on floor 2", "leg on on floor"]  # fmt: skip
+        "leg on floor 1": 1,
+        "leg on floor 2": 1,
+        "leg on on floor": 1,
+        "leg on floor 1 1": 2,
+        "leg on floor 1 2": 2,
+        "leg on on floor 1": 2,
+    }
+    assert [list(robot.friction)[k] for k in robot.grounds] == ["leg on floor 1", "leg on floor 2", "leg on on floor"]
     file.write_text(NAMES.format("top on floor", "leg on top").replace("capsule", "sphere"))
     with pytest.raises(InputError, match="two contacts are called 'leg on top on floor'"):
         robots.load(file)
@@ -135,9 +144,7 @@ def test_a_urdf_floats_on_demand_and_stands_on_the_ground(tmp_path: Path) -> Non
     file.write_text(urdf('<sphere radius="0.05"/>'))
     fixed, free = robots.load(file), robots.load(file, floating=True)
     assert fixed.notes[0] == "The root is fixed; --floating makes it free." and not fixed.floats
-    assert (
-        free.floats and free.mass == pytest.approx(4) and not any("--fl" in n for n in free.notes)
-    )
+    assert free.floats and free.mass == pytest.approx(4) and not any("--fl" in n for n in free.notes)
     assert [body.joint for body in free.machine.bodies] == ["free", "hinge"]
     stood = free.standing()
     assert stood[2] == pytest.approx(0.35) and free.controls.tolist() == [[-1, 1]]

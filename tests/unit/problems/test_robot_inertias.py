@@ -120,9 +120,7 @@ def test_solids_weigh_what_mujoco_gives_them(geoms: str):
     ("field", "what"), [("body_mass", "mass"), ("body_ipos", "centre"), ("body_inertia", "inertia")]
 )
 def test_every_number_is_compared(field: str, what: str):
-    model, spec = compiled(
-        '<inertial pos="1 2 3" mass="2" fullinertia="1 2 2.5 0.1 0.2 0.3"/><geom size="1"/>'
-    )
+    model, spec = compiled('<inertial pos="1 2 3" mass="2" fullinertia="1 2 2.5 0.1 0.2 0.3"/><geom size="1"/>')
     check_inertias(model, spec, None)
     getattr(model, field)[1] *= 1.00001
     with pytest.raises(ValueError, match=f"another {what} than"):

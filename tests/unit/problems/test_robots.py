@@ -91,16 +91,15 @@ def check_dynamics(robot: Robot, model: Any, count: int = 100) -> None:
     tree = robot.machine.tree()
     q, v = ca.SX.sym("q", tree.nq), ca.SX.sym("v", tree.nv)
     assert (tree.nq, tree.nv, len(robot.joints)) == (model.nq, model.nv, model.nq)
-    stiff, damped, rest = (
-        tree.each(lambda body, key=key: getattr(body, key)) for key in ("spring", "damping", "rest")
-    )
+    stiff, damped, rest = (tree.each(lambda body, key=key: getattr(body, key)) for key in ("spring", "damping", "rest"))
     passive = -stiff * (tree.position_of(q) - rest) - damped * v
     moved = [b for b in range(1, model.nbody) if model.body_jntnum[b]]
     poses = [tree.pose(q, model.body(b).name or f"body {b}") for b in moved]
     ours = ca.Function(
-        "ours", [q, v],
+        "ours",
+        [q, v],
         [tree.mass(q), tree.bias(q, v), tree.energy(q, v), passive, *(x for p in poses for x in p)],
-    )  # fmt: skip
+    )
     fixed: dict[int, np.ndarray] = {}
     for data in states(model, count):
         M, bias, energy, force, *frames = ours(data.qpos, data.qvel)
@@ -154,9 +153,7 @@ def test_limits_motors_and_home_are_those_of_the_file(name: str) -> None:
     robot, model = loaded(name)
     tree = robot.machine.tree()
     for _, at, _, low, high in tree.limits:
-        np.testing.assert_allclose(
-            np.array([low, high], float), model.joint(robot.joints[at]).range
-        )
+        np.testing.assert_allclose(np.array([low, high], float), model.joint(robot.joints[at]).range)
     limited = (model.jnt_limited > 0) & (model.jnt_type > 1)
     assert len(tree.limits) == limited.sum()
     home = np.array(model.key_qpos[0] if model.nkey else model.qpos0)

@@ -59,10 +59,11 @@ def one(**changed: object) -> Body:
         ([Pusher("hand", Disc(0.1), at=(-1, 0)), one()], {}, "'hand' has no stiffness"),
         (
             [Pusher("hand", Disc(0.1), at=(-1, 0), stiffness=1.0, axis=(BAD["bad"], 0)), one()],
-            {}, "the rail of 'hand' runs along (-0.1, 0) of length 0.1",
+            {},
+            "the rail of 'hand' runs along (-0.1, 0) of length 0.1",
         ),
     ],
-)  # fmt: skip
+)
 def test_a_bad_scene_gets_one_sentence(things, more, sentence: str) -> None:
     with pytest.raises(InputError) as told:
         Scene(things, **more).quasi_dynamic("bad", BAD, h=0.1)
@@ -78,8 +79,11 @@ def test_pairs_that_are_apart_have_no_contact_and_obstacles_never() -> None:
     wall, floor = (Obstacle(n, HalfPlane(), at=(0, -1)) for n in ("wall", "floor"))
     scene = Scene([HAND, one(), wall, floor], apart=[("wall", "hand")])
     assert [touch.name for touch in scene.touches] == [
-        "hand on object", "hand on floor", "object on wall", "object on floor",
-    ]  # fmt: skip
+        "hand on object",
+        "hand on floor",
+        "object on wall",
+        "object on floor",
+    ]
 
 
 def test_coordinates_are_those_of_bodies_then_of_pushers() -> None:
@@ -87,8 +91,15 @@ def test_coordinates_are_those_of_bodies_then_of_pushers() -> None:
     scene = Scene([HAND, cart, one(inertia=0.1), Body("puck", Disc(0.2), at=(3.0, 4.0))])
     slow = scene.quasi_dynamic("slow", ParameterTable(), h=0.1)
     assert [signal.name for signal in slow.states] == [
-        "object_x", "object_y", "object_angle", "puck_x", "puck_y", "hand_x", "hand_y", "cart",
-    ]  # fmt: skip
+        "object_x",
+        "object_y",
+        "object_angle",
+        "puck_x",
+        "puck_y",
+        "hand_x",
+        "hand_y",
+        "cart",
+    ]
     assert [signal.name for signal in slow.inputs] == ["u_hand_x", "u_hand_y", "u_cart"]
     start = np.array(ca.DM(scene.at_rest(slow))).ravel()
     np.testing.assert_array_equal(start, [0, 0, 0, 3, 4, -1, 0, 0])
@@ -105,13 +116,16 @@ class Params(Parameters):
 
 
 def stage(p) -> Scene:
-    return Scene([
-        Pusher("hand", Capsule((-0.1, 0.0), (0.1, 0.0), 0.05), at=(0.0, 0.5), stiffness=50.0),
-        Body("disc", Disc(p["R"]), at=(1.0, 0.0), inertia=0.1),
-        Body("box", Box((0.3, 0.1), 0.02), at=(-1.0, 0.0), inertia=0.1),
-        Obstacle("floor", HalfPlane(), at=(0.0, -0.5)),
-        Goal("box", at=(p["goal"], 0.2), angle=0.5),
-    ], friction={("hand", "disc"): p["f"]})  # fmt: skip
+    return Scene(
+        [
+            Pusher("hand", Capsule((-0.1, 0.0), (0.1, 0.0), 0.05), at=(0.0, 0.5), stiffness=50.0),
+            Body("disc", Disc(p["R"]), at=(1.0, 0.0), inertia=0.1),
+            Body("box", Box((0.3, 0.1), 0.02), at=(-1.0, 0.0), inertia=0.1),
+            Obstacle("floor", HalfPlane(), at=(0.0, -0.5)),
+            Goal("box", at=(p["goal"], 0.2), angle=0.5),
+        ],
+        friction={("hand", "disc"): p["f"]},
+    )
 
 
 def test_the_drawing_is_made_of_the_shapes_whose_gaps_count() -> None:

@@ -40,8 +40,11 @@ def test_a_push_turns_and_moves_the_box_by_the_sources_equations(
     """The contact point (cx, cy) on the side, its force and lever, as the source writes them."""
     a, b, weight, reach = 0.5, 0.25, 0.5 * 9.8, 0.4 * math.hypot(0.5, 0.25)
     half, middle, normal = (
-        (a, (0, -b), (0, 1)), (b, (a, 0), (-1, 0)), (a, (0, b), (0, -1)), (b, (-a, 0), (1, 0)),
-    )[side]  # fmt: skip
+        (a, (0, -b), (0, 1)),
+        (b, (a, 0), (-1, 0)),
+        (a, (0, b), (0, -1)),
+        (b, (-a, 0), (1, 0)),
+    )[side]
     along = np.array([-normal[1], normal[0]])
     contact = np.array(middle) + share * half * along
     pushed = force * np.array(normal)
@@ -51,9 +54,7 @@ def test_a_push_turns_and_moves_the_box_by_the_sources_equations(
     u = np.zeros(5)
     u[side], u[4] = force, moment
     there, _ = step("push-box", np.array([0.3, -0.2, angle]), u)
-    np.testing.assert_allclose(
-        there - [0.3, -0.2, angle], 0.02 * np.array(expected), rtol=1e-9, atol=1e-12
-    )
+    np.testing.assert_allclose(there - [0.3, -0.2, angle], 0.02 * np.array(expected), rtol=1e-9, atol=1e-12)
 
 
 def test_the_corners_of_the_t_are_about_its_centre_of_mass() -> None:

@@ -44,8 +44,17 @@ FILES = {
     "data/table.npy": "numbers",
     "other.py": "value = 7.0\n",
 }
-DECISIVE = {"main.py", "near.py", "far.py", "named.py", "late.py", "pack/__init__.py",
-            "pack/inner.py", "pack/deep.py", "data/table.npy"}  # fmt: skip
+DECISIVE = {
+    "main.py",
+    "near.py",
+    "far.py",
+    "named.py",
+    "late.py",
+    "pack/__init__.py",
+    "pack/inner.py",
+    "pack/deep.py",
+    "data/table.npy",
+}
 
 
 @pytest.fixture(autouse=True)
@@ -122,8 +131,7 @@ def test_packages_without_init_in_one_another_are_followed(tmp_path: Path) -> No
 def test_two_folders_do_not_mix(tmp_path: Path) -> None:
     """Each has a module of the same name."""
     files = [
-        made(tmp_path / str(value), {"mine.py": "import near\n", "near.py": f"value = {value}\n"})
-        for value in (1, 2)
+        made(tmp_path / str(value), {"mine.py": "import near\n", "near.py": f"value = {value}\n"}) for value in (1, 2)
     ]
     found = [import_file(file).near.value for file in (*files, *files)]
     assert found == [1, 2, 1, 2]

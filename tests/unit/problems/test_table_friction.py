@@ -36,9 +36,7 @@ def test_mean_distances_are_those_of_closed_forms() -> None:
     def edge(x: float) -> float:
         return 0.5 if x < 0.3 else 0.3 + math.sqrt(0.04 - (x - 0.3) ** 2)
 
-    inside, size = (
-        dblquad(f, 0, 0.5, 0, edge, epsabs=1e-7)[0] for f in (math.hypot, lambda y, x: 1.0)
-    )
+    inside, size = (dblquad(f, 0, 0.5, 0, edge, epsabs=1e-7)[0] for f in (math.hypot, lambda y, x: 1.0))
     rounded = number(mean_distance(Box((0.5, 0.5), 0.2)))
     assert rounded == pytest.approx(inside / size, abs=1e-5)
     long = number(mean_distance(Capsule((-50.0, 0.0), (50.0, 0.0), 1e-3)))
@@ -48,9 +46,13 @@ def test_mean_distances_are_those_of_closed_forms() -> None:
 
 
 def pushed(
-    rail: tuple[float, float] = (1.0, 0.0), at: tuple[float, float] = (-0.2, 0.0),
-    inertial: bool = False, stiffness: float = 1e3, friction: float = 0.0, turns: bool = True,
-) -> ContactSystem:  # fmt: skip
+    rail: tuple[float, float] = (1.0, 0.0),
+    at: tuple[float, float] = (-0.2, 0.0),
+    inertial: bool = False,
+    stiffness: float = 1e3,
+    friction: float = 0.0,
+    turns: bool = True,
+) -> ContactSystem:
     """A box of 0.3 m on a table, beside a finger on a rail."""
     inertia = 0.03 if turns else None
     box = Body("box", Box((0.15, 0.15)), (0, 0), mass=2.0, inertia=inertia, table=0.4, reach=REACH)
@@ -121,10 +123,15 @@ def test_batches_and_the_search_step_as_one_step_does(inertial: bool) -> None:
         found = StepFunction(Exact().close(system), backend)(zeros, draws[:, None])
         np.testing.assert_allclose(found.x_next, alone, atol=1e-9)
     problem = Problem(
-        "pushed", system, N=1, x0=ca.SX.zeros(4), stage_cost=ca.SX(0),
+        "pushed",
+        system,
+        N=1,
+        x0=ca.SX.zeros(4),
+        stage_cost=ca.SX(0),
         terminal_cost=ca.sumsqr(system.x),
-        parameters=ParameterTable(()), scaling=Scaling(impulse=0.1, gap=0.01),
-    )  # fmt: skip
+        parameters=ParameterTable(()),
+        scaling=Scaling(impulse=0.1, gap=0.01),
+    )
     near = NearSteps(problem, system, np.zeros(0))(zeros, draws[:, None])
     np.testing.assert_allclose(near, alone, atol=2e-6)
 

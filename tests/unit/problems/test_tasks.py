@@ -67,9 +67,7 @@ def test_weights_are_parameters_and_those_of_the_table(name: str):
     assert np.abs(turned - stepped(task.system, x, u)).max() > 1e-3
 
 
-@pytest.mark.parametrize(
-    ("name", "height", "noise"), [("hopper", 1.5, 0.005), ("half-cheetah", 0.826509, 0.1)]
-)
+@pytest.mark.parametrize(("name", "height", "noise"), [("hopper", 1.5, 0.005), ("half-cheetah", 0.826509, 0.1)])
 def test_starts_are_those_of_the_source(name: str, height: float, noise: float):
     task = registry.get(name)
     starts = task.reset(500, np.random.default_rng(1))

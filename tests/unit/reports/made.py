@@ -58,8 +58,9 @@ def sliding_box(
         },
     )
     meta = {"kind": "solve", "problem": "box", "record": {"contact": "barrier"}}
-    spec = ProblemSpec(name="box", title="A box that slides", Params=Parameters, build=_unbuilt,
-                       draw=draw, frames=frames)  # fmt: skip
+    spec = ProblemSpec(
+        name="box", title="A box that slides", Params=Parameters, build=_unbuilt, draw=draw, frames=frames
+    )
     return RunView(StoredRun(Path("runs/box"), data, meta), spec, None, None)
 
 

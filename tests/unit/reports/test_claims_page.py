@@ -36,9 +36,7 @@ def test_claims_are_kept_with_where_they_come_from(folder: Path) -> None:
     noisy = [{**claim, "margin": margin} for claim, margin in zip(CLAIMS, (2.9, -3.1), strict=True)]
     figures.keep([{"id": "P1", "claims": noisy}])
     kept_noisy = measured.read("claims/P1")
-    assert (
-        kept_noisy["claims"] == noisy and counted(kept_noisy["claims"]) == "0 of 2 (1 within noise)"
-    )
+    assert kept_noisy["claims"] == noisy and counted(kept_noisy["claims"]) == "0 of 2 (1 within noise)"
     assert figures.claims(kept_noisy).splitlines()[2].endswith("| within noise |")
     rows = figures.claims(kept).splitlines()
     assert rows[2].startswith("| \\|a\\_b\\| &lt; 1 |") and rows[2].endswith("| yes |")

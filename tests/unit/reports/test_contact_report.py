@@ -65,9 +65,7 @@ def test_a_multiplier_in_newton_is_the_force() -> None:
 def test_friction_holds_or_slips_at_its_bound(run) -> None:
     """Coulomb's law, read off the stored arrays alone."""
     view = run[1]
-    friction, bound, slip = (
-        array(view, name).ravel() for name in ("friction_impulse", "friction_bound", "slip")
-    )
+    friction, bound, slip = (array(view, name).ravel() for name in ("friction_impulse", "friction_bound", "slip"))
     slides = array(view, "slipping").ravel() > 0
     assert bound == pytest.approx(2 / 3 * array(view, "normal_impulse").ravel(), rel=1e-12)
     assert np.all(np.abs(friction) <= bound + 1e-9)
@@ -138,9 +136,7 @@ def test_a_smoothed_contact_is_active_or_pushes_at_a_distance_and_never_both() -
 
 
 def test_force_at_a_distance_has_its_name_and_column() -> None:
-    near, far = (
-        ContactSummary(name, n, 0, 1.0, 0.0, 0, [], 5 - n) for name, n in (("a", 5), ("b", 0))
-    )
+    near, far = (ContactSummary(name, n, 0, 1.0, 0.0, 0, [], 5 - n) for name, n in (("a", 5), ("b", 0)))
     assert "distant" not in shown(made(near)) and "force at a distance" not in shown(made(near))
     text = shown(made(near, far))
     assert "distant" in text and "force at a distance" in " ".join(text.split())

@@ -34,9 +34,7 @@ def test_a_line_in_plain_characters(typst: str, shown: str) -> None:
 def test_no_markup_is_left_and_no_bracket_lost(name: str) -> None:
     for line in named(name).equations:
         shown = plain(line)
-        assert not re.search(r'["\\^]|\b(quad|norm|abs|lambda|perp|dif|delta|macron)\b', shown), (
-            shown
-        )
+        assert not re.search(r'["\\^]|\b(quad|norm|abs|lambda|perp|dif|delta|macron)\b', shown), shown
         assert shown.count("(") == shown.count(")")
         assert shown.count("|") % 2 == 0
         words = {word for text in re.findall('"([^"]*)"', line) for word in text.split()}

@@ -38,12 +38,17 @@ def test_every_problem_is_drawn(name: str) -> None:
 @pytest.mark.parametrize(
     "shape",
     [
-        Disc(0, 0, 1), Box(0, 0, 2, 1, 0.3), Box(0, 0, 2, 1, 0.3, rounding=0.2),
-        Capsule(0, 0, 1, 1, 0.1), Segment(0, 0, 1, 1), Spring(0, 0, 1, 0), Mark(0, 0),
+        Disc(0, 0, 1),
+        Box(0, 0, 2, 1, 0.3),
+        Box(0, 0, 2, 1, 0.3, rounding=0.2),
+        Capsule(0, 0, 1, 1, 0.1),
+        Segment(0, 0, 1, 1),
+        Spring(0, 0, 1, 0),
+        Mark(0, 0),
         HalfPlane(0, 0, 0, 1),
     ],
     ids=lambda shape: type(shape).__name__,
-)  # fmt: skip
+)
 def test_every_shape_is_one_artist_that_can_be_taken_away(shape) -> None:
     axis = Figure().subplots()
     artist = shapes.draw(shape, axis, 0.5)

@@ -13,9 +13,13 @@ def stage(label: str, cost: float, accepted: bool = True) -> StageRecord:
 
 def test_neighbours_are_shown_where_they_lower_the_cost() -> None:
     stages = [
-        stage("t", 1.0), stage("active set", 3.0), stage(NEIGHBOUR, 4.0),
-        stage(NEIGHBOUR, 1.0, accepted=False), stage(NEIGHBOUR, 2.0), stage(NEIGHBOUR, 2.5),
-    ]  # fmt: skip
+        stage("t", 1.0),
+        stage("active set", 3.0),
+        stage(NEIGHBOUR, 4.0),
+        stage(NEIGHBOUR, 1.0, accepted=False),
+        stage(NEIGHBOUR, 2.0),
+        stage(NEIGHBOUR, 2.5),
+    ]
     shown, found = shown_stages(stages, 2.0)
     assert found and [number for number, _ in shown] == [1, 2, 3], "numbers leave none out"
     assert [one.cost for _, one in shown] == [1.0, 3.0, 2.0]
@@ -30,9 +34,7 @@ def test_the_table_ends_with_the_answer() -> None:
     rows = stage_rows(stages, 1.0)
     assert [row[0] for row in rows] == ["1", "2"]
     assert [row[-1] for row in rows] == ["", "answer"]
-    said = (
-        "Stage 2 gave the answer. 1 neighbouring contact schedule was tried without a lower cost."
-    )
+    said = "Stage 2 gave the answer. 1 neighbouring contact schedule was tried without a lower cost."
     assert stage_note(stages, 1.0) == f"{said} 2 later stages were solved without a better answer."
 
 

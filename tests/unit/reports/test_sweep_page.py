@@ -29,13 +29,15 @@ def made(**sizes: int) -> StoredRun:
     data |= {"cost": (names, cost), "exact_cost": (names, 3 * cost)}
     data["referee_cost"] = (names, 2 * cost)
     values = {name: [float(k + 1) for k in range(size)] for name, size in sizes.items()}
-    axes = [
-        {"name": name, "values": values[name], "log": False, "units": "kg"} for name in names
-    ]  # fmt: skip
+    axes = [{"name": name, "values": values[name], "log": False, "units": "kg"} for name in names]
     meta = {
-        "kind": "sweep", "study": {"axes": axes, "shape": list(shape), "failed": []},
-        "points": cost.size, "solved": cost.size, "survives": cost.size, "success": True,
-    }  # fmt: skip
+        "kind": "sweep",
+        "study": {"axes": axes, "shape": list(shape), "failed": []},
+        "points": cost.size,
+        "solved": cost.size,
+        "survives": cost.size,
+        "success": True,
+    }
     return StoredRun(Path("run"), xr.Dataset(data, coords=values), meta)
 
 
@@ -54,9 +56,7 @@ def test_lines_over_one_axis_are_the_costs_and_their_ratio() -> None:
     (figure,) = drawn(made(M=4))
     top, middle, _ = figure.axes
     cost = 1.0 + np.arange(4)
-    assert [line.get_ydata().tolist() for line in top.lines[:3]] == [
-        (k * cost).tolist() for k in (1, 3, 2)
-    ]
+    assert [line.get_ydata().tolist() for line in top.lines[:3]] == [(k * cost).tolist() for k in (1, 3, 2)]
     assert middle.lines[1].get_ydata().tolist() == [2.0] * 4
 
 
@@ -66,9 +66,7 @@ def test_maps_over_two_axes_are_cost_ratio_and_verdict() -> None:
     cost, ratio, verdict = maps(figure)[:3]
     # The longer axis goes across, though it is the study's second.
     assert np.array_equal(cost, run.data["cost"].transpose("mu", "M").values)
-    assert np.array_equal(ratio, np.full((2, 3), 2.0)) and np.array_equal(
-        verdict, np.full((2, 3), 2)
-    )
+    assert np.array_equal(ratio, np.full((2, 3), 2.0)) and np.array_equal(verdict, np.full((2, 3), 2))
     assert figure.axes[0].get_xlabel() == "M [kg]" and "mu" in figure.axes[0].get_ylabel()
 
 
@@ -80,8 +78,9 @@ def test_more_axes_are_gone_through_slice_by_slice() -> None:
     across, up, *rest = sorted(run.data["cost"].dims, key=lambda dim: -run.data.sizes[dim])
     expected = [
         run.data["cost"].isel({rest[0]: i, rest[1]: j}).transpose(up, across).values
-        for i in range(run.data.sizes[rest[0]]) for j in range(run.data.sizes[rest[1]])
-    ]  # fmt: skip
+        for i in range(run.data.sizes[rest[0]])
+        for j in range(run.data.sizes[rest[1]])
+    ]
     costs = [one for figure in found for one in maps(figure)[: len(maps(figure)) - 2][::3]]
     assert len(costs) == 6
     assert all(np.array_equal(one, other) for one, other in zip(costs, expected, strict=True))

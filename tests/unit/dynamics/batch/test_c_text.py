@@ -67,8 +67,7 @@ def rolled(name: str, **options) -> list[np.ndarray]:
     given = {"noise": Gaussian(0.1, seed=3), "score": True}
     single, whole = f(x0, theta, **given), f.moments(x0, theta, **given)
     moments = [whole.value, whole.gradient, whole.zeroth]
-    return [single.cost, single.gradient, single.score, *[m.mean for m in moments],
-            *[m.m2 for m in moments]]  # fmt: skip
+    return [single.cost, single.gradient, single.score, *[m.mean for m in moments], *[m.m2 for m in moments]]
 
 
 def test_functions_are_the_same_everywhere(strict):

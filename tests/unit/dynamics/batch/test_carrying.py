@@ -48,9 +48,7 @@ def test_values_are_the_same_and_roots_are_gone():
 
 def test_a_contacts_root_is_taken_once_a_step():
     step, stage, terminal = closed(wall(), Barrier(mu=1e-3))
-    tapes = RolloutFunction(
-        step, stage, terminal, 3, open_loop(2, 1), backend="numpy"
-    ).tapes  # fmt: skip
+    tapes = RolloutFunction(step, stage, terminal, 3, open_loop(2, 1), backend="numpy").tapes
     assert isinstance(tapes.forward, ca.Function)
     assert count(tapes.forward, ca.OP_SQRT) == 1
     assert count(tapes.adjoint, ca.OP_SQRT) == 0

@@ -28,18 +28,14 @@ def machine(name: str, law: ContactLaw) -> tuple[Step, np.ndarray]:
     return law.close(problem.system), shaken
 
 
-def rolled(
-    step: Step, x0: np.ndarray, inputs: np.ndarray, threads: int = 1, block: int = 32
-) -> np.ndarray:
+def rolled(step: Step, x0: np.ndarray, inputs: np.ndarray, threads: int = 1, block: int = 32) -> np.ndarray:
     """States (n, H + 1, nx) of rollouts under inputs (n, H, nu) within -1 and 1."""
     s, (n, horizon, _) = step.system, inputs.shape
     reward = ca.Function("reward", [s.x, s.u, s.x_next, s.parameters.vector], [s.x_next[0]])
     final = ca.Function("final", [s.x, s.parameters.vector], [0])
     done = ca.Function("done", [s.x, s.parameters.vector], [s.x[0] > 1e300])
     policy = constant(s.nx, -np.ones(s.nu), np.ones(s.nu))
-    f = EpisodeFunction(
-        step, Episode(reward, final, done), horizon, policy, threads=threads, block=block
-    )
+    f = EpisodeFunction(step, Episode(reward, final, done), horizon, policy, threads=threads, block=block)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = f(x0, np.zeros(s.nu), noise=np.arctanh(inputs), n_samples=n, states=True)

@@ -162,9 +162,7 @@ def test_moments_are_those_of_the_samples(policy):
         (whole.zeroth, zeroth),
     ):
         np.testing.assert_allclose(moments.mean, samples.mean(axis=0), rtol=1e-12, atol=1e-13)
-        np.testing.assert_allclose(
-            moments.m2 / (N - 1), samples.var(axis=0, ddof=1), rtol=1e-10, atol=1e-13
-        )
+        np.testing.assert_allclose(moments.m2 / (N - 1), samples.var(axis=0, ddof=1), rtol=1e-10, atol=1e-13)
 
 
 def test_the_zeroth_order_gradient_has_the_first_order_ones_mean():
@@ -209,10 +207,7 @@ def test_a_gradient_along_given_states(backend):
     of_reward = ca.Function(
         "slopes",
         [x, u, after, made.parameters.vector],
-        [
-            ca.gradient(episode.reward(x, u, after, made.parameters.vector), v)
-            for v in (x, u, after)
-        ],
+        [ca.gradient(episode.reward(x, u, after, made.parameters.vector), v) for v in (x, u, after)],
     )
     for i in range(5):
         X, H = followed.states[i], int(followed.lived[i])
@@ -222,9 +217,7 @@ def test_a_gradient_along_given_states(backend):
         bar[0] = X[-1, 0] * DISCOUNT**HORIZON * whole
         for t in reversed(range(H)):
             steps, A, B = slopes.slopes(X[t][None], U[i, t][None])
-            by_x, by_u, by_after = (
-                np.array(g).ravel() for g in of_reward(X[t], U[i, t], steps.x_next[0], p)
-            )
+            by_x, by_u, by_after = (np.array(g).ravel() for g in of_reward(X[t], U[i, t], steps.x_next[0], p))
             through = bar + DISCOUNT**t * by_after
             total += (B[0].T @ through + DISCOUNT**t * by_u) * by_theta[i, t]
             bar = A[0].T @ through + DISCOUNT**t * by_x
@@ -275,9 +268,12 @@ def test_another_horizon_is_that_horizon(backend):
     short = f.over(3)(**{**call, "noise": call["noise"][:, :3]})
     again = f(**call)
     made = EpisodeFunction(
-        Barrier(mu=1e-3).close(four_contacts()), functions(four_contacts())[0], 3, f.policy,
+        Barrier(mu=1e-3).close(four_contacts()),
+        functions(four_contacts())[0],
+        3,
+        f.policy,
         backend=backend,
-    )  # fmt: skip
+    )
     wanted = made(**{**call, "noise": call["noise"][:, :3]})
     for name in ("value", "gradient", "trail"):
         np.testing.assert_array_equal(getattr(short, name), getattr(wanted, name))
@@ -301,6 +297,4 @@ def test_what_else_is_gained_at_the_end_pulls_on_the_gradient(backend):
         Barrier(mu=1e-3).close(made), Episode(episode.reward, more, episode.done), HORIZON, f.policy
     )
     pull = 0.6 * plain.states[:, -1] * (DISCOUNT**HORIZON * reached)[:, None]
-    np.testing.assert_allclose(
-        f(**call, pull=pull).gradient, other(**call).gradient, rtol=1e-9, atol=1e-10
-    )
+    np.testing.assert_allclose(f(**call, pull=pull).gradient, other(**call).gradient, rtol=1e-9, atol=1e-10)

@@ -56,9 +56,7 @@ def built(folder: Path, text: str, driver: str, cc: str) -> Path:
     """A program of the exported file with a driver behind it."""
     source, program = folder / f"{cc}.c", folder / cc
     source.write_text(text + driver)
-    done = subprocess.run(
-        [cc, *STRICT, source, "-o", program, "-lm"], capture_output=True, text=True
-    )
+    done = subprocess.run([cc, *STRICT, source, "-o", program, "-lm"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[:2000]
     return program
 
@@ -84,10 +82,12 @@ def case(problem: str, law: str) -> tuple[Step, np.ndarray, np.ndarray]:
     rng, sizes = np.random.default_rng(3), made.scaling
     shaken = [signal.name != "h" for signal in made.system.states]
     far = np.repeat([0.2, 1.5], 8)[:, None]
-    rows = np.hstack([
-        start + far * sizes.x * rng.standard_normal((16, nx)) * shaken,
-        before + sizes.u * rng.standard_normal((16, nu)),
-    ])  # fmt: skip
+    rows = np.hstack(
+        [
+            start + far * sizes.x * rng.standard_normal((16, nx)) * shaken,
+            before + sizes.u * rng.standard_normal((16, nu)),
+        ]
+    )
     told = []
     for row in rows:
         values = [np.array(v.full()).ravel(order="F") for v in wanted(row[:nx], row[nx:])]

@@ -30,13 +30,18 @@ def tossed_rod(law: str) -> Step:
         return ca.vertcat(q[0] + 0.4 * ca.sin(q[2]), q[1] - 0.4 * ca.cos(q[2]))
 
     system = time_stepping(
-        "rod", states=signals("x [m]; z [m]; a [rad]; vx [m/s]; vz [m/s]; va [rad/s]"),
-        inputs=signals("fx [N]; fz [N]"), contacts=signals("foot [N s]"), h=0.05,
+        "rod",
+        states=signals("x [m]; z [m]; a [rad]; vx [m/s]; vz [m/s]; va [rad/s]"),
+        inputs=signals("fx [N]; fz [N]"),
+        contacts=signals("foot [N s]"),
+        h=0.05,
         mass=ca.diag(ca.SX([1.0, 1.0, 0.1])),
         impulse=lambda q, v, u: 0.05 * ca.vertcat(u[0], u[1] - 9.81, 0),
-        distance=lambda q: foot(q)[1], sliding=lambda q: ca.jacobian(foot(q)[0], q), friction=0.1,
+        distance=lambda q: foot(q)[1],
+        sliding=lambda q: ca.jacobian(foot(q)[0], q),
+        friction=0.1,
         parameters=ParameterTable(),
-    )  # fmt: skip
+    )
     laws = {
         "exact": Exact(),
         "barrier": Barrier(mu=1e-4),
@@ -102,11 +107,18 @@ def test_a_contact_that_is_not_solved_is_reported(backend, curved):
     x, x_next = ca.SX.sym("x", 2), ca.SX.sym("x_next", 2)
     u, lam = ca.SX.sym("u", 2), ca.SX.sym("lam", 2)
     system = ContactSystem(
-        name="hopeless", x=x, u=u, x_next=x_next, lam=lam, residual=x_next - x - u - lam,
+        name="hopeless",
+        x=x,
+        u=u,
+        x_next=x_next,
+        lam=lam,
+        residual=x_next - x - u - lam,
         gap=x_next - 3 * ca.vertcat(lam[1], lam[0]) - curved * x_next**2,
         states=signals("a [m]; b [m]"),
-        inputs=signals("c [m]; d [m]"), contacts=signals("e [N s]; f [N s]"), h=1.0,
-    )  # fmt: skip
+        inputs=signals("c [m]; d [m]"),
+        contacts=signals("e [N s]; f [N s]"),
+        h=1.0,
+    )
     step = Barrier(mu=1e-4).close(system)
     cost = ca.Function("cost", [x, u, step.p.vector], [ca.sumsqr(x)])
     end = ca.Function("end", [x, step.p.vector], [ca.sumsqr(x)])

@@ -16,9 +16,7 @@ def moments_of(values: np.ndarray) -> Moments:
 @pytest.mark.parametrize("bounds", [[], [10], [3, 4, 50], [0, 0, 100], [1, 2, 3, 4, 5, 6]])
 def test_merged_chunks_are_the_moments_of_all(bounds):
     values = 1e6 + np.random.default_rng(0).standard_normal((100, 3))
-    chunks = [
-        moments_of(c) if len(c) else Moments(0, *np.zeros((2, 3))) for c in np.split(values, bounds)
-    ]
+    chunks = [moments_of(c) if len(c) else Moments(0, *np.zeros((2, 3))) for c in np.split(values, bounds)]
     whole = moments_of(values)
     table = (
         np.array([c.n for c in chunks]),

@@ -70,9 +70,10 @@ def test_casadis_own_c_is_the_same_function(tmp_path):
     built = generated(graph, tmp_path / "c")
     assert built is not None
     for ours, theirs in zip(
-        mapped(built, x0, np.zeros(2), theta)(), mapped(graph, x0, np.zeros(2), theta)(),
+        mapped(built, x0, np.zeros(2), theta)(),
+        mapped(graph, x0, np.zeros(2), theta)(),
         strict=True,
-    ):  # fmt: skip
+    ):
         np.testing.assert_allclose(np.array(ours), np.array(theirs), rtol=1e-9, atol=1e-12)
 
 

@@ -128,9 +128,7 @@ def test_samples_beyond_32_bits_have_streams_of_their_own():
 
 def test_seeds_are_streams():
     one = np.random.SeedSequence(3)
-    np.testing.assert_array_equal(
-        standard_normals(key_of(3), 0, 5, 2), standard_normals(key_of(one), 0, 5, 2)
-    )
+    np.testing.assert_array_equal(standard_normals(key_of(3), 0, 5, 2), standard_normals(key_of(one), 0, 5, 2))
     assert key_of(one.spawn(1)[0]) != key_of(3)
 
 

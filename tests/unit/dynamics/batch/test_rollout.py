@@ -73,9 +73,7 @@ def test_cost_and_gradient_are_those_of_the_unrolled_graph(system, law, policy, 
         cost, gradient = wanted(given["x0"][i], theta, step.p.values, given["noise"][i].T)
         np.testing.assert_allclose(got.cost[i], float(cost), rtol=1e-12)
         scale = np.abs(gradient).max()
-        np.testing.assert_allclose(
-            np.atleast_2d(got.gradient[i]).T, np.array(gradient), rtol=1e-9, atol=1e-11 * scale
-        )
+        np.testing.assert_allclose(np.atleast_2d(got.gradient[i]).T, np.array(gradient), rtol=1e-9, atol=1e-11 * scale)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -105,9 +103,7 @@ def test_frozen_gradient_leaves_out_the_change_of_mu():
             wanted(x, t.T, step.p.values, w.T)[1]
             for x, t, w in zip(given["x0"], given["theta"], given["noise"], strict=True)
         ]
-        np.testing.assert_allclose(
-            answers[kind].gradient[:, :, 0], np.array(exact)[:, 0], rtol=1e-9
-        )
+        np.testing.assert_allclose(answers[kind].gradient[:, :, 0], np.array(exact)[:, 0], rtol=1e-9)
     np.testing.assert_array_equal(answers["total"].cost, answers["frozen"].cost)
     assert np.abs(answers["total"].gradient - answers["frozen"].gradient).max() > 1e-3
 

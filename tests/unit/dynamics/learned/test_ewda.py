@@ -243,9 +243,7 @@ def test_score_of_the_identity(engine_of_property, n, nz, sigma, far, seed):
     score = jacobians[:, -1] * scale
     moved = model.scales.normalised(at) + sigma**2 * score
     size = 1 + np.abs(model.scales.normalised(z)).max() + np.abs(z / scale).max()
-    np.testing.assert_allclose(
-        model.scales.normalised(values[:, :-1]), moved, rtol=0, atol=1e-13 * (size + far)
-    )
+    np.testing.assert_allclose(model.scales.normalised(values[:, :-1]), moved, rtol=0, atol=1e-13 * (size + far))
 
 
 @pytest.mark.parametrize("at", [-3.0, -1.2, -1.0, -0.9, 0.0, 0.4, 1.05, 2.0])

@@ -93,6 +93,4 @@ def test_chunks_hold_near_neighbours_each_once(n):
         assert extent(order, 8) < 0.5 * extent(np.arange(n), 8)
         alone = neighbourly(points, 8, 8)
         assert extent(order, 2) < 0.9 * extent(alone, 2)
-        assert {*map(frozenset, order[:1000].reshape(-1, 8))} == {
-            *map(frozenset, alone[:1000].reshape(-1, 8))
-        }
+        assert {*map(frozenset, order[:1000].reshape(-1, 8))} == {*map(frozenset, alone[:1000].reshape(-1, 8))}

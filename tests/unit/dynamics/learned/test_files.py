@@ -75,9 +75,11 @@ def test_a_file_cut_short_or_changed_is_told(file: Path) -> None:
         with pytest.raises(InputError, match="truncated or"):
             models.load_any(file)
     # A bit of the numbers, which netCDF itself would never miss.
-    place = content.index(np.float64(transitions().x[0, 0]).tobytes()) if file.stem != "mlp" else (
-        content.index(np.float64(mlp().weights[0][0, 0]).tobytes())
-    )  # fmt: skip
+    place = (
+        content.index(np.float64(transitions().x[0, 0]).tobytes())
+        if file.stem != "mlp"
+        else (content.index(np.float64(mlp().weights[0][0, 0]).tobytes()))
+    )
     file.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
     with pytest.raises(InputError, match="does not match its checksum: truncated or changed"):
         models.load_any(file)

@@ -24,8 +24,14 @@ Forgery = Callable[[xr.Dataset], xr.Dataset]
 def network() -> MlpModel:
     rng = np.random.default_rng(0)
     ones = Normalisation(np.zeros(2), np.ones(2))
-    return MlpModel((rng.normal(size=(4, 3)), rng.normal(size=(2, 4))), (np.zeros(4), np.zeros(2)),
-                    Normalisation(np.zeros(3), np.ones(3)), ones, 0.1, origin(3, 2))  # fmt: skip
+    return MlpModel(
+        (rng.normal(size=(4, 3)), rng.normal(size=(2, 4))),
+        (np.zeros(4), np.zeros(2)),
+        Normalisation(np.zeros(3), np.ones(3)),
+        ones,
+        0.1,
+        origin(3, 2),
+    )
 
 
 def good(kind: str) -> xr.Dataset:
@@ -49,22 +55,49 @@ def say(**attributes: object) -> Forgery:
 
 
 BOTH: list[Forgery] = [
-    put("z_scale", np.nan), put("z_scale", 1e300), put("z_scale", 0.0), put("z_scale", -1.0),
-    put("z_shift", np.inf), say(parameters="[" * 100_000), say(parameters='{"m": ' * 5000),
-    say(parameters="{"), say(parameters='{"m": {"a": 1}}'), say(problem=3), say(sigma=np.nan),
-    say(sigma="0.2"), say(sigma=np.array([0.1, 0.2])), say(seed=0.5), say(data_hash=1),
-    say(data_rows=7), say(schema="new"), lambda d: d.drop_vars("z_unit"),
+    put("z_scale", np.nan),
+    put("z_scale", 1e300),
+    put("z_scale", 0.0),
+    put("z_scale", -1.0),
+    put("z_shift", np.inf),
+    say(parameters="[" * 100_000),
+    say(parameters='{"m": ' * 5000),
+    say(parameters="{"),
+    say(parameters='{"m": {"a": 1}}'),
+    say(problem=3),
+    say(sigma=np.nan),
+    say(sigma="0.2"),
+    say(sigma=np.array([0.1, 0.2])),
+    say(seed=0.5),
+    say(data_hash=1),
+    say(data_rows=7),
+    say(schema="new"),
+    lambda d: d.drop_vars("z_unit"),
     lambda d: d.drop_vars("z_scale"),
     lambda d: d.assign_coords(z=np.arange(d.sizes["z"])),
     lambda d: d.assign(z_shift=("state", np.zeros(d.sizes["state"]))),
     lambda d: d.assign(z_scale=("z", ["a"] * d.sizes["z"])),
-]  # fmt: skip
-EWDA = [put("z_data", 1e300), put("y_data", np.nan), say(sigma=0.0), say(sigma=1e300),
-        lambda d: d.assign(y_data=d["y_data"].transpose())]  # fmt: skip
-MLP = [put("weight_0", np.nan), put("bias_1", 1e300), put("y_scale", -1.0), say(activation="tanh"),
-       say(layers=0), say(layers=-3), say(layers=10**12), say(layers=1), say(layers="two"),
-       lambda d: d.assign(weight_1=d["weight_1"].transpose()),
-       lambda d: d.drop_vars("bias_0")]  # fmt: skip
+]
+EWDA = [
+    put("z_data", 1e300),
+    put("y_data", np.nan),
+    say(sigma=0.0),
+    say(sigma=1e300),
+    lambda d: d.assign(y_data=d["y_data"].transpose()),
+]
+MLP = [
+    put("weight_0", np.nan),
+    put("bias_1", 1e300),
+    put("y_scale", -1.0),
+    say(activation="tanh"),
+    say(layers=0),
+    say(layers=-3),
+    say(layers=10**12),
+    say(layers=1),
+    say(layers="two"),
+    lambda d: d.assign(weight_1=d["weight_1"].transpose()),
+    lambda d: d.drop_vars("bias_0"),
+]
 CASES = [*(("ewda", f) for f in (*BOTH, *EWDA)), *(("mlp", f) for f in (*BOTH, *MLP))]
 
 
@@ -89,8 +122,9 @@ def test_negative_errors_of_a_fit_are_refused(name: str, tmp_path: Path) -> None
 
     rng = np.random.default_rng(2)
     one = origin(3, 2)
-    data = Transitions.checked(rng.normal(size=(60, 2)), rng.normal(size=(60, 1)),
-                               rng.normal(size=(60, 2)), one.y, one.inputs)  # fmt: skip
+    data = Transitions.checked(
+        rng.normal(size=(60, 2)), rng.normal(size=(60, 1)), rng.normal(size=(60, 2)), one.y, one.inputs
+    )
     model = network()
     fitted = fit(model, data.samples(), np.arange(5), 0.1)
     whole = model_dataset(model.dataset(), fitted.dataset(), data, 5)
@@ -102,9 +136,7 @@ def test_negative_errors_of_a_fit_are_refused(name: str, tmp_path: Path) -> None
         load_any(tmp_path / "m.nc")
 
 
-def test_the_program_says_so_in_a_sentence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_program_says_so_in_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "m.nc"
     save(put("z_scale", np.nan)(good("ewda")), path)
     for line in (f"show {path}", f"solve push-1d --contact ewda -c model={path}"):

@@ -51,9 +51,7 @@ def test_first_and_second_derivatives_are_those_of_differences(law, method, poli
         jacobian = np.array(ca.DM(nlp.jacobian(z, p)[1]))
         return 1.3 * np.array(nlp.gradient(z, p)[1]).ravel() + jacobian.T @ lam_g
 
-    first = np.vstack([
-        np.array(nlp.gradient(x, p)[1]).reshape(1, -1), np.array(ca.DM(nlp.jacobian(x, p)[1]))
-    ])  # fmt: skip
+    first = np.vstack([np.array(nlp.gradient(x, p)[1]).reshape(1, -1), np.array(ca.DM(nlp.jacobian(x, p)[1]))])
     expected = differences(f_g, x).T
     assert np.allclose(first, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
     upper = np.triu(np.array(ca.DM(nlp.hessian(x, p, 1.3, lam_g))))
@@ -124,8 +122,7 @@ def test_rollouts_do_not_depend_on_threads():
     end = ca.Function("end", [s.x, p], [ca.sumsqr(s.x)])
     theta = 0.1 * np.random.default_rng(0).standard_normal((40_000, 2, s.nu))
     one, two = (
-        RolloutFunction(step, stage, end, 2, open_loop(s.nx, s.nu), threads=n)(np.zeros(5), theta)
-        for n in (1, 2)
+        RolloutFunction(step, stage, end, 2, open_loop(s.nx, s.nu), threads=n)(np.zeros(5), theta) for n in (1, 2)
     )
     assert np.array_equal(one.cost, two.cost)
     assert np.array_equal(one.gradient, two.gradient)
@@ -139,9 +136,7 @@ def test_the_model_as_a_function_that_casadi_differentiates_twice():
     hessian = ca.Function("H", [z], [ca.hessian(ca.dot(weights, value(z)), z)[0]])
     at = np.random.default_rng(3).standard_normal(model.n_in)
     assert np.allclose(np.array(jacobian(at)), model.jacobians(at[None])[1][0], rtol=1e-13)
-    assert np.allclose(
-        np.array(hessian(at)), model.curvatures(at[None], weights[None])[0], rtol=1e-12
-    )
+    assert np.allclose(np.array(hessian(at)), model.curvatures(at[None], weights[None])[0], rtol=1e-12)
 
 
 def test_a_point_is_evaluated_once():

@@ -25,8 +25,10 @@ LINE = Origin((Signal("q", "m"),), (Signal("q", "m"),))
 PUSH = Origin(
     (Signal("q", "m"), Signal("turn", "rad"), Signal("u", "m")),
     (Signal("q", "m"), Signal("turn", "rad")),
-    "planar-push", {"h": 0.1, "law": "exact"}, "0123",
-)  # fmt: skip
+    "planar-push",
+    {"h": 0.1, "law": "exact"},
+    "0123",
+)
 
 
 def a_model(hidden: tuple[int, ...] = (16, 24, 16), seed: int = 0) -> MlpModel:
@@ -96,9 +98,7 @@ def test_derivatives_are_differences() -> None:
     model, rng = a_model(), np.random.default_rng(3)
     z, weights, h = rng.normal(size=(20, 3)), rng.normal(size=(20, 2)), 1e-6
     ahead, behind = ([z + side * h * e for e in np.eye(3)] for side in (1, -1))
-    slopes = [
-        (model.values(a) - model.values(b)) / (2 * h) for a, b in zip(ahead, behind, strict=True)
-    ]
+    slopes = [(model.values(a) - model.values(b)) / (2 * h) for a, b in zip(ahead, behind, strict=True)]
     _, jacobians = model.jacobians(z)
     np.testing.assert_allclose(jacobians, np.stack(slopes, axis=-1), rtol=0, atol=1e-5)
     bends = [

@@ -29,9 +29,11 @@ def test_what_was_written_is_readable() -> None:
 def test_damaged_files_are_named(damage: str) -> None:
     whole = content()
     damaged = {
-        "empty": b"", "text": b"x" * 500, "cut": whole[:1000],
+        "empty": b"",
+        "text": b"x" * 500,
+        "cut": whole[:1000],
         "zeros": whole[:40] + bytes(200) + whole[240:],
-    }[damage]  # fmt: skip
+    }[damage]
     with pytest.raises(ValueError, match=r"\S"):
         check_readable(damaged)
 

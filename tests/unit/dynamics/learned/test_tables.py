@@ -71,9 +71,7 @@ def test_units_in_brackets_are_read_and_compared(tmp_path: Path) -> None:
 
 def test_missing_columns_are_told(tmp_path: Path) -> None:
     file = write(tmp_path / "data.csv")
-    with pytest.raises(
-        ValueError, match=r"no column for w \[N\]; it has .*map one with columns w="
-    ):
+    with pytest.raises(ValueError, match=r"no column for w \[N\]; it has .*map one with columns w="):
         read_table(file, signals=(SIGNALS[0], signals("w [N]")))
     with pytest.raises(ValueError, match=r"no column for q_next \[1\]"):
         read_table(file, {"q": "x"}, (signals("q"), SIGNALS[1]))
@@ -116,9 +114,7 @@ def test_files_that_are_no_tables_are_told(tmp_path: Path) -> None:
         read_table(tmp_path / "data.csv")
 
 
-def test_parquet_without_arrow_names_the_extra(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_parquet_without_arrow_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = write(tmp_path / "data.parquet")
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     with pytest.raises(ValueError, match=r"the extra learn installs: .* or write the table as CSV"):

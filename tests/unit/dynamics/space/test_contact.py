@@ -29,9 +29,10 @@ _BALL = Sphere(0.07, (0.01, 0.02, 0.03))
 def _machine(one, other, joint: str = "free") -> SpatialMachine:
     bodies = tuple(Body(n, None, 1.0, (0.1, 0.1, 0.1), joint="free") for n in ("a", "b"))
     return SpatialMachine(
-        bodies, (SpatialPart("one", "a", one), SpatialPart("other", "b", other)),
+        bodies,
+        (SpatialPart("one", "a", one), SpatialPart("other", "b", other)),
         (("one", "other"),),
-    )  # fmt: skip
+    )
 
 
 def _core(shape) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
@@ -56,9 +57,15 @@ def _distance(one, other, poses) -> float:
         return float(np.sum((R1 @ x + p1 - R2 @ y - p2) ** 2))
 
     bounds = np.concatenate([b1, b2])
-    found = [minimize(apart, bounds.mean(axis=1), bounds=bounds, method="L-BFGS-B",
-                      options={"ftol": 1e-16, "gtol": 1e-12}).fun] if len(bounds) else [
-        apart(np.zeros(0))]  # fmt: skip
+    found = (
+        [
+            minimize(
+                apart, bounds.mean(axis=1), bounds=bounds, method="L-BFGS-B", options={"ftol": 1e-16, "gtol": 1e-12}
+            ).fun
+        ]
+        if len(bounds)
+        else [apart(np.zeros(0))]
+    )
     return float(np.sqrt(min(found))) - r1 - r2
 
 
@@ -72,9 +79,18 @@ def _poses(seed: int) -> tuple[np.ndarray, list]:
     return q, [(t.as_matrix(), p) for t, p in zip(turns, places, strict=True)]
 
 
-@pytest.mark.parametrize("pair", [
-    (_BALL, _BALL), (_BALL, _ROD), (_BALL, _BOX), (_BOX, _BALL), (_ROD, _ROD), (_ROD, _BALL),
-], ids=lambda pair: "-".join(type(one).__name__ for one in pair))  # fmt: skip
+@pytest.mark.parametrize(
+    "pair",
+    [
+        (_BALL, _BALL),
+        (_BALL, _ROD),
+        (_BALL, _BOX),
+        (_BOX, _BALL),
+        (_ROD, _ROD),
+        (_ROD, _BALL),
+    ],
+    ids=lambda pair: "-".join(type(one).__name__ for one in pair),
+)
 def test_distances_are_those_of_nearest_points(pair) -> None:
     machine = _machine(*pair)
     tree = machine.tree()
@@ -90,10 +106,12 @@ def test_a_ball_beside_a_can() -> None:
     """Beside the side, over the cap, off the rim, and inside of the can."""
     machine = SpatialMachine(
         (Body("a", None, 1.0, (0.1, 0.1, 0.1), joint="free"),),
-        (SpatialPart("ball", "a", Sphere(0.01)),
-         SpatialPart("can", "world", Cylinder((0.0, 0.0, -0.2), (0.0, 0.0, 0.2), 0.15))),
+        (
+            SpatialPart("ball", "a", Sphere(0.01)),
+            SpatialPart("can", "world", Cylinder((0.0, 0.0, -0.2), (0.0, 0.0, 0.2), 0.15)),
+        ),
         (("ball", "can"),),
-    )  # fmt: skip
+    )
     tree, q = machine.tree(), ca.SX.sym("q", 7)
     (contact,) = machine.contacts(tree, q).values()
     phi = ca.Function("phi", [q], [contact.phi, contact.normal])
@@ -109,20 +127,22 @@ def test_a_ball_beside_a_can() -> None:
         assert np.allclose(out, normal, atol=1e-9)
 
 
-@pytest.mark.parametrize("shape", [_BOX, _CAN, _ROD, Hull(((0.1, 0, 0), (0, 0.2, 0), (0, 0, 0.3)))],
-                         ids=lambda one: type(one).__name__)  # fmt: skip
+@pytest.mark.parametrize(
+    "shape", [_BOX, _CAN, _ROD, Hull(((0.1, 0, 0), (0, 0.2, 0), (0, 0, 0.3)))], ids=lambda one: type(one).__name__
+)
 def test_the_lowest_point_over_a_plane_is_that_of_the_shape(shape) -> None:
     """The least of a shape's distances is that of a dense sample of its surface."""
     normal = np.array([0.36, 0.48, 0.8])
     machine = SpatialMachine(
         (Body("a", None, 1.0, (0.1, 0.1, 0.1), joint="free"),),
-        (SpatialPart("one", "a", shape),
-         SpatialPart("slope", "world", Plane((0.0, 0.0, -1.0), tuple(map(float, normal))))),
+        (
+            SpatialPart("one", "a", shape),
+            SpatialPart("slope", "world", Plane((0.0, 0.0, -1.0), tuple(map(float, normal)))),
+        ),
         (("one", "slope"),),
-    )  # fmt: skip
+    )
     tree, q = machine.tree(), ca.SX.sym("q", 7)
-    least = ca.Function("least", [q], [
-        ca.mmin(ca.vertcat(*(c.phi for c in machine.contacts(tree, q).values())))])  # fmt: skip
+    least = ca.Function("least", [q], [ca.mmin(ca.vertcat(*(c.phi for c in machine.contacts(tree, q).values())))])
     turn, place = Rotation.random(random_state=3), np.array([0.1, -0.2, 0.4])
     surface = turn.apply(_sample(shape)) + place
     expected = ((surface - [0, 0, -1]) @ normal).min()
@@ -151,8 +171,11 @@ def _sample(shape) -> np.ndarray:
     return np.concatenate([start + ring, end + ring])
 
 
-@pytest.mark.parametrize("pair", [(_BALL, _BOX), (_ROD, _ROD), (_BALL, _CAN), (_ROD, _BOX)],
-                         ids=lambda pair: "-".join(type(one).__name__ for one in pair))  # fmt: skip
+@pytest.mark.parametrize(
+    "pair",
+    [(_BALL, _BOX), (_ROD, _ROD), (_BALL, _CAN), (_ROD, _BOX)],
+    ids=lambda pair: "-".join(type(one).__name__ for one in pair),
+)
 def test_rows_are_the_motion_at_the_contact(pair) -> None:
     """The normal's row is the derivative of the distance, and all three rows are orthonormal."""
     machine = _machine(*pair)

@@ -38,18 +38,14 @@ def random_body(rng: np.random.Generator) -> Body:
 
 
 def alone(body: Body, h: float, gravity=(0.0, 0.0, 0.0)) -> ContactSystem:
-    return SpatialMachine((body,), gravity=gravity).system(
-        "alone", ParameterTable(), h=h, friction=None
-    )
+    return SpatialMachine((body,), gravity=gravity).system("alone", ParameterTable(), h=h, friction=None)
 
 
 def flight(system: ContactSystem, x: np.ndarray, steps: int) -> tuple[np.ndarray, ...]:
     """States (steps, nx), energies (steps,) and linear momenta (steps, 3), from x on."""
     book = system.book
     assert book is not None
-    step = ca.Function(
-        "step", [system.x], [system.x_next_expr, system.x, book.energy, book.momentum]
-    )
+    step = ca.Function("step", [system.x], [system.x_next_expr, system.x, book.energy, book.momentum])
     found = step.mapaccum(steps)(x)
     return found[1].full().T, found[2].full().ravel(), found[3].full().T
 
@@ -57,9 +53,7 @@ def flight(system: ContactSystem, x: np.ndarray, steps: int) -> tuple[np.ndarray
 def start(rng: np.random.Generator, speed: float) -> np.ndarray:
     quaternion = rng.normal(size=4)
     quaternion /= np.linalg.norm(quaternion)
-    return np.concatenate(
-        [rng.normal(size=3), quaternion, rng.normal(size=3), speed * rng.normal(size=3)]
-    )
+    return np.concatenate([rng.normal(size=3), quaternion, rng.normal(size=3), speed * rng.normal(size=3)])
 
 
 def test_energy_is_never_gained_and_momentum_is_kept() -> None:
@@ -125,9 +119,7 @@ def test_with_contact_it_moves_as_the_same_body_about_its_centre() -> None:
     quaternion = turn.as_quat(scalar_first=True)
     before = turn * Rotation.from_rotvec(-h * spin)
     x = np.concatenate([place, quaternion, speed, spin])
-    y = np.concatenate(
-        [place - turn.apply(centre), quaternion, speed - before.apply(np.cross(spin, centre)), spin]
-    )
+    y = np.concatenate([place - turn.apply(centre), quaternion, speed - before.apply(np.cross(spin, centre)), spin])
     steps, pressed = [Exact().close(system) for system in (twin, moved)], 0
     for _ in range(60):
         (x, lam), (y, other) = (
@@ -136,9 +128,7 @@ def test_with_contact_it_moves_as_the_same_body_about_its_centre() -> None:
         )
         turn = Rotation.from_quat(y[3:7], scalar_first=True)
         np.testing.assert_allclose(y[:3] + turn.apply(centre), x[:3], atol=1e-7)
-        np.testing.assert_allclose(
-            y[[3, 4, 5, 6, 10, 11, 12]], x[[3, 4, 5, 6, 10, 11, 12]], atol=1e-6
-        )
+        np.testing.assert_allclose(y[[3, 4, 5, 6, 10, 11, 12]], x[[3, 4, 5, 6, 10, 11, 12]], atol=1e-6)
         np.testing.assert_allclose(other[0], lam[0], atol=1e-6)
         pressed += lam[0] > 0.01
     assert 5 < pressed < 60

@@ -21,15 +21,14 @@ def _on_plane(shape, inertia: float, normal=(0.0, 0.0, 1.0), mass: float = 2.0) 
     )
 
 
-def _system(
-    machine: SpatialMachine, friction: float = 0.5, h: float = _H, **given
-) -> ContactSystem:
+def _system(machine: SpatialMachine, friction: float = 0.5, h: float = _H, **given) -> ContactSystem:
     p = ParameterTable([Parameter("h", h, "s"), Parameter("friction", friction, "1")])
     return machine.system("test", p, h=p["h"], friction=p["friction"], **given)
 
 
-def _rolled(system: ContactSystem, x: np.ndarray, steps: int, law: ContactLaw | None = None,
-            u=()) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+def _rolled(
+    system: ContactSystem, x: np.ndarray, steps: int, law: ContactLaw | None = None, u=()
+) -> tuple[np.ndarray, np.ndarray]:
     """States (steps + 1, nx) and impulses (steps, nlam)."""
     step = (law or Exact()).close(system)
     states, impulses = [x], []
@@ -50,8 +49,7 @@ def test_a_box_at_rest_stands_on_four_corners_alike() -> None:
     x, lam = _rolled(system, _at(0.1), 3)
     # The exact law is the end of its path, where gaps are 3e-11 m, and speeds so much over h.
     assert np.allclose(x, x[0], atol=1e-8)
-    lower = [i for i, one in enumerate(system.contacts) if one.name in
-             {f"body on floor {k}" for k in (1, 3, 5, 7)}]  # fmt: skip
+    lower = [i for i, one in enumerate(system.contacts) if one.name in {f"body on floor {k}" for k in (1, 3, 5, 7)}]
     assert np.allclose(lam[-1, lower], 2.0 * _G * _H / 4, rtol=1e-9)
 
 
@@ -76,9 +74,7 @@ def test_between_edges_the_pyramid_is_weaker_by_its_own_share(edges: int, least:
 
 
 @pytest.mark.parametrize(("friction", "holds"), [(0.74, False), (0.76, True)])
-def test_a_slope_of_three_to_four_holds_from_its_own_coefficient_on(
-    friction: float, holds: bool
-) -> None:
+def test_a_slope_of_three_to_four_holds_from_its_own_coefficient_on(friction: float, holds: bool) -> None:
     """A slope that falls along an edge of the pyramid holds a point mass iff f > tan = 0.75."""
     machine = _on_plane(Sphere(0.0), 1.0, normal=(0.6, 0.0, 0.8))
     x, _ = _rolled(_system(machine, friction), _at(0.0), 20)
@@ -115,8 +111,7 @@ def test_the_precession_of_a_symmetric_body_is_that_of_euler_as_h_falls() -> Non
     for h in (0.004, 0.002):
         body = Body("body", None, 1.0, (0.2, 0.2, 0.3), joint="free")
         p = ParameterTable([Parameter("h", h, "s")])
-        system = SpatialMachine((body,), gravity=(0.0, 0.0, 0.0)).system("spin", p, h=p["h"],
-                                                                        friction=None)  # fmt: skip
+        system = SpatialMachine((body,), gravity=(0.0, 0.0, 0.0)).system("spin", p, h=p["h"], friction=None)
         step = ca.Function("step", [system.x, p.vector], [system.x_next_expr])
         n = round(0.4 / h)
         x = np.array(step.mapaccum(n)(_at(0.0, w=(1.0, 0.0, 4.0)), ca.repmat(h, 1, n)))[:, -1]
@@ -129,8 +124,7 @@ def test_the_barrier_tends_to_the_exact_step_with_mu() -> None:
     system = _system(_on_plane(Sphere(0.1), 0.008))
     start = _at(0.12, v=(1.0, 0.5, -2.0), w=(0.0, 3.0, 1.0))
     exact = _rolled(system, start, 4)[0][-1]
-    off = [np.abs(_rolled(system, start, 4, Barrier(mu=mu))[0][-1] - exact).max()
-           for mu in (1e-4, 1e-6, 1e-8)]  # fmt: skip
+    off = [np.abs(_rolled(system, start, 4, Barrier(mu=mu))[0][-1] - exact).max() for mu in (1e-4, 1e-6, 1e-8)]
     assert off[0] > off[1] > off[2] and off[2] < 1e-4
 
 
@@ -140,8 +134,7 @@ def test_momentum_and_energy_are_on_the_books() -> None:
     assert book is not None and forces is not None
     symbols = [system.x, system.u, system.x_next, system.lam, system.parameters.vector]
     after = [ca.substitute(one, system.x, system.x_next) for one in (book.momentum, book.energy)]
-    kept = ca.Function("kept", symbols, [
-        after[0] - book.momentum - book.external, after[1] - book.energy - book.work])  # fmt: skip
+    kept = ca.Function("kept", symbols, [after[0] - book.momentum - book.external, after[1] - book.energy - book.work])
     start = _at(0.1, v=(1.0, 0.5, 0.0))
     x, lam = _rolled(system, start, 1)
     off, gained = (np.array(v).ravel() for v in kept(*x[:1], [], x[1], lam[0], [_H, 0.5]))
@@ -153,14 +146,18 @@ def test_a_servo_pushes_as_far_as_it_is_told_and_forgets_speed() -> None:
     """Quasi-dynamic: force balance ``K (u - p) = f m g`` of a slider that a servo pushes."""
     stiffness, m, f = 50.0, 2.0, 0.3
     machine = SpatialMachine(
-        (Body("cube", None, m, (1e6,) * 3, joint="free"),
-         Body("tip", None, 0.0, joint="slide", axis=(1.0, 0.0, 0.0), place=(-0.3, 0.0, 0.0),
-              servo=stiffness)),
-        (SpatialPart("cube", "cube", Box((0.1, 0.1, 0.1))),
-         SpatialPart("foot", "cube", Sphere(0.0)),
-         SpatialPart("tip", "tip", Sphere(0.05)), SpatialPart("floor", "world", Plane())),
+        (
+            Body("cube", None, m, (1e6,) * 3, joint="free"),
+            Body("tip", None, 0.0, joint="slide", axis=(1.0, 0.0, 0.0), place=(-0.3, 0.0, 0.0), servo=stiffness),
+        ),
+        (
+            SpatialPart("cube", "cube", Box((0.1, 0.1, 0.1))),
+            SpatialPart("foot", "cube", Sphere(0.0)),
+            SpatialPart("tip", "tip", Sphere(0.05)),
+            SpatialPart("floor", "world", Plane()),
+        ),
         (("foot", "floor"), ("tip", "cube")),
-    )  # fmt: skip
+    )
     system = _system(machine, f, h=0.2, inertial=False)
     x = np.zeros(system.nx)
     x[3] = 1.0
@@ -172,8 +169,7 @@ def test_a_servo_pushes_as_far_as_it_is_told_and_forgets_speed() -> None:
 
 
 def test_joint_limits_stop() -> None:
-    machine = SpatialMachine((Body("arm", None, 1.0, (0.1, 0.1, 0.1), com=(0.5, 0.0, 0.0),
-                                   limits=(-1.0, 0.5)),))  # fmt: skip
+    machine = SpatialMachine((Body("arm", None, 1.0, (0.1, 0.1, 0.1), com=(0.5, 0.0, 0.0), limits=(-1.0, 0.5)),))
     system = _system(machine)
     x, lam = _rolled(system, np.array([0.49, 3.0]), 60)
     assert x[:, 0].max() <= 0.5 + 1e-12

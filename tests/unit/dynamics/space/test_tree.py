@@ -17,19 +17,42 @@ from problems.machines.quadruped import quadruped
 
 _HALF = 2**-0.5
 _CRANE = (
-    Body("base", None, 5.0, (0.1, 0.2, 0.25, 0.01, 0.02, -0.01), com=(0.1, 0.02, -0.03),
-         joint="free"),
-    Body("hip", "base", 1.0, (0.01, 0.02, 0.015), com=(0.1, 0.0, 0.1), place=(0.2, 0.1, 0.0),
-         turn=(_HALF, _HALF, 0.0, 0.0), armature=0.1, spring=3.0, rest=0.2),
-    Body("rod", "hip", 0.7, (0.01, 0.02, 0.015), com=(0.0, 0.05, 0.1), place=(0.2, 0.1, 0.0),
-         joint="slide", axis=(0.6, 0.0, 0.8)),
-    Body("ball", "base", 0.9, (0.01, 0.012, 0.015), com=(0.0, 0.05, 0.1), place=(-0.2, 0.1, 0.0),
-         joint="ball"),
-    Body("lid", "ball", 0.4, (0.01, 0.012, 0.015), com=(0.0, 0.05, 0.1), joint="fixed",
-         place=(0.0, 0.2, 0.0), turn=(0.6, 0.0, 0.8, 0.0)),
-    Body("tail", "lid", 0.9, (0.01, 0.012, 0.015), com=(0.0, 0.05, 0.1), place=(-0.2, 0.1, 0.0),
-         axis=(0.6, 0.8, 0.0)),
-)  # fmt: skip
+    Body("base", None, 5.0, (0.1, 0.2, 0.25, 0.01, 0.02, -0.01), com=(0.1, 0.02, -0.03), joint="free"),
+    Body(
+        "hip",
+        "base",
+        1.0,
+        (0.01, 0.02, 0.015),
+        com=(0.1, 0.0, 0.1),
+        place=(0.2, 0.1, 0.0),
+        turn=(_HALF, _HALF, 0.0, 0.0),
+        armature=0.1,
+        spring=3.0,
+        rest=0.2,
+    ),
+    Body(
+        "rod",
+        "hip",
+        0.7,
+        (0.01, 0.02, 0.015),
+        com=(0.0, 0.05, 0.1),
+        place=(0.2, 0.1, 0.0),
+        joint="slide",
+        axis=(0.6, 0.0, 0.8),
+    ),
+    Body("ball", "base", 0.9, (0.01, 0.012, 0.015), com=(0.0, 0.05, 0.1), place=(-0.2, 0.1, 0.0), joint="ball"),
+    Body(
+        "lid",
+        "ball",
+        0.4,
+        (0.01, 0.012, 0.015),
+        com=(0.0, 0.05, 0.1),
+        joint="fixed",
+        place=(0.0, 0.2, 0.0),
+        turn=(0.6, 0.0, 0.8, 0.0),
+    ),
+    Body("tail", "lid", 0.9, (0.01, 0.012, 0.015), com=(0.0, 0.05, 0.1), place=(-0.2, 0.1, 0.0), axis=(0.6, 0.8, 0.0)),
+)
 
 
 @cache
@@ -43,8 +66,15 @@ def _maps(name: str) -> ca.Function:
     tree = _tree(name)
     q, v, w = (ca.SX.sym(s, n) for s, n in (("q", tree.nq), ("v", tree.nv), ("w", tree.nv)))
     by_w = ca.jacobian(tree.inverse_dynamics(q, v, w, ca.SX(tree.nv, 1), ca.SX(3, 1)), w)
-    outputs = [tree.mass(q), by_w, tree.bias(q, v), tree.weight(q), tree.energy(q, v),
-               tree.momentum(q, v), tree.advance(q, v)]  # fmt: skip
+    outputs = [
+        tree.mass(q),
+        by_w,
+        tree.bias(q, v),
+        tree.weight(q),
+        tree.energy(q, v),
+        tree.momentum(q, v),
+        tree.advance(q, v),
+    ]
     return ca.Function("maps", [q, v], [ca.densify(one) for one in outputs], {"cse": True})
 
 
@@ -93,8 +123,7 @@ def test_free_fall_keeps_momentum_but_for_gravity() -> None:
     q, v = _state("ant", 2)
     mass, _, bias, *_ = (np.array(one) for one in _maps("ant")(q, v))
     a, h = np.linalg.solve(mass, -bias.ravel()), 1e-5
-    moved = [np.array(_maps("ant")(_maps("ant")(q, s * h * v)[6], v + s * h * a)[5]).ravel()
-             for s in (1, -1)]  # fmt: skip
+    moved = [np.array(_maps("ant")(_maps("ant")(q, s * h * v)[6], v + s * h * a)[5]).ravel() for s in (1, -1)]
     force = (moved[0] - moved[1]) / (2 * h)
     # Armature is inertia that weighs nothing and has no momentum of its own.
     assert np.allclose(force, [0, 0, -9.81 * float(ca.evalf(_tree("ant").total_mass))], atol=1e-5)
@@ -117,8 +146,7 @@ def test_turning_is_that_of_rotation_vectors_and_stays_of_unit_length() -> None:
 
 def test_the_slope_of_turning_is_its_derivative() -> None:
     q, way = ca.SX.sym("q", 4), ca.SX.sym("way", 3)
-    both = ca.Function("both", [q, way], [
-        ca.jacobian(rotation.turned(q, way), way), rotation.slope(q)])  # fmt: skip
+    both = ca.Function("both", [q, way], [ca.jacobian(rotation.turned(q, way), way), rotation.slope(q)])
     at = np.roll(Rotation.random(random_state=4).as_quat(), 1)
     found, expected = (np.array(one) for one in both(at, np.zeros(3)))
     assert np.allclose(found, expected, atol=1e-15)
@@ -140,8 +168,11 @@ def test_planar_machines_are_a_special_case(machine) -> None:
             ]
             continue
         half = float(link.offset) / 2
-        bodies.append(Body(link.name, link.parent, place=_in_space(link.anchor),
-                           turn=(np.cos(half), 0.0, np.sin(half), 0.0), **own))  # fmt: skip
+        bodies.append(
+            Body(
+                link.name, link.parent, place=_in_space(link.anchor), turn=(np.cos(half), 0.0, np.sin(half), 0.0), **own
+            )
+        )
     chain, tree = planar.chain(), Tree(bodies)
     q, v = ca.SX.sym("q", chain.nq), ca.SX.sym("v", chain.nq)
     rng = np.random.default_rng(5)

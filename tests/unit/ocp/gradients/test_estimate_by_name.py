@@ -24,14 +24,26 @@ from reports.cli.app import main
         ("push-1d", {"N": 5}, {"contact": "exact"}),
     ],
 )
-def test_python_and_the_command_line_estimate_the_same_numbers(
-    name, params, options, tmp_path, capsys
-):
+def test_python_and_the_command_line_estimate_the_same_numbers(name, params, options, tmp_path, capsys):
     found = ocp.estimate(name, ["zobg"], 500, params=params, reference="none", **options)["zobg"]
     given = [word for key, value in params.items() for word in ("-p", f"{key}={value}")]
     given += [word for key, value in options.items() for word in (f"--{key}", value)]
-    code = main(["estimate", name, *given, "--estimators", "zobg", "--samples", "500",
-                 "--reference", "none", "--json", "--out", str(tmp_path)])  # fmt: skip
+    code = main(
+        [
+            "estimate",
+            name,
+            *given,
+            "--estimators",
+            "zobg",
+            "--samples",
+            "500",
+            "--reference",
+            "none",
+            "--json",
+            "--out",
+            str(tmp_path),
+        ]
+    )
     row = json.loads(capsys.readouterr().out)["estimates"][0]
     assert not code
     np.testing.assert_array_equal(np.ravel(row["mean"]), found.mean)
@@ -72,9 +84,7 @@ def test_a_stopped_estimate_resumes_with_other_workers(monkeypatch, tmp_path):
     with Checkpoint(tmp_path, "heaviside", {"seed": 4}) as kept:
         sampling.run_estimator(objective, SAMPLED["zobg"], noise, parallel.BULK, keep=(kept, "z"))
         workers = parallel.JobWorkers(case, jobs=2)
-        resumed = sampling.run_estimator(
-            objective, SAMPLED["zobg"], noise, n, keep=(kept, "z"), workers=workers
-        )
+        resumed = sampling.run_estimator(objective, SAMPLED["zobg"], noise, n, keep=(kept, "z"), workers=workers)
     np.testing.assert_array_equal(resumed.moments.mean, whole.moments.mean)
     np.testing.assert_array_equal(resumed.moments.m2, whole.moments.m2)
 

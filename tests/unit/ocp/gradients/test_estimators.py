@@ -189,16 +189,12 @@ def test_bits_depend_on_neither_threads_nor_blocks_and_follow_the_seed(kept, mon
             RolloutObjective(get("wall-1d", N=5), Barrier(mu=1e-2), threads=threads, block=block),
             static(lambda t: ca.sin(ca.sumsqr(t)), np.ones(2), threads=threads, block=block),
         ):
-            found = estimate_gradient(
-                objective, ["zobg-mean", "fobg", "alpha"], 20_000, 0.2, seed=9
-            )
+            found = estimate_gradient(objective, ["zobg-mean", "fobg", "alpha"], 20_000, 0.2, seed=9)
             answers.append([(e.mean.tobytes(), e.moments.m2.tobytes()) for e in found.values()])
     for k in (0, 1):
         assert all(answer == answers[k] for answer in answers[k::2])
     objective = static(lambda t: ca.sin(ca.sumsqr(t)), np.ones(2))
-    means = [
-        estimate_gradient(objective, ["zobg"], 100, 0.2, seed=s)["zobg"].mean for s in (0, 0, 1)
-    ]
+    means = [estimate_gradient(objective, ["zobg"], 100, 0.2, seed=s)["zobg"].mean for s in (0, 0, 1)]
     np.testing.assert_array_equal(means[0], means[1])
     assert np.all(means[0] != means[2])
 
@@ -226,9 +222,12 @@ def test_orders_use_independent_samples():
 def test_the_confidence_test_holds_back_a_biased_first_order():
     objective = objective_spec("heaviside").objective()
     found = estimate_gradient(
-        objective, ["alpha", "alpha-variance", "alpha-fixed"], 50_000, 0.2,
+        objective,
+        ["alpha", "alpha-variance", "alpha-fixed"],
+        50_000,
+        0.2,
         rules=(ConfidenceTest(gamma=0.1), FixedWeight(alpha=0.25)),
-    )  # fmt: skip
+    )
     true = float(objective.closed_form(0.2).gradient[0])
     assert found["alpha-variance"].choice.alpha == 1.0
     assert found["alpha-variance"].mean == 0.0
@@ -284,9 +283,7 @@ def test_samples_that_are_not_finite_are_left_out_and_named():
     np.testing.assert_allclose(found.mean, (1 / (0.1 + w))[0.1 + w > 0].mean(), rtol=1e-10)
     assert found.moments.n == 20_000 - len(found.nonfinite)
     with pytest.raises(InputError, match="not finite"):
-        estimate_gradient(
-            static(lambda t: ca.log(t) * ca.sqrt(t), np.array([-9.0])), ["fobg"], 50, 0.1
-        )
+        estimate_gradient(static(lambda t: ca.log(t) * ca.sqrt(t), np.array([-9.0])), ["fobg"], 50, 0.1)
 
 
 @pytest.mark.parametrize(
@@ -310,10 +307,15 @@ def test_bad_input_has_its_sentence(settings, sentence):
         estimate_gradient(objective, **settings)
 
 
-@pytest.mark.parametrize("make", [
-    lambda: ConfidenceTest(gamma=0.0), lambda: ConfidenceTest(delta=1.0),
-    lambda: ConfidenceTest(deviation=-1.0), lambda: FixedWeight(alpha=1.5),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: ConfidenceTest(gamma=0.0),
+        lambda: ConfidenceTest(delta=1.0),
+        lambda: ConfidenceTest(deviation=-1.0),
+        lambda: FixedWeight(alpha=1.5),
+    ],
+)
 def test_rules_refuse_what_they_cannot_mean(make):
     with pytest.raises(InputError):
         make()

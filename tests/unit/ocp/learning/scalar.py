@@ -15,17 +15,13 @@ from ocp.task import Measure, Task
 A, B, FAR = 0.9, 0.5, 1e3
 
 
-def scalar(
-    horizon: int = 2, done: float | None = None, broken: float | None = None, width: float = 0.25
-) -> Task:
+def scalar(horizon: int = 2, done: float | None = None, broken: float | None = None, width: float = 0.25) -> Task:
     """Reward -(x+ - 1)² - 0.1 u², start 0.5 + ``width`` chance; an end above ``done``.
 
     The reward is not a number where x+ exceeds ``broken``.
     """
     p = ParameterTable([Parameter("goal", 1.0, "1", "where to go")])
-    system = lcs(
-        "scalar", A=[[A]], B=[[B]], C=[[1.0]], D=[[1.0]], E=[[B]], F=[[1.0]], d=[FAR], parameters=p
-    )
+    system = lcs("scalar", A=[[A]], B=[[B]], C=[[1.0]], D=[[1.0]], E=[[B]], F=[[1.0]], d=[FAR], parameters=p)
     chance = ca.SX.sym("chance")
     x_next, u = system.x_next, system.u
     reward = -((x_next - p["goal"]) ** 2) - 0.1 * u**2

@@ -16,10 +16,14 @@ NAMES = ["m", "k", "d"]
 
 def exact_step() -> Step:
     """``m (v+ - v) = h (u - k x - d v+) + lam``, ``x+ = x + h v+``, ``0 <= lam ⟂ x+ >= 0``."""
-    p = ParameterTable([
-        Parameter("m", M, "kg"), Parameter("k", K, "N/m"), Parameter("d", D, "N s/m"),
-        Parameter("rest", 0.0, "m"),
-    ])  # fmt: skip
+    p = ParameterTable(
+        [
+            Parameter("m", M, "kg"),
+            Parameter("k", K, "N/m"),
+            Parameter("d", D, "N s/m"),
+            Parameter("rest", 0.0, "m"),
+        ]
+    )
     x, u, x_next, lam = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("x_next", 2), ca.SX.sym("lam")
     force = u - p["k"] * (x[0] - p["rest"]) - p["d"] * x_next[1]
     system = ContactSystem(
@@ -28,9 +32,7 @@ def exact_step() -> Step:
         u=u,
         x_next=x_next,
         lam=lam,
-        residual=ca.vertcat(
-            x_next[0] - x[0] - H * x_next[1], p["m"] * (x_next[1] - x[1]) - H * force - lam
-        ),
+        residual=ca.vertcat(x_next[0] - x[0] - H * x_next[1], p["m"] * (x_next[1] - x[1]) - H * force - lam),
         gap=x_next[0],
         states=signals("x [m]; v [m/s]"),
         inputs=signals("u [N]"),

@@ -26,9 +26,16 @@ HALF = 3.0
 def pendulum(observed: slice = slice(0, 2), offset: float = 0.0) -> Task:
     """Angle, its rate, and a place that nobody sees; it falls without feedback."""
     system = lcs(
-        "pendulum", A=A, B=B, C=np.zeros((3, 1)), D=np.zeros((1, 3)), E=[[0.0]], F=[[1.0]],
-        c=[0.0, offset, 0.0], d=[1.0],
-    )  # fmt: skip
+        "pendulum",
+        A=A,
+        B=B,
+        C=np.zeros((3, 1)),
+        D=np.zeros((1, 3)),
+        E=[[0.0]],
+        F=[[1.0]],
+        c=[0.0, offset, 0.0],
+        d=[1.0],
+    )
     x, chance = system.x, ca.SX.sym("chance", 2)
     return Task(
         name="pendulum",
@@ -101,14 +108,24 @@ def test_what_cannot_balance_is_told(task, rest, hidden, words):
 def test_layers_too_narrow_for_the_inputs_are_told():
     task = pendulum()
     both = lcs(
-        "pendulum", A=A, B=np.hstack([B, B]), C=np.zeros((3, 1)), D=np.zeros((1, 3)),
-        E=np.zeros((1, 2)), F=[[1.0]], d=[1.0],
-    )  # fmt: skip
+        "pendulum",
+        A=A,
+        B=np.hstack([B, B]),
+        C=np.zeros((3, 1)),
+        D=np.zeros((1, 3)),
+        E=np.zeros((1, 2)),
+        F=[[1.0]],
+        d=[1.0],
+    )
     x = both.x
     task = replace(
-        task, system=both, observation=2 * x[:2], done=ca.fabs(x[0]) > 0.5,
-        lower=-np.ones(2), upper=np.ones(2),
-    )  # fmt: skip
+        task,
+        system=both,
+        observation=2 * x[:2],
+        done=ca.fabs(x[0]) > 0.5,
+        lower=-np.ones(2),
+        upper=np.ones(2),
+    )
     e = experiment(FOPG(), task=task, hidden=(1,), rest=(0.0, 0.0, 0.0))
     with pytest.raises(InputError, match="needs hidden layers of at least 2 units"):
         e.algorithm.begin(e)

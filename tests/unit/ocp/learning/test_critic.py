@@ -65,8 +65,7 @@ def test_the_step_is_along_the_gradient_of_return_and_value(hidden, smoothing):
     state = with_weights(critic, e, state)
     settings = {"samples": SAMPLES, "unroll": UNROLL, "sigma": 0.3, **PLAIN}
     gradient, alone = (
-        FOPG(smoothing=smoothing, critic=units, **settings).iterate(e, state, 0)[0]["theta"]
-        - state["theta"]
+        FOPG(smoothing=smoothing, critic=units, **settings).iterate(e, state, 0)[0]["theta"] - state["theta"]
         for units in (UNITS, 0)
     )
     noise = e.noise(0.3, 0, "actions")
@@ -145,8 +144,6 @@ def test_nothing_is_to_come_after_ends():
     ],
 )
 def test_critics_that_cannot_be_are_refused(critic, given, words):
-    e = experiment(
-        FOPG(unroll=3, critic=critic), **{"task": scalar(horizon=9), "discount": 0.9, **given}
-    )
+    e = experiment(FOPG(unroll=3, critic=critic), **{"task": scalar(horizon=9), "discount": 0.9, **given})
     with pytest.raises(InputError, match=words):
         e.algorithm.begin(e)

@@ -90,7 +90,5 @@ def test_training_finds_a_mean_and_a_variance_that_depends_on_the_place():
     assert np.asarray(mean)[:, 0, 0] == pytest.approx(np.full(3, np.sin(-1)), abs=0.1)
     found = np.exp(0.5 * np.asarray(log_var)).mean(axis=0)[:, 0]
     assert found == pytest.approx([0.05, 0.5], rel=0.4)
-    again, _ = trainer(3e-3)(
-        begin_learner(np.random.default_rng(0), 3, 1, (32, 32), 1, 3e-3), z, y, rows
-    )
+    again, _ = trainer(3e-3)(begin_learner(np.random.default_rng(0), 3, 1, (32, 32), 1, 3e-3), z, y, rows)
     assert (np.asarray(again.ensemble.most) == np.asarray(learner.ensemble.most)).all()

@@ -41,9 +41,7 @@ def test_the_loss_is_that_of_the_closed_form():
 
 def test_what_is_not_learned_has_the_values_given_and_threads_change_nothing():
     buffer = transitions(100)
-    one, two = (
-        OneStepLoss(exact_step(), ["d"], values={"k": 12.0, "d": 7.0}, threads=n) for n in (1, 2)
-    )
+    one, two = (OneStepLoss(exact_step(), ["d"], values={"k": 12.0, "d": 7.0}, threads=n) for n in (1, 2))
     assert np.exp(one.start()) == pytest.approx([7.0])
     log_psi = np.log([[2.0], [3.0]])
     expected = following(buffer.x, buffer.u, M, 12.0, 3.0) - buffer.x_next
@@ -76,10 +74,7 @@ def test_the_second_pass_begins_where_the_first_ended_as_wide_as_the_model_is_in
     buffer, loss = transitions(100), OneStepLoss(exact_step(), NAMES)
     search = RandomSearch(iterations=3, width=0.2)
     found = identify(loss, buffer, START, search, rows=100)
-    assert (
-        found.model_params.shape == (8, 3)
-        and (found.model_params[4] == found.model_params[3]).all()
-    )
+    assert found.model_params.shape == (8, 3) and (found.model_params[4] == found.model_params[3]).all()
     log_psi = np.log(found.model_params[3])
     moves = loss.sensitivity(log_psi, 0.2, buffer)
     assert found.spread[4] == pytest.approx(0.2 * moves.min() / moves)
@@ -146,8 +141,7 @@ def test_intervals_of_noisy_data_are_those_of_the_sandwich_and_hold_the_truth():
         at = np.log(K) - np.sum(J * r) / np.sum(J**2)
         found = intervals(loss, np.array([at]), buffer, seed=seed)
         width = np.log(found.high[0] / found.low[0])
-        assert width == pytest.approx(2 * 1.96 * np.sqrt(np.sum((J * r) ** 2)) / np.sum(J**2),
-                                      rel=0.2)  # fmt: skip
+        assert width == pytest.approx(2 * 1.96 * np.sqrt(np.sum((J * r) ** 2)) / np.sum(J**2), rel=0.2)
         covered += bool(found.low[0] <= K <= found.high[0])
     assert covered >= 16
 

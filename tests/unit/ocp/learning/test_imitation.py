@@ -34,9 +34,16 @@ def regulated(horizon: int = 8, largest: float = 1e3) -> Task:
     """A mass to be brought to rest at 0, its contact far away."""
     p = ParameterTable([Parameter("unit", 1.0, "1")])
     system = lcs(
-        "mass", A=A, B=B, C=[[0.0], [H]], D=[[1.0, 0.0]], E=[[0.0]], F=[[1.0]], d=[1e3],
+        "mass",
+        A=A,
+        B=B,
+        C=[[0.0], [H]],
+        D=[[1.0, 0.0]],
+        E=[[0.0]],
+        F=[[1.0]],
+        d=[1e3],
         parameters=p,
-    )  # fmt: skip
+    )
     chance, x, u = ca.SX.sym("chance", 2), system.x, system.u
     return Task(
         name="mass",
@@ -117,8 +124,7 @@ def test_the_slope_of_the_error_is_that_of_differences():
     actions = policy.means(theta, seen)
     assert error == pytest.approx(np.mean((actions - wanted) ** 2), rel=1e-12)
     for i, direction in enumerate(np.eye(theta.size)):
-        ends = [squared_error(theta + s * 1e-6 * direction, policy, seen, wanted)[0]
-                for s in (1, -1)]  # fmt: skip
+        ends = [squared_error(theta + s * 1e-6 * direction, policy, seen, wanted)[0] for s in (1, -1)]
         assert slope[i] == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-7)
 
 

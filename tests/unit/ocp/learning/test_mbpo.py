@@ -20,17 +20,32 @@ from tests.unit.ocp.learning.scalar import A, B, scalar
 from tests.unit.ocp.learning.spring_mass import D, K, M, following, spring_task
 
 SMALL = MBPO(
-    walkers=4, steps=8, explored=64, members=3, elites=2, model_units=16, model_layers=1,
-    model_steps=20, model_batch=32, branches=20, shortest=1, longest=3, kept=2, critic_units=16,
-    critic_layers=1, updates=20, batch=32,
-)  # fmt: skip
+    walkers=4,
+    steps=8,
+    explored=64,
+    members=3,
+    elites=2,
+    model_units=16,
+    model_layers=1,
+    model_steps=20,
+    model_batch=32,
+    branches=20,
+    shortest=1,
+    longest=3,
+    kept=2,
+    critic_units=16,
+    critic_layers=1,
+    updates=20,
+    batch=32,
+)
 
 
 def experiment(algorithm: MBPO = SMALL, **changed) -> Experiment:
     return Experiment(
-        task=spring_task(horizon=20), algorithm=algorithm,
+        task=spring_task(horizon=20),
+        algorithm=algorithm,
         **{"hidden": (8,), "iterations": 4, **changed},
-    )  # fmt: skip
+    )
 
 
 def test_branches_go_on_from_their_own_ends_until_the_task_ends_or_the_model_breaks():
@@ -81,9 +96,7 @@ def test_a_run_that_goes_on_from_its_arrays_ends_at_the_same_bits():
     different = [n for n in whole if not np.array_equal(whole[n], resumed[n], equal_nan=True)]
     assert different == []
     other = experiment(seed=1)
-    assert not (
-        SMALL.policy(other, SMALL.begin(other)).theta == SMALL.policy(run, whole).theta
-    ).any()
+    assert not (SMALL.policy(other, SMALL.begin(other)).theta == SMALL.policy(run, whole).theta).any()
 
 
 def test_the_policy_is_the_experiment_s_own_with_observations_scaled_by_what_was_explored():
@@ -101,9 +114,7 @@ def test_critics_are_told_cut_rewards_and_where_the_task_ends():
     room = MBPOTrainer(replace(SMALL, cut=0.05), experiment())
     x, u = np.array([[0.2, 0.5], [0.1, 0.0], [0.29, 3.0]]), np.array([[1.0], [0.0], [6.0]])
     seen = Buffer(x, u, following(x, u, M, K, D))
-    found = room._batch(
-        ObservationScales(Normaliser(2.0, np.ones(2), np.full(2, 8.0)), np.ones(2)), seen, 5
-    )
+    found = room._batch(ObservationScales(Normaliser(2.0, np.ones(2), np.full(2, 8.0)), np.ones(2)), seen, 5)
     rewards = -(seen.x_next[:, 0] ** 2) - 0.1 * u[:, 0] ** 2
     assert (rewards < -0.05).tolist() == [True, False, True]
     assert found.reward == pytest.approx([-0.05, rewards[1], -0.05, 0, 0], rel=1e-5)
@@ -150,12 +161,25 @@ def test_it_learns_a_scalar_task_up_to_its_optimum():
     In single precision 0.98 % are left, in double, which other tests may switch on, 1.2 %.
     """
     own = replace(
-        SMALL, walkers=8, steps=10, explored=100, model_steps=100, model_batch=64, model_rate=3e-3,
-        branches=100, longest=1, kept=4, critic_units=32, updates=300, batch=64, rate=3e-3,
+        SMALL,
+        walkers=8,
+        steps=10,
+        explored=100,
+        model_steps=100,
+        model_batch=64,
+        model_rate=3e-3,
+        branches=100,
+        longest=1,
+        kept=4,
+        critic_units=32,
+        updates=300,
+        batch=64,
+        rate=3e-3,
         critic_discount=0.8,
-    )  # fmt: skip
-    run = Experiment(task=scalar(horizon=20), law=Exact(), algorithm=own, hidden=(8,),
-                     iterations=12, evaluate_every=12, episodes=50)  # fmt: skip
+    )
+    run = Experiment(
+        task=scalar(horizon=20), law=Exact(), algorithm=own, hidden=(8,), iterations=12, evaluate_every=12, episodes=50
+    )
     found = train(run)["evaluation_return"].values
     best = best_return(20, np.linspace(0.25, 0.75, 101))
     assert -0.25 < best < -0.1

@@ -30,9 +30,7 @@ from tests.unit.ocp.learning.scalar import A, B, scalar
 START = np.array([0.2])
 
 
-def returned(
-    task: Task, states: np.ndarray, inputs: np.ndarray, p: np.ndarray | None = None
-) -> float:
+def returned(task: Task, states: np.ndarray, inputs: np.ndarray, p: np.ndarray | None = None) -> float:
     """Sum of rewards and what is gained at the end, step by step."""
     p = task.parameters.values if p is None else p
     steps = zip(states[:-1], inputs, states[1:], strict=True)
@@ -50,10 +48,13 @@ def best_inputs(task: Task, cap: float = np.inf) -> float:
 
     below = {"type": "ineq", "fun": lambda u: cap - motion(u)[1:-1, 0]}
     found = minimize(
-        lambda u: -returned(task, motion(u), u[:, None]), np.zeros(task.horizon), method="SLSQP",
-        bounds=[(-2, 2)] * task.horizon, constraints=[below] if np.isfinite(cap) else [],
+        lambda u: -returned(task, motion(u), u[:, None]),
+        np.zeros(task.horizon),
+        method="SLSQP",
+        bounds=[(-2, 2)] * task.horizon,
+        constraints=[below] if np.isfinite(cap) else [],
         options={"ftol": 1e-14},
-    )  # fmt: skip
+    )
     return -found.fun
 
 
@@ -82,9 +83,7 @@ def test_the_cost_is_minus_the_return_whatever_the_trajectory():
     task = scalar(horizon=4)
     x, u, after = task.system.x, task.system.u, task.system.x_next
     goal = task.parameters["goal"]
-    mixed = replace(
-        task, reward=goal * after**3 + 0.5 * (ca.cos(after) + x * u) - ca.exp(x), final=x**2
-    )
+    mixed = replace(task, reward=goal * after**3 + 0.5 * (ca.cos(after) + x * u) - ca.exp(x), final=x**2)
     problem = planned_problem(mixed, START)
     rng, none = np.random.default_rng(5), np.zeros((1, 4, task.system.nlam))
     for p in (np.array([1.0]), np.array([-2.0])):
@@ -131,8 +130,7 @@ def test_an_episode_goes_on_until_its_last_state():
 
 def test_where_something_is_gained_at_the_end_the_last_state_counts_too():
     task = scalar(horizon=3)
-    task = replace(task, final=0.1 * task.system.x, done=task.system.x > 0.6,
-                   lasts=0.6 - task.system.x)  # fmt: skip
+    task = replace(task, final=0.1 * task.system.x, done=task.system.x > 0.6, lasts=0.6 - task.system.x)
     found = best_plan(task, START)
     assert found.solution.data["x"].values.max() <= 0.6
     assert found.returned == pytest.approx(found.replayed, abs=1e-8)

@@ -93,12 +93,10 @@ def test_curves_end_where_steps_were_spent(monkeypatch: pytest.MonkeyPatch):
     """Returns of a hundredth of the steps: what is drawn is that line, up to what was reached."""
 
     def made(jobs: dict[str, TrainingJob], _: Pieces) -> dict[str, dict[str, np.ndarray]]:
-        reached = {key: 60.0 if job.algorithm.name == "mbpo" else 1200.0
-                   for key, job in jobs.items()}  # fmt: skip
+        reached = {key: 60.0 if job.algorithm.name == "mbpo" else 1200.0 for key, job in jobs.items()}
         along = {key: np.array([0.0, end / 3, end]) for key, end in reached.items()}
         names = ("env_steps", "wall_s", "evaluation_speed", "evaluation_length")
-        return {key: {**dict.fromkeys(names, steps), "evaluation_return": steps / 100}
-                for key, steps in along.items()}  # fmt: skip
+        return {key: {**dict.fromkeys(names, steps), "evaluation_return": steps / 100} for key, steps in along.items()}
 
     monkeypatch.setattr(trained_policies, "curves", made)
     monkeypatch.setattr(trained_policies, "_against_plans", lambda *_: {})
@@ -147,8 +145,9 @@ def test_algorithms_that_never_leave_their_initial_policy_are_named():
     made["best"].loc[{"task": "hopper", "algorithm": "AoBG"}][1] = 1e-9
     named = {c.claim: c.measured.partition("; ")[2] for c in claims(made) if "with ABS" in c.claim}
     assert {claim.split()[1]: words for claim, words in named.items()} == {
-        "hopper": "never above their initial policy: FOPG", "half-cheetah": "",
-    }  # fmt: skip
+        "hopper": "never above their initial policy: FOPG",
+        "half-cheetah": "",
+    }
 
 
 @pytest.mark.parametrize(("reached", "gain"), [(5.0, 1.0), (11.0, -1.0)])

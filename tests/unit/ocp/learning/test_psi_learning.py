@@ -76,8 +76,7 @@ def test_psi_comes_to_the_truth_before_each_step_of_the_algorithm_s():
 
 
 def test_a_run_that_goes_on_from_its_arrays_ends_at_the_same_bits():
-    own = learning(walkers=4, steps=5, searched=3, capacity=30,
-                   search=RandomSearch(iterations=4, narrow=0.0))  # fmt: skip
+    own = learning(walkers=4, steps=5, searched=3, capacity=30, search=RandomSearch(iterations=4, narrow=0.0))
     run = experiment(own)
     state = own.begin(run)
     for k in range(4):

@@ -59,8 +59,9 @@ def test_targets_take_the_lesser_critic_the_entropy_and_no_future_after_an_end()
     networks = Networks(ACTOR, CRITICS, jnp.log(ALPHA))
     slow = ((CRITICS[0][0] + 1.0, CRITICS[0][1]),)
     o_next, noise = np.array([0.3, -2.0, 0.3]), np.array([0.4, 1.0, 0.4])
-    batch = Batch(column(0, 0, 0), column(0, 0, 0), jnp.array([1.0, -2.0, 5.0]),
-                  jnp.array([0.0, 0.0, 1.0]), column(*o_next))  # fmt: skip
+    batch = Batch(
+        column(0, 0, 0), column(0, 0, 0), jnp.array([1.0, -2.0, 5.0]), jnp.array([0.0, 0.0, 1.0]), column(*o_next)
+    )
     t, density = by_hand(o_next, noise)
     first, second = 2 * o_next + 3 * t + 0.5, 4 * t
     soft = np.minimum(first, second) - ALPHA * density
@@ -95,12 +96,12 @@ def test_an_update_moves_targets_slowly_and_each_network_by_its_own_loss():
     rates = Rates(rate=1e-2, discount=0.9, slow=0.1, aim=-1.5)
     agent = begin_agent(np.random.default_rng(0), 2, (8,), 1, (8,), 0.1, 1.0, 0.2, rates.rate)
     rng = np.random.default_rng(0)
-    data = Batch(*(rng.standard_normal(shape).astype("f4")
-                   for shape in ((64, 2), (64, 1), (64,), (64,), (64, 2))))  # fmt: skip
+    data = Batch(*(rng.standard_normal(shape).astype("f4") for shape in ((64, 2), (64, 1), (64,), (64,), (64, 2))))
     found, told = updater(rates)(agent, data, np.zeros((1, 4), int), jax.random.key(1))
     critics = found.networks.critics
-    for old, new, slow in zip(*(jax.tree.leaves(tree) for tree in (
-        agent.targets, critics, found.targets)), strict=True):  # fmt: skip
+    for old, new, slow in zip(
+        *(jax.tree.leaves(tree) for tree in (agent.targets, critics, found.targets)), strict=True
+    ):
         assert np.asarray(slow) == pytest.approx(np.asarray(0.9 * old + 0.1 * new), abs=1e-6)
         # Adam's first step is the rate against the sign of the slope.
         assert np.abs(new - old).max() == pytest.approx(1e-2, rel=1e-2)

@@ -49,9 +49,7 @@ def given_to(name: str) -> dict[str, float]:
     return {"iterations": 6, "evaluate_every": 2, "discount": discount}
 
 
-def run(
-    name: str, root: Path | None = None, kill_at: int = -1, stop_at: int = -1, **given
-) -> xr.Dataset:
+def run(name: str, root: Path | None = None, kill_at: int = -1, stop_at: int = -1, **given) -> xr.Dataset:
     """Train, under a checkpoint in ``root``; killed or interrupted in the iteration named."""
 
     def report(k, _):

@@ -68,8 +68,7 @@ def test_random_search_by_hand():
     starts = e.first_states(3, e.rng(5, "starts"))[:, 0]
     still = np.zeros(2)
     plus, minus = (
-        [follow(x, THETA + sign * 0.2 * d, still) for x, d in zip(starts, delta, strict=True)]
-        for sign in (1, -1)
+        [follow(x, THETA + sign * 0.2 * d, still) for x, d in zip(starts, delta, strict=True)] for sign in (1, -1)
     )
     best = sorted(range(3), key=lambda i: -max(plus[i][0], minus[i][0]))[:2]
     used = [each[i][0] for i in best for each in (plus, minus)]
@@ -145,9 +144,7 @@ def test_alpha_order_by_hand():
     first = np.array([slope(x, THETA, w) for x, w in zip(starts, draws["first"], strict=True)])
     values = [follow(x, THETA, w) for x, w in zip(starts, draws["zeroth"], strict=True)]
     returns = np.array([v for v, *_ in values])
-    zeroth = np.array([
-        (v - (returns.sum() - v) / 4) * s / 0.09 for v, s, _ in values
-    ])  # fmt: skip
+    zeroth = np.array([(v - (returns.sum() - v) / 4) * s / 0.09 for v, s, _ in values])
     v1, v0 = first.var(axis=0, ddof=1).sum(), zeroth.var(axis=0, ddof=1).sum()
     alpha = v0 / (v0 + v1)
     mixed = alpha * first.mean(axis=0) + (1 - alpha) * zeroth.mean(axis=0)

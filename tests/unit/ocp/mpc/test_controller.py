@@ -82,9 +82,7 @@ def test_noise_of_a_centimetre_does_not_stop_the_push(disc: Controller) -> None:
         ([np.inf, np.nan, np.nan, np.nan], "not finite"),
     ],
 )
-def test_a_bad_measurement_is_told_and_answered(
-    disc: Controller, state: list[float], sentence: str
-) -> None:
+def test_a_bad_measurement_is_told_and_answered(disc: Controller, state: list[float], sentence: str) -> None:
     disc.reset()
     command = disc.step(np.array(state))
     assert sentence in command.why
@@ -267,9 +265,7 @@ def disc_first(disc: Controller) -> list[float]:
         ({"disturbance": 3}, "disturbance must be an instance of Disturbance"),
     ],
 )
-def test_simulations_that_cannot_be_get_one_sentence(
-    disc: Controller, given: dict, sentence: str
-) -> None:
+def test_simulations_that_cannot_be_get_one_sentence(disc: Controller, given: dict, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         simulate(disc, 3, seeds=2, **given)
 

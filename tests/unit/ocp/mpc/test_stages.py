@@ -49,8 +49,7 @@ def test_linearised_steps_are_those_of_the_implicit_function(name: str, seed: in
     step = StepFunction(model.step, threads=1)
     own = made.p[0, model.of_step]
     _, by_x, by_u = step.slopes(plan.x[:-1], plan.u, own)
-    lam, gap = (side / size for side, size in
-                zip((plan.lam, plan.gap), model.sizes, strict=True))  # fmt: skip
+    lam, gap = (side / size for side, size in zip((plan.lam, plan.gap), model.sizes, strict=True))
     strict = (np.maximum(lam, gap) > 1e-3).all(axis=1)
     assert strict.any(), "draws with decided contacts"
     scale = 1 + abs(by_x).max()
@@ -90,9 +89,17 @@ def regular(nx: int, nu: int, N: int, seed: int) -> Linearised:
     nothing = Affine(np.zeros((N, 0)), np.zeros((N, 0, nx)), np.zeros((N, 0, nu)))
     empty = np.zeros((N, nx, 0))
     return Linearised(
-        Affine(np.zeros((N, nx)), A, B), nothing, nothing, nothing, np.zeros((N, nx + 2 * nu)), H,
-        (np.zeros(nx), np.eye(nx)), empty, empty, empty,
-    )  # fmt: skip
+        Affine(np.zeros((N, nx)), A, B),
+        nothing,
+        nothing,
+        nothing,
+        np.zeros((N, nx + 2 * nu)),
+        H,
+        (np.zeros(nx), np.eye(nx)),
+        empty,
+        empty,
+        empty,
+    )
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -54,9 +54,7 @@ def bilevel(p: ca.SX) -> MPCC:
     return MPCC(x, (a - 2) ** 2 + (b - 3) ** 2, s, p - b, g=b - a + s, p=p)
 
 
-@pytest.mark.parametrize(
-    ("p", "x", "cost"), [(1.0, [2, 1], 4.0), (5.0, [2.5, 2.5], 0.5), (-1.0, [2, -1], 16.0)]
-)
+@pytest.mark.parametrize(("p", "x", "cost"), [(1.0, [2, 1], 4.0), (5.0, [2.5, 2.5], 0.5), (-1.0, [2, -1], 16.0)])
 def test_parameters(p: float, x: list[float], cost: float) -> None:
     """min(x, p) for the follower: the leader wants x = 2 where p < 2, x = 2.5 where p > 2.5."""
     solution = solve(bilevel(ca.SX.sym("p")), p=[p])
@@ -117,9 +115,13 @@ def test_expressions_as_sides_against_all_branches() -> None:
 
 
 def branch_minimum(
-    A: np.ndarray, a: np.ndarray, B: np.ndarray, b: np.ndarray, c: np.ndarray,
+    A: np.ndarray,
+    a: np.ndarray,
+    B: np.ndarray,
+    b: np.ndarray,
+    c: np.ndarray,
     chosen: tuple[bool, ...],
-) -> float:  # fmt: skip
+) -> float:
     """``min |x - c|²`` on a branch, by its active sets: projections onto affine subspaces."""
     take = np.array(chosen)
     held, held_0 = np.where(take[:, None], B, A), np.where(take, b, a)
@@ -254,9 +256,7 @@ def test_derivatives_of_every_form_are_those_of_its_functions() -> None:
         u = ca.MX.sym("u", nlp.n)
         f, g = nlp.f_g(u, p)
         lagrangian = 1.3 * f + ca.dot(lam, g)
-        own = ca.Function(
-            "own", [u], [ca.gradient(f, u), ca.jacobian(g, u), ca.hessian(lagrangian, u)[0]]
-        )
+        own = ca.Function("own", [u], [ca.gradient(f, u), ca.jacobian(g, u), ca.hessian(lagrangian, u)[0]])
         slope, jacobian, hessian = (np.array(value) for value in own(at))
         assert np.array(nlp.gradient(at, p)[1]) == pytest.approx(slope, abs=1e-12)
         assert np.array(nlp.jacobian(at, p)[1]) == pytest.approx(jacobian, abs=1e-12)
@@ -330,9 +330,7 @@ def test_switches_and_jumps_by_finite_elements(name: str) -> None:
 
 @pytest.mark.parametrize("factor", [1e-6, 1.0, 1e6])
 @pytest.mark.parametrize("rows", [{}, {"lbg": -np.inf, "ubg": 10.0}], ids=["none", "one"])
-def test_programs_of_one_row_are_solved_at_every_size_of_the_cost(
-    factor: float, rows: dict[str, float]
-) -> None:
+def test_programs_of_one_row_are_solved_at_every_size_of_the_cost(factor: float, rows: dict[str, float]) -> None:
     """By enumeration x = 0, y = 3 costs 4 factors, and x = 2, y = 0 nine."""
     x, (a, b) = symbols(2)
     more = {"g": a + b, **rows} if rows else {}

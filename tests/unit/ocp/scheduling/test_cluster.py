@@ -52,9 +52,7 @@ def test_jobs_end_when_the_caller_stops(cluster: LocalCluster, tmp_path: Path) -
         raise KeyboardInterrupt
 
     address = cluster.scheduler_address
-    with pytest.raises(KeyboardInterrupt), closing(
-        run_jobs(squared, [job], 1, address, heard)
-    ) as run:  # fmt: skip
+    with pytest.raises(KeyboardInterrupt), closing(run_jobs(squared, [job], 1, address, heard)) as run:
         list(run)
     time.sleep(1.0)
     before = mark.stat().st_size
@@ -62,9 +60,7 @@ def test_jobs_end_when_the_caller_stops(cluster: LocalCluster, tmp_path: Path) -
     assert mark.stat().st_size == before
 
 
-def test_workers_that_lack_the_program(
-    cluster: LocalCluster, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_workers_that_lack_the_program(cluster: LocalCluster, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(over, "NEEDED", "import only_here")
     with pytest.raises(InputError, match="lack this program: No module named 'only_here'"):
         list(run_jobs(squared, [{"x": 1.0}], 1, cluster.scheduler_address))
@@ -91,9 +87,7 @@ def test_where_there_are_no_workers() -> None:
         list(run_jobs(squared, [{"x": 1.0}], 1, empty.scheduler_address))
 
 
-@pytest.mark.parametrize(
-    "address", ["localhost", "tcp://[::1", "foo://a:1", "inproc://1", "ucx://a:1", "tls://a:1"]
-)
+@pytest.mark.parametrize("address", ["localhost", "tcp://[::1", "foo://a:1", "inproc://1", "ucx://a:1", "tls://a:1"])
 def test_an_address_without_a_scheduler_is_refused_and_leaves_no_thread(address: str) -> None:
     before = set(threading.enumerate())
     with pytest.raises(InputError, match=r"no Dask scheduler answers at .*; start one"):

@@ -115,9 +115,14 @@ def test_a_script_needs_no_guard_and_workers_keep_to_one_thread(tmp_path: Path) 
     (tmp_path / "script.py").write_text(script)
     for words, given in (("script.py", None), ("-", script)):
         done = subprocess.run(
-            [sys.executable, words], input=given, text=True, capture_output=True, cwd=tmp_path,
-            env=environment, timeout=120,
-        )  # fmt: skip
+            [sys.executable, words],
+            input=given,
+            text=True,
+            capture_output=True,
+            cwd=tmp_path,
+            env=environment,
+            timeout=120,
+        )
         assert done.returncode == 0, done.stderr
         assert done.stdout.splitlines() == ["begun", "[('1', '3'), ('1', '3')]"]
 
@@ -138,9 +143,14 @@ def test_ctrl_c_while_workers_start_is_silent(seconds: float) -> None:
         "except KeyboardInterrupt:\n    print('stopped')\n"
     )
     process = subprocess.Popen(
-        [sys.executable, "-c", program], cwd=ROOT, start_new_session=True, text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
+        [sys.executable, "-c", program],
+        cwd=ROOT,
+        start_new_session=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
     assert process.stdout is not None and process.stdout.readline() == "ready\n"
     time.sleep(seconds)
     os.killpg(process.pid, signal.SIGINT)

@@ -66,9 +66,13 @@ def test_names_are_those_of_the_problem_the_law_the_settings_and_the_policy() ->
     case = Case("push-1d", contact="barrier")
     source = case.source()
     for name, full in {
-        "M": "problem.M", "problem.N": "problem.N", "mu": "contact.mu", "contact.mu": "contact.mu",
-        "setting.tol": "setting.tol", "policy.bound": "policy.bound",
-    }.items():  # fmt: skip
+        "M": "problem.M",
+        "problem.N": "problem.N",
+        "mu": "contact.mu",
+        "contact.mu": "contact.mu",
+        "setting.tol": "setting.tol",
+        "policy.bound": "policy.bound",
+    }.items():
         assert case.full_name(name, source) == full
     moved = case.at({"problem.M": 2.5, "contact.mu": 1e-2, "setting.tol": 1e-8, "policy.bound": 3})
     assert moved.params == {"M": 2.5} and moved.contact_settings == {"mu": 1e-2}

@@ -28,8 +28,13 @@ def point(cost: float, **other: Any) -> neighbours.JobResult:
 
 def test_neighbours_are_one_step_away_along_an_axis() -> None:
     assert [sorted(GRID.neighbours(k)) for k in range(6)] == [
-        [1, 2], [0, 3], [0, 3, 4], [1, 2, 5], [2, 5], [3, 4],
-    ]  # fmt: skip
+        [1, 2],
+        [0, 3],
+        [0, 3, 4],
+        [1, 2, 5],
+        [2, 5],
+        [3, 4],
+    ]
 
 
 def test_a_point_starts_at_its_cheapest_neighbour_where_that_costs_less() -> None:
@@ -61,9 +66,7 @@ def test_an_outlier_keeps_the_cost_of_its_own_solve() -> None:
     assert (again.row["own_cost"], again.row["start"], again.row["cost"]) == (5.0, "M = 2", 2.0)
 
 
-def test_a_plan_left_in_a_poor_minimum_is_found_from_the_side_alike_by_any_number_of_workers() -> (
-    None
-):
+def test_a_plan_left_in_a_poor_minimum_is_found_from_the_side_alike_by_any_number_of_workers() -> None:
     """The push over 5 cm alone ends at 7.4 in place of 0.49."""
     found = sweep("push-box", {"distance": [0.05, 0.1]}, params={"N": 12})
     assert np.isfinite(found["own_cost"].values).tolist() == [True, False]

@@ -78,16 +78,12 @@ def test_numbers_alone_build_no_program_again(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_every_point_is_the_solve_of_its_own() -> None:
-    found = sweep(
-        "push-1d", {"M": [0.5, 2.0], "contact.mu": "1e-3:1e-1:2:log"}, "barrier", params=SHORT
-    )
+    found = sweep("push-1d", {"M": [0.5, 2.0], "contact.mu": "1e-3:1e-1:2:log"}, "barrier", params=SHORT)
     assert found["cost"].dims == ("M", "contact.mu") and found["M"].attrs["units"] == "kg"
     assert found["contact.mu"].values.tolist() == [1e-3, 1e-1]
     for M in (0.5, 2.0):
         for mu in (1e-3, 1e-1):
-            alone = solve_session(
-                Case("push-1d", {**SHORT, "M": M}, "barrier", {"mu": mu}).session()
-            )
+            alone = solve_session(Case("push-1d", {**SHORT, "M": M}, "barrier", {"mu": mu}).session())
             point = found.sel({"M": M, "contact.mu": mu})
             assert float(point["cost"]) == alone.cost
             assert float(point["exact_cost"]) == alone.audit.exact_cost
@@ -146,9 +142,7 @@ def test_a_law_that_is_made_is_the_law_by_name_and_keywords_find_their_owner() -
 
 
 def test_what_a_sweep_cannot_take_is_told() -> None:
-    with pytest.raises(
-        InputError, match="push-1d is built already, and a sweep builds it at every"
-    ):
+    with pytest.raises(InputError, match="push-1d is built already, and a sweep builds it at every"):
         sweep(get("push-1d"), {"M": [1.0, 2.0]})
     with pytest.raises(InputError, match="no argument 'm'"):
         sweep("push-1d", {"M": [1.0, 2.0]}, m=2.0)

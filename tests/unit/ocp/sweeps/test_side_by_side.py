@@ -74,14 +74,19 @@ def test_what_is_kept_belongs_to_one_sweep_and_a_broken_file_is_not_kept(tmp_pat
     with pytest.raises(Stop):
         sweep("push-1d", {"M": [1.0, 2.0]}, params=SHORT, store=tmp_path, progress=stop)
     other: list[int] = []
-    sweep("push-1d", {"M": [1.0, 2.0]}, params=SHORT, seed=1, store=tmp_path,
-          progress=lambda place, _: other.append(place))  # fmt: skip
+    sweep(
+        "push-1d",
+        {"M": [1.0, 2.0]},
+        params=SHORT,
+        seed=1,
+        store=tmp_path,
+        progress=lambda place, _: other.append(place),
+    )
     assert other == [0, 1]
     (arrays,) = tmp_path.rglob("arrays-00000.npz")
     arrays.write_bytes(arrays.read_bytes()[:100])
     again: list[int] = []
-    sweep("push-1d", {"M": [1.0, 2.0]}, params=SHORT, store=tmp_path,
-          progress=lambda place, _: again.append(place))  # fmt: skip
+    sweep("push-1d", {"M": [1.0, 2.0]}, params=SHORT, store=tmp_path, progress=lambda place, _: again.append(place))
     assert again == [0, 1]
 
 

@@ -34,9 +34,7 @@ def made(task: str, **given) -> gymnasium.Env:
 
 
 def many(task: str, num_envs: int, **given) -> gymnasium.vector.VectorEnv:
-    return gymnasium.make_vec(
-        IDS[task], num_envs=num_envs, vectorization_mode="vector_entry_point", **given
-    )
+    return gymnasium.make_vec(IDS[task], num_envs=num_envs, vectorization_mode="vector_entry_point", **given)
 
 
 def test_every_task_is_registered():
@@ -47,10 +45,7 @@ def test_every_task_is_registered():
 
 def test_a_module_before_the_name_registers_by_itself():
     """Gymnasium reads no entry points of packages, so the import is in the name or before it."""
-    code = (
-        "import gymnasium\n"
-        "print(gymnasium.make('reports.environments:centralpath/BallThrow-v0').spec.id)"
-    )
+    code = "import gymnasium\nprint(gymnasium.make('reports.environments:centralpath/BallThrow-v0').spec.id)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout.strip() == "centralpath/BallThrow-v0", done.stderr
 

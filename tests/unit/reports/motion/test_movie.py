@@ -69,8 +69,9 @@ def test_a_film_has_every_frame_at_the_rate_that_was_asked(fps: int, tmp_path: P
     asked = ["-count_frames", "-show_entries", "stream=r_frame_rate,nb_read_frames,width,height"]
     told = subprocess.run(
         ["ffprobe", "-v", "error", *asked, "-of", "json", str(file)],
-        capture_output=True, check=True,
-    )  # fmt: skip
+        capture_output=True,
+        check=True,
+    )
     (stream,) = json.loads(told.stdout)["streams"]
     height, width = Canvas(animation).picture(0).shape[:2]
     assert (stream["height"], stream["width"]) == (height, width)
@@ -78,8 +79,9 @@ def test_a_film_has_every_frame_at_the_rate_that_was_asked(fps: int, tmp_path: P
     assert int(stream["nb_read_frames"]) == len(animation.times)
     raw = subprocess.run(
         ["ffmpeg", "-v", "error", "-i", str(file), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"],
-        capture_output=True, check=True,
-    )  # fmt: skip
+        capture_output=True,
+        check=True,
+    )
     shown = np.frombuffer(raw.stdout, np.uint8).reshape(-1, height, width, 3)
     canvas = Canvas(animation)
     for frame, picture in enumerate(shown):

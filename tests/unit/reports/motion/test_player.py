@@ -61,16 +61,16 @@ def test_shapes_of_the_page_are_those_of_the_stored_states(solved: RunView) -> N
             told = []
             for kind, *numbers in [*motion["fixed"], *frame]:
                 form, role = film["kinds"][kind]
-                names = [
-                    part.name for part in fields(getattr(drawing, form)) if part.name != "role"
-                ]
+                names = [part.name for part in fields(getattr(drawing, form)) if part.name != "role"]
                 told.append((form, role, dict(zip(names, numbers, strict=True))))
             for shape in spec.draw(solved.params, state):
                 same = [
-                    values for form, role, values in told
-                    if form == type(shape).__name__ and role == shape.role
+                    values
+                    for form, role, values in told
+                    if form == type(shape).__name__
+                    and role == shape.role
                     and all(abs(getattr(shape, k) - v) <= 1e-5 for k, v in values.items())
-                ]  # fmt: skip
+                ]
                 assert same, shape
 
 
@@ -91,8 +91,9 @@ def test_arrows_and_curves_of_the_page_are_the_stored_impulses() -> None:
     assert planned["range"] == replayed["range"] and planned["range"][1] > force.max()
     assert planned["label"] == "impulse [N s]"
     assert [planned["title"], replayed["title"]] == [
-        "contact impulses, planned", "contact impulses, replayed",
-    ]  # fmt: skip
+        "contact impulses, planned",
+        "contact impulses, replayed",
+    ]
 
 
 def test_costs_add_up_to_what_the_solution_says(solved: RunView) -> None:
@@ -162,8 +163,11 @@ def browsed(page: str, room: Path, *options: str) -> str:
     place = ["--window-size=1000,900", f"--user-data-dir={room / 'profile'}"]
     done = subprocess.run(
         [str(BROWSER), *asked, *place, *options, page],
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
     return done.stdout
 
 
@@ -196,9 +200,15 @@ def test_a_browser_scrubs_steps_and_plays(tmp_path: Path) -> None:
     (told,) = re.findall(r'<pre id="told">(.*?)</pre>', dumped)
     steps = json.loads(html.unescape(told))
     assert [step[:2] for step in steps] == [
-        ["start", 0], ["on", 1], ["scrub", 3], ["back", 2], ["end", 4], ["past the end", 4],
-        ["pause", 0], ["play", 4],
-    ]  # fmt: skip
+        ["start", 0],
+        ["on", 1],
+        ["scrub", 3],
+        ["back", 2],
+        ["end", 4],
+        ["past the end", 4],
+        ["pause", 0],
+        ["play", 4],
+    ]
     assert [step[3] for step in steps] == [step[1] for step in steps]
     assert steps[2][2] == "t = 0.30 s"
     assert 'data-frame="4"' in dumped

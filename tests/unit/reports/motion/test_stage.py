@@ -27,9 +27,7 @@ def colored(scene: MotionArtist, frame: int, color: str) -> list[Path]:
 
 def arrows(scene: MotionArtist, frame: int) -> np.ndarray:
     """Vectors [m] from tail to tip, (n, 2)."""
-    return np.array(
-        [path.vertices[3] - path.vertices[0] for path in colored(scene, frame, VERMILLION)]
-    )
+    return np.array([path.vertices[3] - path.vertices[0] for path in colored(scene, frame, VERMILLION)])
 
 
 def test_bodies_lie_where_states_say_and_nothing_piles_up() -> None:
@@ -105,9 +103,7 @@ def test_a_motion_that_has_run_away_leaves_its_axes_empty() -> None:
     canvas = Canvas(Animation(sliding_box(NORMAL, SLIP, x=x, x_replay=again), fps=10))
     box = canvas.scenes[1].axis.bbox
     height = canvas.picture(0).shape[0]
-    inside = np.s_[
-        height - int(box.y1) + 2 : height - int(box.y0) - 2, int(box.x0) + 2 : int(box.x1)
-    ]
+    inside = np.s_[height - int(box.y1) + 2 : height - int(box.y0) - 2, int(box.x0) + 2 : int(box.x1)]
     assert canvas.picture(2)[inside].min() < 150
     assert canvas.picture(4)[inside].min() > 200
 

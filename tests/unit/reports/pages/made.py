@@ -38,20 +38,27 @@ def run(
     nodes, N = ("scenario", "node", "state"), x.shape[1] - 1
     data = xr.Dataset(
         {
-            "x": (nodes, x), "x_replay": (nodes, replay.get("x", x)),
-            "u": ((*TIME, "control"), u), "u_replay": ((*TIME, "control"), replay.get("u", u)),
-            "lam": ((*TIME, "contact"), lam), "gap": ((*TIME, "contact"), gaps),
+            "x": (nodes, x),
+            "x_replay": (nodes, replay.get("x", x)),
+            "u": ((*TIME, "control"), u),
+            "u_replay": ((*TIME, "control"), replay.get("u", u)),
+            "lam": ((*TIME, "contact"), lam),
+            "gap": ((*TIME, "contact"), gaps),
             "lam_replay": ((*TIME, "contact"), replay.get("lam", lam)),
             "gap_replay": ((*TIME, "contact"), gaps),
             "mu": ((*TIME, "contact"), np.full_like(lam, mu)),
         },
         coords={"time": ("node", h * np.arange(N + 1))},
-    )  # fmt: skip
+    )
     pairs = [Pair(cast(Any, kind), i) for i, kind in enumerate(kinds or ["normal"] * len(contacts))]
     system = SimpleNamespace(
-        states=signals("; ".join(states)), inputs=signals("; ".join(inputs)),
-        contacts=signals("; ".join(contacts)), pairs=tuple(pairs), gap_unit="m", forces=None,
-    )  # fmt: skip
+        states=signals("; ".join(states)),
+        inputs=signals("; ".join(inputs)),
+        contacts=signals("; ".join(contacts)),
+        pairs=tuple(pairs),
+        gap_unit="m",
+        forces=None,
+    )
     meta = {"kind": "solve", "problem": "made", "record": {"contact": "exact"}}
     scales = SimpleNamespace(impulse=1.0, gap=1.0)
     problem = cast(Any, SimpleNamespace(system=system, scales=scales))

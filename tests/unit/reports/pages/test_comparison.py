@@ -15,12 +15,18 @@ from reports.pages.described import shown
 
 
 def run(place: int, **asked: Any) -> StoredRun:
-    record = {"problem": "push-disc", "contact": "barrier", "contact_settings": {"mu": 1e-3},
-              "method": "direct", "policy": "open-loop", "params": {"M": 1.0, "h": 0.1},
-              "audit_s": 0.1 * place, "law_parameters": {"contact.mu": place}, **asked}  # fmt: skip
-    return StoredRun(
-        Path(f"runs/{place}"), xr.Dataset(), {"record": record, "hash": f"h{place}abcde"}
-    )
+    record = {
+        "problem": "push-disc",
+        "contact": "barrier",
+        "contact_settings": {"mu": 1e-3},
+        "method": "direct",
+        "policy": "open-loop",
+        "params": {"M": 1.0, "h": 0.1},
+        "audit_s": 0.1 * place,
+        "law_parameters": {"contact.mu": place},
+        **asked,
+    }
+    return StoredRun(Path(f"runs/{place}"), xr.Dataset(), {"record": record, "hash": f"h{place}abcde"})
 
 
 def named(*asked: dict[str, Any]) -> list[str]:
@@ -44,9 +50,7 @@ def test_runs_of_different_problems_are_told_by_problem_and_law() -> None:
     cart = {"problem": "cart-walls", "params": {"k": 100.0, "h": 0.04}}
     assert named({}, cart) == ["push-disc, barrier", "cart-walls, barrier"]
     heavy = {"params": {"M": 2.0, "h": 0.1}}
-    assert named({}, heavy, cart) == [
-        "push-disc, barrier, M = 1", "push-disc, barrier, M = 2", "cart-walls, barrier"
-    ]  # fmt: skip
+    assert named({}, heavy, cart) == ["push-disc, barrier, M = 1", "push-disc, barrier, M = 2", "cart-walls, barrier"]
     assert named(cart, cart, {})[0] == "cart-walls, barrier, h0abcd"
 
 
@@ -56,9 +60,17 @@ def test_equal_runs_are_told_by_their_hashes() -> None:
 
 @pytest.mark.parametrize(
     ("unit", "written"),
-    [("m/s^2", "m/s²"), ("1/m^2", "m⁻²"), ("1/rad", "rad⁻¹"), ("kg m^2", "kg m²"), ("1", ""),
-     ("1/(N s)^2", "1/(N s)²"), ("s^2/m^2", "s²/m²"), ("m^-3", "m⁻³")],
-)  # fmt: skip
+    [
+        ("m/s^2", "m/s²"),
+        ("1/m^2", "m⁻²"),
+        ("1/rad", "rad⁻¹"),
+        ("kg m^2", "kg m²"),
+        ("1", ""),
+        ("1/(N s)^2", "1/(N s)²"),
+        ("s^2/m^2", "s²/m²"),
+        ("m^-3", "m⁻³"),
+    ],
+)
 def test_units_have_raised_powers(unit: str, written: str) -> None:
     assert powers(unit) == written
     assert label("w", unit) == (f"w [{written}]" if written else "w")

@@ -16,14 +16,34 @@ from reports.figures import sweep
 from reports.pages.sweep import estimate_page, headline
 
 GOOD = "unbiased within the interval"
-NAMES = ("zobg", "fobg", "alpha", "es", "zobg-zero-noise", "zobg-mean", "zobg-antithetic",
-         "alpha-variance", "alpha-fixed")  # fmt: skip
+NAMES = (
+    "zobg",
+    "fobg",
+    "alpha",
+    "es",
+    "zobg-zero-noise",
+    "zobg-mean",
+    "zobg-antithetic",
+    "alpha-variance",
+    "alpha-fixed",
+)
 
 
 def row(name: str, word: str = GOOD, wide: bool = False, **more: Any) -> dict[str, Any]:
-    return {"estimator": name, "verdict": word, "wide": wide, "mean": 1.0, "standard_error": 0.1,
-            "variance_trace": 1.0, "reference": 1.0, "alpha": None, "value": None,
-            "reference_source": "closed form", "explanation": "off by 0.", **more}  # fmt: skip
+    return {
+        "estimator": name,
+        "verdict": word,
+        "wide": wide,
+        "mean": 1.0,
+        "standard_error": 0.1,
+        "variance_trace": 1.0,
+        "reference": 1.0,
+        "alpha": None,
+        "value": None,
+        "reference_source": "closed form",
+        "explanation": "off by 0.",
+        **more,
+    }
 
 
 def stored(rows: list[dict[str, Any]], mean: np.ndarray, error: np.ndarray) -> StoredRun:
@@ -32,21 +52,40 @@ def stored(rows: list[dict[str, Any]], mean: np.ndarray, error: np.ndarray) -> S
     one = ("point", "estimator", "component")
     data = xr.Dataset(
         {
-            "mean": (one, mean[..., None]), "standard_error": (one, error[..., None]),
+            "mean": (one, mean[..., None]),
+            "standard_error": (one, error[..., None]),
             "variance": (one, np.ones((points, count, 1))),
             "reference": (one, np.ones((points, count, 1))),
         },
-        coords={"value": ("point", np.geomspace(1e-3, 1e-1, points)),
-                "estimator": [r["estimator"] for r in rows[:count]]},
-    )  # fmt: skip
-    record = {"problem": "coulomb", "estimators": [r["estimator"] for r in rows[:count]],
-              "params": {"nu": 0.01, "sigma": 0.1, "theta": 0.0}, "sigma": 0.1, "samples": 1000,
-              "reference": "auto", "reference_samples": 10000, "seed": 0}  # fmt: skip
+        coords={
+            "value": ("point", np.geomspace(1e-3, 1e-1, points)),
+            "estimator": [r["estimator"] for r in rows[:count]],
+        },
+    )
+    record = {
+        "problem": "coulomb",
+        "estimators": [r["estimator"] for r in rows[:count]],
+        "params": {"nu": 0.01, "sigma": 0.1, "theta": 0.0},
+        "sigma": 0.1,
+        "samples": 1000,
+        "reference": "auto",
+        "reference_samples": 10000,
+        "seed": 0,
+    }
     swept = {"name": "nu", "values": [1e-3, 1e-1], "unit": "m/s", "log": True}
-    return StoredRun(Path("runs/x"), data, {
-        "kind": "estimate", "problem": "coulomb", "hash": "0", "record": record, "sweep": swept,
-        "estimates": rows, "verdict": "what each came to.",
-    })  # fmt: skip
+    return StoredRun(
+        Path("runs/x"),
+        data,
+        {
+            "kind": "estimate",
+            "problem": "coulomb",
+            "hash": "0",
+            "record": record,
+            "sweep": swept,
+            "estimates": rows,
+            "verdict": "what each came to.",
+        },
+    )
 
 
 def test_the_headline_is_the_weakest_verdict() -> None:
@@ -65,9 +104,14 @@ def test_a_wide_interval_is_not_called_unbiased() -> None:
 
 @pytest.mark.parametrize(
     ("word", "wide", "grade"),
-    [(GOOD, False, "survives"), (GOOD, True, "certified"), ("no reference", False, "certified"),
-     ("empirically biased at this sample size", False, "failed"), ("biased", False, "failed")],
-)  # fmt: skip
+    [
+        (GOOD, False, "survives"),
+        (GOOD, True, "certified"),
+        ("no reference", False, "certified"),
+        ("empirically biased at this sample size", False, "failed"),
+        ("biased", False, "failed"),
+    ],
+)
 def test_the_bar_has_the_colour_of_the_weakest(word: str, wide: bool, grade: str) -> None:
     run = stored([row("zobg"), row("fobg", word, wide)], np.ones((1, 2)), np.ones((1, 2)))
     content, _ = estimate_page(run)
@@ -117,8 +161,7 @@ def test_each_estimator_has_its_own_colour_wherever_it_stands() -> None:
     assert len({color for color, _ in looks}) == len(NAMES)
 
     def drawn(*names: str) -> dict[str, str]:
-        run = stored([row(name) for name in names], np.ones((1, len(names))),
-                     np.ones((1, len(names))))  # fmt: skip
+        run = stored([row(name) for name in names], np.ones((1, len(names))), np.ones((1, len(names))))
         top = sweep.estimate_figure(run).axes[0]
         return {str(line.get_label()): str(line.get_color()) for line in top.lines}
 

@@ -53,10 +53,13 @@ def test_force_at_a_distance_is_drawn_and_not_shaded() -> None:
 def test_a_replay_is_dashed_where_it_differs() -> None:
     gaps = GAP[None, :, None]
     same, other = (
-        draw_rows(*figures.rows_of_contacts(exact({"toe [N s]": PUSH[None]}, gaps, replay={
-            "lam": factor * PUSH[None, :, None]}))).axes[0]
+        draw_rows(
+            *figures.rows_of_contacts(
+                exact({"toe [N s]": PUSH[None]}, gaps, replay={"lam": factor * PUSH[None, :, None]})
+            )
+        ).axes[0]
         for factor in (1.0, 0.5)
-    )  # fmt: skip
+    )
     assert [line.get_linestyle() for line in same.lines] == ["-"]
     assert [line.get_linestyle() for line in other.lines] == ["-", "--"]
     np.testing.assert_array_equal(np.asarray(other.lines[1].get_ydata())[:-1], PUSH / 2)
@@ -116,9 +119,7 @@ def lab(color: str) -> np.ndarray:
     """CIE L*a*b* under D65, in which distances are as eyes see them."""
     rgb = np.array(to_rgb(color))
     linear = np.where(rgb > 0.04045, ((rgb + 0.055) / 1.055) ** 2.4, rgb / 12.92)
-    to_xyz = np.array(
-        [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
-    )
+    to_xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
     xyz = to_xyz @ linear / np.array([0.95047, 1, 1.08883])
     f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])

@@ -25,8 +25,7 @@ def headings(view) -> list[str]:
 
 
 def large(**more):
-    states = {**waves(3, "m", N + 1, "p"), **waves(13, "rad", N + 1, "q"),
-              **waves(7, "rad/s", N + 1, "w")}  # fmt: skip
+    states = {**waves(3, "m", N + 1, "p"), **waves(13, "rad", N + 1, "q"), **waves(7, "rad/s", N + 1, "w")}
     return run(states, waves(9, "N m", N, "u"), waves(16, "N s", N, "c"), **more)
 
 
@@ -37,17 +36,17 @@ def test_all_components_are_shown_grouped_by_quantity() -> None:
     expected += [f"c{i} [N s]" for i in range(16)]
     assert titles(view) == expected
     assert list(dict.fromkeys(headings(view))) == [
-        "Positions [m]", "Angles [rad]", "Angular velocities [rad/s]", "Inputs [N m]",
+        "Positions [m]",
+        "Angles [rad]",
+        "Angular velocities [rad/s]",
+        "Inputs [N m]",
         "Impulses λ [N s]",
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.parametrize("sizes", [(1,), (2, 5), (4, 1, 3), (2, 7, 6, 28), (3, 3, 3)])
 def test_rows_hold_all_panels_in_order_and_waste_no_row(sizes: tuple[int, ...]) -> None:
-    groups = {
-        f"g{g}": [Panel(f"{g}.{i}", lambda _: None) for i in range(size)]
-        for g, size in enumerate(sizes)
-    }
+    groups = {f"g{g}": [Panel(f"{g}.{i}", lambda _: None) for i in range(size)] for g, size in enumerate(sizes)}
     rows = in_rows(groups)
     flat = [cell for row in rows for cell in row]
     assert [cell.panel for cell in flat] == [panel for group in groups.values() for panel in group]
@@ -80,9 +79,7 @@ def test_a_difference_is_replay_minus_plan_and_the_band_lies_between_them() -> N
     assert [cell.panel.below is not None for cell in first] == [True, True, False, False]
     figure = draw_rows([first])
     a = next(axis for axis in figure.axes if axis.get_title("left") == "a [m]")
-    a_below, b_below = (
-        axis for axis in figure.axes if not axis.get_title("left") and axis.get_xlabel()
-    )
+    a_below, b_below = (axis for axis in figure.axes if not axis.get_title("left") and axis.get_xlabel())
     drawn = [line for line in a_below.lines if len(line.get_xdata()) > 2]
     np.testing.assert_allclose(drawn[0].get_ydata(), off[0, :, 0])
     assert a_below.get_ylim() == b_below.get_ylim() == pytest.approx((-0.11, 0.11)), "one scale"
@@ -134,8 +131,12 @@ def test_every_scenario_has_its_line() -> None:
 
 def test_kinds_of_pairs_are_groups_of_their_own() -> None:
     pushes = {f"{name} [N s]": np.ones((1, N)) for name in "abcd"}
-    view = run({"x [m]": np.zeros((1, N + 1))}, waves(1, "N", N, "u"), pushes,
-               kinds=["normal", "limit", "friction", "friction"])  # fmt: skip
+    view = run(
+        {"x [m]": np.zeros((1, N + 1))},
+        waves(1, "N", N, "u"),
+        pushes,
+        kinds=["normal", "limit", "friction", "friction"],
+    )
     assert headings(view)[2:] == ["Normal λ [N s]", "Limit λ [N s]", "Friction λ [N s]"]
 
 

@@ -40,8 +40,9 @@ def pixels(content: bytes) -> np.ndarray:
 def pure(picture: np.ndarray) -> set[str]:
     """Which of the lines' colours are seen."""
     flat = picture.reshape(-1, 3)
-    return {c for c in COLORS if (np.abs(flat - [int(c[k : k + 2], 16) for k in (1, 3, 5)]) < 9)
-            .all(axis=1).sum() > 200}  # fmt: skip
+    return {
+        c for c in COLORS if (np.abs(flat - [int(c[k : k + 2], 16) for k in (1, 3, 5)]) < 9).all(axis=1).sum() > 200
+    }
 
 
 def words(svg: bytes) -> list[str]:
@@ -134,9 +135,7 @@ def test_no_font_of_a_pdf_is_of_type_3() -> None:
 @pytest.mark.skipif(shutil.which("pdffonts") is None, reason="there is no pdffonts")
 def test_all_fonts_of_a_pdf_are_embedded(tmp_path: Path) -> None:
     (tmp_path / "f.pdf").write_bytes(render(four(), "pdf"))
-    told = subprocess.run(
-        ["pdffonts", str(tmp_path / "f.pdf")], capture_output=True, text=True, check=True
-    )
+    told = subprocess.run(["pdffonts", str(tmp_path / "f.pdf")], capture_output=True, text=True, check=True)
     head, _, *fonts = told.stdout.splitlines()
     column = head.index("emb")
     assert fonts and all(font[column : column + 3] == "yes" for font in fonts), told.stdout

@@ -54,8 +54,7 @@ def test_lines_are_the_stored_numbers_planned_and_replayed(run: StoredRun) -> No
     strobe, first, *_ = figure.axes
     assert strobe.get_xlabel() and first.get_xlabel() == "time [s]"
     planned, replayed = (
-        [line for line in first.lines if (line.get_linestyle() == "-") is solid]
-        for solid in (True, False)
+        [line for line in first.lines if (line.get_linestyle() == "-") is solid] for solid in (True, False)
     )
     names = [line.get_label() for line in planned]
     for lines, stored in ((planned, "x"), (replayed, "x_replay")):
@@ -65,8 +64,9 @@ def test_lines_are_the_stored_numbers_planned_and_replayed(run: StoredRun) -> No
             np.testing.assert_array_equal(line.get_xdata(), run.data["time"].values)
     (key,) = figure.legends
     assert [text.get_text() for text in key.get_texts()] == [
-        "planned under the barrier law", "replayed under the exact law",
-    ]  # fmt: skip
+        "planned under the barrier law",
+        "replayed under the exact law",
+    ]
 
 
 def test_contacts_that_hardly_push_are_left_out() -> None:

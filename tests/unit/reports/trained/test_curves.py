@@ -35,8 +35,13 @@ def run(seed: int, returns: list[float], *, told: bool = True, **asked: object) 
         },
         coords={"iteration": np.arange(iterations)},
     )
-    record = {"algorithm": "fopg", "contact": "adaptive", "iterations": iterations - 1,
-              "algorithm_settings": {"rate": 0.1}, **asked}  # fmt: skip
+    record = {
+        "algorithm": "fopg",
+        "contact": "adaptive",
+        "iterations": iterations - 1,
+        "algorithm_settings": {"rate": 0.1},
+        **asked,
+    }
     return StoredRun(Path(f"{seed}"), data, {"seed": seed, "record": record, **meta(data)})
 
 
@@ -76,9 +81,7 @@ def test_what_is_heard_is_told_where_a_policy_was_judged(capsys: pytest.CaptureF
             judged = {"evaluation_return": 1.0 * k} if k % 3 == 0 else {}
             heard(1, {"iteration": k, "return_mean": 0.5, **judged})
     told = capsys.readouterr().err.splitlines()
-    assert [row.split("  ")[:3] for row in told] == [
-        ["b", "0/3", "exact 0"], ["b", "3/3", "exact 3"]
-    ]  # fmt: skip
+    assert [row.split("  ")[:3] for row in told] == [["b", "0/3", "exact 0"], ["b", "3/3", "exact 3"]]
     assert len(checks) == 4
     with live({"a": 3}, quiet=True, check=lambda: None) as heard:
         heard(0, {"iteration": 0, "evaluation_return": 1.0})
@@ -87,9 +90,11 @@ def test_what_is_heard_is_told_where_a_policy_was_judged(capsys: pytest.CaptureF
 
 def test_seeds_of_one_way_are_a_group() -> None:
     runs = [
-        run(0, [0.0, 1, 4]), run(1, [0.0, 1, 8]),
-        run(0, [0.0, 1, 2], algorithm_settings={"rate": 0.2}), run(0, [0.0, 1, 3], algorithm="ars"),
-    ]  # fmt: skip
+        run(0, [0.0, 1, 4]),
+        run(1, [0.0, 1, 8]),
+        run(0, [0.0, 1, 2], algorithm_settings={"rate": 0.2}),
+        run(0, [0.0, 1, 3], algorithm="ars"),
+    ]
     found = groups(runs)
     assert [group.label for group in found] == ["fopg, rate = 0.1", "fopg, rate = 0.2", "ars"]
     assert [len(group.runs) for group in found] == [2, 1, 1]

@@ -46,6 +46,4 @@ def test_a_fall_is_not_a_contact_that_found_no_solution() -> None:
     assert (found["fallen"], found["lost"]) == (0.25, 0.25)
     assert found["unsolved"] == pytest.approx(1 / 30)
     assert "25 % of episodes end early" in sentence(found)
-    assert "contacts were not solved at 3.33 % of steps, where 25 % of episodes end" in sentence(
-        found
-    )
+    assert "contacts were not solved at 3.33 % of steps, where 25 % of episodes end" in sentence(found)
