@@ -70,7 +70,9 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
         limited = all(limit.is_regular() for limit in session.problem.limits(physical)[2:4])
         endless = endless or ("" if limited else unbounded_variables(program, *at, point.x))
     if not (endless or result.ok or certificate.certified):
-        endless = runaway_inputs(session.problem, plan.u)
+        # Iterates also run away uphill, as from the kinks of |u|: that is no fault of the problem.
+        uphill = rolled.cost > idle_cost(session.problem, session.step, values, rolled)
+        endless = "" if uphill else runaway_inputs(session.problem, plan.u)
     report, replays = evaluate(session.problem, session.step, rolled, values, plan.gains)
     return Solution(
         data=label(nlp, plan, replay, book, outcome, values, replays.replay),

@@ -25,8 +25,8 @@ from ocp.problem_parts import (
     column,
 )
 from ocp.programs.units import ORDINARY_ROWS, band, solver_unit
-from ocp.sizes.characteristic import GAP_SHARE, derive_sizes, gap_changes
-from ocp.sizes.cost import split_constant
+from ocp.sizes.characteristic import GAP_SHARE, derive_sizes, gap_changes, residual_changes
+from ocp.sizes.cost import least_value, split_constant
 from ocp.validation import Count, Line, Name, Recorded, validated
 
 __all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Scales", "Scaling", "Scenarios"]
@@ -252,6 +252,12 @@ class Problem:
         total = ca.Function("constant", [self.parameters.vector], [self.N * stage + terminal])
         return float(total(physical))
 
+    def least_cost(self, physical: np.ndarray) -> float:
+        """The constant terms, and what constants under roots, squares and the like make of more."""
+        p = [self.parameters.vector], [ca.DM(physical)]
+        stage, terminal = map(least_value, ca.substitute([*self.changeable_costs], *p))
+        return self.constant_cost(physical) + self.N * max(stage, 0.0) + max(terminal, 0.0)
+
     @cached_property
     def state_slopes(self) -> ca.Function:
         """Map ``(x, u, du, lam, p)`` to gradients of the costs.
@@ -312,6 +318,11 @@ class Problem:
         """
         changes = gap_changes(self, self.scales.x)
         return solver_unit(np.nan_to_num(changes * GAP_SHARE / self.scales.gap), ORDINARY_ROWS)
+
+    @cached_property
+    def residual_units(self) -> np.ndarray:
+        """Units (nx,) of the rows of the step's residual: powers of two, 1 for ordinary rows."""
+        return solver_unit(residual_changes(self, self.natural.x), ORDINARY_ROWS)
 
     @cached_property
     def _units_of_signals(self) -> Scales:

@@ -59,7 +59,7 @@ def falls_short(found: Solution) -> bool:
     That is one without a certificate, one that does not survive the referee, and one that costs
     more than :data:`IDLE_SHARE` of standing still.
     """
-    constant = found.problem.constant_cost(found.problem.parameters.pack(found.values))
+    constant = found.problem.least_cost(found.problem.parameters.pack(found.values))
     idling = found.idle_cost - constant
     idle = idling > 0 and found.cost - constant > IDLE_SHARE * idling
     return bool(idle or not found.certificate.certified or found.referee.survives is False)

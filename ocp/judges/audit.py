@@ -133,13 +133,17 @@ def audit(
 
 def _natural(nlp: NLP, plan: Trajectories) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """``|lam gap|``, ``|lam gap - mu|`` and ``|residual|`` in natural units."""
-    units, products, residual = nlp.natural, plan.lam * plan.gap, plan.residual
-    off = products - plan.mu
+    units, natural = nlp.natural, nlp.problem.natural
+    pair, rows = natural.impulse * natural.gap, nlp.problem.residual_units
     if "gap" in nlp.variables:
         pair = np.prod([units.x[nlp.variables[name].index] for name in ("lam", "gap")], axis=0)
-        products, off = products / pair, off / pair
-        residual = residual / units.g[nlp.constraints["dynamics"].index]
-    return np.abs(products), np.abs(off), np.abs(residual)
+        rows = units.g[nlp.constraints["dynamics"].index]
+    products = plan.lam * plan.gap
+    return (
+        np.abs(products / pair),
+        np.abs((products - plan.mu) / pair),
+        np.abs(plan.residual / rows),
+    )
 
 
 def _without_contact(nlp: NLP, violation: np.ndarray) -> np.ndarray:

@@ -235,12 +235,16 @@ class MPCCProgram(Program):
 
     def sizes(self, x: np.ndarray) -> np.ndarray:
         """The variables' units, or where a variable is larger its value there."""
-        return np.maximum(self._units, np.abs(x))
+        return np.maximum(self.units, np.abs(x))
 
     @cached_property
-    def _units(self) -> np.ndarray:
+    def units(self) -> np.ndarray:
         """Power of two beside the derived size of each variable (n,), 1 for ordinary ones."""
-        sizes = variable_sizes(self, self.extended(self.start), self._plain)
+        return self.units_at(self.start)
+
+    def units_at(self, start: np.ndarray) -> np.ndarray:
+        """:attr:`units` that another start (n_x,) would give."""
+        sizes = variable_sizes(self, self.extended(start), self._plain)
         return solver_unit(sizes, ORDINARY_ROWS)
 
     @cached_property
@@ -255,7 +259,7 @@ class MPCCProgram(Program):
         variables, changes: summed over all variables a penalty in the cost, far from its minimum,
         outweighs the cost.
         """
-        x, p = self._units, self._plain
+        x, p = self.units, self._plain
         point = self.extended(self.start)
         bend = np.abs(self.hessian(point, p, 1.0, np.zeros(self.m)).sparse()).tocoo()
         sizes = self.sizes(point)

@@ -17,14 +17,19 @@ _ROUNDS = 3
 """Passes in which sizes are carried over from variable to variable through the rows."""
 
 
+_STEEP = 1e3
+"""Multiple of what others change the cost by from which on a variable's bound makes it small."""
+
+
 def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Derive the size of every variable (n,) from ``start`` (n,); NaN where nothing tells.
 
     The largest of: its value at the start, half the distance of its bounds or the distance of its
     only bound, and one Newton step of the cost. A variable without any of these has the smallest
     step that meets a row which the start violates, and else the smallest that changes a row as much
-    as the others there do. That step, up to 1, is also the least size of any variable: a start at
-    rounding's distance from zero, or from where the cost wants it, makes nothing small.
+    as the others there do, or else the cost as much as the steepest does. That step, up to 1, is
+    also the least size of any variable: a start at rounding's distance from zero, or from where the
+    cost wants it, makes nothing small; but a bound does that holds a steep variable.
     """
     bounds = program.bounds({PENALTY: 0.0, RELAXATION: 0.0})
     slope, g, jacobian = program.slopes(start, p)
@@ -37,6 +42,9 @@ def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.nda
         np.where(curvature > 0, newton, 0.0),
     ]
     sizes = np.max(np.nan_to_num(candidates, posinf=0.0), axis=0)
+    typical = np.max(np.abs(slope) * sizes + np.abs(curvature) * sizes**2 / 2, initial=0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        needed = np.where(curvature > 0, np.sqrt(2 * typical / curvature), np.nan)
     entries = abs(jacobian).tocoo()
     violation = np.maximum(np.maximum(bounds["lbg"] - g, g - bounds["ubg"]), 0.0)
     known = abs(jacobian) @ sizes
@@ -48,7 +56,17 @@ def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.nda
         changes = _changes_by_others(entries, program.m, sizes)
         others = _smallest_steps(entries, program.n, changes)
         sizes = np.where(sizes > 0, np.maximum(sizes, np.minimum(others, 1.0)), others)
-    return np.where(sizes > 0, sizes, np.nan)
+    sizes = np.where(sizes > 0, sizes, needed)
+    return np.fmin(np.where(sizes > 0, sizes, np.nan), _steep_limits(slope, sizes, start, bounds))
+
+
+def _steep_limits(slope: np.ndarray, sizes: np.ndarray, start: np.ndarray, bounds: dict[str, np.ndarray]) -> np.ndarray:
+    """Step that costs what is typical, of variables (n,) that a bound holds against the slope."""
+    change = np.abs(slope) * np.where(sizes > 0, sizes, 1.0)
+    held = np.where(slope > 0, start <= bounds["lbx"], start >= bounds["ubx"])
+    others = change[~held & (change > 0)]
+    steep = held & (change > _STEEP * np.median(others)) if others.size else held & False
+    return np.where(steep, np.median(others) / np.where(steep, np.abs(slope), 1.0), np.nan)
 
 
 def _bound_distances(start: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:

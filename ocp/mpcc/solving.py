@@ -48,6 +48,8 @@ _LARGE = 300
 """Variables from which on a problem is large: its ends are improved until one is certified."""
 _NEAR_BOUND = 1e-8
 """Distance to a bound, in sizes, that an interior point leaves."""
+_COARSE = 2.0**7
+"""Ratio of a variable's unit at the start to that at the answer from which on it starts there."""
 _SOFT = ((1.0, 10.0), (1.0, 1000.0), (0.0, 1.0))
 """Of cost and violation in softened problems, which are solved where no other was."""
 
@@ -123,6 +125,11 @@ def solve(
         choose("strategy", name, STRATEGIES)
     inside, nlp_solver = np.clip(start, *mpcc.x_bounds), Solver(solver, dict(options or {}))
     best, follower = _followed(mpcc, inside, given, strategies, nlp_solver)
+    if _feasible(best) and _coarse(follower, best.x):
+        again, follower_again = _followed(mpcc, best.x, given, strategies, nlp_solver)
+        follower_again.trace.absorb(follower.trace)
+        if _feasible(again) and again.f <= best.f:
+            best, follower = again, follower_again
     if not best.success:
         best = _softened(best, follower, inside, strategies)
     told = _jump_findings(mpcc, given, best.x) if _feasible(best) else ()
@@ -130,6 +137,16 @@ def solve(
         best, told = replace(best, status=Status.UNBOUNDED), (endless,)
     seconds = time.perf_counter() - began
     return replace(best, iterations=follower.trace.iterations, seconds=seconds, findings=told)
+
+
+def _coarse(follower: Homotopy, x: np.ndarray) -> bool:
+    """Whether a start of extraordinary size gave variables units too large to judge the answer x (n,) by.
+
+    Units of ordinary starts stay: an answer near zero makes no variable small.
+    """
+    program = follower.nlp_of("none")
+    assert isinstance(program, MPCCProgram)
+    return bool(np.any((program.units > 1) & (program.units_at(x) < program.units / _COARSE)))
 
 
 def _endless(follower: Homotopy, x: np.ndarray, start: np.ndarray) -> str:

@@ -82,6 +82,8 @@ class Layout:
         raise IndexError(position)
 
 
+_AT_BOUND = 1e-4
+"""Distance to a bound, in sizes, from which on a variable is at it."""
 REFORMULATIONS = ("product", "none", "fischer-burmeister", "lin-fukushima")
 """How ``0 <= G ⟂ H >= 0`` stands in a program, see :class:`Program`."""
 
@@ -145,27 +147,30 @@ class Program(ABC):
         """What the cost has beside ``f``: constant terms, which no point can change."""
         return 0.0
 
-    def typical_change(self, x: np.ndarray, p: np.ndarray) -> float:
+    def typical_change(self, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> float:
         """Return a change of the cost beside which others are small, at a point x.
 
         Of every signal (the entries of a block with one last index) the largest
         ``|slope| + |curvature| / 2`` of an entry that moves by its size. The lower median over the
         signals that change the cost, or, where that is more, the cost itself, which has no constant
-        terms, up to the largest signal's. So it grows neither with a sum over many steps nor with
-        one steep entry. Zero where nothing changes the cost.
+        terms, up to the largest entry that no bound holds against the cost's slope. So it grows
+        neither with a sum over many steps nor with one steep entry. Zero where nothing changes the
+        cost.
         """
         sizes = self.sizes(x)
         f, gradient = self.gradient(x, p)
+        slope = np.array(gradient).ravel() * sizes
         bend = self.bend(x, p, np.zeros(self.m), sizes).diagonal()
-        each = np.abs(np.array(gradient).ravel()) * sizes + np.abs(bend) / 2
-        each = np.nan_to_num(each, posinf=0.0)
+        each = np.nan_to_num(np.abs(slope) + np.abs(bend) / 2, posinf=0.0)
+        below, above = (x - bounds["lbx"]) / sizes, (bounds["ubx"] - x) / sizes
+        held = ((below < _AT_BOUND) & (slope > 0)) | ((above < _AT_BOUND) & (slope < 0))
         signals = [block.index.reshape(-1, block.shape[-1]).T for block in self.variables.blocks.values() if block.size]
         largest = np.array([each[rows].max() for block in signals for rows in block])
         largest = largest[largest > 0]
         if not largest.size:
             return 0.0
         median = float(np.quantile(largest, 0.5, method="lower"))
-        return max(median, min(abs(float(f)), float(largest.max())))
+        return max(median, min(abs(float(f)), float(each[~held].max(initial=0.0))))
 
     @property
     def chains(self) -> np.ndarray:

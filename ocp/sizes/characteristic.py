@@ -36,14 +36,14 @@ class DerivedSizes:
 def derive_sizes(problem: Problem) -> DerivedSizes:
     """Derive the characteristic sizes of a problem at its own parameter values.
 
-    A state's size is the largest of: how far the guess and its exact rollout move it from x0,
-    and how far away the goal is, by one Newton step on each cost and on each terminal
-    constraint that x0 violates. States of one unit share the largest of theirs. A velocity has
-    at least what crosses its length in the horizon, and a length what its velocity covers.
-    Where nothing moves, what gaps change by as other states move decides, then bounds, then
-    values at x0. An input's size is half the width of its bounds, or what moves a state by its
-    size within the horizon. An impulse changes a state by its size; a gap has :data:`GAP_SHARE`
-    of what it changes by as the states move by theirs.
+    A state's size is the largest of: how far the guess and its exact rollout move it from x0, and
+    how far away the goal is, by one Newton step on each cost and on each terminal constraint that
+    x0 violates. States of one unit share the largest of theirs. A velocity has at least what
+    crosses its length in the horizon, and a length what its velocity covers. Where nothing moves,
+    what gaps change by as other states move decides, then bounds, then values at x0. An input's
+    size is half the width of its bounds, or what moves a state by its size within the horizon, or
+    else one Newton step of the stage cost. An impulse changes a state by its size; a gap has
+    :data:`GAP_SHARE` of what it changes by as the states move by theirs.
     """
     data = _Data(problem)
     x = data.state_sizes()
@@ -86,6 +86,16 @@ def gap_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
     return _Data(problem).gap_changes(x_sizes)
 
 
+def residual_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
+    """Return what each row (nx,) of the step's residual changes by as one state moves by its size.
+
+    Of the next state, to first order, at x0.
+    """
+    system = problem.system
+    changes = _Data(problem).at_start(ca.jacobian(system.residual, system.x_next))
+    return np.max(np.abs(changes) * x_sizes, axis=1, initial=0.0)
+
+
 class _Data:
     """Numbers at the problem's own parameter values."""
 
@@ -116,13 +126,15 @@ class _Data:
         with np.errstate(divide="ignore"):
             needed = 1 / moved.max(axis=0, initial=0.0)
         sizes = np.where(np.isfinite(widths) & (widths > 0), widths, needed)
-        return np.where(np.isfinite(sizes), sizes, 1.0)
+        wanted = self._newton_step(self.problem.stage_cost, self.system.u)
+        sizes = np.where(np.isfinite(sizes), sizes, wanted)
+        return np.where(sizes > 0, sizes, 1.0)
 
     def impulse(self, x: np.ndarray) -> float:
         """Impulse that changes velocities by their sizes, or positions by an N-th: the median."""
         ways = np.array([0.0 if d is None else -d[2] for d in self.dimensions])
         within_step = np.where(ways > 0, x, x / self.problem.N)
-        effect = self._at_start(self.system.reduced.B)[:, self._distances()] / within_step[:, None]
+        effect = self.at_start(self.system.reduced.B)[:, self._distances()] / within_step[:, None]
         candidates = []
         for contact in np.abs(effect).T:
             changes = [contact[rows & (contact > 0)] for rows in self._units()]
@@ -144,7 +156,7 @@ class _Data:
         """See :func:`gap_changes`."""
         system = self.system
         by_state = [ca.jacobian(system.gap, symbol) for symbol in (system.x, system.x_next)]
-        largest = np.max([np.abs(self._at_start(J)) * x for J in by_state], axis=0)
+        largest = np.max([np.abs(self.at_start(J)) * x for J in by_state], axis=0)
         changes = np.full(system.nlam, np.nan)
         changes[self._distances()] = largest.max(axis=1, initial=0.0)[self._distances()]
         return changes
@@ -154,7 +166,7 @@ class _Data:
         kinds = [pair.kind in ("normal", "limit") for pair in self.system.pairs]
         return np.flatnonzero(kinds)
 
-    def _at_start(self, expression: ca.SX) -> np.ndarray:
+    def at_start(self, expression: ca.SX) -> np.ndarray:
         """Value of an expression at rest in x0, without contact impulses."""
         s = self.system
         symbols = [s.x, s.u, s.x_next, s.lam, self.problem.parameters.vector]
@@ -174,7 +186,7 @@ class _Data:
                 break
             farthest = np.fmax(farthest, np.abs(x - self.x0))
         # At rest on the ground a solver's error is what moves; without contact all would fall.
-        free = self._by_unit(np.abs(self._at_start(self.system.reduced.a).ravel() - self.x0))
+        free = self._by_unit(np.abs(self.at_start(self.system.reduced.a).ravel() - self.x0))
         noise = np.fmax(_ROUNDING * np.abs(self.x0).max(initial=0.0), _AT_REST * free)
         return np.where(farthest > noise, farthest, 0.0)
 
@@ -185,29 +197,27 @@ class _Data:
         low = ca.vertcat(ca.SX(0, 1), *(c.lower for c in problem.terminal))
         high = ca.vertcat(ca.SX(0, 1), *(c.upper for c in problem.terminal))
         violation = ca.fmax(low - rows, 0) + ca.fmax(rows - high, 0)
-        away = np.abs(self._at_start(violation)), np.abs(self._at_start(ca.jacobian(rows, x)))
+        away = np.abs(self.at_start(violation)), np.abs(self.at_start(ca.jacobian(rows, x)))
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.nan_to_num(away[0] / away[1], posinf=0.0).max(axis=0, initial=0.0)
             for cost in (problem.stage_cost, problem.terminal_cost):
-                slope = self._slope(cost)
-                bend = self._slope_change(cost)
-                newton = np.where(bend > _ROUNDING * bend.max(initial=0.0), np.abs(slope / bend), 0)
-                distance = np.fmax(distance, np.nan_to_num(newton, posinf=0.0))
+                distance = np.fmax(distance, self._newton_step(cost, x))
         return distance
 
-    def _slope(self, cost: ca.SX) -> np.ndarray:
-        return self._cost_derivative(ca.gradient(cost, self.system.x))
-
-    def _slope_change(self, cost: ca.SX) -> np.ndarray:
-        return self._cost_derivative(ca.diag(ca.hessian(cost, self.system.x)[0]))
-
-    def _cost_derivative(self, expression: ca.SX) -> np.ndarray:
+    def _newton_step(self, cost: ca.SX, by: ca.SX) -> np.ndarray:
+        """Distance (n,) at which each symbol alone makes the cost least, 0 where it bends down."""
         du = ca.SX.sym("du", self.system.nu) if self.problem.du is None else self.problem.du
-        return self._at_start(ca.substitute(expression, du, 0 * du)).ravel()
+        slope, bend = (
+            self.at_start(ca.substitute(part, du, 0 * du)).ravel()
+            for part in (ca.gradient(cost, by), ca.diag(ca.hessian(cost, by)[0]))
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            newton = np.where(bend > _ROUNDING * bend.max(initial=0.0), np.abs(slope / bend), 0)
+        return np.nan_to_num(newton, posinf=0.0)
 
     def _by_gaps(self, sizes: np.ndarray) -> np.ndarray:
         """Change of each state (nx,) that moves a gap as much as states of known ``sizes`` do."""
-        by_state = np.abs(self._at_start(ca.jacobian(self.system.gap, self.system.x_next)))
+        by_state = np.abs(self.at_start(ca.jacobian(self.system.gap, self.system.x_next)))
         by_state = by_state[self._distances()]
         moved = (by_state * sizes).max(axis=1, initial=0.0)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -227,7 +237,7 @@ class _Data:
         amplifies an input beyond what the input does itself.
         """
         s = self.system
-        A, B = (self._at_start(ca.jacobian(s.reduced.a, by)) for by in (s.x, s.u))
+        A, B = (self.at_start(ca.jacobian(s.reduced.a, by)) for by in (s.x, s.u))
         change, most = np.zeros_like(B), self.problem.N * np.abs(B)
         for _ in range(self.problem.N):
             change = np.clip(A @ change + B, -most, most)

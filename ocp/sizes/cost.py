@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 LEAST_COST = 1e-9
 """Smallest cost, in characteristic costs, of which anything is a share."""
+_GROWING = {ca.OP_SQ: np.square, ca.OP_FABS: np.abs, ca.OP_SQRT: np.sqrt, ca.OP_COSH: np.cosh}
+"""Functions that are never negative, and grow with what is not."""
 _DEPTH = 200
 """Nested sums and factors that are searched for constants."""
 
@@ -49,25 +51,43 @@ def split_constant(cost: ca.SX, moving: ca.SX, depth: int = _DEPTH) -> tuple[ca.
     return (cost, ca.SX(0)) if constant.is_zero() else (rest, constant)
 
 
-def never_negative(expression: ca.SX, depth: int = _DEPTH) -> bool:
-    """Whether a scalar is plainly a sum of squares and the like, with positive weights."""
-    if expression.is_constant():
-        return float(expression) >= 0
-    if depth == 0 or expression.is_leaf():
-        return False
-    left, right = expression.dep(0), expression.dep(expression.n_dep() - 1)
-    if expression.op() == ca.OP_CONSTPOW:
-        return right.is_constant() and float(right) % 2 == 0
-    if expression.op() in (ca.OP_ADD, ca.OP_MUL, ca.OP_DIV, ca.OP_TWICE):
-        return never_negative(left, depth - 1) and never_negative(right, depth - 1)
-    return expression.op() in (ca.OP_SQ, ca.OP_FABS, ca.OP_SQRT, ca.OP_EXP)
+def least_value(expression: ca.SX, depth: int = _DEPTH, known: dict[int, float] | None = None) -> float:
+    """Lower bound of a scalar, as far as sums, squares and growing functions of them show one.
+
+    Minus infinity where they do not.
+    """
+    known = {} if known is None else known
+    if expression.is_constant() or depth == 0 or expression.is_leaf():
+        return float(expression) if expression.is_constant() else -np.inf
+    place = expression.element_hash()
+    if place not in known:
+        parts = expression.dep(0), expression.dep(expression.n_dep() - 1)
+        known[place] = _bound(expression.op(), parts[1], [least_value(part, depth - 1, known) for part in parts])
+    return known[place]
+
+
+def _bound(operation: int, right: ca.SX, least: list[float]) -> float:
+    """Lower bound of an operation on parts whose lower bounds are ``least``."""
+    first, second = least
+    if operation in _GROWING:
+        return float(_GROWING[operation](max(first, 0.0)))
+    if operation == ca.OP_CONSTPOW and right.is_constant() and float(right) % 2 == 0:
+        return max(first, 0.0) ** float(right) if float(right) > 0 else 0.0
+    if operation in (ca.OP_ADD, ca.OP_TWICE, ca.OP_EXP):
+        return float(np.exp(first)) if operation == ca.OP_EXP else first + second
+    if operation == ca.OP_LOG and first > 0:
+        return float(np.log(first))
+    if operation in (ca.OP_MUL, ca.OP_DIV) and min(least) >= 0:
+        divisor = float(right) if right.is_constant() else np.inf
+        return first * second if operation == ca.OP_MUL else first / divisor
+    return -np.inf
 
 
 def cost_share(problem: Problem, change: float, cost: float, physical: np.ndarray) -> float:
     """Return a ``change`` of the cost as a share of what a plan of that ``cost`` can change.
 
-    That is the cost less its constant terms, so that a constant in the cost changes no verdict; no
-    less than :data:`LEAST_COST` characteristic costs.
+    That is the cost less its constant terms, under roots and squares too, so that a constant in the
+    cost changes no verdict; no less than :data:`LEAST_COST` characteristic costs.
     """
-    changeable = abs(cost - problem.constant_cost(physical))
+    changeable = abs(cost - problem.least_cost(physical))
     return change / max(changeable, LEAST_COST * problem.scales.cost)

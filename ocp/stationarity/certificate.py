@@ -22,6 +22,8 @@ RADII = (1e-3, 1e-4)
 _BIACTIVE = 1e-6
 _FLAT = 1e-4
 _NOISE = 1e-6
+_STEEP = 100.0
+"""Multiple of the cost's typical change from which on one variable hides what others gain."""
 WITHIN = 1e-2
 """How far, in characteristic sizes, a direction of descent is followed to tell what it gains."""
 
@@ -151,13 +153,13 @@ def certify(
         return Certificate("undecided", reason="a function or derivative is NaN or infinite at the point")
     slope = float(np.abs(model.cost).sum())
     tolerance = tolerance_of(model)
-    verdict, strong, descent = _search(model, multipliers, tolerance)
     fitted = multipliers if multipliers is not None else fit_multipliers(model)
-    hessian, gain = nlp.bend(x, p, fitted, model.sizes), 0.0
-    if verdict == "not":
-        gain = _gain(descent, hessian)
-        if gain <= _NOISE * model.typical_change:
-            verdict, gain = "B", 0.0
+    hessian = nlp.bend(x, p, fitted, model.sizes)
+    verdict, strong, descent, gain = _judge(model, multipliers, hessian)
+    steep = _steep_factors(model, hessian)
+    if verdict == "B" and np.any(steep < 1):
+        damped, curved = model.damped(steep), hessian.multiply(steep[:, None]).multiply(steep)
+        verdict, strong, descent, gain = _judge(damped, multipliers, curved.tocsr())
     return Certificate(
         stationarity=verdict if complementary or verdict != "B" else "KKT",
         kind=("S" if strong else _kind(model, fitted)) if complementary and verdict == "B" else "",
@@ -187,13 +189,36 @@ def linear_model(
     :meth:`~ocp.stationarity.lpec.LinearModel.at`.
     """
     pairs = nlp.pairs if nlp.reformulation == "none" else np.zeros((2, 0), dtype=int)
-    change = nlp.typical_change(x, p)
+    change = nlp.typical_change(x, p, bounds)
     return LinearModel.at(x, *nlp.slopes(x, p), bounds, nlp.sizes(x), pairs, residuals, change)
 
 
 def tolerance_of(model: LinearModel) -> float:
     """What a decrease per radius must exceed to count, see :class:`Certificate`."""
     return _FLAT * model.typical_change
+
+
+def _judge(
+    model: LinearModel, multipliers: np.ndarray | None, hessian: sp.csr_matrix
+) -> tuple[Stationarity, bool, Descent, float]:
+    """Search for descent; ``B`` too where the direction gains no more than noise."""
+    verdict, strong, descent = _search(model, multipliers, tolerance_of(model))
+    gain = _gain(descent, hessian) if verdict == "not" else 0.0
+    if verdict == "not" and gain <= _NOISE * model.typical_change:
+        return "B", strong, descent, 0.0
+    return verdict, strong, descent, gain
+
+
+def _steep_factors(model: LinearModel, hessian: sp.csr_matrix) -> np.ndarray:
+    """Factors (n,) on sizes by which the cost would change far more than what is typical.
+
+    One such variable in a direction hides, by its curvature and by the rounding of the linear
+    program, what all others gain.
+    """
+    change = np.abs(model.cost) + np.abs(hessian.diagonal()) / 2
+    steep = change > max(_STEEP * model.typical_change, 1e-300)
+    steep[model.pairs] = False
+    return np.where(steep, model.typical_change / np.where(steep, change, 1.0), 1.0)
 
 
 def _search(model: LinearModel, multipliers: np.ndarray | None, tolerance: float) -> tuple[Stationarity, bool, Descent]:

@@ -7,7 +7,7 @@ import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -89,6 +89,27 @@ class LinearModel:
             scale,
             sizes,
             typical_change,
+        )
+
+    def damped(self, factor: np.ndarray) -> LinearModel:
+        """Return the same model in sizes that are ``factor`` (n,) times these; pairs keep theirs.
+
+        What is active here stays active.
+        """
+        import scipy.sparse as sp
+
+        rows = self.rows @ sp.diags(factor)
+        more = 1 / np.maximum(abs(rows).max(axis=1).toarray().ravel(), 1e-12)
+        return replace(
+            self,
+            cost=self.cost * factor,
+            rows=sp.csr_matrix(sp.diags(more) @ rows),
+            row_lower=self.row_lower * more,
+            row_upper=self.row_upper * more,
+            lower=self.lower / factor,
+            upper=self.upper / factor,
+            row_scale=self.row_scale * more,
+            sizes=self.sizes * factor,
         )
 
     @property

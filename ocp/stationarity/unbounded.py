@@ -15,7 +15,7 @@ from ocp.physics.constraints import CONSTRAINT_SHARE, broken_constraints
 from ocp.problem import Problem
 from ocp.programs.program import Program
 from ocp.rollout import Rollout, roll_on
-from ocp.sizes.cost import never_negative, split_constant
+from ocp.sizes.cost import least_value, split_constant
 from ocp.stationarity.certificate import linear_model
 from ocp.stationarity.lpec import LinearModel
 
@@ -95,7 +95,7 @@ def _cost_of_inputs(problem: Problem, values: dict[str, float]) -> Callable[[np.
     costs = [problem.stage_cost, problem.terminal_cost]
     stage, terminal = ca.substitute(costs, [p.vector], [ca.DM(p.pack(values))])
     rest, of_inputs = split_constant(stage, ca.vertcat(system.x, system.lam))
-    if not (never_negative(rest) and never_negative(terminal)):
+    if min(least_value(rest), least_value(terminal)) < 0:
         return None
     each = ca.Function("cost_of_inputs", [system.u, du], [of_inputs])
     before = np.array(problem.limits(p.pack(values))[1]).ravel()
@@ -118,7 +118,7 @@ def _input_rays(
 ) -> Iterator[Ray]:
     """Inputs without bounds, alone, by twos, and all as in the plan, along the whole horizon.
 
-    They are rolled out under the law, from the plan and, where that is distant, from the guess;
+    They are rolled out under the law, from the plan and, where that is distant, from their guess;
     not where what the inputs cost by themselves, ``least``, is more than the plan.
     """
     physical, sizes = problem.parameters.pack(values), problem.scales.u
@@ -140,7 +140,9 @@ def _input_rays(
             continue
         along = " and ".join(names[i] for i in np.flatnonzero(moved))
         reach = float(np.abs(planned / sizes)[:, moved].max())
-        for base in (planned, guess) if reach > _DISTANT else (planned,):
+        # The other inputs stay as planned: with those of the guess no ray ends below the plan.
+        begun = np.where(moved, guess, planned)
+        for base in (planned, begun) if reach > _DISTANT else (planned,):
             if least is not None and least(base + max(reach, 1.0) * _FIRST * way) > plan.cost:
                 continue
             yield along, partial(_rolled, problem, step, values, plan.x[:, 0], base, way), reach
