@@ -53,7 +53,7 @@ test-attack: setup
 
 promises: setup
 	$(BIN)/python -m tests.attack.ledger
-	$(BIN)/python -m reports.site
+	$(BIN)/python -m docs.generator
 
 bench: setup
 	$(BIN)/pytest -m bench -s tests/benchmarks tests/unit/benchmarks
@@ -109,12 +109,12 @@ bench-robots: setup
 
 # The site, from docs/ and docstrings into build/site; warnings are errors, and nothing is fetched.
 docs: setup
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	@echo build/site/index.html
 
 # Pages of docs/generated, from specs, help texts and the JSON in docs/generated/data.
 generated: setup
-	$(BIN)/python -m reports.site
+	$(BIN)/python -m docs.generator
 
 # Executes the notebooks of examples/ and stores what their cells give, for the site and for readers.
 notebooks: setup
@@ -128,20 +128,20 @@ numbers: setup
 
 # Solves every named problem under every law for the gallery; PROBLEMS="hopper push-1d" some of them.
 verdicts: setup
-	$(BIN)/python -m reports.site.verdicts $(PROBLEMS)
-	$(BIN)/python -m reports.site
+	$(BIN)/python -m docs.generator.verdicts $(PROBLEMS)
+	$(BIN)/python -m docs.generator
 
 # Refines the step of every named problem whose h only discretises; PROBLEMS="hopper" some of them.
 refined: setup
-	$(BIN)/python -m reports.site.verdicts --refine $(PROBLEMS)
-	$(BIN)/python -m reports.site
+	$(BIN)/python -m docs.generator.verdicts --refine $(PROBLEMS)
+	$(BIN)/python -m docs.generator
 
 # Makes every figure of the papers and stores their claims and pictures for the site.
 claims: setup
 	mkdir -p runs/claims
 	$(BIN)/ocp figure --all --json --quiet --out runs/claims > runs/claims/figures.json
-	$(BIN)/python -m reports.site.figures runs/claims/figures.json
-	$(BIN)/python -m reports.site
+	$(BIN)/python -m docs.generator.figures runs/claims/figures.json
+	$(BIN)/python -m docs.generator
 
 # Pictures of the README: these problems in this order, solved under the exact law, or as
 # SOLVE_<problem> says, and as animations.
@@ -155,5 +155,5 @@ SOLVE_push-t := --contact exact -s strategy=l1
 gallery: setup
 	$(foreach name,$(GALLERY),$(BIN)/ocp solve $(name) $(or $(SOLVE_$(name)),--contact exact) \
 		--out runs/gallery --quiet &&) true
-	$(BIN)/python -m reports.motion.gallery runs/gallery docs/pictures --still $(GALLERY) \
+	$(BIN)/python -m docs.generator.readme_pictures runs/gallery docs/pictures --still $(GALLERY) \
 		--moving $(GALLERY)

@@ -8,7 +8,7 @@ from typing import Any
 import nbclient
 import nbformat
 
-from reports.site.notebooks import FOLDER
+from docs.generator.notebooks import FOLDER
 
 
 def execute(path: Path) -> Any:

@@ -87,7 +87,7 @@ def _file(command: str) -> str:
 def main() -> int:
     """Write the table from what the last attacks counted."""
     # Not with the imports above: attacks need nothing of the site.
-    from reports.site.measured import write_table
+    from docs.generator.measured import write_table
 
     kept = [json.loads(file.read_bytes()) for file in KEPT.glob("*.json")]
     if not kept:

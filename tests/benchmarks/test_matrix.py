@@ -2,10 +2,10 @@
 
 import pytest
 
+from docs.generator.measured import write_table
 from dynamics.contact import Adaptive, Barrier, Exact
 from ocp import Direct, MultipleShooting, SingleShooting, Solution, solve
 from problems import get, names
-from reports.site.measured import write_table
 
 LAWS = (Exact(), Barrier(mu=1e-3), Adaptive(sigma=0.02))
 METHODS = (Direct(), MultipleShooting(), SingleShooting())

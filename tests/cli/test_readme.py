@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from docs.generator.measured import cell
 from dynamics.contact import Exact
 from ocp import solve
 from problems import spec
 from reports.cli.app import main
-from reports.site.measured import cell
 from tests.docs.pages import ROOT, blocks
 
 README, DOCS = ROOT / "README.md", ROOT / "docs"

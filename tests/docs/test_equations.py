@@ -7,9 +7,9 @@ from xml.etree import ElementTree as Xml
 
 import pytest
 
+from docs.generator import equations
 from problems import names, spec
 from reports.notation import plain
-from reports.site import equations
 from tests.docs.pages import ROOT, pages
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from docs.generator import measured
+from docs.generator.__main__ import pages as fresh
+from docs.generator.measured import cell, table
 from ocp.errors import InputError
 from problems import describe, names, scenes, spec
 from reports.notation import powers
-from reports.site import measured
-from reports.site.__main__ import pages as fresh
-from reports.site.measured import cell, table
 
 LIMIT = 6_000_000
 """Bytes of all pictures of the documentation."""

@@ -13,7 +13,7 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from reports.site import hooks, roles
+from docs.generator import hooks, roles
 from tests.docs.pages import ROOT
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")

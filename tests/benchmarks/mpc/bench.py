@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from docs.generator.measured import DATA, read, table, write_table
 from ocp.mpc.controller import Command, Controller
 from ocp.mpc.simulate import ClosedLoop, simulate
 from ocp.mpc.stages import Plan
-from reports.site.measured import DATA, read, table, write_table
 from tests.benchmarks.mpc import opti_loop, programs
 from tests.benchmarks.mpc.check import Check
 from tests.benchmarks.mpc.tasks import SKIP, TASKS, Task

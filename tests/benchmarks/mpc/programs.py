@@ -14,9 +14,9 @@ import piqp
 import scipy.sparse as sp
 
 import problems
+from docs.generator.measured import table, write_table
 from ocp.mpc.controller import Controller
 from ocp.mpc.plants import Plant
-from reports.site.measured import table, write_table
 
 CASES = (
     ("soft-walls", 5),

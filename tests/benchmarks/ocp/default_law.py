@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from statistics import median
 
+from docs.generator.measured import DATA, read, write_table
 from ocp.judgement import judged
 from ocp.rollout import initial_guesses
 from ocp.solve import new_session
 from problems import get, names
-from reports.site.measured import DATA, read, write_table
 
 TABLE, LAWS = "default-law", ("exact", "barrier")
 COLUMNS = (

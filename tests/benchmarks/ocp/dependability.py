@@ -16,6 +16,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
 
+from docs.generator.measured import DATA, read, write_table
 from dynamics.contact import Exact
 from ocp.judgement import judged
 from ocp.programs.solver import Status
@@ -23,7 +24,6 @@ from ocp.rollout import initial_guesses
 from ocp.solution import Solution
 from ocp.solve import new_session
 from problems import get, names, spec
-from reports.site.measured import DATA, read, write_table
 
 TABLE = "dependability"
 COLUMNS = (

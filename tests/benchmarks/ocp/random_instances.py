@@ -19,6 +19,7 @@ from statistics import median
 
 import numpy as np
 
+from docs.generator.measured import write_table
 from dynamics.contact import Barrier, Exact
 from ocp.judgement import judged
 from ocp.physics.constraints import broken_constraints
@@ -32,7 +33,6 @@ from ocp.solution import Solution
 from ocp.solve import new_session, solve
 from ocp.transcription import Method, MultipleShooting, SingleShooting
 from problems import get
-from reports.site.measured import write_table
 from tests.benchmarks.ocp.random_draws import PROBLEMS, Instance, drawn
 
 STORE = Path("runs/bench-random.json")

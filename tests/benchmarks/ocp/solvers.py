@@ -17,10 +17,10 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from docs.generator.measured import DATA, read, write_table
 from ocp.programs.solver import SOLVERS
 from ocp.solve import solve
 from problems import names, spec
-from reports.site.measured import DATA, read, write_table
 
 TABLE = "solvers"
 LAWS = ("barrier", "exact")

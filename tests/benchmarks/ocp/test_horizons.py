@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import pytest
 
+from docs.generator.measured import write_table
 from dynamics.contact import Barrier, ContactLaw, Exact
 from ocp.judgement import judged
 from ocp.solve import new_session
 from problems import get
-from reports.site.measured import write_table
 from tests.benchmarks.ocp.race import tell
 
 LAWS: dict[str, ContactLaw] = {"exact": Exact(), "barrier": Barrier(mu=1e-3)}

@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
+from docs.generator.measured import write_table
 from ocp import store
-from reports.site.measured import write_table
 from tests.benchmarks.ocp.race import tell
 
 WORDS = ["sweep", "push-disc", "--over", "M=0.5:2:7", "--over", "contact.mu=1e-4:1e-1:4:log", "--json", "--quiet"]

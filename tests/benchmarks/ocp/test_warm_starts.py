@@ -2,8 +2,8 @@
 
 import pytest
 
+from docs.generator.measured import write_table
 from ocp import solve
-from reports.site.measured import write_table
 
 LAWS = {
     "barrier, mu = 1e-3": ("barrier", {"mu": 1e-3}),

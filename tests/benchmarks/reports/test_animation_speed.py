@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 
+from docs.generator.measured import write_table
+from docs.generator.readme_pictures import moving
 from dynamics.contact import Barrier, ContactLaw, Exact
 from ocp import solve, store
 from problems import get
 from reports.motion.animation import Animation
-from reports.motion.gallery import moving
 from reports.motion.movie import DPI, Canvas, write
-from reports.site.measured import write_table
 from reports.style import styled
 from reports.view import RunView
 from tests.benchmarks.ocp.race import tell

@@ -13,7 +13,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 
-from reports.site.measured import DATA, read, table, write_table
+from docs.generator.measured import DATA, read, table, write_table
 from tests.benchmarks.robots import ants, peers, quadruped
 from tests.benchmarks.robots.equations import FILES, SOLO, STATES, WITHIN, measured
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from shutil import copytree
 from tempfile import TemporaryDirectory
 
-from reports.site.measured import write_table
+from docs.generator.measured import write_table
 from tests.benchmarks.robots.equations import File
 
 ROBOTS = (

@@ -14,9 +14,9 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
+from docs.generator.measured import table, write_table
 from ocp.errors import InputError
 from problems import robots
-from reports.site.measured import table, write_table
 
 COLUMNS = ("package", "file", "bodies", "motors", "contacts", "read, or why not")
 FILES = {

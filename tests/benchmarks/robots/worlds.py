@@ -15,13 +15,13 @@ from multiprocessing import get_context
 
 import numpy as np
 
+from docs.generator.measured import DATA, read, write_table
 from dynamics.batch import BatchWarning
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact
 from ocp.mpc import Controller, simulate
 from ocp.rollout import trajectory_costs
 from ocp.worlds.replay import KEPT, in_world
 from problems import get
-from reports.site.measured import DATA, read, write_table
 
 TABLE = "worlds"
 MACHINES = {"hopper": ("goal", 2), "idto-hopper": ("speed", 4), "spinner": ("rate", 4), "finger-disc": ("goal", 4)}

@@ -5,12 +5,12 @@ from __future__ import annotations
 import inspect
 from dataclasses import fields
 
+from docs.generator.measured import read
 from ocp.factories import DEFAULT_LAW
 from ocp.solve import solve
 from ocp.sweeps.case import Case
 from ocp.sweeps.sweep import sweep
 from reports.cli.commands import ContinueOptions, SolveOptions, SweepOptions
-from reports.site.measured import read
 
 
 def test_python_and_the_command_line_agree() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from reports.site.measured import read
+from docs.generator.measured import read
 from tests.benchmarks.ocp.dependability import (
     COLUMNS,
     TABLE,

@@ -5,11 +5,11 @@ from __future__ import annotations
 import inspect
 from typing import Any
 
+from docs.generator.roles import cleaned
 from dynamics import systems
 from dynamics.systems.contacts import Contact
 from ocp import free_time, problem
 from problems import drawing, parameters, scenes
-from reports.site.roles import cleaned
 
 PARTS: dict[str, tuple[Any, ...]] = {
     "Shapes": (scenes.Disc, scenes.Box, scenes.Capsule, scenes.Polygon, scenes.HalfPlane, scenes.Union),

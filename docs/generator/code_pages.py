@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from docs.generator import notebooks
+from docs.generator.measured import DOCS, escaped, table
 from reports import settings
 from reports.cli.app import commands, first_paragraph
 from reports.settings import SettingGroup
-from reports.site import notebooks
-from reports.site.measured import DOCS, escaped, table
 
 WIDTH = 80
 

@@ -1,6 +1,6 @@
 """Draw the README's pictures from stored runs.
 
-``python -m reports.motion.gallery ROOT FOLDER --still NAME... --moving NAME...`` draws
+``python -m docs.generator.readme_pictures ROOT FOLDER --still NAME... --moving NAME...`` draws
 ``strobes.png`` of all that are still, and ``<name>.gif`` of each that moves.
 """
 
@@ -88,7 +88,7 @@ def draw(root: Path, folder: Path, still: Sequence[str], moved: Sequence[str]) -
 
 def main() -> None:
     """Draw the runs of the command line, and print the size of every file."""
-    parser = ArgumentParser(prog="python -m reports.motion.gallery", description=__doc__)
+    parser = ArgumentParser(prog="python -m docs.generator.readme_pictures", description=__doc__)
     parser.add_argument("root", type=Path, metavar="ROOT")
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("--still", nargs="+", required=True, metavar="NAME")

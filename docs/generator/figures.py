@@ -1,6 +1,6 @@
 """A page per figure: its picture, and every claim of the papers with the measured value.
 
-Claims lie as JSON in ``docs/generated/data/claims``; ``python -m reports.site.figures FILE.json``
+Claims lie as JSON in ``docs/generated/data/claims``; ``python -m docs.generator.figures FILE.json``
 stores there the claims in that file, the output of ``ocp figure --all --json``, each picture in
 ``docs/pictures/figures/<id>.png``, and of N3 and C1 the tables of :mod:`reports.smoothings`;
 ``make claims`` makes the figures first.
@@ -17,14 +17,7 @@ from typing import Any
 
 import xarray as xr
 
-from ocp.errors import InputError
-from problems import studies
-from problems.studies import FigureStudy
-from problems.studies.study import counted, verdict
-from reports import smoothings
-from reports.figures.studies import DRAWINGS
-from reports.notation import full_citation
-from reports.site.measured import (
+from docs.generator.measured import (
     DATA,
     DOCS,
     escaped,
@@ -36,6 +29,13 @@ from reports.site.measured import (
     write_data,
     write_table,
 )
+from ocp.errors import InputError
+from problems import studies
+from problems.studies import FigureStudy
+from problems.studies.study import counted, verdict
+from reports import smoothings
+from reports.figures.studies import DRAWINGS
+from reports.notation import full_citation
 from reports.style import styled
 
 COLUMNS = ("claim", "source", "expected", "measured", "holds")
@@ -153,7 +153,7 @@ def keep(figures: Sequence[Mapping[str, Any]]) -> list[Path]:
 
 def main() -> None:
     """Store the content of the file on the command line."""
-    parser = ArgumentParser(prog="python -m reports.site.figures", description=__doc__)
+    parser = ArgumentParser(prog="python -m docs.generator.figures", description=__doc__)
     parser.add_argument("figures", type=Path, metavar="FIGURES.json")
     given = parser.parse_args()
     content = json.loads(given.figures.read_text())

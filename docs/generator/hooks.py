@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from reports.site import equations, notebooks
+from docs.generator import equations, notebooks
 
 _LINK = re.compile(r"\]\(([\w/.-]+\.md)")
 

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from reports.site.measured import DOCS
+from docs.generator.measured import DOCS
 
 FOLDER = DOCS.parent / "examples"
 _PANDAS = re.compile(r'<style scoped>.*?</style>|(?<=<table) border="1" class="dataframe"', re.S)

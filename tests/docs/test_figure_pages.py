@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from docs.generator import figures, measured
 from ocp.errors import InputError
 from problems.studies.study import counted
 from reports import smoothings
-from reports.site import figures, measured
 from tests.golden.figures.compared import compared
 from tests.golden.figures.verdicts import VERDICTS
 

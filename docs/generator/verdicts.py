@@ -1,6 +1,6 @@
 """Measure every named problem for the gallery: verdicts under all laws, cost over the step size.
 
-``python -m reports.site.verdicts [PROBLEM...]`` (``make verdicts``) solves those problems under
+``python -m docs.generator.verdicts [PROBLEM...]`` (``make verdicts``) solves those problems under
 every law, keeps the rows of others, and draws each exact optimum to
 ``docs/pictures/problems/<name>.png``; learned laws are trained on transitions from ``ocp collect``.
 With ``--refine`` (``make refined``) it refines their steps instead; files work too.
@@ -20,10 +20,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from docs.generator import measured
 from ocp.judges.referee import step_place
 from ocp.store.runs import load
 from problems import get, names, spec
-from reports.site import measured
 from reports.strobe import strobe
 from reports.style import styled
 from reports.view import RunView
@@ -143,7 +143,7 @@ def store_refined(problem: str, rows: Sequence[Row]) -> None:
 
 def main() -> None:
     """Measure the problems of the command line, by default all."""
-    parser = ArgumentParser(prog="python -m reports.site.verdicts", description=__doc__)
+    parser = ArgumentParser(prog="python -m docs.generator.verdicts", description=__doc__)
     parser.add_argument("problems", nargs="*", metavar="PROBLEM")
     parser.add_argument("--refine", action="store_true", help="cost over the step size instead")
     given = parser.parse_args()

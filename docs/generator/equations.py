@@ -22,7 +22,7 @@ from reports.notation import plain
 
 BLOCK = re.compile(r"<!-- equations:\s+(.*?)\s+-->\n+```text\n(.*?)\n```\n", re.S)
 CITED = re.compile(r"\(([a-z][a-z0-9-]*)\.(\d+)\)")
-_ROOT = Path(__file__).parents[1]
+_TEMPLATE = Path(__file__).with_name("equations.typ")
 _BREAKS = {"=", "≤", "≥", "⟂", "+", "−", "∈"}
 """Before these a line may break, where no bracket is open."""
 _BEFORE_COMMA = re.compile(r"</span> <wbr>(<math[^>]*><mo[^>]*>[,;])")
@@ -62,8 +62,8 @@ def _equations(given: str) -> str:
 def mathml(lines: Sequence[str]) -> list[str]:
     """Each line of typst's mathematics as formulas between which a browser may break it."""
     page, _ = typst.compile_with_warnings(
-        str(_ROOT / "templates" / "equations.typ"),
-        root=str(_ROOT),
+        str(_TEMPLATE),
+        root=str(_TEMPLATE.parents[2]),
         format="html",
         ignore_system_fonts=True,
         sys_inputs={"lines": json.dumps(lines)},

@@ -6,12 +6,12 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from docs.generator.equations import listed
+from docs.generator.measured import DATA, DOCS, provenance, read, table
+from docs.generator.roles import cleaned
 from problems import describe, names, spec
 from problems.spec import ProblemSpec
 from reports.notation import full_citation, powers
-from reports.site.equations import listed
-from reports.site.measured import DATA, DOCS, provenance, read, table
-from reports.site.roles import cleaned
 
 PICTURES = DOCS / "pictures"
 

@@ -1,10 +1,10 @@
-"""``python -m reports.site`` writes the generated pages of the site anew; ``make generated``."""
+"""``python -m docs.generator`` writes the generated pages of the site anew; ``make generated``."""
 
 from __future__ import annotations
 
+from docs.generator import code_pages, figures, gallery, parts
+from docs.generator.measured import DATA, GENERATED, table_pages
 from ocp.store.atomic import write
-from reports.site import code_pages, figures, gallery, parts
-from reports.site.measured import DATA, GENERATED, table_pages
 
 
 def pages() -> dict[str, str]:
