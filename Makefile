@@ -28,7 +28,7 @@ lint: setup
 	$(BIN)/basedpyright
 	$(BIN)/lint-imports
 
-# Style, types and contracts beside all tests that are not slow (tests/slow.txt, tests/times.py).
+# Style, types and contracts beside all tests that are not slow or costly (tests/conftest.py).
 test: setup
 	$(MAKE) --no-print-directory --jobs=2 lint tests
 

@@ -1,9 +1,8 @@
-"""``python -m tests.times``: measure all tests but studies, and list those that are slow.
+"""``python -m tests.times``: measure all tests but studies, and print those whose markers do not fit their cost.
 
-The cost of a test is the processor time of the test, its fixtures and its child processes.
-``tests/slow.txt`` lists every test, or case of a test, above :data:`MOST`, and the most expensive
-cases of a test, until the others take :data:`MOST_OF_ALL_CASES` together. ``make test`` runs what
-is not listed; ``make test-slow`` runs the rest.
+The cost of a test is the processor time of the test, its fixtures and its child processes. ``make test`` can pay for
+:data:`CASE` of one case and :data:`TEST` of all cases of one test; the markers of ``tests/conftest.py`` leave
+what is dearer to ``make test-slow``.
 """
 
 from __future__ import annotations
@@ -13,12 +12,13 @@ import resource
 import subprocess
 import sys
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
-LIST = ROOT / "tests/slow.txt"
-MOST, MOST_OF_ALL_CASES = 0.5, 1.0
+CASE, TEST = 0.5, 1.0
 """Seconds of processor time of one case, and of all cases of one test together."""
 ALWAYS = (
     "tests/cli/test_limits.py::test_what_cannot_be_is_refused[units]",
@@ -34,62 +34,46 @@ ALWAYS = (
     "tests/unit/ocp/test_sensitivity.py::test_sensitivities_are_the_limit_of_re_solves[cart-walls-mp-exact]",
     "tests/unit/test_words.py::test_a_word_has_one_meaning",
 )
-"""Whole ways through the program, and tests that alone caught a fault put in: they stay in
-``make test`` whatever they take."""
+"""Whole ways through the program, and tests that alone caught a fault put in: they are run at any cost."""
 TIMES, ALL = "TEST_TIMES", "ALL_TESTS"
-"""Environment variables: a file that gets the time of each test; no test is slow by the list."""
-
-
-def listed() -> frozenset[str]:
-    """Tests and cases of ``tests/slow.txt``."""
-    return frozenset(LIST.read_text().splitlines())
+"""Environment variables: a file that gets the time of each test; no test is slow by its cost."""
+MARKERS = ("costly", "costly_cases", "cheap_cases", "one_case_in")
 
 
 def processor_seconds() -> float:
     """Processor time of this process and of its children that ended."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(one.ru_utime + one.ru_stime for one in used)
+    usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
-def keep(test: str, seconds: float) -> None:
-    """Append one line to the file of times; processes share it."""
+def record(item: pytest.Item, seconds: float) -> None:
+    """Append one line to the file of times: cost, whether a marker speaks of it, and name; processes share it."""
     if file := os.environ.get(TIMES):
+        marked = any(item.get_closest_marker(name) for name in MARKERS)
         with Path(file).open("a") as lines:
-            lines.write(f"{seconds:.3f} {test}\n")
+            lines.write(f"{seconds:.3f} {'marked' if marked else 'plain'} {item.nodeid}\n")
 
 
-def slow(seconds: Mapping[str, float]) -> Iterator[str]:
-    """Tests, or cases of them, that are slow by what each took."""
-    cases: defaultdict[str, list[tuple[float, str]]] = defaultdict(list)
-    for test, took in seconds.items():
-        cases[test.partition("[")[0]].append((took, test))
-    for name, of_one in cases.items():
-        total, left = 0.0, []
-        for took, test in sorted(of_one):
-            if {name, test} & set(ALWAYS) or (took < MOST and total + took <= MOST_OF_ALL_CASES):
-                total += took
-            else:
-                left.append(test)
-        yield from left if len(left) < len(of_one) else [name]
+def misfits(lines: Iterable[str]) -> Iterator[str]:
+    """Sentences on tests that are dear and not marked, or marked and cheap, by the lines of a file of times."""
+    costs: defaultdict[tuple[str, str], list[float]] = defaultdict(list)
+    for line in lines:
+        seconds, marked, name = line.rstrip("\n").split(" ", 2)
+        costs[name.partition("[")[0], marked].append(float(seconds))
+    for (test, marked), cases in costs.items():
+        dear = max(cases) > CASE or sum(cases) > TEST
+        if dear != (marked == "marked") and not any(name.startswith(test) for name in ALWAYS):
+            yield f"{test}: {sum(cases):.1f} s in {len(cases)} cases, {'not ' * dear}marked"
 
 
 def main() -> None:
-    """Measure, with one worker a core, until what is left has no slow test.
-
-    The first pass runs all; a test that is left has to pay for fixtures that it shared.
-    """
-    file, seconds = ROOT / "build/times.txt", dict[str, float]()
+    """Run all tests with one worker a core, and print what should be marked, or no longer."""
+    file = ROOT / "build/times.txt"
     file.parent.mkdir(exist_ok=True)
+    file.unlink(missing_ok=True)
     command = [sys.executable, "-m", "pytest", "-n", "auto", "--dist", "worksteal"]
-    new, more = frozenset({""}), {ALL: "1"}
-    while new:
-        file.unlink(missing_ok=True)
-        subprocess.run(command, env={**os.environ, **more, TIMES: str(file)}, cwd=ROOT, check=True)
-        rows = (line.split(" ", 1) for line in file.read_text().splitlines())
-        seconds |= {test: float(took) for took, test in rows}
-        names = frozenset(slow(seconds))
-        new, more = names - listed(), {}
-        LIST.write_text("".join(f"{name}\n" for name in sorted(names)))
+    subprocess.run(command, env={**os.environ, ALL: "1", TIMES: str(file)}, cwd=ROOT, check=False)
+    print("\n".join(misfits(file.read_text().splitlines())))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ PAPER, TOP, BOTTOM = 297.0, 20.0, 24.0
 """Height of a page and of its margins [mm], as ``reports/templates/common.typ`` has them."""
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("law", ["exact", "barrier", "adaptive", "randomized"])
 @pytest.mark.parametrize("name", names())
 def test_pages_are_drawn_without_a_warning_and_are_filled(

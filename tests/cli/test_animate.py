@@ -50,6 +50,7 @@ def store_of_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root / "runs"
 
 
+@pytest.mark.costly
 def test_a_gif_of_a_stored_run(ocp, store_of_runs: Path) -> None:
     out = ["--out", str(store_of_runs)]
     done = ocp("animate", "push-1d/", "-o", "push.gif", "--fps", "10", "--json", *out)
@@ -66,6 +67,7 @@ def test_a_gif_of_a_stored_run(ocp, store_of_runs: Path) -> None:
     assert Path("again.gif").read_bytes() == Path("push.gif").read_bytes()
 
 
+@pytest.mark.costly_cases("ending", "ffmpeg", "run")
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -150,6 +150,7 @@ CASES = {
 }
 
 
+@pytest.mark.one_case_in(6)
 @pytest.mark.parametrize(("arguments", "words"), CASES.values(), ids=CASES)
 def test_wrong_usage(ocp, tmp_path: Path, arguments: list[str], words: list[str]) -> None:
     done = ocp(*arguments)
@@ -236,6 +237,7 @@ def test_a_mass_that_is_none_is_refused_at_every_door(ocp, tmp_path: Path, words
     assert not (tmp_path / "data.nc").exists() and not (tmp_path / "mine.c").exists()
 
 
+@pytest.mark.costly
 def test_a_users_file_that_works_is_found_again_by_its_run(ocp, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(USER_FILE)
     solved = ocp("solve", "mine.py", "-p", "m=2", "--json")
@@ -295,6 +297,7 @@ def test_a_small_disk(ocp, tmp_path: Path) -> None:
         subprocess.run(["umount", str(disk)], check=True)
 
 
+@pytest.mark.costly_cases("cut-replay", "cut-runs", "cut-report")
 @pytest.mark.parametrize("command", ["replay", "runs", "report"])
 @pytest.mark.parametrize("harm", ["cut", "missing", "not json", "schema", "part"])
 def test_a_damaged_run(ocp, tmp_path: Path, store_of_runs: Path, command: str, harm: str) -> None:

@@ -74,6 +74,7 @@ def last(root: str, what: str) -> np.ndarray:
     return store.load(store.find("@last", root)).data[what].values
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("line", [ESTIMATE, SWEEP], ids=["estimate", "sweep"])
 def test_a_study_goes_on_with_its_own_problem_only(
     weigh: Write, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], line
@@ -94,6 +95,7 @@ def test_a_study_goes_on_with_its_own_problem_only(
     assert not np.isclose(last("runs", what), last("reverted", what)).any()
 
 
+@pytest.mark.costly
 def test_a_file_that_changes_under_a_sweep_ends_it(weigh: Write) -> None:
     """What is built from then on would be another problem: as a new worker would build it."""
     costs = []
@@ -109,6 +111,7 @@ def test_a_file_that_changes_under_a_sweep_ends_it(weigh: Write) -> None:
         sweep("mine.py", {"m": [1.0, 2.0, 3.0]}, N=3, jobs=2, store="runs", progress=edit)
 
 
+@pytest.mark.costly
 def test_two_of_the_same_at_once_leave_each_other_alone(
     weigh: Write, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -134,6 +137,7 @@ def test_two_of_the_same_at_once_leave_each_other_alone(
     assert not list(Path("runs/mine").glob(".unfinished-*"))
 
 
+@pytest.mark.costly
 def test_commands_say_that_the_file_has_changed(weigh: Write, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(SOLVE) == 0
     lines = [
@@ -160,6 +164,7 @@ def test_commands_say_that_the_file_has_changed(weigh: Write, capsys: pytest.Cap
         load(store.list_runs("runs")[0].path, source="mine.py")
 
 
+@pytest.mark.costly
 def test_a_decision_is_of_this_problem_at_these_parameters(weigh: Write, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(SOLVE) == 0
     run = str(store.find("@last", "runs"))

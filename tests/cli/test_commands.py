@@ -70,6 +70,7 @@ def without_times(value: Any) -> Any:
     return [without_times(item) for item in value] if isinstance(value, list) else value
 
 
+@pytest.mark.costly
 def test_solve_json(ocp) -> None:
     done = ocp(
         "solve",
@@ -96,6 +97,7 @@ def test_solve_json(ocp) -> None:
     assert "Solved" in done.err, "people's lines go to stderr"
 
 
+@pytest.mark.costly
 def test_the_split_of_the_time_adds_up(ocp) -> None:
     done = ocp("solve", "wall-1d", "--contact", "barrier", "--json")
     found = strict(done.out)
@@ -144,6 +146,7 @@ def test_a_failure_names_the_worst_constraints(ocp) -> None:
     assert first["amount"] == max(item["amount"] for item in found["worst"])
 
 
+@pytest.mark.costly
 def test_a_rerun_gives_identical_json_but_for_times(ocp) -> None:
     arguments = ["solve", "cart-walls", "--contact", "exact", "--starts", "3", "--json", "--quiet"]
     first, second = (strict(ocp(*arguments).out) for _ in range(2))
@@ -154,6 +157,7 @@ def test_a_rerun_gives_identical_json_but_for_times(ocp) -> None:
     assert other["hash"] != first["hash"]
 
 
+@pytest.mark.costly
 def test_continue_json(ocp) -> None:
     done = ocp(
         "continue",
@@ -186,6 +190,7 @@ def test_continue_json(ocp) -> None:
     assert [entry["kind"] for entry in listed] == ["continue"]
 
 
+@pytest.mark.costly
 def test_events_are_told_by_every_output_of_a_continuation(ocp) -> None:
     done = ocp(
         "continue",
@@ -211,6 +216,7 @@ def test_events_are_told_by_every_output_of_a_continuation(ocp) -> None:
     assert "push+ opens" in done.err
 
 
+@pytest.mark.costly
 def test_replay_json(ocp, store_of_runs: Path) -> None:
     done = ocp("replay", "wall-1d", "--out", str(store_of_runs / "..missing"), "--json")
     assert done.code == 2
@@ -231,6 +237,7 @@ def describe(run: Path) -> dict[str, Any]:
     return meta if meta["kind"] == "solve" else {}
 
 
+@pytest.mark.costly
 def test_replay_of_a_feedback_policy(ocp, store_of_runs: Path) -> None:
     found = strict(ocp("replay", "push-disc", "--out", str(store_of_runs), "--json").out)
     assert found["inputs"] == "feedback"
@@ -239,6 +246,7 @@ def test_replay_of_a_feedback_policy(ocp, store_of_runs: Path) -> None:
     assert found["cost"] == pytest.approx(plan["audit"]["exact_cost"], rel=1e-9)
 
 
+@pytest.mark.costly
 def test_a_run_is_named_by_a_part_of_its_name(ocp, store_of_runs: Path) -> None:
     several = ocp("runs", "push", "--out", str(store_of_runs))
     assert several.code == 2 and "give more" in several.err
@@ -248,6 +256,7 @@ def test_a_run_is_named_by_a_part_of_its_name(ocp, store_of_runs: Path) -> None:
     assert found["problem"] == "push-1d"
 
 
+@pytest.mark.costly
 def test_runs_lists_the_damaged_ones_too(ocp, store_of_runs: Path) -> None:
     listed = strict(ocp("runs", "--out", str(store_of_runs), "--json").out)["runs"]
     assert sorted(entry["problem"] for entry in listed) == [
@@ -344,6 +353,7 @@ def test_doctor_refuses_two_roots() -> None:
         common_root({"ocp": "/here", "reports": "/elsewhere"})
 
 
+@pytest.mark.costly
 def test_quiet_and_plain_output(ocp) -> None:
     loud = ocp("solve", "wall-1d", "--contact", "barrier")
     assert "Solved" in loud.out and "run: " in loud.out
@@ -353,6 +363,7 @@ def test_quiet_and_plain_output(ocp) -> None:
     assert quiet.err == ""
 
 
+@pytest.mark.cheap_cases("runs", "show cart-walls", "--help")
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -392,6 +403,7 @@ def test_everything_fits_80_columns(ocp, arguments: list[str]) -> None:
     assert max(map(len, tables)) <= 80
 
 
+@pytest.mark.costly
 def test_a_stage_is_told_in_one_line_without_a_terminal(ocp) -> None:
     done = ocp("solve", "push-1d", "--contact", "barrier", "-c", "mu=1e-2", "--json")
     rows = [line.split() for line in done.err.partition("cost under")[0].splitlines()]
@@ -408,6 +420,7 @@ def test_a_stage_is_told_in_one_line_without_a_terminal(ocp) -> None:
     assert quiet.err == ""
 
 
+@pytest.mark.costly
 def test_a_point_of_a_continuation_is_told_in_one_line(ocp) -> None:
     done = ocp(
         "continue",

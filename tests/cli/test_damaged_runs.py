@@ -58,6 +58,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 KINDS = ("solve", "continue", "sweep", "estimate", "train", "figure")
 
 
+@pytest.mark.one_case_in(6)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["meta.json", "solution.nc"])
 def test_every_flipped_bit_is_found(made: dict[str, Path], tmp_path: Path, kind: str, name: str) -> None:
@@ -172,6 +173,7 @@ HARMS: dict[str, tuple[Callable[[Path], None], str]] = {
 }
 
 
+@pytest.mark.cheap_cases("parameters are a list", "FIFO", "part outside")
 @pytest.mark.parametrize("harm", HARMS)
 def test_one_bad_run_is_one_bad_line(ocp, made: dict[str, Path], tmp_path: Path, harm: str) -> None:
     bad, good = (
@@ -206,6 +208,7 @@ def test_one_bad_run_is_one_bad_line(ocp, made: dict[str, Path], tmp_path: Path,
     assert ocp("runs", "rm", str(bad)).code == (2 if harm == "directory" else 0)
 
 
+@pytest.mark.costly
 def test_no_text_of_a_run_is_obeyed(ocp, made: dict[str, Path], tmp_path: Path) -> None:
     """By a terminal, by rich's markup, or by the browser that shows a motion."""
     run = shutil.copytree(made["solve"], tmp_path / "runs" / "wall-1d" / "run")
@@ -260,6 +263,7 @@ def test_what_does_not_fit_together_is_no_internal_fault(ocp, made: dict[str, Pa
         shutil.rmtree(run)
 
 
+@pytest.mark.costly
 def test_what_does_not_fit_together_is_told(ocp, made: dict[str, Path], tmp_path: Path) -> None:
     run = shutil.copytree(made["estimate"], tmp_path / "run")
     reseal(run, lacking_entry("estimates.0.reference"))

@@ -87,6 +87,7 @@ def test_a_horizon_can_be_swept(capsys, tmp_path):
     assert np.isfinite(mean[2]).all()
 
 
+@pytest.mark.costly
 def test_a_stored_plan_is_the_decision(capsys, tmp_path):
     assert (
         main(
@@ -128,6 +129,7 @@ def test_a_stored_plan_is_the_decision(capsys, tmp_path):
     assert sizes[1] < sizes[0]
 
 
+@pytest.mark.costly
 def test_a_page_shows_parameters_that_are_words(capsys, tmp_path):
     code, told, _ = estimate(
         capsys,
@@ -150,6 +152,7 @@ def test_a_page_shows_parameters_that_are_words(capsys, tmp_path):
     assert shown["inertia"] == ["0.025", "kg m²"]
 
 
+@pytest.mark.costly
 def test_a_pdf_is_written(capsys, tmp_path):
     pdf = tmp_path / "report.pdf"
     code, _, _ = estimate(
@@ -168,6 +171,7 @@ def test_a_pdf_is_written(capsys, tmp_path):
     assert pdf.read_bytes().startswith(b"%PDF")
 
 
+@pytest.mark.costly_cases("arguments33-years; take fewer")
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -269,6 +273,7 @@ def final(out: Path) -> tuple[list, dict]:
     return stored.meta["estimates"], {**arrays, "hash": stored.meta["hash"]}
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("signal_number", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)])
 def test_a_stopped_sweep_goes_on_to_the_same_bits(tmp_path, signal_number):
     broken, whole = tmp_path / "broken", tmp_path / "whole"

@@ -47,6 +47,7 @@ def rolled(text: str, name: str, start: np.ndarray, steps: int) -> np.ndarray:
     return np.array([line.split() for line in done.stdout.splitlines()], dtype=float)
 
 
+@pytest.mark.costly
 @needs_compiler
 @pytest.mark.parametrize("policy", ["open-loop", "feedback"])
 @pytest.mark.parametrize("law", [None, "exact"])
@@ -96,6 +97,7 @@ def test_a_problem_at_other_parameters_has_no_policy(ocp) -> None:
     assert "_policy" not in text
 
 
+@pytest.mark.costly_cases("name", "objective", "no file")
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

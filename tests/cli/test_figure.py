@@ -15,6 +15,7 @@ from problems import studies
 Ocp = Callable[..., Any]
 
 
+@pytest.mark.costly
 def test_files_run_and_claims_of_one_figure(ocp: Ocp, tmp_path: Path) -> None:
     done = ocp("figure", "p6", "--json", "--quiet", "--out", "here")
     assert done.code == 0
@@ -33,6 +34,7 @@ def test_files_run_and_claims_of_one_figure(ocp: Ocp, tmp_path: Path) -> None:
     assert stored.data["x_barrier"].equals(data["x_barrier"])
 
 
+@pytest.mark.costly
 def test_same_seed_same_bytes_and_parameters_are_taken(ocp: Ocp, tmp_path: Path) -> None:
     for place in ("one", "two"):
         assert (
@@ -57,6 +59,7 @@ def test_same_seed_same_bytes_and_parameters_are_taken(ocp: Ocp, tmp_path: Path)
     assert (tmp_path / "one/P2.nc").read_bytes() != (tmp_path / "two/P2.nc").read_bytes()
 
 
+@pytest.mark.costly
 def test_the_table_fits_80_columns_and_shows_every_claim(ocp: Ocp) -> None:
     done = ocp("figure", "P6")
     assert all(len(line) <= 80 for line in done.err.splitlines())
@@ -64,6 +67,7 @@ def test_the_table_fits_80_columns_and_shows_every_claim(ocp: Ocp) -> None:
     assert "P6: 8 of 8 claims hold." in done.out
 
 
+@pytest.mark.costly
 def test_a_report_of_a_stored_figure_is_the_same_page(ocp: Ocp, tmp_path: Path) -> None:
     run = ocp("figure", "P6", "--json", "-q").json["run"]
     assert ocp("report", run, "-o", "again.pdf").code == 0
@@ -103,6 +107,7 @@ def test_a_place_that_cannot_be_written(ocp: Ocp, tmp_path: Path) -> None:
     assert "cannot write" in done.err
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(("ending", "begins"), [("pdf", b"%PDF"), ("svg", b"<?xml"), ("png", b"\x89PNG")])
 def test_a_bare_figure_beside_the_report(ocp: Ocp, tmp_path: Path, ending: str, begins: bytes) -> None:
     done = ocp("figure", "P2", "-p", "n_samples=20", "-p", "points=10", "--format", ending, "--json", "-q")
@@ -112,6 +117,7 @@ def test_a_bare_figure_beside_the_report(ocp: Ocp, tmp_path: Path, ending: str, 
     assert (tmp_path / "runs/P2.pdf").exists()
 
 
+@pytest.mark.costly
 def test_a_stored_figure_is_drawn_again_without_computing(
     ocp: Ocp, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -123,6 +123,7 @@ def stub(*_: object) -> int:
     return 0
 
 
+@pytest.mark.costly
 @settings(max_examples=200, **QUIETLY)
 @given(line=lines())
 def test_two_hundred_command_lines(line: list[str], judged, monkeypatch) -> None:

@@ -23,6 +23,7 @@ def hostile(ocp: Ocp, tmp_path: Path) -> Ocp:
     return ocp
 
 
+@pytest.mark.cheap_cases("lines4")
 @pytest.mark.parametrize(
     "lines",
     [
@@ -47,6 +48,7 @@ def test_every_page_is_written_without_a_warning(hostile: Ocp, lines: list[str])
             assert done.code == 0, (line, done.err)
 
 
+@pytest.mark.costly
 def test_a_name_is_drawn_as_it_is_and_numbers_at_ticks_stay_mathematics() -> None:
     with styled():
         figure = Figure()

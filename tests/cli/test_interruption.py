@@ -58,6 +58,7 @@ def read_until(process: subprocess.Popen[str], words: str) -> None:
     raise AssertionError(f"it ended without saying {words!r}")
 
 
+@pytest.mark.costly
 def test_ctrl_c_between_starts_keeps_the_best_of_them(tmp_path: Path) -> None:
     process = start([*LONG_SOLVE, "-v"], tmp_path)
     read_until(process, "active set")
@@ -73,6 +74,7 @@ def test_ctrl_c_between_starts_keeps_the_best_of_them(tmp_path: Path) -> None:
     assert ("stopped by the user" in err) == first_was_done
 
 
+@pytest.mark.costly
 def test_ctrl_c_in_a_solver_keeps_the_best_point(tmp_path: Path) -> None:
     """The signal falls into IPOPT, which would need seconds more."""
     process = start(["solve", "planar-hand", "--contact", "barrier", "-p", "N=60", "-vv", "--json"], tmp_path)
@@ -94,6 +96,7 @@ def test_ctrl_c_in_a_solver_keeps_the_best_point(tmp_path: Path) -> None:
     assert [run["run"] for run in json.loads(listed)["runs"]] == [found["run"]]
 
 
+@pytest.mark.costly
 def test_a_second_ctrl_c_ends_at_once(tmp_path: Path) -> None:
     process = start(["solve", "planar-hand", "--contact", "barrier", "-vv"], tmp_path)
     read_until(process, "ipopt on planar-hand")
@@ -106,6 +109,7 @@ def test_a_second_ctrl_c_ends_at_once(tmp_path: Path) -> None:
     assert store.list_runs(tmp_path / "runs") == [], "nothing half written"
 
 
+@pytest.mark.costly
 def test_ctrl_c_keeps_the_points_of_a_path(tmp_path: Path) -> None:
     process = start([*LONG_PATH, "--json"], tmp_path)
     assert all(read_lines(process, 4)), "the heads, and three points"
@@ -121,6 +125,7 @@ def test_ctrl_c_keeps_the_points_of_a_path(tmp_path: Path) -> None:
     assert stored.data.sizes["point"] == len(found["points"])
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("lines", [1, 5])
 def test_kill_leaves_no_half_run(tmp_path: Path, lines: int) -> None:
     process = start(LONG_PATH, tmp_path)

@@ -38,6 +38,7 @@ def build(params):
 '''
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("words", [("-s", "print_level=5"), ("--solver", "uno", "--quiet")])
 def test_nothing_stands_beside_the_document(tmp_path: Path, words: tuple[str, ...]) -> None:
     (tmp_path / "loud.py").write_text(LOUD)

@@ -82,6 +82,7 @@ def test_the_seed_decides(ocp: Ocp) -> None:
     assert hashes[0] == hashes[1] != hashes[2]
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("model", ["ewda", "mlp"])
 def test_a_model_is_learned_shown_and_planned_with(ocp: Ocp, model: str) -> None:
     assert ocp(*COLLECT, "--quiet").code == 0
@@ -132,6 +133,7 @@ def test_a_model_is_learned_shown_and_planned_with(ocp: Ocp, model: str) -> None
     assert refused.code == 2 and "cannot be exported to C" in refused.err
 
 
+@pytest.mark.costly
 def test_the_fit_is_that_of_rows_that_the_model_has_not_seen(ocp: Ocp) -> None:
     ocp(*COLLECT, "--quiet")
     told = ocp("learn", "data.nc", "--model", "ewda", "-o", "model.nc", "--json").json
@@ -145,6 +147,7 @@ def test_the_fit_is_that_of_rows_that_the_model_has_not_seen(ocp: Ocp) -> None:
     np.testing.assert_allclose(model.scales.scale, data.z.std(axis=0), rtol=1e-12)
 
 
+@pytest.mark.costly
 def test_a_user_s_table_becomes_a_plan(ocp: Ocp) -> None:
     Path("own.py").write_text(OWN)
     own_table(Path("own.csv"), HEADS)
@@ -194,6 +197,7 @@ def test_columns_are_mapped(ocp: Ocp) -> None:
     assert "an unnamed system" in ocp("show", "own.nc").out
 
 
+@pytest.mark.costly
 def test_a_training_that_was_interrupted_goes_on(ocp: Ocp, monkeypatch: pytest.MonkeyPatch) -> None:
     ocp(*COLLECT, "--quiet")
     words = ["learn", "data.nc", "--model", "mlp", *SMALL, "-o", "{}.nc", "--quiet"]
@@ -307,6 +311,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+@pytest.mark.costly_cases("problem")
 @pytest.mark.parametrize("case", CASES)
 def test_bad_input_is_told_in_a_sentence(ocp: Ocp, files: Path, case: str) -> None:
     words, message = CASES[case]
@@ -335,6 +340,7 @@ def test_a_next_state_that_never_varies_is_told(ocp: Ocp) -> None:
     assert "the next hand never varies" in done.err
 
 
+@pytest.mark.costly
 def test_the_best_of_several_seeds_is_kept_whatever_the_processes(ocp) -> None:
     collected = ocp("collect", "push-1d", "-n", "400", "-o", "data.nc", "-q")
     assert collected.code == 0
@@ -350,6 +356,7 @@ def test_the_best_of_several_seeds_is_kept_whatever_the_processes(ocp) -> None:
         assert both.json.get(key) == alone[best].get(key)
 
 
+@pytest.mark.costly
 def test_pieces_are_the_same_data_in_any_process(ocp, monkeypatch) -> None:
     monkeypatch.setattr(collecting, "PIECE", 100)
     words = ("collect", "push-1d", "-n", "350", "--seed", "3", "-q")

@@ -79,6 +79,7 @@ TOO_MUCH = {
 }
 
 
+@pytest.mark.costly_cases("nodes of a law", "points together", "points of a growing horizon", "batch")
 @pytest.mark.parametrize(("words", "sentence"), TOO_MUCH.values(), ids=TOO_MUCH)
 def test_what_cannot_be_is_refused(ocp, monkeypatch, words: list[str], sentence: str) -> None:
     monkeypatch.setattr(effort, "machine_memory", lambda: 25e9)
@@ -87,6 +88,7 @@ def test_what_cannot_be_is_refused(ocp, monkeypatch, words: list[str], sentence:
     assert sentence in done.err and len(done.err.splitlines()) == 1
 
 
+@pytest.mark.costly
 def test_what_will_take_long_is_told_in_one_line(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(effort, "LONG", 1e-3)
     told = ocp(*WALL, "-p", "N=5", "--json")
@@ -110,6 +112,7 @@ def test_the_line_has_time_and_what_matters_of_memory(capsys) -> None:
     )
 
 
+@pytest.mark.costly
 def test_a_curve_that_ends_in_no_number_has_failed(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
     """From m = 0.75 on the exact replay overflows."""
 
@@ -142,6 +145,7 @@ def test_a_curve_that_ends_in_no_number_has_failed(ocp, monkeypatch: pytest.Monk
     assert all(point["exact_cost"] is not None for point in done.json["points"])
 
 
+@pytest.mark.costly
 def test_a_solve_whose_replay_has_no_number_has_failed(ocp) -> None:
     done = ocp(*WALL, "-p", "N=5", "-p", "m=1e-300", "--json")
     assert done.json["exact_cost"] is None and done.code == 3
@@ -149,6 +153,7 @@ def test_a_solve_whose_replay_has_no_number_has_failed(ocp) -> None:
     assert again.json["cost"] is None and again.code == 3
 
 
+@pytest.mark.costly
 def test_a_tilde_is_the_home_directory(ocp, tmp_path: Path, monkeypatch) -> None:
     home = tmp_path / "home"
     home.mkdir()

@@ -83,6 +83,7 @@ def test_a_loop_is_read_back_as_it_was_simulated(tmp_path: Path) -> None:
     assert np.allclose(np.diff(run.data["time"].values), 0.01)
 
 
+@pytest.mark.costly
 def test_same_seed_same_bits(ocp: Ocp) -> None:
     options = ("--steps", "12", "--plant", "noise", "--seeds", "2", "--json")
     one, again, other = (
@@ -142,6 +143,7 @@ def test_a_plant_that_diverges_ends_its_seed_and_is_kept(ocp: Ocp, loops: Path) 
     assert ocp("animate", "@last", "-o", "a.html", "--out", str(loops)).code == 0
 
 
+@pytest.mark.costly
 def test_ctrl_c_keeps_what_ran(tmp_path: Path) -> None:
     process = start([*SMALL, "--steps", "100000", "--seeds", "2", "--json"], tmp_path)
     read_until(process, "sample")

@@ -37,6 +37,7 @@ def test_a_template_loads_under_its_new_name_and_is_drawn(ocp, kind: str) -> Non
     assert text.count("my-robot") == 1 and text.count("  # ") > 5, "it explains itself"
 
 
+@pytest.mark.cheap_cases("plain")
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_template_solves_in_few_steps(ocp, kind: str) -> None:
     found = solve(load(written(ocp, kind)).problem({"N": 2}), contact="exact")

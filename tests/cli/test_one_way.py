@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 MODULES, FILES = 182, 104
 """Most modules loaded, and most files with functions called, in ``ocp solve --pdf``."""
@@ -54,6 +56,7 @@ def test_a_solve_with_its_pdf_loads_and_calls_little(tmp_path: Path) -> None:
     assert not [name for name in found["modules"] if name.startswith(of_others)]
 
 
+@pytest.mark.costly
 def test_pdf_loads_no_study_and_no_policy_learning(tmp_path: Path) -> None:
     program = "import json, sys; import reports.pdf; print(json.dumps({'m': sorted(sys.modules)}))"
     loaded = printed(program, tmp_path)["m"]

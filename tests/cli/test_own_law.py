@@ -21,6 +21,7 @@ def law(tmp_path: Path) -> Path:
     return Path(shutil.copy(EXAMPLES / "logistic.py", tmp_path))
 
 
+@pytest.mark.costly
 def test_a_run_under_it_is_replayed_and_exported_where_the_file_is_named(ocp, law: Path) -> None:
     done = ocp("solve", "push-1d", *SHORT, "--contact", law.name, "-c", "width=0.03", "--json")
     assert done.code == 0 and done.json["contact"] == "logistic"
@@ -39,6 +40,7 @@ def test_a_run_under_it_is_replayed_and_exported_where_the_file_is_named(ocp, la
     assert "has changed since" in ocp("replay", "@last", "--contact", law.name).out
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(
     "words",
     [
@@ -86,6 +88,7 @@ def test_what_is_no_law_is_told(ocp, law: Path) -> None:
     assert "logistic (-c NAME=VALUE)" in shown and "width=0.01 (number): scale" in shown
 
 
+@pytest.mark.costly
 def test_python_takes_the_file_too_and_sends_the_law_to_other_processes(law: Path) -> None:
     found = solve("push-1d", contact=str(law), contact_settings={"width": 0.05}, N=6)
     assert found.record["contact"] == "logistic"

@@ -121,6 +121,7 @@ def numbers(text: str) -> list[str]:
     return re.findall(r"[-\d.]+(?:e-?\d+)?", text)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(("law", "settings"), [("exact", {}), ("barrier", {"mu": 1e-4})])
 def test_a_plan_is_that_of_the_same_problem_with_other_names(files, law, settings) -> None:
     """A terminal weight called penalty was taken for that of a route, and set to zero."""
@@ -143,6 +144,7 @@ def test_a_plan_is_that_of_the_same_problem_with_other_names(files, law, setting
     assert float(ours.sensitivity("contact.mu")["cost"]) < -100
 
 
+@pytest.mark.costly
 def test_a_sweep_of_ones_own_mu_is_no_place_on_the_central_path(files, ocp) -> None:
     def page(over: str) -> dict[str, Any]:
         done = ocp("sweep", str(files[0]), "--contact", "barrier", "--over", over, "--json", "-q")
@@ -158,6 +160,7 @@ def test_a_sweep_of_ones_own_mu_is_no_place_on_the_central_path(files, ocp) -> N
     assert "seed" in {row[0] for row in seeds["settings"]}, "the seed of the solve"
 
 
+@pytest.mark.costly
 def test_ones_own_sigma_is_not_the_noise_of_an_estimate(files, ocp) -> None:
     plain = ("estimate", str(files[0]), "--samples", "50", "--estimators", "fobg", "--json", "-q")
     found = ocp(*plain, "-p", "sigma=0.7", "--sigma", "0.01").json

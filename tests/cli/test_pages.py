@@ -26,6 +26,7 @@ def house_style():
         yield
 
 
+@pytest.mark.costly
 def test_page_one_names_law_method_and_policy(views) -> None:
     how = dict(solve_page(views["solve push-disc barrier"])[0]["how"])
     assert how == {
@@ -40,6 +41,7 @@ def test_page_one_names_law_method_and_policy(views) -> None:
     assert (how["law"], how["policy"]) == ("exact", "open-loop")
 
 
+@pytest.mark.costly
 def test_every_law_is_shown_over_time_and_a_smoothed_one_on_its_path(views) -> None:
     _, exact = solve_page(views["solve push-1d exact"])
     _, smoothed = solve_page(views["solve push-1d adaptive"])
@@ -47,6 +49,7 @@ def test_every_law_is_shown_over_time_and_a_smoothed_one_on_its_path(views) -> N
     assert "contacts-01" in smoothed and "contact" in smoothed
 
 
+@pytest.mark.costly
 def test_table_and_pictures_have_one_unit(views) -> None:
     view = views["solve push-1d exact"]
     content, drawn = solve_page(view)
@@ -58,6 +61,7 @@ def test_table_and_pictures_have_one_unit(views) -> None:
     assert "N s" in drawn["strobe"].axes[0].get_title("left")
 
 
+@pytest.mark.costly
 def test_a_comparison_tells_what_differs(views) -> None:
     runs = [views["solve push-1d exact"], views["solve push-1d adaptive"]]
     content, drawn = comparison_page(runs)
@@ -115,6 +119,7 @@ def test_a_path_shows_its_motions(views) -> None:
     assert content["points"][0][4] in ("yes", "no")
 
 
+@pytest.mark.costly
 def test_the_swept_parameter_is_no_constant_and_is_that_of_each_point(views, monkeypatch) -> None:
     view = views["continue wall-1d barrier"]
     monkeypatch.setitem(view.run.meta, "over", "m")
@@ -125,6 +130,7 @@ def test_the_swept_parameter_is_no_constant_and_is_that_of_each_point(views, mon
     assert view.at_point(2).params.m == values[2] != view.params.m
 
 
+@pytest.mark.costly
 def test_floors_are_not_drawn_as_data(views, monkeypatch) -> None:
     view = views["continue wall-1d barrier"]
     points = view.run.meta["points"]

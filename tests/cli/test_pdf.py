@@ -35,6 +35,7 @@ def views(store_of_runs: Path) -> dict[str, RunView]:
     return found
 
 
+@pytest.mark.costly
 def test_identical_runs_give_identical_bytes(ocp, tmp_path: Path) -> None:
     """Two solves, the second in another process with other hashes, at another time and place."""
     arguments = ["solve", "push-1d", "--contact", "adaptive", "--quiet"]
@@ -75,6 +76,7 @@ def test_reports_of_stored_runs(ocp, store_of_runs: Path) -> None:
     assert not Path("mixed.pdf").exists()
 
 
+@pytest.mark.costly
 def test_equations_that_do_not_compile_are_named(views, monkeypatch) -> None:
     view = views["solve push-1d exact"]
     broken = spec("push-1d")
@@ -86,6 +88,7 @@ def test_equations_that_do_not_compile_are_named(views, monkeypatch) -> None:
         render([view.run])
 
 
+@pytest.mark.costly
 def test_a_pdf_that_cannot_be_written_leaves_nothing(views, tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
     with pytest.raises(InputError, match="cannot write the PDF"):
@@ -111,12 +114,14 @@ def test_the_page_says_what_the_run_says(views) -> None:
     assert "seconds" not in text and "solve_s" not in text, "times differ from run to run"
 
 
+@pytest.mark.costly
 def test_the_exact_law_lies_at_the_end_of_the_path(views) -> None:
     with styled():
         content, _ = solve_page(views["solve push-1d exact"])
     assert "μ = 0" in content["law"]["place"]
 
 
+@pytest.mark.costly
 def test_feedback_has_its_gains_and_all_scenarios(views) -> None:
     view = views["solve push-disc barrier"]
     with styled():
@@ -132,6 +137,7 @@ def test_feedback_has_its_gains_and_all_scenarios(views) -> None:
         np.testing.assert_allclose(np.asarray(map_.get_array()), K[:, control, :].T)
 
 
+@pytest.mark.costly_cases("solve push-disc barrier")
 @pytest.mark.parametrize("name", ["solve wall-1d barrier", "solve push-disc barrier"])
 def test_every_axis_has_a_unit(views, name: str) -> None:
     view = views[name]

@@ -11,6 +11,7 @@ from ocp import store
 from reports.papers import BOTH, bare
 
 
+@pytest.mark.costly
 def test_a_solve_writes_its_figure(ocp, tmp_path: Path) -> None:
     done = ocp(
         "solve",

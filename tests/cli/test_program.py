@@ -35,6 +35,7 @@ def test_the_version_is_that_of_what_is_installed(ocp) -> None:
     assert (done.code, done.out.strip()) == (0, f"centralpath {version('centralpath')}")
 
 
+@pytest.mark.costly_cases("estimate")
 @pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_every_help_is_whole_and_shows_examples(ocp, name: str) -> None:
     short, long = ocp(*name.split(), "-h"), ocp(*name.split(), "--help")
@@ -63,6 +64,7 @@ def test_examples_are_understood(ocp, name: str, monkeypatch) -> None:
     assert len(seen) == len(COMMANDS[name].declared.examples) > 0
 
 
+@pytest.mark.costly
 def test_stages_are_logged_at_info_and_solvers_at_debug(ocp, caplog) -> None:
     silent = ocp("solve", "wall-1d", "--contact", "barrier", "-q")
     assert silent.err == "" and "ocp.routes" not in silent.out
@@ -98,6 +100,7 @@ def test_levels_are_set_back(capsys) -> None:
     assert [(logger.level, logger.handlers) for logger in loggers] == before
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8"])
 def test_output_in_every_encoding(tmp_path: Path, encoding: str) -> None:
     """The sign of complementarity, which cp1252 lacks, ends no program."""
@@ -107,6 +110,7 @@ def test_output_in_every_encoding(tmp_path: Path, encoding: str) -> None:
     assert f"0 <= lam {sign} gap" in done.stdout.decode(encoding)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
 def test_a_solve_in_another_encoding_is_stored_all_the_same(tmp_path, encoding: str) -> None:
     solved = ("solve", "wall-1d", "--contact", "barrier", "--pdf", "a.pdf")

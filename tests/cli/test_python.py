@@ -56,6 +56,7 @@ def pushed() -> Solution:
     return solve("push-disc", "barrier", mu=1e-3, N=6)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("name", SMALL)
 def test_python_stores_what_the_command_line_stores(ocp, tmp_path, name: str, law: str) -> None:
@@ -70,6 +71,7 @@ def test_python_stores_what_the_command_line_stores(ocp, tmp_path, name: str, la
     assert solution.cost == told["cost"]
 
 
+@pytest.mark.costly
 def test_method_policy_and_settings_are_those_of_the_command_line(ocp, tmp_path) -> None:
     told = ocp(
         "solve",
@@ -107,6 +109,7 @@ def test_method_policy_and_settings_are_those_of_the_command_line(ocp, tmp_path)
     assert {stored_hash(named, tmp_path), stored_hash(made, tmp_path)} == {told["hash"]}
 
 
+@pytest.mark.costly
 def test_names_objects_keywords_and_dicts_say_the_same(tmp_path) -> None:
     law = {"sigma": 0.05, "samples": 4, "base": "barrier", "base.mu": 0.01}
     made = Randomized(0.05, 4, base=Barrier(mu=0.01))
@@ -282,6 +285,7 @@ def test_a_replay_is_labelled_and_measured(pushed: Solution) -> None:
     assert repr(replay).startswith("<Replay of push-disc under barrier, open-loop: cost")
 
 
+@pytest.mark.costly
 def test_pictures_and_pages_of_a_solution(pushed: Solution, tmp_path) -> None:
     assert pushed.report(tmp_path / "one.pdf").read_bytes().startswith(b"%PDF")
     assert pushed.animate(tmp_path / "one.gif", fps=4).read_bytes().startswith(b"GIF89a")

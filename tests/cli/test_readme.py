@@ -46,6 +46,7 @@ def test_its_tables_of_smoothings_say_what_was_measured(table: str, title: str, 
     assert len(rows) == number and set(rows) <= wanted
 
 
+@pytest.mark.costly
 def test_added_problem_catches_the_mass(tmp_path: Path) -> None:
     """The mass is to rest at 0.8 m; the walls at 0 and 1 m must hold it in on the way."""
     file = saved(DOCS / "reference" / "problem-file.md", "catch.py", tmp_path)
@@ -56,6 +57,7 @@ def test_added_problem_catches_the_mass(tmp_path: Path) -> None:
     assert x[-1] == pytest.approx([0.8, 0.0], abs=0.05)
 
 
+@pytest.mark.costly
 def test_built_machine_lifts_itself(tmp_path: Path) -> None:
     """The bar ends turned by -0.5 rad (nose up) and at rest, on tail and hand alone."""
     file = saved(DOCS / "theory" / "machines.md", "push_up.py", tmp_path)
@@ -79,6 +81,7 @@ def test_machine_example_shows_and_draws(tmp_path: Path) -> None:
     assert len(drawn.draw(drawn.params({}), np.zeros(8))) == 1 + 2 + 3
 
 
+@pytest.mark.costly
 def test_python_example_gives_what_it_says() -> None:
     source = next(b.text for b in blocks(README.read_text()) if "solution.verdict" in b.text)
     scope: dict = {}

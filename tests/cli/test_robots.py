@@ -74,6 +74,7 @@ FILES = {
 }
 
 
+@pytest.mark.costly_cases("crane")
 @pytest.mark.parametrize("name", FILES)
 def test_a_problem_of_a_robot_loads_and_is_drawn(ocp, name: str) -> None:
     Path("files").mkdir()
@@ -95,6 +96,7 @@ def test_a_problem_of_a_robot_loads_and_is_drawn(ocp, name: str) -> None:
     assert load("my-robot.py").digest != before, "the robot is part of what a run was made of"
 
 
+@pytest.mark.costly_cases("hopper")
 @pytest.mark.parametrize("name", ["hopper", "arm"])
 def test_a_problem_of_a_robot_solves(ocp, name: str) -> None:
     assert ocp("new", "go", "--robot", str(FILES[name])).code == 0

@@ -51,6 +51,7 @@ def runs(ocp, stored: Path, tmp_path: Path) -> Path:
     return shutil.copytree(stored, tmp_path / "runs")
 
 
+@pytest.mark.costly
 def test_the_listing_tells_whole_names_and_what_was_asked(ocp, runs: Path) -> None:
     told = ocp("runs").out
     lines = told.splitlines()
@@ -63,6 +64,7 @@ def test_the_listing_tells_whole_names_and_what_was_asked(ocp, runs: Path) -> No
     assert "exact, direct" in lines[-1]
 
 
+@pytest.mark.costly_cases("filters0-places0", "filters1-places1", "filters2-places2")
 @pytest.mark.parametrize(
     ("filters", "places"),
     [
@@ -96,6 +98,7 @@ def test_an_empty_answer_tells_what_there_is(ocp, runs: Path) -> None:
     assert "No run matches (4 in" in told and "contact: barrier, exact" in told
 
 
+@pytest.mark.costly
 def test_a_run_is_named_from_the_latest_back(ocp, runs: Path) -> None:
     ages = [entry.path for entry in store.list_runs(runs)]
     created = [json.loads((path / "meta.json").read_text())["created"] for path in ages]
@@ -125,6 +128,7 @@ def test_tags_are_no_part_of_the_answer(ocp, runs: Path) -> None:
     assert "has no runs" in ocp("runs", "--out", "other").out
 
 
+@pytest.mark.costly_cases("command0")
 @pytest.mark.parametrize(
     "command",
     [

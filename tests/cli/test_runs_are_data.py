@@ -113,6 +113,7 @@ COMMANDS = {
 }
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("command", COMMANDS)
 def test_no_command_runs_what_a_run_names(ocp, received: dict[str, Path], tmp_path: Path, command: str) -> None:
     # A page takes a second and more.
@@ -124,6 +125,7 @@ def test_no_command_runs_what_a_run_names(ocp, received: dict[str, Path], tmp_pa
     assert not list(tmp_path.rglob("*.ran"))
 
 
+@pytest.mark.costly
 def test_nor_does_a_start_or_a_decision(ocp, made: Path, received: dict[str, Path]) -> None:
     run = received["solve source"]
     for line in (
@@ -136,6 +138,7 @@ def test_nor_does_a_start_or_a_decision(ocp, made: Path, received: dict[str, Pat
     assert not list(run.parents[1].rglob("*.ran"))
 
 
+@pytest.mark.cheap_cases("export")
 @pytest.mark.parametrize("command", ["replay", "report", "animate", "export"])
 def test_source_names_the_code(ocp, made: Path, command: str) -> None:
     run = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta.get("grade"))
@@ -169,6 +172,7 @@ def test_load_takes_the_file_by_name(made: Path) -> None:
     assert again.replay().cost == pytest.approx(again.audit.exact_cost, rel=1e-9)
 
 
+@pytest.mark.costly
 def test_a_run_shows_its_problem_without_the_file(ocp, made: Path, tmp_path: Path) -> None:
     """The same motion as with it: at nodes as drawn, between them in straight lines."""
     run = next(e.path for e in store.list_runs(made / "runs") if e.meta and e.meta.get("grade"))

@@ -135,6 +135,7 @@ def test_every_strategy_says_what_it_is_for(ocp) -> None:
     assert all(one["meaning"] for one in told)
 
 
+@pytest.mark.costly
 def test_a_setting_may_be_called_without_its_prefix(ocp) -> None:
     path = ["--from", "1e-2", "--to", "1e-3", "--steps", "1", "--json", "--quiet"]
     short = ocp("continue", "wall-1d", "--contact", "barrier", "--over", "mu", *path).json

@@ -36,6 +36,7 @@ def put(folder: Path, name: str, kind: str) -> Path:
     return place
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("kind", ["file", "package", "folder"])
 def test_the_working_directory_does_not_stand_for_our_packages(tmp_path: Path, kind: str) -> None:
     for name in OURS:
@@ -46,6 +47,7 @@ def test_the_working_directory_does_not_stand_for_our_packages(tmp_path: Path, k
     assert "push-1d" in [item["name"] for item in json.loads(done.stdout)["problems"]]
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("kind", ["file", "package"])
 def test_the_installed_program_never_looks_into_the_working_directory(tmp_path: Path, kind: str) -> None:
     for name in OURS:
@@ -57,6 +59,7 @@ def test_the_installed_program_never_looks_into_the_working_directory(tmp_path: 
     assert done.returncode == 0 and "push-1d" in done.stdout, done.stderr
 
 
+@pytest.mark.cheap_cases("dynamics-import ocp")
 @pytest.mark.parametrize(
     ("name", "code"),
     [
@@ -75,6 +78,7 @@ def test_what_a_script_has_beside_it_is_named_in_one_sentence(tmp_path: Path, na
     assert f"{place} has the name of the package {name} of centralpath and hides it" in last
 
 
+@pytest.mark.costly
 def test_a_file_of_that_name_is_no_trouble_until_ours_is_needed(tmp_path: Path) -> None:
     put(tmp_path, "problems", "file")
     done = python(tmp_path, "-c", "import ocp; print(ocp.__version__)")

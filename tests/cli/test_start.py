@@ -73,6 +73,7 @@ def test_a_reader_that_goes_is_no_fault(capsys: pytest.CaptureFixture[str]) -> N
     assert app._explain(caught.value) == ("", 1)
 
 
+@pytest.mark.costly
 def test_closed_streams_get_no_file_of_ours(tmp_path: Path) -> None:
     """A descriptor 1 that came closed would be the next file's, into which solvers then print."""
     program = "import os; os.closerange(0, 3)\n" + HEEDED.replace('os.write(1, b".")', "pass")

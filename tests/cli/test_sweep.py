@@ -50,6 +50,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+@pytest.mark.costly
 def test_each_point_is_told_and_stored_as_a_solve_of_its_own(ocp: Ocp) -> None:
     done = ocp("sweep", "push-1d", *OVER, "--json")
     assert done.code == 0, done.err
@@ -92,6 +93,7 @@ def test_each_point_is_told_and_stored_as_a_solve_of_its_own(ocp: Ocp) -> None:
     assert "All 6 points are solved" in told["verdict"] and "6/6" in done.err
 
 
+@pytest.mark.costly
 def test_failed_points_are_kept_named_and_can_be_looked_at(swept: Path, ocp: Ocp) -> None:
     (directory,) = swept.glob("push-1d/*")
     meta = store.read_meta(directory)
@@ -105,6 +107,7 @@ def test_failed_points_are_kept_named_and_can_be_looked_at(swept: Path, ocp: Ocp
     assert "starts inside the object" in ocp(*words[1:]).err
 
 
+@pytest.mark.costly
 def test_the_store_shows_a_sweep_and_a_report_draws_it(swept: Path, ocp: Ocp) -> None:
     listed = ocp("runs", "--out", str(swept), "--json").json["runs"]
     told = [(one["kind"], one["status"], one["over"]) for one in listed]
@@ -138,6 +141,7 @@ def _stopped(words: list[str], store_of: Path, stop: signal.Signals) -> subproce
     return process
 
 
+@pytest.mark.costly_cases("2")
 @pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGINT])
 def test_the_same_command_goes_on_after_a_kill_or_ctrl_c(stop: signal.Signals, tmp_path: Path, ocp: Ocp) -> None:
     kept = tmp_path / "kept"
@@ -199,6 +203,7 @@ def test_bad_words_are_told_in_a_sentence(words: list[str], sentence: str, ocp: 
     assert len(done.err.strip().splitlines()) <= 2
 
 
+@pytest.mark.costly
 def test_starts_side_by_side_store_the_same_run(ocp: Ocp) -> None:
     words = ["solve", "push-1d", "--contact", "exact", "-p", "N=6", "--starts", "2", "--json"]
     alone, beside = ocp(*words), ocp(*words, "--jobs", "2")

@@ -36,6 +36,7 @@ KINKED = (
 # --- exit codes --------------------------------------------------------------------------------
 
 
+@pytest.mark.costly
 def test_what_is_certified_is_done_whether_or_not_it_survives(ocp) -> None:
     done = ocp("solve", "planar-push", "--contact", "barrier", *EXACT, *QUIET)
     found = done.json
@@ -47,6 +48,7 @@ def test_what_is_certified_is_done_whether_or_not_it_survives(ocp) -> None:
     assert found["verdict"].partition("\n")[0].endswith("; does not survive.")
 
 
+@pytest.mark.costly
 def test_survival_can_be_required(ocp) -> None:
     assert ocp("solve", "planar-push", "--contact", "barrier", *EXACT, *QUIET, "--require", "survives").code == 3
     done = ocp("solve", "push-1d", "--contact", "barrier", *EXACT, *QUIET, "--require", "survives")
@@ -54,6 +56,7 @@ def test_survival_can_be_required(ocp) -> None:
     assert (done.json["survives"], done.json["grade"]) == (True, "survives")
 
 
+@pytest.mark.costly
 def test_a_plan_that_survives_at_its_step_only_is_not_what_is_required(ocp) -> None:
     done = ocp("solve", "cart-walls", "--contact", "barrier", *EXACT, *QUIET, "--require", "survives")
     found = done.json
@@ -62,6 +65,7 @@ def test_a_plan_that_survives_at_its_step_only_is_not_what_is_required(ocp) -> N
     assert f"at h/4 it costs {found['refined_cost']:.6g}." in found["verdict"]
 
 
+@pytest.mark.costly
 def test_refine_tells_every_step_and_refuses_what_has_none(ocp) -> None:
     coarse = ("-p", "h=0.2", "-p", "N=10")
     found = ocp("solve", "ball-bounce", "--contact", "barrier", *EXACT, *coarse, "--refine", *QUIET).json
@@ -109,6 +113,7 @@ def without_proof(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ocp.stationarity.lpec.LinearModel.dual_bound", lambda *_: math.inf)
 
 
+@pytest.mark.costly
 @pytest.mark.usefixtures("without_proof")
 def test_a_program_that_fails_is_undecided(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
     failure = SimpleNamespace(status=4, x=None, message="numerical difficulties")
@@ -184,6 +189,7 @@ def build(params):
 """
 
 
+@pytest.mark.costly
 def test_starts_are_ranked_by_their_referee(ocp, tmp_path: Path) -> None:
     """The way that is cheaper with expanded gaps is dearer with true ones."""
     (tmp_path / "post.py").write_text(POST)
@@ -201,6 +207,7 @@ def test_starts_are_ranked_by_their_referee(ocp, tmp_path: Path) -> None:
         assert chosen["cost"] == found["cost"]
 
 
+@pytest.mark.costly
 def test_a_start_that_did_not_help_is_said(ocp) -> None:
     first = ocp("solve", "push-1d", "--contact", "barrier", *QUIET).json
     cold = ocp(
@@ -245,6 +252,7 @@ def test_a_verdict_in_a_pipe_is_plain(capsys) -> None:
     assert capsys.readouterr().out == "Head.\nA finding.\n"
 
 
+@pytest.mark.costly
 def test_the_pages_bar_has_the_grade_of_the_run(ocp) -> None:
     grades = {}
     for arguments in (
@@ -267,6 +275,7 @@ def test_the_pages_bar_has_the_grade_of_the_run(ocp) -> None:
 # --- paths ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.costly
 def test_points_of_a_path_carry_all_three_judges(ocp) -> None:
     found = ocp(
         "continue",
@@ -293,6 +302,7 @@ def test_points_of_a_path_carry_all_three_judges(ocp) -> None:
         assert point["referee_cost"] > 1.1 * point["cost"]
 
 
+@pytest.mark.costly
 def test_a_sensitivity_is_printed_with_those_of_its_replays(ocp) -> None:
     found = ocp("solve", "push-1d", *EXACT, "--sensitivity", "M", *QUIET).json
     slopes = found["sensitivities"]["M"]

@@ -10,6 +10,7 @@ import pytest
 PUSH = ("solve", "push-disc", "--contact", "barrier", "-c", "mu=1e-3")
 
 
+@pytest.mark.costly
 def test_a_finer_mesh_starts_at_a_stored_run(ocp) -> None:
     first = ocp(*PUSH, "--json", "--quiet").json
     finer = ("-p", "N=40", "-p", "h=0.05", "--json", "--quiet")
@@ -23,6 +24,7 @@ def test_a_finer_mesh_starts_at_a_stored_run(ocp) -> None:
     assert again["from"] == warm["hash"], "a run is named by a part of its name too"
 
 
+@pytest.mark.costly
 def test_what_cannot_be_started_from_is_said_in_one_line(ocp, store_of_runs: Path) -> None:
     def refused(*arguments: str, words: str, code: int = 2) -> None:
         done = ocp(*arguments)

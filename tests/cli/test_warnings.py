@@ -28,6 +28,7 @@ def test_ours_are_one_line_and_the_others_nothing(quiet: bool, capsys: pytest.Ca
     assert told.out == ""
 
 
+@pytest.mark.costly
 def test_without_compiler_and_home(tmp_path: Path) -> None:
     ocp = Path(sys.executable).with_name("ocp")
     kept = {name: os.environ[name] for name in ("PYTHONPATH",) if name in os.environ}
@@ -47,6 +48,7 @@ def test_without_compiler_and_home(tmp_path: Path) -> None:
         assert line.startswith(("run:", "PDF:", "zobg")), line
 
 
+@pytest.mark.costly
 def test_a_file_with_an_accent_is_written_in_an_ascii_locale(tmp_path: Path) -> None:
     ocp = Path(sys.executable).with_name("ocp")
     ascii_only = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}

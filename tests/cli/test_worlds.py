@@ -9,6 +9,7 @@ from tests.cli.conftest import Ocp
 SMALL = ("finger-disc", "-p", "N=3", "--contact", "barrier")
 
 
+@pytest.mark.costly
 def test_a_solve_and_a_replay_tell_the_same_of_mujoco(ocp: Ocp) -> None:
     solved = ocp("solve", *SMALL, "--world", "mujoco", "--json").json
     told = solved["world"]
@@ -39,6 +40,7 @@ def test_what_is_no_machine_is_refused_before_it_is_solved(ocp: Ocp, line: tuple
     assert "push-disc cannot be tried in MuJoCo: it is not built by the system() of a" in done.err
 
 
+@pytest.mark.costly
 def test_a_closed_loop_in_mujoco(ocp: Ocp) -> None:
     line = ("mpc", "finger-disc", "-p", "N=3", "--steps", "4", "--json")
     there, here = (ocp(*line, "--plant", plant).json for plant in ("mujoco", "exact"))

@@ -39,6 +39,7 @@ def slow_pages() -> list[Path]:
     ]
 
 
+@pytest.mark.costly_cases("docs/reference/problem-file.md", "docs/theory/verdicts.md")
 @pytest.mark.parametrize("page", QUICK)
 def test_a_page_works_as_printed(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert runnable(ROOT / page)

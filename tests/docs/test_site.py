@@ -61,6 +61,7 @@ def links(site: Path) -> dict[Path, Links]:
     return {page: Links(page) for page in site.rglob("*.html")}
 
 
+@pytest.mark.costly
 def test_nothing_is_loaded_from_elsewhere(site: Path, links: dict[Path, Links]) -> None:
     assert len(links) > 40
     for page, found in links.items():
@@ -71,6 +72,7 @@ def test_nothing_is_loaded_from_elsewhere(site: Path, links: dict[Path, Links]) 
         assert "fonts.g" not in style.read_text(encoding="utf-8"), style.name
 
 
+@pytest.mark.costly
 def test_no_link_is_dead(site: Path, links: dict[Path, Links]) -> None:
     dead = []
     for page, found in links.items():

@@ -22,6 +22,7 @@ def headline(found: Solution) -> str:
     return found.verdict.partition("\n")[0]
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("moved", [True, False])
 def test_a_hard_end_that_only_smoothing_meets_is_named(moved: bool) -> None:
     """At mu = 0.1 a force from afar brings the object to 0.3; replayed, it is elsewhere."""
@@ -76,6 +77,7 @@ def test_a_hard_end_of_a_system_without_geometry_is_named_too() -> None:
     ) in found.verdict
 
 
+@pytest.mark.costly
 def test_planar_push_leaves_its_reach_bound_in_the_replay() -> None:
     found = solve(get("planar-push"), Barrier(mu=1e-2))
     assert found.grade == "certified" and headline(found).endswith("; does not survive.")

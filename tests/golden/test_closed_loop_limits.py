@@ -89,6 +89,7 @@ def controller(kind: str, phase: str, weight: float = 1.0) -> Controller:
 STARTS = ([0.5, 0.5], [0.5, 0.95], [0.5, 1.5], [0.5, 30.0], [0.5, -1.3], [1.9, 1.5])
 
 
+@pytest.mark.cheap_cases("bound-qpcc")
 @pytest.mark.parametrize("phase", ["qpcc", "qp", "full"])
 @pytest.mark.parametrize("kind", ["bound", "path", "far"])
 def test_a_cart_beyond_its_speed_limit_brakes(kind: str, phase: str) -> None:
@@ -102,6 +103,7 @@ def test_a_cart_beyond_its_speed_limit_brakes(kind: str, phase: str) -> None:
         assert ("violates" in command.why) == (abs(start[1]) > V_MAX + H * U_MAX), start
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("weight", [1e-6, 1e6])
 def test_the_penalty_is_exact_in_any_unit_of_the_cost(weight: float) -> None:
     asked = controller("bound", "qpcc", weight)
@@ -111,6 +113,7 @@ def test_the_penalty_is_exact_in_any_unit_of_the_cost(weight: float) -> None:
         assert command.u[0] == pytest.approx(by_hand(np.array(start)), abs=1e-4), start
 
 
+@pytest.mark.costly_cases("full")
 @pytest.mark.parametrize("phase", ["qpcc", "full"])
 def test_a_limit_that_cannot_be_met_loosens_no_other(phase: str) -> None:
     """The place is limited to 0.6 m: at 0.3 m and 1.5 m/s only the speed is out of its bounds."""
@@ -121,6 +124,7 @@ def test_a_limit_that_cannot_be_met_loosens_no_other(phase: str) -> None:
         assert command.u[0] == pytest.approx(by_hand(np.array(start), 0.6), abs=1e-4), start
 
 
+@pytest.mark.costly_cases("relaxed")
 @pytest.mark.parametrize("phase", ["qpcc", "relaxed", "policy"])
 def test_what_the_plant_violates_is_in_the_verdict(phase: str) -> None:
     pushed = simulate(controller("bound", phase), 20, disturbance=Disturbance(pushes={8: np.array([0.0, 1.5])}))

@@ -166,6 +166,7 @@ def test_a_barrier_on_the_pusher(given, expected, parameter):
     assert np.allclose(values, expected, rtol=1e-10, atol=0)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(("u", "expected"), PUSH_SMOOTHED.items())
 def test_the_randomized_pusher(u, expected):
     system = pusher(1, 1000, 0.1)

@@ -115,6 +115,7 @@ def test_the_second_order_barrier_is_that_of_its_cone(mu, push):
     np.testing.assert_allclose(x_next[2], H * push + b, rtol=1e-9)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("cone", CONES)
 @settings(max_examples=25, deadline=None)
 @given(
@@ -139,6 +140,7 @@ def test_impacts_of_a_rod_are_coulombs(cone, angle, height, velocity, push):
     )
 
 
+@pytest.mark.costly
 @settings(max_examples=25, deadline=None)
 @given(
     angle=st.floats(-1.2, 1.2),
@@ -150,6 +152,7 @@ def test_both_cones_are_one_law_at_mu_zero(angle, velocity):
     np.testing.assert_allclose(one, other, atol=2e-5)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("cone", CONES)
 def test_a_falling_rod_keeps_its_books(cone):
     system = rod(cone)

@@ -30,6 +30,7 @@ def slid(found: Solution) -> np.ndarray:
     return forward.astype(int) - backward.astype(int)
 
 
+@pytest.mark.cheap_cases("box-slide")
 @pytest.mark.parametrize("name", FOUR)
 def test_the_answer_is_exact(name: str) -> None:
     found = exact(name)
@@ -38,6 +39,7 @@ def test_the_answer_is_exact(name: str) -> None:
     assert found.audit.complementarity < 1e-10
 
 
+@pytest.mark.costly_cases("cart-transport-peer1")
 @pytest.mark.parametrize(("name", "peer"), [("box-slide", schedules.box()), ("cart-transport", schedules.cart())])
 def test_dry_friction_is_the_best_of_the_convex_programs_around_it(name: str, peer) -> None:
     found = exact(name)
@@ -75,6 +77,7 @@ def idle_cost(found: Solution) -> float:
     return float((idle**2).sum())
 
 
+@pytest.mark.costly
 def test_the_throw_is_the_best_of_a_simulation() -> None:
     p = ball_throw.Params()
     goal = np.array([p.goal_x, p.goal_z, p.goal_vx, p.goal_vz])
@@ -93,6 +96,7 @@ def test_the_throw_is_the_best_of_a_simulation() -> None:
     assert cost(np.array([0.6, 3.0])) == pytest.approx(9 * p.w_speed, abs=1e-6), "in reach"
 
 
+@pytest.mark.costly
 def test_the_hopper_pushes_and_flies_as_the_maximum_principle_says() -> None:
     found, p = exact("hopper-1d"), hopper_1d.Params()
     assert found.cost == pytest.approx(-hopper_1d.highest(p), rel=1e-8)
@@ -124,6 +128,7 @@ def test_the_highest_jump_tends_to_half_the_largest_velocity_times_the_time() ->
     assert hopper_1d.highest(p) == pytest.approx(a * 0.25 * 0.5 / 2, rel=1e-4)
 
 
+@pytest.mark.cheap_cases("cart-transport-method0")
 @pytest.mark.parametrize("method", [MultipleShooting(), SingleShooting()])
 @pytest.mark.parametrize("name", ["box-slide", "cart-transport"])
 def test_methods_agree_on_the_barrier_optimum(name: str, method) -> None:
@@ -143,6 +148,7 @@ def test_shooting_throws_as_well_without_any_homotopy() -> None:
     assert found.cost == pytest.approx(golden.cost, rel=golden.tolerance)
 
 
+@pytest.mark.costly_cases("method0-own0-1e-08", "method0-own0-1e-11")
 @pytest.mark.parametrize(
     "tol",
     [1e-8, 1e-11, *(pytest.param(tol, marks=pytest.mark.slow) for tol in (1e-9, 1e-10))],
@@ -157,6 +163,7 @@ def test_idle_inputs_cost_what_the_interior_point_leaves(method, own, tol) -> No
     assert excess == pytest.approx(idle_cost(found), abs=1e-9 * golden.cost)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("name", ["box-slide", "cart-transport", "hopper-1d"])
 def test_shaken_guesses_end_at_the_same_optimum(name: str) -> None:
     session = new_session(get(name), Exact(), Direct())

@@ -99,12 +99,14 @@ def landed(law: str, x: np.ndarray, u: np.ndarray) -> Landed:
     return Landed(error, normal, tangential, height, rub @ v_next, unbalanced)
 
 
+@pytest.mark.costly
 def test_one_path_in_twenty_at_least_ends_nowhere():
     """What the tests below are about; nothing but the search from other starts solves these."""
     for law in ("exact", "barrier"):
         assert np.sum(~(by_path_alone(law) <= LOST)) > STATES / 20
 
 
+@pytest.mark.costly
 def test_every_step_obeys_coulomb():
     """Newton's law, no penetration, force at contact alone, the cone, and maximum dissipation."""
     pressed = 0
@@ -122,6 +124,7 @@ def test_every_step_obeys_coulomb():
     assert pressed > STATES / 3
 
 
+@pytest.mark.costly
 def test_every_step_of_the_barrier_law_is_at_its_mu():
     for x, u in states():
         end = landed("barrier", x, u)
@@ -130,6 +133,7 @@ def test_every_step_of_the_barrier_law_is_at_its_mu():
         assert end.normal * end.height == pytest.approx(np.full(5, 1e-3), rel=1e-4)
 
 
+@pytest.mark.costly
 def test_the_search_finds_the_same_again():
     step = closed("exact")
     for k in np.flatnonzero(~(by_path_alone("exact") <= LOST)):
@@ -170,6 +174,7 @@ def largest_inputs(seed: int) -> np.ndarray:
     return np.random.default_rng(seed).uniform(-1, 1, (30, 3))
 
 
+@pytest.mark.costly
 def test_a_simulation_whose_motion_overflows_says_so():
     """At the source's h the hopper's limbs turn several times in a step and gain speed by it."""
     said = r"^hopper: step [0-9]+ has no solution: .*its motion overflows.*since step"
@@ -177,6 +182,7 @@ def test_a_simulation_whose_motion_overflows_says_so():
         simulate("hopper", 30, largest_inputs(0), seed=0, gyroscopic="explicit")
 
 
+@pytest.mark.costly
 def test_a_step_that_no_start_solves_is_named(monkeypatch: pytest.MonkeyPatch):
     """No step is ever good enough: what is said then names the step and claims no more."""
     for module in ("ocp.rollout", "problems.machines.simulation"):

@@ -16,6 +16,7 @@ PSI = ["friction", "spring", "damping"]
 PSI += [f"{kind}_{link}" for kind in ("mass", "inertia") for link in LINKS]
 
 
+@pytest.mark.costly
 def test_psi_is_recovered_within_five_percent_from_half_and_twice_the_truth():
     task = get("hopper")
     seen, touched = random_transitions(Explorer(task), 2000, seed=1)
@@ -31,6 +32,7 @@ def test_psi_is_recovered_within_five_percent_from_half_and_twice_the_truth():
     assert inside.all()
 
 
+@pytest.mark.costly
 def test_before_the_landing_all_but_friction_are_determined():
     task = get("hopper")
     seen, touched = random_transitions(Explorer(task), 2000, seed=1)

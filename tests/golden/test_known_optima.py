@@ -38,6 +38,7 @@ def test_every_problem_states_its_exact_value() -> None:
     assert {name for name, key in STATED if key == "exact"} == set(problems.names())
 
 
+@pytest.mark.one_case_in(11)
 @pytest.mark.parametrize(("name", "key"), stated())
 def test_the_stated_value_is_reached_as_stated(name: str, key: str) -> None:
     golden = problems.spec(name).golden[key]
@@ -58,6 +59,7 @@ DRAWN = {
 """Between these walls relaxations on the central path all end at 1915.75."""
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("starts", [1, pytest.param(20, marks=pytest.mark.slow)])
 def test_a_hard_path_is_left_for_one_beside_it(starts: int) -> None:
     found = solve(problems.get("cart-walls", **DRAWN), Exact(), starts=starts)
@@ -76,6 +78,7 @@ def undercut(name: str, key: str, strategies: tuple[str, ...], guesses: range) -
     return found
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(
     "name",
     [pytest.param(name, marks=[pytest.mark.slow] if name in HALF_A_MINUTE else []) for name in problems.names()],

@@ -26,6 +26,7 @@ def modes() -> ModeStepper:
     return ModeStepper(machine, machine.h, machine.friction, implicit=True)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_hopper_falls_as_by_trying_all_modes_of_contact(modes: ModeStepper, seed: int):
     """50 steps from the source's reset, both on their own from the first step on."""
@@ -41,6 +42,7 @@ def test_the_hopper_falls_as_by_trying_all_modes_of_contact(modes: ModeStepper, 
     assert touched > 10
 
 
+@pytest.mark.costly
 def test_one_step_agrees_under_inputs(modes: ModeStepper):
     """Motors at half their largest input, the start of every step given to both."""
     problem, x = simulation("hopper", seed=2)
@@ -89,6 +91,7 @@ def books(name: str, h: float) -> dict[str, np.ndarray]:
     }
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("name", ["hopper", "half-cheetah"])
 def test_contact_takes_energy_and_gives_none(name: str):
     """Impact and friction do no positive work at the velocities that they leave behind."""
@@ -100,6 +103,7 @@ def test_contact_takes_energy_and_gives_none(name: str):
     assert found["change"].max() <= 1e-6
 
 
+@pytest.mark.costly
 def test_what_the_energy_book_lacks_falls_with_the_square_of_the_step():
     """No step gives the hopper more energy than its integrator's error."""
     gained = [np.max(f["change"] - f["contact"]) for f in (books("hopper", h) for h in (0.05, 0.0125))]
@@ -130,10 +134,12 @@ def check_gait(found: Solution, speed: float):
     assert found.audit.exact_cost == pytest.approx(found.cost, rel=1e-3)
 
 
+@pytest.mark.costly
 def test_the_half_cheetahs_best_gait_is_a_gait():
     check_gait(reached("half-cheetah", "exact"), 1.0)
 
 
+@pytest.mark.costly
 def test_a_gait_settled_on_its_first_branch_is_not_optimal(monkeypatch: pytest.MonkeyPatch):
     """Seven pairs are biactive, and the certificate names those whose change pays."""
     guesses = NLP.active_sets
@@ -152,6 +158,7 @@ def test_a_gait_settled_on_its_first_branch_is_not_optimal(monkeypatch: pytest.M
     assert found.referee.survives_at_h and found.grade == "failed"
 
 
+@pytest.mark.costly
 def test_the_default_route_goes_where_the_certificate_points():
     found = solve(problems.get("half-cheetah"), Exact(), Direct())
     check_gait(found, 1.0)

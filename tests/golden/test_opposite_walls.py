@@ -65,6 +65,7 @@ def test_gaps_of_walls_that_face_each_other_give_way_oppositely() -> None:
         assert np.abs(own[:4, :4]).min() > 1e-3
 
 
+@pytest.mark.costly
 def test_every_step_is_solved_and_is_the_root_of_its_one_gap() -> None:
     """Where one ball meets one wall its impulse is the root of a scalar function."""
     s, step = problem().system, Exact().close(problem().system)

@@ -26,6 +26,7 @@ def test_both_state_an_exact_and_a_barrier_optimum() -> None:
         assert list(problems.spec(name).golden) == list(LAWS)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("name", NAMES)
 def test_the_exact_law_does_not_move_what_it_does_not_touch(name: str) -> None:
     """noising, fig. 2: from a start without contact the exact gradient has nothing to say."""
@@ -37,6 +38,7 @@ def test_the_exact_law_does_not_move_what_it_does_not_touch(name: str) -> None:
     assert found.audit.active_steps == 0
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("law", SMOOTH)
 @pytest.mark.parametrize(
     ("name", "method"),
@@ -55,6 +57,7 @@ def test_smoothed_laws_move_it_and_the_replay_keeps_half(name: str, method, law:
     assert rest - replay >= 0.5 * (rest - planned)
 
 
+@pytest.mark.costly
 def test_methods_agree_under_the_average_of_exact_steps() -> None:
     """Its kinks end no shooting by itself: the plan by direct transcription is the answer."""
     problem, law = problems.get("planar-push", N=6), Randomized(sigma=0.1, samples=4)
@@ -65,6 +68,7 @@ def test_methods_agree_under_the_average_of_exact_steps() -> None:
     assert costs[0].record["strategy"] == "scholtes-adaptive"
 
 
+@pytest.mark.costly
 def test_feedback_over_scenarios_is_worth_its_gains() -> None:
     """The same gains for all starts cost no more than the same inputs for all of them."""
     problem = problems.get("planar-push", N=10, scenarios=3)

@@ -31,6 +31,7 @@ def replayed_at_half(found: Solution) -> float:
     return sum(map(float, stages)) + float(problem.cost_terms(x[-1], u[0, -1], 0, 0, p)[1])
 
 
+@pytest.mark.costly
 def test_a_plan_is_refined_until_its_replay_at_half_the_step_agrees() -> None:
     found = solve("ball-bounce", "exact", refine=True, **COARSE)
     levels = found.record["refined"]["levels"]
@@ -48,6 +49,7 @@ def test_a_plan_is_refined_until_its_replay_at_half_the_step_agrees() -> None:
     assert f"Refined to h = {last['h']:.6g}: planned {found.cost:.6g}" in found.verdict
 
 
+@pytest.mark.costly
 def test_a_problem_object_is_refined_as_it_stands() -> None:
     problem = get("ball-bounce", **COARSE)
     lighter = replace(problem, stage_cost=0.5 * problem.stage_cost)

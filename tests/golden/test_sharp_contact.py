@@ -105,6 +105,7 @@ def modes_of_pushed_disc(x: np.ndarray, u: np.ndarray) -> list[tuple[str, np.nda
     return found
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("linearised", [True, False])
 def test_a_planar_push_ends_in_the_mode_that_fits(linearised: bool) -> None:
     sharp, seen = pushed_disc(linearised).sharpest, set()
@@ -182,6 +183,7 @@ def thrown_in_a_ring() -> ContactSystem:
     )
 
 
+@pytest.mark.costly
 def test_machines_with_expanded_gaps_are_refereed_by_true_ones() -> None:
     arguments = {"h": 0.02, "friction": 0.4, "spheres": ("bfoot", "ffoot")}
     expanded, true = (
@@ -257,6 +259,7 @@ def test_an_affine_frictionless_model_is_its_own_referee() -> None:
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
 
 
+@pytest.mark.costly
 def test_every_named_problem_says_who_referees_it() -> None:
     itself = "the model itself"
     coulomb = "true gaps, Coulomb friction with maximum dissipation"
@@ -314,6 +317,7 @@ def forces_at(system: ContactSystem, x, u, x_next, lam) -> list[np.ndarray]:
     return [np.array(v).ravel() for v in function(x, u, x_next, lam, system.parameters.values)]
 
 
+@pytest.mark.costly
 def test_zero_friction_by_a_parameter_is_the_frictionless_machine() -> None:
     table = ParameterTable([Parameter("f", 0.0)])
     kept = {"h": 0.02, "spheres": ("bfoot", "ffoot")}

@@ -39,6 +39,7 @@ def best_throw(most: float, **params: float) -> float:
     return float(min(one.fun for one in ends))
 
 
+@pytest.mark.costly
 def test_a_throw_without_a_bounce_is_an_answer() -> None:
     """No state is moved by contact alone, so that contacts that never act say nothing."""
     found = solve(get("ball-throw", **HIGH), Exact())
@@ -59,6 +60,7 @@ def test_starts_keep_the_cheapest_throw() -> None:
     assert found.cost == pytest.approx(best_throw(16.698833, **params, **fast), rel=1e-5)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("share", [0.2, 0.8, 0.99])
 def test_a_push_below_friction_moves_nothing_and_that_is_the_answer(share: float) -> None:
     """With ``u_max < friction m g`` no input moves the box: all cost at least ``w_end goal²``."""
@@ -70,6 +72,7 @@ def test_a_push_below_friction_moves_nothing_and_that_is_the_answer(share: float
     json.dumps(found.record)
 
 
+@pytest.mark.costly
 def test_a_push_just_above_friction_moves_the_box() -> None:
     found = solve(get("box-slide", u_max=1.05 * 0.5 * 9.81), Exact())
     assert found.success and found.cost < 99.9 and "ways" not in found.record

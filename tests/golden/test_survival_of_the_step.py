@@ -35,6 +35,7 @@ def at_a_quarter(found: Solution) -> float:
     return stages + float(problem.cost_terms(x[-1], u[0, -1], du, 0, p)[1])
 
 
+@pytest.mark.costly
 def test_a_plan_that_only_its_step_holds_up_is_amber() -> None:
     """cart-walls: the pole is caught by walls whose force at h = 0.04 is not that at 0.01."""
     found = solve(get("cart-walls"), Exact())
@@ -46,6 +47,7 @@ def test_a_plan_that_only_its_step_holds_up_is_amber() -> None:
     assert found.success and found.grade == "certified"
 
 
+@pytest.mark.costly_cases("ball-bounce")
 @pytest.mark.parametrize("name", ["ball-bounce", "box-slide"])
 def test_a_plan_that_holds_at_a_quarter_survives(name: str) -> None:
     found = solve(get(name), Exact())
@@ -63,6 +65,7 @@ def test_a_step_that_is_part_of_the_model_is_judged_alone(name: str) -> None:
     assert (found.referee.survives, found.referee.survives_at_h) == (True, True)
 
 
+@pytest.mark.costly
 def test_each_bound_of_the_finer_replay_is_a_reason_alone() -> None:
     """The replay at h/4 moved across its cost, a bound, the floor, or made no number."""
     found = solve(get("ball-bounce"), Exact())
@@ -104,6 +107,7 @@ def test_what_is_at_fault_at_the_step_itself_is_told_first() -> None:
     assert "does not survive: it falls" in told and "quarter of the step size it costs 9" in told
 
 
+@pytest.mark.costly
 def test_a_cut_between_nodes_is_told_with_its_tolerance() -> None:
     """A plan that survives says how far its straight motion enters a body, and what is allowed."""
     found = solve(get("planar-push", friction=0.0, gap="true"), Exact())

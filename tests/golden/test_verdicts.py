@@ -60,6 +60,7 @@ def headline(found: Solution) -> str:
 # --- true geometry ---------------------------------------------------------------------------
 
 
+@pytest.mark.costly
 def test_a_disc_pulled_round_a_post_is_certified_and_does_not_survive() -> None:
     found = solved(round_a_post)
     assert (found.status, found.grade) == (Status.SOLVED, "certified")
@@ -82,6 +83,7 @@ def test_a_disc_pulled_round_a_post_is_certified_and_does_not_survive() -> None:
     assert f"in the plan {far.contact} acts at a distance of {far.amount:.2g} m at step {far.step}" in (found.verdict)
 
 
+@pytest.mark.costly
 def test_a_plan_that_passes_through_a_body_between_nodes_is_told() -> None:
     """The pusher hops to the far side of a box of 5 cm, clear of it at every node."""
     problem = get(
@@ -136,6 +138,7 @@ def test_a_start_inside_a_wall_never_survives(law: ContactLaw) -> None:
     assert "the plan does not survive: wall is penetrated by 5 at node 0" in found.verdict
 
 
+@pytest.mark.costly
 def test_the_referee_of_a_plan_is_a_rollout_with_true_gaps() -> None:
     found = solved(round_a_post)
     sharp = round_a_post(linearised=False)
@@ -143,6 +146,7 @@ def test_the_referee_of_a_plan_is_a_rollout_with_true_gaps() -> None:
     assert again.cost == pytest.approx(found.referee.cost, rel=1e-9)
 
 
+@pytest.mark.costly
 def test_an_oiled_finger_is_no_trouble() -> None:
     found = solved(two_grippers)
     assert (found.status, found.grade) == (Status.SOLVED, "survives")
@@ -152,6 +156,7 @@ def test_an_oiled_finger_is_no_trouble() -> None:
     assert found.data["x"].values[0, -1, 1] == pytest.approx(0.3, abs=0.02)
 
 
+@pytest.mark.costly
 def test_a_puck_too_fast_for_its_fence_never_survives() -> None:
     for law, method in (
         (Exact(), Direct()),
@@ -169,6 +174,7 @@ def test_a_puck_too_fast_for_its_fence_never_survives() -> None:
 # --- contact that the model leaves open --------------------------------------------------------
 
 
+@pytest.mark.costly
 def test_the_rough_slopes_freedom_is_named_with_step_and_contacts() -> None:
     found = solved(rough_slope)
     assert (found.status, found.grade) == (Status.SOLVED, "certified")
@@ -189,6 +195,7 @@ def test_the_rough_slopes_freedom_is_named_with_step_and_contacts() -> None:
     assert np.abs(before.T - x[1 : step + 1]).max(initial=0.0) <= 0.005, "and none before it does"
 
 
+@pytest.mark.costly_cases("rough_slope-5e-06")
 @pytest.mark.parametrize(
     ("problem_of", "mu"),
     [(rough_slope, 5e-6), (functools.partial(to_a_goal, TWO_ENDED, 2.0), 1e-4)],
@@ -207,6 +214,7 @@ def test_planning_through_the_step_is_planning_against_the_freedom(problem_of, m
     assert bound.audit.exact_cost < 0.2 * free.audit.exact_cost
 
 
+@pytest.mark.costly
 def test_standing_still_is_no_progress_though_a_contact_rests() -> None:
     """The block rests on the slope and costs 100 * 0.6²; the input only holds the cart."""
     plain = {"homotopy": False}
@@ -232,6 +240,7 @@ def test_what_forces_from_afar_move_is_no_standing_still() -> None:
     assert found.referee.cost > 100 * found.cost
 
 
+@pytest.mark.costly
 def test_to_hold_what_is_wanted_is_no_standing_still() -> None:
     """Gravity pulls at a cart that is where it should be: its effort is the answer."""
     problem = rough_slope()
@@ -286,6 +295,7 @@ def test_a_cost_that_is_no_number_in_the_replay_does_not_survive() -> None:
     assert "Under the exact law the cost of the replay is NaN or infinite." in found.verdict
 
 
+@pytest.mark.costly_cases("law0-method1", "law0-method2")
 @pytest.mark.parametrize("method", [Direct(), MultipleShooting(), SingleShooting()])
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-3)])
 def test_a_guess_without_a_cost_is_one_sentence(law, method, capfd) -> None:
@@ -305,6 +315,7 @@ def test_a_guess_without_a_cost_is_one_sentence(law, method, capfd) -> None:
 # --- whom not to believe ---------------------------------------------------------------------
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-3)])
 def test_a_solver_told_to_be_content_solves_nothing(law) -> None:
     session = new_session(get("push-disc"), law)
@@ -327,6 +338,7 @@ def test_without_geometry_there_is_no_referee_and_that_is_said() -> None:
     assert "gaps are" not in found.verdict
 
 
+@pytest.mark.costly
 def test_every_verdict_says_which_gaps_the_model_has() -> None:
     bent = solved(round_a_post)
     true = solve(round_a_post(N=2, linearised=False), Barrier(mu=0.1))
@@ -359,6 +371,7 @@ def dearer_is_told(name: str, law: ContactLaw) -> None:
     assert referee.survives is None or again.cost == pytest.approx(referee.cost, rel=1e-9)
 
 
+@pytest.mark.one_case_in(16)
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-2)], ids=["exact", "barrier"])
 @pytest.mark.parametrize("name", EASY)
 def test_no_replay_is_dearer_without_being_told(name: str, law: ContactLaw) -> None:

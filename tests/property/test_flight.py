@@ -134,6 +134,7 @@ def test_a_machine_and_its_simulation_step_alike(name: str, machine: PublishedMa
     assert np.allclose(mine(x, u, x_next, lam).full(), values[: 2 * nq], rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.costly_cases("hopper")
 @pytest.mark.parametrize("name", ["hopper", "idto-hopper"])
 def test_a_plant_steps_as_a_machine_with_implicit_forces(name: str, monkeypatch: pytest.MonkeyPatch):
     """Also under the sharpest contact, and with a state behind the machine's own."""
@@ -219,5 +220,6 @@ def test_a_simulation_has_implicit_forces_unless_told_otherwise():
     assert built and told and (built.gyroscopic, told.gyroscopic) == ("implicit", "explicit")
 
 
+@pytest.mark.costly
 def test_no_seed_overflows():
     assert fastest(100) < 500

@@ -61,6 +61,7 @@ def apart(name: str) -> tuple[np.ndarray, np.ndarray]:
     return x, np.array(u or [0.0] * problem.system.nu)
 
 
+@pytest.mark.costly_cases("hopper", "half-cheetah")
 @pytest.mark.parametrize("name", NAMES)
 def test_impulses_that_do_not_act_have_no_derivative(name):
     """By the state, the input and every parameter, though the way slid of a machine is open."""
@@ -76,6 +77,7 @@ def test_impulses_that_do_not_act_have_no_derivative(name):
     assert np.all(by_all == 0.0) and np.all(np.isfinite(moved))
 
 
+@pytest.mark.one_case_in(6)
 @pytest.mark.parametrize(("name", "backend"), ENGINES)
 def test_a_step_without_contact_has_the_derivative_of_free_motion(name, backend):
     """To the bit where that is zero; the machines' own mass matrices are eliminated twice."""
@@ -94,6 +96,7 @@ def test_a_step_without_contact_has_the_derivative_of_free_motion(name, backend)
             assert np.all(one[other == 0.0] == 0.0)
 
 
+@pytest.mark.costly_cases("planar-hand-numpy", "planar-hand-casadi")
 @pytest.mark.parametrize(("name", "backend"), [e for e in ENGINES if "planar" in e.values[0]])
 def test_the_object_has_no_gradient_from_a_start_without_contact(name, backend):
     """Nothing that the actuators do in a plan of two steps from rest reaches the object."""
@@ -104,6 +107,7 @@ def test_the_object_has_no_gradient_from_a_start_without_contact(name, backend):
     assert np.all(gradient == 0.0)
 
 
+@pytest.mark.costly_cases("planar-hand")
 @pytest.mark.parametrize("name", ["planar-push", "planar-hand"])
 def test_at_contact_the_derivative_is_that_of_the_active_set(name):
     """Motion and the active gaps, linearised and solved without a path.

@@ -54,6 +54,7 @@ def difference(function, w: np.ndarray, along: np.ndarray, step: float = 1e-5) -
     return (function(w + step * along) - function(w - step * along)) / (2 * step)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(("name", "law"), CASES)
 def test_steps(name: str, law: str):
     """All columns of the Jacobian of one step by state and input."""
@@ -77,6 +78,7 @@ def test_steps(name: str, law: str):
     assert forces[-1] > 0.1 > forces[0]
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(("name", "law"), CASES)
 def test_rollouts(name: str, law: str):
     """FoBG of the distance that ten steps make, by the inputs, through the landing."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import combinations, product
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,6 +25,7 @@ def units(z, F, mu) -> tuple[np.ndarray, float]:
     return D, max(np.max(np.abs(z * D)), np.sqrt(np.max(mu)))
 
 
+@pytest.mark.costly
 @settings(max_examples=200)
 @given(problem=problems(16), exponent=st.floats(-12, 0), spread=st.booleans())
 def test_the_path_is_followed_to_its_end(problem, exponent, spread):

@@ -113,6 +113,7 @@ def test_a_hundred_pairs_of_polygons_apart_in_touch_and_in_penetration(seed: int
     check(100, seed)
 
 
+@pytest.mark.costly
 def test_ten_thousand_pairs_of_polygons() -> None:
     check(10000, 10)
 

@@ -31,6 +31,7 @@ def smoothed_exact(x: float, u: float, sigma: float) -> float:
     return mean_step(Adaptive(sigma=sigma), x, u)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("scheme", SAMPLED)
 def test_the_average_approaches_the_closed_form_as_samples_grow(scheme):
     def error(samples: int, seed: int) -> float:
@@ -54,6 +55,7 @@ def test_the_hermite_rule_is_exact_for_smooth_steps():
     assert off[2] < 1e-8
 
 
+@pytest.mark.costly
 def test_noise_on_the_state_reaches_the_whole_step():
     # x+ = x/2 + ..., so that noise on x and on u differ only in what is not contact
     on_state = mean_step(Randomized(0.3, 256, noise="state"), -0.2, 0.1)
@@ -64,6 +66,7 @@ def test_noise_on_the_state_reaches_the_whole_step():
     assert len(set(np.round(gaps, 12))) == 4
 
 
+@pytest.mark.costly
 def test_several_noisy_inputs_add_up():
     # two inputs of noise sigma each move the gap like one of sqrt(2) sigma
     both = mean_step(Randomized(0.3, 2048, seed=2), 0.1, 0.1, nu=2)

@@ -75,6 +75,7 @@ def at(look: ca.Function, q: np.ndarray) -> list[np.ndarray]:
     return [np.array(v) for v in look(q)]
 
 
+@pytest.mark.cheap_cases("disc-disc", "disc-capsule", "rounded-disc", "capsule-disc")
 @pytest.mark.parametrize("mine", SHAPES)
 @pytest.mark.parametrize("theirs", SHAPES)
 @settings(max_examples=6, deadline=None)
@@ -97,6 +98,7 @@ def test_the_least_gap_is_the_distance_of_the_rims(mine, theirs, where, turn, ot
     assert apart == pytest.approx(sampled, abs=1e-3)
 
 
+@pytest.mark.costly
 @settings(max_examples=25, deadline=None)
 @given(turn=st.floats(-3, 3), height=st.floats(0.5, 1.0), slope=st.floats(-1.0, 1.0))
 def test_every_corner_has_its_height_over_a_slope(turn, height, slope) -> None:
@@ -130,6 +132,7 @@ def three() -> tuple[Scene, ca.Function]:
     return made, looked_at(made)
 
 
+@pytest.mark.costly
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_gradients_and_slips_are_those_of_points_that_move(seed: int) -> None:
@@ -198,6 +201,7 @@ def wedged(friction: Any, p: ParameterTable, cone: Any = "linearised") -> Contac
     ).quasi_dynamic("wedged", p, h=0.1, cone=cone)
 
 
+@pytest.mark.cheap_cases("second-order-barrier", "edges-barrier")
 @by_law
 @pytest.mark.parametrize("cone", ["linearised", "second-order", "edges"])
 def test_a_smooth_contact_beside_a_rough_one_drags_nothing(law: ContactLaw, cone: str) -> None:
@@ -230,6 +234,7 @@ def test_a_smooth_contact_has_its_normal_pair_alone() -> None:
     assert wedged(0.0, NOTHING).nlam == 3 and wedged(0.0, NOTHING).forces is None
 
 
+@pytest.mark.costly_cases("exact")
 @pytest.mark.parametrize("law", LAWS[:3], ids=lambda law: law.name)
 def test_a_mirrored_scene_moves_in_mirror_image(law: ContactLaw) -> None:
     def made(side: float) -> ContactSystem:
@@ -251,6 +256,7 @@ def test_a_mirrored_scene_moves_in_mirror_image(law: ContactLaw) -> None:
     assert np.abs(up[:3]).max() > 0.005 and abs(drag[0]) > 1e-3
 
 
+@pytest.mark.costly
 def test_a_mirrored_task_has_the_mirrored_plan() -> None:
     """Past a post that stands on the one side or on the other."""
 
@@ -329,6 +335,7 @@ def unbalanced(system: ContactSystem, x, u, x_next) -> list[np.ndarray]:
     return [np.array(after - before - flow) for before, after, flow in parts]
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("friction", [0.0001, 0.6])
 @pytest.mark.parametrize("rail", [False, True])
 def test_momentum_is_kept_and_energy_only_lost(friction: float, rail: bool) -> None:

@@ -93,6 +93,7 @@ def smooth(pair: tuple[str, str], q: np.ndarray) -> bool:
     return bool((np.abs(crossed) >= 1e-4 * lengths).all())
 
 
+@pytest.mark.costly_cases("rounded box-rounded box")
 @every_pair
 @given(pose=poses)
 @settings(max_examples=60)
@@ -111,6 +112,7 @@ def test_gap_is_the_distance_of_the_cores_less_both_radii(one, other, pose) -> N
         assert apart(solid, dot, on) == pytest.approx(solid.radius, abs=1e-5)
 
 
+@pytest.mark.costly_cases("capsule-box", "box-box", "box-rounded box")
 @every_pair
 @given(pose=poses)
 @settings(max_examples=60)
@@ -121,6 +123,7 @@ def test_gradient_of_the_gap_against_differences(one, other, pose) -> None:
     np.testing.assert_allclose(values(pair, q)[4], np.ravel(rises) / (2 * eps), atol=5e-6)
 
 
+@pytest.mark.costly_cases("capsule-rounded box", "box-box", "box-rounded box")
 @every_pair
 @given(pose=poses)
 @settings(max_examples=30)

@@ -44,6 +44,7 @@ def value(law: str, z: float, F: float, parameter: float, order: int = 0) -> flo
     return float(scalar(law)(z, F, parameter)[order])
 
 
+@pytest.mark.costly
 @settings(max_examples=25)
 @given(z=st.floats(-2, 2), F=compliances, exponent=st.floats(-3, 0))
 def test_a_barrier_is_smoothing_by_students_t(z, F, exponent):
@@ -58,6 +59,7 @@ def test_a_barrier_is_smoothing_by_students_t(z, F, exponent):
     assert value("barrier", z, F, mu) == pytest.approx(average, rel=2e-6)
 
 
+@pytest.mark.costly
 @settings(max_examples=25)
 @given(z=st.floats(-2, 2), F=compliances, sigma=st.floats(0.05, 1))
 def test_the_gaussian_law_is_smoothing_by_the_normal(z, F, sigma):
@@ -95,6 +97,7 @@ def test_the_gaussian_tail_is_accurate_in_relative_terms(ratio, sigma):
         assert got > 0
 
 
+@pytest.mark.costly
 @settings(max_examples=50)
 @given(z=st.floats(-3, 3), F=compliances, sigma=st.floats(0.01, 1))
 def test_gaussian_mu_is_even_positive_and_peaks_at_contact(z, F, sigma):
@@ -139,6 +142,7 @@ def lam_jacobian(F: np.ndarray, z: np.ndarray, mu: float) -> tuple[np.ndarray, n
     return np.array(values[0]).ravel(), np.array(values[1])
 
 
+@pytest.mark.costly
 @settings(max_examples=25)
 @given(n=st.integers(2, 6), seed=st.integers(0, 2**32 - 1), exponent=exponents)
 def test_contacts_couple_in_the_jacobian(n, seed, exponent):
@@ -153,6 +157,7 @@ def test_contacts_couple_in_the_jacobian(n, seed, exponent):
     assert np.allclose(jacobian, numerical, rtol=1e-4, atol=1e-4 * np.abs(numerical).max())
 
 
+@pytest.mark.costly
 def test_dropping_the_coupling_gives_another_jacobian():
     # abs, eq. A.26 as printed: -lam_i / (eps_i + lam_i F_ii) on the diagonal, nothing beside it
     rng = np.random.default_rng(4)
@@ -165,6 +170,7 @@ def test_dropping_the_coupling_gives_another_jacobian():
     assert np.median(errors) > 0.1
 
 
+@pytest.mark.costly
 @settings(max_examples=40)
 @given(n=st.integers(2, 5), seed=st.integers(0, 2**32 - 1))
 def test_the_lipschitz_bound_holds_for_every_mu(n, seed):
@@ -176,6 +182,7 @@ def test_the_lipschitz_bound_holds_for_every_mu(n, seed):
     assert max(sizes) <= bound * (1 + 1e-7)
 
 
+@pytest.mark.costly
 @settings(max_examples=30)
 @given(n=st.integers(2, 4), seed=st.integers(0, 2**32 - 1))
 def test_the_bound_of_a_p_matrix_holds_for_every_mu(n, seed):

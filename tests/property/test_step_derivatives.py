@@ -88,6 +88,7 @@ def point(law: str, contacts: int, seed: int) -> np.ndarray:
     return np.concatenate([rng.normal(size=5), closed(law, contacts).p.values])
 
 
+@pytest.mark.one_case_in(7)
 @pytest.mark.parametrize("contacts", [1, 3, 4])
 @pytest.mark.parametrize("law", LAWS)
 @settings(max_examples=8)
@@ -152,6 +153,7 @@ def test_the_exact_law_has_the_derivative_of_its_active_set(seed):
         assert np.allclose(np.array(evaluate(w[:3], w[3:])[1]), expected, atol=1e-7)
 
 
+@pytest.mark.costly
 @settings(max_examples=10)
 @given(seed=points)
 def test_a_frozen_gradient_is_that_of_the_barrier_at_the_same_mu(seed):

@@ -37,6 +37,7 @@ print(json.dumps({
 SETS = {"AVX-512": 3, "AVX2": 2, "AVX": 1, "SSE2": 0}
 
 
+@pytest.mark.costly_cases("nehalem", "nehalem-with-native-c")
 @pytest.mark.skipif(not cpus.here(), reason="no x86")
 @pytest.mark.parametrize("name", cpus.here())
 def test_a_process_acts_a_processor(name: str, tmp_path: Path) -> None:

@@ -44,6 +44,7 @@ def states(found: Solution, *names: str) -> np.ndarray:
     return found.data["x"].sel(scenario=0, state=list(names)).values
 
 
+@pytest.mark.costly
 def test_the_pusher_walks_round_object_and_post_and_brings_the_object_back() -> None:
     found = solved("behind")
     object_, pusher = (states(found, f"{n}_x", f"{n}_y") for n in ("object", "pusher"))
@@ -56,6 +57,7 @@ def test_the_pusher_walks_round_object_and_post_and_brings_the_object_back() -> 
         assert np.hypot(*(place - [0, -0.35]).T).min() > 0.1 + radius - 1e-7
 
 
+@pytest.mark.costly
 def test_the_block_goes_up_the_slope_and_stays() -> None:
     found = solved("slope")
     up, m, g, h = 0.3, 1.0, 9.81, 0.05
@@ -77,6 +79,7 @@ def test_the_block_goes_up_the_slope_and_stays() -> None:
     np.testing.assert_allclose(gained, push - h * m * g * np.sin(up) + rubbed, atol=1e-6)
 
 
+@pytest.mark.costly
 def test_a_block_that_slides_goes_as_one_that_could_turn_and_does_not(tmp_path: Path) -> None:
     """Two models of different contacts, with one optimum."""
     text = (EXAMPLES / "slope.py").read_text()
@@ -88,6 +91,7 @@ def test_a_block_that_slides_goes_as_one_that_could_turn_and_does_not(tmp_path: 
     assert one.success and one.cost == pytest.approx(other.cost, rel=1e-2)
 
 
+@pytest.mark.costly
 def test_the_double_pendulum_stands_up_and_uses_a_wall() -> None:
     found = solved("double_pendulum_walls", survives=False)
     q = states(found, "upper", "lower")
@@ -101,6 +105,7 @@ def test_the_double_pendulum_stands_up_and_uses_a_wall() -> None:
     assert float(acts.sum()) >= 1
 
 
+@pytest.mark.costly
 def test_the_pusher_follows_the_goal_to_the_other_side() -> None:
     curve = import_file(EXAMPLES / "walk_round.py").walk()
     goals = np.array([point.value for point in curve.points])

@@ -39,6 +39,7 @@ def test_the_problem_solves_is_certified_and_survives() -> None:
     assert x[-1] == pytest.approx([0.2, 0], abs=0.02) and x[:, 0].min() >= -1e-9
 
 
+@pytest.mark.costly
 def test_an_object_is_pushed_past_a_post_in_its_way() -> None:
     past = spec(str(EXAMPLES / "past_a_post.py"))
     found = solve(past.problem(), Exact())
@@ -96,6 +97,7 @@ def slope_of(step: ca.Function, z: float, p: list[float]) -> float:
     return float(step.jacobian()(z, 0, p, *step(z, 0, p))[0])
 
 
+@pytest.mark.costly
 def test_the_law_solves_problems_down_to_the_exact_cost() -> None:
     Logistic = import_file(EXAMPLES / "logistic.py").Logistic
     found = solve(get("wall-1d"), Logistic(1e-4))
@@ -103,6 +105,7 @@ def test_the_law_solves_problems_down_to_the_exact_cost() -> None:
     assert found.cost == pytest.approx(solve(get("wall-1d"), Exact()).cost, rel=2e-3)
 
 
+@pytest.mark.costly
 def test_the_estimator_is_unbiased_where_first_order_is_not(monkeypatch) -> None:
     made = import_file(EXAMPLES / "control_variate.py").ControlVariate()
     monkeypatch.setitem(SAMPLED, made.name, made)

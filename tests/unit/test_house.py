@@ -15,7 +15,7 @@ from pathlib import Path
 import grimp
 import pytest
 
-from tests import check, times
+from tests import check
 
 ROOT = Path(__file__).parents[2]
 IMPORTERS = ("import_module", "__import__")
@@ -41,6 +41,7 @@ def test_no_module_needs_one_that_needs_it() -> None:
     assert order.index("dynamics.contact.step") < order.index("ocp.solve")
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(("floor", "above"), [(name, PACKAGES[i + 1 :]) for i, name in enumerate(PACKAGES[:-1])])
 def test_a_floor_loads_nothing_from_above(floor: str, above: tuple[str, ...]) -> None:
     """Import every module of a floor in a fresh interpreter and look at what came along.
@@ -60,6 +61,7 @@ def test_a_floor_loads_nothing_from_above(floor: str, above: tuple[str, ...]) ->
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.costly
 def test_no_module_is_named_by_a_text_put_together() -> None:
     """A computed name hides who needs whom: from readers, from grimp, and from a rename."""
     for path in (file for package in PACKAGES for file in (ROOT / package).rglob("*.py")):
@@ -86,6 +88,7 @@ def test_help_loads_nothing_of_ours() -> None:
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("code", ["import ocp", LIST], ids=["import ocp", "ocp list"])
 def test_asking_what_there_is_loads_no_heavy_library(code: str) -> None:
     told = f"print('loaded', [name for name in {HEAVY.split()!r} if name in sys.modules])"
@@ -115,6 +118,7 @@ def test_the_map_of_the_house_is_true() -> None:
     assert len(text.splitlines()) <= 150 and len(named) > 25
 
 
+@pytest.mark.costly
 def test_a_file_is_checked_by_its_own_tests() -> None:
     nearest = {
         "docs/generator/roles.py": "tests/docs/test_site.py",
@@ -127,9 +131,3 @@ def test_a_file_is_checked_by_its_own_tests() -> None:
         assert ROOT / test in check.tests_of(ROOT / file)[: check.MOST], file
     commands = check.commands(ROOT / "problems/hopper_1d.py")
     assert ["-k", "hopper-1d"] in [command[-2:] for command in commands]
-
-
-def test_the_list_of_slow_tests_names_tests() -> None:
-    for name in times.listed():
-        file, function = name.partition("[")[0].split("::")
-        assert f"def {function}(" in (ROOT / file).read_text(), f"{name} is no test; see tests/times.py"

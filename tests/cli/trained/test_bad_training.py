@@ -99,12 +99,14 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return found
 
 
+@pytest.mark.costly
 def test_only_a_policy_is_judged(ocp: Ocp, root: Path) -> None:
     solved = next(root.glob("wall-1d/2*"))
     done = ocp("evaluate", str(solved))
     assert done.code == 2 and "holds no policy; give one of ocp train" in done.err
 
 
+@pytest.mark.costly_cases("given0-greater than or equal to 1")
 @pytest.mark.parametrize(
     ("given", "told"),
     [

@@ -91,6 +91,7 @@ def assert_same(found: list[xr.Dataset], whole: list[xr.Dataset]) -> None:
         xr.testing.assert_identical(one, other)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_the_same_command_goes_on(tmp_path: Path, whole: list[xr.Dataset], how: int) -> None:
     process = start([*LONG, "--jobs", "1"], tmp_path)
@@ -110,6 +111,7 @@ def test_the_same_command_goes_on(tmp_path: Path, whole: list[xr.Dataset], how: 
     assert not checkpoints(tmp_path)
 
 
+@pytest.mark.costly
 def test_processes_killed_on_the_way_change_nothing(tmp_path: Path, whole: list[xr.Dataset]) -> None:
     process = start([*LONG, "--seeds", "2", "--jobs", "2", "--json"], tmp_path)
     wait_for(lambda: len(checkpoints(tmp_path)) == 2)
@@ -119,6 +121,7 @@ def test_processes_killed_on_the_way_change_nothing(tmp_path: Path, whole: list[
     assert_same(results(json.loads(out), tmp_path), whole)
 
 
+@pytest.mark.costly
 def test_a_finished_seed_is_not_trained_again(tmp_path: Path, whole: list[xr.Dataset]) -> None:
     process = start([*LONG, "--seeds", "2", "--jobs", "1"], tmp_path)
     wait_for(lambda: list(tmp_path.glob("runs/ball-throw/.unfinished-*/point-*.json")))

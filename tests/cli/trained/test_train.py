@@ -46,6 +46,7 @@ def strict(done: Done) -> dict:
     return json.loads(done.out)
 
 
+@pytest.mark.costly
 def test_each_seed_of_each_algorithm_is_a_run(trained: Path) -> None:
     runs = runs_of(trained)
     made = [(run.kind, run.record["algorithm"], run.meta["seed"]) for run in runs]
@@ -69,6 +70,7 @@ def test_each_seed_of_each_algorithm_is_a_run(trained: Path) -> None:
     assert len({run.data["theta"].values.tobytes() for run in runs}) == 4
 
 
+@pytest.mark.costly
 def test_the_stored_episode_obeys_the_exact_law(trained: Path) -> None:
     from problems.ball_throw import Params, roll
 
@@ -83,6 +85,7 @@ def test_the_stored_episode_obeys_the_exact_law(trained: Path) -> None:
     assert lam.max() > 1.0
 
 
+@pytest.mark.costly
 def test_the_result_does_not_depend_on_the_number_of_jobs(trained: Path, ocp: Ocp) -> None:
     found = strict(ocp("train", *SMALL, "--seeds", "2", "-a", "fopg,zopg", "--jobs", "1", "--json"))
     assert [run["hash"] for run in found["runs"]] == [r.meta["hash"] for r in runs_of(trained)]
@@ -91,6 +94,7 @@ def test_the_result_does_not_depend_on_the_number_of_jobs(trained: Path, ocp: Oc
     assert [group["label"] for group in found["groups"]] == ["fopg adaptive", "zopg exact"]
 
 
+@pytest.mark.costly
 def test_evaluate_says_first_what_the_policy_is_worth(trained: Path, ocp: Ocp) -> None:
     run = runs_of(trained)[0]
     done = ocp("evaluate", str(run.path), "--episodes", "3", "--json")
@@ -113,6 +117,7 @@ def test_evaluate_says_first_what_the_policy_is_worth(trained: Path, ocp: Ocp) -
     assert alone["return"]["interval"] is None
 
 
+@pytest.mark.costly
 def test_a_trained_run_is_reported_animated_and_listed(trained: Path, ocp: Ocp) -> None:
     paths = [str(run.path) for run in runs_of(trained)]
     assert ocp("report", *paths, "-o", "all.pdf").code == 0
@@ -133,6 +138,7 @@ def test_a_trained_run_is_reported_animated_and_listed(trained: Path, ocp: Ocp) 
     assert "algorithm_settings" in ocp("runs", paths[0]).out
 
 
+@pytest.mark.costly_cases("command1")
 @pytest.mark.parametrize("command", [["replay"], ["export", "-o", "a.c"]])
 def test_what_takes_no_policy_says_what_does(trained: Path, ocp: Ocp, command: list[str]) -> None:
     done = ocp(command[0], str(runs_of(trained)[0].path), *command[1:])
@@ -149,6 +155,7 @@ def test_what_can_be_trained_is_told(ocp: Ocp) -> None:
     assert {"fopg", "ars"} <= {algorithm["name"] for algorithm in listed["algorithms"]}
 
 
+@pytest.mark.costly
 def test_physical_parameters_are_learned_beside_the_policy(ocp: Ocp) -> None:
     """A restitution that is believed to be 0.4 is found to be 0.7 from throws; gravity is known."""
     asked = ("-s", "psi=restitution", "-s", "psi.restitution=0.4", "-s", "psi.steps=50")

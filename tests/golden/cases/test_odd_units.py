@@ -164,6 +164,7 @@ HIDDEN = {
 }
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("kind", HIDDEN)
 def test_a_constant_under_a_root_or_a_square_changes_no_survival(kind):
     """The replay costs three times the plan, less the constant: it does not survive."""

@@ -101,6 +101,7 @@ def test_the_braked_mass_is_the_best_of_all_windows() -> None:
     assert solve(braked()).cost == pytest.approx(best_of_all_windows(), rel=1e-4)
 
 
+@pytest.mark.cheap_cases("1e-06")
 @pytest.mark.parametrize("unit", [1e-9, 1e-6, 1e3])
 def test_a_gap_in_another_unit_is_the_same_gap(unit: float) -> None:
     known, found = solve(braked()), solve(braked(unit))
@@ -156,6 +157,7 @@ def test_a_constant_changes_no_word_on_a_machine(offset: float) -> None:
     assert verdict_words(plain) == verdict_words(moved)
 
 
+@pytest.mark.costly_cases("1e-12")
 @pytest.mark.parametrize("unit", [1e-12, 1e-9, 1.0, 1e6])
 def test_rows_that_contradict_each_other_are_infeasible_in_any_unit(unit: float) -> None:
     plain = braked(u_lower=-1, u_upper=1)
@@ -201,6 +203,7 @@ def test_a_goal_behind_a_wall_is_not_reached(goal: float, reached: bool) -> None
     assert reached or found.status is Status.INFEASIBLE
 
 
+@pytest.mark.costly_cases("12-1.6-3.0-5.0")
 @pytest.mark.parametrize(("N", "way", "mass", "force"), [(2, 0.7, 1.0, 2.0), (12, 1.6, 3.0, 5.0)])
 def test_the_shortest_time_to_rest_at_a_wall_is_the_closed_form(N: int, way: float, mass: float, force: float) -> None:
     """Full force all the way: the wall takes what speed there is in the last step.

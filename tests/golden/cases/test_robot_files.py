@@ -508,6 +508,7 @@ def test_files_that_are_too_large_are_refused_before_any_work(
         read(tmp_path, text)
 
 
+@pytest.mark.costly
 def test_a_long_chain_builds_each_contact_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """4005 pairs took 50 s when each asked all bodies where they are."""
     counts = {"between": 0, "pose": 0}

@@ -83,11 +83,13 @@ def test_every_study_is_listed() -> None:
     assert list(VERDICTS) == list(SMALL) == studies.ids()
 
 
+@pytest.mark.one_case_in(8)
 @pytest.mark.parametrize("identifier", [marked(name) for name in SMALL])
 def test_which_claims_hold(identifier: str) -> None:
     assert_same(verdicts(identifier), identifier)
 
 
+@pytest.mark.costly_cases("A1-changed0", "A6-changed2")
 @pytest.mark.parametrize(("identifier", "changed"), VARIED)
 def test_seeds_and_settings_flip_no_verdict(identifier: str, changed: dict[str, float]) -> None:
     assert_same(verdicts(identifier, **changed), identifier)
@@ -139,6 +141,7 @@ def written(expression: ast.expr) -> str:
     return "".join(typed)
 
 
+@pytest.mark.costly
 def test_no_verdict_and_no_measured_number_is_typed() -> None:
     calls = calls_of_claim()
     assert len(calls) > 80
@@ -160,6 +163,7 @@ def test_the_static_check_sees_typed_verdicts() -> None:
     assert "2" in written(parsed('"off by 2 " + f"{x}"'))
 
 
+@pytest.mark.cheap_cases("P5", "P6")
 @pytest.mark.parametrize("identifier", [name for name in SMALL if name not in {*SLOW, "T1"}])
 def test_nothing_holds_where_nothing_was_measured(identifier: str) -> None:
     study = studies.get(identifier)
@@ -171,6 +175,7 @@ def test_nothing_holds_where_nothing_was_measured(identifier: str) -> None:
     assert not [claim.claim for claim in found if claim.holds]
 
 
+@pytest.mark.costly
 def test_once_typed_verdicts_follow_the_data() -> None:
     heaviside = studies.get("P2")
     data = small("P2")

@@ -46,6 +46,7 @@ def test_the_bundle_of_a_pusher_is_its_closed_form():
         bundle.curvatures(z, y)
 
 
+@pytest.mark.costly
 def test_descents_with_and_without_a_gradient_at_the_start():
     """From no contact the exact object's gradient is zero, the bundled one is not (sec. V-B)."""
     problem = get("planar-push")
@@ -89,6 +90,7 @@ def drawn_up() -> xr.Dataset:
     return n2.run(n2.Params(seeds=2, steps=100), Made())
 
 
+@pytest.mark.costly
 def test_every_piece_finds_its_place_in_data_claims_and_drawing():
     data = drawn_up()
     assert data["learned"].shape == (2, len(DYNAMICS), 2, 11, 2)

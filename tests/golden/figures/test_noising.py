@@ -91,6 +91,7 @@ def test_effective_neighbours_are_those_of_the_weights() -> None:
     assert found == pytest.approx(expected, rel=1e-10)
 
 
+@pytest.mark.costly
 def test_lemmas_hold_and_what_is_no_minimum_is_seen() -> None:
     found = lemmas.risks(0.7, 3)
     higher = found["higher"][1]
@@ -110,6 +111,7 @@ def test_lemmas_hold_and_what_is_no_minimum_is_seen() -> None:
     )
 
 
+@pytest.mark.costly
 def test_sets_of_data_are_as_far_off_as_their_standard_errors() -> None:
     found = many_sets(LinePusher(), 10, 1000, 5)
     assert found["score_square"][1].mean() == pytest.approx(1, abs=0.4)
@@ -128,6 +130,7 @@ def test_rollouts_climb_the_density_and_stop_at_its_modes() -> None:
     assert found["attractors"][1][0] == modes
 
 
+@pytest.mark.costly
 def test_a_network_learns_noise_in_metres() -> None:
     rng = np.random.default_rng(1)
     x = rng.uniform(-1, 1, 1000)
@@ -138,6 +141,7 @@ def test_a_network_learns_noise_in_metres() -> None:
     assert answers(h, at) == pytest.approx(Walls().noised(at, 0.3), abs=0.06)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("identifier", list(TINY))
 def test_data_carry_units_and_are_drawn(identifier: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # A network's place is taken by an average: what is drawn is the same, in seconds.

@@ -107,6 +107,7 @@ def test_the_box_sticks_slips_and_softens_as_its_closed_form() -> None:
     assert slope == pytest.approx((ahead - behind) / 2e-5, abs=1e-8)
 
 
+@pytest.mark.costly
 def test_averages_of_exact_solves_cost_what_the_closed_form_says() -> None:
     box = {"m": 2.0, "g": 9.81, "friction": 0.3, "h": 0.05}
     u = np.linspace(0, 24, 1201)
@@ -251,6 +252,7 @@ def test_variances_of_pushing_are_those_of_the_facts() -> None:
     assert first[3] > 1e24
 
 
+@pytest.mark.costly
 def test_randomized_friction_tends_to_its_closed_form() -> None:
     data = studies.get("A6").data()
     off = np.abs(data["push_rs"].values - data["push_limit"].values)

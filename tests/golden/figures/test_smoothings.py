@@ -59,6 +59,7 @@ def test_standing_still_costs_what_the_sum_of_its_stages_does() -> None:
     assert rest_cost("planar-push") == pytest.approx((q.N + q.w_end) * away, rel=1e-6)
 
 
+@pytest.mark.costly
 def test_plans_of_known_laws_have_known_costs() -> None:
     source, golden = TaskData("push-1d", 0, SETTINGS), spec("push-1d").golden
     plan, replay, survives, _, learning, _ = source.planned("exact")["told"]
@@ -71,6 +72,7 @@ def test_plans_of_known_laws_have_known_costs() -> None:
     assert replay > golden["exact"].cost
 
 
+@pytest.mark.costly
 def test_a_trusting_plan_starts_at_the_other_and_pays_for_the_data() -> None:
     source = TaskData("push-1d", 0, Params(data=5000))
     bare = source.planned("ewda")["told"]
@@ -81,6 +83,7 @@ def test_a_trusting_plan_starts_at_the_other_and_pays_for_the_data() -> None:
     assert trusting[4] == 0
 
 
+@pytest.mark.costly
 def test_rows_stand_where_their_names_say() -> None:
     pieces = Made(lambda key: (float(len(key)), 10.0 * len(key)))
     data = run(SETTINGS, pieces)
@@ -98,6 +101,7 @@ def test_rows_stand_where_their_names_say() -> None:
     assert np.all(excess(data).sel(law="exact") == 0)
 
 
+@pytest.mark.costly
 def test_claims_follow_the_data() -> None:
     found = verdicts(compared(usual))
     failing = {
@@ -111,6 +115,7 @@ def test_claims_follow_the_data() -> None:
     assert {claim for claim, holds in found.items() if not holds} == failing
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(
     ("where", "costs", "flipped"),
     [
@@ -137,12 +142,14 @@ def test_each_claim_can_fail(where: str, costs: tuple[float, float], flipped: st
     assert not after[name]
 
 
+@pytest.mark.costly
 def test_a_law_that_is_close_everywhere_is_said_to_be() -> None:
     found = verdicts(compared(lambda key: (1.0, 1.05)))
     assert all(found[f"{law}: the plan is close to the exact optimum"] for law in ANALYTIC)
     assert not found["planar-hand: no smoothing comes close to the exact optimum"]
 
 
+@pytest.mark.costly
 def test_nothing_holds_where_nothing_was_measured() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -150,6 +157,7 @@ def test_nothing_holds_where_nothing_was_measured() -> None:
     assert not any(found.values())
 
 
+@pytest.mark.costly
 def test_the_table_has_a_row_a_law_and_marks_what_is_close() -> None:
     columns, *made = rows(compared(usual))
     assert columns == ["law", *PROBLEMS, "seconds"]
@@ -161,6 +169,7 @@ def test_the_table_has_a_row_a_law_and_marks_what_is_close() -> None:
     assert {len(row) for row in made} == {len(columns)}
 
 
+@pytest.mark.costly
 def test_the_page_shows_every_number_of_the_table() -> None:
     data = compared(usual)
     with styled():

@@ -22,6 +22,7 @@ from tests.golden.figures.verdicts import SLOW, SMALL, small
 PAPERS = ("suh2023noising", "suh2022pathologies", "zhang2023adaptive", "shirai2024linear")
 
 
+@pytest.mark.cheap_cases("P2")
 @pytest.mark.parametrize("identifier", [name for name in SMALL if name not in SLOW])
 def test_data_carry_units_and_are_drawn(identifier: str) -> None:
     found = small(identifier)
@@ -56,6 +57,7 @@ def test_every_study_has_its_drawing() -> None:
     assert all(drawing.caption for drawing in DRAWINGS.values())
 
 
+@pytest.mark.costly
 def test_naming_the_studies_loads_none_of_them() -> None:
     code = (
         "import sys\nfrom problems import studies\n"
@@ -66,6 +68,7 @@ def test_naming_the_studies_loads_none_of_them() -> None:
     assert done.stdout.split() == ["problems.studies.study"]
 
 
+@pytest.mark.costly
 def test_same_seed_same_data_another_seed_other_data() -> None:
     study = studies.get("P1")
     small = {"points": 20, "n_samples": 50}

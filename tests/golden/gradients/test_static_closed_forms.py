@@ -61,6 +61,7 @@ def test_probability_of_a_gradient_that_is_not_zero():
     np.testing.assert_allclose(found.gradient * 0.2 / 2, 0.13272285980627915, rtol=1e-10)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("sigma", [0.1, 1.0])
 @pytest.mark.parametrize("theta", [-0.5, 0.0, 0.3])
 @pytest.mark.parametrize(("name", "nu"), [("heaviside", None), ("coulomb", 1e-3), ("coulomb", 1e-1)])
@@ -102,6 +103,7 @@ def _fobg_fourth(name, values, sigma):
     return (2 / nu) ** 4 * p * (1 - p) * ((1 - p) ** 3 + p**3)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(
     "repetitions",
     [(300, 240, 150, 90), pytest.param((1000, 800, 500, 300), marks=pytest.mark.slow)],
@@ -129,6 +131,7 @@ def test_quadrature_agrees_with_the_closed_form(name, theta):
     assert abs(found.gradient - known.gradient)[0] <= 3 * found.standard_error[0] + 1e-9
 
 
+@pytest.mark.costly
 def test_the_empirical_bias_of_coulomb_friction():
     """At theta = nu/2, nu = 0.1, sigma = 1 the triple is (p, 2p/nu, 0)."""
     p, Delta = 0.03982783727702898, 0.7965567455405796

@@ -29,6 +29,7 @@ def exact(name: str, strategy: str | None = None) -> Solution:
     return solve(get(name), Exact(), Direct(), settings=settings)
 
 
+@pytest.mark.cheap_cases("cart-walls-method10")
 @pytest.mark.parametrize(
     ("name", "method"),
     [(name, MultipleShooting()) for name in (*FIVE, "ball-throw")]
@@ -43,6 +44,7 @@ def test_methods_agree_on_the_barrier_optimum(name: str, method) -> None:
     np.testing.assert_allclose(found.data["lam"] * found.data["gap"], 1e-3, atol=1e-9)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("name", FIVE)
 def test_a_thin_barrier_meets_the_exact_optimum(name: str) -> None:
     thin = solve(get(name), Barrier(mu=1e-9), Direct())
@@ -50,6 +52,7 @@ def test_a_thin_barrier_meets_the_exact_optimum(name: str) -> None:
     assert thin.cost == pytest.approx(exact(name).cost, rel=1e-4)
 
 
+@pytest.mark.cheap_cases("wall-1d", "push-1d")
 @pytest.mark.parametrize("name", FIVE)
 def test_next_to_the_exact_optimum_lies_a_thin_barriers(name: str) -> None:
     found = exact(name)
@@ -60,6 +63,7 @@ def test_next_to_the_exact_optimum_lies_a_thin_barriers(name: str) -> None:
     assert thin.cost == pytest.approx(found.cost, rel=1e-4)
 
 
+@pytest.mark.costly_cases("push-disc", "cart-walls")
 @pytest.mark.parametrize("name", FIVE)
 def test_the_exact_answer_is_exact(name: str) -> None:
     found = exact(name)
@@ -86,6 +90,7 @@ def test_polish_makes_complementarity_hold_to_rounding(name: str) -> None:
     assert np.minimum(found.data["lam"], found.data["gap"]).max() < 1e-11
 
 
+@pytest.mark.cheap_cases("push-1d-central-path", "push-1d-scholtes-adaptive", "push-1d-l1", "push-1d-l1-quick")
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("name", ["push-1d", "cart-walls"])
 def test_every_strategy_ends_complementary_at_the_same_cost(name: str, strategy: str) -> None:
@@ -114,6 +119,7 @@ def test_every_strategy_ends_complementary_where_it_is_known_to(name: str, strat
     assert found.audit.exact_cost == pytest.approx(found.cost, rel=1e-5)
 
 
+@pytest.mark.costly_cases("method1-True")
 @pytest.mark.parametrize("homotopy", [None, True])
 @pytest.mark.parametrize("method", [MultipleShooting(), SingleShooting()])
 def test_at_a_kink_shooting_takes_a_plan_made_otherwise(method, homotopy: bool | None) -> None:

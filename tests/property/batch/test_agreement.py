@@ -56,6 +56,7 @@ def rollouts(system: str, policy: str):
     return step, law, made, reference(step, *costs, N, law)
 
 
+@pytest.mark.costly_cases("four-open", "four-affine")
 @pytest.mark.parametrize("policy", ["open", "affine"])
 @pytest.mark.parametrize("system", ["wall", "four"])
 @settings(max_examples=25, deadline=None)

@@ -110,6 +110,7 @@ def rounding(
     return by_cost, by_gradient
 
 
+@pytest.mark.one_case_in(10)
 @pytest.mark.parametrize("law", list(LAWS))
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=10, deadline=None)

@@ -95,6 +95,7 @@ def switching(found: Session, x: np.ndarray, p: np.ndarray) -> float:
     return float(np.abs(lam - gap).min())
 
 
+@pytest.mark.one_case_in(11)
 @pytest.mark.parametrize("method", SHOOTING)
 @pytest.mark.parametrize("case", CASES)
 @few

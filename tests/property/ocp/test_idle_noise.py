@@ -94,6 +94,7 @@ OBJECTIVES = {
 }
 
 
+@pytest.mark.costly_cases("zobg-antithetic-open-loop")
 @pytest.mark.parametrize("kind", OBJECTIVES)
 @pytest.mark.parametrize("name", [*SAMPLED])
 def test_no_estimators_variance_grows_with_idle_inputs(name: str, kind: str) -> None:
@@ -108,6 +109,7 @@ def test_no_estimators_variance_grows_with_idle_inputs(name: str, kind: str) -> 
     assert alike(*found), found
 
 
+@pytest.mark.costly
 def test_alpha_weighs_the_variances_of_what_acts() -> None:
     """The noise of the first component is the same, and so is alpha, whatever is idle."""
     alphas = [
@@ -196,6 +198,7 @@ def drawn(seed: int):
     return made, stage, end
 
 
+@pytest.mark.one_case_in(8)
 @pytest.mark.parametrize("per_step", [True, False])
 @pytest.mark.parametrize("seed", range(12))
 def test_what_is_scored_is_what_moves_the_cost(seed: int, per_step: bool) -> None:
@@ -238,6 +241,7 @@ def test_the_tied_are_scored_with_whom_they_are_tied_to() -> None:
     np.testing.assert_array_equal(f.acting[0], [[0, 0, 0], [0, 0, 0], [1, 1, 0]])
 
 
+@pytest.mark.costly_cases("casadi")
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_the_ball_is_thrown_by_the_first_noise_alone(backend: str) -> None:
     """Its score is w_0 / sigma², of second moment 1, and nothing of a ball in flight."""

@@ -75,6 +75,7 @@ def status_of_random_inputs(name: str, law: str, seed: int = 0) -> Status:
     return found.status
 
 
+@pytest.mark.one_case_in(28)
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("name", NAMES)
 def test_random_inputs_are_not_optimal(name: str, law: str) -> None:
@@ -88,6 +89,7 @@ def test_random_inputs_of_a_machine_are_not_optimal(name: str, law: str) -> None
     assert status_of_random_inputs(name, law) in (Status.NOT_OPTIMAL, Status.NO_PROGRESS)
 
 
+@pytest.mark.costly_cases("0-exact-method0", "0-exact-method1", "1-exact-method0", "1-barrier-method0")
 @pytest.mark.parametrize("method", [SingleShooting(), MultipleShooting()])
 @pytest.mark.parametrize("law", ["exact", "barrier"])
 @pytest.mark.parametrize("seed", [0, 1, 2])

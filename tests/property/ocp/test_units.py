@@ -73,6 +73,7 @@ def cost_unit(problem: str, units: Units) -> float:
     return units.cost * (units.of("m") if problem == "hopper-1d" else 1.0)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("problem", CONSISTENT)
 def test_costs_are_invariant_under_a_change_of_units(problem: str) -> None:
     known = solve(get(problem), Exact())
@@ -112,6 +113,7 @@ def agrees(problem: str, units: Units, soft: bool, method: str = "direct") -> No
         assert found.referee.cost / size == pytest.approx(known.referee.cost, rel=1e-3)
 
 
+@pytest.mark.costly
 @settings(max_examples=5)
 @given(problem=st.sampled_from(CONSISTENT), units=other_units(), soft=st.booleans())
 def test_costs_are_invariant_in_any_units(problem: str, units: Units, soft: bool) -> None:
@@ -144,6 +146,7 @@ def test_a_thrown_ball_is_thrown_alike_in_any_units(units: Units) -> None:
     agrees("ball-throw", units, soft=False)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("kg", [1e-3, 1e3])
 def test_carts_between_walls_move_alike_in_any_unit_of_mass(kg: float) -> None:
     """One weight of the cost is for every state, and so it has no unit of length or time."""
@@ -178,6 +181,7 @@ def costs_as_much(problem: str, law: str, cost: float) -> None:
     assert found.audit.exact_cost / cost == pytest.approx(known.audit.exact_cost, rel=1e-6)
 
 
+@pytest.mark.cheap_cases("push-1d-exact-1e-09")
 @pytest.mark.parametrize(
     ("problem", "law", "cost"),
     [
@@ -202,6 +206,7 @@ def test_a_cost_in_any_unit_is_the_same_cost(problem: str, law: str, exponent: f
     costs_as_much(problem, law, 10.0**exponent)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("problem", ["push-1d", "ball-bounce"])
 @pytest.mark.parametrize("method", ["direct", "single-shooting"])
 def test_a_power_of_two_of_the_cost_keeps_every_bit(problem: str, method: str) -> None:
@@ -214,6 +219,7 @@ def test_a_power_of_two_of_the_cost_keeps_every_bit(problem: str, method: str) -
     assert found.certificate.stationarity == known.certificate.stationarity == "KKT"
 
 
+@pytest.mark.costly
 def test_gains_are_held_back_alike_in_any_unit_of_cost() -> None:
     problem = get("push-1d", N=8)
     known = solve(problem, Exact(), policy="feedback")
@@ -239,6 +245,7 @@ def dimensionless(found: Solution, units: Units, key: str) -> np.ndarray:
     return found.data[key].values / np.array([units.of(signal.unit) for signal in signals])
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(
     ("problem", "params", "cost"),
     [
@@ -265,6 +272,7 @@ def test_a_mu_as_large_as_the_problem_is_told() -> None:
     assert "is as large as" not in clear.verdict and "relies on the smoothing" in known.verdict
 
 
+@pytest.mark.costly_cases("planar-push")
 @pytest.mark.parametrize("problem", CONSISTENT)
 def test_units_are_found_from_the_numbers(problem: str) -> None:
     for units in OTHER:

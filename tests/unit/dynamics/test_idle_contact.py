@@ -30,6 +30,7 @@ def matrices(nx: int, nlam: int, zero: tuple[str, ...]) -> dict[str, np.ndarray]
     return {**made, "F": 2 * np.eye(nlam) + 0.2 * rng.standard_normal((nlam, nlam))}
 
 
+@pytest.mark.one_case_in(5)
 @pytest.mark.parametrize("law", list(LAWS))
 @pytest.mark.parametrize("zero", ZEROS, ids="".join)
 @pytest.mark.parametrize(("nx", "nlam"), SIZES)
@@ -50,6 +51,7 @@ def test_the_step_is_the_linear_map_and_the_multipliers_solve_the_contact(law, z
     np.testing.assert_allclose(lam, wanted, rtol=1e-12)
 
 
+@pytest.mark.one_case_in(13)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("zero", ZEROS, ids="".join)
 @pytest.mark.parametrize(("nx", "nlam"), SIZES)

@@ -18,6 +18,7 @@ def table() -> ParameterTable:
     return ParameterTable([*mixed, Parameter(LAW_PREFIX + "mu", 1e-3, "N s m")])
 
 
+@pytest.mark.costly
 @given(st.lists(FINITE, min_size=6, max_size=6))
 def test_packing_undoes_unpacking(vector: list[float]) -> None:
     named = table().unpack(vector)

@@ -52,6 +52,7 @@ def planted(block: str, index: tuple[int, ...], amount: float, law: str = "exact
     return found, plan, judged(session, replace(outcome, result=moved), seed=0).status
 
 
+@pytest.mark.costly
 def test_nothing_planted_nothing_found() -> None:
     for law in ("exact", "barrier"):
         found, _, status = planted("x", (0, 0, 0), 0.0, law)
@@ -252,6 +253,7 @@ def test_a_solver_that_lies_is_not_believed() -> None:
     assert found.verdict.startswith("Not solved")
 
 
+@pytest.mark.costly
 def test_an_infeasible_problem_says_what_cannot_be_met() -> None:
     problem = get("push-1d", N=6)
     end = Constraint("reach", problem.system.x[0], 50.0, 60.0)

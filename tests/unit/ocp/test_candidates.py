@@ -28,6 +28,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
     monkeypatch.setattr(solving, "judged", judge)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("number", [0, 1])
 def test_one_candidate_that_raises_loses_nothing(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
     expected = solve("wall-1d", contact="barrier").cost

@@ -66,6 +66,7 @@ def enumerated(model: LinearModel) -> float:
     return best
 
 
+@pytest.mark.costly
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**31 - 1), st.booleans())
 def test_the_lpec_finds_a_descent_exactly_where_a_branch_has_one(seed: int, biactive: bool) -> None:
@@ -81,6 +82,7 @@ def test_the_lpec_finds_a_descent_exactly_where_a_branch_has_one(seed: int, biac
     assert np.abs((model.rows @ found.step)[:3]).max() <= 1e-6
 
 
+@pytest.mark.costly
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**31 - 1), st.booleans())
 def test_weak_duality_bounds_the_relaxed_descent(seed: int, biactive: bool) -> None:

@@ -85,6 +85,7 @@ def test_two_at_once_have_places_of_their_own(tmp_path: Path) -> None:
         assert fourth.rows(0) == [{"of": "third"}]
 
 
+@pytest.mark.costly
 def test_what_a_killed_process_left_is_taken_over(tmp_path: Path) -> None:
     command = [sys.executable, "-c", HOLD, str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:

@@ -25,6 +25,7 @@ needs_compiler = pytest.mark.skipif(not has_compiler(), reason="there is no C co
 METHODS = [Direct(), MultipleShooting(), SingleShooting()]
 
 
+@pytest.mark.costly
 @needs_compiler
 @pytest.mark.parametrize("method", METHODS)
 def test_compiled_and_plain_solves_agree(method) -> None:
@@ -55,6 +56,7 @@ def test_every_function_of_an_nlp_is_the_same(method) -> None:
             np.testing.assert_allclose(b, a, rtol=1e-9, atol=1e-9 * np.abs(a).max(initial=1))
 
 
+@pytest.mark.costly
 @needs_compiler
 def test_a_second_solve_compiles_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
@@ -70,6 +72,7 @@ def test_a_second_solve_compiles_nothing(tmp_path: Path, monkeypatch: pytest.Mon
     assert second.cost == first.cost and second.record["jit"] == "compiled"
 
 
+@pytest.mark.costly
 def test_without_a_compiler_functions_are_interpreted_and_it_says_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

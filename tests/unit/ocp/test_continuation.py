@@ -24,6 +24,7 @@ def costs(path: Continuation) -> list[float]:
     return [point.solution.cost for point in path.points]
 
 
+@pytest.mark.costly
 def test_a_sweep_of_mu_costs_a_sixth_of_cold_solves_at_most() -> None:
     session = barrier_session("push-disc", 1.0)
     path = continue_over(session, "contact.mu", 1.0, 1e-8, 20, "log")
@@ -41,6 +42,7 @@ def test_a_sweep_of_mu_costs_a_sixth_of_cold_solves_at_most() -> None:
         assert point.solution.audit.complementarity == pytest.approx(point.value, rel=1e-4)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("law", [Barrier(mu=1e-2), Exact()])
 def test_builds_count_every_nlp_and_do_not_grow_along_the_path(law, monkeypatch) -> None:
     """The law's own NLPs and those of the exact law, whose answer is the first point's start."""
@@ -61,6 +63,7 @@ def test_builds_count_every_nlp_and_do_not_grow_along_the_path(law, monkeypatch)
         assert len(set(built)) == len(built)
 
 
+@pytest.mark.costly
 def test_a_physical_parameter_moves_the_start_and_the_bounds_with_it() -> None:
     """Every point equals a problem that was built at that value."""
     for over, end in (("qa0", -0.3), ("u_max", 0.6), ("problem.M", 3.0)):
@@ -78,6 +81,7 @@ def test_a_physical_parameter_moves_the_start_and_the_bounds_with_it() -> None:
         assert path.nlp_builds == 3
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("method", [MultipleShooting(), SingleShooting()])
 def test_shooting_follows_the_same_path(method) -> None:
     direct = continue_over(barrier_session(), "contact.mu", 1e-2, 1e-4, 4, "log")
@@ -86,6 +90,7 @@ def test_shooting_follows_the_same_path(method) -> None:
     np.testing.assert_allclose(costs(path), costs(direct), rtol=1e-6)
 
 
+@pytest.mark.costly
 def test_the_adaptive_laws_sigma_can_be_followed() -> None:
     session = new_session(get("push-1d"), Adaptive(sigma=0.2), Direct())
     path = continue_over(session, "contact.sigma", 0.2, 0.02, 5, "log")
@@ -94,6 +99,7 @@ def test_the_adaptive_laws_sigma_can_be_followed() -> None:
     assert costs(path)[-1] == pytest.approx(last.cost, rel=1e-6)
 
 
+@pytest.mark.costly
 def test_the_exact_law_can_be_followed_in_direct() -> None:
     session = new_session(get("push-1d"), Exact(), Direct())
     path = continue_over(session, "goal_x", 1.0, 0.6, 4)
@@ -103,6 +109,7 @@ def test_the_exact_law_can_be_followed_in_direct() -> None:
     assert costs(path)[-1] == pytest.approx(built.cost, rel=1e-6)
 
 
+@pytest.mark.costly
 def test_a_step_that_fails_is_halved_and_grows_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a curve to follow, a solver that refuses every step longer than 0.03 in M, between
     M = 1.2 and M = 1.5 only.
@@ -138,6 +145,7 @@ def test_a_step_that_fails_is_halved_and_grows_back(monkeypatch: pytest.MonkeyPa
     assert steps[first_bad + 1][0] == pytest.approx((steps[first_bad - 1][0] + steps[first_bad][0]) / 2)
 
 
+@pytest.mark.costly
 def test_a_path_that_ends_is_told_with_where_and_why() -> None:
     """The object cannot be pushed further in six steps than the actuator reaches."""
     problem = get("push-1d", N=6, goal_x=0.5, u_max=1.0)
@@ -154,6 +162,7 @@ def test_a_path_that_ends_is_told_with_where_and_why() -> None:
     assert "Worst:" in path.broke
 
 
+@pytest.mark.costly
 def test_a_first_point_that_fails_is_told() -> None:
     problem = get("push-1d", N=6)
     reach = Constraint("reach", problem.system.x[0], 50.0, 60.0)
@@ -163,12 +172,14 @@ def test_a_first_point_that_fails_is_told() -> None:
     assert path.broke.startswith("at the first point, M = 1")
 
 
+@pytest.mark.costly
 def test_progress_is_told_point_by_point() -> None:
     seen: list[CurvePoint] = []
     path = continue_over(barrier_session(), "M", 1.0, 1.2, 2, progress=seen.append)
     assert [point.value for point in seen] == [point.value for point in path.points]
 
 
+@pytest.mark.costly
 def test_all_trajectories_end_in_one_dataset() -> None:
     path = continue_over(barrier_session(), "M", 1.0, 2.0, 2)
     data = curve_dataset(path)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from docs.generator.measured import read
 from tests.benchmarks.ocp.dependability import (
     COLUMNS,
@@ -69,6 +71,7 @@ def test_the_stored_table_has_these_columns() -> None:
     assert {len(cells) for cells in stored["rows"]} == {len(COLUMNS)}
 
 
+@pytest.mark.costly
 def test_a_start_is_its_own() -> None:
     """Guess 2 is the same solve whatever came before; another guess is another solve."""
     alone = from_guess("wall-1d", 2)

@@ -46,6 +46,7 @@ def throws_cost(params: Params, theta: float, speed: float) -> float:
     return params.w_speed * speed**2 + params.w_end * place + params.w_v * velocity
 
 
+@pytest.mark.costly
 def test_the_bounce_is_found_at_whichever_step_is_best() -> None:
     """Every throw on a grid, by closed form: none is cheaper than the answer.
 
@@ -62,6 +63,7 @@ def test_the_bounce_is_found_at_whichever_step_is_best() -> None:
     assert found.cost == pytest.approx(2.11242, rel=1e-4)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(("seed", "index", "known"), [(41507, 3, 0.60505), (4242, 10, 0.667125), (41507, 0, None)])
 def test_a_throw_far_from_the_guess_is_found(seed: int, index: int, known: float | None) -> None:
     """Drawn throws, judged by a grid of all throws in closed form.
@@ -100,6 +102,7 @@ def test_schedules_lie_apart_by_the_steps_that_contacts_move(by: int) -> None:
     assert apart(one, one) == 0
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("solved", [False, True])
 def test_a_move_that_pays_is_made_or_the_verdict_says_why_not(solved: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every branch of a short push: those that are not stationary are left, or told with a reason.

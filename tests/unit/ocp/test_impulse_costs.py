@@ -46,6 +46,7 @@ def held() -> Problem:
     return replace(plain, stage_cost=plain.system.u**2, terminal_cost=0, path=[limit])
 
 
+@pytest.mark.cheap_cases("single-shooting")
 @pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
 def test_it_presses_with_the_force_that_is_asked_for(method: Direct) -> None:
     """At rest on the wall lam = -u: ``min (s/h - F)² + w s²`` is at ``s = F/h / (1/h² + w)``."""
@@ -60,6 +61,7 @@ def test_it_presses_with_the_force_that_is_asked_for(method: Direct) -> None:
     assert found.certificate.stationarity == "B"
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("law", [Barrier(mu=1e-3), Adaptive(), Randomized(samples=4)], ids=lambda law: law.name)
 def test_methods_agree_under_every_law(law: ContactLaw) -> None:
     costs = [solve(pressing(), law, method).cost for method in METHODS]

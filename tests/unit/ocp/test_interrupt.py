@@ -27,6 +27,7 @@ def stopping_after(polishes: int):
     return progress
 
 
+@pytest.mark.costly
 def test_the_best_finished_start_is_kept() -> None:
     of_one: list[StageRecord] = []
     solve(get("push-1d"), Exact(), progress=of_one.append)
@@ -92,6 +93,7 @@ def sigint_in(seconds: float) -> threading.Timer:
     return timer
 
 
+@pytest.mark.costly
 @pytest.mark.usefixtures("handled")
 def test_a_signal_in_the_solver_leaves_its_iterate(capfd) -> None:
     """IPOPT's interface swallows the signal; what it had found by then is not lost."""

@@ -25,6 +25,7 @@ def softened(steps: int) -> Solution:
     return solve(get("push-disc", N=steps), Barrier(mu=1e-3))
 
 
+@pytest.mark.costly
 def test_a_horizon_twenty_times_as_long_takes_no_more_than_twice_the_iterations() -> None:
     short, long = softened(20), softened(400)
     assert short.success and long.success
@@ -32,6 +33,7 @@ def test_a_horizon_twenty_times_as_long_takes_no_more_than_twice_the_iterations(
     assert long.iterations <= 2 * short.iterations
 
 
+@pytest.mark.costly
 def test_the_exact_answer_is_near_the_barriers_own_at_any_length() -> None:
     """An answer's small impulses, one a step, are not pushed off their bounds on the way back."""
     for steps in (20, 400):

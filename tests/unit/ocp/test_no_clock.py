@@ -84,6 +84,7 @@ def decisions(code: str) -> list[str]:
     return found
 
 
+@pytest.mark.costly
 def test_clocks_only_feed_what_is_recorded() -> None:
     files = [file for file in HOUSE.rglob("*.py") if file.relative_to(HOUSE).as_posix() not in AROUND]
     assert len(files) > 100
@@ -120,6 +121,7 @@ def answer(name: str, **params: float) -> tuple[bytes, ...]:
     )
 
 
+@pytest.mark.costly
 def test_a_clock_that_jumps_by_hours_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     calm = answer("planar-push", friction=0.25)
     ticks = itertools.count(step=36_000)

@@ -105,6 +105,7 @@ def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
     assert circle.is_symlink() and (tmp_path / "socket").is_socket()
 
 
+@pytest.mark.costly
 def test_an_open_file_is_written_to(tmp_path: Path) -> None:
     """As ``--pdf /dev/stdout`` in a pipe is, and where standard output goes to a file."""
     code = "from pathlib import Path; from ocp.store import atomic; atomic.write(Path('{}'), b'x')"

@@ -48,6 +48,7 @@ def solved(problem_of, law=None) -> tuple[Solution, RefereeReport, Referee]:
 # --- problems of users -----------------------------------------------------------------------
 
 
+@pytest.mark.costly
 def test_a_disc_pulled_round_a_post_survives_its_model_but_not_the_referee() -> None:
     found, report, sharp = solved(round_a_post)
     assert found.audit.exact_cost == pytest.approx(found.cost, rel=1e-4)
@@ -96,6 +97,7 @@ def contacts_of(problem: Problem, lam: np.ndarray, found: Nonuniqueness) -> tupl
     return differing_contacts(problem, lam[found.scenario, found.step], found.lam[0])
 
 
+@pytest.mark.costly
 def test_a_push_up_a_rough_slope_is_not_determined_and_the_step_is_named() -> None:
     found, report, sharp = solved(rough_slope)
     plan = plan_of(found)
@@ -121,6 +123,7 @@ def test_a_push_up_a_rough_slope_is_not_determined_and_the_step_is_named() -> No
     assert off_the_slopes_laws(problem, x[k, 4], x[k + 1, 4] + 1.0, u) > 1e-2
 
 
+@pytest.mark.costly
 def test_a_determined_plan_does_not_part() -> None:
     for name in ("push-1d", "planar-push", "hopper-1d"):
         found = solve(get(name), Exact(), Direct())
@@ -128,6 +131,7 @@ def test_a_determined_plan_does_not_part() -> None:
         assert find_nonuniqueness(found.problem, plan.x, plan.u, plan.lam, found.values) is None
 
 
+@pytest.mark.costly
 def test_a_smoothed_plan_is_no_second_solution() -> None:
     """It obeys its own law, so that its way off the exact step is no freedom of the model."""
     found = solve(rough_slope(), Barrier(mu=1e-2), Direct())
@@ -170,6 +174,7 @@ def test_a_puck_too_fast_for_its_fence_is_not_replayed() -> None:
     assert np.linalg.norm(judged.replay.x[0, :, :2], axis=1).max() < 1 + 1e-9
 
 
+@pytest.mark.costly
 def test_an_oiled_finger_grips_nothing() -> None:
     found, report, sharp = solved(two_grippers)
     assert report.reasons == []
@@ -244,6 +249,7 @@ def test_the_refined_cost_is_that_of_a_quarter_of_the_step() -> None:
     assert report.refined_cost != pytest.approx(report.cost, rel=1e-6)
 
 
+@pytest.mark.costly
 def test_a_step_size_that_is_a_state_is_refined_too() -> None:
     problem, fine = get("half-cheetah", N=3), get("half-cheetah", N=12)
     x0 = problem.initial_states(physical(problem))
@@ -286,6 +292,7 @@ def test_a_policy_is_replayed_as_a_policy() -> None:
 # --- forces at a distance ------------------------------------------------------------------------
 
 
+@pytest.mark.costly
 def test_the_distance_of_a_barriers_force_is_its_own() -> None:
     """Under mu the force at the gap d is mu / d: it counts down to the share of the impulse."""
     _, report, _ = solved(lambda: get("push-1d"), Barrier(mu=1e-3))
@@ -294,6 +301,7 @@ def test_the_distance_of_a_barriers_force_is_its_own() -> None:
     assert 1e-2 < far.amount <= 1e-3 / (1e-3 * 0.5)
 
 
+@pytest.mark.costly
 def test_convex_friction_acts_at_a_distance_and_the_referee_does_not() -> None:
     found, report, sharp = solved(lambda: get("planar-push"))
     replayed = measured(found.problem, sharp)
@@ -308,6 +316,7 @@ def test_convex_friction_acts_at_a_distance_and_the_referee_does_not() -> None:
 # --- survival --------------------------------------------------------------------------------
 
 
+@pytest.mark.costly
 def test_what_survives_is_within_its_shares() -> None:
     """Around a plan that survives, each measure moved across its bound alone is a reason."""
     found, report, sharp = solved(lambda: get("push-disc"))
@@ -339,6 +348,7 @@ def test_what_survives_is_within_its_shares() -> None:
         assert reasons in ((), ("its bound on ux is violated by 0.03 at step 2",))
 
 
+@pytest.mark.costly
 def test_bodies_in_one_another_do_not_survive() -> None:
     """ball-throw's scheme lets one node lie below the floor, and that is told."""
     found, report, sharp = solved(lambda: get("ball-throw"))

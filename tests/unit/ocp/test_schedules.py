@@ -72,6 +72,7 @@ def every_branch(name: str, steps: int) -> tuple[Branches, dict[bytes, Result]]:
     return branches, found
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(
     "name",
     ["wall-1d", *(pytest.param(x, marks=pytest.mark.slow) for x in ("ball-bounce", "push-1d"))],
@@ -86,6 +87,7 @@ def test_any_schedule_with_a_contact_is_led_to_the_best_of_all(name: str) -> Non
             assert improve_schedule(branches, result).f <= lowest + 2e-5 * abs(lowest)
 
 
+@pytest.mark.costly
 def test_exchanged_schedules_find_what_a_relaxation_alone_does_not() -> None:
     *_, instance = drawn("cart-transport", 6, 0, factor=2.0)
     session = new_session(get(instance.problem, **instance.params), Exact())
@@ -96,6 +98,7 @@ def test_exchanged_schedules_find_what_a_relaxation_alone_does_not() -> None:
     assert found.success and found.cost < 0.9 * alone
 
 
+@pytest.mark.costly
 def test_exchange_knows_no_size_and_begins_where_multipliers_promise_most() -> None:
     """Of planar-hand's 160 pairs `r2+` at step 7 once was the one whose change pays."""
     session = new_session(get("planar-hand"), Exact())

@@ -165,6 +165,7 @@ def test_motions_that_all_fail_leave_no_plan(monkeypatch: pytest.MonkeyPatch) ->
     assert tree._rolled([(tree.first(), np.zeros((4, 2)))]) == []
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("N", [1, 2])
 def test_a_horizon_of_one_step_is_searched_too(N: int) -> None:
     found = solve(behind(N), search=True, settings={"max_iter": 5})

@@ -40,6 +40,7 @@ def differences(name: str, law: ContactLaw, parameter: str, at: Solution) -> tup
     )
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(
     ("name", "parameter"),
@@ -68,6 +69,7 @@ def test_sensitivities_are_the_limit_of_re_solves(name: str, parameter: str, law
     assert ours.attrs["parameter"] == parameter
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("method", [MultipleShooting(), SingleShooting()])
 def test_shooting_has_the_sensitivity_of_direct(method) -> None:
     law = Barrier(mu=1e-3)
@@ -77,6 +79,7 @@ def test_shooting_has_the_sensitivity_of_direct(method) -> None:
         np.testing.assert_allclose(ours[name].values, direct[name].values, rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.costly
 def test_the_law_has_sensitivities_too() -> None:
     found = solved("push-1d", "barrier")
     costs = [solve(get("push-1d"), Barrier(mu=1e-3 * (1 + s)), Direct()).cost for s in (1e-3, -1e-3)]
@@ -84,6 +87,7 @@ def test_the_law_has_sensitivities_too() -> None:
     assert float(found.sensitivity("contact.mu")["cost"]) == pytest.approx(slope, rel=1e-5)
 
 
+@pytest.mark.costly_cases("2.0")
 @pytest.mark.parametrize("theta", [-2.0, 0.5, 2.0])
 def test_between_two_walls_it_is_the_closed_form(theta: float) -> None:
     """x+ = u = clip(theta / (1 + r), -1, 1): free or resting against a wall."""
@@ -166,6 +170,7 @@ def end_of_flight(start: float, h: float, steps: int, k: float = 1e4) -> float:
     return z
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("start", [1.0015, 1.003])
 def test_a_stiff_contacts_slope_is_told_beside_that_of_a_quarter_of_the_step(start: float) -> None:
     """The map's slope is 4.13 at h and -3.43 at h/4, and the physics' -1."""

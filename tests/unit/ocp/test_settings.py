@@ -105,6 +105,7 @@ def test_an_unknown_solver_is_told_which_there_are() -> None:
         Solver("snopt")
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("law", [Barrier(mu=1e-2), Exact()], ids=["barrier", "exact"])
 def test_every_solver_finds_the_same_optimum(solver: str, law, capfd) -> None:
@@ -119,6 +120,7 @@ def test_every_solver_finds_the_same_optimum(solver: str, law, capfd) -> None:
     assert printed.err == "", "a solver's warnings are none of the user's"
 
 
+@pytest.mark.costly
 def test_uno_is_as_exact_as_the_audit_asks() -> None:
     found = solve(get("push-disc"), Barrier(mu=1e-3), solver="uno")
     assert found.success and max(one.amount for one in found.audit.worst) < 1e-8

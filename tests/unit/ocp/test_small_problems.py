@@ -41,6 +41,7 @@ def test_a_flight_through_a_body_does_not_survive_however_small_the_body(length:
     assert reason == f"post is penetrated by {0.2 * length:.2g} at step 0"
 
 
+@pytest.mark.costly_cases("0.001")
 @pytest.mark.parametrize("length", SCALES)
 def test_a_hard_end_that_only_smoothing_meets_is_named_at_any_size(length: float) -> None:
     """At mu = 0.1 a force from afar brings the body to 0.3; replayed, it is elsewhere."""

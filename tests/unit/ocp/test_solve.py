@@ -35,6 +35,7 @@ def without_times(found: Solution) -> dict[str, Any]:
     return {"told": json.dumps(told, default=str), "record": json.dumps(record, default=str)}
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -87,6 +88,7 @@ def two_wells() -> Problem:
     return replace(problem, stage_cost=0.01 * u**2, terminal_cost=wells)
 
 
+@pytest.mark.costly
 def test_the_best_audited_answer_wins_and_the_others_are_listed() -> None:
     settings = {"homotopy": False}
     found = solve(two_wells(), Barrier(mu=1e-4), SingleShooting(), starts=8, settings=settings)
@@ -169,6 +171,7 @@ def test_the_policy_of_a_feedback_answer_is_what_it_did() -> None:
     np.testing.assert_allclose(again.data["x"], x, atol=1e-6)
 
 
+@pytest.mark.costly
 def test_the_cost_is_the_problems_without_the_penalty_on_gains() -> None:
     problem = get("push-disc", N=6, scenarios=3)
     found = solve(problem, Exact(), Direct(), Feedback(penalty=1e-2))
@@ -206,6 +209,7 @@ def test_gains_beat_the_open_loop_plan_under_exact_physics(law, scenario_seed: i
     assert closed < open_loop / 5
 
 
+@pytest.mark.costly
 def test_gains_beat_the_open_loop_plan() -> None:
     """The same with a thick barrier and one stage, quick enough for every run."""
     plan = solve(get("push-disc"), Barrier(mu=1e-3))

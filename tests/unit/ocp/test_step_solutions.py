@@ -198,6 +198,7 @@ def test_a_rod_without_the_paradox_goes_on_in_one_way(friction: float, slip: flo
     assert abs(report.branch_cost - plan.cost) > 1e-5
 
 
+@pytest.mark.costly
 def test_finger_discs_second_end_is_named_with_its_cost() -> None:
     """Its tip may leave the disc at step 1, and the same torques then cost 27.5."""
     found = solve(get("finger-disc"), Exact(), Direct())

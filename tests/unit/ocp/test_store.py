@@ -115,6 +115,7 @@ def test_a_solution_survives_the_disk(tmp_path: Path) -> None:
     assert {"python", "casadi", "numpy"} <= set(run.meta["versions"])
 
 
+@pytest.mark.costly
 def test_threads_of_a_process_may_load_and_save_at_once(tmp_path: Path) -> None:
     kept = store.save(solution(), tmp_path, []).path
 
@@ -251,6 +252,7 @@ def test_the_split_of_the_time_is_stored_and_no_part_of_the_hash(tmp_path: Path)
     assert first.meta["hash"] == second.meta["hash"]
 
 
+@pytest.mark.costly
 def test_multipliers_survive_the_disk_by_name(tmp_path: Path) -> None:
     solved = solve(get("push-disc"), Barrier(mu=1e-3))
     run = store.load(store.save(solved, tmp_path, []).path)
@@ -298,6 +300,7 @@ KILLED_WHILE_WRITING = textwrap.dedent(
 )
 
 
+@pytest.mark.costly
 def test_kill_leaves_no_half_run_and_the_next_save_sweeps(tmp_path: Path) -> None:
     command = [sys.executable, "-c", KILLED_WHILE_WRITING, str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:

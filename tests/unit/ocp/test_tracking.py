@@ -51,6 +51,7 @@ def follow(problem: Problem, start: float, end: float, steps: int) -> Continuati
     return continue_over(new_session(problem, Exact(), Direct()), "theta", start, end, steps)
 
 
+@pytest.mark.costly
 def test_contacts_of_a_mass_between_two_walls_are_found_where_they_change() -> None:
     """min r u² + (x+ - theta)², x+ = u = clip(theta / (1 + r), -1, 1): a wall is touched without
     force, since u alone costs less.
@@ -69,6 +70,7 @@ def test_contacts_of_a_mass_between_two_walls_are_found_where_they_change() -> N
         assert point.solution.cost == pytest.approx(R * u**2 + (u - point.value) ** 2, rel=1e-9)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("walls", [(1.0, 1.0), (1.0, 1.2)])
 def test_contacts_that_change_at_one_value_are_one_degenerate_event(walls) -> None:
     """Two masses, each as above with one wall: they touch at theta = wall (1 + r)."""
@@ -106,6 +108,7 @@ def pressing(c: float, size: float = 1.0) -> Problem:
     return between_walls(lambda u, theta: (u - theta) ** 2, lambda x, _: c * x**2, size=size)
 
 
+@pytest.mark.costly
 def test_a_minimum_that_ends_at_a_contact_is_left_there() -> None:
     c = 40.0
     path = follow(pressing(c), 30.0, 0.2, 10)
@@ -122,6 +125,7 @@ def test_a_minimum_that_ends_at_a_contact_is_left_there() -> None:
         assert point.solution.cost == pytest.approx(c if point.value >= 1 else free, rel=1e-8)
 
 
+@pytest.mark.costly
 def test_another_minimum_is_taken_where_it_becomes_the_cheaper() -> None:
     """Wide characteristic sizes let the linear program see both sides of the wall."""
     c = 1.0
@@ -135,6 +139,7 @@ def test_another_minimum_is_taken_where_it_becomes_the_cheaper() -> None:
             assert point.solution.cost == pytest.approx(best, rel=1e-8)
 
 
+@pytest.mark.costly
 def test_a_fold_is_stepped_round() -> None:
     """Stationary points of u⁴/4 - u²/2 - theta u are theta = u³ - u, with folds at u² = 1/3."""
     problem = between_walls(lambda u, t: u**4 / 4 - u**2 / 2 - t * u, lambda x, _: 0 * x, walls=100.0)

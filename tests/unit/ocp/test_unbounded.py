@@ -105,6 +105,7 @@ BOUNDED = {
 }
 
 
+@pytest.mark.costly_cases("linear", "square", "logarithm", "two together")
 @pytest.mark.parametrize("kind", UNBOUNDED)
 def test_a_cost_without_a_minimum_is_not_solved(kind):
     problem, told = UNBOUNDED[kind]
@@ -113,11 +114,13 @@ def test_a_cost_without_a_minimum_is_not_solved(kind):
     assert told in found.verdict and "stationary" not in found.verdict
 
 
+@pytest.mark.costly_cases("huber", "saturating", "logarithm")
 @pytest.mark.parametrize("kind", BOUNDED)
 def test_a_cost_with_a_minimum_is_solved(kind):
     assert solve(BOUNDED[kind]).success
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(
     ("law", "method"),
     [
@@ -162,6 +165,7 @@ def solved(cost, rows, low, high) -> mpcc.MPCCSolution:
     return mpcc.solve(mpcc.MPCC(X, cost, A, B, rows, lbx=lower, lbg=bound[0], ubg=bound[1]))
 
 
+@pytest.mark.costly_cases("two together")
 @pytest.mark.parametrize("kind", RAYS)
 def test_a_complementarity_problem_without_a_minimum_is_not_solved(kind):
     found = solved(*RAYS[kind])

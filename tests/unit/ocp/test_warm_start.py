@@ -43,6 +43,7 @@ def pushed() -> Solution:
     return known_as()
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("policy", [OpenLoop(), Feedback()])
 def test_the_same_nlp_gets_its_own_optimum_back(method, policy) -> None:
@@ -58,6 +59,7 @@ def test_the_same_nlp_gets_its_own_optimum_back(method, policy) -> None:
     assert np.all(np.array(g).ravel() >= bounds["lbg"] - 1e-7)
 
 
+@pytest.mark.costly
 def test_an_exact_optimum_satisfies_the_relaxed_conditions() -> None:
     """The multipliers of fixed pairs become those of the product, with the right signs."""
     known = known_as("exact")
@@ -70,6 +72,7 @@ def test_an_exact_optimum_satisfies_the_relaxed_conditions() -> None:
     assert np.all(point.lam_x[nlp.pairs] <= 1e-9), "lam, gap >= 0"
 
 
+@pytest.mark.costly_cases("10", "13")
 @pytest.mark.parametrize("N", [10, 13, 20, 31, 40])
 def test_a_mesh_keeps_the_path_in_time(pushed: Solution, N: int) -> None:
     problem = get("push-disc", N=N, h=2.0 / N)
@@ -116,6 +119,7 @@ def test_a_shorter_horizon_cuts(pushed: Solution) -> None:
     np.testing.assert_allclose(duals["dynamics"][0], pushed.data["lam_g_dynamics"].values[0, :12], rtol=1e-14)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("settings", [{"N": 40, "h": 0.05}, {"N": 25}, {"M": 1.3}])
 @pytest.mark.parametrize("law", [Barrier(mu=1e-3), Exact()])
 def test_it_helps_and_the_answer_is_the_same(law, settings: dict[str, float]) -> None:
@@ -126,6 +130,7 @@ def test_it_helps_and_the_answer_is_the_same(law, settings: dict[str, float]) ->
     assert warm.iterations < cold.iterations * 0.75
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("target", METHODS)
 @pytest.mark.parametrize("source", METHODS)
 def test_between_methods_there_is_nothing_left_to_do(source, target) -> None:
@@ -155,6 +160,7 @@ def test_feedback_and_scenarios_start_from_one_open_loop_plan(pushed: Solution) 
     assert solve(problem, Barrier(mu=1e-3), policy=Feedback(), start=pushed).success
 
 
+@pytest.mark.costly
 def test_gains_move_with_the_mesh() -> None:
     known = solve(get("push-disc", scenarios=2, N=10), Barrier(mu=1e-2), policy=Feedback())
     N = known.data.sizes["interval"]
@@ -165,6 +171,7 @@ def test_gains_move_with_the_mesh() -> None:
     np.testing.assert_allclose(blocks["K"][1::2], known.data["K"].values, rtol=1e-12)
 
 
+@pytest.mark.costly
 def test_where_it_does_not_converge_the_usual_path_is_followed(
     pushed: Solution, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -197,6 +204,7 @@ def free_start(**params: float) -> Problem:
     return replace(problem, start=FreeStart(at - 0.1, at + 0.1))
 
 
+@pytest.mark.costly
 def test_a_chosen_start_is_carried_with_its_multipliers() -> None:
     known = solve(free_start(N=10), Barrier(mu=1e-3))
     session = new_session(free_start(N=10), Barrier(mu=1e-3))

@@ -53,6 +53,7 @@ def quadratic_program() -> tuple[float, np.ndarray]:
     return float(b @ y), G.T @ y
 
 
+@pytest.mark.costly_cases("direct-randomized")
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
 def test_a_free_mass_takes_the_optimum_of_its_quadratic_program(law, method) -> None:

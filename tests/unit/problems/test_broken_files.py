@@ -26,6 +26,7 @@ def place(case: Broken, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "broken.py").write_bytes(case.content)
 
 
+@pytest.mark.one_case_in(6)
 @pytest.mark.parametrize("case", REFUSED[:30], ids=lambda case: case.name)
 def test_a_broken_file_is_refused_in_one_sentence(case, tmp_path, monkeypatch, capsys) -> None:
     place(case, tmp_path, monkeypatch)
@@ -39,6 +40,7 @@ def test_a_broken_file_is_refused_in_one_sentence(case, tmp_path, monkeypatch, c
     assert out == "" and not [*(tmp_path / "runs").rglob("*.json")]
 
 
+@pytest.mark.one_case_in(11)
 @pytest.mark.parametrize("case", SOUND, ids=lambda case: case.name)
 def test_an_odd_file_that_is_sound_is_used(case, tmp_path, monkeypatch) -> None:
     place(case, tmp_path, monkeypatch)

@@ -31,6 +31,7 @@ def step(name: str, x: list[float], u: list[float], law=None, **values: float):
     return np.array(x_next).ravel(), np.array(lam).ravel()
 
 
+@pytest.mark.one_case_in(5)
 @pytest.mark.parametrize(("name", "parameter"), PARAMETERS)
 def test_every_parameter_can_be_set_and_reaches_the_problem(name: str, parameter: str) -> None:
     value = other_value(name, parameter)

@@ -25,6 +25,7 @@ def normals(name: str, **params) -> list[str]:
     return [contact.name for contact, pair in zip(system.contacts, system.pairs, strict=True) if pair.kind == "normal"]
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(("name", "few", "some", "every"), [("hopper", 2, 4, 5), ("half-cheetah", 2, 4, 9)])
 def test_spheres_choose_which_parts_touch(name: str, few: int, some: int, every: int):
     foot = "foot" if name == "hopper" else "feet"
@@ -54,6 +55,7 @@ def test_smooth_ground_has_normal_pairs_and_limits_only(name: str):
     assert "friction" in problems.get(name).parameters.names
 
 
+@pytest.mark.costly
 def test_base_damping_drags_the_torso():
     slow, fast = (simulate("hopper", 3, seed=2, base_damping=d).x[0, -1, 7] for d in (50.0, 0.0))
     # v+ = v - h (g + d v+/m) in the air: slower by about d h t v/m with 50 N s/m on 15.3 kg
@@ -77,6 +79,7 @@ def test_resets_are_those_of_the_source(name: str, height: float, noise: float):
     assert float(step(x0, problem.parameters.values)) == machine.h == 0.05
 
 
+@pytest.mark.costly
 def test_motors_of_a_simulation_are_not_clipped():
     wide, tight = (simulate("hopper", 2, np.full((2, 3), 0.1), u_max=u) for u in (1.0, 0.01))
     assert np.all(tight.u == 0.1)
@@ -232,6 +235,7 @@ def test_a_users_machine_that_cannot_be_gets_its_sentence(tmp_path, parent, mass
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.costly
 def test_a_gait_over_the_second_order_cone():
     problem = problems.get("half-cheetah", cone="second-order")
     assert problem.system.nlam == 4 + 12 + 2 * 4

@@ -120,6 +120,7 @@ def test_coordinates_motors_and_limits_follow_the_order_of_the_links() -> None:
     np.testing.assert_allclose(M, reference[np.ix_(order, order)], atol=1e-14)
 
 
+@pytest.mark.cheap_cases("pendulum")
 @every_chain
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 10_000))

@@ -78,6 +78,7 @@ def step_of(machine: SpatialMachine) -> tuple[ContactSystem, Any]:
     return system, Barrier(mu=1e-10).close(system)
 
 
+@pytest.mark.costly
 def test_a_box_falls_and_slides_as_with_each_contact_twice(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -118,6 +119,7 @@ def biped(folder: Path, axis: str, aside: str = "0 0.1 0", hip: str = "") -> Pat
     return file
 
 
+@pytest.mark.costly_cases("-1 0 0-0.1 0 0-forward1")
 @pytest.mark.parametrize(
     ("axis", "aside", "forward"),
     [

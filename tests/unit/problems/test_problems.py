@@ -43,6 +43,7 @@ def test_the_first_five_problems_are_registered_in_order():
     assert problems.names()[:5] == NAMES
 
 
+@pytest.mark.one_case_in(6)
 @pytest.mark.parametrize(("name", "parameter"), PARAMETERS)
 def test_every_parameter_can_be_set_and_reaches_the_problem(name: str, parameter: str):
     value = other_value(name, parameter)
@@ -57,6 +58,7 @@ def test_every_parameter_can_be_set_and_reaches_the_problem(name: str, parameter
         assert ca.depends_on(expressions(problem), problem.parameters[parameter])
 
 
+@pytest.mark.costly_cases("hopper", "half-cheetah")
 @pytest.mark.parametrize("name", problems.names())
 def test_a_run_records_every_parameter_that_built_its_problem(name: str):
     """As symbol or as setting; without friction some problems have no symbol for it."""

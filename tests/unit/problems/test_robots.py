@@ -117,6 +117,7 @@ def check_dynamics(robot: Robot, model: Any, count: int = 100) -> None:
             np.testing.assert_allclose(theirs, fixed.setdefault(b, theirs), atol=1e-11)
 
 
+@pytest.mark.costly_cases("humanoid")
 @pytest.mark.parametrize("name", FILES)
 def test_masses_forces_energies_and_frames_are_those_of_mujoco(name: str) -> None:
     check_dynamics(*loaded(name))

@@ -27,6 +27,7 @@ def stepped(system: ContactSystem, x: np.ndarray, u: np.ndarray, **values: float
     return np.array(x_next).ravel()
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("name", MACHINES)
 @pytest.mark.parametrize("spheres", ["all", "default"])
 def test_a_machine_steps_as_its_problem(name: str, spheres: str):
@@ -53,6 +54,7 @@ def _on_the_ground(name: str) -> list[np.ndarray]:
     return poses
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("name", MACHINES)
 def test_weights_are_parameters_and_those_of_the_table(name: str):
     task = registry.get(name)

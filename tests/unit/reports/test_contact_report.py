@@ -40,6 +40,7 @@ def array(view: RunView, name: str) -> np.ndarray:
     return found
 
 
+@pytest.mark.costly
 def test_summary_adds_up_what_the_run_stores(run) -> None:
     view = run[1]
     (push,) = view.run.audit.contacts
@@ -55,6 +56,7 @@ def test_summary_adds_up_what_the_run_stores(run) -> None:
     assert push.degenerate == array(view, "degenerate").sum()
 
 
+@pytest.mark.costly
 def test_a_multiplier_in_newton_is_the_force() -> None:
     found = solve(spec("cart-walls").problem({}), contact=Exact())
     peaks = [summary.peak_force for summary in found.audit.contacts]
@@ -62,6 +64,7 @@ def test_a_multiplier_in_newton_is_the_force() -> None:
     assert max(peaks) > 1
 
 
+@pytest.mark.costly
 def test_friction_holds_or_slips_at_its_bound(run) -> None:
     """Coulomb's law, read off the stored arrays alone."""
     view = run[1]
@@ -73,6 +76,7 @@ def test_friction_holds_or_slips_at_its_bound(run) -> None:
     assert np.all(friction[slides] * slip[slides] < 0)
 
 
+@pytest.mark.costly
 def test_json_has_the_contacts_and_the_books(run) -> None:
     view = run[1]
     problem = view.problem
@@ -83,6 +87,7 @@ def test_json_has_the_contacts_and_the_books(run) -> None:
     assert 0 <= told["cone_violation"] < 1e-9 and 0 <= told["dissipation_residual"] < 1e-9
 
 
+@pytest.mark.costly
 def test_figure_draws_impulses_within_their_bound(run) -> None:
     view = run[1]
     axis, _ = draw_rows(*rows_of_contacts(view)).axes

@@ -20,6 +20,7 @@ def outline(shape) -> np.ndarray:
     return to_metres.transform(patch.get_path().vertices)
 
 
+@pytest.mark.costly_cases("half-cheetah")
 @pytest.mark.parametrize("name", names())
 def test_every_problem_is_drawn(name: str) -> None:
     """All shapes of a problem have a way to be drawn, inside finite limits."""

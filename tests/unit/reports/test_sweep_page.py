@@ -70,6 +70,7 @@ def test_maps_over_two_axes_are_cost_ratio_and_verdict() -> None:
     assert figure.axes[0].get_xlabel() == "M [kg]" and "mu" in figure.axes[0].get_ylabel()
 
 
+@pytest.mark.costly
 def test_more_axes_are_gone_through_slice_by_slice() -> None:
     run = made(M=4, mu=3, h=2, w=3)
     found = drawn(run)
@@ -86,6 +87,7 @@ def test_more_axes_are_gone_through_slice_by_slice() -> None:
     assert all(np.array_equal(one, other) for one, other in zip(costs, expected, strict=True))
 
 
+@pytest.mark.costly
 def test_failed_points_are_crossed_and_have_no_colour() -> None:
     run = made(M=3, mu=2)
     run.data["success"].values[1, 1] = 0
@@ -103,6 +105,7 @@ def test_without_a_referee_the_exact_law_replays() -> None:
     assert replayed(run.data).values.tolist() == [3.0] * 3
 
 
+@pytest.mark.costly
 def test_a_page_tells_all_points_up_to_a_number_and_counts_the_rest() -> None:
     content, found = sweep_content(made(M=3, mu=2))
     assert [*found] == content["maps"] == ["map-1"]

@@ -85,6 +85,9 @@ def test_functions_are_the_same_everywhere(strict):
             np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.costly_cases(
+    "gcc -march=x86-64-inner loop", "gcc -march=x86-64-v3-inner loop", "gcc -march=x86-64-v3-path"
+)
 @pytest.mark.parametrize("name", ["closed form", "inner loop", "path"])
 def test_rollouts_are_the_same_everywhere(name, strict):
     wanted = rolled(name, backend="numpy")

@@ -183,6 +183,7 @@ def test_without_cache_and_temporary_files_numpy_is_taken(graph, tmp_path, monke
         BatchFunction(graph, backend="c")
 
 
+@pytest.mark.costly
 def test_processes_may_compile_the_same_at_once(own_cache):
     load = "from dynamics.batch.engines.compiler import load"
     program = f"{load}; assert load({SOURCE % 47!r}).answer() == 47"

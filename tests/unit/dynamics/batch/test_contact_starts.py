@@ -45,6 +45,7 @@ def rolled(step: Step, x0: np.ndarray, inputs: np.ndarray, threads: int = 1, blo
 LAWS = [Barrier(mu=1e-3), Barrier(mu=1e-10), Exact()]
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("law", LAWS, ids=["barrier 1e-3", "barrier 1e-10", "exact"])
 @pytest.mark.parametrize("name", ["hopper", pytest.param("half-cheetah", marks=pytest.mark.slow)])
 def test_a_warm_start_ends_where_a_cold_one_does(name: str, law: ContactLaw) -> None:
@@ -60,6 +61,7 @@ def test_a_warm_start_ends_where_a_cold_one_does(name: str, law: ContactLaw) -> 
     assert touching > N
 
 
+@pytest.mark.costly
 def test_hardly_a_step_is_lost_under_random_full_inputs() -> None:
     """Of a path alone one in twenty is, in the first step already.
 
@@ -87,6 +89,7 @@ def test_hardly_a_step_is_lost_under_random_full_inputs() -> None:
     assert not [size for size in lost if size < 100]
 
 
+@pytest.mark.cheap_cases("exact-casadi", "barrier-casadi")
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("law", ["exact", "barrier", "randomized"])
 def test_what_does_not_arrive_is_found_from_other_starts(law, backend, monkeypatch) -> None:
@@ -110,6 +113,7 @@ def test_what_does_not_arrive_is_found_from_other_starts(law, backend, monkeypat
         assert not np.isfinite(costs()).any()
 
 
+@pytest.mark.costly
 def test_no_sample_depends_on_its_neighbours() -> None:
     step, x0 = machine("hopper", Barrier(mu=1e-3))
     inputs = np.random.default_rng(2).uniform(-1, 1, (N, 8, step.system.nu))

@@ -70,6 +70,7 @@ def given(f: EpisodeFunction) -> dict[str, np.ndarray]:
     }
 
 
+@pytest.mark.costly_cases("inner loop-affine", "inner loop-network", "inner loop-constant", "path-affine")
 @pytest.mark.parametrize("policy", list(POLICIES))
 @pytest.mark.parametrize("system", list(SYSTEMS))
 def test_returns_are_those_of_a_loop_over_single_steps(system, policy):
@@ -123,6 +124,7 @@ def test_gradients_are_the_differences(system, policy):
         np.testing.assert_allclose((found.gradient @ d)[same], slope[same], rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.one_case_in(10)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("policy", list(POLICIES))
 @pytest.mark.parametrize("system", list(SYSTEMS))
@@ -176,6 +178,7 @@ def test_the_zeroth_order_gradient_has_the_first_order_ones_mean():
     assert np.all(np.abs(found.zeroth.mean - found.gradient.mean) < 4 * error)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_gradient_along_given_states(backend):
     """Along its own states it is the ordinary one; along exact ones, the chain of its slopes."""
@@ -261,6 +264,7 @@ def test_bad_input_is_told():
         f(**call)
 
 
+@pytest.mark.costly_cases("numpy")
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_another_horizon_is_that_horizon(backend):
     f = rolled("inner loop", "network", backend)

@@ -95,6 +95,7 @@ def case(problem: str, law: str) -> tuple[Step, np.ndarray, np.ndarray]:
     return step, rows, np.array(told)
 
 
+@pytest.mark.one_case_in(6)
 @pytest.mark.parametrize("cc", COMPILERS)
 @pytest.mark.parametrize(("problem", "law"), CASES)
 def test_the_file_has_the_step_and_its_derivatives(problem, law, cc, tmp_path):

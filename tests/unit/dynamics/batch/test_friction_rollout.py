@@ -63,6 +63,7 @@ START = np.array([0.0, 0.42, 0.3, 1.5, -0.2, 0.4])
 THETA = np.tile([0.8, -0.5], (H, 1))
 
 
+@pytest.mark.costly_cases("exact-c", "randomized-c", "randomized-numpy")
 @pytest.mark.parametrize("backend", [b for b in BACKENDS if b != "casadi"])
 @pytest.mark.parametrize("law", ["exact", "barrier", "randomized"])
 def test_backends_agree_with_casadi(law, backend):
@@ -74,6 +75,7 @@ def test_backends_agree_with_casadi(law, backend):
     np.testing.assert_allclose(got.gradient, wanted.gradient, rtol=1e-12, atol=1e-13 * scale)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("law", ["exact", "barrier"])
 def test_gradients_are_those_of_differences(law):
     f = rollout(law, "numpy")
@@ -100,6 +102,7 @@ def test_the_foot_lands_and_slips():
     assert slipped > 1e-4
 
 
+@pytest.mark.costly_cases("0.001-numpy")
 @pytest.mark.parametrize("backend", [b for b in BACKENDS if b != "casadi"])
 @pytest.mark.parametrize("curved", [0.0, 1e-3])
 def test_a_contact_that_is_not_solved_is_reported(backend, curved):

@@ -76,6 +76,7 @@ def test_threads_and_blocks_do_not_change_a_bit(backend, graph):
             np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.costly
 def test_long_graphs_are_cut_and_agree():
     x = ca.SX.sym("x", 4)
     y, kept = x, []
@@ -187,6 +188,7 @@ def test_wrong_options_are_explained(options, message, graph):
         BatchFunction(graph, **options)
 
 
+@pytest.mark.costly
 def test_auto_interprets_what_compilers_choke_on():
     """A path solver of two contacts unrolls to over 1e5 operations, minutes of compiling."""
     F, mu = np.array([[2.0, 0.5], [0.3, 1.0]]), np.array([1e-3, 1e-3])

@@ -33,6 +33,7 @@ def case(name: str):
     return parts, np.full(system.nx, 0.5), 0.3 * rng.standard_normal((32, N, system.nu))
 
 
+@pytest.mark.cheap_cases("wall")
 @pytest.mark.parametrize("name", ["wall", "four", "rod"])
 def test_every_form_is_the_same_rollout(name):
     (step, *rest), x0, theta = case(name)
@@ -50,6 +51,7 @@ def test_every_form_is_the_same_rollout(name):
         np.testing.assert_allclose(own, wanted.gradient, rtol=1e-8, atol=off)
 
 
+@pytest.mark.costly
 def test_several_contacts_are_not_measured_on_the_interior_point_path():
     parts, x0, theta = case("four")
     assert "Newton" in fastest(casadi_forms(*parts), x0, np.zeros(2), theta)
@@ -64,6 +66,7 @@ def test_a_form_that_is_fast_and_wrong_is_no_peer():
     assert fastest(forms, x0, np.zeros(1), theta) != "wrong"
 
 
+@pytest.mark.costly
 def test_casadis_own_c_is_the_same_function(tmp_path):
     parts, x0, theta = case("four")
     graph = casadi_forms(*parts)["6 Newton iterations, calls"]

@@ -80,6 +80,7 @@ def test_the_tail_is_there():
         assert abs(mass / (2 * stats.norm.sf(x)) - 1) < within
 
 
+@pytest.mark.costly
 def test_many_draws_of_the_kernel_are_normal():
     """A few 1e7 numbers: cells of equal weight, moments, pairs, and how many lie far out."""
     size, cells = 1 << 18, 4096

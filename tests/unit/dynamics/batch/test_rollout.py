@@ -56,6 +56,7 @@ def inputs_of(f: RolloutFunction, nx: int, n: int) -> dict[str, np.ndarray]:
     }
 
 
+@pytest.mark.one_case_in(10)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("policy", list(POLICIES))
 @pytest.mark.parametrize("law", list(LAWS))
@@ -76,6 +77,7 @@ def test_cost_and_gradient_are_those_of_the_unrolled_graph(system, law, policy, 
         np.testing.assert_allclose(np.atleast_2d(got.gradient[i]).T, np.array(gradient), rtol=1e-9, atol=1e-11 * scale)
 
 
+@pytest.mark.cheap_cases("barrier-casadi", "adaptive-c")
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("law", ["barrier", "adaptive"])
 def test_gradient_is_that_of_central_differences(law, backend):
@@ -108,6 +110,7 @@ def test_frozen_gradient_leaves_out_the_change_of_mu():
     assert np.abs(answers["total"].gradient - answers["frozen"].gradient).max() > 1e-3
 
 
+@pytest.mark.costly_cases("four-c", "four-numpy")
 @pytest.mark.parametrize("backend", FAST)
 @pytest.mark.parametrize("system", list(SYSTEMS))
 def test_threads_and_blocks_do_not_change_a_bit(system, backend):
@@ -203,6 +206,7 @@ def test_moments_survive_a_large_mean():
     np.testing.assert_allclose(moments.value.variance, costs.var(ddof=1), rtol=1e-6)
 
 
+@pytest.mark.costly_cases("casadi")
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_non_finite_samples_are_named_and_left_out_of_moments(backend):
     f = rollout("wall", "barrier", "open", backend)
@@ -233,6 +237,7 @@ def test_nan_ends_the_inner_loop_and_spoils_no_neighbour():
     assert np.isnan(spoiled.cost[5])
 
 
+@pytest.mark.costly_cases("exact-c", "exact-numpy", "exact-casadi")
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("law", ["barrier", "exact"])
 def test_path_takes_over_where_newton_does_not_come_to_rest(law, backend, monkeypatch):
@@ -262,6 +267,7 @@ def test_any_policy_function_serves():
         np.testing.assert_allclose(answer.gradient, answers[2].gradient, rtol=1e-12)
 
 
+@pytest.mark.costly_cases("affine-c")
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("policy", ["open", "affine"])
 def test_cost_of_input_increments(policy, backend):

@@ -16,6 +16,7 @@ def by_casadi():
     return f, f(*draws(SAMPLES))
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("backend", ["c", "numpy"])
 def test_engines_agree_on_the_ant(backend, by_casadi) -> None:
     expected = by_casadi[1]
@@ -26,6 +27,7 @@ def test_engines_agree_on_the_ant(backend, by_casadi) -> None:
     np.testing.assert_allclose(found.gradient, expected.gradient, rtol=0, atol=1e-9 * scale)
 
 
+@pytest.mark.costly
 def test_gradients_of_the_ant_are_differences(by_casadi) -> None:
     f, expected = by_casadi
     start, inputs = (each[:1] for each in draws(SAMPLES))

@@ -36,6 +36,7 @@ def data(name: str) -> Transitions:
     return collect(problem(name).exact_step, region(name), 601, seed=5)
 
 
+@pytest.mark.costly_cases("planar-hand")
 @pytest.mark.parametrize("name", [*DECLARED, *DEFAULT])
 def test_next_states_are_those_of_the_exact_step(name: str) -> None:
     found, step = data(name), problem(name).exact_step
@@ -47,6 +48,7 @@ def test_next_states_are_those_of_the_exact_step(name: str) -> None:
     assert (np.array(solved[1]).max(axis=0) > 1e-6).mean() > 0.02
 
 
+@pytest.mark.costly_cases("planar-hand")
 @pytest.mark.parametrize("name", [*DECLARED, "wall-1d", "hopper-1d"])
 def test_nothing_penetrates(name: str) -> None:
     distance = problem(name).signed_distance
@@ -56,6 +58,7 @@ def test_nothing_penetrates(name: str) -> None:
     assert phi.min() > -1e-14 and phi.min() < 0.05
 
 
+@pytest.mark.costly_cases("planar-hand")
 @pytest.mark.parametrize("name", DECLARED)
 def test_half_is_in_the_tube_and_half_in_the_ranges(name: str) -> None:
     found, where = data(name), region(name)
@@ -80,6 +83,7 @@ def test_inputs_are_measured_from_the_actuated_states() -> None:
     assert np.abs(plain.u).max() <= 1.0
 
 
+@pytest.mark.costly
 def test_the_seed_decides_and_threads_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
     step = problem("planar-push").exact_step
     first, other = (collect(step, region("planar-push"), 3000, seed) for seed in (1, 2))

@@ -65,6 +65,7 @@ def assert_exact(model: EwdaModel, z: np.ndarray, weights: np.ndarray) -> None:
         assert error.max() <= 1e-11 * max(size, 1.0) * np.abs(weights[i]).max() / sigma**2
 
 
+@pytest.mark.cheap_cases("numpy-0.05-5.0", "numpy-2.0-0.03")
 @pytest.mark.parametrize("far", FAR)
 @pytest.mark.parametrize("sigma", SIGMAS)
 def test_all_answers_are_exact(engine, sigma, far):
@@ -74,6 +75,7 @@ def test_all_answers_are_exact(engine, sigma, far):
     assert_exact(model, queries(model, 1, far), weights)
 
 
+@pytest.mark.costly
 @settings(deadline=None, max_examples=25)
 @given(
     n=st.integers(2, 300),
@@ -114,6 +116,7 @@ def test_derivatives_are_differences(engine, sigma):
     np.testing.assert_allclose(bends, rough, rtol=0, atol=1e-6 * 40 / sigma**2)
 
 
+@pytest.mark.costly
 def test_engines_agree_where_nothing_can_be_left_out():
     z, y = data(5000)
     for sigma in SIGMAS:

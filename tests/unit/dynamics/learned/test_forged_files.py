@@ -107,6 +107,7 @@ def test_what_was_written_is_read(kind: str, tmp_path: Path) -> None:
     assert read_model(tmp_path / "m.nc").kind == kind
 
 
+@pytest.mark.one_case_in(10)
 @pytest.mark.parametrize(("kind", "forge"), CASES)
 def test_a_forged_model_is_refused(kind: str, forge: Forgery, tmp_path: Path) -> None:
     path = tmp_path / "m.nc"

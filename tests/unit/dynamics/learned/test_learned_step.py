@@ -33,6 +33,7 @@ def differences(function, x: np.ndarray, e: float = 1e-6) -> np.ndarray:
     return np.array(rows)
 
 
+@pytest.mark.one_case_in(9)
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("policy", [OpenLoop(), Feedback()], ids=lambda p: p.name)
@@ -77,6 +78,7 @@ def test_trust_adds_the_weighted_density_to_the_stage_cost():
     assert found["trusting"] - found["ewda"] == pytest.approx(-0.3 * log_p.sum(), rel=1e-12)
 
 
+@pytest.mark.costly
 def test_methods_agree_and_the_plan_is_replayed_under_the_exact_law():
     costs = []
     for method in METHODS:
@@ -90,6 +92,7 @@ def test_methods_agree_and_the_plan_is_replayed_under_the_exact_law():
     assert costs == pytest.approx([costs[0]] * 3, rel=1e-8)
 
 
+@pytest.mark.costly_cases("casadi-averaged")
 @pytest.mark.parametrize("law", ["ewda", "averaged"])
 @pytest.mark.parametrize("backend", ["auto", "casadi"])
 def test_rollouts_cost_and_gradient(law, backend):
@@ -115,6 +118,7 @@ def test_rollouts_cost_and_gradient(law, backend):
         assert gradient.ravel() == pytest.approx(expected, rel=1e-6, abs=1e-5)
 
 
+@pytest.mark.costly
 def test_rollouts_do_not_depend_on_threads():
     step = LAWS["ewda"]().close(PROBLEM.system)
     s, p = PROBLEM.system, step.p.vector

@@ -69,6 +69,7 @@ def same_weights(a: MlpModel, b: MlpModel) -> bool:
     return all(np.array_equal(one, other) for one, other in pairs)
 
 
+@pytest.mark.costly
 def test_values_are_equinoxes() -> None:
     model, z = a_model(), np.random.default_rng(1).normal(size=(BLOCK + 7, 3))
     in_float = jax.vmap(in_equinox(model, np.float32))(jnp.asarray(z, np.float32))
@@ -79,6 +80,7 @@ def test_values_are_equinoxes() -> None:
     assert np.abs(model.values(z) - in_double).max() < 1e-13 * np.abs(in_double).max()
 
 
+@pytest.mark.costly
 def test_derivatives_are_jaxes_in_double() -> None:
     model, rng = a_model(), np.random.default_rng(2)
     z, weights = rng.normal(size=(BLOCK + 7, 3)), rng.normal(size=(BLOCK + 7, 2))
@@ -110,6 +112,7 @@ def test_derivatives_are_differences() -> None:
     assert np.array_equal(curvatures, curvatures.swapaxes(1, 2))
 
 
+@pytest.mark.costly
 def test_in_a_graph_it_is_equinoxes_with_both_derivatives() -> None:
     """CasADi's function against Equinox, its first and second derivative against differences."""
     model, rng = a_model(), np.random.default_rng(5)
@@ -188,6 +191,7 @@ def run(training: Training, epochs: int | None = None) -> MlpModel:
     return training.model()
 
 
+@pytest.mark.costly
 def test_a_seed_fixes_every_bit() -> None:
     data = pushed(500)
     one, again = (run(Training(data, 0.2, TINY, seed=3)) for _ in range(2))
@@ -196,6 +200,7 @@ def test_a_seed_fixes_every_bit() -> None:
     assert one.origin.data_hash == "0123" and (one.sigma, one.seed) == (0.2, 3)
 
 
+@pytest.mark.costly
 def test_what_is_resumed_ends_in_the_same_bits(tmp_path: Path) -> None:
     data = pushed(500)
     whole = Training(data, 0.2, TINY)
@@ -216,6 +221,7 @@ def test_what_is_resumed_ends_in_the_same_bits(tmp_path: Path) -> None:
         Training(pushed(500, seed=1), 0.2, TINY, state=part.state)
 
 
+@pytest.mark.costly
 def test_an_interrupted_epoch_is_done_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C after the weights of an epoch are there, before it is over."""
     data = pushed(500)
@@ -234,6 +240,7 @@ def test_an_interrupted_epoch_is_done_again(monkeypatch: pytest.MonkeyPatch) -> 
     assert list(resumed.epochs()) == told[2:] and same_weights(whole.model(), resumed.model())
 
 
+@pytest.mark.costly
 def test_noise_is_on_the_inputs_alone() -> None:
     """x ~ N(0, s²), y = x: the best map of noised inputs is s² x / (s² + sigma²) [eq. 7].
 
@@ -264,6 +271,7 @@ def g_sigma(x: np.ndarray, data: Samples, sigma: float) -> np.ndarray:
     return weights @ data.y[:, 0] / weights.sum(axis=1)
 
 
+@pytest.mark.costly
 def test_h_sigma_tends_to_g_sigma() -> None:
     """Where the data are, its distance to equation 11 falls in training; h stays away from it."""
     x = np.random.default_rng(0).uniform(-1.0, 1.0, (2000, 1))
@@ -282,6 +290,7 @@ def test_h_sigma_tends_to_g_sigma() -> None:
     assert distances[-1] < 0.015 < 0.03 < distance(clean)
 
 
+@pytest.mark.costly
 def test_training_stops_when_held_out_error_does_not_fall() -> None:
     """Targets without any relation to z: the best network is the first ones' constant."""
     rng = np.random.default_rng(0)
@@ -296,6 +305,7 @@ def test_training_stops_when_held_out_error_does_not_fall() -> None:
     assert np.mean(error**2) == pytest.approx(best.noised, rel=1e-5)
 
 
+@pytest.mark.costly
 def test_held_out_rows_are_never_trained_on() -> None:
     """Other targets there give the same weights, where no scale and no stop depends on them."""
     data = pushed(200)
@@ -357,6 +367,7 @@ def test_data_that_cannot_be_learned_from_are_said() -> None:
         Training(replace(data, y=np.ones((50, 2))), 0.1)
 
 
+@pytest.mark.costly
 def test_training_that_diverges_is_said() -> None:
     with pytest.raises(ValueError, match=r"diverged in epoch \d+; lower rate"):
         train(pushed(200), 0.1, rate=1e30, epochs=20, hidden=(8,))

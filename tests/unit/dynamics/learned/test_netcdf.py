@@ -38,6 +38,7 @@ def test_damaged_files_are_named(damage: str) -> None:
         check_readable(damaged)
 
 
+@pytest.mark.costly
 def test_a_file_that_never_ends_is_given_up() -> None:
     with pytest.raises(ValueError, match="reading it does not end"):
         check_readable(lzma.decompress(b85decode(ENDLESS.read_bytes().strip())))

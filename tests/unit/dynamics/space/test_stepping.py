@@ -44,6 +44,7 @@ def _at(z: float, v=(0.0, 0.0, 0.0), w=(0.0, 0.0, 0.0)) -> np.ndarray:
     return np.array([0, 0, z, 1, 0, 0, 0, *v, *w], dtype=float)
 
 
+@pytest.mark.costly
 def test_a_box_at_rest_stands_on_four_corners_alike() -> None:
     system = _system(_on_plane(Box((0.1, 0.1, 0.1)), 0.01))
     x, lam = _rolled(system, _at(0.1), 3)

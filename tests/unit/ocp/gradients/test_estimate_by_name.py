@@ -54,6 +54,7 @@ def test_noise_that_rounding_hides_is_refused():
         ocp.estimate("heaviside", sigma=1e20)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("name", ["heaviside", "push-1d"])
 def test_processes_sample_the_same_bits(name, monkeypatch):
     """Pieces are computed in other processes and summed in their order."""

@@ -33,6 +33,7 @@ def rollout(name="wall-1d", law=None, policy=None, **engine):
     return RolloutObjective(get(name, N=8), law or Barrier(mu=1e-2), policy, **engine)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("name", [*SAMPLED, "alpha", "alpha-variance", "alpha-fixed"])
 def test_every_estimator_finds_the_gradient_of_a_quadratic(name):
     # F = E |theta + w|^2 + 3 = |theta|^2 + d sigma^2 + 3, so grad F = 2 theta.
@@ -45,6 +46,7 @@ def test_every_estimator_finds_the_gradient_of_a_quadratic(name):
     assert np.all((low < 2 * value) & (2 * value < high))
 
 
+@pytest.mark.costly
 def test_variance_of_one_sample_is_that_of_the_theory():
     # f = g (theta + w): FoBG has no variance; a ZoBG sample g w^2/sigma^2 + b w/sigma^2 has
     # variance 2 g^2 + b^2/sigma^2 with b = f(theta) - baseline.
@@ -112,6 +114,7 @@ LARGE = ("hopper", "half-cheetah", "quadruped", "ant", "push-cube", "reorient")
 NAMES = [pytest.param(n, marks=[pytest.mark.slow] if n in LARGE else []) for n in names()]
 
 
+@pytest.mark.one_case_in(9)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", NAMES)
 def test_first_order_gradients_equal_differences(name, backend):
@@ -144,6 +147,7 @@ def _slope(objective, noise, k, h):
     return total / h
 
 
+@pytest.mark.cheap_cases("push-1d-policy1-0.2")
 @pytest.mark.parametrize(
     ("name", "policy", "sigma"),
     [
@@ -180,6 +184,7 @@ def test_evolution_strategies_equal_pairs_in_open_loop_and_smooth_gains_under_fe
     assert gains["es"].row()["reference"] is None
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("kept", [1, 1 << 20])
 def test_bits_depend_on_neither_threads_nor_blocks_and_follow_the_seed(kept, monkeypatch):
     monkeypatch.setattr(sampling, "_KEPT_VALUES", kept)
@@ -219,6 +224,7 @@ def test_orders_use_independent_samples():
     assert abs(np.corrcoef(*parts)[0, 1]) < 0.06
 
 
+@pytest.mark.costly
 def test_the_confidence_test_holds_back_a_biased_first_order():
     objective = objective_spec("heaviside").objective()
     found = estimate_gradient(
@@ -264,6 +270,7 @@ def test_a_jump_is_told_from_a_steep_slope():
     assert not sharpest_change(rollout(law=Exact()), noise).discontinuous
 
 
+@pytest.mark.costly
 def test_lemma_three_four_holds_for_random_vectors():
     rng = np.random.default_rng(1)
     for _ in range(200):

@@ -88,6 +88,7 @@ def test_the_step_is_along_the_gradient_of_return_and_value(hidden, smoothing):
         assert abs((gradient - alone) @ direction) > 1e-3, "and the critic has its part in it"
 
 
+@pytest.mark.costly
 def test_the_value_of_a_linear_law_is_found():
     """u = k x with reward -(x+ - 1)² - u² / 10: a x² + b x + c, by the recursions of all three."""
     k, discount, steps, critic = -0.6, 0.9, 4, Critic(units=16)

@@ -34,6 +34,7 @@ def bounded(raw):
     return -3.0 + softplus(below + 3.0)
 
 
+@pytest.mark.costly
 def test_log_variances_lie_between_their_bounds():
     raw = np.array([-50.0, -2.0, 0.0, 0.7, 60.0])
     z = jnp.asarray(raw)[None, :, None]
@@ -44,6 +45,7 @@ def test_log_variances_lie_between_their_bounds():
     assert (log_var >= -3).all() and (log_var <= 1 + softplus(-4.0) + 1e-6).all()
 
 
+@pytest.mark.costly
 def test_the_loss_is_the_likelihood_by_hand():
     """Two members on two rows, each with rows of its own."""
     ensemble = affine((1.0, 0.0, 0.0, -1.0), (0.0, 2.0, 0.5, 0.0))
@@ -73,6 +75,7 @@ def test_a_next_state_is_drawn_from_the_row_s_own_member():
     assert found == pytest.approx([1.0, 11.0 + 2 * widths[1], 2.0 - widths[2]], rel=1e-5)
 
 
+@pytest.mark.costly
 def test_training_finds_a_mean_and_a_variance_that_depends_on_the_place():
     """y = sin 2z with noise of deviation 0.05 left of 0 and 0.5 right of it."""
     rng = np.random.default_rng(0)

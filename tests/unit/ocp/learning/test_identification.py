@@ -129,6 +129,7 @@ def test_the_information_is_that_of_the_closed_form():
     assert found.information[0, 0] == pytest.approx((1 + H**2) * np.mean(slope**2), rel=1e-5)
 
 
+@pytest.mark.costly
 def test_intervals_of_noisy_data_are_those_of_the_sandwich_and_hold_the_truth():
     """Near the minimum ``log k`` has variance ``sum J²r² / (sum J²)²`` (k enters linearly)."""
     sigma, covered, n = 0.05, 0, 20

@@ -72,6 +72,7 @@ def found() -> list[Solution]:
     return plans(regulated())
 
 
+@pytest.mark.costly
 def test_the_affine_policy_is_the_regulator(found: list[Solution]):
     task = regulated()
     policy = fit_actions(task, *demonstrations(found))
@@ -82,6 +83,7 @@ def test_the_affine_policy_is_the_regulator(found: list[Solution]):
     assert offset == pytest.approx(0.0, abs=1e-5)
 
 
+@pytest.mark.costly
 def test_gains_along_a_plan_are_those_of_the_riccati_recursion():
     task = regulated(horizon=150)
     scaling = Scaling(x=0.5, u=2.0)
@@ -99,6 +101,7 @@ def test_gains_along_a_plan_are_those_of_the_riccati_recursion():
         np.testing.assert_allclose(gains.input(k, x[k]), u[k], rtol=1e-9)
 
 
+@pytest.mark.costly
 def test_beside_a_plan_its_feedback_says_what_to_do(found: list[Solution]):
     states, inputs = demonstrations(found[:1], copies=3, spread=0.2, seed=4)
     plan = found[0]
@@ -128,6 +131,7 @@ def test_the_slope_of_the_error_is_that_of_differences():
         assert slope[i] == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-7)
 
 
+@pytest.mark.costly
 def test_a_network_does_what_plans_with_bounds_do():
     task = regulated(largest=0.4)
     shown = plans(task, 6)
@@ -143,6 +147,7 @@ def test_a_network_does_what_plans_with_bounds_do():
     assert np.abs(policy.theta - other.theta).max() > 0.1
 
 
+@pytest.mark.costly
 def test_learning_begins_at_the_fitted_policy(found: list[Solution]):
     task = regulated()
     policy = fit_actions(task, *demonstrations(found))
@@ -162,6 +167,7 @@ def test_learning_begins_at_the_fitted_policy(found: list[Solution]):
     assert train(blank)["evaluation_return"].values[0] < optimum - 0.1
 
 
+@pytest.mark.costly
 def test_a_start_is_told_by_its_content(found: list[Solution]):
     task = regulated()
     policy = fit_actions(task, *demonstrations(found))

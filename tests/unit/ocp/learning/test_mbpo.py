@@ -72,6 +72,7 @@ def test_branches_grow_linearly():
     assert [branch_length(k, 1, 5, 8) for k in (0, 2, 4, 6, 8, 20)] == [1, 2, 3, 4, 5, 5]
 
 
+@pytest.mark.costly
 def test_a_run_that_goes_on_from_its_arrays_ends_at_the_same_bits():
     run = experiment()
     state = SMALL.begin(run)
@@ -155,6 +156,7 @@ def best_return(horizon: int, starts: np.ndarray) -> float:
     return float(np.interp(starts, x, value).mean())
 
 
+@pytest.mark.costly
 def test_it_learns_a_scalar_task_up_to_its_optimum():
     """12 iterations, 960 steps: a fiftieth of the way to the optimum is left, or less.
 

@@ -58,6 +58,7 @@ def best_inputs(task: Task, cap: float = np.inf) -> float:
     return -found.fun
 
 
+@pytest.mark.costly
 def test_the_best_throw_is_that_of_a_search_over_angle_and_speed():
     task = registry.get("ball-throw", goal_x=2.0)
     x0 = task.reset(1, np.random.default_rng(0))[0]
@@ -159,6 +160,7 @@ def test_a_policy_is_where_a_search_begins():
     assert better.returned == pytest.approx(best_inputs(task), rel=1e-7)
 
 
+@pytest.mark.costly
 def test_the_better_one_of_two_guesses_counts():
     task = registry.get("ball-throw", goal_x=2.0)
     x0 = task.reset(1, np.random.default_rng(0))[0]

@@ -33,6 +33,7 @@ from problems.tasks.training import TrainingJob
 REST = ("Total propagation", "AoBG")
 
 
+@pytest.mark.costly
 def test_a_policy_is_measured_over_the_first_steps_of_its_episode():
     task = registry.get("hopper")
     n_o, nu = len(task.observations), task.system.nu
@@ -78,6 +79,7 @@ def test_a_piece_that_was_kept_is_not_made_again():
     assert pieces.made == ["two"]
 
 
+@pytest.mark.costly
 def test_every_algorithm_has_the_same_budget_but_the_one_that_stands_beside():
     shown = {"states": np.zeros((2, 14)), "inputs": np.zeros((2, 3))}
     params = Params(kilosteps=7, judged=3, model_based=4)

@@ -42,6 +42,7 @@ def column(*values: float) -> jnp.ndarray:
     return jnp.array(values)[:, None]
 
 
+@pytest.mark.costly
 def test_densities_are_those_of_the_change_of_variables_and_integrate_to_one():
     o, noise = np.array([0.3, -2.0, 8.0]), np.array([0.4, -1.5, 0.2])
     t, density = drawn(ACTOR, column(*o), column(*noise))
@@ -55,6 +56,7 @@ def test_densities_are_those_of_the_change_of_variables_and_integrate_to_one():
     assert np.isfinite(density).all()
 
 
+@pytest.mark.costly
 def test_targets_take_the_lesser_critic_the_entropy_and_no_future_after_an_end():
     networks = Networks(ACTOR, CRITICS, jnp.log(ALPHA))
     slow = ((CRITICS[0][0] + 1.0, CRITICS[0][1]),)
@@ -71,6 +73,7 @@ def test_targets_take_the_lesser_critic_the_entropy_and_no_future_after_an_end()
     assert found == pytest.approx(expected, rel=1e-5)
 
 
+@pytest.mark.costly
 def test_losses_by_hand():
     o, t, noise = np.array([0.5, -1.0]), np.array([0.2, -0.4]), np.array([0.3, -0.7])
     batch = Batch(column(*o), column(*t), jnp.zeros(2), jnp.zeros(2), column(0, 0))
@@ -92,6 +95,7 @@ def test_the_temperature_falls_while_the_entropy_is_above_its_aim():
     assert float(slope(jnp.log(0.2), jnp.array(5.0), -3.0)) == pytest.approx(-2.0)
 
 
+@pytest.mark.costly
 def test_an_update_moves_targets_slowly_and_each_network_by_its_own_loss():
     rates = Rates(rate=1e-2, discount=0.9, slow=0.1, aim=-1.5)
     agent = begin_agent(np.random.default_rng(0), 2, (8,), 1, (8,), 0.1, 1.0, 0.2, rates.rate)
@@ -110,6 +114,7 @@ def test_an_update_moves_targets_slowly_and_each_network_by_its_own_loss():
     assert change == pytest.approx(-1e-2 * np.sign(entropy + 1.5), rel=1e-3)
 
 
+@pytest.mark.costly
 def test_theta_is_laid_out_as_the_engine_s_dense_policy():
     import casadi as ca
 

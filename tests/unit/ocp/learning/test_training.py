@@ -70,6 +70,7 @@ def assert_same(one: xr.Dataset, other: xr.Dataset) -> None:
         np.testing.assert_array_equal(one[name].values, other[name].values, err_msg=str(name))
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("name", ["fopg", "critic", "ars", "total-propagation"])
 def test_a_killed_training_goes_on_to_the_same_end(name, tmp_path):
     """Killed with signal 9 in iteration 3, taken up by another process."""
@@ -86,11 +87,13 @@ def test_a_killed_training_goes_on_to_the_same_end(name, tmp_path):
     assert_same(resumed, run(name))
 
 
+@pytest.mark.costly_cases("along", "critic", "total-propagation")
 @pytest.mark.parametrize("name", list(SMALL))
 def test_threads_do_not_change_a_bit(name):
     assert_same(run(name, threads=1), run(name, threads=2))
 
 
+@pytest.mark.cheap_cases("fopg", "zopg", "aobg")
 @pytest.mark.parametrize("name", list(SMALL))
 def test_seeds_change_everything_and_are_kept(name):
     first, again, other = run(name), run(name), run(name, seed=1)
@@ -98,6 +101,7 @@ def test_seeds_change_everything_and_are_kept(name):
     assert not np.array_equal(first["theta_last"], other["theta_last"])
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("name", list(SMALL))
 def test_every_algorithm_goes_most_of_the_way_to_the_best_policy(name):
     """The best affine one by a search of its own over the two parameters."""
@@ -130,6 +134,7 @@ def test_curves_tell_the_policy_before_each_iteration():
     assert found["evaluation_return"].values[best] == np.nanmax(found["evaluation_return"].values)
 
 
+@pytest.mark.costly_cases("along", "critic")
 @pytest.mark.parametrize("name", list(SMALL))
 def test_every_step_that_an_engine_simulates_is_counted(name, monkeypatch):
     """Both batches, mirrored noise, what gradients are taken along; judgements are not counted."""
@@ -158,6 +163,7 @@ def test_every_step_that_an_engine_simulates_is_counted(name, monkeypatch):
     assert run(name)["env_steps"].values.tolist() == [0, *np.cumsum(told)]
 
 
+@pytest.mark.cheap_cases("ars", "aobg")
 @pytest.mark.parametrize("name", list(SMALL))
 def test_a_budget_ends_learning_and_sets_its_judgements(name, tmp_path):
     """At the first iteration past each of five even distances, whatever an iteration takes."""

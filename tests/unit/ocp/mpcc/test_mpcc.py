@@ -94,6 +94,7 @@ def test_outrata_stackelberg() -> None:
     assert solution.x[:2] == pytest.approx([95, 0], abs=1e-4)
 
 
+@pytest.mark.costly
 def test_expressions_as_sides_against_all_branches() -> None:
     """The answer costs as little as the best of the branches, solved one by one in closed form."""
     rng = np.random.default_rng(3)

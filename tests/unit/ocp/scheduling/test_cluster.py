@@ -36,6 +36,7 @@ def test_each_job_is_done_and_heard(cluster: LocalCluster) -> None:
     assert {(place, told["k"]) for place, told in heard} >= {(0, 0), (1, 0), (2, 0)}
 
 
+@pytest.mark.costly
 def test_a_worker_killed_on_the_way_loses_nothing(cluster: LocalCluster, tmp_path: Path) -> None:
     jobs: list[dict[str, Any]] = [{"x": float(x), "wait": 0.05} for x in range(4)]
     jobs[1]["dies"] = str(tmp_path / "once")
@@ -66,6 +67,7 @@ def test_workers_that_lack_the_program(cluster: LocalCluster, monkeypatch: pytes
         list(run_jobs(squared, [{"x": 1.0}], 1, cluster.scheduler_address))
 
 
+@pytest.mark.costly
 def test_where_nobody_answers() -> None:
     with pytest.raises(InputError, match=r"no Dask scheduler answers at 'tcp://127.0.0.1:9'"):
         list(run_jobs(squared, [{"x": 1.0}], 1, "tcp://127.0.0.1:9"))
@@ -87,6 +89,7 @@ def test_where_there_are_no_workers() -> None:
         list(run_jobs(squared, [{"x": 1.0}], 1, empty.scheduler_address))
 
 
+@pytest.mark.costly_cases("inproc://1", "ucx://a:1", "tls://a:1")
 @pytest.mark.parametrize("address", ["localhost", "tcp://[::1", "foo://a:1", "inproc://1", "ucx://a:1", "tls://a:1"])
 def test_an_address_without_a_scheduler_is_refused_and_leaves_no_thread(address: str) -> None:
     before = set(threading.enumerate())

@@ -20,6 +20,7 @@ from tests.unit.ocp.scheduling.jobs_done import kept, squared
 ROOT = Path(__file__).parents[4]
 
 
+@pytest.mark.costly_cases("2")
 @pytest.mark.parametrize("workers", [1, 2])
 def test_each_job_is_done_and_heard(workers: int) -> None:
     heard: list[tuple[int, Any]] = []
@@ -33,6 +34,7 @@ def test_each_job_is_done_and_heard(workers: int) -> None:
     assert len(processes) <= workers
 
 
+@pytest.mark.costly_cases("2")
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_job_that_fails_stops_no_other(workers: int) -> None:
     jobs = [{"x": 1.0, "fails": True}, {"x": 2.0}, {"x": 3.0}]
@@ -42,6 +44,7 @@ def test_a_job_that_fails_stops_no_other(workers: int) -> None:
     assert [done[place]["square"][0] for place in (1, 2)] == [4.0, 9.0]
 
 
+@pytest.mark.costly
 def test_a_job_whose_worker_dies_is_begun_again(tmp_path: Path) -> None:
     jobs: list[dict[str, Any]] = [{"x": float(x)} for x in range(4)]
     jobs[1] |= {"dies": str(tmp_path / "once"), "deaths": 1}
@@ -52,6 +55,7 @@ def test_a_job_whose_worker_dies_is_begun_again(tmp_path: Path) -> None:
     assert [(tmp_path / name).read_text() for name in ("once", "always")] == ["++", "+++"]
 
 
+@pytest.mark.costly
 def test_workers_may_keep_what_they_did_when_the_caller_stops(tmp_path: Path) -> None:
     jobs = [{"note": str(tmp_path / name)} for name in "ab"]
     places = set()
@@ -66,6 +70,7 @@ def test_workers_may_keep_what_they_did_when_the_caller_stops(tmp_path: Path) ->
     assert [(tmp_path / name).read_text() for name in "ab"] == ["kept", "kept"]
 
 
+@pytest.mark.costly
 def test_a_worker_that_is_starting_as_the_caller_stops_ends_by_itself() -> None:
     """It does not hear the signal of Ctrl-C yet, nor ever where the shell has it ignored."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -78,6 +83,7 @@ def test_a_worker_that_is_starting_as_the_caller_stops_ends_by_itself() -> None:
     assert worker.process.exitcode == 0, "it was killed after the time of grace"
 
 
+@pytest.mark.costly
 def test_workers_end_with_a_caller_that_was_killed(tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     code = (
@@ -102,6 +108,7 @@ def test_workers_end_with_a_caller_that_was_killed(tmp_path: Path) -> None:
     assert mark.stat().st_size == before
 
 
+@pytest.mark.costly
 def test_a_script_needs_no_guard_and_workers_keep_to_one_thread(tmp_path: Path) -> None:
     """A worker that ran the script again would begin workers of its own; one from a pipe cannot."""
     script = (
@@ -132,6 +139,7 @@ def test_fewer_than_one_worker_is_refused() -> None:
         run_jobs(squared, [{"x": 1.0}], 0)
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("seconds", [0.0, 0.2, 0.8])
 def test_ctrl_c_while_workers_start_is_silent(seconds: float) -> None:
     """A terminal sends it to the workers too, which import for a second or so."""

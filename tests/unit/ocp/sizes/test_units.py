@@ -115,6 +115,7 @@ def words(found: Solution) -> list[str]:
     ]
 
 
+@pytest.mark.costly_cases("micrometres-exact", "micrometres-barrier", "megametres-barrier", "all small-barrier")
 @pytest.mark.parametrize("soft", [False, True], ids=["exact", "barrier"])
 @pytest.mark.parametrize("name", OTHERS)
 def test_a_plan_is_the_same_in_any_units(name: str, soft: bool) -> None:

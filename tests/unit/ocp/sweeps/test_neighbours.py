@@ -66,6 +66,7 @@ def test_an_outlier_keeps_the_cost_of_its_own_solve() -> None:
     assert (again.row["own_cost"], again.row["start"], again.row["cost"]) == (5.0, "M = 2", 2.0)
 
 
+@pytest.mark.costly
 def test_a_plan_left_in_a_poor_minimum_is_found_from_the_side_alike_by_any_number_of_workers() -> None:
     """The push over 5 cm alone ends at 7.4 in place of 0.49."""
     found = sweep("push-box", {"distance": [0.05, 0.1]}, params={"N": 12})

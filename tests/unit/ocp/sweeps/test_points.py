@@ -32,6 +32,7 @@ def told(found: Solution) -> str:
     return json.dumps(to_json([judged, certificate, rest]))
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(
     ("problem", "contact", "method", "name", "values"),
     [
@@ -55,6 +56,7 @@ def test_a_session_that_takes_functions_over_answers_as_a_new_one(
         assert alone.data.drop_vars(drop).identical(shared.data.drop_vars(drop))
 
 
+@pytest.mark.costly
 def test_numbers_alone_build_no_program_again(monkeypatch: pytest.MonkeyPatch) -> None:
     built: list[str] = []
     for method in (Direct, MultipleShooting):
@@ -77,6 +79,7 @@ def test_numbers_alone_build_no_program_again(monkeypatch: pytest.MonkeyPatch) -
     assert len(built) == 2 * first
 
 
+@pytest.mark.costly
 def test_every_point_is_the_solve_of_its_own() -> None:
     found = sweep("push-1d", {"M": [0.5, 2.0], "contact.mu": "1e-3:1e-1:2:log"}, "barrier", params=SHORT)
     assert found["cost"].dims == ("M", "contact.mu") and found["M"].attrs["units"] == "kg"
@@ -100,6 +103,7 @@ def test_every_point_is_the_solve_of_its_own() -> None:
     )
 
 
+@pytest.mark.costly
 def test_points_of_other_lengths_stand_in_one_array_and_end_in_nothing() -> None:
     found = sweep("push-1d", {"N": [6, 4]})
     assert found.sizes["node"] == 7 and found["N"].values.tolist() == [6, 4]
@@ -110,6 +114,7 @@ def test_points_of_other_lengths_stand_in_one_array_and_end_in_nothing() -> None
     assert np.array_equal(short["x"].values[:, :5], alone.data["x"].values)
 
 
+@pytest.mark.costly
 def test_what_cannot_be_asked_or_fails_is_a_point_with_its_sentence() -> None:
     over = {"qa0": [-0.5, -0.2], "width": [0.2, 0.4]}
     found = sweep("push-1d", over, params=SHORT)
@@ -124,6 +129,7 @@ def test_what_cannot_be_asked_or_fails_is_a_point_with_its_sentence() -> None:
     assert np.isfinite(ended["x"].values).all()
 
 
+@pytest.mark.costly
 def test_seeds_and_starts_are_those_of_each_solve() -> None:
     found = sweep("push-1d", {"M": [1.0, 2.0]}, "exact", params=SHORT, starts=2, seed=3)
     for M in (1.0, 2.0):
@@ -133,6 +139,7 @@ def test_seeds_and_starts_are_those_of_each_solve() -> None:
         assert int(found["iterations"].sel(M=M)) == alone.iterations
 
 
+@pytest.mark.costly
 def test_a_law_that_is_made_is_the_law_by_name_and_keywords_find_their_owner() -> None:
     made = sweep("push-1d", {"M": [1.0, 2.0]}, Barrier(mu=1e-2), params=SHORT)
     named = sweep("push-1d", {"M": [1.0, 2.0]}, "barrier", mu=1e-2, params=SHORT)

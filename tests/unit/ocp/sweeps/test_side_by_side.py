@@ -22,6 +22,7 @@ OVER = {"M": [0.5, 1.0, 2.0], "contact.mu": [1e-3, 1e-2]}
 SHORT = {"N": 6}
 
 
+@pytest.mark.costly
 def test_one_process_or_two_or_one_killed_on_the_way_give_the_same_bits() -> None:
     alone = sweep("push-1d", OVER, "barrier", params=SHORT)
     killed: list[int] = []
@@ -43,6 +44,7 @@ class Stop(Exception):
     pass
 
 
+@pytest.mark.costly
 def test_a_sweep_that_stopped_goes_on_and_ends_as_if_it_had_not(tmp_path: Path) -> None:
     ended: list[int] = []
 
@@ -67,6 +69,7 @@ def test_a_sweep_that_stopped_goes_on_and_ends_as_if_it_had_not(tmp_path: Path) 
     assert not list(tmp_path.rglob(".unfinished-*"))
 
 
+@pytest.mark.costly
 def test_what_is_kept_belongs_to_one_sweep_and_a_broken_file_is_not_kept(tmp_path: Path) -> None:
     def stop(*_: object) -> None:
         raise Stop
@@ -90,6 +93,7 @@ def test_what_is_kept_belongs_to_one_sweep_and_a_broken_file_is_not_kept(tmp_pat
     assert again == [0, 1]
 
 
+@pytest.mark.costly
 def test_starts_side_by_side_are_starts_one_after_another() -> None:
     case = Case("push-1d", SHORT, "exact")
     session = case.session()

@@ -18,6 +18,7 @@ def better(later: np.ndarray, earlier: np.ndarray) -> float:
     return float(mannwhitneyu(later, earlier, alternative="greater").pvalue)
 
 
+@pytest.mark.costly
 def test_throws_learn_to_reach_the_goal():
     env = gymnasium.make_vec("centralpath/BallThrow-v0", num_envs=64)
     returns, mean = cross_entropy(env, generations=15, sigma=0.5)
@@ -31,6 +32,7 @@ def test_throws_learn_to_reach_the_goal():
     assert better(np.full(64, learned[0]), episodes(env, chance)) < 1e-6
 
 
+@pytest.mark.costly
 def test_a_hopper_learns_to_jump_forward_before_it_falls():
     env = gymnasium.make_vec("centralpath/Hopper-v0", num_envs=64)
     returns, mean = cross_entropy(env, generations=15, sigma=0.1)

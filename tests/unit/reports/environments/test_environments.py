@@ -43,6 +43,7 @@ def test_every_task_is_registered():
         assert gymnasium.spec(name).vector_entry_point is not None
 
 
+@pytest.mark.costly
 def test_a_module_before_the_name_registers_by_itself():
     """Gymnasium reads no entry points of packages, so the import is in the name or before it."""
     code = "import gymnasium\nprint(gymnasium.make('reports.environments:centralpath/BallThrow-v0').spec.id)"
@@ -50,6 +51,7 @@ def test_a_module_before_the_name_registers_by_itself():
     assert done.stdout.strip() == "centralpath/BallThrow-v0", done.stderr
 
 
+@pytest.mark.costly_cases("hopper")
 @pytest.mark.parametrize("task", ["ball-throw", "hopper"])
 def test_gymnasiums_check_passes_without_a_warning(task: str):
     with warnings.catch_warnings():
@@ -77,6 +79,7 @@ def by_hand(env: TaskEnv, seed: int, actions: np.ndarray) -> list[tuple[np.ndarr
     return told
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize(
     ("task", "given"),
     [("hopper", {}), pytest.param("half-cheetah", {"spheres": "legs"}, marks=pytest.mark.slow)],
@@ -106,6 +109,7 @@ def test_one_and_many_agree_with_the_tasks_own_step(task: str, given: dict[str, 
             assert info["height"] == pytest.approx(x[1], abs=1e-9)
 
 
+@pytest.mark.costly
 def test_many_are_gymnasiums_own_row_of_single_ones_over_falls_and_new_starts():
     row = gymnasium.make_vec(IDS["hopper"], num_envs=4, vectorization_mode="sync")
     together = many("hopper", 4)
@@ -124,6 +128,7 @@ def test_many_are_gymnasiums_own_row_of_single_ones_over_falls_and_new_starts():
     assert falls > 5
 
 
+@pytest.mark.costly
 def test_returns_are_those_of_the_engines_episodes():
     """An affine policy, twice: by hand on the environments, and compiled into rollouts."""
     env, n = many("hopper", 16, horizon=25), 16
@@ -185,6 +190,7 @@ def test_a_throw_is_one_action_scaled_to_angle_and_speed():
     np.testing.assert_allclose(fixed.step(action[:1])[0], seen, atol=1e-12)
 
 
+@pytest.mark.costly
 def test_spaces_are_as_wide_as_what_is_acted_and_seen():
     env = made("hopper").unwrapped
     low, high = env.observation_space.low, env.observation_space.high
@@ -202,6 +208,7 @@ def test_spaces_are_as_wide_as_what_is_acted_and_seen():
     assert env.step(np.zeros((2, 2)))[0] in env.observation_space
 
 
+@pytest.mark.costly
 def test_actions_beyond_the_bounds_are_clamped():
     env = made("hopper").unwrapped
     ends = []
@@ -212,6 +219,7 @@ def test_actions_beyond_the_bounds_are_clamped():
     assert ends[0][1] == ends[1][1]
 
 
+@pytest.mark.costly
 def test_time_truncates_and_a_fall_terminates():
     env = made("hopper", horizon=3)
     env.reset(seed=0)
@@ -224,6 +232,7 @@ def test_time_truncates_and_a_fall_terminates():
     assert abs(seen[1]) >= 0.2 or seen[0] <= 0.7
 
 
+@pytest.mark.costly
 def test_same_seed_same_numbers_and_threads_change_none():
     rng = np.random.default_rng(2)
     actions = rng.uniform(-0.05, 0.05, (15, 40, 3))
@@ -240,6 +249,7 @@ def test_same_seed_same_numbers_and_threads_change_none():
     assert not np.array_equal(few.reset()[0], told[0][0][:3])
 
 
+@pytest.mark.costly
 def test_who_has_ended_starts_anew_at_the_next_step():
     env = many("hopper", 2, horizon=5)
     env.reset(seed=0)
@@ -261,6 +271,7 @@ def test_who_has_ended_starts_anew_at_the_next_step():
     assert truncated.tolist() == [True, False]
 
 
+@pytest.mark.costly_cases("lost")
 @pytest.mark.parametrize("kind", ["lost", "overflow"])
 def test_a_step_without_solution_ends_its_episode_and_says_so(kind: str, monkeypatch):
     env = made("hopper").unwrapped
@@ -290,6 +301,7 @@ class Forgetful(StepFunction):
         return Steps(found.x_next, found.lam, NonFinite(2, np.array([0, 1])))
 
 
+@pytest.mark.costly
 def test_many_solve_again_who_is_lost_and_end_who_stays_so(monkeypatch):
     """State 0 is lost to the engine alone, state 1 to every search, state 2 to none."""
     right = many("hopper", 3)
@@ -313,6 +325,7 @@ def test_many_solve_again_who_is_lost_and_end_who_stays_so(monkeypatch):
     np.testing.assert_array_equal(env.state[1], x[1])
 
 
+@pytest.mark.costly
 def test_pictures_show_the_body_and_the_ground():
     env = made("hopper", render_mode="rgb_array")
     env.reset(seed=0)

@@ -23,6 +23,7 @@ ARROW = np.array([0xD5, 0x5E, 0x00])
 VIEW = sliding_box(NORMAL, 0.4 * NORMAL)
 
 
+@pytest.mark.costly
 def test_a_gif_has_every_frame_at_its_time_and_the_colours_drawn(tmp_path: Path) -> None:
     animation, done = Animation(VIEW, fps=10), []
     write(animation, tmp_path / "box.gif", done.append)
@@ -47,6 +48,7 @@ def test_a_gif_has_every_frame_at_its_time_and_the_colours_drawn(tmp_path: Path)
     assert [path.name for path in tmp_path.iterdir()] == ["box.gif"]
 
 
+@pytest.mark.cheap_cases("1")
 @pytest.mark.parametrize("fps", [1, 7, 24, 25, 30, 50])
 def test_a_gif_keeps_the_rate_that_was_asked(fps: int, tmp_path: Path) -> None:
     """Delays are whole hundredths of a second; their sum is never half of one off."""

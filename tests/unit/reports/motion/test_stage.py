@@ -43,6 +43,7 @@ def test_bodies_lie_where_states_say_and_nothing_piles_up() -> None:
             assert len(forces) == len(colored(scene, frame, VERMILLION))
 
 
+@pytest.mark.costly
 def test_the_longest_arrow_is_the_largest_force_and_the_replay_is_to_the_same_scale() -> None:
     """The replay's forces are half the plan's, and so are its arrows, at every frame."""
     plan, replay = Canvas(Animation(VIEW, fps=10)).scenes
@@ -57,6 +58,7 @@ def test_the_longest_arrow_is_the_largest_force_and_the_replay_is_to_the_same_sc
     np.testing.assert_allclose(found, scale * expected, rtol=1e-9, atol=1e-15)
 
 
+@pytest.mark.costly
 def test_cones_are_drawn_on_request_and_hold_the_forces_at_their_edge() -> None:
     assert not colored(Canvas(Animation(VIEW, fps=10)).scenes[0], 1, PURPLE)
     scene = Canvas(Animation(VIEW, fps=10, cones=True)).scenes[0]
@@ -68,6 +70,7 @@ def test_cones_are_drawn_on_request_and_hold_the_forces_at_their_edge() -> None:
             assert cone.contains_point(point) is inside
 
 
+@pytest.mark.costly
 def test_a_picture_is_what_drawing_everything_anew_gives() -> None:
     """Frames drawn over each other leave no trace: the same pixels as of a figure drawn once."""
     kept = Canvas(Animation(VIEW, fps=10))

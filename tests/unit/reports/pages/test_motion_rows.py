@@ -60,6 +60,7 @@ def test_rows_hold_all_panels_in_order_and_waste_no_row(sizes: tuple[int, ...]) 
     assert len(rows) <= sum(-(-size // COLUMNS) for size in sizes)
 
 
+@pytest.mark.costly
 def test_plan_and_replay_that_are_one_motion_have_no_differences() -> None:
     view = large()
     assert motion.apart(motion.tracks(view)) == 0

@@ -63,6 +63,7 @@ def test_pictures_beside_each_other_share_view_and_scale() -> None:
     assert told.endswith("the longest 4 N s")
 
 
+@pytest.mark.costly_cases("6-2", "8-2", "12-3")
 @pytest.mark.parametrize(("count", "rows"), [(1, 1), (3, 1), (4, 2), (6, 2), (8, 2), (12, 3)])
 def test_every_run_has_its_picture(count: int, rows: int) -> None:
     shown = [(f"run {i}", box(np.ones(N))) for i in range(count)]

@@ -50,6 +50,7 @@ def words(svg: bytes) -> list[str]:
     return re.findall(r"<!-- (.+?) -->", svg.decode())
 
 
+@pytest.mark.costly
 def test_several_panels_are_as_wide_as_both_columns_and_lettered_in_order() -> None:
     figure = four()
     picture = pixels(render(figure, "png"))
@@ -67,6 +68,7 @@ def test_one_panel_keeps_its_shape_and_needs_no_letter() -> None:
     assert figure.axes[0].get_title("left") == ""
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("letter", ["a", "b", "c", "d"])
 def test_a_panel_alone_is_that_panel_a_column_wide(letter: str) -> None:
     figure = four()
@@ -86,6 +88,7 @@ def test_a_panel_alone_is_that_panel_a_column_wide(letter: str) -> None:
     assert below <= chosen.xaxis.get_tightbbox().y0 + 1, "the key hides no label"
 
 
+@pytest.mark.costly
 def test_a_panel_gets_the_labels_that_it_left_to_its_neighbours() -> None:
     figure = four(sharex=True, sharey=True)
     chosen = figure.axes[1]
@@ -95,12 +98,14 @@ def test_a_panel_gets_the_labels_that_it_left_to_its_neighbours() -> None:
     assert {"0.0", "1.0"} <= set(told), "its ticks have numbers"
 
 
+@pytest.mark.costly
 def test_a_label_of_another_scale_is_not_lent() -> None:
     figure = four()
     figure.axes[1].set_ylim(0, 7)
     assert "height [m]" not in words(render(figure, "svg", "b"))
 
 
+@pytest.mark.costly
 def test_a_panel_over_the_whole_width_gets_both_columns() -> None:
     figure = Figure(figsize=(6.5, 4.0))
     grid = figure.add_gridspec(2, 2)
@@ -109,6 +114,7 @@ def test_a_panel_over_the_whole_width_gets_both_columns() -> None:
     assert pixels(render(figure, "png", "a")).shape[1] == pytest.approx(300 * BOTH, abs=9)
 
 
+@pytest.mark.costly_cases("-a to d")
 @pytest.mark.parametrize(("panel", "said"), [("e", "a to d"), ("ab", "a to d"), ("", "a to d")])
 def test_an_unknown_panel_is_told_the_known_ones(panel: str, said: str) -> None:
     with pytest.raises(InputError, match=f"unknown panel '{panel}'; the figure has {said}"):
@@ -120,6 +126,7 @@ def test_an_unknown_format_is_told_the_known_ones() -> None:
         render(four(), "eps")
 
 
+@pytest.mark.costly
 @pytest.mark.parametrize("ending", ["pdf", "svg", "png"])
 def test_the_same_figure_is_the_same_bytes(ending: str) -> None:
     mpl.rcParams["svg.hashsalt"] = "same"
@@ -127,11 +134,13 @@ def test_the_same_figure_is_the_same_bytes(ending: str) -> None:
     assert render(four(), ending) == render(four(), ending)
 
 
+@pytest.mark.costly
 def test_no_font_of_a_pdf_is_of_type_3() -> None:
     content = render(four(), "pdf")
     assert b"/Type3" not in content and b"/FontFile2" in content
 
 
+@pytest.mark.costly
 @pytest.mark.skipif(shutil.which("pdffonts") is None, reason="there is no pdffonts")
 def test_all_fonts_of_a_pdf_are_embedded(tmp_path: Path) -> None:
     (tmp_path / "f.pdf").write_bytes(render(four(), "pdf"))

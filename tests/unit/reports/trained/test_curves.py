@@ -144,6 +144,7 @@ def test_signals_are_of_those_that_tell_them() -> None:
     assert figures.signals(found[1:]) is None
 
 
+@pytest.mark.costly
 def test_learned_parameters_stand_beside_the_tasks_own() -> None:
     from problems.tasks import registry
     from reports.pages.training import training_content
