@@ -18,7 +18,7 @@ $(READY): pyproject.toml constraints.txt
 demo: setup
 	$(BIN)/ocp solve push-disc --contact exact --pdf runs/demo.pdf
 
-# What belongs to one file, in seconds: make check FILE=ocp/solve.py
+# What belongs to one file, in seconds: make check FILE=ocp/solve/solve.py
 check: setup
 	$(BIN)/python -m tests.check $(FILE)
 

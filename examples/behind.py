@@ -2,8 +2,7 @@
 
 import casadi as ca
 
-from ocp import solve
-from ocp.problem import Constraint, Problem, Scaling
+from ocp import Constraint, Problem, Scaling, solve
 from problems.parameters import Parameters, quantity, structure, table
 from problems.scenes import Body, Disc, Goal, Obstacle, Pusher, Scene, pictured
 

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem, Scaling
+from ocp import Problem, Scaling
 from problems.drawing import Disc, HalfPlane, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
 

@@ -5,8 +5,7 @@ import numpy as np
 
 from dynamics.systems import Chain, Link, signals, time_stepping
 from dynamics.systems.contacts import Contact, Disc, HalfPlane, Pose
-from ocp import solve
-from ocp.problem import Problem, Scaling
+from ocp import Problem, Scaling, solve
 from problems import drawing
 from problems.parameters import Parameters, quantity, structure, table
 

@@ -17,8 +17,8 @@ import numpy as np
 import xarray as xr
 
 from dynamics.contact import Barrier, ContactLaw, Exact
-from ocp.continuation import continue_over
-from ocp.solve import new_session
+from ocp import continue_over
+from ocp.solve.solve import new_session
 from problems import get
 
 SLOPE = str(Path(__file__).with_name("slope.py"))

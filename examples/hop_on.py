@@ -5,7 +5,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from ocp.problem import Problem, Scaling
+from ocp import Problem, Scaling
 from problems import robots
 from problems.drawing import ContactFrame, Shape
 from problems.parameters import Parameters, quantity, structure, table

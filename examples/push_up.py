@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import Link, Machine, Sphere
-from ocp.problem import Problem, Scaling
+from ocp import Problem, Scaling
 from problems.drawing import ContactFrame, Shape
 from problems.machines.machine import machine_frames, machine_shapes
 from problems.parameters import Parameters, quantity, structure, table

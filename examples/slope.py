@@ -2,8 +2,7 @@
 
 import casadi as ca
 
-from ocp import solve
-from ocp.problem import Problem, Scaling
+from ocp import Problem, Scaling, solve
 from problems.parameters import Parameters, quantity, structure, table
 from problems.scenes import Body, Box, Disc, Goal, HalfPlane, Obstacle, Pusher, Scene, pictured
 

@@ -5,8 +5,8 @@ before, and the places where contacts change are found on the way.
 """
 
 from dynamics.contact import Exact
-from ocp.continuation import Continuation, continue_over
-from ocp.solve import new_session
+from ocp import Continuation, continue_over
+from ocp.solve.solve import new_session
 from problems import get
 
 

@@ -1,29 +1,41 @@
 """Optimal control through contact: problems, methods, policies, and judged solutions."""
 
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from ocp.distribution import version  # first: it sees to it that what follows is ours
 from ocp.errors import DamagedRun, InputError, NotConverged
-from ocp.free_time import free
-from ocp.policy import Feedback, OpenLoop
-from ocp.problem import Constraint, Problem, Scaling, Scenarios
+from ocp.problem.free_time import free
+from ocp.problem.policy import Feedback, OpenLoop
+from ocp.problem.problem import Constraint, Problem, Scaling, Scenarios
+from ocp.problem.rollout import Gains, Rollout, roll_out
 from ocp.programs.solver import Status
-from ocp.request import Settings
-from ocp.rollout import Gains, Rollout, roll_out
 from ocp.solution import Replay, Solution
-from ocp.solve import solve
+from ocp.solve.request import Settings
+from ocp.solve.solve import solve
 from ocp.store.lookup import load_solution as load
 from ocp.transcription import Direct, MultipleShooting, SingleShooting
 
 if TYPE_CHECKING:
-    from ocp.gradients.estimate import estimate
+    from ocp.continuation.walk import Continuation, continue_over
+    from ocp.jobs.estimate import estimate
+    from ocp.jobs.sweep import sweep
+    from ocp.mpc.controller import Controller
+    from ocp.mpc.plants import Disturbance
+    from ocp.mpc.simulate import ClosedLoop, simulate
+    from ocp.mpcc.programs import MPCC
 
     __version__: str
 
 __all__ = [
+    "MPCC",
+    "ClosedLoop",
     "Constraint",
+    "Continuation",
+    "Controller",
     "DamagedRun",
     "Direct",
+    "Disturbance",
     "Feedback",
     "Gains",
     "InputError",
@@ -39,23 +51,37 @@ __all__ = [
     "SingleShooting",
     "Solution",
     "Status",
+    "continue_over",
     "estimate",
     "free",
     "load",
     "roll_out",
+    "simulate",
     "solve",
+    "sweep",
 ]
+
+_LOADED_ON_USE = {
+    "MPCC": "ocp.mpcc.programs",
+    "ClosedLoop": "ocp.mpc.simulate",
+    "Continuation": "ocp.continuation.walk",
+    "Controller": "ocp.mpc.controller",
+    "Disturbance": "ocp.mpc.plants",
+    "continue_over": "ocp.continuation.walk",
+    "estimate": "ocp.jobs.estimate",
+    "simulate": "ocp.mpc.simulate",
+    "sweep": "ocp.jobs.sweep",
+}
+"""Modules of public names that are loaded at the first use, so that ``import ocp`` stays quick."""
 
 
 # Not for a type checker, to which any name would then be one of ours.
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> object:
-        """Load ``estimate`` and look up ``__version__`` at the first use."""
+        """Load a name of :data:`_LOADED_ON_USE`, or look up ``__version__``, at the first use."""
         if name == "__version__":
             return version()
-        if name == "estimate":
-            from ocp.gradients.estimate import estimate
-
-            return estimate
+        if name in _LOADED_ON_USE:
+            return getattr(import_module(_LOADED_ON_USE[name]), name)
         raise AttributeError(f"module 'ocp' has no attribute {name!r}")

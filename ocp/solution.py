@@ -16,30 +16,25 @@ from dynamics.contact import ContactLaw
 from dynamics.systems import LAW_PREFIX, Signal
 from ocp.distribution import load_plugin
 from ocp.errors import InputError
-from ocp.factories import closing_law
-from ocp.judges.audit import Audit, signed_distances
-from ocp.judges.referee import RefereeReport
-from ocp.judges.verdict import Grade, grade, headline, verdict
-from ocp.physics.constraints import (
-    Violation,
-    broken_constraints,
-    describe_violations,
-    noticeable,
-    seen_sizes,
-)
-from ocp.physics.contact_report import least_slip
-from ocp.physics.measures import Worst, between
-from ocp.problem import Problem
+from ocp.judge.audit import Audit, signed_distances
+from ocp.judge.certificate import Certificate
+from ocp.judge.constraints import Violation, broken_constraints, describe_violations, noticeable, seen_sizes
+from ocp.judge.contact_report import least_slip
+from ocp.judge.measures import Worst, between
+from ocp.judge.referee import RefereeReport
+from ocp.judge.verdict import Grade, grade, headline, verdict
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import Gains, Rollout, roll_out
 from ocp.programs.solver import Status
-from ocp.rollout import Gains, Rollout, roll_out
-from ocp.stationarity.certificate import Certificate
+from ocp.routes.homotopy import StageRecord
+from ocp.transcription.factories import closing_law
 from ocp.validation import expand_path
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    from ocp.worlds.replay import InWorld
+    from ocp.simulators.replay import InWorld
 
 
 @dataclass(frozen=True)
@@ -147,25 +142,6 @@ def _labelled(problem: Problem, plan: xr.Dataset, rolled: Rollout, law: ContactL
     return xr.Dataset(data, coords=coords)
 
 
-@dataclass(frozen=True)
-class StageRecord:
-    """One stage of a homotopy: what it varies, at which value, and what the solver reached.
-
-    ``evaluation_s`` of its ``seconds`` went into evaluating the NLP and its derivatives.
-    """
-
-    label: str
-    value: float
-    cost: float
-    complementarity: float
-    residual: float
-    iterations: int
-    seconds: float
-    status: str
-    accepted: bool = True
-    evaluation_s: float = 0.0
-
-
 @dataclass(frozen=True, repr=False)
 class Solution:
     """A solved (or not) problem.
@@ -173,7 +149,7 @@ class Solution:
     ``certificate`` says whether the point is stationary for the problem as posed,
     ``referee`` what the sharpest contact makes of it,
     ``idle_cost`` what standing still would cost under the same law
-    (:func:`~ocp.judges.audit.idle_cost`).
+    (:func:`~ocp.judge.audit.idle_cost`).
 
     ``data`` holds, labelled and with units, over dimensions scenario, node (N+1), interval (N),
     state, control, contact: ``x`` (scenario, node, state), ``u`` (scenario, interval, control),
@@ -219,7 +195,7 @@ class Solution:
     def sensitivity(self, name: str) -> xr.Dataset:
         """How the solution changes per unit of a parameter: x, u and cost.
 
-        See :mod:`ocp.stationarity.sensitivity`.
+        See :mod:`ocp.judge.sensitivity`.
         Raises :class:`~ocp.errors.InputError` for an unknown name, for a point that is no solution,
         and where there is no derivative.
         """
@@ -258,9 +234,9 @@ class Solution:
     def in_world(self, name: str = "mujoco") -> InWorld:
         """The plan's inputs, or its policy, in another world: cost, and how far it hangs on it.
 
-        Raises :class:`~ocp.errors.InputError` as :func:`ocp.worlds.replay.in_world` does.
+        Raises :class:`~ocp.errors.InputError` as :func:`ocp.simulators.replay.in_world` does.
         """
-        from ocp.worlds.replay import in_world
+        from ocp.simulators.replay import in_world
 
         inputs = self.data["u"].values if self.gains is None else self.gains
         start = self.data["x"].values[:, 0]
@@ -301,7 +277,7 @@ class Solution:
 
     @property
     def verdict(self) -> str:
-        """Headline with costs and survival, then a line a finding (:mod:`ocp.judges.verdict`)."""
+        """Headline with costs and survival, then a line a finding (:mod:`ocp.judge.verdict`)."""
         return verdict(self)
 
     def __repr__(self) -> str:

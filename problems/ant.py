@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Shape
 from problems.machines.ant import LEGS, standing
 from problems.machines.ant import ant as machine_of

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import ContactSystem, ParameterTable, Sharp, signals
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Disc, HalfPlane, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import model_validator
 
 from dynamics.systems import ParameterTable
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.drawing import Shape
 from problems.machines.finger import FingerParams, finger_frames, finger_shapes, finger_system
 from problems.parameters import quantity, structure, table

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import model_validator
 
 from dynamics.systems.contact_rows import Cone
-from ocp.problem import Constraint, FreeStart, Problem, Scaling
+from ocp.problem.problem import Constraint, FreeStart, Problem, Scaling
 from problems.drawing import ContactFrame, Shape
 from problems.machines.half_cheetah import half_cheetah as machine_of
 from problems.machines.machine import machine_frames, machine_shapes

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import model_validator
 
 from dynamics.systems.contact_rows import Cone
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Mark, Shape
 from problems.machines.hopper import hopper as machine_of
 from problems.machines.machine import machine_frames, machine_shapes

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import model_validator
 
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.drawing import Box, ContactFrame, Disc, HalfPlane, Segment, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden

@@ -10,7 +10,7 @@ from pydantic import model_validator
 
 from dynamics.systems import Link, Part, Signal, Sphere, contacts
 from dynamics.systems.planar import Number
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Mark, Shape
 from problems.machines.machine import PublishedMachine, machine_frames, machine_shapes
 from problems.machines.tracking import in_torques, with_nominal

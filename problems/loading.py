@@ -21,8 +21,8 @@ from pydantic import AfterValidator, BaseModel, Field
 
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, abbreviated
-from ocp.factories import contact_law
 from ocp.store.provenance import file_digest
+from ocp.transcription.factories import contact_law
 from ocp.validation import Line, Recorded, validated
 from problems.drawing import ContactFrame, Shape
 from problems.source_digest import folder_modules, open_to_imports

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
 from dynamics.systems import Parameter, ParameterTable
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from ocp.programs.units import SI, Units, fitted
 
 

@@ -10,7 +10,7 @@ from pydantic import model_validator
 
 from dynamics.learned.region import Region
 from dynamics.systems import contacts, quasi_dynamic, signals
-from ocp.problem import Constraint, Problem, Scaling, Scenarios
+from ocp.problem.problem import Constraint, Problem, Scaling, Scenarios
 from problems.drawing import Box, ContactFrame, Disc, Shape
 from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed

@@ -9,9 +9,9 @@ from typing import Any
 from dynamics.contact import ContactLaw
 from dynamics.systems import ContactSystem
 from ocp.errors import InputError
-from ocp.factories import closing_law, law_class
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from ocp.store.stored_run import StoredRun
+from ocp.transcription.factories import closing_law, law_class
 from problems.registry import get as get
 from problems.registry import load, names, objective_names, registered, spec
 from problems.registry import load_law as load_law

@@ -8,7 +8,7 @@ from pydantic import model_validator
 
 from dynamics.learned.region import Region
 from dynamics.systems import quasi_dynamic, signals
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.drawing import Box, ContactFrame, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed

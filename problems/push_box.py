@@ -7,7 +7,7 @@ import math
 import casadi as ca
 import numpy as np
 
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Shape
 from problems.parameters import Parameters, quantity, structure, table
 from problems.sides import SidePushing, outline, side_frames

@@ -13,7 +13,7 @@ from pydantic import model_validator
 from dynamics.systems import ParameterTable
 from dynamics.systems.space import Body, Box, Plane, SpatialMachine, SpatialPart, Sphere, rotation
 from dynamics.systems.space.body import Number
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Disc, Polygon, Shape
 from problems.machines.perspective import Camera
 from problems.machines.spatial import AXES, spatial_frames, spatial_shapes

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Shape
 from problems.machines.gait import STEPS, GaitParams, gait
 from problems.machines.perspective import Camera

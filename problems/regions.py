@@ -12,8 +12,8 @@ from dynamics.learned.collecting import Drawn, Piece, draw_piece
 from dynamics.learned.region import Region
 from dynamics.systems import ContactSystem
 from ocp.errors import InputError
-from ocp.problem import Problem
-from ocp.scheduling import Report
+from ocp.jobs.scheduling import Report
+from ocp.problem.problem import Problem
 from ocp.store.provenance import check_content
 from problems import registry
 from problems.spec import ProblemSpec
@@ -32,7 +32,7 @@ class CollectJob:
 
 
 def collect_piece(job: CollectJob, report: Report) -> Drawn:
-    """Draw the transitions of a piece; a :data:`~ocp.scheduling.Function`.
+    """Draw the transitions of a piece; a :data:`~ocp.jobs.scheduling.Function`.
 
     Raises :class:`~ocp.store.provenance.FilesChanged` where the problem's file has changed.
     """

@@ -17,7 +17,7 @@ import numpy as np
 from dynamics.contact import ContactLaw
 from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError, choose, did_you_mean
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from ocp.validation import expand_path
 from problems.loading import check, check_file, import_file, read, read_law
 from problems.parameters import Parameters, table, unit_of

@@ -12,7 +12,7 @@ from pydantic import model_validator
 
 from dynamics.systems import ParameterTable
 from dynamics.systems.space import Body, Box, Plane, SpatialMachine, SpatialPart, Sphere
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Shape
 from problems.machines.perspective import Camera
 from problems.machines.spatial import AXES, spatial_frames

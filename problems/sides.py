@@ -12,7 +12,7 @@ import numpy as np
 
 from dynamics.systems import ContactSystem, ParameterTable, signals
 from dynamics.systems.pairs import Sharp
-from ocp.problem import Constraint
+from ocp.problem.problem import Constraint
 from problems.drawing import ContactFrame, Segment, Shape
 
 Corner = tuple[ca.SX | float, ca.SX | float]

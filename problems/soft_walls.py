@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import Sharp, lcs, signals
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.cart_walls import pole_frames, pole_shapes
 from problems.drawing import ContactFrame, Shape
 from problems.parameters import Parameters, quantity, structure, table

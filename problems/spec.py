@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 
 from dynamics.learned.region import Region
 from ocp.errors import InputError, did_you_mean
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from ocp.validation import Count, Index, Line, Number, Positive, parse_number
 from problems.drawing import ContactFrame, Shape
 from problems.parameters import natural_units, range_of, unit_of
@@ -37,8 +37,8 @@ class Golden:
     """The best known value at the default parameters, under the exact law unless told otherwise.
 
     Solving with ``settings`` from guess ``start`` (0 is the problem's own, k the k-th perturbed one
-    of seed 0, see :mod:`ocp.rollout`) ends at ``cost``, within ``tolerance`` relative, with
-    a certificate (:mod:`ocp.stationarity.certificate`) that says ``stationarity`` and ``kind``.
+    of seed 0, see :mod:`ocp.problem.rollout`) ends at ``cost``, within ``tolerance`` relative, with
+    a certificate (:mod:`ocp.judge.certificate`) that says ``stationarity`` and ``kind``.
     ``tried`` counts the solves, over strategies and guesses, of which no certified one ends lower.
 
     ``independent`` names what confirms the value without the workbench, "" where nothing does;
@@ -99,7 +99,7 @@ class Spec:
 class ProblemSpec(Spec):
     """One named problem, at any parameters.
 
-    ``build(params)`` gives the :class:`~ocp.problem.Problem`; ``draw(params, state)`` the shapes at
+    ``build(params)`` gives the :class:`~ocp.problem.problem.Problem`; ``draw(params, state)`` the shapes at
     one state (nx,), ``frames(params, state)`` the place and direction of each contact; ``axes``
     label the drawing; ``region(params)`` says where transitions are drawn, else
     :mod:`problems.regions` does; ``path`` is the user's file, None for a problem that ships with

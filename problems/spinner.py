@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import Signal
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.drawing import Shape
 from problems.machines.finger import FingerParams, finger_frames, finger_shapes, finger_system
 from problems.machines.tracking import with_nominal

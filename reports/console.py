@@ -17,10 +17,11 @@ from rich.text import Text
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ocp.judges.audit import Audit
-    from ocp.judges.referee import RefereeReport
-    from ocp.solution import Solution, StageRecord
-    from ocp.stationarity.certificate import Certificate
+    from ocp.judge.audit import Audit
+    from ocp.judge.certificate import Certificate
+    from ocp.judge.referee import RefereeReport
+    from ocp.routes.homotopy import StageRecord
+    from ocp.solution import Solution
 
 COLUMNS = 80
 
@@ -308,7 +309,7 @@ def violation_rows(audit: Audit) -> list[tuple[str, ...]]:
 
 
 def search_note(tried: Mapping[str, Any]) -> str:
-    """What a search over pushes tried (:class:`ocp.search.PushSearch`)."""
+    """What a search over pushes tried (:class:`ocp.search.push_search.PushSearch`)."""
     plans = tried["plans"]
     kept = sum(bool(one["survives"]) for one in plans)
     return (

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from rich.console import Group
 from rich.text import Text
 
-from ocp.judges.audit import Audit
+from ocp.judge.audit import Audit
 from reports.console import number, table_of
 
 _ACTIVE = "Active: normal impulse above 1e-6 and above the gap, in characteristic sizes."

@@ -10,18 +10,18 @@ from typing import Any
 
 from dynamics.laws import LAWS
 from ocp.errors import InputError, did_you_mean
-from ocp.factories import law_class
 from ocp.gradients.estimators import RULES
 from ocp.learning.experiment import Experiment
-from ocp.learning.identification.psi_learning import PsiLearning
-from ocp.learning.identification.random_search import RandomSearch
+from ocp.learning.psi_learning import PsiLearning
+from ocp.learning.random_search import RandomSearch
 from ocp.learning.training import ALGORITHMS
-from ocp.policy import POLICIES
+from ocp.problem.policy import POLICIES
 from ocp.programs.options import documented
 from ocp.programs.solver import IPOPT_DEFAULTS, SOLVERS
-from ocp.request import Setting, Settings, declared
 from ocp.routes.relaxations import STRATEGY_USES
+from ocp.solve.request import Setting, Settings, declared
 from ocp.transcription import METHODS
+from ocp.transcription.factories import law_class
 
 
 @dataclass(frozen=True)

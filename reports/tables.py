@@ -16,8 +16,8 @@ from reports.console import live, number, small, stage_title, table_of, value_te
 
 if TYPE_CHECKING:
     from ocp.gradients.sweep import SweepProgress
+    from ocp.jobs.sweep_job import JobResult
     from ocp.store.stored_run import StoredRun
-    from ocp.sweeps.job import JobResult
     from problems.spec import Golden
     from problems.studies import Claim
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynamics.systems import Signal
 from ocp.errors import DamagedRun, InputError
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from ocp.store.stored_run import StoredRun
 from problems import ProblemSpec
 from problems.drawing import (
@@ -31,7 +31,7 @@ from problems.plugin import known_parameters, problem_of
 if TYPE_CHECKING:
     import xarray as xr
 
-    from ocp.task import Task
+    from ocp.problem.task import Task
     from problems.tasks.registry import TaskSpec
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from docs.generator.roles import cleaned
 from dynamics import systems
 from dynamics.systems.contacts import Contact
-from ocp import free_time, problem
+from ocp.problem import free_time, problem
 from problems import drawing, parameters, scenes
 
 PARTS: dict[str, tuple[Any, ...]] = {

@@ -21,7 +21,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from docs.generator import measured
-from ocp.judges.referee import step_place
+from ocp.judge.referee import step_place
 from ocp.store.runs import load
 from problems import get, names, spec
 from reports.strobe import strobe

@@ -64,7 +64,7 @@ class ContactSystem:
     ``mass`` and ``stiffness`` are what must be positive definite, expressions in x and the
     parameters, where the system has them: M (nq, nq), of quasi-dynamics that of the free
     coordinates alone, and its actuators' K. ``scene``: bodies, pushers and obstacles of a scene
-    with true gaps make it, so that the default route may search over pushes (:mod:`ocp.search`).
+    with true gaps make it, so that the default route may search over pushes (:mod:`ocp.search.push_search`).
     ``machine``: what it was built from, where that was a machine.
 
     ``turning`` are the places in x of quaternions, and of origins that turn with one about another

@@ -10,11 +10,11 @@ import numpy as np
 
 from ocp.continuation.events import LOCATED, Event, degenerate
 from ocp.errors import InputError
+from ocp.judge.kkt import Held, KKTCurve, regular
 from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import Branches
 from ocp.routes.homotopy import Homotopy, RouteResult, lower
-from ocp.session import Session
-from ocp.stationarity.kkt import Held, KKTCurve, regular
+from ocp.routes.session import Session
 
 _OFF = 1e-8
 _WEAK = 1e-6

@@ -13,11 +13,11 @@ from dynamics.systems import LAW_PREFIX
 from ocp.continuation.events import LOCATED, PAIRS, Event, joined
 from ocp.continuation.tracking import Tracker
 from ocp.errors import InputError, choose, input_errors
-from ocp.judgement import judged
 from ocp.programs.solver import Point, Status
 from ocp.routes.homotopy import RouteResult
-from ocp.session import Session
+from ocp.routes.session import Session
 from ocp.solution import Solution
+from ocp.solve.judging import judged
 
 SMALLEST = 1e-3
 """The step along the curve is never smaller than this fraction of the requested one."""

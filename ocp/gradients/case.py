@@ -10,14 +10,14 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp.distribution import load_plugin
-from ocp.effort import check_memory, sampling_memory
 from ocp.errors import InputError, input_errors
-from ocp.factories import closing_law, law_digest, policy_of
 from ocp.gradients.chunks import CHUNK
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.rollouts import RolloutObjective
-from ocp.policy import Policy
+from ocp.problem.policy import Policy
+from ocp.problem.resources import check_memory, sampling_memory
 from ocp.store.provenance import check_content
+from ocp.transcription.factories import closing_law, law_digest, policy_of
 
 SIGMA_SHARE = 0.1
 """Default noise on a problem's inputs, as a share of their characteristic size."""

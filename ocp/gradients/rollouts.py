@@ -14,8 +14,8 @@ from dynamics.batch import Gaussian, Moments, RolloutFunction, RolloutPolicy, af
 from dynamics.contact import ContactLaw
 from dynamics.systems import Signal
 from ocp.gradients.objective import Bulk, CostSamples, Order, SampledObjective, without_warnings
-from ocp.policy import Feedback, OpenLoop, Policy
-from ocp.problem import Problem
+from ocp.problem.policy import Feedback, OpenLoop, Policy
+from ocp.problem.problem import Problem
 
 
 class RolloutObjective(SampledObjective):

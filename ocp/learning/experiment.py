@@ -16,7 +16,7 @@ from ocp.errors import InputError
 from ocp.learning.explorer import squash
 from ocp.learning.protocol import balancing_feedback, embed_affine, first_weights
 from ocp.learning.rollouts import TaskRollouts
-from ocp.task import Task
+from ocp.problem.task import Task
 
 if TYPE_CHECKING:
     from ocp.learning.protocol import Algorithm, Trained

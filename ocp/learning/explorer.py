@@ -12,7 +12,7 @@ import numpy as np
 from dynamics.batch import BatchFunction, StepFunction
 from dynamics.contact import Exact
 from ocp.errors import InputError
-from ocp.task import Task
+from ocp.problem.task import Task
 
 COLUMNS = ("x", "u", "x_next")
 

@@ -14,7 +14,7 @@ import numpy as np
 from dynamics.batch import DensePolicy, RolloutPolicy, StepFunction
 from dynamics.contact import Barrier
 from ocp.errors import InputError
-from ocp.task import Task
+from ocp.problem.task import Task
 
 if TYPE_CHECKING:
     from ocp.learning.experiment import Experiment

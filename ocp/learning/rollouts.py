@@ -21,7 +21,7 @@ from dynamics.batch.graphs.objective import DISCOUNT
 from dynamics.contact import ContactLaw
 from ocp.gradients.objective import without_warnings
 from ocp.learning.protocol import Normaliser
-from ocp.task import Task
+from ocp.problem.task import Task
 
 
 class TaskRollouts:

@@ -16,7 +16,7 @@ from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Row, State, Trained, vjp
 from ocp.learning.rollouts import episode_rewards
-from ocp.learning.unrolls.unrolling import Clipping, Starts, non_finite_reward, with_observations
+from ocp.learning.unrolling import Clipping, Starts, non_finite_reward, with_observations
 
 
 @dataclass(frozen=True)

@@ -14,17 +14,17 @@ import numpy as np
 
 from dynamics.batch import BatchFunction, BatchWarning
 from dynamics.contact import ContactLaw
-from ocp.effort import check_memory
 from ocp.errors import InputError
 from ocp.learning.experiment import EXACT, Experiment, at_least
-from ocp.learning.mbpo.algorithm import MBPO
+from ocp.learning.mbpo import MBPO
 from ocp.learning.protocol import Algorithm, Row, State, Trained, prefixed, under
 from ocp.learning.total_propagation import TotalPropagation
-from ocp.learning.unrolls.gradients import ARS, FOPG, ZOPG, AoBG
-from ocp.learning.unrolls.unrolling import non_finite_reward
+from ocp.learning.unroll_gradients import ARS, FOPG, ZOPG, AoBG
+from ocp.learning.unrolling import non_finite_reward
+from ocp.problem.resources import check_memory
+from ocp.problem.task import Task
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.json_values import to_json
-from ocp.task import Task
 
 if TYPE_CHECKING:
     import xarray as xr

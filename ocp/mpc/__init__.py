@@ -1,7 +1,7 @@
 """Closed loop: a receding-horizon controller, and the simulation of it on a plant."""
 
 from ocp.mpc.controller import Command, Controller
-from ocp.mpc.phases.table import PHASES
+from ocp.mpc.phases import PHASES
 from ocp.mpc.plants import PLANTS, Disturbance
 from ocp.mpc.simulate import ClosedLoop, simulate
 

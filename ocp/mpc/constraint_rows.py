@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ocp.physics.constraints import Broken, Violation, row_sizes
-from ocp.problem import Problem
+from ocp.judge.constraints import Broken, Violation, row_sizes
+from ocp.problem.problem import Problem
 from ocp.transcription.common import constraint_names
 
 PENALTIES = (1e3, 1e4, 1e5, 1e6)

@@ -13,21 +13,21 @@ from pydantic import Field, InstanceOf
 
 from dynamics.contact import ContactLaw, Exact
 from ocp.errors import InputError, choose
-from ocp.factories import closing_law
+from ocp.mpc.full_phase import Full
 from ocp.mpc.measurement import Measurement
-from ocp.mpc.phases.full import Full
-from ocp.mpc.phases.newton import NewtonPhase
-from ocp.mpc.phases.policy import FixedPolicy, Law
-from ocp.mpc.phases.protocol import Answer, Phase, Sample, numbers
-from ocp.mpc.phases.table import NEWTON, PHASES
+from ocp.mpc.newton_phase import NewtonPhase
+from ocp.mpc.phase import Answer, Phase, Sample, numbers
+from ocp.mpc.phases import NEWTON, PHASES
+from ocp.mpc.policy_phase import FixedPolicy, Law
 from ocp.mpc.receding import Receding, Values, horizon_rows
 from ocp.mpc.rollouts import Roller
 from ocp.mpc.stages import Plan, StageModel
-from ocp.policy import OpenLoop
-from ocp.problem import Problem
-from ocp.rollout import Gains
-from ocp.session import Session
+from ocp.problem.policy import OpenLoop
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import Gains
+from ocp.routes.session import Session
 from ocp.transcription import Direct
+from ocp.transcription.factories import closing_law
 from ocp.transcription.nlp import StageCompiler, trajectories
 from ocp.validation import Count, Positive, validated
 
@@ -62,9 +62,9 @@ class Controller:
         command = controller.step(x, u_before)
 
     ``law``, an object or a name, closes the contact of the plans: the exact one, or for the phase
-    ``relaxed`` a smoothed one. ``phase`` is one of :data:`~ocp.mpc.phases.table.PHASES`;
+    ``relaxed`` a smoothed one. ``phase`` is one of :data:`~ocp.mpc.phases.PHASES`;
     ``policy`` is what the phase ``policy`` evaluates: a function ``(x, k) -> u``,
-    :class:`~ocp.rollout.Gains`, or None for the regulator's gains along the first plan.
+    :class:`~ocp.problem.rollout.Gains`, or None for the regulator's gains along the first plan.
     ``iterations`` is the number of quadratic programs a sample. ``trust``, of (0, 1], is how much
     of a measurement's difference from the state that the law predicts from the sample before is
     believed: below 1 it averages noise out, as an observer of constant gain does. ``deadline`` (s)

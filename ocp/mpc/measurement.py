@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ocp.mpc.constraint_rows import MET
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 
 _DEPTH = 1e-9
 """Penetration that is left alone, in characteristic gaps."""

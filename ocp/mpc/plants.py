@@ -11,11 +11,11 @@ import numpy as np
 from dynamics.batch import StepFunction
 from dynamics.systems.machine import with_implicit_forces
 from ocp.errors import InputError, choose, did_you_mean
-from ocp.judges.referee import REFINEMENT, step_place
-from ocp.mpc.phases.protocol import numbers
-from ocp.problem import Problem
+from ocp.judge.referee import REFINEMENT, step_place
+from ocp.mpc.phase import numbers
+from ocp.problem.problem import Problem
+from ocp.simulators.mujoco_world import MujocoWorld
 from ocp.validation import Index, Number, validated
-from ocp.worlds.mujoco_world import MujocoWorld
 
 PLANTS = {
     "exact": "the exact law at the model's step size",
@@ -50,7 +50,7 @@ class Plant:
     (:func:`~dynamics.systems.machine.with_implicit_forces`).
 
     Raises :class:`~ocp.errors.InputError` for an unknown plant or parameter, for ``h/4`` where
-    the step size only counts steps, and as :class:`~ocp.worlds.mujoco_world.MujocoWorld` does.
+    the step size only counts steps, and as :class:`~ocp.simulators.mujoco_world.MujocoWorld` does.
     """
 
     def __init__(self, problem: Problem, name: str, mismatch: Mapping[str, float]) -> None:

@@ -12,8 +12,8 @@ import numpy as np
 
 from dynamics.systems import Parameter, ParameterTable
 from ocp.errors import InputError, did_you_mean
-from ocp.mpc.phases.protocol import numbers
-from ocp.problem import Problem, Scenarios
+from ocp.mpc.phase import numbers
+from ocp.problem.problem import Problem, Scenarios
 
 _WEIGHT = 100.0
 """Of softened terminal constraints, in characteristic costs for a characteristic size."""

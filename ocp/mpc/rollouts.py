@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import Episode, EpisodeFunction, RolloutPolicy, StepFunction
+from ocp.judge.constraints import Broken
 from ocp.mpc.stages import LEAST_PENALTY, Plan, StageModel
-from ocp.physics.constraints import Broken
 
 _FAR = 1e6
 """Limit of inputs without bounds, in characteristic inputs."""

@@ -12,18 +12,18 @@ import numpy as np
 import xarray as xr
 from pydantic import InstanceOf
 
-from ocp.judges.referee import step_place
+from ocp.judge.certificate import certify
+from ocp.judge.constraints import Broken
+from ocp.judge.referee import step_place
 from ocp.mpc.constraint_rows import ConstraintRows
 from ocp.mpc.controller import Command, Controller
-from ocp.mpc.phases.protocol import numbers
+from ocp.mpc.phase import numbers
 from ocp.mpc.plants import Disturbance, Plant, check_pushes, deviations
 from ocp.mpc.receding import Values
 from ocp.mpc.stages import Plan
 from ocp.mpc.verdict import LoopVerdict
-from ocp.physics.constraints import Broken
-from ocp.problem import Problem
-from ocp.session import Session
-from ocp.stationarity.certificate import certify
+from ocp.problem.problem import Problem
+from ocp.routes.session import Session
 from ocp.validation import Count, Index, validated
 
 _FAR = 100.0

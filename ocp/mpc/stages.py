@@ -13,8 +13,8 @@ import numpy as np
 from dynamics.batch import BatchFunction
 from dynamics.contact import Step
 from ocp.mpc.constraint_rows import ConstraintRows
-from ocp.policy import OpenLoop
-from ocp.problem import Problem
+from ocp.problem.policy import OpenLoop
+from ocp.problem.problem import Problem
 from ocp.transcription.common import Graph
 
 _COMPLIANCE = 1e-9

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ocp.judges.referee import STATE_SHARE
-from ocp.physics.constraints import CONSTRAINT_SHARE
+from ocp.judge.constraints import CONSTRAINT_SHARE
+from ocp.judge.referee import STATE_SHARE
 
 if TYPE_CHECKING:
     from ocp.mpc.simulate import ClosedLoop

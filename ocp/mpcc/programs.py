@@ -11,6 +11,7 @@ import numpy as np
 
 from ocp.errors import InputError
 from ocp.mpcc.sizes import variable_sizes
+from ocp.problem.cost_sizes import split_constant
 from ocp.programs.program import (
     PENALTY,
     RELAXATION,
@@ -21,7 +22,6 @@ from ocp.programs.program import (
     closure_rows,
 )
 from ocp.programs.units import ORDINARY_ROWS, Scale, band, row_units, solver_unit
-from ocp.sizes.cost import split_constant
 
 
 @dataclass(frozen=True, eq=False)

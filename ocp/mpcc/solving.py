@@ -10,8 +10,10 @@ import casadi as ca
 import numpy as np
 
 from ocp.errors import InputError, choose
-from ocp.judges.audit import TOLERANCES
-from ocp.judges.jumps import Domain, jump_findings_of
+from ocp.judge.audit import TOLERANCES
+from ocp.judge.certificate import Certificate, certify
+from ocp.judge.jumps import Domain, jump_findings_of
+from ocp.judge.unbounded import unbounded_variables
 from ocp.mpcc.programs import MPCC, MPCCProgram, programs_of, sized
 from ocp.programs.program import PENALTY, RELAXATION, Program
 from ocp.programs.solver import Point, Result, Solver, Status
@@ -20,8 +22,6 @@ from ocp.routes.complementarity import Search, by_strategy
 from ocp.routes.homotopy import Homotopy, RouteResult
 from ocp.routes.relaxations import STRATEGIES, Strategy
 from ocp.routes.schedules import improved
-from ocp.stationarity.certificate import Certificate, certify
-from ocp.stationarity.unbounded import unbounded_variables
 
 
 def violation(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> tuple[float, str]:

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from ocp.judge.certificate import RADII, linear_model, tolerance_of
+from ocp.judge.lpec import LinearModel
 from ocp.programs.program import PENALTY, Program
 from ocp.programs.solver import Point, Result
 from ocp.routes.homotopy import WARM, Homotopy, RouteResult, lower, translate
-from ocp.stationarity.certificate import RADII, linear_model, tolerance_of
-from ocp.stationarity.lpec import LinearModel
 
 NEIGHBOUR = "neighbour"
 """What a stage is called that tries a neighbouring contact schedule."""

@@ -14,9 +14,29 @@ import numpy as np
 from ocp.errors import InputError
 from ocp.programs.program import PENALTY, Program
 from ocp.programs.solver import Point, Result, Solver, Status
-from ocp.solution import StageRecord
 
 _LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class StageRecord:
+    """One stage of a homotopy: what it varies, at which value, and what the solver reached.
+
+    ``evaluation_s`` of its ``seconds`` went into evaluating the NLP and its derivatives.
+    """
+
+    label: str
+    value: float
+    cost: float
+    complementarity: float
+    residual: float
+    iterations: int
+    seconds: float
+    status: str
+    accepted: bool = True
+    evaluation_s: float = 0.0
+
+
 Progress = Callable[[StageRecord], None]
 WARM = {
     "warm_start_init_point": "yes",

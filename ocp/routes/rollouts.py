@@ -11,10 +11,10 @@ import numpy as np
 
 from dynamics.contact import Step
 from ocp.errors import NotConverged
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import Gains, InitialGuess, Rollout, initial_guesses, roll_on, roll_out
 from ocp.programs.program import Program
 from ocp.programs.solver import Point, Result, Status
-from ocp.rollout import Gains, InitialGuess, Rollout, initial_guesses, roll_on, roll_out
 from ocp.routes.branches import Branches, polish
 from ocp.routes.homotopy import Homotopy, HomotopyPath, RouteResult, lower
 from ocp.routes.schedules import improved, is_apart

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from dynamics.contact import Barrier, Exact
 from ocp.errors import NotConverged, choose
-from ocp.policy import Feedback
+from ocp.problem.policy import Feedback
+from ocp.problem.rollout import Gains, InitialGuess, Rollout
 from ocp.programs.solver import Point
-from ocp.rollout import Gains, InitialGuess, Rollout
 from ocp.routes.branches import polish
 from ocp.routes.complementarity import (
     ALTERNATIVES,
@@ -46,7 +46,7 @@ from ocp.transcription import Direct
 from ocp.transcription.nlp import NLP
 
 if TYPE_CHECKING:
-    from ocp.session import Session
+    from ocp.routes.session import Session
 
 _NEAR, _WIDE = 1e-6, 1e-3
 """Relaxations of lam gap, in characteristic units, for a start that is near and for others."""

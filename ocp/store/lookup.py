@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ocp.distribution import load_plugin
 from ocp.errors import InputError, did_you_mean
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from ocp.solution import Solution
 from ocp.store.atomic import discard
 from ocp.store.run_files import DATA_FILE, META_FILE, MOST

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any, Literal, TypedDict
 
 from ocp.errors import DamagedRun, InputError
-from ocp.judges.audit import Audit
-from ocp.judges.referee import RefereeReport
+from ocp.judge.audit import Audit
+from ocp.judge.certificate import Certificate
+from ocp.judge.referee import RefereeReport
 from ocp.programs.solver import Status
-from ocp.solution import Grade, StageRecord
-from ocp.stationarity.certificate import Certificate
+from ocp.routes.homotopy import StageRecord
+from ocp.solution import Grade
 from ocp.store.json_values import from_json
 from ocp.store.run_files import DATA_FILE, META_FILE, MOST
 

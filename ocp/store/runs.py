@@ -22,7 +22,7 @@ import numpy as np
 
 from dynamics.learned.netcdf import check_readable
 from ocp.errors import DamagedRun, InputError
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from ocp.solution import Solution
 from ocp.store.atomic import NETCDF, draft_directory, flush, netcdf, write_errors
 from ocp.store.json_values import content_hash, to_json

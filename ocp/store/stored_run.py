@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocp.errors import DamagedRun, InputError
-from ocp.judges.audit import Audit
-from ocp.judges.referee import RefereeReport
-from ocp.problem import Problem
+from ocp.judge.audit import Audit
+from ocp.judge.certificate import Certificate
+from ocp.judge.referee import RefereeReport
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import Gains
 from ocp.programs.solver import Status
-from ocp.rollout import Gains
-from ocp.solution import Solution, StageRecord
-from ocp.stationarity.certificate import Certificate
+from ocp.routes.homotopy import StageRecord
+from ocp.solution import Solution
 from ocp.store import atomic
 from ocp.store.json_values import from_json
 from ocp.store.meta import check_own_problem

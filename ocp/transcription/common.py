@@ -10,10 +10,10 @@ import numpy as np
 from dynamics.contact import Step
 from dynamics.contact.learned_step import LearnedStep
 from ocp.errors import InputError
-from ocp.policy import Feedback, Policy
-from ocp.problem import Problem
+from ocp.problem.policy import Feedback, Policy
+from ocp.problem.problem import Problem
 from ocp.programs.program import PENALTY, RELAXATION, Layout
-from ocp.transcription.hidden import Compile, Evaluated, Hidden, Implicit
+from ocp.transcription.eliminated import Compile, Evaluated, Hidden, Implicit
 
 
 @dataclass(eq=False)

@@ -10,10 +10,10 @@ import numpy as np
 
 from dynamics.contact.learned_step import LearnedStep
 from ocp.errors import InputError
-from ocp.policy import Feedback
+from ocp.problem.policy import Feedback
 from ocp.programs.program import Layout, closure_rows
 from ocp.transcription.common import Graph, constraint_names
-from ocp.transcription.hidden import Compile
+from ocp.transcription.eliminated import Compile
 from ocp.transcription.nlp import NLP
 from ocp.transcription.stage import Stage, assemble
 

@@ -10,12 +10,12 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
-from ocp.policy import Policy
-from ocp.problem import Problem
+from ocp.problem.policy import Policy
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import Gains, at_steps
 from ocp.programs.program import PENALTY, RELAXATION, Layout, PairName, Program
 from ocp.programs.solver import Result
 from ocp.programs.units import Scale, measured, row_scaled
-from ocp.rollout import Gains, at_steps
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
@@ -69,7 +69,7 @@ class NLP(Program):
         return np.concatenate([head, self.data.pack({"x0": x0, "u_before": u_before})])
 
     def constant(self, p: np.ndarray) -> float:
-        """The problem's constant cost, see :meth:`~ocp.problem.Problem.constant_cost`."""
+        """The problem's constant cost, see :meth:`~ocp.problem.problem.Problem.constant_cost`."""
         values = dict(zip(self.names, p, strict=False))
         return self.problem.constant_cost(self.problem.parameters.pack(values))
 
@@ -140,7 +140,7 @@ class NLP(Program):
     def scale(self) -> Scale | None:
         """Units in which a solver sees variables, constraints and cost; None for all in SI.
 
-        Variables have their :attr:`~ocp.problem.Problem.natural` units, rows in SI the power of two
+        Variables have their :attr:`~ocp.problem.problem.Problem.natural` units, rows in SI the power of two
         beside what they change by (:func:`~ocp.programs.units.row_units`), in other units what
         :func:`~ocp.programs.units.measured` tells. By shooting, whose contacts are solved on the
         way and whose rows may be steep, rows are only made larger, and none in other units than SI.

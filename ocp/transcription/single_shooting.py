@@ -15,11 +15,11 @@ import casadi as ca
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.policy import Feedback
-from ocp.problem import Problem
+from ocp.problem.policy import Feedback
+from ocp.problem.problem import Problem
 from ocp.programs.program import Functions, Layout
 from ocp.transcription.common import Graph, constraint_names
-from ocp.transcription.hidden import Compile
+from ocp.transcription.eliminated import Compile
 from ocp.transcription.nlp import NLP
 from ocp.transcription.stage import Stage
 

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from ocp.programs.program import Functions
-from ocp.transcription.hidden import Compile, Hidden, inner_values
+from ocp.transcription.eliminated import Compile, Hidden, inner_values
 
 
 @dataclass(eq=False)

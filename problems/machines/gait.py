@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems.space import SpatialMachine
-from ocp.problem import Guess, Problem, Scaling
+from ocp.problem.problem import Guess, Problem, Scaling
 from problems.parameters import Parameters, choice, quantity, structure, table
 
 STEPS = r"""

@@ -11,8 +11,8 @@ import numpy as np
 from dynamics.contact import ContactLaw
 from dynamics.systems.machine import Gyroscopic, with_implicit_forces
 from ocp.errors import InputError, NotConverged
-from ocp.problem import Problem
-from ocp.rollout import STEP_TOLERANCE, Rollout, roll_out
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import STEP_TOLERANCE, Rollout, roll_out
 from problems.machines.half_cheetah import half_cheetah
 from problems.machines.hopper import hopper
 from problems.machines.machine import PublishedMachine

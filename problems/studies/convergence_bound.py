@@ -10,7 +10,7 @@ import xarray as xr
 from dynamics.batch import Gaussian
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.experiment import Experiment
-from ocp.learning.unrolls.gradients import FOPG, SHARP
+from ocp.learning.unroll_gradients import FOPG, SHARP
 from problems.studies.study import Claim, StudyParams, dataset, over, setting
 from problems.tasks.registry import get
 

@@ -12,9 +12,9 @@ from dynamics.contact import Exact
 from dynamics.learned.training import train
 from dynamics.learned.transitions import Origin, Samples
 from ocp.learning.explorer import Buffer, Explorer, random_transitions
-from ocp.learning.identification.identify import OneStepLoss, identify, intervals
-from ocp.learning.identification.random_search import RandomSearch
-from ocp.task import Task
+from ocp.learning.identify import OneStepLoss, identify, intervals
+from ocp.learning.random_search import RandomSearch
+from ocp.problem.task import Task
 from problems.studies.progress import tracked
 from problems.studies.study import (
     Claim,

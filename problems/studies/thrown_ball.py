@@ -9,8 +9,8 @@ from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.experiment import Experiment
 from ocp.learning.explorer import squash
 from ocp.learning.protocol import Algorithm
-from ocp.learning.unrolls.gradients import FOPG, SHARP, ZOPG
-from ocp.task import Task
+from ocp.learning.unroll_gradients import FOPG, SHARP, ZOPG
+from ocp.problem.task import Task
 from problems.studies.shared.trainings import area, difference, gained, least
 from problems.studies.study import Claim, StudyParams, dataset, over, setting
 from problems.tasks.registry import get

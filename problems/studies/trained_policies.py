@@ -10,13 +10,13 @@ import numpy as np
 import xarray as xr
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw
+from ocp.jobs.scheduling import Report
 from ocp.learning.experiment import EXACT, Budget, Experiment
-from ocp.learning.plans.imitation import demonstrations, fit_actions
-from ocp.learning.plans.planned import best_plan, guess_from_constant_inputs, guess_from_policy
+from ocp.learning.imitation import demonstrations, fit_actions
+from ocp.learning.planned import best_plan, guess_from_constant_inputs, guess_from_policy
 from ocp.learning.protocol import Trained
 from ocp.learning.training import evaluate_from
-from ocp.learning.unrolls.gradients import FOPG
-from ocp.scheduling import Report
+from ocp.learning.unroll_gradients import FOPG
 from problems.studies.shared.trainings import (
     Curves,
     area,
@@ -233,7 +233,7 @@ class PlanJob:
 
 
 def plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
-    """Do a job; a :data:`~ocp.scheduling.Function`.
+    """Do a job; a :data:`~ocp.jobs.scheduling.Function`.
 
     ``states`` and ``inputs`` are what the plan shows, ``returned`` and ``replayed`` its return and
     that of its inputs under the exact law, ``certified`` whether it is.

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import ParameterTable
-from ocp.task import Task
+from ocp.problem.task import Task
 from problems import ball_throw as problem
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation

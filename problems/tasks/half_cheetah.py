@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems.contact_rows import Cone
-from ocp.task import Task
+from ocp.problem.task import Task
 from problems import half_cheetah as problem
 from problems.machines.half_cheetah import half_cheetah as machine_of
 from problems.parameters import Parameters, choice, quantity, structure

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems.contact_rows import Cone
-from ocp.task import Task
+from ocp.problem.task import Task
 from problems import hopper as problem
 from problems.drawing import Shape
 from problems.machines.hopper import hopper as machine_of

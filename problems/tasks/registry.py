@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocp.errors import InputError, choose
-from ocp.task import Task
+from ocp.problem.task import Task
 from problems.drawing import ContactFrame, Shape
 from problems.spec import Spec, defined
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 class TaskSpec(Spec):
     """One named task, at any parameters.
 
-    ``build(params)`` gives the :class:`~ocp.task.Task`; ``draw(params, state)`` the shapes at one
+    ``build(params)`` gives the :class:`~ocp.problem.task.Task`; ``draw(params, state)`` the shapes at one
     state (nx,), ``frames(params, state)`` the place and direction of each contact; ``axes`` label
     the drawing. ``decisions`` is the number of inputs that matter in an episode (of a throw: the
     first), None for one per step. ``observation_bounds`` are the finite ranges of observations, by

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import ContactSystem, Signal
-from ocp.task import Measure
+from ocp.problem.task import Measure
 from problems.machines.machine import PublishedMachine
 from problems.parameters import friction_of, quantity, table
 
@@ -37,7 +37,7 @@ def built(
     spring: str,
     spheres: Collection[str] | None,
 ) -> tuple[ContactSystem, dict[str, Any]]:
-    """System of the machine at ``params``, and the fields of :class:`~ocp.task.Task` that all have.
+    """System of the machine at ``params``, and the fields of :class:`~ocp.problem.task.Task` that all have.
 
     The links weigh ``mass_<link>`` [kg] and ``inertia_<link>`` [kg m²]; ``spring`` names the
     parameter of the joints' springs. The start is that of :meth:`PublishedMachine.reset`, one unit

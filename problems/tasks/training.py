@@ -11,17 +11,17 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError
-from ocp.factories import law_record
+from ocp.judge.contact_report import least_slip
 from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.protocol import Algorithm, Normaliser, Trained
 from ocp.learning.training import KEY, evaluate, read_checkpoint, train
-from ocp.learning.unrolls.gradients import FOPG
-from ocp.physics.contact_report import least_slip
+from ocp.learning.unroll_gradients import FOPG
+from ocp.problem.task import Task
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.json_values import to_json
 from ocp.store.provenance import content_digest
 from ocp.store.stored_run import StoredRun
-from ocp.task import Task
+from ocp.transcription.factories import law_record
 from problems.tasks import registry
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint)
 
 
 def trained(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Dataset:
-    """Do a job, from its checkpoint on; a :data:`~ocp.scheduling.Function`.
+    """Do a job, from its checkpoint on; a :data:`~ocp.jobs.scheduling.Function`.
 
     Tells every row with its iteration; returns what is stored.
     """

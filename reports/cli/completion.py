@@ -13,10 +13,10 @@ _NAMED = {
     "contact": "dynamics.laws:LAWS",
     "law": "dynamics.laws:LAWS",
     "method": "ocp.transcription:METHODS",
-    "policy": "ocp.policy:POLICIES",
-    "phase": "ocp.mpc.phases.table:PHASES",
+    "policy": "ocp.problem.policy:POLICIES",
+    "phase": "ocp.mpc.phases:PHASES",
     "plant": "ocp.mpc.plants:PLANTS",
-    "world": "ocp.worlds:WORLDS",
+    "world": "ocp.simulators:WORLDS",
     "figures": "problems.studies:STUDIES",
 }
 """Module and name of the table whose names complete a field, loaded when they are asked for."""
@@ -50,7 +50,7 @@ def _problems(given: dict[str, Any]) -> Words:
 
 
 def _law_settings(given: dict[str, Any]) -> Words:
-    from ocp.factories import DEFAULT_LAW, law_settings
+    from ocp.transcription.factories import DEFAULT_LAW, law_settings
 
     return [f"{name}=" for name in law_settings(given.get("contact") or DEFAULT_LAW)]
 
@@ -64,7 +64,7 @@ def _parameters(given: dict[str, Any]) -> Words:
 
 def _settings(given: dict[str, Any]) -> Words:
     from ocp.programs.options import documented
-    from ocp.request import OWN
+    from ocp.solve.request import OWN
 
     return [f"{name}=" for name in (*OWN, *documented(given.get("solver") or "ipopt"))]
 

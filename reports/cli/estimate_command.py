@@ -11,20 +11,20 @@ from typing import Any
 import numpy as np
 
 from ocp import store
-from ocp.effort import check_time
 from ocp.errors import InputError, choose, did_you_mean, interruptible
-from ocp.factories import contact_law, law_digest, law_name, law_record, split_policy_settings
 from ocp.gradients.case import ObjectiveCase
 from ocp.gradients.estimation import Sampling
 from ocp.gradients.estimators import RULES
 from ocp.gradients.objective import SampledObjective
-from ocp.gradients.parallel import JobWorkers
 from ocp.gradients.sampling import reference_kind
 from ocp.gradients.sweep import OF_THE_PLAN, SweepRun, read_sweep, summary, sweep_dataset
+from ocp.jobs.estimate_parts import JobWorkers
+from ocp.problem.resources import check_time
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.json_values import to_json
 from ocp.store.provenance import content_digest
 from ocp.store.stored_run import StoredRun
+from ocp.transcription.factories import contact_law, law_digest, law_name, law_record, split_policy_settings
 from ocp.validation import Axis, parse
 from problems.parameters import unit_of
 from problems.registry import ObjectiveSpec, named

@@ -12,11 +12,11 @@ from dynamics.batch import TabulatedPolicy, exported, identifier
 from dynamics.contact import ContactLaw, Step
 from dynamics.contact.learned_step import LearnedStep
 from ocp.errors import InputError, did_you_mean
-from ocp.factories import DEFAULT_LAW, closing_law
-from ocp.problem import Problem
-from ocp.rollout import step_values
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import step_values
 from ocp.solution import Solution
 from ocp.store import atomic
+from ocp.transcription.factories import DEFAULT_LAW, closing_law
 from problems import names, spec
 from problems.plugin import law_of, problem_of
 from problems.registry import objective_names

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 from rich.progress import Progress, TaskID
 
 from ocp import store
-from ocp.effort import STUDY, check_memory
 from ocp.errors import InputError, choose
-from ocp.scheduling import Failure, run_jobs
+from ocp.jobs.scheduling import Failure, run_jobs
+from ocp.problem.resources import STUDY, check_memory
 from ocp.store import atomic
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.stored_run import StoredRun
@@ -97,7 +97,7 @@ class FigureJob:
 
 
 def study_data(job: FigureJob, report: Callable[[Any], None]) -> xr.Dataset:
-    """Run a study in one process; a :data:`~ocp.scheduling.Function`."""
+    """Run a study in one process; a :data:`~ocp.jobs.scheduling.Function`."""
     study = studies.get(job.study)
     with Checkpoint(job.out if study.resumes else None, study.id, job.params) as kept:
         return study.data(job.params, kept, jobs=1)

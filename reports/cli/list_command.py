@@ -11,7 +11,7 @@ from dynamics.laws import LAWS
 from dynamics.learned.transitions import Transitions
 from ocp.gradients.estimators import RULES, SAMPLED
 from ocp.learning.training import ALGORITHMS
-from ocp.policy import POLICIES
+from ocp.problem.policy import POLICIES
 from ocp.programs.solver import SOLVERS
 from ocp.transcription import METHODS
 from problems import describe, names, spec, studies

@@ -12,16 +12,16 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp import store
-from ocp.effort import check_memory
 from ocp.errors import InputError, choose, did_you_mean
-from ocp.factories import closing_law, law_record
 from ocp.mpc.controller import Command, Controller
-from ocp.mpc.phases.table import PHASES
+from ocp.mpc.phases import PHASES
 from ocp.mpc.plants import Disturbance, Plant, check_mismatch, deviations
 from ocp.mpc.receding import Receding
 from ocp.mpc.simulate import ClosedLoop, simulate
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
+from ocp.problem.resources import check_memory
 from ocp.store.stored_run import StoredRun
+from ocp.transcription.factories import closing_law, law_record
 from ocp.validation import parse
 from problems.plugin import source
 from problems.spec import ProblemSpec

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 from ocp import store, validation
 from ocp.errors import InputError
-from ocp.factories import law_name
-from ocp.session import Session
-from ocp.solve import new_session
+from ocp.routes.session import Session
+from ocp.solve.solve import new_session
 from ocp.store import atomic
+from ocp.transcription.factories import law_name
 from problems import ProblemSpec
 from problems.plugin import source
 from reports.cli.options import SolverOptions
 
 if TYPE_CHECKING:
-    from ocp.sweeps.case import Case
+    from ocp.jobs.case import Case
 
 
 def assignments(option: str, given: Iterable[str] | None) -> dict[str, str]:
@@ -153,6 +153,6 @@ def read_names(options: SolverOptions) -> tuple[ProblemSpec, dict[str, Any]]:
 
 def case_of(spec: ProblemSpec, given: dict[str, Any]) -> Case:
     """The case that any process can build; a file is named by its whole path."""
-    from ocp.sweeps.case import Case
+    from ocp.jobs.case import Case
 
     return Case(spec.name if spec.path is None else str(spec.path), **given).with_content(spec)

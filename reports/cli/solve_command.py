@@ -9,17 +9,18 @@ from typing import Any, cast
 
 from dynamics.contact import ContactLaw
 from ocp import store
-from ocp.effort import check_memory
 from ocp.errors import InputError, choose
-from ocp.physics.constraints import describe_violations
+from ocp.judge.constraints import describe_violations
+from ocp.problem.resources import check_memory
 from ocp.programs.solver import Status
-from ocp.refinement import halved
-from ocp.request import rebuilder
-from ocp.solution import Interrupted, Replay, Solution, StageRecord
-from ocp.solve import Rank, refine_from, solve_from, solve_session
+from ocp.routes.homotopy import StageRecord
+from ocp.simulators import WORLDS
+from ocp.solution import Interrupted, Replay, Solution
+from ocp.solve.refinement import halved
+from ocp.solve.request import rebuilder
+from ocp.solve.solve import Rank, refine_from, solve_from, solve_session
 from ocp.store import atomic
 from ocp.store.stored_run import StoredRun
-from ocp.worlds import WORLDS
 from problems.plugin import edited, law_of, problem_of
 from reports import console
 from reports.cli import interrupt
@@ -52,13 +53,13 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
         raise InputError("--search finds its own starts; drop --starts and --from")
     request.session.search = options.search
     if options.search:
-        from ocp.search import check_search
+        from ocp.search.push_search import check_search
 
         check_search(request.session)
     if options.refine:
         halved(request.session.problem, request.session.values, 1)
     if options.world is not None:
-        from ocp.worlds.mujoco_world import MujocoWorld
+        from ocp.simulators.mujoco_world import MujocoWorld
 
         choose("world", options.world, WORLDS)
         MujocoWorld(request.session.problem, request.session.values)
@@ -147,7 +148,7 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
             elif options.starts == 1 or not options.parallel:
                 found = solve_session(request.session, options.starts, options.seed, on_stage, rank)
             else:
-                from ocp.sweeps.job import solve_starts
+                from ocp.jobs.sweep_job import solve_starts
 
                 found = solve_starts(
                     request.session,

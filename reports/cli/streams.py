@@ -266,7 +266,7 @@ class Output:
 
     def announce(self, what: str, seconds: float, memory: float = 0.0) -> None:
         """Print on stderr one line about a long computation, unless quiet."""
-        from ocp.effort import long_task_notice
+        from ocp.problem.resources import long_task_notice
 
         line = long_task_notice(what, seconds, memory)
         if line is not None and not self.quiet:

@@ -14,22 +14,14 @@ from ocp import store
 from ocp.continuation import Continuation, continue_over, curve_dataset, resolve
 from ocp.continuation.events import describe_events
 from ocp.continuation.walk import check_range, check_value
-from ocp.effort import FOLLOWED, check_memory, points_memory
 from ocp.errors import InputError, choose, interruptible
-from ocp.session import Session
-from ocp.solve import Rank
+from ocp.jobs.grid import Grid, axes, dataset, dimension, saved_points
+from ocp.jobs.sweep import check_parallel_memory, check_points, make_grid, rows, run_meta, solve_grid, where
+from ocp.jobs.sweep_job import JobResult
+from ocp.problem.resources import FOLLOWED, check_memory, points_memory
+from ocp.routes.session import Session
+from ocp.solve.solve import Rank
 from ocp.store.checkpoint import Checkpoint
-from ocp.sweeps.grid import Grid, axes, dataset, dimension, saved_points
-from ocp.sweeps.job import JobResult
-from ocp.sweeps.sweep import (
-    check_parallel_memory,
-    check_points,
-    make_grid,
-    rows,
-    run_meta,
-    solve_grid,
-    where,
-)
 from reports.cli import interrupt
 from reports.cli.commands import ContinueOptions, SweepOptions
 from reports.cli.request import Request, assignments, case_of, check_places, read_names

@@ -14,8 +14,8 @@ from gymnasium.spaces import Box
 from dynamics.batch import BatchFunction, StepFunction
 from dynamics.contact import Step
 from ocp.errors import InputError
-from ocp.factories import closing_law
-from ocp.rollout import STEP_TOLERANCE
+from ocp.problem.rollout import STEP_TOLERANCE
+from ocp.transcription.factories import closing_law
 from problems.tasks.registry import spec
 
 LARGEST = float(np.finfo(np.float32).max)

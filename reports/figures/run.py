@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from dynamics.systems.pairs import Pair
-from ocp.physics.contact_report import acting
+from ocp.judge.contact_report import acting
 from reports.console import shown_stages, stage_title
 from reports.figures.motion import NEGLIGIBLE, SAME, mean_multiplier
 from reports.figures.panels import (
@@ -132,7 +132,7 @@ class Contact:
     """One contact over the steps of all scenarios, arrays (S, N).
 
     ``normal`` is its impulse or force, ``again`` that of the replay or None, ``gap`` None where it
-    is unknown; ``active`` as :func:`ocp.physics.contact_report.acting` has it. ``friction`` holds
+    is unknown; ``active`` as :func:`ocp.judge.contact_report.acting` has it. ``friction`` holds
     friction, its bound, and flags of slip and degeneracy, where there is friction. ``multipliers``
     are the names of what is drawn.
     """

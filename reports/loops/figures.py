@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from reports.figures.panels import spans
 from reports.figures.run import contacts_of
 from reports.loops.ghost import ghost

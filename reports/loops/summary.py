@@ -11,12 +11,12 @@ import numpy as np
 from rich.table import Table
 
 from dynamics.batch import StepFunction
+from ocp.judge.contact_report import least_slip
 from ocp.mpc.simulate import ClosedLoop
-from ocp.physics.contact_report import least_slip
-from ocp.problem import Problem
-from ocp.rollout import at_steps
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import at_steps
 from ocp.solution import units_of
-from ocp.warm_start import node_times
+from ocp.solve.warm_start import node_times
 from reports.console import number, table_of
 
 if TYPE_CHECKING:

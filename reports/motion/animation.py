@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ocp.errors import InputError
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems.drawing import ContactFrame, Shape
 from problems.plugin import spec_of
 from reports.loops.ghost import with_ghosts

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ocp.rollout import at_steps
-from ocp.task import Task
+from ocp.problem.rollout import at_steps
+from ocp.problem.task import Task
 from problems.drawing import Shape
 from reports import shapes
 from reports.motion.animation import Animation, Motion

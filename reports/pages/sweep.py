@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from ocp.errors import InputError
 from ocp.gradients.sweep import OF_THE_PLAN
 from ocp.gradients.verdict import WIDE, short_verdict, weakest_verdict
+from ocp.jobs.sweep import rows
 from ocp.store.stored_run import StoredRun
-from ocp.sweeps.sweep import rows
 from problems.plugin import spec_of
 from problems.registry import ObjectiveSpec, objective_names, objective_spec
 from problems.spec import ProblemSpec

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from ocp.learning.training import Evaluation
+    from ocp.problem.task import Task
     from ocp.store.stored_run import StoredRun
-    from ocp.task import Task
 
 
 _JUDGED = "evaluation_"

@@ -18,7 +18,7 @@ import numpy as np
 
 from dynamics.learned.region import Region
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Constraint, FreeStart, Problem, Scaling, Scenarios
+from ocp.problem.problem import Constraint, FreeStart, Problem, Scaling, Scenarios
 from problems.drawing import Box, ContactFrame, HalfPlane
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden

@@ -43,7 +43,7 @@ LOADED = (
     "ocp.continuation",
     "problems",
     "ocp.store",
-    "ocp.sweeps",
+    "ocp.jobs",
     "reports.pdf",
     "reports.figures",
     "PIL.Image",

@@ -3,7 +3,7 @@
 import casadi as ca
 
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.drawing import Box, HalfPlane
 from problems.parameters import Parameters, quantity, table
 

@@ -174,7 +174,7 @@ def test_debug_shows_where(ocp) -> None:
 USER_FILE = """
 import casadi as ca
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems.parameters import Parameters, quantity, structure, table
 
 name = "mine"

@@ -11,7 +11,7 @@ import pytest
 
 from ocp import load, store
 from ocp.errors import InputError
-from ocp.sweeps import sweep
+from ocp.jobs.sweep import sweep
 from reports.cli import interrupt
 from reports.cli.app import main
 

@@ -22,7 +22,7 @@ OWN = """
 name, title = "own", "A mass before a wall"
 import casadi as ca
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems.parameters import Parameters, quantity, table
 
 class Params(Parameters):

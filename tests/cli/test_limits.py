@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from ocp import effort
 from ocp.continuation import walk
-from ocp.judgement import judged
+from ocp.problem import resources
+from ocp.solve.judging import judged
 from reports.cli.streams import Output
 
 WALL = ("solve", "wall-1d", "--contact", "barrier")
@@ -82,7 +82,7 @@ TOO_MUCH = {
 @pytest.mark.costly_cases("nodes of a law", "points together", "points of a growing horizon", "batch")
 @pytest.mark.parametrize(("words", "sentence"), TOO_MUCH.values(), ids=TOO_MUCH)
 def test_what_cannot_be_is_refused(ocp, monkeypatch, words: list[str], sentence: str) -> None:
-    monkeypatch.setattr(effort, "machine_memory", lambda: 25e9)
+    monkeypatch.setattr(resources, "machine_memory", lambda: 25e9)
     done = ocp(*words)
     assert done.code == 2 and done.out == ""
     assert sentence in done.err and len(done.err.splitlines()) == 1
@@ -90,13 +90,13 @@ def test_what_cannot_be_is_refused(ocp, monkeypatch, words: list[str], sentence:
 
 @pytest.mark.costly
 def test_what_will_take_long_is_told_in_one_line(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(effort, "LONG", 1e-3)
+    monkeypatch.setattr(resources, "LONG", 1e-3)
     told = ocp(*WALL, "-p", "N=5", "--json")
     assert told.json["success"]
     first = told.err.splitlines()[0]
     assert first == "wall-1d will take longer than a minute (an estimate)"
     assert "will take" not in ocp(*WALL, "-p", "N=5", "--quiet").err
-    monkeypatch.setattr(effort, "LONG", 60.0)
+    monkeypatch.setattr(resources, "LONG", 60.0)
     assert "will take" not in ocp(*WALL, "-p", "N=5").err
 
 

@@ -49,7 +49,7 @@ def test_a_solve_with_its_pdf_loads_and_calls_little(tmp_path: Path) -> None:
     of_others = (
         "ocp.learning",
         "ocp.gradients",
-        "ocp.sweeps",
+        "ocp.jobs",
         "problems.studies",
         "problems.tasks",
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from ocp import solve
-from ocp.factories import contact_law
+from ocp.transcription.factories import contact_law
 from tests.unit.test_examples import EXAMPLES
 
 LAW = (EXAMPLES / "logistic.py").read_text()

@@ -49,7 +49,7 @@ OURS = (
 BLOCK = '''"""A block on a rough floor is pushed towards a wall."""
 import casadi as ca
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.parameters import Parameters, quantity, structure, table
 
 name, title = "{name}", "A block on a rough floor"

@@ -69,7 +69,7 @@ def test_stages_are_logged_at_info_and_solvers_at_debug(ocp, caplog) -> None:
     silent = ocp("solve", "wall-1d", "--contact", "barrier", "-q")
     assert silent.err == "" and "ocp.routes" not in silent.out
     told = ocp("solve", "wall-1d", "--contact", "barrier", "-q", "-v").err
-    assert "ocp.routes.homotopy: " in told and "ocp.session: " in told
+    assert "ocp.routes.homotopy: " in told and "ocp.routes.session: " in told
     assert "ocp.programs.solver" not in told
     assert "ocp.programs.solver: ipopt" in ocp("solve", "wall-1d", "--contact", "barrier", "-q", "-vv").err
     assert ocp("solve", "wall-1d", "--contact", "barrier", "-q").err == "", "what was asked for once is not kept"
@@ -88,7 +88,7 @@ def test_logging_is_pythons_own(caplog) -> None:
     assert all(record.levelno == logging.INFO for record in stages)
     for record, stage in zip(stages, found.stages, strict=True):
         assert f"{stage.iterations} it" in record.getMessage()
-    assert any(record.name == "ocp.session" for record in caplog.records), "what was built"
+    assert any(record.name == "ocp.routes.session" for record in caplog.records), "what was built"
 
 
 def test_levels_are_set_back(capsys) -> None:

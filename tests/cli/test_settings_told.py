@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING, Annotated
 import pytest
 
 from dynamics.laws import LAWS
-from ocp.learning.identification.psi_learning import PsiLearning
-from ocp.learning.identification.random_search import RandomSearch
+from ocp.learning.psi_learning import PsiLearning
+from ocp.learning.random_search import RandomSearch
 from ocp.learning.training import ALGORITHMS
-from ocp.policy import POLICIES
+from ocp.problem.policy import POLICIES
 from ocp.programs.options import documented
 from ocp.programs.solver import IPOPT_DEFAULTS
-from ocp.request import OWN, Setting, Settings, declared
 from ocp.routes.relaxations import STRATEGIES
+from ocp.solve.request import OWN, Setting, Settings, declared
 from ocp.transcription import METHODS
 from problems.tasks.registry import settings_of
 from reports.settings import training
 
 if TYPE_CHECKING:
-    from ocp.problem import Problem
+    from ocp.problem.problem import Problem
 
 
 class Made:

@@ -110,7 +110,7 @@ def test_unknown_words_say_what_was_meant(ocp, option: str, word: str, meant: st
 @pytest.fixture
 def without_proof(monkeypatch: pytest.MonkeyPatch) -> None:
     """No multipliers prove stationarity, so that programs have to."""
-    monkeypatch.setattr("ocp.stationarity.lpec.LinearModel.dual_bound", lambda *_: math.inf)
+    monkeypatch.setattr("ocp.judge.lpec.LinearModel.dual_bound", lambda *_: math.inf)
 
 
 @pytest.mark.costly
@@ -130,7 +130,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems.parameters import Parameters, structure, table
 
 name = "no-number"

@@ -13,11 +13,11 @@ import pytest
 
 from ocp import solve
 from ocp.errors import InputError
-from ocp.factories import closing_law
 from ocp.mpc import Controller, simulate
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from ocp.programs.solver import Status
 from ocp.solution import Solution
+from ocp.transcription.factories import closing_law
 from problems import get
 from tests.cli.conftest import Done, ocp  # noqa: F401
 from tests.crossed.ways import CROSSINGS, LONG_BUILDS, PROBLEMS, STRANGERS, Crossing

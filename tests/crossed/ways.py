@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from dynamics.laws import LAWS
-from ocp.mpc.phases.table import PHASES
+from ocp.mpc.phases import PHASES
 from ocp.mpc.plants import PLANTS
-from ocp.policy import POLICIES
+from ocp.problem.policy import POLICIES
 from ocp.programs.solver import SOLVERS
 from ocp.routes.relaxations import STRATEGIES
+from ocp.simulators import WORLDS
 from ocp.transcription import METHODS
-from ocp.worlds import WORLDS
 from problems import names
 
 STRANGERS = sorted((Path(__file__).parent / "strangers").glob("*.py"))

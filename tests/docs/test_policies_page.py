@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ocp.learning.mbpo.algorithm import MBPO
+from ocp.learning.mbpo import MBPO
 from ocp.learning.protocol import LEAST_SCALE
 from ocp.learning.training import ALGORITHMS
 from problems.tasks import registry

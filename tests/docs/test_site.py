@@ -127,9 +127,9 @@ def test_folders_of_the_navigation_become_their_pages(tmp_path: Path) -> None:
 
 
 def test_roles_of_docstrings_become_links() -> None:
-    text = "See :func:`~ocp.solve.solve` and :mod:`ocp.mpcc`::\n\n    x = 1"
+    text = "See :func:`~ocp.solve.solve.solve` and :mod:`ocp.mpcc`::\n\n    x = 1"
     solve, mpcc = (
         f'<autoref optional identifier="{name}"><code>{shown}</code></autoref>'
-        for name, shown in (("ocp.solve.solve", "solve"), ("ocp.mpcc", "ocp.mpcc"))
+        for name, shown in (("ocp.solve.solve.solve", "solve"), ("ocp.mpcc", "ocp.mpcc"))
     )
     assert roles.linked(text) == f"See {solve} and {mpcc}:\n\n    x = 1"

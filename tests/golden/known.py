@@ -6,10 +6,10 @@ import functools
 
 from dynamics.contact import Barrier, ContactLaw, Exact
 from ocp import Direct, Solution
-from ocp.judgement import judged
-from ocp.rollout import initial_guesses
-from ocp.session import Session
-from ocp.solve import new_session
+from ocp.problem.rollout import initial_guesses
+from ocp.routes.session import Session
+from ocp.solve.judging import judged
+from ocp.solve.solve import new_session
 from problems import Golden, get, names, spec
 
 LAWS: dict[str, ContactLaw] = {"exact": Exact(), "barrier mu=1e-3": Barrier(mu=1e-3)}

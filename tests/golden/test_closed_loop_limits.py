@@ -14,7 +14,7 @@ import pytest
 
 from dynamics.systems import Parameter, ParameterTable, signals, time_stepping
 from ocp.mpc import Controller, Disturbance, simulate
-from ocp.problem import Constraint, Problem, Scaling
+from ocp.problem.problem import Constraint, Problem, Scaling
 
 H, N, GOAL, V_MAX, U_MAX = 0.05, 12, 2.0, 1.0, 4.0
 

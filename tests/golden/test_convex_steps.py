@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import problems
 from dynamics.contact import Exact, Step
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 
 
 @functools.cache

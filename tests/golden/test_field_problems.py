@@ -10,9 +10,9 @@ from scipy.optimize import minimize
 
 from dynamics.contact import Barrier, Exact
 from ocp import Direct, MultipleShooting, SingleShooting, Solution, Status, solve
-from ocp.judgement import judged
-from ocp.rollout import initial_guesses
-from ocp.solve import new_session
+from ocp.problem.rollout import initial_guesses
+from ocp.solve.judging import judged
+from ocp.solve.solve import new_session
 from problems import ball_throw, get, hopper_1d, spec
 from tests.golden import schedules
 

@@ -185,7 +185,7 @@ def test_a_simulation_whose_motion_overflows_says_so():
 @pytest.mark.costly
 def test_a_step_that_no_start_solves_is_named(monkeypatch: pytest.MonkeyPatch):
     """No step is ever good enough: what is said then names the step and claims no more."""
-    for module in ("ocp.rollout", "problems.machines.simulation"):
+    for module in ("ocp.problem.rollout", "problems.machines.simulation"):
         monkeypatch.setattr(f"{module}.STEP_TOLERANCE", -1.0)
     with pytest.raises(NotConverged, match=r"at step 0 .*no other start of the search") as found:
         simulate("hopper", 30, largest_inputs(0), seed=0, gyroscopic="explicit")

@@ -7,8 +7,8 @@ import pytest
 
 from dynamics.contact import Exact
 from ocp.learning.explorer import Explorer, random_transitions
-from ocp.learning.identification.identify import OneStepLoss, identify, intervals
-from ocp.learning.identification.random_search import RandomSearch
+from ocp.learning.identify import OneStepLoss, identify, intervals
+from ocp.learning.random_search import RandomSearch
 from problems.tasks.registry import get
 
 LINKS = ("torso", "thigh", "leg", "foot")

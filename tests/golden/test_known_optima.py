@@ -9,7 +9,7 @@ import pytest
 import problems
 from dynamics.contact import Exact
 from ocp.routes.relaxations import DEFAULT_STRATEGY
-from ocp.solve import solve
+from ocp.solve.solve import solve
 from tests.golden.known import BETTER, STATED, better, fault, reached, session_of, solved
 
 SPACE = ("quadruped", "ant", "push-cube", "reorient")

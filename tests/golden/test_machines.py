@@ -11,8 +11,8 @@ import pytest
 import problems
 from dynamics.contact import Barrier, Exact
 from ocp import Direct, Solution, Status, solve
-from ocp.judgement import judged
 from ocp.routes import complementarity
+from ocp.solve.judging import judged
 from ocp.transcription.nlp import NLP
 from problems.machines.hopper import hopper
 from problems.machines.simulation import simulate, simulation

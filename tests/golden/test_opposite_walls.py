@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from dynamics.contact import Exact
 from dynamics.contact.path import Path as Follower
 from dynamics.contact.reduced_path import ReducedPath, path_of
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems.registry import load
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "double_pendulum_walls.py"

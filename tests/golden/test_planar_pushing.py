@@ -7,9 +7,9 @@ import pytest
 import problems
 from dynamics.contact import Adaptive, Barrier, Exact, Randomized
 from ocp import Direct, Feedback, MultipleShooting, SingleShooting, Status, solve
-from ocp.judgement import judged
-from ocp.rollout import initial_guesses
-from ocp.solve import new_session
+from ocp.problem.rollout import initial_guesses
+from ocp.solve.judging import judged
+from ocp.solve.solve import new_session
 from problems.studies.start_without_contact.data import gains, plan
 from tests.golden.known import LAWS, better
 

@@ -12,8 +12,8 @@ import pytest
 from dynamics.contact import Exact
 from dynamics.systems import lcs
 from ocp import InputError, Problem, Scaling, Solution, Status, solve
-from ocp.refinement import AGREED, HALVINGS, Level, growth, halved, refined
-from ocp.rollout import roll_out
+from ocp.problem.rollout import roll_out
+from ocp.solve.refinement import AGREED, HALVINGS, Level, growth, halved, refined
 from problems import get
 
 COARSE = {"h": 0.2, "N": 10}

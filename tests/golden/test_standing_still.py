@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 
 from dynamics.contact import Exact
 from ocp import SingleShooting, Solution, Status, solve
-from ocp.solve import WAYS, best_of, new_session
+from ocp.solve.solve import WAYS, best_of, new_session
 from problems import get
 from problems.ball_throw import Params, roll
 

@@ -9,9 +9,9 @@ import pytest
 
 from dynamics.contact import Exact
 from ocp import Solution, solve
-from ocp.judges.referee import COST_SHARE, evaluate, survival_refined
-from ocp.judges.verdict import findings, grade, headline
-from ocp.rollout import Rollout, roll_out
+from ocp.judge.referee import COST_SHARE, evaluate, survival_refined
+from ocp.judge.verdict import findings, grade, headline
+from ocp.problem.rollout import Rollout, roll_out
 from problems import get
 
 

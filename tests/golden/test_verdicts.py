@@ -14,10 +14,10 @@ from dynamics.contact import Barrier, ContactLaw, Exact
 from dynamics.systems import ParameterTable, lcs, signals, time_stepping
 from ocp import Direct, MultipleShooting, Problem, SingleShooting, Solution, solve
 from ocp.errors import InputError
-from ocp.problem import Scaling
+from ocp.problem.problem import Scaling
+from ocp.problem.rollout import roll_out
 from ocp.programs.solver import Status
-from ocp.rollout import roll_out
-from ocp.solve import new_session, solve_session
+from ocp.solve.solve import new_session, solve_session
 from ocp.transcription import Method
 from problems import get, names
 from tests.unit.ocp.user_problems import (

@@ -15,7 +15,7 @@ from dynamics.systems.machine import with_implicit_forces
 from dynamics.systems.parameters import ParameterTable
 from ocp.errors import InputError
 from ocp.mpc.plants import Plant
-from ocp.rollout import roll_out
+from ocp.problem.rollout import roll_out
 from problems import get
 from problems.machines.half_cheetah import half_cheetah
 from problems.machines.hopper import hopper

@@ -36,7 +36,7 @@ from ocp import (
     roll_out,
     solve,
 )
-from ocp.problem import FreeStart
+from ocp.problem.problem import FreeStart
 from problems import get
 from problems.scenes import Body, Goal, Obstacle, Pusher, Scene
 from tests.unit.ocp.user_problems import defaults

@@ -15,9 +15,9 @@ import xarray as xr
 
 from dynamics.batch import BatchWarning
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
-from ocp.judges.referee import step_place
+from ocp.judge.referee import step_place
 from ocp.mpc import ClosedLoop, Controller, Disturbance, simulate
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems.registry import get
 from problems.studies.progress import tracked
 from problems.studies.study import Pieces, StudyParams, dataset, setting

@@ -10,8 +10,8 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp.errors import choose
+from ocp.jobs.scheduling import Failure, Function, Report, run_jobs
 from ocp.learning.training import ALGORITHMS
-from ocp.scheduling import Failure, Function, Report, run_jobs
 from problems.studies.progress import report
 from problems.studies.study import Claim, Pieces, over
 from problems.tasks import registry
@@ -38,7 +38,7 @@ def curves(jobs: Mapping[str, TrainingJob], pieces: Pieces) -> dict[str, Curves]
 
 
 def trained_curves(job: TrainingJob, tell: Report) -> Curves:
-    """Do a training; a :data:`~ocp.scheduling.Function`."""
+    """Do a training; a :data:`~ocp.jobs.scheduling.Function`."""
     data = trained(job, tell)
     return {str(name): data[name].values for name in data.data_vars}
 

@@ -17,7 +17,7 @@ import xarray as xr
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from dynamics.learned.transitions import Transitions
 from ocp import Direct, Solution, solve
-from ocp.rollout import roll_out
+from ocp.problem.rollout import roll_out
 from problems.registry import get
 from problems.studies.progress import tracked
 from problems.studies.shared.learned_laws import average, network, transitions

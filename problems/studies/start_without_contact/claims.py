@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from ocp import Status
-from ocp.judges.referee import COST_SHARE
+from ocp.judge.referee import COST_SHARE
 from problems.studies.start_without_contact.data import LAST, LAWS, PROBLEMS
 from problems.studies.study import Claim, listed, over
 

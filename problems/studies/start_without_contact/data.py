@@ -16,7 +16,7 @@ import xarray as xr
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from dynamics.learned.transitions import Transitions
 from ocp import SingleShooting, Solution, solve
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems.registry import get
 from problems.studies.progress import tracked
 from problems.studies.shared.learned_laws import transitions

@@ -18,9 +18,9 @@ from dynamics.learned.transitions import Transitions
 from dynamics.systems import ContactSystem, ParameterTable
 from ocp import Direct, Feedback, NotConverged, SingleShooting, solve
 from ocp.gradients.rollouts import RolloutObjective
-from ocp.learning.unrolls.unrolling import adam
-from ocp.problem import Problem
-from ocp.rollout import Gains, roll_on
+from ocp.learning.unrolling import adam
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import Gains, roll_on
 from problems.studies.shared.learned_laws import average, network
 
 DYNAMICS = ("f", "f_sigma", "g_sigma", "h", "h_sigma")

@@ -19,10 +19,10 @@ from dynamics.learned.fit import fit
 from dynamics.learned.region import Region
 from dynamics.learned.training import Epoch, Recipe, Training
 from dynamics.learned.transitions import LEAST, Transitions, split_rows
-from ocp.effort import check_memory
 from ocp.errors import InputError, choose
-from ocp.problem import Problem
-from ocp.scheduling import Failure, Report, run_jobs
+from ocp.jobs.scheduling import Failure, Report, run_jobs
+from ocp.problem.problem import Problem
+from ocp.problem.resources import check_memory
 from ocp.store import atomic, models
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.provenance import content_digest
@@ -234,7 +234,7 @@ class NetworkJob:
 
 
 def train_network(job: NetworkJob, report: Report) -> Learned:
-    """Train a network; a :data:`~ocp.scheduling.Function` that reports every epoch.
+    """Train a network; a :data:`~ocp.jobs.scheduling.Function` that reports every epoch.
 
     Raises :class:`~ocp.errors.InputError` for data that a network cannot learn from.
     """

@@ -10,16 +10,16 @@ from typing import Any
 
 from dynamics.contact import ContactLaw
 from ocp import store
-from ocp.effort import check_memory
 from ocp.errors import InputError, interruptible
-from ocp.factories import closing_law
+from ocp.jobs.scheduling import Failure, run_jobs
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Algorithm, Trained
 from ocp.learning.training import check_training, evaluate
-from ocp.scheduling import Failure, run_jobs
+from ocp.problem.resources import check_memory
+from ocp.problem.task import Task
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.stored_run import StoredRun
-from ocp.task import Task
+from ocp.transcription.factories import closing_law
 from problems.tasks import registry
 from problems.tasks.registry import TaskSpec
 from problems.tasks.training import TrainingJob, rebuilt, record, trained, unfinished

@@ -9,11 +9,11 @@ from typing import Any, get_type_hints
 
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.learning.experiment import Experiment
-from ocp.learning.identification.psi_learning import PsiLearning
-from ocp.learning.identification.random_search import RandomSearch
 from ocp.learning.protocol import Algorithm
+from ocp.learning.psi_learning import PsiLearning
+from ocp.learning.random_search import RandomSearch
 from ocp.learning.training import ALGORITHMS
-from ocp.request import declared
+from ocp.solve.request import declared
 from ocp.validation import parse
 from problems.tasks import registry
 from problems.tasks.registry import TaskSpec, default_settings, make_algorithm, settings_of

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ocp.mpc.plants import Plant
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from tests.benchmarks.mpc.tasks import SKIP, Task
 
 EPS = 1e-6

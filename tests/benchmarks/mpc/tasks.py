@@ -11,7 +11,7 @@ import numpy as np
 import problems
 from ocp.mpc.plants import Disturbance
 from ocp.mpc.simulate import Goals
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 
 SKIP, BALANCED = 10, (0.35, 0.1)
 """Samples of each run that are not timed; largest place [m] and angle [rad] of a balanced pole."""

@@ -9,9 +9,9 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from dynamics.systems import ParameterTable, lcs
-from ocp.problem import Problem, Scaling
-from ocp.session import Session
-from ocp.solve import new_session
+from ocp.problem.problem import Problem, Scaling
+from ocp.routes.session import Session
+from ocp.solve.solve import new_session
 from problems import get
 from tests.benchmarks.ocp.models import random_matrices
 from tests.benchmarks.ocp.opti_peer import Guess

@@ -19,7 +19,7 @@ from dynamics.systems.contacts import Contact, Pose, Shape
 from dynamics.systems.contacts.polygon import vertex_pairs
 from dynamics.systems.contacts.shapes import column
 from ocp import solve
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.scenes import Body, Box, Disc, Goal, Obstacle, Pusher, Scene, things
 
 LIMIT = 150

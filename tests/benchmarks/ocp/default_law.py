@@ -16,9 +16,9 @@ from multiprocessing import get_context
 from statistics import median
 
 from docs.generator.measured import DATA, read, write_table
-from ocp.judgement import judged
-from ocp.rollout import initial_guesses
-from ocp.solve import new_session
+from ocp.problem.rollout import initial_guesses
+from ocp.solve.judging import judged
+from ocp.solve.solve import new_session
 from problems import get, names
 
 TABLE, LAWS = "default-law", ("exact", "barrier")

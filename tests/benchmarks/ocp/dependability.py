@@ -18,11 +18,11 @@ from statistics import median
 
 from docs.generator.measured import DATA, read, write_table
 from dynamics.contact import Exact
-from ocp.judgement import judged
+from ocp.problem.rollout import initial_guesses
 from ocp.programs.solver import Status
-from ocp.rollout import initial_guesses
 from ocp.solution import Solution
-from ocp.solve import new_session
+from ocp.solve.judging import judged
+from ocp.solve.solve import new_session
 from problems import get, names, spec
 
 TABLE = "dependability"

@@ -19,7 +19,7 @@ import numpy as np
 from dynamics.systems import ContactSystem, Parameter, ParameterTable, signals
 from dynamics.systems.pairs import Sharp
 from ocp import solve
-from ocp.problem import Constraint, Problem, Scaling
+from ocp.problem.problem import Constraint, Problem, Scaling
 
 N, H, LIMIT, DAMPING = 100, 0.04, 0.4, 0.05
 """Steps, step size [s], largest force [N], and the damper [N s/rad]."""

@@ -21,16 +21,16 @@ import numpy as np
 
 from docs.generator.measured import write_table
 from dynamics.contact import Barrier, Exact
-from ocp.judgement import judged
-from ocp.physics.constraints import broken_constraints
+from ocp.judge.constraints import broken_constraints
+from ocp.problem.rollout import initial_guesses
 from ocp.programs.solver import Status
-from ocp.rollout import initial_guesses
 from ocp.routes.complementarity import Search, by_strategy
 from ocp.routes.homotopy import Homotopy, RouteResult
 from ocp.routes.relaxations import CentralPath
-from ocp.session import Session
+from ocp.routes.session import Session
 from ocp.solution import Solution
-from ocp.solve import new_session, solve
+from ocp.solve.judging import judged
+from ocp.solve.solve import new_session, solve
 from ocp.transcription import Method, MultipleShooting, SingleShooting
 from problems import get
 from tests.benchmarks.ocp.random_draws import PROBLEMS, Instance, drawn

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from docs.generator.measured import DATA, read, write_table
 from ocp.programs.solver import SOLVERS
-from ocp.solve import solve
+from ocp.solve.solve import solve
 from problems import names, spec
 
 TABLE = "solvers"

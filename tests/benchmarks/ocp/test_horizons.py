@@ -9,8 +9,8 @@ import pytest
 
 from docs.generator.measured import write_table
 from dynamics.contact import Barrier, ContactLaw, Exact
-from ocp.judgement import judged
-from ocp.solve import new_session
+from ocp.solve.judging import judged
+from ocp.solve.solve import new_session
 from problems import get
 from tests.benchmarks.ocp.race import tell
 

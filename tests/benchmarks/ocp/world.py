@@ -19,7 +19,7 @@ import numpy as np
 
 import problems
 from ocp import solve
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from tests.benchmarks.ocp.world_scenes import SCENES
 
 LIMIT = 180

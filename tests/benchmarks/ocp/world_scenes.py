@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import casadi as ca
 
 from dynamics.systems import ParameterTable
-from ocp.problem import Constraint, Problem, Scaling
+from ocp.problem.problem import Constraint, Problem, Scaling
 from problems.scenes import (
     Body,
     Box,

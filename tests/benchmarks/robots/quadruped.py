@@ -17,11 +17,11 @@ from dynamics.batch.engines import compiler
 from dynamics.batch.engines.c_external import source
 from dynamics.contact import Barrier, ContactLaw, Exact
 from dynamics.systems import ParameterTable
-from ocp.policy import OpenLoop
-from ocp.problem import Problem, Scaling
+from ocp.problem.policy import OpenLoop
+from ocp.problem.problem import Problem, Scaling
 from ocp.programs.program import Layout
 from ocp.programs.solver import Solver
-from ocp.session import Session
+from ocp.routes.session import Session
 from ocp.transcription import Direct
 from ocp.transcription.common import Graph
 from ocp.transcription.direct import trajectory_variables

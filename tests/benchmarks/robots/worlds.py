@@ -19,8 +19,8 @@ from docs.generator.measured import DATA, read, write_table
 from dynamics.batch import BatchWarning
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact
 from ocp.mpc import Controller, simulate
-from ocp.rollout import trajectory_costs
-from ocp.worlds.replay import KEPT, in_world
+from ocp.problem.rollout import trajectory_costs
+from ocp.simulators.replay import KEPT, in_world
 from problems import get
 
 TABLE = "worlds"

@@ -3,7 +3,7 @@
 import casadi as ca
 
 from dynamics.systems import Link, Machine, Sphere
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems.parameters import Parameters, quantity, structure, table
 
 name, title = "elbow", "An arm whose elbow has a stop"

@@ -2,7 +2,7 @@
 
 from dynamics.systems import signals, time_stepping
 from ocp import Constraint, free
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems.parameters import Parameters, quantity, structure, table
 
 name, title = "shuttle", "A shuttle in the least time"

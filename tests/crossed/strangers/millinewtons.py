@@ -3,7 +3,7 @@
 import casadi as ca
 
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.parameters import Parameters, quantity, structure, table
 
 name, title = "slider", "A slider between two stops"

@@ -1,7 +1,7 @@
 """The tip of a microscope over a sample; its distance sensor counts nanometres."""
 
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.parameters import Parameters, quantity, structure, table
 
 name, title = "tip", "A tip comes down onto a sample"

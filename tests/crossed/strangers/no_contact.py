@@ -3,7 +3,7 @@
 import casadi as ca
 
 from dynamics.systems import Link, Machine
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems.parameters import Parameters, quantity, structure, table
 
 name, title = "swing-up", "A pendulum on a cart swings up"

@@ -3,7 +3,7 @@
 import casadi as ca
 
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems.parameters import Parameters, quantity, structure, table
 
 name, title = "paddle", "A paddle lifts a ball"

@@ -1,7 +1,7 @@
 """A ball that a spring leg keeps hopping: where does the cycle begin?"""
 
 from dynamics.systems import signals, time_stepping
-from ocp.problem import FreeStart, Problem
+from ocp.problem.problem import FreeStart, Problem
 from problems.parameters import Parameters, quantity, structure, table
 
 name, title = "hop", "A cycle of a hopping mass"

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems import robots
 from problems.parameters import Parameters, quantity, structure, table
 

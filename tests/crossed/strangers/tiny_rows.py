@@ -1,7 +1,7 @@
 """A flow that must stay below 2e-9 m^3/s while a valve's plate closes on its seat."""
 
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Constraint, Problem
+from ocp.problem.problem import Constraint, Problem
 from problems.parameters import Parameters, quantity, structure, table
 
 name, title = "valve", "The plate of a valve"

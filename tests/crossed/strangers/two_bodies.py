@@ -2,7 +2,7 @@
 
 import casadi as ca
 
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems.parameters import Parameters, quantity, structure, table
 from problems.scenes import Body, Disc, Goal, Pusher, Scene, pictured
 

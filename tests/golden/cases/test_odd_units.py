@@ -8,11 +8,11 @@ import pytest
 
 from dynamics.systems import ParameterTable, signals, time_stepping
 from ocp import mpcc, solve
+from ocp.judge.certificate import certify
 from ocp.mpcc.programs import programs_of
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from ocp.programs.program import PENALTY, RELAXATION
 from ocp.programs.solver import Status
-from ocp.stationarity.certificate import certify
 
 NO_PARAMETERS = ParameterTable()
 NOTHING = {PENALTY: 0.0, RELAXATION: 0.0}

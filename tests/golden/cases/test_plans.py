@@ -20,7 +20,7 @@ from dynamics.systems import (
     time_stepping,
 )
 from ocp import Constraint, Solution, Status, free, solve
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 from problems.scenes import Body, Box, Disc, Goal, Obstacle, Polygon, Pusher, Scene, Union
 
 TABLE = ParameterTable([Parameter("h", 0.1, "s")])

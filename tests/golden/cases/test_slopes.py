@@ -7,7 +7,7 @@ import pytest
 
 from dynamics.systems import Parameter, ParameterTable, signals, time_stepping
 from ocp import InputError, solve
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 
 STEP, N, MASS, WEIGHT = 0.05, 8, 2.0, 20.0
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dynamics.batch import Gaussian
 from dynamics.contact import Barrier
 from ocp.gradients.rollouts import RolloutObjective
-from ocp.policy import Feedback
+from ocp.problem.policy import Feedback
 from problems import get, names
 from tests.examples import settings
 

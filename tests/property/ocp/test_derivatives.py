@@ -12,9 +12,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from dynamics.contact import Adaptive
-from ocp.policy import OpenLoop
+from ocp.problem.policy import OpenLoop
 from ocp.programs.program import PENALTY, REFORMULATIONS, RELAXATION
-from ocp.session import Session
+from ocp.routes.session import Session
 from problems import get
 from tests.examples import settings
 from tests.unit.ocp.cases import (

@@ -13,11 +13,11 @@ from ocp.gradients import RolloutObjective, StaticObjective, estimate_gradient
 from ocp.gradients.estimators import SAMPLED
 from ocp.learning.experiment import Experiment
 from ocp.learning.total_propagation import TotalPropagation
-from ocp.learning.unrolls.gradients import ARS, FOPG, ZOPG, AoBG
-from ocp.learning.unrolls.unrolling import roll
-from ocp.policy import Feedback
-from ocp.problem import Problem
-from ocp.task import Task
+from ocp.learning.unroll_gradients import ARS, FOPG, ZOPG, AoBG
+from ocp.learning.unrolling import roll
+from ocp.problem.policy import Feedback
+from ocp.problem.problem import Problem
+from ocp.problem.task import Task
 from problems.tasks import registry
 from tests.unit.dynamics.batch.backends import BACKENDS
 

@@ -10,12 +10,12 @@ import pytest
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from ocp import Direct, MultipleShooting, OpenLoop, Problem, SingleShooting, Status
-from ocp.judgement import judged
+from ocp.problem.rollout import Rollout, roll_out
 from ocp.programs.solver import Point, Result
-from ocp.rollout import Rollout, roll_out
 from ocp.routes.homotopy import RouteResult, Trace
 from ocp.routes.rollouts import pack_rollout
-from ocp.session import Session
+from ocp.routes.session import Session
+from ocp.solve.judging import judged
 from problems import get
 
 NAMES = (

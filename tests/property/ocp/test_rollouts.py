@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dynamics.contact import Barrier, ContactLaw, Exact
 from ocp import Gains, Problem, roll_out
-from ocp.rollout import roll_on, trajectory_costs
+from ocp.problem.rollout import roll_on, trajectory_costs
 from problems import get
 from tests.examples import settings
 

@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from ocp.mpcc import MPCC
 from ocp.mpcc import solve as solve_pairs
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from ocp.programs.solver import Status
 from ocp.programs.units import Units, dimension, fitted
 from ocp.solution import Solution
-from ocp.solve import solve
+from ocp.solve.solve import solve
 from problems import get, spec
 from problems.parameters import is_structural, unit_of
 from tests.examples import settings

@@ -20,8 +20,8 @@ from ocp import (
     Scenarios,
     SingleShooting,
 )
-from ocp.policy import Policy
-from ocp.session import Session
+from ocp.problem.policy import Policy
+from ocp.routes.session import Session
 from ocp.transcription import Method
 from problems import get
 

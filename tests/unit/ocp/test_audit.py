@@ -21,12 +21,12 @@ from ocp import (
     Status,
     solve,
 )
-from ocp.judgement import judged
-from ocp.judges.audit import audit, signed_distances, task_gradient, worst_constraints
+from ocp.judge.audit import audit, signed_distances, task_gradient, worst_constraints
+from ocp.problem.rollout import roll_out
 from ocp.programs.solver import Point
-from ocp.rollout import roll_out
 from ocp.routes.homotopy import RouteResult
-from ocp.session import Session
+from ocp.routes.session import Session
+from ocp.solve.judging import judged
 from ocp.transcription.nlp import trajectories
 from problems import get
 

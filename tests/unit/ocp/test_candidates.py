@@ -11,7 +11,7 @@ from ocp import solve
 from ocp.errors import InputError
 
 # The package's function has the name of the module.
-solving = import_module("ocp.solve")
+solving = import_module("ocp.solve.solve")
 judged = solving.judged
 
 

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from dynamics.systems.pairs import Kind
-from ocp.stationarity.certificate import _WORDS, certify
-from ocp.stationarity.lpec import LinearModel, negative_curvature
+from ocp.judge.certificate import _WORDS, certify
+from ocp.judge.lpec import LinearModel, negative_curvature
 from tests.unit.ocp.mpcc.mpcc_cases import SmallMPCC, free_pair, scheel_scholtes
 
 RADIUS = 1e-3

@@ -9,7 +9,7 @@ import pytest
 from dynamics.batch.engines import compiler
 from dynamics.contact import Barrier
 from ocp import Direct, MultipleShooting, SingleShooting, solve
-from ocp.solve import new_session
+from ocp.solve.solve import new_session
 from problems import get
 
 

@@ -11,8 +11,8 @@ from dynamics.contact import Adaptive, Barrier, Exact
 from ocp import Constraint, Direct, InputError, MultipleShooting, SingleShooting, solve
 from ocp.continuation import Continuation, CurvePoint, continue_over, curve_dataset, resolve
 from ocp.continuation.tracking import Tracker
-from ocp.session import Session
-from ocp.solve import new_session
+from ocp.routes.session import Session
+from ocp.solve.solve import new_session
 from problems import get
 
 

@@ -6,10 +6,10 @@ import inspect
 from dataclasses import fields
 
 from docs.generator.measured import read
-from ocp.factories import DEFAULT_LAW
-from ocp.solve import solve
-from ocp.sweeps.case import Case
-from ocp.sweeps.sweep import sweep
+from ocp.jobs.case import Case
+from ocp.jobs.sweep import sweep
+from ocp.solve.solve import solve
+from ocp.transcription.factories import DEFAULT_LAW
 from reports.cli.commands import ContinueOptions, SolveOptions, SweepOptions
 
 

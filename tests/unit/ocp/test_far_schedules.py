@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from dynamics.contact import Exact
-from ocp.judgement import judged
 from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import Branches
 from ocp.routes.homotopy import Homotopy, RouteResult
 from ocp.routes.rollouts import RolloutStarts
 from ocp.routes.schedules import apart
-from ocp.solve import new_session, solve
+from ocp.solve.judging import judged
+from ocp.solve.solve import new_session, solve
 from problems import get
 from problems.ball_throw import Params, roll
 from tests.benchmarks.ocp.random_draws import drawn

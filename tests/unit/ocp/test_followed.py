@@ -7,7 +7,7 @@ import pytest
 from dynamics.contact import Exact
 from ocp import Direct, solve
 from ocp.continuation import continue_over
-from ocp.solve import new_session
+from ocp.solve.solve import new_session
 from problems import get
 
 

@@ -20,7 +20,7 @@ from ocp import (
     free,
     solve,
 )
-from ocp.free_time import FreeStep
+from ocp.problem.free_time import FreeStep
 from problems import get
 from tests.unit.ocp.user_problems import defaults
 

@@ -11,10 +11,9 @@ import pytest
 from dynamics.contact import Barrier, Exact
 from ocp import Direct, OpenLoop, solve
 from ocp.programs.solver import Point, Solver
-from ocp.routes.homotopy import Homotopy, HomotopyPath, HomotopyStage, geometric, translate
+from ocp.routes.homotopy import Homotopy, HomotopyPath, HomotopyStage, StageRecord, geometric, translate
 from ocp.routes.relaxations import STRATEGIES
-from ocp.session import Session
-from ocp.solution import StageRecord
+from ocp.routes.session import Session
 from problems import get
 
 VALUES = [0.05, 0.02, 0.01, 0.005]

@@ -21,8 +21,8 @@ from ocp import (
     solve,
 )
 from ocp.gradients.rollouts import RolloutObjective
-from ocp.physics.constraints import broken_constraints
-from ocp.rollout import problem_impulses, roll_on
+from ocp.judge.constraints import broken_constraints
+from ocp.problem.rollout import problem_impulses, roll_on
 from problems import get
 from tests.unit.dynamics.learned.wavy import Wavy
 from tests.unit.ocp.user_problems import defaults, physical

@@ -11,8 +11,9 @@ from dynamics.contact import Barrier, Exact
 from ocp import Status, solve
 from ocp.errors import interruptible
 from ocp.programs.solver import Solver, noted
-from ocp.solution import Interrupted, StageRecord
-from ocp.solve import new_session
+from ocp.routes.homotopy import StageRecord
+from ocp.solution import Interrupted
+from ocp.solve.solve import new_session
 from problems import get
 
 

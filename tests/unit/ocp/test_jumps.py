@@ -10,8 +10,8 @@ import pytest
 
 from dynamics.systems import ParameterTable, signals, time_stepping
 from ocp import mpcc, solve
-from ocp.judges.jumps import Domain, jump_findings, jumps
-from ocp.problem import Constraint, Problem
+from ocp.judge.jumps import Domain, jump_findings, jumps
+from ocp.problem.problem import Constraint, Problem
 from problems import get, names
 
 X = ca.SX.sym("x", 2)

@@ -8,7 +8,7 @@ import pytest
 
 from dynamics.systems import ParameterTable, signals, time_stepping
 from ocp import Direct, solve
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 
 H, G, FRICTION, N = 0.1, 10.0, 0.5, 4
 

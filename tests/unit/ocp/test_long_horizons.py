@@ -10,13 +10,13 @@ import pytest
 
 from dynamics.contact import Barrier, Exact
 from ocp import Solution, solve
+from ocp.judge.certificate import certify, linear_model, tolerance_of
+from ocp.judge.lpec import LinearModel
 from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import LONGEST, Branches, second_limit
 from ocp.routes.homotopy import Homotopy
 from ocp.routes.relaxations import CentralPath
-from ocp.solve import new_session
-from ocp.stationarity.certificate import certify, linear_model, tolerance_of
-from ocp.stationarity.lpec import LinearModel
+from ocp.solve.solve import new_session
 from problems import get
 
 

@@ -13,7 +13,7 @@ from dynamics.systems import Parameter, ParameterTable, quasi_dynamic, signals
 from ocp import Direct, OpenLoop, Problem
 from ocp.continuation import continue_over
 from ocp.errors import InputError
-from ocp.session import Session
+from ocp.routes.session import Session
 
 
 def finger(m: float = 1.0, K: float = 50.0, f: float = 0.5, h: float = 0.1) -> Problem:

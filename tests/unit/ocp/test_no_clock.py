@@ -15,7 +15,7 @@ import pytest
 
 import ocp
 from dynamics.contact import Exact
-from ocp.solve import solve
+from ocp.solve.solve import solve
 from problems import get
 
 CLOCKS = {"perf_counter", "thread_time", "process_time", "monotonic", "time_ns", "clock_gettime"}

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ocp import Constraint, Problem
-from ocp.physics.constraints import broken_constraints
-from ocp.physics.measures import distances, least_between, measure
+from ocp.judge.constraints import broken_constraints
+from ocp.judge.measures import distances, least_between, measure
 from problems import get
 from tests.unit.ocp.user_problems import physical
 

@@ -12,15 +12,11 @@ import pytest
 from dynamics.contact import Barrier, Exact
 from dynamics.systems import ContactSystem
 from ocp import Direct, Gains, NotConverged, Problem, Solution, roll_out, solve
-from ocp.judges.referee import Referee, RefereeReport, evaluate, referee, survival
-from ocp.physics.constraints import broken_constraints
-from ocp.physics.measures import measure
-from ocp.physics.step_solutions import (
-    Nonuniqueness,
-    differing_contacts,
-    find_nonuniqueness,
-)
-from ocp.rollout import Rollout, roll_on
+from ocp.judge.constraints import broken_constraints
+from ocp.judge.measures import measure
+from ocp.judge.referee import Referee, RefereeReport, evaluate, referee, survival
+from ocp.judge.step_solutions import Nonuniqueness, differing_contacts, find_nonuniqueness
+from ocp.problem.rollout import Rollout, roll_on
 from problems import get
 from tests.unit.ocp.user_problems import (
     defaults,

@@ -16,7 +16,7 @@ from ocp.routes.complementarity import Search, by_strategy
 from ocp.routes.homotopy import Homotopy
 from ocp.routes.relaxations import CentralPath
 from ocp.routes.schedules import ScheduleMove, improve_schedule, moved, moves, predicted_gains, runs
-from ocp.solve import new_session, solve
+from ocp.solve.solve import new_session, solve
 from problems import get
 from tests.benchmarks.ocp.random_draws import drawn
 

@@ -10,8 +10,8 @@ import pytest
 from dynamics.contact import Adaptive, Barrier, Exact
 from ocp import Direct, Feedback, InputError, MultipleShooting, SingleShooting, Status, solve
 from ocp.programs.solver import SOLVERS, Solver
-from ocp.request import Settings, literal
 from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
+from ocp.solve.request import Settings, literal
 from problems import get
 
 

@@ -9,9 +9,9 @@ import pytest
 from dynamics.contact import Barrier
 from dynamics.systems import ParameterTable, quasi_dynamic, signals, time_stepping
 from ocp import Constraint, Problem, solve
-from ocp.judges.referee import Referee, survival
-from ocp.physics.measures import measure
-from ocp.rollout import Rollout
+from ocp.judge.measures import measure
+from ocp.judge.referee import Referee, survival
+from ocp.problem.rollout import Rollout
 
 SCALES = [1.0, 1e-3]
 

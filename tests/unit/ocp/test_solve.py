@@ -22,8 +22,8 @@ from ocp import (
     roll_out,
     solve,
 )
-from ocp.rollout import initial_guesses
-from ocp.solve import new_session, rank
+from ocp.problem.rollout import initial_guesses
+from ocp.solve.solve import new_session, rank
 from problems import get
 
 

@@ -11,10 +11,10 @@ import pytest
 from dynamics.contact import Exact
 from dynamics.systems import Parameter, ParameterTable, lcs, signals, time_stepping
 from ocp import Direct, solve
-from ocp.judges.referee import evaluate
-from ocp.physics.step_solutions import Nonuniqueness, find_nonuniqueness
-from ocp.problem import Problem, Scaling
-from ocp.rollout import roll_out
+from ocp.judge.referee import evaluate
+from ocp.judge.step_solutions import Nonuniqueness, find_nonuniqueness
+from ocp.problem.problem import Problem, Scaling
+from ocp.problem.rollout import roll_out
 from problems import get
 from tests.unit.ocp.user_problems import defaults
 

@@ -22,13 +22,14 @@ import xarray as xr
 from dynamics.contact import Barrier
 from ocp import solve, store
 from ocp.errors import DamagedRun, InputError, NotWritten
-from ocp.judges.audit import Audit
-from ocp.judges.referee import RefereeReport
-from ocp.physics.constraints import Violation
-from ocp.physics.measures import Worst
+from ocp.judge.audit import Audit
+from ocp.judge.certificate import Certificate, ContactChange
+from ocp.judge.constraints import Violation
+from ocp.judge.measures import Worst
+from ocp.judge.referee import RefereeReport
 from ocp.programs.solver import Status
-from ocp.solution import Solution, StageRecord
-from ocp.stationarity.certificate import Certificate, ContactChange
+from ocp.routes.homotopy import StageRecord
+from ocp.solution import Solution
 from ocp.store import atomic, lookup
 from problems import get
 from tests.resealed import having, lacking, reseal

@@ -11,8 +11,8 @@ from dynamics.systems import Parameter, ParameterTable, lcs
 from ocp import Direct
 from ocp.continuation import Continuation, continue_over
 from ocp.continuation.events import describe_events
-from ocp.problem import Problem, Scaling
-from ocp.solve import new_session
+from ocp.problem.problem import Problem, Scaling
+from ocp.solve.solve import new_session
 
 R = 0.5
 

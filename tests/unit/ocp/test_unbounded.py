@@ -10,9 +10,9 @@ import pytest
 
 from dynamics.systems import ParameterTable, signals, time_stepping
 from ocp import mpcc, solve
-from ocp.problem import Constraint, Problem
+from ocp.judge.unbounded import fall
+from ocp.problem.problem import Constraint, Problem
 from ocp.programs.solver import Status
-from ocp.stationarity.unbounded import fall
 
 WITHOUT_END = {
     "linear": lambda t: 3 - t,

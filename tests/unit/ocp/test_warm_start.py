@@ -13,11 +13,11 @@ import xarray as xr
 
 from dynamics.contact import Adaptive, Barrier, Exact
 from ocp import Direct, Feedback, InputError, MultipleShooting, OpenLoop, SingleShooting, solve
-from ocp.problem import FreeStart, Problem
+from ocp.problem.problem import FreeStart, Problem
 from ocp.solution import Solution
-from ocp.solve import new_session
+from ocp.solve.solve import new_session
+from ocp.solve.warm_start import carried_guess, carry
 from ocp.transcription.nlp import NLP
-from ocp.warm_start import carried_guess, carry
 from problems import get
 
 METHODS = [Direct(), MultipleShooting(), SingleShooting()]
@@ -175,7 +175,7 @@ def test_gains_move_with_the_mesh() -> None:
 def test_where_it_does_not_converge_the_usual_path_is_followed(
     pushed: Solution, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from ocp import session as sessions
+    from ocp.routes import session as sessions
 
     resume = sessions.Session.resume
     monkeypatch.setattr(

@@ -19,7 +19,7 @@ from dynamics.systems import (
 from ocp import Direct, Feedback, MultipleShooting, SingleShooting, solve
 from ocp.mpc.controller import Controller
 from ocp.mpc.simulate import simulate
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 
 H, N, WEIGHT = 0.1, 20, 100.0
 LAWS = [Exact(), Barrier(mu=1e-3), Adaptive(sigma=0.1), Randomized(sigma=0.1)]

@@ -22,8 +22,8 @@ from dynamics.systems import (
 )
 from ocp import InputError, Problem
 from ocp.mpc.plants import Plant
-from ocp.worlds.mujoco_world import MujocoWorld
-from ocp.worlds.replay import in_world
+from ocp.simulators.mujoco_world import MujocoWorld
+from ocp.simulators.replay import in_world
 from problems import get
 
 H = 0.01

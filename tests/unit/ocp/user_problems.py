@@ -12,7 +12,7 @@ from dynamics.systems import (
     signals,
     time_stepping,
 )
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
 
 
 def defaults(problem: Problem) -> dict[str, float]:

@@ -196,7 +196,7 @@ def test_show_has_equations_that_typeset_and_a_citation_that_exists(name: str):
 OWN = """
 import casadi as ca
 from dynamics.systems import Link, Machine, Sphere
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems import Parameters, table
 
 name, title = "own", "A machine of one's own"

@@ -14,7 +14,7 @@ import typst
 import problems
 from dynamics.contact import Exact
 from ocp.errors import InputError
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems.parameters import is_structural
 from reports.cli.request import assignments
 
@@ -267,7 +267,7 @@ def test_bad_assignments_get_their_sentence(assignment: list[str], sentence: str
 USER = """
 import casadi as ca
 from dynamics.systems import signals, time_stepping
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems import Parameters, quantity, structure, table
 
 name, title = "my-wall", "A mass of my own"

@@ -13,7 +13,7 @@ from scipy.linalg import solve_discrete_are
 import problems
 from dynamics.contact import Exact
 from ocp.errors import InputError
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems.soft_walls import cost_to_go
 from tests.unit.problems.test_problems import expressions
 

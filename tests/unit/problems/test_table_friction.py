@@ -16,8 +16,8 @@ from dynamics.contact import Exact
 from dynamics.systems import ContactSystem, ParameterTable
 from dynamics.systems.contacts.areas import mean_distance
 from ocp.errors import InputError
-from ocp.problem import Problem, Scaling
-from ocp.routes.near_steps import NearSteps
+from ocp.problem.problem import Problem, Scaling
+from ocp.search.near_steps import NearSteps
 from problems.scenes import Body, Box, Capsule, Disc, Pusher, Scene, Union
 
 F, REACH, H = 0.4 * 2.0 * 9.81, 0.08, 0.05

@@ -14,8 +14,8 @@ from rich.console import Console
 
 from dynamics.contact import Exact
 from ocp import solve, store
-from ocp.judges.audit import Audit
-from ocp.physics.contact_report import ContactSummary, acting
+from ocp.judge.audit import Audit
+from ocp.judge.contact_report import ContactSummary, acting
 from problems import spec
 from reports import console
 from reports.cli.solve_command import document

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ocp.routes.branches import NEIGHBOUR
-from ocp.solution import StageRecord
+from ocp.routes.homotopy import StageRecord
 from reports.console import shown_stages, stage_note, stage_rows
 
 

@@ -10,9 +10,9 @@ import xarray as xr
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
+from ocp.jobs.sweep import rows, verdict
+from ocp.jobs.sweep_job import COUNTS, NUMBERS, WORDS
 from ocp.store.stored_run import StoredRun
-from ocp.sweeps.job import COUNTS, NUMBERS, WORDS
-from ocp.sweeps.sweep import rows, verdict
 from reports.figures.sweep import figures, replayed
 from reports.pages.sweep import sweep_content
 from reports.style import styled

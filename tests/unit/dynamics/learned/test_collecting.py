@@ -12,7 +12,7 @@ import dynamics.batch.function as stepping
 from dynamics.learned.collecting import collect
 from dynamics.learned.region import Region
 from dynamics.learned.transitions import Transitions
-from ocp.problem import Problem
+from ocp.problem.problem import Problem
 from problems import get
 from problems.regions import around_task, region_of
 from problems.registry import spec

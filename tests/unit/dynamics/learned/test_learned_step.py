@@ -13,8 +13,8 @@ from dynamics.contact import ContactLaw, Exact, Randomized
 from dynamics.contact.learned_step import CasadiMap
 from dynamics.learned.laws import Ewda, Mlp
 from ocp import Direct, Feedback, MultipleShooting, OpenLoop, SingleShooting, solve
+from ocp.problem.rollout import roll_out
 from ocp.programs.program import PENALTY, RELAXATION
-from ocp.rollout import roll_out
 from ocp.transcription.common import Graph
 from problems import get
 from tests.unit.dynamics.learned.wavy import Wavy

@@ -10,9 +10,10 @@ import pytest
 import ocp
 from dynamics.batch import Gaussian
 from ocp.errors import InputError
-from ocp.gradients import parallel, sampling
+from ocp.gradients import sampling
 from ocp.gradients.case import ObjectiveCase
 from ocp.gradients.estimators import SAMPLED
+from ocp.jobs import estimate_parts
 from ocp.store.checkpoint import Checkpoint
 from reports.cli.app import main
 
@@ -59,12 +60,12 @@ def test_noise_that_rounding_hides_is_refused():
 def test_processes_sample_the_same_bits(name, monkeypatch):
     """Pieces are computed in other processes and summed in their order."""
     monkeypatch.setattr(sampling, "_KEPT_VALUES", 1)
-    monkeypatch.setattr(parallel, "PIECE", parallel.BULK)
+    monkeypatch.setattr(estimate_parts, "PIECE", estimate_parts.BULK)
     params = {"N": 2} if name == "push-1d" else {}
     given = {
         "params": params,
         "reference": "none",
-        "samples": parallel.BULK + 100_000,
+        "samples": estimate_parts.BULK + 100_000,
         "threads": 1,
     }
     alone = ocp.estimate(name, ["zobg-mean", "fobg"], **given)
@@ -78,13 +79,13 @@ def test_processes_sample_the_same_bits(name, monkeypatch):
 def test_a_stopped_estimate_resumes_with_other_workers(monkeypatch, tmp_path):
     """Sums saved by one process are continued by two, to the last bit."""
     monkeypatch.setattr(sampling, "_KEPT_VALUES", 1)
-    monkeypatch.setattr(parallel, "PIECE", parallel.BULK)
+    monkeypatch.setattr(estimate_parts, "PIECE", estimate_parts.BULK)
     case = ObjectiveCase("heaviside", {}, engine={"threads": 1})
-    objective, noise, n = case.build().objective, Gaussian(0.1, 4), 3 * parallel.BULK
+    objective, noise, n = case.build().objective, Gaussian(0.1, 4), 3 * estimate_parts.BULK
     whole = sampling.run_estimator(objective, SAMPLED["zobg"], noise, n)
     with Checkpoint(tmp_path, "heaviside", {"seed": 4}) as kept:
-        sampling.run_estimator(objective, SAMPLED["zobg"], noise, parallel.BULK, keep=(kept, "z"))
-        workers = parallel.JobWorkers(case, jobs=2)
+        sampling.run_estimator(objective, SAMPLED["zobg"], noise, estimate_parts.BULK, keep=(kept, "z"))
+        workers = estimate_parts.JobWorkers(case, jobs=2)
         resumed = sampling.run_estimator(objective, SAMPLED["zobg"], noise, n, keep=(kept, "z"), workers=workers)
     np.testing.assert_array_equal(resumed.moments.mean, whole.moments.mean)
     np.testing.assert_array_equal(resumed.moments.m2, whole.moments.m2)

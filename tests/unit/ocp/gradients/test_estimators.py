@@ -15,7 +15,7 @@ from ocp.errors import InputError
 from ocp.gradients import RolloutObjective, StaticObjective, estimate_gradient, sampling
 from ocp.gradients.estimators import SAMPLED, ConfidenceTest, FixedWeight
 from ocp.gradients.verdict import empirical_bias, sharpest_change
-from ocp.policy import Feedback, OpenLoop
+from ocp.problem.policy import Feedback, OpenLoop
 from problems import get, names
 from problems.registry import objective_spec
 

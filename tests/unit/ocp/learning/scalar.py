@@ -10,7 +10,7 @@ import numpy as np
 from dynamics.contact import Exact
 from dynamics.systems import Parameter, ParameterTable, Signal, lcs
 from ocp.learning.experiment import Experiment
-from ocp.task import Measure, Task
+from ocp.problem.task import Measure, Task
 
 A, B, FAR = 0.9, 0.5, 1e3
 

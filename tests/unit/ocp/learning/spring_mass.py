@@ -8,7 +8,7 @@ import numpy as np
 from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, Parameter, ParameterTable, signals
 from ocp.learning.explorer import Buffer
-from ocp.task import Task
+from ocp.problem.task import Task
 
 H, M, K, D = 0.05, 2.0, 30.0, 1.5
 NAMES = ["m", "k", "d"]

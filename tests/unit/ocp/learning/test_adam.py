@@ -7,7 +7,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from ocp.learning.unrolls.unrolling import adam
+from ocp.learning.unrolling import adam
 
 
 def test_steps_are_those_of_the_recursion_by_hand():

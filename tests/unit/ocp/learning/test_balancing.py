@@ -14,8 +14,8 @@ from ocp.errors import InputError
 from ocp.learning.experiment import EXACT
 from ocp.learning.protocol import balancing_feedback
 from ocp.learning.training import evaluate
-from ocp.learning.unrolls.gradients import FOPG
-from ocp.task import Task
+from ocp.learning.unroll_gradients import FOPG
+from ocp.problem.task import Task
 from tests.unit.ocp.learning.scalar import experiment
 
 A = np.array([[1.0, 0.1, 0.0], [0.3, 1.0, 0.0], [0.0, 0.1, 1.0]])

@@ -9,11 +9,11 @@ import pytest
 
 from dynamics.batch import Gaussian
 from ocp.errors import InputError
+from ocp.learning.critic import Critic
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import State
-from ocp.learning.unrolls.critic import Critic
-from ocp.learning.unrolls.gradients import FOPG, SHARP
-from ocp.learning.unrolls.unrolling import roll
+from ocp.learning.unroll_gradients import FOPG, SHARP
+from ocp.learning.unrolling import roll
 from tests.unit.ocp.learning.scalar import A, B, experiment, scalar
 from tests.unit.ocp.learning.test_first_order import PLAIN, SAMPLES, UNROLL, set_up
 

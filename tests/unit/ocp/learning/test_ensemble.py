@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ocp.learning.mbpo.networks import (
+from ocp.learning.mbpo_networks import (
     Ensemble,
     begin_learner,
     drawn_next,

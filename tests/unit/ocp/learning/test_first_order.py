@@ -12,9 +12,9 @@ from dynamics.contact import Adaptive, Barrier, ContactLaw
 from dynamics.systems import Signal
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import State
-from ocp.learning.unrolls.gradients import FOPG
-from ocp.learning.unrolls.unrolling import roll
-from ocp.task import Task
+from ocp.learning.unroll_gradients import FOPG
+from ocp.learning.unrolling import roll
+from ocp.problem.task import Task
 from tests.unit.dynamics.batch.rollout_cases import wall
 
 LAWS = [Barrier(1e-2), Adaptive("quartic"), Adaptive("gaussian", sigma=0.1)]

@@ -7,8 +7,8 @@ import pytest
 
 from ocp.errors import InputError
 from ocp.learning.explorer import Buffer
-from ocp.learning.identification.identify import OneStepLoss, identify, intervals
-from ocp.learning.identification.random_search import RandomSearch
+from ocp.learning.identify import OneStepLoss, identify, intervals
+from ocp.learning.random_search import RandomSearch
 from tests.unit.ocp.learning.spring_mass import (
     NAMES,
     D,

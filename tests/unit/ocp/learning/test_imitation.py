@@ -13,14 +13,14 @@ from dynamics.systems import Parameter, ParameterTable, Signal, lcs
 from ocp import Solution, solve
 from ocp.errors import InputError
 from ocp.learning.experiment import EXACT, Experiment
-from ocp.learning.mbpo.algorithm import MBPO
-from ocp.learning.plans.imitation import demonstrations, fit_actions, squared_error, tracking_gains
-from ocp.learning.plans.planned import planned_problem
+from ocp.learning.imitation import demonstrations, fit_actions, squared_error, tracking_gains
+from ocp.learning.mbpo import MBPO
+from ocp.learning.planned import planned_problem
 from ocp.learning.protocol import Trained, first_weights
 from ocp.learning.training import evaluate, train
-from ocp.learning.unrolls.gradients import FOPG
-from ocp.problem import Scaling
-from ocp.task import Task
+from ocp.learning.unroll_gradients import FOPG
+from ocp.problem.problem import Scaling
+from ocp.problem.task import Task
 
 H = 0.1
 A, B = np.array([[1.0, H], [0.0, 1.0]]), np.array([[0.0], [H]])

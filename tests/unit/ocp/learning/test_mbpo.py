@@ -12,8 +12,8 @@ from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
 from ocp.learning.explorer import Buffer, Explorer
-from ocp.learning.mbpo.algorithm import MBPO
-from ocp.learning.mbpo.training import branch_length, branch_rollouts
+from ocp.learning.mbpo import MBPO
+from ocp.learning.mbpo_training import branch_length, branch_rollouts
 from ocp.learning.protocol import Normaliser
 from ocp.learning.training import train
 from tests.unit.ocp.learning.scalar import A, B, scalar
@@ -110,7 +110,7 @@ def test_the_policy_is_the_experiment_s_own_with_observations_scaled_by_what_was
 
 
 def test_critics_are_told_cut_rewards_and_where_the_task_ends():
-    from ocp.learning.mbpo.training import MBPOTrainer, ObservationScales
+    from ocp.learning.mbpo_training import MBPOTrainer, ObservationScales
 
     room = MBPOTrainer(replace(SMALL, cut=0.05), experiment())
     x, u = np.array([[0.2, 0.5], [0.1, 0.0], [0.29, 3.0]]), np.array([[1.0], [0.0], [6.0]])
@@ -190,6 +190,6 @@ def test_it_learns_a_scalar_task_up_to_its_optimum():
 
 
 def test_without_its_libraries_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "ocp.learning.mbpo.training", None)
+    monkeypatch.setitem(sys.modules, "ocp.learning.mbpo_training", None)
     with pytest.raises(InputError, match="which the extra learn installs"):
         SMALL.begin(experiment())

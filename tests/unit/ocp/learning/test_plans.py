@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
-from ocp.learning.plans.planned import (
+from ocp.learning.planned import (
     best_plan,
     episode_return,
     guess_from_constant_inputs,
@@ -20,9 +20,9 @@ from ocp.learning.plans.planned import (
     planned_problem,
 )
 from ocp.learning.protocol import Normaliser, Trained
-from ocp.learning.unrolls.gradients import FOPG
-from ocp.rollout import trajectory_costs
-from ocp.task import Task
+from ocp.learning.unroll_gradients import FOPG
+from ocp.problem.rollout import trajectory_costs
+from ocp.problem.task import Task
 from problems import ball_throw
 from problems.tasks import registry
 from tests.unit.ocp.learning.scalar import A, B, scalar

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ocp.learning.mbpo.networks import (
+from ocp.learning.mbpo_networks import (
     Actor,
     Agent,
     Batch,

@@ -19,8 +19,8 @@ from ocp.learning.experiment import EXACT, Budget
 from ocp.learning.protocol import LEAST_SCALE, Normaliser, Trained
 from ocp.learning.total_propagation import TotalPropagation
 from ocp.learning.training import SEED, evaluate, train
-from ocp.learning.unrolls.gradients import ARS, FOPG, ZOPG, AoBG
-from ocp.learning.unrolls.unrolling import Starts
+from ocp.learning.unroll_gradients import ARS, FOPG, ZOPG, AoBG
+from ocp.learning.unrolling import Starts
 from ocp.store.checkpoint import Checkpoint
 from tests.unit.ocp.learning.scalar import A, B, experiment, scalar
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from ocp.learning.total_propagation import TotalPropagation
-from ocp.learning.unrolls.gradients import ARS, FOPG, ZOPG, AoBG, mixing, search_direction
-from ocp.learning.unrolls.unrolling import ascend
+from ocp.learning.unroll_gradients import ARS, FOPG, ZOPG, AoBG, mixing, search_direction
+from ocp.learning.unrolling import ascend
 from tests.unit.ocp.learning.scalar import A, B, scalar
 from tests.unit.ocp.learning.scalar import experiment as scalar_experiment
 

@@ -11,7 +11,7 @@ from dynamics.contact import Barrier, Exact
 from ocp.errors import InputError
 from ocp.mpc import Controller, Disturbance, simulate
 from ocp.mpc.receding import Receding
-from ocp.problem import Constraint
+from ocp.problem.problem import Constraint
 from problems import get
 
 OPTIMUM = 361.3236972

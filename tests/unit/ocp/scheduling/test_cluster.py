@@ -14,8 +14,8 @@ import pytest
 from distributed import LocalCluster
 
 from ocp.errors import InputError
-from ocp.scheduling import Failure, run_jobs
-from ocp.scheduling import cluster as over
+from ocp.jobs import cluster as over
+from ocp.jobs.scheduling import Failure, run_jobs
 from tests.unit.ocp.scheduling.jobs_done import squared
 
 

@@ -14,7 +14,8 @@ from typing import Any
 import pytest
 
 from ocp.errors import InputError
-from ocp.scheduling import Failure, processes, run_jobs
+from ocp.jobs import processes
+from ocp.jobs.scheduling import Failure, run_jobs
 from tests.unit.ocp.scheduling.jobs_done import kept, squared
 
 ROOT = Path(__file__).parents[4]
@@ -87,7 +88,7 @@ def test_a_worker_that_is_starting_as_the_caller_stops_ends_by_itself() -> None:
 def test_workers_end_with_a_caller_that_was_killed(tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     code = (
-        "from ocp.scheduling import run_jobs\n"
+        "from ocp.jobs.scheduling import run_jobs\n"
         "from tests.unit.ocp.scheduling.jobs_done import squared\n"
         f"jobs = [{{'x': 1.0, 'steps': 10**6, 'wait': 0.02, 'mark': {str(mark)!r}}}] * 2\n"
         "list(run_jobs(squared, jobs, 2))\n"
@@ -113,7 +114,7 @@ def test_a_script_needs_no_guard_and_workers_keep_to_one_thread(tmp_path: Path) 
     """A worker that ran the script again would begin workers of its own; one from a pipe cannot."""
     script = (
         "print('begun')\n"
-        "from ocp.scheduling import run_jobs\n"
+        "from ocp.jobs.scheduling import run_jobs\n"
         "from tests.unit.ocp.scheduling.jobs_done import threads\n"
         "print(sorted(found for _, found in run_jobs(threads, [1, 2], 2)))\n"
     )
@@ -144,7 +145,7 @@ def test_fewer_than_one_worker_is_refused() -> None:
 def test_ctrl_c_while_workers_start_is_silent(seconds: float) -> None:
     """A terminal sends it to the workers too, which import for a second or so."""
     program = (
-        "from ocp.scheduling import run_jobs\n"
+        "from ocp.jobs.scheduling import run_jobs\n"
         "from tests.unit.ocp.scheduling.jobs_done import squared\n"
         "print('ready', flush=True)\n"
         "try:\n    list(run_jobs(squared, [{'x': 1.0}] * 4, 2))\n"

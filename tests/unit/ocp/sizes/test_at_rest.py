@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ocp.sizes.characteristic import derive_sizes
+from ocp.problem.sizes import derive_sizes
 from problems.registry import spec
 
 

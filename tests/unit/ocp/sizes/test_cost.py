@@ -10,8 +10,8 @@ import pytest
 
 from dynamics.systems import Parameter, ParameterTable, signals, time_stepping
 from ocp import Solution, solve
-from ocp.problem import Problem, Scaling
-from ocp.sizes.cost import split_constant
+from ocp.problem.cost_sizes import split_constant
+from ocp.problem.problem import Problem, Scaling
 
 X, P = ca.SX.sym("x", 2), ca.SX.sym("p", 2)
 x, y, p, r = X[0], X[1], P[0], P[1]

@@ -8,12 +8,12 @@ import pytest
 
 from dynamics.contact import Exact
 from dynamics.systems import Parameter, ParameterTable, signals, time_stepping
+from ocp.judge.certificate import Certificate, certify
 from ocp.mpcc import MPCC
 from ocp.mpcc.programs import MPCCProgram, programs_of
-from ocp.policy import OpenLoop
-from ocp.problem import Problem, Scaling
-from ocp.session import Session
-from ocp.stationarity.certificate import Certificate, certify
+from ocp.problem.policy import OpenLoop
+from ocp.problem.problem import Problem, Scaling
+from ocp.routes.session import Session
 from ocp.transcription import Direct
 
 OFF = 3e-3

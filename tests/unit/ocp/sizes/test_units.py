@@ -11,9 +11,9 @@ import pytest
 from dynamics.contact import Barrier, ContactLaw, Exact
 from dynamics.systems import Parameter, ParameterTable, signals, time_stepping
 from ocp import Solution, solve
-from ocp.problem import Problem, Scaling
+from ocp.problem.problem import Problem, Scaling
+from ocp.problem.sizes import derive_sizes
 from ocp.programs.units import row_units, solver_unit
-from ocp.sizes.characteristic import derive_sizes
 
 SI = (1.0, 1.0, 1.0)
 """How many kg, m and s the units of mass, length and time are."""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ocp.errors import InputError
-from ocp.sweeps.case import Case
-from ocp.sweeps.grid import axes, axis, dimension
-from ocp.sweeps.sweep import make_grid
+from ocp.jobs.case import Case
+from ocp.jobs.grid import axes, axis, dimension
+from ocp.jobs.sweep import make_grid
 from ocp.validation import Axis
 
 

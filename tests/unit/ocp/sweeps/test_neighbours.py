@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ocp.sweeps import neighbours, sweep
-from ocp.sweeps.case import Case
-from ocp.sweeps.grid import Grid, axes
-from ocp.sweeps.job import failed_result
+from ocp.jobs import neighbours
+from ocp.jobs.case import Case
+from ocp.jobs.grid import Grid, axes
+from ocp.jobs.sweep import sweep
+from ocp.jobs.sweep_job import failed_result
 from tests.unit.ocp.sweeps.same import same
 
 GRID = Grid(Case("push-1d"), axes({"problem.M": [1.0, 2.0, 3.0], "problem.K": [1.0, 2.0]}))

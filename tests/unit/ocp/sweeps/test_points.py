@@ -11,11 +11,11 @@ import pytest
 
 from dynamics.contact import Barrier
 from ocp.errors import InputError
+from ocp.jobs.case import Case, SessionCache
+from ocp.jobs.sweep import sweep
 from ocp.solution import Solution
-from ocp.solve import solve_session
+from ocp.solve.solve import solve_session
 from ocp.store.json_values import to_json
-from ocp.sweeps import sweep
-from ocp.sweeps.case import Case, SessionCache
 from ocp.transcription import Direct, MultipleShooting
 from problems import get
 from tests.unit.ocp.sweeps.same import TIMES, same

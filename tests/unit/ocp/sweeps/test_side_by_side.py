@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from ocp.errors import InputError
-from ocp.solve import solve_session
-from ocp.sweeps import job, sweep
-from ocp.sweeps.case import Case
-from ocp.sweeps.grid import axes
-from ocp.sweeps.job import JobResult, solve_starts
-from ocp.sweeps.sweep import make_grid, solve_grid
+from ocp.jobs import sweep_job
+from ocp.jobs.case import Case
+from ocp.jobs.grid import axes
+from ocp.jobs.sweep import make_grid, solve_grid, sweep
+from ocp.jobs.sweep_job import JobResult, solve_starts
+from ocp.solve.solve import solve_session
 from tests.unit.ocp.sweeps.same import same
 
 OVER = {"M": [0.5, 1.0, 2.0], "contact.mu": [1e-3, 1e-2]}
@@ -122,7 +122,7 @@ def test_ctrl_c_that_compiled_code_took_for_a_failure_is_no_point(
     def taken(*_: object, **__: object) -> None:
         raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
 
-    monkeypatch.setattr(job, "solve_session", taken)
+    monkeypatch.setattr(sweep_job, "solve_session", taken)
     with pytest.raises(KeyboardInterrupt):
         sweep("push-1d", {"M": [1.0, 2.0]}, params=SHORT, store=tmp_path)
     assert not list(tmp_path.rglob("point-*.json"))

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 from distributed import LocalCluster
 
-from ocp.sweeps import sweep
+from ocp.jobs.sweep import sweep
 from tests.unit.ocp.sweeps.same import same
 
 

@@ -1,0 +1,120 @@
+"""Jobs over a Dask cluster: the scheduler hands a job of a dead worker to another."""
+
+from __future__ import annotations
+
+import asyncio
+import queue
+import uuid
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from ocp.errors import InputError
+from ocp.jobs.sequential import Callback, Failure, Function, run_job, worker_died
+
+_ANSWER_S = 10.0
+NEEDED = "import ocp.jobs.cluster"
+"""What workers must be able to do: a job that a worker cannot read would hang."""
+
+
+def run_on_cluster(
+    function: Function, jobs: Sequence[Any], address: str, callback: Callback
+) -> Generator[tuple[int, Any], None, None]:
+    """Do the jobs on the workers of the scheduler at ``address``; yield as they end.
+
+    Raises :class:`~ocp.errors.InputError` where dask.distributed is not installed, no scheduler
+    answers, it has no workers, or they cannot import this package.
+    """
+    with _connected(address) as client:
+        news: queue.Queue[tuple[str, int, Any]] = queue.Queue()
+        topic = f"jobs-{uuid.uuid4().hex}"
+        client.subscribe_topic(topic, lambda event: news.put(("progress", *event[1])))
+        futures = [
+            client.submit(_job, function, job, place, topic, key=f"{topic}-{place}", pure=False)
+            for place, job in enumerate(jobs)
+        ]
+        for place, future in enumerate(futures):
+            future.add_done_callback(lambda done, place=place: news.put(("ended", place, done)))
+        left = len(futures)
+        try:
+            while left:
+                word, place, content = news.get()
+                if word == "progress":
+                    callback(place, content)
+                    continue
+                left -= 1
+                yield place, _outcome(content, place)
+        finally:
+            with suppress(Exception):
+                client.cancel(futures)
+
+
+def _outcome(future: Any, place: int) -> Any:
+    from distributed import KilledWorker
+
+    error = future.exception()
+    if error is None:
+        return future.result()
+    return worker_died(place) if isinstance(error, KilledWorker) else Failure(error)
+
+
+def _job(function: Function, job: Any, place: int, topic: str) -> Any:
+    """Done on a worker."""
+    from distributed import get_worker
+
+    worker = get_worker()
+    key = worker.get_current_task()
+
+    def report(message: Any) -> None:
+        task = worker.state.tasks.get(key)
+        # Dask forgets a task that nobody waits for any longer, but does not stop its thread.
+        if task is None or task.state == "cancelled":
+            raise KeyboardInterrupt
+        worker.log_event(topic, (place, message))
+
+    try:
+        return run_job(function, job, report)
+    except KeyboardInterrupt:
+        return None
+
+
+async def _check_answer(address: str) -> None:
+    """Connect once, as a client does; raises as ``distributed.comm.connect`` does."""
+    from distributed.comm.core import connect
+    from distributed.core import coerce_to_address
+    from distributed.security import Security
+
+    secured = Security().get_connection_args("client")
+    comm = await connect(coerce_to_address(address), timeout=_ANSWER_S, **secured)
+    await comm.close()
+
+
+@contextmanager
+def _connected(address: str) -> Iterator[Any]:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(
+            "a Dask cluster needs dask.distributed, which is not installed here; install"
+            " centralpath[cluster], or use processes with --jobs"
+        ) from None
+    try:
+        # A Client that fails to connect leaves a thread that its destructor waits for.
+        asyncio.run(_check_answer(address))
+        client = Client(address, timeout=_ANSWER_S, set_as_default=False)
+    except (OSError, ValueError, TypeError, NotImplementedError) as error:
+        raise InputError(
+            f"no Dask scheduler answers at {address!r}: {error}; start one with dask scheduler, and"
+            " give its address such as tcp://127.0.0.1:8786"
+        ) from None
+    with client:
+        if not client.scheduler_info()["workers"]:
+            raise InputError(f"the Dask scheduler at {address} has no workers; start some with dask worker {address}")
+        try:
+            client.run(exec, NEEDED)
+        except ImportError as error:
+            raise InputError(
+                f"the workers of the Dask cluster at {address} lack this program: {error}; install"
+                " the same centralpath for them"
+            ) from None
+        yield client

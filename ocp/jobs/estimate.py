@@ -1,0 +1,84 @@
+"""``ocp.estimate``: gradient estimators of a named objective, or of a problem's rollouts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from os import PathLike, fspath
+from typing import Any
+
+import numpy as np
+
+from dynamics.contact import ContactLaw
+from ocp.errors import InputError, abbreviated
+from ocp.gradients.case import ObjectiveCase
+from ocp.gradients.estimation import Estimate, Sampling, run_sampling
+from ocp.gradients.estimators import Rule
+from ocp.gradients.sampling import Progress
+from ocp.jobs.estimate_parts import JobWorkers
+from ocp.problem.policy import Policy
+from ocp.validation import Index, Number, validated
+
+
+def estimate(
+    problem: str | PathLike[str],
+    estimators: Sequence[str] = ("zobg", "fobg", "alpha"),
+    samples: int = 100_000,
+    sigma: float | None = None,
+    *,
+    params: Mapping[str, Any] | None = None,
+    contact: ContactLaw | str = "barrier",
+    contact_settings: Mapping[str, Any] | None = None,
+    policy: Policy | str = "open-loop",
+    policy_settings: Mapping[str, Any] | None = None,
+    theta: np.ndarray | None = None,
+    seed: int = 0,
+    reference: str = "auto",
+    reference_samples: int | None = None,
+    rules: Sequence[Rule] = (),
+    progress: Progress | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    **engine: Any,
+) -> dict[str, Estimate]:
+    """Estimate a gradient as ``ocp estimate`` does::
+
+        estimate("heaviside", samples=10_000, params={"theta": 0.5})["fobg"].verdict
+
+    ``problem`` is an objective's or a problem's name, or the path of a problem's file. Without
+    ``sigma`` the noise is the objective's own, or a tenth of the inputs' largest scale.
+    ``theta`` is the decision: of an objective its components, of a problem the inputs or gains of
+    all steps, by default the problem's guess; ``engine`` takes
+    ``backend`` and ``threads``. Everything else is as in :class:`Sampling` and
+    :func:`ocp.solve`. With ``jobs`` > 1, or the address of a Dask ``scheduler``, samples are drawn
+    in so many processes, or on the cluster, with the same bits.
+
+    Raises :class:`~ocp.errors.InputError` for unknown names, parameters out of range, and noise
+    beyond 1e9 times or below 1e-9 times the default.
+    """
+    if not isinstance(problem, str | PathLike):
+        raise InputError(
+            "estimate takes the name of an objective or problem, or the path of a file that defines"
+            f" one with CasADi, got {abbreviated(problem)}"
+        )
+    validated("seed", seed, Index)
+    if theta is not None:
+        theta = np.asarray(validated("theta", np.ravel(theta).tolist(), list[Number]))
+    case = ObjectiveCase(
+        fspath(problem),
+        params or {},
+        contact,
+        contact_settings or {},
+        policy,
+        policy_settings or {},
+        theta,
+        engine,
+    )
+    named = case.build()
+    noise = named.sigma if sigma is None else sigma
+    sampling = Sampling(tuple(estimators), samples, noise, seed, rules, reference, reference_samples)
+    named.check_sigma([noise])
+    # The streams of the first point of ocp estimate, so that both print the same numbers.
+    streams = np.random.SeedSequence(seed, spawn_key=(0,))
+    alone = jobs == 1 and scheduler is None
+    workers = None if alone else JobWorkers(case, jobs, scheduler)
+    return run_sampling(sampling, named.objective, streams, progress, workers=workers)

@@ -1,0 +1,44 @@
+"""Many jobs side by side: here, over processes of this computer, or over a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from typing import Any
+
+from ocp.errors import InputError
+from ocp.jobs.sequential import Callback, Failure, Function, Report, run_sequentially
+
+__all__ = ["Callback", "Failure", "Function", "Report", "run_jobs"]
+
+
+def run_jobs(
+    function: Function,
+    jobs: Sequence[Any],
+    workers: int = 1,
+    scheduler: str | None = None,
+    callback: Callback = lambda *_: None,
+) -> Generator[tuple[int, Any], None, None]:
+    """Do all jobs; yield the place in the list and the outcome of each as they end.
+
+    ``function(job, report)`` must depend on its job alone, which is plain data that can be
+    pickled. Results are then the same in any process and any order, and a job whose worker died
+    can be started again. An outcome is a result or a :class:`~ocp.jobs.scheduling.Failure`. What a
+    job reports arrives here as ``callback(place, message)``.
+
+    One worker is this process; more are processes of this computer. With ``scheduler``, an address
+    such as ``tcp://127.0.0.1:8786``, the jobs go to a Dask cluster, whose workers see this package.
+
+    Raises :class:`~ocp.errors.InputError` for fewer than one worker, where dask.distributed is
+    not installed, where no scheduler answers, and where it has no workers.
+    """
+    if workers < 1:
+        raise InputError(f"jobs need at least 1 worker, got {workers}")
+    if scheduler is not None:
+        from ocp.jobs.cluster import run_on_cluster
+
+        return run_on_cluster(function, jobs, scheduler, callback)
+    if workers == 1 or len(jobs) == 1:
+        return run_sequentially(function, jobs, callback)
+    from ocp.jobs.processes import run_in_processes
+
+    return run_in_processes(function, jobs, workers, callback)

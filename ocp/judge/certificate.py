@@ -1,0 +1,336 @@
+"""Whether a point is stationary for the problem as posed, independent of the solver's status."""
+
+from __future__ import annotations
+
+import time
+from bisect import insort
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from ocp.judge.lpec import Descent, LinearModel, negative_curvature
+from ocp.programs.program import Program
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
+
+Stationarity = Literal["B", "KKT", "not", "undecided"]
+RADII = (1e-3, 1e-4)
+"""Trust regions, in characteristic sizes, in which a direction of descent is looked for."""
+_BIACTIVE = 1e-6
+_FLAT = 1e-4
+_NOISE = 1e-6
+_STEEP = 100.0
+"""Multiple of the cost's typical change from which on one variable hides what others gain."""
+WITHIN = 1e-2
+"""How far, in characteristic sizes, a direction of descent is followed to tell what it gains."""
+
+
+_WORDS = {
+    "normal": ("opening contact", "closing contact"),
+    "limit": ("leaving limit", "meeting limit"),
+    "friction": ("dropping", "applying"),
+    "slip": ("stopping", "starting"),
+    "table": ("stopping", "starting"),
+    "pair": ("freeing the second of", "freeing the first of"),
+}
+"""What it means that a pair's gap, or its multiplier, grows."""
+
+
+@dataclass(frozen=True)
+class ContactChange:
+    """A pair that the steepest direction takes to its other side, at steps ``first`` to ``last``.
+
+    ``change`` says in words what that means for a pair of its kind, ``contact`` is its name.
+    """
+
+    change: str
+    contact: str
+    scenario: int
+    first: int
+    last: int
+
+    def __str__(self) -> str:
+        """Name change, contact and steps."""
+        span = f"{self.first}-{self.last}" if self.last > self.first else f"{self.first}"
+        plural = "s" if self.last > self.first else ""
+        return f"{self.change} {self.contact!r} at step{plural} {span}"
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """First-order optimality of a point, recomputed from our own derivatives.
+
+    ``stationarity``: "B" where no first-order move, with any change of contact, lowers the cost;
+    "KKT" the same where nothing is complementary; "not"; "undecided" where the programs found no
+    answer. ``reason`` says why, and why moves that pay were not made. ``kind`` names the strongest
+    of S, M, C, W whose signs the multipliers at biactive pairs have (Scheel and Scholtes 2000), ""
+    where there is no pair.
+
+    ``biactive`` counts pairs with both members below 1e-6 of their characteristic size;
+    ``lpec_decrease`` is what the cost falls per unit of trust region, to first order, along the
+    steepest direction that keeps complementarity, zero where certified. ``tolerance`` is what
+    counts as zero: 1e-4 of :meth:`~ocp.programs.program.Program.typical_change`, so that within a
+    hundredth of the sizes a millionth of that is no gain. It depends on no constant term of the
+    cost, and grows neither with a sum over many steps nor with one steep entry. ``slope`` is the
+    scaled 1-norm of the cost's gradient, which is what the cost would fall by without constraints.
+    ``gain`` is what the direction gains within a hundredth of the sizes, the Lagrangian's curvature
+    counted. ``kkt_residual`` is the largest entry of the Lagrangian's projected gradient, over
+    IPOPT's scale of the multipliers.
+    ``negative_curvature`` counts directions along which the Lagrangian curves down on the active
+    constraints' null space, -1 where that was not computed.
+    """
+
+    stationarity: Stationarity
+    kind: str = ""
+    biactive: int = 0
+    lpec_decrease: float = float("nan")
+    kkt_residual: float = float("nan")
+    tolerance: float = float("nan")
+    slope: float = float("nan")
+    gain: float = 0.0
+    negative_curvature: int = -1
+    moves: list[ContactChange] = field(default_factory=list)
+    reason: str = ""
+    seconds: float = 0.0
+
+    @property
+    def certified(self) -> bool:
+        """Whether the point is stationary for the problem as posed."""
+        return self.stationarity in ("B", "KKT")
+
+    @property
+    def sentence(self) -> str:
+        """What was found, for a verdict."""
+        if self.stationarity == "B":
+            return "B-stationary: no first-order move, with any change of contact, lowers the cost"
+        if self.stationarity == "KKT":
+            return "stationary: no first-order move lowers the cost"
+        if self.stationarity == "undecided":
+            return f"stationarity undecided: {self.reason}"
+        how = " and ".join(str(move) for move in self.moves[:3]) or "moving with the same contacts"
+        more = f" (and {len(self.moves) - 3} more)" if len(self.moves) > 3 else ""
+        return (
+            f"not stationary: {how}{more} would lower the cost by about {self.gain:.2g}"
+            f" within a hundredth of the characteristic sizes{self.reason and '; '}{self.reason}"
+        )
+
+
+def certify(
+    nlp: Program,
+    x: np.ndarray,
+    p: np.ndarray,
+    bounds: dict[str, np.ndarray],
+    multipliers: np.ndarray | None = None,
+) -> Certificate:
+    """Judge a feasible point ``x`` of ``nlp`` to first order, and count negative curvature.
+
+    A mathematical program with complementarity constraints is to be given as reformulation "none",
+    whose only statement of contact is its pairs; ``bounds`` are the problem's own. At the point the
+    objective and constraints are linearised, and directions ``|d_i| <= rho`` (in characteristic
+    sizes) are searched for one that lowers the cost:
+
+    1. by weak duality from ``multipliers`` of the rows, where a solver left some, and from those
+       that fit best, which are without the trace that an interior point's barrier leaves at every
+       bound of a long horizon: no program;
+    2. by a linear program in which both members of pairs near zero may grow: no descent there is
+       strong stationarity, which implies B-stationarity;
+    3. by the linear program with complementarity constraints (LPEC), one binary a near pair.
+
+    B-stationary is a point at which the LPEC finds no descent for some rho; rho falls from 1e-3 to
+    1e-4, so that a descent has to persist as the region shrinks (Leyffer and Munson 2007;
+    Nurkanovic and Leyffer, arXiv 2501.13835). Constraints and bounds within 1e-4 count as active.
+
+    A direction that gains less than 1e-6 of the typical change, curvature counted, is none:
+    nothing else distinguishes a gradient from rounding where the cost is flat.
+    """
+    began = time.perf_counter()
+    model = linear_model(nlp, x, p, bounds)
+    complementary = nlp.reformulation == "none" and nlp.pairs.size > 0
+    if not (np.isfinite(nlp.values(x, p)[0]) and model.finite):
+        return Certificate("undecided", reason="a function or derivative is NaN or infinite at the point")
+    slope = float(np.abs(model.cost).sum())
+    tolerance = tolerance_of(model)
+    fitted = multipliers if multipliers is not None else fit_multipliers(model)
+    hessian = nlp.bend(x, p, fitted, model.sizes)
+    verdict, strong, descent, gain = _judge(model, multipliers, hessian)
+    steep = _steep_factors(model, hessian)
+    if verdict == "B" and np.any(steep < 1):
+        damped, curved = model.damped(steep), hessian.multiply(steep[:, None]).multiply(steep)
+        verdict, strong, descent, gain = _judge(damped, multipliers, curved.tocsr())
+    return Certificate(
+        stationarity=verdict if complementary or verdict != "B" else "KKT",
+        kind=("S" if strong else _kind(model, fitted)) if complementary and verdict == "B" else "",
+        biactive=int(model.near(_BIACTIVE).sum()),
+        lpec_decrease=0.0 if verdict == "B" else descent.decrease,
+        kkt_residual=_kkt_residual(model, fitted, nlp.natural.f),
+        tolerance=tolerance,
+        slope=slope,
+        gain=gain,
+        negative_curvature=_curvature(model, hessian) if verdict == "B" else -1,
+        moves=_moves(nlp, model, descent) if verdict == "not" else [],
+        reason=descent.trouble,
+        seconds=time.perf_counter() - began,
+    )
+
+
+def linear_model(
+    nlp: Program,
+    x: np.ndarray,
+    p: np.ndarray,
+    bounds: dict[str, np.ndarray],
+    residuals: bool = False,
+) -> LinearModel:
+    """Linearise a program at x; pairs count only under the reformulation "none".
+
+    With ``residuals`` steps are to mend what is off, see
+    :meth:`~ocp.judge.lpec.LinearModel.at`.
+    """
+    pairs = nlp.pairs if nlp.reformulation == "none" else np.zeros((2, 0), dtype=int)
+    change = nlp.typical_change(x, p, bounds)
+    return LinearModel.at(x, *nlp.slopes(x, p), bounds, nlp.sizes(x), pairs, residuals, change)
+
+
+def tolerance_of(model: LinearModel) -> float:
+    """What a decrease per radius must exceed to count, see :class:`Certificate`."""
+    return _FLAT * model.typical_change
+
+
+def _judge(
+    model: LinearModel, multipliers: np.ndarray | None, hessian: sp.csr_matrix
+) -> tuple[Stationarity, bool, Descent, float]:
+    """Search for descent; ``B`` too where the direction gains no more than noise."""
+    verdict, strong, descent = _search(model, multipliers, tolerance_of(model))
+    gain = _gain(descent, hessian) if verdict == "not" else 0.0
+    if verdict == "not" and gain <= _NOISE * model.typical_change:
+        return "B", strong, descent, 0.0
+    return verdict, strong, descent, gain
+
+
+def _steep_factors(model: LinearModel, hessian: sp.csr_matrix) -> np.ndarray:
+    """Factors (n,) on sizes by which the cost would change far more than what is typical.
+
+    One such variable in a direction hides, by its curvature and by the rounding of the linear
+    program, what all others gain.
+    """
+    change = np.abs(model.cost) + np.abs(hessian.diagonal()) / 2
+    steep = change > max(_STEEP * model.typical_change, 1e-300)
+    steep[model.pairs] = False
+    return np.where(steep, model.typical_change / np.where(steep, change, 1.0), 1.0)
+
+
+def _search(model: LinearModel, multipliers: np.ndarray | None, tolerance: float) -> tuple[Stationarity, bool, Descent]:
+    """Look for descent in shrinking regions; ``B`` as soon as there is none in one of them.
+
+    The flag marks strong stationarity: not even both members of near pairs may grow.
+    """
+    found = Descent(0.0)
+    for y in _candidates(model, multipliers):
+        if model.dual_bound(y, RADII[0]) <= tolerance:
+            return "B", True, found
+    for radius in RADII:
+        for branching in (False, True):
+            if branching and not model.near(radius).any():
+                break
+            found = model.descend(radius, branching, tolerance)
+            if found.decrease <= tolerance:
+                return "B", not branching, found
+    if np.isnan(found.decrease):
+        return "undecided", False, Descent(np.nan, trouble=f"HiGHS reports {found.trouble!r}")
+    return "not", False, found
+
+
+def _candidates(model: LinearModel, multipliers: np.ndarray | None) -> Iterator[np.ndarray]:
+    """Multipliers that may prove a point: a solver's, then those that fit best beside them."""
+    if multipliers is not None:
+        yield multipliers
+        yield fit_multipliers(model)
+
+
+def fit_multipliers(model: LinearModel) -> np.ndarray:
+    """Least-squares multipliers of the rows (in their own units), those of wrong sign dropped.
+
+    ``min |cost + rows' y|²`` over the variables that are not held by a bound, by the augmented
+    system; an inequality that would pull leaves the active set, four times at most.
+    """
+    import scipy.sparse as sp
+    import scipy.sparse.linalg as sla
+
+    at_lower, at_upper = model.row_lower == 0, model.row_upper == 0
+    active = at_lower | at_upper
+    y, inside = np.zeros(model.row_scale.size), np.flatnonzero(model.free)
+    for _ in range(4):
+        acting = np.flatnonzero(active)
+        A = sp.csr_matrix(model.rows[acting][:, inside])
+        corner = -1e-10 * sp.identity(acting.size)
+        augmented = sp.csc_matrix(sp.bmat([[sp.identity(inside.size), A.T], [A, corner]]))
+        right = np.concatenate([-model.cost[inside], np.zeros(acting.size)])
+        y[:] = 0.0
+        y[acting] = np.asarray(sla.spsolve(augmented, right))[inside.size :]
+        wrong = active & (((y > 0) & ~at_upper) | ((y < 0) & ~at_lower))
+        if not wrong.any():
+            break
+        active &= ~wrong
+    return np.nan_to_num(y) * model.row_scale
+
+
+def _kkt_residual(model: LinearModel, multipliers: np.ndarray, cost: float) -> float:
+    """Projected gradient of the Lagrangian, over the cost's natural unit and IPOPT's s_d."""
+    slope, multipliers = model.reduced(multipliers) / cost, multipliers / cost
+    slope = np.where((model.lower >= 0) & (slope > 0), 0.0, slope)
+    slope = np.where((model.upper <= 0) & (slope < 0), 0.0, slope)
+    slope[model.held] = 0.0
+    scale = max(100.0, float(np.abs(multipliers).mean()) if multipliers.size else 0.0) / 100.0
+    return float(np.abs(slope / model.sizes).max(initial=0.0)) / scale
+
+
+def _kind(model: LinearModel, multipliers: np.ndarray) -> str:
+    """Name the strongest kind whose signs the pairs' multipliers have at biactive pairs."""
+    biactive = model.near(_BIACTIVE)
+    if not biactive.any():
+        return "S"
+    first, second = model.reduced(multipliers)[model.pairs[:, biactive]]
+    zero = _FLAT * float(np.abs(model.cost).max(initial=0.0))
+    if np.all((first >= -zero) & (second >= -zero)):
+        return "S"
+    none = np.minimum(np.abs(first), np.abs(second)) <= zero
+    if np.all(none | ((first > zero) & (second > zero))):
+        return "M"
+    return "C" if np.all(none | (first * second >= 0)) else "W"
+
+
+def _gain(descent: Descent, hessian: sp.csr_matrix) -> float:
+    """Largest fall of ``decrease t - t² d'Hd / 2`` for t up to :data:`WITHIN`."""
+    bend = float(descent.step @ (hessian @ descent.step))
+    t = min(WITHIN, descent.decrease / bend) if bend > 0 else WITHIN
+    return descent.decrease * t - max(bend, 0.0) * t**2 / 2
+
+
+def _curvature(model: LinearModel, hessian: sp.csr_matrix) -> int:
+    """Directions of negative curvature on the null space of the active constraints."""
+    free = model.free
+    active = (model.row_lower == 0) | (model.row_upper == 0)
+    return negative_curvature(hessian[free][:, free], model.rows[active][:, free])
+
+
+def _moves(nlp: Program, model: LinearModel, descent: Descent) -> list[ContactChange]:
+    """Contacts whose pairs the direction takes to their other side, runs of steps joined."""
+    if not descent.near.size:
+        return []
+    acted = model.members[0, descent.near] > model.members[1, descent.near]
+    moved = descent.step[model.pairs[:, descent.near]]
+    grows = np.where(descent.active > 0.5, moved[0], moved[1]) > 1e-6
+    biactive = np.all(model.members[:, descent.near] < _BIACTIVE, axis=0)
+    changed = grows & (biactive | (acted != (descent.active > 0.5)))
+    found: dict[tuple[int, str, str], list[int]] = {}
+    for index in np.flatnonzero(changed):
+        pair = nlp.pair_name(int(descent.near[index]))
+        change = _WORDS[pair.kind][int(descent.active[index] > 0.5)]
+        insort(found.setdefault((pair.scenario, pair.name, change), []), pair.step)
+    return [
+        ContactChange(change, name, scenario, int(run[0]), int(run[-1]))
+        for (scenario, name, change), steps in sorted(found.items(), key=lambda item: item[1][0])
+        for run in np.split(steps, np.flatnonzero(np.diff(steps) != 1) + 1)
+    ]

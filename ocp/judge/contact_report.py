@@ -1,0 +1,251 @@
+"""What contact did along a trajectory: forces, slip, stick, energy and momentum, step by step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact import Step
+from dynamics.systems import ContactSystem, EnergyBook
+from ocp.judge.measures import TrajectoryEvaluator
+from ocp.problem.problem import Problem, Scales
+from ocp.problem.rollout import mean_multipliers
+
+_ACTIVE = 1e-6
+"""Share of the characteristic impulse above which a normal impulse counts."""
+_SLIPS = 1e-6
+"""Share of the characteristic gap slid in a step above which a contact counts as slipping."""
+_DEGENERATE = 1e-5
+"""Share of the characteristic sizes below which both members of a pair count as zero."""
+
+
+@dataclass(frozen=True)
+class ContactSummary:
+    """One contact over all scenarios and steps.
+
+    ``steps`` at which it is active (:func:`acting`), of them ``slipping``; ``distant`` steps with
+    force at a distance; ``peak_force`` [N] of the normal force; ``slid`` [m] the distance slid
+    while active; ``degenerate`` counts the steps at which complementarity is not strict: impulse
+    and gap are both near zero, and gradients are one-sided; ``spans`` (first, last) active steps of
+    the first scenario.
+    """
+
+    name: str
+    steps: int
+    slipping: int
+    peak_force: float
+    slid: float
+    degenerate: int
+    spans: list[tuple[int, int]] = field(default_factory=list)
+    distant: int = 0
+
+
+@dataclass(frozen=True)
+class ContactReport:
+    """Forces and books of a trajectory; arrays (S, N, points), NaN where a system has none.
+
+    ``normal``, ``tangential`` impulses [N s], ``slip`` [m/s] (in space their sizes), ``bound``
+    friction normal [N s], what the tangential impulse may be at most; ``active``, ``slipping``,
+    ``degenerate`` whether the contact is active (:func:`acting`), whether it slips then, and
+    whether its complementarity is not strict. Largest over all contacts and steps:
+    ``cone_violation`` max(0, |tangential| - friction normal) [N s]; ``dissipation_residual``
+    friction normal |slip| + tangential slip [J], zero where friction dissipates as much as it can;
+    ``energy_gain`` [J] the largest rise of energy in a step beyond the work done; ``dissipated``
+    [J] what contact took in all; ``momentum_residual`` [N s].
+    """
+
+    names: tuple[str, ...]
+    normal: np.ndarray
+    tangential: np.ndarray
+    slip: np.ndarray
+    bound: np.ndarray
+    active: np.ndarray
+    slipping: np.ndarray
+    degenerate: np.ndarray
+    contacts: list[ContactSummary]
+    cone_violation: float = float("nan")
+    dissipation_residual: float = float("nan")
+    energy_gain: float = float("nan")
+    dissipated: float = float("nan")
+    momentum_residual: float = float("nan")
+
+
+def contact_report(
+    problem: Problem,
+    step: Step,
+    x: np.ndarray,
+    u: np.ndarray,
+    lam: np.ndarray,
+    gap: np.ndarray,
+    physical: np.ndarray,
+) -> ContactReport:
+    """Keep the books of trajectories x (S, N+1, nx), u (S, N, nu), lam and gap (S, N, n).
+
+    Multipliers of a law with branches are averaged with the branches' weights. The contacts are
+    those of the step's system, which may be another than the problem's.
+    """
+    system = step.system
+    mean = mean_multipliers(step, lam)
+    at = TrajectoryEvaluator(problem, system, x, u, mean, physical)
+    forces = system.forces
+    if forces is None:
+        names = tuple(signal.name for signal in system.contacts)
+        normal = mean
+        tangential = slip = friction = power = reach = np.zeros_like(mean)
+    else:
+        names = forces.names
+        normal, tangential, slip, friction = at(forces.normal, forces.tangential, forces.slip, forces.friction)
+        power, reach = tangential * slip, np.abs(slip)
+        if forces.edges > 2:
+            tangential, slip, power, reach = _in_space(tangential, slip, forces.edges)
+    degenerate = _degenerate_steps(system, problem.scales, lam, gap, len(names))
+    h = at(ca.SX(system.h))[0]
+    active, distant = acting(normal / problem.scales.impulse, _gaps(step, gap, len(names)) / problem.scales.gap)
+    slipping = active & (np.abs(slip) * h > _SLIPS * problem.scales.gap)
+    # A multiplier in newton is a force already.
+    are_forces = forces is None and all(signal.unit == "N" for signal in system.contacts)
+    force = normal if are_forces else normal / h
+    flags = active, slipping, degenerate, distant
+    contacts = _summaries(names, force, np.abs(slip) * h, *flags)
+    rough, bound = forces is not None, friction * normal
+    return ContactReport(
+        names,
+        normal,
+        tangential,
+        slip,
+        bound,
+        active,
+        slipping,
+        degenerate,
+        contacts,
+        largest(np.abs(tangential) - bound) if rough else float("nan"),
+        largest(bound * reach + power) if rough else float("nan"),
+        *_books(system.book, at),
+    )
+
+
+def _in_space(
+    tangential: np.ndarray, slip: np.ndarray, edges: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Sizes of both, of shape (S, N, points), the power, and slip along the nearest edge.
+
+    Of a pyramid with ``edges`` the impulse that dissipates most lies on that edge.
+    """
+    parts = [np.array(np.split(part, 2, axis=-1)) for part in (tangential, slip)]
+    sizes = [np.hypot(*part) for part in parts]
+    angles = np.arange(edges) * 2 * np.pi / edges
+    along = np.tensordot(np.array([np.cos(angles), np.sin(angles)]).T, parts[1], 1)
+    return *sizes, (parts[0] * parts[1]).sum(axis=0), along.max(axis=0)  # pyright: ignore
+
+
+def acting(normal: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whether contacts are active, and whether they push at a distance.
+
+    ``normal`` impulses and ``gap``, of one shape, are shares of their characteristic sizes. An
+    active contact has an impulse above 1e-6 and above its gap. One with such an impulse and a
+    larger gap is not active: smoothing lets it push at a distance.
+    """
+    return (normal > _ACTIVE) & (normal > gap), (normal > _ACTIVE) & (normal <= gap)
+
+
+def _gaps(step: Step, gap: np.ndarray, points: int) -> np.ndarray:
+    """The gap of every contact's normal pair, (S, N, points), zero for a contact without one."""
+    found, mean = np.zeros((*gap.shape[:2], points)), mean_multipliers(step, gap)
+    if step.system.forces is None:
+        return mean
+    for i, pair in enumerate(step.system.pairs):
+        if pair.kind == "normal" and pair.contact < points:
+            found[:, :, pair.contact] = mean[:, :, i]
+    return found
+
+
+def _degenerate_steps(
+    system: ContactSystem, scaling: Scales, lam: np.ndarray, gap: np.ndarray, points: int
+) -> np.ndarray:
+    """Whether a pair of the contact has both members near zero, (S, N, points)."""
+    pairs = system.pairs
+    both = np.maximum(np.abs(lam) / scaling.impulse, np.abs(gap) / scaling.gap) < _DEGENERATE
+    degenerate = np.zeros((*lam.shape[:2], points), dtype=bool)
+    for i in range(lam.shape[2]):
+        pair = pairs[i % len(pairs)]
+        if pair.kind == "normal" and pair.contact < points:
+            degenerate[:, :, pair.contact] |= both[:, :, i]
+    return degenerate
+
+
+def _summaries(
+    names: tuple[str, ...],
+    force: np.ndarray,
+    way: np.ndarray,
+    active: np.ndarray,
+    slipping: np.ndarray,
+    degenerate: np.ndarray,
+    distant: np.ndarray,
+) -> list[ContactSummary]:
+    """Sum up forces [N], ways slid [m] and flags, each (S, N, points); nothing without forces."""
+    if np.isnan(force).all():
+        return []
+    return [
+        ContactSummary(
+            name=name,
+            steps=int(active[:, :, i].sum()),
+            slipping=int(slipping[:, :, i].sum()),
+            peak_force=largest(force[:, :, i]),
+            slid=float(way[:, :, i][active[:, :, i]].sum()),
+            degenerate=int(degenerate[:, :, i].sum()),
+            spans=_spans(active[0, :, i]),
+            distant=int(distant[:, :, i].sum()),
+        )
+        for i, name in enumerate(names)
+    ]
+
+
+def _spans(active: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(int), [0]])))
+    pairs = zip(edges[::2], edges[1::2], strict=True)
+    return [(int(first), int(end) - 1) for first, end in pairs]
+
+
+def _books(book: EnergyBook | None, at: TrajectoryEvaluator) -> tuple[float, float, float]:
+    """``energy_gain``, ``dissipated`` and ``momentum_residual``."""
+    if book is None:
+        return float("nan"), float("nan"), float("nan")
+    x, _, x_next, _, _ = at.symbols
+    after = [ca.substitute(part, x, x_next) for part in (book.energy, book.momentum)]
+    taken = book.energy + book.work - after[0]
+    off = after[1] - book.momentum - book.external
+    loss, defect = at(taken, off)
+    return max(0.0, largest(-loss)), float(loss.sum()), largest(np.abs(defect))
+
+
+def largest(values: np.ndarray) -> float:
+    """The largest of all entries, 0 without any."""
+    return float(np.max(values)) if values.size else 0.0
+
+
+def least_slip(step: Step, lam: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """lam and gap (..., n) with every psi the least that the motion allows.
+
+    In ``0 <= beta± ⟂ psi ± h J_t v+ >= 0`` and ``0 <= psi ⟂ f gamma - beta+ - beta- >= 0`` any psi
+    of at least ``|h J_t v+|`` will do where gamma = 0: nothing else depends on it. Under the exact
+    law it is lowered by the smaller one of the two gaps of its contact, to ``|h J_t v+|``; no
+    product lam gap grows by that. A smoothed law determines psi, and a learned one has none.
+    """
+    pairs, lam, gap = step.system.pairs, lam.copy(), gap.copy()
+    if not step.exact or step.n < len(pairs):
+        return lam, gap
+    for rows in step.rows:
+        for i, pair in enumerate(pairs):
+            sides = [
+                rows.start + j
+                for j, other in enumerate(pairs)
+                if (other.kind, other.contact) == ("friction", pair.contact)
+            ]
+            if pair.kind == "slip" and sides:
+                spare = np.maximum(0, gap[..., sides].min(axis=-1))
+                spare = np.minimum(spare, lam[..., rows.start + i])
+                lam[..., rows.start + i] -= spare
+                gap[..., sides] -= spare[..., None]
+    return lam, gap

@@ -1,0 +1,216 @@
+"""Operations at which costs, constraints, dynamics and gaps jump, which derivatives do not show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ocp.problem.problem import SWEPT, Problem
+
+_SWITCHES = {
+    ca.OP_LT: "<",
+    ca.OP_LE: "<=",
+    ca.OP_EQ: "==",
+    ca.OP_NE: "!=",
+    ca.OP_FLOOR: "floor",
+    ca.OP_CEIL: "ceil",
+    ca.OP_SIGN: "sign",
+    ca.OP_FMOD: "fmod",
+    ca.OP_REMAINDER: "remainder",
+    ca.OP_COPYSIGN: "copysign",
+    ca.OP_ATAN2: "atan2",
+    ca.OP_FABS: "x/|x|",
+    ca.OP_DIV: "division",
+    ca.OP_INV: "division",
+}
+_CALLS = (-1, 48)
+"""What CasADi reports as the operation of an output of a call, and of the call."""
+_LINES, _FOLLOWED, _HALVINGS = 64, 16, 60
+"""Lines that are drawn, those of them on which one switch is followed, and how closely."""
+_SEEN, _ROUNDING = 1e-9, 1e-12
+"""What counts as a jump, of the values beside it, and of those at the ends of the line."""
+_ASIDE, _POLE = 1e-6, 1e4
+"""Values beside a switch that are so many times those at this share of the line are a pole's."""
+_BLUNT, _POINT = 1e-3, 1e-12
+"""What counts as a jump where a value beside a switch is NaN; and the share of the line's below
+which coordinates are rounded to zero, to meet ``x == 0`` exactly."""
+
+
+@dataclass(frozen=True)
+class Domain:
+    """Box ``lower <= z <= upper`` in which variables move, and their ``sizes``, (n,) each.
+
+    Half of its lines run about ``centre`` (n,), the others about zero. Where ``slack(z)`` has an
+    entry below zero a constraint is violated, and a jump does not count.
+    """
+
+    sizes: np.ndarray
+    lower: np.ndarray | float = -np.inf
+    upper: np.ndarray | float = np.inf
+    centre: np.ndarray | float = 0.0
+    slack: ca.Function | None = None
+
+    @cached_property
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Ends (n, L) of lines, random points a hundredth to a hundred times the sizes away."""
+        rng, n = np.random.default_rng(0), self.sizes.size
+        far = 10.0 ** rng.uniform(-2, 2, (2, _LINES, 1))
+        about = np.where(np.arange(_LINES)[:, None] % 2, self.centre, 0.0)
+        ends = about + self.sizes * far * rng.normal(size=(2, _LINES, n))
+        low, high = np.clip(ends, self.lower, self.upper)
+        return low.T, high.T
+
+    def allowed(self, points: np.ndarray) -> np.ndarray:
+        """Which of ``points`` (n, L) violate no constraint."""
+        if self.slack is None:
+            return np.ones(points.shape[1], dtype=bool)
+        return ~np.any(_at(self.slack, points) < 0, axis=0)
+
+
+@lru_cache(maxsize=16)
+def jump_findings(problem: Problem) -> tuple[str, ...]:
+    """Sentences on what jumps in a problem within its bounds, and on what cannot be inspected.
+
+    Impulses of friction are zero, and their own gaps left out: the basis of their tangents may
+    turn, which changes no physics. The coefficient of friction is in the gaps of slip.
+    """
+    system, p = problem.system, problem.parameters
+    x, u, du, lam, _ = problem.symbols
+    rows = [row for row in (*problem.path, *problem.terminal) if row.name != SWEPT]
+    tangential = np.array([pair.kind == "friction" for pair in system.pairs], dtype=bool)
+    gaps = system.gap[np.flatnonzero(~tangential).tolist()]
+    parts = {"stage_cost": problem.stage_cost, "terminal_cost": problem.terminal_cost}
+    parts |= {row.name: row.expression for row in rows}
+    parts |= {"dynamics": system.residual, "gaps": gaps}
+    moving = ca.vertcat(x, u, du, system.x_next, lam)
+    fixed = {name: ca.substitute(part, p.vector, p.values) for name, part in parts.items()}
+    return jump_findings_of(fixed, moving, _domain(problem, moving, np.where(tangential, 0.0, np.inf)))
+
+
+def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
+    """Domain of ``x, u, du, x_next, lam`` on plans, by bounds, distances and path inequalities."""
+    system, sizes, p = problem.system, problem.scales, problem.parameters
+    x0, u0, u_low, u_high, x_low, x_high = (np.array(value).ravel() for value in problem.limits(p.values))
+    none, slack = np.zeros(system.nlam), list[ca.SX]()
+    if system.phi is not None:
+        slack = [system.phi, ca.substitute(system.phi, system.x, system.x_next)]
+    for row in problem.path:
+        low, high = (ca.evalf(ca.substitute(end, p.vector, p.values)) for end in (row.lower, row.upper))
+        open_rows = np.flatnonzero(np.array(low < high)).tolist()
+        slack += [(row.expression - low)[open_rows], (high - row.expression)[open_rows]]
+    constant = ca.substitute(ca.vertcat(ca.SX(0, 1), *slack), p.vector, p.values)
+    return Domain(
+        np.concatenate([sizes.x, sizes.u, sizes.u, sizes.x, np.full(system.nlam, sizes.impulse)]),
+        np.concatenate([x_low, u_low, u_low - u_high, x_low, none]),
+        np.concatenate([x_high, u_high, u_high - u_low, x_high, most_lam]),
+        np.concatenate([x0, u0, 0 * u0, x0, none]),
+        ca.Function("slack", [moving], [ca.densify(constant)]),
+    )
+
+
+def jump_findings_of(parts: Mapping[str, ca.SX], moving: ca.SX, domain: Domain) -> tuple[str, ...]:
+    """Sentences on the jumps of named ``parts``, expressions in ``moving`` (n, 1) alone."""
+
+    def located(find: Callable[[ca.SX], Iterable[str]]) -> list[str]:
+        return [f"{node} in {name}" for name, part in parts.items() for node in find(part)]
+
+    names, calls = located(lambda part: jumps(part, moving, domain)), located(_calls)
+    told = []
+    if names:
+        told.append(
+            f"The problem jumps ({', '.join(names)}), which derivatives do not show: the"
+            " certificate holds only between jumps."
+        )
+    if calls:
+        told.append(
+            f"Functions from outside are not inspected for jumps ({', '.join(calls)}): the"
+            " certificate holds only where they are smooth."
+        )
+    return tuple(told)
+
+
+def jumps(expression: ca.SX, moving: ca.SX, domain: Domain) -> list[str]:
+    """Names of the operations at which ``expression`` (k, 1) jumps as ``moving`` (n, 1) moves.
+
+    It may use no other symbols. On straight lines through the domain a place where an operation of
+    the graph switches, or a divisor or an absolute value changes sign, is found by bisection, and
+    the values on its two sides compared: ``if_else`` that is continuous, as Huber's loss is, does
+    not jump, nor does ``sqrt(x**2)``, nor a switch that no line crosses, nor a pole.
+    """
+    values = ca.Function("values", [moving], [ca.densify(expression)])
+    found: list[str] = []
+    for node in _nodes(expression):
+        name = _SWITCHES.get(node.op())
+        if name is None or name in found or not ca.depends_on(node, moving):
+            continue
+        followed = (ca.Function("side", [moving], [side, node]) for side in _sides(node))
+        found += [name] if any(_jumps_at(side, values, domain) for side in followed) else []
+    return found
+
+
+def _nodes(expression: ca.SX) -> Iterator[ca.SX]:
+    """Every operation of a graph, once."""
+    seen: set[int] = set()
+    left: list[Any] = list(expression.nz)
+    while left:
+        node = left.pop()
+        if node.is_leaf() or node.element_hash() in seen:
+            continue
+        seen.add(node.element_hash())
+        yield node
+        left += [node.dep(k) for k in range(node.n_dep())]
+
+
+def _calls(expression: ca.SX) -> dict[str, None]:
+    """Names of the functions that a graph calls, which have no graph in it."""
+    calls = (str(node) for node in _nodes(expression) if node.op() in _CALLS)
+    return dict.fromkeys(call.partition("(")[0] for call in calls)
+
+
+def _sides(node: ca.SX) -> list[ca.SX]:
+    """Expressions, constant between the places where an operation may jump."""
+    operation, first, second = node.op(), node.dep(0), node.dep(node.n_dep() - 1)
+    if operation in (ca.OP_EQ, ca.OP_NE):
+        return [first < second]
+    if operation == ca.OP_FMOD:
+        return [ca.sign(first / second) * ca.floor(ca.fabs(first / second))]
+    if operation == ca.OP_REMAINDER:
+        return [ca.floor(first / second + 0.5)]
+    if operation in (ca.OP_COPYSIGN, ca.OP_FABS, ca.OP_DIV, ca.OP_INV):
+        return [second < 0]
+    return [first < 0, second < 0] if operation == ca.OP_ATAN2 else [node]
+
+
+def _at(function: ca.Function, points: np.ndarray, output: int = 0) -> np.ndarray:
+    return np.array(function(points) if function.n_out() == 1 else function(points)[output])
+
+
+def _jumps_at(side: ca.Function, values: ca.Function, domain: Domain) -> bool:
+    """Whether values differ on the two sides of a switch, or on it where two terms are equal."""
+    low, high = domain.ends
+    before, after = _at(side, low), _at(side, high)
+    crossed = np.flatnonzero(np.isfinite(before + after) & (before != after))[:_FOLLOWED]
+    if not crossed.size:
+        return False
+    low, high, before = low[:, crossed], high[:, crossed], before[:, crossed]
+    ends, scale = (low, high), np.abs(_at(values, low)) + np.abs(_at(values, high))
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        same = _at(side, middle) == before
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    on = np.where(np.abs(low) < _POINT * np.abs(ends[1] - ends[0]), 0.0, low)
+    first, last, between = (_at(values, point) for point in (low, high, on))
+    aside = [_at(values, low + _ASIDE * (end - low)) for end in ends]
+    pole = np.abs(first) > _POLE * np.abs(aside[0])
+    least = _SEEN * (np.abs(first) + np.abs(last)) + _ROUNDING * scale
+    beside = np.maximum(np.minimum(first, last) - between, between - np.maximum(first, last))
+    point = np.isfinite(beside) & (beside > least) & (_at(side, on, 1) != _at(side, low, 1))
+    # A quotient of zeros: what stands a little further aside is compared, less closely.
+    unknown = np.isnan(first + last) & (np.abs(aside[1] - aside[0]) > _BLUNT * scale)
+    jumped = ((np.abs(first - last) > least) & ~pole) | point | unknown
+    return bool(np.any(jumped & domain.allowed(low) & domain.allowed(high)))

@@ -1,0 +1,199 @@
+"""Expressions of a system along trajectories; penetration and reach."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch import BatchFunction, BatchWarning
+from dynamics.contact import Step
+from dynamics.systems import ContactSystem
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import at_steps, mean_multipliers
+
+
+class TrajectoryEvaluator:
+    """Evaluates expressions in (x, u, x_next, lam, p) along trajectories, each (S, N, size).
+
+    The system is the problem's or its sharpest. Trajectories are x (S, N+1, nx), u (S, N, nu), lam
+    (S, N, nlam); ``physical`` the values of the problem's parameters.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        system: ContactSystem,
+        x: np.ndarray,
+        u: np.ndarray,
+        lam: np.ndarray,
+        physical: np.ndarray,
+    ) -> None:
+        self.symbols = [system.x, system.u, system.x_next, system.lam, problem.parameters.vector]
+        self.values, self.physical = (x[:, :-1], u, x[:, 1:], lam), physical
+
+    def __call__(self, *expressions: ca.SX) -> list[np.ndarray]:
+        """Evaluate the expressions at every scenario and step."""
+        outputs = [ca.densify(expression) for expression in expressions]
+        function = ca.Function("evaluate", self.symbols, outputs)
+        return at_steps(function, *self.values, p=self.physical)
+
+
+class DenseFunction:
+    """Expressions in symbols at many points at once, as dense matrices, from their nonzeros."""
+
+    def __init__(self, symbols: list[ca.SX], expressions: list[ca.SX]) -> None:
+        outputs = [ca.sparsify(expression) for expression in expressions]
+        self._patterns = [(output.shape, *output.sparsity().get_triplet()) for output in outputs]
+        nonzeros = [ca.densify(ca.vec(output.nz[:])) for output in outputs]
+        self._batch = BatchFunction(ca.Function("dense", symbols, nonzeros), backend="numpy")
+
+    def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
+        """Evaluate at n points (n, .), or at one for all (.,): a matrix (n, ., .) each."""
+        # A state that diverges is expected, and NaN says so.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", BatchWarning)
+            values = self._batch(*arguments)
+        matrices = []
+        for entries, (shape, rows, columns) in zip(values, self._patterns, strict=True):
+            matrices.append(np.zeros((len(entries), *shape)))
+            matrices[-1][:, rows, columns] = entries
+        return matrices
+
+
+def distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.ndarray:
+    """True signed distances phi at states x (..., nx) of a system with geometry, (..., n_phi)."""
+    phi = problem.signed_distance
+    assert phi is not None
+    if not phi.numel_out(0):
+        return np.empty((*x.shape[:-1], 0))
+    states = x.reshape(-1, x.shape[-1])
+    found = phi.map(len(states))(states.T, physical)
+    return np.array(found).T.reshape(*x.shape[:-1], -1)
+
+
+ACTIVE = 1e-3
+"""Share of the characteristic impulse above which a normal impulse counts as a force that acts."""
+_SAMPLES = 16
+_GOLDEN = (np.sqrt(5) - 1) / 2
+_SECTIONS = 40
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The largest of something, at which contact, scenario and step; zero where there is none.
+
+    At a node ``step`` is its number, else that of the interval.
+    """
+
+    amount: float
+    contact: str
+    scenario: int
+    step: int
+
+
+@dataclass(frozen=True)
+class Physics:
+    """Lengths that should be zero [m] (of a joint limit in its unit), None without geometry.
+
+    ``penetration`` max(0, -phi) at the nodes; ``between`` the same along the straight way in the
+    coordinates from node to node; ``force_distance`` the largest phi(x_next) at which a normal
+    impulse above :data:`ACTIVE` of the characteristic one acts. Nodes that are no number count for
+    nothing.
+    """
+
+    penetration: Worst | None
+    between: Worst | None
+    force_distance: Worst | None
+
+
+def measure(
+    problem: Problem,
+    step: Step,
+    x: np.ndarray,
+    u: np.ndarray,
+    lam: np.ndarray,
+    physical: np.ndarray,
+) -> Physics:
+    """Measure trajectories x (S, N+1, nx), u (S, N, nu), lam (S, N, n) of a closed step."""
+    if problem.signed_distance is None:
+        return Physics(None, None, None)
+    phi, names = distances(problem, x, physical), problem.system.distance_names
+    system, impulse = step.system, mean_multipliers(step, lam)
+    if system.forces is None:
+        # In the order of the first ``phi``; a multiplier that is a force [N] stays one.
+        impulse = impulse[:, :, [i for i, pair in enumerate(system.pairs) if pair.kind == "normal"]]
+    else:
+        at = TrajectoryEvaluator(problem, system, x, u, impulse, physical)
+        impulse = at(system.forces.normal)[0]
+    after = phi[:, 1:, : impulse.shape[2]]
+    acting = np.where(impulse > ACTIVE * problem.scales.impulse, after, 0.0)
+    return Physics(
+        _worst(-phi, names),
+        between(problem, x, physical),
+        None if np.isnan(impulse).all() else _worst(acting, names),
+    )
+
+
+def pair_sizes(problem: Problem, system: ContactSystem) -> tuple[np.ndarray, np.ndarray]:
+    """Characteristic sizes (nlam,) of a system's multipliers and gaps: either may be a way [m]."""
+    ways, sizes = [signal.unit == "m" for signal in system.contacts], problem.scales
+    lam = np.where(ways, sizes.gap, sizes.impulse)
+    return lam, np.where(ways, sizes.impulse, sizes.gap)
+
+
+def slip_sides(system: ContactSystem) -> list[tuple[int, list[int]]]:
+    """Return each contact's slip pair, and its pairs of friction."""
+    return [
+        (i, [j for j, other in enumerate(system.pairs) if other.kind == "friction" and other.contact == pair.contact])
+        for i, pair in enumerate(system.pairs)
+        if pair.kind == "slip"
+    ]
+
+
+def _worst(amounts: np.ndarray, names: Sequence[str]) -> Worst:
+    found = np.nan_to_num(amounts, nan=-np.inf)
+    if not found.size:
+        return Worst(0.0, "", 0, 0)
+    s, k, i = (int(v) for v in np.unravel_index(int(np.argmax(found)), found.shape))
+    return Worst(max(0.0, float(found[s, k, i])), names[i], s, k)
+
+
+def between(problem: Problem, x: np.ndarray, physical: np.ndarray) -> Worst:
+    """Deepest penetration on the straight ways between the nodes of x (S, N+1, nx)."""
+    return _worst(-least_between(problem, x, physical), problem.system.distance_names)
+
+
+def least_between(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.ndarray:
+    """Least phi on the straight way from every node to the next, (S, N, n_phi), ends included.
+
+    Sampled at 16 points and then searched by golden section around the least: exact where phi has
+    one minimum between two samples, as for convex bodies that do not turn, whose distance is convex
+    along the way.
+    """
+    start, way = x[:, :-1, None], np.diff(x, axis=1)[:, :, None]
+    share = np.linspace(0, 1, _SAMPLES + 1)
+    sampled = distances(problem, start + share[:, None] * way, physical)
+    at = np.nan_to_num(sampled, nan=np.inf).argmin(axis=2)
+    low, high = share[np.maximum(at - 1, 0)], share[np.minimum(at + 1, _SAMPLES)]
+    own = np.arange(sampled.shape[3])
+
+    def phi(t: np.ndarray) -> np.ndarray:
+        # Every contact looks at its own place of the way, and only at its own distance there.
+        return distances(problem, start + t[..., None] * way, physical)[:, :, own, own]
+
+    least = sampled.min(axis=2)
+    one, two = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+    phi_one, phi_two = phi(one), phi(two)
+    for _ in range(_SECTIONS):
+        least = np.minimum(least, np.minimum(phi_one, phi_two))
+        left = phi_one < phi_two
+        low, high = np.where(left, low, one), np.where(left, two, high)
+        new = np.where(left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
+        phi_new = phi(new)
+        one, two = np.where(left, new, two), np.where(left, one, new)
+        phi_one, phi_two = np.where(left, phi_new, phi_two), np.where(left, phi_one, phi_new)
+    return np.minimum(least, np.minimum(phi_one, phi_two))

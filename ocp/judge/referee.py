@@ -1,0 +1,327 @@
+"""Replay a plan under the sharpest contact, measure it, and decide whether it survives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact import Step
+from dynamics.systems import ContactSystem
+from ocp.judge.constraints import (
+    Broken,
+    Violation,
+    broken_constraints,
+    describe_violations,
+    noticeable,
+    seen_sizes,
+    travelled,
+)
+from ocp.judge.measures import Physics, Worst, distances, measure
+from ocp.judge.step_solutions import differing_contacts, find_nonuniqueness
+from ocp.problem.cost_sizes import cost_share
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import Gains, Rollout, Unsolved, problem_impulses, roll_on, trajectory_costs
+
+REFINEMENT = 4
+"""By how much h is divided for the refined cost."""
+COST_SHARE = 0.1
+"""How much dearer than the plan, as a share of its cost, a replay may be that survives."""
+STATE_SHARE = 0.1
+"""How far its states may be from the plan's, as a share of their characteristic size."""
+PENETRATION_SHARE = 0.1
+"""How deep bodies may be in one another, at or between nodes, as a share of the characteristic gap.
+
+At the nodes true gaps leave none but rounding. In between the straight way cuts corners: by a
+hundredth of the gap where contacts roll, by whole bodies where one passes through another.
+"""
+_LEAST_GAP = 1e-4
+
+
+@dataclass(frozen=True)
+class Referee:
+    """A replay under the sharpest contact of the problem's system, the same h, and what it costs.
+
+    ``replay`` is NaN from a step on that was not solved, which ``failed`` then names, and so is
+    ``cost``. ``refined`` is the replay at h/4, inputs or policy held over four steps, at the
+    problem's nodes, over which its cost is summed; where it is None, or ended, ``refined_note``
+    says why. ``note`` says what the referee has that the model has not; None for a system without
+    geometry, which then referees itself.
+    """
+
+    replay: Rollout
+    cost: float
+    failed: Unsolved | None
+    note: str | None
+    refined: Rollout | None
+    refined_note: str
+
+    @property
+    def refined_cost(self) -> float:
+        """Cost at h/4, NaN where there is none."""
+        return math.nan if self.refined is None else self.refined.cost
+
+
+def referee(problem: Problem, inputs: np.ndarray | Gains, values: dict[str, float], x0: np.ndarray) -> Referee:
+    """Replay ``inputs`` (S or 1, N, nu), or a policy, from x0 (S, nx) under the sharpest contact.
+
+    ``values`` are parameter values by name. Never raises for a step without a solution.
+    """
+    replay, failed = roll_on(problem, inputs, values, problem.referee_step, x0)
+    refined, why = refined_replay(problem, inputs, values, x0)
+    return Referee(replay, replay.cost, failed, problem.system.referee_note, refined, why)
+
+
+def step_place(system: ContactSystem) -> tuple[str, str, int]:
+    """Why h is no step of a discretisation, "" where it is; else its name, and its place in x.
+
+    The name is empty where h is a state, the place -1 where it is a parameter.
+    """
+    if not system.refinable:
+        return "the step size is part of the model", "", -1
+    if any(signal.unit == "N s" for signal in system.inputs):
+        return "an input is an impulse per step, which depends on the step size", "", -1
+    chosen, named = place_of(system.h, system.x), place_of(system.h, system.parameters.vector)
+    if chosen is None and named is None:
+        return "the step size is not a parameter of the model", "", -1
+    if chosen is not None:
+        return "", "", chosen
+    return "", system.parameters.names[named or 0], -1
+
+
+def refined_replay(
+    problem: Problem,
+    inputs: np.ndarray | Gains,
+    values: dict[str, float],
+    x0: np.ndarray,
+    by: int = REFINEMENT,
+) -> tuple[Rollout | None, str]:
+    """Replay at h / ``by`` under the sharpest contact, at the problem's nodes, and why it ended.
+
+    None where h is no step of a discretisation, and the reason.
+    """
+    why, name, place = step_place(problem.system)
+    if why:
+        return None, why
+    start, finer = np.array(x0, dtype=float), dict(values)
+    if name:
+        finer[name] /= by
+    else:
+        start[:, place] /= by
+    rolled, failed = roll_on(problem, inputs, finer, problem.referee_step, start, substeps=by)
+    x = rolled.x.copy()
+    if not name:
+        x[:, :, place] *= by
+    costs = trajectory_costs(problem, x, rolled.u, rolled.impulses, problem.parameters.pack(values))
+    return replace(rolled, x=x, costs=costs), "" if failed is None else str(failed)
+
+
+def place_of(symbol: ca.SX | float, among: ca.SX) -> int | None:
+    """Position of a symbol in a column of symbols, None where it is none of them."""
+    one = ca.SX(symbol)
+    places = [i for i in range(among.numel()) if ca.is_equal(one, among[i])]
+    return places[0] if places else None
+
+
+@dataclass(frozen=True)
+class RefereeReport:
+    """How a plan does under the sharpest contact; a run stores it.
+
+    ``cost`` and ``gap``, the largest difference of a state from the plan, are those of its replay;
+    ``survives_at_h`` is None without geometry, and ``reasons`` say why it is False, each half a
+    sentence. ``survives`` says that the replay holds at h/4 too where h only discretises, and
+    ``refined_reasons`` why it does not. ``note`` names what the referee has that the model has not.
+    ``refined_cost`` is the cost at h/4, NaN with the reason in ``refined_note``. Of plan and
+    replay: how deep bodies are in one another at the nodes (``penetration``) and on the way between
+    them (``between``), and the largest true distance at which a normal force acts
+    (``force_distance``), all [m]. ``broken`` are the constraints that the replay breaks.
+    ``nonuniqueness`` describes a step of the plan at which the model's contact has another
+    solution, "" where none was found, and ``branch_cost`` is what the plan's inputs cost with it.
+    """
+
+    cost: float = math.nan
+    gap: float = math.nan
+    survives: bool | None = None
+    reasons: list[str] = field(default_factory=list)
+    note: str = ""
+    refined_cost: float = math.nan
+    refined_note: str = ""
+    penetration: Worst | None = None
+    between: Worst | None = None
+    force_distance: Worst | None = None
+    replay_penetration: Worst | None = None
+    replay_between: Worst | None = None
+    broken: list[Violation] = field(default_factory=list)
+    nonuniqueness: str = ""
+    branch_cost: float = math.nan
+    survives_at_h: bool | None = None
+    refined_reasons: list[str] = field(default_factory=list)
+
+    @property
+    def word(self) -> str:
+        """The referee's word: one of three, or that there is none."""
+        if self.survives_at_h and not self.survives:
+            return "survives at this step only"
+        return {True: "survives", False: "does not survive", None: "no referee"}[self.survives]
+
+
+def evaluate(
+    problem: Problem,
+    step: Step,
+    plan: Rollout,
+    values: dict[str, float],
+    gains: Gains | None = None,
+) -> tuple[RefereeReport, Referee]:
+    """Referee a plan that was made with ``step``: the report, and the replay behind it.
+
+    The plan's inputs are replayed, or the policy where there is one, from the plan's own starts.
+    Without geometry there is no referee, and the report has no costs.
+    """
+    physical = problem.parameters.pack(values)
+    found = referee(problem, plan.u if gains is None else gains, values, plan.x[:, 0])
+    two, branch_cost = _other_solution(problem, plan, values, gains)
+    if found.note is None:
+        return RefereeReport(note="no geometry", nonuniqueness=two, branch_cost=branch_cost), found
+    there = found.replay
+    planned = measure(problem, step, plan.x, plan.u, plan.lam, physical)
+    replayed = measure(problem, problem.referee_step, there.x, there.u, there.lam, physical)
+    broken = broken_constraints(problem, there.x, there.u, there.impulses, physical, seen_sizes(problem, plan.x))
+    reasons = survival(problem, plan, found, replayed, broken, physical)
+    finer = survival_refined(problem, plan, found, values)
+    return RefereeReport(
+        cost=found.cost,
+        gap=float(np.abs(there.x - plan.x).max()),
+        survives=not (reasons or finer),
+        survives_at_h=not reasons,
+        reasons=list(reasons),
+        refined_reasons=list(finer),
+        note=found.note,
+        refined_cost=found.refined_cost,
+        refined_note=found.refined_note,
+        penetration=planned.penetration,
+        between=planned.between,
+        force_distance=planned.force_distance,
+        replay_penetration=replayed.penetration,
+        replay_between=replayed.between,
+        broken=[one.violation for one in broken],
+        nonuniqueness=two,
+        branch_cost=branch_cost,
+    ), found
+
+
+def _other_solution(
+    problem: Problem, plan: Rollout, values: dict[str, float], gains: Gains | None
+) -> tuple[str, float]:
+    """Describe a step of a plan whose contact has another solution, and cost the plan with it.
+
+    It is the solution that the replay takes, or else the one that costs most. ``("", nan)`` where
+    no step has one; NaN where its motion cannot be followed to the end.
+    """
+    found = find_nonuniqueness(problem, plan.x, plan.u, plan.lam, values)
+    if found is None:
+        return "", math.nan
+    k, s, step = found.step, found.scenario, problem.exact_step
+    inputs = plan.u[[s]] if gains is None else gains
+    rolled, _ = roll_on(problem, inputs, values, step, found.x_next, first=k + 1)
+    x, u, lam, physical = rolled.x, rolled.u, rolled.lam, problem.parameters.pack(values)
+    x[:, : k + 1], u[:, : k + 1] = plan.x[s, : k + 1], plan.u[s, : k + 1]
+    lam[:, :k], lam[:, k] = plan.lam[s, :k], found.lam
+    impulses = problem_impulses(problem, step, x, u, lam, physical)
+    costs = trajectory_costs(problem, x, u, impulses, physical)
+    which = 0 if found.replayed else int(np.nan_to_num(costs, nan=-np.inf).argmax())
+    apart = np.abs(found.x_next[which] - plan.x[s, k + 1])
+    i = int((apart / problem.scales.x).argmax())
+    signal, cost = problem.system.states[i], float(costs[which])
+    contacts = ", ".join(differing_contacts(problem, plan.lam[s, k], found.lam[which]))
+    words = (
+        f"the contact forces at step {k} are not unique ({contacts}): from the same state and"
+        f" input, {signal.name} can also end {apart[i]:.2g} {signal.unit.removeprefix('1')}"
+    ).rstrip()
+    words += f" away, as the replay does{'' if found.replayed else ' not'}"
+    ending = f"costs {cost:.6g}" if math.isfinite(cost) else "cannot be followed to the end"
+    more = f"; {found.steps - 1} more steps have another solution" if found.steps > 1 else ""
+    return f"{words}, and the motion from there {ending} instead of {plan.costs[s]:.6g}{more}", cost
+
+
+def seen_gap(problem: Problem, x: np.ndarray) -> float:
+    """Characteristic gap [m] to judge a plan x (S, N+1, nx): at most a third of the way it goes."""
+    own = problem.scales.gap
+    way = [
+        size for size, signal in zip(travelled(problem, x), problem.system.states, strict=True) if signal.unit == "m"
+    ]
+    return float(np.clip(min(way, default=np.inf) / 3, _LEAST_GAP * own, own))
+
+
+def survival(
+    problem: Problem,
+    plan: Rollout,
+    outcome: Referee,
+    physics: Physics,
+    broken: Sequence[Broken],
+    physical: np.ndarray,
+) -> tuple[str, ...]:
+    """Reasons why a refereed plan does not survive, each half a sentence; empty where it does.
+
+    It survives where the replay was solved throughout, costs at most :data:`COST_SHARE` more than
+    the plan, keeps every state within :data:`STATE_SHARE`, every constraint within
+    :data:`~ocp.judge.constraints.CONSTRAINT_SHARE` and its bodies apart to
+    :data:`PENETRATION_SHARE` of the problem's characteristic sizes, which count for no more than
+    the plan itself moves (:func:`~ocp.judge.constraints.seen_sizes`, :func:`seen_gap`).
+    ``physics`` and ``broken`` are those of the replay. Constant terms of the cost are no part of it
+    (:func:`~ocp.problem.cost_sizes.cost_share`).
+    """
+    excess = cost_share(problem, outcome.cost - plan.cost, plan.cost, physical)
+    off = np.abs(outcome.replay.x - plan.x)
+    shares = off / seen_sizes(problem, plan.x)
+    share = float(shares.max())
+    reasons = []
+    if outcome.failed is not None:
+        reasons.append(outcome.failed.brief)
+    elif not math.isfinite(share):
+        reasons.append("the replay has NaN or infinite states")
+    elif not math.isfinite(outcome.cost):
+        reasons.append("the cost of the replay is NaN or infinite")
+    if excess > COST_SHARE:
+        reasons.append(f"it costs {outcome.cost:.6g} instead of {plan.cost:.6g}")
+    if share > STATE_SHARE:
+        s, k, i = (int(v) for v in np.unravel_index(int(shares.argmax()), off.shape))
+        signal = problem.system.states[i]
+        reasons.append(f"{signal.name} is {off[s, k, i]:.2g} {signal.unit} off at node {k}")
+    reasons += [f"its {words}" for words in describe_violations(noticeable(broken))]
+    deep = seen_gap(problem, plan.x)
+    for worst, where in ((physics.penetration, "node"), (physics.between, "step")):
+        if worst is not None and worst.amount > PENETRATION_SHARE * deep:
+            reasons.append(f"{worst.contact} is penetrated by {worst.amount:.2g} at {where} {worst.step}")
+            break
+    return tuple(reasons)
+
+
+def survival_refined(problem: Problem, plan: Rollout, outcome: Referee, values: dict[str, float]) -> tuple[str, ...]:
+    """Reasons why the replay at h/4 fails, each half a sentence; none without such a replay.
+
+    It holds where it was solved, costs at most :data:`COST_SHARE` more than the plan, and keeps
+    constraints and bodies apart to :data:`STATE_SHARE` and :data:`PENETRATION_SHARE`. States are
+    not compared node by node: an impact that comes a fraction of a step sooner changes a velocity
+    by all of it, and the cost by little.
+    """
+    there, physical = outcome.refined, problem.parameters.pack(values)
+    if there is None:
+        return ()
+    if outcome.refined_note:
+        return (f"the replay stops: {outcome.refined_note}",)
+    if not math.isfinite(there.cost):
+        return ("the cost is NaN or infinite",)
+    reasons = []
+    if cost_share(problem, there.cost - plan.cost, plan.cost, physical) > COST_SHARE:
+        reasons.append(f"it costs {there.cost:.6g}")
+    seen = seen_sizes(problem, plan.x)
+    every = broken_constraints(problem, there.x, there.u, there.impulses, physical, seen)
+    reasons += [f"its {words}" for words in describe_violations(noticeable(every, STATE_SHARE))]
+    if problem.signed_distance is not None:
+        deep = -float(np.nanmin(distances(problem, there.x, physical), initial=0.0))
+        if deep > PENETRATION_SHARE * seen_gap(problem, plan.x):
+            reasons.append(f"bodies penetrate by {deep:.2g}")
+    return tuple(reasons)

@@ -1,0 +1,172 @@
+"""How a solution changes with a parameter: one linear solve on its active set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ocp.errors import InputError
+from ocp.judge.kkt import KKTCurve, regular
+from ocp.programs.solver import Point, Result, Status
+from ocp.transcription.nlp import NLP, Trajectories, trajectories
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_DEGENERATE = 1e-7
+"""A slack or multiplier, in characteristic sizes, below which an end is not strictly one or other.
+"""
+_STILL = 1e-6
+"""How fast, per unit, such a slack may grow and still count as staying zero."""
+_SINGULAR, _ROUNDING = 1e-8, 1e-12
+_DIFFERENCE = 1e-4
+
+
+AGREEMENT = 0.1
+"""Share by which the slope of a replay may differ from a sensitivity that it confirms."""
+Replay = Callable[[Trajectories, dict[str, float]], Any]
+"""Replays a plan at parameter values under the sharpest contact, see ocp.judge.referee."""
+
+
+def sensitivity(program: NLP, point: Point, values: dict[str, float], replay: Replay, name: str) -> xr.Dataset:
+    """Return ``dx/dp``, ``du/dp`` and ``dcost/dp`` for the parameter ``name`` at a solved point.
+
+    On the active set, held, the KKT conditions ``F(z, p) = 0`` are smooth, and ``dz/dp`` solves
+    ``F_z dz/dp = -F_p``; bounds and initial data move with p. The cost changes by the partial
+    derivative of the Lagrangian (envelope theorem). The point is brought to the KKT conditions by
+    Newton's method first. ``x`` (scenario, node, state) and ``u`` (scenario, interval, control) are
+    per unit of the parameter; the penalty of gains counts in ``cost``.
+
+    ``cost_referee`` and ``cost_refined`` are central differences of what the plan's inputs or
+    policy, moved along the tangent, cost in the referee's replay at h and at h/4, ``x_refined`` of
+    its states at h/4; NaN where there is none. A stiff contact that few steps resolve has a slope
+    of the steps, not of the physics.
+
+    Raises :class:`~ocp.errors.InputError` for an unknown name, and where the solution has no
+    derivative: where strict complementarity does not hold, or the reduced KKT matrix is singular.
+    """
+    import xarray as xr
+
+    if name not in program.names[:-2]:
+        listed = ", ".join(program.names[:-2])
+        raise InputError(f"there is no parameter {name!r} to differentiate by; there are {listed}")
+    curve, v = regular(program, point, values, name, abs(values[name]) or 1.0)
+    _check_regular(program, curve, v)
+    t = curve.tangent(v)
+    _check_strict(curve, v, t)
+    ends = [_trajectories(program, curve, v + s * _DIFFERENCE * t) for s in (1, -1)]
+    dx, du = ((getattr(ends[0], key) - getattr(ends[1], key)) / (2 * _DIFFERENCE * curve.unit) for key in ("x", "u"))
+    replayed, refined, x_refined, note = _replayed_slopes(program, curve, v, t, replay)
+    parameter = (program.problem.parameters + program.step.p).get(name)
+    system = program.problem.system
+    return xr.Dataset(
+        {
+            "x": (("scenario", "node", "state"), dx),
+            "u": (("scenario", "interval", "control"), du),
+            "cost": ((), cost := _cost_slope(curve, v)),
+            "cost_referee": ((), replayed),
+            "cost_refined": ((), refined),
+            "x_refined": (("scenario", "node", "state"), x_refined),
+        },
+        coords={
+            "state": [s.name for s in system.states],
+            "control": [s.name for s in system.inputs],
+            "state_unit": ("state", [s.unit for s in system.states]),
+            "control_unit": ("control", [s.unit for s in system.inputs]),
+        },
+        attrs={
+            "parameter": name,
+            "per": parameter.unit,
+            "refined_note": note,
+            "finding": _finding(curve, cost, replayed, refined),
+        },
+    )
+
+
+def _replayed_slopes(
+    program: NLP, curve: KKTCurve, v: np.ndarray, t: np.ndarray, replay: Replay
+) -> tuple[float, float, np.ndarray, str]:
+    """Slopes of the replays' costs at h and h/4 and of x at h/4, and why there are none there."""
+    step, ends = _DIFFERENCE / 10, []
+    for sign in (1, -1):
+        there = v + sign * step * t
+        values = {**curve.values, curve.name: there[-1] * curve.unit}
+        ends.append(replay(_trajectories(program, curve, there), values))
+    pairs = [(end.cost, end.refined_cost, end.refined.x if end.refined else np.nan * end.replay.x) for end in ends]
+    cost, refined, x = ((a - b) / (2 * step * curve.unit) for a, b in zip(*pairs, strict=True))
+    return cost, refined, x, ends[0].refined_note or ends[1].refined_note
+
+
+def _finding(curve: KKTCurve, cost: float, replayed: float, refined: float) -> str:
+    """The sensitivity of the cost beside those of its replays, half a sentence."""
+    places = ((replayed, "in the replay"), (refined, "in the replay at h/4"))
+    slopes = [f"the sensitivity dcost/d{curve.name} is {cost:.4g}"]
+    slopes += [f"{slope:.4g} {where}" for slope, where in places if np.isfinite(slope)]
+    least = AGREEMENT * abs(cost) + _ROUNDING * curve.program.natural.f / curve.unit
+    apart = np.abs([replayed - cost, refined - cost]) > least
+    why = "the law" if apart[0] else "the step size" if apart[1] else ""
+    return ", ".join(slopes) + (f": it depends on {why}" if why else "")
+
+
+def _check_strict(curve: KKTCurve, v: np.ndarray, t: np.ndarray) -> None:
+    """Refuse where an end is neither held nor free.
+
+    One whose slack and multiplier are zero, and stay so to first order along the tangent, does no
+    harm: held or free the derivative is the same, as long as a pair's held member is pressed.
+    """
+    step = _DIFFERENCE * t
+    margins = curve.margins(v)
+    with np.errstate(invalid="ignore"):
+        slopes = (curve.margins(v + step) - curve.margins(v - step)) / (2 * _DIFFERENCE)
+    degenerate = (margins < _DEGENERATE) & ~((margins > -_DEGENERATE) & (np.abs(slopes) < _STILL))
+    if curve.own.size:
+        pressed = curve.press(v)[curve.own[::-1]] > _DEGENERATE
+        alone = (curve.held.x[curve.own[::-1]] != 0) & (curve.held.x[curve.own] == 0)
+        degenerate[curve.own] |= (margins[curve.own] < _DEGENERATE) & alone & ~pressed
+    else:
+        degenerate[curve.program.pairs] = False
+    if degenerate.any():
+        name, step, _ = curve.place(int(np.flatnonzero(degenerate)[0]))
+        raise InputError(
+            f"no derivative by {curve.name}: complementarity is not strict at"
+            f" {name!r}, step {step} (slack and multiplier are both zero)"
+        )
+
+
+def _check_regular(program: NLP, curve: KKTCurve, v: np.ndarray) -> None:
+    """Refuse where the reduced KKT matrix takes some direction of states and inputs to nothing."""
+    right = np.random.default_rng(0).standard_normal(v.size)
+    right[-1] = 0.0
+    for _ in range(2):
+        right = curve.solve(v, curve.parameter_direction, right)
+        right /= np.linalg.norm(right)
+    small = np.abs(curve.matrix(v) @ right).max() < _SINGULAR
+    moved = np.zeros_like(right)
+    moved[: curve.nx] = right[: curve.nx]
+    ends = [_trajectories(program, curve, v + s * moved) for s in (1, -1)]
+    moves = max(np.abs(ends[0].x - ends[1].x).max(), np.abs(ends[0].u - ends[1].u).max()) > 1e-4
+    if not np.all(np.isfinite(right)) or (small and moves):
+        raise InputError(
+            f"no derivative by {curve.name}: the reduced KKT matrix is singular, the solution can"
+            " move along a direction of no curvature"
+        )
+
+
+def _trajectories(program: NLP, curve: KKTCurve, v: np.ndarray) -> Trajectories:
+    point, f, g = curve.result(v)
+    found = Result(point, f, g, Status.SOLVED, "", 0, 0.0)
+    return trajectories(program, found, curve.given(v[-1])[0])
+
+
+def _cost_slope(curve: KKTCurve, v: np.ndarray) -> float:
+    """Partial derivative of the Lagrangian by the parameter, bounds that are held with it."""
+    _, y = curve.point(v)
+    step, ends = _DIFFERENCE / 10 * curve.parameter_direction, []
+    for sign in (1, -1):
+        (x, _), (p, bounds) = curve.point(v + sign * step), curve.given(v[-1] + sign * step[-1])
+        f, g = curve.program.values(x, p)
+        held = np.where(curve.held.g < 0, bounds["lbg"], bounds["ubg"])[curve.acting]
+        ends.append(f + curve.program.constant(p) + float(y[curve.acting] @ (g[curve.acting] - held)))
+    return (ends[0] - ends[1]) / (2 * step[-1] * curve.unit)

@@ -1,0 +1,239 @@
+"""Steps of a plan whose contact has another solution, found mode by mode.
+
+A contact is open, sticks or slides. A choice for every contact makes equations of its pairs: the
+gap of an active pair is zero, lam of any other one is. A solution of these equations with ``lam >=
+0`` and ``gap >= 0`` solves the step. Where the step is affine, every isolated solution is one of
+them; where gaps are curved, Newton's method starts at the plan's own end of the step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import casadi as ca
+import numpy as np
+
+from ocp.judge.measures import DenseFunction, TrajectoryEvaluator, pair_sizes, slip_sides
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import at_steps
+
+APART = 1e-2
+"""Share of the states' characteristic size from which on two ends of a step are two."""
+SATISFIED = 1e-5
+"""Share of the characteristic sizes to which a plan's step must obey the exact relation.
+
+A solver that stops at lam gap = 1e-8 N s m is a thousandth of both sizes off where both are near
+zero; two ends that are further apart than :data:`APART` are not the same end, solved badly.
+"""
+MODES = 128
+"""Combinations of modes that are tried at one step, at most."""
+_ITERATIONS, _SOLVED, _SINGULAR, _LOST = 12, 1e-9, 1e-13, 1e6
+_REACH = {True: 1e-6, False: 1.0}
+"""Violation, in characteristic sizes, up to which a set goes on from its first linear model: of an
+affine step, and of others."""
+_AT_ONCE = 32
+"""Steps whose sets are solved together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nonuniqueness:
+    """A step from whose state and input the model's exact contact can go on in several ways.
+
+    The plan's end obeys the exact relation, and so do ``x_next`` (m, nx) with ``lam`` (m, nlam).
+    ``replayed`` says that the exact step ends at the first of them; ``steps`` counts the plan's
+    steps that have other ends.
+    """
+
+    step: int
+    scenario: int
+    x_next: np.ndarray
+    lam: np.ndarray
+    replayed: bool
+    steps: int
+
+
+def find_nonuniqueness(
+    problem: Problem, x: np.ndarray, u: np.ndarray, lam: np.ndarray, values: dict[str, float]
+) -> Nonuniqueness | None:
+    """Find a step of a plan at which the model's exact contact has another solution.
+
+    x (S, N+1, nx), u (S, N, nu), lam (S, N, nlam). It is the first step at which a replay ends
+    elsewhere; without one, the first with another end among those of :class:`StepSolutions`. Each
+    step is solved from the plan's own state and input, so that no earlier difference grows into it.
+    None where there is none, and where the plan obeys another law or has branches.
+    """
+    step = problem.exact_step
+    if lam.shape[2] != step.n or not step.n:
+        return None
+    x_next, other, _, error = at_steps(step.solve, x[:, :-1], u, p=step.p.pack(values))
+    obeys, gap = _obeys(problem, x, u, lam, values)
+    replayed = np.all(error <= SATISFIED, axis=2) & obeys & _apart(problem, x_next, x[:, 1:])
+    scenario, node = (part.ravel() for part in np.indices(obeys.shape))
+    own = obeys.ravel()
+    flat = [part.reshape(own.size, -1)[own] for part in (x[:, :-1], u, x[:, 1:], lam, gap)]
+    at, ends, forces = StepSolutions(problem, problem.parameters.pack(values))(*flat)
+    new = _apart(problem, ends, flat[2][at])
+    at, ends, forces = np.flatnonzero(own)[at[new]], ends[new], forces[new]
+    several = replayed.ravel().copy()
+    several[at] = True
+    if not several.any():
+        return None
+    candidates = np.flatnonzero(replayed if replayed.any() else several)
+    k = int(candidates[node[candidates].argmin()])
+    s, i, taken = int(scenario[k]), int(node[k]), bool(replayed.flat[k])
+    ends, forces = ends[at == k], forces[at == k]
+    if taken:
+        ends, forces = np.vstack([x_next[s, i], ends]), np.vstack([other[s, i], forces])
+    return Nonuniqueness(i, s, ends, forces, taken, int(several.sum()))
+
+
+def _apart(problem: Problem, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    return (np.abs(one - other) / problem.scales.x).max(axis=-1, initial=0.0) > APART
+
+
+def _obeys(
+    problem: Problem, x: np.ndarray, u: np.ndarray, lam: np.ndarray, values: dict[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Whether the plan's own steps obey the exact relation, (S, N), and their gaps."""
+    system, scaling = problem.system, problem.scales
+    physical = problem.parameters.pack(values)
+    residual, gap = TrajectoryEvaluator(problem, system, x, u, lam, physical)(system.residual, system.gap)
+    product = scaling.impulse * scaling.gap
+    off = np.stack([-lam / scaling.impulse, -gap / scaling.gap, lam * gap / product])
+    motion = np.abs(residual).max(axis=2, initial=0.0)
+    return (off.max(axis=(0, 3), initial=0.0) <= SATISFIED) & (motion <= SATISFIED), gap
+
+
+def differing_contacts(problem: Problem, one: np.ndarray, other: np.ndarray) -> tuple[str, ...]:
+    """Names of the contacts whose impulses, each (nlam,), are not the same."""
+    system = problem.system
+    names = dict(enumerate(() if system.forces is None else system.forces.names))
+    for pair, signal in zip(system.pairs, system.contacts, strict=True):
+        names.setdefault(pair.contact, signal.name)
+    differing = np.flatnonzero(np.abs(one - other) > APART * problem.scales.impulse)
+    return tuple(dict.fromkeys(names[system.pairs[i].contact] for i in differing))
+
+
+class StepSolutions:
+    """Solutions of the exact step of a problem's system, from given states and inputs.
+
+    Contacts and limits whose gap is below the characteristic one at the plan's end of the step are
+    tried in every mode, the nearest first, as long as there are at most :data:`MODES` combinations.
+    The others stay as in the plan, as do bodies that slide on tables.
+    """
+
+    def __init__(self, problem: Problem, physical: np.ndarray) -> None:
+        system, scales = problem.system, problem.scales
+        self.p, self.x_sizes, self._reach = physical, scales.x, _REACH[system.reduced.affine]
+        self.of_lam, self.of_gap = pair_sizes(problem, system)
+        kinds = np.array([pair.kind for pair in system.pairs])
+        owners = np.array([pair.contact for pair in system.pairs]) + 0.5 * (kinds == "limit")
+        groups = [np.flatnonzero(owners == owner) for owner in np.unique(owners)]
+        self.groups = [rows for rows in groups if kinds[rows[0]] in ("normal", "limit")]
+        self.modes = [_modes(rows, kinds[rows]) for rows in self.groups]
+        self._slips = [(slip, sides) for slip, sides in slip_sides(system) if sides]
+        lam = ca.SX.sym("lam", system.nlam)
+        parts = ca.substitute([system.residual, system.gap / self.of_gap], [system.lam], [self.of_lam * lam])
+        parts += [ca.jacobian(part, by) for part in parts for by in (system.x_next, lam)]
+        symbols = [system.x, system.u, system.x_next, lam, problem.parameters.vector]
+        self._model = DenseFunction(symbols, parts)
+
+    def __call__(
+        self, x: np.ndarray, u: np.ndarray, x_next: np.ndarray, lam: np.ndarray, gap: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Solve steps from x (n, nx) and u (n, nu), of which a plan has x_next, lam and gap.
+
+        Returns the number of its step for every solution (m,), x_next (m, nx) and lam (m, nlam).
+        """
+        lam, gap = lam / self.of_lam, gap / self.of_gap
+        found = [(np.zeros(0, dtype=int), x_next[:0], lam[:0])]
+        for first in range(0, len(x), _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            sets = [self._active(*pairs) for pairs in zip(lam[some], gap[some], strict=True)]
+            at = np.repeat(np.arange(len(sets)), [len(active) for active in sets])
+            at, ends, forces = self._solve(at, np.concatenate(sets), x[some], u[some], x_next[some])
+            found.append((at + first, ends, forces * self.of_lam))
+        at, ends, forces = (np.concatenate(part) for part in zip(*found, strict=True))
+        return at, ends, forces
+
+    def _active(self, lam: np.ndarray, gap: np.ndarray) -> np.ndarray:
+        """Sets of active pairs (modes, nlam) of one step with lam and gap (nlam,), scaled."""
+        nearest, chosen, count = np.array([gap[rows[0]] for rows in self.groups]), [], 1
+        for i in np.argsort(nearest, kind="stable"):
+            if nearest[i] > 1 or count * len(self.modes[i]) > MODES:
+                break
+            chosen.append(i)
+            count *= len(self.modes[i])
+        sets = np.tile(lam > gap, (count, 1))
+        for i in chosen:
+            sets[:, self.groups[i]] = False
+        for active, modes in zip(sets, product(*(self.modes[i] for i in chosen)), strict=True):
+            active[[row for mode in modes for row in mode]] = True
+        return sets
+
+    def _solve(
+        self, at: np.ndarray, active: np.ndarray, x: np.ndarray, u: np.ndarray, x_next: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Solutions (m, .) among the sets (n, nlam) of active pairs of the steps ``at`` (n,)."""
+        # All sets of a step begin at one point, which is expanded once.
+        model = self._reduced(x, u, x_next, np.zeros((len(x), active.shape[1])))
+        dx, lam, gap = _newton(*model, at, active)
+        self._let_slide(free := lam.copy(), gap)
+        left = (np.minimum(free, gap) > -self._reach).all(axis=1)
+        at, active, lam = at[left], active[left], lam[left]
+        x, u, x_next, moved = x[at], u[at], x_next[at] + dx[left], np.ones(len(at))
+        for _ in range(_ITERATIONS):
+            left = np.flatnonzero((moved >= _SOLVED) & (moved < _LOST))
+            if not left.size:
+                break
+            model = self._reduced(x[left], u[left], x_next[left], lam[left])
+            dx, dl, _ = _newton(*model, np.arange(left.size), active[left])
+            x_next[left], lam[left] = x_next[left] + dx, lam[left] + dl
+            moved[left] = np.abs(np.column_stack([dx / self.x_sizes, dl])).max(axis=1)
+        residual, gap, *_ = self._model(x, u, x_next, lam, self.p)
+        self._let_slide(lam, gap := gap[:, :, 0])
+        solved = (moved < _SOLVED) & (np.abs(residual).max(axis=(1, 2), initial=0.0) < _SOLVED)
+        good = solved & (np.minimum(lam, gap) > -_SOLVED).all(axis=1)
+        return at[good], x_next[good], lam[good]
+
+    def _let_slide(self, lam: np.ndarray, gap: np.ndarray) -> None:
+        """Raise the slip of open contacts to what the motion asks for: it is no unknown of them."""
+        for slip, sides in self._slips:
+            more = np.where(lam[:, sides].any(axis=1), 0.0, -gap[:, sides].min(axis=1).clip(max=0))
+            lam[:, slip] += more
+            gap[:, sides] += more[:, None]
+
+    def _reduced(self, *point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Expand steps: ``dx = moved (1, dlam)`` and scaled gaps ``off + F dlam``."""
+        residual, gap, D, E, G, H = self._model(*point, self.p)
+        moved = -np.linalg.solve(D, np.concatenate([residual, E], axis=2))
+        return moved, H + G @ moved[:, :, 1:], (gap + G @ moved[:, :, :1])[:, :, 0]
+
+
+def _newton(
+    moved: np.ndarray, F: np.ndarray, off: np.ndarray, at: np.ndarray, active: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Steps of x_next (n, nx) and lam (n, nlam), and the gaps there, for the expansions ``at``.
+
+    A singular set, such as four corners on one floor, is regularised: what it has is found by
+    repetition.
+    """
+    used = np.flatnonzero(active.any(axis=0))
+    own, columns = active[:, used], F[:, :, used][at]
+    square = np.where(own[:, :, None] & own[:, None], columns[:, used], 0.0)
+    square += np.where(own, _SINGULAR, 1.0)[:, :, None] * np.eye(used.size)
+    dl = np.zeros(active.shape)
+    dl[:, used] = -np.linalg.solve(square, np.where(own, off[at][:, used], 0.0)[:, :, None])[:, :, 0]
+    dx = moved[at, :, 0] + (moved[:, :, used + 1][at] @ dl[:, used, None])[:, :, 0]
+    return dx, dl, off[at] + (columns @ dl[:, used, None])[:, :, 0]
+
+
+def _modes(rows: np.ndarray, kinds: np.ndarray) -> list[tuple[int, ...]]:
+    """Sets of active pairs of one contact: open; along one edge or between two, stick or slide."""
+    edges, slip = rows[kinds == "friction"], rows[kinds == "slip"]
+    normal = rows[(kinds == "normal") | (kinds == "limit")]
+    if not edges.size:
+        return [some for size in range(len(normal) + 1) for some in combinations(normal, size)]
+    sides = [*combinations(edges, 1), *(combinations(edges, 2) if len(edges) > 2 else ())]
+    return [(), *((*normal, *some, *end) for some in sides for end in ((), slip))]

@@ -1,1 +1,0 @@
-"""Judges of a solution, what they found, and the words for it."""

@@ -1,1 +1,0 @@
-"""Physical parameters of a system learned from transitions."""

@@ -1,1 +1,0 @@
-"""Model-based policy optimisation; what needs JAX is loaded when a training begins."""

@@ -1,0 +1,253 @@
+"""A task's episode as an optimal control problem, and the best plan found for one start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch import BatchFunction, constant
+from ocp.errors import InputError
+from ocp.learning.experiment import EXACT, Experiment
+from ocp.learning.protocol import Trained
+from ocp.learning.rollouts import TaskRollouts
+from ocp.learning.training import evaluate_from
+from ocp.problem.problem import Constraint, Guess, Problem, Scaling
+from ocp.problem.rollout import InitialGuess, roll_on
+from ocp.problem.task import Task
+from ocp.programs.solver import Point
+from ocp.routes.branches import Branches
+from ocp.routes.homotopy import Homotopy, RouteResult
+from ocp.routes.rollouts import pack_rollout
+from ocp.routes.session import Session
+from ocp.solution import Solution
+from ocp.solve.judging import judged
+from ocp.solve.solve import best_of, new_session
+
+
+def guess_from_policy(experiment: Experiment, trained: Trained) -> Guess:
+    """The states and inputs of a policy's episode under the exact law.
+
+    Where it ends early its last state stays, with inputs of zero.
+    """
+
+    def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found = evaluate_from(experiment, trained, EXACT, problem.initial_states(p))
+        return _hold_last_state(found.states[0]), found.inputs[0]
+
+    return guess
+
+
+def guess_from_constant_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
+    """The best of ``n`` inputs drawn between the bounds, each held throughout, in the exact law."""
+
+    def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        share = np.random.default_rng(seed).uniform(-1.0, 1.0, (n, task.system.nu))
+        policy = constant(task.system.nx, task.lower, task.upper)
+        rollouts = TaskRollouts(task, EXACT, policy, task.horizon)
+        start = np.repeat(problem.initial_states(p), n, axis=0)
+        found = rollouts(start, np.arctanh(share), n_samples=n, model_params=p, states=True)
+        best = int(np.argmax(np.where(np.isfinite(found.value), found.value, -np.inf)))
+        held = (task.upper + task.lower) / 2 + share[best] * (task.upper - task.lower) / 2
+        return _hold_last_state(found.states[best]), np.tile(held, (problem.N, 1))
+
+    return guess
+
+
+def _hold_last_state(states: np.ndarray) -> np.ndarray:
+    """``states`` (N+1, nx), the last one that is a number in place of those after it."""
+    good = np.isfinite(states).all(axis=1)
+    last = len(states) - 1 if good.all() else int(np.argmin(good)) - 1
+    return states[np.minimum(np.arange(len(states)), last)]
+
+
+_SAME = 1e-4
+"""Difference from its inputs' rollout, in characteristic sizes, up to which a guess is a motion."""
+
+
+@dataclass(frozen=True)
+class BestPlan:
+    """The best plan found for an episode from one start, under the exact law.
+
+    ``returned`` is its return; ``replayed`` that of an episode in which its inputs are applied
+    step by step under the exact law, over the ``lived`` steps that count. ``solution`` has the
+    trajectories, the certificate, the referee's word, and in ``others`` what each guess led to.
+
+    A certified plan is a local optimum. That bounds the return of plans nearby and of no others:
+    another guess may lead to a better one, and a policy may be better too.
+    """
+
+    solution: Solution
+    replayed: float
+    lived: int
+
+    @property
+    def returned(self) -> float:
+        """Return of the plan itself."""
+        return -self.solution.cost
+
+    @property
+    def certified(self) -> bool:
+        """Whether the plan is certified stationary (:mod:`ocp.judge.certificate`)."""
+        return self.solution.success
+
+    @property
+    def words(self) -> str:
+        """Return, what it is certified to be, what its replay makes of it, the referee's word."""
+        found, steps = self.solution, self.solution.problem.N
+        said = ", ".join(part for part in (found.certificate.stationarity, found.certificate.kind) if part)
+        standing = (
+            f"certified stationary ({said}), which is a local optimum at most"
+            if self.certified
+            else f"not certified ({found.status.value})"
+        )
+        return (
+            f"best plan found: return {self.returned:.6g}, {standing}; replayed under the exact law"
+            f" {self.replayed:.6g} over {self.lived} of {steps} steps; before the referee, with"
+            f" {-found.referee.cost:.6g}: {found.referee.word}"
+        )
+
+
+def best_plan(
+    task: Task,
+    x0: np.ndarray,
+    *guesses: Guess,
+    settings: dict[str, Any] | None = None,
+) -> BestPlan:
+    """Plan an episode from ``x0`` (nx,) by direct transcription under the exact law.
+
+    The search begins at each of ``guesses``, by default where everything stands still. A guess that
+    is a motion under the exact law is solved on its own branch and improved from there, which
+    keeps to it; any other, or where that comes to nothing, is solved by the default route. The best
+    certified plan is returned, or where none is certified the best of the others.
+    ``settings`` are those of :func:`ocp.solve`.
+
+    Raises as :func:`~ocp.learning.planned.planned_problem` does.
+    """
+    problem = planned_problem(task, x0)
+    session = new_session(problem, EXACT, settings=settings)
+    p = problem.parameters.values
+    begun = [guess(problem, p) for guess in guesses] or [problem.initial_guess(p)]
+    found = []
+    for number, guess in enumerate(begun):
+        outcome = _polished(session, guess)
+        if outcome is None:
+            outcome = session.solve(guess=guess, number=number)
+        found.append(judged(session, outcome, seed=0))
+    best = best_of(session, found)
+    replay = (best.data[name].values[0] for name in ("x_replay", "u_replay"))
+    return BestPlan(best, *episode_return(task, *replay))
+
+
+def _polished(session: Session, guess: InitialGuess) -> RouteResult | None:
+    """The best plan near a motion, along its contacts; None where it is none, or none was found."""
+    states, inputs = guess
+    problem = session.problem
+    rolled, unsolved = roll_on(problem, inputs[None], session.values, session.step)
+    off = np.abs(rolled.x[0] - states) / problem.scales.x
+    if unsolved is not None or not np.all(off <= _SAME):
+        return None
+    follower = Homotopy(session.nlp_of, session.solver, session.values)
+    branches, nlp = Branches(follower), session.judging_nlp()
+    found = branches.solve_branch(Point(pack_rollout(nlp, rolled, None)))
+    if found is None:
+        return None
+    return RouteResult(branches.improve(found), nlp, True, follower.trace)
+
+
+def episode_return(task: Task, states: np.ndarray, inputs: np.ndarray) -> tuple[float, int]:
+    """Return of the episode with ``states`` (N+1, nx) and ``inputs`` (N, nu), and its steps.
+
+    It ends at the first state where the task says so, and before the first that is no number;
+    nothing is gained after that. At the task's own parameters.
+    """
+    p, n = task.parameters.values, len(inputs)
+    known = np.isfinite(states).all(axis=1)
+    solved = n if known.all() else max(int(np.argmin(known)) - 1, 0)
+    over = BatchFunction(task.ends, "numpy", 1)(states[: solved + 1], p)[:, 0] != 0
+    lived = int(np.argmax(over)) if over.any() else solved
+    if not lived:
+        return 0.0, 0
+    counted = states[:lived], inputs[:lived], states[1 : lived + 1]
+    total = float(BatchFunction(task.rewards, "numpy", 1)(*counted, p).sum())
+    if lived == n and not over.any():
+        total += float(task.finals(states[-1], p))
+    return total, lived
+
+
+MARGIN = 1e-6
+"""What a plan keeps from the end of its episode, in the units of ``Task.lasts``, since an episode
+ends on the border itself and a solver keeps its constraints up to 1e-8."""
+
+
+def planned_problem(task: Task, x0: np.ndarray, scaling: Scaling | None = None) -> Problem:
+    """Minimise minus the return of an episode of full length that starts at ``x0`` (nx,).
+
+    The cost is minus ``sum_t reward(x_t, u_t, x_{t+1}) + final(x_N)``, t < N. A reward
+    ``a(x_{t+1}) + b(x_t, u_t)`` becomes the stage cost ``-a(x_t) - b(x_t, u_t)`` and the terminal
+    cost ``-a(x_N) - final(x_N) + a(x_0)``, with the same sum. ``Task.lasts`` is kept at all states
+    that a reward is gained from, and at the last one where ``final`` is gained there; an episode
+    that ends before gets nothing more, and no such episode is planned.
+
+    Raises :class:`~ocp.errors.InputError` where x0 has another size or has ended already, where the
+    reward is no such sum, and where ``done`` depends on x and ``lasts`` is not said.
+    """
+    system = task.system
+    start = np.asarray(x0, dtype=float)
+    if start.shape != (system.nx,) or not np.isfinite(start).all():
+        raise InputError(
+            f"{task.name}: a plan starts at {system.nx} finite numbers, one a state, got"
+            f" {np.array2string(start, threshold=8)}"
+        )
+    if bool(task.ends(start, task.parameters.values)):
+        raise InputError(f"{task.name}: an episode from this start ends before its first step; give another")
+    after, before = _parts(task, start)
+    final = ca.SX(task.final)
+    lasting = _survival_constraint(task)
+    return Problem(
+        name=task.name,
+        system=system,
+        N=task.horizon,
+        stage_cost=-(after + before),
+        terminal_cost=ca.substitute(after, system.x, ca.DM(start)) - after - final,
+        x0=ca.SX(ca.DM(start)),
+        parameters=task.parameters,
+        u_lower=ca.SX(ca.DM(task.lower)),
+        u_upper=ca.SX(ca.DM(task.upper)),
+        path=lasting,
+        terminal=() if final.is_zero() else lasting,
+        scaling=scaling or Scaling(),
+    )
+
+
+def _parts(task: Task, start: np.ndarray) -> tuple[ca.SX, ca.SX]:
+    """``a(x)`` and ``b(x, u)`` of ``reward = a(x_next) + b(x, u)``."""
+    system, reward = task.system, ca.SX(task.reward)
+    given = ca.vertcat(system.x, system.u)
+    slope = ca.jacobian(reward, system.x_next)
+    if ca.depends_on(slope, given):
+        used = {str(symbol) for symbol in ca.symvar(slope)}
+        mixed = ", ".join(str(symbol) for symbol in ca.symvar(given) if str(symbol) in used)
+        raise InputError(
+            f"{task.name}: the reward's term in x_next also depends on {mixed}, which a stage cost"
+            " in (x, u) cannot express; write the reward as a(x_next) + b(x, u)"
+        )
+    usual = ca.vertcat(ca.DM(start), ca.DM(task.lower + task.upper) / 2)
+    after = ca.substitute(reward, given, usual)
+    constant = ca.substitute(after, system.x_next, ca.DM(start))
+    before = ca.substitute(reward, system.x_next, ca.DM(start)) - constant
+    return ca.substitute(after, system.x_next, system.x), before
+
+
+def _survival_constraint(task: Task) -> tuple[Constraint, ...]:
+    """That the episode goes on."""
+    if task.lasts is None:
+        if ca.depends_on(ca.SX(task.done), task.system.x):
+            raise InputError(
+                f"{task.name}: done depends on the state: give Task.lasts, the constraints that keep an episode running"
+            )
+        return ()
+    kept = ca.SX(task.lasts)
+    return (Constraint("episode goes on", kept, MARGIN, ca.inf),) if kept.numel() else ()

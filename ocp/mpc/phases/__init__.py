@@ -1,1 +1,0 @@
-"""Ways to answer a measured state."""

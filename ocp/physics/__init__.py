@@ -1,1 +1,0 @@
-"""What trajectories do to bodies: distances, contacts, constraints, and undetermined steps."""

@@ -1,0 +1,93 @@
+"""The part of a cost that no plan can change, and shares of what a plan can change."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+if TYPE_CHECKING:
+    from ocp.problem.problem import Problem
+
+LEAST_COST = 1e-9
+"""Smallest cost, in characteristic costs, of which anything is a share."""
+_GROWING = {ca.OP_SQ: np.square, ca.OP_FABS: np.abs, ca.OP_SQRT: np.sqrt, ca.OP_COSH: np.cosh}
+"""Functions that are never negative, and grow with what is not."""
+_DEPTH = 200
+"""Nested sums and factors that are searched for constants."""
+
+
+def split_constant(cost: ca.SX, moving: ca.SX, depth: int = _DEPTH) -> tuple[ca.SX, ca.SX]:
+    """Split a scalar ``cost`` into a part without constant terms, and the sum of these.
+
+    A constant term does not depend on the symbols ``moving``. Sums, differences and products with
+    constant factors are searched. The cost is returned as it is where it has none.
+    """
+    if not ca.depends_on(cost, moving):
+        return ca.SX(0), ca.SX(cost)
+    if depth == 0 or cost.is_leaf():
+        return cost, ca.SX(0)
+    left, right = cost.dep(0), cost.dep(cost.n_dep() - 1)
+    left_moves, right_moves = (ca.depends_on(part, moving) for part in (left, right))
+
+    def scaled(part: ca.SX, factor: ca.SX | float) -> tuple[ca.SX, ca.SX]:
+        rest, constant = split_constant(part, moving, depth - 1)
+        return factor * rest, factor * constant
+
+    rest, constant = cost, ca.SX(0)
+    if cost.op() in (ca.OP_ADD, ca.OP_SUB):
+        sign = 1 if cost.op() == ca.OP_ADD else -1
+        first, second = scaled(left, 1), scaled(right, sign)
+        rest, constant = first[0] + second[0], first[1] + second[1]
+    elif cost.op() == ca.OP_NEG:
+        rest, constant = scaled(left, -1)
+    elif cost.op() == ca.OP_TWICE:
+        rest, constant = scaled(left, 2)
+    elif cost.op() == ca.OP_MUL and not (left_moves and right_moves):
+        rest, constant = scaled(left, right) if left_moves else scaled(right, left)
+    elif cost.op() == ca.OP_DIV and not right_moves:
+        rest, constant = scaled(left, 1 / right)
+    return (cost, ca.SX(0)) if constant.is_zero() else (rest, constant)
+
+
+def least_value(expression: ca.SX, depth: int = _DEPTH, known: dict[int, float] | None = None) -> float:
+    """Lower bound of a scalar, as far as sums, squares and growing functions of them show one.
+
+    Minus infinity where they do not.
+    """
+    known = {} if known is None else known
+    if expression.is_constant() or depth == 0 or expression.is_leaf():
+        return float(expression) if expression.is_constant() else -np.inf
+    place = expression.element_hash()
+    if place not in known:
+        parts = expression.dep(0), expression.dep(expression.n_dep() - 1)
+        known[place] = _bound(expression.op(), parts[1], [least_value(part, depth - 1, known) for part in parts])
+    return known[place]
+
+
+def _bound(operation: int, right: ca.SX, least: list[float]) -> float:
+    """Lower bound of an operation on parts whose lower bounds are ``least``."""
+    first, second = least
+    if operation in _GROWING:
+        return float(_GROWING[operation](max(first, 0.0)))
+    if operation == ca.OP_CONSTPOW and right.is_constant() and float(right) % 2 == 0:
+        return max(first, 0.0) ** float(right) if float(right) > 0 else 0.0
+    if operation in (ca.OP_ADD, ca.OP_TWICE, ca.OP_EXP):
+        return float(np.exp(first)) if operation == ca.OP_EXP else first + second
+    if operation == ca.OP_LOG and first > 0:
+        return float(np.log(first))
+    if operation in (ca.OP_MUL, ca.OP_DIV) and min(least) >= 0:
+        divisor = float(right) if right.is_constant() else np.inf
+        return first * second if operation == ca.OP_MUL else first / divisor
+    return -np.inf
+
+
+def cost_share(problem: Problem, change: float, cost: float, physical: np.ndarray) -> float:
+    """Return a ``change`` of the cost as a share of what a plan of that ``cost`` can change.
+
+    That is the cost less its constant terms, under roots and squares too, so that a constant in the
+    cost changes no verdict; no less than :data:`LEAST_COST` characteristic costs.
+    """
+    changeable = abs(cost - problem.least_cost(physical))
+    return change / max(changeable, LEAST_COST * problem.scales.cost)

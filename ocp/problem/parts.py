@@ -1,0 +1,200 @@
+"""Parts of a problem: expressions, constraints, sizes, scenarios and a chosen start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from pydantic import InstanceOf
+
+from ocp.errors import InputError, abbreviated
+from ocp.programs.units import SI, Units
+from ocp.validation import (
+    Count,
+    Index,
+    Name,
+    NotNegative,
+    Positive,
+    validate_fields,
+    validated,
+)
+
+
+def column(what: str, value: Any, *sizes: int) -> ca.SX:
+    """Return numbers or an expression as a column, whose number of entries is one of ``sizes``.
+
+    Raises :class:`~ocp.errors.InputError` for anything else.
+    """
+    found = _expression(value)
+    if found is None:
+        raise InputError(f"{what} must be numbers or an expression of ca.SX, got {abbreviated(value)}")
+    if min(found.shape) > 1:
+        raise InputError(f"{what} must be a column, got a matrix of shape {found.shape}")
+    if sizes and found.numel() not in sizes:
+        raise InputError(f"{what} has {found.numel()} entries, expected {sizes[0]}")
+    return ca.vec(found)
+
+
+def check_symbols(what: str, value: ca.SX, known: Iterable[ca.SX], expected: str) -> None:
+    """Raise :class:`~ocp.errors.InputError` where ``value`` uses a symbol that is not known.
+
+    ``expected`` describes which ones are.
+    """
+    declared = {symbol.element_hash() for part in known for symbol in ca.symvar(part)}
+    used = ca.symvar(value)
+    strange = sorted({str(one) for one in used if one.element_hash() not in declared})
+    if strange:
+        raise InputError(f"{what} uses {', '.join(strange)}, which is {expected}")
+
+
+def _expression(value: Any) -> ca.SX | None:
+    if isinstance(value, np.ndarray | list | tuple) and not _numbers(value):
+        return None
+    if not isinstance(value, ca.SX | ca.DM | int | float | np.generic | np.ndarray | list | tuple):
+        return None
+    if isinstance(value, bool | np.bool_ | np.complexfloating | np.str_ | np.bytes_):
+        return None
+    return ca.SX(value.item() if isinstance(value, np.generic) else value)
+
+
+def _numbers(values: Any) -> bool:
+    try:
+        return np.asarray(values).dtype.kind in "if"
+    except (ValueError, TypeError, OverflowError):
+        return False
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """``lower <= expression <= upper``, the expression in (x, u, p), or (x, p) at the end.
+
+    A single bound holds for every entry.
+
+    Raises :class:`~ocp.errors.InputError` where one of them is no column.
+    """
+
+    name: str
+    expression: ca.SX
+    lower: ca.SX | float
+    upper: ca.SX | float
+
+    def __post_init__(self) -> None:
+        name = validated("a constraint's name", self.name, Name)
+        expression = column(f"constraint {name}", self.expression)
+        object.__setattr__(self, "expression", expression)
+        for side in ("lower", "upper"):
+            bound = column(f"{side} of constraint {name}", getattr(self, side), expression.numel(), 1)
+            every = ca.repmat(bound, expression.numel() // bound.numel())
+            object.__setattr__(self, side, every)
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Characteristic sizes: of a contact impulse, of a gap, of a state and an input.
+
+    ``x`` and ``u`` scale the perturbation of guesses in a multi-start and normalise what the audit
+    compares. All are multiples of the natural ``units`` of their signals, so that none depends on
+    the units of the parameters. A size that is None is derived from the problem's data
+    (:mod:`ocp.problem.sizes`); :attr:`~Problem.scales` gives all of them in SI.
+
+    Raises :class:`~ocp.errors.InputError` for a size that is not positive and finite.
+    """
+
+    impulse: float | None = None
+    gap: float | None = None
+    x: float | None = None
+    u: float | None = None
+    units: Units = SI
+
+    def __post_init__(self) -> None:
+        sizes = dict.fromkeys(("impulse", "gap", "x", "u"), Positive | None)
+        validate_fields(self, "scaling", **sizes, units=InstanceOf[Units] | None)
+
+    @property
+    def derived(self) -> tuple[str, ...]:
+        """Names of the sizes that are derived from data."""
+        return tuple(name for name in ("impulse", "gap", "x", "u") if getattr(self, name) is None)
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Characteristic sizes: impulse, gap, states (nx,) and inputs (nu,); and of the cost."""
+
+    impulse: float
+    gap: float
+    x: np.ndarray
+    u: np.ndarray
+    cost: float = 1.0
+
+    @property
+    def mu(self) -> float:
+        """``impulse * gap``, at which homotopies start."""
+        return self.impulse * self.gap
+
+    def over(self, units: Scales) -> Scales:
+        """Return the same sizes as multiples of others."""
+        return Scales(
+            self.impulse / units.impulse,
+            self.gap / units.gap,
+            self.x / units.x,
+            self.u / units.u,
+            self.cost / units.cost,
+        )
+
+
+@dataclass(frozen=True)
+class Scenarios:
+    """Initial states ``x0 + std * e_i``, i < n, with e_i standard normal from ``seed``.
+
+    ``std`` (nx,) in the units of the states. n = 1 is the nominal start alone.
+
+    Raises :class:`~ocp.errors.InputError` for n < 1, and widths or a seed that are negative.
+    """
+
+    n: int = 1
+    std: tuple[float, ...] = ()
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "std", np.ravel(self.std).tolist())
+        validate_fields(self, "scenarios", n=Count, std=tuple[NotNegative, ...], seed=Index)
+
+    def offsets(self, nx: int) -> np.ndarray:
+        """Offsets from the nominal start, shape (n, nx); one scenario has offset zero."""
+        if self.n == 1:
+            return np.zeros((1, nx))
+        noise = np.random.default_rng(self.seed).standard_normal((self.n, nx))
+        return noise * np.asarray(self.std)
+
+
+@dataclass(frozen=True, eq=False)
+class FreeStart:
+    """A start that is chosen too: ``lower <= x_0 <= upper``, and ``x_N[i] = x_0[i]`` for i in
+    ``periodic``; ``Problem.x0`` is then where the search for it begins.
+
+    ``lower`` and ``upper`` (nx, 1) are expressions in the parameters.
+    """
+
+    lower: ca.SX
+    upper: ca.SX
+    periodic: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        for side in ("lower", "upper"):
+            bound = column(f"{side} of the start", getattr(self, side))
+            object.__setattr__(self, side, bound)
+        periodic = validated("periodic of the start", self.periodic, tuple[Index, ...])
+        object.__setattr__(self, "periodic", tuple(dict.fromkeys(periodic)))
+
+    def check(self, name: str, nx: int) -> None:
+        """Raise :class:`~ocp.errors.InputError` where this is no start of ``nx`` states."""
+        column(f"{name}: lower of the start", self.lower, nx, 1)
+        column(f"{name}: upper of the start", self.upper, nx, 1)
+        if any(index >= nx for index in self.periodic):
+            raise InputError(
+                f"{name}: periodic of the start names state {max(self.periodic)}, but states are"
+                f" counted from 0 to {nx - 1}"
+            )

@@ -1,0 +1,453 @@
+"""An optimal control problem: a system, a horizon, costs, bounds, and where it starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from pydantic import InstanceOf
+
+from dynamics.contact import Exact, Step
+from dynamics.systems import ContactSystem, ParameterTable
+from ocp.errors import InputError, abbreviated
+from ocp.problem.cost_sizes import least_value, split_constant
+from ocp.problem.free_time import FreeStep, with_free_step
+from ocp.problem.parts import Constraint, FreeStart, Scales, Scaling, Scenarios, check_symbols, column
+from ocp.problem.sizes import GAP_SHARE, derive_sizes, gap_changes, residual_changes
+from ocp.programs.units import ORDINARY_ROWS, band, solver_unit
+from ocp.validation import Count, Line, Name, Recorded, validated
+
+__all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Scales", "Scaling", "Scenarios"]
+
+SWEPT = "way between nodes"
+SHARES, DEPTH = (0.25, 0.5, 0.75), 0.05
+"""Shares of a step at which a swept problem keeps bodies apart, and how deep, in characteristic
+gaps, straight motion may cut into one: half of what the referee tolerates."""
+Guess = Callable[["Problem", np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Maps (problem, parameter values) to states (N+1, nx) and inputs (N, nu) to start from."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Problem:
+    """Minimise the mean over scenarios of ``sum_k l(x_k, u_k, du_k) + l_N(x_N)``, k < N.
+
+    ``stage_cost`` is an expression in ``system.x``, ``system.u``, ``du`` (the symbol for
+    u_k - u_{k-1}, with u_{-1} = ``u_before``), ``system.lam`` (the impulses of contact of the step
+    from x_k to x_{k+1}; the mean over the branches of a law that averages) and the parameters,
+    ``terminal_cost`` in ``system.x`` and the parameters, and ``path`` constraints in what the
+    stage cost has, but ``du``, and ``system.x_next``. ``x0`` (nx,), ``u_before`` (nu,), and all
+    bounds are expressions in the parameters. With ``h=free(lower, upper)`` the step size is the
+    last state, and the final time is free (:func:`~ocp.problem.free_time.free`). With ``swept`` nothing
+    passes through anything between two nodes either, by one more path constraint. ``source`` is
+    the user's file that it was built by, None for one that has a name or none, and
+    ``source_digest`` that of all the file was made of then (:mod:`problems.source_digest`);
+    ``shown`` is the :class:`problems.user_code.UserProblemRecord` that its runs store.
+
+    Raises :class:`~ocp.errors.InputError` where a dimension does not fit.
+    """
+
+    name: str
+    system: ContactSystem
+    N: int
+    stage_cost: ca.SX
+    terminal_cost: ca.SX
+    x0: ca.SX
+    parameters: ParameterTable
+    du: ca.SX | None = None
+    u_before: ca.SX | None = None
+    u_lower: ca.SX | float = -ca.inf
+    u_upper: ca.SX | float = ca.inf
+    x_lower: ca.SX | float = -ca.inf
+    x_upper: ca.SX | float = ca.inf
+    path: Sequence[Constraint] = ()
+    terminal: Sequence[Constraint] = ()
+    scenarios: Scenarios = field(default_factory=Scenarios)
+    start: FreeStart | None = None
+    guess: Guess | None = None
+    scaling: Scaling = field(default_factory=Scaling)
+    settings: dict[str, float | int | str] = field(default_factory=dict)
+    citation: str = ""
+    source: str | None = None
+    source_digest: str | None = None
+    shown: Any = None
+    h: FreeStep | None = None
+    swept: bool = False
+
+    def __post_init__(self) -> None:
+        for what, kind in _KINDS.items():
+            called = {"name": "a problem's name", "N": f"{self.name}: the horizon N"}
+            owner = called.get(what, f"{self.name}: {what}")
+            self._set(what, validated(owner, getattr(self, what), kind))
+        nx, nu = self.system.nx, self.system.nu
+        sizes = {
+            "x0": (nx,),
+            "du": (nu,),
+            "u_before": (nu,),
+            "u_lower": (nu, 1),
+            "u_upper": (nu, 1),
+            "x_lower": (nx, 1),
+            "x_upper": (nx, 1),
+            "stage_cost": (1,),
+            "terminal_cost": (1,),
+        }
+        for what, allowed in sizes.items():
+            value = getattr(self, what)
+            if value is not None or what not in ("du", "u_before"):
+                self._set(what, column(f"{self.name}: {what}", value, *allowed))
+        if (self.du is None) != (self.u_before is None):
+            raise InputError(f"{self.name}: a cost on du needs both du and u_before, or neither")
+        if self.scenarios.n > 1 and len(self.scenarios.std) != nx:
+            raise InputError(
+                f"{self.name}: scenarios.std has {len(self.scenarios.std)} entries, expected one per state, {nx}"
+            )
+        if self.start is not None and self.scenarios.n > 1:
+            raise InputError(f"{self.name}: a free start needs a single scenario")
+        if self.start is not None:
+            self.start.check(self.name, nx)
+        self._check_symbols()
+        if self.h is not None:
+            made = with_free_step(self, validated(f"{self.name}: h", self.h, InstanceOf[FreeStep]))
+            for what, value in {**made, "h": None}.items():
+                self._set(what, value)
+        if self.swept and all(one.name != SWEPT for one in self.path):
+            self._set("path", (*self.path, self._sweep()))
+
+    def __repr__(self) -> str:
+        from ocp.problem.summary import summary
+
+        return summary(self)
+
+    def _sweep(self) -> Constraint:
+        """True distances on the straight way between nodes, at three places of every step."""
+        system = self.system
+        if system.phi is None:
+            raise InputError(
+                f"{self.name}: swept needs the distances of its contacts, and the system gives no phi; leave swept out"
+            )
+        way = (system.x + share * (system.x_next - system.x) for share in SHARES)
+        gaps = ca.vertcat(*(ca.substitute(system.phi, system.x, at) for at in way))
+        least = -DEPTH * self.scales.gap
+        return Constraint(SWEPT, gaps, least, ca.inf)
+
+    def _set(self, what: str, value: Any) -> None:
+        object.__setattr__(self, what, value)
+
+    def _check_symbols(self) -> None:
+        s, free = self.system, self.start
+        own, last = [self.parameters.vector], [s.x, self.parameters.vector]
+        along = [*last, s.u, s.lam, *([] if self.du is None else [self.du])]
+        if self.du is not None and not self.du.is_valid_input():
+            raise InputError(f"{self.name}: du must be symbols, ca.SX.sym('du', {s.nu})")
+        bounds = [
+            (f"{what} of {one.name}", getattr(one, what))
+            for one in (*self.path, *self.terminal)
+            for what in ("lower", "upper")
+        ]
+        bounds += [] if free is None else [("the start", free.lower), ("the start", free.upper)]
+        for known, used, expected in (
+            (along, [("stage_cost", self.stage_cost)], "no state, input, du, contact impulse or declared parameter"),
+            (
+                [*along, s.x_next],
+                [(c.name, c.expression) for c in self.path],
+                "no state, input, next state, contact impulse or declared parameter",
+            ),
+            (
+                last,
+                [("terminal_cost", self.terminal_cost), *((c.name, c.expression) for c in self.terminal)],
+                "no state or declared parameter",
+            ),
+            (own, [*((what, getattr(self, what)) for what in _BY_PARAMETERS), *bounds], "no declared parameter"),
+            (
+                own,
+                [("the system", s.parameters.vector)],
+                "no parameter of the problem; give the problem the table that the system has",
+            ),
+        ):
+            for what, value in used:
+                if value is not None:
+                    check_symbols(f"{self.name}: {what}", value, known, expected)
+
+    @property
+    def uses_du(self) -> bool:
+        """Whether the cost depends on input increments."""
+        return self.du is not None
+
+    @cached_property
+    def uses_impulses(self) -> bool:
+        """Whether the stage cost or a path constraint depends on contact impulses."""
+        seen = ca.vertcat(self.stage_cost, *(one.expression for one in self.path))
+        return bool(ca.depends_on(seen, self.system.lam))
+
+    @cached_property
+    def exact_step(self) -> Step:
+        """The system closed by the exact law, for audits and replays."""
+        return Exact().close(self.system)
+
+    @cached_property
+    def referee_step(self) -> Step:
+        """The exact step under the sharpest contact that the system has, which referees plans."""
+        sharpest = self.system.sharpest
+        return self.exact_step if sharpest is self.system else Exact().close(sharpest)
+
+    @cached_property
+    def signed_distance(self) -> ca.Function | None:
+        """Map ``(x, p)`` to the true signed distance phi of every contact, or None if unknown."""
+        if self.system.phi is None:
+            return None
+        inputs = [self.system.x, self.parameters.vector]
+        return ca.Function("phi", inputs, [ca.densify(self.system.phi)], ["x", "p"], ["phi"])
+
+    @cached_property
+    def limits(self) -> ca.Function:
+        """Map ``p`` to ``(x0, u_before, u_lower, u_upper, x_lower, x_upper)``."""
+        nx, nu = self.system.nx, self.system.nu
+        before = ca.SX.zeros(nu) if self.u_before is None else self.u_before
+        values = (self.x0, before, self.u_lower, self.u_upper, self.x_lower, self.x_upper)
+        sizes = (nx, nu, nu, nu, nx, nx)
+        outputs = [_column(value, size) for value, size in zip(values, sizes, strict=True)]
+        return ca.Function("limits", [self.parameters.vector], outputs, ["p"], [*_BY_PARAMETERS])
+
+    @cached_property
+    def start_limits(self) -> ca.Function:
+        """Map ``p`` to the bounds of x_0, each (nx, 1); both are ``x0`` where it is given."""
+        nx, free = self.system.nx, self.start
+        ends = (self.x0, self.x0) if free is None else (free.lower, free.upper)
+        outputs = [_column(end, nx) for end in ends]
+        return ca.Function("start_limits", [self.parameters.vector], outputs)
+
+    @cached_property
+    def cost_terms(self) -> ca.Function:
+        """Map ``(x, u, du, lam, p)`` to ``(stage cost, terminal cost at x)``."""
+        costs = [self.stage_cost, self.terminal_cost]
+        names = ["x", "u", "du", "lam", "p"], ["stage", "terminal"]
+        return ca.Function("cost_terms", self.symbols, costs, *names)
+
+    @cached_property
+    def changeable_costs(self) -> tuple[ca.SX, ca.SX]:
+        """Stage and terminal cost without their constant terms, which no plan can change."""
+        return self._split_costs[0][0], self._split_costs[1][0]
+
+    @cached_property
+    def _split_costs(self) -> list[tuple[ca.SX, ca.SX]]:
+        moving = ca.vertcat(*self.symbols[:4])
+        return [split_constant(cost, moving) for cost in (self.stage_cost, self.terminal_cost)]
+
+    def constant_cost(self, physical: np.ndarray) -> float:
+        """Sum over the horizon of the costs' constant terms at values (np,) of the parameters."""
+        stage, terminal = (part[1] for part in self._split_costs)
+        if stage.is_zero() and terminal.is_zero():
+            return 0.0
+        total = ca.Function("constant", [self.parameters.vector], [self.N * stage + terminal])
+        return float(total(physical))
+
+    def least_cost(self, physical: np.ndarray) -> float:
+        """The constant terms, and what constants under roots, squares and the like make of more."""
+        p = [self.parameters.vector], [ca.DM(physical)]
+        stage, terminal = map(least_value, ca.substitute([*self.changeable_costs], *p))
+        return self.constant_cost(physical) + self.N * max(stage, 0.0) + max(terminal, 0.0)
+
+    @cached_property
+    def state_slopes(self) -> ca.Function:
+        """Map ``(x, u, du, lam, p)`` to gradients of the costs.
+
+        By x, (nx, 1), of stage and terminal cost, and by lam, (nlam, 1), of the stage cost.
+        """
+        x, lam = self.system.x, self.system.lam
+        sought = (self.stage_cost, x), (self.terminal_cost, x), (self.stage_cost, lam)
+        slopes = [ca.densify(ca.gradient(cost, by)) for cost, by in sought]
+        return ca.Function("state_slopes", self.symbols, slopes)
+
+    @property
+    def symbols(self) -> list[ca.SX]:
+        """``(x, u, du, lam, p)``, with a symbol for du where the cost has none."""
+        system = self.system
+        du = ca.SX.sym("du", system.nu) if self.du is None else self.du
+        return [system.x, system.u, du, system.lam, self.parameters.vector]
+
+    @cached_property
+    def scales(self) -> Scales:
+        """The characteristic sizes in SI, signal by signal; those not stated are derived."""
+        stated, units = self.scaling, self._units_of_signals
+        derived = derive_sizes(self) if stated.derived else None
+
+        def size(name: str) -> Any:
+            multiple = getattr(stated, name)
+            return getattr(derived, name) if multiple is None else multiple * getattr(units, name)
+
+        sizes = Scales(size("impulse"), size("gap"), size("x"), size("u"))
+        return replace(sizes, cost=stated.units.cost * self._cost_band(sizes.over(units)))
+
+    @cached_property
+    def natural(self) -> Scales:
+        """Units in which a solver sees states, inputs, impulses and gaps.
+
+        Those of ``scaling.units``; in SI, of a size that was derived, the power of two beside it
+        unless it is ordinary (:func:`~ocp.programs.units.solver_unit`).
+        """
+        if not (self.scaling.units.plain and self.scaling.derived):
+            return self._units_of_signals
+        names = self.scaling.derived
+        return replace(
+            self._units_of_signals,
+            **{name: solver_unit(getattr(self.scales, name)) for name in names},
+        )
+
+    @cached_property
+    def natural_scales(self) -> Scales:
+        """The characteristic sizes as multiples of :attr:`natural`."""
+        return self.scales.over(self.natural)
+
+    @cached_property
+    def pair_units(self) -> np.ndarray:
+        """Units (nlam,) of the pairs' gaps over the natural one, multipliers have the inverse.
+
+        Powers of two, 1 unless what a gap changes by as states move by their sizes is far from the
+        characteristic gap, as where distances are computed in nanometres.
+        """
+        changes = gap_changes(self, self.scales.x)
+        return solver_unit(np.nan_to_num(changes * GAP_SHARE / self.scales.gap), ORDINARY_ROWS)
+
+    @cached_property
+    def residual_units(self) -> np.ndarray:
+        """Units (nx,) of the rows of the step's residual: powers of two, 1 for ordinary rows."""
+        return solver_unit(residual_changes(self, self.natural.x), ORDINARY_ROWS)
+
+    @cached_property
+    def _units_of_signals(self) -> Scales:
+        """The natural units of states and inputs, by their dimensions."""
+        units = self.scaling.units
+        states, inputs = (
+            np.array([units.of(signal.unit) for signal in part]) for part in (self.system.states, self.system.inputs)
+        )
+        return Scales(units.of("N s"), units.of("m"), states, inputs, units.cost)
+
+    @property
+    def weights(self) -> set[str]:
+        """Names of parameters that weigh the cost: it is linear in each, nothing else has them."""
+        s, cost = self.system, ca.vertcat(self.stage_cost, self.terminal_cost)
+        rows = (row for one in (*self.path, *self.terminal) for row in (one.expression, one.lower, one.upper))
+        ends = [getattr(self, what) for what in _BY_PARAMETERS]
+        start = [] if self.start is None else [self.start.lower, self.start.upper]
+        elsewhere = [
+            s.residual,
+            s.gap,
+            *(ca.SX(e) for e in (*ends, *start, *rows) if e is not None),
+        ]
+        taken = {one.element_hash() for part in elsewhere for one in ca.symvar(part)}
+        return {
+            name
+            for name in self.parameters.names
+            if self.parameters[name].element_hash() not in taken
+            and [any(ca.which_depends(cost, self.parameters[name], order)) for order in (1, 2)] == [True, False]
+        }
+
+    def _cost_band(self, sizes: Scales) -> float:
+        """Band of the change of cost as states and inputs at rest move by ``sizes``.
+
+        Sizes, and the parameters' values, are in natural units.
+        """
+        units = self.scaling.units
+        p = np.array([one.value / units.of(one.unit) for one in self.parameters])
+        x, u = (np.array(v).ravel() for v in self.limits(p)[:2])
+        costs = [
+            np.ravel(self.cost_terms(x + s * sizes.x, u + s * sizes.u, s * sizes.u, abs(s) * sizes.impulse, p))
+            for s in (0.0, -1.0, 1.0)
+        ]
+        changes = np.abs(np.array(costs[1:], dtype=float) - costs[0]) @ (self.N, 1.0)
+        return band(float(changes.max()) / units.cost)
+
+    @cached_property
+    def _physics(self) -> ca.Function:
+        """Map ``(x, p)`` to step size, mass, stiffness and friction, empty where there is none."""
+        system = self.system
+        friction = None if system.forces is None else system.forces.friction
+        known = (ca.SX() if one is None else one for one in (system.mass, system.stiffness, friction))
+        given = [system.x, self.parameters.vector]
+        return ca.Function("physics", given, [ca.SX(system.h), *(ca.densify(one) for one in known)])
+
+    def check_physics(self, values: Mapping[str, float] | None = None) -> None:
+        """Check step size, mass, stiffness and friction, where they are known, at x0.
+
+        ``values`` are parameter values by name, by default the parameters' own. Raises
+        :class:`~ocp.errors.InputError` unless h > 0, M and K are positive definite and no
+        coefficient of friction is negative.
+        """
+        p = self.parameters.values if values is None else self.parameters.pack(values)
+        h, M, K, friction = (np.array(one) for one in self._physics(self.limits(p)[0], p))
+        if not h > 0:
+            raise InputError(f"{self.name}: the step size must be positive, got {h.item():g} s")
+        for matrix, what, raised in (
+            (M, "mass", "masses and inertias"),
+            (K, "stiffness", "stiffnesses"),
+        ):
+            known = np.isfinite(matrix).all()
+            least = np.linalg.eigvalsh(matrix).min(initial=np.inf) if known else np.nan
+            if not least > 0:
+                raise InputError(
+                    f"{self.name}: the {what} matrix must be positive definite, but its smallest"
+                    f" eigenvalue is {least:g}; raise the {raised} above zero"
+                )
+        if not np.all(friction >= 0):
+            raise InputError(
+                f"{self.name}: Coulomb's coefficients of friction must not be negative, got {friction.min():g}"
+            )
+
+    def initial_states(self, p: np.ndarray) -> np.ndarray:
+        """Initial states of all scenarios at parameter values p, shape (scenarios, nx)."""
+        nominal = np.array(self.limits(p)[0]).ravel()
+        return nominal + self.scenarios.offsets(self.system.nx)
+
+    def initial_guess(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """States (N+1, nx) and inputs (N, nu) to start from: by default everything stands still.
+
+        Raises :class:`~ocp.errors.InputError` for a ``guess`` of other shapes, or not finite.
+        """
+        if self.guess is not None:
+            return self.checked_guess(self.guess(self, p))
+        x0, u_before = (np.array(v).ravel() for v in self.limits(p)[:2])
+        return np.tile(x0, (self.N + 1, 1)), np.tile(u_before, (self.N, 1))
+
+    def checked_guess(self, given: Any) -> tuple[np.ndarray, np.ndarray]:
+        """States and inputs of a guess; raises as :meth:`initial_guess` does."""
+        try:
+            states, inputs = (np.asarray(part) for part in given)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"{self.name}: the guess must be two arrays, states and inputs, got {abbreviated(given)}"
+            ) from None
+        found = states.shape, inputs.shape
+        expected = (self.N + 1, self.system.nx), (self.N, self.system.nu)
+        if found != expected:
+            raise InputError(
+                f"{self.name}: the guess has states {found[0]} and inputs {found[1]}, expected"
+                f" {expected[0]} and {expected[1]}"
+            )
+        if not all(part.dtype.kind in "if" and np.isfinite(part).all() for part in (states, inputs)):
+            raise InputError(f"{self.name}: the guess must be finite")
+        return states, inputs
+
+
+_KINDS: dict[str, Any] = {
+    "name": Name,
+    "system": InstanceOf[ContactSystem],
+    "N": Count,
+    "parameters": InstanceOf[ParameterTable],
+    "path": tuple[InstanceOf[Constraint], ...],
+    "terminal": tuple[InstanceOf[Constraint], ...],
+    "scenarios": InstanceOf[Scenarios],
+    "start": InstanceOf[FreeStart] | None,
+    "guess": Callable[..., Any] | None,
+    "scaling": InstanceOf[Scaling],
+    "settings": dict[Line, Recorded],
+    "citation": Line,
+}
+_BY_PARAMETERS = ("x0", "u_before", "u_lower", "u_upper", "x_lower", "x_upper")
+
+
+def _column(value: ca.SX | float, size: int) -> ca.SX:
+    column = ca.SX(value)
+    return ca.repmat(column, size, 1) if column.numel() == 1 and size != 1 else ca.densify(column)

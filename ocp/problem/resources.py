@@ -1,0 +1,140 @@
+"""Memory that a task needs, refused where there is less, and a notice of more than a minute.
+
+Bytes were measured in float64, IPOPT with MUMPS; they tell a hundred megabytes from a hundred
+gigabytes.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+from contextlib import suppress
+from pathlib import Path
+
+from dynamics.contact import ContactLaw
+from ocp.errors import InputError
+from ocp.problem.policy import Feedback, Policy
+from ocp.problem.problem import Problem
+
+YEAR = 365.25 * 86400.0
+"""Seconds; no estimate begins that would take longer by the time of its first samples."""
+LONG = 60.0
+"""Seconds from which on a person is told beforehand."""
+_LINEAR, _SQUARE = 5e3, 90.0
+"""Bytes of a stage with v variables, ``5000 v + 90 v²``: the peak grows by 37 kB a stage for v = 5
+(wall-1d), 46 kB for 8 (push-disc, over steps and over scenarios alike), 1.0 MB for 81
+(half-cheetah) by direct transcription; by 178 kB for 18 (push-disc with feedback, 20 to 120
+scenarios). Single shooting takes more."""
+_BYTE_S = 5e-10
+"""Seconds of an iteration for each byte of the solve, to tell a minute from an hour."""
+_ITERATIONS, _A_STAGE = 200, 2
+"""Of a solve, and at least of each stage of its path."""
+FOLLOWED = 0.1
+"""Of a solve's time, that a point takes to which a curve is followed."""
+_POINT = 1e5
+"""Bytes that are kept of a solved point beside its trajectories, labels above all."""
+_ARRAYS = 4
+"""Copies of what is sampled that are held at once."""
+STUDY = 2e6
+"""Bytes of a figure's largest arrays at its default counts, at most."""
+_CGROUPS = Path("/sys/fs/cgroup")
+_OF_PROCESS = Path("/proc/self/cgroup")
+
+
+def machine_memory() -> float:
+    """Bytes of memory that this machine has, or that this process may take of it.
+
+    Limits are those of its control groups (version 1 and 2) and of ``ulimit -v``.
+    """
+    found = float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    soft = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if soft != resource.RLIM_INFINITY:
+        found = min(found, float(soft))
+    for file in _limits():
+        with suppress(OSError, ValueError):
+            found = min(found, float(file.read_text()))
+    return found
+
+
+def _limits() -> list[Path]:
+    """Files that hold a limit of this process's memory, those of the groups around its own too."""
+    files = [_CGROUPS / "memory.max", _CGROUPS / "memory/memory.limit_in_bytes"]
+    with suppress(OSError):
+        for line in _OF_PROCESS.read_text().splitlines():
+            _, kinds, place = line.split(":", 2)
+            root, name = (_CGROUPS, "memory.max")
+            if kinds:
+                root, name = (_CGROUPS / "memory", "memory.limit_in_bytes")
+            if not kinds or "memory" in kinds.split(","):
+                group = root / place.strip("/")
+                files += [one / name for one in (group, *group.parents) if root in one.parents]
+    return files
+
+
+def stage_size(problem: Problem, policy: Policy | None = None) -> int:
+    """Variables of a stage: ``nx + nu + 2 nlam``, and the gains where there is feedback."""
+    system = problem.system
+    gains = system.nu * (system.nx + 1) if isinstance(policy, Feedback) else 0
+    return system.nx + system.nu + 2 * system.nlam + gains
+
+
+def solve_memory(problem: Problem, policy: Policy | None = None, law: ContactLaw | None = None) -> float:
+    """Bytes that a solve takes, about: a polynomial in :func:`stage_size` a stage.
+
+    A stage stands in the program at every step, scenario and node of the law.
+    """
+    v, nodes = stage_size(problem, policy), 1
+    if law is not None:
+        nodes = len(law.nodes(problem.system, law.parameters(problem.system)))
+    stages = float(problem.N) * problem.scenarios.n * nodes
+    return stages * (_LINEAR * v + _SQUARE * v**2)
+
+
+def solve_seconds(
+    problem: Problem, policy: Policy | None = None, law: ContactLaw | None = None, path: int = 1
+) -> float:
+    """Seconds that a solve takes, about; ``path`` stages have at least two iterations each."""
+    iterations = max(_ITERATIONS, _A_STAGE * path)
+    return iterations * _BYTE_S * solve_memory(problem, policy, law)
+
+
+def points_memory(problem: Problem, count: float, longer: float = 1.0) -> float:
+    """Bytes that ``count`` solved points take: plan, replay and referee's replay of each.
+
+    The longest has ``longer`` times the steps and scenarios of ``problem``.
+    """
+    numbers = problem.N * problem.scenarios.n * stage_size(problem) * longer
+    return count * (_POINT + _ARRAYS * 8.0 * numbers)
+
+
+def sampling_memory(decision: float, samples: float) -> float:
+    """Bytes of what is held at once of ``samples`` gradients by ``decision`` components."""
+    return _ARRAYS * 8.0 * decision * samples
+
+
+def check_memory(what: str, needed: float) -> None:
+    """Raise :class:`~ocp.errors.InputError` where ``needed`` bytes are more than there are."""
+    there = machine_memory()
+    if needed > there:
+        raise InputError(
+            f"{what} would take about {_gigabytes(needed)} of memory, and this machine has"
+            f" {_gigabytes(there)}; take fewer"
+        )
+
+
+def check_time(what: str, seconds: float) -> None:
+    """Raise :class:`~ocp.errors.InputError` where ``seconds`` are more than a year."""
+    if seconds > YEAR:
+        raise InputError(f"{what} would take about {seconds / YEAR:.2g} years; take fewer")
+
+
+def long_task_notice(what: str, seconds: float, memory: float = 0.0) -> str | None:
+    """A line on what will take longer than :data:`LONG`, None for what will not."""
+    if seconds < LONG:
+        return None
+    size = f" and {_gigabytes(memory)} of memory" if memory > 1e9 else ""
+    return f"{what} will take longer than a minute{size} (an estimate)"
+
+
+def _gigabytes(count: float) -> str:
+    return f"{count / 1e9:.3g} GB"

@@ -1,0 +1,270 @@
+"""Characteristic sizes of a problem, derived from its data where the user states none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from ocp.programs.units import dimension
+
+if TYPE_CHECKING:
+    from ocp.problem.problem import Problem
+
+GAP_SHARE = 0.1
+"""Characteristic gap as a share of what gaps change by as states move by their sizes."""
+_DOUBTFUL = 1e3
+"""Ratio of a stated size to the derived one from which on the stated one is named."""
+_AT_REST = 1e-6
+"""Share of what a step without contact moves up to which a state rests."""
+_ROUNDING = 1e-12
+"""Share of the largest entry below which a difference is rounding."""
+
+
+@dataclass(frozen=True)
+class DerivedSizes:
+    """Sizes in SI: of states (nx,), inputs (nu,), a contact impulse and a gap."""
+
+    x: np.ndarray
+    u: np.ndarray
+    impulse: float
+    gap: float
+
+
+def derive_sizes(problem: Problem) -> DerivedSizes:
+    """Derive the characteristic sizes of a problem at its own parameter values.
+
+    A state's size is the largest of: how far the guess and its exact rollout move it from x0, and
+    how far away the goal is, by one Newton step on each cost and on each terminal constraint that
+    x0 violates. States of one unit share the largest of theirs. A velocity has at least what
+    crosses its length in the horizon, and a length what its velocity covers. Where nothing moves,
+    what gaps change by as other states move decides, then bounds, then values at x0. An input's
+    size is half the width of its bounds, or what moves a state by its size within the horizon, or
+    else one Newton step of the stage cost. An impulse changes a state by its size; a gap has
+    :data:`GAP_SHARE` of what it changes by as the states move by theirs.
+    """
+    data = _Data(problem)
+    x = data.state_sizes()
+    u = data.input_sizes(x)
+    return DerivedSizes(x, u, data.impulse(x), GAP_SHARE * data.typical_gap_change(x))
+
+
+def describe_sizes(problem: Problem) -> str:
+    """List the derived sizes with their units, the largest of each unit; "" without any."""
+    system, scales = problem.system, problem.scales
+    sizes = {"impulse": {"N s": scales.impulse}, "gap": {"m": scales.gap}, "x": {}, "u": {}}
+    for name, signals in (("x", system.states), ("u", system.inputs)):
+        for size, signal in zip(getattr(scales, name), signals, strict=True):
+            unit = signal.unit.removeprefix("1")
+            sizes[name][unit] = max(float(size), sizes[name].get(unit, 0.0))
+    return "; ".join(
+        f"{name} " + ", ".join(f"{size:.2g} {unit}".rstrip() for unit, size in sizes[name].items())
+        for name in problem.scaling.derived
+        if sizes[name]
+    )
+
+
+def doubtful_sizes(problem: Problem) -> list[str]:
+    """Name stated sizes that are :data:`_DOUBTFUL` times what the data give, or a share of it."""
+    stated, derived = problem.scales, derive_sizes(problem)
+    doubts = []
+    for name in ("impulse", "gap", "x", "u"):
+        ratio = np.max(getattr(stated, name)) / np.max(getattr(derived, name))
+        if not 1 / _DOUBTFUL <= ratio <= _DOUBTFUL:
+            doubts.append(f"{name} is {ratio:.2g} times what the problem's data give")
+    return doubts
+
+
+def gap_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
+    """Return what each gap (nlam,) changes by, to first order, as states move by ``x_sizes``.
+
+    The larger of its change by the state and by the next state, at x0; NaN for pairs whose gap is
+    neither a distance nor the way to a limit.
+    """
+    return _Data(problem).gap_changes(x_sizes)
+
+
+def residual_changes(problem: Problem, x_sizes: np.ndarray) -> np.ndarray:
+    """Return what each row (nx,) of the step's residual changes by as one state moves by its size.
+
+    Of the next state, to first order, at x0.
+    """
+    system = problem.system
+    changes = _Data(problem).at_start(ca.jacobian(system.residual, system.x_next))
+    return np.max(np.abs(changes) * x_sizes, axis=1, initial=0.0)
+
+
+class _Data:
+    """Numbers at the problem's own parameter values."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem, self.system = problem, problem.system
+        self.p = problem.parameters.values
+        limits = [np.array(v).ravel() for v in problem.limits(self.p)]
+        self.x0, self.u_before, self.u_lower, self.u_upper, self.x_lower, self.x_upper = limits
+        h = float(ca.Function("h", [self.system.x, problem.parameters.vector], [ca.SX(self.system.h)])(self.x0, self.p))
+        self.duration = h * problem.N if np.isfinite(h) and h > 0 else 1.0
+        self.dimensions = [dimension(signal.unit) for signal in self.system.states]
+
+    def state_sizes(self) -> np.ndarray:
+        """Sizes of the states (nx,)."""
+        moved = np.fmax(self._travel(), self._goal_distance())
+        moved[list(self.system.turning)] = 1.0
+        sizes = self._linked(self._by_unit(moved))
+        for fallback in (self._by_gaps, self._bound_widths, lambda _: np.abs(self.x0)):
+            if np.all(sizes > 0):
+                break
+            sizes = self._linked(self._by_unit(np.where(sizes > 0, sizes, fallback(sizes))))
+        return np.where(sizes > 0, sizes, 1.0)
+
+    def input_sizes(self, x: np.ndarray) -> np.ndarray:
+        """Sizes of the inputs (nu,)."""
+        widths = (self.u_upper - self.u_lower) / 2
+        moved = np.abs(self._inputs_over_horizon()) / x[:, None]
+        with np.errstate(divide="ignore"):
+            needed = 1 / moved.max(axis=0, initial=0.0)
+        sizes = np.where(np.isfinite(widths) & (widths > 0), widths, needed)
+        wanted = self._newton_step(self.problem.stage_cost, self.system.u)
+        sizes = np.where(np.isfinite(sizes), sizes, wanted)
+        return np.where(sizes > 0, sizes, 1.0)
+
+    def impulse(self, x: np.ndarray) -> float:
+        """Impulse that changes velocities by their sizes, or positions by an N-th: the median."""
+        ways = np.array([0.0 if d is None else -d[2] for d in self.dimensions])
+        within_step = np.where(ways > 0, x, x / self.problem.N)
+        effect = self.at_start(self.system.reduced.B)[:, self._distances()] / within_step[:, None]
+        candidates = []
+        for contact in np.abs(effect).T:
+            changes = [contact[rows & (contact > 0)] for rows in self._units()]
+            typical = [np.median(change) for change in changes if change.size]
+            candidates += [1 / max(typical)] if typical else []
+        usable = [one for one in candidates if np.isfinite(one)]
+        return float(np.median(usable)) if usable else 1.0
+
+    def typical_gap_change(self, x: np.ndarray) -> float:
+        """Median over contacts of what their gaps change by, or the largest size of a length."""
+        changes = self.gap_changes(x)
+        usable = changes[np.isfinite(changes) & (changes > 0)]
+        if usable.size:
+            return float(np.median(usable))
+        lengths = [size for size, signal in zip(x, self.system.states, strict=True) if signal.unit == "m"]
+        return float(max(lengths, default=1.0))
+
+    def gap_changes(self, x: np.ndarray) -> np.ndarray:
+        """See :func:`gap_changes`."""
+        system = self.system
+        by_state = [ca.jacobian(system.gap, symbol) for symbol in (system.x, system.x_next)]
+        largest = np.max([np.abs(self.at_start(J)) * x for J in by_state], axis=0)
+        changes = np.full(system.nlam, np.nan)
+        changes[self._distances()] = largest.max(axis=1, initial=0.0)[self._distances()]
+        return changes
+
+    def _distances(self) -> np.ndarray:
+        """Positions of the pairs whose gap is a distance or the way to a limit."""
+        kinds = [pair.kind in ("normal", "limit") for pair in self.system.pairs]
+        return np.flatnonzero(kinds)
+
+    def at_start(self, expression: ca.SX) -> np.ndarray:
+        """Value of an expression at rest in x0, without contact impulses."""
+        s = self.system
+        symbols = [s.x, s.u, s.x_next, s.lam, self.problem.parameters.vector]
+        at = ca.Function("at_start", symbols, [ca.densify(expression)])
+        return np.nan_to_num(np.array(at(self.x0, self.u_before, self.x0, 0, self.p)))
+
+    def _travel(self) -> np.ndarray:
+        """How far the guess and its exact rollout go from x0 in every state (nx,)."""
+        states, inputs = self.problem.initial_guess(self.p)
+        step = self.problem.exact_step
+        named = dict(zip(self.problem.parameters.names, self.p, strict=True))
+        values, x = step.p.pack({**step.p.defaults, **named}), np.array(states[0], dtype=float)
+        farthest = np.abs(states - self.x0).max(axis=0)
+        for u in inputs:
+            x = np.array(step.solve(x, u, values)[0]).ravel()
+            if not np.all(np.isfinite(x)):
+                break
+            farthest = np.fmax(farthest, np.abs(x - self.x0))
+        # At rest on the ground a solver's error is what moves; without contact all would fall.
+        free = self._by_unit(np.abs(self.at_start(self.system.reduced.a).ravel() - self.x0))
+        noise = np.fmax(_ROUNDING * np.abs(self.x0).max(initial=0.0), _AT_REST * free)
+        return np.where(farthest > noise, farthest, 0.0)
+
+    def _goal_distance(self) -> np.ndarray:
+        """How far from x0 costs and terminal constraints want every state (nx,)."""
+        problem, x = self.problem, self.system.x
+        rows = ca.vertcat(ca.SX(0, 1), *(c.expression for c in problem.terminal))
+        low = ca.vertcat(ca.SX(0, 1), *(c.lower for c in problem.terminal))
+        high = ca.vertcat(ca.SX(0, 1), *(c.upper for c in problem.terminal))
+        violation = ca.fmax(low - rows, 0) + ca.fmax(rows - high, 0)
+        away = np.abs(self.at_start(violation)), np.abs(self.at_start(ca.jacobian(rows, x)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = np.nan_to_num(away[0] / away[1], posinf=0.0).max(axis=0, initial=0.0)
+            for cost in (problem.stage_cost, problem.terminal_cost):
+                distance = np.fmax(distance, self._newton_step(cost, x))
+        return distance
+
+    def _newton_step(self, cost: ca.SX, by: ca.SX) -> np.ndarray:
+        """Distance (n,) at which each symbol alone makes the cost least, 0 where it bends down."""
+        du = ca.SX.sym("du", self.system.nu) if self.problem.du is None else self.problem.du
+        slope, bend = (
+            self.at_start(ca.substitute(part, du, 0 * du)).ravel()
+            for part in (ca.gradient(cost, by), ca.diag(ca.hessian(cost, by)[0]))
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            newton = np.where(bend > _ROUNDING * bend.max(initial=0.0), np.abs(slope / bend), 0)
+        return np.nan_to_num(newton, posinf=0.0)
+
+    def _by_gaps(self, sizes: np.ndarray) -> np.ndarray:
+        """Change of each state (nx,) that moves a gap as much as states of known ``sizes`` do."""
+        by_state = np.abs(self.at_start(ca.jacobian(self.system.gap, self.system.x_next)))
+        by_state = by_state[self._distances()]
+        moved = (by_state * sizes).max(axis=1, initial=0.0)[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            needed = np.where((by_state > 0) & (moved > 0), moved / by_state, 0.0)
+        return needed.max(axis=0, initial=0.0)
+
+    def _bound_widths(self, _: np.ndarray) -> np.ndarray:
+        """Distance of every state (nx,) at x0 to its farther finite bound, zero without one."""
+        with np.errstate(invalid="ignore"):
+            ends = np.abs([self.x_lower - self.x0, self.x_upper - self.x0])
+        return np.where(np.isfinite(ends), ends, 0.0).max(axis=0)
+
+    def _inputs_over_horizon(self) -> np.ndarray:
+        """Change of the state (nx, nu) by unit inputs held over the horizon, without contact.
+
+        By the linearised step, but no more than N times that of one step: an unstable motion
+        amplifies an input beyond what the input does itself.
+        """
+        s = self.system
+        A, B = (self.at_start(ca.jacobian(s.reduced.a, by)) for by in (s.x, s.u))
+        change, most = np.zeros_like(B), self.problem.N * np.abs(B)
+        for _ in range(self.problem.N):
+            change = np.clip(A @ change + B, -most, most)
+        return np.abs(change)
+
+    def _units(self) -> list[np.ndarray]:
+        """Masks (nx,) of the states of each unit."""
+        units = np.array([signal.unit for signal in self.system.states])
+        return [units == unit for unit in dict.fromkeys(units)]
+
+    def _by_unit(self, sizes: np.ndarray) -> np.ndarray:
+        """Give every state the largest size of its unit."""
+        shared = np.zeros_like(sizes)
+        for rows in self._units():
+            shared[rows] = sizes[rows].max()
+        return shared
+
+    def _linked(self, sizes: np.ndarray) -> np.ndarray:
+        """Link velocities and positions over the horizon, each at least what the other implies."""
+        linked = sizes.copy()
+        for i, of_position in enumerate(self.dimensions):
+            for j, of_velocity in enumerate(self.dimensions):
+                if of_position is None or of_velocity is None:
+                    continue
+                if not np.array_equal(of_position - of_velocity, (0, 0, 1)):
+                    continue
+                linked[j] = max(linked[j], sizes[i] / self.duration)
+                if sizes[i] == 0:
+                    linked[i] = max(linked[i], sizes[j] * self.duration)
+        return self._by_unit(linked)

@@ -1,0 +1,51 @@
+"""A problem in ten lines, with units: what Python prints of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+_WIDTH = 96
+
+
+def summary(problem: Any) -> str:
+    """A :class:`~ocp.problem.problem.Problem` at its parameters' values, in ten lines."""
+    system, p = problem.system, problem.parameters
+    x0, _, *bounds = (np.array(value).ravel() for value in problem.limits(p.values))
+    h = ca.Function("h", [system.x, p.vector], [ca.SX(system.h)])(x0, p.values)
+    terms = [
+        "stage",
+        *(["increments of u"] if problem.uses_du else []),
+        *(["impulses"] if problem.uses_impulses else []),
+        "terminal",
+    ]
+    scenarios = problem.scenarios.n
+    lines = {
+        "horizon": [f"N = {problem.N} steps of h = {float(h):.4g} s"],
+        "states": [f"{s.name} [{s.unit}]" for s in system.states],
+        "inputs": [
+            f"{s.name} [{s.unit}] in [{low:.4g}, {high:.4g}]"
+            for s, low, high in zip(system.inputs, *bounds[:2], strict=True)
+        ],
+        "contacts": [f"{s.name} [{s.unit}]" for s in system.contacts] or ["none"],
+        "parameters": [f"{one.name} = {one.value:.4g} {one.unit}" for one in p] or ["none"],
+        "costs": terms,
+        "constraints": [one.name for one in (*problem.path, *problem.terminal)] or ["none"],
+        "start": ["free"] if problem.start else [f"{value:.4g}" for value in x0],
+        "scenarios": [str(scenarios) if scenarios > 1 else "one"],
+    }
+    rows = (f"  {what + ':':12} {_within(values)}" for what, values in lines.items())
+    return "\n".join([f"Problem {problem.name}", *rows])
+
+
+def _within(values: Iterable[str]) -> str:
+    """The values on one line; of more than fit, the number of those that are left out."""
+    values, kept = list(values), list[str]()
+    for value in values:
+        if len(", ".join([*kept, value])) > _WIDTH - 30:
+            return f"{', '.join(kept)}, ... ({len(values)})"
+        kept.append(value)
+    return ", ".join(kept)

@@ -1,0 +1,229 @@
+"""A problem under a law, a method and a policy, built once and solved many times."""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dynamics.contact import ContactLaw, Exact, Step
+from dynamics.contact.law import Schedule
+from ocp.problem.policy import Feedback, Policy
+from ocp.problem.problem import Problem
+from ocp.problem.resources import solve_memory, solve_seconds
+from ocp.problem.rollout import InitialGuess
+from ocp.programs.program import PENALTY, RELAXATION
+from ocp.programs.solver import Point, Solver
+from ocp.routes.homotopy import (
+    Homotopy,
+    HomotopyPath,
+    HomotopyStage,
+    Progress,
+    RouteResult,
+    translate,
+)
+from ocp.routes.relaxations import (
+    AVERAGED_STRATEGY,
+    DEFAULT_STRATEGY,
+    STRATEGIES,
+    L1Penalty,
+    L1ThenScholtes,
+    law_path,
+)
+from ocp.routes.table import Start, route_for
+from ocp.transcription import Direct, Method
+from ocp.transcription.common import Graph
+from ocp.transcription.nlp import NLP, StageCompiler
+
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass
+class Session:
+    """Everything that is built once: the closed step and one NLP per reformulation, in ``nlps``.
+
+    ``values`` are parameter values by name (problem, law, strategy); turn them and solve again.
+    """
+
+    problem: Problem
+    law: ContactLaw
+    method: Method
+    policy: Policy
+    solver: Solver = field(default_factory=Solver)
+    strategy: str = DEFAULT_STRATEGY
+    homotopy: bool | None = None
+    factor: float | None = None
+    start_value: float | None = None
+    search: bool | None = None
+    compiled: StageCompiler | None = None
+
+    def __post_init__(self) -> None:
+        began = time.perf_counter()
+        plain = isinstance(self.law, Exact)
+        self.step: Step = self.problem.exact_step if plain else self.law.close(self.problem.system)
+        if self.step.branches > 1 and self.strategy == DEFAULT_STRATEGY:
+            self.strategy = AVERAGED_STRATEGY
+        self.nlps: dict[str, NLP] = {}
+        self.helpers: dict[str, Session] = {}
+        table = self.problem.parameters + self.step.p
+        self.values = table.defaults | {PENALTY: 0.0, RELAXATION: 0.0}
+        self.problem.check_physics()
+        self.build_s = time.perf_counter() - began
+
+    @property
+    def nlp_builds(self) -> int:
+        """Number of NLPs built, one per reformulation, including those of helper sessions."""
+        return len(self.nlps) + sum(helper.nlp_builds for helper in self.helpers.values())
+
+    def nlp_of(self, reformulation: str) -> NLP:
+        """Build the NLP of a reformulation, or return the one that exists."""
+        if reformulation not in self.nlps:
+            began = time.perf_counter()
+            graph = Graph(self.problem, self.step, self.policy)
+            self.nlps[reformulation] = self.method.transcribe(graph, reformulation, self.compiled)
+            took = time.perf_counter() - began
+            self.build_s += took
+            built = self.nlps[reformulation]
+            _LOG.info(
+                "%s by %s, %s reformulation: %d variables, %d constraints, built in %.3f s",
+                self.problem.name,
+                self.method.name,
+                reformulation,
+                built.n,
+                built.m,
+                took,
+            )
+        return self.nlps[reformulation]
+
+    @property
+    def complementary(self) -> bool:
+        """Whether the contact stands as complementarity in the NLP itself."""
+        return self.step.exact and isinstance(self.method, Direct)
+
+    def solve(
+        self,
+        start: Point | None = None,
+        progress: Progress | None = None,
+        guess: InitialGuess | None = None,
+        warm_from: NLP | None = None,
+        number: int = 0,
+    ) -> RouteResult:
+        """Solve at the present values, from a warm point of ``warm_from`` or from a guess.
+
+        ``number`` counts several guesses: each takes another relaxation than the one before, since
+        a relaxation that starts wide forgets its guess and ends in the same minimum.
+
+        Raises :class:`~ocp.errors.InputError` at values without mechanics, as without mass.
+        """
+        if start is not None and warm_from is not None:
+            point = translate(start, warm_from, self.nlp_of("product"))
+            return self._solve(Start(point=point), progress)
+        return self._solve(Start(guess, number), progress)
+
+    def resume(self, start: Point, progress: Progress | None = None) -> RouteResult:
+        """Solve at the present values from a point of the product NLP that was carried.
+
+        :func:`~ocp.solve.warm_start.carry` makes such points, which need not be near a solution.
+        """
+        return self._solve(Start(point=start, near=False), progress)
+
+    def _solve(self, start: Start, progress: Progress | None) -> RouteResult:
+        self.problem.check_physics(self.values)
+        follower = Homotopy(self.nlp_of, self.solver, self.values, progress)
+        return route_for(self, start).apply(self, start, follower)
+
+    def path(self) -> tuple[Schedule | None, HomotopyPath]:
+        """The law's own path and how it falls; one stage, and None, where none is followed.
+
+        Raises :class:`~ocp.errors.InputError` for one of too many stages.
+        """
+        schedule = None if self.step.exact or self.homotopy is False else self.schedule()
+        if schedule is None:
+            return None, HomotopyPath([0.0], lambda _: HomotopyStage(self.step.law.name, 0.0))
+        value = self.values[schedule.parameter]
+        return schedule, law_path(schedule, value, self.start_value, self.factor)
+
+    @property
+    def from_afar(self) -> bool:
+        """Whether a solve follows a smoothing, which has contact forces without contact."""
+        if self.complementary:
+            return not isinstance(STRATEGIES[self.strategy], L1Penalty | L1ThenScholtes)
+        return self.homotopy is not False and (self.step.exact or self.schedule() is not None)
+
+    @property
+    def seconds(self) -> float:
+        """What a solve takes, about (:mod:`ocp.problem.resources`)."""
+        path = 1 if self.complementary else len(self.path()[1].values)
+        return solve_seconds(self.problem, self.policy, self.law, path)
+
+    @property
+    def memory(self) -> float:
+        """Bytes that a solve takes, about (:mod:`ocp.problem.resources`)."""
+        return solve_memory(self.problem, self.policy, self.law)
+
+    def schedule(self) -> Schedule | None:
+        """How the law's parameter is followed down, if it has one."""
+        sizes = self.problem.scales
+        return self.step.law.schedule(sizes.impulse, sizes.gap)
+
+    def helper(self, law: ContactLaw, method: Method) -> Session:
+        """Return the session of the same problem under another law, at the values both have."""
+        key = f"{law.name} {method.name}"
+        if key not in self.helpers:
+            self.helpers[key] = Session(self.problem, law, method, self.policy, self.solver, compiled=self.compiled)
+        helper = self.helpers[key]
+        helper.values |= {name: v for name, v in self.values.items() if name in helper.values}
+        return helper
+
+    def judging_nlp(self) -> NLP:
+        """Return the NLP in which an answer is judged.
+
+        Under the exact law that is the complementarity problem by direct transcription, whatever
+        the method: only its variables contain the pairs.
+        """
+        if not self.step.exact:
+            return self.nlp_of("product")
+        direct = self if isinstance(self.method, Direct) else self.helper(self.law, Direct())
+        return direct.nlp_of("none")
+
+    @property
+    def total_build_s(self) -> float:
+        """Seconds of set-up, of helping sessions too."""
+        return self.build_s + sum(helper.total_build_s for helper in self.helpers.values())
+
+    def first_point(self, nlp: NLP, guess: InitialGuess | None = None) -> Point:
+        """Write guessed trajectories into the NLP's variables, with contacts to match.
+
+        Multipliers and gaps start on the central path of the homotopy's first mu, each gap at its
+        contact-free value where that is open.
+        """
+        physical = self.problem.parameters.pack(self.values)
+        X, U = guess if guess is not None else self.problem.initial_guess(physical)
+        blocks: dict[str, np.ndarray] = {"x0": X[None, :1], "x": X[None, 1:], "u": U[None]}
+        if isinstance(self.policy, Feedback):
+            blocks["k"] = U[:1] if self.policy.stationary else U
+        if "lam" in nlp.variables:
+            sizes, units = self.problem.natural_scales, nlp.variables.unpack(nlp.natural.x)
+            mu = sizes.mu
+            free = self._free_gaps(X, U) / units["gap"][0]
+            gap = np.maximum(free, np.sqrt(mu * sizes.gap))
+            blocks["gap"], blocks["lam"] = gap * units["gap"], mu / gap * units["lam"]
+        return Point(nlp.variables.pack({k: v for k, v in blocks.items() if k in nlp.variables}))
+
+    def _free_gaps(self, X: np.ndarray, U: np.ndarray) -> np.ndarray:
+        step = self.step
+        values = step.p.pack(self.values)
+        zeros = np.zeros((step.n, len(U)))
+        _, gap, _ = step.relation.map(len(U))(X[:-1].T, U.T, X[1:].T, zeros, values)
+        return np.array(gap).T
+
+
+def as_swept(session: Session) -> Session:
+    """The session of the same problem as swept, at the same values, which searches no further."""
+    if session.problem.swept:
+        return session
+    swept = replace(session, problem=replace(session.problem, swept=True), search=False)
+    swept.values |= session.values
+    return swept

@@ -1,0 +1,185 @@
+"""One step of many states at once, with the contacts that are near alone, without a compiler.
+
+A scene of many corners has a hundred pairs, of which a step meets a few: without the others, and
+with dense linear algebra over all states at once, no graph of the whole step is built.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from dynamics.batch import BatchFunction
+from dynamics.systems import ContactSystem
+from ocp.judge.measures import DenseFunction, pair_sizes, slip_sides
+from ocp.problem.problem import Problem
+
+_ITERATIONS, _LINEARISATIONS, _TO_EDGE, _LEAST = 40, 10, 0.995, 1e-12
+_SOLVED, _DEEP = 1e-9, 1e-6
+"""Error of steps, and depth of a contact that was left out, in characteristic units."""
+_LOOSE = 1e-6
+"""Friction, in characteristic impulses, below which a contact has none."""
+_NEAR = 8
+"""Contacts that a step looks at, the nearest."""
+
+
+class NearSteps:
+    """Steps ``x_next = step(x, u)`` under the exact law, (S, nx) and (S, nu).
+
+    In the pairs of the :data:`_NEAR` nearest contacts of every state and of the bodies on tables,
+    ``0 <= lam ⟂ gap(x_next, lam) >= 0`` is linearised at the last x_next and lam and solved, until
+    they stay (Josephy and Newton's method); the other pairs have no impulse. A state is NaN where
+    that does not converge, or where a contact that was left out is penetrated.
+    """
+
+    def __init__(self, problem: Problem, system: ContactSystem, physical: np.ndarray) -> None:
+        self.p, self.n = physical, system.nlam
+        self.of_lam, self.of_gap = pair_sizes(problem, system)
+        owners = np.array([pair.contact for pair in system.pairs])
+        self.owners = [np.flatnonzero(owners == i) for i in range(owners.max() + 1)]
+        self.slips = slip_sides(system)
+        self.curved = not ca.is_linear(system.gap, system.lam)
+        width = max(map(len, self.owners))
+        # Contacts with fewer pairs repeat their last, which a mask leaves out.
+        self.rows = np.array([[*own, *[own[-1]] * (width - len(own))] for own in self.owners])
+        self.real = np.array([[True] * len(o) + [False] * (width - len(o)) for o in self.owners])
+        symbols = [system.x, system.u, system.x_next, system.lam, problem.parameters.vector]
+        jac = ca.jacobian
+        x_next, lam = system.x_next, system.lam
+        gaps = [system.gap, jac(system.gap, x_next), jac(system.gap, lam)]
+        motion = [system.residual, jac(system.residual, x_next), jac(system.residual, lam)]
+        self._along, self._once = DenseFunction(symbols, gaps), DenseFunction(symbols, motion)
+        phi = problem.signed_distance
+        assert phi is not None
+        self._distance = BatchFunction(phi, backend="numpy")
+
+    def __call__(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """The next states (S, nx)."""
+        return self.solved(x, u)[0]
+
+    def solved(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The next states (S, nx), multipliers and gaps (S, nlam) of all pairs."""
+        S, zeros = len(x), np.zeros((len(x), self.n))
+        residual, by_state, by_lam = self._once(x, u, np.zeros_like(x), zeros, self.p)
+        moved = np.linalg.inv(by_state)
+        a = -(moved @ residual)[:, :, 0]
+        B = -moved @ by_lam
+        phi = np.asarray(self._distance(x, self.p))[:, : len(self.owners)]
+        near = np.argsort(phi, axis=1, kind="stable")[:, :_NEAR]
+        always = np.arange(phi.shape[1], len(self.owners))
+        near = np.column_stack([near, np.tile(always, (S, 1))])
+        rows, real = self.rows[near].reshape(S, -1), self.real[near].reshape(S, -1)
+        x_next, left, near_lam = x.copy(), np.arange(S), np.zeros(rows.shape)
+        for _ in range(_LINEARISATIONS):
+            some = x[left], u[left], x_next[left], near_lam[left]
+            there, lam = self._linearised(*some, a[left], B[left], rows[left], real[left])
+            off = np.abs(there - x_next[left]).max(axis=1)
+            if self.curved:
+                off = np.maximum(off, np.abs(lam - near_lam[left]).max(axis=1))
+            x_next[left], near_lam[left] = there, np.where(np.isfinite(lam), lam, 0.0)
+            left = left[~(off < _SOLVED) & np.isfinite(off)]
+            if not len(left):
+                break
+        lam, (s, k) = zeros, np.nonzero(real)
+        lam[s, rows[s, k]] = near_lam[s, k] * self.of_lam[rows[s, k]]
+        gap = self._along(x, u, x_next, lam, self.p)[0][:, :, 0]
+        for slip, sides in self.slips:
+            # A contact without an impulse leaves its slip open above what the motion asks for: one
+            # that is larger makes no pair of its own (0, 0).
+            more = np.maximum(0.0, self.of_lam[slip] - gap[:, sides].min(axis=1))
+            more[lam[:, sides].max(axis=1) > _LOOSE * self.of_gap[slip]] = 0.0
+            lam[:, slip] += more
+            gap[:, sides] += more[:, None]
+        normal = np.array([own[0] for own in self.owners])
+        x_next[(gap[:, normal] / self.of_gap[normal] < -_DEEP).any(axis=1)] = np.nan
+        x_next[left] = np.nan
+        return x_next, lam, gap
+
+    def _linearised(
+        self,
+        x: np.ndarray,
+        u: np.ndarray,
+        at: np.ndarray,
+        near: np.ndarray,
+        a: np.ndarray,
+        B: np.ndarray,
+        rows: np.ndarray,
+        real: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Next states (S, nx) with the gaps expanded ``at`` (S, nx) and ``near`` (S, rows), and
+        the multipliers."""
+        here = np.arange(len(x))[:, None]
+        last = np.zeros((len(x), self.n))
+        s, k = np.nonzero(real)
+        last[s, rows[s, k]] = near[s, k] * self.of_lam[rows[s, k]]
+        gap, by_state, by_lam = self._along(x, u, at, last, self.p)
+        units, sizes = self.of_gap[rows], self.of_lam[rows]
+        slope = by_state[here, rows]
+        B_near = np.take_along_axis(B, rows[:, None, :], axis=2) * sizes[:, None, :]
+        z = gap[here, rows, 0] + np.einsum("sij,sj->si", slope, a - at)
+        by_lam = by_lam[here[:, :, None], rows[:, :, None], rows[:, None, :]]
+        by_lam = np.where(real[:, None, :], by_lam * sizes[:, None, :], 0.0)
+        z -= np.einsum("sij,sj->si", by_lam, near)
+        F = slope @ B_near + by_lam
+        both = real[:, :, None] & real[:, None, :]
+        lam = linear_complementarity(np.where(both, F / units[:, :, None], 0.0), z / units, real)
+        return a + np.einsum("sij,sj->si", B_near, lam), lam
+
+
+def linear_complementarity(F: np.ndarray, z: np.ndarray, real: np.ndarray) -> np.ndarray:
+    """Solve ``0 <= lam ⟂ z + F lam >= 0`` for many (S, n, n) and (S, n); NaN where it fails.
+
+    Mehrotra's predictor and corrector; pairs that are not ``real`` (S, n) have no part in it.
+    """
+    lam = np.where(real, 1.0, 0.0)
+    slack = np.maximum(z + (F @ lam[:, :, None])[:, :, 0], 1.0)
+    answer, left = np.full(z.shape, np.nan), np.arange(len(z))
+    for _ in range(_ITERATIONS):
+        m, s, own, matrix = lam[left], slack[left], real[left], F[left]
+        off = np.where(own, z[left] + (matrix @ m[:, :, None])[:, :, 0] - s, 0.0)
+        product = np.where(own, m * s, 0.0)
+        ended = (np.abs(off).max(axis=1) < _SOLVED) & (product.max(axis=1) < 1e-8)
+        answer[left[ended]] = m[ended]
+        if (ended | ~np.isfinite(m).all(axis=1)).all():
+            break
+        keep = ~ended & np.isfinite(m).all(axis=1)
+        left, m, s, own, matrix, off, product = (part[keep] for part in (left, m, s, own, matrix, off, product))
+        count = np.maximum(own.sum(axis=1), 1)[:, None]
+        mean = product.sum(axis=1)[:, None] / count
+        dl, ds = _direction(m, s, matrix, off, np.zeros_like(mean), own)
+        step = _to_edge(m, dl, s, ds, own)
+        ahead = np.where(own, (m + step * dl) * (s + step * ds), 0).sum(axis=1)[:, None] / count
+        mu = mean * np.clip((ahead / mean) ** 3, 1e-6, 1.0)
+        dl, ds = _direction(m, s, matrix, off, mu - dl * ds, own)
+        step = _to_edge(m, dl, s, ds, own)
+        lam[left], slack[left] = m + step * dl, s + step * ds
+    return answer
+
+
+def _direction(
+    lam: np.ndarray,
+    slack: np.ndarray,
+    F: np.ndarray,
+    off: np.ndarray,
+    mu: np.ndarray,
+    own: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Newton's direction of multipliers and gaps, (S, n) each."""
+    matrix, n = F.copy(), np.arange(lam.shape[1])
+    safe = np.where(own, lam, 1.0)
+    matrix[:, n, n] += np.where(own, slack / safe + _LEAST, 1.0)
+    right = np.where(own, mu / safe - slack - off, 0.0)
+    try:
+        dl = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:
+        # One singular matrix ends the solve of all: only that state is lost.
+        whole = np.linalg.cond(matrix) < 1 / np.finfo(float).eps
+        dl = np.full(lam.shape, np.nan)
+        dl[whole] = np.linalg.solve(matrix[whole], right[whole][:, :, None])[:, :, 0]
+    return dl, np.where(own, (F @ dl[:, :, None])[:, :, 0] + off, 0.0)
+
+
+def _to_edge(lam: np.ndarray, dl: np.ndarray, slack: np.ndarray, ds: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Longest step (S, 1), at most 1, that keeps both positive."""
+    down = [np.where(own & (d < 0), -v / np.where(d < 0, d, -1), np.inf) for v, d in ((lam, dl), (slack, ds))]
+    return np.minimum(1.0, _TO_EDGE * np.minimum(*down).min(axis=1))[:, None]

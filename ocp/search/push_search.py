@@ -1,0 +1,197 @@
+"""Search over how to touch: plans found from nothing by pushes, each solved on its own branch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ocp.errors import InputError
+from ocp.judge.referee import PENETRATION_SHARE
+from ocp.problem.policy import Feedback
+from ocp.problem.rollout import Rollout
+from ocp.programs.solver import Point, Result, Status
+from ocp.routes.branches import Branches
+from ocp.routes.homotopy import Homotopy, Progress, RouteResult, StageRecord, Trace
+from ocp.routes.rollouts import pack_rollout
+from ocp.routes.session import Session, as_swept
+from ocp.search.push_tree import TouchSearch, searchable
+from ocp.solution import Solution
+
+CANDIDATES = 4
+"""Plans of the tree that are solved locally."""
+ITERATIONS = 100
+"""Of a branch of a plan, after which it is given up."""
+_FIRST = 2
+"""Of these, solved before the others."""
+_MANY = 24
+"""Pairs of a step above which a scene is searched before anything else."""
+_REPLAYS, _SAME = 3, 1e-3
+"""Branches solved one from the replay of another, and difference of states, in characteristic
+sizes, up to which a replay is the plan."""
+IDLE_SHARE = 0.9
+"""Share of the cost of standing still above which an answer of a scene is searched for anew."""
+
+
+def check_search(session: Session) -> None:
+    """Raise :class:`~ocp.errors.InputError` where no pushes can be searched for."""
+    if not searchable(session.problem):
+        raise InputError(
+            f"{session.problem.name}: the search needs inputs that are commanded places of pushers,"
+            " as in a quasi-dynamic scene, one scenario and a given start; leave --search out"
+        )
+    if isinstance(session.policy, Feedback):
+        raise InputError("the search plans inputs, no feedback gains; leave --search out")
+
+
+def through(found: Solution) -> bool:
+    """Whether the plan passes through anything between nodes, as far as the referee tolerates."""
+    worst, depth = found.referee.between, PENETRATION_SHARE * found.problem.scales.gap
+    return worst is not None and worst.amount > depth
+
+
+def falls_short(found: Solution) -> bool:
+    """Whether a scene's answer is not to be trusted, or idles.
+
+    That is one without a certificate, one that does not survive the referee, and one that costs
+    more than :data:`IDLE_SHARE` of standing still.
+    """
+    constant = found.problem.least_cost(found.problem.parameters.pack(found.values))
+    idling = found.idle_cost - constant
+    idle = idling > 0 and found.cost - constant > IDLE_SHARE * idling
+    return bool(idle or not found.certificate.certified or found.referee.survives is False)
+
+
+@dataclass
+class PushSearch:
+    """Plans of a session's problem, swept, from a tree over pushes drawn from ``seed``.
+
+    ``judge`` makes a solution of a session's outcome and seed;
+    ``tried`` describes for the record what was rolled out and what became of it.
+    """
+
+    session: Session
+    judge: Callable[[Session, RouteResult, int], Solution]
+    seed: int = 0
+    progress: Progress | None = None
+    tried: dict[str, Any] = field(default_factory=dict)
+
+    def solutions(self, found: Solution | None = None) -> Iterator[Solution]:
+        """Answers of the usual path with the way between nodes swept, then those of pushes.
+
+        What was ``found`` is where that path starts; where it passes through nothing, or where
+        nothing was found in a scene of many corners, the path is left out. Pushes are tried unless
+        its answer suffices. Under another law than the exact one, or another method, their plans
+        are guesses of the law's own route.
+        """
+        swept, few = as_swept(self.session), self.session.problem.system.nlam <= _MANY
+        moving = found is not None and found.status is not Status.NO_PROGRESS and through(found)
+        if moving or (found is None and few):
+            guess = None
+            if found is not None:
+                guess = found.data["x"].values[0], found.data["u"].values[0]
+            again = self.judge(swept, swept.solve(guess=guess, progress=self.progress), self.seed)
+            yield replace(again, record={**again.record, "swept": True})
+            if found is not None and not falls_short(again):
+                return
+        if searchable(swept.problem):
+            yield from self._pushed(swept)
+
+    @property
+    def first(self) -> bool:
+        """Whether the search replaces the usual path: where chosen, and in scenes of many corners.
+
+        Relaxations of so many pairs take minutes, and end in the nearest valley.
+        """
+        many = self._own and self.session.problem.system.nlam > _MANY
+        return bool(self.session.search or (many and searchable(self.session.problem)))
+
+    @property
+    def _own(self) -> bool:
+        """Whether the default route may search of its own accord."""
+        session = self.session
+        plain = session.problem.scenarios.n == 1 and not isinstance(session.policy, Feedback)
+        return session.search is None and session.complementary and plain
+
+    def wanted(self, found: Solution) -> bool:
+        """Whether the default route goes on to search after an answer that falls short."""
+        return self._own and falls_short(found)
+
+    def _pushed(self, swept: Session) -> Iterator[Solution]:
+        tree = TouchSearch(swept.problem, swept.values, self.seed)
+        nodes = []
+        for number, nodes in enumerate(tree.rounds(), 1):
+            if self.progress is not None:
+                cost, nan = nodes[0].resting, np.nan
+                self.progress(StageRecord("pushes", number, cost, nan, nan, tree.tried, nan, "searched"))
+        self.tried |= {"seed": self.seed, "motions": tree.tried, "steps": tree.rolled, "plans": []}
+        plans = [plan for node in nodes[:CANDIDATES] if (plan := tree.rollout(tree.whole(node))) is not None]
+        plans.sort(key=lambda plan: plan.cost)
+        # The best few first: those that follow are solved only where none of these survives.
+        for first in (slice(0, _FIRST), slice(_FIRST, None)):
+            good = False
+            for plan, found in self._solved(swept, tree, plans[first]):
+                self.tried["plans"].append(
+                    {
+                        "rolled_cost": plan.cost,
+                        "cost": found.cost,
+                        "status": found.status.label,
+                        "survives": found.referee.survives,
+                        "pushers": plan.x[0, :, -swept.problem.system.nu :].tolist(),
+                    }
+                )
+                yield replace(found, record={**found.record, "swept": True})
+                good = bool(found.certificate.certified and found.referee.survives)
+                if good:
+                    break
+            if good:
+                break
+
+    def _solved(self, swept: Session, tree: TouchSearch, plans: list[Rollout]) -> Iterator[tuple[Rollout, Solution]]:
+        """Plans with what their branches give, the cheapest first, each improved in its turn.
+
+        The unimproved answer follows where the improved one does not survive.
+        """
+        if not swept.complementary:
+            for plan in plans:
+                outcome = swept.solve(guess=(plan.x[0], plan.u[0]), progress=self.progress)
+                yield plan, self.judge(swept, outcome, self.seed)
+            return
+        follower = Homotopy(swept.nlp_of, swept.solver, swept.values, self.progress)
+        branches = Branches(follower)
+        ends = [(plan, *end) for plan in plans if (end := self._settled(branches, tree, plan)) is not None]
+        for plan, end, _ in sorted(ends, key=lambda one: (one[2] > _SAME, one[1].f)):
+            best = branches.improve(end)
+            found = self._judged(swept, branches, best)
+            yield plan, found
+            if found.referee.survives is False and best is not end:
+                yield plan, self._judged(swept, branches, end)
+
+    def _settled(self, branches: Branches, tree: TouchSearch, plan: Rollout) -> tuple[Result, float] | None:
+        """The answer on a plan's branch, or on that of its replay where contacts differ there.
+
+        With it, by how much the states of its replay differ, in characteristic sizes.
+        """
+        found, program = None, branches.program
+        for _ in range(_REPLAYS):
+            point = Point(pack_rollout(program, plan, None))
+            end = branches.solve_branch(point, ITERATIONS)
+            if end is None:
+                break
+            blocks = program.variables.unpack(end.point.x)
+            again = tree.rollout(blocks["u"][0])
+            if again is None:
+                found = found or (end, np.inf)
+                break
+            off = np.abs(again.x[0, 1:] - blocks["x"][0]) / tree.problem.scales.x
+            found, plan = (end, float(off.max())), again
+            if off.max() < _SAME:
+                break
+        return found
+
+    def _judged(self, swept: Session, branches: Branches, end: Result) -> Solution:
+        """Judge an answer; the work so far counts as its own."""
+        trace, branches.follower.trace = branches.follower.trace, Trace()
+        return self.judge(swept, RouteResult(end, branches.program, True, trace), self.seed)

@@ -1,0 +1,340 @@
+"""Search over how to touch: where a pusher goes, which side it presses, and for how long.
+
+A tree over pushes: from a state the pusher goes round whatever stands in its way to a point on a
+body, and pushes it; every such motion is rolled out under the exact law, so that what is found
+happens as planned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from scipy.sparse.csgraph import dijkstra
+
+from dynamics.batch import BatchFunction
+from ocp.problem.problem import DEPTH, SHARES, SWEPT, Problem
+from ocp.problem.rollout import Rollout, at_steps, problem_impulses, trajectory_costs
+from ocp.search.near_steps import NearSteps
+
+_ROUNDS, _BEAM = 4, 8
+"""Pushes one after the other, and states that are pushed on from."""
+_TOUCHES, _PUSHES = 12, 4
+"""Points touched from a state, and pushes at each."""
+_STOPS, _ALONG = 40, 12
+"""Points that paths go by, and places at which a way between two is checked."""
+_REACH = 3.0
+"""Half the width, in characteristic sizes, of where points to touch are drawn."""
+_NEWTON = 6
+_CLEAR, _TOUCHED = 0.02, 1e-3
+"""Distances in characteristic gaps that a path keeps from bodies, and within which one touches."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """A plan so far: states (k+1, nx), inputs (k, nu), cost, and cost if all then stands still."""
+
+    x: np.ndarray
+    u: np.ndarray
+    cost: float
+    resting: float
+
+
+def searchable(problem: Problem) -> bool:
+    """Whether inputs are places that springs draw pushers to, and distances are known."""
+    system = problem.system
+    if system.stiffness is None or system.mass is None or problem.signed_distance is None:
+        return False
+    if not system.nlam:
+        return False
+    single = problem.scenarios.n == 1 and problem.start is None
+    return single and system.mass.shape[0] + system.stiffness.shape[0] == system.nx
+
+
+class TouchSearch:
+    """Pushes of a ``problem`` at parameter ``values`` by name, drawn from ``seed``.
+
+    ``rolled`` counts the steps that were rolled out, ``tried`` the motions.
+    """
+
+    def __init__(self, problem: Problem, values: dict[str, float], seed: int = 0) -> None:
+        self.problem = problem
+        self.physical = problem.parameters.pack(values)
+        self.rng = np.random.default_rng(seed)
+        self.tried = self.rolled = 0
+        self._step = NearSteps(problem, problem.referee_step.system, self.physical)
+        same = problem.referee_step.system is problem.system
+        self._own = self._step if same else NearSteps(problem, problem.system, self.physical)
+
+    @cached_property
+    def _distance(self) -> Callable[[np.ndarray], np.ndarray]:
+        phi = self.problem.signed_distance
+        assert phi is not None
+        batch = BatchFunction(phi, backend="numpy")
+        return lambda x: np.asarray(batch(x, self.physical))
+
+    @cached_property
+    def _slope(self) -> Callable[[np.ndarray], np.ndarray]:
+        """Gradients of all distances by the pushers' coordinates, (n, nc, nu)."""
+        system = self.problem.system
+        assert system.phi is not None
+        J = ca.densify(ca.jacobian(system.phi, system.x)[:, -system.nu :])
+        made = ca.Function("slope", [system.x, self.problem.parameters.vector], [ca.vec(J.T)])
+        batch = BatchFunction(made, backend="numpy")
+        return lambda x: np.asarray(batch(x, self.physical)).reshape(len(x), -1, system.nu)
+
+    @cached_property
+    def _pressed(self) -> list[tuple[int, np.ndarray]]:
+        """Contacts of a pusher with a body, each with the pusher's coordinates."""
+        system = self.problem.system
+        assert system.phi is not None
+        by = np.array(ca.DM(ca.jacobian(system.phi, system.x).sparsity(), 1).full(), dtype=bool)
+        own = by[:, -system.nu :]
+        both = np.flatnonzero(by[:, : -system.nu].any(axis=1) & own.any(axis=1))
+        return [(int(i), np.flatnonzero(own[i])) for i in both]
+
+    @cached_property
+    def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        lower, upper = (np.array(v).ravel() for v in self.problem.limits(self.physical)[2:4])
+        return lower, upper
+
+    def first(self) -> Node:
+        """The start, where everything stands still."""
+        x0, before = (np.array(v).ravel() for v in self.problem.limits(self.physical)[:2])
+        resting = self._resting(x0[None], np.zeros(1))[0]
+        return Node(x0[None], np.zeros((0, before.size)), 0.0, resting)
+
+    def rounds(self, rounds: int = _ROUNDS) -> Iterator[list[Node]]:
+        """After every round the plans so far, the cheapest first; their last inputs are held."""
+        beam = [self.first()]
+        found = list(beam)
+        for _ in range(rounds):
+            grown = self.pushed(beam)
+            found += grown
+            open_ended = [n for n in (*grown, *beam) if len(n.u) < self.problem.N - 1]
+            beam = self._apart(sorted(open_ended, key=lambda n: n.resting), _BEAM)
+            yield self._apart(sorted(found, key=lambda n: n.resting), _BEAM)
+            if not beam:
+                break
+
+    def _apart(self, nodes: list[Node], most: int) -> list[Node]:
+        """The first of those whose bodies end in other places."""
+        free, sizes = slice(0, -self.problem.system.nu), self.problem.scales.x
+        kept: list[Node] = []
+        for node in nodes:
+            ends = [np.abs((node.x[-1] - other.x[-1]) / sizes)[free].max() for other in kept]
+            if len(kept) < most and min(ends, default=np.inf) > 0.05:
+                kept.append(node)
+        return kept
+
+    def pushed(self, beam: list[Node]) -> list[Node]:
+        """What follows from pushes of every state, of those that pass through no body."""
+        plans: dict[int, list[tuple[Node, np.ndarray]]] = {}
+        for node in beam:
+            before = node.u[-1] if len(node.u) else self._before
+            left = self.problem.N - len(node.u)
+            for way in self._ways(node.x[-1], before):
+                for steps in {left, min(left, max(2, left // 2))}:
+                    plans.setdefault(steps, []).append((node, self._timed(way, steps)))
+        return [node for steps in sorted(plans) for node in self._rolled(plans[steps])]
+
+    @property
+    def _nu(self) -> int:
+        return self.problem.system.nu
+
+    def _ways(self, x: np.ndarray, before: np.ndarray) -> list[np.ndarray]:
+        """Polylines (n, nu) of commands: round the bodies to a point that is touched, and on."""
+        found = []
+        for contact, own in self._pressed:
+            points = self._touching(x, contact, own)
+            if not len(points):
+                continue
+            paths = self._paths(x, own, points)
+            for point, path in zip(points, paths, strict=True):
+                if path is None:
+                    continue
+                at = x.copy()
+                at[-self._nu :] = point
+                into = -self._slope(at[None])[0, contact]
+                ends = [self._through(point, into, own) for _ in range(_PUSHES)]
+                found += [np.vstack([before, *path, end]) for end in ends]
+        return found
+
+    def _through(self, point: np.ndarray, into: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Return where a push from a point towards ``into`` is commanded to end."""
+        size = float(self.problem.scales.x[-1])
+        length = size * np.exp(self.rng.uniform(np.log(0.1), np.log(_REACH)))
+        way = into.copy()
+        if len(own) == 2:
+            angle = self.rng.normal(0, 0.35)
+            c, s = np.cos(angle), np.sin(angle)
+            way[own] = np.array([[c, -s], [s, c]]) @ into[own]
+        return np.clip(point + length * way, *self._bounds)
+
+    def _touching(self, x: np.ndarray, contact: int, own: np.ndarray) -> np.ndarray:
+        """Places (n, nu) of the pushers where one touches, by Newton's method from drawn ones."""
+        sizes, nu = self.problem.scales, self._nu
+        at = np.repeat(x[None], 4 * _TOUCHES, axis=0)
+        drawn = self.rng.uniform(-_REACH, _REACH, (len(at), len(own)))
+        places = x.size - nu + own
+        nearest = at[:1].copy()
+        self._newton(nearest, contact, places)
+        at[:, places] = nearest[0, places] + sizes.x[places] * drawn
+        self._newton(at, contact, places)
+        gap = self._distance(at)
+        inside = np.all(at[:, -nu:] >= self._bounds[0], axis=1)
+        inside &= np.all(at[:, -nu:] <= self._bounds[1], axis=1)
+        depends = np.abs(self._slope(at)).sum(axis=2) > 0
+        clear = np.where(depends, gap, np.inf).min(axis=1) > -_TOUCHED * sizes.gap
+        good = inside & clear & (np.abs(gap[:, contact]) < _TOUCHED * sizes.gap)
+        return at[good][:_TOUCHES, -nu:]
+
+    def _newton(self, at: np.ndarray, contact: int, places: np.ndarray) -> None:
+        for _ in range(_NEWTON):
+            gap, slope = self._distance(at)[:, contact], self._slope(at)[:, contact]
+            slope = slope[:, places - (at.shape[1] - self._nu)]
+            size = np.maximum((slope**2).sum(axis=1), 1e-9)
+            at[:, places] -= (gap / size)[:, None] * slope
+
+    def _paths(self, x: np.ndarray, own: np.ndarray, goals: np.ndarray) -> list[list[np.ndarray] | None]:
+        """Shortest ways of a pusher from x to each goal, by stops that are clear; None without."""
+        nu, sizes = self._nu, self.problem.scales
+        middle = np.vstack([x[-nu:], goals])
+        low, high = middle.min(axis=0), middle.max(axis=0)
+        stops = np.repeat(x[None, -nu:], _STOPS, axis=0)
+        wide = 0.5 * sizes.x[-nu:]
+        stops[:, own] = self.rng.uniform((low - wide)[own], (high + wide)[own], (_STOPS, len(own)))
+        # Steps back from every goal, as a pusher leaves and reaches a body along its normal.
+        back = self._outwards(x, np.vstack([x[None, -nu:], goals]), own)
+        every = np.vstack([x[None, -nu:], goals, back, stops])
+        states = np.repeat(x[None], len(every), axis=0)
+        states[:, -nu:] = every
+        depends = np.abs(self._slope(states)).sum(axis=(0, 2)) > 0
+        first, second = np.triu_indices(len(every), 1)
+        shares = np.linspace(0, 1, _ALONG)[:, None, None]
+        along = every[first] * (1 - shares) + every[second] * shares
+        there = np.broadcast_to(x, (*along.shape[:2], x.size)).copy()
+        there[:, :, -nu:] = along
+        gap = self._distance(there.reshape(-1, x.size)).reshape(*along.shape[:2], -1)
+        least = gap[:, :, depends].min(axis=2)
+        ends = np.minimum(least[0], least[-1])
+        free = (least >= np.minimum(_CLEAR * sizes.gap, ends) - _TOUCHED * sizes.gap).all(axis=0)
+        free &= ends > -2 * _TOUCHED * sizes.gap
+        length = np.linalg.norm(every[first] - every[second], axis=1)
+        graph = np.zeros((len(every), len(every)))
+        graph[first[free], second[free]] = np.maximum(length[free], 1e-12)
+        far, previous = dijkstra(graph, directed=False, indices=0, return_predecessors=True)
+        paths: list[list[np.ndarray] | None] = []
+        for goal in range(1, len(goals) + 1):
+            if not np.isfinite(far[goal]):
+                paths.append(None)
+                continue
+            stop, path = goal, []
+            while stop > 0:
+                path.insert(0, every[stop])
+                stop = int(previous[stop])
+            paths.append(path)
+        return paths
+
+    def _outwards(self, x: np.ndarray, places: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Every place moved away from what is nearest to it."""
+        at = np.repeat(x[None], len(places), axis=0)
+        at[:, -self._nu :] = places
+        slope = self._slope(at)
+        gap = np.where(np.abs(slope).sum(axis=2) > 0, self._distance(at), np.inf)
+        nearest = slope[np.arange(len(at)), gap.argmin(axis=1)]
+        return places + 1.5 * self.problem.scales.gap * nearest
+
+    def _timed(self, way: np.ndarray, steps: int) -> np.ndarray:
+        """Commands (steps, nu) that go along a polyline evenly."""
+        lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
+        gone = np.concatenate([[0.0], np.cumsum(lengths)])
+        at = gone[-1] * np.arange(1, steps + 1) / steps
+        return np.column_stack([np.interp(at, gone, column) for column in way.T])
+
+    def _rolled(self, plans: Sequence[tuple[Node, np.ndarray]]) -> list[Node]:
+        """Roll inputs (K, nu) on from nodes; those that fail or pass through a body are left."""
+        nodes, u = [node for node, _ in plans], np.array([inputs for _, inputs in plans])
+        S, K = u.shape[:2]
+        x = np.full((S, K + 1, self.problem.system.nx), np.nan)
+        x[:, 0] = [node.x[-1] for node in nodes]
+        alive = np.arange(S)
+        self.tried, self.rolled = self.tried + S, self.rolled + S * K
+        for k in range(K):
+            if not len(alive):
+                break
+            x[alive, k + 1] = self._step(x[alive, k], u[alive, k])
+            alive = alive[np.isfinite(x[alive, k + 1]).all(axis=1)]
+            alive = alive[self._cut(x[alive, k : k + 2]) < DEPTH * self.problem.scales.gap]
+        if not len(alive):
+            return []
+        chosen, x, u = [nodes[s] for s in alive], x[alive], u[alive]
+        before = np.array([n.u[-1] if len(n.u) else self._before for n in chosen])
+        cost = np.array([n.cost for n in chosen]) + self._stages(x, u, before)
+        gone = np.array([len(n.u) + K for n in chosen])
+        resting = cost + self._resting(x[:, -1], gone)
+        return [
+            Node(np.vstack([n.x, x[s, 1:]]), np.vstack([n.u, u[s]]), cost[s], resting[s]) for s, n in enumerate(chosen)
+        ]
+
+    @cached_property
+    def _before(self) -> np.ndarray:
+        return np.array(self.problem.limits(self.physical)[1]).ravel()
+
+    def _cut(self, x: np.ndarray) -> np.ndarray:
+        """Deepest penetration (S,) on the straight way between nodes."""
+        ways = [x[:, :-1] * (1 - s) + x[:, 1:] * s for s in SHARES]
+        gap = self._distance(np.concatenate(ways, axis=1).reshape(-1, x.shape[2]))
+        gap = gap.reshape(len(x), len(SHARES) * (x.shape[1] - 1), gap.shape[-1])
+        return -gap.min(axis=(1, 2), initial=np.inf)
+
+    def _stages(self, x: np.ndarray, u: np.ndarray, before: np.ndarray) -> np.ndarray:
+        """Sum of stage costs and penalties (S,) of states x (S, K+1, nx), inputs u (S, K, nu)."""
+        du = np.diff(u, axis=1, prepend=before[:, None])
+        none = np.zeros((*u.shape[:2], self.problem.system.nlam))
+        stage, _ = at_steps(self.problem.cost_terms, x[:, :-1], u, du, none, p=self.physical)
+        over = at_steps(self._over, x[:, :-1], u, x[:, 1:], p=self.physical)[0]
+        return stage.sum(axis=(1, 2)) + over.sum(axis=(1, 2))
+
+    @cached_property
+    def _over(self) -> ca.Function:
+        """Penalty for violated path constraints: a cost's size for a characteristic length."""
+        problem, system = self.problem, self.problem.system
+        total = ca.SX(0)
+        for one in problem.path:
+            if one.name != SWEPT and not ca.depends_on(one.expression, system.lam):
+                off = ca.fmax(ca.fmax(one.lower - one.expression, one.expression - one.upper), 0)
+                total += ca.sumsqr(off)
+        total *= problem.scales.cost / float(problem.scales.x[-1]) ** 2
+        symbols = [system.x, system.u, system.x_next, problem.parameters.vector]
+        return ca.Function("over", symbols, [ca.densify(total)])
+
+    def _resting(self, x: np.ndarray, gone: np.ndarray) -> np.ndarray:
+        """Cost (S,) of standing still from states x (S, nx) to the end of the horizon."""
+        u, none = x[:, None, -self._nu :], np.zeros((len(x), 1, self.problem.system.nlam))
+        stage, terminal = at_steps(self.problem.cost_terms, x[:, None], u, 0 * u, none, p=self.physical)
+        return (self.problem.N - gone) * stage[:, 0, 0] + terminal[:, 0, 0]
+
+    def rollout(self, inputs: np.ndarray) -> Rollout | None:
+        """What inputs (N, nu) do under the model's own exact law; None where a step fails."""
+        problem, step = self.problem, self.problem.exact_step
+        x, found = [self.first().x], []
+        for u in inputs:
+            x_next, lam, gap = self._own.solved(x[-1], u[None])
+            if not np.isfinite(x_next).all():
+                return None
+            x.append(x_next)
+            found.append((lam, gap))
+        lam, gap = (np.array(part).transpose(1, 0, 2) for part in zip(*found, strict=True))
+        states = np.array(x).transpose(1, 0, 2)
+        impulses = problem_impulses(problem, step, states, inputs[None], lam, self.physical)
+        costs = trajectory_costs(problem, states, inputs[None], impulses, self.physical)
+        return Rollout(states, inputs[None], lam, gap, impulses, costs)
+
+    def whole(self, node: Node) -> np.ndarray:
+        """Inputs (N, nu) of a plan, the last held to the end."""
+        last = node.u[-1] if len(node.u) else self._before
+        return np.vstack([node.u, np.repeat(last[None], self.problem.N - len(node.u), axis=0)])

@@ -1,0 +1,5 @@
+"""One solve: from a checked request, or from a solution, to a judged answer."""
+
+from ocp.solve.solve import solve
+
+__all__ = ["solve"]

@@ -1,0 +1,274 @@
+"""One solution from three independent judges: of a result, or of a solve that Ctrl-C ended."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from dynamics.learned.laws import LearnedLaw
+from ocp.errors import InputError, abbreviated, interruptible
+from ocp.judge.audit import CONTENT, STILL, Audit, audit, cost_span, feasible, idle_cost
+from ocp.judge.certificate import Certificate, certify
+from ocp.judge.referee import Referee, evaluate, referee
+from ocp.judge.sensitivity import sensitivity
+from ocp.judge.unbounded import runaway_inputs, unbounded_inputs, unbounded_variables
+from ocp.judge.verdict import UNJUDGED
+from ocp.problem.cost_sizes import cost_share
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import Rollout, problem_impulses, trajectory_costs
+from ocp.programs.program import PENALTY, Program
+from ocp.programs.solver import Point, Result, Status
+from ocp.routes.homotopy import Progress, RouteResult, StageRecord, Trace, translate
+from ocp.routes.session import Session
+from ocp.routes.table import route_for
+from ocp.solution import Interrupted, Solution
+from ocp.solve.labelling import label
+from ocp.store.provenance import versions
+from ocp.transcription.factories import law_record
+from ocp.transcription.nlp import Trajectories, trajectories
+
+_FLAT = 1e-7
+_IDLE = 1e-6
+"""Relative gain over standing still below which nothing was achieved."""
+
+
+def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
+    """Audit an outcome, certify and referee it, label it, and give it a status."""
+    began = time.perf_counter()
+    nlp, result = outcome.nlp, outcome.result
+    values = session.values
+    p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
+    plan = trajectories(nlp, result, p)
+    found, replay, book = audit(nlp, result, plan, values, p, bounds)
+    # Not the solver's f, which may hold a penalty on gains or on products of contact.
+    physical = session.problem.parameters.pack(values)
+    kept = feasible(nlp, found)
+    impulses = problem_impulses(session.problem, nlp.step, plan.x, plan.u, plan.lam, physical)
+    costs = trajectory_costs(session.problem, plan.x, plan.u, impulses, physical)
+    rolled = Rollout(plan.x, plan.u, plan.lam, plan.gap, impulses, costs)
+    certificate = Certificate("undecided", reason=UNJUDGED)
+    idle, span, derivative = float("nan"), 0.0, None
+    endless = unbounded_inputs(session.problem, session.step, values, rolled)
+    if kept:
+        span = cost_span(session.problem, rolled, physical)
+        program, point = route_for(session).invert(session, outcome, rolled, plan.gains)
+        given = {**values, PENALTY: 0.0}
+        at = program.parameter_vector(given), program.bounds(given)
+        certificate = certify(program, point.x, *at, point.lam_g)
+        if certificate.stationarity == "not":
+            certificate = replace(certificate, reason=outcome.trace.refused)
+        again = partial(_replay, session.problem)
+        derivative = partial(sensitivity, program, point, given, again)
+        idle = idle_cost(session.problem, session.step, values, rolled)
+        limited = all(limit.is_regular() for limit in session.problem.limits(physical)[2:4])
+        endless = endless or ("" if limited else unbounded_variables(program, *at, point.x))
+    if not (endless or result.ok or certificate.certified):
+        # Iterates also run away uphill, as from the kinks of |u|: that is no fault of the problem.
+        uphill = rolled.cost > idle_cost(session.problem, session.step, values, rolled)
+        endless = "" if uphill else runaway_inputs(session.problem, plan.u)
+    report, replays = evaluate(session.problem, session.step, rolled, values, plan.gains)
+    return Solution(
+        data=label(nlp, plan, replay, book, outcome, values, replays.replay),
+        cost=rolled.cost,
+        status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span, values, bool(endless)),
+        audit=found,
+        certificate=certificate,
+        referee=report,
+        idle_cost=idle,
+        stages=outcome.trace.records,
+        iterations=outcome.trace.iterations,
+        build_s=session.total_build_s,
+        solve_s=outcome.trace.seconds,
+        record={
+            **record(session, seed),
+            "audit_s": time.perf_counter() - began,
+            "unbounded": endless,
+        },
+        problem=session.problem,
+        values=dict(values),
+        gains=plan.gains,
+        evaluation_s=outcome.trace.evaluation_s,
+        derivative=derivative,
+    )
+
+
+def _replay(problem: Problem, plan: Trajectories, values: dict[str, float]) -> Referee:
+    inputs = plan.u if plan.gains is None else plan.gains
+    return referee(problem, inputs, values, plan.x[:, 0])
+
+
+def status_of(
+    outcome: RouteResult,
+    found: Audit,
+    kept: bool,
+    certificate: Certificate,
+    cost: float,
+    idle: float,
+    span: float,
+    values: dict[str, float],
+    endless: bool,
+) -> Status:
+    """Combine audit, certificate and, where these find no answer, the solver's status."""
+    result = outcome.result
+    if result.status is Status.INTERRUPTED:
+        return result.status
+    if endless:
+        return Status.UNBOUNDED
+    if not np.isfinite(cost):
+        return Status.DIVERGED
+    if not kept:
+        return Status.INEXACT if result.ok else result.status
+    # A force from afar moves what its exact replay does not: that is smoothing, and no dead end.
+    # And where standing still breaks constraints that the plan keeps, the plan is better.
+    own = found.state_gap <= STILL * outcome.nlp.problem.scales.x.max() and np.isfinite(idle)
+    blind = found.active_steps == 0 and found.task_gradient < _FLAT and own
+    sloped = certificate.slope > CONTENT * span
+    problem = outcome.nlp.problem
+    gain = cost_share(problem, idle - cost, idle, problem.parameters.pack(values))
+    if blind or (sloped and gain <= _IDLE):
+        return Status.NO_PROGRESS
+    if certificate.certified:
+        return Status.SOLVED
+    if not result.ok:
+        return result.status
+    return Status.UNDECIDED if certificate.stationarity == "undecided" else Status.NOT_OPTIMAL
+
+
+def record(session: Session, seed: int) -> dict[str, Any]:
+    """Everything that determines an answer, ready for JSON."""
+    problem, policy = session.problem, session.policy
+    learned = session.law if isinstance(session.law, LearnedLaw) else None
+    return {
+        "problem": problem.name,
+        **law_record(session.law),
+        "method": session.method.name,
+        "policy": policy.name,
+        "policy_settings": asdict(policy),
+        "solver": session.solver.name,
+        "solver_options": session.solver.options,
+        "strategy": session.strategy if session.complementary else None,
+        "jit": session.compiled.outcome if session.compiled else None,
+        "params": {
+            **{name: session.values[name] for name in problem.parameters.names},
+            **problem.settings,
+        },
+        "law_parameters": {
+            name: session.values[name] for name in session.step.p.names if name not in problem.parameters
+        },
+        "N": problem.N,
+        "learned_at": learned.learned_at(problem.system, session.values) if learned else {},
+        "seed": seed,
+        "versions": versions(),
+        "citation": problem.citation,
+        "source": problem.source,
+    }
+
+
+_LOG = logging.getLogger(__name__)
+FEASIBLE = 1e-6
+"""Violation of a constraint, in natural units, up to which a point keeps it."""
+
+
+@contextmanager
+def keeping(session: Session, seed: int, progress: Progress | None) -> Iterator[Progress]:
+    """Yield the callback that a solve of the session calls after each stage.
+
+    If Ctrl-C ends the solve, raises :class:`~ocp.solution.Interrupted` with the best
+    point of it, judged, its status :attr:`~ocp.programs.solver.Status.INTERRUPTED`; before a solver
+    has run at all, there is none, and KeyboardInterrupt is raised as it came.
+    """
+    kept = _Kept(session, progress)
+    session.solver.heard = lambda program, result: kept.ends.append((program, result))
+    try:
+        with interruptible():
+            yield kept.add_stage
+    except KeyboardInterrupt as stop:
+        session.solver.heard = None
+        if not kept.ends:
+            raise
+        raise Interrupted(kept.solution(seed)) from stop
+    finally:
+        session.solver.heard = None
+
+
+@dataclass
+class _Kept:
+    """Stages of a solve, and where each run of the solver ended, in whatever program."""
+
+    session: Session
+    progress: Progress | None
+    records: list[StageRecord] = field(default_factory=list)
+    ends: list[tuple[Program, Result]] = field(default_factory=list)
+
+    def add_stage(self, stage: StageRecord) -> None:
+        """Record a stage, and pass it on."""
+        self.records.append(stage)
+        if self.progress is not None:
+            self.progress(stage)
+
+    def solution(self, seed: int) -> Solution:
+        """The best point as a judged solution, with all work counted."""
+        nlp = self.session.nlp_of("product")
+        results = [result for _, result in self.ends]
+        trace = Trace(
+            records=self.records,
+            iterations=sum(result.iterations for result in results),
+            seconds=sum(result.seconds for result in results),
+            evaluation_s=sum(result.evaluation_s for result in results),
+        )
+        p = nlp.parameter_vector(self.session.values)
+        point = self._best(nlp, p)
+        _LOG.info("interrupted after %d stages; the best point is judged", len(self.records))
+        found = Result.at(nlp, point, p, Status.INTERRUPTED, "interrupted")
+        return judged(self.session, RouteResult(found, nlp, False, trace), seed)
+
+    def _best(self, nlp: Program, p: np.ndarray) -> Point:
+        """The cheapest feasible point, or else the least infeasible one."""
+        bounds, natural = nlp.bounds(self.session.values), nlp.natural
+        found = []
+        for program, result in self.ends:
+            point = translate(result.point, program, nlp)
+            cost, g = nlp.values(point.x, p)
+            off = max(
+                _beyond(g, bounds["lbg"], bounds["ubg"], natural.g),
+                _beyond(point.x, bounds["lbx"], bounds["ubx"], natural.x),
+            )
+            found.append((off, cost if np.isfinite(cost) else np.inf, point))
+        kept = [one for one in found if one[0] <= FEASIBLE]
+        by_cost = min(kept, key=lambda one: one[1], default=None)
+        return (by_cost or min(found, key=lambda one: one[0]))[2]
+
+
+def _beyond(value: np.ndarray, low: np.ndarray, high: np.ndarray, size: np.ndarray) -> float:
+    """Largest violation of bounds, in natural units; infinite for NaN."""
+    off = np.maximum(np.maximum(low - value, value - high), 0.0) / size
+    return float(np.nan_to_num(off, nan=np.inf, posinf=np.inf).max(initial=0.0))
+
+
+@contextmanager
+def failures_kept(failures: list[Exception]) -> Iterator[None]:
+    """Append to ``failures`` what one of several candidates raises, so that others go on.
+
+    An :class:`~ocp.errors.InputError`, which every candidate would raise, goes through.
+    """
+    try:
+        with interruptible():
+            yield
+    except InputError:
+        raise
+    except Exception as error:
+        _LOG.exception("a candidate ended in an error")
+        failures.append(error)
+
+
+def with_failures(found: Solution, failures: list[Exception]) -> Solution:
+    """Put the errors that other candidates ended in, if any, into a solution's record."""
+    told = [f"{type(error).__name__}: {abbreviated(str(error))}" for error in failures]
+    return replace(found, record=found.record | ({"failures": told} if told else {}))

@@ -1,0 +1,382 @@
+"""The one entry: a problem, a law, a method, a policy and a solver in, a judged solution out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+
+from dynamics.contact import ContactLaw
+from ocp.errors import InputError, choose, input_errors, interruptible
+from ocp.problem.cost_sizes import cost_share
+from ocp.problem.policy import Policy
+from ocp.problem.problem import Problem
+from ocp.problem.resources import check_memory, solve_memory
+from ocp.problem.rollout import initial_guesses
+from ocp.programs.solver import Solver, Status
+from ocp.routes.homotopy import GAIN, StageRecord
+from ocp.routes.session import Session, as_swept
+from ocp.solution import Interrupted, Solution
+from ocp.solve.judging import failures_kept, judged, keeping, with_failures
+from ocp.solve.refinement import halved, refined
+from ocp.solve.request import ProblemLike, Settings, check_setting_names, rebuilder, resolve_problem
+from ocp.solve.warm_start import GuessLike, carried_guess, carry, given_guess
+from ocp.transcription import Method
+from ocp.transcription.factories import DEFAULT_LAW, closing_law, method_of, policy_of, split_policy_settings
+from ocp.transcription.nlp import StageCompiler
+from ocp.validation import Count, Index, validated
+
+if TYPE_CHECKING:
+    from ocp.search.push_search import PushSearch
+
+Rank = Literal["planned", "exact", "referee"]
+"""What orders several answers: their cost under the law, replayed under the exact one, or by the
+referee."""
+WAYS = 4
+"""Ways to try before standing still is called the best, each by a guess of its own."""
+_FEASIBLE = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 1, Status.UNDECIDED: 1, Status.NO_PROGRESS: 2}
+"""Ends that are feasible, and their order."""
+
+
+def solve(
+    problem: ProblemLike,
+    contact: ContactLaw | str = DEFAULT_LAW,
+    transcription: Method | str = "direct",
+    policy: Policy | str = "open-loop",
+    solver: str = "ipopt",
+    settings: Settings | Mapping[str, Any] | None = None,
+    starts: int = 1,
+    seed: int = 0,
+    progress: Callable[[StageRecord], None] | None = None,
+    start: Solution | None = None,
+    rank_by: Rank = "planned",
+    *,
+    guess: GuessLike | None = None,
+    search: bool | None = None,
+    refine: bool = False,
+    method: Method | str | None = None,
+    params: Mapping[str, Any] | None = None,
+    contact_settings: Mapping[str, Any] | None = None,
+    **keywords: Any,
+) -> Solution:
+    """Solve ``problem``, audit the answer, certify it and have it refereed, as ``ocp solve`` does.
+
+    Problem, law, method and policy are objects or names, with the defaults of the command line::
+
+        solve("push-disc", contact="barrier", mu=1e-3, M=2.0)
+        solve(problems.get("push-disc", M=2.0), Barrier(mu=1e-3), Direct(), OpenLoop())
+
+    ``problem`` may also be the path of a file that defines one, or parameters, which editors
+    complete: ``solve(push_disc.Params(M=2.0))``. What is named takes its settings
+    as ``keywords`` or, with the same name as something else, in ``params`` (of the problem) and
+    ``contact_settings`` (of the law). ``settings`` are those of ``-s``: the method's, the solver's,
+    and ``policy.<name>``, or an :class:`ocp.Settings`. ``method`` is another word for
+    ``transcription``.
+
+    ``starts`` > 1 solves from as many guesses, the first the problem's own, the others perturbed
+    by seeded noise of 0.3 characteristic units; the best certified answer wins, by its own cost or,
+    with ``rank_by``, by what it costs under the ``"exact"`` law or by the ``"referee"``, and the
+    others are listed in ``Solution.others``.
+
+    ``start`` is a solution of the same problem, at other parameters, on another mesh or horizon,
+    under another law or by another method: its trajectories and multipliers are what the solver
+    starts at (:func:`~ocp.solve.warm_start.carry`). Where it does not converge from there, the usual
+    path is followed with those trajectories as the guess.
+
+    ``guess`` is where the solver starts in place of the problem's own guess: two arrays, states
+    (N+1, nx) and inputs (N, nu); a dataset with ``x`` and ``u``; or a solution, such as a run that
+    :func:`ocp.load` reads, resampled where its horizon differs.
+
+    ``search=True`` finds pushes from nothing (:mod:`ocp.search.push_search`), False never; by default a scene
+    is searched whose answer has no certificate, does not survive, or hardly beats standing still.
+
+    ``refine`` plans again at half the step, from the last plan, until its cost and that of its
+    replay at half the step agree (:func:`~ocp.solve.refinement.refined`); of a problem object N is
+    doubled and all else kept, of a named one it is as with parameters ``N`` and ``h``.
+
+    Raises :class:`~ocp.errors.InputError` for settings, names or combinations that cannot be.
+    """
+    check_starts(starts, seed, rank_by)
+    if search and start is not None:
+        raise InputError("start and search both say where to begin; give one of them")
+    session = new_session(
+        problem,
+        contact,
+        transcription,
+        policy,
+        solver,
+        settings,
+        method=method,
+        params=params,
+        contact_settings=contact_settings,
+        **keywords,
+    )
+    session.search = search
+    if search:
+        from ocp.search.push_search import check_search
+
+        check_search(session)
+    if guess is not None:
+        if start is not None:
+            raise InputError("start and guess both say where to begin; give one of them")
+        given = given_guess(guess, session.problem, session.values)
+        guessed = replace(session.problem, guess=lambda made, p: given)
+        session = replace(session, problem=guessed)
+    if start is not None and starts != 1:
+        raise InputError("start cannot be combined with several starts; leave starts at 1")
+    if refine:
+        halved(session.problem, session.values, 1)
+    if start is None:
+        found = solve_session(session, starts, seed, progress, rank_by)
+    else:
+        found = solve_from(session, start, seed, progress)
+    return refine_from(session, found, rebuilder(problem), seed, progress) if refine else found
+
+
+def refine_from(
+    session: Session,
+    found: Solution,
+    build: Callable[[Problem, dict[str, Any]], Problem],
+    seed: int = 0,
+    progress: Callable[[StageRecord], None] | None = None,
+) -> Solution:
+    """Refine a session's solution, see :func:`~ocp.solve.refinement.refined`.
+
+    ``build`` makes the problem anew, of that one, at other values by name.
+    """
+
+    def again(turned: dict[str, Any], start: Solution) -> Solution:
+        compiled = StageCompiler() if session.compiled else None
+        rebuilt = replace(build(session.problem, turned), swept=found.problem.swept)
+        finer = replace(session, problem=rebuilt, compiled=compiled)
+        values = {**session.values, **turned}
+        finer.values |= {name: v for name, v in values.items() if name in finer.values}
+        return solve_from(finer, start, seed, progress)
+
+    return refined(found, again)
+
+
+def check_starts(starts: int, seed: int = 0, rank_by: str = "planned") -> None:
+    """Raise :class:`~ocp.errors.InputError` for starts, a seed or a rank that cannot be."""
+    if not 1 <= validated("starts", starts, Count) <= 10_000:
+        raise InputError(f"starts must be from 1 to 10000, got {starts}")
+    validated("seed", seed, Index)
+    choose("rank", rank_by, dict.fromkeys(get_args(Rank)))
+
+
+def solve_from(
+    session: Session,
+    start: Solution,
+    seed: int = 0,
+    progress: Callable[[StageRecord], None] | None = None,
+) -> Solution:
+    """Solve a session from a solution; the record says which, and whether it converged so.
+
+    Where it did not, the usual path was followed with its trajectories as the guess. Raises as
+    :func:`~ocp.solve.warm_start.carry` does, and :class:`~ocp.solution.Interrupted` with the best point,
+    where Ctrl-C ends it.
+    """
+    if start.record.get("swept"):
+        session = as_swept(session)
+    with keeping(session, seed, progress) as watch:
+        outcome = session.resume(carry(start, session.nlp_of("product"), session.values), watch)
+        if not (resumed := outcome.finished):
+            guess = carried_guess(start, session.problem, session.values)
+            cold = session.solve(progress=watch, guess=guess)
+            cold.trace.absorb(outcome.trace)
+            outcome = cold
+        found = judged(session, outcome, seed)
+    origin = start.record.get("hash", "a solution in memory")
+    own = {"from": origin, "resumed": resumed, "swept": session.problem.swept}
+    return replace(found, record={**found.record, **own})
+
+
+def new_session(
+    problem: ProblemLike,
+    contact: ContactLaw | str = DEFAULT_LAW,
+    transcription: Method | str = "direct",
+    policy: Policy | str = "open-loop",
+    solver: str = "ipopt",
+    settings: Settings | Mapping[str, Any] | None = None,
+    *,
+    method: Method | str | None = None,
+    params: Mapping[str, Any] | None = None,
+    contact_settings: Mapping[str, Any] | None = None,
+    **keywords: Any,
+) -> Session:
+    """Build what a solve, or a whole study, needs once; arguments as :func:`solve` has them.
+
+    Raises :class:`~ocp.errors.InputError` for what cannot be, what would not fit into memory, and
+    a setting that would change nothing.
+    """
+    if method is not None and transcription != "direct":
+        raise InputError("method and transcription are one argument; give one of them")
+    given = settings.given() if isinstance(settings, Settings) else settings or {}
+    for_policy, own = split_policy_settings(given)
+    made, for_law = resolve_problem(problem, contact, params, contact_settings, keywords, solver)
+    way = method_of(transcription if method is None else method)
+    check_setting_names(own, solver)
+    made_policy = policy_of(policy, for_policy)
+    law = closing_law(contact, for_law, made.system)
+    chosen = Settings.read(own)
+    with input_errors():
+        needed = solve_memory(made, made_policy, law)
+    several = f" and {made.scenarios.n} scenarios" if made.scenarios.n > 1 else ""
+    check_memory(f"{made.name} with N = {made.N}{several}", needed)
+    session = Session(
+        made,
+        law,
+        way,
+        made_policy,
+        Solver(solver, chosen.options),
+        chosen.strategy,
+        chosen.homotopy,
+        chosen.factor,
+        chosen.start,
+        compiled=StageCompiler() if chosen.jit else None,
+    )
+    _check_use(session, set(own))
+    return session
+
+
+def _check_use(session: Session, given: set[str]) -> None:
+    """Raise InputError for a setting of ours that this law and method have no use for."""
+    followed = not session.step.exact and session.schedule() is not None
+    used = {"strategy"} if session.complementary else set()
+    if followed or (session.step.exact and not session.complementary):
+        used.add("homotopy")
+    if followed and session.homotopy is not False:
+        used |= {"factor", "start"}
+    unused = sorted(given & {"strategy", "homotopy", "factor", "start"} - used)
+    if unused:
+        instead = f"; {', '.join(sorted(used))} would" if used else ""
+        raise InputError(
+            f"{' and '.join(unused)} would have no effect for the {session.law.name} law by"
+            f" {session.method.name}{instead}; drop {'it' if len(unused) == 1 else 'them'}"
+        )
+    # Now, so that a path of too many stages is refused before any work.
+    _ = session.seconds
+
+
+def solve_session(
+    session: Session,
+    starts: int = 1,
+    seed: int = 0,
+    progress: Callable[[StageRecord], None] | None = None,
+    rank_by: Rank = "planned",
+) -> Solution:
+    """Solve a session from one or several guesses.
+
+    A search over pushes replaces these where it is chosen, or the scene has many corners, and it
+    finds anything; it comes after them where their answer falls short
+    (:meth:`ocp.search.push_search.PushSearch.wanted`).
+
+    Raises :class:`~ocp.solution.Interrupted`, with the best answer so far, or in the first start
+    with the best point so far, where Ctrl-C ends it.
+    """
+    solutions: list[Solution] = []
+    failures: list[Exception] = []
+    pushes = _pushes(session, seed, progress)
+    tried = WAYS if starts == 1 else starts
+    guesses = initial_guesses(session.problem, session.values, tried, seed)
+    try:
+        with interruptible():
+            if pushes is not None and pushes.first:
+                with failures_kept(failures):
+                    solutions += pushes.solutions()
+            for number, guess in enumerate(guesses if not solutions else ()):
+                still = solutions and session.from_afar and _stands_still(solutions[-1])
+                if number >= starts and not still:
+                    break
+                first = keeping(session, seed, progress)
+                watching = nullcontext(progress) if solutions else first
+                with failures_kept(failures), watching as watch:
+                    outcome = session.solve(progress=watch, guess=guess, number=number)
+                    solutions.append(judged(session, outcome, seed))
+            if not solutions:
+                raise failures[0]
+            best = min(solutions, key=lambda found: rank(found, rank_by))
+            if pushes is not None and not pushes.first and pushes.wanted(best):
+                with failures_kept(failures):
+                    solutions += pushes.solutions(best)
+    except KeyboardInterrupt as stop:
+        if not solutions:
+            raise
+        raise Interrupted(best_of(session, solutions, rank_by)) from stop
+    best = solutions[0] if len(solutions) == 1 else best_of(session, solutions, rank_by)
+    searched = pushes.tried if pushes is not None else {}
+    best = with_failures(best, failures)
+    return replace(best, record={**best.record, "search": searched}) if searched else best
+
+
+def _pushes(session: Session, seed: int, progress: Callable[[StageRecord], None] | None) -> PushSearch | None:
+    """The search over pushes, where it is chosen or the problem is a scene."""
+    if session.search is False or not (session.search or session.problem.system.scene):
+        return None
+    # Only here: what only scenes need is not loaded for other problems.
+    from ocp.search.push_search import PushSearch
+
+    return PushSearch(session, judged, seed, progress)
+
+
+def _stands_still(found: Solution) -> bool:
+    return found.status is Status.NO_PROGRESS and found.certificate.certified
+
+
+def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planned") -> Solution:
+    """Return the best certified answer, with the others listed and the work of all counted.
+
+    To stand still counts as one where it may, see :func:`credited`.
+    """
+    solutions = credited(session, solutions)
+    best = min(solutions, key=lambda found: rank(found, rank_by))
+    others = [
+        {
+            "start": index,
+            "status": found.status.label,
+            "cost": found.cost,
+            "exact_cost": found.audit.exact_cost,
+            "referee_cost": found.referee.cost,
+            "iterations": found.iterations,
+            "chosen": found is best,
+        }
+        for index, found in enumerate(solutions)
+    ]
+    iterations = sum(found.iterations for found in solutions)
+    spent = {key: sum(getattr(found, key) for found in solutions) for key in ("solve_s", "evaluation_s")}
+    return replace(best, others=others, iterations=iterations, **spent)
+
+
+def credited(session: Session, solutions: list[Solution]) -> list[Solution]:
+    """The solutions, of which those that rightly stand still count as solved.
+
+    That is certified, costs no more than any feasible end, and is what was found by several ways
+    that feel contact from afar. ``record["ways"]`` counts those with a certified end.
+    """
+    ended = [one for one in solutions if one.status in _FEASIBLE and one.certificate.certified]
+    least = min((one.cost for one in solutions if one.status in _FEASIBLE), default=np.inf)
+    if len(ended) < 2 or not session.from_afar:
+        return solutions
+    physical = session.problem.parameters.pack(session.values)
+    share = partial(cost_share, session.problem, cost=least, physical=physical)
+    return [
+        replace(one, status=Status.SOLVED, record={**one.record, "ways": len(ended)})
+        if _stands_still(one) and not share(one.cost - least) > GAIN
+        else one
+        for one in solutions
+    ]
+
+
+def rank(found: Solution, by: Rank = "planned") -> tuple[int, float]:
+    """Order answers: certified ones first, then the others that are feasible, then by cost.
+
+    Of a scene, answers that survive the referee come before all others.
+    """
+    costs = {"planned": found.cost, "exact": found.audit.exact_cost, "referee": found.referee.cost}
+    cost = costs[by]
+    lost = found.referee.survives is False and found.problem.system.scene
+    return _FEASIBLE.get(found.status, 3) + 4 * lost, cost if np.isfinite(cost) else np.inf

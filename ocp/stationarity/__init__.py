@@ -1,1 +1,0 @@
-"""Whether a point is stationary, and how it moves with a parameter."""

@@ -1,0 +1,172 @@
+"""Make laws, methods and policies from names and settings; errors list the valid names."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
+
+import casadi as ca
+
+from dynamics.contact import ContactLaw
+from ocp.distribution import load_plugin
+from ocp.errors import InputError, choose, did_you_mean, input_errors
+from ocp.problem.policy import POLICIES, Policy
+from ocp.transcription import METHODS, Method
+from ocp.validation import expand_path
+
+if TYPE_CHECKING:
+    from dynamics.systems import ContactSystem, ParameterTable
+
+T = TypeVar("T")
+DEFAULT_LAW = "exact"
+"""The law of plans where none is chosen: docs/theory/laws.md compares it with the barrier."""
+
+
+def contact_law(contact: ContactLaw | str, values: Mapping[str, Any]) -> ContactLaw:
+    """Make the law called ``contact`` from its settings; ``base.<k>`` go to the base law.
+
+    ``contact`` may also be a file that defines a law (:func:`law_class`). A law that is made
+    already is taken as it is, and takes no settings.
+    """
+    if isinstance(contact, ContactLaw):
+        _refuse(values, f"the law is made already; give it to {type(contact).__name__}(...)")
+        return contact
+    law = law_class(contact)
+    inner = {key.removeprefix("base."): v for key, v in values.items() if key.startswith("base.")}
+    outer: dict[str, Any] = {k: v for k, v in values.items() if not k.startswith("base.")}
+    takes_base = "base" in inspect.signature(law).parameters
+    if inner and "base" not in outer:
+        key = f"base.{next(iter(inner))}"
+        hint = "name the base law as well, with base=barrier" if takes_base else "drop it"
+        raise InputError(f"{key}: {contact} has no base law here; {hint}")
+    if takes_base and "base" in outer:
+        if isinstance(outer["base"], str):
+            law_class(outer["base"], "base law")
+        outer["base"] = contact_law(outer["base"], inner)
+    return _construct("contact law", contact, law, outer)
+
+
+def law_class(contact: str, kind: str = "contact law") -> type[ContactLaw]:
+    """Return the law called ``contact``, or that of a user's file (``*.py``).
+
+    Raises :class:`~ocp.errors.InputError` for an unknown name, and as
+    :func:`problems.registry.load_law` does.
+    """
+    from dynamics.laws import LAWS
+
+    if contact.endswith(".py"):
+        return load_plugin("problems").load_law(contact)
+    if contact not in LAWS:
+        raise InputError(
+            f"unknown {kind} {contact!r}{did_you_mean(contact, LAWS)}; there are {', '.join(LAWS)},"
+            " or give the path of a file such as my_law.py"
+        )
+    return LAWS[contact]
+
+
+def law_name(contact: ContactLaw | str) -> str:
+    """Return what :func:`law_class` finds the law by: its name, or the file that defines it."""
+    from dynamics.laws import LAWS
+
+    if isinstance(contact, str):
+        is_file = contact.endswith(".py")
+        return str(expand_path(contact).resolve()) if is_file else contact
+    if type(contact) in LAWS.values():
+        return contact.name
+    return contact.source or inspect.getsourcefile(type(contact)) or contact.name
+
+
+def law_record(law: ContactLaw) -> dict[str, Any]:
+    """Return what a run stores of its law; for one of a user's file also where it is from."""
+    origin = {"contact_source": law.source, "contact_digest": law.source_digest}
+    return {
+        "contact": law.name,
+        "contact_settings": law.settings(),
+        **(origin if law.source else {}),
+    }
+
+
+def law_digest(contact: ContactLaw | str) -> str | None:
+    """Digest of the file that defines a law; None for a law of the workbench, or made in Python."""
+    if isinstance(contact, str) and not contact.endswith(".py"):
+        return None
+    return (law_class(contact) if isinstance(contact, str) else contact).source_digest
+
+
+def law_settings(contact: ContactLaw | str) -> tuple[str, ...]:
+    """Names of the settings that a law takes when it is chosen by name; none if made already."""
+    if isinstance(contact, ContactLaw):
+        return ()
+    return tuple(inspect.signature(law_class(contact)).parameters)
+
+
+def laws_with(setting: str) -> str:
+    """The part of a sentence that names the laws which take ``setting``; "" where none does."""
+    from dynamics.laws import LAWS
+
+    names = [name for name, law in LAWS.items() if setting in inspect.signature(law).parameters]
+    return f"; {setting} belongs to {', '.join(names)}" if names else ""
+
+
+def closing_law(contact: ContactLaw | str, values: Mapping[str, Any], system: ContactSystem) -> ContactLaw:
+    """Make a law that can close ``system``; raises InputError where it cannot."""
+    from dynamics.laws import LAWS
+
+    law = contact_law(contact, values)
+    with input_errors():
+        p = law.parameters(system)
+        if type(law) not in LAWS.values():
+            _check_target(law, system, p)
+    return law
+
+
+def _check_target(law: ContactLaw, system: ContactSystem, p: ParameterTable) -> None:
+    """Raise ValueError unless a user's law has one mu for each pair that decides."""
+    n = len(set(system.deciding))
+    mu = ca.SX(law.target(system, ca.SX.sym("z", n), ca.SX.sym("F", n, n), p))
+    if mu.shape != (n, 1):
+        raise ValueError(
+            f"{law.name}: target(system, z, F, p) must return mu of shape ({n}, 1), as z has, got {mu.shape}"
+        )
+
+
+def method_of(method: Method | str) -> Method:
+    """Make the method called ``method``, or take it as it is."""
+    return choose("method", method, METHODS)() if isinstance(method, str) else method
+
+
+def policy_of(policy: Policy | str, values: Mapping[str, Any]) -> Policy:
+    """Make the policy called ``policy`` from its settings, or take it as it is, without any."""
+    if isinstance(policy, str):
+        return _construct("policy", policy, choose("policy", policy, POLICIES), values)
+    _refuse(values, f"the policy is made already; give it to {type(policy).__name__}(...)")
+    return policy
+
+
+def split_policy_settings(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Separate ``policy.<name>`` from the settings of method and solver."""
+    own = {k.removeprefix("policy."): v for k, v in values.items() if k.startswith("policy.")}
+    return own, {k: v for k, v in values.items() if not k.startswith("policy.")}
+
+
+def _refuse(values: Mapping[str, Any], reason: str) -> None:
+    if values:
+        raise InputError(f"{', '.join(values)} cannot be set: {reason}")
+
+
+def _construct(kind: str, name: str, cls: type[T], values: Mapping[str, Any]) -> T:
+    takes = inspect.signature(cls).parameters
+    for key in values:
+        if key not in takes:
+            others = laws_with(key) if kind == "contact law" else ""
+            raise InputError(
+                f"{kind} {name} has no setting {key!r}{did_you_mean(key, takes)};"
+                f" it takes {', '.join(takes) or 'none'}{others}; see ocp settings {name}"
+            )
+    from ocp.validation import parse
+
+    hints = get_type_hints(cls.__init__)
+    typed = {key: parse(f"{name}: {key}", value, hints[key]) for key, value in values.items()}
+    with input_errors(TypeError):
+        return cls(**typed)
