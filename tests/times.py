@@ -30,8 +30,8 @@ ALWAYS = (
     "tests/docs/test_generated.py::test_generated_pages_are_in_step",
     "tests/docs/test_pages.py::test_a_page_works_as_printed[README.md]",
     "tests/docs/test_pages.py::test_a_page_works_as_printed[docs/tutorials/first-solve.md]",
-    "tests/unit/ocp/gradients/test_estimate_by_name.py::test_a_stopped_estimate_resumes_with_other_workers",
-    "tests/unit/ocp/test_sensitivity.py::test_sensitivities_are_the_limit_of_re_solves[cart-walls-mp-exact]",
+    "tests/unit/ocp/jobs/test_estimate_by_name.py::test_a_stopped_estimate_resumes_with_other_workers",
+    "tests/unit/ocp/judge/test_sensitivity.py::test_sensitivities_are_the_limit_of_re_solves[cart-walls-mp-exact]",
     "tests/unit/test_words.py::test_a_word_has_one_meaning",
 )
 """Whole ways through the program, and tests that alone caught a fault put in: they are run at any cost."""

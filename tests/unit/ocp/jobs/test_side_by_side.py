@@ -16,7 +16,7 @@ from ocp.jobs.grid import axes
 from ocp.jobs.sweep import make_grid, solve_grid, sweep
 from ocp.jobs.sweep_job import JobResult, solve_starts
 from ocp.solve.solve import solve_session
-from tests.unit.ocp.sweeps.same import same
+from tests.unit.ocp.jobs.same import same
 
 OVER = {"M": [0.5, 1.0, 2.0], "contact.mu": [1e-3, 1e-2]}
 SHORT = {"N": 6}

@@ -13,7 +13,7 @@ from ocp.jobs.case import Case
 from ocp.jobs.grid import Grid, axes
 from ocp.jobs.sweep import sweep
 from ocp.jobs.sweep_job import failed_result
-from tests.unit.ocp.sweeps.same import same
+from tests.unit.ocp.jobs.same import same
 
 GRID = Grid(Case("push-1d"), axes({"problem.M": [1.0, 2.0, 3.0], "problem.K": [1.0, 2.0]}))
 ROW = {"success": 1, "survives": 1, "idle_cost": 10.0, "exact_cost": 1.0, "referee_cost": 1.0}

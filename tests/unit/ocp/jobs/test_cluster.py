@@ -16,7 +16,7 @@ from distributed import LocalCluster
 from ocp.errors import InputError
 from ocp.jobs import cluster as over
 from ocp.jobs.scheduling import Failure, run_jobs
-from tests.unit.ocp.scheduling.jobs_done import squared
+from tests.unit.ocp.jobs.jobs_done import squared
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from ocp.solve.solve import solve_session
 from ocp.store.json_values import to_json
 from ocp.transcription import Direct, MultipleShooting
 from problems import get
-from tests.unit.ocp.sweeps.same import TIMES, same
+from tests.unit.ocp.jobs.same import TIMES, same
 
 SHORT = {"N": 6}
 

@@ -10,7 +10,7 @@ import pytest
 from distributed import LocalCluster
 
 from ocp.jobs.sweep import sweep
-from tests.unit.ocp.sweeps.same import same
+from tests.unit.ocp.jobs.same import same
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ import pytest
 from ocp.errors import InputError
 from ocp.jobs import processes
 from ocp.jobs.scheduling import Failure, run_jobs
-from tests.unit.ocp.scheduling.jobs_done import kept, squared
+from tests.unit.ocp.jobs.jobs_done import kept, squared
 
 ROOT = Path(__file__).parents[4]
 
@@ -89,7 +89,7 @@ def test_workers_end_with_a_caller_that_was_killed(tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     code = (
         "from ocp.jobs.scheduling import run_jobs\n"
-        "from tests.unit.ocp.scheduling.jobs_done import squared\n"
+        "from tests.unit.ocp.jobs.jobs_done import squared\n"
         f"jobs = [{{'x': 1.0, 'steps': 10**6, 'wait': 0.02, 'mark': {str(mark)!r}}}] * 2\n"
         "list(run_jobs(squared, jobs, 2))\n"
     )
@@ -115,7 +115,7 @@ def test_a_script_needs_no_guard_and_workers_keep_to_one_thread(tmp_path: Path) 
     script = (
         "print('begun')\n"
         "from ocp.jobs.scheduling import run_jobs\n"
-        "from tests.unit.ocp.scheduling.jobs_done import threads\n"
+        "from tests.unit.ocp.jobs.jobs_done import threads\n"
         "print(sorted(found for _, found in run_jobs(threads, [1, 2], 2)))\n"
     )
     environment = {key: value for key, value in os.environ.items() if "NUM_THREADS" not in key}
@@ -146,7 +146,7 @@ def test_ctrl_c_while_workers_start_is_silent(seconds: float) -> None:
     """A terminal sends it to the workers too, which import for a second or so."""
     program = (
         "from ocp.jobs.scheduling import run_jobs\n"
-        "from tests.unit.ocp.scheduling.jobs_done import squared\n"
+        "from tests.unit.ocp.jobs.jobs_done import squared\n"
         "print('ready', flush=True)\n"
         "try:\n    list(run_jobs(squared, [{'x': 1.0}] * 4, 2))\n"
         "except KeyboardInterrupt:\n    print('stopped')\n"

@@ -15,7 +15,7 @@ from ocp import Direct, InputError, MultipleShooting, Problem, SingleShooting, S
 from ocp.problem.problem import Scaling
 from ocp.solve.solve import new_session, solve_session
 from problems import get
-from tests.unit.ocp.test_tracking import R, between_walls, pressing
+from tests.unit.ocp.continuation.test_tracking import R, between_walls, pressing
 
 LAWS = {"exact": Exact(), "barrier": Barrier(mu=1e-3)}
 
