@@ -19,19 +19,19 @@ def checked_block(block: int) -> int:
     return block
 
 
-def bind(args: Sequence[Any], named: Mapping[str, Any], names: Sequence[str], what: str) -> list[Any]:
+def bind(positional: Sequence[Any], named: Mapping[str, Any], names: Sequence[str], owner: str) -> list[Any]:
     """Arguments in the order of `names`, given either all by position or all by name.
 
     Raises `TypeError` that names missing, unknown and surplus inputs.
     """
-    if args and named:
-        raise TypeError(f"{what} takes its inputs by position or by name, not both at once")
+    if positional and named:
+        raise TypeError(f"{owner} takes its inputs by position or by name, not both at once")
     if named:
         unknown = [name for name in named if name not in names]
         missing = [name for name in names if name not in named]
         if unknown or missing:
             raise TypeError(
-                f"{what} has inputs {', '.join(names)}; "
+                f"{owner} has inputs {', '.join(names)}; "
                 + "; ".join(
                     f"{word} {', '.join(group)}"
                     for word, group in (("unknown:", unknown), ("missing:", missing))
@@ -39,22 +39,22 @@ def bind(args: Sequence[Any], named: Mapping[str, Any], names: Sequence[str], wh
                 )
             )
         return [named[name] for name in names]
-    if len(args) != len(names):
-        raise TypeError(f"{what} takes {len(names)} inputs ({', '.join(names)}), but {len(args)} were given")
-    return list(args)
+    if len(positional) != len(names):
+        raise TypeError(f"{owner} takes {len(names)} inputs ({', '.join(names)}), but {len(positional)} were given")
+    return list(positional)
 
 
-def as_rows(value: Any, size: int, name: str, what: str) -> np.ndarray:
+def as_rows(value: Any, size: int, name: str, owner: str) -> np.ndarray:
     """`value` as float64 `(n_samples, size)`, or `(1, size)` where it was given as `(size,)`.
 
     A scalar is accepted for size 1. Raises `ValueError` that names the wrong axis.
     """
-    array = as_doubles(value, name, what)
+    array = as_doubles(value, name, owner)
     if array.ndim == 0 and size == 1:
         array = array.reshape(1)
     if array.ndim not in (1, 2):
         raise ValueError(
-            f"input '{name}' of {what} has {array.ndim} axes; expected (n_samples, {size}), "
+            f"input '{name}' of {owner} has {array.ndim} axes; expected (n_samples, {size}), "
             f"or ({size},) shared by all samples"
         )
     if array.shape[-1] != size:
@@ -65,31 +65,31 @@ def as_rows(value: Any, size: int, name: str, what: str) -> np.ndarray:
         elif array.ndim == 2 and array.shape[0] == size:
             hint = "; samples come first, so transpose it"
         raise ValueError(
-            f"input '{name}' of {what} has {array.shape[-1]} along axis {axis}, expected {size}: "
+            f"input '{name}' of {owner} has {array.shape[-1]} along axis {axis}, expected {size}: "
             f"shape (n_samples, {size}) or ({size},), given {array.shape}{hint}"
         )
     return np.ascontiguousarray(np.atleast_2d(array))
 
 
-def as_doubles(value: Any, name: str, what: str) -> np.ndarray:
+def as_doubles(value: Any, name: str, owner: str) -> np.ndarray:
     """`value` as a float64 array; `ValueError` where it is not made of real numbers."""
     array = np.asarray(value)
     if array.dtype.kind not in "fiub":
-        raise ValueError(f"input '{name}' of {what} must hold real numbers, not {array.dtype}")
+        raise ValueError(f"input '{name}' of {owner} must hold real numbers, not {array.dtype}")
     return array.astype(np.float64, copy=False)
 
 
-def common_length(rows: Mapping[str, np.ndarray], what: str, lengths: Mapping[str, int] | None = None) -> int:
+def common_length(rows: Mapping[str, np.ndarray], owner: str, lengths: Mapping[str, int] | None = None) -> int:
     """The number of samples that all inputs agree on; inputs of length 1 are shared.
 
     `lengths` must agree too, whatever they are. Raises `ValueError` naming all that count where
     they disagree along axis 0.
     """
-    found = {name: len(a) for name, a in rows.items() if len(a) != 1} | dict(lengths or {})
-    if len(set(found.values())) > 1:
-        each = ", ".join(f"'{name}' has {length}" for name, length in found.items())
-        raise ValueError(f"inputs of {what} disagree along axis 0 (samples): {each}")
-    return next(iter(found.values()), 1)
+    known_lengths = {name: len(a) for name, a in rows.items() if len(a) != 1} | dict(lengths or {})
+    if len(set(known_lengths.values())) > 1:
+        listing = ", ".join(f"'{name}' has {length}" for name, length in known_lengths.items())
+        raise ValueError(f"inputs of {owner} disagree along axis 0 (samples): {listing}")
+    return next(iter(known_lengths.values()), 1)
 
 
 def as_output(value: np.ndarray | None, shape: tuple[int, ...], name: str) -> np.ndarray:
@@ -122,8 +122,8 @@ class NonFinite:
         return self.count > 0
 
     def __str__(self) -> str:
-        shown = ", ".join(map(str, self.indices[:5])) + (", ..." if self.count > 5 else "")
-        return f"{self.count} non-finite sample{'s' * (self.count != 1)}, at index {shown}"
+        listed_indices = ", ".join(map(str, self.indices[:5])) + (", ..." if self.count > 5 else "")
+        return f"{self.count} non-finite sample{'s' * (self.count != 1)}, at index {listed_indices}"
 
 
 def non_finite_rows(arrays: list[np.ndarray]) -> NonFinite:

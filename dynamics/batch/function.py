@@ -111,8 +111,8 @@ class BatchFunction:
         ]
         n = common_length(dict(zip(self.input_names, rows, strict=True)), f"'{self.name}'")
         outputs = self._outputs(out, n)
-        bad = self._engine.evaluate(rows, outputs, n) if n else 0
-        self.nonfinite = non_finite_rows(outputs) if bad else NonFinite()
+        n_bad = self._engine.evaluate(rows, outputs, n) if n else 0
+        self.nonfinite = non_finite_rows(outputs) if n_bad else NonFinite()
         if self.nonfinite:
             warnings.warn(f"'{self.name}': {self.nonfinite}", BatchWarning, stacklevel=2)
         if named:
@@ -120,15 +120,15 @@ class BatchFunction:
         return outputs[0] if len(outputs) == 1 else tuple(outputs)
 
     def _outputs(self, out: Sequence[np.ndarray] | None, n: int) -> list[np.ndarray]:
-        given = [None] * len(self.output_sizes) if out is None else list(out)
-        if len(given) != len(self.output_sizes):
+        arrays = [None] * len(self.output_sizes) if out is None else list(out)
+        if len(arrays) != len(self.output_sizes):
             raise ValueError(
                 f"'{self.name}' has {len(self.output_sizes)} outputs "
-                f"({', '.join(self.output_names)}), but out holds {len(given)} arrays"
+                f"({', '.join(self.output_names)}), but out holds {len(arrays)} arrays"
             )
         return [
             as_output(array, (n, size), name)
-            for array, size, name in zip(given, self.output_sizes, self.output_names, strict=True)
+            for array, size, name in zip(arrays, self.output_sizes, self.output_names, strict=True)
         ]
 
 
@@ -198,9 +198,9 @@ class StepFunction:
 
     def slopes(self, x: Any, u: Any, p: Any | None = None) -> tuple[Steps, np.ndarray, np.ndarray]:
         """The steps, and their derivatives by x (n, nx, nx) and u (n, nx, nu) at the solution."""
-        given, n = self._rows(x, u, p)
-        steps, nx = self._stepped(given, n), self.tapes.nx
-        rows = [np.repeat(a, nx, axis=0) if len(a) > 1 else a for a in (*given, steps.lam)]
+        arguments, n = self._rows(x, u, p)
+        steps, nx = self._stepped(arguments, n), self.tapes.nx
+        rows = [np.repeat(a, nx, axis=0) if len(a) > 1 else a for a in (*arguments, steps.lam)]
         by_x, by_u = self._adjoint(*rows, np.tile(np.eye(nx), (n, 1)))
         return steps, by_x.reshape(n, nx, nx), by_u.reshape(n, nx, -1)
 
@@ -210,19 +210,19 @@ class StepFunction:
 
     def _rows(self, x: Any, u: Any, p: Any | None) -> tuple[list[np.ndarray], int]:
         """Arguments of the graphs before lam, and the number of samples."""
-        tapes, what = self.tapes, "the step"
+        tapes, owner = self.tapes, "the step"
         p = self.default_p if p is None else p
-        given = {"x": (x, tapes.nx), "u": (u, tapes.nu), "p": (p, len(self.default_p))}
-        rows = {name: as_rows(value, size, name, what) for name, (value, size) in given.items()}
+        inputs = {"x": (x, tapes.nx), "u": (u, tapes.nu), "p": (p, len(self.default_p))}
+        rows = {name: as_rows(value, size, name, owner) for name, (value, size) in inputs.items()}
         derived = np.empty((tapes.np, len(rows["p"])))
         self._derive.run([np.ascontiguousarray(rows["p"].T)], [derived])
-        still = np.zeros((1, tapes.nu))
-        arguments = [rows["x"], rows["u"], still, np.ascontiguousarray(derived.T)]
-        return arguments, common_length(rows, what)
+        no_noise = np.zeros((1, tapes.nu))
+        arguments = [rows["x"], rows["u"], no_noise, np.ascontiguousarray(derived.T)]
+        return arguments, common_length(rows, owner)
 
-    def _stepped(self, given: list[np.ndarray], n: int) -> Steps:
+    def _stepped(self, arguments: list[np.ndarray], n: int) -> Steps:
         tapes = self.tapes
         x_next, lam, cost = outputs = [np.empty((n, size)) for size in (tapes.nx, tapes.nlam, 1)]
-        bad = self._engine.evaluate(given, outputs, n) if n else 0
-        found = non_finite_rows([x_next, lam, cost]) if bad else NonFinite()
-        return Steps(x_next, lam, found)
+        n_bad = self._engine.evaluate(arguments, outputs, n) if n else 0
+        nonfinite = non_finite_rows([x_next, lam, cost]) if n_bad else NonFinite()
+        return Steps(x_next, lam, nonfinite)

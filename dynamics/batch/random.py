@@ -104,14 +104,16 @@ class Gaussian:
         return replace(self, first=self.first + n)
 
     def scales(self, nu: int) -> np.ndarray:
-        """What multiplies the normals, (nu,): `sigma`, or -`sigma` where `turned`.
+        """What multiplies the normals, (nu,): `deviations`, or -`deviations` where `turned`.
 
-        Raises `ValueError` where `sigma` has another length.
+        Raises `ValueError` where `deviations` has another length.
         """
-        sigma = np.asarray(self.sigma, dtype=np.float64)
-        if sigma.shape not in ((), (1,), (nu,)):
-            raise ValueError(f"sigma has shape {sigma.shape}; expected one number or shape ({nu},), one for each input")
-        return np.array(np.broadcast_to(-sigma if self.turned else sigma, (nu,)))
+        deviations = np.asarray(self.sigma, dtype=np.float64)
+        if deviations.shape not in ((), (1,), (nu,)):
+            raise ValueError(
+                f"sigma has shape {deviations.shape}; expected one number or shape ({nu},), one for each input"
+            )
+        return np.array(np.broadcast_to(-deviations if self.turned else deviations, (nu,)))
 
     def draw(self, n_samples: int, horizon: int, nu: int) -> np.ndarray:
         """The same noise as an array `(n_samples, horizon, nu)`."""

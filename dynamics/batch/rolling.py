@@ -158,8 +158,8 @@ class Rolling:
 
     def _sampled(self, q: Call, results: Results) -> NonFinite:
         """Fill the results sample by sample, and warn of those that are not finite."""
-        bad = self._engine.samples(q, results) if q.n else 0
-        nonfinite = results.non_finite() if bad else NonFinite()
+        n_bad = self._engine.samples(q, results) if q.n else 0
+        nonfinite = results.non_finite() if n_bad else NonFinite()
         if nonfinite:
             warnings.warn(f"rollout: {nonfinite}", BatchWarning, stacklevel=3)
         return nonfinite
@@ -167,14 +167,14 @@ class Rolling:
     def _summed(self, q: Call, sign: float = 1.0) -> RolloutMoments:
         """Moments of what was requested, times `sign`."""
         total: Moments | None = None
-        bad: list[np.ndarray] = []
+        bad_indices: list[np.ndarray] = []
         for begin in range(0, q.n, STRIDE):
             end = min(begin + STRIDE, q.n)
-            merged, indices = self._stride(q.part(begin, end))
-            bad.append(begin + indices)
-            total = merged if total is None else total.merged(merged)
+            stride_moments, indices = self._stride(q.part(begin, end))
+            bad_indices.append(begin + indices)
+            total = stride_moments if total is None else total.merged(stride_moments)
         total = total or merge_chunks(*(np.zeros((0, q.n_values)),) * 3)
-        indices = np.concatenate([*bad, np.empty(0, dtype=np.int64)])
+        indices = np.concatenate([*bad_indices, np.empty(0, dtype=np.int64)])
         nonfinite = NonFinite(len(indices), indices)
         if nonfinite:
             warnings.warn(f"rollout: {nonfinite}; left out", BatchWarning, stacklevel=3)
@@ -184,30 +184,30 @@ class Rolling:
             mean, m2 = total.mean[begin:end].reshape(to), total.m2[begin:end].reshape(to)
             return Moments(total.n, sign * mean, m2)
 
-        after = 1 + size * q.gradient
+        zeroth_start = 1 + size * q.gradient
         gradient = block(1, 1 + size, shape) if q.gradient else None
-        zeroth = block(after, after + size, shape) if q.score else None
+        zeroth = block(zeroth_start, zeroth_start + size, shape) if q.score else None
         return RolloutMoments(block(0, 1, ()), gradient, zeroth, nonfinite)
 
     def _stride(self, q: Call) -> tuple[Moments, np.ndarray]:
         chunk = self._engine.chunk
         table = np.zeros((-(-q.n // chunk), 1 + 2 * q.n_values))
-        bad = self._engine.moments(q, table)
-        indices = self._find_bad(q, table[:, 0], chunk) if bad else np.empty(0, dtype=np.int64)
+        n_bad = self._engine.moments(q, table)
+        indices = self._find_bad(q, table[:, 0], chunk) if n_bad else np.empty(0, dtype=np.int64)
         split = 1 + q.n_values
         return merge_chunks(table[:, 0], table[:, 1:split], table[:, split:]), indices
 
     def _find_bad(self, q: Call, counts: np.ndarray, chunk: int) -> np.ndarray:
         """Roll out again the chunks with lost samples, to name these samples."""
-        found = []
+        bad_indices = []
         for i, count in enumerate(counts):
             begin, end = i * chunk, min((i + 1) * chunk, q.n)
             if count < end - begin:
-                part = q.part(begin, end)
-                results = Results.of(part)
-                self._engine.samples(part, results)
-                found.append(begin + results.non_finite().indices)
-        return np.concatenate(found)
+                chunk_call = q.part(begin, end)
+                results = Results.of(chunk_call)
+                self._engine.samples(chunk_call, results)
+                bad_indices.append(begin + results.non_finite().indices)
+        return np.concatenate(bad_indices)
 
     def _request(
         self,
@@ -219,13 +219,13 @@ class Rolling:
         *,
         gradient: bool,
         score: bool,
-        along: np.ndarray | None = None,
-        pull: np.ndarray | None = None,
+        linearise_along: np.ndarray | None = None,
+        terminal_gradient: np.ndarray | None = None,
         baseline: float = 0.0,
     ) -> Call:
-        what, tapes = "the rollout", self.tapes
-        thetas = self._theta_rows(theta)
-        parameters = as_rows(self.default_p if p is None else p, len(self.default_p), "p", what)
+        owner, tapes = "the rollout", self.tapes
+        theta_rows = self._theta_rows(theta)
+        parameters = as_rows(self.default_p if p is None else p, len(self.default_p), "p", owner)
         derived = np.empty((tapes.np, len(parameters)))
         self._derive.run([np.ascontiguousarray(parameters.T)], [derived])
         w = None
@@ -237,23 +237,23 @@ class Rolling:
             precision = self.acting[0] / gaussian.scales(tapes.nu) ** 2
         elif noise is not None:
             w = self._noise_rows(noise)
-        own = {"noise": w, "along": along, "pull": pull}
-        lengths = {name: len(a) for name, a in own.items() if a is not None}
+        batched = {"noise": w, "along": linearise_along, "pull": terminal_gradient}
+        lengths = {name: len(a) for name, a in batched.items() if a is not None}
         if n_samples is not None:
             if isinstance(n_samples, bool) or int(n_samples) != n_samples or n_samples < 0:
                 raise ValueError(f"n_samples must be a whole number of at least 0, not {n_samples!r}")
             lengths["n_samples"] = int(n_samples)
         return Call(
-            n=common_length({"x0": start, "theta": thetas, "p": parameters}, what, lengths),
+            n=common_length({"x0": start, "theta": theta_rows, "p": parameters}, owner, lengths),
             horizon=self.horizon,
             parts=self.horizon if self.policy.per_step else 1,
             x0=start,
-            theta=thetas,
+            theta=theta_rows,
             p=np.ascontiguousarray(derived.T),
             w=w,
             gaussian=gaussian,
-            along=along,
-            pull=pull,
+            along=linearise_along,
+            pull=terminal_gradient,
             precision=precision,
             gradient=gradient,
             score=score,

@@ -87,13 +87,13 @@ class RolloutFunction(Rolling):
         q = self._request(start, theta, p, noise, n_samples, gradient=gradient, score=score)
         shape = (q.n, *self.policy.shape(self.horizon))
         cost = as_output(out and out.cost, (q.n,), "cost")
-        parts = [
-            as_output(out and getattr(out, name), shape, name) if wanted else None
-            for name, wanted in (("gradient", gradient), ("score", score))
+        requested = [
+            as_output(out and getattr(out, name), shape, name) if is_requested else None
+            for name, is_requested in (("gradient", gradient), ("score", score))
         ]
-        slopes, scores = (None if a is None else a.reshape(q.n, q.theta.shape[1]) for a in parts)
+        slopes, scores = (None if a is None else a.reshape(q.n, q.theta.shape[1]) for a in requested)
         nonfinite = self._sampled(q, Results(cost.reshape(-1, 1), slopes, scores))
-        return Rollouts(cost, parts[0], parts[1], nonfinite)
+        return Rollouts(cost, requested[0], requested[1], nonfinite)
 
     def moments(
         self,
@@ -137,9 +137,9 @@ class RolloutFunction(Rolling):
         states = as_rows(x0, self.tapes.nx - n_before, "x0", "the rollout")
         if u_before is None:
             return states
-        before = as_rows(u_before, n_before, "u_before", "the rollout")
-        n = common_length({"x0": states, "u_before": before}, "the rollout")
-        return np.hstack([np.broadcast_to(a, (n, a.shape[1])) for a in (states, before)])
+        input_before = as_rows(u_before, n_before, "u_before", "the rollout")
+        n = common_length({"x0": states, "u_before": input_before}, "the rollout")
+        return np.hstack([np.broadcast_to(a, (n, a.shape[1])) for a in (states, input_before)])
 
 
 @dataclass(frozen=True)
@@ -260,10 +260,10 @@ class EpisodeFunction(Rolling):
         )
         return self._summed(q, -1.0)
 
-    def _asked(self, x0: Any, *given: Any, along: Episodes | None, pull: Any = None, **wanted: Any) -> Call:
+    def _asked(self, x0: Any, *arguments: Any, along: Episodes | None, pull: Any = None, **outputs: Any) -> Call:
         states = as_rows(x0, self.tapes.nx - 2, "x0", "the rollout")
         start = np.hstack([states, np.ones((len(states), 1)), np.zeros((len(states), 1))])
-        followed = None
+        states_along = None
         if along is not None:
             shape = (self.horizon + 1, self.tapes.nx)
             if along.trail is None or along.trail.shape[1:] != shape:
@@ -271,9 +271,9 @@ class EpisodeFunction(Rolling):
                     f"along needs episodes of {self.horizon} steps of the same system whose states"
                     " were kept; pass states=True"
                 )
-            followed = along.trail.reshape(len(along.trail), -1)
-        pulled = None
+            states_along = along.trail.reshape(len(along.trail), -1)
+        end_gradient = None
         if pull is not None:
             rows = as_rows(pull, self.tapes.nx - 2, "pull", "the rollout")
-            pulled = np.hstack([-rows, np.zeros((len(rows), 2))])
-        return self._request(start, *given, along=followed, pull=pulled, **wanted)
+            end_gradient = np.hstack([-rows, np.zeros((len(rows), 2))])
+        return self._request(start, *arguments, linearise_along=states_along, terminal_gradient=end_gradient, **outputs)

@@ -36,9 +36,9 @@ def gaussian_mu(z: ca.SX, F: ca.SX, sigma: ca.SX | float) -> ca.SX:
     of abs, eq. 5.1, whose printed tail, sign and scale are wrong.
     """
     # Not fabs: its derivative at 0 is 0 in CasADi, and the second derivative of mu would be wrong.
-    size = ca.if_else(z < 0, -z, z)
-    small = sigma * expected_excess(size / sigma) / F
-    return small * (size + F * small)
+    distance = ca.if_else(z < 0, -z, z)
+    mean_impulse = sigma * expected_excess(distance / sigma) / F
+    return mean_impulse * (distance + F * mean_impulse)
 
 
 def quartic_mu(distance: ca.SX, mu_max: ca.SX | float, scale: ca.SX | float, power: ca.SX | float) -> ca.SX:
@@ -81,15 +81,15 @@ class Adaptive(ContactLaw):
         if gradient not in _GRADIENTS:
             raise ValueError(f"adaptive: gradient must be total or frozen, got {gradient!r}")
         self.law, self.gradient = law, gradient
-        given = {"sigma": sigma, "mu_max": mu_max, "scale": scale, "power": power}
-        wanted = _USUAL.get(str(law), {})
-        for name, value in given.items():
-            if value is not None and name not in wanted:
+        arguments = {"sigma": sigma, "mu_max": mu_max, "scale": scale, "power": power}
+        defaults = _USUAL.get(str(law), {})
+        for name, value in arguments.items():
+            if value is not None and name not in defaults:
                 raise ValueError(
-                    f"adaptive: {name} does not belong to law {law!r}; it takes {', '.join(wanted) or 'no parameter'}"
+                    f"adaptive: {name} does not belong to law {law!r}; it takes {', '.join(defaults) or 'no parameter'}"
                 )
-        chosen = {**wanted, **{name: value for name, value in given.items() if value is not None}}
-        self.values = {name: positive("adaptive", name, value) for name, value in chosen.items()}
+        law_values = {**defaults, **{name: value for name, value in arguments.items() if value is not None}}
+        self.values = {name: positive("adaptive", name, value) for name, value in law_values.items()}
 
     @property
     def frozen(self) -> bool:
@@ -135,6 +135,6 @@ class Adaptive(ContactLaw):
         impulse = scalar_solution(z, diagonal, arguments[0])
         inactive = impulse <= _ACTIVE_IMPULSE
         distance = ca.mmin(ca.if_else(inactive, ca.fabs(z), 1e30))
-        some = ca.mmax(inactive) > 0
-        mu = ca.if_else(some, quartic_mu(ca.if_else(some, distance, 0), *arguments), MU_FLOOR)
+        has_inactive = ca.mmax(inactive) > 0
+        mu = ca.if_else(has_inactive, quartic_mu(ca.if_else(has_inactive, distance, 0), *arguments), MU_FLOOR)
         return ca.SX.ones(z.numel()) * mu

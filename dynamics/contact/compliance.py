@@ -77,11 +77,11 @@ class Coordinates:
         by_lam = ca.jacobian(residual, system.lam)
         pushed = sorted(set(by_lam.sparsity().get_triplet()[0]))
         free = [i for i in range(system.nx) if i not in pushed]
-        moved = -solve_without_pivoting(by_state[free, free], by_state[free, pushed])
+        free_by_pushed = -solve_without_pivoting(by_state[free, free], by_state[free, pushed])
         C = ca.SX(system.nx, len(pushed))
-        C[free, :], C[pushed, :] = moved, ca.SX.eye(len(pushed))
+        C[free, :], C[pushed, :] = free_by_pushed, ca.SX.eye(len(pushed))
         self.r, self.C = len(pushed), ca.sparsify(C)
-        self.T = by_state[pushed, pushed] + by_state[pushed, free] @ moved
+        self.T = by_state[pushed, pushed] + by_state[pushed, free] @ free_by_pushed
         by_next = ca.jacobian(gap, system.x_next)
         P, Q = -by_lam[pushed, :], ca.sparsify(by_next @ self.C)
         self.own, self.P_signs, self.Q_signs = _alike(system, P, Q)
@@ -99,21 +99,21 @@ def _alike(system: ContactSystem, P: ca.SX, Q: ca.SX) -> tuple[list[int], ca.DM,
     point = np.random.default_rng(0).uniform(0.5, 1.5, symbols.numel())
     values = ca.Function("probe", [symbols], [P.T, Q])(point)
     columns, rows = (np.array(value) for value in values)
-    own: list[int] = []
+    representatives: list[int] = []
     signs = [ca.DM(len(rows), len(rows)) for _ in range(2)]
     for i in range(len(rows)):
-        alike = [[_sign(each[i], each[j]) for each in (columns, rows)] for j in own]
-        k = next((k for k, found in enumerate(alike) if all(found)), len(own))
-        if k == len(own):
-            own.append(i)
-        signs[0][i, k], signs[1][i, k] = alike[k] if k < len(alike) else (1, 1)
-    return own, signs[0][:, : len(own)].T, signs[1][:, : len(own)]
+        relative_signs = [[_sign(vectors[i], vectors[j]) for vectors in (columns, rows)] for j in representatives]
+        k = next((k for k, signs_found in enumerate(relative_signs) if all(signs_found)), len(representatives))
+        if k == len(representatives):
+            representatives.append(i)
+        signs[0][i, k], signs[1][i, k] = relative_signs[k] if k < len(relative_signs) else (1, 1)
+    return representatives, signs[0][:, : len(representatives)].T, signs[1][:, : len(representatives)]
 
 
-def _sign(one: np.ndarray, other: np.ndarray) -> int:
-    """1 or -1 where ``one`` is so many times ``other``, 0 where it is neither."""
-    size = 1e-12 * np.abs(one).max(initial=0)
-    return next((k for k in (1, -1) if np.all(np.abs(one - k * other) <= size)), 0)
+def _sign(first: np.ndarray, second: np.ndarray) -> int:
+    """1 or -1 where ``first`` is so many times ``second``, 0 where it is neither."""
+    tolerance = 1e-12 * np.abs(first).max(initial=0)
+    return next((k for k in (1, -1) if np.all(np.abs(first - k * second) <= tolerance)), 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,13 +148,13 @@ class LowRank:
 
     def factored(self, ratio: ca.SX) -> Solver:
         """``rhs -> (step, F step)``, see :class:`Compliance`."""
-        own = Factors(ca.SX.eye(ratio.numel()) + ca.diag(ratio) @ self.E)
-        weights = self.P_signs @ own.solve(ca.diag(ratio) @ self.Q_signs)
-        small = Factors(self.T + self.P_own @ (weights @ self.Q_own))
+        local_factors = Factors(ca.SX.eye(ratio.numel()) + ca.diag(ratio) @ self.E)
+        weights = self.P_signs @ local_factors.solve(ca.diag(ratio) @ self.Q_signs)
+        reduced_factors = Factors(self.T + self.P_own @ (weights @ self.Q_own))
 
         def solve(rhs: ca.SX) -> tuple[ca.SX, ca.SX]:
-            w = small.solve(self._push(own.solve(rhs)))
-            step = own.solve(rhs - ratio * (self.Q_signs @ (self.Q_own @ w)))
+            w = reduced_factors.solve(self._push(local_factors.solve(rhs)))
+            step = local_factors.solve(rhs - ratio * (self.Q_signs @ (self.Q_own @ w)))
             return step, self.felt(step, w)
 
         return solve

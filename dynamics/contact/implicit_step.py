@@ -53,8 +53,8 @@ class ImplicitStep(Step):
         system, values = self.system, []
         states = ca.vertsplit(self.states, system.nx)
         for node, state, rows in zip(self.nodes, states, self.rows, strict=True):
-            moved = self.at(node, [expression])
-            values += ca.substitute(moved, [system.x_next, system.lam], [state, self.lam[rows]])
+            disturbed = self.at(node, [expression])
+            values += ca.substitute(disturbed, [system.x_next, system.lam], [state, self.lam[rows]])
         return ca.densify(ca.vertcat(*values))
 
     def solve_relation(self, rhs: ca.SX, transposed: bool = False) -> ca.SX:
@@ -67,8 +67,8 @@ class ImplicitStep(Step):
             return super().solve_relation(rhs, transposed)
         system = self.system
         by_lam = ca.jacobian(system.residual, system.lam)
-        one = set(by_lam.sparsity().get_triplet()[0])
-        pushed = {b * system.nx + i for b in range(self.branches) for i in one}
+        pushed_rows = set(by_lam.sparsity().get_triplet()[0])
+        pushed = {b * system.nx + i for b in range(self.branches) for i in pushed_rows}
         order = [i for i in range(self.inner.numel()) if i not in pushed] + sorted(pushed)
         matrix = self.relation_jacobian.T if transposed else self.relation_jacobian
         return solve_in_order(ca.sparsify(matrix), rhs, order, _REFINEMENTS)
@@ -79,8 +79,8 @@ class ImplicitStep(Step):
             "noise",
             [self.p.vector],
             [
-                ca.horzcat(*(ca.densify(part) for part in parts))
-                for parts in zip(*((node.noise_x, node.noise_u) for node in self.nodes), strict=True)
+                ca.horzcat(*(ca.densify(disturbance) for disturbance in disturbances))
+                for disturbances in zip(*((node.noise_x, node.noise_u) for node in self.nodes), strict=True)
             ],
         )
         by_x, by_u = noise(p)

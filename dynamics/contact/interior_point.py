@@ -30,8 +30,8 @@ def scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
     either form cancels on the other side (abs, eq. 3.1; pathologies, eq. 5).
     """
     r = ca.sqrt(z * z + 4 * F * mu)
-    positive = z > 0
-    return ca.if_else(positive, 2 * mu / (ca.if_else(positive, z, 1) + r), (r - z) / (2 * F))
+    is_open = z > 0
+    return ca.if_else(is_open, 2 * mu / (ca.if_else(is_open, z, 1) + r), (r - z) / (2 * F))
 
 
 def exact_scalar_solution(z: ca.SX, F: ca.SX) -> ca.SX:
@@ -56,78 +56,80 @@ def advance(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per_mu: 
     from ``dlam ds`` alone.
     """
     n, product = lam.numel(), lam * s
-    defect, off = gap - s, product - mu
+    defect, product_error = gap - s, product - mu
     inverse = 1 / product
     per_lam, per_s = s * inverse, lam * inverse
     ratio = lam * per_s
     solve = F.factored(ratio)
 
-    def direction(target: ca.SX, keep: ca.SX | float) -> tuple[ca.SX, ca.SX]:
-        left = (1 - keep) * defect
-        step, opened = solve((target - product) * per_s - ratio * left)
-        return step, opened + left
+    def direction(target: ca.SX, kept_share: ca.SX | float) -> tuple[ca.SX, ca.SX]:
+        remaining_defect = (1 - kept_share) * defect
+        step_length, gap_change = solve((target - product) * per_s - ratio * remaining_defect)
+        return step_length, gap_change + remaining_defect
 
-    def length(along: tuple[ca.SX, ca.SX], fraction: ca.SX | float) -> ca.SX:
-        decrease = -ca.vertcat(along[0] * per_lam, along[1] * per_s)
+    def length(pair_step: tuple[ca.SX, ca.SX], fraction: ca.SX | float) -> ca.SX:
+        decrease = -ca.vertcat(pair_step[0] * per_lam, pair_step[1] * per_s)
         return 1 / ca.fmax(1, ca.mmax(decrease) / fraction)
 
-    def excess(along: tuple[ca.SX, ca.SX], step: ca.SX, target: ca.SX) -> ca.SX:
-        return off + step * (target - product) + step**2 * (along[0] * along[1])
+    def excess(pair_step: tuple[ca.SX, ca.SX], step_length: ca.SX, target: ca.SX) -> ca.SX:
+        return product_error + step_length * (target - product) + step_length**2 * (pair_step[0] * pair_step[1])
 
     largest = ca.mmax(ca.fabs(defect))
-    worst = ca.mmax(ca.fabs(off) * per_mu)
-    near = ca.logic_and(worst < _NEAR, largest < 1e-10)
-    fraction = ca.fmax(_BOUNDARY, 1 - ca.fmax(ca.mmax(ca.fabs(off)), largest))
-    affine = direction(mu, 0.0)
-    reach = length(affine, 1.0)
-    total = ca.sum1(ca.fabs(off))
-    lowered = ca.sum1(ca.fabs(excess(affine, reach, mu)))
-    centring = ca.fmin(_CENTRING, (lowered / ca.fmax(total, 1e-300)) ** 3)
-    behind = _FEASIBILITY * (1 - reach) * largest
-    target = ca.if_else(near, mu, ca.fmax(mu + centring * total / n, behind))
+    worst = ca.mmax(ca.fabs(product_error) * per_mu)
+    is_near = ca.logic_and(worst < _NEAR, largest < 1e-10)
+    fraction = ca.fmax(_BOUNDARY, 1 - ca.fmax(ca.mmax(ca.fabs(product_error)), largest))
+    affine_step = direction(mu, 0.0)
+    affine_length = length(affine_step, 1.0)
+    total_error = ca.sum1(ca.fabs(product_error))
+    affine_error = ca.sum1(ca.fabs(excess(affine_step, affine_length, mu)))
+    centring = ca.fmin(_CENTRING, (affine_error / ca.fmax(total_error, 1e-300)) ** 3)
+    defect_target = _FEASIBILITY * (1 - affine_length) * largest
+    target = ca.if_else(is_near, mu, ca.fmax(mu + centring * total_error / n, defect_target))
 
-    bent = reach**2 * affine[0] * affine[1]
-    plain = direction(target, (1 - reach) ** 2)
-    corrected = direction(target - bent, (1 - reach) ** 2)
-    step_plain, step_corrected = length(plain, fraction), length(corrected, fraction)
+    second_order = affine_length**2 * affine_step[0] * affine_step[1]
+    plain_step = direction(target, (1 - affine_length) ** 2)
+    corrected_step = direction(target - second_order, (1 - affine_length) ** 2)
+    step_plain, step_corrected = length(plain_step, fraction), length(corrected_step, fraction)
     # What is left of a step's products is (1 - step) off + step^2 dlam ds, at most.
-    curving = ca.mmax(ca.fabs(plain[0] * plain[1]) * per_mu)
-    step_plain = ca.if_else(near, ca.fmin(step_plain, worst / ca.fmax(ca.fmax(2 * curving, worst), 1e-300)), step_plain)
-    better = ca.sum1(ca.fabs(excess(corrected, step_corrected, target - bent))) < ca.sum1(
-        ca.fabs(excess(plain, step_plain, target))
+    curvature = ca.mmax(ca.fabs(plain_step[0] * plain_step[1]) * per_mu)
+    step_plain = ca.if_else(
+        is_near, ca.fmin(step_plain, worst / ca.fmax(ca.fmax(2 * curvature, worst), 1e-300)), step_plain
     )
-    use = ca.logic_and(better, ca.logic_and(step_corrected >= 0.9 * step_plain, 1 - near))
-    step = ca.if_else(use, step_corrected, step_plain)
-    new_lam = lam + step * ca.if_else(use, corrected[0], plain[0])
-    new_s = s + step * ca.if_else(use, corrected[1], plain[1])
+    better = ca.sum1(ca.fabs(excess(corrected_step, step_corrected, target - second_order))) < ca.sum1(
+        ca.fabs(excess(plain_step, step_plain, target))
+    )
+    use_corrected = ca.logic_and(better, ca.logic_and(step_corrected >= 0.9 * step_plain, 1 - is_near))
+    step_length = ca.if_else(use_corrected, step_corrected, step_plain)
+    new_lam = lam + step_length * ca.if_else(use_corrected, corrected_step[0], plain_step[0])
+    new_s = s + step_length * ca.if_else(use_corrected, corrected_step[1], plain_step[1])
     # The smaller one alone: the larger one is right, and moving it would spoil s = gap.
-    small = new_lam < new_s
-    least = _NEIGHBOURHOOD * target
-    low_lam = ca.logic_and(small, new_lam * new_s < least)
-    low_s = ca.logic_and(ca.logic_not(small), new_lam * new_s < least)
-    larger = 1 / ca.fmax(new_lam, new_s)
+    lam_is_smaller = new_lam < new_s
+    smallest_product = _NEIGHBOURHOOD * target
+    lift_lam = ca.logic_and(lam_is_smaller, new_lam * new_s < smallest_product)
+    lift_s = ca.logic_and(ca.logic_not(lam_is_smaller), new_lam * new_s < smallest_product)
+    inverse_larger = 1 / ca.fmax(new_lam, new_s)
     return (
-        ca.if_else(low_lam, least * larger, new_lam),
-        ca.if_else(low_s, least * larger, new_s),
+        ca.if_else(lift_lam, smallest_product * inverse_larger, new_lam),
+        ca.if_else(lift_s, smallest_product * inverse_larger, new_s),
     )
 
 
 def settled(
-    before: tuple[ca.SX, ca.SX],
-    after: tuple[ca.SX, ca.SX],
+    pair: tuple[ca.SX, ca.SX],
+    new_pair: tuple[ca.SX, ca.SX],
     gap: ca.SX,
     F: Compliance,
     mu: ca.SX,
 ) -> ca.SX:
-    """Whether rounding stopped the progress of an iteration from ``before`` to ``after``."""
+    """Whether rounding stopped the progress of an iteration from ``pair`` to ``new_pair``."""
 
     def relative(lam: ca.SX, s: ca.SX, gap: ca.SX) -> ca.SX:
-        off = ca.fabs(gap - s) / (1 + s)
-        return ca.mmax(ca.vertcat(ca.fabs(lam * s - mu) / ca.fmax(mu, FLOOR), off))
+        gap_error = ca.fabs(gap - s) / (1 + s)
+        return ca.mmax(ca.vertcat(ca.fabs(lam * s - mu) / ca.fmax(mu, FLOOR), gap_error))
 
-    now = relative(*before, gap)
-    then = relative(*after, gap + F.across(after[0] - before[0]))
-    return ca.logic_and(now < _SETTLED, ca.logic_not(then < now))
+    violation = relative(*pair, gap)
+    new_violation = relative(*new_pair, gap + F.across(new_pair[0] - pair[0]))
+    return ca.logic_and(violation < _SETTLED, ca.logic_not(new_violation < violation))
 
 
 def follow(body: ca.Function, stage: int = 0) -> ca.Function:
@@ -137,11 +139,11 @@ def follow(body: ca.Function, stage: int = 0) -> ca.Function:
     solved in ten iterations does not pay for the hundreds that the worst one needs.
     """
     pair, *data = (ca.MX.sym(body.name_in(k), *body.size_in(k)) for k in range(body.n_in()))
-    before, now = pair, pair
+    previous, current = pair, pair
     for _ in range(_STAGES[stage]):
-        before, now = now, body(now, *data)
+        previous, current = current, body(current, *data)
     if stage + 1 < len(_STAGES):
-        stay = ca.Function("stay", [pair, *data], [pair])
-        more = ca.Function.if_else("more", follow(body, stage + 1), stay)
-        now = more(ca.mmax(ca.fabs(now - before)) > 0, now, *data)
-    return ca.Function(f"{body.name()}_{stage}", [pair, *data], [now])
+        unchanged = ca.Function("stay", [pair, *data], [pair])
+        continued = ca.Function.if_else("more", follow(body, stage + 1), unchanged)
+        current = continued(ca.mmax(ca.fabs(current - previous)) > 0, current, *data)
+    return ca.Function(f"{body.name()}_{stage}", [pair, *data], [current])

@@ -46,10 +46,10 @@ class ContactLaw(Closure):
         return {key: value for key, value in vars(self).items() if value is not None}
 
     def __repr__(self) -> str:
-        plain = int | float | str | ContactLaw
-        own = ((key, value) for key, value in vars(self).items() if isinstance(value, plain))
-        given = ", ".join(f"{key}={value!r}" for key, value in own)
-        return f"{type(self).__name__}({given})"
+        plain_types = int | float | str | ContactLaw
+        plain_settings = ((key, value) for key, value in vars(self).items() if isinstance(value, plain_types))
+        arguments = ", ".join(f"{key}={value!r}" for key, value in plain_settings)
+        return f"{type(self).__name__}({arguments})"
 
     def close(self, system: ContactSystem) -> Step:
         """Close the contact of ``system``; raises ``ValueError`` where the law cannot take it."""
@@ -58,8 +58,8 @@ class ContactLaw(Closure):
 
     def closed(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
         """The step that this law makes at ``nodes``, for ``law``: itself, or its average."""
-        made = AffineStep if system.linear else ImplicitStep
-        return made(system, law, p, nodes)
+        step_class = AffineStep if system.linear else ImplicitStep
+        return step_class(system, law, p, nodes)
 
     def at(self, **values: float) -> ContactLaw:
         """Return the same law with other values of its settings."""
@@ -79,8 +79,8 @@ def positive(law: str, name: str, value: float, hint: str = "") -> float:
     """Return ``value`` as a positive finite float; raises ``ValueError`` otherwise."""
     number = value if isinstance(value, int | float | np.number) else math.nan
     if not (math.isfinite(number) and number > 0):
-        tail = f"; {hint}" if hint else ""
-        raise ValueError(f"{law}: {name} must be positive and finite, got {value}{tail}")
+        advice = f"; {hint}" if hint else ""
+        raise ValueError(f"{law}: {name} must be positive and finite, got {value}{advice}")
     return float(number)
 
 

@@ -66,17 +66,17 @@ class CasadiMap:
             y, slopes = self.evaluated(z)
             return [y.T, _side_by_side(slopes)]
 
-        results = (self.n_out, n), (self.n_out, self.n_in * n)
-        return self._function("slopes", [(self.n_in, n)], results, computed)
+        output_shapes = (self.n_out, n), (self.n_out, self.n_in * n)
+        return self._function("slopes", [(self.n_in, n)], output_shapes, computed)
 
     def bends(self, n: int) -> ca.Function:
         """``z (n_in, n), weights (n_out, n) -> [H_1 .. H_n] (n_in, n_in n)``, H the second
         derivative of ``weights' g``.
         """
-        given = (self.n_in, n), (self.n_out, n)
+        input_shapes = (self.n_in, n), (self.n_out, n)
         return self._function(
             "bends",
-            given,
+            input_shapes,
             [(self.n_in, self.n_in * n)],
             lambda z, weights: [_side_by_side(self.model.curvatures(z, weights))],
         )
@@ -95,23 +95,23 @@ class CasadiMap:
         first = self._function("jacobian", z, [(n_out, n_in)], lambda z: [self.evaluated(z)[1][0]], second)
         return self._function("values", z, [(n_out, 1)], lambda z: [self.evaluated(z)[0].T], first)
 
-    def _function(self, name: str, given: Shapes, *rest: Any) -> ca.Function:
+    def _function(self, name: str, input_shapes: Shapes, *arguments: Any) -> ca.Function:
         # CasADi holds no reference to a callback: without this table it would be collected.
-        key = name, given[0][1]
+        key = name, input_shapes[0][1]
         if key not in self._made:
-            self._made[key] = _Callback(name, given, *rest)
+            self._made[key] = _Callback(name, input_shapes, *arguments)
         return self._made[key]
 
     def evaluated(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``y`` (n, n_out) and Jacobians (n, n_out, n_in) at ``z`` (n, n_in)."""
         keys = [row.tobytes() for row in z]
-        new = [i for i, key in enumerate(keys) if key not in self._known]
-        if len(self._known) + len(new) > _KEPT:
+        missing = [i for i, key in enumerate(keys) if key not in self._known]
+        if len(self._known) + len(missing) > _KEPT:
             self._known.clear()
-            new = list(range(len(z)))
-        if new:
-            found = self.model.jacobians(z[new])
-            self._known |= {keys[i]: pair for i, pair in zip(new, zip(*found, strict=True), strict=True)}
+            missing = list(range(len(z)))
+        if missing:
+            new_pairs = self.model.jacobians(z[missing])
+            self._known |= {keys[i]: pair for i, pair in zip(missing, zip(*new_pairs, strict=True), strict=True)}
         pairs = [self._known[key] for key in keys]
         return np.stack([pair[0] for pair in pairs]), np.stack([pair[1] for pair in pairs])
 
@@ -131,13 +131,13 @@ class _Callback(ca.Callback):
     def __init__(
         self,
         name: str,
-        given: Shapes,
-        made: Shapes,
+        input_shapes: Shapes,
+        output_shapes: Shapes,
         compute: Callable[..., list[np.ndarray]],
         derivative: ca.Function | None = None,
     ) -> None:
         super().__init__()
-        self.given, self.made, self.compute, self.derivative = given, made, compute, derivative
+        self.given, self.made, self.compute, self.derivative = input_shapes, output_shapes, compute, derivative
         self.construct(name, {})
 
     def get_n_in(self) -> int:
@@ -208,8 +208,8 @@ class LearnedStep(Step):
 
     def back(self, value: ca.SX) -> ca.SX:
         """Derivative of a scalar by the queries, through ``inner`` alone, (B n_in, 1)."""
-        parts = ca.vertsplit(ca.densify(ca.gradient(value, self.inner)), self.learned.n_out)
-        return ca.vertcat(*(s.T @ by for s, by in zip(self.slopes, parts, strict=True)))
+        output_gradients = ca.vertsplit(ca.densify(ca.gradient(value, self.inner)), self.learned.n_out)
+        return ca.vertcat(*(s.T @ gradient for s, gradient in zip(self.slopes, output_gradients, strict=True)))
 
     @cached_property
     def queries(self) -> ca.SX:
@@ -224,16 +224,16 @@ class LearnedStep(Step):
     @cached_property
     def x_next_expr(self) -> ca.SX:
         """The branches' mean."""
-        parts = zip(self.nodes, self._outputs, strict=True)
-        return sum((node.weight * y[: self.system.nx] for node, y in parts), ca.SX(self.system.nx, 1))
+        branch_outputs = zip(self.nodes, self._outputs, strict=True)
+        return sum((node.weight * y[: self.system.nx] for node, y in branch_outputs), ca.SX(self.system.nx, 1))
 
     @property
     def extra_stage_cost(self) -> ca.SX:
         """``-beta log p_sigma(x, u)``, averaged over the branches."""
         if self.trust is None:
             return ca.SX(0)
-        parts = zip(self.nodes, self._outputs, strict=True)
-        return -self.trust * sum((node.weight * y[-1] for node, y in parts), ca.SX(0))
+        branch_outputs = zip(self.nodes, self._outputs, strict=True)
+        return -self.trust * sum((node.weight * y[-1] for node, y in branch_outputs), ca.SX(0))
 
     @cached_property
     def residual(self) -> ca.SX:
@@ -242,21 +242,21 @@ class LearnedStep(Step):
 
     def solution(self, x: ca.MX, u: ca.MX, p: ca.MX) -> tuple[ca.MX, ...]:
         """``inner, x_next, lam, gap, error``, the last three without entries."""
-        asked = ca.Function("asked", self.inputs, [ca.densify(self.queries)])(x, u, p)
+        query_points = ca.Function("asked", self.inputs, [ca.densify(self.queries)])(x, u, p)
         value = self.learned.values()
-        inner = ca.vertcat(*(value(z) for z in ca.vertsplit(asked, self.learned.n_in)))
+        inner = ca.vertcat(*(value(z) for z in ca.vertsplit(query_points, self.learned.n_in)))
         x_next = ca.Function("x_next_expr", [self.inner], [ca.densify(self.x_next_expr)])(inner)
-        none = ca.MX(0, 1)
-        return inner, x_next, none, none, none
+        no_contact = ca.MX(0, 1)
+        return inner, x_next, no_contact, no_contact, no_contact
 
     @cached_property
     def relation(self) -> ca.Function:
         """``(x, u, x_next, lam, p) -> (x_next - x_next_expr, none, none)``."""
         x, u, p = self._symbols()
-        after, lam, none = ca.MX.sym("x_next", self.system.nx), ca.MX.sym("lam", 0), ca.MX(0, 1)
+        x_next, lam, no_contact = ca.MX.sym("x_next", self.system.nx), ca.MX.sym("lam", 0), ca.MX(0, 1)
         names = ["x", "u", "x_next", "lam", "p"], ["residual", "gap", "mu"]
-        residual = after - self.solution(x, u, p)[1]
-        return ca.Function("relation", [x, u, after, lam, p], [residual, none, none], *names)
+        residual = x_next - self.solution(x, u, p)[1]
+        return ca.Function("relation", [x, u, x_next, lam, p], [residual, no_contact, no_contact], *names)
 
     @cached_property
     def map(self) -> ca.Function:

@@ -46,13 +46,13 @@ def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
     and the point at :data:`~dynamics.contact.path.MU_EXACT` returned.
     """
     names = ["x", "u", "p", "mu"], ["x_next", "lam", "gap", "error"]
-    given, mu = [system.x, system.u, system.parameters.vector], ca.SX.sym("mu", system.nlam)
+    step_symbols, mu = [system.x, system.u, system.parameters.vector], ca.SX.sym("mu", system.nlam)
     if not system.nlam:
         outputs = [system.x_next_expr, mu, mu, mu]
-        return ca.Function("contact_0", [*given, mu], outputs, *names, {"cse": True})
+        return ca.Function("contact_0", [*step_symbols, mu], outputs, *names, {"cse": True})
     path = path_of(system, exact)
-    opening = ca.Function("opening", [*given, mu], [path.opening_of(system, mu)], {"cse": True})
-    x_next = ca.Function("x_next", [*given, system.lam], [system.x_next_expr], {"cse": True})
+    opening = ca.Function("opening", [*step_symbols, mu], [path.opening_of(system, mu)], {"cse": True})
+    x_next = ca.Function("x_next", [*step_symbols, system.lam], [system.x_next_expr], {"cse": True})
     arguments = [ca.MX.sym(f"in_{k}", opening.numel_in(k)) for k in range(4)]
     data, ending, followed = opening(*arguments), path.ending(), follow(path.iteration())
     pair = followed(ca.MX.ones(path.size), data)
@@ -65,16 +65,16 @@ def _recovered(path: Path, followed: ca.Function) -> ca.Function:
     """``(lam, gap, error, pair, data) -> (lam, gap, error)``: from other starts, if any is off."""
     n, size = path.n, path.size
     names = {"lam": n, "gap": n, "error": n, "pair": size, "data": path.data.numel()}
-    given = [ca.MX.sym(name, length) for name, length in names.items()]
-    lam, gap, error, pair, data = given
-    search = _repeated(_attempt(path, followed), _STARTS, lambda best: best[size] > _FOLLOWED)
-    best = search(ca.vertcat(pair, ca.mmax(error), 0), data)
+    symbols = [ca.MX.sym(name, length) for name, length in names.items()]
+    lam, gap, error, pair, data = symbols
+    search = _repeated(_attempt(path, followed), _STARTS, lambda best_point: best_point[size] > _FOLLOWED)
+    best_point = search(ca.vertcat(pair, ca.mmax(error), 0), data)
     # A step that has no finite numbers has none from other starts either.
-    best = ca.Function("starts", given, [*path.ending()(best[:size], data)])
-    stay = ca.Function("stay", given, [lam, gap, error])
-    lost = ca.logic_and(ca.mmax(error) > LOST, ca.mmax(ca.fabs(data)) < ca.inf)
-    again = ca.Function.if_else("again", best, stay)
-    return ca.Function("recovered", given, [*again(lost, *given)])
+    best_point = ca.Function("starts", symbols, [*path.ending()(best_point[:size], data)])
+    unchanged = ca.Function("stay", symbols, [lam, gap, error])
+    is_lost = ca.logic_and(ca.mmax(error) > LOST, ca.mmax(ca.fabs(data)) < ca.inf)
+    recovery = ca.Function.if_else("again", best_point, unchanged)
+    return ca.Function("recovered", symbols, [*recovery(is_lost, *symbols)])
 
 
 def _attempt(path: Path, followed: ca.Function) -> ca.Function:
@@ -83,11 +83,11 @@ def _attempt(path: Path, followed: ca.Function) -> ca.Function:
     best, data = ca.MX.sym("best", size + 2), ca.MX.sym("data", path.data.numel())
     descent = _repeated(_damped_step(path), _ITERATIONS, lambda point: point[n] < _STUCK)
     lam = descent(_start(path)(best[size + 1], data), data)[:n]
-    pair, off = _paired(path)(lam, data)
-    pair = _where(off < _NEAR, followed, pair, data)
+    pair, root_error = _paired(path)(lam, data)
+    pair = _where(root_error < _NEAR, followed, pair, data)
     error = ca.mmax(path.ending()(pair, data)[2])
-    kept = ca.if_else(error < best[size], ca.vertcat(pair, error), best[: size + 1])
-    return ca.Function("attempt", [best, data], [ca.vertcat(kept, best[size + 1] + 1)])
+    best_pair = ca.if_else(error < best[size], ca.vertcat(pair, error), best[: size + 1])
+    return ca.Function("attempt", [best, data], [ca.vertcat(best_pair, best[size + 1] + 1)])
 
 
 def _start(path: Path) -> ca.Function:
@@ -98,12 +98,12 @@ def _start(path: Path) -> ca.Function:
     """
     k, n = ca.SX.sym("k"), path.n
     gap, _ = path.slopes(ca.SX.zeros(n))
-    size = ca.mmax(ca.vertcat(ca.fabs(gap), ca.sqrt(path.known["mu"])))
-    turned = k * ca.DM(irrational(n))
-    most = _MOST + (_MOST_AT_LAST - _MOST) * k / 2**_STARTS
-    exponent = _LEAST + (most - _LEAST) * (turned - ca.floor(turned))
+    gap_size = ca.mmax(ca.vertcat(ca.fabs(gap), ca.sqrt(path.known["mu"])))
+    sequence = k * ca.DM(irrational(n))
+    largest_exponent = _MOST + (_MOST_AT_LAST - _MOST) * k / 2**_STARTS
+    exponent = _LEAST + (largest_exponent - _LEAST) * (sequence - ca.floor(sequence))
     lam = ca.if_else(k > 0, 10**exponent, _FIRST)
-    return ca.Function("start", [k, path.data], [ca.vertcat(size * lam, _DAMPING)])
+    return ca.Function("start", [k, path.data], [ca.vertcat(gap_size * lam, _DAMPING)])
 
 
 def _damped_step(path: Path) -> ca.Function:
@@ -116,14 +116,14 @@ def _damped_step(path: Path) -> ca.Function:
     jacobian = ca.diag(by_lam) + ca.diag(by_gap) @ slopes
     normal = jacobian.T @ jacobian
     damped = normal + damping * ca.diag(ca.fmax(ca.diag(normal), 1e-12))
-    there = lam - ca.ldl_solve(jacobian.T @ phi, *ca.ldl(ca.densify(damped), False))
-    ahead, *_ = _phi(path, there, path.slopes(there)[0])
-    better = ca.sumsqr(ahead) < ca.sumsqr(phi)
-    lam, phi = ca.if_else(better, there, lam), ca.if_else(better, ahead, phi)
+    trial_lam = lam - ca.ldl_solve(jacobian.T @ phi, *ca.ldl(ca.densify(damped), False))
+    trial_phi, *_ = _phi(path, trial_lam, path.slopes(trial_lam)[0])
+    better = ca.sumsqr(trial_phi) < ca.sumsqr(phi)
+    lam, phi = ca.if_else(better, trial_lam, lam), ca.if_else(better, trial_phi, phi)
     damping = ca.if_else(better, ca.fmax(damping / 5, _LEAST_DAMPING), 4 * damping)
-    rest = ca.mmax(ca.fabs(phi)) <= _ROOT
-    moved = ca.vertcat(lam, ca.if_else(rest, ca.inf, damping))
-    return ca.Function("damped_step", [point, path.data], [moved], {"cse": True})
+    is_at_root = ca.mmax(ca.fabs(phi)) <= _ROOT
+    new_point = ca.vertcat(lam, ca.if_else(is_at_root, ca.inf, damping))
+    return ca.Function("damped_step", [point, path.data], [new_point], {"cse": True})
 
 
 def _paired(path: Path) -> ca.Function:
@@ -131,11 +131,11 @@ def _paired(path: Path) -> ca.Function:
     lam, mu = ca.SX.sym("lam", path.n), path.known["mu"]
     gap, _ = path.slopes(lam)
     # Near a root the large one of a pair has all its digits, and the small one none.
-    large = ca.fmax(ca.fmax(lam, gap), _ROOT)
-    small = mu / large
-    pair = [ca.if_else(lam > gap, *both) for both in ((large, small), (small, large))]
-    off = ca.mmax(ca.fabs(_phi(path, lam, gap)[0]) / (1 + large))
-    outputs = [path.pair(*pair), off]
+    larger = ca.fmax(ca.fmax(lam, gap), _ROOT)
+    smaller = mu / larger
+    pair = [ca.if_else(lam > gap, *pair_values) for pair_values in ((larger, smaller), (smaller, larger))]
+    root_error = ca.mmax(ca.fabs(_phi(path, lam, gap)[0]) / (1 + larger))
+    outputs = [path.pair(*pair), root_error]
     return ca.Function("paired", [lam, path.data], outputs, {"cse": True})
 
 
@@ -150,17 +150,17 @@ def _repeated(body: ca.Function, doublings: int, unfinished: Callable[[ca.MX], c
 
     At most 2^doublings times, and once at least.
     """
-    name, size, given = body.name(), body.numel_in(0), body.numel_in(1)
+    name, size, n_data = body.name(), body.numel_in(0), body.numel_in(1)
     for k in range(doublings):
-        point, data = ca.MX.sym("point", size), ca.MX.sym("data", given)
-        now = body(point, data)
-        now = _where(unfinished(now), body, now, data)
-        body = ca.Function(f"{name}_{k}", [point, data], [now])
+        point, data = ca.MX.sym("point", size), ca.MX.sym("data", n_data)
+        repeated = body(point, data)
+        repeated = _where(unfinished(repeated), body, repeated, data)
+        body = ca.Function(f"{name}_{k}", [point, data], [repeated])
     return body
 
 
 def _where(condition: ca.MX, body: ca.Function, point: ca.MX, data: ca.MX) -> ca.MX:
     """``body(point, data)`` where ``condition``; elsewhere ``point``, and nothing is evaluated."""
     symbols = [ca.MX.sym("point", point.numel()), ca.MX.sym("data", data.numel())]
-    stay = ca.Function("stay", symbols, symbols[:1])
-    return ca.Function.if_else(f"if_{body.name()}", body, stay)(condition, point, data)
+    unchanged = ca.Function("stay", symbols, symbols[:1])
+    return ca.Function.if_else(f"if_{body.name()}", body, unchanged)(condition, point, data)

@@ -20,8 +20,8 @@ def normal_pdf(t: ca.SX) -> ca.SX:
     at t = 40. The multiple is constant between its jumps, so derivatives are those of the density.
     """
     multiple = ca.floor(16 * t) / 16
-    rest = (t - multiple) * (t + multiple) / 2
-    return ca.exp(-(multiple**2) / 2) * ca.exp(-rest) / math.sqrt(2 * math.pi)
+    exponent_rest = (t - multiple) * (t + multiple) / 2
+    return ca.exp(-(multiple**2) / 2) * ca.exp(-exponent_rest) / math.sqrt(2 * math.pi)
 
 
 def expected_excess(t: ca.SX) -> ca.SX:
@@ -36,17 +36,17 @@ def expected_excess(t: ca.SX) -> ca.SX:
     that nothing cancels there either.
     """
     direct = normal_pdf(t) - t * (1 - ca.erf(t / math.sqrt(2))) / 2
-    far = ca.fmax(t, _KNOT)
-    ratio = _clenshaw(_COEFFICIENTS, (far - _CENTRE) / (far + _CENTRE)) / (1 + far) ** 2
-    return ca.if_else(t > _KNOT, normal_pdf(far) * ratio, direct)
+    tail_t = ca.fmax(t, _KNOT)
+    ratio = _clenshaw(_COEFFICIENTS, (tail_t - _CENTRE) / (tail_t + _CENTRE)) / (1 + tail_t) ** 2
+    return ca.if_else(t > _KNOT, normal_pdf(tail_t) * ratio, direct)
 
 
 def _clenshaw(coefficients: list[float], y: ca.SX) -> ca.SX:
     """Sum of Chebyshev polynomials in y."""
-    after, now = ca.SX(0), ca.SX(0)
-    for value in reversed(coefficients[1:]):
-        after, now = now, value + 2 * y * now - after
-    return coefficients[0] + y * now - after
+    second_next, next_value = ca.SX(0), ca.SX(0)
+    for coefficient in reversed(coefficients[1:]):
+        second_next, next_value = next_value, coefficient + 2 * y * next_value - second_next
+    return coefficients[0] + y * next_value - second_next
 
 
 def _scaled_ratio(t: np.ndarray) -> np.ndarray:

@@ -29,9 +29,9 @@ class CurvedGap:
         self.rows = [i for i in range(system.nlam) if ca.depends_on(slopes[i, :], unknown)]
         self._gap = gap[self.rows]
         self._states = [i for i in range(system.nx) if ca.depends_on(self._gap, system.x_next[i])]
-        given = ca.vertcat(system.x, system.u, system.parameters.vector)
-        used = [i for i in range(given.numel()) if ca.depends_on(self._gap, given[i])]
-        self._given = given[used]
+        step_symbols = ca.vertcat(system.x, system.u, system.parameters.vector)
+        used_entries = [i for i in range(step_symbols.numel()) if ca.depends_on(self._gap, step_symbols[i])]
+        self._given = step_symbols[used_entries]
 
     @property
     def opening(self) -> ca.SX:
@@ -40,8 +40,8 @@ class CurvedGap:
 
     def at(self, lam: ca.SX, D: ca.SX, c: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Scaled gaps of the rows at scaled lam, and their derivatives by it."""
-        at, dense = c * D * lam, ca.SX.ones(self._system.nx, lam.numel())
-        rows, by_lam, by_w = self.along(at, at, dense, opening)
+        impulses, dense = c * D * lam, ca.SX.ones(self._system.nx, lam.numel())
+        rows, by_lam, by_w = self.along(impulses, impulses, dense, opening)
         scale = D[self.rows]
         return rows * scale / c, ca.diag(scale) @ (by_lam + by_w) @ ca.diag(D)
 
@@ -57,13 +57,13 @@ class CurvedGap:
         system, count = self._system, len(self._states)
         pattern = C[self._states, :].sparsity()
         ends = [0, count, count + pattern.nnz(), opening.numel()]
-        a, entries, given = ca.vertsplit(opening, ends)
+        a, entries, step_values = ca.vertsplit(opening, ends)
         C = ca.SX(pattern, entries)
         states = system.x_next[self._states]
         by_state, by_lam = ca.jacobian(self._gap, states), ca.jacobian(self._gap, system.lam)
-        old = ca.vertcat(self._given, states, system.lam)
-        new = ca.vertcat(given, a + C @ w, lam)
-        rows, by_state, by_lam = ca.substitute([self._gap, by_state, by_lam], [old], [new])
+        symbols = ca.vertcat(self._given, states, system.lam)
+        values = ca.vertcat(step_values, a + C @ w, lam)
+        rows, by_state, by_lam = ca.substitute([self._gap, by_state, by_lam], [symbols], [values])
         return rows, by_lam, by_state @ C
 
 
@@ -131,14 +131,14 @@ class Path:
         reduced = system.reduced
         return self.opening(reduced.z_linear, reduced.F, mu, reduced.z)
 
-    def opening(self, z: ca.SX, F: ca.SX, mu: ca.SX, true: ca.SX | None = None) -> ca.SX:
+    def opening(self, z: ca.SX, F: ca.SX, mu: ca.SX, true_gap: ca.SX | None = None) -> ca.SX:
         """``data`` of the problem ``lam (z + F lam) = mu``, z and mu (n, 1), F (n, n).
 
         In scaled numbers lam' = lam / (c D), s' = s D / c and mu' = mu / c²: the path is the same.
-        With ``exact`` mu is ignored and :data:`MU_EXACT` stands in its place. ``true`` are curved
+        With ``exact`` mu is ignored and :data:`MU_EXACT` stands in its place. ``true_gap`` are curved
         gaps at lam = 0, of which z is the linear model.
         """
-        D, c = scaling(z, F, 0 * mu if self.exact else mu, self.pairs, true)
+        D, c = scaling(z, F, 0 * mu if self.exact else mu, self.pairs, true_gap)
         target = mu * 0 + MU_EXACT if self.exact else ca.fmax(mu / c**2, MU_LEAST)
         F = ca.project(ca.diag(D) @ F @ ca.diag(D), self.pattern)
         return ca.densify(ca.vertcat(z * D / c, ca.vec(F.nz[:]), target, 1 / target, D, c, self.more))
@@ -155,11 +155,11 @@ class Path:
 
     def parts(self, data: ca.SX) -> dict[str, ca.SX]:
         """Take ``data`` apart: z, entries of F, mu, per_mu, D, c, and what curved rows need."""
-        n, ends = self.n, [0]
+        n, offsets = self.n, [0]
         for length in (n, self.n_entries, n, n, n, 1):
-            ends.append(ends[-1] + length)
+            offsets.append(offsets[-1] + length)
         names = ("z", "entries", "mu", "per_mu", "D", "c", "more")
-        return dict(zip(names, ca.vertsplit(data, [*ends, data.numel()]), strict=True))
+        return dict(zip(names, ca.vertsplit(data, [*offsets, data.numel()]), strict=True))
 
     @cached_property
     def known(self) -> dict[str, ca.SX]:
@@ -174,39 +174,39 @@ class Path:
         """One iteration, ``(pair, data) -> pair``; a pair that has arrived is left as it is."""
         n, mu, per_mu = self.n, self.known["mu"], self.known["per_mu"]
         pair = ca.SX.sym("pair", self.size)
-        lam, s, phase, true = pair[:n], pair[n : 2 * n], pair[2 * n], ca.SX(1)
+        lam, s, phase, on_true_gap = pair[:n], pair[n : 2 * n], pair[2 * n], ca.SX(1)
         if self.curved:
-            true = phase == TRUE_GAP
-            mu = ca.if_else(true, mu, ca.fmax(mu, MU_LINEAR))
-            per_mu = ca.if_else(true, per_mu, ca.fmin(per_mu, 1 / MU_LINEAR))
-        gap, F = self.at(lam, true)
-        moved = interior_point.advance(lam, s, gap, F, mu, per_mu)
-        sure = ca.fmin(per_mu, 1 / interior_point.FLOOR)
-        off, open_ = ca.mmax(ca.fabs(lam * s - mu) * sure), ca.mmax(ca.fabs(gap - s))
-        going, after = phase < ARRIVED, phase
+            on_true_gap = phase == TRUE_GAP
+            mu = ca.if_else(on_true_gap, mu, ca.fmax(mu, MU_LINEAR))
+            per_mu = ca.if_else(on_true_gap, per_mu, ca.fmin(per_mu, 1 / MU_LINEAR))
+        gap, F = self.at(lam, on_true_gap)
+        new_pair = interior_point.advance(lam, s, gap, F, mu, per_mu)
+        weight = ca.fmin(per_mu, 1 / interior_point.FLOOR)
+        product_error, gap_error = ca.mmax(ca.fabs(lam * s - mu) * weight), ca.mmax(ca.fabs(gap - s))
+        is_moving, new_phase = phase < ARRIVED, phase
         if self.unique:
-            at_rest = interior_point.settled((lam, s), moved, gap, F, mu)
-            after, going = ca.if_else(at_rest, ARRIVED, after), ca.logic_and(going, 1 - at_rest)
+            at_rest = interior_point.settled((lam, s), new_pair, gap, F, mu)
+            new_phase, is_moving = ca.if_else(at_rest, ARRIVED, new_phase), ca.logic_and(is_moving, 1 - at_rest)
         else:
-            close = ca.logic_and(off < _CLOSE, open_ < _MET)
-            after = ca.if_else(ca.logic_and(true, close), ARRIVED, after)
+            is_converged = ca.logic_and(product_error < _CLOSE, gap_error < _MET)
+            new_phase = ca.if_else(ca.logic_and(on_true_gap, is_converged), ARRIVED, new_phase)
         if self.curved:
-            near = ca.logic_and(off < _NEAR, open_ < _NEAR)
-            after = ca.if_else(ca.logic_and(1 - true, near), TRUE_GAP, after)
-        after = ca.if_else(off + open_ < ca.inf, after, ca.fmax(phase, LOST))
-        moved = self.pair(*moved, after)
-        still = ca.vertcat(pair[: 2 * n], ca.if_else(phase < ARRIVED, after, phase))
-        return ca.Function(f"path_{n}", [pair, self.data], [ca.if_else(going, moved, still)])
+            is_near = ca.logic_and(product_error < _NEAR, gap_error < _NEAR)
+            new_phase = ca.if_else(ca.logic_and(1 - on_true_gap, is_near), TRUE_GAP, new_phase)
+        new_phase = ca.if_else(product_error + gap_error < ca.inf, new_phase, ca.fmax(phase, LOST))
+        new_pair = self.pair(*new_pair, new_phase)
+        resting_pair = ca.vertcat(pair[: 2 * n], ca.if_else(phase < ARRIVED, new_phase, phase))
+        return ca.Function(f"path_{n}", [pair, self.data], [ca.if_else(is_moving, new_pair, resting_pair)])
 
-    def at(self, lam: ca.SX, true: ca.SX) -> tuple[ca.SX, Compliance]:
-        """The gap at lam and its compliance there, or as where the step starts, if not ``true``."""
+    def at(self, lam: ca.SX, on_true_gap: ca.SX) -> tuple[ca.SX, Compliance]:
+        """The gap at lam and its compliance there, or as where the step starts, if not ``on_true_gap``."""
         known = self.known
         z, F = ca.SX(known["z"]), ca.SX(self.pattern, known["entries"])
         if self.curved:
             rows, slopes = self.curved.at(lam, known["D"], known["c"], known["more"])
             for k, i in enumerate(self.curved.rows):
-                z[i] = ca.if_else(true, rows[k] - slopes[k, :] @ lam, z[i])
-                F[i, :] = ca.if_else(true, slopes[k, :], ca.densify(F[i, :]))
+                z[i] = ca.if_else(on_true_gap, rows[k] - slopes[k, :] @ lam, z[i])
+                F[i, :] = ca.if_else(on_true_gap, slopes[k, :], ca.densify(F[i, :]))
         return z + F @ lam, Dense(F)
 
     def slopes(self, lam: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -222,13 +222,13 @@ class Path:
         """
         n, known = self.n, self.known
         pair = ca.SX.sym("pair", self.size)
-        lam, s, D, c, goal = pair[:n], pair[n : 2 * n], known["D"], known["c"], known["mu"]
+        lam, s, D, c, target_mu = pair[:n], pair[n : 2 * n], known["D"], known["c"], known["mu"]
         gap, F = self.at(lam, ca.SX(1))
         new_lam, new_s = lam, s
         if self.exact and self.unique:
             new_lam, new_s = _on_active_set(lam, s, known["z"], F.matrix())
-            goal, gap = ca.SX(0), gap + F.across(new_lam - lam)
-        error = ca.fmax(ca.fabs(new_lam * new_s - goal), ca.fabs(gap - new_s) / (1 + s))
+            target_mu, gap = ca.SX(0), gap + F.across(new_lam - lam)
+        error = ca.fmax(ca.fabs(new_lam * new_s - target_mu), ca.fabs(gap - new_s) / (1 + s))
         # Diverged: not a number, which would pass for small in a comparison.
         error = ca.if_else(error < ca.inf, error, ca.inf)
         if self.exact and not self.unique:
@@ -245,8 +245,8 @@ def _on_active_set(lam: ca.SX, s: ca.SX, z: ca.SX, F: ca.SX) -> tuple[ca.SX, ca.
     on_set = solve_without_pivoting(matrix, -active * z)
     gap = (1 - active) * (z + F @ on_set)
     # Redundant contacts leave the forces on the active set open: then the path's end stands.
-    off = ca.mmax(ca.fabs(active * (z + F @ on_set)))
-    valid = ca.logic_and(ca.mmin(ca.vertcat(on_set, gap)) >= -1e-9, off <= 1e-9)
+    gap_error = ca.mmax(ca.fabs(active * (z + F @ on_set)))
+    valid = ca.logic_and(ca.mmin(ca.vertcat(on_set, gap)) >= -1e-9, gap_error <= 1e-9)
     return ca.if_else(valid, ca.fmax(0, on_set), lam), ca.if_else(valid, ca.fmax(0, gap), s)
 
 
@@ -262,10 +262,12 @@ def _without_inactive(lam: ca.SX, s: ca.SX, F: Compliance) -> tuple[ca.SX, ca.SX
     return ca.if_else(valid, ca.fmax(0, new_lam), lam), ca.if_else(valid, ca.fmax(0, new_s), s)
 
 
-def scaling(z: ca.SX, F: ca.SX, mu: ca.SX, pairs: tuple[Pair, ...], true: ca.SX | None = None) -> tuple[ca.SX, ca.SX]:
+def scaling(
+    z: ca.SX, F: ca.SX, mu: ca.SX, pairs: tuple[Pair, ...], true_gap: ca.SX | None = None
+) -> tuple[ca.SX, ca.SX]:
     """D (n, 1) and a scalar c so that ``z D / c`` and ``D F D`` are of order one.
 
-    A curved gap, ``true`` at lam = 0, is no more than a million: its linear model may be zero.
+    A curved gap, ``true_gap`` at lam = 0, is no more than a million: its linear model may be zero.
 
     A slip pair, whose F_ii is zero, is scaled against the pairs that it meets, a way slid on a
     table as the body's other ways. Without ``pairs`` F
@@ -273,21 +275,21 @@ def scaling(z: ca.SX, F: ca.SX, mu: ca.SX, pairs: tuple[Pair, ...], true: ca.SX 
     """
     n = z.numel()
     sizes = _sizes(F, pairs) if pairs else {i: F[i, i] for i in range(n)}
-    known = {i: 1 / ca.sqrt(size) for i, size in sizes.items()}
-    D = dict(known)
-    for i in set(range(n)) - set(known):
-        beside = [known[k] for k in known if pairs[i].kind == "table" and pairs[k] == pairs[i]]
-        if beside:
-            D[i] = beside[0]
+    scale_of = {i: 1 / ca.sqrt(magnitude) for i, magnitude in sizes.items()}
+    D = dict(scale_of)
+    for i in set(range(n)) - set(scale_of):
+        same_body = [scale_of[k] for k in scale_of if pairs[i].kind == "table" and pairs[k] == pairs[i]]
+        if same_body:
+            D[i] = same_body[0]
             continue
-        met = [ca.fabs(F[i, j]) * known[j] for j in known if not F[i, j].is_zero()]
+        coupled_scales = [ca.fabs(F[i, j]) * scale_of[j] for j in scale_of if not F[i, j].is_zero()]
         # A gap that no impulse changes, as between parts that never move, has no scale of its own.
-        other = ca.mmin(ca.vertcat(*known.values())) if known else ca.SX(1)
-        D[i] = 1 / ca.mmax(ca.vertcat(*met)) if met else other
-    column = ca.vertcat(ca.SX(0, 1), *(D[i] for i in range(n)))
-    more = ca.SX(0, 1) if true is None else _LEAST * ca.fabs(true * column)
-    size = ca.mmax(ca.vertcat(ca.fabs(z * column), more, ca.sqrt(mu)))
-    return column, ca.fmax(size, 1e-150)
+        fallback = ca.mmin(ca.vertcat(*scale_of.values())) if scale_of else ca.SX(1)
+        D[i] = 1 / ca.mmax(ca.vertcat(*coupled_scales)) if coupled_scales else fallback
+    scales = ca.vertcat(ca.SX(0, 1), *(D[i] for i in range(n)))
+    curved_sizes = ca.SX(0, 1) if true_gap is None else _LEAST * ca.fabs(true_gap * scales)
+    magnitude = ca.mmax(ca.vertcat(ca.fabs(z * scales), curved_sizes, ca.sqrt(mu)))
+    return scales, ca.fmax(magnitude, 1e-150)
 
 
 def _sizes(F: ca.SX, pairs: tuple[Pair, ...]) -> dict[int, ca.SX]:
@@ -297,19 +299,20 @@ def _sizes(F: ca.SX, pairs: tuple[Pair, ...]) -> dict[int, ca.SX]:
     across the contact is of the size that the normal's was. So it is for a pair of friction whose
     coefficient is zero, which has no compliance of its own.
     """
-    own = [i for i in range(len(pairs)) if not F[i, i].is_zero()]
-    contact = {"normal", "friction"}
+    compliant = [i for i in range(len(pairs)) if not F[i, i].is_zero()]
+    contact_kinds = {"normal", "friction"}
     sizes = {
         i: ca.mmax(
             ca.vertcat(
                 *(
                     ca.fabs(F[i, j])
-                    for j in own
-                    if j == i or (pairs[i].contact == pairs[j].contact and {pairs[i].kind, pairs[j].kind} == contact)
+                    for j in compliant
+                    if j == i
+                    or (pairs[i].contact == pairs[j].contact and {pairs[i].kind, pairs[j].kind} == contact_kinds)
                 )
             )
         )
-        for i in own
+        for i in compliant
     }
     normal = {pair.contact: i for i, pair in enumerate(pairs) if pair.kind == "normal"}
     for i, pair in enumerate(pairs):

@@ -78,26 +78,28 @@ class Randomized(ContactLaw):
 
     def settings(self) -> dict[str, float | int | str]:
         """Parameters, sampling, and the base law's own settings as ``base.<name>``."""
-        own = {key: value for key, value in vars(self).items() if key != "base"}
-        inner = {f"base.{key}": value for key, value in self.base.settings().items()}
-        return {**own, "base": self.base.name, **inner}
+        own_settings = {key: value for key, value in vars(self).items() if key != "base"}
+        base_settings = {f"base.{key}": value for key, value in self.base.settings().items()}
+        return {**own_settings, "base": self.base.name, **base_settings}
 
     def at(self, **values: float) -> Randomized:
         """Return the same law with another sigma, or with other parameters of the base law."""
-        own = dict(vars(self))
-        for_base = {name: value for name, value in values.items() if name not in own}
-        if for_base:
-            own["base"] = self.base.at(**for_base)
-        ours = {name: value for name, value in values.items() if name in own}
-        return Randomized(**{**own, **ours})  # pyright: ignore[reportArgumentType]
+        settings = dict(vars(self))
+        base_values = {name: value for name, value in values.items() if name not in settings}
+        if base_values:
+            settings["base"] = self.base.at(**base_values)
+        own_values = {name: value for name, value in values.items() if name in settings}
+        return Randomized(**{**settings, **own_values})  # pyright: ignore[reportArgumentType]
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
         """``contact.sigma`` and the base law's parameters."""
-        own = law_parameter("sigma", self.sigma, "SI", f"standard deviation of the noise on the {self.noise}")
-        inner = self.base.parameters(system)
-        if "contact.sigma" in inner:
+        sigma_parameter = law_parameter(
+            "sigma", self.sigma, "SI", f"standard deviation of the noise on the {self.noise}"
+        )
+        base_parameters = self.base.parameters(system)
+        if "contact.sigma" in base_parameters:
             raise ValueError("randomized: the base law has a sigma of its own; use barrier or exact")
-        return ParameterTable([own]) + inner
+        return ParameterTable([sigma_parameter]) + base_parameters
 
     def closed(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
         """The base law's step at all nodes."""
@@ -140,11 +142,11 @@ def standard_normal_nodes(dimension: int, samples: int, seed: int, scheme: str) 
         products = np.meshgrid(*[weights] * dimension, indexing="ij")
         points = np.stack([grid.ravel() for grid in grids], axis=1)
         return points, np.prod([product.ravel() for product in products], axis=0)
-    half = samples // 2
+    n_drawn = samples // 2
     if scheme == "sobol":
-        exponent = int(np.ceil(np.log2(half)))
+        exponent = int(np.ceil(np.log2(n_drawn)))
         uniform = qmc.Sobol(dimension, rng=np.random.default_rng(seed)).random_base2(exponent)
-        drawn = norm.ppf(uniform[:half])
+        points_drawn = norm.ppf(uniform[:n_drawn])
     else:
-        drawn = np.random.default_rng(seed).standard_normal((half, dimension))
-    return np.concatenate([drawn, -drawn]), np.full(samples, 1 / samples)
+        points_drawn = np.random.default_rng(seed).standard_normal((n_drawn, dimension))
+    return np.concatenate([points_drawn, -points_drawn]), np.full(samples, 1 / samples)

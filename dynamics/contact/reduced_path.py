@@ -32,9 +32,9 @@ class ReducedPath(Path):
         if curved and not curved.rows:
             curved = None
         self.coordinates, self._system = coordinates, system
-        here = ca.vertcat(system.unmoved, ca.SX.zeros(system.nlam))
+        expansion_point = ca.vertcat(system.unmoved, ca.SX.zeros(system.nlam))
         unknown = ca.vertcat(system.x_next, system.lam)
-        self._E, self._Q = ca.substitute([coordinates.E, coordinates.Q_own], [unknown], [here])
+        self._E, self._Q = ca.substitute([coordinates.E, coordinates.Q_own], [unknown], [expansion_point])
         super().__init__(self._E.sparsity(), exact, system.pairs, curved, False)
 
     @cached_property
@@ -49,17 +49,17 @@ class ReducedPath(Path):
 
     def opening_of(self, system: ContactSystem, mu: ca.SX) -> ca.SX:
         """``data`` of a step as an expression in the system's (x, u, p) and mu (n, 1)."""
-        own, reduced, signs = self.coordinates.own, system.reduced, self.coordinates.Q_signs
+        representatives, reduced, signs = self.coordinates.own, system.reduced, self.coordinates.Q_signs
         z = reduced.z if reduced.affine else reduced.z_linear
         D, c = scaling(z, self._near(), 0 * mu if self.exact else mu, self.pairs, reduced.z)
-        D = ca.fabs(signs) @ D[own]
+        D = ca.fabs(signs) @ D[representatives]
         target = mu * 0 + MU_EXACT if self.exact else ca.fmax(mu / c**2, MU_LEAST)
         factors = self._factors
         scaled = {
             "E": ca.diag(D) @ factors["E"] @ ca.diag(D),
             "T": factors["T"],
-            "P": factors["P"] @ ca.diag(D[own]),
-            "Q": ca.diag(D[own]) @ factors["Q"],
+            "P": factors["P"] @ ca.diag(D[representatives]),
+            "Q": ca.diag(D[representatives]) @ factors["Q"],
         }
         entries = [ca.vec(ca.project(scaled[name], factors[name].sparsity()).nz[:]) for name in scaled]
         return ca.densify(ca.vertcat(z * D / c, *entries, target, 1 / target, D, c, self.more))
@@ -73,51 +73,51 @@ class ReducedPath(Path):
         """Entries of F between the pairs of one contact, which set the scales, and E."""
         factors, coordinates = self._factors, self.coordinates
         system, E = self._system, factors["E"]
-        low = LowRank(E, factors["T"], factors["P"], coordinates.P_signs, factors["Q"], coordinates.Q_signs)
-        columns = low.by_own()
-        near = ca.SX(E)
+        compliance = LowRank(E, factors["T"], factors["P"], coordinates.P_signs, factors["Q"], coordinates.Q_signs)
+        columns = compliance.by_own()
+        local_F = ca.SX(E)
         kinds = {"normal", "friction", "limit"}
-        for i, one in enumerate(system.pairs):
+        for i, pair in enumerate(system.pairs):
             for j, other in enumerate(system.pairs):
-                if one.contact == other.contact and {one.kind, other.kind} <= kinds:
+                if pair.contact == other.contact and {pair.kind, other.kind} <= kinds:
                     k = coordinates.P_signs[:, j].sparsity().row()
-                    near[i, j] = E[i, j] + coordinates.Q_signs[i, :] @ (
+                    local_F[i, j] = E[i, j] + coordinates.Q_signs[i, :] @ (
                         factors["Q"] @ (columns[:, k] @ coordinates.P_signs[k, j])
                     )
-        return near
+        return local_F
 
     def compliance(self, entries: ca.SX) -> LowRank:
         """F at the start of the step."""
-        factors, ends = list(self._factors.values()), [0]
+        factors, offsets = list(self._factors.values()), [0]
         for factor in factors:
-            ends.append(ends[-1] + factor.nnz())
-        parts = ca.vertsplit(entries, ends)
-        E, T, P, Q = (ca.SX(factor.sparsity(), part) for factor, part in zip(factors, parts, strict=True))
+            offsets.append(offsets[-1] + factor.nnz())
+        blocks = ca.vertsplit(entries, offsets)
+        E, T, P, Q = (ca.SX(factor.sparsity(), block) for factor, block in zip(factors, blocks, strict=True))
         return LowRank(E, T, P, self.coordinates.P_signs, Q, self.coordinates.Q_signs)
 
-    def at(self, lam: ca.SX, true: ca.SX) -> tuple[ca.SX, LowRank]:
-        """The gap at lam and its compliance there, or as where the step starts, if not ``true``."""
-        known = self.known
-        start = self.compliance(known["entries"])
+    def at(self, lam: ca.SX, on_true_gap: ca.SX) -> tuple[ca.SX, LowRank]:
+        """The gap at lam and its compliance there, or as where the step starts, if not ``on_true_gap``."""
+        parts = self.known
+        start = self.compliance(parts["entries"])
         if not self.curved:
-            return known["z"] + start.across(lam), start
+            return parts["z"] + start.across(lam), start
         w = start.pushed(lam)
-        gap = known["z"] + start.felt(lam, w)
-        D, c = known["D"], known["c"]
+        gap = parts["z"] + start.felt(lam, w)
+        D, c = parts["D"], parts["c"]
         E, Q = ca.SX(start.E), ca.SX(start.Q_own)
-        rows, by_lam, by_w = self.curved.along(c * D * lam, c * w, self.coordinates.C, known["more"])
+        rows, by_lam, by_w = self.curved.along(c * D * lam, c * w, self.coordinates.C, parts["more"])
         for k, i in enumerate(self.curved.rows):
-            own = self.coordinates.Q_signs[i, :].sparsity().get_col()[0]
+            representative = self.coordinates.Q_signs[i, :].sparsity().get_col()[0]
             # Opposite walls share one row but for its sign.
-            by_own = self.coordinates.Q_signs[i, own] * by_w[k, :]
-            gap[i] = ca.if_else(true, rows[k] * D[i] / c, gap[i])
-            Q[own, :] = _chosen(true, D[i] * by_own, Q[own, :])
-            E[i, :] = _chosen(true, D[i] * by_lam[k, :] * D.T, E[i, :])
+            by_pushed = self.coordinates.Q_signs[i, representative] * by_w[k, :]
+            gap[i] = ca.if_else(on_true_gap, rows[k] * D[i] / c, gap[i])
+            Q[representative, :] = _chosen(on_true_gap, D[i] * by_pushed, Q[representative, :])
+            E[i, :] = _chosen(on_true_gap, D[i] * by_lam[k, :] * D.T, E[i, :])
         return gap, LowRank(E, start.T, start.P_own, start.P_signs, Q, start.Q_signs)
 
 
-def _chosen(condition: ca.SX, one: ca.SX, other: ca.SX) -> ca.SX:
-    """``if_else`` entry by entry where ``other`` has any."""
-    pattern = other.sparsity()
-    one = ca.project(one, pattern)
-    return ca.SX(pattern, ca.if_else(condition, one.nz[:], other.nz[:])) if other.nnz() else other
+def _chosen(condition: ca.SX, chosen: ca.SX, default: ca.SX) -> ca.SX:
+    """``if_else`` entry by entry where ``default`` has any."""
+    pattern = default.sparsity()
+    chosen = ca.project(chosen, pattern)
+    return ca.SX(pattern, ca.if_else(condition, chosen.nz[:], default.nz[:])) if default.nnz() else default

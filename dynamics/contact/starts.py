@@ -24,20 +24,20 @@ _LIFTS = (1e-3, 1e-1, 1.0)
 
 def warm_start(path: Path) -> ca.Function:
     """``(lam, data) -> pair`` at the impulses lam (n, 1) [N s] of the step before."""
-    before = ca.SX.sym("before", path.n)
-    lam = ca.fmax(before / (path.known["c"] * path.known["D"]), _INSIDE)
+    lam_before = ca.SX.sym("before", path.n)
+    lam = ca.fmax(lam_before / (path.known["c"] * path.known["D"]), _INSIDE)
     gap, _ = path.at(lam, ca.SX(1))
     outputs = [path.pair(lam, ca.fmax(gap, _INSIDE))]
-    return ca.Function("warm", [before, path.data], outputs)
+    return ca.Function("warm", [lam_before, path.data], outputs)
 
 
 def further_start(path: Path) -> ca.Function:
     """``(k, data) -> pair`` of start number k = 0, 1, ..."""
     k, n = ca.SX.sym("k"), path.n
     shared = k * float(np.sqrt(2.0))
-    own = k * ca.DM(irrational(n))
-    turned = ca.if_else(ca.fmod(k, 2) > 0, shared, own)
-    exponent = _LEAST + _SPAN * (turned - ca.floor(turned))
+    separate = k * ca.DM(irrational(n))
+    sequence = ca.if_else(ca.fmod(k, 2) > 0, shared, separate)
+    exponent = _LEAST + _SPAN * (sequence - ca.floor(sequence))
     lam = ca.if_else(k < _FIRST, _TINY, ca.exp(float(np.log(10.0)) * exponent))
     gap, _ = path.at(lam, ca.SX(1))
     lift = ca.SX(_LIFTS[0])

@@ -112,11 +112,13 @@ class Step(ABC):
     def _targets(self, node: Branch) -> ca.SX:
         system = self.system
         z, F = self.at(node, [system.reduced.z, system.reduced.F])
-        chosen = sorted(set(system.deciding))
-        if len(chosen) == system.nlam:
+        deciding_pairs = sorted(set(system.deciding))
+        if len(deciding_pairs) == system.nlam:
             return ca.densify(self.law.target(system, z, F, self.law_parameters))
-        mu = ca.densify(self.law.target(system, z[chosen], F[chosen, chosen], self.law_parameters))
-        return ca.vertcat(*(mu[chosen.index(pair)] for pair in system.deciding))
+        mu = ca.densify(
+            self.law.target(system, z[deciding_pairs], F[deciding_pairs, deciding_pairs], self.law_parameters)
+        )
+        return ca.vertcat(*(mu[deciding_pairs.index(pair)] for pair in system.deciding))
 
     @cached_property
     def residual(self) -> ca.SX:
@@ -135,8 +137,8 @@ class Step(ABC):
     def at(self, node: Branch, expressions: list[ca.SX]) -> list[ca.SX]:
         """Expressions in the system's (x, u), at the disturbed state and input of a branch."""
         system = self.system
-        moved = [system.x + node.noise_x, system.u + node.noise_u]
-        return ca.substitute(expressions, [system.x, system.u], moved)
+        disturbed = [system.x + node.noise_x, system.u + node.noise_u]
+        return ca.substitute(expressions, [system.x, system.u], disturbed)
 
     @property
     def branches(self) -> int:
@@ -211,20 +213,20 @@ class Step(ABC):
         """
         x, u, p = self._symbols()
         x_next, lam, _, _ = self.solve(x, u, p)
-        names, out = ["x", "u", "p"], ca.SX.sym("out_x_next", self.system.nx)
-        total = []
+        names, x_next_solved = ["x", "u", "p"], ca.SX.sym("out_x_next", self.system.nx)
+        jacobians = []
         for output in (self.x_next_expr, self.lam):
             through = ca.jacobian(output, self.inner)
             for index, variable in enumerate(self.inputs):
                 direct = ca.jacobian(output, variable)
-                total.append(ca.densify(direct + through @ self._inner_jacobians[index]))
+                jacobians.append(ca.densify(direct + through @ self._inner_jacobians[index]))
         if self.states.numel():
-            there = out if self.branches == 1 else self.states_of_lam
-            total = ca.substitute(total, [self.states], [there])
+            next_states = x_next_solved if self.branches == 1 else self.states_of_lam
+            jacobians = ca.substitute(jacobians, [self.states], [next_states])
         jacobian = ca.Function(
             "jac_step",
-            [*self.inputs, out, self.lam],
-            total,
+            [*self.inputs, x_next_solved, self.lam],
+            jacobians,
             [*names, "out_x_next", "out_lam"],
             [f"jac_{o}_{i}" for o in ("x_next", "lam") for i in names],
             {"cse": True},

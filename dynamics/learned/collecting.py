@@ -38,8 +38,8 @@ def collect(step: Step, region: Region, n: int, seed: int) -> Transitions:
     Raises ``ValueError`` for a region that does not fit, that keeps almost no state, and for what
     :meth:`Transitions.checked` refuses.
     """
-    drawn = [draw_piece(step, region, piece) for piece in pieces(n, seed)]
-    return merged(step, region, drawn, seed)
+    drawn_pieces = [draw_piece(step, region, piece) for piece in pieces(n, seed)]
+    return merged(step, region, drawn_pieces, seed)
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ def pieces(n: int, seed: int) -> list[Piece]:
     ends = [k * n // count for k in range(count + 1)]
     halves = [end // 2 for end in ends]
     return [
-        Piece(ends[k + 1] - ends[k] - (halves[k + 1] - halves[k]), halves[k + 1] - halves[k], one)
-        for k, one in enumerate(streams)
+        Piece(ends[k + 1] - ends[k] - (halves[k + 1] - halves[k]), halves[k + 1] - halves[k], stream)
+        for k, stream in enumerate(streams)
     ]
 
 
@@ -86,19 +86,19 @@ def draw_piece(step: Step, region: Region, piece: Piece) -> Drawn:
 def merged(
     step: Step,
     region: Region,
-    drawn: Sequence[Drawn],
+    drawn_pieces: Sequence[Drawn],
     seed: int,
     provenance: Mapping[str, Any] | None = None,
 ) -> Transitions:
     """Put pieces together in their order, all rows in the ranges before those in the tube."""
-    rows = [*(one.in_ranges for one in drawn), *(one.in_tube for one in drawn)]
+    rows = [*(piece.in_ranges for piece in drawn_pieces), *(piece.in_tube for piece in drawn_pieces)]
     x, u, x_next = (np.concatenate(column) for column in zip(*rows, strict=True))
-    told = {
+    full_provenance = {
         **{"seed": seed, "region": region.described(), "how": "collected"},
-        **{"in_tube": sum(len(one.in_tube[0]) for one in drawn)},
-        **{"unsolved": sum(one.unsolved for one in drawn), **(provenance or {})},
+        **{"in_tube": sum(len(piece.in_tube[0]) for piece in drawn_pieces)},
+        **{"unsolved": sum(piece.unsolved for piece in drawn_pieces), **(provenance or {})},
     }
-    return Transitions.checked(x, u, x_next, step.system.states, step.system.inputs, told)
+    return Transitions.checked(x, u, x_next, step.system.states, step.system.inputs, full_provenance)
 
 
 @dataclass
@@ -114,33 +114,33 @@ class _Source:
     def __post_init__(self) -> None:
         self._advance = StepFunction(self.step)
         system = self.step.system
-        self._states, self._inputs = ([signal.name for signal in part] for part in (system.states, system.inputs))
+        self._states, self._inputs = ([signal.name for signal in signals] for signals in (system.states, system.inputs))
 
-    def draw(self, rng: np.random.Generator, wanted: int, states: DrawStates, where: str) -> Rows:
-        """``wanted`` rows of x, u and x_next, states drawn by ``states``."""
-        found, parts = 0, [self._rows(states(rng, 1, self._states)[:0], rng)]
-        drawn = 0
-        while found < wanted:
-            if drawn > MOST * wanted:
+    def draw(self, rng: np.random.Generator, n_rows: int, draw_states: DrawStates, place: str) -> Rows:
+        """``n_rows`` rows of x, u and x_next, states drawn by ``draw_states``."""
+        n_kept, batches = 0, [self._rows(draw_states(rng, 1, self._states)[:0], rng)]
+        n_drawn = 0
+        while n_kept < n_rows:
+            if n_drawn > MOST * n_rows:
                 raise ValueError(
-                    f"only {found} of {drawn} states drawn in the {where} of the region could be"
+                    f"only {n_kept} of {n_drawn} states drawn in the {place} of the region could be"
                     " used; move the region to where the system is free of penetration"
                 )
-            share = found / drawn if found else 0.5
-            size = min(int(1.1 * (wanted - found) / share) + 64, AT_ONCE)
-            drawn += size
-            parts.append(self._rows(states(rng, size, self._states), rng))
-            found += len(parts[-1][0])
-        x, u, x_next = (np.concatenate(column)[:wanted] for column in zip(*parts, strict=True))
+            share = n_kept / n_drawn if n_kept else 0.5
+            size = min(int(1.1 * (n_rows - n_kept) / share) + 64, AT_ONCE)
+            n_drawn += size
+            batches.append(self._rows(draw_states(rng, size, self._states), rng))
+            n_kept += len(batches[-1][0])
+        x, u, x_next = (np.concatenate(column)[:n_rows] for column in zip(*batches, strict=True))
         return x, u, x_next
 
     def _rows(self, x: np.ndarray, rng: np.random.Generator) -> Rows:
         x = x[self.keep(x)]
         u = self.region.draw_inputs(rng, x, self._states, self._inputs)
         solved = self._advance(x, u, self.p)
-        good = np.isfinite(solved.x_next).all(axis=1) & np.isfinite(solved.lam).all(axis=1)
-        self.unsolved += int(np.count_nonzero(~good))
-        return x[good], u[good], solved.x_next[good]
+        is_solved = np.isfinite(solved.x_next).all(axis=1) & np.isfinite(solved.lam).all(axis=1)
+        self.unsolved += int(np.count_nonzero(~is_solved))
+        return x[is_solved], u[is_solved], solved.x_next[is_solved]
 
 
 def apart(step: Step, p: np.ndarray) -> Keep:
@@ -148,6 +148,6 @@ def apart(step: Step, p: np.ndarray) -> Keep:
     system = step.system
     if system.phi is None or not system.phi.numel():
         return lambda x: np.ones(len(x), dtype=bool)
-    least = ca.mmin(ca.densify(system.phi))
-    distance = BatchFunction(ca.Function("least_phi", [system.x, step.p.vector], [least]))
+    smallest_distance = ca.mmin(ca.densify(system.phi))
+    distance = BatchFunction(ca.Function("least_phi", [system.x, step.p.vector], [smallest_distance]))
     return lambda x: distance(x, p)[:, 0] >= 0

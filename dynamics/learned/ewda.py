@@ -59,13 +59,13 @@ class EwdaModel:
         _check_sigma(self.sigma)
         _check_data(self.z, self.y)
         checked_threads(self.threads)
-        for what, size, own in (
+        for quantity, size, n_named in (
             ("coordinates of z", self.z.shape[1], len(self.origin.z)),
             ("targets", self.y.shape[1], len(self.origin.y)),
             ("scales", self.z.shape[1], self.scales.scale.size),
         ):
-            if size != own:
-                raise ValueError(f"ewda: the data have {size} {what}, but {own} are named")
+            if size != n_named:
+                raise ValueError(f"ewda: the data have {size} {quantity}, but {n_named} are named")
 
     @property
     def n_in(self) -> int:

@@ -46,10 +46,10 @@ class NumpyMoments:
         cols = 1 + z.shape[1] if slopes else 1
         nearest = np.empty(len(q), dtype=np.int64)
         sums = np.empty((len(q), 1 + y.shape[1], cols))
-        for i, home, near in self._neighbours(q):
-            nearest[i] = home
-            d, w = self._weights(near, q[i], z[home])
-            a = _with_ones(y[near] - y[home]) * w[:, None]
+        for i, nearest_point, neighbours in self._neighbours(q):
+            nearest[i] = nearest_point
+            d, w = self._weights(neighbours, q[i], z[nearest_point])
+            a = _with_ones(y[neighbours] - y[nearest_point]) * w[:, None]
             sums[i] = a.T @ _with_ones(d)[:, :cols]
         return nearest, sums
 
@@ -63,17 +63,17 @@ class NumpyMoments:
         """
         y, nz = self.points.y, q.shape[1]
         total, sums = np.empty(len(q)), np.empty((len(q), nz, nz))
-        for i, home, near in self._neighbours(q):
-            d, w = self._weights(near, q[i], self.points.z[home])
+        for i, nearest_point, neighbours in self._neighbours(q):
+            d, w = self._weights(neighbours, q[i], self.points.z[nearest_point])
             d -= mean_z[i]
-            level = (y[near] - y[home] - mean_y[i]) @ weights[i, :-1] + weights[i, -1]
+            level = (y[neighbours] - y[nearest_point] - mean_y[i]) @ weights[i, :-1] + weights[i, -1]
             total[i] = w.sum()
             sums[i] = (d * (w * level)[:, None]).T @ d
         # A product with scaled rows is symmetric only up to its rounding.
         return total, 0.5 * (sums + sums.transpose(0, 2, 1))
 
-    def _weights(self, near: np.ndarray, q: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        d = self.points.z[near] - c
+    def _weights(self, neighbours: np.ndarray, q: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        d = self.points.z[neighbours] - c
         exponent = -np.einsum("ik,ik->i", d, d + 2 * (c - q)) / (2 * self.points.sigma**2)
         # Above 0 only by rounding, which far out is of any size: there the neighbours tie.
         return d, np.exp(np.minimum(exponent, 64.0))
@@ -86,13 +86,13 @@ class NumpyMoments:
         cutoff = 2 * self.points.sigma**2 * -np.log(CUTOFF)
         block = max(1, _BLOCK // len(z))
         for begin in range(0, len(q), block):
-            part = q[begin : begin + block]
-            distance = square - 2 * (part @ z.T)
-            size = np.abs(part).sum(axis=1)
-            lost = (z.shape[1] + 4) * 2.0**-51 * reach * (reach + 2 * size)
+            queries = q[begin : begin + block]
+            distance = square - 2 * (queries @ z.T)
+            size = np.abs(queries).sum(axis=1)
+            rounding = (z.shape[1] + 4) * 2.0**-51 * reach * (reach + 2 * size)
             for i, row in enumerate(distance):
-                home = int(np.argmin(row))
-                yield begin + i, home, np.flatnonzero(row <= row[home] + cutoff + lost[i])
+                nearest_point = int(np.argmin(row))
+                yield begin + i, nearest_point, np.flatnonzero(row <= row[nearest_point] + cutoff + rounding[i])
 
 
 def _with_ones(rows: np.ndarray) -> np.ndarray:
@@ -161,9 +161,9 @@ class CompiledMoments:
 
     def first(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`NumpyMoments`."""
-        none = np.zeros((len(q), 0))
+        empty = np.zeros((len(q), 0))
         size = (1 + self._ny, 1 + self._nz if slopes else 1)
-        return self._all(_SLOPES if slopes else _VALUES, size, q, none, none, none)
+        return self._all(_SLOPES if slopes else _VALUES, size, q, empty, empty, empty)
 
     def second(
         self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
@@ -175,28 +175,28 @@ class CompiledMoments:
         above = np.tril(sums[:, 1:, 1:], -1).transpose(0, 2, 1)
         return sums[:, 0, 0], below + above
 
-    def _all(self, kind: int, size: tuple[int, int], *given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _all(self, kind: int, size: tuple[int, int], *arguments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Index of the nearest point (nq,) and the sums (nq, *size), a batch at a time."""
-        count = len(given[0])
-        rows = [np.ascontiguousarray(array, dtype=float) for array in given]
-        where, sums = np.empty(count, dtype=np.int64), np.empty((count, *size))
+        count = len(arguments[0])
+        rows = [np.ascontiguousarray(array, dtype=float) for array in arguments]
+        nearest, sums = np.empty(count, dtype=np.int64), np.empty((count, *size))
         for begin in range(0, count, _BATCH):
             end = min(begin + _BATCH, count)
             batch = [array[begin:end] for array in rows]
-            self._batch(kind, batch, where[begin:end], sums[begin:end])
-        return self._order[where], sums
+            self._batch(kind, batch, nearest[begin:end], sums[begin:end])
+        return self._order[nearest], sums
 
-    def _batch(self, kind: int, given: list[np.ndarray], where: np.ndarray, sums: np.ndarray) -> None:
-        n = len(where)
+    def _batch(self, kind: int, arguments: list[np.ndarray], nearest: np.ndarray, sums: np.ndarray) -> None:
+        n = len(nearest)
         counters = np.zeros((2, _PHASES), dtype=np.int64)
         arrays = {
-            **dict(zip(("q", "mean_z", "mean_y", "weights"), given, strict=True)),
+            **dict(zip(("q", "mean_z", "mean_y", "weights"), arguments, strict=True)),
             "least": _aligned((n, self._n_boxes)),
             "bound": np.empty(n),
             "best": np.empty((n, self._n_parts)),
             "found": np.empty((n, self._n_parts), dtype=np.int64),
             "partial": np.empty((n, self._n_parts, sums.shape[1] * sums.shape[2])),
-            "where": where,
+            "where": nearest,
             "sums": sums,
             "ticket": counters[0],
             "done": counters[1],

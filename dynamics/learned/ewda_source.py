@@ -295,6 +295,6 @@ def _product(name: str, rows: int, cols: int, edge: int, *, lower: bool) -> str:
         for c in range(0, r + edge if lower else cols, edge):
             if c < cols:
                 block = f"block_{min(edge, rows - r)}_{min(edge, cols - c)}"
-                at = r * cols + c
-                lines.append(f"  {block}(a + {r} * VC, b + {c} * VC, s + {at}, n, {cols});")
+                offset = r * cols + c
+                lines.append(f"  {block}(a + {r} * VC, b + {c} * VC, s + {offset}, n, {cols});")
     return "\n".join((*lines, "}\n"))

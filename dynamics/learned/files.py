@@ -70,8 +70,8 @@ def read(path: Path) -> xr.Dataset:
     import xarray as xr
 
     if not path.is_file():
-        found = "is a directory" if path.is_dir() else "file not found"
-        raise ValueError(f"{path}: {found}; ocp collect writes data and ocp learn writes models")
+        problem = "is a directory" if path.is_dir() else "file not found"
+        raise ValueError(f"{path}: {problem}; ocp collect writes data and ocp learn writes models")
     with path.open("rb") as file:
         if file.read(len(_HDF)) != _HDF:
             raise ValueError(f"{path} is not a netCDF file; ocp collect writes data and ocp learn writes models")
@@ -131,12 +131,13 @@ def read_table(
         states, inputs = _guessed(path, heads, list(columns or heads))
     else:
         states, inputs = signals
-    after = [Signal(f"{signal.name}{NEXT}", signal.unit) for signal in states]
+    next_states = [Signal(f"{signal.name}{NEXT}", signal.unit) for signal in states]
     x, u, x_next = (
-        _values(path, table, [_column(path, heads, signal) for signal in part]) for part in (states, inputs, after)
+        _values(path, table, [_column(path, heads, signal) for signal in group])
+        for group in (states, inputs, next_states)
     )
-    told = {"how": f"read from {path.name}", **(provenance or {})}
-    return Transitions.checked(x, u, x_next, states, inputs, told)
+    full_provenance = {"how": f"read from {path.name}", **(provenance or {})}
+    return Transitions.checked(x, u, x_next, states, inputs, full_provenance)
 
 
 def _table(path: Path) -> pd.DataFrame:
@@ -175,8 +176,8 @@ def _parquet(path: Path) -> pd.DataFrame:
 
 def _split(head: str) -> tuple[str, str | None]:
     """Name and unit of ``ox [m]``; the whole text and None where it has no such form."""
-    found = _HEAD.fullmatch(head)
-    return (found["name"], found["unit"]) if found and found["name"] else (head, None)
+    head_match = _HEAD.fullmatch(head)
+    return (head_match["name"], head_match["unit"]) if head_match and head_match["name"] else (head, None)
 
 
 Heads = dict[str, tuple[str, str | None]]
@@ -190,13 +191,13 @@ def _named(path: Path, texts: list[str], columns: Mapping[str, str]) -> Heads:
         if name in heads:
             raise ValueError(f"{path}: two columns are called {name}; rename one")
         heads[name] = text, unit
-    found = dict(heads)
+    heads_by_signal = dict(heads)
     for name, column in columns.items():
-        match = heads.get(_split(column)[0])
-        if match is None or column not in (match[0], _split(match[0])[0]):
+        head = heads.get(_split(column)[0])
+        if head is None or column not in (head[0], _split(head[0])[0]):
             raise ValueError(f"{path}: no column {column!r} for {name}; available: {', '.join(texts)}")
-        found[name] = match
-    return found
+        heads_by_signal[name] = head
+    return heads_by_signal
 
 
 def _guessed(path: Path, heads: Heads, names: list[str]) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
@@ -209,7 +210,7 @@ def _guessed(path: Path, heads: Heads, names: list[str]) -> tuple[tuple[Signal, 
         )
     ends = {f"{name}{NEXT}" for name in states}
     inputs = [name for name in names if name not in states and name not in ends]
-    first, second = (tuple(Signal(name, heads[name][1] or "1") for name in part) for part in (states, inputs))
+    first, second = (tuple(Signal(name, heads[name][1] or "1") for name in group) for group in (states, inputs))
     return first, second
 
 
@@ -232,12 +233,12 @@ def _column(path: Path, heads: Heads, signal: Signal) -> str:
 def _values(path: Path, table: pd.DataFrame, columns: list[str]) -> np.ndarray:
     import pandas as pd
 
-    found = table[columns].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=float)
-    rows, places = np.nonzero(np.isnan(found) & table[columns].notna().to_numpy(bool))
+    numbers = table[columns].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=float)
+    rows, places = np.nonzero(np.isnan(numbers) & table[columns].notna().to_numpy(bool))
     if len(rows):
         row, column = rows[0], columns[places[0]]
         raise ValueError(
             f"{path}: column {column!r} holds {str(table[column].iloc[row])!r} in row {row},"
             " counted from 0, which is not a number"
         )
-    return found
+    return numbers

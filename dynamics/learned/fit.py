@@ -86,26 +86,27 @@ def fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float, 
     z, y = data.z[held_out], data.y[held_out]
     noised = z + sigma * z_scales.scale * rng.standard_normal(z.shape)
     clean_rms, noised_rms = (
-        np.sqrt(np.mean(((learned.values(at)[:, :ny] - y) / y_scales.scale) ** 2, axis=0)) for at in (z, noised)
+        np.sqrt(np.mean(((learned.values(queries)[:, :ny] - y) / y_scales.scale) ** 2, axis=0))
+        for queries in (z, noised)
     )
     directions = rng.standard_normal((RAYS, data.z.shape[1]))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    along = _rays(learned, data, directions)
-    return Fit(float(sigma), y_scales.scale, clean_rms, noised_rms, np.array(DISTANCES), *along)
+    ray_errors = _rays(learned, data, directions)
+    return Fit(float(sigma), y_scales.scale, clean_rms, noised_rms, np.array(DISTANCES), *ray_errors)
 
 
 def _rays(learned: LearnedMap, data: Samples, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """``displacement`` and ``outside`` at each of the distances."""
     z_scales, y_scales = data.scales
     z = z_scales.normalised(data.z)
-    left = np.array([np.argmax(z @ direction) for direction in directions])
+    exit_rows = np.array([np.argmax(z @ direction) for direction in directions])
     # Rounding of a mean of equal numbers must not count as leaving their range.
     slack = 1e-9 * y_scales.scale
-    least, most = data.y.min(axis=0) - slack, data.y.max(axis=0) + slack
+    y_min, y_max = data.y.min(axis=0) - slack, data.y.max(axis=0) + slack
     displacement, outside = np.empty(len(DISTANCES)), np.empty(len(DISTANCES))
     for i, distance in enumerate(DISTANCES):
-        there = data.z[left] + distance * z_scales.scale * directions
-        y = learned.values(there)[:, : data.y.shape[1]]
-        displacement[i] = np.sqrt(np.mean(((y - data.y[left]) / y_scales.scale) ** 2))
-        outside[i] = np.mean(((y < least) | (y > most)).any(axis=1))
+        ray_points = data.z[exit_rows] + distance * z_scales.scale * directions
+        y = learned.values(ray_points)[:, : data.y.shape[1]]
+        displacement[i] = np.sqrt(np.mean(((y - data.y[exit_rows]) / y_scales.scale) ** 2))
+        outside[i] = np.mean(((y < y_min) | (y > y_max)).any(axis=1))
     return displacement, outside

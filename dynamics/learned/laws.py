@@ -63,26 +63,28 @@ class LearnedLaw(ContactLaw):
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
         """None; raises ``ValueError`` where the model is of another system's states or inputs."""
-        for what, own, asked in (
+        for kind, trained_signals, system_signals in (
             ("states", self.model.origin.y, system.states),
             ("inputs", self.model.origin.inputs, system.inputs),
         ):
-            if [s.name for s in own] != [s.name for s in asked]:
+            if [s.name for s in trained_signals] != [s.name for s in system_signals]:
                 raise ValueError(
-                    f"{self.name}: the model was trained on {what}"
-                    f" {', '.join(s.name for s in own)}, but {system.name} has"
-                    f" {', '.join(s.name for s in asked)}; give a model of this problem"
+                    f"{self.name}: the model was trained on {kind}"
+                    f" {', '.join(s.name for s in trained_signals)}, but {system.name} has"
+                    f" {', '.join(s.name for s in system_signals)}; give a model of this problem"
                 )
         return ParameterTable()
 
     def learned_at(self, system: ContactSystem, values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
         """Parameters of the motion that were others when the data were taken: then, and now."""
-        moving = {str(symbol) for symbol in ca.symvar(ca.vertcat(system.residual, system.gap))}
-        then = self.model.origin.parameters
+        motion_symbols = {str(symbol) for symbol in ca.symvar(ca.vertcat(system.residual, system.gap))}
+        training_parameters = self.model.origin.parameters
         return {
-            name: (float(then[name]), values[name])
+            name: (float(training_parameters[name]), values[name])
             for name in system.parameters.names
-            if name in moving and isinstance(then.get(name), int | float) and then[name] != values[name]
+            if name in motion_symbols
+            and isinstance(training_parameters.get(name), int | float)
+            and training_parameters[name] != values[name]
         }
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:

@@ -88,21 +88,21 @@ class MlpModel:
         s_l, their Jacobians ``J_l = ds_l/dz`` and ``adj_l``, the derivative of ``weights'y`` by
         ``elu(s_l)``.
         """
-        found = np.empty((len(z), self.n_in, self.n_in))
+        curvatures = np.empty((len(z), self.n_in, self.n_in))
         for rows in _blocks(len(z)):
-            found[rows] = self._curvatures(z[rows], weights[rows])
-        return found
+            curvatures[rows] = self._curvatures(z[rows], weights[rows])
+        return curvatures
 
     def _curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
         adjoint = (weights * self.y_scales.scale) @ self.weights[-1]
-        found = np.zeros((len(z), self.n_in, self.n_in))
+        curvatures = np.zeros((len(z), self.n_in, self.n_in))
         hidden = self._forward(z)[:-1]
         for W, (s, J) in zip(reversed(self.weights[:-1]), reversed(hidden), strict=True):
             _, slope, bend = _elu(s)
-            found += (J * (adjoint * bend)[:, None, :]) @ J.swapaxes(1, 2)
+            curvatures += (J * (adjoint * bend)[:, None, :]) @ J.swapaxes(1, 2)
             adjoint = (adjoint * slope) @ W
         # The product of a matrix with its own transpose is symmetric only up to its rounding.
-        return 0.5 * (found + found.swapaxes(1, 2))
+        return 0.5 * (curvatures + curvatures.swapaxes(1, 2))
 
     def _forward(self, z: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Each layer's ``s`` (n, n_l) and ``ds/dz`` (n, n_in, n_l); the last is y normalised."""
@@ -120,10 +120,10 @@ class MlpModel:
         import xarray as xr
 
         data = {}
-        between = ["z", *(f"unit_{layer}" for layer in range(len(self.hidden))), "state"]
+        dimensions = ["z", *(f"unit_{layer}" for layer in range(len(self.hidden))), "state"]
         for layer, (W, b) in enumerate(zip(self.weights, self.biases, strict=True)):
-            before, after = between[layer : layer + 2]
-            data |= {f"weight_{layer}": ((after, before), W), f"bias_{layer}": (after, b)}
+            dimension_in, dimension_out = dimensions[layer : layer + 2]
+            data |= {f"weight_{layer}": ((dimension_out, dimension_in), W), f"bias_{layer}": (dimension_out, b)}
         data |= {
             "z_shift": ("z", self.z_scales.shift),
             "z_scale": ("z", self.z_scales.scale),
@@ -145,14 +145,14 @@ class MlpModel:
         """
         origin = Origin.of(dataset, MLP)
         layers = range(int(dataset.attrs["layers"]))
-        names = [f"{part}_{layer}" for layer in layers for part in ("weight", "bias")]
+        names = [f"{array}_{layer}" for layer in layers for array in ("weight", "bias")]
         names += ["z_shift", "z_scale", "y_shift", "y_scale"]
-        found = {name: np.ascontiguousarray(dataset[name].values, float) for name in names}
+        arrays = {name: np.ascontiguousarray(dataset[name].values, float) for name in names}
         return cls(
-            tuple(found[f"weight_{layer}"] for layer in layers),
-            tuple(found[f"bias_{layer}"] for layer in layers),
-            Normalisation(found["z_shift"], found["z_scale"]),
-            Normalisation(found["y_shift"], found["y_scale"]),
+            tuple(arrays[f"weight_{layer}"] for layer in layers),
+            tuple(arrays[f"bias_{layer}"] for layer in layers),
+            Normalisation(arrays["z_shift"], arrays["z_scale"]),
+            Normalisation(arrays["y_shift"], arrays["y_scale"]),
             float(dataset.attrs["sigma"]),
             origin,
             int(dataset.attrs["seed"]),

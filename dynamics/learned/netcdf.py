@@ -41,8 +41,8 @@ def check_readable(content: bytes) -> None:
         reason = pipe.read().decode(errors="replace")
     _, status = os.waitpid(child, 0)
     if os.WIFSIGNALED(status):
-        ended = signal.Signals(os.WTERMSIG(status))
-        reason = "reading it does not end" if ended is signal.SIGXCPU else f"{ended.name} ends it"
+        end_signal = signal.Signals(os.WTERMSIG(status))
+        reason = "reading it does not end" if end_signal is signal.SIGXCPU else f"{end_signal.name} ends it"
     if reason:
         raise ValueError(reason)
 
@@ -53,11 +53,11 @@ def _failure(content: bytes, library: object) -> str:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     seconds = _SECONDS + len(content) // _BYTES_PER_SECOND
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
-    with library.Dataset("checked", memory=content) as found:  # pyright: ignore
-        parts = found.variables.values()
-        size = sum(math.prod(v.shape) * np.dtype(v.dtype or object).itemsize for v in parts)
+    with library.Dataset("checked", memory=content) as dataset:  # pyright: ignore
+        variables = dataset.variables.values()
+        size = sum(math.prod(v.shape) * np.dtype(v.dtype or object).itemsize for v in variables)
         if size > len(content):
             return f"it claims {size} bytes of numbers and has {len(content)} in all"
-        for variable in parts:
+        for variable in variables:
             variable[...]
     return ""

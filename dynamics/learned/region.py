@@ -31,28 +31,28 @@ class Region:
 
     def check(self, system: ContactSystem) -> None:
         """Raise ``ValueError`` where names or sizes are not those of ``system``."""
-        states, inputs = ([s.name for s in part] for part in (system.states, system.inputs))
-        for what, given, names in (("state", self.states, states), ("input", self.inputs, inputs)):
-            if set(given) != set(names):
+        states, inputs = ([s.name for s in signals] for signals in (system.states, system.inputs))
+        for role, ranges, names in (("state", self.states, states), ("input", self.inputs, inputs)):
+            if set(ranges) != set(names):
                 raise ValueError(
-                    f"the region has a range for {what}s {', '.join(given) or 'none'}, and"
+                    f"the region has a range for {role}s {', '.join(ranges) or 'none'}, and"
                     f" {system.name} has {', '.join(names) or 'none'}; give one for each"
                 )
-            for name, (low, high) in given.items():
+            for name, (low, high) in ranges.items():
                 if not (np.isfinite(high - low) and low < high):
                     raise ValueError(
-                        f"the region's range of {what} {name} must be finite and rise, got [{low:g}, {high:g}]"
+                        f"the region's range of {role} {name} must be finite and rise, got [{low:g}, {high:g}]"
                     )
-        strange = [f"{u}: {x}" for u, x in self.around.items() if u not in inputs or x not in states]
-        if strange:
+        unknown = [f"{u}: {x}" for u, x in self.around.items() if u not in inputs or x not in states]
+        if unknown:
             raise ValueError(
-                f"the region measures {strange[0]}; expected an input of {', '.join(inputs)} from"
+                f"the region measures {unknown[0]}; expected an input of {', '.join(inputs)} from"
                 f" a state of {', '.join(states)}"
             )
-        for what in ("start", "goal", "spread"):
-            value = np.asarray(getattr(self, what), dtype=float)
+        for role in ("start", "goal", "spread"):
+            value = np.asarray(getattr(self, role), dtype=float)
             if value.shape != (system.nx,) or not np.all(np.isfinite(value)):
-                raise ValueError(f"the region's {what} must be {system.nx} finite numbers")
+                raise ValueError(f"the region's {role} must be {system.nx} finite numbers")
         if np.min(self.spread, initial=0) < 0:
             raise ValueError(f"the region's spread must not be negative, got {self.spread}")
 
@@ -63,8 +63,8 @@ class Region:
     def tube_states(self, rng: np.random.Generator, n: int, names: Sequence[str]) -> np.ndarray:
         """States (n, nx), uniform along the line from start to goal, with noise about it."""
         start, goal, spread = (np.asarray(v, float) for v in (self.start, self.goal, self.spread))
-        along = rng.uniform(size=(n, 1))
-        return start + along * (goal - start) + spread * rng.standard_normal((n, len(names)))
+        line_share = rng.uniform(size=(n, 1))
+        return start + line_share * (goal - start) + spread * rng.standard_normal((n, len(names)))
 
     def draw_inputs(
         self, rng: np.random.Generator, x: np.ndarray, states: Sequence[str], inputs: Sequence[str]

@@ -77,10 +77,10 @@ def check(dataset: xr.Dataset, kind: str) -> None:
     try:
         _ATTRIBUTES[kind].model_validate(attributes)
     except ValidationError as error:
-        found = error.errors()[0]
-        raise ValueError(f"{'.'.join(map(str, found['loc']))}: {found['msg']}") from error
+        first_error = error.errors()[0]
+        raise ValueError(f"{'.'.join(map(str, first_error['loc']))}: {first_error['msg']}") from error
     layers = range(attributes["layers"] if kind == MLP else 0)
-    needed = [f"{part}_{layer}" for layer in layers for part in ("weight", "bias")]
+    needed = [f"{array}_{layer}" for layer in layers for array in ("weight", "bias")]
     needed += [*_OWN[kind], "z", "z_unit", "z_shift", "z_scale", "state", "state_unit"]
     needed += _DESCRIBED if "data_rows" in attributes else ()
     if missing := [name for name in needed if name not in dataset.variables]:
@@ -103,7 +103,7 @@ def _check_variable(name: str, dataset: xr.Dataset) -> None:
         raise ValueError(f"{name} is over {variable.dims}, expected {_DIMENSIONS[name]}")
     values = np.asarray(variable.values)
     if name in _LABELS:
-        if not all(isinstance(one, str) for one in values.ravel().tolist()):
+        if not all(isinstance(label, str) for label in values.ravel().tolist()):
             raise ValueError(f"{name} does not hold text only")
         return
     if values.dtype.kind not in "iuf":

@@ -34,9 +34,9 @@ class Recipe:
     patience: int = 30
 
     def __post_init__(self) -> None:
-        whole = {"epochs": self.epochs, "batch": self.batch, "patience": self.patience}
-        whole |= {f"hidden layer {i}": size for i, size in enumerate(self.hidden, 1)}
-        for name, value in whole.items():
+        counts = {"epochs": self.epochs, "batch": self.batch, "patience": self.patience}
+        counts |= {f"hidden layer {i}": size for i, size in enumerate(self.hidden, 1)}
+        for name, value in counts.items():
             if value != int(value) or value < 1:
                 raise ValueError(f"mlp: {name} must be a whole number of at least 1, got {value}")
         if not self.hidden:
@@ -114,9 +114,9 @@ class Training:
     @property
     def done(self) -> bool:
         """Whether all epochs are over or the held-out error has stopped to fall."""
-        now, recipe = self._now, self.recipe
-        stale = len(self.held_out) > 0 and now.number - now.best_at >= recipe.patience
-        return now.number >= recipe.epochs or stale
+        progress, recipe = self._now, self.recipe
+        stale = len(self.held_out) > 0 and progress.number - progress.best_at >= recipe.patience
+        return progress.number >= recipe.epochs or stale
 
     def epochs(self) -> Iterator[Epoch]:
         """The remaining epochs one by one; the next one is computed on request.
@@ -129,18 +129,20 @@ class Training:
         )
         network = self._network
         samples = network.on_device(z[self.trained_on], y[self.trained_on])
-        held = network.on_device(z[self.held_out], y[self.held_out])
+        held_out_samples = network.on_device(z[self.held_out], y[self.held_out])
         while not self.done:
-            now, train = network.epoch(self._now, *samples)
+            progress, train = network.epoch(self._now, *samples)
             clean = noised = math.nan
             if len(self.held_out):
-                clean, noised = network.errors(now.layers, *held)
+                clean, noised = network.errors(progress.layers, *held_out_samples)
             if not math.isfinite(train):
-                raise ValueError(f"mlp: training diverged in epoch {now.number}; lower rate (now {self.recipe.rate:g})")
-            if not len(self.held_out) or noised < now.least:
-                now = replace(now, best=now.layers, best_at=now.number, least=noised)
-            self._now = now
-            yield Epoch(now.number, train, clean, noised, now.least)
+                raise ValueError(
+                    f"mlp: training diverged in epoch {progress.number}; lower rate (now {self.recipe.rate:g})"
+                )
+            if not len(self.held_out) or noised < progress.least:
+                progress = replace(progress, best=progress.layers, best_at=progress.number, least=noised)
+            self._now = progress
+            yield Epoch(progress.number, train, clean, noised, progress.least)
 
     @property
     def state(self) -> dict[str, np.ndarray]:
@@ -158,17 +160,17 @@ class Training:
     def _identity(self) -> bytes:
         """What the bits depend on: more epochs or patience continue the same run."""
         recipe = self.recipe
-        told = recipe.hidden, recipe.batch, recipe.rate, recipe.held_out, self.sigma, self.seed
-        told = (*told, self.data.hash)
-        return hashlib.sha256(repr(told).encode()).digest()
+        identity = recipe.hidden, recipe.batch, recipe.rate, recipe.held_out, self.sigma, self.seed
+        identity = (*identity, self.data.hash)
+        return hashlib.sha256(repr(identity).encode()).digest()
 
     def model(self) -> MlpModel:
         """The network with the best weights so far, or with the last where nothing is held out."""
         best = self._now.best
         weights = tuple(np.array(layer.weight, float) for layer in best)
         biases = tuple(np.array(layer.bias, float) for layer in best)
-        known = self.data.origin
-        origin = replace(known, data_hash=known.data_hash or self.data.hash)
+        data_origin = self.data.origin
+        origin = replace(data_origin, data_hash=data_origin.data_hash or self.data.hash)
         return MlpModel(weights, biases, *self._scales, self.sigma, origin, self.seed)
 
 
@@ -215,32 +217,32 @@ class Network:
         """Rows where the epochs read them."""
         return self._jax.device_put(z), self._jax.device_put(y)
 
-    def epoch(self, now: Progress, z: Any, y: Any) -> tuple[Progress, float]:
+    def epoch(self, progress: Progress, z: Any, y: Any) -> tuple[Progress, float]:
         """One more pass, in a fresh order with fresh noise, and its mean loss."""
-        number = now.number + 1
+        number = progress.number + 1
         key = self._jax.random.fold_in(self._draws, number)
-        layers, moments, loss = self._epoch(now.layers, now.moments, key, self._sigma, z, y)
-        return replace(now, layers=layers, moments=moments, number=number), float(loss)
+        layers, moments, loss = self._epoch(progress.layers, progress.moments, key, self._sigma, z, y)
+        return replace(progress, layers=layers, moments=moments, number=number), float(loss)
 
     def errors(self, layers: Any, z: Any, y: Any) -> tuple[float, float]:
         """Mean squared error on clean and on noised inputs, the same noise after every epoch."""
         clean, noised = self._errors(layers, self._held, self._sigma, z, y)
         return float(clean), float(noised)
 
-    def arrays(self, now: Progress) -> dict[str, np.ndarray]:
+    def arrays(self, progress: Progress) -> dict[str, np.ndarray]:
         """Progress as arrays alone."""
-        leaves = self._jax.tree.leaves((now.layers, now.moments, now.best))
-        found = {f"leaf_{i}": np.asarray(leaf) for i, leaf in enumerate(leaves)}
-        return {"progress": np.array([now.number, now.best_at, now.least]), **found}
+        leaves = self._jax.tree.leaves((progress.layers, progress.moments, progress.best))
+        leaf_arrays = {f"leaf_{i}": np.asarray(leaf) for i, leaf in enumerate(leaves)}
+        return {"progress": np.array([progress.number, progress.best_at, progress.least]), **leaf_arrays}
 
     def progress(self, arrays: dict[str, np.ndarray]) -> Progress:
         """Back from :meth:`arrays`."""
         jax, start = self._jax, self.start
         leaves, structure = jax.tree.flatten((start.layers, start.moments, start.best))
-        found = [jax.numpy.asarray(arrays[f"leaf_{i}"]) for i in range(len(leaves))]
-        number, best_at, least = arrays["progress"]
-        layers, moments, best = jax.tree.unflatten(structure, found)
-        return Progress(layers, moments, best, int(number), int(best_at), float(least))
+        restored_leaves = [jax.numpy.asarray(arrays[f"leaf_{i}"]) for i in range(len(leaves))]
+        number, best_at, least_error = arrays["progress"]
+        layers, moments, best = jax.tree.unflatten(structure, restored_leaves)
+        return Progress(layers, moments, best, int(number), int(best_at), float(least_error))
 
 
 @functools.cache

@@ -39,13 +39,13 @@ class Origin:
 
     def coordinates(self) -> dict[str, Any]:
         """``z``, ``state`` and ``input`` of a dataset: names, and units as ``state_unit`` etc."""
-        found: dict[str, Any] = {}
+        coordinates: dict[str, Any] = {}
         for dimension, entries in (("z", self.z), ("state", self.y), ("input", self.inputs)):
             # The type is stated, since NumPy would make numbers of an empty list.
             names = np.array([signal.name for signal in entries], dtype=str)
             units = np.array([signal.unit for signal in entries], dtype=str)
-            found |= {dimension: names, f"{dimension}_unit": (dimension, units)}
-        return found
+            coordinates |= {dimension: names, f"{dimension}_unit": (dimension, units)}
+        return coordinates
 
     def attributes(self, kind: str) -> dict[str, Any]:
         """Attributes that transitions and models store."""
@@ -122,14 +122,14 @@ class Samples:
     origin: Origin
 
     def __post_init__(self) -> None:
-        wanted = (len(self.z), len(self.origin.z)), (len(self.z), len(self.origin.y))
-        if (self.z.shape, self.y.shape) != wanted:
+        expected_shapes = (len(self.z), len(self.origin.z)), (len(self.z), len(self.origin.y))
+        if (self.z.shape, self.y.shape) != expected_shapes:
             raise ValueError(
-                f"data: z has shape {self.z.shape} and y {self.y.shape}, expected {wanted[0]} and"
-                f" {wanted[1]} from their names"
+                f"data: z has shape {self.z.shape} and y {self.y.shape}, expected {expected_shapes[0]} and"
+                f" {expected_shapes[1]} from their names"
             )
-        after = [f"{signal.name}_next" for signal in self.origin.y]
-        check_finite([self.z, self.y], [*(signal.name for signal in self.origin.z), *after])
+        next_names = [f"{signal.name}_next" for signal in self.origin.y]
+        check_finite([self.z, self.y], [*(signal.name for signal in self.origin.z), *next_names])
 
     @property
     def scales(self) -> tuple[Normalisation, Normalisation]:
@@ -153,15 +153,15 @@ class Samples:
 
 def check_finite(arrays: Sequence[np.ndarray], names: Sequence[str]) -> None:
     """Raise ``ValueError`` where arrays side by side, columns called ``names``, are not finite."""
-    whole = np.hstack(arrays)
-    rows, columns = np.nonzero(~np.isfinite(whole))
+    table = np.hstack(arrays)
+    rows, columns = np.nonzero(~np.isfinite(table))
     if not len(rows):
         return
     bad = np.unique(rows)
     which = ", ".join(map(str, bad[:5])) + (", ..." if len(bad) > 5 else "")
-    first = f"{names[columns[0]]} is {whole[rows[0], columns[0]]:g} in row {rows[0]}"
+    first = f"{names[columns[0]]} is {table[rows[0], columns[0]]:g} in row {rows[0]}"
     raise ValueError(
-        f"data: {len(bad)} of {len(whole)} rows hold values that are not finite ({which}, counted"
+        f"data: {len(bad)} of {len(table)} rows hold values that are not finite ({which}, counted"
         f" from 0; {first}); leave them out or repair them"
     )
 
@@ -172,8 +172,8 @@ def split_rows(n: int, fraction: float, seed: int) -> tuple[np.ndarray, np.ndarr
     Whatever holds rows of the same data out at the same seed holds the same ones out.
     """
     order = np.random.default_rng([seed, 1]).permutation(n)
-    held = round(fraction * n)
-    return np.sort(order[held:]), np.sort(order[:held])
+    n_held_out = round(fraction * n)
+    return np.sort(order[n_held_out:]), np.sort(order[:n_held_out])
 
 
 LEAST = 10
@@ -215,9 +215,9 @@ class Transitions:
         states, inputs = tuple(states), tuple(inputs)
         x, u, x_next = (np.ascontiguousarray(a, dtype=float) for a in (x, u, x_next))
         n, nx, nu = len(x), len(states), len(inputs)
-        for what, array, size in (("x", x, nx), ("u", u, nu), ("x_next", x_next, nx)):
+        for name, array, size in (("x", x, nx), ("u", u, nu), ("x_next", x_next, nx)):
             if array.shape != (n, size):
-                raise ValueError(f"data: {what} has shape {array.shape}, expected {(n, size)}")
+                raise ValueError(f"data: {name} has shape {array.shape}, expected {(n, size)}")
         names = [signal.name for signal in (*states, *inputs)]
         check_finite([x, u, x_next], [*names, *(f"{signal.name}_next" for signal in states)])
         if n < LEAST * len(names):
@@ -257,11 +257,13 @@ class Transitions:
 
     def check_signals(self, states: Sequence[Signal], inputs: Sequence[Signal], owner: str) -> None:
         """Raise ``ValueError`` unless names and units are those of ``owner``, in its order."""
-        wanted = [[(s.name, s.unit) for s in part] for part in (states, inputs)]
-        for what, own, expected in zip(("states", "inputs"), (self.states, self.inputs), wanted, strict=True):
-            if [(s.name, s.unit) for s in own] != expected:
+        expected_signals = [[(s.name, s.unit) for s in group] for group in (states, inputs)]
+        for role, data_signals, expected in zip(
+            ("states", "inputs"), (self.states, self.inputs), expected_signals, strict=True
+        ):
+            if [(s.name, s.unit) for s in data_signals] != expected:
                 raise ValueError(
-                    f"data: the {what} are {listed(own)}, and {owner} has"
+                    f"data: the {role} are {listed(data_signals)}, and {owner} has"
                     f" {', '.join(f'{name} [{unit}]' for name, unit in expected)};"
                     " take data of that problem, or the problem of these data"
                 )
@@ -269,8 +271,8 @@ class Transitions:
     @property
     def origin(self) -> Origin:
         """The origin that a model of these data stores."""
-        known = self.provenance
-        problem, parameters = str(known.get("problem", "")), known.get("parameters", {})
+        provenance = self.provenance
+        problem, parameters = str(provenance.get("problem", "")), provenance.get("parameters", {})
         return Origin((*self.states, *self.inputs), self.states, problem, parameters, self.hash)
 
     def samples(self) -> Samples:
@@ -306,10 +308,10 @@ class Transitions:
         names = ("x", "u", "x_next", "z_shift", "z_scale")
         x, u, x_next, shift, scale = (np.array(dataset[name].values) for name in names)
         provenance = json.loads(dataset.attrs["provenance"])
-        found = cls.checked(x, u, x_next, origin.y, origin.inputs, provenance)
-        if found.hash != dataset.attrs["data_hash"]:
+        transitions = cls.checked(x, u, x_next, origin.y, origin.inputs, provenance)
+        if transitions.hash != dataset.attrs["data_hash"]:
             raise ValueError("the values were changed: their hash differs")
-        return replace(found, normalisation=Normalisation(shift, scale))
+        return replace(transitions, normalisation=Normalisation(shift, scale))
 
 
 def listed(signals: Sequence[Signal]) -> str:

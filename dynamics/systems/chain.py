@@ -59,11 +59,11 @@ class Chain:
         self._ordered = root_first(links)
         self._links = {link.name: link for link in links}
         self._first: dict[str, int] = {}
-        found: list[Signal] = []
+        coordinates: list[Signal] = []
         for link in links:
-            self._first[link.name] = len(found)
-            found += _coordinates(link)
-        self.coordinates: tuple[Signal, ...] = tuple(found)
+            self._first[link.name] = len(coordinates)
+            coordinates += _coordinates(link)
+        self.coordinates: tuple[Signal, ...] = tuple(coordinates)
         """Names and units of q."""
         self._frames_of: dict[tuple[int, ...], tuple[ca.SX, dict[str, _Frame]]] = {}
 
@@ -147,10 +147,10 @@ class Chain:
         loads: dict[str, tuple[ca.SX, ca.SX]] = {}
         for link in self._ordered:
             name, r = link.name, frames[link.name].turn(link.com)
-            moving = acceleration[name] + alpha[name] * _swing(r)
+            com_acceleration = acceleration[name] + alpha[name] * _swing(r)
             # The centripetal part of the force passes through the joint, so its moment is none.
-            moment = link.inertia * alpha[name] + link.mass * _moment(r, moving)
-            loads[name] = link.mass * (moving - omega[name] ** 2 * r), moment
+            moment = link.inertia * alpha[name] + link.mass * _moment(r, com_acceleration)
+            loads[name] = link.mass * (com_acceleration - omega[name] ** 2 * r), moment
         return self._gathered(frames, loads) + self.armature * a
 
     def weight(self, q: ca.SX) -> ca.SX:
@@ -159,7 +159,7 @@ class Chain:
 
     def link_velocities(self, q: ca.SX, v: ca.SX) -> dict[str, ca.SX]:
         """Velocity of each link's centre of mass, and its angular velocity: w = J(q) v, (3, 1)."""
-        return {link.name: ca.vertcat(c, turning) for link, turning, c in self._centres(q, v)}
+        return {link.name: ca.vertcat(velocity, spin) for link, spin, velocity in self._centres(q, v)}
 
     def link_momenta(self, q: ca.SX, w: dict[str, ca.SX]) -> ca.SX:
         """``J(q)' m w`` (nq, 1) [N m s, N s], m mass and inertia of links at velocities w."""
@@ -181,8 +181,8 @@ class Chain:
     def kinetic(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Kinetic energy ``v' M(q) v / 2`` [J]."""
         energy = ca.SX(0)
-        for link, turning, moving in self._centres(q, v):
-            energy += link.mass * ca.sumsqr(moving) + link.inertia * turning**2
+        for link, spin, velocity in self._centres(q, v):
+            energy += link.mass * ca.sumsqr(velocity) + link.inertia * spin**2
         return (energy + ca.dot(self.armature, v**2)) / 2
 
     def energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
@@ -192,8 +192,8 @@ class Chain:
     def momentum(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Linear momentum (2, 1) [N s]."""
         total = ca.SX.zeros(2)
-        for link, _, moving in self._centres(q, v):
-            total += link.mass * moving
+        for link, _, velocity in self._centres(q, v):
+            total += link.mass * velocity
         return total
 
     def _gathered(self, frames: dict[str, _Frame], loads: dict[str, tuple[ca.SX, ca.SX]]) -> ca.SX:
@@ -246,16 +246,16 @@ class Chain:
 
     def _motions(self, name: str, frames: dict[str, _Frame]) -> list[tuple[int, _Motion]]:
         link, index = self._links[name], self._first[name]
-        rest = ca.SX(2, 1)
+        no_motion = ca.SX(2, 1)
         if link.joint == "hinge":
-            return [(index, _Motion(1.0, rest))]
+            return [(index, _Motion(1.0, no_motion))]
         if link.joint == "slide":
             base = frames[link.parent] if link.parent is not None else _WORLD
             return [(index, _Motion(0.0, base.turn(link.axis)))]
         return [
             (index, _Motion(0.0, ca.SX([1, 0]))),
             (index + 1, _Motion(0.0, ca.SX([0, 1]))),
-            (index + 2, _Motion(1.0, rest)),
+            (index + 2, _Motion(1.0, no_motion)),
         ]
 
     def _composites(self, frames: dict[str, _Frame]) -> dict[str, tuple[ca.SX, ca.SX, ca.SX]]:
@@ -263,11 +263,11 @@ class Chain:
         bodies = {}
         for link in self._ordered:
             x, z = link.com
-            own = link.inertia + link.mass * (x * x + z * z)
+            inertia = link.inertia + link.mass * (x * x + z * z)
             bodies[link.name] = (
                 ca.SX(link.mass),
                 link.mass * frames[link.name].turn(link.com),
-                ca.SX(own),
+                ca.SX(inertia),
             )
         for link in reversed(self._ordered):
             if link.parent is None:
@@ -290,15 +290,15 @@ class Chain:
         omega: dict[str, ca.SX] = {}
         velocity: dict[str, ca.SX] = {}
         for link in self._ordered:
-            turning, moving = ca.SX(0), ca.SX(2, 1)
+            spin, origin_velocity = ca.SX(0), ca.SX(2, 1)
             if link.parent is not None:
-                turning = omega[link.parent]
-                moving = velocity[link.parent] + turning * _swing(frames[link.name].step)
+                spin = omega[link.parent]
+                origin_velocity = velocity[link.parent] + spin * _swing(frames[link.name].step)
             for index, motion in self._motions(link.name, frames):
-                turning = turning + motion.turn * v[index]
-                moving = moving + motion.along * v[index]
-            omega[link.name], velocity[link.name] = turning, moving
-            yield link, turning, moving + turning * _swing(frames[link.name].turn(link.com))
+                spin = spin + motion.turn * v[index]
+                origin_velocity = origin_velocity + motion.along * v[index]
+            omega[link.name], velocity[link.name] = spin, origin_velocity
+            yield link, spin, origin_velocity + spin * _swing(frames[link.name].turn(link.com))
 
     def _accelerations(
         self, frames: dict[str, _Frame], v: ca.SX, a: ca.SX
@@ -306,23 +306,23 @@ class Chain:
         """Angular velocity and acceleration of each link, and its origin's felt acceleration."""
         omega: dict[str, ca.SX] = {}
         alpha: dict[str, ca.SX] = {}
-        felt: dict[str, ca.SX] = {}
+        acceleration: dict[str, ca.SX] = {}
         for link in self._ordered:
-            turning, growing = ca.SX(0), ca.SX(0)
-            moving = ca.vertcat(-self.gravity[0], -self.gravity[1])
+            spin, spin_rate = ca.SX(0), ca.SX(0)
+            origin_acceleration = ca.vertcat(-self.gravity[0], -self.gravity[1])
             step = frames[link.name].step
             base = ca.SX(0)
             if link.parent is not None:
-                turning, growing = omega[link.parent], alpha[link.parent]
-                base = turning
-                moving = felt[link.parent] + growing * _swing(step) - turning**2 * step
+                spin, spin_rate = omega[link.parent], alpha[link.parent]
+                base = spin
+                origin_acceleration = acceleration[link.parent] + spin_rate * _swing(step) - spin**2 * step
             for index, motion in self._motions(link.name, frames):
-                turning = turning + motion.turn * v[index]
-                growing = growing + motion.turn * a[index]
-                moving = moving + motion.along * a[index]
-                moving = moving + 2 * base * v[index] * _swing(motion.along)
-            omega[link.name], alpha[link.name], felt[link.name] = turning, growing, moving
-        return omega, alpha, felt
+                spin = spin + motion.turn * v[index]
+                spin_rate = spin_rate + motion.turn * a[index]
+                origin_acceleration = origin_acceleration + motion.along * a[index]
+                origin_acceleration = origin_acceleration + 2 * base * v[index] * _swing(motion.along)
+            omega[link.name], alpha[link.name], acceleration[link.name] = spin, spin_rate, origin_acceleration
+        return omega, alpha, acceleration
 
 
 def _coordinates(link: Link) -> list[Signal]:

@@ -50,13 +50,13 @@ class Space:
         first, second = rows
         return [first, second, *((first + sign * second) / math.sqrt(2) for sign in (1, -1))]
 
-    def components(self, along: list[ca.SX]) -> ca.SX:
+    def components(self, impulses: list[ca.SX]) -> ca.SX:
         """Impulses along the tangents, one after the other, from those along all directions."""
         if self.edges < 8:
-            return ca.vertcat(*along)
-        first, second, rise, fall = along
-        both = ((rise + sign * fall) / math.sqrt(2) for sign in (1, -1))
-        return ca.vertcat(*map(ca.plus, (first, second), both))
+            return ca.vertcat(*impulses)
+        first, second, rise, fall = impulses
+        diagonal_parts = ((rise + sign * fall) / math.sqrt(2) for sign in (1, -1))
+        return ca.vertcat(*map(ca.plus, (first, second), diagonal_parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,13 +113,13 @@ class ContactRows:
 
 def contact_rows(
     name: str,
-    touching: Touching,
+    spec: Touching,
     q: ca.SX,
     q_next: ca.SX,
-    way: Callable[[ca.SX], ca.SX],
+    step_along: Callable[[ca.SX], ca.SX],
     h: ca.SX | float,
 ) -> ContactRows:
-    """Write the pairs of ``touching`` for a step of h from q to q_next.
+    """Write the pairs of ``spec`` for a step of h from q to q_next.
 
     ``way(J)`` is how far a step goes along the rows J. The pairs are the normal ones, those of the
     limits, and what else friction's cone needs, in this order. A contact whose friction is the
@@ -128,59 +128,62 @@ def contact_rows(
 
     Raises ``ValueError`` where a dimension does not fit.
     """
-    nc, nl, space = len(touching.contacts), len(touching.limit_names), touching.space
+    nc, nl, space = len(spec.contacts), len(spec.limit_names), spec.space
     nv = q.numel() if space is None else space.velocities
 
-    def approached(what: str, distance: Callable[[ca.SX], ca.SX], count: int) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def approached(argument: str, distance: Callable[[ca.SX], ca.SX], count: int) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Distance at q, its slope there, and the gap."""
-        here = distance(q)
-        check_shape(name, what, here, (count, 1))
+        distance_now = distance(q)
+        check_shape(name, argument, distance_now, (count, 1))
         if space is None:
-            slope = ca.jacobian(here, q)
-            gap = here + slope @ (q_next - q) if touching.linearised else distance(q_next)
-            return here, slope, gap
-        if distance is touching.distance:
+            slope = ca.jacobian(distance_now, q)
+            gap = distance_now + slope @ (q_next - q) if spec.linearised else distance(q_next)
+            return distance_now, slope, gap
+        if distance is spec.distance:
             slope = space.pressing(q)
         else:
-            slope = ca.jacobian(here, q) @ space.tangent(q)
-        return here, slope, here + way(slope) if touching.linearised else distance(q_next)
+            slope = ca.jacobian(distance_now, q) @ space.tangent(q)
+        return distance_now, slope, distance_now + step_along(slope) if spec.linearised else distance(q_next)
 
-    limits, left, forces = [], ca.SX(0, 1), None
-    if touching.limits is not None:
-        left, slope, gap = approached("limits(q)", touching.limits, nl)
-        stops = [Signal(n, "N m s", "impulse of a joint limit") for n in touching.limit_names]
+    limits, limit_distances, forces = [], ca.SX(0, 1), None
+    if spec.limits is not None:
+        limit_distances, slope, gap = approached("limits(q)", spec.limits, nl)
+        stops = [Signal(n, "N m s", "impulse of a joint limit") for n in spec.limit_names]
         limits = [Row("limit", gap, slope, stops)]
-    phi, J, gap = approached("distance(q)", touching.distance, nc)
-    plain, lam = Row("normal", gap, J, list(touching.contacts)), ca.SX.sym("lam", nc + nl)
-    rows, owners = [plain], [list(range(nc))]
-    rough, f = touching.rough
-    if touching.sliding is not None and rough:
-        J_t, tangents = touching.sliding(q), 1 if space is None else min(2, space.edges // 2)
+    phi, J, gap = approached("distance(q)", spec.distance, nc)
+    normal_row, lam = Row("normal", gap, J, list(spec.contacts)), ca.SX.sym("lam", nc + nl)
+    rows, owners = [normal_row], [list(range(nc))]
+    rough, f = spec.rough
+    if spec.sliding is not None and rough:
+        J_t, tangents = spec.sliding(q), 1 if space is None else min(2, space.edges // 2)
         check_shape(name, "sliding(q)", J_t, (tangents * nc, nv))
-        form, ways = FORMS[touching.cone], [J_t[nc * k : nc * (k + 1), :] for k in range(tangents)]
-        directions = ways if space is None else space.directions(ways)
+        form, tangent_rows = FORMS[spec.cone], [J_t[nc * k : nc * (k + 1), :] for k in range(tangents)]
+        directions = tangent_rows if space is None else space.directions(tangent_rows)
         lam = ca.SX.sym("lam", nc + nl + form.more(len(directions)) * len(rough))
-        own = [lam[rough], *ca.vertsplit(lam[nc + nl :], len(rough))]
-        some = tuple(touching.contacts[i] for i in rough)
-        slid = [way(one) for one in directions]
-        at = Rubbing(
-            some,
+        contact_impulses = [lam[rough], *ca.vertsplit(lam[nc + nl :], len(rough))]
+        friction_contacts = tuple(spec.contacts[i] for i in rough)
+        slip_lengths = [step_along(row_block) for row_block in directions]
+        friction_spec = Rubbing(
+            friction_contacts,
             gap[rough],
             J[rough, :],
-            [one[rough, :] for one in directions],
+            [row_block[rough, :] for row_block in directions],
             f[rough],
-            [one[rough] for one in slid],
-            own,
+            [row_block[rough] for row_block in slip_lengths],
+            contact_impulses,
         )
-        (first, *more), pressed, rubbed = form.pairs(at)
-        rows, owners = [_replaced(plain, first, rough), *more], [*owners, *[rough] * len(more)]
-        normal, along = lam[:nc], ca.SX.zeros(tangents * nc)
-        where = [nc * k + i for k in range(tangents) for i in rough]
-        normal[rough] = pressed
-        along[where] = rubbed[0] if space is None else space.components(rubbed)
-        names = tuple(contact.name for contact in touching.contacts)
+        (contact_row, *further_rows), normal_impulses, tangential_impulses = form.pairs(friction_spec)
+        rows, owners = (
+            [_replaced(normal_row, contact_row, rough), *further_rows],
+            [*owners, *[rough] * len(further_rows)],
+        )
+        normal, tangential = lam[:nc], ca.SX.zeros(tangents * nc)
+        tangential_rows = [nc * k + i for k in range(tangents) for i in rough]
+        normal[rough] = normal_impulses
+        tangential[tangential_rows] = tangential_impulses[0] if space is None else space.components(tangential_impulses)
+        names = tuple(contact.name for contact in spec.contacts)
         forces = ContactForces(
-            names, normal, along, ca.vertcat(*slid[:tangents]) / h, f, 2 if space is None else space.edges
+            names, normal, tangential, ca.vertcat(*slip_lengths[:tangents]) / h, f, 2 if space is None else space.edges
         )
     rows[1:1], owners[1:1] = limits, [list(range(nc, nc + nl))] * len(limits)
     return ContactRows(
@@ -190,17 +193,17 @@ def contact_rows(
         tuple(signal for row in rows for signal in row.signals),
         tuple(Pair(row.kind, owner) for row, owned in zip(rows, owners, strict=True) for owner in owned),
         forces,
-        ca.vertcat(phi, left),
+        ca.vertcat(phi, limit_distances),
         ca.depends_on(ca.vertcat(J, *(limit.direction for limit in limits)), q),
     )
 
 
-def _replaced(row: Row, part: Row, where: list[int]) -> Row:
-    """``row`` with ``part`` at the places ``where``."""
-    if len(where) == len(row.signals):
-        return part
+def _replaced(row: Row, replacement: Row, places: list[int]) -> Row:
+    """``row`` with ``replacement`` at the places ``places``."""
+    if len(places) == len(row.signals):
+        return replacement
     gap, direction, signals = ca.SX(row.gap), ca.SX(row.direction), list(row.signals)
-    gap[where], direction[where, :] = part.gap, part.direction
-    for i, signal in zip(where, part.signals, strict=True):
+    gap[places], direction[places, :] = replacement.gap, replacement.direction
+    for i, signal in zip(places, replacement.signals, strict=True):
         signals[i] = signal
     return Row(row.kind, gap, direction, signals)

@@ -23,10 +23,10 @@ def flight(chain: Chain, q: ca.SX, v: ca.SX, h: ca.SX | float) -> ca.SX:
     a free chain is kept exactly. The price is three poses and one solve. Compare the symmetric
     projection of Hairer, Lubich and Wanner, Geometric Numerical Integration, 2006, V.4.1.
     """
-    before, halfway = q - h * v, q - h * v / 2
-    w = chain.link_velocities(before, v)
-    carried = chain.link_momenta(halfway, w) + chain.armature * v
-    vm = solve_without_pivoting(chain.mass(halfway), carried)
-    middle, here = chain.link_velocities(halfway, vm), chain.link_velocities(q, v)
-    gained = {link: 2 * middle[link] - w[link] - here[link] for link in w}
-    return chain.link_momenta(q, gained) + 2 * chain.armature * (vm - v)
+    q_before, q_half = q - h * v, q - h * v / 2
+    w = chain.link_velocities(q_before, v)
+    momentum_half = chain.link_momenta(q_half, w) + chain.armature * v
+    vm = solve_without_pivoting(chain.mass(q_half), momentum_half)
+    link_v_half, link_v = chain.link_velocities(q_half, vm), chain.link_velocities(q, v)
+    momentum_change = {link: 2 * link_v_half[link] - w[link] - link_v[link] for link in w}
+    return chain.link_momenta(q, momentum_change) + 2 * chain.armature * (vm - v)

@@ -97,6 +97,6 @@ def is_p_matrix(F: ArrayLike) -> bool:
         return True
     if matrix[0, 0] <= 0:
         return False
-    rest = matrix[1:, 1:]
-    schur = rest - np.outer(matrix[1:, 0], matrix[0, 1:]) / matrix[0, 0]
-    return is_p_matrix(rest) and is_p_matrix(schur)
+    minor = matrix[1:, 1:]
+    schur = minor - np.outer(matrix[1:, 0], matrix[0, 1:]) / matrix[0, 0]
+    return is_p_matrix(minor) and is_p_matrix(schur)

@@ -39,8 +39,8 @@ class LimitSurface:
     @property
     def lengths(self) -> ca.SX:
         """By what coordinates become ways [m]: 1, 1 and ``reach``."""
-        turning = ca.SX(0, 1) if self.reach is None else ca.SX(self.reach)
-        return ca.vertcat(ca.SX.ones(2), turning)
+        angle_length = ca.SX(0, 1) if self.reach is None else ca.SX(self.reach)
+        return ca.vertcat(ca.SX.ones(2), angle_length)
 
 
 def on_tables(
@@ -59,25 +59,31 @@ def on_tables(
     residual, contacts = ca.SX(residual), 1 + max((p.contact for p in rows.pairs), default=-1)
     for number, surface in enumerate(surfaces):
         lengths = surface.lengths
-        k = lengths.numel()
-        at = slice(surface.first, surface.first + k)
+        n_axes = lengths.numel()
+        entries = slice(surface.first, surface.first + n_axes)
         p, n, s = (
-            ca.SX.sym(f"{surface.name}_{way}", size) for way, size in (("forward", k), ("backward", k), ("slid", 1))
+            ca.SX.sym(f"{surface.name}_{direction}", size)
+            for direction, size in (("forward", n_axes), ("backward", n_axes), ("slid", 1))
         )
-        impulse = pushed[at] - (mass @ dq / h)[at] if surface.inertial else pushed[at]
+        impulse = pushed[entries] - (mass @ dq / h)[entries] if surface.inertial else pushed[entries]
         bound = h * surface.force
         g, unit = impulse / lengths / bound, mass[surface.first, surface.first] / h
-        residual[at] = dq[at] - (p - n) / lengths
+        residual[entries] = dq[entries] - (p - n) / lengths
         gaps = unit * (p - s * g), unit * (n + s * g), bound * (1 - ca.sumsqr(g)) / 2
-        ways = [f"{way} {axis}" for way in ("forward", "backward") for axis in ["x", "y", "angle"][:k]]
+        directions = [
+            f"{direction} {axis}" for direction in ("forward", "backward") for axis in ["x", "y", "angle"][:n_axes]
+        ]
         rows = replace(
             rows,
             lam=ca.vertcat(rows.lam, p, n, s),
             gap=ca.vertcat(rows.gap, *gaps),
             signals=(
                 *rows.signals,
-                *(Signal(f"{surface.name} on table {way}", "m", "way slid in a step") for way in [*ways, "slid"]),
+                *(
+                    Signal(f"{surface.name} on table {direction}", "m", "way slid in a step")
+                    for direction in [*directions, "slid"]
+                ),
             ),
-            pairs=(*rows.pairs, *[Pair("table", contacts + number)] * (2 * k + 1)),
+            pairs=(*rows.pairs, *[Pair("table", contacts + number)] * (2 * n_axes + 1)),
         )
     return rows, residual

@@ -98,9 +98,9 @@ class Machine:
             point("gravity", self.gravity)
         else:
             number("gravity", self.gravity)
-        moving = [(sphere.name, sphere.link) for sphere in self.spheres]
-        parts = [(part.name, part.link) for part in self.parts]
-        check_parts("link", self.links, moving, parts, self.meetings)
+        ground_parts = [(sphere.name, sphere.link) for sphere in self.spheres]
+        fixed_parts = [(part.name, part.link) for part in self.parts]
+        check_parts("link", self.links, ground_parts, fixed_parts, self.meetings)
 
     def chain(self) -> Chain:
         """Build the equations of motion."""
@@ -111,20 +111,20 @@ class Machine:
 
         Of ``spheres``, all by default, those named touch the ground.
         """
-        parts = {part.name: part for part in (*self.spheres, *self.parts)}
-        found = {}
+        parts_by_name = {part.name: part for part in (*self.spheres, *self.parts)}
+        contacts = {}
         for sphere in self.spheres:
             if spheres is None or sphere.name in spheres:
                 pose = chain.pose(q, sphere.link)
-                found[sphere.name] = Contact.between(sphere.shape, pose, _GROUND, Pose.fixed())
-        for one, other in self.meetings:
-            a, b = parts[one], parts[other]
-            if a.link == WORLD:
-                a, b = b, a
-            found[f"{one} on {other}"] = Contact.between(
-                a.shape, link_pose(chain, q, a.link), b.shape, link_pose(chain, q, b.link)
+                contacts[sphere.name] = Contact.between(sphere.shape, pose, _GROUND, Pose.fixed())
+        for name_a, name_b in self.meetings:
+            part_a, part_b = parts_by_name[name_a], parts_by_name[name_b]
+            if part_a.link == WORLD:
+                part_a, part_b = part_b, part_a
+            contacts[f"{name_a} on {name_b}"] = Contact.between(
+                part_a.shape, link_pose(chain, q, part_a.link), part_b.shape, link_pose(chain, q, part_b.link)
             )
-        return found
+        return contacts
 
     def system(
         self,
@@ -154,18 +154,18 @@ class Machine:
         if gyroscopic not in get_args(Gyroscopic):
             raise ValueError(f"gyroscopic must be 'explicit' or 'implicit', got {gyroscopic!r}")
         chain = self.chain()
-        more = (Signal("h", "s", "step size"),) if free_step else ()
+        step_state = (Signal("h", "s", "step size"),) if free_step else ()
         v = ca.SX.sym("v", chain.nq)
         damping = -ca.jacobian(chain.damping(v), v)
         motors, weight = scale * chain.B, chain.total_mass * ca.vertcat(*chain.gravity)
         base, limits = ca.diag(damping)[:2], chain.limits
         joints = [chain.coordinates[i].name for i, _, _ in limits]
         names = list(self.contacts(chain, ca.SX.sym("q", chain.nq), spheres))
-        still = {part.name for part in self.parts if part.link == WORLD}
-        inner = {f"{a} on {b}" for a, b in self.meetings if not {a, b} & still}
+        world_parts = {part.name for part in self.parts if part.link == WORLD}
+        inner_contacts = {f"{a} on {b}" for a, b in self.meetings if not {a, b} & world_parts}
 
-        def stacked(each: Callable[[Contact], ca.SX], q: ca.SX) -> ca.SX:
-            return ca.vertcat(*map(each, self.contacts(chain, q, spheres).values()))
+        def stack_contacts(value: Callable[[Contact], ca.SX], q: ca.SX) -> ca.SX:
+            return ca.vertcat(*map(value, self.contacts(chain, q, spheres).values()))
 
         def impulse(q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
             if gyroscopic == "implicit":
@@ -175,37 +175,37 @@ class Machine:
         def book(q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, tangential: ca.SX) -> EnergyBook:
             external = h * weight - h * base * v_next[:2]
             for i, (label, contact) in enumerate(self.contacts(chain, q, spheres).items()):
-                if label not in inner:
+                if label not in inner_contacts:
                     external += normal[i] * contact.normal + tangential[i] * contact.tangent
             work = h * ca.dot(v_next, motors @ u - damping @ v_next)
             return EnergyBook(chain.energy(q, v), work, chain.momentum(q, v), external)
 
-        def left(q: ca.SX) -> ca.SX:
+        def limit_distances(q: ca.SX) -> ca.SX:
             low = [q[i] - lowest for i, lowest, _ in limits]
             return ca.vertcat(*low, *(highest - q[i] for i, _, highest in limits))
 
-        made = time_stepping(
+        system = time_stepping(
             name,
-            states=(*chain.coordinates, *chain.velocities, *more),
+            states=(*chain.coordinates, *chain.velocities, *step_state),
             inputs=tuple(Signal(f"u_{joint}", "1", "motor") for joint in chain.actuated),
             contacts=tuple(Signal(contact, "N s", "normal impulse") for contact in names),
             h=h,
             mass=chain.mass,
             impulse=impulse,
             parameters=parameters,
-            distance=lambda q: stacked(lambda contact: contact.phi, q),
-            sliding=lambda q: stacked(lambda contact: contact.jacobians(q)[1], q),
+            distance=lambda q: stack_contacts(lambda contact: contact.phi, q),
+            sliding=lambda q: stack_contacts(lambda contact: contact.jacobians(q)[1], q),
             friction=friction,
             cone=cone,
-            limits=left if limits else None,
+            limits=limit_distances if limits else None,
             limit_names=tuple(f"{joint} {end}" for end in ("low", "high") for joint in joints),
             damping=damping,
             stiffness=-ca.jacobian(chain.spring(v), v),
             linearised=linearised,
             book=book,
         )
-        touching = None if spheres is None else tuple(spheres)
-        return replace(made, machine=Mechanism(self, scale, touching, gyroscopic))
+        ground_spheres = None if spheres is None else tuple(spheres)
+        return replace(system, machine=Mechanism(self, scale, ground_spheres, gyroscopic))
 
 
 def with_implicit_forces(system: ContactSystem) -> ContactSystem:
@@ -215,24 +215,24 @@ def with_implicit_forces(system: ContactSystem) -> ContactSystem:
     sibling of the system too. A system that is not a planar machine's, with q and v first in x, or
     that has implicit forces already, is returned as it is.
     """
-    built = system.machine
-    if built is None or built.gyroscopic == "implicit" or not isinstance(built.machine, Machine):
+    mechanism = system.machine
+    if mechanism is None or mechanism.gyroscopic == "implicit" or not isinstance(mechanism.machine, Machine):
         return system
-    chain = built.machine.chain()
+    chain = mechanism.machine.chain()
     signals = (*chain.coordinates, *chain.velocities)
     if system.states[: len(signals)] != signals:
         return system
     rows = slice(chain.nq, 2 * chain.nq)
     q, v = system.x[: chain.nq], system.x[rows]
     explicit = system.h * (chain.weight(q) - chain.bias(q, v))
-    change = explicit - flight(chain, q, v, system.h)
+    force_change = explicit - flight(chain, q, v, system.h)
 
-    def changed(old: ContactSystem) -> ContactSystem:
-        residual = ca.SX(old.residual)
-        residual[rows] += change
-        return replace(old, residual=residual)
+    def replace_forces(explicit_system: ContactSystem) -> ContactSystem:
+        residual = ca.SX(explicit_system.residual)
+        residual[rows] += force_change
+        return replace(explicit_system, residual=residual)
 
-    sharp, build = system.sharp, system.sharp and system.sharp.build
-    if sharp is not None and build is not None:
-        sharp = replace(sharp, build=lambda: changed(build()))
-    return replace(changed(system), sharp=sharp, machine=replace(built, gyroscopic="implicit"))
+    referee, build = system.sharp, system.sharp and system.sharp.build
+    if referee is not None and build is not None:
+        referee = replace(referee, build=lambda: replace_forces(build()))
+    return replace(replace_forces(system), sharp=referee, machine=replace(mechanism, gyroscopic="implicit"))

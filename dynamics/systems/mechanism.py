@@ -43,8 +43,8 @@ def check_parts(
         if owner not in names and not (owner == WORLD and (name, owner) in parts):
             raise ValueError(f"{name!r} is on {kind} {owner!r}, which does not exist; choose from {', '.join(names)}")
     counts = Counter(name for name, _ in (*moving, *parts))
-    if twice := [name for name, count in counts.items() if count > 1]:
-        raise ValueError(f"two parts are named {twice[0]!r}; give each part its own name")
+    if repeated := [name for name, count in counts.items() if count > 1]:
+        raise ValueError(f"two parts are named {repeated[0]!r}; give each part its own name")
     owners = dict((*moving, *parts))
     for meeting in meetings:
         for name in meeting:

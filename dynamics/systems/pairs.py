@@ -109,24 +109,24 @@ def has_open_multipliers(pairs: tuple[Pair, ...], contact: ca.Function, paramete
 def _probes(contact: ca.Function, parameters: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """F and z at random states and inputs, where they are numbers."""
     sizes = contact.numel_in(0), contact.numel_in(1)
-    rng, found = np.random.default_rng(0), []
+    rng, samples = np.random.default_rng(0), []
     for _ in range(_PROBES):
         F, z = contact(*(rng.normal(size=size) for size in sizes), parameters)
-        found.append((np.array(F), np.array(z).ravel()))
-    return [(F, z) for F, z in found if np.all(np.isfinite(F)) and np.all(np.isfinite(z))]
+        samples.append((np.array(F), np.array(z).ravel()))
+    return [(F, z) for F, z in samples if np.all(np.isfinite(F)) and np.all(np.isfinite(z))]
 
 
 def _may_close_at_once(probes: list[tuple[np.ndarray, np.ndarray]], rows: list[int]) -> bool:
     """Whether the block of F is singular and nothing keeps these gaps from closing together."""
-    apart = []
+    gap_sizes = []
     for F, z in probes:
-        left, size, _ = np.linalg.svd(F[np.ix_(rows, rows)])
-        unmoved = left[:, size <= _ZERO * max(1.0, size.max())]
+        left_vectors, size, _ = np.linalg.svd(F[np.ix_(rows, rows)])
+        unmoved = left_vectors[:, size <= _ZERO * max(1.0, size.max())]
         if not unmoved.shape[1]:
             return False
-        apart.append(float(np.linalg.norm(unmoved.T @ z[rows])))
-    constant = np.ptp(apart) <= _ZERO * max(apart)
-    return not (constant and min(apart) > _ZERO)
+        gap_sizes.append(float(np.linalg.norm(unmoved.T @ z[rows])))
+    constant = np.ptp(gap_sizes) <= _ZERO * max(gap_sizes)
+    return not (constant and min(gap_sizes) > _ZERO)
 
 
 ITSELF = "the model itself"
@@ -158,7 +158,7 @@ def by_true_distance(system: ContactSystem) -> Sharp | None:
     phi = system.phi
     if phi is None:
         return None
-    plain = (
+    is_frictionless = (
         system.forces is None
         and system.gap_unit == "m"
         and phi.numel() == system.nlam == sum(pair.kind == "normal" for pair in system.pairs)
@@ -166,17 +166,17 @@ def by_true_distance(system: ContactSystem) -> Sharp | None:
         and not ca.depends_on(system.gap, system.lam)
     )
     affine = not ca.depends_on(ca.jacobian(phi, system.x), system.x)
-    if not plain or affine or not _is_distance_at_rest(system, phi):
+    if not is_frictionless or affine or not _is_distance_at_rest(system, phi):
         return Sharp()
-    there = ca.substitute(phi, system.x, system.x_next)
-    if ca.is_equal(there, system.gap, 100):
+    phi_next = ca.substitute(phi, system.x, system.x_next)
+    if ca.is_equal(phi_next, system.gap, 100):
         return Sharp()
-    return Sharp(TRUE_GAPS, lambda: replace(system, gap=there, sharp=Sharp()))
+    return Sharp(TRUE_GAPS, lambda: replace(system, gap=phi_next, sharp=Sharp()))
 
 
 def _is_distance_at_rest(system: ContactSystem, phi: ca.SX) -> bool:
     """Whether the gap is phi where neither state nor positions change, at a few random poses."""
-    both = ca.Function(
+    gaps_at_rest = ca.Function(
         "both",
         [system.x, system.u, system.parameters.vector],
         [ca.substitute(system.gap, system.x_next, system.x), phi],
@@ -185,7 +185,7 @@ def _is_distance_at_rest(system: ContactSystem, phi: ca.SX) -> bool:
     rng = np.random.default_rng(0)
     for _ in range(_POSES):
         x = np.where(poses, rng.normal(size=system.nx), 0.0)
-        gap, distance = (np.array(v) for v in both(x, np.zeros(system.nu), system.parameters.values))
+        gap, distance = (np.array(v) for v in gaps_at_rest(x, np.zeros(system.nu), system.parameters.values))
         if not np.allclose(gap, distance, rtol=_SAME, atol=_SAME):
             return False
     return True

@@ -27,9 +27,9 @@ class Signal:
     description: str = ""
 
     def __post_init__(self) -> None:
-        for what, said in (("name", self.name), ("unit", self.unit), ("meaning", self.description)):
-            if not said.isprintable():
-                raise ValueError(f"the {what} {said!r} of a signal has unprintable characters")
+        for field, content in (("name", self.name), ("unit", self.unit), ("meaning", self.description)):
+            if not content.isprintable():
+                raise ValueError(f"the {field} {content!r} of a signal has unprintable characters")
         if not self.name:
             raise ValueError("a signal has no name; write it as 'x [m] position'")
 
@@ -94,13 +94,13 @@ class ParameterTable:
             symbol = self._by_name[name].symbol
             assert symbol is not None
             return symbol
-        found = {_entry(n)[1]: self[n] for n in self._by_name if _entry(n)[0] == name}
-        if not found:
+        entries = {_entry(n)[1]: self[n] for n in self._by_name if _entry(n)[0] == name}
+        if not entries:
             raise KeyError(f"no parameter {name!r}; available: {', '.join(self.names)}")
-        whole = ca.SX(*(1 + np.max(list(found), axis=0)))
-        for index, symbol in found.items():
-            whole[index] = symbol
-        return whole
+        matrix = ca.SX(*(1 + np.max(list(entries), axis=0)))
+        for index, symbol in entries.items():
+            matrix[index] = symbol
+        return matrix
 
     def __add__(self, other: ParameterTable) -> ParameterTable:
         return ParameterTable([*self, *other])
@@ -140,13 +140,13 @@ class ParameterTable:
         for name in law:
             if LAW_PREFIX + name not in self:
                 raise KeyError(f"no law parameter {name!r}; available: {', '.join(self.names)}")
-        given = {**(values or {}), **{LAW_PREFIX + name: value for name, value in law.items()}}
-        found = [self._given(parameter, given) for parameter in self]
+        given_values = {**(values or {}), **{LAW_PREFIX + name: value for name, value in law.items()}}
+        packed = [self._given(parameter, given_values) for parameter in self]
         try:
-            return np.array(found, dtype=float).T
+            return np.array(packed, dtype=float).T
         except ValueError:
             # Numbers beside arrays over samples.
-            return np.array(np.broadcast_arrays(*found), dtype=float).T
+            return np.array(np.broadcast_arrays(*packed), dtype=float).T
 
     def unpack(self, vector: ArrayLike) -> dict[str, float]:
         """Values by name of a vector (n,)."""
@@ -156,8 +156,8 @@ class ParameterTable:
     def _given(parameter: Parameter, values: Mapping[str, ArrayLike]) -> ArrayLike:
         if parameter.name in values:
             return values[parameter.name]
-        whole, index = _entry(parameter.name)
-        return np.asarray(values[whole])[..., *index] if whole in values else parameter.value
+        matrix_name, index = _entry(parameter.name)
+        return np.asarray(values[matrix_name])[..., *index] if matrix_name in values else parameter.value
 
     def get(self, name: str) -> Parameter:
         """Return the parameter called ``name``."""
@@ -166,25 +166,25 @@ class ParameterTable:
 
 def _entry(name: str) -> tuple[str, tuple[int, ...]]:
     """Name of the matrix and the index that ``name`` is an entry by; no index where it is none."""
-    whole, bracket, rest = name.partition("[")
-    return whole, tuple(int(part) for part in rest.rstrip("]").split(",")) if bracket else ()
+    matrix_name, bracket, indices = name.partition("[")
+    return matrix_name, tuple(int(index) for index in indices.rstrip("]").split(",")) if bracket else ()
 
 
-def signals(written: str) -> tuple[Signal, ...]:
+def signals(definition: str) -> tuple[Signal, ...]:
     """Read ``"x [m] position; v [m/s] velocity"`` into signals.
 
     Raises ``ValueError`` for anything else than text of this form.
     """
-    text("signals", written)
-    found = []
-    for item in written.split(";"):
-        name, opened, rest = item.strip().partition("[")
-        unit, closed, description = rest.partition("]")
+    text("signals", definition)
+    parsed = []
+    for item in definition.split(";"):
+        name, opened, after_bracket = item.strip().partition("[")
+        unit, closed, description = after_bracket.partition("]")
         # One word alone is a name without a unit; of several, one may be meant as the unit.
         if opened != "[" * len(closed) or (not opened and len(name.split()) > 1):
             raise ValueError(
                 f"signals: {item.strip()!r} needs its unit in brackets; write it as 'x [m]"
                 " position', with [1] where there is none"
             )
-        found.append(Signal(name.strip(), unit.strip() or "1", description.strip()))
-    return tuple(found)
+        parsed.append(Signal(name.strip(), unit.strip() or "1", description.strip()))
+    return tuple(parsed)

@@ -59,17 +59,17 @@ class Link:
         owner = f"link {self.name!r}:"
         positive(f"{owner} mass", self.mass)
         positive(f"{owner} inertia", self.inertia)
-        for what in ("com", "anchor", "axis"):
-            point(f"{owner} {what}", getattr(self, what))
-        for what in ("offset", "spring", "damping"):
-            number(f"{owner} {what}", getattr(self, what))
+        for attribute in ("com", "anchor", "axis"):
+            point(f"{owner} {attribute}", getattr(self, attribute))
+        for attribute in ("offset", "spring", "damping"):
+            number(f"{owner} {attribute}", getattr(self, attribute))
         not_negative(f"{owner} armature", self.armature)
         if self.joint not in get_args(Joint):
             kinds = ", ".join(map(repr, get_args(Joint)))
             raise ValueError(f"{owner} joint must be one of {kinds}, got {self.joint!r}")
         limits(owner, self.limits)
-        fixed = self.parent or self.gear is not None or self.limits
-        if self.joint == "free" and (fixed or not ca.SX(self.armature).is_zero()):
+        is_fixed = self.parent or self.gear is not None or self.limits
+        if self.joint == "free" and (is_fixed or not ca.SX(self.armature).is_zero()):
             raise ValueError(
                 f"link {self.name!r} floats freely, so it takes no parent, gear, limits or"
                 " armature; leave them out or choose a hinge or a slide"
@@ -119,8 +119,8 @@ def _path_to_root(link: Branch, by_name: dict[str, Branch]) -> list[Branch]:
                 f"link {path[-1].name!r} hangs on {parent!r}, which is no link;"
                 f" choose its parent from {', '.join(by_name)}"
             )
-        if parent in (seen.name for seen in path):
-            ring = " -> ".join([*(seen.name for seen in path), parent])
+        if parent in (link_on_path.name for link_on_path in path):
+            ring = " -> ".join([*(link_on_path.name for link_on_path in path), parent])
             raise ValueError(f"the links form a cycle, {ring}; a tree needs a link without parent")
         path.append(by_name[parent])
     return path

@@ -102,8 +102,8 @@ class ContactSystem:
 
     def __post_init__(self) -> None:
         if not self.pairs:
-            own = tuple(Pair("normal", i) for i in range(len(self.contacts)))
-            object.__setattr__(self, "pairs", own)
+            normal_pairs = tuple(Pair("normal", i) for i in range(len(self.contacts)))
+            object.__setattr__(self, "pairs", normal_pairs)
         expected = {
             "x": (self.x, len(self.states), "states"),
             "x_next": (self.x_next, len(self.states), "states"),
@@ -112,16 +112,16 @@ class ContactSystem:
             "lam": (self.lam, len(self.contacts), "contacts"),
             "gap": (self.gap, len(self.contacts), "contacts"),
         }
-        for what, (expression, size, of) in expected.items():
+        for name, (expression, size, plural) in expected.items():
             if expression.numel() != size:
                 raise ValueError(
-                    f"system {self.name!r}: {what} has {expression.numel()} entries, but there are"
-                    f" {size} named {of}; give {what} one entry for each"
+                    f"system {self.name!r}: {name} has {expression.numel()} entries, but there are"
+                    f" {size} named {plural}; give {name} one entry for each"
                 )
-        for of, named in (("states", self.states), ("inputs", self.inputs), ("contacts", self.contacts)):
-            names = [signal.name for signal in named]
+        for plural, signals in (("states", self.states), ("inputs", self.inputs), ("contacts", self.contacts)):
+            names = [signal.name for signal in signals]
             if twice := sorted({name for name in names if names.count(name) > 1}):
-                raise ValueError(f"system {self.name!r}: two {of} have the name {twice[0]!r}; rename one")
+                raise ValueError(f"system {self.name!r}: two {plural} have the name {twice[0]!r}; rename one")
         if len(self.pairs) != len(self.contacts):
             raise ValueError(
                 f"system {self.name!r}: {len(self.pairs)} pairs for {len(self.contacts)} named"
@@ -135,10 +135,11 @@ class ContactSystem:
                     " leave the contact out"
                 )
         symbols = (self.x, self.u, self.x_next, self.lam, self.parameters.vector)
-        known, used = (
-            {str(symbol) for symbol in ca.symvar(ca.vertcat(*parts))} for parts in (symbols, (self.residual, self.gap))
+        declared, used = (
+            {str(symbol) for symbol in ca.symvar(ca.vertcat(*expressions))}
+            for expressions in (symbols, (self.residual, self.gap))
         )
-        if undeclared := sorted(used - known):
+        if undeclared := sorted(used - declared):
             raise ValueError(
                 f"system {self.name!r}: residual or gap uses {', '.join(undeclared)}, which is not"
                 " a state, input, contact or declared parameter; declare it as a parameter"
@@ -211,14 +212,14 @@ class ContactSystem:
         """
         if not self.turning:
             return self.residual, self.gap
-        rows, moved = list(self.turning), self.turned(self.x_next)
+        rows, integrated = list(self.turning), self.turned(self.x_next)
         others = [i for i in range(self.nx) if i not in self.turning]
         still = self.unmoved[others]
-        slope = ca.jacobian(moved, self.x_next[others])
-        here, slope = ca.substitute([moved, slope], [self.x_next[others]], [still])
+        slope = ca.jacobian(integrated, self.x_next[others])
+        at_still, slope = ca.substitute([integrated, slope], [self.x_next[others]], [still])
         residual = ca.SX(self.residual)
-        residual[rows] = self.x_next[rows] - here - slope @ (self.x_next[others] - still)
-        return residual, ca.substitute(self.gap, self.x_next[rows], moved)
+        residual[rows] = self.x_next[rows] - at_still - slope @ (self.x_next[others] - still)
+        return residual, ca.substitute(self.gap, self.x_next[rows], integrated)
 
     @cached_property
     def unmoved(self) -> ca.SX:
@@ -232,8 +233,8 @@ class ContactSystem:
     def turned(self, x_next: ca.SX) -> ca.SX:
         """Quaternions of the next state (n, 1) from its other entries."""
         rows = list(self.turning)
-        turned = self.x_next[rows] - self.residual[rows]
-        return ca.substitute(turned, self.x_next, x_next)
+        quaternions = self.x_next[rows] - self.residual[rows]
+        return ca.substitute(quaternions, self.x_next, x_next)
 
     @cached_property
     def _by_state(self) -> ca.SX:
@@ -251,8 +252,8 @@ class ContactSystem:
         affine = self.reduced.affine and not self.configured
         if not affine:
             return False
-        given = [self.x, self.u, self.parameters.vector]
-        contact = ca.Function("contact", given, [self.reduced.F, self.reduced.z])
+        step_symbols = [self.x, self.u, self.parameters.vector]
+        contact = ca.Function("contact", step_symbols, [self.reduced.F, self.reduced.z])
         return not has_open_multipliers(self.pairs, contact, self.parameters.values)
 
     @cached_property
@@ -271,11 +272,11 @@ class ContactSystem:
         solved = -solve(jacobian[:, :nx], ca.horzcat(constant, jacobian[:, nx:]))
         # What is put in for a symbol must have an entry even where it is zero.
         a, B = ca.densify(solved[:, 0]), solved[:, 1:]
-        by_state, by_lam = (ca.jacobian(gap, part) for part in (self.x_next, self.lam))
+        by_state, by_lam = (ca.jacobian(gap, symbols) for symbols in (self.x_next, self.lam))
         affine = not ca.depends_on(ca.vertcat(ca.vec(by_state), ca.vec(by_lam)), unknown)
         z = ca.substitute(gap, unknown, ca.vertcat(a, nothing))
-        here = ca.vertcat(a if affine else self.unmoved, nothing)
-        gap, by_state, by_lam = ca.substitute([gap, by_state, by_lam], [unknown], [here])
+        expansion_point = ca.vertcat(a if affine else self.unmoved, nothing)
+        gap, by_state, by_lam = ca.substitute([gap, by_state, by_lam], [unknown], [expansion_point])
         F = by_lam + by_state @ B
         return ReducedContact(a, B, z, F, z if affine else gap + by_state @ (a - self.unmoved), affine)
 
@@ -285,9 +286,9 @@ class ContactSystem:
         if not self.configured:
             return self.reduced.a + self.reduced.B @ self.lam
         at_zero = ca.substitute(self.expanded[0], self.x_next, ca.SX.zeros(self.nx))
-        found = -solve_without_pivoting(self._by_state, ca.densify(at_zero))
-        found[list(self.turning)] = self.turned(found)
-        return found
+        solution = -solve_without_pivoting(self._by_state, ca.densify(at_zero))
+        solution[list(self.turning)] = self.turned(solution)
+        return solution
 
     @cached_property
     def motion(self) -> ca.SX:
@@ -295,7 +296,7 @@ class ContactSystem:
         return self.residual if self.configured else self.x_next - self.x_next_expr
 
 
-def check_shape(system: str, what: str, expression: ca.SX, shape: tuple[int, int]) -> None:
+def check_shape(system: str, argument: str, expression: ca.SX, shape: tuple[int, int]) -> None:
     """Raise ``ValueError`` where a builder's argument has another shape than documented."""
     if ca.SX(expression).shape != shape:
-        raise ValueError(f"system {system!r}: {what} has shape {ca.SX(expression).shape}, expected {shape}")
+        raise ValueError(f"system {system!r}: {argument} has shape {ca.SX(expression).shape}, expected {shape}")

@@ -82,9 +82,9 @@ def time_stepping(
     """
     _check_arguments(name, states, inputs, contacts, h, parameters, cone)
     functions = {"impulse": impulse, "distance": distance, "sliding": sliding, "limits": limits}
-    for what, given in functions.items():
-        if not callable(given) and not (given is None and what != "impulse"):
-            raise ValueError(f"system {name!r}: {what} must be a function, got {given!r}")
+    for argument, function in functions.items():
+        if not callable(function) and not (function is None and argument != "impulse"):
+            raise ValueError(f"system {name!r}: {argument} must be a function, got {function!r}")
     nq, free_step = divmod(len(states), 2)
     x, x_next = ca.SX.sym("x", 2 * nq), ca.SX.sym("x_next", 2 * nq)
     if free_step:
@@ -96,15 +96,15 @@ def time_stepping(
         x, x_next = ca.vertcat(x, h), ca.vertcat(x_next, ca.SX.sym("h_next"))
     u = ca.SX.sym("u", len(inputs))
     q, v, q_next, v_next = x[:nq], x[nq : 2 * nq], x_next[:nq], x_next[nq : 2 * nq]
-    M, smooth = ca.SX(mass(q) if callable(mass) else mass), impulse(q, v, u)
+    M, smooth_impulse = ca.SX(mass(q) if callable(mass) else mass), impulse(q, v, u)
     check_shape(name, "mass", M, (nq, nq))
-    check_shape(name, "impulse(q, v, u)", smooth, (nq, 1))
-    nothing, nc = ca.SX(nq, nq), len(contacts)
-    D, K = (nothing if part is None else part for part in (damping, stiffness))
+    check_shape(name, "impulse(q, v, u)", smooth_impulse, (nq, 1))
+    zero_matrix, nc = ca.SX(nq, nq), len(contacts)
+    D, K = (zero_matrix if matrix is None else matrix for matrix in (damping, stiffness))
 
-    def built(rows: ContactRows, sharp: Sharp) -> ContactSystem:
+    def build_from_rows(rows: ContactRows, sharp: Sharp) -> ContactSystem:
         normal = rows.lam[:nc] if rows.forces is None else rows.forces.normal
-        along = ca.SX.zeros(nc) if rows.forces is None else rows.forces.tangential
+        tangential = ca.SX.zeros(nc) if rows.forces is None else rows.forces.tangential
         return ContactSystem(
             name=name,
             x=x,
@@ -113,7 +113,7 @@ def time_stepping(
             lam=rows.lam,
             residual=ca.vertcat(
                 q_next - q - h * v_next,
-                M @ (v_next - v) - smooth + h * (D @ v_next + K @ (q + h * v_next)) - rows.push,
+                M @ (v_next - v) - smooth_impulse + h * (D @ v_next + K @ (q + h * v_next)) - rows.push,
                 x_next[2 * nq :] - x[2 * nq :],
             ),
             gap=rows.gap,
@@ -127,27 +127,27 @@ def time_stepping(
             gap_unit="N s" if rows.phi is None else "m",
             pairs=rows.pairs,
             forces=rows.forces,
-            book=None if book is None else book(q, v, u, v_next, normal, along),
+            book=None if book is None else book(q, v, u, v_next, normal, tangential),
             sharp=sharp,
             refinable=True,
             mass=M,
         )
 
-    def touched(touching: Touching) -> ContactSystem:
+    def build_system(touching: Touching) -> ContactSystem:
         rows = contact_rows(name, touching, q, q_next, lambda J: h * (J @ v_next), h)
-        return built(rows, touching.sharp(rows.curved, touched))
+        return build_from_rows(rows, touching.sharp(rows.curved, build_system))
 
     if distance is not None and load is None:
-        return touched(Touching(contacts, distance, sliding, friction, cone, linearised, limits, limit_names))
+        return build_system(Touching(contacts, distance, sliding, friction, cone, linearised, limits, limit_names))
     if distance is not None or load is None or sliding is None or friction is None:
         raise ValueError(
             f"system {name!r}: give its contacts a distance, or, where they never open, a load with"
             " sliding and friction"
         )
     inertia = M + h * D + h**2 * K
-    free = ca.solve(inertia, M @ v + smooth - h * K @ q)
+    free = ca.solve(inertia, M @ v + smooth_impulse - h * K @ q)
     rows = pressed_rows(name, contacts, sliding(q), friction, load, inertia, free, v_next, h)
-    return built(rows, Sharp())
+    return build_from_rows(rows, Sharp())
 
 
 def _check_arguments(
@@ -160,8 +160,8 @@ def _check_arguments(
     cone: str,
 ) -> None:
     """Raise ``ValueError`` for a wrong type, a step size that is not positive, a cone unknown."""
-    for what, given in (("states", states), ("inputs", inputs), ("contacts", contacts)):
-        items(f"system {name!r}: {what}", Signal, given)
+    for argument, signals in (("states", states), ("inputs", inputs), ("contacts", contacts)):
+        items(f"system {name!r}: {argument}", Signal, signals)
     positive(f"system {name!r}: h", h)
     if not isinstance(parameters, ParameterTable):
         raise ValueError(
@@ -210,8 +210,8 @@ def pressed_rows(
         ca.vertcat(bound + f, bound - f),
         slide.T @ f,
         tuple(
-            Signal(f"{contact.name} {way}", "m", f"way slid {way} in a step")
-            for way in ("forward", "backward")
+            Signal(f"{contact.name} {direction}", "m", f"way slid {direction} in a step")
+            for direction in ("forward", "backward")
             for contact in contacts
         ),
         tuple(Pair("slip", i) for _ in range(2) for i in range(nc)),
@@ -277,7 +277,7 @@ def quasi_dynamic(
     check_shape(name, "stiffness", stiffness, (nu, nu))
     check_shape(name, "load", weight, (n_free, 1))
 
-    def built(touching: Touching) -> ContactSystem:
+    def build_system(touching: Touching) -> ContactSystem:
         rows = contact_rows(name, touching, x, x_next, lambda J: J @ dq, h)
         pushed = rows.push[:n_free] + h * weight
         residual = ca.vertcat(
@@ -303,9 +303,9 @@ def quasi_dynamic(
             mu_per_kappa=1.0,
             pairs=rows.pairs,
             forces=rows.forces,
-            sharp=touching.sharp(rows.curved, built),
+            sharp=touching.sharp(rows.curved, build_system),
             mass=mass,
             stiffness=stiffness,
         )
 
-    return built(Touching(contacts, distance, sliding, friction, cone, linearised))
+    return build_system(Touching(contacts, distance, sliding, friction, cone, linearised))

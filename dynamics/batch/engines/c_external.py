@@ -41,7 +41,7 @@ def source(function: ca.Function) -> str:
         "inputs": ", ".join(f"arg[{k}] ? arg[{k}] : zero" for k in n_in),
         "outputs": ", ".join(f"res[{k}] ? res[{k}] : unused" for k in n_out),
     }
-    head, _, rest = text.partition("static int casadi_f0(")
+    before_body, _, after_head = text.partition("static int casadi_f0(")
     # gcc's second level takes half as long again, and its code is no faster.
-    parts = head, "#pragma GCC optimize 1\n", scalar_prelude(kernel), "\n", kernel, body
-    return "".join((*parts, rest.partition("\n}\n")[2]))
+    sections = before_body, "#pragma GCC optimize 1\n", scalar_prelude(kernel), "\n", kernel, body
+    return "".join((*sections, after_head.partition("\n}\n")[2]))

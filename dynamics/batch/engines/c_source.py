@@ -76,20 +76,20 @@ class RegisterLayout:
         stride = strides[k] if k < len(strides) else "1"
         if stride == "1":
             return str(j)
-        at = f"{j} * {stride}"
-        return at if register == 0 else f"{at} + ({stride} > 1) * {register}"
+        offset = f"{j} * {stride}"
+        return offset if register == 0 else f"{offset} + ({stride} > 1) * {register}"
 
 
-def kernel(tape: Tape, name: str, layout: RegisterLayout | None = None, part: int | None = None) -> str:
+def kernel(tape: Tape, name: str, layout: RegisterLayout | None = None, part_size: int | None = None) -> str:
     """C text of `void name(const V *const in[], V *const out[])`.
 
     `in[k][j]` is nonzero j of input k, `out` likewise, laid out as `layout` says; no output may
-    overlap an input. A long tape becomes several functions, of `part` operations if given, that
+    overlap an input. A long tape becomes several functions, of `part_size` operations if given, that
     pass values through memory.
     """
-    if part is None:
-        part = WHOLE if len(tape.operations) <= WHOLE else PART
-    return _Emitter(tape, name, layout or RegisterLayout(), part).text()
+    if part_size is None:
+        part_size = WHOLE if len(tape.operations) <= WHOLE else PART
+    return _Emitter(tape, name, layout or RegisterLayout(), part_size).text()
 
 
 class _Parts:
@@ -105,7 +105,7 @@ class _Parts:
         self.counts = tape.use_counts()
         computed = [i for i, o in enumerate(tape.operations) if o.op not in _LEAVES]
         self.parts = [computed[k : k + size] for k in range(0, len(computed), size)] or [[]]
-        self._part_of = {i: p for p, part in enumerate(self.parts) for i in part}
+        self._part_of = {i: p for p, members in enumerate(self.parts) for i in members}
         self.slots: dict[int, int] = {}
         self.n_slots = 0
         self._spill()
@@ -115,10 +115,10 @@ class _Parts:
         """The values that an operation reads, those of `if_else` as one selection among them."""
         return operands(operation) + (chosen(self.tape, operation) or ())
 
-    def factors(self, i: int, here: set[int]) -> tuple[int, int] | None:
-        """The two factors of a product in the part `here` that is read once, else None."""
+    def factors(self, i: int, members: set[int]) -> tuple[int, int] | None:
+        """The two factors of a product in the part `members` that is read once, else None."""
         operation = self.tape.operations[i]
-        if i not in here or self.counts[i] != 1:
+        if i not in members or self.counts[i] != 1:
             return None
         if operation.op == ca.OP_MUL:
             return operation.args[0], operation.args[1]
@@ -129,8 +129,8 @@ class _Parts:
     def power(self, operation: Operation) -> int | None:
         """The exponent of `OP_CONSTPOW` where it is small and whole, else None."""
         exponent = self.tape.operations[operation.args[1]]
-        whole = exponent.op == ca.OP_CONST and exponent.value in range(1, LARGEST_PRODUCT + 1)
-        return int(exponent.value) if whole else None
+        is_small_integer = exponent.op == ca.OP_CONST and exponent.value in range(1, LARGEST_PRODUCT + 1)
+        return int(exponent.value) if is_small_integer else None
 
     def reciprocal(self, operation: Operation) -> float | None:
         """The reciprocal of a division's divisor where that is a moderate constant, else None."""
@@ -140,18 +140,18 @@ class _Parts:
 
     def _spill(self) -> None:
         last = self._last_parts()
-        read: list[list[int]] = [[] for _ in self.parts]
+        last_read_in: list[list[int]] = [[] for _ in self.parts]
         for i, p in last.items():
-            read[p].append(i)
+            last_read_in[p].append(i)
         free: list[int] = []
-        for p, part in enumerate(self.parts):
-            for i in part:
+        for p, members in enumerate(self.parts):
+            for i in members:
                 if last.get(i, p) > p:
                     if not free:
                         free.append(self.n_slots)
                         self.n_slots += 1
                     self.slots[i] = free.pop()
-            free += [self.slots[i] for i in read[p] if i in self.slots]
+            free += [self.slots[i] for i in last_read_in[p] if i in self.slots]
 
     def _last_parts(self) -> dict[int, int]:
         last: dict[int, int] = {}
@@ -170,57 +170,59 @@ class _Parts:
 
 
 class _Emitter:
-    def __init__(self, tape: Tape, name: str, layout: RegisterLayout, part: int) -> None:
-        self.name, self.layout, self.cut = name, layout, _Parts(tape, part)
+    def __init__(self, tape: Tape, name: str, layout: RegisterLayout, part_size: int) -> None:
+        self.name, self.layout, self.cut = name, layout, _Parts(tape, part_size)
 
     def text(self) -> str:
-        cut, registers = self.cut, self.layout.abreast
-        if len(cut.parts) == 1:
-            kind = "INLINE" if len(cut.parts[0]) <= INLINED else "static NOINLINE"
-            return self._function(kind, self.name, self._body(0))
-        names = [f"{self.name}_part{p}" for p in range(len(cut.parts))]
-        parts = [self._function("static NOINLINE", name, self._body(p), ", V *w") for p, name in enumerate(names)]
-        calls = [f"V w[{max(cut.n_slots, 1) * registers}];"]
+        parts, registers = self.cut, self.layout.abreast
+        if len(parts.parts) == 1:
+            linkage = "INLINE" if len(parts.parts[0]) <= INLINED else "static NOINLINE"
+            return self._function(linkage, self.name, self._body(0))
+        names = [f"{self.name}_part{p}" for p in range(len(parts.parts))]
+        part_functions = [
+            self._function("static NOINLINE", name, self._body(p), ", V *w") for p, name in enumerate(names)
+        ]
+        calls = [f"V w[{max(parts.n_slots, 1) * registers}];"]
         calls += [f"{name}(in, out{', ts' * self.layout.with_ts}, w);" for name in names]
-        return "".join(parts) + self._function("INLINE", self.name, calls)
+        return "".join(part_functions) + self._function("INLINE", self.name, calls)
 
-    def _function(self, kind: str, name: str, lines: list[str], more: str = "") -> str:
-        parameters = "const V *const in[], V *const out[]" + ", i64 ts" * self.layout.with_ts + more
+    def _function(self, linkage: str, name: str, lines: list[str], extra_parameter: str = "") -> str:
+        parameters = "const V *const in[], V *const out[]" + ", i64 ts" * self.layout.with_ts + extra_parameter
         body = "\n".join(lines)
         for word in re.findall(r"(\w+)(?:\[\])?(?:,|$)", parameters):
             if not re.search(rf"\b{word}\b", body):
                 lines = [f"(void){word};", *lines]
         text = "".join(f"  {line}\n" for line in lines)
-        return f"{kind} void {name}({parameters}) {{\n{text}}}\n"
+        return f"{linkage} void {name}({parameters}) {{\n{text}}}\n"
 
     def _body(self, p: int) -> list[str]:
         """The statements of a part, every one once for each register in turn."""
-        each = [_Part(self.cut, p, self.layout, r).lines() for r in range(self.layout.abreast)]
-        return list(chain.from_iterable(zip(*each, strict=True)))
+        by_register = [_Part(self.cut, p, self.layout, r).lines() for r in range(self.layout.abreast)]
+        return list(chain.from_iterable(zip(*by_register, strict=True)))
 
 
 class _Part:
     """The statements of one part of a tape, for one of the registers abreast."""
 
-    def __init__(self, cut: _Parts, p: int, layout: RegisterLayout, register: int) -> None:
-        self.cut, self.tape, self.layout, self.register = cut, cut.tape, layout, register
-        self.part, self.here = cut.parts[p], set(cut.parts[p])
+    def __init__(self, parts: _Parts, p: int, layout: RegisterLayout, register: int) -> None:
+        self.cut, self.tape, self.layout, self.register = parts, parts.tape, layout, register
+        self.part, self.here = parts.parts[p], set(parts.parts[p])
         self.stores: dict[int, list[str]] = {}
         for i in self.part:
-            if i in cut.slots:
+            if i in parts.slots:
                 self.stores.setdefault(i, []).append(f"{self._slot(i)} = v{i};")
-        for i, k, j in cut.ends[p]:
+        for i, k, j in parts.ends[p]:
             place = layout.place(layout.outputs, k, j, register)
             self.stores.setdefault(i, []).append(f"out[{k}][{place}] = v{i};")
 
     def lines(self) -> list[str]:
         """Each value that is read, right before it is first used."""
         lines: list[str] = []
-        known: set[str] = set()
+        loaded: set[str] = set()
         for line in self._needed():
             for kind, i in _NAMES.findall(line):
-                if int(i) not in self.here and kind + i not in known:
-                    known.add(kind + i)
+                if int(i) not in self.here and kind + i not in loaded:
+                    loaded.add(kind + i)
                     lines.append(self._leaf(kind, int(i)))
             lines.append(line)
         if self.layout.abreast == 1:
@@ -229,14 +231,14 @@ class _Part:
 
     def _needed(self) -> Iterable[str]:
         """Statements in turn, without those whose value is unused, as of products in `fused`."""
-        foreign = [line for i, lines in self.stores.items() if i not in self.here for line in lines]
-        reverse = foreign[::-1]
-        wanted = {kind + i for line in reverse for kind, i in _NAMES.findall(line)}
+        output_lines = [line for i, lines in self.stores.items() if i not in self.here for line in lines]
+        reverse = output_lines[::-1]
+        read_names = {kind + i for line in reverse for kind, i in _NAMES.findall(line)}
         for i in reversed(self.part):
             for line in (*self.stores.get(i, [])[::-1], *self._statements(i)):
                 name = re.match(r"const \w (\w+) =", line)
-                if name is None or name[1] in wanted:
-                    wanted |= {kind + k for kind, k in _NAMES.findall(line)}
+                if name is None or name[1] in read_names:
+                    read_names |= {kind + k for kind, k in _NAMES.findall(line)}
                     reverse.append(line)
         return reversed(reverse)
 
@@ -276,9 +278,9 @@ class _Part:
     def _expression(self, operation: Operation) -> str:
         op, v = operation.op, [f"v{a}" for a in operation.args]
         if op in (ca.OP_ADD, ca.OP_SUB):
-            shorter = self._chosen(operation) or self._fused(operation)
-            if shorter:
-                return shorter
+            combined = self._chosen(operation) or self._fused(operation)
+            if combined:
+                return combined
         if op == ca.OP_DIV:
             return self._quotient(operation)
         if op in _INFIX:
@@ -316,12 +318,12 @@ class _Part:
 
     def _fused(self, operation: Operation) -> str:
         """a*b + c as one rounding where the product has no other reader; else an empty string."""
-        left, right = operation.args
+        left_operand, right_operand = operation.args
         minus = "-" if operation.op == ca.OP_SUB else ""
-        factors = self.cut.factors(right, self.here)
+        factors = self.cut.factors(right_operand, self.here)
         if factors:
-            return f"fused({minus}v{factors[0]}, v{factors[1]}, v{left})"
-        factors = self.cut.factors(left, self.here)
+            return f"fused({minus}v{factors[0]}, v{factors[1]}, v{left_operand})"
+        factors = self.cut.factors(left_operand, self.here)
         if factors:
-            return f"fused(v{factors[0]}, v{factors[1]}, {minus}v{right})"
+            return f"fused(v{factors[0]}, v{factors[1]}, {minus}v{right_operand})"
         return ""

@@ -23,65 +23,65 @@ class ChunkSolver:
         self.loop = loop
         self._kernels = {name: make(graph) for name, graph in loop.graphs().items()}
 
-    def __call__(self, arguments: list[Array], before: Array | None) -> Array:
-        """Multipliers (branches * n, m) [N s]; `before` are those of the step before, if any."""
+    def __call__(self, arguments: list[Array], lam_before: Array | None) -> Array:
+        """Multipliers (branches * n, m) [N s]; `lam_before` are those of the step before, if any."""
         loop, m = self.loop, arguments[0].shape[-1]
         lam, data = (np.empty((loop.branches * size, m)) for size in (loop.n, loop.n_data))
         self._kernels["opening"].run(arguments, [lam, data])
         for branch in range(loop.branches):
             rows = slice(branch * loop.n, (branch + 1) * loop.n)
-            given = data[branch * loop.n_data :][: loop.n_data]
+            branch_data = data[branch * loop.n_data :][: loop.n_data]
             if loop.newton:
-                lam[rows] = self._by_newton(lam[rows], given)
+                lam[rows] = self._by_newton(lam[rows], branch_data)
             else:
-                lam[rows] = self._from_starts(given, None if before is None else before[rows])
+                lam[rows] = self._from_starts(branch_data, None if lam_before is None else lam_before[rows])
         return lam
 
     def _run(self, name: str, size: int, *inputs: Array) -> Array:
-        found = np.empty((size, inputs[-1].shape[-1]))
-        self._kernels[name].run(list(inputs), [found])
-        return found
+        output = np.empty((size, inputs[-1].shape[-1]))
+        self._kernels[name].run(list(inputs), [output])
+        return output
 
     def _by_newton(self, lam: Array, data: Array) -> Array:
-        loop, still = self.loop, np.arange(lam.shape[-1])
+        loop, active = self.loop, np.arange(lam.shape[-1])
         for _ in range(loop.newton_iterations):
-            moved, unrest = np.empty((loop.n, len(still))), np.empty((1, len(still)))
-            self._kernels["newton"].run([lam[:, still], data[:, still]], [moved, unrest])
-            lam[:, still] = moved
-            still = still[unrest[0] != 0.0]
-            if not len(still):
+            new_lam, unrest = np.empty((loop.n, len(active))), np.empty((1, len(active)))
+            self._kernels["newton"].run([lam[:, active], data[:, active]], [new_lam, unrest])
+            lam[:, active] = new_lam
+            active = active[unrest[0] != 0.0]
+            if not len(active):
                 break
-        end = self._run("settled", loop.n, lam, data)
-        if len(still):
-            rest = np.ascontiguousarray(data[:, still])
-            pair = self._follow(np.ones((loop.n_pair, len(still))), rest, loop.most)
-            end[:, still] = self._run("followed", loop.n, pair, rest)
-        return end
+        solution = self._run("settled", loop.n, lam, data)
+        if len(active):
+            active_data = np.ascontiguousarray(data[:, active])
+            pair = self._follow(np.ones((loop.n_pair, len(active))), active_data, loop.most)
+            solution[:, active] = self._run("followed", loop.n, pair, active_data)
+        return solution
 
-    def _from_starts(self, data: Array, before: Array | None) -> Array:
+    def _from_starts(self, data: Array, lam_before: Array | None) -> Array:
         loop = self.loop
-        if before is None:
+        if lam_before is None:
             pair = self._follow(np.ones((loop.n_pair, data.shape[-1])), data, loop.most)
         else:
-            pair = self._run("warm", loop.n_pair, before, data)
+            pair = self._run("warm", loop.n_pair, lam_before, data)
             pair = self._follow(pair, data, loop.most_warm)
-        end = self._run("followed", loop.n, pair, data)
-        end[:, pair[-1] != ARRIVED] = np.inf
-        sound = np.isfinite(data.sum(axis=0))
-        still = np.flatnonzero(sound & ~np.isfinite(end.sum(axis=0)))
+        solution = self._run("followed", loop.n, pair, data)
+        solution[:, pair[-1] != ARRIVED] = np.inf
+        has_finite_data = np.isfinite(data.sum(axis=0))
+        active = np.flatnonzero(has_finite_data & ~np.isfinite(solution.sum(axis=0)))
         for k in range(loop.starts):
-            if not len(still):
+            if not len(active):
                 break
-            rest = np.ascontiguousarray(data[:, still])
-            pair = self._run("further", loop.n_pair, np.full((1, len(still)), float(k)), rest)
-            found = self._run("followed", loop.n, self._follow(pair, rest, loop.most_further), rest)
-            solved = np.isfinite(found.sum(axis=0))
-            end[:, still[solved]] = found[:, solved]
-            still = still[~solved]
-        return end
+            active_data = np.ascontiguousarray(data[:, active])
+            pair = self._run("further", loop.n_pair, np.full((1, len(active)), float(k)), active_data)
+            candidate = self._run("followed", loop.n, self._follow(pair, active_data, loop.most_further), active_data)
+            solved = np.isfinite(candidate.sum(axis=0))
+            solution[:, active[solved]] = candidate[:, solved]
+            active = active[~solved]
+        return solution
 
-    def _follow(self, pair: Array, data: Array, most: int) -> Array:
-        for _ in range(most):
+    def _follow(self, pair: Array, data: Array, max_iterations: int) -> Array:
+        for _ in range(max_iterations):
             if not np.any(pair[-1] < ARRIVED):
                 break
             pair = self._run("path", self.loop.n_pair, pair, data)
@@ -104,23 +104,23 @@ class ChunkNetwork:
 
     def pulled_back(self, theta: Array, x: Array, p: Array, abar: Array, total: Array) -> Array:
         """Add `D_theta a' abar` to `total` (n_weights, m), and return `D_x a' abar` (nx, m)."""
-        values, bar = self._values(theta, x, p), abar
+        values, adjoint = self._values(theta, x, p), abar
         for k, (weights, offsets, shape) in reversed(list(enumerate(self._places))):
-            product = bar[:, None] * values[k][None]
+            product = adjoint[:, None] * values[k][None]
             total[weights] += product.reshape(-1, product.shape[-1])
-            total[offsets] += bar
-            bar = _summed(theta[weights].reshape(*shape, -1), bar, (0, 2))
+            total[offsets] += adjoint
+            adjoint = _summed(theta[weights].reshape(*shape, -1), adjoint, (0, 2))
             if k:
-                bar *= 1.0 - values[k] ** 2
+                adjoint *= 1.0 - values[k] ** 2
         xbar = np.empty_like(x)
-        self._back.run([x, p, bar], [xbar])
+        self._back.run([x, p, adjoint], [xbar])
         return xbar
 
     def _values(self, theta: Array, x: Array, p: Array) -> list[Array]:
         """The observation, the hidden layers, and the mean action."""
-        seen = np.empty((self._layers.sizes[0], x.shape[-1]))
-        self._observe.run([x, p], [seen])
-        values = [seen]
+        observation = np.empty((self._layers.sizes[0], x.shape[-1]))
+        self._observe.run([x, p], [observation])
+        values = [observation]
         for weights, offsets, shape in self._places:
             if len(values) > 1:
                 np.tanh(values[-1], out=values[-1])
@@ -131,11 +131,11 @@ class ChunkNetwork:
 
 def _summed(weights: Array, values: Array, axes: tuple[int, int]) -> Array:
     """`sum_i w_oi v_i`, or with axes (0, 2) `sum_o w_oi v_o`, for each sample m."""
-    contracted = axes[0]
+    summed_axis = axes[0]
     if weights.shape[-1] == 1:
-        matrix = weights[..., 0] if contracted == 1 else weights[..., 0].T
+        matrix = weights[..., 0] if summed_axis == 1 else weights[..., 0].T
         return matrix @ values
-    return np.einsum("oim,im->om" if contracted == 1 else "oim,om->im", weights, values)
+    return np.einsum("oim,im->om" if summed_axis == 1 else "oim,om->im", weights, values)
 
 
 class ChunkRollout:
@@ -167,26 +167,26 @@ class ChunkRollout:
         w: Array,
         m: int,
         slopes: bool = True,
-        along: Array | None = None,
+        linearise_along: Array | None = None,
     ) -> tuple[Array, Array, Array]:
         """States `(N + 1, nx, m)`, multipliers `(N, nlam, m)` and costs `(m,)`.
 
         They are lost at the next call. `x0` (nx, m), `theta` (N or 1, n_theta, m), `p` (np, m) and
         `w` (N, nu, m) may each have 1 in place of m, for one that all samples share. Without
-        ``slopes`` no adjoint can follow. Every step starts at ``along`` (N + 1, nx, m), where
+        ``slopes`` no adjoint can follow. Every step starts at ``linearise_along`` (N + 1, nx, m), where
         given.
         """
         x = self.scratch.array("x", len(w) + 1, self.tapes.nx, m)
-        after = self.scratch.array("after", self.tapes.nx, m)
+        x_next_unused = self.scratch.array("after", self.tapes.nx, m)
         lam = self.scratch.array("lam", len(w), self.tapes.nlam, m)
         cost, stage = self.scratch.array("costs", 2, 1, m)
         cost[...] = 0.0
         x[0] = x0
-        if along is not None:
-            x[...] = along
+        if linearise_along is not None:
+            x[...] = linearise_along
         for t in range(len(w)):
             arguments = [x[t], self._theta(theta, x[t], p, t), w[t], p]
-            results = [x[t + 1] if along is None else after, lam[t], stage]
+            results = [x[t + 1] if linearise_along is None else x_next_unused, lam[t], stage]
             if isinstance(self.tapes.forward, Asked):
                 evaluated = self._evaluate(self.tapes.forward, arguments, slopes)
                 self.closing.run([*arguments, evaluated], results)
@@ -212,16 +212,16 @@ class ChunkRollout:
         z = np.empty((asked.queries.numel_out(0), m))
         self.queries.run(arguments, [z])
         rows = np.ascontiguousarray(z.reshape(-1, n_in, m).transpose(0, 2, 1).reshape(-1, n_in))
-        found = np.zeros((self.tapes.nlam, m))
+        evaluated = np.zeros((self.tapes.nlam, m))
         branches = len(z) // n_in
         y, by_z = model.jacobians(rows) if slopes else (model.values(rows), None)
-        parts = [y, *([] if by_z is None else [by_z.transpose(0, 2, 1).reshape(len(y), -1)])]
-        at = 0
-        for part in parts:
-            columns = part.reshape(branches, m, -1).transpose(0, 2, 1).reshape(-1, m)
-            found[at : at + len(columns)] = columns
-            at += len(columns)
-        return found
+        model_outputs = [y, *([] if by_z is None else [by_z.transpose(0, 2, 1).reshape(len(y), -1)])]
+        first_row = 0
+        for model_output in model_outputs:
+            columns = model_output.reshape(branches, m, -1).transpose(0, 2, 1).reshape(-1, m)
+            evaluated[first_row : first_row + len(columns)] = columns
+            first_row += len(columns)
+        return evaluated
 
     def backward(
         self,
@@ -231,37 +231,37 @@ class ChunkRollout:
         p: Array,
         w: Array,
         gradient: Array,
-        pull: Array | None = None,
+        terminal_gradient: Array | None = None,
     ) -> None:
         """Fill `gradient` (N or 1, n_theta, m) with the derivative of the cost by theta.
 
-        ``pull`` (nx, m) is added to its derivative by what is carried at the end.
+        ``terminal_gradient`` (nx, m) is added to its derivative by what is carried at the end.
         """
         m = x.shape[-1]
-        xbar, before = self.scratch.array("bars", 2, self.tapes.nx, m)
-        part = self.scratch.array("part", self.tapes.n_theta, m)
+        xbar, xbar_before = self.scratch.array("bars", 2, self.tapes.nx, m)
+        theta_bar = self.scratch.array("part", self.tapes.n_theta, m)
         per_step = len(gradient) > 1
         if not per_step:
             gradient[...] = 0.0
         self.terminal_adjoint.run([x[-1], p], [xbar])
-        if pull is not None:
-            xbar += pull
+        if terminal_gradient is not None:
+            xbar += terminal_gradient
         for t in reversed(range(len(w))):
             arguments = [x[t], self._theta(theta, x[t], p, t), w[t], p, lam[t], xbar]
-            self.adjoint.run(arguments, [before, gradient[t] if per_step else part])
+            self.adjoint.run(arguments, [xbar_before, gradient[t] if per_step else theta_bar])
             if self.network is not None:
-                before += self.network.pulled_back(theta[0], x[t], p, part, gradient[0])
+                xbar_before += self.network.pulled_back(theta[0], x[t], p, theta_bar, gradient[0])
             elif not per_step:
-                gradient[0] += part
-            xbar, before = before, xbar
+                gradient[0] += theta_bar
+            xbar, xbar_before = xbar_before, xbar
 
     def scores(self, x: Array, theta: Array, p: Array, w: Array, score: Array) -> None:
         """Fill `score` (N or 1, n_theta, m) with the sum over steps of D_theta law' w."""
-        part = np.empty((self.tapes.n_theta, x.shape[-1]))
+        theta_bar = np.empty((self.tapes.n_theta, x.shape[-1]))
         score[...] = 0.0
         for t in range(len(w)):
-            self.score.run([x[t], self._theta(theta, x[t], p, t), w[t]], [part])
+            self.score.run([x[t], self._theta(theta, x[t], p, t), w[t]], [theta_bar])
             if self.network is not None:
-                self.network.pulled_back(theta[0], x[t], p, part, score[0])
+                self.network.pulled_back(theta[0], x[t], p, theta_bar, score[0])
             else:
-                score[min(t, len(score) - 1)] += part
+                score[min(t, len(score) - 1)] += theta_bar

@@ -149,7 +149,7 @@ def _run(command: list[str], limit_s: float = COMPILE_TIMEOUT_S) -> str:
             process_group=0,
         ) as process:
             try:
-                out, err = process.communicate(timeout=limit_s)
+                output, errors = process.communicate(timeout=limit_s)
             except BaseException:
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(process.pid, signal.SIGKILL)
@@ -159,10 +159,10 @@ def _run(command: list[str], limit_s: float = COMPILE_TIMEOUT_S) -> str:
     except (OSError, subprocess.SubprocessError) as error:
         raise CompilerError(f"{command[0]} could not run: {error}") from error
     if process.returncode != 0:
-        lines = [line for line in err.splitlines() if line.strip(" .") not in ("", _LAST)]
-        last = lines[-1].strip() if lines else f"exit status {process.returncode}, no message"
-        raise CompilerError(f"{command[0]} failed: {last}")
-    return out
+        lines = [line for line in errors.splitlines() if line.strip(" .") not in ("", _LAST)]
+        last_line = lines[-1].strip() if lines else f"exit status {process.returncode}, no message"
+        raise CompilerError(f"{command[0]} failed: {last_line}")
+    return output
 
 
 _loaded: dict[str, ctypes.CDLL] = {}
@@ -171,8 +171,8 @@ _ROOM = 1 << 24
 """Bytes that a compilation may need."""
 
 
-def load(source: str, needs: Sequence[str] = ()) -> ctypes.CDLL:
-    """Compile C source to a shared object with the functions it ``needs``, and load it.
+def load(source: str, symbols: Sequence[str] = ()) -> ctypes.CDLL:
+    """Compile C source to a shared object with the functions it ``symbols``, and load it.
 
     It may come from the cache. Raises `CompilerError` with the compiler's last line where it fails,
     or with the loader's.
@@ -182,11 +182,11 @@ def load(source: str, needs: Sequence[str] = ()) -> ctypes.CDLL:
     key = hashlib.sha256("\n".join((compiler.identity, *flags, source)).encode()).hexdigest()[:32]
     with _lock:
         if key not in _loaded:
-            made = key, source, compiler, flags
+            object_request = key, source, compiler, flags
             try:
-                library = _open(_object(*made), needs)
+                library = _open(_object(*object_request), symbols)
                 if library is None:
-                    library = _open(_compile(*made, _private_directory()), needs)
+                    library = _open(_compile(*object_request, _private_directory()), symbols)
             except OSError as error:
                 reason = f"{error.strerror or error}: {error.filename or 'temporary files'}"
                 raise CompilerError(f"{compiler.path} produced no object: {reason}") from error
@@ -196,11 +196,11 @@ def load(source: str, needs: Sequence[str] = ()) -> ctypes.CDLL:
         return _loaded[key]
 
 
-def _open(path: Path, needs: Sequence[str]) -> ctypes.CDLL | None:
+def _open(path: Path, symbols: Sequence[str]) -> ctypes.CDLL | None:
     """Load an object with the functions that it needs, None where it is not there any more."""
     try:
         library = ctypes.CDLL(str(path))
-        for name in needs:
+        for name in symbols:
             getattr(library, name)
     except (OSError, AttributeError) as error:
         if not path.exists():
@@ -214,10 +214,10 @@ def _open(path: Path, needs: Sequence[str]) -> ctypes.CDLL | None:
 def _object(key: str, source: str, compiler: Compiler, flags: tuple[str, ...]) -> Path:
     directory = cache_directory()
     if directory is not None:
-        found = _verified(directory, key)
-        if found is not None:
-            _LOG.debug("%s: taken from the cache", found.name)
-            return found
+        cached_object = _verified(directory, key)
+        if cached_object is not None:
+            _LOG.debug("%s: taken from the cache", cached_object.name)
+            return cached_object
         try:
             with contextlib.suppress(OSError):
                 return _compile(key, source, compiler, flags, directory)
@@ -238,25 +238,25 @@ def _verified(directory: Path, key: str) -> Path | None:
 
 def _compile(key: str, source: str, compiler: Compiler, flags: tuple[str, ...], directory: Path) -> Path:
     with tempfile.TemporaryDirectory(prefix=_BUILD, dir=directory, ignore_cleanup_errors=True) as build:
-        text, built = Path(build, "batch.c"), Path(build, "batch.so")
-        text.write_text(source, encoding="utf-8")
+        source_file, object_file = Path(build, "batch.c"), Path(build, "batch.so")
+        source_file.write_text(source, encoding="utf-8")
         libraries = ["-lmvec", "-lm"] if compiler.vector_math else ["-lm"]
-        began = time.perf_counter()
+        start_s = time.perf_counter()
         try:
-            _run([compiler.path, *flags, "-o", str(built), str(text), *libraries])
+            _run([compiler.path, *flags, "-o", str(object_file), str(source_file), *libraries])
         except CompilerError as error:
-            if not text.exists():
+            if not source_file.exists():
                 raise FileNotFoundError(f"{build} was removed while it was compiled in") from error
             raise
         _LOG.info(
             "%s compiled %d lines of C in %.2f s",
             compiler.path,
             source.count("\n"),
-            time.perf_counter() - began,
+            time.perf_counter() - start_s,
         )
-        built.chmod(0o600)
-        checksum = hashlib.sha256(built.read_bytes()).hexdigest()
-        return built.replace(directory / f"{key}-{checksum}.so")
+        object_file.chmod(0o600)
+        checksum = hashlib.sha256(object_file.read_bytes()).hexdigest()
+        return object_file.replace(directory / f"{key}-{checksum}.so")
 
 
 @functools.cache

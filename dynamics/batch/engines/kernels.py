@@ -24,10 +24,10 @@ from dynamics.batch.graphs.tape import (
 )
 
 EngineT = TypeVar("EngineT")
-_told: set[str] = set()
+_reported_reasons: set[str] = set()
 
 
-def choose(backend: str, makers: Mapping[str, Callable[[], EngineT]], what: str) -> tuple[str, EngineT]:
+def choose(backend: str, makers: Mapping[str, Callable[[], EngineT]], owner: str) -> tuple[str, EngineT]:
     """Build the named backend, or for `auto` the first of `makers` that can be built.
 
     Under `auto`, a backend that cannot be built is passed over; a `BatchWarning` line gives the
@@ -37,7 +37,7 @@ def choose(backend: str, makers: Mapping[str, Callable[[], EngineT]], what: str)
     if backend != "auto":
         if backend not in makers:
             choices = ", ".join(("auto", *makers))
-            raise ValueError(f"unknown backend {backend!r} for {what}; choose one of {choices}")
+            raise ValueError(f"unknown backend {backend!r} for {owner}; choose one of {choices}")
         try:
             return backend, makers[backend]()
         except CompilerError as error:
@@ -49,9 +49,9 @@ def choose(backend: str, makers: Mapping[str, Callable[[], EngineT]], what: str)
         except (CompilerError, UnsupportedOperation) as error:
             reasons.append(str(error))
             continue
-        if reasons and reasons[0] not in _told:
-            _told.add(reasons[0])
-            warnings.warn(f"{reasons[0]}; {what} runs on the {name} backend", BatchWarning, stacklevel=4)
+        if reasons and reasons[0] not in _reported_reasons:
+            _reported_reasons.add(reasons[0])
+            warnings.warn(f"{reasons[0]}; {owner} runs on the {name} backend", BatchWarning, stacklevel=4)
         return name, engine
     raise UnsupportedOperation("; ".join(dict.fromkeys(reasons)))
 
@@ -81,10 +81,10 @@ def _special(name: str, a: Array) -> Array:
 def _remainder(a: Array, b: Array) -> Array:
     """IEEE remainder a - n b, n the integer nearest a/b (ties to even), exact as in C."""
     r = np.fmod(a, b)
-    half = 0.5 * np.abs(b)
+    half_divisor = 0.5 * np.abs(b)
     n_odd = np.fmod(np.abs(a), 2.0 * np.abs(b)) >= np.abs(b)
-    over = (np.abs(r) > half) | ((np.abs(r) == half) & n_odd)
-    return np.where(over, r - np.copysign(np.abs(b), r), r)
+    rounds_up = (np.abs(r) > half_divisor) | ((np.abs(r) == half_divisor) & n_odd)
+    return np.where(rounds_up, r - np.copysign(np.abs(b), r), r)
 
 
 _CALLS: dict[int, Callable[..., Array]] = {
@@ -120,26 +120,26 @@ class NumpyKernel:
         self._tape, self.width = tape, 0
         choices = {i: chosen(tape, operation) for i, operation in enumerate(tape.operations)}
         reads = [choices[i] or operands(o) for i, o in enumerate(tape.operations)]
-        last = self._last_uses(reads)
+        last_reader = self._last_uses(reads)
         names: dict[str, Any] = {f"f{op}": call for op, call in _CALLS.items()}
         lines, live = [], 0
         for i, operation in enumerate(tape.operations):
             op, args = operation.op, operation.args
-            if last[i] < 0:
+            if last_reader[i] < 0:
                 continue
             if op == ca.OP_CONST:
                 names[f"v{i}"] = np.array(operation.value)
             elif op == ca.OP_INPUT:
                 lines.append(f"v{i} = i[{args[0]}][{args[1]}]")
             else:
-                given = [self._argument(op, k, arg) for k, arg in enumerate(args)]
-                call = f"f{op}({', '.join(given)})"
+                call_arguments = [self._argument(op, k, arg) for k, arg in enumerate(args)]
+                call = f"f{op}({', '.join(call_arguments)})"
                 if choice := choices[i]:
                     call = "where(v{}, v{}, v{})".format(*choice)
-                dead = [k for k in set(reads[i]) if last[k] == i]
-                dead = [k for k in dead if tape.operations[k].op not in (ca.OP_INPUT, ca.OP_CONST)]
-                lines += [f"v{i} = {call}", *(f"del v{k}" for k in dead)]
-                live += 1 - len(dead)
+                dead_values = [k for k in set(reads[i]) if last_reader[k] == i]
+                dead_values = [k for k in dead_values if tape.operations[k].op not in (ca.OP_INPUT, ca.OP_CONST)]
+                lines += [f"v{i} = {call}", *(f"del v{k}" for k in dead_values)]
+                live += 1 - len(dead_values)
                 self.width = max(self.width, live)
         lines += [f"o[{k}][{j}] = v{v}" for k, row in enumerate(tape.outputs) for j, v in enumerate(row)]
         names["where"] = np.where
@@ -155,15 +155,15 @@ class NumpyKernel:
     def _last_uses(self, reads: list[tuple[int, ...]]) -> list[int]:
         """The last reader of each value; -1 where there is none."""
         n = len(reads)
-        last = [-1] * n
+        last_reader = [-1] * n
         for row in self._tape.outputs:
             for value in row:
-                last[value] = n
+                last_reader[value] = n
         for i in reversed(range(n)):
-            if last[i] >= 0:
+            if last_reader[i] >= 0:
                 for arg in reads[i]:
-                    last[arg] = max(last[arg], i)
-        return last
+                    last_reader[arg] = max(last_reader[arg], i)
+        return last_reader
 
     def _argument(self, op: int, position: int, arg: int) -> str:
         """An operand's name, turned from number to truth value or back where the two do not fit."""
@@ -212,7 +212,7 @@ class ChunkedEngine:
 
     def evaluate(self, inputs: list[Array], outputs: list[Array], n: int) -> int:
         """Fill `outputs` for all n samples; returns how many of them are not finite."""
-        bad: list[int] = []
+        bad_counts: list[int] = []
 
         def work(begin: int, end: int) -> None:
             rows = [np.ascontiguousarray(a[begin:end].T) if len(a) > 1 else a.T for a in inputs]
@@ -222,10 +222,10 @@ class ChunkedEngine:
             for array, result in zip(outputs, results, strict=True):
                 array[begin:end] = result.T
                 finite &= np.isfinite(result).all(axis=0)
-            bad.append(int(np.count_nonzero(~finite)))
+            bad_counts.append(int(np.count_nonzero(~finite)))
 
         over_chunks(n, self._chunk, self._threads, work)
-        return sum(bad)
+        return sum(bad_counts)
 
 
 def chunk_length(n_rows: int, block: int) -> int:

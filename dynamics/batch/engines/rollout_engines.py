@@ -55,8 +55,8 @@ class Call:
 
     def part(self, begin: int, end: int) -> Call:
         """The same request for samples `begin <= i < end` alone."""
-        arrays = {name: getattr(self, name) for name in ("x0", "theta", "p", "w", "along", "pull")}
-        rows = {k: a[begin:end] for k, a in arrays.items() if a is not None and len(a) > 1}
+        batched = {name: getattr(self, name) for name in ("x0", "theta", "p", "w", "along", "pull")}
+        rows = {k: a[begin:end] for k, a in batched.items() if a is not None and len(a) > 1}
         gaussian = None if self.gaussian is None else self.gaussian.after(begin)
         return replace(self, n=end - begin, gaussian=gaussian, **rows)
 
@@ -76,11 +76,11 @@ class Results:
     trail: Array | None = None
 
     @classmethod
-    def of(cls, q: Call, **more: Array | None) -> Self:
+    def of(cls, q: Call, **outputs: Array | None) -> Self:
         """Arrays for the cost, and for what else the call asks."""
         size = q.theta.shape[1]
         gradient, score = (np.empty((q.n, size)) if on else None for on in (q.gradient, q.score))
-        return cls(np.empty((q.n, 1)), gradient, score, **more)
+        return cls(np.empty((q.n, 1)), gradient, score, **outputs)
 
     def non_finite(self) -> NonFinite:
         """The samples with a cost, gradient or score that is NaN or infinite."""
@@ -128,9 +128,9 @@ class CompiledRolloutEngine:
         self._tapes, self._threads, self._block = tapes, threads, block
         self._runs = {(False, False): self._made(False, False)}
 
-    def _made(self, own_p: bool, own_theta: bool) -> Any:
+    def _made(self, per_sample_p: bool, per_sample_theta: bool) -> Any:
         machine = compiler.find_compiler()
-        text = c_rollout.source(self._tapes, self._block, machine, own_p, own_theta)
+        text = c_rollout.source(self._tapes, self._block, machine, per_sample_p, per_sample_theta)
         run = compiler.load(text, ["run"]).run
         run.restype = ctypes.c_int64
         run.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
@@ -149,28 +149,28 @@ class CompiledRolloutEngine:
         return self._all(q, q.gradient + 2 * q.score + 4, moments=table)
 
     def _all(self, q: Call, want: int, **results: Array | None) -> int:
-        job, _alive = self._job(q, want, results)
-        own = len(q.p) > 1, self._tapes.layers is not None and len(q.theta) > 1
-        if own not in self._runs:
-            self._runs[own] = self._made(*own)
+        job, _kept_alive = self._job(q, want, results)
+        per_sample = len(q.p) > 1, self._tapes.layers is not None and len(q.theta) > 1
+        if per_sample not in self._runs:
+            self._runs[per_sample] = self._made(*per_sample)
         chunk = self.chunk if want & 4 else self._share(q.n)
-        return run_chunks(self._runs[own], q.n, chunk, self._threads, ctypes.addressof(job))
+        return run_chunks(self._runs[per_sample], q.n, chunk, self._threads, ctypes.addressof(job))
 
     def _share(self, n: int) -> int:
         """Samples that a thread takes at once: a few shares for each, of few samples one."""
         if self._threads == 1:
             return self.chunk
-        one, few = (_REGISTER * -(-n // (_REGISTER * k * self._threads)) for k in (1, _SHARES))
-        return min(self.chunk, max(few, min(one, _FEW)))
+        one_share, several_shares = (_REGISTER * -(-n // (_REGISTER * k * self._threads)) for k in (1, _SHARES))
+        return min(self.chunk, max(several_shares, min(one_share, _FEW)))
 
     def _job(self, q: Call, want: int, results: dict[str, Array | None]) -> tuple[Job, object]:
         """The structure to pass, and the arrays that must live as long as it is in use."""
         nu = self._tapes.nu
-        noise, key, sigma = 0, (0, 0), np.ones(nu)
+        noise, seed_key, sigma = 0, (0, 0), np.ones(nu)
         if q.w is not None:
             noise = 1
         elif q.gaussian is not None:
-            noise, key, sigma = 2, key_of(q.gaussian.seed), q.gaussian.scales(nu)
+            noise, seed_key, sigma = 2, key_of(q.gaussian.seed), q.gaussian.scales(nu)
         arrays = {
             **{"x0": q.x0, "theta": q.theta, "p": q.p, "w": q.w, "along": q.along},
             **{"pull": q.pull, "sigma": sigma, "precision": q.precision, **results},
@@ -183,8 +183,8 @@ class CompiledRolloutEngine:
             shared_theta=len(q.theta) == 1,
             shared_p=len(q.p) == 1,
             noise=noise,
-            key0=key[0],
-            key1=key[1],
+            key0=seed_key[0],
+            key1=seed_key[1],
             first=0 if q.gaussian is None else q.gaussian.first,
             baseline=q.baseline,
             **{name: a.ctypes.data for name, a in arrays.items() if a is not None},
@@ -209,26 +209,26 @@ class ChunkEngine:
 
     def samples(self, q: Call, results: Results) -> int:
         """As :meth:`CompiledRolloutEngine.samples`."""
-        bad: list[int] = []
+        bad_counts: list[int] = []
         targets = results.gradient, results.score, results.last, results.trail
 
         def work(begin: int, end: int) -> None:
             cost, gradient, score, trail = self._chunk(q.part(begin, end))
             results.cost[begin:end, 0] = cost
-            kept = gradient, score, trail[-1], trail.reshape(-1, trail.shape[-1])
-            for target, value in zip(targets, kept, strict=True):
+            chunk_results = gradient, score, trail[-1], trail.reshape(-1, trail.shape[-1])
+            for target, value in zip(targets, chunk_results, strict=True):
                 if target is not None:
                     transpose(value.T, target[begin:end])
             # A sum is finite only if all its terms are.
             total = cost + gradient.sum(axis=0) + score.sum(axis=0)
-            bad.append(end - begin - int(np.count_nonzero(np.isfinite(total))))
+            bad_counts.append(end - begin - int(np.count_nonzero(np.isfinite(total))))
 
         over_chunks(q.n, self.chunk, self._threads, work)
-        return sum(bad)
+        return sum(bad_counts)
 
     def moments(self, q: Call, table: Array) -> int:
         """As :meth:`CompiledRolloutEngine.moments`."""
-        bad: list[int] = []
+        bad_counts: list[int] = []
 
         def work(begin: int, end: int) -> None:
             cost, gradient, score, _ = self._chunk(q.part(begin, end))
@@ -238,30 +238,30 @@ class ChunkEngine:
             mean = values.sum(axis=1) / max(n, 1)
             m2 = np.square(values - mean[:, None]).sum(axis=1)
             table[begin // self.chunk] = (n, *mean, *m2)
-            bad.append(end - begin - n)
+            bad_counts.append(end - begin - n)
 
         over_chunks(q.n, self.chunk, self._threads, work)
-        return sum(bad)
+        return sum(bad_counts)
 
     def _chunk(self, q: Call) -> tuple[Array, Array, Array, Array]:
         """Of one chunk, until the next: cost (m,), gradient and score (parts * n_theta or 0, m),
         and all that was carried (N + 1, nx, m)."""
         tapes, m = self._tapes, q.n
         scratch, rollout = self._rollout.scratch, self._rollout
-        given = {"x0": q.x0, "theta": q.theta, "p": q.p, "w": self._noise(q)}
-        x0, theta, p, w = (scratch.columns(name, a) for name, a in given.items())
+        batched = {"x0": q.x0, "theta": q.theta, "p": q.p, "w": self._noise(q)}
+        x0, theta, p, w = (scratch.columns(name, a) for name, a in batched.items())
         theta = theta.reshape(q.parts, -1, theta.shape[-1])
         w = w.reshape(q.horizon, tapes.nu, -1)
-        along = None
+        linearise_along = None
         if q.along is not None:
-            along = scratch.columns("along", q.along).reshape(-1, tapes.nx, m)
-        x, lam, cost = rollout.forward(x0, theta, p, w, m, q.gradient, along)
+            linearise_along = scratch.columns("along", q.along).reshape(-1, tapes.nx, m)
+        x, lam, cost = rollout.forward(x0, theta, p, w, m, q.gradient, linearise_along)
         shape = (q.parts, theta.shape[1], m)
         gradient, score = np.empty((0, m)), np.empty((0, m))
         if q.gradient:
             gradient = scratch.array("gradient", *shape)
-            pull = None if q.pull is None else q.pull.T
-            rollout.backward(x, lam, theta, p, w, gradient, pull)
+            terminal_gradient = None if q.pull is None else q.pull.T
+            rollout.backward(x, lam, theta, p, w, gradient, terminal_gradient)
         if q.score and q.precision is not None:
             score = scratch.array("score", *shape)
             rollout.scores(x, theta, p, w * q.precision[..., None], score)

@@ -31,18 +31,20 @@ def hoisted(
     Returns `derived: p -> q`, and the functions with q in the place of p.
     """
     pool = _Pool(n_parameters)
-    split = {name: _Split(tape_of(fn), position, pool).results() for name, (fn, position) in functions.items()}
+    split_functions = {
+        name: _Split(tape_of(fn), position, pool).results() for name, (fn, position) in functions.items()
+    }
     q = ca.vertcat(ca.SX(0, 1), *pool.symbols.values())
-    values = ca.vertcat(ca.SX(0, 1), *(pool.expressions[i] for i in pool.symbols))
-    rest = {}
-    for name, (arguments, results) in split.items():
+    derived_values = ca.vertcat(ca.SX(0, 1), *(pool.expressions[i] for i in pool.symbols))
+    remaining = {}
+    for name, (arguments, results) in split_functions.items():
         fn, position = functions[name]
         shaped = [
             ca.reshape(result, fn.size_out(k)) if result.numel() else ca.SX(*fn.size_out(k))
             for k, result in enumerate(results)
         ]
-        rest[name] = ca.Function(fn.name(), [q if k == position else a for k, a in enumerate(arguments)], shaped)
-    return ca.Function("derived", [pool.p], [ca.densify(values)]), rest
+        remaining[name] = ca.Function(fn.name(), [q if k == position else a for k, a in enumerate(arguments)], shaped)
+    return ca.Function("derived", [pool.p], [ca.densify(derived_values)]), remaining
 
 
 class _Pool:
@@ -112,18 +114,18 @@ class _Split:
         else:
             self.values[i] = apply(op, [self._value(arg) for arg in args])
 
-    def _scale(self, i: int, of: int, factor: int) -> None:
-        if of in self.scaled:
-            of, other = self.scaled[of]
+    def _scale(self, i: int, scaled_value: int, factor: int) -> None:
+        if scaled_value in self.scaled:
+            scaled_value, other = self.scaled[scaled_value]
             factor = self.pool.add(Operation(ca.OP_MUL, ()), (other, factor))
-        self.scaled[i] = of, factor
+        self.scaled[i] = scaled_value, factor
 
     def _value(self, i: int) -> ca.SX:
         if i in self.pooled:
             return self.pool.value(self.pooled[i])
         if i not in self.values:
-            of, factor = self.scaled[i]
-            self.values[i] = self._value(of) * self.pool.value(factor)
+            scaled_value, factor = self.scaled[i]
+            self.values[i] = self._value(scaled_value) * self.pool.value(factor)
         return self.values[i]
 
     def results(self) -> tuple[list[ca.SX], list[ca.SX]]:
@@ -166,21 +168,25 @@ def carried(forward: ca.Function, adjoint: ca.Function) -> tuple[ca.Function, ca
     (...)`. In what is returned lam is longer by those values of the forward step, which the adjoint
     reads instead: a division takes a processor as long as ten products, a stored number one load.
     """
-    first, second = (_Graph(with_shared_reciprocals(tape_of(f))) for f in (forward, adjoint))
-    same = second.matched(first, lam_input=4)
-    costly = {i for i in same if second.tape.operations[i].op in _COSTLY}
-    kept = sorted({same[i] for i in second.needed(costly)})
-    lam = ca.SX.sym("lam", adjoint.numel_in(4) + len(kept))
-    given = {i: lam[adjoint.numel_in(4) + kept.index(same[i])] for i in same if same[i] in kept}
-    arguments = [ca.SX.sym(f"i{k}", n) for k, n in enumerate(first.tape.input_sizes)]
-    values = first.expressions(arguments, {})
-    outputs = first.outputs(values)
-    outputs[1] = ca.vertcat(outputs[1], *(values[i] for i in kept))
+    forward_graph, adjoint_graph = (_Graph(with_shared_reciprocals(tape_of(f))) for f in (forward, adjoint))
+    same_in_forward = adjoint_graph.matched(forward_graph, lam_input=4)
+    costly_matches = {i for i in same_in_forward if adjoint_graph.tape.operations[i].op in _COSTLY}
+    carried_values = sorted({same_in_forward[i] for i in adjoint_graph.needed(costly_matches)})
+    lam = ca.SX.sym("lam", adjoint.numel_in(4) + len(carried_values))
+    replacements = {
+        i: lam[adjoint.numel_in(4) + carried_values.index(same_in_forward[i])]
+        for i in same_in_forward
+        if same_in_forward[i] in carried_values
+    }
+    arguments = [ca.SX.sym(f"i{k}", n) for k, n in enumerate(forward_graph.tape.input_sizes)]
+    values = forward_graph.expressions(arguments, {})
+    outputs = forward_graph.outputs(values)
+    outputs[1] = ca.vertcat(outputs[1], *(values[i] for i in carried_values))
     xbar = ca.SX.sym("xbar", adjoint.numel_in(5))
-    bars = second.outputs(second.expressions([*arguments, lam, xbar], given))
+    adjoint_outputs = adjoint_graph.outputs(adjoint_graph.expressions([*arguments, lam, xbar], replacements))
     return (
         ca.Function(forward.name(), arguments, outputs),
-        ca.Function(adjoint.name(), [*arguments, lam, xbar], bars),
+        ca.Function(adjoint.name(), [*arguments, lam, xbar], adjoint_outputs),
     )
 
 
@@ -192,50 +198,50 @@ class _Graph:
 
     def needed(self, ends: set[int]) -> list[int]:
         """Those of ``ends`` that are met first on the way from the outputs down."""
-        seen: set[int] = set()
-        found, pending = [], [i for row in self.tape.outputs for i in row]
+        visited: set[int] = set()
+        first_met, pending = [], [i for row in self.tape.outputs for i in row]
         while pending:
             i = pending.pop()
-            if i in seen:
+            if i in visited:
                 continue
-            seen.add(i)
+            visited.add(i)
             if i in ends:
-                found.append(i)
+                first_met.append(i)
             else:
                 pending += operands(self.tape.operations[i])
-        return found
+        return first_met
 
     def matched(self, other: _Graph, lam_input: int) -> dict[int, int]:
         """Which value of ``other`` a value of this tape is; inputs agree but for ``lam_input``,
         which is the other's output 1."""
-        known = {other._key(op, op.args): i for i, op in enumerate(other.tape.operations)}
-        found: dict[int, int] = {}
+        index_by_key = {other._key(op, op.args): i for i, op in enumerate(other.tape.operations)}
+        matches: dict[int, int] = {}
         for i, operation in enumerate(self.tape.operations):
             args = operation.args
             if operation.op == ca.OP_INPUT:
                 if args[0] == lam_input:
-                    found[i] = other.tape.outputs[1][args[1]]
+                    matches[i] = other.tape.outputs[1][args[1]]
                     continue
-            elif all(arg in found for arg in args):
-                args = tuple(found[arg] for arg in args)
+            elif all(arg in matches for arg in args):
+                args = tuple(matches[arg] for arg in args)
             else:
                 continue
             key = self._key(operation, args)
-            if key in known:
-                found[i] = known[key]
-        return found
+            if key in index_by_key:
+                matches[i] = index_by_key[key]
+        return matches
 
     @staticmethod
     def _key(operation: Operation, args: tuple[int, ...]) -> tuple[int, tuple[int, ...], float]:
         ordered = tuple(sorted(args)) if operation.op in COMMUTATIVE else args
         return operation.op, ordered, operation.value
 
-    def expressions(self, arguments: list[ca.SX], given: dict[int, ca.SX]) -> list[ca.SX]:
-        """Every value as an expression in ``arguments``, or as it is ``given``."""
+    def expressions(self, arguments: list[ca.SX], replacements: dict[int, ca.SX]) -> list[ca.SX]:
+        """Every value as an expression in ``arguments``, or as it is ``replacements``."""
         values: list[ca.SX] = []
         for i, operation in enumerate(self.tape.operations):
-            if i in given:
-                values.append(given[i])
+            if i in replacements:
+                values.append(replacements[i])
             elif operation.op == ca.OP_INPUT:
                 values.append(arguments[operation.args[0]][operation.args[1]])
             elif operation.op == ca.OP_CONST:

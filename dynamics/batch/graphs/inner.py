@@ -84,8 +84,8 @@ class InnerLoop:
     def graphs(self) -> dict[str, ca.Function]:
         """The graphs that there are, by name."""
         names = ("opening", "newton", "settled", "warm", "further", "path", "followed", "closing")
-        found = {name: getattr(self, name) for name in names}
-        return {name: graph for name, graph in found.items() if graph is not None}
+        by_name = {name: getattr(self, name) for name in names}
+        return {name: graph for name, graph in by_name.items() if graph is not None}
 
 
 def guess(path: Path, data: ca.SX) -> ca.SX:
@@ -95,18 +95,18 @@ def guess(path: Path, data: ca.SX) -> ca.SX:
     z, mu = path.parts(data)["z"], path.parts(data)["mu"]
     if path.exact:
         return ca.fmax(0, -z)
-    q = ca.fabs(z) + ca.sqrt(z**2 + 4 * mu)
-    return ca.if_else(z > 0, 2 * mu / q, q / 2)
+    larger_root = ca.fabs(z) + ca.sqrt(z**2 + 4 * mu)
+    return ca.if_else(z > 0, 2 * mu / larger_root, larger_root / 2)
 
 
 def solver_of(path: Path) -> dict[str, Any]:
     """The fields of an `InnerLoop` that the path determines."""
     pair = ca.SX.sym("pair", path.size)
-    ends = path.ending()(pair, path.data)
+    path_end = path.ending()(pair, path.data)
     sizes = {"n": path.n, "n_pair": path.size, "n_data": path.data.numel()}
     # Infinite where the path was not followed to its end: no sample counts then.
-    reached = ends[0] / (ca.mmax(ends[2]) <= _FOLLOWED)
-    followed = _function("followed", [pair, path.data], [reached])
+    checked_end = path_end[0] / (ca.mmax(path_end[2]) <= _FOLLOWED)
+    followed = _function("followed", [pair, path.data], [checked_end])
     return {
         **sizes,
         "path": path.iteration(),
@@ -117,9 +117,9 @@ def solver_of(path: Path) -> dict[str, Any]:
 
 def _from_starts(path: Path) -> dict[str, Any]:
     """Fields of a path without Newton's method before it: multipliers may not be unique."""
-    iterations = {"most": _COLD, "most_warm": _WARM, "most_further": _SEARCHED}
+    iteration_limits = {"most": _COLD, "most_warm": _WARM, "most_further": _SEARCHED}
     graphs = {"warm": starts.warm_start(path), "further": starts.further_start(path)}
-    return {**iterations, **graphs, "starts": starts.COUNT}
+    return {**iteration_limits, **graphs, "starts": starts.COUNT}
 
 
 def _by_newton(path: Path) -> dict[str, Any]:
@@ -127,14 +127,14 @@ def _by_newton(path: Path) -> dict[str, Any]:
     z, mu, D, c = (path.known[name] for name in ("z", "mu", "D", "c"))
     F = ca.SX(path.pattern, path.known["entries"])
     if path.exact:
-        stepped, at_rest = _active_set(lam, z, F), ca.fmax(0, lam) * c * D
+        newton_outputs, settled_lam = _active_set(lam, z, F), ca.fmax(0, lam) * c * D
     else:
         s = z + F @ lam
         # Where lam is the small one of the pair, mu / s has all its digits; the root has not.
-        stepped, at_rest = _newton(lam, z, F, mu), ca.if_else(s > lam, mu / s, lam) * c * D
+        newton_outputs, settled_lam = _newton(lam, z, F, mu), ca.if_else(s > lam, mu / s, lam) * c * D
     return {
-        "newton": _function("newton", [lam, path.data], list(stepped)),
-        "settled": _function("settled", [lam, path.data], [at_rest]),
+        "newton": _function("newton", [lam, path.data], list(newton_outputs)),
+        "settled": _function("settled", [lam, path.data], [settled_lam]),
         "newton_iterations": NEWTON_ITERATIONS,
     }
 
@@ -146,8 +146,8 @@ def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Functi
 def _newton(lam: ca.SX, z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
     s = z + F @ lam
     r = ca.sqrt((lam - s) ** 2 + 4 * mu)
-    lean = (lam - s) / r
-    matrix = ca.diag(1 - lean) + ca.diag(1 + lean) @ F
+    slope = (lam - s) / r
+    matrix = ca.diag(1 - slope) + ca.diag(1 + slope) @ F
     step = solve_without_pivoting(matrix, r - lam - s)
     size = ca.mmax(ca.fabs(step))
     return lam + step, size > _SETTLED * ca.fmax(1, ca.mmax(ca.fabs(lam)))
@@ -156,6 +156,6 @@ def _newton(lam: ca.SX, z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
 def _active_set(lam: ca.SX, z: ca.SX, F: ca.SX) -> tuple[ca.SX, ca.SX]:
     active = lam > z + F @ lam
     matrix = ca.diag(1 - active) + ca.diag(active) @ F
-    solved = solve_without_pivoting(matrix, -active * z)
-    again = solved > z + F @ solved
-    return solved, ca.mmax(ca.fabs(again - active)) > 0
+    solution = solve_without_pivoting(matrix, -active * z)
+    active_after = solution > z + F @ solution
+    return solution, ca.mmax(ca.fabs(active_after - active)) > 0

@@ -85,9 +85,15 @@ class Costs(Objective):
     def check(self, step: Step) -> None:
         """Raise `ValueError` for costs that are no functions of state, input and parameters."""
         nx, nu, np = step.system.nx, step.system.nu, len(step.p)
-        extra = {"du": nu} if self.with_change else {}
-        extra |= {"lam": step.system.nlam} if self.with_impulses else {}
-        fits("stage cost", self.stage, (nx, nu, *extra.values(), np), f"({', '.join(('x', 'u', *extra, 'p'))})", 1)
+        extra_sizes = {"du": nu} if self.with_change else {}
+        extra_sizes |= {"lam": step.system.nlam} if self.with_impulses else {}
+        fits(
+            "stage cost",
+            self.stage,
+            (nx, nu, *extra_sizes.values(), np),
+            f"({', '.join(('x', 'u', *extra_sizes, 'p'))})",
+            1,
+        )
         if self.with_impulses and step.n == 0:
             raise ValueError("the stage cost needs contact impulses, which the law does not have")
         fits("terminal cost", self.final, (nx, np), "(x, p)", 1)
@@ -95,9 +101,9 @@ class Costs(Objective):
     def outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
         """The next state, with the input behind it where that is carried, and the stage cost."""
         system, p = step.system, step.p.vector
-        extra = [system.u - self.carried] if self.with_change else []
-        extra += [step.impulses] if self.with_impulses else []
-        cost = expanded(self.stage)(system.x, system.u, *extra, p)
+        extra_arguments = [system.u - self.carried] if self.with_change else []
+        extra_arguments += [step.impulses] if self.with_impulses else []
+        cost = expanded(self.stage)(system.x, system.u, *extra_arguments, p)
         return ca.vertcat(x_next_expr, system.u if self.with_change else ca.SX(0, 1)), cost
 
     def terminal(self, step: Step) -> ca.SX:
@@ -140,27 +146,27 @@ class Episode(Objective):
     def check(self, step: Step) -> None:
         """Raise `ValueError` for functions of other dimensions than the step's."""
         nx, nu = step.system.nx, step.system.nu
-        for what, fn, sizes, arguments in (
+        for role, fn, sizes, arguments in (
             ("reward", self.reward, (nx, nu, nx), "(x, u, x_next, p)"),
             ("final", self.final, (nx,), "(x, p)"),
             ("done", self.done, (nx,), "(x, p)"),
         ):
             np = min(len(step.p), fn.numel_in(fn.n_in() - 1))
-            fits(what, fn, (*sizes, np), arguments, 1)
+            fits(role, fn, (*sizes, np), arguments, 1)
 
     def outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
         """The next state, or this one where the episode is over, and minus the reward."""
         x, u, p = step.system.x, step.system.u, step.p.vector
         weight, lived = ca.vertsplit(self.carried)
-        over = of_first(self.done, x_next_expr, p=p) != 0
-        after = ca.if_else(over, 0, self.parameters[DISCOUNT] * weight)
+        is_done = of_first(self.done, x_next_expr, p=p) != 0
+        weight_after = ca.if_else(is_done, 0, self.parameters[DISCOUNT] * weight)
         stays = [
             ca.if_else(self.alive, new, old)
             for new, old in zip(ca.vertsplit(x_next_expr), ca.vertsplit(x), strict=True)
         ]
         gain = ca.if_else(self.alive, weight * of_first(self.reward, x, u, x_next_expr, p=p), 0)
-        on = ca.if_else(self.alive, after, 0)
-        return ca.vertcat(*stays, on, lived + self.alive), -gain
+        carried_weight = ca.if_else(self.alive, weight_after, 0)
+        return ca.vertcat(*stays, carried_weight, lived + self.alive), -gain
 
     def terminal(self, step: Step) -> ca.SX:
         """Minus the terminal reward of the episodes that reach the end."""
@@ -180,8 +186,8 @@ class Episode(Objective):
     def kept(self, bars: ca.SX, xbar: ca.SX) -> ca.SX:
         """A state that stays has the cotangent of the one after it, and the weight has none."""
         n = bars.numel() - self.carried.numel()
-        chosen = [ca.if_else(self.alive, bars[k], xbar[k]) for k in range(n)]
-        return ca.vertcat(*chosen, ca.SX.zeros(self.carried.numel()))
+        state_bars = [ca.if_else(self.alive, bars[k], xbar[k]) for k in range(n)]
+        return ca.vertcat(*state_bars, ca.SX.zeros(self.carried.numel()))
 
     def counted(self, bars: ca.SX) -> ca.SX:
         """Nothing once the episode is over, finite or not."""
@@ -193,15 +199,16 @@ def expanded(fn: ca.Function) -> ca.Function:
     return fn if fn.is_a("SXFunction") else fn.expand()
 
 
-def fits(what: str, fn: ca.Function, sizes: tuple[int, ...], arguments: str, n_out: int) -> None:
+def fits(role: str, fn: ca.Function, sizes: tuple[int, ...], arguments: str, n_out: int) -> None:
     """Raise `ValueError` where a function takes other sizes, or gives not `n_out` entries."""
-    given = tuple(fn.numel_in(k) for k in range(fn.n_in()))
-    if given != sizes:
+    argument_sizes = tuple(fn.numel_in(k) for k in range(fn.n_in()))
+    if argument_sizes != sizes:
         raise ValueError(
-            f"the {what} must be a function of {arguments} with sizes {sizes}, but '{fn.name()}' takes sizes {given}"
+            f"the {role} must be a function of {arguments} with sizes {sizes}, but '{fn.name()}' takes sizes"
+            f" {argument_sizes}"
         )
     if fn.n_out() != 1 or fn.numel_out(0) != n_out:
-        raise ValueError(f"the {what} '{fn.name()}' must have one output with {n_out} entries")
+        raise ValueError(f"the {role} '{fn.name()}' must have one output with {n_out} entries")
 
 
 def of_first(fn: ca.Function, *arguments: ca.SX, p: ca.SX) -> ca.SX:

@@ -53,8 +53,8 @@ class RolloutPolicy:
     def acting(self, noise: np.ndarray) -> np.ndarray:
         """Which of theta, in its shape, move an action whose noise acts, `noise` (horizon, n_a)."""
         x, theta = (ca.SX.sym("a", self.law.numel_in(k)) for k in range(2))
-        found = noise @ depends(expanded(self.law)(x, theta), theta)
-        return found if self.per_step else np.any(found, axis=0, keepdims=True)[0]
+        reaches = noise @ depends(expanded(self.law)(x, theta), theta)
+        return reaches if self.per_step else np.any(reaches, axis=0, keepdims=True)[0]
 
     def shape(self, horizon: int) -> tuple[int, ...]:
         """Shape of theta for one sample."""
@@ -88,11 +88,11 @@ class DensePolicy(RolloutPolicy):
 
     def acting(self, noise: np.ndarray) -> np.ndarray:
         """All weights (n_theta,) but the last layer's of actions whose noise never acts."""
-        found = np.full(self.n_theta, noise.any())
-        weights, offsets = self.layers(found)[-1]
+        reaches = np.full(self.n_theta, noise.any())
+        weights, offsets = self.layers(reaches)[-1]
         offsets[:] = noise.any(axis=0)
         weights[:] = offsets[:, None]
-        return found
+        return reaches
 
     @cached_property
     def parameters(self) -> ParameterTable:

@@ -83,41 +83,41 @@ class Closed:
     def tapes(self) -> RolloutTapes:
         """The graphs, with the values that they share taken out of them."""
         law, at_end = self.law(self.step.system.x, self.theta), [self.x, self.p]
-        found = self.ways()
-        score = self.objective.counted(ca.jtimes(law, self.theta, self._acting(found), True))
+        noise_ways = self.ways()
+        score = self.objective.counted(ca.jtimes(law, self.theta, self._acting(noise_ways), True))
         terminal_bar = ca.gradient(self.terminal_cost, self.x)
-        around = self._around()
+        loop = self._around()
         with_p = {
             "adjoint": (self._adjoint(), 3),
             "terminal": (_function("terminal", at_end, [self.terminal_cost]), 1),
             "terminal_adjoint": (_function("terminal_adjoint", at_end, [terminal_bar]), 1),
             **self._observing(),
         }
-        if around is None:
+        if loop is None:
             with_p["forward"] = (self._forward(), 3)
         else:
-            with_p |= {name: (getattr(around, name), 3) for name in around.with_p}
-        derived, rest = hoisted(with_p, self.n_parameters)
-        if around is None:
-            rest["forward"], rest["adjoint"] = carried(rest["forward"], rest["adjoint"])
+            with_p |= {name: (getattr(loop, name), 3) for name in loop.with_p}
+        derived, remaining = hoisted(with_p, self.n_parameters)
+        if loop is None:
+            remaining["forward"], remaining["adjoint"] = carried(remaining["forward"], remaining["adjoint"])
         else:
-            around = replace(around, **{name: rest[name] for name in around.with_p})
+            loop = replace(loop, **{name: remaining[name] for name in loop.with_p})
         layers, over = None, self.objective.over
         if isinstance(self.policy, DensePolicy):
-            layers = Layers(self.policy.sizes, rest["observe"], rest["observe_adjoint"])
+            layers = Layers(self.policy.sizes, remaining["observe"], remaining["observe_adjoint"])
         return RolloutTapes(
             nx=self.x.numel(),
             n_carried=self.objective.carried.numel(),
             nu=self.step.system.nu,
             np=derived.numel_out(0),
-            nlam=rest["adjoint"].numel_in(4),
+            nlam=remaining["adjoint"].numel_in(4),
             n_theta=self.theta.numel(),
-            forward=around or rest["forward"],
-            adjoint=rest["adjoint"],
+            forward=loop or remaining["forward"],
+            adjoint=remaining["adjoint"],
             score=_function("score", [self.x, self.theta, self.w], [score]),
-            ways=found,
-            terminal=rest["terminal"],
-            terminal_adjoint=rest["terminal_adjoint"],
+            ways=noise_ways,
+            terminal=remaining["terminal"],
+            terminal_adjoint=remaining["terminal_adjoint"],
             derived=derived,
             layers=layers,
             weight=None if over is None else self.step.system.nx + over,
@@ -127,21 +127,21 @@ class Closed:
         """The ways of the step, closed by contact and policy."""
         step, policy = self.step, self.policy
         if isinstance(step, LearnedStep):
-            asked = _mixed(step.queries)
-            unknown, rows = step.inner, ca.repmat(asked, step.inner.numel(), 1)
+            mixed_queries = _mixed(step.queries)
+            unknown, relation_rows = step.inner, ca.repmat(mixed_queries, step.inner.numel(), 1)
         else:
-            unknown, rows = step.lam, step.eliminated(step.gap_expr) + ca.SX.sym("by_mu") * step.mu
-        given = self._closed(ca.vertcat(self.x_next, self.stage_cost), rows)
-        outputs = ca.substitute(given[0], unknown, stand_ins(unknown, given[1]))
+            unknown, relation_rows = step.lam, step.eliminated(step.gap_expr) + ca.SX.sym("by_mu") * step.mu
+        closed_expressions = self._closed(ca.vertcat(self.x_next, self.stage_cost), relation_rows)
+        outputs = ca.substitute(closed_expressions[0], unknown, stand_ins(unknown, closed_expressions[1]))
         if isinstance(policy, DensePolicy):
-            seen = _mixed(of_first(policy.observe, step.system.x, p=step.p.vector))
-            outputs = ca.substitute(outputs, self.theta, ca.repmat(seen, self.theta.numel(), 1))
+            mixed_observation = _mixed(of_first(policy.observe, step.system.x, p=step.p.vector))
+            outputs = ca.substitute(outputs, self.theta, ca.repmat(mixed_observation, self.theta.numel(), 1))
         return ways(outputs, self.terminal_cost, self.x, self.w)
 
-    def _acting(self, found: Ways) -> ca.SX:
+    def _acting(self, noise_ways: Ways) -> ca.SX:
         """The noise, zero where a gate is shut."""
         noise = ca.vertsplit(self.w)
-        for j, s in np.argwhere(found.gates).tolist():
+        for j, s in np.argwhere(noise_ways.gates).tolist():
             noise[j] = ca.if_else(self.x[s] != 0, noise[j], 0)
         return ca.vertcat(*noise)
 
@@ -152,12 +152,12 @@ class Closed:
             return {}
         table, n = policy.parameters, policy.sizes[0]
         mean, scale = table.vector[:n], table.vector[n:]
-        seen = (of_first(policy.observe, self.step.system.x, p=self.step.p.vector) - mean) / scale
+        observation = (of_first(policy.observe, self.step.system.x, p=self.step.p.vector) - mean) / scale
         obar = ca.SX.sym("obar", n)
-        back = self.objective.counted(ca.gradient(ca.dot(obar, seen), self.x))
+        state_bar = self.objective.counted(ca.gradient(ca.dot(obar, observation), self.x))
         return {
-            "observe": (_function("observe", [self.x, self.p], [seen]), 1),
-            "observe_adjoint": (_function("observe_adjoint", [self.x, self.p, obar], [back]), 1),
+            "observe": (_function("observe", [self.x, self.p], [observation]), 1),
+            "observe_adjoint": (_function("observe_adjoint", [self.x, self.p, obar], [state_bar]), 1),
         }
 
     def _closed(self, *expressions: ca.SX) -> list[ca.SX]:
@@ -226,9 +226,9 @@ class Closed:
         step, system, mu = self.step, self.step.system, ca.SX.sym("mu", path.n)
         opening, data = path.opening_of(system, mu), []
         for node, rows in zip(step.nodes, step.rows, strict=True):
-            old = ca.vertcat(system.x, system.u, mu)
-            new = ca.vertcat(system.x + node.noise_x, system.u + node.noise_u, step.mu[rows])
-            data += self._closed(ca.substitute(opening, old, new))
+            symbols = ca.vertcat(system.x, system.u, mu)
+            values = ca.vertcat(system.x + node.noise_x, system.u + node.noise_u, step.mu[rows])
+            data += self._closed(ca.substitute(opening, symbols, values))
         return data
 
     def _adjoint(self) -> ca.Function:
@@ -239,29 +239,29 @@ class Closed:
         if not isinstance(step, AffineStep):
             return self._adjoint_of_relation(xbar)
         value = self.stage_cost + ca.dot(xbar, self.x_next)
-        frozen, meant = [ca.SX(0, 1)], [ca.SX(0, 1)]
+        held_symbols, held_values = [ca.SX(0, 1)], [ca.SX(0, 1)]
         if step.n:
-            frozen, meant, through_contact = self._implicit(step, ca.gradient(value, step.lam))
-            value += through_contact
+            held_symbols, held_values, contact_term = self._implicit(step, ca.gradient(value, step.lam))
+            value += contact_term
         value = self._closed(value)[0]
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
         # Where contact moves no state the multiplier's cotangent has no entries.
-        bars = ca.substitute(bars, frozen, [ca.densify(each) for each in self._closed(*meant)])
+        bars = ca.substitute(bars, held_symbols, [ca.densify(held_value) for held_value in self._closed(*held_values)])
         return self._adjoint_function(step.lam, xbar, bars)
 
     def _adjoint_function(self, lam: ca.SX, xbar: ca.SX, bars: list[ca.SX]) -> ca.Function:
-        kept = self.objective.kept(ca.densify(bars[0]), xbar)
-        bars = [kept, self.objective.counted(bars[1])]
+        carried_bar = self.objective.kept(ca.densify(bars[0]), xbar)
+        bars = [carried_bar, self.objective.counted(bars[1])]
         return _function("adjoint", [*self.arguments, lam, xbar], bars)
 
     def _adjoint_of_model(self, step: LearnedStep, xbar: ca.SX) -> ca.Function:
         """Gradient of ``l + xbar' x_next + b' z``, b the derivative by the queries z, held."""
         value = self.stage_cost + ca.dot(xbar, self.x_next)
-        value, queries, back = self._closed(value, step.queries, step.back(value))
-        held = ca.SX.sym("back", queries.numel())
-        value += ca.dot(held, queries)
+        value, queries, query_bar = self._closed(value, step.queries, step.back(value))
+        held_bar = ca.SX.sym("back", queries.numel())
+        value += ca.dot(held_bar, queries)
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
-        bars = ca.substitute(bars, [held], [ca.densify(back)])
+        bars = ca.substitute(bars, [held_bar], [ca.densify(query_bar)])
         return self._adjoint_function(step.evaluated, xbar, bars)
 
     def _adjoint_of_relation(self, xbar: ca.SX) -> ca.Function:
@@ -269,18 +269,18 @@ class Closed:
         step, inner = self.step, self.step.inner
         relation = step.differentiable_relation
         x_next, cost = self.objective.outcome(step, step.x_next_expr)
-        gained = cost + ca.dot(xbar, x_next)
-        by_inner = ca.densify(ca.gradient(gained, inner))
+        cost_to_go = cost + ca.dot(xbar, x_next)
+        by_inner = ca.densify(ca.gradient(cost_to_go, inner))
         v = step.solve_relation(by_inner, transposed=True)
         held_v = ca.SX.sym("v", inner.numel())
-        value = self._closed(gained - ca.dot(held_v, relation))[0]
+        value = self._closed(cost_to_go - ca.dot(held_v, relation))[0]
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
-        meant = [v]
-        symbols = [held_v]
+        held_values = [v]
+        held_symbols = [held_v]
         if step.held is not None:
-            symbols.append(step.held[0])
-            meant.append(step.held[1])
-        bars = ca.substitute(bars, [ca.vertcat(*symbols)], self._closed(ca.vertcat(*meant)))
+            held_symbols.append(step.held[0])
+            held_values.append(step.held[1])
+        bars = ca.substitute(bars, [ca.vertcat(*held_symbols)], self._closed(ca.vertcat(*held_values)))
         bars = ca.substitute(bars, [step.states], self._closed(step.states_of_lam))
         return self._adjoint_function(step.lam, xbar, ca.cse(bars))
 
@@ -300,18 +300,18 @@ class Closed:
             v = lambar / _root(step.z, ca.diag(step.F), step.mu)
         else:
             v = solve_without_pivoting(ca.diag(diagonal) + step.F.T @ ca.diag(weights), lambar)
-        held_v, held_weights = frozen = [ca.SX.sym(name, step.n) for name in ("v", "weights")]
+        held_v, held_weights = held_symbols = [ca.SX.sym(name, step.n) for name in ("v", "weights")]
         function = -ca.dot(held_v, held_weights * gap)
         if not (step.exact or step.law.frozen):
             function += ca.dot(held_v, step.mu)
-        return frozen, [v, weights], function
+        return held_symbols, [v, weights], function
 
 
 def _scalar_solution(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
     """`interior_point.scalar_solution` with one division for both signs of z."""
-    apart = z > 0
-    q = ca.fabs(z) + _root(z, F, mu)
-    return ca.if_else(apart, 2 * mu, q) / ca.if_else(apart, q, 2 * F)
+    is_open = z > 0
+    larger_root = ca.fabs(z) + _root(z, F, mu)
+    return ca.if_else(is_open, 2 * mu, larger_root) / ca.if_else(is_open, larger_root, 2 * F)
 
 
 def _root(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:

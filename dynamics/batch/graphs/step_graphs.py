@@ -34,12 +34,12 @@ class Ways:
 
     def over(self, horizon: int) -> tuple[np.ndarray, np.ndarray]:
         """Whether w_t (horizon, nu) and x_{t+1} (horizon, nx) reach the cost of a rollout."""
-        noise, states = [], [self.at_end]
+        noise_reaches, state_reaches = [], [self.at_end]
         for _ in range(horizon):
-            counts = np.append(states[-1], True)
-            noise.append(counts @ self.by_w)
-            states.append(counts @ self.by_x)
-        return np.array(noise[::-1]), np.array(states[-2::-1])
+            reaches_cost = np.append(state_reaches[-1], True)
+            noise_reaches.append(reaches_cost @ self.by_w)
+            state_reaches.append(reaches_cost @ self.by_x)
+        return np.array(noise_reaches[::-1]), np.array(state_reaches[-2::-1])
 
 
 def ways(outputs: ca.SX, terminal: ca.SX, x: ca.SX, w: ca.SX) -> Ways:
@@ -49,22 +49,22 @@ def ways(outputs: ca.SX, terminal: ca.SX, x: ca.SX, w: ca.SX) -> Ways:
     """
     by_x, by_w = depends(outputs, x), depends(outputs, w)
     nx = x.numel()
-    found = Ways(by_x, by_w, depends(terminal, x)[0], np.zeros((w.numel(), nx), dtype=bool))
-    noise, states = found.over(nx + 1)
-    still = ~by_w[:-1].any(axis=1)
+    noise_ways = Ways(by_x, by_w, depends(terminal, x)[0], np.zeros((w.numel(), nx), dtype=bool))
+    noise_reaches, state_reaches = noise_ways.over(nx + 1)
+    is_noiseless = ~by_w[:-1].any(axis=1)
     for _ in range(nx):
-        still &= ~by_x[:-1, ~still].any(axis=1)
-    rows = np.append(states.any(axis=0), True)
-    for s in np.flatnonzero(still):
-        shut = ca.substitute(outputs[np.flatnonzero(rows).tolist()], x[int(s)], 0)
-        found.gates[:, s] = noise.any(axis=0) & ~depends(shut, w).any(axis=0)
-    return found
+        is_noiseless &= ~by_x[:-1, ~is_noiseless].any(axis=1)
+    needed_rows = np.append(state_reaches.any(axis=0), True)
+    for s in np.flatnonzero(is_noiseless):
+        outputs_at_zero = ca.substitute(outputs[np.flatnonzero(needed_rows).tolist()], x[int(s)], 0)
+        noise_ways.gates[:, s] = noise_reaches.any(axis=0) & ~depends(outputs_at_zero, w).any(axis=0)
+    return noise_ways
 
 
-def depends(expression: ca.SX, on: ca.SX) -> np.ndarray:
-    """Which entries of an expression depend on which of the symbols `on`, as a Boolean table."""
-    pattern = ca.jacobian_sparsity(ca.densify(expression), on)
-    return np.array(ca.DM(pattern, 1).full(), dtype=bool).reshape(expression.numel(), on.numel())
+def depends(expression: ca.SX, symbols: ca.SX) -> np.ndarray:
+    """Which entries of an expression depend on which of the symbols `symbols`, as a Boolean table."""
+    pattern = ca.jacobian_sparsity(ca.densify(expression), symbols)
+    return np.array(ca.DM(pattern, 1).full(), dtype=bool).reshape(expression.numel(), symbols.numel())
 
 
 def stand_ins(unknown: ca.SX, rows: ca.SX) -> ca.SX:
@@ -73,12 +73,12 @@ def stand_ins(unknown: ca.SX, rows: ca.SX) -> ca.SX:
     Unknown i solves `rows` i (n, 1), together with those that these rows tie it to.
     """
     n = unknown.numel()
-    tied = depends(rows, unknown) | np.eye(n, dtype=bool)
-    tied |= tied.T
+    are_coupled = depends(rows, unknown) | np.eye(n, dtype=bool)
+    are_coupled |= are_coupled.T
     for _ in range(n.bit_length()):
-        tied = tied @ tied
-    own = ca.SX.sym("weight", n) * ca.substitute(rows, unknown, ca.SX.sym("free", n))
-    return ca.DM(tied.astype(float)) @ own
+        are_coupled = are_coupled @ are_coupled
+    mixed_rows = ca.SX.sym("weight", n) * ca.substitute(rows, unknown, ca.SX.sym("free", n))
+    return ca.DM(are_coupled.astype(float)) @ mixed_rows
 
 
 @dataclass(frozen=True)
@@ -100,12 +100,12 @@ class Layers:
 
 def layer_slices(sizes: Sequence[int]) -> list[tuple[slice, slice, tuple[int, int]]]:
     """Entries of theta that are each layer's weights and offsets, and the weights' shape."""
-    found, at = [], 0
-    for before, after in pairwise(sizes):
-        middle, end = at + before * after, at + (before + 1) * after
-        found.append((slice(at, middle), slice(middle, end), (after, before)))
-        at = end
-    return found
+    slices, start = [], 0
+    for size_in, size_out in pairwise(sizes):
+        middle, end = start + size_in * size_out, start + (size_in + 1) * size_out
+        slices.append((slice(start, middle), slice(middle, end), (size_out, size_in)))
+        start = end
+    return slices
 
 
 @dataclass(frozen=True)

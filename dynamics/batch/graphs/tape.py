@@ -89,12 +89,12 @@ def chosen(tape: Tape, operation: Operation) -> tuple[int, int, int] | None:
     if operation.op != ca.OP_ADD:
         return None
     for first, second in (operation.args, operation.args[::-1]):
-        here, there = tape.operations[first], tape.operations[second]
-        if here.op == there.op == ca.OP_IF_ELSE_ZERO:
-            condition, negation = here.args[0], tape.operations[there.args[0]]
+        first_term, second_term = tape.operations[first], tape.operations[second]
+        if first_term.op == second_term.op == ca.OP_IF_ELSE_ZERO:
+            condition, negation = first_term.args[0], tape.operations[second_term.args[0]]
             boolean = tape.operations[condition].op in BOOLEAN
             if boolean and negation.op == ca.OP_NOT and negation.args[0] == condition:
-                return condition, here.args[1], there.args[1]
+                return condition, first_term.args[1], second_term.args[1]
     return None
 
 
@@ -107,12 +107,12 @@ def with_shared_reciprocals(tape: Tape) -> Tape:
     """
     divisors = Counter(o.args[1] for o in tape.operations if o.op == ca.OP_DIV)
     operations: list[Operation] = []
-    place: list[int] = []
+    new_index: list[int] = []
     reciprocal: dict[int, int] = {}
     for operation in tape.operations:
         args = operation.args
         if operation.op != ca.OP_INPUT:
-            args = tuple(place[arg] for arg in args)
+            args = tuple(new_index[arg] for arg in args)
         if operation.op == ca.OP_DIV and divisors[operation.args[1]] > 1:
             if args[1] not in reciprocal:
                 reciprocal[args[1]] = len(operations)
@@ -120,8 +120,8 @@ def with_shared_reciprocals(tape: Tape) -> Tape:
             operations.append(Operation(ca.OP_MUL, (args[0], reciprocal[args[1]])))
         else:
             operations.append(replace(operation, args=args))
-        place.append(len(operations) - 1)
-    outputs = tuple(tuple(place[value] for value in row) for row in tape.outputs)
+        new_index.append(len(operations) - 1)
+    outputs = tuple(tuple(new_index[value] for value in row) for row in tape.outputs)
     return replace(tape, operations=tuple(operations), outputs=outputs)
 
 

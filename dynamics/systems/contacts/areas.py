@@ -42,7 +42,7 @@ def area(shape: Shape | Union) -> Area:
     Shapes of a union count in full, so they must not overlap. Raises ``ValueError`` for a
     half-plane.
     """
-    pieces = [piece for part in parts(shape) for piece in _pieces(part)]
+    pieces = [piece for member in parts(shape) for piece in _pieces(member)]
     if not pieces:
         raise ValueError("a half-plane has no area; give a bounded shape")
     total = pieces[0]
@@ -57,11 +57,11 @@ def mean_distance(shape: Shape | Union) -> ca.SX:
     By the divergence theorem ``int |r| dA`` is the integral of ``|r| (x dy - y dx) / 3`` along the
     boundary, here by Gauss' quadrature; shapes of a union count in full.
     """
-    whole, total = area(shape), ca.SX(0)
-    for part in parts(shape):
-        for curve in _boundary(part, whole.centre):
+    total_area, total = area(shape), ca.SX(0)
+    for member in parts(shape):
+        for curve in _boundary(member, total_area.centre):
             total += curve
-    return total / (3 * whole.area)
+    return total / (3 * total_area.area)
 
 
 class _Side(NamedTuple):
@@ -95,19 +95,19 @@ def _boundary(shape: Shape, origin: ca.SX) -> Iterator[ca.SX]:
         return
     for a, b, n, m, turn in _sides(core):
         yield _arc(a, radius, ca.atan2(m[1], m[0]), turn)
-        half = (b - a) / 2
-        for begin in (a + radius * n, a + radius * n + half):
+        half_side = (b - a) / 2
+        for begin in (a + radius * n, a + radius * n + half_side):
             for t, weight in zip(_NODES, _WEIGHTS, strict=True):
-                at = begin + t * half
-                yield weight * ca.norm_2(at) * (at[0] * half[1] - at[1] * half[0])
+                place = begin + t * half_side
+                yield weight * ca.norm_2(place) * (place[0] * half_side[1] - place[1] * half_side[0])
 
 
 def _arc(centre: ca.SX, radius: ca.SX, start: ca.SX, turn: ca.SX) -> ca.SX:
     total = ca.SX(0)
     for t, weight in zip(_NODES, _WEIGHTS, strict=True):
         out = ca.vertcat(ca.cos(start + t * turn), ca.sin(start + t * turn))
-        at = centre + radius * out
-        total += weight * turn * radius * ca.norm_2(at) * ca.dot(at, out)
+        place = centre + radius * out
+        total += weight * turn * radius * ca.norm_2(place) * ca.dot(place, out)
     return total
 
 
@@ -115,11 +115,11 @@ def _pieces(shape: Shape) -> list[Area]:
     core, r = [column(corner) for corner in shape.corners], ca.SX(shape.radius)
     if len(core) == 1:
         return [_sector(core[0], r, ca.SX(2 * ca.pi), ca.SX.zeros(2))]
-    found = [_ring(core)] if len(core) > 2 else []
+    areas = [_ring(core)] if len(core) > 2 else []
     for a, b, n, m, turn in _sides(core):
-        found.append(_ring([a, a + r * n, b + r * n, b]))
-        found.append(_sector(a, r, turn, ca.vertcat(n[1] - m[1], m[0] - n[0])))
-    return found
+        areas.append(_ring([a, a + r * n, b + r * n, b]))
+        areas.append(_sector(a, r, turn, ca.vertcat(n[1] - m[1], m[0] - n[0])))
+    return areas
 
 
 def _ring(vertices: list[ca.SX]) -> Area:
@@ -136,9 +136,9 @@ def _ring(vertices: list[ca.SX]) -> Area:
     return total
 
 
-def _sector(centre: ca.SX, r: ca.SX, angle: ca.SX, along: ca.SX) -> Area:
-    """A sector of a disc; ``along`` is the integral of the unit vectors in its angle."""
-    size, first = angle * r**2 / 2, r**3 / 3 * along
+def _sector(centre: ca.SX, r: ca.SX, angle: ca.SX, direction_integral: ca.SX) -> Area:
+    """A sector of a disc; ``direction_integral`` is the integral of the unit vectors in its angle."""
+    size, first = angle * r**2 / 2, r**3 / 3 * direction_integral
     second = angle * r**4 / 4 + 2 * ca.dot(centre, first) + size * ca.sumsqr(centre)
     return Area(size, size * centre + first, second)
 
@@ -147,13 +147,13 @@ def moved(shape: Shape | Union, by: Point) -> Shape | Union:
     """``shape`` moved by a vector of its frame; raises ``ValueError`` for a half-plane."""
     step = column(by)
 
-    def there(at: Point) -> tuple[ca.SX, ca.SX]:
-        found = column(at) + step
-        return found[0], found[1]
+    def there(place: Point) -> tuple[ca.SX, ca.SX]:
+        moved_point = column(place) + step
+        return moved_point[0], moved_point[1]
 
     match shape:
-        case Union(whole):
-            return Union([moved(part, by) for part in whole])  # type: ignore[misc]
+        case Union(members):
+            return Union([moved(member, by) for member in members])  # type: ignore[misc]
         case Disc(radius, centre):
             return Disc(radius, there(centre))
         case Capsule(start, end, radius):

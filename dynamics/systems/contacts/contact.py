@@ -29,7 +29,7 @@ class Contact:
     point: ca.SX
 
     @classmethod
-    def between(cls, one: Shape, a: Pose, other: Shape, b: Pose) -> Contact:
+    def between(cls, shape_a: Shape, pose_a: Pose, shape_b: Shape, pose_b: Pose) -> Contact:
         """Contact of two convex shapes whose distance is that of a corner of either core.
 
         Right as long as the cores are apart or one holds a corner of the other, which is all that
@@ -40,19 +40,24 @@ class Contact:
 
         Raises ``ValueError`` for two half-planes.
         """
-        near = [] if len(other.corners) == 1 < len(one.corners) else _corners(one, a, other, b)
-        if len(one.corners) != 1:
-            near += [(phi, -normal, point - phi * normal) for phi, normal, point in _corners(other, b, one, a)]
-        if not near:
+        candidates = (
+            [] if len(shape_b.corners) == 1 < len(shape_a.corners) else _corners(shape_a, pose_a, shape_b, pose_b)
+        )
+        if len(shape_a.corners) != 1:
+            candidates += [
+                (phi, -normal, point - phi * normal)
+                for phi, normal, point in _corners(shape_b, pose_b, shape_a, pose_a)
+            ]
+        if not candidates:
             raise ValueError("two half-planes have no contact; one of the shapes must be bounded")
-        phi, normal, point = near[0]
-        for candidate in near[1:]:
+        phi, normal, point = candidates[0]
+        for candidate in candidates[1:]:
             nearer = candidate[0] < phi
             normal, point = (
                 ca.if_else(nearer, new, old) for new, old in zip(candidate[1:], (normal, point), strict=True)
             )
             phi = ca.fmin(phi, candidate[0])
-        return cls(a, b, phi, normal, point)
+        return cls(pose_a, pose_b, phi, normal, point)
 
     @property
     def tangent(self) -> ca.SX:
@@ -71,14 +76,14 @@ class Contact:
         return ca.sparsify(self.normal.T @ slip), ca.sparsify(self.tangent.T @ slip)
 
 
-def _corners(one: Shape, a: Pose, other: Shape, b: Pose) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
+def _corners(shape: Shape, pose: Pose, other_shape: Shape, other_pose: Pose) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
     """Gap, normal out of the other shape and nearest point of every rounded corner of one."""
-    found = []
-    for corner in one.corners:
-        centre = a.place(corner)
-        distance, normal = other.beside(centre, b)
-        found.append((distance - one.radius, normal, centre - one.radius * normal))
-    return found
+    corner_contacts = []
+    for corner in shape.corners:
+        centre = pose.place(corner)
+        distance, normal = other_shape.beside(centre, other_pose)
+        corner_contacts.append((distance - shape.radius, normal, centre - shape.radius * normal))
+    return corner_contacts
 
 
 def _point_jacobian(body: Pose, point: ca.SX, q: ca.SX) -> ca.SX:
@@ -136,9 +141,9 @@ class Rubbing:
         numbers = [""] if len(self.J_t) == 1 else [str(k) for k in range(1, len(self.J_t) + 1)]
         return list(zip(numbers, self.J_t, self.slid, strict=True))
 
-    def named(self, what: str, unit: str, description: str) -> list[Signal]:
+    def named(self, suffix: str, unit: str, description: str) -> list[Signal]:
         """``<contact><what>`` for every contact."""
-        return [Signal(f"{c.name}{what}", unit, description) for c in self.contacts]
+        return [Signal(f"{c.name}{suffix}", unit, description) for c in self.contacts]
 
 
 class ConeForm(NamedTuple):
@@ -158,16 +163,16 @@ def _edge_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, list[ca.SX]]:
     At the price that a sliding contact opens at the rate ``f |J_t v|`` (Anitescu, doi
     10.1007/s10107-005-0590-7).
     """
-    rows, along, total, lam = [], [], ca.SX(at.gap.numel(), 1), iter(at.lam)
+    rows, tangential, total, lam = [], [], ca.SX(at.gap.numel(), 1), iter(at.lam)
     for number, J_t, slid in at.directions:
-        J_t, way = ca.diag(at.friction) @ J_t, at.friction * slid
+        J_t, scaled_slip = ca.diag(at.friction) @ J_t, at.friction * slid
         plus, minus = next(lam), next(lam)
-        for sign, turned, slides in (("+", J_t, way), ("-", -J_t, -way)):
+        for sign, rows_J, signed_slip in (("+", J_t, scaled_slip), ("-", -J_t, -scaled_slip)):
             named = [Signal(f"{c.name}{sign}{number}", c.unit, c.description) for c in at.contacts]
-            rows.append(Row("normal", at.gap + slides, at.J_n + turned, named))
+            rows.append(Row("normal", at.gap + signed_slip, at.J_n + rows_J, named))
         total += plus + minus
-        along.append(at.friction * (plus - minus))
-    return rows, total, along
+        tangential.append(at.friction * (plus - minus))
+    return rows, total, tangential
 
 
 EDGES = ConeForm(lambda directions: 2 * directions - 1, _edge_pairs)
@@ -175,20 +180,20 @@ EDGES = ConeForm(lambda directions: 2 * directions - 1, _edge_pairs)
 
 def _linearised_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, list[ca.SX]]:
     """``gamma ⟂ gap``, ``beta± ⟂ psi ± slid`` and ``psi ⟂ f gamma - sum of all beta``."""
-    gamma, *sides, psi = at.lam
-    rows, along = [Row("normal", at.gap, at.J_n, list(at.contacts))], []
+    gamma, *betas, psi = at.lam
+    rows, tangential = [Row("normal", at.gap, at.J_n, list(at.contacts))], []
     for k, (number, J_t, slid) in enumerate(at.directions):
-        J_t, way = ca.diag(at.rubs) @ J_t, at.rubs * slid
-        for sign, turned, slides in (("+", J_t, way), ("-", -J_t, -way)):
+        J_t, scaled_slip = ca.diag(at.rubs) @ J_t, at.rubs * slid
+        for sign, rows_J, signed_slip in (("+", J_t, scaled_slip), ("-", -J_t, -scaled_slip)):
             named = at.named(f" friction{number}{sign}", "N s", "friction impulse")
-            rows.append(Row("friction", psi + slides, turned, named))
-        along.append(at.rubs * (sides[2 * k] - sides[2 * k + 1]))
-    left = at.bound
-    for beta in sides:
-        left = left - beta
-    still, named = ca.SX(*at.J_n.shape), at.named(" slip", "m", "way slid in a step")
-    rows.append(Row("slip", left, still, named))
-    return rows, gamma, along
+            rows.append(Row("friction", psi + signed_slip, rows_J, named))
+        tangential.append(at.rubs * (betas[2 * k] - betas[2 * k + 1]))
+    cone_margin = at.bound
+    for beta in betas:
+        cone_margin = cone_margin - beta
+    no_impulse, named = ca.SX(*at.J_n.shape), at.named(" slip", "m", "way slid in a step")
+    rows.append(Row("slip", cone_margin, no_impulse, named))
+    return rows, gamma, tangential
 
 
 LINEARISED = ConeForm(lambda directions: 2 * directions + 1, _linearised_pairs)
@@ -204,13 +209,13 @@ def _second_order_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, list[ca.SX]]:
         raise ValueError("the second-order cone is written for one tangent; take cone='linearised'")
     gamma, upper, dual = at.lam
     J_t, slid = ca.diag(at.rubs) @ at.J_t[0], at.rubs * at.slid[0]
-    still = ca.SX(*J_t.shape)
-    above = at.named(" cone", "N s", "friction impulse above its least")
-    back = at.named(" slip", "m", "twice the way slid back")
+    no_impulse = ca.SX(*J_t.shape)
+    upper_signals = at.named(" cone", "N s", "friction impulse above its least")
+    slip_signals = at.named(" slip", "m", "twice the way slid back")
     rows = [
         Row("normal", at.gap, at.J_n - ca.diag(at.friction) @ at.J_t[0], list(at.contacts)),
-        Row("friction", dual + 2 * slid, J_t, above),
-        Row("slip", 2 * at.bound - upper, still, back),
+        Row("friction", dual + 2 * slid, J_t, upper_signals),
+        Row("slip", 2 * at.bound - upper, no_impulse, slip_signals),
     ]
     return rows, gamma, [at.rubs * (upper - at.bound)]
 

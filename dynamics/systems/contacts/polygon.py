@@ -47,25 +47,25 @@ class Polygon(Shape):
         point("Polygon centre", centre)
         for i, vertex in enumerate(self.vertices):
             point(f"Polygon vertices[{i}]", vertex)
-        there = [(v[0] + centre[0], v[1] + centre[1]) for v in self.vertices]
-        object.__setattr__(self, "vertices", there)
-        numbers = [point("Polygon vertex", vertex) for vertex in there]
+        moved_vertices = [(v[0] + centre[0], v[1] + centre[1]) for v in self.vertices]
+        object.__setattr__(self, "vertices", moved_vertices)
+        numbers = [point("Polygon vertex", vertex) for vertex in moved_vertices]
         not_negative("Polygon radius", self.radius)
         if any(value is None for vertex in numbers for value in vertex):
             return
-        at = np.array(numbers, dtype=float)
+        vertex_array = np.array(numbers, dtype=float)
         rounded = ca.SX(self.radius)
-        if found := fault(at, float(rounded) if rounded.is_constant() else 0.0):
-            raise ValueError(f"Polygon {found}")
-        ring = at[::-1] if clockwise(at) else at
+        if defect := fault(vertex_array, float(rounded) if rounded.is_constant() else 0.0):
+            raise ValueError(f"Polygon {defect}")
+        ring = vertex_array[::-1] if clockwise(vertex_array) else vertex_array
         object.__setattr__(self, "vertices", tuple((float(x), float(z)) for x, z in ring))
 
     @cached_property
     def normals(self) -> list[ca.SX]:
         """The outward unit normal (2, 1) of every side, which starts at the vertex of its index."""
         ring = [column(vertex) for vertex in self.vertices]
-        along = [b - a for a, b in zip(ring, ring[1:] + ring[:1], strict=True)]
-        return [ca.vertcat(e[1], -e[0]) / ca.norm_2(e) for e in along]
+        edges = [b - a for a, b in zip(ring, ring[1:] + ring[:1], strict=True)]
+        return [ca.vertcat(e[1], -e[0]) / ca.norm_2(e) for e in edges]
 
     @property
     def corners(self) -> tuple[Point, ...]:
@@ -93,15 +93,15 @@ class Polygon(Shape):
             normal = ca.if_else(height > distance, m, normal)
             distance = ca.fmax(distance, height)
         for i, corner in enumerate(corners):
-            apart = p - corner
+            offset = p - corner
             # Past the end of the side before, and before the start of the side after.
-            past = n[i - 1][0] * apart[1] - n[i - 1][1] * apart[0] > 0
-            before = n[i][0] * apart[1] - n[i][1] * apart[0] < 0
-            near = ca.logic_and(past, before)
+            is_past_end = n[i - 1][0] * offset[1] - n[i - 1][1] * offset[0] > 0
+            is_before_start = n[i][0] * offset[1] - n[i][1] * offset[0] < 0
+            is_nearest = ca.logic_and(is_past_end, is_before_start)
             # Elsewhere the root's argument is 1, as its slope at 0 would be infinite.
-            length = ca.sqrt(ca.if_else(near, ca.sumsqr(apart), 1))
-            distance = ca.if_else(near, length, distance)
-            normal = ca.if_else(near, apart / length, normal)
+            length = ca.sqrt(ca.if_else(is_nearest, ca.sumsqr(offset), 1))
+            distance = ca.if_else(is_nearest, length, distance)
+            normal = ca.if_else(is_nearest, offset / length, normal)
         return distance - self.radius, pose.turn(normal)
 
 
@@ -112,26 +112,26 @@ def rectangle(box: Box) -> Polygon:
 
 def fault(vertices: np.ndarray, radius: float) -> str | None:
     """What keeps ``vertices`` (n, 2), rounded by ``radius``, from a convex polygon; else None."""
-    along = np.roll(vertices, -1, axis=0) - vertices
+    edges = np.roll(vertices, -1, axis=0) - vertices
     size = float(np.ptp(vertices, axis=0).max())
-    if not size or np.linalg.norm(along, axis=1).min() <= _FLAT * size:
+    if not size or np.linalg.norm(edges, axis=1).min() <= _FLAT * size:
         return "has two equal vertices; leave one of them out"
     if np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)[1] <= _FLAT * size:
         return "has no area; give vertices that do not lie on one line"
     if _crosses(vertices):
         return "has sides that cross; give the vertices in their order around the outline"
-    before = np.roll(along, 1, axis=0)
-    turns = (-1 if clockwise(vertices) else 1) * _cross(before, along) / size**2
+    previous_edges = np.roll(edges, 1, axis=0)
+    turns = (-1 if clockwise(vertices) else 1) * _cross(previous_edges, edges) / size**2
     if turns.min() < -_FLAT:
         return f"is not convex at vertex {turns.argmin()}; write it as a Union of convex polygons"
     if turns.min() <= _FLAT:
         return f"vertex {turns.argmin()} lies on the line of its neighbours; leave it out"
-    lengths = np.linalg.norm(along, axis=1)
-    turned = np.arctan2(np.abs(_cross(before, along)), (before * along).sum(axis=1))
-    taken = np.tan(turned / 2)
-    most = float((lengths / (taken + np.roll(taken, -1))).min())
-    if radius >= most:
-        return f"has corners rounded by {radius:g} m; expected less than {most:.6g} m"
+    lengths = np.linalg.norm(edges, axis=1)
+    turn_angles = np.arctan2(np.abs(_cross(previous_edges, edges)), (previous_edges * edges).sum(axis=1))
+    corner_shares = np.tan(turn_angles / 2)
+    largest_radius = float((lengths / (corner_shares + np.roll(corner_shares, -1))).min())
+    if radius >= largest_radius:
+        return f"has corners rounded by {radius:g} m; expected less than {largest_radius:.6g} m"
     return None
 
 
@@ -150,8 +150,8 @@ def _crosses(vertices: np.ndarray) -> bool:
     for i in range(n):
         for j in range(i + 2, n - (i == 0)):
             a, b, c, d = vertices[i], ends[i], vertices[j], ends[j]
-            one = _cross(b - a, c - a) * _cross(b - a, d - a)
-            if one < 0 and _cross(d - c, a - c) * _cross(d - c, b - c) < 0:
+            side_product = _cross(b - a, c - a) * _cross(b - a, d - a)
+            if side_product < 0 and _cross(d - c, a - c) * _cross(d - c, b - c) < 0:
                 return True
     return False
 
@@ -166,11 +166,11 @@ class Union:
     parts: Sequence[Shape]
 
     def __post_init__(self) -> None:
-        parts = items("the parts of a Union", Shape, self.parts)
-        if not parts or any(isinstance(part, HalfPlane) for part in parts):
+        members = items("the parts of a Union", Shape, self.parts)
+        if not members or any(isinstance(member, HalfPlane) for member in members):
             raise ValueError(f"a Union needs bounded shapes, got {self.parts!r}")
-        sharp = (rectangle(part) if isinstance(part, Box) else part for part in parts)
-        object.__setattr__(self, "parts", tuple(sharp))
+        polygons = (rectangle(member) if isinstance(member, Box) else member for member in members)
+        object.__setattr__(self, "parts", tuple(polygons))
 
 
 def parts(shape: Shape | Union) -> tuple[Shape, ...]:
@@ -178,7 +178,7 @@ def parts(shape: Shape | Union) -> tuple[Shape, ...]:
     return tuple(shape.parts) if isinstance(shape, Union) else (shape,)
 
 
-def vertex_pairs(one: Shape | Union, other: Shape | Union) -> list[tuple[Shape, Shape]]:
+def vertex_pairs(shape_a: Shape | Union, shape_b: Shape | Union) -> list[tuple[Shape, Shape]]:
     """The contacts of two bodies that may turn: each corner of one against each part of the other.
 
     Two convex shapes apart are ``d = max t`` subject to ``t <= phi_i`` apart, phi_i the distance
@@ -194,45 +194,45 @@ def vertex_pairs(one: Shape | Union, other: Shape | Union) -> list[tuple[Shape, 
     corner is in a side. Where two sharp corners meet it is above minus the depth, and two shapes
     that cross with no corner in the other count as apart. Corners that meet exactly push twice.
     """
-    found = []
-    for a in parts(one):
-        for b in parts(other):
-            if 1 in (len(a.corners), len(b.corners)):
-                found.append((a, b))
+    pairs = []
+    for part_a in parts(shape_a):
+        for part_b in parts(shape_b):
+            if 1 in (len(part_a.corners), len(part_b.corners)):
+                pairs.append((part_a, part_b))
                 continue
-            found += [(Disc(a.radius, corner), b) for corner in _outer(a, one)]
-            found += [(a, Disc(b.radius, corner)) for corner in _outer(b, other)]
-    return found
+            pairs += [(Disc(part_a.radius, corner), part_b) for corner in _outer(part_a, shape_a)]
+            pairs += [(part_a, Disc(part_b.radius, corner)) for corner in _outer(part_b, shape_b)]
+    return pairs
 
 
-def _outer(shape: Shape, of: Shape | Union) -> list[Point]:
+def _outer(shape: Shape, body: Shape | Union) -> list[Point]:
     """The corners of a part that are corners of the whole, each with the first part that has it."""
-    whole = parts(of)
-    if len(whole) == 1 or not isinstance(shape, Polygon):
+    members = parts(body)
+    if len(members) == 1 or not isinstance(shape, Polygon):
         return list(shape.corners)
-    kept = []
+    outer_corners = []
     for corner in shape.corners:
-        angles = [_angle(part, corner) for part in whole]
-        first = next(part for part, angle in zip(whole, angles, strict=True) if angle > 0)
-        if sum(angles) < np.pi - 1e-6 and first is shape:
-            kept.append(corner)
-    return kept
+        angles = [_angle(member, corner) for member in members]
+        owner = next(member for member, angle in zip(members, angles, strict=True) if angle > 0)
+        if sum(angles) < np.pi - 1e-6 and owner is shape:
+            outer_corners.append(corner)
+    return outer_corners
 
 
-def _angle(part: Shape, at: Point) -> float:
-    """The angle [rad] that ``part`` fills around a place; of parts with symbols or rounding none
+def _angle(member: Shape, place: Point) -> float:
+    """The angle [rad] that ``member`` fills around a place; of parts with symbols or rounding none
     but their own corners'.
     """
-    if not isinstance(part, Polygon):
+    if not isinstance(member, Polygon):
         return 0.0
-    sides = [ca.dot(m, column(at) - column(c)) for m, c in zip(part.normals, part.corners, strict=True)]
+    sides = [ca.dot(m, column(place) - column(c)) for m, c in zip(member.normals, member.corners, strict=True)]
     if not all(side.is_constant() for side in sides):
-        return 1e-3 if any(at is corner for corner in part.corners) else 0.0
+        return 1e-3 if any(place is corner for corner in member.corners) else 0.0
     heights = np.array([float(side) for side in sides])
-    size = max(float(ca.norm_inf(column(v) - column(at))) for v in part.vertices)
-    on = np.flatnonzero(np.abs(heights) <= _FLAT * size)
+    size = max(float(ca.norm_inf(column(v) - column(place))) for v in member.vertices)
+    sides_through = np.flatnonzero(np.abs(heights) <= _FLAT * size)
     if heights.max() > _FLAT * size:
         return 0.0
-    if len(on) == 2:
-        return float(np.pi - ca.acos(ca.dot(*(part.normals[i] for i in on))))
-    return np.pi if len(on) else 2 * np.pi
+    if len(sides_through) == 2:
+        return float(np.pi - ca.acos(ca.dot(*(member.normals[i] for i in sides_through))))
+    return np.pi if len(sides_through) else 2 * np.pi

@@ -113,9 +113,9 @@ class Box(Shape):
         at_corner = ca.logic_and(d[0] > 0, d[1] > 0)
         # Away from a corner the root's argument is 1, as its slope at 0 would be infinite.
         to_corner = ca.sqrt(ca.if_else(at_corner, ca.sumsqr(d), 1))
-        first = d[0] > d[1]
-        distance = ca.if_else(at_corner, to_corner, ca.if_else(first, d[0], d[1]))
-        facing = ca.vertcat(first, ca.logic_not(first))
+        is_first_nearer = d[0] > d[1]
+        distance = ca.if_else(at_corner, to_corner, ca.if_else(is_first_nearer, d[0], d[1]))
+        facing = ca.vertcat(is_first_nearer, ca.logic_not(is_first_nearer))
         normal = side * ca.if_else(at_corner, d / to_corner, facing)
         return distance - self.radius, pose.turn(normal)
 
@@ -143,12 +143,12 @@ class Capsule(Shape):
 
     def beside(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
         """``|point - nearest of the segment| - radius``; not differentiable on the segment."""
-        foot = pose.place(self.start)
-        along = pose.place(self.end) - foot
-        share = ca.fmin(ca.fmax(ca.dot(point - foot, along) / ca.sumsqr(along), 0), 1)
-        apart = point - (foot + share * along)
-        distance = ca.norm_2(apart)
-        return distance - self.radius, apart / distance
+        start = pose.place(self.start)
+        segment = pose.place(self.end) - start
+        share = ca.fmin(ca.fmax(ca.dot(point - start, segment) / ca.sumsqr(segment), 0), 1)
+        offset = point - (start + share * segment)
+        distance = ca.norm_2(offset)
+        return distance - self.radius, offset / distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,9 +172,9 @@ class Disc(Shape):
 
     def beside(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
         """``|point - centre| - radius``; not differentiable at the centre."""
-        apart = point - pose.place(self.centre)
-        distance = ca.norm_2(apart)
-        return distance - self.radius, apart / distance
+        offset = point - pose.place(self.centre)
+        distance = ca.norm_2(offset)
+        return distance - self.radius, offset / distance
 
 
 @dataclass(frozen=True, eq=False)

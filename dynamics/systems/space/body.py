@@ -67,17 +67,17 @@ class Body:
         text("the name of a body", self.name)
         owner = f"body {self.name!r}:"
         not_negative(f"{owner} mass", self.mass)
-        for what, sizes in (("inertia", (3, 6)), ("com", (3,)), ("place", (3,)), ("turn", (4,)), ("axis", (3,))):
-            vector(f"{owner} {what}", getattr(self, what), sizes)
-        for what in ("spring", "rest", "damping"):
-            number(f"{owner} {what}", getattr(self, what))
+        for attribute, sizes in (("inertia", (3, 6)), ("com", (3,)), ("place", (3,)), ("turn", (4,)), ("axis", (3,))):
+            vector(f"{owner} {attribute}", getattr(self, attribute), sizes)
+        for attribute in ("spring", "rest", "damping"):
+            number(f"{owner} {attribute}", getattr(self, attribute))
         not_negative(f"{owner} armature", self.armature)
         if self.joint not in get_args(Joint):
             kinds = ", ".join(map(repr, get_args(Joint)))
             raise ValueError(f"{owner} joint must be one of {kinds}, got {self.joint!r}")
         self._check_inertia(owner)
-        for what in ("turn", "axis"):
-            unit(f"{owner} {what}", getattr(self, what))
+        for attribute in ("turn", "axis"):
+            unit(f"{owner} {attribute}", getattr(self, attribute))
         self._check_joint(owner)
 
     @property
@@ -92,11 +92,11 @@ class Body:
         """Names and units of its entries of q."""
         name = self.name
         if self.joint in ("hinge", "slide"):
-            unit, what = ("rad", "angle") if self.joint == "hinge" else ("m", "travel")
-            return [Signal(name, unit, f"{what} of {name} in its joint")]
-        places = [Signal(f"{name}_{a}", "m", f"position of {name} along {a}") for a in "xyz"]
-        turned = [Signal(f"{name}_q{a}", "1", f"quaternion of {name}") for a in "wxyz"]
-        return {"free": places + turned, "ball": turned, "fixed": []}[self.joint]
+            unit, quantity = ("rad", "angle") if self.joint == "hinge" else ("m", "travel")
+            return [Signal(name, unit, f"{quantity} of {name} in its joint")]
+        position = [Signal(f"{name}_{a}", "m", f"position of {name} along {a}") for a in "xyz"]
+        quaternion = [Signal(f"{name}_q{a}", "1", f"quaternion of {name}") for a in "wxyz"]
+        return {"free": position + quaternion, "ball": quaternion, "fixed": []}[self.joint]
 
     @property
     def velocities(self) -> list[Signal]:
@@ -110,23 +110,25 @@ class Body:
         return {"free": linear + spin, "ball": spin, "fixed": []}[self.joint]
 
     def _check_inertia(self, owner: str) -> None:
-        found = [number(f"{owner} inertia[{i}]", value) for i, value in enumerate(self.inertia[:3])]
-        known = [value for value in found if value is not None]
-        if any(value < 0 for value in known):
-            raise ValueError(f"{owner} inertia must not be negative, got {known}")
-        if len(known) == 3 and 2 * max(known) > sum(known) * (1 + 1e-6):
+        moments = [number(f"{owner} inertia[{i}]", value) for i, value in enumerate(self.inertia[:3])]
+        known_moments = [value for value in moments if value is not None]
+        if any(value < 0 for value in known_moments):
+            raise ValueError(f"{owner} inertia must not be negative, got {known_moments}")
+        if len(known_moments) == 3 and 2 * max(known_moments) > sum(known_moments) * (1 + 1e-6):
             raise ValueError(
-                f"{owner} inertia {known} belongs to no body: no moment is larger than the sum of the other two"
+                f"{owner} inertia {known_moments} belongs to no body: no moment is larger than the sum of the other two"
             )
 
     def _check_joint(self, owner: str) -> None:
         limits(owner, self.limits)
-        single = self.joint in ("hinge", "slide")
-        wrong = [what for what in ("gear", "servo", "limits") if getattr(self, what) is not None]
-        wrong += [what for what in ("spring", "armature") if not ca.SX(getattr(self, what)).is_zero()]
-        if wrong and not single:
+        has_one_axis = self.joint in ("hinge", "slide")
+        unsupported = [attribute for attribute in ("gear", "servo", "limits") if getattr(self, attribute) is not None]
+        unsupported += [
+            attribute for attribute in ("spring", "armature") if not ca.SX(getattr(self, attribute)).is_zero()
+        ]
+        if unsupported and not has_one_axis:
             raise ValueError(
-                f"{owner} a {self.joint} joint has no {wrong[0]}; leave it out, or take a hinge or a slide"
+                f"{owner} a {self.joint} joint has no {unsupported[0]}; leave it out, or take a hinge or a slide"
             )
         if self.gear is not None and self.servo is not None:
             raise ValueError(f"{owner} gear and servo are two kinds of motor; give one of them")
@@ -134,20 +136,20 @@ class Body:
             raise ValueError(f"{owner} it floats freely, so it has no parent; leave parent out")
 
 
-def vector(what: str, value: object, sizes: tuple[int, ...]) -> None:
+def vector(name: str, value: object, sizes: tuple[int, ...]) -> None:
     """Raise ``ValueError`` unless ``value`` is a tuple of numbers with one of the ``sizes``."""
     if not isinstance(value, tuple) or len(value) not in sizes:
         counts = " or ".join(map(str, sizes))
-        raise ValueError(f"{what} must be a tuple of {counts} numbers, got {value!r}")
+        raise ValueError(f"{name} must be a tuple of {counts} numbers, got {value!r}")
     for i, entry in enumerate(value):
-        number(f"{what}[{i}]", entry)
+        number(f"{name}[{i}]", entry)
 
 
-def unit(what: str, value: tuple[Number, ...]) -> None:
+def unit(name: str, value: tuple[Number, ...]) -> None:
     """Raise ``ValueError`` unless ``value`` has length 1, or symbols."""
-    found = [number(what, entry) for entry in value]
-    if any(entry is None for entry in found):
+    entries = [number(name, entry) for entry in value]
+    if any(entry is None for entry in entries):
         return
-    length = sum(entry**2 for entry in found if entry is not None) ** 0.5
+    length = sum(entry**2 for entry in entries if entry is not None) ** 0.5
     if abs(length - 1) > 1e-6:
-        raise ValueError(f"{what} must have length 1, got {value} of length {length:.6g}")
+        raise ValueError(f"{name} must have length 1, got {value} of length {length:.6g}")

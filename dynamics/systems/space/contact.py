@@ -58,39 +58,39 @@ class SpatialContact:
         second = ca.vertcat(side * b, side * (1 + y * y * a), -y)
         return ca.sparsify(first), ca.sparsify(second)
 
-    def rows(self, one: Motions, other: Motions, nv: int) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def rows(self, motions_a: Motions, motions_b: Motions, nv: int) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Rows (1, nv) along the normal and both tangents of the relative velocity at ``point``.
 
-        ``one`` and ``other`` are what moves A and B. A force and its reaction act along one line.
+        ``motions_a`` and ``motions_b`` are what moves A and B. A force and its reaction act along one line.
         """
-        found = [ca.SX(1, nv) for _ in range(3)]
-        for row, along in zip(found, (self.normal, *self.tangents), strict=True):
-            for sign, motions in ((1, one), (-1, other)):
+        rows = [ca.SX(1, nv) for _ in range(3)]
+        for row, direction in zip(rows, (self.normal, *self.tangents), strict=True):
+            for sign, motions in ((1, motions_a), (-1, motions_b)):
                 for index, turn, move, pivot in motions:
-                    arm = ca.cross(self.point - pivot, along)
-                    row[index] += sign * (ca.dot(turn, arm) + ca.dot(move, along))
-        return found[0], found[1], found[2]
+                    arm = ca.cross(self.point - pivot, direction)
+                    row[index] += sign * (ca.dot(turn, arm) + ca.dot(move, direction))
+        return rows[0], rows[1], rows[2]
 
 
-def between(one: Shape, a: Place, other: Shape, b: Place) -> list[SpatialContact]:
+def between(shape_a: Shape, pose_a: Place, shape_b: Shape, pose_b: Place) -> list[SpatialContact]:
     """The contacts of two shapes: one for each sphere that rounds A, and each corner on a plane.
 
     Spheres and capsules meet everything but hulls; boxes, cylinders and hulls meet planes by
     corners, a cylinder by the lowest point of either rim. A capsule meets boxes and cylinders by
     its ends. Raises ``ValueError`` for other pairs.
     """
-    if isinstance(other, Sphere | Capsule) and not isinstance(one, Sphere):
-        one, a, other, b, turned = other, b, one, a, True
+    if isinstance(shape_b, Sphere | Capsule) and not isinstance(shape_a, Sphere):
+        shape_a, pose_a, shape_b, pose_b, is_swapped = shape_b, pose_b, shape_a, pose_a, True
     else:
-        turned = False
-    if isinstance(one, Plane):
-        one, a, other, b, turned = other, b, one, a, not turned
-    found = _found(one, a, other, b)
-    if not found:
-        kinds = f"{type(one).__name__} and {type(other).__name__}"
+        is_swapped = False
+    if isinstance(shape_a, Plane):
+        shape_a, pose_a, shape_b, pose_b, is_swapped = shape_b, pose_b, shape_a, pose_a, not is_swapped
+    contacts = _found(shape_a, pose_a, shape_b, pose_b)
+    if not contacts:
+        kinds = f"{type(shape_a).__name__} and {type(shape_b).__name__}"
         raise ValueError(f"a contact of {kinds} is not known; take spheres or capsules for one")
-    reverse = [SpatialContact(c.phi, -c.normal, c.point - c.phi * c.normal) for c in found]
-    return reverse if turned else found
+    swapped = [SpatialContact(c.phi, -c.normal, c.point - c.phi * c.normal) for c in contacts]
+    return swapped if is_swapped else contacts
 
 
 def at_random_poses(rows: ca.SX) -> np.ndarray:
@@ -100,31 +100,31 @@ def at_random_poses(rows: ca.SX) -> np.ndarray:
     return np.hstack([evaluate(rng.uniform(0.1, 1, symbols.numel())).full() for _ in range(3)])
 
 
-def _found(one: Shape, a: Place, other: Shape, b: Place) -> list[SpatialContact]:
-    match one, other:
+def _found(shape_a: Shape, pose_a: Place, shape_b: Shape, pose_b: Place) -> list[SpatialContact]:
+    match shape_a, shape_b:
         case _, Plane():
-            normal = ca.sparsify(b.R @ ca.SX(ca.vertcat(*other.normal)))
-            origin = b.at(other.origin)
+            normal = ca.sparsify(pose_b.R @ ca.SX(ca.vertcat(*shape_b.normal)))
+            origin = pose_b.at(shape_b.origin)
             return [
                 _contact(ca.dot(normal, centre - origin), normal, centre, radius)
-                for centre, radius in _lowest(one, a, normal)
+                for centre, radius in _lowest(shape_a, pose_a, normal)
             ]
         case Capsule(), Capsule():
-            s, t = _nearest_on_segments(one, a, other, b)
-            return [_of_points(s, one.radius, t, other.radius)]
+            s, t = _nearest_on_segments(shape_a, pose_a, shape_b, pose_b)
+            return [_of_points(s, shape_a.radius, t, shape_b.radius)]
         case Capsule(), Sphere():
-            centre = b.at(other.centre)
-            return [_of_points(_on_segment(one, a, centre), one.radius, centre, other.radius)]
+            centre = pose_b.at(shape_b.centre)
+            return [_of_points(_on_segment(shape_a, pose_a, centre), shape_a.radius, centre, shape_b.radius)]
         case ((Sphere() | Capsule()), _):
-            beside = _BESIDE.get(type(other))
-            ends = [one.centre] if isinstance(one, Sphere) else [one.start, one.end]
-            if beside is None:
+            distance_function = _BESIDE.get(type(shape_b))
+            ends = [shape_a.centre] if isinstance(shape_a, Sphere) else [shape_a.start, shape_a.end]
+            if distance_function is None:
                 return []
-            found = []
-            for centre in (a.at(end) for end in ends):
-                distance, normal = beside(other, b, centre)
-                found.append(_contact(distance, normal, centre, one.radius))
-            return found
+            contacts = []
+            for centre in (pose_a.at(end) for end in ends):
+                distance, normal = distance_function(shape_b, pose_b, centre)
+                contacts.append(_contact(distance, normal, centre, shape_a.radius))
+            return contacts
     return []
 
 
@@ -133,30 +133,30 @@ def _contact(distance: ca.SX, normal: ca.SX, centre: ca.SX, radius: ca.SX | floa
     return SpatialContact(distance - radius, normal, centre - radius * normal)
 
 
-def _of_points(one: ca.SX, radius: ca.SX | float, other: ca.SX, more: ca.SX | float) -> SpatialContact:
+def _of_points(point_a: ca.SX, radius: ca.SX | float, point_b: ca.SX, other_radius: ca.SX | float) -> SpatialContact:
     """Contacts of spheres around two points."""
-    apart = one - other
-    distance = ca.norm_2(apart)
-    return _contact(distance - more, apart / distance, one, radius)
+    offset = point_a - point_b
+    distance = ca.norm_2(offset)
+    return _contact(distance - other_radius, offset / distance, point_a, radius)
 
 
-def _lowest(one: Shape, a: Place, normal: ca.SX) -> list[tuple[ca.SX, ca.SX | float]]:
+def _lowest(shape: Shape, pose: Place, normal: ca.SX) -> list[tuple[ca.SX, ca.SX | float]]:
     """The points of a shape that may touch a plane first, each with the radius around it."""
-    match one:
+    match shape:
         case Sphere():
-            return [(a.at(one.centre), one.radius)]
+            return [(pose.at(shape.centre), shape.radius)]
         case Capsule():
-            return [(a.at(end), one.radius) for end in (one.start, one.end)]
+            return [(pose.at(end), shape.radius) for end in (shape.start, shape.end)]
         case Box():
-            return [(a.at(corner), 0.0) for corner in box_corners(one)]
+            return [(pose.at(corner), 0.0) for corner in box_corners(shape)]
         case Hull():
-            return [(a.at(point), 0.0) for point in one.points]
+            return [(pose.at(point), 0.0) for point in shape.points]
         case Cylinder():
-            axis = a.at(one.end) - a.at(one.start)
+            axis = pose.at(shape.end) - pose.at(shape.start)
             axis /= ca.norm_2(axis)
-            out = ca.dot(normal, axis) * axis - normal
-            out = one.radius * out / ca.sqrt(ca.sumsqr(out) + _FLAT**2)
-            return [(a.at(end) + out, 0.0) for end in (one.start, one.end)]
+            toward_plane = ca.dot(normal, axis) * axis - normal
+            toward_plane = shape.radius * toward_plane / ca.sqrt(ca.sumsqr(toward_plane) + _FLAT**2)
+            return [(pose.at(end) + toward_plane, 0.0) for end in (shape.start, shape.end)]
     return []
 
 
@@ -164,84 +164,84 @@ def box_corners(box: Box) -> list[Vector]:
     """The eight corners of a box in its body's frame."""
     R = rotation.matrix(ca.SX(ca.vertcat(*box.turn)))
     signs = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
-    half, centre = (ca.SX(ca.vertcat(*value)) for value in (box.half_size, box.centre))
-    corners = [ca.vertsplit(centre + R @ (half * ca.DM(sign))) for sign in signs]
+    half_size, centre = (ca.SX(ca.vertcat(*value)) for value in (box.half_size, box.centre))
+    corners = [ca.vertsplit(centre + R @ (half_size * ca.DM(sign))) for sign in signs]
     return [(x, y, z) for x, y, z in corners]
 
 
-def _on_segment(one: Capsule, a: Place, point: ca.SX) -> ca.SX:
-    start, end = a.at(one.start), a.at(one.end)
-    along = end - start
-    share = ca.dot(point - start, along) / ca.sumsqr(along)
-    return start + ca.fmin(ca.fmax(share, 0), 1) * along
+def _on_segment(capsule: Capsule, pose: Place, point: ca.SX) -> ca.SX:
+    start, end = pose.at(capsule.start), pose.at(capsule.end)
+    segment = end - start
+    share = ca.dot(point - start, segment) / ca.sumsqr(segment)
+    return start + ca.fmin(ca.fmax(share, 0), 1) * segment
 
 
-def _nearest_on_segments(one: Capsule, a: Place, other: Capsule, b: Place) -> tuple[ca.SX, ca.SX]:
+def _nearest_on_segments(capsule_a: Capsule, pose_a: Place, capsule_b: Capsule, pose_b: Place) -> tuple[ca.SX, ca.SX]:
     """Nearest points of two segments (Ericson, Real-Time Collision Detection, 2005, sec. 5.1.9)."""
-    p, q = a.at(one.start), b.at(other.start)
-    d, e = a.at(one.end) - p, b.at(other.end) - q
-    dd, ee, de, off = ca.sumsqr(d), ca.sumsqr(e), ca.dot(d, e), p - q
+    p, q = pose_a.at(capsule_a.start), pose_b.at(capsule_b.start)
+    d, e = pose_a.at(capsule_a.end) - p, pose_b.at(capsule_b.end) - q
+    dd, ee, de, offset = ca.sumsqr(d), ca.sumsqr(e), ca.dot(d, e), p - q
 
     def clamped(value: ca.SX) -> ca.SX:
         return ca.fmin(ca.fmax(value, 0), 1)
 
     across = ca.fmax(dd * ee - de**2, 1e-12 * dd * ee)
-    s = clamped((de * ca.dot(e, off) - ee * ca.dot(d, off)) / across)
-    t = clamped((de * s + ca.dot(e, off)) / ee)
-    s = clamped((de * t - ca.dot(d, off)) / dd)
+    s = clamped((de * ca.dot(e, offset) - ee * ca.dot(d, offset)) / across)
+    t = clamped((de * s + ca.dot(e, offset)) / ee)
+    s = clamped((de * t - ca.dot(d, offset)) / dd)
     return p + s * d, q + t * e
 
 
-def _beside_plane(other: Plane, b: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
-    normal = ca.sparsify(b.R @ ca.SX(ca.vertcat(*other.normal)))
-    return ca.dot(normal, point - b.at(other.origin)), normal
+def _beside_plane(plane: Plane, pose: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
+    normal = ca.sparsify(pose.R @ ca.SX(ca.vertcat(*plane.normal)))
+    return ca.dot(normal, point - pose.at(plane.origin)), normal
 
 
-def _beside_round(other: Sphere | Capsule, b: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
-    middle = b.at(other.centre) if isinstance(other, Sphere) else _on_segment(other, b, point)
-    apart = point - middle
-    distance = ca.norm_2(apart)
-    return distance - other.radius, apart / distance
+def _beside_round(shape: Sphere | Capsule, pose: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
+    centre = pose.at(shape.centre) if isinstance(shape, Sphere) else _on_segment(shape, pose, point)
+    offset = point - centre
+    distance = ca.norm_2(offset)
+    return distance - shape.radius, offset / distance
 
 
-def _beside_box(other: Box, b: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _beside_box(box: Box, pose: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Outside the distance from the nearest point of the box, inside from the nearest side."""
-    R = b.R @ ca.sparsify(rotation.matrix(ca.SX(ca.vertcat(*other.turn))))
-    local = R.T @ (point - b.at(other.centre))
+    R = pose.R @ ca.sparsify(rotation.matrix(ca.SX(ca.vertcat(*box.turn))))
+    local = R.T @ (point - pose.at(box.centre))
     side = ca.if_else(local >= 0, 1, -1)
-    d = side * local - ca.SX(ca.vertcat(*other.half_size))
-    out = ca.fmax(d, 0)
+    d = side * local - ca.SX(ca.vertcat(*box.half_size))
+    outer = ca.fmax(d, 0)
     outside = ca.mmax(d) > 0
     # Inside the root's argument is 1, as its slope at 0 would be infinite.
-    far = ca.sqrt(ca.if_else(outside, ca.sumsqr(out), 1))
+    outer_distance = ca.sqrt(ca.if_else(outside, ca.sumsqr(outer), 1))
     face = ca.vertcat(
         ca.logic_and(d[0] >= d[1], d[0] >= d[2]),
         ca.logic_and(d[1] > d[0], d[1] >= d[2]),
         ca.logic_and(d[2] > d[0], d[2] > d[1]),
     )
-    distance = ca.if_else(outside, far, ca.mmax(d))
-    return distance, R @ (side * ca.if_else(outside, out / far, face))
+    distance = ca.if_else(outside, outer_distance, ca.mmax(d))
+    return distance, R @ (side * ca.if_else(outside, outer / outer_distance, face))
 
 
-def _beside_cylinder(other: Cylinder, b: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _beside_cylinder(cylinder: Cylinder, pose: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
     """As beside a box, in the plane of distance from the axis and height along it."""
-    start, end = b.at(other.start), b.at(other.end)
+    start, end = pose.at(cylinder.start), pose.at(cylinder.end)
     axis, middle = end - start, (start + end) / 2
-    half = ca.norm_2(axis) / 2
-    axis /= 2 * half
+    half_length = ca.norm_2(axis) / 2
+    axis /= 2 * half_length
     height = ca.dot(point - middle, axis)
     across = point - middle - height * axis
     # On the axis itself no direction is the nearest; there the side is no neighbour.
     reach = ca.sqrt(ca.sumsqr(across) + 1e-24)
     up = ca.if_else(height >= 0, 1, -1)
-    d = ca.vertcat(reach - other.radius, up * height - half)
-    out = ca.fmax(d, 0)
+    d = ca.vertcat(reach - cylinder.radius, up * height - half_length)
+    outer = ca.fmax(d, 0)
     outside = ca.mmax(d) > 0
-    far = ca.sqrt(ca.if_else(outside, ca.sumsqr(out), 1))
+    outer_distance = ca.sqrt(ca.if_else(outside, ca.sumsqr(outer), 1))
     face = ca.vertcat(d[0] >= d[1], d[1] > d[0])
-    toward = ca.if_else(outside, out / far, face)
+    toward = ca.if_else(outside, outer / outer_distance, face)
     normal = toward[0] * across / reach + toward[1] * up * axis
-    return ca.if_else(outside, far, ca.mmax(d)), normal
+    return ca.if_else(outside, outer_distance, ca.mmax(d)), normal
 
 
 Beside = Callable[..., tuple[ca.SX, ca.SX]]

@@ -55,10 +55,10 @@ class CoupledJoints:
     def close(self, tree: Tree, q: ca.SX) -> ca.SX:
         """Return q (nq, 1) with the joints that follow where the couplings want them."""
         closed, position = ca.SX(q), tree.position_of(q)
-        indices = {tree.v_of[name].start: at for name, at in tree.q_of.items()}
+        indices = {tree.v_of[name].start: q_slice for name, q_slice in tree.q_of.items()}
         for k, i in enumerate(self.dependent):
-            rest = self.A[k : k + 1, self.independent] @ position[self.independent]
-            closed[indices[i]] = self.b[k] - rest
+            independent_part = self.A[k : k + 1, self.independent] @ position[self.independent]
+            closed[indices[i]] = self.b[k] - independent_part
         return closed
 
     def constrain(self, force: ca.SX, position: ca.SX, v_next: ca.SX, h: ca.SX | float) -> ca.SX:

@@ -66,8 +66,8 @@ class SpatialMachine:
         items("bodies", Body, self.bodies)
         items("parts", SpatialPart, self.parts)
         vector("gravity", self.gravity, (3,))
-        parts = [(part.name, part.body) for part in self.parts]
-        check_parts("body", self.bodies, [], parts, self.meetings)
+        fixed_parts = [(part.name, part.body) for part in self.parts]
+        check_parts("body", self.bodies, [], fixed_parts, self.meetings)
 
     @cached_property
     def _tree(self) -> Tree:
@@ -83,19 +83,19 @@ class SpatialMachine:
 
     def touches(self, tree: Tree, q: ca.SX) -> dict[str, tuple[SpatialContact, str, str]]:
         """Contacts at the pose ``q`` (nq, 1), each with the bodies of its A and of its B."""
-        parts, found = {part.name: part for part in self.parts}, {}
+        parts_by_name, contacts = {part.name: part for part in self.parts}, {}
         places = body_places(tree, q)
-        for one, other in self.meetings:
-            a, b = parts[one], parts[other]
-            if a.body == WORLD:
-                a, b = b, a
-            near = between(a.shape, places[a.body], b.shape, places[b.body])
-            if (one, other) not in self._points:
-                self._points[one, other] = distinct_points(tree, self._q, a, b, len(near))
-            points = [near[k] for k in self._points[one, other]]
-            for name, contact in name_contacts(one, other, points).items():
-                found[name] = contact, a.body, b.body
-        return found
+        for name_a, name_b in self.meetings:
+            part_a, part_b = parts_by_name[name_a], parts_by_name[name_b]
+            if part_a.body == WORLD:
+                part_a, part_b = part_b, part_a
+            pair_contacts = between(part_a.shape, places[part_a.body], part_b.shape, places[part_b.body])
+            if (name_a, name_b) not in self._points:
+                self._points[name_a, name_b] = distinct_points(tree, self._q, part_a, part_b, len(pair_contacts))
+            points = [pair_contacts[k] for k in self._points[name_a, name_b]]
+            for name, contact in name_contacts(name_a, name_b, points).items():
+                contacts[name] = contact, part_a.body, part_b.body
+        return contacts
 
     @cached_property
     def _points(self) -> dict[tuple[str, str], list[int]]:
@@ -133,8 +133,8 @@ class SpatialMachine:
 
         def touch(q: ca.SX) -> list[Touch]:
             return [
-                Touch(label, contact, _motions(tree, q, one), _motions(tree, q, other), other == WORLD)
-                for label, (contact, one, other) in self.touches(tree, q).items()
+                Touch(label, contact, _motions(tree, q, body_a), _motions(tree, q, body_b), body_b == WORLD)
+                for label, (contact, body_a, body_b) in self.touches(tree, q).items()
             ]
 
         store: dict[tuple[int, ...], tuple[ca.SX, list[Touch]]] = {}
@@ -164,13 +164,13 @@ def body_places(tree: Tree, q: ca.SX) -> dict[str, Place]:
     return {WORLD: _FIXED} | {name: Place(*tree.pose(q, name)) for name in tree.bodies}
 
 
-def name_contacts(one: str, other: str, contacts: Sequence[SpatialContact]) -> dict[str, SpatialContact]:
+def name_contacts(name_a: str, name_b: str, contacts: Sequence[SpatialContact]) -> dict[str, SpatialContact]:
     """Name the contacts of two parts, with numbers where there are several."""
     numbers = [f" {k}" for k in range(1, len(contacts) + 1)] if len(contacts) > 1 else [""]
-    return {f"{one} on {other}{n}": c for n, c in zip(numbers, contacts, strict=False)}
+    return {f"{name_a} on {name_b}{number}": contact for number, contact in zip(numbers, contacts, strict=False)}
 
 
-def distinct_points(tree: Tree, q: ca.SX, a: SpatialPart, b: SpatialPart, count: int) -> list[int]:
+def distinct_points(tree: Tree, q: ca.SX, part_a: SpatialPart, part_b: SpatialPart, count: int) -> list[int]:
     """Numbers of the ``count`` contacts of two parts, without those that push and rub as another.
 
     Two are alike where distances and rows along normal and tangents agree at random poses of the
@@ -178,10 +178,10 @@ def distinct_points(tree: Tree, q: ca.SX, a: SpatialPart, b: SpatialPart, count:
     """
     if count < 2:
         return list(range(count))
-    places = {body: _FIXED if body == WORLD else Place(*tree.pose(q, body)) for body in (a.body, b.body)}
-    near = between(a.shape, places[a.body], b.shape, places[b.body])
-    one, other = _motions(tree, q, a.body), _motions(tree, q, b.body)
-    rows = [ca.horzcat(contact.phi, *contact.rows(one, other, tree.nv)) for contact in near]
+    places = {body: _FIXED if body == WORLD else Place(*tree.pose(q, body)) for body in (part_a.body, part_b.body)}
+    pair_contacts = between(part_a.shape, places[part_a.body], part_b.shape, places[part_b.body])
+    one, other = _motions(tree, q, part_a.body), _motions(tree, q, part_b.body)
+    rows = [ca.horzcat(contact.phi, *contact.rows(one, other, tree.nv)) for contact in pair_contacts]
     stacked = ca.densify(ca.vertcat(*rows))
     if tree.turning and ca.depends_on(stacked, q[tree.turning]):
         return list(range(count))

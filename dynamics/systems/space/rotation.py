@@ -42,20 +42,24 @@ def about(axis: ca.SX, angle: ca.SX) -> ca.SX:
     return c * ca.SX.eye(3) + s * ca.skew(axis) + (1 - c) * (axis @ axis.T)
 
 
-def turned(q: ca.SX, way: ca.SX) -> ca.SX:
-    """``q (+) way``: q turned about ``way`` (3, 1) in its own axes by its length [rad], exactly.
+def turned(q: ca.SX, rotation_vector: ca.SX) -> ca.SX:
+    """``q (+) way``: q turned about ``rotation_vector`` (3, 1) in its own axes by its length [rad], exactly.
 
     ``q exp(way / 2)``, drawn back to the unit sphere by one step of Newton's method, so that
     rounding does not add up over steps.
     """
-    square = ca.sumsqr(way) / 4
-    small = square < _SMALL
+    half_angle_squared = ca.sumsqr(rotation_vector) / 4
+    is_small = half_angle_squared < _SMALL
     # Away from zero the series' branch is not used; at zero the root's slope would be infinite.
-    half = ca.sqrt(ca.if_else(small, 1, square))
-    w = ca.if_else(small, 1 - square * (1 / 2 - square * (1 / 24 - square / 720)), ca.cos(half))
-    over = 1 - square * (1 / 6 - square * (1 / 120 - square / 5040))
-    sinc = ca.if_else(small, over, ca.sin(half) / half)
-    return product(q, ca.vertcat(w, sinc * way / 2)) * ((3 - ca.sumsqr(q)) / 2)
+    half_angle = ca.sqrt(ca.if_else(is_small, 1, half_angle_squared))
+    w = ca.if_else(
+        is_small,
+        1 - half_angle_squared * (1 / 2 - half_angle_squared * (1 / 24 - half_angle_squared / 720)),
+        ca.cos(half_angle),
+    )
+    sinc_series = 1 - half_angle_squared * (1 / 6 - half_angle_squared * (1 / 120 - half_angle_squared / 5040))
+    sinc = ca.if_else(is_small, sinc_series, ca.sin(half_angle) / half_angle)
+    return product(q, ca.vertcat(w, sinc * rotation_vector / 2)) * ((3 - ca.sumsqr(q)) / 2)
 
 
 def slope(q: ca.SX) -> ca.SX:

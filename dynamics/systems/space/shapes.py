@@ -71,8 +71,8 @@ class Hull:
     points: tuple[Vector, ...]
 
     def __post_init__(self) -> None:
-        for i, one in enumerate(self.points):
-            vector(f"Hull points[{i}]", one, (3,))
+        for i, vertex in enumerate(self.points):
+            vector(f"Hull points[{i}]", vertex, (3,))
 
 
 @dataclass(frozen=True, eq=False)

@@ -82,35 +82,35 @@ def spatial_step(
     q, v, q_next, v_next = x[:nq], x[nq:], x_next[:nq], x_next[nq:]
     u = ca.SX.sym("u", len(motors))
     names = [touch.name for touch in touches(q)]
-    contacts = tuple(Signal(one, "N s", "normal impulse") for one in names)
+    contacts = tuple(Signal(contact_name, "N s", "normal impulse") for contact_name in names)
     limits = tree.limits
-    way = ca.SX.sym("way", nv)
-    stretched = ca.jacobian(tree.advance(q, way, centred=False), way)
-    tangent = ca.Function("tangent", [q], [ca.substitute(stretched, way, ca.SX.zeros(nv))])
+    displacement = ca.SX.sym("way", nv)
+    advance_jacobian = ca.jacobian(tree.advance(q, displacement, centred=False), displacement)
+    tangent = ca.Function("tangent", [q], [ca.substitute(advance_jacobian, displacement, ca.SX.zeros(nv))])
     rows_of = _rows(touches, nv)
-    along = ca.vertsplit(rows_of(q)[1], len(names)) if names else [ca.SX(0, nv)] * 2
-    still = [not np.any(at_random_poses(rows)) for rows in along]
-    edges = 2 if any(still) else edges
-    first = 1 if still == [True, False] else 0
-    space = Space(nv, lambda at: rows_of(at)[0], lambda at: ca.SX(tangent(at)), edges)
+    tangent_rows = ca.vertsplit(rows_of(q)[1], len(names)) if names else [ca.SX(0, nv)] * 2
+    is_still = [not np.any(at_random_poses(rows)) for rows in tangent_rows]
+    edges = 2 if any(is_still) else edges
+    first = 1 if is_still == [True, False] else 0
+    space = Space(nv, lambda pose: rows_of(pose)[0], lambda pose: ca.SX(tangent(pose)), edges)
 
-    def left(at: ca.SX) -> ca.SX:
-        low = [at[i] - lowest for _, i, _, lowest, _ in limits]
-        return ca.vertcat(*low, *(highest - at[i] for _, i, _, _, highest in limits))
+    def limit_distances(pose: ca.SX) -> ca.SX:
+        low = [pose[i] - lowest for _, i, _, lowest, _ in limits]
+        return ca.vertcat(*low, *(highest - pose[i] for _, i, _, _, highest in limits))
 
     M, forced = tree.mass(q), _smooth(tree, q, v_next, u, h, scale)
     if inertial:
         change = about_centres(tree, q, v_next) - centre_velocities(tree, q, v, h)
-        moved = h * tree.inverse_dynamics(q, v, v_next, change / h, centred=True)
+        inertial_impulse = h * tree.inverse_dynamics(q, v, v_next, change / h, centred=True)
     else:
-        driven = tree.each(lambda body: None if body.servo is None else 1)
-        bodies = [i for i, entry in enumerate(ca.vertsplit(driven)) if entry.is_zero()]
-        M, moved = M[bodies, bodies], h * tree.weight(q)
-        moved[bodies] += M @ v_next[bodies]
+        is_servo = tree.each(lambda body: None if body.servo is None else 1)
+        bodies = [i for i, entry in enumerate(ca.vertsplit(is_servo)) if entry.is_zero()]
+        M, inertial_impulse = M[bodies, bodies], h * tree.weight(q)
+        inertial_impulse[bodies] += M @ v_next[bodies]
 
-    def built(touching: Touching) -> ContactSystem:
+    def build_system(touching: Touching) -> ContactSystem:
         rows = contact_rows(name, touching, q, q_next, lambda J: h * (J @ v_next), h)
-        motion = moved - h * forced - rows.push
+        motion = inertial_impulse - h * forced - rows.push
         if coupled is not None:
             motion = coupled.constrain(motion, tree.position_of(q), v_next, h)
         return ContactSystem(
@@ -130,7 +130,7 @@ def spatial_step(
             mu_per_kappa=h,
             pairs=rows.pairs,
             forces=rows.forces,
-            sharp=touching.sharp(rows.curved, built),
+            sharp=touching.sharp(rows.curved, build_system),
             refinable=inertial,
             book=_book(tree, touches, first, rows, x, u, x_next, forced, h) if inertial else None,
             mass=M,
@@ -139,14 +139,16 @@ def spatial_step(
 
     ends = tuple(f"{body} {end}" for end in ("low", "high") for body, *_ in limits)
 
-    def distance(at: ca.SX) -> ca.SX:
-        return ca.vertcat(ca.SX(0, 1), *(touch.contact.phi for touch in touches(at)))
+    def distance(pose: ca.SX) -> ca.SX:
+        return ca.vertcat(ca.SX(0, 1), *(touch.contact.phi for touch in touches(pose)))
 
-    def sliding(at: ca.SX) -> ca.SX:
-        return rows_of(at)[1][len(names) * first :, :][: len(names) * min(2, edges // 2), :]
+    def sliding(pose: ca.SX) -> ca.SX:
+        return rows_of(pose)[1][len(names) * first :, :][: len(names) * min(2, edges // 2), :]
 
-    return built(
-        Touching(contacts, distance, sliding, friction, cone, linearised, left if limits else None, ends, space)
+    return build_system(
+        Touching(
+            contacts, distance, sliding, friction, cone, linearised, limit_distances if limits else None, ends, space
+        )
     )
 
 
@@ -154,9 +156,9 @@ def _rows(touches: Callable[[ca.SX], list[Touch]], nv: int) -> Callable[[ca.SX],
     """Rows along normals (nc, nv), and along first and second tangents (2 nc, nv), at a pose."""
 
     def rows(q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        found = [touch.contact.rows(touch.one, touch.other, nv) for touch in touches(q)]
-        normal, *along = (ca.vertcat(ca.SX(0, nv), *(row[k] for row in found)) for k in range(3))
-        return ca.sparsify(normal), ca.sparsify(ca.vertcat(*along))
+        contact_rows = [touch.contact.rows(touch.one, touch.other, nv) for touch in touches(q)]
+        normal, *tangential = (ca.vertcat(ca.SX(0, nv), *(row[k] for row in contact_rows)) for k in range(3))
+        return ca.sparsify(normal), ca.sparsify(ca.vertcat(*tangential))
 
     return rows
 
@@ -164,12 +166,17 @@ def _rows(touches: Callable[[ca.SX], list[Touch]], nv: int) -> Callable[[ca.SX],
 def _smooth(tree: Tree, q: ca.SX, v_next: ca.SX, u: ca.SX, h: ca.SX | float, scale: float) -> ca.SX:
     """Forces of motors, servos, springs and dampers (nv, 1), linear in v_next."""
     motor, servo = tree.each(lambda b: b.gear), tree.each(lambda b: b.servo)
-    asked = ca.SX(tree.nv, 1)
+    commands = ca.SX(tree.nv, 1)
     for k, name in enumerate(tree.actuated):
-        asked[tree.v_of[name]] = u[k]
-    stands = tree.position_of(q) + h * v_next
-    springs = tree.each(lambda b: b.spring) * (tree.each(lambda b: b.rest) - stands)
-    return scale * motor * asked + servo * (asked - stands) + springs - tree.each(lambda b: b.damping) * v_next
+        commands[tree.v_of[name]] = u[k]
+    position_next = tree.position_of(q) + h * v_next
+    springs = tree.each(lambda b: b.spring) * (tree.each(lambda b: b.rest) - position_next)
+    return (
+        scale * motor * commands
+        + servo * (commands - position_next)
+        + springs
+        - tree.each(lambda b: b.damping) * v_next
+    )
 
 
 def _input(tree: Tree, motor: str) -> Signal:
@@ -192,18 +199,18 @@ def _book(
 ) -> EnergyBook:
     q, v, v_next = x[: tree.nq], x[tree.nq :], x_next[tree.nq :]
     normal = rows.lam[: len(touches(q))] if rows.forces is None else rows.forces.normal
-    along, n = ca.SX(0, 1) if rows.forces is None else rows.forces.tangential, normal.numel()
+    tangential, n = ca.SX(0, 1) if rows.forces is None else rows.forces.tangential, normal.numel()
     external = h * tree.total_mass * tree.gravity
     for i, touch in enumerate(touches(q)):
         if touch.outside:
             external = external + normal[i] * touch.contact.normal
             tangents = touch.contact.tangents[first:]
-            for k, tangent in zip(range(i, along.numel(), n), tangents, strict=False):
-                external = external + along[k] * tangent
+            for k, tangent in zip(range(i, tangential.numel(), n), tangents, strict=False):
+                external = external + tangential[k] * tangent
     springs = tree.each(lambda b: b.spring) * (tree.each(lambda b: b.rest) - tree.position_of(q) - h * v_next)
     work = h * ca.dot(v_next, forced - springs)
-    here = about_centres(tree, q, centre_velocities(tree, q, v, h), -1)
-    return EnergyBook(tree.energy(q, here), work, tree.momentum(q, here), external)
+    v_centres = about_centres(tree, q, centre_velocities(tree, q, v, h), -1)
+    return EnergyBook(tree.energy(q, v_centres), work, tree.momentum(q, v_centres), external)
 
 
 def about_centres(tree: Tree, q: ca.SX, v: ca.SX, sign: int = 1) -> ca.SX:
@@ -211,12 +218,12 @@ def about_centres(tree: Tree, q: ca.SX, v: ca.SX, sign: int = 1) -> ca.SX:
 
     With ``sign`` -1 the other way round.
     """
-    found = ca.SX(v)
+    converted = ca.SX(v)
     for name, centre in tree.centres.items():
         four, spin = q[tree.q_of[name]][3:], v[tree.v_of[name]][3:]
         start = tree.v_of[name].start
-        found[start : start + 3] += sign * rotation.matrix(four) @ ca.cross(spin, centre)
-    return found
+        converted[start : start + 3] += sign * rotation.matrix(four) @ ca.cross(spin, centre)
+    return converted
 
 
 def centre_velocities(tree: Tree, q: ca.SX, v: ca.SX, h: ca.SX | float) -> ca.SX:
@@ -225,8 +232,8 @@ def centre_velocities(tree: Tree, q: ca.SX, v: ca.SX, h: ca.SX | float) -> ca.SX
     A step of h hands over the velocities of centres of mass exactly by that: it ends with origins'
     velocities at the pose that it set out from.
     """
-    before = ca.SX(q)
+    q_before = ca.SX(q)
     for name in tree.centres:
         four = slice(tree.q_of[name].start + 3, tree.q_of[name].stop)
-        before[four] = rotation.turned(q[four], -h * v[tree.v_of[name]][3:])
-    return about_centres(tree, before, v)
+        q_before[four] = rotation.turned(q[four], -h * v[tree.v_of[name]][3:])
+    return about_centres(tree, q_before, v)

@@ -44,18 +44,18 @@ class Tree:
     @property
     def coordinates(self) -> tuple[Signal, ...]:
         """Names and units of q."""
-        return tuple(one for body in self.bodies.values() for one in body.positions)
+        return tuple(signal for body in self.bodies.values() for signal in body.positions)
 
     @property
     def velocities(self) -> tuple[Signal, ...]:
         """Names and units of v."""
-        return tuple(one for body in self.bodies.values() for one in body.velocities)
+        return tuple(signal for body in self.bodies.values() for signal in body.velocities)
 
     @property
     def actuated(self) -> tuple[str, ...]:
         """Names of the bodies whose joints have a motor or a servo, in the order of inputs."""
-        found = self.bodies.items()
-        return tuple(n for n, body in found if body.gear is not None or body.servo is not None)
+        named_bodies = self.bodies.items()
+        return tuple(n for n, body in named_bodies if body.gear is not None or body.servo is not None)
 
     @property
     def limits(self) -> list[tuple[str, int, int, Number, Number]]:
@@ -69,23 +69,23 @@ class Tree:
     @cached_property
     def turning(self) -> list[int]:
         """Indices into q of all quaternions."""
-        found = {"free": slice(3, 7), "ball": slice(0, 4)}
+        quaternion_entries = {"free": slice(3, 7), "ball": slice(0, 4)}
         return [
             i
             for name, body in self.bodies.items()
-            if body.joint in found
-            for i in range(self.nq)[self.q_of[name]][found[body.joint]]
+            if body.joint in quaternion_entries
+            for i in range(self.nq)[self.q_of[name]][quaternion_entries[body.joint]]
         ]
 
     @cached_property
     def centres(self) -> dict[str, ca.SX]:
         """Centres of mass (3, 1) [m] of free bodies whose origin is another point, by name."""
-        found = {
+        centres = {
             name: ca.sparsify(ca.SX(ca.vertcat(*body.com)))
             for name, body in self.bodies.items()
             if body.joint == "free"
         }
-        return {name: centre for name, centre in found.items() if centre.nnz()}
+        return {name: centre for name, centre in centres.items() if centre.nnz()}
 
     @cached_property
     def swinging(self) -> list[int]:
@@ -99,37 +99,37 @@ class Tree:
 
     def each(self, value: Callable[[Body], Number | None]) -> ca.SX:
         """One number of every body for all of its velocities (nv, 1), zero where it is None."""
-        found = (value(body) for body in self.bodies.values() for _ in range(VELOCITIES[body.joint]))
-        return ca.sparsify(ca.vertcat(ca.SX(0, 1), *(ca.SX(0 if one is None else one) for one in found)))
+        values = (value(body) for body in self.bodies.values() for _ in range(VELOCITIES[body.joint]))
+        return ca.sparsify(ca.vertcat(ca.SX(0, 1), *(ca.SX(0 if entry is None else entry) for entry in values)))
 
     def position_of(self, q: ca.SX) -> ca.SX:
         """Positions of hinges and slides in the order of v (nv, 1), zero for other joints."""
-        at = ca.SX(self.nv, 1)
+        positions = ca.SX(self.nv, 1)
         for name, body in self.bodies.items():
             if body.joint in ("hinge", "slide"):
-                at[self.v_of[name]] = q[self.q_of[name]]
-        return at
+                positions[self.v_of[name]] = q[self.q_of[name]]
+        return positions
 
-    def advance(self, q: ca.SX, way: ca.SX, *, centred: bool = True) -> ca.SX:
+    def advance(self, q: ca.SX, displacements: ca.SX, *, centred: bool = True) -> ca.SX:
         """``q (+) way`` (nq, 1), way (nv, 1) along v: quaternions turn exactly, the rest adds.
 
         Of a free body the centre of mass moves straight and its origin turns about that, or where
         not ``centred`` the origin moves straight, which is the same for small ways.
         """
-        parts = []
+        q_parts = []
         for name, body in self.bodies.items():
-            at, along = q[self.q_of[name]], way[self.v_of[name]]
+            joint_q, displacement = q[self.q_of[name]], displacements[self.v_of[name]]
             if body.joint in ("free", "ball"):
-                n = at.numel() - 4
-                place, turned = at[:n] + along[:n], rotation.turned(at[n:], along[n:])
+                n = joint_q.numel() - 4
+                origin, new_quaternion = joint_q[:n] + displacement[:n], rotation.turned(joint_q[n:], displacement[n:])
                 if centred and name in self.centres:
-                    here, then = rotation.matrix(at[n:]), rotation.matrix(turned)
+                    R, R_new = rotation.matrix(joint_q[n:]), rotation.matrix(new_quaternion)
                     centre = self.centres[name]
-                    place += here @ (ca.cross(along[n:], centre) + centre) - then @ centre
-                parts += [place, turned]
+                    origin += R @ (ca.cross(displacement[n:], centre) + centre) - R_new @ centre
+                q_parts += [origin, new_quaternion]
             else:
-                parts.append(at + along)
-        return ca.vertcat(*parts)
+                q_parts.append(joint_q + displacement)
+        return ca.vertcat(*q_parts)
 
     def pose(self, q: ca.SX, body: str) -> tuple[ca.SX, ca.SX]:
         """Rotation (3, 3) of a body's axes into the world's, and its origin there (3, 1) [m]."""
@@ -140,16 +140,16 @@ class Tree:
 
         All in the world's axes, of the body's joint and of all above it.
         """
-        found, joints, at = [], self._joints(q), body
-        while at is not None:
-            (R, p), joint, start = self.pose(q, at), joints[at], self.v_of[at].start
-            free = 3 if self.bodies[at].joint == "free" else 0
-            found += [(start + k, ca.SX(3, 1), ca.SX.eye(3)[:, k], p) for k in range(free)]
+        axes, joints, ancestor = [], self._joints(q), body
+        while ancestor is not None:
+            (R, p), joint, start = self.pose(q, ancestor), joints[ancestor], self.v_of[ancestor].start
+            free = 3 if self.bodies[ancestor].joint == "free" else 0
+            axes += [(start + k, ca.SX(3, 1), ca.SX.eye(3)[:, k], p) for k in range(free)]
             for k in range(joint.turns.size2()):
                 turn, move = R @ joint.turns[:, k], R @ joint.moves[:, k]
-                found.append((start + free + k, turn, move, p))
-            at = self.bodies[at].parent
-        return found
+                axes.append((start + free + k, turn, move, p))
+            ancestor = self.bodies[ancestor].parent
+        return axes
 
     def mass(self, q: ca.SX) -> ca.SX:
         """Mass matrix M(q) (nv, nv), symmetric positive definite [kg, kg m, kg m²]."""
@@ -161,21 +161,21 @@ class Tree:
                 momentum = mass * move + ca.cross(turn, first)
                 spin = second @ turn + ca.cross(first, move)
                 column = self.v_of[name].start + k + 3 * free
-                at: str | None = name
-                while at is not None:
-                    above = joints[at]
+                ancestor: str | None = name
+                while ancestor is not None:
+                    above = joints[ancestor]
                     rows = above.turns.T @ spin + above.moves.T @ momentum
                     outer = above.R @ momentum
-                    if self.bodies[at].joint == "free":
+                    if self.bodies[ancestor].joint == "free":
                         rows = ca.vertcat(outer, rows)
-                    start = self.v_of[at].start
+                    start = self.v_of[ancestor].start
                     for row in range(rows.numel()):
                         M[start + row, column] = M[column, start + row] = rows[row]
                     spin = above.R @ spin + ca.cross(above.r, outer)
-                    momentum, at = outer, self.bodies[at].parent
+                    momentum, ancestor = outer, self.bodies[ancestor].parent
             if free:
-                place = range(self.nv)[self.v_of[name]][:3]
-                M[place, place] = mass * ca.SX.eye(3)
+                linear_rows = range(self.nv)[self.v_of[name]][:3]
+                M[linear_rows, linear_rows] = mass * ca.SX.eye(3)
         return M + ca.diag(self.each(lambda body: body.armature))
 
     def bias(self, q: ca.SX, v: ca.SX) -> ca.SX:
@@ -206,27 +206,29 @@ class Tree:
         Where ``centred``, a has accelerations of centres of mass of free bodies, as the change of
         :func:`~dynamics.systems.space.stepping.about_centres`, in place of those of their origins.
         """
-        joints, pull = self._joints(q), self.gravity if gravity is None else gravity
-        states = self._accelerations(joints, v, w, a, -pull, self.centres if centred else {})
+        joints, gravity_acceleration = self._joints(q), self.gravity if gravity is None else gravity
+        states = self._accelerations(joints, v, w, a, -gravity_acceleration, self.centres if centred else {})
         force = {body.name: ca.SX(3, 1) for body in self._ordered}
         moment = dict(force)
         result = ca.SX(self.nv, 1)
         for body in reversed(self._ordered):
             name, joint = body.name, joints[body.name]
-            omega, along, alpha, felt = states[name]
+            omega, omega_w, alpha, acceleration = states[name]
             com, inertia = ca.SX(ca.vertcat(*body.com)), body.inertia_matrix
-            own = ca.SX(body.mass) * (felt + ca.cross(alpha, com) + ca.cross(along, ca.cross(omega, com)))
-            spin = inertia @ (alpha - ca.cross(omega, along)) + ca.cross(along, inertia @ omega)
-            force[name] += own
-            moment[name] += spin + ca.cross(com, own)
-            outer = joint.R @ force[name]
+            body_force = ca.SX(body.mass) * (
+                acceleration + ca.cross(alpha, com) + ca.cross(omega_w, ca.cross(omega, com))
+            )
+            spin = inertia @ (alpha - ca.cross(omega, omega_w)) + ca.cross(omega_w, inertia @ omega)
+            force[name] += body_force
+            moment[name] += spin + ca.cross(com, body_force)
+            parent_force = joint.R @ force[name]
             result[self.v_of[name]] = ca.vertcat(
-                outer if body.joint == "free" else ca.SX(0, 1),
+                parent_force if body.joint == "free" else ca.SX(0, 1),
                 joint.turns.T @ moment[name] + joint.moves.T @ force[name],
             )
             if body.parent is not None:
-                force[body.parent] += outer
-                moment[body.parent] += joint.R @ moment[name] + ca.cross(joint.r, outer)
+                force[body.parent] += parent_force
+                moment[body.parent] += joint.R @ moment[name] + ca.cross(joint.r, parent_force)
         return result + self.each(lambda body: body.armature) * a
 
     def potential(self, q: ca.SX) -> ca.SX:
@@ -235,8 +237,8 @@ class Tree:
         for body in self._ordered:
             R, p = self.pose(q, body.name)
             moment += ca.SX(body.mass) * (p + R @ ca.SX(ca.vertcat(*body.com)))
-        off = self.position_of(q) - self.each(lambda body: body.rest)
-        return ca.dot(self.each(lambda b: b.spring), off**2) / 2 - ca.dot(self.gravity, moment)
+        extension = self.position_of(q) - self.each(lambda body: body.rest)
+        return ca.dot(self.each(lambda b: b.spring), extension**2) / 2 - ca.dot(self.gravity, moment)
 
     def energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Kinetic and potential energy [J]."""
@@ -261,37 +263,37 @@ class Tree:
 
     def _poses(self, q: ca.SX) -> dict[str, tuple[ca.SX, ca.SX]]:
         def make() -> dict[str, tuple[ca.SX, ca.SX]]:
-            found: dict[str, tuple[ca.SX, ca.SX]] = {}
+            poses: dict[str, tuple[ca.SX, ca.SX]] = {}
             for body in self._ordered:
                 joint = self._joints(q)[body.name]
                 if body.parent is None:
-                    found[body.name] = joint.R, joint.r
+                    poses[body.name] = joint.R, joint.r
                 else:
-                    R, p = found[body.parent]
-                    found[body.name] = R @ joint.R, p + R @ joint.r
-            return found
+                    R, p = poses[body.parent]
+                    poses[body.name] = R @ joint.R, p + R @ joint.r
+            return poses
 
         return memoise_expression(self._poses_at, q, make)
 
     def _composites(self, joints: dict[str, JointFrame]) -> dict[str, tuple[ca.SX, ca.SX, ca.SX]]:
         """Mass, first and second moment about its origin of each body with all that hangs on it."""
-        found = {}
+        composites = {}
         for body in self._ordered:
             com, mass = ca.sparsify(ca.SX(ca.vertcat(*body.com))), ca.SX(body.mass)
-            found[body.name] = mass, mass * com, body.inertia_matrix + mass * _spread(com, com)
+            composites[body.name] = mass, mass * com, body.inertia_matrix + mass * _spread(com, com)
         for body in reversed(self._ordered):
             if body.parent is None:
                 continue
-            joint, (mass, first, second) = joints[body.name], found[body.name]
-            above, first = found[body.parent], joint.R @ first
-            moved = _symmetric(joint.R @ second @ joint.R.T) + mass * _spread(joint.r, joint.r)
+            joint, (mass, first, second) = joints[body.name], composites[body.name]
+            above, first = composites[body.parent], joint.R @ first
+            moved_second = _symmetric(joint.R @ second @ joint.R.T) + mass * _spread(joint.r, joint.r)
             cross = _spread(first, joint.r) + _spread(joint.r, first)
-            found[body.parent] = (
+            composites[body.parent] = (
                 above[0] + mass,
                 above[1] + first + mass * joint.r,
-                above[2] + moved + _symmetric(cross),
+                above[2] + moved_second + _symmetric(cross),
             )
-        return found
+        return composites
 
     def _accelerations(
         self,
@@ -299,38 +301,40 @@ class Tree:
         v: ca.SX,
         w: ca.SX,
         a: ca.SX,
-        felt: ca.SX,
+        world_acceleration: ca.SX,
         centres: dict[str, ca.SX],
     ) -> dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]]:
         """Angular velocity for v and for w, that for w's derivative along v, the origin's likewise.
 
-        In the axes of each body; ``felt`` is the acceleration of the world. Of the bodies named in
+        In the axes of each body; ``world_acceleration`` is the acceleration of the world. Of the bodies named in
         ``centres`` a has that of this point, not of the origin.
         """
         still = ca.SX(3, 1)
-        found: dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]] = {}
+        states: dict[str, tuple[ca.SX, ca.SX, ca.SX, ca.SX]] = {}
         for body in self._ordered:
             joint, rows = joints[body.name], self.v_of[body.name]
-            omega, along, alpha, moving = found.get(body.parent or "", (still, still, still, felt))
-            own_v, own_w, own_a = v[rows], w[rows], a[rows]
+            omega, omega_w, alpha, acceleration = states.get(
+                body.parent or "", (still, still, still, world_acceleration)
+            )
+            joint_v, joint_w, joint_a = v[rows], w[rows], a[rows]
             if body.joint == "free":
-                moving = moving + own_a[:3]
-                own_v, own_w, own_a = own_v[3:], own_w[3:], own_a[3:]
+                acceleration = acceleration + joint_a[:3]
+                joint_v, joint_w, joint_a = joint_v[3:], joint_w[3:], joint_a[3:]
             else:
-                moving = moving + ca.cross(alpha, joint.r) + ca.cross(along, ca.cross(omega, joint.r))
+                acceleration = acceleration + ca.cross(alpha, joint.r) + ca.cross(omega_w, ca.cross(omega, joint.r))
             inward = joint.R.T
-            omega, along, alpha, moving = (inward @ one for one in (omega, along, alpha, moving))
-            slid_v, slid_w = joint.moves @ own_v, joint.moves @ own_w
-            moving = moving + joint.moves @ own_a
-            moving = moving + ca.cross(along, slid_v) + ca.cross(omega, slid_w)
-            turned_w = joint.turns @ own_w
-            carried = omega if body.joint == "hinge" else omega + joint.turns @ own_v
-            alpha = alpha + joint.turns @ own_a + ca.cross(carried, turned_w)
-            omega, along = omega + joint.turns @ own_v, along + turned_w
+            omega, omega_w, alpha, acceleration = (inward @ vector for vector in (omega, omega_w, alpha, acceleration))
+            slide_v, slide_w = joint.moves @ joint_v, joint.moves @ joint_w
+            acceleration = acceleration + joint.moves @ joint_a
+            acceleration = acceleration + ca.cross(omega_w, slide_v) + ca.cross(omega, slide_w)
+            turn_w = joint.turns @ joint_w
+            frame_omega = omega if body.joint == "hinge" else omega + joint.turns @ joint_v
+            alpha = alpha + joint.turns @ joint_a + ca.cross(frame_omega, turn_w)
+            omega, omega_w = omega + joint.turns @ joint_v, omega_w + turn_w
             if (centre := centres.get(body.name)) is not None:
-                moving -= ca.cross(alpha, centre) + ca.cross(along, ca.cross(omega, centre))
-            found[body.name] = omega, along, alpha, moving
-        return found
+                acceleration -= ca.cross(alpha, centre) + ca.cross(omega_w, ca.cross(omega, centre))
+            states[body.name] = omega, omega_w, alpha, acceleration
+        return states
 
 
 def _spread(a: ca.SX, b: ca.SX) -> ca.SX:
