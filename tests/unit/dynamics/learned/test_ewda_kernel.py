@@ -59,7 +59,7 @@ def test_without_a_compiler_numpy_answers(monkeypatch):
     rng = np.random.default_rng(0)
     z, y = rng.standard_normal((50, 3)), rng.standard_normal((50, 2))
     monkeypatch.setattr(compiler, "CANDIDATES", ())
-    monkeypatch.setattr(kernels, "_told", set())
+    monkeypatch.setattr(kernels, "_reported_reasons", set())
     model = model_of(z, y, 0.3)
     with pytest.warns(BatchWarning, match="runs on the numpy backend"):
         assert isinstance(model._engine, NumpyMoments)
