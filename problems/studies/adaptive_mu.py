@@ -20,7 +20,7 @@ from problems.studies.shared.sampled_step import (
     scalar_contact,
     student,
 )
-from problems.studies.study import Claim, StudyParams, dataset, listed, over, setting
+from problems.studies.study import Claim, StudyParams, claim, dataset, listed, over, setting
 
 NOTES = (
     "mu(z) is the corrected eq. 5.1: kappa = (sigma pdf(z/sigma) - z tail(z/sigma))/F and mu = kappa (z + F kappa).",
@@ -189,27 +189,18 @@ def _tradeoff_claims(data: xr.Dataset) -> list[Claim]:
     reach = f"sigma = {width[0]:g} to {width[-1]:g} sqrt(F mu)"
     shares = listed(share[1:], ".2g")
     return [
-        Claim(
-            "mu(z) is contact-aware: large only near z = 0",
-            "ABS, fig. 1c",
-            f"falls from sigma²/(2 pi F) = {peak:.4g}, below 1 % from {_FAR:g} sigma on",
-            f"{mu[0]:.4g} at contact, {shares} of it at " + listed(gap[1:], "g") + " sigma",
-            bool(np.isclose(mu[0], peak) and np.all(np.diff(mu) < 0) and np.all(share[far] < 0.01)),
-        ),
-        Claim(
-            "mu(z) gives smoother dynamics than mu <= 0.1 around z = 0",
-            "ABS, fig. 1d",
-            f"less curvature at {reach}",
-            f"{over(list(width), smoother)} sqrt(F mu)",
-            bool(np.all(smoother)),
-        ),
-        Claim(
-            "mu(z) best approximates the exact solution in contact-free regions",
-            "ABS, fig. 1d",
-            f"error below that of mu = 0.1 from {_FAR:g} sigma on, at {reach}",
-            f"{over(list(gap[1:]), better)} sigma",
-            bool(np.all(better[far[1:]])),
-        ),
+        claim("mu(z) is contact-aware: large only near z = 0", "ABS, fig. 1c")
+        .expected(f"falls from sigma²/(2 pi F) = {peak:.4g}, below 1 % from {_FAR:g} sigma on")
+        .measured(f"{mu[0]:.4g} at contact, {shares} of it at " + listed(gap[1:], "g") + " sigma")
+        .holds(np.isclose(mu[0], peak), np.diff(mu) < 0, share[far] < 0.01),
+        claim("mu(z) gives smoother dynamics than mu <= 0.1 around z = 0", "ABS, fig. 1d")
+        .expected(f"less curvature at {reach}")
+        .measured(f"{over(list(width), smoother)} sqrt(F mu)")
+        .holds(smoother),
+        claim("mu(z) best approximates the exact solution in contact-free regions", "ABS, fig. 1d")
+        .expected(f"error below that of mu = 0.1 from {_FAR:g} sigma on, at {reach}")
+        .measured(f"{over(list(gap[1:]), better)} sigma")
+        .holds(better[far[1:]]),
     ]
 
 
@@ -222,45 +213,34 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
     reach = listed(data["reach"].values, "g")
     grown = listed(variance, ".2f")
     return [
-        Claim(
-            "Constant mu is randomized smoothing by some noise",
-            "ABS, prop. 5.2",
-            "E S_0(z + w) = S_mu(z)",
+        claim("Constant mu is randomized smoothing by some noise", "ABS, prop. 5.2")
+        .expected("E S_0(z + w) = S_mu(z)")
+        .measured(
             f"within {mismatch[:-1].max():.1e} of its size; density"
-            f" equals Student's, two degrees of freedom, within {apart:.1e}",
-            bool(mismatch[:-1].max() < 1e-9 and apart < 1e-6),
-        ),
-        Claim(
-            "The noise has density rho = S_mu''(w)",
-            "ABS, prop. 5.2",
-            "integral 1",
+            f" equals Student's, two degrees of freedom, within {apart:.1e}"
+        )
+        .holds(mismatch[:-1].max() < 1e-9, apart < 1e-6),
+        claim("The noise has density rho = S_mu''(w)", "ABS, prop. 5.2")
+        .expected("integral 1")
+        .measured(
             f"{over(compliance, whole)} m/(N s): integrals "
             + listed(mass, ".3f")
             + ", times F "
-            + listed(mass * compliance, ".3f"),
-            bool(np.all(whole)),
-        ),
-        Claim(
-            "The noise of constant mu has a variance",
-            "our check",
-            "finite variance",
-            f"{grown} times its scale squared within {reach} scales",
-            bool(np.diff(variance)[-1] < 0.01 * variance[0]),
-        ),
-        Claim(
-            "BS is RS for any mu(z)",
-            "ABS, prop. 5.2",
-            "dlam/dz <= 0 for eq. C.2, no negative density",
-            f"{over(compliance, monotone)} m/(N s): slopes up to " + listed(slope, "+.3f") + " N s/m",
-            bool(np.all(monotone)),
-        ),
-        Claim(
-            "The adaptive mu is Gaussian smoothing",
-            "eq. 5.1 corrected",
-            "E S_0(z + w) = S_mu(z)",
-            f"within {mismatch[-1]:.1e} of its size",
-            bool(mismatch[-1] < 1e-9),
-        ),
+            + listed(mass * compliance, ".3f")
+        )
+        .holds(whole),
+        claim("The noise of constant mu has a variance", "our check")
+        .expected("finite variance")
+        .measured(f"{grown} times its scale squared within {reach} scales")
+        .below(np.diff(variance)[-1], 0.01 * variance[0]),
+        claim("BS is RS for any mu(z)", "ABS, prop. 5.2")
+        .expected("dlam/dz <= 0 for eq. C.2, no negative density")
+        .measured(f"{over(compliance, monotone)} m/(N s): slopes up to " + listed(slope, "+.3f") + " N s/m")
+        .holds(monotone),
+        claim("The adaptive mu is Gaussian smoothing", "eq. 5.1 corrected")
+        .expected("E S_0(z + w) = S_mu(z)")
+        .measured(f"within {mismatch[-1]:.1e} of its size")
+        .below(mismatch[-1], 1e-9),
     ]
 
 
@@ -282,14 +262,13 @@ def _printed_claims(data: xr.Dataset) -> list[Claim]:
         off = data["kappa_misfit"].sel(reading=reading).values
         good = off < 1e-6
         found.append(
-            Claim(
-                sentence,
-                source,
-                "equal at some c1, c2",
+            claim(sentence, source)
+            .expected("equal at some c1, c2")
+            .measured(
                 f"(F, variance) {over(settings, good)}; off by {off.min():.2g} to"
-                f" {off.max():.2g} sigma/F at the best constants",
-                bool(np.all(good)),
+                f" {off.max():.2g} sigma/F at the best constants"
             )
+            .holds(good)
         )
     return found
 
@@ -300,12 +279,9 @@ def _lines(data: xr.Dataset) -> list[Claim]:
         line = data["best_line"].sel(norm=norm).values
         off = np.abs(line - tangent).max(axis=0)
         found.append(
-            Claim(
-                f"K*, W* of the least {norm} residual are S_mu and its gradient",
-                source,
-                "equal at gaps of -1, -1/2, 1/2 and 1 sigma",
-                f"off by up to {off[0]:.1e} sigma/F and {off[1]:.1e}/F",
-                bool(np.all(off < 2e-3)),
-            )
+            claim(f"K*, W* of the least {norm} residual are S_mu and its gradient", source)
+            .expected("equal at gaps of -1, -1/2, 1/2 and 1 sigma")
+            .measured(f"off by up to {off[0]:.1e} sigma/F and {off[1]:.1e}/F")
+            .below(off, 0.002)
         )
     return found

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from problems.studies.shared import contact_bounds as bounds
-from problems.studies.study import Claim, StudyParams, dataset, listed, over, setting
+from problems.studies.study import Claim, StudyParams, claim, dataset, listed, over, setting
 
 NOTES = (
     "Systems: C = D = I, A = B = E = 0, where the bounds are tightest; z standard normal,"
@@ -220,44 +220,30 @@ def _stiffness(data: xr.Dataset) -> list[Claim]:
     definite = _holds(data, "1/lambda_min(S)")
     slope, held = data["counter_4_5"].values
     return [
-        Claim(
-            "The Lipschitz constant explodes as mu falls, inversely proportional to it",
-            "ABS, sec. 4.3",
-            "slope ~ mu^-1",
-            f"slope ~ mu^{power[0]:.3f} symmetric, mu^{power[1]:.3f} P",
-            bool(max(power) < -0.5),
-        ),
-        Claim(
-            "What grows as mu falls is curvature",
-            "corrected, 1/(4 F^1.5 sqrt(mu))",
-            "curvature ~ mu^-0.5",
-            f"mu^{bend[0]:.3f} symmetric, mu^{bend[1]:.3f} P",
-            bool(np.allclose(bend, -0.5, atol=0.05)),
-        ),
-        Claim(
-            "The slope is within the bound with l(mu) as printed",
-            "ABS, thm. 4.5",
-            "always, l at its lower bound",
-            printed[2] + ", largest slope and supremum over several points of each",
-            min(printed[:2]) == 1,
-        ),
-        Claim(
-            "The same with the sign of (A.32) right", "ABS, thm. 4.5, (A.32)", "always", signed[2], min(signed[:2]) == 1
-        ),
-        Claim(
-            "The same with l = |diag(lam)|²/mu at the point",
-            "ABS, proof of thm. 4.5",
-            "always, F = [[1, -1000], [0, 1]] too",
-            f"{point[2]}; there the slope is {slope:.0f}, the bound {held:.0f}",
-            bool(min(point[:2]) == 1 and slope <= held),
-        ),
-        Claim(
-            "|dlam/dz| <= 1/lambda_min(S) where S = sym(F) is definite",
-            "corrected",
-            "always",
-            definite[2],
-            min(definite[:2]) == 1,
-        ),
+        claim("The Lipschitz constant explodes as mu falls, inversely proportional to it", "ABS, sec. 4.3")
+        .expected("slope ~ mu^-1")
+        .measured(f"slope ~ mu^{power[0]:.3f} symmetric, mu^{power[1]:.3f} P")
+        .below(power, -0.5),
+        claim("What grows as mu falls is curvature", "corrected, 1/(4 F^1.5 sqrt(mu))")
+        .expected("curvature ~ mu^-0.5")
+        .measured(f"mu^{bend[0]:.3f} symmetric, mu^{bend[1]:.3f} P")
+        .holds(np.allclose(bend, -0.5, atol=0.05)),
+        claim("The slope is within the bound with l(mu) as printed", "ABS, thm. 4.5")
+        .expected("always, l at its lower bound")
+        .measured(printed[2] + ", largest slope and supremum over several points of each")
+        .equals(min(printed[:2]), 1),
+        claim("The same with the sign of (A.32) right", "ABS, thm. 4.5, (A.32)")
+        .expected("always")
+        .measured(signed[2])
+        .equals(min(signed[:2]), 1),
+        claim("The same with l = |diag(lam)|²/mu at the point", "ABS, proof of thm. 4.5")
+        .expected("always, F = [[1, -1000], [0, 1]] too")
+        .measured(f"{point[2]}; there the slope is {slope:.0f}, the bound {held:.0f}")
+        .holds(min(point[:2]) == 1, slope <= held),
+        claim("|dlam/dz| <= 1/lambda_min(S) where S = sym(F) is definite", "corrected")
+        .expected("always")
+        .measured(definite[2])
+        .equals(min(definite[:2]), 1),
     ]
 
 
@@ -268,35 +254,25 @@ def _near_contact(data: xr.Dataset) -> list[Claim]:
     slope, bound = data["counter_5_1"].values
     error = data["ratio"].sel(bound="A.26 for the slope").median("draw").values
     return [
-        Claim(
-            "The slope away from contact is within the bound",
-            "ABS, thm. 5.1",
-            "always, F = [[1, -100], [0, 1]] at z = (1, 1) too",
-            f"{final[2]}; there the slope is {slope:.1f}, the bound {bound:.0f}",
-            bool(min(final[:2]) == 1 and slope <= bound),
-        ),
-        Claim(
-            "There lam_i <= mu/z_i",
-            "ABS, proof of thm. 5.1",
-            "never violated",
-            f"violated in {step.min():.0%} to {step.max():.0%} of systems with {size[1]} to {size[-1]} contacts",
-            bool(step.max() == 0),
-        ),
-        Claim(
-            "|dlam/dz| <= min(1/lambda_min(S), n² mu/min z²), S definite",
-            "corrected",
-            "always",
-            corrected[2],
-            min(corrected[:2]) == 1,
-        ),
-        Claim(
-            "dlam/dz couples no contacts",
-            "ABS, eq. A.26",
-            "no error",
+        claim("The slope away from contact is within the bound", "ABS, thm. 5.1")
+        .expected("always, F = [[1, -100], [0, 1]] at z = (1, 1) too")
+        .measured(f"{final[2]}; there the slope is {slope:.1f}, the bound {bound:.0f}")
+        .holds(min(final[:2]) == 1, slope <= bound),
+        claim("There lam_i <= mu/z_i", "ABS, proof of thm. 5.1")
+        .expected("never violated")
+        .measured(f"violated in {step.min():.0%} to {step.max():.0%} of systems with {size[1]} to {size[-1]} contacts")
+        .equals(step.max(), 0),
+        claim("|dlam/dz| <= min(1/lambda_min(S), n² mu/min z²), S definite", "corrected")
+        .expected("always")
+        .measured(corrected[2])
+        .equals(min(corrected[:2]), 1),
+        claim("dlam/dz couples no contacts", "ABS, eq. A.26")
+        .expected("no error")
+        .measured(
             f"median error {error[0, 1]:.0%} at {size[1]} contacts, {error[0, -1]:.0%} at"
-            f" {size[-1]} (symmetric); {error[1, 1]:.0%}, {error[1, -1]:.0%} (P)",
-            bool(error[:, 1:].max() < 1e-6),
-        ),
+            f" {size[-1]} (symmetric); {error[1, 1]:.0%}, {error[1, -1]:.0%} (P)"
+        )
+        .below(error[:, 1:], 1e-6),
     ]
 
 
@@ -305,30 +281,28 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
     barrier, gaussian = np.abs(pair["barrier"]).max(), np.abs(pair["gaussian"]).max()
     mass, off = pair["mass"], pair["misfit"]
     return [
-        Claim(
-            "S_mu(z) = E S_0(z + w) for the noise of constant mu",
-            "ABS, prop. 5.2",
-            "0",
-            f"{barrier:.0e}",
-            bool(barrier < 1e-8),
-        ),
-        Claim(
-            "The density of that noise is S_mu''",
-            "ABS, prop. 5.2",
-            "integral 1",
+        claim("S_mu(z) = E S_0(z + w) for the noise of constant mu", "ABS, prop. 5.2")
+        .expected("0")
+        .measured(f"{barrier:.0e}")
+        .below(barrier, 1e-8),
+        claim("The density of that noise is S_mu''", "ABS, prop. 5.2")
+        .expected("integral 1")
+        .measured(
             f"{mass.min():.3f} to {mass.max():.3f}; times F {(mass * pair['F']).min():.3f} to"
-            f" {(mass * pair['F']).max():.3f}",
-            bool(np.allclose(mass, 1, atol=1e-2)),
-        ),
-        Claim(
-            "kappa as printed is E S_0(z + w), w Gaussian",
-            "ABS, prop. 5.3, eq. 5.1",
-            "equal over z at some c1, c2",
+            f" {(mass * pair['F']).max():.3f}"
+        )
+        .holds(np.allclose(mass, 1, atol=0.01)),
+        claim("kappa as printed is E S_0(z + w), w Gaussian", "ABS, prop. 5.3, eq. 5.1")
+        .expected("equal over z at some c1, c2")
+        .measured(
             f"within a hundredth of sigma/F in {np.mean(off < 0.01):.0%} of {off.size} cases,"
-            f" off by {off.min():.2g} to {off.max():.2g} sigma/F at the best constants",
-            bool(np.all(off < 0.01)),
-        ),
-        Claim("kappa corrected is", "eq. 5.1 corrected", "equal", f"{gaussian:.0e}", bool(gaussian < 1e-8)),
+            f" off by {off.min():.2g} to {off.max():.2g} sigma/F at the best constants"
+        )
+        .below(off, 0.01),
+        claim("kappa corrected is", "eq. 5.1 corrected")
+        .expected("equal")
+        .measured(f"{gaussian:.0e}")
+        .below(gaussian, 1e-8),
     ]
 
 
@@ -340,25 +314,21 @@ def _bias(data: xr.Dataset) -> list[Claim]:
     above = np.mean(solved & ~good, axis=1)
     off = np.abs(data["pair_bias"].values - data["pair_tail"].values).max()
     return [
-        Claim(
-            "The bias of the adaptive slope is within its bound",
-            "ABS, thm. 5.4",
-            "always, with mu of prop. 5.3 as printed, at constants (c1, c2)",
+        claim("The bias of the adaptive slope is within its bound", "ABS, thm. 5.4")
+        .expected("always, with mu of prop. 5.3 as printed, at constants (c1, c2)")
+        .measured(
             f"constants {over(constants, everywhere == 1)}: holds in "
             + listed(everywhere, ".0%")
             + " of cases; above it in "
             + listed(above, ".0%")
             + ", in the rest mu is negative and"
-            " there is no softened model",
-            bool(np.all(good)),
-        ),
-        Claim(
-            "With the corrected mu that bias is tail(|z|/sigma)/F",
-            "corrected",
-            "equal, so at most 1/(2F)",
-            f"within {off:.0e}/F; largest {data['pair_bias'].values.max():.3f}/F",
-            bool(off < 1e-9),
-        ),
+            " there is no softened model"
+        )
+        .holds(good),
+        claim("With the corrected mu that bias is tail(|z|/sigma)/F", "corrected")
+        .expected("equal, so at most 1/(2F)")
+        .measured(f"within {off:.0e}/F; largest {data['pair_bias'].values.max():.3f}/F")
+        .below(off, 1e-9),
     ]
 
 
@@ -367,28 +337,20 @@ def _estimators(data: xr.Dataset) -> list[Claim]:
     good = [float(np.mean(variance >= bound * (1 - 1e-9) - 1e-9)) for bound in (paper, sharp)]
     score = float(data["z_score"])
     return [
-        Claim(
-            "First-order gradients are unbiased where the step is Lipschitz",
-            "Pathologies, lemma III.1",
-            "means equal",
-            f"largest of {int(data['components'])} differences is {score:.1f} standard errors"
-            " (problem wall, exact law)",
-            score < 5,
-        ),
-        Claim(
-            "Var z >= Delta_0²/beta",
-            "Pathologies, lemma III.4",
-            "always",
-            f"holds in {good[0]:.2%} of {variance.size} random vectors, is zero in {np.mean(paper == 0):.0%}",
-            good[0] == 1,
-        ),
-        Claim(
-            "Var z >= (1 - beta)/beta Delta²",
-            "lemma III.4 sharpened",
-            "always",
-            f"holds in {good[1]:.2%}",
-            good[1] == 1,
-        ),
+        claim("First-order gradients are unbiased where the step is Lipschitz", "Pathologies, lemma III.1")
+        .expected("means equal")
+        .measured(
+            f"largest of {int(data['components'])} differences is {score:.1f} standard errors (problem wall, exact law)"
+        )
+        .below(score, 5),
+        claim("Var z >= Delta_0²/beta", "Pathologies, lemma III.4")
+        .expected("always")
+        .measured(f"holds in {good[0]:.2%} of {variance.size} random vectors, is zero in {np.mean(paper == 0):.0%}")
+        .equals(good[0], 1),
+        claim("Var z >= (1 - beta)/beta Delta²", "lemma III.4 sharpened")
+        .expected("always")
+        .measured(f"holds in {good[1]:.2%}")
+        .equals(good[1], 1),
     ]
 
 
@@ -404,18 +366,12 @@ def _growth(data: xr.Dataset) -> list[Claim]:
 
     measured = f"{listed(rate, '.2f')} a step; of the variance itself {listed(raw, '.2f')}"
     return [
-        Claim(
-            "The variance is O(H^4 (L_f L_pi)^4H)",
-            "ABS, thm. 4.4",
-            f"over H^4 rates at most {listed(printed, '.2f')}",
-            f"L_f {over(list(gains), rate <= printed + 0.02)}: {measured}",
-            bool(np.all(rate <= printed + 0.02)),
-        ),
-        Claim(
-            "It is O(H^4 (sqrt(2) L_f L_pi)^4H)",
-            "thm. 4.4 corrected",
-            f"over H^4 rates at most {listed(right, '.2f')}",
-            f"L_f {over(list(gains), rate <= right + 0.02)}: {measured}",
-            bool(np.all(rate <= right + 0.02)),
-        ),
+        claim("The variance is O(H^4 (L_f L_pi)^4H)", "ABS, thm. 4.4")
+        .expected(f"over H^4 rates at most {listed(printed, '.2f')}")
+        .measured(f"L_f {over(list(gains), rate <= printed + 0.02)}: {measured}")
+        .at_most(rate, printed + 0.02),
+        claim("It is O(H^4 (sqrt(2) L_f L_pi)^4H)", "thm. 4.4 corrected")
+        .expected(f"over H^4 rates at most {listed(right, '.2f')}")
+        .measured(f"L_f {over(list(gains), rate <= right + 0.02)}: {measured}")
+        .at_most(rate, right + 0.02),
     ]

@@ -9,7 +9,7 @@ import xarray as xr
 from dynamics.contact import Barrier, Exact
 from problems.registry import get
 from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.study import Claim, StudyParams, dataset, listed, setting
+from problems.studies.study import Claim, StudyParams, claim, dataset, listed, setting
 
 NOTES = (
     "The barrier weight and the central-path parameter are the same: mu = h/kappa for a gap in"
@@ -150,61 +150,39 @@ def claims(data: xr.Dataset) -> list[Claim]:
     power = float(np.polyfit(np.log(kappas[:, 0]), np.log(largest), 1)[0])
     steepest = float(data["slope_barrier"].max())
     return [
-        Claim(
-            "The optimality condition (5) is that of the objective (4)",
-            _PLACE + "eq. 4-5",
-            "0",
-            f"its step is off the minimiser by {newton:.1e} m {cases}",
-            newton < 1e-9,
-        ),
-        Claim(
-            "It gives the next state in closed form",
-            "closed form of eq. 5",
-            "0",
-            f"{error:.1e} m {cases}",
-            error < 1e-12,
-        ),
-        Claim(
-            "The equations of motion (2) are the KKT condition of the QP (3)",
-            _PLACE + "ex. IV.1",
-            "same x+, and lam its multiplier",
-            f"x+ within {qp:.1e} m, lam within {multiplier:.1e} N s {cases}",
-            bool(qp < 1e-9 and multiplier < 1e-9),
-        ),
-        Claim(
-            "x+ over u is a kinked line",
-            _PLACE + "fig. 6",
-            "slope 0, then h/m",
-            f"off by {relu:.1e} m/(N s)",
-            bool(relu < 1e-12),
-        ),
-        Claim(
-            "As kappa grows, the solution of (4) converges to that of (3)",
-            _PLACE + "ex. IV.2",
-            "0 at kappa = inf",
+        claim("The optimality condition (5) is that of the objective (4)", _PLACE + "eq. 4-5")
+        .expected("0")
+        .measured(f"its step is off the minimiser by {newton:.1e} m {cases}")
+        .below(newton, 1e-9),
+        claim("It gives the next state in closed form", "closed form of eq. 5")
+        .expected("0")
+        .measured(f"{error:.1e} m {cases}")
+        .below(error, 1e-12),
+        claim("The equations of motion (2) are the KKT condition of the QP (3)", _PLACE + "ex. IV.1")
+        .expected("same x+, and lam its multiplier")
+        .measured(f"x+ within {qp:.1e} m, lam within {multiplier:.1e} N s {cases}")
+        .holds(qp < 1e-9, multiplier < 1e-9),
+        claim("x+ over u is a kinked line", _PLACE + "fig. 6")
+        .expected("slope 0, then h/m")
+        .measured(f"off by {relu:.1e} m/(N s)")
+        .below(relu, 1e-12),
+        claim("As kappa grows, the solution of (4) converges to that of (3)", _PLACE + "ex. IV.2")
+        .expected("0 at kappa = inf")
+        .measured(
             listed(largest, ".1e") + " m at kappa = " + listed(kappas[:, 0], "g") + " per J, as kappa to the power"
-            f" {power:.2f}",
-            bool(np.all(np.diff(largest) < 0) and -1.1 < power < -0.4),
-        ),
-        Claim(
-            "That convergence is slow at the kink only: x+ = h/sqrt(m kappa) there",
-            "closed form of eq. 5",
-            "x+ sqrt(m kappa)/h = 1",
-            f"{kink.min():.6f} to {kink.max():.6f}; off it, difference*kappa {far[0]:.3g} to {far[-1]:.3g} m/J",
-            bool(np.allclose(kink, 1, rtol=1e-9)),
-        ),
-        Claim(
-            "No spring constant: the gradient stays bounded however hard the wall",
-            _PLACE + "fig. 6",
-            f"|dx+/du| <= h/m = {h / m:g}",
-            f"{steepest:.6g} m/(N s)",
-            steepest <= h / m,
-        ),
-        Claim(
-            "The wall exerts a force inversely proportional to the distance",
-            _PLACE + "ex. IV.2",
-            "lam x+ kappa/h = 1",
-            f"within {product:.1e}, x+ after the step and lam an impulse",
-            bool(product < 1e-9),
-        ),
+            f" {power:.2f}"
+        )
+        .holds(np.diff(largest) < 0, -1.1 < power < -0.4),
+        claim("That convergence is slow at the kink only: x+ = h/sqrt(m kappa) there", "closed form of eq. 5")
+        .expected("x+ sqrt(m kappa)/h = 1")
+        .measured(f"{kink.min():.6f} to {kink.max():.6f}; off it, difference*kappa {far[0]:.3g} to {far[-1]:.3g} m/J")
+        .holds(np.allclose(kink, 1, rtol=1e-9)),
+        claim("No spring constant: the gradient stays bounded however hard the wall", _PLACE + "fig. 6")
+        .expected(f"|dx+/du| <= h/m = {h / m:g}")
+        .measured(f"{steepest:.6g} m/(N s)")
+        .at_most(steepest, h / m),
+        claim("The wall exerts a force inversely proportional to the distance", _PLACE + "ex. IV.2")
+        .expected("lam x+ kappa/h = 1")
+        .measured(f"within {product:.1e}, x+ after the step and lam an impulse")
+        .below(product, 1e-9),
     ]

@@ -11,7 +11,7 @@ from dynamics.batch import Gaussian
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.experiment import Experiment
 from ocp.learning.unroll_gradients import FOPG, SHARP
-from problems.studies.study import Claim, StudyParams, dataset, over, setting
+from problems.studies.study import Claim, StudyParams, claim, dataset, over, setting
 from problems.tasks.registry import get
 
 NOTES = (
@@ -186,42 +186,31 @@ def claims(data: xr.Dataset) -> list[Claim]:
     unit = data["bias"].attrs["units"]
     least = laws[int(np.argmin(bias))]
     return [
-        Claim(
-            "The smallest mean square gradient is below the bound",
-            "ABS, thm. 4.2",
-            "left side at most the right one, under every law",
-            f"{over(laws, held)}: {', '.join(f'{a:.2g} <= {b:.2g}' for a, b in sides)}",
-            all(held) and bool(inside),
-        ),
-        Claim(
-            "The bound tells the size of what it bounds",
-            "our check",
-            "at most 10 times as large",
-            ", ".join(f"{ratio:.3g}" for ratio in ratios),
-            max(ratios) <= 10,
-        ),
-        Claim(
-            "Smoothing lowers the gradient's variance",
-            "ABS, sec. 4.3",
-            "below the exact law's, mean over steps and runs",
+        claim("The smallest mean square gradient is below the bound", "ABS, thm. 4.2")
+        .expected("left side at most the right one, under every law")
+        .measured(f"{over(laws, held)}: {', '.join(f'{a:.2g} <= {b:.2g}' for a, b in sides)}")
+        .holds(held, inside),
+        claim("The bound tells the size of what it bounds", "our check")
+        .expected("at most 10 times as large")
+        .measured(", ".join(f"{ratio:.3g}" for ratio in ratios))
+        .at_most(ratios, 10),
+        claim("Smoothing lowers the gradient's variance", "ABS, sec. 4.3")
+        .expected("below the exact law's, mean over steps and runs")
+        .measured(
             f"{over([laws[k] for k in smooth], lower)}: exact {variance[0]:.3g}, then"
             f" {', '.join(f'{variance[k]:.3g}' for k in smooth)}"
-            f" {data['variance'].attrs['units']}",
-            all(lower),
-        ),
-        Claim(
-            "Smoothing adds bias",
-            "ABS, sec. 5.1",
-            "above the exact law's",
+            f" {data['variance'].attrs['units']}"
+        )
+        .holds(lower),
+        claim("Smoothing adds bias", "ABS, sec. 5.1")
+        .expected("above the exact law's")
+        .measured(
             f"{over([laws[k] for k in smooth], higher)}: exact {bias[0]:.3g}, then"
-            f" {', '.join(f'{bias[k]:.3g}' for k in smooth)} {unit}",
-            all(higher),
-        ),
-        Claim(
-            "The law of the least bias climbs the most",
-            "our check",
-            f"{least}, of the least mean bias",
-            f"{closest} gained {gains.max():.3g} {unit}",
-            closest == least,
-        ),
+            f" {', '.join(f'{bias[k]:.3g}' for k in smooth)} {unit}"
+        )
+        .holds(higher),
+        claim("The law of the least bias climbs the most", "our check")
+        .expected(f"{least}, of the least mean bias")
+        .measured(f"{closest} gained {gains.max():.3g} {unit}")
+        .equals(closest, least),
     ]

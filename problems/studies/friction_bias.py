@@ -9,7 +9,7 @@ from dynamics.batch import Gaussian
 from ocp.gradients import SampledObjective, estimate_gradient
 from ocp.gradients.estimators import SAMPLED
 from problems.registry import objective_spec
-from problems.studies.study import CODE, Claim, StudyParams, dataset, largest, setting
+from problems.studies.study import CODE, Claim, StudyParams, claim, dataset, largest, setting
 
 NOTES = (
     "The relaxation is one of the sign, 2 H - 1, not of H.",
@@ -187,22 +187,18 @@ def _variance(data: xr.Dataset) -> list[Claim]:
     factor = largest(flat) / flat.min(initial=np.inf)
     where = f" for nu <= {_SMALL:g} sigma"
     return [
-        Claim(
-            "As nu falls the variance of the first order scales with 1/nu",
-            _PLACE + "ex. III.5",
-            "4 c/nu, c = 1/(sqrt(2 pi) sigma)",
+        claim("As nu falls the variance of the first order scales with 1/nu", _PLACE + "ex. III.5")
+        .expected("4 c/nu, c = 1/(sqrt(2 pi) sigma)")
+        .measured(
             f"nu to the power {slope:.3f}, {ratio.min():.3f}"
             f" to {ratio.max():.3f} of it{where}; samples within"
-            f" {largest(np.abs(score)):.2g} standard errors",
-            bool(abs(slope + 1) < 0.02 and np.all(np.abs(ratio - 1) < 0.05) and largest(np.abs(score)) < 5),
-        ),
-        Claim(
-            "The variance of the zeroth order does not depend on nu",
-            "our check",
-            "flat",
-            f"within a factor {factor:.3g}{where}",
-            bool(factor < 1.05 + 10 * np.sqrt(2 / many)),
-        ),
+            f" {largest(np.abs(score)):.2g} standard errors"
+        )
+        .holds(abs(slope + 1) < 0.02, np.abs(ratio - 1) < 0.05, largest(np.abs(score)) < 5),
+        claim("The variance of the zeroth order does not depend on nu", "our check")
+        .expected("flat")
+        .measured(f"within a factor {factor:.3g}{where}")
+        .below(factor, 1.05 + 10 * np.sqrt(2 / many)),
     ]
 
 
@@ -220,21 +216,17 @@ def _few_samples(data: xr.Dataset) -> list[Claim]:
     rare, often = hits < _RARE, (hits > _OFTEN) & (data["chance"].values < 0.5)
     share = float(np.mean(empty[rare])) if rare.any() else np.nan
     return [
-        Claim(
-            "First-order values are zero where few samples are taken",
-            _PLACE + "fig. 3",
-            f"0 for n well below 1/p = {1 / max(p, 1e-300):.3g} samples",
-            f"all zero in {least:.0%} of runs or more for n {reach}, in {silent[-1]:.0%} of those of {sizes[-1]}",
-            bool(least > 0.5),
-        ),
-        Claim(
-            "At a fixed sample count the empirical variance falls to zero as nu does",
-            _PLACE + "fig. 3",
-            "empty on a log scale",
+        claim("First-order values are zero where few samples are taken", _PLACE + "fig. 3")
+        .expected(f"0 for n well below 1/p = {1 / max(p, 1e-300):.3g} samples")
+        .measured(f"all zero in {least:.0%} of runs or more for n {reach}, in {silent[-1]:.0%} of those of {sizes[-1]}")
+        .above(least, 0.5),
+        claim("At a fixed sample count the empirical variance falls to zero as nu does", _PLACE + "fig. 3")
+        .expected("empty on a log scale")
+        .measured(
             f"{empty.sum()} of {nu.size} tolerances show none: {share:.0%} of those with n p <"
-            f" {_RARE:g}, {np.sum(empty & often)} of those with n p > {_OFTEN:g}",
-            bool(share > 0.5 and not np.any(empty & often)),
-        ),
+            f" {_RARE:g}, {np.sum(empty & often)} of those with n p > {_OFTEN:g}"
+        )
+        .holds(share > 0.5, not np.any(empty & often)),
     ]
 
 
@@ -253,39 +245,33 @@ def _empirical_bias(data: xr.Dataset) -> list[Claim]:
     where = f" for nu <= {ratio[small].max():.3g} sigma"
     beyond = f", not from {ratio[~triple].min():.3g} on" if not triple.all() else ""
     return [
-        Claim(
-            "At theta = nu/2 the gradient is c = 1/(sqrt(2 pi) sigma)",
-            _PLACE + "ex. III.5",
-            f"{c:.4g} s/m",
-            f"{(F[small] / c).min():.3g} to {(F[small] / c).max():.4g} times c" + where,
-            bool(np.allclose(F[small], c, rtol=0.01)),
-        ),
-        Claim(
-            "There the sample gradient is zero with probability at least c nu",
-            _PLACE + "ex. III.5",
-            "as printed: P(zero) >= c nu",
+        claim("At theta = nu/2 the gradient is c = 1/(sqrt(2 pi) sigma)", _PLACE + "ex. III.5")
+        .expected(f"{c:.4g} s/m")
+        .measured(f"{(F[small] / c).min():.3g} to {(F[small] / c).max():.4g} times c" + where)
+        .holds(np.allclose(F[small], c, rtol=0.01)),
+        claim("There the sample gradient is zero with probability at least c nu", _PLACE + "ex. III.5")
+        .expected("as printed: P(zero) >= c nu")
+        .measured(
             f"P(zero) from {1 - p[small].max():.3g} to {1 - p[small].min():.5f}, c nu up to"
-            f" {beta[small].max():.3g}{where}",
-            bool(np.all(1 - p[small] >= beta[small]) and sampled),
-        ),
-        Claim(
-            "It is zero with probability at least 1 - c nu",
-            "the event that ex. III.5 means",
-            "P(not zero) <= c nu",
+            f" {beta[small].max():.3g}{where}"
+        )
+        .holds(1 - p[small] >= beta[small], sampled),
+        claim("It is zero with probability at least 1 - c nu", "the event that ex. III.5 means")
+        .expected("P(not zero) <= c nu")
+        .measured(
             f"P(not zero) is {(p / beta)[small].min():.3f} to"
             f" {(p / beta)[small].max():.4f} of c nu{where}; samples within {off.max():.2g}"
-            " standard errors",
-            bool(np.all(rare[small]) and sampled),
-        ),
-        Claim(
-            "The FoBG has (c nu, c, 0)-empirical bias",
-            _PLACE + "ex. III.5, def. III.3",
-            "on P(E) >= 1 - c nu: off by c or more, no spread",
+            " standard errors"
+        )
+        .holds(rare[small], sampled),
+        claim("The FoBG has (c nu, c, 0)-empirical bias", _PLACE + "ex. III.5, def. III.3")
+        .expected("on P(E) >= 1 - c nu: off by c or more, no spread")
+        .measured(
             f"off by {(F[small] / c).min():.3g} c or more, spread"
             f" {data['half_spread'].values[small].max():g} s/m{where}; holds up to"
-            f" {ratio[triple].max(initial=0):.3g} sigma{beyond}",
-            bool(np.all(triple[small])),
-        ),
+            f" {ratio[triple].max(initial=0):.3g} sigma{beyond}"
+        )
+        .holds(triple[small]),
     ]
 
 
@@ -294,10 +280,9 @@ def _block(data: xr.Dataset) -> Claim:
     width, block = float(data["stick"]), data["block_variance"].sel(order="fobg").values
     narrow = data["block_nu"].values <= width / 10 * (1 + 1e-9)
     stays = largest(block[narrow]) / block[narrow].min(initial=np.inf)
-    return Claim(
-        "With a body behind the friction the variance grows no further than its mass lets it",
-        "our check",
-        f"constant for nu well below 2 N h F/m = {width:g} m/s",
-        f"within a factor {stays:.2f} for nu <= {width / 10:g} m/s",
-        bool(stays < 1.5),
+    return (
+        claim("With a body behind the friction the variance grows no further than its mass lets it", "our check")
+        .expected(f"constant for nu well below 2 N h F/m = {width:g} m/s")
+        .measured(f"within a factor {stays:.2f} for nu <= {width / 10:g} m/s")
+        .below(stays, 1.5)
     )

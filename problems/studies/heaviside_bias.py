@@ -10,7 +10,7 @@ from dynamics.batch import Gaussian
 from ocp.gradients import estimate_gradient
 from ocp.gradients.estimators import mean_cost
 from problems.registry import objective_spec
-from problems.studies.study import CODE, Claim, StudyParams, dataset, largest, setting
+from problems.studies.study import CODE, Claim, StudyParams, claim, dataset, largest, setting
 
 NOTES = (
     "erf(y; s²) in the paper is the upper tail of the Gaussian, not the usual error function.",
@@ -106,27 +106,18 @@ def _objective(data: xr.Dataset) -> list[Claim]:
     blur = 5 * np.sqrt(6 / (n * np.minimum(F, 1 - F)[told]))
     where = f" at {told.sum()} of {told.size} theta, those with {_BOTH_SIDES} samples a side"
     return [
-        Claim(
-            "The stochastic objective is the error function",
-            _PLACE + "ex. III.2",
-            "F = erf(-theta; sigma²), read as the Gaussian tail",
-            f"off by {objective:.2g} standard errors at most" + where,
-            objective < 5,
-        ),
-        Claim(
-            "The zeroth-order estimate is unbiased",
-            _PLACE + "sec. III-A, ex. III.2",
-            "F' = phi(theta/sigma)/sigma",
-            f"off by {off:.2g} standard errors at most" + where,
-            off < 5,
-        ),
-        Claim(
-            "The variance of the zeroth order is that of its closed form",
-            "our check",
-            "ratio 1",
-            f"off by {largest(np.abs(ratio - 1)):.3f} at most" + where,
-            bool(told.any() and np.all(np.abs(ratio - 1) < blur)),
-        ),
+        claim("The stochastic objective is the error function", _PLACE + "ex. III.2")
+        .expected("F = erf(-theta; sigma²), read as the Gaussian tail")
+        .measured(f"off by {objective:.2g} standard errors at most" + where)
+        .below(objective, 5),
+        claim("The zeroth-order estimate is unbiased", _PLACE + "sec. III-A, ex. III.2")
+        .expected("F' = phi(theta/sigma)/sigma")
+        .measured(f"off by {off:.2g} standard errors at most" + where)
+        .below(off, 5),
+        claim("The variance of the zeroth order is that of its closed form", "our check")
+        .expected("ratio 1")
+        .measured(f"off by {largest(np.abs(ratio - 1)):.3f} at most" + where)
+        .holds(told.any(), np.abs(ratio - 1) < blur),
     ]
 
 
@@ -139,33 +130,25 @@ def _first_order(data: xr.Dataset) -> list[Claim]:
     delta, narrow = data["delta"].values[-1], float(data["box"][-1])
     equal = float(np.abs(delta - true).max() / true.max())
     return [
-        Claim(
-            "The first-order estimate is zero, so it is biased at any theta",
-            _PLACE + "ex. III.2",
-            "0, while F' > 0",
-            f"at most {np.abs(mean).max():g}; F' from {true.min():.1e} to {true.max():.4g}",
-            bool(np.all(mean == 0) and np.all(true > 0)),
-        ),
-        Claim(
-            "The empirical variance of the first order is zero",
-            _PLACE + "ex. III.2, fig. 2",
-            "0",
-            f"{float(first['variance'].max()):g}",
-            bool(np.all(first["variance"] == 0)),
-        ),
-        Claim(
-            "The law of large numbers does not hold for the first order",
-            _PLACE + "ex. III.2",
-            "the mean of the samples stays off their expectation",
+        claim("The first-order estimate is zero, so it is biased at any theta", _PLACE + "ex. III.2")
+        .expected("0, while F' > 0")
+        .measured(f"at most {np.abs(mean).max():g}; F' from {true.min():.1e} to {true.max():.4g}")
+        .holds(mean == 0, true > 0),
+        claim("The empirical variance of the first order is zero", _PLACE + "ex. III.2, fig. 2")
+        .expected("0")
+        .measured(f"{float(first['variance'].max()):g}")
+        .equals(first["variance"], 0),
+        claim("The law of large numbers does not hold for the first order", _PLACE + "ex. III.2")
+        .expected("the mean of the samples stays off their expectation")
+        .measured(
             f"off by {apart.max():g} at most, at {np.sum(diverges)} of {diverges.size} theta;"
-            f" their expectation is {np.abs(limit).max():g}, F' up to {true.max():.4g}",
-            bool(diverges.any()),
-        ),
-        Claim(
-            "E delta(theta + w) = 0",
-            _PLACE + "ex. III.2",
-            "0, the limit of narrow boxes",
-            f"up to {delta.max():.4g} in a box of width {narrow:g}, equal to F' within {equal:.1e} of its largest",
-            bool(delta.max() < 1e-3 * true.max()),
-        ),
+            f" their expectation is {np.abs(limit).max():g}, F' up to {true.max():.4g}"
+        )
+        .holds(diverges.any()),
+        claim("E delta(theta + w) = 0", _PLACE + "ex. III.2")
+        .expected("0, the limit of narrow boxes")
+        .measured(
+            f"up to {delta.max():.4g} in a box of width {narrow:g}, equal to F' within {equal:.1e} of its largest"
+        )
+        .below(delta, 0.001 * true.max()),
     ]

@@ -12,7 +12,7 @@ from scipy.stats import norm
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact
 from problems.registry import get
 from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.study import Claim, StudyParams, dataset, listed, over, setting
+from problems.studies.study import Claim, StudyParams, claim, dataset, listed, over, setting
 
 NOTES = (
     "RS averages the derivative that exists almost everywhere, as automatic differentiation"
@@ -272,34 +272,22 @@ def _impact_claims(data: xr.Dataset) -> list[Claim]:
     peak = float(data["impact_soft"].values[-1].max())
     areas = listed(area[:-1], ".2f")
     return [
-        Claim(
-            "The RS gradient of an impact is constant, with a large bias",
-            "ABS, fig. 6a",
-            f"no impulse, not up to {float(data['impact_limit'].max()):.1f} 1/s, at the step of BS and below",
-            f"(step, N) {over(pairs, constant.ravel())}",
-            bool(np.all(constant)),
-        ),
-        Claim(
-            "It is where few samples meet the step of the impact",
-            "our check",
-            "no impulse at most points where a tenth of a sample is expected in it",
-            f"at {seen:.0%} or more of the points, in {rare.sum()} of {rare.size} cases",
-            bool(seen > 0.8),
-        ),
-        Claim(
-            "The BS gradient approximates the impulse at contact",
-            "ABS, fig. 6a",
-            f"area {jump:.2f} m/s within 5 %",
-            f"{over(laws[:-1], close[:-1])}: {areas} m/s",
-            bool(np.all(close[:-1])),
-        ),
-        Claim(
-            "So does the adaptive law's",
-            "our check",
-            f"area {jump:.2f} m/s within 5 %",
-            f"{area[-1]:.2f} m/s, peak {peak:.0f} 1/s",
-            bool(close[-1]),
-        ),
+        claim("The RS gradient of an impact is constant, with a large bias", "ABS, fig. 6a")
+        .expected(f"no impulse, not up to {float(data['impact_limit'].max()):.1f} 1/s, at the step of BS and below")
+        .measured(f"(step, N) {over(pairs, constant.ravel())}")
+        .holds(constant),
+        claim("It is where few samples meet the step of the impact", "our check")
+        .expected("no impulse at most points where a tenth of a sample is expected in it")
+        .measured(f"at {seen:.0%} or more of the points, in {rare.sum()} of {rare.size} cases")
+        .above(seen, 0.8),
+        claim("The BS gradient approximates the impulse at contact", "ABS, fig. 6a")
+        .expected(f"area {jump:.2f} m/s within 5 %")
+        .measured(f"{over(laws[:-1], close[:-1])}: {areas} m/s")
+        .holds(close[:-1]),
+        claim("So does the adaptive law's", "our check")
+        .expected(f"area {jump:.2f} m/s within 5 %")
+        .measured(f"{area[-1]:.2f} m/s, peak {peak:.0f} 1/s")
+        .holds(close[-1]),
     ]
 
 
@@ -315,29 +303,22 @@ def _friction(data: xr.Dataset) -> list[Claim]:
     mus = listed(data["box_mu"].values, ".1e")
 
     return [
-        Claim(
-            "RS gradients of friction are noisy",
-            "ABS, fig. 6b",
-            f"standard error above {_NOISY:.0%} of h/m for N <= 100",
-            f"N {over(list(counts), noisy)}: {listed(error, '.1%')} of h/m",
-            bool(np.all(noisy[few])),
-        ),
-        Claim(
-            "BS gradients of friction are smooth",
-            "ABS, sec. 5.2",
-            "second difference below that of RS, N <= 100",
-            f"{bend:.1e} against {listed(rough, '.1e')} m/(N s) at N = {listed(counts, 'd')}",
-            bool(np.all(bend < rough[few])),
-        ),
-        Claim(
-            "RS is costlier than BS",
-            "ABS, fig. 6b",
-            "at noise of equal bias, more than one exact solve for BS's error within a tenth",
+        claim("RS gradients of friction are noisy", "ABS, fig. 6b")
+        .expected(f"standard error above {_NOISY:.0%} of h/m for N <= 100")
+        .measured(f"N {over(list(counts), noisy)}: {listed(error, '.1%')} of h/m")
+        .holds(noisy[few]),
+        claim("BS gradients of friction are smooth", "ABS, sec. 5.2")
+        .expected("second difference below that of RS, N <= 100")
+        .measured(f"{bend:.1e} against {listed(rough, '.1e')} m/(N s) at N = {listed(counts, 'd')}")
+        .below(bend, rough[few]),
+        claim("RS is costlier than BS", "ABS, fig. 6b")
+        .expected("at noise of equal bias, more than one exact solve for BS's error within a tenth")
+        .measured(
             f"{listed(needed, '.0f')} solves at mu = {mus}; one has {listed(single, '.2f')} times"
             f" BS's error, which is {listed(bias, '.1%')} of h/m, as RS's at sigma ="
-            f" {listed(sigma, '.2g')} N",
-            bool(np.all(needed > 1)),
-        ),
+            f" {listed(sigma, '.2g')} N"
+        )
+        .above(needed, 1),
     ]
 
 
@@ -348,39 +329,24 @@ def _closed_forms(data: xr.Dataset) -> list[Claim]:
     mid, at_step = len(data["u"]) // 2, data["at_step"].values
     mus = " at mu = " + listed(data["box_mu"].values, ".1e")
     return [
-        Claim(
-            "The exact slope is a step: 0 in stick, h/m in slip",
-            "closed form",
-            "0, and h/m for |u| > friction m g",
-            f"off by {stepped:.1e} m/(N s)",
-            stepped < 1e-5,
-        ),
-        Claim(
-            "A barrier on both faces gives v+ = -(2 mu/h) f/(b² - f²)",
-            "closed form",
-            "0 m/s",
-            f"{residual:.1e} m/s",
-            residual < 1e-9,
-        ),
-        Claim(
-            "Its slope is (h/m) c/(1 + c), c = (2 m mu/h) (b² + f²)/(b² - f²)²",
-            "closed form",
-            "0 m/(N s)",
-            f"{slope:.1e} m/(N s)",
-            slope < 1e-8,
-        ),
-        Claim(
-            "BS of friction tends to the exact slope in stick",
-            "closed form",
-            "0 m/(N s) at u = 0",
-            listed(off[:, mid], ".1e") + " m/(N s)" + mus,
-            bool(np.all(off[:-1, mid] < off[1:, mid] / 5)),
-        ),
-        Claim(
-            "Where the exact slope steps, BS tends to half of the step",
-            "our check",
-            "0.5 h/m at u = friction m g",
-            listed(at_step, ".3f") + " h/m" + mus,
-            bool(np.all(np.diff(np.abs(at_step - 0.5)) > 0) and abs(at_step[0] - 0.5) < 0.05),
-        ),
+        claim("The exact slope is a step: 0 in stick, h/m in slip", "closed form")
+        .expected("0, and h/m for |u| > friction m g")
+        .measured(f"off by {stepped:.1e} m/(N s)")
+        .below(stepped, 1e-5),
+        claim("A barrier on both faces gives v+ = -(2 mu/h) f/(b² - f²)", "closed form")
+        .expected("0 m/s")
+        .measured(f"{residual:.1e} m/s")
+        .below(residual, 1e-9),
+        claim("Its slope is (h/m) c/(1 + c), c = (2 m mu/h) (b² + f²)/(b² - f²)²", "closed form")
+        .expected("0 m/(N s)")
+        .measured(f"{slope:.1e} m/(N s)")
+        .below(slope, 1e-8),
+        claim("BS of friction tends to the exact slope in stick", "closed form")
+        .expected("0 m/(N s) at u = 0")
+        .measured(listed(off[:, mid], ".1e") + " m/(N s)" + mus)
+        .below(off[:-1, mid], off[1:, mid] / 5),
+        claim("Where the exact slope steps, BS tends to half of the step", "our check")
+        .expected("0.5 h/m at u = friction m g")
+        .measured(listed(at_step, ".3f") + " h/m" + mus)
+        .holds(np.diff(np.abs(at_step - 0.5)) > 0, abs(at_step[0] - 0.5) < 0.05),
     ]

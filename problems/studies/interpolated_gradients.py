@@ -9,7 +9,7 @@ from ocp.gradients import SampledObjective, estimate_gradient
 from ocp.gradients.estimators import ConfidenceTest, FixedWeight
 from ocp.gradients.sampling import reference_gradient
 from problems.registry import objective_spec
-from problems.studies.study import Claim, StudyParams, dataset, setting, share_margin
+from problems.studies.study import Claim, StudyParams, claim, dataset, setting, share_margin
 
 NOTES = (
     "alpha is the weight of the first order here; eq. 6 of the paper has it the other way.",
@@ -112,42 +112,24 @@ def claims(data: xr.Dataset) -> list[Claim]:
     far = int(np.abs(wall["theta"].values - wall["theta"].values.min()).argmin())
     gain = float(spread.sel(estimator="alpha")[far] / spread.sel(estimator="zobg-mean")[far])
     return [
-        Claim(
-            "Empirical variance is an unreliable guide where the first order is biased",
-            _PLACE + "sec. IV-C",
-            "inverse variance takes the Heaviside's zeros alone, alpha = 1",
-            f"in {fooled:.0%} of runs, error {worst['heaviside', 'alpha-variance']:.3f} of the largest gradient",
-            fooled > 0.99,
-            share_margin(zeros, 0.99),
-        ),
-        Claim(
-            "The same happens under empirical bias",
-            "our check",
-            "alpha = 1 where no sample falls within nu",
-            f"in {blind_share:.0%} of runs, error {worst['coulomb', 'alpha-variance']:.3f}",
-            blind_share > 0.1,
-            share_margin(blind["alpha"] == 1, 0.1),
-        ),
-        Claim(
-            "A confidence interval from the zeroth order mends it",
-            _PLACE + "sec. IV-C",
-            f"error <= gamma = {gamma:g} of the largest gradient, with probability {1 - delta:g}",
-            f"in {kept:.2%} of all runs",
-            kept >= 1 - delta,
-            share_margin(within, 1 - delta),
-        ),
-        Claim(
-            "A constant weight carries its share of the bias",
-            "our check",
-            f"about {data.attrs['alpha']:g} where the first order is zero",
-            f"{fixed[0]:.3f} on the Heaviside",
-            bool(abs(fixed[0] - data.attrs["alpha"]) < 0.1),
-        ),
-        Claim(
-            "Where the first order is right, the interpolation is the more accurate for it",
-            "our check",
-            "spread below the zeroth order's",
-            f"{gain:.2g} of it at theta = {float(wall['theta'][far]):g} rad, far from the corner",
-            gain < 0.5,
-        ),
+        claim("Empirical variance is an unreliable guide where the first order is biased", _PLACE + "sec. IV-C")
+        .expected("inverse variance takes the Heaviside's zeros alone, alpha = 1")
+        .measured(f"in {fooled:.0%} of runs, error {worst['heaviside', 'alpha-variance']:.3f} of the largest gradient")
+        .holds(fooled > 0.99, margin=share_margin(zeros, 0.99)),
+        claim("The same happens under empirical bias", "our check")
+        .expected("alpha = 1 where no sample falls within nu")
+        .measured(f"in {blind_share:.0%} of runs, error {worst['coulomb', 'alpha-variance']:.3f}")
+        .holds(blind_share > 0.1, margin=share_margin(blind["alpha"] == 1, 0.1)),
+        claim("A confidence interval from the zeroth order mends it", _PLACE + "sec. IV-C")
+        .expected(f"error <= gamma = {gamma:g} of the largest gradient, with probability {1 - delta:g}")
+        .measured(f"in {kept:.2%} of all runs")
+        .holds(kept >= 1 - delta, margin=share_margin(within, 1 - delta)),
+        claim("A constant weight carries its share of the bias", "our check")
+        .expected(f"about {data.attrs['alpha']:g} where the first order is zero")
+        .measured(f"{fixed[0]:.3f} on the Heaviside")
+        .equals(fixed[0], data.attrs["alpha"], within=0.1),
+        claim("Where the first order is right, the interpolation is the more accurate for it", "our check")
+        .expected("spread below the zeroth order's")
+        .measured(f"{gain:.2g} of it at theta = {float(wall['theta'][far]):g} rad, far from the corner")
+        .below(gain, 0.5),
     ]

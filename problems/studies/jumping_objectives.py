@@ -14,7 +14,7 @@ from dynamics.contact.interior_point import exact_scalar_solution
 from dynamics.systems import ParameterTable, Signal
 from ocp.gradients.objective import StaticObjective
 from problems.studies.shared.decision_sweep import sweep_decision
-from problems.studies.study import CODE, Claim, StudyParams, dataset, listed, setting
+from problems.studies.study import CODE, Claim, StudyParams, claim, dataset, listed, setting
 
 NOTES = (
     "All three are minimised: minus height, minus squared distance, minus squared angular velocity.",
@@ -177,53 +177,32 @@ def claims(data: xr.Dataset) -> list[Claim]:
     angle = float(data["fine_throw"][best])
 
     return [
-        Claim(
-            "The objectives of all three systems jump",
-            "Pathologies, sec. I, fig. 1",
-            "a jump of 10 % or more",
-            f"{listed(raw, '.2f')} of the range within one fine step",
-            min(raw) > 0.1,
-        ),
-        Claim(
-            "Randomized smoothing makes them continuous",
-            "our check",
-            "steps no larger than range(f) spacing/(sqrt(2 pi) sigma)",
-            f"{listed(smooth, '.2f')} of it at most",
-            max(smooth) < 1.05,
-        ),
-        Claim(
-            "The dropped ball has no gradient almost everywhere",
-            "our check",
-            "FoBG = 0",
-            f"largest |FoBG| {flat:g} m/m",
-            flat == 0,
-        ),
-        Claim(
-            "FoBG is biased where the objective jumps",
-            "Pathologies, sec. III-A",
-            "error beyond its interval",
-            f"error {listed(found, '.2f')} of the largest slope",
-            min(found) > 0.2,
-        ),
-        Claim(
-            "ZoBG is unbiased",
-            "Pathologies, sec. III-A",
-            "errors of 1 standard error, mean 0",
-            f"{listed(scatter, '.2f')} rms, mean {listed(offset, '.2f')} of its own standard error",
-            bool(usual),
-        ),
-        Claim(
-            "The throw's best angle is pi/4, away from the wall's jumps",
-            "closed form",
-            f"{np.pi / 4:.4f} rad, {-(reach**2):.5f} m²",
-            f"{angle:.4f} rad, {float(data['f_throw'][best]):.5f} m²; jumps at {listed(throw, '.3f')} rad",
-            bool(abs(angle - np.pi / 4) < 2e-3 and np.all(np.abs(throw - angle) > 0.01)),
-        ),
-        Claim(
-            "Momentum transfer ends where the ball clears the tip",
-            "closed form",
-            f"+-{expected:.4f} rad",
-            f"{listed(tip, '+.4f')} rad",
-            bool(len(tip) == 2 and np.allclose(np.abs(tip), expected, atol=1e-3)),
-        ),
+        claim("The objectives of all three systems jump", "Pathologies, sec. I, fig. 1")
+        .expected("a jump of 10 % or more")
+        .measured(f"{listed(raw, '.2f')} of the range within one fine step")
+        .above(raw, 0.1),
+        claim("Randomized smoothing makes them continuous", "our check")
+        .expected("steps no larger than range(f) spacing/(sqrt(2 pi) sigma)")
+        .measured(f"{listed(smooth, '.2f')} of it at most")
+        .below(smooth, 1.05),
+        claim("The dropped ball has no gradient almost everywhere", "our check")
+        .expected("FoBG = 0")
+        .measured(f"largest |FoBG| {flat:g} m/m")
+        .equals(flat, 0),
+        claim("FoBG is biased where the objective jumps", "Pathologies, sec. III-A")
+        .expected("error beyond its interval")
+        .measured(f"error {listed(found, '.2f')} of the largest slope")
+        .above(found, 0.2),
+        claim("ZoBG is unbiased", "Pathologies, sec. III-A")
+        .expected("errors of 1 standard error, mean 0")
+        .measured(f"{listed(scatter, '.2f')} rms, mean {listed(offset, '.2f')} of its own standard error")
+        .holds(usual),
+        claim("The throw's best angle is pi/4, away from the wall's jumps", "closed form")
+        .expected(f"{np.pi / 4:.4f} rad, {-(reach**2):.5f} m²")
+        .measured(f"{angle:.4f} rad, {float(data['f_throw'][best]):.5f} m²; jumps at {listed(throw, '.3f')} rad")
+        .holds(abs(angle - np.pi / 4) < 0.002, np.abs(throw - angle) > 0.01),
+        claim("Momentum transfer ends where the ball clears the tip", "closed form")
+        .expected(f"+-{expected:.4f} rad")
+        .measured(f"{listed(tip, '+.4f')} rad")
+        .holds(len(tip) == 2 and np.allclose(np.abs(tip), expected, atol=1e-3)),
     ]

@@ -20,6 +20,7 @@ from problems.studies.study import (
     Claim,
     Pieces,
     StudyParams,
+    claim,
     dataset,
     largest,
     listed,
@@ -260,34 +261,22 @@ def _errors(data: xr.Dataset) -> list[Claim]:
     all_nets = data["errors"].sel(data="exact", where="all", model="network").values
     falls = np.median(all_nets, axis=1)
     return [
-        Claim(
-            "A complementarity model approximates contact better than a network",
-            _PLACE,
-            "into contact, held out: the largest error over starts below the least of networks",
-            f"{over(tried, below)} transitions; by factors of {listed(ratio, '.3g')}",
-            bool(below.size and np.all(below)),
-        ),
-        Claim(
-            "So it does over all transitions",
-            _PLACE,
-            "likewise",
-            f"{listed(np.median(everywhere, axis=1), '.2g')} against {listed(np.median(nets, axis=1), '.2g')}",
-            bool(nets.size and np.all(everywhere.max(axis=1) < nets.min(axis=1))),
-        ),
-        Claim(
-            "psi of few transitions is ahead of a network of many",
-            "our check",
-            f"{sizes[1]} transitions against {sizes[-1]}",
-            f"{largest(everywhere[1:2]):.2g} against {all_nets[-1].min():.2g}",
-            bool(largest(everywhere[1:2]) < all_nets[-1].min()),
-        ),
-        Claim(
-            "A network learns from more transitions",
-            "our check",
-            f"the median error from {sizes[-1]} is half of that from {sizes[0]} or less",
-            listed(falls, ".2g"),
-            bool(falls[-1] <= 0.5 * falls[0]),
-        ),
+        claim("A complementarity model approximates contact better than a network", _PLACE)
+        .expected("into contact, held out: the largest error over starts below the least of networks")
+        .measured(f"{over(tried, below)} transitions; by factors of {listed(ratio, '.3g')}")
+        .holds(below),
+        claim("So it does over all transitions", _PLACE)
+        .expected("likewise")
+        .measured(f"{listed(np.median(everywhere, axis=1), '.2g')} against {listed(np.median(nets, axis=1), '.2g')}")
+        .below(everywhere.max(axis=1), nets.min(axis=1)),
+        claim("psi of few transitions is ahead of a network of many", "our check")
+        .expected(f"{sizes[1]} transitions against {sizes[-1]}")
+        .measured(f"{largest(everywhere[1:2]):.2g} against {all_nets[-1].min():.2g}")
+        .below(everywhere[1:2], all_nets[-1].min()),
+        claim("A network learns from more transitions", "our check")
+        .expected(f"the median error from {sizes[-1]} is half of that from {sizes[0]} or less")
+        .measured(listed(falls, ".2g"))
+        .at_most(falls[-1], 0.5 * falls[0]),
     ]
 
 
@@ -305,27 +294,18 @@ def _found(data: xr.Dataset) -> list[Claim]:
     flight = data["flight"].values
     unknown = ", ".join(str(name) for name in names[np.isposinf(flight)])
     return [
-        Claim(
-            "All of psi is found from exact transitions",
-            "our check",
-            f"within {_NEAR:.0%} of the truth from {n}, from every start",
-            f"within {off.max():.2g}, the worst is {worst}",
-            bool(off.size and np.all(off < _NEAR)),
-        ),
-        Claim(
-            "So many transitions determine all of psi",
-            "our check",
-            "bounded intervals from every start",
-            f"{int(known.sum())} of {known.size}",
-            bool(np.all(known)),
-        ),
-        Claim(
-            "Those that touch nothing determine all but friction",
-            "our check",
-            "unbounded at the truth: friction alone",
-            f"unbounded: {unknown or 'none'}",
-            bool(unknown == "friction"),
-        ),
+        claim("All of psi is found from exact transitions", "our check")
+        .expected(f"within {_NEAR:.0%} of the truth from {n}, from every start")
+        .measured(f"within {off.max():.2g}, the worst is {worst}")
+        .below(off, _NEAR),
+        claim("So many transitions determine all of psi", "our check")
+        .expected("bounded intervals from every start")
+        .measured(f"{int(known.sum())} of {known.size}")
+        .holds(known),
+        claim("Those that touch nothing determine all but friction", "our check")
+        .expected("unbounded at the truth: friction alone")
+        .measured(f"unbounded: {unknown or 'none'}")
+        .holds(unknown == "friction"),
     ]
 
 
@@ -335,21 +315,14 @@ def _noise(data: xr.Dataset) -> list[Claim]:
     held = (low <= 1) & (high >= 1)
     off = np.abs(_full(data, "psi", "noise") - 1)
     return [
-        Claim(
-            "Where transitions are noisy psi still predicts better",
-            "our check",
-            f"noise of {data.attrs['noise']:g} deviations of a step: as above",
-            f"{listed(np.median(psi, axis=1), '.2g')} against {listed(np.median(network, axis=1), '.2g')}",
-            bool(psi.size and np.all(psi.max(axis=1) < network.min(axis=1))),
-        ),
-        Claim(
-            "Intervals of noisy transitions hold the truth",
-            "our check",
-            f"{_COVERED:.0%} of those of 95 % or more",
-            f"{int(held.sum())} of {held.size}; off by {off.max():.2g} at most",
-            bool(held.mean() >= _COVERED),
-            share_margin(held, _COVERED),
-        ),
+        claim("Where transitions are noisy psi still predicts better", "our check")
+        .expected(f"noise of {data.attrs['noise']:g} deviations of a step: as above")
+        .measured(f"{listed(np.median(psi, axis=1), '.2g')} against {listed(np.median(network, axis=1), '.2g')}")
+        .below(psi.max(axis=1), network.min(axis=1)),
+        claim("Intervals of noisy transitions hold the truth", "our check")
+        .expected(f"{_COVERED:.0%} of those of 95 % or more")
+        .measured(f"{int(held.sum())} of {held.size}; off by {off.max():.2g} at most")
+        .holds(held.mean() >= _COVERED, margin=share_margin(held, _COVERED)),
     ]
 
 
@@ -360,19 +333,12 @@ def _drag(data: xr.Dataset) -> list[Claim]:
     off = np.abs(_full(data, "psi", "drag") - 1).max(axis=1)
     lead = [np.median(b[-1:]) / np.median(a[-1:]) for a, b in ((psi, network), (own, other))]
     return [
-        Claim(
-            "A drag that the model lacks takes its lead over a network",
-            "our check",
-            "less than a tenth of it is left, the network's error over psi's",
-            f"{lead[0]:.2g} of {lead[1]:.2g}",
-            bool(lead[0] < 0.1 * lead[1]),
-        ),
-        Claim(
-            "There the intervals hold the truth",
-            "our check",
-            f"{_COVERED:.0%} of those of 95 % or more",
-            f"{int(held.sum())} of {held.size}; off by {listed(off, '.2g')}",
-            bool(held.mean() >= _COVERED),
-            share_margin(held, _COVERED),
-        ),
+        claim("A drag that the model lacks takes its lead over a network", "our check")
+        .expected("less than a tenth of it is left, the network's error over psi's")
+        .measured(f"{lead[0]:.2g} of {lead[1]:.2g}")
+        .below(lead[0], 0.1 * lead[1]),
+        claim("There the intervals hold the truth", "our check")
+        .expected(f"{_COVERED:.0%} of those of 95 % or more")
+        .measured(f"{int(held.sum())} of {held.size}; off by {listed(off, '.2g')}")
+        .holds(held.mean() >= _COVERED, margin=share_margin(held, _COVERED)),
     ]

@@ -7,7 +7,7 @@ import xarray as xr
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from problems.studies.shared.trainings import area, curves, difference, gained, job
-from problems.studies.study import Claim, Pieces, StudyParams, dataset, setting
+from problems.studies.study import Claim, Pieces, StudyParams, claim, dataset, setting
 
 NOTES = (
     "All curves are returns of whole episodes of 5 s under the exact law, without noise on the"
@@ -87,14 +87,10 @@ def claims(data: xr.Dataset) -> list[Claim]:
     sharp = np.log10(variance[_SHARP])
     falling = [difference(sharp, np.log10(variance[law])) for law in laws[1:]]
     return [
-        Claim(
-            "mu = 1e-10 learns slowly",
-            _PLACE,
-            "mean return over iterations below that of mu = 1e-2, 95 % over seeds",
-            str(slower),
-            slower.better,
-            slower.margin,
-        ),
+        claim("mu = 1e-10 learns slowly", _PLACE)
+        .expected("mean return over iterations below that of mu = 1e-2, 95 % over seeds")
+        .measured(str(slower))
+        .holds(slower.better, margin=slower.margin),
         gained(
             "for its gradient has the higher variance",
             _PLACE,
@@ -102,14 +98,10 @@ def claims(data: xr.Dataset) -> list[Claim]:
             laws[1:],
             falling,
         ),
-        Claim(
-            "mu = 1e-2 ends lower",
-            _PLACE,
-            "best return below that of mu = 1e-10, 95 %",
-            str(lower),
-            lower.better,
-            lower.margin,
-        ),
+        claim("mu = 1e-2 ends lower", _PLACE)
+        .expected("best return below that of mu = 1e-10, 95 %")
+        .measured(str(lower))
+        .holds(lower.better, margin=lower.margin),
         *(claim for law in _ADAPTIVE for claim in _on_top(law, fixed, ends, areas)),
     ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -92,6 +92,69 @@ class Claim:
     measured: str
     holds: bool
     margin: float | None = None
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A sentence of a paper on its way to a :class:`Claim`; the last call decides whether it holds.
+
+    A condition holds if it does for every entry, and if there is one: nothing holds of nothing, and
+    nothing of NaN.
+    """
+
+    sentence: str
+    source: str
+    expectation: str = ""
+    observation: str = ""
+
+    def expected(self, words: str) -> Statement:
+        """Add what the source says, with units."""
+        return replace(self, expectation=words)
+
+    def measured(self, words: str) -> Statement:
+        """Add what the data say, with units."""
+        return replace(self, observation=words)
+
+    def holds(self, *conditions: ArrayLike, margin: float | None = None) -> Claim:
+        """Decide by truth values, all of which must be true; see :class:`Claim` for ``margin``."""
+        marks = [np.asarray(condition, dtype=bool) for condition in conditions]
+        holds = all(mark.size > 0 and bool(mark.all()) for mark in marks)
+        return Claim(self.sentence, self.source, self.expectation, self.observation, holds, margin)
+
+    def below(self, values: ArrayLike, limit: ArrayLike) -> Claim:
+        """Require ``values < limit``."""
+        return self.holds(np.less(values, limit))
+
+    def at_most(self, values: ArrayLike, limit: ArrayLike) -> Claim:
+        """Require ``values <= limit``."""
+        return self.holds(np.less_equal(values, limit))
+
+    def above(self, values: ArrayLike, limit: ArrayLike) -> Claim:
+        """Require ``values > limit``."""
+        return self.holds(np.greater(values, limit))
+
+    def at_least(self, values: ArrayLike, limit: ArrayLike) -> Claim:
+        """Require ``values >= limit``."""
+        return self.holds(np.greater_equal(values, limit))
+
+    def between(self, values: ArrayLike, low: ArrayLike, high: ArrayLike) -> Claim:
+        """Require ``low < values < high``."""
+        return self.holds(np.greater(values, low), np.less(values, high))
+
+    def equals(self, values: ArrayLike, target: ArrayLike, within: float = 0.0) -> Claim:
+        """Require ``|values - target| < within``, or equality where that is zero."""
+        if within == 0:
+            return self.holds(np.equal(values, target))
+        return self.below(np.abs(np.subtract(values, target)), within)
+
+
+def claim(sentence: str, source: str) -> Statement:
+    """Begin a claim of ``source``, which names the paper and the place in it.
+
+    Every claim is made as ``claim(sentence, source).expected(words).measured(words).below(values,
+    limit)``, or with another condition of :class:`Statement` at the end.
+    """
+    return Statement(sentence, source)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from ocp.learning.protocol import Algorithm
 from ocp.learning.unroll_gradients import FOPG, SHARP, ZOPG
 from ocp.problem.task import Task
 from problems.studies.shared.trainings import area, difference, gained, least
-from problems.studies.study import Claim, StudyParams, dataset, over, setting
+from problems.studies.study import Claim, StudyParams, claim, dataset, over, setting
 from problems.tasks.registry import get
 
 NOTES = (
@@ -160,25 +160,18 @@ def claims(data: xr.Dataset) -> list[Claim]:
     for name in ("ABS quartic", "ABS gaussian"):
         final, way = difference(last[name], last[best]), difference(areas[name], areas[best])
         found.append(
-            Claim(
-                f"Adaptive smoothing ({name.split()[1]}) does better than the best fixed one",
-                _PLACE,
-                "final return and mean over iterations above, 95 % over runs",
-                f"against {best}: final {final}, mean {way}",
-                final.better and way.better,
-                least((final, way)),
-            )
+            claim(f"Adaptive smoothing ({name.split()[1]}) does better than the best fixed one", _PLACE)
+            .expected("final return and mean over iterations above, 95 % over runs")
+            .measured(f"against {best}: final {final}, mean {way}")
+            .holds(final.better and way.better, margin=least((final, way)))
         )
     shares = [float((last[name] > _REACHED).mean()) for name in last]
     told = ", ".join(f"{name} {share:.0%}" for name, share in zip(last, shares, strict=True))
     found.append(
-        Claim(
-            "Every method gets to the goal",
-            "our check",
-            f"return above {_REACHED:g} m² in all runs, the best being 0",
-            told,
-            min(shares) == 1,
-        )
+        claim("Every method gets to the goal", "our check")
+        .expected(f"return above {_REACHED:g} m² in all runs, the best being 0")
+        .measured(told)
+        .equals(min(shares), 1)
     )
     return [*found, *_of_landscapes(data, smoothed)]
 
@@ -196,18 +189,14 @@ def _of_landscapes(data: xr.Dataset, smoothed: list[str]) -> list[Claim]:
         top = np.unravel_index(data["landscape"].sel(law=name).values.argmax(), exact.shape)
         losses.append(float(exact.values.max() - exact.values[top]))
     return [
-        Claim(
-            "The exact law's landscape has local maxima that smoothing removes",
-            "our check",
-            f"fewer along the angle than the exact law's {peaks['FOPG']}",
-            f"{over(smoothed, fewer)}: {', '.join(str(peaks[n]) for n in smoothed)}",
-            all(fewer),
-        ),
-        Claim(
-            "The best throw under a smoothed law is the best under the exact one",
-            "our check",
-            f"exact return of its best decision within {-_REACHED:g} m² of the best",
-            f"{over(smoothed, np.array(losses) < -_REACHED)}: less by {', '.join(f'{loss:.2g}' for loss in losses)}",
-            max(losses) < -_REACHED,
-        ),
+        claim("The exact law's landscape has local maxima that smoothing removes", "our check")
+        .expected(f"fewer along the angle than the exact law's {peaks['FOPG']}")
+        .measured(f"{over(smoothed, fewer)}: {', '.join(str(peaks[n]) for n in smoothed)}")
+        .holds(fewer),
+        claim("The best throw under a smoothed law is the best under the exact one", "our check")
+        .expected(f"exact return of its best decision within {-_REACHED:g} m² of the best")
+        .measured(
+            f"{over(smoothed, np.array(losses) < -_REACHED)}: less by {', '.join(f'{loss:.2g}' for loss in losses)}"
+        )
+        .below(losses, -_REACHED),
     ]

@@ -27,7 +27,7 @@ from problems.studies.shared.trainings import (
     job,
     side_by_side,
 )
-from problems.studies.study import Claim, Pieces, StudyParams, dataset, over, setting
+from problems.studies.study import Claim, Pieces, StudyParams, claim, dataset, over, setting
 from problems.tasks import registry
 from problems.tasks.training import TrainingJob, policy_of
 
@@ -320,13 +320,10 @@ def claims(data: xr.Dataset) -> list[Claim]:
         lasting = one["length"].median("run").values >= 100
         speeds = ", ".join(f"{s:.2f}" for s in one["speed"].median("run").values)
         found.append(
-            Claim(
-                f"Every algorithm's best policy runs on {task}",
-                "our check",
-                f"half of the seeds at {_FAST[task]:g} m/s or more for 5 s, without falling",
-                f"{over(papers, running & lasting)}: {speeds} m/s",
-                bool(np.all(running & lasting)),
-            )
+            claim(f"Every algorithm's best policy runs on {task}", "our check")
+            .expected(f"half of the seeds at {_FAST[task]:g} m/s or more for 5 s, without falling")
+            .measured(f"{over(papers, running & lasting)}: {speeds} m/s")
+            .holds(running & lasting)
         )
     return found
 
@@ -349,20 +346,15 @@ def _of_plans(task: str, one: xr.Dataset) -> list[Claim]:
     certified = one["certified"].astype(bool)
     off = abs(one["planned"] - one["replayed"]) > _SAME * abs(one["replayed"])
     return [
-        Claim(
-            f"On {task} a network begun at plans learns faster than one by chance",
-            "our check",
-            "mean return over equal simulated steps above, bootstrap 95 %",
-            str(gain),
-            gain.better,
-            gain.margin,
-        ),
-        Claim(
-            f"On {task} no policy is above the best plan found from the same starts",
-            "our check",
-            f"share of the best plan's exact return over {STEPS} steps at most 100 %",
+        claim(f"On {task} a network begun at plans learns faster than one by chance", "our check")
+        .expected("mean return over equal simulated steps above, bootstrap 95 %")
+        .measured(str(gain))
+        .holds(gain.better, margin=gain.margin),
+        claim(f"On {task} no policy is above the best plan found from the same starts", "our check")
+        .expected(f"share of the best plan's exact return over {STEPS} steps at most 100 %")
+        .measured(
             f"{told}; of {certified.size} plans {int(certified.sum())} certified,"
-            f" {int((certified & off).sum())} of these replay to another return",
-            bool((shares <= 1).all()),
-        ),
+            f" {int((certified & off).sum())} of these replay to another return"
+        )
+        .at_most(shares, 1),
     ]

@@ -13,7 +13,7 @@ from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Trained
 from problems.studies.progress import tracked
 from problems.studies.shared.trainings import job
-from problems.studies.study import Claim, Pieces, StudyParams, dataset, over, setting
+from problems.studies.study import Claim, Pieces, StudyParams, claim, dataset, over, setting
 
 NOTES = (
     "Every law and length differentiates the same policies from the same states, those of a"
@@ -207,56 +207,44 @@ def claims(data: xr.Dataset) -> list[Claim]:
     constants = data["lipschitz"].max("stage")
     falling = [float(constants.sel(task=t, law=_WIDE)) < float(constants.sel(task=t, law=_SHARP)) for t in TASKS]
     return [
-        Claim(
-            "The variance explodes with the unroll length at mu = 1e-10",
-            _PLACE,
-            f"log variance grows from H = {_LONG} on, 95 % over policies",
-            f"{over(TASKS, exploding)}: {', '.join(str(rates[t, _SHARP]) for t in TASKS)} a step",
-            all(exploding),
-            min(r.rate / r.error for r in (rates[t, _SHARP] for t in TASKS)),
-        ),
-        Claim(
-            "As mu increases the variance decreases",
-            _PLACE,
-            "at the longest unroll, over mu = 1e-2 down to 1e-10 never falling",
+        claim("The variance explodes with the unroll length at mu = 1e-10", _PLACE)
+        .expected(f"log variance grows from H = {_LONG} on, 95 % over policies")
+        .measured(f"{over(TASKS, exploding)}: {', '.join(str(rates[t, _SHARP]) for t in TASKS)} a step")
+        .holds(exploding, margin=min(r.rate / r.error for r in (rates[t, _SHARP] for t in TASKS))),
+        claim("As mu increases the variance decreases", _PLACE)
+        .expected("at the longest unroll, over mu = 1e-2 down to 1e-10 never falling")
+        .measured(
             f"{over(TASKS, ordered)}: "
             + "; ".join(", ".join(f"{s:.2g}" for s in shares[t][:5]) for t in TASKS)
-            + f" of that at {_SHARP}",
-            all(ordered),
-        ),
-        Claim(
-            "At mu = 1e-2 it grows more slowly than at 1e-10",
-            _PLACE,
-            "intervals of the growth apart",
-            f"{over(TASKS, flatter)}: {', '.join(str(rates[t, _WIDE]) for t in TASKS)} a step",
-            all(flatter),
-            min(apart),
-        ),
-        Claim(
-            "The adaptive law's variance lies between",
-            "our check",
-            "at the longest unroll between those of mu = 1e-2 and 1e-10",
+            + f" of that at {_SHARP}"
+        )
+        .holds(ordered),
+        claim("At mu = 1e-2 it grows more slowly than at 1e-10", _PLACE)
+        .expected("intervals of the growth apart")
+        .measured(f"{over(TASKS, flatter)}: {', '.join(str(rates[t, _WIDE]) for t in TASKS)} a step")
+        .holds(flatter, margin=min(apart)),
+        claim("The adaptive law's variance lies between", "our check")
+        .expected("at the longest unroll between those of mu = 1e-2 and 1e-10")
+        .measured(
             "; ".join(
                 f"{t} {shares[t][adaptive]:.2g} of that at {_SHARP}, {_WIDE} has {shares[t][wide]:.2g}" for t in TASKS
-            ),
-            all(min(shares[t][wide], 1) <= shares[t][adaptive] <= max(shares[t][wide], 1) for t in TASKS),
-        ),
-        Claim(
-            "The growth stays below theorem 4.4's",
-            "ABS, thm. 4.4, constant mended",
-            "4 log(sqrt 2 L_f L_pi) a step",
+            )
+        )
+        .holds(all(min(shares[t][wide], 1) <= shares[t][adaptive] <= max(shares[t][wide], 1) for t in TASKS)),
+        claim("The growth stays below theorem 4.4's", "ABS, thm. 4.4, constant mended")
+        .expected("4 log(sqrt 2 L_f L_pi) a step")
+        .measured(
             f"bounds {', '.join(f'{bound_rate(data, t, _SHARP):.3g}' for t in TASKS)} at"
-            f" {_SHARP}, {', '.join(f'{r:.2g}' for r in loose)} times the growth",
-            all(below),
-        ),
-        Claim(
-            "A larger mu means a larger Lipschitz constant",
-            "ABS, sec. 7.2, as printed",
-            "L_f at mu = 1e-2 above that at 1e-10",
+            f" {_SHARP}, {', '.join(f'{r:.2g}' for r in loose)} times the growth"
+        )
+        .holds(below),
+        claim("A larger mu means a larger Lipschitz constant", "ABS, sec. 7.2, as printed")
+        .expected("L_f at mu = 1e-2 above that at 1e-10")
+        .measured(
             ", ".join(
                 f"{t} {float(constants.sel(task=t, law=_WIDE)):.3g} and {float(constants.sel(task=t, law=_SHARP)):.3g}"
                 for t in TASKS
-            ),
-            not any(falling),
-        ),
+            )
+        )
+        .holds(not any(falling)),
     ]

@@ -12,7 +12,7 @@ from dynamics.batch import BatchFunction, Gaussian
 from dynamics.systems import Signal
 from ocp.gradients.objective import CostSamples, SampledObjective
 from problems.studies.shared.decision_sweep import both_orders, sweep_decision
-from problems.studies.study import CODE, Claim, StudyParams, dataset, listed, over, setting
+from problems.studies.study import CODE, Claim, StudyParams, claim, dataset, listed, over, setting
 
 NOTES = (
     "Impacts are elastic mirror reflections inside a step; the authors' 0.9 of restitution is"
@@ -263,71 +263,46 @@ def claims(data: xr.Dataset) -> list[Claim]:
     high, biased = first >= 2 * rough, (beta < 0.1) & (Delta > 0.5 * scale)
     place = "Pathologies, ex. III.6"
     return [
-        Claim(
-            "A rectangular wall makes the objective jump",
-            place,
-            "a jump at the corner",
-            f"{step[0]:.3f} m at {float(data['corner']):.4f} rad",
-            bool(step[0] > 0.05),
-        ),
-        Claim(
-            "With a dome it is continuous, but stiff",
-            place,
-            "steep, no jump",
-            f"steps of at most {step[1]:.1e} m: slope {step[1] / size:.1f} m/rad against {away:.1f} away",
-            bool(step[1] < 1e-2 and step[1] / size > 2 * away),
-        ),
-        Claim(
-            "FoBG is biased at the rectangle",
-            place,
-            "error beyond its interval",
-            f"{off[0][worst[0]]:+.2f} m/rad, {abs(score[0][worst[0]]):.0f} standard errors",
-            bool(abs(score[0][worst[0]]) > 10),
-        ),
-        Claim(
-            "ZoBG is not",
-            "Pathologies, sec. III-A",
-            "errors of 1 standard error",
-            f"{np.sqrt(rectangle):.2f} rms",
-            rectangle < _chance(zeroth[0].size),
-        ),
-        Claim(
-            "With a dome FoBG is no longer biased asymptotically",
-            place,
-            "errors of 1 standard error",
-            f"{np.sqrt(dome):.2f} rms near the corner",
-            dome < _chance(near.sum()),
-        ),
-        Claim(
-            "The stiffness still results in high variance",
-            "our check",
-            "twice ZoBG's or more",
-            f"domes {over(list(width), high)} m wide: " + listed(first / rough, ".2g") + " times",
-            bool(np.all(high)),
-        ),
-        Claim(
-            "It grows as the dome shrinks towards the corner, ZoBG's does not",
-            "our check",
-            "as 1/width",
-            f"width to the power {power:.2f}; ZoBG {rough.min():.1f} to {rough.max():.1f} m²/rad²",
-            bool(-1.3 < power < -0.7 and rough.max() < 3 * rough.min()),
-        ),
-        Claim(
-            "The dome results in high empirical bias",
-            place,
-            "off by |F'|/2 or more where the dome is missed, in nine of ten cases",
+        claim("A rectangular wall makes the objective jump", place)
+        .expected("a jump at the corner")
+        .measured(f"{step[0]:.3f} m at {float(data['corner']):.4f} rad")
+        .above(step[0], 0.05),
+        claim("With a dome it is continuous, but stiff", place)
+        .expected("steep, no jump")
+        .measured(f"steps of at most {step[1]:.1e} m: slope {step[1] / size:.1f} m/rad against {away:.1f} away")
+        .holds(step[1] < 0.01, step[1] / size > 2 * away),
+        claim("FoBG is biased at the rectangle", place)
+        .expected("error beyond its interval")
+        .measured(f"{off[0][worst[0]]:+.2f} m/rad, {abs(score[0][worst[0]]):.0f} standard errors")
+        .above(abs(score[0][worst[0]]), 10),
+        claim("ZoBG is not", "Pathologies, sec. III-A")
+        .expected("errors of 1 standard error")
+        .measured(f"{np.sqrt(rectangle):.2f} rms")
+        .below(rectangle, _chance(zeroth[0].size)),
+        claim("With a dome FoBG is no longer biased asymptotically", place)
+        .expected("errors of 1 standard error")
+        .measured(f"{np.sqrt(dome):.2f} rms near the corner")
+        .below(dome, _chance(near.sum())),
+        claim("The stiffness still results in high variance", "our check")
+        .expected("twice ZoBG's or more")
+        .measured(f"domes {over(list(width), high)} m wide: " + listed(first / rough, ".2g") + " times")
+        .holds(high),
+        claim("It grows as the dome shrinks towards the corner, ZoBG's does not", "our check")
+        .expected("as 1/width")
+        .measured(f"width to the power {power:.2f}; ZoBG {rough.min():.1f} to {rough.max():.1f} m²/rad²")
+        .holds(-1.3 < power < -0.7, rough.max() < 3 * rough.min()),
+        claim("The dome results in high empirical bias", place)
+        .expected("off by |F'|/2 or more where the dome is missed, in nine of ten cases")
+        .measured(
             f"domes {over(list(width), biased)} m wide: met with probability "
             + listed(beta, ".2f")
             + ", off by "
             + listed(Delta / scale, ".2f")
-            + " of |F'|",
-            bool(np.all(biased)),
-        ),
-        Claim(
-            "It does as the dome shrinks",
-            "our check",
-            "the same at the narrowest",
-            f"met with probability {beta[-1]:.3f}, off by {Delta[-1] / scale[-1]:.2f} of |F'| at {width[-1]:g} m",
-            bool(biased[-1]),
-        ),
+            + " of |F'|"
+        )
+        .holds(biased),
+        claim("It does as the dome shrinks", "our check")
+        .expected("the same at the narrowest")
+        .measured(f"met with probability {beta[-1]:.3f}, off by {Delta[-1] / scale[-1]:.2f} of |F'| at {width[-1]:g} m")
+        .holds(biased[-1]),
     ]

@@ -17,7 +17,7 @@ from problems.studies.laws_in_the_loop.data import (
     survives,
 )
 from problems.studies.shared.trainings import Difference, difference, least
-from problems.studies.study import Claim, over
+from problems.studies.study import Claim, claim, over
 
 _SAME = 0.01
 """Mean costs that differ by no more than this are the same."""
@@ -54,14 +54,10 @@ def _cheapest(data: xr.Dataset) -> list[Claim]:
         gains = [_ahead(_costs(data, "run", (task, plant))) for task in tasks]
         held = [bool(gain.mean >= 0) for gain in gains]
         found.append(
-            Claim(
-                f"{plant}: planning again under the exact law costs the least",
-                _CHECK,
-                f"its mean cost is within {_SAME:.0%} of every smoothed law's, on every task",
-                over(tasks, held),
-                bool(held and all(held)),
-                least(gains) if gains else None,
-            )
+            claim(f"{plant}: planning again under the exact law costs the least", _CHECK)
+            .expected(f"its mean cost is within {_SAME:.0%} of every smoothed law's, on every task")
+            .measured(over(tasks, held))
+            .holds(held and all(held), margin=least(gains) if gains else None)
         )
     return found
 
@@ -79,20 +75,16 @@ def _over_mu(data: xr.Dataset) -> list[Claim]:
     falls = [all(m[b] <= (1 + _SAME) * m[a] for a, b in pairwise(_BARRIERS)) for m in means]
     close = [m[_BARRIERS[-1]] <= (1 + _CLOSE) * m["exact"] for m in means]
     return [
-        Claim(
-            "The smaller mu, the less the barrier's loop costs",
-            _CHECK,
-            f"from 0.1 to 0.001 the mean cost never rises by more than {_SAME:.0%}, in {_MOSTLY:.0%} of the settings",
-            _told(where, falls),
-            bool(np.mean(falls) >= _MOSTLY),
-        ),
-        Claim(
-            "At mu = 0.001 its loop costs no more than that of the exact law",
-            _CHECK,
-            f"within {_CLOSE:.0%} in the mean, in {_MOSTLY:.0%} of the settings",
-            _told(where, close),
-            bool(np.mean(close) >= _MOSTLY),
-        ),
+        claim("The smaller mu, the less the barrier's loop costs", _CHECK)
+        .expected(
+            f"from 0.1 to 0.001 the mean cost never rises by more than {_SAME:.0%}, in {_MOSTLY:.0%} of the settings"
+        )
+        .measured(_told(where, falls))
+        .at_least(np.mean(falls), _MOSTLY),
+        claim("At mu = 0.001 its loop costs no more than that of the exact law", _CHECK)
+        .expected(f"within {_CLOSE:.0%} in the mean, in {_MOSTLY:.0%} of the settings")
+        .measured(_told(where, close))
+        .at_least(np.mean(close), _MOSTLY),
     ]
 
 
@@ -105,21 +97,17 @@ def _feedback(data: xr.Dataset) -> list[Claim]:
         better = [m[gains] <= m[inputs] for m in means]
         enough = [m[gains] <= (1 + _CLOSE) * min(m["exact"], m[law]) for m in means]
         found += [
-            Claim(
-                f"Linear feedback along the {plan} plan costs less than its inputs alone",
-                _SHIRAI,
-                f"in the mean, in {_MOSTLY:.0%} of the settings",
-                _told(where, better),
-                bool(np.mean(better) >= _MOSTLY),
-            ),
-            Claim(
-                f"Linear feedback along the {plan} plan is sufficient",
-                _SHIRAI,
+            claim(f"Linear feedback along the {plan} plan costs less than its inputs alone", _SHIRAI)
+            .expected(f"in the mean, in {_MOSTLY:.0%} of the settings")
+            .measured(_told(where, better))
+            .at_least(np.mean(better), _MOSTLY),
+            claim(f"Linear feedback along the {plan} plan is sufficient", _SHIRAI)
+            .expected(
                 f"within {_CLOSE:.0%} of planning again, under its law or the exact one, in"
-                f" {_MOSTLY:.0%} of the settings",
-                _told(where, enough),
-                bool(np.mean(enough) >= _MOSTLY),
-            ),
+                f" {_MOSTLY:.0%} of the settings"
+            )
+            .measured(_told(where, enough))
+            .at_least(np.mean(enough), _MOSTLY),
         ]
     return found
 
@@ -137,19 +125,12 @@ def _surviving(data: xr.Dataset) -> list[Claim]:
     gains = [difference(shares["exact"], shares[law]) for law in list(LAWS)[1:]]
     told = ", ".join(f"{law} {share.mean():.0%}" for law, share in shares.items())
     return [
-        Claim(
-            "On the model every law's loop survives",
-            _CHECK,
-            "every run on every task",
-            over(list(LAWS), np.array(own) == 1),
-            bool(np.all(np.array(own) == 1)),
-        ),
-        Claim(
-            "No smoothed law's loop survives more often than that of the exact law",
-            _CHECK,
-            "over all tasks, plants and seeds",
-            told,
-            bool(all(gain.mean >= 0 for gain in gains)),
-            least(gains),
-        ),
+        claim("On the model every law's loop survives", _CHECK)
+        .expected("every run on every task")
+        .measured(over(list(LAWS), np.array(own) == 1))
+        .equals(np.array(own), 1),
+        claim("No smoothed law's loop survives more often than that of the exact law", _CHECK)
+        .expected("over all tasks, plants and seeds")
+        .measured(told)
+        .holds(all(gain.mean >= 0 for gain in gains), margin=least(gains)),
     ]

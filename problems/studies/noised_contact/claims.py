@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.studies.study import Claim, largest, listed, over
+from problems.studies.study import Claim, claim, largest, listed, over
 
 _PLACE = "Noising data, "
 _MATCH = 1 / 2
@@ -39,44 +39,31 @@ def _dense(data: xr.Dataset) -> list[Claim]:
     off_f = _rms((at["pusher_h"] - data["f_sigma"]).values[:, ends])
     end = data["end_score"].values
     return [
-        Claim(
-            "Monte Carlo estimates f_sigma",
-            _PLACE + "fig. 1 and eq. 2",
-            "within 5 standard errors of the closed form",
-            f"{largest(np.abs(score)):.2g} at most, at {score.size} dots",
-            bool(score.size and np.all(np.abs(score) < 5)),
-        ),
-        Claim(
-            "Dense: g_sigma is f_sigma away from the ends",
-            _PLACE + "sec. IV-B",
-            "apart by the standard error of g_sigma: the mean square over it is 0.5 to 1.5, 3 sigma off the ends",
+        claim("Monte Carlo estimates f_sigma", _PLACE + "fig. 1 and eq. 2")
+        .expected("within 5 standard errors of the closed form")
+        .measured(f"{largest(np.abs(score)):.2g} at most, at {score.size} dots")
+        .below(np.abs(score), 5),
+        claim("Dense: g_sigma is f_sigma away from the ends", _PLACE + "sec. IV-B")
+        .expected("apart by the standard error of g_sigma: the mean square over it is 0.5 to 1.5, 3 sigma off the ends")
+        .measured(
             f"{listed(square, '.2f')} over {data.sizes['set']} sets at sigma = "
             + listed(widths, "g")
             + f" m; apart by {rms.max():.2g} m at most, expected"
-            f" {error.max():.2g} m",
-            bool(np.all((square > 0.5) & (square < 1.5))),
-        ),
-        Claim(
-            "Dense: so is h_sigma",
-            _PLACE + "sec. IV-B",
-            "within sigma of the kink, where smoothing acts, apart by less than half of it",
-            f"{listed(apart, '.2g')} m of {effect:.2g} m",
-            bool(np.all(apart < _MATCH * effect)),
-        ),
-        Claim(
-            "Dense: at the upper end g_sigma is off f_sigma",
-            "our check",
-            "below it by 5 standard errors or more in every set",
-            f"by {-end.max():.3g} or more over {end.size} sets and widths",
-            bool(np.all(end < -5)),
-        ),
-        Claim(
-            "Dense: there h_sigma goes with g_sigma",
-            "our check",
-            "within sigma of the end less than half as far from g_sigma as from f_sigma",
-            f"{listed(off_g, '.2g')} m against {listed(off_f, '.2g')} m",
-            bool(np.all(off_g < _MATCH * off_f)),
-        ),
+            f" {error.max():.2g} m"
+        )
+        .between(square, 0.5, 1.5),
+        claim("Dense: so is h_sigma", _PLACE + "sec. IV-B")
+        .expected("within sigma of the kink, where smoothing acts, apart by less than half of it")
+        .measured(f"{listed(apart, '.2g')} m of {effect:.2g} m")
+        .below(apart, _MATCH * effect),
+        claim("Dense: at the upper end g_sigma is off f_sigma", "our check")
+        .expected("below it by 5 standard errors or more in every set")
+        .measured(f"by {-end.max():.3g} or more over {end.size} sets and widths")
+        .below(end, -5),
+        claim("Dense: there h_sigma goes with g_sigma", "our check")
+        .expected("within sigma of the end less than half as far from g_sigma as from f_sigma")
+        .measured(f"{listed(off_g, '.2g')} m against {listed(off_f, '.2g')} m")
+        .below(off_g, _MATCH * off_f),
     ]
 
 
@@ -93,29 +80,24 @@ def _sparse(data: xr.Dataset) -> list[Claim]:
     narrow = widths <= data.attrs["sigma"]
     rms, effect = data["pusher_rms"].values, data["pusher_effect"].values
     return [
-        Claim(
-            "Sparse: h_sigma goes with g_sigma, and neither is f_sigma",
-            _PLACE + "sec. IV-B",
-            "in contact, within the data: nearer to each other than either to f_sigma",
-            f"{listed(near, '.2g')} m against {listed(far, '.2g')} m",
-            bool(np.all(near < far)),
-        ),
-        Claim(
-            "Trained network and average show a good match, sparse and dense",
-            _PLACE + "sec. IV-B",
-            "rms over the noised data less than half of that of g_sigma - f",
+        claim("Sparse: h_sigma goes with g_sigma, and neither is f_sigma", _PLACE + "sec. IV-B")
+        .expected("in contact, within the data: nearer to each other than either to f_sigma")
+        .measured(f"{listed(near, '.2g')} m against {listed(far, '.2g')} m")
+        .below(near, far),
+        claim("Trained network and average show a good match, sparse and dense", _PLACE + "sec. IV-B")
+        .expected("rms over the noised data less than half of that of g_sigma - f")
+        .measured(
             f"sparse {listed(rms[0], '.2g')} m of {effect[0]:.2g} m,"
-            f" dense {listed(rms[1], '.2g')} m of {effect[1]:.2g} m",
-            bool(np.all(rms < _MATCH * effect[:, None])),
-        ),
-        Claim(
-            "Sparse: g_sigma climbs in steps",
-            "our check",
+            f" dense {listed(rms[1], '.2g')} m of {effect[1]:.2g} m"
+        )
+        .below(rms, _MATCH * effect[:, None]),
+        claim("Sparse: g_sigma climbs in steps", "our check")
+        .expected(
             "slopes in contact below 0.5 rho and above 1.5 rho, where f_sigma has at most rho,"
-            f" in {_MOST:.0%} of the sets, up to the figure's sigma",
-            f"in {listed(stairs, '.0%')} at sigma = {listed(widths, 'g')} m",
-            bool(np.all(stairs[narrow] >= _MOST) and narrow.any()),
-        ),
+            f" in {_MOST:.0%} of the sets, up to the figure's sigma"
+        )
+        .measured(f"in {listed(stairs, '.0%')} at sigma = {listed(widths, 'g')} m")
+        .at_least(stairs[narrow], _MOST),
     ]
 
 
@@ -131,41 +113,26 @@ def _penetrating(data: xr.Dataset) -> list[Claim]:
     nearer = np.abs(h[:, outside]) < np.abs(x[outside])
     closed = _rms((at["block_g"] - data["uniform_block"]).values)
     return [
-        Claim(
-            "Dense: penetrating states are moved inside by the average at the next step",
-            _PLACE + "sec. IV-C",
-            "inside in every set, at every depth",
-            f"inside by {inside.min():.1e} m or more over {inside.size} sets and widths",
-            bool(np.all(inside > 0)),
-        ),
-        Claim(
-            "Dense: the average is that of uniform states",
-            "our check",
-            "rms below half of sigma from the closed form",
-            f"{closed:.2g} m",
-            bool(closed < _MATCH * sigma),
-        ),
-        Claim(
-            "Dense: the network moves them inside too",
-            _PLACE + "sec. IV-C, fig. 1",
-            f"up to {deep.max():g} m deep, as in the figure",
-            f"up to {first / sigma:.2g} sigma; {np.mean(back[outside]):.0%} of the states drawn",
-            bool(np.all(back[outside])),
-        ),
-        Claim(
-            "Dense: the network moves them towards the inside",
-            "our check",
-            "every penetrating state less far out after a step, by every network",
-            f"{np.mean(nearer):.1%} of them",
-            bool(np.all(nearer)),
-        ),
-        Claim(
-            "Smaller sigma leaves them nearer to the wall",
-            "our check",
-            "the least way inside grows with sigma, in the mean over sets",
-            listed(inside.mean(axis=1), ".1e") + " m at sigma = " + listed(widths, "g") + " m",
-            bool(np.all(np.diff(inside.mean(axis=1)) > 0)),
-        ),
+        claim("Dense: penetrating states are moved inside by the average at the next step", _PLACE + "sec. IV-C")
+        .expected("inside in every set, at every depth")
+        .measured(f"inside by {inside.min():.1e} m or more over {inside.size} sets and widths")
+        .above(inside, 0),
+        claim("Dense: the average is that of uniform states", "our check")
+        .expected("rms below half of sigma from the closed form")
+        .measured(f"{closed:.2g} m")
+        .below(closed, _MATCH * sigma),
+        claim("Dense: the network moves them inside too", _PLACE + "sec. IV-C, fig. 1")
+        .expected(f"up to {deep.max():g} m deep, as in the figure")
+        .measured(f"up to {first / sigma:.2g} sigma; {np.mean(back[outside]):.0%} of the states drawn")
+        .holds(back[outside]),
+        claim("Dense: the network moves them towards the inside", "our check")
+        .expected("every penetrating state less far out after a step, by every network")
+        .measured(f"{np.mean(nearer):.1%} of them")
+        .holds(nearer),
+        claim("Smaller sigma leaves them nearer to the wall", "our check")
+        .expected("the least way inside grows with sigma, in the mean over sets")
+        .measured(listed(inside.mean(axis=1), ".1e") + " m at sigma = " + listed(widths, "g") + " m")
+        .above(np.diff(inside.mean(axis=1)), 0),
     ]
 
 
@@ -183,22 +150,20 @@ def _support(data: xr.Dataset) -> list[Claim]:
     near = outside & (np.abs(x - edge) <= sigma)
     beyond = largest(np.maximum(low - h, h - high)[:, near])
     return [
-        Claim(
-            "Sparse: the average behaves as if walls stood at the ends of the data",
-            _PLACE + "sec. IV-C",
+        claim("Sparse: the average behaves as if walls stood at the ends of the data", _PLACE + "sec. IV-C")
+        .expected(
             "what lies beyond is put between the ends, within sigma of the nearer one, and the"
-            " slope from 5 sigma on is below 0.05",
+            " slope from 5 sigma on is below 0.05"
+        )
+        .measured(
             f"{np.mean(back):.0%} of the states, up to {largest(way) / sigma:.2g} sigma from the"
-            f" end; slope up to {largest(slope):.2g}",
-            bool(np.all(back) and largest(way) < sigma and largest(slope) < 0.05),
-        ),
-        Claim(
-            "Sparse: so does the network, sigma beyond the ends",
-            "our check",
-            "between them, or less than half of sigma outside",
-            f"{beyond / sigma:.2g} sigma outside at most",
-            bool(beyond < _MATCH * sigma),
-        ),
+            f" end; slope up to {largest(slope):.2g}"
+        )
+        .holds(back, largest(way) < sigma, largest(slope) < 0.05),
+        claim("Sparse: so does the network, sigma beyond the ends", "our check")
+        .expected("between them, or less than half of sigma outside")
+        .measured(f"{beyond / sigma:.2g} sigma outside at most")
+        .below(beyond, _MATCH * sigma),
     ]
 
 
@@ -210,11 +175,8 @@ def _rollouts(data: xr.Dataset) -> list[Claim]:
     stay = np.array([np.all(np.diff((one <= 1).astype(int)) >= 0) and end for one, end in zip(path, last, strict=True)])
     most = (path > 1).sum(axis=-1).max(axis=1)
     return [
-        Claim(
-            "Rollouts that begin in penetration come back and stay",
-            _PLACE + "sec. IV-C",
-            f"inside the walls after {data['step'].values[-1]} steps, and never out again",
-            f"{over(names, stay)}: after at most {listed(most, 'd')} steps",
-            bool(np.all(stay) and np.all(np.isfinite(path))),
-        ),
+        claim("Rollouts that begin in penetration come back and stay", _PLACE + "sec. IV-C")
+        .expected(f"inside the walls after {data['step'].values[-1]} steps, and never out again")
+        .measured(f"{over(names, stay)}: after at most {listed(most, 'd')} steps")
+        .holds(stay, np.isfinite(path)),
     ]

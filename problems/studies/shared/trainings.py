@@ -13,7 +13,7 @@ from ocp.errors import choose
 from ocp.jobs.scheduling import Failure, Function, Report, run_jobs
 from ocp.learning.training import ALGORITHMS
 from problems.studies.progress import report
-from problems.studies.study import Claim, Pieces, over
+from problems.studies.study import Claim, Pieces, claim, over
 from problems.tasks import registry
 from problems.tasks.registry import default_settings, make_algorithm
 from problems.tasks.training import TrainingJob, trained
@@ -122,7 +122,7 @@ def gained(sentence: str, source: str, expected: str, settings: Sequence[object]
     """The claim that ``gains``, one at each of ``settings``, are all gains."""
     better = [gain.better for gain in gains]
     measured = f"{over(settings, better)}: {', '.join(map(str, gains))}"
-    return Claim(sentence, source, expected, measured, all(better), least(gains))
+    return claim(sentence, source).expected(expected).measured(measured).holds(better, margin=least(gains))
 
 
 def area(curve: np.ndarray) -> np.ndarray:

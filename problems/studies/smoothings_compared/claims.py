@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from problems.studies.smoothings_compared.data import ANALYTIC, LEARNED, WITHIN, excess, gap
-from problems.studies.study import Claim, over
+from problems.studies.study import Claim, claim, over
 
 _PROGRESS = 0.8
 """Part of the cost at rest that a plan saves on its own model, to have made progress."""
@@ -49,13 +49,10 @@ def _progress(data: xr.Dataset) -> list[Claim]:
             shares = saved.sel(problem=name, law=list(laws)).values
             moved = shares >= _PROGRESS
             found.append(
-                Claim(
-                    f"{name}: every {kind} makes progress from a start without contact",
-                    _PLACE,
-                    expected,
-                    _each(laws, shares, ".0%"),
-                    bool(np.all(moved)),
-                )
+                claim(f"{name}: every {kind} makes progress from a start without contact", _PLACE)
+                .expected(expected)
+                .measured(_each(laws, shares, ".0%"))
+                .holds(moved)
             )
     return found
 
@@ -66,45 +63,33 @@ def _close(data: xr.Dataset) -> list[Claim]:
     others = dear.drop_sel(law="exact").min("law", skipna=False).values
     expected = f"its exact replay costs at most {WITHIN:.0%} more, on every problem"
     found = [
-        Claim(
-            "No law's plan is cheaper under the exact law than the exact law's own",
-            _PLACE,
-            f"by more than {_SAME:.0%}, on any problem",
-            f"cheapest of the others: {_each(names, others, '+.1%')}",
-            bool(np.all(others >= -_SAME)),
-        )
+        claim("No law's plan is cheaper under the exact law than the exact law's own", _PLACE)
+        .expected(f"by more than {_SAME:.0%}, on any problem")
+        .measured(f"cheapest of the others: {_each(names, others, '+.1%')}")
+        .at_least(others, -_SAME)
     ]
     for law in ANALYTIC:
         shares = dear.sel(law=law).values
         near = shares <= WITHIN
         found.append(
-            Claim(
-                f"{law}: the plan is close to the exact optimum",
-                _PLACE,
-                expected,
-                _each(names, shares, "+.1%"),
-                bool(np.all(near)),
-            )
+            claim(f"{law}: the plan is close to the exact optimum", _PLACE)
+            .expected(expected)
+            .measured(_each(names, shares, "+.1%"))
+            .holds(near)
         )
     by_mu = dear.sel(law=["gentle barrier", "barrier", "sharp barrier"]).transpose("problem", ...)
     falls = np.all(np.diff(by_mu.values) <= _SAME, axis=1)
     hand = dear.sel(problem="planar-hand", law=list(ANALYTIC)).values
     return [
         *found,
-        Claim(
-            "The smaller mu, the closer the barrier's plan is to the exact optimum",
-            _PLACE,
-            f"the excess never rises by more than {_SAME:.0%}",
-            over(names, falls),
-            bool(np.all(falls)),
-        ),
-        Claim(
-            "planar-hand: no smoothing comes close to the exact optimum",
-            _PLACE,
-            f"each costs more than {WITHIN:.0%} more",
-            _each(ANALYTIC, hand, "+.0%"),
-            bool(np.all(hand > WITHIN)),
-        ),
+        claim("The smaller mu, the closer the barrier's plan is to the exact optimum", _PLACE)
+        .expected(f"the excess never rises by more than {_SAME:.0%}")
+        .measured(over(names, falls))
+        .holds(falls),
+        claim("planar-hand: no smoothing comes close to the exact optimum", _PLACE)
+        .expected(f"each costs more than {WITHIN:.0%} more")
+        .measured(_each(ANALYTIC, hand, "+.0%"))
+        .above(hand, WITHIN),
     ]
 
 
@@ -116,20 +101,14 @@ def _learned(data: xr.Dataset) -> list[Claim]:
     clean, noised = (dear.sel(law=f"{kind} mlp").values for kind in ("clean", "noised"))
     better = noised < clean
     return [
-        Claim(
-            "Every learned law's plan costs more under the exact law than analytic ones",
-            _PLACE,
-            f"the cheapest of them more than the dearest of {', '.join(_SHARP)}",
-            f"times the optimum: {_each(names, 1 + cheapest, '.3g')}; against {_each(names, 1 + sharp, '.3g')}",
-            bool(np.all(worse)),
-        ),
-        Claim(
-            "Noise on its data makes a network's plan cheaper under the exact law",
-            "Noising data, sec. V-B",
-            "on every problem",
-            f"times the optimum: {_each(names, 1 + noised, '.3g')}; clean {_each(names, 1 + clean, '.3g')}",
-            bool(np.all(better)),
-        ),
+        claim("Every learned law's plan costs more under the exact law than analytic ones", _PLACE)
+        .expected(f"the cheapest of them more than the dearest of {', '.join(_SHARP)}")
+        .measured(f"times the optimum: {_each(names, 1 + cheapest, '.3g')}; against {_each(names, 1 + sharp, '.3g')}")
+        .holds(worse),
+        claim("Noise on its data makes a network's plan cheaper under the exact law", "Noising data, sec. V-B")
+        .expected("on every problem")
+        .measured(f"times the optimum: {_each(names, 1 + noised, '.3g')}; clean {_each(names, 1 + clean, '.3g')}")
+        .holds(better),
     ]
 
 
@@ -141,13 +120,12 @@ def _seeds(data: xr.Dataset) -> list[Claim]:
         worst = spread.sel(law=list(laws)).max("problem", skipna=False).values
         alike = (worst <= _SPREAD) & (data.sizes["seed"] > 1)
         found.append(
-            Claim(
-                f"Another seed of {kind} gives a plan of about the same exact cost",
-                _PLACE,
-                f"the dearest of {data.sizes['seed']} is at most {_SPREAD:g} times the cheapest, on every problem",
-                f"times, at worst: {_each(laws, worst, '.3g')}",
-                bool(np.all(alike)),
+            claim(f"Another seed of {kind} gives a plan of about the same exact cost", _PLACE)
+            .expected(
+                f"the dearest of {data.sizes['seed']} is at most {_SPREAD:g} times the cheapest, on every problem"
             )
+            .measured(f"times, at worst: {_each(laws, worst, '.3g')}")
+            .holds(alike)
         )
     return found
 
@@ -165,13 +143,10 @@ def _surviving(data: xr.Dataset) -> list[Claim]:
     for kind, shares in (("an analytic law", analytic), ("a learned law", learned)):
         good = int(np.sum(shares <= WITHIN))
         found.append(
-            Claim(
-                f"A surviving plan of {kind} is close to the exact optimum",
-                _PLACE,
-                f"its exact replay costs at most {WITHIN:.0%} more, trust of any weight included",
-                f"{good} of {len(shares)} surviving plans",
-                bool(0 < len(shares) == good),
-            )
+            claim(f"A surviving plan of {kind} is close to the exact optimum", _PLACE)
+            .expected(f"its exact replay costs at most {WITHIN:.0%} more, trust of any weight included")
+            .measured(f"{good} of {len(shares)} surviving plans")
+            .holds(0 < len(shares) == good)
         )
     return found
 
@@ -191,27 +166,20 @@ def _trust(data: xr.Dataset) -> list[Claim]:
     at = [f"{shares[1:][i]:g}" for i in ratio.argmin(axis=1)]
     given_up = plan[:, -1] / plan[:, 0]
     return [
-        Claim(
-            "Trust brings the replay nearer to the plan",
-            _PLACE,
-            f"at its largest weight the gap is smaller than without in {_MOSTLY:.0%} of plans",
+        claim("Trust brings the replay nearer to the plan", _PLACE)
+        .expected(f"at its largest weight the gap is smaller than without in {_MOSTLY:.0%} of plans")
+        .measured(
             f"{narrower.sum()} of {narrower.size}; medians"
             f" {_each(names, np.median(apart[-1], axis=1), '+.0%')}; without"
-            f" {_each(names, np.median(apart[0], axis=1), '+.0%')}",
-            bool(np.mean(narrower) >= _MOSTLY),
-        ),
-        Claim(
-            "Trust makes the plan cheaper under the exact law",
-            _PLACE,
-            f"by {WITHIN:.0%} or more, at one weight at least, on every problem",
-            f"{_each(names, ratio.min(axis=1) - 1, '+.0%')}, at {', '.join(at)}",
-            bool(np.all(helped)),
-        ),
-        Claim(
-            "Too much trust gives the task up for the data",
-            _PLACE,
-            f"at its largest weight the plan costs {WITHIN:.0%} or more more on its own model",
-            f"times: {_each(names, given_up, '.3g')}",
-            bool(np.all(given_up >= 1 + WITHIN)),
-        ),
+            f" {_each(names, np.median(apart[0], axis=1), '+.0%')}"
+        )
+        .at_least(np.mean(narrower), _MOSTLY),
+        claim("Trust makes the plan cheaper under the exact law", _PLACE)
+        .expected(f"by {WITHIN:.0%} or more, at one weight at least, on every problem")
+        .measured(f"{_each(names, ratio.min(axis=1) - 1, '+.0%')}, at {', '.join(at)}")
+        .holds(helped),
+        claim("Too much trust gives the task up for the data", _PLACE)
+        .expected(f"at its largest weight the plan costs {WITHIN:.0%} or more more on its own model")
+        .measured(f"times: {_each(names, given_up, '.3g')}")
+        .at_least(given_up, 1 + WITHIN),
     ]

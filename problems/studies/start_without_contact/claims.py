@@ -8,7 +8,7 @@ import xarray as xr
 from ocp import Status
 from ocp.judge.referee import COST_SHARE
 from problems.studies.start_without_contact.data import LAST, LAWS, PROBLEMS
-from problems.studies.study import Claim, listed, over
+from problems.studies.study import Claim, claim, listed, over
 
 _PROGRESS = 0.8
 """Part of the object's cost at rest that a plan saves, to have made progress."""
@@ -56,64 +56,45 @@ def learned(name: str, data: xr.Dataset) -> list[Claim]:
     moved = 1 - float(data["object"].sel(dynamics="f").isel(seed=0)) / rest
     moves = swept.sel(swept="g_sigma").isel(amount=-1).values <= (1 - _PROGRESS) * start
     return [
-        Claim(
-            f"{name}: f makes no progress with the object",
-            place,
-            f"the object's cost falls by less than {_FLAT:.0%}",
-            f"{moved:.2%} of {rest:.6g}",
-            bool(abs(moved) < _FLAT),
-        ),
-        Claim(
-            f"{name}: f_sigma is best under the exact law",
-            place,
-            "the lowest of the five",
-            told,
-            bool(min(final, key=lambda kind: final[kind]) == "f_sigma"),
-        ),
-        Claim(
-            f"{name}: g_sigma is ahead of h_sigma",
-            place,
-            "a lower final exact cost at every seed",
-            f"{int(ahead.sum())} of {ahead.size} seeds; {final['g_sigma']:.4g} and {final['h_sigma']:.4g}",
-            bool(ahead.all()),
-        ),
-        Claim(
-            f"{name}: so it is over widths of noise and amounts of data",
-            "our check",
-            "at every one",
-            f"{int(before.sum())} of {before.size}",
-            bool(before.all()),
-        ),
-        Claim(
-            f"{name}: noised data are ahead of clean data",
-            place,
-            "g_sigma and h_sigma end lower than h",
-            f"{', '.join(noised) or 'none'} of {told}",
-            bool(len(noised) == 2),
-        ),
-        Claim(
+        claim(f"{name}: f makes no progress with the object", place)
+        .expected(f"the object's cost falls by less than {_FLAT:.0%}")
+        .measured(f"{moved:.2%} of {rest:.6g}")
+        .below(abs(moved), _FLAT),
+        claim(f"{name}: f_sigma is best under the exact law", place)
+        .expected("the lowest of the five")
+        .measured(told)
+        .holds(min(final, key=lambda kind: final[kind]) == "f_sigma"),
+        claim(f"{name}: g_sigma is ahead of h_sigma", place)
+        .expected("a lower final exact cost at every seed")
+        .measured(f"{int(ahead.sum())} of {ahead.size} seeds; {final['g_sigma']:.4g} and {final['h_sigma']:.4g}")
+        .holds(ahead),
+        claim(f"{name}: so it is over widths of noise and amounts of data", "our check")
+        .expected("at every one")
+        .measured(f"{int(before.sum())} of {before.size}")
+        .holds(before),
+        claim(f"{name}: noised data are ahead of clean data", place)
+        .expected("g_sigma and h_sigma end lower than h")
+        .measured(f"{', '.join(noised) or 'none'} of {told}")
+        .equals(len(noised), 2),
+        claim(
             f"{name}: h hardly moves on its own model"
             if name == PROBLEMS[0]
             else f"{name}: h makes some progress on its own model",
             place,
-            "less than half of its cost is saved" if name == PROBLEMS[0] else "more than a tenth of its cost is saved",
-            f"{1 - h:.1%}",
-            bool(h > 0.5 if name == PROBLEMS[0] else h < 0.9),
-        ),
-        Claim(
-            f"{name}: IPOPT finds gains as good on the model with fewer evaluations",
-            "our check",
-            f"within {COST_SHARE:.0%} of Adam's {steps} iterations, where the model is smooth",
-            f"{over(_SMOOTH, better)}: {found}",
-            bool(np.all(better)),
-        ),
-        Claim(
-            f"{name}: what is learned through g_sigma works under the exact law",
-            "our check",
-            f"{_PROGRESS:.0%} of the cost are saved at every width, with all data",
-            over(list(widths), moves),
-            bool(moves.all()),
-        ),
+        )
+        .expected(
+            "less than half of its cost is saved" if name == PROBLEMS[0] else "more than a tenth of its cost is saved"
+        )
+        .measured(f"{1 - h:.1%}")
+        .holds(h > 0.5 if name == PROBLEMS[0] else h < 0.9),
+        claim(f"{name}: IPOPT finds gains as good on the model with fewer evaluations", "our check")
+        .expected(f"within {COST_SHARE:.0%} of Adam's {steps} iterations, where the model is smooth")
+        .measured(f"{over(_SMOOTH, better)}: {found}")
+        .holds(better),
+        claim(f"{name}: what is learned through g_sigma works under the exact law", "our check")
+        .expected(f"{_PROGRESS:.0%} of the cost are saved at every width, with all data")
+        .measured(over(list(widths), moves))
+        .holds(moves),
     ]
 
 
@@ -131,32 +112,20 @@ def open_loop(name: str, data: xr.Dataset) -> list[Claim]:
     moved = [fall[law] >= _PROGRESS for law in others]
     expected = f"the object's cost falls by {_PROGRESS:.0%} or more"
     return [
-        Claim(
-            f"{name}: the exact dynamics make no progress from a start without contact",
-            place,
-            "the object's cost as at rest",
-            f"{stuck:.6g} of {rest:.6g}, {word}",
-            bool(abs(stuck - rest) <= 1e-9 * rest and word == Status.NO_PROGRESS.label),
-        ),
-        Claim(
-            f"{name}: randomized smoothing makes progress",
-            place,
-            expected,
-            f"{fall['randomized']:.1%}",
-            bool(fall["randomized"] >= _PROGRESS),
-        ),
-        Claim(
-            f"{name}: so do the barrier and the adaptive law",
-            "our check",
-            expected,
-            f"{over(others, moved)}: " + ", ".join(f"{fall[law]:.1%}" for law in others),
-            bool(all(moved)),
-        ),
-        Claim(
-            f"{name}: the plan keeps its cost under the exact law",
-            "our check",
-            f"its replay costs at most {COST_SHARE:.0%} more, of all of the cost",
-            f"{over(smooth, kept)}: " + listed(dearer, "+.1%"),
-            bool(np.all(kept)),
-        ),
+        claim(f"{name}: the exact dynamics make no progress from a start without contact", place)
+        .expected("the object's cost as at rest")
+        .measured(f"{stuck:.6g} of {rest:.6g}, {word}")
+        .holds(abs(stuck - rest) <= 1e-9 * rest, word == Status.NO_PROGRESS.label),
+        claim(f"{name}: randomized smoothing makes progress", place)
+        .expected(expected)
+        .measured(f"{fall['randomized']:.1%}")
+        .at_least(fall["randomized"], _PROGRESS),
+        claim(f"{name}: so do the barrier and the adaptive law", "our check")
+        .expected(expected)
+        .measured(f"{over(others, moved)}: " + ", ".join(f"{fall[law]:.1%}" for law in others))
+        .holds(moved),
+        claim(f"{name}: the plan keeps its cost under the exact law", "our check")
+        .expected(f"its replay costs at most {COST_SHARE:.0%} more, of all of the cost")
+        .measured(f"{over(smooth, kept)}: " + listed(dearer, "+.1%"))
+        .holds(kept),
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.studies.study import Claim, listed, over
+from problems.studies.study import Claim, claim, listed, over
 
 _PLACE = "Noising data, "
 _NEAR = 2.0
@@ -37,18 +37,19 @@ def _lemmas(data: xr.Dataset) -> list[Claim]:
     other = data["others"].values
     score = data["score_error"].values
     found = [
-        Claim(
-            "On uniform data g_sigma is f_sigma",
-            _PLACE + "lemma 1",
+        claim("On uniform data g_sigma is f_sigma", _PLACE + "lemma 1")
+        .expected(
             "apart by the error of the sum over data D apart, up to rho D²/(12 sqrt(2 pi) sigma),"
-            " within 5 % of it for D <= sigma/4",
+            " within 5 % of it for D <= sigma/4"
+        )
+        .measured(
             f"{share.min():.3f} to {share.max():.3f} of it over {share.size} settings; "
             + listed(largest, ".1e")
             + " rho sigma at D = "
             + listed(spacing, "g")
-            + " sigma",
-            bool(np.all(np.abs(share - 1) < 0.05) and np.all(np.diff(largest) < 0)),
-        ),
+            + " sigma"
+        )
+        .holds(np.abs(share - 1) < 0.05, np.diff(largest) < 0),
     ]
     for sentence, source, mark in (
         ("g_sigma minimises the noised risk of a density", "lemma 2", False),
@@ -57,35 +58,32 @@ def _lemmas(data: xr.Dataset) -> list[Claim]:
         own = [name for name in data["case"].values if ("data" in str(name)) == mark]
         these = ratio.sel(case=own).values
         found.append(
-            Claim(
-                sentence,
-                _PLACE + source,
-                "any perturbation p raises it, by E p², within 1e-9 of that",
+            claim(sentence, _PLACE + source)
+            .expected("any perturbation p raises it, by E p², within 1e-9 of that")
+            .measured(
                 f"raised by {these.min():.10f} to {these.max():.10f} E p² by"
-                f" {these.size} perturbations of {', '.join(map(str, own))}",
-                bool(np.all(these > 0) and np.all(np.abs(these - 1) < 1e-9)),
+                f" {these.size} perturbations of {', '.join(map(str, own))}"
             )
+            .holds(these > 0, np.abs(these - 1) < 1e-9)
         )
     return [
         *found,
-        Claim(
-            "f, f_sigma and the nearest datum have a higher noised risk",
-            _PLACE + "sec. III-B",
-            "higher on all data and densities",
+        claim("f, f_sigma and the nearest datum have a higher noised risk", _PLACE + "sec. III-B")
+        .expected("higher on all data and densities")
+        .measured(
             "by at least "
             + ", ".join(
                 f"{name} {low:.1%}" for name, low in zip(data["candidate"].values, other.min((0, 1)), strict=True)
             )
-            + " of its risk",
-            bool(np.all(other > 0)),
-        ),
-        Claim(
-            "For f(x) = x, g_sigma = x + sigma² grad log p_sigma",
-            "empirical Bayes, our check",
-            "equal to differences of log p_sigma, within 1e-8 sigma",
-            f"off by {score.max():.1e} sigma at most, in " + listed(data["dimension"].values, "d") + " dimensions",
-            bool(np.all(score < 1e-8)),
-        ),
+            + " of its risk"
+        )
+        .above(other, 0),
+        claim("For f(x) = x, g_sigma = x + sigma² grad log p_sigma", "empirical Bayes, our check")
+        .expected("equal to differences of log p_sigma, within 1e-8 sigma")
+        .measured(
+            f"off by {score.max():.1e} sigma at most, in " + listed(data["dimension"].values, "d") + " dimensions"
+        )
+        .below(score, 1e-8),
     ]
 
 
@@ -100,33 +98,32 @@ def _walls(data: xr.Dataset) -> list[Claim]:
     far = depth >= 10
     tends = np.abs(slope[..., far] * depth[far] ** 2 - 1)
     return [
-        Claim(
-            "Between walls g_sigma is the mean of a truncated normal",
-            _PLACE + "sec. IV-C",
-            "evenly spaced data miss it by the midpoint rule's error, within 5 % for D <= sigma/4",
+        claim("Between walls g_sigma is the mean of a truncated normal", _PLACE + "sec. IV-C")
+        .expected("evenly spaced data miss it by the midpoint rule's error, within 5 % for D <= sigma/4")
+        .measured(
             f"{share.min():.3f} to {share.max():.3f} of that error, at sigma = "
             + listed(data["width"].values, "g")
-            + " m",
-            bool(np.all(np.abs(share - 1) < 0.05)),
-        ),
-        Claim(
-            "A penetrating state is mapped back inside in one step",
-            _PLACE + "sec. IV-C",
+            + " m"
+        )
+        .equals(share, 1, within=0.05),
+        claim("A penetrating state is mapped back inside in one step", _PLACE + "sec. IV-C")
+        .expected(
             "inside by (sqrt(s² + 8) - s)/4 to (sqrt(s² + 4) - s)/2 sigma, s sigma the"
-            " penetration, or inside at least where the walls are less than 5 sigma apart",
+            " penetration, or inside at least where the walls are less than 5 sigma apart"
+        )
+        .measured(
             f"inside by {inside.min():.4g} sigma or more, within these bounds at"
             f" {np.sum(between & wide)} of {np.sum(wide) * depth.size} settings; penetration up"
-            f" to {depth.max():g} sigma",
-            bool(np.all(inside > 0) and np.all(between | ~wide)),
-        ),
-        Claim(
-            "The slope of g_sigma tends to 0 outside",
-            "our check",
-            "falls with the penetration, as (sigma/penetration)² within 6 % from 10 sigma on",
+            f" to {depth.max():g} sigma"
+        )
+        .holds(inside > 0, between | ~wide),
+        claim("The slope of g_sigma tends to 0 outside", "our check")
+        .expected("falls with the penetration, as (sigma/penetration)² within 6 % from 10 sigma on")
+        .measured(
             f"{slope[..., 0].max():.3f} at the wall, {slope[..., far].max():.4f} at"
-            f" {depth[far][0]:g} sigma, off by {tends.max():.1%} there",
-            bool(np.all(np.diff(slope, axis=-1) < 0) and np.all(tends < 0.06)),
-        ),
+            f" {depth[far][0]:g} sigma, off by {tends.max():.1%} there"
+        )
+        .holds(np.diff(slope, axis=-1) < 0, tends < 0.06),
     ]
 
 
@@ -135,28 +132,23 @@ def _rollouts(data: xr.Dataset) -> list[Claim]:
     ends, centre, climb = (data[name].values for name in ("attractors", "off_centre", "climb"))
     sizes = data["sample"].values
     return [
-        Claim(
-            "Uniform data have one fixed point, the middle of the walls",
-            "our check",
-            "g_sigma(x) - x changes its sign once, and never leads outwards",
+        claim("Uniform data have one fixed point, the middle of the walls", "our check")
+        .expected("g_sigma(x) - x changes its sign once, and never leads outwards")
+        .measured(
             f"changes {listed(np.unique(fixed), 'g')} times in {fixed.size} settings;"
-            f" {np.mean(outwards):.0%} of the states move outwards",
-            bool(np.all(fixed == 1) and np.all(outwards == 0)),
-        ),
-        Claim(
-            "So have random states between the walls",
-            "our check",
-            "one state at which rollouts end, within sigma of the middle",
-            f"{listed(ends, 'g')} such states of {listed(sizes, 'd')} data, up to {centre.max():.2f} m from the middle",
-            bool(np.all(ends == 1) and np.all(centre < data.attrs["sigma"])),
-        ),
-        Claim(
-            "Every step of theirs climbs the density of the noised data",
-            "our check",
-            "log p_sigma grows",
-            f"by {climb.min():.1e} at least",
-            bool(np.all(climb > 0)),
-        ),
+            f" {np.mean(outwards):.0%} of the states move outwards"
+        )
+        .holds(fixed == 1, outwards == 0),
+        claim("So have random states between the walls", "our check")
+        .expected("one state at which rollouts end, within sigma of the middle")
+        .measured(
+            f"{listed(ends, 'g')} such states of {listed(sizes, 'd')} data, up to {centre.max():.2f} m from the middle"
+        )
+        .holds(ends == 1, centre < data.attrs["sigma"]),
+        claim("Every step of theirs climbs the density of the noised data", "our check")
+        .expected("log p_sigma grows")
+        .measured(f"by {climb.min():.1e} at least")
+        .above(climb, 0),
     ]
 
 
@@ -168,31 +160,24 @@ def _networks(data: xr.Dataset) -> list[Claim]:
     rate, doubt = np.mean(rates), np.std(rates)
     last = middle[:, -1]
     return [
-        Claim(
-            "Networks trained on noised data converge to g_sigma",
-            _PLACE + "sec. III, IV-B",
-            "off by less than half of what noising changes, at the most pairs and units",
-            f"{last[-1]:.2g} m of {effect:.2g} m, medians over draws",
-            bool(last[-1] < effect / 2),
-        ),
-        Claim(
-            "The more pairs the nearer",
-            "our check",
-            "falls at every count, with an exponent below -1/4; independent draws have -1/2",
+        claim("Networks trained on noised data converge to g_sigma", _PLACE + "sec. III, IV-B")
+        .expected("off by less than half of what noising changes, at the most pairs and units")
+        .measured(f"{last[-1]:.2g} m of {effect:.2g} m, medians over draws")
+        .below(last[-1], effect / 2),
+        claim("The more pairs the nearer", "our check")
+        .expected("falls at every count, with an exponent below -1/4; independent draws have -1/2")
+        .measured(
             f"{rate:.2f}, deviation {doubt:.2f} over draws: "
             + listed(middle[-1], ".1e")
             + " m at "
             + listed(pairs, "d")
-            + " pairs",
-            bool(rate < -0.25 and np.all(np.diff(middle[-1]) < 0)),
-        ),
-        Claim(
-            "A network too narrow stays away, however many pairs",
-            "our check",
-            "the narrowest half as far again off as the widest, at the most pairs",
-            listed(last, ".1e") + " m at " + listed(units, "d") + " units a layer",
-            bool(last[0] > 1.5 * last[-1]),
-        ),
+            + " pairs"
+        )
+        .holds(rate < -0.25, np.diff(middle[-1]) < 0),
+        claim("A network too narrow stays away, however many pairs", "our check")
+        .expected("the narrowest half as far again off as the widest, at the most pairs")
+        .measured(listed(last, ".1e") + " m at " + listed(units, "d") + " units a layer")
+        .above(last[0], 1.5 * last[-1]),
     ]
 
 
@@ -204,25 +189,22 @@ def _ends(data: xr.Dataset) -> list[Claim]:
     beyond, at_end = bias[0][:, ~near].max(axis=-1), bias[..., 0]
     felt = np.all(at_end > 0.1, axis=1)
     return [
-        Claim(
-            "g_sigma differs from f_sigma within 2 sigma of the ends of the data",
-            _PLACE + "fig. 1",
-            "by sqrt(2/pi) rho sigma at the end, 99 % of the square of it"
-            " within 2 sigma, below 6 % of rho sigma beyond",
+        claim("g_sigma differs from f_sigma within 2 sigma of the ends of the data", _PLACE + "fig. 1")
+        .expected(
+            "by sqrt(2/pi) rho sigma at the end, 99 % of the square of it within 2 sigma, below 6 % of rho sigma beyond"
+        )
+        .measured(
             f"{listed(at_end[0], '.4f')} rho sigma at the end, {share.min():.2%} within, up to"
-            f" {beyond.max():.3f} beyond, at sigma = " + listed(data["width"].values, "g") + " m",
-            bool(
-                np.allclose(at_end[0], np.sqrt(2 / np.pi), rtol=1e-6) and np.all(share > 0.99) and np.all(beyond < 0.06)
-            ),
-        ),
-        Claim(
-            "It does at both ends",
-            _PLACE + "fig. 1",
-            "above 0.1 rho sigma at each",
+            f" {beyond.max():.3f} beyond, at sigma = " + listed(data["width"].values, "g") + " m"
+        )
+        .holds(np.allclose(at_end[0], np.sqrt(2 / np.pi), rtol=1e-6), share > 0.99, beyond < 0.06),
+        claim("It does at both ends", _PLACE + "fig. 1")
+        .expected("above 0.1 rho sigma at each")
+        .measured(
             f"{over(list(data['end'].values), felt)}: up to {listed(at_end.max(axis=1), '.1e')}"
-            " rho sigma; f is constant where the pusher stays away",
-            bool(np.all(felt)),
-        ),
+            " rho sigma; f is constant where the pusher stays away"
+        )
+        .holds(felt),
     ]
 
 
@@ -239,35 +221,27 @@ def _neighbours(data: xr.Dataset) -> list[Claim]:
     names = [str(name) for name in data["problem"].values]
     sizes = listed(data["task_size"].values, "g")
     return [
-        Claim(
-            "The data near a query fall off with the dimension d as sigma^d",
-            "our check",
+        claim("The data near a query fall off with the dimension d as sigma^d", "our check")
+        .expected(
             "n (2 sqrt(pi) sigma/length)^d effective neighbours, within 15 %, three deviations"
-            f" of a count of {_MANY:g}, where it is that or more",
-            f"off by {apart.max(initial=0):.1%} at most, at {apart.size} settings",
-            bool(apart.size and np.all(apart < 3 / np.sqrt(_MANY))),
-        ),
-        Claim(
-            "Uniform data are too sparse for the average in the dimensions of pushing",
-            "our check",
-            f"fewer than {_FEW:g} neighbours at sigma = {_USUAL:g}",
+            f" of a count of {_MANY:g}, where it is that or more"
+        )
+        .measured(f"off by {apart.max(initial=0):.1%} at most, at {apart.size} settings")
+        .below(apart, 3 / np.sqrt(_MANY)),
+        claim("Uniform data are too sparse for the average in the dimensions of pushing", "our check")
+        .expected(f"fewer than {_FEW:g} neighbours at sigma = {_USUAL:g}")
+        .measured(
             f"from {listed(few[:1], 'd')} dimensions on; along the task "
             + ", ".join(f"{n}: {a:.1f}" for n, a in zip(names, alone, strict=True))
-            + f" in {sizes} dimensions, of {data.attrs['n_samples']} data",
-            bool(np.all(alone < _FEW) and few.size and few.min() <= data["task_size"].min()),
-        ),
-        Claim(
-            "With half of the data in the tube there are more",
-            "our check",
-            f"twice as many at sigma = {_USUAL:g}",
-            ", ".join(f"{n}: {a:.1f} become {t:.1f}" for n, a, t in zip(names, alone, tube, strict=True)),
-            bool(np.all(tube >= 2 * alone)),
-        ),
-        Claim(
-            "That is enough",
-            "our check",
-            f"{_FEW:g} or more at sigma = {_USUAL:g}",
-            f"{over(names, tube >= _FEW)}: " + listed(tube, ".1f"),
-            bool(np.all(tube >= _FEW)),
-        ),
+            + f" in {sizes} dimensions, of {data.attrs['n_samples']} data"
+        )
+        .holds(alone < _FEW, few[:1] <= data["task_size"].min()),
+        claim("With half of the data in the tube there are more", "our check")
+        .expected(f"twice as many at sigma = {_USUAL:g}")
+        .measured(", ".join(f"{n}: {a:.1f} become {t:.1f}" for n, a, t in zip(names, alone, tube, strict=True)))
+        .at_least(tube, 2 * alone),
+        claim("That is enough", "our check")
+        .expected(f"{_FEW:g} or more at sigma = {_USUAL:g}")
+        .measured(f"{over(names, tube >= _FEW)}: " + listed(tube, ".1f"))
+        .at_least(tube, _FEW),
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +16,11 @@ import problems.studies
 from problems import studies
 from problems.studies.start_without_contact.claims import open_loop
 from problems.studies.start_without_contact.data import LAWS, PROBLEMS
-from problems.studies.study import WITHIN_NOISE, Claim, largest, over, verdict
+from problems.studies.study import WITHIN_NOISE, Claim, claim, largest, over, verdict
 from tests.golden.figures.verdicts import SLOW, SMALL, VERDICTS, small
 
 FILES = sorted(Path(problems.studies.__path__[0]).rglob("*.py"))
+CONDITIONS = {"holds", "below", "at_most", "above", "at_least", "between", "equals"}
 BUILTINS = {"bool", "np", "abs", "all", "any", "min", "max", "float", "int"}
 FLIPPED = [
     # Their verdicts once flipped there.
@@ -107,16 +109,18 @@ def test_seeds_flip_no_verdict_on_noised_data(identifier: str) -> None:
     assert_same(verdicts(identifier, seed=1), identifier)
 
 
-def calls_of_claim() -> list[tuple[str, dict[str, ast.expr]]]:
-    """Where every claim is made, and what each of its fields is written as."""
-    found = []
+def statements() -> Iterator[tuple[str, dict[str, ast.Call]]]:
+    """Where every claim is made, and the calls in its chain by their names."""
     for file in FILES:
+        seen: set[ast.Call] = set()
         for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Claim":
-                fields = dict(zip(Claim.__dataclass_fields__, node.args, strict=False))
-                fields |= {word.arg: word.value for word in node.keywords if word.arg}
-                found.append((f"{file.name}:{node.lineno}", fields))
-    return found
+            call, chain = node, dict[str, ast.Call]()
+            while isinstance(call, ast.Call) and call not in seen and isinstance(call.func, ast.Attribute):
+                chain[call.func.attr] = call
+                call = call.func.value
+            if chain and isinstance(call, ast.Call) and getattr(call.func, "id", "") == "claim":
+                seen |= {call, *chain.values()}
+                yield f"{file.name}:{call.lineno}", chain
 
 
 def computed(expression: ast.expr) -> bool:
@@ -143,13 +147,15 @@ def written(expression: ast.expr) -> str:
 
 @pytest.mark.costly
 def test_no_verdict_and_no_measured_number_is_typed() -> None:
-    calls = calls_of_claim()
-    assert len(calls) > 80
-    for place, fields in calls:
-        assert set(fields) | {"margin"} == set(Claim.__dataclass_fields__), place
-        assert computed(fields["holds"]), f"{place}: the verdict is typed in"
-        assert computed(fields["measured"]), f"{place}: what was measured is typed in"
-        assert not re.search("[0-9]", written(fields["measured"])), f"{place}: a typed number"
+    chains = list(statements())
+    assert len(chains) > 200
+    for place, chain in chains:
+        condition, *words = chain
+        assert condition in CONDITIONS and words == ["measured", "expected"], place
+        assert any(computed(value) for value in chain[condition].args), f"{place}: the verdict is typed in"
+        observation = chain["measured"].args[0]
+        assert computed(observation), f"{place}: what was measured is typed in"
+        assert not re.search("[0-9]", written(observation)), f"{place}: a typed number"
 
 
 def test_the_static_check_sees_typed_verdicts() -> None:
@@ -221,6 +227,31 @@ def test_a_plan_survives_by_its_whole_cost(dearer: float, survives: bool) -> Non
     told = [claim for claim in found if claim.claim.endswith("the plan keeps its cost under the exact law")]
     assert [bool(claim.holds) for claim in told] == [survives] * len(PROBLEMS)
     assert all(claim.holds for claim in found if claim not in told)
+
+
+def test_conditions_hold_for_every_entry_and_not_of_nothing() -> None:
+    statement = claim("so", "there").expected("1").measured("2")
+    holding = [
+        statement.below([1, 2], 3),
+        statement.at_most(3, 3),
+        statement.above([4, 5], [3, 4]),
+        statement.at_least(3, 3),
+        statement.between([1, 2], 0, 3),
+        statement.equals("a", "a"),
+        statement.equals([1.05, 0.95], 1, within=0.06),
+        statement.holds([True, True], True, margin=4.0),
+    ]
+    failing = [
+        statement.below([1, 3], 3),
+        statement.above(np.nan, 0),
+        statement.at_least([], 0),
+        statement.between([0, 1], 0, 3),
+        statement.equals([1, 2], 1),
+        statement.equals([1.0, np.nan], 1, within=0.1),
+        statement.holds([True, False]),
+    ]
+    assert all(made.holds is True for made in holding) and all(made.holds is False for made in failing)
+    assert holding[-1] == Claim("so", "there", "1", "2", True, 4.0)
 
 
 def test_words_for_a_range() -> None:
