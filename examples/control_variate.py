@@ -24,15 +24,15 @@ class ControlVariate(Estimator):
     summary: str = "zeroth order, less a linear model by first order"
     stream: ClassVar[int] = 5
 
-    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
+    def make_sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
         """Find g from samples after the n that are estimated from."""
         variance = noise.scales(objective.n_noise) ** 2
-        g = objective.differentiated(noise.after(n), self.slopes).direction.mean(axis=0)
-        still = objective.nominal()
+        g = objective.sample_gradients(noise.after(n), self.slopes).direction.mean(axis=0)
+        nominal_cost = objective.nominal_cost()
 
-        def single(part: Gaussian, m: int) -> np.ndarray:
-            found = objective.scored(part, m)
-            rest = found.cost - still - found.direction * variance @ g
-            return rest[:, None] * found.direction + g
+        def single(noise_part: Gaussian, m: int) -> np.ndarray:
+            samples = objective.sample_scores(noise_part, m)
+            residual = samples.cost - nominal_cost - samples.direction * variance @ g
+            return residual[:, None] * samples.direction + g
 
         return Sampler(single)

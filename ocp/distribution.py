@@ -1,9 +1,9 @@
-"""The distribution: its version, its packages, and those above this one, loaded by entry point.
+"""The distribution: its version, its packages, and those above this one, which entry points load.
 
-Their names are common words. ``python -m ocp`` puts the working directory first on the path, where
-a user's ``problems.py`` would stand for ours: importing this module takes that place off again. To
-a script that has such a file beside it, the first import that fails says so. Packages above are
-never imported by name, so that imports run one way only, and loaded where they are used.
+The packages' names are common words. ``python -m ocp`` puts the working directory first on the
+path, where a user's ``problems.py`` would hide ours: importing this module removes that entry. For
+a script beside such a file, the error of the first failed import says so. Packages above this one
+are never imported by name, so that imports run one way only, but loaded where they are used.
 """
 
 from __future__ import annotations
@@ -18,63 +18,68 @@ from typing import Any
 
 from ocp.errors import InputError
 
-NAME = "centralpath"
-_ROOT = Path(__file__).resolve().parents[1]
-_BESIDE = ("dynamics", "problems", "reports")
+DISTRIBUTION_NAME = "centralpath"
+"""Name of the distribution on the package index."""
+_SOURCE_ROOT = Path(__file__).resolve().parents[1]
+"""Folder that holds the four packages."""
+_OTHER_PACKAGES = ("dynamics", "problems", "reports")
+"""Packages of the distribution that a user's module may hide."""
 
 
 class ShadowedPackage(ImportError):
-    """Something of the user's has the name of one of our packages; the message says what."""
+    """A user's module hides one of our packages; the message names it."""
 
     exit_code = 2
 
 
 def version() -> str:
-    """Version of what is installed; "unknown" where nothing is, as in a bare checkout."""
+    """Return the installed version; "unknown" in a checkout that is not installed."""
     try:
-        return metadata.version(NAME)
+        return metadata.version(DISTRIBUTION_NAME)
     except metadata.PackageNotFoundError:
         return "unknown"
 
 
-def shadowing(names: tuple[str, ...] = _BESIDE, folder: Path | None = None) -> str:
-    """One sentence on what Python finds in the place of the first hidden package of ``names``.
+def shadowing(names: tuple[str, ...] = _OTHER_PACKAGES, folder: Path | None = None) -> str:
+    """Return a sentence that names the module that hides the first hidden package of ``names``.
 
-    It is empty where all are ours. With a ``folder`` it is what a script in there would find.
+    It is empty if none is hidden. With a ``folder``, modules are found as by a script in there.
     """
     for name in names:
-        found = sys.modules.get(name)
+        loaded = sys.modules.get(name)
         if folder is not None:
             spec = PathFinder.find_spec(name, [str(folder), *sys.path])
         else:
-            spec = find_spec(name) if found is None else found.__spec__
-        places = [] if spec is None else [spec.origin, *(spec.submodule_search_locations or ())]
-        place = next((Path(place).resolve() for place in places if place), None)
-        if place is not None and not place.is_relative_to(_ROOT / name):
+            spec = find_spec(name) if loaded is None else loaded.__spec__
+        locations = [] if spec is None else [spec.origin, *(spec.submodule_search_locations or ())]
+        location = next((Path(location).resolve() for location in locations if location), None)
+        if location is not None and not location.is_relative_to(_SOURCE_ROOT / name):
             return (
-                f"{place} has the name of the package {name} of {NAME} and hides it; rename it, or start Python with -P"
+                f"{location} has the name of the package {name} of {DISTRIBUTION_NAME} and hides it;"
+                " rename it, or start Python with -P"
             )
     return ""
 
 
 def _started_as_module() -> bool:
-    """Whether this import is that of ``python -m ocp``, with the working directory on the path."""
+    """Return whether ``python -m ocp`` runs this import, with the working directory on the path."""
     if sys.argv[:1] != ["-m"] or sys.flags.safe_path:
         return False
     return sys.orig_argv[len(sys.orig_argv) - len(sys.argv)].removeprefix("-m") == "ocp"
 
 
 def _check_shadowing() -> None:
-    if _started_as_module() and Path(sys.path[0]).resolve() != _ROOT:
+    if _started_as_module() and Path(sys.path[0]).resolve() != _SOURCE_ROOT:
         del sys.path[0]
-    if told := shadowing(("dynamics",)):
-        raise ShadowedPackage(told)
+    if shadowed := shadowing(("dynamics",)):
+        raise ShadowedPackage(shadowed)
 
 
 _check_shadowing()
 
 
-GROUP = "centralpath.plugins"
+PLUGIN_GROUP = "centralpath.plugins"
+"""Group of entry points that name the packages above this one."""
 
 
 def load_plugin(name: str) -> Any:
@@ -83,14 +88,14 @@ def load_plugin(name: str) -> Any:
     Raises :class:`~ocp.errors.InputError` where the distribution is not installed, and
     :class:`~ocp.distribution.ShadowedPackage` where a user's module of that name is found instead.
     """
-    found = [*entry_points(group=GROUP, name=name)]
-    if not found:
+    plugins = [*entry_points(group=PLUGIN_GROUP, name=name)]
+    if not plugins:
         raise InputError(
             f"the package {name} of centralpath is not installed; install the distribution, as in"
             " pip install centralpath"
         )
     try:
-        return found[0].load()
+        return plugins[0].load()
     except ImportError as error:
         if hidden := shadowing((name,)):
             raise ShadowedPackage(hidden) from error

@@ -1,4 +1,4 @@
-"""A named objective in plain words, so that any process can build it."""
+"""Description of a named objective, so that any process can build it."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ SIGMA_RATIO = 1e9
 
 @dataclass(frozen=True)
 class NamedObjective:
-    """An objective, all its parameters, and the noise ``sigma`` where none is chosen.
+    """An objective with all its parameters and its default noise ``sigma``.
 
-    ``usual`` is the noise that the limits of :meth:`check_sigma` are relative to.
+    ``usual`` is the noise to which the limits of :meth:`check_sigma` are relative.
     """
 
     objective: SampledObjective
@@ -39,21 +39,21 @@ class NamedObjective:
 
     def check_sigma(self, values: Iterable[float]) -> None:
         """Raise InputError for noise so small or large that rounding hides its effect."""
-        low, high = self.usual / SIGMA_RATIO, self.usual * SIGMA_RATIO
+        smallest, largest = self.usual / SIGMA_RATIO, self.usual * SIGMA_RATIO
         for value in values:
-            if not low <= value <= high:
+            if not smallest <= value <= largest:
                 raise InputError(
-                    f"sigma of {self.objective.name} must be from {low:.3g} to {high:.3g} (beyond,"
+                    f"sigma of {self.objective.name} must be from {smallest:.3g} to {largest:.3g} (beyond,"
                     f" rounding errors dominate), got {value:g}"
                 )
 
 
 @dataclass(frozen=True)
 class ObjectiveCase:
-    """An objective in plain words, so that any process can build it.
+    """Description of an objective by names and numbers, so that any process can build it.
 
-    ``at`` are parameters and components of the decision that are changed after it is built.
-    ``content`` is the digest of the user's files, the problem's and a learned law's.
+    ``at`` holds parameters and components of the decision that are changed after the build.
+    ``content`` is the digest of the user's files: the problem's and a learned law's.
     """
 
     problem: str
@@ -68,22 +68,22 @@ class ObjectiveCase:
     content: str | None = None
 
     def build(self, spec: Any = None) -> NamedObjective:
-        """Build it, of ``spec`` where that is at hand.
+        """Build the objective from its ``spec``, which is looked up by name if not passed.
 
         The default noise of rollouts is a tenth of the inputs' largest scale.
 
         Raises :class:`~ocp.errors.InputError` for a law that cannot close the system, for a policy
         setting other than ``stationary``, and where the decision needs more memory than there is;
-        :class:`~ocp.store.provenance.FilesChanged` where a file is no longer what it was.
+        :class:`~ocp.store.provenance.FilesChanged` where a file has changed since.
         """
         spec = load_plugin("problems").named(self.problem) if spec is None else spec
         digests = getattr(spec, "digest", None), law_digest(self.contact)
         check_content(self.problem, self.content, digests, self.contact_settings)
-        made = self._static(spec) if hasattr(spec, "objective") else self._rollouts(spec)
-        return replace(made, objective=made.objective.at(self.at)) if self.at else made
+        named_objective = self._static(spec) if hasattr(spec, "objective") else self._rollouts(spec)
+        return replace(named_objective, objective=named_objective.objective.at(self.at)) if self.at else named_objective
 
     def _static(self, spec: Any) -> NamedObjective:
-        """An objective without dynamics; its parameter ``sigma`` is the default noise."""
+        """Build an objective without dynamics; its parameter ``sigma`` is the default noise."""
         values = spec.params(self.params).model_dump()
         usual = float(spec.Params.model_fields["sigma"].default)
         objective = spec.objective(self.params, **self.engine)
@@ -91,8 +91,8 @@ class ObjectiveCase:
             self._check_decision(spec.name, len(objective.decision))
             names = [signal.name for signal in objective.decision]
             decision = dict(zip(names, self.theta.tolist(), strict=True))
-            if twice := sorted(decision.keys() & self.params.keys()):
-                raise InputError(f"{twice[0]} is set by theta and by params; give one of them")
+            if repeated := sorted(decision.keys() & self.params.keys()):
+                raise InputError(f"{repeated[0]} is set by theta and by params; give one of them")
             objective = objective.at(decision)
             values |= decision
         return NamedObjective(objective, values, float(values["sigma"]), usual)
@@ -105,20 +105,19 @@ class ObjectiveCase:
             )
 
     def _rollouts(self, spec: Any) -> NamedObjective:
-        """A problem's rollouts."""
+        """Build the objective of a problem's rollouts."""
         values, problem = spec.params(self.params).model_dump(), spec.problem(self.params)
         law = closing_law(self.contact, self.contact_settings, problem.system)
-        own = self.policy_settings
-        chosen = policy_of(self.policy, own)
-        if unused := own.keys() - {"stationary"}:
+        policy_settings = self.policy_settings
+        policy = policy_of(self.policy, policy_settings)
+        if unused := policy_settings.keys() - {"stationary"}:
             raise InputError(f"-s policy.{min(unused)} has no effect: an estimate has no gains to limit; drop it")
-        per_step = problem.system.nu * (1 if chosen.name == "open-loop" else problem.system.nx + 1)
-        needed = sampling_memory(float(problem.N) * per_step, CHUNK)
-        check_memory(f"{spec.name} with N = {problem.N}", needed)
-        expected = problem.N * per_step if not own.get("stationary") else None
-        if expected is not None:
-            self._check_decision(spec.name, expected)
+        per_step = problem.system.nu * (1 if policy.name == "open-loop" else problem.system.nx + 1)
+        needed_bytes = sampling_memory(float(problem.N) * per_step, CHUNK)
+        check_memory(f"{spec.name} with N = {problem.N}", needed_bytes)
+        if not policy_settings.get("stationary"):
+            self._check_decision(spec.name, problem.N * per_step)
         with input_errors():
-            objective = RolloutObjective(problem, law, chosen, self.theta, **self.engine)
+            objective = RolloutObjective(problem, law, policy, self.theta, **self.engine)
         sigma = SIGMA_SHARE * float(problem.scales.u.max())
         return NamedObjective(objective, values, sigma, sigma)

@@ -1,4 +1,4 @@
-"""Sums of samples, chunk by chunk: the same to the last bit wherever a chunk is computed."""
+"""Sums of samples by chunks: bitwise the same wherever a chunk is computed."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from dynamics.batch import Gaussian, Moments
 from ocp.gradients.objective import Bulk, SampledObjective
 
 CHUNK = 1 << 13
-"""Samples that are worked on at once; fixed, since sums are taken chunk by chunk."""
+"""Number of samples per chunk; fixed, since sums are taken chunk by chunk."""
 BULK = 1 << 18
-"""Samples whose moments are computed at once; fixed for the same reason."""
+"""Number of samples per chunk of moments computed in bulk; fixed for the same reason."""
 
 Contributions = Callable[[Gaussian, int], np.ndarray]
 """Maps (noise from its first sample on, m) to the estimates (m, d) of m single samples."""
 
 
 class Sampler(NamedTuple):
-    """``single`` estimates, and the moments of many at once by ``bulk``, None where it cannot."""
+    """Two functions: ``single`` estimates, and moments of many samples by ``bulk``, None if unsupported."""
 
     single: Contributions
     bulk: Callable[[Gaussian, int], Bulk | None] = lambda noise, m: None
@@ -29,9 +29,10 @@ class Sampler(NamedTuple):
 
 @dataclass(frozen=True)
 class Chunk:
-    """Moments (d,) of ``size`` samples without those that are ``nonfinite``, counted from 0.
+    """Moments (d,) of the finite ones of ``size`` samples.
 
-    ``largest`` is the largest norm of a sample, 0 where the moments were computed in bulk.
+    ``nonfinite`` holds the indices of the others, from 0; ``largest`` is the largest norm of a
+    sample, 0 where the moments were computed in bulk.
     """
 
     size: int
@@ -41,47 +42,46 @@ class Chunk:
 
     @classmethod
     def of(cls, values: np.ndarray) -> Chunk:
-        """Sum single estimates (m, d)."""
+        """Return the moments of single estimates (m, d)."""
         finite = np.isfinite(values).all(axis=1)
-        kept = values[finite]
-        n, d = kept.shape
+        finite_values = values[finite]
+        n, d = finite_values.shape
         if n == 0:
             return cls(len(values), Moments(0, np.zeros(d), np.zeros(d)), np.flatnonzero(~finite))
-        mean = kept.mean(axis=0)
-        moments = Moments(n, mean, np.square(kept - mean).sum(axis=0))
-        largest = float(np.square(kept).sum(axis=1).max()) ** 0.5
+        mean = finite_values.mean(axis=0)
+        moments = Moments(n, mean, np.square(finite_values - mean).sum(axis=0))
+        largest = float(np.square(finite_values).sum(axis=1).max()) ** 0.5
         return cls(len(values), moments, np.flatnonzero(~finite), largest)
 
 
-def chunks(sampler: Sampler, noise: Gaussian, first: int, last: int) -> Iterator[Chunk]:
-    """Chunks of the samples from ``first`` to ``last``, in their order."""
+def iterate_chunks(sampler: Sampler, noise: Gaussian, first: int, last: int) -> Iterator[Chunk]:
+    """Yield the chunks of the samples from ``first`` to ``last`` in order."""
     while first < last:
-        here, size = noise.after(first), min(BULK, last - first)
-        found = sampler.bulk(here, size)
-        if found is None:
-            chunk = Chunk.of(sampler.single(here, min(CHUNK, last - first)))
+        remaining_noise, size = noise.after(first), min(BULK, last - first)
+        if bulk_sums := sampler.bulk(remaining_noise, size):
+            chunk = Chunk(size, *bulk_sums)
         else:
-            chunk = Chunk(size, *found)
+            chunk = Chunk.of(sampler.single(remaining_noise, min(CHUNK, last - first)))
         yield chunk
         first += chunk.size
 
 
-def costs(objective: SampledObjective) -> Sampler:
-    """The costs themselves, d = 1."""
+def cost_sampler(objective: SampledObjective) -> Sampler:
+    """Return a sampler of the cost_sampler themselves, d = 1."""
     return Sampler(
-        lambda noise, m: objective.scored(noise, m).cost[:, None],
+        lambda noise, m: objective.sample_scores(noise, m).cost[:, None],
         lambda noise, m: objective.moments(noise, m, "cost"),
     )
 
 
-def mean_of(parts: Iterator[Chunk]) -> float:
-    """Mean of d = 1 samples, 0 where none is finite."""
+def mean_of_chunks(chunks_of_costs: Iterator[Chunk]) -> float:
+    """Mean of samples with d = 1; 0 if none is finite."""
     total = Moments(0, np.zeros(1), np.zeros(1))
-    for part in parts:
-        total = total.merged(part.moments)
+    for chunk in chunks_of_costs:
+        total = total.merged(chunk.moments)
     return float(total.mean[0])
 
 
 def mean_cost(objective: SampledObjective, noise: Gaussian, n: int) -> float:
-    """Mean of the finite costs among n samples."""
-    return mean_of(chunks(costs(objective), noise, 0, n))
+    """Mean of the finite cost_sampler among n samples."""
+    return mean_of_chunks(iterate_chunks(cost_sampler(objective), noise, 0, n))

@@ -1,4 +1,4 @@
-"""Estimate a gradient several ways at once: moments, intervals, reference, verdicts."""
+"""Estimate a gradient by several estimators: moments, intervals, reference, verdicts."""
 
 from __future__ import annotations
 
@@ -14,39 +14,41 @@ from ocp.errors import InputError, choose
 from ocp.gradients.estimators import RULES, SAMPLED, Choice, Evidence, Rule
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.sampling import (
-    KINDS,
+    REFERENCE_KINDS,
     CheckpointKey,
     EstimatorRun,
     Progress,
     ReferenceGradient,
     Workers,
+    child_seed,
     reference_gradient,
     reference_kind,
     run_estimator,
-    stream,
 )
 from ocp.gradients.verdict import (
     EmpiricalBias,
     Jump,
     Verdict,
     empirical_bias,
-    judge,
-    sharpest_change,
+    find_sharpest_change,
+    judge_estimate,
 )
 
 JUMP_STREAM = 4
-ALPHA_PARTS = ("zobg-mean", "fobg")
-"""What the alpha-order estimators interpolate, on independent streams."""
+"""Number of the random stream that :func:`find_sharpest_change` draws from."""
+ALPHA_ORDERS = ("zobg-mean", "fobg")
+"""The two orders that the alpha estimators interpolate, on independent streams."""
 REFERENCE_FACTOR = 10
+"""Default number of samples of the reference, as a multiple of an estimator's."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One estimator's answer for one objective, a decision of d components.
+    """Estimate by one estimator of the gradient of one objective, for a decision of d components.
 
-    ``moments`` are of one sample, (d,) each; ``evaluations`` counts rollouts. ``known`` is what it
-    is judged against, ``choice`` the weight of an interpolated estimate, ``bias`` the triple of
-    pathologies, def. III.3, ``nonfinite`` the indices of samples that were left out.
+    ``moments`` are those of one sample, (d,) each; ``evaluations`` counts rollouts. ``known`` is
+    the reference that it is judged against, ``choice`` the weight of an interpolated estimate,
+    ``bias`` the triple of pathologies, def. III.3, ``nonfinite`` the indices of samples left out.
     """
 
     estimator: str
@@ -74,15 +76,15 @@ class Estimate:
         return self.moments.standard_error
 
     def interval(self, confidence: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
-        """Ends (d,) of the normal confidence interval of each component."""
+        """Return the ends (d,) of each component's normal confidence interval."""
         from scipy.stats import norm
 
-        half = float(norm.ppf(0.5 + confidence / 2)) * self.standard_error
-        return self.mean - half, self.mean + half
+        half_width = float(norm.ppf(0.5 + confidence / 2)) * self.standard_error
+        return self.mean - half_width, self.mean + half_width
 
     def row(self) -> dict[str, Any]:
-        """The estimate as JSON tells it: numbers for one component, lists for several."""
-        known, variance = self.known, self.variance
+        """Return the estimate as it stands in JSON: numbers for one component, lists for several."""
+        reference, variance = self.known, self.variance
         return {
             "estimator": self.estimator,
             "mean": number_or_list(self.mean),
@@ -94,9 +96,9 @@ class Estimate:
             "variance_max": float(variance.max()),
             "variance_mean": float(variance.mean()),
             "interval_95": [number_or_list(end) for end in self.interval()],
-            "reference": None if known is None else number_or_list(known.gradient),
-            "reference_error": None if known is None else number_or_list(known.standard_error),
-            "reference_source": None if known is None else known.source,
+            "reference": None if reference is None else number_or_list(reference.gradient),
+            "reference_error": None if reference is None else number_or_list(reference.standard_error),
+            "reference_source": None if reference is None else reference.source,
             "error": self.verdict.error,
             "verdict": self.verdict.word,
             "wide": self.verdict.wide,
@@ -110,21 +112,21 @@ class Estimate:
 
 
 def number_or_list(values: np.ndarray) -> float | list[float]:
-    """A number where there is one, a list where there are several."""
+    """Return a float for an array of one element, else a list."""
     flat = np.asarray(values, dtype=float).ravel()
     return float(flat[0]) if flat.size == 1 else flat.tolist()
 
 
-_SMALLEST = 1e-150
-"""Least sigma: its square is divided by."""
+_MIN_SIGMA = 1e-150
+"""Smallest sigma, the inverse of the largest: its square must neither underflow nor overflow."""
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """What to estimate: estimators by name, samples of each, the noise and the seed.
+    """Request of an estimate: estimators by name, samples of each, the noise and the seed.
 
     ``rules`` replaces the settings of alpha estimators by name; ``reference`` is one of
-    :data:`~ocp.gradients.sampling.KINDS`, ``reference_samples`` None for ten times
+    :data:`~ocp.gradients.sampling.REFERENCE_KINDS`, ``reference_samples`` None for ten times
     ``samples``.
 
     Raises :class:`~ocp.errors.InputError` for an unknown or repeated estimator, fewer than two
@@ -140,37 +142,37 @@ class Sampling:
     reference_samples: int | None = None
 
     def __post_init__(self) -> None:
-        known = {**SAMPLED, **RULES}
+        available = {**SAMPLED, **RULES}
         if not self.estimators:
-            raise InputError(f"name at least one estimator; there are {', '.join(known)}")
+            raise InputError(f"name at least one estimator; there are {', '.join(available)}")
         for name in self.estimators:
-            choose("estimator", name, known)
+            choose("estimator", name, available)
         if len(set(self.estimators)) < len(self.estimators):
             raise InputError("an estimator is named twice; name each once")
-        choose("reference", self.reference, dict.fromkeys(KINDS))
+        choose("reference", self.reference, dict.fromkeys(REFERENCE_KINDS))
         check_samples(self.samples)
         if self.reference_samples is not None:
             check_samples(self.reference_samples)
-        if not _SMALLEST <= self.sigma <= 1 / _SMALLEST:
+        if not _MIN_SIGMA <= self.sigma <= 1 / _MIN_SIGMA:
             raise InputError(
                 f"sigma, the standard deviation of the noise, must be positive and finite, with a"
-                f" square that is both: from {_SMALLEST:g} to {1 / _SMALLEST:g}, got {self.sigma:g}"
+                f" square that is both: from {_MIN_SIGMA:g} to {1 / _MIN_SIGMA:g}, got {self.sigma:g}"
             )
 
     @property
     def sampled(self) -> list[str]:
-        """Estimators to sample, those included that interpolated ones need."""
+        """Names of the estimators to sample, including those that interpolated ones need."""
         alphas = [name for name in self.estimators if name in RULES]
         names = [name for name in self.estimators if name in SAMPLED]
-        return list(dict.fromkeys([*names, *(ALPHA_PARTS if alphas else ())]))
+        return list(dict.fromkeys([*names, *(ALPHA_ORDERS if alphas else ())]))
 
     @property
-    def most_reference_samples(self) -> int:
-        """Samples of the reference, where it is sampled."""
+    def n_reference_samples(self) -> int:
+        """Number of samples of the reference, if it is sampled."""
         return self.reference_samples or REFERENCE_FACTOR * self.samples
 
     def rule(self, name: str) -> Rule:
-        """Settings of an alpha estimator."""
+        """Return the settings of an alpha estimator."""
         return next((rule for rule in self.rules if rule.name == name), RULES[name]())
 
 
@@ -198,8 +200,8 @@ def estimate_gradient(
     ``zobg-antithetic``, ``fobg``, ``es``, ``alpha``, ``alpha-variance``, ``alpha-fixed``. Sample i
     is the same in every larger run of the same seed. ``settings`` are those of :class:`Sampling`.
 
-    Raises :class:`~ocp.errors.InputError` for what a :class:`Sampling` refuses, and where too few
-    samples were finite.
+    Raises :class:`~ocp.errors.InputError` for settings that :class:`Sampling` rejects, and where
+    too few samples were finite.
     """
     sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     sampling = Sampling(tuple(estimators), samples, sigma, **settings)
@@ -216,79 +218,81 @@ def run_sampling(
 ) -> dict[str, Estimate]:
     """Estimate one objective by ``sampling``, with the random streams of ``seed``.
 
-    ``keep`` is where sums under way are saved, and the beginning of their keys; ``workers`` compute
-    chunks elsewhere.
+    ``keep`` is the checkpoint in which unfinished sums are saved, and the prefix of their keys;
+    ``workers`` sum chunks elsewhere.
     """
 
-    def kept(name: str) -> CheckpointKey | None:
+    def checkpoint_key(name: str) -> CheckpointKey | None:
         return None if keep is None else (keep[0], f"{keep[1]}-{name}")
 
     reference_kind(objective, sampling.sigma, sampling.reference)
-    found: dict[str, EstimatorRun] = {}
+    runs: dict[str, EstimatorRun] = {}
     for name in sampling.sampled:
         estimator = SAMPLED[name]
-        noise = Gaussian(sampling.sigma, stream(seed, estimator.stream))
-        found[name] = run_estimator(objective, estimator, noise, sampling.samples, progress, kept(name), workers)
-        _check_finite(objective, name, found[name])
-    known = reference_gradient(
+        noise = Gaussian(sampling.sigma, child_seed(seed, estimator.stream))
+        runs[name] = run_estimator(
+            objective, estimator, noise, sampling.samples, progress, checkpoint_key(name), workers
+        )
+        _check_finite(objective, name, runs[name])
+    reference = reference_gradient(
         objective,
         sampling.sigma,
         seed,
-        sampling.most_reference_samples,
+        sampling.n_reference_samples,
         sampling.reference,
         progress,
-        kept("reference"),
+        checkpoint_key("reference"),
         workers,
     )
-    judged = _Judge(objective, sampling, seed, known)
-    answers = {}
+    judge = _Judge(objective, sampling, seed, reference)
+    estimates = {}
     for name in sampling.estimators:
         if name in SAMPLED:
-            answers[name] = judged.sampled(name, found[name])
+            estimates[name] = judge.sampled(name, runs[name])
         else:
-            answers[name] = judged.interpolated(name, *(found[part] for part in ALPHA_PARTS))
-    return answers
+            estimates[name] = judge.interpolated(name, *(runs[order] for order in ALPHA_ORDERS))
+    return estimates
 
 
 class _Judge:
-    """Turns what was sampled into estimates with verdicts."""
+    """Judge that makes estimates with verdicts from estimators' runs."""
 
     def __init__(
         self,
         objective: SampledObjective,
         sampling: Sampling,
         seed: np.random.SeedSequence,
-        known: ReferenceGradient | None,
+        reference: ReferenceGradient | None,
     ) -> None:
-        self._objective, self._sampling, self._seed, self._known = objective, sampling, seed, known
+        self._objective, self._sampling, self._seed, self._reference = objective, sampling, seed, reference
 
-    def sampled(self, name: str, found: EstimatorRun) -> Estimate:
+    def sampled(self, name: str, run: EstimatorRun) -> Estimate:
         pathwise = name == "fobg"
-        mean = None if self._known is None or not pathwise else self._known.gradient
-        bias = empirical_bias(found.first_samples, mean)
-        # What smooths over parameters has the reference only where these carry the noise.
-        same = len(self._objective.theta) == self._objective.n_noise
-        known = self._known if name != "es" or same else None
-        verdict = self._verdict(known, found.moments, bias if pathwise else None)
+        mean = None if self._reference is None or not pathwise else self._reference.gradient
+        bias = empirical_bias(run.first_samples, mean)
+        # A smoothing over parameters has this reference only if the noise is added to the parameters.
+        noise_on_decision = len(self._objective.theta) == self._objective.n_noise
+        reference = self._reference if name != "es" or noise_on_decision else None
+        verdict = self._verdict(reference, run.moments, bias if pathwise else None)
         cost = SAMPLED[name].evaluations * self._sampling.samples
-        return Estimate(name, found.moments, cost, known, verdict, bias, None, found.nonfinite)
+        return Estimate(name, run.moments, cost, reference, verdict, bias, None, run.nonfinite)
 
     def interpolated(self, name: str, zeroth: EstimatorRun, first: EstimatorRun) -> Estimate:
-        choice = self._sampling.rule(name).choose(_evidence(zeroth, first))
+        choice = self._sampling.rule(name).choose_weight(_evidence(zeroth, first))
         moments = interpolate(choice.alpha, zeroth.moments, first.moments)
-        cost = sum(SAMPLED[part].evaluations for part in ALPHA_PARTS) * self._sampling.samples
-        bad = np.union1d(zeroth.nonfinite, first.nonfinite)
-        verdict = self._verdict(self._known, moments, None)
-        return Estimate(name, moments, cost, self._known, verdict, None, choice, bad)
+        cost = sum(SAMPLED[order].evaluations for order in ALPHA_ORDERS) * self._sampling.samples
+        nonfinite = np.union1d(zeroth.nonfinite, first.nonfinite)
+        verdict = self._verdict(self._reference, moments, None)
+        return Estimate(name, moments, cost, self._reference, verdict, None, choice, nonfinite)
 
-    def _verdict(self, known: ReferenceGradient | None, moments: Moments, bias: EmpiricalBias | None) -> Verdict:
-        verdict = judge(moments, known)
-        return judge(moments, known, self._jump, bias) if verdict.word == "biased" else verdict
+    def _verdict(self, reference: ReferenceGradient | None, moments: Moments, bias: EmpiricalBias | None) -> Verdict:
+        verdict = judge_estimate(moments, reference)
+        return judge_estimate(moments, reference, self._jump, bias) if verdict.word == "biased" else verdict
 
     @cached_property
     def _jump(self) -> Jump:
-        noise = Gaussian(self._sampling.sigma, stream(self._seed, JUMP_STREAM))
-        return sharpest_change(self._objective, noise)
+        noise = Gaussian(self._sampling.sigma, child_seed(self._seed, JUMP_STREAM))
+        return find_sharpest_change(self._objective, noise)
 
 
 def _evidence(zeroth: EstimatorRun, first: EstimatorRun) -> Evidence:
@@ -307,7 +311,7 @@ def _evidence(zeroth: EstimatorRun, first: EstimatorRun) -> Evidence:
 def interpolate(alpha: float, zeroth: Moments, first: Moments) -> Moments:
     """Moments of ``alpha first + (1 - alpha) zeroth``, one independent sample of each.
 
-    alpha counts as given; that it was chosen from the same samples biases the result a little.
+    alpha is taken as a constant; that it was chosen from the same samples biases the result a little.
     """
     n = min(zeroth.n, first.n)
     mean = alpha * first.mean + (1 - alpha) * zeroth.mean
@@ -315,13 +319,13 @@ def interpolate(alpha: float, zeroth: Moments, first: Moments) -> Moments:
     return Moments(n, mean, variance * (n - 1))
 
 
-def _check_finite(objective: SampledObjective, name: str, found: EstimatorRun) -> None:
-    if found.moments.n < 2:
-        bad = found.nonfinite
+def _check_finite(objective: SampledObjective, name: str, run: EstimatorRun) -> None:
+    if run.moments.n < 2:
+        nonfinite = run.nonfinite
         raise InputError(
-            f"{objective.name}: {len(bad)} samples of {name} are not finite (the first at index"
-            f" {bad[0]}) and {found.moments.n} are left; a smaller sigma or a shorter horizon may"
+            f"{objective.name}: {len(nonfinite)} samples of {name} are not finite (the first at index"
+            f" {nonfinite[0]}) and {run.moments.n} are left; a smaller sigma or a shorter horizon may"
             " keep them finite"
         )
-    if not np.isfinite([found.moments.mean, found.moments.variance]).all():
+    if not np.isfinite([run.moments.mean, run.moments.variance]).all():
         raise InputError(f"{objective.name}: mean or variance of {name} overflows double precision; take another sigma")

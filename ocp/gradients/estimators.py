@@ -1,4 +1,4 @@
-"""Estimators of the gradient of a smoothed objective, and how the weight of the first is chosen."""
+"""Estimators of the gradient of a smoothed objective, and rules for the weight of the first order."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class Estimator(ABC):
     evaluations: int = 1
 
     @abstractmethod
-    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
-        """Return what gives the single estimates; ``n`` is how many there will be."""
+    def make_sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
+        """Return the sampler of single estimates; ``n`` is their total number."""
 
     def with_baseline(self, objective: SampledObjective, mean_cost: Callable[[], float]) -> Estimator:
-        """The same with its baseline as a number; ``mean_cost()`` is that of all samples."""
+        """Return the same with its baseline as a number; ``mean_cost()`` is the mean over all samples."""
         return self
 
 
@@ -56,13 +56,13 @@ class ZeroOrder(Estimator):
     stream: ClassVar[int] = 0
 
     def with_baseline(self, objective: SampledObjective, mean_cost: Callable[[], float]) -> ZeroOrder:
-        """The same with b as a number."""
+        """Return the same with b as a number."""
         if self.baseline == "none":
             return replace(self, value=0.0)
-        return replace(self, value=mean_cost() if self.baseline == "mean" else objective.nominal())
+        return replace(self, value=mean_cost() if self.baseline == "mean" else objective.nominal_cost())
 
-    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
-        """Return ``(V - b) s``, b computed where it has no value yet.
+    def make_sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
+        """Return the sampler of ``(V - b) s``; b is computed if it has no value yet.
 
         Raises :class:`~ocp.errors.InputError` for the mean of the others of a single sample.
         """
@@ -77,20 +77,20 @@ class ZeroOrder(Estimator):
             baseline = self.with_baseline(objective, lambda: mean_cost(objective, noise, n)).value
             assert baseline is not None
 
-        def one(g: Gaussian, m: int) -> np.ndarray:
-            found = objective.scored(g, m)
-            return (factor * (found.cost - baseline))[:, None] * found.direction
+        def weighted_scores(g: Gaussian, m: int) -> np.ndarray:
+            samples = objective.sample_scores(g, m)
+            return (factor * (samples.cost - baseline))[:, None] * samples.direction
 
         def bulk(g: Gaussian, m: int) -> Bulk | None:
-            found = objective.moments(g, m, "zeroth", baseline)
-            if found is None:
+            sums = objective.moments(g, m, "zeroth", baseline)
+            if sums is None:
                 return None
-            told, bad = found
-            return Moments(told.n, factor * told.mean, factor**2 * told.m2), bad
+            moments, nonfinite = sums
+            return Moments(moments.n, factor * moments.mean, factor**2 * moments.m2), nonfinite
 
         if self.baseline == "antithetic":
-            return Sampler(lambda g, m: (one(g, m) + one(g.mirrored(), m)) / 2)
-        return Sampler(one, bulk)
+            return Sampler(lambda g, m: (weighted_scores(g, m) + weighted_scores(g.mirrored(), m)) / 2)
+        return Sampler(weighted_scores, bulk)
 
 
 @dataclass(frozen=True)
@@ -101,12 +101,12 @@ class FirstOrder(Estimator):
     summary: str = "first order, gradients through contact"
     stream: ClassVar[int] = 1
 
-    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
-        """Return the gradients; where the cost is not finite no gradient means anything."""
+    def make_sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
+        """Return the sampler of gradients; they are NaN where the cost is not finite."""
 
         def contributions(g: Gaussian, m: int) -> np.ndarray:
-            found = objective.differentiated(g, m)
-            return np.where(np.isfinite(found.cost)[:, None], found.direction, np.nan)
+            samples = objective.sample_gradients(g, m)
+            return np.where(np.isfinite(samples.cost)[:, None], samples.direction, np.nan)
 
         return Sampler(contributions, lambda g, m: objective.moments(g, m, "first"))
 
@@ -125,12 +125,12 @@ class EvolutionStrategies(Estimator):
     stream: ClassVar[int] = 2
     evaluations: int = 2
 
-    def sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
-        """Return the antithetic differences."""
+    def make_sampler(self, objective: SampledObjective, noise: Gaussian, n: int) -> Sampler:
+        """Return the sampler of antithetic differences."""
 
         def contributions(g: Gaussian, m: int) -> np.ndarray:
-            one, other = (objective.perturbed(side, m) for side in (g, g.mirrored()))
-            return ((one.cost - other.cost) / 2)[:, None] * one.direction
+            above, below = (objective.sample_perturbed(side, m) for side in (g, g.mirrored()))
+            return ((above.cost - below.cost) / 2)[:, None] * above.direction
 
         return Sampler(contributions)
 
@@ -141,11 +141,11 @@ _BASELINES = (
     ("zobg-mean", "mean", 2, "the mean cost of the other samples as baseline"),
     ("zobg-antithetic", "antithetic", 2, "pairs of samples at w and -w"),
 )
-"""Name, baseline, evaluations (a pair, or a pass more for the mean) and what it is."""
+"""Name, baseline, evaluations (a pair of samples, or another pass for the mean) and summary."""
 SAMPLED: dict[str, Estimator] = {
     estimator.name: estimator
     for estimator in (
-        *(ZeroOrder(name, f"zeroth order, {what}", of, k) for name, of, k, what in _BASELINES),
+        *(ZeroOrder(name, f"zeroth order, {summary}", baseline, k) for name, baseline, k, summary in _BASELINES),
         FirstOrder(),
         EvolutionStrategies(),
     )
@@ -155,7 +155,7 @@ SAMPLED: dict[str, Estimator] = {
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the choice of alpha is made from, both estimates being means of ``n`` samples.
+    """Statistics from which alpha is chosen, both estimates being means of ``n`` samples.
 
     ``first_variance`` and ``zeroth_variance`` are traces of the covariance of one sample;
     ``distance`` is ``|first mean - zeroth mean|``, ``gradient_size`` the size of the zeroth mean,
@@ -174,9 +174,9 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Choice:
-    """The chosen alpha in [0, 1], the weight of the *first-order* estimate, and why.
+    """The chosen alpha in [0, 1], the weight of the *first-order* estimate, and the reason.
 
-    ``epsilon`` and ``gamma`` are those of the confidence test, NaN where there was none.
+    ``epsilon`` and ``gamma`` are the confidence test's, NaN without such a test.
     """
 
     alpha: float
@@ -195,8 +195,8 @@ def inverse_variance(first_variance: float, zeroth_variance: float) -> float:
     return zeroth_variance / total if total > 0 else 1.0
 
 
-def bernstein(n: int, d: int, variance: float, deviation: float, delta: float) -> float:
-    """Distance that a mean of n samples keeps from its expectation with probability 1 - delta.
+def bernstein_distance(n: int, d: int, variance: float, deviation: float, delta: float) -> float:
+    """Bound on a mean of n samples' distance from its expectation, with probability 1 - delta.
 
     ``sqrt(2 s^2 l / n) + 2 L l / (3 n)`` with ``l = ln((d + 1)/delta)``: the vector Bernstein
     inequality, solved for the distance, with ``variance`` s^2 the trace and ``deviation`` L a bound
@@ -237,23 +237,22 @@ class ConfidenceTest:
         if self.deviation is not None and not self.deviation >= 0:
             raise InputError(f"alpha: deviation must be 0 or more, got {self.deviation}")
 
-    def choose(self, seen: Evidence) -> Choice:
-        """Choose alpha: 0 where the zeroth order alone is not sure enough, alpha* where allowed."""
-        deviation = seen.deviation if self.deviation is None else self.deviation
-        epsilon = bernstein(seen.n, seen.d, seen.zeroth_variance, deviation, self.delta)
-        gamma = 0.1 * seen.gradient_size if self.gamma is None else self.gamma
-        alpha = inverse_variance(seen.first_variance, seen.zeroth_variance)
+    def choose_weight(self, evidence: Evidence) -> Choice:
+        """Choose alpha: 0 where the zeroth order alone is too uncertain, alpha* where the test allows it."""
+        deviation = evidence.deviation if self.deviation is None else self.deviation
+        epsilon = bernstein_distance(evidence.n, evidence.d, evidence.zeroth_variance, deviation, self.delta)
+        gamma = 0.1 * evidence.gradient_size if self.gamma is None else self.gamma
+        alpha = inverse_variance(evidence.first_variance, evidence.zeroth_variance)
         if epsilon > gamma:
             return Choice(0.0, "too few samples for the test, so zeroth order only", epsilon, gamma)
-        if alpha * seen.distance <= gamma - epsilon:
+        if alpha * evidence.distance <= gamma - epsilon:
             return Choice(alpha, "inverse variance, which passes the test", epsilon, gamma)
-        held = (gamma - epsilon) / seen.distance
-        return Choice(held, "held back by the test", epsilon, gamma)
+        return Choice((gamma - epsilon) / evidence.distance, "held back by the test", epsilon, gamma)
 
 
 @dataclass(frozen=True)
 class InverseVariance:
-    """Least variance by the empirical variances, whatever the two estimates' distance.
+    """Least variance by the empirical variances, without regard to the two estimates' distance.
 
     It is fooled where the first order is biased and its variance small (pathologies, sec. IV-C).
     """
@@ -261,9 +260,9 @@ class InverseVariance:
     name: ClassVar[str] = "alpha-variance"
     summary: ClassVar[str] = "both orders, weighted by inverse empirical variance"
 
-    def choose(self, seen: Evidence) -> Choice:
+    def choose_weight(self, evidence: Evidence) -> Choice:
         """Choose ``alpha*``."""
-        return Choice(inverse_variance(seen.first_variance, seen.zeroth_variance), "least variance")
+        return Choice(inverse_variance(evidence.first_variance, evidence.zeroth_variance), "least variance")
 
 
 @dataclass(frozen=True)
@@ -278,10 +277,11 @@ class FixedWeight:
         if not 0 <= self.alpha <= 1:
             raise InputError(f"alpha-fixed: alpha must lie in [0, 1], got {self.alpha}")
 
-    def choose(self, seen: Evidence) -> Choice:
-        """Choose the constant."""
+    def choose_weight(self, evidence: Evidence) -> Choice:
+        """Return the constant."""
         return Choice(self.alpha, "constant")
 
 
 Rule = ConfidenceTest | InverseVariance | FixedWeight
 RULES: dict[str, type[Rule]] = {rule.name: rule for rule in (ConfidenceTest, InverseVariance, FixedWeight)}
+"""Rules for the weight of the first order, by name."""

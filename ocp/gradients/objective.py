@@ -1,4 +1,4 @@
-"""What gradient estimators sample: a cost of a decision and of Gaussian noise, by the million."""
+"""Objectives for gradient estimators: a cost of a decision and of Gaussian noise."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError
 
 Order = Literal["cost", "zeroth", "first"]
+"""Quantity whose moments are summed: the cost, or an estimate of zeroth or first order."""
 Bulk = tuple[Moments, np.ndarray]
 """Moments of many samples, and the indices of those left out as not finite."""
 
 
 @dataclass(frozen=True)
 class CostSamples:
-    """n evaluations: ``cost`` (n,), and ``direction`` (n, d), the score or the gradient of each."""
+    """Samples of n evaluations: ``cost`` (n,), and ``direction`` (n, d), their scores or gradients."""
 
     cost: np.ndarray
     direction: np.ndarray
@@ -32,7 +33,7 @@ class CostSamples:
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """What is known of an objective without sampling, for a decision of d components.
+    """Exact moments of an objective, for a decision of d components.
 
     ``objective`` is F = E f, ``gradient`` (d,) its gradient; ``zobg_variance`` and
     ``fobg_variance`` (d,) are variances of one sample (ZoBG without baseline), ``fobg_mean`` (d,)
@@ -65,61 +66,61 @@ class SampledObjective(ABC):
         Nothing is built or compiled again. Raises :class:`~ocp.errors.InputError` for a name that
         it does not have, and a value that is not finite.
         """
-        known = [*(signal.name for signal in self.decision), *self.parameters]
+        names = [*(signal.name for signal in self.decision), *self.parameters]
         for name, value in values.items():
-            if name not in known:
-                shown = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
-                raise InputError(f"{self.name} has no parameter {name!r} to set; there are {shown}")
+            if name not in names:
+                listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+                raise InputError(f"{self.name} has no parameter {name!r} to set; there are {listed}")
             if not np.isfinite(value):
                 raise InputError(f"{self.name}: {name} must be finite, got {value}")
         other = copy(self)
         pairs = zip(self.decision, self.theta, strict=True)
-        other.theta = np.array([values.get(s.name, was) for s, was in pairs], dtype=float)
-        other.parameters = {k: float(values.get(k, was)) for k, was in self.parameters.items()}
+        other.theta = np.array([values.get(s.name, current) for s, current in pairs], dtype=float)
+        other.parameters = {k: float(values.get(k, current)) for k, current in self.parameters.items()}
         return other
 
     @property
     def values(self) -> np.ndarray:
-        """Values of the parameters in their order."""
+        """Values of the parameters, in order."""
         return np.array(list(self.parameters.values()))
 
     @abstractmethod
     def costs(self, noise: np.ndarray) -> np.ndarray:
-        """Cost at given noise (n, n_noise); returns (n,)."""
+        """Return the costs (n,) at the noise (n, n_noise)."""
 
     @abstractmethod
-    def scored(self, noise: Gaussian, n: int) -> CostSamples:
-        """Costs and scores of n samples.
+    def sample_scores(self, noise: Gaussian, n: int) -> CostSamples:
+        """Return the costs and scores of n samples.
 
         The score is the gradient by theta of the log-density of the noise,
-        ``sum_t D_theta pi(x_t)' w_t / sigma^2`` (pathologies, def. II.1), of the noise that has a
-        way to the cost: what does not act has no gradient, and its score would be variance alone.
+        ``sum_t D_theta pi(x_t)' w_t / sigma^2`` (pathologies, def. II.1), of those components of
+        the noise on which the cost depends: the score of any other adds variance alone.
         """
 
     @abstractmethod
-    def differentiated(self, noise: Gaussian, n: int) -> CostSamples:
-        """Costs of n samples and their gradients by theta (pathologies, def. II.2)."""
+    def sample_gradients(self, noise: Gaussian, n: int) -> CostSamples:
+        """Return the costs of n samples and their gradients by theta (pathologies, def. II.2)."""
 
-    def perturbed(self, noise: Gaussian, n: int) -> CostSamples:
-        """Costs at ``theta + w`` without further noise, and ``w / sigma^2``.
+    def sample_perturbed(self, noise: Gaussian, n: int) -> CostSamples:
+        """Return the costs at ``theta + w`` without further noise, and ``w / sigma^2``.
 
         Where the noise is added to the decision these are costs and scores.
         """
-        return self.scored(noise, n)
+        return self.sample_scores(noise, n)
 
     def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
-        """Moments over n samples of cost, of (cost - baseline) score, or of the gradient.
+        """Return the moments over n samples of cost, of (cost - baseline) score, or of the gradient.
 
-        None where an objective can do it no faster than sample by sample.
+        Return None if the objective can do it no faster than sample by sample.
         """
         return None
 
-    def nominal(self) -> float:
-        """Cost without noise."""
+    def nominal_cost(self) -> float:
+        """Return the cost without noise."""
         return float(self.costs(np.zeros((1, self.n_noise)))[0])
 
     def closed_form(self, sigma: float) -> ClosedForm | None:
-        """What is known in closed form, None where nothing is."""
+        """Return the closed form, or None if the objective has none."""
         return None
 
 
@@ -127,8 +128,8 @@ class StaticObjective(SampledObjective):
     """A cost ``f(theta + w)`` of a decision, given as a CasADi expression.
 
     ``cost`` is an expression in ``theta`` (d, 1) and the parameters. ``closed_form(values, sigma)``
-    gives what is known of it, ``values`` holding the decision's components and the parameters.
-    ``engine`` is that of its :class:`~dynamics.batch.BatchFunction`.
+    returns its closed form, ``values`` holding the decision's components and the parameters.
+    ``engine`` is passed on to :class:`~dynamics.batch.BatchFunction`.
 
     Raises :class:`~ocp.errors.InputError` where dimensions do not fit.
     """
@@ -144,37 +145,37 @@ class StaticObjective(SampledObjective):
         closed_form: Callable[[dict[str, float], float], ClosedForm] | None = None,
         **engine: Any,
     ) -> None:
-        given = np.atleast_1d(np.asarray(value, dtype=float))
-        if theta.numel() != len(decision) or given.shape != (len(decision),) or cost.numel() != 1:
+        decision_values = np.atleast_1d(np.asarray(value, dtype=float))
+        if theta.numel() != len(decision) or decision_values.shape != (len(decision),) or cost.numel() != 1:
             raise InputError(
                 f"{name}: a decision with {len(decision)} named components needs as many symbols"
-                f" and values and one cost, got {theta.numel()}, {given.size} and {cost.numel()}"
+                f" and values and one cost, got {theta.numel()}, {decision_values.size} and {cost.numel()}"
             )
-        self.name, self.decision, self.theta, self.n_noise = name, decision, given, len(decision)
+        self.name, self.decision, self.theta, self.n_noise = name, decision, decision_values, len(decision)
         self.parameters, self._closed_form = parameters.defaults, closed_form
         self._acts = depends(cost, theta)[0]
         arguments = [theta, parameters.vector]
-        both = [ca.densify(cost), ca.densify(ca.gradient(cost, theta))]
-        self._cost = BatchFunction(ca.Function("cost", arguments, both[:1]), **engine)
-        self._both = BatchFunction(ca.Function("cost_and_gradient", arguments, both), **engine)
+        values = [ca.densify(cost), ca.densify(ca.gradient(cost, theta))]
+        self._cost = BatchFunction(ca.Function("cost", arguments, values[:1]), **engine)
+        self._cost_and_gradient = BatchFunction(ca.Function("cost_and_gradient", arguments, values), **engine)
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
-        """Cost at theta plus the given noise."""
+        """Return the costs (n,) at theta plus the noise (n, d)."""
         return without_warnings(self._cost, self.theta + noise, self.values)[:, 0]
 
-    def scored(self, noise: Gaussian, n: int) -> CostSamples:
-        """Costs, and w / sigma^2 of the components that the cost depends on."""
+    def sample_scores(self, noise: Gaussian, n: int) -> CostSamples:
+        """Return the costs, and w / sigma^2 for the components on which the cost depends."""
         w = noise.draw(n, 1, self.n_noise)[:, 0]
         return CostSamples(self.costs(w), self._acts * w / noise.scales(self.n_noise) ** 2)
 
-    def differentiated(self, noise: Gaussian, n: int) -> CostSamples:
-        """Costs, and gradients at theta + w."""
+    def sample_gradients(self, noise: Gaussian, n: int) -> CostSamples:
+        """Return the costs and gradients at theta + w."""
         theta = self.theta + noise.draw(n, 1, self.n_noise)[:, 0]
-        cost, gradient = without_warnings(self._both, theta, self.values)
+        cost, gradient = without_warnings(self._cost_and_gradient, theta, self.values)
         return CostSamples(cost[:, 0], gradient)
 
     def closed_form(self, sigma: float) -> ClosedForm | None:
-        """The closed form, where the objective was given one."""
+        """Return the closed form, or None if the objective has none."""
         if self._closed_form is None:
             return None
         theta = {s.name: float(v) for s, v in zip(self.decision, self.theta, strict=True)}
@@ -188,7 +189,7 @@ class StaticObjective(SampledObjective):
 
 
 def without_warnings(function: Callable[..., Any], *args: Any, **named: Any) -> Any:
-    """Call without warnings of non-finite samples: estimators count and name them."""
+    """Call ``function`` without warnings of non-finite samples, which estimators count and name."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", category=BatchWarning, message=".*non-finite")
         return function(*args, **named)

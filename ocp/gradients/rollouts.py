@@ -24,8 +24,8 @@ class RolloutObjective(SampledObjective):
         V(theta, w) = sum_k l(x_k, u_k, du_k) + l_N(x_N),   u_k = pi(x_k, theta) + w_k
 
     (pathologies, eq. 1). ``theta`` holds the inputs of all steps, or the gains of every step as
-    rows of K and then k (of one step where the feedback is stationary). Without a given ``theta``
-    it is the problem's guess, with K = 0. Bounds on inputs do not clip: the estimators' theory is
+    rows of K and then k (one step if the feedback is stationary); its default is the problem's
+    guess, with K = 0. Bounds on inputs do not clip: the estimators' theory is
     about the unclipped policy. With several scenarios sample i starts in scenario i modulo their
     number, so the mean over samples is the mean over scenarios too. ``parameters`` are those of the
     problem and the parameters of the law, ``contact.mu`` and the like.
@@ -45,7 +45,7 @@ class RolloutObjective(SampledObjective):
         self.problem, self.policy = problem, policy
         self.step = law.close(replace(problem.system, parameters=problem.parameters))
         self.name, self.n_noise = problem.name, problem.N * problem.system.nu
-        # Shared by all copies that differ in values alone, so that nothing is compiled twice.
+        # A list, shared by all copies that differ in values alone, so that nothing is compiled twice.
         self._compiled: list[RolloutFunction] = []
         self._engine = engine
         self.parameters = self.step.p.defaults
@@ -54,44 +54,44 @@ class RolloutObjective(SampledObjective):
         self.decision = _decision(problem, policy, shape)
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
-        """Cost at given noise (n, N nu), in the order of steps."""
+        """Return the costs (n,) at the noise (n, N nu), in the order of steps."""
         n, system = len(noise), self.problem.system
-        given = np.ascontiguousarray(noise.reshape(n, self.problem.N, system.nu))
-        return self._rolled(n, 0, noise=given, gradient=False).cost
+        noise_per_step = np.ascontiguousarray(noise.reshape(n, self.problem.N, system.nu))
+        return self._roll_out(n, 0, noise=noise_per_step, gradient=False).cost
 
-    def nominal(self) -> float:
-        """Cost without noise, its mean over scenarios."""
+    def nominal_cost(self) -> float:
+        """Return the mean cost over the scenarios without noise."""
         return float(self.costs(np.zeros((self.problem.scenarios.n, self.n_noise))).mean())
 
-    def slope(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
-        """Mean cost over the scenarios, without noise, at ``theta``, and its gradient."""
+    def cost_and_gradient(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return the mean cost over the scenarios without noise at ``theta``, and its gradient."""
         shaped = theta.reshape(self._policy.shape(self.problem.N))
-        found = self._rolled(self.problem.scenarios.n, 0, theta=shaped)
-        gradient = found.gradient.reshape(len(found.cost), -1)
-        return float(found.cost.mean()), gradient.mean(axis=0)
+        rollouts = self._roll_out(self.problem.scenarios.n, 0, theta=shaped)
+        gradient = rollouts.gradient.reshape(len(rollouts.cost), -1)
+        return float(rollouts.cost.mean()), gradient.mean(axis=0)
 
-    def scored(self, noise: Gaussian, n: int) -> CostSamples:
-        """Costs and ``sum_t D_theta pi(x_t)' w_t / sigma^2``."""
-        found = self._rolled(n, noise.first, noise=noise, gradient=False, score=True)
-        return CostSamples(found.cost, found.score.reshape(n, -1))
+    def sample_scores(self, noise: Gaussian, n: int) -> CostSamples:
+        """Return the costs and ``sum_t D_theta pi(x_t)' w_t / sigma^2``."""
+        rollouts = self._roll_out(n, noise.first, noise=noise, gradient=False, score=True)
+        return CostSamples(rollouts.cost, rollouts.score.reshape(n, -1))
 
-    def differentiated(self, noise: Gaussian, n: int) -> CostSamples:
-        """Costs and their exact gradients through contact."""
-        found = self._rolled(n, noise.first, noise=noise)
-        return CostSamples(found.cost, found.gradient.reshape(n, -1))
+    def sample_gradients(self, noise: Gaussian, n: int) -> CostSamples:
+        """Return the costs and their exact gradients through contact."""
+        rollouts = self._roll_out(n, noise.first, noise=noise)
+        return CostSamples(rollouts.cost, rollouts.gradient.reshape(n, -1))
 
-    def perturbed(self, noise: Gaussian, n: int) -> CostSamples:
-        """Costs of policies with disturbed parameters, which act without noise."""
+    def sample_perturbed(self, noise: Gaussian, n: int) -> CostSamples:
+        """Return the costs of policies with disturbed parameters, which act without noise."""
         d = len(self.theta)
-        e = noise.draw(n, 1, d)[:, 0]
-        theta = (self.theta + e).reshape(n, *self._policy.shape(self.problem.N))
-        found = self._rolled(n, noise.first, theta=theta, gradient=False)
+        disturbance = noise.draw(n, 1, d)[:, 0]
+        theta = (self.theta + disturbance).reshape(n, *self._policy.shape(self.problem.N))
+        rollouts = self._roll_out(n, noise.first, theta=theta, gradient=False)
         acts = self._forward.acting[1].ravel()
-        return CostSamples(found.cost, acts * e / noise.scales(d) ** 2)
+        return CostSamples(rollouts.cost, acts * disturbance / noise.scales(d) ** 2)
 
     def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
-        """Moments computed inside the kernel that rolls out and draws the noise."""
-        found = without_warnings(
+        """Return moments computed inside the kernel that rolls out and draws the noise."""
+        sums = without_warnings(
             self._forward.moments,
             **self._arguments(n, noise.first),
             noise=noise,
@@ -99,27 +99,27 @@ class RolloutObjective(SampledObjective):
             score=order == "zeroth",
             baseline=baseline,
         )
-        part = {"cost": found.value, "zeroth": found.zeroth, "first": found.gradient}[order]
-        flat = Moments(part.n, np.ravel(part.mean), np.ravel(part.m2))
-        return flat, found.nonfinite.indices
+        moments = {"cost": sums.value, "zeroth": sums.zeroth, "first": sums.gradient}[order]
+        flat = Moments(moments.n, np.ravel(moments.mean), np.ravel(moments.m2))
+        return flat, sums.nonfinite.indices
 
-    def _rolled(self, n: int, first: int, **how: Any) -> Any:
-        return without_warnings(self._forward, **self._arguments(n, first) | how)
+    def _roll_out(self, n: int, first: int, **options: Any) -> Any:
+        return without_warnings(self._forward, **self._arguments(n, first) | options)
 
     def _arguments(self, n: int, first: int) -> dict[str, Any]:
         problem = self.problem
         physical = problem.parameters.pack(self.parameters)
         x0 = problem.initial_states(physical)
         rows = (first + np.arange(n)) % len(x0)
-        call: dict[str, Any] = {
+        arguments: dict[str, Any] = {
             "n_samples": n,
             "x0": x0[rows] if len(x0) > 1 else x0[0],
             "theta": self.theta.reshape(self._policy.shape(problem.N)),
             "p": self.values,
         }
         if problem.uses_du:
-            call["u_before"] = np.array(problem.limits(physical)[1]).ravel()
-        return call
+            arguments["u_before"] = np.array(problem.limits(physical)[1]).ravel()
+        return arguments
 
     def _guess(self, shape: tuple[int, ...]) -> np.ndarray:
         physical = self.problem.parameters.pack(self.parameters)
@@ -142,16 +142,16 @@ class RolloutObjective(SampledObjective):
         if not self._compiled:
             problem, p = self.problem, self.step.p.vector
             x, u = problem.system.x, problem.system.u
-            extra = {} if problem.du is None else {"du": problem.du}
-            extra |= {"lam": problem.system.lam} if problem.uses_impulses else {}
-            given = {"x": x, "u": u, **extra, "p": p}
+            optional_arguments = {} if problem.du is None else {"du": problem.du}
+            optional_arguments |= {"lam": problem.system.lam} if problem.uses_impulses else {}
+            arguments = {"x": x, "u": u, **optional_arguments, "p": p}
             stage = [_dense(problem.stage_cost)]
             costs: tuple[Callable[..., Any], ...] = (
-                ca.Function("stage_cost", [*given.values()], stage, [*given], ["cost"]),
+                ca.Function("stage_cost", [*arguments.values()], stage, [*arguments], ["cost"]),
                 ca.Function("terminal_cost", [x, p], [_dense(problem.terminal_cost)]),
             )
-            made = RolloutFunction(self.step, *costs, problem.N, self._policy, **self._engine)
-            self._compiled.append(made)
+            rollout = RolloutFunction(self.step, *costs, problem.N, self._policy, **self._engine)
+            self._compiled.append(rollout)
         return self._compiled[0]
 
 
@@ -160,17 +160,17 @@ def _dense(cost: ca.SX | float) -> ca.SX:
 
 
 def _decision(problem: Problem, policy: Policy, shape: tuple[int, ...]) -> tuple[Signal, ...]:
-    """Names of theta's components: ``u[3]``, or ``K[3].u.x`` and ``k[3].u``."""
+    """Return theta's components by name: ``u[3]``, or ``K[3].u.x`` and ``k[3].u``."""
     system = problem.system
     if isinstance(policy, OpenLoop):
-        row = [(s.name, s.unit) for s in system.inputs]
-        return tuple(Signal(f"{n}[{t}]", unit) for t in range(shape[0]) for n, unit in row)
+        input_units = [(s.name, s.unit) for s in system.inputs]
+        return tuple(Signal(f"{n}[{t}]", unit) for t in range(shape[0]) for n, unit in input_units)
     gains = [(f".{u.name}.{x.name}", f"{u.unit}/({x.unit})") for u in system.inputs for x in system.states]
     offsets = [(f".{u.name}", u.unit) for u in system.inputs]
     steps = [f"[{t}]" for t in range(shape[0])] if len(shape) == 2 else [""]
     return tuple(
-        Signal(f"{head}{step}{tail}", unit)
+        Signal(f"{symbol}{step}{suffix}", unit)
         for step in steps
-        for head, row in (("K", gains), ("k", offsets))
-        for tail, unit in row
+        for symbol, entries in (("K", gains), ("k", offsets))
+        for suffix, unit in entries
     )

@@ -1,4 +1,4 @@
-"""One estimator run over its samples, moments as they come; the gradient it is held against."""
+"""Runs of one estimator over its samples, and the reference gradient that they are judged against."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ import numpy as np
 
 from dynamics.batch import Gaussian, Moments
 from ocp.errors import InputError
-from ocp.gradients.chunks import CHUNK, Chunk, chunks, mean_cost, mean_of
+from ocp.gradients.chunks import CHUNK, Chunk, iterate_chunks, mean_cost, mean_of_chunks
 from ocp.gradients.estimators import SAMPLED, Estimator
 from ocp.gradients.objective import SampledObjective, StaticObjective
 from ocp.store.checkpoint import Checkpoint
 
-_KEPT_VALUES = 1 << 20
-
+_MAX_KEPT_VALUES = 1 << 20
+"""Number of values, samples times components, from which on samples are no longer kept singly."""
 CheckpointKey = tuple[Checkpoint, str]
-"""Where sums under way are kept, and under which key."""
+"""Checkpoint in which unfinished sums are saved, and their key."""
 Progress = Callable[[int], None]
 """Called with the number of samples done since the last call."""
 
 
 class Workers(Protocol):
-    """What computes chunks elsewhere."""
+    """Workers that sum chunks elsewhere."""
 
     def chunks(self, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int) -> Iterator[Chunk]:
-        """Chunks of n samples from ``first`` to ``last``; of the costs without an estimator."""
+        """Yield the chunks of samples ``first`` to ``last`` of n; of the costs without an estimator."""
         ...
 
 
@@ -54,10 +54,10 @@ def run_estimator(
     keep: CheckpointKey | None = None,
     workers: Workers | None = None,
 ) -> EstimatorRun:
-    """Sample ``n`` estimates, merging the moments of chunks in their order (Welford, Chan).
+    """Sample ``n`` estimates, merging the moments of chunks in order (Welford, Chan).
 
     The chunks do not depend on threads, block size or ``workers``, so neither does any bit of the
-    answer. With ``keep`` the sums so far are saved now and then, and a later call resumes.
+    result. With ``keep`` the sums are saved at intervals, and a later call resumes.
     """
     sums = _Sums(len(objective.theta))
     if keep is not None:
@@ -65,12 +65,12 @@ def run_estimator(
     if progress is not None and sums.done:
         progress(sums.done)
     if sums.done < n:
-        for size in _advance(sums, objective, estimator, noise, n, workers):
+        for n_new in _advance(sums, objective, estimator, noise, n, workers):
             if progress is not None:
-                progress(size)
+                progress(n_new)
             if keep is not None and (sums.done == n or keep[0].due()):
                 sums.save(keep)
-    return EstimatorRun(sums.total, sums.largest, np.concatenate(sums.kept), np.concatenate(sums.nonfinite))
+    return EstimatorRun(sums.total, sums.largest, np.concatenate(sums.kept_samples), np.concatenate(sums.nonfinite))
 
 
 def _advance(
@@ -81,48 +81,48 @@ def _advance(
     n: int,
     workers: Workers | None,
 ) -> Iterator[int]:
-    """Take all samples in and yield their numbers: one by one while they are kept, then chunks."""
+    """Add all samples and yield their numbers: singly while they are kept, then in chunks."""
 
-    def of_all() -> float:
+    def mean_of_all() -> float:
         if workers is None:
             return mean_cost(objective, noise, n)
-        return mean_of(workers.chunks(None, noise, 0, n, n))
+        return mean_of_chunks(workers.chunks(None, noise, 0, n, n))
 
-    estimator = estimator.with_baseline(objective, of_all)
-    sampler = estimator.sampler(objective, noise, n)
-    while sums.keeps and sums.done < n:
+    estimator = estimator.with_baseline(objective, mean_of_all)
+    sampler = estimator.make_sampler(objective, noise, n)
+    while sums.keeps_samples and sums.done < n:
         yield sums.keep(sampler.single(noise.after(sums.done), min(CHUNK, n - sums.done)))
     if workers is None:
-        left = chunks(sampler, noise, sums.done, n)
+        remaining_chunks = iterate_chunks(sampler, noise, sums.done, n)
     else:
-        left = workers.chunks(estimator, noise, sums.done, n, n)
-    for chunk in left:
+        remaining_chunks = workers.chunks(estimator, noise, sums.done, n, n)
+    for chunk in remaining_chunks:
         sums.add(chunk)
         yield chunk.size
 
 
 class _Sums:
-    """What is kept of the samples done so far; saved and restored without losing a bit."""
+    """Sums over the samples done so far; saving and restoring them is exact."""
 
     def __init__(self, d: int) -> None:
         self.done, self.largest = 0, 0.0
         self.total = Moments(0, np.zeros(d), np.zeros(d))
-        self.kept = [np.empty((0, d))]
+        self.kept_samples = [np.empty((0, d))]
         self.nonfinite = [np.empty(0, dtype=np.int64)]
 
     def keep(self, values: np.ndarray) -> int:
-        """Take the next single estimates (m, d) in, and keep them; return m."""
-        self.kept.append(values[np.isfinite(values).all(axis=1)])
+        """Add the next single estimates (m, d) and keep the finite ones; return m."""
+        self.kept_samples.append(values[np.isfinite(values).all(axis=1)])
         self.add(Chunk.of(values))
         return len(values)
 
     @property
-    def keeps(self) -> bool:
-        """Whether samples are still kept one by one."""
-        return self.done * len(self.total.mean) < _KEPT_VALUES
+    def keeps_samples(self) -> bool:
+        """Whether samples are still kept singly."""
+        return self.done * len(self.total.mean) < _MAX_KEPT_VALUES
 
     def add(self, chunk: Chunk) -> None:
-        """Take the next chunk in."""
+        """Add the next chunk."""
         if len(chunk.nonfinite):
             self.nonfinite.append(self.done + chunk.nonfinite)
         self.total = self.total.merged(chunk.moments)
@@ -130,7 +130,7 @@ class _Sums:
         self.done += chunk.size
 
     def save(self, keep: CheckpointKey) -> None:
-        """Write the sums."""
+        """Save the sums."""
         checkpoint, key = keep
         checkpoint.save_state(
             key,
@@ -139,32 +139,37 @@ class _Sums:
             n=self.total.n,
             mean=self.total.mean,
             m2=self.total.m2,
-            kept=np.concatenate(self.kept),
+            kept=np.concatenate(self.kept_samples),
             nonfinite=np.concatenate(self.nonfinite),
         )
 
     def restore(self, keep: CheckpointKey) -> None:
-        """Go on from sums that were written, where there are any."""
+        """Restore saved sums, if there are any."""
         checkpoint, key = keep
-        found = checkpoint.state(key)
-        if found is None:
+        state = checkpoint.state(key)
+        if state is None:
             return
-        self.done, self.largest = int(found["done"]), float(found["largest"])
-        self.total = Moments(int(found["n"]), found["mean"], found["m2"])
-        self.kept, self.nonfinite = [found["kept"]], [found["nonfinite"]]
+        self.done, self.largest = int(state["done"]), float(state["largest"])
+        self.total = Moments(int(state["n"]), state["mean"], state["m2"])
+        self.kept_samples, self.nonfinite = [state["kept"]], [state["nonfinite"]]
 
 
 REFERENCE_STREAM = 3
-KINDS = ("auto", "closed-form", "quadrature", "zobg", "none")
-_POINTS, _REACH = 1 << 21, 9.0
+"""Number of the random stream of the reference."""
+REFERENCE_KINDS = ("auto", "closed-form", "quadrature", "zobg", "none")
+"""Kinds of reference gradients; ``auto`` takes the first that the objective has."""
+_QUADRATURE_POINTS = 1 << 21
+"""Number of points of the midpoint rule."""
+_QUADRATURE_REACH = 9.0
+"""Half-width of the midpoint rule, in standard deviations."""
 
 
 @dataclass(frozen=True)
 class ReferenceGradient:
-    """The gradient of the smoothed objective, (d,), its standard error, and where it is from.
+    """Gradient of the smoothed objective (d,), its standard error, and its source.
 
     The error is 0 for a closed form, the numerical error of a quadrature, and the standard
-    deviation of the mean for a run; ``n_samples`` is the run's size.
+    deviation of the mean for a run of ``n_samples``.
     """
 
     gradient: np.ndarray
@@ -183,28 +188,29 @@ def reference_gradient(
     keep: CheckpointKey | None = None,
     workers: Workers | None = None,
 ) -> ReferenceGradient | None:
-    """Find the gradient: ``auto`` takes the first that there is of the kinds in their order.
+    """Return the gradient of the smoothed objective; None for the kind ``none``.
 
-    ``zobg`` samples antithetic ZoBG pairs, ``n_samples`` of them, on a stream of its own.
+    ``auto`` takes the first kind that the objective has. ``zobg`` samples ``n_samples`` antithetic
+    ZoBG pairs on a stream of its own.
 
-    Raises :class:`~ocp.errors.InputError` where the asked one cannot be.
+    Raises :class:`~ocp.errors.InputError` where the objective has no reference of that ``kind``.
     """
-    taken = reference_kind(objective, sigma, kind)
-    if taken == "none":
+    chosen_kind = reference_kind(objective, sigma, kind)
+    if chosen_kind == "none":
         return None
-    closed = objective.closed_form(sigma) if taken == "closed-form" else None
+    closed = objective.closed_form(sigma) if chosen_kind == "closed-form" else None
     if closed is not None:
         return ReferenceGradient(closed.gradient, np.zeros_like(closed.gradient), "closed form")
-    if taken == "quadrature":
+    if chosen_kind == "quadrature":
         return quadrature(objective, sigma)
-    noise = Gaussian(sigma, stream(seed, REFERENCE_STREAM))
+    noise = Gaussian(sigma, child_seed(seed, REFERENCE_STREAM))
     pairs = SAMPLED["zobg-antithetic"]
-    found = run_estimator(objective, pairs, noise, n_samples, progress, keep, workers).moments
-    return ReferenceGradient(found.mean, found.standard_error, "larger zobg run", found.n)
+    moments = run_estimator(objective, pairs, noise, n_samples, progress, keep, workers).moments
+    return ReferenceGradient(moments.mean, moments.standard_error, "larger zobg run", moments.n)
 
 
 def reference_kind(objective: SampledObjective, sigma: float, kind: str) -> str:
-    """Return ``kind``, for ``auto`` the one that is taken; ``zobg`` alone is sampled.
+    """Return ``kind``, with ``auto`` resolved; only ``zobg`` is sampled.
 
     Raises :class:`~ocp.errors.InputError` where the objective has no such reference.
     """
@@ -222,28 +228,28 @@ def reference_kind(objective: SampledObjective, sigma: float, kind: str) -> str:
     return kind
 
 
-def stream(seed: np.random.SeedSequence, number: int) -> np.random.SeedSequence:
-    """Seed of one of the independent streams that belong to ``seed``."""
+def child_seed(seed: np.random.SeedSequence, number: int) -> np.random.SeedSequence:
+    """Return the seed of one of the independent streams that belong to ``seed``."""
     return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, number))
 
 
 def quadrature(objective: SampledObjective, sigma: float) -> ReferenceGradient:
     """``grad F = E[f(theta + w) w]/sigma^2`` by the midpoint rule over 9 sigma either side.
 
-    The error told is the larger of the difference to the rule of half as many points and of what
-    the sharpest jump can do, an interval times its height.
+    Its error is the larger of the difference to the rule of half as many points and of the
+    effect of the sharpest jump, an interval times its height.
 
     Raises :class:`~ocp.errors.InputError` unless the decision is one number with noise added to it.
     """
     reference_kind(objective, sigma, "quadrature")
 
     def rule(points: int) -> tuple[float, float]:
-        t = _REACH * (2 * (np.arange(points) + 0.5) / points - 1)
+        t = _QUADRATURE_REACH * (2 * (np.arange(points) + 0.5) / points - 1)
         density = np.exp(-(t**2) / 2) / np.sqrt(2 * np.pi)
-        values = objective.costs((sigma * t)[:, None]) - objective.nominal()
-        parts = values * t * density * (2 * _REACH / points) / sigma
-        return float(parts.sum()), float(np.abs(np.diff(parts)).max())
+        values = objective.costs((sigma * t)[:, None]) - objective.nominal_cost()
+        terms = values * t * density * (2 * _QUADRATURE_REACH / points) / sigma
+        return float(terms.sum()), float(np.abs(np.diff(terms)).max())
 
-    (fine, sharpest), (coarse, _) = rule(_POINTS), rule(_POINTS // 2)
+    (fine, sharpest), (coarse, _) = rule(_QUADRATURE_POINTS), rule(_QUADRATURE_POINTS // 2)
     error = max(abs(fine - coarse), sharpest)
     return ReferenceGradient(np.array([fine]), np.array([error]), "quadrature")

@@ -1,4 +1,4 @@
-"""Estimate gradients along a parameter, point by point, and go on where a run was stopped."""
+"""Gradient estimates along a parameter, point by point; an interrupted run resumes."""
 
 from __future__ import annotations
 
@@ -23,31 +23,34 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Build = Callable[[dict[str, float]], SampledObjective]
-"""Makes the objective at changed values of what shapes it, such as its horizon."""
-_MANY, _PROBE = 3e9, 1 << 11
-"""Noise numbers from which on a study is timed beforehand, and the samples that this takes."""
-OF_THE_PLAN = ("sigma", "samples")
+"""Function that builds the objective at other values of structural parameters, such as its horizon."""
+_MIN_TIMED_NUMBERS = 3e9
+"""Number of random numbers from which on a study is timed beforehand."""
+_PROBE_SAMPLES = 1 << 11
+"""Number of samples by which a study is timed."""
+SAMPLING_AXES = ("sigma", "samples")
+"""Axes of a sweep over the sampling rather than over the objective."""
 
 
 def read_sweep(text: str) -> Axis:
-    """Read values of a parameter, one of :data:`OF_THE_PLAN`, or a component of the decision.
+    """Parse the values of a parameter, of one of :data:`SAMPLING_AXES`, or of a decision's component.
 
-    ``problem.sigma`` is the problem's parameter of that name.
+    ``problem.sigma`` is the problem's parameter of that name, ``sigma`` the sampling's.
 
     Raises :class:`~ocp.errors.InputError` as :func:`~ocp.validation.spaced` does.
     """
-    found = spaced("--sweep", text)
-    if found.name != "samples":
-        return found
-    values = tuple(np.unique(np.rint(found.values)).tolist())
+    axis = spaced("--sweep", text)
+    if axis.name != "samples":
+        return axis
+    values = tuple(np.unique(np.rint(axis.values)).tolist())
     for value in values:
         check_samples(value)
-    return replace(found, values=values)
+    return replace(axis, values=values)
 
 
 @dataclass(frozen=True)
 class SweepProgress:
-    """How far a study is: samples ``done`` of ``total``, and points finished of all."""
+    """Progress of a study: samples ``done`` of ``total``, and finished points of all points."""
 
     done: int
     total: int
@@ -57,11 +60,11 @@ class SweepProgress:
 
 
 class SweepRun:
-    """A study under way. :meth:`run` does what is left; ``rows`` holds the finished points.
+    """A study: :meth:`run` computes the unfinished points; ``rows`` holds the finished ones.
 
     Point i draws from the streams ``SeedSequence(seed, spawn_key=(i,))``, so that points are
-    independent of each other and of how often the study was stopped. ``workers`` maps what of the
-    objective is changed at a point to what samples it elsewhere.
+    independent of each other and of how often the study was interrupted. ``workers`` maps a
+    point's swept value by name to the workers that sample its objective.
     """
 
     def __init__(
@@ -75,104 +78,104 @@ class SweepRun:
     ) -> None:
         self._workers = workers
         self.sampling, self.sweep, self._checkpoint = sampling, sweep, checkpoint
-        self._tasks = _points_of(objective, sampling, sweep, build)
+        self._tasks = _point_tasks(objective, sampling, sweep, build)
         self.rows: list[list[dict[str, Any]]] = []
         self.resumed = 0
 
     @property
-    def widest(self) -> SampledObjective:
-        """The objective of the point whose decision has the most components."""
-        return max((task[0] for task in self._tasks), key=lambda found: len(found.decision))
+    def widest_objective(self) -> SampledObjective:
+        """Objective of the point whose decision has the most components."""
+        return max((task[0] for task in self._tasks), key=lambda objective: len(objective.decision))
 
     @property
     def finished(self) -> bool:
-        """Whether every point is done."""
+        """Whether every point is finished."""
         return len(self.rows) == len(self._tasks)
 
     @property
-    def samples(self) -> int:
-        """Samples at all points, those of references too."""
-        return sum(self._sizes)
+    def n_samples(self) -> int:
+        """Number of samples at all points, including those of references."""
+        return sum(self._samples_per_point)
 
     @cached_property
-    def _sizes(self) -> list[int]:
-        """Samples at each point."""
-        return [_size(*task) for task in self._tasks]
+    def _samples_per_point(self) -> list[int]:
+        """Number of samples at each point."""
+        return [_samples_of_point(*task) for task in self._tasks]
 
-    def seconds(self) -> float:
-        """Time that all samples take, from a probe where they are many; 0 where they are few."""
-        most = self._tasks[int(np.argmax(self._sizes))]
-        if self.samples * max(1, most[0].n_noise) < _MANY:
+    def predict_seconds(self) -> float:
+        """Return the predicted run time [s] of a study with many samples; 0 if they are few."""
+        largest_task = self._tasks[int(np.argmax(self._samples_per_point))]
+        if self.n_samples * max(1, largest_task[0].n_noise) < _MIN_TIMED_NUMBERS:
             return 0.0
-        return self.samples * _probed(*most)
+        return self.n_samples * _seconds_per_sample(*largest_task)
 
     def run(self, progress: Callable[[SweepProgress], None] | None = None) -> None:
-        """Estimate at all points that are not finished, in their order."""
-        sizes = self._sizes
-        saved = self._checkpoint
+        """Estimate at all unfinished points, in order."""
+        sizes = self._samples_per_point
+        checkpoint = self._checkpoint
         for i, (objective, sampling) in enumerate(self._tasks):
-            before = [sum(sizes[:i])]
+            samples_done = [sum(sizes[:i])]
 
-            def note(samples: int, i: int = i, before: list[int] = before) -> None:
-                before[0] += samples
+            def report_samples(samples: int, i: int = i, samples_done: list[int] = samples_done) -> None:
+                samples_done[0] += samples
                 if progress is not None:
-                    told = SweepProgress(before[0], sum(sizes), i, len(sizes), self.resumed)
-                    progress(told)
+                    state = SweepProgress(samples_done[0], sum(sizes), i, len(sizes), self.resumed)
+                    progress(state)
 
-            rows = saved.rows(i) if saved is not None else None
+            rows = checkpoint.rows(i) if checkpoint is not None else None
             if rows is None:
                 seed = np.random.SeedSequence(self.sampling.seed, spawn_key=(i,))
-                keep = None if saved is None else (saved, f"{i:05d}")
+                checkpoint_key = None if checkpoint is None else (checkpoint, f"{i:05d}")
                 value = None if self.sweep is None else self.sweep.values[i]
-                workers = self._workers and self._workers(self._changed(value))
-                found = run_sampling(sampling, objective, seed, note, keep, workers)
-                at = {"point": i, "value": value}
-                rows = to_json([at | estimate.row() for estimate in found.values()])
-                if saved is not None:
-                    saved.save_rows(i, rows)
+                workers = self._workers and self._workers(self._swept_value(value))
+                estimates = run_sampling(sampling, objective, seed, report_samples, checkpoint_key, workers)
+                labels = {"point": i, "value": value}
+                rows = to_json([labels | estimate.row() for estimate in estimates.values()])
+                if checkpoint is not None:
+                    checkpoint.save_rows(i, rows)
             else:
                 self.resumed += 1
             self.rows.append(rows)
 
-    def _changed(self, value: float | None) -> dict[str, float]:
-        """What of the objective is swept, and its value."""
-        if value is None or self.sweep is None or self.sweep.name in OF_THE_PLAN:
+    def _swept_value(self, value: float | None) -> dict[str, float]:
+        """Return the objective's swept value by name; empty if the sampling is swept."""
+        if value is None or self.sweep is None or self.sweep.name in SAMPLING_AXES:
             return {}
         return {self.sweep.name.removeprefix("problem."): value}
 
 
-def _points_of(
+def _point_tasks(
     objective: SampledObjective, sampling: Sampling, sweep: Axis | None, build: Build | None
 ) -> list[tuple[SampledObjective, Sampling]]:
-    """Objective and sampling at each value; what cannot be is refused beforehand."""
+    """Return objective and sampling at each value; raise InputError for impossible values."""
     if sweep is None:
         return [(objective, sampling)]
     if sweep.name == "sigma":
         return [(objective, replace(sampling, sigma=value)) for value in sweep.values]
     if sweep.name == "samples":
         return [(objective, replace(sampling, samples=int(value))) for value in sweep.values]
-    known = [*objective.parameters, *(signal.name for signal in objective.decision)]
+    names = [*objective.parameters, *(signal.name for signal in objective.decision)]
     name = sweep.name.removeprefix("problem.")
-    if name not in known and build is not None:
+    if name not in names and build is not None:
         return [(build({name: value}), sampling) for value in sweep.values]
     return [(objective.at({name: value}), sampling) for value in sweep.values]
 
 
-def _probed(objective: SampledObjective, sampling: Sampling) -> float:
-    """Seconds a sample, of the second of two batches: the first compiles."""
+def _seconds_per_sample(objective: SampledObjective, sampling: Sampling) -> float:
+    """Return the time per sample [s] of the second of two batches: the first compiles."""
     noise = Gaussian(sampling.sigma, np.random.SeedSequence(sampling.seed))
-    began = 0.0
+    start = 0.0
     for _ in range(2):
-        began = time.perf_counter()
-        if objective.moments(noise, _PROBE, "zeroth") is None:
-            objective.scored(noise, _PROBE)
-    return (time.perf_counter() - began) / _PROBE
+        start = time.perf_counter()
+        if objective.moments(noise, _PROBE_SAMPLES, "zeroth") is None:
+            objective.sample_scores(noise, _PROBE_SAMPLES)
+    return (time.perf_counter() - start) / _PROBE_SAMPLES
 
 
-def _size(objective: SampledObjective, sampling: Sampling) -> int:
+def _samples_of_point(objective: SampledObjective, sampling: Sampling) -> int:
     samples = sampling.samples * len(sampling.sampled)
     sampled = reference_kind(objective, sampling.sigma, sampling.reference) == "zobg"
-    return samples + sampled * sampling.most_reference_samples
+    return samples + sampled * sampling.n_reference_samples
 
 
 def sweep_dataset(
@@ -181,16 +184,16 @@ def sweep_dataset(
     sweep: Axis | None,
     unit: str = "1",
 ) -> xr.Dataset:
-    """Rows of finished points as arrays over (point, estimator, component), with units.
+    """Return finished points as arrays over (point, estimator, component), with units.
 
-    ``objective`` names the components; points that have fewer are filled up with NaN.
+    ``objective`` names the components; points that have fewer are padded with NaN.
     """
     import xarray as xr
 
     d = len(objective.decision)
     names = [row["estimator"] for row in rows[0]]
 
-    def stack(key: str, width: int) -> np.ndarray:
+    def stack_rows(key: str, width: int) -> np.ndarray:
         values = np.full((len(rows), len(names), width), np.nan)
         for i, point in enumerate(rows):
             for j, row in enumerate(point):
@@ -198,7 +201,7 @@ def sweep_dataset(
                 values[i, j, : entry.size] = entry
         return values
 
-    both = ("point", "estimator")
+    per_estimator = ("point", "estimator")
     units = [f"1/({s.unit})" if s.unit != "1" else "1" for s in objective.decision]
     data = xr.Dataset(
         coords={
@@ -209,28 +212,28 @@ def sweep_dataset(
     )
     shared = units[0] if len(set(units)) == 1 else "see component_unit"
     for key in ("mean", "variance", "standard_error", "reference", "reference_error"):
-        data[key] = ((*both, "component"), stack(key, d))
+        data[key] = ((*per_estimator, "component"), stack_rows(key, d))
         square = key == "variance" and shared not in ("1", "see component_unit")
         data[key].attrs["units"] = f"({shared})^2" if square else shared
     for key in ("n_samples", "evaluations", "error", "alpha", "epsilon", "gamma", "nonfinite"):
-        data[key] = (both, stack(key, 1)[..., 0], {"units": "1"})
+        data[key] = (per_estimator, stack_rows(key, 1)[..., 0], {"units": "1"})
     for key in ("beta", "beta_upper", "Delta", "S", "bound", "sharp"):
         values = [[(row["empirical_bias"] or {}).get(key) for row in point] for point in rows]
-        data[f"bias_{key}"] = (both, np.array(values, dtype=float), {"units": "1"})
-    data["verdict"] = (both, [[row["verdict"] for row in point] for point in rows])
+        data[f"bias_{key}"] = (per_estimator, np.array(values, dtype=float), {"units": "1"})
+    data["verdict"] = (per_estimator, [[row["verdict"] for row in point] for point in rows])
     if sweep is not None:
         values = [point[0]["value"] for point in rows]
         data = data.assign_coords(value=("point", values, {"units": unit, "name": sweep.name}))
     return data
 
 
-def summary(rows: Sequence[Sequence[dict[str, Any]]]) -> str:
-    """One sentence over all points: how each estimator fared."""
-    told = []
+def summarise_verdicts(rows: Sequence[Sequence[dict[str, Any]]]) -> str:
+    """Return a sentence with each estimator's verdicts over all points."""
+    sentences = []
     for j, row in enumerate(rows[0]):
         words = [short_verdict(point[j]) for point in rows]
         counts = {word: words.count(word) for word in dict.fromkeys(words)}
-        only = len(counts) == 1
-        parts = [word if only else f"{word} at {n} of {len(words)}" for word, n in counts.items()]
-        told.append(f"{row['estimator']}: {', '.join(parts)}")
-    return "; ".join(told) + "."
+        unanimous = len(counts) == 1
+        counted = [word if unanimous else f"{word} at {n} of {len(words)}" for word, n in counts.items()]
+        sentences.append(f"{row['estimator']}: {', '.join(counted)}")
+    return "; ".join(sentences) + "."

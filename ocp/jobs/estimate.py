@@ -45,12 +45,12 @@ def estimate(
         estimate("heaviside", samples=10_000, params={"theta": 0.5})["fobg"].verdict
 
     ``problem`` is an objective's or a problem's name, or the path of a problem's file. Without
-    ``sigma`` the noise is the objective's own, or a tenth of the inputs' largest scale.
-    ``theta`` is the decision: of an objective its components, of a problem the inputs or gains of
-    all steps, by default the problem's guess; ``engine`` takes
-    ``backend`` and ``threads``. Everything else is as in :class:`Sampling` and
-    :func:`ocp.solve`. With ``jobs`` > 1, or the address of a Dask ``scheduler``, samples are drawn
-    in so many processes, or on the cluster, with the same bits.
+    ``sigma`` the noise is the objective's default, or a tenth of the inputs' largest scale.
+    ``theta`` is the decision: the components of an objective, or a problem's inputs or gains at
+    all steps, by default the problem's guess; ``engine`` takes ``backend`` and ``threads``.
+    Everything else is as in :class:`Sampling` and :func:`ocp.solve`. With ``jobs`` > 1, or the
+    address of a Dask ``scheduler``, samples are drawn in that many processes, or on the cluster,
+    with bitwise the same results.
 
     Raises :class:`~ocp.errors.InputError` for unknown names, parameters out of range, and noise
     beyond 1e9 times or below 1e-9 times the default.
@@ -73,12 +73,12 @@ def estimate(
         theta,
         engine,
     )
-    named = case.build()
-    noise = named.sigma if sigma is None else sigma
+    named_objective = case.build()
+    noise = named_objective.sigma if sigma is None else sigma
     sampling = Sampling(tuple(estimators), samples, noise, seed, rules, reference, reference_samples)
-    named.check_sigma([noise])
+    named_objective.check_sigma([noise])
     # The streams of the first point of ocp estimate, so that both print the same numbers.
     streams = np.random.SeedSequence(seed, spawn_key=(0,))
-    alone = jobs == 1 and scheduler is None
-    workers = None if alone else JobWorkers(case, jobs, scheduler)
-    return run_sampling(sampling, named.objective, streams, progress, workers=workers)
+    serial = jobs == 1 and scheduler is None
+    workers = None if serial else JobWorkers(case, jobs, scheduler)
+    return run_sampling(sampling, named_objective.objective, streams, progress, workers=workers)

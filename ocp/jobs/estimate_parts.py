@@ -1,4 +1,4 @@
-"""Samples over processes or a Dask cluster, as pieces of chunks, with the same bits."""
+"""Samples drawn in processes or on a Dask cluster, bitwise as in one process."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from typing import Any
 
 from dynamics.batch import Gaussian
 from ocp.gradients.case import ObjectiveCase
-from ocp.gradients.chunks import BULK, Chunk, chunks, costs
+from ocp.gradients.chunks import BULK, Chunk, cost_sampler, iterate_chunks
 from ocp.gradients.estimators import Estimator
 from ocp.gradients.objective import SampledObjective
 from ocp.jobs.scheduling import Failure, run_jobs
 
 PIECE = 4 * BULK
-"""Samples of one job."""
+"""Number of samples per job."""
 
 
 @dataclass(frozen=True)
 class PieceJob:
-    """Samples ``first`` to ``last`` of ``n``; of the costs where there is no estimator."""
+    """Job: sums over samples ``first`` to ``last`` of ``n``; of the costs if there is no estimator."""
 
     case: ObjectiveCase
     estimator: Estimator | None
@@ -32,41 +32,41 @@ class PieceJob:
     n: int
 
 
-# Dask may do two jobs in one process, in a thread each.
-_of_thread = threading.local()
+# Local to a thread, since Dask may run two jobs in one process, each in its own thread.
+_last_objective = threading.local()
 
 
-def _kept_objective(case: ObjectiveCase) -> SampledObjective:
-    """The objective of the last job of this thread, or a new one."""
+def _cached_objective(case: ObjectiveCase) -> SampledObjective:
+    """Return the objective of this thread's last job if it is the same, or build it."""
     key = pickle.dumps(case)
-    if getattr(_of_thread, "key", None) != key:
-        _of_thread.objective, _of_thread.key = case.build().objective, key
-    return _of_thread.objective
+    if getattr(_last_objective, "key", None) != key:
+        _last_objective.objective, _last_objective.key = case.build().objective, key
+    return _last_objective.objective
 
 
 def sum_piece(job: PieceJob, report: Callable[[Any], None]) -> list[Chunk]:
     """Sum the chunks of a piece; a :data:`~ocp.jobs.scheduling.Function`."""
-    objective = _kept_objective(job.case)
-    sampler = costs(objective)
+    objective = _cached_objective(job.case)
+    sampler = cost_sampler(objective)
     if job.estimator is not None:
-        sampler = job.estimator.sampler(objective, job.noise, job.n)
-    found = []
-    for chunk in chunks(sampler, job.noise, job.first, job.last):
+        sampler = job.estimator.make_sampler(objective, job.noise, job.n)
+    summed = []
+    for chunk in iterate_chunks(sampler, job.noise, job.first, job.last):
         report(chunk.size)
-        found.append(chunk)
-    return found
+        summed.append(chunk)
+    return summed
 
 
 @dataclass(frozen=True)
 class JobWorkers:
-    """Computes chunks in ``jobs`` processes, or on the cluster of ``scheduler``."""
+    """Workers that sum chunks in ``jobs`` processes, or on the Dask cluster at ``scheduler``."""
 
     case: ObjectiveCase
     jobs: int = 1
     scheduler: str | None = None
 
     def chunks(self, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int) -> Iterator[Chunk]:
-        """Chunks of n samples from ``first`` to ``last`` in their order; raises what a job raised.
+        """Yield the chunks of samples ``first`` to ``last`` of n in order; raise a job's exception.
 
         A sample depends on its number alone, not on the worker that draws it.
         """
@@ -74,13 +74,13 @@ class JobWorkers:
             PieceJob(self.case, estimator, noise, begin, min(begin + PIECE, last), n)
             for begin in range(first, last, PIECE)
         ]
-        ended: dict[int, list[Chunk]] = {}
-        due = 0
+        finished_pieces: dict[int, list[Chunk]] = {}
+        next_place = 0
         with closing(run_jobs(sum_piece, pieces, self.jobs, self.scheduler)) as outcomes:
             for place, outcome in outcomes:
                 if isinstance(outcome, Failure):
                     raise outcome.error
-                ended[place] = outcome
-                while due in ended:
-                    yield from ended.pop(due)
-                    due += 1
+                finished_pieces[place] = outcome
+                while next_place in finished_pieces:
+                    yield from finished_pieces.pop(next_place)
+                    next_place += 1

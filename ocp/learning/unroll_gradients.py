@@ -11,7 +11,7 @@ import numpy as np
 from dynamics.batch import Episodes
 from dynamics.contact import Barrier
 from ocp.errors import InputError, choose
-from ocp.gradients.estimators import bernstein, inverse_variance
+from ocp.gradients.estimators import bernstein_distance, inverse_variance
 from ocp.learning.critic import Critic
 from ocp.learning.experiment import Experiment, at_least, positive
 from ocp.learning.protocol import Algorithm, Row, State
@@ -195,7 +195,7 @@ def mixing(first: np.ndarray, zeroth: np.ndarray, gamma: float, delta: float) ->
 
     ``alpha* = s0² / (s0² + s1²)``, the variances of both means, minimises the variance. The bias is
     at most gamma with probability 1 - delta where ``alpha B + eps <= gamma``, with the bound eps of
-    the zeroth order's mean (:func:`~ocp.gradients.estimators.bernstein`) by the largest
+    the zeroth order's mean (:func:`~ocp.gradients.estimators.bernstein_distance`) by the largest
     deviation in the batch: alpha = alpha* where that holds, (gamma - eps) / B where not, and 0
     where eps > gamma.
     """
@@ -203,7 +203,7 @@ def mixing(first: np.ndarray, zeroth: np.ndarray, gamma: float, delta: float) ->
     g1, g0 = first.mean(axis=0), zeroth.mean(axis=0)
     v1, v0 = (float(each.var(axis=0, ddof=1).sum()) for each in (first, zeroth))
     largest = float(np.linalg.norm(zeroth - g0, axis=1).max())
-    eps = bernstein(m, d, v0, largest, delta)
+    eps = bernstein_distance(m, d, v0, largest, delta)
     bias, best = float(np.linalg.norm(g1 - g0)), inverse_variance(v1 / n, v0 / m)
     if eps > gamma:
         return 0.0, bias

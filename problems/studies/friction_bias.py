@@ -124,7 +124,7 @@ def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
         assert known is not None
         seed = np.random.SeedSequence(params.seed, spawn_key=(2000 + index,))
         noise = Gaussian(params.sigma, seed)
-        samples = here.differentiated(noise, params.many).direction[:, 0]
+        samples = here.sample_gradients(noise, params.many).direction[:, 0]
         outside = np.abs(nu / 2 + noise.draw(params.many, 1, 1)[:, 0, 0]) > nu / 2
         gradient = known.gradient[0]
         rows.append((gradient, gradient * nu / 2, np.mean(samples != 0), np.abs(samples[outside]).max(initial=0)))
@@ -134,7 +134,7 @@ def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
 def _silent(objective: SampledObjective, params: Params) -> np.ndarray:
     """Share of batches of first-order samples that are all zero, (len(BATCHES),)."""
     seed = np.random.SeedSequence(params.seed, spawn_key=(3000,))
-    samples = objective.differentiated(Gaussian(params.sigma, seed), params.many).direction[:, 0]
+    samples = objective.sample_gradients(Gaussian(params.sigma, seed), params.many).direction[:, 0]
     return np.array(
         [np.mean(~np.any(samples[: len(samples) // size * size].reshape(-1, size), axis=1)) for size in BATCHES]
     )
@@ -148,7 +148,7 @@ def _stick_width() -> float:
 def _running_mean(objective: SampledObjective, name: str, params: Params) -> np.ndarray:
     estimator = SAMPLED[name]
     noise = Gaussian(params.sigma, np.random.SeedSequence(params.seed, spawn_key=(estimator.stream,)))
-    samples = estimator.sampler(objective, noise, params.n_samples).single(noise, params.n_samples)
+    samples = estimator.make_sampler(objective, noise, params.n_samples).single(noise, params.n_samples)
     return np.cumsum(samples[:, 0]) / np.arange(1, params.n_samples + 1)
 
 

@@ -110,12 +110,12 @@ class ThrownBall(SampledObjective):
             state = self._move(state)
         return -state[:, 0]
 
-    def scored(self, noise: Gaussian, n: int) -> CostSamples:
+    def sample_scores(self, noise: Gaussian, n: int) -> CostSamples:
         """Costs, and w / sigma²."""
         w = noise.draw(n, 1, 1)[:, 0]
         return CostSamples(self.costs(w), w / noise.scales(1) ** 2)
 
-    def differentiated(self, noise: Gaussian, n: int) -> CostSamples:
+    def sample_gradients(self, noise: Gaussian, n: int) -> CostSamples:
         """Costs, and derivatives through every impact."""
         state, tangent = self._start(self.theta + noise.draw(n, 1, 1)[:, 0, 0])
         for _ in range(self._steps):
@@ -165,7 +165,7 @@ def _shrinking(params: Params, corner: float) -> dict:
     width = params.width / 2.0 ** np.arange(_HALVINGS)
     at_flat = thrown(params, False).at({"theta": corner})
     noise = Gaussian(params.sigma, np.random.SeedSequence(params.seed, spawn_key=(_HALVINGS,)))
-    smooth = 1.02 * float(np.abs(at_flat.differentiated(noise, params.n_samples).direction).max())
+    smooth = 1.02 * float(np.abs(at_flat.sample_gradients(noise, params.n_samples).direction).max())
     rows = []
     for index, value in enumerate(width):
         ball = thrown(params, True, float(value)).at({"theta": corner})

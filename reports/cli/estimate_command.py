@@ -17,7 +17,7 @@ from ocp.gradients.estimation import Sampling
 from ocp.gradients.estimators import RULES
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.sampling import reference_kind
-from ocp.gradients.sweep import OF_THE_PLAN, SweepRun, read_sweep, summary, sweep_dataset
+from ocp.gradients.sweep import SAMPLING_AXES, SweepRun, read_sweep, summarise_verdicts, sweep_dataset
 from ocp.jobs.estimate_parts import JobWorkers
 from ocp.problem.resources import check_time
 from ocp.store.checkpoint import Checkpoint
@@ -99,7 +99,7 @@ class EstimateRequest:
             "sigma": sampling.sigma,
             "seed": sampling.seed,
             "reference": sampling.reference,
-            "reference_samples": sampling.most_reference_samples,
+            "reference_samples": sampling.n_reference_samples,
             "rules": {rule.name: vars(rule) for rule in sampling.rules},
             "sweep": None if swept is None else {"name": swept.name, "values": swept.values},
             "source": None if path is None else str(path),
@@ -204,7 +204,7 @@ def _policy_settings(options: EstimateOptions) -> dict[str, str]:
 
 def _swept_parameter(swept: Axis, spec: ObjectiveSpec | ProblemSpec) -> str:
     """Return the problem's parameter that is swept, "" where it is the noise or sample count."""
-    of_noise = isinstance(spec, ProblemSpec) and swept.name in OF_THE_PLAN
+    of_noise = isinstance(spec, ProblemSpec) and swept.name in SAMPLING_AXES
     return "" if of_noise else swept.name.removeprefix("problem.")
 
 
@@ -294,7 +294,7 @@ def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoi
         request.rebuilt,
         request.workers,
     )
-    what, seconds = f"{study.samples:.3g} samples of {request.spec.name}", study.seconds()
+    what, seconds = f"{study.n_samples:.3g} samples of {request.spec.name}", study.predict_seconds()
     check_time(what, seconds)
     options.output.announce(what, seconds)
     return request, study, checkpoint
@@ -315,7 +315,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
                 raise
             interrupted = True
         meta = _meta(request, study)
-        data = sweep_dataset(study.widest, study.rows, request.sweep, request.unit())
+        data = sweep_dataset(study.widest_objective, study.rows, request.sweep, request.unit())
         problem = getattr(request.objective, "problem", None)
         parts = {} if problem is None else store.problem_part(problem)
         stored = store.write(options.out, request.spec.name, data, meta, parts)
@@ -353,5 +353,5 @@ def _meta(request: EstimateRequest, study: SweepRun) -> dict[str, Any]:
         },
         "estimates": [row for point in study.rows for row in point],
         "status": "done" if study.finished else "stopped",
-        "verdict": summary(study.rows),
+        "verdict": summarise_verdicts(study.rows),
     }

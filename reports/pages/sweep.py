@@ -8,8 +8,8 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from ocp.errors import InputError
-from ocp.gradients.sweep import OF_THE_PLAN
-from ocp.gradients.verdict import WIDE, short_verdict, weakest_verdict
+from ocp.gradients.sweep import SAMPLING_AXES
+from ocp.gradients.verdict import TOO_WIDE, short_verdict, weakest_verdict
 from ocp.jobs.sweep import rows
 from ocp.store.stored_run import StoredRun
 from problems.plugin import spec_of
@@ -76,7 +76,7 @@ def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
 _GRADES = {
     "unbiased within the interval": "survives",
     "no reference": "certified",
-    WIDE: "certified",
+    TOO_WIDE: "certified",
     "empirically biased at this sample size": "failed",
     "biased": "failed",
 }
@@ -90,7 +90,7 @@ def estimate_page(run: StoredRun, own: ProblemSpec | None = None) -> Page:
     rows = meta["estimates"]
     content = described(run, spec, run.record["params"])
     # Of a rollout sigma and samples are those of the noise; the problem may have others.
-    noise = swept and swept["name"] in OF_THE_PLAN and run.record.get("contact")
+    noise = swept and swept["name"] in SAMPLING_AXES and run.record.get("contact")
     varied = swept["name"].removeprefix("problem.") if swept and not noise else ""
     parameters = [row for row in content["parameters"] if row[0] != varied]
     content |= {

@@ -102,7 +102,7 @@ def test_the_object_has_no_gradient_from_a_start_without_contact(name, backend):
     """Nothing that the actuators do in a plan of two steps from rest reaches the object."""
     problem = problems.get(name, N=2, w_a=0.0, w_du=0.0)
     objective = RolloutObjective(problem, Exact(), Feedback(), backend=backend, threads=1)
-    cost, gradient = objective.slope(objective.theta)
+    cost, gradient = objective.cost_and_gradient(objective.theta)
     assert cost > 1
     assert np.all(gradient == 0.0)
 

@@ -39,7 +39,7 @@ def sweep_decision(
     for index, at in enumerate(theta):
         here = objective.at({objective.decision[0].name: float(at)})
         cost = here.costs(w[:, None])
-        middle = here.nominal()
+        middle = here.nominal_cost()
         # Independent streams for every point, so that errors show as scatter, not as an offset.
         found = [sampled.moments for sampled in both_orders(here, sigma, n, seed, index)]
         rows.append(

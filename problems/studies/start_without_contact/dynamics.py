@@ -117,8 +117,8 @@ def descend(problem: Problem, law: ContactLaw, rate: float, iterations: int) -> 
     # One rollout at a time: interpreted graphs lose less than arrays of one sample do.
     own = {} if isinstance(law, Exact) else {"backend": "casadi", "threads": 1}
     model = RolloutObjective(problem, law, Feedback(), **own)
-    steps = islice(adam(model.slope, model.theta, rate), iterations + 1)
-    kept = [(cost, exact.slope(theta)[0], theta) for i, (theta, cost) in enumerate(steps) if i % EVERY == 0]
+    steps = islice(adam(model.cost_and_gradient, model.theta, rate), iterations + 1)
+    kept = [(cost, exact.cost_and_gradient(theta)[0], theta) for i, (theta, cost) in enumerate(steps) if i % EVERY == 0]
     planned, replayed, thetas = zip(*kept, strict=True)
     states = replay(problem, gains_of(problem, thetas[-1]))
     return {"model": np.array(planned), "exact": np.array(replayed), "states": states}

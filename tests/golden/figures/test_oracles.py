@@ -203,7 +203,7 @@ def test_drop_is_a_step_and_pivot_keeps_angular_momentum() -> None:
 @pytest.mark.parametrize("dome", [False, True])
 def test_a_thrown_ball_is_mirrored_and_differentiated(dome: bool) -> None:
     ball = ThrownBall(Wall(1.5, 0.05, 0.5, dome), 5.0, 9.81, 0.005, 80).at({"theta": 0.7})
-    found = ball.differentiated(Gaussian(0.02, 0), 400)
+    found = ball.sample_gradients(Gaussian(0.02, 0), 400)
     w = Gaussian(0.02, 0).draw(400, 1, 1)[:, 0]
     difference = (ball.costs(w + 1e-7) - ball.costs(w - 1e-7)) / 2e-7
     # A sample within 1e-7 of a kink is none of the 400.

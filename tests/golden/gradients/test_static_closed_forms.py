@@ -152,8 +152,8 @@ def test_alpha_weighs_the_first_order():
     infeasible = Evidence(100, 1, 1.0, 1.0, 0.5, 1.0, 0.0)
     n = 2 * math.log(2 / 0.05) / 0.36  # epsilon = 0.6 with variance 1 and no deviation
     exact = Evidence(n, 1, 1.0, 1.0, 0.5, 1.0, 0.0)
-    assert ConfidenceTest(gamma=0.5).choose(exact).alpha == 1 - 1.0
-    assert ConfidenceTest(gamma=0.5).choose(infeasible).alpha > 0
+    assert ConfidenceTest(gamma=0.5).choose_weight(exact).alpha == 1 - 1.0
+    assert ConfidenceTest(gamma=0.5).choose_weight(infeasible).alpha > 0
     alpha = inverse_variance(first_variance=0.5, zeroth_variance=3.0)
     np.testing.assert_allclose(alpha, 3 / 3.5)
     least = alpha**2 * 0.5 + (1 - alpha) ** 2 * 3

@@ -101,7 +101,7 @@ def test_no_estimators_variance_grows_with_idle_inputs(name: str, kind: str) -> 
     n, found = 2000, []
     for idle in (0, MANY):
         objective, noise = OBJECTIVES[kind](idle), Gaussian(SIGMA, seed=3 + idle)
-        singles = SAMPLED[name].sampler(objective, noise, n).single(noise, n)
+        singles = SAMPLED[name].make_sampler(objective, noise, n).single(noise, n)
         first = np.arange(1 + idle) == 0
         assert not singles[:, ~np.resize(first, singles.shape[1])].any()
         found.append(variance(singles))

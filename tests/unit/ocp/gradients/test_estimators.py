@@ -14,7 +14,7 @@ from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError
 from ocp.gradients import RolloutObjective, StaticObjective, estimate_gradient, sampling
 from ocp.gradients.estimators import SAMPLED, ConfidenceTest, FixedWeight
-from ocp.gradients.verdict import empirical_bias, sharpest_change
+from ocp.gradients.verdict import empirical_bias, find_sharpest_change
 from ocp.problem.policy import Feedback, OpenLoop
 from problems import get, names
 from problems.registry import objective_spec
@@ -84,7 +84,7 @@ def test_mirrored_noise_is_the_noise_turned_round(policy):
     objective.theta = objective.theta + 0.1 * rng.standard_normal(len(objective.theta))
     noise = Gaussian(0.2, seed=3)
     drawn = noise.draw(20, 5, 2).reshape(20, -1)
-    mirrored = objective.scored(noise.mirrored(), 20)
+    mirrored = objective.sample_scores(noise.mirrored(), 20)
     np.testing.assert_allclose(mirrored.cost, objective.costs(-drawn), rtol=1e-11)
     if isinstance(policy, OpenLoop):
         np.testing.assert_allclose(mirrored.direction, -drawn / 0.04, rtol=1e-11)
@@ -93,7 +93,7 @@ def test_mirrored_noise_is_the_noise_turned_round(policy):
         K = objective.problem.system.nx * 2
         got = mirrored.direction.reshape(20, -1, K + 2)[:, :, K:].sum(axis=1)
         np.testing.assert_allclose(got, -drawn.reshape(20, 5, 2).sum(axis=1) / 0.04, atol=1e-9)
-        straight = objective.scored(noise, 20).direction
+        straight = objective.sample_scores(noise, 20).direction
         assert np.abs(straight + mirrored.direction).max() > 1e-3
 
 
@@ -126,7 +126,7 @@ def test_first_order_gradients_equal_differences(name, backend):
     objective.theta = objective.theta + 0.2 * scale * rng.standard_normal(len(objective.theta))
     noise = Gaussian(0.1 * scale, seed=2)
     n = 3
-    gradient = objective.differentiated(noise, n).direction
+    gradient = objective.sample_gradients(noise, n).direction
     drawn = noise.draw(n, objective.problem.N, objective.problem.system.nu).reshape(n, -1)
     difference = np.empty_like(gradient)
     for k in range(gradient.shape[1]):
@@ -187,7 +187,7 @@ def test_evolution_strategies_equal_pairs_in_open_loop_and_smooth_gains_under_fe
 @pytest.mark.costly
 @pytest.mark.parametrize("kept", [1, 1 << 20])
 def test_bits_depend_on_neither_threads_nor_blocks_and_follow_the_seed(kept, monkeypatch):
-    monkeypatch.setattr(sampling, "_KEPT_VALUES", kept)
+    monkeypatch.setattr(sampling, "_MAX_KEPT_VALUES", kept)
     answers = []
     for threads, block in ((1, 8), (2, 8), (1, 64), (2, 64)):
         for objective in (
@@ -206,8 +206,8 @@ def test_bits_depend_on_neither_threads_nor_blocks_and_follow_the_seed(kept, mon
 
 def test_first_samples_of_a_larger_run_are_the_same():
     objective = rollout()
-    few = SAMPLED["fobg"].sampler(objective, Gaussian(0.1, 0), 10).single(Gaussian(0.1, 0), 10)
-    many = SAMPLED["fobg"].sampler(objective, Gaussian(0.1, 0), 500).single(Gaussian(0.1, 0), 500)
+    few = SAMPLED["fobg"].make_sampler(objective, Gaussian(0.1, 0), 10).single(Gaussian(0.1, 0), 10)
+    many = SAMPLED["fobg"].make_sampler(objective, Gaussian(0.1, 0), 500).single(Gaussian(0.1, 0), 500)
     np.testing.assert_array_equal(few, many[:10])
 
 
@@ -220,7 +220,7 @@ def test_orders_use_independent_samples():
         estimator = SAMPLED[name]
         child = np.random.SeedSequence(seed.entropy, spawn_key=(estimator.stream,))
         noise = Gaussian(0.3, child)
-        parts.append(estimator.sampler(objective, noise, 5000).single(noise, 5000)[:, 0])
+        parts.append(estimator.make_sampler(objective, noise, 5000).single(noise, 5000)[:, 0])
     assert abs(np.corrcoef(*parts)[0, 1]) < 0.06
 
 
@@ -261,13 +261,13 @@ def test_verdicts_tell_bias_from_empirical_bias():
 
 def test_a_jump_is_told_from_a_steep_slope():
     noise = Gaussian(0.2, 0)
-    jump = sharpest_change(objective_spec("heaviside").objective(), noise)
+    jump = find_sharpest_change(objective_spec("heaviside").objective(), noise)
     assert jump.discontinuous
     assert jump.size == 1.0
     assert jump.width < 1e-12
-    slope = sharpest_change(objective_spec("coulomb").objective({"nu": 1e-8}), noise)
+    slope = find_sharpest_change(objective_spec("coulomb").objective({"nu": 1e-8}), noise)
     assert not slope.discontinuous
-    assert not sharpest_change(rollout(law=Exact()), noise).discontinuous
+    assert not find_sharpest_change(rollout(law=Exact()), noise).discontinuous
 
 
 @pytest.mark.costly
@@ -334,8 +334,8 @@ def test_an_objective_is_turned_without_being_built_again():
     fresh = RolloutObjective(get("wall-1d", N=8, x0=0.5), Barrier(mu=1e-1))
     zeros = np.zeros((1, objective.n_noise))
     zeros[0, 2] = 0.3
-    np.testing.assert_allclose(other.nominal(), fresh.costs(zeros)[0], rtol=1e-12)
-    assert objective.nominal() != other.nominal()
+    np.testing.assert_allclose(other.nominal_cost(), fresh.costs(zeros)[0], rtol=1e-12)
+    assert objective.nominal_cost() != other.nominal_cost()
     with pytest.raises(InputError, match="no parameter 'y0'"):
         objective.at({"y0": 1.0})
 
@@ -347,18 +347,18 @@ def test_scenarios_are_averaged_over():
     singles = []
     for x0 in starts:
         alone = RolloutObjective(get("push-disc", N=4, ox0=x0[0], oy0=x0[1]), Barrier(mu=1e-2))
-        singles.append(alone.nominal())
-    np.testing.assert_allclose(objective.nominal(), np.mean(singles), rtol=1e-12)
+        singles.append(alone.nominal_cost())
+    np.testing.assert_allclose(objective.nominal_cost(), np.mean(singles), rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["zobg", "zobg-zero-noise", "zobg-mean", "fobg"])
 def test_moments_in_bulk_are_those_of_single_samples(name, monkeypatch):
-    monkeypatch.setattr(sampling, "_KEPT_VALUES", 1)
+    monkeypatch.setattr(sampling, "_MAX_KEPT_VALUES", 1)
     objective, n = rollout(), 20_000
     noise = Gaussian(0.1, 3)
     bulk = sampling.run_estimator(objective, SAMPLED[name], noise, n)
     assert len(bulk.first_samples) < n
-    values = SAMPLED[name].sampler(objective, noise, n).single(noise, n)
+    values = SAMPLED[name].make_sampler(objective, noise, n).single(noise, n)
     np.testing.assert_allclose(bulk.moments.mean, values.mean(axis=0), rtol=1e-9)
     np.testing.assert_allclose(bulk.moments.variance, values.var(axis=0, ddof=1), rtol=1e-9)
     assert bulk.moments.n == n

@@ -59,7 +59,7 @@ def test_noise_that_rounding_hides_is_refused():
 @pytest.mark.parametrize("name", ["heaviside", "push-1d"])
 def test_processes_sample_the_same_bits(name, monkeypatch):
     """Pieces are computed in other processes and summed in their order."""
-    monkeypatch.setattr(sampling, "_KEPT_VALUES", 1)
+    monkeypatch.setattr(sampling, "_MAX_KEPT_VALUES", 1)
     monkeypatch.setattr(estimate_parts, "PIECE", estimate_parts.BULK)
     params = {"N": 2} if name == "push-1d" else {}
     given = {
@@ -78,7 +78,7 @@ def test_processes_sample_the_same_bits(name, monkeypatch):
 
 def test_a_stopped_estimate_resumes_with_other_workers(monkeypatch, tmp_path):
     """Sums saved by one process are continued by two, to the last bit."""
-    monkeypatch.setattr(sampling, "_KEPT_VALUES", 1)
+    monkeypatch.setattr(sampling, "_MAX_KEPT_VALUES", 1)
     monkeypatch.setattr(estimate_parts, "PIECE", estimate_parts.BULK)
     case = ObjectiveCase("heaviside", {}, engine={"threads": 1})
     objective, noise, n = case.build().objective, Gaussian(0.1, 4), 3 * estimate_parts.BULK

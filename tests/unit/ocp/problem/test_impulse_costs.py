@@ -96,11 +96,11 @@ def test_the_impulse_of_an_interval_is_the_sum_over_its_smaller_steps() -> None:
 def test_the_gradient_of_rollouts_is_that_of_central_differences(law: ContactLaw) -> None:
     u = -0.5 + 0.1 * np.random.default_rng(2).standard_normal(N)
     objective = RolloutObjective(pressing(), law, theta=u)
-    cost, gradient = objective.slope(u)
+    cost, gradient = objective.cost_and_gradient(u)
     values = defaults(objective.problem)
     assert cost == pytest.approx(roll_out(objective.problem, u[None, :, None], values, law).cost)
     for k, step in enumerate(1e-6 * np.eye(N)):
-        around = objective.slope(u + step)[0] - objective.slope(u - step)[0]
+        around = objective.cost_and_gradient(u + step)[0] - objective.cost_and_gradient(u - step)[0]
         assert gradient[k] == pytest.approx(around / 2e-6, rel=1e-5, abs=1e-6)
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from ocp.gradients.sweep import summary
-from ocp.gradients.verdict import WIDE, WORST_FIRST
+from ocp.gradients.sweep import summarise_verdicts
+from ocp.gradients.verdict import TOO_WIDE, WORST_FIRST
 from ocp.store.stored_run import StoredRun
 from reports.figures import sweep
 from reports.pages.sweep import estimate_page, headline
@@ -91,7 +91,7 @@ def stored(rows: list[dict[str, Any]], mean: np.ndarray, error: np.ndarray) -> S
 def test_the_headline_is_the_weakest_verdict() -> None:
     assert headline([row("zobg"), row("fobg")]) == f"Every estimate: {GOOD}."
     rows = [row("zobg"), row("fobg", wide=True), row("es"), row("fobg")]
-    assert headline(rows) == f"Weakest verdict: {WIDE}, 1 of 4 estimates (fobg)."
+    assert headline(rows) == f"Weakest verdict: {TOO_WIDE}, 1 of 4 estimates (fobg)."
     rows.append(row("es", "biased"))
     assert headline(rows) == "Weakest verdict: biased, 1 of 5 estimates (es)."
 
@@ -99,7 +99,7 @@ def test_the_headline_is_the_weakest_verdict() -> None:
 def test_a_wide_interval_is_not_called_unbiased() -> None:
     """Neither by the page nor by the sentence that is stored and printed."""
     rows = [[row("zobg"), row("fobg", wide=True)], [row("zobg"), row("fobg")]]
-    assert summary(rows) == f"zobg: {GOOD}; fobg: {WIDE} at 1 of 2, {GOOD} at 1 of 2."
+    assert summarise_verdicts(rows) == f"zobg: {GOOD}; fobg: {TOO_WIDE} at 1 of 2, {GOOD} at 1 of 2."
 
 
 @pytest.mark.parametrize(
