@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +22,7 @@ from ocp.judge.constraints import Violation, broken_constraints, describe_violat
 from ocp.judge.contact_report import least_slip
 from ocp.judge.measures import Worst, between
 from ocp.judge.referee import RefereeReport
+from ocp.judge.route_report import RouteReport
 from ocp.judge.verdict import Grade, grade, headline, verdict
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, Rollout, roll_out
@@ -169,8 +170,12 @@ class Solution:
     ``solver_s``, the rest, into the solver: linear algebra, line search, its own affairs. It is
     NaN where that was not measured.
 
-    ``record`` is everything else, ready for JSON (:mod:`ocp.store.runs`): problem, contact,
-    method, policy, solver, parameters, settings, seed.
+    ``record`` is what was asked, ready for JSON (:mod:`ocp.store.runs`): problem, contact,
+    method, policy, solver, parameters, settings, seed. ``route`` tells which route gave the answer
+    and what else was tried. ``unbounded`` is a sentence on a ray along which the cost falls without
+    end, or "". ``simulator`` and ``sensitivities``, by parameter, are what was computed after the
+    solve, ready for JSON, each with a ``sentence`` for the verdict. ``run_hash`` is the content hash
+    of the run from which the solution was read, "" elsewhere.
     """
 
     data: xr.Dataset
@@ -188,8 +193,12 @@ class Solution:
     problem: Problem
     values: dict[str, float]
     gains: Gains | None = None
-    others: list[dict[str, Any]] = field(default_factory=list)
+    route: RouteReport = field(default_factory=RouteReport)
     evaluation_s: float = math.nan
+    unbounded: str = ""
+    simulator: dict[str, Any] | None = None
+    sensitivities: dict[str, dict[str, Any]] = field(default_factory=dict)
+    run_hash: str = ""
     derivative: Callable[[str], xr.Dataset] | None = None
 
     def sensitivity(self, name: str) -> xr.Dataset:
@@ -202,6 +211,10 @@ class Solution:
         if self.derivative is None:
             raise InputError("a point that was not solved has no sensitivity; solve it first")
         return self.derivative(name)
+
+    def with_route(self, **changes: Any) -> Solution:
+        """Return the solution with fields of its :attr:`route` changed."""
+        return replace(self, route=replace(self.route, **changes))
 
     @property
     def solver_s(self) -> float:

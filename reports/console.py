@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ocp.judge.audit import Audit
     from ocp.judge.certificate import Certificate
     from ocp.judge.referee import RefereeReport
+    from ocp.judge.route_report import Attempt
     from ocp.routes.homotopy import StageRecord
     from ocp.solution import Solution
 
@@ -242,7 +243,7 @@ def result_table(solution: Solution) -> Table:
         ("penetration", small(audit.penetration), "m, by true signed distance"),
         *distance_rows(solution.referee),
         ("state error of the replay", small(audit.state_gap), "max |x - x_replay|"),
-        ("iterations", str(solution.iterations), ""),
+        ("iterations", str(solution.iterations), solution.route.name and f"by the route {solution.route.name}"),
         ("build, solve", f"{solution.build_s:.2f}, {solution.solve_s:.2f}", "s"),
         ("time in functions, solver", spent, f"s; {per} ms per iteration"),
     ]
@@ -308,20 +309,10 @@ def violation_rows(audit: Audit) -> list[tuple[str, ...]]:
     return [(v.name, v.component, str(v.scenario), str(v.step), small(v.amount)) for v in audit.worst]
 
 
-def search_note(tried: Mapping[str, Any]) -> str:
-    """What a search over pushes tried (:class:`ocp.search.push_search.PushSearch`)."""
-    plans = tried["plans"]
-    kept = sum(bool(one["survives"]) for one in plans)
-    return (
-        f"Search: {tried['motions']} motions of {tried['steps']} steps rolled out;"
-        f" {len(plans)} {'plan' if len(plans) == 1 else 'plans'} solved, {kept} survive."
-    )
-
-
-def starts_table(others: Sequence[Mapping[str, Any]]) -> Table:
-    """The other starts of a multi-start."""
+def starts_table(attempts: Sequence[Attempt]) -> Table:
+    """Return a row for every start of a solve from several."""
     columns = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations")
-    keys = [key for key in columns if any(key in other for other in others)]
-    rows = ([number(v, 8) if isinstance(v := other.get(key), float) else str(v) for key in keys] for other in others)
-    heads = (f">{key.replace('_', ' ')}" for key in keys)
+    values = ([getattr(attempt, name) for name in columns] for attempt in attempts)
+    rows = ([number(v, 8) if isinstance(v, float) else str(v) for v in row] for row in values)
+    heads = (f">{name.replace('_', ' ')}" for name in columns)
     return table_of(*heads, rows=rows, title="other starts")

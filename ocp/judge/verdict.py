@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from dynamics.systems import LAW_PREFIX
 from ocp.judge.constraints import describe_violations
 from ocp.judge.jumps import jump_findings
 from ocp.judge.referee import PENETRATION_SHARE, seen_gap
+from ocp.judge.route_report import Refinement
 from ocp.problem.cost_sizes import cost_share
 from ocp.problem.sizes import describe_sizes, doubtful_sizes
 from ocp.programs.solver import TIMED_OUT
@@ -69,7 +70,7 @@ def _refereed(found: Solution) -> str:
 
 def findings(found: Solution) -> list[str]:
     """Explain the headline, one sentence a finding."""
-    unbounded = found.record.get("unbounded", "")
+    unbounded = found.unbounded
     explained = unbounded or found.status.value.partition(": ")[2]
     if not math.isfinite(found.cost) and not unbounded:
         return [
@@ -86,7 +87,7 @@ def findings(found: Solution) -> list[str]:
     if found.certificate.reason != UNJUDGED and not unbounded:
         lines.append(_sentence(found.certificate.sentence))
         lines += jump_findings(found.problem)
-    if ways := found.record.get("ways"):
+    if ways := found.route.idle_attempts:
         lines.append(f"Standing still is the best of {ways} solution attempts.")
     gaps = found.problem.system.gaps
     model = "" if gaps is None else f"the model's gaps are {gaps}"
@@ -102,24 +103,24 @@ def findings(found: Solution) -> list[str]:
     if not found.certificate.certified and (doubts := doubtful_sizes(found.problem)):
         listed = ", ".join(doubts)
         lines.append(f"Of the stated sizes {listed}; leave them out of Scaling to derive them.")
-    if steps := found.record.get("refined"):
-        lines.append(_refined(steps["levels"], steps["stopped"]))
+    if found.route.refinement is not None:
+        lines.append(_refined(found.route.refinement))
     if cut := sum(stage.status in TIMED_OUT for stage in found.stages):
         runs = f"{cut} of {len(found.stages)} runs of the solver"
         lines.append(f"The time limit stopped {runs}: without it the answer may differ.")
-    if not found.record.get("resumed", True):
+    if not found.route.resumed:
         lines.append(
             "The solver did not converge from the stored run; this is a cold solve with that run's"
             " trajectories as the guess."
         )
-    if failures := found.record.get("failures"):
+    if failures := found.route.failures:
         lines.append(
             f"{len(failures)} other solution attempt{'s' * (len(failures) > 1)} ended in an error"
             f" of the program ({failures[0]}); -v shows where."
         )
-    if told := found.record.get("world"):
-        lines.append(told["sentence"])
-    slopes = found.record.get("sensitivities", {}).values()
+    if found.simulator is not None:
+        lines.append(found.simulator["sentence"])
+    slopes = found.sensitivities.values()
     lines += [_sentence(slope["sentence"]) for slope in slopes]
     solver = found.record.get("solver", "ipopt")
     if not found.success and solver != "ipopt":
@@ -173,13 +174,12 @@ def _cut(found: Solution) -> str:
     )
 
 
-def _refined(levels: list[dict[str, Any]], stopped: str) -> str:
+def _refined(refinement: Refinement) -> str:
     """Say where refinement of the step ended, and why where costs do not agree."""
-    last = levels[-1]
-    end = stopped or "they agree"
+    last = refinement.levels[-1]
+    end = refinement.stopped or "they agree"
     return (
-        f"Refined to h = {last['h']:.6g}: planned {last['cost']:.6g}, replayed at half the step"
-        f" {last['replayed']:.6g}; {end}."
+        f"Refined to h = {last.h:.6g}: planned {last.cost:.6g}, replayed at half the step {last.replayed:.6g}; {end}."
     )
 
 

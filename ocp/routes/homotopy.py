@@ -125,7 +125,7 @@ class RouteResult:
 
     ``nlp`` is the :class:`~ocp.programs.program.Program` in whose variables the result is.
     ``on_branch`` is the same plan in the complementarity problem's variables, where the route came
-    from there.
+    from there. ``route`` is the name of the route of :mod:`ocp.routes.table`, where it was one.
     """
 
     result: Result
@@ -133,6 +133,7 @@ class RouteResult:
     finished: bool
     trace: Trace
     on_branch: Result | None = None
+    route: str = ""
 
 
 class Homotopy:

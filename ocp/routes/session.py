@@ -132,7 +132,8 @@ class Session:
     def _solve(self, start: Start, progress: Progress | None) -> RouteResult:
         self.problem.check_physics(self.values)
         follower = Homotopy(self.nlp_of, self.solver, self.values, progress)
-        return route_for(self, start).apply(self, start, follower)
+        route = route_for(self, start)
+        return replace(route.apply(self, start, follower), route=route.name)
 
     def path(self) -> tuple[Schedule | None, HomotopyPath]:
         """The law's own path and how it falls; one stage, and None, where none is followed.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from ocp.errors import InputError
 from ocp.judge.referee import PENETRATION_SHARE
+from ocp.judge.route_report import SearchedPlan, SearchReport
 from ocp.problem.policy import Feedback
 from ocp.problem.rollout import Rollout
 from ocp.programs.solver import Point, Result, Status
@@ -69,14 +69,14 @@ class PushSearch:
     """Plans of a session's problem, swept, from a tree over pushes drawn from ``seed``.
 
     ``judge`` makes a solution of a session's outcome and seed;
-    ``tried`` describes for the record what was rolled out and what became of it.
+    ``report`` tells what was rolled out and what became of it, None before.
     """
 
     session: Session
     judge: Callable[[Session, RouteResult, int], Solution]
     seed: int = 0
     progress: Progress | None = None
-    tried: dict[str, Any] = field(default_factory=dict)
+    report: SearchReport | None = None
 
     def solutions(self, found: Solution | None = None) -> Iterator[Solution]:
         """Answers of the usual path with the way between nodes swept, then those of pushes.
@@ -93,7 +93,7 @@ class PushSearch:
             if found is not None:
                 guess = found.data["x"].values[0], found.data["u"].values[0]
             again = self.judge(swept, swept.solve(guess=guess, progress=self.progress), self.seed)
-            yield replace(again, record={**again.record, "swept": True})
+            yield again.with_route(swept=True)
             if found is not None and not falls_short(again):
                 return
         if searchable(swept.problem):
@@ -126,23 +126,18 @@ class PushSearch:
             if self.progress is not None:
                 cost, nan = nodes[0].resting, np.nan
                 self.progress(StageRecord("pushes", number, cost, nan, nan, tree.tried, nan, "searched"))
-        self.tried |= {"seed": self.seed, "motions": tree.tried, "steps": tree.rolled, "plans": []}
+        self.report = SearchReport(self.seed, tree.tried, tree.rolled)
         plans = [plan for node in nodes[:CANDIDATES] if (plan := tree.rollout(tree.whole(node))) is not None]
         plans.sort(key=lambda plan: plan.cost)
         # The best few first: those that follow are solved only where none of these survives.
         for first in (slice(0, _FIRST), slice(_FIRST, None)):
             good = False
             for plan, found in self._solved(swept, tree, plans[first]):
-                self.tried["plans"].append(
-                    {
-                        "rolled_cost": plan.cost,
-                        "cost": found.cost,
-                        "status": found.status.label,
-                        "survives": found.referee.survives,
-                        "pushers": plan.x[0, :, -swept.problem.system.nu :].tolist(),
-                    }
-                )
-                yield replace(found, record={**found.record, "swept": True})
+                pushers = plan.x[0, :, -swept.problem.system.nu :].tolist()
+                survives = found.referee.survives
+                tried = SearchedPlan(plan.cost, found.cost, found.status.label, survives, pushers)
+                self.report.plans.append(tried)
+                yield found.with_route(swept=True)
                 good = bool(found.certificate.certified and found.referee.survives)
                 if good:
                     break
@@ -194,4 +189,4 @@ class PushSearch:
     def _judged(self, swept: Session, branches: Branches, end: Result) -> Solution:
         """Judge an answer; the work so far counts as its own."""
         trace, branches.follower.trace = branches.follower.trace, Trace()
-        return self.judge(swept, RouteResult(end, branches.program, True, trace), self.seed)
+        return self.judge(swept, RouteResult(end, branches.program, True, trace, route="push search"), self.seed)

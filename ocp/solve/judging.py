@@ -17,6 +17,7 @@ from ocp.errors import InputError, abbreviated, interruptible
 from ocp.judge.audit import CONTENT, STILL, Audit, audit, cost_span, feasible, idle_cost
 from ocp.judge.certificate import Certificate, certify
 from ocp.judge.referee import Referee, evaluate, referee
+from ocp.judge.route_report import RouteReport
 from ocp.judge.sensitivity import sensitivity
 from ocp.judge.unbounded import runaway_inputs, unbounded_inputs, unbounded_variables
 from ocp.judge.verdict import UNJUDGED
@@ -86,11 +87,9 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
         iterations=outcome.trace.iterations,
         build_s=session.total_build_s,
         solve_s=outcome.trace.seconds,
-        record={
-            **record(session, seed),
-            "audit_s": time.perf_counter() - began,
-            "unbounded": endless,
-        },
+        record=record(session, seed),
+        route=RouteReport(outcome.route, audit_s=time.perf_counter() - began),
+        unbounded=endless,
         problem=session.problem,
         values=dict(values),
         gains=plan.gains,
@@ -269,6 +268,6 @@ def failures_kept(failures: list[Exception]) -> Iterator[None]:
 
 
 def with_failures(found: Solution, failures: list[Exception]) -> Solution:
-    """Put the errors that other candidates ended in, if any, into a solution's record."""
+    """Put the errors that other candidates ended in, if any, into a solution's route."""
     told = [f"{type(error).__name__}: {abbreviated(str(error))}" for error in failures]
-    return replace(found, record=found.record | ({"failures": told} if told else {}))
+    return found.with_route(failures=told)

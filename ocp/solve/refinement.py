@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -11,6 +11,7 @@ import numpy as np
 
 from ocp.errors import InputError
 from ocp.judge.referee import place_of, refined_replay, step_place
+from ocp.judge.route_report import Level, Refinement
 from ocp.problem.cost_sizes import cost_share
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, roll_on
@@ -24,29 +25,14 @@ HALVINGS = 4
 _SMALL = 1e-7
 
 
-@dataclass(frozen=True)
-class Level:
-    """A plan at step size ``h`` [s], what it costs replayed by the referee at h/2, and whether
-    both are the same to :data:`AGREED`.
-    """
-
-    h: float
-    N: int
-    status: str
-    cost: float
-    replayed: float
-    agreed: bool
-
-    @classmethod
-    def of(cls, found: Solution) -> Level:
-        """Replay the inputs, or the policy, of a solution at half its step."""
-        x0, h = found.data["x"].values[:, 0], float(found.data["time"][1])
-        replay, _ = refined_replay(found.problem, _inputs(found), found.values, x0, by=2)
-        replayed = float("nan") if replay is None else replay.cost
-        physical = found.problem.parameters.pack(found.values)
-        apart = cost_share(found.problem, abs(replayed - found.cost), found.cost, physical)
-        agreed = apart <= AGREED
-        return cls(h, found.problem.N, found.status.label, found.cost, replayed, agreed)
+def level_of(found: Solution) -> Level:
+    """Replay the inputs, or the policy, of a solution at half its step and compare the costs."""
+    x0, h = found.data["x"].values[:, 0], float(found.data["time"][1])
+    replay, _ = refined_replay(found.problem, _inputs(found), found.values, x0, by=2)
+    replayed = float("nan") if replay is None else replay.cost
+    physical = found.problem.parameters.pack(found.values)
+    difference = cost_share(found.problem, abs(replayed - found.cost), found.cost, physical)
+    return Level(h, found.problem.N, found.status.label, found.cost, replayed, difference <= AGREED)
 
 
 def _inputs(found: Solution) -> np.ndarray | Gains:
@@ -90,10 +76,9 @@ def refined(first: Solution, again: Callable[[dict[str, Any], Solution], Solutio
     """Plan at h/2, h/4, ... from the last plan, until plan and replay at half the step agree.
 
     ``again`` solves at other values by name (:func:`halved`), from a solution. The last plan that
-    is solved is returned; ``record["refined"]`` has every :class:`Level`, and in ``stopped`` where
-    and why they came to no agreement. Raises as :func:`halved` does.
+    is solved is returned, with every level in its ``route.refinement``. Raises as :func:`halved` does.
     """
-    found, levels, stopped, iterations = first, [Level.of(first)], "", first.iterations
+    found, levels, stopped, iterations = first, [level_of(first)], "", first.iterations
     turned = [halved(first.problem, first.values, 2**k) for k in range(1, HALVINGS + 1)]
     while True:
         if levels[-1].status != Status.SOLVED.label:
@@ -106,8 +91,7 @@ def refined(first: Solution, again: Callable[[dict[str, Any], Solution], Solutio
         if stopped or levels[-1].agreed:
             break
         finer = again(turned[len(levels) - 1], found)
-        levels.append(Level.of(finer))
+        levels.append(level_of(finer))
         iterations += finer.iterations
         found = finer if finer.success else found
-    history = {"levels": [asdict(level) for level in levels], "stopped": stopped}
-    return replace(found, iterations=iterations, record={**found.record, "refined": history})
+    return replace(found, iterations=iterations).with_route(refinement=Refinement(levels, stopped))

@@ -12,6 +12,7 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, choose, input_errors, interruptible
+from ocp.judge.route_report import Attempt
 from ocp.problem.cost_sizes import cost_share
 from ocp.problem.policy import Policy
 from ocp.problem.problem import Problem
@@ -80,7 +81,7 @@ def solve(
     ``starts`` > 1 solves from as many guesses, the first the problem's own, the others perturbed
     by seeded noise of 0.3 characteristic units; the best certified answer wins, by its own cost or,
     with ``rank_by``, by what it costs under the ``"exact"`` law or by the ``"referee"``, and the
-    others are listed in ``Solution.others``.
+    others are listed in ``Solution.route.attempts``.
 
     ``start`` is a solution of the same problem, at other parameters, on another mesh or horizon,
     under another law or by another method: its trajectories and multipliers are what the solver
@@ -180,7 +181,7 @@ def solve_from(
     :func:`~ocp.solve.warm_start.carry` does, and :class:`~ocp.solution.Interrupted` with the best point,
     where Ctrl-C ends it.
     """
-    if start.record.get("swept"):
+    if start.route.swept:
         session = as_swept(session)
     with keeping(session, seed, progress) as watch:
         outcome = session.resume(carry(start, session.nlp_of("product"), session.values), watch)
@@ -190,9 +191,8 @@ def solve_from(
             cold.trace.absorb(outcome.trace)
             outcome = cold
         found = judged(session, outcome, seed)
-    origin = start.record.get("hash", "a solution in memory")
-    own = {"from": origin, "resumed": resumed, "swept": session.problem.swept}
-    return replace(found, record={**found.record, **own})
+    origin = start.run_hash or "a solution in memory"
+    return found.with_route(started_from=origin, resumed=resumed, swept=session.problem.swept)
 
 
 def new_session(
@@ -308,9 +308,7 @@ def solve_session(
             raise
         raise Interrupted(best_of(session, solutions, rank_by)) from stop
     best = solutions[0] if len(solutions) == 1 else best_of(session, solutions, rank_by)
-    searched = pushes.tried if pushes is not None else {}
-    best = with_failures(best, failures)
-    return replace(best, record={**best.record, "search": searched}) if searched else best
+    return with_failures(best.with_route(search=None if pushes is None else pushes.report), failures)
 
 
 def _pushes(session: Session, seed: int, progress: Callable[[StageRecord], None] | None) -> PushSearch | None:
@@ -334,28 +332,28 @@ def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planne
     """
     solutions = credited(session, solutions)
     best = min(solutions, key=lambda found: rank(found, rank_by))
-    others = [
-        {
-            "start": index,
-            "status": found.status.label,
-            "cost": found.cost,
-            "exact_cost": found.audit.exact_cost,
-            "referee_cost": found.referee.cost,
-            "iterations": found.iterations,
-            "chosen": found is best,
-        }
-        for index, found in enumerate(solutions)
+    attempts = [
+        Attempt(
+            start=index,
+            status=attempt.status.label,
+            cost=attempt.cost,
+            exact_cost=attempt.audit.exact_cost,
+            referee_cost=attempt.referee.cost,
+            iterations=attempt.iterations,
+            chosen=attempt is best,
+        )
+        for index, attempt in enumerate(solutions)
     ]
     iterations = sum(found.iterations for found in solutions)
     spent = {key: sum(getattr(found, key) for found in solutions) for key in ("solve_s", "evaluation_s")}
-    return replace(best, others=others, iterations=iterations, **spent)
+    return replace(best, iterations=iterations, **spent).with_route(attempts=attempts)
 
 
 def credited(session: Session, solutions: list[Solution]) -> list[Solution]:
     """The solutions, of which those that rightly stand still count as solved.
 
     That is certified, costs no more than any feasible end, and is what was found by several ways
-    that feel contact from afar. ``record["ways"]`` counts those with a certified end.
+    that feel contact from afar. ``route.idle_attempts`` counts those with a certified end.
     """
     ended = [one for one in solutions if one.status in _FEASIBLE and one.certificate.certified]
     least = min((one.cost for one in solutions if one.status in _FEASIBLE), default=np.inf)
@@ -364,7 +362,7 @@ def credited(session: Session, solutions: list[Solution]) -> list[Solution]:
     physical = session.problem.parameters.pack(session.values)
     share = partial(cost_share, session.problem, cost=least, physical=physical)
     return [
-        replace(one, status=Status.SOLVED, record={**one.record, "ways": len(ended)})
+        replace(one, status=Status.SOLVED).with_route(idle_attempts=len(ended))
         if _stands_still(one) and not share(one.cost - least) > GAIN
         else one
         for one in solutions

@@ -28,6 +28,7 @@ from ocp.store.atomic import NETCDF, draft_directory, flush, netcdf, write_error
 from ocp.store.json_values import content_hash, to_json
 from ocp.store.meta import check_meta, check_tags
 from ocp.store.provenance import git_revision, versions
+from ocp.store.route_record import record_of
 from ocp.store.run_files import (
     DATA_FILE,
     META_FILE,
@@ -86,7 +87,7 @@ def problem_part(problem: Problem, data: xr.Dataset | None = None) -> dict[str, 
 
 def _parts(solution: Solution, argv: Sequence[str], tags: Sequence[str] = ()) -> tuple[str, xr.Dataset, dict[str, Any]]:
     """Name of the problem, arrays and description of a solution."""
-    record = dict(solution.record)
+    record = record_of(solution)
     summary = (
         "idle_cost",
         "grade",
@@ -97,7 +98,6 @@ def _parts(solution: Solution, argv: Sequence[str], tags: Sequence[str] = ()) ->
         "solve_s",
         "evaluation_s",
         "solver_s",
-        "others",
     )
     judged = ("audit", "certificate", "referee")
     meta = {
@@ -109,6 +109,7 @@ def _parts(solution: Solution, argv: Sequence[str], tags: Sequence[str] = ()) ->
         "source_digest": solution.problem.source_digest,
         "status": solution.status.label,
         "stages": [asdict(stage) for stage in solution.stages],
+        "others": [asdict(attempt) for attempt in solution.route.attempts],
         **{name: asdict(getattr(solution, name)) for name in judged},
         **{name: getattr(solution, name) for name in summary},
     }

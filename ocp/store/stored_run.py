@@ -17,6 +17,7 @@ from ocp.errors import DamagedRun, InputError
 from ocp.judge.audit import Audit
 from ocp.judge.certificate import Certificate
 from ocp.judge.referee import RefereeReport
+from ocp.judge.route_report import RouteReport
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains
 from ocp.programs.solver import Status
@@ -25,6 +26,7 @@ from ocp.solution import Solution
 from ocp.store import atomic
 from ocp.store.json_values import from_json
 from ocp.store.meta import check_own_problem
+from ocp.store.route_record import ADDED, route_from_record
 from ocp.store.run_files import META_FILE, PROBLEM_FILE, parsed
 
 if TYPE_CHECKING:
@@ -107,18 +109,28 @@ class StoredRun:
         :class:`~ocp.errors.InputError` for a run that is no solve.
         """
         self.check_solve()
+        route, record = self._route()
         data, numbers = self.data, ("cost", "idle_cost", "build_s", "solve_s", "evaluation_s")
-        kept = ("status", "audit", "certificate", "referee", "stages", "record")
+        kept = ("status", "audit", "certificate", "referee", "stages")
         return Solution(
             data=data,
             iterations=self._described(int, "iterations"),
             problem=problem,
             values=problem.parameters.defaults,
             gains=Gains(data["K"].values, data["k"].values) if "K" in data else None,
-            others=self._described(list, "others"),
+            route=route,
+            run_hash=self.meta["hash"],
+            **{name: record.pop(key) for name, key in ADDED.items() if key in record},
+            record=record,
             **{name: getattr(self, name) for name in kept},
             **{name: self._described(float, name) for name in numbers},
         )
+
+    def _route(self) -> tuple[RouteReport, dict[str, Any]]:
+        try:
+            return route_from_record(self.record, self.meta["others"])
+        except (KeyError, ValueError) as error:
+            raise DamagedRun(f"{self.path / META_FILE}: the route's description is damaged ({error})") from error
 
     def check_solve(self) -> None:
         """Raise :class:`~ocp.errors.InputError` unless the run is one of ``ocp solve``."""

@@ -20,6 +20,7 @@ from ocp.solve.refinement import halved
 from ocp.solve.request import rebuilder
 from ocp.solve.solve import Rank, refine_from, solve_from, solve_session
 from ocp.store import atomic
+from ocp.store.route_record import record_of
 from ocp.store.stored_run import StoredRun
 from problems.plugin import edited, law_of, problem_of
 from reports import console
@@ -82,8 +83,7 @@ def _start(request: Request, options: SolveOptions) -> Solution:
         )
     if warning := edited(found, request.spec):
         options.output.say(f"--from {run}: {warning}")
-    solution = found.solution(problem_of(found, request.spec)[2])
-    return replace(solution, record={**solution.record, "hash": found.meta["hash"]})
+    return found.solution(problem_of(found, request.spec)[2])
 
 
 def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
@@ -100,10 +100,10 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     solution = _solved(options, request, start)
     if options.world is not None:
         found = solution.in_world(options.world)
-        solution.record["world"] = {**found.document, "sentence": found.sentence}
+        solution = replace(solution, simulator={**found.document, "sentence": found.sentence})
     if options.sensitivity:
         slopes = {name: _cost_slopes(solution, name) for name in options.sensitivity}
-        solution.record["sensitivities"] = slopes
+        solution = replace(solution, sensitivities=slopes)
     stored = store.save(solution, options.out, options.argv, options.tags or ())
     show(output, solution)
     if solution.record["jit"] not in (None, "compiled"):
@@ -168,7 +168,7 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
                 interrupt.answered()
                 return stop.solution
             kept = store.save(stop.solution, options.out, options.argv, options.tags or ())
-            finished = len(stop.solution.others)
+            finished = len(stop.solution.route.attempts)
             options.output.say(f"run: {kept.path} (the best of {finished} finished starts)")
             raise
 
@@ -185,10 +185,10 @@ def show(output: Output, solution: Solution) -> None:
         output.note(contact_table(solution.audit))
     if solution.audit.worst and not solution.success:
         output.note(console.violation_table(solution))
-    if searched := solution.record.get("search"):
-        output.note(console.search_note(searched))
-    if solution.others:
-        output.note(console.starts_table(solution.others))
+    if solution.route.search is not None:
+        output.note(str(solution.route.search))
+    if solution.route.attempts:
+        output.note(console.starts_table(solution.route.attempts))
 
 
 _COPIED = ("success", "verdict", "cost", "iterations", "build_s", "solve_s", "evaluation_s", "solver_s", "iteration_s")
@@ -200,7 +200,7 @@ def document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
 
     ``meta`` is the description of the stored run.
     """
-    record, audit, certificate = solution.record, asdict(solution.audit), solution.certificate
+    record, audit, certificate = record_of(solution), asdict(solution.audit), solution.certificate
     return {
         **{key: record.get(key) for key in ("problem", "contact", "method", "policy", "solver")},
         "status": solution.status.label,
@@ -217,12 +217,11 @@ def document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
         "survives": solution.referee.survives,
         "survives_at_h": solution.referee.survives_at_h,
         "refined_cost": solution.referee.refined_cost,
-        "refined": record.get("refined"),
-        **{key: record.get(key) for key in ("search", "world", "sensitivities")},
+        **{key: record.get(key) for key in ("route", "refined", "search", "world", "sensitivities")},
         "referee": asdict(solution.referee),
         "grade": solution.grade,
         "stages": [asdict(stage) for stage in solution.stages],
-        "others": solution.others,
+        "others": [asdict(attempt) for attempt in solution.route.attempts],
         "hash": meta["hash"],
         "params": record.get("params", record.get("parameters")),
         **{key: record.get(key) for key in ("settings", "seed", "from", "jit")},

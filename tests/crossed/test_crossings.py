@@ -69,7 +69,7 @@ def is_verdict(found: Solution) -> None:
     assert found.verdict.strip().endswith(".")
     assert found.success == (found.status is Status.SOLVED)
     assert found.data["x"].shape[1] == found.problem.N + 1
-    assert "failures" not in found.record
+    assert not found.route.failures
     if found.success:
         numbers = [found.cost, found.audit.exact_cost, *(found.data[k].values for k in ("x", "u"))]
         assert all(np.isfinite(one).all() for one in numbers)

@@ -13,7 +13,7 @@ from dynamics.contact import Exact
 from dynamics.systems import lcs
 from ocp import InputError, Problem, Scaling, Solution, Status, solve
 from ocp.problem.rollout import roll_out
-from ocp.solve.refinement import AGREED, HALVINGS, Level, growth, halved, refined
+from ocp.solve.refinement import AGREED, HALVINGS, growth, halved, level_of, refined
 from problems import get
 
 COARSE = {"h": 0.2, "N": 10}
@@ -34,19 +34,19 @@ def replayed_at_half(found: Solution) -> float:
 @pytest.mark.costly
 def test_a_plan_is_refined_until_its_replay_at_half_the_step_agrees() -> None:
     found = solve("ball-bounce", "exact", refine=True, **COARSE)
-    levels = found.record["refined"]["levels"]
-    assert len(levels) > 1 and not found.record["refined"]["stopped"]
-    assert [one["N"] for one in levels] == [10 * 2**k for k in range(len(levels))]
-    assert [one["h"] for one in levels] == pytest.approx([0.2 / 2**k for k in range(len(levels))])
-    off = [abs(one["replayed"] - one["cost"]) / abs(one["cost"]) for one in levels]
+    levels = found.route.refinement.levels
+    assert len(levels) > 1 and not found.route.refinement.stopped
+    assert [one.N for one in levels] == [10 * 2**k for k in range(len(levels))]
+    assert [one.h for one in levels] == pytest.approx([0.2 / 2**k for k in range(len(levels))])
+    off = [abs(one.replayed - one.cost) / abs(one.cost) for one in levels]
     assert min(off[:-1]) > AGREED >= off[-1]
     last = levels[-1]
-    assert found.success and (found.cost, found.problem.N) == (last["cost"], last["N"])
-    assert last["replayed"] == pytest.approx(replayed_at_half(found), rel=1e-9)
-    assert found.record["params"]["h"] == pytest.approx(last["h"])
-    cold = solve("ball-bounce", "exact", h=last["h"], N=last["N"])
+    assert found.success and (found.cost, found.problem.N) == (last.cost, last.N)
+    assert last.replayed == pytest.approx(replayed_at_half(found), rel=1e-9)
+    assert found.record["params"]["h"] == pytest.approx(last.h)
+    cold = solve("ball-bounce", "exact", h=last.h, N=last.N)
     assert found.cost <= cold.cost * (1 + 1e-3), "as good as a solve that begins there"
-    assert f"Refined to h = {last['h']:.6g}: planned {found.cost:.6g}" in found.verdict
+    assert f"Refined to h = {last.h:.6g}: planned {found.cost:.6g}" in found.verdict
 
 
 @pytest.mark.costly
@@ -54,9 +54,9 @@ def test_a_problem_object_is_refined_as_it_stands() -> None:
     problem = get("ball-bounce", **COARSE)
     lighter = replace(problem, stage_cost=0.5 * problem.stage_cost)
     found = solve(lighter, Exact(), refine=True)
-    first, last = (found.record["refined"]["levels"][k] for k in (0, -1))
-    assert first["cost"] == pytest.approx(solve(lighter, Exact()).cost)
-    fine = get("ball-bounce", h=last["h"], N=last["N"])
+    first, last = (found.route.refinement.levels[k] for k in (0, -1))
+    assert first.cost == pytest.approx(solve(lighter, Exact()).cost)
+    fine = get("ball-bounce", h=last.h, N=last.N)
     again = solve(replace(fine, stage_cost=0.5 * fine.stage_cost), Exact())
     assert found.cost <= again.cost * (1 + 1e-3)
 
@@ -70,23 +70,23 @@ def test_a_step_that_is_part_of_the_model_is_not_refined(name: str) -> None:
 def test_refining_ends_and_says_why() -> None:
     """A plan that is not solved, and one that never agrees; the last solved one is returned."""
     coarse = solve("ball-bounce", "exact", **COARSE)
-    assert not Level.of(coarse).agreed
+    assert not level_of(coarse).agreed
 
     def never(turned: dict[str, Any], start: Solution) -> Solution:
         return replace(coarse, iterations=1)
 
     def lost(turned: dict[str, Any], start: Solution) -> Solution:
-        return replace(coarse, status=Status.INFEASIBLE, cost=Level.of(coarse).replayed)
+        return replace(coarse, status=Status.INFEASIBLE, cost=level_of(coarse).replayed)
 
     found = refined(coarse, lost)
     assert found.success and found.cost == coarse.cost
-    assert found.record["refined"]["stopped"].endswith("is infeasible")
+    assert found.route.refinement.stopped.endswith("is infeasible")
     assert "; the plan at h = 0.2 is infeasible." in found.verdict
     unsolved = refined(replace(coarse, status=Status.NOT_OPTIMAL), never)
-    assert len(unsolved.record["refined"]["levels"]) == 1 and not unsolved.success
+    assert len(unsolved.route.refinement.levels) == 1 and not unsolved.success
     stubborn = refined(coarse, never)
-    assert len(stubborn.record["refined"]["levels"]) == HALVINGS + 1
-    assert stubborn.record["refined"]["stopped"].startswith(f"h was halved {HALVINGS} times; ")
+    assert len(stubborn.route.refinement.levels) == HALVINGS + 1
+    assert stubborn.route.refinement.stopped.startswith(f"h was halved {HALVINGS} times; ")
     assert stubborn.iterations == coarse.iterations + HALVINGS
 
 

@@ -67,7 +67,7 @@ def test_a_push_below_friction_moves_nothing_and_that_is_the_answer(share: float
     found = solve(get("box-slide", u_max=share * 0.5 * 9.81), Exact())
     assert found.cost == pytest.approx(100.0, rel=1e-9)
     assert (found.status, found.grade) == (Status.SOLVED, "survives")
-    assert found.record["ways"] == len(found.others) == WAYS
+    assert found.route.idle_attempts == len(found.route.attempts) == WAYS
     assert f"Standing still is the best of {WAYS} solution attempts." in found.verdict
     json.dumps(found.record)
 
@@ -75,7 +75,7 @@ def test_a_push_below_friction_moves_nothing_and_that_is_the_answer(share: float
 @pytest.mark.costly
 def test_a_push_just_above_friction_moves_the_box() -> None:
     found = solve(get("box-slide", u_max=1.05 * 0.5 * 9.81), Exact())
-    assert found.success and found.cost < 99.9 and "ways" not in found.record
+    assert found.success and found.cost < 99.9 and not found.route.idle_attempts
 
 
 TRAPS = [
@@ -88,7 +88,7 @@ TRAPS = [
 def test_a_trap_with_nothing_tried_beyond_stays_no_progress(name, params, method, settings) -> None:
     found = solve(get(name, **params), Exact(), method, settings=settings)
     assert found.certificate.stationarity == "B" and found.audit.active_steps == 0
-    assert found.status is Status.NO_PROGRESS and not found.others
+    assert found.status is Status.NO_PROGRESS and not found.route.attempts
 
 
 def test_a_hand_that_goes_home_is_no_progress_with_the_object() -> None:
@@ -115,4 +115,4 @@ def test_standing_still_is_credited_by_what_others_found() -> None:
     assert chosen(lost).status is Status.NO_PROGRESS
     assert chosen(still, cheaper).status is Status.NOT_OPTIMAL
     found = chosen(dearer, lost)
-    assert (found.cost, found.status, found.record["ways"]) == (still.cost, Status.SOLVED, 2)
+    assert (found.cost, found.status, found.route.idle_attempts) == (still.cost, Status.SOLVED, 2)

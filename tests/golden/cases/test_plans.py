@@ -280,7 +280,7 @@ def corner(N: int, stiffness: float = 150.0) -> Problem:
 def test_a_body_on_a_table_that_is_not_at_its_best_gets_a_verdict() -> None:
     found = solve(corner(6), search=False, settings={"max_iter": 40})
     assert found.verdict
-    assert "failures" not in found.record
+    assert not found.route.failures
 
 
 @pytest.mark.slow
@@ -288,7 +288,7 @@ def test_a_body_on_a_table_that_is_not_at_its_best_gets_a_verdict() -> None:
 def test_a_finger_on_next_to_no_spring_gets_a_verdict(stiffness: float) -> None:
     found = solve(corner(2, stiffness), settings={"max_iter": 20})
     assert found.verdict
-    assert "failures" not in found.record
+    assert not found.route.failures
 
 
 HAND, DRY, ICE, EDGE, END, STEPS, STEP = 0.01, 0.6, 0.05, 1.0, 2.0, 40, 0.05

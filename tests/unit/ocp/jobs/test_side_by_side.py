@@ -99,10 +99,10 @@ def test_starts_side_by_side_are_starts_one_after_another() -> None:
     session = case.session()
     alone = solve_session(session, 3, 5, rank_by="exact")
     beside = solve_starts(case.session(), case, 3, 5, rank_by="exact", jobs=2)
-    assert beside.others == alone.others and len(alone.others) == 3
-    chosen = next(one for one in alone.others if one["chosen"])
-    least = min(one["exact_cost"] for one in alone.others if one["status"] == "solved")
-    assert chosen["exact_cost"] == least
+    assert beside.route.attempts == alone.route.attempts and len(alone.route.attempts) == 3
+    chosen = next(one for one in alone.route.attempts if one.chosen)
+    least = min(one.exact_cost for one in alone.route.attempts if one.status == "solved")
+    assert chosen.exact_cost == least
     assert (beside.cost, beside.iterations) == (alone.cost, alone.iterations)
     drop = ["stage_seconds"]
     assert beside.data.drop_vars(drop).identical(alone.data.drop_vars(drop))

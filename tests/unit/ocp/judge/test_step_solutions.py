@@ -230,4 +230,4 @@ def test_a_slip_whose_friction_stands_in_its_own_pair_is_searched_too(name: str)
     """These contacts have no pairs of friction beside their slip."""
     found = solve(get(name, N=1), method="single-shooting")
     assert found.success
-    assert "failures" not in found.record
+    assert not found.route.failures

@@ -175,7 +175,7 @@ def test_the_better_one_of_two_guesses_counts():
     alone = best_plan(task, x0, worse)
     both = best_plan(task, x0, worse, better)
     assert both.returned > alone.returned + 1e-3
-    assert [other["chosen"] for other in both.solution.others] == [False, True]
+    assert [attempt.chosen for attempt in both.solution.route.attempts] == [False, True]
 
 
 def test_an_episode_counts_until_its_end_and_no_further_than_it_was_solved():

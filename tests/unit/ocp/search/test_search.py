@@ -91,7 +91,7 @@ def test_a_plan_is_found_from_behind_and_has_the_same_bits_again() -> None:
     found = solve(problem, contact="exact", search=True)
     assert found.certificate.certified and found.referee.survives
     assert found.cost < 0.3 * found.idle_cost and not through(found)
-    assert found.problem.swept and found.record["search"]["motions"] > 100
+    assert found.problem.swept and found.route.search.motions > 100
     seen = [
         [(node.x.tobytes(), node.cost) for node in nodes]
         for _ in range(2)
@@ -138,9 +138,9 @@ def test_a_scene_that_passes_through_is_solved_as_swept_and_resumed_so() -> None
     problem = behind(10)
     assert through(solve(problem, contact="exact", search=False))
     found = solve(problem, contact="exact")
-    assert found.record["swept"] and not through(found) and found.referee.survives
+    assert found.route.swept and not through(found) and found.referee.survives
     again = solve(problem, contact="exact", start=found)
-    assert again.record["swept"] and again.problem.swept
+    assert again.route.swept and again.problem.swept
     assert again.cost == pytest.approx(found.cost, rel=1e-6)
 
 
@@ -170,5 +170,5 @@ def test_motions_that_all_fail_leave_no_plan(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.parametrize("N", [1, 2])
 def test_a_horizon_of_one_step_is_searched_too(N: int) -> None:
     found = solve(behind(N), search=True, settings={"max_iter": 5})
-    assert found.record["search"]["motions"] > 0
+    assert found.route.search.motions > 0
     assert np.isfinite(found.cost)

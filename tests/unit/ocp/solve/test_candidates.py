@@ -36,7 +36,7 @@ def test_one_candidate_that_raises_loses_nothing(monkeypatch: pytest.MonkeyPatch
     found = solve("wall-1d", contact="barrier", starts=3)
     assert found.success
     assert found.cost == pytest.approx(expected, rel=1e-6)
-    assert len(found.others) == 2
+    assert len(found.route.attempts) == 2
     assert "1 other solution attempt ended in an error" in found.verdict
     assert "RuntimeError: 'the judge fell ill'" in found.verdict
 

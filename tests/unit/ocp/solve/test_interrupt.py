@@ -37,7 +37,7 @@ def test_the_best_finished_start_is_kept() -> None:
         solve(get("push-1d"), Exact(), starts=5, progress=stopping_after(polishes))
     kept = stop.value.solution
     assert kept.success
-    assert 1 <= len(kept.others) < 5
+    assert 1 <= len(kept.route.attempts) < 5
     assert kept.cost == pytest.approx(1.38481827, rel=1e-6)
 
 
@@ -54,7 +54,7 @@ def test_before_the_first_answer_the_best_point_is_kept() -> None:
         solve(get("push-1d"), Exact(), starts=5, progress=progress)
     kept = stop.value.solution
     assert kept.status is Status.INTERRUPTED
-    assert not kept.success and kept.grade == "failed" and kept.others == []
+    assert not kept.success and kept.grade == "failed" and kept.route.attempts == []
     assert kept.verdict.startswith("Interrupted: cost ")
     assert stages[-1].label == "active set" and stages[-1].accepted
     assert kept.cost == pytest.approx(stages[-1].cost, rel=1e-9), "relaxed stages break lam gap = 0"

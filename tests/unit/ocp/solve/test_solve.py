@@ -31,7 +31,7 @@ def without_times(found: Solution) -> dict[str, Any]:
     """Everything that is said of a solution, but for seconds."""
     record = {key: value for key, value in found.record.items() if not key.endswith("_s")}
     stages = [replace(line, seconds=0.0, evaluation_s=0.0) for line in found.stages]
-    told = (found.cost, found.status, found.audit, stages, found.iterations, found.others)
+    told = (found.cost, found.status, found.audit, stages, found.iterations, found.route.attempts)
     return {"told": json.dumps(told, default=str), "record": json.dumps(record, default=str)}
 
 
@@ -92,16 +92,16 @@ def two_wells() -> Problem:
 def test_the_best_audited_answer_wins_and_the_others_are_listed() -> None:
     settings = {"homotopy": False}
     found = solve(two_wells(), Barrier(mu=1e-4), SingleShooting(), starts=8, settings=settings)
-    assert [other["start"] for other in found.others] == list(range(8))
-    costs = [other["cost"] for other in found.others if other["status"] == "solved"]
+    assert [other.start for other in found.route.attempts] == list(range(8))
+    costs = [other.cost for other in found.route.attempts if other.status == "solved"]
     assert max(costs) > min(costs) + 0.3, "both wells have been found"
     assert found.cost == min(costs)
     assert float(found.data["x"][0, -1, 0]) == pytest.approx(0.5, abs=0.1)
-    chosen = [other for other in found.others if other["chosen"]]
+    chosen = [other for other in found.route.attempts if other.chosen]
     assert len(chosen) == 1
-    assert chosen[0]["cost"] == found.cost
-    assert chosen[0]["exact_cost"] == found.audit.exact_cost
-    assert found.iterations == sum(other["iterations"] for other in found.others)
+    assert chosen[0].cost == found.cost
+    assert chosen[0].exact_cost == found.audit.exact_cost
+    assert found.iterations == sum(other.iterations for other in found.route.attempts)
 
 
 @pytest.mark.slow

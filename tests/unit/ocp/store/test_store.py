@@ -27,6 +27,7 @@ from ocp.judge.certificate import Certificate, ContactChange
 from ocp.judge.constraints import Violation
 from ocp.judge.measures import Worst
 from ocp.judge.referee import RefereeReport
+from ocp.judge.route_report import Attempt, RouteReport
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
 from ocp.solution import Solution
@@ -91,7 +92,13 @@ def solution(seconds: float = 1.0, cost: float = 2.5) -> Solution:
         record,
         problem=problem,
         values={**values, "contact.mu": 1e-3},
-        others=[{"start": 1, "cost": 3.0, "seconds": seconds}],
+        route=RouteReport(
+            "law path",
+            [Attempt(1, "solved", 3.0, 3.5, 4.0, 9, True)],
+            "0123456789",
+            failures=["RuntimeError: x"],
+            audit_s=seconds,
+        ),
     )
 
 
@@ -102,7 +109,7 @@ def test_a_solution_survives_the_disk(tmp_path: Path) -> None:
     xr.testing.assert_identical(again.data, original.data)
     assert again.stages == original.stages
     assert again.record == original.record
-    assert again.others == original.others
+    assert again.route == original.route and again.run_hash == run.meta["hash"]
     assert again.values == {p.name: p.value for p in original.problem.parameters}
     assert run.meta["verdict"] == original.verdict
     assert (again.cost, again.status, again.iterations) == (2.5, Status.SOLVED, 7)

@@ -1,0 +1,100 @@
+"""The way to an answer: which route gave it, and what else was tried at what cost."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One of several starts of a solve, counted by ``start``, and what it cost."""
+
+    start: int
+    status: str = ""
+    cost: float = math.nan
+    exact_cost: float = math.nan
+    referee_cost: float = math.nan
+    iterations: int = 0
+    chosen: bool = False
+
+
+@dataclass(frozen=True)
+class SearchedPlan:
+    """A plan of the search over pushes that was solved locally.
+
+    ``rolled_cost`` is the cost of its rollout, ``cost`` that of its solution; ``pushers`` are the
+    commanded places of the pushers, (N+1, nu).
+    """
+
+    rolled_cost: float
+    cost: float
+    status: str
+    survives: bool | None
+    pushers: list[list[float]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class SearchReport:
+    """Work of the search over pushes (:mod:`ocp.search.push_search`): motions and steps rolled out, plans solved."""
+
+    seed: int
+    motions: int
+    steps: int
+    plans: list[SearchedPlan] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        """Return what was tried, in one sentence."""
+        count, survivors = len(self.plans), sum(bool(plan.survives) for plan in self.plans)
+        return (
+            f"Search: {self.motions} motions of {self.steps} steps rolled out;"
+            f" {count} {'plan' if count == 1 else 'plans'} solved, {survivors} survive."
+        )
+
+
+@dataclass(frozen=True)
+class Level:
+    """A plan at step size ``h`` [s] and N steps, and its cost when the referee replays it at h/2.
+
+    ``agreed`` marks costs that differ by at most :data:`ocp.solve.refinement.AGREED`.
+    """
+
+    h: float
+    N: int
+    status: str
+    cost: float
+    replayed: float
+    agreed: bool
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """Levels of a step size that was halved; ``stopped`` says why they came to no agreement, or ""."""
+
+    levels: list[Level]
+    stopped: str = ""
+
+
+@dataclass(frozen=True)
+class RouteReport:
+    """How an answer was found: ``name`` of the route that gave it, and what else was tried.
+
+    ``attempts`` are the starts, where there were several. ``started_from`` is the content hash of
+    the solution that the solve started from, None without one; ``resumed`` says whether the solver
+    converged from there, or else solved cold with its trajectories as the guess. ``swept`` marks a
+    problem that counts penetration on the way between nodes. ``search`` and ``refinement`` are None
+    where there was none. ``failures`` are the errors in which other attempts ended.
+    ``idle_attempts`` counts attempts with a certified end where standing still is the best of them,
+    0 elsewhere. ``audit_s`` [s] is the time of the three judges.
+    """
+
+    name: str = ""
+    attempts: list[Attempt] = field(default_factory=list)
+    started_from: str | None = None
+    resumed: bool = True
+    swept: bool = False
+    search: SearchReport | None = None
+    failures: list[str] = field(default_factory=list)
+    idle_attempts: int = 0
+    refinement: Refinement | None = None
+    audit_s: float = math.nan

@@ -1,0 +1,46 @@
+"""A route's report among the other entries of a run's record, under the keys that runs have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from typing import Any
+
+from ocp.judge.route_report import RouteReport
+from ocp.solution import Solution
+from ocp.store.json_values import from_json
+
+_STORED_KEYS = {"name": "route", "started_from": "from", "idle_attempts": "ways", "refinement": "refined"}
+"""Keys of a record for fields of a report that have another name there."""
+_RECORDED = {
+    field.name: _STORED_KEYS.get(field.name, field.name) for field in fields(RouteReport) if field.name != "attempts"
+}
+"""Key of a record for every field; a run stores attempts beside its record."""
+
+
+ADDED = {"unbounded": "unbounded", "simulator": "world", "sensitivities": "sensitivities"}
+"""Keys of a record for fields of a solution that say more than what was asked."""
+
+
+def record_of(solution: Solution) -> dict[str, Any]:
+    """Return the record of a run: what was asked, and how the answer was found."""
+    added = {key: getattr(solution, name) for name, key in ADDED.items()}
+    added = {key: entry for key, entry in added.items() if key == "unbounded" or entry}
+    return {**solution.record, **route_to_record(solution.route), **added}
+
+
+def route_to_record(route: RouteReport) -> dict[str, Any]:
+    """Return the entries of a record: fields that are not their defaults, and a warm start whole."""
+    values, defaults = asdict(route), asdict(RouteReport())
+    warm = ("resumed", "swept") if route.started_from is not None else ()
+    return {key: values[name] for name, key in _RECORDED.items() if name in warm or values[name] != defaults[name]}
+
+
+def route_from_record(record: Mapping[str, Any], attempts: Any) -> tuple[RouteReport, dict[str, Any]]:
+    """Split a record into a route's report and the other entries.
+
+    Raises ``ValueError`` for an entry of the wrong type.
+    """
+    entries = {name: record[key] for name, key in _RECORDED.items() if key in record}
+    others = {key: entry for key, entry in record.items() if key not in _RECORDED.values()}
+    return from_json(RouteReport, {**entries, "attempts": attempts}), others
