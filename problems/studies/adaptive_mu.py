@@ -55,10 +55,10 @@ class Params(StudyParams):
 
 def run(params: Params) -> xr.Dataset:
     """Curves under the exact law, three constant mu and the adaptive law; checks beside them."""
-    drawn, places = _curves(params)
+    curves, places = _curves(params)
     checks = {**_tradeoff(params), **_noise(params), **_printed(params)}
     return dataset(
-        {**drawn, **checks},
+        {**curves, **checks},
         {
             **places,
             "reach": (_REACH, "1", "truncation over the noise's scale"),
@@ -105,7 +105,7 @@ def _curves(params: Params) -> tuple[dict, dict]:
 def _tradeoff(params: Params) -> dict:
     """mu(z), error and curvature over gaps in sigma, against the constant mu of the caption."""
     F = params.F
-    own = gaussian_contact(GAPS * params.sigma, F, params.sigma)
+    adaptive = gaussian_contact(GAPS * params.sigma, F, params.sigma)
     error, bend = np.empty((2, len(WIDTHS), len(GAPS))), np.empty((2, len(WIDTHS)))
     for row, sigma in enumerate(WIDTHS * np.sqrt(F * NAMED)):
         soft = (gaussian_contact(GAPS * sigma, F, sigma), barrier_contact(GAPS * sigma, F, NAMED))
@@ -113,7 +113,7 @@ def _tradeoff(params: Params) -> dict:
         bend[:, row] = [s.curvature[0] * F * sigma for s in soft]
     kind = ("softening", "width")
     return {
-        "gap_mu": ("gap", own.mu, "N s m", "adaptive mu at gaps in sigma"),
+        "gap_mu": ("gap", adaptive.mu, "N s m", "adaptive mu at gaps in sigma"),
         "gap_error": ((*kind, "gap"), error, "1", "lam F/sigma where lam is 0 exactly"),
         "bend": (kind, bend, "1", "curvature of lam at z = 0, times F sigma"),
         "softening": ("softening", ["adaptive", "constant"]),
@@ -130,13 +130,13 @@ def _noise(params: Params) -> dict:
     mismatch = np.empty(len(cases))
     for row, (scale, soft, density) in enumerate(cases):
         probes, lam = probe * scale, soft.lam
-        expected = [averaged_exact(at, F, density) for at in probes]
+        expected = [averaged_exact(z, F, density) for z in probes]
         mismatch[row] = np.abs(lam - expected).max() * F / scale
-    half = np.geomspace(1e-6, 1e6, 40001)
-    wide = np.concatenate((-half[::-1], half))
-    mass = [np.trapezoid(barrier_contact(wide, C, NAMED).curvature, wide) for C in COMPLIANCES]
-    near = np.linspace(-1, 1, 2001)
-    slope = [scalar_contact(Adaptive(law="quartic-per-contact"), near, C).slope.max() for C in COMPLIANCES]
+    positive_w = np.geomspace(1e-6, 1e6, 40001)
+    noise = np.concatenate((-positive_w[::-1], positive_w))
+    mass = [np.trapezoid(barrier_contact(noise, C, NAMED).curvature, noise) for C in COMPLIANCES]
+    gaps = np.linspace(-1, 1, 2001)
+    slope = [scalar_contact(Adaptive(law="quartic-per-contact"), gaps, C).slope.max() for C in COMPLIANCES]
     variance = [2 * quad(lambda w: w**2 * student_t.pdf(w, 2), 0, r, limit=400)[0] for r in _REACH]
     return {
         "mismatch": ("law", mismatch, "1", "max |E S_0(z + w) - S_mu(z)| over its size"),
@@ -149,20 +149,20 @@ def _noise(params: Params) -> dict:
 def _printed(params: Params) -> dict:
     """Eq. 5.1 at its best constants c1, c2, and the best lines of prop. 5.3."""
     F, sigma = params.F, params.sigma
-    off = np.empty((len(READINGS), len(SETTINGS)))
+    misfits = np.empty((len(READINGS), len(SETTINGS)))
     for column, (C, variance) in enumerate(SETTINGS):
         z = np.sqrt(variance) * np.linspace(-3, 3, 121)
         true = gaussian_contact(z, C, np.sqrt(variance)).lam
         for row, printed in enumerate(READINGS.values()):
             # N(0, sigma) and exp(-z²/(2 sigma)) of the text have sigma for the variance; its erf
             # and Q have it for the deviation. The better of the two counts.
-            both = (misfit(printed(z, symbol), true, z) for symbol in (variance, variance**0.5))
-            off[row, column] = min(both) * C / np.sqrt(variance)
+            readings_of_sigma = (misfit(printed(z, symbol), true, z) for symbol in (variance, variance**0.5))
+            misfits[row, column] = min(readings_of_sigma) * C / np.sqrt(variance)
     soft = gaussian_contact(TANGENTS * sigma, F, sigma)
     tangent = np.stack((soft.lam * F / sigma, soft.slope * F), axis=1)
-    lines = np.stack([linearisations(at, 1.0, 1.0) for at in TANGENTS])
+    lines = np.stack([linearisations(gap, 1.0, 1.0) for gap in TANGENTS])
     return {
-        "kappa_misfit": (("reading", "setting"), off, "1", "largest |kappa - lam| F/sigma at the best c1, c2"),
+        "kappa_misfit": (("reading", "setting"), misfits, "1", "largest |kappa - lam| F/sigma at the best c1, c2"),
         "best_line": (("tangent", "norm", "coefficient"), lines, "1", "K F/sigma and W F of the best line"),
         "line": (("tangent", "coefficient"), tangent, "1", "softened solution F/sigma and its gradient F"),
     }
@@ -179,7 +179,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 def _tradeoff_claims(data: xr.Dataset) -> list[Claim]:
     F, sigma, gap = data.attrs["F"], data.attrs["sigma"], data["gap"].values
-    far, width = gap >= _FAR, data["width"].values
+    is_far, width = gap >= _FAR, data["width"].values
     mu = data["gap_mu"].values
     share, peak = mu / mu[0], sigma**2 / (2 * np.pi * F)
     bend = data["bend"].values
@@ -192,7 +192,7 @@ def _tradeoff_claims(data: xr.Dataset) -> list[Claim]:
         claim("mu(z) is contact-aware: large only near z = 0", "ABS, fig. 1c")
         .expected(f"falls from sigma²/(2 pi F) = {peak:.4g}, below 1 % from {_FAR:g} sigma on")
         .measured(f"{mu[0]:.4g} at contact, {shares} of it at " + listed(gap[1:], "g") + " sigma")
-        .holds(np.isclose(mu[0], peak), np.diff(mu) < 0, share[far] < 0.01),
+        .holds(np.isclose(mu[0], peak), np.diff(mu) < 0, share[is_far] < 0.01),
         claim("mu(z) gives smoother dynamics than mu <= 0.1 around z = 0", "ABS, fig. 1d")
         .expected(f"less curvature at {reach}")
         .measured(f"{over(list(width), smoother)} sqrt(F mu)")
@@ -200,7 +200,7 @@ def _tradeoff_claims(data: xr.Dataset) -> list[Claim]:
         claim("mu(z) best approximates the exact solution in contact-free regions", "ABS, fig. 1d")
         .expected(f"error below that of mu = 0.1 from {_FAR:g} sigma on, at {reach}")
         .measured(f"{over(list(gap[1:]), better)} sigma")
-        .holds(better[far[1:]]),
+        .holds(better[is_far[1:]]),
     ]
 
 
@@ -209,9 +209,9 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
     mismatch, variance = data["mismatch"].values, data["variance_within"].values
     apart = np.abs(data["density_constant"].values / data["student"].values - 1).max()
     mass, slope = data["printed_mass"].values, data["quartic_slope"].values
-    whole, monotone = np.abs(mass - 1) < 1e-2, slope <= 0
+    integrates_to_one, monotone = np.abs(mass - 1) < 1e-2, slope <= 0
     reach = listed(data["reach"].values, "g")
-    grown = listed(variance, ".2f")
+    variances = listed(variance, ".2f")
     return [
         claim("Constant mu is randomized smoothing by some noise", "ABS, prop. 5.2")
         .expected("E S_0(z + w) = S_mu(z)")
@@ -223,15 +223,15 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
         claim("The noise has density rho = S_mu''(w)", "ABS, prop. 5.2")
         .expected("integral 1")
         .measured(
-            f"{over(compliance, whole)} m/(N s): integrals "
+            f"{over(compliance, integrates_to_one)} m/(N s): integrals "
             + listed(mass, ".3f")
             + ", times F "
             + listed(mass * compliance, ".3f")
         )
-        .holds(whole),
+        .holds(integrates_to_one),
         claim("The noise of constant mu has a variance", "our check")
         .expected("finite variance")
-        .measured(f"{grown} times its scale squared within {reach} scales")
+        .measured(f"{variances} times its scale squared within {reach} scales")
         .below(np.diff(variance)[-1], 0.01 * variance[0]),
         claim("BS is RS for any mu(z)", "ABS, prop. 5.2")
         .expected("dlam/dz <= 0 for eq. C.2, no negative density")
@@ -246,7 +246,7 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
 
 def _printed_claims(data: xr.Dataset) -> list[Claim]:
     settings = [str(s) for s in data["setting"].values]
-    found = []
+    results = []
     for reading, sentence, source in (
         (
             "the tail as printed",
@@ -259,29 +259,29 @@ def _printed_claims(data: xr.Dataset) -> list[Claim]:
             "eq. 5.1 read otherwise",
         ),
     ):
-        off = data["kappa_misfit"].sel(reading=reading).values
-        good = off < 1e-6
-        found.append(
+        misfits = data["kappa_misfit"].sel(reading=reading).values
+        is_equal = misfits < 1e-6
+        results.append(
             claim(sentence, source)
             .expected("equal at some c1, c2")
             .measured(
-                f"(F, variance) {over(settings, good)}; off by {off.min():.2g} to"
-                f" {off.max():.2g} sigma/F at the best constants"
+                f"(F, variance) {over(settings, is_equal)}; off by {misfits.min():.2g} to"
+                f" {misfits.max():.2g} sigma/F at the best constants"
             )
-            .holds(good)
+            .holds(is_equal)
         )
-    return found
+    return results
 
 
 def _lines(data: xr.Dataset) -> list[Claim]:
-    found, tangent = [], data["line"].values
+    results, tangent = [], data["line"].values
     for norm, source in (("absolute", "ABS, prop. 5.3"), ("squared", "ABS, lemma A.4")):
         line = data["best_line"].sel(norm=norm).values
-        off = np.abs(line - tangent).max(axis=0)
-        found.append(
+        largest_error = np.abs(line - tangent).max(axis=0)
+        results.append(
             claim(f"K*, W* of the least {norm} residual are S_mu and its gradient", source)
             .expected("equal at gaps of -1, -1/2, 1/2 and 1 sigma")
-            .measured(f"off by up to {off[0]:.1e} sigma/F and {off[1]:.1e}/F")
-            .below(off, 0.002)
+            .measured(f"off by up to {largest_error[0]:.1e} sigma/F and {largest_error[1]:.1e}/F")
+            .below(largest_error, 0.002)
         )
-    return found
+    return results

@@ -108,17 +108,17 @@ def _sweep(params: Params, rng: np.random.Generator, n: int = 4) -> dict:
             weights = np.full(params.sweep, mu)
             delta = np.zeros((1, n))
             delta[0, 0] = 1e-3 * np.sqrt(mu)
-            at, up, down = (bounds.solve(z + d, F, weights) for d in (0 * delta, delta, -delta))
-            slope[row, column] = bounds.norms(at.slope).max()
-            bent = bounds.norms(up.slope - down.slope) / (2 * delta[0, 0])
-            curvature[row, column] = bent.max()
+            centre, up, down = (bounds.solve(z + d, F, weights) for d in (0 * delta, delta, -delta))
+            slope[row, column] = bounds.norms(centre.slope).max()
+            second_difference = bounds.norms(up.slope - down.slope) / (2 * delta[0, 0])
+            curvature[row, column] = second_difference.max()
             reach = np.linalg.norm(z, axis=1)
             bound[row, column] = bounds.theorem_4_5(reach, F, weights, 1).max()
-    along = ("kind", "mu")
+    dimensions = ("kind", "mu")
     return {
-        "slope": (along, slope, "1", "largest |dlam/dz| of all systems"),
-        "curvature": (along, curvature, "1", "largest |d²lam/dz²| at a kink"),
-        "printed": (along, bound, "1", "bound of thm. 4.5 as printed"),
+        "slope": (dimensions, slope, "1", "largest |dlam/dz| of all systems"),
+        "curvature": (dimensions, curvature, "1", "largest |d²lam/dz²| at a kink"),
+        "printed": (dimensions, bound, "1", "bound of thm. 4.5 as printed"),
     }
 
 
@@ -126,15 +126,15 @@ def _counterexamples() -> dict:
     """Two systems of two contacts, from the errata, that break the final inequalities."""
     F = np.array([[[1.0, -1000.0], [0.0, 1.0]], [[1.0, -100.0], [0.0, 1.0]]])
     z, mu = np.array([[1000.0, 0.0], [1.0, 1.0]]), np.ones(2)
-    found = bounds.solve(z, F, mu)
+    softened = bounds.solve(z, F, mu)
     # C = [1, 0], D = [0, 1]': one state, n² |C| |D| = 4, and |diag(lam)|² for l mu.
-    state = abs(found.slope[0, 0, 1])
-    held = 4 * float(np.sum(found.lam[0] ** 2))
+    state = abs(softened.slope[0, 0, 1])
+    bound = 4 * float(np.sum(softened.lam[0] ** 2))
     return {
-        "counter_4_5": ("side", [state, held], "1", "|dx+/dx| and thm. 4.5 at F_1"),
+        "counter_4_5": ("side", [state, bound], "1", "|dx+/dx| and thm. 4.5 at F_1"),
         "counter_5_1": (
             "side",
-            [bounds.norms(found.slope)[1], bounds.theorem_5_1(z[1:], mu[1:])[0]],
+            [bounds.norms(softened.slope)[1], bounds.theorem_5_1(z[1:], mu[1:])[0]],
             "1",
             "|dlam/dz| and thm. 5.1 at F_2",
         ),
@@ -218,7 +218,7 @@ def _stiffness(data: xr.Dataset) -> list[Claim]:
     signed = _holds(data, "4.5, sign corrected")
     point = _holds(data, "4.5, l at the point")
     definite = _holds(data, "1/lambda_min(S)")
-    slope, held = data["counter_4_5"].values
+    counter_slope, counter_bound = data["counter_4_5"].values
     return [
         claim("The Lipschitz constant explodes as mu falls, inversely proportional to it", "ABS, sec. 4.3")
         .expected("slope ~ mu^-1")
@@ -238,8 +238,8 @@ def _stiffness(data: xr.Dataset) -> list[Claim]:
         .equals(min(signed[:2]), 1),
         claim("The same with l = |diag(lam)|²/mu at the point", "ABS, proof of thm. 4.5")
         .expected("always, F = [[1, -1000], [0, 1]] too")
-        .measured(f"{point[2]}; there the slope is {slope:.0f}, the bound {held:.0f}")
-        .holds(min(point[:2]) == 1, slope <= held),
+        .measured(f"{point[2]}; there the slope is {counter_slope:.0f}, the bound {counter_bound:.0f}")
+        .holds(min(point[:2]) == 1, counter_slope <= counter_bound),
         claim("|dlam/dz| <= 1/lambda_min(S) where S = sym(F) is definite", "corrected")
         .expected("always")
         .measured(definite[2])
@@ -279,7 +279,7 @@ def _near_contact(data: xr.Dataset) -> list[Claim]:
 def _smoothing(data: xr.Dataset) -> list[Claim]:
     pair = {str(name)[5:]: data[name].values for name in data if str(name).startswith("pair_")}
     barrier, gaussian = np.abs(pair["barrier"]).max(), np.abs(pair["gaussian"]).max()
-    mass, off = pair["mass"], pair["misfit"]
+    mass, misfits = pair["mass"], pair["misfit"]
     return [
         claim("S_mu(z) = E S_0(z + w) for the noise of constant mu", "ABS, prop. 5.2")
         .expected("0")
@@ -295,10 +295,10 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
         claim("kappa as printed is E S_0(z + w), w Gaussian", "ABS, prop. 5.3, eq. 5.1")
         .expected("equal over z at some c1, c2")
         .measured(
-            f"within a hundredth of sigma/F in {np.mean(off < 0.01):.0%} of {off.size} cases,"
-            f" off by {off.min():.2g} to {off.max():.2g} sigma/F at the best constants"
+            f"within a hundredth of sigma/F in {np.mean(misfits < 0.01):.0%} of {misfits.size} cases,"
+            f" off by {misfits.min():.2g} to {misfits.max():.2g} sigma/F at the best constants"
         )
-        .below(off, 0.01),
+        .below(misfits, 0.01),
         claim("kappa corrected is", "eq. 5.1 corrected")
         .expected("equal")
         .measured(f"{gaussian:.0e}")
@@ -309,10 +309,10 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
 def _bias(data: xr.Dataset) -> list[Claim]:
     bias, bound = data["printed_bias"].values, data["printed_bound"].values
     constants = [str(c) for c in data["constants"].values]
-    good = bias <= bound
-    everywhere, solved = good.mean(axis=1), np.isfinite(bias)
-    above = np.mean(solved & ~good, axis=1)
-    off = np.abs(data["pair_bias"].values - data["pair_tail"].values).max()
+    is_bounded = bias <= bound
+    everywhere, solved = is_bounded.mean(axis=1), np.isfinite(bias)
+    above = np.mean(solved & ~is_bounded, axis=1)
+    largest_error = np.abs(data["pair_bias"].values - data["pair_tail"].values).max()
     return [
         claim("The bias of the adaptive slope is within its bound", "ABS, thm. 5.4")
         .expected("always, with mu of prop. 5.3 as printed, at constants (c1, c2)")
@@ -324,17 +324,17 @@ def _bias(data: xr.Dataset) -> list[Claim]:
             + ", in the rest mu is negative and"
             " there is no softened model"
         )
-        .holds(good),
+        .holds(is_bounded),
         claim("With the corrected mu that bias is tail(|z|/sigma)/F", "corrected")
         .expected("equal, so at most 1/(2F)")
-        .measured(f"within {off:.0e}/F; largest {data['pair_bias'].values.max():.3f}/F")
-        .below(off, 1e-9),
+        .measured(f"within {largest_error:.0e}/F; largest {data['pair_bias'].values.max():.3f}/F")
+        .below(largest_error, 1e-9),
     ]
 
 
 def _estimators(data: xr.Dataset) -> list[Claim]:
     variance, paper, sharp = (data[f"vector_{name}"].values for name in ("variance", "paper", "sharp"))
-    good = [float(np.mean(variance >= bound * (1 - 1e-9) - 1e-9)) for bound in (paper, sharp)]
+    shares = [float(np.mean(variance >= bound * (1 - 1e-9) - 1e-9)) for bound in (paper, sharp)]
     score = float(data["z_score"])
     return [
         claim("First-order gradients are unbiased where the step is Lipschitz", "Pathologies, lemma III.1")
@@ -345,12 +345,12 @@ def _estimators(data: xr.Dataset) -> list[Claim]:
         .below(score, 5),
         claim("Var z >= Delta_0²/beta", "Pathologies, lemma III.4")
         .expected("always")
-        .measured(f"holds in {good[0]:.2%} of {variance.size} random vectors, is zero in {np.mean(paper == 0):.0%}")
-        .equals(good[0], 1),
+        .measured(f"holds in {shares[0]:.2%} of {variance.size} random vectors, is zero in {np.mean(paper == 0):.0%}")
+        .equals(shares[0], 1),
         claim("Var z >= (1 - beta)/beta Delta²", "lemma III.4 sharpened")
         .expected("always")
-        .measured(f"holds in {good[1]:.2%}")
-        .equals(good[1], 1),
+        .measured(f"holds in {shares[1]:.2%}")
+        .equals(shares[1], 1),
     ]
 
 

@@ -44,11 +44,13 @@ def solve_qp(x: np.ndarray, v: np.ndarray, u: np.ndarray, m: float, h: float) ->
 
     ``min m/2 (v+ - v)² - u v+`` subject to ``x/h + v+ >= 0``; lam is the constraint's multiplier.
     """
-    one = ca.DM.ones(1, 1)
+    scalar = ca.DM.ones(1, 1)
     quiet = {"print_iter": False, "print_header": False, "print_info": False}
-    solver = ca.conic("qp", "qrqp", {"h": one.sparsity(), "a": one.sparsity()}, quiet)
-    found = [solver(h=m * one, a=one, g=-(m * b + c), lba=-a / h, uba=np.inf) for a, b, c in zip(x, v, u, strict=True)]
-    velocity, lam = (np.array([float(each[key]) for each in found]) for key in ("x", "lam_a"))
+    solver = ca.conic("qp", "qrqp", {"h": scalar.sparsity(), "a": scalar.sparsity()}, quiet)
+    solutions = [
+        solver(h=m * scalar, a=scalar, g=-(m * b + c), lba=-a / h, uba=np.inf) for a, b, c in zip(x, v, u, strict=True)
+    ]
+    velocity, lam = (np.array([float(qp_solution[key]) for qp_solution in solutions]) for key in ("x", "lam_a"))
     return x + h * velocity, -lam
 
 
@@ -57,20 +59,20 @@ def newton_step(
     v: np.ndarray,
     u: np.ndarray,
     kappa: np.ndarray,
-    after: np.ndarray,
+    x_next: np.ndarray,
     m: float,
     h: float,
 ) -> np.ndarray:
-    """How far [m] the next positions ``after`` (n,) are off the minimiser of eq. 4, to first order.
+    """How far [m] the next positions ``x_next`` (n,) are off the minimiser of eq. 4, to first order.
 
     Derivatives are CasADi's of the objective, which is strictly convex.
     """
     inputs = [ca.SX.sym(name) for name in ("x", "v", "u", "kappa", "w")]
-    at, before, push, weight, w = inputs
-    objective = m / 2 * (w - before) ** 2 - push * w - ca.log(at / h + w) / weight
+    position, velocity, push, weight, w = inputs
+    objective = m / 2 * (w - velocity) ** 2 - push * w - ca.log(position / h + w) / weight
     bend, slope = ca.hessian(objective, w)
     step = ca.Function("newton", inputs, [h * slope / bend])
-    return np.array(step(*(a[None] for a in (x, v, u, kappa, (after - x) / h)))).ravel()
+    return np.array(step(*(a[None] for a in (x, v, u, kappa, (x_next - x) / h)))).ravel()
 
 
 def run(params: Params) -> xr.Dataset:
@@ -78,11 +80,11 @@ def run(params: Params) -> xr.Dataset:
     system = get("wall-1d", m=params.m, h=params.h).system
     u = params.u_max * np.linspace(-1, 1, params.points // 2 * 2 + 1)
     exact = SampledStep(Exact().close(system))(np.zeros((1, 2)), u[:, None])
-    drawn, _ = solve_qp(np.zeros_like(u), np.zeros_like(u), u, params.m, params.h)
+    x_qp, _ = solve_qp(np.zeros_like(u), np.zeros_like(u), u, params.m, params.h)
     barrier = SampledStep(Barrier(kappa=1.0).close(system))
     shape = (len(KAPPAS), len(u))
     kappa = np.repeat(KAPPAS, len(u))
-    found = barrier(np.zeros((1, 2)), np.tile(u, len(KAPPAS))[:, None], kappa=kappa)
+    relaxed = barrier(np.zeros((1, 2)), np.tile(u, len(KAPPAS))[:, None], kappa=kappa)
     closed = eq5(np.zeros(1), np.zeros(1), np.tile(u, len(KAPPAS)), kappa, params.m, params.h)
     rng = np.random.default_rng(params.seed)
     x, v, w = rng.uniform(0, 1, 1000), *rng.uniform(-3, 3, (2, 1000))
@@ -93,15 +95,15 @@ def run(params: Params) -> xr.Dataset:
     qp, multiplier = solve_qp(x, v, w, params.m, params.h)
     reference = eq5(x, v, w, random_kappa, params.m, params.h)
     newton = newton_step(x, v, w, random_kappa, at_random.x_next[:, 0], params.m, params.h)
-    both = ("kappa", "u")
+    dimensions = ("kappa", "u")
     return dataset(
         {
-            "x_qp": ("u", drawn, "m", "next position, QP of eq. 3"),
-            "x_barrier": (both, found.x_next[:, 0].reshape(shape), "m", "next position, log barrier"),
-            "x_eq5": (both, closed.reshape(shape), "m", "closed form of eq. 5"),
+            "x_qp": ("u", x_qp, "m", "next position, QP of eq. 3"),
+            "x_barrier": (dimensions, relaxed.x_next[:, 0].reshape(shape), "m", "next position, log barrier"),
+            "x_eq5": (dimensions, closed.reshape(shape), "m", "closed form of eq. 5"),
             "slope_exact": ("u", exact.x_by_u[:, 0, 0], "m/(N s)", "dx+/du, time stepping"),
-            "slope_barrier": (both, found.x_by_u[:, 0, 0].reshape(shape), "m/(N s)", "dx+/du, log barrier"),
-            "lam_barrier": (both, found.lam[:, 0].reshape(shape), "N s", "impulse of the wall, log barrier"),
+            "slope_barrier": (dimensions, relaxed.x_by_u[:, 0, 0].reshape(shape), "m/(N s)", "dx+/du, log barrier"),
+            "lam_barrier": (dimensions, relaxed.lam[:, 0].reshape(shape), "N s", "impulse of the wall, log barrier"),
             "eq5_error": (
                 "sample",
                 at_random.x_next[:, 0] - reference,
@@ -129,20 +131,17 @@ def run(params: Params) -> xr.Dataset:
     )
 
 
-_PLACE = "Pathologies, "
-
-
 def claims(data: xr.Dataset) -> list[Claim]:
     """What ex. IV.1-2 and fig. 6 say."""
     m, h = data.attrs["m"], data.attrs["h"]
     error, newton = (float(np.abs(data[name]).max()) for name in ("eq5_error", "newton"))
     qp, multiplier = (float(np.abs(data[name]).max()) for name in ("qp_error", "lam_error"))
     cases = f"over {data.sizes['sample']} random cases"
-    off = (data["x_barrier"] - data["x_qp"]).values
-    largest = off.max(axis=1)
+    differences = (data["x_barrier"] - data["x_qp"]).values
+    largest = differences.max(axis=1)
     middle = int(np.abs(data["u"].values).argmin())
-    kink = off[:, middle] * np.sqrt(m * data["kappa"].values) / h
-    far = off[:, -1] * data["kappa"].values
+    kink = differences[:, middle] * np.sqrt(m * data["kappa"].values) / h
+    scaled = differences[:, -1] * data["kappa"].values
     slope = data["slope_exact"].values
     relu = np.abs(slope - (h / m) * (data["u"].values > 0))[np.abs(data["u"].values) > 0].max()
     kappas = data["kappa"].values[:, None]
@@ -150,7 +149,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
     power = float(np.polyfit(np.log(kappas[:, 0]), np.log(largest), 1)[0])
     steepest = float(data["slope_barrier"].max())
     return [
-        claim("The optimality condition (5) is that of the objective (4)", _PLACE + "eq. 4-5")
+        claim("The optimality condition (5) is that of the objective (4)", "Pathologies, eq. 4-5")
         .expected("0")
         .measured(f"its step is off the minimiser by {newton:.1e} m {cases}")
         .below(newton, 1e-9),
@@ -158,15 +157,15 @@ def claims(data: xr.Dataset) -> list[Claim]:
         .expected("0")
         .measured(f"{error:.1e} m {cases}")
         .below(error, 1e-12),
-        claim("The equations of motion (2) are the KKT condition of the QP (3)", _PLACE + "ex. IV.1")
+        claim("The equations of motion (2) are the KKT condition of the QP (3)", "Pathologies, ex. IV.1")
         .expected("same x+, and lam its multiplier")
         .measured(f"x+ within {qp:.1e} m, lam within {multiplier:.1e} N s {cases}")
         .holds(qp < 1e-9, multiplier < 1e-9),
-        claim("x+ over u is a kinked line", _PLACE + "fig. 6")
+        claim("x+ over u is a kinked line", "Pathologies, fig. 6")
         .expected("slope 0, then h/m")
         .measured(f"off by {relu:.1e} m/(N s)")
         .below(relu, 1e-12),
-        claim("As kappa grows, the solution of (4) converges to that of (3)", _PLACE + "ex. IV.2")
+        claim("As kappa grows, the solution of (4) converges to that of (3)", "Pathologies, ex. IV.2")
         .expected("0 at kappa = inf")
         .measured(
             listed(largest, ".1e") + " m at kappa = " + listed(kappas[:, 0], "g") + " per J, as kappa to the power"
@@ -175,13 +174,15 @@ def claims(data: xr.Dataset) -> list[Claim]:
         .holds(np.diff(largest) < 0, -1.1 < power < -0.4),
         claim("That convergence is slow at the kink only: x+ = h/sqrt(m kappa) there", "closed form of eq. 5")
         .expected("x+ sqrt(m kappa)/h = 1")
-        .measured(f"{kink.min():.6f} to {kink.max():.6f}; off it, difference*kappa {far[0]:.3g} to {far[-1]:.3g} m/J")
+        .measured(
+            f"{kink.min():.6f} to {kink.max():.6f}; off it, difference*kappa {scaled[0]:.3g} to {scaled[-1]:.3g} m/J"
+        )
         .holds(np.allclose(kink, 1, rtol=1e-9)),
-        claim("No spring constant: the gradient stays bounded however hard the wall", _PLACE + "fig. 6")
+        claim("No spring constant: the gradient stays bounded however hard the wall", "Pathologies, fig. 6")
         .expected(f"|dx+/du| <= h/m = {h / m:g}")
         .measured(f"{steepest:.6g} m/(N s)")
         .at_most(steepest, h / m),
-        claim("The wall exerts a force inversely proportional to the distance", _PLACE + "ex. IV.2")
+        claim("The wall exerts a force inversely proportional to the distance", "Pathologies, ex. IV.2")
         .expected("lam x+ kappa/h = 1")
         .measured(f"within {product:.1e}, x+ after the step and lam an impulse")
         .below(product, 1e-9),

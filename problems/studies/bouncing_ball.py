@@ -29,8 +29,8 @@ def in_log_height(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np
     ``s = ln y``: ``s' = v exp(-s)``, ``v' = mu exp(-s) - g`` per unit mass, mu in J/kg; in y
     itself the least height, about ``q0 exp(-g q0/mu)``, is lost (abs, C.1 in other variables).
     """
-    found = _integrate(mu, q0, g, times[-1], times)
-    return np.exp(found.y[0]), found.y[1]
+    trajectory = _integrate(mu, q0, g, times[-1], times)
+    return np.exp(trajectory.y[0]), trajectory.y[1]
 
 
 def turning_points(mu: float, q0: float, g: float) -> tuple[float, float, float]:
@@ -40,11 +40,11 @@ def turning_points(mu: float, q0: float, g: float) -> tuple[float, float, float]
         return state[1]
 
     longest = 20 * float(np.sqrt(q0 / g))
-    found = _integrate(mu, q0, g, longest, None, velocity)
-    heights = np.exp(found.y_events[0][:, 0])
+    trajectory = _integrate(mu, q0, g, longest, None, velocity)
+    heights = np.exp(trajectory.y_events[0][:, 0])
     # The throw itself is level: its own event, where there is one, is at time 0.
-    moving = found.t_events[0] > 0
-    times, heights = found.t_events[0][moving], heights[moving]
+    moving = trajectory.t_events[0] > 0
+    times, heights = trajectory.t_events[0][moving], heights[moving]
     return float(heights[0]), float(heights[1]), float(times[1])
 
 
@@ -53,10 +53,10 @@ def _integrate(mu: float, q0: float, g: float, end: float, times: Any, events: A
         inverse = np.exp(-state[0])
         return [state[1] * inverse, mu * inverse - g]
 
-    found = solve_ivp(slope, (0.0, end), [np.log(q0), 0.0], "DOP853", times, events=events, rtol=1e-11, atol=1e-12)
-    if not found.success:
+    trajectory = solve_ivp(slope, (0.0, end), [np.log(q0), 0.0], "DOP853", times, events=events, rtol=1e-11, atol=1e-12)
+    if not trajectory.success:
         raise ValueError(f"the ball's equation could not be integrated at mu = {mu}")
-    return found
+    return trajectory
 
 
 def as_printed(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -66,8 +66,8 @@ def as_printed(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np.nd
         gamma, e, _ = state
         return [e, (gamma**4 - gamma**3 * g - 2 * mu * e**2) / (-mu * gamma), gamma - g]
 
-    found = solve_ivp(slope, (times[0], times[-1]), [mu / q0, 0.0, 0.0], "DOP853", times, rtol=1e-11, atol=1e-12)
-    return found.y[0], found.y[2]
+    trajectory = solve_ivp(slope, (times[0], times[-1]), [mu / q0, 0.0, 0.0], "DOP853", times, rtol=1e-11, atol=1e-12)
+    return trajectory.y[0], trajectory.y[2]
 
 
 def least_height(mu: float, q0: float, g: float) -> float:
@@ -170,19 +170,19 @@ def claims(data: xr.Dataset) -> list[Claim]:
     g, q0, h = data.attrs["g"], data.attrs["q0"], data.attrs["h"]
     peak = data["rate"].values.max(axis=1)
     peak_step = data["rate_step"].values.max(axis=1)
-    free = np.sqrt(2 * q0 / g)
-    fall = data["rate_exact"].values[data["q_mid"].values < free - h] * data.attrs["v0"]
+    fall_time = np.sqrt(2 * q0 / g)
+    fall = data["rate_exact"].values[data["q_mid"].values < fall_time - h] * data.attrs["v0"]
     velocity = data["v_exact"].values
     jump = float((velocity[2:] - velocity[:-2]).max())
     drift, apex = float(data["energy_drift"].max()), data["apex"].values
     rebound = data["rebound"].values
-    rest = largest(data["y_exact"].values[data["q_step"].values > free + 2 * h])
-    least = np.abs(data["least"].values / data["least_closed"].values - 1).max()
+    resting_height = largest(data["y_exact"].values[data["q_step"].values > fall_time + 2 * h])
+    least_height_error = np.abs(data["least"].values / data["least_closed"].values - 1).max()
     return [
         claim("In the exact LCS the velocity falls at -g and jumps at contact", "ABS, fig. 2")
         .expected(f"dv_y/dt = {-g:g}, then a jump")
         .measured(f"{fall.mean():.4f} m/s², jump {jump:.3f} m/s over two steps")
-        .holds(np.allclose(fall, -g), jump > 0.9 * g * free),
+        .holds(np.allclose(fall, -g), jump > 0.9 * g * fall_time),
         claim("Larger mu makes the dynamics less stiff", "ABS, sec. 7.1")
         .expected("lower peak of dv/dq")
         .measured(listed(peak, ".3g") + " 1/s")
@@ -196,13 +196,13 @@ def claims(data: xr.Dataset) -> list[Claim]:
         .measured(f"{float(data['printed_error']):.1e} m/s apart at mu = {MUS[-1]:g}")
         .below(float(data["printed_error"]), 1e-6),
         claim("Solving (C.1) gives the behaviour of the LCS, which does not bounce", "our check")
-        .expected(f"height regained {rest:.3g} m")
+        .expected(f"height regained {resting_height:.3g} m")
         .measured(f"{apex.min():.4f} to {apex.max():.4f} m: energy kept within {drift:.0e}")
         .below(apex, 0.1 * q0),
         claim("Least height is -(mu/g) W0(-(g/mu) exp(-E/mu))", "closed form")
         .expected("equal")
-        .measured(f"within {least:.1e} relative")
-        .below(least, 1e-6),
+        .measured(f"within {least_height_error:.1e} relative")
+        .below(least_height_error, 1e-6),
         claim("Time stepping at fixed mu tends to that elastic ball as h falls", "our check of C.1")
         .expected(f"{q0:g} m")
         .measured(listed(rebound, ".2f") + f" m at h = {FINE[0]:g} to {FINE[-1]:g} s, mu = {REBOUND_MU:g}")

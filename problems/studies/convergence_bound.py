@@ -58,9 +58,9 @@ class Landscape:
         """J (n,) and its gradient (n, 2), interpolated linearly; NaN outside the window."""
         from scipy.interpolate import RegularGridInterpolator
 
-        given = {"bounds_error": False, "fill_value": np.nan}
-        value = RegularGridInterpolator(self.axes, self.value, **given)(theta)
-        return value, RegularGridInterpolator(self.axes, self.slope, **given)(theta)
+        options = {"bounds_error": False, "fill_value": np.nan}
+        value = RegularGridInterpolator(self.axes, self.value, **options)(theta)
+        return value, RegularGridInterpolator(self.axes, self.slope, **options)(theta)
 
     @property
     def lipschitz(self) -> float:
@@ -117,17 +117,17 @@ def bound(data: xr.Dataset, law: str) -> tuple[float, float]:
     ``min_n E|grad J|² <= 4c/N E[J_N - J_0] + 4/N sum_n (c (2 delta b_n + eta/2 v_n) + b_n² + v_n)``
     with ``c = 1/(eta - L eta²)``.
     """
-    one = data.sel(law=law)
+    runs = data.sel(law=law)
     eta, lipschitz = float(data["eta"]), float(data["lipschitz"])
     c = 1 / (eta - lipschitz * eta**2)
-    n = one.sizes["iteration"]
-    b, v = one["bias"].values, one["variance"].values
-    delta = float(np.linalg.norm(one["theta"].values, axis=-1).max())
-    gained = one["value"].values[:, -1] - one["value"].values[:, 0]
+    n = runs.sizes["iteration"]
+    b, v = runs["bias"].values, runs["variance"].values
+    delta = float(np.linalg.norm(runs["theta"].values, axis=-1).max())
+    gained = runs["value"].values[:, -1] - runs["value"].values[:, 0]
     terms = c * (2 * delta * b + eta / 2 * v) + b**2 + v
-    right = 4 * c / n * gained.mean() + 4 / n * terms.sum(axis=1).mean()
-    left = float((one["slope"].values ** 2).mean(axis=0).min())
-    return left, float(right)
+    right_side = 4 * c / n * gained.mean() + 4 / n * terms.sum(axis=1).mean()
+    mean_square = float((runs["slope"].values ** 2).mean(axis=0).min())
+    return mean_square, float(right_side)
 
 
 def _landscape(judge: Experiment, middle: np.ndarray, params: Params) -> Landscape:
@@ -164,17 +164,19 @@ def _moments(
     """Mean gradient (2,) of n throws, and the trace of the covariance of one."""
     seed = np.random.SeedSequence(params.seed, spawn_key=key)
     x0 = judge.task.reset(1, np.random.default_rng(0))
-    found = judge.rollouts(judge.task.horizon, law).moments(x0, theta, noise=Gaussian(params.sigma, seed), n_samples=n)
-    assert found.gradient is not None
-    return found.gradient.mean, float(found.gradient.m2.sum() / (found.gradient.n - 1))
+    moments = judge.rollouts(judge.task.horizon, law).moments(
+        x0, theta, noise=Gaussian(params.sigma, seed), n_samples=n
+    )
+    assert moments.gradient is not None
+    return moments.gradient.mean, float(moments.gradient.m2.sum() / (moments.gradient.n - 1))
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
     """The bound, how far it is from what it bounds, and which of its terms rules."""
     laws = [str(law) for law in data["law"].values]
     sides = [bound(data, law) for law in laws]
-    held = [left <= right for left, right in sides]
-    ratios = [right / left for left, right in sides]
+    is_bounded = [mean_square <= right_side for mean_square, right_side in sides]
+    ratios = [right_side / mean_square for mean_square, right_side in sides]
     inside = np.isfinite(data["value"].values).all()
     bias = [float(data["bias"].sel(law=law).mean()) for law in laws]
     variance = [float(data["variance"].sel(law=law).mean()) for law in laws]
@@ -182,14 +184,14 @@ def claims(data: xr.Dataset) -> list[Claim]:
     lower = [variance[k] < variance[0] for k in smooth]
     higher = [bias[k] > bias[0] for k in smooth]
     gains = (data["value"][..., -1] - data["value"][..., 0]).mean("run").values
-    closest = laws[int(np.argmax(gains))]
+    most_gained = laws[int(np.argmax(gains))]
     unit = data["bias"].attrs["units"]
-    least = laws[int(np.argmin(bias))]
+    least_biased = laws[int(np.argmin(bias))]
     return [
         claim("The smallest mean square gradient is below the bound", "ABS, thm. 4.2")
         .expected("left side at most the right one, under every law")
-        .measured(f"{over(laws, held)}: {', '.join(f'{a:.2g} <= {b:.2g}' for a, b in sides)}")
-        .holds(held, inside),
+        .measured(f"{over(laws, is_bounded)}: {', '.join(f'{a:.2g} <= {b:.2g}' for a, b in sides)}")
+        .holds(is_bounded, inside),
         claim("The bound tells the size of what it bounds", "our check")
         .expected("at most 10 times as large")
         .measured(", ".join(f"{ratio:.3g}" for ratio in ratios))
@@ -210,7 +212,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
         )
         .holds(higher),
         claim("The law of the least bias climbs the most", "our check")
-        .expected(f"{least}, of the least mean bias")
-        .measured(f"{closest} gained {gains.max():.3g} {unit}")
-        .equals(closest, least),
+        .expected(f"{least_biased}, of the least mean bias")
+        .measured(f"{most_gained} gained {gains.max():.3g} {unit}")
+        .equals(most_gained, least_biased),
     ]

@@ -43,19 +43,19 @@ def run(params: Params) -> xr.Dataset:
     widths = _stick_width() * np.geomspace(1e-3, 10, 9)
     coulomb = objective_spec("coulomb").objective({"theta": 0.0})
     block = objective_spec("belt-block").objective()
-    here = objective_spec("coulomb").objective({"theta": params.theta, "nu": params.nu})
-    running = np.stack([_running_mean(here, name, params) for name in ORDERS])
-    at = [coulomb.at({"nu": nu}) for nu in nus]
-    few = [_variances(o, i, params.n_samples, params) for i, o in enumerate(at)]
-    forms = [objective.closed_form(params.sigma) for objective in at]
+    at_theta = objective_spec("coulomb").objective({"theta": params.theta, "nu": params.nu})
+    running = np.stack([_running_mean(at_theta, name, params) for name in ORDERS])
+    objectives = [coulomb.at({"nu": nu}) for nu in nus]
+    few = [_variances(o, i, params.n_samples, params) for i, o in enumerate(objectives)]
+    forms = [objective.closed_form(params.sigma) for objective in objectives]
     wide, behind = (
         [_variances(o.at({"nu": nu}), 1000 + i, params.many, params) for i, nu in enumerate(grid)]
         for o, grid in ((coulomb, coarse), (block, widths))
     )
     slip = np.linspace(-1, 1, 401)
-    half, silent = _at_half(coulomb, params), _silent(here, params)
-    known = here.closed_form(params.sigma)
-    assert known is not None
+    at_half, silent = _at_half(coulomb, params), _silent(at_theta, params)
+    closed_form = at_theta.closed_form(params.sigma)
+    assert closed_form is not None
     unit = "s/m"
     return dataset(
         {
@@ -72,7 +72,7 @@ def run(params: Params) -> xr.Dataset:
                 "impulse on the block over its limit",
             ),
             "running_mean": (("order", "n"), running, unit, "estimate of n samples"),
-            "truth": ((), known.gradient[0], unit, "gradient at theta"),
+            "truth": ((), closed_form.gradient[0], unit, "gradient at theta"),
             "silent": ("batch", silent, "1", "share of batches whose first-order samples are all zero"),
             "chance": (
                 "nu",
@@ -80,10 +80,10 @@ def run(params: Params) -> xr.Dataset:
                 "1",
                 "of a first-order sample not zero",
             ),
-            "half_gradient": ("ratio", half[:, 0], unit, "gradient at theta = nu/2"),
-            "half_chance": ("ratio", half[:, 1], "1", "of a sample not zero there"),
-            "half_share": ("ratio", half[:, 2], "1", "of samples not zero there"),
-            "half_spread": ("ratio", half[:, 3], unit, "largest sample there with theta + w outside the tolerance"),
+            "half_gradient": ("ratio", at_half[:, 0], unit, "gradient at theta = nu/2"),
+            "half_chance": ("ratio", at_half[:, 1], "1", "of a sample not zero there"),
+            "half_share": ("ratio", at_half[:, 2], "1", "of samples not zero there"),
+            "half_spread": ("ratio", at_half[:, 3], unit, "largest sample there with theta + w outside the tolerance"),
             "stick": ((), _stick_width(), "m/s", "2 N h F/m, below which the block's mass limits the slope"),
             "variance": (("order", "nu"), np.transpose(few), "s^2/m^2", "empirical variance of one sample"),
             "zobg_variance": ("nu", [c.zobg_variance[0] for c in forms if c], "s^2/m^2", "of one sample, closed form"),
@@ -119,14 +119,14 @@ def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
     """At theta = nu/2, (ratios, 4): F', chance and share of nonzero samples, largest outside nu."""
     rows = []
     for index, nu in enumerate(params.sigma * _RATIOS):
-        here = coulomb.at({"theta": nu / 2, "nu": nu})
-        known = here.closed_form(params.sigma)
-        assert known is not None
+        objective = coulomb.at({"theta": nu / 2, "nu": nu})
+        closed_form = objective.closed_form(params.sigma)
+        assert closed_form is not None
         seed = np.random.SeedSequence(params.seed, spawn_key=(2000 + index,))
         noise = Gaussian(params.sigma, seed)
-        samples = here.sample_gradients(noise, params.many).direction[:, 0]
+        samples = objective.sample_gradients(noise, params.many).direction[:, 0]
         outside = np.abs(nu / 2 + noise.draw(params.many, 1, 1)[:, 0, 0]) > nu / 2
-        gradient = known.gradient[0]
+        gradient = closed_form.gradient[0]
         rows.append((gradient, gradient * nu / 2, np.mean(samples != 0), np.abs(samples[outside]).max(initial=0)))
     return np.array(rows)
 
@@ -154,11 +154,10 @@ def _running_mean(objective: SampledObjective, name: str, params: Params) -> np.
 
 def _variances(objective: SampledObjective, key: int, n: int, params: Params) -> list[float]:
     seed = np.random.SeedSequence(params.seed, spawn_key=(key,))
-    found = estimate_gradient(objective, ORDERS, n, params.sigma, seed, reference="none")
-    return [float(found[name].variance[0]) for name in ORDERS]
+    estimates = estimate_gradient(objective, ORDERS, n, params.sigma, seed, reference="none")
+    return [float(estimates[name].variance[0]) for name in ORDERS]
 
 
-_PLACE = "Pathologies, "
 _RARE, _OFTEN = 0.3, 20.0
 """Expected samples within nu, of a run, below which most see none and above which all see some."""
 _SMALL = 0.1
@@ -180,24 +179,24 @@ def _variance(data: xr.Dataset) -> list[Claim]:
     ratio = form * nu / (4 * c)
     wide = data["wide_variance"]
     coarse = data["coarse"].values
-    known, p = (np.interp(coarse, data["nu"], data[name]) for name in ("fobg_variance", "chance"))
-    told = (coarse <= _SMALL * sigma) & (many * p >= 30)
-    score = (wide.sel(order="fobg").values / known - 1)[told] * np.sqrt(many * p[told])
+    variances, p = (np.interp(coarse, data["nu"], data[name]) for name in ("fobg_variance", "chance"))
+    is_sampled = (coarse <= _SMALL * sigma) & (many * p >= 30)
+    score = (wide.sel(order="fobg").values / variances - 1)[is_sampled] * np.sqrt(many * p[is_sampled])
     flat = wide.sel(order="zobg").values[coarse <= _SMALL * sigma]
     factor = largest(flat) / flat.min(initial=np.inf)
-    where = f" for nu <= {_SMALL:g} sigma"
+    range_text = f" for nu <= {_SMALL:g} sigma"
     return [
-        claim("As nu falls the variance of the first order scales with 1/nu", _PLACE + "ex. III.5")
+        claim("As nu falls the variance of the first order scales with 1/nu", "Pathologies, ex. III.5")
         .expected("4 c/nu, c = 1/(sqrt(2 pi) sigma)")
         .measured(
             f"nu to the power {slope:.3f}, {ratio.min():.3f}"
-            f" to {ratio.max():.3f} of it{where}; samples within"
+            f" to {ratio.max():.3f} of it{range_text}; samples within"
             f" {largest(np.abs(score)):.2g} standard errors"
         )
         .holds(abs(slope + 1) < 0.02, np.abs(ratio - 1) < 0.05, largest(np.abs(score)) < 5),
         claim("The variance of the zeroth order does not depend on nu", "our check")
         .expected("flat")
-        .measured(f"within a factor {factor:.3g}{where}")
+        .measured(f"within a factor {factor:.3g}{range_text}")
         .below(factor, 1.05 + 10 * np.sqrt(2 / many)),
     ]
 
@@ -208,7 +207,7 @@ def _few_samples(data: xr.Dataset) -> list[Claim]:
     p = float(data["truth"]) * data.attrs["nu"] / 2
     sizes, silent = data["batch"].values, data["silent"].values
     few = sizes * p <= 0.1
-    least = silent[few].min(initial=1) if few.any() else np.nan
+    least_share = silent[few].min(initial=1) if few.any() else np.nan
     reach = f"up to {sizes[few].max()}" if few.any() else "none"
     hits = n * data["chance"].values
     empty = data["variance"].sel(order="fobg").values == 0
@@ -216,11 +215,13 @@ def _few_samples(data: xr.Dataset) -> list[Claim]:
     rare, often = hits < _RARE, (hits > _OFTEN) & (data["chance"].values < 0.5)
     share = float(np.mean(empty[rare])) if rare.any() else np.nan
     return [
-        claim("First-order values are zero where few samples are taken", _PLACE + "fig. 3")
+        claim("First-order values are zero where few samples are taken", "Pathologies, fig. 3")
         .expected(f"0 for n well below 1/p = {1 / max(p, 1e-300):.3g} samples")
-        .measured(f"all zero in {least:.0%} of runs or more for n {reach}, in {silent[-1]:.0%} of those of {sizes[-1]}")
-        .above(least, 0.5),
-        claim("At a fixed sample count the empirical variance falls to zero as nu does", _PLACE + "fig. 3")
+        .measured(
+            f"all zero in {least_share:.0%} of runs or more for n {reach}, in {silent[-1]:.0%} of those of {sizes[-1]}"
+        )
+        .above(least_share, 0.5),
+        claim("At a fixed sample count the empirical variance falls to zero as nu does", "Pathologies, fig. 3")
         .expected("empty on a log scale")
         .measured(
             f"{empty.sum()} of {nu.size} tolerances show none: {share:.0%} of those with n p <"
@@ -236,39 +237,39 @@ def _empirical_bias(data: xr.Dataset) -> list[Claim]:
     c = 1 / (np.sqrt(2 * np.pi) * sigma)
     F, p = data["half_gradient"].values, data["half_chance"].values
     beta, small = c * sigma * ratio, ratio <= 1
-    off = np.abs(data["half_share"].values - p) / np.sqrt(p * (1 - p) / many + 1 / many**2)
-    sampled = bool(off.max() < 5)
+    score = np.abs(data["half_share"].values - p) / np.sqrt(p * (1 - p) / many + 1 / many**2)
+    sampled = bool(score.max() < 5)
     rare = p <= beta * (1 + 1e-9)
     biased = c <= F
     still = data["half_spread"].values == 0
     triple = rare & biased & still
-    where = f" for nu <= {ratio[small].max():.3g} sigma"
+    range_text = f" for nu <= {ratio[small].max():.3g} sigma"
     beyond = f", not from {ratio[~triple].min():.3g} on" if not triple.all() else ""
     return [
-        claim("At theta = nu/2 the gradient is c = 1/(sqrt(2 pi) sigma)", _PLACE + "ex. III.5")
+        claim("At theta = nu/2 the gradient is c = 1/(sqrt(2 pi) sigma)", "Pathologies, ex. III.5")
         .expected(f"{c:.4g} s/m")
-        .measured(f"{(F[small] / c).min():.3g} to {(F[small] / c).max():.4g} times c" + where)
+        .measured(f"{(F[small] / c).min():.3g} to {(F[small] / c).max():.4g} times c" + range_text)
         .holds(np.allclose(F[small], c, rtol=0.01)),
-        claim("There the sample gradient is zero with probability at least c nu", _PLACE + "ex. III.5")
+        claim("There the sample gradient is zero with probability at least c nu", "Pathologies, ex. III.5")
         .expected("as printed: P(zero) >= c nu")
         .measured(
             f"P(zero) from {1 - p[small].max():.3g} to {1 - p[small].min():.5f}, c nu up to"
-            f" {beta[small].max():.3g}{where}"
+            f" {beta[small].max():.3g}{range_text}"
         )
         .holds(1 - p[small] >= beta[small], sampled),
         claim("It is zero with probability at least 1 - c nu", "the event that ex. III.5 means")
         .expected("P(not zero) <= c nu")
         .measured(
             f"P(not zero) is {(p / beta)[small].min():.3f} to"
-            f" {(p / beta)[small].max():.4f} of c nu{where}; samples within {off.max():.2g}"
+            f" {(p / beta)[small].max():.4f} of c nu{range_text}; samples within {score.max():.2g}"
             " standard errors"
         )
         .holds(rare[small], sampled),
-        claim("The FoBG has (c nu, c, 0)-empirical bias", _PLACE + "ex. III.5, def. III.3")
+        claim("The FoBG has (c nu, c, 0)-empirical bias", "Pathologies, ex. III.5, def. III.3")
         .expected("on P(E) >= 1 - c nu: off by c or more, no spread")
         .measured(
             f"off by {(F[small] / c).min():.3g} c or more, spread"
-            f" {data['half_spread'].values[small].max():g} s/m{where}; holds up to"
+            f" {data['half_spread'].values[small].max():g} s/m{range_text}; holds up to"
             f" {ratio[triple].max(initial=0):.3g} sigma{beyond}"
         )
         .holds(triple[small]),

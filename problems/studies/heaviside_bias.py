@@ -43,8 +43,8 @@ def run(params: Params) -> xr.Dataset:
     for i, theta in enumerate(thetas):
         objective = base.at({"theta": theta})
         seed = np.random.SeedSequence(params.seed, spawn_key=(i,))
-        found = estimate_gradient(objective, ESTIMATORS, params.n_samples, params.sigma, seed, reference="none")
-        for j, estimate in enumerate(found.values()):
+        estimates = estimate_gradient(objective, ESTIMATORS, params.n_samples, params.sigma, seed, reference="none")
+        for j, estimate in enumerate(estimates.values()):
             mean[j, i], variance[j, i] = estimate.mean[0], estimate.variance[0]
             error[j, i] = estimate.standard_error[0]
         sampled[i] = mean_cost(objective, Gaussian(params.sigma, seed), params.n_samples)
@@ -55,7 +55,7 @@ def run(params: Params) -> xr.Dataset:
     delta = (norm.sf(np.abs(thetas) - edges, 0, params.sigma) - norm.sf(np.abs(thetas) + edges, 0, params.sigma)) / (
         2 * edges
     )
-    both = ("estimator", "theta")
+    dimensions = ("estimator", "theta")
     return dataset(
         {
             "f": ("theta", (thetas >= 0) * 1.0, "1", "objective without noise"),
@@ -70,9 +70,9 @@ def run(params: Params) -> xr.Dataset:
                 "1",
                 "of one ZoBG sample without baseline, closed form",
             ),
-            "mean": (both, mean, "1", "estimated gradient"),
-            "variance": (both, variance, "1", "empirical variance of one sample"),
-            "standard_error": (both, error, "1", "standard error of the mean"),
+            "mean": (dimensions, mean, "1", "estimated gradient"),
+            "variance": (dimensions, variance, "1", "empirical variance of one sample"),
+            "standard_error": (dimensions, error, "1", "standard error of the mean"),
         },
         {
             "theta": (thetas, "1", "decision"),
@@ -82,7 +82,6 @@ def run(params: Params) -> xr.Dataset:
     )
 
 
-_PLACE = "Pathologies, "
 _BOTH_SIDES = 30
 """Samples expected on each side of the jump from which errors are near normal."""
 
@@ -95,29 +94,29 @@ def claims(data: xr.Dataset) -> list[Claim]:
 def _objective(data: xr.Dataset) -> list[Claim]:
     """The smoothed objective and the zeroth order, where samples fall on both sides of the jump."""
     n, F = data.attrs["n_samples"], data["F"].values
-    told = n * F * (1 - F) >= _BOTH_SIDES
+    has_both_sides = n * F * (1 - F) >= _BOTH_SIDES
     zeroth = data.sel(estimator="zobg")
-    score = (zeroth["mean"].values - data["gradient"].values)[told]
-    off = largest(np.abs(score) / np.sqrt(data["zobg_variance"].values[told] / n))
-    spread = np.sqrt(F * (1 - F) / n)[told]
-    objective = largest(np.abs(data["F_sampled"].values - F)[told] / spread)
-    ratio = zeroth["variance"].values[told] / data["zobg_variance"].values[told]
+    score = (zeroth["mean"].values - data["gradient"].values)[has_both_sides]
+    gradient_score = largest(np.abs(score) / np.sqrt(data["zobg_variance"].values[has_both_sides] / n))
+    spread = np.sqrt(F * (1 - F) / n)[has_both_sides]
+    objective_score = largest(np.abs(data["F_sampled"].values - F)[has_both_sides] / spread)
+    ratio = zeroth["variance"].values[has_both_sides] / data["zobg_variance"].values[has_both_sides]
     # The relative error of a variance whose samples have the kurtosis of a product w · {0, 1}.
-    blur = 5 * np.sqrt(6 / (n * np.minimum(F, 1 - F)[told]))
-    where = f" at {told.sum()} of {told.size} theta, those with {_BOTH_SIDES} samples a side"
+    blur = 5 * np.sqrt(6 / (n * np.minimum(F, 1 - F)[has_both_sides]))
+    places = f" at {has_both_sides.sum()} of {has_both_sides.size} theta, those with {_BOTH_SIDES} samples a side"
     return [
-        claim("The stochastic objective is the error function", _PLACE + "ex. III.2")
+        claim("The stochastic objective is the error function", "Pathologies, ex. III.2")
         .expected("F = erf(-theta; sigma²), read as the Gaussian tail")
-        .measured(f"off by {objective:.2g} standard errors at most" + where)
-        .below(objective, 5),
-        claim("The zeroth-order estimate is unbiased", _PLACE + "sec. III-A, ex. III.2")
+        .measured(f"off by {objective_score:.2g} standard errors at most" + places)
+        .below(objective_score, 5),
+        claim("The zeroth-order estimate is unbiased", "Pathologies, sec. III-A, ex. III.2")
         .expected("F' = phi(theta/sigma)/sigma")
-        .measured(f"off by {off:.2g} standard errors at most" + where)
-        .below(off, 5),
+        .measured(f"off by {gradient_score:.2g} standard errors at most" + places)
+        .below(gradient_score, 5),
         claim("The variance of the zeroth order is that of its closed form", "our check")
         .expected("ratio 1")
-        .measured(f"off by {largest(np.abs(ratio - 1)):.3f} at most" + where)
-        .holds(told.any(), np.abs(ratio - 1) < blur),
+        .measured(f"off by {largest(np.abs(ratio - 1)):.3f} at most" + places)
+        .holds(has_both_sides.any(), np.abs(ratio - 1) < blur),
     ]
 
 
@@ -130,22 +129,22 @@ def _first_order(data: xr.Dataset) -> list[Claim]:
     delta, narrow = data["delta"].values[-1], float(data["box"][-1])
     equal = float(np.abs(delta - true).max() / true.max())
     return [
-        claim("The first-order estimate is zero, so it is biased at any theta", _PLACE + "ex. III.2")
+        claim("The first-order estimate is zero, so it is biased at any theta", "Pathologies, ex. III.2")
         .expected("0, while F' > 0")
         .measured(f"at most {np.abs(mean).max():g}; F' from {true.min():.1e} to {true.max():.4g}")
         .holds(mean == 0, true > 0),
-        claim("The empirical variance of the first order is zero", _PLACE + "ex. III.2, fig. 2")
+        claim("The empirical variance of the first order is zero", "Pathologies, ex. III.2, fig. 2")
         .expected("0")
         .measured(f"{float(first['variance'].max()):g}")
         .equals(first["variance"], 0),
-        claim("The law of large numbers does not hold for the first order", _PLACE + "ex. III.2")
+        claim("The law of large numbers does not hold for the first order", "Pathologies, ex. III.2")
         .expected("the mean of the samples stays off their expectation")
         .measured(
             f"off by {apart.max():g} at most, at {np.sum(diverges)} of {diverges.size} theta;"
             f" their expectation is {np.abs(limit).max():g}, F' up to {true.max():.4g}"
         )
         .holds(diverges.any()),
-        claim("E delta(theta + w) = 0", _PLACE + "ex. III.2")
+        claim("E delta(theta + w) = 0", "Pathologies, ex. III.2")
         .expected("0, the limit of narrow boxes")
         .measured(
             f"up to {delta.max():.4g} in a box of width {narrow:g}, equal to F' within {equal:.1e} of its largest"

@@ -79,17 +79,17 @@ def cost_of_averaging(u: np.ndarray, mu: float, **box: float) -> Cost:
     """Compare both smoothings of the slope over pushes ``u``, a fine grid past both steps."""
     exact = np.where(np.abs(u) > box["friction"] * box["m"] * box["g"], box["h"] / box["m"], 0.0)
 
-    def size(values: np.ndarray) -> float:
+    def root_mean_square(values: np.ndarray) -> float:
         return float(np.sqrt(np.mean(values**2)))
 
-    bias = size(softened_box(u, mu, **box)[1] - exact)
+    bias = root_mean_square(softened_box(u, mu, **box)[1] - exact)
 
     def excess(sigma: float) -> float:
-        return size(smoothed_box(u, sigma, **box)[0] - exact) - bias
+        return root_mean_square(smoothed_box(u, sigma, **box)[0] - exact) - bias
 
     # Far below the grid's spacing RS is exact on it; far above its reach it slips everywhere.
-    least, most = 1e-2 * float(u[1] - u[0]), 1e6 * float(np.ptp(u))
-    sigma = float(brentq(excess, least, most))  # pyright: ignore[reportArgumentType]
+    smallest_sigma, largest_sigma = 1e-2 * float(u[1] - u[0]), 1e6 * float(np.ptp(u))
+    sigma = float(brentq(excess, smallest_sigma, largest_sigma))  # pyright: ignore[reportArgumentType]
     variance = float(np.mean(smoothed_box(u, sigma, **box)[1]))
     return Cost(bias, sigma, np.sqrt(1 + variance / bias**2), variance / (0.21 * bias**2))
 
@@ -133,14 +133,14 @@ def _impact(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
     averaged = np.empty((len(FINER), len(COUNTS), len(q)))
     quiet = np.empty((len(FINER), len(COUNTS)))
     # Within one sigma of the impact its average is not small: there RS has something to see.
-    near = impact + params.sigma * np.linspace(-1, 1, _NEAR)
+    near_impact = impact + params.sigma * np.linspace(-1, 1, _NEAR)
     for row, finer in enumerate(FINER):
         h = params.h / finer
         rates = np.diff(_velocity(params, Exact(), h)) / h
         for column, count in enumerate(COUNTS):
             averaged[row, column] = _averaged(rates, h, q, params.sigma, count, rng)
-            seen = _averaged(rates, h, near, params.sigma, count, rng)
-            quiet[row, column] = np.mean(seen <= 1e-6)
+            near_slopes = _averaged(rates, h, near_impact, params.sigma, count, rng)
+            quiet[row, column] = np.mean(near_slopes <= 1e-6)
     jump = params.g * impact
     limit = -params.g * norm.sf((q - impact) / params.sigma) + jump * norm.pdf(q, impact, params.sigma)
     variables = {
@@ -177,26 +177,26 @@ def _push(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
     """Derivative of the box's next velocity by the push, from rest."""
     arguments = {"m": 1.0, "g": params.g, "friction": params.friction, "h": params.h_box}
     system = get("box-slide", **arguments).system
-    u, rest = np.linspace(-10, 10, 81), np.zeros((1, 2))
+    u, x_rest = np.linspace(-10, 10, 81), np.zeros((1, 2))
     exact, barrier = SampledStep(Exact().close(system)), SampledStep(Barrier(mu=1.0).close(system))
-    truth = exact(rest, u[:, None])
+    truth = exact(x_rest, u[:, None])
     mus = _box_mus(params)
-    soft = [barrier(rest, u[:, None], mu=mu) for mu in mus]
+    soft = [barrier(x_rest, u[:, None], mu=mu) for mu in mus]
     averaged, spread, fine = [], [], np.linspace(-13, 13, 521)
-    known = exact(rest, fine[:, None]).x_by_u[:, 1, 0]
+    exact_slopes = exact(x_rest, fine[:, None]).x_by_u[:, 1, 0]
     for count in COUNTS:
         # Off the two kinks the exact derivative is one of two constants, so a look-up is exact.
         push = u[:, None] + params.sigma_box * rng.standard_normal((len(u), count))
-        slopes = np.interp(push, fine, known)
+        slopes = np.interp(push, fine, exact_slopes)
         averaged.append(slopes.mean(axis=1))
         spread.append(slopes.std(axis=1, ddof=1).max() / np.sqrt(count))
     bound = params.friction * params.g
     limit, _ = smoothed_box(u, params.sigma_box, **arguments)
-    at_step = barrier(rest, np.array([[bound]]), mu=mus).x_by_u[:, 1, 0]
+    at_step = barrier(x_rest, np.array([[bound]]), mu=mus).x_by_u[:, 1, 0]
     fine = np.linspace(0, 4 * bound, 2001)
     costs = [cost_of_averaging(fine, mu, **arguments) for mu in mus]
     closed, slope = zip(*(softened_box(u, mu, **arguments) for mu in mus), strict=True)
-    found, by_push = [v.x_next[:, 1] for v in soft], [v.x_by_u[:, 1, 0] for v in soft]
+    velocities, by_push = [v.x_next[:, 1] for v in soft], [v.x_by_u[:, 1, 0] for v in soft]
     step = np.where(np.abs(u) > bound, params.h_box, 0.0)
     variables = {
         "push_exact": ("u", truth.x_by_u[:, 1, 0], "m/(N s)", "dv+/du, exact"),
@@ -215,7 +215,12 @@ def _push(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
                 ("needed", "1", "exact solves for an error within a tenth of the barrier's"),
             )
         },
-        "push_residual": ("box_mu", np.abs(np.subtract(found, closed)).max(axis=1), "m/s", "v+ less the closed form"),
+        "push_residual": (
+            "box_mu",
+            np.abs(np.subtract(velocities, closed)).max(axis=1),
+            "m/s",
+            "v+ less the closed form",
+        ),
         "slope_residual": (
             "box_mu",
             np.abs(np.subtract(by_push, slope)).max(axis=1),
@@ -265,10 +270,10 @@ def _impact_claims(data: xr.Dataset) -> list[Claim]:
     # Samples expected in the one step of the impact, at its middle.
     expected = steps[:, None] * counts / (sigma * np.sqrt(2 * np.pi))
     rare = expected < 0.1
-    seen = quiet[rare].min() if rare.any() else np.nan
+    least_quiet = quiet[rare].min() if rare.any() else np.nan
     area = data["impact_soft"].values.clip(min=0).sum(axis=1) * h
     laws = [str(law) for law in data["law"].values]
-    close = np.abs(area / jump - 1) < 0.05
+    has_area = np.abs(area / jump - 1) < 0.05
     peak = float(data["impact_soft"].values[-1].max())
     areas = listed(area[:-1], ".2f")
     return [
@@ -278,16 +283,16 @@ def _impact_claims(data: xr.Dataset) -> list[Claim]:
         .holds(constant),
         claim("It is where few samples meet the step of the impact", "our check")
         .expected("no impulse at most points where a tenth of a sample is expected in it")
-        .measured(f"at {seen:.0%} or more of the points, in {rare.sum()} of {rare.size} cases")
-        .above(seen, 0.8),
+        .measured(f"at {least_quiet:.0%} or more of the points, in {rare.sum()} of {rare.size} cases")
+        .above(least_quiet, 0.8),
         claim("The BS gradient approximates the impulse at contact", "ABS, fig. 6a")
         .expected(f"area {jump:.2f} m/s within 5 %")
-        .measured(f"{over(laws[:-1], close[:-1])}: {areas} m/s")
-        .holds(close[:-1]),
+        .measured(f"{over(laws[:-1], has_area[:-1])}: {areas} m/s")
+        .holds(has_area[:-1]),
         claim("So does the adaptive law's", "our check")
         .expected(f"area {jump:.2f} m/s within 5 %")
         .measured(f"{area[-1]:.2f} m/s, peak {peak:.0f} 1/s")
-        .holds(close[-1]),
+        .holds(has_area[-1]),
     ]
 
 
@@ -324,7 +329,7 @@ def _friction(data: xr.Dataset) -> list[Claim]:
 
 def _closed_forms(data: xr.Dataset) -> list[Claim]:
     residual, slope = float(data["push_residual"].max()), float(data["slope_residual"].max())
-    off = np.abs(data["push_soft"].values - data["push_exact"].values)
+    errors = np.abs(data["push_soft"].values - data["push_exact"].values)
     stepped = float(np.abs(data["push_exact"] - data["push_step"]).max())
     mid, at_step = len(data["u"]) // 2, data["at_step"].values
     mus = " at mu = " + listed(data["box_mu"].values, ".1e")
@@ -343,8 +348,8 @@ def _closed_forms(data: xr.Dataset) -> list[Claim]:
         .below(slope, 1e-8),
         claim("BS of friction tends to the exact slope in stick", "closed form")
         .expected("0 m/(N s) at u = 0")
-        .measured(listed(off[:, mid], ".1e") + " m/(N s)" + mus)
-        .below(off[:-1, mid], off[1:, mid] / 5),
+        .measured(listed(errors[:, mid], ".1e") + " m/(N s)" + mus)
+        .below(errors[:-1, mid], errors[1:, mid] / 5),
         claim("Where the exact slope steps, BS tends to half of the step", "our check")
         .expected("0.5 h/m at u = friction m g")
         .measured(listed(at_step, ".3f") + " h/m" + mus)

@@ -51,18 +51,18 @@ def run(params: Params) -> xr.Dataset:
     mean, alpha = np.full(shape, np.nan), np.full(shape, np.nan)
     thetas, truth, gammas = [], [], []
     for c, (objective, grid, sigma) in enumerate(_grids(params).values()):
-        at = [objective.at({"theta": theta}) for theta in grid]
-        known = [reference_gradient(o, sigma, np.random.SeedSequence(0), 0) for o in at]
-        true = np.array([k.gradient[0] for k in known if k is not None])
+        objectives = [objective.at({"theta": theta}) for theta in grid]
+        references = [reference_gradient(o, sigma, np.random.SeedSequence(0), 0) for o in objectives]
+        true = np.array([k.gradient[0] for k in references if k is not None])
         gamma = params.gamma * float(np.abs(true).max())
         rules = (FixedWeight(params.alpha), ConfidenceTest(gamma, params.delta))
-        for i, here in enumerate(at):
+        for i, at_theta in enumerate(objectives):
             for r in range(params.repeats):
                 seed = np.random.SeedSequence(params.seed, spawn_key=(c, i, r))
-                found = estimate_gradient(
-                    here, ESTIMATORS, params.n_samples, sigma, seed, rules=rules, reference="none"
+                estimates = estimate_gradient(
+                    at_theta, ESTIMATORS, params.n_samples, sigma, seed, rules=rules, reference="none"
                 )
-                for j, estimate in enumerate(found.values()):
+                for j, estimate in enumerate(estimates.values()):
                     mean[c, j, i, r] = estimate.mean[0]
                     if estimate.choice is not None:
                         alpha[c, j, i, r] = estimate.choice.alpha
@@ -83,15 +83,12 @@ def run(params: Params) -> xr.Dataset:
     )
 
 
-_PLACE = "Pathologies, "
-
-
 def _worst(data: xr.Dataset, case: str, estimator: str) -> float:
     """Largest root-mean-square error over decisions, as a share of the largest gradient."""
-    one = data.sel(case=case)
-    off = one["mean"].sel(estimator=estimator) - one["truth"]
-    size = float(np.abs(one["truth"]).max())
-    return float(np.sqrt((off**2).mean("run")).max()) / size
+    runs = data.sel(case=case)
+    errors = runs["mean"].sel(estimator=estimator) - runs["truth"]
+    size = float(np.abs(runs["truth"]).max())
+    return float(np.sqrt((errors**2).mean("run")).max()) / size
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
@@ -100,19 +97,19 @@ def claims(data: xr.Dataset) -> list[Claim]:
     steps = data.sel(case="heaviside")
     zeros = steps["alpha"].sel(estimator="alpha-variance") == 1
     fooled = float(zeros.mean())
-    off = np.abs(data["mean"].sel(estimator="alpha") - data["truth"])
-    within = off <= data["gamma_of_case"]
-    kept = float(within.mean())
+    errors = np.abs(data["mean"].sel(estimator="alpha") - data["truth"])
+    within = errors <= data["gamma_of_case"]
+    share_within = float(within.mean())
     blind = data.sel(case="coulomb", estimator="alpha-variance")
     blind_share = float((blind["alpha"] == 1).mean())
     worst = {(c, e): _worst(data, c, e) for c in CASES for e in ESTIMATORS}
     fixed = [worst[c, "alpha-fixed"] for c in CASES]
     wall = data.sel(case="ball-wall")
     spread = wall["mean"].std("run")
-    far = int(np.abs(wall["theta"].values - wall["theta"].values.min()).argmin())
-    gain = float(spread.sel(estimator="alpha")[far] / spread.sel(estimator="zobg-mean")[far])
+    farthest = int(np.abs(wall["theta"].values - wall["theta"].values.min()).argmin())
+    gain = float(spread.sel(estimator="alpha")[farthest] / spread.sel(estimator="zobg-mean")[farthest])
     return [
-        claim("Empirical variance is an unreliable guide where the first order is biased", _PLACE + "sec. IV-C")
+        claim("Empirical variance is an unreliable guide where the first order is biased", "Pathologies, sec. IV-C")
         .expected("inverse variance takes the Heaviside's zeros alone, alpha = 1")
         .measured(f"in {fooled:.0%} of runs, error {worst['heaviside', 'alpha-variance']:.3f} of the largest gradient")
         .holds(fooled > 0.99, margin=share_margin(zeros, 0.99)),
@@ -120,16 +117,16 @@ def claims(data: xr.Dataset) -> list[Claim]:
         .expected("alpha = 1 where no sample falls within nu")
         .measured(f"in {blind_share:.0%} of runs, error {worst['coulomb', 'alpha-variance']:.3f}")
         .holds(blind_share > 0.1, margin=share_margin(blind["alpha"] == 1, 0.1)),
-        claim("A confidence interval from the zeroth order mends it", _PLACE + "sec. IV-C")
+        claim("A confidence interval from the zeroth order mends it", "Pathologies, sec. IV-C")
         .expected(f"error <= gamma = {gamma:g} of the largest gradient, with probability {1 - delta:g}")
-        .measured(f"in {kept:.2%} of all runs")
-        .holds(kept >= 1 - delta, margin=share_margin(within, 1 - delta)),
+        .measured(f"in {share_within:.2%} of all runs")
+        .holds(share_within >= 1 - delta, margin=share_margin(within, 1 - delta)),
         claim("A constant weight carries its share of the bias", "our check")
         .expected(f"about {data.attrs['alpha']:g} where the first order is zero")
         .measured(f"{fixed[0]:.3f} on the Heaviside")
         .equals(fixed[0], data.attrs["alpha"], within=0.1),
         claim("Where the first order is right, the interpolation is the more accurate for it", "our check")
         .expected("spread below the zeroth order's")
-        .measured(f"{gain:.2g} of it at theta = {float(wall['theta'][far]):g} rad, far from the corner")
+        .measured(f"{gain:.2g} of it at theta = {float(wall['theta'][farthest]):g} rad, far from the corner")
         .below(gain, 0.5),
     ]

@@ -58,19 +58,19 @@ def run(params: Params) -> xr.Dataset:
     }
     variables, coordinates = {}, {}
     for index, (name, (objective, reach, unit, per)) in enumerate(systems.items()):
-        least = 0.0 if name == "throw" else -reach
-        theta = np.linspace(least, reach, params.points)
-        fine = np.linspace(least, reach, 100 * (params.points - 1) + 1)
+        lowest = 0.0 if name == "throw" else -reach
+        theta = np.linspace(lowest, reach, params.points)
+        fine = np.linspace(lowest, reach, 100 * (params.points - 1) + 1)
         sigma = getattr(params, f"sigma_{name}")
-        found = sweep_decision(objective, theta, sigma, params.n_samples, params.seed + 1000 * index)
+        estimates = sweep_decision(objective, theta, sigma, params.n_samples, params.seed + 1000 * index)
         place, dense = f"theta_{name}", f"fine_{name}"
         slope = f"{unit}/{per}"
         variables |= {
             f"f_{name}": (dense, objective.costs(fine[:, None]), unit, "objective"),
-            f"F_{name}": (place, found["F"], unit, "smoothed objective"),
-            f"slope_{name}": (place, found["slope"], slope, "its derivative"),
-            f"first_{name}": ((place, "moment"), found["first"], slope, "FoBG"),
-            f"zeroth_{name}": ((place, "moment"), found["zeroth"], slope, "ZoBG"),
+            f"F_{name}": (place, estimates["F"], unit, "smoothed objective"),
+            f"slope_{name}": (place, estimates["slope"], slope, "its derivative"),
+            f"first_{name}": ((place, "moment"), estimates["first"], slope, "FoBG"),
+            f"zeroth_{name}": ((place, "moment"), estimates["zeroth"], slope, "ZoBG"),
         }
         coordinates |= {
             place: (theta, per, objective.decision[0].description),
@@ -132,17 +132,17 @@ def _objective(name: str, theta: ca.SX, cost: ca.SX, unit: str, meaning: str) ->
 NAMES = ("drop", "throw", "pivot")
 
 
-def jumps(data: xr.Dataset, name: str, least: float = 0.1) -> np.ndarray:
-    """Decisions at which f jumps by more than ``least`` of its range."""
+def jumps(data: xr.Dataset, name: str, share: float = 0.1) -> np.ndarray:
+    """Decisions at which f jumps by more than ``share`` of its range."""
     f, theta = data[f"f_{name}"].values, data[f"fine_{name}"].values
-    return theta[:-1][np.abs(np.diff(f)) > least * np.ptp(f)]
+    return theta[:-1][np.abs(np.diff(f)) > share * np.ptp(f)]
 
 
 def _bias(data: xr.Dataset, name: str) -> float:
     """Largest error of FoBG over the largest slope."""
     slope = data[f"slope_{name}"].values
-    off = np.abs(data[f"first_{name}"].values[:, 0] - slope)
-    return float(off.max() / np.abs(slope).max())
+    errors = np.abs(data[f"first_{name}"].values[:, 0] - slope)
+    return float(errors.max() / np.abs(slope).max())
 
 
 def _steps(data: xr.Dataset, name: str) -> float:
@@ -164,9 +164,9 @@ def _scatter(data: xr.Dataset, name: str) -> tuple[float, float, int]:
 
 def claims(data: xr.Dataset) -> list[Claim]:
     """What fig. 1 and sec. III-A say."""
-    found = [_bias(data, name) for name in NAMES]
+    biases = [_bias(data, name) for name in NAMES]
     offset, scatter, number = np.transpose([_scatter(data, name) for name in NAMES])
-    usual = np.all(np.abs(scatter - 1) < 5 / np.sqrt(2 * number)) and np.all(np.abs(offset) < 5)
+    is_unbiased = np.all(np.abs(scatter - 1) < 5 / np.sqrt(2 * number)) and np.all(np.abs(offset) < 5)
     reach = data.attrs["v0_throw"] ** 2 / data.attrs["g"]
     flat = float(np.abs(data["first_drop"].values[:, 0]).max())
     throw, tip = jumps(data, "throw"), jumps(data, "pivot")
@@ -191,12 +191,12 @@ def claims(data: xr.Dataset) -> list[Claim]:
         .equals(flat, 0),
         claim("FoBG is biased where the objective jumps", "Pathologies, sec. III-A")
         .expected("error beyond its interval")
-        .measured(f"error {listed(found, '.2f')} of the largest slope")
-        .above(found, 0.2),
+        .measured(f"error {listed(biases, '.2f')} of the largest slope")
+        .above(biases, 0.2),
         claim("ZoBG is unbiased", "Pathologies, sec. III-A")
         .expected("errors of 1 standard error, mean 0")
         .measured(f"{listed(scatter, '.2f')} rms, mean {listed(offset, '.2f')} of its own standard error")
-        .holds(usual),
+        .holds(is_unbiased),
         claim("The throw's best angle is pi/4, away from the wall's jumps", "closed form")
         .expected(f"{np.pi / 4:.4f} rad, {-(reach**2):.5f} m²")
         .measured(f"{angle:.4f} rad, {float(data['f_throw'][best]):.5f} m²; jumps at {listed(throw, '.3f')} rad")

@@ -56,12 +56,12 @@ def run(params: Params) -> xr.Dataset:
     for row, h in enumerate(STEPS):
         cells = [_variances(params, h, round(end / h)) for end in ends]
         first[row], ratio[row] = np.max(cells, axis=0)
-    both = ("h", "mu")
+    dimensions = ("h", "mu")
     unit = "s^2/m^2"
     return dataset(
         {
-            "first_order": (both, first, unit, "largest variance, first order"),
-            "likelihood_ratio": (both, ratio, unit, "largest variance, LR"),
+            "first_order": (dimensions, first, unit, "largest variance, first order"),
+            "likelihood_ratio": (dimensions, ratio, unit, "largest variance, LR"),
         },
         {
             "h": (STEPS, "s", "step size"),
@@ -90,7 +90,7 @@ def _variances(params: Params, h: float, steps: int) -> np.ndarray:
     w = Gaussian(params.sigma, params.seed).draw(params.n_samples, 1, 2)[:, 0]
     noise[:, 0] = w / h
     start = np.array([0.0, params.q0, 0.0, 0.0])
-    found = []
+    variances = []
     for mu in MUS:
         values = step.p.pack(mu=mu)
         up = rollout(start, theta, values, noise)
@@ -98,8 +98,8 @@ def _variances(params: Params, h: float, steps: int) -> np.ndarray:
         assert up.gradient is not None
         gradient = up.gradient[:, 0] / h
         ratio = (up.cost - down.cost)[:, None] * w / (2 * params.sigma**2)
-        found.append((gradient.var(axis=0, ddof=1).max(), ratio.var(axis=0, ddof=1).max()))
-    return np.transpose(found)
+        variances.append((gradient.var(axis=0, ddof=1).max(), ratio.var(axis=0, ddof=1).max()))
+    return np.transpose(variances)
 
 
 _STIFF = 1e-3

@@ -73,8 +73,8 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
     sizes = amounts(params)
     errors = np.full((len(DATA), len(MODELS), len(sizes), params.seeds, len(WHERE)), np.nan)
     shape = len(DATA), len(sizes), params.seeds, len(PSI)
-    found = {name: np.full(shape, np.nan) for name in ("psi", "low", "high")}
-    way = np.full((params.seeds, 2 * (params.iterations + 1), len(PSI)), np.nan)
+    psi_values = {name: np.full(shape, np.nan) for name in ("psi", "low", "high")}
+    search_means = np.full((params.seeds, 2 * (params.iterations + 1), len(PSI)), np.nan)
     still, touched = np.empty((len(DATA), len(WHERE))), np.empty(len(DATA))
     flight = np.empty(len(PSI))
     for i, kind in enumerate(DATA):
@@ -93,11 +93,11 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
                     continue
                 piece = pieces.get(f"psi-{key}", partial(by_psi, source, n, seed, params))
                 errors[i, 0, j, seed] = piece["errors"]
-                for name, values in found.items():
+                for name, values in psi_values.items():
                     values[i, j, seed] = piece[name]
                 if kind == DATA[0] and n == params.data:
-                    way[seed, : len(piece["way"])] = piece["way"]
-    each = ("data", "transitions", "seed", "parameter")
+                    search_means[seed, : len(piece["way"])] = piece["way"]
+    dimensions = ("data", "transitions", "seed", "parameter")
     return dataset(
         {
             "errors": (
@@ -108,11 +108,11 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
             ),
             "still": (("data", "where"), still, MIXED, "mean one-step error if nothing moved"),
             "touched": (("data",), touched, "1", "part of held-out transitions that end in contact"),
-            "way": (("seed", "iteration", "parameter"), way, "1", "mean of the cloud over the truth"),
+            "way": (("seed", "iteration", "parameter"), search_means, "1", "mean of the cloud over the truth"),
             "flight": (("parameter",), flight, "1", "upper end at the truth, over it, where nothing touches"),
-            "psi": (each, found["psi"], "1", "found over the truth"),
-            "low": (each, found["low"], "1", "interval, lower end over the truth"),
-            "high": (each, found["high"], "1", "interval, upper end over the truth"),
+            "psi": (dimensions, psi_values["psi"], "1", "found over the truth"),
+            "low": (dimensions, psi_values["low"], "1", "interval, lower end over the truth"),
+            "high": (dimensions, psi_values["high"], "1", "interval, upper end over the truth"),
         },
         {
             "data": list(DATA),
@@ -120,7 +120,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
             "where": list(WHERE),
             "parameter": list(PSI),
             "transitions": (sizes, "1", "transitions to learn from"),
-            "iteration": (np.arange(way.shape[1]), "1", "of the search"),
+            "iteration": (np.arange(search_means.shape[1]), "1", "of the search"),
         },
     )
 
@@ -151,28 +151,30 @@ class TransitionData:
     touched: np.ndarray
 
     @classmethod
-    def of(cls, kind: str, params: Params, most: int) -> TransitionData:
-        """``most`` transitions of ``kind``, and those to judge by."""
+    def of(cls, kind: str, params: Params, n: int) -> TransitionData:
+        """``n`` transitions of ``kind``, and those to judge by."""
         task = get("hopper")
         explorer = Explorer(task, values={"base_damping": DRAG} if kind == "drag" else None)
-        seen, landed = random_transitions(explorer, most, [params.seed, POOL])
+        transitions, landed = random_transitions(explorer, n, [params.seed, POOL])
         held, touched = random_transitions(explorer, params.held, [params.seed, HELD])
         rng = np.random.default_rng([params.seed, POOL, 0])
-        order = rng.permutation(len(seen))
-        seen = seen[order]
+        order = rng.permutation(len(transitions))
+        transitions = transitions[order]
         if kind == "noise":
-            width = params.noise * OneStepLoss.increments(seen)
-            seen = replace(seen, x_next=seen.x_next + width * rng.standard_normal(seen.x.shape))
-        return cls(task, seen, landed[order], held, touched)
+            width = params.noise * OneStepLoss.increments(transitions)
+            transitions = replace(
+                transitions, x_next=transitions.x_next + width * rng.standard_normal(transitions.x.shape)
+            )
+        return cls(task, transitions, landed[order], held, touched)
 
     def errors(self, x_next: np.ndarray) -> np.ndarray:
         """Mean distance [m, rad, m/s, rad/s] to the held-out next states: all, flying, touching.
 
         Steps without a prediction are left out.
         """
-        off = np.linalg.norm(x_next - self.held.x_next, axis=1)
-        among = np.ones(len(off), bool), ~self.touched, self.touched
-        return np.array([np.nanmean(off[rows]) for rows in among])
+        distances = np.linalg.norm(x_next - self.held.x_next, axis=1)
+        row_sets = np.ones(len(distances), bool), ~self.touched, self.touched
+        return np.array([np.nanmean(distances[rows]) for rows in row_sets])
 
     @property
     def still(self) -> np.ndarray:
@@ -187,22 +189,22 @@ class TransitionData:
 
 def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:
     """Learn psi from the first ``n`` transitions; errors, values, intervals, and the way there."""
-    seen = source.pool[:n]
+    transitions = source.pool[:n]
     step = Exact().close(source.task.system)
-    loss = OneStepLoss(step, PSI, scale=OneStepLoss.increments(seen))
-    off = np.random.default_rng([params.seed, seed]).uniform(-1.0, 1.0, len(PSI))
-    start = loss.start() + np.log(params.spread) * off
+    loss = OneStepLoss(step, PSI, scale=OneStepLoss.increments(transitions))
+    log_offset = np.random.default_rng([params.seed, seed]).uniform(-1.0, 1.0, len(PSI))
+    start = loss.start() + np.log(params.spread) * log_offset
     search = RandomSearch(candidates=params.candidates, iterations=params.iterations)
-    found = identify(loss, seen, start, search, params.seed + seed, params.rows)
-    log_psi = np.log(found.values)
-    around = intervals(loss, log_psi, seen[:JUDGES], seed=params.seed)
+    identified = identify(loss, transitions, start, search, params.seed + seed, params.rows)
+    log_psi = np.log(identified.values)
+    ends = intervals(loss, log_psi, transitions[:JUDGES], seed=params.seed)
     predicted = loss.errors(log_psi, source.held)[0] * loss.scale + source.held.x_next
     return {
         "errors": source.errors(predicted),
-        "psi": found.values / source.truth,
-        "low": around.low / source.truth,
-        "high": around.high / source.truth,
-        "way": found.model_params / source.truth,
+        "psi": identified.values / source.truth,
+        "low": ends.low / source.truth,
+        "high": ends.high / source.truth,
+        "way": identified.model_params / source.truth,
     }
 
 
@@ -216,9 +218,9 @@ def in_flight(source: TransitionData) -> dict[str, np.ndarray]:
 
 def by_network(source: TransitionData, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:
     """Train four layers on the first ``n`` transitions, next state from state and input."""
-    seen, held, system = source.pool[:n], source.held, source.task.system
+    transitions, judges, system = source.pool[:n], source.held, source.task.system
     origin = Origin((*system.states, *system.inputs), system.states)
-    samples = Samples(np.hstack([seen.x, seen.u]), seen.x_next, origin)
+    samples = Samples(np.hstack([transitions.x, transitions.u]), transitions.x_next, origin)
     model = train(
         samples,
         0.0,
@@ -228,7 +230,7 @@ def by_network(source: TransitionData, n: int, seed: int, params: Params) -> dic
         batch=256,
         patience=max(1, params.epochs // 6),
     )
-    return {"errors": source.errors(model.values(np.hstack([held.x, held.u])))}
+    return {"errors": source.errors(model.values(np.hstack([judges.x, judges.u])))}
 
 
 _PLACE = "Adaptive barrier smoothing, sec. 7, model learning"
@@ -245,8 +247,8 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 def _both(data: xr.Dataset, kind: str, where: str) -> tuple[np.ndarray, np.ndarray]:
     """Errors (transitions, seeds) of psi and of networks, where both have learned."""
-    at = data["errors"].sel(data=kind, where=where)
-    psi, network = at.sel(model="psi").values, at.sel(model="network").values
+    errors = data["errors"].sel(data=kind, where=where)
+    psi, network = errors.sel(model="psi").values, errors.sel(model="network").values
     learned = ~np.isnan(psi).all(axis=1)
     return psi[learned], network[learned]
 
@@ -254,25 +256,27 @@ def _both(data: xr.Dataset, kind: str, where: str) -> tuple[np.ndarray, np.ndarr
 def _errors(data: xr.Dataset) -> list[Claim]:
     sizes = [int(n) for n in data["transitions"].values]
     psi, network = _both(data, "exact", "contact")
-    below = psi.max(axis=1) < network.min(axis=1)
-    tried = sizes[: len(below)]
+    is_better = psi.max(axis=1) < network.min(axis=1)
+    learned_sizes = sizes[: len(is_better)]
     ratio = network.min(axis=1) / psi.max(axis=1)
-    everywhere, nets = _both(data, "exact", "all")
+    psi_all, network_all = _both(data, "exact", "all")
     all_nets = data["errors"].sel(data="exact", where="all", model="network").values
     falls = np.median(all_nets, axis=1)
     return [
         claim("A complementarity model approximates contact better than a network", _PLACE)
         .expected("into contact, held out: the largest error over starts below the least of networks")
-        .measured(f"{over(tried, below)} transitions; by factors of {listed(ratio, '.3g')}")
-        .holds(below),
+        .measured(f"{over(learned_sizes, is_better)} transitions; by factors of {listed(ratio, '.3g')}")
+        .holds(is_better),
         claim("So it does over all transitions", _PLACE)
         .expected("likewise")
-        .measured(f"{listed(np.median(everywhere, axis=1), '.2g')} against {listed(np.median(nets, axis=1), '.2g')}")
-        .below(everywhere.max(axis=1), nets.min(axis=1)),
+        .measured(
+            f"{listed(np.median(psi_all, axis=1), '.2g')} against {listed(np.median(network_all, axis=1), '.2g')}"
+        )
+        .below(psi_all.max(axis=1), network_all.min(axis=1)),
         claim("psi of few transitions is ahead of a network of many", "our check")
         .expected(f"{sizes[1]} transitions against {sizes[-1]}")
-        .measured(f"{largest(everywhere[1:2]):.2g} against {all_nets[-1].min():.2g}")
-        .below(everywhere[1:2], all_nets[-1].min()),
+        .measured(f"{largest(psi_all[1:2]):.2g} against {all_nets[-1].min():.2g}")
+        .below(psi_all[1:2], all_nets[-1].min()),
         claim("A network learns from more transitions", "our check")
         .expected(f"the median error from {sizes[-1]} is half of that from {sizes[0]} or less")
         .measured(listed(falls, ".2g"))
@@ -287,21 +291,21 @@ def _full(data: xr.Dataset, name: str, kind: str) -> np.ndarray:
 
 def _found(data: xr.Dataset) -> list[Claim]:
     names, n = data["parameter"].values, data.attrs["data"]
-    off = np.abs(_full(data, "psi", "exact") - 1)
-    worst = str(names[np.argmax(off.max(axis=0))])
+    errors = np.abs(_full(data, "psi", "exact") - 1)
+    worst = str(names[np.argmax(errors.max(axis=0))])
     high = _full(data, "high", "exact")
-    known = np.isfinite(high)
+    is_bounded = np.isfinite(high)
     flight = data["flight"].values
     unknown = ", ".join(str(name) for name in names[np.isposinf(flight)])
     return [
         claim("All of psi is found from exact transitions", "our check")
         .expected(f"within {_NEAR:.0%} of the truth from {n}, from every start")
-        .measured(f"within {off.max():.2g}, the worst is {worst}")
-        .below(off, _NEAR),
+        .measured(f"within {errors.max():.2g}, the worst is {worst}")
+        .below(errors, _NEAR),
         claim("So many transitions determine all of psi", "our check")
         .expected("bounded intervals from every start")
-        .measured(f"{int(known.sum())} of {known.size}")
-        .holds(known),
+        .measured(f"{int(is_bounded.sum())} of {is_bounded.size}")
+        .holds(is_bounded),
         claim("Those that touch nothing determine all but friction", "our check")
         .expected("unbounded at the truth: friction alone")
         .measured(f"unbounded: {unknown or 'none'}")
@@ -312,8 +316,8 @@ def _found(data: xr.Dataset) -> list[Claim]:
 def _noise(data: xr.Dataset) -> list[Claim]:
     psi, network = _both(data, "noise", "all")
     low, high = _full(data, "low", "noise"), _full(data, "high", "noise")
-    held = (low <= 1) & (high >= 1)
-    off = np.abs(_full(data, "psi", "noise") - 1)
+    holds_truth = (low <= 1) & (high >= 1)
+    errors = np.abs(_full(data, "psi", "noise") - 1)
     return [
         claim("Where transitions are noisy psi still predicts better", "our check")
         .expected(f"noise of {data.attrs['noise']:g} deviations of a step: as above")
@@ -321,17 +325,17 @@ def _noise(data: xr.Dataset) -> list[Claim]:
         .below(psi.max(axis=1), network.min(axis=1)),
         claim("Intervals of noisy transitions hold the truth", "our check")
         .expected(f"{_COVERED:.0%} of those of 95 % or more")
-        .measured(f"{int(held.sum())} of {held.size}; off by {off.max():.2g} at most")
-        .holds(held.mean() >= _COVERED, margin=share_margin(held, _COVERED)),
+        .measured(f"{int(holds_truth.sum())} of {holds_truth.size}; off by {errors.max():.2g} at most")
+        .holds(holds_truth.mean() >= _COVERED, margin=share_margin(holds_truth, _COVERED)),
     ]
 
 
 def _drag(data: xr.Dataset) -> list[Claim]:
-    (psi, network), (own, other) = _both(data, "drag", "all"), _both(data, "exact", "all")
+    (psi, network), (psi_exact, network_exact) = _both(data, "drag", "all"), _both(data, "exact", "all")
     low, high = _full(data, "low", "drag"), _full(data, "high", "drag")
-    held = (low <= 1) & (high >= 1)
-    off = np.abs(_full(data, "psi", "drag") - 1).max(axis=1)
-    lead = [np.median(b[-1:]) / np.median(a[-1:]) for a, b in ((psi, network), (own, other))]
+    holds_truth = (low <= 1) & (high >= 1)
+    errors = np.abs(_full(data, "psi", "drag") - 1).max(axis=1)
+    lead = [np.median(b[-1:]) / np.median(a[-1:]) for a, b in ((psi, network), (psi_exact, network_exact))]
     return [
         claim("A drag that the model lacks takes its lead over a network", "our check")
         .expected("less than a tenth of it is left, the network's error over psi's")
@@ -339,6 +343,6 @@ def _drag(data: xr.Dataset) -> list[Claim]:
         .below(lead[0], 0.1 * lead[1]),
         claim("There the intervals hold the truth", "our check")
         .expected(f"{_COVERED:.0%} of those of 95 % or more")
-        .measured(f"{int(held.sum())} of {held.size}; off by {listed(off, '.2g')}")
-        .holds(held.mean() >= _COVERED, margin=share_margin(held, _COVERED)),
+        .measured(f"{int(holds_truth.sum())} of {holds_truth.size}; off by {listed(errors, '.2g')}")
+        .holds(holds_truth.mean() >= _COVERED, margin=share_margin(holds_truth, _COVERED)),
     ]

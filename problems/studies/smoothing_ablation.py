@@ -43,18 +43,18 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
         for name, law in LAWS.items()
         for r in range(params.runs)
     }
-    found = list(curves(jobs, pieces).values())
-    judged = np.flatnonzero(np.isfinite(found[0]["evaluation_return"]))
+    trainings = list(curves(jobs, pieces).values())
+    evaluated = np.flatnonzero(np.isfinite(trainings[0]["evaluation_return"]))
     shape = (len(LAWS), params.runs)
 
     def table(name: str, chosen: np.ndarray | slice) -> np.ndarray:
-        return np.reshape([f[name][chosen] for f in found], (*shape, -1))
+        return np.reshape([f[name][chosen] for f in trainings], (*shape, -1))
 
-    one = ("law", "run", "iteration")
+    dimensions = ("law", "run", "iteration")
     return dataset(
         {
-            "exact_return": (one, table("evaluation_return", judged), "1", "return"),
-            "speed": (one, table("evaluation_speed", judged), "m/s", "mean speed"),
+            "exact_return": (dimensions, table("evaluation_return", evaluated), "1", "return"),
+            "speed": (dimensions, table("evaluation_speed", evaluated), "m/s", "mean speed"),
             "variance": (
                 ("law", "run", "step"),
                 table("gradient_variance", slice(-1)),
@@ -64,7 +64,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
         },
         {
             "law": list(LAWS),
-            "iteration": (judged, "1", "iteration"),
+            "iteration": (evaluated, "1", "iteration"),
         },
     )
 

@@ -49,11 +49,11 @@ class _Pushing:
     def __init__(self, params: Params, step: Step) -> None:
         self._params, self._step = params, step
         x, u, p = ca.SX.sym("x", 4), ca.SX.sym("u"), ca.SX.sym("p", len(step.p))
-        off = (x[1] - params.goal) ** 2
+        square_error = (x[1] - params.goal) ** 2
         self._rollout = RolloutFunction(
             step,
-            ca.Function("stage", [x, u, p], [off]),
-            ca.Function("end", [x, p], [off]),
+            ca.Function("stage", [x, u, p], [square_error]),
+            ca.Function("end", [x, p], [square_error]),
             params.N,
             open_loop(4, 1),
         )
@@ -63,7 +63,7 @@ class _Pushing:
         start, theta = np.array([0.0, _LENGTH, 0.0, 0.0]), np.full((self._params.N, 1), 0.0)
         theta += self._params.u0
         quiet = self._rollout(start, theta, p, gradient=False).cost[0]
-        found = self._rollout.moments(
+        moments = self._rollout.moments(
             start,
             theta,
             p,
@@ -72,8 +72,8 @@ class _Pushing:
             score=True,
             baseline=float(quiet),
         )
-        assert found.gradient is not None and found.zeroth is not None
-        return float(found.gradient.variance.sum()), float(found.zeroth.variance.sum())
+        assert moments.gradient is not None and moments.zeroth is not None
+        return float(moments.gradient.variance.sum()), float(moments.zeroth.variance.sum())
 
 
 def limit(params: Params) -> float:
@@ -176,8 +176,8 @@ def crossing(k: np.ndarray, first: np.ndarray, zeroth: np.ndarray) -> float:
     if not above.size or above[0] == 0:
         return float("nan")
     right = int(above[0])
-    part = excess[right - 1] / (excess[right - 1] - excess[right])
-    return float(k[right - 1] * (k[right] / k[right - 1]) ** part)
+    fraction = excess[right - 1] / (excess[right - 1] - excess[right])
+    return float(k[right - 1] * (k[right] / k[right - 1]) ** fraction)
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
@@ -190,7 +190,7 @@ def _spring(data: xr.Dataset) -> list[Claim]:
     share, c = data["share"].values, data["damping"].values
     first, zeroth = data["damped"].values.transpose(2, 0, 1)
     light, factors = c >= _LIGHT, list(c)
-    bound, seen = float(data["limit"]), float(data["unstable"])
+    bound, unstable_at = float(data["limit"]), float(data["unstable"])
     passes = data["damped_limit"].values * [
         crossing(share, one, other) for one, other in zip(first, zeroth, strict=True)
     ]
@@ -222,8 +222,8 @@ def _spring(data: xr.Dataset) -> list[Claim]:
         .holds(grows[light]),
         claim("Then semi-implicit integration becomes unstable", "Pathologies, ex. III.7")
         .expected(f"k = m (1 + c)/h² = {bound:.0f} N/m")
-        .measured(f"spectral radius passes one at {seen:.0f} N/m")
-        .equals(seen / bound, 1, within=0.002),
+        .measured(f"spectral radius passes one at {unstable_at:.0f} N/m")
+        .equals(unstable_at / bound, 1, within=0.002),
     ]
 
 

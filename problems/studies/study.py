@@ -62,8 +62,8 @@ class Pieces:
 
     def get(self, key: str, make: Callable[[], Mapping[str, ArrayLike]]) -> dict[str, np.ndarray]:
         """Arrays of a piece: those that were kept, or else made and kept now."""
-        found = self.kept(key)
-        return self.keep(key, make()) if found is None else found
+        arrays = self.kept(key)
+        return self.keep(key, make()) if arrays is None else arrays
 
     def kept(self, key: str) -> dict[str, np.ndarray] | None:
         """Arrays of a piece that is finished, None where it is not."""
@@ -71,10 +71,10 @@ class Pieces:
 
     def keep(self, key: str, made: Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:
         """Keep the arrays of a piece, and return them."""
-        found = {name: np.asarray(array) for name, array in made.items()}
+        arrays = {name: np.asarray(array) for name, array in made.items()}
         if self._checkpoint:
-            self._checkpoint.save_state(key, **found)
-        return found
+            self._checkpoint.save_state(key, **arrays)
+        return arrays
 
 
 @dataclass(frozen=True)
@@ -226,12 +226,12 @@ class FigureStudy:
         variable has no units.
         """
         params = self.params(values or {})
-        more = [Pieces(kept, jobs, scheduler)] if self.resumes else []
-        found = self._module.run(params, *more)
-        for name, array in found.variables.items():
+        pieces = [Pieces(kept, jobs, scheduler)] if self.resumes else []
+        data = self._module.run(params, *pieces)
+        for name, array in data.variables.items():
             if array.dtype.kind in "fiu" and "units" not in array.attrs:
                 raise ValueError(f"study {self.id}: {name} has no units")
-        return found.assign_attrs({"study": self.id, **params.model_dump()})
+        return data.assign_attrs({"study": self.id, **params.model_dump()})
 
 
 def dataset(variables: Mapping[str, Any], coordinates: Mapping[str, Any]) -> xr.Dataset:
@@ -252,10 +252,10 @@ def dataset(variables: Mapping[str, Any], coordinates: Mapping[str, Any]) -> xr.
     )
 
 
-def share_margin(held: ArrayLike, least: float) -> float:
-    """How far the share of ``held`` lies above ``least``, in binomial standard errors at that."""
-    marks = np.asarray(held, dtype=float)
-    return float((marks.sum() - least * marks.size) / np.sqrt(least * (1 - least) * marks.size))
+def share_margin(marks: ArrayLike, least: float) -> float:
+    """How far the share of ``marks`` lies above ``least``, in binomial standard errors at that."""
+    truths = np.asarray(marks, dtype=float)
+    return float((truths.sum() - least * truths.size) / np.sqrt(least * (1 - least) * truths.size))
 
 
 def largest(values: ArrayLike) -> float:
@@ -268,20 +268,20 @@ def listed(values: Iterable[float], form: str) -> str:
     return ", ".join(format(value, form) for value in values)
 
 
-def over(settings: Sequence[object], held: ArrayLike) -> str:
+def over(settings: Sequence[object], marks: ArrayLike) -> str:
     """Say at which of ``settings`` a sentence held: ``for all``, ``for a, b, not for c``.
 
-    Numbers are shortened to four digits; ``held`` has one truth value a setting.
+    Numbers are shortened to four digits; ``marks`` has one truth value a setting.
     """
     words = [f"{s:.4g}" if isinstance(s, int | float) else str(s) for s in settings]
-    marks = np.asarray(held, dtype=bool)
-    good, bad = (
-        ", ".join(word for word, mark in zip(words, marks, strict=True) if mark is np.bool_(kind))
+    truths = np.asarray(marks, dtype=bool)
+    true_at, false_at = (
+        ", ".join(word for word, mark in zip(words, truths, strict=True) if mark is np.bool_(kind))
         for kind in (True, False)
     )
-    if not bad:
-        return f"for all of {good}"
-    return f"for {good}, not for {bad}" if good else f"for none of {bad}"
+    if not false_at:
+        return f"for all of {true_at}"
+    return f"for {true_at}, not for {false_at}" if true_at else f"for none of {false_at}"
 
 
 def verdict(holds: bool, margin: float | None = None) -> str:
@@ -300,9 +300,9 @@ def counted(claims: Iterable[Claim | Mapping[str, Any]]) -> str:
     They may be rows, as a run's record keeps them.
     """
     rows = [claim if isinstance(claim, Mapping) else vars(claim) for claim in claims]
-    told = [verdict(row["holds"], row.get("margin")) for row in rows]
-    noise = told.count(WITHIN_NOISE)
-    return f"{told.count('holds')} of {len(told)}" + f" ({noise} within noise)" * bool(noise)
+    verdicts = [verdict(row["holds"], row.get("margin")) for row in rows]
+    n_noise = verdicts.count(WITHIN_NOISE)
+    return f"{verdicts.count('holds')} of {len(verdicts)}" + f" ({n_noise} within noise)" * bool(n_noise)
 
 
 def did_hold(claims: Sequence[Claim]) -> str:

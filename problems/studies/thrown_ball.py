@@ -46,11 +46,11 @@ class Params(StudyParams):
 
 def methods(params: Params) -> dict[str, tuple[Algorithm, ContactLaw]]:
     """Every method with the law that it learns through."""
-    even = params.samples + params.samples % 2
-    whole = {"samples": even, "unroll": get("ball-throw").horizon, "sigma": params.sigma, "rate": params.rate}
-    first = FOPG(**whole)
+    n_even = params.samples + params.samples % 2
+    options = {"samples": n_even, "unroll": get("ball-throw").horizon, "sigma": params.sigma, "rate": params.rate}
+    first = FOPG(**options)
     return {
-        "ZOPG": (ZOPG(**whole), SHARP),
+        "ZOPG": (ZOPG(**options), SHARP),
         "FOPG": (first, SHARP),
         **{f"BS {mu:g}": (first, Barrier(mu=mu)) for mu in MUS},
         "ABS quartic": (first, Adaptive("quartic")),
@@ -60,20 +60,20 @@ def methods(params: Params) -> dict[str, tuple[Algorithm, ContactLaw]]:
 
 def run(params: Params) -> xr.Dataset:
     """Decisions and exact returns of every run, and the return over all decisions by law."""
-    task, chosen = get("ball-throw"), methods(params)
-    names = list(chosen)
-    decisions = np.zeros((len(chosen), params.runs, params.iterations + 1, 2))
-    for m, (algorithm, law) in enumerate(chosen.values()):
+    task, algorithms = get("ball-throw"), methods(params)
+    names = list(algorithms)
+    decisions = np.zeros((len(algorithms), params.runs, params.iterations + 1, 2))
+    for m, (algorithm, law) in enumerate(algorithms.values()):
         for r in range(params.runs):
             decisions[m, r] = _learned(task, algorithm, law, params, r)
-    judge = Experiment(task=task, algorithm=chosen["FOPG"][0], law=SHARP, hidden=None)
+    judge = Experiment(task=task, algorithm=algorithms["FOPG"][0], law=SHARP, hidden=None)
     flat = decisions.reshape(-1, 2)
     returns = _returns(judge, SHARP, flat).reshape(decisions.shape[:-1])
     angles, speeds = (np.linspace(*ends, params.grid) for ends in (ANGLES, SPEEDS))
     window = np.stack(np.meshgrid(angles, speeds, indexing="ij"), axis=-1).reshape(-1, 2)
     fine = np.linspace(*ANGLES, 20 * params.grid)
     line = np.column_stack([fine, np.full_like(fine, params.speed)])
-    laws = {name: law for name, (_, law) in chosen.items() if name != "ZOPG"}
+    laws = {name: law for name, (_, law) in algorithms.items() if name != "ZOPG"}
     landscapes = [_returns(judge, law, window).reshape(params.grid, -1) for law in laws.values()]
     lines = [_returns(judge, law, line) for law in laws.values()]
     every = ("algorithm", "run", "iteration")
@@ -97,8 +97,8 @@ def run(params: Params) -> xr.Dataset:
 
 def parameters_of(task: Task, decision: np.ndarray) -> np.ndarray:
     """The policy's parameters that give these angles and speeds (..., 2)."""
-    half, middle = (task.upper - task.lower) / 2, (task.upper + task.lower) / 2
-    return np.arctanh((decision - middle) / half)
+    half_range, middle = (task.upper - task.lower) / 2, (task.upper + task.lower) / 2
+    return np.arctanh((decision - middle) / half_range)
 
 
 def _learned(task: Task, algorithm: Algorithm, law: ContactLaw, params: Params, run: int) -> np.ndarray:
@@ -106,13 +106,13 @@ def _learned(task: Task, algorithm: Algorithm, law: ContactLaw, params: Params, 
     seed = params.seed * 1000 + run
     experiment = Experiment(task=task, algorithm=algorithm, law=law, hidden=None, seed=seed, normalise=False)
     state = algorithm.begin(experiment)
-    off = params.spread * np.random.default_rng([params.seed, run]).uniform(-1, 1, 2)
-    state["theta"] = parameters_of(task, np.array([params.angle, params.speed]) + off)
-    found = [state["theta"]]
+    offset = params.spread * np.random.default_rng([params.seed, run]).uniform(-1, 1, 2)
+    state["theta"] = parameters_of(task, np.array([params.angle, params.speed]) + offset)
+    thetas = [state["theta"]]
     for k in range(params.iterations):
         state, _ = algorithm.iterate(experiment, state, k)
-        found.append(state["theta"])
-    return squash(task, np.array(found))
+        thetas.append(state["theta"])
+    return squash(task, np.array(thetas))
 
 
 def _returns(experiment: Experiment, law: ContactLaw, decisions: np.ndarray) -> np.ndarray:
@@ -136,11 +136,11 @@ def claims(data: xr.Dataset) -> list[Claim]:
     areas = {name: area(curve) for name, curve in curves.items()}
     barriers = [f"BS {mu:g}" for mu in MUS]
     smoothed = [*barriers, "ABS quartic", "ABS gaussian"]
-    found = []
+    results = []
     for other in ("ZOPG", "FOPG"):
         gains = [difference(last[name], last[other]) for name in barriers]
         faster = [difference(areas[name], areas[other]) for name in barriers]
-        found += [
+        results += [
             gained(
                 f"Barrier smoothing ends at a higher return than {other}",
                 _PLACE,
@@ -158,22 +158,22 @@ def claims(data: xr.Dataset) -> list[Claim]:
         ]
     best = max(barriers, key=lambda name: last[name].mean())
     for name in ("ABS quartic", "ABS gaussian"):
-        final, way = difference(last[name], last[best]), difference(areas[name], areas[best])
-        found.append(
+        final_gain, mean_gain = difference(last[name], last[best]), difference(areas[name], areas[best])
+        results.append(
             claim(f"Adaptive smoothing ({name.split()[1]}) does better than the best fixed one", _PLACE)
             .expected("final return and mean over iterations above, 95 % over runs")
-            .measured(f"against {best}: final {final}, mean {way}")
-            .holds(final.better and way.better, margin=least((final, way)))
+            .measured(f"against {best}: final {final_gain}, mean {mean_gain}")
+            .holds(final_gain.better and mean_gain.better, margin=least((final_gain, mean_gain)))
         )
     shares = [float((last[name] > _REACHED).mean()) for name in last]
-    told = ", ".join(f"{name} {share:.0%}" for name, share in zip(last, shares, strict=True))
-    found.append(
+    share_texts = ", ".join(f"{name} {share:.0%}" for name, share in zip(last, shares, strict=True))
+    results.append(
         claim("Every method gets to the goal", "our check")
         .expected(f"return above {_REACHED:g} m² in all runs, the best being 0")
-        .measured(told)
+        .measured(share_texts)
         .equals(min(shares), 1)
     )
-    return [*found, *_of_landscapes(data, smoothed)]
+    return [*results, *_of_landscapes(data, smoothed)]
 
 
 def _of_landscapes(data: xr.Dataset, smoothed: list[str]) -> list[Claim]:

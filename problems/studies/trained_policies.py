@@ -106,40 +106,40 @@ class Params(StudyParams):
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
     """Returns of every run over simulated steps and over time, and what the best policy does."""
-    shown = plans(TASKS, params.plans, pieces)
+    plans_shown = plans(TASKS, params.plans, pieces)
     jobs = {
-        f"{task}-{name}-{r}": _job(task, METHODS[name], params, r, shown[task])
+        f"{task}-{name}-{r}": _job(task, METHODS[name], params, r, plans_shown[task])
         for task in TASKS
         for name in METHODS
         for r in range(params.runs)
     }
-    found = curves(jobs, pieces)
-    own = {key: f for key, f in found.items() if jobs[key].algorithm.name == "mbpo"}
+    trainings = curves(jobs, pieces)
+    model_based = {key: f for key, f in trainings.items() if jobs[key].algorithm.name == "mbpo"}
     steps = np.linspace(0, 1e3 * params.kilosteps, POINTS)
-    few = np.linspace(0, max(float(f["env_steps"][-1]) for f in own.values()), POINTS)
-    wall = np.linspace(0, max(float(np.nanmax(f["wall_s"])) for f in found.values()), POINTS)
+    few = np.linspace(0, max(float(f["env_steps"][-1]) for f in model_based.values()), POINTS)
+    wall = np.linspace(0, max(float(np.nanmax(f["wall_s"])) for f in trainings.values()), POINTS)
 
-    def table(along: str, grid: np.ndarray, of: Mapping[str, Curves] = found) -> np.ndarray:
+    def table(along: str, grid: np.ndarray, of: Mapping[str, Curves] = trainings) -> np.ndarray:
         rows = [interpolated(grid, f[along], f["evaluation_return"]) for f in of.values()]
         return np.reshape(rows, (len(TASKS), -1, params.runs, POINTS))
 
     def best(of: str) -> np.ndarray:
-        rows = [f[of][np.nanargmax(f["evaluation_return"])] for f in found.values()]
+        rows = [f[of][np.nanargmax(f["evaluation_return"])] for f in trainings.values()]
         return np.reshape(rows, (len(TASKS), len(METHODS), params.runs))
 
-    every = one = ("task", "algorithm", "run")
-    by_few = table("env_steps", few, own)[:, 0]
-    spent = np.reshape([f["env_steps"][-1] for f in found.values()], (len(TASKS), -1, params.runs))
+    every = dimensions = ("task", "algorithm", "run")
+    by_few = table("env_steps", few, model_based)[:, 0]
+    spent = np.reshape([f["env_steps"][-1] for f in trainings.values()], (len(TASKS), -1, params.runs))
     return dataset(
         {
             "by_steps": ((*every, "steps"), table("env_steps", steps), "1", "exact return"),
             "model_based": (("task", "run", "few"), by_few, "1", "exact return"),
             "by_time": ((*every, "wall"), table("wall_s", wall), "1", "exact return"),
-            "spent": (one, spent, "1", "steps simulated to learn from"),
-            "best": (one, best("evaluation_return"), "1", "best exact return"),
-            "speed": (one, best("evaluation_speed"), "m/s", "mean speed of the best"),
-            "length": (one, best("evaluation_length"), "1", "steps that it lives"),
-            **_against_plans(params, pieces, shown, jobs, found),
+            "spent": (dimensions, spent, "1", "steps simulated to learn from"),
+            "best": (dimensions, best("evaluation_return"), "1", "best exact return"),
+            "speed": (dimensions, best("evaluation_speed"), "m/s", "mean speed of the best"),
+            "length": (dimensions, best("evaluation_length"), "1", "steps that it lives"),
+            **_against_plans(params, pieces, plans_shown, jobs, trainings),
         },
         {
             "task": list(TASKS),
@@ -157,26 +157,28 @@ def _against_plans(
     pieces: Pieces,
     shown: Mapping[str, list[Curves]],
     jobs: Mapping[str, TrainingJob],
-    found: Mapping[str, Curves],
+    trainings: Mapping[str, Curves],
 ) -> dict[str, Any]:
     """Returns over the steps of a plan: of plans from both guesses, and of every policy."""
     n = params.plans
-    policies = {key: Policy(job.task, policy_of(found[key]), job.options["hidden"]) for key, job in jobs.items()}
+    policies = {key: Policy(job.task, policy_of(trainings[key]), job.options["hidden"]) for key, job in jobs.items()}
     reached = {key: policy.returns(n) for key, policy in policies.items()}
     best = {
         task: max((key for key in jobs if jobs[key].task == task), key=lambda k: reached[k].mean()) for task in TASKS
     }
-    near = plans(TASKS, n, pieces, {task: policies[key] for task, key in best.items()})
+    plans_near_policies = plans(TASKS, n, pieces, {task: policies[key] for task, key in best.items()})
 
-    def told(of: str) -> np.ndarray:
-        return np.array([[[one[of] for one in guess[task]] for guess in (shown, near)] for task in TASKS])
+    def collected(of: str) -> np.ndarray:
+        return np.array(
+            [[[one[of] for one in guess[task]] for guess in (shown, plans_near_policies)] for task in TASKS]
+        )
 
     shape = (len(TASKS), len(METHODS), params.runs, n)
-    each = ("task", "guess", "start")
+    dimensions = ("task", "guess", "start")
     return {
-        "planned": (each, told("returned"), "1", "return of a plan"),
-        "replayed": (each, told("replayed"), "1", "exact return of its inputs"),
-        "certified": (each, told("certified"), "1", "whether it is certified"),
+        "planned": (dimensions, collected("returned"), "1", "return of a plan"),
+        "replayed": (dimensions, collected("replayed"), "1", "exact return of its inputs"),
+        "certified": (dimensions, collected("certified"), "1", "whether it is certified"),
         "reached": (
             ("task", "algorithm", "run", "start"),
             np.reshape(list(reached.values()), shape),
@@ -190,11 +192,11 @@ def _job(task: str, method: Method, params: Params, run: int, shown: list[Curves
     """A training that spends the budget, or MBPO's iterations."""
     seed = params.seed * 1000 + run
     start = fitted(task, shown, seed) if method.shown else None
-    asked: dict[str, Any] = {"budget": Budget(1000 * params.kilosteps, params.judged)}
+    length: dict[str, Any] = {"budget": Budget(1000 * params.kilosteps, params.judged)}
     if method.algorithm == "mbpo":
         every = max(1, params.model_based // params.judged)
-        asked = {"iterations": params.model_based, "evaluate_every": every}
-    return job(task, method.algorithm, method.law, seed, hidden=method.hidden, episodes=EPISODES, start=start, **asked)
+        length = {"iterations": params.model_based, "evaluate_every": every}
+    return job(task, method.algorithm, method.law, seed, hidden=method.hidden, episodes=EPISODES, start=start, **length)
 
 
 STEPS = 20
@@ -219,8 +221,8 @@ class Policy:
 
     def returns(self, n: int) -> np.ndarray:
         """Returns (n,) over as many steps as a plan has, from the plans' starts."""
-        found = evaluate_from(self.over(STEPS), self.trained, EXACT, starts(self.task, n))
-        return found.returns
+        episodes = evaluate_from(self.over(STEPS), self.trained, EXACT, starts(self.task, n))
+        return episodes.returns
 
 
 @dataclass(frozen=True)
@@ -243,21 +245,21 @@ def plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
     guess = guess_from_constant_inputs(task)
     if job.near is not None:
         guess = guess_from_policy(job.near.over(STEPS), job.near.trained)
-    found = best_plan(task, x0, guess)
-    states, inputs = demonstrations([found.solution], _COPIES, _SPREAD, job.number)
+    best = best_plan(task, x0, guess)
+    states, inputs = demonstrations([best.solution], _COPIES, _SPREAD, job.number)
     return {
         "states": states,
         "inputs": inputs,
-        "returned": np.array(found.returned),
-        "replayed": np.array(found.replayed),
-        "certified": np.array(found.certified),
+        "returned": np.array(best.returned),
+        "replayed": np.array(best.replayed),
+        "certified": np.array(best.certified),
     }
 
 
 def starts(task: str, n: int) -> np.ndarray:
     """The first ``n`` states that plans start from (n, nx)."""
-    made = registry.get(task)
-    return np.concatenate([made.reset(1, np.random.default_rng([_STARTS, number])) for number in range(n)])
+    task_object = registry.get(task)
+    return np.concatenate([task_object.reset(1, np.random.default_rng([_STARTS, number])) for number in range(n)])
 
 
 def plans(
@@ -268,13 +270,13 @@ def plans(
     jobs = {
         f"{word}-{task}-{k}": PlanJob(task, k, None if best is None else best[task]) for task in tasks for k in range(n)
     }
-    found = side_by_side(plan, jobs, pieces)
-    return {task: [found[f"{word}-{task}-{k}"] for k in range(n)] for task in tasks}
+    results = side_by_side(plan, jobs, pieces)
+    return {task: [results[f"{word}-{task}-{k}"] for k in range(n)] for task in tasks}
 
 
 def fitted(task: str, shown: list[dict[str, np.ndarray]], seed: int) -> Trained:
     """The network that does what plans show."""
-    states, inputs = (np.concatenate([one[of] for one in shown]) for of in ("states", "inputs"))
+    states, inputs = (np.concatenate([plan_arrays[of] for plan_arrays in shown]) for of in ("states", "inputs"))
     return fit_actions(registry.get(task), states, inputs, HIDDEN, seed)
 
 
@@ -290,13 +292,13 @@ def claims(data: xr.Dataset) -> list[Claim]:
     """Whether the adaptive law is on top, by area and by end, and which policies run."""
     papers = [str(name) for name in data["algorithm"].values if name not in (NETWORK, SHOWN)]
     others = [name for name in papers if name not in (_OURS, MODEL_BASED)]
-    found = []
+    results = []
     for task in map(str, data["task"].values):
-        found += _of_plans(task, data.sel(task=task))
-        one = data.sel(task=task, algorithm=papers)
-        areas = {n: area(one["by_steps"].sel(algorithm=n).values) for n in (_OURS, *others)}
+        results += _of_plans(task, data.sel(task=task))
+        task_data = data.sel(task=task, algorithm=papers)
+        areas = {n: area(task_data["by_steps"].sel(algorithm=n).values) for n in (_OURS, *others)}
         gains = [difference(areas[_OURS], areas[name], paired=False) for name in others]
-        best = {n: one["best"].sel(algorithm=n).values for n in papers}
+        best = {n: task_data["best"].sel(algorithm=n).values for n in papers}
         ends = [difference(best[_OURS], best[name], paired=False) for name in others]
         rivalry = [
             gained(
@@ -314,37 +316,37 @@ def claims(data: xr.Dataset) -> list[Claim]:
                 ends,
             ),
         ]
-        told = _untrained(one)
-        found += [replace(claim, measured=claim.measured + told) for claim in rivalry]
-        running = one["speed"].median("run").values >= _FAST[task]
-        lasting = one["length"].median("run").values >= 100
-        speeds = ", ".join(f"{s:.2f}" for s in one["speed"].median("run").values)
-        found.append(
+        untrained_text = _untrained(task_data)
+        results += [replace(claim, measured=claim.measured + untrained_text) for claim in rivalry]
+        running = task_data["speed"].median("run").values >= _FAST[task]
+        lasting = task_data["length"].median("run").values >= 100
+        speeds = ", ".join(f"{s:.2f}" for s in task_data["speed"].median("run").values)
+        results.append(
             claim(f"Every algorithm's best policy runs on {task}", "our check")
             .expected(f"half of the seeds at {_FAST[task]:g} m/s or more for 5 s, without falling")
             .measured(f"{over(papers, running & lasting)}: {speeds} m/s")
             .holds(running & lasting)
         )
-    return found
+    return results
 
 
-def _untrained(one: xr.Dataset) -> str:
+def _untrained(task_data: xr.Dataset) -> str:
     """Name the algorithms whose best policy is in every run the initial one."""
-    initial = (one["best"] <= one["by_steps"].isel(steps=0)).all("run")
-    names = ", ".join(map(str, one["algorithm"].values[initial.values]))
+    initial = (task_data["best"] <= task_data["by_steps"].isel(steps=0)).all("run")
+    names = ", ".join(map(str, task_data["algorithm"].values[initial.values]))
     return f"; never above their initial policy: {names}" if names else ""
 
 
-def _of_plans(task: str, one: xr.Dataset) -> list[Claim]:
+def _of_plans(task: str, task_data: xr.Dataset) -> list[Claim]:
     """What plans are good for: a start to learn from, and a measure of what was learned."""
-    areas = [area(one["by_steps"].sel(algorithm=name).values) for name in (SHOWN, NETWORK)]
+    areas = [area(task_data["by_steps"].sel(algorithm=name).values) for name in (SHOWN, NETWORK)]
     gain = difference(*areas, paired=False)
-    best = one["replayed"].max("guess")
-    shares = one["reached"].median("run").mean("start") / best.mean("start")
-    names = [str(name) for name in one["algorithm"].values]
-    told = ", ".join(f"{name} {share:.0%}" for name, share in zip(names, shares.values, strict=True))
-    certified = one["certified"].astype(bool)
-    off = abs(one["planned"] - one["replayed"]) > _SAME * abs(one["replayed"])
+    best = task_data["replayed"].max("guess")
+    shares = task_data["reached"].median("run").mean("start") / best.mean("start")
+    names = [str(name) for name in task_data["algorithm"].values]
+    share_texts = ", ".join(f"{name} {share:.0%}" for name, share in zip(names, shares.values, strict=True))
+    certified = task_data["certified"].astype(bool)
+    replays_differently = abs(task_data["planned"] - task_data["replayed"]) > _SAME * abs(task_data["replayed"])
     return [
         claim(f"On {task} a network begun at plans learns faster than one by chance", "our check")
         .expected("mean return over equal simulated steps above, bootstrap 95 %")
@@ -353,8 +355,8 @@ def _of_plans(task: str, one: xr.Dataset) -> list[Claim]:
         claim(f"On {task} no policy is above the best plan found from the same starts", "our check")
         .expected(f"share of the best plan's exact return over {STEPS} steps at most 100 %")
         .measured(
-            f"{told}; of {certified.size} plans {int(certified.sum())} certified,"
-            f" {int((certified & off).sum())} of these replay to another return"
+            f"{share_texts}; of {certified.size} plans {int(certified.sum())} certified,"
+            f" {int((certified & replays_differently).sum())} of these replay to another return"
         )
         .at_most(shares, 1),
     ]

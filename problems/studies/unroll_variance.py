@@ -46,19 +46,19 @@ class Params(StudyParams):
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
     """Variances of all laws, lengths and policies of both tasks, and Lipschitz constants."""
-    found = [pieces.get(task, lambda task=task: _task(task, params)) for task in tracked("tasks", TASKS)]
+    task_results = [pieces.get(task, lambda task=task: _task(task, params)) for task in tracked("tasks", TASKS)]
     every = ("task", "stage", "law", "length")
     return dataset(
         {
-            "variance": (every, [f["variance"] for f in found], "1", "trace of one gradient's covariance"),
-            "lost": (every, [f["lost"] for f in found], "1", "share of unrolls that are not finite"),
+            "variance": (every, [f["variance"] for f in task_results], "1", "trace of one gradient's covariance"),
+            "lost": (every, [f["lost"] for f in task_results], "1", "share of unrolls that are not finite"),
             "lipschitz": (
                 ("task", "stage", "law"),
-                [f["lipschitz"] for f in found],
+                [f["lipschitz"] for f in task_results],
                 "1",
                 "L_f, the largest norm of [A B]",
             ),
-            "lipschitz_policy": (("task", "stage"), [f["lipschitz_policy"] for f in found], "1", "L_pi"),
+            "lipschitz_policy": (("task", "stage"), [f["lipschitz_policy"] for f in task_results], "1", "L_pi"),
         },
         {
             "task": list(TASKS),
@@ -70,12 +70,12 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
 
 
 def _task(task: str, params: Params) -> dict[str, np.ndarray]:
-    asked = job(task, "fopg", LAWS["adaptive"], params.seed)
-    experiment = asked.experiment()
+    training = job(task, "fopg", LAWS["adaptive"], params.seed)
+    experiment = training.experiment()
     shape = (params.stages, len(LAWS))
     variance, lost = np.full((2, *shape, len(LENGTHS)), np.nan)
     lipschitz, of_policy = np.zeros(shape), np.zeros(params.stages)
-    algorithm, k = asked.algorithm, 0
+    algorithm, iteration = training.algorithm, 0
     system = replace(experiment.task.system, parameters=experiment.task.parameters)
     steps = [StepFunction(law.close(system), threads=1) for law in LAWS.values()]
     state = algorithm.begin(experiment)
@@ -86,20 +86,20 @@ def _task(task: str, params: Params) -> dict[str, np.ndarray]:
         for i, law in enumerate(LAWS.values()):
             lipschitz[s, i] = _lipschitz(experiment, steps[i], trained, x0)
             for j, length in enumerate(LENGTHS):
-                found = experiment.rollouts(length, law).moments(
+                moments = experiment.rollouts(length, law).moments(
                     x0,
                     trained.theta,
                     trained.normaliser,
                     noise=experiment.noise(params.sigma, s, "measured"),
                     n_samples=len(x0),
                 )
-                assert found.gradient is not None
-                lost[s, i, j] = found.nonfinite.count / len(x0)
-                if found.gradient.n > 1:
-                    variance[s, i, j] = found.gradient.m2.sum() / (found.gradient.n - 1)
+                assert moments.gradient is not None
+                lost[s, i, j] = moments.nonfinite.count / len(x0)
+                if moments.gradient.n > 1:
+                    variance[s, i, j] = moments.gradient.m2.sum() / (moments.gradient.n - 1)
         for _ in range(params.every * (s + 1 < params.stages)):
-            state, _ = algorithm.iterate(experiment, state, k)
-            k += 1
+            state, _ = algorithm.iterate(experiment, state, iteration)
+            iteration += 1
     return {"variance": variance, "lost": lost, "lipschitz": lipschitz, "lipschitz_policy": of_policy}
 
 
@@ -107,7 +107,7 @@ def _visited(experiment: Experiment, trained: Trained, params: Params, stage: in
     """States (n, nx) out of episodes of the policy under noise, each of them once at random."""
     rng = experiment.rng(stage, "visited")
     x0 = experiment.first_states(params.unrolls, rng)
-    found = experiment.rollouts(experiment.task.horizon, LAWS["mu 1e-10"])(
+    episodes = experiment.rollouts(experiment.task.horizon, LAWS["mu 1e-10"])(
         x0,
         trained.theta,
         trained.normaliser,
@@ -115,18 +115,18 @@ def _visited(experiment: Experiment, trained: Trained, params: Params, stage: in
         n_samples=len(x0),
         states=True,
     )
-    finite = np.isfinite(found.states).all(axis=2)
-    alive = np.arange(found.states.shape[1]) < np.maximum(found.lived, 1)[:, None]
-    candidates = found.states[finite & alive]
+    finite = np.isfinite(episodes.states).all(axis=2)
+    alive = np.arange(episodes.states.shape[1]) < np.maximum(episodes.lived, 1)[:, None]
+    candidates = episodes.states[finite & alive]
     return candidates[rng.integers(len(candidates), size=params.unrolls)]
 
 
 def _lipschitz(experiment: Experiment, step: StepFunction, trained: Trained, x: np.ndarray) -> float:
     """Largest spectral norm of the step's slopes [A B] at states x under the policy."""
     steps, by_x, by_u = step.slopes(x, experiment.inputs(trained, x))
-    good = np.isfinite(steps.x_next).all(axis=1)
-    whole = np.concatenate([by_x[good], by_u[good]], axis=2)
-    return float(np.linalg.norm(whole, ord=2, axis=(1, 2)).max())
+    is_finite = np.isfinite(steps.x_next).all(axis=1)
+    step_slopes = np.concatenate([by_x[is_finite], by_u[is_finite]], axis=2)
+    return float(np.linalg.norm(step_slopes, ord=2, axis=(1, 2)).max())
 
 
 def _lipschitz_policy(experiment: Experiment, trained: Trained, x: np.ndarray) -> float:
@@ -136,8 +136,8 @@ def _lipschitz_policy(experiment: Experiment, trained: Trained, x: np.ndarray) -
     for i in range(x.shape[1]):
         e = np.zeros(x.shape[1])
         e[i] = 1e-6
-        ahead, behind = (experiment.inputs(trained, x + s * e) for s in (1, -1))
-        columns.append((ahead - behind) / 2e-6)
+        forward, backward = (experiment.inputs(trained, x + s * e) for s in (1, -1))
+        columns.append((forward - backward) / 2e-6)
     return float(np.linalg.norm(np.stack(columns, axis=-1), ord=2, axis=(1, 2)).max())
 
 
@@ -170,14 +170,14 @@ class Growth:
 
 def growth(data: xr.Dataset, task: str, law: str) -> Growth:
     """Mean over stages of the fitted slope, with twice its standard error."""
-    one = data["variance"].sel(task=task, law=law)
-    lengths = one["length"].values
+    variances = data["variance"].sel(task=task, law=law)
+    lengths = variances["length"].values
     chosen = lengths >= _LONG
     slopes = []
-    for row in one.transpose("stage", "length").values:
-        good = chosen & (row > 0)
-        if good.sum() > 2:
-            slopes.append(np.polyfit(lengths[good], np.log(row[good]), 1)[0])
+    for row in variances.transpose("stage", "length").values:
+        is_fitted = chosen & (row > 0)
+        if is_fitted.sum() > 2:
+            slopes.append(np.polyfit(lengths[is_fitted], np.log(row[is_fitted]), 1)[0])
     if len(slopes) < 2:
         return Growth(np.nan, np.nan, np.nan)
     mean, error = float(np.mean(slopes)), float(np.std(slopes, ddof=1) / np.sqrt(len(slopes)))

@@ -40,40 +40,42 @@ def flight_step(wall: Wall, g: float, h: float) -> ca.Function:
     """
     state = ca.SX.sym("state", 4)
     v = state[2:] - ca.DM([0, g * h])
-    p, way = state[:2], h * v
+    p, displacement = state[:2], h * v
     left, right = wall.place - wall.width / 2, wall.place + wall.width / 2
-    face = _fraction(left - p[0], way[0])
-    at_face = p + face * way
-    hits_face = ca.logic_and(ca.logic_and(p[0] < left, p[0] + way[0] >= left), at_face[1] < wall.height)
+    face = _fraction(left - p[0], displacement[0])
+    at_face = p + face * displacement
+    hits_face = ca.logic_and(ca.logic_and(p[0] < left, p[0] + displacement[0] >= left), at_face[1] < wall.height)
     if wall.dome:
         centre, radius = ca.DM([wall.place, wall.height]), wall.width / 2
-        off = p - centre
-        a, b = ca.sumsqr(way), ca.dot(off, way)
-        outside = ca.sumsqr(off) - radius**2
+        from_centre = p - centre
+        a, b = ca.sumsqr(displacement), ca.dot(from_centre, displacement)
+        outside = ca.sumsqr(from_centre) - radius**2
         discriminant = b * b - a * outside
         meets = ca.logic_and(ca.logic_and(discriminant > 0, b < 0), outside > 0)
-        over = (-b - ca.sqrt(ca.if_else(meets, discriminant, 1.0))) / a
-        normal = (off + over * way) / radius
-        hits_top = ca.logic_and(ca.logic_and(meets, over <= 1), (off + over * way)[1] >= 0)
+        top_fraction = (-b - ca.sqrt(ca.if_else(meets, discriminant, 1.0))) / a
+        normal = (from_centre + top_fraction * displacement) / radius
+        hits_top = ca.logic_and(
+            ca.logic_and(meets, top_fraction <= 1), (from_centre + top_fraction * displacement)[1] >= 0
+        )
     else:
-        over = _fraction(wall.height - p[1], way[1])
-        at_top = p + over * way
-        falls = ca.logic_and(p[1] >= wall.height, p[1] + way[1] < wall.height)
-        between = ca.logic_and(at_top[0] >= left, at_top[0] <= right)
-        hits_top = ca.logic_and(falls, between)
+        top_fraction = _fraction(wall.height - p[1], displacement[1])
+        at_top = p + top_fraction * displacement
+        falls_to_top = ca.logic_and(p[1] >= wall.height, p[1] + displacement[1] < wall.height)
+        is_above_wall = ca.logic_and(at_top[0] >= left, at_top[0] <= right)
+        hits_top = ca.logic_and(falls_to_top, is_above_wall)
         normal = ca.SX(ca.DM([0, 1]))
     hits = ca.logic_or(hits_face, hits_top)
-    s = ca.if_else(hits_face, face, ca.if_else(hits_top, over, 1.0))
+    s = ca.if_else(hits_face, face, ca.if_else(hits_top, top_fraction, 1.0))
     n = ca.if_else(hits_face, ca.SX(ca.DM([-1, 0])), normal)
     mirrored = ca.if_else(hits, v - 2 * ca.dot(v, n) * n, v)
-    landed = p + s * way + (1 - s) * h * mirrored
+    landed = p + s * displacement + (1 - s) * h * mirrored
     return ca.Function("flight", [state], [ca.vertcat(landed, mirrored)])
 
 
-def _fraction(distance: ca.SX, way: ca.SX) -> ca.SX:
+def _fraction(distance: ca.SX, displacement: ca.SX) -> ca.SX:
     """``distance/way``, harmless where there is no way."""
-    still = ca.fabs(way) < 1e-12
-    return distance / ca.if_else(still, 1.0, way)
+    is_still = ca.fabs(displacement) < 1e-12
+    return distance / ca.if_else(is_still, 1.0, displacement)
 
 
 class ThrownBall(SampledObjective):
@@ -89,19 +91,19 @@ class ThrownBall(SampledObjective):
         self._v0, self._steps = v0, steps
         step = flight_step(wall, g, h)
         state, tangent = ca.SX.sym("state", 4), ca.SX.sym("tangent", 4)
-        after = step(state)
-        moved = ca.jtimes(after, state, tangent)
-        self._move = BatchFunction(ca.Function("move", [state], [after]))
-        self._both = BatchFunction(ca.Function("both", [state, tangent], [after, moved]))
+        state_next = step(state)
+        tangent_next = ca.jtimes(state_next, state, tangent)
+        self._move = BatchFunction(ca.Function("move", [state], [state_next]))
+        self._both = BatchFunction(ca.Function("both", [state, tangent], [state_next, tangent_next]))
 
     def paths(self, theta: np.ndarray) -> np.ndarray:
         """Positions (n, steps + 1, 2) of throws at ``theta`` (n,)."""
         state = self._start(theta)[0]
-        found = [state[:, :2]]
+        positions = [state[:, :2]]
         for _ in range(self._steps):
             state = self._move(state)
-            found.append(state[:, :2])
-        return np.stack(found, axis=1)
+            positions.append(state[:, :2])
+        return np.stack(positions, axis=1)
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
         """Minus the final x at theta + noise."""
@@ -126,8 +128,8 @@ class ThrownBall(SampledObjective):
         """State and its derivative by theta at the throw, (n, 4) each."""
         angle = np.ravel(theta)
         zero = np.zeros_like(angle)
-        along, across = self._v0 * np.cos(angle), self._v0 * np.sin(angle)
-        return (np.stack((zero, zero, along, across), 1), np.stack((zero, zero, -across, along), 1))
+        v_x, v_y = self._v0 * np.cos(angle), self._v0 * np.sin(angle)
+        return (np.stack((zero, zero, v_x, v_y), 1), np.stack((zero, zero, -v_y, v_x), 1))
 
 
 SHAPES = ("rectangle", "dome")
@@ -186,37 +188,37 @@ def _shrinking(params: Params, corner: float) -> dict:
         )
     names = ("variance_first", "variance_zeroth", "beta", "Delta", "S", "size")
     units = ("m^2/rad^2", "m^2/rad^2", "1", "m/rad", "m/rad", "m/rad")
-    found = {
+    variables = {
         f"narrow_{name}": ("width", values, unit, f"{name} at the corner's angle")
         for name, unit, values in zip(names, units, np.transpose(rows), strict=True)
     }
-    return {**found, "width": (width, "m", "diameter of the dome")}
+    return {**variables, "width": (width, "m", "diameter of the dome")}
 
 
 def run(params: Params) -> xr.Dataset:
     """Paths, landing objective, gradients along the angle, and domes that shrink."""
-    shown, fine = np.linspace(0.68, 0.73, 15), np.linspace(0.5, 0.9, 4001)
+    angles, fine = np.linspace(0.68, 0.73, 15), np.linspace(0.5, 0.9, 4001)
     theta = np.linspace(params.least, params.most, params.points)
     balls = {name: thrown(params, name == "dome") for name in SHAPES}
     cost = {name: ball.costs(fine[:, None]) for name, ball in balls.items()}
-    found = {
+    sweeps = {
         name: sweep_decision(ball, theta, params.sigma, params.n_samples, params.seed + index)
         for index, (name, ball) in enumerate(balls.items())
     }
     smooth = params.model_copy(update={"h": params.h / _FINER, "T": params.T * _FINER})
-    drawn = [thrown(smooth, name == "dome").paths(shown) for name in SHAPES]
+    paths = [thrown(smooth, name == "dome").paths(angles) for name in SHAPES]
     jump = np.abs(np.diff(cost["rectangle"]))
     corner = float(fine[int(jump.argmax())])
     slope = "m/rad"
 
     def stacked(name: str) -> list[np.ndarray]:
-        return [found[shape][name] for shape in SHAPES]
+        return [sweeps[shape][name] for shape in SHAPES]
 
     shapes, narrow = ("shape", "theta"), _shrinking(params, corner)
     width = narrow.pop("width")
     return dataset(
         {
-            "path": (("shape", "throw", "node", "axis"), drawn, "m", "position"),
+            "path": (("shape", "throw", "node", "axis"), paths, "m", "position"),
             "f": (("shape", "fine"), list(cost.values()), "m", "minus final x"),
             "F": (shapes, stacked("F"), "m", "smoothed objective"),
             "slope": (shapes, stacked("slope"), slope, "its derivative"),
@@ -231,7 +233,7 @@ def run(params: Params) -> xr.Dataset:
             "shape": list(SHAPES),
             "axis": ["x", "y"],
             "moment": ["mean", "standard error"],
-            "throw": (shown, "rad", "angle of the throws drawn"),
+            "throw": (angles, "rad", "angle of the throws drawn"),
             "fine": (fine, "rad", "angle"),
             "theta": (theta, "rad", "angle"),
             "width": width,
@@ -248,12 +250,12 @@ def claims(data: xr.Dataset) -> list[Claim]:
     """What ex. III.6 and fig. 4 say."""
     step = np.abs(np.diff(data["f"].values, axis=1)).max(axis=1)
     size = float(data["fine"][1] - data["fine"][0])
-    away = np.abs(data["slope"].values[1][0])
-    off = data["first"].values[:, :, 0] - data["slope"].values
-    score = off / data["first"].values[:, :, 1]
-    worst = [int(np.abs(row).argmax()) for row in off]
-    near = np.abs(data["theta"].values - float(data["corner"])) < data.attrs["sigma"]
-    dome = float(np.mean(score[1][near] ** 2)) if near.any() else np.nan
+    slope_away = np.abs(data["slope"].values[1][0])
+    errors = data["first"].values[:, :, 0] - data["slope"].values
+    score = errors / data["first"].values[:, :, 1]
+    worst = [int(np.abs(row).argmax()) for row in errors]
+    near_corner = np.abs(data["theta"].values - float(data["corner"])) < data.attrs["sigma"]
+    dome = float(np.mean(score[1][near_corner] ** 2)) if near_corner.any() else np.nan
     zeroth = (data["zeroth"].values[:, :, 0] - data["slope"].values) / data["zeroth"].values[:, :, 1]
     rectangle = float(np.mean(zeroth[0] ** 2))
     width, first = data["width"].values, data["narrow_variance_first"].values
@@ -269,11 +271,11 @@ def claims(data: xr.Dataset) -> list[Claim]:
         .above(step[0], 0.05),
         claim("With a dome it is continuous, but stiff", place)
         .expected("steep, no jump")
-        .measured(f"steps of at most {step[1]:.1e} m: slope {step[1] / size:.1f} m/rad against {away:.1f} away")
-        .holds(step[1] < 0.01, step[1] / size > 2 * away),
+        .measured(f"steps of at most {step[1]:.1e} m: slope {step[1] / size:.1f} m/rad against {slope_away:.1f} away")
+        .holds(step[1] < 0.01, step[1] / size > 2 * slope_away),
         claim("FoBG is biased at the rectangle", place)
         .expected("error beyond its interval")
-        .measured(f"{off[0][worst[0]]:+.2f} m/rad, {abs(score[0][worst[0]]):.0f} standard errors")
+        .measured(f"{errors[0][worst[0]]:+.2f} m/rad, {abs(score[0][worst[0]]):.0f} standard errors")
         .above(abs(score[0][worst[0]]), 10),
         claim("ZoBG is not", "Pathologies, sec. III-A")
         .expected("errors of 1 standard error")
@@ -282,7 +284,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
         claim("With a dome FoBG is no longer biased asymptotically", place)
         .expected("errors of 1 standard error")
         .measured(f"{np.sqrt(dome):.2f} rms near the corner")
-        .below(dome, _chance(near.sum())),
+        .below(dome, _chance(near_corner.sum())),
         claim("The stiffness still results in high variance", "our check")
         .expected("twice ZoBG's or more")
         .measured(f"domes {over(list(width), high)} m wide: " + listed(first / rough, ".2g") + " times")

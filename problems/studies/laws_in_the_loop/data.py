@@ -85,48 +85,48 @@ class TaskLoops:
 
     def loop(self, name: str, plant: str) -> dict[str, np.ndarray]:
         """Costs over one horizon and over the run (seeds, 2), ends and the time of a sample."""
-        which, N = TASKS[self.name], self.problem.N
-        larger = {which: _LARGER * self.problem.parameters.defaults[which]}
-        given = Disturbance(mismatch=larger if plant == "mismatch" else {})
+        parameter, N = TASKS[self.name], self.problem.N
+        larger = {parameter: _LARGER * self.problem.parameters.defaults[parameter]}
+        disturbance = Disturbance(mismatch=larger if plant == "mismatch" else {})
         physics = plant if plant in ("referee", "h/4", "noise") else "exact"
         with warnings.catch_warnings():
             # Candidates of a step that diverge: the plan keeps another.
             warnings.simplefilter("ignore", BatchWarning)
-            found = simulate(
+            closed_loop = simulate(
                 self.controller(name),
                 _HORIZONS * N,
                 physics,
-                given,
+                disturbance,
                 seeds=self.params.seeds,
                 seed=self.params.seed,
                 x0=self.starts,
             )
-        costs = np.stack([cost_at(found, N), found.costs], axis=1)
-        return {"cost": costs, "ended": ~found.survived, "ms": np.array(1e3 * found.percentile(99))}
+        costs = np.stack([cost_at(closed_loop, N), closed_loop.costs], axis=1)
+        return {"cost": costs, "ended": ~closed_loop.survived, "ms": np.array(1e3 * closed_loop.percentile(99))}
 
 
 def starts(problem: Problem, params: Params) -> np.ndarray:
     """The problem's own start and others around it, none in penetration (seeds, nx)."""
     p, system = problem.parameters.values, problem.system
-    own = np.array(problem.limits(p)[0]).ravel()
+    nominal = np.array(problem.limits(p)[0]).ravel()
     phi = ca.SX(0) if system.phi is None else system.phi
     distances = ca.Function("distances", [system.x, problem.parameters.vector], [phi])
-    rng, found = np.random.default_rng(params.seed), [own]
-    while len(found) < params.seeds:
-        x = own + params.spread * problem.scales.x * rng.standard_normal(own.size)
+    rng, states = np.random.default_rng(params.seed), [nominal]
+    while len(states) < params.seeds:
+        x = nominal + params.spread * problem.scales.x * rng.standard_normal(nominal.size)
         if np.all(np.array(distances(x, p)) >= 0):
-            found.append(x)
-    return np.array(found)
+            states.append(x)
+    return np.array(states)
 
 
-def cost_at(found: ClosedLoop, N: int) -> np.ndarray:
+def cost_at(closed_loop: ClosedLoop, N: int) -> np.ndarray:
     """Cost of the first ``N`` samples, with the terminal cost of the state after them (S,)."""
-    x, u, paid = (found.data[name].values for name in ("x", "u", "cost"))
-    problem, last = found.problem, u[:, N - 1]
+    x, u, stage_costs = (closed_loop.data[name].values for name in ("x", "u", "cost"))
+    problem, last = closed_loop.problem, u[:, N - 1]
     terms, p = problem.cost_terms, problem.parameters.values
     lam = np.zeros(problem.system.nlam)
-    ends = [float(terms(*at, 0 * at[1], lam, p)[1]) for at in zip(x[:, N], last, strict=True)]
-    return paid[:, :N].sum(axis=1) + ends
+    ends = [float(terms(*point, 0 * point[1], lam, p)[1]) for point in zip(x[:, N], last, strict=True)]
+    return stage_costs[:, :N].sum(axis=1) + ends
 
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
@@ -134,20 +134,20 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
     names = list(TASKS)[: params.tasks]
     shape = len(names), len(PLANTS), len(CONTROLLERS)
     costs = np.full((*shape, params.seeds, 2), np.nan)
-    ended, ms = np.full((*shape, params.seeds), np.nan), np.full(shape, np.nan)
+    diverged, ms = np.full((*shape, params.seeds), np.nan), np.full(shape, np.nan)
     sources = [TaskLoops(name, params) for name in names]
     for i, j in tracked("tasks and controllers", list(np.ndindex(shape[0], shape[2]))):
         source, name = sources[i], CONTROLLERS[j]
         for plant in source.plants:
             key = f"{names[i]}-{name}-{plant}".replace(", ", "-").replace(" ", "-").replace("/", "")
-            told = pieces.get(key, lambda s=source, n=name, p=plant: s.loop(n, p))
-            at = i, PLANTS.index(plant), j
-            costs[at], ended[at], ms[at] = told["cost"], told["ended"], told["ms"]
+            loop = pieces.get(key, lambda s=source, n=name, p=plant: s.loop(n, p))
+            place = i, PLANTS.index(plant), j
+            costs[place], diverged[place], ms[place] = loop["cost"], loop["ended"], loop["ms"]
     dims = ("task", "plant", "controller")
     return dataset(
         {
             "cost": ((*dims, "seed", "span"), costs, "1", "closed-loop cost"),
-            "ended": ((*dims, "seed"), ended, "1", "whether the plant diverged, 1 or 0"),
+            "ended": ((*dims, "seed"), diverged, "1", "whether the plant diverged, 1 or 0"),
             "ms": (dims, ms, "ms", "time of a sample, percentile 99"),
         },
         {

@@ -7,7 +7,6 @@ import xarray as xr
 
 from problems.studies.study import Claim, claim, largest, listed, over
 
-_PLACE = "Noising data, "
 _MATCH = 1 / 2
 """A good match: off by less than this part of the distance from what is to be told apart."""
 _MOST = 0.8
@@ -19,8 +18,8 @@ def claims(data: xr.Dataset) -> list[Claim]:
     return [*_dense(data), *_sparse(data), *_penetrating(data), *_support(data), *_rollouts(data)]
 
 
-def _rms(off: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.mean(off**2, axis=-1))
+def _rms(errors: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.mean(errors**2, axis=-1))
 
 
 def _dense(data: xr.Dataset) -> list[Claim]:
@@ -31,19 +30,19 @@ def _dense(data: xr.Dataset) -> list[Claim]:
     score = score[np.abs(data["sampled_error"].values) > 1e-6]
     square = data["score_square"].mean("set").values
     rms, error = data["dense_rms"].values, data["dense_error"].values
-    at = data.sel(regime="dense")
+    dense_data = data.sel(regime="dense")
     kink, ends = np.abs(u) <= sigma, (u >= 1 - sigma) & (u <= 1)
-    apart = _rms((at["pusher_h"].values - data["f_sigma"].values)[:, kink])
+    apart = _rms((dense_data["pusher_h"].values - data["f_sigma"].values)[:, kink])
     effect = _rms((data["f"] - data["f_sigma"]).values[kink])
-    off_g = _rms((at["pusher_h"] - at["pusher_g"]).values[:, ends])
-    off_f = _rms((at["pusher_h"] - data["f_sigma"]).values[:, ends])
+    off_g = _rms((dense_data["pusher_h"] - dense_data["pusher_g"]).values[:, ends])
+    off_f = _rms((dense_data["pusher_h"] - data["f_sigma"]).values[:, ends])
     end = data["end_score"].values
     return [
-        claim("Monte Carlo estimates f_sigma", _PLACE + "fig. 1 and eq. 2")
+        claim("Monte Carlo estimates f_sigma", "Noising data, fig. 1 and eq. 2")
         .expected("within 5 standard errors of the closed form")
         .measured(f"{largest(np.abs(score)):.2g} at most, at {score.size} dots")
         .below(np.abs(score), 5),
-        claim("Dense: g_sigma is f_sigma away from the ends", _PLACE + "sec. IV-B")
+        claim("Dense: g_sigma is f_sigma away from the ends", "Noising data, sec. IV-B")
         .expected("apart by the standard error of g_sigma: the mean square over it is 0.5 to 1.5, 3 sigma off the ends")
         .measured(
             f"{listed(square, '.2f')} over {data.sizes['set']} sets at sigma = "
@@ -52,7 +51,7 @@ def _dense(data: xr.Dataset) -> list[Claim]:
             f" {error.max():.2g} m"
         )
         .between(square, 0.5, 1.5),
-        claim("Dense: so is h_sigma", _PLACE + "sec. IV-B")
+        claim("Dense: so is h_sigma", "Noising data, sec. IV-B")
         .expected("within sigma of the kink, where smoothing acts, apart by less than half of it")
         .measured(f"{listed(apart, '.2g')} m of {effect:.2g} m")
         .below(apart, _MATCH * effect),
@@ -69,22 +68,22 @@ def _dense(data: xr.Dataset) -> list[Claim]:
 
 def _sparse(data: xr.Dataset) -> list[Claim]:
     """The pusher with few data, within the first and the last."""
-    at, u, widths = data.sel(regime="sparse"), data["u"].values, data["width"].values
-    few = data["pusher_data_sparse"].values
-    within = (u >= max(few.min(), 0.0)) & (u <= few.max())
-    h, g = at["pusher_h"].values[:, within], at["pusher_g"].values[within]
+    sparse_data, u, widths = data.sel(regime="sparse"), data["u"].values, data["width"].values
+    commands = data["pusher_data_sparse"].values
+    within = (u >= max(commands.min(), 0.0)) & (u <= commands.max())
+    h, g = sparse_data["pusher_h"].values[:, within], sparse_data["pusher_g"].values[within]
     f_sigma = data["f_sigma"].values[within]
-    near, far = _rms(h - g), np.minimum(_rms(h - f_sigma), _rms(g - f_sigma))
+    between_models, from_f_sigma = _rms(h - g), np.minimum(_rms(h - f_sigma), _rms(g - f_sigma))
     steep, flat = data["steepest"].values, data["flattest"].values
     stairs = np.mean((steep > 1.5) & (flat < 0.5), axis=1)
     narrow = widths <= data.attrs["sigma"]
     rms, effect = data["pusher_rms"].values, data["pusher_effect"].values
     return [
-        claim("Sparse: h_sigma goes with g_sigma, and neither is f_sigma", _PLACE + "sec. IV-B")
+        claim("Sparse: h_sigma goes with g_sigma, and neither is f_sigma", "Noising data, sec. IV-B")
         .expected("in contact, within the data: nearer to each other than either to f_sigma")
-        .measured(f"{listed(near, '.2g')} m against {listed(far, '.2g')} m")
-        .below(near, far),
-        claim("Trained network and average show a good match, sparse and dense", _PLACE + "sec. IV-B")
+        .measured(f"{listed(between_models, '.2g')} m against {listed(from_f_sigma, '.2g')} m")
+        .below(between_models, from_f_sigma),
+        claim("Trained network and average show a good match, sparse and dense", "Noising data, sec. IV-B")
         .expected("rms over the noised data less than half of that of g_sigma - f")
         .measured(
             f"sparse {listed(rms[0], '.2g')} m of {effect[0]:.2g} m,"
@@ -103,17 +102,17 @@ def _sparse(data: xr.Dataset) -> list[Claim]:
 
 def _penetrating(data: xr.Dataset) -> list[Claim]:
     """The block with dense data, outside of the walls."""
-    at, x, sigma = data.sel(regime="dense"), data["x"].values, data.attrs["sigma"]
+    dense_data, x, sigma = data.sel(regime="dense"), data["x"].values, data.attrs["sigma"]
     inside, widths = data["least_inside"].values, list(data["width"].values)
     outside = np.abs(x) > 1
-    h = at["block_h"].values
-    back = np.all(np.abs(h) <= 1, axis=0)
-    deep = np.abs(x) - 1
-    first = deep[outside & ~back].min(initial=deep.max())
+    h = dense_data["block_h"].values
+    is_inside = np.all(np.abs(h) <= 1, axis=0)
+    depth = np.abs(x) - 1
+    failing_depth = depth[outside & ~is_inside].min(initial=depth.max())
     nearer = np.abs(h[:, outside]) < np.abs(x[outside])
-    closed = _rms((at["block_g"] - data["uniform_block"]).values)
+    closed = _rms((dense_data["block_g"] - data["uniform_block"]).values)
     return [
-        claim("Dense: penetrating states are moved inside by the average at the next step", _PLACE + "sec. IV-C")
+        claim("Dense: penetrating states are moved inside by the average at the next step", "Noising data, sec. IV-C")
         .expected("inside in every set, at every depth")
         .measured(f"inside by {inside.min():.1e} m or more over {inside.size} sets and widths")
         .above(inside, 0),
@@ -121,10 +120,10 @@ def _penetrating(data: xr.Dataset) -> list[Claim]:
         .expected("rms below half of sigma from the closed form")
         .measured(f"{closed:.2g} m")
         .below(closed, _MATCH * sigma),
-        claim("Dense: the network moves them inside too", _PLACE + "sec. IV-C, fig. 1")
-        .expected(f"up to {deep.max():g} m deep, as in the figure")
-        .measured(f"up to {first / sigma:.2g} sigma; {np.mean(back[outside]):.0%} of the states drawn")
-        .holds(back[outside]),
+        claim("Dense: the network moves them inside too", "Noising data, sec. IV-C, fig. 1")
+        .expected(f"up to {depth.max():g} m deep, as in the figure")
+        .measured(f"up to {failing_depth / sigma:.2g} sigma; {np.mean(is_inside[outside]):.0%} of the states drawn")
+        .holds(is_inside[outside]),
         claim("Dense: the network moves them towards the inside", "our check")
         .expected("every penetrating state less far out after a step, by every network")
         .measured(f"{np.mean(nearer):.1%} of them")
@@ -139,27 +138,27 @@ def _penetrating(data: xr.Dataset) -> list[Claim]:
 def _support(data: xr.Dataset) -> list[Claim]:
     """The block with few data: walls where the data end."""
     x, sigma = data["x"].values, data.attrs["sigma"]
-    at, few = data.sel(regime="sparse"), data["block_data_sparse"].values
-    low, high = few.min(), few.max()
+    sparse_data, states = data.sel(regime="sparse"), data["block_data_sparse"].values
+    low, high = states.min(), states.max()
     outside = (x < low) | (x > high)
-    g, h = at["block_g"].values, at["block_h"].values
-    back = (g[outside] >= low) & (g[outside] <= high)
+    g, h = sparse_data["block_g"].values, sparse_data["block_h"].values
+    is_inside = (g[outside] >= low) & (g[outside] <= high)
     edge = np.where(x < low, low, high)
-    way = np.abs(g - edge)[outside]
+    distances = np.abs(g - edge)[outside]
     slope = np.abs(np.diff(g) / np.diff(x))[outside[1:] & (np.abs(x - edge) > 5 * sigma)[1:]]
-    near = outside & (np.abs(x - edge) <= sigma)
-    beyond = largest(np.maximum(low - h, h - high)[:, near])
+    within_sigma = outside & (np.abs(x - edge) <= sigma)
+    beyond = largest(np.maximum(low - h, h - high)[:, within_sigma])
     return [
-        claim("Sparse: the average behaves as if walls stood at the ends of the data", _PLACE + "sec. IV-C")
+        claim("Sparse: the average behaves as if walls stood at the ends of the data", "Noising data, sec. IV-C")
         .expected(
             "what lies beyond is put between the ends, within sigma of the nearer one, and the"
             " slope from 5 sigma on is below 0.05"
         )
         .measured(
-            f"{np.mean(back):.0%} of the states, up to {largest(way) / sigma:.2g} sigma from the"
+            f"{np.mean(is_inside):.0%} of the states, up to {largest(distances) / sigma:.2g} sigma from the"
             f" end; slope up to {largest(slope):.2g}"
         )
-        .holds(back, largest(way) < sigma, largest(slope) < 0.05),
+        .holds(is_inside, largest(distances) < sigma, largest(slope) < 0.05),
         claim("Sparse: so does the network, sigma beyond the ends", "our check")
         .expected("between them, or less than half of sigma outside")
         .measured(f"{beyond / sigma:.2g} sigma outside at most")
@@ -172,11 +171,13 @@ def _rollouts(data: xr.Dataset) -> list[Claim]:
     names = [f"{regime} {map_}" for regime in data["regime"].values for map_ in data["map"].values]
     path = np.abs(data["rollout"].values.reshape(len(names), -1, data.sizes["step"]))
     last = path[..., -1].max(axis=1) <= 1
-    stay = np.array([np.all(np.diff((one <= 1).astype(int)) >= 0) and end for one, end in zip(path, last, strict=True)])
-    most = (path > 1).sum(axis=-1).max(axis=1)
+    stays = np.array(
+        [np.all(np.diff((distances <= 1).astype(int)) >= 0) and end for distances, end in zip(path, last, strict=True)]
+    )
+    longest = (path > 1).sum(axis=-1).max(axis=1)
     return [
-        claim("Rollouts that begin in penetration come back and stay", _PLACE + "sec. IV-C")
+        claim("Rollouts that begin in penetration come back and stay", "Noising data, sec. IV-C")
         .expected(f"inside the walls after {data['step'].values[-1]} steps, and never out again")
-        .measured(f"{over(names, stay)}: after at most {listed(most, 'd')} steps")
-        .holds(stay, np.isfinite(path)),
+        .measured(f"{over(names, stays)}: after at most {listed(longest, 'd')} steps")
+        .holds(stays, np.isfinite(path)),
     ]

@@ -53,20 +53,25 @@ def run(params: Params) -> xr.Dataset:
         "dense": rng.uniform(walls.low, walls.high, params.dense),
     }
     noise = sigma * rng.standard_normal((params.draws, len(DOTS)))
-    drawn = pusher.step(DOTS + noise)
-    found = {
+    samples = pusher.step(DOTS + noise)
+    variables = {
         **_learned("pusher", "u", commands, u, pusher.step, params),
         **_learned("block", "x", states, x, lambda rest: rest, params),
         "f": ("u", pusher.step(u), "m", "block after a step, exact"),
         "f_sigma": ("u", pusher.smoothed(u, sigma), "m", "closed form"),
         "uniform_block": ("x", walls.noised(x, sigma), "m", "g_sigma of uniform states, closed form"),
-        "sampled": ("dot", drawn.mean(axis=0), "m", "f_sigma, mean of draws"),
-        "sampled_error": ("dot", drawn.std(axis=0, ddof=1) / np.sqrt(params.draws), "m", "standard error of that mean"),
+        "sampled": ("dot", samples.mean(axis=0), "m", "f_sigma, mean of draws"),
+        "sampled_error": (
+            "dot",
+            samples.std(axis=0, ddof=1) / np.sqrt(params.draws),
+            "m",
+            "standard error of that mean",
+        ),
         "true_dots": ("dot", pusher.smoothed(DOTS, sigma), "m", "closed form"),
         **many_sets(pusher, params.sparse, params.dense, params.seed),
     }
     return dataset(
-        found,
+        variables,
         {
             "u": (u, "m", "commanded pusher"),
             "x": (x, "m", "block before a step"),
@@ -85,34 +90,34 @@ def _learned(
     name: str,
     along: str,
     data: dict[str, np.ndarray],
-    at: np.ndarray,
+    places: np.ndarray,
     f: Callable[[np.ndarray], np.ndarray],
     params: Params,
 ) -> dict[str, Any]:
-    """g_sigma, networks h_sigma over ``at`` (k,), and rms distances over the noised data."""
-    g = np.empty((len(REGIMES), len(at)))
-    h = np.empty((len(REGIMES), params.networks, len(at)))
+    """g_sigma, networks h_sigma over ``places`` (k,), and rms distances over the noised data."""
+    g = np.empty((len(REGIMES), len(places)))
+    h = np.empty((len(REGIMES), params.networks, len(places)))
     rms, effect = np.empty(h.shape[:2]), np.empty(len(REGIMES))
     paths = np.empty((len(REGIMES), 2, len(STARTS), STEPS + 1))
-    found = {}
+    variables = {}
     for row, regime in enumerate(REGIMES):
         z = data[regime]
         average = average_of(z, f(z), params.sigma)
-        g[row], log_density = average.values(at[:, None]).T
+        g[row], log_density = average.values(places[:, None]).T
         density = np.exp(log_density) / np.exp(log_density).sum()
-        effect[row] = np.sqrt(density @ (g[row] - f(at)) ** 2)
+        effect[row] = np.sqrt(density @ (g[row] - f(places)) ** 2)
         models: list[EwdaModel | MlpModel] = [average]
         for i in range(params.networks):
             models.append(_network(z, f(z), params, params.seed + i))
-            h[row, i] = answers(models[-1], at)
+            h[row, i] = answers(models[-1], places)
             rms[row, i] = np.sqrt(density @ (h[row, i] - g[row]) ** 2)
         paths[row] = [rollout(model) for model in models[:2]]
-        found[f"{name}_data_{regime}"] = (f"{name}_{regime}", np.sort(z), "m", f"{regime} data")
+        variables[f"{name}_data_{regime}"] = (f"{name}_{regime}", np.sort(z), "m", f"{regime} data")
     if name == "block":
         dims = ("regime", "map", "start", "step")
-        found["rollout"] = (dims, paths, "m", "block, step after step")
+        variables["rollout"] = (dims, paths, "m", "block, step after step")
     return {
-        **found,
+        **variables,
         f"{name}_g": (("regime", along), g, "m", "g_sigma of random data"),
         f"{name}_h": (("regime", "network", along), h, "m", "h_sigma"),
         f"{name}_rms": (("regime", "network"), rms, "m", "of h_sigma - g_sigma"),
@@ -159,7 +164,7 @@ def many_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[st
     """
     shape = (len(WIDTHS), SETS)
     square, bias, error, at_end, steepest, flattest, inside = np.empty((7, *shape))
-    out = np.concatenate((-1 - DEPTHS, 1 + DEPTHS))
+    penetrating = np.concatenate((-1 - DEPTHS, 1 + DEPTHS))
     for row, sigma in enumerate(WIDTHS):
         middle = np.linspace(-1 + 3 * sigma, 1 - 3 * sigma, 101)
         true = pusher.smoothed(middle, sigma)
@@ -167,33 +172,33 @@ def many_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[st
             rng = np.random.default_rng([seed, 1, i])
             u, few = rng.uniform(-1, 1, dense), rng.uniform(-1, 1, sparse)
             g, deviation = _with_error(u, pusher.step(u), sigma, middle)
-            off = g - true
+            errors = g - true
             # Where the pusher stays away f is 0 and so is every error.
-            told = deviation > 1e-3 * sigma
-            square[row, i] = np.mean((off / deviation)[told] ** 2)
-            bias[row, i], error[row, i] = np.sqrt(np.mean(off**2)), np.sqrt(np.mean(deviation**2))
+            has_error = deviation > 1e-3 * sigma
+            square[row, i] = np.mean((errors / deviation)[has_error] ** 2)
+            bias[row, i], error[row, i] = np.sqrt(np.mean(errors**2)), np.sqrt(np.mean(deviation**2))
             end, doubt = _with_error(u, pusher.step(u), sigma, np.array([1.0]))
             at_end[row, i] = (end[0] - pusher.smoothed(1.0, sigma)) / doubt[0]
             steepest[row, i], flattest[row, i] = _slopes(pusher, few, sigma)
             states = rng.uniform(-1, 1, dense)
-            after = answers(average_of(states, states, sigma), out)
-            inside[row, i] = np.min(1 - np.abs(after))
-    both = ("width", "set")
+            x_next = answers(average_of(states, states, sigma), penetrating)
+            inside[row, i] = np.min(1 - np.abs(x_next))
+    dimensions = ("width", "set")
     return {
-        "score_square": (both, square, "1", "mean of ((g - f_sigma)/standard error)², 3 sigma off ends"),
-        "dense_rms": (both, bias, "m", "rms of g_sigma - f_sigma, 3 sigma off ends"),
-        "dense_error": (both, error, "m", "rms of the standard error of g_sigma"),
-        "end_score": (both, at_end, "1", "(g - f_sigma)/standard error at the upper end"),
-        "steepest": (both, steepest, "1", "slope of g_sigma over rho, sparse data"),
-        "flattest": (both, flattest, "1", "the least in contact, within the data"),
-        "least_inside": (both, inside, "m", "way inside the wall after one step"),
+        "score_square": (dimensions, square, "1", "mean of ((g - f_sigma)/standard error)², 3 sigma off ends"),
+        "dense_rms": (dimensions, bias, "m", "rms of g_sigma - f_sigma, 3 sigma off ends"),
+        "dense_error": (dimensions, error, "m", "rms of the standard error of g_sigma"),
+        "end_score": (dimensions, at_end, "1", "(g - f_sigma)/standard error at the upper end"),
+        "steepest": (dimensions, steepest, "1", "slope of g_sigma over rho, sparse data"),
+        "flattest": (dimensions, flattest, "1", "the least in contact, within the data"),
+        "least_inside": (dimensions, inside, "m", "way inside the wall after one step"),
     }
 
 
-def _with_error(z: np.ndarray, y: np.ndarray, sigma: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """g_sigma at ``at`` (k,) and its standard error, for data drawn at random."""
-    g = average_of(z, y, sigma).values(at[:, None])[:, 0]
-    weight = np.exp(-0.5 * ((at[:, None] - z) / sigma) ** 2)
+def _with_error(z: np.ndarray, y: np.ndarray, sigma: float, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """g_sigma at ``places`` (k,) and its standard error, for data drawn at random."""
+    g = average_of(z, y, sigma).values(places[:, None])[:, 0]
+    weight = np.exp(-0.5 * ((places[:, None] - z) / sigma) ** 2)
     spread = np.sqrt(np.sum((weight * (y - g[:, None])) ** 2, axis=1))
     return g, spread / weight.sum(axis=1)
 
@@ -201,6 +206,6 @@ def _with_error(z: np.ndarray, y: np.ndarray, sigma: float, at: np.ndarray) -> t
 def _slopes(pusher: LinePusher, z: np.ndarray, sigma: float) -> tuple[float, float]:
     """Largest and least slope over rho, in contact from sigma on and between first and last."""
     model = average_of(z, pusher.step(z), sigma)
-    at = np.linspace(pusher.c + sigma, z.max(), 400)
-    slope = model.jacobians(at[:, None])[1][:, 0, 0] / pusher.rho
+    places = np.linspace(pusher.c + sigma, z.max(), 400)
+    slope = model.jacobians(places[:, None])[1][:, 0, 0] / pusher.rho
     return slope.max(), slope.min()

@@ -48,8 +48,8 @@ def smoothing_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
     mu = scale**2 / (2 * F)
     soft = barrier_contact(z, F, mu).lam
     gauss = gaussian_contact(z, F, scale)
-    heavy = [averaged_exact(at, f, student(f, m)) for at, f, m in zip(z, F, mu, strict=True)]
-    true = [averaged_exact(at, f, gaussian(s)) for at, f, s in zip(z, F, scale, strict=True)]
+    heavy = [averaged_exact(gap, f, student(f, m)) for gap, f, m in zip(z, F, mu, strict=True)]
+    true = [averaged_exact(gap, f, gaussian(s)) for gap, f, s in zip(z, F, scale, strict=True)]
     return {
         "barrier": soft - heavy,
         "gaussian": gauss.lam - true,
@@ -78,15 +78,15 @@ def theorem_5_4(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
     """
     F, sigma = 10 ** rng.uniform(-1, 1, (2, n))
     z = sigma * rng.uniform(-2, 2, n)
-    delta = [least_residual(at, f, s) for at, f, s in zip(z, F, sigma, strict=True)]
+    delta = [least_residual(gap, f, s) for gap, f, s in zip(z, F, sigma, strict=True)]
     exact, step = np.where(z < 0, -1 / F, 0), 1e-5 * sigma
     bias, bound = np.empty((2, len(CONSTANTS), n))
     for row, (c1, c2) in enumerate(CONSTANTS):
 
-        def solution(at: np.ndarray, c1: float = c1, c2: float = c2) -> np.ndarray:
-            kappa = printed_kappa(at, sigma) + c1 * at + c2
-            mu = kappa * (at + F * kappa)
-            return np.where(mu >= 0, np.maximum(kappa, -at / F - kappa), np.nan)
+        def solution(gap: np.ndarray, c1: float = c1, c2: float = c2) -> np.ndarray:
+            kappa = printed_kappa(gap, sigma) + c1 * gap + c2
+            mu = kappa * (gap + F * kappa)
+            return np.where(mu >= 0, np.maximum(kappa, -gap / F - kappa), np.nan)
 
         slope = (solution(z + step) - solution(z - step)) / (2 * step)
         bias[row] = np.nan_to_num(np.abs(slope - exact), nan=np.inf)
@@ -97,12 +97,12 @@ def theorem_5_4(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
 
 def _printed_mass(F: np.ndarray, mu: np.ndarray) -> np.ndarray:
     """Integral of S_mu'' over z, where prop. 5.2 has a density, (n,)."""
-    half = np.geomspace(1e-5, 1e5, 4001)
-    grid = np.concatenate((-half[::-1], half))
+    positive_grid = np.geomspace(1e-5, 1e5, 4001)
+    grid = np.concatenate((-positive_grid[::-1], positive_grid))
     spread = np.sqrt(F * mu)[:, None] * grid
     repeat = len(grid)
-    found = barrier_contact(spread.ravel(), np.repeat(F, repeat), np.repeat(mu, repeat))
-    return np.trapezoid(found.curvature.reshape(spread.shape), spread, axis=1)
+    softened = barrier_contact(spread.ravel(), np.repeat(F, repeat), np.repeat(mu, repeat))
+    return np.trapezoid(softened.curvature.reshape(spread.shape), spread, axis=1)
 
 
 def empirical_bias_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
@@ -135,8 +135,8 @@ def unbiasedness(seed: int, n: int) -> dict[str, float]:
     rollout = RolloutFunction(step, stage, terminal, 15, open_loop(2, 1))
     theta, start = np.full((15, 1), -0.2), np.array([0.3, 0.0])
     at_rest = rollout(start, theta, gradient=False).cost.mean()
-    found = rollout.moments(start, theta, noise=Gaussian(0.3, seed), n_samples=n, score=True, baseline=float(at_rest))
-    first, zeroth = found.gradient, found.zeroth
+    moments = rollout.moments(start, theta, noise=Gaussian(0.3, seed), n_samples=n, score=True, baseline=float(at_rest))
+    first, zeroth = moments.gradient, moments.zeroth
     assert first is not None and zeroth is not None
     error = np.hypot(first.standard_error, zeroth.standard_error)
     score = np.abs(first.mean - zeroth.mean) / error
@@ -151,7 +151,7 @@ def growth(seed: int, n: int, horizons: np.ndarray, gains: np.ndarray) -> np.nda
     standard normal; the cost at the end is sqrt(s² + x²), of constant 1. It starts at x = 0, where
     the side to which noise throws it, and so the sign of the gradient, is open.
     """
-    found = np.empty((len(gains), len(horizons)))
+    variances = np.empty((len(gains), len(horizons)))
     for row, gain in enumerate(gains):
         rate = gain / np.sqrt(2)
         system = lcs("chain", A=[[rate]], B=[[rate]], C=[[1.0]], D=[[rate]], E=[[rate]], F=[[1.0]], d=[1e9])
@@ -165,8 +165,8 @@ def growth(seed: int, n: int, horizons: np.ndarray, gains: np.ndarray) -> np.nda
                 np.array([0.0]), np.array([0.0]), n_samples=n, noise=Gaussian(GROWTH_NOISE, seed)
             ).gradient
             assert moments is not None
-            found[row, column] = moments.variance[0]
-    return found
+            variances[row, column] = moments.variance[0]
+    return variances
 
 
 def _costs(
@@ -212,16 +212,25 @@ class Softened:
 def solve(z: np.ndarray, F: np.ndarray, mu: np.ndarray) -> Softened:
     """Solve ``lam (z + F lam) = mu`` for z (k, n), F (k, n, n), mu (k,) by the barrier law."""
     n = z.shape[1]
-    found = _solver(n)(z, np.zeros((1, 1)), {"F": F}, mu=mu)
-    return Softened(found.lam, found.gap, found.lam_by_x)
+    solutions = _solver(n)(z, np.zeros((1, 1)), {"F": F}, mu=mu)
+    return Softened(solutions.lam, solutions.gap, solutions.lam_by_x)
 
 
 @cache
 def _solver(n: int) -> SampledStep:
     """Return the step ``x+ = lam`` of the system whose state is z; F is made of parameters."""
-    none, one = np.zeros((n, n)), np.eye(n)
-    table = ParameterTable(entries("F", one))
-    system = lcs("random", A=none, B=np.zeros((n, 1)), C=one, D=one, E=np.zeros((n, 1)), F=table["F"], parameters=table)
+    zeros, identity = np.zeros((n, n)), np.eye(n)
+    table = ParameterTable(entries("F", identity))
+    system = lcs(
+        "random",
+        A=zeros,
+        B=np.zeros((n, 1)),
+        C=identity,
+        D=identity,
+        E=np.zeros((n, 1)),
+        F=table["F"],
+        parameters=table,
+    )
     return SampledStep(Barrier(mu=1.0).close(system))
 
 
@@ -239,11 +248,11 @@ def theorem_4_5(reach: np.ndarray, F: np.ndarray, mu: np.ndarray, sign: int) -> 
     """
     n, size = F.shape[1], np.linalg.norm(F, axis=(1, 2))
     e = reach**2 / (2 * size**2)
-    inverse, rest = 1 / mu, 2 / (e * mu * size)
-    root = np.sqrt(inverse**2 + rest)
+    inverse, under_root = 1 / mu, 2 / (e * mu * size)
+    root = np.sqrt(inverse**2 + under_root)
     if sign < 0:
         # The sum cancels; this is the same number.
-        return n**3 * rest / (size * (inverse + root) ** 2)
+        return n**3 * under_root / (size * (inverse + root) ** 2)
     return n**3 * (e * inverse + 1 / size + e * root)
 
 
@@ -255,8 +264,8 @@ def pointwise_4_5(lam: np.ndarray, mu: np.ndarray) -> np.ndarray:
 
 def definite_bound(F: np.ndarray) -> np.ndarray:
     """``1/lambda_min(S)``, S the symmetric part of F; infinite where S is not definite."""
-    least = np.linalg.eigvalsh((F + F.transpose(0, 2, 1)) / 2)[:, 0]
-    return np.where(least > 0, 1 / np.where(least > 0, least, 1), np.inf)
+    smallest_eigenvalue = np.linalg.eigvalsh((F + F.transpose(0, 2, 1)) / 2)[:, 0]
+    return np.where(smallest_eigenvalue > 0, 1 / np.where(smallest_eigenvalue > 0, smallest_eigenvalue, 1), np.inf)
 
 
 def theorem_5_1(z: np.ndarray, mu: np.ndarray) -> np.ndarray:
@@ -268,12 +277,12 @@ def theorem_5_1(z: np.ndarray, mu: np.ndarray) -> np.ndarray:
 def corrected_5_1(z: np.ndarray, F: np.ndarray, mu: np.ndarray) -> np.ndarray:
     """``min(1/lambda_min(S), n² mu / min z²)`` for z > 0 and S definite, else infinite."""
     n, definite = z.shape[1], definite_bound(F)
-    near = n**2 * mu / np.min(z, axis=1) ** 2
-    return np.where(np.isfinite(definite), np.minimum(definite, near), np.inf)
+    near_contact = n**2 * mu / np.min(z, axis=1) ** 2
+    return np.where(np.isfinite(definite), np.minimum(definite, near_contact), np.inf)
 
 
 def printed_a26(lam: np.ndarray, gap: np.ndarray, F: np.ndarray) -> np.ndarray:
     """dlam/dz by abs, eq. A.26, which couples no contacts: ``-lam_i/(gap_i + lam_i F_ii)``."""
     diagonal = np.diagonal(F, axis1=1, axis2=2)
-    own = -lam / (gap + lam * diagonal)
-    return own[:, :, None] * np.eye(lam.shape[1])
+    diagonal_slope = -lam / (gap + lam * diagonal)
+    return diagonal_slope[:, :, None] * np.eye(lam.shape[1])

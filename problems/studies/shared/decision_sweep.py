@@ -17,8 +17,8 @@ def both_orders(objective: SampledObjective, sigma: float, n: int, seed: int, st
     """FoBG and ZoBG with the mean as baseline, on independent noise of a ``stream``."""
     seeds = np.random.SeedSequence(seed, spawn_key=(stream,)).spawn(2)
     return [
-        run_estimator(objective, SAMPLED[name], Gaussian(sigma, own), n)
-        for name, own in zip(("fobg", "zobg-mean"), seeds, strict=True)
+        run_estimator(objective, SAMPLED[name], Gaussian(sigma, own_seed), n)
+        for name, own_seed in zip(("fobg", "zobg-mean"), seeds, strict=True)
     ]
 
 
@@ -36,12 +36,12 @@ def sweep_decision(
     weight = norm.pdf(w, 0, sigma)
     weight /= weight.sum()
     rows = []
-    for index, at in enumerate(theta):
-        here = objective.at({objective.decision[0].name: float(at)})
-        cost = here.costs(w[:, None])
-        middle = here.nominal_cost()
+    for index, decision in enumerate(theta):
+        at_decision = objective.at({objective.decision[0].name: float(decision)})
+        cost = at_decision.costs(w[:, None])
+        middle = at_decision.nominal_cost()
         # Independent streams for every point, so that errors show as scatter, not as an offset.
-        found = [sampled.moments for sampled in both_orders(here, sigma, n, seed, index)]
+        found = [sampled.moments for sampled in both_orders(at_decision, sigma, n, seed, index)]
         rows.append(
             [
                 weight @ cost,

@@ -13,9 +13,9 @@ from problems.registry import spec
 
 def transitions(name: str, n: int, seed: int) -> Transitions:
     """n transitions of a problem at its defaults, drawn in its own region."""
-    found = spec(name)
-    problem = found.problem()
-    return collect(problem.exact_step, region_of(found, found.params({}), problem), n, seed)
+    problem_spec = spec(name)
+    problem = problem_spec.problem()
+    return collect(problem.exact_step, region_of(problem_spec, problem_spec.params({}), problem), n, seed)
 
 
 def average(data: Transitions, sigma: float, seed: int, trust: float = 0.0) -> Ewda:

@@ -42,8 +42,8 @@ class LinePusher:
 
     def smoothed(self, u: ArrayLike, sigma: float) -> np.ndarray:
         """f_sigma(u) = E f(u + w), w ~ N(0, sigma²), noising, eq. 2."""
-        away = (np.asarray(u) - self.c) / sigma
-        return self.q + self.rho * sigma * (away * norm.cdf(away) + norm.pdf(away))
+        scaled_distance = (np.asarray(u) - self.c) / sigma
+        return self.q + self.rho * sigma * (scaled_distance * norm.cdf(scaled_distance) + norm.pdf(scaled_distance))
 
     def noised(self, u: ArrayLike, sigma: float, low: float, high: float) -> np.ndarray:
         """g_sigma(u), noising, eq. 7, for data that are uniform on [low, high], low <= c <= high.
@@ -54,8 +54,8 @@ class LinePusher:
         ends = [(end - u) / sigma for end in (low, self.c, high)]
         below, kink, above = norm.cdf(ends)
         bells = norm.pdf(ends)
-        part = (u - self.c) * (above - kink) + sigma * (bells[1] - bells[2])
-        return self.q + self.rho * part / (above - below)
+        moment = (u - self.c) * (above - kink) + sigma * (bells[1] - bells[2])
+        return self.q + self.rho * moment / (above - below)
 
 
 @dataclass(frozen=True)
@@ -71,23 +71,23 @@ class Walls:
 
     def displacement(self, x: ArrayLike, sigma: float) -> np.ndarray:
         """``g_sigma(x) - x = sigma (pdf(a) - pdf(b))/(cdf(b) - cdf(a))``, a, b the walls from x."""
-        side, ratio, mass, _, _ = self._seen(x, sigma)
+        side, ratio, mass, _, _ = self._relative_to_walls(x, sigma)
         return -side * sigma * (1 - ratio) / mass
 
     def slope(self, x: ArrayLike, sigma: float) -> np.ndarray:
         """``dg_sigma/dx``: the variance of that normal over sigma²."""
-        _, ratio, mass, near, far = self._seen(x, sigma)
-        return 1 + (near - far * ratio) / mass - ((1 - ratio) / mass) ** 2
+        _, ratio, mass, near_wall, far_wall = self._relative_to_walls(x, sigma)
+        return 1 + (near_wall - far_wall * ratio) / mass - ((1 - ratio) / mass) ** 2
 
-    def _seen(self, x: ArrayLike, sigma: float) -> tuple[np.ndarray, ...]:
+    def _relative_to_walls(self, x: ArrayLike, sigma: float) -> tuple[np.ndarray, ...]:
         """Side of x, pdf ratio of the walls, mass between them over the nearer pdf, the walls."""
         # Relative to the nearer wall's density nothing underflows, however far outside x is.
-        off = np.asarray(x) - 0.5 * (self.low + self.high)
-        half, away = 0.5 * (self.high - self.low), np.abs(off)
-        near, far = (away - half) / sigma, (away + half) / sigma
-        ratio = np.exp(0.5 * (near - far) * (near + far))
-        mass = _mills(near) - ratio * _mills(far)
-        return np.sign(off), ratio, mass, near, far
+        from_middle = np.asarray(x) - 0.5 * (self.low + self.high)
+        half_width, distance = 0.5 * (self.high - self.low), np.abs(from_middle)
+        near_wall, far_wall = (distance - half_width) / sigma, (distance + half_width) / sigma
+        ratio = np.exp(0.5 * (near_wall - far_wall) * (near_wall + far_wall))
+        mass = _mills(near_wall) - ratio * _mills(far_wall)
+        return np.sign(from_middle), ratio, mass, near_wall, far_wall
 
 
 def _mills(s: np.ndarray) -> np.ndarray:

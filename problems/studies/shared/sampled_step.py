@@ -148,8 +148,8 @@ def scalar_contact(law: ContactLaw, z: ArrayLike, F: ArrayLike, **law_values: Ar
     points, none = np.reshape(np.asarray(z, dtype=float), (-1, 1)), np.zeros(1)
     values = np.broadcast_to(p.pack({"F": F}, **law_values), (len(points), len(p)))
     _, impulse, _, _ = solve(points, none, values)
-    found = derive(points, none, values, impulse)
-    return ScalarContact(*(array[:, 0] for array in (impulse, *found)))
+    derivatives = derive(points, none, values, impulse)
+    return ScalarContact(*(array[:, 0] for array in (impulse, *derivatives)))
 
 
 @lru_cache(maxsize=8)
@@ -210,8 +210,8 @@ def ordinary_kappa(z: np.ndarray, sigma: float | np.ndarray) -> np.ndarray:
 def misfit(printed: np.ndarray, true: np.ndarray, z: np.ndarray) -> float:
     """Largest ``|printed + c1 z + c2 - true|`` over z (n,) at the best c1, c2 in least squares."""
     rows = np.stack((z, np.ones_like(z)), axis=1)
-    best = np.linalg.lstsq(rows, true - printed, rcond=None)[0]
-    return float(np.abs(printed + rows @ best - true).max())
+    coefficients = np.linalg.lstsq(rows, true - printed, rcond=None)[0]
+    return float(np.abs(printed + rows @ coefficients - true).max())
 
 
 def averaged_exact(z: float, F: float, density: Density) -> float:
@@ -226,15 +226,15 @@ def least_residual(z: float, F: float, sigma: float) -> float:
     """
     (K, W), _ = linearisations(z / sigma, 1.0, 1.0)
     w = np.linspace(-8, 8, 8001)
-    off = np.abs(np.maximum(0, -(z / sigma + w)) - W * w - K)
-    return float(np.sum(norm.pdf(w) * off) * (w[1] - w[0]) * sigma / F)
+    residuals = np.abs(np.maximum(0, -(z / sigma + w)) - W * w - K)
+    return float(np.sum(norm.pdf(w) * residuals) * (w[1] - w[0]) * sigma / F)
 
 
 def linearisations(z: float, F: float, sigma: float) -> np.ndarray:
     """Best (K, W) of S_0(z + w) ~ W w + K for w ~ N(0, sigma²): rows for |.| and for (.)²."""
     w, weight = np.polynomial.hermite_e.hermegauss(200)
-    kept = weight > 1e-16
-    w, weight = sigma * w[kept], weight[kept] / weight.sum()
+    is_weighty = weight > 1e-16
+    w, weight = sigma * w[is_weighty], weight[is_weighty] / weight.sum()
     target = np.maximum(0, -(z + w)) / F
     rows = np.stack((np.ones_like(w), w), 1) * np.sqrt(weight)[:, None]
     square = np.linalg.lstsq(rows, target * np.sqrt(weight), rcond=None)[0]

@@ -49,18 +49,18 @@ def side_by_side(function: Function, jobs: Mapping[str, Any], pieces: Pieces) ->
     Those that were kept are not redone; the others go where ``pieces`` states. Raises what a job
     raised.
     """
-    found = {key: pieces.kept(key) for key in jobs}
-    left = [key for key, arrays in found.items() if arrays is None]
-    workers = min(pieces.jobs, max(1, len(left)))
-    work = [jobs[key] for key in left]
+    results = {key: pieces.kept(key) for key in jobs}
+    missing = [key for key, arrays in results.items() if arrays is None]
+    workers = min(pieces.jobs, max(1, len(missing)))
+    work = [jobs[key] for key in missing]
     outcomes = run_jobs(function, work, workers, pieces.scheduler)
     report("jobs", 0, len(work))
     for done, (place, outcome) in enumerate(outcomes, 1):
         report("jobs", done, len(work))
         if isinstance(outcome, Failure):
             raise outcome.error
-        found[left[place]] = pieces.keep(left[place], outcome)
-    return {key: arrays for key, arrays in found.items() if arrays is not None}
+        results[missing[place]] = pieces.keep(missing[place], outcome)
+    return {key: arrays for key, arrays in results.items() if arrays is not None}
 
 
 def interpolated(grid: np.ndarray, steps: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -99,18 +99,18 @@ class Difference:
         return f"{self.mean:+.3g} ({self.low:+.3g} to {self.high:+.3g})"
 
 
-def difference(one: np.ndarray, other: np.ndarray, paired: bool = True) -> Difference:
+def difference(runs: np.ndarray, other_runs: np.ndarray, paired: bool = True) -> Difference:
     """``mean(one) - mean(other)`` of runs (n,) with its percentile bootstrap.
 
     ``paired`` runs have seeds and starts in common and are drawn again together. Drawn out of seed
     0, so that the same runs give the same interval.
     """
     rng = np.random.default_rng(0)
-    chosen = rng.integers(len(one), size=(RESAMPLES, len(one)))
-    others = chosen if paired else rng.integers(len(other), size=(RESAMPLES, len(other)))
-    drawn = one[chosen].mean(axis=1) - other[others].mean(axis=1)
-    low, high = np.quantile(drawn, [0.025, 0.975])
-    return Difference(float(one.mean() - other.mean()), float(low), float(high))
+    chosen = rng.integers(len(runs), size=(RESAMPLES, len(runs)))
+    other_chosen = chosen if paired else rng.integers(len(other_runs), size=(RESAMPLES, len(other_runs)))
+    bootstrap = runs[chosen].mean(axis=1) - other_runs[other_chosen].mean(axis=1)
+    low, high = np.quantile(bootstrap, [0.025, 0.975])
+    return Difference(float(runs.mean() - other_runs.mean()), float(low), float(high))
 
 
 def least(gains: Iterable[Difference]) -> float:

@@ -43,45 +43,45 @@ def _middle(values: xr.DataArray) -> xr.DataArray:
 def _progress(data: xr.Dataset) -> list[Claim]:
     saved = _middle(1 - data["cost"].sel(motion="plan") / data["rest"])
     expected = f"on its own model it saves {_PROGRESS:.0%} or more of the cost at rest"
-    found = []
+    results = []
     for name in ("planar-push", "planar-hand"):
         for kind, laws in (("analytic smoothing", ANALYTIC), ("learned law", LEARNED)):
             shares = saved.sel(problem=name, law=list(laws)).values
-            moved = shares >= _PROGRESS
-            found.append(
+            makes_progress = shares >= _PROGRESS
+            results.append(
                 claim(f"{name}: every {kind} makes progress from a start without contact", _PLACE)
                 .expected(expected)
                 .measured(_each(laws, shares, ".0%"))
-                .holds(moved)
+                .holds(makes_progress)
             )
-    return found
+    return results
 
 
 def _close(data: xr.Dataset) -> list[Claim]:
     """Which laws come close to the exact optimum, and what mu does."""
-    names, dear = _names(data), _middle(excess(data))
-    others = dear.drop_sel(law="exact").min("law", skipna=False).values
+    names, excesses = _names(data), _middle(excess(data))
+    others = excesses.drop_sel(law="exact").min("law", skipna=False).values
     expected = f"its exact replay costs at most {WITHIN:.0%} more, on every problem"
-    found = [
+    results = [
         claim("No law's plan is cheaper under the exact law than the exact law's own", _PLACE)
         .expected(f"by more than {_SAME:.0%}, on any problem")
         .measured(f"cheapest of the others: {_each(names, others, '+.1%')}")
         .at_least(others, -_SAME)
     ]
     for law in ANALYTIC:
-        shares = dear.sel(law=law).values
-        near = shares <= WITHIN
-        found.append(
+        shares = excesses.sel(law=law).values
+        is_close = shares <= WITHIN
+        results.append(
             claim(f"{law}: the plan is close to the exact optimum", _PLACE)
             .expected(expected)
             .measured(_each(names, shares, "+.1%"))
-            .holds(near)
+            .holds(is_close)
         )
-    by_mu = dear.sel(law=["gentle barrier", "barrier", "sharp barrier"]).transpose("problem", ...)
+    by_mu = excesses.sel(law=["gentle barrier", "barrier", "sharp barrier"]).transpose("problem", ...)
     falls = np.all(np.diff(by_mu.values) <= _SAME, axis=1)
-    hand = dear.sel(problem="planar-hand", law=list(ANALYTIC)).values
+    hand = excesses.sel(problem="planar-hand", law=list(ANALYTIC)).values
     return [
-        *found,
+        *results,
         claim("The smaller mu, the closer the barrier's plan is to the exact optimum", _PLACE)
         .expected(f"the excess never rises by more than {_SAME:.0%}")
         .measured(over(names, falls))
@@ -94,11 +94,11 @@ def _close(data: xr.Dataset) -> list[Claim]:
 
 
 def _learned(data: xr.Dataset) -> list[Claim]:
-    names, dear = _names(data), _middle(excess(data))
-    cheapest = dear.sel(law=list(LEARNED)).min("law", skipna=False).values
-    sharp = dear.sel(law=list(_SHARP)).max("law", skipna=False).values
+    names, excesses = _names(data), _middle(excess(data))
+    cheapest = excesses.sel(law=list(LEARNED)).min("law", skipna=False).values
+    sharp = excesses.sel(law=list(_SHARP)).max("law", skipna=False).values
     worse = cheapest > sharp
-    clean, noised = (dear.sel(law=f"{kind} mlp").values for kind in ("clean", "noised"))
+    clean, noised = (excesses.sel(law=f"{kind} mlp").values for kind in ("clean", "noised"))
     better = noised < clean
     return [
         claim("Every learned law's plan costs more under the exact law than analytic ones", _PLACE)
@@ -114,12 +114,12 @@ def _learned(data: xr.Dataset) -> list[Claim]:
 
 def _seeds(data: xr.Dataset) -> list[Claim]:
     """Whether other data, other weights at the start or other noise give another plan."""
-    replay, found = data["cost"].sel(motion="exact replay"), []
+    replay, results = data["cost"].sel(motion="exact replay"), []
     spread = replay.max("seed", skipna=False) / replay.min("seed", skipna=False)
     for kind, laws in (("the randomized law", ("randomized",)), ("a learned law", LEARNED)):
         worst = spread.sel(law=list(laws)).max("problem", skipna=False).values
         alike = (worst <= _SPREAD) & (data.sizes["seed"] > 1)
-        found.append(
+        results.append(
             claim(f"Another seed of {kind} gives a plan of about the same exact cost", _PLACE)
             .expected(
                 f"the dearest of {data.sizes['seed']} is at most {_SPREAD:g} times the cheapest, on every problem"
@@ -127,7 +127,7 @@ def _seeds(data: xr.Dataset) -> list[Claim]:
             .measured(f"times, at worst: {_each(laws, worst, '.3g')}")
             .holds(alike)
         )
-    return found
+    return results
 
 
 def _surviving(data: xr.Dataset) -> list[Claim]:
@@ -139,16 +139,16 @@ def _surviving(data: xr.Dataset) -> list[Claim]:
         for laws in (ANALYTIC, LEARNED)
     )
     learned = np.append(learned, _survivors(data["trusting_survives"], trusting))
-    found = []
+    results = []
     for kind, shares in (("an analytic law", analytic), ("a learned law", learned)):
-        good = int(np.sum(shares <= WITHIN))
-        found.append(
+        n_close = int(np.sum(shares <= WITHIN))
+        results.append(
             claim(f"A surviving plan of {kind} is close to the exact optimum", _PLACE)
             .expected(f"its exact replay costs at most {WITHIN:.0%} more, trust of any weight included")
-            .measured(f"{good} of {len(shares)} surviving plans")
-            .holds(0 < len(shares) == good)
+            .measured(f"{n_close} of {len(shares)} surviving plans")
+            .holds(0 < len(shares) == n_close)
         )
-    return found
+    return results
 
 
 def _survivors(survives: xr.DataArray, shares: xr.DataArray) -> np.ndarray:
@@ -163,8 +163,8 @@ def _trust(data: xr.Dataset) -> list[Claim]:
     plan, replay = (_middle(cost.sel(motion=m)).transpose("problem", "share").values for m in ("plan", "exact replay"))
     ratio = replay[:, 1:] / replay[:, :1]
     helped = ratio.min(axis=1) <= 1 - WITHIN
-    at = [f"{shares[1:][i]:g}" for i in ratio.argmin(axis=1)]
-    given_up = plan[:, -1] / plan[:, 0]
+    best_weights = [f"{shares[1:][i]:g}" for i in ratio.argmin(axis=1)]
+    cost_ratio = plan[:, -1] / plan[:, 0]
     return [
         claim("Trust brings the replay nearer to the plan", _PLACE)
         .expected(f"at its largest weight the gap is smaller than without in {_MOSTLY:.0%} of plans")
@@ -176,10 +176,10 @@ def _trust(data: xr.Dataset) -> list[Claim]:
         .at_least(np.mean(narrower), _MOSTLY),
         claim("Trust makes the plan cheaper under the exact law", _PLACE)
         .expected(f"by {WITHIN:.0%} or more, at one weight at least, on every problem")
-        .measured(f"{_each(names, ratio.min(axis=1) - 1, '+.0%')}, at {', '.join(at)}")
+        .measured(f"{_each(names, ratio.min(axis=1) - 1, '+.0%')}, at {', '.join(best_weights)}")
         .holds(helped),
         claim("Too much trust gives the task up for the data", _PLACE)
         .expected(f"at its largest weight the plan costs {WITHIN:.0%} or more more on its own model")
-        .measured(f"times: {_each(names, given_up, '.3g')}")
-        .at_least(given_up, 1 + WITHIN),
+        .measured(f"times: {_each(names, cost_ratio, '.3g')}")
+        .at_least(cost_ratio, 1 + WITHIN),
     ]

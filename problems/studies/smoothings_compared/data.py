@@ -86,59 +86,59 @@ class TaskData:
         """One plan from the problem's guess."""
         _loaded()
         self._data = None
-        began = time.process_time()
+        began_s = time.process_time()
         law = self.law(name)
-        learned = time.process_time()
-        found = solve(self.problem, law, Direct())
+        learned_s = time.process_time()
+        solution = solve(self.problem, law, Direct())
         if name == "ewda":
-            self._bare = found
-        return _told(found, learned - began, time.process_time() - learned)
+            self._bare = solution
+        return _told(solution, learned_s - began_s, time.process_time() - learned_s)
 
     def trusting(self, share: float) -> dict[str, np.ndarray]:
         """One plan that stays where the data are, from the one that need not."""
         _loaded()
         if self._bare is None:
             self._bare = solve(self.problem, self.law("ewda"), Direct())
-        bare = self._bare
+        untrusting = self._bare
         beta = share * rest_cost(self.name) / self.problem.N
         law = average(self.data, self.params.width, self.seed, beta)
-        began = time.process_time()
-        found = solve(self.problem, law, Direct(), start=bare)
-        return _told(found, 0.0, time.process_time() - began)
+        began_s = time.process_time()
+        solution = solve(self.problem, law, Direct(), start=untrusting)
+        return _told(solution, 0.0, time.process_time() - began_s)
 
 
 def rest_cost(name: str) -> float:
     """Cost of standing still under the exact law."""
     problem = get(name)
-    held = np.array(problem.limits(problem.parameters.values)[1]).ravel()
-    return roll_out(problem, np.tile(held, (1, problem.N, 1)), problem.parameters.defaults).cost
+    inputs = np.array(problem.limits(problem.parameters.values)[1]).ravel()
+    return roll_out(problem, np.tile(inputs, (1, problem.N, 1)), problem.parameters.defaults).cost
 
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
     """All pieces of the study, those that are kept not anew."""
     shape, shares = (len(PROBLEMS), len(LAWS), params.seeds), (0.0, *SHARES)
-    told = np.full((*shape, 6), np.nan)
-    trust = np.full((len(PROBLEMS), len(shares), params.seeds, 6), np.nan)
+    rows = np.full((*shape, 6), np.nan)
+    trust_rows = np.full((len(PROBLEMS), len(shares), params.seeds, 6), np.nan)
     for i, k in tracked("problems and seeds", list(np.ndindex(len(PROBLEMS), params.seeds))):
         name, seed = PROBLEMS[i], params.seed + k
         source = TaskData(name, seed, params)
         for j, law in enumerate(LAWS):
             if law == "trusting ewda":
                 continue
-            at = seed if law in DRAWN else params.seed
-            key = f"{name}-{law.replace(' ', '-')}-{at}"
-            told[i, j, k] = pieces.get(key, lambda s=source, w=law: s.planned(w))["told"]
-        trust[i, 0, k] = told[i, LAWS.index("ewda"), k]
+            data_seed = seed if law in DRAWN else params.seed
+            key = f"{name}-{law.replace(' ', '-')}-{data_seed}"
+            rows[i, j, k] = pieces.get(key, lambda s=source, w=law: s.planned(w))["told"]
+        trust_rows[i, 0, k] = rows[i, LAWS.index("ewda"), k]
         for j, share in enumerate(SHARES, 1):
             key = f"{name}-trust-{share:g}-{seed}"
-            trust[i, j, k] = pieces.get(key, lambda s=source, b=share: s.trusting(b))["told"]
-        chosen = trust[i, shares.index(TRUSTED), k].copy()
-        chosen[-2:] += trust[i, 0, k, -2:]
-        told[i, LAWS.index("trusting ewda"), k] = chosen
+            trust_rows[i, j, k] = pieces.get(key, lambda s=source, b=share: s.trusting(b))["told"]
+        trusted_row = trust_rows[i, shares.index(TRUSTED), k].copy()
+        trusted_row[-2:] += trust_rows[i, 0, k, -2:]
+        rows[i, LAWS.index("trusting ewda"), k] = trusted_row
     return dataset(
         {
-            **_labelled(("problem", "law", "seed"), told, ""),
-            **_labelled(("problem", "share", "seed"), trust, "trusting_"),
+            **_labelled(("problem", "law", "seed"), rows, ""),
+            **_labelled(("problem", "share", "seed"), trust_rows, "trusting_"),
             "rest": (
                 "problem",
                 [rest_cost(name) for name in PROBLEMS],
@@ -157,20 +157,20 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
     )
 
 
-def _labelled(dims: tuple[str, ...], told: np.ndarray, prefix: str) -> dict[str, Any]:
+def _labelled(dims: tuple[str, ...], rows: np.ndarray, prefix: str) -> dict[str, Any]:
     """Variables of a dataset from rows of :func:`_told`."""
     columns = {
-        "cost": ((*dims, "motion"), told[..., :2], "1", "cost of the plan and of its replay"),
-        "survives": (dims, told[..., 2], "1", "whether the referee lets the plan survive, 1 or 0"),
-        "iterations": (dims, told[..., 3], "1", "iterations of the solver"),
-        "seconds": ((*dims, "part"), told[..., 4:], "s", "time of the processor"),
+        "cost": ((*dims, "motion"), rows[..., :2], "1", "cost of the plan and of its replay"),
+        "survives": (dims, rows[..., 2], "1", "whether the referee lets the plan survive, 1 or 0"),
+        "iterations": (dims, rows[..., 3], "1", "iterations of the solver"),
+        "seconds": ((*dims, "part"), rows[..., 4:], "s", "time of the processor"),
     }
     return {prefix + name: column for name, column in columns.items()}
 
 
-def _told(found: Solution, learning: float, solving: float) -> dict[str, np.ndarray]:
-    costs = found.cost, found.audit.exact_cost
-    row = [*costs, bool(found.referee.survives), found.iterations, learning, solving]
+def _told(solution: Solution, learning: float, solving: float) -> dict[str, np.ndarray]:
+    costs = solution.cost, solution.audit.exact_cost
+    row = [*costs, bool(solution.referee.survives), solution.iterations, learning, solving]
     return {"told": np.array(row, dtype=float)}
 
 

@@ -40,42 +40,42 @@ def learned(name: str, data: xr.Dataset) -> list[Claim]:
     exact, model = last.sel(end="exact replay"), last.sel(end="model")
     middle = exact.median("seed")
     final = {str(kind): float(middle.sel(dynamics=kind)) for kind in data["dynamics"].values}
-    own = {str(kind): float(model.sel(dynamics=kind).median("seed")) for kind in data["dynamics"].values}
-    h = own["h"] / float(data["learned"].sel(dynamics="h", end="model").isel(step=0).median())
-    told = ", ".join(f"{kind} {cost:.4g}" for kind, cost in final.items())
-    ahead = (exact.sel(dynamics="g_sigma") < exact.sel(dynamics="h_sigma")).values
+    on_model = {str(kind): float(model.sel(dynamics=kind).median("seed")) for kind in data["dynamics"].values}
+    h = on_model["h"] / float(data["learned"].sel(dynamics="h", end="model").isel(step=0).median())
+    final_texts = ", ".join(f"{kind} {cost:.4g}" for kind, cost in final.items())
+    is_ahead = (exact.sel(dynamics="g_sigma") < exact.sel(dynamics="h_sigma")).values
     swept, widths = data["final"], data["width"].values
-    noised = [kind for kind in ("g_sigma", "h_sigma") if final[kind] < final["h"]]
-    before = swept.sel(swept="g_sigma") < swept.sel(swept="h_sigma")
+    better_than_clean = [kind for kind in ("g_sigma", "h_sigma") if final[kind] < final["h"]]
+    is_ahead_swept = swept.sel(swept="g_sigma") < swept.sel(swept="h_sigma")
     steps = int(data["step"].values[-1])
     gains = {kind: float(data["gains"].sel(dynamics=kind, end="model")) for kind in _SMOOTH}
     work = {kind: int(data["work"].sel(dynamics=kind)) for kind in _SMOOTH}
-    better = [gains[k] <= (1 + COST_SHARE) * own[k] and work[k] < steps for k in _SMOOTH]
-    found = ", ".join(f"{k} {gains[k]:.4g} after {work[k]}, Adam {own[k]:.4g}" for k in _SMOOTH)
-    rest = float(data["cost"].sel(law="exact", of="at rest"))
-    moved = 1 - float(data["object"].sel(dynamics="f").isel(seed=0)) / rest
-    moves = swept.sel(swept="g_sigma").isel(amount=-1).values <= (1 - _PROGRESS) * start
+    better = [gains[k] <= (1 + COST_SHARE) * on_model[k] and work[k] < steps for k in _SMOOTH]
+    work_texts = ", ".join(f"{k} {gains[k]:.4g} after {work[k]}, Adam {on_model[k]:.4g}" for k in _SMOOTH)
+    rest_cost = float(data["cost"].sel(law="exact", of="at rest"))
+    saved = 1 - float(data["object"].sel(dynamics="f").isel(seed=0)) / rest_cost
+    reaches_goal = swept.sel(swept="g_sigma").isel(amount=-1).values <= (1 - _PROGRESS) * start
     return [
         claim(f"{name}: f makes no progress with the object", place)
         .expected(f"the object's cost falls by less than {_FLAT:.0%}")
-        .measured(f"{moved:.2%} of {rest:.6g}")
-        .below(abs(moved), _FLAT),
+        .measured(f"{saved:.2%} of {rest_cost:.6g}")
+        .below(abs(saved), _FLAT),
         claim(f"{name}: f_sigma is best under the exact law", place)
         .expected("the lowest of the five")
-        .measured(told)
+        .measured(final_texts)
         .holds(min(final, key=lambda kind: final[kind]) == "f_sigma"),
         claim(f"{name}: g_sigma is ahead of h_sigma", place)
         .expected("a lower final exact cost at every seed")
-        .measured(f"{int(ahead.sum())} of {ahead.size} seeds; {final['g_sigma']:.4g} and {final['h_sigma']:.4g}")
-        .holds(ahead),
+        .measured(f"{int(is_ahead.sum())} of {is_ahead.size} seeds; {final['g_sigma']:.4g} and {final['h_sigma']:.4g}")
+        .holds(is_ahead),
         claim(f"{name}: so it is over widths of noise and amounts of data", "our check")
         .expected("at every one")
-        .measured(f"{int(before.sum())} of {before.size}")
-        .holds(before),
+        .measured(f"{int(is_ahead_swept.sum())} of {is_ahead_swept.size}")
+        .holds(is_ahead_swept),
         claim(f"{name}: noised data are ahead of clean data", place)
         .expected("g_sigma and h_sigma end lower than h")
-        .measured(f"{', '.join(noised) or 'none'} of {told}")
-        .equals(len(noised), 2),
+        .measured(f"{', '.join(better_than_clean) or 'none'} of {final_texts}")
+        .equals(len(better_than_clean), 2),
         claim(
             f"{name}: h hardly moves on its own model"
             if name == PROBLEMS[0]
@@ -89,12 +89,12 @@ def learned(name: str, data: xr.Dataset) -> list[Claim]:
         .holds(h > 0.5 if name == PROBLEMS[0] else h < 0.9),
         claim(f"{name}: IPOPT finds gains as good on the model with fewer evaluations", "our check")
         .expected(f"within {COST_SHARE:.0%} of Adam's {steps} iterations, where the model is smooth")
-        .measured(f"{over(_SMOOTH, better)}: {found}")
+        .measured(f"{over(_SMOOTH, better)}: {work_texts}")
         .holds(better),
         claim(f"{name}: what is learned through g_sigma works under the exact law", "our check")
         .expected(f"{_PROGRESS:.0%} of the cost are saved at every width, with all data")
-        .measured(over(list(widths), moves))
-        .holds(moves),
+        .measured(over(list(widths), reaches_goal))
+        .holds(reaches_goal),
     ]
 
 
@@ -102,30 +102,30 @@ def open_loop(name: str, data: xr.Dataset) -> list[Claim]:
     """Of one problem: stuck under the exact law, moved under the smoothed ones, replayed."""
     place = "Noising data, sec. V-B and fig. 2"
     smooth = [law for law in LAWS if law != "exact"]
-    rest, stuck, _ = (float(v) for v in data["cost"].sel(law="exact"))
+    rest_cost, stuck, _ = (float(v) for v in data["cost"].sel(law="exact"))
     word = str(data["status"].sel(law="exact").values)
-    fall = {law: 1 - float(data["cost"].sel(law=law, of="plan")) / rest for law in smooth}
+    fall = {law: 1 - float(data["cost"].sel(law=law, of="plan")) / rest_cost for law in smooth}
     plan, replay = data["total"].sel(law=smooth).values.T
     dearer = (replay - plan) / np.abs(plan)
-    kept = dearer <= COST_SHARE
+    keeps_cost = dearer <= COST_SHARE
     others = [law for law in smooth if law != "randomized"]
-    moved = [fall[law] >= _PROGRESS for law in others]
+    makes_progress = [fall[law] >= _PROGRESS for law in others]
     expected = f"the object's cost falls by {_PROGRESS:.0%} or more"
     return [
         claim(f"{name}: the exact dynamics make no progress from a start without contact", place)
         .expected("the object's cost as at rest")
-        .measured(f"{stuck:.6g} of {rest:.6g}, {word}")
-        .holds(abs(stuck - rest) <= 1e-9 * rest, word == Status.NO_PROGRESS.label),
+        .measured(f"{stuck:.6g} of {rest_cost:.6g}, {word}")
+        .holds(abs(stuck - rest_cost) <= 1e-9 * rest_cost, word == Status.NO_PROGRESS.label),
         claim(f"{name}: randomized smoothing makes progress", place)
         .expected(expected)
         .measured(f"{fall['randomized']:.1%}")
         .at_least(fall["randomized"], _PROGRESS),
         claim(f"{name}: so do the barrier and the adaptive law", "our check")
         .expected(expected)
-        .measured(f"{over(others, moved)}: " + ", ".join(f"{fall[law]:.1%}" for law in others))
-        .holds(moved),
+        .measured(f"{over(others, makes_progress)}: " + ", ".join(f"{fall[law]:.1%}" for law in others))
+        .holds(makes_progress),
         claim(f"{name}: the plan keeps its cost under the exact law", "our check")
         .expected(f"its replay costs at most {COST_SHARE:.0%} more, of all of the cost")
-        .measured(f"{over(smooth, kept)}: " + listed(dearer, "+.1%"))
-        .holds(kept),
+        .measured(f"{over(smooth, keeps_cost)}: " + listed(dearer, "+.1%"))
+        .holds(keeps_cost),
     ]

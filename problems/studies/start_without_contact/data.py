@@ -107,21 +107,21 @@ def _learned(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> d
         (name, source), kind = named[row], DYNAMICS[column]
         for seed in range(params.seeds):
             # f has no data and no noise: every seed is the first.
-            at = params.seed + (seed if kind != "f" else 0)
-            found = _descent(pieces, source, kind, params.width, params.data, at)
-            learned[row, column, seed] = np.stack([found["model"], found["exact"]], axis=1)
-            of_object[row, column, seed] = object_cost(name, found["states"])
+            run_seed = params.seed + (seed if kind != "f" else 0)
+            descent = _descent(pieces, source, kind, params.width, params.data, run_seed)
+            learned[row, column, seed] = np.stack([descent["model"], descent["exact"]], axis=1)
+            of_object[row, column, seed] = object_cost(name, descent["states"])
             if seed == 0:
-                states[row, column, :, : source.problem.system.nx] = found["states"]
-        found = pieces.get(f"ipopt-{name}-{kind}", _ipopt(source, kind))
-        gains[row, column], work[row, column] = found["costs"], found["iterations"]
-    both = ("problem", "dynamics")
+                states[row, column, :, : source.problem.system.nx] = descent["states"]
+        descent = pieces.get(f"ipopt-{name}-{kind}", _ipopt(source, kind))
+        gains[row, column], work[row, column] = descent["costs"], descent["iterations"]
+    dimensions = ("problem", "dynamics")
     return {
-        "learned": ((*both, "seed", "step", "end"), learned, "1", "cost, eq. 14"),
-        "object": ((*both, "seed"), of_object, "1", "object's cost, exact replay"),
-        "states": ((*both, "node", "entry"), states, "m, rad", "exact replay"),
-        "gains": ((*both, "end"), gains, "1", "cost of IPOPT's gains"),
-        "work": (both, work, "1", "iterations of IPOPT"),
+        "learned": ((*dimensions, "seed", "step", "end"), learned, "1", "cost, eq. 14"),
+        "object": ((*dimensions, "seed"), of_object, "1", "object's cost, exact replay"),
+        "states": ((*dimensions, "node", "entry"), states, "m, rad", "exact replay"),
+        "gains": ((*dimensions, "end"), gains, "1", "cost of IPOPT's gains"),
+        "work": (dimensions, work, "1", "iterations of IPOPT"),
     }
 
 
@@ -152,11 +152,11 @@ def _swept(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> dic
     """Final exact cost of the learned dynamics over width of noise and amount of data."""
     amounts = _amounts(params)
     final = np.full((len(PROBLEMS), len(SWEPT), len(WIDTHS), len(amounts)), np.nan)
-    listed = list(sources.values())
+    task_data = list(sources.values())
     for row, column, i, j in tracked("widths and amounts", list(np.ndindex(final.shape))):
         kind, sigma, n = SWEPT[column], WIDTHS[i], amounts[j]
-        found = _descent(pieces, listed[row], kind, sigma, n, params.seed)
-        final[row, column, i, j] = np.median(found["exact"][-LAST:])
+        descent = _descent(pieces, task_data[row], kind, sigma, n, params.seed)
+        final[row, column, i, j] = np.median(descent["exact"][-LAST:])
     dims = ("problem", "swept", "width", "amount")
     return {"final": (dims, final, "1", "final cost under the exact law")}
 
@@ -190,14 +190,14 @@ def plan(problem: Problem, law: ContactLaw) -> Solution:
 def object_cost(name: str, x: np.ndarray) -> float:
     """Part of the cost that looks at the object, of states x (N+1, nx); the rest weighs nothing."""
     problem = get(name, w_a=0.0, w_du=0.0)
-    p, still = problem.parameters.values, np.zeros(problem.system.nu)
-    stages = [problem.cost_terms(state, still, still, 0, p) for state in x]
+    p, no_input = problem.parameters.values, np.zeros(problem.system.nu)
+    stages = [problem.cost_terms(state, no_input, no_input, 0, p) for state in x]
     return sum(float(stage) for stage, _ in stages[:-1]) + float(stages[-1][1])
 
 
-def gains(name: str, found: Solution) -> tuple[float, float, float]:
+def gains(name: str, solution: Solution) -> tuple[float, float, float]:
     """Object's cost: standing still, as planned, and as replayed under the exact law."""
-    planned, replay = found.data["x"].values[0], found.data["x_replay"].values[0]
+    planned, replay = solution.data["x"].values[0], solution.data["x_replay"].values[0]
     start = np.broadcast_to(planned[0], planned.shape)
     return object_cost(name, start), object_cost(name, planned), object_cost(name, replay)
 
@@ -206,30 +206,30 @@ def planned(params: Params) -> dict[str, Any]:
     """Plan both problems under every law; object's cost of plan and replay, and the paths."""
     shape = (len(PROBLEMS), len(LAWS))
     total = np.empty((*shape, 2))
-    cost, moved = np.empty((*shape, 3)), np.empty(shape, dtype=int)
+    cost, iterations = np.empty((*shape, 3)), np.empty(shape, dtype=int)
     path = np.empty((*shape, 2, _NODES, 3))
     status = np.empty(shape, dtype="<U16")
     for row, name in enumerate(PROBLEMS):
         for column, law in enumerate(LAWS):
-            found = plan(get(name), law_of(law, params))
-            cost[row, column] = gains(name, found)
-            total[row, column] = found.cost, found.audit.exact_cost
-            status[row, column] = found.status.label
-            moved[row, column] = found.iterations
+            solution = plan(get(name), law_of(law, params))
+            cost[row, column] = gains(name, solution)
+            total[row, column] = solution.cost, solution.audit.exact_cost
+            status[row, column] = solution.status.label
+            iterations[row, column] = solution.iterations
             for i, kind in enumerate(("x", "x_replay")):
-                path[row, column, i] = found.data[kind].values[0][:, :3]
-    return {"cost": cost, "total": total, "iterations": moved, "status": status, "path": path}
+                path[row, column, i] = solution.data[kind].values[0][:, :3]
+    return {"cost": cost, "total": total, "iterations": iterations, "status": status, "path": path}
 
 
-def labelled(found: dict[str, np.ndarray]) -> tuple[dict[str, Any], dict[str, Any]]:
+def labelled(plans: dict[str, np.ndarray]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Variables and coordinates of a dataset from :func:`planned`."""
-    both = ("problem", "law")
+    dimensions = ("problem", "law")
     return {
-        "cost": ((*both, "of"), found["cost"], "1", "cost of the object"),
-        "total": ((*both, "motion"), found["total"], "1", "whole cost"),
-        "iterations": (both, found["iterations"], "1", "iterations of the solver"),
-        "status": (both, found["status"]),
-        "path": ((*both, "motion", "node", "pose"), found["path"], "m, m, rad", "pose of the object"),
+        "cost": ((*dimensions, "of"), plans["cost"], "1", "cost of the object"),
+        "total": ((*dimensions, "motion"), plans["total"], "1", "whole cost"),
+        "iterations": (dimensions, plans["iterations"], "1", "iterations of the solver"),
+        "status": (dimensions, plans["status"]),
+        "path": ((*dimensions, "motion", "node", "pose"), plans["path"], "m, m, rad", "pose of the object"),
     }, {
         "problem": list(PROBLEMS),
         "law": list(LAWS),

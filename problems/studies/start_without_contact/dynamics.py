@@ -50,11 +50,11 @@ class Bundle:
 
     def jacobians(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean next state (n, nx) and mean derivative (n, nx, nz)."""
-        half = self.width * self._rng.standard_normal((len(z), self.samples // 2, self.n_in))
-        drawn = (z[:, None] + np.concatenate([half, -half], axis=1)).reshape(-1, self.n_in)
-        steps, *parts = self._f.slopes(drawn[:, : self.n_out], drawn[:, self.n_out :])
+        noise = self.width * self._rng.standard_normal((len(z), self.samples // 2, self.n_in))
+        z_noised = (z[:, None] + np.concatenate([noise, -noise], axis=1)).reshape(-1, self.n_in)
+        steps, *derivatives = self._f.slopes(z_noised[:, : self.n_out], z_noised[:, self.n_out :])
         shape = len(z), -1, self.n_out
-        slopes = np.concatenate(parts, axis=2).reshape(*shape, self.n_in)
+        slopes = np.concatenate(derivatives, axis=2).reshape(*shape, self.n_in)
         return np.nanmean(steps.x_next.reshape(shape), axis=1), np.nanmean(slopes, axis=1)
 
     def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -115,11 +115,13 @@ def descend(problem: Problem, law: ContactLaw, rate: float, iterations: int) -> 
     """
     exact = RolloutObjective(problem, Exact(), Feedback())
     # One rollout at a time: interpreted graphs lose less than arrays of one sample do.
-    own = {} if isinstance(law, Exact) else {"backend": "casadi", "threads": 1}
-    model = RolloutObjective(problem, law, Feedback(), **own)
+    backend = {} if isinstance(law, Exact) else {"backend": "casadi", "threads": 1}
+    model = RolloutObjective(problem, law, Feedback(), **backend)
     steps = islice(adam(model.cost_and_gradient, model.theta, rate), iterations + 1)
-    kept = [(cost, exact.cost_and_gradient(theta)[0], theta) for i, (theta, cost) in enumerate(steps) if i % EVERY == 0]
-    planned, replayed, thetas = zip(*kept, strict=True)
+    records = [
+        (cost, exact.cost_and_gradient(theta)[0], theta) for i, (theta, cost) in enumerate(steps) if i % EVERY == 0
+    ]
+    planned, replayed, thetas = zip(*records, strict=True)
     states = replay(problem, gains_of(problem, thetas[-1]))
     return {"model": np.array(planned), "exact": np.array(replayed), "states": states}
 
@@ -145,8 +147,8 @@ def by_ipopt(problem: Problem, law: ContactLaw) -> dict[str, np.ndarray]:
     settings = {"homotopy": False} if isinstance(law, Exact) else {}
     method = Direct() if isinstance(law, LearnedLaw) else SingleShooting()
     try:
-        found = solve(problem, law, method, Feedback(), settings=settings)
+        solution = solve(problem, law, method, Feedback(), settings=settings)
     except NotConverged:
         return {"costs": np.full(2, np.nan), "iterations": np.array(0)}
-    costs = np.array([found.cost, found.audit.exact_cost])
-    return {"costs": costs, "iterations": np.array(found.iterations)}
+    costs = np.array([solution.cost, solution.audit.exact_cost])
+    return {"costs": costs, "iterations": np.array(solution.iterations)}

@@ -7,7 +7,6 @@ import xarray as xr
 
 from problems.studies.study import Claim, claim, listed, over
 
-_PLACE = "Noising data, "
 _NEAR = 2.0
 """Distance from an end of the data over sigma within which g_sigma is off f_sigma."""
 _FEW, _USUAL = 10.0, 0.2
@@ -30,14 +29,14 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 
 def _lemmas(data: xr.Dataset) -> list[Claim]:
-    off, law, spacing = data["sum_error"].values, data["sum_law"].values, data["spacing"].values
-    share = (off / law)[..., spacing <= 0.25]
-    largest = off.max(axis=(0, 1, 2))
+    errors, law, spacing = data["sum_error"].values, data["sum_law"].values, data["spacing"].values
+    share = (errors / law)[..., spacing <= 0.25]
+    largest = errors.max(axis=(0, 1, 2))
     ratio = data["higher"] / data["change"] ** 2
-    other = data["others"].values
+    others = data["others"].values
     score = data["score_error"].values
-    found = [
-        claim("On uniform data g_sigma is f_sigma", _PLACE + "lemma 1")
+    results = [
+        claim("On uniform data g_sigma is f_sigma", "Noising data, lemma 1")
         .expected(
             "apart by the error of the sum over data D apart, up to rho D²/(12 sqrt(2 pi) sigma),"
             " within 5 % of it for D <= sigma/4"
@@ -55,29 +54,29 @@ def _lemmas(data: xr.Dataset) -> list[Claim]:
         ("g_sigma minimises the noised risk of a density", "lemma 2", False),
         ("The weighted average minimises the noised risk of data", "lemma 3", True),
     ):
-        own = [name for name in data["case"].values if ("data" in str(name)) == mark]
-        these = ratio.sel(case=own).values
-        found.append(
-            claim(sentence, _PLACE + source)
+        cases = [name for name in data["case"].values if ("data" in str(name)) == mark]
+        ratios = ratio.sel(case=cases).values
+        results.append(
+            claim(sentence, f"Noising data, {source}")
             .expected("any perturbation p raises it, by E p², within 1e-9 of that")
             .measured(
-                f"raised by {these.min():.10f} to {these.max():.10f} E p² by"
-                f" {these.size} perturbations of {', '.join(map(str, own))}"
+                f"raised by {ratios.min():.10f} to {ratios.max():.10f} E p² by"
+                f" {ratios.size} perturbations of {', '.join(map(str, cases))}"
             )
-            .holds(these > 0, np.abs(these - 1) < 1e-9)
+            .holds(ratios > 0, np.abs(ratios - 1) < 1e-9)
         )
     return [
-        *found,
-        claim("f, f_sigma and the nearest datum have a higher noised risk", _PLACE + "sec. III-B")
+        *results,
+        claim("f, f_sigma and the nearest datum have a higher noised risk", "Noising data, sec. III-B")
         .expected("higher on all data and densities")
         .measured(
             "by at least "
             + ", ".join(
-                f"{name} {low:.1%}" for name, low in zip(data["candidate"].values, other.min((0, 1)), strict=True)
+                f"{name} {low:.1%}" for name, low in zip(data["candidate"].values, others.min((0, 1)), strict=True)
             )
             + " of its risk"
         )
-        .above(other, 0),
+        .above(others, 0),
         claim("For f(x) = x, g_sigma = x + sigma² grad log p_sigma", "empirical Bayes, our check")
         .expected("equal to differences of log p_sigma, within 1e-8 sigma")
         .measured(
@@ -94,11 +93,11 @@ def _walls(data: xr.Dataset) -> list[Claim]:
     wide = (data["gap"].values[:, None] / data["width"].values >= 5)[..., None]
     # Bounds of Mills' ratio by Sampford and by Birnbaum, for walls many sigma apart.
     low, high = (np.sqrt(depth**2 + 8) - depth) / 4, (np.sqrt(depth**2 + 4) - depth) / 2
-    between = (inside >= low * (1 - 1e-6)) & (inside <= high * (1 + 1e-6))
-    far = depth >= 10
-    tends = np.abs(slope[..., far] * depth[far] ** 2 - 1)
+    is_between = (inside >= low * (1 - 1e-6)) & (inside <= high * (1 + 1e-6))
+    is_deep = depth >= 10
+    tends = np.abs(slope[..., is_deep] * depth[is_deep] ** 2 - 1)
     return [
-        claim("Between walls g_sigma is the mean of a truncated normal", _PLACE + "sec. IV-C")
+        claim("Between walls g_sigma is the mean of a truncated normal", "Noising data, sec. IV-C")
         .expected("evenly spaced data miss it by the midpoint rule's error, within 5 % for D <= sigma/4")
         .measured(
             f"{share.min():.3f} to {share.max():.3f} of that error, at sigma = "
@@ -106,22 +105,22 @@ def _walls(data: xr.Dataset) -> list[Claim]:
             + " m"
         )
         .equals(share, 1, within=0.05),
-        claim("A penetrating state is mapped back inside in one step", _PLACE + "sec. IV-C")
+        claim("A penetrating state is mapped back inside in one step", "Noising data, sec. IV-C")
         .expected(
             "inside by (sqrt(s² + 8) - s)/4 to (sqrt(s² + 4) - s)/2 sigma, s sigma the"
             " penetration, or inside at least where the walls are less than 5 sigma apart"
         )
         .measured(
             f"inside by {inside.min():.4g} sigma or more, within these bounds at"
-            f" {np.sum(between & wide)} of {np.sum(wide) * depth.size} settings; penetration up"
+            f" {np.sum(is_between & wide)} of {np.sum(wide) * depth.size} settings; penetration up"
             f" to {depth.max():g} sigma"
         )
-        .holds(inside > 0, between | ~wide),
+        .holds(inside > 0, is_between | ~wide),
         claim("The slope of g_sigma tends to 0 outside", "our check")
         .expected("falls with the penetration, as (sigma/penetration)² within 6 % from 10 sigma on")
         .measured(
-            f"{slope[..., 0].max():.3f} at the wall, {slope[..., far].max():.4f} at"
-            f" {depth[far][0]:g} sigma, off by {tends.max():.1%} there"
+            f"{slope[..., 0].max():.3f} at the wall, {slope[..., is_deep].max():.4f} at"
+            f" {depth[is_deep][0]:g} sigma, off by {tends.max():.1%} there"
         )
         .holds(np.diff(slope, axis=-1) < 0, tends < 0.06),
     ]
@@ -160,7 +159,7 @@ def _networks(data: xr.Dataset) -> list[Claim]:
     rate, doubt = np.mean(rates), np.std(rates)
     last = middle[:, -1]
     return [
-        claim("Networks trained on noised data converge to g_sigma", _PLACE + "sec. III, IV-B")
+        claim("Networks trained on noised data converge to g_sigma", "Noising data, sec. III, IV-B")
         .expected("off by less than half of what noising changes, at the most pairs and units")
         .measured(f"{last[-1]:.2g} m of {effect:.2g} m, medians over draws")
         .below(last[-1], effect / 2),
@@ -183,13 +182,13 @@ def _networks(data: xr.Dataset) -> list[Claim]:
 
 def _ends(data: xr.Dataset) -> list[Claim]:
     bias, distance = np.abs(data["bias"].values), data["distance"].values
-    near = distance <= _NEAR
+    is_near = distance <= _NEAR
     squares = bias[0] ** 2
-    share = squares[:, near].sum(axis=-1) / squares.sum(axis=-1)
-    beyond, at_end = bias[0][:, ~near].max(axis=-1), bias[..., 0]
-    felt = np.all(at_end > 0.1, axis=1)
+    share = squares[:, is_near].sum(axis=-1) / squares.sum(axis=-1)
+    beyond, at_end = bias[0][:, ~is_near].max(axis=-1), bias[..., 0]
+    is_biased = np.all(at_end > 0.1, axis=1)
     return [
-        claim("g_sigma differs from f_sigma within 2 sigma of the ends of the data", _PLACE + "fig. 1")
+        claim("g_sigma differs from f_sigma within 2 sigma of the ends of the data", "Noising data, fig. 1")
         .expected(
             "by sqrt(2/pi) rho sigma at the end, 99 % of the square of it within 2 sigma, below 6 % of rho sigma beyond"
         )
@@ -198,26 +197,26 @@ def _ends(data: xr.Dataset) -> list[Claim]:
             f" {beyond.max():.3f} beyond, at sigma = " + listed(data["width"].values, "g") + " m"
         )
         .holds(np.allclose(at_end[0], np.sqrt(2 / np.pi), rtol=1e-6), share > 0.99, beyond < 0.06),
-        claim("It does at both ends", _PLACE + "fig. 1")
+        claim("It does at both ends", "Noising data, fig. 1")
         .expected("above 0.1 rho sigma at each")
         .measured(
-            f"{over(list(data['end'].values), felt)}: up to {listed(at_end.max(axis=1), '.1e')}"
+            f"{over(list(data['end'].values), is_biased)}: up to {listed(at_end.max(axis=1), '.1e')}"
             " rho sigma; f is constant where the pusher stays away"
         )
-        .holds(felt),
+        .holds(is_biased),
     ]
 
 
 def _neighbours(data: xr.Dataset) -> list[Claim]:
-    found, law = data["neighbours"].values, data["neighbours_law"].values
+    counts, law = data["neighbours"].values, data["neighbours_law"].values
     dims, widths = data["dim"].values, data["normalised"].values
     # The number near one query is random with a relative deviation of its inverse square root.
-    many = law >= _MANY
-    apart = np.abs(found / law - 1)[many]
+    is_many = law >= _MANY
+    apart = np.abs(counts / law - 1)[is_many]
     column = int(np.argmin(np.abs(widths - _USUAL)))
-    few = dims[found[:, column] < _FEW]
+    sparse_dimensions = dims[counts[:, column] < _FEW]
     task = data["task_neighbours"].isel(normalised=column)
-    alone, tube = (task.sel(drawn=name).values for name in data["drawn"].values)
+    ranges_alone, tube = (task.sel(drawn=name).values for name in data["drawn"].values)
     names = [str(name) for name in data["problem"].values]
     sizes = listed(data["task_size"].values, "g")
     return [
@@ -231,15 +230,15 @@ def _neighbours(data: xr.Dataset) -> list[Claim]:
         claim("Uniform data are too sparse for the average in the dimensions of pushing", "our check")
         .expected(f"fewer than {_FEW:g} neighbours at sigma = {_USUAL:g}")
         .measured(
-            f"from {listed(few[:1], 'd')} dimensions on; along the task "
-            + ", ".join(f"{n}: {a:.1f}" for n, a in zip(names, alone, strict=True))
+            f"from {listed(sparse_dimensions[:1], 'd')} dimensions on; along the task "
+            + ", ".join(f"{n}: {a:.1f}" for n, a in zip(names, ranges_alone, strict=True))
             + f" in {sizes} dimensions, of {data.attrs['n_samples']} data"
         )
-        .holds(alone < _FEW, few[:1] <= data["task_size"].min()),
+        .holds(ranges_alone < _FEW, sparse_dimensions[:1] <= data["task_size"].min()),
         claim("With half of the data in the tube there are more", "our check")
         .expected(f"twice as many at sigma = {_USUAL:g}")
-        .measured(", ".join(f"{n}: {a:.1f} become {t:.1f}" for n, a, t in zip(names, alone, tube, strict=True)))
-        .at_least(tube, 2 * alone),
+        .measured(", ".join(f"{n}: {a:.1f} become {t:.1f}" for n, a, t in zip(names, ranges_alone, tube, strict=True)))
+        .at_least(tube, 2 * ranges_alone),
         claim("That is enough", "our check")
         .expected(f"{_FEW:g} or more at sigma = {_USUAL:g}")
         .measured(f"{over(names, tube >= _FEW)}: " + listed(tube, ".1f"))

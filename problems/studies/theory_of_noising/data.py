@@ -35,7 +35,7 @@ QUICK = {"epochs": 15, "repeats": 1, "n_samples": 2000}
 def run(params: Params) -> xr.Dataset:
     """Lemmas, walls, ends, networks and neighbours, each by two independent ways."""
     rho, sigma, seed = params.rho, params.sigma, params.seed
-    found = {
+    variables = {
         # First what may be missing, so that nobody waits to hear of it.
         **networks(rho, sigma, params.epochs, params.repeats, seed),
         **lemmas.uniform_data(),
@@ -69,7 +69,7 @@ def run(params: Params) -> xr.Dataset:
         "problem": list(PROBLEMS),
         "drawn": list(DRAWN),
     }
-    return dataset(found, coordinates)
+    return dataset(variables, coordinates)
 
 
 PAIRS = np.array([32, 128, 512, 2048])
@@ -86,13 +86,13 @@ def networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> 
     pusher, rng = LinePusher(rho), np.random.default_rng([seed, 4])
     u = rng.uniform(-1, 1, _DATA)
     model = average_of(u, pusher.step(u), sigma)
-    at = rng.choice(u, _QUERIES) + sigma * rng.standard_normal(_QUERIES)
-    g = answers(model, at)
-    off = np.empty((len(UNITS), len(PAIRS), repeats))
-    for row, column, repeat in tracked("networks", list(np.ndindex(off.shape))):
+    queries = rng.choice(u, _QUERIES) + sigma * rng.standard_normal(_QUERIES)
+    g = answers(model, queries)
+    errors = np.empty((len(UNITS), len(PAIRS), repeats))
+    for row, column, repeat in tracked("networks", list(np.ndindex(errors.shape))):
         n, units = int(PAIRS[column]), int(UNITS[row])
-        drawn = rng.choice(u, n)
-        z = drawn + sigma * rng.standard_normal(n)
+        commands = rng.choice(u, n)
+        z = commands + sigma * rng.standard_normal(n)
         recipe = {
             "hidden": (units, units),
             "epochs": epochs,
@@ -100,11 +100,11 @@ def networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> 
             "rate": 1e-2,
             "held_out": 0.0,
         }
-        h = network_of(z, pusher.step(drawn), 0.0, repeat, **recipe)
-        off[row, column, repeat] = np.sqrt(np.mean((answers(h, at) - g) ** 2))
-    noise = np.sqrt(np.mean((g - pusher.step(at)) ** 2))
+        h = network_of(z, pusher.step(commands), 0.0, repeat, **recipe)
+        errors[row, column, repeat] = np.sqrt(np.mean((answers(h, queries) - g) ** 2))
+    noise = np.sqrt(np.mean((g - pusher.step(queries)) ** 2))
     return {
-        "network_error": (("units", "pairs", "repeat"), off, "m", "root mean square of h_sigma - g_sigma"),
+        "network_error": (("units", "pairs", "repeat"), errors, "m", "root mean square of h_sigma - g_sigma"),
         "noising_effect": ((), noise, "m", "root mean square of g_sigma - f"),
     }
 
@@ -138,39 +138,42 @@ def uniform_cloud(n: int, seed: int) -> dict[str, Any]:
     Where many are near, it is ``n (2 sqrt(pi) sigma/length)^d``, the quotient of the integrals.
     """
     rng = np.random.default_rng([seed, 5])
-    half, most = np.sqrt(3.0), int(DIMENSIONS[-1])
-    cloud, at = rng.uniform(-half, half, (n, most)), rng.uniform(-0.3, 0.3, (_PLACES, most))
-    found = np.empty((len(DIMENSIONS), len(SPREADS)))
+    half_width, largest_dimension = np.sqrt(3.0), int(DIMENSIONS[-1])
+    cloud, queries = (
+        rng.uniform(-half_width, half_width, (n, largest_dimension)),
+        rng.uniform(-0.3, 0.3, (_PLACES, largest_dimension)),
+    )
+    counts = np.empty((len(DIMENSIONS), len(SPREADS)))
     for row, dim in enumerate(tracked("neighbours", DIMENSIONS.tolist())):
         scales = Normalisation(np.zeros(dim), np.ones(dim))
         z = np.ascontiguousarray(cloud[:, :dim])
-        found[row] = [np.median(effective(z, scales, s, at[:, :dim])) for s in SPREADS]
+        counts[row] = [np.median(effective(z, scales, s, queries[:, :dim])) for s in SPREADS]
     law = n * (np.sqrt(np.pi / 3) * SPREADS) ** DIMENSIONS[:, None]
-    both = ("dim", "normalised")
+    dimensions = ("dim", "normalised")
     return {
-        "neighbours": (both, found, "1", "effective neighbours, median of queries"),
-        "neighbours_law": (both, law, "1", "the same by integrals"),
+        "neighbours": (dimensions, counts, "1", "effective neighbours, median of queries"),
+        "neighbours_law": (dimensions, law, "1", "the same by integrals"),
     }
 
 
 def along_the_task(n: int, seed: int) -> dict[str, Any]:
     """The papers' two problems: n transitions, and queries in the tube from start to goal."""
     shape = (len(PROBLEMS), len(DRAWN), len(SPREADS))
-    found, size = np.empty(shape), np.empty(len(PROBLEMS))
+    counts, size = np.empty(shape), np.empty(len(PROBLEMS))
     for row, name in enumerate(tracked("neighbours along tasks", PROBLEMS)):
-        own = spec(name)
-        problem = own.problem()
-        region, step = region_of(own, own.params({}), problem), problem.exact_step
+        problem_spec = spec(name)
+        problem = problem_spec.problem()
+        region, step = region_of(problem_spec, problem_spec.params({}), problem), problem.exact_step
         mixed = collect(step, region, n, seed)
         ranges, tube = _rows(collect(step, region, 2 * n, seed + 1)), slice(-_PLACES, None)
         scales, queries = mixed.normalisation, ranges[tube]
         size[row] = queries.shape[1]
         for column, z in enumerate((ranges[:n], _rows(mixed))):
-            found[row, column] = [np.median(effective(z, scales, s, queries)) for s in SPREADS]
+            counts[row, column] = [np.median(effective(z, scales, s, queries)) for s in SPREADS]
     return {
         "task_neighbours": (
             ("problem", "drawn", "normalised"),
-            found,
+            counts,
             "1",
             "effective neighbours in the tube, median of queries",
         ),

@@ -36,21 +36,21 @@ def uniform_data() -> dict[str, Any]:
     By the formula of Euler and Maclaurin such a sum misses its integral by ``D² B2(t)/2`` times the
     jump of the derivative, here ``rho pdf(0)/sigma``, where the kink lies t D behind a datum.
     """
-    at = np.linspace(-4, 4, 161)
-    off = np.empty((len(COMMANDS), len(WIDTHS), len(PLACES), len(SPACINGS)))
-    for index in np.ndindex(off.shape):
+    places = np.linspace(-4, 4, 161)
+    errors = np.empty((len(COMMANDS), len(WIDTHS), len(PLACES), len(SPACINGS)))
+    for index in np.ndindex(errors.shape):
         every = zip((COMMANDS, WIDTHS, PLACES, SPACINGS), index, strict=True)
-        rho, sigma, place, spacing = (float(own[i]) for own, i in every)
-        pusher, most = LinePusher(rho), round(14 / spacing)
-        u = (np.arange(-most, most + 1) + place) * spacing * sigma
-        g = answers(average_of(u, pusher.step(u), sigma), at * sigma)
-        off[index] = np.abs(g - pusher.smoothed(at * sigma, sigma)).max() / (rho * sigma)
+        rho, sigma, place, spacing = (float(choices[i]) for choices, i in every)
+        pusher, n_side = LinePusher(rho), round(14 / spacing)
+        u = (np.arange(-n_side, n_side + 1) + place) * spacing * sigma
+        g = answers(average_of(u, pusher.step(u), sigma), places * sigma)
+        errors[index] = np.abs(g - pusher.smoothed(places * sigma, sigma)).max() / (rho * sigma)
     bernoulli = np.abs(PLACES**2 - PLACES + 1 / 6) / 2
     law = bernoulli[:, None] * SPACINGS**2 / np.sqrt(2 * np.pi)
     return {
         "sum_error": (
             ("command", "width", "place", "spacing"),
-            off,
+            errors,
             "1",
             "largest |g - f_sigma| over rho sigma, evenly spaced data",
         ),
@@ -74,27 +74,32 @@ def risks(rho: float, seed: int) -> dict[str, Any]:
             joint = np.exp(-0.5 * ((z - x[:, None]) / sigma) ** 2)
             joint *= (chance / joint.sum(axis=1))[:, None]
             g = answers(average_of(x, y, sigma), z) if "data" in case else y @ joint / joint.sum(0)
-            risk[row, column] = least = _risk(joint, y, g)
+            risk[row, column] = smallest_risk = _risk(joint, y, g)
             for i in range(_PERTURBATIONS):
                 size, rate = rng.standard_normal(4), rng.uniform(0, 2, 4)
                 phase = rng.uniform(0, 2 * np.pi, 4)
                 # A smooth random function.
                 wave = size @ np.cos(rate[:, None] * (z / sigma) + phase[:, None])
                 wave /= np.sqrt(joint.sum(axis=0) @ wave**2)
-                higher[row, column, :, i] = [_risk(joint, y, g + change * wave) - least for change in CHANGES]
+                higher[row, column, :, i] = [_risk(joint, y, g + change * wave) - smallest_risk for change in CHANGES]
             nearest = y[np.abs(z - x[:, None]).argmin(axis=0)]
             maps = pusher.step(z), pusher.smoothed(z, sigma), nearest
-            others[row, column] = [_risk(joint, y, one) / least - 1 for one in maps]
-    both = ("case", "width")
+            others[row, column] = [_risk(joint, y, values) / smallest_risk - 1 for values in maps]
+    dimensions = ("case", "width")
     return {
         "higher": (
-            (*both, "change", "perturbation"),
+            (*dimensions, "change", "perturbation"),
             higher,
             "m^2",
             "noised risk of g_sigma perturbed, above that of g_sigma",
         ),
-        "risk": (both, risk, "m^2", "noised risk of g_sigma"),
-        "others": ((*both, "candidate"), others, "1", "noised risk of other maps, above and over that of g_sigma"),
+        "risk": (dimensions, risk, "m^2", "noised risk of g_sigma"),
+        "others": (
+            (*dimensions, "candidate"),
+            others,
+            "1",
+            "noised risk of other maps, above and over that of g_sigma",
+        ),
     }
 
 
@@ -123,20 +128,20 @@ def score(seed: int, n: int = 300, queries: int = 50) -> dict[str, Any]:
     by as much.
     """
     rng, step = np.random.default_rng([seed, 2]), 1e-3
-    off = np.empty((len(DIMENSIONS), len(SPREADS)))
-    for row, column in np.ndindex(off.shape):
+    errors = np.empty((len(DIMENSIONS), len(SPREADS)))
+    for row, column in np.ndindex(errors.shape):
         dim, sigma = DIMENSIONS[row], float(SPREADS[column])
         x = rng.standard_normal((n, dim))
         names = tuple(Signal(f"x{i}", "1") for i in range(dim))
         scales = Normalisation(np.zeros(dim), np.ones(dim))
         model = EwdaModel(x, x, scales, sigma, Origin(names, names))
-        far = sigma * rng.uniform(0, 5, (queries, 1))
-        z = x[:queries] + far * rng.standard_normal((queries, dim))
-        ahead = [[model.values(z + k * step * sigma * e)[:, -1] for k in (-2, -1, 1, 2)] for e in np.eye(dim)]
-        slopes = np.einsum("k,ikq->qi", np.array([1, -8, 8, -1]) / (12 * step), np.array(ahead))
-        off[row, column] = np.abs(model.values(z)[:, :-1] - z - sigma * slopes).max() / sigma
+        distance = sigma * rng.uniform(0, 5, (queries, 1))
+        z = x[:queries] + distance * rng.standard_normal((queries, dim))
+        log_densities = [[model.values(z + k * step * sigma * e)[:, -1] for k in (-2, -1, 1, 2)] for e in np.eye(dim)]
+        slopes = np.einsum("k,ikq->qi", np.array([1, -8, 8, -1]) / (12 * step), np.array(log_densities))
+        errors[row, column] = np.abs(model.values(z)[:, :-1] - z - sigma * slopes).max() / sigma
     return {
-        "score_error": (("dimension", "spread"), off, "1", "largest |g - z - sigma² grad log p| over sigma"),
+        "score_error": (("dimension", "spread"), errors, "1", "largest |g - z - sigma² grad log p| over sigma"),
     }
 
 
@@ -160,8 +165,8 @@ def walls() -> dict[str, Any]:
 
         D²/24 k(w)/mass (1 + (w - g)(x - w)/sigma²).
     """
-    off = np.empty((len(WIDTHS), len(SPACINGS)))
-    law = np.empty_like(off)
+    errors = np.empty((len(WIDTHS), len(SPACINGS)))
+    law = np.empty_like(errors)
     block = Walls()
     for row, sigma in enumerate(WIDTHS):
         x = np.linspace(-1 - 4 * sigma, 1 + 4 * sigma, 801)
@@ -169,10 +174,10 @@ def walls() -> dict[str, Any]:
         for column, spacing in enumerate(SPACINGS):
             count = round((block.high - block.low) / (spacing * sigma))
             data = block.low + (np.arange(count) + 0.5) * (block.high - block.low) / count
-            off[row, column] = np.abs(answers(average_of(data, data, sigma), x) - g).max() / sigma
+            errors[row, column] = np.abs(answers(average_of(data, data, sigma), x) - g).max() / sigma
             law[row, column] = np.abs(_midpoint(block, x, g, sigma, data[1] - data[0])).max() / sigma
     return {
-        "walls_error": (("width", "spacing"), off, "1", "largest |g - closed form| over sigma, evenly spaced data"),
+        "walls_error": (("width", "spacing"), errors, "1", "largest |g - closed form| over sigma, evenly spaced data"),
         "walls_law": (("width", "spacing"), law, "1", "the same by the error of the midpoint rule"),
         **_outside(),
         **_fixed_points(),
@@ -195,10 +200,10 @@ def _outside() -> dict[str, Any]:
             x = block.high + DEPTHS * sigma
             inside[row, column] = (block.high - block.noised(x, sigma)) / sigma
             slope[row, column] = block.slope(x, sigma)
-    both = ("gap", "width", "depth")
+    dimensions = ("gap", "width", "depth")
     return {
-        "inside": (both, inside, "1", "way inside the wall after a step, over sigma"),
-        "slope_outside": (both, slope, "1", "slope of g_sigma in penetration"),
+        "inside": (dimensions, inside, "1", "way inside the wall after a step, over sigma"),
+        "slope_outside": (dimensions, slope, "1", "slope of g_sigma in penetration"),
     }
 
 
@@ -209,14 +214,14 @@ def _fixed_points() -> dict[str, Any]:
         gap, sigma = float(GAPS[index[0]]), float(WIDTHS[index[1]])
         block = Walls(-gap / 2, gap / 2)
         x = np.linspace(block.low, block.high, _STATES)
-        way = np.sign(block.displacement(x, sigma))
+        direction = np.sign(block.displacement(x, sigma))
         # Deep between the walls the way underflows to 0, which is no sign.
-        count[index] = np.count_nonzero(np.diff(way[way != 0]))
-        outwards[index] = np.mean(way * x > 0)
-    both = ("gap", "width")
+        count[index] = np.count_nonzero(np.diff(direction[direction != 0]))
+        outwards[index] = np.mean(direction * x > 0)
+    dimensions = ("gap", "width")
     return {
-        "fixed_points": (both, count, "1", "changes of sign of g_sigma(x) - x"),
-        "outwards": (both, outwards, "1", "share of states that move outwards"),
+        "fixed_points": (dimensions, count, "1", "changes of sign of g_sigma(x) - x"),
+        "outwards": (dimensions, outwards, "1", "share of states that move outwards"),
     }
 
 
@@ -227,11 +232,11 @@ def climbing(sigma: float, seed: int) -> dict[str, Any]:
     for i, n in enumerate(SAMPLES):
         data = np.random.default_rng([seed, 3, i]).uniform(-1, 1, n)
         model = average_of(data, data, sigma)
-        here = model.values(x[:, None])
-        way = here[:, 0] - x
-        turns = np.flatnonzero((way[:-1] > 0) & (way[1:] <= 0))
+        averages = model.values(x[:, None])
+        displacement = averages[:, 0] - x
+        turns = np.flatnonzero((displacement[:-1] > 0) & (displacement[1:] <= 0))
         attractors[i], centre[i] = turns.size, np.abs(x[turns]).max()
-        climb[i] = (model.values(here[:, :1])[:, 1] - here[:, 1]).min()
+        climb[i] = (model.values(averages[:, :1])[:, 1] - averages[:, 1]).min()
     return {
         "attractors": ("sample", attractors, "1", "states at which rollouts end"),
         "off_centre": ("sample", centre, "m", "distance of the farthest from the middle"),
