@@ -79,9 +79,9 @@ def stage_table(stages: Sequence[StageRecord], cost: float | None) -> Table:
 
 def stage_rows(stages: Sequence[StageRecord], cost: float | None) -> list[tuple[str, ...]]:
     """Number, label, value, cost, lam·gap, residual, iterations, seconds, note; as text."""
-    shown, found = shown_stages(stages, cost)
-    rows = [_stage_cells(index, stage) for index, stage in shown]
-    return [*rows[:-1], (*rows[-1][:-1], "answer")] if found else rows
+    numbered_stages, has_answer = shown_stages(stages, cost)
+    rows = [_stage_cells(index, stage) for index, stage in numbered_stages]
+    return [*rows[:-1], (*rows[-1][:-1], "answer")] if has_answer else rows
 
 
 def _stage_cells(index: int, stage: StageRecord) -> tuple[str, ...]:
@@ -139,12 +139,12 @@ class StageFilter:
         """Whether the next stage is shown; ``number`` is then its number."""
         from ocp.routes.branches import NEIGHBOUR
 
-        lower = stage.accepted and stage.cost < self.lowest
-        if lower and stage.label in ("active set", NEIGHBOUR):
+        lowers_cost = stage.accepted and stage.cost < self.lowest
+        if lowers_cost and stage.label in ("active set", NEIGHBOUR):
             self.lowest = stage.cost
-        taken = stage.label != NEIGHBOUR or lower
-        self.number += taken
-        return taken
+        is_shown = stage.label != NEIGHBOUR or lowers_cost
+        self.number += is_shown
+        return is_shown
 
 
 def shown_stages(stages: Sequence[StageRecord], cost: float | None) -> tuple[list[tuple[int, StageRecord]], bool]:
@@ -153,13 +153,13 @@ def shown_stages(stages: Sequence[StageRecord], cost: float | None) -> tuple[lis
     The answer of this ``cost`` is the iterate of the accepted stage with the same cost: the last of
     several. Stages after it are left out. A solve that ended on none of its stages shows them all.
     """
-    filtered = StageFilter()
-    shown = [(filtered.number, stage) for stage in stages if filtered.take(stage)]
+    stage_filter = StageFilter()
+    numbered_stages = [(stage_filter.number, stage) for stage in stages if stage_filter.take(stage)]
     cost = math.nan if cost is None else cost
-    off = [(abs(stage.cost - cost), -number) for number, stage in shown if stage.accepted]
-    least, place = min(off, default=(math.inf, 0))
-    found = math.isfinite(cost) and least <= _SAME * max(abs(cost), _SAME)
-    return shown[: -place if found else None], found
+    differences = [(abs(stage.cost - cost), -number) for number, stage in numbered_stages if stage.accepted]
+    smallest_difference, place = min(differences, default=(math.inf, 0))
+    has_answer = math.isfinite(cost) and smallest_difference <= _SAME * max(abs(cost), _SAME)
+    return numbered_stages[: -place if has_answer else None], has_answer
 
 
 _SAME = 1e-6
@@ -170,18 +170,18 @@ def stage_note(stages: Sequence[StageRecord], cost: float | None) -> str:
     """Which stage gave the answer, and how many stages tables leave out; empty for no stages."""
     from ocp.routes.branches import NEIGHBOUR
 
-    shown, found = shown_stages(stages, cost)
-    tried = sum(stage.label == NEIGHBOUR for stage in stages)
-    tried -= sum(stage.label == NEIGHBOUR for _, stage in shown)
-    later = len(stages) - len(shown) - tried
-    parts = [f"Stage {shown[-1][0]} gave the answer."] if found else []
-    for count, what, end in (
-        (tried, "neighbouring contact schedule", "tried without a lower cost."),
-        (later, "later stage", "solved without a better answer."),
+    numbered_stages, has_answer = shown_stages(stages, cost)
+    n_neighbours = sum(stage.label == NEIGHBOUR for stage in stages)
+    n_neighbours -= sum(stage.label == NEIGHBOUR for _, stage in numbered_stages)
+    n_later = len(stages) - len(numbered_stages) - n_neighbours
+    sentences = [f"Stage {numbered_stages[-1][0]} gave the answer."] if has_answer else []
+    for count, noun, predicate in (
+        (n_neighbours, "neighbouring contact schedule", "tried without a lower cost."),
+        (n_later, "later stage", "solved without a better answer."),
     ):
         if count:
-            parts.append(f"{count} {what}{'s were' if count > 1 else ' was'} {end}")
-    return " ".join(parts)
+            sentences.append(f"{count} {noun}{'s were' if count > 1 else ' was'} {predicate}")
+    return " ".join(sentences)
 
 
 def _line(*cells: str) -> str:
@@ -218,10 +218,10 @@ def live(quiet: bool, every_s: float, delay: bool = False) -> Iterator[Callable[
 
 
 @contextmanager
-def progress(shown: bool, first: str) -> Iterator[Callable[[StageRecord], None]]:
+def progress(visible: bool, first: str) -> Iterator[Callable[[StageRecord], None]]:
     """Yield a callback for stages: one live line on a terminal, elsewhere the lines of a table."""
-    if not shown or not sys.stderr.isatty():
-        yield StageLines() if shown else lambda _: None
+    if not visible or not sys.stderr.isatty():
+        yield StageLines() if visible else lambda _: None
         return
     with live(False, 0.0) as show:
         show(first)
@@ -230,9 +230,9 @@ def progress(shown: bool, first: str) -> Iterator[Callable[[StageRecord], None]]
 
 def result_table(solution: Solution) -> Table:
     """Cost, exact cost, iterations and the audited residuals."""
-    audit, each = solution.audit, solution.iteration_s
-    per = ", ".join(number(1e3 * each[key], 3) for key in ("evaluation", "solver"))
-    spent = f"{number(solution.evaluation_s, 3)}, {number(solution.solver_s, 3)}"
+    audit, iteration_s = solution.audit, solution.iteration_s
+    per_iteration_ms = ", ".join(number(1e3 * iteration_s[key], 3) for key in ("evaluation", "solver"))
+    total_s = f"{number(solution.evaluation_s, 3)}, {number(solution.solver_s, 3)}"
     rows = [
         ("cost under the chosen law", number(solution.cost, 8), ""),
         ("cost under the exact law", number(audit.exact_cost, 8), "the plan replayed"),
@@ -245,9 +245,9 @@ def result_table(solution: Solution) -> Table:
         ("state error of the replay", small(audit.state_gap), "max |x - x_replay|"),
         ("iterations", str(solution.iterations), solution.route.name and f"by the route {solution.route.name}"),
         ("build, solve", f"{solution.build_s:.2f}, {solution.solve_s:.2f}", "s"),
-        ("time in functions, solver", spent, f"s; {per} ms per iteration"),
+        ("time in functions, solver", total_s, f"s; {per_iteration_ms} ms per iteration"),
     ]
-    rows[-3:-3] = [(name, small(value), what) for name, value, what in physics_residuals(audit)]
+    rows[-3:-3] = [(name, small(value), explanation) for name, value, explanation in physics_residuals(audit)]
     table = table_of("", ">", "", rows=rows)
     table.show_header = False
     return table
@@ -264,9 +264,9 @@ def judged_rows(certificate: Certificate, referee: RefereeReport) -> list[tuple[
     if math.isfinite(referee.refined_cost):
         rows.append(("referee cost at h/4", number(referee.refined_cost, 8), referee.word))
     kind = f", {certificate.kind}" if certificate.kind else ""
-    what = f"{certificate.biactive} pairs biactive" if certificate.kind else ""
+    biactive = f"{certificate.biactive} pairs biactive" if certificate.kind else ""
     rows += [
-        ("stationarity", f"{certificate.stationarity}{kind}", what),
+        ("stationarity", f"{certificate.stationarity}{kind}", biactive),
         ("KKT residual", small(certificate.kkt_residual), ""),
     ]
     if certificate.negative_curvature > 0:
@@ -276,13 +276,13 @@ def judged_rows(certificate: Certificate, referee: RefereeReport) -> list[tuple[
 
 def distance_rows(referee: RefereeReport) -> list[tuple[str, str, str]]:
     """Largest penetration between nodes and largest distance with force, with their place."""
-    found = (
+    named_distances = (
         ("penetration between nodes", referee.between),
         ("distance where force acts", referee.force_distance),
     )
     return [
         (name, small(worst.amount), f"m, {worst.contact}, step {worst.step}" if worst.amount > 0 else "m")
-        for name, worst in found
+        for name, worst in named_distances
         if worst is not None
     ]
 

@@ -26,53 +26,53 @@ def contact_columns(audit: Audit) -> tuple[list[str], list[list[str]]]:
 
     Columns of sliding stand with friction alone, that of distant steps where there are any.
     """
-    rough, far = math.isfinite(audit.cone_violation), _far(audit)
+    has_friction, has_distant = math.isfinite(audit.cone_violation), _far(audit)
     columns = {
         "contact": True,
         ">active": True,
-        ">distant": far,
-        ">slipping": rough,
+        ">distant": has_distant,
+        ">slipping": has_friction,
         ">peak [N]": True,
-        ">slid [m]": rough,
+        ">slid [m]": has_friction,
         ">degenerate": True,
         "at steps": True,
     }
     rows = [
         [
-            found.name,
-            str(found.steps),
-            str(found.distant),
-            str(found.slipping),
-            number(found.peak_force, 4),
-            number(found.slid, 3) if found.slipping else "0",
-            str(found.degenerate),
-            spans_text(found.spans),
+            contact.name,
+            str(contact.steps),
+            str(contact.distant),
+            str(contact.slipping),
+            number(contact.peak_force, 4),
+            number(contact.slid, 3) if contact.slipping else "0",
+            str(contact.degenerate),
+            spans_text(contact.spans),
         ]
-        for found in audit.contacts
-        if found.steps or found.distant
+        for contact in audit.contacts
+        if contact.steps or contact.distant
     ]
-    kept = [[cell for cell, keep in zip(row, columns.values(), strict=True) if keep] for row in rows]
-    return [head for head, keep in columns.items() if keep], kept
+    shown_rows = [[cell for cell, is_shown in zip(row, columns.values(), strict=True) if is_shown] for row in rows]
+    return [head for head, is_shown in columns.items() if is_shown], shown_rows
 
 
 def contact_notes(audit: Audit) -> list[str]:
     """What active and distant mean, and how many contacts never push."""
-    idle = [found for found in audit.contacts if not (found.steps or found.distant)]
+    idle = [contact for contact in audit.contacts if not (contact.steps or contact.distant)]
     notes = [_ACTIVE, *([_DISTANT] if _far(audit) else [])]
     if idle:
-        steps = sum(found.degenerate for found in idle)
+        steps = sum(contact.degenerate for contact in idle)
         grazing = f", degenerate at {steps} steps" if steps else ""
-        many = "contact" if len(idle) == 1 else "contacts"
-        notes.append(f"{len(idle)} {many} never active{grazing}.")
+        noun = "contact" if len(idle) == 1 else "contacts"
+        notes.append(f"{len(idle)} {noun} never active{grazing}.")
     return notes
 
 
 def _far(audit: Audit) -> bool:
-    return any(found.distant for found in audit.contacts)
+    return any(contact.distant for contact in audit.contacts)
 
 
-def spans_text(spans: Sequence[Sequence[int]], most: int = 6) -> str:
+def spans_text(spans: Sequence[Sequence[int]], max_spans: int = 6) -> str:
     """Spans of steps: ``0-4, 7, 9-12``; the first ``most`` and a count of the others."""
-    parts = [f"{first}-{last}" if last > first else str(first) for first, last in spans]
-    more = f", {len(parts) - most} more" if len(parts) > most else ""
-    return ", ".join(parts[:most]) + more
+    words = [f"{first}-{last}" if last > first else str(first) for first, last in spans]
+    remainder = f", {len(words) - max_spans} more" if len(words) > max_spans else ""
+    return ", ".join(words[:max_spans]) + remainder

@@ -67,10 +67,10 @@ def model_document(dataset: xr.Dataset) -> dict[str, Any]:
     attributes = dataset.attrs
     sigma, scale = float(attributes["sigma"]), dataset["z_scale"].values
     names, units = ([str(n) for n in dataset[key].values] for key in ("z", "z_unit"))
-    whole = "data_rows" in attributes
+    has_fit = "data_rows" in attributes
     # The ranges are unknown where the file lacks them.
     unknown = np.full(len(names), np.nan)
-    ends = [dataset[name].values if whole else unknown for name in ("z_least", "z_most")]
+    ends = [dataset[name].values if has_fit else unknown for name in ("z_least", "z_most")]
     shift, nx = dataset["z_shift"].values, dataset.sizes["state"]
     coordinates = _coordinates(names, units, nx, np.stack(ends), shift, scale)
     layers = int(attributes.get("layers", 0))
@@ -83,14 +83,14 @@ def model_document(dataset: xr.Dataset) -> dict[str, Any]:
         "hidden": [dataset.sizes[f"unit_{layer}"] for layer in range(layers - 1)] or None,
         "hash": attributes["data_hash"],
         "data": None
-        if not whole
+        if not has_fit
         else {
             "rows": int(attributes["data_rows"]),
             "held_out": int(attributes["held_out"]),
             **_origin(json.loads(attributes["provenance"])),
         },
         "coordinates": [{**row, "noise": sigma * row["scale"]} for row in coordinates],
-        "fit": _fit(dataset, names[:nx], units[:nx]) if whole else None,
+        "fit": _fit(dataset, names[:nx], units[:nx]) if has_fit else None,
     }
 
 
@@ -98,13 +98,13 @@ def _fit(dataset: xr.Dataset, names: list[str], units: list[str]) -> dict[str, A
     """Errors on held-out rows in the states' units, and relative to their standard deviations."""
     from dynamics.learned.fit import Fit
 
-    found = Fit.of(dataset)
-    scaled = (found.clean * found.y_scale, found.noised * found.y_scale)
-    errors = (*scaled, found.clean, found.noised)
+    fit = Fit.of(dataset)
+    scaled = (fit.clean * fit.y_scale, fit.noised * fit.y_scale)
+    errors = (*scaled, fit.clean, fit.noised)
     keys = ("name", "unit", "clean", "noised", "clean_relative", "noised_relative")
-    rays = (found.distances, found.displacement, found.outside)
+    rays = (fit.distances, fit.displacement, fit.outside)
     return {
-        "sigma": found.sigma,
+        "sigma": fit.sigma,
         "states": [dict(zip(keys, row, strict=True)) for row in zip(names, units, *errors, strict=True)],
         "outside": [
             dict(zip(("distance", "displacement", "beyond"), row, strict=True)) for row in zip(*rays, strict=True)
@@ -121,33 +121,33 @@ def _coordinates(
             "name": name,
             "unit": unit,
             "role": "state" if i < nx else "input",
-            "least": float(least),
-            "most": float(most),
+            "least": float(lowest),
+            "most": float(highest),
             "shift": float(centre),
             "scale": float(width),
         }
-        for i, (name, unit, least, most, centre, width) in enumerate(columns)
+        for i, (name, unit, lowest, highest, centre, width) in enumerate(columns)
     ]
 
 
 def lines(document: Mapping[str, Any]) -> list[str]:
     """Origin of transitions or of a model, line by line."""
-    whose = document["problem"] or "an unnamed system"
+    system_name = document["problem"] or "an unnamed system"
     data_hash = f"data {document['hash'][:16]}"
     if document["kind"] == "transitions":
         return [
-            f"{document['rows']} transitions of {whose}, {document['how'] or 'from elsewhere'}",
+            f"{document['rows']} transitions of {system_name}, {document['how'] or 'from elsewhere'}",
             *_drawn(document),
             data_hash,
         ]
     data, sizes = document["data"], document["hidden"]
     shape = f", hidden layers of {', '.join(map(str, sizes))}" if sizes else ""
-    head = f"{document['kind']} of {whose}{shape}: sigma {document['sigma']:g}, normalised"
+    head = f"{document['kind']} of {system_name}{shape}: sigma {document['sigma']:g}, normalised"
     if data is None:
         return [head, data_hash]
-    seen = f"learned from {data['rows'] - data['held_out']} transitions, {data['held_out']} held out"
-    how = _drawn(data) or [data["how"] or "imported"]
-    return [head, f"{seen}, seed {document['seed']}", *how, data_hash]
+    split_text = f"learned from {data['rows'] - data['held_out']} transitions, {data['held_out']} held out"
+    sampling_lines = _drawn(data) or [data["how"] or "imported"]
+    return [head, f"{split_text}, seed {document['seed']}", *sampling_lines, data_hash]
 
 
 def _drawn(document: Mapping[str, Any]) -> list[str]:
@@ -161,8 +161,8 @@ def _drawn(document: Mapping[str, Any]) -> list[str]:
 def tables(document: Mapping[str, Any]) -> list[Group]:
     """Ranges and scales of the data; for a model its errors, and its predictions away from data."""
     fitted = document.get("fit") is not None
-    own = [fit_table(document), outside_table(document)] if fitted else []
-    return [coordinate_table(document), *own]
+    model_tables = [fit_table(document), outside_table(document)] if fitted else []
+    return [coordinate_table(document), *model_tables]
 
 
 def coordinate_table(document: Mapping[str, Any]) -> Group:
@@ -205,16 +205,16 @@ def training_progress(quiet: bool, epochs: int) -> Iterator[Callable[[Epoch, str
 
     Each line begins with the text that comes with the epoch.
     """
-    began, first = time.monotonic(), dict[str, int]()
+    start_s, first = time.monotonic(), dict[str, int]()
     with live(quiet, every_s=math.inf) as show:
 
         def report(epoch: Epoch, name: str) -> None:
             done = epoch.number - first.setdefault(name, epoch.number - 1)
-            seconds = (time.monotonic() - began) / done
-            left = f", {seconds * (epochs - epoch.number):.0f} s left"
+            seconds = (time.monotonic() - start_s) / done
+            time_left = f", {seconds * (epochs - epoch.number):.0f} s left"
             errors = f"loss {number(epoch.train, 3)}, held out {number(epoch.noised, 3)}"
             text = f"{name}epoch {epoch.number} of {epochs}, {errors}"
-            now = epoch.number % 10 == 0 or epoch.number == epochs
-            show(text if now else "", now, lambda: Text(text + left))
+            is_due = epoch.number % 10 == 0 or epoch.number == epochs
+            show(text if is_due else "", is_due, lambda: Text(text + time_left))
 
         yield report

@@ -35,8 +35,8 @@ _AROUND = {"norm": "||", "abs": "||", "dot": " '", "macron": "  "}
 
 def plain(line: str) -> str:
     """Write ``line`` of typst's mathematics as a terminal shows it: ``abs(x)^2`` as ``|x|²``."""
-    found, open_ = [], []
-    after = ""
+    tokens, open_brackets = [], []
+    brackets = ""
     for match in _TOKEN.finditer(line):
         token = match.group()
         if match["text"] is not None:
@@ -44,23 +44,23 @@ def plain(line: str) -> str:
         elif match["sum"]:
             token = f"sum_{match['index']}"
         elif match["word"] and line[match.end() : match.end() + 1] == "(" and token in _AROUND:
-            after, token = _AROUND[token], ""
+            brackets, token = _AROUND[token], ""
         elif match["word"]:
             token = _WORDS.get(token, token)
         elif match["fraction"]:
             token = "/"
         elif token == "(":
-            open_.append(after or "()")
-            token, after = open_[-1][0].strip(), ""
-        elif token == ")" and open_:
-            token = open_.pop()[1].strip()
-        found.append(token)
-    return _tidy("".join(found))
+            open_brackets.append(brackets or "()")
+            token, brackets = open_brackets[-1][0].strip(), ""
+        elif token == ")" and open_brackets:
+            token = open_brackets.pop()[1].strip()
+        tokens.append(token)
+    return _tidy("".join(tokens))
 
 
 def _tidy(text: str) -> str:
     """Powers as superscripts, derivatives as ``dF/dx``, a difference as one word."""
-    for sign, written in (
+    for sign, replacement in (
         ("^2", "²"),
         ("^4", "⁴"),
         ("^+", "+"),
@@ -71,7 +71,7 @@ def _tidy(text: str) -> str:
         ("_-", "-"),
         ("_±", "±"),
     ):
-        text = text.replace(sign, written)
+        text = text.replace(sign, replacement)
     text = re.sub(r"\(d (\w+)\)", r"d\1", text)
     return re.sub(r"\bd (?=[a-z]_|q\b)", "d", text).strip()
 
@@ -84,9 +84,9 @@ def full_citation(key: str) -> str:
     """Return an entry as its style writes it; a key that is not there stands for itself."""
     import typst
 
-    page, given = str(_ROOT / "templates" / "citation.typ"), {"key": key}
+    page, inputs = str(_ROOT / "templates" / "citation.typ"), {"key": key}
     try:
-        set_page = typst.compile(page, root=str(_ROOT), format="html", ignore_system_fonts=True, sys_inputs=given)
+        set_page = typst.compile(page, root=str(_ROOT), format="html", ignore_system_fonts=True, sys_inputs=inputs)
     except typst.TypstError:
         return key
     cited = set_page.decode().partition("<p>")[2].partition("</p>")[0]
@@ -120,15 +120,15 @@ def powers(unit: str) -> str:
     """Write ``m/s^2`` as ``m/s²``, ``1/m^2`` as ``m⁻²`` and that of a number as nothing."""
     if unit == "1":
         return ""
-    if found := re.fullmatch(r"1/([A-Za-z]+)(?:\^(\d+))?", unit):
-        return found[1] + f"-{found[2] or 1}".translate(_RAISED)
+    if reciprocal := re.fullmatch(r"1/([A-Za-z]+)(?:\^(\d+))?", unit):
+        return reciprocal[1] + f"-{reciprocal[2] or 1}".translate(_RAISED)
     return re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_RAISED), unit)
 
 
 def label(name: str, unit: str) -> str:
     """Axis label: a name with its unit in brackets."""
-    shown = powers(unit)
-    return f"{name} [{shown}]" if shown else name
+    unit_text = powers(unit)
+    return f"{name} [{unit_text}]" if unit_text else name
 
 
 def symbol(name: str) -> str:

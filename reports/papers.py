@@ -53,22 +53,22 @@ def solution_figure(view: RunView) -> Figure:
     Raises :class:`~ocp.errors.InputError` for a run that is no solve.
     """
     view.run.check_solve()
-    shown = groups(view)
-    rows = -(-len(shown) // _COLUMNS)
-    drawn = view.picture is not None
+    signal_groups = groups(view)
+    rows = -(-len(signal_groups) // _COLUMNS)
+    has_picture = view.picture is not None
     figure = Figure(figsize=(WIDTH, _ROW * rows + 0.4))
-    grid = figure.add_gridspec(rows + drawn, min(_COLUMNS, len(shown)))
-    if drawn:
+    grid = figure.add_gridspec(rows + has_picture, min(_COLUMNS, len(signal_groups)))
+    if has_picture:
         strobe = figure.add_subplot(grid[0, :])
         draw_strobe(strobe, view)
         ratio = float(np.ptp(strobe.get_ylim()) / np.ptp(strobe.get_xlim()))
         height = float(np.clip(0.9 * WIDTH * ratio + 0.6, 1.4, _STROBE_TALLEST))
         grid.set_height_ratios([height, *[_ROW] * rows])
         figure.set_figheight(height + _ROW * rows + 0.4)
-    for place, group in enumerate(shown):
+    for place, group in enumerate(signal_groups):
         row, column = divmod(place, _COLUMNS)
-        _draw(figure.add_subplot(grid[row + drawn, column]), view.time, group)
-    if any(group.replayed is not None for group in shown):
+        _draw(figure.add_subplot(grid[row + has_picture, column]), view.time, group)
+    if any(group.replayed is not None for group in signal_groups):
         law = view.run.record.get("contact", "chosen")
         texts = f"planned under the {law} law", "replayed under the exact law"
         handles = [
@@ -80,19 +80,19 @@ def solution_figure(view: RunView) -> Figure:
 
 def groups(view: RunView) -> list[SignalGroup]:
     """States and inputs unit by unit in the order of the system, then the contacts that act."""
-    found = []
+    signal_groups = []
     for kind, name in (("states", "x"), ("inputs", "u")):
-        values, again = view.array(name), view.array(f"{name}_replay")
+        values, replayed_array = view.array(name), view.array(f"{name}_replay")
         if values is None:
             continue
         signals = view.signals(kind)
         for unit in dict.fromkeys(signal.unit for signal in signals):
-            own = [i for i, signal in enumerate(signals) if signal.unit == unit]
-            replayed = None if again is None else again[..., own]
-            names = [signals[i].name for i in own]
-            found.append(SignalGroup(label(kind, unit), names, values[..., own], replayed))
+            unit_indices = [i for i, signal in enumerate(signals) if signal.unit == unit]
+            replayed = None if replayed_array is None else replayed_array[..., unit_indices]
+            names = [signals[i].name for i in unit_indices]
+            signal_groups.append(SignalGroup(label(kind, unit), names, values[..., unit_indices], replayed))
     pushed = _pushed(view)
-    return found if pushed is None else [*found, pushed]
+    return signal_groups if pushed is None else [*signal_groups, pushed]
 
 
 def _pushed(view: RunView) -> SignalGroup | None:
@@ -101,29 +101,29 @@ def _pushed(view: RunView) -> SignalGroup | None:
     if forces is None or not acting:
         return None
     planned, *replayed = (size[None][..., [*acting]] for size in sizes.values())
-    what = "impulses" if forces.unit == "N s" else "contact forces"
-    return SignalGroup(label(what, forces.unit), [*acting.values()], planned, *(replayed or [None]))
+    noun = "impulses" if forces.unit == "N s" else "contact forces"
+    return SignalGroup(label(noun, forces.unit), [*acting.values()], planned, *(replayed or [None]))
 
 
 def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
     for values, dash in zip((group.planned, group.replayed), _DASHES, strict=True):
         if values is None:
             continue
-        look = {"linestyle": dash, "linewidth": 1.1 if len(values) == 1 else 0.6}
+        style = {"linestyle": dash, "linewidth": 1.1 if len(values) == 1 else 0.6}
         for i, name in enumerate(group.names):
             for scenario, line in enumerate(values[..., i]):
                 # The colours of the first six are apart in grey print; the others have marks too.
                 mark = {"marker": "so^D"[i // 6 % 4], "markevery": 5 + i % 6} if i >= 6 else {}
                 color = CYCLE[i % len(CYCLE)]
-                text = name if dash == _DASHES[0] and scenario == 0 else None
+                line_label = name if dash == _DASHES[0] and scenario == 0 else None
                 if line.size < time.size:
-                    axis.stairs(line, time, baseline=None, color=color, label=text, **look)
+                    axis.stairs(line, time, baseline=None, color=color, label=line_label, **style)
                 else:
-                    axis.plot(time, line, color=color, label=text, **look, **mark)
+                    axis.plot(time, line, color=color, label=line_label, **style, **mark)
     low, high = axis.get_ylim()
     if high - low < _LEVEL * max(abs(low), abs(high)):
-        half = 0.05 * max(abs(low), abs(high))
-        low, high = low - half, high + half
+        half_height = 0.05 * max(abs(low), abs(high))
+        low, high = low - half_height, high + half_height
     columns = 1 + len(group.names) // 4
     rows = -(-len(group.names) // columns)
     # Names stand in a part of their own, above the lines.
@@ -169,17 +169,17 @@ def format_of(file: Path) -> str:
     return ending
 
 
-def bare(run: StoredRun, ending: str, panel: str | None = None, own: ProblemSpec | None = None) -> bytes:
+def bare(run: StoredRun, ending: str, panel: str | None = None, file_spec: ProblemSpec | None = None) -> bytes:
     """Draw a stored study or solve, or only its panel ``"a"``, ``"b"``, ...
 
-    ``own`` is the problem in a file that a person named.
+    ``file_spec`` is the problem in a file that a person named.
     Raises :class:`~ocp.errors.InputError` for a run of another kind, and as :func:`render` does.
     """
     with styled():
         if run.kind == "figure":
             figure = DRAWINGS[run.meta["problem"]].draw(run.data)
         else:
-            figure = literal(solution_figure(RunView.of(run, own)))
+            figure = literal(solution_figure(RunView.of(run, file_spec)))
         return render(figure, ending, panel)
 
 
@@ -192,18 +192,18 @@ def render(figure: Figure, ending: str, panel: str | None = None) -> bytes:
     Raises :class:`~ocp.errors.InputError` for an unknown ``ending`` or panel.
     """
     choose("format", ending, FORMATS)
-    shown = panels(figure)
+    shown_axes = panels(figure)
     box = None
     if panel is not None:
-        letters = ascii_lowercase[: len(shown)]
+        letters = ascii_lowercase[: len(shown_axes)]
         if len(panel) != 1 or panel not in letters:
-            known = f"a to {letters[-1]}" if len(letters) > 1 else "only a"
-            raise InputError(f"unknown panel {panel!r}; the figure has {known}")
-        box = _alone(figure, shown[letters.index(panel)])
+            letters_text = f"a to {letters[-1]}" if len(letters) > 1 else "only a"
+            raise InputError(f"unknown panel {panel!r}; the figure has {letters_text}")
+        box = _alone(figure, shown_axes[letters.index(panel)])
     else:
         width, height = figure.get_size_inches()
-        if len(shown) > 1:
-            for letter, axis in zip(ascii_lowercase, shown, strict=False):
+        if len(shown_axes) > 1:
+            for letter, axis in zip(ascii_lowercase, shown_axes, strict=False):
                 place = "center" if axis.get_title("center") else "left"
                 axis.set_title(f"({letter}) {axis.get_title(place)}".rstrip(), loc=place)
             figure.set_size_inches(BOTH, height)
@@ -227,7 +227,7 @@ def _alone(figure: Figure, axis: Axes) -> Bbox:
     """
     canvas, key = FigureCanvasAgg(figure), _lend_key(axis)
     figure.draw_without_rendering()
-    wanted = BOTH if axis.bbox.width > _HALF * figure.bbox.width else COLUMN
+    target_width = BOTH if axis.bbox.width > _HALF * figure.bbox.width else COLUMN
     for other in figure.axes:
         if other is not axis:
             _lend_labels(other, axis)
@@ -239,9 +239,9 @@ def _alone(figure: Figure, axis: Axes) -> Bbox:
             _put_below(key, axis, canvas)
         covered = _covered(axis, canvas)
         wide, tall = figure.get_size_inches()
-        growth = (wanted - 2 * _PAD) * figure.dpi / covered.width
+        growth = (target_width - 2 * _PAD) * figure.dpi / covered.width
         height = covered.height / figure.dpi
-        figure.set_size_inches(wide * growth, tall * min(growth, _TALLEST * wanted / height))
+        figure.set_size_inches(wide * growth, tall * min(growth, _TALLEST * target_width / height))
     figure.draw_without_rendering()
     if key is not None:
         _put_below(key, axis, canvas)
@@ -258,14 +258,14 @@ def _covered(axis: Axes, canvas: FigureCanvasAgg) -> Bbox:
 
 def _lend_labels(other: Axes, axis: Axes) -> None:
     """Give ``axis`` the labels that it left to one of its column or row with the same scale."""
-    here, there = axis.get_position(), other.get_position()
+    axis_box, other_box = axis.get_position(), other.get_position()
     if axis.get_shared_x_axes().joined(axis, other) or (
-        np.allclose((here.x0, here.x1), (there.x0, there.x1), atol=_NEAR)
+        np.allclose((axis_box.x0, axis_box.x1), (other_box.x0, other_box.x1), atol=_NEAR)
         and np.array_equal(axis.get_xlim(), other.get_xlim())
     ):
         axis.set_xlabel(axis.get_xlabel() or other.get_xlabel())
     if axis.get_shared_y_axes().joined(axis, other) or (
-        np.allclose((here.y0, here.y1), (there.y0, there.y1), atol=_NEAR)
+        np.allclose((axis_box.y0, axis_box.y1), (other_box.y0, other_box.y1), atol=_NEAR)
         and np.array_equal(axis.get_ylim(), other.get_ylim())
     ):
         axis.set_ylabel(axis.get_ylabel() or other.get_ylabel())
@@ -280,27 +280,27 @@ def _lend_key(axis: Axes) -> Legend | None:
     root = axis.get_figure(root=True)
     assert root is not None
     own_part = axis.get_figure(root=False)
-    lent = None
-    for part in (root, *root.subfigs):
-        for key in part.legends:
+    lent_legend = None
+    for subfigure in (root, *root.subfigs):
+        for key in subfigure.legends:
             key.set_visible(False)
             key.set_in_layout(False)
-            if part in (root, own_part):
-                lent = key
-    if lent is None:
+            if subfigure in (root, own_part):
+                lent_legend = key
+    if lent_legend is None:
         return None
-    own = axis.get_legend()
-    handles = [handle for handle in lent.legend_handles if handle is not None]
-    texts = [text.get_text() for text in lent.get_texts()]
+    own_legend = axis.get_legend()
+    handles = [handle for handle in lent_legend.legend_handles if handle is not None]
+    texts = [text.get_text() for text in lent_legend.get_texts()]
     below = axis.legend(handles, texts, loc="upper center", ncols=2)
-    if own is not None:
-        axis.add_artist(own)
+    if own_legend is not None:
+        axis.add_artist(own_legend)
     return below
 
 
 def _put_below(key: Legend, axis: Axes, canvas: FigureCanvasAgg) -> None:
     """Put a key right under an axis and all that is written below it."""
-    written = axis.xaxis.get_tightbbox(canvas.get_renderer())
-    low = axis.bbox.y0 if written is None else min(axis.bbox.y0, written.y0)
+    label_box = axis.xaxis.get_tightbbox(canvas.get_renderer())
+    low = axis.bbox.y0 if label_box is None else min(axis.bbox.y0, label_box.y0)
     place = (low - axis.bbox.y0) / axis.bbox.height
     key.set_bbox_to_anchor((0.5, place), transform=axis.transAxes)

@@ -28,33 +28,33 @@ def write_pdf(
     runs: Sequence[StoredRun],
     path: Path,
     cones: bool = False,
-    own: ProblemSpec | None = None,
+    file_spec: ProblemSpec | None = None,
     signals: str | None = None,
 ) -> None:
     """Write a report of one run, or of several solves, trainings or closed loops.
 
-    Friction cones are drawn where ``cones``; ``own`` is the problem of a user's file; ``signals``
+    Friction cones are drawn where ``cones``; ``file_spec`` is the problem of a user's file; ``signals``
     are those of a solve that are drawn, None for all.
     Raises :class:`~ocp.errors.InputError` where the file cannot be written, where runs cannot be
     compared, or where a problem's typst equations do not compile.
     """
-    atomic.write(path, render(runs, cones, own, signals), "the PDF")
+    atomic.write(path, render(runs, cones, file_spec, signals), "the PDF")
 
 
 def render(
     runs: Sequence[StoredRun],
     cones: bool = False,
-    own: ProblemSpec | None = None,
+    file_spec: ProblemSpec | None = None,
     signals: str | None = None,
 ) -> bytes:
     """Return the PDF's bytes."""
-    views = [RunView.of(run, own) for run in runs]
+    views = [RunView.of(run, file_spec) for run in runs]
     with styled():
-        template, content, figures = _page(views, cones, own, signals)
+        template, content, figures = _page(views, cones, file_spec, signals)
         if template != "study.typ":
             figures = {name: literal(figure) for name, figure in figures.items()}
-        drawn = {name: to_svg(figure) for name, figure in figures.items()}
-    return _typeset(template, content, drawn)
+        svg_figures = {name: to_svg(figure) for name, figure in figures.items()}
+    return _typeset(template, content, svg_figures)
 
 
 PAGES = {
@@ -71,7 +71,7 @@ _TEMPLATES_OF = {"continue": "continuation", "figure": "study", "train": "traini
 
 
 def _page(
-    views: list[RunView], cones: bool, own: ProblemSpec | None, signals: str | None
+    views: list[RunView], cones: bool, file_spec: ProblemSpec | None, signals: str | None
 ) -> tuple[str, dict[str, Any], dict[str, Figure]]:
     """Template, content and figures of the views."""
     kinds = {view.run.kind for view in views}
@@ -88,16 +88,16 @@ def _page(
     (kind,) = kinds
     module, _, name = PAGES[kind].rpartition(".")
     page = getattr(import_module(module), name)
-    given: dict[str, tuple[Any, ...]] = {
+    page_arguments: dict[str, tuple[Any, ...]] = {
         "solve": (views[0], cones, signals),
         "continue": (views[0], cones),
         "sweep": (views[0],),
-        "estimate": (views[0].run, own),
+        "estimate": (views[0].run, file_spec),
         "figure": (views[0].run,),
         "train": (views,),
         "closed-loop": (views,),
     }
-    return (f"{_TEMPLATES_OF.get(kind, kind)}.typ", *page(*given[kind]))
+    return (f"{_TEMPLATES_OF.get(kind, kind)}.typ", *page(*page_arguments[kind]))
 
 
 _SCALES = (1.0, 0.94, 0.88, 0.82, 0.76)

@@ -28,7 +28,7 @@ def report(solution: Solution, path: Path) -> Path:
     """Write the PDF of a solution, stored or not."""
     from reports.pdf import write_pdf
 
-    write_pdf([store.in_memory_run(solution)], path, own=_own(solution))
+    write_pdf([store.in_memory_run(solution)], path, file_spec=_file_spec(solution))
     return path
 
 
@@ -62,7 +62,7 @@ def html(solution: Solution) -> str:
     headline, *findings = solution.verdict.split("\n")
     with styled():
         view = _view(solution)
-        drawn = base64.b64encode(to_svg(literal(strobe(view) or trajectories(view)))).decode()
+        svg_base64 = base64.b64encode(to_svg(literal(strobe(view) or trajectories(view)))).decode()
     name = str(solution.record["problem"])
     rows = "".join(
         f'<tr><th style="text-align:left">{escape(key)}</th><td>{escape(value)}</td></tr>'
@@ -73,15 +73,15 @@ def html(solution: Solution) -> str:
         f"<p><strong>{escape(headline)}</strong><br>"
         f"{'<br>'.join(map(escape, findings))}</p>"
         f'<img alt="{escape(name)}, drawn at several instants" style="background:white;'
-        f'max-width:100%" src="data:image/svg+xml;base64,{drawn}">'
+        f'max-width:100%" src="data:image/svg+xml;base64,{svg_base64}">'
         f"<table><tbody>{rows}</tbody></table></div>"
     )
 
 
 def _numbers(solution: Solution) -> dict[str, str]:
     record = solution.record
-    given = record["law_parameters"].items()
-    parameters = ", ".join(f"{name} = {value:g}" for name, value in given)
+    law_parameters = record["law_parameters"].items()
+    parameters = ", ".join(f"{name} = {value:g}" for name, value in law_parameters)
     return {
         "problem": f"{record['problem']}, N = {record['N']}",
         "law": f"{record['contact']}{f', {parameters}' if parameters else ''}",
@@ -93,10 +93,10 @@ def _numbers(solution: Solution) -> dict[str, str]:
 def _view(solution: Solution) -> RunView:
     from reports.view import RunView
 
-    return RunView.of(store.in_memory_run(solution), _own(solution))
+    return RunView.of(store.in_memory_run(solution), _file_spec(solution))
 
 
-def _own(solution: Solution) -> ProblemSpec | None:
+def _file_spec(solution: Solution) -> ProblemSpec | None:
     """The problem of a user's file, if this process loaded one."""
     from problems.registry import load
 

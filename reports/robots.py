@@ -52,7 +52,10 @@ def tables(content: Mapping[str, Any]) -> Iterator[tuple[str, Table]]:
                 "contact",
                 ">friction",
                 ">distance at home [m]",
-                rows=[(one["name"], number(one["friction"]), number(one["distance"])) for one in contacts[:MOST_ROWS]],
+                rows=[
+                    (contact["name"], number(contact["friction"]), number(contact["distance"]))
+                    for contact in contacts[:MOST_ROWS]
+                ],
             ),
         )
 
@@ -67,12 +70,12 @@ def _motor(motor: Mapping[str, Any]) -> tuple[str, ...]:
 
 def lines(content: Mapping[str, Any]) -> Iterator[str]:
     """Home, and what of the file is not used."""
-    if more := len(content["contacts"][MOST_ROWS:]):
-        yield f"{more} more contacts: --json lists all."
-    home = ", ".join(f"{one['name']} {number(one['home'])}" for one in content["coordinates"])
+    if n_more := len(content["contacts"][MOST_ROWS:]):
+        yield f"{n_more} more contacts: --json lists all."
+    home = ", ".join(f"{coordinate['name']} {number(coordinate['home'])}" for coordinate in content["coordinates"])
     yield f"Home: {home}."
     yield from content["notes"]
     if content["ignored"]:
         yield "Not used:"
-    for told in content["ignored"]:
-        yield f"- {told}"
+    for feature in content["ignored"]:
+        yield f"- {feature}"

@@ -46,32 +46,32 @@ def laws() -> list[SettingGroup]:
 def law(name: str) -> SettingGroup:
     """The settings of a law of a user's file; one that is not declared has no meaning here."""
     cls = law_class(name)
-    plain = {
-        key: Setting(key, "value", None if one.default is one.empty else one.default, "")
-        for key, one in signature(cls).parameters.items()
+    undeclared = {
+        key: Setting(key, "value", None if parameter.default is parameter.empty else parameter.default, "")
+        for key, parameter in signature(cls).parameters.items()
     }
-    known = plain | {one.name: one for one in declared(cls)}
-    return SettingGroup(cls.name, "-c NAME=VALUE", cls.summary, [*known.values()])
+    settings_by_name = undeclared | {parameter.name: parameter for parameter in declared(cls)}
+    return SettingGroup(cls.name, "-c NAME=VALUE", cls.summary, [*settings_by_name.values()])
 
 
 def methods() -> list[SettingGroup]:
     """Methods, settings of a solve, strategies and policies."""
-    found = [Setting(name, "", None, method.summary) for name, method in METHODS.items()]
-    about = "how a problem becomes a program"
-    return [SettingGroup("methods", "--method NAME", about, found), solves(), strategies(), *policies()]
+    method_settings = [Setting(name, "", None, method.summary) for name, method in METHODS.items()]
+    summary = "how a problem becomes a program"
+    return [SettingGroup("methods", "--method NAME", summary, method_settings), solves(), strategies(), *policies()]
 
 
 def strategies() -> SettingGroup:
     """Strategies of exact complementarity, and what each is for."""
-    about = "which for what, of the direct method under the exact law"
-    found = [Setting(name, "", None, meaning) for name, meaning in STRATEGY_USES.items()]
-    return SettingGroup("strategies", "-s strategy=NAME", about, found)
+    summary = "which for what, of the direct method under the exact law"
+    strategy_settings = [Setting(name, "", None, meaning) for name, meaning in STRATEGY_USES.items()]
+    return SettingGroup("strategies", "-s strategy=NAME", summary, strategy_settings)
 
 
 def solves() -> SettingGroup:
     """Our own settings of a solve."""
-    about = "method, homotopy and solver of a solve"
-    return SettingGroup("solve", "-s NAME=VALUE", about, declared(Settings))
+    summary = "method, homotopy and solver of a solve"
+    return SettingGroup("solve", "-s NAME=VALUE", summary, declared(Settings))
 
 
 def policies() -> list[SettingGroup]:
@@ -103,12 +103,12 @@ def training() -> list[SettingGroup]:
 
 def solver(name: str) -> SettingGroup:
     """The options of a solver, from its documentation, with our defaults."""
-    given: dict[str, Any] = IPOPT_DEFAULTS if name == "ipopt" else {}
-    found = [
-        Setting(key, option.expected, given.get(key, option.default), option.meaning)
+    own_defaults: dict[str, Any] = IPOPT_DEFAULTS if name == "ipopt" else {}
+    option_settings = [
+        Setting(key, option.expected, own_defaults.get(key, option.default), option.meaning)
         for key, option in documented(name).items()
     ]
-    return SettingGroup(name, "-s NAME=VALUE", SOLVERS[name], found)
+    return SettingGroup(name, "-s NAME=VALUE", SOLVERS[name], option_settings)
 
 
 def groups() -> list[SettingGroup]:
@@ -123,9 +123,11 @@ def kinds() -> dict[str, list[SettingGroup]]:
 
 def changed(group: SettingGroup) -> SettingGroup:
     """The options of a solver whose default here differs from the solver's own."""
-    own = documented(group.name)
-    kept = [one for one in group.settings if default_text(one.default) != own[one.name].default]
-    return replace(group, settings=kept)
+    solver_options = documented(group.name)
+    changed_settings = [
+        setting for setting in group.settings if default_text(setting.default) != solver_options[setting.name].default
+    ]
+    return replace(group, settings=changed_settings)
 
 
 def matching(word: str) -> list[SettingGroup]:
@@ -144,26 +146,29 @@ def matching(word: str) -> list[SettingGroup]:
         return [solver(word)]
     if word in named:
         return [named[word]]
-    every = [*named.values(), *map(solver, SOLVERS)]
-    last = word.rpartition(".")[2]
-    found = [replace(group, settings=[one for one in group.settings if one.name == last]) for group in every]
-    if not any(group.settings for group in found):
+    all_groups = [*named.values(), *map(solver, SOLVERS)]
+    setting_name = word.rpartition(".")[2]
+    matching_groups = [
+        replace(group, settings=[setting for setting in group.settings if setting.name == setting_name])
+        for group in all_groups
+    ]
+    if not any(group.settings for group in matching_groups):
         choices = [*kinds(), *named, *SOLVERS]
-        choices += [one.name for group in every for one in group.settings]
+        choices += [setting.name for group in all_groups for setting in group.settings]
         raise InputError(
             f"unknown name {word!r}{did_you_mean(word, choices)}; groups:"
             f" {', '.join(dict.fromkeys([*kinds(), *named, *SOLVERS]))}"
         )
-    return [group for group in found if group.settings]
+    return [group for group in matching_groups if group.settings]
 
 
-def line(one: Setting) -> str:
+def line(setting: Setting) -> str:
     """A setting as it is typed, its type and its meaning, on lines of 80 columns."""
-    default = default_text(one.default)
-    text = f"{one.name}={default}" if default else one.name
-    kind = f" ({one.kind})" if one.kind else ""
+    default = default_text(setting.default)
+    text = f"{setting.name}={default}" if default else setting.name
+    kind = f" ({setting.kind})" if setting.kind else ""
     return fill(
-        f"{text}{kind}: {one.meaning}".rstrip(": "),
+        f"{text}{kind}: {setting.meaning}".rstrip(": "),
         80,
         initial_indent="  ",
         subsequent_indent="      ",

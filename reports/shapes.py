@@ -76,30 +76,30 @@ def outline(shape: Shape) -> Path:
             return Path.circle((x, y), radius)
         case Box():
             radius = min(shape.rounding, shape.width / 2, shape.height / 2)
-            half = np.array([shape.width, shape.height]) / 2 - radius
-            corners = half * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+            half_sides = np.array([shape.width, shape.height]) / 2 - radius
+            corners = half_sides * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
             points = _grown(corners, radius) if radius else corners
             place = Affine2D().rotate(shape.angle).translate(shape.x, shape.y)
             return _closed(place.transform(points))
         case Polygon(corners, radius):
-            at = np.array(corners)
-            return _closed(_grown(at, radius) if radius else at)
+            corner_array = np.array(corners)
+            return _closed(_grown(corner_array, radius) if radius else corner_array)
         case Capsule(x1, y1, x2, y2, radius):
-            along = np.array([x2 - x1, y2 - y1])
-            if not along.any():
+            direction = np.array([x2 - x1, y2 - y1])
+            if not direction.any():
                 return Path.circle((x1, y1), radius)
-            angles = math.atan2(along[1], along[0]) + _HALF_TURN
+            angles = math.atan2(direction[1], direction[0]) + _HALF_TURN
             cap = radius * np.column_stack([np.cos(angles), np.sin(angles)])
             return _closed(np.concatenate([np.array([x2, y2]) + cap, np.array([x1, y1]) - cap]))
         case Segment(x1, y1, x2, y2):
             return Path([(x1, y1), (x2, y2)])
         case Spring(x1, y1, x2, y2):
-            along = np.array([x2 - x1, y2 - y1])
-            length = float(np.linalg.norm(along)) or 1.0
-            across = np.array([-along[1], along[0]]) / length * COIL
+            direction = np.array([x2 - x1, y2 - y1])
+            length = float(np.linalg.norm(direction)) or 1.0
+            across = np.array([-direction[1], direction[0]]) / length * COIL
             place = np.linspace(0, 1, 2 * COILS + 2)
             side = np.array([0, *([1, -1] * COILS), 0])
-            return Path(np.array([x1, y1]) + np.outer(place, along) + np.outer(side, across))
+            return Path(np.array([x1, y1]) + np.outer(place, direction) + np.outer(side, across))
     raise TypeError(f"a {type(shape).__name__} has no outline")
 
 
@@ -109,8 +109,8 @@ def _closed(points: np.ndarray) -> Path:
 
 def _grown(corners: np.ndarray, radius: float) -> np.ndarray:
     """Outline of everything within ``radius`` of a convex polygon, counter-clockwise, (n, 2)."""
-    along = np.roll(corners, -1, axis=0) - corners
-    leaving = np.arctan2(along[:, 1], along[:, 0]) - math.pi / 2
+    edges = np.roll(corners, -1, axis=0) - corners
+    leaving = np.arctan2(edges[:, 1], edges[:, 0]) - math.pi / 2
     arriving = np.roll(leaving, 1)
     rounded = []
     for corner, start, turn in zip(corners, arriving, (leaving - arriving) % (2 * math.pi), strict=True):
@@ -122,11 +122,11 @@ def _grown(corners: np.ndarray, radius: float) -> np.ndarray:
 def beyond(shape: HalfPlane, middle: np.ndarray, reach: float) -> Path:
     """The part of a half plane within ``reach`` [m] of the projection of ``middle`` on its edge."""
     normal = np.array([shape.nx, shape.ny])
-    along = np.array([-shape.ny, shape.nx])
+    direction = np.array([-shape.ny, shape.nx])
     # From the projection of the view's middle, so that the view may move along the edge.
     start = np.array([shape.x, shape.y])
-    start = start + ((middle - start) @ along) * along
-    edge = [start - reach * along, start + reach * along]
+    start = start + ((middle - start) @ direction) * direction
+    edge = [start - reach * direction, start + reach * direction]
     return _closed(np.array([*edge, edge[1] - reach * normal, edge[0] - reach * normal]))
 
 
@@ -156,7 +156,7 @@ def inks(shape: Shape, strength: float = 1.0) -> tuple[Rgba, Rgba]:
 
 def _on_paper(ink: Sequence[float], share: float) -> Rgba:
     """What a share of ink looks like on white, and hides what is below."""
-    red, green, blue = (1 + share * (part - 1) for part in ink)
+    red, green, blue = (1 + share * (channel - 1) for channel in ink)
     return red, green, blue, 1.0
 
 
@@ -168,12 +168,12 @@ def still(frames: Sequence[Sequence[T]], hiding: Sequence[bool]) -> list[T]:
 
     Of what in the first frame is ``hiding`` others, only that with which all frames begin.
     """
-    begun = len([*takewhile(lambda each: len(set(each)) == 1, zip(*frames, strict=False))])
+    n_leading = len([*takewhile(lambda same_place: len(set(same_place)) == 1, zip(*frames, strict=False))])
     common = set.intersection(*map(set, frames))
     return [
-        one
-        for i, (one, hides) in enumerate(zip(frames[0], hiding, strict=True))
-        if one in common and (i < begun or not hides)
+        shape
+        for i, (shape, hides) in enumerate(zip(frames[0], hiding, strict=True))
+        if shape in common and (i < n_leading or not hides)
     ]
 
 
@@ -259,18 +259,19 @@ def film(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
     their own motion.
     """
     boxes = [
-        np.array([bounds(one for one in shapes if not isinstance(one, HalfPlane)) for shapes in play]) for play in plays
+        np.array([bounds(shape for shape in shapes if not isinstance(shape, HalfPlane)) for shapes in play])
+        for play in plays
     ]
-    whole = _union(boxes)
-    size = whole[1] - whole[0]
+    union = _union(boxes)
+    size = union[1] - union[0]
     body = float(np.max(boxes[0][:, 1] - boxes[0][:, 0]))
     travels = size > _TRAVEL * np.maximum(body, size[::-1])
-    middle, size = around(whole)
+    middle, size = around(union)
     if not travels.any():
-        return [Camera(np.tile(middle, (len(own), 1)), size) for own in boxes]
-    size = np.where(travels, _AROUND * body, whole[1] - whole[0] + 2 * _MARGIN * _AROUND * body)
+        return [Camera(np.tile(middle, (len(own_boxes), 1)), size) for own_boxes in boxes]
+    size = np.where(travels, _AROUND * body, union[1] - union[0] + 2 * _MARGIN * _AROUND * body)
     size = np.maximum(size, _LOWEST * size.max())
-    return [Camera(np.where(travels, _follow(own, size), middle), size) for own in boxes]
+    return [Camera(np.where(travels, _follow(own_boxes, size), middle), size) for own_boxes in boxes]
 
 
 def _union(boxes: list[np.ndarray]) -> np.ndarray:

@@ -34,22 +34,25 @@ def seconds_of(data: xr.Dataset) -> xr.DataArray:
 def rows(data: xr.Dataset) -> list[list[str]]:
     """Columns, then one row a law: a problem's cells with excess and survival, then seconds."""
     names = [str(name) for name in data["problem"].values]
-    dear, spent = excess(data).median("seed"), seconds_of(data)
-    survives, of = data["survives"].sum("seed"), data.sizes["seed"]
-    found = [["law", *names, "seconds"]]
+    excesses, seconds = excess(data).median("seed"), seconds_of(data)
+    survives, n_seeds = data["survives"].sum("seed"), data.sizes["seed"]
+    table = [["law", *names, "seconds"]]
     for law, text in described(data.attrs).items():
-        cells = [_cell(float(dear.sel(law=law, problem=p)), int(survives.sel(law=law, problem=p)), of) for p in names]
-        own = spent.sel(law=law)
-        found.append([text, *cells, f"{float(own.min()):.2g} to {float(own.max()):.2g}"])
-    return found
+        cells = [
+            _cell(float(excesses.sel(law=law, problem=p)), int(survives.sel(law=law, problem=p)), n_seeds)
+            for p in names
+        ]
+        law_seconds = seconds.sel(law=law)
+        table.append([text, *cells, f"{float(law_seconds.min()):.2g} to {float(law_seconds.max()):.2g}"])
+    return table
 
 
-def _cell(share: float, lives: int, of: int) -> str:
+def _cell(share: float, n_alive: int, n_runs: int) -> str:
     """Bold within the margin; a check mark where plans survive, with their number if not all do."""
-    word = f"**{dearer(share)}**" if share <= WITHIN else dearer(share)
-    if lives == 0:
-        return word
-    return f"{word} ✓" if lives == of else f"{word} ✓ {lives}/{of}"
+    text = f"**{dearer(share)}**" if share <= WITHIN else dearer(share)
+    if n_alive == 0:
+        return text
+    return f"{text} ✓" if n_alive == n_runs else f"{text} ✓ {n_alive}/{n_runs}"
 
 
 def loop_rows(data: xr.Dataset) -> list[list[str]]:
@@ -59,12 +62,12 @@ def loop_rows(data: xr.Dataset) -> list[list[str]]:
     first horizon.
     """
     tasks = [str(name) for name in data["task"].values]
-    dear, alive = relative(data).median(["plant", "seed"]) - 1, survives(data)
-    lives, of = alive.sum(["plant", "seed"]), alive.count(["plant", "seed"])
-    found = [["planning again", *tasks, "p99 [ms]"]]
+    excesses, alive = relative(data).median(["plant", "seed"]) - 1, survives(data)
+    n_alive, n_runs = alive.sum(["plant", "seed"]), alive.count(["plant", "seed"])
+    table = [["planning again", *tasks, "p99 [ms]"]]
     for name in (*LAWS, *FEEDBACK):
-        own, span = data["ms"].sel(controller=name), "first horizon" if name in FEEDBACK else "run"
-        where = [{"controller": name, "task": task, "span": span} for task in tasks]
-        cells = [_cell(float(dear.sel(a)), int(lives.sel(a)), int(of.sel(a))) for a in where]
-        found.append([name, *cells, f"{float(own.min()):.2g} to {float(own.max()):.2g}"])
-    return found
+        sample_ms, span = data["ms"].sel(controller=name), "first horizon" if name in FEEDBACK else "run"
+        selections = [{"controller": name, "task": task, "span": span} for task in tasks]
+        cells = [_cell(float(excesses.sel(a)), int(n_alive.sel(a)), int(n_runs.sel(a))) for a in selections]
+        table.append([name, *cells, f"{float(sample_ms.min()):.2g} to {float(sample_ms.max()):.2g}"])
+    return table

@@ -61,11 +61,11 @@ def forces_of(view: RunView, suffix: str = "") -> Forces | None:
     # lam of a law averaged over noise has one block a node; the mean is what moves the system.
     mean = [lam[0, :, i :: len(signals)].mean(axis=-1) for i in range(len(signals))]
     pushed = np.stack(mean, axis=1) if mean else np.zeros((lam.shape[1], 0))
-    if view.problem is not None and (sums := view.problem.system.forces) is not None:
+    if view.problem is not None and (force_map := view.problem.system.forces) is not None:
         system, parameters = view.problem.system, view.problem.parameters
-        outputs = [sums.normal, sums.tangential]
-        add_up = ca.Function("forces", [system.lam, parameters.vector], outputs)
-        normal, tangential = (np.asarray(one).T for one in add_up(pushed.T, parameters.values))
+        outputs = [force_map.normal, force_map.tangential]
+        force_function = ca.Function("forces", [system.lam, parameters.vector], outputs)
+        normal, tangential = (np.asarray(forces).T for forces in force_function(pushed.T, parameters.values))
         return Forces(normal, tangential, "N s")
     return Forces(pushed, np.zeros_like(pushed), signals[0].unit if signals else "")
 
@@ -80,8 +80,8 @@ def forces_drawn(forces: Forces | None, contacts: Sequence[Sequence[ContactFrame
 def caption(largest: float, unit: str, rough: bool) -> str:
     """Caption of arrows and, where contacts are ``rough``, of cones."""
     cones = "; shaded: friction cone" if rough else ""
-    what = "impulse" if unit == "N s" else "force"
-    return f"arrows: contact {what}, the longest {largest:.3g} {unit}{cones}"
+    noun = "impulse" if unit == "N s" else "force"
+    return f"arrows: contact {noun}, the longest {largest:.3g} {unit}{cones}"
 
 
 def acting_contacts(view: RunView) -> tuple[dict[str, np.ndarray], dict[int, str]]:
@@ -89,14 +89,14 @@ def acting_contacts(view: RunView) -> tuple[dict[str, np.ndarray], dict[int, str
 
     These are names by column: contacts with a visible force in the plan or in its replay.
     """
-    found = {suffix: forces_of(view, suffix) for suffix in ("", "_replay")}
-    sizes = {key: np.hypot(one.normal, one.friction) for key, one in found.items() if one}
+    forces_by_suffix = {suffix: forces_of(view, suffix) for suffix in ("", "_replay")}
+    sizes = {key: np.hypot(forces.normal, forces.friction) for key, forces in forces_by_suffix.items() if forces}
     if not sizes:
         return {}, {}
-    most = np.max([np.nanmax(size, axis=0, initial=0.0) for size in sizes.values()], axis=0)
-    acting = np.flatnonzero((most > LEAST * most.max(initial=0.0)) & (most > 0))
+    largest_sizes = np.max([np.nanmax(size, axis=0, initial=0.0) for size in sizes.values()], axis=0)
+    acting = np.flatnonzero((largest_sizes > LEAST * largest_sizes.max(initial=0.0)) & (largest_sizes > 0))
     names = [signal.name for signal in view.signals("contacts")]
-    if "point" in view.run.data.coords and view.run.data.sizes["point"] == most.size:
+    if "point" in view.run.data.coords and view.run.data.sizes["point"] == largest_sizes.size:
         names = [str(name) for name in view.run.data["point"].values]
     return sizes, {int(i): names[i] for i in acting}
 
@@ -111,8 +111,8 @@ def visible(
 ) -> Iterator[tuple[ContactFrame, float, float]]:
     """Contacts with their normal and friction force, without the smallest forces."""
     for frame, normal, friction in zip(contacts, *pushes, strict=False):
-        seen = math.hypot(frame.nx, frame.ny)
-        if seen * math.hypot(normal, friction) >= LEAST * largest > 0:
+        length_in_view = math.hypot(frame.nx, frame.ny)
+        if length_in_view * math.hypot(normal, friction) >= LEAST * largest > 0:
             yield frame, float(normal), float(friction)
 
 
@@ -128,12 +128,12 @@ def draw_contacts(
     The ``largest`` force is as long as :func:`longest_arrow`; the smallest are left out.
     """
     longest = longest_arrow(np.ptp([axis.get_xlim(), axis.get_ylim()], axis=1))
-    drawn = list[Artist]()
+    artists = list[Artist]()
     for frame, normal, friction in visible(contacts, pushes, largest):
         if frame.friction and cones:
-            drawn.append(draw_cone(axis, frame, longest, cones))
-        drawn.append(draw_force(axis, frame, normal, friction, longest / largest))
-    return drawn
+            artists.append(draw_cone(axis, frame, longest, cones))
+        artists.append(draw_force(axis, frame, normal, friction, longest / largest))
+    return artists
 
 
 def draw_force(axis: Axes, frame: ContactFrame, normal: float, friction: float, scale: float) -> Artist:
@@ -163,12 +163,12 @@ def draw_force(axis: Axes, frame: ContactFrame, normal: float, friction: float, 
 def draw_cone(axis: Axes, frame: ContactFrame, length: float, strength: float = 1) -> Artist:
     """Draw the friction cone, half as wide as atan(friction) on either side of the normal."""
     middle = math.degrees(math.atan2(frame.ny, frame.nx))
-    half = math.degrees(math.atan(frame.friction))
+    half_angle = math.degrees(math.atan(frame.friction))
     cone = Wedge(
         (frame.x, frame.y),
         CONE * length,
-        middle - half,
-        middle + half,
+        middle - half_angle,
+        middle + half_angle,
         zorder=3,
         facecolor=(PURPLE, 0.22 * strength),
         edgecolor=(PURPLE, 0.8 * strength),
@@ -201,50 +201,50 @@ def strobe(view: RunView, cones: bool = False) -> Figure | None:
 
 def picked_scenarios(count: int) -> list[int]:
     """Numbers of the scenarios that are drawn."""
-    most = min(count, MOST_SCENARIOS)
-    return [int(index) for index in np.linspace(0, count - 1, most).round()]
+    n_picked = min(count, MOST_SCENARIOS)
+    return [int(index) for index in np.linspace(0, count - 1, n_picked).round()]
 
 
-def strobe_rows(shown: Sequence[tuple[str, RunView]], cones: bool = False) -> tuple[list[Figure], str]:
+def strobe_rows(titled_views: Sequence[tuple[str, RunView]], cones: bool = False) -> tuple[list[Figure], str]:
     """Strobes beside each other under their titles, of scenario 0 each, in rows of one figure each.
 
     Views without a picture are left out. Those of one problem have the same limits, and their
     arrows one scale, given in the returned caption; those of several have each its own.
     """
-    shown = [(title, view) for title, view in shown if view.picture is not None]
-    if not shown:
+    titled_views = [(title, view) for title, view in titled_views if view.picture is not None]
+    if not titled_views:
         return [], ""
-    forces = [found for _, view in shown if (found := _forces_drawn(view)) is not None]
-    alike = len({view.run.meta["problem"] for _, view in shown}) == 1
-    largest = max((found.largest for found in forces), default=0.0)
-    count = len(shown)
+    forces = [drawn_forces for _, view in titled_views if (drawn_forces := _forces_drawn(view)) is not None]
+    same_problem = len({view.run.meta["problem"] for _, view in titled_views}) == 1
+    largest = max((drawn_forces.largest for drawn_forces in forces), default=0.0)
+    count = len(titled_views)
     columns = {1: 1, 2: 2, 4: 2}.get(count, 4 if count in (7, 8) or count > 9 else 3)
-    figures, used = list[Figure](), list[Axes]()
-    for start in range(0, len(shown), columns):
+    figures, used_axes = list[Figure](), list[Axes]()
+    for start in range(0, len(titled_views), columns):
         figure = Figure(figsize=(WIDTH, _SMALL))
         axes = figure.subplots(1, columns, squeeze=False)[0]
-        for axis, (title, view) in zip(axes, shown[start : start + columns], strict=False):
-            draw_strobe(axis, view, cones, largest if alike else None)
+        for axis, (title, view) in zip(axes, titled_views[start : start + columns], strict=False):
+            draw_strobe(axis, view, cones, largest if same_problem else None)
             axis.set_title(fill(title, _LETTERS // columns), loc="left", fontsize=7.5)
             axis.tick_params(labelsize=7)
             axis.set_xlabel(axis.get_xlabel(), fontsize=7)
-            axis.set_ylabel("" if alike and axis is not axes[0] else axis.get_ylabel(), fontsize=7)
-            used.append(axis)
-        for axis in axes[len(shown) - start :]:
+            axis.set_ylabel("" if same_problem and axis is not axes[0] else axis.get_ylabel(), fontsize=7)
+            used_axes.append(axis)
+        for axis in axes[len(titled_views) - start :]:
             axis.set_axis_off()
         figures.append(figure)
-    if alike:
-        _one_view(used)
+    if same_problem:
+        _one_view(used_axes)
     # A tall picture among others of several problems must not make all rows tall.
-    ratio = np.median([np.ptp(axis.get_ylim()) / np.ptp(axis.get_xlim()) for axis in used])
-    lines = max(axis.get_title("left").count("\n") for axis in used)
+    ratio = np.median([np.ptp(axis.get_ylim()) / np.ptp(axis.get_xlim()) for axis in used_axes])
+    lines = max(axis.get_title("left").count("\n") for axis in used_axes)
     height = float(np.clip(ratio * 0.85 * WIDTH / columns + 0.55, 1.0, _TALLEST)) + 0.12 * lines
     for figure in figures:
         figure.set_figheight(height)
     if largest <= 0:
         return figures, ""
-    told = "arrows: contact forces, in each picture to its own scale"
-    return figures, caption(largest, forces[0].unit, cones) if alike else told
+    arrow_note = "arrows: contact forces, in each picture to its own scale"
+    return figures, caption(largest, forces[0].unit, cones) if same_problem else arrow_note
 
 
 def _one_view(axes: Sequence[Axes]) -> None:
@@ -266,13 +266,13 @@ def draw_strobe(axis: Axes, view: RunView, cones: bool = False, largest: float |
     plays = picture.shapes("", view.time)
     chosen = draw_motion(axis, plays, None if forces is None else _strongest(forces))
     if forces is not None:
-        most = forces.largest if largest is None else largest
+        scale_force = forces.largest if largest is None else largest
         acting = chosen[chosen > 0]
         for node, frames in zip(acting, picture.contacts("", view.time[acting]), strict=True):
             pushes = forces.normal[node - 1], forces.friction[node - 1]
-            draw_contacts(axis, frames, pushes, most, cones=0.5 if cones else 0)
-        if most > 0:
-            axis.set_title(caption(most, forces.unit, cones), loc="left", color=INK)
+            draw_contacts(axis, frames, pushes, scale_force, cones=0.5 if cones else 0)
+        if scale_force > 0:
+            axis.set_title(caption(scale_force, forces.unit, cones), loc="left", color=INK)
     name_axes(axis, picture.axes)
     axis.set_axisbelow(True)
 
@@ -311,9 +311,9 @@ def _instants(plays: list[list[Shape]]) -> np.ndarray:
     boxes = np.array([bounds(s for s in shapes if s not in fixed) for shapes in plays])
     count = _FEWEST
     if np.isfinite(boxes).all():
-        way = np.abs(np.diff(boxes.mean(axis=1), axis=0)).sum(axis=0)
+        path_length = np.abs(np.diff(boxes.mean(axis=1), axis=0)).sum(axis=0)
         size = np.maximum((boxes[:, 1] - boxes[:, 0]).max(axis=0), 1e-9)
-        count = int(min(_MOST, _FEWEST + 4 * np.max(way / size)))
+        count = int(min(_MOST, _FEWEST + 4 * np.max(path_length / size)))
     return np.unique(np.linspace(0, len(plays) - 1, count).round().astype(int))
 
 

@@ -30,16 +30,15 @@ def parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
         if isinstance(value, str):
             table.add_row(row["name"], value, "", f"{meaning} ({row['range']})")
             continue
-        shown = number(value) if isinstance(value, int | float) else "required"
-        table.add_row(row["name"], shown, row["unit"], meaning)
+        default = number(value) if isinstance(value, int | float) else "required"
+        table.add_row(row["name"], default, row["unit"], meaning)
     return table
 
 
 def golden_table(golden: Mapping[str, Golden]) -> Table:
     """Best known values, their certificates, and the number of solves behind each."""
     rows = (
-        (name, known.method, number(known.cost, 9), known.certificate, str(known.tried))
-        for name, known in golden.items()
+        (name, best.method, number(best.cost, 9), best.certificate, str(best.tried)) for name, best in golden.items()
     )
     return table_of("best known", "method", ">cost", "certificate", ">of solves", rows=rows)
 
@@ -72,9 +71,9 @@ def claim_table(claims: Sequence[Claim]) -> Table:
     table.add_column("holds", no_wrap=True)
     marks = {"holds": "yes", "does not hold": "NO"}
     for claim in claims:
-        held = verdict(claim.holds, claim.margin)
+        word = verdict(claim.holds, claim.margin)
         cells = (claim.claim, claim.source, claim.expected, claim.measured)
-        table.add_row(*map(Text, cells), marks.get(held, held))
+        table.add_row(*map(Text, cells), marks.get(word, word))
     return table
 
 
@@ -108,11 +107,11 @@ def _cells(*cells: str) -> str:
 
 def event_rows(events: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
     """Number, value, kind, change, steps and cost of all events except active bounds."""
-    kept = [event for event in events if event["kind"] != "bound"]
-    for count, event in enumerate(kept, start=1):
+    listed = [event for event in events if event["kind"] != "bound"]
+    for count, event in enumerate(listed, start=1):
         steps = ", ".join(str(step) for step in event["steps"])
-        what = f"{event['contact']} {event['change']}".strip()
-        yield (str(count), f"{event['value']:.8g}", event["kind"], what, steps, number(event["cost"], 7))
+        change = f"{event['contact']} {event['change']}".strip()
+        yield (str(count), f"{event['value']:.8g}", event["kind"], change, steps, number(event["cost"], 7))
 
 
 def event_table(name: str, events: Sequence[Mapping[str, Any]]) -> Table:
@@ -153,8 +152,8 @@ def _parts(row: Row) -> Iterator[str]:
     if row["algorithm"]:
         yield f"{row['algorithm']}, seed {row['seed']}"
     if row["contact"]:
-        given = (row["contact_settings"] or {}).items()
-        values = (f"{name}={value_text(value)}" for name, value in given if value is not None)
+        law_settings = (row["contact_settings"] or {}).items()
+        values = (f"{name}={value_text(value)}" for name, value in law_settings if value is not None)
         yield " ".join([row["contact"], *values])
     for key in ("method", "policy"):
         if row[key]:
@@ -198,33 +197,33 @@ _BAR = 20
 
 
 @contextmanager
-def sweep_progress(names: Sequence[str], before: int, quiet: bool) -> Iterator[Callable[[int, JobResult], None]]:
+def sweep_progress(names: Sequence[str], n_resumed: int, quiet: bool) -> Iterator[Callable[[int, JobResult], None]]:
     """Yield a callback for the place of each finished point; ``names`` label all points.
 
     The first ``before`` calls are points that were kept. On a terminal one line moves; elsewhere a
     line is printed every two seconds at most, and for each point that failed.
     """
-    began, done = time.monotonic(), 0
+    start_s, n_done = time.monotonic(), 0
     with live(quiet, every_s=2.0) as show:
 
-        def ended(place: int, point: JobResult) -> None:
-            nonlocal done
-            done += 1
-            if done <= before:
+        def on_point(place: int, point: JobResult) -> None:
+            nonlocal n_done
+            n_done += 1
+            if n_done <= n_resumed:
                 return
-            left = (time.monotonic() - began) / (done - before) * (len(names) - done)
-            text = sweep_line(done, len(names), names[place], point.row, left)
-            full = round(done / len(names) * _BAR)
-            bar = Text(f"{'━' * full}{'╌' * (_BAR - full)} {text}")
-            show(text, done == len(names) or not point.row["success"], lambda: bar)
+            seconds_left = (time.monotonic() - start_s) / (n_done - n_resumed) * (len(names) - n_done)
+            text = sweep_line(n_done, len(names), names[place], point.row, seconds_left)
+            n_filled = round(n_done / len(names) * _BAR)
+            bar = Text(f"{'━' * n_filled}{'╌' * (_BAR - n_filled)} {text}")
+            show(text, n_done == len(names) or not point.row["success"], lambda: bar)
 
-        yield ended
+        yield on_point
 
 
-def sweep_line(done: int, total: int, name: str, row: dict[str, Any], left: float) -> str:
+def sweep_line(done: int, total: int, name: str, row: dict[str, Any], seconds_left: float) -> str:
     """Progress after a point, and its result, in one line."""
-    found = f"cost {number(row['cost'], 5)}" if row["success"] else row["status"]
-    return f"{done}/{total}  {name}  {found}  {duration(left)} left"
+    finding = f"cost {number(row['cost'], 5)}" if row["success"] else row["status"]
+    return f"{done}/{total}  {name}  {finding}  {duration(seconds_left)} left"
 
 
 def duration(seconds: float) -> str:
@@ -237,33 +236,33 @@ def duration(seconds: float) -> str:
 @contextmanager
 def estimate_progress(quiet: bool, check: Callable[[], None]) -> Iterator[Callable[[SweepProgress], None]]:
     """Yield a callback that prints rate and time left, and calls ``check``."""
-    began, first = time.monotonic(), None
+    start_s, n_first = time.monotonic(), None
     with live(quiet, every_s=5.0, delay=True) as show:
 
         def report(state: SweepProgress) -> None:
-            nonlocal first
+            nonlocal n_first
             check()
-            first = state.done if first is None else first
-            show(progress_line(state, state.done - first, time.monotonic() - began))
+            n_first = state.done if n_first is None else n_first
+            show(progress_line(state, state.done - n_first, time.monotonic() - start_s))
 
         yield report
 
 
-def progress_line(state: SweepProgress, since: int, seconds: float) -> str:
+def progress_line(state: SweepProgress, n_since: int, seconds: float) -> str:
     """One line: points, samples, rate of this session, time left."""
-    rate = since / seconds if seconds > 0 else 0.0
-    left = f"{(state.total - state.done) / rate:.0f} s left" if rate > 0 else "time left unknown"
+    rate = n_since / seconds if seconds > 0 else 0.0
+    time_left = f"{(state.total - state.done) / rate:.0f} s left" if rate > 0 else "time left unknown"
     points = f"point {state.points + 1} of {state.all_points}, " if state.all_points > 1 else ""
-    return f"{points}{state.done / state.total:.0%}, {rate:.3g} samples/s, {left}"
+    return f"{points}{state.done / state.total:.0%}, {rate:.3g} samples/s, {time_left}"
 
 
 def estimate_table(rows: Sequence[Mapping[str, Any]], swept: str | None) -> Table:
     """One line per estimate; for several components the norms."""
-    several = any(isinstance(row["mean"], list) for row in rows)
-    numbers = ("|mean|" if several else "mean", "std error", "variance", "reference")
-    found = ((*columns, word) for *columns, _, word in (estimate_cells(row, bool(swept)) for row in rows))
+    is_vector = any(isinstance(row["mean"], list) for row in rows)
+    numbers = ("|mean|" if is_vector else "mean", "std error", "variance", "reference")
+    cells = ((*columns, word) for *columns, _, word in (estimate_cells(row, bool(swept)) for row in rows))
     heads = ("estimator", *(f">{head}" for head in numbers), "verdict")
-    return table_of(*([f">{swept}"] if swept else []), *heads, rows=found)
+    return table_of(*([f">{swept}"] if swept else []), *heads, rows=cells)
 
 
 def _size(value: float | list[float] | None) -> float | None:

@@ -39,9 +39,9 @@ def task_of(run: StoredRun) -> tuple[TaskSpec, Any, Task]:
     """Build the task of a training again; raises as :func:`~problems.plugin.problem_of` does."""
     from problems.tasks import registry
 
-    found = registry.spec(str(run.meta["problem"]))
-    params = found.params(known_parameters(run, found))
-    return found, params, found.build(params)
+    task_spec = registry.spec(str(run.meta["problem"]))
+    params = task_spec.params(known_parameters(run, task_spec))
+    return task_spec, params, task_spec.build(params)
 
 
 @dataclass(frozen=True)
@@ -54,18 +54,18 @@ class RunView:
     problem: Problem | Task | None
 
     @classmethod
-    def of(cls, run: StoredRun, own: ProblemSpec | None = None) -> RunView:
+    def of(cls, run: StoredRun, file_spec: ProblemSpec | None = None) -> RunView:
         """View a run; a problem that cannot be built is left out.
 
-        ``own`` is the problem of a user's file (:func:`~problems.plugin.spec_of`).
+        ``file_spec`` is the problem of a user's file (:func:`~problems.plugin.spec_of`).
         """
         if run.kind == "closed-loop":
             # As far as its longest seed came.
-            ended = max(1, int(run.data["ended"].max()))
-            data = run.data.isel(node=slice(0, ended + 1), sample=slice(0, ended))
+            longest_seed = max(1, int(run.data["ended"].max()))
+            data = run.data.isel(node=slice(0, longest_seed + 1), sample=slice(0, longest_seed))
             run = replace(run, data=data.rename(_OF_SOLVE))
         try:
-            return cls(run, *(task_of(run) if run.kind == "train" else problem_of(run, own)))
+            return cls(run, *(task_of(run) if run.kind == "train" else problem_of(run, file_spec)))
         except InputError:
             return cls(run, None, None, None)
 
@@ -99,7 +99,7 @@ class RunView:
         dimension = {"states": "state", "inputs": "control", "contacts": "contact"}[kind]
         names, unit = self.run.data[dimension].values, f"{dimension}_unit"
         units = self.run.data[unit].values if unit in self.run.data else [""] * len(names)
-        return [Signal(str(name), str(one)) for name, one in zip(names, units, strict=True)]
+        return [Signal(str(name), str(signal_unit)) for name, signal_unit in zip(names, units, strict=True)]
 
     @property
     def gap_unit(self) -> str:
@@ -113,8 +113,8 @@ class RunView:
 
         What a study varies may have the same name, and is a coordinate.
         """
-        found = self.run.data.data_vars.get(name)
-        return found.values if found is not None and found.size else None
+        variable = self.run.data.data_vars.get(name)
+        return variable.values if variable is not None and variable.size else None
 
     @property
     def time(self) -> np.ndarray:
@@ -133,11 +133,11 @@ class RunView:
     def at_point(self, point: int) -> RunView:
         """One point of a path: its trajectories, and the problem at its parameters."""
         name, data = str(self.run.meta["over"]), self.run.data
-        seen = self._of(data.isel(point=point))
+        point_view = self._of(data.isel(point=point))
         if not isinstance(self.spec, ProblemSpec) or name not in self.spec.Params.model_fields:
-            return seen
+            return point_view
         params = self.params.model_copy(update={name: float(data["value"].values[point])})
-        return replace(seen, params=params, problem=self.spec.build(params))
+        return replace(point_view, params=params, problem=self.spec.build(params))
 
     def _of(self, data: xr.Dataset) -> RunView:
         return replace(self, run=replace(self.run, data=data))
@@ -173,7 +173,7 @@ def _drawn(view: RunView, spec: ProblemSpec | TaskSpec) -> RunPicture:
         x = view.array(f"x{suffix}")
         if function is None or x is None:
             return [[] for _ in times]
-        states = np.stack([np.interp(times, view.time, each) for each in x[0].T], axis=1)
+        states = np.stack([np.interp(times, view.time, component) for component in x[0].T], axis=1)
         return [function(view.params, state) for state in states]
 
     framed = spec.frames is not None
@@ -190,12 +190,12 @@ def _stored(view: RunView, stored: dict[str, Any]) -> RunPicture:
     except (KeyError, TypeError) as error:
         raise DamagedRun(f"{view.run.path} has a drawing with unknown shapes ({error})") from error
 
-    def at(part: int, suffix: str, times: np.ndarray) -> list[list[Any]]:
-        kept: list[list[Any]] = motions[suffix][part]
-        if not kept:
+    def at(content: int, suffix: str, times: np.ndarray) -> list[list[Any]]:
+        frames: list[list[Any]] = motions[suffix][content]
+        if not frames:
             return [[] for _ in times]
-        places = np.interp(times, view.time[: len(kept)], np.arange(len(kept)))
-        return [_between(kept, float(place)) for place in places]
+        places = np.interp(times, view.time[: len(frames)], np.arange(len(frames)))
+        return [_between(frames, float(place)) for place in places]
 
     framed = any(contacts for _, contacts in motions.values())
     axes = (stored["axes"][0], stored["axes"][1])
@@ -205,28 +205,28 @@ def _stored(view: RunView, stored: dict[str, Any]) -> RunPicture:
 def _read(motion: dict[str, Any]) -> tuple[list[list[Shape]], list[list[ContactFrame]]]:
     """Shapes and contacts at each node."""
     shapes = [
-        [_KINDS[shape["kind"]](**{k: v for k, v in shape.items() if k != "kind"}) for shape in at]
-        for at in motion["shapes"]
+        [_KINDS[shape["kind"]](**{k: v for k, v in shape.items() if k != "kind"}) for shape in node_shapes]
+        for node_shapes in motion["shapes"]
     ]
-    return shapes, [[ContactFrame(**contact) for contact in at] for at in motion["contacts"]]
+    return shapes, [[ContactFrame(**contact) for contact in node_shapes] for node_shapes in motion["contacts"]]
 
 
-def _between(kept: list[list[T]], place: float) -> list[T]:
+def _between(frames: list[list[T]], place: float) -> list[T]:
     """Interpolation at a place between two nodes; the nearer of them where kinds change.
 
     And in a picture of space, where the order of shapes changes.
     """
-    before, after = kept[int(place)], kept[min(int(place) + 1, len(kept) - 1)]
-    changes = [type(one) for one in before] != [type(one) for one in after]
-    if changes or any(getattr(one, "shade", 0.0) for one in before):
-        return kept[round(place)]
+    frame_before, frame_after = frames[int(place)], frames[min(int(place) + 1, len(frames) - 1)]
+    changes = [type(shape) for shape in frame_before] != [type(shape) for shape in frame_after]
+    if changes or any(getattr(shape, "shade", 0.0) for shape in frame_before):
+        return frames[round(place)]
     share = place % 1.0
-    return [_mixed(*pair, share) for pair in zip(before, after, strict=True)] if share else before
+    return [_mixed(*pair, share) for pair in zip(frame_before, frame_after, strict=True)] if share else frame_before
 
 
-def _mixed(one: T, other: T, share: float) -> T:
-    numbers = [f.name for f in fields(one) if isinstance(getattr(one, f.name), int | float)]
+def _mixed(first: T, second: T, share: float) -> T:
+    numbers = [f.name for f in fields(first) if isinstance(getattr(first, f.name), int | float)]
     return replace(
-        one,
-        **{key: (1 - share) * getattr(one, key) + share * getattr(other, key) for key in numbers},
+        first,
+        **{key: (1 - share) * getattr(first, key) + share * getattr(second, key) for key in numbers},
     )

@@ -63,46 +63,46 @@ def work(run: Callable[[Any, Any], int], options: Options, checked: Any) -> int:
 
 def click_command(name: str, options: type[Options]) -> Any:
     """Make what parses the command line of a command: each field of its options is an option."""
-    shown = [field for field in fields(options) if field.name != "given"]
+    option_fields = [field for field in fields(options) if field.name != "explicit"]
     # Those of all commands stand last, as they do in every help text.
-    shown.sort(key=lambda field: field.name in {common.name for common in fields(Options)})
+    option_fields.sort(key=lambda field: field.name in {common.name for common in fields(Options)})
     hints = get_type_hints(options)
     parameters = [Parameter("context", Parameter.KEYWORD_ONLY, annotation=typer.Context)]
-    parameters += [_parameter(field, hints[field.name]) for field in shown]
+    parameters += [_parameter(field, hints[field.name]) for field in option_fields]
 
-    def called(context: typer.Context, **values: Any) -> int:
-        sources = {key: context.get_parameter_source(key) for key in values}
-        given = (k for k, source in sources.items() if source and source.name == "COMMANDLINE")
-        at_home = {key: _at_home(value) for key, value in values.items()}
-        return carry_out(options(**at_home, given=frozenset(given)))
+    def run_options(context: typer.Context, **values: Any) -> int:
+        parameter_sources = {key: context.get_parameter_source(key) for key in values}
+        explicit = (k for k, source in parameter_sources.items() if source and source.name == "COMMANDLINE")
+        expanded_values = {key: _at_home(value) for key, value in values.items()}
+        return carry_out(options(**expanded_values, explicit=frozenset(explicit)))
 
-    called.__doc__ = options.__doc__
-    called.__annotations__ = {one.name: one.annotation for one in parameters}
-    called.__signature__ = inspect.Signature(parameters)
+    run_options.__doc__ = options.__doc__
+    run_options.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    run_options.__signature__ = inspect.Signature(parameters)
     parser = type("Parser", (Strict,), {"declared": options, "hints": hints})
     single = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
-    single.command(name, cls=parser)(called)
+    single.command(name, cls=parser)(run_options)
     return typer.main.get_command(single)
 
 
 def _parameter(field: Field[Any], hint: Any) -> Parameter:
     """A field as typer has it; an option is called ``--name`` unless it has a long flag."""
-    shown, flags = dict(field.metadata), field.metadata["flags"]
-    make = shown.pop("make")
-    del shown["flags"]
-    if make is typer.Argument:
-        shown.setdefault("metavar", field.name.upper())
+    metadata, flags = dict(field.metadata), field.metadata["flags"]
+    parameter_class = metadata.pop("make")
+    del metadata["flags"]
+    if parameter_class is typer.Argument:
+        metadata.setdefault("metavar", field.name.upper())
     elif not any(flag.startswith("--") for flag in flags):
         flags = (f"--{field.name.replace('_', '-')}", *flags)
     default = Parameter.empty if field.default is MISSING else field.default
-    annotation = Annotated[hint, make(*flags, **shown, autocompletion=of_field(field.name))]
+    annotation = Annotated[hint, parameter_class(*flags, **metadata, autocompletion=of_field(field.name))]
     return Parameter(field.name, Parameter.KEYWORD_ONLY, annotation=annotation, default=default)
 
 
 def _at_home(value: Any) -> Any:
     """The value of an option, with a leading ~ replaced by the home directory."""
     if isinstance(value, list):
-        return [_at_home(one) for one in value]
+        return [_at_home(entry) for entry in value]
     if not (isinstance(value, str | Path) and str(value).startswith("~")):
         return value
     from ocp.validation import expand_path
@@ -129,11 +129,11 @@ class Strict(TyperCommand):
 
         def parse_args(args: list[str]) -> Any:
             # In completion the last option has no value yet, and the others would not be read.
-            cut = ctx.resilient_parsing and bool(args) and args[-1].startswith("-")
-            raw, rest, order = parse(args=args[:-1] if cut else args)
-            numbers = {name: self._number(ctx, name, word) for name, word in raw.items()}
-            self._check(ctx, raw, order)
-            return numbers, rest, order
+            completes_option = ctx.resilient_parsing and bool(args) and args[-1].startswith("-")
+            words_by_name, remaining, order = parse(args=args[:-1] if completes_option else args)
+            numbers = {name: self._number(ctx, name, word) for name, word in words_by_name.items()}
+            self._check(ctx, words_by_name, order)
+            return numbers, remaining, order
 
         parser.parse_args = parse_args
         return parser
@@ -148,7 +148,7 @@ class Strict(TyperCommand):
         try:
             return str(parse_number(word, hint))
         except ValueError as error:
-            label = next(_label(one) for one in self.params if one.name == name)
+            label = next(_label(parameter) for parameter in self.params if parameter.name == name)
             return ctx.fail(f"{label} must be {error}, got {word!r}")
 
     def _check(self, ctx: Any, raw: dict[str, Any], order: list[Any]) -> None:
@@ -184,8 +184,8 @@ EXAMPLES = ("list", "show push-disc", "solve push-disc --contact exact", "runs",
 class CommandGroup(TyperGroup):
     """The commands; a command may have two words, such as ``runs rm``."""
 
-    def __init__(self, **given: Any) -> None:
-        super().__init__(**given)
+    def __init__(self, **group_options: Any) -> None:
+        super().__init__(**group_options)
         self.commands = dict.fromkeys(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
@@ -217,8 +217,8 @@ def first_paragraph(text: str | None) -> str:
     return " ".join((text or "").partition("\n\n")[0].split())
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(is_requested: bool) -> None:
+    if is_requested:
         from importlib.metadata import version
 
         print(f"{NAME} {version(NAME)}")
@@ -256,13 +256,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     After Ctrl-C a solve with a stored best point gives 3, everything else 130. Errors go to stderr
     in one or two lines; ``--debug`` adds the traceback.
     """
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
     streams.prepare()
-    quiet = "-q" in given or "--quiet" in given
+    quiet = "-q" in words or "--quiet" in words
     try:
         with streams.libraries_silenced(quiet), interrupt.watched():
             command = typer.main.get_command(app)
-            code = command.main(args=given, prog_name="ocp", standalone_mode=False)
+            code = command.main(args=words, prog_name="ocp", standalone_mode=False)
             interrupt.check()
             # While a failure can still be reported.
             sys.stdout.flush()
@@ -271,7 +271,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             streams.abandon()
             print("stopped by the user; finished work is kept", file=sys.stderr)
             return interrupt.EXIT_CODE
-        if "--debug" in given:
+        if "--debug" in words:
             traceback.print_exc()
         message, code = _explain(error)
         if message:
@@ -306,8 +306,8 @@ def _explain(error: BaseException) -> tuple[str, int]:
         return "", error.code if isinstance(error.code, int) else 1
     if isinstance(error, OSError) and error.errno in _FULL:
         streams.abandon()
-        where = f" to {_shortened(str(error.filename))}" if error.filename is not None else ""
-        return f"cannot write{where}: {error.strerror}; free some space or write elsewhere", 1
+        destination = f" to {_shortened(str(error.filename))}" if error.filename is not None else ""
+        return f"cannot write{destination}: {error.strerror}; free some space or write elsewhere", 1
     if isinstance(error, ImportError) and (hidden := _hidden_package()):
         return hidden, 2
     if isinstance(error, OSError) and error.filename is not None:
@@ -338,10 +338,10 @@ def _hidden_package() -> str:
 
 def _usage(error: Any, message: str) -> str:
     """A message of the parser; the nearest name stands as in our own messages."""
-    known = getattr(error, "possibilities", None)
-    if not known:
+    option_names = getattr(error, "possibilities", None)
+    if not option_names:
         return re.sub(r"\. Did you mean ('[^']+').*", r" (did you mean \1?)", message)
-    nearest = get_close_matches(error.option_name, known, n=1, cutoff=0.0)[0]
+    nearest = get_close_matches(error.option_name, option_names, n=1, cutoff=0.0)[0]
     return f"No such option {error.option_name!r} (did you mean {nearest!r}?)"
 
 

@@ -193,7 +193,7 @@ class EstimateOptions(JobsOptions, ProblemOptions):
     sigma: float | None = option(None, help="Standard deviation of the noise.")
     reference: str = option("auto", help="auto, closed-form, quadrature, zobg or none.")
     reference_samples: str | None = option(None, help="Samples of a sampled reference.")
-    at: str | None = option(None, help="Stored run whose inputs are the decision.")
+    decision_run: str | None = option(None, "--at", help="Stored run whose inputs are the decision.")
     backend: str = option("auto", help=f"{', '.join(BACKENDS[:-1])} or {BACKENDS[-1]}.")
     threads: int | None = option(None, min=1, max=1024, help="CPUs to use.")
 
@@ -261,7 +261,7 @@ class ExportOptions(SourceOptions):
         "export push-disc --contact barrier -c mu=1e-3 -o step.c",
         "export @last -o policy.c",
     )
-    what: str = argument(
+    subject: str = argument(
         metavar="RUN|PROBLEM",
         help="A run: its path, or part of its name; or a problem: its name or file.",
     )
@@ -275,7 +275,7 @@ class ExportOptions(SourceOptions):
         """The argument, unless it is a problem, by its name or its file."""
         from problems import names
 
-        return [] if self.what in names() or self.what.endswith(".py") else [self.what]
+        return [] if self.subject in names() or self.subject.endswith(".py") else [self.subject]
 
 
 class RunsOptions(StoreOptions):

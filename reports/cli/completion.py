@@ -43,36 +43,36 @@ def _table(place: str) -> Words:
     return getattr(import_module(module), name)
 
 
-def _problems(given: dict[str, Any]) -> Words:
+def _problems(options: dict[str, Any]) -> Words:
     from problems.registry import names, objective_names
 
     return [*names(), *objective_names()]
 
 
-def _law_settings(given: dict[str, Any]) -> Words:
+def _law_settings(options: dict[str, Any]) -> Words:
     from ocp.transcription.factories import DEFAULT_LAW, law_settings
 
-    return [f"{name}=" for name in law_settings(given.get("contact") or DEFAULT_LAW)]
+    return [f"{name}=" for name in law_settings(options.get("contact") or DEFAULT_LAW)]
 
 
-def _parameters(given: dict[str, Any]) -> Words:
+def _parameters(options: dict[str, Any]) -> Words:
     from problems.registry import registered
 
     # A file of the user's is not run to complete a word.
-    return [f"{name}=" for name in registered(given["problem"]).Params.model_fields]
+    return [f"{name}=" for name in registered(options["problem"]).Params.model_fields]
 
 
-def _settings(given: dict[str, Any]) -> Words:
+def _settings(options: dict[str, Any]) -> Words:
     from ocp.programs.options import documented
     from ocp.solve.request import OWN
 
-    return [f"{name}=" for name in (*OWN, *documented(given.get("solver") or "ipopt"))]
+    return [f"{name}=" for name in (*OWN, *documented(options.get("solver") or "ipopt"))]
 
 
-def _runs(given: dict[str, Any]) -> Words:
+def _runs(options: dict[str, Any]) -> Words:
     from ocp.store.runs import run_paths
 
-    return ["@last", *(path.name for path in run_paths(given.get("out") or "runs"))]
+    return ["@last", *(path.name for path in run_paths(options.get("out") or "runs"))]
 
 
 _WORDS: dict[str, Callable[[dict[str, Any]], Words]] = {
@@ -84,7 +84,7 @@ _WORDS: dict[str, Callable[[dict[str, Any]], Words]] = {
     "run": _runs,
     "runs": _runs,
     "start": _runs,
-    "at": _runs,
-    "what": lambda given: [*_problems(given), *_runs(given)],
+    "decision_run": _runs,
+    "subject": lambda options: [*_problems(options), *_runs(options)],
 }
 """What completes the other fields, of the options that are given."""

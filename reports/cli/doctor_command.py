@@ -31,14 +31,14 @@ def check(options: DoctorOptions) -> dict[str, Any]:
 def run(options: DoctorOptions, place: dict[str, Any]) -> int:
     """Show CasADi's plugins, the compiler, threads, versions, and the location of the packages."""
     count = compiler.clear() if options.clear_cache else None
-    found = {**place, **computer()}
+    installation = {**place, **computer()}
     if count is not None:
-        found["cleared"] = count
-        many = "1 compiled object" if count == 1 else f"{count} compiled objects"
-        options.output.say(f"{many} removed from the kernel cache")
-    options.output.document(found)
+        installation["cleared"] = count
+        objects = "1 compiled object" if count == 1 else f"{count} compiled objects"
+        options.output.say(f"{objects} removed from the kernel cache")
+    options.output.document(installation)
     if not options.as_json:
-        for key, value in found.items():
+        for key, value in installation.items():
             if key not in ("roots", "cleared"):
                 print(f"{key:<16} {_text(value)}")
     return 0
@@ -73,10 +73,10 @@ def _linear_solver_works(name: str) -> bool:
     quiet = {"print_level": 0, "sb": "yes", "linear_solver": name}
     try:
         solver = ca.nlpsol("probe", "ipopt", {"x": x, "f": (x - 1) ** 2}, {"ipopt": quiet, "print_time": False})
-        found = float(solver(x0=0)["x"])
+        minimiser = float(solver(x0=0)["x"])
     except RuntimeError:
         return False
-    return bool(solver.stats()["success"]) and abs(found - 1) < 1e-6
+    return bool(solver.stats()["success"]) and abs(minimiser - 1) < 1e-6
 
 
 def _text(value: Any) -> str:

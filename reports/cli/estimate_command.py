@@ -34,7 +34,7 @@ from reports.cli.commands import BACKENDS, EstimateOptions
 from reports.cli.request import assignments, check_places, whole
 from reports.tables import estimate_progress, estimate_table
 
-_OF_ROLLOUTS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "at": "--at"}
+_OF_ROLLOUTS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "decision_run": "--at"}
 
 
 @dataclass(frozen=True)
@@ -53,15 +53,15 @@ class EstimateRequest:
     def read(cls, options: EstimateOptions) -> EstimateRequest:
         """Check the command line; raises InputError for the first word that does not fit."""
         spec = named(options.problem)
-        given = assignments("-p", options.params)
-        static = isinstance(spec, ObjectiveSpec)
-        if static and "sigma" in given and options.sigma is not None:
+        parameter_texts = assignments("-p", options.params)
+        is_static = isinstance(spec, ObjectiveSpec)
+        if is_static and "sigma" in parameter_texts and options.sigma is not None:
             raise InputError("--sigma and -p sigma set the same value; drop one of them")
         estimators = tuple(n.strip() for n in options.estimators.split(",") if n.strip())
         rules = _rules(split_policy_settings(assignments("-s", options.settings))[1], estimators)
-        most = options.reference_samples
+        reference_samples = options.reference_samples
         sweep = None if options.sweep is None else read_sweep(options.sweep)
-        case = case_of(spec, given, options)
+        case = case_of(spec, parameter_texts, options)
         built = case.build(spec)
         objective, params = built.objective, built.params
         sampling = Sampling(
@@ -71,19 +71,19 @@ class EstimateRequest:
             options.seed,
             rules,
             options.reference,
-            None if most is None else whole("--reference-samples", most),
+            None if reference_samples is None else whole("--reference-samples", reference_samples),
         )
         swept = sweep.values if sweep is not None and sweep.name == "sigma" else ()
         built.check_sigma([sampling.sigma, *swept])
         kind = reference_kind(objective, sampling.sigma, sampling.reference)
-        if most is not None and kind != "zobg":
+        if reference_samples is not None and kind != "zobg":
             raise InputError(
                 f"the reference of {spec.name} is not sampled; drop --reference-samples or choose --reference zobg"
             )
-        if static:
+        if is_static:
             params["sigma"] = sampling.sigma
         if sweep is not None:
-            _check_sweep(sweep, spec, given, options)
+            _check_sweep(sweep, spec, parameter_texts, options)
         return cls(options, spec, case, objective, params, sampling, sweep)
 
     @property
@@ -111,7 +111,7 @@ class EstimateRequest:
                 "law_settings": list(options.law_settings or ()),
                 "policy": options.policy,
                 "policy_settings": _policy_settings(options),
-                "at": options.at,
+                "at": options.decision_run,
             }
         return record
 
@@ -127,16 +127,16 @@ class EstimateRequest:
     @property
     def content(self) -> str:
         """Digest of the user's files: the problem's and a learned law's."""
-        given = assignments("-c", self.options.law_settings)
+        law_settings = assignments("-c", self.options.law_settings)
         digests = getattr(self.spec, "digest", None), law_digest(self.options.contact)
-        return content_digest(digests, given)
+        return content_digest(digests, law_settings)
 
     def rebuilt(self, changed: Mapping[str, float]) -> SampledObjective:
         """Build the objective again at a structural value, such as a number of steps."""
-        known = self.spec.Params.model_fields
+        parameter_fields = self.spec.Params.model_fields
         for name in changed:
-            if name not in known:
-                names = dict.fromkeys(["sigma", "samples", *known, *self.objective.parameters])
+            if name not in parameter_fields:
+                names = dict.fromkeys(["sigma", "samples", *parameter_fields, *self.objective.parameters])
                 raise InputError(
                     f"--sweep: {self.spec.name} has no parameter {name!r}"
                     f"{did_you_mean(name, names)}; available: {', '.join(names)}"
@@ -146,8 +146,8 @@ class EstimateRequest:
     def changed(self, values: Mapping[str, float]) -> ObjectiveCase:
         """The case at other values of what is swept."""
         objective = self.objective
-        known = {*objective.parameters, *(signal.name for signal in objective.decision)}
-        if values.keys() <= known:
+        graph_parameters = {*objective.parameters, *(signal.name for signal in objective.decision)}
+        if values.keys() <= graph_parameters:
             return replace(self.case, at=values)
         return replace(self.case, params={**self.case.params, **values})
 
@@ -170,9 +170,9 @@ class EstimateRequest:
         """Unit of what is swept."""
         if self.sweep is None or self.sweep.name == "samples":
             return "1"
-        known = self.spec.Params.model_fields.get(_swept_parameter(self.sweep, self.spec))
-        if known is not None:
-            return unit_of(known)
+        parameter_field = self.spec.Params.model_fields.get(_swept_parameter(self.sweep, self.spec))
+        if parameter_field is not None:
+            return unit_of(parameter_field)
         units = {s.name: s.unit for s in self.objective.decision}
         step = getattr(self.objective, "step", None)
         if step is not None:
@@ -180,22 +180,26 @@ class EstimateRequest:
         return units.get(self.sweep.name, "1")
 
 
-def case_of(spec: ObjectiveSpec | ProblemSpec, given: Mapping[str, Any], options: EstimateOptions) -> ObjectiveCase:
+def case_of(
+    spec: ObjectiveSpec | ProblemSpec, parameter_texts: Mapping[str, Any], options: EstimateOptions
+) -> ObjectiveCase:
     """The objective in plain words; raises InputError for options that have no effect on it."""
     engine: dict[str, Any] = {"backend": options.backend, "threads": options.threads}
-    own, path = _policy_settings(options), getattr(spec, "path", None)
+    policy_settings, path = _policy_settings(options), getattr(spec, "path", None)
     name = spec.name if path is None else str(path)
     if not isinstance(spec, ObjectiveSpec):
-        theta = None if options.at is None else _stored_decision(options, spec, given)
+        theta = None if options.decision_run is None else _stored_decision(options, spec, parameter_texts)
         settings = assignments("-c", options.law_settings)
         law = law_name(options.contact)
         content = content_digest([spec.digest, law_digest(law)], settings)
-        return ObjectiveCase(name, given, law, settings, options.policy, own, theta, engine, content=content)
-    unused = [_OF_ROLLOUTS[name] for name in _OF_ROLLOUTS if name in options.given]
-    unused += [f"-s policy.{name}" for name in own]
+        return ObjectiveCase(
+            name, parameter_texts, law, settings, options.policy, policy_settings, theta, engine, content=content
+        )
+    unused = [_OF_ROLLOUTS[name] for name in _OF_ROLLOUTS if name in options.explicit]
+    unused += [f"-s policy.{name}" for name in policy_settings]
     if unused:
         raise InputError(f"{spec.name} is an objective without dynamics, {unused[0]} has no effect; drop it")
-    return ObjectiveCase(name, given, engine=engine)
+    return ObjectiveCase(name, parameter_texts, engine=engine)
 
 
 def _policy_settings(options: EstimateOptions) -> dict[str, str]:
@@ -211,68 +215,76 @@ def _swept_parameter(swept: Axis, spec: ObjectiveSpec | ProblemSpec) -> str:
 def _check_sweep(
     swept: Axis,
     spec: ObjectiveSpec | ProblemSpec,
-    given: Mapping[str, Any],
+    parameter_texts: Mapping[str, Any],
     options: EstimateOptions,
 ) -> None:
     """Raise InputError for a swept value out of range, and for a second value of what is swept."""
     law, sign, parameter = swept.name.partition(".")
     of_law = (law, sign) == ("contact", ".")
     name = _swept_parameter(swept, spec)
-    beside = {swept.name: f"-p {name}"} if name in given else {}
-    own = assignments("-c", options.law_settings)
-    beside |= {f"contact.{name}": "-c " + name for name in own}
-    beside |= {name: f"--{name}" for name in ("sigma", "samples") if name in options.given}
-    if swept.name in beside:
-        raise InputError(f"--sweep sets {swept.name}; drop {beside[swept.name]}")
+    other_options = {swept.name: f"-p {name}"} if name in parameter_texts else {}
+    law_settings = assignments("-c", options.law_settings)
+    other_options |= {f"contact.{name}": "-c " + name for name in law_settings}
+    other_options |= {name: f"--{name}" for name in ("sigma", "samples") if name in options.explicit}
+    if swept.name in other_options:
+        raise InputError(f"--sweep sets {swept.name}; drop {other_options[swept.name]}")
     for value in swept.values:
         if name in spec.Params.model_fields:
-            spec.params({**given, name: value})
+            spec.params({**parameter_texts, name: value})
         elif of_law:
-            contact_law(options.contact, {**own, parameter: str(value)})
+            contact_law(options.contact, {**law_settings, parameter: str(value)})
     if isinstance(spec, ProblemSpec) and name in spec.Params.model_fields:
         # The range of a parameter may allow what mechanics does not: a user's mass below zero.
         for value in (min(swept.values), max(swept.values)):
-            spec.problem({**given, name: value})
+            spec.problem({**parameter_texts, name: value})
 
 
-def _stored_decision(options: EstimateOptions, spec: ProblemSpec, given: Mapping[str, Any]) -> np.ndarray:
+def _stored_decision(options: EstimateOptions, spec: ProblemSpec, parameter_texts: Mapping[str, Any]) -> np.ndarray:
     """Inputs, or gains, of a stored run of this problem, in the order of a decision."""
-    run = options.stored(str(options.at))
+    run = options.stored(str(options.decision_run))
     if run.kind != "solve":
-        raise InputError(f"--at {options.at}: it is a run of ocp {run.kind}; give a run of ocp solve")
-    _check_same(run, options, spec, given)
+        raise InputError(f"--at {options.decision_run}: it is a run of ocp {run.kind}; give a run of ocp solve")
+    _check_same(run, options, spec, parameter_texts)
     if options.policy == "open-loop":
         return run.data["u"].values[0]
     if "K" not in run.data:
-        raise InputError(f"{options.at} has no gains; solve it with --policy feedback")
+        raise InputError(f"{options.decision_run} has no gains; solve it with --policy feedback")
     K, k = run.data["K"].values, run.data["k"].values
     return np.concatenate([K.reshape(len(K), -1), k], axis=1)
 
 
-def _check_same(run: StoredRun, options: EstimateOptions, spec: ProblemSpec, given: Mapping[str, Any]) -> None:
+def _check_same(
+    run: StoredRun, options: EstimateOptions, spec: ProblemSpec, parameter_texts: Mapping[str, Any]
+) -> None:
     """Raise InputError unless a run is of this problem and has all parameters but the swept."""
-    at = f"--at {options.at}: the run is of"
+    complaint = f"--at {options.decision_run}: the run is of"
     if run.meta["problem"] != spec.name:
-        raise InputError(f"{at} {run.meta['problem']}, not of {spec.name}; give a run of {spec.name}")
+        raise InputError(f"{complaint} {run.meta['problem']}, not of {spec.name}; give a run of {spec.name}")
     if run.meta.get("source_digest") != spec.digest:
         raise InputError(
-            f"{at} another {spec.name}: {spec.path or 'the problem'}, or a file it imports, has"
+            f"{complaint} another {spec.name}: {spec.path or 'the problem'}, or a file it imports, has"
             " changed since; solve it again"
         )
     swept = "" if options.sweep is None else options.sweep.partition("=")[0].strip()
-    kept = run.record.get("params", {})
-    wanted = to_json(spec.params(given).model_dump())
-    differ = [f"{name}={kept.get(name)}" for name, value in wanted.items() if name != swept and kept.get(name) != value]
-    if differ:
-        raise InputError(f"{at} {spec.name} at other parameters; give those of the run: -p {' -p '.join(differ)}")
+    stored_params = run.record.get("params", {})
+    expected_params = to_json(spec.params(parameter_texts).model_dump())
+    differing = [
+        f"{name}={stored_params.get(name)}"
+        for name, value in expected_params.items()
+        if name != swept and stored_params.get(name) != value
+    ]
+    if differing:
+        raise InputError(
+            f"{complaint} {spec.name} at other parameters; give those of the run: -p {' -p '.join(differing)}"
+        )
 
 
-def _rules(given: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
+def _rules(setting_texts: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
     """Read ``alpha.gamma=0.1`` and the like into the rules that they set."""
-    known = {f"{rule}.{f.name}": rule for rule, cls in RULES.items() for f in fields(cls)}
+    rule_of_setting = {f"{rule}.{f.name}": rule for rule, cls in RULES.items() for f in fields(cls)}
     settings: dict[str, dict[str, float]] = {}
-    for key, value in given.items():
-        rule = choose("setting", key, known)
+    for key, value in setting_texts.items():
+        rule = choose("setting", key, rule_of_setting)
         if rule not in estimators:
             raise InputError(f"-s {key} has no effect: {rule} is not among --estimators")
         settings.setdefault(rule, {})[key.partition(".")[2]] = parse(f"-s {key}", value, float)
@@ -294,9 +306,9 @@ def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoi
         request.rebuilt,
         request.workers,
     )
-    what, seconds = f"{study.n_samples:.3g} samples of {request.spec.name}", study.predict_seconds()
-    check_time(what, seconds)
-    options.output.announce(what, seconds)
+    task, seconds = f"{study.n_samples:.3g} samples of {request.spec.name}", study.predict_seconds()
+    check_time(task, seconds)
+    options.output.announce(task, seconds)
     return request, study, checkpoint
 
 
@@ -317,8 +329,8 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
         meta = _meta(request, study)
         data = sweep_dataset(study.widest_objective, study.rows, request.sweep, request.unit())
         problem = getattr(request.objective, "problem", None)
-        parts = {} if problem is None else store.problem_part(problem)
-        stored = store.write(options.out, request.spec.name, data, meta, parts)
+        problem_part = {} if problem is None else store.problem_part(problem)
+        stored = store.write(options.out, request.spec.name, data, meta, problem_part)
         if study.finished:
             checkpoint.discard()
     swept = None if request.sweep is None else request.sweep.name

@@ -88,61 +88,61 @@ def check(options: ExportOptions) -> ExportRequest:
 def _find(options: ExportOptions) -> ExportRequest:
     """Find the problem or the run, and make the law."""
     check_place(options.file, "C file")
-    what, given = options.what, assignments("-c", options.law_settings)
+    name, law_settings = options.subject, assignments("-c", options.law_settings)
     if not options.named_runs:
-        if "out" in options.given:
-            raise InputError(f"--out is for a run, but {what} is a problem; drop it")
+        if "out" in options.explicit:
+            raise InputError(f"--out is for a run, but {name} is a problem; drop it")
         if options.source is not None:
-            raise InputError(f"--source is for a run, but {what} is a problem; drop it")
-        found = spec(what)
-        problem = found.problem(assignments("-p", options.params))
-        law = closing_law(options.contact or DEFAULT_LAW, given, problem.system)
-        return ExportRequest(found.name, found.title, problem, law)
-    return _read_run(what, options, given)
+            raise InputError(f"--source is for a run, but {name} is a problem; drop it")
+        problem_spec = spec(name)
+        problem = problem_spec.problem(assignments("-p", options.params))
+        law = closing_law(options.contact or DEFAULT_LAW, law_settings, problem.system)
+        return ExportRequest(problem_spec.name, problem_spec.title, problem, law)
+    return _read_run(name, options, law_settings)
 
 
-def _read_run(what: str, options: ExportOptions, given: dict[str, str]) -> ExportRequest:
+def _read_run(name: str, options: ExportOptions, law_settings: dict[str, str]) -> ExportRequest:
     """Read a run; raises InputError, with the closest name, where there is none."""
-    if what in objective_names():
-        raise InputError(f"{what} is an objective without dynamics and has no step to export")
+    if name in objective_names():
+        raise InputError(f"{name} is an objective without dynamics and has no step to export")
     try:
-        run = options.stored(what)
+        run = options.stored(name)
     except InputError as error:
-        hint = f"; no problem has this name either{did_you_mean(what, names())}"
-        raise InputError(f"{error}{'' if what.startswith('@') else hint}") from error
+        hint = f"; no problem has this name either{did_you_mean(name, names())}"
+        raise InputError(f"{error}{'' if name.startswith('@') else hint}") from error
     run.check_solve()
-    found, _, problem = problem_of(run, options.own([run]))
+    problem_spec, _, problem = problem_of(run, options.problem_from_source([run]))
     solution = run.solution(problem)
     if options.params:
-        raise InputError(f"-p: a run has fixed parameters; to choose them export the problem {found.name}")
-    law, warning = law_of(run, options.contact, given, problem.system)
+        raise InputError(f"-p: a run has fixed parameters; to choose them export the problem {problem_spec.name}")
+    law, warning = law_of(run, options.contact, law_settings, problem.system)
     if warning:
         options.output.say(warning)
-    return ExportRequest(found.name, found.title, problem, law, solution, run.path.name)
+    return ExportRequest(problem_spec.name, problem_spec.title, problem, law, solution, run.path.name)
 
 
 def run(options: ExportOptions, request: ExportRequest) -> int:
     """Write a problem's step, its derivatives and a run's policy as a C11 file and a header."""
     text, header = exported(request.step, request.values, request.name, request.about, request.policy)
-    beside = options.file.with_suffix(".h")
+    header_file = options.file.with_suffix(".h")
     # Nothing is written beside a FIFO or a device.
-    plain = options.file.is_file() or not options.file.exists()
+    is_regular_file = options.file.is_file() or not options.file.exists()
     atomic.write(options.file, text.encode(), "the C file")
-    if plain:
-        atomic.write(beside, header.encode(), "the header")
+    if is_regular_file:
+        atomic.write(header_file, header.encode(), "the header")
     rule = f"{options.file.stem}.o: {options.file.name} ; cc -std=c11 -O2 -ffp-contract=off -c $<"
     name = identifier(request.name)
     functions = [f"{name}_step", f"{name}_derivatives"]
     if request.policy is not None:
         functions.append(f"{name}_policy")
     options.output.say(f"C file: {options.file} ({', '.join(functions)})")
-    if plain:
-        options.output.say(f"header: {beside}")
+    if is_regular_file:
+        options.output.say(f"header: {header_file}")
     options.output.say(f"Makefile: {rule}")
     options.output.document(
         {
             "file": str(options.file),
-            "header": str(beside) if plain else None,
+            "header": str(header_file) if is_regular_file else None,
             "makefile": rule,
             "problem": request.name,
             "contact": request.law.name,

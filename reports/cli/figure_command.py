@@ -48,42 +48,42 @@ def check(options: FigureOptions) -> FigureRequest:
     values: dict[str, Any] = assignments("-p", options.params)
     if values and len(named) != 1:
         raise InputError("-p sets a parameter of one study; name a single figure")
-    if "seed" in values and "seed" in options.given:
+    if "seed" in values and "seed" in options.explicit:
         raise InputError("--seed and -p seed set the same value; drop one of them")
     if options.ending is not None:
         choose("format", options.ending, FORMATS)
     if options.panel is not None and options.panel not in set(ascii_lowercase):
         raise InputError(f"--panel must be a letter from a to z, got {options.panel!r}")
     names = list(dict.fromkeys(named)) or studies.ids()
-    given = {"seed": options.seed, **values}
+    study_values = {"seed": options.seed, **values}
     runs = options.named_runs
-    found = [options.stored(name) if name in runs else _study(name, given, options) for name in names]
+    requests = [options.stored(name) if name in runs else _study(name, study_values, options) for name in names]
     check_places(options.out, None)
-    return found
+    return requests
 
 
-def _study(name: str, given: dict[str, Any], options: FigureOptions) -> tuple[FigureStudy, dict[str, Any]]:
+def _study(name: str, values: dict[str, Any], options: FigureOptions) -> tuple[FigureStudy, dict[str, Any]]:
     study = studies.get(name)
-    params = study.params({**(study.quick if options.quick else {}), **given}).model_dump()
+    params = study.params({**(study.quick if options.quick else {}), **values}).model_dump()
     counts = {n: f.default for n, f in study.Params.model_fields.items() if f.annotation is int}
-    growth = math.prod(max(1.0, params[n] / usual) for n, usual in counts.items() if usual)
+    growth = math.prod(max(1.0, params[n] / default_count) for n, default_count in counts.items() if default_count)
     check_memory(f"{study.id} with {', '.join(options.params or ())}", STUDY * growth)
     return study, params
 
 
 def run(options: FigureOptions, request: FigureRequest) -> int:
     """Run a study, store it, draw it as ID.pdf beside its data ID.nc, and check its claims."""
-    done: dict[int, dict[str, Any]] = {}
-    for place, one in enumerate(request):
-        if isinstance(one, StoredRun):
-            file = _bare(one, options)
+    document_at: dict[int, dict[str, Any]] = {}
+    for place, requested in enumerate(request):
+        if isinstance(requested, StoredRun):
+            file = _bare(requested, options)
             options.output.say(f"files: {file}")
-            done[place] = {"id": one.meta["problem"], "files": [str(file)], "run": str(one.path)}
-    named = {place: one for place, one in enumerate(request) if isinstance(one, tuple)}
+            document_at[place] = {"id": requested.meta["problem"], "files": [str(file)], "run": str(requested.path)}
+    named = {place: requested for place, requested in enumerate(request) if isinstance(requested, tuple)}
     for place, data in _computed(named, options):
-        done[place] = _shown(*named[place], data, options)
-    found = [done[place] for place in sorted(done)]
-    options.output.document(found[0] if len(options.figures or ()) == 1 else {"figures": found})
+        document_at[place] = _shown(*named[place], data, options)
+    documents = [document_at[place] for place in sorted(document_at)]
+    options.output.document(documents[0] if len(options.figures or ()) == 1 else {"figures": documents})
     return 0
 
 
@@ -99,8 +99,8 @@ class FigureJob:
 def study_data(job: FigureJob, report: Callable[[Any], None]) -> xr.Dataset:
     """Run a study in one process; a :data:`~ocp.jobs.scheduling.Function`."""
     study = studies.get(job.study)
-    with Checkpoint(job.out if study.resumes else None, study.id, job.params) as kept:
-        return study.data(job.params, kept, jobs=1)
+    with Checkpoint(job.out if study.resumes else None, study.id, job.params) as checkpoint:
+        return study.data(job.params, checkpoint, jobs=1)
 
 
 def _computed(
@@ -124,12 +124,12 @@ def _computed(
 def _alone(study: FigureStudy, params: dict[str, Any], options: FigureOptions) -> xr.Dataset:
     if not options.output.quiet:
         print(f"{study.id}: {study.title}", file=sys.stderr, flush=True)
-    jobs = options.jobs if "jobs" in options.given else None
-    with Checkpoint(options.out if study.resumes else None, study.id, params) as kept:
-        for line in kept.notes:
+    jobs = options.jobs if "jobs" in options.explicit else None
+    with Checkpoint(options.out if study.resumes else None, study.id, params) as checkpoint:
+        for line in checkpoint.notes:
             options.output.say(line)
         with _explained(study, params), _progress(options):
-            return study.data(params, kept, jobs, options.scheduler)
+            return study.data(params, checkpoint, jobs, options.scheduler)
 
 
 @contextmanager
@@ -144,11 +144,11 @@ def _progress(options: FigureOptions) -> Iterator[None]:
     ) as bar:
         tasks: dict[str, TaskID] = {}
 
-        def heard(what: str, done: int, total: int) -> None:
+        def heard(loop: str, done: int, total: int) -> None:
             interrupt.check()
-            if what not in tasks:
-                tasks[what] = bar.add_task(what)
-            bar.update(tasks[what], completed=done, total=total)
+            if loop not in tasks:
+                tasks[loop] = bar.add_task(loop)
+            bar.update(tasks[loop], completed=done, total=total)
 
         with listening(heard):
             yield
@@ -168,8 +168,8 @@ def _explained(study: FigureStudy, params: dict[str, Any]) -> Iterator[None]:
     At its defaults a failure is a defect. Elsewhere a study may have no result: ranges are checked
     one by one, and a ball may land outside the whole observed interval.
     """
-    usual = study.params({}).model_dump()
-    chosen = [f"{name}={value}" for name, value in params.items() if name != "seed" and value != usual[name]]
+    defaults = study.params({}).model_dump()
+    chosen = [f"{name}={value}" for name, value in params.items() if name != "seed" and value != defaults[name]]
     try:
         yield
     except (ArithmeticError, IndexError, ValueError) as error:
@@ -196,8 +196,8 @@ def _shown(study: FigureStudy, params: dict[str, Any], data: xr.Dataset, options
         "status": "done",
     }
     stored = store.write(out, study.id, data, meta)
-    with Checkpoint(out if study.resumes else None, study.id, params) as kept:
-        kept.discard()
+    with Checkpoint(out if study.resumes else None, study.id, params) as checkpoint:
+        checkpoint.discard()
     pdf, copy = out / f"{study.id}.pdf", out / f"{study.id}.nc"
     with _explained(study, params):
         write_pdf([stored], pdf)

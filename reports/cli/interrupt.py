@@ -13,7 +13,7 @@ from reports.cli import EXIT_CODE, end
 
 __all__ = ["EXIT_CODE", "answered", "check", "deferred", "seen", "watched"]
 
-_seen, _answered, _deferred = threading.Event(), threading.Event(), threading.Event()
+_PRESSED, _ANSWERED, _DEFERRED = threading.Event(), threading.Event(), threading.Event()
 
 
 @contextmanager
@@ -23,51 +23,51 @@ def watched() -> Iterator[None]:
     IPOPT's callback catches Python's KeyboardInterrupt and reports a solve that failed, after
     which a homotopy would go on: :func:`check` raises it again as soon as Python is back.
     """
-    _seen.clear()
-    _answered.clear()
+    _PRESSED.clear()
+    _ANSWERED.clear()
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before, hook = signal.signal(signal.SIGINT, _note), sys.unraisablehook
+    previous_handler, hook = signal.signal(signal.SIGINT, _note), sys.unraisablehook
     sys.unraisablehook = _quiet(hook)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous_handler)
         sys.unraisablehook = hook
 
 
 @contextmanager
 def deferred() -> Iterator[None]:
     """Only record a first Ctrl-C inside, which :func:`check` then raises between two steps."""
-    _deferred.set()
+    _DEFERRED.set()
     try:
         yield
     finally:
-        _deferred.clear()
+        _DEFERRED.clear()
 
 
 def seen() -> bool:
     """Whether Ctrl-C was pressed, even if compiled code swallowed it."""
-    return _seen.is_set()
+    return _PRESSED.is_set()
 
 
 def answered() -> None:
     """Mark a Ctrl-C as handled, so that :func:`check` no longer raises."""
-    _answered.set()
+    _ANSWERED.set()
 
 
 def check() -> None:
     """Raise KeyboardInterrupt after a Ctrl-C that is not handled yet."""
-    if seen() and not _answered.is_set():
+    if seen() and not _ANSWERED.is_set():
         raise KeyboardInterrupt
 
 
 def _note(*_: object) -> None:
-    if _seen.is_set():
+    if _PRESSED.is_set():
         end()
-    _seen.set()
-    if not _deferred.is_set():
+    _PRESSED.set()
+    if not _DEFERRED.is_set():
         raise KeyboardInterrupt
 
 

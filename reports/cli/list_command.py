@@ -38,18 +38,18 @@ def check_list(options: Options) -> Catalogue:
     summaries = {
         "problems": {name: spec(name).title for name in names()},
         "tasks": {name: registry.spec(name).title for name in registry.names()},
-        "algorithms": {name: one.summary for name, one in ALGORITHMS.items()},
-        "contacts": {name: one.summary for name, one in LAWS.items()},
-        "methods": {name: one.summary for name, one in METHODS.items()},
-        "policies": {name: one.summary for name, one in POLICIES.items()},
+        "algorithms": {name: cls.summary for name, cls in ALGORITHMS.items()},
+        "contacts": {name: cls.summary for name, cls in LAWS.items()},
+        "methods": {name: cls.summary for name, cls in METHODS.items()},
+        "policies": {name: cls.summary for name, cls in POLICIES.items()},
         "solvers": SOLVERS,
         "objectives": {name: objective_spec(name).title for name in objective_names()},
-        "estimators": {name: one.summary for name, one in {**SAMPLED, **RULES}.items()},
+        "estimators": {name: cls.summary for name, cls in {**SAMPLED, **RULES}.items()},
         "figures": {name: studies.get(name).title for name in studies.ids()},
     }
     return {
-        kind: [{"name": name, "summary": summary} for name, summary in found.items()]
-        for kind, found in summaries.items()
+        kind: [{"name": name, "summary": summary} for name, summary in summary_by_name.items()]
+        for kind, summary_by_name in summaries.items()
     }
 
 
@@ -73,10 +73,10 @@ def check_settings(options: SettingsOptions) -> list[SettingGroup]:
     return [*settings.groups(), settings.changed(settings.solver("ipopt"))]
 
 
-def run_settings(options: SettingsOptions, found: list[SettingGroup]) -> int:
+def run_settings(options: SettingsOptions, setting_groups: list[SettingGroup]) -> int:
     """Print the settings."""
-    options.output.document({"settings": [group.row() for group in found]})
-    for number, group in enumerate(() if options.as_json else found):
+    options.output.document({"settings": [group.row() for group in setting_groups]})
+    for number, group in enumerate(() if options.as_json else setting_groups):
         if number:
             print()
         head = f"{group.name} ({group.syntax})" if group.settings else group.name
@@ -101,20 +101,20 @@ def check_show(
     return models.load_any(Path(options.problem))
 
 
-def run_show(options: ShowOptions, found: ProblemSpec | ObjectiveSpec | Transitions | Dataset | Robot) -> int:
+def run_show(options: ShowOptions, shown_object: ProblemSpec | ObjectiveSpec | Transitions | Dataset | Robot) -> int:
     """Show a problem: equations, parameters with units and defaults, citation, golden values."""
-    if isinstance(found, Spec):
-        return _show_spec(options, found)
+    if isinstance(shown_object, Spec):
+        return _show_spec(options, shown_object)
     if options.problem.lower().endswith(ROBOT_FILES):
-        return _show_robot(options, cast("Robot", found))
-    return _show_file(options, cast("Transitions | Dataset", found))
+        return _show_robot(options, cast("Robot", shown_object))
+    return _show_file(options, cast("Transitions | Dataset", shown_object))
 
 
-def _show_robot(options: ShowOptions, found: Robot) -> int:
+def _show_robot(options: ShowOptions, robot: Robot) -> int:
     from reports import robots
     from reports.console import print_table
 
-    content = found.document()
+    content = robot.document()
     options.output.document(content)
     if options.as_json:
         return 0
@@ -127,12 +127,12 @@ def _show_robot(options: ShowOptions, found: Robot) -> int:
     return 0
 
 
-def _show_file(options: ShowOptions, found: Transitions | Dataset) -> int:
+def _show_file(options: ShowOptions, dataset: Transitions | Dataset) -> int:
     from reports import learned
     from reports.console import print_table
 
-    own = isinstance(found, Transitions)
-    content = learned.data_document(found) if own else learned.model_document(found)
+    is_transitions = isinstance(dataset, Transitions)
+    content = learned.data_document(dataset) if is_transitions else learned.model_document(dataset)
     options.output.document({"file": options.problem, **content})
     if options.as_json:
         return 0
@@ -144,42 +144,42 @@ def _show_file(options: ShowOptions, found: Transitions | Dataset) -> int:
     return 0
 
 
-def _show_spec(options: ShowOptions, found: ProblemSpec | ObjectiveSpec) -> int:
-    tasks = [registry.spec(found.name)] if found.name in registry.names() else []
-    golden = {name: asdict(golden) for name, golden in found.golden.items()}
+def _show_spec(options: ShowOptions, problem_spec: ProblemSpec | ObjectiveSpec) -> int:
+    tasks = [registry.spec(problem_spec.name)] if problem_spec.name in registry.names() else []
+    golden = {name: asdict(golden) for name, golden in problem_spec.golden.items()}
     task = _described(tasks[0]) if tasks else None
-    options.output.document({**_described(found), "golden": golden, "task": task})
+    options.output.document({**_described(problem_spec), "golden": golden, "task": task})
     if options.as_json:
         return 0
-    print(f"{found.name}: {found.title}\n")
-    _page(found)
+    print(f"{problem_spec.name}: {problem_spec.title}\n")
+    _page(problem_spec)
     for task in tasks:
         print(f"\nThe learning task {task.name}: {task.title}\n")
         _page(task)
     return 0
 
 
-def _described(found: Spec) -> dict[str, Any]:
+def _described(described_spec: Spec) -> dict[str, Any]:
     return {
-        "name": found.name,
-        "title": found.title,
-        "equations": [plain(line) for line in found.equations],
-        "parameters": describe(found),
-        "citation": None if found.citation is None else asdict(found.citation),
+        "name": described_spec.name,
+        "title": described_spec.title,
+        "equations": [plain(line) for line in described_spec.equations],
+        "parameters": describe(described_spec),
+        "citation": None if described_spec.citation is None else asdict(described_spec.citation),
     }
 
 
-def _page(found: Spec) -> None:
+def _page(described_spec: Spec) -> None:
     """Equations, parameters, best known values with remarks on them, and the source."""
     from reports.console import print_table
     from reports.tables import golden_table, parameter_table
 
-    described = _described(found)
+    described = _described(described_spec)
     for k, line in enumerate(described["equations"], 1):
         print(fill(f"({k}) {line}", 80, initial_indent="  ", subsequent_indent="      "))
     print()
     print_table(parameter_table(described["parameters"]))
-    golden = found.golden if isinstance(found, ProblemSpec | ObjectiveSpec) else {}
+    golden = described_spec.golden if isinstance(described_spec, ProblemSpec | ObjectiveSpec) else {}
     if golden:
         print()
         print_table(golden_table(golden))
@@ -187,5 +187,5 @@ def _page(found: Spec) -> None:
         if best.remarks:
             text = f"{key}: {best.remarks}"
             print(fill(text, 80, subsequent_indent="    ", break_on_hyphens=False))
-    if found.citation is not None:
-        print(f"\nSource: {found.citation.text} ({full_citation(found.citation.key)})")
+    if described_spec.citation is not None:
+        print(f"\nSource: {described_spec.citation.text} ({full_citation(described_spec.citation.key)})")

@@ -43,7 +43,7 @@ class LoopCase:
     params: dict[str, Any]
     problem: Problem
     law: ContactLaw
-    given: Disturbance
+    disturbance: Disturbance
     steps: int
 
     def record(self, options: MpcOptions) -> dict[str, Any]:
@@ -79,24 +79,24 @@ def check(options: MpcOptions) -> LoopCase:
     settings, name = assignments("-c", options.law_settings), options.contact
     if name == "own":
         name = "barrier" if entry.exact is False else "exact"
-    own = options.contact == "own" and not settings
-    law = entry.law(None if own else closing_law(name, settings, receding.problem.system))
+    is_default_law = options.contact == "own" and not settings
+    law = entry.law(None if is_default_law else closing_law(name, settings, receding.problem.system))
     steps = options.steps or max(_DEFAULT_STEPS, problem.N)
-    given = _disturbance(options, spec, problem, steps)
-    Plant(problem, options.plant, given.mismatch)
+    disturbance = _disturbance(options, spec, problem, steps)
+    Plant(problem, options.plant, disturbance.mismatch)
     system = problem.system
     numbers = steps * ((problem.N + 4) * system.nx + 2 * system.nu + 2 * system.nlam + 30)
     check_memory(f"{options.seeds} seeds of {steps} samples", 16.0 * options.seeds * numbers)
     check_places(options.out, options.pdf)
-    return LoopCase(spec, spec.params(values).model_dump(), problem, law, given, steps)
+    return LoopCase(spec, spec.params(values).model_dump(), problem, law, disturbance, steps)
 
 
 def _disturbance(options: MpcOptions, spec: ProblemSpec, problem: Problem, steps: int) -> Disturbance:
-    states, inputs = ([one.name for one in part] for part in (problem.system.states, problem.system.inputs))
-    noise = _deviation("--noise-state", options.noise_state)
-    applied = _deviation("--noise-input", options.noise_input)
-    deviations(noise, states, "--noise-state")
-    deviations(applied, inputs, "--noise-input")
+    states, inputs = ([signal.name for signal in signals] for signals in (problem.system.states, problem.system.inputs))
+    state_noise = _deviation("--noise-state", options.noise_state)
+    input_noise = _deviation("--noise-input", options.noise_input)
+    deviations(state_noise, states, "--noise-state")
+    deviations(input_noise, inputs, "--noise-input")
     mismatch = {
         name: parse(f"--mismatch {name}", text, float)
         for name, text in assignments("--mismatch", options.mismatch).items()
@@ -105,7 +105,7 @@ def _disturbance(options: MpcOptions, spec: ProblemSpec, problem: Problem, steps
     # A plant's parameter has the range of the problem's.
     spec.params({**assignments("-p", options.params), **mismatch})
     pushes = _pushes(options.push or (), states, steps)
-    return Disturbance(noise, applied, mismatch, options.delay, pushes)
+    return Disturbance(state_noise, input_noise, mismatch, options.delay, pushes)
 
 
 def _deviation(flag: str, words: Sequence[str] | None) -> float | dict[str, float]:
@@ -123,7 +123,7 @@ def _deviation(flag: str, words: Sequence[str] | None) -> float | dict[str, floa
 
 def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np.ndarray]:
     """Changes of the state (nx,) by sample."""
-    found: dict[int, np.ndarray] = {}
+    push_at: dict[int, np.ndarray] = {}
     for word in words:
         sample, sign, change = word.partition(":")
         if not sign:
@@ -136,9 +136,9 @@ def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np
                 raise InputError(
                     f"--push: unknown state {name!r}{did_you_mean(name, states)}; available: {', '.join(states)}"
                 )
-            found.setdefault(k, np.zeros(len(states)))
-            found[k][states.index(name)] += parse(f"--push {name}", text, float)
-    return found
+            push_at.setdefault(k, np.zeros(len(states)))
+            push_at[k][states.index(name)] += parse(f"--push {name}", text, float)
+    return push_at
 
 
 def run(options: MpcOptions, case: LoopCase) -> int:
@@ -160,7 +160,7 @@ def run(options: MpcOptions, case: LoopCase) -> int:
                 controller,
                 case.steps,
                 options.plant,
-                case.given,
+                case.disturbance,
                 seeds=options.seeds,
                 seed=options.seed,
                 certify=options.certify,
@@ -180,7 +180,7 @@ def run(options: MpcOptions, case: LoopCase) -> int:
 
 def _stored(options: MpcOptions, case: LoopCase, controller: Controller, loop: ClosedLoop) -> StoredRun:
     """Store what ran; raises KeyboardInterrupt where nothing did."""
-    data = labelled(loop, case.given.mismatch)
+    data = labelled(loop, case.disturbance.mismatch)
     if not data.sizes["seed"]:
         raise KeyboardInterrupt
     meta = {
@@ -192,9 +192,9 @@ def _stored(options: MpcOptions, case: LoopCase, controller: Controller, loop: C
         "source_digest": case.spec.digest,
         **summary(loop, data, controller.told, options.rate),
     }
-    drawn = data.isel(node=slice(0, int(data["ended"].values[0]) + 1))
-    part = store.problem_part(case.problem, drawn)
-    return store.write(options.out, case.spec.name, data, meta, part)
+    first_seed = data.isel(node=slice(0, int(data["ended"].values[0]) + 1))
+    problem_part = store.problem_part(case.problem, first_seed)
+    return store.write(options.out, case.spec.name, data, meta, problem_part)
 
 
 _TOLD = (

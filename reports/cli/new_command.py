@@ -30,9 +30,9 @@ def check(options: NewOptions) -> Path:
         file = Path(f"{check_name(options.problem.removesuffix('.py'))}.py")
     if file.stem in names():
         raise InputError(f"{file.stem} is a problem of the workbench; choose another name")
-    given = [f"--{kind}" for kind in TEMPLATES if getattr(options, kind, None)]
-    if len(given) > 1:
-        raise InputError(f"{' and '.join(given)} are two kinds of file; give one of them")
+    kind_flags = [f"--{kind}" for kind in TEMPLATES if getattr(options, kind, None)]
+    if len(kind_flags) > 1:
+        raise InputError(f"{' and '.join(kind_flags)} are two kinds of file; give one of them")
     if file.exists() or file.is_symlink():
         raise InputError(f"{file} exists; choose another name, or move the file away")
     check_place(file, "problem file")
@@ -48,15 +48,15 @@ def run(options: NewOptions, file: Path) -> int:
     kind = next((kind for kind in TEMPLATES if getattr(options, kind, None)), "plain")
     places = (folder / TEMPLATES[kind] for folder in _FOLDERS)
     text = next(place for place in places if place.exists()).read_text(encoding="utf-8")
-    named = re.sub('^name = ".*"$', f'name = "{file.stem}"', text, count=1, flags=re.MULTILINE)
+    problem_text = re.sub('^name = ".*"$', f'name = "{file.stem}"', text, count=1, flags=re.MULTILINE)
     if options.robot is not None:
-        ways = ("floating", "planar")
-        written = _relative(options.robot)
-        written += "".join(f", {way}=True" for way in ways if getattr(options, way))
+        bases = ("floating", "planar")
+        robot_arguments = _relative(options.robot)
+        robot_arguments += "".join(f", {base}=True" for base in bases if getattr(options, base))
         if options.folder is not None:
-            written += f", folder=Path(__file__).parent / {_relative(options.folder)}"
-        named = named.replace('"hopper.xml")', f"{written})")
-    atomic.write(file, named.encode(), "the problem file")
+            robot_arguments += f", folder=Path(__file__).parent / {_relative(options.folder)}"
+        problem_text = problem_text.replace('"hopper.xml")', f"{robot_arguments})")
+    atomic.write(file, problem_text.encode(), "the problem file")
     options.output.say(f"problem file: {file}; solve it with ocp solve {file} --contact exact")
     options.output.document({"file": str(file), "problem": file.stem, "template": kind})
     return 0

@@ -21,12 +21,12 @@ PROBLEM = "Registered name or path/to/file.py."
 LAW = "Contact law: a name of ocp settings laws, or path/to/file.py."
 
 
-def option(default: Any, *flags: str, **shown: Any) -> Any:
+def option(default: Any, *flags: str, **typer_options: Any) -> Any:
     """Declare a field as an option: ``MISSING`` or its default, and as ``typer.Option`` has it.
 
     Its flag is ``--name``, unless ``flags`` have another long one.
     """
-    metadata = {"make": typer.Option, "flags": flags, **shown}
+    metadata = {"make": typer.Option, "flags": flags, **typer_options}
     return field(default=default, metadata=metadata)
 
 
@@ -35,9 +35,9 @@ def assigned(*flags: str, help: str) -> Any:
     return option(None, *flags, metavar="K=V", help=help)
 
 
-def argument(default: Any = MISSING, **shown: Any) -> Any:
+def argument(default: Any = MISSING, **typer_options: Any) -> Any:
     """Declare a field as a word without a flag, shown as ``typer.Argument`` has it."""
-    return field(default=default, metadata={"make": typer.Argument, "flags": (), **shown})
+    return field(default=default, metadata={"make": typer.Argument, "flags": (), **typer_options})
 
 
 def decoded(word: str) -> str:
@@ -51,7 +51,7 @@ def decoded(word: str) -> str:
 @dataclass(frozen=True, kw_only=True)
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(option, assigned, argument, field))
 class Options:
-    """Options of every command, each subclass a dataclass; ``given`` names those that are given.
+    """Options of every command, each subclass a dataclass; ``explicit`` names those on the command line.
 
     ``code`` is the module of the command, with ``check(options)``, which raises
     :class:`~ocp.errors.InputError` or a related error before any work, and
@@ -66,7 +66,7 @@ class Options:
     quiet: bool = option(False, "-q", help="No progress and no tables.")
     verbose: int = option(0, "-v", count=True, show_default=False, help="Log to stderr; -vv for all details.")
     debug: bool = option(False, help="Show the traceback of an error.")
-    given: frozenset[str] = frozenset()
+    explicit: frozenset[str] = frozenset()
 
     def __init_subclass__(cls) -> None:
         dataclass(frozen=True, kw_only=True)(cls)
@@ -119,18 +119,18 @@ class SourceOptions(StoreOptions):
 
     source: str | None = option(None, "--source", metavar="FILE", help="File that defines the problem of the run.")
 
-    def own(self, runs: Sequence[StoredRun]) -> ProblemSpec | None:
+    def problem_from_source(self, runs: Sequence[StoredRun]) -> ProblemSpec | None:
         """The problem in that file, None without one; warns where it has changed since.
 
         Raises :class:`~ocp.errors.InputError` where it cannot be read, or is not the runs' problem.
         """
         from problems.plugin import edited, named_file
 
-        found = named_file(self.source, runs)
+        problem_spec = named_file(self.source, runs)
         for run in runs:
-            if warning := edited(run, found):
+            if warning := edited(run, problem_spec):
                 self.output.say(warning)
-        return found
+        return problem_spec
 
 
 class TagOptions(StoreOptions):
@@ -186,7 +186,7 @@ class JobsOptions(Options):
         from ocp.errors import InputError
 
         super().check()
-        if self.scheduler is not None and "jobs" in self.given:
+        if self.scheduler is not None and "jobs" in self.explicit:
             raise InputError("--jobs starts local processes, --scheduler uses a cluster; drop one")
 
     @property
@@ -207,5 +207,5 @@ class StartsOptions(JobsOptions, SolverOptions):
 
         super().check()
         choose("rank", self.rank, dict.fromkeys(("planned", "exact", "referee")))
-        if "rank" in self.given and self.starts == 1:
+        if "rank" in self.explicit and self.starts == 1:
             raise InputError("--rank needs several starts; give --starts 2 or more")

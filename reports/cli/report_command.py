@@ -21,13 +21,13 @@ def check_report(options: ReportOptions) -> tuple[list[StoredRun], ProblemSpec |
     """Read the runs, and the problem's file if one is given."""
     check_place(options.pdf, "PDF")
     runs = [options.stored(text) for text in options.runs]
-    return runs, options.own(runs)
+    return runs, options.problem_from_source(runs)
 
 
 def run_report(options: ReportOptions, request: tuple[list[StoredRun], ProblemSpec | None]) -> int:
     """Write the PDF."""
-    runs, own = request
-    write_pdf(runs, options.pdf, options.cones, own, options.signals)
+    runs, file_spec = request
+    write_pdf(runs, options.pdf, options.cones, file_spec, options.signals)
     options.output.say(f"PDF: {options.pdf}")
     options.output.document({"pdf": str(options.pdf), "runs": [str(item.path) for item in runs]})
     return 0
@@ -37,8 +37,8 @@ def check_animate(options: AnimateOptions) -> RunView:
     """Read the run, and check that it can be drawn."""
     check_format(options.file, options.fps)
     check_place(options.file, "animation")
-    found = options.stored(options.run)
-    view = RunView.of(found, options.own([found]))
+    stored_run = options.stored(options.run)
+    view = RunView.of(stored_run, options.problem_from_source([stored_run]))
     check_drawable(view)
     if options.repeat > 1:
         if not is_periodic(view):

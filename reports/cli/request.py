@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from ocp.jobs.case import Case
 
 
-def assignments(option: str, given: Iterable[str] | None) -> dict[str, str]:
+def assignments(option: str, words: Iterable[str] | None) -> dict[str, str]:
     """Read ``["a=1", "b=x"]``; raises InputError for anything else and for a name given twice."""
     values: dict[str, str] = {}
-    for item in given or ():
-        name, sign, value = (part.strip() for part in item.partition("="))
+    for item in words or ():
+        name, sign, value = (piece.strip() for piece in item.partition("="))
         if not (name and sign and value):
             raise InputError(f"{option}: expected name=value, got {item!r}; write {option} name=1.0")
         if name in values:
@@ -45,15 +45,15 @@ def whole(option: str, text: str) -> int:
         raise InputError(f"{option} must be {error}{example}, got {text!r}") from None
 
 
-def layers(option: str, text: str, words: str = "") -> tuple[int, ...]:
+def layers(option: str, text: str, alternatives: str = "") -> tuple[int, ...]:
     """Read the sizes of hidden layers, such as ``64,64``; raises InputError for anything else.
 
     ``words`` name what the option accepts besides.
     """
-    units = [validation.whole(part) for part in text.split(",")]
+    units = [validation.whole(word) for word in text.split(",")]
     if not all(count is not None and 0 < count <= 100_000 for count in units):
         raise InputError(
-            f"{option} must be whole numbers from 1 to 100000 with commas, such as 64,64{words}, got {text!r}"
+            f"{option} must be whole numbers from 1 to 100000 with commas, such as 64,64{alternatives}, got {text!r}"
         )
     return tuple(count for count in units if count is not None)
 
@@ -86,25 +86,25 @@ def check_places(out: Path, pdf: Path | None) -> None:
         check_place(pdf, "PDF")
 
 
-def check_place(file: Path, what: str) -> None:
+def check_place(file: Path, kind: str) -> None:
     """Raise InputError where ``file``, such as a PDF, has another ending or cannot be written."""
     if file.is_dir():
-        example = EXAMPLES.get(what, "report.gif")
+        example = EXAMPLES.get(kind, "report.gif")
         raise InputError(f"{file} is a directory; name a file such as {file / example}")
-    ending = Path(EXAMPLES[what]).suffix if what in _ONE_ENDING else file.suffix
+    ending = Path(EXAMPLES[kind]).suffix if kind in _ONE_ENDING else file.suffix
     # A device or a pipe has any name.
     if file.suffix.lower() != ending and (file.is_file() or not file.exists()):
         raise InputError(
-            f"the {what} must end in {ending}, got {str(file)!r}; use {file.with_suffix(ending).name!r}, for example"
+            f"the {kind} must end in {ending}, got {str(file)!r}; use {file.with_suffix(ending).name!r}, for example"
         )
-    with atomic.write_errors(f"the {what} to {file}"):
+    with atomic.write_errors(f"the {kind} to {file}"):
         place = atomic.destination(file)
     if place is None:
         return
     try:
         store.check_writable(place.parent)
     except InputError as error:
-        message = str(error).replace("the run", f"the {what}").replace("with --out", "for it")
+        message = str(error).replace("the run", f"the {kind}").replace("with --out", "for it")
         raise InputError(message) from error
 
 
@@ -113,19 +113,19 @@ class Request:
     """The checked request of a command line: the problem's spec, the names given, the session."""
 
     spec: ProblemSpec
-    given: dict[str, Any]
+    arguments: dict[str, Any]
     session: Session
 
     @classmethod
     def read(cls, options: SolverOptions) -> Request:
         """Check the command line; raises InputError for the first word that does not fit."""
-        spec, given = read_names(options)
-        return cls(spec, given, new_session(spec, **given))
+        spec, arguments = read_names(options)
+        return cls(spec, arguments, new_session(spec, **arguments))
 
     @cached_property
     def params(self) -> dict[str, Any]:
         """All parameters of the problem, by name."""
-        return self.spec.params(self.given["params"]).model_dump()
+        return self.spec.params(self.arguments["params"]).model_dump()
 
     @property
     def origin(self) -> dict[str, Any]:
@@ -151,8 +151,8 @@ def read_names(options: SolverOptions) -> tuple[ProblemSpec, dict[str, Any]]:
     }
 
 
-def case_of(spec: ProblemSpec, given: dict[str, Any]) -> Case:
+def case_of(spec: ProblemSpec, arguments: dict[str, Any]) -> Case:
     """The case that any process can build; a file is named by its whole path."""
     from ocp.jobs.case import Case
 
-    return Case(spec.name if spec.path is None else str(spec.path), **given).with_content(spec)
+    return Case(spec.name if spec.path is None else str(spec.path), **arguments).with_content(spec)

@@ -29,7 +29,7 @@ RunsRequest = tuple[StoredRun | None, datetime | None]
 
 def check(options: RunsOptions) -> RunsRequest:
     """Read the one run, None for all, and the date of ``--since``."""
-    narrowed = sorted(options.given & {*FILTERS, "tags", "since", "last"})
+    narrowed = sorted(options.explicit & {*FILTERS, "tags", "since", "last"})
     if options.run is not None and narrowed:
         raise InputError(f"a single run takes no filter; drop --{narrowed[0].replace('tags', 'tag')}")
     since = None if options.since is None else moment(options.since)
@@ -44,21 +44,21 @@ def moment(text: str) -> datetime:
     if match := re.fullmatch(r"(\d{1,6})([smhdw])", text, re.ASCII):
         return datetime.now(UTC) - timedelta(seconds=int(match[1]) * _SECONDS[match[2]])
     try:
-        found = datetime.fromisoformat(text)
+        date = datetime.fromisoformat(text)
     except ValueError:
         raise InputError(
             f"--since must be a date such as 2026-01-31, or an age such as 30m, 2h, 7d, got {text!r}"
         ) from None
-    return found if found.tzinfo else found.replace(tzinfo=UTC)
+    return date if date.tzinfo else date.replace(tzinfo=UTC)
 
 
 def run(options: RunsOptions, request: RunsRequest) -> int:
     """List the stored runs, the latest last, or show one."""
-    one, since = request
-    if one is not None:
-        options.output.document({"run": str(one.path), **one.meta})
+    single_run, since = request
+    if single_run is not None:
+        options.output.document({"run": str(single_run.path), **single_run.meta})
         if not options.as_json:
-            print_table(run_table(one))
+            print_table(run_table(single_run))
         return 0
     paths, entries, others = store.run_paths(options.out), [], []
     for place, path in enumerate(reversed(paths), 1):
@@ -76,16 +76,16 @@ def run(options: RunsOptions, request: RunsRequest) -> int:
     return 0
 
 
-def _print(options: RunsOptions, entries: list[dict[str, Any]], every: list[dict[str, Any]]) -> None:
+def _print(options: RunsOptions, entries: list[dict[str, Any]], all_entries: list[dict[str, Any]]) -> None:
     if entries:
         # Folders may have any name.
         print("\n".join(run_lines(visible(entries))))
-    elif every:
-        print(f"No run matches ({len(every)} in {options.out}). Available:")
+    elif all_entries:
+        print(f"No run matches ({len(all_entries)} in {options.out}). Available:")
         for key in FILTERS:
             names = ("status", "grade") if key == "status" else (key,)
-            found = {str(row[name]) for row in every for name in names if row[name] is not None}
-            print(f"  {key}: {', '.join(sorted(found))}")
+            choices = {str(row[name]) for row in all_entries for name in names if row[name] is not None}
+            print(f"  {key}: {', '.join(sorted(choices))}")
     else:
         print(f"{options.out} has no runs; ocp solve PROBLEM stores one")
 
@@ -93,8 +93,8 @@ def _print(options: RunsOptions, entries: list[dict[str, Any]], every: list[dict
 def _matches(options: RunsOptions, since: datetime | None, entry: dict[str, Any]) -> bool:
     for key in FILTERS:
         expected = getattr(options, key)
-        found = (entry[key], entry["grade"]) if key == "status" else (entry[key],)
-        if expected is not None and expected not in found:
+        stored_values = (entry[key], entry["grade"]) if key == "status" else (entry[key],)
+        if expected is not None and expected not in stored_values:
             return False
     if not set(options.tags or ()) <= set(entry["tags"]):
         return False
@@ -102,12 +102,12 @@ def _matches(options: RunsOptions, since: datetime | None, entry: dict[str, Any]
     return since is None or (created is not None and datetime.fromisoformat(created) >= since)
 
 
-def _row(entry: Any, at: str) -> dict[str, Any]:
+def _row(entry: Any, alias: str) -> dict[str, Any]:
     meta = entry.meta or {}
     record = meta.get("record") or {}
     params = record.get("params") or {}
     return {
-        "at": at,
+        "at": alias,
         "run": str(entry.path),
         "problem": meta.get("problem", entry.path.parent.name),
         **{key: meta.get(key) for key in ("kind", "created", "hash", "cost", "grade")},
@@ -123,36 +123,36 @@ def _row(entry: Any, at: str) -> dict[str, Any]:
 
 def check_rm(options: RmOptions) -> list[Path]:
     """Find the runs; raises InputError for a folder that is no run."""
-    found = [find(text, options.out) for text in options.runs]
-    for path in found:
+    run_paths = [find(text, options.out) for text in options.runs]
+    for path in run_paths:
         check_removable(path)
-    return found
+    return run_paths
 
 
-def run_rm(options: RmOptions, found: list[Path]) -> int:
+def run_rm(options: RmOptions, run_paths: list[Path]) -> int:
     """Delete stored runs, damaged ones too; nothing is deleted unless every name is a run."""
-    remove(found)
-    for path in found:
+    remove(run_paths)
+    for path in run_paths:
         options.output.say(f"removed: {path}")
-    options.output.document({"removed": [str(path) for path in found]})
+    options.output.document({"removed": [str(path) for path in run_paths]})
     return 0
 
 
 def check_export(options: RunsExportOptions) -> tuple[StoredRun, str]:
     """Read the run, and check that it can be written in that format."""
     check_place(options.file, "data")
-    form = options.form or options.file.suffix.removeprefix(".").lower()
-    choose("format", form, FORMATS)
-    found = options.stored(options.run)
-    if form == "csv":
-        check_rows(found)
-    return found, form
+    file_format = options.form or options.file.suffix.removeprefix(".").lower()
+    choose("format", file_format, FORMATS)
+    stored_run = options.stored(options.run)
+    if file_format == "csv":
+        check_rows(stored_run)
+    return stored_run, file_format
 
 
 def run_export(options: RunsExportOptions, request: tuple[StoredRun, str]) -> int:
     """Write the arrays of a stored run to a file for other programs."""
-    found, form = request
-    FORMATS[form](found, options.file)
-    options.output.say(f"{form}: {options.file}")
-    options.output.document({"file": str(options.file), "format": form, "run": str(found.path)})
+    stored_run, file_format = request
+    FORMATS[file_format](stored_run, options.file)
+    options.output.say(f"{file_format}: {options.file}")
+    options.output.document({"file": str(options.file), "format": file_format, "run": str(stored_run.path)})
     return 0

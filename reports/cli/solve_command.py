@@ -39,7 +39,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     """Build the session, and read the solution to start from."""
     if options.require is not None:
         choose("requirement", options.require, REQUIREMENTS)
-    parallel = [f"--{name}" for name in ("jobs", "scheduler") if name in options.given]
+    parallel = [f"--{name}" for name in ("jobs", "scheduler") if name in options.explicit]
     if parallel and options.starts == 1:
         raise InputError(f"{parallel[0]} needs several starts; give --starts 2 or more")
     if options.start is not None and options.starts > 1:
@@ -76,14 +76,14 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
 def _start(request: Request, options: SolveOptions) -> Solution:
     """Return the stored solution that ``--from`` names, of this problem at its own parameters."""
     run, name = str(options.start), request.session.problem.name
-    found = options.stored(run)
-    if found.meta["problem"] != name:
+    stored_run = options.stored(run)
+    if stored_run.meta["problem"] != name:
         raise InputError(
-            f"--from {run}: the run solves {found.meta['problem']}, not {name}; start from a run of {name}"
+            f"--from {run}: the run solves {stored_run.meta['problem']}, not {name}; start from a run of {name}"
         )
-    if warning := edited(found, request.spec):
+    if warning := edited(stored_run, request.spec):
         options.output.say(f"--from {run}: {warning}")
-    return found.solution(problem_of(found, request.spec)[2])
+    return stored_run.solution(problem_of(stored_run, request.spec)[2])
 
 
 def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
@@ -99,8 +99,8 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     )
     solution = _solved(options, request, start)
     if options.world is not None:
-        found = solution.in_world(options.world)
-        solution = replace(solution, simulator={**found.document, "sentence": found.sentence})
+        replay = solution.in_world(options.world)
+        solution = replace(solution, simulator={**replay.document, "sentence": replay.sentence})
     if options.sensitivity:
         slopes = {name: _cost_slopes(solution, name) for name in options.sensitivity}
         solution = replace(solution, sensitivities=slopes)
@@ -113,8 +113,8 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     if options.plot is not None:
         from reports.papers import bare, format_of
 
-        drawn = bare(stored, format_of(options.plot), own=request.spec)
-        atomic.write(options.plot, drawn, "the figure")
+        figure_bytes = bare(stored, format_of(options.plot), file_spec=request.spec)
+        atomic.write(options.plot, figure_bytes, "the figure")
         output.say(f"figure: {options.plot}")
         content["plot"] = str(options.plot)
     output.finish(stored, content, options.pdf, request.spec)
@@ -126,11 +126,11 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
 def _cost_slopes(solution: Solution, name: str) -> dict[str, Any]:
     """Slopes of the cost and of its replays by a parameter, or why there are none."""
     try:
-        found = solution.sensitivity(name)
+        sensitivity = solution.sensitivity(name)
     except InputError as error:
         return {"sentence": str(error)}
-    slopes = {key: float(found[key]) for key in ("cost", "cost_referee", "cost_refined")}
-    return {**slopes, "sentence": found.attrs["finding"]}
+    slopes = {key: float(sensitivity[key]) for key in ("cost", "cost_referee", "cost_refined")}
+    return {**slopes, "sentence": sensitivity.attrs["finding"]}
 
 
 def _solved(options: SolveOptions, request: Request, start: Solution | None) -> Solution:
@@ -144,15 +144,15 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
 
         try:
             if start is not None:
-                found = solve_from(request.session, start, options.seed, on_stage)
+                solution = solve_from(request.session, start, options.seed, on_stage)
             elif options.starts == 1 or not options.parallel:
-                found = solve_session(request.session, options.starts, options.seed, on_stage, rank)
+                solution = solve_session(request.session, options.starts, options.seed, on_stage, rank)
             else:
                 from ocp.jobs.sweep_job import solve_starts
 
-                found = solve_starts(
+                solution = solve_starts(
                     request.session,
-                    case_of(request.spec, request.given),
+                    case_of(request.spec, request.arguments),
                     options.starts,
                     options.seed,
                     on_stage,
@@ -161,15 +161,15 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
                     options.scheduler,
                 )
             if not options.refine:
-                return found
-            return refine_from(request.session, found, rebuilder(request.spec), options.seed, on_stage)
+                return solution
+            return refine_from(request.session, solution, rebuilder(request.spec), options.seed, on_stage)
         except Interrupted as stop:
             if stop.solution.status is Status.INTERRUPTED:
                 interrupt.answered()
                 return stop.solution
-            kept = store.save(stop.solution, options.out, options.argv, options.tags or ())
+            best_run = store.save(stop.solution, options.out, options.argv, options.tags or ())
             finished = len(stop.solution.route.attempts)
-            options.output.say(f"run: {kept.path} (the best of {finished} finished starts)")
+            options.output.say(f"run: {best_run.path} (the best of {finished} finished starts)")
             raise
 
 
@@ -178,8 +178,8 @@ def show(output: Output, solution: Solution) -> None:
     # Elsewhere lines have listed the stages already.
     if solution.stages and output.console.is_terminal and output.progress:
         output.note(console.stage_table(solution.stages, solution.cost))
-    if told := console.stage_note(solution.stages, solution.cost):
-        output.note(told)
+    if note := console.stage_note(solution.stages, solution.cost):
+        output.note(note)
     output.note(console.result_table(solution))
     if solution.audit.contacts:
         output.note(contact_table(solution.audit))
@@ -234,36 +234,36 @@ ReplayRequest = tuple[StoredRun, Solution, ContactLaw | str]
 
 def check_replay(options: ReplayOptions) -> ReplayRequest:
     """Read the run's plan, and make the law; or name the world."""
-    if options.world is not None and options.given & {"contact", "law_settings"}:
+    if options.world is not None and options.explicit & {"contact", "law_settings"}:
         raise InputError("--world excludes a contact law; drop --contact and -c, or --world")
-    found = options.stored(options.run)
-    found.check_solve()
-    problem = problem_of(found, options.own([found]))[2]
-    solution = found.solution(problem)
+    stored_run = options.stored(options.run)
+    stored_run.check_solve()
+    problem = problem_of(stored_run, options.problem_from_source([stored_run]))[2]
+    solution = stored_run.solution(problem)
     if options.world is not None:
-        return found, solution, options.world
-    given = assignments("-c", options.law_settings)
-    law, warning = law_of(found, options.contact, given, problem.system)
+        return stored_run, solution, options.world
+    law_settings = assignments("-c", options.law_settings)
+    law, warning = law_of(stored_run, options.contact, law_settings, problem.system)
     if warning:
         options.output.say(warning)
-    return found, solution, law
+    return stored_run, solution, law
 
 
 def run_replay(options: ReplayOptions, request: ReplayRequest) -> int:
     """Simulate the inputs, or the feedback policy, of a stored run under a law, or in a world."""
     (stored, solution, law), output = request, options.output
     if isinstance(law, str):
-        found = solution.in_world(law)
-        output.say(found.sentence)
-        output.document({"run": str(stored.path), "problem": stored.meta["problem"], **found.document})
-        return 0 if math.isfinite(found.cost) else NOT_CONVERGED
+        external = solution.in_world(law)
+        output.say(external.sentence)
+        output.document({"run": str(stored.path), "problem": stored.meta["problem"], **external.document})
+        return 0 if math.isfinite(external.cost) else NOT_CONVERGED
     rolled = solution.replay(law)
     output.say(f"planned cost {number(rolled.planned_cost, 8)}; under the {law.name} law {number(rolled.cost, 8)}")
-    between = rolled.between
+    deepest = rolled.between
     output.say(
         f"largest state difference {small(rolled.state_gap)};"
         f" penetration {small(rolled.penetration)} m"
-        + ("" if between is None else f", between nodes {small(between.amount)} m")
+        + ("" if deepest is None else f", between nodes {small(deepest.amount)} m")
     )
     for line in describe_violations(rolled.broken):
         output.say(line)
@@ -279,15 +279,15 @@ def replay_document(stored: StoredRun, rolled: Replay) -> dict[str, Any]:
     constraints that the replay violates, ``final_state`` (scenario, state), ``inputs`` "open-loop"
     or "feedback".
     """
-    same = ("inputs", "cost", "planned_cost", "state_gap", "penetration")
+    copied = ("inputs", "cost", "planned_cost", "state_gap", "penetration")
     return {
         "run": str(stored.path),
         "problem": stored.meta["problem"],
         "contact": rolled.law.name,
         "contact_settings": rolled.law.settings(),
-        **{name: getattr(rolled, name) for name in same},
+        **{name: getattr(rolled, name) for name in copied},
         "between": None if rolled.between is None else asdict(rolled.between),
-        "broken": [asdict(one) for one in rolled.broken],
+        "broken": [asdict(violation) for violation in rolled.broken],
         "final_state": rolled.data["x"].values[:, -1],
         "states": [str(name) for name in rolled.data["state"].values],
     }

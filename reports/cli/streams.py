@@ -133,7 +133,7 @@ HANDLER = "centralpath-signs"
 def written(text: str) -> str:
     """``text`` in ASCII: known signs by their names, letters without accents, the rest as ``?``."""
     bare = (unicodedata.normalize("NFKD", sign).encode("ascii", "ignore") for sign in text)
-    return "".join(SIGNS.get(sign) or known.decode() or "?" for sign, known in zip(text, bare, strict=True))
+    return "".join(SIGNS.get(sign) or letters.decode() or "?" for sign, letters in zip(text, bare, strict=True))
 
 
 def _replaced(error: UnicodeError) -> tuple[str, int]:
@@ -212,14 +212,14 @@ def log_to_stderr(verbosity: int) -> Iterator[None]:
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter(_FORMAT, style="{"))
     loggers = [logging.getLogger(name) for name in PACKAGES]
-    before = [logger.level for logger in loggers]
+    previous_levels = [logger.level for logger in loggers]
     for logger in loggers:
         logger.addHandler(handler)
         logger.setLevel(logging.INFO if verbosity == 1 else logging.DEBUG)
     try:
         yield
     finally:
-        for logger, level in zip(loggers, before, strict=True):
+        for logger, level in zip(loggers, previous_levels, strict=True):
             logger.removeHandler(handler)
             logger.setLevel(level)
 
@@ -255,20 +255,20 @@ class Output:
         # Brackets in a run's text are text, not markup.
         return Console(stderr=True, width=width, highlight=False, markup=False)
 
-    def note(self, what: Any) -> None:
+    def note(self, renderable: Any) -> None:
         """Show progress or a table, unless quiet."""
         if not self.quiet:
-            self.console.print(what)
+            self.console.print(renderable)
 
     def say(self, line: str) -> None:
         """Print a result line for people."""
         print(line, file=sys.stderr if self.as_json else sys.stdout)
 
-    def announce(self, what: str, seconds: float, memory: float = 0.0) -> None:
+    def announce(self, task: str, seconds: float, memory: float = 0.0) -> None:
         """Print on stderr one line about a long computation, unless quiet."""
         from ocp.problem.resources import long_task_notice
 
-        line = long_task_notice(what, seconds, memory)
+        line = long_task_notice(task, seconds, memory)
         if line is not None and not self.quiet:
             print(line, file=sys.stderr, flush=True)
 
@@ -294,15 +294,15 @@ class Output:
         text = json.dumps(to_json(content), indent=1, allow_nan=False)
         print(text, file=document_stream(), flush=True)
 
-    def finish(self, run: StoredRun, content: dict[str, Any], pdf: Path | None, own: Any = None) -> None:
+    def finish(self, run: StoredRun, content: dict[str, Any], pdf: Path | None, file_spec: Any = None) -> None:
         """Print where a run was stored, write its report to ``pdf``, and print its document.
 
-        ``own`` is the problem that was solved, whose drawing the report shows.
+        ``file_spec`` is the problem that was solved, whose drawing the report shows.
         """
         self.say(f"run: {run.path}")
         if pdf is not None:
             from reports.pdf import write_pdf
 
-            write_pdf([run], pdf, own=own)
+            write_pdf([run], pdf, file_spec=file_spec)
             self.say(f"PDF: {pdf}")
         self.document({**content, "run": str(run.path), "pdf": None if pdf is None else str(pdf)})

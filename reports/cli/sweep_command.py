@@ -75,12 +75,12 @@ def run(options: SweepOptions, request: SweepRequest) -> int:
         stored = store.write(options.out, problem.name, data, meta, store.problem_part(problem))
         checkpoint.discard()
     dims = [axis["name"] for axis in meta["study"]["axes"]]
-    found = rows(data)
-    output.note(point_table(found, dims))
+    grid_points = rows(data)
+    output.note(point_table(grid_points, dims))
     output.say(meta["verdict"])
     for failure in meta["study"]["failed"]:
         output.note(f"to reproduce: {failure['command']}")
-    output.finish(stored, _document(meta, found, data), options.pdf, study.source)
+    output.finish(stored, _document(meta, grid_points, data), options.pdf, study.source)
     finite = all(math.isfinite(value) for value in data["exact_cost"].values.flat)
     return 0 if meta["success"] and finite else NOT_CONVERGED
 
@@ -92,31 +92,31 @@ def _points(options: SweepOptions, request: SweepRequest) -> list[JobResult]:
     names = [where(dict(zip(dims, place.values(), strict=True)), dims) for place in study.places]
     for line in request.checkpoint.notes:
         output.say(line)
-    found = saved_points(study, request.checkpoint)
-    if found:
-        output.say(f"resumed; {len(found)} of {len(names)} points already complete")
+    saved = saved_points(study, request.checkpoint)
+    if saved:
+        output.say(f"resumed; {len(saved)} of {len(names)} points already complete")
     try:
-        with sweep_progress(names, len(found), options.quiet) as ended:
+        with sweep_progress(names, len(saved), options.quiet) as on_point:
             return solve_grid(
                 study,
                 options.jobs,
                 options.scheduler,
                 request.checkpoint,
-                found,
-                ended,
+                saved,
+                on_point,
                 lambda *_: interrupt.check(),
             )
     except KeyboardInterrupt:
-        output.say(f"{len(found)} of {len(names)} points are kept; the same command resumes")
+        output.say(f"{len(saved)} of {len(names)} points are kept; the same command resumes")
         raise
 
 
-def _document(meta: dict[str, Any], found: list[dict[str, Any]], data: xr.Dataset) -> dict[str, Any]:
+def _document(meta: dict[str, Any], points: list[dict[str, Any]], data: xr.Dataset) -> dict[str, Any]:
     names = ("problem", "contact", "method", "policy", "solver", "starts")
     return {
         **{name: meta["record"][name] for name in names},
         "axes": meta["study"]["axes"],
-        "points": found,
+        "points": points,
         "failed": meta["study"]["failed"],
         **{name: meta[name] for name in ("solved", "survives", "success", "status", "verdict", "seed")},
         "arrays": {str(name): list(array.dims) for name, array in data.data_vars.items()},
@@ -139,8 +139,8 @@ def check_continue(options: ContinueOptions) -> Request:
         check_value(request.session, name, value)
     check_range(options.scale, options.start, options.end, options.steps)
     law, _, parameter = name.rpartition(".")
-    option, given = ("-c", options.law_settings) if law == "contact" else ("-p", options.params)
-    if (parameter if law == "contact" else name) in assignments(option, given):
+    option, setting_words = ("-c", options.law_settings) if law == "contact" else ("-p", options.params)
+    if (parameter if law == "contact" else name) in assignments(option, setting_words):
         raise InputError(f"{name} is varied from --from to --to; drop {option} {parameter}")
     return request
 

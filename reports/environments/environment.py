@@ -76,24 +76,24 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Act (nu,), and return the observation, the reward, terminated, truncated and info."""
         if not self._trail or self._over:
-            why = "the episode has ended" if self._over else "the environment was not reset"
-            raise ResetNeeded(f"{why}; call reset() before step()")
+            reason = "the episode has ended" if self._over else "the environment was not reset"
+            raise ResetNeeded(f"{reason}; call reset() before step()")
         world = self.world
         actions = np.asarray(action, float)[None]
-        found = world.advance(world.alone, self._trail[-1], self._t, actions)
-        self._trail, self._t = found.trail, found.t
-        terminated, truncated = bool(found.terminated[0]), bool(found.truncated[0])
+        outcome = world.advance(world.alone, self._trail[-1], self._t, actions)
+        self._trail, self._t = outcome.trail, outcome.t
+        terminated, truncated = bool(outcome.terminated[0]), bool(outcome.truncated[0])
         self._over = terminated or truncated
-        seen, names = world.observed(found.x)[0], (m.signal.name for m in world.task.measures)
-        measures = dict(zip(names, found.measures[0].tolist(), strict=True))
+        observation, names = world.observed(outcome.x)[0], (m.signal.name for m in world.task.measures)
+        measures = dict(zip(names, outcome.measures[0].tolist(), strict=True))
         return (
-            seen,
-            float(found.reward[0]),
+            observation,
+            float(outcome.reward[0]),
             terminated,
             truncated,
             {
                 **measures,
-                "unsolved": bool(found.unsolved[0]),
+                "unsolved": bool(outcome.unsolved[0]),
             },
         )
 
@@ -192,32 +192,33 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Act (num_envs, nu) in all; every result has num_envs rows, as have those of ``info``."""
         if not len(self._x):
             raise ResetNeeded("the environments were not reset; call reset() before step()")
-        given = np.asarray(actions, float)
-        if given.shape != self.action_space.shape:
+        action_rows = np.asarray(actions, float)
+        if action_rows.shape != self.action_space.shape:
             raise InputError(
-                f"actions have shape {given.shape}, expected {self.action_space.shape}: a row for each environment"
+                f"actions have shape {action_rows.shape}, expected {self.action_space.shape}: a row for each"
+                " environment"
             )
-        return self._acted(given, np.flatnonzero(~self._over))
+        return self._acted(action_rows, np.flatnonzero(~self._over))
 
     def _acted(
         self, actions: np.ndarray, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Act in ``rows``, and start the others anew."""
         world, n = self.world, self.num_envs
-        found = world.advance(self._solver, self._x[rows], self._t[rows], actions[rows])
-        fresh = np.flatnonzero(self._over)
-        first = self._x.copy()
-        for i in fresh:
-            first[i] = world.start(self._rngs[i])
-        self._trail = [_put(first, rows, x) for x in found.trail]
+        outcome = world.advance(self._solver, self._x[rows], self._t[rows], actions[rows])
+        restarted = np.flatnonzero(self._over)
+        states = self._x.copy()
+        for i in restarted:
+            states[i] = world.start(self._rngs[i])
+        self._trail = [_put(states, rows, x) for x in outcome.trail]
         self._x = self._trail[-1]
-        self._t[fresh], self._t[rows] = 0, found.t
-        reward = _put(np.zeros(n), rows, found.reward)
-        terminated = _put(np.zeros(n, bool), rows, found.terminated)
-        truncated = _put(np.zeros(n, bool), rows, found.truncated)
+        self._t[restarted], self._t[rows] = 0, outcome.t
+        reward = _put(np.zeros(n), rows, outcome.reward)
+        terminated = _put(np.zeros(n, bool), rows, outcome.terminated)
+        truncated = _put(np.zeros(n, bool), rows, outcome.truncated)
         self._over = terminated | truncated
         names = [measure.signal.name for measure in world.task.measures]
-        measured = dict(zip([*names, "unsolved"], [*found.measures.T, found.unsolved], strict=True))
+        measured = dict(zip([*names, "unsolved"], [*outcome.measures.T, outcome.unsolved], strict=True))
         acted = _put(np.zeros(n, bool), rows, np.ones(len(rows), bool))
         info: dict[str, Any] = {}
         for name, values in measured.items():
@@ -229,8 +230,10 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Draw every state, each (height, width, 3) in bytes; of a flight a strobe."""
         check_renders(self.render_mode, self._trail)
         seconds = self.world.seconds / self.world.hold * self._t
-        shown = self._trail[-self.world.hold :]
-        return tuple(picture.of([x[i] for x in shown], float(seconds[i])) for i, picture in enumerate(self._renderers))
+        recent_states = self._trail[-self.world.hold :]
+        return tuple(
+            picture.of([x[i] for x in recent_states], float(seconds[i])) for i, picture in enumerate(self._renderers)
+        )
 
     @cached_property
     def _renderers(self) -> list[Renderer]:
@@ -239,8 +242,8 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return [Renderer(self.world.spec, self.world.params) for _ in range(self.num_envs)]
 
 
-def _put(whole: np.ndarray, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _put(target: np.ndarray, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
     """A copy of ``whole`` with ``values`` in ``rows``."""
-    out = whole.copy()
-    out[rows] = values
-    return out
+    copied = target.copy()
+    copied[rows] = values
+    return copied

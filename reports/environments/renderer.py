@@ -45,12 +45,12 @@ class Renderer:
     def _view(self, shapes: list[Shape]) -> Camera:
         """A window as large as around the first bodies that were drawn, down to the ground."""
         bodies = [shape for shape in shapes if not isinstance(shape, HalfPlane)]
-        (left, low), (right, high) = bounds(bodies)
+        (x_low, y_low), (x_high, y_high) = bounds(bodies)
         if self._size is None:
-            wide = _AROUND * max(right - left, high - low)
+            wide = _AROUND * max(x_high - x_low, y_high - y_low)
             self._size = np.array([wide, wide * _INCHES[1] / _INCHES[0]])
         height = self._size[1]
-        floor = min(low, bounds(shapes)[0, 1]) - _BELOW * height
+        floor = min(y_low, bounds(shapes)[0, 1]) - _BELOW * height
         # A body that leaves the window upwards takes it along.
-        middle = max(floor + height / 2, high - height / 2)
-        return Camera(np.array([[(left + right) / 2, middle]]), self._size)
+        middle = max(floor + height / 2, y_high - height / 2)
+        return Camera(np.array([[(x_low + x_high) / 2, middle]]), self._size)

@@ -91,59 +91,59 @@ class World:
 
         Raises :class:`~ocp.errors.InputError` for other shapes, NaN and infinity.
         """
-        task, given = self.task, np.asarray(actions, float)
-        if given.ndim != 2 or given.shape[1] != task.system.nu:
+        task, action_rows = self.task, np.asarray(actions, float)
+        if action_rows.ndim != 2 or action_rows.shape[1] != task.system.nu:
             raise InputError(
-                f"{task.name}: an action has {task.system.nu} entries, got an array of shape {given.shape[1:]}"
+                f"{task.name}: an action has {task.system.nu} entries, got an array of shape {action_rows.shape[1:]}"
             )
-        if not np.isfinite(given).all():
+        if not np.isfinite(action_rows).all():
             raise InputError(f"{task.name}: actions must be finite numbers from -1 to 1")
-        half = (task.upper - task.lower) / 2
-        return task.lower + half + half * np.clip(given, -1.0, 1.0)
+        half_range = (task.upper - task.lower) / 2
+        return task.lower + half_range + half_range * np.clip(action_rows, -1.0, 1.0)
 
     def advance(self, solver: Solver, x: np.ndarray, t: np.ndarray, actions: np.ndarray) -> StepResult:
         """Act in n episodes at states ``x`` (n, nx) after ``t`` (n,) steps each."""
         task, n = self.task, len(x)
         u, p, trail, t = self.inputs(actions), task.parameters.values, [x], t.copy()
-        over, unsolved, reward = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
+        is_over, unsolved, reward = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
         measures = np.zeros((n, len(task.measures)))
         for _ in range(self.hold):
-            rows = np.flatnonzero(~over & ~unsolved & (t < task.horizon))
-            after, solved = solver(x[rows], u[rows])
-            solved &= (np.abs(after) <= LARGEST).all(axis=1)
+            rows = np.flatnonzero(~is_over & ~unsolved & (t < task.horizon))
+            x_next, solved = solver(x[rows], u[rows])
+            solved &= (np.abs(x_next) <= LARGEST).all(axis=1)
             unsolved[rows[~solved]] = True
-            rows, after = rows[solved], after[solved]
-            gained, ended, measures[rows] = self._outcome(x[rows], u[rows], after, p)
-            reward[rows] += gained[:, 0]
-            over[rows] = ended[:, 0] != 0
+            rows, x_next = rows[solved], x_next[solved]
+            rewards, is_end, measures[rows] = self._outcome(x[rows], u[rows], x_next, p)
+            reward[rows] += rewards[:, 0]
+            is_over[rows] = is_end[:, 0] != 0
             x = x.copy()
-            x[rows] = after
+            x[rows] = x_next
             t[rows] += 1
             trail.append(x)
-        full = ~over & ~unsolved & (t >= task.horizon)
+        is_full_length = ~is_over & ~unsolved & (t >= task.horizon)
         if self._has_final:
-            reward[full] += self._final(x[full], p)[:, 0]
-        terminated = over | unsolved | (full & self._has_final)
-        return StepResult(trail, t, reward, terminated, full & ~terminated, unsolved, measures)
+            reward[is_full_length] += self._final(x[is_full_length], p)[:, 0]
+        terminated = is_over | unsolved | (is_full_length & self._has_final)
+        return StepResult(trail, t, reward, terminated, is_full_length & ~terminated, unsolved, measures)
 
     def alone(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solve each state by itself, from further starts where the first fails; a Solver."""
-        after, solved = np.empty_like(x), np.zeros(len(x), bool)
+        x_next_rows, solved = np.empty_like(x), np.zeros(len(x), bool)
         for i in range(len(x)):
             x_next, _, _, error = self.step.solve(x[i], u[i], self.p)
-            after[i] = np.array(x_next).ravel()
+            x_next_rows[i] = np.array(x_next).ravel()
             solved[i] = np.all(np.array(error) <= STEP_TOLERANCE)
-        return after, solved
+        return x_next_rows, solved
 
     def together(self, **engine: Any) -> Solver:
         """A Solver of all states at once; states that the engine cannot solve are solved alone."""
         steps = StepFunction(self.step, **engine)
 
         def solved_together(x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            found = steps(x, u, self.p)
-            after, solved, lost = found.x_next, np.ones(len(x), bool), found.nonfinite.indices
-            after[lost], solved[lost] = self.alone(x[lost], u[lost])
-            return after, solved
+            batch = steps(x, u, self.p)
+            x_next, solved, unsolved = batch.x_next, np.ones(len(x), bool), batch.nonfinite.indices
+            x_next[unsolved], solved[unsolved] = self.alone(x[unsolved], u[unsolved])
+            return x_next, solved
 
         return solved_together
 

@@ -29,26 +29,26 @@ _WIDE = 30.0
 
 def rows(views: list[RunView]) -> list[list[str]]:
     """Table of the comparison: one row a property, one column a run; what all share is left out."""
-    asked = [
+    request_rows = [
         [key, *(str(view.run.record.get(key, "")) for view in views)]
         for key in ("problem", "contact", "method", "policy", "solver")
     ]
-    found = [row for row in asked if len(set(row[1:])) > 1]
+    table = [row for row in request_rows if len(set(row[1:])) > 1]
     runs = [view.run for view in views]
-    found.append(["status", *(run.status.label for run in runs)])
-    found.append(["referee", *(run.referee.word for run in runs)])
-    found.append(["cost", *(number(run.meta["cost"], 7) for run in runs)])
-    found.append(["exact cost", *(number(run.audit.exact_cost, 7) for run in runs)])
-    found.append(["referee cost", *(number(run.referee.cost, 7) for run in runs)])
+    table.append(["status", *(run.status.label for run in runs)])
+    table.append(["referee", *(run.referee.word for run in runs)])
+    table.append(["cost", *(number(run.meta["cost"], 7) for run in runs)])
+    table.append(["exact cost", *(number(run.audit.exact_cost, 7) for run in runs)])
+    table.append(["referee cost", *(number(run.referee.cost, 7) for run in runs)])
     for name, title in (
         ("complementarity", "largest λ gap"),
         ("dynamics_residual", "dynamics residual"),
         ("penetration", "penetration [m]"),
         ("state_gap", "plan to replay"),
     ):
-        found.append([title, *(small(getattr(run.audit, name)) for run in runs)])
-    found.append(["iterations", *(str(run.meta["iterations"]) for run in runs)])
-    return found
+        table.append([title, *(small(getattr(run.audit, name)) for run in runs)])
+    table.append(["iterations", *(str(run.meta["iterations"]) for run in runs)])
+    return table
 
 
 def costs(views: list[RunView], names: list[str]) -> Figure:
@@ -58,23 +58,23 @@ def costs(views: list[RunView], names: list[str]) -> Figure:
         ("replayed, exact law", "s", REPLAYED, [view.run.audit.exact_cost for view in views]),
         ("under the referee", "^", CYCLE[6], [view.run.referee.cost for view in views]),
     ]
-    values = np.array([[np.nan if c is None else c for c in found] for *_, found in kinds], float)
-    least = float(np.nanmin(values[0]))
-    off = values - least
+    values = np.array([[np.nan if c is None else c for c in kind_costs] for *_, kind_costs in kinds], float)
+    cheapest = float(np.nanmin(values[0]))
+    excess = values - cheapest
     names = [fill(name, _LETTERS) for name in names]
     figure = Figure(figsize=(WIDTH, 0.65 + 0.2 * len(views) + 0.12 * "".join(names).count("\n")))
     axis = figure.subplots()
-    place = np.arange(len(views))
-    for (text, mark, color, _), found in zip(kinds, off, strict=True):
-        axis.plot(found, place, mark, color=color, label=text, markersize=4.5, alpha=0.85)
-    finite = np.where(np.isfinite(off), off, 0.0)
-    axis.hlines(place, finite.min(axis=0), finite.max(axis=0), color=GREY, linewidth=0.8, zorder=0)
-    positive = np.unique(off[np.isfinite(off) & (off > 1e-9 * max(abs(least), 1e-12))])
+    positions = np.arange(len(views))
+    for (text, mark, color, _), kind_costs in zip(kinds, excess, strict=True):
+        axis.plot(kind_costs, positions, mark, color=color, label=text, markersize=4.5, alpha=0.85)
+    finite = np.where(np.isfinite(excess), excess, 0.0)
+    axis.hlines(positions, finite.min(axis=0), finite.max(axis=0), color=GREY, linewidth=0.8, zorder=0)
+    positive = np.unique(excess[np.isfinite(excess) & (excess > 1e-9 * max(abs(cheapest), 1e-12))])
     if len(positive) > 1 and positive[-1] > _WIDE * positive[0]:
         axis.set_xscale("symlog", linthresh=10 ** np.floor(np.log10(positive[0])))
-    axis.set_yticks(place, names)
+    axis.set_yticks(positions, names)
     axis.set_ylim(len(views) - 0.5, -0.5)
-    axis.set_xlabel(f"cost beyond the cheapest plan, {number(least, 7)}")
+    axis.set_xlabel(f"cost beyond the cheapest plan, {number(cheapest, 7)}")
     axis.grid(visible=False, axis="y")
     figure.legend(loc="outside upper center", ncols=3)
     return figure
@@ -91,39 +91,45 @@ def overlay_rows(views: list[RunView]) -> tuple[list[Row], list[str]]:
 
     Multipliers that are zero throughout in every run are left out, and named.
     """
-    whole = [{(t.heading, t.name): t for t in tracks(view)} for view in views]
-    resting = set.intersection(*(set(idle(list(each.values()))) for each in whole))
-    order = {key: track for each in whole for key, track in each.items()}
-    differ = same_instants(views) and len({view.scenarios for view in views}) == 1
-    kept = [key for key, track in order.items() if not (track.multiplier and key[1] in resting)]
+    tracks_of_runs = [{(t.heading, t.name): t for t in tracks(view)} for view in views]
+    idle_names = set.intersection(*(set(idle(list(tracks_by_key.values()))) for tracks_by_key in tracks_of_runs))
+    all_tracks = {key: track for tracks_by_key in tracks_of_runs for key, track in tracks_by_key.items()}
+    have_differences = same_instants(views) and len({view.scenarios for view in views}) == 1
+    shown_keys = [key for key, track in all_tracks.items() if not (track.is_multiplier and key[1] in idle_names)]
     reach: dict[str, float] = {}
-    for heading, name in kept:
-        members = [each[heading, name] for each in whole if (heading, name) in each]
-        most = max((largest(m.plan - members[0].plan) for m in members if differ), default=0.0)
-        reach[heading] = max(reach.get(heading, 0.0), most)
+    for heading, name in shown_keys:
+        members = [tracks_by_key[heading, name] for tracks_by_key in tracks_of_runs if (heading, name) in tracks_by_key]
+        largest_difference = max((largest(m.plan - members[0].plan) for m in members if have_differences), default=0.0)
+        reach[heading] = max(reach.get(heading, 0.0), largest_difference)
     panels: dict[str, list[Panel]] = {}
-    for heading, name in kept:
-        own = [(place, each[heading, name]) for place, each in enumerate(whole) if (heading, name) in each]
-        limit = reach[heading] if differ else None
-        panels.setdefault(heading, []).append(_panel(own, views, limit))
-    return in_rows(panels), sorted(resting)
+    for heading, name in shown_keys:
+        members_of_runs = [
+            (place, tracks_by_key[heading, name])
+            for place, tracks_by_key in enumerate(tracks_of_runs)
+            if (heading, name) in tracks_by_key
+        ]
+        limit = reach[heading] if have_differences else None
+        panels.setdefault(heading, []).append(_panel(members_of_runs, views, limit))
+    return in_rows(panels), sorted(idle_names)
 
 
-def _panel(own: Sequence[tuple[int, Track]], views: Sequence[RunView], reach: float | None) -> Panel:
+def _panel(
+    placed_tracks: Sequence[tuple[int, Track]], views: Sequence[RunView], largest_difference: float | None
+) -> Panel:
     def main(axis: Axes) -> None:
-        for place, track in own:
+        for place, track in placed_tracks:
             lines(axis, views[place].time, track.plan, **line_of(place), linewidth=1.1 if len(track.plan) == 1 else 0.5)
 
     def below(axis: Axes) -> None:
         note_zero(axis)
-        base = own[0][1].plan
-        for place, track in own[1:]:
-            lines(axis, views[place].time, track.plan - base, **line_of(place), linewidth=0.9)
-        limit = 1.1 * reach if reach else 1.0
+        reference = placed_tracks[0][1].plan
+        for place, track in placed_tracks[1:]:
+            lines(axis, views[place].time, track.plan - reference, **line_of(place), linewidth=0.9)
+        limit = 1.1 * largest_difference if largest_difference else 1.0
         axis.set_ylim(-limit, limit)
 
-    title = label(own[0][1].name, own[0][1].unit)
-    return Panel(title, main, below if reach is not None else None)
+    title = label(placed_tracks[0][1].name, placed_tracks[0][1].unit)
+    return Panel(title, main, below if largest_difference is not None else None)
 
 
 _COLOURS = {"contact": GREEN, "degenerate": GREEN, "fold": PURPLE, "switch": ORANGE}
@@ -137,51 +143,51 @@ def curve(view: RunView) -> Figure:
     """
     points = view.run.meta["points"]
     value = _column(points, "value")
-    good = np.array([bool(point["success"]) for point in points])
-    complementarity = np.where(good, _column(points, "complementarity"), np.nan)
-    seen = complementarity > FLOOR
-    heights = (2, 1.2, 1) if seen.any() else (2, 1)
+    succeeded = np.array([bool(point["success"]) for point in points])
+    complementarity = np.where(succeeded, _column(points, "complementarity"), np.nan)
+    is_visible = complementarity > FLOOR
+    heights = (2, 1.2, 1) if is_visible.any() else (2, 1)
     figure = Figure(figsize=(WIDTH, 1.0 * sum(heights)))
     top, *middle, bottom = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
-    _costs(top, points, value, good)
+    _costs(top, points, value, succeeded)
     for axis in middle:
         # Under a barrier law all equal mu up to rounding, which gives an axis no range.
         axis.set(yscale="log", ylabel="max λ gap")
-        axis.set_ylim(complementarity[seen].min() / 3, complementarity[seen].max() * 3)
-        axis.plot(value[seen], complementarity[seen], "o-", color=CYCLE[2])
+        axis.set_ylim(complementarity[is_visible].min() / 3, complementarity[is_visible].max() * 3)
+        axis.plot(value[is_visible], complementarity[is_visible], "o-", color=CYCLE[2])
     bottom.plot(value, _column(points, "iterations"), "o", color=CYCLE[3])
     bottom.set_ylim(bottom=0)
     bottom.set(ylabel="iterations", xlabel=parameter_label(view))
     for axis in figure.axes:
-        for place in value[~good]:
+        for place in value[~succeeded]:
             axis.axvline(place, color=INK, linestyle=":", linewidth=0.9)
         if view.run.meta["scale"] == "log":
             axis.set_xscale("log")
     _mark(figure, view.run.meta["events"])
-    if not good.all():
+    if not succeeded.all():
         top.plot([], [], ":", color=INK, label="failed")
     figure.legend(loc="outside upper center", ncols=4)
     return figure
 
 
-def _costs(axis: Axes, points: list[dict[str, Any]], value: np.ndarray, good: np.ndarray) -> None:
+def _costs(axis: Axes, points: list[dict[str, Any]], value: np.ndarray, succeeded: np.ndarray) -> None:
     kinds = [
         ("cost", "o-", PLANNED, "under the law"),
         ("exact_cost", "s--", REPLAYED, "replayed, exact law"),
         ("referee_cost", "^:", CYCLE[6], "under the referee"),
     ]
-    drawn = []
+    drawn_costs = []
     for name, style, color, text in kinds:
         if not all(name in point for point in points):
             continue
         cost = _column(points, name)
-        if np.isfinite(cost[good]).any():
-            axis.plot(value[good], cost[good], style, color=color, label=text, markersize=3)
-            drawn.append(cost[good])
+        if np.isfinite(cost[succeeded]).any():
+            axis.plot(value[succeeded], cost[succeeded], style, color=color, label=text, markersize=3)
+            drawn_costs.append(cost[succeeded])
     axis.set_ylabel("cost")
-    shown = np.concatenate(drawn) if drawn else np.zeros(0)
-    shown = shown[np.isfinite(shown)]
-    if shown.size and shown.min() > 0 and shown.max() > 20 * shown.min():
+    finite_costs = np.concatenate(drawn_costs) if drawn_costs else np.zeros(0)
+    finite_costs = finite_costs[np.isfinite(finite_costs)]
+    if finite_costs.size and finite_costs.min() > 0 and finite_costs.max() > 20 * finite_costs.min():
         axis.set_yscale("log")
 
 
@@ -195,38 +201,43 @@ def strobes(view: RunView, cones: bool = False) -> tuple[list[Figure], str]:
     """The motion at points along the path, each beside its value, and what the arrows mean."""
     if view.picture is None:
         return [], ""
-    return strobe_rows([(told, view.at_point(point)) for point, told in _named(view)], cones)
+    return strobe_rows([(title, view.at_point(point)) for point, title in _named(view)], cones)
 
 
 def _named(view: RunView) -> list[tuple[int, str]]:
     values, unit = view.run.data["value"].values, str(view.run.meta.get("unit") or "")
     name = symbol(str(view.run.meta["over"]))
-    told = label("", unit).strip().strip("[]")
-    return [(i, f"{name} = {number(values[i], 3)} {told}".strip()) for i in chosen_points(view)]
+    value_unit = label("", unit).strip().strip("[]")
+    return [(i, f"{name} = {number(values[i], 3)} {value_unit}".strip()) for i in chosen_points(view)]
 
 
 def motion_rows(view: RunView) -> list[Row]:
     """Every state, input and multiplier over time at points along the path, light to dark."""
     if view.array("x") is None:
         return []
-    found = [(view.at_point(point), color) for point, color in _shades(view)]
-    whole = [tracks(at) for at, _ in found]
-    resting = set.intersection(*(set(idle(each)) for each in whole)) if whole else set()
+    shaded_views = [(view.at_point(point), color) for point, color in _shades(view)]
+    tracks_of_points = [tracks(point_view) for point_view, _ in shaded_views]
+    idle_names = (
+        set.intersection(*(set(idle(point_tracks)) for point_tracks in tracks_of_points)) if tracks_of_points else set()
+    )
     panels: dict[str, list[Panel]] = {}
-    for index, track in enumerate(whole[0]):
-        if not (track.multiplier and track.name in resting):
-            own = [(each[index], color) for each, (_, color) in zip(whole, found, strict=True)]
-            panels.setdefault(track.heading, []).append(_point_panel(own, view.time))
+    for index, track in enumerate(tracks_of_points[0]):
+        if not (track.is_multiplier and track.name in idle_names):
+            shaded_tracks = [
+                (point_tracks[index], color)
+                for point_tracks, (_, color) in zip(tracks_of_points, shaded_views, strict=True)
+            ]
+            panels.setdefault(track.heading, []).append(_point_panel(shaded_tracks, view.time))
     return in_rows(panels)
 
 
-def _point_panel(shown: Sequence[tuple[Track, Any]], time: np.ndarray) -> Panel:
+def _point_panel(shaded_tracks: Sequence[tuple[Track, Any]], time: np.ndarray) -> Panel:
     def main(axis: Axes) -> None:
-        for track, color in shown:
+        for track, color in shaded_tracks:
             width = 1.0 if len(track.plan) == 1 else 0.5
             lines(axis, time, track.plan, color=color, linewidth=width)
 
-    return Panel(label(shown[0][0].name, shown[0][0].unit), main)
+    return Panel(label(shaded_tracks[0][0].name, shaded_tracks[0][0].unit), main)
 
 
 def _shades(view: RunView) -> list[tuple[int, Any]]:
@@ -238,8 +249,8 @@ def _shades(view: RunView) -> list[tuple[int, Any]]:
 def key_of_points(view: RunView) -> Figure:
     """Which colour is which point of the path, in one line."""
     handles = [
-        Line2D([], [], color=color, label=told)
-        for (_, color), (_, told) in zip(_shades(view), _named(view), strict=True)
+        Line2D([], [], color=color, label=title)
+        for (_, color), (_, title) in zip(_shades(view), _named(view), strict=True)
     ]
     figure = Figure(figsize=(WIDTH, 0.25))
     figure.set_layout_engine("none")

@@ -51,8 +51,8 @@ def in_rows(groups: Mapping[str, Sequence[Panel]], columns: int = COLUMNS) -> li
     """
     rows: list[Row] = []
     for heading, panels in groups.items():
-        free = columns - len(rows[-1]) if rows else 0
-        if -(-max(len(panels) - free, 0) // columns) >= -(-len(panels) // columns):
+        free_places = columns - len(rows[-1]) if rows else 0
+        if -(-max(len(panels) - free_places, 0) // columns) >= -(-len(panels) // columns):
             rows.append([])
         for index, panel in enumerate(panels):
             if len(rows[-1]) == columns:
@@ -92,10 +92,10 @@ def _draw_row(figure: Figure, row: Row, top: float, shape: tuple[int, float], la
     (columns, below), (width, height) = shape, figure.get_size_inches()
     cell_width = width / columns
 
-    def place(column: int, high: float, tall: float) -> Axes:
-        left = column * cell_width + _LEFT
+    def add_axes(column: int, high: float, tall: float) -> Axes:
+        x_low = column * cell_width + _LEFT
         across = cell_width - _LEFT - _RIGHT
-        return figure.add_axes((left / width, (high - tall) / height, across / width, tall / height))
+        return figure.add_axes((x_low / width, (high - tall) / height, across / width, tall / height))
 
     if any(cell.heading for cell in row):
         for cell in row:
@@ -106,7 +106,7 @@ def _draw_row(figure: Figure, row: Row, top: float, shape: tuple[int, float], la
         top -= _HEADING
     top -= _TITLE
     for cell in row:
-        axis = place(cell.column, top, _MAIN)
+        axis = add_axes(cell.column, top, _MAIN)
         cell.panel.main(axis)
         _dress(axis, 4)
         axis.set_title(
@@ -118,7 +118,7 @@ def _draw_row(figure: Figure, row: Row, top: float, shape: tuple[int, float], la
         )
         if cell.panel.below is not None:
             axis.tick_params(labelbottom=False)
-            strip = place(cell.column, top - _MAIN - _BETWEEN, below)
+            strip = add_axes(cell.column, top - _MAIN - _BETWEEN, below)
             strip.sharex(axis)
             cell.panel.below(strip)
             _dress(strip, 2)
@@ -141,33 +141,33 @@ def _widen(axis: Axes) -> None:
     low, high = axis.get_ylim()
     middle = (low + high) / 2
     if axis.get_yscale() == "linear" and high - low < 1e-4 * abs(middle):
-        half = 0.05 * abs(middle)
-        axis.set_ylim(middle - half, middle + half)
+        half_height = 0.05 * abs(middle)
+        axis.set_ylim(middle - half_height, middle + half_height)
 
 
-def lines(axis: Axes, time: np.ndarray, values: np.ndarray, **look: Any) -> None:
+def lines(axis: Axes, time: np.ndarray, values: np.ndarray, **style: Any) -> None:
     """Draw values (S, N+1) at the nodes of ``time`` (N+1,), or (S, N) held over its steps."""
     for scenario in np.atleast_2d(values):
         if scenario.size < time.size:
-            axis.step(time, np.append(scenario, scenario[-1]), where="post", **look)
+            axis.step(time, np.append(scenario, scenario[-1]), where="post", **style)
         else:
-            axis.plot(time, scenario, **look)
+            axis.plot(time, scenario, **style)
 
 
-def between(axis: Axes, time: np.ndarray, low: np.ndarray, high: np.ndarray, **look: Any) -> None:
+def between(axis: Axes, time: np.ndarray, low: np.ndarray, high: np.ndarray, **style: Any) -> None:
     """Fill the band from ``low`` to ``high``, each (N+1,) at the nodes or (N,) held over steps."""
     if low.size < time.size:
         low, high = np.append(low, low[-1]), np.append(high, high[-1])
-        axis.fill_between(time, low, high, step="post", linewidth=0, **look)
+        axis.fill_between(time, low, high, step="post", linewidth=0, **style)
     else:
-        axis.fill_between(time, low, high, linewidth=0, **look)
+        axis.fill_between(time, low, high, linewidth=0, **style)
 
 
-def spans(axis: Axes, time: np.ndarray, when: np.ndarray, **look: Any) -> None:
+def spans(axis: Axes, time: np.ndarray, is_shaded: np.ndarray, **style: Any) -> None:
     """Shade the steps at which ``when`` (N,) holds; neighbours are one patch, without a seam."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(when, dtype=int), [0]])))
-    for first, end in zip(edges[::2], edges[1::2], strict=True):
-        axis.axvspan(float(time[first]), float(time[end]), **look)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(is_shaded, dtype=int), [0]])))
+    for first, stop in zip(edges[::2], edges[1::2], strict=True):
+        axis.axvspan(float(time[first]), float(time[stop]), **style)
 
 
 def note_zero(axis: Axes) -> None:

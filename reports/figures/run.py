@@ -63,10 +63,10 @@ def contact_plane(view: RunView) -> Figure:
     if mu is not None:
         _central_path(axis, mu, gap)
     for index, (title, members) in enumerate(groups(view).items()):
-        own = np.s_[..., np.isin(np.arange(lam.shape[-1]) % len(signals), members)]
+        members_index = np.s_[..., np.isin(np.arange(lam.shape[-1]) % len(signals), members)]
         axis.plot(
-            _above(gap[own]).ravel(),
-            _above(lam[own]).ravel(),
+            _above(gap[members_index]).ravel(),
+            _above(lam[members_index]).ravel(),
             "os^Dv"[index % 5],
             alpha=0.8,
             color=CYCLE[index % len(CYCLE)],
@@ -90,12 +90,12 @@ def contact_plane(view: RunView) -> Figure:
 
 def _readable(axis: Axes) -> None:
     """Narrower than two decades a log axis has no ticks to read."""
-    for limits, narrow in ((axis.get_xlim(), axis.set_xlim), (axis.get_ylim(), axis.set_ylim)):
+    for limits, set_limits in ((axis.get_xlim(), axis.set_xlim), (axis.get_ylim(), axis.set_ylim)):
         if limits[1] < 100 * limits[0]:
-            narrow(limits[0] / 10, limits[1] * 10)
-    for part in (axis.xaxis, axis.yaxis):
-        part.set_major_locator(LogLocator(numticks=7))
-        part.set_minor_formatter(NullFormatter())
+            set_limits(limits[0] / 10, limits[1] * 10)
+    for axis_line in (axis.xaxis, axis.yaxis):
+        axis_line.set_major_locator(LogLocator(numticks=7))
+        axis_line.set_minor_formatter(NullFormatter())
 
 
 def groups(view: RunView) -> dict[str, list[int]]:
@@ -104,10 +104,10 @@ def groups(view: RunView) -> dict[str, list[int]]:
     pairs = view.problem.system.pairs if view.problem is not None else ()
     if len({pair.kind for pair in pairs}) < 2:
         return {signal.name: [index] for index, signal in enumerate(signals)}
-    found: dict[str, list[int]] = {}
+    indices_by_kind: dict[str, list[int]] = {}
     for index, pair in enumerate(pairs):
-        found.setdefault(pair.kind, []).append(index)
-    return found
+        indices_by_kind.setdefault(pair.kind, []).append(index)
+    return indices_by_kind
 
 
 def _above(values: np.ndarray) -> np.ndarray:
@@ -116,11 +116,11 @@ def _above(values: np.ndarray) -> np.ndarray:
 
 def _central_path(axis: Axes, mu: np.ndarray, gap: np.ndarray) -> None:
     """Draw ``lam = mu / gap`` around the gaps, at the smallest and the largest mu that occur."""
-    present, seen = mu[np.isfinite(mu) & (mu > FLOOR)], gap[gap > FLOOR]
-    if not (present.size and seen.size):
+    visible_mu, visible_gaps = mu[np.isfinite(mu) & (mu > FLOOR)], gap[gap > FLOOR]
+    if not (visible_mu.size and visible_gaps.size):
         return
-    gaps = np.geomspace(seen.min() / 5, seen.max() * 5, 200)
-    ends = sorted({float(present.min()), float(present.max())})
+    gaps = np.geomspace(visible_gaps.min() / 5, visible_gaps.max() * 5, 200)
+    ends = sorted({float(visible_mu.min()), float(visible_mu.max())})
     if ends[-1] / ends[0] < 1.001:
         ends = ends[-1:]
     for value, style in zip(ends, ("-", ":"), strict=False):
@@ -139,7 +139,7 @@ class Contact:
 
     title: str
     normal: np.ndarray
-    again: np.ndarray | None
+    replay: np.ndarray | None
     gap: np.ndarray | None
     active: np.ndarray
     friction: tuple[np.ndarray, ...] = ()
@@ -154,24 +154,24 @@ def contacts_of(view: RunView) -> list[Contact]:
     pairs = view.problem.system.pairs if view.problem is not None else ()
     if view.array("friction_bound") is not None:
         return [_rough(view, i, pairs) for i in range(view.run.data.sizes["point"])]
-    gap, again = view.array("gap"), view.array("lam_replay")
+    gap, replayed = view.array("gap"), view.array("lam_replay")
     assert gap is not None
-    if again is not None and again.shape[:2] != lam.shape[:2]:
-        again = None
-    of = [mean_multiplier(view, lam, i) for i in range(len(signals))]
-    ways = [mean_multiplier(view, gap, i) for i in range(len(signals))]
+    if replayed is not None and replayed.shape[:2] != lam.shape[:2]:
+        replayed = None
+    multipliers = [mean_multiplier(view, lam, i) for i in range(len(signals))]
+    gaps = [mean_multiplier(view, gap, i) for i in range(len(signals))]
     scales = getattr(view.problem, "scales", None)
     # Without the problem's file, sizes are those of the run.
-    sizes = [max((float(one.max()) for one in group), default=0.0) or 1.0 for group in (of, ways)]
+    sizes = [max((float(values.max()) for values in group), default=0.0) or 1.0 for group in (multipliers, gaps)]
     if scales is not None:
         sizes = [scales.impulse, scales.gap]
     return [
         Contact(
             label(signal.name, signal.unit),
-            of[i],
-            None if again is None else mean_multiplier(view, again, i),
-            ways[i],
-            acting(of[i] / sizes[0], ways[i] / sizes[1])[0],
+            multipliers[i],
+            None if replayed is None else mean_multiplier(view, replayed, i),
+            gaps[i],
+            acting(multipliers[i] / sizes[0], gaps[i] / sizes[1])[0],
             multipliers=(signal.name,),
         )
         for i, signal in enumerate(signals)
@@ -180,8 +180,8 @@ def contacts_of(view: RunView) -> list[Contact]:
 
 def _rough(view: RunView, point: int, pairs: Sequence[Pair]) -> Contact:
     """A contact with friction, from what the run stores of it."""
-    own = [i for i, pair in enumerate(pairs) if pair.contact == point and pair.kind in ("normal", "friction")]
-    normal = next((i for i in own if pairs[i].kind == "normal"), None)
+    pair_indices = [i for i, pair in enumerate(pairs) if pair.contact == point and pair.kind in ("normal", "friction")]
+    normal = next((i for i in pair_indices if pairs[i].kind == "normal"), None)
     gap, signals = view.array("gap"), view.signals("contacts")
 
     def stored(name: str) -> np.ndarray:
@@ -190,15 +190,15 @@ def _rough(view: RunView, point: int, pairs: Sequence[Pair]) -> Contact:
         return values[..., point]
 
     flags = (stored("slipping") > 0.5, stored("degenerate") > 0.5)
-    again = view.array("normal_impulse_replay")
+    replayed = view.array("normal_impulse_replay")
     return Contact(
         label(str(view.run.data["point"].values[point]), "N s"),
         stored("normal_impulse"),
-        None if again is None or again.shape[:2] != flags[0].shape else again[..., point],
+        None if replayed is None or replayed.shape[:2] != flags[0].shape else replayed[..., point],
         None if gap is None or normal is None else mean_multiplier(view, gap, normal),
         stored("active") > 0.5,
         (stored("friction_impulse"), stored("friction_bound"), *flags),
-        tuple(signals[i].name for i in own),
+        tuple(signals[i].name for i in pair_indices),
     )
 
 
@@ -216,52 +216,54 @@ def rows_of_contacts(view: RunView) -> tuple[list[Row], int]:
     scenarios the darker the more of them; steps without strict complementarity are marked. The
     replay is dashed where it differs.
     """
-    found = contacts_of(view)
-    most = max((float(one.normal.max()) for one in found), default=0.0)
-    found = [one for one in found if one.active.any() or one.normal.max() > NEGLIGIBLE * most]
-    reach = max((float(one.gap.max()) for one in found if one.gap is not None), default=0.0)
-    columns = columns_for(len(found))
-    return in_rows({"": [_contact(view.time, one, reach) for one in found]}, columns), columns
+    contacts = contacts_of(view)
+    largest_normal = max((float(contact.normal.max()) for contact in contacts), default=0.0)
+    contacts = [
+        contact for contact in contacts if contact.active.any() or contact.normal.max() > NEGLIGIBLE * largest_normal
+    ]
+    largest_gap = max((float(contact.gap.max()) for contact in contacts if contact.gap is not None), default=0.0)
+    columns = columns_for(len(contacts))
+    return in_rows({"": [_contact(view.time, contact, largest_gap) for contact in contacts]}, columns), columns
 
 
-def _contact(time: np.ndarray, one: Contact, reach: float) -> Panel:
-    look = {"linewidth": 1.2 if len(one.normal) == 1 else 0.5}
-    slips = one.friction[2] if one.friction else np.zeros_like(one.active)
+def _contact(time: np.ndarray, contact: Contact, largest_gap: float) -> Panel:
+    style = {"linewidth": 1.2 if len(contact.normal) == 1 else 0.5}
+    slips = contact.friction[2] if contact.friction else np.zeros_like(contact.active)
 
     def shade(axis: Axes) -> None:
-        for active, slipping in zip(one.active, slips, strict=True):
-            for when, how in ((active & ~slipping, _STICK), (active & slipping, _SLIP)):
-                spans(axis, time, when, **{**how, "alpha": how["alpha"] / len(slips)})
+        for active, slipping in zip(contact.active, slips, strict=True):
+            for is_shaded, patch in ((active & ~slipping, _STICK), (active & slipping, _SLIP)):
+                spans(axis, time, is_shaded, **{**patch, "alpha": patch["alpha"] / len(slips)})
 
     def main(axis: Axes) -> None:
         shade(axis)
-        if one.friction:
-            _friction(axis, time, one.friction, look)
-        lines(axis, time, one.normal, color=BLUE, **look)
-        off = 0.0 if one.again is None else np.abs(one.again - one.normal).max(initial=0.0)
-        if one.again is not None and off > SAME * np.abs(one.normal).max(initial=0.0):
-            lines(axis, time, one.again, color=INK, linestyle="--", linewidth=0.7)
+        if contact.friction:
+            _friction(axis, time, contact.friction, style)
+        lines(axis, time, contact.normal, color=BLUE, **style)
+        difference = 0.0 if contact.replay is None else np.abs(contact.replay - contact.normal).max(initial=0.0)
+        if contact.replay is not None and difference > SAME * np.abs(contact.normal).max(initial=0.0):
+            lines(axis, time, contact.replay, color=INK, linestyle="--", linewidth=0.7)
 
     def below(axis: Axes) -> None:
         shade(axis)
         note_zero(axis)
-        assert one.gap is not None
-        lines(axis, time, one.gap, color=GREEN, **look)
-        if reach > 0 and np.max(one.gap) < NEGLIGIBLE * reach:
+        assert contact.gap is not None
+        lines(axis, time, contact.gap, color=GREEN, **style)
+        if largest_gap > 0 and np.max(contact.gap) < NEGLIGIBLE * largest_gap:
             # A gap that never opens: to its own scale it would be noise.
-            axis.set_ylim(-0.05 * reach, reach)
+            axis.set_ylim(-0.05 * largest_gap, largest_gap)
 
-    return Panel(one.title, main, None if one.gap is None else below)
+    return Panel(contact.title, main, None if contact.gap is None else below)
 
 
-def _friction(axis: Axes, time: np.ndarray, data: tuple[np.ndarray, ...], look: dict[str, float]) -> None:
+def _friction(axis: Axes, time: np.ndarray, data: tuple[np.ndarray, ...], style: dict[str, float]) -> None:
     friction, bound, _, degenerate = data
-    for most in bound:
-        between(axis, time, -most, most, **{**_CONE, "alpha": _CONE["alpha"] / len(bound)})
+    for limit in bound:
+        between(axis, time, -limit, limit, **{**_CONE, "alpha": _CONE["alpha"] / len(bound)})
     note_zero(axis)
-    lines(axis, time, friction, color=VERMILLION, **look)
-    place = ((time[:-1] + time[1:]) / 2)[degenerate.any(axis=0)]
-    axis.plot(place, np.zeros_like(place), **_DEGENERATE)
+    lines(axis, time, friction, color=VERMILLION, **style)
+    step_middles = ((time[:-1] + time[1:]) / 2)[degenerate.any(axis=0)]
+    axis.plot(step_middles, np.zeros_like(step_middles), **_DEGENERATE)
 
 
 _BESIDE = 1.81
@@ -272,13 +274,13 @@ def homotopy(view: RunView) -> Figure:
     """Cost, complementarity and residual after each stage; what is zero is not drawn."""
     numbers, stages = zip(*shown_stages(view.run.stages, view.run.meta["cost"])[0], strict=True)
     figure = Figure(figsize=(_BESIDE, min(max(1.9, 0.5 + 0.15 * len(numbers)), 2.8)))
-    left, right = figure.subplots(2, 1, sharex=True)
+    cost_axis, size_axis = figure.subplots(2, 1, sharex=True)
     number = np.array(numbers)
-    kept = np.array([stage.accepted for stage in stages])
+    accepted = np.array([stage.accepted for stage in stages])
     cost = np.array([stage.cost for stage in stages], dtype=float)
-    left.plot(number[kept], cost[kept], "o-")
-    left.plot(number[~kept], cost[~kept], "x", color=REPLAYED, label="stepped back")
-    left.set_ylabel("cost")
+    cost_axis.plot(number[accepted], cost[accepted], "o-")
+    cost_axis.plot(number[~accepted], cost[~accepted], "x", color=REPLAYED, label="stepped back")
+    cost_axis.set_ylabel("cost")
     curves = [
         ("complementarity", CYCLE[0], "largest λ gap"),
         ("residual", CYCLE[2], "residual"),
@@ -288,21 +290,21 @@ def homotopy(view: RunView) -> Figure:
         curves.append(("value", GREY, symbol(stage_title(labels.pop()))))
     for name, color, text in curves:
         values = np.array([getattr(stage, name) for stage in stages], dtype=float)
-        seen = values > 0
-        right.semilogy(number[seen], values[seen], "o-", color=color, label=text)
-    right.set_ylabel("size")
+        is_positive = values > 0
+        size_axis.semilogy(number[is_positive], values[is_positive], "o-", color=color, label=text)
+    size_axis.set_ylabel("size")
     figure.legend(
-        *right.get_legend_handles_labels(),
+        *size_axis.get_legend_handles_labels(),
         loc="outside lower center",
         ncols=2,
         fontsize=7,
         handlelength=1.2,
         columnspacing=0.8,
     )
-    if not kept.all():
-        left.legend(fontsize=7)
-    right.set(xlabel="stage", xlim=(number[0] - 0.5, number[-1] + 0.5))
-    right.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if not accepted.all():
+        cost_axis.legend(fontsize=7)
+    size_axis.set(xlabel="stage", xlim=(number[0] - 0.5, number[-1] + 0.5))
+    size_axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     return figure
 
 

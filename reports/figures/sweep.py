@@ -39,12 +39,12 @@ def figures(data: xr.Dataset, axes: Sequence[Axis]) -> list[Figure]:
         return [_lines(data, axes[0])]
     # The longest two span the maps; the others are gone through.
     order = sorted(range(len(axes)), key=lambda i: -len(axes[i]["values"]))
-    across, up, *rest = order
-    slices = [*itertools.product(*(range(len(axes[i]["values"])) for i in rest))]
-    chosen = [{str(axes[i]["name"]): k for i, k in zip(rest, one, strict=True)} for one in slices]
-    span = axes[across], axes[up]
+    across, upward, *other_axes = order
+    slices = [*itertools.product(*(range(len(axes[i]["values"])) for i in other_axes))]
+    slice_indices = [{str(axes[i]["name"]): k for i, k in zip(other_axes, indices, strict=True)} for indices in slices]
+    span = axes[across], axes[upward]
     shades = _Shades(data)
-    return [_maps(data, span, chosen[k : k + _ROWS], shades) for k in range(0, len(chosen), _ROWS)]
+    return [_maps(data, span, slice_indices[k : k + _ROWS], shades) for k in range(0, len(slice_indices), _ROWS)]
 
 
 def caption(axes: Sequence[Axis]) -> str:
@@ -54,50 +54,54 @@ def caption(axes: Sequence[Axis]) -> str:
             "Costs, what replays cost over the plan, and iterations at each point; bars below are"
             " the verdicts' colours."
         )
-    more = ", a row for each of the others' values" if len(axes) > 2 else ""
+    row_note = ", a row for each of the others' values" if len(axes) > 2 else ""
     return (
         "Cost under the law, the referee's cost over it (the exact law's where there is no"
-        f" referee), and the verdict{more}; crossed cells failed."
+        f" referee), and the verdict{row_note}; crossed cells failed."
     )
 
 
 def replayed(data: xr.Dataset) -> xr.DataArray:
     """What the plan costs by the referee, or else under the exact law, over its own cost."""
-    told = data["referee_cost"].where(np.isfinite(data["referee_cost"]), data["exact_cost"])
-    return (told / data["cost"]).where(data["success"] == 1)
+    replayed_cost = data["referee_cost"].where(np.isfinite(data["referee_cost"]), data["exact_cost"])
+    return (replayed_cost / data["cost"]).where(data["success"] == 1)
 
 
 def _lines(data: xr.Dataset, axis: Axis) -> Figure:
     figure = Figure(figsize=(WIDTH, 5.0))
     top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1.3, 1))
-    x, good = np.asarray(axis["values"], dtype=float), data["success"].values == 1
+    x, succeeded = np.asarray(axis["values"], dtype=float), data["success"].values == 1
     for name, words, color, style in (
         ("cost", "cost under the law", PLANNED, "o-"),
         ("exact_cost", "under exact physics", REPLAYED, "s--"),
         ("referee_cost", "by the referee", CYCLE[2], "^:"),
     ):
-        values = np.where(good, data[name].values, np.nan)
+        values = np.where(succeeded, data[name].values, np.nan)
         if np.isfinite(values).any():
             top.plot(x, values, style, color=color, label=words)
     if "own_cost" in data and np.isfinite(data["own_cost"].values).any():
         top.plot(x, data["own_cost"].values, "x", color=GREY, label="outlier: its own solve")
-    shown = data[["cost", "exact_cost"]].to_array().values[:, good]
-    if shown.size and np.nanmin(shown) > 0 and np.nanmax(shown) > 20 * np.nanmin(shown):
+    positive_costs = data[["cost", "exact_cost"]].to_array().values[:, succeeded]
+    if (
+        positive_costs.size
+        and np.nanmin(positive_costs) > 0
+        and np.nanmax(positive_costs) > 20 * np.nanmin(positive_costs)
+    ):
         top.set_yscale("log")
     top.set_ylabel("cost")
     middle.axhline(1, color=GREY, linewidth=0.8)
     middle.plot(x, replayed(data).values, "o-", color=CYCLE[4])
     middle.set_ylabel("replayed / planned")
-    bottom.plot(x, np.where(good, data["iterations"].values, np.nan), "o-", color=CYCLE[3])
+    bottom.plot(x, np.where(succeeded, data["iterations"].values, np.nan), "o-", color=CYCLE[3])
     bottom.set(ylim=(0, 1.15 * max(1, int(data["iterations"].max()))), ylabel="iterations", xlabel=_titled(axis))
     if axis["log"]:
         bottom.set_xscale("log")
     for place, grade in zip(x, data["grade"].values, strict=True):
         color, _ = _GRADES[str(grade)]
-        for one in (top, middle, bottom):
-            one.axvline(place, ymax=0.035, color=color, linewidth=3, solid_capstyle="butt")
+        for panel in (top, middle, bottom):
+            panel.axvline(place, ymax=0.035, color=color, linewidth=3, solid_capstyle="butt")
             if grade == "failed":
-                one.axvline(place, color=color, linestyle=":", linewidth=0.9)
+                panel.axvline(place, color=color, linestyle=":", linewidth=0.9)
     _legend(figure, top, data)
     return figure
 
@@ -106,10 +110,12 @@ def _legend(figure: Figure, axes: Axes, data: xr.Dataset) -> None:
     from matplotlib.patches import Patch
 
     handles, words = axes.get_legend_handles_labels()
-    there = set(map(str, data["grade"].values.ravel()))
-    used = [_GRADES[grade] for grade in _GRADES if grade in there]
-    patches = [Patch(color=color, label=text) for color, text in used]
-    figure.legend([*handles, *patches], [*words, *(text for _, text in used)], loc="outside upper center", ncols=3)
+    present_grades = set(map(str, data["grade"].values.ravel()))
+    shown_grades = [_GRADES[grade] for grade in _GRADES if grade in present_grades]
+    patches = [Patch(color=color, label=text) for color, text in shown_grades]
+    figure.legend(
+        [*handles, *patches], [*words, *(text for _, text in shown_grades)], loc="outside upper center", ncols=3
+    )
 
 
 class _Shades:
@@ -136,19 +142,19 @@ def _norm(values: np.ndarray) -> Normalize:
 def _maps(data: xr.Dataset, span: tuple[Axis, Axis], slices: Sequence[Mapping[str, int]], shades: _Shades) -> Figure:
     figure = Figure(figsize=(WIDTH, 0.7 + 2.1 * len(slices)))
     grid = figure.subplots(len(slices), 3, sharex=True, sharey=True, squeeze=False)
-    drawn: list[Any] = []
+    meshes: list[Any] = []
     for row, chosen in zip(grid, slices, strict=True):
-        part = data.isel(chosen).transpose(span[1]["name"], span[0]["name"], ...)
-        good = part["success"].values == 1
-        cost, ratio = np.where(good, part["cost"].values, np.nan), replayed(part).values
-        drawn = [
+        slice_data = data.isel(chosen).transpose(span[1]["name"], span[0]["name"], ...)
+        succeeded = slice_data["success"].values == 1
+        cost, ratio = np.where(succeeded, slice_data["cost"].values, np.nan), replayed(slice_data).values
+        meshes = [
             _map(row[0], cost, shades.cost, "cividis"),
             _map(row[1], ratio, shades.ratio, "PuOr_r"),
-            _verdicts(row[2], part["grade"].values),
+            _verdicts(row[2], slice_data["grade"].values),
         ]
         for axes in row:
-            up, across = np.nonzero(~good)
-            axes.plot(across, up, "x", color=INK, markersize=4, linewidth=0)
+            upward, across = np.nonzero(~succeeded)
+            axes.plot(across, upward, "x", color=INK, markersize=4, linewidth=0)
         words = ", ".join(f"{name} = {float(data[name].values[k]):.4g}" for name, k in chosen.items())
         row[0].set_ylabel(_titled(span[1]) + (f"\n{words}" if words else ""))
     for axes, title in zip(grid[0], ("cost", "replayed / planned", "verdict"), strict=True):
@@ -156,25 +162,25 @@ def _maps(data: xr.Dataset, span: tuple[Axis, Axis], slices: Sequence[Mapping[st
     for axes in grid[-1]:
         axes.set_xlabel(_titled(span[0]))
     for axes in grid[-1]:
-        _ticks(axes.xaxis, span[0], lying=True)
+        _ticks(axes.xaxis, span[0], horizontal=True)
     _ticks(grid[-1][0].yaxis, span[1])
     for column, shade in enumerate((shades.cost, shades.ratio)):
-        _scale(figure, drawn[column], [*grid[:, column]], shade)
+        _scale(figure, meshes[column], [*grid[:, column]], shade)
     _legend(figure, grid[0][0], data)
     return figure
 
 
 def _map(axes: Axes, values: np.ndarray, norm: Normalize, colours: str) -> Any:
     edges = [np.arange(size + 1) - 0.5 for size in reversed(values.shape)]
-    drawn = axes.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=values.size > 2500)
+    mesh = axes.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=values.size > 2500)
     if values.size <= _WRITTEN:
         for (i, j), value in np.ndenumerate(values):
             if np.isfinite(value):
                 axes.text(
-                    j, i, f"{value:.3g}", ha="center", va="center", fontsize=7, color=_readable(drawn.cmap(norm(value)))
+                    j, i, f"{value:.3g}", ha="center", va="center", fontsize=7, color=_readable(mesh.cmap(norm(value)))
                 )
     _framed(axes, values.shape)
-    return drawn
+    return mesh
 
 
 def _verdicts(axes: Axes, grades: np.ndarray) -> Any:
@@ -182,11 +188,11 @@ def _verdicts(axes: Axes, grades: np.ndarray) -> Any:
     codes = np.vectorize(kinds.index, otypes=[float])(grades)
     edges = [np.arange(size + 1) - 0.5 for size in reversed(codes.shape)]
     colours = ListedColormap([color for color, _ in _GRADES.values()])
-    drawn = axes.pcolormesh(
+    mesh = axes.pcolormesh(
         *edges, codes, cmap=colours, norm=Normalize(-0.5, len(kinds) - 0.5), rasterized=codes.size > 2500
     )
     _framed(axes, codes.shape)
-    return drawn
+    return mesh
 
 
 def _framed(axes: Axes, shape: tuple[int, ...]) -> None:
@@ -201,20 +207,20 @@ def _readable(colour: tuple[float, float, float, float]) -> str:
     return INK if 0.299 * red + 0.587 * green + 0.114 * blue > 0.5 else "white"
 
 
-def _scale(figure: Figure, drawn: Any, axes: list[Axes], shade: Normalize) -> None:
-    bar = figure.colorbar(drawn, ax=axes, location="bottom", aspect=30, pad=0.02)
+def _scale(figure: Figure, mesh: Any, axes: list[Axes], shade: Normalize) -> None:
+    bar = figure.colorbar(mesh, ax=axes, location="bottom", aspect=30, pad=0.02)
     low, high = float(shade.vmin or 0.0), float(shade.vmax or 1.0)
     middle = (low * high) ** 0.5 if isinstance(shade, LogNorm) else (low + high) / 2
     bar.set_ticks([low, middle, high], labels=[f"{value:.3g}" for value in (low, middle, high)])
     bar.minorticks_off()
 
 
-def _ticks(axis: Any, along: Axis, lying: bool = False) -> None:
-    count = len(along["values"])
-    shown = np.arange(0, count, -(-count // _TICKS))
-    words = [f"{along['values'][k]:.3g}" for k in shown]
-    turned = lying and len(words) * max(map(len, words)) > _FITS
-    axis.set_ticks(shown, words, **({"rotation": 40, "ha": "right"} if turned else {}))
+def _ticks(axis: Any, swept_axis: Axis, horizontal: bool = False) -> None:
+    count = len(swept_axis["values"])
+    tick_places = np.arange(0, count, -(-count // _TICKS))
+    words = [f"{swept_axis['values'][k]:.3g}" for k in tick_places]
+    is_turned = horizontal and len(words) * max(map(len, words)) > _FITS
+    axis.set_ticks(tick_places, words, **({"rotation": 40, "ha": "right"} if is_turned else {}))
 
 
 def _titled(axis: Axis) -> str:
@@ -242,9 +248,9 @@ _FAR = 30.0
 def estimate_caption(run: StoredRun) -> str:
     """Say what is drawn."""
     if run.meta["sweep"]:
-        many = run.data.sizes["component"] > 1
-        what = "Norm of the estimated gradient" if many else "Estimated gradient"
-        return f"{what} with 95 % intervals, and the variance of one sample (its trace)."
+        is_vector = run.data.sizes["component"] > 1
+        quantity = "Norm of the estimated gradient" if is_vector else "Estimated gradient"
+        return f"{quantity} with 95 % intervals, and the variance of one sample (its trace)."
     return "Each component of the estimated gradient with 95 % intervals, and its variance."
 
 
@@ -267,17 +273,17 @@ def estimate_figure(run: StoredRun) -> Figure:
     return figure
 
 
-def _show_all(axis: Axes, reach: np.ndarray, reference: np.ndarray) -> None:
+def _show_all(axis: Axes, interval_ends: np.ndarray, reference: np.ndarray) -> None:
     """Let the axis hold every interval, by powers of ten where some would flatten the rest."""
-    ends = reach[np.isfinite(reach)]
+    ends = interval_ends[np.isfinite(interval_ends)]
     if not ends.size:
         return
     low, high = float(ends.min()), float(ends.max())
     margin = 0.05 * (high - low) or 1.0
-    known = float(np.nanmax(np.abs(reference), initial=0.0)) if reference.size else 0.0
-    if known > 0 and max(-low, high) > _FAR * known:
+    largest_reference = float(np.nanmax(np.abs(reference), initial=0.0)) if reference.size else 0.0
+    if largest_reference > 0 and max(-low, high) > _FAR * largest_reference:
         # At a power of ten the ticks next to zero stay clear of it.
-        axis.set_yscale("symlog", linthresh=10 ** np.ceil(np.log10(3 * known)))
+        axis.set_yscale("symlog", linthresh=10 ** np.ceil(np.log10(3 * largest_reference)))
     axis.set_ylim(low - margin, high + margin)
 
 
@@ -286,19 +292,19 @@ def _along_components(run: StoredRun, top: Axes, bottom: Axes) -> np.ndarray:
     names = [str(name) for name in data["estimator"].values]
     x, ends = np.arange(d), list[np.ndarray]()
     for j, name in enumerate(names):
-        one = data.isel(point=0, estimator=j)
-        at = x + 0.7 * ((j + 0.5) / len(names) - 0.5)
+        estimates = data.isel(point=0, estimator=j)
+        places = x + 0.7 * ((j + 0.5) / len(names) - 0.5)
         color, mark = look(name)
-        mean, error = one["mean"].values, 1.96 * one["standard_error"].values
+        mean, error = estimates["mean"].values, 1.96 * estimates["standard_error"].values
         ends += [mean - error, mean + error]
-        top.errorbar(at, mean, error, label=name, fmt=mark, color=color, linewidth=0.8, markersize=2.5)
-        bottom.plot(at, one["variance"], mark, color=color, markersize=2.5)
-    known = data["reference"].isel(point=0).values[0]
-    if np.isfinite(known).all():
-        top.hlines(known, x - 0.4, x + 0.4, color=INK, linewidth=0.7, label="reference")
-        ends.append(known)
-    shown = x if d <= 12 else x[:: -(-d // 12)]
-    bottom.set_xticks(shown, [str(data["component"].values[i]) for i in shown])
+        top.errorbar(places, mean, error, label=name, fmt=mark, color=color, linewidth=0.8, markersize=2.5)
+        bottom.plot(places, estimates["variance"], mark, color=color, markersize=2.5)
+    reference = data["reference"].isel(point=0).values[0]
+    if np.isfinite(reference).all():
+        top.hlines(reference, x - 0.4, x + 0.4, color=INK, linewidth=0.7, label="reference")
+        ends.append(reference)
+    tick_places = x if d <= 12 else x[:: -(-d // 12)]
+    bottom.set_xticks(tick_places, [str(data["component"].values[i]) for i in tick_places])
     return np.concatenate(ends)
 
 
@@ -319,10 +325,10 @@ def _along_sweep(run: StoredRun, top: Axes, bottom: Axes) -> np.ndarray:
         top.fill_between(value, mean - error, mean + error, color=color, alpha=0.2, linewidth=0)
         variance = data["variance"].isel(estimator=j).sum("component").values
         bottom.plot(value, variance, f"{mark}-", color=color)
-    known = size("reference", 0)
-    if np.isfinite(known).any():
-        top.plot(value, known, "--", color=INK, label="reference")
-        ends.append(known)
+    reference = size("reference", 0)
+    if np.isfinite(reference).any():
+        top.plot(value, reference, "--", color=INK, label="reference")
+        ends.append(reference)
     if swept["log"]:
         bottom.set_xscale("log")
     bottom.set_xlabel(label(symbol(swept["name"]), swept["unit"]))

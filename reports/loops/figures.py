@@ -61,11 +61,11 @@ def snapshots(view: RunView) -> Figure | None:
 def cost_and_times(view: RunView) -> Figure:
     """Cost so far of every seed, and the histogram of the seconds of a sample."""
     figure = Figure(figsize=(WIDTH, 2.3))
-    left, right = figure.subplots(1, 2)
+    cost_axis, time_axis = figure.subplots(1, 2)
     for place, paid in enumerate(_paid(view)):
-        left.plot(view.time, paid, color=CYCLE[place % len(CYCLE)], linewidth=0.9)
-    left.set(xlabel="time [s]", ylabel="cost so far")
-    _histogram(right, view)
+        cost_axis.plot(view.time, paid, color=CYCLE[place % len(CYCLE)], linewidth=0.9)
+    cost_axis.set(xlabel="time [s]", ylabel="cost so far")
+    _histogram(time_axis, view)
     return figure
 
 
@@ -76,7 +76,7 @@ def _paid(view: RunView) -> np.ndarray:
 
 
 def _histogram(axis: Axes, view: RunView) -> None:
-    found = view.run.meta["seconds"]
+    times = view.run.meta["seconds"]
     seconds = 1e3 * timed(view.run.data["seconds"].values)
     if not seconds.size:
         return
@@ -89,17 +89,17 @@ def _histogram(axis: Axes, view: RunView) -> None:
         ("period", VERMILLION, "-"),
     )
     for name, color, style in marks:
-        if found[name] is not None:
+        if times[name] is not None:
             axis.axvline(
-                1e3 * found[name],
+                1e3 * times[name],
                 color=color,
                 linestyle=style,
                 linewidth=1.0,
-                label=f"{name} {1e3 * found[name]:.3g} ms",
+                label=f"{name} {1e3 * times[name]:.3g} ms",
             )
     _of_milliseconds(axis)
     axis.set_ylabel("samples")
-    missed = f"{found['over']} of {found['samples']} over the period"
+    missed = f"{times['over']} of {times['samples']} over the period"
     axis.set_title(f"{missed}; {view.run.meta['misses']} missed deadlines", loc="left", fontsize=8)
     axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     axis.legend(fontsize=7, frameon=True, framealpha=0.9, edgecolor="none")
@@ -115,24 +115,24 @@ def _of_milliseconds(axis: Axes) -> None:
 def timeline(view: RunView) -> Figure | None:
     """When each contact is active, a bar per seed; None where no contact ever is."""
     pairs = view.problem.system.pairs if isinstance(view.problem, Problem) else ()
-    shown = [
+    active_contacts = [
         (signal.name, contact.active)
         for i, (signal, contact) in enumerate(zip(view.signals("contacts"), contacts_of(view), strict=False))
         if contact.active.any() and (i >= len(pairs) or pairs[i].kind in ("normal", "limit"))
     ][:_TIMELINE]
-    if not shown:
+    if not active_contacts:
         return None
-    figure = Figure(figsize=(WIDTH, 0.55 + 0.3 * len(shown)))
+    figure = Figure(figsize=(WIDTH, 0.55 + 0.3 * len(active_contacts)))
     axis = figure.subplots()
-    for row, (_, active) in enumerate(shown):
-        tall = 0.8 / len(active)
-        for seed, when in enumerate(active):
-            low = row - 0.4 + seed * tall
-            low, high = ((one + 0.5) / len(shown) for one in (low, low + tall))
+    for row, (_, active) in enumerate(active_contacts):
+        bar_height = 0.8 / len(active)
+        for seed, is_active in enumerate(active):
+            low = row - 0.4 + seed * bar_height
+            low, high = ((height + 0.5) / len(active_contacts) for height in (low, low + bar_height))
             color = CYCLE[seed % len(CYCLE)]
-            spans(axis, view.time, when, ymin=low, ymax=high, facecolor=color, linewidth=0)
-    axis.set_yticks(range(len(shown)), [name for name, _ in shown])
-    axis.set(ylim=(-0.5, len(shown) - 0.5), xlim=(0, view.time[-1]), xlabel="time [s]")
+            spans(axis, view.time, is_active, ymin=low, ymax=high, facecolor=color, linewidth=0)
+    axis.set_yticks(range(len(active_contacts)), [name for name, _ in active_contacts])
+    axis.set(ylim=(-0.5, len(active_contacts) - 0.5), xlim=(0, view.time[-1]), xlabel="time [s]")
     axis.grid(visible=False, axis="y")
     return figure
 
@@ -140,20 +140,20 @@ def timeline(view: RunView) -> Figure | None:
 def compared(views: Sequence[RunView], names: Sequence[str]) -> Figure:
     """Mean cost so far of each run with the band of its seeds, and shares of samples by time."""
     figure = Figure(figsize=(WIDTH, 2.6))
-    left, right = figure.subplots(1, 2)
+    cost_axis, time_axis = figure.subplots(1, 2)
     for place, (view, name) in enumerate(zip(views, names, strict=True)):
-        look = line_of(place)
+        style = line_of(place)
         paid = _paid(view)
         paid = paid[np.isfinite(paid).all(axis=1)]
         if len(paid):
-            left.plot(view.time, paid.mean(axis=0), label=name, **look)
-            left.fill_between(
-                view.time, paid.min(axis=0), paid.max(axis=0), alpha=0.15, color=look["color"], linewidth=0
+            cost_axis.plot(view.time, paid.mean(axis=0), label=name, **style)
+            cost_axis.fill_between(
+                view.time, paid.min(axis=0), paid.max(axis=0), alpha=0.15, color=style["color"], linewidth=0
             )
         seconds = np.sort(1e3 * timed(view.run.data["seconds"].values))
-        right.step(seconds, (1 + np.arange(len(seconds))) / max(1, len(seconds)), **look)
-    left.set(xlabel="time [s]", ylabel="cost so far")
-    _of_milliseconds(right)
-    right.set_ylabel("share of samples")
+        time_axis.step(seconds, (1 + np.arange(len(seconds))) / max(1, len(seconds)), **style)
+    cost_axis.set(xlabel="time [s]", ylabel="cost so far")
+    _of_milliseconds(time_axis)
+    time_axis.set_ylabel("share of samples")
     figure.legend(loc="outside upper center", ncols=min(6, len(views)))
     return figure

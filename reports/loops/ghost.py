@@ -23,7 +23,7 @@ def ghost(view: RunView, sample: int, node: int, body: Sequence[Shape]) -> list[
     state = plan[0, min(sample, plan.shape[1] - 1), node]
     if not np.isfinite(state).all():
         return []
-    return [replace(one, role="plan") for one in spec.draw(view.params, state) if one not in body]
+    return [replace(shape, role="plan") for shape in spec.draw(view.params, state) if shape not in body]
 
 
 def with_ghosts(view: RunView, times: np.ndarray, shapes: Sequence[list[Shape]]) -> list[list[Shape]]:

@@ -35,23 +35,23 @@ def labelled(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Dataset:
     problem, system = loop.problem, loop.problem.system
     values = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
     data = loop.data
-    entries, of = units_of({"state": system.states, "input": system.inputs, "contact": system.contacts})
+    entries, attributes = units_of({"state": system.states, "input": system.inputs, "contact": system.contacts})
     lam, gap = _contacts(problem, data, {**values, **mismatch})
     times = node_times(problem, problem.parameters.pack(values))
     step = float(times[1] - times[0])
-    along = ("seed", "sample", "contact")
+    dimensions = ("seed", "sample", "contact")
     data = data.assign(
         {
-            "lam": (along, lam, of["contact"]),
-            "gap": (along, gap, {"units": system.gap_unit}),
+            "lam": (dimensions, lam, attributes["contact"]),
+            "gap": (dimensions, gap, {"units": system.gap_unit}),
             **{f"{name}_unit": (name, units) for name, units in entries.items()},
         }
     ).assign_coords(
         time=("node", step * np.arange(data.sizes["node"]), {"units": "s"}),
         contact=[signal.name for signal in system.contacts],
     )
-    own = {"x": "state", "measured": "state", "plan": "state", "u": "input"}
-    units = {**{name: of[kind]["units"] for name, kind in own.items()}, "seconds": "s"}
+    kind_of_array = {"x": "state", "measured": "state", "plan": "state", "u": "input"}
+    units = {**{name: attributes[kind]["units"] for name, kind in kind_of_array.items()}, "seconds": "s"}
     for name, variable in data.data_vars.items():
         variable.attrs.setdefault("units", units.get(str(name), "1"))
     return data
@@ -60,46 +60,46 @@ def labelled(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Dataset:
 def _contacts(problem: Problem, data: xr.Dataset, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
     """Multipliers and gaps (S, T, nlam) of the exact law; NaN where nothing was simulated."""
     step, x, u = problem.exact_step, data["x"].values, data["u"].values
-    found = np.full((2, *u.shape[:2], problem.system.nlam), np.nan)
-    known = np.isfinite(x[:, :-1]).all(axis=2) & np.isfinite(u).all(axis=2)
+    multipliers_and_gaps = np.full((2, *u.shape[:2], problem.system.nlam), np.nan)
+    is_simulated = np.isfinite(x[:, :-1]).all(axis=2) & np.isfinite(u).all(axis=2)
     if not problem.system.nlam:
-        return found[0], found[1]
+        return multipliers_and_gaps[0], multipliers_and_gaps[1]
     p = step.p.pack({name: values[name] for name in step.p.names if name in values})
-    before, applied = x[:, :-1][known], u[known]
-    solved = StepFunction(step, threads=1)(before, applied, p)
+    states, inputs = x[:, :-1][is_simulated], u[is_simulated]
+    solved = StepFunction(step, threads=1)(states, inputs, p)
     lam = solved.lam[:, : step.n]
-    given = (before[None], applied[None], solved.x_next[None], lam[None])
-    gap = at_steps(step.relation, *given, p=p)[1][0]
-    found[0][known], found[1][known] = least_slip(step, lam, gap)
-    return found[0], found[1]
+    arguments = (states[None], inputs[None], solved.x_next[None], lam[None])
+    gap = at_steps(step.relation, *arguments, p=p)[1][0]
+    multipliers_and_gaps[0][is_simulated], multipliers_and_gaps[1][is_simulated] = least_slip(step, lam, gap)
+    return multipliers_and_gaps[0], multipliers_and_gaps[1]
 
 
-def summary(loop: ClosedLoop, data: xr.Dataset, told: Sequence[str], rate: float | None) -> dict[str, Any]:
+def summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str], rate: float | None) -> dict[str, Any]:
     """What :class:`~ocp.store.meta.ClosedLoopMeta` lists, ``status`` and ``verdict`` among it.
 
     ``rate`` [Hz] is what times are compared with; None: one sample a step of the model.
     """
-    ended, costs, verdict = data["ended"].values, loop.costs, loop.verdict
-    statuses, whole = data["status"].values, np.isfinite(costs)
-    parts = {"stage_cost": loop.stage_costs, "terminal_cost": data["end_cost"].values}
-    averages = {"cost": costs, **parts}
+    end_samples, costs, verdict = data["ended"].values, loop.costs, loop.verdict
+    statuses, is_complete = data["status"].values, np.isfinite(costs)
+    cost_parts = {"stage_cost": loop.stage_costs, "terminal_cost": data["end_cost"].values}
+    averages = {"cost": costs, **cost_parts}
     return {
         "status": verdict.status,
         "verdict": str(verdict),
         "costs": costs.tolist(),
-        **{name: float(v[whole].mean()) if whole.any() else np.nan for name, v in averages.items()},
+        **{name: float(v[is_complete].mean()) if is_complete.any() else np.nan for name, v in averages.items()},
         "cost_interval": list(loop.cost_interval),
-        "ended": ended.tolist(),
+        "ended": end_samples.tolist(),
         "survived": float(loop.survived.mean()),
         "diverged": verdict.diverged,
         "planned": verdict.planned,
-        "violated": [{**asdict(one.violation), "share": one.share} for one in verdict.violated],
+        "violated": [{**asdict(violated.violation), "share": violated.share} for violated in verdict.violated],
         "seconds": _times(data, rate),
         "statuses": dict(Counter(map(str, statuses[statuses != ""]))),
         "misses": loop.misses,
         "certified": loop.certified,
         "why": dict(loop.why),
-        "told": list(told),
+        "told": list(notes),
     }
 
 
@@ -107,11 +107,11 @@ def _times(data: xr.Dataset, rate: float | None) -> dict[str, float]:
     """Percentiles [s] of the work of a sample, and how many took longer than the period."""
     seconds = timed(data["seconds"].values)
     period = 1 / rate if rate is not None else float(data["time"].values[1])
-    p50, p99, most = (float(np.percentile(seconds, q)) if seconds.size else np.nan for q in (50, 99, 100))
+    p50, p99, longest = (float(np.percentile(seconds, q)) if seconds.size else np.nan for q in (50, 99, 100))
     return {
         "p50": p50,
         "p99": p99,
-        "max": most,
+        "max": longest,
         "period": period,
         "samples": seconds.size,
         "over": int((seconds > period).sum()),
@@ -120,15 +120,15 @@ def _times(data: xr.Dataset, rate: float | None) -> dict[str, float]:
 
 def timed(seconds: np.ndarray) -> np.ndarray:
     """The times [s] that are counted, of (S, T): without those at the start of each seed."""
-    each = [row[np.isfinite(row)] for row in seconds]
-    return np.concatenate([row[_WARM if len(row) > 2 * _WARM else 1 :] for row in each])
+    finite_rows = [row[np.isfinite(row)] for row in seconds]
+    return np.concatenate([row[_WARM if len(row) > 2 * _WARM else 1 :] for row in finite_rows])
 
 
 def rate_sentence(meta: Mapping[str, Any]) -> str:
     """How the times of the samples compare with the period."""
-    found = meta["seconds"]
-    many = f"{found['over']} of {found['samples']} samples took longer than"
-    return f"{many} the period of {_ms(found['period'])} ms."
+    times = meta["seconds"]
+    count_text = f"{times['over']} of {times['samples']} samples took longer than"
+    return f"{count_text} the period of {_ms(times['period'])} ms."
 
 
 def reasons(meta: Mapping[str, Any]) -> Iterator[str]:
@@ -144,20 +144,20 @@ def reasons(meta: Mapping[str, Any]) -> Iterator[str]:
 
 def loop_rows(meta: Mapping[str, Any]) -> list[list[str]]:
     """Names and numbers of a closed loop, as text."""
-    found, (low, high) = meta["seconds"], meta["cost_interval"]
-    wide = "–" if low is None else f"{number(low, 5)} to {number(high, 5)}"
+    times, (low, high) = meta["seconds"], meta["cost_interval"]
+    interval = "–" if low is None else f"{number(low, 5)} to {number(high, 5)}"
     return [
         ["cost, mean over seeds", number(meta["cost"], 7)],
-        ["95 % interval", wide],
+        ["95 % interval", interval],
         ["of it stage costs", number(meta.get("stage_cost"), 7)],
         ["of it terminal cost", number(meta.get("terminal_cost"), 7)],
         ["seeds that reached the end", _share(meta["survived"])],
         ["samples with a new plan", _share(meta.get("planned"))],
-        ["time of a sample, p50 [ms]", _ms(found["p50"])],
-        ["p99 [ms]", _ms(found["p99"])],
-        ["largest [ms]", _ms(found["max"])],
-        ["period [ms]", _ms(found["period"])],
-        ["longer than the period", f"{found['over']} of {found['samples']}"],
+        ["time of a sample, p50 [ms]", _ms(times["p50"])],
+        ["p99 [ms]", _ms(times["p99"])],
+        ["largest [ms]", _ms(times["max"])],
+        ["period [ms]", _ms(times["period"])],
+        ["longer than the period", f"{times['over']} of {times['samples']}"],
         ["missed deadlines", str(meta["misses"])],
         *([name, str(count)] for name, count in meta["statuses"].items()),
         ["plans judged stationary", _share(meta["certified"])],

@@ -58,15 +58,15 @@ class Animation:
     def title(self) -> str:
         """The problem's title, and the number of the scenario if there are several."""
         scenarios = self.view.run.data.sizes["scenario"]
-        what = "seed" if self.view.run.kind == "closed-loop" else "scenario"
-        which = f", {what} 0 of {scenarios}" if scenarios > 1 else ""
-        return f"{self.view.title}{which}"
+        noun = "seed" if self.view.run.kind == "closed-loop" else "scenario"
+        suffix = f", {noun} 0 of {scenarios}" if scenarios > 1 else ""
+        return f"{self.view.title}{suffix}"
 
     @property
     def largest(self) -> float:
         """Largest force of all motions, 0 without forces."""
-        found = [motion.forces.largest for motion in self.motions if motion.forces]
-        return max(found, default=0.0)
+        largest_forces = [motion.forces.largest for motion in self.motions if motion.forces]
+        return max(largest_forces, default=0.0)
 
     @property
     def unit(self) -> str:
@@ -131,14 +131,14 @@ def _motion(view: RunView, suffix: str, title: str, times: np.ndarray) -> Motion
         end = max(1, int(np.argmin(finite)))
         states = states[:end]
         title = f"{title}; diverges at {times[end]:.2f} s"
-    seen = times[: len(states)]
-    contacts = picture.contacts(suffix, seen)
+    shown_times = times[: len(states)]
+    contacts = picture.contacts(suffix, shown_times)
     forces = forces_drawn(forces_of(view, suffix), contacts)
     return Motion(
         title,
         suffix,
         states,
-        picture.shapes(suffix, seen),
+        picture.shapes(suffix, shown_times),
         contacts,
         None if forces is None else _sampled(forces, view.time, times),
     )
@@ -176,8 +176,8 @@ def repeated(view: RunView, count: int) -> RunView:
     gained = nodes.isel(node=-1) - nodes.isel(node=0)
     strides = [nodes.isel(node=slice(bool(k), None)) + k * gained for k in range(count)]
     pushes = data[[name for name in data if "interval" in data[name].dims]]
-    again = xr.merge([xr.concat(strides, "node"), xr.concat([pushes] * count, "interval")])
-    run = replace(view.run, data=again.set_coords("time"))
+    repeated_data = xr.merge([xr.concat(strides, "node"), xr.concat([pushes] * count, "interval")])
+    run = replace(view.run, data=repeated_data.set_coords("time"))
     if view.spec is None:
         return replace(view, run=run)
     title = f"{view.spec.title}, the stride {count} times"

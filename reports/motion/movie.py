@@ -134,9 +134,9 @@ def arrow(contact: ContactFrame, normal: float, friction: float, scale: float, p
     force = normal * np.array([contact.nx, contact.ny]) + friction * np.array([tx, ty])
     start, tip = np.array([contact.x, contact.y]), scale * force
     length = float(np.hypot(*tip))
-    along, tip = tip / length, start + tip
-    head, side = (min(part * point, part / HEAD[0] * length) for part in HEAD)
-    neck, across = tip - head * along, side * np.array([-along[1], along[0]])
+    direction, tip = tip / length, start + tip
+    head, half_head = (min(size * point, size / HEAD[0] * length) for size in HEAD)
+    neck, across = tip - head * direction, half_head * np.array([-direction[1], direction[0]])
     ink = to_rgba(VERMILLION)
     corners = [start, neck, neck + across, tip, neck - across, neck]
     return Stroke(Outline(np.array(corners)), ink, ink, 1.0, 5)
@@ -144,8 +144,8 @@ def arrow(contact: ContactFrame, normal: float, friction: float, scale: float, p
 
 def cone(contact: ContactFrame, length: float) -> Stroke:
     """Friction cone, half as wide as atan(friction) on either side of the normal."""
-    middle, half = math.atan2(contact.ny, contact.nx), math.atan(contact.friction)
-    wedge = Outline.wedge(math.degrees(middle - half), math.degrees(middle + half))
+    middle, half_angle = math.atan2(contact.ny, contact.nx), math.atan(contact.friction)
+    wedge = Outline.wedge(math.degrees(middle - half_angle), math.degrees(middle + half_angle))
     path = Outline(np.asarray(wedge.vertices) * length + (contact.x, contact.y), wedge.codes)
     return Stroke(path, to_rgba(PURPLE, 0.22), to_rgba(PURPLE, 0.8), 0.6, 3)
 
@@ -170,16 +170,16 @@ class Canvas:
         self._still = self._canvas.copy_from_bbox(self.figure.bbox)
 
     def _label(self) -> None:
-        shown = self._animation
-        look = {"fontsize": 11, "color": INK, "va": "top"}
-        title = self.figure.suptitle(shown.title, x=0.01, ha="left", **look)
-        self.clock = self.figure.text(0.99, 0.98, "", ha="right", animated=True, **look)
-        for scene, motion in zip(self.scenes, shown.motions, strict=True):
+        animation = self._animation
+        text_style = {"fontsize": 11, "color": INK, "va": "top"}
+        title = self.figure.suptitle(animation.title, x=0.01, ha="left", **text_style)
+        self.clock = self.figure.text(0.99, 0.98, "", ha="right", animated=True, **text_style)
+        for scene, motion in zip(self.scenes, animation.motions, strict=True):
             scene.axis.set_title(motion.title, loc="left", color=INK)
-            shapes.name_axes(scene.axis, shown.axes)
+            shapes.name_axes(scene.axis, animation.axes)
             scene.axis.label_outer()
-        if shown.largest > 0:
-            text = caption(shown.largest, shown.unit, shown.rough)
+        if animation.largest > 0:
+            text = caption(animation.largest, animation.unit, animation.rough)
             self.figure.supxlabel(text, x=0.01, ha="left", fontsize=8, color=GREY)
         literal(self.figure).draw_without_rendering()
         # Laid out once, so that labels of changing width do not move the picture.
@@ -279,11 +279,16 @@ def _write_gif(animation: Animation, draft: Path, report: Callable[[int], None])
             yield picture.quantize(palette=palette, dither=Image.Dither.NONE)
             report(frame + 1)
 
-    shown = delays(count, animation.fps)
-    shown[-1] += _REST
+    frame_delays = delays(count, animation.fps)
+    frame_delays[-1] += _REST
     pictures = frames()
     next(pictures).save(
-        draft, format="GIF", save_all=True, append_images=pictures, loop=0, duration=[10 * delay for delay in shown]
+        draft,
+        format="GIF",
+        save_all=True,
+        append_images=pictures,
+        loop=0,
+        duration=[10 * delay for delay in frame_delays],
     )
 
 
@@ -292,16 +297,16 @@ def _palette(canvas: Canvas, count: int) -> Image.Image:
 
     Chosen by difference, not by frequency: an arrow has few pixels.
     """
-    some = np.unique(np.linspace(0, count - 1, _SAMPLED).round().astype(int))
-    lines = np.concatenate([canvas.picture(frame)[::2, :, :3].copy() for frame in some])
+    sampled_frames = np.unique(np.linspace(0, count - 1, _SAMPLED).round().astype(int))
+    lines = np.concatenate([canvas.picture(frame)[::2, :, :3].copy() for frame in sampled_frames])
     codes = np.unique(lines.astype(np.int32) @ (1 << 16, 1 << 8, 1))
-    seen = np.stack([codes >> 16, codes >> 8 & 255, codes & 255], axis=1).astype(np.uint8)
-    found = Image.fromarray(seen[None]).quantize(method=Image.Quantize.MAXCOVERAGE)
-    colors = np.array(found.getpalette()).reshape(-1, 3)
+    colours = np.stack([codes >> 16, codes >> 8 & 255, codes & 255], axis=1).astype(np.uint8)
+    palette = Image.fromarray(colours[None]).quantize(method=Image.Quantize.MAXCOVERAGE)
+    colors = np.array(palette.getpalette()).reshape(-1, 3)
     # Paper is white, and what is looked up is rounded: nothing else may be nearly white.
     colors[(colors > _PALE).all(axis=1)] = 255
-    found.putpalette(colors.ravel().tolist())
-    return found
+    palette.putpalette(colors.ravel().tolist())
+    return palette
 
 
 def _write_mp4(animation: Animation, draft: Path, report: Callable[[int], None]) -> None:

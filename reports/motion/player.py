@@ -34,12 +34,12 @@ def player(animation: Animation) -> str:
     """The whole page."""
     verdict = animation.view.run.meta.get("verdict") or ""
     film = json.dumps(film_of(animation), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    parts = {name: (_PAGE / f"player.{name}").read_text("utf-8") for name in ("html", "css", "js")}
-    return Template(parts["html"]).substitute(
+    sources = {name: (_PAGE / f"player.{name}").read_text("utf-8") for name in ("html", "css", "js")}
+    return Template(sources["html"]).substitute(
         title=html.escape(animation.title),
         verdict=html.escape(verdict.splitlines()[0] if verdict else ""),
-        style=parts["css"].strip(),
-        script=parts["js"].strip(),
+        style=sources["css"].strip(),
+        script=sources["js"].strip(),
         # No name may end the element that holds the data, or begin one.
         film=film.replace("<", "\\u003c"),
     )
@@ -84,9 +84,9 @@ def film_of(animation: Animation) -> dict[str, Any]:
     }
 
 
-def _curve(values: np.ndarray, end: float | None = None, **look: Any) -> dict[str, Any]:
-    shown = {**look, "values": [_short(value) for value in values]}
-    return shown if end is None else {**shown, "end": _short(end)}
+def _curve(values: np.ndarray, end: float | None = None, **style: Any) -> dict[str, Any]:
+    entry = {**style, "values": [_short(value) for value in values]}
+    return entry if end is None else {**entry, "end": _short(end)}
 
 
 def _motion(
@@ -94,27 +94,27 @@ def _motion(
 ) -> dict[str, Any]:
     frames = [[_numbers(shape, kinds, digits) for shape in frame] for frame in motion.shapes]
     fixed = shapes.still(frames, [shapes.hides(shape) for shape in motion.shapes[0]])
-    once = set(fixed)
-    still = not np.ptp(camera.middle, axis=0).any()
+    drawn_once = set(fixed)
+    is_still = not np.ptp(camera.middle, axis=0).any()
     return {
         "title": motion.title,
-        "middle": np.round(camera.middle[:1] if still else camera.middle, digits).tolist(),
-        "fixed": [[*one] for one in fixed],
-        "frames": [[[*one] for one in frame if one not in once] for frame in frames],
+        "middle": np.round(camera.middle[:1] if is_still else camera.middle, digits).tolist(),
+        "fixed": [[*numbers] for numbers in fixed],
+        "frames": [[[*numbers] for numbers in frame if numbers not in drawn_once] for frame in frames],
         "arrows": [_arrows(motion, frame, largest, digits) for frame in range(len(frames))],
     }
 
 
 def _numbers(shape: Shape, kinds: dict[tuple[str, str], int], digits: int) -> tuple[Any, ...]:
     kind = kinds.setdefault((type(shape).__name__, shape.role), len(kinds))
-    values = (getattr(shape, part.name) for part in fields(shape) if part.name != "role")
+    values = (getattr(shape, field.name) for field in fields(shape) if field.name != "role")
     return kind, *(_rounded(value, digits) for value in values)
 
 
 def _rounded(value: Any, digits: int) -> Any:
     """A number, or the coordinates of corners one behind the other."""
     if isinstance(value, tuple):
-        return tuple(round(float(each), digits) for corner in value for each in corner)
+        return tuple(round(float(coordinate), digits) for corner in value for coordinate in corner)
     return round(float(value), digits)
 
 
@@ -126,9 +126,9 @@ def _arrows(motion: Motion, frame: int, largest: float, digits: int) -> list[lis
     for contact, normal, friction in visible(motion.contacts[frame], pushes, largest):
         tx, ty = contact.tangent
         force = normal * contact.nx + friction * tx, normal * contact.ny + friction * ty
-        shown = (*force, contact.nx, contact.ny, contact.friction)
-        place = round(contact.x, digits), round(contact.y, digits)
-        arrows.append([*place, *(_short(value) for value in shown)])
+        numbers = (*force, contact.nx, contact.ny, contact.friction)
+        position = round(contact.x, digits), round(contact.y, digits)
+        arrows.append([*position, *(_short(value) for value in numbers)])
     return arrows
 
 
@@ -149,31 +149,36 @@ Chart = dict[str, Any]
 def charts(animation: Animation) -> list[Chart]:
     """Forces of each motion beside each other on one scale, and the costs of both below."""
     view = animation.view
-    found = [forces for motion in animation.motions if (forces := _forces(view, motion))]
-    drawn = [curve["values"] for chart in found for curve in chart["curves"]]
-    highest = max((float(np.nanmax(values)) for values in drawn), default=0.0)
-    for chart in found:
+    all_charts = [forces for motion in animation.motions if (forces := _forces(view, motion))]
+    curve_values = [curve["values"] for chart in all_charts for curve in chart["curves"]]
+    highest = max((float(np.nanmax(values)) for values in curve_values), default=0.0)
+    for chart in all_charts:
         chart["range"] = _widened(0.0, highest)
-    if (paid := _costs(view, animation.motions)) is not None:
-        found.append(paid)
-    return found
+    if (cost_chart := _costs(view, animation.motions)) is not None:
+        all_charts.append(cost_chart)
+    return all_charts
 
 
 def _forces(view: RunView, motion: Motion) -> Chart | None:
     """Size of the force of every contact that acts in the plan or in the replay."""
     sizes, acting = acting_contacts(view)
-    own, forces = sizes.get(motion.suffix), motion.forces
-    if own is None or forces is None or not acting:
+    force_sizes, forces = sizes.get(motion.suffix), motion.forces
+    if force_sizes is None or forces is None or not acting:
         return None
-    what = "impulse" if forces.unit == "N s" else "force"
+    noun = "impulse" if forces.unit == "N s" else "force"
     simulated = isinstance(view.problem, Task) or view.run.kind == "closed-loop"
-    whose = "" if simulated else ", planned"
+    qualifier = "" if simulated else ", planned"
     return {
-        "title": f"contact {what}s{', replayed' if motion.suffix else whose}",
-        "label": label(what, forces.unit),
+        "title": f"contact {noun}s{', replayed' if motion.suffix else qualifier}",
+        "label": label(noun, forces.unit),
         "wide": False,
         "curves": [
-            {"name": name, "values": own[:, i], "color": CYCLE[place % len(CYCLE)], "dash": place // len(CYCLE) % 3}
+            {
+                "name": name,
+                "values": force_sizes[:, i],
+                "color": CYCLE[place % len(CYCLE)],
+                "dash": place // len(CYCLE) % 3,
+            }
             for place, (i, name) in enumerate(acting.items())
         ],
     }
@@ -182,22 +187,22 @@ def _forces(view: RunView, motion: Motion) -> Chart | None:
 def _costs(view: RunView, motions: Sequence[Motion]) -> Chart | None:
     curves = []
     for motion, name, color in zip(motions, ("planned", "replayed"), (PLANNED, REPLAYED), strict=False):
-        paid = so_far(view, motion.suffix)
-        if paid is None:
+        sums_and_end = so_far(view, motion.suffix)
+        if sums_and_end is None:
             return None
-        curves.append({"name": name, "values": paid[0], "end": paid[1], "color": color, "dash": 0})
-    gained = isinstance(view.problem, Task)
+        curves.append({"name": name, "values": sums_and_end[0], "end": sums_and_end[1], "color": color, "dash": 0})
+    is_task = isinstance(view.problem, Task)
     if view.run.kind == "closed-loop":
         curves[0]["name"] = "closed loop"
-    if gained:
+    if is_task:
         curves[0]["name"] = "this episode"
     ends = [curve["end"] for curve in curves]
     finite = np.concatenate([*(curve["values"] for curve in curves), ends])
     finite = finite[np.isfinite(finite)]
-    what, last = ("return", "the final reward") if gained else ("cost", "the terminal cost")
+    noun, last = ("return", "the final reward") if is_task else ("cost", "the terminal cost")
     return {
-        "title": f"cumulative {what}, with {last} at the end",
-        "label": what,
+        "title": f"cumulative {noun}, with {last} at the end",
+        "label": noun,
         "wide": True,
         "range": _widened(float(finite.min()), float(finite.max())),
         "curves": curves,
@@ -212,19 +217,19 @@ def so_far(view: RunView, suffix: str) -> tuple[np.ndarray, float] | None:
     """
     problem, x, u = view.problem, view.array(f"x{suffix}"), view.array(f"u{suffix}")
     if view.run.kind == "closed-loop":
-        paid, end = (view.run.data[name].values[0] for name in ("cost", "end_cost"))
-        sums = np.concatenate([[0.0], np.cumsum(paid)])
-        return sums, float(sums[-1] + end)
+        stage_costs, terminal_cost = (view.run.data[name].values[0] for name in ("cost", "end_cost"))
+        sums = np.concatenate([[0.0], np.cumsum(stage_costs)])
+        return sums, float(sums[-1] + terminal_cost)
     if problem is None or x is None or u is None:
         return None
     p = problem.parameters.values
     if isinstance(problem, Task):
         (stage,) = at_steps(problem.rewards, x[:1, :-1], u[:1], x[:1, 1:], p=p)
-        full = u.shape[1] == problem.horizon
-        last = np.array(problem.finals(x[0, -1], p)) if full else np.zeros(1)
+        is_full_episode = u.shape[1] == problem.horizon
+        last = np.array(problem.finals(x[0, -1], p)) if is_full_episode else np.zeros(1)
     else:
-        before = np.array(problem.limits(p)[1]).ravel()
-        du = np.diff(np.concatenate([before[None], u[0]]), axis=0)
+        previous_input = np.array(problem.limits(p)[1]).ravel()
+        du = np.diff(np.concatenate([previous_input[None], u[0]]), axis=0)
         lam = np.zeros((1, len(du), problem.system.nlam))
         if problem.uses_impulses:
             stored = view.array(f"lam{suffix}")
@@ -232,7 +237,7 @@ def so_far(view: RunView, suffix: str) -> tuple[np.ndarray, float] | None:
                 return None
             lam = stored
         stage, _ = at_steps(problem.cost_terms, x[:1, :-1], u[:1], du[None], lam[:1], p=p)
-        last = (part[:1, -1:] for part in (x, u, du[None], lam))
+        last = (values[:1, -1:] for values in (x, u, du[None], lam))
         _, last = at_steps(problem.cost_terms, *last, p=p)
     sums = np.concatenate([[0.0], np.cumsum(stage[0, :, 0])])
     return sums, float(sums[-1] + last.item())

@@ -42,18 +42,18 @@ def _one(view: RunView, content: dict[str, Any]) -> Page:
         "settings": [row for row in settings(view.run) if row[0] not in _FIRST],
         "notes": [*meta["told"], *reasons(meta)],
     }
-    drawn = {
+    candidates = {
         "snapshots": figures.snapshots(view),
         "cost": figures.cost_and_times(view),
         "timeline": figures.timeline(view),
     }
-    found = {name: figure for name, figure in drawn.items() if figure is not None}
+    drawn_figures = {name: figure for name, figure in candidates.items() if figure is not None}
     contacts = [signal.name for signal in view.signals("contacts")]
-    return content, found | row_figures("motion", motion.plan_rows(view, contacts))
+    return content, drawn_figures | row_figures("motion", motion.plan_rows(view, contacts))
 
 
 def _several(views: list[RunView], content: dict[str, Any]) -> Page:
-    told = labels([view.run for view in views])
+    descriptions = labels([view.run for view in views])
     names = [chr(ord("A") + i) if i < 26 else str(i + 1) for i in range(len(views))]
     rows: dict[str, list[str]] = {}
     for place, view in enumerate(views):
@@ -62,7 +62,7 @@ def _several(views: list[RunView], content: dict[str, Any]) -> Page:
     one_problem = len({view.run.meta["problem"] for view in views}) == 1
     content |= {
         "title": views[0].title if one_problem else "Comparison of closed loops",
-        "labels": [f"{name}: {text}" for name, text in zip(names, told, strict=True)],
+        "labels": [f"{name}: {text}" for name, text in zip(names, descriptions, strict=True)],
         "heads": ["", *names],
         "rows": [[name, *cells] for name, cells in rows.items()],
         "key": [],
@@ -78,8 +78,8 @@ def _several(views: list[RunView], content: dict[str, Any]) -> Page:
 def _cheapest(views: list[RunView], names: list[str]) -> str:
     """Which run costs least on average."""
     costs = {name: view.run.meta["cost"] for name, view in zip(names, views, strict=True)}
-    known = {name: cost for name, cost in costs.items() if cost is not None}
-    if not known:
+    known_costs = {name: cost for name, cost in costs.items() if cost is not None}
+    if not known_costs:
         return "No seed of any run reached the end."
-    best = min(known, key=lambda name: known[name])
-    return f"{best} has the lowest mean cost, {number(known[best], 6)}."
+    best = min(known_costs, key=lambda name: known_costs[name])
+    return f"{best} has the lowest mean cost, {number(known_costs[best], 6)}."

@@ -30,7 +30,7 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
     labelled = labels([view.run for view in views])
     titles = [f"{name}: {label}" for name, label in zip(names, labelled, strict=True)]
     requests = [[*how(view.run), *settings(view.run)] for view in views]
-    shared = [row for row in requests[0] if all(row in each for each in requests)]
+    shared = [row for row in requests[0] if all(row in request for request in requests)]
     content = {
         "title": views[0].title if one_problem else "Comparison of runs",
         "names": names,
@@ -41,7 +41,7 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
         "grades": [view.run.meta["grade"] for view in views],
         "rows": comparison.rows(views),
         "how": shared,
-        "own": [[row for row in each if row not in shared] for each in requests],
+        "own": [[row for row in request if row not in shared] for request in requests],
         "differ": comparison.same_instants(views),
         "versions": pairs(views[0].run.meta.get("versions") or {}),
         "zero": [],
@@ -62,40 +62,40 @@ def labels(runs: Sequence[StoredRun]) -> list[str]:
     these are the same. A setting of one law, such as mu, labels only the runs with that law.
     Identical requests are labelled by their hashes.
     """
-    every = [_flat(run) for run in runs]
-    named = _IN_ORDER[:2] if len({own.get("problem") for own in every}) > 1 else ()
-    first = [[str(own[key]) for key in named if key in own] for own in every]
-    found = []
-    for run, own, parts in zip(runs, every, first, strict=True):
-        requests = [one for one, other in zip(every, first, strict=True) if other == parts]
-        differing = [key for key in own if _differs(key, own, requests)]
-        parts = parts + [str(own[key]) for key in _IN_ORDER if key in differing]
-        parts += [f"{symbol(key)} = {value_text(own[key], 4)}" for key in differing if key not in _IN_ORDER]
-        found.append(", ".join(parts) or str(run.meta["hash"])[:6])
-    if len(set(found)) == len(found):
-        return found
+    all_requests = [_flat(run) for run in runs]
+    leading_keys = _IN_ORDER[:2] if len({request.get("problem") for request in all_requests}) > 1 else ()
+    leading_words = [[str(request[key]) for key in leading_keys if key in request] for request in all_requests]
+    all_labels = []
+    for run, request, words in zip(runs, all_requests, leading_words, strict=True):
+        requests = [candidate for candidate, other in zip(all_requests, leading_words, strict=True) if other == words]
+        differing = [key for key in request if _differs(key, request, requests)]
+        words = words + [str(request[key]) for key in _IN_ORDER if key in differing]
+        words += [f"{symbol(key)} = {value_text(request[key], 4)}" for key in differing if key not in _IN_ORDER]
+        all_labels.append(", ".join(words) or str(run.meta["hash"])[:6])
+    if len(set(all_labels)) == len(all_labels):
+        return all_labels
     return [
-        f"{name}, {str(run.meta['hash'])[:6]}" if found.count(name) > 1 else name
-        for name, run in zip(found, runs, strict=True)
+        f"{name}, {str(run.meta['hash'])[:6]}" if all_labels.count(name) > 1 else name
+        for name, run in zip(all_labels, runs, strict=True)
     ]
 
 
 def _flat(run: StoredRun) -> dict[str, Any]:
     """The request of a run, with one name per setting."""
     record = {key: value for key, value in run.record.items() if key not in _NOT_COMPARED}
-    found = {key: value for key, value in record.items() if key not in _GROUPS and value is not None}
+    flat_request = {key: value for key, value in record.items() if key not in _GROUPS and value is not None}
     for group in _GROUPS:
-        beside = "contact." if group == "contact_settings" else ""
-        found |= {beside + name: value for name, value in (record.get(group) or {}).items()}
-    return found
+        prefix = "contact." if group == "contact_settings" else ""
+        flat_request |= {prefix + name: value for name, value in (record.get(group) or {}).items()}
+    return flat_request
 
 
-def _differs(key: str, own: Mapping[str, Any], requests: Sequence[Mapping[str, Any]]) -> bool:
+def _differs(key: str, request: Mapping[str, Any], requests: Sequence[Mapping[str, Any]]) -> bool:
     """Whether another run has another value; for a setting of a law, a run with that law."""
-    others = [other for other in requests if other is not own]
+    others = [other for other in requests if other is not request]
     if key == "strategy" or key.startswith("contact."):
-        others = [other for other in others if other.get("contact") == own.get("contact")]
-    return any(other.get(key) != own[key] for other in others)
+        others = [other for other in others if other.get("contact") == request.get("contact")]
+    return any(other.get(key) != request[key] for other in others)
 
 
 def continuation_page(view: RunView, cones: bool = False) -> Page:
@@ -134,8 +134,8 @@ def continuation_page(view: RunView, cones: bool = False) -> Page:
     }
     pictures, content["arrows"] = comparison.strobes(view, cones)
     figures = {"path": comparison.curve(view), **numbered("strobes", pictures)}
-    if drawn := row_figures("motion", comparison.motion_rows(view)):
-        figures |= {"motion-00": comparison.key_of_points(view), **drawn}
+    if motion_figures := row_figures("motion", comparison.motion_rows(view)):
+        figures |= {"motion-00": comparison.key_of_points(view), **motion_figures}
     return content, figures
 
 
@@ -148,8 +148,8 @@ def _below(points: list[dict[str, Any]]) -> str:
     count = sum(size is not None and np.isfinite(size) and size <= FLOOR for size in sizes)
     if not count:
         return ""
-    which = "every point" if count == len(points) else f"{count} of {len(points)} points"
-    return f"At {which} λ gap is below {FLOOR:.0e} and not drawn."
+    places_text = "every point" if count == len(points) else f"{count} of {len(points)} points"
+    return f"At {places_text} λ gap is below {FLOOR:.0e} and not drawn."
 
 
 def _how(view: RunView) -> list[list[str]]:

@@ -71,19 +71,19 @@ def described(run: StoredRun, spec: Spec | FigureStudy | None, values: dict[str,
 def how(run: StoredRun, without: Collection[str] = ()) -> list[list[str]]:
     """Law with its settings, except ``without``, method, policy and solver."""
     record = run.record
-    found = [["law", law_text(run, without)]] if record.get("contact") else []
-    found += [[key, str(record[key])] for key in _FIRST[1:] if record.get(key)]
+    request_lines = [["law", law_text(run, without)]] if record.get("contact") else []
+    request_lines += [[key, str(record[key])] for key in _FIRST[1:] if record.get(key)]
     if record.get("N"):
-        found.append(["steps", str(record["N"])])
+        request_lines.append(["steps", str(record["N"])])
     scenarios = run.data.sizes.get("scenario", 1)
-    return found + ([["scenarios", str(scenarios)]] if scenarios > 1 else [])
+    return request_lines + ([["scenarios", str(scenarios)]] if scenarios > 1 else [])
 
 
 def law_text(run: StoredRun, without: Collection[str] = ()) -> str:
     """Name and settings of the law, except ``without``: ``barrier (μ = 0.001)``."""
     name = str(run.record["contact"])
-    given = {key: value for key, value in _law_settings(run, name).items() if f"contact.{key}" not in without}
-    settings = ", ".join(f"{symbol(key)} = {shown(value)}" for key, value in given.items())
+    law_settings = {key: value for key, value in _law_settings(run, name).items() if f"contact.{key}" not in without}
+    settings = ", ".join(f"{symbol(key)} = {shown(value)}" for key, value in law_settings.items())
     return f"{name} ({settings})" if settings else name
 
 
@@ -92,19 +92,19 @@ def _law_settings(run: StoredRun, name: str) -> dict[str, Any]:
     typed = run.record.get("law_settings")
     if typed:
         return dict(text.partition("=")[::2] for text in typed)
-    known = LAWS.get(name)
-    if typed is not None and known is not None:
-        return known().settings()
+    law_class = LAWS.get(name)
+    if typed is not None and law_class is not None:
+        return law_class().settings()
     return run.record.get("contact_settings") or {}
 
 
 def law(view: RunView) -> dict[str, Any]:
     """Name and summary of the law, and the plan's place on the central path."""
     name = str(view.run.record.get("contact", ""))
-    known = LAWS.get(name)
+    law_class = LAWS.get(name)
     return {
         "name": name,
-        "summary": in_symbols(known.summary) if known else "",
+        "summary": in_symbols(law_class.summary) if law_class else "",
         "place": _place_on_path(view.array("mu")),
     }
 
@@ -128,10 +128,10 @@ def _parameters(
     about = dict.fromkeys(values, ("", ""))
     if spec is not None:
         fields = spec.Params.model_fields.items()
-        about = {name: (unit_of(one), one.description or "") for name, one in fields}
+        about = {name: (unit_of(field), field.description or "") for name, field in fields}
     elif stored:
-        kept = stored["parameters"].items()
-        about |= {name: (one["unit"], one["description"]) for name, one in kept}
+        stored_parameters = stored["parameters"].items()
+        about |= {name: (field["unit"], field["description"]) for name, field in stored_parameters}
     return [
         [name, shown(values[name]), powers(unit), meaning] for name, (unit, meaning) in about.items() if name in values
     ]
@@ -142,14 +142,14 @@ def shown(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
-        return ", ".join(shown(each) for each in value)
+        return ", ".join(shown(entry) for entry in value)
     return number(value, 8) if isinstance(value, int | float) else str(value)
 
 
 def settings(run: StoredRun) -> list[list[str]]:
     """Settings of the request without a table or line of their own."""
-    left = {key: value for key, value in run.record.items() if key not in _NOT_SETTINGS}
-    return [row for row in pairs(left) if row[0] not in _FIRST and not row[0].startswith("contact.")]
+    remaining = {key: value for key, value in run.record.items() if key not in _NOT_SETTINGS}
+    return [row for row in pairs(remaining) if row[0] not in _FIRST and not row[0].startswith("contact.")]
 
 
 def pairs(values: dict[str, Any]) -> list[list[str]]:

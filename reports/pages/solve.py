@@ -36,24 +36,24 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
     ``signals`` are those that are drawn over time (:func:`reports.figures.motion.chosen`), None for
     all.
     """
-    stored, found = view.run, motion.tracks(view)
-    solved = stored.status is Status.SOLVED
+    stored, all_tracks = view.run, motion.tracks(view)
+    is_solved = stored.status is Status.SOLVED
     names = [] if signals is None else motion.chosen(view, signals)
-    told = {name for contact in run.contacts_of(view) for name in contact.multipliers}
+    shown_multipliers = {name for contact in run.contacts_of(view) for name in contact.multipliers}
     heads, rows = contact_columns(stored.audit)
     content = {
         **head(view),
         "grade": stored.meta["grade"],
         "key": key_numbers(view),
         "law": law(view),
-        "parted": motion.parted(found),
-        "apart": small(motion.apart(found)),
-        "undetermined": motion.undetermined(found),
-        "replayed": any(track.again is not None for track in found),
-        "zero": [name for name in motion.idle(found) if name not in told and not names],
+        "parted": motion.parted(all_tracks),
+        "apart": small(motion.apart(all_tracks)),
+        "undetermined": motion.undetermined(all_tracks),
+        "replayed": any(track.replay is not None for track in all_tracks),
+        "zero": [name for name in motion.idle(all_tracks) if name not in shown_multipliers and not names],
         "stages": _stages(view),
         "left_out": stage_note(stored.stages, stored.meta["cost"]),
-        "worst": [] if solved else violation_rows(stored.audit),
+        "worst": [] if is_solved else violation_rows(stored.audit),
         "starts": [key.replace("_", " ") for key in _starts(view)],
         "others": [[shown(other.get(key)) for key in _starts(view)] for other in stored.meta["others"]],
         "contacts": rows,
@@ -66,7 +66,7 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
         "pictured": len(picked_scenarios(view.pictured)),
     }
     figures, content["arrows"] = _motion(view, cones)
-    figures |= row_figures("motion", motion.plan_rows(view, told, names))
+    figures |= row_figures("motion", motion.plan_rows(view, shown_multipliers, names))
     if run.off_the_end(view):
         figures["contact"] = run.contact_plane(view)
     panels, columns = run.rows_of_contacts(view)
@@ -95,8 +95,8 @@ def _stages(view: RunView) -> list[list[str]]:
     ]
     if len(rows) <= 2 * _ENDS:
         return rows
-    between = ["…", f"{len(rows) - 2 * _ENDS} more", *[""] * (len(rows[0]) - 2)]
-    return [*rows[:_ENDS], between, *rows[-_ENDS:]]
+    gap_row = ["…", f"{len(rows) - 2 * _ENDS} more", *[""] * (len(rows[0]) - 2)]
+    return [*rows[:_ENDS], gap_row, *rows[-_ENDS:]]
 
 
 def _starts(view: RunView) -> list[str]:
@@ -116,18 +116,18 @@ def key_numbers(view: RunView) -> list[dict[str, Any]]:
         costs.append(["referee at h/4", number(referee.refined_cost, 7)])
     costs += [
         ["iterations", str(meta["iterations"])],
-        ["active contact steps", str(sum(one.steps for one in audit.contacts))],
+        ["active contact steps", str(sum(contact.steps for contact in audit.contacts))],
     ]
     kind = f", {certificate.kind}" if certificate.kind else ""
-    holds = [["stationarity", f"{certificate.stationarity}{kind}"], ["KKT residual", small(certificate.kkt_residual)]]
+    checks = [["stationarity", f"{certificate.stationarity}{kind}"], ["KKT residual", small(certificate.kkt_residual)]]
     if certificate.kind:
-        holds.append(["biactive pairs", str(certificate.biactive)])
+        checks.append(["biactive pairs", str(certificate.biactive)])
     if certificate.negative_curvature > 0:
-        holds.append(["negative curvature", str(certificate.negative_curvature)])
-    holds.append(["state error of replay", small(audit.state_gap)])
+        checks.append(["negative curvature", str(certificate.negative_curvature)])
+    checks.append(["state error of replay", small(audit.state_gap)])
     if referee.survives is not None:
-        holds.append(["state error of referee", small(referee.gap)])
-    left = [
+        checks.append(["state error of referee", small(referee.gap)])
+    residuals = [
         ["largest λ gap", small(audit.complementarity)],
         ["largest min(λ, gap)", small(audit.complementarity_min)],
         ["dynamics", small(audit.dynamics_residual)],
@@ -137,11 +137,15 @@ def key_numbers(view: RunView) -> list[dict[str, Any]]:
             for name, value, unit in physics_residuals(audit)
         ),
     ]
-    holds.append(["penetration [m]", small(audit.penetration)])
+    checks.append(["penetration [m]", small(audit.penetration)])
     for name, worst in (("between nodes [m]", referee.between), ("force at distance [m]", referee.force_distance)):
         if worst is not None:
-            holds.append([name, small(worst.amount)])
-    return [{"title": "Cost", "rows": costs}, {"title": "Checks", "rows": holds}, {"title": "Residuals", "rows": left}]
+            checks.append([name, small(worst.amount)])
+    return [
+        {"title": "Cost", "rows": costs},
+        {"title": "Checks", "rows": checks},
+        {"title": "Residuals", "rows": residuals},
+    ]
 
 
 _SHORT = {

@@ -38,7 +38,7 @@ def sweep_page(view: RunView) -> Page:
 def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
     """Key numbers, points, failures and figures."""
     meta, axes = run.meta, run.meta["study"]["axes"]
-    dims, found = [axis["name"] for axis in axes], rows(run.data)
+    dims, points = [axis["name"] for axis in axes], rows(run.data)
     figures = drawn.figures(run.data, axes)
     grade = "survives" if meta["survives"] == meta["points"] else "certified"
     names = [f"map-{k + 1}" for k in range(len(figures))]
@@ -48,8 +48,8 @@ def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
             ["points", " × ".join(map(str, meta["study"]["shape"]))],
             ["solved", str(meta["solved"])],
             ["surviving the referee", str(meta["survives"])],
-            ["total iterations", str(sum(row["iterations"] for row in found))],
-            ["work", duration(sum(row["seconds"] for row in found))],
+            ["total iterations", str(sum(row["iterations"] for row in points))],
+            ["work", duration(sum(row["seconds"] for row in points))],
         ],
         "axes": [
             [
@@ -64,8 +64,8 @@ def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
         "maps": names,
         "caption": drawn.caption(axes),
         "heads": [*dims, *HEADS],
-        "points": point_rows(found, dims),
-        "more": max(0, len(found) - MOST),
+        "points": point_rows(points, dims),
+        "more": max(0, len(points) - MOST),
         "failed": [
             [failure["command"], failure["verdict"].partition("\n")[0]] for failure in meta["study"]["failed"][:MOST]
         ],
@@ -83,10 +83,10 @@ _GRADES = {
 """Colour of the weakest verdict."""
 
 
-def estimate_page(run: StoredRun, own: ProblemSpec | None = None) -> Page:
-    """Content and figure of a stored estimate; ``own`` is the problem of a user's file."""
+def estimate_page(run: StoredRun, file_spec: ProblemSpec | None = None) -> Page:
+    """Content and figure of a stored estimate; ``file_spec`` is the problem of a user's file."""
     meta, swept = run.meta, run.meta["sweep"]
-    spec = _spec(run, own)
+    spec = _spec(run, file_spec)
     rows = meta["estimates"]
     content = described(run, spec, run.record["params"])
     # Of a rollout sigma and samples are those of the noise; the problem may have others.
@@ -108,10 +108,10 @@ def estimate_page(run: StoredRun, own: ProblemSpec | None = None) -> Page:
     return content, {"estimate": drawn.estimate_figure(run)}
 
 
-def _spec(run: StoredRun, own: ProblemSpec | None) -> ObjectiveSpec | ProblemSpec | None:
+def _spec(run: StoredRun, file_spec: ProblemSpec | None) -> ObjectiveSpec | ProblemSpec | None:
     name = run.meta["problem"]
     try:
-        return objective_spec(name) if name in objective_names() else spec_of(run, own)
+        return objective_spec(name) if name in objective_names() else spec_of(run, file_spec)
     except InputError:
         return None
 
@@ -121,12 +121,12 @@ _ELSEWHERE = ("estimators", "reference", "reference samples", "samples", "sigma"
 
 def headline(rows: Sequence[dict[str, Any]]) -> str:
     """The weakest verdict among rows, with its estimators."""
-    word = weakest_verdict(rows)
-    whose = list(dict.fromkeys(row["estimator"] for row in rows if short_verdict(row) == word))
-    if all(short_verdict(row) == word for row in rows):
-        return f"Every estimate: {word}."
-    count = sum(short_verdict(row) == word for row in rows)
-    return f"Weakest verdict: {word}, {count} of {len(rows)} estimates ({', '.join(whose)})."
+    verdict = weakest_verdict(rows)
+    estimators = list(dict.fromkeys(row["estimator"] for row in rows if short_verdict(row) == verdict))
+    if all(short_verdict(row) == verdict for row in rows):
+        return f"Every estimate: {verdict}."
+    count = sum(short_verdict(row) == verdict for row in rows)
+    return f"Weakest verdict: {verdict}, {count} of {len(rows)} estimates ({', '.join(estimators)})."
 
 
 def _estimate_how(run: StoredRun) -> list[list[str]]:
@@ -136,13 +136,13 @@ def _estimate_how(run: StoredRun) -> list[list[str]]:
     reference = ", ".join(filter(None, sources)) or "none"
     if "zobg" in reference:
         reference += f" ({number(record['reference_samples'])} samples)"
-    found = [["law", law_text(run) if record.get("contact") else "none (static objective)"]]
+    request_lines = [["law", law_text(run) if record.get("contact") else "none (static objective)"]]
     if record.get("policy"):
-        found.append(["policy", str(record["policy"])])
-    found.append(["reference", reference])
+        request_lines.append(["policy", str(record["policy"])])
+    request_lines.append(["reference", reference])
     constant = (name for name in ("sigma", "samples") if not swept or swept["name"] != name)
-    found += [[symbol(name), number(record[name])] for name in constant]
+    request_lines += [[symbol(name), number(record[name])] for name in constant]
     if swept:
         ends = (number(swept["values"][index], 4) for index in (0, -1))
-        found.append([symbol(swept["name"]), " to ".join(ends)])
-    return found
+        request_lines.append([symbol(swept["name"]), " to ".join(ends)])
+    return request_lines

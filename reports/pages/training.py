@@ -20,9 +20,9 @@ from reports.view import RunView
 def training_page(views: list[RunView]) -> Page:
     """Content and figures of trained policies on one task."""
     content, figures, firsts = training_content(views)
-    each = [settings(run) for run in firsts]
-    shared = [row for row in each[0] if all(row in rows for rows in each)]
-    own = [[row for row in rows if row not in shared] for rows in each]
+    settings_of_groups = [settings(run) for run in firsts]
+    shared = [row for row in settings_of_groups[0] if all(row in rows for rows in settings_of_groups)]
+    own_settings = [[row for row in rows if row not in shared] for rows in settings_of_groups]
     laws = list(dict.fromkeys(law_text(run) for run in firsts))
     laws_used = [["law", "; ".join(laws)], ["evaluated under", "exact"]]
     return {
@@ -31,7 +31,7 @@ def training_page(views: list[RunView]) -> Page:
         **content,
         "how": laws_used,
         "settings": shared,
-        "own": own,
+        "own": own_settings,
     }, figures
 
 
@@ -45,23 +45,23 @@ def training_content(
     tasks = dict.fromkeys(str(view.run.meta["problem"]) for view in views)
     if len(tasks) > 1:
         raise InputError(f"these policies are of several tasks, {', '.join(tasks)}; write one report per task")
-    found = groups([view.run for view in views])
-    heads, cells = summary_rows(found)
+    seed_groups = groups([view.run for view in views])
+    heads, cells = summary_rows(seed_groups)
     content = {
-        "verdicts": [verdict(group) for group in found],
+        "verdicts": [verdict(group) for group in seed_groups],
         "heads": heads,
         "rows": cells,
         "key": _key_numbers(views[0].run) if len(views) == 1 else [],
-        "psi": [row for group in found for row in _learned(group)],
-        "labels": [group.label for group in found],
+        "psi": [row for group in seed_groups for row in _learned(group)],
+        "labels": [group.label for group in seed_groups],
         "hashes": [view.run.meta["hash"] for view in views],
-        "seeds": max(len(group.runs) for group in found),
+        "seeds": max(len(group.runs) for group in seed_groups),
     }
-    figures = {"learning": learning(found)}
-    if (drawn := signals(found)) is not None:
-        figures["signals"] = drawn
-    figures |= numbered("strobes", strobes(found))
-    return content, figures, [group.runs[0] for group in found]
+    figures = {"learning": learning(seed_groups)}
+    if (signal_figure := signals(seed_groups)) is not None:
+        figures["signals"] = signal_figure
+    figures |= numbered("strobes", strobes(seed_groups))
+    return content, figures, [group.runs[0] for group in seed_groups]
 
 
 def _key_numbers(run: StoredRun) -> list[list[str]]:
@@ -91,10 +91,10 @@ def _learned(group: SeedGroup) -> list[list[str]]:
     view = RunView.of(group.best)
     if view.problem is None or "psi" not in view.run.data:
         return []
-    own, psi = view.problem.parameters, view.run.data["psi"]
-    found = zip(map(str, psi["physical"].values), psi.values.tolist(), strict=True)
+    parameters, psi = view.problem.parameters, view.run.data["psi"]
+    learned_values = zip(map(str, psi["physical"].values), psi.values.tolist(), strict=True)
     return [
-        [group.label, name, number(value, 6), number(own.get(name).value, 6), own.get(name).unit]
-        for name, value in found
-        if value != own.get(name).value
+        [group.label, name, number(value, 6), number(parameters.get(name).value, 6), parameters.get(name).unit]
+        for name, value in learned_values
+        if value != parameters.get(name).value
     ]

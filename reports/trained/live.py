@@ -70,21 +70,21 @@ def live(trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]) -
 
         def callback(place: int, row: Mapping[str, float]) -> None:
             check()
-            one = curves[place]
-            one.rows.append(row)
-            text, ends = line(one), row["iteration"] >= one.iterations
-            show(text if "evaluation_return" in row else "", ends, lambda: picture(curves))
+            training = curves[place]
+            training.rows.append(row)
+            line_text, is_last = line(training), row["iteration"] >= training.iterations
+            show(line_text if "evaluation_return" in row else "", is_last, lambda: picture(curves))
 
         yield callback
 
 
-def line(one: LearningCurve) -> str:
+def line(training: LearningCurve) -> str:
     """The state of a training, in at most 80 columns."""
-    row = one.rows[-1]
-    parts = [f"{one.name}  {row['iteration']:.0f}/{one.iterations}"]
-    values = ((title, one.last(key), show) for key, title, show in _VALUES)
-    parts += [f"{title} {show(value)}" for title, value, show in values if value is not None]
-    return "  ".join([*parts, f"{row.get('wall_s', 0.0):.0f} s"])
+    row = training.rows[-1]
+    words = [f"{training.name}  {row['iteration']:.0f}/{training.iterations}"]
+    values = ((title, training.last(key), show) for key, title, show in _VALUES)
+    words += [f"{title} {show(value)}" for title, value, show in values if value is not None]
+    return "  ".join([*words, f"{row.get('wall_s', 0.0):.0f} s"])
 
 
 _VALUES: tuple[tuple[str, str, Callable[[float], str]], ...] = (
@@ -97,26 +97,26 @@ _VALUES: tuple[tuple[str, str, Callable[[float], str]], ...] = (
 def picture(curves: Sequence[LearningCurve]) -> RenderableType:
     """A line each; for a single training also its curve and its last rows."""
     heads = ("training", ">iteration", ">exact return", ">return", ">time", ">left", "")
-    table = table_of(*heads, rows=[_cells(one) for one in curves])
+    table = table_of(*heads, rows=[_cells(training) for training in curves])
     if len(curves) > 1 or not curves[0].rows:
         return table
-    one = curves[0]
-    drawn = "\n".join(plot(one.curve, *_PLOT)) if len(one.curve) > 1 else ""
-    return Group(table, "", drawn, "", rows_table(one.rows[-_ROWS:]))
+    training = curves[0]
+    plot_text = "\n".join(plot(training.curve, *_PLOT)) if len(training.curve) > 1 else ""
+    return Group(table, "", plot_text, "", rows_table(training.rows[-_ROWS:]))
 
 
-def _cells(one: LearningCurve) -> tuple[str, ...]:
-    if not one.rows:
-        return (one.name, f"–/{one.iterations}", "", "", "", "", "")
-    row, left = one.rows[-1], one.left
+def _cells(training: LearningCurve) -> tuple[str, ...]:
+    if not training.rows:
+        return (training.name, f"–/{training.iterations}", "", "", "", "", "")
+    row, seconds_left = training.rows[-1], training.left
     return (
-        one.name,
-        f"{row['iteration']:.0f}/{one.iterations}",
-        number(one.last("evaluation_return"), 4),
-        number(one.last("return_mean"), 4),
+        training.name,
+        f"{row['iteration']:.0f}/{training.iterations}",
+        number(training.last("evaluation_return"), 4),
+        number(training.last("return_mean"), 4),
         f"{row.get('wall_s', 0.0):.0f} s",
-        "" if left is None else f"{left:.0f} s",
-        sparkline(one.curve, _SPARK),
+        "" if seconds_left is None else f"{seconds_left:.0f} s",
+        sparkline(training.curve, _SPARK),
     )
 
 
@@ -148,12 +148,12 @@ def plot(values: Sequence[float], width: int, height: int) -> list[str]:
 
 def _bars(values: Sequence[float], width: int, height: int) -> tuple[list[str], float, float]:
     """Rows of a bar chart, of the last of the values that share a column; least and largest."""
-    known = np.asarray(values, dtype=float)
-    if len(known) > width:
-        known = known[np.linspace(0, len(known) - 1, width).round().astype(int)]
-    finite = known[np.isfinite(known)]
+    numbers = np.asarray(values, dtype=float)
+    if len(numbers) > width:
+        numbers = numbers[np.linspace(0, len(numbers) - 1, width).round().astype(int)]
+    finite = numbers[np.isfinite(numbers)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
-    heights = (known - low) / (high - low) if high > low else 0.5 + 0.0 * known
+    heights = (numbers - low) / (high - low) if high > low else 0.5 + 0.0 * numbers
     eighths = [1 + round((8 * height - 1) * h) if np.isfinite(h) else 0 for h in heights.tolist()]
     rows = ["".join(_EIGHTHS[min(8, max(0, count - 8 * row))] for count in eighths) for row in reversed(range(height))]
     return rows, low, high

@@ -24,20 +24,20 @@ _JUDGED = "evaluation_"
 
 def meta(data: xr.Dataset) -> dict[str, Any]:
     """The result of a training in its run's description."""
-    best, found = int(data["best_iteration"]), judged(data)
-    first, last = found[0], found[-1]
-    chosen = next(row for row in found if row["iteration"] == best)
+    best, evaluations = int(data["best_iteration"]), judged(data)
+    first, last = evaluations[0], evaluations[-1]
+    best_row = next(row for row in evaluations if row["iteration"] == best)
     text = (
-        f"Return under the exact law {number(chosen['return'], 4)} after iteration {best} of"
+        f"Return under the exact law {number(best_row['return'], 4)} after iteration {best} of"
         f" {last['iteration']}; {number(first['return'], 4)} untrained"
     )
-    text += "".join(f", {name} {number(chosen[name], 3)}" for name in measures(chosen))
+    text += "".join(f", {name} {number(best_row[name], 3)}" for name in measures(best_row))
     return {
         "kind": "train",
         "status": "done",
         "verdict": f"{text}.",
-        "return": chosen["return"],
-        "evaluation": chosen,
+        "return": best_row["return"],
+        "evaluation": best_row,
         "untrained": first,
         "last": last,
         "best_iteration": best,
@@ -49,10 +49,10 @@ def meta(data: xr.Dataset) -> dict[str, Any]:
 def judged(data: xr.Dataset) -> list[dict[str, Any]]:
     """Iterations at which the policy was evaluated, with return, length and measures."""
     names = [str(name) for name in data.data_vars if str(name).startswith(_JUDGED)]
-    at = np.flatnonzero(np.isfinite(data[f"{_JUDGED}return"].values))
+    evaluated = np.flatnonzero(np.isfinite(data[f"{_JUDGED}return"].values))
     return [
         {"iteration": int(data["iteration"][i]), **{name.removeprefix(_JUDGED): float(data[name][i]) for name in names}}
-        for i in at
+        for i in evaluated
     ]
 
 
@@ -84,8 +84,8 @@ def groups(runs: Sequence[StoredRun]) -> list[SeedGroup]:
     """Runs grouped by their requests, in the order of the first of each group."""
     requests = [_flat(run) for run in runs]
     order: dict[str, list[int]] = {}
-    for place, one in enumerate(requests):
-        order.setdefault(repr(sorted(one.items())), []).append(place)
+    for place, request in enumerate(requests):
+        order.setdefault(repr(sorted(request.items())), []).append(place)
     firsts = [requests[places[0]] for places in order.values()]
     return [
         SeedGroup(_label(requests[places[0]], firsts), [runs[place] for place in places]) for places in order.values()
@@ -94,9 +94,9 @@ def groups(runs: Sequence[StoredRun]) -> list[SeedGroup]:
 
 def _flat(run: StoredRun) -> dict[str, Any]:
     request = dict(run.record)
-    own = run.record["algorithm_settings"]
+    algorithm_settings = run.record["algorithm_settings"]
     # Clipped gradients bias the estimate.
-    clipped = own.get("clip", own.get("of.clip")) is not None
+    clipped = algorithm_settings.get("clip", algorithm_settings.get("of.clip")) is not None
     request["algorithm"] = f"{algorithm_of(run)}{', gradients clipped' if clipped else ''}"
     for kind in ("params", "algorithm_settings", "contact_settings"):
         request |= {f"{kind}.{name}": value for name, value in request.pop(kind, {}).items()}
@@ -113,10 +113,10 @@ def _label(request: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> s
     """Algorithm, the law where there are several, and what sets apart groups that share both."""
     laws = {other["contact"] for other in firsts}
     name = f"{request['algorithm']} {request['contact']}" if len(laws) > 1 else request["algorithm"]
-    both = [request["algorithm"], request["contact"]]
-    alike = [other for other in firsts if [other["algorithm"], other["contact"]] == both]
-    own = [key for key in request if any(other.get(key) != request[key] for other in alike)]
-    return ", ".join([name, *(f"{key.rpartition('.')[2]} = {value_text(request[key], 3)}" for key in own)])
+    shared_pair = [request["algorithm"], request["contact"]]
+    alike = [other for other in firsts if [other["algorithm"], other["contact"]] == shared_pair]
+    differing_keys = [key for key in request if any(other.get(key) != request[key] for other in alike)]
+    return ", ".join([name, *(f"{key.rpartition('.')[2]} = {value_text(request[key], 3)}" for key in differing_keys)])
 
 
 def verdict(group: SeedGroup) -> str:
@@ -135,7 +135,7 @@ def verdict(group: SeedGroup) -> str:
     return f"{text}."
 
 
-def document(found: Sequence[SeedGroup]) -> dict[str, Any]:
+def document(seed_groups: Sequence[SeedGroup]) -> dict[str, Any]:
     """What ``ocp train --json`` prints: ``runs``, ``groups`` of seeds, each with its returns."""
     keys = (
         "return",
@@ -157,20 +157,20 @@ def document(found: Sequence[SeedGroup]) -> dict[str, Any]:
                 "returns": group.returns,
                 "return_mean": group.returns.mean(),
             }
-            for group in found
+            for group in seed_groups
         ],
         "runs": [
             {"run": str(run.path), "algorithm": algorithm_of(run), **{key: run.meta.get(key) for key in keys}}
-            for group in found
+            for group in seed_groups
             for run in group.runs
         ],
     }
 
 
-def summary_rows(found: Sequence[SeedGroup]) -> tuple[list[str], list[list[str]]]:
+def summary_rows(seed_groups: Sequence[SeedGroup]) -> tuple[list[str], list[list[str]]]:
     """Heads and cells: a line a run."""
-    names = measures(found[0].runs[0].meta["evaluation"]) if found else []
-    units = {name: found[0].runs[0].data[_JUDGED + name].attrs.get("units", "") for name in names}
+    names = measures(seed_groups[0].runs[0].meta["evaluation"]) if seed_groups else []
+    units = {name: seed_groups[0].runs[0].data[_JUDGED + name].attrs.get("units", "") for name in names}
     heads = [
         "",
         "seed",
@@ -182,19 +182,19 @@ def summary_rows(found: Sequence[SeedGroup]) -> tuple[list[str], list[list[str]]
         "time, s",
     ]
     cells = []
-    for group in found:
+    for group in seed_groups:
         for run in group.runs:
-            about = run.meta
+            description = run.meta
             cells.append(
                 [
                     group.label,
-                    str(about["seed"]),
-                    number(about["untrained"]["return"], 4),
-                    number(about["return"], 4),
-                    str(about["best_iteration"]),
-                    *(number(about["evaluation"][name], 3) for name in names),
-                    f"{about['env_steps']:.3g}",
-                    f"{about['wall_s']:.1f}",
+                    str(description["seed"]),
+                    number(description["untrained"]["return"], 4),
+                    number(description["return"], 4),
+                    str(description["best_iteration"]),
+                    *(number(description["evaluation"][name], 3) for name in names),
+                    f"{description['env_steps']:.3g}",
+                    f"{description['wall_s']:.1f}",
                 ]
             )
     return heads, cells
@@ -210,25 +210,25 @@ _CONFIDENCE = 0.95
 _SHARES = {"fallen": "episodes ended", "lost": "episodes lost", "unsolved": "steps unsolved"}
 
 
-def judgement(task: Task, seen: Evaluation) -> dict[str, Any]:
+def judgement(task: Task, evaluation: Evaluation) -> dict[str, Any]:
     """Return, length and measures, each with its mean, 95 % interval, least and most.
 
     ``fallen`` is the share of episodes that ended before the task's horizon, ``lost`` that of those
     that ended where a contact found no solution, ``unsolved`` the share of such steps.
     """
-    lost = {int(sample) for sample in np.asarray(seen.unsolved).reshape(-1, 2)[:, 0]}
-    early = [n for n, length in enumerate(seen.lengths) if length < task.horizon and n not in lost]
-    steps = max(float(np.sum(seen.lengths)), 1.0)
+    lost = {int(sample) for sample in np.asarray(evaluation.unsolved).reshape(-1, 2)[:, 0]}
+    ended_early = [n for n, length in enumerate(evaluation.lengths) if length < task.horizon and n not in lost]
+    steps = max(float(np.sum(evaluation.lengths)), 1.0)
     units = {measure.signal.name: measure.signal.unit for measure in task.measures}
     return {
-        "episodes": len(seen.returns),
+        "episodes": len(evaluation.returns),
         "horizon": task.horizon,
-        "return": _spread(seen.returns, "1"),
-        "length": _spread(seen.lengths, "1"),
-        "measures": {name: _spread(values, units.get(name, "1")) for name, values in seen.measures.items()},
-        "fallen": len(early) / len(seen.returns),
-        "lost": len(lost) / len(seen.returns),
-        "unsolved": len(seen.unsolved) / steps,
+        "return": _spread(evaluation.returns, "1"),
+        "length": _spread(evaluation.lengths, "1"),
+        "measures": {name: _spread(values, units.get(name, "1")) for name, values in evaluation.measures.items()},
+        "fallen": len(ended_early) / len(evaluation.returns),
+        "lost": len(lost) / len(evaluation.returns),
+        "unsolved": len(evaluation.unsolved) / steps,
     }
 
 
@@ -240,46 +240,50 @@ def _spread(values: np.ndarray, unit: str) -> dict[str, Any]:
     n, mean = len(values), float(np.mean(values))
     interval = None
     if n > 1:
-        half = stdtrit(n - 1, (1 + _CONFIDENCE) / 2) * values.std(ddof=1) / np.sqrt(n)
-        interval = [mean - float(half), mean + float(half)]
+        half_width = stdtrit(n - 1, (1 + _CONFIDENCE) / 2) * values.std(ddof=1) / np.sqrt(n)
+        interval = [mean - float(half_width), mean + float(half_width)]
     return {"mean": mean, "interval": interval, "least": float(values.min()), "most": float(values.max()), "unit": unit}
 
 
 def sentence(judged: Mapping[str, Any]) -> str:
     """The verdict: the return, the return found in training, and failures."""
-    found, own = judged["return"], judged["own"]
-    many = "1 episode" if judged["episodes"] == 1 else f"{judged['episodes']} episodes"
-    head = f"Return {number(found['mean'], 4)}{_interval(found)} under the {judged['contact']} law"
-    parts = [f"{head} over {many}; in training it was {number(own['return'], 4)}"]
+    returns, training_row = judged["return"], judged["own"]
+    count_text = "1 episode" if judged["episodes"] == 1 else f"{judged['episodes']} episodes"
+    head = f"Return {number(returns['mean'], 4)}{_interval(returns)} under the {judged['contact']} law"
+    clauses = [f"{head} over {count_text}; in training it was {number(training_row['return'], 4)}"]
     if judged["fallen"]:
-        parts.append(f"{_share(judged['fallen'])} of episodes end early")
+        clauses.append(f"{_share(judged['fallen'])} of episodes end early")
     if judged["unsolved"]:
-        parts.append(
+        clauses.append(
             f"contacts were not solved at {_share(judged['unsolved'])} of steps, where"
             f" {_share(judged['lost'])} of episodes end"
         )
-    return f"{'; '.join(parts)}."
+    return f"{'; '.join(clauses)}."
 
 
-def _interval(found: Mapping[str, Any]) -> str:
-    if found["interval"] is None:
+def _interval(spread: Mapping[str, Any]) -> str:
+    if spread["interval"] is None:
         return ""
-    low, high = (number(end, 4) for end in found["interval"])
+    low, high = (number(end, 4) for end in spread["interval"])
     return f" [{low}, {high}]"
 
 
 def judgement_table(judged: Mapping[str, Any]) -> Table:
     """A line each for return, length and measures, beside what training found."""
-    own = judged["own"]
+    training_row = judged["own"]
     table = table_of("", ">mean", ">95 % interval", ">least", ">most", ">in training")
     rows = {"return": judged["return"], "length": judged["length"], **judged["measures"]}
-    for name, found in rows.items():
-        title = name if found["unit"] == "1" else f"{name}, {found['unit']}"
-        ends = (number(found[key], 4) for key in ("least", "most"))
-        table.add_row(title, number(found["mean"], 4), _interval(found).strip(), *ends, number(own.get(name), 4))
+    for name, spread in rows.items():
+        title = name if spread["unit"] == "1" else f"{name}, {spread['unit']}"
+        ends = (number(spread[key], 4) for key in ("least", "most"))
+        table.add_row(
+            title, number(spread["mean"], 4), _interval(spread).strip(), *ends, number(training_row.get(name), 4)
+        )
     for name, title in _SHARES.items():
-        known = own.get(name)
-        table.add_row(title, _share(judged[name]), "", "", "", "–" if known is None else _share(known))
+        training_value = training_row.get(name)
+        table.add_row(
+            title, _share(judged[name]), "", "", "", "–" if training_value is None else _share(training_value)
+        )
     return table
 
 

@@ -52,34 +52,40 @@ def check_collect(options: CollectOptions) -> CollectRequest:
     """Build the problem, find its region, and check memory and file."""
     if options.problem in objective_names():
         raise InputError(f"{options.problem} is an objective without dynamics and has no transitions")
-    found = spec(options.problem)
-    given = assignments("-p", options.params)
-    params, problem = found.params(given), found.problem(given)
+    problem_spec = spec(options.problem)
+    parameter_texts = assignments("-p", options.params)
+    params, problem = problem_spec.params(parameter_texts), problem_spec.problem(parameter_texts)
     samples, system = whole("--samples", options.samples), problem.system
-    least = LEAST * (system.nx + system.nu)
-    if samples < least:
+    fewest_samples = LEAST * (system.nx + system.nu)
+    if samples < fewest_samples:
         raise InputError(
-            f"--samples: {samples} transitions are too few for a model; {found.name} needs at"
-            f" least {least}, ten per state and input"
+            f"--samples: {samples} transitions are too few for a model; {problem_spec.name} needs at"
+            f" least {fewest_samples}, ten per state and input"
         )
     check_memory(f"{samples} transitions", 32.0 * samples * (2 * system.nx + system.nu))
-    region = region_of(found, params, problem)
+    region = region_of(problem_spec, params, problem)
     check_place(options.file, "transitions")
-    file = found.name if found.path is None else str(found.path)
+    file = problem_spec.name if problem_spec.path is None else str(problem_spec.path)
     return CollectRequest(
-        found.name, params.model_dump(), problem, region, samples, file, content_digest([found.digest], {})
+        problem_spec.name,
+        params.model_dump(),
+        problem,
+        region,
+        samples,
+        file,
+        content_digest([problem_spec.digest], {}),
     )
 
 
 def run_collect(options: CollectOptions, request: CollectRequest) -> int:
     """Draw states without penetration and inputs, and advance each by one step of the exact law."""
-    began, step = time.perf_counter(), request.problem.exact_step
+    start_s, step = time.perf_counter(), request.problem.exact_step
     origin = {"problem": request.name, "parameters": request.params}
     with input_errors(f"{request.name}: "):
-        drawn = _drawn(options, request)
-        data = merged(step, request.region, drawn, options.seed, origin)
+        pieces_drawn = _drawn(options, request)
+        data = merged(step, request.region, pieces_drawn, options.seed, origin)
     models.save(data.dataset(), options.file)
-    document, seconds = learned.data_document(data), time.perf_counter() - began
+    document, seconds = learned.data_document(data), time.perf_counter() - start_s
     for line in learned.lines(document):
         options.output.note(line)
     options.output.note(learned.coordinate_table(document))
@@ -94,13 +100,13 @@ def _drawn(options: CollectOptions, request: CollectRequest) -> list[Drawn]:
         CollectJob(request.file, request.params, request.content, piece)
         for piece in pieces(request.samples, options.seed)
     ]
-    found: dict[int, Drawn] = {}
+    piece_at: dict[int, Drawn] = {}
     with closing(run_jobs(collect_piece, jobs, options.jobs, options.scheduler)) as outcomes:
         for place, outcome in outcomes:
             if isinstance(outcome, Failure):
                 raise outcome.error
-            found[place] = outcome
-    return [found[place] for place in sorted(found)]
+            piece_at[place] = outcome
+    return [piece_at[place] for place in sorted(piece_at)]
 
 
 MODELS = {"ewda": "weighted average of the data", "mlp": "network trained on noised data"}
@@ -123,13 +129,14 @@ def check(options: LearnOptions) -> LearnRequest:
     """Read the data, and check the settings of the model."""
     choose("model", options.model, MODELS)
     network = options.model == "mlp"
-    foreign = [f"--{name}" for name in NETWORK if name in options.given and not network]
-    if foreign:
-        raise InputError(f"{foreign[0]} is a setting of networks; drop it or use --model mlp")
+    misplaced_options = [f"--{name}" for name in NETWORK if name in options.explicit and not network]
+    if misplaced_options:
+        raise InputError(f"{misplaced_options[0]} is a setting of networks; drop it or use --model mlp")
     if options.noise < 0 or (options.noise == 0 and not network):
-        least = "at least 0" if network else "above 0"
+        smallest_sigma = "at least 0" if network else "above 0"
         raise InputError(
-            f"--noise: sigma, in normalised units, must be {least}, got {options.noise:g}; {NOISE:g} is a common choice"
+            f"--noise: sigma, in normalised units, must be {smallest_sigma}, got {options.noise:g};"
+            f" {NOISE:g} is a common choice"
         )
     if options.noise > 1e3:
         raise InputError(
@@ -145,12 +152,12 @@ def check(options: LearnOptions) -> LearnRequest:
     # Next to the file; none for a device or a FIFO.
     root = place.parent if network and place is not None else None
     seeds = range(options.seed, options.seed + options.seeds)
-    return LearnRequest(data, recipe, [Checkpoint(root, "", {**key, "seed": one}) for one in seeds])
+    return LearnRequest(data, recipe, [Checkpoint(root, "", {**key, "seed": seed}) for seed in seeds])
 
 
 def _recipe(options: LearnOptions, data: Transitions, hidden: tuple[int, ...]) -> Recipe:
     sizes = pairwise((data.z.shape[1], *hidden, data.x.shape[1]))
-    weights = sum(before * after for before, after in sizes)
+    weights = sum(n_inputs * n_outputs for n_inputs, n_outputs in sizes)
     check_memory(f"--hidden: a network of {weights:.3g} weights", _COPIES * 4.0 * weights)
     with input_errors():
         return Recipe(hidden, options.epochs, held_out=HELD_OUT)
@@ -180,12 +187,12 @@ def _data(options: LearnOptions) -> Transitions:
 
 def run(options: LearnOptions, request: LearnRequest) -> int:
     """Learn a time step from transitions: a weighted average, or a network on noised inputs."""
-    began = time.perf_counter()
+    start_s = time.perf_counter()
     if request.recipe is None:
-        found = [Learned(_averaged(options, request.data), options.seed)]
+        learned_models = [Learned(_averaged(options, request.data), options.seed)]
     else:
-        found = _trained(options, request, request.recipe)
-    best = min(found, key=lambda one: one.error)
+        learned_models = _trained(options, request, request.recipe)
+    best = min(learned_models, key=lambda learned_model: learned_model.error)
     models.save(best.dataset, options.file)
     for checkpoint in request.checkpoints:
         with checkpoint:
@@ -193,19 +200,19 @@ def run(options: LearnOptions, request: LearnRequest) -> int:
     document = learned.model_document(best.dataset)
     for table in (learned.fit_table, learned.outside_table):
         options.output.note(table(document))
-    for one in found if len(found) > 1 else ():
-        kept = ", kept" if one is best else ""
-        options.output.say(f"seed {one.seed}: held-out error {one.error:.4g}{kept}")
+    for learned_model in learned_models if len(learned_models) > 1 else ():
+        suffix = ", kept" if learned_model is best else ""
+        options.output.say(f"seed {learned_model.seed}: held-out error {learned_model.error:.4g}{suffix}")
     if best.resumed:
         options.output.say(f"resumed after epoch {best.resumed}")
-    seconds = time.perf_counter() - began
-    how = "" if best.epochs is None else f", {best.epochs} epochs"
-    options.output.say(f"model: {options.file} ({options.model}{how}, {seconds:.1f} s)")
+    seconds = time.perf_counter() - start_s
+    epochs_text = "" if best.epochs is None else f", {best.epochs} epochs"
+    options.output.say(f"model: {options.file} ({options.model}{epochs_text}, {seconds:.1f} s)")
     content = {
         "seconds": seconds,
         "epochs": best.epochs,
         "resumed": best.resumed,
-        "seeds": {one.seed: one.error for one in found},
+        "seeds": {learned_model.seed: learned_model.error for learned_model in learned_models},
     }
     options.output.document({"file": str(options.file), **document, **content})
     return 0
@@ -224,13 +231,13 @@ class Learned:
 
 @dataclass(frozen=True)
 class NetworkJob:
-    """The training of one network; ``kept`` is the directory of its checkpoint."""
+    """The training of one network; ``checkpoint_folder`` is None for a device."""
 
     data: Transitions
     noise: float
     recipe: Recipe
     seed: int
-    kept: Path | None
+    checkpoint_folder: Path | None
 
 
 def train_network(job: NetworkJob, report: Report) -> Learned:
@@ -238,7 +245,7 @@ def train_network(job: NetworkJob, report: Report) -> Learned:
 
     Raises :class:`~ocp.errors.InputError` for data that a network cannot learn from.
     """
-    checkpoint, data = Checkpoint.borrowed(job.kept), job.data.samples()
+    checkpoint, data = Checkpoint.borrowed(job.checkpoint_folder), job.data.samples()
     with input_errors():
         training = Training(data, job.noise, job.recipe, job.seed, checkpoint.state("training"))
     resumed = training.epoch
@@ -256,28 +263,28 @@ def train_network(job: NetworkJob, report: Report) -> Learned:
 
 def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> list[Learned]:
     """A network for each seed, in the order of the seeds, from the workers that options name."""
-    with ExitStack() as held:
+    with ExitStack() as resources:
         for checkpoint in request.checkpoints:
-            held.enter_context(checkpoint)
+            resources.enter_context(checkpoint)
             for line in checkpoint.notes:
                 options.output.say(line)
         jobs = [
-            NetworkJob(request.data, options.noise, recipe, options.seed + k, one.place)
-            for k, one in enumerate(request.checkpoints)
+            NetworkJob(request.data, options.noise, recipe, options.seed + k, checkpoint.place)
+            for k, checkpoint in enumerate(request.checkpoints)
         ]
-        show = held.enter_context(learned.training_progress(options.quiet, options.epochs))
+        show = resources.enter_context(learned.training_progress(options.quiet, options.epochs))
 
         def callback(place: int, message: Any) -> None:
             interrupt.check()
             show(Epoch(**message), f"seed {jobs[place].seed}: " if len(jobs) > 1 else "")
 
         work = run_jobs(train_network, jobs, options.jobs, options.scheduler, callback)
-        found: dict[int, Learned] = {}
-        for place, outcome in held.enter_context(closing(work)):
+        model_at: dict[int, Learned] = {}
+        for place, outcome in resources.enter_context(closing(work)):
             if isinstance(outcome, Failure):
                 raise outcome.error
-            found[place] = outcome
-    return [found[place] for place in sorted(found)]
+            model_at[place] = outcome
+    return [model_at[place] for place in sorted(model_at)]
 
 
 def _described(data: Transitions, model: Any, held_out: Any, noise: float, seed: int) -> xr.Dataset:
@@ -288,8 +295,8 @@ def _described(data: Transitions, model: Any, held_out: Any, noise: float, seed:
 
 def _averaged(options: LearnOptions, data: Transitions) -> xr.Dataset:
     """The average of all rows except the held-out ones, and its errors on those."""
-    kept, held_out = split_rows(len(data), HELD_OUT, options.seed)
-    z, y = data.z[kept], data.x_next[kept]
+    training_rows, held_out = split_rows(len(data), HELD_OUT, options.seed)
+    z, y = data.z[training_rows], data.x_next[training_rows]
     scales, sigma = data.normalisation, options.noise
     model = EwdaModel(z, y, scales, sigma, data.origin, options.seed)
     return _described(data, model, held_out, options.noise, options.seed)

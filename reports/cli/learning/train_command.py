@@ -64,23 +64,23 @@ def check(options: TrainOptions) -> TrainRequest:
     jobs, workers = _jobs(options, spec, task)
     check_places(options.out, options.pdf)
     built = [job.experiment(task) for job in jobs]
-    for one in built[:: options.seeds]:
-        one.algorithm.check(one)
-        check_training(one, workers)
-    pairs, store = zip(jobs, built, strict=True), options.out.resolve()
-    checkpoints = [job.checkpoint(one, store) for job, one in pairs]
+    for experiment in built[:: options.seeds]:
+        experiment.algorithm.check(experiment)
+        check_training(experiment, workers)
+    pairs, store_folder = zip(jobs, built, strict=True), options.out.resolve()
+    checkpoints = [job.checkpoint(experiment, store_folder) for job, experiment in pairs]
     return TrainRequest(jobs, checkpoints, built, workers)
 
 
 def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[TrainingJob], int]:
     """Every seed of every algorithm, and the number of processes."""
-    given = assignments("-s", options.settings)
-    psi = learned_parameters(given, task.parameters.names)
-    given = {key: value for key, value in given.items() if not is_psi(key)}
+    setting_texts = assignments("-s", options.settings)
+    psi = learned_parameters(setting_texts, task.parameters.names)
+    setting_texts = {key: value for key, value in setting_texts.items() if not is_psi(key)}
     names = spec.learner if options.algorithm == "usual" else options.algorithm
-    chosen = algorithms(names, given, spec)
-    every = {} if options.iterations is None else {"iterations": options.iterations}
-    workers = min(len(chosen) * options.seeds, options.jobs or _cpus())
+    algorithm_settings = algorithms(names, setting_texts, spec)
+    shared_fields = {} if options.iterations is None else {"iterations": options.iterations}
+    workers = min(len(algorithm_settings) * options.seeds, options.jobs or _cpus())
     jobs = [
         TrainingJob(
             task=options.task,
@@ -88,11 +88,11 @@ def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[Train
             seed=seed,
             algorithm=psi.wrap(algorithm),
             law=_law(options, algorithm, task),
-            options={**own, **every},
+            options={**experiment_fields, **shared_fields},
             model_params=psi.guesses,
             threads=1 if options.scheduler is not None else max(1, _cpus() // workers),
         )
-        for algorithm, own in chosen
+        for algorithm, experiment_fields in algorithm_settings
         for seed in range(options.seed, options.seed + options.seeds)
     ]
     return jobs, workers
@@ -112,20 +112,20 @@ def _cpus() -> int:
 def run(options: TrainOptions, request: TrainRequest) -> int:
     """Train a policy through contact, with several algorithms and seeds in parallel."""
     output = options.output
-    with ExitStack() as held:
+    with ExitStack() as resources:
         for checkpoint in request.checkpoints:
-            held.enter_context(checkpoint)
+            resources.enter_context(checkpoint)
         stored = _stored_before(request)
         if stored:
             output.say(f"resumed; {len(stored)} of {len(request.jobs)} trainings already complete")
-        left = [place for place in range(len(request.jobs)) if place not in stored]
-        for place in left:
-            parts = request.jobs[place], request.experiments[place], request.checkpoints[place]
-            for sentence in unfinished(*parts):
+        unfinished_places = [place for place in range(len(request.jobs)) if place not in stored]
+        for place in unfinished_places:
+            training = request.jobs[place], request.experiments[place], request.checkpoints[place]
+            for sentence in unfinished(*training):
                 output.say(sentence)
         try:
             with interruptible():
-                failed = _trained(options, request, left, stored)
+                failed = _trained(options, request, unfinished_places, stored)
         except KeyboardInterrupt:
             output.say("the same command resumes from the last checkpoint")
             raise
@@ -136,17 +136,19 @@ def run(options: TrainOptions, request: TrainRequest) -> int:
 
 
 def _trained(
-    options: TrainOptions, request: TrainRequest, left: list[int], stored: dict[int, Path]
+    options: TrainOptions, request: TrainRequest, unfinished_places: list[int], stored: dict[int, Path]
 ) -> dict[int, Exception]:
     """Run the trainings ``left``, add each to ``stored`` as it ends, and return the failures."""
     failed = {}
-    jobs = [replace(request.jobs[place], kept=request.checkpoints[place].place) for place in left]
-    ends = {request.jobs[place].name: request.experiments[place].iterations for place in left}
-    with live(ends, options.quiet, interrupt.check) as callback:
+    jobs = [replace(request.jobs[place], kept=request.checkpoints[place].place) for place in unfinished_places]
+    iterations_by_name = {
+        request.jobs[place].name: request.experiments[place].iterations for place in unfinished_places
+    }
+    with live(iterations_by_name, options.quiet, interrupt.check) as callback:
         work = run_jobs(trained, jobs, request.workers, options.scheduler, callback)
         with closing(work) as outcomes:
             for index, outcome in outcomes:
-                place = left[index]
+                place = unfinished_places[index]
                 if isinstance(outcome, Failure):
                     failed[place] = outcome.error
                 else:
@@ -156,12 +158,12 @@ def _trained(
 
 def _stored_before(request: TrainRequest) -> dict[int, Path]:
     """Runs that the same command stored before it stopped."""
-    found = {}
+    path_at = {}
     for place, checkpoint in enumerate(request.checkpoints):
         rows = checkpoint.rows(_ENDED)
         if rows and Path(rows[0]["run"]).is_dir():
-            found[place] = Path(rows[0]["run"])
-    return found
+            path_at[place] = Path(rows[0]["run"])
+    return path_at
 
 
 def _store(options: TrainOptions, request: TrainRequest, place: int, data: Any) -> Path:
@@ -182,12 +184,12 @@ def _print_results(
     from reports.pdf import write_pdf
 
     output, runs = options.output, [store.load(path) for path in paths]
-    found = groups(runs)
+    seed_groups = groups(runs)
     output.note(summary_table(runs))
-    for group in found:
+    for group in seed_groups:
         output.say(verdict(group))
-    for one in runs:
-        output.say(f"run: {one.path}")
+    for stored_run in runs:
+        output.say(f"run: {stored_run.path}")
     if options.pdf is not None:
         write_pdf(runs, options.pdf)
         output.say(f"PDF: {options.pdf}")
@@ -195,7 +197,7 @@ def _print_results(
     for name, message in errors.items():
         output.say(f"failed: {name}: {message}")
     pdf = None if options.pdf is None else str(options.pdf)
-    output.document({"task": options.task, **document(found), "failed": errors, "pdf": pdf})
+    output.document({"task": options.task, **document(seed_groups), "failed": errors, "pdf": pdf})
     if failed:
         raise next(iter(failed.values()))
 
@@ -205,27 +207,27 @@ EvaluateRequest = tuple[StoredRun, Experiment, Trained, ContactLaw]
 
 def check_evaluate(options: EvaluateOptions) -> EvaluateRequest:
     """Read the policy, build its task, and make the law."""
-    found = options.stored(options.run)
-    experiment, policy = rebuilt(found)
+    stored_run = options.stored(options.run)
+    experiment, policy = rebuilt(stored_run)
     task = experiment.task
     law = closing_law(options.contact, assignments("-c", options.law_settings), task.system)
     numbers = task.horizon * (task.system.nx + task.system.nu)
     check_memory(f"--episodes {options.episodes}", 32.0 * options.episodes * numbers)
-    return found, experiment, policy, law
+    return stored_run, experiment, policy, law
 
 
 def run_evaluate(options: EvaluateOptions, request: EvaluateRequest) -> int:
     """Evaluate a trained policy: returns, lengths, measures, and violations in its episodes."""
-    found, experiment, policy, law = request
-    seen = evaluate(experiment, policy, law, options.episodes, options.seed)
+    stored_run, experiment, policy, law = request
+    evaluation = evaluate(experiment, policy, law, options.episodes, options.seed)
     content: dict[str, Any] = {
-        "run": str(found.path),
+        "run": str(stored_run.path),
         "task": experiment.task.name,
         "contact": law.name,
         "contact_settings": law.settings(),
         "seed": options.seed,
-        **judgement(experiment.task, seen),
-        "own": found.meta["evaluation"],
+        **judgement(experiment.task, evaluation),
+        "own": stored_run.meta["evaluation"],
     }
     content["verdict"] = sentence(content)
     output = options.output

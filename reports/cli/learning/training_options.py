@@ -29,7 +29,7 @@ Chosen = list[tuple[Algorithm, dict[str, Any]]]
 """Algorithms, each with the fields of its experiment by name."""
 
 
-def algorithms(names: str, given: Mapping[str, str], spec: TaskSpec) -> Chosen:
+def algorithms(names: str, setting_texts: Mapping[str, str], spec: TaskSpec) -> Chosen:
     """Make the algorithms ``names`` (with commas) from settings, for the task of ``spec``.
 
     ``name=value`` sets all that have it, ``ars.name=value`` one; defaults are those of the task,
@@ -44,13 +44,13 @@ def algorithms(names: str, given: Mapping[str, str], spec: TaskSpec) -> Chosen:
     if len(chosen) < len(words):
         raise InputError(f"--algorithm: {names} has a name twice; give each once")
     values = {word: default_settings(spec, word, cls) for word, cls in chosen.items()}
-    for key, text in given.items():
+    for key, text in setting_texts.items():
         owner, dot, name = key.rpartition(".")
-        alone = [word for word in chosen if not dot or word == owner]
-        takers = [word for word in alone if name in OWN or name in settings_of(chosen[word])]
-        if not takers:
+        candidates = [word for word in chosen if not dot or word == owner]
+        owners = [word for word in candidates if name in OWN or name in settings_of(chosen[word])]
+        if not owners:
             raise InputError(_unknown(key, chosen))
-        for word in takers:
+        for word in owners:
             values[word][name] = _value(key, name, text, chosen[word])
     return [make_algorithm(chosen[word], values[word]) for word in chosen]
 
@@ -75,17 +75,17 @@ def help_text() -> str:
     specs = [registry.spec(name) for name in registry.names()]
     tasks = [(spec.name, f"{spec.title}; {spec.learner}") for spec in specs]
     shared = {field.name: field for field in fields(Experiment)}
-    parts = ["Tasks, and their default algorithm:", *_table(tasks)]
-    parts += ["", "Settings of all algorithms, -s name=value:"]
-    parts += _table([(_setting(name, shared[name].default), OWN[name]) for name in OWN])
-    parts += ["", "Physical parameters learned with the policy:", *_table([*PSI_SETTINGS.items()])]
+    paragraphs = ["Tasks, and their default algorithm:", *_table(tasks)]
+    paragraphs += ["", "Settings of all algorithms, -s name=value:"]
+    paragraphs += _table([(_setting(name, shared[name].default), OWN[name]) for name in OWN])
+    paragraphs += ["", "Physical parameters learned with the policy:", *_table([*PSI_SETTINGS.items()])]
     for name, cls in ALGORITHMS.items():
-        own = {field.name: field.default for field in settings_of(cls).values()}
-        parts += ["", f"{name}: {cls.summary}; {cls.contact} law", _listed(own)]
+        defaults = {field.name: field.default for field in settings_of(cls).values()}
+        paragraphs += ["", f"{name}: {cls.summary}; {cls.contact} law", _listed(defaults)]
     for spec in specs:
-        for whose, values in spec.training.items():
-            parts += ["", f"Defaults of {spec.name} for {whose}:", _listed(values)]
-    return "\n".join(parts)
+        for algorithm_name, values in spec.training.items():
+            paragraphs += ["", f"Defaults of {spec.name} for {algorithm_name}:", _listed(values)]
+    return "\n".join(paragraphs)
 
 
 def _table(rows: Sequence[tuple[str, str]]) -> list[str]:
@@ -117,48 +117,50 @@ class LearnedParameters:
 
     names: tuple[str, ...] = ()
     guesses: dict[str, float] = field(default_factory=dict)
-    own: dict[str, Any] = field(default_factory=dict)
-    search: dict[str, Any] = field(default_factory=dict)
+    psi_settings: dict[str, Any] = field(default_factory=dict)
+    search_settings: dict[str, Any] = field(default_factory=dict)
 
     def wrap(self, algorithm: Algorithm) -> Algorithm:
         """The algorithm, on a model with learned parameters if there are any."""
 
         if not self.names:
             return algorithm
-        search = RandomSearch(**self.search)
-        return PsiLearning(algorithm=algorithm, names=self.names, search=search, **self.own)
+        search = RandomSearch(**self.search_settings)
+        return PsiLearning(algorithm=algorithm, names=self.names, search=search, **self.psi_settings)
 
 
-def learned_parameters(given: Mapping[str, str], physical: Sequence[str]) -> LearnedParameters:
+def learned_parameters(setting_texts: Mapping[str, str], physical: Sequence[str]) -> LearnedParameters:
     """Read the settings among ``given`` that begin with psi; ``physical`` are the task's names.
 
     Raises :class:`~ocp.errors.InputError` for unknown names and bad values.
     """
     kinds = [get_type_hints(PsiLearning), get_type_hints(RandomSearch)]
-    own, search = (
+    psi_types, search_types = (
         {f.name: kind[f.name] for f in fields(cls) if kind[f.name] in (int, float)}
         for cls, kind in zip((PsiLearning, RandomSearch), kinds, strict=True)
     )
-    choices = [*physical, *own, *search]
-    found = LearnedParameters(_physical_names(given.get(PSI, ""), physical))
-    for key, text in given.items():
+    choices = [*physical, *psi_types, *search_types]
+    learned = LearnedParameters(_physical_names(setting_texts.get(PSI, ""), physical))
+    for key, text in setting_texts.items():
         name = key.removeprefix(f"{PSI}.")
         if not is_psi(key) or key == PSI:
             continue
         if name not in choices:
             raise InputError(f"no setting {key!r}{did_you_mean(name, choices)}; psi takes {', '.join(choices)}")
         kind, values = (
-            (own.get(name), found.own)
-            if name in own
-            else ((search.get(name), found.search) if name in search else (float, found.guesses))
+            (psi_types.get(name), learned.psi_settings)
+            if name in psi_types
+            else (
+                (search_types.get(name), learned.search_settings) if name in search_types else (float, learned.guesses)
+            )
         )
         values[name] = parse(f"setting {key}", text, kind)
-    if not found.names and (found.own or found.search):
+    if not learned.names and (learned.psi_settings or learned.search_settings):
         raise InputError(
-            f"setting {PSI}.{next(iter({**found.own, **found.search}))} needs a learned physical"
+            f"setting {PSI}.{next(iter({**learned.psi_settings, **learned.search_settings}))} needs a learned physical"
             f" parameter; add -s {PSI}={physical[0]}"
         )
-    return found
+    return learned
 
 
 def is_psi(key: str) -> bool:

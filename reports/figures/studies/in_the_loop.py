@@ -37,44 +37,44 @@ _CLOSE, _LEAST, _MOST = 0.1, 1e-3, 100.0
 )
 def c1(data: xr.Dataset) -> Figure:
     """Two heat maps, a row a task and plant, a column a controller."""
-    where = settings(data)
-    figure = Figure(figsize=(WIDTH, 1.3 + 0.29 * len(where)))
-    left, right = figure.subplots(1, 2, width_ratios=(len(LAWS), len(FEEDBACK + INPUTS)))
-    _map(left, data, list(LAWS), "run")
-    _map(right, data, [*FEEDBACK, *INPUTS], "first horizon")
-    left.set_yticks(range(len(where)), [plant for _, plant in where])
-    firsts = [i for i, at in enumerate(where) if i == 0 or at[0] != where[i - 1][0]]
-    for first, end in zip(firsts, [*firsts[1:], len(where)], strict=True):
-        left.text(
+    rows = settings(data)
+    figure = Figure(figsize=(WIDTH, 1.3 + 0.29 * len(rows)))
+    planning_axis, gains_axis = figure.subplots(1, 2, width_ratios=(len(LAWS), len(FEEDBACK + INPUTS)))
+    _map(planning_axis, data, list(LAWS), "run")
+    _map(gains_axis, data, [*FEEDBACK, *INPUTS], "first horizon")
+    planning_axis.set_yticks(range(len(rows)), [plant for _, plant in rows])
+    first_rows = [i for i, row in enumerate(rows) if i == 0 or row[0] != rows[i - 1][0]]
+    for first, end in zip(first_rows, [*first_rows[1:], len(rows)], strict=True):
+        planning_axis.text(
             -0.2,
             (first + end - 1) / 2,
-            where[first][0],
+            rows[first][0],
             rotation=90,
             ha="center",
             va="center",
-            transform=left.get_yaxis_transform(),
+            transform=planning_axis.get_yaxis_transform(),
         )
-    right.set_yticks([])
-    left.set_title("planning again")
-    right.set_title("one plan, first horizon")
+    gains_axis.set_yticks([])
+    planning_axis.set_title("planning again")
+    gains_axis.set_title("one plan, first horizon")
     return figure
 
 
 def _map(axis: Axes, data: xr.Dataset, names: Sequence[str], span: str) -> None:
-    where, ratio, alive = settings(data), relative(data), survives(data)
+    rows, ratio, alive = settings(data), relative(data), survives(data)
     norm = TwoSlopeNorm(np.log10(_CLOSE), np.log10(_LEAST), np.log10(_MOST))
-    shown = np.empty((len(where), len(names)))
-    for i, j in np.ndindex(shown.shape):
-        at = {"task": where[i][0], "plant": where[i][1], "controller": names[j], "span": span}
-        costs, lives = ratio.sel(at).values, int(alive.sel(at).sum())
-        found = difference(costs, np.ones_like(costs))
-        shown[i, j] = np.log10(np.clip(found.mean, _LEAST, _MOST))
-        color = INK if 0.12 < norm(shown[i, j]) < 0.88 else "white"
-        mark = r" $\checkmark$" if lives == len(costs) else f" ({lives})" if lives else ""
-        spread = _spread((found.high - found.low) / 2, found.mean)
-        for off, word in ((-0.2, dearer(found.mean)), (0.22, spread + mark)):
-            axis.text(j, i + off, word, ha="center", va="center", color=color, fontsize=7)
-    axis.imshow(shown, cmap="RdBu_r", norm=norm, aspect="auto", alpha=0.75)
+    log_excess = np.empty((len(rows), len(names)))
+    for i, j in np.ndindex(log_excess.shape):
+        selection = {"task": rows[i][0], "plant": rows[i][1], "controller": names[j], "span": span}
+        costs, n_alive = ratio.sel(selection).values, int(alive.sel(selection).sum())
+        mean_excess = difference(costs, np.ones_like(costs))
+        log_excess[i, j] = np.log10(np.clip(mean_excess.mean, _LEAST, _MOST))
+        color = INK if 0.12 < norm(log_excess[i, j]) < 0.88 else "white"
+        mark = r" $\checkmark$" if n_alive == len(costs) else f" ({n_alive})" if n_alive else ""
+        spread = _spread((mean_excess.high - mean_excess.low) / 2, mean_excess.mean)
+        for offset, text in ((-0.2, dearer(mean_excess.mean)), (0.22, spread + mark)):
+            axis.text(j, i + offset, text, ha="center", va="center", color=color, fontsize=7)
+    axis.imshow(log_excess, cmap="RdBu_r", norm=norm, aspect="auto", alpha=0.75)
     axis.grid(False)
     axis.tick_params(length=0)
     axis.xaxis.tick_top()
@@ -84,13 +84,13 @@ def _map(axis: Axes, data: xr.Dataset, names: Sequence[str], span: str) -> None:
         [name.replace(", ", "\n").replace(" ", "\n") + f"\n{ms:.2g} ms" for name, ms in zip(names, times, strict=True)],
         fontsize=7,
     )
-    for i in range(1, len(where)):
-        new = where[i][0] != where[i - 1][0]
-        axis.axhline(i - 0.5, color=INK if new else FAINT, linewidth=0.8 if new else 0.4)
+    for i in range(1, len(rows)):
+        new_task = rows[i][0] != rows[i - 1][0]
+        axis.axhline(i - 0.5, color=INK if new_task else FAINT, linewidth=0.8 if new_task else 0.4)
 
 
-def _spread(half: float, mean: float) -> str:
+def _spread(half_width: float, mean: float) -> str:
     """Half of an interval, in the unit of its mean as :func:`~reports.smoothings.dearer` has it."""
     if mean >= 2:
-        return f"±{half:.0f}" if half >= 9.5 else f"±{half:.2g}"
-    return f"±{half:.1%}" if half < 0.0995 else f"±{half:.0%}"
+        return f"±{half_width:.0f}" if half_width >= 9.5 else f"±{half_width:.2g}"
+    return f"±{half_width:.1%}" if half_width < 0.0995 else f"±{half_width:.0%}"

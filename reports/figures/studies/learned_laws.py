@@ -48,8 +48,8 @@ _ENDS: dict[str, dict[str, Any]] = {
 def n2(data: xr.Dataset) -> Figure:
     """Curves, strobes, heat maps and bars, two problems each."""
     figure = Figure(figsize=(WIDTH, 8.2), layout="constrained")
-    parts: Any = figure.subfigures(4, 1, height_ratios=(2.2, 2.6, 1.7, 1.7))
-    curves, strobes, maps, bars = parts
+    subfigures: Any = figure.subfigures(4, 1, height_ratios=(2.2, 2.6, 1.7, 1.7))
+    curves, strobes, maps, bars = subfigures
     names = [str(name) for name in data["problem"].values]
     for axis, name in zip(curves.subplots(1, 2), names, strict=True):
         _curves(axis, data.sel(problem=name))
@@ -80,8 +80,8 @@ def _curves(axis: Axes, data: xr.Dataset) -> None:
     step = data["step"].values
     for kind in data["dynamics"].values:
         color = _COLORS[str(kind)]
-        found = data["learned"].sel(dynamics=kind)
-        model, exact = (found.sel(end=end).values for end in data["end"].values)
+        costs = data["learned"].sel(dynamics=kind)
+        model, exact = (costs.sel(end=end).values for end in data["end"].values)
         axis.plot(step, np.median(model, axis=0), color=color, linewidth=0.7)
         axis.fill_between(step, exact.min(axis=0), exact.max(axis=0), color=color, alpha=0.15, linewidth=0)
         axis.plot(step, np.median(exact, axis=0), color=color, linewidth=1.8, label=_LABELS[str(kind)])
@@ -94,12 +94,12 @@ def _curves(axis: Axes, data: xr.Dataset) -> None:
 def _strobes(figure: SubFigure, data: xr.Dataset, names: list[str]) -> None:
     axes = figure.subplots(len(names), data.sizes["dynamics"])
     for row, name in zip(axes, names, strict=True):
-        found = spec(name)
-        assert found.draw is not None
-        params, nx = found.params({}), found.problem().system.nx
+        problem_spec = spec(name)
+        assert problem_spec.draw is not None
+        params, nx = problem_spec.params({}), problem_spec.problem().system.nx
         for axis, kind in zip(row, data["dynamics"].values, strict=True):
             states = data["states"].sel(problem=name, dynamics=kind).values[:, :nx]
-            draw_motion(axis, [found.draw(params, state) for state in states])
+            draw_motion(axis, [problem_spec.draw(params, state) for state in states])
             axis.set(xticks=[], yticks=[], title=_LABELS[str(kind)])
             axis.grid(False)
         row[0].set_ylabel(name)
@@ -108,9 +108,9 @@ def _strobes(figure: SubFigure, data: xr.Dataset, names: list[str]) -> None:
 def _maps(figure: SubFigure, data: xr.Dataset, names: list[str]) -> None:
     pairs = [(name, kind) for name in names for kind in data["swept"].values]
     for axis, (name, kind) in zip(figure.subplots(1, len(pairs)), pairs, strict=True):
-        at = data.sel(problem=name)
-        still = float(at["learned"].sel(dynamics="f", end="exact replay").isel(seed=0, step=0))
-        ratio = at["final"].sel(swept=kind).values / still
+        problem_data = data.sel(problem=name)
+        cost_at_rest = float(problem_data["learned"].sel(dynamics="f", end="exact replay").isel(seed=0, step=0))
+        ratio = problem_data["final"].sel(swept=kind).values / cost_at_rest
         axis.imshow(np.log10(ratio), cmap="RdBu_r", vmin=-1.5, vmax=1.5, origin="lower", aspect="auto")
         for i, j in np.ndindex(ratio.shape):
             strong = abs(np.log10(ratio[i, j])) > 0.9
@@ -148,33 +148,33 @@ _LEAST, _MOST = 1e-3, 100.0
 def n3(data: xr.Dataset) -> Figure:
     """The table, and below it what trust does."""
     figure = Figure(figsize=(WIDTH, 7.6))
-    parts: Any = figure.subfigures(2, 1, height_ratios=(2.5, 1))
-    table, trust = parts
+    subfigures: Any = figure.subfigures(2, 1, height_ratios=(2.5, 1))
+    table, trust = subfigures
     costs, seconds = table.subplots(1, 2, width_ratios=(1.75, 1))
     _table(costs, data)
     _seconds(seconds, data)
-    left, right = trust.subplots(1, 2)
+    gap_axis, cost_axis = trust.subplots(1, 2)
     cost = data["trusting_cost"]
-    _over_share(left, data, 1 + gap(cost), "replay / plan")
-    _over_share(right, data, cost.sel(motion="exact replay") / data["rest"], "replay / at rest")
-    trust.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    _over_share(gap_axis, data, 1 + gap(cost), "replay / plan")
+    _over_share(cost_axis, data, cost.sel(motion="exact replay") / data["rest"], "replay / at rest")
+    trust.legend(*gap_axis.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
 
 def _table(axis: Axes, data: xr.Dataset) -> None:
-    shown = excess(data).median("seed").transpose("law", "problem").values
+    excesses = excess(data).median("seed").transpose("law", "problem").values
     best = data["cost"].sel(law="exact", motion="exact replay")
     promised = (data["cost"].sel(motion="plan") / best - 1).median("seed")
     plans = promised.transpose("law", "problem").values
-    lives, of = data["survives"].sum("seed").transpose("law", "problem").values, data.sizes["seed"]
+    n_alive, n_seeds = data["survives"].sum("seed").transpose("law", "problem").values, data.sizes["seed"]
     norm = TwoSlopeNorm(np.log10(WITHIN), np.log10(_LEAST), np.log10(_MOST))
-    heights = np.log10(np.clip(shown, _LEAST, _MOST))
+    heights = np.log10(np.clip(excesses, _LEAST, _MOST))
     axis.imshow(heights, cmap="RdBu_r", norm=norm, aspect="auto", alpha=0.75)
-    for row, column in np.ndindex(shown.shape):
-        light = 0.12 < norm(heights[row, column]) < 0.88
-        style: dict[str, Any] = {"ha": "center", "va": "center", "color": INK if light else "white"}
-        word = dearer(float(shown[row, column])) + _mark(int(lives[row, column]), of)
-        axis.text(column, row - 0.16, word, **style)
+    for row, column in np.ndindex(excesses.shape):
+        is_light = 0.12 < norm(heights[row, column]) < 0.88
+        style: dict[str, Any] = {"ha": "center", "va": "center", "color": INK if is_light else "white"}
+        text = dearer(float(excesses[row, column])) + _mark(int(n_alive[row, column]), n_seeds)
+        axis.text(column, row - 0.16, text, **style)
         axis.text(column, row + 0.25, f"plan {dearer(float(plans[row, column]))}", fontsize=7, **style)
     _grid(axis, data)
     axis.set_yticks(range(data.sizes["law"]), list(described(data.attrs).values()))
@@ -189,9 +189,9 @@ def _mark(lives: int, of: int) -> str:
 
 
 def _seconds(axis: Axes, data: xr.Dataset) -> None:
-    spent = seconds_of(data).transpose("law", "problem").values
-    axis.imshow(np.log10(spent), cmap="Greys", aspect="auto", vmin=-1.5, vmax=2.5, alpha=0.6)
-    for (row, column), value in np.ndenumerate(spent):
+    seconds = seconds_of(data).transpose("law", "problem").values
+    axis.imshow(np.log10(seconds), cmap="Greys", aspect="auto", vmin=-1.5, vmax=2.5, alpha=0.6)
+    for (row, column), value in np.ndenumerate(seconds):
         axis.text(column, row, f"{value:.2g}", ha="center", va="center", color=INK)
     _grid(axis, data)
     axis.set_yticks([])
@@ -252,14 +252,16 @@ def _over_transitions(axis: Axes, data: xr.Dataset) -> None:
     n = data["transitions"].values
     for model in data["model"].values:
         color = _MODEL_COLORS[str(model)]
-        for where, style in (("all", "-"), ("contact", "--")):
-            found = data["errors"].sel(data="exact", model=model, where=where).values
-            some = ~np.isnan(found).all(axis=1)
-            found = found[some]
-            label = str(model) if where == "all" else f"{model}, contact"
-            axis.plot(n[some], np.median(found, axis=1), style, marker="o", color=color, label=label)
-            if where == "all":
-                axis.fill_between(n[some], found.min(axis=1), found.max(axis=1), color=color, alpha=0.2, linewidth=0)
+        for region, style in (("all", "-"), ("contact", "--")):
+            errors = data["errors"].sel(data="exact", model=model, where=region).values
+            has_values = ~np.isnan(errors).all(axis=1)
+            errors = errors[has_values]
+            label = str(model) if region == "all" else f"{model}, contact"
+            axis.plot(n[has_values], np.median(errors, axis=1), style, marker="o", color=color, label=label)
+            if region == "all":
+                axis.fill_between(
+                    n[has_values], errors.min(axis=1), errors.max(axis=1), color=color, alpha=0.2, linewidth=0
+                )
     axis.axhline(float(data["still"].sel(data="exact", where="all")), color=GREY, linestyle=":", label="nothing moves")
     axis.set(xscale="log", yscale="log", xlabel="transitions learned from", ylabel="mean one-step error")
     axis.set_ylim(bottom=1e-8)
@@ -267,36 +269,36 @@ def _over_transitions(axis: Axes, data: xr.Dataset) -> None:
 
 
 def _kinds(axis: Axes, data: xr.Dataset) -> None:
-    at = data["errors"].sel(transitions=data.attrs["data"])
-    kinds, wheres = [str(kind) for kind in data["data"].values], ("flight", "contact")
-    for offset, (model, where) in zip(
-        (-0.3, -0.1, 0.1, 0.3), ((m, w) for m in _MODEL_COLORS for w in wheres), strict=True
+    errors = data["errors"].sel(transitions=data.attrs["data"])
+    kinds, regions = [str(kind) for kind in data["data"].values], ("flight", "contact")
+    for offset, (model, region) in zip(
+        (-0.3, -0.1, 0.1, 0.3), ((m, w) for m in _MODEL_COLORS for w in regions), strict=True
     ):
-        found = at.sel(model=model, where=where).values
+        model_errors = errors.sel(model=model, where=region).values
         axis.bar(
             np.arange(len(kinds)) + offset,
-            np.median(found, axis=1),
+            np.median(model_errors, axis=1),
             0.19,
             color=_MODEL_COLORS[model],
-            alpha=0.5 if where == "flight" else 1.0,
-            label=f"{model}, {where}",
+            alpha=0.5 if region == "flight" else 1.0,
+            label=f"{model}, {region}",
         )
-        for place, each in enumerate(found):
-            axis.plot(np.full(each.size, place + offset), each, ".", color=INK, markersize=3)
+        for place, kind_errors in enumerate(model_errors):
+            axis.plot(np.full(kind_errors.size, place + offset), kind_errors, ".", color=INK, markersize=3)
     axis.set(yscale="log", xticks=range(len(kinds)), ylabel="mean one-step error")
     axis.set_xticklabels(kinds)
-    axis.set_ylim(top=30 * float(at.max()))
+    axis.set_ylim(top=30 * float(errors.max()))
     axis.legend(loc="upper left", ncols=2)
 
 
 def _way(axis: Axes, data: xr.Dataset) -> None:
-    way = data["way"].isel(seed=0)
+    path = data["way"].isel(seed=0)
     for name in data["parameter"].values:
         color = {"friction": VERMILLION, "spring": GREEN, "damping": PURPLE}.get(str(name), FAINT)
         label = str(name) if color != FAINT else None
         axis.plot(
             data["iteration"].values,
-            way.sel(parameter=name).values,
+            path.sel(parameter=name).values,
             color=GREY if label is None else color,
             label=label,
             linewidth=0.6 if label is None else 1.2,
@@ -309,15 +311,15 @@ def _way(axis: Axes, data: xr.Dataset) -> None:
 
 
 def _values(axis: Axes, data: xr.Dataset) -> None:
-    at = data.sel(transitions=data.attrs["data"])
+    learned = data.sel(transitions=data.attrs["data"])
     names, seeds = [str(name) for name in data["parameter"].values], data.sizes["seed"]
     for group, (kind, color) in enumerate(_KINDS.items()):
         for seed in range(seeds):
-            own = at.sel(data=kind).isel(seed=seed)
-            place = np.arange(len(names)) + 0.27 * (group - 1) + 0.2 * (seed + 0.5) / seeds - 0.1
-            psi, low, high = (np.clip(own[key].values, *_REACH) for key in ("psi", "low", "high"))
-            axis.vlines(place, low, high, color=color, linewidth=1.2)
-            axis.plot(place, psi, "o", color=color, markersize=2.5, label=kind if seed == 0 else None)
+            seed_values = learned.sel(data=kind).isel(seed=seed)
+            positions = np.arange(len(names)) + 0.27 * (group - 1) + 0.2 * (seed + 0.5) / seeds - 0.1
+            psi, low, high = (np.clip(seed_values[key].values, *_REACH) for key in ("psi", "low", "high"))
+            axis.vlines(positions, low, high, color=color, linewidth=1.2)
+            axis.plot(positions, psi, "o", color=color, markersize=2.5, label=kind if seed == 0 else None)
     axis.axhline(1, color=INK, linewidth=0.6)
     axis.set(yscale="log", ylim=_REACH, ylabel="psi / truth", xticks=range(len(names)))
     axis.set_xticklabels([name.replace("_", "\n") for name in names])

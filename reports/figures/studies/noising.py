@@ -36,9 +36,9 @@ def _uniform(axis: Axes, data: xr.Dataset) -> None:
         law = data["sum_law"].sel(place=place)
         axis.loglog(spacing, law, color=color)
         error = data["sum_error"].sel(place=place).values.reshape(-1, spacing.size)
-        where = "at a datum" if place == 0 else "between two"
+        kink_place = "at a datum" if place == 0 else "between two"
         axis.plot(spacing, error.T, mark, color=color, markersize=4)
-        axis.plot([], [], mark, color=color, label=f"kink {where}", linestyle="-")
+        axis.plot([], [], mark, color=color, label=f"kink {kink_place}", linestyle="-")
     axis.set(title="lemma 1: uniform data", xlabel="$D/\\sigma$", ylabel="$\\max|g_\\sigma - f_\\sigma|/\\rho\\sigma$")
     axis.set_xticks(spacing, [f"{value:g}" for value in spacing])
     axis.minorticks_off()
@@ -61,14 +61,14 @@ def _risk(axis: Axes, data: xr.Dataset) -> None:
 
 
 def _walls(axis: Axes, data: xr.Dataset) -> None:
-    at = data.isel(gap=-1, width=1)
-    depth = at["depth"].values
+    wall_data = data.isel(gap=-1, width=1)
+    depth = wall_data["depth"].values
     fine = np.geomspace(0.1, depth.max(), 200)
     bounds = (np.sqrt(fine**2 + 8) - fine) / 4, (np.sqrt(fine**2 + 4) - fine) / 2
     axis.loglog(fine, np.transpose(bounds), color=BLUE, linewidth=0.8)
-    axis.plot(depth[1:], at["inside"][1:], "o", color=BLUE, label="way inside$/\\sigma$, its bounds")
+    axis.plot(depth[1:], wall_data["inside"][1:], "o", color=BLUE, label="way inside$/\\sigma$, its bounds")
     axis.plot(fine[fine > 3], fine[fine > 3] ** -2, color=VERMILLION, label="$1/s^2$")
-    axis.plot(depth[1:], at["slope_outside"][1:], "s", color=VERMILLION, label="slope")
+    axis.plot(depth[1:], wall_data["slope_outside"][1:], "s", color=VERMILLION, label="slope")
     axis.set(title="block between walls, in penetration", xlabel="penetration $s$ over $\\sigma$")
     axis.legend(loc="lower left")
 
@@ -106,18 +106,18 @@ def _networks(axis: Axes, data: xr.Dataset) -> None:
 def _neighbours(axis: Axes, data: xr.Dataset) -> None:
     dims, widths = data["dim"].values, data["normalised"].values
     for width, shade in zip(widths, light_to_dark(len(widths)), strict=True):
-        at = data.sel(normalised=width)
-        axis.semilogy(dims, at["neighbours_law"], color=shade)
-        axis.plot(dims, at["neighbours"], "o", color=shade, label=f"$\\sigma$ = {width:g}")
+        width_data = data.sel(normalised=width)
+        axis.semilogy(dims, width_data["neighbours_law"], color=shade)
+        axis.plot(dims, width_data["neighbours"], "o", color=shade, label=f"$\\sigma$ = {width:g}")
     task, column = data["task_neighbours"], int(np.argmin(np.abs(widths - 0.2)))
-    for drawn, face in zip(data["drawn"].values, ("white", VERMILLION), strict=True):
+    for sampling, face in zip(data["drawn"].values, ("white", VERMILLION), strict=True):
         axis.plot(
             data["task_size"],
-            task.sel(drawn=drawn).isel(normalised=column),
+            task.sel(drawn=sampling).isel(normalised=column),
             "D",
             color=VERMILLION,
             markerfacecolor=face,
-            label=str(drawn),
+            label=str(sampling),
         )
     axis.set(
         ylim=(0.6, 2 * float(data.attrs["n_samples"])),
@@ -145,9 +145,9 @@ def n1(data: xr.Dataset) -> Figure:
     _pusher_scene(rows[0, 0])
     _block_scene(rows[0, 1])
     for row, regime in zip(rows[1:3], ("sparse", "dense"), strict=True):
-        at = data.sel(regime=regime)
-        _pusher(row[0], at, regime)
-        _block(row[1], at, regime)
+        regime_data = data.sel(regime=regime)
+        _pusher(row[0], regime_data, regime)
+        _block(row[1], regime_data, regime)
     for axis, name in zip(rows[3], ("g_sigma", "h_sigma"), strict=True):
         _cobweb(axis, data.sel(regime="dense"), name)
     return figure
@@ -160,9 +160,9 @@ def _scene(axis: Axes, title: str) -> None:
     axis.axhline(0, color=GREY, linewidth=0.8)
 
 
-def _box(axis: Axes, left: float, width: float, height: float, color: str, label: str) -> None:
-    axis.add_patch(Rectangle((left, 0), width, height, facecolor=color, edgecolor=INK, alpha=0.8))
-    axis.text(left + width / 2, -0.1, label, ha="center", va="top")
+def _box(axis: Axes, x_low: float, width: float, height: float, color: str, label: str) -> None:
+    axis.add_patch(Rectangle((x_low, 0), width, height, facecolor=color, edgecolor=INK, alpha=0.8))
+    axis.text(x_low + width / 2, -0.1, label, ha="center", va="top")
 
 
 def _pusher_scene(axis: Axes) -> None:
@@ -176,34 +176,41 @@ def _pusher_scene(axis: Axes) -> None:
 
 def _block_scene(axis: Axes) -> None:
     _scene(axis, "block between walls")
-    for left in (-0.5, 2.5):
-        axis.add_patch(Rectangle((left, -0.02), 0.3, 0.8, facecolor=FAINT, edgecolor=GREY, hatch="///"))
+    for x_low in (-0.5, 2.5):
+        axis.add_patch(Rectangle((x_low, -0.02), 0.3, 0.8, facecolor=FAINT, edgecolor=GREY, hatch="///"))
     _box(axis, 0.75, 0.7, 0.6, BLUE, "block, $x$")
     axis.set_xlim(-0.6, 2.9)
 
 
-def _rms(at: xr.Dataset, name: str) -> str:
-    return f"$h_\\sigma$, rms {float(at[name][0]):.1g} m"
+def _rms(data: xr.Dataset, name: str) -> str:
+    return f"$h_\\sigma$, rms {float(data[name][0]):.1g} m"
 
 
 def _ticks(axis: Axes, places: np.ndarray) -> None:
-    some = places if places.size <= 100 else places[::10]
-    axis.plot(some, np.full(some.size, 0.02), "|", color=INK, markersize=6, transform=axis.get_xaxis_transform())
+    shown_places = places if places.size <= 100 else places[::10]
+    axis.plot(
+        shown_places,
+        np.full(shown_places.size, 0.02),
+        "|",
+        color=INK,
+        markersize=6,
+        transform=axis.get_xaxis_transform(),
+    )
 
 
-def _pusher(axis: Axes, at: xr.Dataset, regime: str) -> None:
-    u = at["u"].values
-    axis.plot(u, at["f"], color=INK, linewidth=0.9, label="$f$")
-    axis.plot(at["dot"], at["sampled"], "o", color=PURPLE, markersize=3, label="$f_\\sigma$ sampled")
-    axis.plot(u, at["pusher_g"], color=BLUE, label="$g_\\sigma$")
-    axis.plot(u, at["pusher_h"][0], "--", color=VERMILLION, label=_rms(at, "pusher_rms"))
+def _pusher(axis: Axes, data: xr.Dataset, regime: str) -> None:
+    u = data["u"].values
+    axis.plot(u, data["f"], color=INK, linewidth=0.9, label="$f$")
+    axis.plot(data["dot"], data["sampled"], "o", color=PURPLE, markersize=3, label="$f_\\sigma$ sampled")
+    axis.plot(u, data["pusher_g"], color=BLUE, label="$g_\\sigma$")
+    axis.plot(u, data["pusher_h"][0], "--", color=VERMILLION, label=_rms(data, "pusher_rms"))
     axis.set(
         ylim=(-0.15, 1.45),
-        title=f"{regime}: {at.sizes[f'pusher_{regime}']} commands",
+        title=f"{regime}: {data.sizes[f'pusher_{regime}']} commands",
         xlabel="command $u$ [m]",
         ylabel="block after a step $y$ [m]",
     )
-    _ticks(axis, at[f"pusher_data_{regime}"].values)
+    _ticks(axis, data[f"pusher_data_{regime}"].values)
     axis.legend(loc="upper left")
 
 
@@ -216,29 +223,29 @@ def _wall_shades(axis: Axes) -> None:
     axis.set_xlim(-2, 2)
 
 
-def _block(axis: Axes, at: xr.Dataset, regime: str) -> None:
+def _block(axis: Axes, data: xr.Dataset, regime: str) -> None:
     _wall_shades(axis)
-    x = at["x"].values
+    x = data["x"].values
     if regime == "dense":
-        axis.plot(x, at["uniform_block"], color=GREEN, linewidth=2.6, alpha=0.5, label="uniform states")
-    axis.plot(x, at["block_g"], color=BLUE, label="$g_\\sigma$")
-    axis.plot(x, at["block_h"][0], "--", color=VERMILLION, label=_rms(at, "block_rms"))
+        axis.plot(x, data["uniform_block"], color=GREEN, linewidth=2.6, alpha=0.5, label="uniform states")
+    axis.plot(x, data["block_g"], color=BLUE, label="$g_\\sigma$")
+    axis.plot(x, data["block_h"][0], "--", color=VERMILLION, label=_rms(data, "block_rms"))
     axis.set(
         ylim=(-1.5, 1.5),
-        title=f"{regime}: {at.sizes[f'block_{regime}']} states",
+        title=f"{regime}: {data.sizes[f'block_{regime}']} states",
         xlabel="block $x$ [m]",
         ylabel="block after a step [m]",
     )
-    _ticks(axis, at[f"block_data_{regime}"].values)
+    _ticks(axis, data[f"block_data_{regime}"].values)
     axis.legend(loc="upper left", frameon=True, framealpha=0.9, edgecolor="none")
 
 
-def _cobweb(axis: Axes, at: xr.Dataset, name: str) -> None:
+def _cobweb(axis: Axes, data: xr.Dataset, name: str) -> None:
     _wall_shades(axis)
     average = name == "g_sigma"
-    values, color = (at["block_g"], BLUE) if average else (at["block_h"][0], VERMILLION)
-    axis.plot(at["x"], values, color=color)
-    for path in at["rollout"].sel(map=name).values:
+    values, color = (data["block_g"], BLUE) if average else (data["block_h"][0], VERMILLION)
+    axis.plot(data["x"], values, color=color)
+    for path in data["rollout"].sel(map=name).values:
         # Over each state to the map's value, then level to the diagonal, where the next begins.
         corners = np.repeat(path, 2)
         axis.plot(corners[:-1], np.append(path[0], corners[2:]), color=INK, linewidth=0.8)

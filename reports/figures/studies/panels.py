@@ -34,9 +34,9 @@ def light_to_dark(number: int, first: float = 0.85, last: float = 0.05) -> np.nd
     return mpl.colormaps["viridis"](np.linspace(first, last, number))
 
 
-def unbroken(f: np.ndarray, least: float) -> np.ndarray:
+def unbroken(f: np.ndarray, jump: float) -> np.ndarray:
     """Take out where ``f`` (n,) jumps by more than ``least``: a jump is no line."""
-    return np.where(np.append(np.abs(np.diff(f)), 0) > least, np.nan, f)
+    return np.where(np.append(np.abs(np.diff(f)), 0) > jump, np.nan, f)
 
 
 def gradient_panel(axis: Axes, theta: ArrayLike, slope: ArrayLike, first: ArrayLike, zeroth: ArrayLike) -> None:

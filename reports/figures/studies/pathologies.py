@@ -51,24 +51,24 @@ _MARKS = {"zobg": "o", "zobg-zero-noise": "^", "zobg-mean": "s", "fobg": "x"}
 def p2(data: xr.Dataset) -> Figure:
     """Objective, gradient and variance over theta."""
     figure = Figure(figsize=(WIDTH, 2.6))
-    left, middle, right = figure.subplots(1, 3)
+    objective_axis, gradient_axis, variance_axis = figure.subplots(1, 3)
     theta = data["theta"].values
-    left.step(theta, data["f"], where="mid", color=INK, label="f")
-    left.plot(theta, data["F"], color=CYCLE[0], label="F")
-    left.plot(theta, data["F_sampled"], ".", color=CYCLE[0], markersize=3)
-    left.set_ylabel("objective")
-    left.legend()
-    middle.plot(theta, data["gradient"], color=INK)
-    right.plot(theta, data["zobg_variance"], color=INK, label="closed form")
+    objective_axis.step(theta, data["f"], where="mid", color=INK, label="f")
+    objective_axis.plot(theta, data["F"], color=CYCLE[0], label="F")
+    objective_axis.plot(theta, data["F_sampled"], ".", color=CYCLE[0], markersize=3)
+    objective_axis.set_ylabel("objective")
+    objective_axis.legend()
+    gradient_axis.plot(theta, data["gradient"], color=INK)
+    variance_axis.plot(theta, data["zobg_variance"], color=INK, label="closed form")
     for color, (name, mark) in zip(CYCLE, _MARKS.items(), strict=False):
-        one = data.sel(estimator=name)
+        estimates = data.sel(estimator=name)
         if name in ("zobg", "fobg"):
-            middle.plot(theta, one["mean"], mark, color=color)
-        right.plot(theta, one["variance"], mark, color=color, label=name, markersize=3)
-    middle.set_ylabel("gradient")
-    right.set(ylabel="variance of one sample", ylim=(0, 1.5 * float(data["variance"].max())))
-    right.legend(ncols=2, fontsize=7, columnspacing=0.8, handletextpad=0.2)
-    for axis in (left, middle, right):
+            gradient_axis.plot(theta, estimates["mean"], mark, color=color)
+        variance_axis.plot(theta, estimates["variance"], mark, color=color, label=name, markersize=3)
+    gradient_axis.set_ylabel("gradient")
+    variance_axis.set(ylabel="variance of one sample", ylim=(0, 1.5 * float(data["variance"].max())))
+    variance_axis.legend(ncols=2, fontsize=7, columnspacing=0.8, handletextpad=0.2)
+    for axis in (objective_axis, gradient_axis, variance_axis):
         axis.set_xlabel("$\\theta$")
     return figure
 
@@ -84,16 +84,16 @@ def p3(data: xr.Dataset) -> Figure:
     (friction, running), (variance, block) = figure.subplots(2, 2)
     slip = data["slip"].values
     for color, nu in zip(CYCLE, data["width"].values, strict=False):
-        one = data.sel(width=nu)
-        friction.plot(slip, one["friction"], color=color, label=f"$\\nu$ = {nu:g} m/s")
-        friction.plot(slip, one["block_impulse"], "--", color=color)
+        width_data = data.sel(width=nu)
+        friction.plot(slip, width_data["friction"], color=color, label=f"$\\nu$ = {nu:g} m/s")
+        friction.plot(slip, width_data["block_impulse"], "--", color=color)
     friction.set(xlabel="sliding velocity [m/s]", ylabel="share of the limit")
     friction.legend()
     for color, name in zip(CYCLE, data["order"].values, strict=False):
         running.plot(data["n"], data["running_mean"].sel(order=name), color=color, label=str(name))
-        few = data["variance"].sel(order=name).values
-        shown = few > 0
-        variance.loglog(data["nu"][shown], few[shown], ".", color=color, label=str(name))
+        variances = data["variance"].sel(order=name).values
+        is_positive = variances > 0
+        variance.loglog(data["nu"][is_positive], variances[is_positive], ".", color=color, label=str(name))
         variance.loglog(data["nu"], data[f"{name}_variance"], color=color)
         for axis, grid, mark, many in (
             (variance, "coarse", "x", "wide_variance"),
@@ -186,19 +186,19 @@ def p5(data: xr.Dataset) -> Figure:
 def p6(data: xr.Dataset) -> Figure:
     """Next position, and its derivative, over the input."""
     figure = Figure(figsize=(WIDTH, 3.0))
-    left, right = figure.subplots(1, 2)
+    position_axis, slope_axis = figure.subplots(1, 2)
     u, kappas = data["u"].values, data["kappa"].values
     shades = light_to_dark(len(kappas))
     for index, (kappa, shade) in enumerate(zip(kappas, shades, strict=True)):
-        left.plot(u, data["x_barrier"][index], color=shade, label=f"$\\kappa$ = {kappa:g} J$^{{-1}}$")
-        left.plot(u[::10], data["x_eq5"][index][::10], ".", color=shade, markersize=3)
-        right.plot(u, data["slope_barrier"][index], color=shade)
-    for axis, name in ((left, "x_qp"), (right, "slope_exact")):
-        axis.plot(u, data[name], "--", color=INK, linewidth=1.0, label="QP" if axis is left else None)
+        position_axis.plot(u, data["x_barrier"][index], color=shade, label=f"$\\kappa$ = {kappa:g} J$^{{-1}}$")
+        position_axis.plot(u[::10], data["x_eq5"][index][::10], ".", color=shade, markersize=3)
+        slope_axis.plot(u, data["slope_barrier"][index], color=shade)
+    for axis, name in ((position_axis, "x_qp"), (slope_axis, "slope_exact")):
+        axis.plot(u, data[name], "--", color=INK, linewidth=1.0, label="QP" if axis is position_axis else None)
         axis.set_xlabel("input impulse $u$ [N s]")
-    left.set_ylabel("next position $x^+$ [m]")
-    right.set_ylabel("$\\partial x^+ / \\partial u$ [m/(N s)]")
-    left.legend()
+    position_axis.set_ylabel("next position $x^+$ [m]")
+    slope_axis.set_ylabel("$\\partial x^+ / \\partial u$ [m/(N s)]")
+    position_axis.legend()
     return figure
 
 
@@ -215,19 +215,19 @@ def p7(data: xr.Dataset) -> Figure:
     figure = Figure(figsize=(WIDTH, 4.2))
     rows = figure.subplots(2, 3, sharex="col", height_ratios=(1.6, 1))
     for k, case in enumerate(map(str, data["case"].values)):
-        one, (top, bottom) = data.sel(case=case), rows[:, k]
-        theta, truth = one["theta"].values, one["truth"].values
-        band = float(one["gamma_of_case"])
+        case_data, (top, bottom) = data.sel(case=case), rows[:, k]
+        theta, truth = case_data["theta"].values, case_data["truth"].values
+        band = float(case_data["gamma_of_case"])
         top.plot(theta, truth, color=INK)
         top.fill_between(theta, truth - band, truth + band, color=INK, alpha=0.12, linewidth=0)
         for color, mark, name in zip(CYCLE, _MARKS_P7, data["estimator"].values, strict=False):
             label = str(name) if k == 0 else None
-            estimate = one.sel(estimator=name)
+            estimate = case_data.sel(estimator=name)
             top.plot(theta, estimate["mean"][:, 0], mark, color=color, markersize=3, label=label)
             if np.isfinite(estimate["alpha"]).all():
                 bottom.plot(theta, estimate["alpha"].mean("run"), f"{mark}-", color=color, markersize=3)
-        reach = np.abs(truth).max()
-        top.set(ylim=(truth.min() - 0.7 * reach, truth.max() + 0.7 * reach), title=case)
+        largest_gradient = np.abs(truth).max()
+        top.set(ylim=(truth.min() - 0.7 * largest_gradient, truth.max() + 0.7 * largest_gradient), title=case)
         bottom.set(ylim=(-0.05, 1.05), xlabel=f"$\\theta${_UNITS[case]}")
     rows[0, 0].set_ylabel("gradient")
     rows[1, 0].set_ylabel("weight alpha")

@@ -35,8 +35,10 @@ def a3(data: xr.Dataset) -> Figure:
             curves.fill_between(
                 lengths, np.nanmin(values, axis=0), np.nanmax(values, axis=0), color=color, alpha=0.07, linewidth=0
             )
-            found = growth(data, task, law)
-            rates.errorbar([k], [found.rate], yerr=[[found.rate - found.low]], fmt="o", color=color, markersize=4)
+            growth_rate = growth(data, task, law)
+            rates.errorbar(
+                [k], [growth_rate.rate], yerr=[[growth_rate.rate - growth_rate.low]], fmt="o", color=color, markersize=4
+            )
         rates.axhline(0, color=INK, linewidth=0.6)
         rates.set_xticks(range(len(laws)), laws, rotation=45)
         curves.set(title=task, ylabel="variance")
@@ -56,15 +58,15 @@ def a4(data: xr.Dataset) -> Figure:
     """Curves over steps and over time, a row a task; then shares of the best plan."""
     figure = Figure(figsize=(WIDTH, 7.2))
     tasks = list(map(str, data["task"].values))
-    parts: Any = figure.subfigures(2, 1, height_ratios=[2 * len(tasks), 1.6])
-    above, below = parts
+    subfigures: Any = figure.subfigures(2, 1, height_ratios=[2 * len(tasks), 1.6])
+    above, below = subfigures
     rows = above.subplots(len(tasks), 3, squeeze=False, sharey="row", width_ratios=[2, 0.9, 1.3])
     for row, task in zip(rows, tasks, strict=True):
-        one, first = data.sel(task=task), task == tasks[0]
-        curves(row[0], one["by_steps"].drop_sel(algorithm=MODEL_BASED), "steps", named=first)
-        alone = one["model_based"].expand_dims(algorithm=[MODEL_BASED])
-        curves(row[1], alone, "few", named=first)
-        curves(row[2], one["by_time"], "wall", named=False)
+        task_data, is_first = data.sel(task=task), task == tasks[0]
+        curves(row[0], task_data["by_steps"].drop_sel(algorithm=MODEL_BASED), "steps", with_labels=is_first)
+        model_based = task_data["model_based"].expand_dims(algorithm=[MODEL_BASED])
+        curves(row[1], model_based, "few", with_labels=is_first)
+        curves(row[2], task_data["by_time"], "wall", with_labels=False)
         row[0].set(ylabel="exact return", title=task, xlabel="simulated steps")
         row[0].locator_params(axis="x", nbins=4)
         row[1].set_xlabel("steps of MBPO")
@@ -76,26 +78,26 @@ def a4(data: xr.Dataset) -> Figure:
     return figure
 
 
-def shares(axes: Axes, one: xr.Dataset) -> None:
+def shares(axes: Axes, data: xr.Dataset) -> None:
     """Every run's share of the best plan, a line an algorithm, the median as a stroke."""
-    best = one["replayed"].max("guess").mean("start")
-    found = (one["reached"].mean("start") / best).transpose("algorithm", "run").values
-    for k, of in enumerate(found):
-        axes.plot(of, np.full(of.shape, k), "o", color=CYCLE[k % len(CYCLE)], ms=3, alpha=0.6)
-        axes.plot(np.median(of), k, "|", color=CYCLE[k % len(CYCLE)], ms=9)
+    best = data["replayed"].max("guess").mean("start")
+    shares_of_best = (data["reached"].mean("start") / best).transpose("algorithm", "run").values
+    for k, run_shares in enumerate(shares_of_best):
+        axes.plot(run_shares, np.full(run_shares.shape, k), "o", color=CYCLE[k % len(CYCLE)], ms=3, alpha=0.6)
+        axes.plot(np.median(run_shares), k, "|", color=CYCLE[k % len(CYCLE)], ms=9)
     axes.axvline(1.0, color="0.6", linewidth=0.8)
-    axes.set_yticks(range(len(found)), [str(name) for name in one["algorithm"].values])
-    axes.set_ylim(len(found) - 0.5, -0.5)
+    axes.set_yticks(range(len(shares_of_best)), [str(name) for name in data["algorithm"].values])
+    axes.set_ylim(len(shares_of_best) - 0.5, -0.5)
 
 
-def curves(axes: Axes, data: xr.DataArray, along: str, named: bool) -> None:
+def curves(axes: Axes, data: xr.DataArray, dimension: str, with_labels: bool) -> None:
     """Median and middle half over runs of ``data`` (algorithm, run, along), where all have been."""
     for name in map(str, data["algorithm"].values):
-        values = data.sel(algorithm=name).transpose("run", along).values
-        been = np.isfinite(values).all(axis=0)
+        values = data.sel(algorithm=name).transpose("run", dimension).values
+        is_known = np.isfinite(values).all(axis=0)
         color, style = line_of(list(METHODS).index(name)).values()
-        at = data[along].values[been]
-        quartile_curve(axes, at, values[:, been], color, style, name if named else None)
+        places = data[dimension].values[is_known]
+        quartile_curve(axes, places, values[:, is_known], color, style, name if with_labels else None)
 
 
 @drawing(
@@ -108,9 +110,9 @@ def a5(data: xr.Dataset) -> Figure:
     returns, spread = figure.subplots(1, 2, width_ratios=(1.4, 1))
     iterations = data["iteration"].values
     for law, color in zip(map(str, data["law"].values), CYCLE, strict=False):
-        one = data.sel(law=law)
-        quartile_curve(returns, iterations, one["exact_return"].values, color, label=law)
-        spread.semilogy(np.nanmedian(one["variance"].values, axis=0), color=color)
+        law_data = data.sel(law=law)
+        quartile_curve(returns, iterations, law_data["exact_return"].values, color, label=law)
+        spread.semilogy(np.nanmedian(law_data["variance"].values, axis=0), color=color)
     returns.set(xlabel="iteration", ylabel="exact return")
     spread.set(xlabel="iteration", ylabel="variance of the gradient")
     figure.legend(loc="outside upper center", ncols=6)
@@ -134,19 +136,19 @@ def a7(data: xr.Dataset) -> Figure:
     colors = dict[str, str]()
     for k, method in enumerate(map(str, data["algorithm"].values)):
         colors[method], style = line_of(k).values()
-        lost = np.maximum(-data["exact_return"].sel(algorithm=method).values, _LEAST)
-        quartile_curve(curves, np.arange(lost.shape[-1]), lost, colors[method], style, method)
+        loss = np.maximum(-data["exact_return"].sel(algorithm=method).values, _LEAST)
+        quartile_curve(curves, np.arange(loss.shape[-1]), loss, colors[method], style, method)
     curves.set(yscale="log", xlabel="iteration", ylabel="minus return [$m^2$]")
     curves.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    whole = -data["landscape"].sel(law=[law for law, _ in _SHOWN]).values
-    levels = np.geomspace(max(whole.min(), 1e-2), whole.max(), 12)
+    losses = -data["landscape"].sel(law=[law for law, _ in _SHOWN]).values
+    levels = np.geomspace(max(losses.min(), 1e-2), losses.max(), 12)
     for k, (law, title) in enumerate(_SHOWN):
         axes = figure.add_subplot(grid[1, k])
-        lost = np.maximum(-data["landscape"].sel(law=law).values, levels[0])
-        axes.contourf(data["theta"], data["s"], np.log10(lost).T, levels=np.log10(levels), cmap="Greys")
-        way = data.sel(algorithm=law).isel(run=0)
-        axes.plot(way["angle"], way["speed"], ".-", color=colors[law], markersize=2, linewidth=0.8)
-        axes.plot(way["angle"][-1], way["speed"][-1], "o", color=colors[law], markersize=5)
+        loss = np.maximum(-data["landscape"].sel(law=law).values, levels[0])
+        axes.contourf(data["theta"], data["s"], np.log10(loss).T, levels=np.log10(levels), cmap="Greys")
+        iterates = data.sel(algorithm=law).isel(run=0)
+        axes.plot(iterates["angle"], iterates["speed"], ".-", color=colors[law], markersize=2, linewidth=0.8)
+        axes.plot(iterates["angle"][-1], iterates["speed"][-1], "o", color=colors[law], markersize=5)
         axes.plot([0.6], [3.0], "+", color=INK, markersize=7)
         axes.set(
             xlim=(float(data["theta"].min()), float(data["theta"].max())),
@@ -170,16 +172,16 @@ def at(data: xr.Dataset) -> Figure:
     norms, terms, sides = figure.subplots(1, 3, width_ratios=(1.2, 1.2, 1))
     laws = [str(law) for law in data["law"].values]
     for law, color in zip(laws, CYCLE, strict=False):
-        one = data.sel(law=law)
-        norms.semilogy((one["slope"] ** 2).mean("run"), color=color, label=law)
-        terms.semilogy(one["bias"].mean("run"), "-", color=color)
-        terms.semilogy(one["variance"].mean("run"), ":", color=color)
+        law_data = data.sel(law=law)
+        norms.semilogy((law_data["slope"] ** 2).mean("run"), color=color, label=law)
+        terms.semilogy(law_data["bias"].mean("run"), "-", color=color)
+        terms.semilogy(law_data["variance"].mean("run"), ":", color=color)
     norms.set(xlabel="step", ylabel="mean square gradient [$m^4$]")
     terms.set(xlabel="step", ylabel="bias (line), variance (dots)")
-    both = np.array([bound(data, law) for law in laws])
+    both_sides = np.array([bound(data, law) for law in laws])
     places = np.arange(len(laws))
-    sides.bar(places, both[:, 1], color=list(CYCLE[: len(laws)]), alpha=0.4)
-    sides.plot(places, both[:, 0], "o", color=INK)
+    sides.bar(places, both_sides[:, 1], color=list(CYCLE[: len(laws)]), alpha=0.4)
+    sides.plot(places, both_sides[:, 0], "o", color=INK)
     sides.set(yscale="log", ylabel="[$m^4$]")
     sides.set_xticks(places, laws, rotation=60)
     figure.legend(*norms.get_legend_handles_labels(), loc="outside upper center", ncols=5)

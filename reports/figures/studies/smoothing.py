@@ -70,8 +70,8 @@ def a2(data: xr.Dataset) -> Figure:
     for axis, name, place in zip(axes[1], ("y_exact", "v_exact", "rate_exact"), rows[1][2], strict=True):
         axis.plot(data[place], data[name], "--", color=INK, linewidth=1.0)
     spike = data["rate_exact"].values
-    where = float(data["q_mid"][int(spike.argmax())])
-    impulse_arrow(axes[1, 2], where, spike.max(), spike.max() * 4)
+    impact_place = float(data["q_mid"][int(spike.argmax())])
+    impulse_arrow(axes[1, 2], impact_place, spike.max(), spike.max() * 4)
     for row in axes:
         for axis, text in zip(row, ("$y$ [m]", "$v_y$ [m/s]", "$dv_y/dq_x$ [1/s]"), strict=True):
             axis.set_ylabel(text)
@@ -94,17 +94,19 @@ def a2(data: xr.Dataset) -> Figure:
 def a2v(data: xr.Dataset) -> Figure:
     """Variance over mu for every step size."""
     figure = Figure(figsize=(WIDTH, 3.0))
-    left, right = figure.subplots(1, 2, sharey=True)
+    first_order_axis, likelihood_axis = figure.subplots(1, 2, sharey=True)
     h = data["h"].values
     shades = light_to_dark(len(h))
     for index, shade in enumerate(shades):
-        left.loglog(data["mu"], data["first_order"][index], "o-", color=shade)
-        right.loglog(data["mu"], data["likelihood_ratio"][index], "s-", color=shade, label=f"h = {h[index]:g} s")
-    left.set(title="first order", ylabel="variance [s$^2$/m$^2$]")
-    right.set_title("likelihood ratio")
-    for axis in (left, right):
+        first_order_axis.loglog(data["mu"], data["first_order"][index], "o-", color=shade)
+        likelihood_axis.loglog(
+            data["mu"], data["likelihood_ratio"][index], "s-", color=shade, label=f"h = {h[index]:g} s"
+        )
+    first_order_axis.set(title="first order", ylabel="variance [s$^2$/m$^2$]")
+    likelihood_axis.set_title("likelihood ratio")
+    for axis in (first_order_axis, likelihood_axis):
         axis.set_xlabel("$\\mu$ [N s m]")
-    right.legend()
+    likelihood_axis.legend()
     return figure
 
 
@@ -169,15 +171,15 @@ def t1(data: xr.Dataset) -> Figure:
             np.mean(values[np.isfinite(values)] <= 1 + 1e-9) if np.isfinite(values).any() else 0
             for values in ratio.transpose(1, 0, 2).reshape(len(names), -1)
         ]
-        place = np.arange(len(names)) + 0.2 - 0.4 * index
-        often.barh(place, share, 0.38, color=color)
+        positions = np.arange(len(names)) + 0.2 - 0.4 * index
+        often.barh(positions, share, 0.38, color=color)
         scaling.loglog(data["mu"], data["slope"][index], "o-", color=color)
         scaling.loglog(data["mu"], data["curvature"][index], "s--", color=color)
         scaling.loglog(data["mu"], data["printed"][index], ":", color=color)
-        own = data["ratio"].sel(kind=kind, bound="5.1").values
+        slope_ratio = data["ratio"].sel(kind=kind, bound="5.1").values
         size = data["size"].values + 0.12 - 0.24 * index
-        middle = np.median(own, axis=1)
-        reach = [middle - own.min(axis=1), own.max(axis=1) - middle]
+        middle = np.median(slope_ratio, axis=1)
+        reach = [middle - slope_ratio.min(axis=1), slope_ratio.max(axis=1) - middle]
         loose.errorbar(size, middle, reach, fmt="o", color=color, linewidth=0.8, capsize=2, label=str(kind))
     for style, name in (("o-", "slope"), ("s--", "curvature"), (":", "bound as printed")):
         scaling.plot([], [], style, color=GREY, label=name)

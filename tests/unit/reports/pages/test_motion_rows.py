@@ -151,9 +151,9 @@ def test_a_replay_within_a_ten_thousandth_of_the_range_is_the_same_curve(
     off = share * 2.0 * np.sin(np.linspace(0, np.pi, N + 1))
     track = motion.Track("Positions", "p", "m", plan, plan + off)
     assert track.span == pytest.approx(2.0, rel=1e-3)
-    assert track.parted is parts
+    assert track.differs is parts
     level = motion.Track("Positions", "p", "m", np.ones((1, 3)), np.ones((1, 3)) * (1 + 1e-9))
-    assert not level.parted, "rounding of a signal that does not move"
+    assert not level.differs, "rounding of a signal that does not move"
 
 
 def test_signals_are_chosen_by_name_and_by_joker() -> None:
