@@ -1,10 +1,13 @@
-"""Studies: one figure of a paper each, one a module; ``get("P6").data()`` runs one."""
+"""Studies: one module for each figure of a paper; ``get("P6").data()`` runs one."""
 
 from ocp.errors import choose
 from problems.spec import Citation
 from problems.studies.study import Claim, FigureStudy
 
-_NOISING, _PATHOLOGIES, _SMOOTHING = "suh2023noising", "suh2022pathologies", "zhang2023adaptive"
+# Keys of the papers in references.bib.
+_NOISING = "suh2023noising"
+_PATHOLOGIES = "suh2022pathologies"
+_SMOOTHING = "zhang2023adaptive"
 _LINEAR = "shirai2024linear"
 _FIGURES = (
     ("N0", "problems.studies.theory_of_noising", "Theory of noising data", _NOISING, "lemmas 1 to 3 and sec. IV-C"),
@@ -166,7 +169,7 @@ STUDIES = {
 
 
 def ids() -> list[str]:
-    """Identifiers of all studies, in the order of the papers."""
+    """Return the identifiers of all studies, in the order of the papers."""
     return list(STUDIES)
 
 

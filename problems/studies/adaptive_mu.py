@@ -1,4 +1,4 @@
-"""A1: mu(z) and lam(z) of one contact, and the noise that each softening stands for."""
+"""A1: mu(z) and lam(z) of one contact, and the noise that each softening averages over."""
 
 from __future__ import annotations
 
@@ -30,22 +30,27 @@ NOTES = (
 )
 
 MUS = (0.01, 0.1, 1.0)
+"""Constant mu of the curves [N s m]."""
 NAMED = 0.1
 """The one mu that the caption of fig. 1d names."""
 GAPS = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
+"""Gaps over sigma at which mu(z) and its error are evaluated."""
 WIDTHS = np.array([0.5, 1.0, 2.0, 4.0, 8.0, 16.0])
 """sigma over sqrt(F mu): the two softenings depend on nothing else once z is over sigma."""
 COMPLIANCES = np.array([0.3, 1.0, 2.5])
 """F at which factors of F show; eq. C.2 is monotone at the first alone."""
 READINGS = {"the tail as printed": printed_kappa, "the ordinary one": ordinary_kappa}
+"""Readings of the error function that eq. 5.1 names."""
 SETTINGS = tuple((F, s) for F in (0.5, 1.0, 2.0) for s in (0.5, 1.0, 2.0))
 """F and variance of the noise at which eq. 5.1 is held against its smoothed solution."""
 TANGENTS = np.array([-1.0, -0.5, 0.5, 1.0])
-_REACH = np.array([10.0, 100.0, 1000.0, 10000.0])
+"""Gaps over sigma at which prop. 5.3's best lines are computed."""
+_REACHES = np.array([10.0, 100.0, 1000.0, 10000.0])
+"""Truncations of the noise over its scale, for its variance within."""
 
 
 class Params(StudyParams):
-    """Parameters of A1; of the values, the paper's caption implies mu = 0.1 alone."""
+    """Parameters of A1; the paper's caption states mu = 0.1 and no other value."""
 
     F: float = setting(1.0, "m/(N s)", "compliance of the contact", above=0)
     sigma: float = setting(1.0, "m", "standard deviation matched by mu(z)", above=0)
@@ -54,14 +59,14 @@ class Params(StudyParams):
 
 
 def run(params: Params) -> xr.Dataset:
-    """Curves under the exact law, three constant mu and the adaptive law; checks beside them."""
+    """Compute curves under the exact law, three constant mu and the adaptive law, and their checks."""
     curves, places = _curves(params)
     checks = {**_tradeoff(params), **_noise(params), **_printed(params)}
     return dataset(
         {**curves, **checks},
         {
             **places,
-            "reach": (_REACH, "1", "truncation over the noise's scale"),
+            "reach": (_REACHES, "1", "truncation over the noise's scale"),
             "gap": (GAPS, "1", "gap over sigma"),
             "width": (WIDTHS, "1", "sigma over sqrt(F mu)"),
             "compliance": (COMPLIANCES, "m/(N s)", "F"),
@@ -76,7 +81,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def _curves(params: Params) -> tuple[dict, dict]:
-    """What is drawn over z."""
+    """Return the variables and coordinates of all curves over z."""
     F, sigma = params.F, params.sigma
     z = np.linspace(-params.z_max, params.z_max, params.points)
     constant = [barrier_contact(z, F, mu) for mu in MUS]
@@ -103,7 +108,7 @@ def _curves(params: Params) -> tuple[dict, dict]:
 
 
 def _tradeoff(params: Params) -> dict:
-    """mu(z), error and curvature over gaps in sigma, against the constant mu of the caption."""
+    """Compute mu(z), error and curvature over gaps in sigma, beside the constant mu of the caption."""
     F = params.F
     adaptive = gaussian_contact(GAPS * params.sigma, F, params.sigma)
     error, bend = np.empty((2, len(WIDTHS), len(GAPS))), np.empty((2, len(WIDTHS)))
@@ -121,7 +126,7 @@ def _tradeoff(params: Params) -> dict:
 
 
 def _noise(params: Params) -> dict:
-    """Whether each softening is an average over noise, and by what density."""
+    """Compare each softening with an average over noise of a known density."""
     F, sigma = params.F, params.sigma
     probe = np.linspace(-2, 2, 9)
     widths = np.sqrt(F * np.array(MUS))
@@ -137,7 +142,7 @@ def _noise(params: Params) -> dict:
     mass = [np.trapezoid(barrier_contact(noise, C, NAMED).curvature, noise) for C in COMPLIANCES]
     gaps = np.linspace(-1, 1, 2001)
     slope = [scalar_contact(Adaptive(law="quartic-per-contact"), gaps, C).slope.max() for C in COMPLIANCES]
-    variance = [2 * quad(lambda w: w**2 * student_t.pdf(w, 2), 0, r, limit=400)[0] for r in _REACH]
+    variance = [2 * quad(lambda w: w**2 * student_t.pdf(w, 2), 0, r, limit=400)[0] for r in _REACHES]
     return {
         "mismatch": ("law", mismatch, "1", "max |E S_0(z + w) - S_mu(z)| over its size"),
         "printed_mass": ("compliance", mass, "1", "integral of rho as printed"),
@@ -147,7 +152,7 @@ def _noise(params: Params) -> dict:
 
 
 def _printed(params: Params) -> dict:
-    """Eq. 5.1 at its best constants c1, c2, and the best lines of prop. 5.3."""
+    """Fit eq. 5.1 by its constants c1, c2, and compute the best lines of prop. 5.3."""
     F, sigma = params.F, params.sigma
     misfits = np.empty((len(READINGS), len(SETTINGS)))
     for column, (C, variance) in enumerate(SETTINGS):
@@ -168,18 +173,18 @@ def _printed(params: Params) -> dict:
     }
 
 
-_FAR = 3.0
+_FAR_GAP = 3.0
 """Gap over sigma from which a contact is far."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """What fig. 1 (c, d) and prop. 5.2, 5.3 say, in their order."""
+    """Return the claims of fig. 1 (c, d) and of prop. 5.2 and 5.3, in this order."""
     return [*_tradeoff_claims(data), *_smoothing(data), *_printed_claims(data), *_lines(data)]
 
 
 def _tradeoff_claims(data: xr.Dataset) -> list[Claim]:
     F, sigma, gap = data.attrs["F"], data.attrs["sigma"], data["gap"].values
-    is_far, width = gap >= _FAR, data["width"].values
+    is_far, width = gap >= _FAR_GAP, data["width"].values
     mu = data["gap_mu"].values
     share, peak = mu / mu[0], sigma**2 / (2 * np.pi * F)
     bend = data["bend"].values
@@ -190,7 +195,7 @@ def _tradeoff_claims(data: xr.Dataset) -> list[Claim]:
     shares = listed(share[1:], ".2g")
     return [
         claim("mu(z) is contact-aware: large only near z = 0", "ABS, fig. 1c")
-        .expected(f"falls from sigma²/(2 pi F) = {peak:.4g}, below 1 % from {_FAR:g} sigma on")
+        .expected(f"falls from sigma²/(2 pi F) = {peak:.4g}, below 1 % from {_FAR_GAP:g} sigma on")
         .measured(f"{mu[0]:.4g} at contact, {shares} of it at " + listed(gap[1:], "g") + " sigma")
         .holds(np.isclose(mu[0], peak), np.diff(mu) < 0, share[is_far] < 0.01),
         claim("mu(z) gives smoother dynamics than mu <= 0.1 around z = 0", "ABS, fig. 1d")
@@ -198,7 +203,7 @@ def _tradeoff_claims(data: xr.Dataset) -> list[Claim]:
         .measured(f"{over(list(width), smoother)} sqrt(F mu)")
         .holds(smoother),
         claim("mu(z) best approximates the exact solution in contact-free regions", "ABS, fig. 1d")
-        .expected(f"error below that of mu = 0.1 from {_FAR:g} sigma on, at {reach}")
+        .expected(f"error below that of mu = 0.1 from {_FAR_GAP:g} sigma on, at {reach}")
         .measured(f"{over(list(gap[1:]), better)} sigma")
         .holds(better[is_far[1:]]),
     ]

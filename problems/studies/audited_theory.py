@@ -1,4 +1,4 @@
-"""T1: the papers' theorems on stiffness, variance and bias, against random contact problems."""
+"""T1: the papers' theorems on stiffness, variance and bias, tested on random contact problems."""
 
 from __future__ import annotations
 
@@ -20,11 +20,15 @@ NOTES = (
 
 
 SIZES = tuple(range(1, 9))
+"""Numbers of contacts of the random systems."""
 MUS = 10.0 ** np.arange(-8, 1)
+"""Central-path parameters of the sweep."""
 GAINS = np.array([0.8, 1.0, 1.2])
-_POINTS = 5
-"""Cloud of each system's domain over which slope and supremum of thm. 4.5 are taken."""
+"""Lipschitz constants of the dynamics in the growth of variance."""
+_DOMAIN_POINTS = 5
+"""Points of each system's domain over which slope and supremum of thm. 4.5 are taken."""
 HORIZONS = np.array([2, 4, 6, 8, 10, 12, 14, 16, 18, 20])
+"""Horizons of the growth of variance [steps]."""
 BOUNDS = (
     "4.5 as printed",
     "4.5, sign corrected",
@@ -34,12 +38,13 @@ BOUNDS = (
     "5.1 corrected",
     "A.26 for the slope",
 )
+"""Bounds whose ratio to the true slope is audited."""
 
 QUICK = {"draws": 50, "sweep": 4, "pairs": 15, "n_samples": 4000}
 
 
 class Params(StudyParams):
-    """Parameters of T1; the papers test none of this."""
+    """Parameters of T1, all our choice: the papers test none of these theorems."""
 
     draws: int = setting(200, "1", "random systems for each size and kind", least=10)
     sweep: int = setting(20, "1", "systems of four contacts followed over mu", least=2)
@@ -48,7 +53,7 @@ class Params(StudyParams):
 
 
 def _audit(params: Params, rng: np.random.Generator) -> dict:
-    """Slope over bound, (kind, size, bound, draw): a bound holds where this is at most one."""
+    """Compute slope over bound, (kind, size, bound, draw): a bound holds where this is at most one."""
     shape = (len(bounds.KINDS), len(SIZES), len(BOUNDS), params.draws)
     ratio = np.full(shape, np.nan)
     step = np.zeros(shape[:2])
@@ -84,9 +89,9 @@ def _audit(params: Params, rng: np.random.Generator) -> dict:
 def _over_domain(
     z: np.ndarray, F: np.ndarray, mu: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Largest |z| and largest slope, (draws,) each, of every system over points of its domain."""
+    """Return the largest |z| and the largest slope of every system over its domain, (draws,) each."""
     reach, steepest = np.linalg.norm(z, axis=1), bounds.norms(bounds.solve(z, F, mu).slope)
-    for _ in range(_POINTS - 1):
+    for _ in range(_DOMAIN_POINTS - 1):
         other = rng.standard_normal(z.shape)
         reach = np.maximum(reach, np.linalg.norm(other, axis=1))
         steepest = np.maximum(steepest, bounds.norms(bounds.solve(other, F, mu).slope))
@@ -94,7 +99,7 @@ def _over_domain(
 
 
 def _sweep(params: Params, rng: np.random.Generator, n: int = 4) -> dict:
-    """Largest slope and curvature at a kink over mu, with the printed bound, (kind, mu)."""
+    """Compute the largest slope, curvature at a kink and printed bound over mu, (kind, mu)."""
     slope, curvature, bound = np.empty((3, len(bounds.KINDS), len(MUS)))
     for row, kind in enumerate(bounds.KINDS):
         F = np.stack([bounds.random_p_matrix(rng, n, kind) for _ in range(params.sweep)])
@@ -123,7 +128,7 @@ def _sweep(params: Params, rng: np.random.Generator, n: int = 4) -> dict:
 
 
 def _counterexamples() -> dict:
-    """Two systems of two contacts, from the errata, that break the final inequalities."""
+    """Evaluate the two systems of the errata that break the final inequalities."""
     F = np.array([[[1.0, -1000.0], [0.0, 1.0]], [[1.0, -100.0], [0.0, 1.0]]])
     z, mu = np.array([[1000.0, 0.0], [1.0, 1.0]]), np.ones(2)
     softened = bounds.solve(z, F, mu)
@@ -142,7 +147,7 @@ def _counterexamples() -> dict:
 
 
 def run(params: Params) -> xr.Dataset:
-    """All checks; see the claims for what each is for."""
+    """Run all checks; each claim says what its check is for."""
     rng = np.random.default_rng(params.seed)
     audit, sweep = _audit(params, rng), _sweep(params, rng)
     pairs = bounds.smoothing_pairs(rng, params.pairs)
@@ -184,7 +189,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """One claim a theorem, and for those that fail the corrected form beside it."""
+    """Return a claim for each theorem, and for one that fails its corrected form too."""
     return [
         *_stiffness(data),
         *_near_contact(data),
@@ -196,7 +201,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 
 def _holds(data: xr.Dataset, bound: str) -> tuple[float, float, str]:
-    """How often a bound holds, for symmetric and for P-matrices, and both as a text."""
+    """Return the share of symmetric and of P-matrices for which a bound holds, and both as a text."""
     share = []
     for kind in data["kind"].values:
         ratio = data["ratio"].sel(bound=bound, kind=kind).values
@@ -355,7 +360,7 @@ def _estimators(data: xr.Dataset) -> list[Claim]:
 
 
 def _growth(data: xr.Dataset) -> list[Claim]:
-    """Exponential rates of variance/H⁴ over the longer horizons, against both theorems'."""
+    """Compare the exponential rate of variance/H⁴ at long horizons with both theorems."""
     horizon, gains = data["horizon"].values, data["gain"].values
     late = horizon >= np.median(horizon)
     scaled = np.log(data["growth"].values / horizon**4.0)

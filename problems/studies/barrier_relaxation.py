@@ -1,4 +1,4 @@
-"""P6: implicit time stepping against its log-barrier relaxation, one step from the wall."""
+"""P6: implicit time stepping and its log-barrier relaxation, one step in front of the wall."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ NOTES = (
 )
 
 KAPPAS = (10.0, 50.0, 100.0, 500.0, 1000.0)
+"""Log-barrier weights of the curves [1/J]."""
 
 
 class Params(StudyParams):
-    """Parameters of P6; the paper draws the curves without any values."""
+    """Parameters of P6, all our choice: the paper draws the curves without values."""
 
     m: float = setting(1.0, "kg", "mass", above=0)
     h: float = setting(0.1, "s", "step size", above=0)
@@ -30,7 +31,7 @@ class Params(StudyParams):
 
 
 def eq5(x: np.ndarray, v: np.ndarray, u: np.ndarray, kappa: np.ndarray, m: float, h: float) -> np.ndarray:
-    """Next position by pathologies eq. 5: ``x+ = h s``, ``s = (s0 + sqrt(s0² + 4/(kappa m)))/2``.
+    """Return the next position by pathologies eq. 5: ``x+ = h s``, ``s = (s0 + sqrt(s0² + 4/(kappa m)))/2``.
 
     ``s0 = x/h + v + u/m``; for s0 < 0 the same root as ``2/(kappa m)/(r - s0)``.
     """
@@ -63,7 +64,7 @@ def newton_step(
     m: float,
     h: float,
 ) -> np.ndarray:
-    """How far [m] the next positions ``x_next`` (n,) are off the minimiser of eq. 4, to first order.
+    """Return Newton's step [m] from ``x_next`` (n,) to the minimiser of eq. 4.
 
     Derivatives are CasADi's of the objective, which is strictly convex.
     """
@@ -76,7 +77,7 @@ def newton_step(
 
 
 def run(params: Params) -> xr.Dataset:
-    """Next position over u from (x, v) = 0, under the exact law and the barrier at each kappa."""
+    """Compute the next position over u from (x, v) = 0 under the exact law and the barrier at each kappa."""
     system = get("wall-1d", m=params.m, h=params.h).system
     u = params.u_max * np.linspace(-1, 1, params.points // 2 * 2 + 1)
     exact = SampledStep(Exact().close(system))(np.zeros((1, 2)), u[:, None])
@@ -132,7 +133,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """What ex. IV.1-2 and fig. 6 say."""
+    """Return the claims of ex. IV.1, ex. IV.2 and fig. 6."""
     m, h = data.attrs["m"], data.attrs["h"]
     error, newton = (float(np.abs(data[name]).max()) for name in ("eq5_error", "newton"))
     qp, multiplier = (float(np.abs(data[name]).max()) for name in ("qp_error", "lam_error"))

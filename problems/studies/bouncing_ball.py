@@ -24,7 +24,7 @@ NOTES = (
 
 
 def in_log_height(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Height and vertical velocity at ``times`` [s], (n,), of a ball thrown level from q0 [m].
+    """Return height [m] and vertical velocity [m/s] at ``times`` [s], (n,), of a ball thrown level from q0 [m].
 
     ``s = ln y``: ``s' = v exp(-s)``, ``v' = mu exp(-s) - g`` per unit mass, mu in J/kg; in y
     itself the least height, about ``q0 exp(-g q0/mu)``, is lost (abs, C.1 in other variables).
@@ -34,7 +34,7 @@ def in_log_height(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np
 
 
 def turning_points(mu: float, q0: float, g: float) -> tuple[float, float, float]:
-    """Least height [m], the height regained [m] and when [s], for mu < g q0."""
+    """Return the least height [m], the height regained [m] and its time [s], for mu < g q0."""
 
     def velocity(_: float, state: np.ndarray) -> float:
         return state[1]
@@ -60,7 +60,7 @@ def _integrate(mu: float, q0: float, g: float, end: float, times: Any, events: A
 
 
 def as_printed(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Contact force and vertical velocity at ``times`` by the pair (gamma, e) of abs, C.1."""
+    """Return contact force and vertical velocity at ``times`` by the pair (gamma, e) of abs, C.1."""
 
     def slope(_: float, state: np.ndarray) -> list[float]:
         gamma, e, _ = state
@@ -71,7 +71,7 @@ def as_printed(mu: float, q0: float, g: float, times: np.ndarray) -> tuple[np.nd
 
 
 def least_height(mu: float, q0: float, g: float) -> float:
-    """Where all energy is potential on the way down: ``-(mu/g) W0(-(g/mu) exp(-E/mu))``.
+    """Return the height at which all energy is potential: ``-(mu/g) W0(-(g/mu) exp(-E/mu))`` [m].
 
     ``E = g q0 - mu ln q0``; W0 is Lambert's function.
     """
@@ -80,12 +80,15 @@ def least_height(mu: float, q0: float, g: float) -> float:
 
 
 MUS = (1.0, 2.0, 3.0, 5.0)
+"""Central-path parameters of the force [J/kg]."""
 FINE = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
+"""Steps of time stepping at which the rebound is measured [s]."""
 REBOUND_MU = 3.0
+"""mu at which the rebound is measured [J/kg]."""
 
 
 class Params(StudyParams):
-    """Parameters of A2; mass and horizontal velocity are the paper's, so q_x is the time."""
+    """Parameters of A2; mass and horizontal velocity are the paper's, so that q_x equals the time."""
 
     g: float = setting(9.81, "m/s^2", "gravity", above=0)
     q0: float = setting(1.0, "m", "height of the throw", above=0)
@@ -96,7 +99,7 @@ class Params(StudyParams):
 
 
 def stepped(params: Params, h: float, mu: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Height (N+1,) and vertical velocity (N+1,) by time stepping; the impulse has mu h m."""
+    """Return height and vertical velocity (N+1,) by time stepping; the impulse's mu is mu h m."""
     system = get("ball-bounce", h=h, g=params.g, m=params.m).system
     law = Exact() if mu is None else Barrier(mu=h * params.m * mu)
     start = np.array([[0.0, params.q0, params.v0, 0.0]])
@@ -105,7 +108,7 @@ def stepped(params: Params, h: float, mu: float | None) -> tuple[np.ndarray, np.
 
 
 def run(params: Params) -> xr.Dataset:
-    """Height, velocity and its derivative along q_x for the laws and mu of fig. 2."""
+    """Compute height, velocity and its derivative along q_x for the laws and mu of fig. 2."""
     fine = np.linspace(0, params.duration, 4001)
     ode = [in_log_height(mu, params.q0, params.g, fine) for mu in MUS]
     steps = round(params.duration / params.h)
@@ -166,7 +169,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """What fig. 2, sec. 7.1 and C.1 say."""
+    """Return the claims of fig. 2, sec. 7.1 and C.1."""
     g, q0, h = data.attrs["g"], data.attrs["q0"], data.attrs["h"]
     peak = data["rate"].values.max(axis=1)
     peak_step = data["rate_step"].values.max(axis=1)

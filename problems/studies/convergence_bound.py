@@ -1,4 +1,4 @@
-"""AT: plain gradient ascent on the throw of a ball beside the bound on its slowest step."""
+"""AT: plain gradient ascent on the throw of a ball, and the bound on its smallest gradient."""
 
 from __future__ import annotations
 
@@ -29,12 +29,13 @@ LAWS: dict[str, ContactLaw] = {
     **{f"barrier {mu:g}": Barrier(mu=mu) for mu in (1e-4, 1e-3, 1e-2)},
     "adaptive": Adaptive("quartic"),
 }
-_TAILS = 5.0
-"""Standard deviations of the noise that a grid reaches beyond the window."""
+"""Laws that the gradient is taken through, by name; mu in N s m."""
+_TAIL_DEVIATIONS = 5.0
+"""Reach of the grid of returns beyond the window, in standard deviations of the noise."""
 
 
 class Params(StudyParams):
-    """Parameters of AT; all our choice."""
+    """Parameters of AT, all our choice."""
 
     runs: int = setting(5, "1", "runs, each from a throw of its own", least=2)
     iterations: int = setting(60, "1", "steps of ascent N", least=2)
@@ -55,7 +56,7 @@ class Landscape:
     slope: np.ndarray
 
     def at(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """J (n,) and its gradient (n, 2), interpolated linearly; NaN outside the window."""
+        """Interpolate J (n,) and its gradient (n, 2) linearly; NaN outside the window."""
         from scipy.interpolate import RegularGridInterpolator
 
         options = {"bounds_error": False, "fill_value": np.nan}
@@ -71,7 +72,7 @@ class Landscape:
 
 
 def run(params: Params) -> xr.Dataset:
-    """Iterates, bias, variance and gradient norm of every step of every run, and the bound."""
+    """Compute iterates, bias, variance and gradient norm of every step of every run."""
     task = get("ball-throw")
     judge = Experiment(task=task, algorithm=FOPG(), law=SHARP, hidden=None)
     middle = np.array([0.2, -0.45])
@@ -112,7 +113,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def bound(data: xr.Dataset, law: str) -> tuple[float, float]:
-    """Both sides of theorem 4.2 for one law, expectations being means over runs.
+    """Return both sides of theorem 4.2 for one law, with means over runs for expectations.
 
     ``min_n E|grad J|² <= 4c/N E[J_N - J_0] + 4/N sum_n (c (2 delta b_n + eta/2 v_n) + b_n² + v_n)``
     with ``c = 1/(eta - L eta²)``.
@@ -131,17 +132,17 @@ def bound(data: xr.Dataset, law: str) -> tuple[float, float]:
 
 
 def _landscape(judge: Experiment, middle: np.ndarray, params: Params) -> Landscape:
-    """Exact returns on a grid, folded with the noise: ``grad J = V * grad of its density``."""
+    """Convolve exact returns on a grid with the noise: ``grad J = V * grad of its density``."""
     from scipy.signal import fftconvolve
 
-    wide = params.reach + _TAILS * params.sigma
+    wide = params.reach + _TAIL_DEVIATIONS * params.sigma
     ticks = np.linspace(-wide, wide, params.grid)
     axes = tuple(middle[i] + ticks for i in (0, 1))
     theta = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     x0 = judge.task.reset(1, np.random.default_rng(0))
     returns = judge.rollouts(judge.task.horizon, SHARP)(x0, theta).value
     table, step = returns.reshape(params.grid, -1), ticks[1] - ticks[0]
-    reach = round(_TAILS * params.sigma / step)
+    reach = round(_TAIL_DEVIATIONS * params.sigma / step)
     offsets = step * np.arange(-reach, reach + 1)
     density = np.exp(-(offsets**2) / (2 * params.sigma**2))
     density /= density.sum()
@@ -161,7 +162,7 @@ def _moments(
     params: Params,
     key: tuple[int, ...],
 ) -> tuple[np.ndarray, float]:
-    """Mean gradient (2,) of n throws, and the trace of the covariance of one."""
+    """Return the mean gradient (2,) of n throws and the trace of the covariance of one."""
     seed = np.random.SeedSequence(params.seed, spawn_key=key)
     x0 = judge.task.reset(1, np.random.default_rng(0))
     moments = judge.rollouts(judge.task.horizon, law).moments(
@@ -172,7 +173,7 @@ def _moments(
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """The bound, how far it is from what it bounds, and which of its terms rules."""
+    """Return claims on the bound, on its ratio to what it bounds, and on bias and variance."""
     laws = [str(law) for law in data["law"].values]
     sides = [bound(data, law) for law in laws]
     is_bounded = [mean_square <= right_side for mean_square, right_side in sides]

@@ -20,9 +20,11 @@ NOTES = (
 )
 
 ORDERS = ("zobg", "fobg")
+"""Estimators that are compared."""
 BATCHES = (1, 3, 10, 30, 100, 300, 1000)
+"""Batch sizes for which the share of zero batches is measured."""
 _RATIOS = np.geomspace(1e-4, 10, 21)
-"""nu/sigma at which theta = nu/2 is looked at; the text says it of small ones."""
+"""nu/sigma at which theta = nu/2 is evaluated; the text means small ones."""
 
 
 class Params(StudyParams):
@@ -37,7 +39,7 @@ class Params(StudyParams):
 
 
 def run(params: Params) -> xr.Dataset:
-    """Estimates over sample count, variances over tolerance, and the block on a belt behind it."""
+    """Compute estimates over sample count, variances over tolerance, and those of the block on a belt."""
     nus = params.sigma * np.geomspace(1e-4, 1, params.tolerances)
     coarse = nus[:: max(1, params.tolerances // 8)]
     widths = _stick_width() * np.geomspace(1e-3, 10, 9)
@@ -116,7 +118,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
-    """At theta = nu/2, (ratios, 4): F', chance and share of nonzero samples, largest outside nu."""
+    """Evaluate theta = nu/2, (ratios, 4): F', chance and share of nonzero samples, largest sample outside nu."""
     rows = []
     for index, nu in enumerate(params.sigma * _RATIOS):
         objective = coulomb.at({"theta": nu / 2, "nu": nu})
@@ -132,7 +134,7 @@ def _at_half(coulomb: SampledObjective, params: Params) -> np.ndarray:
 
 
 def _silent(objective: SampledObjective, params: Params) -> np.ndarray:
-    """Share of batches of first-order samples that are all zero, (len(BATCHES),)."""
+    """Return the share of batches of first-order samples that are all zero, (len(BATCHES),)."""
     seed = np.random.SeedSequence(params.seed, spawn_key=(3000,))
     samples = objective.sample_gradients(Gaussian(params.sigma, seed), params.many).direction[:, 0]
     return np.array(
@@ -158,33 +160,35 @@ def _variances(objective: SampledObjective, key: int, n: int, params: Params) ->
     return [float(estimates[name].variance[0]) for name in ORDERS]
 
 
-_RARE, _OFTEN = 0.3, 20.0
-"""Expected samples within nu, of a run, below which most see none and above which all see some."""
-_SMALL = 0.1
-"""nu/sigma up to which nu is small: a relaxation much narrower than the noise."""
+_RARE_SAMPLES = 0.3
+"""Expected samples of a run within nu, below which most runs have none."""
+_FREQUENT_SAMPLES = 20.0
+"""Expected samples of a run within nu, above which every run has some."""
+_SMALL_NU = 0.1
+"""Largest nu/sigma that counts as small: a relaxation much narrower than the noise."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """What ex. III.5 and fig. 3 say."""
+    """Return the claims of ex. III.5 and fig. 3."""
     return [*_variance(data), *_few_samples(data), *_empirical_bias(data), _block(data)]
 
 
 def _variance(data: xr.Dataset) -> list[Claim]:
-    """Expected variances over nu, for nu small against sigma."""
+    """Check expected variances over nu, for nu small against sigma."""
     sigma, many = data.attrs["sigma"], data.attrs["many"]
     c = 1 / (np.sqrt(2 * np.pi) * sigma)
-    small = data["nu"].values <= _SMALL * sigma
+    small = data["nu"].values <= _SMALL_NU * sigma
     nu, form = data["nu"].values[small], data["fobg_variance"].values[small]
     slope = float(np.polyfit(np.log(nu), np.log(form), 1)[0]) if small.sum() > 1 else np.nan
     ratio = form * nu / (4 * c)
     wide = data["wide_variance"]
     coarse = data["coarse"].values
     variances, p = (np.interp(coarse, data["nu"], data[name]) for name in ("fobg_variance", "chance"))
-    is_sampled = (coarse <= _SMALL * sigma) & (many * p >= 30)
+    is_sampled = (coarse <= _SMALL_NU * sigma) & (many * p >= 30)
     score = (wide.sel(order="fobg").values / variances - 1)[is_sampled] * np.sqrt(many * p[is_sampled])
-    flat = wide.sel(order="zobg").values[coarse <= _SMALL * sigma]
+    flat = wide.sel(order="zobg").values[coarse <= _SMALL_NU * sigma]
     factor = largest(flat) / flat.min(initial=np.inf)
-    range_text = f" for nu <= {_SMALL:g} sigma"
+    range_text = f" for nu <= {_SMALL_NU:g} sigma"
     return [
         claim("As nu falls the variance of the first order scales with 1/nu", "Pathologies, ex. III.5")
         .expected("4 c/nu, c = 1/(sqrt(2 pi) sigma)")
@@ -202,7 +206,7 @@ def _variance(data: xr.Dataset) -> list[Claim]:
 
 
 def _few_samples(data: xr.Dataset) -> list[Claim]:
-    """What a run with few samples sees: nothing, and so no variance."""
+    """Check that a run with few samples sees neither gradient nor variance."""
     n, nu = data.attrs["n_samples"], data["nu"].values
     p = float(data["truth"]) * data.attrs["nu"] / 2
     sizes, silent = data["batch"].values, data["silent"].values
@@ -212,7 +216,7 @@ def _few_samples(data: xr.Dataset) -> list[Claim]:
     hits = n * data["chance"].values
     empty = data["variance"].sel(order="fobg").values == 0
     # Where all samples fall within nu they vary no more either; that is not what is meant.
-    rare, often = hits < _RARE, (hits > _OFTEN) & (data["chance"].values < 0.5)
+    rare, often = hits < _RARE_SAMPLES, (hits > _FREQUENT_SAMPLES) & (data["chance"].values < 0.5)
     share = float(np.mean(empty[rare])) if rare.any() else np.nan
     return [
         claim("First-order values are zero where few samples are taken", "Pathologies, fig. 3")
@@ -225,14 +229,14 @@ def _few_samples(data: xr.Dataset) -> list[Claim]:
         .expected("empty on a log scale")
         .measured(
             f"{empty.sum()} of {nu.size} tolerances show none: {share:.0%} of those with n p <"
-            f" {_RARE:g}, {np.sum(empty & often)} of those with n p > {_OFTEN:g}"
+            f" {_RARE_SAMPLES:g}, {np.sum(empty & often)} of those with n p > {_FREQUENT_SAMPLES:g}"
         )
         .holds(share > 0.5, not np.any(empty & often)),
     ]
 
 
 def _empirical_bias(data: xr.Dataset) -> list[Claim]:
-    """At theta = nu/2: gradient, both readings of the probability, and the triple."""
+    """Check gradient, both readings of the probability, and the triple at theta = nu/2."""
     sigma, many, ratio = data.attrs["sigma"], data.attrs["many"], data["ratio"].values
     c = 1 / (np.sqrt(2 * np.pi) * sigma)
     F, p = data["half_gradient"].values, data["half_chance"].values
@@ -277,7 +281,7 @@ def _empirical_bias(data: xr.Dataset) -> list[Claim]:
 
 
 def _block(data: xr.Dataset) -> Claim:
-    """The block on the belt, whose mass bounds the slope."""
+    """Check that the mass of the block on the belt bounds the slope."""
     width, block = float(data["stick"]), data["block_variance"].sel(order="fobg").values
     narrow = data["block_nu"].values <= width / 10 * (1 + 1e-9)
     stays = largest(block[narrow]) / block[narrow].min(initial=np.inf)

@@ -1,4 +1,4 @@
-"""P2: the Heaviside function, whose pathwise gradient says nothing."""
+"""P2: the Heaviside function, whose pathwise gradient is zero almost everywhere."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ NOTES = (
 )
 
 ESTIMATORS = ("zobg", "zobg-zero-noise", "zobg-mean", "fobg")
-_BOXES = (0.1, 0.01, 0.001)
+"""Estimators that are compared, by name."""
+_BOX_WIDTHS = (0.1, 0.01, 0.001)
 """Widths, over sigma, of the boxes of area one that narrow to the delta."""
 
 
@@ -34,7 +35,7 @@ class Params(StudyParams):
 
 
 def run(params: Params) -> xr.Dataset:
-    """Objective, estimates and variances over theta, beside their closed forms."""
+    """Compute objective, estimates and variances over theta, beside their closed forms."""
     thetas = np.linspace(-params.reach, params.reach, params.points)
     shape = (len(ESTIMATORS), len(thetas))
     mean, variance, error = np.empty(shape), np.empty(shape), np.empty(shape)
@@ -49,7 +50,7 @@ def run(params: Params) -> xr.Dataset:
             error[j, i] = estimate.standard_error[0]
         sampled[i] = mean_cost(objective, Gaussian(params.sigma, seed), params.n_samples)
         forms.append(objective.closed_form(params.sigma))
-    boxes = params.sigma * np.array(_BOXES)
+    boxes = params.sigma * np.array(_BOX_WIDTHS)
     edges = boxes[:, None] / 2
     # Half of the box on each side of w = -theta; differences of the nearer tail do not cancel.
     delta = (norm.sf(np.abs(thetas) - edges, 0, params.sigma) - norm.sf(np.abs(thetas) + edges, 0, params.sigma)) / (
@@ -82,19 +83,19 @@ def run(params: Params) -> xr.Dataset:
     )
 
 
-_BOTH_SIDES = 30
-"""Samples expected on each side of the jump from which errors are near normal."""
+_SAMPLES_PER_SIDE = 30
+"""Expected samples on each side of the jump, from which errors are nearly normal."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """What ex. III.2 and fig. 2 say."""
+    """Return the claims of ex. III.2 and fig. 2."""
     return [*_objective(data), *_first_order(data)]
 
 
 def _objective(data: xr.Dataset) -> list[Claim]:
-    """The smoothed objective and the zeroth order, where samples fall on both sides of the jump."""
+    """Check the smoothed objective and the zeroth order where samples fall on both sides of the jump."""
     n, F = data.attrs["n_samples"], data["F"].values
-    has_both_sides = n * F * (1 - F) >= _BOTH_SIDES
+    has_both_sides = n * F * (1 - F) >= _SAMPLES_PER_SIDE
     zeroth = data.sel(estimator="zobg")
     score = (zeroth["mean"].values - data["gradient"].values)[has_both_sides]
     gradient_score = largest(np.abs(score) / np.sqrt(data["zobg_variance"].values[has_both_sides] / n))
@@ -103,7 +104,7 @@ def _objective(data: xr.Dataset) -> list[Claim]:
     ratio = zeroth["variance"].values[has_both_sides] / data["zobg_variance"].values[has_both_sides]
     # The relative error of a variance whose samples have the kurtosis of a product w · {0, 1}.
     blur = 5 * np.sqrt(6 / (n * np.minimum(F, 1 - F)[has_both_sides]))
-    places = f" at {has_both_sides.sum()} of {has_both_sides.size} theta, those with {_BOTH_SIDES} samples a side"
+    places = f" at {has_both_sides.sum()} of {has_both_sides.size} theta, those with {_SAMPLES_PER_SIDE} samples a side"
     return [
         claim("The stochastic objective is the error function", "Pathologies, ex. III.2")
         .expected("F = erf(-theta; sigma²), read as the Gaussian tail")
@@ -121,7 +122,7 @@ def _objective(data: xr.Dataset) -> list[Claim]:
 
 
 def _first_order(data: xr.Dataset) -> list[Claim]:
-    """What of the first order is zero, and what is not."""
+    """Check mean, variance and expectation of the first order."""
     true, first = data["gradient"].values, data.sel(estimator="fobg")
     mean, limit = first["mean"].values, data["fobg_mean"].values
     apart = np.abs(mean - limit)

@@ -28,7 +28,7 @@ NOTES = (
 def softened_box(
     u: np.ndarray, mu: float, m: float, g: float, friction: float, h: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Next velocity [m/s] from rest and its derivative by the push u [m/(N s)], both (n,).
+    """Return the next velocity [m/s] from rest and its derivative by the push u [m/(N s)], both (n,).
 
     A barrier on both faces of |f| <= b = friction h m g, f an impulse, gives
     ``v+ = r(f) = -(2 mu/h) f/(b² - f²)`` with ``m v+ = h u + f``, one root f; mu in N s m. Its
@@ -51,7 +51,7 @@ def softened_box(
 def smoothed_box(
     u: np.ndarray, sigma: float, m: float, g: float, friction: float, h: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and variance, (n,) each, of the exact dv+/du [m/(N s)] at pushes N(u, sigma²).
+    """Return mean and variance, (n,) each, of the exact dv+/du [m/(N s)] at pushes N(u, sigma²).
 
     The exact one is h/m where |u| > friction m g, else 0, so p = P(slip) decides both.
     """
@@ -62,7 +62,7 @@ def smoothed_box(
 
 @dataclass(frozen=True)
 class Cost:
-    """One solve of a softened box against exact ones averaged over noise of equal bias.
+    """Cost of one solve of a softened box, in exact solves averaged over noise of equal bias.
 
     ``bias`` [m/(N s)]: root mean square over the pushes of softened less exact slope; ``sigma``
     [N]: noise whose average has the same; ``single``: error of one exact solve over that bias;
@@ -95,17 +95,19 @@ def cost_of_averaging(u: np.ndarray, mu: float, **box: float) -> Cost:
 
 
 COUNTS = (10, 100, 1000)
+"""Samples of an RS average."""
 BALL_MUS = (1e-4, 1e-3, 1e-2)
+"""mu of the ball's barriers [N s m]."""
 BOX_MUS = np.array([1 / 300, 1 / 30, 1 / 3])
-"""mu of the box over h b²/m, b = friction h m g: of what its friction can hold."""
-_NEAR = 2000
-"""Places near the impact at which RS is asked whether it sees it."""
+"""mu of the box over h b²/m, b = friction h m g, the impulse that its friction can hold."""
+_POINTS_NEAR_IMPACT = 2000
+"""Places within sigma of the impact at which RS is evaluated."""
 FINER = (1, 10, 100)
-"""The exact ball's steps are h over these: RS at the step of BS, and as the step falls."""
+"""h over the step of the exact ball: RS at the step of BS, and at smaller ones."""
 
 
 class Params(StudyParams):
-    """Parameters of A6; the paper gives no numbers and, for the box, no equations."""
+    """Parameters of A6, all our choice: the paper gives no numbers and no equations of the box."""
 
     g: float = setting(9.81, "m/s^2", "gravity", above=0)
     q0: float = setting(1.0, "m", "height of the throw", above=0)
@@ -117,7 +119,7 @@ class Params(StudyParams):
 
 
 def _velocity(params: Params, law: ContactLaw, h: float) -> np.ndarray:
-    """Vertical velocity at every node of the throw, (N+1,); the ball has 1 kg and 1 m/s."""
+    """Return the vertical velocity at every node of the throw, (N+1,), of a ball of 1 kg and 1 m/s."""
     system = get("ball-bounce", h=h, g=params.g).system
     start = np.array([[0.0, params.q0, 1.0, 0.0]])
     steps = round(1.6 * np.sqrt(2 * params.q0 / params.g) / h)
@@ -125,7 +127,7 @@ def _velocity(params: Params, law: ContactLaw, h: float) -> np.ndarray:
 
 
 def _impact(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
-    """Derivative of v_y by q_x, where q_x equals the time, around the impact."""
+    """Compute the derivative of v_y by q_x around the impact; q_x equals the time."""
     soft_laws = [*(Barrier(mu=mu) for mu in BALL_MUS), Adaptive(sigma=params.sigma)]
     soft = [np.diff(_velocity(params, law, params.h)) / params.h for law in soft_laws]
     impact = float(np.sqrt(2 * params.q0 / params.g))
@@ -133,7 +135,7 @@ def _impact(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
     averaged = np.empty((len(FINER), len(COUNTS), len(q)))
     quiet = np.empty((len(FINER), len(COUNTS)))
     # Within one sigma of the impact its average is not small: there RS has something to see.
-    near_impact = impact + params.sigma * np.linspace(-1, 1, _NEAR)
+    near_impact = impact + params.sigma * np.linspace(-1, 1, _POINTS_NEAR_IMPACT)
     for row, finer in enumerate(FINER):
         h = params.h / finer
         rates = np.diff(_velocity(params, Exact(), h)) / h
@@ -167,14 +169,14 @@ def _impact(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
 def _averaged(
     rates: np.ndarray, h: float, q: np.ndarray, sigma: float, count: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """RS of the steps' ``rates``: means at places ``q`` (n,) over ``count`` samples, (n,)."""
+    """Average the steps' ``rates`` around places ``q`` (n,) over ``count`` samples each, (n,)."""
     place = q[:, None] + sigma * rng.standard_normal((len(q), count))
     node = np.clip((place / h).astype(int), 0, len(rates) - 1)
     return rates[node].mean(axis=1)
 
 
 def _push(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
-    """Derivative of the box's next velocity by the push, from rest."""
+    """Compute the derivative of the box's next velocity by the push, from rest."""
     arguments = {"m": 1.0, "g": params.g, "friction": params.friction, "h": params.h_box}
     system = get("box-slide", **arguments).system
     u, x_rest = np.linspace(-10, 10, 81), np.zeros((1, 2))
@@ -236,7 +238,7 @@ def _box_mus(params: Params) -> np.ndarray:
 
 
 def run(params: Params) -> xr.Dataset:
-    """Both panels of fig. 6."""
+    """Compute both panels of fig. 6."""
     rng = np.random.default_rng(params.seed)
     impact, places = _impact(params, rng)
     push, pushes = _push(params, rng)
@@ -252,12 +254,12 @@ def run(params: Params) -> xr.Dataset:
     )
 
 
-_NOISY = 0.02
-"""Standard error over h/m from which an average is noisy."""
+_NOISY_ERROR = 0.02
+"""Standard error over h/m above which an average is noisy."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """The impact, friction, and what the closed forms say of the box."""
+    """Return claims on the impact, on friction, and on the closed forms of the box."""
     return [*_impact_claims(data), *_friction(data), *_closed_forms(data)]
 
 
@@ -300,7 +302,7 @@ def _friction(data: xr.Dataset) -> list[Claim]:
     counts, slope = data["count"].values, data.attrs["h_box"]
     few = counts <= 100
     error = data["push_error"].values / slope
-    noisy = error > _NOISY
+    noisy = error > _NOISY_ERROR
     bend = float(np.abs(np.diff(data["push_soft"].values, 2, axis=1)).max())
     rough = np.abs(np.diff(data["push_rs"].values, 2, axis=1)).max(axis=1)
     needed, single = data["cost_needed"].values, data["cost_single"].values
@@ -309,7 +311,7 @@ def _friction(data: xr.Dataset) -> list[Claim]:
 
     return [
         claim("RS gradients of friction are noisy", "ABS, fig. 6b")
-        .expected(f"standard error above {_NOISY:.0%} of h/m for N <= 100")
+        .expected(f"standard error above {_NOISY_ERROR:.0%} of h/m for N <= 100")
         .measured(f"N {over(list(counts), noisy)}: {listed(error, '.1%')} of h/m")
         .holds(noisy[few]),
         claim("BS gradients of friction are smooth", "ABS, sec. 5.2")

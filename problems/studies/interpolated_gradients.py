@@ -1,4 +1,4 @@
-"""P7: gradients interpolated between the orders, where the first one is wrong or looks right."""
+"""P7: interpolation of first- and zeroth-order gradients where the first order is wrong."""
 
 from __future__ import annotations
 
@@ -18,13 +18,15 @@ NOTES = (
 )
 
 ESTIMATORS = ("zobg-mean", "fobg", "alpha-fixed", "alpha-variance", "alpha")
+"""Estimators that are compared, by name."""
 CASES = ("heaviside", "coulomb", "ball-wall")
+"""Objectives on which they are compared, by name."""
 
 QUICK = {"n_samples": 500, "repeats": 8}
 
 
 class Params(StudyParams):
-    """Parameters of P7, all our choice: the text has no figure of its own for it."""
+    """Parameters of P7, all our choice: the paper draws no figure of it."""
 
     n_samples: int = setting(2000, "1", "samples of each order", least=2)
     points: int = setting(21, "1", "decisions", least=3)
@@ -36,7 +38,7 @@ class Params(StudyParams):
 
 
 def _grids(params: Params) -> dict[str, tuple[SampledObjective, np.ndarray, float]]:
-    """Objective, decisions and noise of each case."""
+    """Return objective, decisions and noise of each case."""
     coulomb = objective_spec("coulomb").objective({"nu": params.nu})
     return {
         "heaviside": (objective_spec("heaviside").objective(), np.linspace(-0.8, 0.8, params.points), 0.2),
@@ -46,7 +48,7 @@ def _grids(params: Params) -> dict[str, tuple[SampledObjective, np.ndarray, floa
 
 
 def run(params: Params) -> xr.Dataset:
-    """Estimates, weights and errors of every run, over the decision of each case."""
+    """Compute estimates, weights and errors of every run, over the decision of each case."""
     shape = (len(CASES), len(ESTIMATORS), params.points, params.repeats)
     mean, alpha = np.full(shape, np.nan), np.full(shape, np.nan)
     thetas, truth, gammas = [], [], []
@@ -84,7 +86,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def _worst(data: xr.Dataset, case: str, estimator: str) -> float:
-    """Largest root-mean-square error over decisions, as a share of the largest gradient."""
+    """Return the largest root-mean-square error over decisions, as a share of the largest gradient."""
     runs = data.sel(case=case)
     errors = runs["mean"].sel(estimator=estimator) - runs["truth"]
     size = float(np.abs(runs["truth"]).max())
@@ -92,7 +94,7 @@ def _worst(data: xr.Dataset, case: str, estimator: str) -> float:
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """What sec. IV-C says."""
+    """Return the claims of sec. IV-C."""
     gamma, delta = data.attrs["gamma"], data.attrs["delta"]
     steps = data.sel(case="heaviside")
     zeros = steps["alpha"].sel(estimator="alpha-variance") == 1

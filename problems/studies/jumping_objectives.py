@@ -45,7 +45,7 @@ class Params(StudyParams):
 
 
 def run(params: Params) -> xr.Dataset:
-    """Objective, smoothing and estimates along the three decisions."""
+    """Compute objective, smoothing and estimates along the three decisions."""
     systems = {
         "drop": (drop(params.step_height, params.start, params.g), np.pi / 2, "m", "m"),
         "throw": (throw_wall(params.v0_throw, params.wall, params.wall_height, params.g), np.pi / 2, "m^2", "rad"),
@@ -80,7 +80,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def drop(step_height: float, start: float, g: float) -> StaticObjective:
-    """Maximise where a ball ends that is dropped at x = theta over a step, -y [m].
+    """Build the drop of a ball at x = theta over a step: minus its final height, -y [m].
 
     It falls freely until it would be below both levels; the inelastic landing is the exact law
     ``0 <= lam ⟂ y - ground + lam >= 0`` with ``ground = step_height`` for theta >= 0, else 0.
@@ -94,7 +94,7 @@ def drop(step_height: float, start: float, g: float) -> StaticObjective:
 
 
 def throw_wall(v0: float, distance: float, height: float, g: float) -> StaticObjective:
-    """Throw a ball at angle theta past a wall that stops it: minimise -x² [m²].
+    """Build the throw of a ball at angle theta past a wall that stops it: -x² [m²].
 
     The ball lands at ``v0² sin(2 theta)/g`` unless it reaches the wall's face below its top; then
     it drops there, an inelastic impact.
@@ -109,7 +109,7 @@ def throw_wall(v0: float, distance: float, height: float, g: float) -> StaticObj
 
 
 def pivot(v0: float, distance: float, length: float, mass: float, inertia: float) -> StaticObjective:
-    """Hit a bar that pivots at (distance, 0), to transfer angular momentum: -omega² [1/s²].
+    """Build the impact of a ball on a bar that pivots at (distance, 0): -omega² [1/s²].
 
     The ball flies straight at angle theta and meets the bar, which reaches ``length`` to both
     sides, at the lever arm ``r = distance tan(theta)``. Frictionless plastic impact by the exact
@@ -130,23 +130,24 @@ def _objective(name: str, theta: ca.SX, cost: ca.SX, unit: str, meaning: str) ->
 
 
 NAMES = ("drop", "throw", "pivot")
+"""The three systems of fig. 1."""
 
 
 def jumps(data: xr.Dataset, name: str, share: float = 0.1) -> np.ndarray:
-    """Decisions at which f jumps by more than ``share`` of its range."""
+    """Return the decisions at which f jumps by more than ``share`` of its range."""
     f, theta = data[f"f_{name}"].values, data[f"fine_{name}"].values
     return theta[:-1][np.abs(np.diff(f)) > share * np.ptp(f)]
 
 
 def _bias(data: xr.Dataset, name: str) -> float:
-    """Largest error of FoBG over the largest slope."""
+    """Return the largest error of FoBG over the largest slope."""
     slope = data[f"slope_{name}"].values
     errors = np.abs(data[f"first_{name}"].values[:, 0] - slope)
     return float(errors.max() / np.abs(slope).max())
 
 
 def _steps(data: xr.Dataset, name: str) -> float:
-    """Largest step of F on its grid over its bound ``spacing range(f)/(sqrt(2 pi) sigma)``."""
+    """Return the largest step of F on its grid over its bound ``spacing range(f)/(sqrt(2 pi) sigma)``."""
     step = np.abs(np.diff(data[f"F_{name}"].values)).max()
     spacing = float(data[f"theta_{name}"][1] - data[f"theta_{name}"][0])
     steepest = np.ptp(data[f"f_{name}"].values) * norm.pdf(0, 0, data.attrs[f"sigma_{name}"])
@@ -154,7 +155,7 @@ def _steps(data: xr.Dataset, name: str) -> float:
 
 
 def _scatter(data: xr.Dataset, name: str) -> tuple[float, float, int]:
-    """Mean times sqrt(points), and rms, of ZoBG's errors in standard errors; number of points."""
+    """Return mean times sqrt(points), and rms, of ZoBG's errors in standard errors, and the points."""
     estimate, slope = data[f"zeroth_{name}"].values, data[f"slope_{name}"].values
     # Where it is small the jump is met by too few samples for an error of its own.
     steep = np.abs(slope) > 0.3 * np.abs(slope).max()
@@ -163,7 +164,7 @@ def _scatter(data: xr.Dataset, name: str) -> tuple[float, float, int]:
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """What fig. 1 and sec. III-A say."""
+    """Return the claims of fig. 1 and sec. III-A."""
     biases = [_bias(data, name) for name in NAMES]
     offset, scatter, number = np.transpose([_scatter(data, name) for name in NAMES])
     is_unbiased = np.all(np.abs(scatter - 1) < 5 / np.sqrt(2 * number)) and np.all(np.abs(offset) < 5)

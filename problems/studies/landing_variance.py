@@ -19,7 +19,9 @@ NOTES = (
 )
 
 MUS = 10.0 ** np.arange(-6, 1)
+"""Central-path parameters [N s m]."""
 STEPS = (0.02, 0.01, 0.005, 0.0025)
+"""Steps of time stepping [s]."""
 
 
 class Params(StudyParams):
@@ -44,7 +46,7 @@ class Params(StudyParams):
 
 
 def run(params: Params) -> xr.Dataset:
-    """Largest variance over both parameters and over when the rollout ends.
+    """Compute the largest variance over both parameters and over the end of the rollout.
 
     The parameters are the throw's two velocities, thrust in the first step alone; the return is
     the squared distance of (q, v) to (v0, 0, v0, 0) at the end. Likelihood ratio after evolution
@@ -71,7 +73,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def _variances(params: Params, h: float, steps: int) -> np.ndarray:
-    """Largest variances over the parameters, first order and ratio, (2, len(MUS))."""
+    """Return the largest variances over the parameters, first order and ratio, (2, len(MUS))."""
     problem = get("ball-bounce", h=h, g=params.g)
     step = Barrier(mu=1.0).close(problem.system)
     x, u, p = ca.SX.sym("x", 4), ca.SX.sym("u", 2), ca.SX.sym("p", len(step.p))
@@ -102,17 +104,17 @@ def _variances(params: Params, h: float, steps: int) -> np.ndarray:
     return np.transpose(variances)
 
 
-_STIFF = 1e-3
-"""mu up to which the landing is stiff: the variance has left the soft regime."""
+_STIFF_MU = 1e-3
+"""mu up to which the landing is stiff [N s m]."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """What sec. 4.3 and 7.2 say."""
+    """Return the claims of sec. 4.3 and 7.2."""
     mu, h = data["mu"].values, data["h"].values
     first, ratio = data["first_order"].values, data["likelihood_ratio"].values
     soft = int(np.abs(np.log(mu / 1e-1)).argmin())
     large = first[:, 0] > 10 * first[:, soft]
-    stiff = mu <= _STIFF * (1 + 1e-9)
+    stiff = mu <= _STIFF_MU * (1 + 1e-9)
     flat = first[:, 0] / first[:, 1]
     share = ratio[:, stiff] / first[:, stiff]
     low = np.all(share < 0.1, axis=1)
@@ -133,11 +135,11 @@ def claims(data: xr.Dataset) -> list[Claim]:
         .measured(f"h to the power {slope:.2f}")
         .between(slope, -1.4, -0.6),
         claim("LR gradients have low variance in the presence of stiffness", "ABS, sec. 7.2")
-        .expected(f"a tenth of first order or less for mu <= {_STIFF:g}")
+        .expected(f"a tenth of first order or less for mu <= {_STIFF_MU:g}")
         .measured(f"h {over(steps, low)} s: {share.min():.2f} to {share.max():.2f} of first order")
         .holds(low),
         claim("LR variance stays what it is as mu falls", "our check")
-        .expected(f"flat for mu <= {_STIFF:g}")
+        .expected(f"flat for mu <= {_STIFF_MU:g}")
         .measured(
             f"within a factor {spread.max():.3g}, as first order"
             f" within {(first[:, stiff].max(axis=1) / first[:, stiff].min(axis=1)).max():.3g}"

@@ -44,12 +44,15 @@ RESUMES = True
 
 
 WHERE = ("all", "flight", "contact")
+"""Groups of held-out transitions that errors are averaged over."""
 MODELS = ("psi", "network")
+"""Models that are compared."""
 MIXED = "m, rad, m/s, rad/s"
+"""Unit of one-step errors, whose coordinates are added as the paper does."""
 
 
 class Params(StudyParams):
-    """Parameters of AM; the paper's text has none, those of the network are its code's."""
+    """Parameters of AM; the network's are the authors' code's, the others our choice."""
 
     data: int = setting(2000, "1", "transitions, of which a 40th, a 10th, a 4th are fewer", least=400)
     held: int = setting(1000, "1", "held-out transitions", least=50)
@@ -64,12 +67,12 @@ class Params(StudyParams):
 
 
 def amounts(params: Params) -> list[int]:
-    """Transitions to learn from; of the last, four times the full number, only networks."""
+    """Return the numbers of transitions; only networks learn from the last, four times the full number."""
     return [params.data // 40, params.data // 10, params.data // 4, params.data, 4 * params.data]
 
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
-    """Exact transitions over their number; noise and drag at the full number."""
+    """Learn from exact transitions over their number, and from noise and drag at the full number."""
     sizes = amounts(params)
     errors = np.full((len(DATA), len(MODELS), len(sizes), params.seeds, len(WHERE)), np.nan)
     shape = len(DATA), len(sizes), params.seeds, len(PSI)
@@ -126,14 +129,19 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
 
 
 LINKS = ("torso", "thigh", "leg", "foot")
+"""Links of the hopper with a mass and an inertia to learn."""
 PSI = ("friction", "spring", "damping", *(f"mass_{link}" for link in LINKS), *(f"inertia_{link}" for link in LINKS))
+"""Parameters to learn."""
 DATA = ("exact", "noise", "drag")
+"""Kinds of transitions."""
 DRAG = 50.0
-"""Of the torso, as the source's parser sets it [N s/m, N m s/rad]."""
-POOL, HELD = 1, 2
-"""Streams of transitions: to learn from, to judge by."""
+"""Drag of the torso that the model lacks, as the source's parser sets it [N s/m, N m s/rad]."""
+POOL = 1
+"""Random stream of transitions to learn from."""
+HELD = 2
+"""Random stream of held-out transitions."""
 JUDGES = 1000
-"""Transitions, at most, that intervals are computed from."""
+"""Largest number of transitions that intervals are computed from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +160,7 @@ class TransitionData:
 
     @classmethod
     def of(cls, kind: str, params: Params, n: int) -> TransitionData:
-        """``n`` transitions of ``kind``, and those to judge by."""
+        """Draw ``n`` transitions of ``kind``, and held-out ones."""
         task = get("hopper")
         explorer = Explorer(task, values={"base_damping": DRAG} if kind == "drag" else None)
         transitions, landed = random_transitions(explorer, n, [params.seed, POOL])
@@ -168,7 +176,7 @@ class TransitionData:
         return cls(task, transitions, landed[order], held, touched)
 
     def errors(self, x_next: np.ndarray) -> np.ndarray:
-        """Mean distance [m, rad, m/s, rad/s] to the held-out next states: all, flying, touching.
+        """Return mean distances [m, rad, m/s, rad/s] to held-out next states: all, in flight, in contact.
 
         Steps without a prediction are left out.
         """
@@ -178,17 +186,17 @@ class TransitionData:
 
     @property
     def still(self) -> np.ndarray:
-        """Errors of who says that nothing moves."""
+        """Errors of the prediction that nothing moves."""
         return self.errors(self.held.x)
 
     @cached_property
     def truth(self) -> np.ndarray:
-        """psi of the hopper."""
+        """True values of psi, the parameters of the hopper."""
         return np.array([self.task.parameters.defaults[name] for name in PSI])
 
 
 def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:
-    """Learn psi from the first ``n`` transitions; errors, values, intervals, and the way there."""
+    """Learn psi from the first ``n`` transitions; return errors, values, intervals and the search's means."""
     transitions = source.pool[:n]
     step = Exact().close(source.task.system)
     loss = OneStepLoss(step, PSI, scale=OneStepLoss.increments(transitions))
@@ -209,7 +217,7 @@ def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[st
 
 
 def in_flight(source: TransitionData) -> dict[str, np.ndarray]:
-    """Upper ends over the truth of intervals there, of transitions in which nothing touches."""
+    """Return upper ends of intervals over the truth, from transitions without contact."""
     flying = source.pool[np.flatnonzero(~source.landed)[:JUDGES]]
     scale = OneStepLoss.increments(source.pool)
     loss = OneStepLoss(Exact().close(source.task.system), PSI, scale=scale)
@@ -234,19 +242,20 @@ def by_network(source: TransitionData, n: int, seed: int, params: Params) -> dic
 
 
 _PLACE = "Adaptive barrier smoothing, sec. 7, model learning"
-_NEAR = 0.05
-"""Distance of psi from the truth that counts as found."""
-_COVERED = 0.85
-"""Part of the intervals of 95 % that must hold the truth: they are few and not independent."""
+"""Source of the claims of the paper."""
+_PSI_TOLERANCE = 0.05
+"""Relative distance of psi from the truth up to which it is found."""
+_COVERED_SHARE = 0.85
+"""Share of the intervals of 95 % that must hold the truth: they are few and not independent."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Errors of both models, then psi, then what becomes of both where data are not exact."""
+    """Return claims on errors of both models, on psi, and on both where data are not exact."""
     return [*_errors(data), *_found(data), *_noise(data), *_drag(data)]
 
 
 def _both(data: xr.Dataset, kind: str, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Errors (transitions, seeds) of psi and of networks, where both have learned."""
+    """Return errors (transitions, seeds) of psi and of networks, where both have learned."""
     errors = data["errors"].sel(data=kind, where=where)
     psi, network = errors.sel(model="psi").values, errors.sel(model="network").values
     learned = ~np.isnan(psi).all(axis=1)
@@ -285,7 +294,7 @@ def _errors(data: xr.Dataset) -> list[Claim]:
 
 
 def _full(data: xr.Dataset, name: str, kind: str) -> np.ndarray:
-    """Values of psi at the full number of transitions, (seeds, parameters)."""
+    """Return values of psi at the full number of transitions, (seeds, parameters)."""
     return data[name].sel(data=kind, transitions=data.attrs["data"]).values
 
 
@@ -299,9 +308,9 @@ def _found(data: xr.Dataset) -> list[Claim]:
     unknown = ", ".join(str(name) for name in names[np.isposinf(flight)])
     return [
         claim("All of psi is found from exact transitions", "our check")
-        .expected(f"within {_NEAR:.0%} of the truth from {n}, from every start")
+        .expected(f"within {_PSI_TOLERANCE:.0%} of the truth from {n}, from every start")
         .measured(f"within {errors.max():.2g}, the worst is {worst}")
-        .below(errors, _NEAR),
+        .below(errors, _PSI_TOLERANCE),
         claim("So many transitions determine all of psi", "our check")
         .expected("bounded intervals from every start")
         .measured(f"{int(is_bounded.sum())} of {is_bounded.size}")
@@ -324,9 +333,9 @@ def _noise(data: xr.Dataset) -> list[Claim]:
         .measured(f"{listed(np.median(psi, axis=1), '.2g')} against {listed(np.median(network, axis=1), '.2g')}")
         .below(psi.max(axis=1), network.min(axis=1)),
         claim("Intervals of noisy transitions hold the truth", "our check")
-        .expected(f"{_COVERED:.0%} of those of 95 % or more")
+        .expected(f"{_COVERED_SHARE:.0%} of those of 95 % or more")
         .measured(f"{int(holds_truth.sum())} of {holds_truth.size}; off by {errors.max():.2g} at most")
-        .holds(holds_truth.mean() >= _COVERED, margin=share_margin(holds_truth, _COVERED)),
+        .holds(holds_truth.mean() >= _COVERED_SHARE, margin=share_margin(holds_truth, _COVERED_SHARE)),
     ]
 
 
@@ -342,7 +351,7 @@ def _drag(data: xr.Dataset) -> list[Claim]:
         .measured(f"{lead[0]:.2g} of {lead[1]:.2g}")
         .below(lead[0], 0.1 * lead[1]),
         claim("There the intervals hold the truth", "our check")
-        .expected(f"{_COVERED:.0%} of those of 95 % or more")
+        .expected(f"{_COVERED_SHARE:.0%} of those of 95 % or more")
         .measured(f"{int(holds_truth.sum())} of {holds_truth.size}; off by {listed(errors, '.2g')}")
-        .holds(holds_truth.mean() >= _COVERED, margin=share_margin(holds_truth, _COVERED)),
+        .holds(holds_truth.mean() >= _COVERED_SHARE, margin=share_margin(holds_truth, _COVERED_SHARE)),
     ]

@@ -1,4 +1,4 @@
-"""Progress of a study: how far its loops are, for a listener."""
+"""Progress of a study's loops, for a listener."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from contextvars import ContextVar
 from typing import TypeVar
 
 T = TypeVar("T")
+"""Item of a tracked loop."""
 Listener = Callable[[str, int, int], None]
-"""Called with what a loop computes, how many of its items are done, and how many there are."""
+"""Callback with the name of a loop, its finished items, and all items."""
 _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
+"""Listener of the current context."""
 
 
 @contextmanager

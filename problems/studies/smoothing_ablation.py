@@ -18,11 +18,13 @@ QUICK = {"runs": 2, "iterations": 4, "judged": 2}
 RESUMES = True
 
 TASK = "half-cheetah"
+"""Task of all trainings."""
 LAWS: dict[str, ContactLaw] = {
     **{f"mu {mu:g}": Barrier(mu=mu) for mu in (1e-10, 1e-6, 1e-4, 1e-2)},
     "adaptive": Adaptive("quartic"),
     "adaptive, gaussian": Adaptive(sigma=0.02),
 }
+"""Laws that gradients are taken through, by name; mu in N s m, sigma in m."""
 
 
 class Params(StudyParams):
@@ -34,7 +36,7 @@ class Params(StudyParams):
 
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
-    """Exact returns and gradient variances of every run over its iterations."""
+    """Compute exact returns and gradient variances of every run over its iterations."""
     every = max(1, params.iterations // params.judged)
     jobs = {
         f"{name}-{r}": job(
@@ -70,12 +72,17 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
 
 
 _PLACE = "ABS, sec. 7.4"
-_SHARP, _WIDE = "mu 1e-10", "mu 0.01"
+"""Source of the claims of the paper."""
+_SHARP = "mu 1e-10"
+"""Law with the least mu of the paper."""
+_WIDE = "mu 0.01"
+"""Law with the largest mu of the paper."""
 _ADAPTIVE = ("adaptive", "adaptive, gaussian")
+"""Adaptive laws."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Slow at 1e-10, lower at 1e-2, adaptive best, or not."""
+    """Return claims on mu = 1e-10, on mu = 1e-2 and on the adaptive laws."""
     laws = [str(law) for law in data["law"].values]
     curves = {law: data["exact_return"].sel(law=law).values for law in laws}
     areas = {law: area(curve) for law, curve in curves.items()}
@@ -107,7 +114,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 
 def _on_top(law: str, fixed: list[str], ends: dict[str, np.ndarray], areas: dict[str, np.ndarray]) -> list[Claim]:
-    """Whether an adaptive law is above every fixed mu."""
+    """Check that an adaptive law is above every fixed mu."""
     place, name = (
         (_PLACE, "The adaptive law") if law == _ADAPTIVE[0] else ("our check", "The law matched to Gaussian noise")
     )

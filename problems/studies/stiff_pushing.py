@@ -1,4 +1,4 @@
-"""P5: pushing through a stiff spring: gradient variance over stiffness, and where it ends."""
+"""P5: pushing through a stiff spring: gradient variance over stiffness, and its stability limit."""
 
 from __future__ import annotations
 
@@ -20,15 +20,18 @@ NOTES = (
     "Variances are traces of the covariance of one sample over all inputs.",
 )
 
-_STATES = "x1 [m]; x2 [m]; v1 [m/s]; v2 [m/s]"
-_LENGTH = 1.0
+_STATE_SIGNALS = "x1 [m]; x2 [m]; v1 [m/s]; v2 [m/s]"
+"""States of the two bodies."""
+_BODY_DISTANCE = 1.0
+"""Distance of the bodies at which they touch [m]."""
 MUS = (1e-6, 1e-4, 1e-2)
+"""mu of the barriers [J]."""
 DAMPINGS = np.array([0.1, 0.9, 0.99, 0.998])
 """Factors on the velocity: 0.1 of the authors' sweep, 0.99 and 0.998 of their task runs."""
 
 
 class Params(StudyParams):
-    """Parameters of P5: the authors' code as far as it yields the published crossing."""
+    """Parameters of P5: the authors' code, as far as it gives the published crossing."""
 
     m: float = setting(0.1, "kg", "mass of each body", CODE, above=0)
     h: float = setting(0.005, "s", "step size", CODE, above=0)
@@ -44,7 +47,7 @@ class Params(StudyParams):
 
 
 class _Pushing:
-    """Cost ``sum_t (x2 - goal)²`` of rollouts of one model, and its gradients' variances."""
+    """Rollouts of one model with cost ``sum_t (x2 - goal)²``, and their gradients' variances."""
 
     def __init__(self, params: Params, step: Step) -> None:
         self._params, self._step = params, step
@@ -60,7 +63,7 @@ class _Pushing:
 
     def variances(self, p: np.ndarray) -> tuple[float, float]:
         """Return the traces of the covariance of FoBG and of ZoBG with the zero-noise baseline."""
-        start, theta = np.array([0.0, _LENGTH, 0.0, 0.0]), np.full((self._params.N, 1), 0.0)
+        start, theta = np.array([0.0, _BODY_DISTANCE, 0.0, 0.0]), np.full((self._params.N, 1), 0.0)
         theta += self._params.u0
         quiet = self._rollout(start, theta, p, gradient=False).cost[0]
         moments = self._rollout.moments(
@@ -77,27 +80,27 @@ class _Pushing:
 
 
 def limit(params: Params) -> float:
-    """Stiffness from which semi-implicit integration of the spring diverges: ``m (1 + c)/h²``."""
+    """Return the stiffness from which semi-implicit integration diverges: ``m (1 + c)/h²``."""
     return params.m * (1 + params.c) / params.h**2
 
 
 def _sweep(params: Params, k: np.ndarray) -> np.ndarray:
-    """Variances of FoBG and ZoBG at stiffnesses ``k`` (n,): (n, 2)."""
+    """Compute variances of FoBG and ZoBG at stiffnesses ``k`` (n,): (n, 2)."""
     model = _Pushing(params, Exact().close(pushing_system(1.0, *_arguments(params))))
     with np.errstate(all="ignore"):
         return np.array([model.variances(np.array([value])) for value in k])
 
 
 def _arguments(params: Params) -> tuple[float, float, float, float]:
-    return params.m, params.c, params.h, _LENGTH
+    return params.m, params.c, params.h, _BODY_DISTANCE
 
 
 def _unstable(params: Params) -> float:
-    """Stiffness at which the spectral radius of the closed contact's step passes 1."""
+    """Return the stiffness at which the spectral radius of the closed contact's step passes 1."""
     spring = Exact().close(pushing_system(1.0, *_arguments(params)))
     # In touch by 1 mm: the spring acts, and the Jacobian is that of the closed contact.
     fine = limit(params) * np.linspace(0.5, 1.5, 2001)
-    touch = np.array([[0.001, _LENGTH, 0.0, 0.0]])
+    touch = np.array([[0.001, _BODY_DISTANCE, 0.0, 0.0]])
     jacobians = SampledStep(spring)(touch, np.zeros((1, 1)), {"k": fine}).x_by_x
     radius = np.abs(np.linalg.eigvals(jacobians)).max(axis=1)
     beyond = radius > 1 + 1e-6
@@ -105,7 +108,7 @@ def _unstable(params: Params) -> float:
 
 
 def run(params: Params) -> xr.Dataset:
-    """Variances of both estimators over k, and of the implicit model, which has no k."""
+    """Compute variances of both estimators over k, and of the implicit model, which has no k."""
     k = np.geomspace(params.k_least, params.k_most, params.points)
     penalty = _sweep(params, k)
     others = [params.model_copy(update={"c": c}) for c in DAMPINGS]
@@ -137,7 +140,7 @@ def run(params: Params) -> xr.Dataset:
 
 
 def pushing_system(k: float | None, m: float, c: float, h: float, length: float) -> ContactSystem:
-    """Two bodies on a line, pushed together: ``v+ = c v + (h/m) f``, ``x+ = x + h v+`` a step.
+    """Build two bodies on a line, pushed together: ``v+ = c v + (h/m) f``, ``x+ = x + h v+`` a step.
 
     u [N] pushes body 1 towards body 2, the gap is ``x2 - x1 - length``. With a stiffness ``k``
     [N/m] contact is the penalty method under semi-implicit integration, ``f = k max(0, -gap(x))``:
@@ -157,7 +160,7 @@ def pushing_system(k: float | None, m: float, c: float, h: float, length: float)
         E=[[0.0 if k is not None else -rate * h]],
         F=1 / table["k"] if k is not None else ca.SX(2 * rate * h),
         d=[-length],
-        states=signals(_STATES),
+        states=signals(_STATE_SIGNALS),
         inputs=signals("u [N]"),
         contacts=signals("contact [N]"),
         h=h,
@@ -165,12 +168,12 @@ def pushing_system(k: float | None, m: float, c: float, h: float, length: float)
     )
 
 
-_LIGHT = 0.99
-"""From here on the bodies keep their velocity over the spring's own time."""
+_LIGHT_DAMPING = 0.99
+"""Factor from which the bodies keep their velocity over the spring's own time."""
 
 
 def crossing(k: np.ndarray, first: np.ndarray, zeroth: np.ndarray) -> float:
-    """Stiffness at which FoBG's variance passes ZoBG's, on log axes; NaN where it does not."""
+    """Return the stiffness at which FoBG's variance passes ZoBG's, on log axes, or NaN."""
     excess = np.log(first / zeroth)
     above = np.flatnonzero(excess > 0)
     if not above.size or above[0] == 0:
@@ -181,15 +184,15 @@ def crossing(k: np.ndarray, first: np.ndarray, zeroth: np.ndarray) -> float:
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """What ex. III.7, fig. 5 and sec. IV-A say."""
+    """Return the claims of ex. III.7, fig. 5 and sec. IV-A."""
     return [*_spring(data), *_implicit(data)]
 
 
 def _spring(data: xr.Dataset) -> list[Claim]:
-    """The penalty method over stiffness, for every factor on the velocity."""
+    """Check the penalty method over stiffness, for every factor on the velocity."""
     share, c = data["share"].values, data["damping"].values
     first, zeroth = data["damped"].values.transpose(2, 0, 1)
-    light, factors = c >= _LIGHT, list(c)
+    light, factors = c >= _LIGHT_DAMPING, list(c)
     bound, unstable_at = float(data["limit"]), float(data["unstable"])
     passes = data["damped_limit"].values * [
         crossing(share, one, other) for one, other in zip(first, zeroth, strict=True)
@@ -201,7 +204,7 @@ def _spring(data: xr.Dataset) -> list[Claim]:
     grows = (growth > 1e3) & (flat < 2)
     return [
         claim("ZoBG has lower variance than FoBG as stiffness increases", "Pathologies, ex. III.7")
-        .expected(f"the curves cross below the limit, for c >= {_LIGHT:g}")
+        .expected(f"the curves cross below the limit, for c >= {_LIGHT_DAMPING:g}")
         .measured(f"c {over(factors, crosses)}: at k = " + listed(passes[crosses], ".3g") + " N/m")
         .holds(crosses[light]),
         claim("At low stiffness it is the other way round", "our check")
@@ -212,7 +215,7 @@ def _spring(data: xr.Dataset) -> list[Claim]:
         )
         .holds(below),
         claim("FoBG's variance grows with k, ZoBG's does not", "our check")
-        .expected(f"1000 times and less than twice up to {share[-1]:g} of the limit, c >= {_LIGHT:g}")
+        .expected(f"1000 times and less than twice up to {share[-1]:g} of the limit, c >= {_LIGHT_DAMPING:g}")
         .measured(
             f"c {over(factors, grows)}: FoBG up "
             + listed(growth, ".1e")

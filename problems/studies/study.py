@@ -1,4 +1,4 @@
-"""A paper's figure as a study: parameters, a run that gives data with units, claims to check."""
+"""Study of a paper's figure: parameters, a run that gives data with units, claims to check."""
 
 from __future__ import annotations
 
@@ -22,9 +22,15 @@ if TYPE_CHECKING:
     from ocp.store.checkpoint import Checkpoint
 
 WITHIN_NOISE = "within noise"
-_NOISE = 3.0
-PAPER, CODE, CHOICE = "paper", "authors' code", "our choice"
-"""Where a study's value comes from: the paper's text, its authors' public code, or nowhere."""
+"""Verdict of a claim whose margin is small."""
+_NOISE_MARGIN = 3.0
+"""Margin below which a claim is within noise, in standard errors."""
+PAPER = "paper"
+"""Origin of a value that the paper's text states."""
+CODE = "authors' code"
+"""Origin of a value that the authors' public code has."""
+CHOICE = "our choice"
+"""Origin of a value that no source states."""
 
 
 def setting(default: float, unit: str, meaning: str, origin: str = CHOICE, **limits: Unpack[Limits]) -> Any:
@@ -79,7 +85,7 @@ class Pieces:
 
 @dataclass(frozen=True)
 class Claim:
-    """One sentence of a paper beside what was measured.
+    """Sentence of a paper, and its measured verdict.
 
     ``source`` is the paper and the place in it; ``expected`` and ``measured`` are short texts with
     units, ``holds`` whether the sentence is true as it stands. Where a statistic of samples decides
@@ -159,7 +165,7 @@ def claim(sentence: str, source: str) -> Statement:
 
 @dataclass(frozen=True)
 class FigureStudy:
-    """One figure: what to run, and what the paper says about it.
+    """Study of one figure: its run, its claims and its source.
 
     ``module`` in ``problems.studies`` is loaded on first use, because that is slow and a list of
     studies needs none. It defines ``Params``; ``run(params)``, which returns pure data, where every
@@ -253,7 +259,7 @@ def dataset(variables: Mapping[str, Any], coordinates: Mapping[str, Any]) -> xr.
 
 
 def share_margin(marks: ArrayLike, least: float) -> float:
-    """How far the share of ``marks`` lies above ``least``, in binomial standard errors at that."""
+    """Return the distance of the share of ``marks`` from ``least``, in binomial standard errors at ``least``."""
     truths = np.asarray(marks, dtype=float)
     return float((truths.sum() - least * truths.size) / np.sqrt(least * (1 - least) * truths.size))
 
@@ -289,7 +295,7 @@ def verdict(holds: bool, margin: float | None = None) -> str:
 
     Other seeds, or another processor's rounding, may turn what is within noise.
     """
-    if margin is not None and abs(margin) < _NOISE:
+    if margin is not None and abs(margin) < _NOISE_MARGIN:
         return WITHIN_NOISE
     return "holds" if holds else "does not hold"
 

@@ -1,4 +1,4 @@
-"""A4: policies for machines trained by seven algorithms, judged under the exact law."""
+"""A4: policies for machines, trained by seven algorithms and evaluated under the exact law."""
 
 from __future__ import annotations
 
@@ -59,11 +59,13 @@ RESUMES = True
 
 
 TASKS = ("hopper", "half-cheetah")
+"""Tasks that policies are trained on."""
 POINTS = 60
+"""Points along each axis of the returns."""
 HIDDEN = (32, 32)
 """Layers of the networks that are trained and fitted to plans."""
 EPISODES = 16
-"""Of each judgement."""
+"""Episodes of each evaluation."""
 
 
 @dataclass(frozen=True)
@@ -77,25 +79,32 @@ class Method:
     """Whether it begins at a policy fitted to plans."""
 
 
-_SHARP, _ABS = Barrier(mu=1e-10), Adaptive("quartic")
-NETWORK, SHOWN = "FOPG-ABS, network", "the same, from plans"
+_SHARP_LAW = Barrier(mu=1e-10)
+"""Law that stands for the exact one in gradients."""
+_ABS_LAW = Adaptive("quartic")
+"""The paper's adaptive law."""
+NETWORK = "FOPG-ABS, network"
+"""Method whose network begins at random weights."""
+SHOWN = "the same, from plans"
+"""Method whose network begins at plans."""
 MODEL_BASED = "MBPO"
-"""Whose updates a step cost too much to spend the budget; it has iterations instead."""
+"""Method with iterations instead of the budget: its updates a step take too long."""
 METHODS = {
-    "FOPG-ABS": Method("fopg", _ABS),
-    "FOPG": Method("fopg", _SHARP),
-    "ZOPG": Method("zopg", _SHARP),
-    "ARS": Method("ars", _SHARP),
-    "Total propagation": Method("total-propagation", _SHARP),
-    "AoBG": Method("aobg", _SHARP),
-    MODEL_BASED: Method("mbpo", _SHARP, hidden=HIDDEN),
-    NETWORK: Method("fopg", _ABS, hidden=HIDDEN),
-    SHOWN: Method("fopg", _ABS, hidden=HIDDEN, shown=True),
+    "FOPG-ABS": Method("fopg", _ABS_LAW),
+    "FOPG": Method("fopg", _SHARP_LAW),
+    "ZOPG": Method("zopg", _SHARP_LAW),
+    "ARS": Method("ars", _SHARP_LAW),
+    "Total propagation": Method("total-propagation", _SHARP_LAW),
+    "AoBG": Method("aobg", _SHARP_LAW),
+    MODEL_BASED: Method("mbpo", _SHARP_LAW, hidden=HIDDEN),
+    NETWORK: Method("fopg", _ABS_LAW, hidden=HIDDEN),
+    SHOWN: Method("fopg", _ABS_LAW, hidden=HIDDEN, shown=True),
 }
+"""All methods, in the order of the data."""
 
 
 class Params(StudyParams):
-    """Parameters of A4; the paper states none but the number of seeds."""
+    """Parameters of A4; the paper states only the number of seeds."""
 
     runs: int = setting(5, "1", "seeds of each algorithm and task", least=2)
     kilosteps: int = setting(200, "1", "thousand simulated steps of each run", least=1)
@@ -105,7 +114,7 @@ class Params(StudyParams):
 
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
-    """Returns of every run over simulated steps and over time, and what the best policy does."""
+    """Compute returns of every run over simulated steps and over time, and the best policy's motion."""
     plans_shown = plans(TASKS, params.plans, pieces)
     jobs = {
         f"{task}-{name}-{r}": _job(task, METHODS[name], params, r, plans_shown[task])
@@ -159,7 +168,7 @@ def _against_plans(
     jobs: Mapping[str, TrainingJob],
     trainings: Mapping[str, Curves],
 ) -> dict[str, Any]:
-    """Returns over the steps of a plan: of plans from both guesses, and of every policy."""
+    """Compute returns over as many steps as a plan has: of both kinds of plans, and of every policy."""
     n = params.plans
     policies = {key: Policy(job.task, policy_of(trainings[key]), job.options["hidden"]) for key, job in jobs.items()}
     reached = {key: policy.returns(n) for key, policy in policies.items()}
@@ -189,7 +198,7 @@ def _against_plans(
 
 
 def _job(task: str, method: Method, params: Params, run: int, shown: list[Curves]) -> TrainingJob:
-    """A training that spends the budget, or MBPO's iterations."""
+    """Build a training that spends the budget, or MBPO's iterations."""
     seed = params.seed * 1000 + run
     start = fitted(task, shown, seed) if method.shown else None
     length: dict[str, Any] = {"budget": Budget(1000 * params.kilosteps, params.judged)}
@@ -200,34 +209,37 @@ def _job(task: str, method: Method, params: Params, run: int, shown: list[Curves
 
 
 STEPS = 20
-"""Of a plan: longer ones are not certified in minutes."""
-_COPIES, _SPREAD = 8, 0.02
-_STARTS = 31
+"""Steps of a plan: longer ones are not certified in minutes."""
+_DEMONSTRATIONS = 8
+"""Copies of each state of a plan in the demonstrations."""
+_DEMONSTRATION_SPREAD = 0.02
+"""Normal noise on the copies, in characteristic sizes."""
+_START_SEED = 31
 """Seed of the states that plans start from."""
 
 
 @dataclass(frozen=True)
 class Policy:
-    """A learned policy of a task, with the sizes of its layers."""
+    """Learned policy of a task, with the sizes of its layers."""
 
     task: str
     trained: Trained
     hidden: tuple[int, ...]
 
     def over(self, steps: int) -> Experiment:
-        """The experiment to judge it in, whatever made it."""
+        """Build the experiment that evaluates the policy over ``steps``."""
         task = registry.get(self.task, horizon=steps)
         return Experiment(task=task, algorithm=FOPG(), hidden=self.hidden, threads=1)
 
     def returns(self, n: int) -> np.ndarray:
-        """Returns (n,) over as many steps as a plan has, from the plans' starts."""
+        """Compute returns (n,) over as many steps as a plan has, from the plans' starts."""
         episodes = evaluate_from(self.over(STEPS), self.trained, EXACT, starts(self.task, n))
         return episodes.returns
 
 
 @dataclass(frozen=True)
 class PlanJob:
-    """A plan from the ``number``-th start, out of held inputs, or where a policy leads."""
+    """Plan from the ``number``-th start, guessed from constant inputs or from a policy's motion."""
 
     task: str
     number: int
@@ -235,7 +247,7 @@ class PlanJob:
 
 
 def plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
-    """Do a job; a :data:`~ocp.jobs.scheduling.Function`.
+    """Plan one start; a :data:`~ocp.jobs.scheduling.Function`.
 
     ``states`` and ``inputs`` are what the plan shows, ``returned`` and ``replayed`` its return and
     that of its inputs under the exact law, ``certified`` whether it is.
@@ -246,7 +258,7 @@ def plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
     if job.near is not None:
         guess = guess_from_policy(job.near.over(STEPS), job.near.trained)
     best = best_plan(task, x0, guess)
-    states, inputs = demonstrations([best.solution], _COPIES, _SPREAD, job.number)
+    states, inputs = demonstrations([best.solution], _DEMONSTRATIONS, _DEMONSTRATION_SPREAD, job.number)
     return {
         "states": states,
         "inputs": inputs,
@@ -257,15 +269,15 @@ def plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
 
 
 def starts(task: str, n: int) -> np.ndarray:
-    """The first ``n`` states that plans start from (n, nx)."""
+    """Return the first ``n`` states that plans start from (n, nx)."""
     task_object = registry.get(task)
-    return np.concatenate([task_object.reset(1, np.random.default_rng([_STARTS, number])) for number in range(n)])
+    return np.concatenate([task_object.reset(1, np.random.default_rng([_START_SEED, number])) for number in range(n)])
 
 
 def plans(
     tasks: tuple[str, ...], n: int, pieces: Pieces, best: Mapping[str, Policy] | None = None
 ) -> dict[str, list[dict[str, np.ndarray]]]:
-    """``n`` plans of each task, side by side, from held inputs or where ``best`` policies lead."""
+    """Compute ``n`` plans of each task, side by side, from constant inputs or ``best`` policies."""
     word = "plan" if best is None else "near"
     jobs = {
         f"{word}-{task}-{k}": PlanJob(task, k, None if best is None else best[task]) for task in tasks for k in range(n)
@@ -275,21 +287,23 @@ def plans(
 
 
 def fitted(task: str, shown: list[dict[str, np.ndarray]], seed: int) -> Trained:
-    """The network that does what plans show."""
+    """Fit a network to plans."""
     states, inputs = (np.concatenate([plan_arrays[of] for plan_arrays in shown]) for of in ("states", "inputs"))
     return fit_actions(registry.get(task), states, inputs, HIDDEN, seed)
 
 
-_SAME = 1e-2
+_EQUAL_RETURN = 1e-2
 """Relative difference up to which a plan and its replay have one return."""
 _PLACE = "ABS, sec. 7.3, fig. 4"
+"""Source of the claims of the paper."""
 _OURS = "FOPG-ABS"
-_FAST = {"hopper": 1.0, "half-cheetah": 1.5}
-"""Mean forward speed of a policy that runs [m/s]."""
+"""The paper's own method."""
+_RUNNING_SPEEDS = {"hopper": 1.0, "half-cheetah": 1.5}
+"""Least mean forward speed of a policy that runs [m/s]."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Whether the adaptive law is on top, by area and by end, and which policies run."""
+    """Return claims on FOPG with ABS, on policies that run, and on plans."""
     papers = [str(name) for name in data["algorithm"].values if name not in (NETWORK, SHOWN)]
     others = [name for name in papers if name not in (_OURS, MODEL_BASED)]
     results = []
@@ -318,12 +332,12 @@ def claims(data: xr.Dataset) -> list[Claim]:
         ]
         untrained_text = _untrained(task_data)
         results += [replace(claim, measured=claim.measured + untrained_text) for claim in rivalry]
-        running = task_data["speed"].median("run").values >= _FAST[task]
+        running = task_data["speed"].median("run").values >= _RUNNING_SPEEDS[task]
         lasting = task_data["length"].median("run").values >= 100
         speeds = ", ".join(f"{s:.2f}" for s in task_data["speed"].median("run").values)
         results.append(
             claim(f"Every algorithm's best policy runs on {task}", "our check")
-            .expected(f"half of the seeds at {_FAST[task]:g} m/s or more for 5 s, without falling")
+            .expected(f"half of the seeds at {_RUNNING_SPEEDS[task]:g} m/s or more for 5 s, without falling")
             .measured(f"{over(papers, running & lasting)}: {speeds} m/s")
             .holds(running & lasting)
         )
@@ -331,14 +345,14 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 
 def _untrained(task_data: xr.Dataset) -> str:
-    """Name the algorithms whose best policy is in every run the initial one."""
+    """Name the algorithms whose best policy is the initial one in every run."""
     initial = (task_data["best"] <= task_data["by_steps"].isel(steps=0)).all("run")
     names = ", ".join(map(str, task_data["algorithm"].values[initial.values]))
     return f"; never above their initial policy: {names}" if names else ""
 
 
 def _of_plans(task: str, task_data: xr.Dataset) -> list[Claim]:
-    """What plans are good for: a start to learn from, and a measure of what was learned."""
+    """Check plans as a start to learn from, and as a measure of policies."""
     areas = [area(task_data["by_steps"].sel(algorithm=name).values) for name in (SHOWN, NETWORK)]
     gain = difference(*areas, paired=False)
     best = task_data["replayed"].max("guess")
@@ -346,7 +360,7 @@ def _of_plans(task: str, task_data: xr.Dataset) -> list[Claim]:
     names = [str(name) for name in task_data["algorithm"].values]
     share_texts = ", ".join(f"{name} {share:.0%}" for name, share in zip(names, shares.values, strict=True))
     certified = task_data["certified"].astype(bool)
-    replays_differently = abs(task_data["planned"] - task_data["replayed"]) > _SAME * abs(task_data["replayed"])
+    replays_differently = abs(task_data["planned"] - task_data["replayed"]) > _EQUAL_RETURN * abs(task_data["replayed"])
     return [
         claim(f"On {task} a network begun at plans learns faster than one by chance", "our check")
         .expected("mean return over equal simulated steps above, bootstrap 95 %")

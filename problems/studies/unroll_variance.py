@@ -1,4 +1,4 @@
-"""A3: variance of the first-order gradient over the length of unrolls, machines in training."""
+"""A3: variance of the first-order gradient over the length of unrolls, along a training."""
 
 from __future__ import annotations
 
@@ -28,11 +28,14 @@ QUICK = {"stages": 2, "every": 1, "unrolls": 16}
 RESUMES = True
 
 TASKS = ("hopper", "half-cheetah")
+"""Tasks whose gradients are measured."""
 LAWS: dict[str, ContactLaw] = {
     **{f"mu {mu:g}": Barrier(mu=mu) for mu in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)},
     "adaptive": Adaptive("quartic"),
 }
+"""Laws that gradients are taken through, by name; mu in N s m."""
 LENGTHS = (1, 2, 3, 5, 7, 10, 15, 20)
+"""Lengths of unrolls [steps]."""
 
 
 class Params(StudyParams):
@@ -45,7 +48,7 @@ class Params(StudyParams):
 
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
-    """Variances of all laws, lengths and policies of both tasks, and Lipschitz constants."""
+    """Compute variances of all laws, lengths and policies of both tasks, and Lipschitz constants."""
     task_results = [pieces.get(task, lambda task=task: _task(task, params)) for task in tracked("tasks", TASKS)]
     every = ("task", "stage", "law", "length")
     return dataset(
@@ -104,7 +107,7 @@ def _task(task: str, params: Params) -> dict[str, np.ndarray]:
 
 
 def _visited(experiment: Experiment, trained: Trained, params: Params, stage: int) -> np.ndarray:
-    """States (n, nx) out of episodes of the policy under noise, each of them once at random."""
+    """Draw states (n, nx) from episodes of the policy under noise."""
     rng = experiment.rng(stage, "visited")
     x0 = experiment.first_states(params.unrolls, rng)
     episodes = experiment.rollouts(experiment.task.horizon, LAWS["mu 1e-10"])(
@@ -122,7 +125,7 @@ def _visited(experiment: Experiment, trained: Trained, params: Params, stage: in
 
 
 def _lipschitz(experiment: Experiment, step: StepFunction, trained: Trained, x: np.ndarray) -> float:
-    """Largest spectral norm of the step's slopes [A B] at states x under the policy."""
+    """Return the largest spectral norm of the step's slopes [A B] at states x under the policy."""
     steps, by_x, by_u = step.slopes(x, experiment.inputs(trained, x))
     is_finite = np.isfinite(steps.x_next).all(axis=1)
     step_slopes = np.concatenate([by_x[is_finite], by_u[is_finite]], axis=2)
@@ -130,7 +133,7 @@ def _lipschitz(experiment: Experiment, step: StepFunction, trained: Trained, x: 
 
 
 def _lipschitz_policy(experiment: Experiment, trained: Trained, x: np.ndarray) -> float:
-    """Largest spectral norm of the policy's slope at states x, by central differences."""
+    """Return the largest spectral norm of the policy's slope at states x, by central differences."""
     assert isinstance(experiment.policy, DensePolicy)
     columns = []
     for i in range(x.shape[1]):
@@ -142,9 +145,13 @@ def _lipschitz_policy(experiment: Experiment, trained: Trained, x: np.ndarray) -
 
 
 _PLACE = "ABS, sec. 7.2"
-_SHARP, _WIDE, _ADAPTIVE = "mu 1e-10", "mu 0.01", "adaptive"
-_LONG = 5
-"""Lengths from here on tell how the variance grows: shorter ones may meet no contact."""
+"""Source of the claims of the paper."""
+# Names of the laws with the least and the largest mu, and of the adaptive one.
+_SHARP = "mu 1e-10"
+_WIDE = "mu 0.01"
+_ADAPTIVE = "adaptive"
+_SHORTEST_FITTED = 5
+"""Least length that the growth is fitted to: shorter unrolls may meet no contact."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +168,7 @@ class Growth:
         return (self.high - self.low) / 4
 
     def above(self, other: Growth) -> float:
-        """How far the rate lies above another, in standard errors of the difference."""
+        """Return the distance of the rate from another, in standard errors of the difference."""
         return (self.rate - other.rate) / np.hypot(self.error, other.error)
 
     def __str__(self) -> str:
@@ -169,10 +176,10 @@ class Growth:
 
 
 def growth(data: xr.Dataset, task: str, law: str) -> Growth:
-    """Mean over stages of the fitted slope, with twice its standard error."""
+    """Return the mean over stages of the fitted slope, with twice its standard error."""
     variances = data["variance"].sel(task=task, law=law)
     lengths = variances["length"].values
-    chosen = lengths >= _LONG
+    chosen = lengths >= _SHORTEST_FITTED
     slopes = []
     for row in variances.transpose("stage", "length").values:
         is_fitted = chosen & (row > 0)
@@ -185,14 +192,14 @@ def growth(data: xr.Dataset, task: str, law: str) -> Growth:
 
 
 def bound_rate(data: xr.Dataset, task: str, law: str) -> float:
-    """Growth of theorem 4.4's bound a step at most: ``4 log(sqrt 2 L_f L_pi)``, both at least 1."""
+    """Return the growth of theorem 4.4's bound a step: ``4 log(sqrt 2 L_f L_pi)``, both at least 1."""
     slope = data["lipschitz"].sel(task=task, law=law).max("stage")
     policy = data["lipschitz_policy"].sel(task=task).max("stage")
     return float(4 * np.log(np.sqrt(2) * np.maximum(slope, 1) * np.maximum(policy, 1)))
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """What the text says of the figure, and how the theorem compares."""
+    """Return the claims of the figure's text, and on theorem 4.4."""
     rates = {(t, law): growth(data, t, law) for t in TASKS for law in LAWS}
     mean = data["variance"].mean("stage")
     last = mean.isel(length=-1)
@@ -208,7 +215,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
     falling = [float(constants.sel(task=t, law=_WIDE)) < float(constants.sel(task=t, law=_SHARP)) for t in TASKS]
     return [
         claim("The variance explodes with the unroll length at mu = 1e-10", _PLACE)
-        .expected(f"log variance grows from H = {_LONG} on, 95 % over policies")
+        .expected(f"log variance grows from H = {_SHORTEST_FITTED} on, 95 % over policies")
         .measured(f"{over(TASKS, exploding)}: {', '.join(str(rates[t, _SHARP]) for t in TASKS)} a step")
         .holds(exploding, margin=min(r.rate / r.error for r in (rates[t, _SHARP] for t in TASKS))),
         claim("As mu increases the variance decreases", _PLACE)

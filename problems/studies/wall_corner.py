@@ -23,7 +23,7 @@ NOTES = (
 
 @dataclass(frozen=True)
 class Wall:
-    """A wall of ``width`` and ``height`` [m] around x = ``place``; half a disc on it, or not."""
+    """Wall of ``width`` and ``height`` [m] around x = ``place``, with or without a dome on top."""
 
     place: float
     width: float
@@ -32,7 +32,7 @@ class Wall:
 
 
 def flight_step(wall: Wall, g: float, h: float) -> ca.Function:
-    """One step of (x, y, vx, vy), with a mirror reflection within it where the ball meets the wall.
+    """Build one step of (x, y, vx, vy), with a mirror reflection in it where the ball meets the wall.
 
     ``v+ = v - g h``, then along the straight way ``h v+`` up to the first impact at the fraction s
     of it, ``v+ <- v+ - 2 (v+·n) n``, and on for (1 - s) h. The normal n is (-1, 0) at the face,
@@ -73,7 +73,7 @@ def flight_step(wall: Wall, g: float, h: float) -> ca.Function:
 
 
 def _fraction(distance: ca.SX, displacement: ca.SX) -> ca.SX:
-    """``distance/way``, harmless where there is no way."""
+    """Return ``distance/displacement``, finite where the displacement is zero."""
     is_still = ca.fabs(displacement) < 1e-12
     return distance / ca.if_else(is_still, 1.0, displacement)
 
@@ -97,7 +97,7 @@ class ThrownBall(SampledObjective):
         self._both = BatchFunction(ca.Function("both", [state, tangent], [state_next, tangent_next]))
 
     def paths(self, theta: np.ndarray) -> np.ndarray:
-        """Positions (n, steps + 1, 2) of throws at ``theta`` (n,)."""
+        """Return positions (n, steps + 1, 2) of throws at ``theta`` (n,)."""
         state = self._start(theta)[0]
         positions = [state[:, :2]]
         for _ in range(self._steps):
@@ -106,26 +106,26 @@ class ThrownBall(SampledObjective):
         return np.stack(positions, axis=1)
 
     def costs(self, noise: np.ndarray) -> np.ndarray:
-        """Minus the final x at theta + noise."""
+        """Return minus the final x at theta + noise."""
         state = self._start(self.theta + noise[:, 0])[0]
         for _ in range(self._steps):
             state = self._move(state)
         return -state[:, 0]
 
     def sample_scores(self, noise: Gaussian, n: int) -> CostSamples:
-        """Costs, and w / sigma²."""
+        """Return costs, and w / sigma²."""
         w = noise.draw(n, 1, 1)[:, 0]
         return CostSamples(self.costs(w), w / noise.scales(1) ** 2)
 
     def sample_gradients(self, noise: Gaussian, n: int) -> CostSamples:
-        """Costs, and derivatives through every impact."""
+        """Return costs, and derivatives through every impact."""
         state, tangent = self._start(self.theta + noise.draw(n, 1, 1)[:, 0, 0])
         for _ in range(self._steps):
             state, tangent = self._both(state, tangent)
         return CostSamples(-state[:, 0], -tangent[:, :1])
 
     def _start(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State and its derivative by theta at the throw, (n, 4) each."""
+        """Return state and its derivative by theta at the throw, (n, 4) each."""
         angle = np.ravel(theta)
         zero = np.zeros_like(angle)
         v_x, v_y = self._v0 * np.cos(angle), self._v0 * np.sin(angle)
@@ -133,13 +133,15 @@ class ThrownBall(SampledObjective):
 
 
 SHAPES = ("rectangle", "dome")
-_HALVINGS = 5
-_FINER = 20
-"""Paths are drawn with this many times smaller steps, or an impact would not be seen to touch."""
+"""Shapes of the top of the wall."""
+_DOMES = 5
+"""Domes of the sweep, each half as wide as the last."""
+_FINER_STEPS = 20
+"""Divisor of the step for the paths drawn, which otherwise seem not to touch."""
 
 
 class Params(StudyParams):
-    """Parameters of P4, from the authors' code but for the noise, which it does not have."""
+    """Parameters of P4, from the authors' code; the noise, which it lacks, is our choice."""
 
     v0: float = setting(5.0, "m/s", "speed of the throw", CODE, above=0)
     g: float = setting(9.81, "m/s^2", "gravity", CODE, above=0)
@@ -162,11 +164,11 @@ def thrown(params: Params, dome: bool, width: float | None = None) -> ThrownBall
 
 
 def _shrinking(params: Params, corner: float) -> dict:
-    """``beta, Delta, S`` of pathologies, def. III.3, at the corner's angle as the dome narrows."""
+    """Compute ``beta, Delta, S`` of pathologies, def. III.3, at the corner's angle as the dome narrows."""
     # The event is that the dome is missed: the slope is then at most that of the rectangle.
-    width = params.width / 2.0 ** np.arange(_HALVINGS)
+    width = params.width / 2.0 ** np.arange(_DOMES)
     at_flat = thrown(params, False).at({"theta": corner})
-    noise = Gaussian(params.sigma, np.random.SeedSequence(params.seed, spawn_key=(_HALVINGS,)))
+    noise = Gaussian(params.sigma, np.random.SeedSequence(params.seed, spawn_key=(_DOMES,)))
     smooth = 1.02 * float(np.abs(at_flat.sample_gradients(noise, params.n_samples).direction).max())
     rows = []
     for index, value in enumerate(width):
@@ -196,7 +198,7 @@ def _shrinking(params: Params, corner: float) -> dict:
 
 
 def run(params: Params) -> xr.Dataset:
-    """Paths, landing objective, gradients along the angle, and domes that shrink."""
+    """Compute paths, landing objective, gradients along the angle, and domes that shrink."""
     angles, fine = np.linspace(0.68, 0.73, 15), np.linspace(0.5, 0.9, 4001)
     theta = np.linspace(params.least, params.most, params.points)
     balls = {name: thrown(params, name == "dome") for name in SHAPES}
@@ -205,7 +207,7 @@ def run(params: Params) -> xr.Dataset:
         name: sweep_decision(ball, theta, params.sigma, params.n_samples, params.seed + index)
         for index, (name, ball) in enumerate(balls.items())
     }
-    smooth = params.model_copy(update={"h": params.h / _FINER, "T": params.T * _FINER})
+    smooth = params.model_copy(update={"h": params.h / _FINER_STEPS, "T": params.T * _FINER_STEPS})
     paths = [thrown(smooth, name == "dome").paths(angles) for name in SHAPES]
     jump = np.abs(np.diff(cost["rectangle"]))
     corner = float(fine[int(jump.argmax())])
@@ -242,12 +244,12 @@ def run(params: Params) -> xr.Dataset:
 
 
 def _chance(n: int) -> float:
-    """Mean square of n scores of an unbiased estimate that chance exceeds by five deviations."""
+    """Return the mean square of n unbiased scores that chance exceeds by five deviations."""
     return 1 + 5 * np.sqrt(2 / max(n, 1))
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """What ex. III.6 and fig. 4 say."""
+    """Return the claims of ex. III.6 and fig. 4."""
     step = np.abs(np.diff(data["f"].values, axis=1)).max(axis=1)
     size = float(data["fine"][1] - data["fine"][0])
     slope_away = np.abs(data["slope"].values[1][0])

@@ -1,4 +1,4 @@
-"""C1: which contact law to plan with again at every sample, by what the closed loop costs."""
+"""C1: the cost of closed loops that plan again at every sample, by contact law."""
 
 from problems.studies.laws_in_the_loop.claims import claims
 from problems.studies.laws_in_the_loop.data import QUICK, Params, run

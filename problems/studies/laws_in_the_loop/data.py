@@ -30,24 +30,33 @@ TASKS = {
     "finger-disc": "m",
     "spinner": "m",
 }
-"""The parameter of each that the plant ``mismatch`` has otherwise."""
+"""Tasks, each with the parameter that the plant ``mismatch`` changes."""
 PLANTS = ("model", "referee", "h/4", "mismatch", "noise")
+"""Plants that the loop is closed on."""
 LAWS: dict[str, ContactLaw] = {
     "exact": Exact(),
     **{f"barrier {mu:g}": Barrier(mu=mu) for mu in (1e-1, 1e-2, 1e-3)},
     "adaptive": Adaptive(),
     "randomized": Randomized(),
 }
-"""By mu [N s m]; adaptive and randomized at their defaults."""
+"""Laws that plans are made under; mu in N s m, adaptive and randomized at their defaults."""
 FOLLOWED = ("exact", "barrier 0.01")
+"""Laws whose one plan is followed by gains or inputs."""
 FEEDBACK = tuple(f"gains, {law}" for law in FOLLOWED)
+"""Controllers that follow one plan by gains."""
 INPUTS = tuple(f"inputs, {law}" for law in FOLLOWED)
+"""Controllers that apply one plan's inputs."""
 CONTROLLERS = (*LAWS, *FEEDBACK, *INPUTS)
+"""All controllers, in the order of the data."""
 QUICK = {"tasks": 1, "seeds": 2}
-_LARGER, _HORIZONS = 1.3, 2
-_MOST = 1000.0
-"""Largest cost over the best that is told; a plant that diverged has it."""
-_TWICE = 2.0
+_MISMATCH_FACTOR = 1.3
+"""Factor on the mismatched parameter of the plant."""
+_RUN_HORIZONS = 2
+"""Length of a run, in horizons."""
+_LARGEST_RATIO = 1000.0
+"""Largest stored cost over the best; a plant that diverged has it."""
+_SURVIVAL_RATIO = 2.0
+"""Largest cost over the best of its seed at which a loop survives."""
 
 
 class Params(StudyParams):
@@ -59,7 +68,7 @@ class Params(StudyParams):
 
 
 class TaskLoops:
-    """One task, and its controllers, each built when first asked for."""
+    """Controllers of one task, each built at its first use."""
 
     def __init__(self, name: str, params: Params) -> None:
         self.name, self.params, self.problem = name, params, get(name)
@@ -76,7 +85,7 @@ class TaskLoops:
 
     @property
     def plants(self) -> list[str]:
-        """The plants that are not another one."""
+        """Plants that differ from each other."""
         alike = {
             "referee": self.problem.referee_step is self.problem.exact_step,
             "h/4": bool(step_place(self.problem.system)[0]),
@@ -84,9 +93,9 @@ class TaskLoops:
         return [plant for plant in PLANTS if not alike.get(plant)]
 
     def loop(self, name: str, plant: str) -> dict[str, np.ndarray]:
-        """Costs over one horizon and over the run (seeds, 2), ends and the time of a sample."""
+        """Simulate: costs over one horizon and over the run (seeds, 2), ends, and the time of a sample."""
         parameter, N = TASKS[self.name], self.problem.N
-        larger = {parameter: _LARGER * self.problem.parameters.defaults[parameter]}
+        larger = {parameter: _MISMATCH_FACTOR * self.problem.parameters.defaults[parameter]}
         disturbance = Disturbance(mismatch=larger if plant == "mismatch" else {})
         physics = plant if plant in ("referee", "h/4", "noise") else "exact"
         with warnings.catch_warnings():
@@ -94,7 +103,7 @@ class TaskLoops:
             warnings.simplefilter("ignore", BatchWarning)
             closed_loop = simulate(
                 self.controller(name),
-                _HORIZONS * N,
+                _RUN_HORIZONS * N,
                 physics,
                 disturbance,
                 seeds=self.params.seeds,
@@ -106,7 +115,7 @@ class TaskLoops:
 
 
 def starts(problem: Problem, params: Params) -> np.ndarray:
-    """The problem's own start and others around it, none in penetration (seeds, nx)."""
+    """Return the problem's start and others around it, none in penetration (seeds, nx)."""
     p, system = problem.parameters.values, problem.system
     nominal = np.array(problem.limits(p)[0]).ravel()
     phi = ca.SX(0) if system.phi is None else system.phi
@@ -120,7 +129,7 @@ def starts(problem: Problem, params: Params) -> np.ndarray:
 
 
 def cost_at(closed_loop: ClosedLoop, N: int) -> np.ndarray:
-    """Cost of the first ``N`` samples, with the terminal cost of the state after them (S,)."""
+    """Return the cost of the first ``N`` samples and the terminal cost of the next state (S,)."""
     x, u, stage_costs = (closed_loop.data[name].values for name in ("x", "u", "cost"))
     problem, last = closed_loop.problem, u[:, N - 1]
     terms, p = problem.cost_terms, problem.parameters.values
@@ -130,7 +139,7 @@ def cost_at(closed_loop: ClosedLoop, N: int) -> np.ndarray:
 
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
-    """All pieces of the study, those that are kept not anew."""
+    """Run every controller on every plant of every task, except finished parts."""
     names = list(TASKS)[: params.tasks]
     shape = len(names), len(PLANTS), len(CONTROLLERS)
     costs = np.full((*shape, params.seeds, 2), np.nan)
@@ -161,19 +170,19 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
 
 
 def relative(data: xr.Dataset) -> xr.DataArray:
-    """Cost over the best controller's on the same task, plant and seed; NaN where not run."""
+    """Return cost over the best controller's on the same task, plant and seed; NaN if not run."""
     ratio = data["cost"] / data["cost"].min("controller")
-    return ratio.fillna(_MOST).clip(max=_MOST).where(data["ended"].notnull())
+    return ratio.fillna(_LARGEST_RATIO).clip(max=_LARGEST_RATIO).where(data["ended"].notnull())
 
 
 def survives(data: xr.Dataset) -> xr.DataArray:
-    """Whether a cost is at most twice the best of its seed on the model; NaN where not run."""
+    """Return whether a cost is at most twice the best of its seed on the model; NaN if not run."""
     best = data["cost"].sel(plant="model", drop=True).min("controller")
-    return (data["cost"] <= _TWICE * best).astype(float).where(data["ended"].notnull())
+    return (data["cost"] <= _SURVIVAL_RATIO * best).astype(float).where(data["ended"].notnull())
 
 
 def settings(data: xr.Dataset) -> list[tuple[str, str]]:
-    """The pairs of a task and a plant that were run."""
+    """Return the pairs of a task and a plant that were run."""
     ran = data["ended"].notnull().all(["controller", "seed"]).values
     tasks, plants = data["task"].values, data["plant"].values
     return [(str(tasks[i]), str(plants[j])) for i, j in np.argwhere(ran)]

@@ -1,4 +1,4 @@
-"""What N1's data say of fig. 1 and of sec. IV-B, IV-C."""
+"""Claims of N1 on fig. 1 and on sec. IV-B and IV-C."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import xarray as xr
 
 from problems.studies.study import Claim, claim, largest, listed, over
 
-_MATCH = 1 / 2
-"""A good match: off by less than this part of the distance from what is to be told apart."""
-_MOST = 0.8
-"""Part of the sets of data in which a sentence must be true to be one about them."""
+_MATCH_SHARE = 1 / 2
+"""Error over the distance of what is compared, below which a match is good."""
+_SETS_SHARE = 0.8
+"""Share of the sets of data in which a sentence about all of them must hold."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """The pusher where data are dense and where they are few, then the block."""
+    """Return claims on the pusher with dense and with sparse data, then on the block."""
     return [*_dense(data), *_sparse(data), *_penetrating(data), *_support(data), *_rollouts(data)]
 
 
@@ -23,7 +23,7 @@ def _rms(errors: np.ndarray) -> np.ndarray:
 
 
 def _dense(data: xr.Dataset) -> list[Claim]:
-    """Dots, the average and the networks against f_sigma, in the middle and at the upper end."""
+    """Compare dots, average and networks with f_sigma, in the middle and at the upper end."""
     sigma, u, widths = data.attrs["sigma"], data["u"].values, list(data["width"].values)
     score = ((data["sampled"] - data["true_dots"]) / data["sampled_error"]).values
     # Beyond six sigma of the kink no draw tells anything, and no error either.
@@ -54,7 +54,7 @@ def _dense(data: xr.Dataset) -> list[Claim]:
         claim("Dense: so is h_sigma", "Noising data, sec. IV-B")
         .expected("within sigma of the kink, where smoothing acts, apart by less than half of it")
         .measured(f"{listed(apart, '.2g')} m of {effect:.2g} m")
-        .below(apart, _MATCH * effect),
+        .below(apart, _MATCH_SHARE * effect),
         claim("Dense: at the upper end g_sigma is off f_sigma", "our check")
         .expected("below it by 5 standard errors or more in every set")
         .measured(f"by {-end.max():.3g} or more over {end.size} sets and widths")
@@ -62,12 +62,12 @@ def _dense(data: xr.Dataset) -> list[Claim]:
         claim("Dense: there h_sigma goes with g_sigma", "our check")
         .expected("within sigma of the end less than half as far from g_sigma as from f_sigma")
         .measured(f"{listed(off_g, '.2g')} m against {listed(off_f, '.2g')} m")
-        .below(off_g, _MATCH * off_f),
+        .below(off_g, _MATCH_SHARE * off_f),
     ]
 
 
 def _sparse(data: xr.Dataset) -> list[Claim]:
-    """The pusher with few data, within the first and the last."""
+    """Check the pusher with few data, between the first and the last of them."""
     sparse_data, u, widths = data.sel(regime="sparse"), data["u"].values, data["width"].values
     commands = data["pusher_data_sparse"].values
     within = (u >= max(commands.min(), 0.0)) & (u <= commands.max())
@@ -89,19 +89,19 @@ def _sparse(data: xr.Dataset) -> list[Claim]:
             f"sparse {listed(rms[0], '.2g')} m of {effect[0]:.2g} m,"
             f" dense {listed(rms[1], '.2g')} m of {effect[1]:.2g} m"
         )
-        .below(rms, _MATCH * effect[:, None]),
+        .below(rms, _MATCH_SHARE * effect[:, None]),
         claim("Sparse: g_sigma climbs in steps", "our check")
         .expected(
             "slopes in contact below 0.5 rho and above 1.5 rho, where f_sigma has at most rho,"
-            f" in {_MOST:.0%} of the sets, up to the figure's sigma"
+            f" in {_SETS_SHARE:.0%} of the sets, up to the figure's sigma"
         )
         .measured(f"in {listed(stairs, '.0%')} at sigma = {listed(widths, 'g')} m")
-        .at_least(stairs[narrow], _MOST),
+        .at_least(stairs[narrow], _SETS_SHARE),
     ]
 
 
 def _penetrating(data: xr.Dataset) -> list[Claim]:
-    """The block with dense data, outside of the walls."""
+    """Check the block with dense data, outside of the walls."""
     dense_data, x, sigma = data.sel(regime="dense"), data["x"].values, data.attrs["sigma"]
     inside, widths = data["least_inside"].values, list(data["width"].values)
     outside = np.abs(x) > 1
@@ -119,7 +119,7 @@ def _penetrating(data: xr.Dataset) -> list[Claim]:
         claim("Dense: the average is that of uniform states", "our check")
         .expected("rms below half of sigma from the closed form")
         .measured(f"{closed:.2g} m")
-        .below(closed, _MATCH * sigma),
+        .below(closed, _MATCH_SHARE * sigma),
         claim("Dense: the network moves them inside too", "Noising data, sec. IV-C, fig. 1")
         .expected(f"up to {depth.max():g} m deep, as in the figure")
         .measured(f"up to {failing_depth / sigma:.2g} sigma; {np.mean(is_inside[outside]):.0%} of the states drawn")
@@ -136,7 +136,7 @@ def _penetrating(data: xr.Dataset) -> list[Claim]:
 
 
 def _support(data: xr.Dataset) -> list[Claim]:
-    """The block with few data: walls where the data end."""
+    """Check the block with few data beyond the ends of the data."""
     x, sigma = data["x"].values, data.attrs["sigma"]
     sparse_data, states = data.sel(regime="sparse"), data["block_data_sparse"].values
     low, high = states.min(), states.max()
@@ -162,12 +162,12 @@ def _support(data: xr.Dataset) -> list[Claim]:
         claim("Sparse: so does the network, sigma beyond the ends", "our check")
         .expected("between them, or less than half of sigma outside")
         .measured(f"{beyond / sigma:.2g} sigma outside at most")
-        .below(beyond, _MATCH * sigma),
+        .below(beyond, _MATCH_SHARE * sigma),
     ]
 
 
 def _rollouts(data: xr.Dataset) -> list[Claim]:
-    """Step after step from a penetrating state."""
+    """Check rollouts from penetrating states."""
     names = [f"{regime} {map_}" for regime in data["regime"].values for map_ in data["map"].values]
     path = np.abs(data["rollout"].values.reshape(len(names), -1, data.sizes["step"]))
     last = path[..., -1].max(axis=1) <= 1

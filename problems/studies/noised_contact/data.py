@@ -14,16 +14,21 @@ from problems.studies.shared.noised_line import LinePusher, Walls, answers, aver
 from problems.studies.study import CODE, StudyParams, dataset, setting
 
 REGIMES = ("sparse", "dense")
+"""Amounts of data."""
 STARTS = np.array([-1.6, -1.25, -1.05, 1.05, 1.25, 1.6])
 """States in penetration [m], at most six sigma deep."""
 DOTS = np.linspace(-1.4, 1.4, 29)
 """Commands at which f_sigma is sampled [m]."""
-SPARSE_STATES, SPARSE_REACH = 5, 0.5
+SPARSE_STATES = 5
+"""States of the block in sparse data."""
+SPARSE_REACH = 0.5
+"""Largest distance of these states from the middle [m]."""
 STEPS = 12
-_ROWS, _HELD_IN = 2000, 1600
-"""Rows of data, few data repeated, so that a minibatch averages over noise, and those trained on.
-
-The rest, which repeat them too, choose among the epochs: the last weights still jitter."""
+"""Steps of a rollout."""
+_TRAINING_ROWS = 2000
+"""Rows of data of a network, few data repeated, so that a minibatch averages over noise."""
+_ROWS_TRAINED_ON = 1600
+"""Rows that the network is trained on; the others choose the epoch, for the last weights still jitter."""
 
 
 class Params(StudyParams):
@@ -43,7 +48,7 @@ QUICK = {"dense": 200, "draws": 100, "networks": 1, "units": 32, "epochs": 200}
 
 
 def run(params: Params) -> xr.Dataset:
-    """Curves of fig. 1 and rollouts; sampling errors over many sets of data beside them."""
+    """Compute curves of fig. 1 and rollouts, and sampling errors over many sets of data."""
     pusher, walls, sigma = LinePusher(params.rho), Walls(), params.sigma
     rng = np.random.default_rng([params.seed, 0])
     u, x = np.linspace(-1.4, 1.4, 421), np.linspace(-2, 2, 401)
@@ -94,7 +99,7 @@ def _learned(
     f: Callable[[np.ndarray], np.ndarray],
     params: Params,
 ) -> dict[str, Any]:
-    """g_sigma, networks h_sigma over ``places`` (k,), and rms distances over the noised data."""
+    """Compute g_sigma and networks h_sigma over ``places`` (k,), and rms distances over noised data."""
     g = np.empty((len(REGIMES), len(places)))
     h = np.empty((len(REGIMES), params.networks, len(places)))
     rms, effect = np.empty(h.shape[:2]), np.empty(len(REGIMES))
@@ -126,7 +131,7 @@ def _learned(
 
 
 def _network(z: np.ndarray, y: np.ndarray, params: Params, seed: int) -> MlpModel:
-    times = max(1, _ROWS // len(z))
+    times = max(1, _TRAINING_ROWS // len(z))
     return network_of(
         np.tile(z, times),
         np.tile(y, times),
@@ -134,15 +139,15 @@ def _network(z: np.ndarray, y: np.ndarray, params: Params, seed: int) -> MlpMode
         seed,
         hidden=(params.units, params.units),
         epochs=params.epochs,
-        batch=_HELD_IN // 2,
+        batch=_ROWS_TRAINED_ON // 2,
         rate=3e-3,
-        held_out=1 - _HELD_IN / _ROWS,
+        held_out=1 - _ROWS_TRAINED_ON / _TRAINING_ROWS,
         patience=params.epochs,
     )
 
 
 def rollout(model: EwdaModel | MlpModel) -> np.ndarray:
-    """States (n_starts, STEPS + 1) from :data:`STARTS`, each the model's answer to the last."""
+    """Return states (n_starts, STEPS + 1) from :data:`STARTS`, each the model's value at the last one."""
     path = [STARTS]
     for _ in range(STEPS):
         path.append(answers(model, path[-1]))
@@ -150,6 +155,7 @@ def rollout(model: EwdaModel | MlpModel) -> np.ndarray:
 
 
 SETS = 20
+"""Sets of random data over which sampling errors are measured."""
 WIDTHS = np.array([0.05, 0.1, 0.2])
 """sigma [m], for commands in [-1, 1] m."""
 DEPTHS = np.array([0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 10.0])
@@ -157,7 +163,7 @@ DEPTHS = np.array([0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 10.0])
 
 
 def many_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[str, Any]:
-    """Distance of g_sigma from f_sigma over its standard error, slopes, states in penetration.
+    """Compute distances of g_sigma from f_sigma in standard errors, slopes, and states in penetration.
 
     A weighted mean of random data has the standard error ``|w (y - g)|/sum w``; over it g_sigma
     is off by a number of variance 1 where nothing but the choice of data parts it from f_sigma.
@@ -196,7 +202,7 @@ def many_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[st
 
 
 def _with_error(z: np.ndarray, y: np.ndarray, sigma: float, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """g_sigma at ``places`` (k,) and its standard error, for data drawn at random."""
+    """Return g_sigma at ``places`` (k,) and its standard error, for data drawn at random."""
     g = average_of(z, y, sigma).values(places[:, None])[:, 0]
     weight = np.exp(-0.5 * ((places[:, None] - z) / sigma) ** 2)
     spread = np.sqrt(np.sum((weight * (y - g[:, None])) ** 2, axis=1))
@@ -204,7 +210,7 @@ def _with_error(z: np.ndarray, y: np.ndarray, sigma: float, places: np.ndarray) 
 
 
 def _slopes(pusher: LinePusher, z: np.ndarray, sigma: float) -> tuple[float, float]:
-    """Largest and least slope over rho, in contact from sigma on and between first and last."""
+    """Return the largest and the least slope over rho, in contact from sigma on, within the data."""
     model = average_of(z, pusher.step(z), sigma)
     places = np.linspace(pusher.c + sigma, z.max(), 400)
     slope = model.jacobians(places[:, None])[1][:, 0, 0] / pusher.rho

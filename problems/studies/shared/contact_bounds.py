@@ -28,15 +28,15 @@ from problems.studies.shared.sampled_step import (
 )
 
 GROWTH_NOISE = 0.1
-"""Noise of the policy in :func:`growth`, over a standard normal one."""
+"""Standard deviation of the policy's noise in :func:`growth`."""
 
 
 CONSTANTS = ((0.0, 0.0), (-0.5, 0.0), (-1.0, 0.0), (0.0, 0.5))
-"""c1, c2 of eq. 5.1 at which thm. 5.4 is tried; the text leaves them open."""
+"""Pairs c1, c2 of eq. 5.1 at which thm. 5.4 is tested; the text leaves them open."""
 
 
 def smoothing_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
-    """Random (F, scale, z), n of each: softened solutions beside quadratures and printed forms.
+    """Compare softened solutions at n random (F, scale, z) with quadratures and printed forms, (n,) each.
 
     ``barrier``, ``gaussian``: the laws' lam less E S_0(z + w); ``mass``: integral of rho as prop.
     5.2 prints it; ``misfit``: kappa of eq. 5.1 at its best c1, c2 less the Gaussian
@@ -62,14 +62,14 @@ def smoothing_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
 
 
 def _misfit(F: float, scale: float) -> float:
-    """Misfit of eq. 5.1 over scale/F, with its sigma read as deviation or variance."""
+    """Return the misfit of eq. 5.1 over scale/F, with its sigma read as deviation or variance."""
     z = scale * np.linspace(-3, 3, 121)
     true = gaussian_contact(z, F, scale).lam
     return F / scale * min(misfit(printed_kappa(z, s), true, z) for s in (scale, scale**2))
 
 
 def theorem_5_4(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
-    """Slope errors of the model softened by eq. 5.1 as printed, beside thm. 5.4's bound.
+    """Compute slope errors of the model softened by eq. 5.1 as printed, and thm. 5.4's bound.
 
     For n random (F, sigma, z), each at every pair of :data:`CONSTANTS`: ``bias`` and ``bound``
     (len(CONSTANTS), n), for C = D = 1 and E = 0. The softened solution is the root of
@@ -96,7 +96,7 @@ def theorem_5_4(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
 
 
 def _printed_mass(F: np.ndarray, mu: np.ndarray) -> np.ndarray:
-    """Integral of S_mu'' over z, where prop. 5.2 has a density, (n,)."""
+    """Integrate S_mu'', a density by prop. 5.2, over z, (n,)."""
     positive_grid = np.geomspace(1e-5, 1e5, 4001)
     grid = np.concatenate((-positive_grid[::-1], positive_grid))
     spread = np.sqrt(F * mu)[:, None] * grid
@@ -106,7 +106,7 @@ def _printed_mass(F: np.ndarray, mu: np.ndarray) -> np.ndarray:
 
 
 def empirical_bias_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
-    """Random discrete vectors: variance, the bound of lemma III.4 and the sharp one, (n,) each.
+    """Draw n discrete vectors: variance, the bound of lemma III.4 and the sharp one, (n,) each.
 
     The event holds all outcomes but one; beta is the probability of that one, Delta as defined.
     """
@@ -125,7 +125,7 @@ def empirical_bias_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarr
 
 
 def unbiasedness(seed: int, n: int) -> dict[str, float]:
-    """First- against zeroth-order mean on ``wall-1d`` under the exact law, worst of all inputs.
+    """Compare first- and zeroth-order means on ``wall-1d`` under the exact law, over all inputs.
 
     ``z_score``: largest difference of the means over their joint standard error.
     """
@@ -144,7 +144,7 @@ def unbiasedness(seed: int, n: int) -> dict[str, float]:
 
 
 def growth(seed: int, n: int, horizons: np.ndarray, gains: np.ndarray) -> np.ndarray:
-    """First-order variance, (len(gains), len(horizons)), of ``x+ = a x + b u`` with a far wall.
+    """Compute first-order variance, (len(gains), len(horizons)), of ``x+ = a x + b u`` with a far wall.
 
     a = b = L/sqrt(2), so that the dynamics' Lipschitz constant in (x, u) is L; the policy is
     ``u = x + theta + s w``, of constant sqrt(1 + s²) in (x, w), s = :data:`GROWTH_NOISE` and w
@@ -181,6 +181,7 @@ def _costs(
 
 
 KINDS = ("symmetric", "P-matrix")
+"""Kinds of random matrices F."""
 
 
 def random_p_matrix(rng: np.random.Generator, n: int, kind: str) -> np.ndarray:
@@ -235,12 +236,12 @@ def _solver(n: int) -> SampledStep:
 
 
 def norms(matrices: np.ndarray) -> np.ndarray:
-    """Spectral norms of (k, n, n)."""
+    """Return the spectral norms of matrices (k, n, n)."""
     return np.linalg.norm(matrices, 2, axis=(1, 2))
 
 
 def theorem_4_5(reach: np.ndarray, F: np.ndarray, mu: np.ndarray, sign: int) -> np.ndarray:
-    """Bound of abs, thm. 4.5 with l(mu) *equal* to its lower bound; C = D = I, A = B = E = 0.
+    """Return the bound of abs, thm. 4.5 with l(mu) *equal* to its lower bound; C = D = I, A = B = E = 0.
 
     ``n² |I|_F² l``, ``l = e/mu + 1/|F| + sign e sqrt(1/mu² + 2/(e mu |F|))``,
     ``e = reach²/(2 |F|²)`` with ``reach`` (k,) the largest |z| of the domain, on which the bound is
@@ -257,32 +258,32 @@ def theorem_4_5(reach: np.ndarray, F: np.ndarray, mu: np.ndarray, sign: int) -> 
 
 
 def pointwise_4_5(lam: np.ndarray, mu: np.ndarray) -> np.ndarray:
-    """The same with ``l = |diag(lam)|_F²/mu`` at the point itself, from the theorem's proof."""
+    """Return thm. 4.5's bound with ``l = |diag(lam)|_F²/mu`` at the point, from the theorem's proof."""
     n = lam.shape[1]
     return n**2 * n * np.sum(lam**2, axis=1) / mu
 
 
 def definite_bound(F: np.ndarray) -> np.ndarray:
-    """``1/lambda_min(S)``, S the symmetric part of F; infinite where S is not definite."""
+    """Return ``1/lambda_min(S)``, S the symmetric part of F; infinite where S is not definite."""
     smallest_eigenvalue = np.linalg.eigvalsh((F + F.transpose(0, 2, 1)) / 2)[:, 0]
     return np.where(smallest_eigenvalue > 0, 1 / np.where(smallest_eigenvalue > 0, smallest_eigenvalue, 1), np.inf)
 
 
 def theorem_5_1(z: np.ndarray, mu: np.ndarray) -> np.ndarray:
-    """Bound of abs, thm. 5.1 for z > 0: ``|I|_F² n mu sum 1/z_i²``."""
+    """Return the bound of abs, thm. 5.1 for z > 0: ``|I|_F² n mu sum 1/z_i²``."""
     n = z.shape[1]
     return n * n * mu * np.sum(1 / z**2, axis=1)
 
 
 def corrected_5_1(z: np.ndarray, F: np.ndarray, mu: np.ndarray) -> np.ndarray:
-    """``min(1/lambda_min(S), n² mu / min z²)`` for z > 0 and S definite, else infinite."""
+    """Return ``min(1/lambda_min(S), n² mu / min z²)`` for z > 0 and S definite, else infinity."""
     n, definite = z.shape[1], definite_bound(F)
     near_contact = n**2 * mu / np.min(z, axis=1) ** 2
     return np.where(np.isfinite(definite), np.minimum(definite, near_contact), np.inf)
 
 
 def printed_a26(lam: np.ndarray, gap: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """dlam/dz by abs, eq. A.26, which couples no contacts: ``-lam_i/(gap_i + lam_i F_ii)``."""
+    """Return dlam/dz by abs, eq. A.26, which couples no contacts: ``-lam_i/(gap_i + lam_i F_ii)``."""
     diagonal = np.diagonal(F, axis1=1, axis2=2)
     diagonal_slope = -lam / (gap + lam * diagonal)
     return diagonal_slope[:, :, None] * np.eye(lam.shape[1])

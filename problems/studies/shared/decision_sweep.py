@@ -1,4 +1,4 @@
-"""An objective of one number, its smoothing and its estimated gradients, along that number."""
+"""Sweeps of one decision: an objective, its smoothing and its estimated gradients."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from ocp.gradients.estimators import SAMPLED
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.sampling import EstimatorRun, run_estimator
 
-_NODES = 4001
+_QUADRATURE_NODES = 4001
+"""Nodes of the quadrature over the noise."""
 
 
 def both_orders(objective: SampledObjective, sigma: float, n: int, seed: int, stream: int) -> list[EstimatorRun]:
-    """FoBG and ZoBG with the mean as baseline, on independent noise of a ``stream``."""
+    """Run FoBG and ZoBG with the mean as baseline, on independent noise of a ``stream``."""
     seeds = np.random.SeedSequence(seed, spawn_key=(stream,)).spawn(2)
     return [
         run_estimator(objective, SAMPLED[name], Gaussian(sigma, own_seed), n)
@@ -32,7 +33,7 @@ def sweep_decision(
     FoBG and of ZoBG with the mean as baseline; ``first_variance``, ``zeroth_variance`` (k,) of one
     sample.
     """
-    w = np.linspace(-6, 6, _NODES) * sigma
+    w = np.linspace(-6, 6, _QUADRATURE_NODES) * sigma
     weight = norm.pdf(w, 0, sigma)
     weight /= weight.sum()
     rows = []

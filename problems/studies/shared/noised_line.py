@@ -1,4 +1,4 @@
-"""Contact along a line, and what noised data make of it; sigma in metres, as no scale is applied.
+"""Contact along a line, and its averages over noised data; sigma in metres, without scaling.
 
 Two systems of noising, sec. IV: a block that a pusher moves, and a block at rest between two walls.
 """
@@ -21,12 +21,14 @@ from dynamics.systems.parameters import Signal
 from ocp.errors import InputError
 
 ORIGIN = Origin((Signal("z", "m"),), (Signal("y", "m"),))
+"""Signals of a model along the line."""
 _METRES = Normalisation(np.zeros(1), np.ones(1))
+"""Normalisation of data that stay in metres."""
 
 
 @dataclass(frozen=True)
 class LinePusher:
-    """``q+ = q + rho max(0, u - c)``: where a block at q is after a pusher was sent to u.
+    """Block pushed along a line: ``q+ = q + rho max(0, u - c)`` after a pusher was sent to u.
 
     The pusher meets it at c; ``rho = h² K/(m + h² K)`` is what a mass m leaves of the command of a
     spring K over a step h. This is noising, eq. 13, without friction, solved.
@@ -37,11 +39,11 @@ class LinePusher:
     c: float = 0.0
 
     def step(self, u: ArrayLike) -> np.ndarray:
-        """f(u) [m]."""
+        """Return f(u) [m]."""
         return self.q + self.rho * np.maximum(0, np.asarray(u) - self.c)
 
     def smoothed(self, u: ArrayLike, sigma: float) -> np.ndarray:
-        """f_sigma(u) = E f(u + w), w ~ N(0, sigma²), noising, eq. 2."""
+        """Return f_sigma(u) = E f(u + w), w ~ N(0, sigma²), noising, eq. 2."""
         scaled_distance = (np.asarray(u) - self.c) / sigma
         return self.q + self.rho * sigma * (scaled_distance * norm.cdf(scaled_distance) + norm.pdf(scaled_distance))
 
@@ -70,17 +72,17 @@ class Walls:
         return np.asarray(x) + self.displacement(x, sigma)
 
     def displacement(self, x: ArrayLike, sigma: float) -> np.ndarray:
-        """``g_sigma(x) - x = sigma (pdf(a) - pdf(b))/(cdf(b) - cdf(a))``, a, b the walls from x."""
+        """Return ``g_sigma(x) - x = sigma (pdf(a) - pdf(b))/(cdf(b) - cdf(a))``, a, b the walls from x."""
         side, ratio, mass, _, _ = self._relative_to_walls(x, sigma)
         return -side * sigma * (1 - ratio) / mass
 
     def slope(self, x: ArrayLike, sigma: float) -> np.ndarray:
-        """``dg_sigma/dx``: the variance of that normal over sigma²."""
+        """Return ``dg_sigma/dx``: the variance of that normal over sigma²."""
         _, ratio, mass, near_wall, far_wall = self._relative_to_walls(x, sigma)
         return 1 + (near_wall - far_wall * ratio) / mass - ((1 - ratio) / mass) ** 2
 
     def _relative_to_walls(self, x: ArrayLike, sigma: float) -> tuple[np.ndarray, ...]:
-        """Side of x, pdf ratio of the walls, mass between them over the nearer pdf, the walls."""
+        """Return the side of x, the walls' pdf ratio, the mass between them, and their distances in sigma."""
         # Relative to the nearer wall's density nothing underflows, however far outside x is.
         from_middle = np.asarray(x) - 0.5 * (self.low + self.high)
         half_width, distance = 0.5 * (self.high - self.low), np.abs(from_middle)
@@ -91,17 +93,17 @@ class Walls:
 
 
 def _mills(s: np.ndarray) -> np.ndarray:
-    """Upper tail of the standard normal at s over its density there."""
+    """Return the upper tail of the standard normal at s over its density there."""
     return np.sqrt(np.pi / 2) * erfcx(s / np.sqrt(2))
 
 
 def average_of(z: np.ndarray, y: np.ndarray, sigma: float) -> EwdaModel:
-    """g_sigma, noising, eq. 11, of pairs z, y (n,) [m]."""
+    """Return g_sigma, noising, eq. 11, of pairs z, y (n,) [m]."""
     return EwdaModel(z[:, None], y[:, None], _METRES, sigma, ORIGIN)
 
 
 def network_of(z: np.ndarray, y: np.ndarray, sigma: float, seed: int, **recipe: Any) -> MlpModel:
-    """h_sigma, noising, eq. 3, of pairs z, y (n,) [m].
+    """Train h_sigma, noising, eq. 3, on pairs z, y (n,) [m].
 
     ``recipe`` is that of :class:`~dynamics.learned.training.Recipe`. Raises
     :class:`~ocp.errors.InputError` where the libraries for training are not installed.
@@ -115,5 +117,5 @@ def network_of(z: np.ndarray, y: np.ndarray, sigma: float, seed: int, **recipe: 
 
 
 def answers(model: EwdaModel | MlpModel, z: ArrayLike) -> np.ndarray:
-    """The model's y (n,) at z (n,), both [m]."""
+    """Return the model's y (n,) at z (n,), both [m]."""
     return model.values(np.asarray(z, dtype=float).reshape(-1, 1))[:, 0]

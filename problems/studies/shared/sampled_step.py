@@ -1,4 +1,4 @@
-"""One contact step at many points by the laws' own graphs, and one contact over its gap."""
+"""Contact steps evaluated at many points, and one contact over its gap."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class StepValues:
 
 
 class SampledStep:
-    """A closed step, for arrays of states, inputs and parameters.
+    """A closed step evaluated at arrays of states, inputs and parameters.
 
     Derivatives are :meth:`dynamics.contact.Step.contact_jacobian` at the solved impulse.
     """
@@ -116,7 +116,7 @@ class SampledStep:
 
 @dataclass(frozen=True)
 class ScalarContact:
-    """A law's answer over z, all (n,): ``lam``, ``mu``, and total derivatives of lam by z."""
+    """Solution of one contact over z, all (n,): ``lam``, ``mu``, and total derivatives of lam by z."""
 
     lam: np.ndarray
     mu: np.ndarray
@@ -124,17 +124,18 @@ class ScalarContact:
     curvature: np.ndarray
 
 
-_BARRIER, _GAUSSIAN = Barrier(mu=1.0), Adaptive(sigma=1.0)
-"""One object each, since a law is compiled once an object; their own parameters are inputs."""
+# One object each, since a law is compiled once an object; their own parameters are inputs.
+_BARRIER = Barrier(mu=1.0)
+_GAUSSIAN = Adaptive(sigma=1.0)
 
 
 def barrier_contact(z: ArrayLike, F: ArrayLike, mu: ArrayLike) -> ScalarContact:
-    """:func:`scalar_contact` under the barrier law at constant ``mu`` [N s m]."""
+    """Evaluate :func:`scalar_contact` under the barrier law at constant ``mu`` [N s m]."""
     return scalar_contact(_BARRIER, z, F, mu=mu)
 
 
 def gaussian_contact(z: ArrayLike, F: ArrayLike, sigma: ArrayLike) -> ScalarContact:
-    """:func:`scalar_contact` under the adaptive law that is Gaussian smoothing by ``sigma`` [m]."""
+    """Evaluate :func:`scalar_contact` under the adaptive law of Gaussian smoothing by ``sigma`` [m]."""
     return scalar_contact(_GAUSSIAN, z, F, sigma=sigma)
 
 
@@ -183,7 +184,7 @@ Density = Callable[[Any], Any]
 
 
 def student(F: float, mu: float) -> Density:
-    """Return the noise that constant mu stands for: Student's t_2 of scale sqrt(2 F mu)."""
+    """Return the density of the noise of constant mu: Student's t_2 of scale sqrt(2 F mu)."""
     return lambda w: t.pdf(w, 2, 0, np.sqrt(2 * F * mu))
 
 
@@ -193,7 +194,7 @@ def gaussian(sigma: float) -> Density:
 
 
 def printed_kappa(z: np.ndarray, sigma: float | np.ndarray) -> np.ndarray:
-    """Abs, eq. 5.1 literally, c1 = c2 = 0; it has no F, and its erf lacks a half in the exponent.
+    """Return abs, eq. 5.1 as printed, c1 = c2 = 0; it has no F, and its erf lacks a half in the exponent.
 
     ``z erf(z) + exp(-z²/(2 sigma))/sqrt(pi)``, erf(y) = int_y^inf exp(-s²/sigma²)/(sqrt(2 pi)
     sigma) ds.
@@ -203,24 +204,24 @@ def printed_kappa(z: np.ndarray, sigma: float | np.ndarray) -> np.ndarray:
 
 
 def ordinary_kappa(z: np.ndarray, sigma: float | np.ndarray) -> np.ndarray:
-    """Abs, eq. 5.1 with the ordinary error function for its erf, c1 = c2 = 0."""
+    """Return abs, eq. 5.1 with the ordinary error function for its erf, c1 = c2 = 0."""
     return z * erf(z) + np.exp(-(z**2) / (2 * sigma)) / np.sqrt(np.pi)
 
 
 def misfit(printed: np.ndarray, true: np.ndarray, z: np.ndarray) -> float:
-    """Largest ``|printed + c1 z + c2 - true|`` over z (n,) at the best c1, c2 in least squares."""
+    """Return the largest ``|printed + c1 z + c2 - true|`` over z (n,) at the least-squares c1, c2."""
     rows = np.stack((z, np.ones_like(z)), axis=1)
     coefficients = np.linalg.lstsq(rows, true - printed, rcond=None)[0]
     return float(np.abs(printed + rows @ coefficients - true).max())
 
 
 def averaged_exact(z: float, F: float, density: Density) -> float:
-    """E[max(0, -(z + w))/F] by quadrature over the distribution of w."""
+    """Integrate E[max(0, -(z + w))/F] over the distribution of w."""
     return quad(lambda w: -(z + w) / F * density(w), -np.inf, -z, epsabs=1e-13)[0]
 
 
 def least_residual(z: float, F: float, sigma: float) -> float:
-    """``min E|S_0(z + w) - W w - K|`` over K and W for w ~ N(0, sigma²): delta of abs, prop. 5.3.
+    """Return ``min E|S_0(z + w) - W w - K|`` over K, W for w ~ N(0, sigma²): delta of abs, prop. 5.3.
 
     S_0 is homogeneous, so it is sigma/F times that of z/sigma.
     """
@@ -231,7 +232,7 @@ def least_residual(z: float, F: float, sigma: float) -> float:
 
 
 def linearisations(z: float, F: float, sigma: float) -> np.ndarray:
-    """Best (K, W) of S_0(z + w) ~ W w + K for w ~ N(0, sigma²): rows for |.| and for (.)²."""
+    """Fit (K, W) of S_0(z + w) ~ W w + K for w ~ N(0, sigma²): rows for |.| and for (.)²."""
     w, weight = np.polynomial.hermite_e.hermegauss(200)
     is_weighty = weight > 1e-16
     w, weight = sigma * w[is_weighty], weight[is_weighty] / weight.sum()

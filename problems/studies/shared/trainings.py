@@ -1,4 +1,4 @@
-"""Trainings of a study, done side by side, each kept as a piece."""
+"""Trainings of a study, run side by side, each stored when it is finished."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ from problems.tasks.registry import default_settings, make_algorithm
 from problems.tasks.training import TrainingJob, trained
 
 Curves = dict[str, np.ndarray]
+"""Arrays of a training, by name."""
 
 
 def job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: Any) -> TrainingJob:
-    """A training at the task's default settings, except those ``changed``."""
+    """Build a training at the task's default settings, except those ``changed``."""
     cls = choose("algorithm", algorithm, ALGORITHMS)
     values = {**default_settings(registry.spec(task), algorithm, cls), **changed}
     chosen, options = make_algorithm(cls, values)
@@ -30,7 +31,7 @@ def job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: Any) -
 
 
 def curves(jobs: Mapping[str, TrainingJob], pieces: Pieces) -> dict[str, Curves]:
-    """Every array of every training, by the key of its job; see :func:`side_by_side`.
+    """Return every array of every training, by the key of its job; see :func:`side_by_side`.
 
     Results do not depend on how many processes there are, but for ``wall_s``.
     """
@@ -38,13 +39,13 @@ def curves(jobs: Mapping[str, TrainingJob], pieces: Pieces) -> dict[str, Curves]
 
 
 def trained_curves(job: TrainingJob, tell: Report) -> Curves:
-    """Do a training; a :data:`~ocp.jobs.scheduling.Function`."""
+    """Run a training; a :data:`~ocp.jobs.scheduling.Function`."""
     data = trained(job, tell)
     return {str(name): data[name].values for name in data.data_vars}
 
 
 def side_by_side(function: Function, jobs: Mapping[str, Any], pieces: Pieces) -> dict[str, Curves]:
-    """What ``function`` gives for every job, arrays by name, by the key of the job.
+    """Return the arrays that ``function`` gives for every job, by the key of the job.
 
     Those that were kept are not redone; the others go where ``pieces`` states. Raises what a job
     raised.
@@ -64,7 +65,7 @@ def side_by_side(function: Function, jobs: Mapping[str, Any], pieces: Pieces) ->
 
 
 def interpolated(grid: np.ndarray, steps: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """``values`` over ``steps``, interpolated at the points of ``grid`` (n,).
+    """Interpolate ``values`` over ``steps`` at the points of ``grid`` (n,).
 
     Linear from one evaluation to the next; NaN before the first and after the last.
     """
@@ -73,12 +74,12 @@ def interpolated(grid: np.ndarray, steps: np.ndarray, values: np.ndarray) -> np.
 
 
 RESAMPLES = 4000
-"""How often the runs are drawn again."""
+"""Bootstrap resamples of the runs."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Mean of one over that of the other, and the interval that holds it with 95 %."""
+    """Difference of two means, and its bootstrap interval of 95 %."""
 
     mean: float
     low: float
@@ -100,7 +101,7 @@ class Difference:
 
 
 def difference(runs: np.ndarray, other_runs: np.ndarray, paired: bool = True) -> Difference:
-    """``mean(one) - mean(other)`` of runs (n,) with its percentile bootstrap.
+    """Return ``mean(runs) - mean(other_runs)`` (n,) with its percentile bootstrap.
 
     ``paired`` runs have seeds and starts in common and are drawn again together. Drawn out of seed
     0, so that the same runs give the same interval.
@@ -114,17 +115,17 @@ def difference(runs: np.ndarray, other_runs: np.ndarray, paired: bool = True) ->
 
 
 def least(gains: Iterable[Difference]) -> float:
-    """The margin of the sentence that all of ``gains`` are gains."""
+    """Return the margin of the sentence that all of ``gains`` are gains."""
     return min(gain.margin for gain in gains)
 
 
 def gained(sentence: str, source: str, expected: str, settings: Sequence[object], gains: list[Difference]) -> Claim:
-    """The claim that ``gains``, one at each of ``settings``, are all gains."""
+    """Claim that ``gains``, one at each of ``settings``, are all gains."""
     better = [gain.better for gain in gains]
     measured = f"{over(settings, better)}: {', '.join(map(str, gains))}"
     return claim(sentence, source).expected(expected).measured(measured).holds(better, margin=least(gains))
 
 
 def area(curve: np.ndarray) -> np.ndarray:
-    """Mean height of curves (..., iterations): the area under them over their length."""
+    """Return the mean height of curves (..., iterations): the area under them over their length."""
     return (curve[..., 1:] + curve[..., :-1]).mean(axis=-1) / 2

@@ -1,4 +1,4 @@
-"""What N3's data say to somebody who asks which smoothing to trust."""
+"""Claims of N3 on which smoothing to trust."""
 
 from __future__ import annotations
 
@@ -10,20 +10,22 @@ import xarray as xr
 from problems.studies.smoothings_compared.data import ANALYTIC, LEARNED, WITHIN, excess, gap
 from problems.studies.study import Claim, claim, over
 
-_PROGRESS = 0.8
-"""Part of the cost at rest that a plan saves on its own model, to have made progress."""
-_SAME = 0.01
-"""Costs that differ by no more than this are the same."""
-_SPREAD = 1.5
-"""Largest exact cost over seeds by the smallest, of plans that are about the same."""
-_MOSTLY = 0.75
-"""Share of the plans for which a sentence about all of them is said."""
-_SHARP = ("barrier", "sharp barrier", "adaptive")
-_PLACE = "our check"
+_PROGRESS_SHARE = 0.8
+"""Share of the cost at rest that a plan must save on its own model, to make progress."""
+_EQUAL_EXCESS = 0.01
+"""Relative difference of costs up to which they are equal."""
+_SEED_SPREAD = 1.5
+"""Largest over smallest exact cost over seeds, up to which plans are about the same."""
+_PLANS_SHARE = 0.75
+"""Share of the plans for which a sentence about all of them must hold."""
+_SHARP_LAWS = ("barrier", "sharp barrier", "adaptive")
+"""Analytic laws close to the exact one."""
+_OUR_CHECK = "our check"
+"""Source of claims that no paper makes."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Progress, closeness to the exact optimum, learned against analytic, and what trust does."""
+    """Return claims on progress, exact cost, learned laws, seeds, survival and trust."""
     return [*_progress(data), *_close(data), *_learned(data), *_seeds(data), *_surviving(data), *_trust(data)]
 
 
@@ -32,7 +34,7 @@ def _names(data: xr.Dataset) -> list[str]:
 
 
 def _each(names: Sequence[str], values: np.ndarray, form: str) -> str:
-    """Every name with its value: ``push-1d +1.4%, push-disc +44%``."""
+    """Write every name with its value: ``push-1d +1.4%, push-disc +44%``."""
     return ", ".join(f"{name} {format(v, form)}" for name, v in zip(names, values, strict=True))
 
 
@@ -42,14 +44,14 @@ def _middle(values: xr.DataArray) -> xr.DataArray:
 
 def _progress(data: xr.Dataset) -> list[Claim]:
     saved = _middle(1 - data["cost"].sel(motion="plan") / data["rest"])
-    expected = f"on its own model it saves {_PROGRESS:.0%} or more of the cost at rest"
+    expected = f"on its own model it saves {_PROGRESS_SHARE:.0%} or more of the cost at rest"
     results = []
     for name in ("planar-push", "planar-hand"):
         for kind, laws in (("analytic smoothing", ANALYTIC), ("learned law", LEARNED)):
             shares = saved.sel(problem=name, law=list(laws)).values
-            makes_progress = shares >= _PROGRESS
+            makes_progress = shares >= _PROGRESS_SHARE
             results.append(
-                claim(f"{name}: every {kind} makes progress from a start without contact", _PLACE)
+                claim(f"{name}: every {kind} makes progress from a start without contact", _OUR_CHECK)
                 .expected(expected)
                 .measured(_each(laws, shares, ".0%"))
                 .holds(makes_progress)
@@ -58,35 +60,35 @@ def _progress(data: xr.Dataset) -> list[Claim]:
 
 
 def _close(data: xr.Dataset) -> list[Claim]:
-    """Which laws come close to the exact optimum, and what mu does."""
+    """Compare each law's plan with the exact optimum, and plans over mu."""
     names, excesses = _names(data), _middle(excess(data))
     others = excesses.drop_sel(law="exact").min("law", skipna=False).values
     expected = f"its exact replay costs at most {WITHIN:.0%} more, on every problem"
     results = [
-        claim("No law's plan is cheaper under the exact law than the exact law's own", _PLACE)
-        .expected(f"by more than {_SAME:.0%}, on any problem")
+        claim("No law's plan is cheaper under the exact law than the exact law's own", _OUR_CHECK)
+        .expected(f"by more than {_EQUAL_EXCESS:.0%}, on any problem")
         .measured(f"cheapest of the others: {_each(names, others, '+.1%')}")
-        .at_least(others, -_SAME)
+        .at_least(others, -_EQUAL_EXCESS)
     ]
     for law in ANALYTIC:
         shares = excesses.sel(law=law).values
         is_close = shares <= WITHIN
         results.append(
-            claim(f"{law}: the plan is close to the exact optimum", _PLACE)
+            claim(f"{law}: the plan is close to the exact optimum", _OUR_CHECK)
             .expected(expected)
             .measured(_each(names, shares, "+.1%"))
             .holds(is_close)
         )
     by_mu = excesses.sel(law=["gentle barrier", "barrier", "sharp barrier"]).transpose("problem", ...)
-    falls = np.all(np.diff(by_mu.values) <= _SAME, axis=1)
+    falls = np.all(np.diff(by_mu.values) <= _EQUAL_EXCESS, axis=1)
     hand = excesses.sel(problem="planar-hand", law=list(ANALYTIC)).values
     return [
         *results,
-        claim("The smaller mu, the closer the barrier's plan is to the exact optimum", _PLACE)
-        .expected(f"the excess never rises by more than {_SAME:.0%}")
+        claim("The smaller mu, the closer the barrier's plan is to the exact optimum", _OUR_CHECK)
+        .expected(f"the excess never rises by more than {_EQUAL_EXCESS:.0%}")
         .measured(over(names, falls))
         .holds(falls),
-        claim("planar-hand: no smoothing comes close to the exact optimum", _PLACE)
+        claim("planar-hand: no smoothing comes close to the exact optimum", _OUR_CHECK)
         .expected(f"each costs more than {WITHIN:.0%} more")
         .measured(_each(ANALYTIC, hand, "+.0%"))
         .above(hand, WITHIN),
@@ -96,13 +98,13 @@ def _close(data: xr.Dataset) -> list[Claim]:
 def _learned(data: xr.Dataset) -> list[Claim]:
     names, excesses = _names(data), _middle(excess(data))
     cheapest = excesses.sel(law=list(LEARNED)).min("law", skipna=False).values
-    sharp = excesses.sel(law=list(_SHARP)).max("law", skipna=False).values
+    sharp = excesses.sel(law=list(_SHARP_LAWS)).max("law", skipna=False).values
     worse = cheapest > sharp
     clean, noised = (excesses.sel(law=f"{kind} mlp").values for kind in ("clean", "noised"))
     better = noised < clean
     return [
-        claim("Every learned law's plan costs more under the exact law than analytic ones", _PLACE)
-        .expected(f"the cheapest of them more than the dearest of {', '.join(_SHARP)}")
+        claim("Every learned law's plan costs more under the exact law than analytic ones", _OUR_CHECK)
+        .expected(f"the cheapest of them more than the dearest of {', '.join(_SHARP_LAWS)}")
         .measured(f"times the optimum: {_each(names, 1 + cheapest, '.3g')}; against {_each(names, 1 + sharp, '.3g')}")
         .holds(worse),
         claim("Noise on its data makes a network's plan cheaper under the exact law", "Noising data, sec. V-B")
@@ -113,16 +115,16 @@ def _learned(data: xr.Dataset) -> list[Claim]:
 
 
 def _seeds(data: xr.Dataset) -> list[Claim]:
-    """Whether other data, other weights at the start or other noise give another plan."""
+    """Check that other data, initial weights or noise give about the same plan."""
     replay, results = data["cost"].sel(motion="exact replay"), []
     spread = replay.max("seed", skipna=False) / replay.min("seed", skipna=False)
     for kind, laws in (("the randomized law", ("randomized",)), ("a learned law", LEARNED)):
         worst = spread.sel(law=list(laws)).max("problem", skipna=False).values
-        alike = (worst <= _SPREAD) & (data.sizes["seed"] > 1)
+        alike = (worst <= _SEED_SPREAD) & (data.sizes["seed"] > 1)
         results.append(
-            claim(f"Another seed of {kind} gives a plan of about the same exact cost", _PLACE)
+            claim(f"Another seed of {kind} gives a plan of about the same exact cost", _OUR_CHECK)
             .expected(
-                f"the dearest of {data.sizes['seed']} is at most {_SPREAD:g} times the cheapest, on every problem"
+                f"the dearest of {data.sizes['seed']} is at most {_SEED_SPREAD:g} times the cheapest, on every problem"
             )
             .measured(f"times, at worst: {_each(laws, worst, '.3g')}")
             .holds(alike)
@@ -131,7 +133,7 @@ def _seeds(data: xr.Dataset) -> list[Claim]:
 
 
 def _surviving(data: xr.Dataset) -> list[Claim]:
-    """Whether survival, which needs no exact optimum, says that a plan is good."""
+    """Check that survival, which needs no exact optimum, predicts a good plan."""
     best = data["cost"].sel(law="exact", motion="exact replay")
     trusting = data["trusting_cost"].sel(motion="exact replay") / best - 1
     analytic, learned = (
@@ -143,7 +145,7 @@ def _surviving(data: xr.Dataset) -> list[Claim]:
     for kind, shares in (("an analytic law", analytic), ("a learned law", learned)):
         n_close = int(np.sum(shares <= WITHIN))
         results.append(
-            claim(f"A surviving plan of {kind} is close to the exact optimum", _PLACE)
+            claim(f"A surviving plan of {kind} is close to the exact optimum", _OUR_CHECK)
             .expected(f"its exact replay costs at most {WITHIN:.0%} more, trust of any weight included")
             .measured(f"{n_close} of {len(shares)} surviving plans")
             .holds(0 < len(shares) == n_close)
@@ -152,7 +154,7 @@ def _surviving(data: xr.Dataset) -> list[Claim]:
 
 
 def _survivors(survives: xr.DataArray, shares: xr.DataArray) -> np.ndarray:
-    """Excesses of the plans that survive."""
+    """Return the excess costs of the plans that survive."""
     return shares.transpose(*survives.dims).values[survives.values == 1]
 
 
@@ -166,19 +168,19 @@ def _trust(data: xr.Dataset) -> list[Claim]:
     best_weights = [f"{shares[1:][i]:g}" for i in ratio.argmin(axis=1)]
     cost_ratio = plan[:, -1] / plan[:, 0]
     return [
-        claim("Trust brings the replay nearer to the plan", _PLACE)
-        .expected(f"at its largest weight the gap is smaller than without in {_MOSTLY:.0%} of plans")
+        claim("Trust brings the replay nearer to the plan", _OUR_CHECK)
+        .expected(f"at its largest weight the gap is smaller than without in {_PLANS_SHARE:.0%} of plans")
         .measured(
             f"{narrower.sum()} of {narrower.size}; medians"
             f" {_each(names, np.median(apart[-1], axis=1), '+.0%')}; without"
             f" {_each(names, np.median(apart[0], axis=1), '+.0%')}"
         )
-        .at_least(np.mean(narrower), _MOSTLY),
-        claim("Trust makes the plan cheaper under the exact law", _PLACE)
+        .at_least(np.mean(narrower), _PLANS_SHARE),
+        claim("Trust makes the plan cheaper under the exact law", _OUR_CHECK)
         .expected(f"by {WITHIN:.0%} or more, at one weight at least, on every problem")
         .measured(f"{_each(names, ratio.min(axis=1) - 1, '+.0%')}, at {', '.join(best_weights)}")
         .holds(helped),
-        claim("Too much trust gives the task up for the data", _PLACE)
+        claim("Too much trust gives the task up for the data", _OUR_CHECK)
         .expected(f"at its largest weight the plan costs {WITHIN:.0%} or more more on its own model")
         .measured(f"times: {_each(names, cost_ratio, '.3g')}")
         .at_least(cost_ratio, 1 + WITHIN),

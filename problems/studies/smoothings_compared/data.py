@@ -1,4 +1,4 @@
-"""N3: plans under every contact law, and what they cost under the exact one.
+"""N3: plans under every contact law, and their cost under the exact one.
 
 Pieces, each kept as soon as it is done: of one problem, one law and one seed the plan's cost and
 its replay's, whether it survives, iterations, and seconds of learning and of solving.
@@ -24,11 +24,12 @@ from problems.studies.shared.learned_laws import average, network, transitions
 from problems.studies.study import Pieces, StudyParams, dataset, setting
 
 PROBLEMS = ("push-1d", "push-disc", "planar-push", "planar-hand")
+"""Problems that are planned."""
 QUICK = {"seeds": 1, "data": 1000, "epochs": 1, "samples": 2}
 SHARES = (0.001, 0.01, 0.1, 1.0)
 """Weights of the data's log-density, as shares of a step's cost at rest."""
 TRUSTED = 0.001
-"""The one of them that stands among the laws: of all, its replays cost the least."""
+"""Weight that stands among the laws: its replays cost the least."""
 
 
 class Params(StudyParams):
@@ -47,7 +48,7 @@ class Params(StudyParams):
 
 
 class TaskData:
-    """One problem and one seed: data, and laws made of them, when first asked for."""
+    """Data of one problem and seed, and laws made of them, built at first use."""
 
     def __init__(self, name: str, seed: int, params: Params) -> None:
         self.name, self.seed, self.params, self.problem = name, seed, params, get(name)
@@ -56,13 +57,13 @@ class TaskData:
 
     @property
     def data(self) -> Transitions:
-        """The transitions."""
+        """Transitions of the problem."""
         if self._data is None:
             self._data = transitions(self.name, self.params.data, self.seed)
         return self._data
 
     def law(self, name: str) -> ContactLaw:
-        """The law called ``name``, but the one with trust, which starts at the one without."""
+        """Return the law called ``name``, except the one with trust, which starts at the one without."""
         params, seed = self.params, self.seed
         makers: dict[str, Callable[[], ContactLaw]] = {
             "exact": Exact,
@@ -83,7 +84,7 @@ class TaskData:
         return network(self.data, sigma, self.seed, params.epochs, params.batch)
 
     def planned(self, name: str) -> dict[str, np.ndarray]:
-        """One plan from the problem's guess."""
+        """Plan from the problem's guess."""
         _loaded()
         self._data = None
         began_s = time.process_time()
@@ -92,10 +93,10 @@ class TaskData:
         solution = solve(self.problem, law, Direct())
         if name == "ewda":
             self._bare = solution
-        return _told(solution, learned_s - began_s, time.process_time() - learned_s)
+        return _plan_row(solution, learned_s - began_s, time.process_time() - learned_s)
 
     def trusting(self, share: float) -> dict[str, np.ndarray]:
-        """One plan that stays where the data are, from the one that need not."""
+        """Plan under the law with trust, from the plan under the law without."""
         _loaded()
         if self._bare is None:
             self._bare = solve(self.problem, self.law("ewda"), Direct())
@@ -104,18 +105,18 @@ class TaskData:
         law = average(self.data, self.params.width, self.seed, beta)
         began_s = time.process_time()
         solution = solve(self.problem, law, Direct(), start=untrusting)
-        return _told(solution, 0.0, time.process_time() - began_s)
+        return _plan_row(solution, 0.0, time.process_time() - began_s)
 
 
 def rest_cost(name: str) -> float:
-    """Cost of standing still under the exact law."""
+    """Return the cost of standing still under the exact law."""
     problem = get(name)
     inputs = np.array(problem.limits(problem.parameters.values)[1]).ravel()
     return roll_out(problem, np.tile(inputs, (1, problem.N, 1)), problem.parameters.defaults).cost
 
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
-    """All pieces of the study, those that are kept not anew."""
+    """Plan under every law, and with every trust, except finished parts."""
     shape, shares = (len(PROBLEMS), len(LAWS), params.seeds), (0.0, *SHARES)
     rows = np.full((*shape, 6), np.nan)
     trust_rows = np.full((len(PROBLEMS), len(shares), params.seeds, 6), np.nan)
@@ -158,7 +159,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
 
 
 def _labelled(dims: tuple[str, ...], rows: np.ndarray, prefix: str) -> dict[str, Any]:
-    """Variables of a dataset from rows of :func:`_told`."""
+    """Return variables of a dataset from rows of :func:`_plan_row`."""
     columns = {
         "cost": ((*dims, "motion"), rows[..., :2], "1", "cost of the plan and of its replay"),
         "survives": (dims, rows[..., 2], "1", "whether the referee lets the plan survive, 1 or 0"),
@@ -168,7 +169,7 @@ def _labelled(dims: tuple[str, ...], rows: np.ndarray, prefix: str) -> dict[str,
     return {prefix + name: column for name, column in columns.items()}
 
 
-def _told(solution: Solution, learning: float, solving: float) -> dict[str, np.ndarray]:
+def _plan_row(solution: Solution, learning: float, solving: float) -> dict[str, np.ndarray]:
     costs = solution.cost, solution.audit.exact_cost
     row = [*costs, bool(solution.referee.survives), solution.iterations, learning, solving]
     return {"told": np.array(row, dtype=float)}
@@ -176,19 +177,22 @@ def _told(solution: Solution, learning: float, solving: float) -> dict[str, np.n
 
 @cache
 def _loaded() -> None:
-    """Load what the first solve loads: it belongs to none of the laws."""
+    """Load all modules of a solve, whose time belongs to none of the laws."""
     solve(get("push-1d", N=2), Exact(), Direct())
 
 
 ANALYTIC = ("gentle barrier", "barrier", "sharp barrier", "adaptive", "randomized")
+"""Smoothed laws without data."""
 LEARNED = ("ewda", "wide ewda", "trusting ewda", "clean mlp", "noised mlp")
+"""Laws learned from data."""
 LAWS = ("exact", *ANALYTIC, *LEARNED)
+"""All laws, in the order of the data."""
 DRAWN = ("randomized", *LEARNED)
-"""Those that a seed changes."""
+"""Laws that depend on the seed."""
 WITHIN = 0.1
-"""How much dearer than the exact optimum a plan's exact replay may be, to be called close to it."""
+"""Relative excess of an exact replay over the exact optimum, up to which a plan is close to it."""
 TENFOLD = 10.0
-"""How much gentler and sharper than mu the other two barriers are."""
+"""Factor between mu and those of the gentle and the sharp barrier."""
 
 
 def described(settings: Mapping[str, Any]) -> dict[str, str]:
@@ -209,12 +213,12 @@ def described(settings: Mapping[str, Any]) -> dict[str, str]:
 
 
 def excess(data: xr.Dataset) -> xr.DataArray:
-    """Exact replay over the exact law's own optimum, less one (problem, law, seed)."""
+    """Return exact replay over the exact law's own optimum, less one (problem, law, seed)."""
     best = data["cost"].sel(law="exact", motion="exact replay")
     return data["cost"].sel(motion="exact replay") / best - 1
 
 
 def gap(cost: xr.DataArray) -> xr.DataArray:
-    """How much dearer the replay is than the plan, as a share of the plan's cost."""
+    """Return replay less plan, over the plan's cost."""
     plan, replay = cost.sel(motion="plan"), cost.sel(motion="exact replay")
     return (replay - plan) / abs(plan)

@@ -1,4 +1,4 @@
-"""N2: does the object move, planned or learned from a start without contact?"""
+"""N2: plans and gains from a start without contact, through five dynamics."""
 
 from problems.studies.start_without_contact.claims import claims
 from problems.studies.start_without_contact.data import QUICK, Params, run

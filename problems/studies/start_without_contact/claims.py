@@ -1,4 +1,4 @@
-"""What N2's data say of sec. V-B."""
+"""Claims of N2 on sec. V-B."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from ocp.judge.referee import COST_SHARE
 from problems.studies.start_without_contact.data import LAST, LAWS, PROBLEMS
 from problems.studies.study import Claim, claim, listed, over
 
-_PROGRESS = 0.8
-"""Part of the object's cost at rest that a plan saves, to have made progress."""
+_OBJECT_PROGRESS = 0.8
+"""Share of the object's cost at rest that a plan must save, to make progress."""
 
 
-_SMOOTH = ("g_sigma", "h", "h_sigma")
+_SMOOTH_DYNAMICS = ("g_sigma", "h", "h_sigma")
 """Dynamics with second derivatives."""
-_FLAT = 0.01
-"""Part of the object's cost at rest that a descent saves, to have moved anything."""
+_NO_PROGRESS = 0.01
+"""Share of the object's cost at rest below which a descent moved nothing."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """What sec. V-B says of the five dynamics, and what a replay of IPOPT's plans keeps."""
+    """Return claims on the five dynamics, and on replays of IPOPT's plans."""
     return [
         claim
         for name in PROBLEMS
@@ -30,7 +30,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 
 def learned(name: str, data: xr.Dataset) -> list[Claim]:
-    """Of one problem: what Adam makes of gains through each of the five dynamics.
+    """Check the gains of one problem that Adam learns through each of the five dynamics.
 
     A comparison is of medians over seeds of the final cost, the median of the last records.
     """
@@ -48,18 +48,18 @@ def learned(name: str, data: xr.Dataset) -> list[Claim]:
     better_than_clean = [kind for kind in ("g_sigma", "h_sigma") if final[kind] < final["h"]]
     is_ahead_swept = swept.sel(swept="g_sigma") < swept.sel(swept="h_sigma")
     steps = int(data["step"].values[-1])
-    gains = {kind: float(data["gains"].sel(dynamics=kind, end="model")) for kind in _SMOOTH}
-    work = {kind: int(data["work"].sel(dynamics=kind)) for kind in _SMOOTH}
-    better = [gains[k] <= (1 + COST_SHARE) * on_model[k] and work[k] < steps for k in _SMOOTH]
-    work_texts = ", ".join(f"{k} {gains[k]:.4g} after {work[k]}, Adam {on_model[k]:.4g}" for k in _SMOOTH)
+    gains = {kind: float(data["gains"].sel(dynamics=kind, end="model")) for kind in _SMOOTH_DYNAMICS}
+    work = {kind: int(data["work"].sel(dynamics=kind)) for kind in _SMOOTH_DYNAMICS}
+    better = [gains[k] <= (1 + COST_SHARE) * on_model[k] and work[k] < steps for k in _SMOOTH_DYNAMICS]
+    work_texts = ", ".join(f"{k} {gains[k]:.4g} after {work[k]}, Adam {on_model[k]:.4g}" for k in _SMOOTH_DYNAMICS)
     rest_cost = float(data["cost"].sel(law="exact", of="at rest"))
     saved = 1 - float(data["object"].sel(dynamics="f").isel(seed=0)) / rest_cost
-    reaches_goal = swept.sel(swept="g_sigma").isel(amount=-1).values <= (1 - _PROGRESS) * start
+    reaches_goal = swept.sel(swept="g_sigma").isel(amount=-1).values <= (1 - _OBJECT_PROGRESS) * start
     return [
         claim(f"{name}: f makes no progress with the object", place)
-        .expected(f"the object's cost falls by less than {_FLAT:.0%}")
+        .expected(f"the object's cost falls by less than {_NO_PROGRESS:.0%}")
         .measured(f"{saved:.2%} of {rest_cost:.6g}")
-        .below(abs(saved), _FLAT),
+        .below(abs(saved), _NO_PROGRESS),
         claim(f"{name}: f_sigma is best under the exact law", place)
         .expected("the lowest of the five")
         .measured(final_texts)
@@ -89,17 +89,17 @@ def learned(name: str, data: xr.Dataset) -> list[Claim]:
         .holds(h > 0.5 if name == PROBLEMS[0] else h < 0.9),
         claim(f"{name}: IPOPT finds gains as good on the model with fewer evaluations", "our check")
         .expected(f"within {COST_SHARE:.0%} of Adam's {steps} iterations, where the model is smooth")
-        .measured(f"{over(_SMOOTH, better)}: {work_texts}")
+        .measured(f"{over(_SMOOTH_DYNAMICS, better)}: {work_texts}")
         .holds(better),
         claim(f"{name}: what is learned through g_sigma works under the exact law", "our check")
-        .expected(f"{_PROGRESS:.0%} of the cost are saved at every width, with all data")
+        .expected(f"{_OBJECT_PROGRESS:.0%} of the cost are saved at every width, with all data")
         .measured(over(list(widths), reaches_goal))
         .holds(reaches_goal),
     ]
 
 
 def open_loop(name: str, data: xr.Dataset) -> list[Claim]:
-    """Of one problem: stuck under the exact law, moved under the smoothed ones, replayed."""
+    """Check the plans of one problem under the exact and the smoothed laws, and their replays."""
     place = "Noising data, sec. V-B and fig. 2"
     smooth = [law for law in LAWS if law != "exact"]
     rest_cost, stuck, _ = (float(v) for v in data["cost"].sel(law="exact"))
@@ -109,8 +109,8 @@ def open_loop(name: str, data: xr.Dataset) -> list[Claim]:
     dearer = (replay - plan) / np.abs(plan)
     keeps_cost = dearer <= COST_SHARE
     others = [law for law in smooth if law != "randomized"]
-    makes_progress = [fall[law] >= _PROGRESS for law in others]
-    expected = f"the object's cost falls by {_PROGRESS:.0%} or more"
+    makes_progress = [fall[law] >= _OBJECT_PROGRESS for law in others]
+    expected = f"the object's cost falls by {_OBJECT_PROGRESS:.0%} or more"
     return [
         claim(f"{name}: the exact dynamics make no progress from a start without contact", place)
         .expected("the object's cost as at rest")
@@ -119,7 +119,7 @@ def open_loop(name: str, data: xr.Dataset) -> list[Claim]:
         claim(f"{name}: randomized smoothing makes progress", place)
         .expected(expected)
         .measured(f"{fall['randomized']:.1%}")
-        .at_least(fall["randomized"], _PROGRESS),
+        .at_least(fall["randomized"], _OBJECT_PROGRESS),
         claim(f"{name}: so do the barrier and the adaptive law", "our check")
         .expected(expected)
         .measured(f"{over(others, makes_progress)}: " + ", ".join(f"{fall[law]:.1%}" for law in others))

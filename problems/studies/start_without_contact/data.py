@@ -30,9 +30,11 @@ from problems.studies.start_without_contact.dynamics import (
 from problems.studies.study import CODE, Pieces, StudyParams, dataset, setting
 
 SWEPT = ("g_sigma", "h_sigma")
+"""Learned dynamics that are swept over width and amount."""
 WIDTHS = (0.05, 0.1, 0.2, 0.4)
+"""Noise on the data in their scales."""
 LAST = 5
-"""Records whose median is the final cost: with fresh noise the last alone is a draw."""
+"""Last records whose median is the final cost: with fresh noise one alone is a draw."""
 
 
 class Params(StudyParams):
@@ -52,20 +54,20 @@ class Params(StudyParams):
 
 
 class _TaskData:
-    """Transitions and laws of one problem, made when first asked for."""
+    """Transitions and laws of one problem, built at first use."""
 
     def __init__(self, name: str, params: Params) -> None:
         self.problem, self.params, self.name = get(name), params, name
         self._data: dict[tuple[int, int], Transitions] = {}
 
     def data(self, n: int, seed: int) -> Transitions:
-        """n transitions of a seed."""
+        """Return n transitions of a seed."""
         if (n, seed) not in self._data:
             self._data = {(n, seed): transitions(self.name, n, seed)}
         return self._data[n, seed]
 
     def law(self, kind: str, sigma: float, n: int, seed: int) -> ContactLaw:
-        """One of the five dynamics."""
+        """Return one of the five dynamics."""
         params, step = self.params, self.problem.exact_step
         data = self.data(n, seed)
         return dynamics(kind, data, sigma, params.epochs, seed, step, params.draws)
@@ -75,7 +77,7 @@ QUICK = {"seeds": 1, "data": 1000, "draws": 10, "steps": 100, "epochs": 1}
 
 
 def run(params: Params, pieces: Pieces) -> xr.Dataset:
-    """All pieces of the study, those that are kept not anew."""
+    """Plan and learn both problems through all dynamics, except finished parts."""
     variables, coordinates = labelled(pieces.get("plans", lambda: planned(params)))
     sources = {name: _TaskData(name, params) for name in PROBLEMS}
     variables |= _learned(params, pieces, sources) | _swept(params, pieces, sources)
@@ -95,7 +97,7 @@ def _amounts(params: Params) -> list[int]:
 
 
 def _learned(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> dict[str, Any]:
-    """Adam's costs over iterations and seeds, the object's in the end, and IPOPT's gains."""
+    """Collect Adam's costs over iterations and seeds, the object's final cost, and IPOPT's gains."""
     records, nodes = params.steps // EVERY + 1, 21
     shape = len(PROBLEMS), len(DYNAMICS)
     learned = np.full((*shape, params.seeds, records, 2), np.nan)
@@ -149,7 +151,7 @@ def _ipopt(source: _TaskData, kind: str) -> Callable[[], dict[str, np.ndarray]]:
 
 
 def _swept(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> dict[str, Any]:
-    """Final exact cost of the learned dynamics over width of noise and amount of data."""
+    """Collect the final exact cost of the learned dynamics over width of noise and amount of data."""
     amounts = _amounts(params)
     final = np.full((len(PROBLEMS), len(SWEPT), len(WIDTHS), len(amounts)), np.nan)
     task_data = list(sources.values())
@@ -162,9 +164,11 @@ def _swept(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> dic
 
 
 PROBLEMS = ("planar-push", "planar-hand")
+"""Problems that are planned and learned."""
 LAWS = ("exact", "barrier", "adaptive", "randomized")
-_NODES = 21
-"""Nodes of a plan, which all have: twenty steps."""
+"""Laws that plans are made under."""
+_PLAN_NODES = 21
+"""Nodes of every plan, of twenty steps."""
 
 
 def law_of(name: str, params: Params) -> ContactLaw:
@@ -188,7 +192,7 @@ def plan(problem: Problem, law: ContactLaw) -> Solution:
 
 
 def object_cost(name: str, x: np.ndarray) -> float:
-    """Part of the cost that looks at the object, of states x (N+1, nx); the rest weighs nothing."""
+    """Return the object's part of the cost of states x (N+1, nx), without the actuator's terms."""
     problem = get(name, w_a=0.0, w_du=0.0)
     p, no_input = problem.parameters.values, np.zeros(problem.system.nu)
     stages = [problem.cost_terms(state, no_input, no_input, 0, p) for state in x]
@@ -196,18 +200,18 @@ def object_cost(name: str, x: np.ndarray) -> float:
 
 
 def gains(name: str, solution: Solution) -> tuple[float, float, float]:
-    """Object's cost: standing still, as planned, and as replayed under the exact law."""
+    """Return the object's cost at rest, as planned, and as replayed under the exact law."""
     planned, replay = solution.data["x"].values[0], solution.data["x_replay"].values[0]
     start = np.broadcast_to(planned[0], planned.shape)
     return object_cost(name, start), object_cost(name, planned), object_cost(name, replay)
 
 
 def planned(params: Params) -> dict[str, Any]:
-    """Plan both problems under every law; object's cost of plan and replay, and the paths."""
+    """Plan both problems under every law; return the object's costs, and the paths."""
     shape = (len(PROBLEMS), len(LAWS))
     total = np.empty((*shape, 2))
     cost, iterations = np.empty((*shape, 3)), np.empty(shape, dtype=int)
-    path = np.empty((*shape, 2, _NODES, 3))
+    path = np.empty((*shape, 2, _PLAN_NODES, 3))
     status = np.empty(shape, dtype="<U16")
     for row, name in enumerate(PROBLEMS):
         for column, law in enumerate(LAWS):
@@ -222,7 +226,7 @@ def planned(params: Params) -> dict[str, Any]:
 
 
 def labelled(plans: dict[str, np.ndarray]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Variables and coordinates of a dataset from :func:`planned`."""
+    """Return variables and coordinates of a dataset from :func:`planned`."""
     dimensions = ("problem", "law")
     return {
         "cost": ((*dimensions, "of"), plans["cost"], "1", "cost of the object"),

@@ -24,11 +24,12 @@ from ocp.problem.rollout import Gains, roll_on
 from problems.studies.shared.learned_laws import average, network
 
 DYNAMICS = ("f", "f_sigma", "g_sigma", "h", "h_sigma")
+"""The five dynamics of the paper."""
 
 
 @dataclass(eq=False)
 class Bundle:
-    """``E f(z + w)`` and ``E f'(z + w)``, w ~ N(0, diag(width)²), over ``samples`` draws a query.
+    """Averages ``E f(z + w)`` and ``E f'(z + w)``, w ~ N(0, diag(width)²), over ``samples`` draws a query.
 
     Every evaluation draws anew, each draw with its mirror image, so that a slope is a sample of
     that of f_sigma (paper's eq. 7). Draws whose step was not solved are left out.
@@ -45,11 +46,11 @@ class Bundle:
         self._f, self._rng = StepFunction(self.step), np.random.default_rng(self.seed)
 
     def values(self, z: np.ndarray) -> np.ndarray:
-        """Mean next state (n, nx)."""
+        """Return the mean next state (n, nx)."""
         return self.jacobians(z)[0]
 
     def jacobians(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean next state (n, nx) and mean derivative (n, nx, nz)."""
+        """Return the mean next state (n, nx) and the mean derivative (n, nx, nz)."""
         noise = self.width * self._rng.standard_normal((len(z), self.samples // 2, self.n_in))
         z_noised = (z[:, None] + np.concatenate([noise, -noise], axis=1)).reshape(-1, self.n_in)
         steps, *derivatives = self._f.slopes(z_noised[:, : self.n_out], z_noised[:, self.n_out :])
@@ -58,12 +59,12 @@ class Bundle:
         return np.nanmean(steps.x_next.reshape(shape), axis=1), np.nanmean(slopes, axis=1)
 
     def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Of no use: the exact step's second derivatives are zero but at its kinks."""
+        """Raise ``NotImplementedError``: the exact step's second derivatives are zero but at its kinks."""
         raise NotImplementedError("bundled gradients cannot be differentiated again; use Adam")
 
 
 class Bundled(ContactLaw):
-    """The law of a :class:`Bundle`."""
+    """Contact law whose step is a :class:`Bundle`."""
 
     name: ClassVar[str] = "bundled"
     summary: ClassVar[str] = "mean of exact steps at random states and inputs"
@@ -72,15 +73,15 @@ class Bundled(ContactLaw):
         self.bundle = bundle
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
-        """None."""
+        """Return an empty table."""
         return ParameterTable()
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
-        """Nothing: the pairs were solved at every draw."""
+        """Return an empty vector: the pairs were solved at every draw."""
         return ca.SX(0, 1)
 
     def closed(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
-        """The step."""
+        """Close the system by the bundle's map."""
         return LearnedStep(system, law, p, nodes, CasadiMap(self.bundle))
 
 
@@ -93,7 +94,7 @@ def dynamics(
     problem_step: Step,
     samples: int = 100,
 ) -> ContactLaw:
-    """The law called ``kind``, sigma in normalised units of the data."""
+    """Return the law called ``kind``, sigma in normalised units of the data."""
     if kind == "f":
         return Exact()
     if kind == "f_sigma":
@@ -127,19 +128,19 @@ def descend(problem: Problem, law: ContactLaw, rate: float, iterations: int) -> 
 
 
 def gains_of(problem: Problem, theta: np.ndarray) -> Gains:
-    """K (N, nu, nx) and k (N, nu) from the rows of both, step after step."""
+    """Return K (N, nu, nx) and k (N, nu) from the rows of both, step after step."""
     nx, nu = problem.system.nx, problem.system.nu
     rows = theta.reshape(problem.N, nu * nx + nu)
     return Gains(rows[:, : nu * nx].reshape(-1, nu, nx), rows[:, nu * nx :])
 
 
 def replay(problem: Problem, gains: Gains) -> np.ndarray:
-    """States (N+1, nx) of a policy under the exact law."""
+    """Return states (N+1, nx) of a policy under the exact law."""
     return roll_on(problem, gains, problem.parameters.defaults)[0].x[0]
 
 
 def by_ipopt(problem: Problem, law: ContactLaw) -> dict[str, np.ndarray]:
-    """Cost on the model and under the exact law of gains that IPOPT finds, and its iterations.
+    """Return the costs, on the model and under the exact law, of IPOPT's gains, and its iterations.
 
     The exact law is given no homotopy, which would begin under another law. NaN where there is no
     answer.

@@ -1,4 +1,4 @@
-"""N0: what noised data make of a function, computed where its theory can be checked."""
+"""N0: averages and networks of noised data, where their theory can be checked."""
 
 from problems.studies.theory_of_noising.claims import claims
 from problems.studies.theory_of_noising.data import QUICK, Params, run

@@ -1,4 +1,4 @@
-"""What N0's data say of lemmas 1 to 3 and of what sec. III and IV build on them."""
+"""Claims of N0 on lemmas 1 to 3 and on sec. III and IV."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ import xarray as xr
 
 from problems.studies.study import Claim, claim, listed, over
 
-_NEAR = 2.0
-"""Distance from an end of the data over sigma within which g_sigma is off f_sigma."""
-_FEW, _USUAL = 10.0, 0.2
-"""Neighbours below which an average is hardly one; the sigma that papers' data are given."""
-
-_MANY = 400.0
-"""Neighbours that are enough for their number to be told from one draw of data."""
+_END_DISTANCE = 2.0
+"""Distance from an end of the data over sigma, within which g_sigma differs from f_sigma."""
+_FEW_NEIGHBOURS = 10.0
+"""Effective neighbours below which data are too sparse to average."""
+_USUAL_SIGMA = 0.2
+"""Usual noise on data, over their deviation."""
+_MANY_NEIGHBOURS = 400.0
+"""Effective neighbours from which one draw of data tells their number."""
 
 
 def claims(data: xr.Dataset) -> list[Claim]:
-    """Lemmas, walls, score, networks, ends and dimensions, in this order."""
+    """Return claims on lemmas, walls, rollouts, networks, ends and dimensions."""
     return [
         *_lemmas(data),
         *_walls(data),
@@ -182,7 +183,7 @@ def _networks(data: xr.Dataset) -> list[Claim]:
 
 def _ends(data: xr.Dataset) -> list[Claim]:
     bias, distance = np.abs(data["bias"].values), data["distance"].values
-    is_near = distance <= _NEAR
+    is_near = distance <= _END_DISTANCE
     squares = bias[0] ** 2
     share = squares[:, is_near].sum(axis=-1) / squares.sum(axis=-1)
     beyond, at_end = bias[0][:, ~is_near].max(axis=-1), bias[..., 0]
@@ -211,10 +212,10 @@ def _neighbours(data: xr.Dataset) -> list[Claim]:
     counts, law = data["neighbours"].values, data["neighbours_law"].values
     dims, widths = data["dim"].values, data["normalised"].values
     # The number near one query is random with a relative deviation of its inverse square root.
-    is_many = law >= _MANY
+    is_many = law >= _MANY_NEIGHBOURS
     apart = np.abs(counts / law - 1)[is_many]
-    column = int(np.argmin(np.abs(widths - _USUAL)))
-    sparse_dimensions = dims[counts[:, column] < _FEW]
+    column = int(np.argmin(np.abs(widths - _USUAL_SIGMA)))
+    sparse_dimensions = dims[counts[:, column] < _FEW_NEIGHBOURS]
     task = data["task_neighbours"].isel(normalised=column)
     ranges_alone, tube = (task.sel(drawn=name).values for name in data["drawn"].values)
     names = [str(name) for name in data["problem"].values]
@@ -223,24 +224,24 @@ def _neighbours(data: xr.Dataset) -> list[Claim]:
         claim("The data near a query fall off with the dimension d as sigma^d", "our check")
         .expected(
             "n (2 sqrt(pi) sigma/length)^d effective neighbours, within 15 %, three deviations"
-            f" of a count of {_MANY:g}, where it is that or more"
+            f" of a count of {_MANY_NEIGHBOURS:g}, where it is that or more"
         )
         .measured(f"off by {apart.max(initial=0):.1%} at most, at {apart.size} settings")
-        .below(apart, 3 / np.sqrt(_MANY)),
+        .below(apart, 3 / np.sqrt(_MANY_NEIGHBOURS)),
         claim("Uniform data are too sparse for the average in the dimensions of pushing", "our check")
-        .expected(f"fewer than {_FEW:g} neighbours at sigma = {_USUAL:g}")
+        .expected(f"fewer than {_FEW_NEIGHBOURS:g} neighbours at sigma = {_USUAL_SIGMA:g}")
         .measured(
             f"from {listed(sparse_dimensions[:1], 'd')} dimensions on; along the task "
             + ", ".join(f"{n}: {a:.1f}" for n, a in zip(names, ranges_alone, strict=True))
             + f" in {sizes} dimensions, of {data.attrs['n_samples']} data"
         )
-        .holds(ranges_alone < _FEW, sparse_dimensions[:1] <= data["task_size"].min()),
+        .holds(ranges_alone < _FEW_NEIGHBOURS, sparse_dimensions[:1] <= data["task_size"].min()),
         claim("With half of the data in the tube there are more", "our check")
-        .expected(f"twice as many at sigma = {_USUAL:g}")
+        .expected(f"twice as many at sigma = {_USUAL_SIGMA:g}")
         .measured(", ".join(f"{n}: {a:.1f} become {t:.1f}" for n, a, t in zip(names, ranges_alone, tube, strict=True)))
         .at_least(tube, 2 * ranges_alone),
         claim("That is enough", "our check")
-        .expected(f"{_FEW:g} or more at sigma = {_USUAL:g}")
-        .measured(f"{over(names, tube >= _FEW)}: " + listed(tube, ".1f"))
-        .at_least(tube, _FEW),
+        .expected(f"{_FEW_NEIGHBOURS:g} or more at sigma = {_USUAL_SIGMA:g}")
+        .measured(f"{over(names, tube >= _FEW_NEIGHBOURS)}: " + listed(tube, ".1f"))
+        .at_least(tube, _FEW_NEIGHBOURS),
     ]

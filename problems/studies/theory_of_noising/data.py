@@ -1,4 +1,4 @@
-"""N0: what noised data make of a function, computed where its theory can be checked."""
+"""N0: averages and networks of noised data, where their theory can be checked."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ QUICK = {"epochs": 15, "repeats": 1, "n_samples": 2000}
 
 
 def run(params: Params) -> xr.Dataset:
-    """Lemmas, walls, ends, networks and neighbours, each by two independent ways."""
+    """Compute lemmas, walls, ends, networks and neighbours, each in two independent ways."""
     rho, sigma, seed = params.rho, params.sigma, params.seed
     variables = {
         # First what may be missing, so that nobody waits to hear of it.
@@ -73,20 +73,24 @@ def run(params: Params) -> xr.Dataset:
 
 
 PAIRS = np.array([32, 128, 512, 2048])
+"""Noised pairs that networks are trained on."""
 UNITS = np.array([2, 4, 16])
 """Units in each of two layers."""
-_DATA, _QUERIES = 200, 2000
+_COMMANDS = 200
+"""Commands that networks learn from."""
+_NETWORK_QUERIES = 2000
+"""Points at which networks are compared with g_sigma."""
 
 
 def networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> dict[str, Any]:
-    """Root mean square of h_sigma - g_sigma over the noised data, of the same 200 commands.
+    """Compute the root mean square of h_sigma - g_sigma over noised data of the same 200 commands.
 
     Every network sees another draw of ``n`` noised pairs, all of them in each step.
     """
     pusher, rng = LinePusher(rho), np.random.default_rng([seed, 4])
-    u = rng.uniform(-1, 1, _DATA)
+    u = rng.uniform(-1, 1, _COMMANDS)
     model = average_of(u, pusher.step(u), sigma)
-    queries = rng.choice(u, _QUERIES) + sigma * rng.standard_normal(_QUERIES)
+    queries = rng.choice(u, _NETWORK_QUERIES) + sigma * rng.standard_normal(_NETWORK_QUERIES)
     g = answers(model, queries)
     errors = np.empty((len(UNITS), len(PAIRS), repeats))
     for row, column, repeat in tracked("networks", list(np.ndindex(errors.shape))):
@@ -110,15 +114,19 @@ def networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> 
 
 
 DIMENSIONS = np.arange(1, 13)
+"""Dimensions of the uniform cloud."""
 SPREADS = np.array([0.1, 0.2, 0.4])
 """sigma over the deviation of the data in each coordinate."""
 PROBLEMS = ("planar-push", "planar-hand")
+"""Problems whose data are counted."""
 DRAWN = ("ranges alone", "half in the tube")
-_PLACES = 100
+"""Regions that transitions are drawn from."""
+_NEIGHBOUR_QUERIES = 100
+"""Points whose neighbours are counted."""
 
 
 def effective(z: np.ndarray, scales: Normalisation, sigma: float, queries: np.ndarray) -> np.ndarray:
-    """``(sum w)²/sum w²`` (k,) of the weights of data z (n, d) at ``queries`` (k, d).
+    """Return the effective neighbours ``(sum w)²/sum w²`` (k,) of data z (n, d) at ``queries`` (k, d).
 
     w² are the weights of width sigma/sqrt(2), so that both sums are densities, that lemma 3's
     denominator says the logarithm of: ``(sqrt(4 pi) sigma)^d n p_sigma²/p_(sigma/sqrt(2))``.
@@ -133,7 +141,7 @@ def effective(z: np.ndarray, scales: Normalisation, sigma: float, queries: np.nd
 
 
 def uniform_cloud(n: int, seed: int) -> dict[str, Any]:
-    """Median over queries near the middle of n points, uniform in every coordinate, deviation 1.
+    """Compute median neighbours near the middle of n points, uniform in every coordinate, deviation 1.
 
     Where many are near, it is ``n (2 sqrt(pi) sigma/length)^d``, the quotient of the integrals.
     """
@@ -141,7 +149,7 @@ def uniform_cloud(n: int, seed: int) -> dict[str, Any]:
     half_width, largest_dimension = np.sqrt(3.0), int(DIMENSIONS[-1])
     cloud, queries = (
         rng.uniform(-half_width, half_width, (n, largest_dimension)),
-        rng.uniform(-0.3, 0.3, (_PLACES, largest_dimension)),
+        rng.uniform(-0.3, 0.3, (_NEIGHBOUR_QUERIES, largest_dimension)),
     )
     counts = np.empty((len(DIMENSIONS), len(SPREADS)))
     for row, dim in enumerate(tracked("neighbours", DIMENSIONS.tolist())):
@@ -157,7 +165,7 @@ def uniform_cloud(n: int, seed: int) -> dict[str, Any]:
 
 
 def along_the_task(n: int, seed: int) -> dict[str, Any]:
-    """The papers' two problems: n transitions, and queries in the tube from start to goal."""
+    """Count neighbours in the papers' two problems: n transitions, queries in the tube to the goal."""
     shape = (len(PROBLEMS), len(DRAWN), len(SPREADS))
     counts, size = np.empty(shape), np.empty(len(PROBLEMS))
     for row, name in enumerate(tracked("neighbours along tasks", PROBLEMS)):
@@ -165,7 +173,7 @@ def along_the_task(n: int, seed: int) -> dict[str, Any]:
         problem = problem_spec.problem()
         region, step = region_of(problem_spec, problem_spec.params({}), problem), problem.exact_step
         mixed = collect(step, region, n, seed)
-        ranges, tube = _rows(collect(step, region, 2 * n, seed + 1)), slice(-_PLACES, None)
+        ranges, tube = _rows(collect(step, region, 2 * n, seed + 1)), slice(-_NEIGHBOUR_QUERIES, None)
         scales, queries = mixed.normalisation, ranges[tube]
         size[row] = queries.shape[1]
         for column, z in enumerate((ranges[:n], _rows(mixed))):

@@ -1,4 +1,4 @@
-"""Lemmas 1 to 3 and the score: averages of data against integrals, risks and differences."""
+"""Checks of lemmas 1 to 3 and of the score, by integrals, risks and differences."""
 
 from __future__ import annotations
 
@@ -19,19 +19,23 @@ SPACINGS = np.array([1.0, 0.5, 0.25, 0.125])
 COMMANDS = np.array([0.25, 0.556, 0.99])
 """rho of pushers, from heavy blocks to light ones; the second is the authors'."""
 PLACES = np.array([0.0, 0.5])
-"""Where between two data the pusher meets the block: places at which the sum errs the most."""
+"""Place of the kink between two data, over their spacing: where the sum errs the most."""
 CASES = ("3 data", "10 data", "100 data", "a ramp", "a bell")
+"""Data and densities on which risks are compared."""
 CHANGES = np.array([-0.1, -0.07, -0.04, -0.01, 0.01, 0.04, 0.07, 0.1])
 """Root mean square of a perturbation [m], with its sign."""
 CANDIDATES = ("f", "f_sigma", "nearest")
+"""Other maps whose noised risk is computed."""
 DIMENSIONS = (1, 2, 5, 11)
+"""Dimensions in which the score is checked."""
 SPREADS = np.array([0.1, 0.3, 1.0])
 """sigma over the deviation of the data."""
 _PERTURBATIONS = 40
+"""Random perturbations of g_sigma for each case and width."""
 
 
 def uniform_data() -> dict[str, Any]:
-    """Lemma 1: g_sigma of data a spacing D apart against f_sigma, both over ``rho sigma``.
+    """Check lemma 1: g_sigma of data a spacing D apart against f_sigma, both over ``rho sigma``.
 
     By the formula of Euler and Maclaurin such a sum misses its integral by ``D² B2(t)/2`` times the
     jump of the derivative, here ``rho pdf(0)/sigma``, where the kink lies t D behind a datum.
@@ -59,7 +63,7 @@ def uniform_data() -> dict[str, Any]:
 
 
 def risks(rho: float, seed: int) -> dict[str, Any]:
-    """Lemmas 2 and 3: by how much the noised risk of perturbed g_sigma, and of others, is higher.
+    """Check lemmas 2 and 3: noised risks of perturbed g_sigma, and of other maps, above that of g_sigma.
 
     The expectation over the noise is a trapezoidal sum, exact to rounding for what is smooth.
     """
@@ -104,7 +108,7 @@ def risks(rho: float, seed: int) -> dict[str, Any]:
 
 
 def _distribution(case: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Values of x in [-1, 1] m, and the chance of each: data, or nodes of a density."""
+    """Return values of x in [-1, 1] m and the chance of each: data, or nodes of a density."""
     if "data" in case:
         n = int(case.split()[0])
         # One in each n-th part, so that the pusher is in contact in some.
@@ -117,12 +121,12 @@ def _distribution(case: str, rng: np.random.Generator) -> tuple[np.ndarray, np.n
 
 
 def _risk(joint: np.ndarray, y: np.ndarray, map_values: np.ndarray) -> float:
-    """``E |g(z) - y|²``, noising, eq. 3, for the joint chances (n, k) of y (n,) and z (k,)."""
+    """Return ``E |g(z) - y|²``, noising, eq. 3, for the joint chances (n, k) of y (n,) and z (k,)."""
     return float(np.sum(joint * (map_values - y[:, None]) ** 2))
 
 
 def score(seed: int, n: int = 300, queries: int = 50) -> dict[str, Any]:
-    """``g(z) = z + sigma² grad log p_sigma(z)`` for f(x) = x, the gradient by differences of log p.
+    """Check ``g(z) = z + sigma² grad log p_sigma(z)`` for f(x) = x, by differences of log p.
 
     Central differences of fourth order and a step of 1e-3 sigma err by about 1e-11, and rounding
     by as much.
@@ -150,15 +154,17 @@ DEPTHS = np.array([0.0, 0.1, 0.3, 1, 2, 3, 5, 10, 20, 50, 100, 1000])
 DISTANCES = np.linspace(0, 6, 121)
 """Distance from the end of the data, inwards, over sigma."""
 ENDS = ("upper", "lower")
+"""Ends of uniform data."""
 GAPS = np.array([0.5, 2.0, 8.0])
 """Distance of the walls [m]."""
 SAMPLES = np.array([10, 100, 1000, 10000])
 """Random states between the walls."""
 _STATES = 4000
+"""States between the walls at which maps are evaluated."""
 
 
 def walls() -> dict[str, Any]:
-    """The block between walls: evenly spaced data against the mean of a truncated normal.
+    """Compare evenly spaced data between walls with the mean of a truncated normal.
 
     The midpoint rule misses an integral by ``D²/24`` times the change of the integrand's derivative
     between the ends; carried through the quotient, at each wall w of density k,
@@ -192,7 +198,7 @@ def _midpoint(block: Walls, x: np.ndarray, g: np.ndarray, sigma: float, spacing:
 
 
 def _outside() -> dict[str, Any]:
-    """How far inside a penetrating state is put, and how much it matters where it was."""
+    """Compute how far inside g_sigma puts a penetrating state, and its slope there."""
     inside, slope = np.empty((2, len(GAPS), len(WIDTHS), len(DEPTHS)))
     for row, gap in enumerate(GAPS):
         block = Walls(-gap / 2, gap / 2)
@@ -208,7 +214,7 @@ def _outside() -> dict[str, Any]:
 
 
 def _fixed_points() -> dict[str, Any]:
-    """Where g(x) - x changes its sign, and whether it ever leads to a wall."""
+    """Count sign changes of g(x) - x, and the share of states that move to a wall."""
     count, outwards = np.empty((2, len(GAPS), len(WIDTHS)))
     for index in np.ndindex(count.shape):
         gap, sigma = float(GAPS[index[0]]), float(WIDTHS[index[1]])
@@ -226,7 +232,7 @@ def _fixed_points() -> dict[str, Any]:
 
 
 def climbing(sigma: float, seed: int) -> dict[str, Any]:
-    """Random states between the walls as data: where rollouts end, and the density on the way."""
+    """Find the ends of rollouts with random states as data, and the growth of density along them."""
     x = np.linspace(-1, 1, _STATES)
     attractors, climb, centre = np.empty((3, len(SAMPLES)))
     for i, n in enumerate(SAMPLES):
@@ -245,7 +251,7 @@ def climbing(sigma: float, seed: int) -> dict[str, Any]:
 
 
 def near_the_ends(rho: float) -> dict[str, Any]:
-    """``(g_sigma - f_sigma)/(rho sigma)`` at distances from both ends of uniform data, 2 m long."""
+    """Compute ``(g_sigma - f_sigma)/(rho sigma)`` at distances from both ends of uniform data, 2 m long."""
     pusher, block = LinePusher(rho), Walls()
     bias = np.empty((len(ENDS), len(WIDTHS), len(DISTANCES)))
     for column, sigma in enumerate(WIDTHS):
