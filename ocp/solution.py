@@ -16,7 +16,7 @@ from dynamics.contact import ContactLaw
 from dynamics.systems import LAW_PREFIX, Signal
 from ocp.distribution import load_plugin
 from ocp.errors import InputError
-from ocp.judge.audit import Audit, signed_distances
+from ocp.judge.audit import Audit
 from ocp.judge.certificate import Certificate
 from ocp.judge.constraints import Violation, broken_constraints, describe_violations, noticeable, seen_sizes
 from ocp.judge.contact_report import least_slip
@@ -24,6 +24,7 @@ from ocp.judge.measures import Worst, between
 from ocp.judge.referee import RefereeReport
 from ocp.judge.route_report import RouteReport
 from ocp.judge.verdict import Grade, grade, headline, verdict
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, Rollout, roll_out
 from ocp.programs.solver import Status
@@ -90,10 +91,10 @@ def replayed(
     """
     x = plan["x"].values
     inputs = plan["u"].values if gains is None else gains
+    evaluation = Evaluation(problem, values)
     rolled = roll_out(problem, inputs, values, law, x[:, 0])
-    physical = problem.parameters.pack(values)
     seen = seen_sizes(problem, x)
-    distance = signed_distances(problem, rolled.x, physical)
+    distance = evaluation.signed_distances(rolled.x)
     deepest = -(rolled.gap if distance is None else distance)
     return Replay(
         data=_labelled(problem, plan, rolled, law),
@@ -104,8 +105,8 @@ def replayed(
         planned_cost=planned_cost,
         state_gap=float(np.max(np.abs(rolled.x - x))),
         penetration=max(0.0, float(np.max(deepest, initial=0.0))),
-        between=None if distance is None else between(problem, rolled.x, physical),
-        broken=noticeable(broken_constraints(problem, rolled.x, rolled.u, rolled.impulses, physical, seen)),
+        between=None if distance is None else between(evaluation, rolled.x),
+        broken=noticeable(broken_constraints(evaluation, rolled, seen)),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from ocp.continuation.events import LOCATED, Event, degenerate
 from ocp.errors import InputError
 from ocp.judge.kkt import Held, KKTCurve, regular
+from ocp.problem.evaluation import Evaluation
 from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import Branches
 from ocp.routes.homotopy import Homotopy, RouteResult, lower
@@ -225,8 +226,7 @@ class Tracker:
     def cost(self, f: float, value: float | None = None) -> float:
         """Return the problem's cost with its constant terms, from a program's, at a parameter."""
         values = {**self.session.values, self.name: self.value if value is None else value}
-        problem = self.session.problem
-        return f + problem.constant_cost(problem.parameters.pack(values))
+        return f + Evaluation(self.session.problem, values).constant_cost
 
     def jumped(self, outcome: RouteResult, value: float) -> bool:
         """Whether an outcome lies off the curve's tangent by more than twice the predicted way."""

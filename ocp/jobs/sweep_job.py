@@ -191,7 +191,7 @@ class StartResult:
 def solve_start(job: SolveJob, report: Callable[[Any], None]) -> StartResult:
     """Solve from one guess; a :data:`~ocp.jobs.scheduling.Function` that tells each stage."""
     session = cached_session(job.case)
-    guess = initial_guesses(session.problem, session.values, job.starts, job.seed)[job.number]
+    guess = initial_guesses(session.evaluation, job.starts, job.seed)[job.number]
     outcome = session.solve(progress=lambda stage: report(asdict(stage)), guess=guess, number=job.number)
     found = judged(session, outcome, job.seed)
     reformulation = next(key for key, nlp in session.nlps.items() if nlp is outcome.nlp)

@@ -9,11 +9,11 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
+from dynamics.systems import ContactSystem
 from ocp.judge.constraints import Violation, broken_constraints, noticeable, seen_sizes
 from ocp.judge.contact_report import ContactReport, ContactSummary, contact_report, largest
-from ocp.judge.measures import distances
-from ocp.problem.problem import Problem
-from ocp.problem.rollout import Rollout, roll_on, trajectory_costs
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.rollout import Rollout, roll_on
 from ocp.programs.solver import Result
 from ocp.transcription.nlp import NLP, Trajectories
 
@@ -77,18 +77,11 @@ class Audit:
     replay_broken: list[Violation] = field(default_factory=list)
 
 
-def signed_distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.ndarray | None:
-    """True signed distance phi of every contact, (S, N+1, n_phi), or None if unknown."""
-    if problem.signed_distance is None:
-        return None
-    return distances(problem, x, physical)
-
-
 def audit(
     nlp: NLP,
     result: Result,
     plan: Trajectories,
-    values: dict[str, float],
+    evaluation: Evaluation,
     p: np.ndarray,
     bounds: dict[str, np.ndarray],
 ) -> tuple[Audit, Rollout, ContactReport]:
@@ -97,36 +90,34 @@ def audit(
     Open loop: the same inputs. Feedback: the same policy from each scenario. The book is that of
     the plan's contacts.
     """
-    problem = nlp.problem
-    physical = problem.parameters.pack(values)
     inputs = plan.u if plan.gains is None else plan.gains
-    replay, unsolved = roll_on(problem, inputs, values, x0=plan.x[:, 0])
+    replay, unsolved = roll_on(evaluation, inputs, x0=plan.x[:, 0])
     sharp, closed, moved = _natural(nlp, plan)
     _, g = nlp.values(result.point.x, p)
     x_off = np.maximum(bounds["lbx"] - result.point.x, result.point.x - bounds["ubx"])
     g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"]) / nlp.natural.g
     free = np.concatenate([x_off / nlp.natural.x, _without_contact(nlp, g_off)])
-    seen = seen_sizes(problem, plan.x)
+    seen = seen_sizes(nlp.problem, plan.x)
     smallest = np.minimum(plan.lam, plan.gap)
     # A learned law has no pairs, which is not the same as pairs that are complementary.
-    pairs = nlp.step.n >= problem.system.nlam
-    book = contact_report(problem, nlp.step, plan.x, plan.u, plan.lam, plan.gap, physical)
+    pairs = nlp.step.n >= nlp.problem.system.nlam
+    book = contact_report(evaluation, nlp.step, plan)
     found = Audit(
         complementarity=largest(sharp) if pairs else float("nan"),
         complementarity_min=largest(np.abs(smallest)) if pairs else float("nan"),
         dynamics_residual=largest(moved),
         law_residual=largest(closed),
         constraint_violation=max(0.0, largest(free)),
-        penetration=_penetration(problem, plan.x, plan.gap, physical),
-        exact_penetration=_penetration(problem, replay.x, replay.gap, physical),
+        penetration=_penetration(evaluation, plan.x, plan.gap),
+        exact_penetration=_penetration(evaluation, replay.x, replay.gap),
         exact_cost=replay.cost,
         state_gap=largest(np.abs(plan.x - replay.x)),
         active_steps=int(np.sum(plan.lam > np.maximum(plan.gap, _ACTIVE))),
-        task_gradient=task_gradient(problem, replay, values),
+        task_gradient=task_gradient(evaluation, replay),
         worst=worst_constraints(nlp, result.point.x, g, bounds),
         **{name: getattr(book, name) for name in _OF_BOOK},
         replay_failed="" if unsolved is None else unsolved.brief,
-        replay_broken=noticeable(broken_constraints(problem, replay.x, replay.u, replay.impulses, physical, seen)),
+        replay_broken=noticeable(broken_constraints(evaluation, replay, seen)),
     )
     return found, replay, book
 
@@ -155,12 +146,12 @@ def _without_contact(nlp: NLP, violation: np.ndarray) -> np.ndarray:
     return violation[kept]
 
 
-def _penetration(problem: Problem, x: np.ndarray, gap: np.ndarray, physical: np.ndarray) -> float:
-    phi = signed_distances(problem, x, physical)
+def _penetration(evaluation: Evaluation, x: np.ndarray, gap: np.ndarray) -> float:
+    phi = evaluation.signed_distances(x)
     return max(0.0, largest(-(gap if phi is None else phi)))
 
 
-def task_gradient(problem: Problem, replay: Rollout, values: dict[str, float]) -> float:
+def task_gradient(evaluation: Evaluation, replay: Rollout) -> float:
     """Largest derivative of the contact part of the cost with respect to any input, relative.
 
     ``B_k' nu_{k+1} + D_k' dl/dlam`` with ``nu_k = dl/dx + A_k' nu_{k+1} + C_k' dl/dlam`` along the
@@ -169,16 +160,15 @@ def task_gradient(problem: Problem, replay: Rollout, values: dict[str, float]) -
     about: the impulses, and the states that inputs move through contact alone. An arm that goes
     back to its rest is no progress with the object. NaN where the cost depends on neither.
     """
-    mask = _moved_by_contact_alone(problem)
-    if not ((mask.any() or problem.uses_impulses) and np.all(np.isfinite(replay.x))):
+    mask = _moved_by_contact_alone(evaluation.problem.system)
+    if not ((mask.any() or evaluation.problem.uses_impulses) and np.all(np.isfinite(replay.x))):
         return float("nan")
-    largest, size = _slopes(problem, replay, values, mask)
+    largest, size = _slopes(evaluation, replay, mask)
     return largest / size if np.isfinite(size) and size > 0 else float("nan")
 
 
-def _moved_by_contact_alone(problem: Problem) -> np.ndarray:
+def _moved_by_contact_alone(system: ContactSystem) -> np.ndarray:
     """1 for every state that a contact reaches, and no input while all contacts are open."""
-    system = problem.system
     given = [system.x, system.u, system.parameters.vector]
     free = ca.Function("free", given, [system.reduced.a, system.reduced.B])
     by_x, by_u = (np.array(ca.DM(free.jac_sparsity(0, i), 1)) for i in range(2))
@@ -189,14 +179,14 @@ def _moved_by_contact_alone(problem: Problem) -> np.ndarray:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def _slopes(problem: Problem, replay: Rollout, values: dict[str, float], mask: np.ndarray) -> tuple[float, float]:
+def _slopes(evaluation: Evaluation, replay: Rollout, mask: np.ndarray) -> tuple[float, float]:
     """Largest derivative by an input of the cost on the masked states, and its slopes' sum."""
-    step = problem.exact_step
-    physical = problem.parameters.pack(values)
-    p = step.p.pack(values)
+    problem = evaluation.problem
+    step, physical = problem.exact_step, evaluation.p
+    p = step.p.pack(evaluation.values)
     slopes = problem.state_slopes
     jacobian = step.map.jacobian()
-    before = np.array(problem.limits(physical)[1]).ravel()
+    before = evaluation.limits.u_before
     largest, size = 0.0, 0.0
     for s in range(len(replay.x)):
         u = replay.u[s]
@@ -248,61 +238,55 @@ def worst_constraints(nlp: NLP, x: np.ndarray, g: np.ndarray, bounds: dict[str, 
     return worst
 
 
-def cost_span(problem: Problem, plan: Rollout, physical: np.ndarray) -> float:
+def cost_span(evaluation: Evaluation, plan: Rollout) -> float:
     """What the cost changes by, at most, as all states and inputs move by a characteristic size.
 
     They move freely, not along a motion, so that no instability enters.
     """
-    sizes = problem.scales
+    sizes = evaluation.problem.scales
     costs = [
-        trajectory_costs(problem, plan.x + s * sizes.x, plan.u + s * sizes.u, plan.impulses, physical)
-        for s in (-1.0, 1.0)
+        evaluation.trajectory_costs(plan.x + s * sizes.x, plan.u + s * sizes.u, plan.impulses) for s in (-1.0, 1.0)
     ]
     return float(np.nan_to_num([np.abs(c - plan.costs).max() for c in costs]).max())
 
 
-def idle_cost(problem: Problem, step: Step, values: dict[str, float], plan: Rollout) -> float:
+def idle_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
     """Cost of standing still where the plan starts: the lower one of two ways to do so.
 
     Either the input before the first is held, under the law. Or the states stay, where one of the
     plan's inputs can hold them and the cost has a slope in them; the holding itself costs nothing.
     NaN where neither is possible, or violates constraints that the plan satisfies.
     """
-    given = problem, step, values, plan
-    return float(np.fmin(_held_cost(*given), _still_cost(*given)))
+    return float(np.fmin(_held_cost(evaluation, step, plan), _still_cost(evaluation, step, plan)))
 
 
-def _held_cost(problem: Problem, step: Step, values: dict[str, float], plan: Rollout) -> float:
-    physical = problem.parameters.pack(values)
-    held = np.tile(np.array(problem.limits(physical)[1]).ravel(), (1, problem.N, 1))
-    idle, unsolved = roll_on(problem, held, values, step, plan.x[:, 0])
-    moved = idle.x, idle.u, idle.impulses
-    if unsolved is not None or broken_constraints(problem, *moved, physical):
+def _held_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
+    held = np.tile(evaluation.limits.u_before, (1, evaluation.problem.N, 1))
+    idle, unsolved = roll_on(evaluation, held, step, plan.x[:, 0])
+    if unsolved is not None or broken_constraints(evaluation, idle):
         return float("nan")
     return idle.cost
 
 
-def _still_cost(problem: Problem, step: Step, values: dict[str, float], plan: Rollout) -> float:
-    N = problem.N
-    physical = problem.parameters.pack(values)
-    before = np.array(problem.limits(physical)[1]).ravel()
+def _still_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
+    N, before = evaluation.problem.N, evaluation.limits.u_before
     x, u = np.repeat(plan.x[:, :1], N + 1, axis=1), np.tile(before, (len(plan.x), N, 1))
-    limit, S, p = STILL * problem.scales.x / N, len(x), step.p.pack(values)
+    limit, S, p = STILL * evaluation.problem.scales.x / N, len(x), step.p.pack(evaluation.values)
     if not all(_holds(step, p, x[s, 0], plan.u[s], limit) for s in range(S)):
         return float("nan")
     free = np.zeros_like(plan.impulses)
-    costs = trajectory_costs(problem, x, u, free, physical)
+    costs = evaluation.trajectory_costs(x, u, free)
     still = replace(plan, x=x, u=u, impulses=free, costs=costs)
-    slope = max(_state_slope(problem, x[s, 0], physical) for s in range(S))
-    if slope <= CONTENT * cost_span(problem, still, physical):
+    slope = max(_state_slope(evaluation, x[s, 0]) for s in range(S))
+    if slope <= CONTENT * cost_span(evaluation, still):
         return float("nan")
-    return float("nan") if broken_constraints(problem, x, u, free, physical) else still.cost
+    return float("nan") if broken_constraints(evaluation, still) else still.cost
 
 
-def _state_slope(problem: Problem, x: np.ndarray, physical: np.ndarray) -> float:
+def _state_slope(evaluation: Evaluation, x: np.ndarray) -> float:
     """Most that staying at x (nx,) costs more where one state moves by its size, first order."""
-    before = problem.limits(physical)[1]
-    stage, end, _ = problem.state_slopes(x, before, 0 * before, 0, physical)
+    problem, before = evaluation.problem, evaluation.limits.u_before
+    stage, end, _ = problem.state_slopes(x, before, 0 * before, 0, evaluation.p)
     slopes = np.abs(problem.N * np.array(stage) + np.array(end)).ravel()
     return float((problem.scales.x * slopes).max(initial=0.0))
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Constraint, Problem
-from ocp.problem.rollout import at_steps
+from ocp.problem.rollout import Rollout, at_steps
 from ocp.transcription.common import constraint_names
 
 CONSTRAINT_SHARE = 0.01
@@ -82,22 +83,16 @@ def travelled(problem: Problem, x: np.ndarray) -> np.ndarray:
     return np.where(most > 0, most, np.inf)
 
 
-def broken_constraints(
-    problem: Problem,
-    x: np.ndarray,
-    u: np.ndarray,
-    impulses: np.ndarray,
-    physical: np.ndarray,
-    sizes: np.ndarray | None = None,
-) -> list[Broken]:
-    """Find what trajectories x (S, N+1, nx), u (S, N, nu) violate, each entry where it is worst.
+def broken_constraints(evaluation: Evaluation, rollout: Rollout, sizes: np.ndarray | None = None) -> list[Broken]:
+    """Find what trajectories violate, each entry where it is worst.
 
-    ``impulses`` (S, N, nlam) are those of the system. Bounds of states and inputs, path and
+    Bounds of states and inputs, path and
     terminal constraints, and the periodicity of a start that is chosen; the worst first. NaN is no
     violation: report that the replay failed. ``sizes`` (nx,) are those of the states, by default
     the problem's.
     """
-    u_low, u_high, x_low, x_high = (np.array(v).ravel() for v in problem.limits(physical)[2:])
+    problem, (x, u, impulses) = evaluation.problem, (rollout.x, rollout.u, rollout.impulses)
+    _, _, u_low, u_high, x_low, x_high = evaluation.limits
     system, of_x = problem.system, problem.scales.x if sizes is None else sizes
     states, inputs = ([signal.name for signal in part] for part in (system.states, system.inputs))
     after = x[:, 1:]
@@ -110,7 +105,7 @@ def broken_constraints(
             at = (x[:, :-1], u, x[:, 1:], impulses)
             if kind == "terminal":
                 at = (x[:, -1:], u[:, -1:], x[:, -1:], impulses[:, -1:])
-            off, size = _constraints_off(problem, constraints, *at, physical, of_x)
+            off, size = _constraints_off(evaluation, constraints, *at, of_x)
             first = 0 if kind == "path" else problem.N
             names = constraint_names(constraints)
             found += _worst_entries(kind, names, off, size, first)
@@ -159,16 +154,16 @@ def _worst_entries(
 
 
 def _constraints_off(
-    problem: Problem,
+    evaluation: Evaluation,
     constraints: Sequence[Constraint],
     x: np.ndarray,
     u: np.ndarray,
     x_next: np.ndarray,
     lam: np.ndarray,
-    physical: np.ndarray,
     of_x: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Violation of every entry, (S, steps, n), and the size of a change of it."""
+    problem = evaluation.problem
     system = problem.system
     value = ca.vertcat(*(c.expression for c in constraints))
     low = ca.vertcat(*(c.lower for c in constraints))
@@ -179,7 +174,7 @@ def _constraints_off(
         [system.x, system.u, system.x_next, system.lam, problem.parameters.vector],
         [ca.densify(part) for part in (ca.fmax(low - value, value - high), size)],
     )
-    off, size = at_steps(function, x, u, x_next, lam, p=physical)
+    off, size = at_steps(function, x, u, x_next, lam, p=evaluation.p)
     # Where nothing changes a constraint to first order, any violation of it is a large one.
     return off, np.fmax(size, 1e-12)
 

@@ -10,8 +10,10 @@ import numpy as np
 from dynamics.contact import Step
 from dynamics.systems import ContactSystem, EnergyBook
 from ocp.judge.measures import TrajectoryEvaluator
-from ocp.problem.problem import Problem, Scales
-from ocp.problem.rollout import mean_multipliers
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.problem import Scales
+from ocp.problem.rollout import Rollout, mean_multipliers
+from ocp.transcription.nlp import Trajectories
 
 _ACTIVE = 1e-6
 """Share of the characteristic impulse above which a normal impulse counts."""
@@ -72,23 +74,15 @@ class ContactReport:
     momentum_residual: float = float("nan")
 
 
-def contact_report(
-    problem: Problem,
-    step: Step,
-    x: np.ndarray,
-    u: np.ndarray,
-    lam: np.ndarray,
-    gap: np.ndarray,
-    physical: np.ndarray,
-) -> ContactReport:
-    """Keep the books of trajectories x (S, N+1, nx), u (S, N, nu), lam and gap (S, N, n).
+def contact_report(evaluation: Evaluation, step: Step, rollout: Rollout | Trajectories) -> ContactReport:
+    """Sum up forces, slip, energy and momentum of trajectories of a closed step.
 
     Multipliers of a law with branches are averaged with the branches' weights. The contacts are
     those of the step's system, which may be another than the problem's.
     """
-    system = step.system
+    problem, system, (lam, gap) = evaluation.problem, step.system, (rollout.lam, rollout.gap)
     mean = mean_multipliers(step, lam)
-    at = TrajectoryEvaluator(problem, system, x, u, mean, physical)
+    at = TrajectoryEvaluator(evaluation, system, rollout.x, rollout.u, mean)
     forces = system.forces
     if forces is None:
         names = tuple(signal.name for signal in system.contacts)

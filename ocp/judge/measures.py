@@ -12,34 +12,30 @@ import numpy as np
 from dynamics.batch import BatchFunction, BatchWarning
 from dynamics.contact import Step
 from dynamics.systems import ContactSystem
+from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import at_steps, mean_multipliers
+from ocp.problem.rollout import Rollout, mean_multipliers
 
 
 class TrajectoryEvaluator:
     """Evaluates expressions in (x, u, x_next, lam, p) along trajectories, each (S, N, size).
 
     The system is the problem's or its sharpest. Trajectories are x (S, N+1, nx), u (S, N, nu), lam
-    (S, N, nlam); ``physical`` the values of the problem's parameters.
+    (S, N, nlam).
     """
 
     def __init__(
-        self,
-        problem: Problem,
-        system: ContactSystem,
-        x: np.ndarray,
-        u: np.ndarray,
-        lam: np.ndarray,
-        physical: np.ndarray,
+        self, evaluation: Evaluation, system: ContactSystem, x: np.ndarray, u: np.ndarray, lam: np.ndarray
     ) -> None:
-        self.symbols = [system.x, system.u, system.x_next, system.lam, problem.parameters.vector]
-        self.values, self.physical = (x[:, :-1], u, x[:, 1:], lam), physical
+        parameters = evaluation.problem.parameters.vector
+        self.symbols = [system.x, system.u, system.x_next, system.lam, parameters]
+        self.values, self.p = (x[:, :-1], u, x[:, 1:], lam), evaluation.p
 
     def __call__(self, *expressions: ca.SX) -> list[np.ndarray]:
         """Evaluate the expressions at every scenario and step."""
         outputs = [ca.densify(expression) for expression in expressions]
         function = ca.Function("evaluate", self.symbols, outputs)
-        return at_steps(function, *self.values, p=self.physical)
+        return at_steps(function, *self.values, p=self.p)
 
 
 class DenseFunction:
@@ -62,17 +58,6 @@ class DenseFunction:
             matrices.append(np.zeros((len(entries), *shape)))
             matrices[-1][:, rows, columns] = entries
         return matrices
-
-
-def distances(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.ndarray:
-    """True signed distances phi at states x (..., nx) of a system with geometry, (..., n_phi)."""
-    phi = problem.signed_distance
-    assert phi is not None
-    if not phi.numel_out(0):
-        return np.empty((*x.shape[:-1], 0))
-    states = x.reshape(-1, x.shape[-1])
-    found = phi.map(len(states))(states.T, physical)
-    return np.array(found).T.reshape(*x.shape[:-1], -1)
 
 
 ACTIVE = 1e-3
@@ -110,30 +95,24 @@ class Physics:
     force_distance: Worst | None
 
 
-def measure(
-    problem: Problem,
-    step: Step,
-    x: np.ndarray,
-    u: np.ndarray,
-    lam: np.ndarray,
-    physical: np.ndarray,
-) -> Physics:
-    """Measure trajectories x (S, N+1, nx), u (S, N, nu), lam (S, N, n) of a closed step."""
-    if problem.signed_distance is None:
+def measure(evaluation: Evaluation, step: Step, rollout: Rollout) -> Physics:
+    """Measure trajectories of a closed step."""
+    problem, x = evaluation.problem, rollout.x
+    phi, names = evaluation.signed_distances(x), problem.system.distance_names
+    if phi is None:
         return Physics(None, None, None)
-    phi, names = distances(problem, x, physical), problem.system.distance_names
-    system, impulse = step.system, mean_multipliers(step, lam)
+    system, impulse = step.system, mean_multipliers(step, rollout.lam)
     if system.forces is None:
         # In the order of the first ``phi``; a multiplier that is a force [N] stays one.
         impulse = impulse[:, :, [i for i, pair in enumerate(system.pairs) if pair.kind == "normal"]]
     else:
-        at = TrajectoryEvaluator(problem, system, x, u, impulse, physical)
+        at = TrajectoryEvaluator(evaluation, system, x, rollout.u, impulse)
         impulse = at(system.forces.normal)[0]
     after = phi[:, 1:, : impulse.shape[2]]
     acting = np.where(impulse > ACTIVE * problem.scales.impulse, after, 0.0)
     return Physics(
         _worst(-phi, names),
-        between(problem, x, physical),
+        between(evaluation, x),
         None if np.isnan(impulse).all() else _worst(acting, names),
     )
 
@@ -162,12 +141,12 @@ def _worst(amounts: np.ndarray, names: Sequence[str]) -> Worst:
     return Worst(max(0.0, float(found[s, k, i])), names[i], s, k)
 
 
-def between(problem: Problem, x: np.ndarray, physical: np.ndarray) -> Worst:
+def between(evaluation: Evaluation, x: np.ndarray) -> Worst:
     """Deepest penetration on the straight ways between the nodes of x (S, N+1, nx)."""
-    return _worst(-least_between(problem, x, physical), problem.system.distance_names)
+    return _worst(-least_between(evaluation, x), evaluation.problem.system.distance_names)
 
 
-def least_between(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.ndarray:
+def least_between(evaluation: Evaluation, x: np.ndarray) -> np.ndarray:
     """Least phi on the straight way from every node to the next, (S, N, n_phi), ends included.
 
     Sampled at 16 points and then searched by golden section around the least: exact where phi has
@@ -176,14 +155,17 @@ def least_between(problem: Problem, x: np.ndarray, physical: np.ndarray) -> np.n
     """
     start, way = x[:, :-1, None], np.diff(x, axis=1)[:, :, None]
     share = np.linspace(0, 1, _SAMPLES + 1)
-    sampled = distances(problem, start + share[:, None] * way, physical)
+    sampled = evaluation.signed_distances(start + share[:, None] * way)
+    assert sampled is not None
     at = np.nan_to_num(sampled, nan=np.inf).argmin(axis=2)
     low, high = share[np.maximum(at - 1, 0)], share[np.minimum(at + 1, _SAMPLES)]
     own = np.arange(sampled.shape[3])
 
     def phi(t: np.ndarray) -> np.ndarray:
         # Every contact looks at its own place of the way, and only at its own distance there.
-        return distances(problem, start + t[..., None] * way, physical)[:, :, own, own]
+        phi = evaluation.signed_distances(start + t[..., None] * way)
+        assert phi is not None
+        return phi[:, :, own, own]
 
     least = sampled.min(axis=2)
     one, two = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)

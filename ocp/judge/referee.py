@@ -20,11 +20,11 @@ from ocp.judge.constraints import (
     seen_sizes,
     travelled,
 )
-from ocp.judge.measures import Physics, Worst, distances, measure
+from ocp.judge.measures import Physics, Worst, measure
 from ocp.judge.step_solutions import differing_contacts, find_nonuniqueness
-from ocp.problem.cost_sizes import cost_share
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import Gains, Rollout, Unsolved, problem_impulses, roll_on, trajectory_costs
+from ocp.problem.rollout import Gains, Rollout, Unsolved, roll_on
 
 REFINEMENT = 4
 """By how much h is divided for the refined cost."""
@@ -65,13 +65,14 @@ class Referee:
         return math.nan if self.refined is None else self.refined.cost
 
 
-def referee(problem: Problem, inputs: np.ndarray | Gains, values: dict[str, float], x0: np.ndarray) -> Referee:
+def referee(evaluation: Evaluation, inputs: np.ndarray | Gains, x0: np.ndarray) -> Referee:
     """Replay ``inputs`` (S or 1, N, nu), or a policy, from x0 (S, nx) under the sharpest contact.
 
-    ``values`` are parameter values by name. Never raises for a step without a solution.
+    Never raises for a step without a solution.
     """
-    replay, failed = roll_on(problem, inputs, values, problem.referee_step, x0)
-    refined, why = refined_replay(problem, inputs, values, x0)
+    problem = evaluation.problem
+    replay, failed = roll_on(evaluation, inputs, problem.referee_step, x0)
+    refined, why = refined_replay(evaluation, inputs, x0)
     return Referee(replay, replay.cost, failed, problem.system.referee_note, refined, why)
 
 
@@ -93,29 +94,26 @@ def step_place(system: ContactSystem) -> tuple[str, str, int]:
 
 
 def refined_replay(
-    problem: Problem,
-    inputs: np.ndarray | Gains,
-    values: dict[str, float],
-    x0: np.ndarray,
-    by: int = REFINEMENT,
+    evaluation: Evaluation, inputs: np.ndarray | Gains, x0: np.ndarray, by: int = REFINEMENT
 ) -> tuple[Rollout | None, str]:
     """Replay at h / ``by`` under the sharpest contact, at the problem's nodes, and why it ended.
 
     None where h is no step of a discretisation, and the reason.
     """
+    problem = evaluation.problem
     why, name, place = step_place(problem.system)
     if why:
         return None, why
-    start, finer = np.array(x0, dtype=float), dict(values)
+    start, finer = np.array(x0, dtype=float), dict(evaluation.values)
     if name:
         finer[name] /= by
     else:
         start[:, place] /= by
-    rolled, failed = roll_on(problem, inputs, finer, problem.referee_step, start, substeps=by)
+    rolled, failed = roll_on(Evaluation(problem, finer), inputs, problem.referee_step, start, substeps=by)
     x = rolled.x.copy()
     if not name:
         x[:, :, place] *= by
-    costs = trajectory_costs(problem, x, rolled.u, rolled.impulses, problem.parameters.pack(values))
+    costs = evaluation.trajectory_costs(x, rolled.u, rolled.impulses)
     return replace(rolled, x=x, costs=costs), "" if failed is None else str(failed)
 
 
@@ -169,28 +167,24 @@ class RefereeReport:
 
 
 def evaluate(
-    problem: Problem,
-    step: Step,
-    plan: Rollout,
-    values: dict[str, float],
-    gains: Gains | None = None,
+    evaluation: Evaluation, step: Step, plan: Rollout, gains: Gains | None = None
 ) -> tuple[RefereeReport, Referee]:
     """Referee a plan that was made with ``step``: the report, and the replay behind it.
 
     The plan's inputs are replayed, or the policy where there is one, from the plan's own starts.
     Without geometry there is no referee, and the report has no costs.
     """
-    physical = problem.parameters.pack(values)
-    found = referee(problem, plan.u if gains is None else gains, values, plan.x[:, 0])
-    two, branch_cost = _other_solution(problem, plan, values, gains)
+    problem = evaluation.problem
+    found = referee(evaluation, plan.u if gains is None else gains, plan.x[:, 0])
+    two, branch_cost = _other_solution(evaluation, plan, gains)
     if found.note is None:
         return RefereeReport(note="no geometry", nonuniqueness=two, branch_cost=branch_cost), found
     there = found.replay
-    planned = measure(problem, step, plan.x, plan.u, plan.lam, physical)
-    replayed = measure(problem, problem.referee_step, there.x, there.u, there.lam, physical)
-    broken = broken_constraints(problem, there.x, there.u, there.impulses, physical, seen_sizes(problem, plan.x))
-    reasons = survival(problem, plan, found, replayed, broken, physical)
-    finer = survival_refined(problem, plan, found, values)
+    planned = measure(evaluation, step, plan)
+    replayed = measure(evaluation, problem.referee_step, there)
+    broken = broken_constraints(evaluation, there, seen_sizes(problem, plan.x))
+    reasons = survival(evaluation, plan, found, replayed, broken)
+    finer = survival_refined(evaluation, plan, found)
     return RefereeReport(
         cost=found.cost,
         gap=float(np.abs(there.x - plan.x).max()),
@@ -212,25 +206,22 @@ def evaluate(
     ), found
 
 
-def _other_solution(
-    problem: Problem, plan: Rollout, values: dict[str, float], gains: Gains | None
-) -> tuple[str, float]:
+def _other_solution(evaluation: Evaluation, plan: Rollout, gains: Gains | None) -> tuple[str, float]:
     """Describe a step of a plan whose contact has another solution, and cost the plan with it.
 
     It is the solution that the replay takes, or else the one that costs most. ``("", nan)`` where
     no step has one; NaN where its motion cannot be followed to the end.
     """
-    found = find_nonuniqueness(problem, plan.x, plan.u, plan.lam, values)
+    problem, found = evaluation.problem, find_nonuniqueness(evaluation, plan)
     if found is None:
         return "", math.nan
     k, s, step = found.step, found.scenario, problem.exact_step
     inputs = plan.u[[s]] if gains is None else gains
-    rolled, _ = roll_on(problem, inputs, values, step, found.x_next, first=k + 1)
-    x, u, lam, physical = rolled.x, rolled.u, rolled.lam, problem.parameters.pack(values)
+    rolled, _ = roll_on(evaluation, inputs, step, found.x_next, first=k + 1)
+    x, u, lam = rolled.x, rolled.u, rolled.lam
     x[:, : k + 1], u[:, : k + 1] = plan.x[s, : k + 1], plan.u[s, : k + 1]
     lam[:, :k], lam[:, k] = plan.lam[s, :k], found.lam
-    impulses = problem_impulses(problem, step, x, u, lam, physical)
-    costs = trajectory_costs(problem, x, u, impulses, physical)
+    costs = Rollout.from_trajectories(evaluation, step, x, u, lam, rolled.gap).costs
     which = 0 if found.replayed else int(np.nan_to_num(costs, nan=-np.inf).argmax())
     apart = np.abs(found.x_next[which] - plan.x[s, k + 1])
     i = int((apart / problem.scales.x).argmax())
@@ -256,12 +247,7 @@ def seen_gap(problem: Problem, x: np.ndarray) -> float:
 
 
 def survival(
-    problem: Problem,
-    plan: Rollout,
-    outcome: Referee,
-    physics: Physics,
-    broken: Sequence[Broken],
-    physical: np.ndarray,
+    evaluation: Evaluation, plan: Rollout, outcome: Referee, physics: Physics, broken: Sequence[Broken]
 ) -> tuple[str, ...]:
     """Reasons why a refereed plan does not survive, each half a sentence; empty where it does.
 
@@ -271,9 +257,9 @@ def survival(
     :data:`PENETRATION_SHARE` of the problem's characteristic sizes, which count for no more than
     the plan itself moves (:func:`~ocp.judge.constraints.seen_sizes`, :func:`seen_gap`).
     ``physics`` and ``broken`` are those of the replay. Constant terms of the cost are no part of it
-    (:func:`~ocp.problem.cost_sizes.cost_share`).
+    (:meth:`~ocp.problem.evaluation.Evaluation.cost_share`).
     """
-    excess = cost_share(problem, outcome.cost - plan.cost, plan.cost, physical)
+    problem, excess = evaluation.problem, evaluation.cost_share(outcome.cost - plan.cost, plan.cost)
     off = np.abs(outcome.replay.x - plan.x)
     shares = off / seen_sizes(problem, plan.x)
     share = float(shares.max())
@@ -299,7 +285,7 @@ def survival(
     return tuple(reasons)
 
 
-def survival_refined(problem: Problem, plan: Rollout, outcome: Referee, values: dict[str, float]) -> tuple[str, ...]:
+def survival_refined(evaluation: Evaluation, plan: Rollout, outcome: Referee) -> tuple[str, ...]:
     """Reasons why the replay at h/4 fails, each half a sentence; none without such a replay.
 
     It holds where it was solved, costs at most :data:`COST_SHARE` more than the plan, and keeps
@@ -307,7 +293,7 @@ def survival_refined(problem: Problem, plan: Rollout, outcome: Referee, values: 
     not compared node by node: an impact that comes a fraction of a step sooner changes a velocity
     by all of it, and the cost by little.
     """
-    there, physical = outcome.refined, problem.parameters.pack(values)
+    there, problem = outcome.refined, evaluation.problem
     if there is None:
         return ()
     if outcome.refined_note:
@@ -315,13 +301,13 @@ def survival_refined(problem: Problem, plan: Rollout, outcome: Referee, values: 
     if not math.isfinite(there.cost):
         return ("the cost is NaN or infinite",)
     reasons = []
-    if cost_share(problem, there.cost - plan.cost, plan.cost, physical) > COST_SHARE:
+    if evaluation.cost_share(there.cost - plan.cost, plan.cost) > COST_SHARE:
         reasons.append(f"it costs {there.cost:.6g}")
     seen = seen_sizes(problem, plan.x)
-    every = broken_constraints(problem, there.x, there.u, there.impulses, physical, seen)
+    every = broken_constraints(evaluation, there, seen)
     reasons += [f"its {words}" for words in describe_violations(noticeable(every, STATE_SHARE))]
-    if problem.signed_distance is not None:
-        deep = -float(np.nanmin(distances(problem, there.x, physical), initial=0.0))
+    if (phi := evaluation.signed_distances(there.x)) is not None:
+        deep = -float(np.nanmin(phi, initial=0.0))
         if deep > PENETRATION_SHARE * seen_gap(problem, plan.x):
             reasons.append(f"bodies penetrate by {deep:.2g}")
     return tuple(reasons)

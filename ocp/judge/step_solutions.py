@@ -15,8 +15,9 @@ import casadi as ca
 import numpy as np
 
 from ocp.judge.measures import DenseFunction, TrajectoryEvaluator, pair_sizes, slip_sides
+from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import at_steps
+from ocp.problem.rollout import Rollout
 
 APART = 1e-2
 """Share of the states' characteristic size from which on two ends of a step are two."""
@@ -53,27 +54,25 @@ class Nonuniqueness:
     steps: int
 
 
-def find_nonuniqueness(
-    problem: Problem, x: np.ndarray, u: np.ndarray, lam: np.ndarray, values: dict[str, float]
-) -> Nonuniqueness | None:
+def find_nonuniqueness(evaluation: Evaluation, plan: Rollout) -> Nonuniqueness | None:
     """Find a step of a plan at which the model's exact contact has another solution.
 
-    x (S, N+1, nx), u (S, N, nu), lam (S, N, nlam). It is the first step at which a replay ends
+    It is the first step at which a replay ends
     elsewhere; without one, the first with another end among those of :class:`StepSolutions`. Each
     step is solved from the plan's own state and input, so that no earlier difference grows into it.
     None where there is none, and where the plan obeys another law or has branches.
     """
-    step = problem.exact_step
+    step, (x, u, lam) = evaluation.problem.exact_step, (plan.x, plan.u, plan.lam)
     if lam.shape[2] != step.n or not step.n:
         return None
-    x_next, other, _, error = at_steps(step.solve, x[:, :-1], u, p=step.p.pack(values))
-    obeys, gap = _obeys(problem, x, u, lam, values)
-    replayed = np.all(error <= SATISFIED, axis=2) & obeys & _apart(problem, x_next, x[:, 1:])
+    x_next, other, _, error = at_steps(step.solve, x[:, :-1], u, p=step.p.pack(evaluation.values))
+    obeys, gap = _obeys(evaluation, plan)
+    replayed = np.all(error <= SATISFIED, axis=2) & obeys & _apart(evaluation.problem, x_next, x[:, 1:])
     scenario, node = (part.ravel() for part in np.indices(obeys.shape))
     own = obeys.ravel()
     flat = [part.reshape(own.size, -1)[own] for part in (x[:, :-1], u, x[:, 1:], lam, gap)]
-    at, ends, forces = StepSolutions(problem, problem.parameters.pack(values))(*flat)
-    new = _apart(problem, ends, flat[2][at])
+    at, ends, forces = StepSolutions(evaluation)(*flat)
+    new = _apart(evaluation.problem, ends, flat[2][at])
     at, ends, forces = np.flatnonzero(own)[at[new]], ends[new], forces[new]
     several = replayed.ravel().copy()
     several[at] = True
@@ -92,13 +91,10 @@ def _apart(problem: Problem, one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return (np.abs(one - other) / problem.scales.x).max(axis=-1, initial=0.0) > APART
 
 
-def _obeys(
-    problem: Problem, x: np.ndarray, u: np.ndarray, lam: np.ndarray, values: dict[str, float]
-) -> tuple[np.ndarray, np.ndarray]:
+def _obeys(evaluation: Evaluation, plan: Rollout) -> tuple[np.ndarray, np.ndarray]:
     """Whether the plan's own steps obey the exact relation, (S, N), and their gaps."""
-    system, scaling = problem.system, problem.scales
-    physical = problem.parameters.pack(values)
-    residual, gap = TrajectoryEvaluator(problem, system, x, u, lam, physical)(system.residual, system.gap)
+    system, scaling, lam = evaluation.problem.system, evaluation.problem.scales, plan.lam
+    residual, gap = TrajectoryEvaluator(evaluation, system, plan.x, plan.u, lam)(system.residual, system.gap)
     product = scaling.impulse * scaling.gap
     off = np.stack([-lam / scaling.impulse, -gap / scaling.gap, lam * gap / product])
     motion = np.abs(residual).max(axis=2, initial=0.0)
@@ -123,9 +119,10 @@ class StepSolutions:
     The others stay as in the plan, as do bodies that slide on tables.
     """
 
-    def __init__(self, problem: Problem, physical: np.ndarray) -> None:
+    def __init__(self, evaluation: Evaluation) -> None:
+        problem = evaluation.problem
         system, scales = problem.system, problem.scales
-        self.p, self.x_sizes, self._reach = physical, scales.x, _REACH[system.reduced.affine]
+        self.p, self.x_sizes, self._reach = evaluation.p, scales.x, _REACH[system.reduced.affine]
         self.of_lam, self.of_gap = pair_sizes(problem, system)
         kinds = np.array([pair.kind for pair in system.pairs])
         owners = np.array([pair.contact for pair in system.pairs]) + 0.5 * (kinds == "limit")

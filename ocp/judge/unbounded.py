@@ -15,6 +15,7 @@ from ocp.judge.certificate import linear_model
 from ocp.judge.constraints import CONSTRAINT_SHARE, broken_constraints
 from ocp.judge.lpec import LinearModel
 from ocp.problem.cost_sizes import least_value, split_constant
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Rollout, roll_on
 from ocp.programs.program import Program
@@ -81,24 +82,24 @@ def fall(cost: Callable[[float], float], reach: float, best: float, least: float
     return "keeps falling along {} towards a value that no point attains"
 
 
-def unbounded_inputs(problem: Problem, step: Step, values: dict[str, float], plan: Rollout) -> str:
+def unbounded_inputs(evaluation: Evaluation, step: Step, plan: Rollout) -> str:
     """Sentence on inputs without bounds along which the plan's cost falls for ever, or ""."""
-    least = _cost_of_inputs(problem, values)
-    rays = _input_rays(problem, step, values, plan, least)
-    return endless(rays, plan.cost, 1e-3 * _ROUNDING * problem.scales.cost)
+    rays = _input_rays(evaluation, step, plan, _cost_of_inputs(evaluation))
+    return endless(rays, plan.cost, 1e-3 * _ROUNDING * evaluation.problem.scales.cost)
 
 
-def _cost_of_inputs(problem: Problem, values: dict[str, float]) -> Callable[[np.ndarray], float] | None:
+def _cost_of_inputs(evaluation: Evaluation) -> Callable[[np.ndarray], float] | None:
     """What inputs (N, nu) cost by themselves, where no state or impulse can lower that; or None."""
+    problem = evaluation.problem
     system, p = problem.system, problem.parameters
     du = ca.SX.sym("du", system.nu) if problem.du is None else problem.du
     costs = [problem.stage_cost, problem.terminal_cost]
-    stage, terminal = ca.substitute(costs, [p.vector], [ca.DM(p.pack(values))])
+    stage, terminal = ca.substitute(costs, [p.vector], [ca.DM(evaluation.p)])
     rest, of_inputs = split_constant(stage, ca.vertcat(system.x, system.lam))
     if min(least_value(rest), least_value(terminal)) < 0:
         return None
     each = ca.Function("cost_of_inputs", [system.u, du], [of_inputs])
-    before = np.array(problem.limits(p.pack(values))[1]).ravel()
+    before = evaluation.limits.u_before
     return lambda u: float(np.sum(each(u.T, np.diff(u, axis=0, prepend=before[None]).T)))
 
 
@@ -110,9 +111,8 @@ def runaway_inputs(problem: Problem, u: np.ndarray) -> str:
 
 
 def _input_rays(
-    problem: Problem,
+    evaluation: Evaluation,
     step: Step,
-    values: dict[str, float],
     plan: Rollout,
     least: Callable[[np.ndarray], float] | None,
 ) -> Iterator[Ray]:
@@ -121,10 +121,10 @@ def _input_rays(
     They are rolled out under the law, from the plan and, where that is distant, from their guess;
     not where what the inputs cost by themselves, ``least``, is more than the plan.
     """
-    physical, sizes = problem.parameters.pack(values), problem.scales.u
-    low, high = (np.isfinite(np.array(v).ravel()) for v in problem.limits(physical)[2:4])
+    problem, limits = evaluation.problem, evaluation.limits
+    sizes, low, high = problem.scales.u, np.isfinite(limits.u_lower), np.isfinite(limits.u_upper)
     free = np.flatnonzero(~(low & high))
-    planned, guess = np.nan_to_num(plan.u.mean(axis=0)), problem.initial_guess(physical)[1]
+    planned, guess = np.nan_to_num(plan.u.mean(axis=0)), evaluation.initial_guess[1]
     names = [signal.name for signal in problem.system.inputs]
     patterns = [*np.eye(free.size), *-np.eye(free.size)]
     if free.size <= _PAIRED:
@@ -145,22 +145,13 @@ def _input_rays(
         for base in (planned, begun) if reach > _DISTANT else (planned,):
             if least is not None and least(base + max(reach, 1.0) * _FIRST * way) > plan.cost:
                 continue
-            yield along, partial(_rolled, problem, step, values, plan.x[:, 0], base, way), reach
+            yield along, partial(_rolled, evaluation, step, plan.x[:, 0], base, way), reach
 
 
-def _rolled(
-    problem: Problem,
-    step: Step,
-    values: dict[str, float],
-    x0: np.ndarray,
-    base: np.ndarray,
-    way: np.ndarray,
-    t: float,
-) -> float:
+def _rolled(evaluation: Evaluation, step: Step, x0: np.ndarray, base: np.ndarray, way: np.ndarray, t: float) -> float:
     """Cost of inputs ``base + t way`` (N, nu) from x0 (S, nx); NaN where not feasible."""
-    rolled, unsolved = roll_on(problem, (base + t * way)[None], values, step, x0)
-    physical = problem.parameters.pack(values)
-    broken = broken_constraints(problem, rolled.x, rolled.u, rolled.impulses, physical)
+    rolled, unsolved = roll_on(evaluation, (base + t * way)[None], step, x0)
+    broken = broken_constraints(evaluation, rolled)
     kept = unsolved is None and all(part.share <= CONSTRAINT_SHARE for part in broken)
     return rolled.cost if kept else np.nan
 

@@ -12,7 +12,7 @@ from ocp.judge.constraints import describe_violations
 from ocp.judge.jumps import jump_findings
 from ocp.judge.referee import PENETRATION_SHARE, seen_gap
 from ocp.judge.route_report import Refinement
-from ocp.problem.cost_sizes import cost_share
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.sizes import describe_sizes, doubtful_sizes
 from ocp.programs.solver import TIMED_OUT
 
@@ -158,8 +158,7 @@ def _referee(found: Solution) -> str:
 
 
 def _share(found: Solution, change: float, cost: float) -> float:
-    physical = found.problem.parameters.pack(found.values)
-    return cost_share(found.problem, change, cost, physical)
+    return Evaluation(found.problem, found.values).cost_share(change, cost)
 
 
 def _cut(found: Solution) -> str:

@@ -13,7 +13,8 @@ from dynamics.contact import Barrier, Step
 from dynamics.systems import ContactSystem
 from ocp.errors import InputError, NotConverged
 from ocp.learning.protocol import Normaliser, Trained, first_weights
-from ocp.problem.rollout import Gains, step_values
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.rollout import Gains
 from ocp.problem.task import Task
 from ocp.solution import Solution
 
@@ -55,8 +56,7 @@ def _perturbed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """States around one scenario's and the inputs that lead back."""
     problem = plan.problem
-    limits = problem.limits(problem.parameters.pack(plan.values))
-    lower, upper = (np.array(end).ravel() for end in limits[2:4])
+    lower, upper = Evaluation(problem, plan.values).limits[2:4]
     gains = tracking_gains(plan, scenario) if plan.gains is None else plan.gains
     x = np.repeat(plan.data["x"].values[scenario, :-1], copies, axis=0)
     moved = x + spread * problem.scales.x * rng.standard_normal(x.shape)
@@ -79,7 +79,7 @@ def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
     all_inputs = plan.data["u"].values
     u = all_inputs[min(scenario, len(all_inputs) - 1)]
     step, function = _smoothed(problem.system, _SMOOTH * sizes.mu)
-    p = step_values(problem, step, plan.values, own=False)
+    p = Evaluation(problem, plan.values).step_values(step, own=False)
     A, B = function.slopes(x[:-1], u, p)[1:]
     if not (np.isfinite(A).all() and np.isfinite(B).all()):
         raise NotConverged(

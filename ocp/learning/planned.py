@@ -145,7 +145,7 @@ def _polished(session: Session, guess: InitialGuess) -> RouteResult | None:
     """The best plan near a motion, along its contacts; None where it is none, or none was found."""
     states, inputs = guess
     problem = session.problem
-    rolled, unsolved = roll_on(problem, inputs[None], session.values, session.step)
+    rolled, unsolved = roll_on(session.evaluation, inputs[None], session.step)
     off = np.abs(rolled.x[0] - states) / problem.scales.x
     if unsolved is not None or not np.all(off <= _SAME):
         return None

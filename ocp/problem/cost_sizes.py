@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import casadi as ca
 import numpy as np
 
-if TYPE_CHECKING:
-    from ocp.problem.problem import Problem
-
-LEAST_COST = 1e-9
-"""Smallest cost, in characteristic costs, of which anything is a share."""
 _GROWING = {ca.OP_SQ: np.square, ca.OP_FABS: np.abs, ca.OP_SQRT: np.sqrt, ca.OP_COSH: np.cosh}
 """Functions that are never negative, and grow with what is not."""
 _DEPTH = 200
@@ -81,13 +74,3 @@ def _bound(operation: int, right: ca.SX, least: list[float]) -> float:
         divisor = float(right) if right.is_constant() else np.inf
         return first * second if operation == ca.OP_MUL else first / divisor
     return -np.inf
-
-
-def cost_share(problem: Problem, change: float, cost: float, physical: np.ndarray) -> float:
-    """Return a ``change`` of the cost as a share of what a plan of that ``cost`` can change.
-
-    That is the cost less its constant terms, under roots and squares too, so that a constant in the
-    cost changes no verdict; no less than :data:`LEAST_COST` characteristic costs.
-    """
-    changeable = abs(cost - problem.least_cost(physical))
-    return change / max(changeable, LEAST_COST * problem.scales.cost)

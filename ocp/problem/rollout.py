@@ -11,10 +11,13 @@ import numpy as np
 
 from dynamics.contact import ContactLaw, Step
 from ocp.errors import InputError, NotConverged
+from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.problem import Problem
 
 STEP_TOLERANCE = 1e-7
-_SPREAD = 0.3
+"""Largest scaled error of the step solver at which a step counts as solved."""
+_GUESS_NOISE = 0.3
+"""Standard deviation of the noise on guesses, in characteristic sizes."""
 InitialGuess = tuple[np.ndarray, np.ndarray]
 """States (N+1, nx) and inputs (N, nu)."""
 
@@ -46,6 +49,14 @@ class Rollout:
     gap: np.ndarray
     impulses: np.ndarray
     costs: np.ndarray
+
+    @classmethod
+    def from_trajectories(
+        cls, evaluation: Evaluation, step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray, gap: np.ndarray
+    ) -> Rollout:
+        """Complete trajectories of a closed step by the problem's impulses and costs."""
+        impulses = problem_impulses(evaluation, step, x, u, lam)
+        return cls(x, u, lam, gap, impulses, evaluation.trajectory_costs(x, u, impulses))
 
     @property
     def cost(self) -> float:
@@ -83,14 +94,6 @@ class Unsolved:
         )
 
 
-def at_steps(function: ca.Function, *arrays: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
-    """Evaluate ``function(*columns, p)`` at every scenario and step of arrays (S, N, .)."""
-    S, N = arrays[0].shape[:2]
-    columns = [ca.DM(part.reshape(S * N, part.shape[2]).T) for part in arrays]
-    found = function.map(S * N).call([*columns, ca.DM(p)])
-    return [np.array(value).T.reshape(S, N, value.shape[0]) for value in found]
-
-
 def roll_out(
     problem: Problem,
     inputs: np.ndarray | Gains,
@@ -107,22 +110,21 @@ def roll_out(
     Raises :class:`~ocp.errors.NotConverged`, naming contact, step and scenario, where the step's
     path could not be followed to its end.
     """
-    rolled, unsolved = roll_on(problem, inputs, values, law, x0)
+    rolled, unsolved = roll_on(Evaluation(problem, values), inputs, law, x0)
     if unsolved is not None:
         raise NotConverged(str(unsolved))
     return rolled
 
 
 def roll_on(
-    problem: Problem,
+    evaluation: Evaluation,
     inputs: np.ndarray | Gains,
-    values: dict[str, float],
     law: ContactLaw | Step | None = None,
     x0: np.ndarray | None = None,
     substeps: int = 1,
     first: int = 0,
 ) -> tuple[Rollout, Unsolved | None]:
-    """Roll out as :func:`roll_out` does, and say where it ended instead of raising.
+    """Roll out as :func:`roll_out` does, and return the first step that was not solved instead of raising.
 
     A closed step may be that of another system with the same states, inputs and parameters as the
     problem's, such as its ``sharpest``. A scenario whose step was not solved is NaN from the next
@@ -130,18 +132,17 @@ def roll_on(
 
     With ``substeps`` every input, or the policy's answer at a node, is held over so many steps, and
     what is returned are the problem's nodes, the sum of lam and the last gap between two of them;
-    the step size must then have been divided already, in ``values`` or in ``x0``. With ``first``,
+    the step size must then have been divided already, in the values or in ``x0``. With ``first``,
     ``x0`` are the states at that node; all before it, and so the costs, are NaN.
     """
+    problem, limits = evaluation.problem, evaluation.limits
     if law is None:
         step = problem.exact_step
     else:
         step = law if isinstance(law, Step) else law.close(problem.system)
-    p = step_values(problem, step, values, own=step is law)
-    physical = problem.parameters.pack(values)
+    p = evaluation.step_values(step, own=step is law)
     nx, nu = problem.system.nx, problem.system.nu
-    start = problem.initial_states(physical) if x0 is None else _array("x0", x0, (None, nx))
-    lower, upper = (np.array(v).ravel() for v in problem.limits(physical)[2:4])
+    start = evaluation.initial_states if x0 is None else _array("x0", x0, (None, nx))
     S, N = len(start), problem.N
     x, u = np.full((S, N + 1, nx), np.nan), np.empty((S, N, nu))
     lam, gap = np.full((S, N, step.n), np.nan), np.full((S, N, step.n), np.nan)
@@ -149,27 +150,25 @@ def roll_on(
     error = np.zeros((S, N, step.n))
     x[:, first] = start
     # Gains read the state of every node; inputs are rolled out in one call.
-    each = 1 if isinstance(inputs, Gains) else N
-    for k in range(first, N, each):
-        steps = slice(k, k + each)
+    stride = 1 if isinstance(inputs, Gains) else N
+    for k in range(first, N, stride):
+        steps = slice(k, k + stride)
         if isinstance(inputs, Gains):
-            u[:, k] = [np.clip(inputs.input(k, one), lower, upper) for one in x[:, k]]
-        x[:, 1:][:, steps], lam[:, steps], gap[:, steps], error[:, steps] = _ahead(
+            u[:, k] = [np.clip(inputs.input(k, state), limits.u_lower, limits.u_upper) for state in x[:, k]]
+        x[:, 1:][:, steps], lam[:, steps], gap[:, steps], error[:, steps] = _roll_inputs(
             step, x[:, k], u[:, steps], p, substeps
         )
-    lost: list[Unsolved] = []
-    wrong = ~np.all(error <= STEP_TOLERANCE, axis=2)
-    for s in np.flatnonzero(wrong.any(axis=1)):
-        k = int(np.argmax(wrong[s]))
+    unsolved: list[Unsolved] = []
+    failed = ~np.all(error <= STEP_TOLERANCE, axis=2)
+    for s in np.flatnonzero(failed.any(axis=1)):
+        k = int(np.argmax(failed[s]))
         x[s, k + 1 :], lam[s, k:], gap[s, k:] = np.nan, np.nan, np.nan
         worst = int(np.argmax(error[s, k]))
-        lost.append(Unsolved(k, step.contacts[worst].name, int(s), float(error[s, k, worst])))
-    impulses = problem_impulses(problem, step, x, u, lam, physical)
-    costs = trajectory_costs(problem, x, u, impulses, physical)
-    rolled = Rollout(x, u, lam, gap, impulses, costs)
-    for one in lost:
-        rolled.costs[one.scenario] = np.nan
-    return rolled, min(lost, key=lambda one: one.step, default=None)
+        unsolved.append(Unsolved(k, step.contacts[worst].name, int(s), float(error[s, k, worst])))
+    rolled = Rollout.from_trajectories(evaluation, step, x, u, lam, gap)
+    for failure in unsolved:
+        rolled.costs[failure.scenario] = np.nan
+    return rolled, min(unsolved, key=lambda failure: failure.step, default=None)
 
 
 def _array(what: str, given: Any, shape: tuple[int | None, ...], scenarios: int | None = None) -> np.ndarray:
@@ -190,16 +189,7 @@ def _array(what: str, given: Any, shape: tuple[int | None, ...], scenarios: int 
     return found
 
 
-def step_values(problem: Problem, step: Step, values: dict[str, float], own: bool = True) -> np.ndarray:
-    """Values of a step's parameters: by name, and the law's own where ``values`` has none.
-
-    Without ``own`` the law's parameters are its settings, whatever ``values`` holds.
-    """
-    chosen = values if own else {k: v for k, v in values.items() if k in problem.parameters}
-    return step.p.pack(chosen)
-
-
-def _ahead(
+def _roll_inputs(
     step: Step, x: np.ndarray, u: np.ndarray, p: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Roll states x (S, nx) on by inputs u (S, K, nu), each held for ``count`` steps.
@@ -230,71 +220,51 @@ def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:
     return np.einsum("snbl,b->snl", branches, weights)
 
 
-def problem_impulses(
-    problem: Problem,
-    step: Step,
-    x: np.ndarray,
-    u: np.ndarray,
-    lam: np.ndarray,
-    physical: np.ndarray,
-) -> np.ndarray:
+def problem_impulses(evaluation: Evaluation, step: Step, x: np.ndarray, u: np.ndarray, lam: np.ndarray) -> np.ndarray:
     """Impulses of the contacts of the problem's system, (S, N, nlam), from a step's (S, N, n).
 
     They are the mean over the step's branches. A step of another system, which has friction in
     place of the edges of a cone, is matched by the normal and tangential impulses of every contact.
     NaN where neither the cost nor a path constraint depends on impulses, or none can be matched.
     """
-    own, other = problem.system, step.system
-    unknown = np.full((*lam.shape[:2], own.nlam), np.nan)
+    problem = evaluation.problem
+    system, other = problem.system, step.system
+    unknown = np.full((*lam.shape[:2], system.nlam), np.nan)
     if not problem.uses_impulses or step.n == 0:
         return unknown
     mean = mean_multipliers(step, lam)
-    if [one.name for one in own.contacts] == [one.name for one in other.contacts]:
+    if [contact.name for contact in system.contacts] == [contact.name for contact in other.contacts]:
         return mean
-    if own.forces is None or other.forces is None:
+    if system.forces is None or other.forces is None:
         return unknown
-    sought, given = (ca.vertcat(one.normal, one.tangential) for one in (own.forces, other.forces))
-    sought = ca.jacobian(sought, own.lam)
-    given = ca.substitute(given, ca.vertcat(other.x, other.u), ca.vertcat(own.x, own.u))
+    system_forces, other_forces = (
+        ca.vertcat(forces.normal, forces.tangential) for forces in (system.forces, other.forces)
+    )
     matched = ca.Function(
         "matched",
-        [own.x, own.u, other.lam, problem.parameters.vector],
-        [ca.vec(ca.densify(sought)), ca.densify(given)],
+        [system.x, system.u, other.lam, problem.parameters.vector],
+        [
+            ca.vec(ca.densify(ca.jacobian(system_forces, system.lam))),
+            ca.densify(ca.substitute(other_forces, ca.vertcat(other.x, other.u), ca.vertcat(system.x, system.u))),
+        ],
     )
-    columns, forces = at_steps(matched, x[:, :-1], u, mean, p=physical)
-    edges = columns.reshape(*lam.shape[:2], own.nlam, -1).swapaxes(2, 3)
-    found = np.linalg.pinv(np.nan_to_num(edges)) @ forces[..., None]
-    return found[..., 0]
-
-
-def trajectory_costs(
-    problem: Problem, x: np.ndarray, u: np.ndarray, impulses: np.ndarray, physical: np.ndarray
-) -> np.ndarray:
-    """Cost of trajectories x (S, N+1, nx), u (S, N, nu), impulses (S, N, nlam); returns (S,)."""
-    before = np.array(problem.limits(physical)[1]).ravel()
-    du = np.diff(u, axis=1, prepend=np.broadcast_to(before, (len(u), 1, before.size)))
-    stage, _ = at_steps(problem.cost_terms, x[:, :-1], u, du, impulses, p=physical)
-    last = (part[:, -1:] for part in (x, u, du, impulses))
-    _, terminal = at_steps(problem.cost_terms, *last, p=physical)
-    return stage.sum(axis=(1, 2)) + terminal[:, 0, 0]
+    columns, forces = at_steps(matched, x[:, :-1], u, mean, p=evaluation.p)
+    edges = columns.reshape(*lam.shape[:2], system.nlam, -1).swapaxes(2, 3)
+    return (np.linalg.pinv(np.nan_to_num(edges)) @ forces[..., None])[..., 0]
 
 
 def initial_guesses(
-    problem: Problem,
-    values: dict[str, float],
-    count: int,
-    seed: int,
-    first: InitialGuess | None = None,
+    evaluation: Evaluation, count: int, seed: int, first: InitialGuess | None = None
 ) -> list[InitialGuess]:
     """Return the problem's own guess, or ``first``, and perturbed ones, ``count`` in all.
 
     The noise has 0.3 characteristic units, each guess its own stream of the seed.
     """
-    X, U = first if first is not None else problem.initial_guess(problem.parameters.pack(values))
-    found, sizes = [(X, U)], problem.scales
+    X, U = first if first is not None else evaluation.initial_guess
+    guesses, sizes = [(X, U)], evaluation.problem.scales
     for stream in np.random.SeedSequence(seed).spawn(count - 1):
         noise = np.random.default_rng(stream)
-        moved = X + _SPREAD * sizes.x * noise.standard_normal(X.shape)
-        moved[0] = X[0]
-        found.append((moved, U + _SPREAD * sizes.u * noise.standard_normal(U.shape)))
-    return found
+        states = X + _GUESS_NOISE * sizes.x * noise.standard_normal(X.shape)
+        states[0] = X[0]
+        guesses.append((states, U + _GUESS_NOISE * sizes.u * noise.standard_normal(U.shape)))
+    return guesses

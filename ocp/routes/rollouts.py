@@ -11,6 +11,7 @@ import numpy as np
 
 from dynamics.contact import Step
 from ocp.errors import NotConverged
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, InitialGuess, Rollout, initial_guesses, roll_on, roll_out
 from ocp.programs.program import Program
@@ -30,10 +31,14 @@ _NEARER = 2.0, 0.7, 0.25
 class RolloutStarts:
     """Rolls inputs out from the start of a ``guess``, and puts what happens into a program."""
 
-    problem: Problem
+    evaluation: Evaluation
     step: Step
-    values: dict[str, float]
     guess: InitialGuess
+
+    @property
+    def problem(self) -> Problem:
+        """The problem whose inputs are rolled out."""
+        return self.evaluation.problem
 
     def around(self, program: Program, found: Sequence[Point], count: int) -> list[Point]:
         """Plans around the guess and what was ``found``, the cheapest first, one a schedule.
@@ -107,13 +112,11 @@ class RolloutStarts:
 
     @property
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        physical = self.problem.parameters.pack(self.values)
-        lower, upper = (np.array(v).ravel() for v in self.problem.limits(physical)[2:4])
-        return lower, upper
+        return self.evaluation.limits[2:4]
 
     def perturbed(self, program: Program, count: int) -> list[Point]:
         """Roll out guessed inputs, the own and perturbed ones, ``count`` in all."""
-        plans = initial_guesses(self.problem, self.values, count, 0, self.guess)
+        plans = initial_guesses(self.evaluation, count, 0, self.guess)
         rolled = self._rolled(np.array([u for _, u in plans]))
         solved = np.flatnonzero(np.all(np.isfinite(rolled.x), axis=(1, 2)))
         return self._points(program, rolled[solved])
@@ -129,16 +132,15 @@ class RolloutStarts:
         arguments = [system.x, system.u, system.x_next, system.lam, self.problem.parameters.vector]
         slope = ca.sum1(ca.fabs(ca.jacobian(equations, system.u)))
         slopes = ca.Function("slopes", arguments, [slope])
-        p = self.problem.parameters.pack(self.values)
         rng, scales = np.random.default_rng(0), self.problem.scales
         drawn = u + scales.u * rng.standard_normal(u.shape)
         lam = scales.impulse * rng.random((len(u), system.nlam))
-        found = slopes.map(len(u))(x[:-1].T, drawn.T, x[1:].T, lam.T, p)
+        found = slopes.map(len(u))(x[:-1].T, drawn.T, x[1:].T, lam.T, self.evaluation.p)
         return np.array(ca.densify(found)).reshape(len(u), -1, order="C") > 0
 
     def _rolled(self, plans: np.ndarray) -> Rollout:
         starts = np.broadcast_to(self.guess[0][0], (len(plans), self.problem.system.nx))
-        return roll_on(self.problem, plans, self.values, self.step, starts)[0]
+        return roll_on(self.evaluation, plans, self.step, starts)[0]
 
 
 def _sequence(count: int, dimension: int) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 
 from dynamics.contact import ContactLaw, Exact, Step
 from dynamics.contact.law import Schedule
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.policy import Feedback, Policy
 from ocp.problem.problem import Problem
 from ocp.problem.resources import solve_memory, solve_seconds
@@ -71,6 +72,11 @@ class Session:
         self.values = table.defaults | {PENALTY: 0.0, RELAXATION: 0.0}
         self.problem.check_physics()
         self.build_s = time.perf_counter() - began
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """The problem at the present values."""
+        return Evaluation(self.problem, dict(self.values))
 
     @property
     def nlp_builds(self) -> int:
@@ -200,8 +206,7 @@ class Session:
         Multipliers and gaps start on the central path of the homotopy's first mu, each gap at its
         contact-free value where that is open.
         """
-        physical = self.problem.parameters.pack(self.values)
-        X, U = guess if guess is not None else self.problem.initial_guess(physical)
+        X, U = guess if guess is not None else self.evaluation.initial_guess
         blocks: dict[str, np.ndarray] = {"x0": X[None, :1], "x": X[None, 1:], "u": U[None]}
         if isinstance(self.policy, Feedback):
             blocks["k"] = U[:1] if self.policy.stationary else U

@@ -144,8 +144,8 @@ class Complementarity(Route):
         plain = Search(strategy, problem.natural_scales.mu, partial(session.first_point, guess=guess))
         if session.strategy != DEFAULT_STRATEGY:
             return plain
-        own = guess or problem.initial_guess(problem.parameters.pack(session.values))
-        rolls = RolloutStarts(problem, session.step, session.values, own)
+        evaluation = session.evaluation
+        rolls = RolloutStarts(evaluation, session.step, guess or evaluation.initial_guess)
         rolls = None if isinstance(session.policy, Feedback) else rolls
         if session.nlp_of("product").pairs.shape[1] > SMALL_PAIRS:
             return replace(plain, fallback=FALLBACK, rolls=rolls)

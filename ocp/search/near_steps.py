@@ -12,7 +12,7 @@ import numpy as np
 from dynamics.batch import BatchFunction
 from dynamics.systems import ContactSystem
 from ocp.judge.measures import DenseFunction, pair_sizes, slip_sides
-from ocp.problem.problem import Problem
+from ocp.problem.evaluation import Evaluation
 
 _ITERATIONS, _LINEARISATIONS, _TO_EDGE, _LEAST = 40, 10, 0.995, 1e-12
 _SOLVED, _DEEP = 1e-9, 1e-6
@@ -32,8 +32,9 @@ class NearSteps:
     that does not converge, or where a contact that was left out is penetrated.
     """
 
-    def __init__(self, problem: Problem, system: ContactSystem, physical: np.ndarray) -> None:
-        self.p, self.n = physical, system.nlam
+    def __init__(self, evaluation: Evaluation, system: ContactSystem) -> None:
+        problem = evaluation.problem
+        self.p, self.n = evaluation.p, system.nlam
         self.of_lam, self.of_gap = pair_sizes(problem, system)
         owners = np.array([pair.contact for pair in system.pairs])
         self.owners = [np.flatnonzero(owners == i) for i in range(owners.max() + 1)]

@@ -10,6 +10,7 @@ import numpy as np
 from ocp.errors import InputError
 from ocp.judge.referee import PENETRATION_SHARE
 from ocp.judge.route_report import SearchedPlan, SearchReport
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.policy import Feedback
 from ocp.problem.rollout import Rollout
 from ocp.programs.solver import Point, Result, Status
@@ -58,7 +59,7 @@ def falls_short(found: Solution) -> bool:
     That is one without a certificate, one that does not survive the referee, and one that costs
     more than :data:`IDLE_SHARE` of standing still.
     """
-    constant = found.problem.least_cost(found.problem.parameters.pack(found.values))
+    constant = Evaluation(found.problem, found.values).least_cost
     idling = found.idle_cost - constant
     idle = idling > 0 and found.cost - constant > IDLE_SHARE * idling
     return bool(idle or not found.certificate.certified or found.referee.survives is False)

@@ -16,8 +16,9 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from dynamics.batch import BatchFunction
+from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.problem import DEPTH, SHARES, SWEPT, Problem
-from ocp.problem.rollout import Rollout, at_steps, problem_impulses, trajectory_costs
+from ocp.problem.rollout import Rollout
 from ocp.search.near_steps import NearSteps
 
 _ROUNDS, _BEAM = 4, 8
@@ -62,19 +63,19 @@ class TouchSearch:
 
     def __init__(self, problem: Problem, values: dict[str, float], seed: int = 0) -> None:
         self.problem = problem
-        self.physical = problem.parameters.pack(values)
+        self.evaluation = Evaluation(problem, values)
         self.rng = np.random.default_rng(seed)
         self.tried = self.rolled = 0
-        self._step = NearSteps(problem, problem.referee_step.system, self.physical)
+        self._step = NearSteps(self.evaluation, problem.referee_step.system)
         same = problem.referee_step.system is problem.system
-        self._own = self._step if same else NearSteps(problem, problem.system, self.physical)
+        self._own = self._step if same else NearSteps(self.evaluation, problem.system)
 
     @cached_property
     def _distance(self) -> Callable[[np.ndarray], np.ndarray]:
         phi = self.problem.signed_distance
         assert phi is not None
         batch = BatchFunction(phi, backend="numpy")
-        return lambda x: np.asarray(batch(x, self.physical))
+        return lambda x: np.asarray(batch(x, self.evaluation.p))
 
     @cached_property
     def _slope(self) -> Callable[[np.ndarray], np.ndarray]:
@@ -84,7 +85,7 @@ class TouchSearch:
         J = ca.densify(ca.jacobian(system.phi, system.x)[:, -system.nu :])
         made = ca.Function("slope", [system.x, self.problem.parameters.vector], [ca.vec(J.T)])
         batch = BatchFunction(made, backend="numpy")
-        return lambda x: np.asarray(batch(x, self.physical)).reshape(len(x), -1, system.nu)
+        return lambda x: np.asarray(batch(x, self.evaluation.p)).reshape(len(x), -1, system.nu)
 
     @cached_property
     def _pressed(self) -> list[tuple[int, np.ndarray]]:
@@ -98,12 +99,12 @@ class TouchSearch:
 
     @cached_property
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        lower, upper = (np.array(v).ravel() for v in self.problem.limits(self.physical)[2:4])
+        lower, upper = (np.array(v).ravel() for v in self.problem.limits(self.evaluation.p)[2:4])
         return lower, upper
 
     def first(self) -> Node:
         """The start, where everything stands still."""
-        x0, before = (np.array(v).ravel() for v in self.problem.limits(self.physical)[:2])
+        x0, before = (np.array(v).ravel() for v in self.problem.limits(self.evaluation.p)[:2])
         resting = self._resting(x0[None], np.zeros(1))[0]
         return Node(x0[None], np.zeros((0, before.size)), 0.0, resting)
 
@@ -282,7 +283,7 @@ class TouchSearch:
 
     @cached_property
     def _before(self) -> np.ndarray:
-        return np.array(self.problem.limits(self.physical)[1]).ravel()
+        return self.evaluation.limits.u_before
 
     def _cut(self, x: np.ndarray) -> np.ndarray:
         """Deepest penetration (S,) on the straight way between nodes."""
@@ -295,8 +296,8 @@ class TouchSearch:
         """Sum of stage costs and penalties (S,) of states x (S, K+1, nx), inputs u (S, K, nu)."""
         du = np.diff(u, axis=1, prepend=before[:, None])
         none = np.zeros((*u.shape[:2], self.problem.system.nlam))
-        stage, _ = at_steps(self.problem.cost_terms, x[:, :-1], u, du, none, p=self.physical)
-        over = at_steps(self._over, x[:, :-1], u, x[:, 1:], p=self.physical)[0]
+        stage, _ = at_steps(self.problem.cost_terms, x[:, :-1], u, du, none, p=self.evaluation.p)
+        over = at_steps(self._over, x[:, :-1], u, x[:, 1:], p=self.evaluation.p)[0]
         return stage.sum(axis=(1, 2)) + over.sum(axis=(1, 2))
 
     @cached_property
@@ -315,12 +316,12 @@ class TouchSearch:
     def _resting(self, x: np.ndarray, gone: np.ndarray) -> np.ndarray:
         """Cost (S,) of standing still from states x (S, nx) to the end of the horizon."""
         u, none = x[:, None, -self._nu :], np.zeros((len(x), 1, self.problem.system.nlam))
-        stage, terminal = at_steps(self.problem.cost_terms, x[:, None], u, 0 * u, none, p=self.physical)
+        stage, terminal = at_steps(self.problem.cost_terms, x[:, None], u, 0 * u, none, p=self.evaluation.p)
         return (self.problem.N - gone) * stage[:, 0, 0] + terminal[:, 0, 0]
 
     def rollout(self, inputs: np.ndarray) -> Rollout | None:
         """What inputs (N, nu) do under the model's own exact law; None where a step fails."""
-        problem, step = self.problem, self.problem.exact_step
+        step = self.problem.exact_step
         x, found = [self.first().x], []
         for u in inputs:
             x_next, lam, gap = self._own.solved(x[-1], u[None])
@@ -330,9 +331,7 @@ class TouchSearch:
             found.append((lam, gap))
         lam, gap = (np.array(part).transpose(1, 0, 2) for part in zip(*found, strict=True))
         states = np.array(x).transpose(1, 0, 2)
-        impulses = problem_impulses(problem, step, states, inputs[None], lam, self.physical)
-        costs = trajectory_costs(problem, states, inputs[None], impulses, self.physical)
-        return Rollout(states, inputs[None], lam, gap, impulses, costs)
+        return Rollout.from_trajectories(self.evaluation, step, states, inputs[None], lam, gap)
 
     def whole(self, node: Node) -> np.ndarray:
         """Inputs (N, nu) of a plan, the last held to the end."""

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ocp.errors import choose
-from ocp.problem.cost_sizes import cost_share
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import Gains, trajectory_costs
+from ocp.problem.rollout import Gains
 from ocp.simulators import WORLDS
 from ocp.simulators.mujoco_world import SOLREF, STEP, MujocoWorld
 
@@ -72,8 +72,8 @@ def in_world(
     :class:`~ocp.simulators.mujoco_world.MujocoWorld` does.
     """
     choose("world", name, WORLDS)
-    world, p = MujocoWorld(problem, values), problem.parameters.pack(values)
-    low, high = (np.array(v).ravel() for v in problem.limits(p)[2:4])
+    world, evaluation = MujocoWorld(problem, values), Evaluation(problem, dict(values))
+    low, high = evaluation.limits[2:4]
     S, N, system = len(x0), problem.N, problem.system
 
     def cost(solref: float, step: float) -> float:
@@ -85,8 +85,8 @@ def in_world(
             else:
                 u[s, k] = inputs[s, k]
             x[s, k + 1] = world.ahead(x[s, k], u[s, k], solref, step)
-        return float(trajectory_costs(problem, x, u, np.zeros((S, N, system.nlam)), p).mean())
+        return float(evaluation.trajectory_costs(x, u, np.zeros((S, N, system.nlam))).mean())
 
     costs = [cost(SOLREF, STEP), *(cost(*pair) for pair in product(SOLREFS, STEPS))]
-    keeps = cost_share(problem, abs(costs[0] - planned_cost), planned_cost, p) <= KEPT
+    keeps = evaluation.cost_share(abs(costs[0] - planned_cost), planned_cost) <= KEPT
     return InWorld(name, costs[0], planned_cost, keeps, (float(np.min(costs)), float(np.max(costs))))

@@ -21,9 +21,9 @@ from ocp.judge.route_report import RouteReport
 from ocp.judge.sensitivity import sensitivity
 from ocp.judge.unbounded import runaway_inputs, unbounded_inputs, unbounded_variables
 from ocp.judge.verdict import UNJUDGED
-from ocp.problem.cost_sizes import cost_share
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import Rollout, problem_impulses, trajectory_costs
+from ocp.problem.rollout import Rollout
 from ocp.programs.program import PENALTY, Program
 from ocp.programs.solver import Point, Result, Status
 from ocp.routes.homotopy import Progress, RouteResult, StageRecord, Trace, translate
@@ -44,21 +44,19 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
     """Audit an outcome, certify and referee it, label it, and give it a status."""
     began = time.perf_counter()
     nlp, result = outcome.nlp, outcome.result
-    values = session.values
+    evaluation = session.evaluation
+    values = evaluation.values
     p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
     plan = trajectories(nlp, result, p)
-    found, replay, book = audit(nlp, result, plan, values, p, bounds)
-    # Not the solver's f, which may hold a penalty on gains or on products of contact.
-    physical = session.problem.parameters.pack(values)
+    found, replay, book = audit(nlp, result, plan, evaluation, p, bounds)
     kept = feasible(nlp, found)
-    impulses = problem_impulses(session.problem, nlp.step, plan.x, plan.u, plan.lam, physical)
-    costs = trajectory_costs(session.problem, plan.x, plan.u, impulses, physical)
-    rolled = Rollout(plan.x, plan.u, plan.lam, plan.gap, impulses, costs)
+    # Not the solver's f, which may hold a penalty on gains or on products of contact.
+    rolled = Rollout.from_trajectories(evaluation, nlp.step, plan.x, plan.u, plan.lam, plan.gap)
     certificate = Certificate("undecided", reason=UNJUDGED)
     idle, span, derivative = float("nan"), 0.0, None
-    endless = unbounded_inputs(session.problem, session.step, values, rolled)
+    endless = unbounded_inputs(evaluation, session.step, rolled)
     if kept:
-        span = cost_span(session.problem, rolled, physical)
+        span = cost_span(evaluation, rolled)
         program, point = route_for(session).invert(session, outcome, rolled, plan.gains)
         given = {**values, PENALTY: 0.0}
         at = program.parameter_vector(given), program.bounds(given)
@@ -67,18 +65,18 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
             certificate = replace(certificate, reason=outcome.trace.refused)
         again = partial(_replay, session.problem)
         derivative = partial(sensitivity, program, point, given, again)
-        idle = idle_cost(session.problem, session.step, values, rolled)
-        limited = all(limit.is_regular() for limit in session.problem.limits(physical)[2:4])
+        idle = idle_cost(evaluation, session.step, rolled)
+        limited = all(np.isfinite(limit).all() for limit in evaluation.limits[2:4])
         endless = endless or ("" if limited else unbounded_variables(program, *at, point.x))
     if not (endless or result.ok or certificate.certified):
         # Iterates also run away uphill, as from the kinks of |u|: that is no fault of the problem.
-        uphill = rolled.cost > idle_cost(session.problem, session.step, values, rolled)
+        uphill = rolled.cost > idle_cost(evaluation, session.step, rolled)
         endless = "" if uphill else runaway_inputs(session.problem, plan.u)
-    report, replays = evaluate(session.problem, session.step, rolled, values, plan.gains)
+    report, replays = evaluate(evaluation, session.step, rolled, plan.gains)
     return Solution(
-        data=label(nlp, plan, replay, book, outcome, values, replays.replay),
+        data=label(nlp, plan, replay, book, outcome, evaluation, replays.replay),
         cost=rolled.cost,
-        status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span, values, bool(endless)),
+        status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span, evaluation, bool(endless)),
         audit=found,
         certificate=certificate,
         referee=report,
@@ -100,7 +98,7 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
 
 def _replay(problem: Problem, plan: Trajectories, values: dict[str, float]) -> Referee:
     inputs = plan.u if plan.gains is None else plan.gains
-    return referee(problem, inputs, values, plan.x[:, 0])
+    return referee(Evaluation(problem, values), inputs, plan.x[:, 0])
 
 
 def status_of(
@@ -111,7 +109,7 @@ def status_of(
     cost: float,
     idle: float,
     span: float,
-    values: dict[str, float],
+    evaluation: Evaluation,
     endless: bool,
 ) -> Status:
     """Combine audit, certificate and, where these find no answer, the solver's status."""
@@ -129,8 +127,7 @@ def status_of(
     own = found.state_gap <= STILL * outcome.nlp.problem.scales.x.max() and np.isfinite(idle)
     blind = found.active_steps == 0 and found.task_gradient < _FLAT and own
     sloped = certificate.slope > CONTENT * span
-    problem = outcome.nlp.problem
-    gain = cost_share(problem, idle - cost, idle, problem.parameters.pack(values))
+    gain = evaluation.cost_share(idle - cost, idle)
     if blind or (sloped and gain <= _IDLE):
         return Status.NO_PROGRESS
     if certificate.certified:

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocp.judge.audit import signed_distances
 from ocp.judge.contact_report import ContactReport, contact_report, least_slip
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout
 from ocp.routes.homotopy import RouteResult
 from ocp.solution import units_of
-from ocp.solve.warm_start import multipliers, node_times
+from ocp.solve.warm_start import multipliers
 from ocp.transcription.nlp import NLP, Trajectories
 
 if TYPE_CHECKING:
@@ -27,14 +27,13 @@ def label(
     replay: Rollout,
     book: ContactReport,
     outcome: RouteResult,
-    values: dict[str, float],
+    evaluation: Evaluation,
     refereed: Rollout,
 ) -> xr.Dataset:
     """Return the dataset that :class:`~ocp.solution.Solution` documents."""
     import xarray as xr
 
     problem = nlp.problem
-    physical = problem.parameters.pack(values)
     nodes = ("scenario", "node", "state")
     along = ("scenario", "interval")
     system = problem.system
@@ -64,12 +63,11 @@ def label(
         data[f"x_{name}"] = (nodes, rolled.x, of["state"])
         data[f"u_{name}"] = ((*along, "control"), rolled.u, of["control"])
     for name, x in (("phi", plan.x), ("phi_replay", replay.x)):
-        phi = signed_distances(problem, x, physical)
+        phi = evaluation.signed_distances(x)
         if phi is not None:
             data[name] = (("scenario", "node", "distance"), phi, {"units": "m"})
     if problem.system.forces is not None:
-        replayed = (replay.x, replay.u, replay.lam, replay.gap, physical)
-        data |= _forces(book, contact_report(problem, problem.exact_step, *replayed))
+        data |= _forces(book, contact_report(evaluation, problem.exact_step, replay))
     if plan.gains is not None:
         N = problem.N
         K = np.broadcast_to(plan.gains.K, (N, *plan.gains.K.shape[1:]))
@@ -78,7 +76,7 @@ def label(
         data["k"] = (("interval", "control"), k)
     data |= multipliers(nlp, outcome.result.point) | _stages(nlp, outcome, len(plan.x))
     data |= {f"{dimension}_unit": (dimension, found) for dimension, found in entries.items()}
-    time = node_times(problem, physical, plan.x[0, 0])
+    time = evaluation.node_times(plan.x[0, 0])
     coords: Variables = {} if system.forces is None else {"point": list(book.names)}
     coords |= {key: [signal.name for signal in found] for key, found in signals.items()}
     coords["time"] = ("node", time, {"units": "s"})

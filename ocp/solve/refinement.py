@@ -12,7 +12,7 @@ import numpy as np
 from ocp.errors import InputError
 from ocp.judge.referee import place_of, refined_replay, step_place
 from ocp.judge.route_report import Level, Refinement
-from ocp.problem.cost_sizes import cost_share
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, roll_on
 from ocp.programs.solver import Status
@@ -28,10 +28,10 @@ _SMALL = 1e-7
 def level_of(found: Solution) -> Level:
     """Replay the inputs, or the policy, of a solution at half its step and compare the costs."""
     x0, h = found.data["x"].values[:, 0], float(found.data["time"][1])
-    replay, _ = refined_replay(found.problem, _inputs(found), found.values, x0, by=2)
+    evaluation = Evaluation(found.problem, found.values)
+    replay, _ = refined_replay(evaluation, _inputs(found), x0, by=2)
     replayed = float("nan") if replay is None else replay.cost
-    physical = found.problem.parameters.pack(found.values)
-    difference = cost_share(found.problem, abs(replayed - found.cost), found.cost, physical)
+    difference = evaluation.cost_share(abs(replayed - found.cost), found.cost)
     return Level(h, found.problem.N, found.status.label, found.cost, replayed, difference <= AGREED)
 
 
@@ -48,7 +48,7 @@ def growth(found: Solution) -> float:
     starts = x0 + _SMALL * np.vstack([0 * sizes, np.diag(sizes)])
     inputs, problem = _inputs(found), found.problem
     inputs = inputs if isinstance(inputs, Gains) else inputs[:1]
-    x = roll_on(problem, inputs, found.values, problem.referee_step, starts)[0].x
+    x = roll_on(Evaluation(problem, found.values), inputs, problem.referee_step, starts)[0].x
     return float(np.nanmax(np.abs(x[1:] - x[0]) / sizes) / _SMALL)
 
 

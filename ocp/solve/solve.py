@@ -13,7 +13,6 @@ import numpy as np
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, choose, input_errors, interruptible
 from ocp.judge.route_report import Attempt
-from ocp.problem.cost_sizes import cost_share
 from ocp.problem.policy import Policy
 from ocp.problem.problem import Problem
 from ocp.problem.resources import check_memory, solve_memory
@@ -282,7 +281,7 @@ def solve_session(
     failures: list[Exception] = []
     pushes = _pushes(session, seed, progress)
     tried = WAYS if starts == 1 else starts
-    guesses = initial_guesses(session.problem, session.values, tried, seed)
+    guesses = initial_guesses(session.evaluation, tried, seed)
     try:
         with interruptible():
             if pushes is not None and pushes.first:
@@ -359,8 +358,7 @@ def credited(session: Session, solutions: list[Solution]) -> list[Solution]:
     least = min((one.cost for one in solutions if one.status in _FEASIBLE), default=np.inf)
     if len(ended) < 2 or not session.from_afar:
         return solutions
-    physical = session.problem.parameters.pack(session.values)
-    share = partial(cost_share, session.problem, cost=least, physical=physical)
+    share = partial(session.evaluation.cost_share, cost=least)
     return [
         replace(one, status=Status.SOLVED).with_route(idle_attempts=len(ended))
         if _stands_still(one) and not share(one.cost - least) > GAIN

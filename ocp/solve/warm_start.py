@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 from dynamics.contact import Step
 from dynamics.systems import Signal
 from ocp.errors import InputError
+from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import at_steps
 from ocp.programs.program import Layout
 from ocp.programs.solver import Point
 from ocp.solution import Solution
@@ -47,16 +47,6 @@ _IMPULSE = "N s"
 """Unit of what scales with the step: half the step, half the impulse."""
 _LEAST = 1e-12
 """Smallest mu, in characteristic units, whose path a pair is put on."""
-
-
-def node_times(problem: Problem, physical: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
-    """Times [s] of the nodes at parameter values ``physical``, shape (N+1,).
-
-    ``start`` (nx,) is the first state, which holds the step size where that is a state.
-    """
-    h = ca.Function("h", [problem.system.x, problem.parameters.vector], [ca.SX(problem.system.h)])
-    first = problem.initial_states(physical)[0] if start is None else start
-    return float(h(first, physical)) * np.arange(problem.N + 1)
 
 
 def multipliers(nlp: NLP, point: Point) -> dict[str, Any]:
@@ -214,11 +204,11 @@ class _Carrier:
     def __init__(self, solution: Solution | Plan, problem: Problem, values: dict[str, float]) -> None:
         self.solution, self.data = solution, solution.data
         self.values, self.problem = values, problem
-        self.physical = problem.parameters.pack(values)
+        self.evaluation = Evaluation(problem, values)
         old = np.asarray(self.data["time"].values)
         # A step size that is a state keeps the old duration.
         new = np.linspace(0.0, old[-1], problem.N + 1)
-        new = new if self.free_steps else node_times(problem, self.physical)
+        new = new if self.free_steps else self.evaluation.node_times()
         self.mesh = _Mesh(old[1:], new[1:])
 
     @property
@@ -229,7 +219,7 @@ class _Carrier:
 
     def first_states(self, rows: int) -> np.ndarray:
         """States x_0 (rows, 1, nx): the problem's, or the old ones where the start is chosen."""
-        given = self.problem.initial_states(self.physical)[:, None]
+        given = self.evaluation.initial_states[:, None]
         if self.problem.start is not None:
             given = self.data["x"].values[:, :1].mean(axis=0, keepdims=True)
             given[..., self.free_steps] *= self.mesh.ratio
@@ -245,7 +235,7 @@ class _Carrier:
     def trajectories(self) -> tuple[np.ndarray, np.ndarray]:
         """States at the ends of intervals (S, N, nx) and inputs (S, N, nu)."""
         mesh, problem, old = self.mesh, self.problem, self.data["x"].values
-        before = np.array(problem.limits(self.physical)[1]).ravel() if problem.uses_du else None
+        before = self.evaluation.limits.u_before if problem.uses_du else None
         x = mesh.interpolate(old[:, 1:], 1, old[:, 0].mean(axis=0)).copy()
         x[..., self.free_steps] *= mesh.ratio
         u = mesh.interpolate(self.data["u"].values, 1, before) * self._sizes(problem.system.inputs)

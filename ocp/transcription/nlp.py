@@ -10,9 +10,10 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
+from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.policy import Policy
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import Gains, at_steps
+from ocp.problem.rollout import Gains
 from ocp.programs.program import PENALTY, RELAXATION, Layout, PairName, Program
 from ocp.programs.solver import Result
 from ocp.programs.units import Scale, measured, row_scaled
@@ -62,16 +63,13 @@ class NLP(Program):
 
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
         """Put parameter values, by name, and the initial data they imply into the vector p."""
-        physical = self.problem.parameters.pack(values)
-        x0 = self.problem.initial_states(physical)
-        u_before = np.array(self.problem.limits(physical)[1]).ravel()
-        head = [values[name] for name in self.names]
-        return np.concatenate([head, self.data.pack({"x0": x0, "u_before": u_before})])
+        evaluation = Evaluation(self.problem, values)
+        start = {"x0": evaluation.initial_states, "u_before": evaluation.limits.u_before}
+        return np.concatenate([[values[name] for name in self.names], self.data.pack(start)])
 
     def constant(self, p: np.ndarray) -> float:
         """The problem's constant cost, see :meth:`~ocp.problem.problem.Problem.constant_cost`."""
-        values = dict(zip(self.names, p, strict=False))
-        return self.problem.constant_cost(self.problem.parameters.pack(values))
+        return Evaluation(self.problem, dict(zip(self.names, p, strict=False))).constant_cost
 
     def products(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
         """``lam gap`` of every contact and step, flat; shooting methods solve the contacts."""
@@ -82,10 +80,8 @@ class NLP(Program):
 
     def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
         """Bounds ``lbx ubx lbg ubg`` at the given parameter values."""
-        problem = self.problem
-        physical = problem.parameters.pack(values)
-        limits = [np.array(v).ravel() for v in problem.limits(physical)]
-        u_lower, u_upper, x_lower, x_upper = limits[2:]
+        problem, evaluation = self.problem, Evaluation(self.problem, values)
+        _, _, u_lower, u_upper, x_lower, x_upper = evaluation.limits
         # Without a normal force nothing else holds the slip of a contact.
         far = {"slip": _SLIP * problem.scales.gap}
         most = [far.get(pair.kind, np.inf) for pair in problem.system.pairs] * self.step.branches
@@ -96,12 +92,12 @@ class NLP(Program):
             "gap": (0.0, np.inf),
         }
         gain_bound = getattr(self.policy, "bound", np.inf)
-        known["x0"] = tuple(np.array(v).ravel() for v in problem.start_limits(physical))
+        known["x0"] = evaluation.start_limits
         known["K"] = (-gain_bound, gain_bound)
         lower, upper = {}, {}
         for name in self.variables.blocks:
             lower[name], upper[name] = known.get(name, (-np.inf, np.inf))
-        g_lower, g_upper = self._constraint_bounds(physical, known)
+        g_lower, g_upper = self._constraint_bounds(evaluation.p, known)
         return {
             "lbx": self.variables.pack(lower),
             "ubx": self.variables.pack(upper),

@@ -12,8 +12,8 @@ from dynamics.batch import TabulatedPolicy, exported, identifier
 from dynamics.contact import ContactLaw, Step
 from dynamics.contact.learned_step import LearnedStep
 from ocp.errors import InputError, did_you_mean
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import step_values
 from ocp.solution import Solution
 from ocp.store import atomic
 from ocp.transcription.factories import DEFAULT_LAW, closing_law
@@ -51,7 +51,7 @@ class ExportRequest:
     def values(self) -> np.ndarray:
         """Values of the step's parameters."""
         defaults = self.problem.parameters.defaults
-        return step_values(self.problem, self.step, defaults, own=False)
+        return Evaluation(self.problem, defaults).step_values(self.step, own=False)
 
     @property
     def policy(self) -> TabulatedPolicy | None:

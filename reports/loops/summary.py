@@ -13,10 +13,9 @@ from rich.table import Table
 from dynamics.batch import StepFunction
 from ocp.judge.contact_report import least_slip
 from ocp.mpc.simulate import ClosedLoop
+from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import at_steps
 from ocp.solution import units_of
-from ocp.solve.warm_start import node_times
 from reports.console import number, table_of
 
 if TYPE_CHECKING:
@@ -37,7 +36,7 @@ def labelled(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Dataset:
     data = loop.data
     entries, attributes = units_of({"state": system.states, "input": system.inputs, "contact": system.contacts})
     lam, gap = _contacts(problem, data, {**values, **mismatch})
-    times = node_times(problem, problem.parameters.pack(values))
+    times = Evaluation(problem, values).node_times()
     step = float(times[1] - times[0])
     dimensions = ("seed", "sample", "contact")
     data = data.assign(

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ocp.problem.rollout import at_steps
+from ocp.problem.evaluation import at_steps
 from ocp.problem.task import Task
 from problems.drawing import Shape
 from reports import shapes

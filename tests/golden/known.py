@@ -25,7 +25,7 @@ def session_of(name: str, key: str = "exact", **settings: str | float) -> Sessio
 
 def solved(session: Session, start: int = 0) -> Solution:
     """Solve from guess ``start`` of seed 0."""
-    guess = initial_guesses(session.problem, session.values, start + 1, 0)[start]
+    guess = initial_guesses(session.evaluation, start + 1, 0)[start]
     return judged(session, session.solve(guess=guess), 0)
 
 

@@ -167,7 +167,7 @@ def test_idle_inputs_cost_what_the_interior_point_leaves(method, own, tol) -> No
 @pytest.mark.parametrize("name", ["box-slide", "cart-transport", "hopper-1d"])
 def test_shaken_guesses_end_at_the_same_optimum(name: str) -> None:
     session = new_session(get(name), Exact(), Direct())
-    for guess in initial_guesses(session.problem, session.values, 4, 7)[1:]:
+    for guess in initial_guesses(session.evaluation, 4, 7)[1:]:
         found = judged(session, session.solve(guess=guess), 7)
         assert found.success
         assert found.cost == pytest.approx(exact(name).cost, rel=1e-6)

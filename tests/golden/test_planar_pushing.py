@@ -84,9 +84,7 @@ def test_feedback_over_scenarios_is_worth_its_gains() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_exact_law_is_solved_from_every_perturbed_guess(name: str) -> None:
     session = new_session(problems.get(name), Exact(), Direct())
-    found = [
-        judged(session, session.solve(guess=g), 0) for g in initial_guesses(session.problem, session.values, 21, 0)
-    ]
+    found = [judged(session, session.solve(guess=g), 0) for g in initial_guesses(session.evaluation, 21, 0)]
     assert sum(one.success for one in found) >= 20
     golden = problems.spec(name).golden["exact"]
     assert [one.cost for one in found if better(golden, one)] == []

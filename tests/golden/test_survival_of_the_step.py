@@ -11,6 +11,7 @@ from dynamics.contact import Exact
 from ocp import Solution, solve
 from ocp.judge.referee import COST_SHARE, evaluate, survival_refined
 from ocp.judge.verdict import findings, grade, headline
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, roll_out
 from problems import get
 
@@ -72,7 +73,7 @@ def test_each_bound_of_the_finer_replay_is_a_reason_alone() -> None:
     problem, values, data = found.problem, found.values, found.data
     x, u, lam, gap = (data[name].values for name in ("x", "u", "lam", "gap"))
     plan = Rollout(x, u, lam, gap, lam, np.array([found.cost]))
-    report, sharp = evaluate(problem, problem.exact_step, plan, values)
+    report, sharp = evaluate(Evaluation(problem, values), problem.exact_step, plan)
     assert report.refined_reasons == [] and sharp.refined is not None
     own = sharp.refined
 
@@ -81,7 +82,7 @@ def test_each_bound_of_the_finer_replay_is_a_reason_alone() -> None:
         moved[0, at, 1] -= low
         there = replace(own, x=moved, costs=np.array([cost]))
         seen = replace(sharp, refined=there, refined_note=note)
-        return "; ".join(survival_refined(problem, plan, seen, values))
+        return "; ".join(survival_refined(Evaluation(problem, values), plan, seen))
 
     assert reasons() == reasons((1 + 0.99 * COST_SHARE) * found.cost) == ""
     dear = (1 + 1.01 * COST_SHARE) * found.cost

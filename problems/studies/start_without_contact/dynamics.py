@@ -19,6 +19,7 @@ from dynamics.systems import ContactSystem, ParameterTable
 from ocp import Direct, Feedback, NotConverged, SingleShooting, solve
 from ocp.gradients.rollouts import RolloutObjective
 from ocp.learning.unrolling import adam
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, roll_on
 from problems.studies.shared.learned_laws import average, network
@@ -136,7 +137,7 @@ def gains_of(problem: Problem, theta: np.ndarray) -> Gains:
 
 def replay(problem: Problem, gains: Gains) -> np.ndarray:
     """Return states (N+1, nx) of a policy under the exact law."""
-    return roll_on(problem, gains, problem.parameters.defaults)[0].x[0]
+    return roll_on(Evaluation(problem, problem.parameters.defaults), gains)[0].x[0]
 
 
 def by_ipopt(problem: Problem, law: ContactLaw) -> dict[str, np.ndarray]:

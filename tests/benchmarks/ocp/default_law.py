@@ -47,7 +47,7 @@ class Answer:
 def answer(problem: str, law: str, index: int) -> Answer:
     """Solve from one guess as ``ocp solve`` does, everything built afresh."""
     session = new_session(get(problem), law)
-    guess = initial_guesses(session.problem, session.values, PERTURBED + 1, SEED)[index]
+    guess = initial_guesses(session.evaluation, PERTURBED + 1, SEED)[index]
     began = time.process_time()
     found = judged(session, session.solve(guess=guess), SEED)
     seconds = time.process_time() - began

@@ -85,7 +85,7 @@ class Start:
 def from_guess(problem: str, index: int) -> Start:
     """Solve from one guess, everything built afresh, so that no other solve can matter."""
     session = new_session(get(FILES.get(problem, problem)), Exact())
-    guess = initial_guesses(session.problem, session.values, PERTURBED + 1, SEED)[index]
+    guess = initial_guesses(session.evaluation, PERTURBED + 1, SEED)[index]
     began = time.process_time()
     outcome = session.solve(guess=guess)
     seconds = time.process_time() - began

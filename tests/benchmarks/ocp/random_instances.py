@@ -22,7 +22,8 @@ import numpy as np
 from docs.generator.measured import write_table
 from dynamics.contact import Barrier, Exact
 from ocp.judge.constraints import broken_constraints
-from ocp.problem.rollout import initial_guesses
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.rollout import Rollout, initial_guesses
 from ocp.programs.solver import Status
 from ocp.routes.complementarity import Search, by_strategy
 from ocp.routes.homotopy import Homotopy, RouteResult
@@ -100,7 +101,7 @@ def _strategy(name: str) -> Callable[[Instance], Answer]:
 
 def _start(number: int) -> Callable[[Instance], Answer]:
     def run(session: Session) -> RouteResult:
-        return session.solve(guess=initial_guesses(session.problem, session.values, number + 1, SEED)[number])
+        return session.solve(guess=initial_guesses(session.evaluation, number + 1, SEED)[number])
 
     return lambda instance: _from_session(instance, run)
 
@@ -144,9 +145,8 @@ def _misplaced(found: Solution) -> float:
     ``R(s) <= 2 e h V / (1 + e) + 2 g h^2 / (1 + e)``, and what gravity adds in two steps.
     """
     problem, values = found.problem, found.values
-    x, u = found.data["x"].values, found.data["u"].values
-    physical = problem.parameters.pack(values)
-    broken = broken_constraints(problem, x, u, found.data["lam"].values, physical)
+    x, u, lam, gap = (found.data[name].values for name in ("x", "u", "lam", "gap"))
+    broken = broken_constraints(Evaluation(problem, values), Rollout(x, u, lam, gap, lam, np.zeros(len(x))))
     e, g, h = (values[name] for name in ("restitution", "g", "h"))
     fastest = np.sqrt(x[..., 5].max())
     deep = 2 * (e * h * fastest + g * h**2) / (1 + e) + 3 * g * h**2

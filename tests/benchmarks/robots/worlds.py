@@ -19,7 +19,7 @@ from docs.generator.measured import DATA, read, write_table
 from dynamics.batch import BatchWarning
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact
 from ocp.mpc import Controller, simulate
-from ocp.problem.rollout import trajectory_costs
+from ocp.problem.evaluation import Evaluation
 from ocp.simulators.replay import KEPT, in_world
 from problems import get
 
@@ -41,13 +41,13 @@ def kept(task: tuple[str, str, int]) -> tuple[bool, ...]:
     name = MACHINES[machine][0]
     share = 1 + SPREAD * np.random.default_rng(seed).uniform(-1, 1)
     problem = get(machine, **{name: share * get(machine).parameters.defaults[name]})
-    values, p = problem.parameters.defaults, problem.parameters.values
+    values = problem.parameters.defaults
     with warnings.catch_warnings():
         # Candidates of a step that diverge: the plan keeps another.
         warnings.simplefilter("ignore", BatchWarning)
         along = Controller(problem, law=LAWS[law], phase="policy")
         x, u = along.plan.x[None], along.plan.u[None]
-        cost = float(trajectory_costs(problem, x, u, along.plan.lam[None], p)[0])
+        cost = float(Evaluation(problem, values).trajectory_costs(x, u, along.plan.lam[None])[0])
         found = [in_world("mujoco", problem, u, values, x[:, 0], cost).keeps]
         again = Controller(problem, law=LAWS[law], phase="qpcc" if law == "exact" else "relaxed")
         for controller in (along, again):

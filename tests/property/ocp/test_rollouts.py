@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from dynamics.contact import Barrier, ContactLaw, Exact
 from ocp import Gains, Problem, roll_out
-from ocp.problem.rollout import roll_on, trajectory_costs
+from ocp.problem.evaluation import Evaluation
+from ocp.problem.rollout import roll_on
 from problems import get
 from tests.examples import settings
 
@@ -126,8 +127,8 @@ def test_costs_on_increments_start_from_the_input_before(seed: int) -> None:
     noise = np.random.default_rng(seed)
     problem = problem_of("push-disc")
     x, u = noise.standard_normal((2, N + 1, 4)), noise.standard_normal((2, N, 2))
-    physical = np.array([parameter.value for parameter in problem.parameters])
-    found = trajectory_costs(problem, x, u, np.zeros((2, N, 1)), physical)
+    evaluation = Evaluation(problem, problem.parameters.defaults)
+    found = evaluation.trajectory_costs(x, u, np.zeros((2, N, 1)))
     off = ((x[..., :2] - [1.0, 0.5]) ** 2).sum(axis=-1)
     before = np.concatenate([np.tile([-1.0, 0.2], (2, 1, 1)), u[:, :-1]], axis=1)
     stage = 0.01 * off[:, :-1] + 0.1 * ((u - before) ** 2).sum(axis=-1)
@@ -144,10 +145,10 @@ def test_a_scenario_alone_has_the_bits_it_has_among_others(seed: int) -> None:
     u[2, 5:] = np.nan
     x0 = np.tile(problem.initial_states(problem.parameters.pack(values_of(problem))), (4, 1))
     x0[:, :2] += 0.1 * noise.standard_normal((4, 2))
-    together, unsolved = roll_on(problem, u, values_of(problem), x0=x0)
+    together, unsolved = roll_on(Evaluation(problem, values_of(problem)), u, x0=x0)
     assert unsolved is not None
     assert (unsolved.scenario, unsolved.step) == (2, 5)
     for s in range(4):
-        alone, _ = roll_on(problem, u[[s]], values_of(problem), x0=x0[[s]])
+        alone, _ = roll_on(Evaluation(problem, values_of(problem)), u[[s]], x0=x0[[s]])
         for name in ("x", "lam", "gap", "costs"):
             np.testing.assert_array_equal(getattr(together, name)[[s]], getattr(alone, name))

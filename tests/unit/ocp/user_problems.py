@@ -12,7 +12,9 @@ from dynamics.systems import (
     signals,
     time_stepping,
 )
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem, Scaling
+from ocp.problem.rollout import Rollout
 
 
 def defaults(problem: Problem) -> dict[str, float]:
@@ -23,6 +25,16 @@ def defaults(problem: Problem) -> dict[str, float]:
 def physical(problem: Problem) -> np.ndarray:
     """Values of a problem's parameters in their order."""
     return problem.parameters.values
+
+
+def at_defaults(problem: Problem) -> Evaluation:
+    """The problem at its parameters' own values."""
+    return Evaluation(problem, defaults(problem))
+
+
+def trajectories(x: np.ndarray, u: np.ndarray, lam: np.ndarray) -> Rollout:
+    """Trajectories as a rollout whose multipliers are the problem's impulses."""
+    return Rollout(x, u, lam, 0 * lam, lam, np.zeros(len(x)))
 
 
 def round_a_post(N: int = 10, linearised: bool = True) -> Problem:

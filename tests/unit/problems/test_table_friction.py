@@ -16,6 +16,7 @@ from dynamics.contact import Exact
 from dynamics.systems import ContactSystem, ParameterTable
 from dynamics.systems.contacts.areas import mean_distance
 from ocp.errors import InputError
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem, Scaling
 from ocp.search.near_steps import NearSteps
 from problems.scenes import Body, Box, Capsule, Disc, Pusher, Scene, Union
@@ -132,7 +133,7 @@ def test_batches_and_the_search_step_as_one_step_does(inertial: bool) -> None:
         parameters=ParameterTable(()),
         scaling=Scaling(impulse=0.1, gap=0.01),
     )
-    near = NearSteps(problem, system, np.zeros(0))(zeros, draws[:, None])
+    near = NearSteps(Evaluation(problem, {}), system)(zeros, draws[:, None])
     np.testing.assert_allclose(near, alone, atol=2e-6)
 
 

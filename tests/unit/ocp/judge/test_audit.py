@@ -21,7 +21,8 @@ from ocp import (
     Status,
     solve,
 )
-from ocp.judge.audit import audit, signed_distances, task_gradient, worst_constraints
+from ocp.judge.audit import audit, task_gradient, worst_constraints
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import roll_out
 from ocp.programs.solver import Point
 from ocp.routes.homotopy import RouteResult
@@ -48,7 +49,7 @@ def planted(block: str, index: tuple[int, ...], amount: float, law: str = "exact
     values = session.values
     p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
     plan = trajectories(nlp, moved, p)
-    found, _, _ = audit(nlp, moved, plan, values, p, bounds)
+    found, _, _ = audit(nlp, moved, plan, Evaluation(nlp.problem, values), p, bounds)
     return found, plan, judged(session, replace(outcome, result=moved), seed=0).status
 
 
@@ -173,8 +174,7 @@ def test_penetration_is_the_true_distance_not_the_linearised_gap() -> None:
 def test_signed_distance_of_discs() -> None:
     problem = get("push-disc", N=1)
     x = np.array([[[0.0, 0.0, -0.3, 0.4], [1.0, 0.0, 0.0, 0.0]]])
-    physical = np.array([parameter.value for parameter in problem.parameters])
-    phi = signed_distances(problem, x, physical)
+    phi = Evaluation(problem, defaults(problem)).signed_distances(x)
     assert phi is not None
     np.testing.assert_allclose(phi[0, :, 0], [0.5 - 0.6, 1.0 - 0.6], atol=1e-15)
 
@@ -196,7 +196,7 @@ def defaults(problem: Problem) -> dict[str, float]:
 def test_no_contact_no_task_gradient() -> None:
     problem = get("push-1d", N=6)
     still = roll_out(problem, np.full((1, 6, 1), -0.5), defaults(problem))
-    assert task_gradient(problem, still, defaults(problem)) == 0.0
+    assert task_gradient(Evaluation(problem, defaults(problem)), still) == 0.0
 
 
 def test_task_gradient_equals_differences() -> None:
@@ -218,7 +218,7 @@ def test_task_gradient_equals_differences() -> None:
     size = 2 * np.abs(rolled.x[0, :-1, 0] - 1).sum() + 200 * abs(rolled.x[0, -1, 0] - 1)
     assert np.max(np.abs(slopes)) > 1
     expected = np.max(np.abs(slopes)) / size
-    assert task_gradient(problem, rolled, values) == pytest.approx(expected, rel=1e-6)
+    assert task_gradient(Evaluation(problem, values), rolled) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("method", [MultipleShooting(), SingleShooting()])

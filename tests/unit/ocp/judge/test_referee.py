@@ -16,14 +16,17 @@ from ocp.judge.constraints import broken_constraints
 from ocp.judge.measures import measure
 from ocp.judge.referee import Referee, RefereeReport, evaluate, referee, survival
 from ocp.judge.step_solutions import Nonuniqueness, differing_contacts, find_nonuniqueness
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, roll_on
 from problems import get
 from tests.unit.ocp.user_problems import (
+    at_defaults,
     defaults,
     physical,
     ring,
     rough_slope,
     round_a_post,
+    trajectories,
     two_grippers,
 )
 
@@ -38,7 +41,7 @@ def solved(problem_of, law=None) -> tuple[Solution, RefereeReport, Referee]:
     problem, law = problem_of(), law or Exact()
     found = solve(problem, law, Direct(), starts=3)
     assert found.success
-    return found, *evaluate(problem, law.close(problem.system), plan_of(found), found.values)
+    return found, *evaluate(Evaluation(problem, found.values), law.close(problem.system), plan_of(found))
 
 
 # --- problems of users -----------------------------------------------------------------------
@@ -68,8 +71,8 @@ def test_with_true_gaps_the_same_problem_is_its_own_referee() -> None:
     assert problem.system.sharpest is problem.system
     assert problem.referee_step is problem.exact_step
     inputs = np.random.default_rng(0).normal(scale=0.3, size=(1, problem.N, 2))
-    judged = referee(problem, inputs, defaults(problem), problem.initial_states(physical(problem)))
-    by_model = referee(round_a_post(), inputs, defaults(problem), judged.replay.x[:, 0])
+    judged = referee(at_defaults(problem), inputs, problem.initial_states(physical(problem)))
+    by_model = referee(at_defaults(round_a_post()), inputs, judged.replay.x[:, 0])
     np.testing.assert_allclose(judged.replay.x, by_model.replay.x, atol=1e-9)
 
 
@@ -97,7 +100,7 @@ def contacts_of(problem: Problem, lam: np.ndarray, found: Nonuniqueness) -> tupl
 def test_a_push_up_a_rough_slope_is_not_determined_and_the_step_is_named() -> None:
     found, report, sharp = solved(rough_slope)
     plan = plan_of(found)
-    nonuniqueness = find_nonuniqueness(found.problem, plan.x, plan.u, plan.lam, found.values)
+    nonuniqueness = find_nonuniqueness(Evaluation(found.problem, found.values), plan)
     assert nonuniqueness is not None and "not unique" in report.nonuniqueness
     assert nonuniqueness.replayed and f"at step {nonuniqueness.step} " in report.nonuniqueness
     assert set(contacts_of(found.problem, plan.lam, nonuniqueness)) <= {"slope", "face"}
@@ -124,7 +127,7 @@ def test_a_determined_plan_does_not_part() -> None:
     for name in ("push-1d", "planar-push", "hopper-1d"):
         found = solve(get(name), Exact(), Direct())
         plan = plan_of(found)
-        assert find_nonuniqueness(found.problem, plan.x, plan.u, plan.lam, found.values) is None
+        assert find_nonuniqueness(Evaluation(found.problem, found.values), plan) is None
 
 
 @pytest.mark.costly
@@ -132,7 +135,7 @@ def test_a_smoothed_plan_is_no_second_solution() -> None:
     """It obeys its own law, so that its way off the exact step is no freedom of the model."""
     found = solve(rough_slope(), Barrier(mu=1e-2), Direct())
     plan = plan_of(found)
-    assert find_nonuniqueness(found.problem, plan.x, plan.u, plan.lam, found.values) is None
+    assert find_nonuniqueness(Evaluation(found.problem, found.values), plan) is None
 
 
 def test_a_plan_that_hops_through_a_disc_is_one_of_two_ends_of_its_step() -> None:
@@ -140,11 +143,11 @@ def test_a_plan_that_hops_through_a_disc_is_one_of_two_ends_of_its_step() -> Non
     problem = round_a_post(N=1, linearised=False)
     x = np.array([[[0.7, 0.1, 0.7, -0.3], [0.7, 0.1, 0.7, 0.5]]])
     u, lam = x[:, 1:, 2:], np.zeros((1, 1, 3))
-    nonuniqueness = find_nonuniqueness(problem, x, u, lam, defaults(problem))
+    nonuniqueness = find_nonuniqueness(at_defaults(problem), trajectories(x, u, lam))
     assert nonuniqueness is not None
     assert (nonuniqueness.step, nonuniqueness.scenario, nonuniqueness.replayed) == (0, 0, True)
     assert contacts_of(problem, lam, nonuniqueness) == ("push",)
-    found = measure(problem, problem.exact_step, x, u, lam, physical(problem))
+    found = measure(at_defaults(problem), problem.exact_step, trajectories(x, u, lam))
     assert found.penetration is not None
     assert found.between is not None
     assert found.penetration.amount == 0.0
@@ -157,7 +160,7 @@ def test_a_puck_too_fast_for_its_fence_is_not_replayed() -> None:
     problem = ring(h=0.1, speed=20.0)
     values, x0 = defaults(problem), problem.initial_states(physical(problem))
     plan = roll_out(problem, np.zeros((1, problem.N, 2)), values)
-    report, sharp = evaluate(problem, problem.exact_step, plan, values)
+    report, sharp = evaluate(Evaluation(problem, values), problem.exact_step, plan)
     assert report.penetration is not None
     radius = np.linalg.norm(plan.x[0, :, :2], axis=1).max()
     assert report.penetration.amount == pytest.approx(radius - 1.0, rel=1e-12)
@@ -165,7 +168,7 @@ def test_a_puck_too_fast_for_its_fence_is_not_replayed() -> None:
     assert sharp.failed is not None
     assert report.reasons[0] == "step 0 did not converge, contact 'ring'"
     slow = ring(h=0.01, speed=2.0)
-    judged = referee(slow, np.zeros((1, slow.N, 2)), defaults(slow), x0 * [1, 1, 1, 0.1])
+    judged = referee(at_defaults(slow), np.zeros((1, slow.N, 2)), x0 * [1, 1, 1, 0.1])
     assert judged.failed is None
     assert np.linalg.norm(judged.replay.x[0, :, :2], axis=1).max() < 1 + 1e-9
 
@@ -197,7 +200,7 @@ def test_a_replay_that_fails_is_kept_up_to_there() -> None:
     inputs = np.zeros((1, problem.N, 2))
     inputs[0, 7] = np.nan
     values, x0 = defaults(problem), problem.initial_states(physical(problem))
-    report = referee(problem, inputs, values, x0)
+    report = referee(at_defaults(problem), inputs, x0)
     assert report.failed is not None
     assert (report.failed.step, report.failed.scenario) == (7, 0)
     assert report.failed.contact.startswith("push")
@@ -207,20 +210,19 @@ def test_a_replay_that_fails_is_kept_up_to_there() -> None:
     with pytest.raises(NotConverged, match="at step 7 of scenario 0"):
         roll_out(problem, inputs, values, problem.referee_step, x0)
     plan = roll_out(problem, np.zeros((1, problem.N, 2)), values)
-    reasons = survival(problem, plan, report, measured(problem, report), [], physical(problem))
+    reasons = survival(at_defaults(problem), plan, report, measured(problem, report), [])
     assert reasons[0].startswith("step 7 did not converge, contact 'push")
 
 
 def measured(problem: Problem, report: Referee):
-    r = report.replay
-    return measure(problem, problem.referee_step, r.x, r.u, r.lam, physical(problem))
+    return measure(at_defaults(problem), problem.referee_step, report.replay)
 
 
 def test_other_scenarios_go_on_where_one_fails() -> None:
     problem = get("push-disc", scenarios=3)
     inputs = np.zeros((3, problem.N, 2))
     inputs[1, 4] = np.nan
-    rolled, unsolved = roll_on(problem, inputs, defaults(problem))
+    rolled, unsolved = roll_on(at_defaults(problem), inputs)
     assert unsolved is not None
     assert (unsolved.step, unsolved.scenario) == (4, 1)
     assert list(np.isnan(rolled.costs)) == [False, True, False]
@@ -240,7 +242,7 @@ def test_the_refined_cost_is_that_of_a_quarter_of_the_step() -> None:
         float(problem.cost_terms(coarse[0, k], inputs[0, k], 0, 0, physical(problem))[0]) for k in range(problem.N)
     )
     end = float(problem.cost_terms(coarse[0, -1], 0, 0, 0, physical(problem))[1])
-    report = referee(problem, inputs, values, x0)
+    report = referee(at_defaults(problem), inputs, x0)
     assert report.refined_cost == pytest.approx(stage + end, rel=1e-12)
     assert report.refined_cost != pytest.approx(report.cost, rel=1e-6)
 
@@ -255,7 +257,7 @@ def test_a_step_size_that_is_a_state_is_refined_too() -> None:
     rolled = roll_out(fine, np.repeat(inputs, 4, axis=1), defaults(fine), x0=quarter)
     v = rolled.x[0, :-1:4, 9:18]
     cost = ((inputs**2).sum() + 1e-3 * (v**2).sum()) / 3
-    report = referee(problem, inputs, defaults(problem), x0)
+    report = referee(at_defaults(problem), inputs, x0)
     assert report.refined_cost == pytest.approx(cost, rel=1e-9)
     assert report.replay.x[0, -1, -1] == x0[0, -1]
 
@@ -267,7 +269,7 @@ def test_a_step_size_that_is_a_state_is_refined_too() -> None:
 def test_where_a_step_cannot_be_refined_the_reason_is_told(name: str, why: str) -> None:
     problem = get(name)
     inputs = np.zeros((1, problem.N, problem.system.nu))
-    report = referee(problem, inputs, defaults(problem), problem.initial_states(physical(problem)))
+    report = referee(at_defaults(problem), inputs, problem.initial_states(physical(problem)))
     assert np.isfinite(report.cost)
     assert np.isnan(report.refined_cost)
     assert why in report.refined_note
@@ -278,10 +280,10 @@ def test_a_policy_is_replayed_as_a_policy() -> None:
     K, k = np.zeros((1, 2, 4)), np.array([[0.2, 0.1]])
     K[0, :, 2:] = 0.5 * np.eye(2)
     x0 = problem.initial_states(physical(problem))
-    report = referee(problem, Gains(K, k), defaults(problem), x0)
+    report = referee(at_defaults(problem), Gains(K, k), x0)
     x, u = report.replay.x[0], report.replay.u[0]
     np.testing.assert_allclose(u, np.clip(x[:-1] @ K[0].T + k[0], -3, 3), atol=1e-14)
-    again = referee(problem, report.replay.u, defaults(problem), x0)
+    again = referee(at_defaults(problem), report.replay.u, x0)
     np.testing.assert_array_equal(again.replay.x, report.replay.x)
 
 
@@ -322,7 +324,7 @@ def test_what_survives_is_within_its_shares() -> None:
     clean = replace(sharp, replay=plan, cost=found.cost)
 
     def verdict(judged: Referee, broken=()) -> tuple[str, ...]:
-        return survival(problem, plan, judged, replayed, broken, physical(problem))
+        return survival(at_defaults(problem), plan, judged, replayed, broken)
 
     assert verdict(clean) == ()
     assert verdict(replace(clean, cost=1.09 * found.cost)) == ()
@@ -337,7 +339,7 @@ def test_what_survives_is_within_its_shares() -> None:
     for off, count in ((0.004, 0), (0.03, 1)):
         u = plan.u.copy()
         u[0, 2, 0] = 3.0 + off
-        broken = broken_constraints(problem, plan.x, u, plan.impulses, physical(problem))
+        broken = broken_constraints(at_defaults(problem), replace(plan, u=u))
         assert len(broken) == 1
         reasons = verdict(clean, broken)
         assert len(reasons) == count
@@ -358,7 +360,7 @@ def test_a_system_without_geometry_says_so() -> None:
     assert unknown.referee_note is None
     inputs = np.zeros((1, problem.N, 1))
     x0 = problem.initial_states(physical(problem))
-    report = referee(replace(problem, system=unknown), inputs, defaults(problem), x0)
+    report = referee(at_defaults(replace(problem, system=unknown)), inputs, x0)
     assert report.note is None
-    assert report.cost == referee(problem, inputs, defaults(problem), x0).cost
+    assert report.cost == referee(at_defaults(problem), inputs, x0).cost
     assert measured(problem, report).between is None

@@ -11,6 +11,7 @@ from dynamics.systems import ParameterTable, quasi_dynamic, signals, time_steppi
 from ocp import Constraint, Problem, solve
 from ocp.judge.measures import measure
 from ocp.judge.referee import Referee, survival
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout
 
 SCALES = [1.0, 1e-3]
@@ -36,8 +37,8 @@ def test_a_flight_through_a_body_does_not_survive_however_small_the_body(length:
     u, one = np.zeros((1, 2, 2)), np.zeros((1, 2, 1))
     plan = Rollout(x, u, one, one, one, np.zeros(1))
     replay = Referee(plan, 0.0, None, "the model itself", np.nan, "")
-    found = measure(problem, problem.exact_step, x, u, one, np.zeros(0))
-    (reason,) = survival(problem, plan, replay, found, [], np.zeros(0))
+    found = measure(Evaluation(problem, {}), problem.exact_step, plan)
+    (reason,) = survival(Evaluation(problem, {}), plan, replay, found, [])
     assert reason == f"post is penetrated by {0.2 * length:.2g} at step 0"
 
 

@@ -13,10 +13,11 @@ from dynamics.systems import Parameter, ParameterTable, lcs, signals, time_stepp
 from ocp import Direct, solve
 from ocp.judge.referee import evaluate
 from ocp.judge.step_solutions import Nonuniqueness, find_nonuniqueness
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem, Scaling
 from ocp.problem.rollout import roll_out
 from problems import get
-from tests.unit.ocp.user_problems import defaults
+from tests.unit.ocp.user_problems import at_defaults, defaults, trajectories
 
 
 def coupled(F: np.ndarray, d: np.ndarray, N: int = 1) -> Problem:
@@ -60,7 +61,7 @@ def enumerated(F: np.ndarray, d: np.ndarray) -> list[np.ndarray]:
 def others_of(problem: Problem, lam: np.ndarray) -> Nonuniqueness | None:
     """Other ends of a first step from zero that ends at x = lam, without an input."""
     x = np.stack([np.zeros_like(lam), lam])[None]
-    return find_nonuniqueness(problem, x, np.zeros((1, 1, 1)), lam[None, None], defaults(problem))
+    return find_nonuniqueness(at_defaults(problem), trajectories(x, np.zeros((1, 1, 1)), lam[None, None]))
 
 
 def distinct(ends: np.ndarray) -> np.ndarray:
@@ -126,7 +127,7 @@ def test_a_step_with_one_solution_has_no_other() -> None:
         scaling=Scaling(1.0, 1.0),
     )
     x, lam = np.array([[[0.0], [1.0]]]), np.array([[[0.3, 0.7]]])
-    assert find_nonuniqueness(twins, x, np.zeros((1, 1, 1)), lam, defaults(twins)) is None
+    assert find_nonuniqueness(at_defaults(twins), trajectories(x, np.zeros((1, 1, 1)), lam)) is None
 
 
 def rod(friction: float, slip: float, rise: float, h: float = 0.01) -> Problem:
@@ -177,7 +178,7 @@ def test_painleves_rod_lifts_off_slides_or_jams() -> None:
     lam = np.zeros((1, 1, 4))
     lam[0, 0, 3] = -0.01 * slip
     x = np.stack([x0, ends[0]])[None]
-    found = find_nonuniqueness(problem, x, np.zeros((1, 1, 1)), lam, defaults(problem))
+    found = find_nonuniqueness(at_defaults(problem), trajectories(x, np.zeros((1, 1, 1)), lam))
     assert found is not None
     expected = ends[1:][ends[1:, 3].argsort()]
     order = distinct(found.x_next)
@@ -189,11 +190,11 @@ def test_a_rod_without_the_paradox_goes_on_in_one_way(friction: float, slip: flo
     """A > 0: less friction, or sliding the other way; the tip opens, and nothing else."""
     problem = rod(friction, slip, rise)
     plan = roll_out(problem, np.zeros((1, 2, 1)), defaults(problem))
-    report, _ = evaluate(problem, problem.exact_step, plan, defaults(problem))
+    report, _ = evaluate(at_defaults(problem), problem.exact_step, plan)
     assert report.nonuniqueness == "" and np.isnan(report.branch_cost)
     paradox = rod(2.0, -5.0, rise)
     plan = roll_out(paradox, np.zeros((1, 2, 1)), defaults(paradox))
-    report, _ = evaluate(paradox, paradox.exact_step, plan, defaults(paradox))
+    report, _ = evaluate(at_defaults(paradox), paradox.exact_step, plan)
     assert report.nonuniqueness.startswith("the contact forces at step 0 are not unique (tip)")
     assert abs(report.branch_cost - plan.cost) > 1e-5
 
@@ -209,7 +210,7 @@ def test_finger_discs_second_end_is_named_with_its_cost() -> None:
     assert report.branch_cost == pytest.approx(27.5151, rel=1e-4)
     x, u, p = found.data["x"].values, found.data["u"].values, found.problem
     lam = found.data["lam"].values
-    other = find_nonuniqueness(p, x, u, lam, found.values)
+    other = find_nonuniqueness(Evaluation(p, found.values), trajectories(x, u, lam))
     assert other is not None and not other.replayed
     # By the relation itself: zero residual, and lam and gap complementary and not negative.
     for end, forces in ((other.x_next[0], other.lam[0]), (x[0, 2], lam[0, 1])):

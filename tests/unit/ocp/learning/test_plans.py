@@ -21,7 +21,7 @@ from ocp.learning.planned import (
 )
 from ocp.learning.protocol import Normaliser, Trained
 from ocp.learning.unroll_gradients import FOPG
-from ocp.problem.rollout import trajectory_costs
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.task import Task
 from problems import ball_throw
 from problems.tasks import registry
@@ -90,7 +90,7 @@ def test_the_cost_is_minus_the_return_whatever_the_trajectory():
     for p in (np.array([1.0]), np.array([-2.0])):
         states = np.vstack([START, rng.normal(size=(4, 1))])
         inputs = rng.normal(size=(4, 1))
-        cost = trajectory_costs(problem, states[None], inputs[None], none, p)[0]
+        cost = Evaluation(problem, {"goal": p[0]}).trajectory_costs(states[None], inputs[None], none)[0]
         assert cost == pytest.approx(-returned(mixed, states, inputs, p), rel=1e-12)
 
 

@@ -25,7 +25,7 @@ from ocp.judge.constraints import broken_constraints
 from ocp.problem.rollout import problem_impulses, roll_on
 from problems import get
 from tests.unit.dynamics.learned.wavy import Wavy
-from tests.unit.ocp.user_problems import defaults, physical
+from tests.unit.ocp.user_problems import at_defaults, defaults, physical
 
 N, H, FORCE = 4, 0.1, 5.0
 METHODS = (Direct(), MultipleShooting(), SingleShooting())
@@ -79,15 +79,14 @@ def test_a_force_limit_is_kept_and_priced() -> None:
 def test_a_replay_that_presses_too_little_breaks_its_constraint() -> None:
     problem = held()
     weak = roll_out(problem, np.full((1, N, 1), -0.8 * FORCE * H), defaults(problem))
-    moved = weak.x, weak.u, weak.impulses
-    (broken,) = broken_constraints(problem, *moved, physical(problem))
+    (broken,) = broken_constraints(at_defaults(problem), weak)
     assert broken.violation.component == "press"
     assert broken.violation.amount == pytest.approx(0.2 * FORCE)
 
 
 def test_the_impulse_of_an_interval_is_the_sum_over_its_smaller_steps() -> None:
     problem, pushed = pressing(), np.full((1, N, 1), -0.25)
-    rolled, _ = roll_on(problem, pushed, defaults(problem), substeps=4)
+    rolled, _ = roll_on(at_defaults(problem), pushed, substeps=4)
     assert rolled.impulses == pytest.approx(1.0)
     assert rolled.cost == pytest.approx(N * ((1.0 / H - FORCE) ** 2 + 1e-3 / 16))
 
@@ -111,7 +110,7 @@ def test_edges_of_a_cone_are_matched_to_friction_by_what_they_exert() -> None:
     noise = np.random.default_rng(0)
     x, u = noise.uniform(-1, 1, (1, 3, 5)), noise.uniform(-1, 1, (1, 2, 2))
     sharp = noise.uniform(0, 1, (1, 2, step.n))
-    own = problem_impulses(problem, step, x, u, sharp, p)
+    own = problem_impulses(at_defaults(problem), step, x, u, sharp)
     for k in range(2):
         exerted = []
         for system, lam in ((problem.system, own), (step.system, sharp)):

@@ -87,9 +87,8 @@ def test_only_the_throw_acts_in_ball_throw_and_every_push_in_push_1d() -> None:
     cases = [(get("ball-throw"), 2), (get("ball-throw", speed_start=0.0), 2)]
     for problem, acting in (*cases, (get("push-1d"), get("push-1d").N)):
         session = new_session(problem, Exact())
-        values = session.values
-        guess = problem.initial_guess(problem.parameters.pack(values))
-        rolls = RolloutStarts(problem, session.step, values, guess)
+        evaluation = session.evaluation
+        rolls = RolloutStarts(evaluation, session.step, evaluation.initial_guess)
         assert rolls.acting.sum() == acting
         assert rolls.acting[0].all()
 

@@ -14,6 +14,7 @@ from ocp import solve
 from ocp.errors import InputError
 from ocp.judge.certificate import Certificate
 from ocp.judge.referee import RefereeReport
+from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import SWEPT, Constraint, Problem, Scaling
 from ocp.problem.rollout import roll_on
 from ocp.search.near_steps import NearSteps, linear_complementarity
@@ -73,15 +74,15 @@ def test_linear_complementarity_problems_agree_with_enumeration() -> None:
 
 def test_steps_with_near_contacts_are_the_exact_laws() -> None:
     problem, single = behind(), behind(1)
-    values, physical = problem.parameters.defaults, problem.parameters.pack({})
+    values = problem.parameters.defaults
     rng = np.random.default_rng(1)
     angle = rng.uniform(0, 2 * np.pi, 12)
     x = np.zeros((12, 5))
     x[:, 3:] = 0.21 * np.column_stack([np.cos(angle), np.sin(angle)])
     u = x[:, 3:] + rng.uniform(-0.1, 0.1, (12, 2))
-    near = NearSteps(problem, problem.referee_step.system, physical)(x, u)
+    near = NearSteps(Evaluation(problem, values), problem.referee_step.system)(x, u)
     for start, command, end in zip(x, u, near, strict=True):
-        exact, failed = roll_on(single, command[None, None], values, x0=start[None])
+        exact, failed = roll_on(Evaluation(single, values), command[None, None], x0=start[None])
         assert failed is None
         np.testing.assert_allclose(end, exact.x[0, 1], atol=1e-6)
 
@@ -150,11 +151,11 @@ def test_steps_of_a_system_whose_gaps_do_not_see_their_impulses() -> None:
     values = problem.parameters.defaults
     x = np.array(problem.limits(problem.parameters.pack(values))[0]).ravel()[None]
     u = x[:, -problem.system.nu :] + 0.2
-    near = NearSteps(problem, problem.system, problem.parameters.pack(values))
+    near = NearSteps(Evaluation(problem, values), problem.system)
     single, x_exact = replace(problem, N=1), x[0]
     for _ in range(3):
         x = near(x, u)
-        exact, failed = roll_on(single, u[None], values, x0=x_exact[None])
+        exact, failed = roll_on(Evaluation(single, values), u[None], x0=x_exact[None])
         assert failed is None
         x_exact = exact.x[0, 1]
         np.testing.assert_allclose(x[0], x_exact, atol=1e-6)

@@ -59,12 +59,12 @@ def test_the_same_seed_gives_the_same_answer_to_the_last_bit(arguments: dict[str
 def test_guesses_come_from_the_seed_and_keep_the_start() -> None:
     session = new_session(get("cart-walls"), Exact())
     first, again = (
-        initial_guesses(session.problem, session.values, 5, seed=3),
-        initial_guesses(session.problem, session.values, 5, seed=3),
+        initial_guesses(session.evaluation, 5, seed=3),
+        initial_guesses(session.evaluation, 5, seed=3),
     )
     more, other = (
-        initial_guesses(session.problem, session.values, 8, seed=3),
-        initial_guesses(session.problem, session.values, 5, seed=4),
+        initial_guesses(session.evaluation, 8, seed=3),
+        initial_guesses(session.evaluation, 5, seed=4),
     )
     X, U = session.problem.initial_guess(session.problem.parameters.values)
     np.testing.assert_array_equal(first[0][0], X)

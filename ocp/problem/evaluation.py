@@ -1,0 +1,127 @@
+"""A problem at parameter values: what depends on both, evaluated once and passed on as one object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from dynamics.contact import Step
+from ocp.problem.problem import Problem
+
+LEAST_COST = 1e-9
+"""Smallest cost, in characteristic costs, of which a change is a share."""
+
+
+class Limits(NamedTuple):
+    """Start and bounds of a problem: of states (nx,), of inputs (nu,), and the input before the first."""
+
+    x0: np.ndarray
+    u_before: np.ndarray
+    u_lower: np.ndarray
+    u_upper: np.ndarray
+    x_lower: np.ndarray
+    x_upper: np.ndarray
+
+
+def at_steps(function: ca.Function, *arrays: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
+    """Evaluate ``function(*columns, p)`` at every scenario and step of arrays (S, N, .)."""
+    S, N = arrays[0].shape[:2]
+    columns = [ca.DM(array.reshape(S * N, array.shape[2]).T) for array in arrays]
+    outputs = function.map(S * N).call([*columns, ca.DM(p)])
+    return [np.array(output).T.reshape(S, N, output.shape[0]) for output in outputs]
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A ``problem`` at ``values`` of the parameters of problem and law, by name.
+
+    Trajectories are x (S, N+1, nx), u (S, N, nu), and impulses (S, N, nlam) of the contacts of the problem's system.
+    """
+
+    problem: Problem
+    values: dict[str, float]
+
+    @cached_property
+    def p(self) -> np.ndarray:
+        """Values of the problem's parameters in order, (np,)."""
+        return self.problem.parameters.pack(self.values)
+
+    @cached_property
+    def limits(self) -> Limits:
+        """Start and bounds."""
+        return Limits(*(np.array(limit).ravel() for limit in self.problem.limits(self.p)))
+
+    @cached_property
+    def start_limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds (nx,) of the first state, equal where the start is given."""
+        lower, upper = (np.array(limit).ravel() for limit in self.problem.start_limits(self.p))
+        return lower, upper
+
+    @cached_property
+    def initial_states(self) -> np.ndarray:
+        """First states of all scenarios, (S, nx)."""
+        return self.problem.initial_states(self.p)
+
+    @cached_property
+    def initial_guess(self) -> tuple[np.ndarray, np.ndarray]:
+        """States (N+1, nx) and inputs (N, nu) of the problem's own guess."""
+        return self.problem.initial_guess(self.p)
+
+    @cached_property
+    def constant_cost(self) -> float:
+        """Sum over the horizon of the cost's constant terms, which no plan can change."""
+        return self.problem.constant_cost(self.p)
+
+    @cached_property
+    def least_cost(self) -> float:
+        """The constant cost, and what constants under roots, squares and the like add to it at the least."""
+        return self.problem.least_cost(self.p)
+
+    def step_values(self, step: Step, own: bool = True) -> np.ndarray:
+        """Values of a step's parameters, those of its law by their settings where ``values`` has none.
+
+        Without ``own`` the law's parameters are always its settings.
+        """
+        known = self.problem.parameters
+        return step.p.pack(self.values if own else {name: v for name, v in self.values.items() if name in known})
+
+    def node_times(self, start: np.ndarray | None = None) -> np.ndarray:
+        """Times [s] of the nodes, (N+1,).
+
+        ``start`` (nx,) is the first state, which holds the step size where that is a state.
+        """
+        problem, first = self.problem, self.initial_states[0] if start is None else start
+        h = ca.Function("h", [problem.system.x, problem.parameters.vector], [ca.SX(problem.system.h)])
+        return float(h(first, self.p)) * np.arange(problem.N + 1)
+
+    def trajectory_costs(self, x: np.ndarray, u: np.ndarray, impulses: np.ndarray) -> np.ndarray:
+        """Cost (S,) of trajectories."""
+        before = self.limits.u_before
+        du = np.diff(u, axis=1, prepend=np.broadcast_to(before, (len(u), 1, before.size)))
+        stage, _ = at_steps(self.problem.cost_terms, x[:, :-1], u, du, impulses, p=self.p)
+        last = (array[:, -1:] for array in (x, u, du, impulses))
+        _, terminal = at_steps(self.problem.cost_terms, *last, p=self.p)
+        return stage.sum(axis=(1, 2)) + terminal[:, 0, 0]
+
+    def cost_share(self, change: float, cost: float) -> float:
+        """Return a ``change`` of the cost as a share of what a plan of that ``cost`` can change.
+
+        That is the cost less its constant terms, under roots and squares too, so that a constant in the cost changes
+        no verdict; no less than :data:`LEAST_COST` characteristic costs.
+        """
+        changeable = abs(cost - self.least_cost)
+        return change / max(changeable, LEAST_COST * self.problem.scales.cost)
+
+    def signed_distances(self, x: np.ndarray) -> np.ndarray | None:
+        """True signed distances phi [m] at states x (..., nx), (..., n_phi); None without geometry."""
+        phi = self.problem.signed_distance
+        if phi is None:
+            return None
+        if not phi.numel_out(0):
+            return np.empty((*x.shape[:-1], 0))
+        states = x.reshape(-1, x.shape[-1])
+        return np.array(phi.map(len(states))(states.T, self.p)).T.reshape(*x.shape[:-1], -1)
