@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from ocp.solution import Solution
     from problems.spec import ProblemSpec
-    from reports.view import RunView
+    from reports.drawing.view import RunView
 
 
 def main() -> None:
@@ -26,7 +26,7 @@ def main() -> None:
 
 def report(solution: Solution, path: Path) -> Path:
     """Write the PDF of a solution, stored or not."""
-    from reports.pdf import write_pdf
+    from reports.documents.pdf import write_pdf
 
     write_pdf([store.in_memory_run(solution)], path, file_spec=_file_spec(solution))
     return path
@@ -34,9 +34,9 @@ def report(solution: Solution, path: Path) -> Path:
 
 def animate(solution: Solution, path: Path, fps: int, speed: float) -> Path:
     """Write the motion of plan and replay."""
+    from reports.drawing.style import styled
     from reports.motion.animation import Animation
     from reports.motion.movie import check_format, write
-    from reports.style import styled
 
     check_format(path, fps)
     with styled():
@@ -46,8 +46,8 @@ def animate(solution: Solution, path: Path, fps: int, speed: float) -> Path:
 
 def plot(solution: Solution) -> Figure:
     """The figure of ``ocp solve --plot``: the strobe above states, inputs and forces."""
-    from reports.papers import solution_figure
-    from reports.style import literal, styled
+    from reports.drawing.style import literal, styled
+    from reports.figures.paper import solution_figure
 
     with styled():
         return literal(solution_figure(_view(solution)))
@@ -55,9 +55,9 @@ def plot(solution: Solution) -> Figure:
 
 def html(solution: Solution) -> str:
     """Verdict with a bar in the colour of its grade, picture and numbers, as one HTML fragment."""
-    from reports.figures.motion import trajectories
-    from reports.strobe import strobe
-    from reports.style import GRADES, literal, styled, to_svg
+    from reports.drawing.strobe import strobe
+    from reports.drawing.style import GRADES, literal, styled, to_svg
+    from reports.figures.trajectories import trajectories
 
     headline, *findings = solution.verdict.split("\n")
     with styled():
@@ -91,7 +91,7 @@ def _numbers(solution: Solution) -> dict[str, str]:
 
 
 def _view(solution: Solution) -> RunView:
-    from reports.view import RunView
+    from reports.drawing.view import RunView
 
     return RunView.of(store.in_memory_run(solution), _file_spec(solution))
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from docs.generator import notebooks
 from docs.generator.measured import DOCS, escaped, table
-from reports import settings
 from reports.cli.app import commands, first_paragraph
-from reports.settings import SettingGroup
+from reports.tables import settings
+from reports.tables.settings import SettingGroup
 
 WIDTH = 80
 

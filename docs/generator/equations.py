@@ -18,7 +18,7 @@ from xml.etree import ElementTree as Xml
 import typst
 
 from problems import names, spec
-from reports.notation import plain
+from reports.drawing.notation import plain
 
 BLOCK = re.compile(r"<!-- equations:\s+(.*?)\s+-->\n+```text\n(.*?)\n```\n", re.S)
 CITED = re.compile(r"\(([a-z][a-z0-9-]*)\.(\d+)\)")

@@ -2,7 +2,7 @@
 
 Claims lie as JSON in ``docs/generated/data/claims``; ``python -m docs.generator.figures FILE.json``
 stores there the claims in that file, the output of ``ocp figure --all --json``, each picture in
-``docs/pictures/figures/<id>.png``, and of N3 and C1 the tables of :mod:`reports.smoothings`;
+``docs/pictures/figures/<id>.png``, and of N3 and C1 the tables of :mod:`reports.tables.law_tables`;
 ``make claims`` makes the figures first.
 """
 
@@ -33,10 +33,10 @@ from ocp.errors import InputError
 from problems import studies
 from problems.studies import FigureStudy
 from problems.studies.study import counted, verdict
-from reports import smoothings
+from reports.documents.citations import full_citation
+from reports.drawing.style import styled
 from reports.figures.studies import DRAWINGS
-from reports.notation import full_citation
-from reports.style import styled
+from reports.tables import law_tables
 
 COLUMNS = ("claim", "source", "expected", "measured", "holds")
 PAPERS = {
@@ -49,8 +49,8 @@ PAPERS = {
 """What figures reproduce, by the first letter of their names."""
 
 _TABLES = {
-    "N3": ("smoothings", smoothings.rows),
-    "C1": ("smoothings-in-the-loop", smoothings.loop_rows),
+    "N3": ("smoothings", law_tables.rows),
+    "C1": ("smoothings-in-the-loop", law_tables.loop_rows),
 }
 """Name and rows of the table that a figure's data give."""
 

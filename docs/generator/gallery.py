@@ -11,7 +11,8 @@ from docs.generator.measured import DATA, DOCS, provenance, read, table
 from docs.generator.roles import cleaned
 from problems import describe, names, spec
 from problems.spec import ProblemSpec
-from reports.notation import full_citation, powers
+from reports.documents.citations import full_citation
+from reports.drawing.notation import powers
 
 PICTURES = DOCS / "pictures"
 

@@ -17,11 +17,11 @@ from matplotlib.figure import Figure
 from ocp.errors import InputError
 from ocp.store import atomic
 from ocp.store.runs import load, run_paths
+from reports.drawing.strobe import draw_strobe
+from reports.drawing.style import styled
+from reports.drawing.view import RunView
 from reports.motion.animation import Animation, is_periodic, repeated
 from reports.motion.movie import write
-from reports.strobe import draw_strobe
-from reports.style import styled
-from reports.view import RunView
 
 _COLUMNS, _WIDTH = 3, 10.5
 _STRIDES = 4

@@ -24,9 +24,9 @@ from docs.generator import measured
 from ocp.judge.referee import step_place
 from ocp.store.runs import load
 from problems import get, names, spec
-from reports.strobe import strobe
-from reports.style import styled
-from reports.view import RunView
+from reports.drawing.strobe import strobe
+from reports.drawing.style import styled
+from reports.drawing.view import RunView
 
 LIMIT_S, REFINE_LIMIT_S = 120, 3600
 """Seconds of processor time for one solve, and for the refinement of one problem."""

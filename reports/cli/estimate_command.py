@@ -32,7 +32,7 @@ from problems.spec import ProblemSpec
 from reports.cli import interrupt
 from reports.cli.commands import BACKENDS, EstimateOptions
 from reports.cli.request import assignments, check_places, whole
-from reports.tables import estimate_progress, estimate_table
+from reports.tables.listings import estimate_progress, estimate_table
 
 _OF_ROLLOUTS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "decision_run": "--at"}
 

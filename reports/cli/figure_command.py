@@ -30,9 +30,9 @@ from problems.studies.study import did_hold
 from reports.cli import interrupt
 from reports.cli.commands import FigureOptions
 from reports.cli.request import assignments, check_places
-from reports.papers import FORMATS, bare
-from reports.pdf import write_pdf
-from reports.tables import claim_table
+from reports.documents.pdf import write_pdf
+from reports.figures.paper import FORMATS, bare
+from reports.tables.listings import claim_table
 
 if TYPE_CHECKING:
     import xarray as xr

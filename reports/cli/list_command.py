@@ -18,11 +18,12 @@ from problems import describe, names, spec, studies
 from problems.registry import ROBOT_FILES, ObjectiveSpec, named, objective_names, objective_spec
 from problems.spec import ProblemSpec, Spec
 from problems.tasks import registry
-from reports import settings
 from reports.cli.commands import SettingsOptions, ShowOptions
 from reports.cli.options import Options
-from reports.notation import full_citation, plain
-from reports.settings import SettingGroup
+from reports.documents.citations import full_citation
+from reports.drawing.notation import plain
+from reports.tables import settings
+from reports.tables.settings import SettingGroup
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -111,8 +112,8 @@ def run_show(options: ShowOptions, shown_object: ProblemSpec | ObjectiveSpec | T
 
 
 def _show_robot(options: ShowOptions, robot: Robot) -> int:
-    from reports import robots
-    from reports.console import print_table
+    from reports.tables import robots
+    from reports.tables.console import print_table
 
     content = robot.document()
     options.output.document(content)
@@ -128,17 +129,17 @@ def _show_robot(options: ShowOptions, robot: Robot) -> int:
 
 
 def _show_file(options: ShowOptions, dataset: Transitions | Dataset) -> int:
-    from reports import learned
-    from reports.console import print_table
+    from reports.tables import learned_models
+    from reports.tables.console import print_table
 
     is_transitions = isinstance(dataset, Transitions)
-    content = learned.data_document(dataset) if is_transitions else learned.model_document(dataset)
+    content = learned_models.data_document(dataset) if is_transitions else learned_models.model_document(dataset)
     options.output.document({"file": options.problem, **content})
     if options.as_json:
         return 0
-    for line in learned.lines(content):
+    for line in learned_models.lines(content):
         print(fill(line, 80))
-    for table in learned.tables(content):
+    for table in learned_models.tables(content):
         print()
         print_table(table)
     return 0
@@ -171,8 +172,8 @@ def _described(described_spec: Spec) -> dict[str, Any]:
 
 def _page(described_spec: Spec) -> None:
     """Equations, parameters, best known values with remarks on them, and the source."""
-    from reports.console import print_table
-    from reports.tables import golden_table, parameter_table
+    from reports.tables.console import print_table
+    from reports.tables.listings import golden_table, parameter_table
 
     described = _described(described_spec)
     for k, line in enumerate(described["equations"], 1):

@@ -28,8 +28,8 @@ from problems.spec import ProblemSpec
 from reports.cli import interrupt
 from reports.cli.mpc_options import MpcOptions
 from reports.cli.request import assignments, check_places
-from reports.console import live
-from reports.loops.summary import labelled, loop_table, reasons, summary
+from reports.tables.closed_loop import labelled, loop_table, reasons, summary
+from reports.tables.console import live
 
 NOT_SURVIVED = 3
 _DEFAULT_STEPS = 100

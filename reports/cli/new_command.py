@@ -21,7 +21,7 @@ TEMPLATES = {
     "robot": "hop_on.py",
 }
 """Files of ``examples``, which a wheel has among its templates (pyproject.toml)."""
-_FOLDERS = [Path(__file__).parents[1] / "templates", Path(__file__).parents[2] / "examples"]
+_FOLDERS = [Path(__file__).with_name("templates"), Path(__file__).parents[2] / "examples"]
 
 
 def check(options: NewOptions) -> Path:

@@ -10,11 +10,11 @@ from problems.spec import ProblemSpec
 from reports.cli import interrupt
 from reports.cli.commands import AnimateOptions, ReportOptions
 from reports.cli.request import check_place
+from reports.documents.pdf import write_pdf
+from reports.drawing.style import styled
+from reports.drawing.view import RunView
 from reports.motion.animation import Animation, check_drawable, frame_times, is_periodic, repeated
 from reports.motion.movie import check_format, write
-from reports.pdf import write_pdf
-from reports.style import styled
-from reports.view import RunView
 
 
 def check_report(options: ReportOptions) -> tuple[list[StoredRun], ProblemSpec | None]:

@@ -14,8 +14,8 @@ from ocp.store.run_files import visible
 from ocp.store.stored_run import FORMATS, StoredRun, check_rows
 from reports.cli.commands import RmOptions, RunsExportOptions, RunsOptions
 from reports.cli.request import check_place
-from reports.console import print_table
-from reports.tables import run_lines, run_table
+from reports.tables.console import print_table
+from reports.tables.listings import run_lines, run_table
 
 FILTERS = ("problem", "kind", "contact", "method", "algorithm", "status")
 """Filters of a listing, by their names in its objects."""

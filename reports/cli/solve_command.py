@@ -23,13 +23,13 @@ from ocp.store import atomic
 from ocp.store.route_record import record_of
 from ocp.store.stored_run import StoredRun
 from problems.plugin import edited, law_of, problem_of
-from reports import console
 from reports.cli import interrupt
 from reports.cli.commands import ReplayOptions, SolveOptions
 from reports.cli.request import Request, assignments, case_of, check_place, check_places
 from reports.cli.streams import Output
-from reports.console import number, small
-from reports.contacts import contact_table
+from reports.tables import console
+from reports.tables.console import number, small
+from reports.tables.contacts import contact_table
 
 NOT_CONVERGED = 3
 REQUIREMENTS = {"survives": "the referee's replay follows the plan, at h and at h/4"}
@@ -45,7 +45,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     if options.start is not None and options.starts > 1:
         raise InputError("--from excludes several starts; drop --starts")
     if options.plot is not None:
-        from reports.papers import format_of
+        from reports.figures.paper import format_of
 
         format_of(options.plot)
         check_place(options.plot, "figure")
@@ -111,7 +111,7 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     output.verdict(solution.verdict, solution.grade)
     content = document(solution, stored.meta)
     if options.plot is not None:
-        from reports.papers import bare, format_of
+        from reports.figures.paper import bare, format_of
 
         figure_bytes = bare(stored, format_of(options.plot), file_spec=request.spec)
         atomic.write(options.plot, figure_bytes, "the figure")

@@ -301,7 +301,7 @@ class Output:
         """
         self.say(f"run: {run.path}")
         if pdf is not None:
-            from reports.pdf import write_pdf
+            from reports.documents.pdf import write_pdf
 
             write_pdf([run], pdf, file_spec=file_spec)
             self.say(f"PDF: {pdf}")

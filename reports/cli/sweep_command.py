@@ -26,7 +26,7 @@ from reports.cli import interrupt
 from reports.cli.commands import ContinueOptions, SweepOptions
 from reports.cli.request import Request, assignments, case_of, check_places, read_names
 from reports.cli.solve_command import NOT_CONVERGED
-from reports.tables import curve_lines, event_table, point_table, sweep_progress
+from reports.tables.listings import curve_lines, event_table, point_table, sweep_progress
 
 
 @dataclass(frozen=True)

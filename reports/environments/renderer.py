@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from problems.drawing import HalfPlane, Shape
 from problems.tasks.registry import TaskSpec
-from reports.shapes import Camera, bounds, draw, name_axes
-from reports.strobe import draw_motion
-from reports.style import INK, styled
+from reports.drawing.shapes import Camera, bounds, draw, name_axes
+from reports.drawing.strobe import draw_motion
+from reports.drawing.style import INK, styled
 
 _INCHES, _DPI = (6.4, 4.0), 100
 _AROUND, _BELOW = 2.2, 0.1

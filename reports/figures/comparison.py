@@ -12,14 +12,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from reports.console import number, small
-from reports.figures.motion import Track, idle, largest, tracks
+from reports.drawing.notation import label, symbol
+from reports.drawing.strobe import largest, strobe_rows
+from reports.drawing.style import CYCLE, GREEN, GREY, INK, ORANGE, PLANNED, PURPLE, REPLAYED, WIDTH, line_of
+from reports.drawing.view import RunView
 from reports.figures.panels import Panel, Row, in_rows, lines, note_zero
 from reports.figures.run import FLOOR
-from reports.notation import label, symbol
-from reports.strobe import strobe_rows
-from reports.style import CYCLE, GREEN, GREY, INK, ORANGE, PLANNED, PURPLE, REPLAYED, WIDTH, line_of
-from reports.view import RunView
+from reports.figures.trajectories import Track, idle, tracks
+from reports.tables.console import number, small
 
 _LETTERS = 45
 """Letters of a line of a run's name beside its costs."""

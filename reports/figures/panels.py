@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from reports.style import GREY, INK, WIDTH
+from reports.drawing.style import GREY, INK, WIDTH
 
 COLUMNS = 4
 _LEFT, _RIGHT = 0.40, 0.08

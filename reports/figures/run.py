@@ -13,8 +13,9 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from dynamics.systems.pairs import Pair
 from ocp.judge.contact_report import acting
-from reports.console import shown_stages, stage_title
-from reports.figures.motion import NEGLIGIBLE, SAME, mean_multiplier
+from reports.drawing.notation import label, symbol
+from reports.drawing.style import BLUE, CYCLE, GREEN, GREY, INK, ORANGE, PURPLE, REPLAYED, SKY, VERMILLION, WIDTH
+from reports.drawing.view import RunView
 from reports.figures.panels import (
     Panel,
     Row,
@@ -25,21 +26,8 @@ from reports.figures.panels import (
     note_zero,
     spans,
 )
-from reports.notation import label, symbol
-from reports.style import (
-    BLUE,
-    CYCLE,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    PURPLE,
-    REPLAYED,
-    SKY,
-    VERMILLION,
-    WIDTH,
-)
-from reports.view import RunView
+from reports.figures.trajectories import NEGLIGIBLE, SAME, mean_multiplier
+from reports.tables.console import shown_stages, stage_title
 
 FLOOR = 1e-12
 """What lies below, zero included, is no number for a log axis and is not drawn."""

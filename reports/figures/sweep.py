@@ -12,8 +12,8 @@ from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from ocp.store.stored_run import StoredRun
-from reports.notation import label, symbol
-from reports.style import CYCLE, FAINT, GRADES, GREY, INK, PLANNED, REPLAYED, WIDTH
+from reports.drawing.notation import label, symbol
+from reports.drawing.style import CYCLE, FAINT, GRADES, GREY, INK, PLANNED, REPLAYED, WIDTH
 
 if TYPE_CHECKING:
     import xarray as xr

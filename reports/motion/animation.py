@@ -11,10 +11,10 @@ from ocp.errors import InputError
 from ocp.problem.problem import Problem
 from problems.drawing import ContactFrame, Shape
 from problems.plugin import spec_of
-from reports.loops.ghost import with_ghosts
-from reports.shapes import Camera, film
-from reports.strobe import Forces, forces_drawn, forces_of
-from reports.view import RunView
+from reports.drawing.ghost import with_ghosts
+from reports.drawing.shapes import Camera, film
+from reports.drawing.strobe import Forces, forces_drawn, forces_of
+from reports.drawing.view import RunView
 
 _MOST_FRAMES = 1500
 _SAME = 2e-4

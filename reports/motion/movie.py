@@ -25,12 +25,12 @@ from PIL import Image
 from ocp.errors import InputError
 from ocp.store import atomic
 from problems.drawing import ContactFrame, HalfPlane, Mark, Segment, Shape, Spring
-from reports import shapes
+from reports.drawing import shapes
+from reports.drawing.shapes import Camera, Rgba
+from reports.drawing.strobe import CONE, caption, longest_arrow, visible
+from reports.drawing.style import FAINT, GREY, INK, PURPLE, VERMILLION, literal
 from reports.motion.animation import Animation, Motion
 from reports.motion.player import player
-from reports.shapes import Camera, Rgba
-from reports.strobe import CONE, caption, longest_arrow, visible
-from reports.style import FAINT, GREY, INK, PURPLE, VERMILLION, literal
 
 _POINTS = 72.0
 HEAD = 5.0, 2.0

@@ -16,13 +16,13 @@ import numpy as np
 from ocp.problem.evaluation import at_steps
 from ocp.problem.task import Task
 from problems.drawing import Shape
-from reports import shapes
+from reports.drawing import shapes
+from reports.drawing.notation import label
+from reports.drawing.shapes import Camera
+from reports.drawing.strobe import acting_contacts, caption, longest_arrow, visible
+from reports.drawing.style import CYCLE, PLANNED, PURPLE, REPLAYED, VERMILLION
+from reports.drawing.view import RunView
 from reports.motion.animation import Animation, Motion
-from reports.notation import label
-from reports.shapes import Camera
-from reports.strobe import acting_contacts, caption, longest_arrow, visible
-from reports.style import CYCLE, PLANNED, PURPLE, REPLAYED, VERMILLION
-from reports.view import RunView
 
 _PAGE = Path(__file__).with_name("page")
 _DIGITS = 5

@@ -44,7 +44,7 @@ LOADED = (
     "problems",
     "ocp.store",
     "ocp.jobs",
-    "reports.pdf",
+    "reports.documents.pdf",
     "reports.figures",
     "PIL.Image",
     "typst",

@@ -13,10 +13,10 @@ from PIL import Image
 
 from ocp import solve, store
 from problems import names, spec
-from reports import pdf
+from reports.documents import pdf
 
 PAPER, TOP, BOTTOM = 297.0, 20.0, 24.0
-"""Height of a page and of its margins [mm], as ``reports/templates/common.typ`` has them."""
+"""Height of a page and of its margins [mm], as ``reports/documents/templates/common.typ`` has them."""
 
 
 @pytest.mark.costly

@@ -18,7 +18,7 @@ import pytest
 from dynamics.batch import BatchFunction
 from ocp import store
 from reports.cli.app import main
-from reports.pages.sweep import estimate_page
+from reports.documents.sweep import estimate_page
 
 
 def estimate(capsys, *arguments):

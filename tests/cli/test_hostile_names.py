@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from reports.style import literal, styled, to_svg
+from reports.drawing.style import literal, styled, to_svg
 from tests.cli.conftest import Ocp
 
 FILE = "hostile.py"

@@ -15,7 +15,7 @@ from ocp.mpc.controller import Controller
 from ocp.mpc.simulate import simulate
 from problems import get
 from reports.cli.app import main
-from reports.loops.summary import labelled, summary, timed
+from reports.tables.closed_loop import labelled, summary, timed
 from tests.cli.conftest import Ocp
 from tests.cli.test_interruption import read_until, start
 

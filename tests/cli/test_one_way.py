@@ -58,6 +58,6 @@ def test_a_solve_with_its_pdf_loads_and_calls_little(tmp_path: Path) -> None:
 
 @pytest.mark.costly
 def test_pdf_loads_no_study_and_no_policy_learning(tmp_path: Path) -> None:
-    program = "import json, sys; import reports.pdf; print(json.dumps({'m': sorted(sys.modules)}))"
+    program = "import json, sys; import reports.documents.pdf; print(json.dumps({'m': sorted(sys.modules)}))"
     loaded = printed(program, tmp_path)["m"]
     assert not [name for name in loaded if name.startswith(("problems.studies", "ocp.learning"))]

@@ -13,8 +13,8 @@ from ocp import solve
 from ocp.store import load
 from problems import get
 from problems.registry import spec
-from reports.pages.sweep import estimate_page, sweep_page
-from reports.view import RunView
+from reports.documents.sweep import estimate_page, sweep_page
+from reports.drawing.view import RunView
 
 OURS = (
     "mu",

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from ocp import store
-from reports.pages.comparison import comparison_page, continuation_page
-from reports.pages.solve import solve_page
-from reports.style import styled
-from reports.view import RunView
+from reports.documents.comparison import comparison_page, continuation_page
+from reports.documents.solve import solve_page
+from reports.drawing.style import styled
+from reports.drawing.view import RunView
 
 
 @pytest.fixture(scope="module")

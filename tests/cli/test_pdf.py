@@ -15,14 +15,14 @@ from matplotlib.figure import Figure
 from ocp import store
 from ocp.errors import InputError
 from problems import names, spec
-from reports.console import shown_stages
+from reports.documents.citations import full_citation
+from reports.documents.comparison import continuation_page
+from reports.documents.pdf import render, write_pdf
+from reports.documents.solve import solve_page
+from reports.drawing.style import styled, to_svg
+from reports.drawing.view import RunView
 from reports.figures import run as figures
-from reports.notation import full_citation
-from reports.pages.comparison import continuation_page
-from reports.pages.solve import solve_page
-from reports.pdf import render, write_pdf
-from reports.style import styled, to_svg
-from reports.view import RunView
+from reports.tables.console import shown_stages
 
 
 @pytest.fixture(scope="module")

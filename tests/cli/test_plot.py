@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from ocp import store
-from reports.papers import BOTH, bare
+from reports.figures.paper import BOTH, bare
 
 
 @pytest.mark.costly

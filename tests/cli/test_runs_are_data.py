@@ -13,9 +13,9 @@ from ocp import load, store
 from ocp.errors import DamagedRun, InputError
 from problems import registry
 from problems.drawing import Disc
-from reports.notation import plain
-from reports.pages.described import head
-from reports.view import RunView
+from reports.documents.common import head
+from reports.drawing.notation import plain
+from reports.drawing.view import RunView
 from tests.resealed import reseal
 
 EVIL = """

@@ -19,7 +19,7 @@ from ocp.routes.relaxations import STRATEGIES
 from ocp.solve.request import OWN, Setting, Settings, declared
 from ocp.transcription import METHODS
 from problems.tasks.registry import settings_of
-from reports.settings import training
+from reports.tables.settings import training
 
 if TYPE_CHECKING:
     from ocp.problem.problem import Problem

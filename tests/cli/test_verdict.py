@@ -13,9 +13,9 @@ import pytest
 
 from ocp import store
 from reports.cli.streams import Output
-from reports.pages.solve import solve_page
-from reports.style import styled
-from reports.view import RunView
+from reports.documents.solve import solve_page
+from reports.drawing.style import styled
+from reports.drawing.view import RunView
 
 QUIET = ("--json", "--quiet")
 EXACT = ("--contact", "exact")

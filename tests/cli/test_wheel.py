@@ -79,10 +79,10 @@ def elsewhere(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_wheel_holds_the_packages_whole_and_no_pictures(wheel: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     packed = {name for name in names if name.partition("/")[0] in PACKAGES}
-    copied = {f"reports/templates/{file}" for file in TEMPLATES.values()}
+    copied = {f"reports/cli/templates/{file}" for file in TEMPLATES.values()}
     assert packed == tracked(*PACKAGES) | copied
     assert {f"{name}/py.typed" for name in PACKAGES} <= packed
-    assert {"reports/references.bib", "reports/templates/solve.typ"} <= packed
+    assert {"reports/documents/references.bib", "reports/documents/templates/solve.typ"} <= packed
     assert not [name for name in names if name.endswith(PICTURES)]
     assert wheel.stat().st_size < 2e6
 

@@ -9,7 +9,7 @@ import pytest
 
 from docs.generator import equations
 from problems import names, spec
-from reports.notation import plain
+from reports.drawing.notation import plain
 from tests.docs.pages import ROOT, pages
 
 

@@ -9,7 +9,7 @@ import pytest
 from docs.generator import figures, measured
 from ocp.errors import InputError
 from problems.studies.study import counted
-from reports import smoothings
+from reports.tables import law_tables
 from tests.golden.figures.compared import compared
 from tests.golden.figures.verdicts import VERDICTS
 
@@ -55,7 +55,7 @@ def test_picture_and_table_of_smoothings_are_made_from_the_file(folder: Path) ->
     files = [str(folder / "N3.pdf"), str(file)]
     figures.keep([{"id": "N3", "claims": CLAIMS, "files": files}])
     table = measured.read("smoothings")
-    assert [table["columns"], *table["rows"]] == smoothings.rows(made)
+    assert [table["columns"], *table["rows"]] == law_tables.rows(made)
     assert (folder / "pictures" / "figures" / "N3.png").read_bytes().startswith(b"\x89PNG")
 
 

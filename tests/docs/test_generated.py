@@ -13,7 +13,7 @@ from docs.generator.__main__ import pages as fresh
 from docs.generator.measured import cell, table
 from ocp.errors import InputError
 from problems import describe, names, scenes, spec
-from reports.notation import powers
+from reports.drawing.notation import powers
 
 LIMIT = 6_000_000
 """Bytes of all pictures of the documentation."""

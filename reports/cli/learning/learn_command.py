@@ -29,10 +29,10 @@ from ocp.store.provenance import content_digest
 from problems import spec
 from problems.regions import CollectJob, collect_piece, region_of
 from problems.registry import objective_names
-from reports import learned
 from reports.cli import interrupt
 from reports.cli.learning.options import NOISE, CollectOptions, LearnOptions
 from reports.cli.request import assignments, check_place, input_errors, layers, whole
+from reports.tables import learned_models
 
 
 @dataclass(frozen=True)
@@ -85,10 +85,10 @@ def run_collect(options: CollectOptions, request: CollectRequest) -> int:
         pieces_drawn = _drawn(options, request)
         data = merged(step, request.region, pieces_drawn, options.seed, origin)
     models.save(data.dataset(), options.file)
-    document, seconds = learned.data_document(data), time.perf_counter() - start_s
-    for line in learned.lines(document):
+    document, seconds = learned_models.data_document(data), time.perf_counter() - start_s
+    for line in learned_models.lines(document):
         options.output.note(line)
-    options.output.note(learned.coordinate_table(document))
+    options.output.note(learned_models.coordinate_table(document))
     options.output.say(f"data: {options.file} ({len(data)} transitions, {seconds:.1f} s)")
     options.output.document({"file": str(options.file), **document, "seconds": seconds})
     return 0
@@ -189,18 +189,18 @@ def run(options: LearnOptions, request: LearnRequest) -> int:
     """Learn a time step from transitions: a weighted average, or a network on noised inputs."""
     start_s = time.perf_counter()
     if request.recipe is None:
-        learned_models = [Learned(_averaged(options, request.data), options.seed)]
+        trained_models = [Learned(_averaged(options, request.data), options.seed)]
     else:
-        learned_models = _trained(options, request, request.recipe)
-    best = min(learned_models, key=lambda learned_model: learned_model.error)
+        trained_models = _trained(options, request, request.recipe)
+    best = min(trained_models, key=lambda learned_model: learned_model.error)
     models.save(best.dataset, options.file)
     for checkpoint in request.checkpoints:
         with checkpoint:
             checkpoint.discard()
-    document = learned.model_document(best.dataset)
-    for table in (learned.fit_table, learned.outside_table):
+    document = learned_models.model_document(best.dataset)
+    for table in (learned_models.fit_table, learned_models.outside_table):
         options.output.note(table(document))
-    for learned_model in learned_models if len(learned_models) > 1 else ():
+    for learned_model in trained_models if len(trained_models) > 1 else ():
         suffix = ", kept" if learned_model is best else ""
         options.output.say(f"seed {learned_model.seed}: held-out error {learned_model.error:.4g}{suffix}")
     if best.resumed:
@@ -212,7 +212,7 @@ def run(options: LearnOptions, request: LearnRequest) -> int:
         "seconds": seconds,
         "epochs": best.epochs,
         "resumed": best.resumed,
-        "seeds": {learned_model.seed: learned_model.error for learned_model in learned_models},
+        "seeds": {learned_model.seed: learned_model.error for learned_model in trained_models},
     }
     options.output.document({"file": str(options.file), **document, **content})
     return 0
@@ -272,7 +272,7 @@ def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> li
             NetworkJob(request.data, options.noise, recipe, options.seed + k, checkpoint.place)
             for k, checkpoint in enumerate(request.checkpoints)
         ]
-        show = resources.enter_context(learned.training_progress(options.quiet, options.epochs))
+        show = resources.enter_context(learned_models.training_progress(options.quiet, options.epochs))
 
         def callback(place: int, message: Any) -> None:
             interrupt.check()
@@ -290,7 +290,7 @@ def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> li
 def _described(data: Transitions, model: Any, held_out: Any, noise: float, seed: int) -> xr.Dataset:
     """A model and its errors on the held-out rows."""
     fitted = fit(model, data.samples(), held_out, noise or NOISE, seed)
-    return learned.model_dataset(model.dataset(), fitted.dataset(), data, len(held_out))
+    return learned_models.model_dataset(model.dataset(), fitted.dataset(), data, len(held_out))
 
 
 def _averaged(options: LearnOptions, data: Transitions) -> xr.Dataset:

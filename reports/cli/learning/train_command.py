@@ -27,17 +27,8 @@ from reports.cli import interrupt
 from reports.cli.learning.options import EvaluateOptions, TrainOptions
 from reports.cli.learning.training_options import algorithms, is_psi, learned_parameters
 from reports.cli.request import assignments, check_places
-from reports.trained.live import live
-from reports.trained.summary import (
-    document,
-    groups,
-    judgement,
-    judgement_table,
-    meta,
-    sentence,
-    summary_table,
-    verdict,
-)
+from reports.tables.training import document, groups, judgement, judgement_table, meta, sentence, summary_table, verdict
+from reports.tables.training_progress import live
 
 _OWN_LAW = {"adaptive": {"law": "quartic"}}
 """Default settings of a law in training, from the paper."""
@@ -181,7 +172,7 @@ def _print_results(
     """Print the results; then raise the first failure, if there is one."""
     if not paths:
         raise next(iter(failed.values()))
-    from reports.pdf import write_pdf
+    from reports.documents.pdf import write_pdf
 
     output, runs = options.output, [store.load(path) for path in paths]
     seed_groups = groups(runs)

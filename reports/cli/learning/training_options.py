@@ -18,7 +18,7 @@ from ocp.validation import parse
 from problems.tasks import registry
 from problems.tasks.registry import TaskSpec, default_settings, make_algorithm, settings_of
 from reports.cli.request import layers
-from reports.settings import default_text
+from reports.tables.settings import default_text
 
 OWN = {setting.name: setting.meaning for setting in declared(Experiment)}
 """Settings that every algorithm has, fields of :class:`~ocp.learning.experiment.Experiment`."""

@@ -19,9 +19,9 @@ from problems.studies.laws_in_the_loop.data import (
     survives,
 )
 from problems.studies.shared.trainings import difference
+from reports.drawing.style import FAINT, INK, WIDTH
 from reports.figures.studies.panels import drawing
-from reports.smoothings import dearer
-from reports.style import FAINT, INK, WIDTH
+from reports.tables.law_tables import dearer
 
 _CLOSE, _LEAST, _MOST = 0.1, 1e-3, 100.0
 """Excess at which the colours change, and those at which they end."""
@@ -90,7 +90,7 @@ def _map(axis: Axes, data: xr.Dataset, names: Sequence[str], span: str) -> None:
 
 
 def _spread(half_width: float, mean: float) -> str:
-    """Half of an interval, in the unit of its mean as :func:`~reports.smoothings.dearer` has it."""
+    """Half of an interval, in the unit of its mean as :func:`~reports.tables.law_tables.dearer` has it."""
     if mean >= 2:
         return f"±{half_width:.0f}" if half_width >= 9.5 else f"±{half_width:.2g}"
     return f"±{half_width:.1%}" if half_width < 0.0995 else f"±{half_width:.0%}"

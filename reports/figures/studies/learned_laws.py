@@ -14,10 +14,10 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from problems.registry import spec
 from problems.studies.smoothings_compared.data import ANALYTIC, WITHIN, described, excess, gap
+from reports.drawing.strobe import draw_motion
+from reports.drawing.style import BLUE, CYCLE, FAINT, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, WIDTH
 from reports.figures.studies.panels import drawing
-from reports.smoothings import dearer, seconds_of, short
-from reports.strobe import draw_motion
-from reports.style import BLUE, CYCLE, FAINT, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, WIDTH
+from reports.tables.law_tables import dearer, seconds_of, short
 
 _COLORS = {"f": GREY, "f_sigma": GREEN, "g_sigma": BLUE, "h": ORANGE, "h_sigma": VERMILLION}
 _LABELS = {

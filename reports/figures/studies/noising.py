@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from reports.drawing.style import BLUE, CYCLE, FAINT, GREEN, GREY, INK, PURPLE, VERMILLION, WIDTH
 from reports.figures.studies.panels import drawing, light_to_dark
-from reports.style import BLUE, CYCLE, FAINT, GREEN, GREY, INK, PURPLE, VERMILLION, WIDTH
 
 
 @drawing(

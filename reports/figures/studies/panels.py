@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from reports.style import BLUE, GREY, INK, VERMILLION
+from reports.drawing.style import BLUE, GREY, INK, VERMILLION
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Rectangle
 from matplotlib.ticker import NullFormatter
 
+from reports.drawing.style import BLUE, CYCLE, GREEN, GREY, INK, PURPLE, VERMILLION, WIDTH
 from reports.figures.studies.panels import drawing, gradient_panel, light_to_dark, unbroken
-from reports.style import BLUE, CYCLE, GREEN, GREY, INK, PURPLE, VERMILLION, WIDTH
 
 _PANELS = (
     ("drop", "A. dropped ball", "drop at $\\theta$ [m]", "minus height [m]", "[m/m]"),

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from problems.studies.convergence_bound import bound
 from problems.studies.trained_policies import METHODS, MODEL_BASED
 from problems.studies.unroll_variance import growth
+from reports.drawing.style import CYCLE, INK, WIDTH, line_of
 from reports.figures.studies.panels import drawing, quartile_curve
-from reports.style import CYCLE, INK, WIDTH, line_of
 
 
 @drawing(

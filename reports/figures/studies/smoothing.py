@@ -7,8 +7,8 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from reports.drawing.style import BLUE, CYCLE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, WIDTH
 from reports.figures.studies.panels import drawing, impulse_arrow, light_to_dark
-from reports.style import BLUE, CYCLE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, WIDTH
 
 
 @drawing(

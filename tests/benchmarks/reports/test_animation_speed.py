@@ -15,10 +15,10 @@ from docs.generator.readme_pictures import moving
 from dynamics.contact import Barrier, ContactLaw, Exact
 from ocp import solve, store
 from problems import get
+from reports.drawing.style import styled
+from reports.drawing.view import RunView
 from reports.motion.animation import Animation
 from reports.motion.movie import DPI, Canvas, write
-from reports.style import styled
-from reports.view import RunView
 from tests.benchmarks.ocp.race import tell
 
 FLOOR, ROUNDS = 5.0, 3

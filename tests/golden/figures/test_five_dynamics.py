@@ -20,8 +20,8 @@ from problems.studies.start_without_contact.dynamics import (
     replay,
 )
 from problems.studies.study import Pieces
+from reports.drawing.style import styled
 from reports.figures.studies import DRAWINGS
-from reports.style import styled
 
 
 def test_the_bundle_of_a_pusher_is_its_closed_form():

@@ -25,9 +25,9 @@ from problems.studies.laws_in_the_loop.data import (
     survives,
 )
 from problems.studies.study import Pieces
+from reports.drawing.style import styled, to_svg
 from reports.figures.studies import DRAWINGS
-from reports.smoothings import loop_rows
-from reports.style import styled, to_svg
+from reports.tables.law_tables import loop_rows
 
 SETTINGS = Params(seeds=3)
 

@@ -26,8 +26,8 @@ from problems.studies.shared.noised_line import (
 from problems.studies.shared.sampled_step import SampledStep
 from problems.studies.theory_of_noising import data, lemmas
 from reports.cli.app import main
+from reports.drawing.style import styled, to_svg
 from reports.figures.studies import DRAWINGS
-from reports.style import styled, to_svg
 
 TINY = {
     "N0": {"epochs": 2, "repeats": 1, "n_samples": 400},

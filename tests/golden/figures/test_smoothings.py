@@ -24,9 +24,9 @@ from problems.studies.smoothings_compared.data import (
     rest_cost,
     run,
 )
+from reports.drawing.style import styled, to_svg
 from reports.figures.studies import DRAWINGS
-from reports.smoothings import dearer, rows
-from reports.style import styled, to_svg
+from reports.tables.law_tables import dearer, rows
 from tests.golden.figures.compared import SEEDS, SETTINGS, Made, compared
 
 

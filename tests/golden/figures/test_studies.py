@@ -14,9 +14,9 @@ from matplotlib.text import Text
 from ocp.errors import InputError
 from problems import studies
 from problems.studies.study import CHOICE, CODE, PAPER, did_hold
+from reports.drawing.style import styled, to_svg
+from reports.figures.paper import BOTH, COLUMN, render
 from reports.figures.studies import DRAWINGS
-from reports.papers import BOTH, COLUMN, render
-from reports.style import styled, to_svg
 from tests.golden.figures.verdicts import SLOW, SMALL, small
 
 PAPERS = ("suh2023noising", "suh2022pathologies", "zhang2023adaptive", "shirai2024linear")

@@ -15,8 +15,8 @@ from matplotlib.path import Path
 from dynamics.systems.space import Box, Capsule, Cylinder, Hull, Plane, Shape, Sphere
 from problems import drawing
 from problems.machines.perspective import Camera, frame_seen, solids_seen
-from reports.shapes import bounds, draw, hides, outline, still
-from reports.strobe import Forces, forces_drawn, visible
+from reports.drawing.shapes import bounds, draw, hides, outline, still
+from reports.drawing.strobe import Forces, forces_drawn, visible
 
 EYE = np.eye(3)
 ZERO = np.zeros(3)

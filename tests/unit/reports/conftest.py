@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from reports.style import styled
+from reports.drawing.style import styled
 
 
 @pytest.fixture(autouse=True)

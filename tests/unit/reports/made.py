@@ -11,7 +11,7 @@ from ocp.store.stored_run import StoredRun
 from problems.drawing import Box, ContactFrame, HalfPlane, Shape
 from problems.parameters import Parameters
 from problems.spec import ProblemSpec
-from reports.view import RunView
+from reports.drawing.view import RunView
 
 FRICTION = 0.5
 

@@ -15,7 +15,7 @@ from dynamics.learned.transitions import Normalisation
 from ocp.errors import InputError
 from ocp.store.models import load_any, save
 from reports.cli.app import main
-from reports.learned import model_dataset, model_document
+from reports.tables.learned_models import model_dataset, model_document
 from tests.unit.dynamics.learned.ewda_reference import model_of, origin
 
 Forgery = Callable[[xr.Dataset], xr.Dataset]

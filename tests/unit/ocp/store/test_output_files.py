@@ -129,12 +129,12 @@ def test_nobody_else_opens_a_file_to_write() -> None:
         for file in (root / folder).rglob("*.py")
         if by_hand.search(file.read_text())
     }
-    into_memory = {"reports/style.py", "reports/papers.py", "docs/generator/measured.py"}
+    into_memory = {"reports/drawing/style.py", "reports/figures/paper.py", "docs/generator/measured.py"}
     drafts = {
         "ocp/store/atomic.py",
         "ocp/store/runs.py",
         "reports/motion/movie.py",
         "docs/generator/readme_pictures.py",
-        "reports/pdf.py",
+        "reports/documents/pdf.py",
     }
     assert found == drafts | into_memory

@@ -21,10 +21,10 @@ from ocp import solve, store
 from ocp.store.stored_run import StoredRun
 from problems import drawing, get
 from problems.tasks import registry as tasks
+from reports.drawing.view import RunView
 from reports.motion.animation import Animation
 from reports.motion.movie import write
 from reports.motion.player import film_of, player, so_far
-from reports.view import RunView
 from tests.unit.reports.made import sliding_box
 
 N = 4

@@ -9,9 +9,9 @@ from matplotlib.colors import to_rgba
 from matplotlib.path import Path
 
 from problems.drawing import Disc, HalfPlane, Mark, Segment, Spring
+from reports.drawing.style import FAINT, PURPLE, VERMILLION
 from reports.motion.animation import Animation
 from reports.motion.movie import HEAD, Canvas, MotionArtist, Stroke, of_shape
-from reports.style import FAINT, PURPLE, VERMILLION
 from tests.unit.reports.made import FRICTION, sliding_box
 
 NORMAL = np.array([[1.0, 2.0], [0.5, 0.0], [4.0, 1.0], [1.0, 1.0]])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from reports.drawing.strobe import strobe
 from reports.motion.animation import Animation, is_periodic, repeated
-from reports.strobe import strobe
 from tests.unit.reports.made import sliding_box
 
 PUSHES = np.array([[1.0, 2.0], [3.0, 0.0]])

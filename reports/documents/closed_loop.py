@@ -1,0 +1,84 @@
+"""The pages of closed loops: one in full, or several side by side."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from reports.documents.common import Page, head, how, law, row_figures, settings
+from reports.documents.comparison import labels
+from reports.drawing.view import RunView
+from reports.figures import closed_loop, trajectories
+from reports.tables.closed_loop import loop_rows, reasons
+from reports.tables.console import number
+
+_GRADES = {"done": "survives", "warnings": "certified", "stopped": "certified"}
+_FIRST = ("phase", "plant")
+
+
+def loops_page(views: list[RunView]) -> Page:
+    """Content and figures of one closed loop, or of several."""
+    content = {
+        **head(views[0]),
+        "law": law(views[0]),
+        "hashes": [view.run.meta["hash"] for view in views],
+        "grades": [_GRADES.get(view.run.meta["status"], "failed") for view in views],
+        "verdicts": [view.run.meta["verdict"] for view in views],
+    }
+    return _one(views[0], content) if len(views) == 1 else _several(views, content)
+
+
+def _one(view: RunView, content: dict[str, Any]) -> Page:
+    meta = view.run.meta
+    content |= {
+        "labels": [""],
+        "heads": [],
+        "rows": [],
+        "key": loop_rows(meta),
+        "how": [
+            *([name, str(view.run.record[name])] for name in _FIRST),
+            *(row for row in how(view.run) if row[0] == "law"),
+        ],
+        "settings": [row for row in settings(view.run) if row[0] not in _FIRST],
+        "notes": [*meta["told"], *reasons(meta)],
+    }
+    candidates = {
+        "snapshots": closed_loop.snapshots(view),
+        "cost": closed_loop.cost_and_times(view),
+        "timeline": closed_loop.timeline(view),
+    }
+    drawn_figures = {name: figure for name, figure in candidates.items() if figure is not None}
+    contacts = [signal.name for signal in view.signals("contacts")]
+    return content, drawn_figures | row_figures("motion", trajectories.plan_rows(view, contacts))
+
+
+def _several(views: list[RunView], content: dict[str, Any]) -> Page:
+    descriptions = labels([view.run for view in views])
+    names = [chr(ord("A") + i) if i < 26 else str(i + 1) for i in range(len(views))]
+    rows: dict[str, list[str]] = {}
+    for place, view in enumerate(views):
+        for name, text in loop_rows(view.run.meta):
+            rows.setdefault(name, ["–"] * len(views))[place] = text
+    one_problem = len({view.run.meta["problem"] for view in views}) == 1
+    content |= {
+        "title": views[0].title if one_problem else "Comparison of closed loops",
+        "labels": [f"{name}: {text}" for name, text in zip(names, descriptions, strict=True)],
+        "heads": ["", *names],
+        "rows": [[name, *cells] for name, cells in rows.items()],
+        "key": [],
+        "how": [],
+        "settings": [],
+        "notes": [_cheapest(views, names)],
+    }
+    if not one_problem:
+        content |= {"equations": [], "typed": [], "parameters": [], "citation": "", "unloaded": ""}
+    return content, {"compared": closed_loop.compared(views, names)}
+
+
+def _cheapest(views: list[RunView], names: list[str]) -> str:
+    """Which run costs least on average."""
+    costs = {name: view.run.meta["cost"] for name, view in zip(names, views, strict=True)}
+    known_costs = {name: cost for name, cost in costs.items() if cost is not None}
+    if not known_costs:
+        return "No seed of any run reached the end."
+    best = min(known_costs, key=lambda name: known_costs[name])
+    return f"{best} has the lowest mean cost, {number(known_costs[best], 6)}."

@@ -1,0 +1,175 @@
+"""Content of every page: the request of a run, its equations, parameters and settings."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from dynamics.laws import LAWS
+from ocp.store.stored_run import StoredRun
+from problems.parameters import unit_of
+from problems.spec import Spec
+from reports.documents.citations import full_citation
+from reports.drawing.notation import in_symbols, plain, powers, symbol
+from reports.drawing.view import RunView
+from reports.figures.panels import COLUMNS, Row, draw_rows
+from reports.tables.console import number
+
+if TYPE_CHECKING:
+    from problems.studies.study import FigureStudy
+
+Page = tuple[dict[str, Any], dict[str, Figure]]
+_NOT_SETTINGS = (
+    "params",
+    "problem",
+    "source",
+    "versions",
+    "citation",
+    "audit_s",
+    "N",
+    "law_parameters",
+    "sweep",
+    "jit",
+    "learned_at",
+    "sensitivities",
+)
+_FIRST = ("contact", "method", "policy", "solver")
+_LEAST_MU = 1e-12
+_UNLOADED = (
+    "The file of this problem was not loaded; the page shows what the run stores of it. ocp report"
+    " --source FILE adds the equations and drawings from the file."
+)
+
+
+def head(view: RunView) -> dict[str, Any]:
+    """Title, and the content of :func:`described`."""
+    values = view.run.record.get("params", {}) if view.spec is None else view.params.model_dump()
+    return {"title": view.title, **described(view.run, view.spec, values)}
+
+
+def described(run: StoredRun, spec: Spec | FigureStudy | None, values: dict[str, Any]) -> dict[str, Any]:
+    """Origin, request and verdict of a run."""
+    cited = spec.citation if spec else None
+    stored = run.own_problem if spec is None else None
+    return {
+        "hash": run.meta["hash"],
+        "verdict": run.meta["verdict"],
+        "how": how(run),
+        "equations": list(spec.equations) if isinstance(spec, Spec) else [],
+        # Text of a run stays text: typst's mathematics is a program, which a page would execute.
+        "typed": [plain(line) for line in stored["equations"]] if stored else [],
+        "unloaded": _UNLOADED if stored else "",
+        "parameters": _parameters(spec, stored, values),
+        "citation": f"{cited.text}. {full_citation(cited.key)}." if cited else "",
+        "settings": settings(run),
+        "versions": pairs(run.meta.get("versions") or {}),
+    }
+
+
+def how(run: StoredRun, without: Collection[str] = ()) -> list[list[str]]:
+    """Law with its settings, except ``without``, method, policy and solver."""
+    record = run.record
+    request_lines = [["law", law_text(run, without)]] if record.get("contact") else []
+    request_lines += [[key, str(record[key])] for key in _FIRST[1:] if record.get(key)]
+    if record.get("N"):
+        request_lines.append(["steps", str(record["N"])])
+    scenarios = run.data.sizes.get("scenario", 1)
+    return request_lines + ([["scenarios", str(scenarios)]] if scenarios > 1 else [])
+
+
+def law_text(run: StoredRun, without: Collection[str] = ()) -> str:
+    """Name and settings of the law, except ``without``: ``barrier (μ = 0.001)``."""
+    name = str(run.record["contact"])
+    law_settings = {key: value for key, value in _law_settings(run, name).items() if f"contact.{key}" not in without}
+    settings = ", ".join(f"{symbol(key)} = {shown(value)}" for key, value in law_settings.items())
+    return f"{name} ({settings})" if settings else name
+
+
+def _law_settings(run: StoredRun, name: str) -> dict[str, Any]:
+    """Settings of a run's law; an estimate stores them as typed, and none for the defaults."""
+    typed = run.record.get("law_settings")
+    if typed:
+        return dict(text.partition("=")[::2] for text in typed)
+    law_class = LAWS.get(name)
+    if typed is not None and law_class is not None:
+        return law_class().settings()
+    return run.record.get("contact_settings") or {}
+
+
+def law(view: RunView) -> dict[str, Any]:
+    """Name and summary of the law, and the plan's place on the central path."""
+    name = str(view.run.record.get("contact", ""))
+    law_class = LAWS.get(name)
+    return {
+        "name": name,
+        "summary": in_symbols(law_class.summary) if law_class else "",
+        "place": _place_on_path(view.array("mu")),
+    }
+
+
+def _place_on_path(mu: np.ndarray | None) -> str:
+    if mu is None or not np.any(np.isfinite(mu)):
+        return ""
+    low, high = float(np.nanmin(mu)), float(np.nanmax(mu))
+    if high == 0:
+        return "At the end of the central path: μ = 0, complementarity itself."
+    if high - low <= 1e-9 * high:
+        return f"On the central path at μ = {high:.3g} in every contact and step."
+    start = f"{low:.2g}" if low >= _LEAST_MU else f"less than {_LEAST_MU:.0e}"
+    return f"Near the central path: μ from {start} to {high:.2g} over contacts and steps."
+
+
+def _parameters(
+    spec: Spec | FigureStudy | None, stored: dict[str, Any] | None, values: dict[str, Any]
+) -> list[list[str]]:
+    """Name, value, unit and meaning of every parameter, from its problem or as the run has them."""
+    about = dict.fromkeys(values, ("", ""))
+    if spec is not None:
+        fields = spec.Params.model_fields.items()
+        about = {name: (unit_of(field), field.description or "") for name, field in fields}
+    elif stored:
+        stored_parameters = stored["parameters"].items()
+        about |= {name: (field["unit"], field["description"]) for name, field in stored_parameters}
+    return [
+        [name, shown(values[name]), powers(unit), meaning] for name, (unit, meaning) in about.items() if name in values
+    ]
+
+
+def shown(value: Any) -> str:
+    """A value as text: short numbers, lists with commas."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ", ".join(shown(entry) for entry in value)
+    return number(value, 8) if isinstance(value, int | float) else str(value)
+
+
+def settings(run: StoredRun) -> list[list[str]]:
+    """Settings of the request without a table or line of their own."""
+    remaining = {key: value for key, value in run.record.items() if key not in _NOT_SETTINGS}
+    return [row for row in pairs(remaining) if row[0] not in _FIRST and not row[0].startswith("contact.")]
+
+
+def pairs(values: dict[str, Any]) -> list[list[str]]:
+    """Names and values as text; those of a group as ``group.name``."""
+    rows = []
+    for key, value in values.items():
+        if isinstance(value, dict):
+            group = key.removesuffix("_settings").removesuffix("_options")
+            rows += [[f"{group}.{name}", text] for name, text in pairs(value)]
+        elif value is not None and value != []:
+            rows.append([key.replace("_", " "), shown(value)])
+    return rows
+
+
+def row_figures(name: str, rows: list[Row], columns: int = COLUMNS, below: float = 0.34) -> dict[str, Figure]:
+    """A figure per row, ``name-01`` and so on, so that pages can break between rows."""
+    return numbered(name, [draw_rows([row], columns, below) for row in rows])
+
+
+def numbered(name: str, figures: Sequence[Figure]) -> dict[str, Figure]:
+    """Figures by numbered names, in the order of a template."""
+    return {f"{name}-{index:02d}": figure for index, figure in enumerate(figures, start=1)}

@@ -1,0 +1,160 @@
+"""The pages of several runs: solves side by side, each labelled by its differences, or a path."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ocp.store.stored_run import StoredRun
+from reports.documents.common import Page, head, how, law, numbered, pairs, row_figures, settings
+from reports.drawing.notation import symbol
+from reports.drawing.strobe import strobe_rows
+from reports.drawing.style import line_of
+from reports.drawing.view import RunView
+from reports.figures import comparison
+from reports.figures.run import FLOOR
+from reports.tables.console import number, small, value_text
+from reports.tables.listings import event_rows
+
+_IN_ORDER = ("problem", "contact", "method", "policy", "solver", "strategy")
+_GROUPS = ("params", "contact_settings", "policy_settings", "solver_options")
+_NOT_COMPARED = ("source", "versions", "citation", "audit_s", "law_parameters", "jit", "learned_at", "certify", "rate")
+
+
+def comparison_page(views: list[RunView], cones: bool = False) -> Page:
+    """Content and figures of several solved runs, each labelled by its differences."""
+    names = [chr(ord("A") + i) if i < 26 else str(i + 1) for i in range(len(views))]
+    one_problem = len({view.run.meta["problem"] for view in views}) == 1
+    labelled = labels([view.run for view in views])
+    titles = [f"{name}: {label}" for name, label in zip(names, labelled, strict=True)]
+    requests = [[*how(view.run), *settings(view.run)] for view in views]
+    shared = [row for row in requests[0] if all(row in request for request in requests)]
+    content = {
+        "title": views[0].title if one_problem else "Comparison of runs",
+        "names": names,
+        "labels": labelled,
+        "colors": [line_of(place)["color"] for place in range(len(views))],
+        "hashes": [view.run.meta["hash"] for view in views],
+        "verdicts": [view.run.meta["verdict"] for view in views],
+        "grades": [view.run.meta["grade"] for view in views],
+        "rows": comparison.rows(views),
+        "how": shared,
+        "own": [[row for row in request if row not in shared] for request in requests],
+        "differ": comparison.same_instants(views),
+        "versions": pairs(views[0].run.meta.get("versions") or {}),
+        "zero": [],
+    }
+    pictures, content["arrows"] = strobe_rows(list(zip(titles, views, strict=True)), cones)
+    figures = numbered("strobes", pictures)
+    if one_problem:
+        figures["costs"] = comparison.costs(views, titles)
+        rows, content["zero"] = comparison.overlay_rows(views)
+        figures |= row_figures("motion", rows)
+    return content, figures
+
+
+def labels(runs: Sequence[StoredRun]) -> list[str]:
+    """A label for each run: the values in which the runs differ, problem and law first.
+
+    Runs of different problems are labelled by problem and law, and by further values only where
+    these are the same. A setting of one law, such as mu, labels only the runs with that law.
+    Identical requests are labelled by their hashes.
+    """
+    all_requests = [_flat(run) for run in runs]
+    leading_keys = _IN_ORDER[:2] if len({request.get("problem") for request in all_requests}) > 1 else ()
+    leading_words = [[str(request[key]) for key in leading_keys if key in request] for request in all_requests]
+    all_labels = []
+    for run, request, words in zip(runs, all_requests, leading_words, strict=True):
+        requests = [candidate for candidate, other in zip(all_requests, leading_words, strict=True) if other == words]
+        differing = [key for key in request if _differs(key, request, requests)]
+        words = words + [str(request[key]) for key in _IN_ORDER if key in differing]
+        words += [f"{symbol(key)} = {value_text(request[key], 4)}" for key in differing if key not in _IN_ORDER]
+        all_labels.append(", ".join(words) or str(run.meta["hash"])[:6])
+    if len(set(all_labels)) == len(all_labels):
+        return all_labels
+    return [
+        f"{name}, {str(run.meta['hash'])[:6]}" if all_labels.count(name) > 1 else name
+        for name, run in zip(all_labels, runs, strict=True)
+    ]
+
+
+def _flat(run: StoredRun) -> dict[str, Any]:
+    """The request of a run, with one name per setting."""
+    record = {key: value for key, value in run.record.items() if key not in _NOT_COMPARED}
+    flat_request = {key: value for key, value in record.items() if key not in _GROUPS and value is not None}
+    for group in _GROUPS:
+        prefix = "contact." if group == "contact_settings" else ""
+        flat_request |= {prefix + name: value for name, value in (record.get(group) or {}).items()}
+    return flat_request
+
+
+def _differs(key: str, request: Mapping[str, Any], requests: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether another run has another value; for a setting of a law, a run with that law."""
+    others = [other for other in requests if other is not request]
+    if key == "strategy" or key.startswith("contact."):
+        others = [other for other in others if other.get("contact") == request.get("contact")]
+    return any(other.get(key) != request[key] for other in others)
+
+
+def continuation_page(view: RunView, cones: bool = False) -> Page:
+    """Content and figures of a path over a parameter; friction cones are drawn where ``cones``."""
+    meta, points, common = view.run.meta, view.run.meta["points"], head(view)
+    over = str(meta["over"])
+    rows = [
+        [
+            f"{point['value']:.6g}",
+            number(point["cost"], 7),
+            number(point["exact_cost"], 7),
+            number(point.get("referee_cost"), 7),
+            _SURVIVES[point.get("survives")],
+            small(point["complementarity"]),
+            str(point["iterations"]),
+            str(point["status"]),
+        ]
+        for point in points
+    ]
+    # For a complete path: whether every plan on it survives.
+    grade = "survives" if all(point["survives"] for point in points) else "certified"
+    content = {
+        **common,
+        "verdict": common["verdict"].replace(over, symbol(over)),
+        "how": _how(view),
+        "settings": [row for row in common["settings"] if row[0] != over],
+        "parameters": [row for row in common["parameters"] if row[0] != over],
+        "over": comparison.parameter_label(view),
+        "grade": grade if meta["success"] else "failed",
+        "survived": f"{sum(p.get('survives') is True for p in points)} of {len(points)}",
+        "points": rows,
+        "events": [list(row) for row in event_rows(meta["events"])],
+        "law": law(view),
+        "floor": _below(points),
+        "key": [["total iterations", str(meta["iterations"])], ["NLPs built", str(meta["nlp_builds"])]],
+    }
+    pictures, content["arrows"] = comparison.strobes(view, cones)
+    figures = {"path": comparison.curve(view), **numbered("strobes", pictures)}
+    if motion_figures := row_figures("motion", comparison.motion_rows(view)):
+        figures |= {"motion-00": comparison.key_of_points(view), **motion_figures}
+    return content, figures
+
+
+_SURVIVES = {True: "yes", False: "no", None: "–"}
+
+
+def _below(points: list[dict[str, Any]]) -> str:
+    """A sentence on points with complementarity too small to draw; empty for none."""
+    sizes = [point["complementarity"] for point in points]
+    count = sum(size is not None and np.isfinite(size) and size <= FLOOR for size in sizes)
+    if not count:
+        return ""
+    places_text = "every point" if count == len(points) else f"{count} of {len(points)} points"
+    return f"At {places_text} λ gap is below {FLOOR:.0e} and not drawn."
+
+
+def _how(view: RunView) -> list[list[str]]:
+    meta = view.run.meta
+    name, unit = symbol(str(meta["over"])), comparison.parameter_label(view).partition(" ")[2]
+    text = f"{number(meta['from'], 4)} to {number(meta['to'], 4)} {unit.strip('[]')}".strip()
+    swept = [name, f"{text}, {meta['scale']}, {len(meta['points'])} points"]
+    return [swept, *how(view.run, [str(meta["over"])])]

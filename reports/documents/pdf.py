@@ -1,0 +1,134 @@
+"""A PDF from stored runs: pages set by typst, figures as vectors, the same bytes each time."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import typst
+from matplotlib.figure import Figure
+
+from ocp.errors import InputError
+from ocp.store import atomic
+from ocp.store.json_values import to_json
+from ocp.store.stored_run import StoredRun
+from problems.spec import ProblemSpec
+from reports.drawing.style import literal, styled, to_svg
+from reports.drawing.view import RunView
+
+_TEMPLATES = Path(__file__).with_name("templates")
+
+
+def write_pdf(
+    runs: Sequence[StoredRun],
+    path: Path,
+    cones: bool = False,
+    file_spec: ProblemSpec | None = None,
+    signals: str | None = None,
+) -> None:
+    """Write a report of one run, or of several solves, trainings or closed loops.
+
+    Friction cones are drawn where ``cones``; ``file_spec`` is the problem of a user's file; ``signals``
+    are those of a solve that are drawn, None for all.
+    Raises :class:`~ocp.errors.InputError` where the file cannot be written, where runs cannot be
+    compared, or where a problem's typst equations do not compile.
+    """
+    atomic.write(path, render(runs, cones, file_spec, signals), "the PDF")
+
+
+def render(
+    runs: Sequence[StoredRun],
+    cones: bool = False,
+    file_spec: ProblemSpec | None = None,
+    signals: str | None = None,
+) -> bytes:
+    """Return the PDF's bytes."""
+    views = [RunView.of(run, file_spec) for run in runs]
+    with styled():
+        template, content, figures = _page(views, cones, file_spec, signals)
+        if template != "study.typ":
+            figures = {name: literal(figure) for name, figure in figures.items()}
+        svg_figures = {name: to_svg(figure) for name, figure in figures.items()}
+    return _typeset(template, content, svg_figures)
+
+
+PAGES = {
+    "solve": "reports.documents.solve.solve_page",
+    "continue": "reports.documents.comparison.continuation_page",
+    "sweep": "reports.documents.sweep.sweep_page",
+    "estimate": "reports.documents.sweep.estimate_page",
+    "figure": "reports.documents.study.study_page",
+    "train": "reports.documents.training.training_page",
+    "closed-loop": "reports.documents.closed_loop.loops_page",
+}
+"""Module and function of each kind of run, imported when it is drawn."""
+_TEMPLATES_OF = {"continue": "continuation", "figure": "study", "train": "training"}
+
+
+def _page(
+    views: list[RunView], cones: bool, file_spec: ProblemSpec | None, signals: str | None
+) -> tuple[str, dict[str, Any], dict[str, Figure]]:
+    """Template, content and figures of the views."""
+    kinds = {view.run.kind for view in views}
+    if signals is not None and (kinds != {"solve"} or len(views) > 1):
+        raise InputError("--signals is for the report of one run of ocp solve; drop it")
+    if kinds == {"solve"} and len(views) > 1:
+        from reports.documents.comparison import comparison_page
+
+        return ("comparison.typ", *comparison_page(views, cones))
+    if len(kinds) > 1 or (len(views) > 1 and not kinds <= {"train", "closed-loop"}):
+        raise InputError(
+            "a report of several runs needs runs of ocp solve, of ocp train or of ocp mpc; report the others one by one"
+        )
+    (kind,) = kinds
+    module, _, name = PAGES[kind].rpartition(".")
+    page = getattr(import_module(module), name)
+    page_arguments: dict[str, tuple[Any, ...]] = {
+        "solve": (views[0], cones, signals),
+        "continue": (views[0], cones),
+        "sweep": (views[0],),
+        "estimate": (views[0].run, file_spec),
+        "figure": (views[0].run,),
+        "train": (views,),
+        "closed-loop": (views,),
+    }
+    return (f"{_TEMPLATES_OF.get(kind, kind)}.typ", *page(*page_arguments[kind]))
+
+
+_SCALES = (1.0, 0.94, 0.88, 0.82, 0.76)
+"""Sizes of figures that are tried, until the last page is half full."""
+_TOP, _HEIGHT = 57.0, 717.0
+"""First line of a page and height of its text [pt]."""
+
+
+def _with_full_pages(root: Path, template: str, content: dict[str, Any]) -> bytes:
+    """Compile with figures so large that at least half of the last page is filled, if any size is.
+
+    Raises ``typst.TypstError`` for content that does not compile.
+    """
+    file, options = str(root / template), {"root": str(root), "ignore_system_fonts": True}
+    for scale in (*_SCALES, 1.0):
+        (root / "content.json").write_text(json.dumps(to_json({**content, "scale": scale})))
+        end = json.loads(typst.query(file, "<end>", field="value", one=True, **options))
+        if end["page"] == 1 or end["y"] > _TOP + _HEIGHT / 2:
+            break
+    return typst.compile(file, **options)
+
+
+def _typeset(template: str, content: dict[str, Any], figures: dict[str, bytes]) -> bytes:
+    with tempfile.TemporaryDirectory(prefix="centralpath-") as folder:
+        root = Path(folder)
+        for file in _TEMPLATES.glob("*.typ"):
+            shutil.copy(file, root)
+        for name, svg in figures.items():
+            (root / f"{name}.svg").write_bytes(svg)
+        content = {**content, "figures": sorted(figures)}
+        try:
+            return _with_full_pages(root, template, content)
+        except typst.TypstError as error:
+            raise InputError(f"the report does not compile: {error}; check the problem's typst equations") from error

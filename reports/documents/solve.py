@@ -1,0 +1,149 @@
+"""The page of one solve: verdict, numbers, motion, plan and replay, law, contacts, homotopy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ocp.programs.solver import Status
+from reports.documents.common import Page, head, law, numbered, row_figures, shown
+from reports.drawing.notation import label, symbol
+from reports.drawing.strobe import picked_scenarios, strobe, strobe_rows
+from reports.drawing.view import RunView
+from reports.figures import run, trajectories
+from reports.tables.console import number, physics_residuals, small, stage_note, stage_rows, stage_title, violation_rows
+from reports.tables.contacts import contact_columns, contact_notes
+
+_BELOW = 0.5
+_OF_STARTS = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations", "chosen")
+_ENDS = 12
+"""Number of first and of last stages in a shortened table."""
+
+
+def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -> Page:
+    """Content and figures of one solved run; friction cones are drawn where ``cones``.
+
+    ``signals`` are those that are drawn over time (:func:`reports.figures.trajectories.chosen`), None for
+    all.
+    """
+    stored, all_tracks = view.run, trajectories.tracks(view)
+    is_solved = stored.status is Status.SOLVED
+    names = [] if signals is None else trajectories.chosen(view, signals)
+    shown_multipliers = {name for contact in run.contacts_of(view) for name in contact.multipliers}
+    heads, rows = contact_columns(stored.audit)
+    content = {
+        **head(view),
+        "grade": stored.meta["grade"],
+        "key": key_numbers(view),
+        "law": law(view),
+        "parted": trajectories.parted(all_tracks),
+        "apart": small(trajectories.apart(all_tracks)),
+        "undetermined": trajectories.undetermined(all_tracks),
+        "replayed": any(track.replay is not None for track in all_tracks),
+        "zero": [name for name in trajectories.idle(all_tracks) if name not in shown_multipliers and not names],
+        "stages": _stages(view),
+        "left_out": stage_note(stored.stages, stored.meta["cost"]),
+        "worst": [] if is_solved else violation_rows(stored.audit),
+        "starts": [key.replace("_", " ") for key in _starts(view)],
+        "others": [[shown(other.get(key)) for key in _starts(view)] for other in stored.meta["others"]],
+        "contacts": rows,
+        "contact_heads": heads,
+        "contact_notes": contact_notes(stored.audit),
+        "rough": view.array("friction_bound") is not None,
+        "scenarios": view.scenarios,
+        "gap": label("its gap", view.gap_unit),
+        "averaged": view.run.data.sizes.get("contact", 0) > len(view.signals("contacts")),
+        "pictured": len(picked_scenarios(view.pictured)),
+    }
+    figures, content["arrows"] = _motion(view, cones)
+    figures |= row_figures("motion", trajectories.plan_rows(view, shown_multipliers, names))
+    if run.off_the_end(view):
+        figures["contact"] = run.contact_plane(view)
+    panels, columns = run.rows_of_contacts(view)
+    figures |= row_figures("contacts", panels, columns, _BELOW)
+    if len(stored.stages) > 1:
+        figures["homotopy"] = run.homotopy(view)
+    if "K" in stored.data:
+        figures["gains"] = run.gains(view)
+    return content, {name: figure for name, figure in figures.items() if figure is not None}
+
+
+def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
+    """The strobe, or one for each scenario, and the caption of their arrows."""
+    if view.scenarios == 1 or view.picture is None:
+        return {"strobe": strobe(view, cones)}, ""
+    picked = picked_scenarios(view.pictured)
+    rows, arrows = strobe_rows([(f"scenario {i}", view.scenario(i)) for i in picked], cones)
+    return {**numbered("strobes", rows)}, arrows
+
+
+def _stages(view: RunView) -> list[list[str]]:
+    """Rows of the homotopy's table, without the middle of a long one."""
+    rows = [
+        [index, symbol(stage_title(label)), *cells, note]
+        for index, label, *cells, _, note in stage_rows(view.run.stages, view.run.meta["cost"])
+    ]
+    if len(rows) <= 2 * _ENDS:
+        return rows
+    gap_row = ["…", f"{len(rows) - 2 * _ENDS} more", *[""] * (len(rows[0]) - 2)]
+    return [*rows[:_ENDS], gap_row, *rows[-_ENDS:]]
+
+
+def _starts(view: RunView) -> list[str]:
+    """Columns of the table of starts."""
+    others = view.run.meta["others"]
+    return [key for key in _OF_STARTS if any(key in other for other in others)]
+
+
+def key_numbers(view: RunView) -> list[dict[str, Any]]:
+    """Three columns of names and numbers: costs, checks, residuals."""
+    meta, audit = view.run.meta, view.run.audit
+    certificate, referee = view.run.certificate, view.run.referee
+    costs = [["planned, under the law", number(meta["cost"], 7)], ["replayed, exact law", number(audit.exact_cost, 7)]]
+    if referee.survives is not None:
+        costs.append(["under the referee", number(referee.cost, 7)])
+    if np.isfinite(referee.refined_cost):
+        costs.append(["referee at h/4", number(referee.refined_cost, 7)])
+    costs += [
+        ["iterations", str(meta["iterations"])],
+        ["active contact steps", str(sum(contact.steps for contact in audit.contacts))],
+    ]
+    kind = f", {certificate.kind}" if certificate.kind else ""
+    checks = [["stationarity", f"{certificate.stationarity}{kind}"], ["KKT residual", small(certificate.kkt_residual)]]
+    if certificate.kind:
+        checks.append(["biactive pairs", str(certificate.biactive)])
+    if certificate.negative_curvature > 0:
+        checks.append(["negative curvature", str(certificate.negative_curvature)])
+    checks.append(["state error of replay", small(audit.state_gap)])
+    if referee.survives is not None:
+        checks.append(["state error of referee", small(referee.gap)])
+    residuals = [
+        ["largest λ gap", small(audit.complementarity)],
+        ["largest min(λ, gap)", small(audit.complementarity_min)],
+        ["dynamics", small(audit.dynamics_residual)],
+        ["constraints", small(audit.constraint_violation)],
+        *(
+            [label(_SHORT.get(name, name), unit.partition(",")[0]), small(value)]
+            for name, value, unit in physics_residuals(audit)
+        ),
+    ]
+    checks.append(["penetration [m]", small(audit.penetration)])
+    for name, worst in (("between nodes [m]", referee.between), ("force at distance [m]", referee.force_distance)):
+        if worst is not None:
+            checks.append([name, small(worst.amount)])
+    return [
+        {"title": "Cost", "rows": costs},
+        {"title": "Checks", "rows": checks},
+        {"title": "Residuals", "rows": residuals},
+    ]
+
+
+_SHORT = {
+    "friction cone violated by": "friction cone",
+    "dissipation below maximum": "dissipation",
+    "energy gained in a step": "energy gained",
+    "momentum residual": "momentum",
+}
+"""Short names of the residuals of :func:`reports.tables.console.physics_residuals`."""

@@ -1,0 +1,23 @@
+"""The page of a paper's figure: the drawing, and measured values against the claims."""
+
+from __future__ import annotations
+
+from ocp.store.stored_run import StoredRun
+from problems import studies
+from problems.studies.study import origin_of, verdict
+from reports.documents.common import Page, described
+from reports.figures.studies import DRAWINGS
+
+
+def study_page(run: StoredRun) -> Page:
+    """Content and figure of a stored study; raises ``InputError`` for an unknown one."""
+    study = studies.get(run.meta["problem"])
+    content, fields = described(run, study, run.record["params"]), study.Params.model_fields
+    content |= {
+        "title": f"{study.id}: {study.title}",
+        "caption": DRAWINGS[study.id].caption,
+        "claims": [{**claim, "mark": verdict(claim["holds"], claim.get("margin"))} for claim in run.meta["claims"]],
+        "notes": list(study.notes),
+        "parameters": [[*row, origin_of(fields[row[0]])] for row in content["parameters"]],
+    }
+    return content, {"study": DRAWINGS[study.id].draw(run.data)}

@@ -1,0 +1,148 @@
+"""The pages of what is swept or estimated: sweeps, and gradient estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from ocp.errors import InputError
+from ocp.gradients.sweep import SAMPLING_AXES
+from ocp.gradients.verdict import TOO_WIDE, short_verdict, weakest_verdict
+from ocp.jobs.sweep import rows
+from ocp.store.stored_run import StoredRun
+from problems.plugin import spec_of
+from problems.registry import ObjectiveSpec, objective_names, objective_spec
+from problems.spec import ProblemSpec
+from reports.documents.common import Page, described, head, how, law, law_text
+from reports.drawing.notation import label, symbol
+from reports.drawing.view import RunView
+from reports.figures import sweep as drawn
+from reports.tables.console import number
+from reports.tables.listings import HEADS, MOST, duration, estimate_cells, point_rows
+
+
+def sweep_page(view: RunView) -> Page:
+    """Content and figures of a sweep; swept names are left out of the tables of constants."""
+    swept, common = {axis["name"] for axis in view.run.meta["study"]["axes"]}, head(view)
+    varied = {name.removeprefix("problem.") for name in swept}
+    parameters = {row[0] for row in common["parameters"]}
+    common["parameters"] = [row for row in common["parameters"] if row[0] not in varied]
+    common["settings"] = [row for row in common["settings"] if row[0] not in swept - parameters]
+    common["how"] = how(view.run, swept)
+    content, figures = sweep_content(view.run)
+    return {**common, "law": law(view), **content}, figures
+
+
+def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
+    """Key numbers, points, failures and figures."""
+    meta, axes = run.meta, run.meta["study"]["axes"]
+    dims, points = [axis["name"] for axis in axes], rows(run.data)
+    figures = drawn.figures(run.data, axes)
+    grade = "survives" if meta["survives"] == meta["points"] else "certified"
+    names = [f"map-{k + 1}" for k in range(len(figures))]
+    content = {
+        "grade": grade if meta["success"] else "failed",
+        "key": [
+            ["points", " × ".join(map(str, meta["study"]["shape"]))],
+            ["solved", str(meta["solved"])],
+            ["surviving the referee", str(meta["survives"])],
+            ["total iterations", str(sum(row["iterations"] for row in points))],
+            ["work", duration(sum(row["seconds"] for row in points))],
+        ],
+        "axes": [
+            [
+                axis["name"],
+                number(axis["values"][0]),
+                number(axis["values"][-1]),
+                str(len(axis["values"])),
+                "equal ratios" if axis["log"] else "equal steps",
+            ]
+            for axis in axes
+        ],
+        "maps": names,
+        "caption": drawn.caption(axes),
+        "heads": [*dims, *HEADS],
+        "points": point_rows(points, dims),
+        "more": max(0, len(points) - MOST),
+        "failed": [
+            [failure["command"], failure["verdict"].partition("\n")[0]] for failure in meta["study"]["failed"][:MOST]
+        ],
+    }
+    return content, dict(zip(names, figures, strict=True))
+
+
+_GRADES = {
+    "unbiased within the interval": "survives",
+    "no reference": "certified",
+    TOO_WIDE: "certified",
+    "empirically biased at this sample size": "failed",
+    "biased": "failed",
+}
+"""Colour of the weakest verdict."""
+
+
+def estimate_page(run: StoredRun, file_spec: ProblemSpec | None = None) -> Page:
+    """Content and figure of a stored estimate; ``file_spec`` is the problem of a user's file."""
+    meta, swept = run.meta, run.meta["sweep"]
+    spec = _spec(run, file_spec)
+    rows = meta["estimates"]
+    content = described(run, spec, run.record["params"])
+    # Of a rollout sigma and samples are those of the noise; the problem may have others.
+    noise = swept and swept["name"] in SAMPLING_AXES and run.record.get("contact")
+    varied = swept["name"].removeprefix("problem.") if swept and not noise else ""
+    parameters = [row for row in content["parameters"] if row[0] != varied]
+    content |= {
+        "title": f"Gradient of {meta['problem']}",
+        "verdict": f"{headline(rows)}\n{meta['verdict']}",
+        "grade": _GRADES[weakest_verdict(rows)],
+        "how": _estimate_how(run),
+        "parameters": parameters,
+        "settings": [row for row in content["settings"] if row[0] not in _ELSEWHERE],
+        "caption": drawn.estimate_caption(run),
+        "swept": label(symbol(swept["name"]), swept["unit"]) if swept else "",
+        "rows": [estimate_cells(row, bool(swept)) for row in rows],
+        "explanations": [] if swept else [f"{r['estimator']}: {r['explanation']}" for r in rows],
+    }
+    return content, {"estimate": drawn.estimate_figure(run)}
+
+
+def _spec(run: StoredRun, file_spec: ProblemSpec | None) -> ObjectiveSpec | ProblemSpec | None:
+    name = run.meta["problem"]
+    try:
+        return objective_spec(name) if name in objective_names() else spec_of(run, file_spec)
+    except InputError:
+        return None
+
+
+_ELSEWHERE = ("estimators", "reference", "reference samples", "samples", "sigma")
+
+
+def headline(rows: Sequence[dict[str, Any]]) -> str:
+    """The weakest verdict among rows, with its estimators."""
+    verdict = weakest_verdict(rows)
+    estimators = list(dict.fromkeys(row["estimator"] for row in rows if short_verdict(row) == verdict))
+    if all(short_verdict(row) == verdict for row in rows):
+        return f"Every estimate: {verdict}."
+    count = sum(short_verdict(row) == verdict for row in rows)
+    return f"Weakest verdict: {verdict}, {count} of {len(rows)} estimates ({', '.join(estimators)})."
+
+
+def _estimate_how(run: StoredRun) -> list[list[str]]:
+    """Law, policy, reference by its source, noise and samples."""
+    record, swept = run.record, run.meta["sweep"]
+    sources = dict.fromkeys(row["reference_source"] for row in run.meta["estimates"])
+    reference = ", ".join(filter(None, sources)) or "none"
+    if "zobg" in reference:
+        reference += f" ({number(record['reference_samples'])} samples)"
+    request_lines = [["law", law_text(run) if record.get("contact") else "none (static objective)"]]
+    if record.get("policy"):
+        request_lines.append(["policy", str(record["policy"])])
+    request_lines.append(["reference", reference])
+    constant = (name for name in ("sigma", "samples") if not swept or swept["name"] != name)
+    request_lines += [[symbol(name), number(record[name])] for name in constant]
+    if swept:
+        ends = (number(swept["values"][index], 4) for index in (0, -1))
+        request_lines.append([symbol(swept["name"]), " to ".join(ends)])
+    return request_lines

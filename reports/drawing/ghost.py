@@ -1,0 +1,32 @@
+"""The plan of a sample as pale shapes beside the body."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from problems.drawing import Shape
+from problems.spec import ProblemSpec
+from reports.drawing.view import RunView
+
+
+def ghost(view: RunView, sample: int, node: int, body: Sequence[Shape]) -> list[Shape]:
+    """Shapes of a node of the plan of a sample of seed 0, without those that ``body`` has too.
+
+    Empty where the problem has no drawing or the sample no plan.
+    """
+    spec, plan = view.spec, view.array("plan")
+    if not isinstance(spec, ProblemSpec) or spec.draw is None or plan is None:
+        return []
+    state = plan[0, min(sample, plan.shape[1] - 1), node]
+    if not np.isfinite(state).all():
+        return []
+    return [replace(shape, role="plan") for shape in spec.draw(view.params, state) if shape not in body]
+
+
+def with_ghosts(view: RunView, times: np.ndarray, shapes: Sequence[list[Shape]]) -> list[list[Shape]]:
+    """The shapes of frames at ``times`` [s], each over the end of its sample's plan."""
+    samples = np.searchsorted(view.time, times + 1e-9 * view.time[-1], side="right") - 1
+    return [[*ghost(view, int(sample), -1, body), *body] for sample, body in zip(samples, shapes, strict=False)]

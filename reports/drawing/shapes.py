@@ -1,0 +1,294 @@
+"""Shapes on matplotlib axes: one way to draw each kind, and the window that shows them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import takewhile
+from typing import Any, TypeVar
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.lines import Line2D
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from matplotlib.transforms import Affine2D
+
+from problems.drawing import Box, Capsule, Disc, HalfPlane, Mark, Polygon, Segment, Shape, Spring
+from reports.drawing.style import BLUE, FAINT, GREEN, GREY, ORANGE, SKY
+
+_COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN, "plan": SKY}
+Rgba = tuple[float, float, float, float]
+_ARC = math.pi / 16
+_HALF_TURN = np.linspace(-math.pi / 2, math.pi / 2, 18)
+COILS, COIL = 6, 0.04
+"""Windings of a spring, and half their width [m]."""
+EDGE, THICK = 0.9, {Segment: 1.6, Spring: 0.8}
+"""Widths of lines [pt]: around a body, and along a bar."""
+MARK, CROSS = 4.5, 11.0
+"""Sizes of marks and of goals [pt]."""
+FILLED = 0.25
+"""Opacity of a body's inside."""
+REACH = 4.0
+"""How far a half plane reaches, in sums of the sides of a view."""
+
+
+def bounds(shapes: Iterable[Shape]) -> np.ndarray:
+    """Smallest box around shapes [m]: ((x_low, y_low), (x_high, y_high)), shape (2, 2).
+
+    Of a half plane only the point that it is given by counts, and no line on a floor; without
+    shapes the box is inside out.
+    """
+    points = [point for shape in shapes for point in _corners(shape)]
+    if not points:
+        return np.array([[np.inf, np.inf], [-np.inf, -np.inf]])
+    return np.array([np.min(points, axis=0), np.max(points, axis=0)])
+
+
+def _corners(shape: Shape) -> list[tuple[float, float]]:
+    match shape:
+        case Disc(x, y, r):
+            return [(x - r, y - r), (x + r, y + r)]
+        case Box(x, y, width, height, angle):
+            c, s = abs(math.cos(angle)), abs(math.sin(angle))
+            a, b = (c * width + s * height) / 2, (s * width + c * height) / 2
+            return [(x - a, y - b), (x + a, y + b)]
+        case Polygon(corners, r):
+            return [(x + sign * r, y + sign * r) for x, y in corners for sign in (-1, 1)]
+        case Capsule(x1, y1, x2, y2, r):
+            low = min(x1, x2) - r, min(y1, y2) - r
+            return [low, (max(x1, x2) + r, max(y1, y2) + r)]
+        case Segment(shade=shade) if shade:
+            return []
+        case Segment(x1, y1, x2, y2) | Spring(x1, y1, x2, y2):
+            return [(x1, y1), (x2, y2)]
+        case Mark(x, y) | HalfPlane(x, y):
+            return [(x, y)]
+
+
+def outline(shape: Shape) -> Path:
+    """Line around a body or along a bar [m]; raises TypeError for a mark and a half plane."""
+    match shape:
+        case Disc(x, y, radius):
+            return Path.circle((x, y), radius)
+        case Box():
+            radius = min(shape.rounding, shape.width / 2, shape.height / 2)
+            half_sides = np.array([shape.width, shape.height]) / 2 - radius
+            corners = half_sides * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+            points = _grown(corners, radius) if radius else corners
+            place = Affine2D().rotate(shape.angle).translate(shape.x, shape.y)
+            return _closed(place.transform(points))
+        case Polygon(corners, radius):
+            corner_array = np.array(corners)
+            return _closed(_grown(corner_array, radius) if radius else corner_array)
+        case Capsule(x1, y1, x2, y2, radius):
+            direction = np.array([x2 - x1, y2 - y1])
+            if not direction.any():
+                return Path.circle((x1, y1), radius)
+            angles = math.atan2(direction[1], direction[0]) + _HALF_TURN
+            cap = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+            return _closed(np.concatenate([np.array([x2, y2]) + cap, np.array([x1, y1]) - cap]))
+        case Segment(x1, y1, x2, y2):
+            return Path([(x1, y1), (x2, y2)])
+        case Spring(x1, y1, x2, y2):
+            direction = np.array([x2 - x1, y2 - y1])
+            length = float(np.linalg.norm(direction)) or 1.0
+            across = np.array([-direction[1], direction[0]]) / length * COIL
+            place = np.linspace(0, 1, 2 * COILS + 2)
+            side = np.array([0, *([1, -1] * COILS), 0])
+            return Path(np.array([x1, y1]) + np.outer(place, direction) + np.outer(side, across))
+    raise TypeError(f"a {type(shape).__name__} has no outline")
+
+
+def _closed(points: np.ndarray) -> Path:
+    return Path(np.concatenate([points, points[:1]]), closed=True)
+
+
+def _grown(corners: np.ndarray, radius: float) -> np.ndarray:
+    """Outline of everything within ``radius`` of a convex polygon, counter-clockwise, (n, 2)."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    leaving = np.arctan2(edges[:, 1], edges[:, 0]) - math.pi / 2
+    arriving = np.roll(leaving, 1)
+    rounded = []
+    for corner, start, turn in zip(corners, arriving, (leaving - arriving) % (2 * math.pi), strict=True):
+        angles = start + np.linspace(0, turn, 2 + int(turn / _ARC))
+        rounded.append(corner + radius * np.column_stack([np.cos(angles), np.sin(angles)]))
+    return np.concatenate(rounded)
+
+
+def beyond(shape: HalfPlane, middle: np.ndarray, reach: float) -> Path:
+    """The part of a half plane within ``reach`` [m] of the projection of ``middle`` on its edge."""
+    normal = np.array([shape.nx, shape.ny])
+    direction = np.array([-shape.ny, shape.nx])
+    # From the projection of the view's middle, so that the view may move along the edge.
+    start = np.array([shape.x, shape.y])
+    start = start + ((middle - start) @ direction) * direction
+    edge = [start - reach * direction, start + reach * direction]
+    return _closed(np.array([*edge, edge[1] - reach * normal, edge[0] - reach * normal]))
+
+
+def width(shape: Shape) -> float:
+    """Width of its line [pt]: lines on a floor are as thin as edges."""
+    return EDGE if hides(shape) else THICK.get(type(shape), EDGE)
+
+
+def color(role: str) -> str:
+    """Colour of bodies of a role."""
+    return _COLORS.get(role, GREY)
+
+
+def hides(shape: Shape) -> bool:
+    """Whether one does not see through it."""
+    return getattr(shape, "shade", 0.0) > 0
+
+
+def inks(shape: Shape, strength: float = 1.0) -> tuple[Rgba, Rgba]:
+    """Colours of a body's inside and of its edge, or of a bar twice; ``strength`` is how dark."""
+    ink, shade = to_rgba(color(shape.role))[:3], getattr(shape, "shade", 0.0)
+    if not hides(shape):
+        return (*ink, FILLED * strength), (*ink, strength)
+    inside, edge = (_on_paper(ink, strength * dark) for dark in (shade, 1.0))
+    return inside, inside if isinstance(shape, Segment) else edge
+
+
+def _on_paper(ink: Sequence[float], share: float) -> Rgba:
+    """What a share of ink looks like on white, and hides what is below."""
+    red, green, blue = (1 + share * (channel - 1) for channel in ink)
+    return red, green, blue, 1.0
+
+
+T = TypeVar("T", bound=Hashable)
+
+
+def still(frames: Sequence[Sequence[T]], hiding: Sequence[bool]) -> list[T]:
+    """What is in every frame, to be drawn once below the rest.
+
+    Of what in the first frame is ``hiding`` others, only that with which all frames begin.
+    """
+    n_leading = len([*takewhile(lambda same_place: len(set(same_place)) == 1, zip(*frames, strict=False))])
+    common = set.intersection(*map(set, frames))
+    return [
+        shape
+        for i, (shape, hides) in enumerate(zip(frames[0], hiding, strict=True))
+        if shape in common and (i < n_leading or not hides)
+    ]
+
+
+def name_axes(axis: Axes, names: tuple[str, str]) -> None:
+    """Label the axes; without names, as in a picture of space, they have no rulers either."""
+    axis.set(xlabel=names[0], ylabel=names[1])
+    if not any(names):
+        axis.set(xticks=[], yticks=[])
+
+
+def draw(shape: Shape, axis: Axes, strength: float) -> Artist:
+    """Draw one shape and return its artist; ``strength`` in (0, 1] is how dark."""
+    face, edge = inks(shape, strength)
+    match shape:
+        case Mark():
+            return _mark(shape, axis, strength)
+        case HalfPlane():
+            limits = np.array([axis.get_xlim(), axis.get_ylim()])
+            reach = REACH * float(np.ptp(limits, axis=1).sum())
+            path = beyond(shape, limits.mean(axis=1), reach)
+            patch = PathPatch(path, facecolor=FAINT, edgecolor=GREY, linewidth=0.8, zorder=0)
+        case Segment() | Spring():
+            patch = PathPatch(
+                outline(shape),
+                fill=False,
+                edgecolor=edge,
+                capstyle="round",
+                linewidth=width(shape),
+                zorder=1 if hides(shape) else 2,
+            )
+        case _:
+            patch = PathPatch(outline(shape), facecolor=face, edgecolor=edge, linewidth=EDGE)
+    return axis.add_patch(patch)
+
+
+def _mark(shape: Mark, axis: Axes, strength: float) -> Line2D:
+    look: dict[str, Any] = {"marker": "o", "markersize": MARK, "markeredgewidth": 0}
+    if shape.role == "goal":
+        look = {"marker": "+", "markersize": CROSS, "markeredgewidth": 1.5, "zorder": 4}
+    (mark,) = axis.plot([shape.x], [shape.y], color=color(shape.role), alpha=strength, linestyle="none", **look)
+    return mark
+
+
+_MARGIN = 0.08
+_FLATTEST, _LOWEST = 0.2, 0.4
+_TRAVEL = 5.0
+_AROUND = 2.2
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Middle (n_frames, 2) and size (2,) of the view [m], one size for all frames."""
+
+    middle: np.ndarray
+    size: np.ndarray
+
+    def aim(self, axis: Axes, frame: int) -> None:
+        """Set the limits of ``axis`` to those of a frame."""
+        low, high = self.middle[frame] - self.size / 2, self.middle[frame] + self.size / 2
+        axis.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+
+
+def show(axis: Axes, shapes: Iterable[Shape]) -> None:
+    """Fix the limits around ``shapes``, so that half planes and forces can be clipped to them."""
+    middle, size = around(bounds(shapes))
+    Camera(middle[None], size).aim(axis, 0)
+
+
+def around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Middle and size of the view of a box ((low), (high)): a margin, and neither side too thin."""
+    low, high = box
+    size = high - low
+    # A fixed point has no size: show one metre.
+    size = size + 2 * _MARGIN * float(size.max()) if size.max() > 0 else np.ones(2)
+    return (low + high) / 2, np.maximum(size, _FLATTEST * size.max())
+
+
+def film(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
+    """One camera for each of several motions, given the shapes of each frame of each.
+
+    All show the same window: the whole first motion, and the others within its size of it. A window
+    more than five times as long as high, or as the bodies, is replaced by cameras that each follow
+    their own motion.
+    """
+    boxes = [
+        np.array([bounds(shape for shape in shapes if not isinstance(shape, HalfPlane)) for shapes in play])
+        for play in plays
+    ]
+    union = _union(boxes)
+    size = union[1] - union[0]
+    body = float(np.max(boxes[0][:, 1] - boxes[0][:, 0]))
+    travels = size > _TRAVEL * np.maximum(body, size[::-1])
+    middle, size = around(union)
+    if not travels.any():
+        return [Camera(np.tile(middle, (len(own_boxes), 1)), size) for own_boxes in boxes]
+    size = np.where(travels, _AROUND * body, union[1] - union[0] + 2 * _MARGIN * _AROUND * body)
+    size = np.maximum(size, _LOWEST * size.max())
+    return [Camera(np.where(travels, _follow(own_boxes, size), middle), size) for own_boxes in boxes]
+
+
+def _union(boxes: list[np.ndarray]) -> np.ndarray:
+    first = np.array([boxes[0][:, 0].min(axis=0), boxes[0][:, 1].max(axis=0)])
+    reach = float(np.max(first[1] - first[0]))
+    others = np.concatenate(boxes)
+    low = np.maximum(others[:, 0].min(axis=0), first[0] - reach)
+    high = np.minimum(others[:, 1].max(axis=0), first[1] + reach)
+    return np.array([np.minimum(low, first[0]), np.maximum(high, first[1])])
+
+
+def _follow(boxes: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Middles (n_frames, 2) that follow smoothly and keep the bodies in view."""
+    middle = boxes.mean(axis=1)
+    width = max(1, len(middle) // 8)
+    padded = np.pad(middle, ((width, width), (0, 0)), mode="edge")
+    weights = np.ones(2 * width + 1) / (2 * width + 1)
+    even = np.stack([np.convolve(column, weights, mode="valid") for column in padded.T], axis=1)
+    room = np.maximum(size / 2 - (boxes[:, 1] - boxes[:, 0]) / 2, 0)
+    return np.clip(even, middle - room, middle + room)

@@ -1,0 +1,330 @@
+"""A strobe of the motion, with contact forces as arrows and the friction cones that hold them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from textwrap import fill
+
+import casadi as ca
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Wedge
+
+from problems.drawing import ContactFrame, Shape
+from reports.drawing.shapes import bounds, draw, hides, name_axes, show, still
+from reports.drawing.style import INK, PURPLE, VERMILLION, WIDTH
+from reports.drawing.view import RunView
+
+LEAST = 0.02
+"""Forces below this fraction of the largest are not drawn."""
+_LONGEST, _ACROSS, CONE = 0.18, 0.4, 0.7
+"""Longest arrow in sides of the view, the longer and the shorter, and a cone in arrows."""
+
+
+def largest(values: np.ndarray | None) -> float:
+    """The largest of the finite values, without sign; 0 where there is none."""
+    if values is None:
+        return 0.0
+    return float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Forces of every contact over a trajectory, in scenario 0.
+
+    ``normal`` and ``friction`` (N, points) are along the normal and the tangent of the contact's
+    :class:`~problems.drawing.ContactFrame`, both in ``unit``: impulses of one step [N s], or
+    forces [N] where the system's multipliers are forces.
+    """
+
+    normal: np.ndarray
+    friction: np.ndarray
+    unit: str
+
+    @property
+    def largest(self) -> float:
+        """Size of the largest finite force, 0 where there is none."""
+        return largest(np.hypot(self.normal, self.friction))
+
+
+def forces_of(view: RunView, suffix: str = "") -> Forces | None:
+    """Forces of the plan, or with suffix ``"_replay"`` of its replay; None for a run without.
+
+    From the stored ``normal_impulse`` and ``friction_impulse``, else from the system's map of the
+    multipliers, else every multiplier is a normal impulse.
+    """
+    lam = view.array(f"lam{suffix}")
+    if lam is None:
+        return None
+    normal, friction = (view.array(f"{kind}_impulse{suffix}") for kind in ("normal", "friction"))
+    if normal is not None and friction is not None:
+        return Forces(normal[0], friction[0], "N s")
+    signals = view.signals("contacts")
+    # lam of a law averaged over noise has one block a node; the mean is what moves the system.
+    mean = [lam[0, :, i :: len(signals)].mean(axis=-1) for i in range(len(signals))]
+    pushed = np.stack(mean, axis=1) if mean else np.zeros((lam.shape[1], 0))
+    if view.problem is not None and (force_map := view.problem.system.forces) is not None:
+        system, parameters = view.problem.system, view.problem.parameters
+        outputs = [force_map.normal, force_map.tangential]
+        force_function = ca.Function("forces", [system.lam, parameters.vector], outputs)
+        normal, tangential = (np.asarray(forces).T for forces in force_function(pushed.T, parameters.values))
+        return Forces(normal, tangential, "N s")
+    return Forces(pushed, np.zeros_like(pushed), signals[0].unit if signals else "")
+
+
+def forces_drawn(forces: Forces | None, contacts: Sequence[Sequence[ContactFrame]]) -> Forces | None:
+    """The forces that arrows show: of contacts seen in space the normal ones alone."""
+    if forces is None or all(frame.flat for frames in contacts[:1] for frame in frames):
+        return forces
+    return replace(forces, friction=np.zeros_like(forces.friction))
+
+
+def caption(largest: float, unit: str, rough: bool) -> str:
+    """Caption of arrows and, where contacts are ``rough``, of cones."""
+    cones = "; shaded: friction cone" if rough else ""
+    noun = "impulse" if unit == "N s" else "force"
+    return f"arrows: contact {noun}, the longest {largest:.3g} {unit}{cones}"
+
+
+def acting_contacts(view: RunView) -> tuple[dict[str, np.ndarray], dict[int, str]]:
+    """Sizes (N, points) of the forces of plan and replay by suffix, and the contacts that act.
+
+    These are names by column: contacts with a visible force in the plan or in its replay.
+    """
+    forces_by_suffix = {suffix: forces_of(view, suffix) for suffix in ("", "_replay")}
+    sizes = {key: np.hypot(forces.normal, forces.friction) for key, forces in forces_by_suffix.items() if forces}
+    if not sizes:
+        return {}, {}
+    largest_sizes = np.max([np.nanmax(size, axis=0, initial=0.0) for size in sizes.values()], axis=0)
+    acting = np.flatnonzero((largest_sizes > LEAST * largest_sizes.max(initial=0.0)) & (largest_sizes > 0))
+    names = [signal.name for signal in view.signals("contacts")]
+    if "point" in view.run.data.coords and view.run.data.sizes["point"] == largest_sizes.size:
+        names = [str(name) for name in view.run.data["point"].values]
+    return sizes, {int(i): names[i] for i in acting}
+
+
+def longest_arrow(size: np.ndarray) -> float:
+    """Length [m] of the arrow of the largest force, inside a view of ``size`` (2,)."""
+    return min(_LONGEST * float(size.max()), _ACROSS * float(size.min()))
+
+
+def visible(
+    contacts: Sequence[ContactFrame], pushes: tuple[np.ndarray, np.ndarray], largest: float
+) -> Iterator[tuple[ContactFrame, float, float]]:
+    """Contacts with their normal and friction force, without the smallest forces."""
+    for frame, normal, friction in zip(contacts, *pushes, strict=False):
+        length_in_view = math.hypot(frame.nx, frame.ny)
+        if length_in_view * math.hypot(normal, friction) >= LEAST * largest > 0:
+            yield frame, float(normal), float(friction)
+
+
+def draw_contacts(
+    axis: Axes,
+    contacts: Sequence[ContactFrame],
+    pushes: tuple[np.ndarray, np.ndarray],
+    largest: float,
+    cones: float = 1,
+) -> list[Artist]:
+    """Draw the forces ``pushes``, normal and friction (points,), and cones this strong, 0 for none.
+
+    The ``largest`` force is as long as :func:`longest_arrow`; the smallest are left out.
+    """
+    longest = longest_arrow(np.ptp([axis.get_xlim(), axis.get_ylim()], axis=1))
+    artists = list[Artist]()
+    for frame, normal, friction in visible(contacts, pushes, largest):
+        if frame.friction and cones:
+            artists.append(draw_cone(axis, frame, longest, cones))
+        artists.append(draw_force(axis, frame, normal, friction, longest / largest))
+    return artists
+
+
+def draw_force(axis: Axes, frame: ContactFrame, normal: float, friction: float, scale: float) -> Artist:
+    """Draw the force as an arrow from the contact, ``scale`` [m per unit] times its size long."""
+    tx, ty = frame.tangent
+    tip = (
+        frame.x + scale * (normal * frame.nx + friction * tx),
+        frame.y + scale * (normal * frame.ny + friction * ty),
+    )
+    return axis.annotate(
+        "",
+        xytext=(frame.x, frame.y),
+        xy=tip,
+        zorder=5,
+        annotation_clip=False,
+        arrowprops={
+            "arrowstyle": "-|>",
+            "color": VERMILLION,
+            "linewidth": 1.0,
+            "shrinkA": 0,
+            "shrinkB": 0,
+            "mutation_scale": 6,
+        },
+    )
+
+
+def draw_cone(axis: Axes, frame: ContactFrame, length: float, strength: float = 1) -> Artist:
+    """Draw the friction cone, half as wide as atan(friction) on either side of the normal."""
+    middle = math.degrees(math.atan2(frame.ny, frame.nx))
+    half_angle = math.degrees(math.atan(frame.friction))
+    cone = Wedge(
+        (frame.x, frame.y),
+        CONE * length,
+        middle - half_angle,
+        middle + half_angle,
+        zorder=3,
+        facecolor=(PURPLE, 0.22 * strength),
+        edgecolor=(PURPLE, 0.8 * strength),
+        linewidth=0.6,
+    )
+    return axis.add_patch(cone)
+
+
+_FEWEST, _MOST = 3, 7
+_TALLEST, _SMALL = 3.1, 1.7
+_LETTERS = 120
+"""Letters of titles beside each other that fit across."""
+MOST_SCENARIOS = 12
+
+
+def strobe(view: RunView, cones: bool = False) -> Figure | None:
+    """Draw scenario 0 at several instants, early ones faint; None for a problem not drawn.
+
+    Friction cones are drawn where ``cones``.
+    """
+    if view.picture is None:
+        return None
+    figure = Figure(figsize=(WIDTH, _TALLEST))
+    axis = figure.subplots()
+    draw_strobe(axis, view, cones)
+    ratio = np.ptp(axis.get_ylim()) / np.ptp(axis.get_xlim())
+    figure.set_figheight(float(np.clip(0.9 * WIDTH * ratio + 0.7, 1.3, _TALLEST)))
+    return figure
+
+
+def picked_scenarios(count: int) -> list[int]:
+    """Numbers of the scenarios that are drawn."""
+    n_picked = min(count, MOST_SCENARIOS)
+    return [int(index) for index in np.linspace(0, count - 1, n_picked).round()]
+
+
+def strobe_rows(titled_views: Sequence[tuple[str, RunView]], cones: bool = False) -> tuple[list[Figure], str]:
+    """Strobes beside each other under their titles, of scenario 0 each, in rows of one figure each.
+
+    Views without a picture are left out. Those of one problem have the same limits, and their
+    arrows one scale, given in the returned caption; those of several have each its own.
+    """
+    titled_views = [(title, view) for title, view in titled_views if view.picture is not None]
+    if not titled_views:
+        return [], ""
+    forces = [drawn_forces for _, view in titled_views if (drawn_forces := _forces_drawn(view)) is not None]
+    same_problem = len({view.run.meta["problem"] for _, view in titled_views}) == 1
+    largest = max((drawn_forces.largest for drawn_forces in forces), default=0.0)
+    count = len(titled_views)
+    columns = {1: 1, 2: 2, 4: 2}.get(count, 4 if count in (7, 8) or count > 9 else 3)
+    figures, used_axes = list[Figure](), list[Axes]()
+    for start in range(0, len(titled_views), columns):
+        figure = Figure(figsize=(WIDTH, _SMALL))
+        axes = figure.subplots(1, columns, squeeze=False)[0]
+        for axis, (title, view) in zip(axes, titled_views[start : start + columns], strict=False):
+            draw_strobe(axis, view, cones, largest if same_problem else None)
+            axis.set_title(fill(title, _LETTERS // columns), loc="left", fontsize=7.5)
+            axis.tick_params(labelsize=7)
+            axis.set_xlabel(axis.get_xlabel(), fontsize=7)
+            axis.set_ylabel("" if same_problem and axis is not axes[0] else axis.get_ylabel(), fontsize=7)
+            used_axes.append(axis)
+        for axis in axes[len(titled_views) - start :]:
+            axis.set_axis_off()
+        figures.append(figure)
+    if same_problem:
+        _one_view(used_axes)
+    # A tall picture among others of several problems must not make all rows tall.
+    ratio = np.median([np.ptp(axis.get_ylim()) / np.ptp(axis.get_xlim()) for axis in used_axes])
+    lines = max(axis.get_title("left").count("\n") for axis in used_axes)
+    height = float(np.clip(ratio * 0.85 * WIDTH / columns + 0.55, 1.0, _TALLEST)) + 0.12 * lines
+    for figure in figures:
+        figure.set_figheight(height)
+    if largest <= 0:
+        return figures, ""
+    arrow_note = "arrows: contact forces, in each picture to its own scale"
+    return figures, caption(largest, forces[0].unit, cones) if same_problem else arrow_note
+
+
+def _one_view(axes: Sequence[Axes]) -> None:
+    """Give all axes the limits that hold each of theirs."""
+    limits = np.array([[axis.get_xlim(), axis.get_ylim()] for axis in axes])
+    low, high = limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)
+    for axis in axes:
+        axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+
+
+def draw_strobe(axis: Axes, view: RunView, cones: bool = False, largest: float | None = None) -> None:
+    """Draw the strobe of scenario 0 into given axes, forces on the bodies that are drawn.
+
+    A force of ``largest``, if not given the largest of the run, has the longest arrow.
+    """
+    picture = view.picture
+    assert picture is not None
+    forces = _forces_drawn(view)
+    plays = picture.shapes("", view.time)
+    chosen = draw_motion(axis, plays, None if forces is None else _strongest(forces))
+    if forces is not None:
+        scale_force = forces.largest if largest is None else largest
+        acting = chosen[chosen > 0]
+        for node, frames in zip(acting, picture.contacts("", view.time[acting]), strict=True):
+            pushes = forces.normal[node - 1], forces.friction[node - 1]
+            draw_contacts(axis, frames, pushes, scale_force, cones=0.5 if cones else 0)
+        if scale_force > 0:
+            axis.set_title(caption(scale_force, forces.unit, cones), loc="left", color=INK)
+    name_axes(axis, picture.axes)
+    axis.set_axisbelow(True)
+
+
+def _strongest(forces: Forces) -> int | None:
+    """The node at the end of the step with the largest force."""
+    size = np.nan_to_num(np.hypot(forces.normal, forces.friction))
+    return int(size.max(axis=1).argmax()) + 1 if size.size and size.max() > 0 else None
+
+
+def draw_motion(axis: Axes, plays: list[list[Shape]], strongest: int | None = None) -> np.ndarray:
+    """Draw shapes at several of the instants of ``plays``, early ones faint; gives the instants.
+
+    The instant ``strongest`` is one of them.
+    """
+    chosen = _instants(plays)
+    if strongest is not None and len(chosen) > 2:
+        inner = 1 + int(np.abs(chosen[1:-1] - strongest).argmin())
+        if strongest not in chosen:
+            chosen[inner] = strongest
+    frames = [plays[node] for node in chosen]
+    fixed = still(frames, [hides(shape) for shape in frames[0]])
+    show(axis, [shape for shapes in frames for shape in shapes])
+    for shape in fixed:
+        draw(shape, axis, 1.0)
+    for strength, shapes in zip(np.linspace(0.2, 1, len(frames)), frames, strict=True):
+        for shape in shapes:
+            if shape not in fixed:
+                draw(shape, axis, strength)
+    return chosen
+
+
+def _instants(plays: list[list[Shape]]) -> np.ndarray:
+    """A few evenly spaced nodes: fewer where bodies hardly move."""
+    fixed = set.intersection(*(set(shapes) for shapes in plays))
+    boxes = np.array([bounds(s for s in shapes if s not in fixed) for shapes in plays])
+    count = _FEWEST
+    if np.isfinite(boxes).all():
+        path_length = np.abs(np.diff(boxes.mean(axis=1), axis=0)).sum(axis=0)
+        size = np.maximum((boxes[:, 1] - boxes[:, 0]).max(axis=0), 1e-9)
+        count = int(min(_MOST, _FEWEST + 4 * np.max(path_length / size)))
+    return np.unique(np.linspace(0, len(plays) - 1, count).round().astype(int))
+
+
+def _forces_drawn(view: RunView) -> Forces | None:
+    """The forces, if the problem has contact frames."""
+    if view.picture is None or not view.picture.framed:
+        return None
+    return forces_drawn(forces_of(view), view.picture.contacts("", view.time[:1]))

@@ -1,0 +1,306 @@
+"""A figure as a paper wants it: bare, lettered, as wide as a column, fonts inside the file."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from string import ascii_lowercase
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
+from matplotlib.transforms import Bbox
+
+from ocp.errors import InputError, choose
+from ocp.store.stored_run import StoredRun
+from problems.spec import ProblemSpec
+from reports.drawing.notation import label
+from reports.drawing.strobe import acting_contacts, draw_strobe, forces_of
+from reports.drawing.style import CYCLE, INK, WIDTH, literal, styled
+from reports.drawing.view import RunView
+from reports.figures.studies import DRAWINGS
+
+_COLUMNS = 3
+_ROW, _STROBE_TALLEST = 1.75, 3.0
+_DASHES = ("-", (0, (4, 2)))
+_LEVEL = 1e-6
+"""Of its size, below which a change is drawn as none."""
+_LINE = 0.17
+"""Height of a line of the key, of a panel's."""
+
+
+@dataclass(frozen=True)
+class SignalGroup:
+    """Quantities of one unit: names, planned values (S, n, k), and replayed ones or None."""
+
+    title: str
+    names: list[str]
+    planned: np.ndarray
+    replayed: np.ndarray | None
+
+
+def solution_figure(view: RunView) -> Figure:
+    """Draw a solved run: the strobe, and a panel for each unit of states, inputs and forces.
+
+    Solid lines are planned, dashed ones replayed under the exact law.
+
+    Raises :class:`~ocp.errors.InputError` for a run that is no solve.
+    """
+    view.run.check_solve()
+    signal_groups = groups(view)
+    rows = -(-len(signal_groups) // _COLUMNS)
+    has_picture = view.picture is not None
+    figure = Figure(figsize=(WIDTH, _ROW * rows + 0.4))
+    grid = figure.add_gridspec(rows + has_picture, min(_COLUMNS, len(signal_groups)))
+    if has_picture:
+        strobe = figure.add_subplot(grid[0, :])
+        draw_strobe(strobe, view)
+        ratio = float(np.ptp(strobe.get_ylim()) / np.ptp(strobe.get_xlim()))
+        height = float(np.clip(0.9 * WIDTH * ratio + 0.6, 1.4, _STROBE_TALLEST))
+        grid.set_height_ratios([height, *[_ROW] * rows])
+        figure.set_figheight(height + _ROW * rows + 0.4)
+    for place, group in enumerate(signal_groups):
+        row, column = divmod(place, _COLUMNS)
+        _draw(figure.add_subplot(grid[row + has_picture, column]), view.time, group)
+    if any(group.replayed is not None for group in signal_groups):
+        law = view.run.record.get("contact", "chosen")
+        texts = f"planned under the {law} law", "replayed under the exact law"
+        handles = [
+            Line2D([], [], color=INK, linestyle=dash, label=text) for dash, text in zip(_DASHES, texts, strict=True)
+        ]
+        figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    return figure
+
+
+def groups(view: RunView) -> list[SignalGroup]:
+    """States and inputs unit by unit in the order of the system, then the contacts that act."""
+    signal_groups = []
+    for kind, name in (("states", "x"), ("inputs", "u")):
+        values, replayed_array = view.array(name), view.array(f"{name}_replay")
+        if values is None:
+            continue
+        signals = view.signals(kind)
+        for unit in dict.fromkeys(signal.unit for signal in signals):
+            unit_indices = [i for i, signal in enumerate(signals) if signal.unit == unit]
+            replayed = None if replayed_array is None else replayed_array[..., unit_indices]
+            names = [signals[i].name for i in unit_indices]
+            signal_groups.append(SignalGroup(label(kind, unit), names, values[..., unit_indices], replayed))
+    pushed = _pushed(view)
+    return signal_groups if pushed is None else [*signal_groups, pushed]
+
+
+def _pushed(view: RunView) -> SignalGroup | None:
+    """Size of the force of every contact that acts, in scenario 0."""
+    forces, (sizes, acting) = forces_of(view), acting_contacts(view)
+    if forces is None or not acting:
+        return None
+    planned, *replayed = (size[None][..., [*acting]] for size in sizes.values())
+    noun = "impulses" if forces.unit == "N s" else "contact forces"
+    return SignalGroup(label(noun, forces.unit), [*acting.values()], planned, *(replayed or [None]))
+
+
+def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
+    for values, dash in zip((group.planned, group.replayed), _DASHES, strict=True):
+        if values is None:
+            continue
+        style = {"linestyle": dash, "linewidth": 1.1 if len(values) == 1 else 0.6}
+        for i, name in enumerate(group.names):
+            for scenario, line in enumerate(values[..., i]):
+                # The colours of the first six are apart in grey print; the others have marks too.
+                mark = {"marker": "so^D"[i // 6 % 4], "markevery": 5 + i % 6} if i >= 6 else {}
+                color = CYCLE[i % len(CYCLE)]
+                line_label = name if dash == _DASHES[0] and scenario == 0 else None
+                if line.size < time.size:
+                    axis.stairs(line, time, baseline=None, color=color, label=line_label, **style)
+                else:
+                    axis.plot(time, line, color=color, label=line_label, **style, **mark)
+    low, high = axis.get_ylim()
+    if high - low < _LEVEL * max(abs(low), abs(high)):
+        half_height = 0.05 * max(abs(low), abs(high))
+        low, high = low - half_height, high + half_height
+    columns = 1 + len(group.names) // 4
+    rows = -(-len(group.names) // columns)
+    # Names stand in a part of their own, above the lines.
+    axis.set_ylim(low, high + _LINE * rows * (high - low))
+    axis.set_title(group.title, loc="left")
+    axis.set_xlabel("time [s]")
+    axis.legend(
+        fontsize=7,
+        ncols=columns,
+        handlelength=1.0,
+        columnspacing=0.8,
+        labelspacing=0.2,
+        borderaxespad=0.2,
+        loc="upper left",
+    )
+
+
+COLUMN, BOTH = 3.5, 7.16
+"""Width [inch] of a column, and of both with the gap between them, as journals of two columns."""
+_DPI = 300
+_PAD = 0.02
+_TALLEST = 0.85
+"""Height of a panel on its own over its width, at most."""
+_HALF, _NEAR, _ROUNDS = 0.55, 5e-3, 4
+# Type 42: whole TrueType fonts, since publishers turn Type 3 away.
+_SETTINGS: dict[Any, Any] = {"pdf.fonttype": 42}
+FORMATS: dict[str, dict[str, None]] = {
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    "svg": {"Date": None, "Creator": None},
+    "png": {"Software": None},
+}
+"""Files that a bare figure can be, with the metadata left out of each."""
+
+
+def format_of(file: Path) -> str:
+    """Return the format that a file's ending names; raises InputError for an unknown one."""
+    ending = file.suffix.removeprefix(".")
+    if ending not in FORMATS:
+        raise InputError(
+            f"a figure must end in .pdf, .svg or .png, got {file.suffix!r}; use"
+            f" {file.with_suffix('.pdf').name}, for example"
+        )
+    return ending
+
+
+def bare(run: StoredRun, ending: str, panel: str | None = None, file_spec: ProblemSpec | None = None) -> bytes:
+    """Draw a stored study or solve, or only its panel ``"a"``, ``"b"``, ...
+
+    ``file_spec`` is the problem in a file that a person named.
+    Raises :class:`~ocp.errors.InputError` for a run of another kind, and as :func:`render` does.
+    """
+    with styled():
+        if run.kind == "figure":
+            figure = DRAWINGS[run.meta["problem"]].draw(run.data)
+        else:
+            figure = literal(solution_figure(RunView.of(run, file_spec)))
+        return render(figure, ending, panel)
+
+
+def render(figure: Figure, ending: str, panel: str | None = None) -> bytes:
+    """Render a drawn figure, or only one of its panels; the same bytes each time.
+
+    A figure of several panels is as wide as both columns and each panel has its letter; one panel
+    is as wide as a column. Works on ``figure`` itself, which is not to be used again.
+
+    Raises :class:`~ocp.errors.InputError` for an unknown ``ending`` or panel.
+    """
+    choose("format", ending, FORMATS)
+    shown_axes = panels(figure)
+    box = None
+    if panel is not None:
+        letters = ascii_lowercase[: len(shown_axes)]
+        if len(panel) != 1 or panel not in letters:
+            letters_text = f"a to {letters[-1]}" if len(letters) > 1 else "only a"
+            raise InputError(f"unknown panel {panel!r}; the figure has {letters_text}")
+        box = _alone(figure, shown_axes[letters.index(panel)])
+    else:
+        width, height = figure.get_size_inches()
+        if len(shown_axes) > 1:
+            for letter, axis in zip(ascii_lowercase, shown_axes, strict=False):
+                place = "center" if axis.get_title("center") else "left"
+                axis.set_title(f"({letter}) {axis.get_title(place)}".rstrip(), loc=place)
+            figure.set_size_inches(BOTH, height)
+        else:
+            figure.set_size_inches(COLUMN, height * COLUMN / width)
+    buffer = io.BytesIO()
+    with mpl.rc_context(_SETTINGS):
+        figure.savefig(buffer, format=ending, dpi=_DPI, bbox_inches=box, metadata=FORMATS[ending])
+    return buffer.getvalue()
+
+
+def panels(figure: Figure) -> list[Axes]:
+    """Axes that show something, in the order that they were laid out."""
+    return [axis for axis in figure.axes if axis.axison or axis.has_data() or axis.get_title()]
+
+
+def _alone(figure: Figure, axis: Axes) -> Bbox:
+    """Hide all but ``axis``, give it the width of a column, and return what it covers [inch].
+
+    A panel over more than half of the figure gets both columns.
+    """
+    canvas, key = FigureCanvasAgg(figure), _lend_key(axis)
+    figure.draw_without_rendering()
+    target_width = BOTH if axis.bbox.width > _HALF * figure.bbox.width else COLUMN
+    for other in figure.axes:
+        if other is not axis:
+            _lend_labels(other, axis)
+            other.set_visible(False)
+    # Fonts keep their size, so that the axes alone give way: a few rounds settle it.
+    for _ in range(_ROUNDS):
+        figure.draw_without_rendering()
+        if key is not None:
+            _put_below(key, axis, canvas)
+        covered = _covered(axis, canvas)
+        wide, tall = figure.get_size_inches()
+        growth = (target_width - 2 * _PAD) * figure.dpi / covered.width
+        height = covered.height / figure.dpi
+        figure.set_size_inches(wide * growth, tall * min(growth, _TALLEST * target_width / height))
+    figure.draw_without_rendering()
+    if key is not None:
+        _put_below(key, axis, canvas)
+    inches = figure.dpi_scale_trans.inverted()
+    return _covered(axis, canvas).transformed(inches).padded(_PAD)
+
+
+def _covered(axis: Axes, canvas: FigureCanvasAgg) -> Bbox:
+    """What an axis and all that belongs to it cover [pixel]."""
+    covered = axis.get_tightbbox(canvas.get_renderer())
+    assert covered is not None
+    return covered
+
+
+def _lend_labels(other: Axes, axis: Axes) -> None:
+    """Give ``axis`` the labels that it left to one of its column or row with the same scale."""
+    axis_box, other_box = axis.get_position(), other.get_position()
+    if axis.get_shared_x_axes().joined(axis, other) or (
+        np.allclose((axis_box.x0, axis_box.x1), (other_box.x0, other_box.x1), atol=_NEAR)
+        and np.array_equal(axis.get_xlim(), other.get_xlim())
+    ):
+        axis.set_xlabel(axis.get_xlabel() or other.get_xlabel())
+    if axis.get_shared_y_axes().joined(axis, other) or (
+        np.allclose((axis_box.y0, axis_box.y1), (other_box.y0, other_box.y1), atol=_NEAR)
+        and np.array_equal(axis.get_ylim(), other.get_ylim())
+    ):
+        axis.set_ylabel(axis.get_ylabel() or other.get_ylabel())
+    if axis.get_shared_x_axes().joined(axis, other):
+        axis.tick_params(labelbottom=True)
+    if axis.get_shared_y_axes().joined(axis, other):
+        axis.tick_params(labelleft=True)
+
+
+def _lend_key(axis: Axes) -> Legend | None:
+    """Give the key of its figure to an axis, beside the one that it may have itself."""
+    root = axis.get_figure(root=True)
+    assert root is not None
+    own_part = axis.get_figure(root=False)
+    lent_legend = None
+    for subfigure in (root, *root.subfigs):
+        for key in subfigure.legends:
+            key.set_visible(False)
+            key.set_in_layout(False)
+            if subfigure in (root, own_part):
+                lent_legend = key
+    if lent_legend is None:
+        return None
+    own_legend = axis.get_legend()
+    handles = [handle for handle in lent_legend.legend_handles if handle is not None]
+    texts = [text.get_text() for text in lent_legend.get_texts()]
+    below = axis.legend(handles, texts, loc="upper center", ncols=2)
+    if own_legend is not None:
+        axis.add_artist(own_legend)
+    return below
+
+
+def _put_below(key: Legend, axis: Axes, canvas: FigureCanvasAgg) -> None:
+    """Put a key right under an axis and all that is written below it."""
+    label_box = axis.xaxis.get_tightbbox(canvas.get_renderer())
+    low = axis.bbox.y0 if label_box is None else min(axis.bbox.y0, label_box.y0)
+    place = (low - axis.bbox.y0) / axis.bbox.height
+    key.set_bbox_to_anchor((0.5, place), transform=axis.transAxes)

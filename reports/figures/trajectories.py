@@ -1,0 +1,216 @@
+"""A run over time: every state, input and multiplier, and how far its replay is from it."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ocp.errors import InputError, did_you_mean
+from reports.drawing.notation import label
+from reports.drawing.strobe import largest
+from reports.drawing.style import PLANNED, REPLAYED
+from reports.drawing.view import RunView
+from reports.figures.panels import Panel, Row, between, draw_rows, in_rows, lines, note_zero
+
+SAME = 1e-4
+"""Share of a signal's range up to which plan and replay are one line."""
+NEGLIGIBLE = 1e-6
+"""Share of a size below which an amount is not drawn."""
+_IDLE = 1e-9
+"""Share of the largest multiplier in the same unit below which one counts as zero throughout."""
+_BEYOND = 3.0
+"""Times the plan's largest number up to which a replay is followed within the plan's panel."""
+_STATES = {"m": "Positions", "rad": "Angles", "m/s": "Velocities", "rad/s": "Angular velocities", "s": "Times"}
+_MULTIPLIERS = {"N s": "Impulses", "N": "Forces"}
+_KINDS = {"normal": "Normal", "friction": "Friction", "slip": "Slip", "limit": "Limit"}
+
+
+@dataclass(frozen=True)
+class Track:
+    """One component over time under the heading of its quantity.
+
+    ``plan`` and ``replay``, its replay under the exact law, are (S, N+1) at the nodes, or (S, N)
+    held over the steps; ``replay`` is None where there was no replay.
+    """
+
+    heading: str
+    name: str
+    unit: str
+    plan: np.ndarray
+    replay: np.ndarray | None
+
+    @property
+    def is_multiplier(self) -> bool:
+        """Whether it is a contact's, and no state or input."""
+        return "λ" in self.heading
+
+    @property
+    def difference(self) -> np.ndarray | None:
+        """Replay minus plan."""
+        return None if self.replay is None else self.replay - self.plan
+
+    @property
+    def differs(self) -> bool:
+        """Whether the replay is another line than the plan."""
+        return largest(self.difference) > max(SAME * self.span, NEGLIGIBLE * self.size)
+
+    @property
+    def span(self) -> float:
+        """Range of plan and replay together."""
+        values = self.plan if self.replay is None else np.append(self.plan, self.replay)
+        return float(np.ptp(values[np.isfinite(values)])) if np.isfinite(values).any() else 0.0
+
+    @property
+    def size(self) -> float:
+        """Largest number that occurs."""
+        arrays = [self.plan] if self.replay is None else [self.plan, self.replay]
+        return max(largest(values) for values in arrays)
+
+
+def tracks(view: RunView) -> list[Track]:
+    """Every component of states, inputs and multipliers, in the order of their headings."""
+    groups: dict[str, list[Track]] = {}
+    for kind, name in (("states", "x"), ("inputs", "u"), ("contacts", "lam")):
+        values, replayed = view.array(name), view.array(f"{name}_replay")
+        if values is None:
+            continue
+        if replayed is not None and replayed.shape[:2] != values.shape[:2]:
+            replayed = None
+        for index, signal in enumerate(view.signals(kind)):
+            heading = _heading(view, kind, index)
+            plan = mean_multiplier(view, values, index) if name == "lam" else values[..., index]
+            replay = None if replayed is None else replayed[..., index]
+            track = Track(heading, signal.name, signal.unit, plan, replay)
+            groups.setdefault(heading, []).append(track)
+    return [track for group in groups.values() for track in group]
+
+
+def mean_multiplier(view: RunView, values: np.ndarray, index: int) -> np.ndarray:
+    """One multiplier; of a law solved at several noise nodes the mean over them."""
+    return values[..., index :: len(view.signals("contacts"))].mean(axis=-1)
+
+
+def idle(all_tracks: list[Track]) -> list[str]:
+    """Names of the multipliers that are zero throughout, beside the largest impulse or force."""
+    multipliers = [track for track in all_tracks if track.is_multiplier]
+    pushes = [track.size for track in multipliers if not track.heading.startswith("Slip")]
+    largest_push = max(pushes, default=0.0)
+    return [track.name for track in multipliers if track.size <= _IDLE * largest_push]
+
+
+def apart(all_tracks: list[Track]) -> float:
+    """Largest distance of plan and replay beside a state's or input's range; 0 without a replay."""
+    shares = [
+        largest(track.difference) / track.span
+        for track in all_tracks
+        if track.difference is not None and track.span > 0 and not track.is_multiplier
+    ]
+    return max(shares, default=0.0)
+
+
+def undetermined(all_tracks: list[Track]) -> bool:
+    """Whether multipliers of the replay are others although the motion is the same."""
+    return not parted(all_tracks) and any(
+        track.differs for track in all_tracks if track.is_multiplier and track.name not in idle(all_tracks)
+    )
+
+
+def parted(all_tracks: Sequence[Track]) -> bool:
+    """Whether the replay of a state or an input is another line than its plan."""
+    return any(track.differs for track in all_tracks if not track.is_multiplier)
+
+
+def plan_rows(view: RunView, omitted: Collection[str] = (), signals: Collection[str] = ()) -> list[Row]:
+    """Rows of panels, one a component, but for multipliers ``without`` and those that are zero.
+
+    With names of ``signals`` only these. Where plan and replay part, the band between them is
+    shaded and their difference drawn below, to one scale in each group; not for inputs that are the
+    same by construction.
+    """
+    all_tracks, time = tracks(view), view.time
+    idle_names = {*idle(all_tracks), *omitted}
+    groups: dict[str, list[Track]] = {}
+    for track in all_tracks:
+        if track.name in signals if signals else not (track.is_multiplier and track.name in idle_names):
+            groups.setdefault(track.heading, []).append(track)
+    panels = {}
+    for heading, members in groups.items():
+        largest_difference = max(largest(track.difference) for track in members)
+        panels[heading] = [_panel(track, time, largest_difference if track.differs else None) for track in members]
+    return in_rows(panels)
+
+
+def chosen(view: RunView, words: str) -> list[str]:
+    """Names of signals from words with commas, in which * stands for any letters.
+
+    Raises :class:`~ocp.errors.InputError` for a word that fits none.
+    """
+    names = [track.name for track in tracks(view)]
+    matched: list[str] = []
+    for word in (word.strip() for word in words.split(",")):
+        fitting = fnmatch.filter(names, word)
+        if not fitting:
+            raise InputError(
+                f"--signals: there is no signal {word!r}{did_you_mean(word, names)}; there are {', '.join(names)}"
+            )
+        matched += fitting
+    return matched
+
+
+def trajectories(view: RunView) -> Figure:
+    """All of :func:`plan_rows` in one figure."""
+    return draw_rows(plan_rows(view))
+
+
+def _panel(track: Track, time: np.ndarray, largest_difference: float | None) -> Panel:
+    def below(axis: Axes) -> None:
+        note_zero(axis)
+        if track.difference is not None and largest_difference is not None:
+            lines(axis, time, track.difference, color=REPLAYED, linewidth=0.9 if _one(track) else 0.5)
+            limit = 1.1 * largest_difference if largest_difference > 0 else 1.0
+            axis.set_ylim(-limit, limit)
+
+    def main(axis: Axes) -> None:
+        _plan(axis, time, track, with_replay=largest_difference is not None)
+
+    return Panel(label(track.name, track.unit), main, None if largest_difference is None else below)
+
+
+def _plan(axis: Axes, time: np.ndarray, track: Track, with_replay: bool) -> None:
+    width = 1.4 if _one(track) else 0.6
+    lines(axis, time, track.plan, color=PLANNED, linewidth=width)
+    if not _one(track):
+        low, high = track.plan.min(axis=0), track.plan.max(axis=0)
+        between(axis, time, low, high, color=PLANNED, alpha=0.15)
+    if not with_replay or track.replay is None:
+        return
+    reach = _BEYOND * largest(track.plan)
+    for plan, other in zip(track.plan, track.replay, strict=True):
+        between(axis, time, plan, other, color=REPLAYED, alpha=0.3 / len(track.plan) ** 0.5)
+    lines(axis, time, track.replay, color=REPLAYED, linewidth=0.5 * width)
+    axis.autoscale_view()
+    limits = axis.get_ylim()
+    if reach > 0:
+        axis.set_ylim(max(limits[0], -reach), min(limits[1], reach))
+
+
+def _one(track: Track) -> bool:
+    return len(track.plan) == 1
+
+
+def _heading(view: RunView, kind: str, index: int) -> str:
+    """The quantity with its unit: of states what the unit says, of multipliers the pair's kind."""
+    unit = view.signals(kind)[index].unit
+    if kind == "states":
+        return label(_STATES.get(unit, "States"), unit)
+    if kind == "inputs":
+        return label("Inputs", unit)
+    pairs = view.problem.system.pairs if view.problem is not None else ()
+    if len({pair.kind for pair in pairs}) < 2:
+        return label(f"{_MULTIPLIERS.get(unit, 'Multipliers')} λ", unit)
+    return label(f"{_KINDS[pairs[index].kind]} λ", unit)

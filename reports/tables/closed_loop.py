@@ -1,0 +1,178 @@
+"""A closed loop as a run stores it: labelled arrays, and what was counted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.table import Table
+
+from dynamics.batch import StepFunction
+from ocp.judge.contact_report import least_slip
+from ocp.mpc.simulate import ClosedLoop
+from ocp.problem.evaluation import Evaluation, at_steps
+from ocp.problem.problem import Problem
+from ocp.solution import units_of
+from reports.tables.console import number, table_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_WARM = 10
+"""Samples at the start of each seed that times leave out: the first plans start cold."""
+
+
+def labelled(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Dataset:
+    """The arrays of a loop with times, units and contacts.
+
+    Added are ``time`` (node) [s], and ``lam`` and ``gap`` (seed, sample, contact): those of the
+    exact law at the recorded states and inputs, with the plant's parameters ``mismatch``.
+    """
+    problem, system = loop.problem, loop.problem.system
+    values = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
+    data = loop.data
+    entries, attributes = units_of({"state": system.states, "input": system.inputs, "contact": system.contacts})
+    lam, gap = _contacts(problem, data, {**values, **mismatch})
+    times = Evaluation(problem, values).node_times()
+    step = float(times[1] - times[0])
+    dimensions = ("seed", "sample", "contact")
+    data = data.assign(
+        {
+            "lam": (dimensions, lam, attributes["contact"]),
+            "gap": (dimensions, gap, {"units": system.gap_unit}),
+            **{f"{name}_unit": (name, units) for name, units in entries.items()},
+        }
+    ).assign_coords(
+        time=("node", step * np.arange(data.sizes["node"]), {"units": "s"}),
+        contact=[signal.name for signal in system.contacts],
+    )
+    kind_of_array = {"x": "state", "measured": "state", "plan": "state", "u": "input"}
+    units = {**{name: attributes[kind]["units"] for name, kind in kind_of_array.items()}, "seconds": "s"}
+    for name, variable in data.data_vars.items():
+        variable.attrs.setdefault("units", units.get(str(name), "1"))
+    return data
+
+
+def _contacts(problem: Problem, data: xr.Dataset, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Multipliers and gaps (S, T, nlam) of the exact law; NaN where nothing was simulated."""
+    step, x, u = problem.exact_step, data["x"].values, data["u"].values
+    multipliers_and_gaps = np.full((2, *u.shape[:2], problem.system.nlam), np.nan)
+    is_simulated = np.isfinite(x[:, :-1]).all(axis=2) & np.isfinite(u).all(axis=2)
+    if not problem.system.nlam:
+        return multipliers_and_gaps[0], multipliers_and_gaps[1]
+    p = step.p.pack({name: values[name] for name in step.p.names if name in values})
+    states, inputs = x[:, :-1][is_simulated], u[is_simulated]
+    solved = StepFunction(step, threads=1)(states, inputs, p)
+    lam = solved.lam[:, : step.n]
+    arguments = (states[None], inputs[None], solved.x_next[None], lam[None])
+    gap = at_steps(step.relation, *arguments, p=p)[1][0]
+    multipliers_and_gaps[0][is_simulated], multipliers_and_gaps[1][is_simulated] = least_slip(step, lam, gap)
+    return multipliers_and_gaps[0], multipliers_and_gaps[1]
+
+
+def summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str], rate: float | None) -> dict[str, Any]:
+    """What :class:`~ocp.store.meta.ClosedLoopMeta` lists, ``status`` and ``verdict`` among it.
+
+    ``rate`` [Hz] is what times are compared with; None: one sample a step of the model.
+    """
+    end_samples, costs, verdict = data["ended"].values, loop.costs, loop.verdict
+    statuses, is_complete = data["status"].values, np.isfinite(costs)
+    cost_parts = {"stage_cost": loop.stage_costs, "terminal_cost": data["end_cost"].values}
+    averages = {"cost": costs, **cost_parts}
+    return {
+        "status": verdict.status,
+        "verdict": str(verdict),
+        "costs": costs.tolist(),
+        **{name: float(v[is_complete].mean()) if is_complete.any() else np.nan for name, v in averages.items()},
+        "cost_interval": list(loop.cost_interval),
+        "ended": end_samples.tolist(),
+        "survived": float(loop.survived.mean()),
+        "diverged": verdict.diverged,
+        "planned": verdict.planned,
+        "violated": [{**asdict(violated.violation), "share": violated.share} for violated in verdict.violated],
+        "seconds": _times(data, rate),
+        "statuses": dict(Counter(map(str, statuses[statuses != ""]))),
+        "misses": loop.misses,
+        "certified": loop.certified,
+        "why": dict(loop.why),
+        "told": list(notes),
+    }
+
+
+def _times(data: xr.Dataset, rate: float | None) -> dict[str, float]:
+    """Percentiles [s] of the work of a sample, and how many took longer than the period."""
+    seconds = timed(data["seconds"].values)
+    period = 1 / rate if rate is not None else float(data["time"].values[1])
+    p50, p99, longest = (float(np.percentile(seconds, q)) if seconds.size else np.nan for q in (50, 99, 100))
+    return {
+        "p50": p50,
+        "p99": p99,
+        "max": longest,
+        "period": period,
+        "samples": seconds.size,
+        "over": int((seconds > period).sum()),
+    }
+
+
+def timed(seconds: np.ndarray) -> np.ndarray:
+    """The times [s] that are counted, of (S, T): without those at the start of each seed."""
+    finite_rows = [row[np.isfinite(row)] for row in seconds]
+    return np.concatenate([row[_WARM if len(row) > 2 * _WARM else 1 :] for row in finite_rows])
+
+
+def rate_sentence(meta: Mapping[str, Any]) -> str:
+    """How the times of the samples compare with the period."""
+    times = meta["seconds"]
+    count_text = f"{times['over']} of {times['samples']} samples took longer than"
+    return f"{count_text} the period of {_ms(times['period'])} ms."
+
+
+def reasons(meta: Mapping[str, Any]) -> Iterator[str]:
+    """Rate, deadline, and sentences of the controller with how often each came."""
+    if meta["seconds"]["over"]:
+        yield rate_sentence(meta)
+    if meta["misses"]:
+        late = meta["misses"]
+        yield f"{late} of the answers came after the deadline; the plan before gave the input."
+    for text, count in sorted(meta["why"].items(), key=lambda row: -row[1]):
+        yield f"{text} ({count} sample{'' if count == 1 else 's'})"
+
+
+def loop_rows(meta: Mapping[str, Any]) -> list[list[str]]:
+    """Names and numbers of a closed loop, as text."""
+    times, (low, high) = meta["seconds"], meta["cost_interval"]
+    interval = "–" if low is None else f"{number(low, 5)} to {number(high, 5)}"
+    return [
+        ["cost, mean over seeds", number(meta["cost"], 7)],
+        ["95 % interval", interval],
+        ["of it stage costs", number(meta.get("stage_cost"), 7)],
+        ["of it terminal cost", number(meta.get("terminal_cost"), 7)],
+        ["seeds that reached the end", _share(meta["survived"])],
+        ["samples with a new plan", _share(meta.get("planned"))],
+        ["time of a sample, p50 [ms]", _ms(times["p50"])],
+        ["p99 [ms]", _ms(times["p99"])],
+        ["largest [ms]", _ms(times["max"])],
+        ["period [ms]", _ms(times["period"])],
+        ["longer than the period", f"{times['over']} of {times['samples']}"],
+        ["missed deadlines", str(meta["misses"])],
+        *([name, str(count)] for name, count in meta["statuses"].items()),
+        ["plans judged stationary", _share(meta["certified"])],
+    ]
+
+
+def loop_table(meta: Mapping[str, Any]) -> Table:
+    """The same as a table."""
+    table = table_of("", ">", rows=loop_rows(meta))
+    table.show_header = False
+    return table
+
+
+def _share(value: float | None) -> str:
+    return "–" if value is None else f"{number(100 * value, 3)} %"
+
+
+def _ms(seconds: float | None) -> str:
+    return "–" if seconds is None else number(1e3 * seconds, 3)

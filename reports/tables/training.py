@@ -1,0 +1,291 @@
+"""Stored trainings and episodes of a policy in words and numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from reports.tables.console import number, table_of, value_text
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from rich.table import Table
+
+    from ocp.learning.training import Evaluation
+    from ocp.problem.task import Task
+    from ocp.store.stored_run import StoredRun
+
+
+_JUDGED = "evaluation_"
+
+
+def meta(data: xr.Dataset) -> dict[str, Any]:
+    """The result of a training in its run's description."""
+    best, evaluations = int(data["best_iteration"]), judged(data)
+    first, last = evaluations[0], evaluations[-1]
+    best_row = next(row for row in evaluations if row["iteration"] == best)
+    text = (
+        f"Return under the exact law {number(best_row['return'], 4)} after iteration {best} of"
+        f" {last['iteration']}; {number(first['return'], 4)} untrained"
+    )
+    text += "".join(f", {name} {number(best_row[name], 3)}" for name in measures(best_row))
+    return {
+        "kind": "train",
+        "status": "done",
+        "verdict": f"{text}.",
+        "return": best_row["return"],
+        "evaluation": best_row,
+        "untrained": first,
+        "last": last,
+        "best_iteration": best,
+        "env_steps": float(data["env_steps"][-1]),
+        "wall_s": float(data["wall_s"][-1]),
+    }
+
+
+def judged(data: xr.Dataset) -> list[dict[str, Any]]:
+    """Iterations at which the policy was evaluated, with return, length and measures."""
+    names = [str(name) for name in data.data_vars if str(name).startswith(_JUDGED)]
+    evaluated = np.flatnonzero(np.isfinite(data[f"{_JUDGED}return"].values))
+    return [
+        {"iteration": int(data["iteration"][i]), **{name.removeprefix(_JUDGED): float(data[name][i]) for name in names}}
+        for i in evaluated
+    ]
+
+
+def measures(row: Mapping[str, Any]) -> list[str]:
+    """Names of a task's measures, such as a speed, in a row."""
+    common = ("iteration", "return", "return_deviation", "length", "unsolved")
+    return [name for name in row if name not in common]
+
+
+@dataclass(frozen=True)
+class SeedGroup:
+    """Runs that differ in their seeds alone, and what tells them from the others shown."""
+
+    label: str
+    runs: list[StoredRun]
+
+    @property
+    def returns(self) -> np.ndarray:
+        """Return under the exact law of each run's policy."""
+        return np.array([run.meta["return"] for run in self.runs], dtype=float)
+
+    @property
+    def best(self) -> StoredRun:
+        """The run with the largest return."""
+        return self.runs[int(np.argmax(self.returns))]
+
+
+def groups(runs: Sequence[StoredRun]) -> list[SeedGroup]:
+    """Runs grouped by their requests, in the order of the first of each group."""
+    requests = [_flat(run) for run in runs]
+    order: dict[str, list[int]] = {}
+    for place, request in enumerate(requests):
+        order.setdefault(repr(sorted(request.items())), []).append(place)
+    firsts = [requests[places[0]] for places in order.values()]
+    return [
+        SeedGroup(_label(requests[places[0]], firsts), [runs[place] for place in places]) for places in order.values()
+    ]
+
+
+def _flat(run: StoredRun) -> dict[str, Any]:
+    request = dict(run.record)
+    algorithm_settings = run.record["algorithm_settings"]
+    # Clipped gradients bias the estimate.
+    clipped = algorithm_settings.get("clip", algorithm_settings.get("of.clip")) is not None
+    request["algorithm"] = f"{algorithm_of(run)}{', gradients clipped' if clipped else ''}"
+    for kind in ("params", "algorithm_settings", "contact_settings"):
+        request |= {f"{kind}.{name}": value for name, value in request.pop(kind, {}).items()}
+    return request
+
+
+def algorithm_of(run: StoredRun) -> str:
+    """The algorithm's name, followed by ``with psi`` where physical parameters are learned."""
+    inner = run.record["algorithm_settings"].get("of")
+    return f"{inner} with psi" if inner else str(run.record["algorithm"])
+
+
+def _label(request: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> str:
+    """Algorithm, the law where there are several, and what sets apart groups that share both."""
+    laws = {other["contact"] for other in firsts}
+    name = f"{request['algorithm']} {request['contact']}" if len(laws) > 1 else request["algorithm"]
+    shared_pair = [request["algorithm"], request["contact"]]
+    alike = [other for other in firsts if [other["algorithm"], other["contact"]] == shared_pair]
+    differing_keys = [key for key in request if any(other.get(key) != request[key] for other in alike)]
+    return ", ".join([name, *(f"{key.rpartition('.')[2]} = {value_text(request[key], 3)}" for key in differing_keys)])
+
+
+def verdict(group: SeedGroup) -> str:
+    """One sentence over the seeds: the return, from the lowest to the highest, and measures."""
+    if len(group.runs) == 1:
+        text = str(group.runs[0].meta["verdict"])
+        return f"{group.label}: {text[:1].lower()}{text[1:]}"
+    returns, first = group.returns, group.runs[0].meta["evaluation"]
+    text = (
+        f"{group.label}: return under the exact law {number(returns.mean(), 4)}, from"
+        f" {number(returns.min(), 4)} to {number(returns.max(), 4)} over {len(returns)} seeds"
+    )
+    for name in measures(first):
+        values = [run.meta["evaluation"][name] for run in group.runs]
+        text += f", {name} {number(float(np.mean(values)), 3)}"
+    return f"{text}."
+
+
+def document(seed_groups: Sequence[SeedGroup]) -> dict[str, Any]:
+    """What ``ocp train --json`` prints: ``runs``, ``groups`` of seeds, each with its returns."""
+    keys = (
+        "return",
+        "evaluation",
+        "untrained",
+        "last",
+        "best_iteration",
+        "env_steps",
+        "wall_s",
+        "verdict",
+        "seed",
+        "hash",
+    )
+    return {
+        "groups": [
+            {
+                "label": group.label,
+                "verdict": verdict(group),
+                "returns": group.returns,
+                "return_mean": group.returns.mean(),
+            }
+            for group in seed_groups
+        ],
+        "runs": [
+            {"run": str(run.path), "algorithm": algorithm_of(run), **{key: run.meta.get(key) for key in keys}}
+            for group in seed_groups
+            for run in group.runs
+        ],
+    }
+
+
+def summary_rows(seed_groups: Sequence[SeedGroup]) -> tuple[list[str], list[list[str]]]:
+    """Heads and cells: a line a run."""
+    names = measures(seed_groups[0].runs[0].meta["evaluation"]) if seed_groups else []
+    units = {name: seed_groups[0].runs[0].data[_JUDGED + name].attrs.get("units", "") for name in names}
+    heads = [
+        "",
+        "seed",
+        "untrained",
+        "return",
+        "best at",
+        *(f"{name}, {units[name]}" for name in names),
+        "steps",
+        "time, s",
+    ]
+    cells = []
+    for group in seed_groups:
+        for run in group.runs:
+            description = run.meta
+            cells.append(
+                [
+                    group.label,
+                    str(description["seed"]),
+                    number(description["untrained"]["return"], 4),
+                    number(description["return"], 4),
+                    str(description["best_iteration"]),
+                    *(number(description["evaluation"][name], 3) for name in names),
+                    f"{description['env_steps']:.3g}",
+                    f"{description['wall_s']:.1f}",
+                ]
+            )
+    return heads, cells
+
+
+def summary_table(runs: Sequence[StoredRun]) -> Table:
+    """A line a run."""
+    heads, cells = summary_rows(groups(runs))
+    return table_of(heads[0], *(f">{head}" for head in heads[1:]), rows=cells)
+
+
+_CONFIDENCE = 0.95
+_SHARES = {"fallen": "episodes ended", "lost": "episodes lost", "unsolved": "steps unsolved"}
+
+
+def judgement(task: Task, evaluation: Evaluation) -> dict[str, Any]:
+    """Return, length and measures, each with its mean, 95 % interval, least and most.
+
+    ``fallen`` is the share of episodes that ended before the task's horizon, ``lost`` that of those
+    that ended where a contact found no solution, ``unsolved`` the share of such steps.
+    """
+    lost = {int(sample) for sample in np.asarray(evaluation.unsolved).reshape(-1, 2)[:, 0]}
+    ended_early = [n for n, length in enumerate(evaluation.lengths) if length < task.horizon and n not in lost]
+    steps = max(float(np.sum(evaluation.lengths)), 1.0)
+    units = {measure.signal.name: measure.signal.unit for measure in task.measures}
+    return {
+        "episodes": len(evaluation.returns),
+        "horizon": task.horizon,
+        "return": _spread(evaluation.returns, "1"),
+        "length": _spread(evaluation.lengths, "1"),
+        "measures": {name: _spread(values, units.get(name, "1")) for name, values in evaluation.measures.items()},
+        "fallen": len(ended_early) / len(evaluation.returns),
+        "lost": len(lost) / len(evaluation.returns),
+        "unsolved": len(evaluation.unsolved) / steps,
+    }
+
+
+def _spread(values: np.ndarray, unit: str) -> dict[str, Any]:
+    """Mean, Student's interval of it (None of a single episode), least, most."""
+    from scipy.special import stdtrit
+
+    values = np.asarray(values, dtype=float)
+    n, mean = len(values), float(np.mean(values))
+    interval = None
+    if n > 1:
+        half_width = stdtrit(n - 1, (1 + _CONFIDENCE) / 2) * values.std(ddof=1) / np.sqrt(n)
+        interval = [mean - float(half_width), mean + float(half_width)]
+    return {"mean": mean, "interval": interval, "least": float(values.min()), "most": float(values.max()), "unit": unit}
+
+
+def sentence(judged: Mapping[str, Any]) -> str:
+    """The verdict: the return, the return found in training, and failures."""
+    returns, training_row = judged["return"], judged["own"]
+    count_text = "1 episode" if judged["episodes"] == 1 else f"{judged['episodes']} episodes"
+    head = f"Return {number(returns['mean'], 4)}{_interval(returns)} under the {judged['contact']} law"
+    clauses = [f"{head} over {count_text}; in training it was {number(training_row['return'], 4)}"]
+    if judged["fallen"]:
+        clauses.append(f"{_share(judged['fallen'])} of episodes end early")
+    if judged["unsolved"]:
+        clauses.append(
+            f"contacts were not solved at {_share(judged['unsolved'])} of steps, where"
+            f" {_share(judged['lost'])} of episodes end"
+        )
+    return f"{'; '.join(clauses)}."
+
+
+def _interval(spread: Mapping[str, Any]) -> str:
+    if spread["interval"] is None:
+        return ""
+    low, high = (number(end, 4) for end in spread["interval"])
+    return f" [{low}, {high}]"
+
+
+def judgement_table(judged: Mapping[str, Any]) -> Table:
+    """A line each for return, length and measures, beside what training found."""
+    training_row = judged["own"]
+    table = table_of("", ">mean", ">95 % interval", ">least", ">most", ">in training")
+    rows = {"return": judged["return"], "length": judged["length"], **judged["measures"]}
+    for name, spread in rows.items():
+        title = name if spread["unit"] == "1" else f"{name}, {spread['unit']}"
+        ends = (number(spread[key], 4) for key in ("least", "most"))
+        table.add_row(
+            title, number(spread["mean"], 4), _interval(spread).strip(), *ends, number(training_row.get(name), 4)
+        )
+    for name, title in _SHARES.items():
+        training_value = training_row.get(name)
+        table.add_row(
+            title, _share(judged[name]), "", "", "", "–" if training_value is None else _share(training_value)
+        )
+    return table
+
+
+def _share(value: float) -> str:
+    return f"{100 * value:.3g} %"

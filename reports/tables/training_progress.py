@@ -1,0 +1,159 @@
+"""Trainings under way, on the terminal: a line and a curve each, the last rows of a single one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from rich.console import Group, RenderableType
+
+from reports.tables import console
+from reports.tables.console import number, small, table_of
+
+Callback = Callable[[int, Mapping[str, float]], None]
+_ROWS, _COLUMNS, _PLOT, _SPARK = 5, 6, (56, 6), 20
+_ELSEWHERE = (
+    "iteration",
+    "wall_s",
+    "env_steps",
+    "evaluation_return_deviation",
+    "evaluation_length",
+    "evaluation_unsolved",
+)
+"""What the last rows leave out."""
+
+
+@dataclass
+class LearningCurve:
+    """The rows that one training has reported, of iteration 0 up to ``iterations``."""
+
+    name: str
+    iterations: int
+    rows: list[Mapping[str, float]] = field(default_factory=list)
+
+    def values(self, name: str) -> list[float]:
+        """All values of ``name``."""
+        return [row[name] for row in self.rows if name in row]
+
+    def last(self, name: str) -> float | None:
+        """The last of them."""
+        return next(reversed(self.values(name)), None)
+
+    @property
+    def curve(self) -> list[float]:
+        """What is drawn: returns under the exact law, or those of the samples while few."""
+        exact, sampled = self.values("evaluation_return"), self.values("return_mean")
+        return exact if len(exact) > 1 or not sampled else sampled
+
+    @property
+    def left(self) -> float | None:
+        """Seconds to the end, at the pace since the first row."""
+        first, last = self.rows[0], self.rows[-1]
+        done = last["iteration"] - first["iteration"]
+        if not done or "wall_s" not in last:
+            return None
+        return (last["wall_s"] - first["wall_s"]) / done * (self.iterations - last["iteration"])
+
+
+@contextmanager
+def live(trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]) -> Iterator[Callback]:
+    """Yield a callback for the place of a training and each of its rows.
+
+    ``trainings`` are their iterations by name. On a terminal all of them are shown, elsewhere one
+    line per evaluation, at most every ten seconds. Each call calls ``check``.
+    """
+    curves = [LearningCurve(name, iterations) for name, iterations in trainings.items()]
+    with console.live(quiet, every_s=10.0) as show:
+
+        def callback(place: int, row: Mapping[str, float]) -> None:
+            check()
+            training = curves[place]
+            training.rows.append(row)
+            line_text, is_last = line(training), row["iteration"] >= training.iterations
+            show(line_text if "evaluation_return" in row else "", is_last, lambda: picture(curves))
+
+        yield callback
+
+
+def line(training: LearningCurve) -> str:
+    """The state of a training, in at most 80 columns."""
+    row = training.rows[-1]
+    words = [f"{training.name}  {row['iteration']:.0f}/{training.iterations}"]
+    values = ((title, training.last(key), show) for key, title, show in _VALUES)
+    words += [f"{title} {show(value)}" for title, value, show in values if value is not None]
+    return "  ".join([*words, f"{row.get('wall_s', 0.0):.0f} s"])
+
+
+_VALUES: tuple[tuple[str, str, Callable[[float], str]], ...] = (
+    ("evaluation_return", "exact", lambda value: number(value, 4)),
+    ("return_mean", "return", lambda value: number(value, 4)),
+    ("gradient_norm", "|gradient|", small),
+)
+
+
+def picture(curves: Sequence[LearningCurve]) -> RenderableType:
+    """A line each; for a single training also its curve and its last rows."""
+    heads = ("training", ">iteration", ">exact return", ">return", ">time", ">left", "")
+    table = table_of(*heads, rows=[_cells(training) for training in curves])
+    if len(curves) > 1 or not curves[0].rows:
+        return table
+    training = curves[0]
+    plot_text = "\n".join(plot(training.curve, *_PLOT)) if len(training.curve) > 1 else ""
+    return Group(table, "", plot_text, "", rows_table(training.rows[-_ROWS:]))
+
+
+def _cells(training: LearningCurve) -> tuple[str, ...]:
+    if not training.rows:
+        return (training.name, f"–/{training.iterations}", "", "", "", "", "")
+    row, seconds_left = training.rows[-1], training.left
+    return (
+        training.name,
+        f"{row['iteration']:.0f}/{training.iterations}",
+        number(training.last("evaluation_return"), 4),
+        number(training.last("return_mean"), 4),
+        f"{row.get('wall_s', 0.0):.0f} s",
+        "" if seconds_left is None else f"{seconds_left:.0f} s",
+        sparkline(training.curve, _SPARK),
+    )
+
+
+def rows_table(rows: Sequence[Mapping[str, Any]]) -> RenderableType:
+    """Rows of one training: evaluations, samples, and further columns."""
+    names = list(dict.fromkeys(name for row in rows for name in row if name not in _ELSEWHERE))
+    names.sort(key=lambda name: not name.startswith("evaluation_"))
+    names = names[:_COLUMNS]
+    titles = [name.replace("evaluation_", "exact ").replace("_", " ") for name in names]
+    cells = ([f"{row['iteration']:.0f}", *(number(row.get(name), 4) for name in names)] for row in rows)
+    return table_of(">iteration", *(f">{title}" for title in titles), rows=cells)
+
+
+_EIGHTHS = " ▁▂▃▄▅▆▇█"
+
+
+def sparkline(values: Sequence[float], width: int) -> str:
+    """At most ``width`` letters from ▁, the least, to █, the largest; spaces for NaN."""
+    return _bars(values, width, 1)[0][0]
+
+
+def plot(values: Sequence[float], width: int, height: int) -> list[str]:
+    """Columns of ``height`` lines, the largest value first, with both ends on the left."""
+    rows, low, high = _bars(values, width, height)
+    ends = [f"{high:.4g}", *[""] * (height - 2), f"{low:.4g}"]
+    margin = max(map(len, ends))
+    return [f"{end:>{margin}} ┤{row.rstrip()}" for end, row in zip(ends, rows, strict=True)]
+
+
+def _bars(values: Sequence[float], width: int, height: int) -> tuple[list[str], float, float]:
+    """Rows of a bar chart, of the last of the values that share a column; least and largest."""
+    numbers = np.asarray(values, dtype=float)
+    if len(numbers) > width:
+        numbers = numbers[np.linspace(0, len(numbers) - 1, width).round().astype(int)]
+    finite = numbers[np.isfinite(numbers)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+    heights = (numbers - low) / (high - low) if high > low else 0.5 + 0.0 * numbers
+    eighths = [1 + round((8 * height - 1) * h) if np.isfinite(h) else 0 for h in heights.tolist()]
+    rows = ["".join(_EIGHTHS[min(8, max(0, count - 8 * row))] for count in eighths) for row in reversed(range(height))]
+    return rows, low, high

@@ -1,1 +1,0 @@
-"""Trained policies for people: the live curve, tables, figures and pages."""

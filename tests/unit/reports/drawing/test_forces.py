@@ -1,0 +1,83 @@
+"""Forces as drawn: normal and tangent add up, arrows are to scale, cones have their angle."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.patches import Wedge
+from matplotlib.text import Annotation
+
+from problems.drawing import ContactFrame
+from reports.drawing.strobe import draw_cone, draw_force, forces_of, strobe
+from tests.unit.reports.made import sliding_box
+
+NORMAL = np.array([[1.0, 2.0], [0.5, 0.0], [4.0, 1.0]])
+SLIP = np.array([[-0.5, 1.0], [0.1, 0.0], [-1.0, 0.0]])
+
+
+def arrows(axis) -> list[np.ndarray]:
+    """Vectors from tail to tip of all arrows [m]."""
+    found = [text for text in axis.texts if isinstance(text, Annotation)]
+    return [np.subtract(arrow.xy, arrow.xyann) for arrow in found]
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.9, 2.5, -1.4])
+def test_an_arrow_is_normal_and_tangent_added_up(angle: float) -> None:
+    """Turned so that the normal lies along x, the arrow is (normal, -friction)."""
+    frame = ContactFrame(0.3, -0.2, np.cos(angle), np.sin(angle), friction=1.0)
+    axis = Figure().subplots()
+    draw_force(axis, frame, 2.0, 0.5, 0.1)
+    (arrow,) = arrows(axis)
+    c, s = np.cos(-angle), np.sin(-angle)
+    assert np.array([[c, -s], [s, c]]) @ arrow == pytest.approx([0.2, -0.05])
+
+
+def test_a_cone_opens_by_the_angle_of_friction_and_holds_the_forces_at_its_edge() -> None:
+    frame = ContactFrame(1, 2, 0, 1, friction=0.75)
+    axis = Figure().subplots()
+    cone = draw_cone(axis, frame, 1.0)
+    assert isinstance(cone, Wedge)
+    assert (cone.theta2 - cone.theta1) / 2 == pytest.approx(np.degrees(np.arctan(0.75)))
+    assert (cone.theta2 + cone.theta1) / 2 == pytest.approx(90)
+    for slide in (-1, 1):
+        for share, inside in ((0.99, True), (1.01, False)):
+            point = np.array([1, 2]) + 0.3 * np.array([slide * share * 0.75, 1])
+            assert cone.get_path().contains_point(point, cone.get_patch_transform()) is inside
+
+
+def test_the_strobe_draws_every_force_to_scale_and_cones_on_request() -> None:
+    figure, bare = strobe(sliding_box(NORMAL, SLIP), cones=True), strobe(sliding_box(NORMAL, SLIP))
+    assert figure is not None and bare is not None
+    assert not [patch for patch in bare.axes[0].patches if isinstance(patch, Wedge)]
+    assert "cone" not in bare.axes[0].get_title("left")
+    (axis,) = figure.axes
+    drawn = np.array(arrows(axis))
+    expected = np.stack([SLIP, NORMAL], axis=-1).reshape(-1, 2)
+    expected = expected[np.hypot(*expected.T) > 0]
+    scale = np.hypot(*drawn.T).max() / np.hypot(*expected.T).max()
+    np.testing.assert_allclose(drawn, scale * expected, rtol=1e-12)
+    cones = [patch for patch in axis.patches if isinstance(patch, Wedge)]
+    assert len(cones) == len(expected)
+    assert "4.12 N s" in axis.get_title("left") and "friction cone" in axis.get_title("left")
+
+
+def test_without_stored_impulses_a_multiplier_is_a_normal_impulse() -> None:
+    view = sliding_box(NORMAL, SLIP)
+    bare = view.run.data.drop_vars(["normal_impulse", "friction_impulse"])
+    object.__setattr__(view.run, "data", bare)
+    found = forces_of(view)
+    assert found is not None
+    np.testing.assert_array_equal(found.normal, NORMAL)
+    assert not found.friction.any()
+
+
+def test_a_law_averaged_over_noise_shows_the_mean_multiplier() -> None:
+    view = sliding_box(NORMAL, SLIP)
+    one = view.run.data.drop_vars(["normal_impulse", "friction_impulse"])
+    branches = np.concatenate([NORMAL, 3 * NORMAL], axis=1)[None]
+    data = one.drop_dims("contact").assign(lam=(("scenario", "interval", "branch"), branches))
+    object.__setattr__(view.run, "data", data.assign_coords(contact=["heel", "toe"]))
+    found = forces_of(view)
+    assert found is not None
+    np.testing.assert_allclose(found.normal, 2 * NORMAL)
