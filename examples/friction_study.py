@@ -18,7 +18,6 @@ import xarray as xr
 
 from dynamics.contact import Barrier, ContactLaw, Exact
 from ocp import continue_over
-from ocp.solve.solve import new_session
 from problems import get
 
 SLOPE = str(Path(__file__).with_name("slope.py"))
@@ -28,7 +27,7 @@ LEAST, MOST, STEPS = 0.4, 0.8, 8
 
 def followed(law: ContactLaw) -> xr.Dataset:
     """Planned cost and cost under exact contact over the friction of the slope."""
-    curve = continue_over(new_session(get(SLOPE), law), "friction", LEAST, MOST, STEPS)
+    curve = continue_over(get(SLOPE), "friction", LEAST, MOST, STEPS, contact=law)
     costs = [(p.solution.cost, p.solution.audit.exact_cost) for p in curve.points]
     planned, exact = np.transpose(costs)
     return xr.Dataset(

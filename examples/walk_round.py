@@ -6,14 +6,12 @@ before, and the places where contacts change are found on the way.
 
 from dynamics.contact import Exact
 from ocp import Continuation, continue_over
-from ocp.solve.solve import new_session
 from problems import get
 
 
 def walk() -> Continuation:
     """Follow the exact solution of push-disc along ``goal_x``, from 1 to -1.5 m."""
-    session = new_session(get("push-disc"), Exact())
-    return continue_over(session, "goal_x", 1.0, -1.5, steps=20)
+    return continue_over(get("push-disc"), "goal_x", 1.0, -1.5, steps=20, contact=Exact())
 
 
 def main() -> None:

@@ -18,6 +18,8 @@ from ocp.routes.homotopy import RouteResult
 from ocp.routes.session import Session
 from ocp.solution import Solution
 from ocp.solve.judging import judged
+from ocp.solve.request import ProblemLike
+from ocp.solve.solve import new_session
 
 SMALLEST = 1e-3
 """The step along the curve is never smaller than this fraction of the requested one."""
@@ -87,6 +89,29 @@ def resolve(session: Session, over: str) -> str:
 
 
 def continue_over(
+    problem: ProblemLike,
+    over: str,
+    start: float,
+    end: float,
+    steps: int = 20,
+    scale: str = "linear",
+    *,
+    progress: Callable[[CurvePoint], None] | None = None,
+    seed: int = 0,
+    **request: Any,
+) -> Continuation:
+    """Follow the solution of a problem along a parameter, as ``ocp continue`` does::
+
+        continue_over("push-disc", "M", 1.0, 2.0, 10, contact="barrier", mu=1e-3)
+
+    ``over`` is a parameter of the problem, or of the law with ``contact.``. The ``request`` has what :func:`ocp.solve`
+    takes: ``contact``, ``method``, ``policy``, ``solver``, ``settings``, ``params``, ``contact_settings`` and keywords.
+    Raises as :func:`follow_session` does.
+    """
+    return follow_session(new_session(problem, **request), over, start, end, steps, scale, progress, seed)
+
+
+def follow_session(
     session: Session,
     over: str,
     start: float,
@@ -96,7 +121,7 @@ def continue_over(
     progress: Callable[[CurvePoint], None] | None = None,
     seed: int = 0,
 ) -> Continuation:
-    """Follow the solution from ``start`` to ``end`` in ``steps`` steps, equal on ``scale``.
+    """Follow a session's solution from ``start`` to ``end`` in ``steps`` steps, equal on ``scale``.
 
     The first point is solved as any problem is. From a point whose active set is decided the next
     is predicted by its sensitivity and corrected by Newton's method on that set; where the set

@@ -205,7 +205,7 @@ def structure(session: Session) -> list[Any]:
         session.strategy,
         session.homotopy,
         session.factor,
-        session.start_value,
+        session.homotopy_start,
         session.compiled is None,
     ]
 

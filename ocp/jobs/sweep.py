@@ -52,7 +52,7 @@ def sweep(
     policy: str = "open-loop",
     solver: str = "ipopt",
     settings: Mapping[str, Any] | None = None,
-    starts: int = 1,
+    n_starts: int = 1,
     rank_by: Rank = "planned",
     seed: int = 0,
     jobs: int = 1,
@@ -88,7 +88,7 @@ def sweep(
     law = law_name(contact)
     given = given if isinstance(contact, str) else contact.settings()
     case = Case(name, own, law, given, method, policy, solver, dict(settings or {}))
-    study = make_grid(case, axes(over), starts, seed, rank_by)
+    study = make_grid(case, axes(over), n_starts, seed, rank_by)
     session = study.check()
     check_parallel_memory(session, jobs)
     check_points(study, session)

@@ -56,7 +56,7 @@ class Session:
     strategy: str = DEFAULT_STRATEGY
     homotopy: bool | None = None
     factor: float | None = None
-    start_value: float | None = None
+    homotopy_start: float | None = None
     search: bool | None = None
     compiled: StageCompiler | None = None
 
@@ -150,7 +150,7 @@ class Session:
         if schedule is None:
             return None, HomotopyPath([0.0], lambda _: HomotopyStage(self.step.law.name, 0.0))
         value = self.values[schedule.parameter]
-        return schedule, law_path(schedule, value, self.start_value, self.factor)
+        return schedule, law_path(schedule, value, self.homotopy_start, self.factor)
 
     @property
     def from_afar(self) -> bool:

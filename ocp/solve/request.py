@@ -178,7 +178,7 @@ class Settings:
         Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] | None,
         "factor of the homotopy's parameter per stage, between 0 and 1; not given: the law's",
     ] = None
-    start: Annotated[
+    homotopy_start: Annotated[
         Annotated[float, Field(gt=0, allow_inf_nan=False)] | None,
         "first value of the homotopy's parameter; not given: from the sizes of the problem",
     ] = None

@@ -45,20 +45,19 @@ _FEASIBLE = {Status.SOLVED: 0, Status.NOT_OPTIMAL: 1, Status.UNDECIDED: 1, Statu
 def solve(
     problem: ProblemLike,
     contact: ContactLaw | str = DEFAULT_LAW,
-    transcription: Method | str = "direct",
+    method: Method | str = "direct",
     policy: Policy | str = "open-loop",
     solver: str = "ipopt",
     settings: Settings | Mapping[str, Any] | None = None,
-    starts: int = 1,
+    n_starts: int = 1,
     seed: int = 0,
     progress: Callable[[StageRecord], None] | None = None,
-    start: Solution | None = None,
+    warm_start: Solution | None = None,
     rank_by: Rank = "planned",
     *,
     guess: GuessLike | None = None,
     search: bool | None = None,
     refine: bool = False,
-    method: Method | str | None = None,
     params: Mapping[str, Any] | None = None,
     contact_settings: Mapping[str, Any] | None = None,
     **keywords: Any,
@@ -74,15 +73,14 @@ def solve(
     complete: ``solve(push_disc.Params(M=2.0))``. What is named takes its settings
     as ``keywords`` or, with the same name as something else, in ``params`` (of the problem) and
     ``contact_settings`` (of the law). ``settings`` are those of ``-s``: the method's, the solver's,
-    and ``policy.<name>``, or an :class:`ocp.Settings`. ``method`` is another word for
-    ``transcription``.
+    and ``policy.<name>``, or an :class:`ocp.Settings`.
 
-    ``starts`` > 1 solves from as many guesses, the first the problem's own, the others perturbed
+    ``n_starts`` > 1 solves from as many guesses, the first the problem's own, the others perturbed
     by seeded noise of 0.3 characteristic units; the best certified answer wins, by its own cost or,
     with ``rank_by``, by what it costs under the ``"exact"`` law or by the ``"referee"``, and the
     others are listed in ``Solution.route.attempts``.
 
-    ``start`` is a solution of the same problem, at other parameters, on another mesh or horizon,
+    ``warm_start`` is a solution of the same problem, at other parameters, on another mesh or horizon,
     under another law or by another method: its trajectories and multipliers are what the solver
     starts at (:func:`~ocp.solve.warm_start.carry`). Where it does not converge from there, the usual
     path is followed with those trajectories as the guess.
@@ -100,17 +98,16 @@ def solve(
 
     Raises :class:`~ocp.errors.InputError` for settings, names or combinations that cannot be.
     """
-    check_starts(starts, seed, rank_by)
-    if search and start is not None:
-        raise InputError("start and search both say where to begin; give one of them")
+    check_starts(n_starts, seed, rank_by)
+    if search and warm_start is not None:
+        raise InputError("warm_start and search both say where to begin; give one of them")
     session = new_session(
         problem,
         contact,
-        transcription,
+        method,
         policy,
         solver,
         settings,
-        method=method,
         params=params,
         contact_settings=contact_settings,
         **keywords,
@@ -121,19 +118,19 @@ def solve(
 
         check_search(session)
     if guess is not None:
-        if start is not None:
-            raise InputError("start and guess both say where to begin; give one of them")
+        if warm_start is not None:
+            raise InputError("warm_start and guess both say where to begin; give one of them")
         given = given_guess(guess, session.problem, session.values)
         guessed = replace(session.problem, guess=lambda made, p: given)
         session = replace(session, problem=guessed)
-    if start is not None and starts != 1:
-        raise InputError("start cannot be combined with several starts; leave starts at 1")
+    if warm_start is not None and n_starts != 1:
+        raise InputError("warm_start cannot be combined with several starts; leave n_starts at 1")
     if refine:
         halved(session.problem, session.values, 1)
-    if start is None:
-        found = solve_session(session, starts, seed, progress, rank_by)
+    if warm_start is None:
+        found = solve_session(session, n_starts, seed, progress, rank_by)
     else:
-        found = solve_from(session, start, seed, progress)
+        found = solve_from(session, warm_start, seed, progress)
     return refine_from(session, found, rebuilder(problem), seed, progress) if refine else found
 
 
@@ -160,10 +157,10 @@ def refine_from(
     return refined(found, again)
 
 
-def check_starts(starts: int, seed: int = 0, rank_by: str = "planned") -> None:
+def check_starts(n_starts: int, seed: int = 0, rank_by: str = "planned") -> None:
     """Raise :class:`~ocp.errors.InputError` for starts, a seed or a rank that cannot be."""
-    if not 1 <= validated("starts", starts, Count) <= 10_000:
-        raise InputError(f"starts must be from 1 to 10000, got {starts}")
+    if not 1 <= validated("n_starts", n_starts, Count) <= 10_000:
+        raise InputError(f"n_starts must be from 1 to 10000, got {n_starts}")
     validated("seed", seed, Index)
     choose("rank", rank_by, dict.fromkeys(get_args(Rank)))
 
@@ -197,12 +194,11 @@ def solve_from(
 def new_session(
     problem: ProblemLike,
     contact: ContactLaw | str = DEFAULT_LAW,
-    transcription: Method | str = "direct",
+    method: Method | str = "direct",
     policy: Policy | str = "open-loop",
     solver: str = "ipopt",
     settings: Settings | Mapping[str, Any] | None = None,
     *,
-    method: Method | str | None = None,
     params: Mapping[str, Any] | None = None,
     contact_settings: Mapping[str, Any] | None = None,
     **keywords: Any,
@@ -212,12 +208,10 @@ def new_session(
     Raises :class:`~ocp.errors.InputError` for what cannot be, what would not fit into memory, and
     a setting that would change nothing.
     """
-    if method is not None and transcription != "direct":
-        raise InputError("method and transcription are one argument; give one of them")
     given = settings.given() if isinstance(settings, Settings) else settings or {}
     for_policy, own = split_policy_settings(given)
     made, for_law = resolve_problem(problem, contact, params, contact_settings, keywords, solver)
-    way = method_of(transcription if method is None else method)
+    way = method_of(method)
     check_setting_names(own, solver)
     made_policy = policy_of(policy, for_policy)
     law = closing_law(contact, for_law, made.system)
@@ -235,7 +229,7 @@ def new_session(
         chosen.strategy,
         chosen.homotopy,
         chosen.factor,
-        chosen.start,
+        chosen.homotopy_start,
         compiled=StageCompiler() if chosen.jit else None,
     )
     _check_use(session, set(own))
@@ -249,8 +243,8 @@ def _check_use(session: Session, given: set[str]) -> None:
     if followed or (session.step.exact and not session.complementary):
         used.add("homotopy")
     if followed and session.homotopy is not False:
-        used |= {"factor", "start"}
-    unused = sorted(given & {"strategy", "homotopy", "factor", "start"} - used)
+        used |= {"factor", "homotopy_start"}
+    unused = sorted(given & {"strategy", "homotopy", "factor", "homotopy_start"} - used)
     if unused:
         instead = f"; {', '.join(sorted(used))} would" if used else ""
         raise InputError(
@@ -263,7 +257,7 @@ def _check_use(session: Session, given: set[str]) -> None:
 
 def solve_session(
     session: Session,
-    starts: int = 1,
+    n_starts: int = 1,
     seed: int = 0,
     progress: Callable[[StageRecord], None] | None = None,
     rank_by: Rank = "planned",
@@ -280,7 +274,7 @@ def solve_session(
     solutions: list[Solution] = []
     failures: list[Exception] = []
     pushes = _pushes(session, seed, progress)
-    tried = WAYS if starts == 1 else starts
+    tried = WAYS if n_starts == 1 else n_starts
     guesses = initial_guesses(session.evaluation, tried, seed)
     try:
         with interruptible():
@@ -289,7 +283,7 @@ def solve_session(
                     solutions += pushes.solutions()
             for number, guess in enumerate(guesses if not solutions else ()):
                 still = solutions and session.from_afar and _stands_still(solutions[-1])
-                if number >= starts and not still:
+                if number >= n_starts and not still:
                     break
                 first = keeping(session, seed, progress)
                 watching = nullcontext(progress) if solutions else first

@@ -11,7 +11,7 @@ import xarray as xr
 
 from dynamics.systems import LAW_PREFIX
 from ocp import store
-from ocp.continuation import Continuation, continue_over, curve_dataset, resolve
+from ocp.continuation import Continuation, curve_dataset, follow_session, resolve
 from ocp.continuation.events import describe_events
 from ocp.continuation.walk import check_range, check_value
 from ocp.errors import InputError, choose, interruptible
@@ -178,7 +178,7 @@ def _followed(options: ContinueOptions, request: Request) -> tuple[Continuation,
 
     try:
         with interruptible():
-            return continue_over(
+            return follow_session(
                 session,
                 over,
                 options.start,

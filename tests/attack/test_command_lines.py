@@ -271,7 +271,7 @@ def drawn(dice: Random) -> list[str]:
             "--starts {}",
             "-s max_iter={}",
             "-s factor={}",
-            "-s start={}",
+            "-s homotopy_start={}",
             "-s tol={}",
         ],
         "solve wall-1d --contact adaptive": ["-p N={}", "-c sigma={}", "-p m={}", "-p h={}"],

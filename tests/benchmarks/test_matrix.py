@@ -39,7 +39,7 @@ def test_all_combinations() -> None:
                 if why := left_out(name, method.name, law.name):
                     row.append(why)
                     continue
-                found = solve(get(name), contact=law, transcription=method)
+                found = solve(get(name), contact=law, method=method)
                 row.append(cell(found))
                 if not found.success:
                     unsolved.add((name, method.name, law.name))

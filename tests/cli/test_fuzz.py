@@ -94,10 +94,10 @@ def _idle_in_a_solve(words: dict[str, str], settings: dict[str, str]) -> str:
         return "--rank of one start"
     if "-s strategy" in settings and not (direct and words.get("--contact") != "barrier"):
         return "-s strategy"
-    for name in ("-s homotopy", "-s factor", "-s start"):
+    for name in ("-s homotopy", "-s factor", "-s homotopy_start"):
         if name in settings and exact and (direct or name != "-s homotopy"):
             return name
-    if settings.get("-s homotopy") == "false" and {"-s factor", "-s start"} & settings.keys():
+    if settings.get("-s homotopy") == "false" and {"-s factor", "-s homotopy_start"} & settings.keys():
         return "-s factor or start without a homotopy"
     over = words.get("--over", "")
     taken = {f"-c {over.removeprefix('contact.')}", f"-p {over}"} & settings.keys()

@@ -16,7 +16,7 @@ from reports.cli.streams import Output
 WALL = ("solve", "wall-1d", "--contact", "barrier")
 TOO_MUCH = {
     "stages of a homotopy": ([*WALL, "-s", "factor=0.999999"], "4.61e+06 stages"),
-    "ends of a homotopy": ([*WALL, "-s", "start=1e300", "-c", "mu=1e-300"], "too far below"),
+    "ends of a homotopy": ([*WALL, "-s", "homotopy_start=1e300", "-c", "mu=1e-300"], "too far below"),
     "steps": ([*WALL, "-p", "N=1e8"], "2.72e+03 GB of memory"),
     "steps beyond counting": ([*WALL, "-p", "N=1e23"], "a whole number >= 1, got '1e23'"),
     "steps of feedback": (

@@ -107,7 +107,7 @@ def test_python_reads_words_as_the_command_line_does() -> None:
     for values in ({"N": "1_0"}, {"N": True}, {"m": True}, {"m": "１２"}, {"N": 10**30}):
         with pytest.raises(InputError, match=r"parameter [Nm] .* must be a (whole )?number"):
             get("wall-1d", **values)
-    for setting in ({"factor": "1_0"}, {"start": True}):
+    for setting in ({"factor": "1_0"}, {"homotopy_start": True}):
         with pytest.raises(InputError, match=r"setting \w+ must be a number"):
             workbench.solve("wall-1d", settings=setting)
     with pytest.raises(InputError, match="mu must be a number, got True"):

@@ -117,7 +117,7 @@ def test_names_objects_keywords_and_dicts_say_the_same(tmp_path) -> None:
         solve("wall-1d", "randomized", contact_settings=law, N=3),
         solve(spec("wall-1d"), "randomized", sigma=0.05, samples=4, base=Barrier(0.01), N=3),
         solve("wall-1d", made, "direct", "open-loop", params={"N": 3}),
-        solve(get("wall-1d", N=3), contact=made, transcription=Direct(), policy=OpenLoop()),
+        solve(get("wall-1d", N=3), contact=made, method=Direct(), policy=OpenLoop()),
     ]
     assert len({stored_hash(one, tmp_path) for one in answers}) == 1
 
@@ -133,7 +133,6 @@ def test_a_file_is_a_problem(tmp_path) -> None:
 def test_the_defaults_are_those_of_the_command_line() -> None:
     line = {field.name: field.default for field in fields(SolverOptions)}
     python = {key: one.default for key, one in inspect.signature(solve).parameters.items()}
-    python["method"] = python["transcription"]
     same = ("contact", "method", "policy", "solver", "seed")
     assert {key: line[key] for key in same} == {key: python[key] for key in same}
 
@@ -192,7 +191,6 @@ def test_what_is_wrong_is_told_in_the_same_words(ocp, line, python) -> None:
             {"problem": get("wall-1d"), "params": {"m": 2.0}},
             "m cannot be set: wall-1d is already built",
         ),
-        ({"method": "direct", "transcription": MultipleShooting()}, "are one argument; give one"),
         ({"problem": 3}, "a problem is a name, a file or an ocp.Problem, got int"),
         (
             {"policy": Feedback(), "settings": {"policy.penalty": 1.0}},

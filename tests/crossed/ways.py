@@ -68,7 +68,7 @@ def ways() -> Iterator[Way]:
         settings = _settings(homotopy=homotopy)
         yield Way(f"homotopy-{homotopy}", {"contact": "barrier", "settings": settings})
     for rank in ("planned", "exact", "referee"):
-        yield Way(f"two-starts-{rank}", {"starts": 2, "rank_by": rank})
+        yield Way(f"two-starts-{rank}", {"n_starts": 2, "rank_by": rank})
     for search in (True, False):
         yield Way(f"search-{search}", {"search": search})
     yield Way("refine", {"refine": True})

@@ -62,7 +62,7 @@ DRAWN = {
 @pytest.mark.costly
 @pytest.mark.parametrize("starts", [1, pytest.param(20, marks=pytest.mark.slow)])
 def test_a_hard_path_is_left_for_one_beside_it(starts: int) -> None:
-    found = solve(problems.get("cart-walls", **DRAWN), Exact(), starts=starts)
+    found = solve(problems.get("cart-walls", **DRAWN), Exact(), n_starts=starts)
     assert found.success and found.cost <= 289.1509191
 
 

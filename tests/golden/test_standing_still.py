@@ -55,7 +55,7 @@ def test_starts_keep_the_cheapest_throw() -> None:
     """Two of six starts need no bounce; they were ranked behind those that bounce."""
     params = {"h": 0.008141297, "goal_vz": 0.14546146, "goal_z": 1.3566234}
     fast = {"speed_max": 16.698833}
-    found = solve(get("ball-throw", **params, **fast), Exact(), starts=6)
+    found = solve(get("ball-throw", **params, **fast), Exact(), n_starts=6)
     assert found.success and found.cost == pytest.approx(0.9383, rel=1e-4)
     assert found.cost == pytest.approx(best_throw(16.698833, **params, **fast), rel=1e-5)
 

@@ -100,7 +100,7 @@ def test_a_plan_that_passes_through_a_body_between_nodes_is_told() -> None:
         goal_y=-1.2,
         goal_angle=0,
     )
-    found = solve(problem, Exact(), starts=6)
+    found = solve(problem, Exact(), n_starts=6)
     assert found.audit.penetration < 1e-6
     through = found.referee.between
     assert through is not None and through.amount > 0.02

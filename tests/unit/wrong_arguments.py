@@ -203,7 +203,7 @@ PROBLEMS: dict[str, Call] = {
     "unknown problem 'push-disk'": lambda: solve("push-disk"),
     "unknown contact law 'hard'": lambda: solve("wall-1d", "hard"),
     "unknown method 'shooting'": lambda: solve("wall-1d", Exact(), "shooting"),
-    "starts": lambda: solve("wall-1d", starts=0),
+    "starts": lambda: solve("wall-1d", n_starts=0),
     "unknown parameter 'mass'": lambda: get("wall-1d", mass=1.0),
     "parameter m": lambda: get("wall-1d", m="heavy"),
     "unknown estimator 'fo'": lambda: estimate("heaviside", ["fo"]),

@@ -104,7 +104,7 @@ class TaskData:
         beta = share * rest_cost(self.name) / self.problem.N
         law = average(self.data, self.params.width, self.seed, beta)
         began_s = time.process_time()
-        solution = solve(self.problem, law, Direct(), start=untrusting)
+        solution = solve(self.problem, law, Direct(), warm_start=untrusting)
         return _plan_row(solution, 0.0, time.process_time() - began_s)
 
 

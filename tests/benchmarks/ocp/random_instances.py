@@ -111,7 +111,7 @@ def _from_barrier(instance: Instance) -> Answer:
     problem = get(instance.problem, **instance.params)
     began, wall = time.process_time(), time.perf_counter()
     soft = solve(problem, Barrier(mu=1e-6))
-    found = solve(problem, Exact(), start=soft)
+    found = solve(problem, Exact(), warm_start=soft)
     return _answer(found, time.process_time() - began, time.perf_counter() - wall)
 
 

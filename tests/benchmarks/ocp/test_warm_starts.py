@@ -30,7 +30,7 @@ def test_a_run_before_saves_iterations() -> None:
             asked = {"contact": contact, "contact_settings": parameters}
             cold = solve("push-disc", params=after, **asked)
             start = solve("push-disc", params=before, **asked)
-            warm = solve("push-disc", params=after, start=start, **asked)
+            warm = solve("push-disc", params=after, warm_start=start, **asked)
             assert warm.cost == pytest.approx(cold.cost, rel=1e-4)
             assert warm.iterations < cold.iterations
             row.append(f"{cold.iterations} / {warm.iterations}")

@@ -239,7 +239,7 @@ def test_a_users_machine_that_cannot_be_gets_its_sentence(tmp_path, parent, mass
 def test_a_gait_over_the_second_order_cone():
     problem = problems.get("half-cheetah", cone="second-order")
     assert problem.system.nlam == 4 + 12 + 2 * 4
-    solution = solve(problem, contact=Exact(), transcription=Direct())
+    solution = solve(problem, contact=Exact(), method=Direct())
     assert solution.success
     way = solution.data["x"].sel(state="torso_x").values[0, -1]
     duration = solution.data["time"].values[-1]

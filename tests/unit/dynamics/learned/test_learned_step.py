@@ -82,7 +82,7 @@ def test_trust_adds_the_weighted_density_to_the_stage_cost():
 def test_methods_agree_and_the_plan_is_replayed_under_the_exact_law():
     costs = []
     for method in METHODS:
-        answer = solve(PROBLEM, contact=Ewda(Wavy(PROBLEM.system)), transcription=method)
+        answer = solve(PROBLEM, contact=Ewda(Wavy(PROBLEM.system)), method=method)
         assert answer.success
         again = roll_out(PROBLEM, answer.data["u"].values, answer.values, Exact())
         assert answer.audit.exact_cost == pytest.approx(again.cost)

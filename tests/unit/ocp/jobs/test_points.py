@@ -131,7 +131,7 @@ def test_what_cannot_be_asked_or_fails_is_a_point_with_its_sentence() -> None:
 
 @pytest.mark.costly
 def test_seeds_and_starts_are_those_of_each_solve() -> None:
-    found = sweep("push-1d", {"M": [1.0, 2.0]}, "exact", params=SHORT, starts=2, seed=3)
+    found = sweep("push-1d", {"M": [1.0, 2.0]}, "exact", params=SHORT, n_starts=2, seed=3)
     for M in (1.0, 2.0):
         session = Case("push-1d", {**SHORT, "M": M}, "exact").session()
         alone = solve_session(session, 2, 3)

@@ -39,7 +39,7 @@ def plan_of(found: Solution) -> Rollout:
 @functools.cache
 def solved(problem_of, law=None) -> tuple[Solution, RefereeReport, Referee]:
     problem, law = problem_of(), law or Exact()
-    found = solve(problem, law, Direct(), starts=3)
+    found = solve(problem, law, Direct(), n_starts=3)
     assert found.success
     return found, *evaluate(Evaluation(problem, found.values), law.close(problem.system), plan_of(found))
 

@@ -29,7 +29,7 @@ def differences(name: str, law: ContactLaw, parameter: str, at: Solution) -> tup
     """Central differences of cost, x and u over a thousandth of the parameter's value."""
     value = at.values[parameter]
     h = 1e-3 * abs(value)
-    there, back = (solve(get(name, **{parameter: value + s * h}), law, Direct(), start=at) for s in (1, -1))
+    there, back = (solve(get(name, **{parameter: value + s * h}), law, Direct(), warm_start=at) for s in (1, -1))
     return tuple(
         (a - b) / (2 * h)
         for a, b in (

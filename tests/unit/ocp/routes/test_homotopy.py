@@ -170,7 +170,7 @@ def test_every_strategy_starts_at_sizes_of_the_problem_and_ends_tight(name: str)
 
 
 def test_the_table_of_a_solve_tells_the_whole_way() -> None:
-    found = solve(get("push-1d"), Barrier(mu=1e-6), Direct(), settings={"start": 0.01, "factor": 0.1})
+    found = solve(get("push-1d"), Barrier(mu=1e-6), Direct(), settings={"homotopy_start": 0.01, "factor": 0.1})
     path = [line.value for line in found.stages if line.label == "mu"]
     np.testing.assert_allclose(path, np.geomspace(1e-2, 1e-6, 5))
     labels = [line.label for line in found.stages]

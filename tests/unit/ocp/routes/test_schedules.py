@@ -126,7 +126,7 @@ def _flipped(branches: Branches, best: Result, pair: int) -> bool:
 
 @pytest.mark.slow
 def test_several_starts_take_other_relaxations_and_reach_other_minima() -> None:
-    found = solve(get("cart-walls", **WALLS), Exact(), starts=2)
+    found = solve(get("cart-walls", **WALLS), Exact(), n_starts=2)
     assert found.success and found.cost == pytest.approx(289.151, rel=1e-5)
 
 

@@ -132,7 +132,7 @@ def test_no_search_where_inputs_are_forces() -> None:
     with pytest.raises(InputError, match="commanded places"):
         solve(get("wall-1d"), contact="exact", search=True)
     with pytest.raises(InputError, match="give one of them"):
-        solve(get("push-disc"), search=True, start=object())  # type: ignore[arg-type]
+        solve(get("push-disc"), search=True, warm_start=object())  # type: ignore[arg-type]
 
 
 def test_a_scene_that_passes_through_is_solved_as_swept_and_resumed_so() -> None:
@@ -140,7 +140,7 @@ def test_a_scene_that_passes_through_is_solved_as_swept_and_resumed_so() -> None
     assert through(solve(problem, contact="exact", search=False))
     found = solve(problem, contact="exact")
     assert found.route.swept and not through(found) and found.referee.survives
-    again = solve(problem, contact="exact", start=found)
+    again = solve(problem, contact="exact", warm_start=found)
     assert again.route.swept and again.problem.swept
     assert again.cost == pytest.approx(found.cost, rel=1e-6)
 

@@ -33,7 +33,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
 def test_one_candidate_that_raises_loses_nothing(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
     expected = solve("wall-1d", contact="barrier").cost
     failing(monkeypatch, number)
-    found = solve("wall-1d", contact="barrier", starts=3)
+    found = solve("wall-1d", contact="barrier", n_starts=3)
     assert found.success
     assert found.cost == pytest.approx(expected, rel=1e-6)
     assert len(found.route.attempts) == 2
@@ -44,7 +44,7 @@ def test_one_candidate_that_raises_loses_nothing(monkeypatch: pytest.MonkeyPatch
 def test_what_all_candidates_raise_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
     failing(monkeypatch, 0, 1)
     with pytest.raises(RuntimeError, match="fell ill"):
-        solve("wall-1d", contact="barrier", starts=2)
+        solve("wall-1d", contact="barrier", n_starts=2)
 
 
 @pytest.mark.parametrize(
@@ -53,8 +53,8 @@ def test_what_all_candidates_raise_is_raised(monkeypatch: pytest.MonkeyPatch) ->
         ({"rank_by": "x"}, "unknown rank 'x'"),
         ({"seed": -1}, "seed must be"),
         ({"seed": 1.5}, "seed must be"),
-        ({"starts": 2.5}, "starts must be"),
-        ({"starts": 0}, "starts must be"),
+        ({"n_starts": 2.5}, "n_starts must be"),
+        ({"n_starts": 0}, "n_starts must be"),
         ({"search": True}, "the search needs"),
     ],
 )

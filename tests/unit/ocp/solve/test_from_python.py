@@ -72,7 +72,7 @@ def test_a_guess_that_does_not_fit_is_refused(guess: Any, said: str) -> None:
 
 def test_a_start_and_a_guess_are_one_too_many(solved: Solution) -> None:
     with pytest.raises(InputError, match="give one of them"):
-        solve("push-1d", N=8, start=solved, guess=solved)
+        solve("push-1d", N=8, warm_start=solved, guess=solved)
 
 
 @pytest.mark.parametrize("name", problems.names())

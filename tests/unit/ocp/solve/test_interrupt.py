@@ -34,7 +34,7 @@ def test_the_best_finished_start_is_kept() -> None:
     solve(get("push-1d"), Exact(), progress=of_one.append)
     polishes = [stage.label for stage in of_one].count("active set")
     with pytest.raises(Interrupted) as stop:
-        solve(get("push-1d"), Exact(), starts=5, progress=stopping_after(polishes))
+        solve(get("push-1d"), Exact(), n_starts=5, progress=stopping_after(polishes))
     kept = stop.value.solution
     assert kept.success
     assert 1 <= len(kept.route.attempts) < 5
@@ -51,7 +51,7 @@ def test_before_the_first_answer_the_best_point_is_kept() -> None:
         stop_after(stage)
 
     with pytest.raises(Interrupted) as stop:
-        solve(get("push-1d"), Exact(), starts=5, progress=progress)
+        solve(get("push-1d"), Exact(), n_starts=5, progress=progress)
     kept = stop.value.solution
     assert kept.status is Status.INTERRUPTED
     assert not kept.success and kept.grade == "failed" and kept.route.attempts == []

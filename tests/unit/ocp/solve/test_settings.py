@@ -20,7 +20,7 @@ def test_own_settings_are_read_and_the_rest_is_the_solvers() -> None:
         {
             "homotopy": "No",
             "factor": "0.3",
-            "start": "1e-2",
+            "homotopy_start": "1e-2",
             "strategy": "l1",
             "jit": "false",
             "ipopt.max_iter": "7",
@@ -30,7 +30,7 @@ def test_own_settings_are_read_and_the_rest_is_the_solvers() -> None:
         }
     )
     assert read.homotopy is False
-    assert (read.factor, read.start, read.strategy, read.jit) == (0.3, 0.01, "l1", False)
+    assert (read.factor, read.homotopy_start, read.strategy, read.jit) == (0.3, 0.01, "l1", False)
     options = {"max_iter": 7, "tol": 1e-6, "linear_solver": "mumps", "print_user_options": True}
     assert read.options == options
     assert [type(value) for value in read.options.values()] == [int, float, str, bool]
@@ -62,8 +62,8 @@ def test_words_that_read_as_numbers_are_numbers(word: object, value: object) -> 
         ({"factor": "-0.5"}, "positive finite number"),
         ({"factor": "small"}, "must be a number"),
         ({"factor": "nan"}, "must be a finite number"),
-        ({"start": "inf"}, "must be a finite number"),
-        ({"start": "0"}, "positive finite number"),
+        ({"homotopy_start": "inf"}, "must be a finite number"),
+        ({"homotopy_start": "0"}, "positive finite number"),
         ({"strategy": "penalty"}, "unknown strategy 'penalty'.*scholtes"),
     ],
 )
@@ -142,7 +142,7 @@ def test_bounds_that_cross_are_wrong_usage() -> None:
 @pytest.mark.parametrize("starts", [0, -1, 10_001])
 def test_a_number_of_starts_out_of_range_is_wrong_usage(starts: int) -> None:
     with pytest.raises(InputError, match="starts must be"):
-        solve(get("push-1d", N=3), Barrier(mu=1e-2), starts=starts)
+        solve(get("push-1d", N=3), Barrier(mu=1e-2), n_starts=starts)
 
 
 def test_a_frozen_gradient_is_not_for_direct() -> None:

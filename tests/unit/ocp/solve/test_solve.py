@@ -41,7 +41,7 @@ def without_times(found: Solution) -> dict[str, Any]:
     [
         {"contact": Exact(), "starts": 3, "seed": 7},
         {"contact": Randomized(0.1, 4, seed=3, base=Barrier(mu=1e-2))},
-        {"contact": Barrier(mu=1e-2), "transcription": SingleShooting(), "policy": Feedback()},
+        {"contact": Barrier(mu=1e-2), "method": SingleShooting(), "policy": Feedback()},
     ],
     ids=["starts", "randomized", "feedback"],
 )
@@ -91,7 +91,7 @@ def two_wells() -> Problem:
 @pytest.mark.costly
 def test_the_best_audited_answer_wins_and_the_others_are_listed() -> None:
     settings = {"homotopy": False}
-    found = solve(two_wells(), Barrier(mu=1e-4), SingleShooting(), starts=8, settings=settings)
+    found = solve(two_wells(), Barrier(mu=1e-4), SingleShooting(), n_starts=8, settings=settings)
     assert [other.start for other in found.route.attempts] == list(range(8))
     costs = [other.cost for other in found.route.attempts if other.status == "solved"]
     assert max(costs) > min(costs) + 0.3, "both wells have been found"
@@ -106,7 +106,7 @@ def test_the_best_audited_answer_wins_and_the_others_are_listed() -> None:
 
 @pytest.mark.slow
 def test_the_cart_reaches_its_best_known_minimum_from_eight_starts() -> None:
-    found = solve(get("cart-walls"), Exact(), Direct(), starts=8)
+    found = solve(get("cart-walls"), Exact(), Direct(), n_starts=8)
     assert found.cost <= 186.588555 * (1 + 1e-6)
 
 

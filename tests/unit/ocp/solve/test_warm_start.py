@@ -124,7 +124,7 @@ def test_a_shorter_horizon_cuts(pushed: Solution) -> None:
 @pytest.mark.parametrize("law", [Barrier(mu=1e-3), Exact()])
 def test_it_helps_and_the_answer_is_the_same(law, settings: dict[str, float]) -> None:
     known, cold = known_as(law.name), solve(get("push-disc", **settings), law)
-    warm = solve(get("push-disc", **settings), law, start=known)
+    warm = solve(get("push-disc", **settings), law, warm_start=known)
     assert warm.success
     assert warm.cost == pytest.approx(cold.cost, rel=1e-6)
     assert warm.iterations < cold.iterations * 0.75
@@ -135,14 +135,14 @@ def test_it_helps_and_the_answer_is_the_same(law, settings: dict[str, float]) ->
 @pytest.mark.parametrize("source", METHODS)
 def test_between_methods_there_is_nothing_left_to_do(source, target) -> None:
     known = known_as(method=source.name)
-    found = solve(get("push-disc"), Barrier(mu=1e-3), target, start=known)
+    found = solve(get("push-disc"), Barrier(mu=1e-3), target, warm_start=known)
     assert found.success and found.iterations <= 3
     assert found.cost == pytest.approx(known.cost, rel=1e-8)
 
 
 @pytest.mark.parametrize("law", [Exact(), Barrier(mu=1e-5), Adaptive(sigma=0.02)])
 def test_between_laws(pushed: Solution, law) -> None:
-    found = solve(get("push-disc"), law, start=pushed)
+    found = solve(get("push-disc"), law, warm_start=pushed)
     assert found.success
     assert found.cost == pytest.approx(0.10068, rel=1e-3)
     assert found.iterations < pushed.iterations / 2
@@ -157,7 +157,7 @@ def test_feedback_and_scenarios_start_from_one_open_loop_plan(pushed: Solution) 
     np.testing.assert_allclose(blocks["k"], pushed.data["u"].values[0], rtol=1e-14)
     for scenario in range(3):
         np.testing.assert_allclose(blocks["x"][scenario], pushed.data["x"][0, 1:], rtol=1e-14)
-    assert solve(problem, Barrier(mu=1e-3), policy=Feedback(), start=pushed).success
+    assert solve(problem, Barrier(mu=1e-3), policy=Feedback(), warm_start=pushed).success
 
 
 @pytest.mark.costly
@@ -183,7 +183,7 @@ def test_where_it_does_not_converge_the_usual_path_is_followed(
         "resume",
         lambda self, *a: replace(resume(self, *a), finished=False),
     )
-    found = solve(get("push-disc", M=1.2), Barrier(mu=1e-3), start=pushed)
+    found = solve(get("push-disc", M=1.2), Barrier(mu=1e-3), warm_start=pushed)
     assert found.success
     assert "mu" in {stage.label for stage in found.stages}, "the law's own path"
     assert found.iterations == sum(stage.iterations for stage in found.stages)
@@ -214,7 +214,7 @@ def test_a_chosen_start_is_carried_with_its_multipliers() -> None:
     np.testing.assert_allclose(x0[0, 0], known.data["x"][0, 0], rtol=1e-14)
     assert np.abs(x0[0, 0] - np.array([0, 0, -1, 0.2])).max() > 0.05, "it was worth choosing"
     assert stationarity(nlp, point, session.values) < 1e-6
-    warm = solve(free_start(N=20, h=0.05), Barrier(mu=1e-3), start=known)
+    warm = solve(free_start(N=20, h=0.05), Barrier(mu=1e-3), warm_start=known)
     assert warm.success and warm.iterations < known.iterations
 
 
@@ -245,17 +245,17 @@ def test_without_multipliers_the_point_is_primal_and_still_helps(pushed: Solutio
     bare = replace(pushed, data=pushed.data.drop_vars(names))
     session = new_session(get("push-disc"), Barrier(mu=1e-3))
     assert carry(bare, session.nlp_of("product"), session.values).lam_g is None
-    assert solve(get("push-disc"), Barrier(mu=1e-3), start=bare).iterations <= 3
+    assert solve(get("push-disc"), Barrier(mu=1e-3), warm_start=bare).iterations <= 3
 
 
 def test_what_does_not_fit_is_refused(pushed: Solution) -> None:
     with pytest.raises(InputError, match="of push-disc, not of push-1d"):
-        solve(get("push-1d"), Barrier(mu=1e-3), start=pushed)
+        solve(get("push-1d"), Barrier(mu=1e-3), warm_start=pushed)
     other = replace(pushed, data=pushed.data.assign_coords(state=["a", "b", "c", "d"]))
     with pytest.raises(InputError, match="has states a, b, c, d, but push-disc has ox, oy"):
-        solve(get("push-disc"), Barrier(mu=1e-3), start=other)
+        solve(get("push-disc"), Barrier(mu=1e-3), warm_start=other)
     lost = replace(pushed, data=pushed.data.assign(x=pushed.data["x"] * np.nan))
     with pytest.raises(InputError, match="NaN or infinite"):
-        solve(get("push-disc"), Barrier(mu=1e-3), start=lost)
+        solve(get("push-disc"), Barrier(mu=1e-3), warm_start=lost)
     with pytest.raises(InputError, match="several starts"):
-        solve(get("push-disc"), Barrier(mu=1e-3), start=pushed, starts=2)
+        solve(get("push-disc"), Barrier(mu=1e-3), warm_start=pushed, n_starts=2)

@@ -57,7 +57,7 @@ def quadratic_program() -> tuple[float, np.ndarray]:
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
 def test_a_free_mass_takes_the_optimum_of_its_quadratic_program(law, method) -> None:
-    found = solve(free_mass(), contact=law, transcription=method)
+    found = solve(free_mass(), contact=law, method=method)
     cost, u = quadratic_program()
     assert found.success
     assert found.cost == pytest.approx(cost, rel=1e-8)
