@@ -18,7 +18,13 @@ from ocp.distribution import load_plugin
 from ocp.errors import InputError
 from ocp.judge.audit import Audit
 from ocp.judge.certificate import Certificate
-from ocp.judge.constraints import Violation, broken_constraints, describe_violations, noticeable, seen_sizes
+from ocp.judge.constraints import (
+    Violation,
+    broken_constraints,
+    describe_violations,
+    noticeable_violations,
+    tolerance_sizes,
+)
 from ocp.judge.contact_report import least_slip
 from ocp.judge.measures import Worst, between
 from ocp.judge.referee import RefereeReport
@@ -93,7 +99,7 @@ def replayed(
     inputs = plan["u"].values if gains is None else gains
     evaluation = Evaluation(problem, values)
     rolled = roll_out(problem, inputs, values, law, x[:, 0])
-    seen = seen_sizes(problem, x)
+    seen = tolerance_sizes(problem, x)
     distance = evaluation.signed_distances(rolled.x)
     deepest = -(rolled.gap if distance is None else distance)
     return Replay(
@@ -106,7 +112,7 @@ def replayed(
         state_gap=float(np.max(np.abs(rolled.x - x))),
         penetration=max(0.0, float(np.max(deepest, initial=0.0))),
         between=None if distance is None else between(evaluation, rolled.x),
-        broken=noticeable(broken_constraints(evaluation, rolled, seen)),
+        broken=noticeable_violations(broken_constraints(evaluation, rolled, seen)),
     )
 
 
@@ -213,6 +219,11 @@ class Solution:
             raise InputError("a point that was not solved has no sensitivity; solve it first")
         return self.derivative(name)
 
+    @property
+    def inputs(self) -> np.ndarray | Gains:
+        """Inputs of the plan (S, N, nu), or its policy."""
+        return self.data["u"].values if self.gains is None else self.gains
+
     def with_route(self, **changes: Any) -> Solution:
         """Return the solution with fields of its :attr:`route` changed."""
         return replace(self, route=replace(self.route, **changes))
@@ -245,16 +256,15 @@ class Solution:
         made = closing_law(law, settings, self.problem.system)
         return replayed(self.problem, self.data, self.cost, self.gains, self.values, made)
 
-    def in_world(self, name: str = "mujoco") -> InWorld:
-        """The plan's inputs, or its policy, in another world: cost, and how far it hangs on it.
+    def replay_in(self, simulator: str = "mujoco") -> InWorld:
+        """Replay the plan's inputs, or its policy, in another simulator.
 
         Raises :class:`~ocp.errors.InputError` as :func:`ocp.simulators.replay.in_world` does.
         """
         from ocp.simulators.replay import in_world
 
-        inputs = self.data["u"].values if self.gains is None else self.gains
         start = self.data["x"].values[:, 0]
-        return in_world(name, self.problem, inputs, self.values, start, self.cost)
+        return in_world(simulator, self.problem, self.inputs, self.values, start, self.cost)
 
     def plot(self) -> Figure:
         """Draw what ``ocp solve --plot`` writes: strobe above states, inputs and forces."""

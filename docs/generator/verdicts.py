@@ -21,7 +21,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from docs.generator import measured
-from ocp.judge.referee import step_place
+from ocp.judge.referee import step_size_kind
 from ocp.store.runs import load
 from problems import get, names, spec
 from reports.drawing.strobe import strobe
@@ -108,7 +108,7 @@ def store(table: str, name: str, rows: Sequence[Row], order: list[str], **about:
 
 def refinable() -> list[str]:
     """The named problems whose h only discretises, and an arm at a wall."""
-    found = [name for name in names() if not step_place(get(name).system)[0]]
+    found = [name for name in names() if step_size_kind(get(name).system).kind != "fixed"]
     return [*found, "examples/double_pendulum_walls.py"]
 
 

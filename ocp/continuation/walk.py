@@ -17,7 +17,7 @@ from ocp.programs.solver import Point, Status
 from ocp.routes.homotopy import RouteResult
 from ocp.routes.session import Session
 from ocp.solution import Solution
-from ocp.solve.judging import judged
+from ocp.solve.judging import judge_outcome
 from ocp.solve.request import ProblemLike
 from ocp.solve.solve import new_session
 
@@ -205,7 +205,7 @@ class _Walk:
     def _add(self, outcome: RouteResult, value: float) -> bool:
         """Judge an outcome; take it as the next point where it is good, or the first."""
         self.session.values[self.followed.parameter] = value
-        solution = judged(self.session, outcome, self.seed)
+        solution = judge_outcome(self.session, outcome, self.seed)
         point = CurvePoint(value, solution)
         good = outcome.finished and solution.status in (Status.SOLVED, Status.NO_PROGRESS)
         good = good and not point.endless

@@ -25,7 +25,7 @@ from ocp.jobs.sweep_job import COUNTS, FAULT, NUMBERS, WORDS, JobResult, SolveJo
 from ocp.problem.problem import Problem
 from ocp.problem.resources import check_memory, points_memory
 from ocp.routes.session import Session
-from ocp.solve.judging import record
+from ocp.solve.judging import session_record
 from ocp.solve.request import ProblemLike, split_keywords
 from ocp.solve.solve import Rank, check_starts
 from ocp.store.checkpoint import Checkpoint
@@ -277,7 +277,7 @@ def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
 
 def _shared_record(study: Grid, session: Session) -> dict[str, Any]:
     """What was asked and is the same at all points."""
-    told = record(session, study.seed)
+    told = session_record(session, study.seed)
     swept = {axis.name for axis in study.axes}
     groups = {
         "params": "problem.",

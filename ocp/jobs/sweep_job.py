@@ -18,7 +18,7 @@ from ocp.problem.rollout import initial_guesses
 from ocp.routes.homotopy import RouteResult, StageRecord
 from ocp.routes.session import Session
 from ocp.solution import Interrupted, Solution
-from ocp.solve.judging import failures_kept, judged, with_failures
+from ocp.solve.judging import add_failures, collect_failures, judge_outcome
 from ocp.solve.solve import Rank, best_of, check_starts, credited, rank, solve_session
 from ocp.solve.warm_start import Plan, carry
 from ocp.store.provenance import FilesChanged
@@ -90,7 +90,7 @@ def solve_job(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
                 found = solve_session(session, job.starts, job.seed, progress, job.rank)
             else:
                 point = carry(job.start.plan(session), session.nlp_of("product"), session.values)
-                found = judged(session, session.resume(point, progress), job.seed)
+                found = judge_outcome(session, session.resume(point, progress), job.seed)
     except FilesChanged:
         raise
     except InputError as error:
@@ -193,7 +193,7 @@ def solve_start(job: SolveJob, report: Callable[[Any], None]) -> StartResult:
     session = cached_session(job.case)
     guess = initial_guesses(session.evaluation, job.starts, job.seed)[job.number]
     outcome = session.solve(progress=lambda stage: report(asdict(stage)), guess=guess, number=job.number)
-    found = judged(session, outcome, job.seed)
+    found = judge_outcome(session, outcome, job.seed)
     reformulation = next(key for key, nlp in session.nlps.items() if nlp is outcome.nlp)
     told = {one.name: getattr(found, one.name) for one in fields(found) if one.name not in _HELD}
     return StartResult(replace(outcome, nlp=reformulation), told)
@@ -232,7 +232,7 @@ def solve_starts(
         ):
             for place, sent in outcomes:
                 if isinstance(sent, Failure):
-                    with failures_kept(failures):
+                    with collect_failures(failures):
                         raise sent.error
                 else:
                     found[place] = sent
@@ -242,7 +242,7 @@ def solve_starts(
         raise Interrupted(_best(session, found, seed, rank_by)) from stop
     if not found:
         raise failures[0]
-    return with_failures(_best(session, found, seed, rank_by), failures)
+    return add_failures(_best(session, found, seed, rank_by), failures)
 
 
 def _best(session: Session, found: dict[int, StartResult], seed: int, rank_by: Rank) -> Solution:
@@ -252,6 +252,6 @@ def _best(session: Session, found: dict[int, StartResult], seed: int, rank_by: R
     solutions = credited(session, made)
     place = min(range(len(sent)), key=lambda one: rank(solutions[one], rank_by))
     outcome = sent[place].outcome
-    again = judged(session, replace(outcome, nlp=session.nlp_of(outcome.nlp)), seed)
+    again = judge_outcome(session, replace(outcome, nlp=session.nlp_of(outcome.nlp)), seed)
     solutions[place] = replace(solutions[place], derivative=again.derivative)
     return best_of(session, solutions, rank_by)

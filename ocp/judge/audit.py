@@ -10,8 +10,8 @@ import numpy as np
 
 from dynamics.contact import Step
 from dynamics.systems import ContactSystem
-from ocp.judge.constraints import Violation, broken_constraints, noticeable, seen_sizes
-from ocp.judge.contact_report import ContactReport, ContactSummary, contact_report, largest
+from ocp.judge.constraints import Violation, broken_constraints, noticeable_violations, tolerance_sizes
+from ocp.judge.contact_report import ContactReport, ContactSummary, contact_report, largest_entry
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, roll_on
 from ocp.programs.solver import Result
@@ -77,7 +77,7 @@ class Audit:
     replay_broken: list[Violation] = field(default_factory=list)
 
 
-def audit(
+def audit_result(
     nlp: NLP,
     result: Result,
     plan: Trajectories,
@@ -97,27 +97,27 @@ def audit(
     x_off = np.maximum(bounds["lbx"] - result.point.x, result.point.x - bounds["ubx"])
     g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"]) / nlp.natural.g
     free = np.concatenate([x_off / nlp.natural.x, _without_contact(nlp, g_off)])
-    seen = seen_sizes(nlp.problem, plan.x)
+    seen = tolerance_sizes(nlp.problem, plan.x)
     smallest = np.minimum(plan.lam, plan.gap)
     # A learned law has no pairs, which is not the same as pairs that are complementary.
     pairs = nlp.step.n >= nlp.problem.system.nlam
     book = contact_report(evaluation, nlp.step, plan)
     found = Audit(
-        complementarity=largest(sharp) if pairs else float("nan"),
-        complementarity_min=largest(np.abs(smallest)) if pairs else float("nan"),
-        dynamics_residual=largest(moved),
-        law_residual=largest(closed),
-        constraint_violation=max(0.0, largest(free)),
+        complementarity=largest_entry(sharp) if pairs else float("nan"),
+        complementarity_min=largest_entry(np.abs(smallest)) if pairs else float("nan"),
+        dynamics_residual=largest_entry(moved),
+        law_residual=largest_entry(closed),
+        constraint_violation=max(0.0, largest_entry(free)),
         penetration=_penetration(evaluation, plan.x, plan.gap),
         exact_penetration=_penetration(evaluation, replay.x, replay.gap),
         exact_cost=replay.cost,
-        state_gap=largest(np.abs(plan.x - replay.x)),
+        state_gap=largest_entry(np.abs(plan.x - replay.x)),
         active_steps=int(np.sum(plan.lam > np.maximum(plan.gap, _ACTIVE))),
         task_gradient=task_gradient(evaluation, replay),
         worst=worst_constraints(nlp, result.point.x, g, bounds),
         **{name: getattr(book, name) for name in _OF_BOOK},
         replay_failed="" if unsolved is None else unsolved.brief,
-        replay_broken=noticeable(broken_constraints(evaluation, replay, seen)),
+        replay_broken=noticeable_violations(broken_constraints(evaluation, replay, seen)),
     )
     return found, replay, book
 
@@ -148,7 +148,7 @@ def _without_contact(nlp: NLP, violation: np.ndarray) -> np.ndarray:
 
 def _penetration(evaluation: Evaluation, x: np.ndarray, gap: np.ndarray) -> float:
     phi = evaluation.signed_distances(x)
-    return max(0.0, largest(-(gap if phi is None else phi)))
+    return max(0.0, largest_entry(-(gap if phi is None else phi)))
 
 
 def task_gradient(evaluation: Evaluation, replay: Rollout) -> float:
@@ -208,7 +208,7 @@ def _slopes(evaluation: Evaluation, replay: Rollout, mask: np.ndarray) -> tuple[
     return largest, size
 
 
-def feasible(nlp: NLP, found: Audit) -> bool:
+def is_feasible(nlp: NLP, found: Audit) -> bool:
     """Whether the audited residuals are below tolerance: complementarity of the exact law only."""
     limits = {key: getattr(found, key) for key in TOLERANCES}
     if not nlp.step.exact:

@@ -60,7 +60,7 @@ class Broken:
         return f"{_KINDS[self.violation.name]} {self.violation.component}"
 
 
-def seen_sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
+def tolerance_sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
     """Characteristic sizes of the states (nx,) for judging against a plan x (S, N+1, nx).
 
     A problem's own, or ten times the most that any state of the same unit moves, where that is
@@ -68,10 +68,10 @@ def seen_sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
     nothing of millimetres.
     """
     sizes = problem.scales.x
-    return np.clip(_FAR * travelled(problem, x), _LEAST * sizes, sizes)
+    return np.clip(_FAR * travelled_ranges(problem, x), _LEAST * sizes, sizes)
 
 
-def travelled(problem: Problem, x: np.ndarray) -> np.ndarray:
+def travelled_ranges(problem: Problem, x: np.ndarray) -> np.ndarray:
     """The most that any state of the same unit moves in x (S, N+1, nx), for every state (nx,).
 
     Infinite where nothing of that unit moves, or states are NaN.
@@ -117,7 +117,7 @@ def broken_constraints(evaluation: Evaluation, rollout: Rollout, sizes: np.ndarr
     return sorted(found, key=lambda broken: -broken.share)
 
 
-def noticeable(broken: Sequence[Broken], share: float = CONSTRAINT_SHARE) -> list[Violation]:
+def noticeable_violations(broken: Sequence[Broken], share: float = CONSTRAINT_SHARE) -> list[Violation]:
     """Worst entry of every kind that is broken by more than a share of its size."""
     worst: dict[str, Violation] = {}
     for one in broken:

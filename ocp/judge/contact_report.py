@@ -27,7 +27,7 @@ _DEGENERATE = 1e-5
 class ContactSummary:
     """One contact over all scenarios and steps.
 
-    ``steps`` at which it is active (:func:`acting`), of them ``slipping``; ``distant`` steps with
+    ``steps`` at which it is active (:func:`active_contacts`), of them ``slipping``; ``distant`` steps with
     force at a distance; ``peak_force`` [N] of the normal force; ``slid`` [m] the distance slid
     while active; ``degenerate`` counts the steps at which complementarity is not strict: impulse
     and gap are both near zero, and gradients are one-sided; ``spans`` (first, last) active steps of
@@ -50,7 +50,7 @@ class ContactReport:
 
     ``normal``, ``tangential`` impulses [N s], ``slip`` [m/s] (in space their sizes), ``bound``
     friction normal [N s], what the tangential impulse may be at most; ``active``, ``slipping``,
-    ``degenerate`` whether the contact is active (:func:`acting`), whether it slips then, and
+    ``degenerate`` whether the contact is active (:func:`active_contacts`), whether it slips then, and
     whether its complementarity is not strict. Largest over all contacts and steps:
     ``cone_violation`` max(0, |tangential| - friction normal) [N s]; ``dissipation_residual``
     friction normal |slip| + tangential slip [J], zero where friction dissipates as much as it can;
@@ -96,7 +96,9 @@ def contact_report(evaluation: Evaluation, step: Step, rollout: Rollout | Trajec
             tangential, slip, power, reach = _in_space(tangential, slip, forces.edges)
     degenerate = _degenerate_steps(system, problem.scales, lam, gap, len(names))
     h = at(ca.SX(system.h))[0]
-    active, distant = acting(normal / problem.scales.impulse, _gaps(step, gap, len(names)) / problem.scales.gap)
+    active, distant = active_contacts(
+        normal / problem.scales.impulse, _gaps(step, gap, len(names)) / problem.scales.gap
+    )
     slipping = active & (np.abs(slip) * h > _SLIPS * problem.scales.gap)
     # A multiplier in newton is a force already.
     are_forces = forces is None and all(signal.unit == "N" for signal in system.contacts)
@@ -114,8 +116,8 @@ def contact_report(evaluation: Evaluation, step: Step, rollout: Rollout | Trajec
         slipping,
         degenerate,
         contacts,
-        largest(np.abs(tangential) - bound) if rough else float("nan"),
-        largest(bound * reach + power) if rough else float("nan"),
+        largest_entry(np.abs(tangential) - bound) if rough else float("nan"),
+        largest_entry(bound * reach + power) if rough else float("nan"),
         *_books(system.book, at),
     )
 
@@ -134,7 +136,7 @@ def _in_space(
     return *sizes, (parts[0] * parts[1]).sum(axis=0), along.max(axis=0)  # pyright: ignore
 
 
-def acting(normal: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def active_contacts(normal: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Whether contacts are active, and whether they push at a distance.
 
     ``normal`` impulses and ``gap``, of one shape, are shares of their characteristic sizes. An
@@ -186,7 +188,7 @@ def _summaries(
             name=name,
             steps=int(active[:, :, i].sum()),
             slipping=int(slipping[:, :, i].sum()),
-            peak_force=largest(force[:, :, i]),
+            peak_force=largest_entry(force[:, :, i]),
             slid=float(way[:, :, i][active[:, :, i]].sum()),
             degenerate=int(degenerate[:, :, i].sum()),
             spans=_spans(active[0, :, i]),
@@ -211,10 +213,10 @@ def _books(book: EnergyBook | None, at: TrajectoryEvaluator) -> tuple[float, flo
     taken = book.energy + book.work - after[0]
     off = after[1] - book.momentum - book.external
     loss, defect = at(taken, off)
-    return max(0.0, largest(-loss)), float(loss.sum()), largest(np.abs(defect))
+    return max(0.0, largest_entry(-loss)), float(loss.sum()), largest_entry(np.abs(defect))
 
 
-def largest(values: np.ndarray) -> float:
+def largest_entry(values: np.ndarray) -> float:
     """The largest of all entries, 0 without any."""
     return float(np.max(values)) if values.size else 0.0
 

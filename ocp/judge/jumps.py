@@ -119,7 +119,7 @@ def jump_findings_of(parts: Mapping[str, ca.SX], moving: ca.SX, domain: Domain) 
     def located(find: Callable[[ca.SX], Iterable[str]]) -> list[str]:
         return [f"{node} in {name}" for name, part in parts.items() for node in find(part)]
 
-    names, calls = located(lambda part: jumps(part, moving, domain)), located(_calls)
+    names, calls = located(lambda part: jumping_operations(part, moving, domain)), located(_calls)
     told = []
     if names:
         told.append(
@@ -134,7 +134,7 @@ def jump_findings_of(parts: Mapping[str, ca.SX], moving: ca.SX, domain: Domain) 
     return tuple(told)
 
 
-def jumps(expression: ca.SX, moving: ca.SX, domain: Domain) -> list[str]:
+def jumping_operations(expression: ca.SX, moving: ca.SX, domain: Domain) -> list[str]:
     """Names of the operations at which ``expression`` (k, 1) jumps as ``moving`` (n, 1) moves.
 
     It may use no other symbols. On straight lines through the domain a place where an operation of

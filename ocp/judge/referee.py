@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -16,9 +17,9 @@ from ocp.judge.constraints import (
     Violation,
     broken_constraints,
     describe_violations,
-    noticeable,
-    seen_sizes,
-    travelled,
+    noticeable_violations,
+    tolerance_sizes,
+    travelled_ranges,
 )
 from ocp.judge.measures import Physics, Worst, measure
 from ocp.judge.step_solutions import differing_contacts, find_nonuniqueness
@@ -65,7 +66,7 @@ class Referee:
         return math.nan if self.refined is None else self.refined.cost
 
 
-def referee(evaluation: Evaluation, inputs: np.ndarray | Gains, x0: np.ndarray) -> Referee:
+def referee_replay(evaluation: Evaluation, inputs: np.ndarray | Gains, x0: np.ndarray) -> Referee:
     """Replay ``inputs`` (S or 1, N, nu), or a policy, from x0 (S, nx) under the sharpest contact.
 
     Never raises for a step without a solution.
@@ -76,52 +77,63 @@ def referee(evaluation: Evaluation, inputs: np.ndarray | Gains, x0: np.ndarray) 
     return Referee(replay, replay.cost, failed, problem.system.referee_note, refined, why)
 
 
-def step_place(system: ContactSystem) -> tuple[str, str, int]:
-    """Why h is no step of a discretisation, "" where it is; else its name, and its place in x.
+@dataclass(frozen=True)
+class StepSize:
+    """Where a model has its step size h: a ``parameter`` by name, or a ``state`` by its index.
 
-    The name is empty where h is a state, the place -1 where it is a parameter.
+    A "fixed" step size discretises nothing that could be refined; ``reason`` says why.
     """
+
+    kind: Literal["fixed", "parameter", "state"]
+    parameter: str = ""
+    state: int = -1
+    reason: str = ""
+
+
+def step_size_kind(system: ContactSystem) -> StepSize:
+    """Return where the step size of a system is set, and whether it may be refined."""
     if not system.refinable:
-        return "the step size is part of the model", "", -1
+        return StepSize("fixed", reason="the step size is part of the model")
     if any(signal.unit == "N s" for signal in system.inputs):
-        return "an input is an impulse per step, which depends on the step size", "", -1
-    chosen, named = place_of(system.h, system.x), place_of(system.h, system.parameters.vector)
-    if chosen is None and named is None:
-        return "the step size is not a parameter of the model", "", -1
-    if chosen is not None:
-        return "", "", chosen
-    return "", system.parameters.names[named or 0], -1
+        return StepSize("fixed", reason="an input is an impulse per step, which depends on the step size")
+    state = index_of_symbol(system.h, system.x)
+    if state is not None:
+        return StepSize("state", state=state)
+    index = index_of_symbol(system.h, system.parameters.vector)
+    if index is None:
+        return StepSize("fixed", reason="the step size is not a parameter of the model")
+    return StepSize("parameter", system.parameters.names[index])
+
+
+def index_of_symbol(symbol: ca.SX | float, symbols: ca.SX) -> int | None:
+    """Return the index of a symbol in a column of symbols, None if it is not among them."""
+    wanted = ca.SX(symbol)
+    return next((i for i in range(symbols.numel()) if ca.is_equal(wanted, symbols[i])), None)
 
 
 def refined_replay(
-    evaluation: Evaluation, inputs: np.ndarray | Gains, x0: np.ndarray, by: int = REFINEMENT
+    evaluation: Evaluation, inputs: np.ndarray | Gains, x0: np.ndarray, factor: int = REFINEMENT
 ) -> tuple[Rollout | None, str]:
-    """Replay at h / ``by`` under the sharpest contact, at the problem's nodes, and why it ended.
+    """Replay at h / ``factor`` under the sharpest contact; return it at the problem's nodes.
 
-    None where h is no step of a discretisation, and the reason.
+    The second value says why it ended early, "" if it did not. Where h cannot be refined the replay
+    is None, with the reason.
     """
     problem = evaluation.problem
-    why, name, place = step_place(problem.system)
-    if why:
-        return None, why
+    step_size = step_size_kind(problem.system)
+    if step_size.kind == "fixed":
+        return None, step_size.reason
     start, finer = np.array(x0, dtype=float), dict(evaluation.values)
-    if name:
-        finer[name] /= by
+    if step_size.kind == "parameter":
+        finer[step_size.parameter] /= factor
     else:
-        start[:, place] /= by
-    rolled, failed = roll_on(Evaluation(problem, finer), inputs, problem.referee_step, start, substeps=by)
+        start[:, step_size.state] /= factor
+    rolled, failed = roll_on(Evaluation(problem, finer), inputs, problem.referee_step, start, substeps=factor)
     x = rolled.x.copy()
-    if not name:
-        x[:, :, place] *= by
+    if step_size.kind == "state":
+        x[:, :, step_size.state] *= factor
     costs = evaluation.trajectory_costs(x, rolled.u, rolled.impulses)
     return replace(rolled, x=x, costs=costs), "" if failed is None else str(failed)
-
-
-def place_of(symbol: ca.SX | float, among: ca.SX) -> int | None:
-    """Position of a symbol in a column of symbols, None where it is none of them."""
-    one = ca.SX(symbol)
-    places = [i for i in range(among.numel()) if ca.is_equal(one, among[i])]
-    return places[0] if places else None
 
 
 @dataclass(frozen=True)
@@ -166,7 +178,7 @@ class RefereeReport:
         return {True: "survives", False: "does not survive", None: "no referee"}[self.survives]
 
 
-def evaluate(
+def referee_plan(
     evaluation: Evaluation, step: Step, plan: Rollout, gains: Gains | None = None
 ) -> tuple[RefereeReport, Referee]:
     """Referee a plan that was made with ``step``: the report, and the replay behind it.
@@ -175,14 +187,14 @@ def evaluate(
     Without geometry there is no referee, and the report has no costs.
     """
     problem = evaluation.problem
-    found = referee(evaluation, plan.u if gains is None else gains, plan.x[:, 0])
+    found = referee_replay(evaluation, plan.u if gains is None else gains, plan.x[:, 0])
     two, branch_cost = _other_solution(evaluation, plan, gains)
     if found.note is None:
         return RefereeReport(note="no geometry", nonuniqueness=two, branch_cost=branch_cost), found
     there = found.replay
     planned = measure(evaluation, step, plan)
     replayed = measure(evaluation, problem.referee_step, there)
-    broken = broken_constraints(evaluation, there, seen_sizes(problem, plan.x))
+    broken = broken_constraints(evaluation, there, tolerance_sizes(problem, plan.x))
     reasons = survival(evaluation, plan, found, replayed, broken)
     finer = survival_refined(evaluation, plan, found)
     return RefereeReport(
@@ -237,13 +249,12 @@ def _other_solution(evaluation: Evaluation, plan: Rollout, gains: Gains | None) 
     return f"{words}, and the motion from there {ending} instead of {plan.costs[s]:.6g}{more}", cost
 
 
-def seen_gap(problem: Problem, x: np.ndarray) -> float:
+def tolerance_gap(problem: Problem, x: np.ndarray) -> float:
     """Characteristic gap [m] to judge a plan x (S, N+1, nx): at most a third of the way it goes."""
-    own = problem.scales.gap
-    way = [
-        size for size, signal in zip(travelled(problem, x), problem.system.states, strict=True) if signal.unit == "m"
-    ]
-    return float(np.clip(min(way, default=np.inf) / 3, _LEAST_GAP * own, own))
+    ranges = travelled_ranges(problem, x)
+    lengths = [size for size, signal in zip(ranges, problem.system.states, strict=True) if signal.unit == "m"]
+    gap = problem.scales.gap
+    return float(np.clip(min(lengths, default=np.inf) / 3, _LEAST_GAP * gap, gap))
 
 
 def survival(
@@ -255,13 +266,13 @@ def survival(
     the plan, keeps every state within :data:`STATE_SHARE`, every constraint within
     :data:`~ocp.judge.constraints.CONSTRAINT_SHARE` and its bodies apart to
     :data:`PENETRATION_SHARE` of the problem's characteristic sizes, which count for no more than
-    the plan itself moves (:func:`~ocp.judge.constraints.seen_sizes`, :func:`seen_gap`).
+    the plan itself moves (:func:`~ocp.judge.constraints.tolerance_sizes`, :func:`tolerance_gap`).
     ``physics`` and ``broken`` are those of the replay. Constant terms of the cost are no part of it
     (:meth:`~ocp.problem.evaluation.Evaluation.cost_share`).
     """
     problem, excess = evaluation.problem, evaluation.cost_share(outcome.cost - plan.cost, plan.cost)
     off = np.abs(outcome.replay.x - plan.x)
-    shares = off / seen_sizes(problem, plan.x)
+    shares = off / tolerance_sizes(problem, plan.x)
     share = float(shares.max())
     reasons = []
     if outcome.failed is not None:
@@ -276,8 +287,8 @@ def survival(
         s, k, i = (int(v) for v in np.unravel_index(int(shares.argmax()), off.shape))
         signal = problem.system.states[i]
         reasons.append(f"{signal.name} is {off[s, k, i]:.2g} {signal.unit} off at node {k}")
-    reasons += [f"its {words}" for words in describe_violations(noticeable(broken))]
-    deep = seen_gap(problem, plan.x)
+    reasons += [f"its {words}" for words in describe_violations(noticeable_violations(broken))]
+    deep = tolerance_gap(problem, plan.x)
     for worst, where in ((physics.penetration, "node"), (physics.between, "step")):
         if worst is not None and worst.amount > PENETRATION_SHARE * deep:
             reasons.append(f"{worst.contact} is penetrated by {worst.amount:.2g} at {where} {worst.step}")
@@ -303,11 +314,11 @@ def survival_refined(evaluation: Evaluation, plan: Rollout, outcome: Referee) ->
     reasons = []
     if evaluation.cost_share(there.cost - plan.cost, plan.cost) > COST_SHARE:
         reasons.append(f"it costs {there.cost:.6g}")
-    seen = seen_sizes(problem, plan.x)
+    seen = tolerance_sizes(problem, plan.x)
     every = broken_constraints(evaluation, there, seen)
-    reasons += [f"its {words}" for words in describe_violations(noticeable(every, STATE_SHARE))]
+    reasons += [f"its {words}" for words in describe_violations(noticeable_violations(every, STATE_SHARE))]
     if (phi := evaluation.signed_distances(there.x)) is not None:
         deep = -float(np.nanmin(phi, initial=0.0))
-        if deep > PENETRATION_SHARE * seen_gap(problem, plan.x):
+        if deep > PENETRATION_SHARE * tolerance_gap(problem, plan.x):
             reasons.append(f"bodies penetrate by {deep:.2g}")
     return tuple(reasons)

@@ -41,18 +41,18 @@ _SINGLES, _PAIRED = 100, 6
 """Variables up to which each is moved alone, and inputs up to which each two are."""
 
 
-def endless(rays: Iterable[Ray], best: float, least: float = 0.0) -> str:
+def describe_endless_ray(rays: Iterable[Ray], best: float, least: float = 0.0) -> str:
     """Sentence on the first ray along which the cost falls for ever, or "".
 
     ``best`` is the cost of the answer, and a change below ``least`` is none.
     """
     for along, cost, reach in rays:
-        if how := fall(cost, reach, best, least):
+        if how := describe_fall(cost, reach, best, least):
             return f"the cost {how.format(along)}{_REMEDY}"
     return ""
 
 
-def fall(cost: Callable[[float], float], reach: float, best: float, least: float) -> str:
+def describe_fall(cost: Callable[[float], float], reach: float, best: float, least: float) -> str:
     """How ``cost(t)`` falls: without end, towards what no point attains, or "" for neither.
 
     Without end: over the last three decades by no less in each. Never attained: it does not rise,
@@ -85,7 +85,7 @@ def fall(cost: Callable[[float], float], reach: float, best: float, least: float
 def unbounded_inputs(evaluation: Evaluation, step: Step, plan: Rollout) -> str:
     """Sentence on inputs without bounds along which the plan's cost falls for ever, or ""."""
     rays = _input_rays(evaluation, step, plan, _cost_of_inputs(evaluation))
-    return endless(rays, plan.cost, 1e-3 * _ROUNDING * evaluation.problem.scales.cost)
+    return describe_endless_ray(rays, plan.cost, 1e-3 * _ROUNDING * evaluation.problem.scales.cost)
 
 
 def _cost_of_inputs(evaluation: Evaluation) -> Callable[[np.ndarray], float] | None:
@@ -174,7 +174,7 @@ def unbounded_variables(
     distant = np.abs((answer - start) / program.sizes(start)).max(initial=0.0) > _DISTANT
     bases = [answer, start] if distant or np.isnan(best) else [answer]
     rays = (ray for base in bases for ray in _rays(program, base, p, bounds))
-    return endless(rays, float(np.nan_to_num(best, nan=np.inf)))
+    return describe_endless_ray(rays, float(np.nan_to_num(best, nan=np.inf)))
 
 
 def _rays(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> Iterator[Ray]:
@@ -184,13 +184,13 @@ def _rays(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.n
     if x.size <= _SINGLES and model.finite:
         ways += [*np.eye(x.size)[np.isinf(model.upper)], *-np.eye(x.size)[np.isinf(model.lower)]]
     for wanted in ways:
-        way = recession(model, wanted)
+        way = recession_direction(model, wanted)
         if way.any():
             moves = partial(_cost_at, program, model, p, bounds, x, model.sizes * way)
             yield _called(program, way), moves, 1.0
 
 
-def recession(model: LinearModel, wanted: np.ndarray) -> np.ndarray:
+def recession_direction(model: LinearModel, wanted: np.ndarray) -> np.ndarray:
     """Direction (n,) nearest to ``wanted`` that no bound or row ends, its largest entry 1, or 0.
 
     The smaller member of every pair, or what ``wanted`` opens less, stays zero; rows and bounds

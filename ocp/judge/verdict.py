@@ -10,7 +10,7 @@ import numpy as np
 from dynamics.systems import LAW_PREFIX
 from ocp.judge.constraints import describe_violations
 from ocp.judge.jumps import jump_findings
-from ocp.judge.referee import PENETRATION_SHARE, seen_gap
+from ocp.judge.referee import PENETRATION_SHARE, tolerance_gap
 from ocp.judge.route_report import Refinement
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.sizes import describe_sizes, doubtful_sizes
@@ -163,7 +163,7 @@ def _share(found: Solution, change: float, cost: float) -> float:
 
 def _cut(found: Solution) -> str:
     """How deep the replay penetrates between nodes, from 30 % of the tolerance on."""
-    cut, gap = found.referee.replay_between, seen_gap(found.problem, found.data["x"].values)
+    cut, gap = found.referee.replay_between, tolerance_gap(found.problem, found.data["x"].values)
     tolerance = PENETRATION_SHARE * gap
     if cut is None or cut.amount <= _DEEP * tolerance:
         return ""

@@ -23,7 +23,7 @@ from ocp.routes.homotopy import Homotopy, RouteResult
 from ocp.routes.rollouts import pack_rollout
 from ocp.routes.session import Session
 from ocp.solution import Solution
-from ocp.solve.judging import judged
+from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import best_of, new_session
 
 
@@ -135,7 +135,7 @@ def best_plan(
         outcome = _polished(session, guess)
         if outcome is None:
             outcome = session.solve(guess=guess, number=number)
-        found.append(judged(session, outcome, seed=0))
+        found.append(judge_outcome(session, outcome, seed=0))
     best = best_of(session, found)
     replay = (best.data[name].values[0] for name in ("x_replay", "u_replay"))
     return BestPlan(best, *episode_return(task, *replay))

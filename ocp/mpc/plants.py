@@ -11,7 +11,7 @@ import numpy as np
 from dynamics.batch import StepFunction
 from dynamics.systems.machine import with_implicit_forces
 from ocp.errors import InputError, choose, did_you_mean
-from ocp.judge.referee import REFINEMENT, step_place
+from ocp.judge.referee import REFINEMENT, step_size_kind
 from ocp.mpc.phase import numbers
 from ocp.problem.problem import Problem
 from ocp.simulators.mujoco_world import MujocoWorld
@@ -65,10 +65,10 @@ class Plant:
         self._world = MujocoWorld(problem, values) if name == "mujoco" else None
         step = problem.referee_step if name in ("referee", "h/4") else problem.exact_step
         if name == "h/4":
-            why, h, _ = step_place(problem.system)
-            if why or not h:
-                raise InputError(f"plant h/4: {why or 'the step size is a state'}; take referee")
-            values[h] /= REFINEMENT
+            step_size = step_size_kind(problem.system)
+            if step_size.kind != "parameter":
+                raise InputError(f"plant h/4: {step_size.reason or 'the step size is a state'}; take referee")
+            values[step_size.parameter] /= REFINEMENT
             self.substeps = REFINEMENT
         self._step, self._solve = StepFunction(step, threads=1), step.solve
         self._p = step.p.pack({name: values[name] for name in step.p.names if name in values})

@@ -14,7 +14,7 @@ from pydantic import InstanceOf
 
 from ocp.judge.certificate import certify
 from ocp.judge.constraints import Broken
-from ocp.judge.referee import step_place
+from ocp.judge.referee import step_size_kind
 from ocp.mpc.constraint_rows import ConstraintRows
 from ocp.mpc.controller import Command, Controller
 from ocp.mpc.phase import numbers
@@ -187,9 +187,9 @@ class _Loop:
         problem = self.controller.problem
         if not self.sd_x.any() and not self.sd_u.any():
             self.sd_x, self.sd_u = _SHARE * problem.scales.x, _SHARE * problem.scales.u
-            place = step_place(problem.system)[2]
-            if place >= 0:  # The step size is a state, which nobody measures.
-                self.sd_x[place] = 0.0
+            step_size = step_size_kind(problem.system)
+            if step_size.kind == "state":  # Nobody measures it.
+                self.sd_x[step_size.state] = 0.0
 
     def run(self, s: int, x: np.ndarray, rng: np.random.Generator) -> None:
         """One seed, from its start to its end."""

@@ -14,9 +14,9 @@ import numpy as np
 
 from dynamics.learned.laws import LearnedLaw
 from ocp.errors import InputError, abbreviated, interruptible
-from ocp.judge.audit import CONTENT, STILL, Audit, audit, cost_span, feasible, idle_cost
+from ocp.judge.audit import CONTENT, STILL, Audit, audit_result, cost_span, idle_cost, is_feasible
 from ocp.judge.certificate import Certificate, certify
-from ocp.judge.referee import Referee, evaluate, referee
+from ocp.judge.referee import Referee, referee_plan, referee_replay
 from ocp.judge.route_report import RouteReport
 from ocp.judge.sensitivity import sensitivity
 from ocp.judge.unbounded import runaway_inputs, unbounded_inputs, unbounded_variables
@@ -40,7 +40,7 @@ _IDLE = 1e-6
 """Relative gain over standing still below which nothing was achieved."""
 
 
-def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
+def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution:
     """Audit an outcome, certify and referee it, label it, and give it a status."""
     began = time.perf_counter()
     nlp, result = outcome.nlp, outcome.result
@@ -48,8 +48,8 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
     values = evaluation.values
     p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
     plan = trajectories(nlp, result, p)
-    found, replay, book = audit(nlp, result, plan, evaluation, p, bounds)
-    kept = feasible(nlp, found)
+    found, replay, book = audit_result(nlp, result, plan, evaluation, p, bounds)
+    kept = is_feasible(nlp, found)
     # Not the solver's f, which may hold a penalty on gains or on products of contact.
     rolled = Rollout.from_trajectories(evaluation, nlp.step, plan.x, plan.u, plan.lam, plan.gap)
     certificate = Certificate("undecided", reason=UNJUDGED)
@@ -72,7 +72,7 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
         # Iterates also run away uphill, as from the kinks of |u|: that is no fault of the problem.
         uphill = rolled.cost > idle_cost(evaluation, session.step, rolled)
         endless = "" if uphill else runaway_inputs(session.problem, plan.u)
-    report, replays = evaluate(evaluation, session.step, rolled, plan.gains)
+    report, replays = referee_plan(evaluation, session.step, rolled, plan.gains)
     return Solution(
         data=label(nlp, plan, replay, book, outcome, evaluation, replays.replay),
         cost=rolled.cost,
@@ -85,7 +85,7 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
         iterations=outcome.trace.iterations,
         build_s=session.total_build_s,
         solve_s=outcome.trace.seconds,
-        record=record(session, seed),
+        record=session_record(session, seed),
         route=RouteReport(outcome.route, audit_s=time.perf_counter() - began),
         unbounded=endless,
         problem=session.problem,
@@ -98,7 +98,7 @@ def judged(session: Session, outcome: RouteResult, seed: int) -> Solution:
 
 def _replay(problem: Problem, plan: Trajectories, values: dict[str, float]) -> Referee:
     inputs = plan.u if plan.gains is None else plan.gains
-    return referee(Evaluation(problem, values), inputs, plan.x[:, 0])
+    return referee_replay(Evaluation(problem, values), inputs, plan.x[:, 0])
 
 
 def status_of(
@@ -137,7 +137,7 @@ def status_of(
     return Status.UNDECIDED if certificate.stationarity == "undecided" else Status.NOT_OPTIMAL
 
 
-def record(session: Session, seed: int) -> dict[str, Any]:
+def session_record(session: Session, seed: int) -> dict[str, Any]:
     """Everything that determines an answer, ready for JSON."""
     problem, policy = session.problem, session.policy
     learned = session.law if isinstance(session.law, LearnedLaw) else None
@@ -173,14 +173,14 @@ FEASIBLE = 1e-6
 
 
 @contextmanager
-def keeping(session: Session, seed: int, progress: Progress | None) -> Iterator[Progress]:
+def keep_best_on_interrupt(session: Session, seed: int, progress: Progress | None) -> Iterator[Progress]:
     """Yield the callback that a solve of the session calls after each stage.
 
     If Ctrl-C ends the solve, raises :class:`~ocp.solution.Interrupted` with the best
     point of it, judged, its status :attr:`~ocp.programs.solver.Status.INTERRUPTED`; before a solver
     has run at all, there is none, and KeyboardInterrupt is raised as it came.
     """
-    kept = _Kept(session, progress)
+    kept = InterruptRecorder(session, progress)
     session.solver.heard = lambda program, result: kept.ends.append((program, result))
     try:
         with interruptible():
@@ -195,7 +195,7 @@ def keeping(session: Session, seed: int, progress: Progress | None) -> Iterator[
 
 
 @dataclass
-class _Kept:
+class InterruptRecorder:
     """Stages of a solve, and where each run of the solver ended, in whatever program."""
 
     session: Session
@@ -223,7 +223,7 @@ class _Kept:
         point = self._best(nlp, p)
         _LOG.info("interrupted after %d stages; the best point is judged", len(self.records))
         found = Result.at(nlp, point, p, Status.INTERRUPTED, "interrupted")
-        return judged(self.session, RouteResult(found, nlp, False, trace), seed)
+        return judge_outcome(self.session, RouteResult(found, nlp, False, trace), seed)
 
     def _best(self, nlp: Program, p: np.ndarray) -> Point:
         """The cheapest feasible point, or else the least infeasible one."""
@@ -233,8 +233,8 @@ class _Kept:
             point = translate(result.point, program, nlp)
             cost, g = nlp.values(point.x, p)
             off = max(
-                _beyond(g, bounds["lbg"], bounds["ubg"], natural.g),
-                _beyond(point.x, bounds["lbx"], bounds["ubx"], natural.x),
+                max_bound_violation(g, bounds["lbg"], bounds["ubg"], natural.g),
+                max_bound_violation(point.x, bounds["lbx"], bounds["ubx"], natural.x),
             )
             found.append((off, cost if np.isfinite(cost) else np.inf, point))
         kept = [one for one in found if one[0] <= FEASIBLE]
@@ -242,14 +242,14 @@ class _Kept:
         return (by_cost or min(found, key=lambda one: one[0]))[2]
 
 
-def _beyond(value: np.ndarray, low: np.ndarray, high: np.ndarray, size: np.ndarray) -> float:
+def max_bound_violation(value: np.ndarray, low: np.ndarray, high: np.ndarray, size: np.ndarray) -> float:
     """Largest violation of bounds, in natural units; infinite for NaN."""
     off = np.maximum(np.maximum(low - value, value - high), 0.0) / size
     return float(np.nan_to_num(off, nan=np.inf, posinf=np.inf).max(initial=0.0))
 
 
 @contextmanager
-def failures_kept(failures: list[Exception]) -> Iterator[None]:
+def collect_failures(failures: list[Exception]) -> Iterator[None]:
     """Append to ``failures`` what one of several candidates raises, so that others go on.
 
     An :class:`~ocp.errors.InputError`, which every candidate would raise, goes through.
@@ -264,7 +264,7 @@ def failures_kept(failures: list[Exception]) -> Iterator[None]:
         failures.append(error)
 
 
-def with_failures(found: Solution, failures: list[Exception]) -> Solution:
+def add_failures(found: Solution, failures: list[Exception]) -> Solution:
     """Put the errors that other candidates ended in, if any, into a solution's route."""
     told = [f"{type(error).__name__}: {abbreviated(str(error))}" for error in failures]
     return found.with_route(failures=told)

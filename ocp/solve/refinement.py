@@ -10,88 +10,87 @@ import casadi as ca
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.judge.referee import place_of, refined_replay, step_place
+from ocp.judge.referee import index_of_symbol, refined_replay, step_size_kind
 from ocp.judge.route_report import Level, Refinement
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
-from ocp.problem.rollout import Gains, roll_on
+from ocp.problem.rollout import roll_on
 from ocp.programs.solver import Status
 from ocp.solution import Solution
 
 AGREED = 0.05
-"""Share of a plan's cost to which that of its replay at half the step agrees with it."""
+"""Largest difference of a plan's cost and that of its replay at h/2, as a share of the cost, that counts as none."""
 HALVINGS = 4
-"""Of the step, at most: at h/16 a solve has sixteen times the variables."""
-_SMALL = 1e-7
+"""Maximum number of halvings: at h/16 a solve has sixteen times the variables."""
+_PERTURBATION = 1e-7
+"""Change of a state at the start, in its characteristic size, whose growth is measured."""
 
 
-def level_of(found: Solution) -> Level:
+def replay_level(solution: Solution) -> Level:
     """Replay the inputs, or the policy, of a solution at half its step and compare the costs."""
-    x0, h = found.data["x"].values[:, 0], float(found.data["time"][1])
-    evaluation = Evaluation(found.problem, found.values)
-    replay, _ = refined_replay(evaluation, _inputs(found), x0, by=2)
-    replayed = float("nan") if replay is None else replay.cost
-    difference = evaluation.cost_share(abs(replayed - found.cost), found.cost)
-    return Level(h, found.problem.N, found.status.label, found.cost, replayed, difference <= AGREED)
+    problem, x0 = solution.problem, solution.data["x"].values[:, 0]
+    evaluation = Evaluation(problem, solution.values)
+    replay, _ = refined_replay(evaluation, solution.inputs, x0, factor=2)
+    replayed_cost = float("nan") if replay is None else replay.cost
+    share = evaluation.cost_share(abs(replayed_cost - solution.cost), solution.cost)
+    h = float(solution.data["time"][1])
+    return Level(h, problem.N, solution.status.label, solution.cost, replayed_cost, share <= AGREED)
 
 
-def _inputs(found: Solution) -> np.ndarray | Gains:
-    return found.data["u"].values if found.gains is None else found.gains
+def perturbation_growth(solution: Solution) -> float:
+    """Return the largest factor by which a small change of the start grows along a plan.
 
-
-def growth(found: Solution) -> float:
-    """How many times larger a small change of the start gets along a plan, at the most.
-
-    By differences of replays, a state at a time, in characteristic sizes.
+    Measured by replays from starts with one state changed each, in characteristic sizes.
     """
-    sizes, x0 = found.problem.scales.x, found.data["x"].values[0, 0]
-    starts = x0 + _SMALL * np.vstack([0 * sizes, np.diag(sizes)])
-    inputs, problem = _inputs(found), found.problem
-    inputs = inputs if isinstance(inputs, Gains) else inputs[:1]
-    x = roll_on(Evaluation(problem, found.values), inputs, problem.referee_step, starts)[0].x
-    return float(np.nanmax(np.abs(x[1:] - x[0]) / sizes) / _SMALL)
+    problem, inputs = solution.problem, solution.inputs
+    sizes = problem.scales.x
+    starts = solution.data["x"].values[0, 0] + _PERTURBATION * np.vstack([0 * sizes, np.diag(sizes)])
+    inputs = inputs[:1] if isinstance(inputs, np.ndarray) else inputs
+    x = roll_on(Evaluation(problem, solution.values), inputs, problem.referee_step, starts)[0].x
+    return float(np.nanmax(np.abs(x[1:] - x[0]) / sizes) / _PERTURBATION)
 
 
-def halved(problem: Problem, values: dict[str, float], by: int) -> dict[str, Any]:
-    """Horizon and step size, by name, of the same duration in ``by`` times as many steps.
+def divided_step(problem: Problem, values: dict[str, float], factor: int) -> dict[str, Any]:
+    """Return N and the step size, by name, for the same duration in ``factor`` times as many steps.
 
-    Of a step size that is a state it is those parameters which bound it that are divided.
+    Where the step size is a state, the parameters that bound it are divided.
     Raises :class:`~ocp.errors.InputError` where h is no step of a discretisation.
     """
-    why, name, place = step_place(problem.system)
-    if why:
-        raise InputError(f"refine halves the step of {problem.name}, but {why}; leave it out")
-    if name:
-        return {"N": by * problem.N, name: values[name] / by}
-    ends = [ca.SX(problem.x_lower), ca.SX(problem.x_upper)]
+    step_size = step_size_kind(problem.system)
+    if step_size.kind == "fixed":
+        raise InputError(f"refine halves the step of {problem.name}, but {step_size.reason}; leave it out")
+    if step_size.kind == "parameter":
+        return {"N": factor * problem.N, step_size.parameter: values[step_size.parameter] / factor}
+    bounds = [ca.SX(problem.x_lower), ca.SX(problem.x_upper)]
     if problem.start is not None:
-        ends += [ca.SX(problem.start.lower), ca.SX(problem.start.upper)]
+        bounds += [ca.SX(problem.start.lower), ca.SX(problem.start.upper)]
     table = problem.parameters
-    found = (place_of(end[place], table.vector) for end in ends if end.numel() > 1)
-    names = dict.fromkeys(table.names[i] for i in found if i is not None)
-    return {"N": by * problem.N} | {name: values[name] / by for name in names}
+    indices = (index_of_symbol(bound[step_size.state], table.vector) for bound in bounds if bound.numel() > 1)
+    names = dict.fromkeys(table.names[i] for i in indices if i is not None)
+    return {"N": factor * problem.N} | {name: values[name] / factor for name in names}
 
 
-def refined(first: Solution, again: Callable[[dict[str, Any], Solution], Solution]) -> Solution:
+def refine_step_size(coarse: Solution, solve_again: Callable[[dict[str, Any], Solution], Solution]) -> Solution:
     """Plan at h/2, h/4, ... from the last plan, until plan and replay at half the step agree.
 
-    ``again`` solves at other values by name (:func:`halved`), from a solution. The last plan that
-    is solved is returned, with every level in its ``route.refinement``. Raises as :func:`halved` does.
+    ``solve_again`` solves at other values by name (:func:`divided_step`), from a solution. The last
+    plan that is solved is returned, with every level in its ``route.refinement``. Raises as
+    :func:`divided_step` does.
     """
-    found, levels, stopped, iterations = first, [level_of(first)], "", first.iterations
-    turned = [halved(first.problem, first.values, 2**k) for k in range(1, HALVINGS + 1)]
+    finest, levels, stopped, iterations = coarse, [replay_level(coarse)], "", coarse.iterations
+    divided = [divided_step(coarse.problem, coarse.values, 2**k) for k in range(1, HALVINGS + 1)]
     while True:
         if levels[-1].status != Status.SOLVED.label:
             stopped = f"the plan at h = {levels[-1].h:.6g} is {levels[-1].status}"
         elif not levels[-1].agreed and len(levels) > HALVINGS:
             stopped = (
                 f"h was halved {HALVINGS} times; a small change of the start gets"
-                f" {growth(found):.2g} times larger along the plan, and so does the step's error"
+                f" {perturbation_growth(finest):.2g} times larger along the plan, and so does the step's error"
             )
         if stopped or levels[-1].agreed:
             break
-        finer = again(turned[len(levels) - 1], found)
-        levels.append(level_of(finer))
+        finer = solve_again(divided[len(levels) - 1], finest)
+        levels.append(replay_level(finer))
         iterations += finer.iterations
-        found = finer if finer.success else found
-    return replace(found, iterations=iterations).with_route(refinement=Refinement(levels, stopped))
+        finest = finer if finer.success else finest
+    return replace(finest, iterations=iterations).with_route(refinement=Refinement(levels, stopped))

@@ -21,8 +21,8 @@ from ocp.programs.solver import Solver, Status
 from ocp.routes.homotopy import GAIN, StageRecord
 from ocp.routes.session import Session, as_swept
 from ocp.solution import Interrupted, Solution
-from ocp.solve.judging import failures_kept, judged, keeping, with_failures
-from ocp.solve.refinement import halved, refined
+from ocp.solve.judging import add_failures, collect_failures, judge_outcome, keep_best_on_interrupt
+from ocp.solve.refinement import divided_step, refine_step_size
 from ocp.solve.request import ProblemLike, Settings, check_setting_names, rebuilder, resolve_problem
 from ocp.solve.warm_start import GuessLike, carried_guess, carry, given_guess
 from ocp.transcription import Method
@@ -93,7 +93,7 @@ def solve(
     is searched whose answer has no certificate, does not survive, or hardly beats standing still.
 
     ``refine`` plans again at half the step, from the last plan, until its cost and that of its
-    replay at half the step agree (:func:`~ocp.solve.refinement.refined`); of a problem object N is
+    replay at half the step agree (:func:`~ocp.solve.refinement.refine_step_size`); of a problem object N is
     doubled and all else kept, of a named one it is as with parameters ``N`` and ``h``.
 
     Raises :class:`~ocp.errors.InputError` for settings, names or combinations that cannot be.
@@ -126,7 +126,7 @@ def solve(
     if warm_start is not None and n_starts != 1:
         raise InputError("warm_start cannot be combined with several starts; leave n_starts at 1")
     if refine:
-        halved(session.problem, session.values, 1)
+        divided_step(session.problem, session.values, 1)
     if warm_start is None:
         found = solve_session(session, n_starts, seed, progress, rank_by)
     else:
@@ -141,7 +141,7 @@ def refine_from(
     seed: int = 0,
     progress: Callable[[StageRecord], None] | None = None,
 ) -> Solution:
-    """Refine a session's solution, see :func:`~ocp.solve.refinement.refined`.
+    """Refine a session's solution, see :func:`~ocp.solve.refinement.refine_step_size`.
 
     ``build`` makes the problem anew, of that one, at other values by name.
     """
@@ -154,7 +154,7 @@ def refine_from(
         finer.values |= {name: v for name, v in values.items() if name in finer.values}
         return solve_from(finer, start, seed, progress)
 
-    return refined(found, again)
+    return refine_step_size(found, again)
 
 
 def check_starts(n_starts: int, seed: int = 0, rank_by: str = "planned") -> None:
@@ -179,14 +179,14 @@ def solve_from(
     """
     if start.route.swept:
         session = as_swept(session)
-    with keeping(session, seed, progress) as watch:
+    with keep_best_on_interrupt(session, seed, progress) as watch:
         outcome = session.resume(carry(start, session.nlp_of("product"), session.values), watch)
         if not (resumed := outcome.finished):
             guess = carried_guess(start, session.problem, session.values)
             cold = session.solve(progress=watch, guess=guess)
             cold.trace.absorb(outcome.trace)
             outcome = cold
-        found = judged(session, outcome, seed)
+        found = judge_outcome(session, outcome, seed)
     origin = start.run_hash or "a solution in memory"
     return found.with_route(started_from=origin, resumed=resumed, swept=session.problem.swept)
 
@@ -279,29 +279,29 @@ def solve_session(
     try:
         with interruptible():
             if pushes is not None and pushes.first:
-                with failures_kept(failures):
+                with collect_failures(failures):
                     solutions += pushes.solutions()
             for number, guess in enumerate(guesses if not solutions else ()):
                 still = solutions and session.from_afar and _stands_still(solutions[-1])
                 if number >= n_starts and not still:
                     break
-                first = keeping(session, seed, progress)
+                first = keep_best_on_interrupt(session, seed, progress)
                 watching = nullcontext(progress) if solutions else first
-                with failures_kept(failures), watching as watch:
+                with collect_failures(failures), watching as watch:
                     outcome = session.solve(progress=watch, guess=guess, number=number)
-                    solutions.append(judged(session, outcome, seed))
+                    solutions.append(judge_outcome(session, outcome, seed))
             if not solutions:
                 raise failures[0]
             best = min(solutions, key=lambda found: rank(found, rank_by))
             if pushes is not None and not pushes.first and pushes.wanted(best):
-                with failures_kept(failures):
+                with collect_failures(failures):
                     solutions += pushes.solutions(best)
     except KeyboardInterrupt as stop:
         if not solutions:
             raise
         raise Interrupted(best_of(session, solutions, rank_by)) from stop
     best = solutions[0] if len(solutions) == 1 else best_of(session, solutions, rank_by)
-    return with_failures(best.with_route(search=None if pushes is None else pushes.report), failures)
+    return add_failures(best.with_route(search=None if pushes is None else pushes.report), failures)
 
 
 def _pushes(session: Session, seed: int, progress: Callable[[StageRecord], None] | None) -> PushSearch | None:
@@ -311,7 +311,7 @@ def _pushes(session: Session, seed: int, progress: Callable[[StageRecord], None]
     # Only here: what only scenes need is not loaded for other problems.
     from ocp.search.push_search import PushSearch
 
-    return PushSearch(session, judged, seed, progress)
+    return PushSearch(session, judge_outcome, seed, progress)
 
 
 def _stands_still(found: Solution) -> bool:

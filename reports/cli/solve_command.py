@@ -16,7 +16,7 @@ from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
 from ocp.simulators import WORLDS
 from ocp.solution import Interrupted, Replay, Solution
-from ocp.solve.refinement import halved
+from ocp.solve.refinement import divided_step
 from ocp.solve.request import rebuilder
 from ocp.solve.solve import Rank, refine_from, solve_from, solve_session
 from ocp.store import atomic
@@ -58,7 +58,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
 
         check_search(request.session)
     if options.refine:
-        halved(request.session.problem, request.session.values, 1)
+        divided_step(request.session.problem, request.session.values, 1)
     if options.world is not None:
         from ocp.simulators.mujoco_world import MujocoWorld
 
@@ -99,7 +99,7 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     )
     solution = _solved(options, request, start)
     if options.world is not None:
-        replay = solution.in_world(options.world)
+        replay = solution.replay_in(options.world)
         solution = replace(solution, simulator={**replay.document, "sentence": replay.sentence})
     if options.sensitivity:
         slopes = {name: _cost_slopes(solution, name) for name in options.sensitivity}
@@ -253,7 +253,7 @@ def run_replay(options: ReplayOptions, request: ReplayRequest) -> int:
     """Simulate the inputs, or the feedback policy, of a stored run under a law, or in a world."""
     (stored, solution, law), output = request, options.output
     if isinstance(law, str):
-        external = solution.in_world(law)
+        external = solution.replay_in(law)
         output.say(external.sentence)
         output.document({"run": str(stored.path), "problem": stored.meta["problem"], **external.document})
         return 0 if math.isfinite(external.cost) else NOT_CONVERGED

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from dynamics.systems.pairs import Pair
-from ocp.judge.contact_report import acting
+from ocp.judge.contact_report import active_contacts
 from reports.drawing.notation import label, symbol
 from reports.drawing.style import BLUE, CYCLE, GREEN, GREY, INK, ORANGE, PURPLE, REPLAYED, SKY, VERMILLION, WIDTH
 from reports.drawing.view import RunView
@@ -120,7 +120,7 @@ class Contact:
     """One contact over the steps of all scenarios, arrays (S, N).
 
     ``normal`` is its impulse or force, ``again`` that of the replay or None, ``gap`` None where it
-    is unknown; ``active`` as :func:`ocp.judge.contact_report.acting` has it. ``friction`` holds
+    is unknown; ``active`` as :func:`ocp.judge.contact_report.active_contacts` has it. ``friction`` holds
     friction, its bound, and flags of slip and degeneracy, where there is friction. ``multipliers``
     are the names of what is drawn.
     """
@@ -159,7 +159,7 @@ def contacts_of(view: RunView) -> list[Contact]:
             multipliers[i],
             None if replayed is None else mean_multiplier(view, replayed, i),
             gaps[i],
-            acting(multipliers[i] / sizes[0], gaps[i] / sizes[1])[0],
+            active_contacts(multipliers[i] / sizes[0], gaps[i] / sizes[1])[0],
             multipliers=(signal.name,),
         )
         for i, signal in enumerate(signals)

@@ -10,7 +10,7 @@ import pytest
 
 from ocp.continuation import walk
 from ocp.problem import resources
-from ocp.solve.judging import judged
+from ocp.solve.judging import judge_outcome
 from reports.cli.streams import Output
 
 WALL = ("solve", "wall-1d", "--contact", "barrier")
@@ -117,11 +117,11 @@ def test_a_curve_that_ends_in_no_number_has_failed(ocp, monkeypatch: pytest.Monk
     """From m = 0.75 on the exact replay overflows."""
 
     def overflown(session, outcome, seed):
-        found = judged(session, outcome, seed)
+        found = judge_outcome(session, outcome, seed)
         lost = inf if session.values["m"] < 0.8 else found.audit.exact_cost
         return replace(found, audit=replace(found.audit, exact_cost=lost))
 
-    monkeypatch.setattr(walk, "judged", overflown)
+    monkeypatch.setattr(walk, "judge_outcome", overflown)
     monkeypatch.setattr(walk, "SMALLEST", 0.9)
     done = ocp(
         "continue",

@@ -99,7 +99,7 @@ def test_a_way_on_a_problem_gives_a_verdict_or_a_sentence(crossing: Crossing) ->
         found = solve(problem, **crossing.arguments)
         is_verdict(found)
         if way.world:
-            assert found.in_world(way.world).sentence
+            assert found.replay_in(way.world).sentence
 
 
 @pytest.mark.parametrize("crossing", cases("as a command line"))

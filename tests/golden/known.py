@@ -8,7 +8,7 @@ from dynamics.contact import Barrier, ContactLaw, Exact
 from ocp import Direct, Solution
 from ocp.problem.rollout import initial_guesses
 from ocp.routes.session import Session
-from ocp.solve.judging import judged
+from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session
 from problems import Golden, get, names, spec
 
@@ -26,7 +26,7 @@ def session_of(name: str, key: str = "exact", **settings: str | float) -> Sessio
 def solved(session: Session, start: int = 0) -> Solution:
     """Solve from guess ``start`` of seed 0."""
     guess = initial_guesses(session.evaluation, start + 1, 0)[start]
-    return judged(session, session.solve(guess=guess), 0)
+    return judge_outcome(session, session.solve(guess=guess), 0)
 
 
 @functools.cache

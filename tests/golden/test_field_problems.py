@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from dynamics.contact import Barrier, Exact
 from ocp import Direct, MultipleShooting, SingleShooting, Solution, Status, solve
 from ocp.problem.rollout import initial_guesses
-from ocp.solve.judging import judged
+from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session
 from problems import ball_throw, get, hopper_1d, spec
 from tests.golden import schedules
@@ -168,7 +168,7 @@ def test_idle_inputs_cost_what_the_interior_point_leaves(method, own, tol) -> No
 def test_shaken_guesses_end_at_the_same_optimum(name: str) -> None:
     session = new_session(get(name), Exact(), Direct())
     for guess in initial_guesses(session.evaluation, 4, 7)[1:]:
-        found = judged(session, session.solve(guess=guess), 7)
+        found = judge_outcome(session, session.solve(guess=guess), 7)
         assert found.success
         assert found.cost == pytest.approx(exact(name).cost, rel=1e-6)
 

@@ -12,7 +12,7 @@ import problems
 from dynamics.contact import Barrier, Exact
 from ocp import Direct, Solution, Status, solve
 from ocp.routes import complementarity
-from ocp.solve.judging import judged
+from ocp.solve.judging import judge_outcome
 from ocp.transcription.nlp import NLP
 from problems.machines.hopper import hopper
 from problems.machines.simulation import simulate, simulation
@@ -146,7 +146,7 @@ def test_a_gait_settled_on_its_first_branch_is_not_optimal(monkeypatch: pytest.M
     monkeypatch.setattr(NLP, "active_sets", lambda nlp, x: guesses(nlp, x)[:1])
     monkeypatch.setattr(complementarity, "improved", lambda _, found, vain: found)
     session = session_of("half-cheetah")
-    found = judged(session, session.solve(), 0)
+    found = judge_outcome(session, session.solve(), 0)
     check_gait(found, 1.0)
     assert found.status is Status.NOT_OPTIMAL
     assert found.cost == pytest.approx(0.0517645, rel=1e-5)

@@ -8,7 +8,7 @@ import problems
 from dynamics.contact import Adaptive, Barrier, Exact, Randomized
 from ocp import Direct, Feedback, MultipleShooting, SingleShooting, Status, solve
 from ocp.problem.rollout import initial_guesses
-from ocp.solve.judging import judged
+from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session
 from problems.studies.start_without_contact.data import gains, plan
 from tests.golden.known import LAWS, better
@@ -84,7 +84,7 @@ def test_feedback_over_scenarios_is_worth_its_gains() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_exact_law_is_solved_from_every_perturbed_guess(name: str) -> None:
     session = new_session(problems.get(name), Exact(), Direct())
-    found = [judged(session, session.solve(guess=g), 0) for g in initial_guesses(session.evaluation, 21, 0)]
+    found = [judge_outcome(session, session.solve(guess=g), 0) for g in initial_guesses(session.evaluation, 21, 0)]
     assert sum(one.success for one in found) >= 20
     golden = problems.spec(name).golden["exact"]
     assert [one.cost for one in found if better(golden, one)] == []

@@ -13,7 +13,7 @@ from dynamics.contact import Exact
 from dynamics.systems import lcs
 from ocp import InputError, Problem, Scaling, Solution, Status, solve
 from ocp.problem.rollout import roll_out
-from ocp.solve.refinement import AGREED, HALVINGS, growth, halved, level_of, refined
+from ocp.solve.refinement import AGREED, HALVINGS, divided_step, perturbation_growth, refine_step_size, replay_level
 from problems import get
 
 COARSE = {"h": 0.2, "N": 10}
@@ -70,21 +70,21 @@ def test_a_step_that_is_part_of_the_model_is_not_refined(name: str) -> None:
 def test_refining_ends_and_says_why() -> None:
     """A plan that is not solved, and one that never agrees; the last solved one is returned."""
     coarse = solve("ball-bounce", "exact", **COARSE)
-    assert not level_of(coarse).agreed
+    assert not replay_level(coarse).agreed
 
     def never(turned: dict[str, Any], start: Solution) -> Solution:
         return replace(coarse, iterations=1)
 
     def lost(turned: dict[str, Any], start: Solution) -> Solution:
-        return replace(coarse, status=Status.INFEASIBLE, cost=level_of(coarse).replayed)
+        return replace(coarse, status=Status.INFEASIBLE, cost=replay_level(coarse).replayed)
 
-    found = refined(coarse, lost)
+    found = refine_step_size(coarse, lost)
     assert found.success and found.cost == coarse.cost
     assert found.route.refinement.stopped.endswith("is infeasible")
     assert "; the plan at h = 0.2 is infeasible." in found.verdict
-    unsolved = refined(replace(coarse, status=Status.NOT_OPTIMAL), never)
+    unsolved = refine_step_size(replace(coarse, status=Status.NOT_OPTIMAL), never)
     assert len(unsolved.route.refinement.levels) == 1 and not unsolved.success
-    stubborn = refined(coarse, never)
+    stubborn = refine_step_size(coarse, never)
     assert len(stubborn.route.refinement.levels) == HALVINGS + 1
     assert stubborn.route.refinement.stopped.startswith(f"h was halved {HALVINGS} times; ")
     assert stubborn.iterations == coarse.iterations + HALVINGS
@@ -95,7 +95,7 @@ def test_a_step_size_that_is_chosen_is_halved_by_its_bounds() -> None:
     problem = get("half-cheetah")
     values = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
     low, high = values["h_min"], values["h_max"]
-    assert halved(problem, values, 4) == {"N": 4 * problem.N, "h_min": low / 4, "h_max": high / 4}
+    assert divided_step(problem, values, 4) == {"N": 4 * problem.N, "h_min": low / 4, "h_max": high / 4}
 
 
 def test_growth_is_that_of_a_linear_system() -> None:
@@ -114,4 +114,4 @@ def test_growth_is_that_of_a_linear_system() -> None:
     )
     found = solve(problem, Exact())
     powers = [np.linalg.matrix_power(A, k) for k in range(21)]
-    assert growth(found) == pytest.approx(np.abs(powers).max(), rel=1e-5)
+    assert perturbation_growth(found) == pytest.approx(np.abs(powers).max(), rel=1e-5)

@@ -9,7 +9,7 @@ import pytest
 
 from dynamics.contact import Exact
 from ocp import Solution, solve
-from ocp.judge.referee import COST_SHARE, evaluate, survival_refined
+from ocp.judge.referee import COST_SHARE, referee_plan, survival_refined
 from ocp.judge.verdict import findings, grade, headline
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, roll_out
@@ -73,7 +73,7 @@ def test_each_bound_of_the_finer_replay_is_a_reason_alone() -> None:
     problem, values, data = found.problem, found.values, found.data
     x, u, lam, gap = (data[name].values for name in ("x", "u", "lam", "gap"))
     plan = Rollout(x, u, lam, gap, lam, np.array([found.cost]))
-    report, sharp = evaluate(Evaluation(problem, values), problem.exact_step, plan)
+    report, sharp = referee_plan(Evaluation(problem, values), problem.exact_step, plan)
     assert report.refined_reasons == [] and sharp.refined is not None
     own = sharp.refined
 

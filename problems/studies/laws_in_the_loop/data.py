@@ -15,7 +15,7 @@ import xarray as xr
 
 from dynamics.batch import BatchWarning
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
-from ocp.judge.referee import step_place
+from ocp.judge.referee import step_size_kind
 from ocp.mpc import ClosedLoop, Controller, Disturbance, simulate
 from ocp.problem.problem import Problem
 from problems.registry import get
@@ -88,7 +88,7 @@ class TaskLoops:
         """Plants that differ from each other."""
         alike = {
             "referee": self.problem.referee_step is self.problem.exact_step,
-            "h/4": bool(step_place(self.problem.system)[0]),
+            "h/4": step_size_kind(self.problem.system).kind == "fixed",
         }
         return [plant for plant in PLANTS if not alike.get(plant)]
 

@@ -17,7 +17,7 @@ from statistics import median
 
 from docs.generator.measured import DATA, read, write_table
 from ocp.problem.rollout import initial_guesses
-from ocp.solve.judging import judged
+from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session
 from problems import get, names
 
@@ -49,7 +49,7 @@ def answer(problem: str, law: str, index: int) -> Answer:
     session = new_session(get(problem), law)
     guess = initial_guesses(session.evaluation, PERTURBED + 1, SEED)[index]
     began = time.process_time()
-    found = judged(session, session.solve(guess=guess), SEED)
+    found = judge_outcome(session, session.solve(guess=guess), SEED)
     seconds = time.process_time() - began
     return Answer(found.success, bool(found.referee.survives), found.referee.cost, seconds)
 

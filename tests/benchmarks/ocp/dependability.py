@@ -21,7 +21,7 @@ from dynamics.contact import Exact
 from ocp.problem.rollout import initial_guesses
 from ocp.programs.solver import Status
 from ocp.solution import Solution
-from ocp.solve.judging import judged
+from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session
 from problems import get, names, spec
 
@@ -89,7 +89,7 @@ def from_guess(problem: str, index: int) -> Start:
     began = time.process_time()
     outcome = session.solve(guess=guess)
     seconds = time.process_time() - began
-    found = judged(session, outcome, SEED)
+    found = judge_outcome(session, outcome, SEED)
     made = session.problem
     return Start(
         problem,

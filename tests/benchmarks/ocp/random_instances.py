@@ -30,7 +30,7 @@ from ocp.routes.homotopy import Homotopy, RouteResult
 from ocp.routes.relaxations import CentralPath
 from ocp.routes.session import Session
 from ocp.solution import Solution
-from ocp.solve.judging import judged
+from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session, solve
 from ocp.transcription import Method, MultipleShooting, SingleShooting
 from problems import get
@@ -92,7 +92,7 @@ def _from_session(
     began, wall = time.process_time(), time.perf_counter()
     outcome = run(session)
     spent = time.process_time() - began, time.perf_counter() - wall
-    return _answer(judged(session, outcome, SEED), *spent)
+    return _answer(judge_outcome(session, outcome, SEED), *spent)
 
 
 def _strategy(name: str) -> Callable[[Instance], Answer]:

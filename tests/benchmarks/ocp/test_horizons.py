@@ -9,7 +9,7 @@ import pytest
 
 from docs.generator.measured import write_table
 from dynamics.contact import Barrier, ContactLaw, Exact
-from ocp.solve.judging import judged
+from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session
 from problems import get
 from tests.benchmarks.ocp.race import tell
@@ -41,7 +41,7 @@ def measured(name: str, law: ContactLaw, steps: int) -> Measured:
     began = time.process_time()
     session = new_session(get(name, N=steps), law)
     session.solver.options["max_wall_time"] = LIMIT_S
-    found = judged(session, session.solve(), 0)
+    found = judge_outcome(session, session.solve(), 0)
     took = time.process_time() - began
     return Measured(took / steps, found.iterations, found.status.label)
 

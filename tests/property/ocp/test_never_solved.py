@@ -15,7 +15,7 @@ from ocp.programs.solver import Point, Result
 from ocp.routes.homotopy import RouteResult, Trace
 from ocp.routes.rollouts import pack_rollout
 from ocp.routes.session import Session
-from ocp.solve.judging import judged
+from ocp.solve.judging import judge_outcome
 from problems import get
 
 NAMES = (
@@ -70,7 +70,7 @@ def status_of_random_inputs(name: str, law: str, seed: int = 0) -> Status:
     session = Session(without_constraints(name), LAWS[law], Direct(), OpenLoop())
     reformulation = "none" if session.step.exact else "product"
     x = pack_rollout(session.nlp_of(reformulation), perturbed(session, seed), None)
-    found = judged(session, claimed(session, x, reformulation), seed=0)
+    found = judge_outcome(session, claimed(session, x, reformulation), seed=0)
     assert found.audit.dynamics_residual < 1e-8, "the point is feasible"
     return found.status
 
@@ -100,7 +100,7 @@ def test_in_shooting_too(method, law: str, seed: int) -> None:
     nlp = session.nlp_of("product")
     blocks = {"x": rolled.x[:, 1:], "u": rolled.u}
     x = nlp.variables.pack({k: v for k, v in blocks.items() if k in nlp.variables})
-    found = judged(session, claimed(session, x), seed=0)
+    found = judge_outcome(session, claimed(session, x), seed=0)
     assert found.status in (Status.NOT_OPTIMAL, Status.NO_PROGRESS)
     assert found.certificate.stationarity == "not"
     assert not found.success

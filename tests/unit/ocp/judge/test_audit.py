@@ -21,13 +21,13 @@ from ocp import (
     Status,
     solve,
 )
-from ocp.judge.audit import audit, task_gradient, worst_constraints
+from ocp.judge.audit import audit_result, task_gradient, worst_constraints
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import roll_out
 from ocp.programs.solver import Point
 from ocp.routes.homotopy import RouteResult
 from ocp.routes.session import Session
-from ocp.solve.judging import judged
+from ocp.solve.judging import judge_outcome
 from ocp.transcription.nlp import trajectories
 from problems import get
 
@@ -49,8 +49,8 @@ def planted(block: str, index: tuple[int, ...], amount: float, law: str = "exact
     values = session.values
     p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
     plan = trajectories(nlp, moved, p)
-    found, _, _ = audit(nlp, moved, plan, Evaluation(nlp.problem, values), p, bounds)
-    return found, plan, judged(session, replace(outcome, result=moved), seed=0).status
+    found, _, _ = audit_result(nlp, moved, plan, Evaluation(nlp.problem, values), p, bounds)
+    return found, plan, judge_outcome(session, replace(outcome, result=moved), seed=0).status
 
 
 @pytest.mark.costly
@@ -246,7 +246,7 @@ def test_the_homotopy_leads_out_of_the_dead_end(method) -> None:
 def test_a_solver_that_lies_is_not_believed() -> None:
     session, outcome = solved()
     lie = replace(outcome.result, point=Point(np.zeros(outcome.nlp.n)))
-    found = judged(session, replace(outcome, result=lie), seed=0)
+    found = judge_outcome(session, replace(outcome, result=lie), seed=0)
     assert lie.ok
     assert found.status is Status.INEXACT
     assert not found.success

@@ -10,7 +10,7 @@ import pytest
 
 from dynamics.systems import ParameterTable, signals, time_stepping
 from ocp import mpcc, solve
-from ocp.judge.jumps import Domain, jump_findings, jumps
+from ocp.judge.jumps import Domain, jump_findings, jumping_operations
 from ocp.problem.problem import Constraint, Problem
 from problems import get, names
 
@@ -61,25 +61,25 @@ KINKS = {
 
 @pytest.mark.parametrize("operation", JUMPS)
 def test_what_jumps_is_named(operation):
-    assert operation in jumps(ca.SX(JUMPS[operation]), X, Domain(SIZES))
+    assert operation in jumping_operations(ca.SX(JUMPS[operation]), X, Domain(SIZES))
 
 
 @pytest.mark.parametrize("kind", MORE_JUMPS)
 def test_branch_cuts_and_quotients_are_named(kind):
     operation, expression = MORE_JUMPS[kind]
-    assert jumps(expression, X, Domain(SIZES)) == [operation]
+    assert jumping_operations(expression, X, Domain(SIZES)) == [operation]
 
 
 @pytest.mark.parametrize("kind", KINKS)
 def test_what_is_continuous_does_not_jump(kind):
-    assert jumps(KINKS[kind], X, Domain(SIZES)) == []
+    assert jumping_operations(KINKS[kind], X, Domain(SIZES)) == []
 
 
 @pytest.mark.parametrize("operation", JUMPS)
 def test_what_bounds_keep_away_does_not_jump(operation):
     """Within these bounds no switch is met, and no branch cut."""
     inside = Domain(SIZES, np.array([0.15, 0.31]), np.array([0.3, 0.9]))
-    assert jumps(ca.SX(JUMPS[operation]), X, inside) == []
+    assert jumping_operations(ca.SX(JUMPS[operation]), X, inside) == []
 
 
 @pytest.mark.parametrize("name", names())

@@ -14,7 +14,7 @@ from dynamics.systems import ContactSystem
 from ocp import Direct, Gains, NotConverged, Problem, Solution, roll_out, solve
 from ocp.judge.constraints import broken_constraints
 from ocp.judge.measures import measure
-from ocp.judge.referee import Referee, RefereeReport, evaluate, referee, survival
+from ocp.judge.referee import Referee, RefereeReport, referee_plan, referee_replay, survival
 from ocp.judge.step_solutions import Nonuniqueness, differing_contacts, find_nonuniqueness
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, roll_on
@@ -41,7 +41,7 @@ def solved(problem_of, law=None) -> tuple[Solution, RefereeReport, Referee]:
     problem, law = problem_of(), law or Exact()
     found = solve(problem, law, Direct(), n_starts=3)
     assert found.success
-    return found, *evaluate(Evaluation(problem, found.values), law.close(problem.system), plan_of(found))
+    return found, *referee_plan(Evaluation(problem, found.values), law.close(problem.system), plan_of(found))
 
 
 # --- problems of users -----------------------------------------------------------------------
@@ -71,8 +71,8 @@ def test_with_true_gaps_the_same_problem_is_its_own_referee() -> None:
     assert problem.system.sharpest is problem.system
     assert problem.referee_step is problem.exact_step
     inputs = np.random.default_rng(0).normal(scale=0.3, size=(1, problem.N, 2))
-    judged = referee(at_defaults(problem), inputs, problem.initial_states(physical(problem)))
-    by_model = referee(at_defaults(round_a_post()), inputs, judged.replay.x[:, 0])
+    judged = referee_replay(at_defaults(problem), inputs, problem.initial_states(physical(problem)))
+    by_model = referee_replay(at_defaults(round_a_post()), inputs, judged.replay.x[:, 0])
     np.testing.assert_allclose(judged.replay.x, by_model.replay.x, atol=1e-9)
 
 
@@ -160,7 +160,7 @@ def test_a_puck_too_fast_for_its_fence_is_not_replayed() -> None:
     problem = ring(h=0.1, speed=20.0)
     values, x0 = defaults(problem), problem.initial_states(physical(problem))
     plan = roll_out(problem, np.zeros((1, problem.N, 2)), values)
-    report, sharp = evaluate(Evaluation(problem, values), problem.exact_step, plan)
+    report, sharp = referee_plan(Evaluation(problem, values), problem.exact_step, plan)
     assert report.penetration is not None
     radius = np.linalg.norm(plan.x[0, :, :2], axis=1).max()
     assert report.penetration.amount == pytest.approx(radius - 1.0, rel=1e-12)
@@ -168,7 +168,7 @@ def test_a_puck_too_fast_for_its_fence_is_not_replayed() -> None:
     assert sharp.failed is not None
     assert report.reasons[0] == "step 0 did not converge, contact 'ring'"
     slow = ring(h=0.01, speed=2.0)
-    judged = referee(at_defaults(slow), np.zeros((1, slow.N, 2)), x0 * [1, 1, 1, 0.1])
+    judged = referee_replay(at_defaults(slow), np.zeros((1, slow.N, 2)), x0 * [1, 1, 1, 0.1])
     assert judged.failed is None
     assert np.linalg.norm(judged.replay.x[0, :, :2], axis=1).max() < 1 + 1e-9
 
@@ -200,7 +200,7 @@ def test_a_replay_that_fails_is_kept_up_to_there() -> None:
     inputs = np.zeros((1, problem.N, 2))
     inputs[0, 7] = np.nan
     values, x0 = defaults(problem), problem.initial_states(physical(problem))
-    report = referee(at_defaults(problem), inputs, x0)
+    report = referee_replay(at_defaults(problem), inputs, x0)
     assert report.failed is not None
     assert (report.failed.step, report.failed.scenario) == (7, 0)
     assert report.failed.contact.startswith("push")
@@ -242,7 +242,7 @@ def test_the_refined_cost_is_that_of_a_quarter_of_the_step() -> None:
         float(problem.cost_terms(coarse[0, k], inputs[0, k], 0, 0, physical(problem))[0]) for k in range(problem.N)
     )
     end = float(problem.cost_terms(coarse[0, -1], 0, 0, 0, physical(problem))[1])
-    report = referee(at_defaults(problem), inputs, x0)
+    report = referee_replay(at_defaults(problem), inputs, x0)
     assert report.refined_cost == pytest.approx(stage + end, rel=1e-12)
     assert report.refined_cost != pytest.approx(report.cost, rel=1e-6)
 
@@ -257,7 +257,7 @@ def test_a_step_size_that_is_a_state_is_refined_too() -> None:
     rolled = roll_out(fine, np.repeat(inputs, 4, axis=1), defaults(fine), x0=quarter)
     v = rolled.x[0, :-1:4, 9:18]
     cost = ((inputs**2).sum() + 1e-3 * (v**2).sum()) / 3
-    report = referee(at_defaults(problem), inputs, x0)
+    report = referee_replay(at_defaults(problem), inputs, x0)
     assert report.refined_cost == pytest.approx(cost, rel=1e-9)
     assert report.replay.x[0, -1, -1] == x0[0, -1]
 
@@ -269,7 +269,7 @@ def test_a_step_size_that_is_a_state_is_refined_too() -> None:
 def test_where_a_step_cannot_be_refined_the_reason_is_told(name: str, why: str) -> None:
     problem = get(name)
     inputs = np.zeros((1, problem.N, problem.system.nu))
-    report = referee(at_defaults(problem), inputs, problem.initial_states(physical(problem)))
+    report = referee_replay(at_defaults(problem), inputs, problem.initial_states(physical(problem)))
     assert np.isfinite(report.cost)
     assert np.isnan(report.refined_cost)
     assert why in report.refined_note
@@ -280,10 +280,10 @@ def test_a_policy_is_replayed_as_a_policy() -> None:
     K, k = np.zeros((1, 2, 4)), np.array([[0.2, 0.1]])
     K[0, :, 2:] = 0.5 * np.eye(2)
     x0 = problem.initial_states(physical(problem))
-    report = referee(at_defaults(problem), Gains(K, k), x0)
+    report = referee_replay(at_defaults(problem), Gains(K, k), x0)
     x, u = report.replay.x[0], report.replay.u[0]
     np.testing.assert_allclose(u, np.clip(x[:-1] @ K[0].T + k[0], -3, 3), atol=1e-14)
-    again = referee(at_defaults(problem), report.replay.u, x0)
+    again = referee_replay(at_defaults(problem), report.replay.u, x0)
     np.testing.assert_array_equal(again.replay.x, report.replay.x)
 
 
@@ -360,7 +360,7 @@ def test_a_system_without_geometry_says_so() -> None:
     assert unknown.referee_note is None
     inputs = np.zeros((1, problem.N, 1))
     x0 = problem.initial_states(physical(problem))
-    report = referee(at_defaults(replace(problem, system=unknown)), inputs, x0)
+    report = referee_replay(at_defaults(replace(problem, system=unknown)), inputs, x0)
     assert report.note is None
-    assert report.cost == referee(at_defaults(problem), inputs, x0).cost
+    assert report.cost == referee_replay(at_defaults(problem), inputs, x0).cost
     assert measured(problem, report).between is None

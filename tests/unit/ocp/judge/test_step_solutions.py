@@ -11,7 +11,7 @@ import pytest
 from dynamics.contact import Exact
 from dynamics.systems import Parameter, ParameterTable, lcs, signals, time_stepping
 from ocp import Direct, solve
-from ocp.judge.referee import evaluate
+from ocp.judge.referee import referee_plan
 from ocp.judge.step_solutions import Nonuniqueness, find_nonuniqueness
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem, Scaling
@@ -190,11 +190,11 @@ def test_a_rod_without_the_paradox_goes_on_in_one_way(friction: float, slip: flo
     """A > 0: less friction, or sliding the other way; the tip opens, and nothing else."""
     problem = rod(friction, slip, rise)
     plan = roll_out(problem, np.zeros((1, 2, 1)), defaults(problem))
-    report, _ = evaluate(at_defaults(problem), problem.exact_step, plan)
+    report, _ = referee_plan(at_defaults(problem), problem.exact_step, plan)
     assert report.nonuniqueness == "" and np.isnan(report.branch_cost)
     paradox = rod(2.0, -5.0, rise)
     plan = roll_out(paradox, np.zeros((1, 2, 1)), defaults(paradox))
-    report, _ = evaluate(at_defaults(paradox), paradox.exact_step, plan)
+    report, _ = referee_plan(at_defaults(paradox), paradox.exact_step, plan)
     assert report.nonuniqueness.startswith("the contact forces at step 0 are not unique (tip)")
     assert abs(report.branch_cost - plan.cost) > 1e-5
 

@@ -10,7 +10,7 @@ import pytest
 
 from dynamics.systems import ParameterTable, signals, time_stepping
 from ocp import mpcc, solve
-from ocp.judge.unbounded import fall
+from ocp.judge.unbounded import describe_fall
 from ocp.problem.problem import Constraint, Problem
 from ocp.programs.solver import Status
 
@@ -42,17 +42,17 @@ ATTAINED = {
 
 @pytest.mark.parametrize("kind", WITHOUT_END)
 def test_no_end(kind):
-    assert "without end" in fall(WITHOUT_END[kind], 1.0, np.inf, 0.0)
+    assert "without end" in describe_fall(WITHOUT_END[kind], 1.0, np.inf, 0.0)
 
 
 @pytest.mark.parametrize("kind", NOT_ATTAINED)
 def test_no_minimum(kind):
-    assert "no point attains" in fall(NOT_ATTAINED[kind], 1.0, np.inf, 0.0)
+    assert "no point attains" in describe_fall(NOT_ATTAINED[kind], 1.0, np.inf, 0.0)
 
 
 @pytest.mark.parametrize("kind", ATTAINED)
 def test_a_minimum(kind):
-    assert fall(ATTAINED[kind], 1.0, np.inf, 0.0) == ""
+    assert describe_fall(ATTAINED[kind], 1.0, np.inf, 0.0) == ""
 
 
 def cart(cost, end=lambda x: ca.SX(0), path=(), **changes) -> Problem:

@@ -14,7 +14,7 @@ from ocp.routes.branches import Branches
 from ocp.routes.homotopy import Homotopy, RouteResult
 from ocp.routes.rollouts import RolloutStarts
 from ocp.routes.schedules import apart
-from ocp.solve.judging import judged
+from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session, solve
 from problems import get
 from problems.ball_throw import Params, roll
@@ -122,7 +122,7 @@ def test_a_move_that_pays_is_made_or_the_verdict_says_why_not(solved: bool, monk
     for one in (branch for branch in ended if branch.ok):
         best = branches.improve(one)
         outcome = RouteResult(best, branches.program, True, branches.follower.trace)
-        certificate = judged(session, outcome, 0).certificate
+        certificate = judge_outcome(session, outcome, 0).certificate
         if certificate.stationarity == "not":
             told += 1
             assert "did not converge on the branch with these contacts (Lost" in (certificate.sentence)

@@ -20,7 +20,7 @@ from ocp.problem.rollout import roll_on
 from ocp.search.near_steps import NearSteps, linear_complementarity
 from ocp.search.push_search import PushSearch, through
 from ocp.search.push_tree import TouchSearch
-from ocp.solve.judging import judged
+from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session
 from problems import get
 from problems.scenes import Body, Box, Disc, Obstacle, Pusher, Scene
@@ -118,7 +118,7 @@ def test_what_is_swept_stays_apart_on_the_way_too() -> None:
 
 def test_an_answer_that_stands_still_or_is_lost_falls_short() -> None:
     session = new_session(behind(2), "exact")
-    pushes = PushSearch(session, judged)
+    pushes = PushSearch(session, judge_outcome)
     found = solve(behind(2), contact="exact", search=False)
     assert pushes.wanted(replace(found, cost=0.95 * found.idle_cost))
     good = replace(found, cost=0.5 * found.idle_cost, certificate=Certificate("B"))

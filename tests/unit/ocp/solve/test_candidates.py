@@ -12,7 +12,7 @@ from ocp.errors import InputError
 
 # The package's function has the name of the module.
 solving = import_module("ocp.solve.solve")
-judged = solving.judged
+judge_outcome = solving.judge_outcome
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
@@ -23,9 +23,9 @@ def failing(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
         calls.append(len(calls))
         if calls[-1] in numbers:
             raise RuntimeError("the judge fell ill")
-        return judged(*given)
+        return judge_outcome(*given)
 
-    monkeypatch.setattr(solving, "judged", judge)
+    monkeypatch.setattr(solving, "judge_outcome", judge)
 
 
 @pytest.mark.costly

@@ -15,7 +15,7 @@ from rich.console import Console
 from dynamics.contact import Exact
 from ocp import solve, store
 from ocp.judge.audit import Audit
-from ocp.judge.contact_report import ContactSummary, acting
+from ocp.judge.contact_report import ContactSummary, active_contacts
 from problems import spec
 from reports.cli.solve_command import document
 from reports.documents.solve import solve_page
@@ -133,10 +133,10 @@ def test_page_has_the_contact_that_acts(run) -> None:
 def test_a_smoothed_contact_is_active_or_pushes_at_a_distance_and_never_both() -> None:
     """On the central path lam gap = mu, an impulse above its gap is one above sqrt(mu)."""
     lam = np.geomspace(1e-9, 1.0, 50)
-    active, distant = acting(lam, 1e-4 / lam)
+    active, distant = active_contacts(lam, 1e-4 / lam)
     np.testing.assert_array_equal(active, lam > 1e-2)
     np.testing.assert_array_equal(distant, (lam > 1e-6) & (lam <= 1e-2))
-    shares = acting(np.array([np.nan, 0.0, 1.0, 1.0]), np.array([np.nan, 0.0, 0.0, 2.0]))
+    shares = active_contacts(np.array([np.nan, 0.0, 1.0, 1.0]), np.array([np.nan, 0.0, 0.0, 2.0]))
     np.testing.assert_array_equal(shares, [[0, 0, 1, 0], [0, 0, 0, 1]])
 
 
