@@ -34,35 +34,35 @@ def report(solution: Solution, path: Path) -> Path:
 
 def animate(solution: Solution, path: Path, fps: int, speed: float) -> Path:
     """Write the motion of plan and replay."""
-    from reports.drawing.style import styled
+    from reports.drawing.style import house_style
     from reports.motion.animation import Animation
-    from reports.motion.movie import check_format, write
+    from reports.motion.movie import check_format, write_animation
 
     check_format(path, fps)
-    with styled():
-        write(Animation(_view(solution), fps, speed), path)
+    with house_style():
+        write_animation(Animation(_view(solution), fps, speed), path)
     return path
 
 
 def plot(solution: Solution) -> Figure:
     """The figure of ``ocp solve --plot``: the strobe above states, inputs and forces."""
-    from reports.drawing.style import literal, styled
+    from reports.drawing.style import house_style, show_literally
     from reports.figures.paper import solution_figure
 
-    with styled():
-        return literal(solution_figure(_view(solution)))
+    with house_style():
+        return show_literally(solution_figure(_view(solution)))
 
 
 def html(solution: Solution) -> str:
     """Verdict with a bar in the colour of its grade, picture and numbers, as one HTML fragment."""
     from reports.drawing.strobe import strobe
-    from reports.drawing.style import GRADES, literal, styled, to_svg
-    from reports.figures.trajectories import trajectories
+    from reports.drawing.style import GRADES, house_style, show_literally, to_svg
+    from reports.figures.trajectories import trajectory_figure
 
     headline, *findings = solution.verdict.split("\n")
-    with styled():
+    with house_style():
         view = _view(solution)
-        svg_base64 = base64.b64encode(to_svg(literal(strobe(view) or trajectories(view)))).decode()
+        svg_base64 = base64.b64encode(to_svg(show_literally(strobe(view) or trajectory_figure(view)))).decode()
     name = str(solution.record["problem"])
     rows = "".join(
         f'<tr><th style="text-align:left">{escape(key)}</th><td>{escape(value)}</td></tr>'

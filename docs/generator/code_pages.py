@@ -10,7 +10,7 @@ from typing import Any
 
 from docs.generator import notebooks
 from docs.generator.measured import DOCS, escaped, table
-from reports.cli.app import commands, first_paragraph
+from reports.cli.app import first_paragraph, load_commands
 from reports.tables import settings
 from reports.tables.settings import SettingGroup
 
@@ -24,7 +24,7 @@ def pages() -> dict[str, str]:
 
 def command_pages() -> dict[str, str]:
     """Help of every command, and a list of them."""
-    found = commands()
+    found = load_commands()
     rows = [(f"[`ocp {name}`]({name}.md)", first_paragraph(c.help)) for name, c in found.items()]
     written = {
         f"commands/{name}.md": f"# ocp {name}\n\n```text\n{help_text(name, command)}\n```\n"
@@ -60,11 +60,11 @@ INTRODUCTIONS = {
 def settings_pages() -> dict[str, str]:
     """A page each for laws, methods, estimators, training and the solver, and a list."""
     shown = {
-        "laws": ("Contact laws", settings.laws()),
-        "solves": ("Methods and policies", settings.methods()),
-        "estimators": ("Estimators", settings.estimators()),
-        "training": ("Training", settings.training()),
-        "solver": ("IPOPT", [settings.changed(settings.solver("ipopt"))]),
+        "laws": ("Contact laws", settings.law_groups()),
+        "solves": ("Methods and policies", settings.method_groups()),
+        "estimators": ("Estimators", settings.estimator_groups()),
+        "training": ("Training", settings.training_groups()),
+        "solver": ("IPOPT", [settings.changed_defaults(settings.solver_group("ipopt"))]),
     }
     rows = [f"- [{name.capitalize()}]({name}.md): {INTRODUCTIONS[name]}\n" for name in shown]
     head = (

@@ -34,7 +34,7 @@ from problems import studies
 from problems.studies import FigureStudy
 from problems.studies.study import counted, verdict
 from reports.documents.citations import full_citation
-from reports.drawing.style import styled
+from reports.drawing.style import house_style
 from reports.figures.studies import DRAWINGS
 from reports.tables import law_tables
 
@@ -49,7 +49,7 @@ PAPERS = {
 """What figures reproduce, by the first letter of their names."""
 
 _TABLES = {
-    "N3": ("smoothings", law_tables.rows),
+    "N3": ("smoothings", law_tables.smoothing_rows),
     "C1": ("smoothings-in-the-loop", law_tables.loop_rows),
 }
 """Name and rows of the table that a figure's data give."""
@@ -133,7 +133,7 @@ def keep(figures: Sequence[Mapping[str, Any]]) -> list[Path]:
         study = studies.get(figure["id"])
         written.append(write_data(f"claims/{study.id}", stored(figure)))
         for file in (name for name in figure.get("files", ()) if name.endswith(".nc")):
-            with xr.open_dataset(file, engine="scipy") as data, styled():
+            with xr.open_dataset(file, engine="scipy") as data, house_style():
                 drawn = DRAWINGS[study.id].draw(data)
                 written.append(save_picture(drawn, f"figures/{study.id}"))
                 if study.id in _TABLES:

@@ -18,10 +18,10 @@ from ocp.errors import InputError
 from ocp.store import atomic
 from ocp.store.runs import load, run_paths
 from reports.drawing.strobe import draw_strobe
-from reports.drawing.style import styled
+from reports.drawing.style import house_style
 from reports.drawing.view import RunView
 from reports.motion.animation import Animation, is_periodic, repeated
-from reports.motion.movie import write
+from reports.motion.movie import write_animation
 
 _COLUMNS, _WIDTH = 3, 10.5
 _STRIDES = 4
@@ -72,12 +72,12 @@ def draw(root: Path, folder: Path, still: Sequence[str], moved: Sequence[str]) -
     came out too large.
     """
     files = [folder / "strobes.png", *(folder / f"{name}.gif" for name in moved)]
-    with styled():
+    with house_style():
         strobes = picture([newest(root, name) for name in still])
         with atomic.replacing(files[0]) as draft:
             strobes.savefig(draft, dpi=110, metadata={"Software": None})
         for name, file in zip(moved, files[1:], strict=True):
-            write(moving(newest(root, name)), file)
+            write_animation(moving(newest(root, name)), file)
             if file.stat().st_size > LARGEST:
                 raise InputError(
                     f"{file} has {file.stat().st_size / 1e6:.1f} MB, at most"

@@ -25,7 +25,7 @@ from ocp.judge.referee import step_size_kind
 from ocp.store.runs import load
 from problems import get, names, spec
 from reports.drawing.strobe import strobe
-from reports.drawing.style import styled
+from reports.drawing.style import house_style
 from reports.drawing.view import RunView
 
 LIMIT_S, REFINE_LIMIT_S = 120, 3600
@@ -148,7 +148,7 @@ def main() -> None:
     parser.add_argument("--refine", action="store_true", help="cost over the step size instead")
     given = parser.parse_args()
     for name in given.problems or (refinable() if given.refine else names()):
-        with TemporaryDirectory() as folder, styled():
+        with TemporaryDirectory() as folder, house_style():
             if given.refine:
                 store_refined(name, rows := list(refined_rows(name, folder)))
             else:

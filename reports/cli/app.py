@@ -23,20 +23,20 @@ from typer.core import TyperCommand, TyperGroup
 
 from reports.cli import interrupt, streams
 from reports.cli.commands import COMMANDS
-from reports.cli.completion import of_field
-from reports.cli.options import Options, decoded
+from reports.cli.completion import field_completion
+from reports.cli.options import Options, decode_utf8
 
 
-def carry_out(options: Options) -> int:
+def execute(options: Options) -> int:
     """Check the options of a command, then do its work, with its log on stderr under ``-v``."""
     if options.as_json:
-        streams.reserve()
+        streams.redirect_stdout()
     module, _, name = options.code.partition(":")
     with streams.log_to_stderr(options.verbose), _damage_reported(options.named_runs):
         options.check()
         code = import_module(module)
         checked = getattr(code, f"check_{name}" if name else "check")(options)
-        return work(getattr(code, f"run_{name}" if name else "run"), options, checked)
+        return run_checked(getattr(code, f"run_{name}" if name else "run"), options, checked)
 
 
 @contextmanager
@@ -56,7 +56,7 @@ def _damage_reported(runs: Sequence[str]) -> Iterator[None]:
         ) from error
 
 
-def work(run: Callable[[Any, Any], int], options: Options, checked: Any) -> int:
+def run_checked(run: Callable[[Any, Any], int], options: Options, checked: Any) -> int:
     """Run a checked command; tests replace it to end after the checks."""
     return run(options, checked)
 
@@ -74,12 +74,12 @@ def click_command(name: str, options: type[Options]) -> Any:
         parameter_sources = {key: context.get_parameter_source(key) for key in values}
         explicit = (k for k, source in parameter_sources.items() if source and source.name == "COMMANDLINE")
         expanded_values = {key: _at_home(value) for key, value in values.items()}
-        return carry_out(options(**expanded_values, explicit=frozenset(explicit)))
+        return execute(options(**expanded_values, explicit=frozenset(explicit)))
 
     run_options.__doc__ = options.__doc__
     run_options.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     run_options.__signature__ = inspect.Signature(parameters)
-    parser = type("Parser", (Strict,), {"declared": options, "hints": hints})
+    parser = type("Parser", (StrictCommand,), {"declared": options, "hints": hints})
     single = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
     single.command(name, cls=parser)(run_options)
     return typer.main.get_command(single)
@@ -95,7 +95,7 @@ def _parameter(field: Field[Any], hint: Any) -> Parameter:
     elif not any(flag.startswith("--") for flag in flags):
         flags = (f"--{field.name.replace('_', '-')}", *flags)
     default = Parameter.empty if field.default is MISSING else field.default
-    annotation = Annotated[hint, parameter_class(*flags, **metadata, autocompletion=of_field(field.name))]
+    annotation = Annotated[hint, parameter_class(*flags, **metadata, autocompletion=field_completion(field.name))]
     return Parameter(field.name, Parameter.KEYWORD_ONLY, annotation=annotation, default=default)
 
 
@@ -110,7 +110,7 @@ def _at_home(value: Any) -> Any:
     return type(value)(expand_path(value))
 
 
-class Strict(TyperCommand):
+class StrictCommand(TyperCommand):
     """A command that refuses repeated options, empty texts, and malformed numbers."""
 
     declared: type[Options]
@@ -167,7 +167,7 @@ class Strict(TyperCommand):
 
 def _is_text(word: str) -> bool:
     try:
-        decoded(word)
+        decode_utf8(word)
     except UnicodeError:
         return False
     return True
@@ -244,7 +244,7 @@ def _program(
     """Optimal control through contact: solve, replay, continue and report named problems."""
 
 
-def commands() -> dict[str, Any]:
+def load_commands() -> dict[str, Any]:
     """Every command by its name, all of them imported."""
     group: Any = typer.main.get_command(app)
     return {name: group.get_command(None, name) for name in COMMANDS}
@@ -257,18 +257,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     in one or two lines; ``--debug`` adds the traceback.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    streams.prepare()
+    streams.set_error_handler()
     quiet = "-q" in words or "--quiet" in words
     try:
-        with streams.libraries_silenced(quiet), interrupt.watched():
+        with streams.libraries_silenced(quiet), interrupt.watch_interrupts():
             command = typer.main.get_command(app)
             code = command.main(args=words, prog_name="ocp", standalone_mode=False)
-            interrupt.check()
+            interrupt.raise_if_interrupted()
             # While a failure can still be reported.
             sys.stdout.flush()
     except BaseException as error:
-        if isinstance(error, KeyboardInterrupt) or interrupt.seen():
-            streams.abandon()
+        if isinstance(error, KeyboardInterrupt) or interrupt.was_interrupted():
+            streams.discard_buffers()
             print("stopped by the user; finished work is kept", file=sys.stderr)
             return interrupt.EXIT_CODE
         if "--debug" in words:
@@ -280,7 +280,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     finally:
         # Not in a process of its own, where libraries still print at the end.
         if arguments is not None:
-            streams.release()
+            streams.restore_stdout()
     return code if isinstance(code, int) else 0
 
 
@@ -300,12 +300,12 @@ def _explain(error: BaseException) -> tuple[str, int]:
         return _shortened(str(error)), code
     # rich turns a broken pipe into SystemExit.
     if isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
-        streams.abandon()
+        streams.discard_buffers()
         return "", 1
     if isinstance(error, SystemExit) and "_OCP_COMPLETE" in os.environ:
         return "", error.code if isinstance(error.code, int) else 1
     if isinstance(error, OSError) and error.errno in _FULL:
-        streams.abandon()
+        streams.discard_buffers()
         destination = f" to {_shortened(str(error.filename))}" if error.filename is not None else ""
         return f"cannot write{destination}: {error.strerror}; free some space or write elsewhere", 1
     if isinstance(error, ImportError) and (hidden := _hidden_package()):

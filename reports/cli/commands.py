@@ -27,7 +27,7 @@ from reports.cli.options import (
     StartsOptions,
     StoreOptions,
     argument,
-    assigned,
+    assignment,
     option,
 )
 
@@ -214,7 +214,7 @@ class FigureOptions(JobsOptions, StoreOptions):
     figures: list[str] | None = argument(None, help="Figures, such as P6 (ocp list), or stored runs to draw again.")
     every: bool = option(False, "--all", help="All figures.")
     quick: bool = option(False, help="Smaller sizes for long studies.")
-    params: list[str] | None = assigned("--param", "-p", help="Parameter of the study.")
+    params: list[str] | None = assignment("--param", "-p", help="Parameter of the study.")
     seed: int = option(0, min=0, help="Random seed.")
     ending: str | None = option(None, "--format", metavar="pdf|svg|png", help="Also write the bare figure for a paper.")
     panel: str | None = option(None, metavar="a", help="Only this panel of the bare figure, one column wide.")
@@ -266,9 +266,9 @@ class ExportOptions(SourceOptions):
         help="A run: its path, or part of its name; or a problem: its name or file.",
     )
     file: Path = option(MISSING, "--output", "-o", help="The C file to write.")
-    params: list[str] | None = assigned("--param", "-p", help="Parameter of the problem.")
+    params: list[str] | None = assignment("--param", "-p", help="Parameter of the problem.")
     contact: str | None = option(None, help="Contact law; default: that of the run, or exact.")
-    law_settings: list[str] | None = assigned("--contact-setting", "-c", help="Setting of the contact law.")
+    law_settings: list[str] | None = assignment("--contact-setting", "-c", help="Setting of the contact law.")
 
     @property
     def named_runs(self) -> list[str]:

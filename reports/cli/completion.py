@@ -22,7 +22,7 @@ _NAMED = {
 """Module and name of the table whose names complete a field, loaded when they are asked for."""
 
 
-def of_field(name: str) -> Callable[[typer.Context, str], list[str]] | None:
+def field_completion(name: str) -> Callable[[typer.Context, str], list[str]] | None:
     """The completion of the option or argument called ``name``, None where there is none."""
     if name not in _WORDS and name not in _NAMED:
         return None

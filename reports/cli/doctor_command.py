@@ -31,7 +31,7 @@ def check(options: DoctorOptions) -> dict[str, Any]:
 def run(options: DoctorOptions, place: dict[str, Any]) -> int:
     """Show CasADi's plugins, the compiler, threads, versions, and the location of the packages."""
     count = compiler.clear() if options.clear_cache else None
-    installation = {**place, **computer()}
+    installation = {**place, **describe_computer()}
     if count is not None:
         installation["cleared"] = count
         objects = "1 compiled object" if count == 1 else f"{count} compiled objects"
@@ -56,7 +56,7 @@ def common_root(roots: dict[str, str]) -> str:
     return next(iter(roots.values()))
 
 
-def computer() -> dict[str, Any]:
+def describe_computer() -> dict[str, Any]:
     """Return versions, threads, plugins that load, the compiler and the cache of kernels."""
     return {
         "versions": {**versions(), **{n: version(n) for n in ("matplotlib", "typst", "typer")}},

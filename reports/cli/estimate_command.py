@@ -31,7 +31,7 @@ from problems.registry import ObjectiveSpec, named
 from problems.spec import ProblemSpec
 from reports.cli import interrupt
 from reports.cli.commands import BACKENDS, EstimateOptions
-from reports.cli.request import assignments, check_places, whole
+from reports.cli.request import check_outputs, parse_assignments, parse_count
 from reports.tables.listings import estimate_progress, estimate_table
 
 _OF_ROLLOUTS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "decision_run": "--at"}
@@ -53,12 +53,12 @@ class EstimateRequest:
     def read(cls, options: EstimateOptions) -> EstimateRequest:
         """Check the command line; raises InputError for the first word that does not fit."""
         spec = named(options.problem)
-        parameter_texts = assignments("-p", options.params)
+        parameter_texts = parse_assignments("-p", options.params)
         is_static = isinstance(spec, ObjectiveSpec)
         if is_static and "sigma" in parameter_texts and options.sigma is not None:
             raise InputError("--sigma and -p sigma set the same value; drop one of them")
         estimators = tuple(n.strip() for n in options.estimators.split(",") if n.strip())
-        rules = _rules(split_policy_settings(assignments("-s", options.settings))[1], estimators)
+        rules = _rules(split_policy_settings(parse_assignments("-s", options.settings))[1], estimators)
         reference_samples = options.reference_samples
         sweep = None if options.sweep is None else read_sweep(options.sweep)
         case = case_of(spec, parameter_texts, options)
@@ -66,12 +66,12 @@ class EstimateRequest:
         objective, params = built.objective, built.params
         sampling = Sampling(
             estimators,
-            whole("--samples", options.samples),
+            parse_count("--samples", options.samples),
             built.sigma if options.sigma is None else options.sigma,
             options.seed,
             rules,
             options.reference,
-            None if reference_samples is None else whole("--reference-samples", reference_samples),
+            None if reference_samples is None else parse_count("--reference-samples", reference_samples),
         )
         swept = sweep.values if sweep is not None and sweep.name == "sigma" else ()
         built.check_sigma([sampling.sigma, *swept])
@@ -105,7 +105,7 @@ class EstimateRequest:
             "source": None if path is None else str(path),
         }
         if hasattr(self.objective, "problem"):
-            law = contact_law(options.contact, assignments("-c", options.law_settings))
+            law = contact_law(options.contact, parse_assignments("-c", options.law_settings))
             record |= {
                 **law_record(law),
                 "law_settings": list(options.law_settings or ()),
@@ -127,7 +127,7 @@ class EstimateRequest:
     @property
     def content(self) -> str:
         """Digest of the user's files: the problem's and a learned law's."""
-        law_settings = assignments("-c", self.options.law_settings)
+        law_settings = parse_assignments("-c", self.options.law_settings)
         digests = getattr(self.spec, "digest", None), law_digest(self.options.contact)
         return content_digest(digests, law_settings)
 
@@ -189,7 +189,7 @@ def case_of(
     name = spec.name if path is None else str(path)
     if not isinstance(spec, ObjectiveSpec):
         theta = None if options.decision_run is None else _stored_decision(options, spec, parameter_texts)
-        settings = assignments("-c", options.law_settings)
+        settings = parse_assignments("-c", options.law_settings)
         law = law_name(options.contact)
         content = content_digest([spec.digest, law_digest(law)], settings)
         return ObjectiveCase(
@@ -203,7 +203,7 @@ def case_of(
 
 
 def _policy_settings(options: EstimateOptions) -> dict[str, str]:
-    return split_policy_settings(assignments("-s", options.settings))[0]
+    return split_policy_settings(parse_assignments("-s", options.settings))[0]
 
 
 def _swept_parameter(swept: Axis, spec: ObjectiveSpec | ProblemSpec) -> str:
@@ -223,7 +223,7 @@ def _check_sweep(
     of_law = (law, sign) == ("contact", ".")
     name = _swept_parameter(swept, spec)
     other_options = {swept.name: f"-p {name}"} if name in parameter_texts else {}
-    law_settings = assignments("-c", options.law_settings)
+    law_settings = parse_assignments("-c", options.law_settings)
     other_options |= {f"contact.{name}": "-c " + name for name in law_settings}
     other_options |= {name: f"--{name}" for name in ("sigma", "samples") if name in options.explicit}
     if swept.name in other_options:
@@ -295,7 +295,7 @@ def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoi
     """Build the objective at every point, and check the total time."""
     choose("backend", options.backend, dict.fromkeys(BACKENDS))
     request = EstimateRequest.read(options)
-    check_places(options.out, options.pdf)
+    check_outputs(options.out, options.pdf)
     key = {**request.decisive, "backend": options.backend}
     checkpoint = Checkpoint(options.out, request.spec.name, key, request.content)
     study = SweepRun(
@@ -320,7 +320,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
         for line in checkpoint.notes:
             output.say(line)
         try:
-            with interruptible(), estimate_progress(options.quiet, interrupt.check) as report:
+            with interruptible(), estimate_progress(options.quiet, interrupt.raise_if_interrupted) as report:
                 study.run(report)
         except KeyboardInterrupt:
             if not study.rows:

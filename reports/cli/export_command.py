@@ -21,7 +21,7 @@ from problems import names, spec
 from problems.plugin import law_of, problem_of
 from problems.registry import objective_names
 from reports.cli.commands import ExportOptions
-from reports.cli.request import assignments, check_place
+from reports.cli.request import check_output_file, parse_assignments
 
 
 @dataclass(frozen=True)
@@ -87,15 +87,15 @@ def check(options: ExportOptions) -> ExportRequest:
 
 def _find(options: ExportOptions) -> ExportRequest:
     """Find the problem or the run, and make the law."""
-    check_place(options.file, "C file")
-    name, law_settings = options.subject, assignments("-c", options.law_settings)
+    check_output_file(options.file, "C file")
+    name, law_settings = options.subject, parse_assignments("-c", options.law_settings)
     if not options.named_runs:
         if "out" in options.explicit:
             raise InputError(f"--out is for a run, but {name} is a problem; drop it")
         if options.source is not None:
             raise InputError(f"--source is for a run, but {name} is a problem; drop it")
         problem_spec = spec(name)
-        problem = problem_spec.problem(assignments("-p", options.params))
+        problem = problem_spec.problem(parse_assignments("-p", options.params))
         law = closing_law(options.contact or DEFAULT_LAW, law_settings, problem.system)
         return ExportRequest(problem_spec.name, problem_spec.title, problem, law)
     return _read_run(name, options, law_settings)

@@ -29,9 +29,9 @@ from problems.studies.progress import listening
 from problems.studies.study import did_hold
 from reports.cli import interrupt
 from reports.cli.commands import FigureOptions
-from reports.cli.request import assignments, check_places
+from reports.cli.request import check_outputs, parse_assignments
 from reports.documents.pdf import write_pdf
-from reports.figures.paper import FORMATS, bare
+from reports.figures.paper import FORMATS, bare_figure
 from reports.tables.listings import claim_table
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def check(options: FigureOptions) -> FigureRequest:
     named = options.figures or []
     if options.every == bool(named):
         raise InputError(f"give figures or --all; available: {', '.join(studies.ids())}")
-    values: dict[str, Any] = assignments("-p", options.params)
+    values: dict[str, Any] = parse_assignments("-p", options.params)
     if values and len(named) != 1:
         raise InputError("-p sets a parameter of one study; name a single figure")
     if "seed" in values and "seed" in options.explicit:
@@ -58,7 +58,7 @@ def check(options: FigureOptions) -> FigureRequest:
     study_values = {"seed": options.seed, **values}
     runs = options.named_runs
     requests = [options.stored(name) if name in runs else _study(name, study_values, options) for name in names]
-    check_places(options.out, None)
+    check_outputs(options.out, None)
     return requests
 
 
@@ -145,7 +145,7 @@ def _progress(options: FigureOptions) -> Iterator[None]:
         tasks: dict[str, TaskID] = {}
 
         def heard(loop: str, done: int, total: int) -> None:
-            interrupt.check()
+            interrupt.raise_if_interrupted()
             if loop not in tasks:
                 tasks[loop] = bar.add_task(loop)
             bar.update(tasks[loop], completed=done, total=total)
@@ -157,7 +157,7 @@ def _progress(options: FigureOptions) -> Iterator[None]:
 def _bare(run: StoredRun, options: FigureOptions) -> Path:
     ending = options.ending or "pdf"
     file = options.out / f"{run.meta['problem']}-{options.panel or 'figure'}.{ending}"
-    atomic.write(file, bare(run, ending, options.panel), "the figure")
+    atomic.write(file, bare_figure(run, ending, options.panel), "the figure")
     return file
 
 

@@ -11,17 +11,24 @@ from typing import Any
 
 from reports.cli import EXIT_CODE, end
 
-__all__ = ["EXIT_CODE", "answered", "check", "deferred", "seen", "watched"]
+__all__ = [
+    "EXIT_CODE",
+    "defer_interrupts",
+    "mark_handled",
+    "raise_if_interrupted",
+    "was_interrupted",
+    "watch_interrupts",
+]
 
 _PRESSED, _ANSWERED, _DEFERRED = threading.Event(), threading.Event(), threading.Event()
 
 
 @contextmanager
-def watched() -> Iterator[None]:
+def watch_interrupts() -> Iterator[None]:
     """Record a Ctrl-C inside; a second one ends the process at once.
 
     IPOPT's callback catches Python's KeyboardInterrupt and reports a solve that failed, after
-    which a homotopy would go on: :func:`check` raises it again as soon as Python is back.
+    which a homotopy would go on: :func:`raise_if_interrupted` raises it again as soon as Python is back.
     """
     _PRESSED.clear()
     _ANSWERED.clear()
@@ -38,8 +45,8 @@ def watched() -> Iterator[None]:
 
 
 @contextmanager
-def deferred() -> Iterator[None]:
-    """Only record a first Ctrl-C inside, which :func:`check` then raises between two steps."""
+def defer_interrupts() -> Iterator[None]:
+    """Only record a first Ctrl-C inside, which :func:`raise_if_interrupted` then raises between two steps."""
     _DEFERRED.set()
     try:
         yield
@@ -47,19 +54,19 @@ def deferred() -> Iterator[None]:
         _DEFERRED.clear()
 
 
-def seen() -> bool:
+def was_interrupted() -> bool:
     """Whether Ctrl-C was pressed, even if compiled code swallowed it."""
     return _PRESSED.is_set()
 
 
-def answered() -> None:
-    """Mark a Ctrl-C as handled, so that :func:`check` no longer raises."""
+def mark_handled() -> None:
+    """Mark a Ctrl-C as handled, so that :func:`raise_if_interrupted` no longer raises."""
     _ANSWERED.set()
 
 
-def check() -> None:
+def raise_if_interrupted() -> None:
     """Raise KeyboardInterrupt after a Ctrl-C that is not handled yet."""
-    if seen() and not _ANSWERED.is_set():
+    if was_interrupted() and not _ANSWERED.is_set():
         raise KeyboardInterrupt
 
 
@@ -72,7 +79,7 @@ def _note(*_: object) -> None:
 
 
 def _quiet(report: Any) -> Any:
-    """The hook ``report``, without Ctrl-C, which :func:`check` raises later."""
+    """The hook ``report``, without Ctrl-C, which :func:`raise_if_interrupted` raises later."""
 
     def hook(unraisable: Any) -> None:
         if not isinstance(unraisable.exc_value, KeyboardInterrupt):

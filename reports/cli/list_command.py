@@ -70,8 +70,8 @@ def run_list(options: Options, content: Catalogue) -> int:
 def check_settings(options: SettingsOptions) -> list[SettingGroup]:
     """Find the settings; without a name all of them, but of IPOPT only the changed defaults."""
     if options.word is not None:
-        return settings.matching(options.word)
-    return [*settings.groups(), settings.changed(settings.solver("ipopt"))]
+        return settings.find_groups(options.word)
+    return [*settings.declared_groups(), settings.changed_defaults(settings.solver_group("ipopt"))]
 
 
 def run_settings(options: SettingsOptions, setting_groups: list[SettingGroup]) -> int:
@@ -83,7 +83,7 @@ def run_settings(options: SettingsOptions, setting_groups: list[SettingGroup]) -
         head = f"{group.name} ({group.syntax})" if group.settings else group.name
         print(fill(f"{head}: {group.summary}{'' if group.settings else '; no settings'}", 80))
         for setting in group.settings:
-            print(settings.line(setting))
+            print(settings.setting_line(setting))
     return 0
 
 
@@ -119,11 +119,11 @@ def _show_robot(options: ShowOptions, robot: Robot) -> int:
     options.output.document(content)
     if options.as_json:
         return 0
-    for title, table in robots.tables(content):
+    for title, table in robots.robot_tables(content):
         print(f"{title}\n")
         print_table(table)
         print()
-    for line in robots.lines(content):
+    for line in robots.robot_notes(content):
         print(fill(line, 80, subsequent_indent="  ", break_on_hyphens=False))
     return 0
 
@@ -137,9 +137,9 @@ def _show_file(options: ShowOptions, dataset: Transitions | Dataset) -> int:
     options.output.document({"file": options.problem, **content})
     if options.as_json:
         return 0
-    for line in learned_models.lines(content):
+    for line in learned_models.origin_lines(content):
         print(fill(line, 80))
-    for table in learned_models.tables(content):
+    for table in learned_models.document_tables(content):
         print()
         print_table(table)
     return 0

@@ -27,8 +27,8 @@ from problems.plugin import source
 from problems.spec import ProblemSpec
 from reports.cli import interrupt
 from reports.cli.mpc_options import MpcOptions
-from reports.cli.request import assignments, check_places
-from reports.tables.closed_loop import labelled, loop_table, reasons, summary
+from reports.cli.request import check_outputs, parse_assignments
+from reports.tables.closed_loop import labelled_arrays, loop_notes, loop_summary, loop_table
 from reports.tables.console import live
 
 NOT_SURVIVED = 3
@@ -73,10 +73,10 @@ def check(options: MpcOptions) -> LoopCase:
         value = getattr(options, flag)
         if value is not None and not value > 0:
             raise InputError(f"--{flag} must be above 0, got {value:g}")
-    spec, values = source(options.problem), assignments("-p", options.params)
+    spec, values = source(options.problem), parse_assignments("-p", options.params)
     problem = spec.problem(values)
     receding = Receding.of(problem)
-    settings, name = assignments("-c", options.law_settings), options.contact
+    settings, name = parse_assignments("-c", options.law_settings), options.contact
     if name == "own":
         name = "barrier" if entry.exact is False else "exact"
     is_default_law = options.contact == "own" and not settings
@@ -87,7 +87,7 @@ def check(options: MpcOptions) -> LoopCase:
     system = problem.system
     numbers = steps * ((problem.N + 4) * system.nx + 2 * system.nu + 2 * system.nlam + 30)
     check_memory(f"{options.seeds} seeds of {steps} samples", 16.0 * options.seeds * numbers)
-    check_places(options.out, options.pdf)
+    check_outputs(options.out, options.pdf)
     return LoopCase(spec, spec.params(values).model_dump(), problem, law, disturbance, steps)
 
 
@@ -99,11 +99,11 @@ def _disturbance(options: MpcOptions, spec: ProblemSpec, problem: Problem, steps
     deviations(input_noise, inputs, "--noise-input")
     mismatch = {
         name: parse(f"--mismatch {name}", text, float)
-        for name, text in assignments("--mismatch", options.mismatch).items()
+        for name, text in parse_assignments("--mismatch", options.mismatch).items()
     }
     check_mismatch(problem, mismatch)
     # A plant's parameter has the range of the problem's.
-    spec.params({**assignments("-p", options.params), **mismatch})
+    spec.params({**parse_assignments("-p", options.params), **mismatch})
     pushes = _pushes(options.push or (), states, steps)
     return Disturbance(state_noise, input_noise, mismatch, options.delay, pushes)
 
@@ -118,7 +118,7 @@ def _deviation(flag: str, words: Sequence[str] | None) -> float | dict[str, floa
             f"{flag} takes one number for all signals or name=value for each, got"
             f" {', '.join(words)}; drop one of the two"
         )
-    return {name: parse(f"{flag} {name}", text, float) for name, text in assignments(flag, words).items()}
+    return {name: parse(f"{flag} {name}", text, float) for name, text in parse_assignments(flag, words).items()}
 
 
 def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np.ndarray]:
@@ -131,7 +131,7 @@ def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np
         k = parse("--push: the sample", sample.strip(), int)
         if not 0 <= k < steps:
             raise InputError(f"--push {word}: the sample must be from 0 to {steps - 1}, got {k}")
-        for name, text in assignments("--push", [change]).items():
+        for name, text in parse_assignments("--push", [change]).items():
             if name not in states:
                 raise InputError(
                     f"--push: unknown state {name!r}{did_you_mean(name, states)}; available: {', '.join(states)}"
@@ -153,9 +153,9 @@ def run(options: MpcOptions, case: LoopCase) -> int:
             options.trust,
             options.deadline,
         )
-        interrupt.check()
+        interrupt.raise_if_interrupted()
         # In the middle of a sample it could end as an error of compiled code.
-        with interrupt.deferred():
+        with interrupt.defer_interrupts():
             loop = simulate(
                 controller,
                 case.steps,
@@ -170,17 +170,17 @@ def run(options: MpcOptions, case: LoopCase) -> int:
     output = options.output
     output.note(loop_table(stored.meta))
     output.say(stored.meta["verdict"])
-    for line in (*controller.told, *reasons(stored.meta)):
+    for line in (*controller.told, *loop_notes(stored.meta)):
         output.say(line)
     output.finish(stored, {name: stored.meta[name] for name in _TOLD}, options.pdf, case.spec)
     output.note(f"Look at it with ocp report {stored.path.name} -o loop.pdf, or ocp animate.")
-    interrupt.check()
+    interrupt.raise_if_interrupted()
     return 0 if stored.meta["status"] in ("done", "warnings") else NOT_SURVIVED
 
 
 def _stored(options: MpcOptions, case: LoopCase, controller: Controller, loop: ClosedLoop) -> StoredRun:
     """Store what ran; raises KeyboardInterrupt where nothing did."""
-    data = labelled(loop, case.disturbance.mismatch)
+    data = labelled_arrays(loop, case.disturbance.mismatch)
     if not data.sizes["seed"]:
         raise KeyboardInterrupt
     meta = {
@@ -190,7 +190,7 @@ def _stored(options: MpcOptions, case: LoopCase, controller: Controller, loop: C
         "seed": options.seed,
         "record": case.record(options),
         "source_digest": case.spec.digest,
-        **summary(loop, data, controller.told, options.rate),
+        **loop_summary(loop, data, controller.told, options.rate),
     }
     first_seed = data.isel(node=slice(0, int(data["ended"].values[0]) + 1))
     problem_part = store.problem_part(case.problem, first_seed)
@@ -231,7 +231,7 @@ def _progress(options: MpcOptions, steps: int) -> Iterator[Any]:
         show(f"{options.problem}: building the controller", now=True)
 
         def report(seed: int, k: int, command: Command) -> None:
-            interrupt.check()
+            interrupt.raise_if_interrupted()
             merit = f", merit {command.merit:.5g}" if math.isfinite(command.merit) else ""
             place = f"seed {seed + 1} of {options.seeds}, sample {k + 1} of {steps}"
             show(f"{place}, {1e3 * command.seconds:.1f} ms{merit}")

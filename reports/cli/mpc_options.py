@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
-from reports.cli.options import PROBLEM, LawOptions, TagOptions, argument, assigned, option
+from reports.cli.options import PROBLEM, LawOptions, TagOptions, argument, assignment, option
 
 
 class MpcOptions(LawOptions, TagOptions):
@@ -22,7 +22,7 @@ class MpcOptions(LawOptions, TagOptions):
         "mpc soft-walls --phase relaxed -c mu=1e-3 --push 20:dp=0.5 --rate 100",
     )
     problem: str = argument(help=PROBLEM)
-    params: list[str] | None = assigned("--param", "-p", help="Parameter of the problem; list with ocp show PROBLEM.")
+    params: list[str] | None = assignment("--param", "-p", help="Parameter of the problem; list with ocp show PROBLEM.")
     contact: str = option(
         "own",
         "--contact",
@@ -40,7 +40,7 @@ class MpcOptions(LawOptions, TagOptions):
     )
     noise_state: list[str] | None = option(None, metavar="X|NAME=X", help="Standard deviation of the measured state.")
     noise_input: list[str] | None = option(None, metavar="X|NAME=X", help="Standard deviation of the applied input.")
-    mismatch: list[str] | None = assigned(help="Value of a parameter of the plant alone.")
+    mismatch: list[str] | None = assignment(help="Value of a parameter of the plant alone.")
     delay: bool = option(False, help="Apply each input one sample late.")
     push: list[str] | None = option(None, metavar="K:NAME=X", help="Change of a state before sample K.")
     seeds: int = option(1, min=1, max=10_000, help="Number of seeds of the noise.")

@@ -12,7 +12,7 @@ from ocp.store import atomic
 from problems import names
 from problems.loading import check_name
 from reports.cli.commands import NewOptions
-from reports.cli.request import check_place
+from reports.cli.request import check_output_file
 
 TEMPLATES = {
     "plain": "bumper.py",
@@ -35,7 +35,7 @@ def check(options: NewOptions) -> Path:
         raise InputError(f"{' and '.join(kind_flags)} are two kinds of file; give one of them")
     if file.exists() or file.is_symlink():
         raise InputError(f"{file} exists; choose another name, or move the file away")
-    check_place(file, "problem file")
+    check_output_file(file, "problem file")
     if options.robot is not None:
         from problems import robots
 

@@ -30,7 +30,7 @@ def option(default: Any, *flags: str, **typer_options: Any) -> Any:
     return field(default=default, metadata=metadata)
 
 
-def assigned(*flags: str, help: str) -> Any:
+def assignment(*flags: str, help: str) -> Any:
     """Declare a field as an option ``K=V`` that may be repeated."""
     return option(None, *flags, metavar="K=V", help=help)
 
@@ -40,7 +40,7 @@ def argument(default: Any = MISSING, **typer_options: Any) -> Any:
     return field(default=default, metadata={"make": typer.Argument, "flags": (), **typer_options})
 
 
-def decoded(word: str) -> str:
+def decode_utf8(word: str) -> str:
     """The word in UTF-8; under an ASCII locale its bytes reach Python as lone surrogates.
 
     Raises ``UnicodeError`` for invalid UTF-8.
@@ -49,7 +49,7 @@ def decoded(word: str) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(option, assigned, argument, field))
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(option, assignment, argument, field))
 class Options:
     """Options of every command, each subclass a dataclass; ``explicit`` names those on the command line.
 
@@ -87,7 +87,7 @@ class Options:
     @property
     def argv(self) -> list[str]:
         """The command line, for a run's record."""
-        return ["ocp", *map(decoded, sys.argv[1:])]
+        return ["ocp", *map(decode_utf8, sys.argv[1:])]
 
     @property
     def named_runs(self) -> list[str]:
@@ -150,7 +150,7 @@ class LawOptions(StoreOptions):
     """A contact law and its settings."""
 
     contact: str = option("exact", help=LAW)
-    law_settings: list[str] | None = assigned(
+    law_settings: list[str] | None = assignment(
         "--contact-setting", "-c", help="Setting of the contact law; list with ocp settings LAW."
     )
 
@@ -159,9 +159,9 @@ class ProblemOptions(LawOptions, TagOptions):
     """A problem under a law and a policy, and a report of the result."""
 
     problem: str = argument(help=PROBLEM)
-    params: list[str] | None = assigned("--param", "-p", help="Parameter of the problem; list with ocp show PROBLEM.")
+    params: list[str] | None = assignment("--param", "-p", help="Parameter of the problem; list with ocp show PROBLEM.")
     policy: str = option("open-loop", help="open-loop or feedback.")
-    settings: list[str] | None = assigned(
+    settings: list[str] | None = assignment(
         "--setting", "-s", help="Setting of method, policy or solver; list with ocp settings."
     )
     seed: int = option(0, min=0, help="Random seed.")

@@ -9,17 +9,17 @@ from ocp.store.stored_run import StoredRun
 from problems.spec import ProblemSpec
 from reports.cli import interrupt
 from reports.cli.commands import AnimateOptions, ReportOptions
-from reports.cli.request import check_place
+from reports.cli.request import check_output_file
 from reports.documents.pdf import write_pdf
-from reports.drawing.style import styled
+from reports.drawing.style import house_style
 from reports.drawing.view import RunView
 from reports.motion.animation import Animation, check_drawable, frame_times, is_periodic, repeated
-from reports.motion.movie import check_format, write
+from reports.motion.movie import check_format, write_animation
 
 
 def check_report(options: ReportOptions) -> tuple[list[StoredRun], ProblemSpec | None]:
     """Read the runs, and the problem's file if one is given."""
-    check_place(options.pdf, "PDF")
+    check_output_file(options.pdf, "PDF")
     runs = [options.stored(text) for text in options.runs]
     return runs, options.problem_from_source(runs)
 
@@ -36,7 +36,7 @@ def run_report(options: ReportOptions, request: tuple[list[StoredRun], ProblemSp
 def check_animate(options: AnimateOptions) -> RunView:
     """Read the run, and check that it can be drawn."""
     check_format(options.file, options.fps)
-    check_place(options.file, "animation")
+    check_output_file(options.file, "animation")
     stored_run = options.stored(options.run)
     view = RunView.of(stored_run, options.problem_from_source([stored_run]))
     check_drawable(view)
@@ -55,15 +55,15 @@ def run_animate(options: AnimateOptions, view: RunView) -> int:
     """Draw the frames, with a bar on a terminal and a check for Ctrl-C after each."""
     output, file = options.output, options.file
     hidden = output.quiet or not output.console.is_terminal
-    with styled(), Progress(console=output.console, transient=True, disable=hidden) as bar:
+    with house_style(), Progress(console=output.console, transient=True, disable=hidden) as bar:
         animation = Animation(view, options.fps, options.speed, options.cones)
         task = bar.add_task("frames", total=len(animation.times))
 
         def report(done: int) -> None:
-            interrupt.check()
+            interrupt.raise_if_interrupted()
             bar.update(task, completed=done)
 
-        size = write(animation, file, report)
+        size = write_animation(animation, file, report)
     output.say(f"animation: {file} ({len(animation.times)} frames)")
     output.document(
         {

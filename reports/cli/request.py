@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ocp.jobs.case import Case
 
 
-def assignments(option: str, words: Iterable[str] | None) -> dict[str, str]:
+def parse_assignments(option: str, words: Iterable[str] | None) -> dict[str, str]:
     """Read ``["a=1", "b=x"]``; raises InputError for anything else and for a name given twice."""
     values: dict[str, str] = {}
     for item in words or ():
@@ -36,7 +36,7 @@ def assignments(option: str, words: Iterable[str] | None) -> dict[str, str]:
     return values
 
 
-def whole(option: str, text: str) -> int:
+def parse_count(option: str, text: str) -> int:
     """Read a count such as ``100000`` or ``1e5``; raises InputError for anything else."""
     try:
         return validation.parse_number(text, int)
@@ -45,7 +45,7 @@ def whole(option: str, text: str) -> int:
         raise InputError(f"{option} must be {error}{example}, got {text!r}") from None
 
 
-def layers(option: str, text: str, alternatives: str = "") -> tuple[int, ...]:
+def parse_layers(option: str, text: str, alternatives: str = "") -> tuple[int, ...]:
     """Read the sizes of hidden layers, such as ``64,64``; raises InputError for anything else.
 
     ``words`` name what the option accepts besides.
@@ -79,14 +79,14 @@ EXAMPLES = {
 _ONE_ENDING = ("PDF", "C file", "transitions", "model")
 
 
-def check_places(out: Path, pdf: Path | None) -> None:
+def check_outputs(out: Path, pdf: Path | None) -> None:
     """Raise InputError where no run can be stored in ``out``, or no report written to ``pdf``."""
     store.check_writable(out)
     if pdf is not None:
-        check_place(pdf, "PDF")
+        check_output_file(pdf, "PDF")
 
 
-def check_place(file: Path, kind: str) -> None:
+def check_output_file(file: Path, kind: str) -> None:
     """Raise InputError where ``file``, such as a PDF, has another ending or cannot be written."""
     if file.is_dir():
         example = EXAMPLES.get(kind, "report.gif")
@@ -141,13 +141,13 @@ def read_names(options: SolverOptions) -> tuple[ProblemSpec, dict[str, Any]]:
     assignments.
     """
     return source(options.problem), {
-        "params": assignments("-p", options.params),
+        "params": parse_assignments("-p", options.params),
         "contact": law_name(options.contact),
-        "contact_settings": assignments("-c", options.law_settings),
+        "contact_settings": parse_assignments("-c", options.law_settings),
         "method": options.method,
         "policy": options.policy,
         "solver": options.solver,
-        "settings": assignments("-s", options.settings),
+        "settings": parse_assignments("-s", options.settings),
     }
 
 

@@ -13,7 +13,7 @@ from ocp.store.lookup import check_removable, find, remove
 from ocp.store.run_files import visible
 from ocp.store.stored_run import FORMATS, StoredRun, check_rows
 from reports.cli.commands import RmOptions, RunsExportOptions, RunsOptions
-from reports.cli.request import check_place
+from reports.cli.request import check_output_file
 from reports.tables.console import print_table
 from reports.tables.listings import run_lines, run_table
 
@@ -32,11 +32,11 @@ def check(options: RunsOptions) -> RunsRequest:
     narrowed = sorted(options.explicit & {*FILTERS, "tags", "since", "last"})
     if options.run is not None and narrowed:
         raise InputError(f"a single run takes no filter; drop --{narrowed[0].replace('tags', 'tag')}")
-    since = None if options.since is None else moment(options.since)
+    since = None if options.since is None else parse_date(options.since)
     return (None if options.run is None else options.stored(options.run)), since
 
 
-def moment(text: str) -> datetime:
+def parse_date(text: str) -> datetime:
     """Read ``2h`` (ago), or a date or time in ISO form, UTC unless it has a zone.
 
     Raises :class:`~ocp.errors.InputError` for anything else.
@@ -140,7 +140,7 @@ def run_rm(options: RmOptions, run_paths: list[Path]) -> int:
 
 def check_export(options: RunsExportOptions) -> tuple[StoredRun, str]:
     """Read the run, and check that it can be written in that format."""
-    check_place(options.file, "data")
+    check_output_file(options.file, "data")
     file_format = options.form or options.file.suffix.removeprefix(".").lower()
     choose("format", file_format, FORMATS)
     stored_run = options.stored(options.run)

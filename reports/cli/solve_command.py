@@ -25,7 +25,7 @@ from ocp.store.stored_run import StoredRun
 from problems.plugin import edited, law_of, problem_of
 from reports.cli import interrupt
 from reports.cli.commands import ReplayOptions, SolveOptions
-from reports.cli.request import Request, assignments, case_of, check_place, check_places
+from reports.cli.request import Request, case_of, check_output_file, check_outputs, parse_assignments
 from reports.cli.streams import Output
 from reports.tables import console
 from reports.tables.console import number, small
@@ -48,7 +48,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
         from reports.figures.paper import format_of
 
         format_of(options.plot)
-        check_place(options.plot, "figure")
+        check_output_file(options.plot, "figure")
     request = Request.read(options)
     if options.search and (options.starts > 1 or options.start is not None):
         raise InputError("--search finds its own starts; drop --starts and --from")
@@ -68,7 +68,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     for name in options.sensitivity or ():
         choose("parameter", name, dict.fromkeys(request.session.step.p.names))
     check_memory(f"{workers} solves in parallel", workers * request.session.memory)
-    check_places(options.out, options.pdf)
+    check_outputs(options.out, options.pdf)
     start = None if options.start is None else _start(request, options)
     return request, start
 
@@ -105,15 +105,15 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
         slopes = {name: _cost_slopes(solution, name) for name in options.sensitivity}
         solution = replace(solution, sensitivities=slopes)
     stored = store.save(solution, options.out, options.argv, options.tags or ())
-    show(output, solution)
+    print_solution(output, solution)
     if solution.record["jit"] not in (None, "compiled"):
         output.say(f"jit: {solution.record['jit']}")
     output.verdict(solution.verdict, solution.grade)
-    content = document(solution, stored.meta)
+    content = solution_document(solution, stored.meta)
     if options.plot is not None:
-        from reports.figures.paper import bare, format_of
+        from reports.figures.paper import bare_figure, format_of
 
-        figure_bytes = bare(stored, format_of(options.plot), file_spec=request.spec)
+        figure_bytes = bare_figure(stored, format_of(options.plot), file_spec=request.spec)
         atomic.write(options.plot, figure_bytes, "the figure")
         output.say(f"figure: {options.plot}")
         content["plot"] = str(options.plot)
@@ -140,7 +140,7 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
 
         def on_stage(stage: StageRecord) -> None:
             report(stage)
-            interrupt.check()
+            interrupt.raise_if_interrupted()
 
         try:
             if start is not None:
@@ -165,7 +165,7 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
             return refine_from(request.session, solution, rebuilder(request.spec), options.seed, on_stage)
         except Interrupted as stop:
             if stop.solution.status is Status.INTERRUPTED:
-                interrupt.answered()
+                interrupt.mark_handled()
                 return stop.solution
             best_run = store.save(stop.solution, options.out, options.argv, options.tags or ())
             finished = len(stop.solution.route.attempts)
@@ -173,7 +173,7 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
             raise
 
 
-def show(output: Output, solution: Solution) -> None:
+def print_solution(output: Output, solution: Solution) -> None:
     """Print the homotopy table, the audit, contacts and, for a failure, the worst constraints."""
     # Elsewhere lines have listed the stages already.
     if solution.stages and output.console.is_terminal and output.progress:
@@ -195,7 +195,7 @@ _COPIED = ("success", "verdict", "cost", "iterations", "build_s", "solve_s", "ev
 _CERTIFIED = ("biactive", "lpec_decrease", "kkt_residual", "negative_curvature")
 
 
-def document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
+def solution_document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
     """Return what ``ocp solve --json`` prints, except the paths of the run and of its report.
 
     ``meta`` is the description of the stored run.
@@ -242,7 +242,7 @@ def check_replay(options: ReplayOptions) -> ReplayRequest:
     solution = stored_run.solution(problem)
     if options.world is not None:
         return stored_run, solution, options.world
-    law_settings = assignments("-c", options.law_settings)
+    law_settings = parse_assignments("-c", options.law_settings)
     law, warning = law_of(stored_run, options.contact, law_settings, problem.system)
     if warning:
         options.output.say(warning)

@@ -35,8 +35,8 @@ class _Saved:
 _saved: list[_Saved] = []
 
 
-def reserve() -> None:
-    """Reserve stdout for the document, until :func:`release` or the end of the process.
+def redirect_stdout() -> None:
+    """Reserve stdout for the document, until :func:`restore_stdout` or the end of the process.
 
     Solvers, compilers and a user's own file print anywhere, compiled code straight to descriptor 1,
     some of it only as the process ends. So the descriptor itself is redirected to stderr, and the
@@ -65,7 +65,7 @@ def document_stream() -> TextIO:
     return _saved[0].document if _saved else sys.stdout
 
 
-def release() -> None:
+def restore_stdout() -> None:
     """Restore stdout, after flushing the buffers of compiled code."""
     if not _saved:
         return
@@ -130,7 +130,7 @@ SIGNS = {
 HANDLER = "centralpath-signs"
 
 
-def written(text: str) -> str:
+def to_ascii(text: str) -> str:
     """``text`` in ASCII: known signs by their names, letters without accents, the rest as ``?``."""
     bare = (unicodedata.normalize("NFKD", sign).encode("ascii", "ignore") for sign in text)
     return "".join(SIGNS.get(sign) or letters.decode() or "?" for sign, letters in zip(text, bare, strict=True))
@@ -139,10 +139,10 @@ def written(text: str) -> str:
 def _replaced(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    return written(error.object[error.start : error.end]), error.end
+    return to_ascii(error.object[error.start : error.end]), error.end
 
 
-def prepare() -> None:
+def set_error_handler() -> None:
     """Let stdout and stderr replace signs that their encoding lacks; UTF-8 is left alone.
 
     Under ``PYTHONIOENCODING=cp1252`` or an ASCII locale, ``⟂`` would otherwise end the program.
@@ -153,7 +153,7 @@ def prepare() -> None:
             stream.reconfigure(errors=HANDLER)
 
 
-def abandon() -> None:
+def discard_buffers() -> None:
     """Discard the buffers of streams that cannot be written.
 
     Python would flush them again as it ends, and print a traceback.

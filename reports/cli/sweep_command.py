@@ -24,7 +24,7 @@ from ocp.solve.solve import Rank
 from ocp.store.checkpoint import Checkpoint
 from reports.cli import interrupt
 from reports.cli.commands import ContinueOptions, SweepOptions
-from reports.cli.request import Request, assignments, case_of, check_places, read_names
+from reports.cli.request import Request, case_of, check_outputs, parse_assignments, read_names
 from reports.cli.solve_command import NOT_CONVERGED
 from reports.tables.listings import curve_lines, event_table, point_table, sweep_progress
 
@@ -51,7 +51,7 @@ def check(options: SweepOptions) -> SweepRequest:
     session = study.check()
     check_parallel_memory(session, options.jobs)
     check_points(study, session)
-    check_places(options.out, options.pdf)
+    check_outputs(options.out, options.pdf)
     return SweepRequest(study, session, study.checkpoint(options.out, session.problem.name))
 
 
@@ -104,7 +104,7 @@ def _points(options: SweepOptions, request: SweepRequest) -> list[JobResult]:
                 request.checkpoint,
                 saved,
                 on_point,
-                lambda *_: interrupt.check(),
+                lambda *_: interrupt.raise_if_interrupted(),
             )
     except KeyboardInterrupt:
         output.say(f"{len(saved)} of {len(names)} points are kept; the same command resumes")
@@ -131,7 +131,7 @@ def check_continue(options: ContinueOptions) -> Request:
     choose("scale", options.scale, SCALES)
     request = Request.read(options)
     check_memory(f"--steps {options.steps}", points_memory(request.session.problem, options.steps))
-    check_places(options.out, options.pdf)
+    check_outputs(options.out, options.pdf)
     name = resolve(request.session, options.over)
     for value in (options.start, options.end):
         if not name.startswith(LAW_PREFIX):
@@ -140,7 +140,7 @@ def check_continue(options: ContinueOptions) -> Request:
     check_range(options.scale, options.start, options.end, options.steps)
     law, _, parameter = name.rpartition(".")
     option, setting_words = ("-c", options.law_settings) if law == "contact" else ("-p", options.params)
-    if (parameter if law == "contact" else name) in assignments(option, setting_words):
+    if (parameter if law == "contact" else name) in parse_assignments(option, setting_words):
         raise InputError(f"{name} is varied from --from to --to; drop {option} {parameter}")
     return request
 
@@ -174,7 +174,7 @@ def _followed(options: ContinueOptions, request: Request) -> tuple[Continuation,
         if options.output.progress:
             lines = curve_lines(over, [point.row()], heads=len(finished) == 1)
             print("\n".join(lines), file=sys.stderr, flush=True)
-        interrupt.check()
+        interrupt.raise_if_interrupted()
 
     try:
         with interruptible():

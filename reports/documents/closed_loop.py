@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from reports.documents.common import Page, head, how, law, row_figures, settings
-from reports.documents.comparison import labels
+from reports.documents.common import Page, law_summary, page_header, request_rows, row_figures, setting_rows
+from reports.documents.comparison import run_labels
 from reports.drawing.view import RunView
 from reports.figures import closed_loop, trajectories
-from reports.tables.closed_loop import loop_rows, reasons
+from reports.tables.closed_loop import loop_notes, loop_rows
 from reports.tables.console import number
 
 _GRADES = {"done": "survives", "warnings": "certified", "stopped": "certified"}
@@ -18,8 +18,8 @@ _FIRST = ("phase", "plant")
 def loops_page(views: list[RunView]) -> Page:
     """Content and figures of one closed loop, or of several."""
     content = {
-        **head(views[0]),
-        "law": law(views[0]),
+        **page_header(views[0]),
+        "law": law_summary(views[0]),
         "hashes": [view.run.meta["hash"] for view in views],
         "grades": [_GRADES.get(view.run.meta["status"], "failed") for view in views],
         "verdicts": [view.run.meta["verdict"] for view in views],
@@ -36,15 +36,15 @@ def _one(view: RunView, content: dict[str, Any]) -> Page:
         "key": loop_rows(meta),
         "how": [
             *([name, str(view.run.record[name])] for name in _FIRST),
-            *(row for row in how(view.run) if row[0] == "law"),
+            *(row for row in request_rows(view.run) if row[0] == "law"),
         ],
-        "settings": [row for row in settings(view.run) if row[0] not in _FIRST],
-        "notes": [*meta["told"], *reasons(meta)],
+        "settings": [row for row in setting_rows(view.run) if row[0] not in _FIRST],
+        "notes": [*meta["told"], *loop_notes(meta)],
     }
     candidates = {
-        "snapshots": closed_loop.snapshots(view),
+        "snapshots": closed_loop.snapshot_figure(view),
         "cost": closed_loop.cost_and_times(view),
-        "timeline": closed_loop.timeline(view),
+        "timeline": closed_loop.contact_timeline(view),
     }
     drawn_figures = {name: figure for name, figure in candidates.items() if figure is not None}
     contacts = [signal.name for signal in view.signals("contacts")]
@@ -52,7 +52,7 @@ def _one(view: RunView, content: dict[str, Any]) -> Page:
 
 
 def _several(views: list[RunView], content: dict[str, Any]) -> Page:
-    descriptions = labels([view.run for view in views])
+    descriptions = run_labels([view.run for view in views])
     names = [chr(ord("A") + i) if i < 26 else str(i + 1) for i in range(len(views))]
     rows: dict[str, list[str]] = {}
     for place, view in enumerate(views):
@@ -71,7 +71,7 @@ def _several(views: list[RunView], content: dict[str, Any]) -> Page:
     }
     if not one_problem:
         content |= {"equations": [], "typed": [], "parameters": [], "citation": "", "unloaded": ""}
-    return content, {"compared": closed_loop.compared(views, names)}
+    return content, {"compared": closed_loop.comparison_figure(views, names)}
 
 
 def _cheapest(views: list[RunView], names: list[str]) -> str:

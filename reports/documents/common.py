@@ -44,32 +44,32 @@ _UNLOADED = (
 )
 
 
-def head(view: RunView) -> dict[str, Any]:
-    """Title, and the content of :func:`described`."""
+def page_header(view: RunView) -> dict[str, Any]:
+    """Title, and the content of :func:`run_summary`."""
     values = view.run.record.get("params", {}) if view.spec is None else view.params.model_dump()
-    return {"title": view.title, **described(view.run, view.spec, values)}
+    return {"title": view.title, **run_summary(view.run, view.spec, values)}
 
 
-def described(run: StoredRun, spec: Spec | FigureStudy | None, values: dict[str, Any]) -> dict[str, Any]:
+def run_summary(run: StoredRun, spec: Spec | FigureStudy | None, values: dict[str, Any]) -> dict[str, Any]:
     """Origin, request and verdict of a run."""
     cited = spec.citation if spec else None
     stored = run.own_problem if spec is None else None
     return {
         "hash": run.meta["hash"],
         "verdict": run.meta["verdict"],
-        "how": how(run),
+        "how": request_rows(run),
         "equations": list(spec.equations) if isinstance(spec, Spec) else [],
         # Text of a run stays text: typst's mathematics is a program, which a page would execute.
         "typed": [plain(line) for line in stored["equations"]] if stored else [],
         "unloaded": _UNLOADED if stored else "",
         "parameters": _parameters(spec, stored, values),
         "citation": f"{cited.text}. {full_citation(cited.key)}." if cited else "",
-        "settings": settings(run),
-        "versions": pairs(run.meta.get("versions") or {}),
+        "settings": setting_rows(run),
+        "versions": flatten(run.meta.get("versions") or {}),
     }
 
 
-def how(run: StoredRun, without: Collection[str] = ()) -> list[list[str]]:
+def request_rows(run: StoredRun, without: Collection[str] = ()) -> list[list[str]]:
     """Law with its settings, except ``without``, method, policy and solver."""
     record = run.record
     request_lines = [["law", law_text(run, without)]] if record.get("contact") else []
@@ -84,7 +84,7 @@ def law_text(run: StoredRun, without: Collection[str] = ()) -> str:
     """Name and settings of the law, except ``without``: ``barrier (μ = 0.001)``."""
     name = str(run.record["contact"])
     law_settings = {key: value for key, value in _law_settings(run, name).items() if f"contact.{key}" not in without}
-    settings = ", ".join(f"{symbol(key)} = {shown(value)}" for key, value in law_settings.items())
+    settings = ", ".join(f"{symbol(key)} = {as_text(value)}" for key, value in law_settings.items())
     return f"{name} ({settings})" if settings else name
 
 
@@ -99,7 +99,7 @@ def _law_settings(run: StoredRun, name: str) -> dict[str, Any]:
     return run.record.get("contact_settings") or {}
 
 
-def law(view: RunView) -> dict[str, Any]:
+def law_summary(view: RunView) -> dict[str, Any]:
     """Name and summary of the law, and the plan's place on the central path."""
     name = str(view.run.record.get("contact", ""))
     law_class = LAWS.get(name)
@@ -134,42 +134,44 @@ def _parameters(
         stored_parameters = stored["parameters"].items()
         about |= {name: (field["unit"], field["description"]) for name, field in stored_parameters}
     return [
-        [name, shown(values[name]), powers(unit), meaning] for name, (unit, meaning) in about.items() if name in values
+        [name, as_text(values[name]), powers(unit), meaning]
+        for name, (unit, meaning) in about.items()
+        if name in values
     ]
 
 
-def shown(value: Any) -> str:
+def as_text(value: Any) -> str:
     """A value as text: short numbers, lists with commas."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
-        return ", ".join(shown(entry) for entry in value)
+        return ", ".join(as_text(entry) for entry in value)
     return number(value, 8) if isinstance(value, int | float) else str(value)
 
 
-def settings(run: StoredRun) -> list[list[str]]:
+def setting_rows(run: StoredRun) -> list[list[str]]:
     """Settings of the request without a table or line of their own."""
     remaining = {key: value for key, value in run.record.items() if key not in _NOT_SETTINGS}
-    return [row for row in pairs(remaining) if row[0] not in _FIRST and not row[0].startswith("contact.")]
+    return [row for row in flatten(remaining) if row[0] not in _FIRST and not row[0].startswith("contact.")]
 
 
-def pairs(values: dict[str, Any]) -> list[list[str]]:
+def flatten(values: dict[str, Any]) -> list[list[str]]:
     """Names and values as text; those of a group as ``group.name``."""
     rows = []
     for key, value in values.items():
         if isinstance(value, dict):
             group = key.removesuffix("_settings").removesuffix("_options")
-            rows += [[f"{group}.{name}", text] for name, text in pairs(value)]
+            rows += [[f"{group}.{name}", text] for name, text in flatten(value)]
         elif value is not None and value != []:
-            rows.append([key.replace("_", " "), shown(value)])
+            rows.append([key.replace("_", " "), as_text(value)])
     return rows
 
 
 def row_figures(name: str, rows: list[Row], columns: int = COLUMNS, below: float = 0.34) -> dict[str, Figure]:
     """A figure per row, ``name-01`` and so on, so that pages can break between rows."""
-    return numbered(name, [draw_rows([row], columns, below) for row in rows])
+    return numbered_figures(name, [draw_rows([row], columns, below) for row in rows])
 
 
-def numbered(name: str, figures: Sequence[Figure]) -> dict[str, Figure]:
+def numbered_figures(name: str, figures: Sequence[Figure]) -> dict[str, Figure]:
     """Figures by numbered names, in the order of a template."""
     return {f"{name}-{index:02d}": figure for index, figure in enumerate(figures, start=1)}

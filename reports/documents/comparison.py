@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 
 from ocp.store.stored_run import StoredRun
-from reports.documents.common import Page, head, how, law, numbered, pairs, row_figures, settings
+from reports.documents.common import (
+    Page,
+    flatten,
+    law_summary,
+    numbered_figures,
+    page_header,
+    request_rows,
+    row_figures,
+    setting_rows,
+)
 from reports.drawing.notation import symbol
 from reports.drawing.strobe import strobe_rows
 from reports.drawing.style import line_of
@@ -27,9 +36,9 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
     """Content and figures of several solved runs, each labelled by its differences."""
     names = [chr(ord("A") + i) if i < 26 else str(i + 1) for i in range(len(views))]
     one_problem = len({view.run.meta["problem"] for view in views}) == 1
-    labelled = labels([view.run for view in views])
+    labelled = run_labels([view.run for view in views])
     titles = [f"{name}: {label}" for name, label in zip(names, labelled, strict=True)]
-    requests = [[*how(view.run), *settings(view.run)] for view in views]
+    requests = [[*request_rows(view.run), *setting_rows(view.run)] for view in views]
     shared = [row for row in requests[0] if all(row in request for request in requests)]
     content = {
         "title": views[0].title if one_problem else "Comparison of runs",
@@ -39,23 +48,23 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
         "hashes": [view.run.meta["hash"] for view in views],
         "verdicts": [view.run.meta["verdict"] for view in views],
         "grades": [view.run.meta["grade"] for view in views],
-        "rows": comparison.rows(views),
+        "rows": comparison.comparison_rows(views),
         "how": shared,
         "own": [[row for row in request if row not in shared] for request in requests],
         "differ": comparison.same_instants(views),
-        "versions": pairs(views[0].run.meta.get("versions") or {}),
+        "versions": flatten(views[0].run.meta.get("versions") or {}),
         "zero": [],
     }
     pictures, content["arrows"] = strobe_rows(list(zip(titles, views, strict=True)), cones)
-    figures = numbered("strobes", pictures)
+    figures = numbered_figures("strobes", pictures)
     if one_problem:
-        figures["costs"] = comparison.costs(views, titles)
+        figures["costs"] = comparison.cost_figure(views, titles)
         rows, content["zero"] = comparison.overlay_rows(views)
         figures |= row_figures("motion", rows)
     return content, figures
 
 
-def labels(runs: Sequence[StoredRun]) -> list[str]:
+def run_labels(runs: Sequence[StoredRun]) -> list[str]:
     """A label for each run: the values in which the runs differ, problem and law first.
 
     Runs of different problems are labelled by problem and law, and by further values only where
@@ -100,7 +109,7 @@ def _differs(key: str, request: Mapping[str, Any], requests: Sequence[Mapping[st
 
 def continuation_page(view: RunView, cones: bool = False) -> Page:
     """Content and figures of a path over a parameter; friction cones are drawn where ``cones``."""
-    meta, points, common = view.run.meta, view.run.meta["points"], head(view)
+    meta, points, common = view.run.meta, view.run.meta["points"], page_header(view)
     over = str(meta["over"])
     rows = [
         [
@@ -128,14 +137,14 @@ def continuation_page(view: RunView, cones: bool = False) -> Page:
         "survived": f"{sum(p.get('survives') is True for p in points)} of {len(points)}",
         "points": rows,
         "events": [list(row) for row in event_rows(meta["events"])],
-        "law": law(view),
+        "law": law_summary(view),
         "floor": _below(points),
         "key": [["total iterations", str(meta["iterations"])], ["NLPs built", str(meta["nlp_builds"])]],
     }
-    pictures, content["arrows"] = comparison.strobes(view, cones)
-    figures = {"path": comparison.curve(view), **numbered("strobes", pictures)}
+    pictures, content["arrows"] = comparison.strobe_figures(view, cones)
+    figures = {"path": comparison.curve_figure(view), **numbered_figures("strobes", pictures)}
     if motion_figures := row_figures("motion", comparison.motion_rows(view)):
-        figures |= {"motion-00": comparison.key_of_points(view), **motion_figures}
+        figures |= {"motion-00": comparison.point_key(view), **motion_figures}
     return content, figures
 
 
@@ -157,4 +166,4 @@ def _how(view: RunView) -> list[list[str]]:
     name, unit = symbol(str(meta["over"])), comparison.parameter_label(view).partition(" ")[2]
     text = f"{number(meta['from'], 4)} to {number(meta['to'], 4)} {unit.strip('[]')}".strip()
     swept = [name, f"{text}, {meta['scale']}, {len(meta['points'])} points"]
-    return [swept, *how(view.run, [str(meta["over"])])]
+    return [swept, *request_rows(view.run, [str(meta["over"])])]

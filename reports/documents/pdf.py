@@ -18,7 +18,7 @@ from ocp.store import atomic
 from ocp.store.json_values import to_json
 from ocp.store.stored_run import StoredRun
 from problems.spec import ProblemSpec
-from reports.drawing.style import literal, styled, to_svg
+from reports.drawing.style import house_style, show_literally, to_svg
 from reports.drawing.view import RunView
 
 _TEMPLATES = Path(__file__).with_name("templates")
@@ -38,10 +38,10 @@ def write_pdf(
     Raises :class:`~ocp.errors.InputError` where the file cannot be written, where runs cannot be
     compared, or where a problem's typst equations do not compile.
     """
-    atomic.write(path, render(runs, cones, file_spec, signals), "the PDF")
+    atomic.write(path, render_pdf(runs, cones, file_spec, signals), "the PDF")
 
 
-def render(
+def render_pdf(
     runs: Sequence[StoredRun],
     cones: bool = False,
     file_spec: ProblemSpec | None = None,
@@ -49,10 +49,10 @@ def render(
 ) -> bytes:
     """Return the PDF's bytes."""
     views = [RunView.of(run, file_spec) for run in runs]
-    with styled():
+    with house_style():
         template, content, figures = _page(views, cones, file_spec, signals)
         if template != "study.typ":
-            figures = {name: literal(figure) for name, figure in figures.items()}
+            figures = {name: show_literally(figure) for name, figure in figures.items()}
         svg_figures = {name: to_svg(figure) for name, figure in figures.items()}
     return _typeset(template, content, svg_figures)
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ocp.programs.solver import Status
-from reports.documents.common import Page, head, law, numbered, row_figures, shown
+from reports.documents.common import Page, as_text, law_summary, numbered_figures, page_header, row_figures
 from reports.drawing.notation import label, symbol
 from reports.drawing.strobe import picked_scenarios, strobe, strobe_rows
 from reports.drawing.view import RunView
@@ -25,29 +25,31 @@ _ENDS = 12
 def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -> Page:
     """Content and figures of one solved run; friction cones are drawn where ``cones``.
 
-    ``signals`` are those that are drawn over time (:func:`reports.figures.trajectories.chosen`), None for
+    ``signals`` are those that are drawn over time (:func:`reports.figures.trajectories.select_signals`), None for
     all.
     """
     stored, all_tracks = view.run, trajectories.tracks(view)
     is_solved = stored.status is Status.SOLVED
-    names = [] if signals is None else trajectories.chosen(view, signals)
+    names = [] if signals is None else trajectories.select_signals(view, signals)
     shown_multipliers = {name for contact in run.contacts_of(view) for name in contact.multipliers}
     heads, rows = contact_columns(stored.audit)
     content = {
-        **head(view),
+        **page_header(view),
         "grade": stored.meta["grade"],
         "key": key_numbers(view),
-        "law": law(view),
-        "parted": trajectories.parted(all_tracks),
-        "apart": small(trajectories.apart(all_tracks)),
-        "undetermined": trajectories.undetermined(all_tracks),
+        "law": law_summary(view),
+        "parted": trajectories.replay_differs(all_tracks),
+        "apart": small(trajectories.replay_deviation(all_tracks)),
+        "undetermined": trajectories.multipliers_undetermined(all_tracks),
         "replayed": any(track.replay is not None for track in all_tracks),
-        "zero": [name for name in trajectories.idle(all_tracks) if name not in shown_multipliers and not names],
+        "zero": [
+            name for name in trajectories.idle_multipliers(all_tracks) if name not in shown_multipliers and not names
+        ],
         "stages": _stages(view),
         "left_out": stage_note(stored.stages, stored.meta["cost"]),
         "worst": [] if is_solved else violation_rows(stored.audit),
         "starts": [key.replace("_", " ") for key in _starts(view)],
-        "others": [[shown(other.get(key)) for key in _starts(view)] for other in stored.meta["others"]],
+        "others": [[as_text(other.get(key)) for key in _starts(view)] for other in stored.meta["others"]],
         "contacts": rows,
         "contact_heads": heads,
         "contact_notes": contact_notes(stored.audit),
@@ -59,14 +61,14 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
     }
     figures, content["arrows"] = _motion(view, cones)
     figures |= row_figures("motion", trajectories.plan_rows(view, shown_multipliers, names))
-    if run.off_the_end(view):
+    if run.is_before_path_end(view):
         figures["contact"] = run.contact_plane(view)
     panels, columns = run.rows_of_contacts(view)
     figures |= row_figures("contacts", panels, columns, _BELOW)
     if len(stored.stages) > 1:
-        figures["homotopy"] = run.homotopy(view)
+        figures["homotopy"] = run.homotopy_figure(view)
     if "K" in stored.data:
-        figures["gains"] = run.gains(view)
+        figures["gains"] = run.gains_figure(view)
     return content, {name: figure for name, figure in figures.items() if figure is not None}
 
 
@@ -76,7 +78,7 @@ def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
         return {"strobe": strobe(view, cones)}, ""
     picked = picked_scenarios(view.pictured)
     rows, arrows = strobe_rows([(f"scenario {i}", view.scenario(i)) for i in picked], cones)
-    return {**numbered("strobes", rows)}, arrows
+    return {**numbered_figures("strobes", rows)}, arrows
 
 
 def _stages(view: RunView) -> list[list[str]]:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from ocp.store.stored_run import StoredRun
 from problems import studies
 from problems.studies.study import origin_of, verdict
-from reports.documents.common import Page, described
+from reports.documents.common import Page, run_summary
 from reports.figures.studies import DRAWINGS
 
 
 def study_page(run: StoredRun) -> Page:
     """Content and figure of a stored study; raises ``InputError`` for an unknown one."""
     study = studies.get(run.meta["problem"])
-    content, fields = described(run, study, run.record["params"]), study.Params.model_fields
+    content, fields = run_summary(run, study, run.record["params"]), study.Params.model_fields
     content |= {
         "title": f"{study.id}: {study.title}",
         "caption": DRAWINGS[study.id].caption,

@@ -15,31 +15,31 @@ from ocp.store.stored_run import StoredRun
 from problems.plugin import spec_of
 from problems.registry import ObjectiveSpec, objective_names, objective_spec
 from problems.spec import ProblemSpec
-from reports.documents.common import Page, described, head, how, law, law_text
+from reports.documents.common import Page, law_summary, law_text, page_header, request_rows, run_summary
 from reports.drawing.notation import label, symbol
 from reports.drawing.view import RunView
 from reports.figures import sweep as drawn
 from reports.tables.console import number
-from reports.tables.listings import HEADS, MOST, duration, estimate_cells, point_rows
+from reports.tables.listings import HEADS, MOST, estimate_cells, format_duration, point_rows
 
 
 def sweep_page(view: RunView) -> Page:
     """Content and figures of a sweep; swept names are left out of the tables of constants."""
-    swept, common = {axis["name"] for axis in view.run.meta["study"]["axes"]}, head(view)
+    swept, common = {axis["name"] for axis in view.run.meta["study"]["axes"]}, page_header(view)
     varied = {name.removeprefix("problem.") for name in swept}
     parameters = {row[0] for row in common["parameters"]}
     common["parameters"] = [row for row in common["parameters"] if row[0] not in varied]
     common["settings"] = [row for row in common["settings"] if row[0] not in swept - parameters]
-    common["how"] = how(view.run, swept)
+    common["how"] = request_rows(view.run, swept)
     content, figures = sweep_content(view.run)
-    return {**common, "law": law(view), **content}, figures
+    return {**common, "law": law_summary(view), **content}, figures
 
 
 def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
     """Key numbers, points, failures and figures."""
     meta, axes = run.meta, run.meta["study"]["axes"]
     dims, points = [axis["name"] for axis in axes], rows(run.data)
-    figures = drawn.figures(run.data, axes)
+    figures = drawn.sweep_figures(run.data, axes)
     grade = "survives" if meta["survives"] == meta["points"] else "certified"
     names = [f"map-{k + 1}" for k in range(len(figures))]
     content = {
@@ -49,7 +49,7 @@ def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
             ["solved", str(meta["solved"])],
             ["surviving the referee", str(meta["survives"])],
             ["total iterations", str(sum(row["iterations"] for row in points))],
-            ["work", duration(sum(row["seconds"] for row in points))],
+            ["work", format_duration(sum(row["seconds"] for row in points))],
         ],
         "axes": [
             [
@@ -62,7 +62,7 @@ def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
             for axis in axes
         ],
         "maps": names,
-        "caption": drawn.caption(axes),
+        "caption": drawn.sweep_caption(axes),
         "heads": [*dims, *HEADS],
         "points": point_rows(points, dims),
         "more": max(0, len(points) - MOST),
@@ -88,14 +88,14 @@ def estimate_page(run: StoredRun, file_spec: ProblemSpec | None = None) -> Page:
     meta, swept = run.meta, run.meta["sweep"]
     spec = _spec(run, file_spec)
     rows = meta["estimates"]
-    content = described(run, spec, run.record["params"])
+    content = run_summary(run, spec, run.record["params"])
     # Of a rollout sigma and samples are those of the noise; the problem may have others.
     noise = swept and swept["name"] in SAMPLING_AXES and run.record.get("contact")
     varied = swept["name"].removeprefix("problem.") if swept and not noise else ""
     parameters = [row for row in content["parameters"] if row[0] != varied]
     content |= {
         "title": f"Gradient of {meta['problem']}",
-        "verdict": f"{headline(rows)}\n{meta['verdict']}",
+        "verdict": f"{weakest_sentence(rows)}\n{meta['verdict']}",
         "grade": _GRADES[weakest_verdict(rows)],
         "how": _estimate_how(run),
         "parameters": parameters,
@@ -119,7 +119,7 @@ def _spec(run: StoredRun, file_spec: ProblemSpec | None) -> ObjectiveSpec | Prob
 _ELSEWHERE = ("estimators", "reference", "reference samples", "samples", "sigma")
 
 
-def headline(rows: Sequence[dict[str, Any]]) -> str:
+def weakest_sentence(rows: Sequence[dict[str, Any]]) -> str:
     """The weakest verdict among rows, with its estimators."""
     verdict = weakest_verdict(rows)
     estimators = list(dict.fromkeys(row["estimator"] for row in rows if short_verdict(row) == verdict))

@@ -9,25 +9,25 @@ from matplotlib.figure import Figure
 
 from ocp.errors import InputError
 from ocp.store.stored_run import StoredRun
-from reports.documents.common import Page, head, law, law_text, numbered, settings
+from reports.documents.common import Page, law_summary, law_text, numbered_figures, page_header, setting_rows
 from reports.drawing.notation import label
 from reports.drawing.view import RunView
-from reports.figures.training import learning, signals, strobes
+from reports.figures.training import learning_figure, signal_figure, strobe_figures
 from reports.tables.console import number
-from reports.tables.training import SeedGroup, groups, measures, summary_rows, verdict
+from reports.tables.training import SeedGroup, group_seeds, group_verdict, measure_names, summary_rows
 
 
 def training_page(views: list[RunView]) -> Page:
     """Content and figures of trained policies on one task."""
     content, figures, firsts = training_content(views)
-    settings_of_groups = [settings(run) for run in firsts]
+    settings_of_groups = [setting_rows(run) for run in firsts]
     shared = [row for row in settings_of_groups[0] if all(row in rows for rows in settings_of_groups)]
     own_settings = [[row for row in rows if row not in shared] for rows in settings_of_groups]
     laws = list(dict.fromkeys(law_text(run) for run in firsts))
     laws_used = [["law", "; ".join(laws)], ["evaluated under", "exact"]]
     return {
-        **head(views[0]),
-        "law": law(views[0]),
+        **page_header(views[0]),
+        "law": law_summary(views[0]),
         **content,
         "how": laws_used,
         "settings": shared,
@@ -45,10 +45,10 @@ def training_content(
     tasks = dict.fromkeys(str(view.run.meta["problem"]) for view in views)
     if len(tasks) > 1:
         raise InputError(f"these policies are of several tasks, {', '.join(tasks)}; write one report per task")
-    seed_groups = groups([view.run for view in views])
+    seed_groups = group_seeds([view.run for view in views])
     heads, cells = summary_rows(seed_groups)
     content = {
-        "verdicts": [verdict(group) for group in seed_groups],
+        "verdicts": [group_verdict(group) for group in seed_groups],
         "heads": heads,
         "rows": cells,
         "key": _key_numbers(views[0].run) if len(views) == 1 else [],
@@ -57,10 +57,10 @@ def training_content(
         "hashes": [view.run.meta["hash"] for view in views],
         "seeds": max(len(group.runs) for group in seed_groups),
     }
-    figures = {"learning": learning(seed_groups)}
-    if (signal_figure := signals(seed_groups)) is not None:
-        figures["signals"] = signal_figure
-    figures |= numbered("strobes", strobes(seed_groups))
+    figures = {"learning": learning_figure(seed_groups)}
+    if (gradient_figure := signal_figure(seed_groups)) is not None:
+        figures["signals"] = gradient_figure
+    figures |= numbered_figures("strobes", strobe_figures(seed_groups))
     return content, figures, [group.runs[0] for group in seed_groups]
 
 
@@ -72,7 +72,7 @@ def _key_numbers(run: StoredRun) -> list[list[str]]:
         ["untrained", number(meta["untrained"]["return"], 5)],
         ["after the last iteration", number(meta["last"]["return"], 5)],
         ["steps per episode", number(best["length"], 4)],
-        *([_titled(run, name), number(best[name], 4)] for name in measures(best)),
+        *([_titled(run, name), number(best[name], 4)] for name in measure_names(best)),
         ["share of unsolved steps", number(best["unsolved"], 2)],
         ["iterations", str(meta["last"]["iteration"])],
         ["steps simulated", number(meta["env_steps"], 4)],

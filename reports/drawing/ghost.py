@@ -12,7 +12,7 @@ from problems.spec import ProblemSpec
 from reports.drawing.view import RunView
 
 
-def ghost(view: RunView, sample: int, node: int, body: Sequence[Shape]) -> list[Shape]:
+def plan_shapes(view: RunView, sample: int, node: int, body: Sequence[Shape]) -> list[Shape]:
     """Shapes of a node of the plan of a sample of seed 0, without those that ``body`` has too.
 
     Empty where the problem has no drawing or the sample no plan.
@@ -29,4 +29,4 @@ def ghost(view: RunView, sample: int, node: int, body: Sequence[Shape]) -> list[
 def with_ghosts(view: RunView, times: np.ndarray, shapes: Sequence[list[Shape]]) -> list[list[Shape]]:
     """The shapes of frames at ``times`` [s], each over the end of its sample's plan."""
     samples = np.searchsorted(view.time, times + 1e-9 * view.time[-1], side="right") - 1
-    return [[*ghost(view, int(sample), -1, body), *body] for sample, body in zip(samples, shapes, strict=False)]
+    return [[*plan_shapes(view, int(sample), -1, body), *body] for sample, body in zip(samples, shapes, strict=False)]

@@ -119,7 +119,7 @@ def _grown(corners: np.ndarray, radius: float) -> np.ndarray:
     return np.concatenate(rounded)
 
 
-def beyond(shape: HalfPlane, middle: np.ndarray, reach: float) -> Path:
+def half_plane_path(shape: HalfPlane, middle: np.ndarray, reach: float) -> Path:
     """The part of a half plane within ``reach`` [m] of the projection of ``middle`` on its edge."""
     normal = np.array([shape.nx, shape.ny])
     direction = np.array([-shape.ny, shape.nx])
@@ -132,7 +132,7 @@ def beyond(shape: HalfPlane, middle: np.ndarray, reach: float) -> Path:
 
 def width(shape: Shape) -> float:
     """Width of its line [pt]: lines on a floor are as thin as edges."""
-    return EDGE if hides(shape) else THICK.get(type(shape), EDGE)
+    return EDGE if is_opaque(shape) else THICK.get(type(shape), EDGE)
 
 
 def color(role: str) -> str:
@@ -140,15 +140,15 @@ def color(role: str) -> str:
     return _COLORS.get(role, GREY)
 
 
-def hides(shape: Shape) -> bool:
+def is_opaque(shape: Shape) -> bool:
     """Whether one does not see through it."""
     return getattr(shape, "shade", 0.0) > 0
 
 
-def inks(shape: Shape, strength: float = 1.0) -> tuple[Rgba, Rgba]:
+def shape_colors(shape: Shape, strength: float = 1.0) -> tuple[Rgba, Rgba]:
     """Colours of a body's inside and of its edge, or of a bar twice; ``strength`` is how dark."""
     ink, shade = to_rgba(color(shape.role))[:3], getattr(shape, "shade", 0.0)
-    if not hides(shape):
+    if not is_opaque(shape):
         return (*ink, FILLED * strength), (*ink, strength)
     inside, edge = (_on_paper(ink, strength * dark) for dark in (shade, 1.0))
     return inside, inside if isinstance(shape, Segment) else edge
@@ -163,7 +163,7 @@ def _on_paper(ink: Sequence[float], share: float) -> Rgba:
 T = TypeVar("T", bound=Hashable)
 
 
-def still(frames: Sequence[Sequence[T]], hiding: Sequence[bool]) -> list[T]:
+def constant_shapes(frames: Sequence[Sequence[T]], hiding: Sequence[bool]) -> list[T]:
     """What is in every frame, to be drawn once below the rest.
 
     Of what in the first frame is ``hiding`` others, only that with which all frames begin.
@@ -186,14 +186,14 @@ def name_axes(axis: Axes, names: tuple[str, str]) -> None:
 
 def draw(shape: Shape, axis: Axes, strength: float) -> Artist:
     """Draw one shape and return its artist; ``strength`` in (0, 1] is how dark."""
-    face, edge = inks(shape, strength)
+    face, edge = shape_colors(shape, strength)
     match shape:
         case Mark():
             return _mark(shape, axis, strength)
         case HalfPlane():
             limits = np.array([axis.get_xlim(), axis.get_ylim()])
             reach = REACH * float(np.ptp(limits, axis=1).sum())
-            path = beyond(shape, limits.mean(axis=1), reach)
+            path = half_plane_path(shape, limits.mean(axis=1), reach)
             patch = PathPatch(path, facecolor=FAINT, edgecolor=GREY, linewidth=0.8, zorder=0)
         case Segment() | Spring():
             patch = PathPatch(
@@ -202,7 +202,7 @@ def draw(shape: Shape, axis: Axes, strength: float) -> Artist:
                 edgecolor=edge,
                 capstyle="round",
                 linewidth=width(shape),
-                zorder=1 if hides(shape) else 2,
+                zorder=1 if is_opaque(shape) else 2,
             )
         case _:
             patch = PathPatch(outline(shape), facecolor=face, edgecolor=edge, linewidth=EDGE)
@@ -238,11 +238,11 @@ class Camera:
 
 def show(axis: Axes, shapes: Iterable[Shape]) -> None:
     """Fix the limits around ``shapes``, so that half planes and forces can be clipped to them."""
-    middle, size = around(bounds(shapes))
+    middle, size = view_around(bounds(shapes))
     Camera(middle[None], size).aim(axis, 0)
 
 
-def around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def view_around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Middle and size of the view of a box ((low), (high)): a margin, and neither side too thin."""
     low, high = box
     size = high - low
@@ -251,7 +251,7 @@ def around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (low + high) / 2, np.maximum(size, _FLATTEST * size.max())
 
 
-def film(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
+def make_cameras(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
     """One camera for each of several motions, given the shapes of each frame of each.
 
     All show the same window: the whole first motion, and the others within its size of it. A window
@@ -266,7 +266,7 @@ def film(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
     size = union[1] - union[0]
     body = float(np.max(boxes[0][:, 1] - boxes[0][:, 0]))
     travels = size > _TRAVEL * np.maximum(body, size[::-1])
-    middle, size = around(union)
+    middle, size = view_around(union)
     if not travels.any():
         return [Camera(np.tile(middle, (len(own_boxes), 1)), size) for own_boxes in boxes]
     size = np.where(travels, _AROUND * body, union[1] - union[0] + 2 * _MARGIN * _AROUND * body)

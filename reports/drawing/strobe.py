@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Wedge
 
 from problems.drawing import ContactFrame, Shape
-from reports.drawing.shapes import bounds, draw, hides, name_axes, show, still
+from reports.drawing.shapes import bounds, constant_shapes, draw, is_opaque, name_axes, show
 from reports.drawing.style import INK, PURPLE, VERMILLION, WIDTH
 from reports.drawing.view import RunView
 
@@ -25,7 +25,7 @@ _LONGEST, _ACROSS, CONE = 0.18, 0.4, 0.7
 """Longest arrow in sides of the view, the longer and the shorter, and a cone in arrows."""
 
 
-def largest(values: np.ndarray | None) -> float:
+def largest_size(values: np.ndarray | None) -> float:
     """The largest of the finite values, without sign; 0 where there is none."""
     if values is None:
         return 0.0
@@ -48,7 +48,7 @@ class Forces:
     @property
     def largest(self) -> float:
         """Size of the largest finite force, 0 where there is none."""
-        return largest(np.hypot(self.normal, self.friction))
+        return largest_size(np.hypot(self.normal, self.friction))
 
 
 def forces_of(view: RunView, suffix: str = "") -> Forces | None:
@@ -83,7 +83,7 @@ def forces_drawn(forces: Forces | None, contacts: Sequence[Sequence[ContactFrame
     return replace(forces, friction=np.zeros_like(forces.friction))
 
 
-def caption(largest: float, unit: str, rough: bool) -> str:
+def arrow_caption(largest: float, unit: str, rough: bool) -> str:
     """Caption of arrows and, where contacts are ``rough``, of cones."""
     cones = "; shaded: friction cone" if rough else ""
     noun = "impulse" if unit == "N s" else "force"
@@ -112,7 +112,7 @@ def longest_arrow(size: np.ndarray) -> float:
     return min(_LONGEST * float(size.max()), _ACROSS * float(size.min()))
 
 
-def visible(
+def visible_forces(
     contacts: Sequence[ContactFrame], pushes: tuple[np.ndarray, np.ndarray], largest: float
 ) -> Iterator[tuple[ContactFrame, float, float]]:
     """Contacts with their normal and friction force, without the smallest forces."""
@@ -135,7 +135,7 @@ def draw_contacts(
     """
     longest = longest_arrow(np.ptp([axis.get_xlim(), axis.get_ylim()], axis=1))
     artists = list[Artist]()
-    for frame, normal, friction in visible(contacts, pushes, largest):
+    for frame, normal, friction in visible_forces(contacts, pushes, largest):
         if frame.friction and cones:
             artists.append(draw_cone(axis, frame, longest, cones))
         artists.append(draw_force(axis, frame, normal, friction, longest / largest))
@@ -250,7 +250,7 @@ def strobe_rows(titled_views: Sequence[tuple[str, RunView]], cones: bool = False
     if largest <= 0:
         return figures, ""
     arrow_note = "arrows: contact forces, in each picture to its own scale"
-    return figures, caption(largest, forces[0].unit, cones) if same_problem else arrow_note
+    return figures, arrow_caption(largest, forces[0].unit, cones) if same_problem else arrow_note
 
 
 def _one_view(axes: Sequence[Axes]) -> None:
@@ -278,7 +278,7 @@ def draw_strobe(axis: Axes, view: RunView, cones: bool = False, largest: float |
             pushes = forces.normal[node - 1], forces.friction[node - 1]
             draw_contacts(axis, frames, pushes, scale_force, cones=0.5 if cones else 0)
         if scale_force > 0:
-            axis.set_title(caption(scale_force, forces.unit, cones), loc="left", color=INK)
+            axis.set_title(arrow_caption(scale_force, forces.unit, cones), loc="left", color=INK)
     name_axes(axis, picture.axes)
     axis.set_axisbelow(True)
 
@@ -300,7 +300,7 @@ def draw_motion(axis: Axes, plays: list[list[Shape]], strongest: int | None = No
         if strongest not in chosen:
             chosen[inner] = strongest
     frames = [plays[node] for node in chosen]
-    fixed = still(frames, [hides(shape) for shape in frames[0]])
+    fixed = constant_shapes(frames, [is_opaque(shape) for shape in frames[0]])
     show(axis, [shape for shapes in frames for shape in shapes])
     for shape in fixed:
         draw(shape, axis, 1.0)

@@ -78,7 +78,7 @@ _BROKEN = ((0, (5, 1.5)), (0, (1, 1)))
 
 
 @contextmanager
-def styled() -> Iterator[None]:
+def house_style() -> Iterator[None]:
     """Draw in the house style, whatever the user's matplotlib is set to."""
     with mpl.rc_context():
         mpl.rcdefaults()
@@ -86,7 +86,7 @@ def styled() -> Iterator[None]:
         yield
 
 
-def literal(figure: Figure) -> Figure:
+def show_literally(figure: Figure) -> Figure:
     """Show the names that a user chose as they are: ``x$a_{$`` is not mathematics.
 
     Numbers at ticks are matplotlib's own and stay mathematics. Call it before the first draw.

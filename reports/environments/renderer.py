@@ -12,7 +12,7 @@ from problems.drawing import HalfPlane, Shape
 from problems.tasks.registry import TaskSpec
 from reports.drawing.shapes import Camera, bounds, draw, name_axes
 from reports.drawing.strobe import draw_motion
-from reports.drawing.style import INK, styled
+from reports.drawing.style import INK, house_style
 
 _INCHES, _DPI = (6.4, 4.0), 100
 _AROUND, _BELOW = 2.2, 0.1
@@ -27,7 +27,7 @@ class Renderer:
 
     def of(self, states: Sequence[np.ndarray], time: float) -> np.ndarray:
         """Draw the last of ``states``, each (nx,), at ``time`` [s], of several a strobe."""
-        with styled():
+        with house_style():
             figure = Figure(_INCHES, _DPI)
             canvas, axis = FigureCanvasAgg(figure), figure.subplots()
             plays = [self._spec.draw(self._params, state) for state in states]

@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from ocp.problem.problem import Problem
-from reports.drawing.ghost import ghost
+from reports.drawing.ghost import plan_shapes
 from reports.drawing.shapes import draw, show
 from reports.drawing.style import BLUE, CYCLE, GREEN, GREY, INK, VERMILLION, WIDTH, line_of
 from reports.drawing.view import RunView
-from reports.figures.panels import spans
+from reports.figures.panels import shade_spans
 from reports.figures.run import contacts_of
-from reports.tables.closed_loop import timed
+from reports.tables.closed_loop import counted_times
 
 _PICTURES = 4
 _BINS = 40
@@ -25,7 +25,7 @@ _TIMELINE = 12
 """Most contacts of a timeline."""
 
 
-def snapshots(view: RunView) -> Figure | None:
+def snapshot_figure(view: RunView) -> Figure | None:
     """Seed 0 at a few samples, over the middle and the end of the plan; None without a drawing."""
     picture = view.picture
     if picture is None:
@@ -37,7 +37,7 @@ def snapshots(view: RunView) -> Figure | None:
     middle = 0 if plan is None else plan.shape[2] // 2
     # Back to front: the plan's middle and its end, then the body.
     frames = [
-        [(ghost(view, k, middle, body), 0.5), (ghost(view, k, -1, body), 1.0), (body, 1.0)]
+        [(plan_shapes(view, k, middle, body), 0.5), (plan_shapes(view, k, -1, body), 1.0), (body, 1.0)]
         for k, body in zip(chosen.tolist(), bodies, strict=True)
     ]
     every = [shape for frame in frames for shapes, _ in frame for shape in shapes]
@@ -77,7 +77,7 @@ def _paid(view: RunView) -> np.ndarray:
 
 def _histogram(axis: Axes, view: RunView) -> None:
     times = view.run.meta["seconds"]
-    seconds = 1e3 * timed(view.run.data["seconds"].values)
+    seconds = 1e3 * counted_times(view.run.data["seconds"].values)
     if not seconds.size:
         return
     edges = np.geomspace(0.9 * seconds.min(), 1.1 * seconds.max(), _BINS)
@@ -112,7 +112,7 @@ def _of_milliseconds(axis: Axes) -> None:
     axis.xaxis.set_minor_formatter(NullFormatter())
 
 
-def timeline(view: RunView) -> Figure | None:
+def contact_timeline(view: RunView) -> Figure | None:
     """When each contact is active, a bar per seed; None where no contact ever is."""
     pairs = view.problem.system.pairs if isinstance(view.problem, Problem) else ()
     active_contacts = [
@@ -130,14 +130,14 @@ def timeline(view: RunView) -> Figure | None:
             low = row - 0.4 + seed * bar_height
             low, high = ((height + 0.5) / len(active_contacts) for height in (low, low + bar_height))
             color = CYCLE[seed % len(CYCLE)]
-            spans(axis, view.time, is_active, ymin=low, ymax=high, facecolor=color, linewidth=0)
+            shade_spans(axis, view.time, is_active, ymin=low, ymax=high, facecolor=color, linewidth=0)
     axis.set_yticks(range(len(active_contacts)), [name for name, _ in active_contacts])
     axis.set(ylim=(-0.5, len(active_contacts) - 0.5), xlim=(0, view.time[-1]), xlabel="time [s]")
     axis.grid(visible=False, axis="y")
     return figure
 
 
-def compared(views: Sequence[RunView], names: Sequence[str]) -> Figure:
+def comparison_figure(views: Sequence[RunView], names: Sequence[str]) -> Figure:
     """Mean cost so far of each run with the band of its seeds, and shares of samples by time."""
     figure = Figure(figsize=(WIDTH, 2.6))
     cost_axis, time_axis = figure.subplots(1, 2)
@@ -150,7 +150,7 @@ def compared(views: Sequence[RunView], names: Sequence[str]) -> Figure:
             cost_axis.fill_between(
                 view.time, paid.min(axis=0), paid.max(axis=0), alpha=0.15, color=style["color"], linewidth=0
             )
-        seconds = np.sort(1e3 * timed(view.run.data["seconds"].values))
+        seconds = np.sort(1e3 * counted_times(view.run.data["seconds"].values))
         time_axis.step(seconds, (1 + np.arange(len(seconds))) / max(1, len(seconds)), **style)
     cost_axis.set(xlabel="time [s]", ylabel="cost so far")
     _of_milliseconds(time_axis)

@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from reports.drawing.notation import label, symbol
-from reports.drawing.strobe import largest, strobe_rows
+from reports.drawing.strobe import largest_size, strobe_rows
 from reports.drawing.style import CYCLE, GREEN, GREY, INK, ORANGE, PLANNED, PURPLE, REPLAYED, WIDTH, line_of
 from reports.drawing.view import RunView
-from reports.figures.panels import Panel, Row, in_rows, lines, note_zero
+from reports.figures.panels import Panel, Row, draw_lines, lay_out_rows, note_zero
 from reports.figures.run import FLOOR
-from reports.figures.trajectories import Track, idle, tracks
+from reports.figures.trajectories import Track, idle_multipliers, tracks
 from reports.tables.console import number, small
 
 _LETTERS = 45
@@ -27,7 +27,7 @@ _WIDE = 30.0
 """Times the second smallest difference beyond which differences are drawn by powers of ten."""
 
 
-def rows(views: list[RunView]) -> list[list[str]]:
+def comparison_rows(views: list[RunView]) -> list[list[str]]:
     """Table of the comparison: one row a property, one column a run; what all share is left out."""
     request_rows = [
         [key, *(str(view.run.record.get(key, "")) for view in views)]
@@ -51,7 +51,7 @@ def rows(views: list[RunView]) -> list[list[str]]:
     return table
 
 
-def costs(views: list[RunView], names: list[str]) -> Figure:
+def cost_figure(views: list[RunView], names: list[str]) -> Figure:
     """What each run costs beyond the cheapest plan: planned, replayed, and under the referee."""
     kinds = [
         ("planned", "o", PLANNED, [view.run.meta["cost"] for view in views]),
@@ -92,14 +92,18 @@ def overlay_rows(views: list[RunView]) -> tuple[list[Row], list[str]]:
     Multipliers that are zero throughout in every run are left out, and named.
     """
     tracks_of_runs = [{(t.heading, t.name): t for t in tracks(view)} for view in views]
-    idle_names = set.intersection(*(set(idle(list(tracks_by_key.values()))) for tracks_by_key in tracks_of_runs))
+    idle_names = set.intersection(
+        *(set(idle_multipliers(list(tracks_by_key.values()))) for tracks_by_key in tracks_of_runs)
+    )
     all_tracks = {key: track for tracks_by_key in tracks_of_runs for key, track in tracks_by_key.items()}
     have_differences = same_instants(views) and len({view.scenarios for view in views}) == 1
     shown_keys = [key for key, track in all_tracks.items() if not (track.is_multiplier and key[1] in idle_names)]
     reach: dict[str, float] = {}
     for heading, name in shown_keys:
         members = [tracks_by_key[heading, name] for tracks_by_key in tracks_of_runs if (heading, name) in tracks_by_key]
-        largest_difference = max((largest(m.plan - members[0].plan) for m in members if have_differences), default=0.0)
+        largest_difference = max(
+            (largest_size(m.plan - members[0].plan) for m in members if have_differences), default=0.0
+        )
         reach[heading] = max(reach.get(heading, 0.0), largest_difference)
     panels: dict[str, list[Panel]] = {}
     for heading, name in shown_keys:
@@ -110,7 +114,7 @@ def overlay_rows(views: list[RunView]) -> tuple[list[Row], list[str]]:
         ]
         limit = reach[heading] if have_differences else None
         panels.setdefault(heading, []).append(_panel(members_of_runs, views, limit))
-    return in_rows(panels), sorted(idle_names)
+    return lay_out_rows(panels), sorted(idle_names)
 
 
 def _panel(
@@ -118,13 +122,15 @@ def _panel(
 ) -> Panel:
     def main(axis: Axes) -> None:
         for place, track in placed_tracks:
-            lines(axis, views[place].time, track.plan, **line_of(place), linewidth=1.1 if len(track.plan) == 1 else 0.5)
+            draw_lines(
+                axis, views[place].time, track.plan, **line_of(place), linewidth=1.1 if len(track.plan) == 1 else 0.5
+            )
 
     def below(axis: Axes) -> None:
         note_zero(axis)
         reference = placed_tracks[0][1].plan
         for place, track in placed_tracks[1:]:
-            lines(axis, views[place].time, track.plan - reference, **line_of(place), linewidth=0.9)
+            draw_lines(axis, views[place].time, track.plan - reference, **line_of(place), linewidth=0.9)
         limit = 1.1 * largest_difference if largest_difference else 1.0
         axis.set_ylim(-limit, limit)
 
@@ -136,7 +142,7 @@ _COLOURS = {"contact": GREEN, "degenerate": GREEN, "fold": PURPLE, "switch": ORA
 _PICTURES = 6
 
 
-def curve(view: RunView) -> Figure:
+def curve_figure(view: RunView) -> Figure:
     """Cost and exact cost, complementarity, and iterations over the parameter, events marked.
 
     Complementarity below what is told from zero is not drawn, and has no panel where all is.
@@ -197,7 +203,7 @@ def chosen_points(view: RunView) -> list[int]:
     return sorted({int(i) for i in np.linspace(0, count - 1, min(_PICTURES, count)).round()})
 
 
-def strobes(view: RunView, cones: bool = False) -> tuple[list[Figure], str]:
+def strobe_figures(view: RunView, cones: bool = False) -> tuple[list[Figure], str]:
     """The motion at points along the path, each beside its value, and what the arrows mean."""
     if view.picture is None:
         return [], ""
@@ -218,7 +224,9 @@ def motion_rows(view: RunView) -> list[Row]:
     shaded_views = [(view.at_point(point), color) for point, color in _shades(view)]
     tracks_of_points = [tracks(point_view) for point_view, _ in shaded_views]
     idle_names = (
-        set.intersection(*(set(idle(point_tracks)) for point_tracks in tracks_of_points)) if tracks_of_points else set()
+        set.intersection(*(set(idle_multipliers(point_tracks)) for point_tracks in tracks_of_points))
+        if tracks_of_points
+        else set()
     )
     panels: dict[str, list[Panel]] = {}
     for index, track in enumerate(tracks_of_points[0]):
@@ -228,14 +236,14 @@ def motion_rows(view: RunView) -> list[Row]:
                 for point_tracks, (_, color) in zip(tracks_of_points, shaded_views, strict=True)
             ]
             panels.setdefault(track.heading, []).append(_point_panel(shaded_tracks, view.time))
-    return in_rows(panels)
+    return lay_out_rows(panels)
 
 
 def _point_panel(shaded_tracks: Sequence[tuple[Track, Any]], time: np.ndarray) -> Panel:
     def main(axis: Axes) -> None:
         for track, color in shaded_tracks:
             width = 1.0 if len(track.plan) == 1 else 0.5
-            lines(axis, time, track.plan, color=color, linewidth=width)
+            draw_lines(axis, time, track.plan, color=color, linewidth=width)
 
     return Panel(label(shaded_tracks[0][0].name, shaded_tracks[0][0].unit), main)
 
@@ -246,7 +254,7 @@ def _shades(view: RunView) -> list[tuple[int, Any]]:
     return list(zip(points, shades, strict=True))
 
 
-def key_of_points(view: RunView) -> Figure:
+def point_key(view: RunView) -> Figure:
     """Which colour is which point of the path, in one line."""
     handles = [
         Line2D([], [], color=color, label=title)

@@ -43,7 +43,7 @@ class Cell:
 Row = list[Cell]
 
 
-def in_rows(groups: Mapping[str, Sequence[Panel]], columns: int = COLUMNS) -> list[Row]:
+def lay_out_rows(groups: Mapping[str, Sequence[Panel]], columns: int = COLUMNS) -> list[Row]:
     """Lay groups of panels out by their headings, in order.
 
     A group begins beside the one before where that saves it a row, else on a new one. Its heading
@@ -145,7 +145,7 @@ def _widen(axis: Axes) -> None:
         axis.set_ylim(middle - half_height, middle + half_height)
 
 
-def lines(axis: Axes, time: np.ndarray, values: np.ndarray, **style: Any) -> None:
+def draw_lines(axis: Axes, time: np.ndarray, values: np.ndarray, **style: Any) -> None:
     """Draw values (S, N+1) at the nodes of ``time`` (N+1,), or (S, N) held over its steps."""
     for scenario in np.atleast_2d(values):
         if scenario.size < time.size:
@@ -154,7 +154,7 @@ def lines(axis: Axes, time: np.ndarray, values: np.ndarray, **style: Any) -> Non
             axis.plot(time, scenario, **style)
 
 
-def between(axis: Axes, time: np.ndarray, low: np.ndarray, high: np.ndarray, **style: Any) -> None:
+def fill_band(axis: Axes, time: np.ndarray, low: np.ndarray, high: np.ndarray, **style: Any) -> None:
     """Fill the band from ``low`` to ``high``, each (N+1,) at the nodes or (N,) held over steps."""
     if low.size < time.size:
         low, high = np.append(low, low[-1]), np.append(high, high[-1])
@@ -163,7 +163,7 @@ def between(axis: Axes, time: np.ndarray, low: np.ndarray, high: np.ndarray, **s
         axis.fill_between(time, low, high, linewidth=0, **style)
 
 
-def spans(axis: Axes, time: np.ndarray, is_shaded: np.ndarray, **style: Any) -> None:
+def shade_spans(axis: Axes, time: np.ndarray, is_shaded: np.ndarray, **style: Any) -> None:
     """Shade the steps at which ``when`` (N,) holds; neighbours are one patch, without a seam."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(is_shaded, dtype=int), [0]])))
     for first, stop in zip(edges[::2], edges[1::2], strict=True):

@@ -22,7 +22,7 @@ from ocp.store.stored_run import StoredRun
 from problems.spec import ProblemSpec
 from reports.drawing.notation import label
 from reports.drawing.strobe import acting_contacts, draw_strobe, forces_of
-from reports.drawing.style import CYCLE, INK, WIDTH, literal, styled
+from reports.drawing.style import CYCLE, INK, WIDTH, house_style, show_literally
 from reports.drawing.view import RunView
 from reports.figures.studies import DRAWINGS
 
@@ -53,7 +53,7 @@ def solution_figure(view: RunView) -> Figure:
     Raises :class:`~ocp.errors.InputError` for a run that is no solve.
     """
     view.run.check_solve()
-    signal_groups = groups(view)
+    signal_groups = group_signals(view)
     rows = -(-len(signal_groups) // _COLUMNS)
     has_picture = view.picture is not None
     figure = Figure(figsize=(WIDTH, _ROW * rows + 0.4))
@@ -78,7 +78,7 @@ def solution_figure(view: RunView) -> Figure:
     return figure
 
 
-def groups(view: RunView) -> list[SignalGroup]:
+def group_signals(view: RunView) -> list[SignalGroup]:
     """States and inputs unit by unit in the order of the system, then the contacts that act."""
     signal_groups = []
     for kind, name in (("states", "x"), ("inputs", "u")):
@@ -169,21 +169,21 @@ def format_of(file: Path) -> str:
     return ending
 
 
-def bare(run: StoredRun, ending: str, panel: str | None = None, file_spec: ProblemSpec | None = None) -> bytes:
+def bare_figure(run: StoredRun, ending: str, panel: str | None = None, file_spec: ProblemSpec | None = None) -> bytes:
     """Draw a stored study or solve, or only its panel ``"a"``, ``"b"``, ...
 
     ``file_spec`` is the problem in a file that a person named.
-    Raises :class:`~ocp.errors.InputError` for a run of another kind, and as :func:`render` does.
+    Raises :class:`~ocp.errors.InputError` for a run of another kind, and as :func:`render_figure` does.
     """
-    with styled():
+    with house_style():
         if run.kind == "figure":
             figure = DRAWINGS[run.meta["problem"]].draw(run.data)
         else:
-            figure = literal(solution_figure(RunView.of(run, file_spec)))
-        return render(figure, ending, panel)
+            figure = show_literally(solution_figure(RunView.of(run, file_spec)))
+        return render_figure(figure, ending, panel)
 
 
-def render(figure: Figure, ending: str, panel: str | None = None) -> bytes:
+def render_figure(figure: Figure, ending: str, panel: str | None = None) -> bytes:
     """Render a drawn figure, or only one of its panels; the same bytes each time.
 
     A figure of several panels is as wide as both columns and each panel has its letter; one panel
@@ -192,7 +192,7 @@ def render(figure: Figure, ending: str, panel: str | None = None) -> bytes:
     Raises :class:`~ocp.errors.InputError` for an unknown ``ending`` or panel.
     """
     choose("format", ending, FORMATS)
-    shown_axes = panels(figure)
+    shown_axes = panel_axes(figure)
     box = None
     if panel is not None:
         letters = ascii_lowercase[: len(shown_axes)]
@@ -215,7 +215,7 @@ def render(figure: Figure, ending: str, panel: str | None = None) -> bytes:
     return buffer.getvalue()
 
 
-def panels(figure: Figure) -> list[Axes]:
+def panel_axes(figure: Figure) -> list[Axes]:
     """Axes that show something, in the order that they were laid out."""
     return [axis for axis in figure.axes if axis.axison or axis.has_data() or axis.get_title()]
 

@@ -19,12 +19,12 @@ from reports.drawing.view import RunView
 from reports.figures.panels import (
     Panel,
     Row,
-    between,
     columns_for,
-    in_rows,
-    lines,
+    draw_lines,
+    fill_band,
+    lay_out_rows,
     note_zero,
-    spans,
+    shade_spans,
 )
 from reports.figures.trajectories import NEGLIGIBLE, SAME, mean_multiplier
 from reports.tables.console import shown_stages, stage_title
@@ -33,7 +33,7 @@ FLOOR = 1e-12
 """What lies below, zero included, is no number for a log axis and is not drawn."""
 
 
-def off_the_end(view: RunView) -> bool:
+def is_before_path_end(view: RunView) -> bool:
     """Whether a contact is drawn before the end of the central path, mu = 0: above the floor."""
     lam, gap, mu = (view.array(name) for name in ("lam", "gap", "mu"))
     if lam is None or gap is None or mu is None or not np.isfinite(mu).any():
@@ -50,7 +50,7 @@ def contact_plane(view: RunView) -> Figure:
     assert lam is not None and gap is not None
     if mu is not None:
         _central_path(axis, mu, gap)
-    for index, (title, members) in enumerate(groups(view).items()):
+    for index, (title, members) in enumerate(pair_groups(view).items()):
         members_index = np.s_[..., np.isin(np.arange(lam.shape[-1]) % len(signals), members)]
         axis.plot(
             _above(gap[members_index]).ravel(),
@@ -86,7 +86,7 @@ def _readable(axis: Axes) -> None:
         axis_line.set_minor_formatter(NullFormatter())
 
 
-def groups(view: RunView) -> dict[str, list[int]]:
+def pair_groups(view: RunView) -> dict[str, list[int]]:
     """Title and indices of pairs drawn alike: each its own, or all of a kind if there are kinds."""
     signals = view.signals("contacts")
     pairs = view.problem.system.pairs if view.problem is not None else ()
@@ -211,7 +211,7 @@ def rows_of_contacts(view: RunView) -> tuple[list[Row], int]:
     ]
     largest_gap = max((float(contact.gap.max()) for contact in contacts if contact.gap is not None), default=0.0)
     columns = columns_for(len(contacts))
-    return in_rows({"": [_contact(view.time, contact, largest_gap) for contact in contacts]}, columns), columns
+    return lay_out_rows({"": [_contact(view.time, contact, largest_gap) for contact in contacts]}, columns), columns
 
 
 def _contact(time: np.ndarray, contact: Contact, largest_gap: float) -> Panel:
@@ -221,22 +221,22 @@ def _contact(time: np.ndarray, contact: Contact, largest_gap: float) -> Panel:
     def shade(axis: Axes) -> None:
         for active, slipping in zip(contact.active, slips, strict=True):
             for is_shaded, patch in ((active & ~slipping, _STICK), (active & slipping, _SLIP)):
-                spans(axis, time, is_shaded, **{**patch, "alpha": patch["alpha"] / len(slips)})
+                shade_spans(axis, time, is_shaded, **{**patch, "alpha": patch["alpha"] / len(slips)})
 
     def main(axis: Axes) -> None:
         shade(axis)
         if contact.friction:
             _friction(axis, time, contact.friction, style)
-        lines(axis, time, contact.normal, color=BLUE, **style)
+        draw_lines(axis, time, contact.normal, color=BLUE, **style)
         difference = 0.0 if contact.replay is None else np.abs(contact.replay - contact.normal).max(initial=0.0)
         if contact.replay is not None and difference > SAME * np.abs(contact.normal).max(initial=0.0):
-            lines(axis, time, contact.replay, color=INK, linestyle="--", linewidth=0.7)
+            draw_lines(axis, time, contact.replay, color=INK, linestyle="--", linewidth=0.7)
 
     def below(axis: Axes) -> None:
         shade(axis)
         note_zero(axis)
         assert contact.gap is not None
-        lines(axis, time, contact.gap, color=GREEN, **style)
+        draw_lines(axis, time, contact.gap, color=GREEN, **style)
         if largest_gap > 0 and np.max(contact.gap) < NEGLIGIBLE * largest_gap:
             # A gap that never opens: to its own scale it would be noise.
             axis.set_ylim(-0.05 * largest_gap, largest_gap)
@@ -247,9 +247,9 @@ def _contact(time: np.ndarray, contact: Contact, largest_gap: float) -> Panel:
 def _friction(axis: Axes, time: np.ndarray, data: tuple[np.ndarray, ...], style: dict[str, float]) -> None:
     friction, bound, _, degenerate = data
     for limit in bound:
-        between(axis, time, -limit, limit, **{**_CONE, "alpha": _CONE["alpha"] / len(bound)})
+        fill_band(axis, time, -limit, limit, **{**_CONE, "alpha": _CONE["alpha"] / len(bound)})
     note_zero(axis)
-    lines(axis, time, friction, color=VERMILLION, **style)
+    draw_lines(axis, time, friction, color=VERMILLION, **style)
     step_middles = ((time[:-1] + time[1:]) / 2)[degenerate.any(axis=0)]
     axis.plot(step_middles, np.zeros_like(step_middles), **_DEGENERATE)
 
@@ -258,7 +258,7 @@ _BESIDE = 1.81
 """Width [inch] of a figure beside the table of stages, 46 mm."""
 
 
-def homotopy(view: RunView) -> Figure:
+def homotopy_figure(view: RunView) -> Figure:
     """Cost, complementarity and residual after each stage; what is zero is not drawn."""
     numbers, stages = zip(*shown_stages(view.run.stages, view.run.meta["cost"])[0], strict=True)
     figure = Figure(figsize=(_BESIDE, min(max(1.9, 0.5 + 0.15 * len(numbers)), 2.8)))
@@ -296,7 +296,7 @@ def homotopy(view: RunView) -> Figure:
     return figure
 
 
-def gains(view: RunView) -> Figure:
+def gains_figure(view: RunView) -> Figure:
     """Feedback gains K over time as heat maps, one a control."""
     K = view.array("K")
     assert K is not None

@@ -33,7 +33,7 @@ Axis = Mapping[str, Any]
 """An axis as a run's description has it: ``name``, ``values``, ``log``, ``units``."""
 
 
-def figures(data: xr.Dataset, axes: Sequence[Axis]) -> list[Figure]:
+def sweep_figures(data: xr.Dataset, axes: Sequence[Axis]) -> list[Figure]:
     """All figures of a sweep over ``axes``, in order."""
     if len(axes) == 1:
         return [_lines(data, axes[0])]
@@ -47,7 +47,7 @@ def figures(data: xr.Dataset, axes: Sequence[Axis]) -> list[Figure]:
     return [_maps(data, span, slice_indices[k : k + _ROWS], shades) for k in range(0, len(slice_indices), _ROWS)]
 
 
-def caption(axes: Sequence[Axis]) -> str:
+def sweep_caption(axes: Sequence[Axis]) -> str:
     """Say what is drawn."""
     if len(axes) == 1:
         return (
@@ -61,7 +61,7 @@ def caption(axes: Sequence[Axis]) -> str:
     )
 
 
-def replayed(data: xr.Dataset) -> xr.DataArray:
+def replayed_ratio(data: xr.Dataset) -> xr.DataArray:
     """What the plan costs by the referee, or else under the exact law, over its own cost."""
     replayed_cost = data["referee_cost"].where(np.isfinite(data["referee_cost"]), data["exact_cost"])
     return (replayed_cost / data["cost"]).where(data["success"] == 1)
@@ -90,7 +90,7 @@ def _lines(data: xr.Dataset, axis: Axis) -> Figure:
         top.set_yscale("log")
     top.set_ylabel("cost")
     middle.axhline(1, color=GREY, linewidth=0.8)
-    middle.plot(x, replayed(data).values, "o-", color=CYCLE[4])
+    middle.plot(x, replayed_ratio(data).values, "o-", color=CYCLE[4])
     middle.set_ylabel("replayed / planned")
     bottom.plot(x, np.where(succeeded, data["iterations"].values, np.nan), "o-", color=CYCLE[3])
     bottom.set(ylim=(0, 1.15 * max(1, int(data["iterations"].max()))), ylabel="iterations", xlabel=_titled(axis))
@@ -123,7 +123,7 @@ class _Shades:
 
     def __init__(self, data: xr.Dataset) -> None:
         self.cost = _norm(data["cost"].where(data["success"] == 1).values)
-        ratio = replayed(data).values
+        ratio = replayed_ratio(data).values
         finite = ratio[np.isfinite(ratio) & (ratio > 0)]
         reach = float(np.exp(np.abs(np.log(finite)).max(initial=0.0)))
         self.ratio = LogNorm(1 / max(reach, _REACH), max(reach, _REACH))
@@ -146,7 +146,7 @@ def _maps(data: xr.Dataset, span: tuple[Axis, Axis], slices: Sequence[Mapping[st
     for row, chosen in zip(grid, slices, strict=True):
         slice_data = data.isel(chosen).transpose(span[1]["name"], span[0]["name"], ...)
         succeeded = slice_data["success"].values == 1
-        cost, ratio = np.where(succeeded, slice_data["cost"].values, np.nan), replayed(slice_data).values
+        cost, ratio = np.where(succeeded, slice_data["cost"].values, np.nan), replayed_ratio(slice_data).values
         meshes = [
             _map(row[0], cost, shades.cost, "cividis"),
             _map(row[1], ratio, shades.ratio, "PuOr_r"),
@@ -254,7 +254,7 @@ def estimate_caption(run: StoredRun) -> str:
     return "Each component of the estimated gradient with 95 % intervals, and its variance."
 
 
-def look(name: str) -> tuple[str, str]:
+def estimator_style(name: str) -> tuple[str, str]:
     """Colour and mark of an estimator; those of a name unknown here lie behind the known ones."""
     place = _NAMES.index(name) if name in _NAMES else len(_NAMES)
     return CYCLE[place % len(CYCLE)], _MARKS[place % len(_MARKS)]
@@ -294,7 +294,7 @@ def _along_components(run: StoredRun, top: Axes, bottom: Axes) -> np.ndarray:
     for j, name in enumerate(names):
         estimates = data.isel(point=0, estimator=j)
         places = x + 0.7 * ((j + 0.5) / len(names) - 0.5)
-        color, mark = look(name)
+        color, mark = estimator_style(name)
         mean, error = estimates["mean"].values, 1.96 * estimates["standard_error"].values
         ends += [mean - error, mean + error]
         top.errorbar(places, mean, error, label=name, fmt=mark, color=color, linewidth=0.8, markersize=2.5)
@@ -318,7 +318,7 @@ def _along_sweep(run: StoredRun, top: Axes, bottom: Axes) -> np.ndarray:
         return values[:, 0] if d == 1 else np.sqrt(np.nansum(values**2, axis=1))
 
     for j, name in enumerate(map(str, data["estimator"].values)):
-        color, mark = look(name)
+        color, mark = estimator_style(name)
         mean, error = size("mean", j), 1.96 * size("standard_error", j)
         ends += [mean - error, mean + error]
         top.plot(value, mean, f"{mark}-", color=color, label=name)

@@ -13,7 +13,7 @@ from reports.drawing.notation import label
 from reports.drawing.strobe import strobe, strobe_rows
 from reports.drawing.style import CYCLE, GREY, INK, WIDTH
 from reports.drawing.view import RunView
-from reports.tables.training import SeedGroup, measures
+from reports.tables.training import SeedGroup, measure_names
 
 _COLORS = (*CYCLE, INK, GREY)
 _SIGNALS = {
@@ -23,9 +23,9 @@ _SIGNALS = {
 }
 
 
-def learning(seed_groups: Sequence[SeedGroup]) -> Figure:
+def learning_figure(seed_groups: Sequence[SeedGroup]) -> Figure:
     """Return under the exact law, and what the task measures, over steps and over time."""
-    names = ["return", *measures(seed_groups[0].runs[0].meta["evaluation"])][:3]
+    names = ["return", *measure_names(seed_groups[0].runs[0].meta["evaluation"])][:3]
     figure = Figure(figsize=(WIDTH, 1.75 * len(names) + 0.5))
     axes = figure.subplots(len(names), 2, squeeze=False, sharey="row", sharex="col")
     for row, name in zip(axes, names, strict=True):
@@ -41,7 +41,7 @@ def learning(seed_groups: Sequence[SeedGroup]) -> Figure:
     return figure
 
 
-def signals(seed_groups: Sequence[SeedGroup]) -> Figure | None:
+def signal_figure(seed_groups: Sequence[SeedGroup]) -> Figure | None:
     """Returns of samples and gradients over the iterations; None where there are none."""
     names = [name for name in _SIGNALS if any(_known(group, name) for group in seed_groups)]
     if not names:
@@ -59,7 +59,7 @@ def signals(seed_groups: Sequence[SeedGroup]) -> Figure | None:
     return figure
 
 
-def strobes(seed_groups: Sequence[SeedGroup]) -> list[Figure]:
+def strobe_figures(seed_groups: Sequence[SeedGroup]) -> list[Figure]:
     """An episode of the best policy of each group, from faint to dark, in rows of pictures."""
     views = [(group, RunView.of(group.best)) for group in seed_groups]
     pictured = [(group, view) for group, view in views if view.picture is not None]

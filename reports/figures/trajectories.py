@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 
 from ocp.errors import InputError, did_you_mean
 from reports.drawing.notation import label
-from reports.drawing.strobe import largest
+from reports.drawing.strobe import largest_size
 from reports.drawing.style import PLANNED, REPLAYED
 from reports.drawing.view import RunView
-from reports.figures.panels import Panel, Row, between, draw_rows, in_rows, lines, note_zero
+from reports.figures.panels import Panel, Row, draw_lines, draw_rows, fill_band, lay_out_rows, note_zero
 
 SAME = 1e-4
 """Share of a signal's range up to which plan and replay are one line."""
@@ -57,7 +57,7 @@ class Track:
     @property
     def differs(self) -> bool:
         """Whether the replay is another line than the plan."""
-        return largest(self.difference) > max(SAME * self.span, NEGLIGIBLE * self.size)
+        return largest_size(self.difference) > max(SAME * self.span, NEGLIGIBLE * self.size)
 
     @property
     def span(self) -> float:
@@ -69,7 +69,7 @@ class Track:
     def size(self) -> float:
         """Largest number that occurs."""
         arrays = [self.plan] if self.replay is None else [self.plan, self.replay]
-        return max(largest(values) for values in arrays)
+        return max(largest_size(values) for values in arrays)
 
 
 def tracks(view: RunView) -> list[Track]:
@@ -95,7 +95,7 @@ def mean_multiplier(view: RunView, values: np.ndarray, index: int) -> np.ndarray
     return values[..., index :: len(view.signals("contacts"))].mean(axis=-1)
 
 
-def idle(all_tracks: list[Track]) -> list[str]:
+def idle_multipliers(all_tracks: list[Track]) -> list[str]:
     """Names of the multipliers that are zero throughout, beside the largest impulse or force."""
     multipliers = [track for track in all_tracks if track.is_multiplier]
     pushes = [track.size for track in multipliers if not track.heading.startswith("Slip")]
@@ -103,24 +103,24 @@ def idle(all_tracks: list[Track]) -> list[str]:
     return [track.name for track in multipliers if track.size <= _IDLE * largest_push]
 
 
-def apart(all_tracks: list[Track]) -> float:
+def replay_deviation(all_tracks: list[Track]) -> float:
     """Largest distance of plan and replay beside a state's or input's range; 0 without a replay."""
     shares = [
-        largest(track.difference) / track.span
+        largest_size(track.difference) / track.span
         for track in all_tracks
         if track.difference is not None and track.span > 0 and not track.is_multiplier
     ]
     return max(shares, default=0.0)
 
 
-def undetermined(all_tracks: list[Track]) -> bool:
+def multipliers_undetermined(all_tracks: list[Track]) -> bool:
     """Whether multipliers of the replay are others although the motion is the same."""
-    return not parted(all_tracks) and any(
-        track.differs for track in all_tracks if track.is_multiplier and track.name not in idle(all_tracks)
+    return not replay_differs(all_tracks) and any(
+        track.differs for track in all_tracks if track.is_multiplier and track.name not in idle_multipliers(all_tracks)
     )
 
 
-def parted(all_tracks: Sequence[Track]) -> bool:
+def replay_differs(all_tracks: Sequence[Track]) -> bool:
     """Whether the replay of a state or an input is another line than its plan."""
     return any(track.differs for track in all_tracks if not track.is_multiplier)
 
@@ -133,19 +133,19 @@ def plan_rows(view: RunView, omitted: Collection[str] = (), signals: Collection[
     same by construction.
     """
     all_tracks, time = tracks(view), view.time
-    idle_names = {*idle(all_tracks), *omitted}
+    idle_names = {*idle_multipliers(all_tracks), *omitted}
     groups: dict[str, list[Track]] = {}
     for track in all_tracks:
         if track.name in signals if signals else not (track.is_multiplier and track.name in idle_names):
             groups.setdefault(track.heading, []).append(track)
     panels = {}
     for heading, members in groups.items():
-        largest_difference = max(largest(track.difference) for track in members)
+        largest_difference = max(largest_size(track.difference) for track in members)
         panels[heading] = [_panel(track, time, largest_difference if track.differs else None) for track in members]
-    return in_rows(panels)
+    return lay_out_rows(panels)
 
 
-def chosen(view: RunView, words: str) -> list[str]:
+def select_signals(view: RunView, words: str) -> list[str]:
     """Names of signals from words with commas, in which * stands for any letters.
 
     Raises :class:`~ocp.errors.InputError` for a word that fits none.
@@ -162,7 +162,7 @@ def chosen(view: RunView, words: str) -> list[str]:
     return matched
 
 
-def trajectories(view: RunView) -> Figure:
+def trajectory_figure(view: RunView) -> Figure:
     """All of :func:`plan_rows` in one figure."""
     return draw_rows(plan_rows(view))
 
@@ -171,7 +171,7 @@ def _panel(track: Track, time: np.ndarray, largest_difference: float | None) -> 
     def below(axis: Axes) -> None:
         note_zero(axis)
         if track.difference is not None and largest_difference is not None:
-            lines(axis, time, track.difference, color=REPLAYED, linewidth=0.9 if _one(track) else 0.5)
+            draw_lines(axis, time, track.difference, color=REPLAYED, linewidth=0.9 if _one(track) else 0.5)
             limit = 1.1 * largest_difference if largest_difference > 0 else 1.0
             axis.set_ylim(-limit, limit)
 
@@ -183,16 +183,16 @@ def _panel(track: Track, time: np.ndarray, largest_difference: float | None) -> 
 
 def _plan(axis: Axes, time: np.ndarray, track: Track, with_replay: bool) -> None:
     width = 1.4 if _one(track) else 0.6
-    lines(axis, time, track.plan, color=PLANNED, linewidth=width)
+    draw_lines(axis, time, track.plan, color=PLANNED, linewidth=width)
     if not _one(track):
         low, high = track.plan.min(axis=0), track.plan.max(axis=0)
-        between(axis, time, low, high, color=PLANNED, alpha=0.15)
+        fill_band(axis, time, low, high, color=PLANNED, alpha=0.15)
     if not with_replay or track.replay is None:
         return
-    reach = _BEYOND * largest(track.plan)
+    reach = _BEYOND * largest_size(track.plan)
     for plan, other in zip(track.plan, track.replay, strict=True):
-        between(axis, time, plan, other, color=REPLAYED, alpha=0.3 / len(track.plan) ** 0.5)
-    lines(axis, time, track.replay, color=REPLAYED, linewidth=0.5 * width)
+        fill_band(axis, time, plan, other, color=REPLAYED, alpha=0.3 / len(track.plan) ** 0.5)
+    draw_lines(axis, time, track.replay, color=REPLAYED, linewidth=0.5 * width)
     axis.autoscale_view()
     limits = axis.get_ylim()
     if reach > 0:

@@ -12,7 +12,7 @@ from ocp.problem.problem import Problem
 from problems.drawing import ContactFrame, Shape
 from problems.plugin import spec_of
 from reports.drawing.ghost import with_ghosts
-from reports.drawing.shapes import Camera, film
+from reports.drawing.shapes import Camera, make_cameras
 from reports.drawing.strobe import Forces, forces_drawn, forces_of
 from reports.drawing.view import RunView
 
@@ -51,7 +51,7 @@ class Animation:
         self.view, self.fps, self.speed, self.cones = view, fps, speed, cones
         self.times = frame_times(float(view.time[-1]), fps, speed)
         self.motions = motions(view, self.times)
-        self.cameras: list[Camera] = film([motion.shapes for motion in self.motions])
+        self.cameras: list[Camera] = make_cameras([motion.shapes for motion in self.motions])
         self.axes: tuple[str, str] = view.picture.axes
 
     @property

@@ -27,10 +27,10 @@ from ocp.store import atomic
 from problems.drawing import ContactFrame, HalfPlane, Mark, Segment, Shape, Spring
 from reports.drawing import shapes
 from reports.drawing.shapes import Camera, Rgba
-from reports.drawing.strobe import CONE, caption, longest_arrow, visible
-from reports.drawing.style import FAINT, GREY, INK, PURPLE, VERMILLION, literal
+from reports.drawing.strobe import CONE, arrow_caption, longest_arrow, visible_forces
+from reports.drawing.style import FAINT, GREY, INK, PURPLE, VERMILLION, show_literally
 from reports.motion.animation import Animation, Motion
-from reports.motion.player import player
+from reports.motion.player import player_page
 
 _POINTS = 72.0
 HEAD = 5.0, 2.0
@@ -94,24 +94,24 @@ class MotionArtist:
         assert figure is not None
         point = size[0] / self.axis.bbox.width * figure.dpi / _POINTS
         for shape in self._motion.shapes[frame]:
-            yield of_shape(shape, middle, size, point)
+            yield shape_stroke(shape, middle, size, point)
         forces = self._motion.forces
         if forces is None:
             return
         longest, pushes = longest_arrow(size), (forces.normal[frame], forces.friction[frame])
-        for pushed in visible(self._motion.contacts[frame], pushes, self._largest):
+        for pushed in visible_forces(self._motion.contacts[frame], pushes, self._largest):
             if self._cones and pushed[0].friction:
-                yield cone(pushed[0], CONE * longest)
-            yield arrow(*pushed, longest / self._largest, point)
+                yield cone_stroke(pushed[0], CONE * longest)
+            yield arrow_stroke(*pushed, longest / self._largest, point)
 
 
-def of_shape(shape: Shape, middle: np.ndarray, size: np.ndarray, point: float) -> Stroke:
+def shape_stroke(shape: Shape, middle: np.ndarray, size: np.ndarray, point: float) -> Stroke:
     """Stroke of a body in a view around ``middle`` of ``size`` [m], a ``point`` of paper in [m]."""
     ink = to_rgba(shapes.color(shape.role))
-    face, edge = shapes.inks(shape)
+    face, edge = shapes.shape_colors(shape)
     match shape:
         case HalfPlane():
-            path = shapes.beyond(shape, middle, shapes.REACH * float(size.sum()))
+            path = shapes.half_plane_path(shape, middle, shapes.REACH * float(size.sum()))
             return Stroke(path, to_rgba(FAINT), to_rgba(GREY), 0.8, 0)
         case Mark(x, y, "goal"):
             arm = shapes.CROSS / 2 * point
@@ -122,13 +122,13 @@ def of_shape(shape: Shape, middle: np.ndarray, size: np.ndarray, point: float) -
         case Mark(x, y):
             return Stroke(Outline.circle((x, y), shapes.MARK / 2 * point), ink, _NONE, 0.0, 2)
         case Segment() | Spring():
-            order = 1 if shapes.hides(shape) else 2
+            order = 1 if shapes.is_opaque(shape) else 2
             return Stroke(shapes.outline(shape), _NONE, edge, shapes.width(shape), order)
         case _:
             return Stroke(shapes.outline(shape), face, edge, shapes.EDGE, 1)
 
 
-def arrow(contact: ContactFrame, normal: float, friction: float, scale: float, point: float) -> Stroke:
+def arrow_stroke(contact: ContactFrame, normal: float, friction: float, scale: float, point: float) -> Stroke:
     """Arrow of a force from its contact, ``scale`` [m per unit] times its size long."""
     tx, ty = contact.tangent
     force = normal * np.array([contact.nx, contact.ny]) + friction * np.array([tx, ty])
@@ -142,7 +142,7 @@ def arrow(contact: ContactFrame, normal: float, friction: float, scale: float, p
     return Stroke(Outline(np.array(corners)), ink, ink, 1.0, 5)
 
 
-def cone(contact: ContactFrame, length: float) -> Stroke:
+def cone_stroke(contact: ContactFrame, length: float) -> Stroke:
     """Friction cone, half as wide as atan(friction) on either side of the normal."""
     middle, half_angle = math.atan2(contact.ny, contact.nx), math.atan(contact.friction)
     wedge = Outline.wedge(math.degrees(middle - half_angle), math.degrees(middle + half_angle))
@@ -179,9 +179,9 @@ class Canvas:
             shapes.name_axes(scene.axis, animation.axes)
             scene.axis.label_outer()
         if animation.largest > 0:
-            text = caption(animation.largest, animation.unit, animation.rough)
+            text = arrow_caption(animation.largest, animation.unit, animation.rough)
             self.figure.supxlabel(text, x=0.01, ha="left", fontsize=8, color=GREY)
-        literal(self.figure).draw_without_rendering()
+        show_literally(self.figure).draw_without_rendering()
         # Laid out once, so that labels of changing width do not move the picture.
         self.figure.set_layout_engine("none")
         self.clock.set_y(title.get_position()[1])
@@ -243,7 +243,7 @@ def check_format(file: Path, fps: int = 25) -> None:
         )
 
 
-def write(animation: Animation, file: Path, report: Callable[[int], None] = lambda _: None) -> int:
+def write_animation(animation: Animation, file: Path, report: Callable[[int], None] = lambda _: None) -> int:
     """Draw every frame to ``file``, atomically; return its size in bytes.
 
     ``report`` is called with the number of finished frames.
@@ -258,12 +258,12 @@ def write(animation: Animation, file: Path, report: Callable[[int], None] = lamb
             case ".mp4":
                 _write_mp4(animation, draft, report)
             case _:
-                draft.write_text(player(animation), encoding="utf-8")
+                draft.write_text(player_page(animation), encoding="utf-8")
                 report(len(animation.times))
         return draft.stat().st_size
 
 
-def delays(count: int, fps: int) -> list[int]:
+def gif_delays(count: int, fps: int) -> list[int]:
     """Hundredths of a second of ``count`` frames: whole numbers that add up to ``count / fps``."""
     ends = np.round(100 * np.arange(count + 1) / fps).astype(int)
     return np.diff(ends).tolist()
@@ -279,7 +279,7 @@ def _write_gif(animation: Animation, draft: Path, report: Callable[[int], None])
             yield picture.quantize(palette=palette, dither=Image.Dither.NONE)
             report(frame + 1)
 
-    frame_delays = delays(count, animation.fps)
+    frame_delays = gif_delays(count, animation.fps)
     frame_delays[-1] += _REST
     pictures = frames()
     next(pictures).save(

@@ -19,7 +19,7 @@ from problems.drawing import Shape
 from reports.drawing import shapes
 from reports.drawing.notation import label
 from reports.drawing.shapes import Camera
-from reports.drawing.strobe import acting_contacts, caption, longest_arrow, visible
+from reports.drawing.strobe import acting_contacts, arrow_caption, longest_arrow, visible_forces
 from reports.drawing.style import CYCLE, PLANNED, PURPLE, REPLAYED, VERMILLION
 from reports.drawing.view import RunView
 from reports.motion.animation import Animation, Motion
@@ -30,10 +30,10 @@ _DIGITS = 5
 _SIGNIFICANT = 7
 
 
-def player(animation: Animation) -> str:
+def player_page(animation: Animation) -> str:
     """The whole page."""
     verdict = animation.view.run.meta.get("verdict") or ""
-    film = json.dumps(film_of(animation), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    film = json.dumps(player_data(animation), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     sources = {name: (_PAGE / f"player.{name}").read_text("utf-8") for name in ("html", "css", "js")}
     return Template(sources["html"]).substitute(
         title=html.escape(animation.title),
@@ -45,13 +45,13 @@ def player(animation: Animation) -> str:
     )
 
 
-def film_of(animation: Animation) -> dict[str, Any]:
+def player_data(animation: Animation) -> dict[str, Any]:
     """The data that the page's script draws.
 
     ``motions`` hold per frame the shapes ``[kind, numbers...]``, an index into ``kinds`` (name and
     role) and the fields of :mod:`problems.drawing` in their order without the role, corners as
     ``x, y, ...`` in one, and the ``arrows`` ``[x, y, force x, force y, normal x, normal y,
-    friction]``; ``charts`` are those of :func:`~reports.motion.player.charts` over ``nodes`` [s].
+    friction]``; ``charts`` are those of :func:`~reports.motion.player.player_charts` over ``nodes`` [s].
     """
     size = animation.cameras[0].size
     digits = max(0, _DIGITS - math.floor(math.log10(float(size.max()))))
@@ -78,9 +78,11 @@ def film_of(animation: Animation) -> dict[str, Any]:
         "cones": animation.rough,
         "largest": largest,
         "longest": longest_arrow(size),
-        "caption": caption(largest, animation.unit, animation.rough) if largest > 0 else "",
+        "caption": arrow_caption(largest, animation.unit, animation.rough) if largest > 0 else "",
         "motions": motions,
-        "charts": [{**chart, "curves": [_curve(**curve) for curve in chart["curves"]]} for chart in charts(animation)],
+        "charts": [
+            {**chart, "curves": [_curve(**curve) for curve in chart["curves"]]} for chart in player_charts(animation)
+        ],
     }
 
 
@@ -93,7 +95,7 @@ def _motion(
     motion: Motion, camera: Camera, largest: float, kinds: dict[tuple[str, str], int], digits: int
 ) -> dict[str, Any]:
     frames = [[_numbers(shape, kinds, digits) for shape in frame] for frame in motion.shapes]
-    fixed = shapes.still(frames, [shapes.hides(shape) for shape in motion.shapes[0]])
+    fixed = shapes.constant_shapes(frames, [shapes.is_opaque(shape) for shape in motion.shapes[0]])
     drawn_once = set(fixed)
     is_still = not np.ptp(camera.middle, axis=0).any()
     return {
@@ -123,7 +125,7 @@ def _arrows(motion: Motion, frame: int, largest: float, digits: int) -> list[lis
     if forces is None:
         return []
     pushes, arrows = (forces.normal[frame], forces.friction[frame]), []
-    for contact, normal, friction in visible(motion.contacts[frame], pushes, largest):
+    for contact, normal, friction in visible_forces(motion.contacts[frame], pushes, largest):
         tx, ty = contact.tangent
         force = normal * contact.nx + friction * tx, normal * contact.ny + friction * ty
         numbers = (*force, contact.nx, contact.ny, contact.friction)
@@ -146,7 +148,7 @@ Chart = dict[str, Any]
 """
 
 
-def charts(animation: Animation) -> list[Chart]:
+def player_charts(animation: Animation) -> list[Chart]:
     """Forces of each motion beside each other on one scale, and the costs of both below."""
     view = animation.view
     all_charts = [forces for motion in animation.motions if (forces := _forces(view, motion))]
@@ -187,7 +189,7 @@ def _forces(view: RunView, motion: Motion) -> Chart | None:
 def _costs(view: RunView, motions: Sequence[Motion]) -> Chart | None:
     curves = []
     for motion, name, color in zip(motions, ("planned", "replayed"), (PLANNED, REPLAYED), strict=False):
-        sums_and_end = so_far(view, motion.suffix)
+        sums_and_end = cumulative_cost(view, motion.suffix)
         if sums_and_end is None:
             return None
         curves.append({"name": name, "values": sums_and_end[0], "end": sums_and_end[1], "color": color, "dash": 0})
@@ -209,7 +211,7 @@ def _costs(view: RunView, motions: Sequence[Motion]) -> Chart | None:
     }
 
 
-def so_far(view: RunView, suffix: str) -> tuple[np.ndarray, float] | None:
+def cumulative_cost(view: RunView, suffix: str) -> tuple[np.ndarray, float] | None:
     """Sum of stage costs, of a task rewards, before each node (N+1,), and all with the last term.
 
     The last term is the terminal cost, or what a task gains at the end of a full episode. Of

@@ -25,7 +25,7 @@ _WARM = 10
 """Samples at the start of each seed that times leave out: the first plans start cold."""
 
 
-def labelled(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Dataset:
+def labelled_arrays(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Dataset:
     """The arrays of a loop with times, units and contacts.
 
     Added are ``time`` (node) [s], and ``lam`` and ``gap`` (seed, sample, contact): those of the
@@ -73,7 +73,7 @@ def _contacts(problem: Problem, data: xr.Dataset, values: Mapping[str, float]) -
     return multipliers_and_gaps[0], multipliers_and_gaps[1]
 
 
-def summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str], rate: float | None) -> dict[str, Any]:
+def loop_summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str], rate: float | None) -> dict[str, Any]:
     """What :class:`~ocp.store.meta.ClosedLoopMeta` lists, ``status`` and ``verdict`` among it.
 
     ``rate`` [Hz] is what times are compared with; None: one sample a step of the model.
@@ -104,7 +104,7 @@ def summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str], rate: floa
 
 def _times(data: xr.Dataset, rate: float | None) -> dict[str, float]:
     """Percentiles [s] of the work of a sample, and how many took longer than the period."""
-    seconds = timed(data["seconds"].values)
+    seconds = counted_times(data["seconds"].values)
     period = 1 / rate if rate is not None else float(data["time"].values[1])
     p50, p99, longest = (float(np.percentile(seconds, q)) if seconds.size else np.nan for q in (50, 99, 100))
     return {
@@ -117,7 +117,7 @@ def _times(data: xr.Dataset, rate: float | None) -> dict[str, float]:
     }
 
 
-def timed(seconds: np.ndarray) -> np.ndarray:
+def counted_times(seconds: np.ndarray) -> np.ndarray:
     """The times [s] that are counted, of (S, T): without those at the start of each seed."""
     finite_rows = [row[np.isfinite(row)] for row in seconds]
     return np.concatenate([row[_WARM if len(row) > 2 * _WARM else 1 :] for row in finite_rows])
@@ -130,7 +130,7 @@ def rate_sentence(meta: Mapping[str, Any]) -> str:
     return f"{count_text} the period of {_ms(times['period'])} ms."
 
 
-def reasons(meta: Mapping[str, Any]) -> Iterator[str]:
+def loop_notes(meta: Mapping[str, Any]) -> Iterator[str]:
     """Rate, deadline, and sentences of the controller with how often each came."""
     if meta["seconds"]["over"]:
         yield rate_sentence(meta)

@@ -10,7 +10,7 @@ from problems.studies.laws_in_the_loop.data import FEEDBACK, LAWS, relative, sur
 from problems.studies.smoothings_compared.data import WITHIN, described, excess
 
 
-def dearer(share: float) -> str:
+def excess_text(share: float) -> str:
     """Write an excess: in percent up to threefold, then as a factor; a dash where there is none."""
     if not math.isfinite(share):
         return "–"
@@ -21,7 +21,7 @@ def dearer(share: float) -> str:
     return f"{share:+.1%}" if abs(share) < 0.0995 else f"{share:+.0%}"
 
 
-def short(problem: str) -> str:
+def broken_name(problem: str) -> str:
     """Break a problem's name at its dash, so that it stands over a narrow column."""
     return problem.replace("-", "-\n")
 
@@ -31,7 +31,7 @@ def seconds_of(data: xr.Dataset) -> xr.DataArray:
     return data["seconds"].sum("part").median("seed")
 
 
-def rows(data: xr.Dataset) -> list[list[str]]:
+def smoothing_rows(data: xr.Dataset) -> list[list[str]]:
     """Columns, then one row a law: a problem's cells with excess and survival, then seconds."""
     names = [str(name) for name in data["problem"].values]
     excesses, seconds = excess(data).median("seed"), seconds_of(data)
@@ -49,7 +49,7 @@ def rows(data: xr.Dataset) -> list[list[str]]:
 
 def _cell(share: float, n_alive: int, n_runs: int) -> str:
     """Bold within the margin; a check mark where plans survive, with their number if not all do."""
-    text = f"**{dearer(share)}**" if share <= WITHIN else dearer(share)
+    text = f"**{excess_text(share)}**" if share <= WITHIN else excess_text(share)
     if n_alive == 0:
         return text
     return f"{text} ✓" if n_alive == n_runs else f"{text} ✓ {n_alive}/{n_runs}"

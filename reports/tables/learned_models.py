@@ -130,7 +130,7 @@ def _coordinates(
     ]
 
 
-def lines(document: Mapping[str, Any]) -> list[str]:
+def origin_lines(document: Mapping[str, Any]) -> list[str]:
     """Origin of transitions or of a model, line by line."""
     system_name = document["problem"] or "an unnamed system"
     data_hash = f"data {document['hash'][:16]}"
@@ -158,7 +158,7 @@ def _drawn(document: Mapping[str, Any]) -> list[str]:
     return [f"drawn with seed {document['seed']}: {tube}; {document['unsolved']} unsolved, left out"]
 
 
-def tables(document: Mapping[str, Any]) -> list[Group]:
+def document_tables(document: Mapping[str, Any]) -> list[Group]:
     """Ranges and scales of the data; for a model its errors, and its predictions away from data."""
     fitted = document.get("fit") is not None
     model_tables = [fit_table(document), outside_table(document)] if fitted else []

@@ -128,13 +128,13 @@ def run_lines(rows: Sequence[Row]) -> Iterator[str]:
     wide = max(len(row["at"]) for row in rows)
     for row in rows:
         name = row["run"].rpartition("/")[2]
-        yield f"{row['at']:>{wide}}  {name}  {row['problem']}  {outcome(row)}"
+        yield f"{row['at']:>{wide}}  {name}  {row['problem']}  {run_outcome(row)}"
         detail = row["damage"] or ", ".join(_parts(row))
         margin = " " * (wide + 2)
         yield from wrap(detail, 80, initial_indent=margin, subsequent_indent=margin, break_on_hyphens=False)
 
 
-def outcome(row: Row) -> str:
+def run_outcome(row: Row) -> str:
     """Grade or status of a run, and its cost or return."""
     if row["damage"]:
         return "damaged"
@@ -223,10 +223,10 @@ def sweep_progress(names: Sequence[str], n_resumed: int, quiet: bool) -> Iterato
 def sweep_line(done: int, total: int, name: str, row: dict[str, Any], seconds_left: float) -> str:
     """Progress after a point, and its result, in one line."""
     finding = f"cost {number(row['cost'], 5)}" if row["success"] else row["status"]
-    return f"{done}/{total}  {name}  {finding}  {duration(seconds_left)} left"
+    return f"{done}/{total}  {name}  {finding}  {format_duration(seconds_left)} left"
 
 
-def duration(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """A duration as text: ``40 s``, ``12 min``, ``3.5 h``."""
     if seconds < 120:
         return f"{seconds:.0f} s"

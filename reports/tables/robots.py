@@ -14,7 +14,7 @@ MOST_ROWS = 300
 _UNITS = {"slide": "m", "hinge": "rad"}
 
 
-def tables(content: Mapping[str, Any]) -> Iterator[tuple[str, Table]]:
+def robot_tables(content: Mapping[str, Any]) -> Iterator[tuple[str, Table]]:
     """Title and table of the links as a tree, the motors and the contacts, where there are any.
 
     ``content`` is what :meth:`problems.robots.Robot.document` gives.
@@ -68,7 +68,7 @@ def _motor(motor: Mapping[str, Any]) -> tuple[str, ...]:
     return motor["name"], motor["link"], kind, number(motor[kind]), bounds
 
 
-def lines(content: Mapping[str, Any]) -> Iterator[str]:
+def robot_notes(content: Mapping[str, Any]) -> Iterator[str]:
     """Home, and what of the file is not used."""
     if n_more := len(content["contacts"][MOST_ROWS:]):
         yield f"{n_more} more contacts: --json lists all."

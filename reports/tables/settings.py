@@ -38,12 +38,12 @@ class SettingGroup:
         return {**vars(self), "settings": [vars(setting) for setting in self.settings]}
 
 
-def laws() -> list[SettingGroup]:
+def law_groups() -> list[SettingGroup]:
     """Contact laws with the settings that ``-c`` takes."""
     return _groups(LAWS, "-c NAME=VALUE")
 
 
-def law(name: str) -> SettingGroup:
+def law_group(name: str) -> SettingGroup:
     """The settings of a law of a user's file; one that is not declared has no meaning here."""
     cls = law_class(name)
     undeclared = {
@@ -54,32 +54,37 @@ def law(name: str) -> SettingGroup:
     return SettingGroup(cls.name, "-c NAME=VALUE", cls.summary, [*settings_by_name.values()])
 
 
-def methods() -> list[SettingGroup]:
+def method_groups() -> list[SettingGroup]:
     """Methods, settings of a solve, strategies and policies."""
     method_settings = [Setting(name, "", None, method.summary) for name, method in METHODS.items()]
     summary = "how a problem becomes a program"
-    return [SettingGroup("methods", "--method NAME", summary, method_settings), solves(), strategies(), *policies()]
+    return [
+        SettingGroup("methods", "--method NAME", summary, method_settings),
+        solve_group(),
+        strategy_group(),
+        *policy_groups(),
+    ]
 
 
-def strategies() -> SettingGroup:
+def strategy_group() -> SettingGroup:
     """Strategies of exact complementarity, and what each is for."""
     summary = "which for what, of the direct method under the exact law"
     strategy_settings = [Setting(name, "", None, meaning) for name, meaning in STRATEGY_USES.items()]
     return SettingGroup("strategies", "-s strategy=NAME", summary, strategy_settings)
 
 
-def solves() -> SettingGroup:
+def solve_group() -> SettingGroup:
     """Our own settings of a solve."""
     summary = "method, homotopy and solver of a solve"
     return SettingGroup("solve", "-s NAME=VALUE", summary, declared(Settings))
 
 
-def policies() -> list[SettingGroup]:
+def policy_groups() -> list[SettingGroup]:
     """Policies with their settings."""
     return _groups(POLICIES, "-s policy.NAME=VALUE")
 
 
-def estimators() -> list[SettingGroup]:
+def estimator_groups() -> list[SettingGroup]:
     """Estimators that mix two orders, with the settings of ``ocp estimate``."""
     return _groups(RULES, "-s {}.NAME=VALUE")
 
@@ -89,7 +94,7 @@ def _groups(table: Mapping[str, Any], syntax: str) -> list[SettingGroup]:
     return [SettingGroup(name, syntax.format(name), cls.summary, declared(cls)) for name, cls in table.items()]
 
 
-def training() -> list[SettingGroup]:
+def training_groups() -> list[SettingGroup]:
     """Settings of ``ocp train``: of all algorithms, and of each."""
     psi = SettingGroup(
         "psi",
@@ -101,7 +106,7 @@ def training() -> list[SettingGroup]:
     return [every, psi, *_groups(ALGORITHMS, "-s {}.NAME=VALUE")]
 
 
-def solver(name: str) -> SettingGroup:
+def solver_group(name: str) -> SettingGroup:
     """The options of a solver, from its documentation, with our defaults."""
     own_defaults: dict[str, Any] = IPOPT_DEFAULTS if name == "ipopt" else {}
     option_settings = [
@@ -111,17 +116,22 @@ def solver(name: str) -> SettingGroup:
     return SettingGroup(name, "-s NAME=VALUE", SOLVERS[name], option_settings)
 
 
-def groups() -> list[SettingGroup]:
+def declared_groups() -> list[SettingGroup]:
     """All settings except the solvers' options."""
-    return [group for kind in kinds().values() for group in kind]
+    return [group for kind in groups_by_kind().values() for group in kind]
 
 
-def kinds() -> dict[str, list[SettingGroup]]:
+def groups_by_kind() -> dict[str, list[SettingGroup]]:
     """The groups by what they belong to; a word of ``ocp settings``."""
-    return {"methods": methods(), "laws": laws(), "estimators": estimators(), "training": training()}
+    return {
+        "methods": method_groups(),
+        "laws": law_groups(),
+        "estimators": estimator_groups(),
+        "training": training_groups(),
+    }
 
 
-def changed(group: SettingGroup) -> SettingGroup:
+def changed_defaults(group: SettingGroup) -> SettingGroup:
     """The options of a solver whose default here differs from the solver's own."""
     solver_options = documented(group.name)
     changed_settings = [
@@ -130,39 +140,39 @@ def changed(group: SettingGroup) -> SettingGroup:
     return replace(group, settings=changed_settings)
 
 
-def matching(word: str) -> list[SettingGroup]:
+def find_groups(word: str) -> list[SettingGroup]:
     """The groups of a kind, the one group called ``word``, or all settings of that name.
 
     A file (``*.py``) is that of a user's law.
 
     Raises :class:`~ocp.errors.InputError` with the nearest name where there is none.
     """
-    named = {group.name: group for group in groups()}
+    named = {group.name: group for group in declared_groups()}
     if word.endswith(".py"):
-        return [law(word)]
-    if word in kinds():
-        return kinds()[word]
+        return [law_group(word)]
+    if word in groups_by_kind():
+        return groups_by_kind()[word]
     if word in SOLVERS:
-        return [solver(word)]
+        return [solver_group(word)]
     if word in named:
         return [named[word]]
-    all_groups = [*named.values(), *map(solver, SOLVERS)]
+    all_groups = [*named.values(), *map(solver_group, SOLVERS)]
     setting_name = word.rpartition(".")[2]
     matching_groups = [
         replace(group, settings=[setting for setting in group.settings if setting.name == setting_name])
         for group in all_groups
     ]
     if not any(group.settings for group in matching_groups):
-        choices = [*kinds(), *named, *SOLVERS]
+        choices = [*groups_by_kind(), *named, *SOLVERS]
         choices += [setting.name for group in all_groups for setting in group.settings]
         raise InputError(
             f"unknown name {word!r}{did_you_mean(word, choices)}; groups:"
-            f" {', '.join(dict.fromkeys([*kinds(), *named, *SOLVERS]))}"
+            f" {', '.join(dict.fromkeys([*groups_by_kind(), *named, *SOLVERS]))}"
         )
     return [group for group in matching_groups if group.settings]
 
 
-def line(setting: Setting) -> str:
+def setting_line(setting: Setting) -> str:
     """A setting as it is typed, its type and its meaning, on lines of 80 columns."""
     default = default_text(setting.default)
     text = f"{setting.name}={default}" if default else setting.name

@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 _JUDGED = "evaluation_"
 
 
-def meta(data: xr.Dataset) -> dict[str, Any]:
+def training_meta(data: xr.Dataset) -> dict[str, Any]:
     """The result of a training in its run's description."""
-    best, evaluations = int(data["best_iteration"]), judged(data)
+    best, evaluations = int(data["best_iteration"]), evaluation_rows(data)
     first, last = evaluations[0], evaluations[-1]
     best_row = next(row for row in evaluations if row["iteration"] == best)
     text = (
         f"Return under the exact law {number(best_row['return'], 4)} after iteration {best} of"
         f" {last['iteration']}; {number(first['return'], 4)} untrained"
     )
-    text += "".join(f", {name} {number(best_row[name], 3)}" for name in measures(best_row))
+    text += "".join(f", {name} {number(best_row[name], 3)}" for name in measure_names(best_row))
     return {
         "kind": "train",
         "status": "done",
@@ -46,7 +46,7 @@ def meta(data: xr.Dataset) -> dict[str, Any]:
     }
 
 
-def judged(data: xr.Dataset) -> list[dict[str, Any]]:
+def evaluation_rows(data: xr.Dataset) -> list[dict[str, Any]]:
     """Iterations at which the policy was evaluated, with return, length and measures."""
     names = [str(name) for name in data.data_vars if str(name).startswith(_JUDGED)]
     evaluated = np.flatnonzero(np.isfinite(data[f"{_JUDGED}return"].values))
@@ -56,7 +56,7 @@ def judged(data: xr.Dataset) -> list[dict[str, Any]]:
     ]
 
 
-def measures(row: Mapping[str, Any]) -> list[str]:
+def measure_names(row: Mapping[str, Any]) -> list[str]:
     """Names of a task's measures, such as a speed, in a row."""
     common = ("iteration", "return", "return_deviation", "length", "unsolved")
     return [name for name in row if name not in common]
@@ -80,7 +80,7 @@ class SeedGroup:
         return self.runs[int(np.argmax(self.returns))]
 
 
-def groups(runs: Sequence[StoredRun]) -> list[SeedGroup]:
+def group_seeds(runs: Sequence[StoredRun]) -> list[SeedGroup]:
     """Runs grouped by their requests, in the order of the first of each group."""
     requests = [_flat(run) for run in runs]
     order: dict[str, list[int]] = {}
@@ -119,7 +119,7 @@ def _label(request: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> s
     return ", ".join([name, *(f"{key.rpartition('.')[2]} = {value_text(request[key], 3)}" for key in differing_keys)])
 
 
-def verdict(group: SeedGroup) -> str:
+def group_verdict(group: SeedGroup) -> str:
     """One sentence over the seeds: the return, from the lowest to the highest, and measures."""
     if len(group.runs) == 1:
         text = str(group.runs[0].meta["verdict"])
@@ -129,13 +129,13 @@ def verdict(group: SeedGroup) -> str:
         f"{group.label}: return under the exact law {number(returns.mean(), 4)}, from"
         f" {number(returns.min(), 4)} to {number(returns.max(), 4)} over {len(returns)} seeds"
     )
-    for name in measures(first):
+    for name in measure_names(first):
         values = [run.meta["evaluation"][name] for run in group.runs]
         text += f", {name} {number(float(np.mean(values)), 3)}"
     return f"{text}."
 
 
-def document(seed_groups: Sequence[SeedGroup]) -> dict[str, Any]:
+def training_document(seed_groups: Sequence[SeedGroup]) -> dict[str, Any]:
     """What ``ocp train --json`` prints: ``runs``, ``groups`` of seeds, each with its returns."""
     keys = (
         "return",
@@ -153,7 +153,7 @@ def document(seed_groups: Sequence[SeedGroup]) -> dict[str, Any]:
         "groups": [
             {
                 "label": group.label,
-                "verdict": verdict(group),
+                "verdict": group_verdict(group),
                 "returns": group.returns,
                 "return_mean": group.returns.mean(),
             }
@@ -169,7 +169,7 @@ def document(seed_groups: Sequence[SeedGroup]) -> dict[str, Any]:
 
 def summary_rows(seed_groups: Sequence[SeedGroup]) -> tuple[list[str], list[list[str]]]:
     """Heads and cells: a line a run."""
-    names = measures(seed_groups[0].runs[0].meta["evaluation"]) if seed_groups else []
+    names = measure_names(seed_groups[0].runs[0].meta["evaluation"]) if seed_groups else []
     units = {name: seed_groups[0].runs[0].data[_JUDGED + name].attrs.get("units", "") for name in names}
     heads = [
         "",
@@ -202,7 +202,7 @@ def summary_rows(seed_groups: Sequence[SeedGroup]) -> tuple[list[str], list[list
 
 def summary_table(runs: Sequence[StoredRun]) -> Table:
     """A line a run."""
-    heads, cells = summary_rows(groups(runs))
+    heads, cells = summary_rows(group_seeds(runs))
     return table_of(heads[0], *(f">{head}" for head in heads[1:]), rows=cells)
 
 
@@ -210,7 +210,7 @@ _CONFIDENCE = 0.95
 _SHARES = {"fallen": "episodes ended", "lost": "episodes lost", "unsolved": "steps unsolved"}
 
 
-def judgement(task: Task, evaluation: Evaluation) -> dict[str, Any]:
+def evaluation_summary(task: Task, evaluation: Evaluation) -> dict[str, Any]:
     """Return, length and measures, each with its mean, 95 % interval, least and most.
 
     ``fallen`` is the share of episodes that ended before the task's horizon, ``lost`` that of those
@@ -245,7 +245,7 @@ def _spread(values: np.ndarray, unit: str) -> dict[str, Any]:
     return {"mean": mean, "interval": interval, "least": float(values.min()), "most": float(values.max()), "unit": unit}
 
 
-def sentence(judged: Mapping[str, Any]) -> str:
+def evaluation_sentence(judged: Mapping[str, Any]) -> str:
     """The verdict: the return, the return found in training, and failures."""
     returns, training_row = judged["return"], judged["own"]
     count_text = "1 episode" if judged["episodes"] == 1 else f"{judged['episodes']} episodes"
@@ -268,7 +268,7 @@ def _interval(spread: Mapping[str, Any]) -> str:
     return f" [{low}, {high}]"
 
 
-def judgement_table(judged: Mapping[str, Any]) -> Table:
+def evaluation_table(judged: Mapping[str, Any]) -> Table:
     """A line each for return, length and measures, beside what training found."""
     training_row = judged["own"]
     table = table_of("", ">mean", ">95 % interval", ">least", ">most", ">in training")

@@ -59,7 +59,7 @@ class LearningCurve:
 
 
 @contextmanager
-def live(trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]) -> Iterator[Callback]:
+def show_trainings(trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]) -> Iterator[Callback]:
     """Yield a callback for the place of a training and each of its rows.
 
     ``trainings`` are their iterations by name. On a terminal all of them are shown, elsewhere one
@@ -72,13 +72,13 @@ def live(trainings: Mapping[str, int], quiet: bool, check: Callable[[], None]) -
             check()
             training = curves[place]
             training.rows.append(row)
-            line_text, is_last = line(training), row["iteration"] >= training.iterations
-            show(line_text if "evaluation_return" in row else "", is_last, lambda: picture(curves))
+            line_text, is_last = training_line(training), row["iteration"] >= training.iterations
+            show(line_text if "evaluation_return" in row else "", is_last, lambda: progress_view(curves))
 
         yield callback
 
 
-def line(training: LearningCurve) -> str:
+def training_line(training: LearningCurve) -> str:
     """The state of a training, in at most 80 columns."""
     row = training.rows[-1]
     words = [f"{training.name}  {row['iteration']:.0f}/{training.iterations}"]
@@ -94,14 +94,14 @@ _VALUES: tuple[tuple[str, str, Callable[[float], str]], ...] = (
 )
 
 
-def picture(curves: Sequence[LearningCurve]) -> RenderableType:
+def progress_view(curves: Sequence[LearningCurve]) -> RenderableType:
     """A line each; for a single training also its curve and its last rows."""
     heads = ("training", ">iteration", ">exact return", ">return", ">time", ">left", "")
     table = table_of(*heads, rows=[_cells(training) for training in curves])
     if len(curves) > 1 or not curves[0].rows:
         return table
     training = curves[0]
-    plot_text = "\n".join(plot(training.curve, *_PLOT)) if len(training.curve) > 1 else ""
+    plot_text = "\n".join(bar_plot(training.curve, *_PLOT)) if len(training.curve) > 1 else ""
     return Group(table, "", plot_text, "", rows_table(training.rows[-_ROWS:]))
 
 
@@ -138,7 +138,7 @@ def sparkline(values: Sequence[float], width: int) -> str:
     return _bars(values, width, 1)[0][0]
 
 
-def plot(values: Sequence[float], width: int, height: int) -> list[str]:
+def bar_plot(values: Sequence[float], width: int, height: int) -> list[str]:
     """Columns of ``height`` lines, the largest value first, with both ends on the left."""
     rows, low, high = _bars(values, width, height)
     ends = [f"{high:.4g}", *[""] * (height - 2), f"{low:.4g}"]

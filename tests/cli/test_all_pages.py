@@ -36,7 +36,7 @@ def test_pages_are_drawn_without_a_warning_and_are_filled(
     monkeypatch.setattr(pdf.typst, "compile", as_pictures)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        pages: Any = pdf.render([run])
+        pages: Any = pdf.render_pdf([run])
     full = [filled(page) for page in ([pages] if isinstance(pages, bytes) else pages)]
     assert len(full) >= 2 and min(full[:-1]) > 0.5, full
 

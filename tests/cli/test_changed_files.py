@@ -59,7 +59,7 @@ def stopped(line: list[str], monkeypatch: pytest.MonkeyPatch, root: str) -> None
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(interrupt, "check", check)
+        patched.setattr(interrupt, "raise_if_interrupted", check)
         assert main([*line, "--out", root]) == interrupt.EXIT_CODE
     assert kept(root) == 1
 
@@ -127,7 +127,7 @@ def test_two_of_the_same_at_once_leave_each_other_alone(
                 assert {path.name for path in Path("runs/mine").glob(".unfinished-*")} == held
                 assert list(Path("runs/mine").glob(".unfinished-*/point-00000.json"))
 
-        patched.setattr(interrupt, "check", check)
+        patched.setattr(interrupt, "raise_if_interrupted", check)
         assert main(first) == 0
     assert "another process runs the same computation" in capsys.readouterr().out
     one, other = [entry.meta for entry in store.list_runs("runs")]

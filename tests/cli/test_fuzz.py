@@ -127,7 +127,7 @@ def stub(*_: object) -> int:
 @settings(max_examples=200, **QUIETLY)
 @given(line=lines())
 def test_two_hundred_command_lines(line: list[str], judged, monkeypatch) -> None:
-    monkeypatch.setattr(app, "work", stub)
+    monkeypatch.setattr(app, "run_checked", stub)
     judged(line)
 
 
@@ -135,7 +135,7 @@ def test_two_hundred_command_lines(line: list[str], judged, monkeypatch) -> None
 @settings(max_examples=10_000, **QUIETLY)
 @given(line=lines())
 def test_ten_thousand_command_lines(line: list[str], judged, monkeypatch) -> None:
-    monkeypatch.setattr(app, "work", stub)
+    monkeypatch.setattr(app, "run_checked", stub)
     judged(line)
 
 

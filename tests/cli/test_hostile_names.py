@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from reports.drawing.style import literal, styled, to_svg
+from reports.drawing.style import house_style, show_literally, to_svg
 from tests.cli.conftest import Ocp
 
 FILE = "hostile.py"
@@ -50,12 +50,12 @@ def test_every_page_is_written_without_a_warning(hostile: Ocp, lines: list[str])
 
 @pytest.mark.costly
 def test_a_name_is_drawn_as_it_is_and_numbers_at_ticks_stay_mathematics() -> None:
-    with styled():
+    with house_style():
         figure = Figure()
         axis = figure.subplots()
         axis.semilogy([1, 2], [1e-3, 1e3])
         axis.set(title="x$a$", ylabel="u$_{$", xticks=[1, 2], xticklabels=["$b$", "c$_{$"])
-        literal(figure)
+        show_literally(figure)
         to_svg(figure)
         names = {
             text.get_text(): text.get_parse_math()

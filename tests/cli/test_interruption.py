@@ -140,10 +140,10 @@ def test_an_interrupt_that_compiled_code_swallowed_is_raised_again() -> None:
     from reports.cli import interrupt
 
     before = signal.getsignal(signal.SIGINT)
-    with interrupt.watched():
-        interrupt.check()
+    with interrupt.watch_interrupts():
+        interrupt.raise_if_interrupted()
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         with pytest.raises(KeyboardInterrupt):
-            interrupt.check()
+            interrupt.raise_if_interrupted()
     assert signal.getsignal(signal.SIGINT) is before

@@ -87,11 +87,11 @@ def test_a_command_that_ends_early_has_no_document_and_gives_stdout_back(
 def test_stdout_is_reserved_once_and_a_replaced_one_takes_the_document(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    streams.reserve()
-    streams.reserve()
+    streams.redirect_stdout()
+    streams.redirect_stdout()
     print("beside")
     print("the document", file=streams.document_stream())
-    streams.release()
-    streams.release()
+    streams.restore_stdout()
+    streams.restore_stdout()
     print("after")
     assert capsys.readouterr() == ("the document\nafter\n", "beside\n")

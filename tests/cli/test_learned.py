@@ -208,7 +208,7 @@ def test_a_training_that_was_interrupted_goes_on(ocp: Ocp, monkeypatch: pytest.M
         if next(epochs) == 4:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(interrupt, "check", ctrl_c)
+    monkeypatch.setattr(interrupt, "raise_if_interrupted", ctrl_c)
     stopped = ocp(*(word.format("parts") for word in words))
     assert stopped.code == interrupt.EXIT_CODE and not Path("parts.nc").exists()
     assert len(list(Path().glob(".unfinished-*"))) == 1

@@ -15,7 +15,7 @@ from ocp.mpc.controller import Controller
 from ocp.mpc.simulate import simulate
 from problems import get
 from reports.cli.app import main
-from reports.tables.closed_loop import labelled, summary, timed
+from reports.tables.closed_loop import counted_times, labelled_arrays, loop_summary
 from tests.cli.conftest import Ocp
 from tests.cli.test_interruption import read_until, start
 
@@ -71,8 +71,8 @@ def test_the_document_is_what_the_run_stores(ocp: Ocp) -> None:
 def test_a_loop_is_read_back_as_it_was_simulated(tmp_path: Path) -> None:
     problem = get("soft-walls", N=5)
     loop = simulate(Controller(problem), 12, "noise", seeds=2)
-    data = labelled(loop, {})
-    meta = {"kind": "closed-loop", "argv": [], "record": {}, **summary(loop, data, [], None)}
+    data = labelled_arrays(loop, {})
+    meta = {"kind": "closed-loop", "argv": [], "record": {}, **loop_summary(loop, data, [], None)}
     run = store.load(store.write(tmp_path, "soft-walls", data, meta).path)
     for name, array in loop.data.data_vars.items():
         assert run.data[name].dims == array.dims
@@ -196,7 +196,7 @@ def test_listing_and_export_know_the_kind(ocp: Ocp, loops: Path) -> None:
 def test_times_leave_out_the_start_of_each_seed() -> None:
     seconds = np.full((2, 30), 1.0)
     seconds[:, :10], seconds[1, 12:] = 9.0, np.nan
-    assert timed(seconds).tolist() == [1.0] * 20 + [9.0] * 9 + [1.0] * 2
+    assert counted_times(seconds).tolist() == [1.0] * 20 + [9.0] * 9 + [1.0] * 2
 
 
 def test_a_loop_of_a_file_of_ones_own_keeps_its_drawing(ocp: Ocp) -> None:

@@ -70,7 +70,7 @@ def test_what_is_no_number_is_refused_at_every_door(ocp, tmp_path: Path, door: l
 
 def test_whole_numbers_may_be_written_as_numbers(ocp, monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
-    monkeypatch.setattr(app, "carry_out", lambda options: seen.append(options) or 0)
+    monkeypatch.setattr(app, "execute", lambda options: seen.append(options) or 0)
     ocp(
         "solve",
         "wall-1d",

@@ -10,7 +10,7 @@ import pytest
 from ocp import store
 from reports.documents.comparison import comparison_page, continuation_page
 from reports.documents.solve import solve_page
-from reports.drawing.style import styled
+from reports.drawing.style import house_style
 from reports.drawing.view import RunView
 
 
@@ -21,8 +21,8 @@ def views(store_of_runs: Path) -> dict[str, RunView]:
 
 
 @pytest.fixture(autouse=True)
-def house_style():
-    with styled():
+def styled_figures():
+    with house_style():
         yield
 
 

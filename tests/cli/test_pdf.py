@@ -17,9 +17,9 @@ from ocp.errors import InputError
 from problems import names, spec
 from reports.documents.citations import full_citation
 from reports.documents.comparison import continuation_page
-from reports.documents.pdf import render, write_pdf
+from reports.documents.pdf import render_pdf, write_pdf
 from reports.documents.solve import solve_page
-from reports.drawing.style import styled, to_svg
+from reports.drawing.style import house_style, to_svg
 from reports.drawing.view import RunView
 from reports.figures import run as figures
 from reports.tables.console import shown_stages
@@ -85,7 +85,7 @@ def test_equations_that_do_not_compile_are_named(views, monkeypatch) -> None:
         lambda _: type(broken)(**{**vars(broken), "equations": ("nosuchsymbol",)}),
     )
     with pytest.raises(InputError, match="typst equations"):
-        render([view.run])
+        render_pdf([view.run])
 
 
 @pytest.mark.costly
@@ -98,7 +98,7 @@ def test_a_pdf_that_cannot_be_written_leaves_nothing(views, tmp_path: Path) -> N
 
 def test_the_page_says_what_the_run_says(views) -> None:
     view = views["solve wall-1d barrier"]
-    with styled():
+    with house_style():
         content, drawn = solve_page(view)
     assert content["verdict"] == view.run.meta["verdict"]
     assert content["grade"] == "survives"
@@ -116,7 +116,7 @@ def test_the_page_says_what_the_run_says(views) -> None:
 
 @pytest.mark.costly
 def test_the_exact_law_lies_at_the_end_of_the_path(views) -> None:
-    with styled():
+    with house_style():
         content, _ = solve_page(views["solve push-1d exact"])
     assert "μ = 0" in content["law"]["place"]
 
@@ -124,7 +124,7 @@ def test_the_exact_law_lies_at_the_end_of_the_path(views) -> None:
 @pytest.mark.costly
 def test_feedback_has_its_gains_and_all_scenarios(views) -> None:
     view = views["solve push-disc barrier"]
-    with styled():
+    with house_style():
         _, drawn = solve_page(view)
     ox = next(axis for axis in drawn["motion-01"].axes if axis.get_title("left") == "ox [m]")
     planned_and_replayed = [line for line in ox.lines if len(line.get_xdata()) > 2]
@@ -141,7 +141,7 @@ def test_feedback_has_its_gains_and_all_scenarios(views) -> None:
 @pytest.mark.parametrize("name", ["solve wall-1d barrier", "solve push-disc barrier"])
 def test_every_axis_has_a_unit(views, name: str) -> None:
     view = views[name]
-    with styled():
+    with house_style():
         _, drawn = solve_page(view)
     assert view.spec is not None
     picture = drawn.get("strobe", drawn.get("strobes-01"))
@@ -158,7 +158,7 @@ def test_every_axis_has_a_unit(views, name: str) -> None:
 
 def test_the_contact_plane_draws_the_central_path_and_the_points(views) -> None:
     view = views["solve wall-1d barrier"]
-    with styled():
+    with house_style():
         (axis,) = figures.contact_plane(view).axes
     path = next(line for line in axis.lines if "gap = " in str(line.get_label()))
     gap, lam = (np.asarray(values) for values in path.get_data())
@@ -172,7 +172,7 @@ def test_the_contact_plane_draws_the_central_path_and_the_points(views) -> None:
 
 def test_the_continuation_page(views) -> None:
     view = views["continue wall-1d barrier"]
-    with styled():
+    with house_style():
         content, drawn = continuation_page(view)
     assert len(content["points"]) == len(view.run.meta["points"])
     assert content["over"] == "μ [N s m]" and content["how"][0][0] == "μ"
@@ -194,7 +194,7 @@ def test_events_are_marked_and_listed_on_the_continuation_page(views, monkeypatc
         {"kind": "fold", "value": 5e-3, **shared, "contact": "", "steps": [], "change": "turns"},
     ]
     monkeypatch.setitem(view.run.meta, "events", events)
-    with styled():
+    with house_style():
         content, drawn = continuation_page(view)
     assert [row[:5] for row in content["events"]] == [
         ["1", "0.002", "contact", "wall touches", "3"],
@@ -207,7 +207,7 @@ def test_events_are_marked_and_listed_on_the_continuation_page(views, monkeypatc
 
 
 def test_an_svg_has_no_date_and_no_fonts_to_find() -> None:
-    with styled():
+    with house_style():
         figure = Figure()
         figure.subplots().set_xlabel("x [m]")
         first, second = to_svg(figure), to_svg(figure)

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 from reports.cli import app, streams
-from reports.cli.app import commands, main
+from reports.cli.app import load_commands, main
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = [sys.executable, "-c", "import sys; from reports.cli.app import main; sys.exit(main())"]
-COMMANDS = commands()
+COMMANDS = load_commands()
 
 
 def run_as(directory: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess:
@@ -57,7 +57,7 @@ def test_the_list_of_commands_is_whole(ocp) -> None:
 def test_examples_are_understood(ocp, name: str, monkeypatch) -> None:
     """Every example passes the parser: its options exist, its numbers are in range."""
     seen = []
-    monkeypatch.setattr(app, "carry_out", lambda *given: seen.append(given) or 0)
+    monkeypatch.setattr(app, "execute", lambda *given: seen.append(given) or 0)
     for line in COMMANDS[name].declared.examples:
         done = ocp(*line.split())
         assert (done.code, done.err) == (0, ""), line
@@ -123,8 +123,8 @@ def test_a_solve_in_another_encoding_is_stored_all_the_same(tmp_path, encoding: 
 
 
 def test_signs_are_written_in_words() -> None:
-    assert streams.written("0 ≤ λ ⟂ φ, 1e-3 N·s – é") == "0 <= lam _|_ phi, 1e-3 N*s - e"
-    assert streams.written("日") == "?"
+    assert streams.to_ascii("0 ≤ λ ⟂ φ, 1e-3 N·s – é") == "0 <= lam _|_ phi, 1e-3 N*s - e"
+    assert streams.to_ascii("日") == "?"
 
 
 @pytest.mark.parametrize(("words", "found"), [("ocp so", "solve"), ("ocp solve --st", "--starts")])

@@ -14,7 +14,7 @@ import pytest
 from ocp import store
 from ocp.store.lookup import find
 from reports.cli.app import main
-from reports.cli.runs_command import moment
+from reports.cli.runs_command import parse_date
 
 
 @pytest.fixture(scope="module")
@@ -244,10 +244,10 @@ def test_what_cannot_be_exported_is_told(ocp, runs: Path, tmp_path: Path) -> Non
 
 def test_since_is_a_date_or_a_time_ago() -> None:
     now = datetime.now(UTC)
-    assert abs(moment("90m") - (now - timedelta(minutes=90))) < timedelta(seconds=5)
-    assert abs(moment("2w") - (now - timedelta(days=14))) < timedelta(seconds=5)
-    assert moment("2026-01-31") == datetime(2026, 1, 31, tzinfo=UTC)
-    assert moment("2026-01-31T12:00+02:00") == datetime(2026, 1, 31, 10, tzinfo=UTC)
+    assert abs(parse_date("90m") - (now - timedelta(minutes=90))) < timedelta(seconds=5)
+    assert abs(parse_date("2w") - (now - timedelta(days=14))) < timedelta(seconds=5)
+    assert parse_date("2026-01-31") == datetime(2026, 1, 31, tzinfo=UTC)
+    assert parse_date("2026-01-31T12:00+02:00") == datetime(2026, 1, 31, 10, tzinfo=UTC)
 
 
 @pytest.mark.parametrize("text", ["yesterday", "2x", "-1h", "1.5h", "", "h", "२h", "99999999999w"])

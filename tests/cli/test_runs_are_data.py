@@ -13,7 +13,7 @@ from ocp import load, store
 from ocp.errors import DamagedRun, InputError
 from problems import registry
 from problems.drawing import Disc
-from reports.documents.common import head
+from reports.documents.common import page_header
 from reports.drawing.notation import plain
 from reports.drawing.view import RunView
 from tests.resealed import reseal
@@ -192,8 +192,8 @@ def test_a_run_shows_its_problem_without_the_file(ocp, made: Path, tmp_path: Pat
             for suffix in ("", "_replay")
         ]
     np.testing.assert_allclose(shapes[0], shapes[2], rtol=0, atol=1e-14)
-    kept = head(RunView.of(store.load(run)))
-    named = head(RunView.of(store.load(run), registry.load(made / "mine.py")))
+    kept = page_header(RunView.of(store.load(run)))
+    named = page_header(RunView.of(store.load(run), registry.load(made / "mine.py")))
     assert sorted(kept["parameters"]) == sorted(named["parameters"])
     assert kept["equations"] == [] and kept["typed"] == [plain("m dot(v) = u + lambda")]
     assert "--source FILE" in kept["unloaded"] and named["unloaded"] == ""

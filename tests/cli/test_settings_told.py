@@ -19,7 +19,7 @@ from ocp.routes.relaxations import STRATEGIES
 from ocp.solve.request import OWN, Setting, Settings, declared
 from ocp.transcription import METHODS
 from problems.tasks.registry import settings_of
-from reports.tables.settings import training
+from reports.tables.settings import training_groups
 
 if TYPE_CHECKING:
     from ocp.problem.problem import Problem
@@ -60,7 +60,7 @@ def test_every_class_of_settings_declares_all_of_them() -> None:
     for cls in (*ALGORITHMS.values(), *POLICIES.values()):
         assert [one.name for one in declared(cls)] == [*settings_of(cls)]
     of_psi = {name for cls in (PsiLearning, RandomSearch) for name in settings_of(cls)}
-    told = next(group for group in training() if group.name == "psi").settings
+    told = next(group for group in training_groups() if group.name == "psi").settings
     assert {one.name for one in told} == of_psi - {"algorithm", "names", "search"}
     assert set(OWN) == {field.name for field in fields(Settings)} - {"options"}
 

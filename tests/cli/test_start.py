@@ -121,11 +121,11 @@ def test_an_interrupt_where_nothing_can_be_raised_is_raised_later(capsys) -> Non
         def __del__(self) -> None:
             signal.raise_signal(signal.SIGINT)
 
-    with interrupt.watched():
+    with interrupt.watch_interrupts():
         Dying()
-        assert interrupt.seen()
+        assert interrupt.was_interrupted()
         with pytest.raises(KeyboardInterrupt):
-            interrupt.check()
+            interrupt.raise_if_interrupted()
     assert capsys.readouterr().err == ""
 
 

@@ -14,7 +14,7 @@ import pytest
 from ocp import store
 from reports.cli.streams import Output
 from reports.documents.solve import solve_page
-from reports.drawing.style import styled
+from reports.drawing.style import house_style
 from reports.drawing.view import RunView
 
 QUIET = ("--json", "--quiet")
@@ -261,7 +261,7 @@ def test_the_pages_bar_has_the_grade_of_the_run(ocp) -> None:
         ("push-1d", *EXACT, "--method", "single-shooting", "-s", "homotopy=false"),
     ):
         found = ocp("solve", *arguments, *QUIET).json
-        with styled():
+        with house_style():
             content, _ = solve_page(RunView.of(store.load(Path(found["run"]))))
         assert content["grade"] == found["grade"]
         assert content["verdict"] == found["verdict"]

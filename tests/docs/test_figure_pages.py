@@ -55,7 +55,7 @@ def test_picture_and_table_of_smoothings_are_made_from_the_file(folder: Path) ->
     files = [str(folder / "N3.pdf"), str(file)]
     figures.keep([{"id": "N3", "claims": CLAIMS, "files": files}])
     table = measured.read("smoothings")
-    assert [table["columns"], *table["rows"]] == law_tables.rows(made)
+    assert [table["columns"], *table["rows"]] == law_tables.smoothing_rows(made)
     assert (folder / "pictures" / "figures" / "N3.png").read_bytes().startswith(b"\x89PNG")
 
 

@@ -31,7 +31,7 @@ from problems.regions import CollectJob, collect_piece, region_of
 from problems.registry import objective_names
 from reports.cli import interrupt
 from reports.cli.learning.options import NOISE, CollectOptions, LearnOptions
-from reports.cli.request import assignments, check_place, input_errors, layers, whole
+from reports.cli.request import check_output_file, input_errors, parse_assignments, parse_count, parse_layers
 from reports.tables import learned_models
 
 
@@ -53,9 +53,9 @@ def check_collect(options: CollectOptions) -> CollectRequest:
     if options.problem in objective_names():
         raise InputError(f"{options.problem} is an objective without dynamics and has no transitions")
     problem_spec = spec(options.problem)
-    parameter_texts = assignments("-p", options.params)
+    parameter_texts = parse_assignments("-p", options.params)
     params, problem = problem_spec.params(parameter_texts), problem_spec.problem(parameter_texts)
-    samples, system = whole("--samples", options.samples), problem.system
+    samples, system = parse_count("--samples", options.samples), problem.system
     fewest_samples = LEAST * (system.nx + system.nu)
     if samples < fewest_samples:
         raise InputError(
@@ -64,7 +64,7 @@ def check_collect(options: CollectOptions) -> CollectRequest:
         )
     check_memory(f"{samples} transitions", 32.0 * samples * (2 * system.nx + system.nu))
     region = region_of(problem_spec, params, problem)
-    check_place(options.file, "transitions")
+    check_output_file(options.file, "transitions")
     file = problem_spec.name if problem_spec.path is None else str(problem_spec.path)
     return CollectRequest(
         problem_spec.name,
@@ -86,7 +86,7 @@ def run_collect(options: CollectOptions, request: CollectRequest) -> int:
         data = merged(step, request.region, pieces_drawn, options.seed, origin)
     models.save(data.dataset(), options.file)
     document, seconds = learned_models.data_document(data), time.perf_counter() - start_s
-    for line in learned_models.lines(document):
+    for line in learned_models.origin_lines(document):
         options.output.note(line)
     options.output.note(learned_models.coordinate_table(document))
     options.output.say(f"data: {options.file} ({len(data)} transitions, {seconds:.1f} s)")
@@ -143,9 +143,9 @@ def check(options: LearnOptions) -> LearnRequest:
             f"--noise: sigma {options.noise:g} is in standard deviations of the data, at most 1000;"
             " choose a value such as 0.2"
         )
-    hidden = layers("--hidden", options.hidden)
+    hidden = parse_layers("--hidden", options.hidden)
     data = _data(options)
-    check_place(options.file, "model")
+    check_output_file(options.file, "model")
     recipe = _recipe(options, data, hidden) if network else None
     key = {"data": data.hash, "sigma": options.noise, "hidden": hidden, "epochs": options.epochs}
     place = atomic.destination(options.file)
@@ -174,7 +174,7 @@ def _data(options: LearnOptions) -> Transitions:
         data = models.load_transitions(options.data)
     else:
         pairs = None if options.columns is None else options.columns.split(",")
-        columns = assignments("--columns", pairs)
+        columns = parse_assignments("--columns", pairs)
         origin = {} if problem is None else {"problem": problem.name}
         with input_errors():
             data = read_table(options.data, columns, signals, origin)
@@ -275,7 +275,7 @@ def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> li
         show = resources.enter_context(learned_models.training_progress(options.quiet, options.epochs))
 
         def callback(place: int, message: Any) -> None:
-            interrupt.check()
+            interrupt.raise_if_interrupted()
             show(Epoch(**message), f"seed {jobs[place].seed}: " if len(jobs) > 1 else "")
 
         work = run_jobs(train_network, jobs, options.jobs, options.scheduler, callback)

@@ -14,7 +14,7 @@ from reports.cli.options import (
     RunOptions,
     TagOptions,
     argument,
-    assigned,
+    assignment,
     option,
 )
 
@@ -32,7 +32,7 @@ class CollectOptions(JobsOptions):
     examples: ClassVar = ("collect push-1d --samples 1e5 -o data.nc",)
     problem: str = argument(help=PROBLEM)
     file: Path = option(MISSING, "--output", "-o", help="The netCDF file to write.")
-    params: list[str] | None = assigned("--param", "-p", help="Parameter of the problem.")
+    params: list[str] | None = assignment("--param", "-p", help="Parameter of the problem.")
     samples: str = option("1e5", "-n", help="Number of transitions.")
     seed: int = option(0, min=0, help="Seed of the random draws.")
 
@@ -76,8 +76,10 @@ class TrainOptions(LawOptions, TagOptions):
     task: str = argument(help="A named task.")
     algorithm: str = option("usual", "-a", help="Names separated by commas; usual: the default of the task.")
     contact: str = option("own", help="Contact law in training; own: adaptive for fopg, exact for others.")
-    params: list[str] | None = assigned("--param", "-p", help="Parameter of the task.")
-    settings: list[str] | None = assigned("--setting", "-s", help="Setting of all algorithms, or of one: ars.rate=0.1.")
+    params: list[str] | None = assignment("--param", "-p", help="Parameter of the task.")
+    settings: list[str] | None = assignment(
+        "--setting", "-s", help="Setting of all algorithms, or of one: ars.rate=0.1."
+    )
     seeds: int = option(1, min=1, max=1000, help="Number of seeds, from --seed on.")
     seed: int = option(0, min=0, help="The first seed.")
     iterations: int | None = option(None, min=1, help="Iterations of each training; default: that of the task, or 100.")

@@ -26,9 +26,18 @@ from problems.tasks.training import TrainingJob, rebuilt, record, trained, unfin
 from reports.cli import interrupt
 from reports.cli.learning.options import EvaluateOptions, TrainOptions
 from reports.cli.learning.training_options import algorithms, is_psi, learned_parameters
-from reports.cli.request import assignments, check_places
-from reports.tables.training import document, groups, judgement, judgement_table, meta, sentence, summary_table, verdict
-from reports.tables.training_progress import live
+from reports.cli.request import check_outputs, parse_assignments
+from reports.tables.training import (
+    evaluation_sentence,
+    evaluation_summary,
+    evaluation_table,
+    group_seeds,
+    group_verdict,
+    summary_table,
+    training_document,
+    training_meta,
+)
+from reports.tables.training_progress import show_trainings
 
 _OWN_LAW = {"adaptive": {"law": "quartic"}}
 """Default settings of a law in training, from the paper."""
@@ -49,11 +58,11 @@ class TrainRequest:
 def check(options: TrainOptions) -> TrainRequest:
     """Build the task and every algorithm, and check that the runs can be stored."""
     spec = registry.spec(options.task)
-    task = spec.task(assignments("-p", options.params))
+    task = spec.task(parse_assignments("-p", options.params))
     if options.scheduler is not None and options.jobs is not None:
         raise InputError("--jobs starts local processes, --scheduler uses a cluster; drop one")
     jobs, workers = _jobs(options, spec, task)
-    check_places(options.out, options.pdf)
+    check_outputs(options.out, options.pdf)
     built = [job.experiment(task) for job in jobs]
     for experiment in built[:: options.seeds]:
         experiment.algorithm.check(experiment)
@@ -65,7 +74,7 @@ def check(options: TrainOptions) -> TrainRequest:
 
 def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[TrainingJob], int]:
     """Every seed of every algorithm, and the number of processes."""
-    setting_texts = assignments("-s", options.settings)
+    setting_texts = parse_assignments("-s", options.settings)
     psi = learned_parameters(setting_texts, task.parameters.names)
     setting_texts = {key: value for key, value in setting_texts.items() if not is_psi(key)}
     names = spec.learner if options.algorithm == "usual" else options.algorithm
@@ -75,7 +84,7 @@ def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[Train
     jobs = [
         TrainingJob(
             task=options.task,
-            params=assignments("-p", options.params),
+            params=parse_assignments("-p", options.params),
             seed=seed,
             algorithm=psi.wrap(algorithm),
             law=_law(options, algorithm, task),
@@ -92,7 +101,7 @@ def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[Train
 def _law(options: TrainOptions, algorithm: Algorithm, task: Task) -> ContactLaw:
     """The chosen law, or that of the algorithm."""
     name = algorithm.contact if options.contact == "own" else options.contact
-    settings = assignments("-c", options.law_settings) or _OWN_LAW.get(name, {})
+    settings = parse_assignments("-c", options.law_settings) or _OWN_LAW.get(name, {})
     return closing_law(name, settings, task.system)
 
 
@@ -135,7 +144,7 @@ def _trained(
     iterations_by_name = {
         request.jobs[place].name: request.experiments[place].iterations for place in unfinished_places
     }
-    with live(iterations_by_name, options.quiet, interrupt.check) as callback:
+    with show_trainings(iterations_by_name, options.quiet, interrupt.raise_if_interrupted) as callback:
         work = run_jobs(trained, jobs, request.workers, options.scheduler, callback)
         with closing(work) as outcomes:
             for index, outcome in outcomes:
@@ -160,7 +169,7 @@ def _stored_before(request: TrainRequest) -> dict[int, Path]:
 def _store(options: TrainOptions, request: TrainRequest, place: int, data: Any) -> Path:
     job, experiment = request.jobs[place], request.experiments[place]
     request_of = {"argv": options.argv, "tags": options.tags, "seed": job.seed}
-    about = {**request_of, "record": record(experiment), **meta(data)}
+    about = {**request_of, "record": record(experiment), **training_meta(data)}
     path = store.write(options.out, job.task, data, about).path
     request.checkpoints[place].save_rows(_ENDED, [{"run": str(path.resolve())}])
     return path
@@ -175,10 +184,10 @@ def _print_results(
     from reports.documents.pdf import write_pdf
 
     output, runs = options.output, [store.load(path) for path in paths]
-    seed_groups = groups(runs)
+    seed_groups = group_seeds(runs)
     output.note(summary_table(runs))
     for group in seed_groups:
-        output.say(verdict(group))
+        output.say(group_verdict(group))
     for stored_run in runs:
         output.say(f"run: {stored_run.path}")
     if options.pdf is not None:
@@ -188,7 +197,7 @@ def _print_results(
     for name, message in errors.items():
         output.say(f"failed: {name}: {message}")
     pdf = None if options.pdf is None else str(options.pdf)
-    output.document({"task": options.task, **document(seed_groups), "failed": errors, "pdf": pdf})
+    output.document({"task": options.task, **training_document(seed_groups), "failed": errors, "pdf": pdf})
     if failed:
         raise next(iter(failed.values()))
 
@@ -201,7 +210,7 @@ def check_evaluate(options: EvaluateOptions) -> EvaluateRequest:
     stored_run = options.stored(options.run)
     experiment, policy = rebuilt(stored_run)
     task = experiment.task
-    law = closing_law(options.contact, assignments("-c", options.law_settings), task.system)
+    law = closing_law(options.contact, parse_assignments("-c", options.law_settings), task.system)
     numbers = task.horizon * (task.system.nx + task.system.nu)
     check_memory(f"--episodes {options.episodes}", 32.0 * options.episodes * numbers)
     return stored_run, experiment, policy, law
@@ -217,12 +226,12 @@ def run_evaluate(options: EvaluateOptions, request: EvaluateRequest) -> int:
         "contact": law.name,
         "contact_settings": law.settings(),
         "seed": options.seed,
-        **judgement(experiment.task, evaluation),
+        **evaluation_summary(experiment.task, evaluation),
         "own": stored_run.meta["evaluation"],
     }
-    content["verdict"] = sentence(content)
+    content["verdict"] = evaluation_sentence(content)
     output = options.output
     output.say(content["verdict"])
-    output.note(judgement_table(content))
+    output.note(evaluation_table(content))
     output.document(content)
     return 0

@@ -17,7 +17,7 @@ from ocp.solve.request import declared
 from ocp.validation import parse
 from problems.tasks import registry
 from problems.tasks.registry import TaskSpec, default_settings, make_algorithm, settings_of
-from reports.cli.request import layers
+from reports.cli.request import parse_layers
 from reports.tables.settings import default_text
 
 OWN = {setting.name: setting.meaning for setting in declared(Experiment)}
@@ -64,7 +64,7 @@ def _value(key: str, name: str, text: str, cls: type) -> Any:
     if name == "hidden":
         if text in _SHAPES:
             return _SHAPES[text]
-        return layers(f"setting {key}", text, f", {' or '.join(_SHAPES)}")
+        return parse_layers(f"setting {key}", text, f", {' or '.join(_SHAPES)}")
     if name not in OWN:
         return parse(f"setting {key}", text, get_type_hints(cls)[name])
     return parse(f"setting {key}", text, type(settings_of(Experiment)[name].default))

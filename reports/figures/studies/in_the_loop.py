@@ -21,7 +21,7 @@ from problems.studies.laws_in_the_loop.data import (
 from problems.studies.shared.trainings import difference
 from reports.drawing.style import FAINT, INK, WIDTH
 from reports.figures.studies.panels import drawing
-from reports.tables.law_tables import dearer
+from reports.tables.law_tables import excess_text
 
 _CLOSE, _LEAST, _MOST = 0.1, 1e-3, 100.0
 """Excess at which the colours change, and those at which they end."""
@@ -72,7 +72,7 @@ def _map(axis: Axes, data: xr.Dataset, names: Sequence[str], span: str) -> None:
         color = INK if 0.12 < norm(log_excess[i, j]) < 0.88 else "white"
         mark = r" $\checkmark$" if n_alive == len(costs) else f" ({n_alive})" if n_alive else ""
         spread = _spread((mean_excess.high - mean_excess.low) / 2, mean_excess.mean)
-        for offset, text in ((-0.2, dearer(mean_excess.mean)), (0.22, spread + mark)):
+        for offset, text in ((-0.2, excess_text(mean_excess.mean)), (0.22, spread + mark)):
             axis.text(j, i + offset, text, ha="center", va="center", color=color, fontsize=7)
     axis.imshow(log_excess, cmap="RdBu_r", norm=norm, aspect="auto", alpha=0.75)
     axis.grid(False)
@@ -90,7 +90,7 @@ def _map(axis: Axes, data: xr.Dataset, names: Sequence[str], span: str) -> None:
 
 
 def _spread(half_width: float, mean: float) -> str:
-    """Half of an interval, in the unit of its mean as :func:`~reports.tables.law_tables.dearer` has it."""
+    """Half of an interval, in the unit of its mean as :func:`~reports.tables.law_tables.excess_text` has it."""
     if mean >= 2:
         return f"±{half_width:.0f}" if half_width >= 9.5 else f"±{half_width:.2g}"
     return f"±{half_width:.1%}" if half_width < 0.0995 else f"±{half_width:.0%}"

@@ -17,7 +17,7 @@ from problems.studies.smoothings_compared.data import ANALYTIC, WITHIN, describe
 from reports.drawing.strobe import draw_motion
 from reports.drawing.style import BLUE, CYCLE, FAINT, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, WIDTH
 from reports.figures.studies.panels import drawing
-from reports.tables.law_tables import dearer, seconds_of, short
+from reports.tables.law_tables import broken_name, excess_text, seconds_of
 
 _COLORS = {"f": GREY, "f_sigma": GREEN, "g_sigma": BLUE, "h": ORANGE, "h_sigma": VERMILLION}
 _LABELS = {
@@ -173,9 +173,9 @@ def _table(axis: Axes, data: xr.Dataset) -> None:
     for row, column in np.ndindex(excesses.shape):
         is_light = 0.12 < norm(heights[row, column]) < 0.88
         style: dict[str, Any] = {"ha": "center", "va": "center", "color": INK if is_light else "white"}
-        text = dearer(float(excesses[row, column])) + _mark(int(n_alive[row, column]), n_seeds)
+        text = excess_text(float(excesses[row, column])) + _mark(int(n_alive[row, column]), n_seeds)
         axis.text(column, row - 0.16, text, **style)
-        axis.text(column, row + 0.25, f"plan {dearer(float(plans[row, column]))}", fontsize=7, **style)
+        axis.text(column, row + 0.25, f"plan {excess_text(float(plans[row, column]))}", fontsize=7, **style)
     _grid(axis, data)
     axis.set_yticks(range(data.sizes["law"]), list(described(data.attrs).values()))
     axis.set_title("exact replay over the exact optimum")
@@ -203,7 +203,7 @@ def _grid(axis: Axes, data: xr.Dataset) -> None:
     axis.grid(False)
     axis.tick_params(length=0)
     axis.xaxis.tick_top()
-    axis.set_xticks(range(data.sizes["problem"]), [short(str(p)) for p in data["problem"].values])
+    axis.set_xticks(range(data.sizes["problem"]), [broken_name(str(p)) for p in data["problem"].values])
     for line in (0.5, len(ANALYTIC) + 0.5):
         axis.axhline(line, color=INK, linewidth=0.9)
 

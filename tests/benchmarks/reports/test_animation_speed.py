@@ -15,10 +15,10 @@ from docs.generator.readme_pictures import moving
 from dynamics.contact import Barrier, ContactLaw, Exact
 from ocp import solve, store
 from problems import get
-from reports.drawing.style import styled
+from reports.drawing.style import house_style
 from reports.drawing.view import RunView
 from reports.motion.animation import Animation
-from reports.motion.movie import DPI, Canvas, write
+from reports.motion.movie import DPI, Canvas, write_animation
 from tests.benchmarks.ocp.race import tell
 
 FLOOR, ROUNDS = 5.0, 3
@@ -61,11 +61,14 @@ def test_files_of_an_animation(tmp_path: Path) -> None:
     rows, missed = [], []
     for name, (law, what) in CASES.items():
         run = store.load(store.save(solve(get(name), contact=law), tmp_path, []).path)
-        with styled():
+        with house_style():
             animation = moving(RunView.of(run))
             for ending in WRITERS:
                 ours, theirs = tmp_path / f"ours.{ending}", tmp_path / f"theirs.{ending}"
-                pairs = [(spent(by_savefig, animation, theirs), spent(write, animation, ours)) for _ in range(ROUNDS)]
+                pairs = [
+                    (spent(by_savefig, animation, theirs), spent(write_animation, animation, ours))
+                    for _ in range(ROUNDS)
+                ]
                 before, after = map(min, zip(*pairs, strict=True))
                 sizes = [f"{file.stat().st_size / 1e3:.0f}" for file in (theirs, ours)]
                 rows.append(

@@ -20,7 +20,7 @@ from problems.studies.start_without_contact.dynamics import (
     replay,
 )
 from problems.studies.study import Pieces
-from reports.drawing.style import styled
+from reports.drawing.style import house_style
 from reports.figures.studies import DRAWINGS
 
 
@@ -98,6 +98,6 @@ def test_every_piece_finds_its_place_in_data_claims_and_drawing():
     assert labelled.__module__ and set(data["law"].values) == set(LAWS)
     claims = studies.get("N2").claims(data)
     assert len(claims) == 24 and not all(claim.holds for claim in claims)
-    with styled():
+    with house_style():
         figure = DRAWINGS["N2"].draw(data)
     assert sum(axis.get_title() != "" for axis in figure.axes) == 18

@@ -25,7 +25,7 @@ from problems.studies.laws_in_the_loop.data import (
     survives,
 )
 from problems.studies.study import Pieces
-from reports.drawing.style import styled, to_svg
+from reports.drawing.style import house_style, to_svg
 from reports.figures.studies import DRAWINGS
 from reports.tables.law_tables import loop_rows
 
@@ -160,7 +160,7 @@ def test_the_table_has_a_row_a_controller_and_the_figure_every_number() -> None:
     assert [row[0] for row in rows] == [*LAWS, *FEEDBACK]
     assert rows[0][1:] == [*["**0.0%** ✓"] * len(TASKS), "3 to 3"]
     assert rows[2][1] == "+50% ✓" and rows[2][6] == "+150%"
-    with styled():
+    with house_style():
         figure = DRAWINGS["C1"].draw(data)
         assert len(to_svg(figure)) > 10_000
     left, right = figure.axes

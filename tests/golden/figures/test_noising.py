@@ -26,7 +26,7 @@ from problems.studies.shared.noised_line import (
 from problems.studies.shared.sampled_step import SampledStep
 from problems.studies.theory_of_noising import data, lemmas
 from reports.cli.app import main
-from reports.drawing.style import styled, to_svg
+from reports.drawing.style import house_style, to_svg
 from reports.figures.studies import DRAWINGS
 
 TINY = {
@@ -148,7 +148,7 @@ def test_data_carry_units_and_are_drawn(identifier: str, monkeypatch: pytest.Mon
     monkeypatch.setattr(data, "network_of", lambda z, y, *_, **__: average_of(z, y, 0.1))
     found = studies.get(identifier).data(TINY[identifier])
     assert all(variable.attrs.get("units") or variable.dtype.kind not in "fiu" for variable in found.variables.values())
-    with styled():
+    with house_style():
         figure = DRAWINGS[identifier].draw(found)
         assert len(to_svg(figure)) > 10_000
     labels = "".join(axis.get_ylabel() + axis.get_xlabel() for axis in figure.axes)

@@ -24,9 +24,9 @@ from problems.studies.smoothings_compared.data import (
     rest_cost,
     run,
 )
-from reports.drawing.style import styled, to_svg
+from reports.drawing.style import house_style, to_svg
 from reports.figures.studies import DRAWINGS
-from reports.tables.law_tables import dearer, rows
+from reports.tables.law_tables import excess_text, smoothing_rows
 from tests.golden.figures.compared import SEEDS, SETTINGS, Made, compared
 
 
@@ -159,7 +159,7 @@ def test_nothing_holds_where_nothing_was_measured() -> None:
 
 @pytest.mark.costly
 def test_the_table_has_a_row_a_law_and_marks_what_is_close() -> None:
-    columns, *made = rows(compared(usual))
+    columns, *made = smoothing_rows(compared(usual))
     assert columns == ["law", *PROBLEMS, "seconds"]
     assert len(made) == 1 + len(ANALYTIC) + len(LEARNED)
     assert made[0][:2] == ["exact", "**0.0%** ✓"]
@@ -172,7 +172,7 @@ def test_the_table_has_a_row_a_law_and_marks_what_is_close() -> None:
 @pytest.mark.costly
 def test_the_page_shows_every_number_of_the_table() -> None:
     data = compared(usual)
-    with styled():
+    with house_style():
         figure = DRAWINGS["N3"].draw(data)
         assert len(to_svg(figure)) > 10_000
     costs, seconds, left, right = figure.axes
@@ -187,5 +187,5 @@ def test_the_page_shows_every_number_of_the_table() -> None:
 
 
 def test_words_for_an_excess() -> None:
-    told = [dearer(share) for share in (0.0, -0.0031, 0.0994, 0.0996, 0.5, 2.0, 126.4, np.nan)]
+    told = [excess_text(share) for share in (0.0, -0.0031, 0.0994, 0.0996, 0.5, 2.0, 126.4, np.nan)]
     assert told == ["0.0%", "-0.3%", "+9.9%", "+10%", "+50%", "×3", "×127", "–"]

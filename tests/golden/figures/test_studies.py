@@ -14,8 +14,8 @@ from matplotlib.text import Text
 from ocp.errors import InputError
 from problems import studies
 from problems.studies.study import CHOICE, CODE, PAPER, did_hold
-from reports.drawing.style import styled, to_svg
-from reports.figures.paper import BOTH, COLUMN, render
+from reports.drawing.style import house_style, to_svg
+from reports.figures.paper import BOTH, COLUMN, render_figure
 from reports.figures.studies import DRAWINGS
 from tests.golden.figures.verdicts import SLOW, SMALL, small
 
@@ -28,11 +28,11 @@ def test_data_carry_units_and_are_drawn(identifier: str) -> None:
     found = small(identifier)
     for name, variable in found.variables.items():
         assert variable.dtype.kind not in "fiu" or variable.attrs["units"], name
-    with styled(), warnings.catch_warnings():
+    with house_style(), warnings.catch_warnings():
         warnings.simplefilter("error")
         figure = DRAWINGS[identifier].draw(found)
         assert len(to_svg(figure)) > 10_000
-        assert len(render(figure, "pdf")) > 10_000
+        assert len(render_figure(figure, "pdf")) > 10_000
     assert figure.get_figwidth() in (COLUMN, BOTH)
     sizes = [one.get_fontsize() for one in figure.findobj(Text) if one.get_text()]
     assert min(sizes) >= 7, "journals set no smaller type"

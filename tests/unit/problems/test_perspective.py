@@ -15,8 +15,8 @@ from matplotlib.path import Path
 from dynamics.systems.space import Box, Capsule, Cylinder, Hull, Plane, Shape, Sphere
 from problems import drawing
 from problems.machines.perspective import Camera, frame_seen, solids_seen
-from reports.drawing.shapes import bounds, draw, hides, outline, still
-from reports.drawing.strobe import Forces, forces_drawn, visible
+from reports.drawing.shapes import bounds, constant_shapes, draw, is_opaque, outline
+from reports.drawing.strobe import Forces, forces_drawn, visible_forces
 
 EYE = np.eye(3)
 ZERO = np.zeros(3)
@@ -200,7 +200,7 @@ def test_a_foot_far_out_on_a_wide_table_is_drawn_over_it() -> None:
 def test_a_floor_is_a_grid_below_all_else_and_the_same_in_every_frame() -> None:
     floor = (Plane(), EYE, np.zeros(3), "environment")
     frames = [solids_seen(CAMERA, [(Sphere(0.1), EYE, np.array([x, 0, 0.1]), "object"), floor]) for x in (0.0, 0.1)]
-    lines = still(frames, [hides(one) for one in frames[0]])
+    lines = constant_shapes(frames, [is_opaque(one) for one in frames[0]])
     assert lines == frames[0][:-1] and len(lines) > 30
     assert all(isinstance(one, drawing.Segment) and one.role == "environment" for one in lines)
     np.testing.assert_allclose(bounds(frames[0]), bounds(frames[0][-1:]), err_msg="no line counts")
@@ -236,7 +236,7 @@ def test_what_hides_is_only_drawn_once_if_nothing_comes_below_it() -> None:
     wall, floor = drawing.Disc(0, 0, 1, shade=0.3), drawing.Segment(0, 0, 1, 0, shade=0.4)
     mark = drawing.Mark(0, 0)
     frames = [[floor, drawing.Disc(x, 0, 1, shade=0.3), wall, mark] for x in (0.1, 0.2)]
-    assert still(frames, [hides(one) for one in frames[0]]) == [floor, mark]
+    assert constant_shapes(frames, [is_opaque(one) for one in frames[0]]) == [floor, mark]
 
 
 def test_polygons_come_back_from_a_file_as_they_were() -> None:
@@ -272,7 +272,7 @@ def test_a_cone_that_points_to_the_eye_is_left_out() -> None:
     frame = frame_seen(CAMERA, np.array(CAMERA.target), -CAMERA.axes[2], 0.5)
     assert frame.friction == 0 and math.hypot(frame.nx, frame.ny) < 1e-12
     pushes = np.ones(1), np.zeros(1)
-    assert not list(visible([frame], pushes, 1.0)), "an arrow without length has no direction"
+    assert not list(visible_forces([frame], pushes, 1.0)), "an arrow without length has no direction"
 
 
 def test_of_a_force_in_space_the_normal_part_is_drawn() -> None:

@@ -16,7 +16,7 @@ from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.problem.problem import Problem
 from problems.parameters import is_structural
-from reports.cli.request import assignments
+from reports.cli.request import parse_assignments
 
 NAMES = ["wall-1d", "push-1d", "push-disc", "ball-bounce", "cart-walls"]
 MACHINES = ("hopper", "half-cheetah")
@@ -261,7 +261,7 @@ def test_bad_input_gets_its_sentence(name: str, values: dict, sentence: str):
 )
 def test_bad_assignments_get_their_sentence(assignment: list[str], sentence: str):
     with pytest.raises(InputError, match=sentence):
-        problems.spec("push-disc").params(assignments("-p", assignment))
+        problems.spec("push-disc").params(parse_assignments("-p", assignment))
 
 
 USER = """

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from reports.drawing.style import styled
+from reports.drawing.style import house_style
 
 
 @pytest.fixture(autouse=True)
-def house_style() -> Iterator[None]:
-    with styled():
+def styled_figures() -> Iterator[None]:
+    with house_style():
         yield

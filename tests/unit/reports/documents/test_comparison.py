@@ -9,8 +9,8 @@ import pytest
 import xarray as xr
 
 from ocp.store.stored_run import StoredRun
-from reports.documents.common import shown
-from reports.documents.comparison import labels
+from reports.documents.common import as_text
+from reports.documents.comparison import run_labels
 from reports.drawing.notation import in_symbols, label, powers, symbol
 
 
@@ -30,7 +30,7 @@ def run(place: int, **asked: Any) -> StoredRun:
 
 
 def named(*asked: dict[str, Any]) -> list[str]:
-    return labels([run(place, **each) for place, each in enumerate(asked)])
+    return run_labels([run(place, **each) for place, each in enumerate(asked)])
 
 
 def test_only_what_differs_is_told() -> None:
@@ -83,5 +83,5 @@ def test_symbols_of_laws_and_parameters() -> None:
 
 
 def test_values_in_a_line_are_no_python() -> None:
-    assert shown(["zobg", "fobg"]) == "zobg, fobg"
-    assert (shown(True), shown(1e-3), shown("ipopt")) == ("yes", "0.001", "ipopt")
+    assert as_text(["zobg", "fobg"]) == "zobg, fobg"
+    assert (as_text(True), as_text(1e-3), as_text("ipopt")) == ("yes", "0.001", "ipopt")

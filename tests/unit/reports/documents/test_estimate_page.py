@@ -12,7 +12,7 @@ import xarray as xr
 from ocp.gradients.sweep import summarise_verdicts
 from ocp.gradients.verdict import TOO_WIDE, WORST_FIRST
 from ocp.store.stored_run import StoredRun
-from reports.documents.sweep import estimate_page, headline
+from reports.documents.sweep import estimate_page, weakest_sentence
 from reports.figures import sweep
 
 GOOD = "unbiased within the interval"
@@ -89,11 +89,11 @@ def stored(rows: list[dict[str, Any]], mean: np.ndarray, error: np.ndarray) -> S
 
 
 def test_the_headline_is_the_weakest_verdict() -> None:
-    assert headline([row("zobg"), row("fobg")]) == f"Every estimate: {GOOD}."
+    assert weakest_sentence([row("zobg"), row("fobg")]) == f"Every estimate: {GOOD}."
     rows = [row("zobg"), row("fobg", wide=True), row("es"), row("fobg")]
-    assert headline(rows) == f"Weakest verdict: {TOO_WIDE}, 1 of 4 estimates (fobg)."
+    assert weakest_sentence(rows) == f"Weakest verdict: {TOO_WIDE}, 1 of 4 estimates (fobg)."
     rows.append(row("es", "biased"))
-    assert headline(rows) == "Weakest verdict: biased, 1 of 5 estimates (es)."
+    assert weakest_sentence(rows) == "Weakest verdict: biased, 1 of 5 estimates (es)."
 
 
 def test_a_wide_interval_is_not_called_unbiased() -> None:
@@ -157,7 +157,7 @@ def test_numbers_beside_zero_are_not_printed_over_each_other(scale: float) -> No
 
 
 def test_each_estimator_has_its_own_colour_wherever_it_stands() -> None:
-    looks = [sweep.look(name) for name in NAMES]
+    looks = [sweep.estimator_style(name) for name in NAMES]
     assert len({color for color, _ in looks}) == len(NAMES)
 
     def drawn(*names: str) -> dict[str, str]:

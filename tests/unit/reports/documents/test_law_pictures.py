@@ -27,7 +27,7 @@ def exact(contacts: dict[str, np.ndarray], gaps: np.ndarray, **more):
 def test_impulse_above_gap_below_and_contact_shaded() -> None:
     gaps = np.stack([GAP, np.ones(N)], axis=-1)[None]
     view = exact({"toe [N s]": PUSH[None], "heel [N s]": np.zeros((1, N))}, gaps)
-    assert not figures.off_the_end(view)
+    assert not figures.is_before_path_end(view)
     rows, columns = figures.rows_of_contacts(view)
     assert columns == 1, "heel never pushes"
     above, below = draw_rows(rows, columns, 0.6).axes
@@ -70,7 +70,7 @@ def test_a_replay_is_dashed_where_it_differs() -> None:
 def test_odd_numbers_are_drawn_without_a_warning(values: tuple[float, float]) -> None:
     push, other = (np.full((1, N), value) for value in values)
     view = exact({"toe [N s]": push}, other[..., None], mu=1e-3, replay={"lam": other[..., None]})
-    assert figures.off_the_end(view) == bool(values == (1.0, 1.0))
+    assert figures.is_before_path_end(view) == bool(values == (1.0, 1.0))
     rows, columns = figures.rows_of_contacts(view)
     for figure in [*([draw_rows(rows, columns)] if rows else []), draw_rows(plan_rows(view))]:
         figure.draw_without_rendering()
@@ -79,7 +79,7 @@ def test_odd_numbers_are_drawn_without_a_warning(values: tuple[float, float]) ->
 def test_a_smoothed_law_is_no_end_and_its_points_lie_on_the_path() -> None:
     lam = np.geomspace(1e-3, 1, N)
     view = exact({"toe [N s]": lam[None]}, (1e-3 / lam)[None, :, None], mu=1e-3)
-    assert figures.off_the_end(view)
+    assert figures.is_before_path_end(view)
     (axis,) = figures.contact_plane(view).axes
     points = next(line for line in axis.lines if line.get_label() == "toe")
     np.testing.assert_allclose(np.prod(points.get_data(), axis=0), 1e-3)

@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 from ocp.errors import InputError
 from reports.drawing.style import PLANNED, REPLAYED
 from reports.figures import trajectories
-from reports.figures.panels import COLUMNS, Panel, draw_rows, in_rows
+from reports.figures.panels import COLUMNS, Panel, draw_rows, lay_out_rows
 from tests.unit.reports.documents.made import run, waves
 
 N = 8
@@ -47,7 +47,7 @@ def test_all_components_are_shown_grouped_by_quantity() -> None:
 @pytest.mark.parametrize("sizes", [(1,), (2, 5), (4, 1, 3), (2, 7, 6, 28), (3, 3, 3)])
 def test_rows_hold_all_panels_in_order_and_waste_no_row(sizes: tuple[int, ...]) -> None:
     groups = {f"g{g}": [Panel(f"{g}.{i}", lambda _: None) for i in range(size)] for g, size in enumerate(sizes)}
-    rows = in_rows(groups)
+    rows = lay_out_rows(groups)
     flat = [cell for row in rows for cell in row]
     assert [cell.panel for cell in flat] == [panel for group in groups.values() for panel in group]
     for row in rows:
@@ -63,7 +63,7 @@ def test_rows_hold_all_panels_in_order_and_waste_no_row(sizes: tuple[int, ...]) 
 @pytest.mark.costly
 def test_plan_and_replay_that_are_one_motion_have_no_differences() -> None:
     view = large()
-    assert trajectories.apart(trajectories.tracks(view)) == 0
+    assert trajectories.replay_deviation(trajectories.tracks(view)) == 0
     assert not any(cell.panel.below for row in trajectories.plan_rows(view) for cell in row)
     figure = draw_rows(trajectories.plan_rows(view))
     colors = {to_hex(line.get_color()).upper() for axis in figure.axes for line in axis.lines}
@@ -105,7 +105,7 @@ def test_a_replay_that_runs_away_does_not_flatten_the_plan() -> None:
 def test_multipliers_that_are_zero_throughout_are_named_instead() -> None:
     pushes = {"on [N s]": np.ones((1, N)), "off [N s]": np.full((1, N), 1e-12)}
     view = run({"a [m]": np.zeros((1, N + 1))}, waves(1, "N", N, "u"), pushes)
-    assert trajectories.idle(trajectories.tracks(view)) == ["off"]
+    assert trajectories.idle_multipliers(trajectories.tracks(view)) == ["off"]
     assert "on [N s]" in titles(view) and "off [N s]" not in titles(view)
     assert "a [m]" in titles(view), "a state that rests is shown"
 
@@ -115,8 +115,8 @@ def test_multipliers_that_contact_does_not_determine_are_told() -> None:
     other = np.stack([np.full((1, N), 1.5), np.full((1, N), 0.5)], axis=-1)
     states, inputs = {"x [m]": np.linspace(0, 1, N + 1)[None]}, waves(1, "N", N, "u")
     same, differs = run(states, inputs, pushes), run(states, inputs, pushes, replay={"lam": other})
-    assert not trajectories.undetermined(trajectories.tracks(same))
-    assert trajectories.undetermined(trajectories.tracks(differs))
+    assert not trajectories.multipliers_undetermined(trajectories.tracks(same))
+    assert trajectories.multipliers_undetermined(trajectories.tracks(differs))
     rows = trajectories.plan_rows(differs)
     below = {cell.panel.title: cell.panel.below is not None for row in rows for cell in row}
     assert below == {"x [m]": False, "u0 [N]": False, "a [N s]": True, "b [N s]": True}
@@ -158,9 +158,9 @@ def test_a_replay_within_a_ten_thousandth_of_the_range_is_the_same_curve(
 
 def test_signals_are_chosen_by_name_and_by_joker() -> None:
     view = large()
-    names = trajectories.chosen(view, "p1, w*,u0")
+    names = trajectories.select_signals(view, "p1, w*,u0")
     assert names == ["p1", *(f"w{i}" for i in range(7)), "u0"]
     shown = [cell.panel.title for row in trajectories.plan_rows(view, (), names) for cell in row]
     assert shown == ["p1 [m]", *(f"w{i} [rad/s]" for i in range(7)), "u0 [N m]"]
     with pytest.raises(InputError, match=r"no signal 'pp1' \(did you mean 'p1'\?\); there are p0"):
-        trajectories.chosen(view, "u0,pp1")
+        trajectories.select_signals(view, "u0,pp1")

@@ -14,9 +14,9 @@ from ocp.jobs.sweep import rows, verdict
 from ocp.jobs.sweep_job import COUNTS, NUMBERS, WORDS
 from ocp.store.stored_run import StoredRun
 from reports.documents.sweep import sweep_content
-from reports.drawing.style import styled
-from reports.figures.sweep import figures, replayed
-from reports.tables.listings import MOST, duration, point_rows, sweep_line
+from reports.drawing.style import house_style
+from reports.figures.sweep import replayed_ratio, sweep_figures
+from reports.tables.listings import MOST, format_duration, point_rows, sweep_line
 
 
 def made(**sizes: int) -> StoredRun:
@@ -42,8 +42,8 @@ def made(**sizes: int) -> StoredRun:
 
 
 def drawn(run: StoredRun) -> list[Figure]:
-    with styled():
-        return figures(run.data, run.meta["study"]["axes"])
+    with house_style():
+        return sweep_figures(run.data, run.meta["study"]["axes"])
 
 
 def maps(figure: Figure) -> list[np.ndarray]:
@@ -102,7 +102,7 @@ def test_failed_points_are_crossed_and_have_no_colour() -> None:
 def test_without_a_referee_the_exact_law_replays() -> None:
     run = made(M=3)
     run.data["referee_cost"].values[:] = np.nan
-    assert replayed(run.data).values.tolist() == [3.0] * 3
+    assert replayed_ratio(run.data).values.tolist() == [3.0] * 3
 
 
 @pytest.mark.costly
@@ -116,7 +116,7 @@ def test_a_page_tells_all_points_up_to_a_number_and_counts_the_rest() -> None:
 
 
 def test_what_is_left_is_told_as_people_say_it() -> None:
-    assert [duration(s) for s in (0.4, 119, 600, 9000)] == ["0 s", "119 s", "10 min", "2.5 h"]
+    assert [format_duration(s) for s in (0.4, 119, 600, 9000)] == ["0 s", "119 s", "10 min", "2.5 h"]
     row = {"success": 1, "cost": 1.25, "status": "solved"}
     assert sweep_line(3, 28, "M = 2", row, 40.0) == "3/28  M = 2  cost 1.25  40 s left"
     assert "refused" in sweep_line(3, 28, "M = 2", {**row, "success": 0, "status": "refused"}, 1.0)

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from problems.drawing import Disc, HalfPlane, Mark, Shape
-from reports.drawing.shapes import Camera, film
+from reports.drawing.shapes import Camera, make_cameras
 
 R = 0.1
 
@@ -33,21 +33,21 @@ def holds(camera: Camera, x: np.ndarray) -> bool:
 
 def test_a_motion_that_stays_is_seen_whole_and_still() -> None:
     x = np.linspace(0, 0.3, 30)
-    (camera,) = film([rolling(x)])
+    (camera,) = make_cameras([rolling(x)])
     assert holds(camera, x)
     assert np.ptp(windows(camera), axis=0).max() == 0
 
 
 def test_a_goal_in_the_picture_keeps_the_view_still() -> None:
     x = np.linspace(0, 5, 30)
-    (camera,) = film([rolling(x, Mark(5, 0, "goal"))])
+    (camera,) = make_cameras([rolling(x, Mark(5, 0, "goal"))])
     assert holds(camera, x)
     assert np.ptp(windows(camera), axis=0).max() == 0
 
 
 def test_the_view_goes_along_with_a_motion_that_travels() -> None:
     x = 5 * np.linspace(0, 1, 60) ** 2
-    (camera,) = film([rolling(x)])
+    (camera,) = make_cameras([rolling(x)])
     assert holds(camera, x)
     limits = windows(camera)
     assert limits[-1, 0, 0] > limits[0, 1, 0], "it ends where it did not look at the start"
@@ -59,7 +59,7 @@ def test_the_view_goes_along_with_a_motion_that_travels() -> None:
 
 def test_a_replay_that_runs_away_does_not_shrink_the_plan() -> None:
     x = np.linspace(0, 0.3, 30)
-    plan, replay = film([rolling(x), rolling(x + np.linspace(0, 1, 30) ** 4 * 1e6)])
+    plan, replay = make_cameras([rolling(x), rolling(x + np.linspace(0, 1, 30) ** 4 * 1e6)])
     assert holds(plan, x)
     assert max(plan.size) < 3
     np.testing.assert_array_equal(plan.size, replay.size)
@@ -67,12 +67,12 @@ def test_a_replay_that_runs_away_does_not_shrink_the_plan() -> None:
 
 def test_the_plan_and_its_replay_share_a_still_window_that_holds_both() -> None:
     x = np.linspace(0, 0.3, 30)
-    cameras = film([rolling(x), rolling(x - 0.2)])
+    cameras = make_cameras([rolling(x), rolling(x - 0.2)])
     for camera in cameras:
         assert holds(camera, x) and holds(camera, x - 0.2)
 
 
 def test_a_point_that_stays_is_seen_in_its_surroundings() -> None:
-    (camera,) = film([[[Mark(2, 3)]] * 4])
+    (camera,) = make_cameras([[[Mark(2, 3)]] * 4])
     np.testing.assert_allclose(windows(camera)[:, 0], [[1.5, 2.5]] * 4)
     np.testing.assert_allclose(windows(camera)[:, 1], [[2.5, 3.5]] * 4)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from ocp.errors import InputError
-from reports.figures.paper import BOTH, COLUMN, panels, render
+from reports.figures.paper import BOTH, COLUMN, panel_axes, render_figure
 
 COLORS = ("#ff0000", "#00ff00", "#0000ff", "#ff00ff")
 
@@ -53,9 +53,9 @@ def words(svg: bytes) -> list[str]:
 @pytest.mark.costly
 def test_several_panels_are_as_wide_as_both_columns_and_lettered_in_order() -> None:
     figure = four()
-    picture = pixels(render(figure, "png"))
+    picture = pixels(render_figure(figure, "png"))
     assert picture.shape[1] == pytest.approx(300 * BOTH, abs=1)
-    titles = [axis.get_title("left") for axis in panels(figure)]
+    titles = [axis.get_title("left") for axis in panel_axes(figure)]
     assert titles == ["(a)", "(b) right", "(c)", "(d)"]
     assert pure(picture) == set(COLORS)
 
@@ -63,7 +63,7 @@ def test_several_panels_are_as_wide_as_both_columns_and_lettered_in_order() -> N
 def test_one_panel_keeps_its_shape_and_needs_no_letter() -> None:
     figure = Figure(figsize=(6.5, 3.25))
     figure.subplots().plot([0, 1])
-    picture = pixels(render(figure, "png"))
+    picture = pixels(render_figure(figure, "png"))
     assert picture.shape[:2] == pytest.approx((300 * COLUMN / 2, 300 * COLUMN), abs=1)
     assert figure.axes[0].get_title("left") == ""
 
@@ -74,7 +74,7 @@ def test_a_panel_alone_is_that_panel_a_column_wide(letter: str) -> None:
     figure = four()
     place = "abcd".index(letter)
     chosen = figure.axes[place]
-    picture = pixels(render(figure, "png", letter))
+    picture = pixels(render_figure(figure, "png", letter))
     assert picture.shape[1] == pytest.approx(300 * COLUMN, abs=9)
     assert [axis.get_visible() for axis in figure.axes] == [axis is chosen for axis in figure.axes]
     # The key under it names all four, in short strokes; the panel's own line is the long one.
@@ -93,7 +93,7 @@ def test_a_panel_gets_the_labels_that_it_left_to_its_neighbours() -> None:
     figure = four(sharex=True, sharey=True)
     chosen = figure.axes[1]
     assert chosen.get_xlabel() == chosen.get_ylabel() == ""
-    told = words(render(figure, "svg", "b"))
+    told = words(render_figure(figure, "svg", "b"))
     assert "time [s]" in told and "height [m]" in told and "right" in told
     assert {"0.0", "1.0"} <= set(told), "its ticks have numbers"
 
@@ -102,7 +102,7 @@ def test_a_panel_gets_the_labels_that_it_left_to_its_neighbours() -> None:
 def test_a_label_of_another_scale_is_not_lent() -> None:
     figure = four()
     figure.axes[1].set_ylim(0, 7)
-    assert "height [m]" not in words(render(figure, "svg", "b"))
+    assert "height [m]" not in words(render_figure(figure, "svg", "b"))
 
 
 @pytest.mark.costly
@@ -111,39 +111,39 @@ def test_a_panel_over_the_whole_width_gets_both_columns() -> None:
     grid = figure.add_gridspec(2, 2)
     for place in (grid[0, :], grid[1, 0], grid[1, 1]):
         figure.add_subplot(place).plot([0, 1])
-    assert pixels(render(figure, "png", "a")).shape[1] == pytest.approx(300 * BOTH, abs=9)
+    assert pixels(render_figure(figure, "png", "a")).shape[1] == pytest.approx(300 * BOTH, abs=9)
 
 
 @pytest.mark.costly_cases("-a to d")
 @pytest.mark.parametrize(("panel", "said"), [("e", "a to d"), ("ab", "a to d"), ("", "a to d")])
 def test_an_unknown_panel_is_told_the_known_ones(panel: str, said: str) -> None:
     with pytest.raises(InputError, match=f"unknown panel '{panel}'; the figure has {said}"):
-        render(four(), "pdf", panel)
+        render_figure(four(), "pdf", panel)
 
 
 def test_an_unknown_format_is_told_the_known_ones() -> None:
     with pytest.raises(InputError, match=r"unknown format 'eps'.*there are pdf, svg, png"):
-        render(four(), "eps")
+        render_figure(four(), "eps")
 
 
 @pytest.mark.costly
 @pytest.mark.parametrize("ending", ["pdf", "svg", "png"])
 def test_the_same_figure_is_the_same_bytes(ending: str) -> None:
     mpl.rcParams["svg.hashsalt"] = "same"
-    assert render(four(), ending, "a") == render(four(), ending, "a")
-    assert render(four(), ending) == render(four(), ending)
+    assert render_figure(four(), ending, "a") == render_figure(four(), ending, "a")
+    assert render_figure(four(), ending) == render_figure(four(), ending)
 
 
 @pytest.mark.costly
 def test_no_font_of_a_pdf_is_of_type_3() -> None:
-    content = render(four(), "pdf")
+    content = render_figure(four(), "pdf")
     assert b"/Type3" not in content and b"/FontFile2" in content
 
 
 @pytest.mark.costly
 @pytest.mark.skipif(shutil.which("pdffonts") is None, reason="there is no pdffonts")
 def test_all_fonts_of_a_pdf_are_embedded(tmp_path: Path) -> None:
-    (tmp_path / "f.pdf").write_bytes(render(four(), "pdf"))
+    (tmp_path / "f.pdf").write_bytes(render_figure(four(), "pdf"))
     told = subprocess.run(["pdffonts", str(tmp_path / "f.pdf")], capture_output=True, text=True, check=True)
     head, _, *fonts = told.stdout.splitlines()
     column = head.index("emb")

@@ -14,7 +14,7 @@ from ocp.errors import InputError
 from ocp.store.stored_run import StoredRun
 from problems import get
 from reports.drawing.view import RunView
-from reports.figures.paper import BOTH, bare, groups, render, solution_figure
+from reports.figures.paper import BOTH, bare_figure, group_signals, render_figure, solution_figure
 from tests.unit.reports.made import sliding_box
 
 NORMAL = np.array([[1.0, 0.0], [4.0, 0.01], [2.0, 0.0]])
@@ -28,7 +28,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> StoredRun:
 
 def test_every_signal_is_in_the_panel_of_its_unit(run: StoredRun) -> None:
     view = RunView.of(run)
-    found = groups(view)
+    found = group_signals(view)
     assert view.problem is not None
     system = view.problem.system
     assert [name for group in found[:-1] for name in group.names] == [
@@ -44,7 +44,7 @@ def test_every_signal_is_in_the_panel_of_its_unit(run: StoredRun) -> None:
 
 def test_no_type_is_smaller_than_journals_set(run: StoredRun) -> None:
     figure = solution_figure(RunView.of(run))
-    render(figure, "pdf")
+    render_figure(figure, "pdf")
     sizes = [text.get_fontsize() for text in figure.findobj(Text) if text.get_text()]
     assert figure.get_figwidth() == BOTH and min(sizes) >= 7
 
@@ -72,7 +72,7 @@ def test_lines_are_the_stored_numbers_planned_and_replayed(run: StoredRun) -> No
 def test_contacts_that_hardly_push_are_left_out() -> None:
     """The toe's largest impulse is a four hundredth of the heel's."""
     view = sliding_box(NORMAL, 0 * NORMAL)
-    *_, pushed = groups(view)
+    *_, pushed = group_signals(view)
     assert pushed.title == "impulses [N s]" and pushed.names == ["heel"]
     np.testing.assert_array_equal(pushed.planned, NORMAL[None, :, :1])
     assert pushed.replayed is not None
@@ -82,4 +82,4 @@ def test_contacts_that_hardly_push_are_left_out() -> None:
 def test_a_run_that_is_no_solve_is_refused(run: StoredRun) -> None:
     study = replace(run, meta={**run.meta, "kind": "estimate"})
     with pytest.raises(InputError, match="is a run of ocp estimate, expected a run of ocp solve"):
-        bare(study, "pdf")
+        bare_figure(study, "pdf")

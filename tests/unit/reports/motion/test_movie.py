@@ -15,7 +15,7 @@ from PIL import Image
 
 from ocp.errors import InputError
 from reports.motion.animation import Animation
-from reports.motion.movie import Canvas, check_format, delays, write
+from reports.motion.movie import Canvas, check_format, gif_delays, write_animation
 from tests.unit.reports.made import sliding_box
 
 NORMAL = np.array([[1.0, 2.0], [0.0, 0.0], [4.0, 1.0], [0.0, 0.0]])
@@ -26,7 +26,7 @@ VIEW = sliding_box(NORMAL, 0.4 * NORMAL)
 @pytest.mark.costly
 def test_a_gif_has_every_frame_at_its_time_and_the_colours_drawn(tmp_path: Path) -> None:
     animation, done = Animation(VIEW, fps=10), []
-    write(animation, tmp_path / "box.gif", done.append)
+    write_animation(animation, tmp_path / "box.gif", done.append)
     assert done == [1, 2, 3, 4, 5]
     canvas = Canvas(animation)
     with Image.open(tmp_path / "box.gif") as movie:
@@ -52,21 +52,21 @@ def test_a_gif_has_every_frame_at_its_time_and_the_colours_drawn(tmp_path: Path)
 @pytest.mark.parametrize("fps", [1, 7, 24, 25, 30, 50])
 def test_a_gif_keeps_the_rate_that_was_asked(fps: int, tmp_path: Path) -> None:
     """Delays are whole hundredths of a second; their sum is never half of one off."""
-    shown = delays(300, fps)
+    shown = gif_delays(300, fps)
     assert np.abs(np.cumsum(shown) - 100 * np.arange(1, 301) / fps).max() <= 0.5
     assert max(shown) - min(shown) <= 1 and min(shown) >= 2
     file = tmp_path / "box.gif"
-    write(Animation(sliding_box(np.repeat(NORMAL, 3, axis=0), 0 * np.ones((12, 2))), fps=fps), file)
+    write_animation(Animation(sliding_box(np.repeat(NORMAL, 3, axis=0), 0 * np.ones((12, 2))), fps=fps), file)
     with Image.open(file) as movie:
         length = sum(movie.seek(k) or movie.info["duration"] for k in range(movie.n_frames))
-    assert length == pytest.approx(10 * sum(delays(round(1.2 * fps) + 1, fps)) + 600)
+    assert length == pytest.approx(10 * sum(gif_delays(round(1.2 * fps) + 1, fps)) + 600)
 
 
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="there is no ffmpeg")
 @pytest.mark.parametrize("fps", [10, 30])
 def test_a_film_has_every_frame_at_the_rate_that_was_asked(fps: int, tmp_path: Path) -> None:
     animation, done, file = Animation(VIEW, fps=fps), [], tmp_path / "box.mp4"
-    write(animation, file, done.append)
+    write_animation(animation, file, done.append)
     assert len(done) == len(animation.times) == 0.4 * fps + 1
     asked = ["-count_frames", "-show_entries", "stream=r_frame_rate,nb_read_frames,width,height"]
     told = subprocess.run(
@@ -98,7 +98,7 @@ def test_an_encoder_that_fails_is_told_in_one_sentence(tmp_path: Path, monkeypat
     broken.chmod(0o755)
     monkeypatch.setenv("PATH", str(broken.parent), prepend=os.pathsep)
     with pytest.raises(InputError, match="ffmpeg failed: Unknown encoder h264; install"):
-        write(Animation(VIEW, fps=50), tmp_path / "box.mp4")
+        write_animation(Animation(VIEW, fps=50), tmp_path / "box.mp4")
     assert [path.name for path in tmp_path.iterdir()] == ["bin"]
 
 
@@ -108,7 +108,7 @@ def test_an_animation_that_fails_leaves_nothing(tmp_path: Path) -> None:
 
     for ending in ("gif", "html"):
         with pytest.raises(KeyboardInterrupt):
-            write(Animation(VIEW, fps=5), tmp_path / f"box.{ending}", fail)
+            write_animation(Animation(VIEW, fps=5), tmp_path / f"box.{ending}", fail)
     assert not list(tmp_path.iterdir())
 
 

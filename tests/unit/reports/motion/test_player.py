@@ -23,8 +23,8 @@ from problems import drawing, get
 from problems.tasks import registry as tasks
 from reports.drawing.view import RunView
 from reports.motion.animation import Animation
-from reports.motion.movie import write
-from reports.motion.player import film_of, player, so_far
+from reports.motion.movie import write_animation
+from reports.motion.player import cumulative_cost, player_data, player_page
 from tests.unit.reports.made import sliding_box
 
 N = 4
@@ -50,7 +50,7 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> RunView:
 
 def test_shapes_of_the_page_are_those_of_the_stored_states(solved: RunView) -> None:
     h = float(solved.time[1])
-    film = data_of(player(Animation(solved, fps=round(1 / h))))
+    film = data_of(player_page(Animation(solved, fps=round(1 / h))))
     np.testing.assert_allclose(film["times"], solved.time, rtol=1e-6)
     spec = solved.spec
     assert spec is not None and spec.draw is not None
@@ -75,7 +75,7 @@ def test_shapes_of_the_page_are_those_of_the_stored_states(solved: RunView) -> N
 
 
 def test_arrows_and_curves_of_the_page_are_the_stored_impulses() -> None:
-    film = film_of(Animation(VIEW, fps=10))
+    film = player_data(Animation(VIEW, fps=10))
     assert film["nodes"] == pytest.approx(VIEW.time)
     force = np.hypot(NORMAL, SLIP)
     for motion, share in zip(film["motions"], (1, 0.5), strict=True):
@@ -97,13 +97,13 @@ def test_arrows_and_curves_of_the_page_are_the_stored_impulses() -> None:
 
 
 def test_costs_add_up_to_what_the_solution_says(solved: RunView) -> None:
-    paid, end = so_far(solved, "") or (np.zeros(0), 0)
+    paid, end = cumulative_cost(solved, "") or (np.zeros(0), 0)
     assert paid[0] == 0 and len(paid) == 9
     assert end == pytest.approx(solved.run.meta["cost"], rel=1e-9)
-    again = so_far(solved, "_replay")
+    again = cumulative_cost(solved, "_replay")
     assert again is not None
     assert again[1] == pytest.approx(solved.run.audit.exact_cost, rel=1e-9)
-    cost = film_of(Animation(solved))["charts"][-1]
+    cost = player_data(Animation(solved))["charts"][-1]
     assert [curve["name"] for curve in cost["curves"]] == ["planned", "replayed"]
     assert cost["curves"][0]["end"] == pytest.approx(end, rel=1e-6)
 
@@ -121,7 +121,7 @@ def test_rewards_add_up_step_by_step(steps: int) -> None:
     data = xr.Dataset({"x": (dims["x"], x), "u": (dims["u"], u)})
     view = RunView(StoredRun(Path("runs/ball"), data, {"kind": "train"}), spec, params, task)
     rewards = [float(task.rewards(x[0, k], u[0, k], x[0, k + 1], p)) for k in range(steps)]
-    gained, end = so_far(view, "") or (np.zeros(0), 0)
+    gained, end = cumulative_cost(view, "") or (np.zeros(0), 0)
     np.testing.assert_allclose(gained, np.cumsum([0, *rewards]), atol=1e-12)
     final = float(task.finals(x[0, -1], p))
     assert final < -0.1
@@ -129,7 +129,7 @@ def test_rewards_add_up_step_by_step(steps: int) -> None:
 
 
 def test_what_never_moves_is_told_once_and_a_still_camera_too() -> None:
-    film = film_of(Animation(VIEW, fps=20))
+    film = player_data(Animation(VIEW, fps=20))
     assert film["kinds"] == [("HalfPlane", "environment"), ("Box", "object")]
     for motion in film["motions"]:
         assert motion["fixed"] == [[0, 0.0, 0.0, 0.0, 1.0]]
@@ -139,7 +139,7 @@ def test_what_never_moves_is_told_once_and_a_still_camera_too() -> None:
 
 def test_a_page_asks_nobody_for_anything_is_small_and_never_varies(tmp_path: Path) -> None:
     for name in ("a.html", "b.html"):
-        write(Animation(sliding_box(np.ones((50, 2)), np.ones((50, 2)), h=0.04)), tmp_path / name)
+        write_animation(Animation(sliding_box(np.ones((50, 2)), np.ones((50, 2)), h=0.04)), tmp_path / name)
     text = (tmp_path / "a.html").read_text()
     assert text.startswith("<!doctype html>") and len(text) < 60_000
     assert len(data_of(text)["times"]) == 51
@@ -151,7 +151,7 @@ def test_names_cannot_break_out_of_the_page() -> None:
     nasty = "</script><script>alert(1)</script> & <b>"
     view = sliding_box(NORMAL, SLIP)
     view.run.meta["record"]["contact"] = view.run.meta["verdict"] = nasty
-    text = player(Animation(view))
+    text = player_page(Animation(view))
     assert text.count("</script>") == 2 and text.count("<script") == 2 and "<b>" not in text
     assert data_of(text)["motions"][0]["title"] == f"planned under the {nasty} law"
     assert html.escape(nasty) in text
@@ -194,7 +194,7 @@ setTimeout(() => {
 @pytest.mark.slow
 def test_a_browser_scrubs_steps_and_plays(tmp_path: Path) -> None:
     page = tmp_path / "box.html"
-    write(Animation(VIEW, fps=10), page)
+    write_animation(Animation(VIEW, fps=10), page)
     page.write_text(page.read_text().replace("</body>", f"{DRIVEN}</body>"))
     dumped = browsed(page.as_uri(), tmp_path, "--virtual-time-budget=4000", "--dump-dom")
     (told,) = re.findall(r'<pre id="told">(.*?)</pre>', dumped)
@@ -219,7 +219,7 @@ def test_a_browser_scrubs_steps_and_plays(tmp_path: Path) -> None:
 def test_a_screenshot_shows_the_box_where_its_state_says(tmp_path: Path) -> None:
     """Body colour in columns of the plan's picture goes to the right with the box."""
     page, middles = tmp_path / "box.html", []
-    write(Animation(VIEW, fps=10), page)
+    write_animation(Animation(VIEW, fps=10), page)
     for frame in (0, 2, 4):
         shot = tmp_path / f"{frame}.png"
         browsed(f"{page.as_uri()}#{frame}", tmp_path, f"--screenshot={shot}")

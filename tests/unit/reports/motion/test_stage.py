@@ -11,7 +11,7 @@ from matplotlib.path import Path
 from problems.drawing import Disc, HalfPlane, Mark, Segment, Spring
 from reports.drawing.style import FAINT, PURPLE, VERMILLION
 from reports.motion.animation import Animation
-from reports.motion.movie import HEAD, Canvas, MotionArtist, Stroke, of_shape
+from reports.motion.movie import HEAD, Canvas, MotionArtist, Stroke, shape_stroke
 from tests.unit.reports.made import FRICTION, sliding_box
 
 NORMAL = np.array([[1.0, 2.0], [0.5, 0.0], [4.0, 1.0], [1.0, 1.0]])
@@ -142,7 +142,7 @@ VIEWED = np.zeros(2), np.array([2.0, 1.0]), 0.01
 )
 def test_a_stroke_spans_its_shape(shape, low, high) -> None:
     """A point of paper is 1 cm here: marks of 4.5 pt and crosses of 11 pt are as wide in cm."""
-    stroke: Stroke = of_shape(shape, *VIEWED)
+    stroke: Stroke = shape_stroke(shape, *VIEWED)
     extent = stroke.path.get_extents()
     np.testing.assert_allclose([extent.min, extent.max], [low, high], atol=1e-9)
 

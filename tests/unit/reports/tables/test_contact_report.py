@@ -17,9 +17,9 @@ from ocp import solve, store
 from ocp.judge.audit import Audit
 from ocp.judge.contact_report import ContactSummary, active_contacts
 from problems import spec
-from reports.cli.solve_command import document
+from reports.cli.solve_command import solution_document
 from reports.documents.solve import solve_page
-from reports.drawing.style import ORANGE, SKY, styled
+from reports.drawing.style import ORANGE, SKY, house_style
 from reports.drawing.view import RunView
 from reports.figures.panels import draw_rows
 from reports.figures.run import rows_of_contacts
@@ -81,7 +81,7 @@ def test_json_has_the_contacts_and_the_books(run) -> None:
     view = run[1]
     problem = view.problem
     assert problem is not None
-    told = document(view.run.solution(problem), view.run.meta)
+    told = solution_document(view.run.solution(problem), view.run.meta)
     (push,) = told["contacts"]
     assert push["steps"] == array(view, "active").sum()
     assert 0 <= told["cone_violation"] < 1e-9 and 0 <= told["dissipation_residual"] < 1e-9
@@ -117,7 +117,7 @@ def test_shading_covers_the_steps_that_slip_and_those_that_stick(run) -> None:
 
 
 def test_page_has_the_contact_that_acts(run) -> None:
-    with styled():
+    with house_style():
         content, figures = solve_page(run[1])
     (row,) = content["contacts"]
     told = dict(zip(content["contact_heads"], row, strict=True))

@@ -10,7 +10,7 @@ from scipy import stats
 
 from dynamics.systems import Signal
 from ocp.learning.training import Evaluation
-from reports.tables.training import judgement, sentence
+from reports.tables.training import evaluation_sentence, evaluation_summary
 
 TASK = SimpleNamespace(horizon=10, measures=[SimpleNamespace(signal=Signal("speed", "m/s"))])
 
@@ -24,7 +24,7 @@ def judged(lengths: list[int], unsolved: list[list[int]]) -> Evaluation:
 
 
 def told(lengths: list[int], unsolved: list[list[int]]) -> dict:
-    found = judgement(TASK, judged(lengths, unsolved))  # pyright: ignore[reportArgumentType]
+    found = evaluation_summary(TASK, judged(lengths, unsolved))  # pyright: ignore[reportArgumentType]
     return {**found, "contact": "exact", "own": {"return": 3.0}}
 
 
@@ -36,8 +36,8 @@ def test_intervals_are_students() -> None:
     assert found["measures"]["speed"]["interval"] == pytest.approx([low / 2, high / 2])
     assert found["measures"]["speed"]["unit"] == "m/s"
     assert (found["return"]["least"], found["return"]["most"]) == (0.0, 9.0)
-    assert sentence(found).startswith("Return 3.5 [")
-    assert "over 4 episodes; in training it was 3." in sentence(found)
+    assert evaluation_sentence(found).startswith("Return 3.5 [")
+    assert "over 4 episodes; in training it was 3." in evaluation_sentence(found)
     assert told([10], [])["return"]["interval"] is None
 
 
@@ -45,5 +45,5 @@ def test_a_fall_is_not_a_contact_that_found_no_solution() -> None:
     found = told([10, 4, 6, 10], [[2, 6]])
     assert (found["fallen"], found["lost"]) == (0.25, 0.25)
     assert found["unsolved"] == pytest.approx(1 / 30)
-    assert "25 % of episodes end early" in sentence(found)
-    assert "contacts were not solved at 3.33 % of steps, where 25 % of episodes end" in sentence(found)
+    assert "25 % of episodes end early" in evaluation_sentence(found)
+    assert "contacts were not solved at 3.33 % of steps, where 25 % of episodes end" in evaluation_sentence(found)
