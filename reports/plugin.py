@@ -1,4 +1,4 @@
-"""What ``ocp.Solution`` loads from this package by entry point (:mod:`ocp.distribution`)."""
+"""Functions of this package that ``ocp.Solution`` calls by entry point (:mod:`ocp.distribution`)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def report(solution: Solution, path: Path) -> Path:
 
 
 def animate(solution: Solution, path: Path, fps: int, speed: float) -> Path:
-    """Write the motion of plan and replay."""
+    """Write the animation of plan and replay."""
     from reports.drawing.style import house_style
     from reports.motion.animation import Animation
     from reports.motion.movie import check_format, write_animation
@@ -45,7 +45,7 @@ def animate(solution: Solution, path: Path, fps: int, speed: float) -> Path:
 
 
 def plot(solution: Solution) -> Figure:
-    """The figure of ``ocp solve --plot``: the strobe above states, inputs and forces."""
+    """Return the figure of ``ocp solve --plot``: the strobe above states, inputs and forces."""
     from reports.drawing.style import house_style, show_literally
     from reports.figures.paper import solution_figure
 
@@ -54,7 +54,7 @@ def plot(solution: Solution) -> Figure:
 
 
 def html(solution: Solution) -> str:
-    """Verdict with a bar in the colour of its grade, picture and numbers, as one HTML fragment."""
+    """Return verdict, picture and numbers as an HTML fragment, with a bar in the colour of the grade."""
     from reports.drawing.strobe import strobe
     from reports.drawing.style import GRADES, house_style, show_literally, to_svg
     from reports.figures.trajectories import trajectory_figure
@@ -97,7 +97,7 @@ def _view(solution: Solution) -> RunView:
 
 
 def _file_spec(solution: Solution) -> ProblemSpec | None:
-    """The problem of a user's file, if this process loaded one."""
+    """Return the problem of a user's file, if this process loaded one."""
     from problems.registry import load
 
     source = solution.problem.source

@@ -28,7 +28,7 @@ from reports.cli.options import Options, decode_utf8
 
 
 def execute(options: Options) -> int:
-    """Check the options of a command, then do its work, with its log on stderr under ``-v``."""
+    """Check the options of a command and run it; with ``-v`` its log goes to stderr."""
     if options.as_json:
         streams.redirect_stdout()
     module, _, name = options.code.partition(":")
@@ -41,7 +41,7 @@ def execute(options: Options) -> int:
 
 @contextmanager
 def _damage_reported(runs: Sequence[str]) -> Iterator[None]:
-    """Report a run whose content is inconsistent, though its checksums agree, as damaged."""
+    """Report as damaged a run whose content is inconsistent although its checksums agree."""
     try:
         yield
     except (ArithmeticError, AssertionError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
@@ -57,12 +57,12 @@ def _damage_reported(runs: Sequence[str]) -> Iterator[None]:
 
 
 def run_checked(run: Callable[[Any, Any], int], options: Options, checked: Any) -> int:
-    """Run a checked command; tests replace it to end after the checks."""
+    """Run a checked command. Tests replace this function to stop after the checks."""
     return run(options, checked)
 
 
 def click_command(name: str, options: type[Options]) -> Any:
-    """Make what parses the command line of a command: each field of its options is an option."""
+    """Return the parser of a command: each field of its options class becomes an option."""
     option_fields = [field for field in fields(options) if field.name != "explicit"]
     # Those of all commands stand last, as they do in every help text.
     option_fields.sort(key=lambda field: field.name in {common.name for common in fields(Options)})
@@ -86,7 +86,7 @@ def click_command(name: str, options: type[Options]) -> Any:
 
 
 def _parameter(field: Field[Any], hint: Any) -> Parameter:
-    """A field as typer has it; an option is called ``--name`` unless it has a long flag."""
+    """Return a field as a parameter of typer; its flag is ``--name`` unless it declares a long one."""
     metadata, flags = dict(field.metadata), field.metadata["flags"]
     parameter_class = metadata.pop("make")
     del metadata["flags"]
@@ -100,7 +100,7 @@ def _parameter(field: Field[Any], hint: Any) -> Parameter:
 
 
 def _at_home(value: Any) -> Any:
-    """The value of an option, with a leading ~ replaced by the home directory."""
+    """Return the value of an option with a leading ~ replaced by the home directory."""
     if isinstance(value, list):
         return [_at_home(entry) for entry in value]
     if not (isinstance(value, str | Path) and str(value).startswith("~")):
@@ -111,7 +111,7 @@ def _at_home(value: Any) -> Any:
 
 
 class StrictCommand(TyperCommand):
-    """A command that refuses repeated options, empty texts, and malformed numbers."""
+    """A command of typer that rejects repeated options, empty texts and malformed numbers."""
 
     declared: type[Options]
     hints: dict[str, Any]
@@ -123,7 +123,7 @@ class StrictCommand(TyperCommand):
         formatter.write(self.declared.epilog())
 
     def make_parser(self, ctx: Any) -> Any:
-        """Return the parser; it reads numbers as all settings are read; bad words are refused."""
+        """Return a parser that reads numbers as all settings are read, and rejects malformed words."""
         parser = super().make_parser(ctx)
         parse = parser.parse_args
 
@@ -139,7 +139,7 @@ class StrictCommand(TyperCommand):
         return parser
 
     def _number(self, ctx: Any, name: str, word: Any) -> Any:
-        """The word of an option, a number in the form that the parser of its type accepts."""
+        """Return the word of an option, with numbers written as the parser of their type expects."""
         hint = self.hints.get(name)
         if hint is None or not isinstance(word, str) or not word.strip():
             return word
@@ -152,7 +152,7 @@ class StrictCommand(TyperCommand):
             return ctx.fail(f"{label} must be {error}, got {word!r}")
 
     def _check(self, ctx: Any, raw: dict[str, Any], order: list[Any]) -> None:
-        """Refuse repeated options, empty words, and words that are not UTF-8."""
+        """Reject repeated options, empty words, and words that are not UTF-8."""
         for parameter, times in Counter(order).items():
             label = _label(parameter)
             if times > 1 and not (parameter.multiple or getattr(parameter, "count", False)):
@@ -182,7 +182,7 @@ EXAMPLES = ("list", "show push-disc", "solve push-disc --contact exact", "runs",
 
 
 class CommandGroup(TyperGroup):
-    """The commands; a command may have two words, such as ``runs rm``."""
+    """All commands; the name of a command may have two words, such as ``runs rm``."""
 
     def __init__(self, **group_options: Any) -> None:
         super().__init__(**group_options)
@@ -195,7 +195,7 @@ class CommandGroup(TyperGroup):
         return self.commands.get(cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[Any, Any, list[str]]:
-        """Find the command that the first word names, or the first two."""
+        """Return the command that the first two words name, or else the first word."""
         two = " ".join(args[:2])
         if len(args) > 1 and two in COMMANDS:
             args = [two, *args[2:]]
@@ -213,7 +213,7 @@ class CommandGroup(TyperGroup):
 
 
 def first_paragraph(text: str | None) -> str:
-    """The first paragraph of a help text, on one line."""
+    """Return the first paragraph of a help text on one line."""
     return " ".join((text or "").partition("\n\n")[0].split())
 
 
@@ -245,7 +245,7 @@ def _program(
 
 
 def load_commands() -> dict[str, Any]:
-    """Every command by its name, all of them imported."""
+    """Return the parser of every command by name."""
     group: Any = typer.main.get_command(app)
     return {name: group.get_command(None, name) for name in COMMANDS}
 
@@ -328,7 +328,7 @@ def _explain(error: BaseException) -> tuple[str, int]:
 
 
 def _hidden_package() -> str:
-    """A sentence on a file or folder that hides one of our packages; empty where none does."""
+    """Return a sentence on a file or folder that hides one of our packages; "" where none does."""
     try:
         from ocp.distribution import shadowing
     except ImportError as error:
@@ -337,7 +337,7 @@ def _hidden_package() -> str:
 
 
 def _usage(error: Any, message: str) -> str:
-    """A message of the parser; the nearest name stands as in our own messages."""
+    """Return a message of the parser, with the nearest name written as in our own messages."""
     option_names = getattr(error, "possibilities", None)
     if not option_names:
         return re.sub(r"\. Did you mean ('[^']+').*", r" (did you mean \1?)", message)
@@ -346,7 +346,7 @@ def _usage(error: Any, message: str) -> str:
 
 
 def _shortened(message: str) -> str:
-    """Cut the middle of very long words, and escape control characters and invalid text.
+    """Return a message with very long words cut, and control characters and invalid text escaped.
 
     So no quoted text can control the terminal.
     """

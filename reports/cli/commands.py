@@ -221,7 +221,7 @@ class FigureOptions(JobsOptions, StoreOptions):
 
     @property
     def named_runs(self) -> list[str]:
-        """The figures that are paths, ``@last`` or ``@2``, not names of studies."""
+        """Arguments that name stored runs, as paths, ``@last`` or ``@2``, rather than studies."""
         return [name for name in self.figures or () if name.startswith("@") or "/" in name]
 
 
@@ -272,7 +272,7 @@ class ExportOptions(SourceOptions):
 
     @property
     def named_runs(self) -> list[str]:
-        """The argument, unless it is a problem, by its name or its file."""
+        """The argument as a list, empty where it is the name or file of a problem."""
         from problems import names
 
         return [] if self.subject in names() or self.subject.endswith(".py") else [self.subject]

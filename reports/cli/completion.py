@@ -1,4 +1,4 @@
-"""Words that the shell proposes after Tab: problems, laws, methods, settings, figures and runs."""
+"""Words that the shell completes after Tab: problems, laws, methods, settings, figures and runs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NAMED = {
 
 
 def field_completion(name: str) -> Callable[[typer.Context, str], list[str]] | None:
-    """The completion of the option or argument called ``name``, None where there is none."""
+    """Return the completion of the option or argument called ``name``; None where there is none."""
     if name not in _WORDS and name not in _NAMED:
         return None
 

@@ -1,4 +1,4 @@
-"""``ocp doctor``: versions, solvers and compiler here, and where the packages are installed."""
+"""``ocp doctor``: versions, solvers and compiler of this computer, and the folders of the packages."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LINEAR_SOLVERS = ("mumps", "spral")
 
 
 def check(options: DoctorOptions) -> dict[str, Any]:
-    """Find the directory of each of the four packages, and what hides one from a script here."""
+    """Return the folder of each of the four packages, and names in this folder that hide one of them."""
     roots = {name: str(Path(import_module(name).__path__[0]).parent) for name in PACKAGES}
     hidden = shadowing(PACKAGES, Path.cwd())
     return {"root": common_root(roots), "roots": roots, "scripts here": hidden or "no name hidden"}
@@ -45,7 +45,7 @@ def run(options: DoctorOptions, place: dict[str, Any]) -> int:
 
 
 def common_root(roots: dict[str, str]) -> str:
-    """Return the common root; raises InputError where another distribution shadows a package."""
+    """Return the root of all packages; raises InputError where another distribution hides one."""
     if len(set(roots.values())) > 1:
         places = ", ".join(f"{name} from {root}" for name, root in roots.items())
         raise InputError(
@@ -68,7 +68,7 @@ def describe_computer() -> dict[str, Any]:
 
 
 def _linear_solver_works(name: str) -> bool:
-    """Solve a problem of one variable with IPOPT over this linear solver."""
+    """Return whether IPOPT with this linear solver solves a problem of one variable."""
     x = ca.MX.sym("x")
     quiet = {"print_level": 0, "sb": "yes", "linear_solver": name}
     try:

@@ -39,7 +39,7 @@ _OF_ROLLOUTS = {"contact": "--contact", "law_settings": "-c", "policy": "--polic
 
 @dataclass(frozen=True)
 class EstimateRequest:
-    """One checked study; ``params`` are all parameters of the case."""
+    """A checked estimate; ``params`` are all parameters of the objective."""
 
     options: EstimateOptions
     spec: ObjectiveSpec | ProblemSpec
@@ -51,7 +51,7 @@ class EstimateRequest:
 
     @classmethod
     def read(cls, options: EstimateOptions) -> EstimateRequest:
-        """Check the command line; raises InputError for the first word that does not fit."""
+        """Check the options; raises InputError for the first value that does not fit."""
         spec = named(options.problem)
         parameter_texts = parse_assignments("-p", options.params)
         is_static = isinstance(spec, ObjectiveSpec)
@@ -88,7 +88,7 @@ class EstimateRequest:
 
     @property
     def record(self) -> dict[str, Any]:
-        """Everything that determines the result."""
+        """Everything that determines the result, as the run stores it."""
         options, sampling, swept = self.options, self.sampling, self.sweep
         path = getattr(self.spec, "path", None)
         record = {
@@ -117,7 +117,7 @@ class EstimateRequest:
 
     @property
     def decisive(self) -> dict[str, Any]:
-        """What a resumed study must have in common with the stopped one, except the files.
+        """Values on which a stopped and a resumed study must agree; contents of files are compared elsewhere.
 
         A run of ``--at`` counts by its decision, for ``@last`` may name another run each time.
         """
@@ -126,13 +126,13 @@ class EstimateRequest:
 
     @property
     def content(self) -> str:
-        """Digest of the user's files: the problem's and a learned law's."""
+        """Digest of the files of the user: that of the problem and that of a learned law."""
         law_settings = parse_assignments("-c", self.options.law_settings)
         digests = getattr(self.spec, "digest", None), law_digest(self.options.contact)
         return content_digest(digests, law_settings)
 
     def rebuilt(self, changed: Mapping[str, float]) -> SampledObjective:
-        """Build the objective again at a structural value, such as a number of steps."""
+        """Build the objective again for changed structural values, such as a number of steps."""
         parameter_fields = self.spec.Params.model_fields
         for name in changed:
             if name not in parameter_fields:
@@ -144,7 +144,7 @@ class EstimateRequest:
         return self.changed(changed).build(self.spec).objective
 
     def changed(self, values: Mapping[str, float]) -> ObjectiveCase:
-        """The case at other values of what is swept."""
+        """Return the case at other values of the swept quantity."""
         objective = self.objective
         graph_parameters = {*objective.parameters, *(signal.name for signal in objective.decision)}
         if values.keys() <= graph_parameters:
@@ -153,7 +153,7 @@ class EstimateRequest:
 
     @property
     def workers(self) -> Callable[[Mapping[str, float]], JobWorkers] | None:
-        """What samples elsewhere, by what is changed at a point; None in this process."""
+        """Function from the values of a sweep's point to its workers; None where this process samples."""
         options = self.options
         if not options.parallel:
             return None
@@ -167,7 +167,7 @@ class EstimateRequest:
         return workers
 
     def unit(self) -> str:
-        """Unit of what is swept."""
+        """Return the unit of the swept quantity."""
         if self.sweep is None or self.sweep.name == "samples":
             return "1"
         parameter_field = self.spec.Params.model_fields.get(_swept_parameter(self.sweep, self.spec))
@@ -183,7 +183,7 @@ class EstimateRequest:
 def case_of(
     spec: ObjectiveSpec | ProblemSpec, parameter_texts: Mapping[str, Any], options: EstimateOptions
 ) -> ObjectiveCase:
-    """The objective in plain words; raises InputError for options that have no effect on it."""
+    """Return the objective as a case; raises InputError for options that have no effect on it."""
     engine: dict[str, Any] = {"backend": options.backend, "threads": options.threads}
     policy_settings, path = _policy_settings(options), getattr(spec, "path", None)
     name = spec.name if path is None else str(path)
@@ -207,7 +207,7 @@ def _policy_settings(options: EstimateOptions) -> dict[str, str]:
 
 
 def _swept_parameter(swept: Axis, spec: ObjectiveSpec | ProblemSpec) -> str:
-    """Return the problem's parameter that is swept, "" where it is the noise or sample count."""
+    """Return the name of the swept parameter; "" where noise or the number of samples is swept."""
     of_noise = isinstance(spec, ProblemSpec) and swept.name in SAMPLING_AXES
     return "" if of_noise else swept.name.removeprefix("problem.")
 
@@ -218,7 +218,7 @@ def _check_sweep(
     parameter_texts: Mapping[str, Any],
     options: EstimateOptions,
 ) -> None:
-    """Raise InputError for a swept value out of range, and for a second value of what is swept."""
+    """Raise InputError for swept values out of range, and for a swept quantity that is also set."""
     law, sign, parameter = swept.name.partition(".")
     of_law = (law, sign) == ("contact", ".")
     name = _swept_parameter(swept, spec)
@@ -240,7 +240,7 @@ def _check_sweep(
 
 
 def _stored_decision(options: EstimateOptions, spec: ProblemSpec, parameter_texts: Mapping[str, Any]) -> np.ndarray:
-    """Inputs, or gains, of a stored run of this problem, in the order of a decision."""
+    """Return the inputs or gains of a stored run of this problem, ordered as a decision."""
     run = options.stored(str(options.decision_run))
     if run.kind != "solve":
         raise InputError(f"--at {options.decision_run}: it is a run of ocp {run.kind}; give a run of ocp solve")
@@ -256,7 +256,7 @@ def _stored_decision(options: EstimateOptions, spec: ProblemSpec, parameter_text
 def _check_same(
     run: StoredRun, options: EstimateOptions, spec: ProblemSpec, parameter_texts: Mapping[str, Any]
 ) -> None:
-    """Raise InputError unless a run is of this problem and has all parameters but the swept."""
+    """Raise InputError unless a run is of this problem, with equal parameters except the swept one."""
     complaint = f"--at {options.decision_run}: the run is of"
     if run.meta["problem"] != spec.name:
         raise InputError(f"{complaint} {run.meta['problem']}, not of {spec.name}; give a run of {spec.name}")
@@ -280,7 +280,7 @@ def _check_same(
 
 
 def _rules(setting_texts: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
-    """Read ``alpha.gamma=0.1`` and the like into the rules that they set."""
+    """Return the rules that settings such as ``alpha.gamma=0.1`` configure."""
     rule_of_setting = {f"{rule}.{f.name}": rule for rule, cls in RULES.items() for f in fields(cls)}
     settings: dict[str, dict[str, float]] = {}
     for key, value in setting_texts.items():
@@ -345,7 +345,7 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
 
 
 def _meta(request: EstimateRequest, study: SweepRun) -> dict[str, Any]:
-    """Description of the stored run."""
+    """Return the description of the run to be stored."""
     swept = request.sweep
     return {
         "kind": "estimate",

@@ -44,7 +44,7 @@ class ExportRequest:
 
     @cached_property
     def step(self) -> Step:
-        """The closed step."""
+        """The step under the contact law."""
         return self.law.close(self.problem.system)
 
     @property
@@ -55,7 +55,7 @@ class ExportRequest:
 
     @property
     def policy(self) -> TabulatedPolicy | None:
-        """The run's inputs, or its gains within the bounds on u."""
+        """The inputs of the run, or its feedback gains with the bounds on u; None without a run."""
         if self.solution is None:
             return None
         gains = self.solution.gains
@@ -67,7 +67,7 @@ class ExportRequest:
 
     @property
     def about(self) -> list[str]:
-        """The first lines of the file."""
+        """Comment lines at the top of the C file."""
         settings = ", ".join(f"{key} = {value}" for key, value in self.law.settings().items())
         law = f"contact law: {self.law.name}" + (f" ({settings})" if settings else "")
         policy = [] if self.run is None else [f"policy: {self.policy_name}, of the run {self.run}"]
@@ -76,7 +76,7 @@ class ExportRequest:
 
 
 def check(options: ExportOptions) -> ExportRequest:
-    """Find the step and policy; raises InputError for a law without C code."""
+    """Return the step and policy to export; raises InputError for a law without C code."""
     request = _find(options)
     if isinstance(request.step, LearnedStep):
         raise InputError(
@@ -86,7 +86,7 @@ def check(options: ExportOptions) -> ExportRequest:
 
 
 def _find(options: ExportOptions) -> ExportRequest:
-    """Find the problem or the run, and make the law."""
+    """Return the problem or the run that the argument names, under its law."""
     check_output_file(options.file, "C file")
     name, law_settings = options.subject, parse_assignments("-c", options.law_settings)
     if not options.named_runs:
@@ -102,7 +102,7 @@ def _find(options: ExportOptions) -> ExportRequest:
 
 
 def _read_run(name: str, options: ExportOptions, law_settings: dict[str, str]) -> ExportRequest:
-    """Read a run; raises InputError, with the closest name, where there is none."""
+    """Read a run; raises InputError with the closest name where no run has this one."""
     if name in objective_names():
         raise InputError(f"{name} is an objective without dynamics and has no step to export")
     try:

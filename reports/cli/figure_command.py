@@ -41,7 +41,7 @@ FigureRequest = list["tuple[FigureStudy, dict[str, Any]] | StoredRun"]
 
 
 def check(options: FigureOptions) -> FigureRequest:
-    """Find the studies, each with all its parameters, and the stored runs."""
+    """Return the studies with all their parameters, and the stored runs."""
     named = options.figures or []
     if options.every == bool(named):
         raise InputError(f"give figures or --all; available: {', '.join(studies.ids())}")
@@ -89,7 +89,7 @@ def run(options: FigureOptions, request: FigureRequest) -> int:
 
 @dataclass(frozen=True)
 class FigureJob:
-    """A study at its parameters, and the store beside which its finished pieces are kept."""
+    """A study at its parameters, and the store in which its finished parts are kept."""
 
     study: str
     params: dict[str, Any]
@@ -106,7 +106,7 @@ def study_data(job: FigureJob, report: Callable[[Any], None]) -> xr.Dataset:
 def _computed(
     named: dict[int, tuple[FigureStudy, dict[str, Any]]], options: FigureOptions
 ) -> Iterator[tuple[int, xr.Dataset]]:
-    """Data of every study by its place: side by side, or one with all workers for its pieces."""
+    """Yield the place and data of every study: studies in parallel, or the parts of a single one."""
     if not options.parallel or len(named) == 1:
         for place, (study, params) in named.items():
             yield place, _alone(study, params, options)
@@ -134,7 +134,7 @@ def _alone(study: FigureStudy, params: dict[str, Any], options: FigureOptions) -
 
 @contextmanager
 def _progress(options: FigureOptions) -> Iterator[None]:
-    """Show a bar with the time left of the loop that a study is in, on a terminal."""
+    """Show a progress bar with the time left in the current loop of a study, on a terminal only."""
     hidden = options.output.quiet or not options.output.console.is_terminal
     with Progress(
         *Progress.get_default_columns(),
@@ -163,7 +163,7 @@ def _bare(run: StoredRun, options: FigureOptions) -> Path:
 
 @contextmanager
 def _explained(study: FigureStudy, params: dict[str, Any]) -> Iterator[None]:
-    """Raise InputError, with the values, for a study that fails at values other than its defaults.
+    """Raise InputError with the parameters where a study fails at values other than its defaults.
 
     At its defaults a failure is a defect. Elsewhere a study may have no result: ranges are checked
     one by one, and a ball may land outside the whole observed interval.
@@ -182,7 +182,7 @@ def _explained(study: FigureStudy, params: dict[str, Any]) -> Iterator[None]:
 
 
 def _shown(study: FigureStudy, params: dict[str, Any], data: xr.Dataset, options: FigureOptions) -> dict[str, Any]:
-    """Store the data, check the claims, and draw the figure."""
+    """Store the data, check the claims, draw the figure, and return its JSON document."""
     out, output = options.out, options.output
     with _explained(study, params):
         claims = study.claims(data)

@@ -1,4 +1,4 @@
-"""Ctrl-C, also where compiled code swallows it."""
+"""Ctrl-C, also during compiled code that ignores it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _PRESSED, _ANSWERED, _DEFERRED = threading.Event(), threading.Event(), threading
 
 @contextmanager
 def watch_interrupts() -> Iterator[None]:
-    """Record a Ctrl-C inside; a second one ends the process at once.
+    """Record a Ctrl-C within the block; a second one ends the process at once.
 
     IPOPT's callback catches Python's KeyboardInterrupt and reports a solve that failed, after
     which a homotopy would go on: :func:`raise_if_interrupted` raises it again as soon as Python is back.
@@ -46,7 +46,7 @@ def watch_interrupts() -> Iterator[None]:
 
 @contextmanager
 def defer_interrupts() -> Iterator[None]:
-    """Only record a first Ctrl-C inside, which :func:`raise_if_interrupted` then raises between two steps."""
+    """Only record a first Ctrl-C in the block; :func:`raise_if_interrupted` raises it between two steps."""
     _DEFERRED.set()
     try:
         yield
@@ -55,7 +55,7 @@ def defer_interrupts() -> Iterator[None]:
 
 
 def was_interrupted() -> bool:
-    """Whether Ctrl-C was pressed, even if compiled code swallowed it."""
+    """Return whether Ctrl-C was pressed, even if compiled code ignored it."""
     return _PRESSED.is_set()
 
 
@@ -79,7 +79,7 @@ def _note(*_: object) -> None:
 
 
 def _quiet(report: Any) -> Any:
-    """The hook ``report``, without Ctrl-C, which :func:`raise_if_interrupted` raises later."""
+    """Return the hook ``report`` without Ctrl-C, which :func:`raise_if_interrupted` raises later."""
 
     def hook(unraisable: Any) -> None:
         if not isinstance(unraisable.exc_value, KeyboardInterrupt):

@@ -1,4 +1,4 @@
-"""What there is: ``ocp list`` and ``settings``; ``ocp show`` describes one."""
+"""``ocp list``, ``ocp settings`` and ``ocp show``: names, settings, and one problem in full."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def run_list(options: Options, content: Catalogue) -> int:
 
 
 def check_settings(options: SettingsOptions) -> list[SettingGroup]:
-    """Find the settings; without a name all of them, but of IPOPT only the changed defaults."""
+    """Return the settings to list; without a name all, of IPOPT only those with a changed default."""
     if options.word is not None:
         return settings.find_groups(options.word)
     return [*settings.declared_groups(), settings.changed_defaults(settings.solver_group("ipopt"))]
@@ -90,7 +90,7 @@ def run_settings(options: SettingsOptions, setting_groups: list[SettingGroup]) -
 def check_show(
     options: ShowOptions,
 ) -> ProblemSpec | ObjectiveSpec | Transitions | Dataset | Robot:
-    """Find the problem, or read the file."""
+    """Return the problem, or the content of the file."""
     from ocp.store import models
 
     if options.problem.lower().endswith(ROBOT_FILES):
@@ -171,7 +171,7 @@ def _described(described_spec: Spec) -> dict[str, Any]:
 
 
 def _page(described_spec: Spec) -> None:
-    """Equations, parameters, best known values with remarks on them, and the source."""
+    """Print equations, parameters, best known values with remarks, and the source."""
     from reports.tables.console import print_table
     from reports.tables.listings import golden_table, parameter_table
 

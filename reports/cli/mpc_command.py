@@ -37,7 +37,7 @@ _DEFAULT_STEPS = 100
 
 @dataclass(frozen=True)
 class LoopCase:
-    """The checked options: problem, law, what is unlike the model, and the number of samples."""
+    """The checked options: problem, law, disturbances of the plant, and the number of samples."""
 
     spec: ProblemSpec
     params: dict[str, Any]
@@ -47,7 +47,7 @@ class LoopCase:
     steps: int
 
     def record(self, options: MpcOptions) -> dict[str, Any]:
-        """Everything that determines the result."""
+        """Return everything that determines the result, as the run stores it."""
         path = self.spec.path
         return {
             "params": self.params,
@@ -109,7 +109,7 @@ def _disturbance(options: MpcOptions, spec: ProblemSpec, problem: Problem, steps
 
 
 def _deviation(flag: str, words: Sequence[str] | None) -> float | dict[str, float]:
-    """One number for all signals, or values by name."""
+    """Return one number for all signals, or values by name."""
     words = list(words or ())
     if len(words) == 1 and "=" not in words[0]:
         return parse(flag, words[0], float)
@@ -122,7 +122,7 @@ def _deviation(flag: str, words: Sequence[str] | None) -> float | dict[str, floa
 
 
 def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np.ndarray]:
-    """Changes of the state (nx,) by sample."""
+    """Return changes of the state (nx,) by sample."""
     push_at: dict[int, np.ndarray] = {}
     for word in words:
         sample, sign, change = word.partition(":")
@@ -179,7 +179,7 @@ def run(options: MpcOptions, case: LoopCase) -> int:
 
 
 def _stored(options: MpcOptions, case: LoopCase, controller: Controller, loop: ClosedLoop) -> StoredRun:
-    """Store what ran; raises KeyboardInterrupt where nothing did."""
+    """Store the simulated samples; raises KeyboardInterrupt where there are none."""
     data = labelled_arrays(loop, case.disturbance.mismatch)
     if not data.sizes["seed"]:
         raise KeyboardInterrupt

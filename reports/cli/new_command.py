@@ -1,4 +1,4 @@
-"""``ocp new NAME``: a problem file to begin with."""
+"""``ocp new NAME``: write a problem file to begin with."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _FOLDERS = [Path(__file__).with_name("templates"), Path(__file__).parents[2] / "
 
 
 def check(options: NewOptions) -> Path:
-    """The file to write; raises InputError for a bad name, two kinds, or a file that exists."""
+    """Return the file to write; raises InputError for a bad name, two kinds, or an existing file."""
     with input_errors():
         file = Path(f"{check_name(options.problem.removesuffix('.py'))}.py")
     if file.stem in names():
@@ -63,6 +63,6 @@ def run(options: NewOptions, file: Path) -> int:
 
 
 def _relative(path: Path) -> str:
-    """Write a path from the current folder as a string of Python."""
+    """Return the path relative to the current folder, as a string literal of Python."""
     place = os.path.relpath(path.expanduser().resolve(), Path.cwd())
     return json.dumps(Path(place).as_posix(), ensure_ascii=False)

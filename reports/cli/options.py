@@ -1,4 +1,4 @@
-"""Options that several commands share, and the words that declare an option."""
+"""Options that several commands share, and functions that declare an option."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LAW = "Contact law: a name of ocp settings laws, or path/to/file.py."
 
 
 def option(default: Any, *flags: str, **typer_options: Any) -> Any:
-    """Declare a field as an option: ``MISSING`` or its default, and as ``typer.Option`` has it.
+    """Declare a field as an option with a default, or ``MISSING``, and keywords of ``typer.Option``.
 
     Its flag is ``--name``, unless ``flags`` have another long one.
     """
@@ -36,12 +36,12 @@ def assignment(*flags: str, help: str) -> Any:
 
 
 def argument(default: Any = MISSING, **typer_options: Any) -> Any:
-    """Declare a field as a word without a flag, shown as ``typer.Argument`` has it."""
+    """Declare a field as a positional argument, with keywords of ``typer.Argument``."""
     return field(default=default, metadata={"make": typer.Argument, "flags": (), **typer_options})
 
 
 def decode_utf8(word: str) -> str:
-    """The word in UTF-8; under an ASCII locale its bytes reach Python as lone surrogates.
+    """Return the word in UTF-8; an ASCII locale passes its bytes to Python as lone surrogates.
 
     Raises ``UnicodeError`` for invalid UTF-8.
     """
@@ -51,7 +51,7 @@ def decode_utf8(word: str) -> str:
 @dataclass(frozen=True, kw_only=True)
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(option, assignment, argument, field))
 class Options:
-    """Options of every command, each subclass a dataclass; ``explicit`` names those on the command line.
+    """Options of every command; ``explicit`` names the options that the command line gives.
 
     ``code`` is the module of the command, with ``check(options)``, which raises
     :class:`~ocp.errors.InputError` or a related error before any work, and
@@ -77,7 +77,7 @@ class Options:
         return ""
 
     def check(self) -> None:
-        """Raise InputError for values that all commands with these options refuse."""
+        """Raise InputError for values that every command with these options rejects."""
 
     @property
     def output(self) -> Output:
@@ -86,18 +86,18 @@ class Options:
 
     @property
     def argv(self) -> list[str]:
-        """The command line, for a run's record."""
+        """The command line, as a run records it."""
         return ["ocp", *map(decode_utf8, sys.argv[1:])]
 
     @property
     def named_runs(self) -> list[str]:
-        """Runs that the command reads, as given."""
+        """Runs that the command reads, as typed."""
         named = getattr(self, "runs", [getattr(self, "run", None)])
         return [run for run in named if run is not None]
 
 
 class StoreOptions(Options):
-    """Where runs are kept."""
+    """The directory of the run store."""
 
     out: Path = option(Path("runs"), envvar="OCP_RUNS", help="Directory of the run store.")
 
@@ -115,12 +115,12 @@ class RunOptions(StoreOptions):
 
 
 class SourceOptions(StoreOptions):
-    """The file of a run's problem: a run is data, and code that it names is never loaded."""
+    """The file of a run's problem. A run is data: code that it names is never loaded by itself."""
 
     source: str | None = option(None, "--source", metavar="FILE", help="File that defines the problem of the run.")
 
     def problem_from_source(self, runs: Sequence[StoredRun]) -> ProblemSpec | None:
-        """The problem in that file, None without one; warns where it has changed since.
+        """Return the problem in that file, None without one; warn where it has changed since the run.
 
         Raises :class:`~ocp.errors.InputError` where it cannot be read, or is not the runs' problem.
         """
@@ -176,13 +176,13 @@ class SolverOptions(ProblemOptions):
 
 
 class JobsOptions(Options):
-    """Where many jobs are done: in processes of this computer, or on a Dask cluster."""
+    """Options for parallel jobs, in processes of this computer or on a Dask cluster."""
 
     jobs: int = option(1, "-j", min=1, max=1024, help="Number of parallel processes.")
     scheduler: str | None = option(None, metavar="ADDRESS", help="Address of a Dask scheduler; jobs go to its workers.")
 
     def check(self) -> None:
-        """Raise InputError for processes beside a cluster."""
+        """Raise InputError where both local processes and a cluster are requested."""
         from ocp.errors import InputError
 
         super().check()
@@ -191,18 +191,18 @@ class JobsOptions(Options):
 
     @property
     def parallel(self) -> bool:
-        """Whether jobs leave this process."""
+        """Whether jobs run outside this process."""
         return self.jobs > 1 or self.scheduler is not None
 
 
 class StartsOptions(JobsOptions, SolverOptions):
-    """Several starts of one solve."""
+    """Options for several starts of one solve."""
 
     starts: int = option(1, min=1, max=10_000, help="Initial guesses per solve.")
     rank: str = option("planned", help="Cost that ranks several starts: planned, exact or referee.")
 
     def check(self) -> None:
-        """Raise InputError for an unknown rank, and for a rank of a single start."""
+        """Raise InputError for an unknown rank, and for the rank of a single start."""
         from ocp.errors import InputError, choose
 
         super().check()

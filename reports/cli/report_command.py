@@ -1,4 +1,4 @@
-"""``ocp report`` and ``ocp animate``: a PDF of stored runs, and the motion of one."""
+"""``ocp report`` and ``ocp animate``: a PDF of stored runs, and an animation of one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the text of a command line to checked values, and to the session that solves them."""
+"""Parse the command line into checked values, and into the session that solves them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def parse_assignments(option: str, words: Iterable[str] | None) -> dict[str, str]:
-    """Read ``["a=1", "b=x"]``; raises InputError for anything else and for a name given twice."""
+    """Read ``["a=1", "b=x"]``; raises InputError for anything else and for a repeated name."""
     values: dict[str, str] = {}
     for item in words or ():
         name, sign, value = (piece.strip() for piece in item.partition("="))
@@ -48,7 +48,7 @@ def parse_count(option: str, text: str) -> int:
 def parse_layers(option: str, text: str, alternatives: str = "") -> tuple[int, ...]:
     """Read the sizes of hidden layers, such as ``64,64``; raises InputError for anything else.
 
-    ``words`` name what the option accepts besides.
+    ``alternatives`` name what the option accepts besides.
     """
     units = [validation.whole(word) for word in text.split(",")]
     if not all(count is not None and 0 < count <= 100_000 for count in units):
@@ -60,7 +60,7 @@ def parse_layers(option: str, text: str, alternatives: str = "") -> tuple[int, .
 
 @contextmanager
 def input_errors(prefix: str = "") -> Iterator[None]:
-    """Raise a ValueError inside as InputError, after ``prefix``."""
+    """Raise any ValueError of the block as InputError, after ``prefix``."""
     try:
         yield
     except ValueError as error:
@@ -80,14 +80,14 @@ _ONE_ENDING = ("PDF", "C file", "transitions", "model")
 
 
 def check_outputs(out: Path, pdf: Path | None) -> None:
-    """Raise InputError where no run can be stored in ``out``, or no report written to ``pdf``."""
+    """Raise InputError where ``out`` cannot store a run, or ``pdf`` cannot be written."""
     store.check_writable(out)
     if pdf is not None:
         check_output_file(pdf, "PDF")
 
 
 def check_output_file(file: Path, kind: str) -> None:
-    """Raise InputError where ``file``, such as a PDF, has another ending or cannot be written."""
+    """Raise InputError where ``file`` has the wrong ending for its kind, or cannot be written."""
     if file.is_dir():
         example = EXAMPLES.get(kind, "report.gif")
         raise InputError(f"{file} is a directory; name a file such as {file / example}")
@@ -110,7 +110,7 @@ def check_output_file(file: Path, kind: str) -> None:
 
 @dataclass(frozen=True)
 class Request:
-    """The checked request of a command line: the problem's spec, the names given, the session."""
+    """A checked command line: the problem's spec, the arguments of :func:`ocp.solve`, the session."""
 
     spec: ProblemSpec
     arguments: dict[str, Any]
@@ -118,24 +118,24 @@ class Request:
 
     @classmethod
     def read(cls, options: SolverOptions) -> Request:
-        """Check the command line; raises InputError for the first word that does not fit."""
+        """Check the options; raises InputError for the first value that does not fit."""
         spec, arguments = read_names(options)
         return cls(spec, arguments, new_session(spec, **arguments))
 
     @cached_property
     def params(self) -> dict[str, Any]:
-        """All parameters of the problem, by name."""
+        """All parameters of the problem by name."""
         return self.spec.params(self.arguments["params"]).model_dump()
 
     @property
     def origin(self) -> dict[str, Any]:
-        """What rebuilds the problem of a run: its parameters, and a user's file."""
+        """Parameters and source file from which the problem of a run is rebuilt."""
         source = None if self.spec.path is None else str(self.spec.path)
         return {"params": self.params, "source": source}
 
 
 def read_names(options: SolverOptions) -> tuple[ProblemSpec, dict[str, Any]]:
-    """The problem, and the names and settings of the rest, as :func:`ocp.solve` takes them.
+    """Return the problem, and the other names and settings as arguments of :func:`ocp.solve`.
 
     Raises :class:`~ocp.errors.InputError` for an unknown problem, and for words that are no
     assignments.
@@ -152,7 +152,7 @@ def read_names(options: SolverOptions) -> tuple[ProblemSpec, dict[str, Any]]:
 
 
 def case_of(spec: ProblemSpec, arguments: dict[str, Any]) -> Case:
-    """The case that any process can build; a file is named by its whole path."""
+    """Return the case that any process can build; a problem file is named by its absolute path."""
     from ocp.jobs.case import Case
 
     return Case(spec.name if spec.path is None else str(spec.path), **arguments).with_content(spec)

@@ -28,7 +28,7 @@ RunsRequest = tuple[StoredRun | None, datetime | None]
 
 
 def check(options: RunsOptions) -> RunsRequest:
-    """Read the one run, None for all, and the date of ``--since``."""
+    """Read the single run, if one is named, and the date of ``--since``."""
     narrowed = sorted(options.explicit & {*FILTERS, "tags", "since", "last"})
     if options.run is not None and narrowed:
         raise InputError(f"a single run takes no filter; drop --{narrowed[0].replace('tags', 'tag')}")
@@ -37,7 +37,7 @@ def check(options: RunsOptions) -> RunsRequest:
 
 
 def parse_date(text: str) -> datetime:
-    """Read ``2h`` (ago), or a date or time in ISO form, UTC unless it has a zone.
+    """Read an age such as ``2h``, or a date or time in ISO form, UTC unless it has a zone.
 
     Raises :class:`~ocp.errors.InputError` for anything else.
     """
@@ -122,7 +122,7 @@ def _row(entry: Any, alias: str) -> dict[str, Any]:
 
 
 def check_rm(options: RmOptions) -> list[Path]:
-    """Find the runs; raises InputError for a folder that is no run."""
+    """Return the folders of the runs; raises InputError for a folder that is no run."""
     run_paths = [find(text, options.out) for text in options.runs]
     for path in run_paths:
         check_removable(path)
@@ -139,7 +139,7 @@ def run_rm(options: RmOptions, run_paths: list[Path]) -> int:
 
 
 def check_export(options: RunsExportOptions) -> tuple[StoredRun, str]:
-    """Read the run, and check that it can be written in that format."""
+    """Read the run, and check that it can be written in the chosen format."""
     check_output_file(options.file, "data")
     file_format = options.form or options.file.suffix.removeprefix(".").lower()
     choose("format", file_format, FORMATS)

@@ -74,7 +74,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
 
 
 def _start(request: Request, options: SolveOptions) -> Solution:
-    """Return the stored solution that ``--from`` names, of this problem at its own parameters."""
+    """Return the stored solution of ``--from``: of this problem, at its own parameters."""
     run, name = str(options.start), request.session.problem.name
     stored_run = options.stored(run)
     if stored_run.meta["problem"] != name:
@@ -124,7 +124,7 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
 
 
 def _cost_slopes(solution: Solution, name: str) -> dict[str, Any]:
-    """Slopes of the cost and of its replays by a parameter, or why there are none."""
+    """Return slopes of the cost and of its replays by a parameter, or the reason for having none."""
     try:
         sensitivity = solution.sensitivity(name)
     except InputError as error:
@@ -233,7 +233,7 @@ ReplayRequest = tuple[StoredRun, Solution, ContactLaw | str]
 
 
 def check_replay(options: ReplayOptions) -> ReplayRequest:
-    """Read the run's plan, and make the law; or name the world."""
+    """Read the plan of the run, and make the law, or return the name of the simulator."""
     if options.world is not None and options.explicit & {"contact", "law_settings"}:
         raise InputError("--world excludes a contact law; drop --contact and -c, or --world")
     stored_run = options.stored(options.run)

@@ -30,7 +30,7 @@ def main() -> None:
 
 
 def _open_closed() -> None:
-    """Point streams that came closed at the null device, so that no file gets their descriptor."""
+    """Open the null device for closed standard streams, so that no file gets their descriptors."""
     for descriptor in range(3):
         try:
             os.fstat(descriptor)

@@ -1,4 +1,4 @@
-"""Standard output and error: results, JSON documents, any encoding, warnings and logs."""
+"""Standard output and error: results, JSON documents, encodings, warnings and logs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _OUT, _ERR = 1, 2
 
 @dataclass(frozen=True)
 class _Saved:
-    """The original stdout, a copy of descriptor 1, and the one of both that takes the document."""
+    """The original stdout, a copy of descriptor 1, and the stream among both for the document."""
 
     stdout: TextIO
     copy: int
@@ -36,7 +36,7 @@ _saved: list[_Saved] = []
 
 
 def redirect_stdout() -> None:
-    """Reserve stdout for the document, until :func:`restore_stdout` or the end of the process.
+    """Redirect stdout to stderr, until :func:`restore_stdout`; only the document goes to stdout.
 
     Solvers, compilers and a user's own file print anywhere, compiled code straight to descriptor 1,
     some of it only as the process ends. So the descriptor itself is redirected to stderr, and the
@@ -61,7 +61,7 @@ def redirect_stdout() -> None:
 
 
 def document_stream() -> TextIO:
-    """The stream for the document."""
+    """Return the stream for the document."""
     return _saved[0].document if _saved else sys.stdout
 
 
@@ -80,7 +80,7 @@ def restore_stdout() -> None:
 
 
 def _descriptor(stream: TextIO) -> int | None:
-    """Descriptor of a stream; None for a stream that exists only in Python, as in tests."""
+    """Return the descriptor of a stream; None for a stream that exists only in Python, as in tests."""
     try:
         return stream.fileno()
     except (UnsupportedOperation, ValueError, AttributeError):
@@ -131,7 +131,7 @@ HANDLER = "centralpath-signs"
 
 
 def to_ascii(text: str) -> str:
-    """``text`` in ASCII: known signs by their names, letters without accents, the rest as ``?``."""
+    """Return ``text`` in ASCII: known signs by name, letters without accents, the rest as ``?``."""
     bare = (unicodedata.normalize("NFKD", sign).encode("ascii", "ignore") for sign in text)
     return "".join(SIGNS.get(sign) or letters.decode() or "?" for sign, letters in zip(text, bare, strict=True))
 
@@ -171,7 +171,7 @@ PACKAGES = ("dynamics", "ocp", "problems", "reports")
 
 @contextmanager
 def libraries_silenced(quiet: bool) -> Iterator[None]:
-    """Print warnings of our own packages as one line each, none where ``quiet``.
+    """Print warnings of our own packages as one line each, or none where ``quiet``.
 
     Warnings and logs of libraries are hidden, for a user cannot act on them (matplotlib on a
     read-only home, say); ``python -W error`` still finds them.
@@ -200,7 +200,7 @@ def libraries_silenced(quiet: bool) -> Iterator[None]:
 
 @contextmanager
 def log_to_stderr(verbosity: int) -> Iterator[None]:
-    """Print log records inside: none at 0, INFO at 1, DEBUG from 2 on.
+    """Print log records of the block: none at 0, INFO at 1, DEBUG from 2 on.
 
     A line has the milliseconds since the start of the program, the module and the message.
     """
@@ -232,7 +232,7 @@ GRADES = {"survives": "green", "certified": "yellow", "failed": "red"}
 
 
 class Output:
-    """Results go to stdout, the rest to stderr; with ``--json`` stdout has only JSON.
+    """Streams of a command: results go to stdout, or with ``--json`` only JSON; the rest to stderr.
 
     Where progress is ``logged``, no bar and no table shows it too.
     """
@@ -242,7 +242,7 @@ class Output:
 
     @property
     def progress(self) -> bool:
-        """Whether progress is shown: neither with ``--quiet`` nor where it is logged."""
+        """Whether progress is shown: not with ``--quiet``, and not where it is logged."""
         return not (self.quiet or self.logged)
 
     @property
@@ -256,7 +256,7 @@ class Output:
         return Console(stderr=True, width=width, highlight=False, markup=False)
 
     def note(self, renderable: Any) -> None:
-        """Show progress or a table, unless quiet."""
+        """Print progress or a table on stderr, unless quiet."""
         if not self.quiet:
             self.console.print(renderable)
 

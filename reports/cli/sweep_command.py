@@ -1,4 +1,4 @@
-"""Over a parameter: ``ocp sweep``, a grid solved side by side, and ``ocp continue``, a path."""
+"""``ocp sweep``, a grid of solves in parallel, and ``ocp continue``, a path of solutions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from reports.tables.listings import curve_lines, event_table, point_table, sweep
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """A checked study, the session of its first point, and the checkpoint of finished points."""
+    """A checked grid, the session of its first point, and the checkpoint of finished points."""
 
     study: Grid
     session: Session
@@ -39,7 +39,7 @@ class SweepRequest:
 
 
 def check(options: SweepOptions) -> SweepRequest:
-    """Read the grid, build its first point, and check memory and places before any work."""
+    """Read the grid, build its first point, and check memory and output files."""
     over = axes(options.over or ())
     study = make_grid(
         case_of(*read_names(options)),
@@ -86,7 +86,7 @@ def run(options: SweepOptions, request: SweepRequest) -> int:
 
 
 def _points(options: SweepOptions, request: SweepRequest) -> list[JobResult]:
-    """All points; reports kept points, and after Ctrl-C how to resume."""
+    """Return all points; report the resumed ones and, after Ctrl-C, how to resume."""
     study, output = request.study, options.output
     dims = [dimension(axis.name) for axis in study.axes]
     names = [where(dict(zip(dims, place.values(), strict=True)), dims) for place in study.places]
@@ -166,7 +166,7 @@ def run_continue(options: ContinueOptions, request: Request) -> int:
 
 
 def _followed(options: ContinueOptions, request: Request) -> tuple[Continuation, bool]:
-    """The path, and whether Ctrl-C ended it; the path then holds the finished points."""
+    """Return the path, and whether Ctrl-C ended it; it then holds the finished points."""
     session, over, finished = request.session, options.over, []
 
     def note(point: Any) -> None:

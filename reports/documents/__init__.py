@@ -1,1 +1,1 @@
-"""The PDF of stored runs: one module per kind of report, with its content for a template and its figures."""
+"""PDF reports of stored runs: each module has the content and figures of one kind of report."""

@@ -13,7 +13,7 @@ _ROOT = Path(__file__).parent
 
 @cache
 def full_citation(key: str) -> str:
-    """Return an entry as its style writes it; a key that is not there stands for itself."""
+    """Return an entry in its citation style, or ``key`` itself where the bibliography lacks it."""
     import typst
 
     page, inputs = str(_ROOT / "templates" / "citation.typ"), {"key": key}

@@ -1,4 +1,4 @@
-"""The pages of closed loops: one in full, or several side by side."""
+"""Pages of closed loops: one in full, or several side by side."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _FIRST = ("phase", "plant")
 
 
 def loops_page(views: list[RunView]) -> Page:
-    """Content and figures of one closed loop, or of several."""
+    """Return content and figures of one closed loop, or of several."""
     content = {
         **page_header(views[0]),
         "law": law_summary(views[0]),
@@ -75,7 +75,7 @@ def _several(views: list[RunView], content: dict[str, Any]) -> Page:
 
 
 def _cheapest(views: list[RunView], names: list[str]) -> str:
-    """Which run costs least on average."""
+    """Return a sentence on the run with the lowest mean cost."""
     costs = {name: view.run.meta["cost"] for name, view in zip(names, views, strict=True)}
     known_costs = {name: cost for name, cost in costs.items() if cost is not None}
     if not known_costs:

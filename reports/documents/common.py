@@ -1,4 +1,4 @@
-"""Content of every page: the request of a run, its equations, parameters and settings."""
+"""Content that all pages share: the request of a run, its equations, parameters and settings."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ _UNLOADED = (
 
 
 def page_header(view: RunView) -> dict[str, Any]:
-    """Title, and the content of :func:`run_summary`."""
+    """Return the title and the content of :func:`run_summary`."""
     values = view.run.record.get("params", {}) if view.spec is None else view.params.model_dump()
     return {"title": view.title, **run_summary(view.run, view.spec, values)}
 
 
 def run_summary(run: StoredRun, spec: Spec | FigureStudy | None, values: dict[str, Any]) -> dict[str, Any]:
-    """Origin, request and verdict of a run."""
+    """Return origin, request and verdict of a run."""
     cited = spec.citation if spec else None
     stored = run.own_problem if spec is None else None
     return {
@@ -70,7 +70,7 @@ def run_summary(run: StoredRun, spec: Spec | FigureStudy | None, values: dict[st
 
 
 def request_rows(run: StoredRun, without: Collection[str] = ()) -> list[list[str]]:
-    """Law with its settings, except ``without``, method, policy and solver."""
+    """Return rows on the law with its settings except ``without``, the method, policy and solver."""
     record = run.record
     request_lines = [["law", law_text(run, without)]] if record.get("contact") else []
     request_lines += [[key, str(record[key])] for key in _FIRST[1:] if record.get(key)]
@@ -81,7 +81,7 @@ def request_rows(run: StoredRun, without: Collection[str] = ()) -> list[list[str
 
 
 def law_text(run: StoredRun, without: Collection[str] = ()) -> str:
-    """Name and settings of the law, except ``without``: ``barrier (μ = 0.001)``."""
+    """Return name and settings of the law, except ``without``: ``barrier (μ = 0.001)``."""
     name = str(run.record["contact"])
     law_settings = {key: value for key, value in _law_settings(run, name).items() if f"contact.{key}" not in without}
     settings = ", ".join(f"{symbol(key)} = {as_text(value)}" for key, value in law_settings.items())
@@ -89,7 +89,7 @@ def law_text(run: StoredRun, without: Collection[str] = ()) -> str:
 
 
 def _law_settings(run: StoredRun, name: str) -> dict[str, Any]:
-    """Settings of a run's law; an estimate stores them as typed, and none for the defaults."""
+    """Return the settings of a run's law; an estimate stores them as typed, without the defaults."""
     typed = run.record.get("law_settings")
     if typed:
         return dict(text.partition("=")[::2] for text in typed)
@@ -100,7 +100,7 @@ def _law_settings(run: StoredRun, name: str) -> dict[str, Any]:
 
 
 def law_summary(view: RunView) -> dict[str, Any]:
-    """Name and summary of the law, and the plan's place on the central path."""
+    """Return name and summary of the law, and the plan's place on the central path."""
     name = str(view.run.record.get("contact", ""))
     law_class = LAWS.get(name)
     return {
@@ -125,7 +125,7 @@ def _place_on_path(mu: np.ndarray | None) -> str:
 def _parameters(
     spec: Spec | FigureStudy | None, stored: dict[str, Any] | None, values: dict[str, Any]
 ) -> list[list[str]]:
-    """Name, value, unit and meaning of every parameter, from its problem or as the run has them."""
+    """Return name, value, unit and meaning of every parameter, from the problem or from the run."""
     about = dict.fromkeys(values, ("", ""))
     if spec is not None:
         fields = spec.Params.model_fields.items()
@@ -141,7 +141,7 @@ def _parameters(
 
 
 def as_text(value: Any) -> str:
-    """A value as text: short numbers, lists with commas."""
+    """Return a value as text: short numbers, lists with commas."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
@@ -150,13 +150,13 @@ def as_text(value: Any) -> str:
 
 
 def setting_rows(run: StoredRun) -> list[list[str]]:
-    """Settings of the request without a table or line of their own."""
+    """Return the settings of the request that no other table or line shows."""
     remaining = {key: value for key, value in run.record.items() if key not in _NOT_SETTINGS}
     return [row for row in flatten(remaining) if row[0] not in _FIRST and not row[0].startswith("contact.")]
 
 
 def flatten(values: dict[str, Any]) -> list[list[str]]:
-    """Names and values as text; those of a group as ``group.name``."""
+    """Return names and values as text; those of a group as ``group.name``."""
     rows = []
     for key, value in values.items():
         if isinstance(value, dict):
@@ -168,10 +168,10 @@ def flatten(values: dict[str, Any]) -> list[list[str]]:
 
 
 def row_figures(name: str, rows: list[Row], columns: int = COLUMNS, below: float = 0.34) -> dict[str, Figure]:
-    """A figure per row, ``name-01`` and so on, so that pages can break between rows."""
+    """Return a figure per row, ``name-01`` and so on, so that pages can break between rows."""
     return numbered_figures(name, [draw_rows([row], columns, below) for row in rows])
 
 
 def numbered_figures(name: str, figures: Sequence[Figure]) -> dict[str, Figure]:
-    """Figures by numbered names, in the order of a template."""
+    """Return figures by numbered names, in the order of a template."""
     return {f"{name}-{index:02d}": figure for index, figure in enumerate(figures, start=1)}

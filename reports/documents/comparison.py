@@ -1,4 +1,4 @@
-"""The pages of several runs: solves side by side, each labelled by its differences, or a path."""
+"""Pages of several solves, each labelled by its differences, and of a path of solutions."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _NOT_COMPARED = ("source", "versions", "citation", "audit_s", "law_parameters", 
 
 
 def comparison_page(views: list[RunView], cones: bool = False) -> Page:
-    """Content and figures of several solved runs, each labelled by its differences."""
+    """Return content and figures of several solved runs, each labelled by its differences."""
     names = [chr(ord("A") + i) if i < 26 else str(i + 1) for i in range(len(views))]
     one_problem = len({view.run.meta["problem"] for view in views}) == 1
     labelled = run_labels([view.run for view in views])
@@ -65,7 +65,7 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
 
 
 def run_labels(runs: Sequence[StoredRun]) -> list[str]:
-    """A label for each run: the values in which the runs differ, problem and law first.
+    """Return a label for each run: the values in which the runs differ, problem and law first.
 
     Runs of different problems are labelled by problem and law, and by further values only where
     these are the same. A setting of one law, such as mu, labels only the runs with that law.
@@ -90,7 +90,7 @@ def run_labels(runs: Sequence[StoredRun]) -> list[str]:
 
 
 def _flat(run: StoredRun) -> dict[str, Any]:
-    """The request of a run, with one name per setting."""
+    """Return the request of a run with one name per setting."""
     record = {key: value for key, value in run.record.items() if key not in _NOT_COMPARED}
     flat_request = {key: value for key, value in record.items() if key not in _GROUPS and value is not None}
     for group in _GROUPS:
@@ -100,7 +100,7 @@ def _flat(run: StoredRun) -> dict[str, Any]:
 
 
 def _differs(key: str, request: Mapping[str, Any], requests: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether another run has another value; for a setting of a law, a run with that law."""
+    """Return whether another run, of the same law for a setting of a law, has another value."""
     others = [other for other in requests if other is not request]
     if key == "strategy" or key.startswith("contact."):
         others = [other for other in others if other.get("contact") == request.get("contact")]
@@ -108,7 +108,7 @@ def _differs(key: str, request: Mapping[str, Any], requests: Sequence[Mapping[st
 
 
 def continuation_page(view: RunView, cones: bool = False) -> Page:
-    """Content and figures of a path over a parameter; friction cones are drawn where ``cones``."""
+    """Return content and figures of a path over a parameter; draw friction cones where ``cones``."""
     meta, points, common = view.run.meta, view.run.meta["points"], page_header(view)
     over = str(meta["over"])
     rows = [
@@ -152,7 +152,7 @@ _SURVIVES = {True: "yes", False: "no", None: "–"}
 
 
 def _below(points: list[dict[str, Any]]) -> str:
-    """A sentence on points with complementarity too small to draw; empty for none."""
+    """Return a sentence on points with complementarity too small to draw; "" for none."""
     sizes = [point["complementarity"] for point in points]
     count = sum(size is not None and np.isfinite(size) and size <= FLOOR for size in sizes)
     if not count:

@@ -1,4 +1,4 @@
-"""A PDF from stored runs: pages set by typst, figures as vectors, the same bytes each time."""
+"""PDF reports of stored runs, typeset by typst with vector figures, byte for byte reproducible."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def render_pdf(
     file_spec: ProblemSpec | None = None,
     signals: str | None = None,
 ) -> bytes:
-    """Return the PDF's bytes."""
+    """Return the bytes of the PDF."""
     views = [RunView.of(run, file_spec) for run in runs]
     with house_style():
         template, content, figures = _page(views, cones, file_spec, signals)
@@ -73,7 +73,7 @@ _TEMPLATES_OF = {"continue": "continuation", "figure": "study", "train": "traini
 def _page(
     views: list[RunView], cones: bool, file_spec: ProblemSpec | None, signals: str | None
 ) -> tuple[str, dict[str, Any], dict[str, Figure]]:
-    """Template, content and figures of the views."""
+    """Return template, content and figures of the views."""
     kinds = {view.run.kind for view in views}
     if signals is not None and (kinds != {"solve"} or len(views) > 1):
         raise InputError("--signals is for the report of one run of ocp solve; drop it")
@@ -107,7 +107,7 @@ _TOP, _HEIGHT = 57.0, 717.0
 
 
 def _with_full_pages(root: Path, template: str, content: dict[str, Any]) -> bytes:
-    """Compile with figures so large that at least half of the last page is filled, if any size is.
+    """Compile with the largest figures that fill at least half of the last page, if any do.
 
     Raises ``typst.TypstError`` for content that does not compile.
     """

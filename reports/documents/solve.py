@@ -1,4 +1,4 @@
-"""The page of one solve: verdict, numbers, motion, plan and replay, law, contacts, homotopy."""
+"""The page of one solve: verdict, numbers, motion, replay, law, contacts and homotopy."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ENDS = 12
 
 
 def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -> Page:
-    """Content and figures of one solved run; friction cones are drawn where ``cones``.
+    """Return content and figures of one solved run; draw friction cones where ``cones``.
 
     ``signals`` are those that are drawn over time (:func:`reports.figures.trajectories.select_signals`), None for
     all.
@@ -73,7 +73,7 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
 
 
 def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
-    """The strobe, or one for each scenario, and the caption of their arrows."""
+    """Return the strobe, or one for each scenario, and the caption of the arrows."""
     if view.scenarios == 1 or view.picture is None:
         return {"strobe": strobe(view, cones)}, ""
     picked = picked_scenarios(view.pictured)
@@ -82,7 +82,7 @@ def _motion(view: RunView, cones: bool) -> tuple[dict[str, Figure | None], str]:
 
 
 def _stages(view: RunView) -> list[list[str]]:
-    """Rows of the homotopy's table, without the middle of a long one."""
+    """Return rows of the homotopy's table, without the middle of a long one."""
     rows = [
         [index, symbol(stage_title(label)), *cells, note]
         for index, label, *cells, _, note in stage_rows(view.run.stages, view.run.meta["cost"])
@@ -94,13 +94,13 @@ def _stages(view: RunView) -> list[list[str]]:
 
 
 def _starts(view: RunView) -> list[str]:
-    """Columns of the table of starts."""
+    """Return the columns of the table of starts."""
     others = view.run.meta["others"]
     return [key for key in _OF_STARTS if any(key in other for other in others)]
 
 
 def key_numbers(view: RunView) -> list[dict[str, Any]]:
-    """Three columns of names and numbers: costs, checks, residuals."""
+    """Return three columns of names and numbers: costs, checks, residuals."""
     meta, audit = view.run.meta, view.run.audit
     certificate, referee = view.run.certificate, view.run.referee
     costs = [["planned, under the law", number(meta["cost"], 7)], ["replayed, exact law", number(audit.exact_cost, 7)]]

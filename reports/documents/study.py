@@ -1,4 +1,4 @@
-"""The page of a paper's figure: the drawing, and measured values against the claims."""
+"""The page of a paper's figure: the drawing, and measured values beside the claims."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from reports.figures.studies import DRAWINGS
 
 
 def study_page(run: StoredRun) -> Page:
-    """Content and figure of a stored study; raises ``InputError`` for an unknown one."""
+    """Return content and figure of a stored study; raises ``InputError`` for an unknown one."""
     study = studies.get(run.meta["problem"])
     content, fields = run_summary(run, study, run.record["params"]), study.Params.model_fields
     content |= {

@@ -1,4 +1,4 @@
-"""The pages of what is swept or estimated: sweeps, and gradient estimates."""
+"""Pages of sweeps and of gradient estimates."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from reports.tables.listings import HEADS, MOST, estimate_cells, format_duration
 
 
 def sweep_page(view: RunView) -> Page:
-    """Content and figures of a sweep; swept names are left out of the tables of constants."""
+    """Return content and figures of a sweep; swept names are left out of the tables of constants."""
     swept, common = {axis["name"] for axis in view.run.meta["study"]["axes"]}, page_header(view)
     varied = {name.removeprefix("problem.") for name in swept}
     parameters = {row[0] for row in common["parameters"]}
@@ -36,7 +36,7 @@ def sweep_page(view: RunView) -> Page:
 
 
 def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
-    """Key numbers, points, failures and figures."""
+    """Return key numbers, points, failures and figures."""
     meta, axes = run.meta, run.meta["study"]["axes"]
     dims, points = [axis["name"] for axis in axes], rows(run.data)
     figures = drawn.sweep_figures(run.data, axes)
@@ -84,7 +84,7 @@ _GRADES = {
 
 
 def estimate_page(run: StoredRun, file_spec: ProblemSpec | None = None) -> Page:
-    """Content and figure of a stored estimate; ``file_spec`` is the problem of a user's file."""
+    """Return content and figure of a stored estimate; ``file_spec`` is the problem of a user's file."""
     meta, swept = run.meta, run.meta["sweep"]
     spec = _spec(run, file_spec)
     rows = meta["estimates"]
@@ -120,7 +120,7 @@ _ELSEWHERE = ("estimators", "reference", "reference samples", "samples", "sigma"
 
 
 def weakest_sentence(rows: Sequence[dict[str, Any]]) -> str:
-    """The weakest verdict among rows, with its estimators."""
+    """Return the weakest verdict among rows, with its estimators, as a sentence."""
     verdict = weakest_verdict(rows)
     estimators = list(dict.fromkeys(row["estimator"] for row in rows if short_verdict(row) == verdict))
     if all(short_verdict(row) == verdict for row in rows):
@@ -130,7 +130,7 @@ def weakest_sentence(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _estimate_how(run: StoredRun) -> list[list[str]]:
-    """Law, policy, reference by its source, noise and samples."""
+    """Return rows on law, policy, reference with its source, noise and samples."""
     record, swept = run.record, run.meta["sweep"]
     sources = dict.fromkeys(row["reference_source"] for row in run.meta["estimates"])
     reference = ", ".join(filter(None, sources)) or "none"

@@ -18,7 +18,7 @@ from reports.tables.training import SeedGroup, group_seeds, group_verdict, measu
 
 
 def training_page(views: list[RunView]) -> Page:
-    """Content and figures of trained policies on one task."""
+    """Return content and figures of trained policies on one task."""
     content, figures, firsts = training_content(views)
     settings_of_groups = [setting_rows(run) for run in firsts]
     shared = [row for row in settings_of_groups[0] if all(row in rows for rows in settings_of_groups)]
@@ -38,7 +38,7 @@ def training_page(views: list[RunView]) -> Page:
 def training_content(
     views: Sequence[RunView],
 ) -> tuple[dict[str, Any], dict[str, Figure], list[StoredRun]]:
-    """Verdicts, table and figures, and the first run of each group.
+    """Return verdicts, table and figures, and the first run of each group.
 
     Raises :class:`~ocp.errors.InputError` for runs on several tasks.
     """
@@ -87,7 +87,7 @@ def _titled(run: StoredRun, name: str) -> str:
 
 
 def _learned(group: SeedGroup) -> list[list[str]]:
-    """Parameters of the model that were learned beside the policy, and the task's own."""
+    """Return physical parameters that were learned with the policy, beside the task's values."""
     view = RunView.of(group.best)
     if view.problem is None or "psi" not in view.run.data:
         return []

@@ -1,1 +1,1 @@
-"""What a run and a machine look like: shapes, strobes, forces, symbols and the style of every figure."""
+"""Drawings of runs and machines: shapes, strobes, forces, symbols, and the style of all figures."""

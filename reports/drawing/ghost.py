@@ -1,4 +1,4 @@
-"""The plan of a sample as pale shapes beside the body."""
+"""The plan of a sample, drawn as pale shapes beside the body."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from reports.drawing.view import RunView
 
 
 def plan_shapes(view: RunView, sample: int, node: int, body: Sequence[Shape]) -> list[Shape]:
-    """Shapes of a node of the plan of a sample of seed 0, without those that ``body`` has too.
+    """Return the shapes at a node of a sample's plan (seed 0), except those that ``body`` shares.
 
     Empty where the problem has no drawing or the sample no plan.
     """
@@ -27,6 +27,6 @@ def plan_shapes(view: RunView, sample: int, node: int, body: Sequence[Shape]) ->
 
 
 def with_ghosts(view: RunView, times: np.ndarray, shapes: Sequence[list[Shape]]) -> list[list[Shape]]:
-    """The shapes of frames at ``times`` [s], each over the end of its sample's plan."""
+    """Return the shapes of frames at ``times`` [s], each over the end of its sample's plan."""
     samples = np.searchsorted(view.time, times + 1e-9 * view.time[-1], side="right") - 1
     return [[*plan_shapes(view, int(sample), -1, body), *body] for sample, body in zip(samples, shapes, strict=False)]

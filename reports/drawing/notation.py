@@ -56,7 +56,7 @@ def plain(line: str) -> str:
 
 
 def _tidy(text: str) -> str:
-    """Powers as superscripts, derivatives as ``dF/dx``, a difference as one word."""
+    """Write powers as superscripts, derivatives as ``dF/dx``, and a difference as one word."""
     for sign, replacement in (
         ("^2", "²"),
         ("^4", "⁴"),
@@ -96,7 +96,7 @@ _LAW = (("lam", "λ"), ("mu", "μ"), ("<=", "≤"), (">=", "≥"))
 
 
 def powers(unit: str) -> str:
-    """Write ``m/s^2`` as ``m/s²``, ``1/m^2`` as ``m⁻²`` and that of a number as nothing."""
+    """Write ``m/s^2`` as ``m/s²``, ``1/m^2`` as ``m⁻²`` and the unit of a number as ""."""
     if unit == "1":
         return ""
     if reciprocal := re.fullmatch(r"1/([A-Za-z]+)(?:\^(\d+))?", unit):
@@ -105,7 +105,7 @@ def powers(unit: str) -> str:
 
 
 def label(name: str, unit: str) -> str:
-    """Axis label: a name with its unit in brackets."""
+    """Return the label of an axis: a name with its unit in brackets."""
     unit_text = powers(unit)
     return f"{name} [{unit_text}]" if unit_text else name
 
@@ -117,7 +117,7 @@ def symbol(name: str) -> str:
 
 
 def in_symbols(line: str) -> str:
-    """Write what a law says of itself, ``lam gap = mu``, with symbols: ``λ gap = μ``."""
+    """Replace names in the summary of a law by symbols: ``lam gap = mu`` by ``λ gap = μ``."""
     for word, sign in _LAW:
         line = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", sign, line)
     return line

@@ -1,4 +1,4 @@
-"""Shapes on matplotlib axes: one way to draw each kind, and the window that shows them."""
+"""Shapes on matplotlib axes: one way to draw each kind, and the window around them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ REACH = 4.0
 
 
 def bounds(shapes: Iterable[Shape]) -> np.ndarray:
-    """Smallest box around shapes [m]: ((x_low, y_low), (x_high, y_high)), shape (2, 2).
+    """Return the smallest box around shapes [m]: ((x_low, y_low), (x_high, y_high)), shape (2, 2).
 
     Of a half plane only the point that it is given by counts, and no line on a floor; without
     shapes the box is inside out.
@@ -70,7 +70,7 @@ def _corners(shape: Shape) -> list[tuple[float, float]]:
 
 
 def outline(shape: Shape) -> Path:
-    """Line around a body or along a bar [m]; raises TypeError for a mark and a half plane."""
+    """Return the line around a body or along a bar [m]; raises TypeError for a mark or half plane."""
     match shape:
         case Disc(x, y, radius):
             return Path.circle((x, y), radius)
@@ -108,7 +108,7 @@ def _closed(points: np.ndarray) -> Path:
 
 
 def _grown(corners: np.ndarray, radius: float) -> np.ndarray:
-    """Outline of everything within ``radius`` of a convex polygon, counter-clockwise, (n, 2)."""
+    """Return the outline (n, 2) of all points within ``radius`` of a convex polygon, counter-clockwise."""
     edges = np.roll(corners, -1, axis=0) - corners
     leaving = np.arctan2(edges[:, 1], edges[:, 0]) - math.pi / 2
     arriving = np.roll(leaving, 1)
@@ -120,7 +120,7 @@ def _grown(corners: np.ndarray, radius: float) -> np.ndarray:
 
 
 def half_plane_path(shape: HalfPlane, middle: np.ndarray, reach: float) -> Path:
-    """The part of a half plane within ``reach`` [m] of the projection of ``middle`` on its edge."""
+    """Return the part of a half plane within ``reach`` [m] of the projection of ``middle`` on its edge."""
     normal = np.array([shape.nx, shape.ny])
     direction = np.array([-shape.ny, shape.nx])
     # From the projection of the view's middle, so that the view may move along the edge.
@@ -131,22 +131,22 @@ def half_plane_path(shape: HalfPlane, middle: np.ndarray, reach: float) -> Path:
 
 
 def width(shape: Shape) -> float:
-    """Width of its line [pt]: lines on a floor are as thin as edges."""
+    """Return the line width of a shape [pt]; lines on a floor are as thin as edges."""
     return EDGE if is_opaque(shape) else THICK.get(type(shape), EDGE)
 
 
 def color(role: str) -> str:
-    """Colour of bodies of a role."""
+    """Return the colour of bodies with a role."""
     return _COLORS.get(role, GREY)
 
 
 def is_opaque(shape: Shape) -> bool:
-    """Whether one does not see through it."""
+    """Return whether a shape hides what lies behind it."""
     return getattr(shape, "shade", 0.0) > 0
 
 
 def shape_colors(shape: Shape, strength: float = 1.0) -> tuple[Rgba, Rgba]:
-    """Colours of a body's inside and of its edge, or of a bar twice; ``strength`` is how dark."""
+    """Return the colours of a body's inside and edge, or of a bar twice; ``strength`` is how dark."""
     ink, shade = to_rgba(color(shape.role))[:3], getattr(shape, "shade", 0.0)
     if not is_opaque(shape):
         return (*ink, FILLED * strength), (*ink, strength)
@@ -155,7 +155,7 @@ def shape_colors(shape: Shape, strength: float = 1.0) -> tuple[Rgba, Rgba]:
 
 
 def _on_paper(ink: Sequence[float], share: float) -> Rgba:
-    """What a share of ink looks like on white, and hides what is below."""
+    """Return the opaque colour that equals ``share`` of the ink over white paper."""
     red, green, blue = (1 + share * (channel - 1) for channel in ink)
     return red, green, blue, 1.0
 
@@ -164,7 +164,7 @@ T = TypeVar("T", bound=Hashable)
 
 
 def constant_shapes(frames: Sequence[Sequence[T]], hiding: Sequence[bool]) -> list[T]:
-    """What is in every frame, to be drawn once below the rest.
+    """Return the shapes that are in every frame, to be drawn once below the rest.
 
     Of what in the first frame is ``hiding`` others, only that with which all frames begin.
     """
@@ -178,7 +178,7 @@ def constant_shapes(frames: Sequence[Sequence[T]], hiding: Sequence[bool]) -> li
 
 
 def name_axes(axis: Axes, names: tuple[str, str]) -> None:
-    """Label the axes; without names, as in a picture of space, they have no rulers either."""
+    """Label the axes; without names, as in a picture of space, remove their ticks."""
     axis.set(xlabel=names[0], ylabel=names[1])
     if not any(names):
         axis.set(xticks=[], yticks=[])
@@ -243,7 +243,7 @@ def show(axis: Axes, shapes: Iterable[Shape]) -> None:
 
 
 def view_around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Middle and size of the view of a box ((low), (high)): a margin, and neither side too thin."""
+    """Return middle and size of the view of a box ((low), (high)), with a margin and a least width."""
     low, high = box
     size = high - low
     # A fixed point has no size: show one metre.
@@ -252,7 +252,7 @@ def view_around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def make_cameras(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
-    """One camera for each of several motions, given the shapes of each frame of each.
+    """Return a camera for each of several motions, from the shapes in each frame.
 
     All show the same window: the whole first motion, and the others within its size of it. A window
     more than five times as long as high, or as the bodies, is replaced by cameras that each follow
@@ -284,7 +284,7 @@ def _union(boxes: list[np.ndarray]) -> np.ndarray:
 
 
 def _follow(boxes: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Middles (n_frames, 2) that follow smoothly and keep the bodies in view."""
+    """Return middles (n_frames, 2) that follow smoothly and keep the bodies in view."""
     middle = boxes.mean(axis=1)
     width = max(1, len(middle) // 8)
     padded = np.pad(middle, ((width, width), (0, 0)), mode="edge")

@@ -1,4 +1,4 @@
-"""A strobe of the motion, with contact forces as arrows and the friction cones that hold them."""
+"""Strobes of a motion, with contact forces as arrows and friction cones."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LONGEST, _ACROSS, CONE = 0.18, 0.4, 0.7
 
 
 def largest_size(values: np.ndarray | None) -> float:
-    """The largest of the finite values, without sign; 0 where there is none."""
+    """Return the largest magnitude among the finite values; 0 where there is none."""
     if values is None:
         return 0.0
     return float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
@@ -47,12 +47,12 @@ class Forces:
 
     @property
     def largest(self) -> float:
-        """Size of the largest finite force, 0 where there is none."""
+        """Magnitude of the largest finite force, 0 where there is none."""
         return largest_size(np.hypot(self.normal, self.friction))
 
 
 def forces_of(view: RunView, suffix: str = "") -> Forces | None:
-    """Forces of the plan, or with suffix ``"_replay"`` of its replay; None for a run without.
+    """Return the forces of the plan, or of its replay (suffix ``"_replay"``); None without multipliers.
 
     From the stored ``normal_impulse`` and ``friction_impulse``, else from the system's map of the
     multipliers, else every multiplier is a normal impulse.
@@ -77,21 +77,21 @@ def forces_of(view: RunView, suffix: str = "") -> Forces | None:
 
 
 def forces_drawn(forces: Forces | None, contacts: Sequence[Sequence[ContactFrame]]) -> Forces | None:
-    """The forces that arrows show: of contacts seen in space the normal ones alone."""
+    """Return the forces that arrows show; of contacts seen in space only the normal ones."""
     if forces is None or all(frame.flat for frames in contacts[:1] for frame in frames):
         return forces
     return replace(forces, friction=np.zeros_like(forces.friction))
 
 
 def arrow_caption(largest: float, unit: str, rough: bool) -> str:
-    """Caption of arrows and, where contacts are ``rough``, of cones."""
+    """Return the caption of arrows and, where contacts are ``rough``, of cones."""
     cones = "; shaded: friction cone" if rough else ""
     noun = "impulse" if unit == "N s" else "force"
     return f"arrows: contact {noun}, the longest {largest:.3g} {unit}{cones}"
 
 
 def acting_contacts(view: RunView) -> tuple[dict[str, np.ndarray], dict[int, str]]:
-    """Sizes (N, points) of the forces of plan and replay by suffix, and the contacts that act.
+    """Return sizes (N, points) of the forces of plan and replay by suffix, and the acting contacts.
 
     These are names by column: contacts with a visible force in the plan or in its replay.
     """
@@ -108,14 +108,14 @@ def acting_contacts(view: RunView) -> tuple[dict[str, np.ndarray], dict[int, str
 
 
 def longest_arrow(size: np.ndarray) -> float:
-    """Length [m] of the arrow of the largest force, inside a view of ``size`` (2,)."""
+    """Return the length [m] of the arrow of the largest force in a view of ``size`` (2,)."""
     return min(_LONGEST * float(size.max()), _ACROSS * float(size.min()))
 
 
 def visible_forces(
     contacts: Sequence[ContactFrame], pushes: tuple[np.ndarray, np.ndarray], largest: float
 ) -> Iterator[tuple[ContactFrame, float, float]]:
-    """Contacts with their normal and friction force, without the smallest forces."""
+    """Yield contacts with their normal and friction force, without the smallest forces."""
     for frame, normal, friction in zip(contacts, *pushes, strict=False):
         length_in_view = math.hypot(frame.nx, frame.ny)
         if length_in_view * math.hypot(normal, friction) >= LEAST * largest > 0:
@@ -129,7 +129,7 @@ def draw_contacts(
     largest: float,
     cones: float = 1,
 ) -> list[Artist]:
-    """Draw the forces ``pushes``, normal and friction (points,), and cones this strong, 0 for none.
+    """Draw the forces ``pushes``, normal and friction (points,), and cones of this strength, 0 for none.
 
     The ``largest`` force is as long as :func:`longest_arrow`; the smallest are left out.
     """
@@ -191,7 +191,7 @@ MOST_SCENARIOS = 12
 
 
 def strobe(view: RunView, cones: bool = False) -> Figure | None:
-    """Draw scenario 0 at several instants, early ones faint; None for a problem not drawn.
+    """Draw scenario 0 at several instants, early ones faint; None for a problem without a drawing.
 
     Friction cones are drawn where ``cones``.
     """
@@ -206,13 +206,13 @@ def strobe(view: RunView, cones: bool = False) -> Figure | None:
 
 
 def picked_scenarios(count: int) -> list[int]:
-    """Numbers of the scenarios that are drawn."""
+    """Return the numbers of the scenarios to draw."""
     n_picked = min(count, MOST_SCENARIOS)
     return [int(index) for index in np.linspace(0, count - 1, n_picked).round()]
 
 
 def strobe_rows(titled_views: Sequence[tuple[str, RunView]], cones: bool = False) -> tuple[list[Figure], str]:
-    """Strobes beside each other under their titles, of scenario 0 each, in rows of one figure each.
+    """Draw strobes of scenario 0 beside each other under their titles, one figure per row.
 
     Views without a picture are left out. Those of one problem have the same limits, and their
     arrows one scale, given in the returned caption; those of several have each its own.
@@ -254,7 +254,7 @@ def strobe_rows(titled_views: Sequence[tuple[str, RunView]], cones: bool = False
 
 
 def _one_view(axes: Sequence[Axes]) -> None:
-    """Give all axes the limits that hold each of theirs."""
+    """Give all axes the limits that contain the limits of each."""
     limits = np.array([[axis.get_xlim(), axis.get_ylim()] for axis in axes])
     low, high = limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)
     for axis in axes:
@@ -262,7 +262,7 @@ def _one_view(axes: Sequence[Axes]) -> None:
 
 
 def draw_strobe(axis: Axes, view: RunView, cones: bool = False, largest: float | None = None) -> None:
-    """Draw the strobe of scenario 0 into given axes, forces on the bodies that are drawn.
+    """Draw the strobe of scenario 0 with its forces into existing axes.
 
     A force of ``largest``, if not given the largest of the run, has the longest arrow.
     """
@@ -284,13 +284,13 @@ def draw_strobe(axis: Axes, view: RunView, cones: bool = False, largest: float |
 
 
 def _strongest(forces: Forces) -> int | None:
-    """The node at the end of the step with the largest force."""
+    """Return the node at the end of the step with the largest force."""
     size = np.nan_to_num(np.hypot(forces.normal, forces.friction))
     return int(size.max(axis=1).argmax()) + 1 if size.size and size.max() > 0 else None
 
 
 def draw_motion(axis: Axes, plays: list[list[Shape]], strongest: int | None = None) -> np.ndarray:
-    """Draw shapes at several of the instants of ``plays``, early ones faint; gives the instants.
+    """Draw shapes at several instants of ``plays``, early ones faint; return the instants.
 
     The instant ``strongest`` is one of them.
     """
@@ -312,7 +312,7 @@ def draw_motion(axis: Axes, plays: list[list[Shape]], strongest: int | None = No
 
 
 def _instants(plays: list[list[Shape]]) -> np.ndarray:
-    """A few evenly spaced nodes: fewer where bodies hardly move."""
+    """Return a few evenly spaced nodes, fewer where bodies hardly move."""
     fixed = set.intersection(*(set(shapes) for shapes in plays))
     boxes = np.array([bounds(s for s in shapes if s not in fixed) for shapes in plays])
     count = _FEWEST
@@ -324,7 +324,7 @@ def _instants(plays: list[list[Shape]]) -> np.ndarray:
 
 
 def _forces_drawn(view: RunView) -> Forces | None:
-    """The forces, if the problem has contact frames."""
+    """Return the forces to draw; None where the problem has no contact frames."""
     if view.picture is None or not view.picture.framed:
         return None
     return forces_drawn(forces_of(view), view.picture.contacts("", view.time[:1]))

@@ -1,4 +1,4 @@
-"""How figures look: one palette safe for colour-blind readers, and files that never vary."""
+"""The style of figures: a palette for colour-blind readers, and files with reproducible bytes."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ _SETTINGS: dict[Any, Any] = {
 
 
 def line_of(place: int) -> dict[str, Any]:
-    """Colour and line style of the line number ``place``, apart from others in grey print too."""
+    """Return colour and line style number ``place``, distinct in grey print too."""
     place %= len(CYCLE)
     return {"color": CYCLE[place], "linestyle": "-" if place < 6 else _BROKEN[place % 2]}
 
@@ -87,7 +87,7 @@ def house_style() -> Iterator[None]:
 
 
 def show_literally(figure: Figure) -> Figure:
-    """Show the names that a user chose as they are: ``x$a_{$`` is not mathematics.
+    """Show names that a user chose as they are: ``x$a_{$`` is not mathematics.
 
     Numbers at ticks are matplotlib's own and stay mathematics. Call it before the first draw.
     """

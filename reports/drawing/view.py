@@ -1,4 +1,4 @@
-"""A stored run beside its problem or task, and the pictures that can be drawn of it."""
+"""A stored run with its problem or task, and the pictures that can be drawn of it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def task_of(run: StoredRun) -> tuple[TaskSpec, Any, Task]:
-    """Build the task of a training again; raises as :func:`~problems.plugin.problem_of` does."""
+    """Build the task of a stored training; raises as :func:`~problems.plugin.problem_of` does."""
     from problems.tasks import registry
 
     task_spec = registry.spec(str(run.meta["problem"]))
@@ -55,7 +55,7 @@ class RunView:
 
     @classmethod
     def of(cls, run: StoredRun, file_spec: ProblemSpec | None = None) -> RunView:
-        """View a run; a problem that cannot be built is left out.
+        """Return the view of a run; a problem that cannot be built is left out.
 
         ``file_spec`` is the problem of a user's file (:func:`~problems.plugin.spec_of`).
         """
@@ -79,7 +79,7 @@ class RunView:
 
     @cached_property
     def picture(self) -> RunPicture | None:
-        """What is drawn of it, None for a run without states or drawing."""
+        """The drawing of the run; None for a run without states or without a drawing."""
         if self.array("x") is None:
             return None
         if self.spec is not None:
@@ -89,11 +89,11 @@ class RunView:
 
     @property
     def pictured(self) -> int:
-        """How many scenarios can be drawn: a run keeps the drawing of the first alone."""
+        """Number of scenarios that can be drawn: a run stores the drawing of the first alone."""
         return self.scenarios if self.spec is not None else 1
 
     def signals(self, kind: str) -> list[Signal]:
-        """Names and units of the ``states``, ``inputs`` or ``contacts``."""
+        """Return names and units of the ``states``, ``inputs`` or ``contacts``."""
         if self.problem is not None:
             return list(getattr(self.problem.system, kind))
         dimension = {"states": "state", "inputs": "control", "contacts": "contact"}[kind]
@@ -109,7 +109,7 @@ class RunView:
         return str(self.run.data["gap"].attrs.get("units", "m")) if "gap" in self.run.data else "m"
 
     def array(self, name: str) -> np.ndarray | None:
-        """Values of a stored array, or None where the run has none, as forces of a learned law.
+        """Return the values of a stored array, or None where the run has none.
 
         What a study varies may have the same name, and is a coordinate.
         """
@@ -127,11 +127,11 @@ class RunView:
         return int(self.run.data.sizes.get("scenario", 1))
 
     def scenario(self, index: int) -> RunView:
-        """The same run with one of its scenarios alone."""
+        """Return the view of one scenario."""
         return self._of(self.run.data.isel(scenario=[index]))
 
     def at_point(self, point: int) -> RunView:
-        """One point of a path: its trajectories, and the problem at its parameters."""
+        """Return the view of one point of a path, with the problem at its parameters."""
         name, data = str(self.run.meta["over"]), self.run.data
         point_view = self._of(data.isel(point=point))
         if not isinstance(self.spec, ProblemSpec) or name not in self.spec.Params.model_fields:
@@ -154,7 +154,7 @@ T = TypeVar("T", Shape, ContactFrame)
 
 @dataclass(frozen=True)
 class RunPicture:
-    """Shapes and contacts of scenario 0 at any times [s], of the plan or with a suffix its replay.
+    """Shapes and contacts of scenario 0 at any times [s], of the plan or, with a suffix, of its replay.
 
     Both functions map a suffix and times to one list per time, empty where nothing is known.
     ``axes`` label the drawing; ``framed``: whether it has contact frames.
@@ -167,7 +167,7 @@ class RunPicture:
 
 
 def _drawn(view: RunView, spec: ProblemSpec | TaskSpec) -> RunPicture:
-    """The picture by the functions of a problem, at linearly interpolated states."""
+    """Return the picture that a problem's functions draw at linearly interpolated states."""
 
     def at(function: Any, suffix: str, times: np.ndarray) -> list[list[Any]]:
         x = view.array(f"x{suffix}")
@@ -181,7 +181,7 @@ def _drawn(view: RunView, spec: ProblemSpec | TaskSpec) -> RunPicture:
 
 
 def _stored(view: RunView, stored: dict[str, Any]) -> RunPicture:
-    """The picture that a run stores at its nodes, linearly interpolated between them.
+    """Return the picture that a run stores at its nodes, linearly interpolated between them.
 
     Raises :class:`~ocp.errors.DamagedRun` for an invalid drawing.
     """
@@ -203,7 +203,7 @@ def _stored(view: RunView, stored: dict[str, Any]) -> RunPicture:
 
 
 def _read(motion: dict[str, Any]) -> tuple[list[list[Shape]], list[list[ContactFrame]]]:
-    """Shapes and contacts at each node."""
+    """Return shapes and contacts at each node."""
     shapes = [
         [_KINDS[shape["kind"]](**{k: v for k, v in shape.items() if k != "kind"}) for shape in node_shapes]
         for node_shapes in motion["shapes"]
@@ -212,7 +212,7 @@ def _read(motion: dict[str, Any]) -> tuple[list[list[Shape]], list[list[ContactF
 
 
 def _between(frames: list[list[T]], place: float) -> list[T]:
-    """Interpolation at a place between two nodes; the nearer of them where kinds change.
+    """Interpolate between two nodes; where kinds of shapes change, return the nearer node.
 
     And in a picture of space, where the order of shapes changes.
     """

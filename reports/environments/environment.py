@@ -74,7 +74,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return self.world.observed(self._trail[-1])[0], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Act (nu,), and return the observation, the reward, terminated, truncated and info."""
+        """Act (nu,); return the observation, the reward, terminated, truncated and info."""
         if not self._trail or self._over:
             reason = "the episode has ended" if self._over else "the environment was not reset"
             raise ResetNeeded(f"{reason}; call reset() before step()")
@@ -98,7 +98,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         )
 
     def render(self) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Draw the state, (height, width, 3) in bytes; of a flight a strobe."""
+        """Draw the state as (height, width, 3) bytes; a flight as a strobe."""
         check_renders(self.render_mode, self._trail)
         seconds = self.world.seconds / self.world.hold * int(self._t[0])
         return self._renderer.of([x[0] for x in self._trail[-self.world.hold :]], seconds)
@@ -189,7 +189,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self.world.observed(self._x), {}
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Act (num_envs, nu) in all; every result has num_envs rows, as have those of ``info``."""
+        """Act (num_envs, nu); every result, and every value of ``info``, has num_envs rows."""
         if not len(self._x):
             raise ResetNeeded("the environments were not reset; call reset() before step()")
         action_rows = np.asarray(actions, float)
@@ -203,7 +203,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _acted(
         self, actions: np.ndarray, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Act in ``rows``, and start the others anew."""
+        """Act in ``rows``, and restart the other episodes."""
         world, n = self.world, self.num_envs
         outcome = world.advance(self._solver, self._x[rows], self._t[rows], actions[rows])
         restarted = np.flatnonzero(self._over)
@@ -227,7 +227,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return world.observed(self._x), reward, terminated, truncated, info
 
     def render(self) -> tuple[np.ndarray, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Draw every state, each (height, width, 3) in bytes; of a flight a strobe."""
+        """Draw every state as (height, width, 3) bytes; a flight as a strobe."""
         check_renders(self.render_mode, self._trail)
         seconds = self.world.seconds / self.world.hold * self._t
         recent_states = self._trail[-self.world.hold :]
@@ -243,7 +243,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 
 def _put(target: np.ndarray, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """A copy of ``whole`` with ``values`` in ``rows``."""
+    """Return a copy of ``target`` with ``values`` in ``rows``."""
     copied = target.copy()
     copied[rows] = values
     return copied

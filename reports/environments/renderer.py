@@ -1,4 +1,4 @@
-"""A state of a task as an array of colours."""
+"""Images of a task's state."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _AROUND, _BELOW = 2.2, 0.1
 
 
 class Renderer:
-    """Pictures of one size, (400, 640, 3), whose view goes along with the bodies."""
+    """Images of one size, (400, 640, 3), from a camera that follows the bodies."""
 
     def __init__(self, spec: TaskSpec, params: object) -> None:
         self._spec, self._params = spec, params
         self._size: np.ndarray | None = None
 
     def of(self, states: Sequence[np.ndarray], time: float) -> np.ndarray:
-        """Draw the last of ``states``, each (nx,), at ``time`` [s], of several a strobe."""
+        """Draw the last of ``states``, each (nx,), at ``time`` [s]; several states as a strobe."""
         with house_style():
             figure = Figure(_INCHES, _DPI)
             canvas, axis = FigureCanvasAgg(figure), figure.subplots()
@@ -43,7 +43,7 @@ class Renderer:
             return np.array(canvas.buffer_rgba())[:, :, :3].copy()
 
     def _view(self, shapes: list[Shape]) -> Camera:
-        """A window as large as around the first bodies that were drawn, down to the ground."""
+        """Return a window sized by the bodies of the first image, reaching down to the ground."""
         bodies = [shape for shape in shapes if not isinstance(shape, HalfPlane)]
         (x_low, y_low), (x_high, y_high) = bounds(bodies)
         if self._size is None:

@@ -1,4 +1,4 @@
-"""A task under a contact law as environments play it: any number of episodes at once."""
+"""A task under a contact law, with any number of episodes at once."""
 
 from __future__ import annotations
 
@@ -74,20 +74,20 @@ class World:
 
     @property
     def seconds(self) -> float:
-        """Time that an action acts for [s]."""
+        """Duration of an action [s]."""
         h = ca.Function("h", [self.task.parameters.vector], [ca.SX(self.task.system.h)])
         return self.hold * float(h(self.task.parameters.values))
 
     def start(self, rng: np.random.Generator) -> np.ndarray:
-        """First state (nx,) of an episode."""
+        """Return the initial state (nx,) of an episode."""
         return self.task.reset(1, rng)[0]
 
     def observed(self, x: np.ndarray) -> np.ndarray:
-        """Observations (n, n_o) at states (n, nx)."""
+        """Return observations (n, n_o) at states (n, nx)."""
         return self._observe(x, self.task.parameters.values)
 
     def inputs(self, actions: np.ndarray) -> np.ndarray:
-        """Inputs (n, nu) of actions.
+        """Return the inputs (n, nu) of actions.
 
         Raises :class:`~ocp.errors.InputError` for other shapes, NaN and infinity.
         """
@@ -127,7 +127,7 @@ class World:
         return StepResult(trail, t, reward, terminated, is_full_length & ~terminated, unsolved, measures)
 
     def alone(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve each state by itself, from further starts where the first fails; a Solver."""
+        """Solve each state by itself, with further starts where the first fails; a :data:`Solver`."""
         x_next_rows, solved = np.empty_like(x), np.zeros(len(x), bool)
         for i in range(len(x)):
             x_next, _, _, error = self.step.solve(x[i], u[i], self.p)
@@ -136,7 +136,7 @@ class World:
         return x_next_rows, solved
 
     def together(self, **engine: Any) -> Solver:
-        """A Solver of all states at once; states that the engine cannot solve are solved alone."""
+        """Return a solver of all states at once; states that the engine cannot solve are solved alone."""
         steps = StepFunction(self.step, **engine)
 
         def solved_together(x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -149,7 +149,7 @@ class World:
 
     @property
     def _has_final(self) -> bool:
-        """Whether the task rewards the end of an episode, which is then no mere time limit."""
+        """Whether the task rewards the end of an episode, which is then more than a time limit."""
         return not ca.SX(self.task.final).is_zero()
 
     @cached_property

@@ -26,7 +26,7 @@ _TIMELINE = 12
 
 
 def snapshot_figure(view: RunView) -> Figure | None:
-    """Seed 0 at a few samples, over the middle and the end of the plan; None without a drawing."""
+    """Draw seed 0 at a few samples over the middle and end of its plan; None without a drawing."""
     picture = view.picture
     if picture is None:
         return None
@@ -59,7 +59,7 @@ def snapshot_figure(view: RunView) -> Figure | None:
 
 
 def cost_and_times(view: RunView) -> Figure:
-    """Cost so far of every seed, and the histogram of the seconds of a sample."""
+    """Draw the accumulated cost of every seed, and a histogram of the time per sample."""
     figure = Figure(figsize=(WIDTH, 2.3))
     cost_axis, time_axis = figure.subplots(1, 2)
     for place, paid in enumerate(_paid(view)):
@@ -70,7 +70,7 @@ def cost_and_times(view: RunView) -> Figure:
 
 
 def _paid(view: RunView) -> np.ndarray:
-    """Sum of the stage costs before each node (S, T+1)."""
+    """Return the sum of the stage costs before each node (S, T+1)."""
     cost = view.run.data["cost"].values
     return np.concatenate([np.zeros((len(cost), 1)), np.cumsum(cost, axis=1)], axis=1)
 
@@ -113,7 +113,7 @@ def _of_milliseconds(axis: Axes) -> None:
 
 
 def contact_timeline(view: RunView) -> Figure | None:
-    """When each contact is active, a bar per seed; None where no contact ever is."""
+    """Draw the steps at which each contact is active, a bar per seed; None without active contacts."""
     pairs = view.problem.system.pairs if isinstance(view.problem, Problem) else ()
     active_contacts = [
         (signal.name, contact.active)
@@ -138,7 +138,7 @@ def contact_timeline(view: RunView) -> Figure | None:
 
 
 def comparison_figure(views: Sequence[RunView], names: Sequence[str]) -> Figure:
-    """Mean cost so far of each run with the band of its seeds, and shares of samples by time."""
+    """Draw the mean accumulated cost of each run with its range over seeds, and shares of samples by time."""
     figure = Figure(figsize=(WIDTH, 2.6))
     cost_axis, time_axis = figure.subplots(1, 2)
     for place, (view, name) in enumerate(zip(views, names, strict=True)):

@@ -1,4 +1,4 @@
-"""Motions of several runs, or of points along a path, over each other, and what they cost."""
+"""Motions and costs of several runs, or of points along a path, over each other."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _WIDE = 30.0
 
 
 def comparison_rows(views: list[RunView]) -> list[list[str]]:
-    """Table of the comparison: one row a property, one column a run; what all share is left out."""
+    """Return the table of the comparison: a row per property, a column per run, without what all share."""
     request_rows = [
         [key, *(str(view.run.record.get(key, "")) for view in views)]
         for key in ("problem", "contact", "method", "policy", "solver")
@@ -52,7 +52,7 @@ def comparison_rows(views: list[RunView]) -> list[list[str]]:
 
 
 def cost_figure(views: list[RunView], names: list[str]) -> Figure:
-    """What each run costs beyond the cheapest plan: planned, replayed, and under the referee."""
+    """Draw the cost of each run above the cheapest plan: planned, replayed, and under the referee."""
     kinds = [
         ("planned", "o", PLANNED, [view.run.meta["cost"] for view in views]),
         ("replayed, exact law", "s", REPLAYED, [view.run.audit.exact_cost for view in views]),
@@ -81,13 +81,13 @@ def cost_figure(views: list[RunView], names: list[str]) -> Figure:
 
 
 def same_instants(views: Sequence[RunView]) -> bool:
-    """Whether the runs share their nodes in time, so that they have differences."""
+    """Return whether the runs share their nodes in time, so that they have differences."""
     first = views[0].time
     return all(v.time.shape == first.shape and np.allclose(v.time, first) for v in views[1:])
 
 
 def overlay_rows(views: list[RunView]) -> tuple[list[Row], list[str]]:
-    """Every state, input and multiplier of all runs over time, and below what parts them from A.
+    """Return panels of every state, input and multiplier of all runs, with differences from run A below.
 
     Multipliers that are zero throughout in every run are left out, and named.
     """
@@ -143,7 +143,7 @@ _PICTURES = 6
 
 
 def curve_figure(view: RunView) -> Figure:
-    """Cost and exact cost, complementarity, and iterations over the parameter, events marked.
+    """Draw costs, complementarity and iterations over the parameter, with events marked.
 
     Complementarity below what is told from zero is not drawn, and has no panel where all is.
     """
@@ -198,13 +198,13 @@ def _costs(axis: Axes, points: list[dict[str, Any]], value: np.ndarray, succeede
 
 
 def chosen_points(view: RunView) -> list[int]:
-    """Points of the path that are pictured, evenly apart in their order, both ends among them."""
+    """Return the points of the path to draw, evenly spaced, with both ends."""
     count = view.run.data.sizes["point"]
     return sorted({int(i) for i in np.linspace(0, count - 1, min(_PICTURES, count)).round()})
 
 
 def strobe_figures(view: RunView, cones: bool = False) -> tuple[list[Figure], str]:
-    """The motion at points along the path, each beside its value, and what the arrows mean."""
+    """Draw the motion at points along the path under their values; return the caption of arrows too."""
     if view.picture is None:
         return [], ""
     return strobe_rows([(title, view.at_point(point)) for point, title in _named(view)], cones)
@@ -218,7 +218,7 @@ def _named(view: RunView) -> list[tuple[int, str]]:
 
 
 def motion_rows(view: RunView) -> list[Row]:
-    """Every state, input and multiplier over time at points along the path, light to dark."""
+    """Return panels of every state, input and multiplier at points along the path, light to dark."""
     if view.array("x") is None:
         return []
     shaded_views = [(view.at_point(point), color) for point, color in _shades(view)]
@@ -255,7 +255,7 @@ def _shades(view: RunView) -> list[tuple[int, Any]]:
 
 
 def point_key(view: RunView) -> Figure:
-    """Which colour is which point of the path, in one line."""
+    """Draw the key of the colours of points along the path, in one line."""
     handles = [
         Line2D([], [], color=color, label=title)
         for (_, color), (_, title) in zip(_shades(view), _named(view), strict=True)
@@ -275,7 +275,7 @@ def point_key(view: RunView) -> Figure:
 
 
 def _mark(figure: Figure, events: list[dict]) -> None:
-    """A line at every event, numbered at the top as in the table; a tick where a bound is met."""
+    """Draw a line at every event, numbered as in the table; a tick where a bound becomes active."""
     top, count = figure.axes[0], 0
     for event in events:
         value = event["value"]
@@ -303,5 +303,5 @@ def _column(points: list[dict], name: str) -> np.ndarray:
 
 
 def parameter_label(view: RunView) -> str:
-    """The swept parameter with its unit."""
+    """Return the swept parameter with its unit."""
     return label(symbol(str(view.run.meta["over"])), str(view.run.meta.get("unit") or ""))

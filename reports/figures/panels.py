@@ -24,7 +24,7 @@ Drawing = Callable[[Axes], None]
 
 @dataclass(frozen=True)
 class Panel:
-    """One small picture: its title with the unit, what draws it, and the strip below, if any."""
+    """One small picture: its title with the unit, a function that draws it, and one for a strip below."""
 
     title: str
     main: Drawing
@@ -33,7 +33,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Cell:
-    """A panel in its place: ``heading`` names the group of which it is the first in its row."""
+    """A panel in its column; ``heading`` is the title of its group, "" but for the first in a row."""
 
     column: int
     heading: str
@@ -63,12 +63,12 @@ def lay_out_rows(groups: Mapping[str, Sequence[Panel]], columns: int = COLUMNS) 
 
 
 def columns_for(count: int) -> int:
-    """Columns in which ``count`` panels of one group leave the fewest places empty."""
+    """Return the number of columns in which ``count`` panels leave the fewest places empty."""
     return {1: 1, 2: 2, 3: 3, 5: 3, 6: 3, 9: 3}.get(count, COLUMNS)
 
 
 def draw_rows(rows: Sequence[Row], columns: int = COLUMNS, below: float = 0.34, label: str = "time [s]") -> Figure:
-    """Draw rows below each other, placed in inches so that those of several figures line up.
+    """Draw rows below each other, placed in inches so that several figures align.
 
     ``below`` is the height [inch] of the strips below panels.
     """
@@ -127,7 +127,7 @@ def _draw_row(figure: Figure, row: Row, top: float, shape: tuple[int, float], la
 
 
 def _dress(axis: Axes, ticks: int) -> None:
-    """Few ticks, short numbers; what hardly moves is a level line, not noise under an offset."""
+    """Set few ticks with short numbers, and widen the range of a nearly constant signal."""
     _widen(axis)
     axis.tick_params(labelsize=7, pad=1.5, length=2)
     if axis.get_yscale() == "linear":
@@ -164,7 +164,7 @@ def fill_band(axis: Axes, time: np.ndarray, low: np.ndarray, high: np.ndarray, *
 
 
 def shade_spans(axis: Axes, time: np.ndarray, is_shaded: np.ndarray, **style: Any) -> None:
-    """Shade the steps at which ``when`` (N,) holds; neighbours are one patch, without a seam."""
+    """Shade the steps at which ``is_shaded`` (N,) holds; neighbours are one patch, without a seam."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(is_shaded, dtype=int), [0]])))
     for first, stop in zip(edges[::2], edges[1::2], strict=True):
         axis.axvspan(float(time[first]), float(time[stop]), **style)

@@ -1,4 +1,4 @@
-"""A figure as a paper wants it: bare, lettered, as wide as a column, fonts inside the file."""
+"""Figures for papers: bare, lettered, one or two columns wide, with embedded fonts."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _LINE = 0.17
 
 @dataclass(frozen=True)
 class SignalGroup:
-    """Quantities of one unit: names, planned values (S, n, k), and replayed ones or None."""
+    """Signals of one unit: names, planned values (S, n, k), and replayed ones or None."""
 
     title: str
     names: list[str]
@@ -79,7 +79,7 @@ def solution_figure(view: RunView) -> Figure:
 
 
 def group_signals(view: RunView) -> list[SignalGroup]:
-    """States and inputs unit by unit in the order of the system, then the contacts that act."""
+    """Return states and inputs grouped by unit, in the system's order, then the acting contacts."""
     signal_groups = []
     for kind, name in (("states", "x"), ("inputs", "u")):
         values, replayed_array = view.array(name), view.array(f"{name}_replay")
@@ -96,7 +96,7 @@ def group_signals(view: RunView) -> list[SignalGroup]:
 
 
 def _pushed(view: RunView) -> SignalGroup | None:
-    """Size of the force of every contact that acts, in scenario 0."""
+    """Return the magnitude of the force of every acting contact, in scenario 0."""
     forces, (sizes, acting) = forces_of(view), acting_contacts(view)
     if forces is None or not acting:
         return None
@@ -159,7 +159,7 @@ FORMATS: dict[str, dict[str, None]] = {
 
 
 def format_of(file: Path) -> str:
-    """Return the format that a file's ending names; raises InputError for an unknown one."""
+    """Return the format of a file by its ending; raises InputError for an unknown one."""
     ending = file.suffix.removeprefix(".")
     if ending not in FORMATS:
         raise InputError(
@@ -184,7 +184,7 @@ def bare_figure(run: StoredRun, ending: str, panel: str | None = None, file_spec
 
 
 def render_figure(figure: Figure, ending: str, panel: str | None = None) -> bytes:
-    """Render a drawn figure, or only one of its panels; the same bytes each time.
+    """Render a drawn figure, or one of its panels, to the same bytes each time.
 
     A figure of several panels is as wide as both columns and each panel has its letter; one panel
     is as wide as a column. Works on ``figure`` itself, which is not to be used again.
@@ -216,12 +216,12 @@ def render_figure(figure: Figure, ending: str, panel: str | None = None) -> byte
 
 
 def panel_axes(figure: Figure) -> list[Axes]:
-    """Axes that show something, in the order that they were laid out."""
+    """Return the axes with content, in the order of their layout."""
     return [axis for axis in figure.axes if axis.axison or axis.has_data() or axis.get_title()]
 
 
 def _alone(figure: Figure, axis: Axes) -> Bbox:
-    """Hide all but ``axis``, give it the width of a column, and return what it covers [inch].
+    """Hide all axes but ``axis``, make it a column wide, and return the box that it covers [inch].
 
     A panel over more than half of the figure gets both columns.
     """
@@ -250,14 +250,14 @@ def _alone(figure: Figure, axis: Axes) -> Bbox:
 
 
 def _covered(axis: Axes, canvas: FigureCanvasAgg) -> Bbox:
-    """What an axis and all that belongs to it cover [pixel]."""
+    """Return the box [pixel] that an axis with its labels and key covers."""
     covered = axis.get_tightbbox(canvas.get_renderer())
     assert covered is not None
     return covered
 
 
 def _lend_labels(other: Axes, axis: Axes) -> None:
-    """Give ``axis`` the labels that it left to one of its column or row with the same scale."""
+    """Copy to ``axis`` the labels that only a neighbour with the same scale has."""
     axis_box, other_box = axis.get_position(), other.get_position()
     if axis.get_shared_x_axes().joined(axis, other) or (
         np.allclose((axis_box.x0, axis_box.x1), (other_box.x0, other_box.x1), atol=_NEAR)
@@ -276,7 +276,7 @@ def _lend_labels(other: Axes, axis: Axes) -> None:
 
 
 def _lend_key(axis: Axes) -> Legend | None:
-    """Give the key of its figure to an axis, beside the one that it may have itself."""
+    """Copy the key of the figure to an axis, beside its own key if it has one."""
     root = axis.get_figure(root=True)
     assert root is not None
     own_part = axis.get_figure(root=False)
@@ -299,7 +299,7 @@ def _lend_key(axis: Axes) -> Legend | None:
 
 
 def _put_below(key: Legend, axis: Axes, canvas: FigureCanvasAgg) -> None:
-    """Put a key right under an axis and all that is written below it."""
+    """Place a key right below an axis and its labels."""
     label_box = axis.xaxis.get_tightbbox(canvas.get_renderer())
     low = axis.bbox.y0 if label_box is None else min(axis.bbox.y0, label_box.y0)
     place = (low - axis.bbox.y0) / axis.bbox.height

@@ -34,7 +34,7 @@ FLOOR = 1e-12
 
 
 def is_before_path_end(view: RunView) -> bool:
-    """Whether a contact is drawn before the end of the central path, mu = 0: above the floor."""
+    """Return whether a contact is drawn before the end of the central path, mu = 0."""
     lam, gap, mu = (view.array(name) for name in ("lam", "gap", "mu"))
     if lam is None or gap is None or mu is None or not np.isfinite(mu).any():
         return False
@@ -42,7 +42,7 @@ def is_before_path_end(view: RunView) -> bool:
 
 
 def contact_plane(view: RunView) -> Figure:
-    """Multipliers of the plan against gaps on log axes, with the central path ``lam gap = mu``."""
+    """Draw multipliers of the plan over gaps on log axes, with the central path ``lam gap = mu``."""
     figure = Figure(figsize=(WIDTH, 2.4))
     axis = figure.subplots()
     signals = view.signals("contacts")
@@ -77,7 +77,7 @@ def contact_plane(view: RunView) -> Figure:
 
 
 def _readable(axis: Axes) -> None:
-    """Narrower than two decades a log axis has no ticks to read."""
+    """Widen log axes of less than two decades, which would have no readable ticks."""
     for limits, set_limits in ((axis.get_xlim(), axis.set_xlim), (axis.get_ylim(), axis.set_ylim)):
         if limits[1] < 100 * limits[0]:
             set_limits(limits[0] / 10, limits[1] * 10)
@@ -87,7 +87,7 @@ def _readable(axis: Axes) -> None:
 
 
 def pair_groups(view: RunView) -> dict[str, list[int]]:
-    """Title and indices of pairs drawn alike: each its own, or all of a kind if there are kinds."""
+    """Return titles and indices of pairs with one style: of each kind, or of each pair without kinds."""
     signals = view.signals("contacts")
     pairs = view.problem.system.pairs if view.problem is not None else ()
     if len({pair.kind for pair in pairs}) < 2:
@@ -135,7 +135,7 @@ class Contact:
 
 
 def contacts_of(view: RunView) -> list[Contact]:
-    """The contacts of a run, in the order of its table of contacts; none for a run without lam."""
+    """Return the contacts of a run in the order of its table; none for a run without multipliers."""
     lam, signals = view.array("lam"), view.signals("contacts")
     if lam is None:
         return []
@@ -167,7 +167,7 @@ def contacts_of(view: RunView) -> list[Contact]:
 
 
 def _rough(view: RunView, point: int, pairs: Sequence[Pair]) -> Contact:
-    """A contact with friction, from what the run stores of it."""
+    """Return a contact with friction, from the arrays of the run."""
     pair_indices = [i for i, pair in enumerate(pairs) if pair.contact == point and pair.kind in ("normal", "friction")]
     normal = next((i for i in pair_indices if pairs[i].kind == "normal"), None)
     gap, signals = view.array("gap"), view.signals("contacts")
@@ -197,7 +197,7 @@ _DEGENERATE: dict[str, Any] = {"color": INK, "marker": "v", "markersize": 3.5, "
 
 
 def rows_of_contacts(view: RunView) -> tuple[list[Row], int]:
-    """Impulse above, gap below, over time, for every contact that pushes, and how many columns.
+    """Return panels of impulse and gap over time for every contact that pushes, and their columns.
 
     With friction, its impulse and the band that it must stay in, +-friction times the normal
     impulse. Steps at which the contact is active are shaded, by whether it slips, of several
@@ -259,7 +259,7 @@ _BESIDE = 1.81
 
 
 def homotopy_figure(view: RunView) -> Figure:
-    """Cost, complementarity and residual after each stage; what is zero is not drawn."""
+    """Draw cost, complementarity and residual after each stage, without zeros."""
     numbers, stages = zip(*shown_stages(view.run.stages, view.run.meta["cost"])[0], strict=True)
     figure = Figure(figsize=(_BESIDE, min(max(1.9, 0.5 + 0.15 * len(numbers)), 2.8)))
     cost_axis, size_axis = figure.subplots(2, 1, sharex=True)
@@ -297,7 +297,7 @@ def homotopy_figure(view: RunView) -> Figure:
 
 
 def gains_figure(view: RunView) -> Figure:
-    """Feedback gains K over time as heat maps, one a control."""
+    """Draw feedback gains K over time as heat maps, one per input."""
     K = view.array("K")
     assert K is not None
     states, inputs = view.signals("states"), view.signals("inputs")

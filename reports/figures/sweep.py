@@ -1,4 +1,4 @@
-"""Figures of a sweep, lines, heat maps or small multiples, and of gradient estimates."""
+"""Figures of a sweep, as lines, heat maps or small multiples, and of gradient estimates."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Axis = Mapping[str, Any]
 
 
 def sweep_figures(data: xr.Dataset, axes: Sequence[Axis]) -> list[Figure]:
-    """All figures of a sweep over ``axes``, in order."""
+    """Return all figures of a sweep over ``axes`` in order."""
     if len(axes) == 1:
         return [_lines(data, axes[0])]
     # The longest two span the maps; the others are gone through.
@@ -48,7 +48,7 @@ def sweep_figures(data: xr.Dataset, axes: Sequence[Axis]) -> list[Figure]:
 
 
 def sweep_caption(axes: Sequence[Axis]) -> str:
-    """Say what is drawn."""
+    """Return the caption of a sweep's figures."""
     if len(axes) == 1:
         return (
             "Costs, what replays cost over the plan, and iterations at each point; bars below are"
@@ -62,7 +62,7 @@ def sweep_caption(axes: Sequence[Axis]) -> str:
 
 
 def replayed_ratio(data: xr.Dataset) -> xr.DataArray:
-    """What the plan costs by the referee, or else under the exact law, over its own cost."""
+    """Return the plan's cost under the referee, or else the exact law, over its planned cost."""
     replayed_cost = data["referee_cost"].where(np.isfinite(data["referee_cost"]), data["exact_cost"])
     return (replayed_cost / data["cost"]).where(data["success"] == 1)
 
@@ -119,7 +119,7 @@ def _legend(figure: Figure, axes: Axes, data: xr.Dataset) -> None:
 
 
 class _Shades:
-    """Colour scales that all slices share: of costs, and of replayed over planned."""
+    """Colour scales shared by all slices: of costs, and of replayed over planned costs."""
 
     def __init__(self, data: xr.Dataset) -> None:
         self.cost = _norm(data["cost"].where(data["success"] == 1).values)
@@ -202,7 +202,7 @@ def _framed(axes: Axes, shape: tuple[int, ...]) -> None:
 
 
 def _readable(colour: tuple[float, float, float, float]) -> str:
-    """Black or white, whichever stands out from a colour."""
+    """Return black or white, whichever contrasts with a colour."""
     red, green, blue, _ = colour
     return INK if 0.299 * red + 0.587 * green + 0.114 * blue > 0.5 else "white"
 
@@ -246,7 +246,7 @@ _FAR = 30.0
 
 
 def estimate_caption(run: StoredRun) -> str:
-    """Say what is drawn."""
+    """Return the caption of an estimate's figure."""
     if run.meta["sweep"]:
         is_vector = run.data.sizes["component"] > 1
         quantity = "Norm of the estimated gradient" if is_vector else "Estimated gradient"
@@ -255,13 +255,13 @@ def estimate_caption(run: StoredRun) -> str:
 
 
 def estimator_style(name: str) -> tuple[str, str]:
-    """Colour and mark of an estimator; those of a name unknown here lie behind the known ones."""
+    """Return colour and mark of an estimator; unknown names share those after the last known one."""
     place = _NAMES.index(name) if name in _NAMES else len(_NAMES)
     return CYCLE[place % len(CYCLE)], _MARKS[place % len(_MARKS)]
 
 
 def estimate_figure(run: StoredRun) -> Figure:
-    """Estimates above, variances below, over what was swept or over the components."""
+    """Draw estimates above variances, over the swept quantity or over the components."""
     figure = Figure(figsize=(WIDTH, 3.9))
     top, bottom = figure.subplots(2, 1, sharex=True)
     reach = (_along_sweep if run.meta["sweep"] else _along_components)(run, top, bottom)
@@ -274,7 +274,7 @@ def estimate_figure(run: StoredRun) -> Figure:
 
 
 def _show_all(axis: Axes, interval_ends: np.ndarray, reference: np.ndarray) -> None:
-    """Let the axis hold every interval, by powers of ten where some would flatten the rest."""
+    """Let the axis hold every interval, with powers of ten where some would flatten the rest."""
     ends = interval_ends[np.isfinite(interval_ends)]
     if not ends.size:
         return

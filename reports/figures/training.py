@@ -1,4 +1,4 @@
-"""Figures of trained policies: how they learned, and how they move."""
+"""Figures of trained policies: learning curves and motions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SIGNALS = {
 
 
 def learning_figure(seed_groups: Sequence[SeedGroup]) -> Figure:
-    """Return under the exact law, and what the task measures, over steps and over time."""
+    """Draw return under the exact law, and the task's measures, over steps and over time."""
     names = ["return", *measure_names(seed_groups[0].runs[0].meta["evaluation"])][:3]
     figure = Figure(figsize=(WIDTH, 1.75 * len(names) + 0.5))
     axes = figure.subplots(len(names), 2, squeeze=False, sharey="row", sharex="col")
@@ -42,7 +42,7 @@ def learning_figure(seed_groups: Sequence[SeedGroup]) -> Figure:
 
 
 def signal_figure(seed_groups: Sequence[SeedGroup]) -> Figure | None:
-    """Returns of samples and gradients over the iterations; None where there are none."""
+    """Draw returns of samples and gradients over the iterations; None where there are none."""
     names = [name for name in _SIGNALS if any(_known(group, name) for group in seed_groups)]
     if not names:
         return None
@@ -60,7 +60,7 @@ def signal_figure(seed_groups: Sequence[SeedGroup]) -> Figure | None:
 
 
 def strobe_figures(seed_groups: Sequence[SeedGroup]) -> list[Figure]:
-    """An episode of the best policy of each group, from faint to dark, in rows of pictures."""
+    """Draw an episode of the best policy of each group, from faint to dark."""
     views = [(group, RunView.of(group.best)) for group in seed_groups]
     pictured = [(group, view) for group, view in views if view.picture is not None]
     if len(pictured) == 1 and (single := strobe(pictured[0][1])) is not None:
@@ -79,9 +79,9 @@ def _known(group: SeedGroup, name: str) -> bool:
 
 
 def _banded(axis: Axes, group: SeedGroup, abscissa: str, name: str, color: str) -> None:
-    """The mean over seeds, and a band from the lowest to the highest of them.
+    """Draw the mean over seeds, and the band from the lowest to the highest seed.
 
-    At iterations that all of them have; ``over`` is averaged over seeds too.
+    At iterations that all of them have; ``abscissa`` is averaged over seeds too.
     """
     shortest = min(run.data.sizes["iteration"] for run in group.runs)
     values = np.stack([run.data[name].values[:shortest] for run in group.runs])

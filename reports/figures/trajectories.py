@@ -1,4 +1,4 @@
-"""A run over time: every state, input and multiplier, and how far its replay is from it."""
+"""Trajectories of a run: every state, input and multiplier, with the difference of its replay."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _KINDS = {"normal": "Normal", "friction": "Friction", "slip": "Slip", "limit": "
 
 @dataclass(frozen=True)
 class Track:
-    """One component over time under the heading of its quantity.
+    """One component over time, under the heading of its quantity.
 
     ``plan`` and ``replay``, its replay under the exact law, are (S, N+1) at the nodes, or (S, N)
     held over the steps; ``replay`` is None where there was no replay.
@@ -46,7 +46,7 @@ class Track:
 
     @property
     def is_multiplier(self) -> bool:
-        """Whether it is a contact's, and no state or input."""
+        """Whether the component is a contact multiplier, not a state or input."""
         return "λ" in self.heading
 
     @property
@@ -56,7 +56,7 @@ class Track:
 
     @property
     def differs(self) -> bool:
-        """Whether the replay is another line than the plan."""
+        """Whether the replay is visibly another line than the plan."""
         return largest_size(self.difference) > max(SAME * self.span, NEGLIGIBLE * self.size)
 
     @property
@@ -67,13 +67,13 @@ class Track:
 
     @property
     def size(self) -> float:
-        """Largest number that occurs."""
+        """Largest magnitude in plan and replay."""
         arrays = [self.plan] if self.replay is None else [self.plan, self.replay]
         return max(largest_size(values) for values in arrays)
 
 
 def tracks(view: RunView) -> list[Track]:
-    """Every component of states, inputs and multipliers, in the order of their headings."""
+    """Return every component of states, inputs and multipliers, in the order of their headings."""
     groups: dict[str, list[Track]] = {}
     for kind, name in (("states", "x"), ("inputs", "u"), ("contacts", "lam")):
         values, replayed = view.array(name), view.array(f"{name}_replay")
@@ -91,12 +91,12 @@ def tracks(view: RunView) -> list[Track]:
 
 
 def mean_multiplier(view: RunView, values: np.ndarray, index: int) -> np.ndarray:
-    """One multiplier; of a law solved at several noise nodes the mean over them."""
+    """Return one multiplier, averaged over the noise nodes of the law if it has several."""
     return values[..., index :: len(view.signals("contacts"))].mean(axis=-1)
 
 
 def idle_multipliers(all_tracks: list[Track]) -> list[str]:
-    """Names of the multipliers that are zero throughout, beside the largest impulse or force."""
+    """Return names of multipliers that are zero throughout, relative to the largest push."""
     multipliers = [track for track in all_tracks if track.is_multiplier]
     pushes = [track.size for track in multipliers if not track.heading.startswith("Slip")]
     largest_push = max(pushes, default=0.0)
@@ -104,7 +104,7 @@ def idle_multipliers(all_tracks: list[Track]) -> list[str]:
 
 
 def replay_deviation(all_tracks: list[Track]) -> float:
-    """Largest distance of plan and replay beside a state's or input's range; 0 without a replay."""
+    """Return the largest share of a state's or input's range by which the replay differs; 0 without one."""
     shares = [
         largest_size(track.difference) / track.span
         for track in all_tracks
@@ -114,19 +114,19 @@ def replay_deviation(all_tracks: list[Track]) -> float:
 
 
 def multipliers_undetermined(all_tracks: list[Track]) -> bool:
-    """Whether multipliers of the replay are others although the motion is the same."""
+    """Return whether multipliers of the replay differ although the motion is the same."""
     return not replay_differs(all_tracks) and any(
         track.differs for track in all_tracks if track.is_multiplier and track.name not in idle_multipliers(all_tracks)
     )
 
 
 def replay_differs(all_tracks: Sequence[Track]) -> bool:
-    """Whether the replay of a state or an input is another line than its plan."""
+    """Return whether the replay of a state or an input is another line than its plan."""
     return any(track.differs for track in all_tracks if not track.is_multiplier)
 
 
 def plan_rows(view: RunView, omitted: Collection[str] = (), signals: Collection[str] = ()) -> list[Row]:
-    """Rows of panels, one a component, but for multipliers ``without`` and those that are zero.
+    """Return rows of panels, one per component, except multipliers ``omitted`` or zero throughout.
 
     With names of ``signals`` only these. Where plan and replay part, the band between them is
     shaded and their difference drawn below, to one scale in each group; not for inputs that are the
@@ -146,7 +146,7 @@ def plan_rows(view: RunView, omitted: Collection[str] = (), signals: Collection[
 
 
 def select_signals(view: RunView, words: str) -> list[str]:
-    """Names of signals from words with commas, in which * stands for any letters.
+    """Return names of signals that match words separated by commas, in which * is a wildcard.
 
     Raises :class:`~ocp.errors.InputError` for a word that fits none.
     """
@@ -163,7 +163,7 @@ def select_signals(view: RunView, words: str) -> list[str]:
 
 
 def trajectory_figure(view: RunView) -> Figure:
-    """All of :func:`plan_rows` in one figure."""
+    """Draw all panels of :func:`plan_rows` in one figure."""
     return draw_rows(plan_rows(view))
 
 
@@ -204,7 +204,7 @@ def _one(track: Track) -> bool:
 
 
 def _heading(view: RunView, kind: str, index: int) -> str:
-    """The quantity with its unit: of states what the unit says, of multipliers the pair's kind."""
+    """Return the quantity with its unit: of states by their unit, of multipliers by their pair's kind."""
     unit = view.signals(kind)[index].unit
     if kind == "states":
         return label(_STATES.get(unit, "States"), unit)

@@ -1,1 +1,1 @@
-"""Runs in motion: what is seen at which time, and the files that show it."""
+"""Animations of runs, and the files that show them."""

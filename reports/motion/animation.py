@@ -1,4 +1,4 @@
-"""A run in motion: the plan and its replay under the exact law, with contact forces."""
+"""The motion of a run: the plan and its replay under the exact law, with contact forces."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Animation:
 
     @property
     def title(self) -> str:
-        """The problem's title, and the number of the scenario if there are several."""
+        """Title of the problem, with the number of the scenario if there are several."""
         scenarios = self.view.run.data.sizes["scenario"]
         noun = "seed" if self.view.run.kind == "closed-loop" else "scenario"
         suffix = f", {noun} 0 of {scenarios}" if scenarios > 1 else ""
@@ -64,13 +64,13 @@ class Animation:
 
     @property
     def largest(self) -> float:
-        """Largest force of all motions, 0 without forces."""
+        """Magnitude of the largest force of all motions, 0 without forces."""
         largest_forces = [motion.forces.largest for motion in self.motions if motion.forces]
         return max(largest_forces, default=0.0)
 
     @property
     def unit(self) -> str:
-        """Unit of the forces, empty where there are none."""
+        """Unit of the forces, "" without forces."""
         return next((motion.forces.unit for motion in self.motions if motion.forces), "")
 
     @property
@@ -80,13 +80,13 @@ class Animation:
         return self.cones and any(friction)
 
     def clock(self, frame: int) -> str:
-        """Time of a frame, and the speed if it is not real time."""
+        """Return the time of a frame, and the speed if it is not real time."""
         pace = "" if self.speed == 1 else f"   {self.speed:g} × real time"
         return f"t = {self.times[frame]:.2f} s{pace}"
 
 
 def frame_times(duration: float, fps: int, speed: float) -> np.ndarray:
-    """Times [s] of the frames from 0 to ``duration``, evenly apart and nearest to ``speed / fps``.
+    """Return times [s] of frames from 0 to ``duration``, evenly spaced, closest to ``speed / fps`` apart.
 
     Raises :class:`~ocp.errors.InputError` for more frames than a file should hold.
     """
@@ -100,7 +100,7 @@ def frame_times(duration: float, fps: int, speed: float) -> np.ndarray:
 
 
 def motions(view: RunView, times: np.ndarray) -> list[Motion]:
-    """The plan and its replay under the exact law, at ``times``; one motion where they agree."""
+    """Return the plan and its exact replay at ``times``; one motion where they agree."""
     law = view.run.record.get("contact", "chosen")
     title = f"planned under the {law} law"
     if view.run.kind == "train":
@@ -145,7 +145,7 @@ def _motion(view: RunView, suffix: str, title: str, times: np.ndarray) -> Motion
 
 
 def _sampled(forces: Forces, nodes: np.ndarray, times: np.ndarray) -> Forces:
-    """Force of the step before the node nearest to each frame, zero before the first.
+    """Return the force of the step before the node nearest to each frame, zero before the first.
 
     Where steps are shorter than frames, the mean over the steps since the last frame.
     """
@@ -160,13 +160,13 @@ def _sampled(forces: Forces, nodes: np.ndarray, times: np.ndarray) -> Forces:
 
 
 def is_periodic(view: RunView) -> bool:
-    """Whether the problem's motion ends as it began."""
+    """Return whether the problem's motion ends as it began."""
     start = view.problem.start if isinstance(view.problem, Problem) else None
     return start is not None and bool(start.periodic)
 
 
 def repeated(view: RunView, count: int) -> RunView:
-    """``count`` strides of a periodic run, each starting where the last one ended.
+    """Return ``count`` strides of a periodic run, each starting where the last one ended.
 
     Every stride adds its increment to the states (zero for periodic ones) and its duration to the
     time; impulses repeat.

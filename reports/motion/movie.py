@@ -1,4 +1,4 @@
-"""Pictures of an animation, written to a GIF, an MP4 or a page of HTML that needs nothing else."""
+"""Frames of an animation, written to a GIF, an MP4 or a self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _NONE = (0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Stroke:
-    """A path [m] with its colours, its width [pt], and how far up it lies."""
+    """A path [m] with its colours, line width [pt], and drawing order."""
 
     path: Outline
     face: Rgba
@@ -50,7 +50,7 @@ class Stroke:
 
 
 class MotionArtist:
-    """One motion on ``axis``, under its camera; ``largest`` is the force of the longest arrow."""
+    """One motion on ``axis`` under its camera; the force ``largest`` has the longest arrow."""
 
     def __init__(self, axis: Axes, motion: Motion, camera: Camera, largest: float, cones: bool) -> None:
         self.axis, self._motion, self._camera = axis, motion, camera
@@ -67,7 +67,7 @@ class MotionArtist:
             ruler.set_animated(True)
 
     def draw(self, frame: int) -> None:
-        """Draw a frame onto the canvas; nothing of a motion that has diverged."""
+        """Draw a frame onto the canvas, unless the motion has diverged before it."""
         if frame >= len(self._motion.x):
             return
         self.put(frame)
@@ -84,7 +84,7 @@ class MotionArtist:
         self._strokes.set_linewidth([stroke.width for stroke in strokes])
 
     def strokes(self, frame: int) -> list[Stroke]:
-        """The strokes of a frame, from back to front."""
+        """Return the strokes of a frame from back to front."""
         return sorted(self._found(frame), key=lambda stroke: stroke.order)
 
     def _found(self, frame: int) -> Iterator[Stroke]:
@@ -106,7 +106,7 @@ class MotionArtist:
 
 
 def shape_stroke(shape: Shape, middle: np.ndarray, size: np.ndarray, point: float) -> Stroke:
-    """Stroke of a body in a view around ``middle`` of ``size`` [m], a ``point`` of paper in [m]."""
+    """Return the stroke of a body in a view around ``middle`` of ``size`` [m]; a ``point`` of paper is in m."""
     ink = to_rgba(shapes.color(shape.role))
     face, edge = shapes.shape_colors(shape)
     match shape:
@@ -129,7 +129,7 @@ def shape_stroke(shape: Shape, middle: np.ndarray, size: np.ndarray, point: floa
 
 
 def arrow_stroke(contact: ContactFrame, normal: float, friction: float, scale: float, point: float) -> Stroke:
-    """Arrow of a force from its contact, ``scale`` [m per unit] times its size long."""
+    """Return the arrow of a force from its contact; its length is ``scale`` [m per unit] times the force."""
     tx, ty = contact.tangent
     force = normal * np.array([contact.nx, contact.ny]) + friction * np.array([tx, ty])
     start, tip = np.array([contact.x, contact.y]), scale * force
@@ -143,7 +143,7 @@ def arrow_stroke(contact: ContactFrame, normal: float, friction: float, scale: f
 
 
 def cone_stroke(contact: ContactFrame, length: float) -> Stroke:
-    """Friction cone, half as wide as atan(friction) on either side of the normal."""
+    """Return the friction cone, with atan(friction) on either side of the normal."""
     middle, half_angle = math.atan2(contact.ny, contact.nx), math.atan(contact.friction)
     wedge = Outline.wedge(math.degrees(middle - half_angle), math.degrees(middle + half_angle))
     path = Outline(np.asarray(wedge.vertices) * length + (contact.x, contact.y), wedge.codes)
@@ -155,7 +155,7 @@ _WIDTH = 8.0
 
 
 class Canvas:
-    """The figure of an animation, and pictures of it: one size, an even number of pixels a side."""
+    """The figure of an animation, and its frames: all of one size, with an even number of pixels a side."""
 
     def __init__(self, animation: Animation) -> None:
         self._animation = animation
@@ -187,7 +187,7 @@ class Canvas:
         self.clock.set_y(title.get_position()[1])
 
     def picture(self, frame: int) -> np.ndarray:
-        """Red, green, blue and opacity of a frame, (height, width, 4) of uint8, and contiguous.
+        """Return red, green, blue and opacity of a frame, (height, width, 4) of uint8, contiguous.
 
         The next frame is drawn over them.
         """
@@ -200,7 +200,7 @@ class Canvas:
 
 
 def _layout(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
-    """Figure and axes: two motions one above the other where the view is wide, else abreast."""
+    """Return figure and axes: two motions below each other where the view is wide, else side by side."""
     ratio = float(camera.size[1] / camera.size[0])
     rows = count if ratio < 0.4 else 1
     columns = count // rows
@@ -225,7 +225,7 @@ _ROOM = 1 << 20
 
 
 def check_format(file: Path, fps: int = 25) -> None:
-    """Raise InputError for an unknown ending, an MP4 without ffmpeg, or a GIF too fast."""
+    """Raise InputError for an unknown ending, an MP4 without ffmpeg, or too fast a GIF."""
     if file.suffix not in FORMATS:
         raise InputError(
             f"an animation must end in {', '.join(FORMATS[:-1])} or {FORMATS[-1]}, got"
@@ -264,7 +264,7 @@ def write_animation(animation: Animation, file: Path, report: Callable[[int], No
 
 
 def gif_delays(count: int, fps: int) -> list[int]:
-    """Hundredths of a second of ``count`` frames: whole numbers that add up to ``count / fps``."""
+    """Return delays of ``count`` frames in hundredths of a second, whole numbers that sum to ``count / fps``."""
     ends = np.round(100 * np.arange(count + 1) / fps).astype(int)
     return np.diff(ends).tolist()
 
@@ -293,7 +293,7 @@ def _write_gif(animation: Animation, draft: Path, report: Callable[[int], None])
 
 
 def _palette(canvas: Canvas, count: int) -> Image.Image:
-    """At most 256 colours for all frames, from every other line of a few of them.
+    """Return at most 256 colours for all frames, from every other line of a few of them.
 
     Chosen by difference, not by frequency: an arrow has few pixels.
     """

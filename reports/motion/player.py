@@ -1,4 +1,4 @@
-"""A page of HTML that plays an animation: its data and our own script, with no other resources."""
+"""An HTML page that plays an animation: its data and our own script, without other resources."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SIGNIFICANT = 7
 
 
 def player_page(animation: Animation) -> str:
-    """The whole page."""
+    """Return the whole page."""
     verdict = animation.view.run.meta.get("verdict") or ""
     film = json.dumps(player_data(animation), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     sources = {name: (_PAGE / f"player.{name}").read_text("utf-8") for name in ("html", "css", "js")}
@@ -46,7 +46,7 @@ def player_page(animation: Animation) -> str:
 
 
 def player_data(animation: Animation) -> dict[str, Any]:
-    """The data that the page's script draws.
+    """Return the data that the page's script draws.
 
     ``motions`` hold per frame the shapes ``[kind, numbers...]``, an index into ``kinds`` (name and
     role) and the fields of :mod:`problems.drawing` in their order without the role, corners as
@@ -114,7 +114,7 @@ def _numbers(shape: Shape, kinds: dict[tuple[str, str], int], digits: int) -> tu
 
 
 def _rounded(value: Any, digits: int) -> Any:
-    """A number, or the coordinates of corners one behind the other."""
+    """Return a rounded number, or the coordinates of all corners in one tuple."""
     if isinstance(value, tuple):
         return tuple(round(float(coordinate), digits) for corner in value for coordinate in corner)
     return round(float(value), digits)
@@ -135,7 +135,7 @@ def _arrows(motion: Motion, frame: int, largest: float, digits: int) -> list[lis
 
 
 def _short(value: float) -> float | None:
-    """Seven significant digits; None for NaN and infinity."""
+    """Return a number with seven significant digits; None for NaN and infinity."""
     return float(f"{value:.{_SIGNIFICANT}g}") if math.isfinite(value) else None
 
 
@@ -149,7 +149,7 @@ Chart = dict[str, Any]
 
 
 def player_charts(animation: Animation) -> list[Chart]:
-    """Forces of each motion beside each other on one scale, and the costs of both below."""
+    """Return charts of the forces of each motion on one scale, and of their costs."""
     view = animation.view
     all_charts = [forces for motion in animation.motions if (forces := _forces(view, motion))]
     curve_values = [curve["values"] for chart in all_charts for curve in chart["curves"]]
@@ -162,7 +162,7 @@ def player_charts(animation: Animation) -> list[Chart]:
 
 
 def _forces(view: RunView, motion: Motion) -> Chart | None:
-    """Size of the force of every contact that acts in the plan or in the replay."""
+    """Return the chart of the force of every contact that acts in the plan or in the replay."""
     sizes, acting = acting_contacts(view)
     force_sizes, forces = sizes.get(motion.suffix), motion.forces
     if force_sizes is None or forces is None or not acting:
@@ -212,7 +212,7 @@ def _costs(view: RunView, motions: Sequence[Motion]) -> Chart | None:
 
 
 def cumulative_cost(view: RunView, suffix: str) -> tuple[np.ndarray, float] | None:
-    """Sum of stage costs, of a task rewards, before each node (N+1,), and all with the last term.
+    """Return the sum of stage costs before each node (N+1,), and the total with the terminal cost.
 
     The last term is the terminal cost, or what a task gains at the end of a full episode. Of
     scenario 0, at the stored parameters; None for a problem that is not found again.
@@ -246,7 +246,7 @@ def cumulative_cost(view: RunView, suffix: str) -> tuple[np.ndarray, float] | No
 
 
 def _widened(low: float, high: float) -> list[float]:
-    """A range with zero and room above, and below where there is something; never empty."""
+    """Return a range that holds zero, with room above and, for negative values, below; never empty."""
     low, high = min(low, 0.0), max(high, 0.0)
     room = _ROOM * (high - low) or 0.5
     return [low - room if low < 0 else 0.0, high + room]

@@ -1,4 +1,4 @@
-"""A closed loop as a run stores it: labelled arrays, and what was counted."""
+"""Arrays and numbers of a closed loop, as a run stores and reports print them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _WARM = 10
 
 
 def labelled_arrays(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Dataset:
-    """The arrays of a loop with times, units and contacts.
+    """Return the arrays of a loop with times, units and contacts.
 
     Added are ``time`` (node) [s], and ``lam`` and ``gap`` (seed, sample, contact): those of the
     exact law at the recorded states and inputs, with the plant's parameters ``mismatch``.
@@ -57,7 +57,7 @@ def labelled_arrays(loop: ClosedLoop, mismatch: Mapping[str, float]) -> xr.Datas
 
 
 def _contacts(problem: Problem, data: xr.Dataset, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Multipliers and gaps (S, T, nlam) of the exact law; NaN where nothing was simulated."""
+    """Return multipliers and gaps (S, T, nlam) of the exact law; NaN where nothing was simulated."""
     step, x, u = problem.exact_step, data["x"].values, data["u"].values
     multipliers_and_gaps = np.full((2, *u.shape[:2], problem.system.nlam), np.nan)
     is_simulated = np.isfinite(x[:, :-1]).all(axis=2) & np.isfinite(u).all(axis=2)
@@ -74,7 +74,7 @@ def _contacts(problem: Problem, data: xr.Dataset, values: Mapping[str, float]) -
 
 
 def loop_summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str], rate: float | None) -> dict[str, Any]:
-    """What :class:`~ocp.store.meta.ClosedLoopMeta` lists, ``status`` and ``verdict`` among it.
+    """Return the fields of :class:`~ocp.store.meta.ClosedLoopMeta`, among them ``status`` and ``verdict``.
 
     ``rate`` [Hz] is what times are compared with; None: one sample a step of the model.
     """
@@ -103,7 +103,7 @@ def loop_summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str], rate:
 
 
 def _times(data: xr.Dataset, rate: float | None) -> dict[str, float]:
-    """Percentiles [s] of the work of a sample, and how many took longer than the period."""
+    """Return percentiles [s] of the time per sample, and the number of samples above the period."""
     seconds = counted_times(data["seconds"].values)
     period = 1 / rate if rate is not None else float(data["time"].values[1])
     p50, p99, longest = (float(np.percentile(seconds, q)) if seconds.size else np.nan for q in (50, 99, 100))
@@ -118,20 +118,20 @@ def _times(data: xr.Dataset, rate: float | None) -> dict[str, float]:
 
 
 def counted_times(seconds: np.ndarray) -> np.ndarray:
-    """The times [s] that are counted, of (S, T): without those at the start of each seed."""
+    """Return the times [s], of (S, T), without the cold samples at the start of each seed."""
     finite_rows = [row[np.isfinite(row)] for row in seconds]
     return np.concatenate([row[_WARM if len(row) > 2 * _WARM else 1 :] for row in finite_rows])
 
 
 def rate_sentence(meta: Mapping[str, Any]) -> str:
-    """How the times of the samples compare with the period."""
+    """Return a sentence on the samples that took longer than the period."""
     times = meta["seconds"]
     count_text = f"{times['over']} of {times['samples']} samples took longer than"
     return f"{count_text} the period of {_ms(times['period'])} ms."
 
 
 def loop_notes(meta: Mapping[str, Any]) -> Iterator[str]:
-    """Rate, deadline, and sentences of the controller with how often each came."""
+    """Yield sentences on rate and deadline, and notes of the controller with their number of samples."""
     if meta["seconds"]["over"]:
         yield rate_sentence(meta)
     if meta["misses"]:
@@ -142,7 +142,7 @@ def loop_notes(meta: Mapping[str, Any]) -> Iterator[str]:
 
 
 def loop_rows(meta: Mapping[str, Any]) -> list[list[str]]:
-    """Names and numbers of a closed loop, as text."""
+    """Return names and numbers of a closed loop as text."""
     times, (low, high) = meta["seconds"], meta["cost_interval"]
     interval = "–" if low is None else f"{number(low, 5)} to {number(high, 5)}"
     return [
@@ -164,7 +164,7 @@ def loop_rows(meta: Mapping[str, Any]) -> list[list[str]]:
 
 
 def loop_table(meta: Mapping[str, Any]) -> Table:
-    """The same as a table."""
+    """Return the rows of :func:`loop_rows` as a table."""
     table = table_of("", ">", rows=loop_rows(meta))
     table.show_header = False
     return table

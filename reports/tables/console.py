@@ -28,29 +28,29 @@ COLUMNS = 80
 
 
 def print_table(table: Table | Group) -> None:
-    """Print a table that is a command's result, on stdout, 80 columns wide at most."""
+    """Print the table that is a command's result on stdout, at most 80 columns wide."""
     Console(width=COLUMNS, highlight=False, markup=False).print(table)
 
 
 def number(value: float | None, digits: int = 6) -> str:
-    """A number as text; a dash for a missing or non-finite one."""
+    """Return a number as text; a dash for a missing or non-finite one."""
     if value is None or not math.isfinite(value):
         return "–"
     return f"{value:.{digits}g}"
 
 
 def value_text(value: Any, digits: int = 6) -> str:
-    """Any value as text, a float by :func:`number`."""
+    """Return any value as text, a float by :func:`number`."""
     return number(value, digits) if isinstance(value, float) else str(value)
 
 
 def small(value: float | None) -> str:
-    """A residual as text: two digits and the power of ten."""
+    """Return a residual as text: two digits and the power of ten."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.1e}"
 
 
 def table_of(*columns: str, rows: Iterable[Sequence[str]] = (), title: str | None = None) -> Table:
-    """A table with titled columns, right-aligned where the title begins with ``>``."""
+    """Return a table with titled columns, right-aligned where the title begins with ``>``."""
     table = Table(box=None, title=title, title_justify="left", pad_edge=False, padding=(0, 2, 0, 0))
     for name in columns:
         head = Text(name.removeprefix(">"))  # a unit in brackets is no markup
@@ -61,12 +61,12 @@ def table_of(*columns: str, rows: Iterable[Sequence[str]] = (), title: str | Non
 
 
 def stage_title(label: str) -> str:
-    """Name what a stage varies in a heading: ``contact.mu`` becomes ``mu``."""
+    """Return the name of the varied parameter in a heading: ``contact.mu`` becomes ``mu``."""
     return label.rpartition(".")[2] or "parameter"
 
 
 def stage_table(stages: Sequence[StageRecord], cost: float | None) -> Table:
-    """Homotopy table: parameter, cost, residuals, iterations, seconds, rejections, the answer."""
+    """Return the homotopy table: parameter, cost, residuals, iterations, seconds, rejections, answer."""
     labels = {stage.label for stage in stages}
     head = stage_title(labels.pop()) if len(labels) == 1 else "parameter"
     rows = (
@@ -78,7 +78,7 @@ def stage_table(stages: Sequence[StageRecord], cost: float | None) -> Table:
 
 
 def stage_rows(stages: Sequence[StageRecord], cost: float | None) -> list[tuple[str, ...]]:
-    """Number, label, value, cost, lam·gap, residual, iterations, seconds, note; as text."""
+    """Return number, label, value, cost, lam·gap, residual, iterations, seconds and note as text."""
     numbered_stages, has_answer = shown_stages(stages, cost)
     rows = [_stage_cells(index, stage) for index, stage in numbered_stages]
     return [*rows[:-1], (*rows[-1][:-1], "answer")] if has_answer else rows
@@ -99,7 +99,7 @@ def _stage_cells(index: int, stage: StageRecord) -> tuple[str, ...]:
 
 
 def stage_line(stage: StageRecord) -> str:
-    """One stage in one line, at most 80 columns."""
+    """Return one stage in one line of at most 80 columns."""
     tail = "" if stage.accepted else "  stepped back"
     return (
         f"{stage_title(stage.label)} {small(stage.value)}  cost {number(stage.cost, 7)}"
@@ -109,13 +109,13 @@ def stage_line(stage: StageRecord) -> str:
 
 
 class StageLines:
-    """The stage table line by line during the solve; lines fit 80 columns."""
+    """Printer of the stage table, line by line during the solve; lines fit 80 columns."""
 
     def __init__(self) -> None:
         self.filter = StageFilter()
 
     def __call__(self, stage: StageRecord) -> None:
-        """Print a stage, the first one below the heads."""
+        """Print a stage; the first one prints the headings too."""
         if self.filter.number == 0:
             heads = ("stage", "parameter", "cost", "lam·gap", "residual", "iter", "s")
             print(_line(*heads), file=sys.stderr)
@@ -127,7 +127,7 @@ class StageLines:
 
 
 class StageFilter:
-    """Decides for one stage after another whether tables show it, and numbers those they show.
+    """Filter and counter of the stages that tables show.
 
     Left out are neighbouring schedules that did not lower the cost.
     """
@@ -136,7 +136,7 @@ class StageFilter:
         self.lowest, self.number = float("inf"), 0
 
     def take(self, stage: StageRecord) -> bool:
-        """Whether the next stage is shown; ``number`` is then its number."""
+        """Return whether the next stage is shown; ``number`` is then its number."""
         from ocp.routes.branches import NEIGHBOUR
 
         lowers_cost = stage.accepted and stage.cost < self.lowest
@@ -148,7 +148,7 @@ class StageFilter:
 
 
 def shown_stages(stages: Sequence[StageRecord], cost: float | None) -> tuple[list[tuple[int, StageRecord]], bool]:
-    """The stages that tables show, with their numbers, and whether the last one is the answer.
+    """Return the stages that tables show, with numbers, and whether the last one is the answer.
 
     The answer of this ``cost`` is the iterate of the accepted stage with the same cost: the last of
     several. Stages after it are left out. A solve that ended on none of its stages shows them all.
@@ -167,7 +167,7 @@ _SAME = 1e-6
 
 
 def stage_note(stages: Sequence[StageRecord], cost: float | None) -> str:
-    """Which stage gave the answer, and how many stages tables leave out; empty for no stages."""
+    """Return sentences on the answer's stage and on stages left out of tables; "" without stages."""
     from ocp.routes.branches import NEIGHBOUR
 
     numbered_stages, has_answer = shown_stages(stages, cost)
@@ -229,7 +229,7 @@ def progress(visible: bool, first: str) -> Iterator[Callable[[StageRecord], None
 
 
 def result_table(solution: Solution) -> Table:
-    """Cost, exact cost, iterations and the audited residuals."""
+    """Return cost, exact cost, iterations and the audited residuals as a table."""
     audit, iteration_s = solution.audit, solution.iteration_s
     per_iteration_ms = ", ".join(number(1e3 * iteration_s[key], 3) for key in ("evaluation", "solver"))
     total_s = f"{number(solution.evaluation_s, 3)}, {number(solution.solver_s, 3)}"
@@ -254,7 +254,7 @@ def result_table(solution: Solution) -> Table:
 
 
 def judged_rows(certificate: Certificate, referee: RefereeReport) -> list[tuple[str, str, str]]:
-    """Findings of referee and certificate, as name, number and explanation."""
+    """Return findings of referee and certificate: name, number and explanation."""
     rows = [("", "no referee", "the system has no geometry")]
     if referee.survives is not None:
         rows = [
@@ -275,7 +275,7 @@ def judged_rows(certificate: Certificate, referee: RefereeReport) -> list[tuple[
 
 
 def distance_rows(referee: RefereeReport) -> list[tuple[str, str, str]]:
-    """Largest penetration between nodes and largest distance with force, with their place."""
+    """Return the largest penetration between nodes and distance with force, with their places."""
     named_distances = (
         ("penetration between nodes", referee.between),
         ("distance where force acts", referee.force_distance),
@@ -288,7 +288,7 @@ def distance_rows(referee: RefereeReport) -> list[tuple[str, str, str]]:
 
 
 def physics_residuals(audit: Audit) -> list[tuple[str, float, str]]:
-    """Name, residual and unit of friction, energy and momentum in the audit, where finite."""
+    """Return name, residual and unit of friction, energy and momentum in the audit, where finite."""
     residuals = (
         ("friction cone violated by", audit.cone_violation, "N s"),
         ("dissipation below maximum", audit.dissipation_residual, "J"),
@@ -299,13 +299,13 @@ def physics_residuals(audit: Audit) -> list[tuple[str, float, str]]:
 
 
 def violation_table(solution: Solution) -> Table:
-    """The worst constraints of a failed solve, by name."""
+    """Return the worst constraints of a failed solve by name."""
     heads = ("worst constraint", "component", ">scenario", ">step", ">violation")
     return table_of(*heads, rows=violation_rows(solution.audit))
 
 
 def violation_rows(audit: Audit) -> list[tuple[str, ...]]:
-    """Constraint, component, scenario, step and amount of the worst violations, as text."""
+    """Return constraint, component, scenario, step and amount of the worst violations as text."""
     return [(v.name, v.component, str(v.scenario), str(v.step), small(v.amount)) for v in audit.worst]
 
 

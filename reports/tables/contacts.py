@@ -16,13 +16,13 @@ _DISTANT = "Distant: such an impulse over a larger gap, force at a distance of s
 
 
 def contact_table(audit: Audit) -> Group:
-    """Active steps, peak force and sliding of each contact; the idle ones are counted."""
+    """Return active steps, peak force and sliding of each contact, with a count of idle ones."""
     heads, rows = contact_columns(audit)
     return Group(table_of(*heads, rows=rows), *map(Text, contact_notes(audit)))
 
 
 def contact_columns(audit: Audit) -> tuple[list[str], list[list[str]]]:
-    """Titles, ``>`` before those of numbers, and rows of the contacts that push.
+    """Return titles, ``>`` before those of numbers, and rows of the contacts that push.
 
     Columns of sliding stand with friction alone, that of distant steps where there are any.
     """
@@ -56,7 +56,7 @@ def contact_columns(audit: Audit) -> tuple[list[str], list[list[str]]]:
 
 
 def contact_notes(audit: Audit) -> list[str]:
-    """What active and distant mean, and how many contacts never push."""
+    """Return sentences that define active and distant contacts, and count those that never push."""
     idle = [contact for contact in audit.contacts if not (contact.steps or contact.distant)]
     notes = [_ACTIVE, *([_DISTANT] if _far(audit) else [])]
     if idle:
@@ -72,7 +72,7 @@ def _far(audit: Audit) -> bool:
 
 
 def spans_text(spans: Sequence[Sequence[int]], max_spans: int = 6) -> str:
-    """Spans of steps: ``0-4, 7, 9-12``; the first ``most`` and a count of the others."""
+    """Return spans of steps as text: ``0-4, 7, 9-12``; after ``max_spans`` a count of the others."""
     words = [f"{first}-{last}" if last > first else str(first) for first, last in spans]
     remainder = f", {len(words) - max_spans} more" if len(words) > max_spans else ""
     return ", ".join(words[:max_spans]) + remainder

@@ -1,4 +1,4 @@
-"""The tables "which smoothing to trust": of plans, study N3, and in the loop, study C1."""
+"""Tables "which smoothing to trust": of plans (study N3), and of closed loops (study C1)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from problems.studies.smoothings_compared.data import WITHIN, described, excess
 
 
 def excess_text(share: float) -> str:
-    """Write an excess: in percent up to threefold, then as a factor; a dash where there is none."""
+    """Return an excess in percent up to threefold, then as a factor; a dash where there is none."""
     if not math.isfinite(share):
         return "–"
     if share >= 2:
@@ -22,17 +22,17 @@ def excess_text(share: float) -> str:
 
 
 def broken_name(problem: str) -> str:
-    """Break a problem's name at its dash, so that it stands over a narrow column."""
+    """Return a problem's name broken at its dash, to fit above a narrow column."""
     return problem.replace("-", "-\n")
 
 
 def seconds_of(data: xr.Dataset) -> xr.DataArray:
-    """Seconds of learning and solving together, median over seeds (problem, law)."""
+    """Return seconds of learning and solving together, median over seeds (problem, law)."""
     return data["seconds"].sum("part").median("seed")
 
 
 def smoothing_rows(data: xr.Dataset) -> list[list[str]]:
-    """Columns, then one row a law: a problem's cells with excess and survival, then seconds."""
+    """Return the column titles and a row per law: excess and survival per problem, then seconds."""
     names = [str(name) for name in data["problem"].values]
     excesses, seconds = excess(data).median("seed"), seconds_of(data)
     survives, n_seeds = data["survives"].sum("seed"), data.sizes["seed"]
@@ -48,7 +48,7 @@ def smoothing_rows(data: xr.Dataset) -> list[list[str]]:
 
 
 def _cell(share: float, n_alive: int, n_runs: int) -> str:
-    """Bold within the margin; a check mark where plans survive, with their number if not all do."""
+    """Return an excess, bold within the margin, with a check mark where plans survive."""
     text = f"**{excess_text(share)}**" if share <= WITHIN else excess_text(share)
     if n_alive == 0:
         return text
@@ -56,7 +56,7 @@ def _cell(share: float, n_alive: int, n_runs: int) -> str:
 
 
 def loop_rows(data: xr.Dataset) -> list[list[str]]:
-    """Columns, then one row a controller: a task's cells with excess and survival, then times.
+    """Return the column titles and a row per controller: excess and survival per task, then times.
 
     An excess is the median over plants and seeds; that of gains, and their survival, are over the
     first horizon.

@@ -1,4 +1,4 @@
-"""Transitions and models as tables and JSON: content, ranges, errors."""
+"""Tables and JSON of transitions and learned models: content, ranges, errors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def data_document(data: Transitions) -> dict[str, Any]:
-    """What ``ocp collect --json`` and ``ocp show data.nc --json`` print of transitions."""
+    """Return the JSON of transitions that ``ocp collect`` and ``ocp show data.nc`` print."""
     provenance = data.provenance
     return {
         "kind": "transitions",
@@ -49,7 +49,7 @@ def _origin(provenance: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def model_dataset(model: xr.Dataset, fitted: xr.Dataset, data: Transitions, held_out: int) -> xr.Dataset:
-    """A model's file: the model, its fit, and what its data were."""
+    """Return the content of a model's file: the model, its fit, and the origin of its data."""
     ranges = {"z_least": ("z", data.z.min(axis=0)), "z_most": ("z", data.z.max(axis=0))}
     attributes = {
         "data_rows": len(data),
@@ -60,7 +60,7 @@ def model_dataset(model: xr.Dataset, fitted: xr.Dataset, data: Transitions, held
 
 
 def model_document(dataset: xr.Dataset) -> dict[str, Any]:
-    """What ``ocp learn --json`` and ``ocp show model.nc --json`` print of a model.
+    """Return the JSON of a model that ``ocp learn`` and ``ocp show model.nc`` print.
 
     ``data`` and ``fit`` are None for a model that was made without the command.
     """
@@ -95,7 +95,7 @@ def model_document(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def _fit(dataset: xr.Dataset, names: list[str], units: list[str]) -> dict[str, Any]:
-    """Errors on held-out rows in the states' units, and relative to their standard deviations."""
+    """Return errors on held-out rows in the states' units, and relative to their standard deviations."""
     from dynamics.learned.fit import Fit
 
     fit = Fit.of(dataset)
@@ -131,7 +131,7 @@ def _coordinates(
 
 
 def origin_lines(document: Mapping[str, Any]) -> list[str]:
-    """Origin of transitions or of a model, line by line."""
+    """Return the origin of transitions or of a model, line by line."""
     system_name = document["problem"] or "an unnamed system"
     data_hash = f"data {document['hash'][:16]}"
     if document["kind"] == "transitions":
@@ -151,7 +151,7 @@ def origin_lines(document: Mapping[str, Any]) -> list[str]:
 
 
 def _drawn(document: Mapping[str, Any]) -> list[str]:
-    """How collected data were drawn; nothing for imported data."""
+    """Return a line on the sampling of collected data; nothing for imported data."""
     if document.get("in_tube") is None:
         return []
     tube = f"{document['in_tube']} in the tube around the task"
@@ -159,14 +159,14 @@ def _drawn(document: Mapping[str, Any]) -> list[str]:
 
 
 def document_tables(document: Mapping[str, Any]) -> list[Group]:
-    """Ranges and scales of the data; for a model its errors, and its predictions away from data."""
+    """Return ranges and scales of data; of a model also errors and predictions away from data."""
     fitted = document.get("fit") is not None
     model_tables = [fit_table(document), outside_table(document)] if fitted else []
     return [coordinate_table(document), *model_tables]
 
 
 def coordinate_table(document: Mapping[str, Any]) -> Group:
-    """A line a coordinate of z: its range, and the scale that normalises it."""
+    """Return a row per coordinate of z: its range, and the scale that normalises it."""
     keys = [key for key in ("least", "most", "shift", "scale", "noise") if key in document["coordinates"][0]]
     table = table_of("", "", "unit", *(f">{key}" for key in keys))
     for row in document["coordinates"]:
@@ -176,7 +176,7 @@ def coordinate_table(document: Mapping[str, Any]) -> Group:
 
 
 def fit_table(document: Mapping[str, Any]) -> Group:
-    """Errors on held-out rows, state by state."""
+    """Return errors on held-out rows, state by state."""
     keys = ("clean", "noised", "clean_relative", "noised_relative")
     heads = [f">{key.replace('_relative', '/scale')}" for key in keys]
     table = table_of("held-out error", "unit", *heads)
@@ -187,7 +187,7 @@ def fit_table(document: Mapping[str, Any]) -> Group:
 
 
 def outside_table(document: Mapping[str, Any]) -> Group:
-    """Predictions of the model away from the data."""
+    """Return predictions of the model away from the data."""
     table = table_of(">distance from the data", ">displacement", ">beyond the data")
     for row in document["fit"]["outside"]:
         share = f"{100 * row['beyond']:.0f} %"

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
-    """A problem's parameters with default, unit and meaning."""
+    """Return a problem's parameters with default, unit and meaning."""
     table = table_of("parameter", ">default", "unit", "")
     for row in parameters:
         value, meaning = row["value"], row["description"]
@@ -36,7 +36,7 @@ def parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def golden_table(golden: Mapping[str, Golden]) -> Table:
-    """Best known values, their certificates, and the number of solves behind each."""
+    """Return best known values, their certificates, and the number of solves behind each."""
     rows = (
         (name, best.method, number(best.cost, 9), best.certificate, str(best.tried)) for name, best in golden.items()
     )
@@ -44,7 +44,7 @@ def golden_table(golden: Mapping[str, Golden]) -> Table:
 
 
 def run_table(run: StoredRun) -> Table:
-    """One run's description, one line per key."""
+    """Return the description of one run, one line per key."""
     table = table_of("", "")
     table.show_header = False
     meta, record = run.meta, run.meta.get("record") or {}
@@ -62,7 +62,7 @@ def run_table(run: StoredRun) -> Table:
 
 
 def claim_table(claims: Sequence[Claim]) -> Table:
-    """A study's claims: expected value, measured value, verdict."""
+    """Return a study's claims: expected value, measured value, verdict."""
     from problems.studies.study import verdict
 
     table = Table(box=None, pad_edge=False, padding=(0, 1, 1, 0))
@@ -86,7 +86,7 @@ def _inline(value: Any) -> str:
 
 
 def curve_lines(name: str, rows: Sequence[Mapping[str, Any]], heads: bool) -> Iterator[str]:
-    """Points of a continuation, one line of at most 80 columns each, with ``heads`` on top."""
+    """Yield points of a continuation, one line of at most 80 columns each, below ``heads``."""
     if heads:
         yield _cells(stage_title(name), "cost", "exact cost", "lam·gap", "iter")
     for row in rows:
@@ -106,7 +106,7 @@ def _cells(*cells: str) -> str:
 
 
 def event_rows(events: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
-    """Number, value, kind, change, steps and cost of all events except active bounds."""
+    """Yield number, value, kind, change, steps and cost of all events except active bounds."""
     listed = [event for event in events if event["kind"] != "bound"]
     for count, event in enumerate(listed, start=1):
         steps = ", ".join(str(step) for step in event["steps"])
@@ -115,7 +115,7 @@ def event_rows(events: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]
 
 
 def event_table(name: str, events: Sequence[Mapping[str, Any]]) -> Table:
-    """The events of a continuation."""
+    """Return the events of a continuation as a table."""
     heads = (">", f">{stage_title(name)}", "event", "", "steps", ">cost")
     return table_of(*heads, rows=event_rows(events))
 
@@ -124,7 +124,7 @@ Row = Mapping[str, Any]
 
 
 def run_lines(rows: Sequence[Row]) -> Iterator[str]:
-    """Two lines a run: number, name, problem and verdict; then law, method, N, scenarios."""
+    """Yield two lines per run: number, name, problem and verdict; then law, method, N, scenarios."""
     wide = max(len(row["at"]) for row in rows)
     for row in rows:
         name = row["run"].rpartition("/")[2]
@@ -135,7 +135,7 @@ def run_lines(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def run_outcome(row: Row) -> str:
-    """Grade or status of a run, and its cost or return."""
+    """Return grade or status of a run, and its cost or return."""
     if row["damage"]:
         return "damaged"
     if row["return"] is not None:
@@ -171,7 +171,7 @@ HEADS = ("cost", "exact", "referee", "iter", "s", "verdict")
 
 
 def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[list[str]]:
-    """Coordinates, costs, iterations, seconds and grade of each point, as text."""
+    """Return coordinates, costs, iterations, seconds and grade of each point as text."""
     return [
         [
             *(f"{row[dim]:.4g}" for dim in dims),
@@ -185,7 +185,7 @@ def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[l
 
 
 def point_table(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> Table:
-    """The points of a sweep; a caption counts those left out."""
+    """Return the points of a sweep, with a caption that counts those left out."""
     heads = [f">{name}" for name in (*(dim.removeprefix("contact.") for dim in dims), *HEADS[:-1])]
     table = table_of(*heads, HEADS[-1], rows=point_rows(rows, dims))
     if len(rows) > MOST:
@@ -198,9 +198,9 @@ _BAR = 20
 
 @contextmanager
 def sweep_progress(names: Sequence[str], n_resumed: int, quiet: bool) -> Iterator[Callable[[int, JobResult], None]]:
-    """Yield a callback for the place of each finished point; ``names`` label all points.
+    """Yield a callback for each finished point and its place; ``names`` label all points.
 
-    The first ``before`` calls are points that were kept. On a terminal one line moves; elsewhere a
+    The first ``n_resumed`` calls are points that were kept. On a terminal one line moves; elsewhere a
     line is printed every two seconds at most, and for each point that failed.
     """
     start_s, n_done = time.monotonic(), 0
@@ -221,13 +221,13 @@ def sweep_progress(names: Sequence[str], n_resumed: int, quiet: bool) -> Iterato
 
 
 def sweep_line(done: int, total: int, name: str, row: dict[str, Any], seconds_left: float) -> str:
-    """Progress after a point, and its result, in one line."""
+    """Return the progress after a point, and its result, in one line."""
     finding = f"cost {number(row['cost'], 5)}" if row["success"] else row["status"]
     return f"{done}/{total}  {name}  {finding}  {format_duration(seconds_left)} left"
 
 
 def format_duration(seconds: float) -> str:
-    """A duration as text: ``40 s``, ``12 min``, ``3.5 h``."""
+    """Return a duration as text: ``40 s``, ``12 min``, ``3.5 h``."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
@@ -249,7 +249,7 @@ def estimate_progress(quiet: bool, check: Callable[[], None]) -> Iterator[Callab
 
 
 def progress_line(state: SweepProgress, n_since: int, seconds: float) -> str:
-    """One line: points, samples, rate of this session, time left."""
+    """Return one line: points, samples, rate of this session, time left."""
     rate = n_since / seconds if seconds > 0 else 0.0
     time_left = f"{(state.total - state.done) / rate:.0f} s left" if rate > 0 else "time left unknown"
     points = f"point {state.points + 1} of {state.all_points}, " if state.all_points > 1 else ""
@@ -257,7 +257,7 @@ def progress_line(state: SweepProgress, n_since: int, seconds: float) -> str:
 
 
 def estimate_table(rows: Sequence[Mapping[str, Any]], swept: str | None) -> Table:
-    """One line per estimate; for several components the norms."""
+    """Return one row per estimate; of several components the norms."""
     is_vector = any(isinstance(row["mean"], list) for row in rows)
     numbers = ("|mean|" if is_vector else "mean", "std error", "variance", "reference")
     cells = ((*columns, word) for *columns, _, word in (estimate_cells(row, bool(swept)) for row in rows))
@@ -272,7 +272,7 @@ def _size(value: float | list[float] | None) -> float | None:
 
 
 def estimate_cells(row: Mapping[str, Any], swept: bool) -> list[str]:
-    """What was swept, estimator, mean, error, variance, reference, alpha, verdict, as text."""
+    """Return swept value, estimator, mean, error, variance, reference, alpha and verdict as text."""
     reference, short = row["reference"], row["verdict"].partition(" within")[0].partition(" at")[0]
     return [
         *([number(row["value"], 4)] if swept else []),

@@ -1,4 +1,4 @@
-"""A robot's file as tables: links, motors, contacts, and what is not used."""
+"""Tables of a robot's file: links, motors, contacts, and unsupported features."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _UNITS = {"slide": "m", "hinge": "rad"}
 
 
 def robot_tables(content: Mapping[str, Any]) -> Iterator[tuple[str, Table]]:
-    """Title and table of the links as a tree, the motors and the contacts, where there are any.
+    """Yield title and table of the links as a tree, the motors and the contacts, where there are any.
 
     ``content`` is what :meth:`problems.robots.Robot.document` gives.
     """
@@ -69,7 +69,7 @@ def _motor(motor: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def robot_notes(content: Mapping[str, Any]) -> Iterator[str]:
-    """Home, and what of the file is not used."""
+    """Yield sentences on the home pose, and on features of the file that are not used."""
     if n_more := len(content["contacts"][MOST_ROWS:]):
         yield f"{n_more} more contacts: --json lists all."
     home = ", ".join(f"{coordinate['name']} {number(coordinate['home'])}" for coordinate in content["coordinates"])

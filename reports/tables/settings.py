@@ -1,4 +1,4 @@
-"""Every setting, collected from its declaration: laws, solves, policies, solvers, training."""
+"""All settings, collected from their declarations: laws, solves, policies, solvers, training."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ocp.transcription.factories import law_class
 
 @dataclass(frozen=True)
 class SettingGroup:
-    """Settings of one object: its name, the syntax of a setting, and what the object is."""
+    """Settings of one object: its name, the syntax of a setting, and a summary of the object."""
 
     name: str
     syntax: str
@@ -34,17 +34,17 @@ class SettingGroup:
     settings: list[Setting]
 
     def row(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """Return the group as JSON has it."""
         return {**vars(self), "settings": [vars(setting) for setting in self.settings]}
 
 
 def law_groups() -> list[SettingGroup]:
-    """Contact laws with the settings that ``-c`` takes."""
+    """Return contact laws with the settings that ``-c`` takes."""
     return _groups(LAWS, "-c NAME=VALUE")
 
 
 def law_group(name: str) -> SettingGroup:
-    """The settings of a law of a user's file; one that is not declared has no meaning here."""
+    """Return the settings of a law in a user's file; undeclared ones have no meaning text."""
     cls = law_class(name)
     undeclared = {
         key: Setting(key, "value", None if parameter.default is parameter.empty else parameter.default, "")
@@ -55,7 +55,7 @@ def law_group(name: str) -> SettingGroup:
 
 
 def method_groups() -> list[SettingGroup]:
-    """Methods, settings of a solve, strategies and policies."""
+    """Return methods, settings of a solve, strategies and policies."""
     method_settings = [Setting(name, "", None, method.summary) for name, method in METHODS.items()]
     summary = "how a problem becomes a program"
     return [
@@ -67,35 +67,35 @@ def method_groups() -> list[SettingGroup]:
 
 
 def strategy_group() -> SettingGroup:
-    """Strategies of exact complementarity, and what each is for."""
+    """Return strategies of exact complementarity with their uses."""
     summary = "which for what, of the direct method under the exact law"
     strategy_settings = [Setting(name, "", None, meaning) for name, meaning in STRATEGY_USES.items()]
     return SettingGroup("strategies", "-s strategy=NAME", summary, strategy_settings)
 
 
 def solve_group() -> SettingGroup:
-    """Our own settings of a solve."""
+    """Return our own settings of a solve."""
     summary = "method, homotopy and solver of a solve"
     return SettingGroup("solve", "-s NAME=VALUE", summary, declared(Settings))
 
 
 def policy_groups() -> list[SettingGroup]:
-    """Policies with their settings."""
+    """Return policies with their settings."""
     return _groups(POLICIES, "-s policy.NAME=VALUE")
 
 
 def estimator_groups() -> list[SettingGroup]:
-    """Estimators that mix two orders, with the settings of ``ocp estimate``."""
+    """Return estimators that mix two orders, with the settings of ``ocp estimate``."""
     return _groups(RULES, "-s {}.NAME=VALUE")
 
 
 def _groups(table: Mapping[str, Any], syntax: str) -> list[SettingGroup]:
-    """A group for each class of a table; ``{}`` in the syntax stands for its name."""
+    """Return a group for each class of a table; ``{}`` in the syntax stands for its name."""
     return [SettingGroup(name, syntax.format(name), cls.summary, declared(cls)) for name, cls in table.items()]
 
 
 def training_groups() -> list[SettingGroup]:
-    """Settings of ``ocp train``: of all algorithms, and of each."""
+    """Return settings of ``ocp train``: of all algorithms, and of each."""
     psi = SettingGroup(
         "psi",
         "-s psi=NAMES, and -s psi.NAME=VALUE",
@@ -107,7 +107,7 @@ def training_groups() -> list[SettingGroup]:
 
 
 def solver_group(name: str) -> SettingGroup:
-    """The options of a solver, from its documentation, with our defaults."""
+    """Return the options of a solver, from its documentation, with our defaults."""
     own_defaults: dict[str, Any] = IPOPT_DEFAULTS if name == "ipopt" else {}
     option_settings = [
         Setting(key, option.expected, own_defaults.get(key, option.default), option.meaning)
@@ -117,12 +117,12 @@ def solver_group(name: str) -> SettingGroup:
 
 
 def declared_groups() -> list[SettingGroup]:
-    """All settings except the solvers' options."""
+    """Return all settings except the options of solvers."""
     return [group for kind in groups_by_kind().values() for group in kind]
 
 
 def groups_by_kind() -> dict[str, list[SettingGroup]]:
-    """The groups by what they belong to; a word of ``ocp settings``."""
+    """Return the groups by kind, a word that ``ocp settings`` takes."""
     return {
         "methods": method_groups(),
         "laws": law_groups(),
@@ -132,7 +132,7 @@ def groups_by_kind() -> dict[str, list[SettingGroup]]:
 
 
 def changed_defaults(group: SettingGroup) -> SettingGroup:
-    """The options of a solver whose default here differs from the solver's own."""
+    """Return the options of a solver whose default here differs from the solver's own."""
     solver_options = documented(group.name)
     changed_settings = [
         setting for setting in group.settings if default_text(setting.default) != solver_options[setting.name].default
@@ -141,7 +141,7 @@ def changed_defaults(group: SettingGroup) -> SettingGroup:
 
 
 def find_groups(word: str) -> list[SettingGroup]:
-    """The groups of a kind, the one group called ``word``, or all settings of that name.
+    """Return the groups of a kind, the group called ``word``, or all settings with that name.
 
     A file (``*.py``) is that of a user's law.
 
@@ -173,7 +173,7 @@ def find_groups(word: str) -> list[SettingGroup]:
 
 
 def setting_line(setting: Setting) -> str:
-    """A setting as it is typed, its type and its meaning, on lines of 80 columns."""
+    """Return a setting as it is typed, its type and its meaning, on lines of 80 columns."""
     default = default_text(setting.default)
     text = f"{setting.name}={default}" if default else setting.name
     kind = f" ({setting.kind})" if setting.kind else ""
@@ -187,7 +187,7 @@ def setting_line(setting: Setting) -> str:
 
 
 def default_text(value: Any) -> str:
-    """A default as it is typed on the command line; nothing for none."""
+    """Return a default as it is typed on the command line; "" for none."""
     if value is None or isinstance(value, bool):
         return "" if value is None else str(value).lower()
     if isinstance(value, tuple):

@@ -1,4 +1,4 @@
-"""Stored trainings and episodes of a policy in words and numbers."""
+"""Stored trainings, and episodes of a policy, in words and numbers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _JUDGED = "evaluation_"
 
 
 def training_meta(data: xr.Dataset) -> dict[str, Any]:
-    """The result of a training in its run's description."""
+    """Return the result of a training for its run's description."""
     best, evaluations = int(data["best_iteration"]), evaluation_rows(data)
     first, last = evaluations[0], evaluations[-1]
     best_row = next(row for row in evaluations if row["iteration"] == best)
@@ -47,7 +47,7 @@ def training_meta(data: xr.Dataset) -> dict[str, Any]:
 
 
 def evaluation_rows(data: xr.Dataset) -> list[dict[str, Any]]:
-    """Iterations at which the policy was evaluated, with return, length and measures."""
+    """Return the evaluated iterations with return, length and measures of the policy."""
     names = [str(name) for name in data.data_vars if str(name).startswith(_JUDGED)]
     evaluated = np.flatnonzero(np.isfinite(data[f"{_JUDGED}return"].values))
     return [
@@ -57,14 +57,14 @@ def evaluation_rows(data: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def measure_names(row: Mapping[str, Any]) -> list[str]:
-    """Names of a task's measures, such as a speed, in a row."""
+    """Return the names of a task's measures, such as a speed, in a row."""
     common = ("iteration", "return", "return_deviation", "length", "unsolved")
     return [name for name in row if name not in common]
 
 
 @dataclass(frozen=True)
 class SeedGroup:
-    """Runs that differ in their seeds alone, and what tells them from the others shown."""
+    """Runs that differ only in their seeds, with a label that distinguishes them from other groups."""
 
     label: str
     runs: list[StoredRun]
@@ -81,7 +81,7 @@ class SeedGroup:
 
 
 def group_seeds(runs: Sequence[StoredRun]) -> list[SeedGroup]:
-    """Runs grouped by their requests, in the order of the first of each group."""
+    """Return runs grouped by their requests, in the order of the first of each group."""
     requests = [_flat(run) for run in runs]
     order: dict[str, list[int]] = {}
     for place, request in enumerate(requests):
@@ -104,13 +104,13 @@ def _flat(run: StoredRun) -> dict[str, Any]:
 
 
 def algorithm_of(run: StoredRun) -> str:
-    """The algorithm's name, followed by ``with psi`` where physical parameters are learned."""
+    """Return the algorithm's name, with ``with psi`` where physical parameters are learned."""
     inner = run.record["algorithm_settings"].get("of")
     return f"{inner} with psi" if inner else str(run.record["algorithm"])
 
 
 def _label(request: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> str:
-    """Algorithm, the law where there are several, and what sets apart groups that share both."""
+    """Return the algorithm, the law where there are several, and settings in which groups still differ."""
     laws = {other["contact"] for other in firsts}
     name = f"{request['algorithm']} {request['contact']}" if len(laws) > 1 else request["algorithm"]
     shared_pair = [request["algorithm"], request["contact"]]
@@ -120,7 +120,7 @@ def _label(request: Mapping[str, Any], firsts: Sequence[Mapping[str, Any]]) -> s
 
 
 def group_verdict(group: SeedGroup) -> str:
-    """One sentence over the seeds: the return, from the lowest to the highest, and measures."""
+    """Return a sentence over the seeds: the return, from lowest to highest, and measures."""
     if len(group.runs) == 1:
         text = str(group.runs[0].meta["verdict"])
         return f"{group.label}: {text[:1].lower()}{text[1:]}"
@@ -136,7 +136,7 @@ def group_verdict(group: SeedGroup) -> str:
 
 
 def training_document(seed_groups: Sequence[SeedGroup]) -> dict[str, Any]:
-    """What ``ocp train --json`` prints: ``runs``, ``groups`` of seeds, each with its returns."""
+    """Return the JSON of ``ocp train``: ``runs``, and ``groups`` of seeds with their returns."""
     keys = (
         "return",
         "evaluation",
@@ -168,7 +168,7 @@ def training_document(seed_groups: Sequence[SeedGroup]) -> dict[str, Any]:
 
 
 def summary_rows(seed_groups: Sequence[SeedGroup]) -> tuple[list[str], list[list[str]]]:
-    """Heads and cells: a line a run."""
+    """Return titles and cells with a line per run."""
     names = measure_names(seed_groups[0].runs[0].meta["evaluation"]) if seed_groups else []
     units = {name: seed_groups[0].runs[0].data[_JUDGED + name].attrs.get("units", "") for name in names}
     heads = [
@@ -201,7 +201,7 @@ def summary_rows(seed_groups: Sequence[SeedGroup]) -> tuple[list[str], list[list
 
 
 def summary_table(runs: Sequence[StoredRun]) -> Table:
-    """A line a run."""
+    """Return a table with a line per run."""
     heads, cells = summary_rows(group_seeds(runs))
     return table_of(heads[0], *(f">{head}" for head in heads[1:]), rows=cells)
 
@@ -211,7 +211,7 @@ _SHARES = {"fallen": "episodes ended", "lost": "episodes lost", "unsolved": "ste
 
 
 def evaluation_summary(task: Task, evaluation: Evaluation) -> dict[str, Any]:
-    """Return, length and measures, each with its mean, 95 % interval, least and most.
+    """Return mean, 95 % interval, least and most of return, length and measures.
 
     ``fallen`` is the share of episodes that ended before the task's horizon, ``lost`` that of those
     that ended where a contact found no solution, ``unsolved`` the share of such steps.
@@ -233,7 +233,7 @@ def evaluation_summary(task: Task, evaluation: Evaluation) -> dict[str, Any]:
 
 
 def _spread(values: np.ndarray, unit: str) -> dict[str, Any]:
-    """Mean, Student's interval of it (None of a single episode), least, most."""
+    """Return mean, Student's interval of it (None for a single episode), least and most."""
     from scipy.special import stdtrit
 
     values = np.asarray(values, dtype=float)
@@ -246,7 +246,7 @@ def _spread(values: np.ndarray, unit: str) -> dict[str, Any]:
 
 
 def evaluation_sentence(judged: Mapping[str, Any]) -> str:
-    """The verdict: the return, the return found in training, and failures."""
+    """Return the verdict as a sentence: the return, the return in training, and failures."""
     returns, training_row = judged["return"], judged["own"]
     count_text = "1 episode" if judged["episodes"] == 1 else f"{judged['episodes']} episodes"
     head = f"Return {number(returns['mean'], 4)}{_interval(returns)} under the {judged['contact']} law"
@@ -269,7 +269,7 @@ def _interval(spread: Mapping[str, Any]) -> str:
 
 
 def evaluation_table(judged: Mapping[str, Any]) -> Table:
-    """A line each for return, length and measures, beside what training found."""
+    """Return a row for return, length and each measure, beside the result of training."""
     training_row = judged["own"]
     table = table_of("", ">mean", ">95 % interval", ">least", ">most", ">in training")
     rows = {"return": judged["return"], "length": judged["length"], **judged["measures"]}

@@ -1,4 +1,4 @@
-"""Trainings under way, on the terminal: a line and a curve each, the last rows of a single one."""
+"""Progress of trainings on the terminal: a line and a curve each, and the last rows of a single one."""
 
 from __future__ import annotations
 
@@ -28,29 +28,29 @@ _ELSEWHERE = (
 
 @dataclass
 class LearningCurve:
-    """The rows that one training has reported, of iteration 0 up to ``iterations``."""
+    """Rows that one training has reported, from iteration 0 up to ``iterations``."""
 
     name: str
     iterations: int
     rows: list[Mapping[str, float]] = field(default_factory=list)
 
     def values(self, name: str) -> list[float]:
-        """All values of ``name``."""
+        """Return all values of ``name``."""
         return [row[name] for row in self.rows if name in row]
 
     def last(self, name: str) -> float | None:
-        """The last of them."""
+        """Return the last value of ``name``; None before the first."""
         return next(reversed(self.values(name)), None)
 
     @property
     def curve(self) -> list[float]:
-        """What is drawn: returns under the exact law, or those of the samples while few."""
+        """Values to draw: returns under the exact law, or of the samples while those are few."""
         exact, sampled = self.values("evaluation_return"), self.values("return_mean")
         return exact if len(exact) > 1 or not sampled else sampled
 
     @property
     def left(self) -> float | None:
-        """Seconds to the end, at the pace since the first row."""
+        """Seconds to the end, at the rate since the first row; None while unknown."""
         first, last = self.rows[0], self.rows[-1]
         done = last["iteration"] - first["iteration"]
         if not done or "wall_s" not in last:
@@ -79,7 +79,7 @@ def show_trainings(trainings: Mapping[str, int], quiet: bool, check: Callable[[]
 
 
 def training_line(training: LearningCurve) -> str:
-    """The state of a training, in at most 80 columns."""
+    """Return the state of a training in at most 80 columns."""
     row = training.rows[-1]
     words = [f"{training.name}  {row['iteration']:.0f}/{training.iterations}"]
     values = ((title, training.last(key), show) for key, title, show in _VALUES)
@@ -95,7 +95,7 @@ _VALUES: tuple[tuple[str, str, Callable[[float], str]], ...] = (
 
 
 def progress_view(curves: Sequence[LearningCurve]) -> RenderableType:
-    """A line each; for a single training also its curve and its last rows."""
+    """Return a line per training; for a single one also its curve and its last rows."""
     heads = ("training", ">iteration", ">exact return", ">return", ">time", ">left", "")
     table = table_of(*heads, rows=[_cells(training) for training in curves])
     if len(curves) > 1 or not curves[0].rows:
@@ -121,7 +121,7 @@ def _cells(training: LearningCurve) -> tuple[str, ...]:
 
 
 def rows_table(rows: Sequence[Mapping[str, Any]]) -> RenderableType:
-    """Rows of one training: evaluations, samples, and further columns."""
+    """Return rows of one training as a table: evaluations, samples, and further columns."""
     names = list(dict.fromkeys(name for row in rows for name in row if name not in _ELSEWHERE))
     names.sort(key=lambda name: not name.startswith("evaluation_"))
     names = names[:_COLUMNS]
@@ -134,12 +134,12 @@ _EIGHTHS = " ▁▂▃▄▅▆▇█"
 
 
 def sparkline(values: Sequence[float], width: int) -> str:
-    """At most ``width`` letters from ▁, the least, to █, the largest; spaces for NaN."""
+    """Return at most ``width`` letters from ▁, the least, to █, the largest; spaces for NaN."""
     return _bars(values, width, 1)[0][0]
 
 
 def bar_plot(values: Sequence[float], width: int, height: int) -> list[str]:
-    """Columns of ``height`` lines, the largest value first, with both ends on the left."""
+    """Return a bar chart of ``height`` lines, the largest value on top, with both ends on the left."""
     rows, low, high = _bars(values, width, height)
     ends = [f"{high:.4g}", *[""] * (height - 2), f"{low:.4g}"]
     margin = max(map(len, ends))
@@ -147,7 +147,7 @@ def bar_plot(values: Sequence[float], width: int, height: int) -> list[str]:
 
 
 def _bars(values: Sequence[float], width: int, height: int) -> tuple[list[str], float, float]:
-    """Rows of a bar chart, of the last of the values that share a column; least and largest."""
+    """Return rows of a bar chart, with the least and largest value; columns show their last value."""
     numbers = np.asarray(values, dtype=float)
     if len(numbers) > width:
         numbers = numbers[np.linspace(0, len(numbers) - 1, width).round().astype(int)]

@@ -37,7 +37,7 @@ from reports.tables import learned_models
 
 @dataclass(frozen=True)
 class CollectRequest:
-    """A problem at parameters, the region of its transitions, and their number."""
+    """A problem at its parameters, the region of its transitions, and their number."""
 
     name: str
     params: dict[str, Any]
@@ -49,7 +49,7 @@ class CollectRequest:
 
 
 def check_collect(options: CollectOptions) -> CollectRequest:
-    """Build the problem, find its region, and check memory and file."""
+    """Build the problem, find its region, and check the memory needed and the output file."""
     if options.problem in objective_names():
         raise InputError(f"{options.problem} is an objective without dynamics and has no transitions")
     problem_spec = spec(options.problem)
@@ -95,7 +95,7 @@ def run_collect(options: CollectOptions, request: CollectRequest) -> int:
 
 
 def _drawn(options: CollectOptions, request: CollectRequest) -> list[Drawn]:
-    """All pieces in their order, from the workers that the options name."""
+    """Return all pieces in their order, from the workers that the options name."""
     jobs = [
         CollectJob(request.file, request.params, request.content, piece)
         for piece in pieces(request.samples, options.seed)
@@ -118,7 +118,7 @@ _COPIES = 6
 
 @dataclass(frozen=True)
 class LearnRequest:
-    """The data, the recipe of a network (None for an average), and a checkpoint for each seed."""
+    """The data, the training settings of a network (None for an average), and a checkpoint per seed."""
 
     data: Transitions
     recipe: Recipe | None
@@ -164,7 +164,7 @@ def _recipe(options: LearnOptions, data: Transitions, hidden: tuple[int, ...]) -
 
 
 def _data(options: LearnOptions) -> Transitions:
-    """Read the data; those of a problem must be of its states and inputs."""
+    """Read the data, and check that data of a problem have its states and inputs."""
     problem = None if options.problem is None else spec(options.problem)
     system = None if problem is None else problem.problem().system
     signals = None if system is None else (system.states, system.inputs)
@@ -220,7 +220,7 @@ def run(options: LearnOptions, request: LearnRequest) -> int:
 
 @dataclass(frozen=True)
 class Learned:
-    """A model with its errors; ``error`` is the least held-out one of a network's training."""
+    """A model with its errors; ``error`` is the lowest held-out error of a network's training."""
 
     dataset: xr.Dataset
     seed: int
@@ -231,7 +231,7 @@ class Learned:
 
 @dataclass(frozen=True)
 class NetworkJob:
-    """The training of one network; ``checkpoint_folder`` is None for a device."""
+    """The training of one network; ``checkpoint_folder`` is None where the model goes to a device."""
 
     data: Transitions
     noise: float
@@ -262,7 +262,7 @@ def train_network(job: NetworkJob, report: Report) -> Learned:
 
 
 def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> list[Learned]:
-    """A network for each seed, in the order of the seeds, from the workers that options name."""
+    """Return a network for each seed, in the order of the seeds, from the workers that options name."""
     with ExitStack() as resources:
         for checkpoint in request.checkpoints:
             resources.enter_context(checkpoint)
@@ -288,13 +288,13 @@ def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> li
 
 
 def _described(data: Transitions, model: Any, held_out: Any, noise: float, seed: int) -> xr.Dataset:
-    """A model and its errors on the held-out rows."""
+    """Return a model as a dataset with its errors on the held-out rows."""
     fitted = fit(model, data.samples(), held_out, noise or NOISE, seed)
     return learned_models.model_dataset(model.dataset(), fitted.dataset(), data, len(held_out))
 
 
 def _averaged(options: LearnOptions, data: Transitions) -> xr.Dataset:
-    """The average of all rows except the held-out ones, and its errors on those."""
+    """Return the average of all rows except the held-out ones, with its errors on those."""
     training_rows, held_out = split_rows(len(data), HELD_OUT, options.seed)
     z, y = data.z[training_rows], data.x_next[training_rows]
     scales, sigma = data.normalisation, options.noise

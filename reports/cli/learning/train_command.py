@@ -1,4 +1,4 @@
-"""``ocp train`` and ``ocp evaluate``: policies trained through contact, and judged anew."""
+"""``ocp train`` and ``ocp evaluate``: train policies through contact, and evaluate them again."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def check(options: TrainOptions) -> TrainRequest:
 
 
 def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[TrainingJob], int]:
-    """Every seed of every algorithm, and the number of processes."""
+    """Return a job for every seed of every algorithm, and the number of processes."""
     setting_texts = parse_assignments("-s", options.settings)
     psi = learned_parameters(setting_texts, task.parameters.names)
     setting_texts = {key: value for key, value in setting_texts.items() if not is_psi(key)}
@@ -99,7 +99,7 @@ def _jobs(options: TrainOptions, spec: TaskSpec, task: Task) -> tuple[list[Train
 
 
 def _law(options: TrainOptions, algorithm: Algorithm, task: Task) -> ContactLaw:
-    """The chosen law, or that of the algorithm."""
+    """Return the law of the options, or that of the algorithm."""
     name = algorithm.contact if options.contact == "own" else options.contact
     settings = parse_assignments("-c", options.law_settings) or _OWN_LAW.get(name, {})
     return closing_law(name, settings, task.system)
@@ -138,7 +138,7 @@ def run(options: TrainOptions, request: TrainRequest) -> int:
 def _trained(
     options: TrainOptions, request: TrainRequest, unfinished_places: list[int], stored: dict[int, Path]
 ) -> dict[int, Exception]:
-    """Run the trainings ``left``, add each to ``stored`` as it ends, and return the failures."""
+    """Run the unfinished trainings, add each to ``stored`` as it ends, and return the failures."""
     failed = {}
     jobs = [replace(request.jobs[place], kept=request.checkpoints[place].place) for place in unfinished_places]
     iterations_by_name = {
@@ -157,7 +157,7 @@ def _trained(
 
 
 def _stored_before(request: TrainRequest) -> dict[int, Path]:
-    """Runs that the same command stored before it stopped."""
+    """Return the runs that the same command stored before it stopped, by place."""
     path_at = {}
     for place, checkpoint in enumerate(request.checkpoints):
         rows = checkpoint.rows(_ENDED)
@@ -206,7 +206,7 @@ EvaluateRequest = tuple[StoredRun, Experiment, Trained, ContactLaw]
 
 
 def check_evaluate(options: EvaluateOptions) -> EvaluateRequest:
-    """Read the policy, build its task, and make the law."""
+    """Read the policy, build its task and the contact law, and check the memory needed."""
     stored_run = options.stored(options.run)
     experiment, policy = rebuilt(stored_run)
     task = experiment.task

@@ -1,4 +1,4 @@
-"""The settings of ``ocp train``: algorithms, learned physical parameters, and the help text."""
+"""Settings of ``ocp train``: algorithms, learned physical parameters, and the help text."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Chosen = list[tuple[Algorithm, dict[str, Any]]]
 
 
 def algorithms(names: str, setting_texts: Mapping[str, str], spec: TaskSpec) -> Chosen:
-    """Make the algorithms ``names`` (with commas) from settings, for the task of ``spec``.
+    """Return the algorithms called ``names`` (with commas), with settings for the task of ``spec``.
 
     ``name=value`` sets all that have it, ``ars.name=value`` one; defaults are those of the task,
     then those of the algorithm.
@@ -71,7 +71,7 @@ def _value(key: str, name: str, text: str, cls: type) -> Any:
 
 
 def help_text() -> str:
-    """Tasks, algorithms and settings with their defaults, a line each."""
+    """Return tasks, algorithms and settings with their defaults, one per line."""
     specs = [registry.spec(name) for name in registry.names()]
     tasks = [(spec.name, f"{spec.title}; {spec.learner}") for spec in specs]
     shared = {field.name: field for field in fields(Experiment)}
@@ -113,7 +113,7 @@ PSI_SETTINGS = {
 
 @dataclass(frozen=True)
 class LearnedParameters:
-    """``names`` are learned, ``guesses`` are initial values by name."""
+    """Physical parameters to learn, by ``names``; ``guesses`` are initial values by name."""
 
     names: tuple[str, ...] = ()
     guesses: dict[str, float] = field(default_factory=dict)
@@ -121,7 +121,7 @@ class LearnedParameters:
     search_settings: dict[str, Any] = field(default_factory=dict)
 
     def wrap(self, algorithm: Algorithm) -> Algorithm:
-        """The algorithm, on a model with learned parameters if there are any."""
+        """Return the algorithm, wrapped to learn the parameters where there are any."""
 
         if not self.names:
             return algorithm
@@ -130,7 +130,7 @@ class LearnedParameters:
 
 
 def learned_parameters(setting_texts: Mapping[str, str], physical: Sequence[str]) -> LearnedParameters:
-    """Read the settings among ``given`` that begin with psi; ``physical`` are the task's names.
+    """Read the settings that begin with psi; ``physical`` are the names of the task's parameters.
 
     Raises :class:`~ocp.errors.InputError` for unknown names and bad values.
     """
@@ -164,7 +164,7 @@ def learned_parameters(setting_texts: Mapping[str, str], physical: Sequence[str]
 
 
 def is_psi(key: str) -> bool:
-    """Whether a setting begins with psi."""
+    """Return whether a setting begins with psi."""
     return key.partition(".")[0] == PSI
 
 

@@ -36,7 +36,7 @@ _CLOSE, _LEAST, _MOST = 0.1, 1e-3, 100.0
     "over the first horizon. Above each column the median of the times of a sample.",
 )
 def c1(data: xr.Dataset) -> Figure:
-    """Two heat maps, a row a task and plant, a column a controller."""
+    """Draw two heat maps: a row per task and plant, a column per controller."""
     rows = settings(data)
     figure = Figure(figsize=(WIDTH, 1.3 + 0.29 * len(rows)))
     planning_axis, gains_axis = figure.subplots(1, 2, width_ratios=(len(LAWS), len(FEEDBACK + INPUTS)))
@@ -90,7 +90,7 @@ def _map(axis: Axes, data: xr.Dataset, names: Sequence[str], span: str) -> None:
 
 
 def _spread(half_width: float, mean: float) -> str:
-    """Half of an interval, in the unit of its mean as :func:`~reports.tables.law_tables.excess_text` has it."""
+    """Return half of an interval in the unit of :func:`~reports.tables.law_tables.excess_text`."""
     if mean >= 2:
         return f"±{half_width:.0f}" if half_width >= 9.5 else f"±{half_width:.2g}"
     return f"±{half_width:.1%}" if half_width < 0.0995 else f"±{half_width:.0%}"

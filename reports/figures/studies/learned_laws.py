@@ -46,7 +46,7 @@ _ENDS: dict[str, dict[str, Any]] = {
     "object's part of the cost of IPOPT's input sequences, at rest, as planned, and replayed.",
 )
 def n2(data: xr.Dataset) -> Figure:
-    """Curves, strobes, heat maps and bars, two problems each."""
+    """Draw curves, strobes, heat maps and bars of two problems."""
     figure = Figure(figsize=(WIDTH, 8.2), layout="constrained")
     subfigures: Any = figure.subfigures(4, 1, height_ratios=(2.2, 2.6, 1.7, 1.7))
     curves, strobes, maps, bars = subfigures
@@ -146,7 +146,7 @@ _LEAST, _MOST = 1e-3, 100.0
     "plan, right what the replay costs, as a share of standing still.",
 )
 def n3(data: xr.Dataset) -> Figure:
-    """The table, and below it what trust does."""
+    """Draw the table of excess costs, and the effect of trust below it."""
     figure = Figure(figsize=(WIDTH, 7.6))
     subfigures: Any = figure.subfigures(2, 1, height_ratios=(2.5, 1))
     table, trust = subfigures
@@ -182,7 +182,7 @@ def _table(axis: Axes, data: xr.Dataset) -> None:
 
 
 def _mark(lives: int, of: int) -> str:
-    """A check mark where plans survive, with their number where not all do."""
+    """Return a check mark where plans survive, with their number where not all do."""
     if lives == 0:
         return ""
     return r" $\checkmark$" if lives == of else rf" $\checkmark${lives}/{of}"
@@ -199,7 +199,7 @@ def _seconds(axis: Axes, data: xr.Dataset) -> None:
 
 
 def _grid(axis: Axes, data: xr.Dataset) -> None:
-    """Name the columns, and part the exact law, the analytic ones and the learned ones."""
+    """Name the columns, and separate the exact law, analytic laws and learned laws."""
     axis.grid(False)
     axis.tick_params(length=0)
     axis.xaxis.tick_top()
@@ -238,7 +238,7 @@ _REACH = (0.2, 5.0)
     "starts; what leaves the axis is cut at its edge.",
 )
 def am(data: xr.Dataset) -> Figure:
-    """Errors above, the search in the middle, psi below."""
+    """Draw errors above, the random search in the middle, and psi below."""
     figure = Figure(figsize=(WIDTH, 7.4))
     grid = figure.add_gridspec(3, 2, height_ratios=(1.2, 0.9, 1.0))
     _over_transitions(figure.add_subplot(grid[0, 0]), data)

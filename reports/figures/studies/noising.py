@@ -22,7 +22,7 @@ from reports.figures.studies.panels import drawing, light_to_dark
     "deviation, open: data in ranges, filled: half of them in the tube.",
 )
 def n0(data: xr.Dataset) -> Figure:
-    """Six panels: lemmas, walls, ends, networks and neighbours."""
+    """Draw six panels: lemmas, walls, ends, networks and neighbours."""
     figure = Figure(figsize=(WIDTH, 7.2))
     panels = figure.subplots(3, 2).ravel()
     for axis, panel in zip(panels, (_uniform, _risk, _walls, _ends, _networks, _neighbours), strict=True):
@@ -139,7 +139,7 @@ _EDGE = 1.0
     "dense data, as cobwebs: up to the map, across to the diagonal, and again.",
 )
 def n1(data: xr.Dataset) -> Figure:
-    """Rows: what is learned, sparse data, dense data, rollouts; pusher left, block right."""
+    """Draw scenes, learned maps of sparse and of dense data, and rollouts; pusher left, block right."""
     figure = Figure(figsize=(WIDTH, 7.7))
     rows = figure.subplots(4, 2, height_ratios=(0.42, 1, 1, 1))
     _pusher_scene(rows[0, 0])

@@ -1,4 +1,4 @@
-"""What several drawings of studies share."""
+"""Parts that several drawings of studies share."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from reports.drawing.style import BLUE, GREY, INK, VERMILLION
 
 @dataclass(frozen=True)
 class Drawing:
-    """What a study's data look like, and the caption below."""
+    """A function that draws the data of a study, and the caption below."""
 
     draw: Callable[[xr.Dataset], Figure]
     caption: str
 
 
 def drawing(caption: str) -> Callable[[Callable[[xr.Dataset], Figure]], Drawing]:
-    """Make a :class:`Drawing` of the function below, with its caption."""
+    """Return a decorator that makes a :class:`Drawing` of a function, with its caption."""
     return lambda draw: Drawing(draw, caption)
 
 
 def light_to_dark(number: int, first: float = 0.85, last: float = 0.05) -> np.ndarray:
-    """Colours (number, 4) of a setting that grows, from light to dark; both ends in [0, 1]."""
+    """Return colours (number, 4) from light to dark, for a setting that grows; both ends in [0, 1]."""
     return mpl.colormaps["viridis"](np.linspace(first, last, number))
 
 
 def unbroken(f: np.ndarray, jump: float) -> np.ndarray:
-    """Take out where ``f`` (n,) jumps by more than ``least``: a jump is no line."""
+    """Replace by NaN the points before jumps of ``f`` (n,) larger than ``jump``, which breaks the line."""
     return np.where(np.append(np.abs(np.diff(f)), 0) > jump, np.nan, f)
 
 
@@ -47,7 +47,7 @@ def gradient_panel(axis: Axes, theta: ArrayLike, slope: ArrayLike, first: ArrayL
 
 
 def impulse_arrow(axis: Axes, place: float, start: float, end: float) -> None:
-    """Let an arrow from ``start`` to ``end`` stand for an impulse, too high to be drawn."""
+    """Draw an arrow from ``start`` to ``end`` in place of an impulse too high for the axis."""
     axis.annotate("", (place, end), (place, start), arrowprops={"arrowstyle": "->", "color": INK})
 
 

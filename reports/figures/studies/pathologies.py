@@ -23,7 +23,7 @@ _PANELS = (
     "smoothed objective by quadrature (grey), and the estimates from equally many samples.",
 )
 def p1(data: xr.Dataset) -> Figure:
-    """Objectives above gradients, one column a system."""
+    """Draw objectives above gradients, one column per system."""
     figure = Figure(figsize=(WIDTH, 4.6))
     axes = figure.subplots(2, 3)
     for column, (name, title, decision, objective, unit) in enumerate(_PANELS):
@@ -49,7 +49,7 @@ _MARKS = {"zobg": "o", "zobg-zero-noise": "^", "zobg-mean": "s", "fobg": "x"}
     "one sample over the decision; lines: closed forms, marks: samples.",
 )
 def p2(data: xr.Dataset) -> Figure:
-    """Objective, gradient and variance over theta."""
+    """Draw objective, gradient and variance over theta."""
     figure = Figure(figsize=(WIDTH, 2.6))
     objective_axis, gradient_axis, variance_axis = figure.subplots(1, 3)
     theta = data["theta"].values
@@ -79,7 +79,7 @@ def p2(data: xr.Dataset) -> Figure:
     "crosses: many, lines: closed forms), and that of the block.",
 )
 def p3(data: xr.Dataset) -> Figure:
-    """Friction, running estimates, and variances over the tolerance."""
+    """Draw friction, running estimates, and variances over the tolerance."""
     figure = Figure(figsize=(WIDTH, 4.8))
     (friction, running), (variance, block) = figure.subplots(2, 2)
     slip = data["slip"].values
@@ -121,7 +121,7 @@ _COLORS = (GREEN, PURPLE)
     "and estimates, at the rectangle (left) and the dome (right).",
 )
 def p4(data: xr.Dataset) -> Figure:
-    """Paths, objective, variance, gradients."""
+    """Draw paths, objective, variance and gradients."""
     figure = Figure(figsize=(WIDTH, 6.6))
     paths, (objective, variance), gradients = figure.subplots(3, 2)
     place, width, height = (data.attrs[name] for name in ("place", "width", "height"))
@@ -159,7 +159,7 @@ def p4(data: xr.Dataset) -> Figure:
     "has no stiffness, under the exact law (full) and softened (dotted).",
 )
 def p5(data: xr.Dataset) -> Figure:
-    """Variance over k."""
+    """Draw the variance over the stiffness k."""
     figure = Figure(figsize=(WIDTH, 3.6))
     axis = figure.subplots()
     k = data["k"].values
@@ -184,7 +184,7 @@ def p5(data: xr.Dataset) -> Figure:
     "and the log barrier of eq. 4 (lines: contact law; dots: closed form of eq. 5).",
 )
 def p6(data: xr.Dataset) -> Figure:
-    """Next position, and its derivative, over the input."""
+    """Draw the next position and its derivative over the input."""
     figure = Figure(figsize=(WIDTH, 3.0))
     position_axis, slope_axis = figure.subplots(1, 2)
     u, kappas = data["u"].values, data["kappa"].values
@@ -211,7 +211,7 @@ _UNITS = {"heaviside": "", "coulomb": " [m/s]", "ball-wall": " [rad]"}
     "error). Below: mean weight of the first order over all runs.",
 )
 def p7(data: xr.Dataset) -> Figure:
-    """Estimates and weights of the three cases."""
+    """Draw estimates and weights of the three cases."""
     figure = Figure(figsize=(WIDTH, 4.2))
     rows = figure.subplots(2, 3, sharex="col", height_ratios=(1.6, 1))
     for k, case in enumerate(map(str, data["case"].values)):

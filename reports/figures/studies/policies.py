@@ -21,7 +21,7 @@ from reports.figures.studies.panels import drawing, quartile_curve
     "range). Right: growth of its logarithm a step from H = 5 on, with twice its standard error.",
 )
 def a3(data: xr.Dataset) -> Figure:
-    """Variances over the length, and growth rates by law."""
+    """Draw variances over the length, and growth rates by law."""
     figure = Figure(figsize=(WIDTH, 4.6))
     tasks, laws = list(map(str, data["task"].values)), list(map(str, data["law"].values))
     panels = figure.subplots(len(tasks), 2, width_ratios=(1.6, 1))
@@ -55,7 +55,7 @@ def a3(data: xr.Dataset) -> Figure:
     "best plan's inputs return.",
 )
 def a4(data: xr.Dataset) -> Figure:
-    """Curves over steps and over time, a row a task; then shares of the best plan."""
+    """Draw returns over steps and over time, a row per task, then shares of the best plan."""
     figure = Figure(figsize=(WIDTH, 7.2))
     tasks = list(map(str, data["task"].values))
     subfigures: Any = figure.subfigures(2, 1, height_ratios=[2 * len(tasks), 1.6])
@@ -79,7 +79,7 @@ def a4(data: xr.Dataset) -> Figure:
 
 
 def shares(axes: Axes, data: xr.Dataset) -> None:
-    """Every run's share of the best plan, a line an algorithm, the median as a stroke."""
+    """Draw every run's share of the best plan's return, a line per algorithm, the median as a stroke."""
     best = data["replayed"].max("guess").mean("start")
     shares_of_best = (data["reached"].mean("start") / best).transpose("algorithm", "run").values
     for k, run_shares in enumerate(shares_of_best):
@@ -91,7 +91,7 @@ def shares(axes: Axes, data: xr.Dataset) -> None:
 
 
 def curves(axes: Axes, data: xr.DataArray, dimension: str, with_labels: bool) -> None:
-    """Median and middle half over runs of ``data`` (algorithm, run, along), where all have been."""
+    """Draw median and quartiles over runs of ``data`` (algorithm, run, along) where all runs have values."""
     for name in map(str, data["algorithm"].values):
         values = data.sel(algorithm=name).transpose("run", dimension).values
         is_known = np.isfinite(values).all(axis=0)
@@ -105,7 +105,7 @@ def curves(axes: Axes, data: xr.DataArray, dimension: str, with_labels: bool) ->
     "variance of one unroll's gradient, median over seeds.",
 )
 def a5(data: xr.Dataset) -> Figure:
-    """Returns and gradient variances over iterations."""
+    """Draw returns and gradient variances over iterations."""
     figure = Figure(figsize=(WIDTH, 3.2))
     returns, spread = figure.subplots(1, 2, width_ratios=(1.4, 1))
     iterations = data["iteration"].values
@@ -129,7 +129,7 @@ _LEAST = 1e-5
     "the iterates of one run, its end (dot) and the goal's throw (cross).",
 )
 def a7(data: xr.Dataset) -> Figure:
-    """Curves of all methods beside the landscapes of three laws."""
+    """Draw curves of all methods above the landscapes of three laws."""
     figure = Figure(figsize=(WIDTH, 5.2))
     grid = figure.add_gridspec(2, 3, height_ratios=(1.1, 1))
     curves = figure.add_subplot(grid[0, :])
@@ -167,7 +167,7 @@ def a7(data: xr.Dataset) -> Figure:
     "norm (dot) and the bound on it (bar).",
 )
 def at(data: xr.Dataset) -> Figure:
-    """Norms, bias and variance over steps, and both sides of the bound."""
+    """Draw norms, bias and variance over steps, and both sides of the bound."""
     figure = Figure(figsize=(WIDTH, 3.0))
     norms, terms, sides = figure.subplots(1, 3, width_ratios=(1.2, 1.2, 1))
     laws = [str(law) for law in data["law"].values]

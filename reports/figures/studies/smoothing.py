@@ -17,7 +17,7 @@ from reports.figures.studies.panels import drawing, impulse_arrow, light_to_dark
     "curvature of the contact law; dots: Student's t with 2 degrees of freedom, and the Gaussian).",
 )
 def a1(data: xr.Dataset) -> Figure:
-    """mu, impulse, error and noise density over z."""
+    """Draw mu, impulse, error and noise density over z."""
     figure = Figure(figsize=(WIDTH, 5.0))
     (top, impulse), (error, density) = figure.subplots(2, 2)
     z, mus = data["z"].values, data["mu"].values
@@ -54,7 +54,7 @@ def a1(data: xr.Dataset) -> Figure:
     "and exact (dashed), which is plastic; the arrow stands for the impulse.",
 )
 def a2(data: xr.Dataset) -> Figure:
-    """Two rows, one a model; three columns."""
+    """Draw height, velocity and its derivative, in a row per model."""
     figure = Figure(figsize=(WIDTH, 4.6))
     axes = figure.subplots(2, 3, sharex=True)
     mus = data["mu"].values
@@ -92,7 +92,7 @@ def a2(data: xr.Dataset) -> Figure:
     "(right).",
 )
 def a2v(data: xr.Dataset) -> Figure:
-    """Variance over mu for every step size."""
+    """Draw the variance over mu for every step size."""
     figure = Figure(figsize=(WIDTH, 3.0))
     first_order_axis, likelihood_axis = figure.subplots(1, 2, sharey=True)
     h = data["h"].values
@@ -120,7 +120,7 @@ _RS = (ORANGE, PURPLE, GREEN)
     "averages has the finest of three steps.",
 )
 def a6(data: xr.Dataset) -> Figure:
-    """Impact on the left, friction on the right."""
+    """Draw an impact on the left and friction on the right."""
     figure = Figure(figsize=(WIDTH, 4.2))
     impact, push = figure.subplots(1, 2)
     laws = [str(name) for name in data["law"].values]
@@ -161,7 +161,7 @@ def a6(data: xr.Dataset) -> Figure:
     "(dots), with the growth that thm. 4.4 would allow, L^4H, from the first point (dotted).",
 )
 def t1(data: xr.Dataset) -> Figure:
-    """How often the bounds hold, what scales with mu, how loose they are, and variance."""
+    """Draw how often bounds hold, scaling with mu, looseness of the bounds, and variance."""
     figure = Figure(figsize=(WIDTH, 6.0))
     (often, scaling), (loose, growth) = figure.subplots(2, 2)
     names = [str(name) for name in data["bound"].values[:-1]]
