@@ -32,7 +32,7 @@ from docs.generator.measured import (
 from ocp.errors import InputError
 from problems import studies
 from problems.studies import FigureStudy
-from problems.studies.study import counted, verdict
+from problems.studies.study import claim_verdict, count_text
 from reports.documents.citations import full_citation
 from reports.drawing.style import house_style
 from reports.figures.studies import DRAWINGS
@@ -73,13 +73,13 @@ def index(found: Mapping[str, Mapping[str, Any]]) -> str:
     every = [claim for figure in found.values() for claim in figure["claims"]]
     parts = [
         "# Figures\n",
-        f"{counted(every)} claims hold; those that do not are listed too.\n",
+        f"{count_text(every)} claims hold; those that do not are listed too.\n",
         "Each figure of the papers is one command, which computes its data, draws it, and checks"
         " the claims of the paper: `ocp figure P3` writes a PDF beside its data.\n",
     ]
     for letter, paper in PAPERS.items():
         rows = [
-            (f"[{name}]({name}.md)", studies.get(name).title, counted(figure["claims"]))
+            (f"[{name}]({name}.md)", studies.get(name).title, count_text(figure["claims"]))
             for name, figure in found.items()
             if name.startswith(letter)
         ]
@@ -97,7 +97,7 @@ def page(study: FigureStudy, figure: Mapping[str, Any]) -> str:
         parts.append(f"![{study.title}](../../pictures/figures/{study.id}.png)\n")
     parts += [f"{DRAWINGS[study.id].caption}\n", f"{source}\n"]
     parts += [
-        f"## Claims\n\n{counted(figure['claims'])} hold.\n",
+        f"## Claims\n\n{count_text(figure['claims'])} hold.\n",
         claims(figure),
         provenance(figure),
     ]
@@ -110,7 +110,7 @@ def claims(figure: Mapping[str, Any]) -> str:
     """A figure's claims as a table, with a bold mark on those that do not hold."""
     marks, rows = {"holds": "yes", "does not hold": "**no**"}, []
     for claim in figure["claims"]:
-        word = verdict(claim["holds"], claim.get("margin"))
+        word = claim_verdict(claim["holds"], claim.get("margin"))
         rows.append([*(escaped(claim[name]) for name in COLUMNS[:-1]), marks.get(word, word)])
     return table(COLUMNS, rows)
 

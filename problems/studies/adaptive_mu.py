@@ -9,18 +9,18 @@ from scipy.stats import t as student_t
 
 from dynamics.contact import Adaptive, Exact
 from problems.studies.shared.sampled_step import (
+    affine_misfit,
     averaged_exact,
     barrier_contact,
-    gaussian,
+    best_lines,
     gaussian_contact,
-    linearisations,
-    misfit,
+    gaussian_density,
     ordinary_kappa,
     printed_kappa,
     scalar_contact,
-    student,
+    student_density,
 )
-from problems.studies.study import Claim, StudyParams, claim, dataset, listed, over, setting
+from problems.studies.study import Claim, StudyParams, claim, dataset, format_values, setting, settings_text
 
 NOTES = (
     "mu(z) is the corrected eq. 5.1: kappa = (sigma pdf(z/sigma) - z tail(z/sigma))/F and mu = kappa (z + F kappa).",
@@ -96,11 +96,11 @@ def _curves(params: Params) -> tuple[dict, dict]:
         "density_adaptive": ("z", F * adaptive.curvature, "1/m", "noise of adaptive mu, F S''"),
         "student": (
             per_mu,
-            [student(F, mu)(z) for mu in MUS],
+            [student_density(F, mu)(z) for mu in MUS],
             "1/m",
             "Student t, 2 degrees of freedom, scale sqrt(2 F mu)",
         ),
-        "gaussian": ("z", gaussian(sigma)(z), "1/m", "N(0, sigma²)"),
+        "gaussian": ("z", gaussian_density(sigma)(z), "1/m", "N(0, sigma²)"),
     }, {
         "z": (z, "m", "gap at lam = 0"),
         "mu": (MUS, "N s m", "central-path parameter"),
@@ -130,8 +130,8 @@ def _noise(params: Params) -> dict:
     F, sigma = params.F, params.sigma
     probe = np.linspace(-2, 2, 9)
     widths = np.sqrt(F * np.array(MUS))
-    cases = [(s, barrier_contact(probe * s, F, mu), student(F, mu)) for mu, s in zip(MUS, widths, strict=True)]
-    cases.append((sigma, gaussian_contact(probe * sigma, F, sigma), gaussian(sigma)))
+    cases = [(s, barrier_contact(probe * s, F, mu), student_density(F, mu)) for mu, s in zip(MUS, widths, strict=True)]
+    cases.append((sigma, gaussian_contact(probe * sigma, F, sigma), gaussian_density(sigma)))
     mismatch = np.empty(len(cases))
     for row, (scale, soft, density) in enumerate(cases):
         probes, lam = probe * scale, soft.lam
@@ -161,11 +161,11 @@ def _printed(params: Params) -> dict:
         for row, printed in enumerate(READINGS.values()):
             # N(0, sigma) and exp(-z²/(2 sigma)) of the text have sigma for the variance; its erf
             # and Q have it for the deviation. The better of the two counts.
-            readings_of_sigma = (misfit(printed(z, symbol), true, z) for symbol in (variance, variance**0.5))
+            readings_of_sigma = (affine_misfit(printed(z, symbol), true, z) for symbol in (variance, variance**0.5))
             misfits[row, column] = min(readings_of_sigma) * C / np.sqrt(variance)
     soft = gaussian_contact(TANGENTS * sigma, F, sigma)
     tangent = np.stack((soft.lam * F / sigma, soft.slope * F), axis=1)
-    lines = np.stack([linearisations(gap, 1.0, 1.0) for gap in TANGENTS])
+    lines = np.stack([best_lines(gap, 1.0, 1.0) for gap in TANGENTS])
     return {
         "kappa_misfit": (("reading", "setting"), misfits, "1", "largest |kappa - lam| F/sigma at the best c1, c2"),
         "best_line": (("tangent", "norm", "coefficient"), lines, "1", "K F/sigma and W F of the best line"),
@@ -192,19 +192,19 @@ def _tradeoff_claims(data: xr.Dataset) -> list[Claim]:
     adaptive, constant = data["gap_error"].values
     better = np.all(adaptive < constant, axis=0)[1:]
     reach = f"sigma = {width[0]:g} to {width[-1]:g} sqrt(F mu)"
-    shares = listed(share[1:], ".2g")
+    shares = format_values(share[1:], ".2g")
     return [
         claim("mu(z) is contact-aware: large only near z = 0", "ABS, fig. 1c")
         .expected(f"falls from sigma²/(2 pi F) = {peak:.4g}, below 1 % from {_FAR_GAP:g} sigma on")
-        .measured(f"{mu[0]:.4g} at contact, {shares} of it at " + listed(gap[1:], "g") + " sigma")
+        .measured(f"{mu[0]:.4g} at contact, {shares} of it at " + format_values(gap[1:], "g") + " sigma")
         .holds(np.isclose(mu[0], peak), np.diff(mu) < 0, share[is_far] < 0.01),
         claim("mu(z) gives smoother dynamics than mu <= 0.1 around z = 0", "ABS, fig. 1d")
         .expected(f"less curvature at {reach}")
-        .measured(f"{over(list(width), smoother)} sqrt(F mu)")
+        .measured(f"{settings_text(list(width), smoother)} sqrt(F mu)")
         .holds(smoother),
         claim("mu(z) best approximates the exact solution in contact-free regions", "ABS, fig. 1d")
         .expected(f"error below that of mu = 0.1 from {_FAR_GAP:g} sigma on, at {reach}")
-        .measured(f"{over(list(gap[1:]), better)} sigma")
+        .measured(f"{settings_text(list(gap[1:]), better)} sigma")
         .holds(better[is_far[1:]]),
     ]
 
@@ -215,8 +215,8 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
     apart = np.abs(data["density_constant"].values / data["student"].values - 1).max()
     mass, slope = data["printed_mass"].values, data["quartic_slope"].values
     integrates_to_one, monotone = np.abs(mass - 1) < 1e-2, slope <= 0
-    reach = listed(data["reach"].values, "g")
-    variances = listed(variance, ".2f")
+    reach = format_values(data["reach"].values, "g")
+    variances = format_values(variance, ".2f")
     return [
         claim("Constant mu is randomized smoothing by some noise", "ABS, prop. 5.2")
         .expected("E S_0(z + w) = S_mu(z)")
@@ -228,10 +228,10 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
         claim("The noise has density rho = S_mu''(w)", "ABS, prop. 5.2")
         .expected("integral 1")
         .measured(
-            f"{over(compliance, integrates_to_one)} m/(N s): integrals "
-            + listed(mass, ".3f")
+            f"{settings_text(compliance, integrates_to_one)} m/(N s): integrals "
+            + format_values(mass, ".3f")
             + ", times F "
-            + listed(mass * compliance, ".3f")
+            + format_values(mass * compliance, ".3f")
         )
         .holds(integrates_to_one),
         claim("The noise of constant mu has a variance", "our check")
@@ -240,7 +240,9 @@ def _smoothing(data: xr.Dataset) -> list[Claim]:
         .below(np.diff(variance)[-1], 0.01 * variance[0]),
         claim("BS is RS for any mu(z)", "ABS, prop. 5.2")
         .expected("dlam/dz <= 0 for eq. C.2, no negative density")
-        .measured(f"{over(compliance, monotone)} m/(N s): slopes up to " + listed(slope, "+.3f") + " N s/m")
+        .measured(
+            f"{settings_text(compliance, monotone)} m/(N s): slopes up to " + format_values(slope, "+.3f") + " N s/m"
+        )
         .holds(monotone),
         claim("The adaptive mu is Gaussian smoothing", "eq. 5.1 corrected")
         .expected("E S_0(z + w) = S_mu(z)")
@@ -270,7 +272,7 @@ def _printed_claims(data: xr.Dataset) -> list[Claim]:
             claim(sentence, source)
             .expected("equal at some c1, c2")
             .measured(
-                f"(F, variance) {over(settings, is_equal)}; off by {misfits.min():.2g} to"
+                f"(F, variance) {settings_text(settings, is_equal)}; off by {misfits.min():.2g} to"
                 f" {misfits.max():.2g} sigma/F at the best constants"
             )
             .holds(is_equal)

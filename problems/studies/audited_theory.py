@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from problems.studies.shared import contact_bounds as bounds
-from problems.studies.study import Claim, StudyParams, claim, dataset, listed, over, setting
+from problems.studies.study import Claim, StudyParams, claim, dataset, format_values, setting, settings_text
 
 NOTES = (
     "Systems: C = D = I, A = B = E = 0, where the bounds are tightest; z standard normal,"
@@ -62,11 +62,11 @@ def _audit(params: Params, rng: np.random.Generator) -> dict:
             F = np.stack([bounds.random_p_matrix(rng, n, kind) for _ in range(params.draws)])
             mu = 10 ** rng.uniform(-8, 0, params.draws)
             z = rng.standard_normal((params.draws, n))
-            any_z, away = bounds.solve(z, F, mu), bounds.solve(np.abs(z) + 0.05, F, mu)
+            any_z, away = bounds.solve_softened(z, F, mu), bounds.solve_softened(np.abs(z) + 0.05, F, mu)
             reach, steepest = _over_domain(z, F, mu, rng)
             apart = np.abs(z) + 0.05
-            slope, slope_away = bounds.norms(any_z.slope), bounds.norms(away.slope)
-            wrong = bounds.norms(bounds.printed_a26(any_z.lam, any_z.gap, F) - any_z.slope)
+            slope, slope_away = bounds.spectral_norms(any_z.slope), bounds.spectral_norms(away.slope)
+            wrong = bounds.spectral_norms(bounds.printed_a26(any_z.lam, any_z.gap, F) - any_z.slope)
             ratio[row, column] = [
                 steepest / bounds.theorem_4_5(reach, F, mu, 1),
                 steepest / bounds.theorem_4_5(reach, F, mu, -1),
@@ -90,11 +90,11 @@ def _over_domain(
     z: np.ndarray, F: np.ndarray, mu: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the largest |z| and the largest slope of every system over its domain, (draws,) each."""
-    reach, steepest = np.linalg.norm(z, axis=1), bounds.norms(bounds.solve(z, F, mu).slope)
+    reach, steepest = np.linalg.norm(z, axis=1), bounds.spectral_norms(bounds.solve_softened(z, F, mu).slope)
     for _ in range(_DOMAIN_POINTS - 1):
         other = rng.standard_normal(z.shape)
         reach = np.maximum(reach, np.linalg.norm(other, axis=1))
-        steepest = np.maximum(steepest, bounds.norms(bounds.solve(other, F, mu).slope))
+        steepest = np.maximum(steepest, bounds.spectral_norms(bounds.solve_softened(other, F, mu).slope))
     return reach, steepest
 
 
@@ -113,9 +113,9 @@ def _sweep(params: Params, rng: np.random.Generator, n: int = 4) -> dict:
             weights = np.full(params.sweep, mu)
             delta = np.zeros((1, n))
             delta[0, 0] = 1e-3 * np.sqrt(mu)
-            centre, up, down = (bounds.solve(z + d, F, weights) for d in (0 * delta, delta, -delta))
-            slope[row, column] = bounds.norms(centre.slope).max()
-            second_difference = bounds.norms(up.slope - down.slope) / (2 * delta[0, 0])
+            centre, up, down = (bounds.solve_softened(z + d, F, weights) for d in (0 * delta, delta, -delta))
+            slope[row, column] = bounds.spectral_norms(centre.slope).max()
+            second_difference = bounds.spectral_norms(up.slope - down.slope) / (2 * delta[0, 0])
             curvature[row, column] = second_difference.max()
             reach = np.linalg.norm(z, axis=1)
             bound[row, column] = bounds.theorem_4_5(reach, F, weights, 1).max()
@@ -131,7 +131,7 @@ def _counterexamples() -> dict:
     """Evaluate the two systems of the errata that break the final inequalities."""
     F = np.array([[[1.0, -1000.0], [0.0, 1.0]], [[1.0, -100.0], [0.0, 1.0]]])
     z, mu = np.array([[1000.0, 0.0], [1.0, 1.0]]), np.ones(2)
-    softened = bounds.solve(z, F, mu)
+    softened = bounds.solve_softened(z, F, mu)
     # C = [1, 0], D = [0, 1]': one state, n² |C| |D| = 4, and |diag(lam)|² for l mu.
     state = abs(softened.slope[0, 0, 1])
     bound = 4 * float(np.sum(softened.lam[0] ** 2))
@@ -139,7 +139,7 @@ def _counterexamples() -> dict:
         "counter_4_5": ("side", [state, bound], "1", "|dx+/dx| and thm. 4.5 at F_1"),
         "counter_5_1": (
             "side",
-            [bounds.norms(softened.slope)[1], bounds.theorem_5_1(z[1:], mu[1:])[0]],
+            [bounds.spectral_norms(softened.slope)[1], bounds.theorem_5_1(z[1:], mu[1:])[0]],
             "1",
             "|dlam/dz| and thm. 5.1 at F_2",
         ),
@@ -153,8 +153,8 @@ def run(params: Params) -> xr.Dataset:
     pairs = bounds.smoothing_pairs(rng, params.pairs)
     bias = bounds.theorem_5_4(rng, params.pairs)
     vectors = bounds.empirical_bias_pairs(rng, 100 * params.draws)
-    unbiased = bounds.unbiasedness(params.seed, 10 * params.n_samples)
-    growth = bounds.growth(params.seed, params.n_samples, HORIZONS, GAINS)
+    unbiased = bounds.compare_orders(params.seed, 10 * params.n_samples)
+    growth = bounds.variance_growth(params.seed, params.n_samples, HORIZONS, GAINS)
     return dataset(
         {
             **audit,
@@ -322,10 +322,10 @@ def _bias(data: xr.Dataset) -> list[Claim]:
         claim("The bias of the adaptive slope is within its bound", "ABS, thm. 5.4")
         .expected("always, with mu of prop. 5.3 as printed, at constants (c1, c2)")
         .measured(
-            f"constants {over(constants, everywhere == 1)}: holds in "
-            + listed(everywhere, ".0%")
+            f"constants {settings_text(constants, everywhere == 1)}: holds in "
+            + format_values(everywhere, ".0%")
             + " of cases; above it in "
-            + listed(above, ".0%")
+            + format_values(above, ".0%")
             + ", in the rest mu is negative and"
             " there is no softened model"
         )
@@ -369,14 +369,14 @@ def _growth(data: xr.Dataset) -> list[Claim]:
     printed = 4 * np.log(np.maximum(gains, 1) * float(data["policy_lipschitz"]))
     right = printed + 4 * np.log(np.sqrt(2))
 
-    measured = f"{listed(rate, '.2f')} a step; of the variance itself {listed(raw, '.2f')}"
+    measured = f"{format_values(rate, '.2f')} a step; of the variance itself {format_values(raw, '.2f')}"
     return [
         claim("The variance is O(H^4 (L_f L_pi)^4H)", "ABS, thm. 4.4")
-        .expected(f"over H^4 rates at most {listed(printed, '.2f')}")
-        .measured(f"L_f {over(list(gains), rate <= printed + 0.02)}: {measured}")
+        .expected(f"over H^4 rates at most {format_values(printed, '.2f')}")
+        .measured(f"L_f {settings_text(list(gains), rate <= printed + 0.02)}: {measured}")
         .at_most(rate, printed + 0.02),
         claim("It is O(H^4 (sqrt(2) L_f L_pi)^4H)", "thm. 4.4 corrected")
-        .expected(f"over H^4 rates at most {listed(right, '.2f')}")
-        .measured(f"L_f {over(list(gains), rate <= right + 0.02)}: {measured}")
+        .expected(f"over H^4 rates at most {format_values(right, '.2f')}")
+        .measured(f"L_f {settings_text(list(gains), rate <= right + 0.02)}: {measured}")
         .at_most(rate, right + 0.02),
     ]

@@ -9,7 +9,7 @@ import xarray as xr
 from dynamics.contact import Barrier, Exact
 from problems.registry import get
 from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.study import Claim, StudyParams, claim, dataset, listed, setting
+from problems.studies.study import Claim, StudyParams, claim, dataset, format_values, setting
 
 NOTES = (
     "The barrier weight and the central-path parameter are the same: mu = h/kappa for a gap in"
@@ -169,7 +169,10 @@ def claims(data: xr.Dataset) -> list[Claim]:
         claim("As kappa grows, the solution of (4) converges to that of (3)", "Pathologies, ex. IV.2")
         .expected("0 at kappa = inf")
         .measured(
-            listed(largest, ".1e") + " m at kappa = " + listed(kappas[:, 0], "g") + " per J, as kappa to the power"
+            format_values(largest, ".1e")
+            + " m at kappa = "
+            + format_values(kappas[:, 0], "g")
+            + " per J, as kappa to the power"
             f" {power:.2f}"
         )
         .holds(np.diff(largest) < 0, -1.1 < power < -0.4),

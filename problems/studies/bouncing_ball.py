@@ -12,7 +12,7 @@ from scipy.special import lambertw
 from dynamics.contact import Barrier, Exact
 from problems.registry import get
 from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.study import PAPER, Claim, StudyParams, claim, dataset, largest, listed, setting
+from problems.studies.study import PAPER, Claim, StudyParams, claim, dataset, format_values, largest_value, setting
 
 NOTES = (
     "mu is that of the force, gamma y = mu; the impulse of one step has h mu. Its values are"
@@ -98,7 +98,7 @@ class Params(StudyParams):
     duration: float = setting(1.0, "s", "time drawn", above=0)
 
 
-def stepped(params: Params, h: float, mu: float | None) -> tuple[np.ndarray, np.ndarray]:
+def step_ball(params: Params, h: float, mu: float | None) -> tuple[np.ndarray, np.ndarray]:
     """Return height and vertical velocity (N+1,) by time stepping; the impulse's mu is mu h m."""
     system = get("ball-bounce", h=h, g=params.g, m=params.m).system
     law = Exact() if mu is None else Barrier(mu=h * params.m * mu)
@@ -113,14 +113,14 @@ def run(params: Params) -> xr.Dataset:
     ode = [in_log_height(mu, params.q0, params.g, fine) for mu in MUS]
     steps = round(params.duration / params.h)
     time = params.h * np.arange(steps + 1)
-    soft = [stepped(params, params.h, mu) for mu in MUS]
-    exact = stepped(params, params.h, None)
+    soft = [step_ball(params, params.h, mu) for mu in MUS]
+    exact = step_ball(params, params.h, None)
     printed = as_printed(MUS[-1], params.q0, params.g, fine)[1]
     turns = [turning_points(mu, params.q0, params.g) for mu in MUS]
     regained = turning_points(REBOUND_MU, params.q0, params.g)[2]
     longer = params.model_copy(update={"duration": regained})
     # The greatest height after the least one.
-    fallen = [stepped(longer, h, REBOUND_MU)[0] for h in FINE]
+    fallen = [step_ball(longer, h, REBOUND_MU)[0] for h in FINE]
     rebound = [float(y[int(y.argmin()) :].max()) for y in fallen]
     rates = [np.diff(v) / params.h / params.v0 for _, v in (*soft, exact)]
     per_mu, stepping = ("mu", "q_x"), ("mu", "q_step")
@@ -179,7 +179,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
     jump = float((velocity[2:] - velocity[:-2]).max())
     drift, apex = float(data["energy_drift"].max()), data["apex"].values
     rebound = data["rebound"].values
-    resting_height = largest(data["y_exact"].values[data["q_step"].values > fall_time + 2 * h])
+    resting_height = largest_value(data["y_exact"].values[data["q_step"].values > fall_time + 2 * h])
     least_height_error = np.abs(data["least"].values / data["least_closed"].values - 1).max()
     return [
         claim("In the exact LCS the velocity falls at -g and jumps at contact", "ABS, fig. 2")
@@ -188,11 +188,11 @@ def claims(data: xr.Dataset) -> list[Claim]:
         .holds(np.allclose(fall, -g), jump > 0.9 * g * fall_time),
         claim("Larger mu makes the dynamics less stiff", "ABS, sec. 7.1")
         .expected("lower peak of dv/dq")
-        .measured(listed(peak, ".3g") + " 1/s")
+        .measured(format_values(peak, ".3g") + " 1/s")
         .below(np.diff(peak), 0),
         claim("The same by time stepping", "ABS, sec. 7.1")
         .expected("lower peak of dv/dq")
-        .measured(listed(peak_step, ".3g") + " 1/s")
+        .measured(format_values(peak_step, ".3g") + " 1/s")
         .below(np.diff(peak_step), 0),
         claim("(C.1) is the softened ball", "ABS, C.1")
         .expected("y'' = mu/y - g")
@@ -208,6 +208,6 @@ def claims(data: xr.Dataset) -> list[Claim]:
         .below(least_height_error, 1e-6),
         claim("Time stepping at fixed mu tends to that elastic ball as h falls", "our check of C.1")
         .expected(f"{q0:g} m")
-        .measured(listed(rebound, ".2f") + f" m at h = {FINE[0]:g} to {FINE[-1]:g} s, mu = {REBOUND_MU:g}")
+        .measured(format_values(rebound, ".2f") + f" m at h = {FINE[0]:g} to {FINE[-1]:g} s, mu = {REBOUND_MU:g}")
         .holds(np.diff(rebound) > 0, rebound[-1] > 0.9 * q0),
     ]

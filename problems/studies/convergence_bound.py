@@ -11,7 +11,7 @@ from dynamics.batch import Gaussian
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.experiment import Experiment
 from ocp.learning.unroll_gradients import FOPG, SHARP
-from problems.studies.study import Claim, StudyParams, claim, dataset, over, setting
+from problems.studies.study import Claim, StudyParams, claim, dataset, setting, settings_text
 from problems.tasks.registry import get
 
 NOTES = (
@@ -112,7 +112,7 @@ def run(params: Params) -> xr.Dataset:
     )
 
 
-def bound(data: xr.Dataset, law: str) -> tuple[float, float]:
+def bound_sides(data: xr.Dataset, law: str) -> tuple[float, float]:
     """Return both sides of theorem 4.2 for one law, with means over runs for expectations.
 
     ``min_n E|grad J|² <= 4c/N E[J_N - J_0] + 4/N sum_n (c (2 delta b_n + eta/2 v_n) + b_n² + v_n)``
@@ -175,7 +175,7 @@ def _moments(
 def claims(data: xr.Dataset) -> list[Claim]:
     """Return claims on the bound, on its ratio to what it bounds, and on bias and variance."""
     laws = [str(law) for law in data["law"].values]
-    sides = [bound(data, law) for law in laws]
+    sides = [bound_sides(data, law) for law in laws]
     is_bounded = [mean_square <= right_side for mean_square, right_side in sides]
     ratios = [right_side / mean_square for mean_square, right_side in sides]
     inside = np.isfinite(data["value"].values).all()
@@ -191,7 +191,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
     return [
         claim("The smallest mean square gradient is below the bound", "ABS, thm. 4.2")
         .expected("left side at most the right one, under every law")
-        .measured(f"{over(laws, is_bounded)}: {', '.join(f'{a:.2g} <= {b:.2g}' for a, b in sides)}")
+        .measured(f"{settings_text(laws, is_bounded)}: {', '.join(f'{a:.2g} <= {b:.2g}' for a, b in sides)}")
         .holds(is_bounded, inside),
         claim("The bound tells the size of what it bounds", "our check")
         .expected("at most 10 times as large")
@@ -200,7 +200,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
         claim("Smoothing lowers the gradient's variance", "ABS, sec. 4.3")
         .expected("below the exact law's, mean over steps and runs")
         .measured(
-            f"{over([laws[k] for k in smooth], lower)}: exact {variance[0]:.3g}, then"
+            f"{settings_text([laws[k] for k in smooth], lower)}: exact {variance[0]:.3g}, then"
             f" {', '.join(f'{variance[k]:.3g}' for k in smooth)}"
             f" {data['variance'].attrs['units']}"
         )
@@ -208,7 +208,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
         claim("Smoothing adds bias", "ABS, sec. 5.1")
         .expected("above the exact law's")
         .measured(
-            f"{over([laws[k] for k in smooth], higher)}: exact {bias[0]:.3g}, then"
+            f"{settings_text([laws[k] for k in smooth], higher)}: exact {bias[0]:.3g}, then"
             f" {', '.join(f'{bias[k]:.3g}' for k in smooth)} {unit}"
         )
         .holds(higher),

@@ -9,7 +9,7 @@ from dynamics.batch import Gaussian
 from ocp.gradients import SampledObjective, estimate_gradient
 from ocp.gradients.estimators import SAMPLED
 from problems.registry import objective_spec
-from problems.studies.study import CODE, Claim, StudyParams, claim, dataset, largest, setting
+from problems.studies.study import CODE, Claim, StudyParams, claim, dataset, largest_value, setting
 
 NOTES = (
     "The relaxation is one of the sign, 2 H - 1, not of H.",
@@ -187,7 +187,7 @@ def _variance(data: xr.Dataset) -> list[Claim]:
     is_sampled = (coarse <= _SMALL_NU * sigma) & (many * p >= 30)
     score = (wide.sel(order="fobg").values / variances - 1)[is_sampled] * np.sqrt(many * p[is_sampled])
     flat = wide.sel(order="zobg").values[coarse <= _SMALL_NU * sigma]
-    factor = largest(flat) / flat.min(initial=np.inf)
+    factor = largest_value(flat) / flat.min(initial=np.inf)
     range_text = f" for nu <= {_SMALL_NU:g} sigma"
     return [
         claim("As nu falls the variance of the first order scales with 1/nu", "Pathologies, ex. III.5")
@@ -195,9 +195,9 @@ def _variance(data: xr.Dataset) -> list[Claim]:
         .measured(
             f"nu to the power {slope:.3f}, {ratio.min():.3f}"
             f" to {ratio.max():.3f} of it{range_text}; samples within"
-            f" {largest(np.abs(score)):.2g} standard errors"
+            f" {largest_value(np.abs(score)):.2g} standard errors"
         )
-        .holds(abs(slope + 1) < 0.02, np.abs(ratio - 1) < 0.05, largest(np.abs(score)) < 5),
+        .holds(abs(slope + 1) < 0.02, np.abs(ratio - 1) < 0.05, largest_value(np.abs(score)) < 5),
         claim("The variance of the zeroth order does not depend on nu", "our check")
         .expected("flat")
         .measured(f"within a factor {factor:.3g}{range_text}")
@@ -284,7 +284,7 @@ def _block(data: xr.Dataset) -> Claim:
     """Check that the mass of the block on the belt bounds the slope."""
     width, block = float(data["stick"]), data["block_variance"].sel(order="fobg").values
     narrow = data["block_nu"].values <= width / 10 * (1 + 1e-9)
-    stays = largest(block[narrow]) / block[narrow].min(initial=np.inf)
+    stays = largest_value(block[narrow]) / block[narrow].min(initial=np.inf)
     return (
         claim("With a body behind the friction the variance grows no further than its mass lets it", "our check")
         .expected(f"constant for nu well below 2 N h F/m = {width:g} m/s")

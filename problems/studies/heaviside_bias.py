@@ -10,7 +10,7 @@ from dynamics.batch import Gaussian
 from ocp.gradients import estimate_gradient
 from ocp.gradients.estimators import mean_cost
 from problems.registry import objective_spec
-from problems.studies.study import CODE, Claim, StudyParams, claim, dataset, largest, setting
+from problems.studies.study import CODE, Claim, StudyParams, claim, dataset, largest_value, setting
 
 NOTES = (
     "erf(y; s²) in the paper is the upper tail of the Gaussian, not the usual error function.",
@@ -98,9 +98,9 @@ def _objective(data: xr.Dataset) -> list[Claim]:
     has_both_sides = n * F * (1 - F) >= _SAMPLES_PER_SIDE
     zeroth = data.sel(estimator="zobg")
     score = (zeroth["mean"].values - data["gradient"].values)[has_both_sides]
-    gradient_score = largest(np.abs(score) / np.sqrt(data["zobg_variance"].values[has_both_sides] / n))
+    gradient_score = largest_value(np.abs(score) / np.sqrt(data["zobg_variance"].values[has_both_sides] / n))
     spread = np.sqrt(F * (1 - F) / n)[has_both_sides]
-    objective_score = largest(np.abs(data["F_sampled"].values - F)[has_both_sides] / spread)
+    objective_score = largest_value(np.abs(data["F_sampled"].values - F)[has_both_sides] / spread)
     ratio = zeroth["variance"].values[has_both_sides] / data["zobg_variance"].values[has_both_sides]
     # The relative error of a variance whose samples have the kurtosis of a product w · {0, 1}.
     blur = 5 * np.sqrt(6 / (n * np.minimum(F, 1 - F)[has_both_sides]))
@@ -116,7 +116,7 @@ def _objective(data: xr.Dataset) -> list[Claim]:
         .below(gradient_score, 5),
         claim("The variance of the zeroth order is that of its closed form", "our check")
         .expected("ratio 1")
-        .measured(f"off by {largest(np.abs(ratio - 1)):.3f} at most" + places)
+        .measured(f"off by {largest_value(np.abs(ratio - 1)):.3f} at most" + places)
         .holds(has_both_sides.any(), np.abs(ratio - 1) < blur),
     ]
 

@@ -12,7 +12,7 @@ from scipy.stats import norm
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact
 from problems.registry import get
 from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.study import Claim, StudyParams, claim, dataset, listed, over, setting
+from problems.studies.study import Claim, StudyParams, claim, dataset, format_values, setting, settings_text
 
 NOTES = (
     "RS averages the derivative that exists almost everywhere, as automatic differentiation"
@@ -277,11 +277,11 @@ def _impact_claims(data: xr.Dataset) -> list[Claim]:
     laws = [str(law) for law in data["law"].values]
     has_area = np.abs(area / jump - 1) < 0.05
     peak = float(data["impact_soft"].values[-1].max())
-    areas = listed(area[:-1], ".2f")
+    areas = format_values(area[:-1], ".2f")
     return [
         claim("The RS gradient of an impact is constant, with a large bias", "ABS, fig. 6a")
         .expected(f"no impulse, not up to {float(data['impact_limit'].max()):.1f} 1/s, at the step of BS and below")
-        .measured(f"(step, N) {over(pairs, constant.ravel())}")
+        .measured(f"(step, N) {settings_text(pairs, constant.ravel())}")
         .holds(constant),
         claim("It is where few samples meet the step of the impact", "our check")
         .expected("no impulse at most points where a tenth of a sample is expected in it")
@@ -289,7 +289,7 @@ def _impact_claims(data: xr.Dataset) -> list[Claim]:
         .above(least_quiet, 0.8),
         claim("The BS gradient approximates the impulse at contact", "ABS, fig. 6a")
         .expected(f"area {jump:.2f} m/s within 5 %")
-        .measured(f"{over(laws[:-1], has_area[:-1])}: {areas} m/s")
+        .measured(f"{settings_text(laws[:-1], has_area[:-1])}: {areas} m/s")
         .holds(has_area[:-1]),
         claim("So does the adaptive law's", "our check")
         .expected(f"area {jump:.2f} m/s within 5 %")
@@ -307,23 +307,23 @@ def _friction(data: xr.Dataset) -> list[Claim]:
     rough = np.abs(np.diff(data["push_rs"].values, 2, axis=1)).max(axis=1)
     needed, single = data["cost_needed"].values, data["cost_single"].values
     bias, sigma = data["cost_bias"].values / slope, data["cost_sigma"].values
-    mus = listed(data["box_mu"].values, ".1e")
+    mus = format_values(data["box_mu"].values, ".1e")
 
     return [
         claim("RS gradients of friction are noisy", "ABS, fig. 6b")
         .expected(f"standard error above {_NOISY_ERROR:.0%} of h/m for N <= 100")
-        .measured(f"N {over(list(counts), noisy)}: {listed(error, '.1%')} of h/m")
+        .measured(f"N {settings_text(list(counts), noisy)}: {format_values(error, '.1%')} of h/m")
         .holds(noisy[few]),
         claim("BS gradients of friction are smooth", "ABS, sec. 5.2")
         .expected("second difference below that of RS, N <= 100")
-        .measured(f"{bend:.1e} against {listed(rough, '.1e')} m/(N s) at N = {listed(counts, 'd')}")
+        .measured(f"{bend:.1e} against {format_values(rough, '.1e')} m/(N s) at N = {format_values(counts, 'd')}")
         .below(bend, rough[few]),
         claim("RS is costlier than BS", "ABS, fig. 6b")
         .expected("at noise of equal bias, more than one exact solve for BS's error within a tenth")
         .measured(
-            f"{listed(needed, '.0f')} solves at mu = {mus}; one has {listed(single, '.2f')} times"
-            f" BS's error, which is {listed(bias, '.1%')} of h/m, as RS's at sigma ="
-            f" {listed(sigma, '.2g')} N"
+            f"{format_values(needed, '.0f')} solves at mu = {mus}; one has {format_values(single, '.2f')} times"
+            f" BS's error, which is {format_values(bias, '.1%')} of h/m, as RS's at sigma ="
+            f" {format_values(sigma, '.2g')} N"
         )
         .above(needed, 1),
     ]
@@ -334,7 +334,7 @@ def _closed_forms(data: xr.Dataset) -> list[Claim]:
     errors = np.abs(data["push_soft"].values - data["push_exact"].values)
     stepped = float(np.abs(data["push_exact"] - data["push_step"]).max())
     mid, at_step = len(data["u"]) // 2, data["at_step"].values
-    mus = " at mu = " + listed(data["box_mu"].values, ".1e")
+    mus = " at mu = " + format_values(data["box_mu"].values, ".1e")
     return [
         claim("The exact slope is a step: 0 in stick, h/m in slip", "closed form")
         .expected("0, and h/m for |u| > friction m g")
@@ -350,10 +350,10 @@ def _closed_forms(data: xr.Dataset) -> list[Claim]:
         .below(slope, 1e-8),
         claim("BS of friction tends to the exact slope in stick", "closed form")
         .expected("0 m/(N s) at u = 0")
-        .measured(listed(errors[:, mid], ".1e") + " m/(N s)" + mus)
+        .measured(format_values(errors[:, mid], ".1e") + " m/(N s)" + mus)
         .below(errors[:-1, mid], errors[1:, mid] / 5),
         claim("Where the exact slope steps, BS tends to half of the step", "our check")
         .expected("0.5 h/m at u = friction m g")
-        .measured(listed(at_step, ".3f") + " h/m" + mus)
+        .measured(format_values(at_step, ".3f") + " h/m" + mus)
         .holds(np.diff(np.abs(at_step - 0.5)) > 0, abs(at_step[0] - 0.5) < 0.05),
     ]

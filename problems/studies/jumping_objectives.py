@@ -14,7 +14,7 @@ from dynamics.contact.interior_point import exact_scalar_solution
 from dynamics.systems import ParameterTable, Signal
 from ocp.gradients.objective import StaticObjective
 from problems.studies.shared.decision_sweep import sweep_decision
-from problems.studies.study import CODE, Claim, StudyParams, claim, dataset, listed, setting
+from problems.studies.study import CODE, Claim, StudyParams, claim, dataset, format_values, setting
 
 NOTES = (
     "All three are minimised: minus height, minus squared distance, minus squared angular velocity.",
@@ -47,10 +47,10 @@ class Params(StudyParams):
 def run(params: Params) -> xr.Dataset:
     """Compute objective, smoothing and estimates along the three decisions."""
     systems = {
-        "drop": (drop(params.step_height, params.start, params.g), np.pi / 2, "m", "m"),
+        "drop": (drop_ball(params.step_height, params.start, params.g), np.pi / 2, "m", "m"),
         "throw": (throw_wall(params.v0_throw, params.wall, params.wall_height, params.g), np.pi / 2, "m^2", "rad"),
         "pivot": (
-            pivot(params.v0_pivot, params.bar, params.length, params.mass, params.inertia),
+            hit_bar(params.v0_pivot, params.bar, params.length, params.mass, params.inertia),
             np.pi / 3,
             "1/s^2",
             "rad",
@@ -79,7 +79,7 @@ def run(params: Params) -> xr.Dataset:
     return dataset(variables, {**coordinates, "moment": ["mean", "standard error"]})
 
 
-def drop(step_height: float, start: float, g: float) -> StaticObjective:
+def drop_ball(step_height: float, start: float, g: float) -> StaticObjective:
     """Build the drop of a ball at x = theta over a step: minus its final height, -y [m].
 
     It falls freely until it would be below both levels; the inelastic landing is the exact law
@@ -108,7 +108,7 @@ def throw_wall(v0: float, distance: float, height: float, g: float) -> StaticObj
     return _objective("throw-wall", theta, -(x**2), "rad", "angle of the throw")
 
 
-def pivot(v0: float, distance: float, length: float, mass: float, inertia: float) -> StaticObjective:
+def hit_bar(v0: float, distance: float, length: float, mass: float, inertia: float) -> StaticObjective:
     """Build the impact of a ball on a bar that pivots at (distance, 0): -omega² [1/s²].
 
     The ball flies straight at angle theta and meets the bar, which reaches ``length`` to both
@@ -133,7 +133,7 @@ NAMES = ("drop", "throw", "pivot")
 """The three systems of fig. 1."""
 
 
-def jumps(data: xr.Dataset, name: str, share: float = 0.1) -> np.ndarray:
+def jump_decisions(data: xr.Dataset, name: str, share: float = 0.1) -> np.ndarray:
     """Return the decisions at which f jumps by more than ``share`` of its range."""
     f, theta = data[f"f_{name}"].values, data[f"fine_{name}"].values
     return theta[:-1][np.abs(np.diff(f)) > share * np.ptp(f)]
@@ -170,7 +170,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
     is_unbiased = np.all(np.abs(scatter - 1) < 5 / np.sqrt(2 * number)) and np.all(np.abs(offset) < 5)
     reach = data.attrs["v0_throw"] ** 2 / data.attrs["g"]
     flat = float(np.abs(data["first_drop"].values[:, 0]).max())
-    throw, tip = jumps(data, "throw"), jumps(data, "pivot")
+    throw, tip = jump_decisions(data, "throw"), jump_decisions(data, "pivot")
     expected = np.arctan(data.attrs["length"] / data.attrs["bar"])
     best = int(data["f_throw"].values.argmin())
     raw = [float(np.abs(np.diff(data[f"f_{name}"].values)).max() / np.ptp(data[f"f_{name}"].values)) for name in NAMES]
@@ -180,11 +180,11 @@ def claims(data: xr.Dataset) -> list[Claim]:
     return [
         claim("The objectives of all three systems jump", "Pathologies, sec. I, fig. 1")
         .expected("a jump of 10 % or more")
-        .measured(f"{listed(raw, '.2f')} of the range within one fine step")
+        .measured(f"{format_values(raw, '.2f')} of the range within one fine step")
         .above(raw, 0.1),
         claim("Randomized smoothing makes them continuous", "our check")
         .expected("steps no larger than range(f) spacing/(sqrt(2 pi) sigma)")
-        .measured(f"{listed(smooth, '.2f')} of it at most")
+        .measured(f"{format_values(smooth, '.2f')} of it at most")
         .below(smooth, 1.05),
         claim("The dropped ball has no gradient almost everywhere", "our check")
         .expected("FoBG = 0")
@@ -192,18 +192,18 @@ def claims(data: xr.Dataset) -> list[Claim]:
         .equals(flat, 0),
         claim("FoBG is biased where the objective jumps", "Pathologies, sec. III-A")
         .expected("error beyond its interval")
-        .measured(f"error {listed(biases, '.2f')} of the largest slope")
+        .measured(f"error {format_values(biases, '.2f')} of the largest slope")
         .above(biases, 0.2),
         claim("ZoBG is unbiased", "Pathologies, sec. III-A")
         .expected("errors of 1 standard error, mean 0")
-        .measured(f"{listed(scatter, '.2f')} rms, mean {listed(offset, '.2f')} of its own standard error")
+        .measured(f"{format_values(scatter, '.2f')} rms, mean {format_values(offset, '.2f')} of its own standard error")
         .holds(is_unbiased),
         claim("The throw's best angle is pi/4, away from the wall's jumps", "closed form")
         .expected(f"{np.pi / 4:.4f} rad, {-(reach**2):.5f} m²")
-        .measured(f"{angle:.4f} rad, {float(data['f_throw'][best]):.5f} m²; jumps at {listed(throw, '.3f')} rad")
+        .measured(f"{angle:.4f} rad, {float(data['f_throw'][best]):.5f} m²; jumps at {format_values(throw, '.3f')} rad")
         .holds(abs(angle - np.pi / 4) < 0.002, np.abs(throw - angle) > 0.01),
         claim("Momentum transfer ends where the ball clears the tip", "closed form")
         .expected(f"+-{expected:.4f} rad")
-        .measured(f"{listed(tip, '+.4f')} rad")
+        .measured(f"{format_values(tip, '+.4f')} rad")
         .holds(len(tip) == 2 and np.allclose(np.abs(tip), expected, atol=1e-3)),
     ]

@@ -10,7 +10,7 @@ from pydantic import model_validator
 from dynamics.batch import Gaussian, RolloutFunction, open_loop
 from dynamics.contact import Barrier
 from problems.registry import get
-from problems.studies.study import Claim, StudyParams, claim, dataset, over, setting
+from problems.studies.study import Claim, StudyParams, claim, dataset, setting, settings_text
 
 NOTES = (
     "Time stepping is plastic, so no chaos builds up over bounces: after the impact the ball"
@@ -124,7 +124,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
     return [
         claim("Stiff systems with small mu lead to large first-order variance", "ABS, sec. 7.2")
         .expected(f"at mu = {mu[0]:g} ten times that at {mu[soft]:g}")
-        .measured(f"h {over(steps, large)} s: {(first[:, 0] / first[:, soft]).min():.2g} times or more")
+        .measured(f"h {settings_text(steps, large)} s: {(first[:, 0] / first[:, soft]).min():.2g} times or more")
         .holds(large),
         claim("That variance grows without bound as mu falls", "ABS, sec. 4.3")
         .expected("with a tenth of mu twice the variance or more")
@@ -136,7 +136,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
         .between(slope, -1.4, -0.6),
         claim("LR gradients have low variance in the presence of stiffness", "ABS, sec. 7.2")
         .expected(f"a tenth of first order or less for mu <= {_STIFF_MU:g}")
-        .measured(f"h {over(steps, low)} s: {share.min():.2f} to {share.max():.2f} of first order")
+        .measured(f"h {settings_text(steps, low)} s: {share.min():.2f} to {share.max():.2f} of first order")
         .holds(low),
         claim("LR variance stays what it is as mu falls", "our check")
         .expected(f"flat for mu <= {_STIFF_MU:g}")

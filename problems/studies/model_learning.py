@@ -15,17 +15,17 @@ from ocp.learning.explorer import Buffer, Explorer, random_transitions
 from ocp.learning.identify import OneStepLoss, identify, intervals
 from ocp.learning.random_search import RandomSearch
 from ocp.problem.task import Task
-from problems.studies.progress import tracked
+from problems.studies.progress import track_items
 from problems.studies.study import (
     Claim,
-    Pieces,
+    FinishedParts,
     StudyParams,
     claim,
     dataset,
-    largest,
-    listed,
-    over,
+    format_values,
+    largest_value,
     setting,
+    settings_text,
     share_margin,
 )
 from problems.tasks.registry import get
@@ -66,14 +66,14 @@ class Params(StudyParams):
     epochs: int = setting(300, "1", "passes over the data in training, at most", least=1)
 
 
-def amounts(params: Params) -> list[int]:
+def transition_counts(params: Params) -> list[int]:
     """Return the numbers of transitions; only networks learn from the last, four times the full number."""
     return [params.data // 40, params.data // 10, params.data // 4, params.data, 4 * params.data]
 
 
-def run(params: Params, pieces: Pieces) -> xr.Dataset:
+def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
     """Learn from exact transitions over their number, and from noise and drag at the full number."""
-    sizes = amounts(params)
+    sizes = transition_counts(params)
     errors = np.full((len(DATA), len(MODELS), len(sizes), params.seeds, len(WHERE)), np.nan)
     shape = len(DATA), len(sizes), params.seeds, len(PSI)
     psi_values = {name: np.full(shape, np.nan) for name in ("psi", "low", "high")}
@@ -88,7 +88,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
         for j, n in enumerate(sizes):
             if kind != DATA[0] and n != params.data:
                 continue
-            for seed in tracked(f"{kind}, {n} transitions: seeds", range(params.seeds)):
+            for seed in track_items(f"{kind}, {n} transitions: seeds", range(params.seeds)):
                 key = f"{kind}-{n}-{seed}"
                 make = partial(by_network, source, n, seed, params)
                 errors[i, 1, j, seed] = pieces.get(f"network-{key}", make)["errors"]
@@ -274,21 +274,22 @@ def _errors(data: xr.Dataset) -> list[Claim]:
     return [
         claim("A complementarity model approximates contact better than a network", _PLACE)
         .expected("into contact, held out: the largest error over starts below the least of networks")
-        .measured(f"{over(learned_sizes, is_better)} transitions; by factors of {listed(ratio, '.3g')}")
+        .measured(f"{settings_text(learned_sizes, is_better)} transitions; by factors of {format_values(ratio, '.3g')}")
         .holds(is_better),
         claim("So it does over all transitions", _PLACE)
         .expected("likewise")
         .measured(
-            f"{listed(np.median(psi_all, axis=1), '.2g')} against {listed(np.median(network_all, axis=1), '.2g')}"
+            f"{format_values(np.median(psi_all, axis=1), '.2g')}"
+            f" against {format_values(np.median(network_all, axis=1), '.2g')}"
         )
         .below(psi_all.max(axis=1), network_all.min(axis=1)),
         claim("psi of few transitions is ahead of a network of many", "our check")
         .expected(f"{sizes[1]} transitions against {sizes[-1]}")
-        .measured(f"{largest(psi_all[1:2]):.2g} against {all_nets[-1].min():.2g}")
+        .measured(f"{largest_value(psi_all[1:2]):.2g} against {all_nets[-1].min():.2g}")
         .below(psi_all[1:2], all_nets[-1].min()),
         claim("A network learns from more transitions", "our check")
         .expected(f"the median error from {sizes[-1]} is half of that from {sizes[0]} or less")
-        .measured(listed(falls, ".2g"))
+        .measured(format_values(falls, ".2g"))
         .at_most(falls[-1], 0.5 * falls[0]),
     ]
 
@@ -330,7 +331,9 @@ def _noise(data: xr.Dataset) -> list[Claim]:
     return [
         claim("Where transitions are noisy psi still predicts better", "our check")
         .expected(f"noise of {data.attrs['noise']:g} deviations of a step: as above")
-        .measured(f"{listed(np.median(psi, axis=1), '.2g')} against {listed(np.median(network, axis=1), '.2g')}")
+        .measured(
+            f"{format_values(np.median(psi, axis=1), '.2g')} against {format_values(np.median(network, axis=1), '.2g')}"
+        )
         .below(psi.max(axis=1), network.min(axis=1)),
         claim("Intervals of noisy transitions hold the truth", "our check")
         .expected(f"{_COVERED_SHARE:.0%} of those of 95 % or more")
@@ -352,6 +355,6 @@ def _drag(data: xr.Dataset) -> list[Claim]:
         .below(lead[0], 0.1 * lead[1]),
         claim("There the intervals hold the truth", "our check")
         .expected(f"{_COVERED_SHARE:.0%} of those of 95 % or more")
-        .measured(f"{int(holds_truth.sum())} of {holds_truth.size}; off by {listed(errors, '.2g')}")
+        .measured(f"{int(holds_truth.sum())} of {holds_truth.size}; off by {format_values(errors, '.2g')}")
         .holds(holds_truth.mean() >= _COVERED_SHARE, margin=share_margin(holds_truth, _COVERED_SHARE)),
     ]

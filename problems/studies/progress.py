@@ -16,7 +16,7 @@ _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
 @contextmanager
-def listening(listener: Listener) -> Iterator[None]:
+def listen_to_progress(listener: Listener) -> Iterator[None]:
     """Send the progress of every study in this block to ``listener``."""
     token = _LISTENER.set(listener)
     try:
@@ -25,15 +25,15 @@ def listening(listener: Listener) -> Iterator[None]:
         _LISTENER.reset(token)
 
 
-def report(what: str, done: int, total: int) -> None:
+def report_progress(what: str, done: int, total: int) -> None:
     """Report to the listener, if any, that ``done`` of ``total`` items are finished."""
     if listener := _LISTENER.get():
         listener(what, done, total)
 
 
-def tracked(what: str, items: Sequence[T]) -> Iterator[T]:
+def track_items(what: str, items: Sequence[T]) -> Iterator[T]:
     """Yield the ``items`` of a loop and report each that is done."""
     for done, item in enumerate(items):
-        report(what, done, len(items))
+        report_progress(what, done, len(items))
         yield item
-    report(what, len(items), len(items))
+    report_progress(what, len(items), len(items))

@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw
-from problems.studies.shared.trainings import area, curves, difference, gained, job
-from problems.studies.study import Claim, Pieces, StudyParams, claim, dataset, setting
+from problems.studies.shared.trainings import claim_gains, make_job, mean_difference, mean_height, training_curves
+from problems.studies.study import Claim, FinishedParts, StudyParams, claim, dataset, setting
 
 NOTES = (
     "All curves are returns of whole episodes of 5 s under the exact law, without noise on the"
@@ -35,17 +35,17 @@ class Params(StudyParams):
     judged: int = setting(15, "1", "judgements along a run", least=2)
 
 
-def run(params: Params, pieces: Pieces) -> xr.Dataset:
+def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
     """Compute exact returns and gradient variances of every run over its iterations."""
     every = max(1, params.iterations // params.judged)
     jobs = {
-        f"{name}-{r}": job(
+        f"{name}-{r}": make_job(
             TASK, "fopg", law, params.seed * 1000 + r, iterations=params.iterations, evaluate_every=every
         )
         for name, law in LAWS.items()
         for r in range(params.runs)
     }
-    trainings = list(curves(jobs, pieces).values())
+    trainings = list(training_curves(jobs, pieces).values())
     evaluated = np.flatnonzero(np.isfinite(trainings[0]["evaluation_return"]))
     shape = (len(LAWS), params.runs)
 
@@ -85,20 +85,20 @@ def claims(data: xr.Dataset) -> list[Claim]:
     """Return claims on mu = 1e-10, on mu = 1e-2 and on the adaptive laws."""
     laws = [str(law) for law in data["law"].values]
     curves = {law: data["exact_return"].sel(law=law).values for law in laws}
-    areas = {law: area(curve) for law, curve in curves.items()}
+    areas = {law: mean_height(curve) for law, curve in curves.items()}
     ends = {law: curve.max(axis=1) for law, curve in curves.items()}
     fixed = [law for law in laws if law not in _ADAPTIVE]
-    slower = difference(areas[_WIDE], areas[_SHARP])
-    lower = difference(ends[_SHARP], ends[_WIDE])
+    slower = mean_difference(areas[_WIDE], areas[_SHARP])
+    lower = mean_difference(ends[_SHARP], ends[_WIDE])
     variance = {law: np.nanmedian(data["variance"].sel(law=law), axis=1) for law in laws}
     sharp = np.log10(variance[_SHARP])
-    falling = [difference(sharp, np.log10(variance[law])) for law in laws[1:]]
+    falling = [mean_difference(sharp, np.log10(variance[law])) for law in laws[1:]]
     return [
         claim("mu = 1e-10 learns slowly", _PLACE)
         .expected("mean return over iterations below that of mu = 1e-2, 95 % over seeds")
         .measured(str(slower))
         .holds(slower.better, margin=slower.margin),
-        gained(
+        claim_gains(
             "for its gradient has the higher variance",
             _PLACE,
             "decades of a run's median above every other law's, 95 % over seeds",
@@ -119,12 +119,12 @@ def _on_top(law: str, fixed: list[str], ends: dict[str, np.ndarray], areas: dict
         (_PLACE, "The adaptive law") if law == _ADAPTIVE[0] else ("our check", "The law matched to Gaussian noise")
     )
     return [
-        gained(
+        claim_gains(
             f"{name} {words}",
             place,
             f"{expected} above that of every fixed mu, 95 %",
             fixed,
-            [difference(of[law], of[other]) for other in fixed],
+            [mean_difference(of[law], of[other]) for other in fixed],
         )
         for words, expected, of in (
             ("ends the highest", "best return", ends),

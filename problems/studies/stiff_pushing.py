@@ -10,7 +10,17 @@ from dynamics.batch import Gaussian, RolloutFunction, open_loop
 from dynamics.contact import Barrier, Exact, Step
 from dynamics.systems import ContactSystem, Parameter, ParameterTable, lcs, signals
 from problems.studies.shared.sampled_step import SampledStep
-from problems.studies.study import CODE, Claim, StudyParams, claim, dataset, largest, listed, over, setting
+from problems.studies.study import (
+    CODE,
+    Claim,
+    StudyParams,
+    claim,
+    dataset,
+    format_values,
+    largest_value,
+    setting,
+    settings_text,
+)
 
 NOTES = (
     "In the authors' code damping is the factor c on the velocity in each step, no dashpot;"
@@ -79,7 +89,7 @@ class _Pushing:
         return float(moments.gradient.variance.sum()), float(moments.zeroth.variance.sum())
 
 
-def limit(params: Params) -> float:
+def stability_limit(params: Params) -> float:
     """Return the stiffness from which semi-implicit integration diverges: ``m (1 + c)/h²``."""
     return params.m * (1 + params.c) / params.h**2
 
@@ -99,7 +109,7 @@ def _unstable(params: Params) -> float:
     """Return the stiffness at which the spectral radius of the closed contact's step passes 1."""
     spring = Exact().close(pushing_system(1.0, *_arguments(params)))
     # In touch by 1 mm: the spring acts, and the Jacobian is that of the closed contact.
-    fine = limit(params) * np.linspace(0.5, 1.5, 2001)
+    fine = stability_limit(params) * np.linspace(0.5, 1.5, 2001)
     touch = np.array([[0.001, _BODY_DISTANCE, 0.0, 0.0]])
     jacobians = SampledStep(spring)(touch, np.zeros((1, 1)), {"k": fine}).x_by_x
     radius = np.abs(np.linalg.eigvals(jacobians)).max(axis=1)
@@ -113,7 +123,7 @@ def run(params: Params) -> xr.Dataset:
     penalty = _sweep(params, k)
     others = [params.model_copy(update={"c": c}) for c in DAMPINGS]
     share = np.geomspace(1e-3, 0.9, max(6, params.points // 2))
-    damped = [_sweep(other, share * limit(other)) for other in others]
+    damped = [_sweep(other, share * stability_limit(other)) for other in others]
     laws = [Exact(), *(Barrier(mu=mu) for mu in MUS)]
     rigid = pushing_system(None, *_arguments(params))
     implicit = np.array([_Pushing(params, step).variances(step.p.values) for step in (w.close(rigid) for w in laws)])
@@ -123,10 +133,10 @@ def run(params: Params) -> xr.Dataset:
             "first_order": ("k", penalty[:, 0], unit, "variance of FoBG, spring"),
             "zeroth_order": ("k", penalty[:, 1], unit, "variance of ZoBG, spring"),
             "damped": (("damping", "share", "order"), damped, unit, "variance at other factors on the velocity"),
-            "damped_limit": ("damping", [limit(o) for o in others], "N/m", "m (1 + c)/h² at those"),
+            "damped_limit": ("damping", [stability_limit(o) for o in others], "N/m", "m (1 + c)/h² at those"),
             "implicit_first": ("law", implicit[:, 0], unit, "variance of FoBG"),
             "implicit_zeroth": ("law", implicit[:, 1], unit, "variance of ZoBG"),
-            "limit": ((), limit(params), "N/m", "m (1 + c)/h²"),
+            "limit": ((), stability_limit(params), "N/m", "m (1 + c)/h²"),
             "unstable": ((), _unstable(params), "N/m", "where the spectral radius passes 1"),
         },
         {
@@ -172,7 +182,7 @@ _LIGHT_DAMPING = 0.99
 """Factor from which the bodies keep their velocity over the spring's own time."""
 
 
-def crossing(k: np.ndarray, first: np.ndarray, zeroth: np.ndarray) -> float:
+def crossing_stiffness(k: np.ndarray, first: np.ndarray, zeroth: np.ndarray) -> float:
     """Return the stiffness at which FoBG's variance passes ZoBG's, on log axes, or NaN."""
     excess = np.log(first / zeroth)
     above = np.flatnonzero(excess > 0)
@@ -195,7 +205,7 @@ def _spring(data: xr.Dataset) -> list[Claim]:
     light, factors = c >= _LIGHT_DAMPING, list(c)
     bound, unstable_at = float(data["limit"]), float(data["unstable"])
     passes = data["damped_limit"].values * [
-        crossing(share, one, other) for one, other in zip(first, zeroth, strict=True)
+        crossing_stiffness(share, one, other) for one, other in zip(first, zeroth, strict=True)
     ]
     crosses = np.isfinite(passes)
     below = first[:, 0] < 0.01 * zeroth[:, 0]
@@ -205,22 +215,22 @@ def _spring(data: xr.Dataset) -> list[Claim]:
     return [
         claim("ZoBG has lower variance than FoBG as stiffness increases", "Pathologies, ex. III.7")
         .expected(f"the curves cross below the limit, for c >= {_LIGHT_DAMPING:g}")
-        .measured(f"c {over(factors, crosses)}: at k = " + listed(passes[crosses], ".3g") + " N/m")
+        .measured(f"c {settings_text(factors, crosses)}: at k = " + format_values(passes[crosses], ".3g") + " N/m")
         .holds(crosses[light]),
         claim("At low stiffness it is the other way round", "our check")
         .expected("FoBG far below ZoBG")
         .measured(
-            f"c {over(factors, below)}: {largest(first[:, 0] / zeroth[:, 0]):.1e} of it at most"
+            f"c {settings_text(factors, below)}: {largest_value(first[:, 0] / zeroth[:, 0]):.1e} of it at most"
             f" at {share[0]:g} of the limit"
         )
         .holds(below),
         claim("FoBG's variance grows with k, ZoBG's does not", "our check")
         .expected(f"1000 times and less than twice up to {share[-1]:g} of the limit, c >= {_LIGHT_DAMPING:g}")
         .measured(
-            f"c {over(factors, grows)}: FoBG up "
-            + listed(growth, ".1e")
+            f"c {settings_text(factors, grows)}: FoBG up "
+            + format_values(growth, ".1e")
             + " times, ZoBG within a factor "
-            + listed(flat, ".2f")
+            + format_values(flat, ".2f")
         )
         .holds(grows[light]),
         claim("Then semi-implicit integration becomes unstable", "Pathologies, ex. III.7")
@@ -232,7 +242,7 @@ def _spring(data: xr.Dataset) -> list[Claim]:
 
 def _implicit(data: xr.Dataset) -> list[Claim]:
     first, zeroth = data["implicit_first"].values, data["implicit_zeroth"].values
-    mus = listed(MUS, "g")
+    mus = format_values(MUS, "g")
     return [
         claim("Implicit time stepping avoids it, however rigid", "Pathologies, sec. IV-A")
         .expected("FoBG far below ZoBG")
@@ -240,6 +250,8 @@ def _implicit(data: xr.Dataset) -> list[Claim]:
         .below(first[0], 0.01 * zeroth[0]),
         claim("Its smoothing keeps the variance low", "Pathologies, sec. IV-B")
         .expected("FoBG far below ZoBG")
-        .measured(listed(first[1:], ".2g") + " against " + listed(zeroth[1:], ".2g") + f" m⁴/N² at mu = {mus}")
+        .measured(
+            format_values(first[1:], ".2g") + " against " + format_values(zeroth[1:], ".2g") + f" m⁴/N² at mu = {mus}"
+        )
         .below(first[1:], 0.01 * zeroth[1:]),
     ]

@@ -50,7 +50,7 @@ class StudyParams(Parameters):
     seed: int = setting(0, "1", "seed of everything random", least=0, most=2**31 - 1)
 
 
-class Pieces:
+class FinishedParts:
     """Finished pieces of a study by their keys, kept by a checkpoint where there is one.
 
     Pieces that are independent jobs go to ``jobs`` processes, by default one a CPU, or to the
@@ -226,13 +226,13 @@ class FigureStudy:
         """Run at ``values``, the rest at their defaults; the parameters become attributes.
 
         Pieces of a study that resumes are taken from ``kept`` and put there, and computed where
-        :class:`Pieces` states.
+        :class:`FinishedParts` states.
 
         Raises :class:`~ocp.errors.InputError` for a bad parameter and ``ValueError`` where a
         variable has no units.
         """
         params = self.params(values or {})
-        pieces = [Pieces(kept, jobs, scheduler)] if self.resumes else []
+        pieces = [FinishedParts(kept, jobs, scheduler)] if self.resumes else []
         data = self._module.run(params, *pieces)
         for name, array in data.variables.items():
             if array.dtype.kind in "fiu" and "units" not in array.attrs:
@@ -264,17 +264,17 @@ def share_margin(marks: ArrayLike, least: float) -> float:
     return float((truths.sum() - least * truths.size) / np.sqrt(least * (1 - least) * truths.size))
 
 
-def largest(values: ArrayLike) -> float:
+def largest_value(values: ArrayLike) -> float:
     """Return the largest of ``values``; NaN, under which no claim holds, where there are none."""
     return float(np.max(values)) if np.size(values) else float("nan")
 
 
-def listed(values: Iterable[float], form: str) -> str:
+def format_values(values: Iterable[float], form: str) -> str:
     """Write all of ``values`` in the format ``form``: ``0.10, 0.25``."""
     return ", ".join(format(value, form) for value in values)
 
 
-def over(settings: Sequence[object], marks: ArrayLike) -> str:
+def settings_text(settings: Sequence[object], marks: ArrayLike) -> str:
     """Say at which of ``settings`` a sentence held: ``for all``, ``for a, b, not for c``.
 
     Numbers are shortened to four digits; ``marks`` has one truth value a setting.
@@ -290,7 +290,7 @@ def over(settings: Sequence[object], marks: ArrayLike) -> str:
     return f"for {true_at}, not for {false_at}" if true_at else f"for none of {false_at}"
 
 
-def verdict(holds: bool, margin: float | None = None) -> str:
+def claim_verdict(holds: bool, margin: float | None = None) -> str:
     """Say whether a claim holds, or that its statistic is within 3 standard errors of deciding.
 
     Other seeds, or another processor's rounding, may turn what is within noise.
@@ -300,19 +300,19 @@ def verdict(holds: bool, margin: float | None = None) -> str:
     return "holds" if holds else "does not hold"
 
 
-def counted(claims: Iterable[Claim | Mapping[str, Any]]) -> str:
+def count_text(claims: Iterable[Claim | Mapping[str, Any]]) -> str:
     """Say how many claims hold, of how many, and how many are within noise.
 
     They may be rows, as a run's record keeps them.
     """
     rows = [claim if isinstance(claim, Mapping) else vars(claim) for claim in claims]
-    verdicts = [verdict(row["holds"], row.get("margin")) for row in rows]
+    verdicts = [claim_verdict(row["holds"], row.get("margin")) for row in rows]
     n_noise = verdicts.count(WITHIN_NOISE)
     return f"{verdicts.count('holds')} of {len(verdicts)}" + f" ({n_noise} within noise)" * bool(n_noise)
 
 
-def did_hold(claims: Sequence[Claim]) -> str:
+def claims_sentence(claims: Sequence[Claim]) -> str:
     """Say in one sentence how many claims hold."""
     if not claims:
         raise InputError("a study without claims checks nothing; give it at least one")
-    return f"{counted(claims)} claims hold."
+    return f"{count_text(claims)} claims hold."

@@ -11,8 +11,8 @@ from ocp.learning.explorer import squash
 from ocp.learning.protocol import Algorithm
 from ocp.learning.unroll_gradients import FOPG, SHARP, ZOPG
 from ocp.problem.task import Task
-from problems.studies.shared.trainings import area, difference, gained, least
-from problems.studies.study import Claim, StudyParams, claim, dataset, over, setting
+from problems.studies.shared.trainings import claim_gains, mean_difference, mean_height, smallest_margin
+from problems.studies.study import Claim, StudyParams, claim, dataset, format_values, setting, settings_text
 from problems.tasks.registry import get
 
 NOTES = (
@@ -46,7 +46,7 @@ class Params(StudyParams):
     grid: int = setting(61, "1", "points of a landscape along each axis", least=9)
 
 
-def methods(params: Params) -> dict[str, tuple[Algorithm, ContactLaw]]:
+def make_methods(params: Params) -> dict[str, tuple[Algorithm, ContactLaw]]:
     """Return every method with the law that it learns through."""
     n_even = params.samples + params.samples % 2
     options = {"samples": n_even, "unroll": get("ball-throw").horizon, "sigma": params.sigma, "rate": params.rate}
@@ -62,7 +62,7 @@ def methods(params: Params) -> dict[str, tuple[Algorithm, ContactLaw]]:
 
 def run(params: Params) -> xr.Dataset:
     """Compute decisions and exact returns of every run, and the return over all decisions by law."""
-    task, algorithms = get("ball-throw"), methods(params)
+    task, algorithms = get("ball-throw"), make_methods(params)
     names = list(algorithms)
     decisions = np.zeros((len(algorithms), params.runs, params.iterations + 1, 2))
     for m, (algorithm, law) in enumerate(algorithms.values()):
@@ -138,22 +138,22 @@ def claims(data: xr.Dataset) -> list[Claim]:
     names = [str(name) for name in data["algorithm"].values]
     curves = {name: data["exact_return"].sel(algorithm=name).values for name in names}
     last = {name: curve[:, -1] for name, curve in curves.items()}
-    areas = {name: area(curve) for name, curve in curves.items()}
+    areas = {name: mean_height(curve) for name, curve in curves.items()}
     barriers = [f"BS {mu:g}" for mu in MUS]
     smoothed = [*barriers, "ABS quartic", "ABS gaussian"]
     results = []
     for other in ("ZOPG", "FOPG"):
-        gains = [difference(last[name], last[other]) for name in barriers]
-        faster = [difference(areas[name], areas[other]) for name in barriers]
+        gains = [mean_difference(last[name], last[other]) for name in barriers]
+        faster = [mean_difference(areas[name], areas[other]) for name in barriers]
         results += [
-            gained(
+            claim_gains(
                 f"Barrier smoothing ends at a higher return than {other}",
                 _PLACE,
                 "final return above, 95 % over runs",
                 MUS,
                 gains,
             ),
-            gained(
+            claim_gains(
                 f"Barrier smoothing converges faster than {other}",
                 _PLACE,
                 "mean return over iterations above, 95 % over runs",
@@ -163,12 +163,12 @@ def claims(data: xr.Dataset) -> list[Claim]:
         ]
     best = max(barriers, key=lambda name: last[name].mean())
     for name in ("ABS quartic", "ABS gaussian"):
-        final_gain, mean_gain = difference(last[name], last[best]), difference(areas[name], areas[best])
+        final_gain, mean_gain = mean_difference(last[name], last[best]), mean_difference(areas[name], areas[best])
         results.append(
             claim(f"Adaptive smoothing ({name.split()[1]}) does better than the best fixed one", _PLACE)
             .expected("final return and mean over iterations above, 95 % over runs")
             .measured(f"against {best}: final {final_gain}, mean {mean_gain}")
-            .holds(final_gain.better and mean_gain.better, margin=least((final_gain, mean_gain)))
+            .holds(final_gain.better and mean_gain.better, margin=smallest_margin((final_gain, mean_gain)))
         )
     shares = [float((last[name] > _GOAL_RETURN).mean()) for name in last]
     share_texts = ", ".join(f"{name} {share:.0%}" for name, share in zip(last, shares, strict=True))
@@ -196,12 +196,12 @@ def _of_landscapes(data: xr.Dataset, smoothed: list[str]) -> list[Claim]:
     return [
         claim("The exact law's landscape has local maxima that smoothing removes", "our check")
         .expected(f"fewer along the angle than the exact law's {peaks['FOPG']}")
-        .measured(f"{over(smoothed, fewer)}: {', '.join(str(peaks[n]) for n in smoothed)}")
+        .measured(f"{settings_text(smoothed, fewer)}: {', '.join(str(peaks[n]) for n in smoothed)}")
         .holds(fewer),
         claim("The best throw under a smoothed law is the best under the exact one", "our check")
         .expected(f"exact return of its best decision within {-_GOAL_RETURN:g} m² of the best")
         .measured(
-            f"{over(smoothed, np.array(losses) < -_GOAL_RETURN)}: less by {', '.join(f'{loss:.2g}' for loss in losses)}"
+            f"{settings_text(smoothed, np.array(losses) < -_GOAL_RETURN)}: less by {format_values(losses, '.2g')}"
         )
         .below(losses, -_GOAL_RETURN),
     ]

@@ -19,15 +19,15 @@ from ocp.learning.training import evaluate_from
 from ocp.learning.unroll_gradients import FOPG
 from problems.studies.shared.trainings import (
     Curves,
-    area,
-    curves,
-    difference,
-    gained,
-    interpolated,
-    job,
+    claim_gains,
+    interpolate_finite,
+    make_job,
+    mean_difference,
+    mean_height,
     side_by_side,
+    training_curves,
 )
-from problems.studies.study import Claim, Pieces, StudyParams, claim, dataset, over, setting
+from problems.studies.study import Claim, FinishedParts, StudyParams, claim, dataset, setting, settings_text
 from problems.tasks import registry
 from problems.tasks.training import TrainingJob, policy_of
 
@@ -113,23 +113,23 @@ class Params(StudyParams):
     plans: int = setting(4, "1", "starts that episodes are planned from", least=1)
 
 
-def run(params: Params, pieces: Pieces) -> xr.Dataset:
+def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
     """Compute returns of every run over simulated steps and over time, and the best policy's motion."""
-    plans_shown = plans(TASKS, params.plans, pieces)
+    plans_shown = make_plans(TASKS, params.plans, pieces)
     jobs = {
         f"{task}-{name}-{r}": _job(task, METHODS[name], params, r, plans_shown[task])
         for task in TASKS
         for name in METHODS
         for r in range(params.runs)
     }
-    trainings = curves(jobs, pieces)
+    trainings = training_curves(jobs, pieces)
     model_based = {key: f for key, f in trainings.items() if jobs[key].algorithm.name == "mbpo"}
     steps = np.linspace(0, 1e3 * params.kilosteps, POINTS)
     few = np.linspace(0, max(float(f["env_steps"][-1]) for f in model_based.values()), POINTS)
     wall = np.linspace(0, max(float(np.nanmax(f["wall_s"])) for f in trainings.values()), POINTS)
 
     def table(along: str, grid: np.ndarray, of: Mapping[str, Curves] = trainings) -> np.ndarray:
-        rows = [interpolated(grid, f[along], f["evaluation_return"]) for f in of.values()]
+        rows = [interpolate_finite(grid, f[along], f["evaluation_return"]) for f in of.values()]
         return np.reshape(rows, (len(TASKS), -1, params.runs, POINTS))
 
     def best(of: str) -> np.ndarray:
@@ -163,7 +163,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
 
 def _against_plans(
     params: Params,
-    pieces: Pieces,
+    pieces: FinishedParts,
     shown: Mapping[str, list[Curves]],
     jobs: Mapping[str, TrainingJob],
     trainings: Mapping[str, Curves],
@@ -175,7 +175,7 @@ def _against_plans(
     best = {
         task: max((key for key in jobs if jobs[key].task == task), key=lambda k: reached[k].mean()) for task in TASKS
     }
-    plans_near_policies = plans(TASKS, n, pieces, {task: policies[key] for task, key in best.items()})
+    plans_near_policies = make_plans(TASKS, n, pieces, {task: policies[key] for task, key in best.items()})
 
     def collected(of: str) -> np.ndarray:
         return np.array(
@@ -200,12 +200,14 @@ def _against_plans(
 def _job(task: str, method: Method, params: Params, run: int, shown: list[Curves]) -> TrainingJob:
     """Build a training that spends the budget, or MBPO's iterations."""
     seed = params.seed * 1000 + run
-    start = fitted(task, shown, seed) if method.shown else None
+    start = fit_network(task, shown, seed) if method.shown else None
     length: dict[str, Any] = {"budget": Budget(1000 * params.kilosteps, params.judged)}
     if method.algorithm == "mbpo":
         every = max(1, params.model_based // params.judged)
         length = {"iterations": params.model_based, "evaluate_every": every}
-    return job(task, method.algorithm, method.law, seed, hidden=method.hidden, episodes=EPISODES, start=start, **length)
+    return make_job(
+        task, method.algorithm, method.law, seed, hidden=method.hidden, episodes=EPISODES, start=start, **length
+    )
 
 
 STEPS = 20
@@ -233,7 +235,7 @@ class Policy:
 
     def returns(self, n: int) -> np.ndarray:
         """Compute returns (n,) over as many steps as a plan has, from the plans' starts."""
-        episodes = evaluate_from(self.over(STEPS), self.trained, EXACT, starts(self.task, n))
+        episodes = evaluate_from(self.over(STEPS), self.trained, EXACT, initial_states(self.task, n))
         return episodes.returns
 
 
@@ -246,14 +248,14 @@ class PlanJob:
     near: Policy | None = None
 
 
-def plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
+def make_plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
     """Plan one start; a :data:`~ocp.jobs.scheduling.Function`.
 
     ``states`` and ``inputs`` are what the plan shows, ``returned`` and ``replayed`` its return and
     that of its inputs under the exact law, ``certified`` whether it is.
     """
     task = registry.get(job.task, horizon=STEPS)
-    x0 = starts(job.task, job.number + 1)[job.number]
+    x0 = initial_states(job.task, job.number + 1)[job.number]
     guess = guess_from_constant_inputs(task)
     if job.near is not None:
         guess = guess_from_policy(job.near.over(STEPS), job.near.trained)
@@ -268,25 +270,25 @@ def plan(job: PlanJob, _: Report) -> dict[str, np.ndarray]:
     }
 
 
-def starts(task: str, n: int) -> np.ndarray:
+def initial_states(task: str, n: int) -> np.ndarray:
     """Return the first ``n`` states that plans start from (n, nx)."""
     task_object = registry.get(task)
     return np.concatenate([task_object.reset(1, np.random.default_rng([_START_SEED, number])) for number in range(n)])
 
 
-def plans(
-    tasks: tuple[str, ...], n: int, pieces: Pieces, best: Mapping[str, Policy] | None = None
+def make_plans(
+    tasks: tuple[str, ...], n: int, pieces: FinishedParts, best: Mapping[str, Policy] | None = None
 ) -> dict[str, list[dict[str, np.ndarray]]]:
     """Compute ``n`` plans of each task, side by side, from constant inputs or ``best`` policies."""
     word = "plan" if best is None else "near"
     jobs = {
         f"{word}-{task}-{k}": PlanJob(task, k, None if best is None else best[task]) for task in tasks for k in range(n)
     }
-    results = side_by_side(plan, jobs, pieces)
+    results = side_by_side(make_plan, jobs, pieces)
     return {task: [results[f"{word}-{task}-{k}"] for k in range(n)] for task in tasks}
 
 
-def fitted(task: str, shown: list[dict[str, np.ndarray]], seed: int) -> Trained:
+def fit_network(task: str, shown: list[dict[str, np.ndarray]], seed: int) -> Trained:
     """Fit a network to plans."""
     states, inputs = (np.concatenate([plan_arrays[of] for plan_arrays in shown]) for of in ("states", "inputs"))
     return fit_actions(registry.get(task), states, inputs, HIDDEN, seed)
@@ -310,19 +312,19 @@ def claims(data: xr.Dataset) -> list[Claim]:
     for task in map(str, data["task"].values):
         results += _of_plans(task, data.sel(task=task))
         task_data = data.sel(task=task, algorithm=papers)
-        areas = {n: area(task_data["by_steps"].sel(algorithm=n).values) for n in (_OURS, *others)}
-        gains = [difference(areas[_OURS], areas[name], paired=False) for name in others]
+        areas = {n: mean_height(task_data["by_steps"].sel(algorithm=n).values) for n in (_OURS, *others)}
+        gains = [mean_difference(areas[_OURS], areas[name], paired=False) for name in others]
         best = {n: task_data["best"].sel(algorithm=n).values for n in papers}
-        ends = [difference(best[_OURS], best[name], paired=False) for name in others]
+        ends = [mean_difference(best[_OURS], best[name], paired=False) for name in others]
         rivalry = [
-            gained(
+            claim_gains(
                 f"On {task} FOPG with ABS learns the fastest",
                 _PLACE,
                 "mean return over equal simulated steps above every other's, bootstrap 95 %",
                 others,
                 gains,
             ),
-            gained(
+            claim_gains(
                 f"On {task} FOPG with ABS ends the highest",
                 _PLACE,
                 "best return in equal simulated steps above every other's, bootstrap 95 %",
@@ -338,7 +340,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
         results.append(
             claim(f"Every algorithm's best policy runs on {task}", "our check")
             .expected(f"half of the seeds at {_RUNNING_SPEEDS[task]:g} m/s or more for 5 s, without falling")
-            .measured(f"{over(papers, running & lasting)}: {speeds} m/s")
+            .measured(f"{settings_text(papers, running & lasting)}: {speeds} m/s")
             .holds(running & lasting)
         )
     return results
@@ -353,8 +355,8 @@ def _untrained(task_data: xr.Dataset) -> str:
 
 def _of_plans(task: str, task_data: xr.Dataset) -> list[Claim]:
     """Check plans as a start to learn from, and as a measure of policies."""
-    areas = [area(task_data["by_steps"].sel(algorithm=name).values) for name in (SHOWN, NETWORK)]
-    gain = difference(*areas, paired=False)
+    areas = [mean_height(task_data["by_steps"].sel(algorithm=name).values) for name in (SHOWN, NETWORK)]
+    gain = mean_difference(*areas, paired=False)
     best = task_data["replayed"].max("guess")
     shares = task_data["reached"].median("run").mean("start") / best.mean("start")
     names = [str(name) for name in task_data["algorithm"].values]

@@ -11,9 +11,9 @@ from dynamics.batch import DensePolicy, StepFunction
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Trained
-from problems.studies.progress import tracked
-from problems.studies.shared.trainings import job
-from problems.studies.study import Claim, Pieces, StudyParams, claim, dataset, over, setting
+from problems.studies.progress import track_items
+from problems.studies.shared.trainings import make_job
+from problems.studies.study import Claim, FinishedParts, StudyParams, claim, dataset, setting, settings_text
 
 NOTES = (
     "Every law and length differentiates the same policies from the same states, those of a"
@@ -47,9 +47,9 @@ class Params(StudyParams):
     sigma: float = setting(0.02, "1", "noise on the actions before they are bounded", above=0)
 
 
-def run(params: Params, pieces: Pieces) -> xr.Dataset:
+def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
     """Compute variances of all laws, lengths and policies of both tasks, and Lipschitz constants."""
-    task_results = [pieces.get(task, lambda task=task: _task(task, params)) for task in tracked("tasks", TASKS)]
+    task_results = [pieces.get(task, lambda task=task: _task(task, params)) for task in track_items("tasks", TASKS)]
     every = ("task", "stage", "law", "length")
     return dataset(
         {
@@ -73,7 +73,7 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
 
 
 def _task(task: str, params: Params) -> dict[str, np.ndarray]:
-    training = job(task, "fopg", LAWS["adaptive"], params.seed)
+    training = make_job(task, "fopg", LAWS["adaptive"], params.seed)
     experiment = training.experiment()
     shape = (params.stages, len(LAWS))
     variance, lost = np.full((2, *shape, len(LENGTHS)), np.nan)
@@ -175,7 +175,7 @@ class Growth:
         return f"{self.rate:.2f} ({self.low:.2f} to {self.high:.2f})"
 
 
-def growth(data: xr.Dataset, task: str, law: str) -> Growth:
+def variance_growth(data: xr.Dataset, task: str, law: str) -> Growth:
     """Return the mean over stages of the fitted slope, with twice its standard error."""
     variances = data["variance"].sel(task=task, law=law)
     lengths = variances["length"].values
@@ -200,7 +200,7 @@ def bound_rate(data: xr.Dataset, task: str, law: str) -> float:
 
 def claims(data: xr.Dataset) -> list[Claim]:
     """Return the claims of the figure's text, and on theorem 4.4."""
-    rates = {(t, law): growth(data, t, law) for t in TASKS for law in LAWS}
+    rates = {(t, law): variance_growth(data, t, law) for t in TASKS for law in LAWS}
     mean = data["variance"].mean("stage")
     last = mean.isel(length=-1)
     shares = {t: [float(last.sel(task=t, law=law) / last.sel(task=t, law=_SHARP)) for law in LAWS] for t in TASKS}
@@ -216,19 +216,19 @@ def claims(data: xr.Dataset) -> list[Claim]:
     return [
         claim("The variance explodes with the unroll length at mu = 1e-10", _PLACE)
         .expected(f"log variance grows from H = {_SHORTEST_FITTED} on, 95 % over policies")
-        .measured(f"{over(TASKS, exploding)}: {', '.join(str(rates[t, _SHARP]) for t in TASKS)} a step")
+        .measured(f"{settings_text(TASKS, exploding)}: {', '.join(str(rates[t, _SHARP]) for t in TASKS)} a step")
         .holds(exploding, margin=min(r.rate / r.error for r in (rates[t, _SHARP] for t in TASKS))),
         claim("As mu increases the variance decreases", _PLACE)
         .expected("at the longest unroll, over mu = 1e-2 down to 1e-10 never falling")
         .measured(
-            f"{over(TASKS, ordered)}: "
+            f"{settings_text(TASKS, ordered)}: "
             + "; ".join(", ".join(f"{s:.2g}" for s in shares[t][:5]) for t in TASKS)
             + f" of that at {_SHARP}"
         )
         .holds(ordered),
         claim("At mu = 1e-2 it grows more slowly than at 1e-10", _PLACE)
         .expected("intervals of the growth apart")
-        .measured(f"{over(TASKS, flatter)}: {', '.join(str(rates[t, _WIDE]) for t in TASKS)} a step")
+        .measured(f"{settings_text(TASKS, flatter)}: {', '.join(str(rates[t, _WIDE]) for t in TASKS)} a step")
         .holds(flatter, margin=min(apart)),
         claim("The adaptive law's variance lies between", "our check")
         .expected("at the longest unroll between those of mu = 1e-2 and 1e-10")

@@ -12,7 +12,7 @@ from dynamics.batch import BatchFunction, Gaussian
 from dynamics.systems import Signal
 from ocp.gradients.objective import CostSamples, SampledObjective
 from problems.studies.shared.decision_sweep import both_orders, sweep_decision
-from problems.studies.study import CODE, Claim, StudyParams, claim, dataset, listed, over, setting
+from problems.studies.study import CODE, Claim, StudyParams, claim, dataset, format_values, setting, settings_text
 
 NOTES = (
     "Impacts are elastic mirror reflections inside a step; the authors' 0.9 of restitution is"
@@ -157,7 +157,7 @@ class Params(StudyParams):
     n_samples: int = setting(1000, "1", "samples of each estimate", least=10)
 
 
-def thrown(params: Params, dome: bool, width: float | None = None) -> ThrownBall:
+def make_throw(params: Params, dome: bool, width: float | None = None) -> ThrownBall:
     """Build the throw; ``width`` [m] replaces the wall's."""
     wall = Wall(params.place, width or params.width, params.height, dome)
     return ThrownBall(wall, params.v0, params.g, params.h, params.T)
@@ -167,12 +167,12 @@ def _shrinking(params: Params, corner: float) -> dict:
     """Compute ``beta, Delta, S`` of pathologies, def. III.3, at the corner's angle as the dome narrows."""
     # The event is that the dome is missed: the slope is then at most that of the rectangle.
     width = params.width / 2.0 ** np.arange(_DOMES)
-    at_flat = thrown(params, False).at({"theta": corner})
+    at_flat = make_throw(params, False).at({"theta": corner})
     noise = Gaussian(params.sigma, np.random.SeedSequence(params.seed, spawn_key=(_DOMES,)))
     smooth = 1.02 * float(np.abs(at_flat.sample_gradients(noise, params.n_samples).direction).max())
     rows = []
     for index, value in enumerate(width):
-        ball = thrown(params, True, float(value)).at({"theta": corner})
+        ball = make_throw(params, True, float(value)).at({"theta": corner})
         n = 20 * params.n_samples
         first, zeroth = both_orders(ball, params.sigma, n, params.seed, index)
         missed = np.abs(first.first_samples) <= smooth
@@ -201,14 +201,14 @@ def run(params: Params) -> xr.Dataset:
     """Compute paths, landing objective, gradients along the angle, and domes that shrink."""
     angles, fine = np.linspace(0.68, 0.73, 15), np.linspace(0.5, 0.9, 4001)
     theta = np.linspace(params.least, params.most, params.points)
-    balls = {name: thrown(params, name == "dome") for name in SHAPES}
+    balls = {name: make_throw(params, name == "dome") for name in SHAPES}
     cost = {name: ball.costs(fine[:, None]) for name, ball in balls.items()}
     sweeps = {
         name: sweep_decision(ball, theta, params.sigma, params.n_samples, params.seed + index)
         for index, (name, ball) in enumerate(balls.items())
     }
     smooth = params.model_copy(update={"h": params.h / _FINER_STEPS, "T": params.T * _FINER_STEPS})
-    paths = [thrown(smooth, name == "dome").paths(angles) for name in SHAPES]
+    paths = [make_throw(smooth, name == "dome").paths(angles) for name in SHAPES]
     jump = np.abs(np.diff(cost["rectangle"]))
     corner = float(fine[int(jump.argmax())])
     slope = "m/rad"
@@ -289,7 +289,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
         .below(dome, _chance(near_corner.sum())),
         claim("The stiffness still results in high variance", "our check")
         .expected("twice ZoBG's or more")
-        .measured(f"domes {over(list(width), high)} m wide: " + listed(first / rough, ".2g") + " times")
+        .measured(f"domes {settings_text(list(width), high)} m wide: " + format_values(first / rough, ".2g") + " times")
         .holds(high),
         claim("It grows as the dome shrinks towards the corner, ZoBG's does not", "our check")
         .expected("as 1/width")
@@ -298,10 +298,10 @@ def claims(data: xr.Dataset) -> list[Claim]:
         claim("The dome results in high empirical bias", place)
         .expected("off by |F'|/2 or more where the dome is missed, in nine of ten cases")
         .measured(
-            f"domes {over(list(width), biased)} m wide: met with probability "
-            + listed(beta, ".2f")
+            f"domes {settings_text(list(width), biased)} m wide: met with probability "
+            + format_values(beta, ".2f")
             + ", off by "
-            + listed(Delta / scale, ".2f")
+            + format_values(Delta / scale, ".2f")
             + " of |F'|"
         )
         .holds(biased),

@@ -25,8 +25,8 @@ from ocp.store.checkpoint import Checkpoint
 from ocp.store.stored_run import StoredRun
 from problems import studies
 from problems.studies import FigureStudy
-from problems.studies.progress import listening
-from problems.studies.study import did_hold
+from problems.studies.progress import listen_to_progress
+from problems.studies.study import claims_sentence
 from reports.cli import interrupt
 from reports.cli.commands import FigureOptions
 from reports.cli.request import check_outputs, parse_assignments
@@ -150,7 +150,7 @@ def _progress(options: FigureOptions) -> Iterator[None]:
                 tasks[loop] = bar.add_task(loop)
             bar.update(tasks[loop], completed=done, total=total)
 
-        with listening(heard):
+        with listen_to_progress(heard):
             yield
 
 
@@ -192,7 +192,7 @@ def _shown(study: FigureStudy, params: dict[str, Any], data: xr.Dataset, options
         "seed": params["seed"],
         "record": {"params": params},
         "claims": [asdict(claim) for claim in claims],
-        "verdict": did_hold(claims),
+        "verdict": claims_sentence(claims),
         "status": "done",
     }
     stored = store.write(out, study.id, data, meta)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ocp.store.stored_run import StoredRun
 from problems import studies
-from problems.studies.study import origin_of, verdict
+from problems.studies.study import claim_verdict, origin_of
 from reports.documents.common import Page, run_summary
 from reports.figures.studies import DRAWINGS
 
@@ -16,7 +16,9 @@ def study_page(run: StoredRun) -> Page:
     content |= {
         "title": f"{study.id}: {study.title}",
         "caption": DRAWINGS[study.id].caption,
-        "claims": [{**claim, "mark": verdict(claim["holds"], claim.get("margin"))} for claim in run.meta["claims"]],
+        "claims": [
+            {**claim, "mark": claim_verdict(claim["holds"], claim.get("margin"))} for claim in run.meta["claims"]
+        ],
         "notes": list(study.notes),
         "parameters": [[*row, origin_of(fields[row[0]])] for row in content["parameters"]],
     }

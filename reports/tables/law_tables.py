@@ -6,8 +6,8 @@ import math
 
 import xarray as xr
 
-from problems.studies.laws_in_the_loop.data import FEEDBACK, LAWS, relative, survives
-from problems.studies.smoothings_compared.data import WITHIN, described, excess
+from problems.studies.laws_in_the_loop.data import FEEDBACK, LAWS, relative_cost, survival
+from problems.studies.smoothings_compared.data import WITHIN, excess_cost, law_texts
 
 
 def excess_text(share: float) -> str:
@@ -34,10 +34,10 @@ def seconds_of(data: xr.Dataset) -> xr.DataArray:
 def smoothing_rows(data: xr.Dataset) -> list[list[str]]:
     """Return the column titles and a row per law: excess and survival per problem, then seconds."""
     names = [str(name) for name in data["problem"].values]
-    excesses, seconds = excess(data).median("seed"), seconds_of(data)
+    excesses, seconds = excess_cost(data).median("seed"), seconds_of(data)
     survives, n_seeds = data["survives"].sum("seed"), data.sizes["seed"]
     table = [["law", *names, "seconds"]]
-    for law, text in described(data.attrs).items():
+    for law, text in law_texts(data.attrs).items():
         cells = [
             _cell(float(excesses.sel(law=law, problem=p)), int(survives.sel(law=law, problem=p)), n_seeds)
             for p in names
@@ -62,7 +62,7 @@ def loop_rows(data: xr.Dataset) -> list[list[str]]:
     first horizon.
     """
     tasks = [str(name) for name in data["task"].values]
-    excesses, alive = relative(data).median(["plant", "seed"]) - 1, survives(data)
+    excesses, alive = relative_cost(data).median(["plant", "seed"]) - 1, survival(data)
     n_alive, n_runs = alive.sum(["plant", "seed"]), alive.count(["plant", "seed"])
     table = [["planning again", *tasks, "p99 [ms]"]]
     for name in (*LAWS, *FEEDBACK):

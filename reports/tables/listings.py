@@ -63,7 +63,7 @@ def run_table(run: StoredRun) -> Table:
 
 def claim_table(claims: Sequence[Claim]) -> Table:
     """Return a study's claims: expected value, measured value, verdict."""
-    from problems.studies.study import verdict
+    from problems.studies.study import claim_verdict
 
     table = Table(box=None, pad_edge=False, padding=(0, 1, 1, 0))
     for name, share in (("claim", 6), ("source", 4), ("expected", 4), ("measured", 5)):
@@ -71,7 +71,7 @@ def claim_table(claims: Sequence[Claim]) -> Table:
     table.add_column("holds", no_wrap=True)
     marks = {"holds": "yes", "does not hold": "NO"}
     for claim in claims:
-        word = verdict(claim.holds, claim.margin)
+        word = claim_verdict(claim.holds, claim.margin)
         cells = (claim.claim, claim.source, claim.expected, claim.measured)
         table.add_row(*map(Text, cells), marks.get(word, word))
     return table

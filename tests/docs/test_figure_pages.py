@@ -8,7 +8,7 @@ import pytest
 
 from docs.generator import figures, measured
 from ocp.errors import InputError
-from problems.studies.study import counted
+from problems.studies.study import count_text
 from reports.tables import law_tables
 from tests.golden.figures.compared import compared
 from tests.golden.figures.verdicts import VERDICTS
@@ -32,11 +32,11 @@ def test_claims_are_kept_with_where_they_come_from(folder: Path) -> None:
     kept = measured.read("claims/P1")
     assert kept["claims"] == CLAIMS and kept["command"] == "ocp figure P1"
     assert all(kept[name] for name in ("commit", "date", "machine"))
-    assert counted(kept["claims"]) == "1 of 2"
+    assert count_text(kept["claims"]) == "1 of 2"
     noisy = [{**claim, "margin": margin} for claim, margin in zip(CLAIMS, (2.9, -3.1), strict=True)]
     figures.keep([{"id": "P1", "claims": noisy}])
     kept_noisy = measured.read("claims/P1")
-    assert kept_noisy["claims"] == noisy and counted(kept_noisy["claims"]) == "0 of 2 (1 within noise)"
+    assert kept_noisy["claims"] == noisy and count_text(kept_noisy["claims"]) == "0 of 2 (1 within noise)"
     assert figures.claims(kept_noisy).splitlines()[2].endswith("| within noise |")
     rows = figures.claims(kept).splitlines()
     assert rows[2].startswith("| \\|a\\_b\\| &lt; 1 |") and rows[2].endswith("| yes |")

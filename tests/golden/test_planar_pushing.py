@@ -10,7 +10,7 @@ from ocp import Direct, Feedback, MultipleShooting, SingleShooting, Status, solv
 from ocp.problem.rollout import initial_guesses
 from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session
-from problems.studies.start_without_contact.data import gains, plan
+from problems.studies.start_without_contact.data import object_costs, plan_problem
 from tests.golden.known import LAWS, better
 
 NAMES = ("planar-push", "planar-hand")
@@ -30,8 +30,8 @@ def test_both_state_an_exact_and_a_barrier_optimum() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_exact_law_does_not_move_what_it_does_not_touch(name: str) -> None:
     """noising, fig. 2: from a start without contact the exact gradient has nothing to say."""
-    found = plan(problems.get(name), Exact())
-    rest, planned, replay = gains(name, found)
+    found = plan_problem(problems.get(name), Exact())
+    rest, planned, replay = object_costs(name, found)
     assert found.status is Status.NO_PROGRESS
     assert planned == pytest.approx(rest, rel=1e-12)
     assert replay == pytest.approx(rest, rel=1e-12)
@@ -52,7 +52,7 @@ def test_the_exact_law_does_not_move_what_it_does_not_touch(name: str) -> None:
 def test_smoothed_laws_move_it_and_the_replay_keeps_half(name: str, method, law: str) -> None:
     found = solve(problems.get(name), SMOOTH[law], method)
     assert found.success
-    rest, planned, replay = gains(name, found)
+    rest, planned, replay = object_costs(name, found)
     assert planned <= 0.2 * rest
     assert rest - replay >= 0.5 * (rest - planned)
 

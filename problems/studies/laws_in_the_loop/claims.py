@@ -12,12 +12,12 @@ from problems.studies.laws_in_the_loop.data import (
     INPUTS,
     LAWS,
     PLANTS,
-    relative,
-    settings,
-    survives,
+    relative_cost,
+    run_settings,
+    survival,
 )
-from problems.studies.shared.trainings import Difference, difference, least
-from problems.studies.study import Claim, claim, over
+from problems.studies.shared.trainings import Difference, mean_difference, smallest_margin
+from problems.studies.study import Claim, claim, settings_text
 
 _EQUAL_COST = 0.01
 """Relative difference of mean costs up to which they are equal."""
@@ -40,7 +40,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
 
 def _costs(data: xr.Dataset, span: str, setting: tuple[str, str]) -> dict[str, np.ndarray]:
     """Return costs over the best of all seeds, by controller, at a ``setting`` of task and plant."""
-    costs = relative(data).sel(span=span, task=setting[0], plant=setting[1])
+    costs = relative_cost(data).sel(span=span, task=setting[0], plant=setting[1])
     return {str(name): costs.sel(controller=name).values for name in data["controller"].values}
 
 
@@ -54,27 +54,27 @@ def _cheapest(data: xr.Dataset) -> list[Claim]:
     """Check for each plant that no smoothed law's loop is cheaper than the exact law's."""
     results = []
     for plant in PLANTS:
-        tasks = [task for task, other in settings(data) if other == plant]
+        tasks = [task for task, other in run_settings(data) if other == plant]
         gains = [_exact_gain(_costs(data, "run", (task, plant))) for task in tasks]
         is_cheapest = [bool(gain.mean >= 0) for gain in gains]
         results.append(
             claim(f"{plant}: planning again under the exact law costs the least", _OUR_CHECK)
             .expected(f"its mean cost is within {_EQUAL_COST:.0%} of every smoothed law's, on every task")
-            .measured(over(tasks, is_cheapest))
-            .holds(is_cheapest and all(is_cheapest), margin=least(gains) if gains else None)
+            .measured(settings_text(tasks, is_cheapest))
+            .holds(is_cheapest and all(is_cheapest), margin=smallest_margin(gains) if gains else None)
         )
     return results
 
 
 def _exact_gain(costs: dict[str, np.ndarray]) -> Difference:
     """Return the cost difference between the cheapest smoothed law, plus :data:`_EQUAL_COST`, and the exact one."""
-    gains = [difference((1 + _EQUAL_COST) * costs[law], costs["exact"]) for law in list(LAWS)[1:]]
+    gains = [mean_difference((1 + _EQUAL_COST) * costs[law], costs["exact"]) for law in list(LAWS)[1:]]
     return min(gains, key=lambda gain: gain.mean)
 
 
 def _over_mu(data: xr.Dataset) -> list[Claim]:
     """Check the order of the barriers, and the distance of the sharpest from the exact law."""
-    settings_run = settings(data)
+    settings_run = run_settings(data)
     means = [
         {law: float(values.mean()) for law, values in _costs(data, "run", setting).items()} for setting in settings_run
     ]
@@ -97,7 +97,7 @@ def _over_mu(data: xr.Dataset) -> list[Claim]:
 
 def _feedback(data: xr.Dataset) -> list[Claim]:
     """Compare gains along one plan with its inputs alone and with planning again."""
-    settings_run, results = settings(data), []
+    settings_run, results = run_settings(data), []
     means = [
         {law: float(values.mean()) for law, values in _costs(data, "first horizon", setting).items()}
         for setting in settings_run
@@ -124,7 +124,7 @@ def _feedback(data: xr.Dataset) -> list[Claim]:
 
 def _surviving(data: xr.Dataset) -> list[Claim]:
     """Compare survival of all laws, on the model and over all plants."""
-    survivals, settings_run = survives(data).sel(span="run"), settings(data)
+    survivals, settings_run = survival(data).sel(span="run"), run_settings(data)
     shares = {
         law: np.concatenate([survivals.sel(controller=law, task=t, plant=p).values for t, p in settings_run])
         if settings_run
@@ -132,15 +132,15 @@ def _surviving(data: xr.Dataset) -> list[Claim]:
         for law in LAWS
     }
     on_model = [float(survivals.sel(controller=law, plant="model").mean()) for law in LAWS]
-    gains = [difference(shares["exact"], shares[law]) for law in list(LAWS)[1:]]
+    gains = [mean_difference(shares["exact"], shares[law]) for law in list(LAWS)[1:]]
     share_texts = ", ".join(f"{law} {share.mean():.0%}" for law, share in shares.items())
     return [
         claim("On the model every law's loop survives", _OUR_CHECK)
         .expected("every run on every task")
-        .measured(over(list(LAWS), np.array(on_model) == 1))
+        .measured(settings_text(list(LAWS), np.array(on_model) == 1))
         .equals(np.array(on_model), 1),
         claim("No smoothed law's loop survives more often than that of the exact law", _OUR_CHECK)
         .expected("over all tasks, plants and seeds")
         .measured(share_texts)
-        .holds(all(gain.mean >= 0 for gain in gains), margin=least(gains)),
+        .holds(all(gain.mean >= 0 for gain in gains), margin=smallest_margin(gains)),
     ]

@@ -19,8 +19,8 @@ from ocp.judge.referee import step_size_kind
 from ocp.mpc import ClosedLoop, Controller, Disturbance, simulate
 from ocp.problem.problem import Problem
 from problems.registry import get
-from problems.studies.progress import tracked
-from problems.studies.study import Pieces, StudyParams, dataset, setting
+from problems.studies.progress import track_items
+from problems.studies.study import FinishedParts, StudyParams, dataset, setting
 
 TASKS = {
     "push-disc": "M",
@@ -72,7 +72,7 @@ class TaskLoops:
 
     def __init__(self, name: str, params: Params) -> None:
         self.name, self.params, self.problem = name, params, get(name)
-        self.starts = starts(self.problem, params)
+        self.starts = initial_states(self.problem, params)
         self.controller = cache(self._controller)
 
     def _controller(self, name: str) -> Controller:
@@ -114,7 +114,7 @@ class TaskLoops:
         return {"cost": costs, "ended": ~closed_loop.survived, "ms": np.array(1e3 * closed_loop.percentile(99))}
 
 
-def starts(problem: Problem, params: Params) -> np.ndarray:
+def initial_states(problem: Problem, params: Params) -> np.ndarray:
     """Return the problem's start and others around it, none in penetration (seeds, nx)."""
     p, system = problem.parameters.values, problem.system
     nominal = np.array(problem.limits(p)[0]).ravel()
@@ -138,14 +138,14 @@ def cost_at(closed_loop: ClosedLoop, N: int) -> np.ndarray:
     return stage_costs[:, :N].sum(axis=1) + ends
 
 
-def run(params: Params, pieces: Pieces) -> xr.Dataset:
+def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
     """Run every controller on every plant of every task, except finished parts."""
     names = list(TASKS)[: params.tasks]
     shape = len(names), len(PLANTS), len(CONTROLLERS)
     costs = np.full((*shape, params.seeds, 2), np.nan)
     diverged, ms = np.full((*shape, params.seeds), np.nan), np.full(shape, np.nan)
     sources = [TaskLoops(name, params) for name in names]
-    for i, j in tracked("tasks and controllers", list(np.ndindex(shape[0], shape[2]))):
+    for i, j in track_items("tasks and controllers", list(np.ndindex(shape[0], shape[2]))):
         source, name = sources[i], CONTROLLERS[j]
         for plant in source.plants:
             key = f"{names[i]}-{name}-{plant}".replace(", ", "-").replace(" ", "-").replace("/", "")
@@ -169,19 +169,19 @@ def run(params: Params, pieces: Pieces) -> xr.Dataset:
     )
 
 
-def relative(data: xr.Dataset) -> xr.DataArray:
+def relative_cost(data: xr.Dataset) -> xr.DataArray:
     """Return cost over the best controller's on the same task, plant and seed; NaN if not run."""
     ratio = data["cost"] / data["cost"].min("controller")
     return ratio.fillna(_LARGEST_RATIO).clip(max=_LARGEST_RATIO).where(data["ended"].notnull())
 
 
-def survives(data: xr.Dataset) -> xr.DataArray:
+def survival(data: xr.Dataset) -> xr.DataArray:
     """Return whether a cost is at most twice the best of its seed on the model; NaN if not run."""
     best = data["cost"].sel(plant="model", drop=True).min("controller")
     return (data["cost"] <= _SURVIVAL_RATIO * best).astype(float).where(data["ended"].notnull())
 
 
-def settings(data: xr.Dataset) -> list[tuple[str, str]]:
+def run_settings(data: xr.Dataset) -> list[tuple[str, str]]:
     """Return the pairs of a task and a plant that were run."""
     ran = data["ended"].notnull().all(["controller", "seed"]).values
     tasks, plants = data["task"].values, data["plant"].values

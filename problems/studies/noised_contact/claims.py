@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.studies.study import Claim, claim, largest, listed, over
+from problems.studies.study import Claim, claim, format_values, largest_value, settings_text
 
 _MATCH_SHARE = 1 / 2
 """Error over the distance of what is compared, below which a match is good."""
@@ -40,20 +40,20 @@ def _dense(data: xr.Dataset) -> list[Claim]:
     return [
         claim("Monte Carlo estimates f_sigma", "Noising data, fig. 1 and eq. 2")
         .expected("within 5 standard errors of the closed form")
-        .measured(f"{largest(np.abs(score)):.2g} at most, at {score.size} dots")
+        .measured(f"{largest_value(np.abs(score)):.2g} at most, at {score.size} dots")
         .below(np.abs(score), 5),
         claim("Dense: g_sigma is f_sigma away from the ends", "Noising data, sec. IV-B")
         .expected("apart by the standard error of g_sigma: the mean square over it is 0.5 to 1.5, 3 sigma off the ends")
         .measured(
-            f"{listed(square, '.2f')} over {data.sizes['set']} sets at sigma = "
-            + listed(widths, "g")
+            f"{format_values(square, '.2f')} over {data.sizes['set']} sets at sigma = "
+            + format_values(widths, "g")
             + f" m; apart by {rms.max():.2g} m at most, expected"
             f" {error.max():.2g} m"
         )
         .between(square, 0.5, 1.5),
         claim("Dense: so is h_sigma", "Noising data, sec. IV-B")
         .expected("within sigma of the kink, where smoothing acts, apart by less than half of it")
-        .measured(f"{listed(apart, '.2g')} m of {effect:.2g} m")
+        .measured(f"{format_values(apart, '.2g')} m of {effect:.2g} m")
         .below(apart, _MATCH_SHARE * effect),
         claim("Dense: at the upper end g_sigma is off f_sigma", "our check")
         .expected("below it by 5 standard errors or more in every set")
@@ -61,7 +61,7 @@ def _dense(data: xr.Dataset) -> list[Claim]:
         .below(end, -5),
         claim("Dense: there h_sigma goes with g_sigma", "our check")
         .expected("within sigma of the end less than half as far from g_sigma as from f_sigma")
-        .measured(f"{listed(off_g, '.2g')} m against {listed(off_f, '.2g')} m")
+        .measured(f"{format_values(off_g, '.2g')} m against {format_values(off_f, '.2g')} m")
         .below(off_g, _MATCH_SHARE * off_f),
     ]
 
@@ -81,13 +81,13 @@ def _sparse(data: xr.Dataset) -> list[Claim]:
     return [
         claim("Sparse: h_sigma goes with g_sigma, and neither is f_sigma", "Noising data, sec. IV-B")
         .expected("in contact, within the data: nearer to each other than either to f_sigma")
-        .measured(f"{listed(between_models, '.2g')} m against {listed(from_f_sigma, '.2g')} m")
+        .measured(f"{format_values(between_models, '.2g')} m against {format_values(from_f_sigma, '.2g')} m")
         .below(between_models, from_f_sigma),
         claim("Trained network and average show a good match, sparse and dense", "Noising data, sec. IV-B")
         .expected("rms over the noised data less than half of that of g_sigma - f")
         .measured(
-            f"sparse {listed(rms[0], '.2g')} m of {effect[0]:.2g} m,"
-            f" dense {listed(rms[1], '.2g')} m of {effect[1]:.2g} m"
+            f"sparse {format_values(rms[0], '.2g')} m of {effect[0]:.2g} m,"
+            f" dense {format_values(rms[1], '.2g')} m of {effect[1]:.2g} m"
         )
         .below(rms, _MATCH_SHARE * effect[:, None]),
         claim("Sparse: g_sigma climbs in steps", "our check")
@@ -95,7 +95,7 @@ def _sparse(data: xr.Dataset) -> list[Claim]:
             "slopes in contact below 0.5 rho and above 1.5 rho, where f_sigma has at most rho,"
             f" in {_SETS_SHARE:.0%} of the sets, up to the figure's sigma"
         )
-        .measured(f"in {listed(stairs, '.0%')} at sigma = {listed(widths, 'g')} m")
+        .measured(f"in {format_values(stairs, '.0%')} at sigma = {format_values(widths, 'g')} m")
         .at_least(stairs[narrow], _SETS_SHARE),
     ]
 
@@ -130,7 +130,7 @@ def _penetrating(data: xr.Dataset) -> list[Claim]:
         .holds(nearer),
         claim("Smaller sigma leaves them nearer to the wall", "our check")
         .expected("the least way inside grows with sigma, in the mean over sets")
-        .measured(listed(inside.mean(axis=1), ".1e") + " m at sigma = " + listed(widths, "g") + " m")
+        .measured(format_values(inside.mean(axis=1), ".1e") + " m at sigma = " + format_values(widths, "g") + " m")
         .above(np.diff(inside.mean(axis=1)), 0),
     ]
 
@@ -147,7 +147,7 @@ def _support(data: xr.Dataset) -> list[Claim]:
     distances = np.abs(g - edge)[outside]
     slope = np.abs(np.diff(g) / np.diff(x))[outside[1:] & (np.abs(x - edge) > 5 * sigma)[1:]]
     within_sigma = outside & (np.abs(x - edge) <= sigma)
-    beyond = largest(np.maximum(low - h, h - high)[:, within_sigma])
+    beyond = largest_value(np.maximum(low - h, h - high)[:, within_sigma])
     return [
         claim("Sparse: the average behaves as if walls stood at the ends of the data", "Noising data, sec. IV-C")
         .expected(
@@ -155,10 +155,10 @@ def _support(data: xr.Dataset) -> list[Claim]:
             " slope from 5 sigma on is below 0.05"
         )
         .measured(
-            f"{np.mean(is_inside):.0%} of the states, up to {largest(distances) / sigma:.2g} sigma from the"
-            f" end; slope up to {largest(slope):.2g}"
+            f"{np.mean(is_inside):.0%} of the states, up to {largest_value(distances) / sigma:.2g} sigma from the"
+            f" end; slope up to {largest_value(slope):.2g}"
         )
-        .holds(is_inside, largest(distances) < sigma, largest(slope) < 0.05),
+        .holds(is_inside, largest_value(distances) < sigma, largest_value(slope) < 0.05),
         claim("Sparse: so does the network, sigma beyond the ends", "our check")
         .expected("between them, or less than half of sigma outside")
         .measured(f"{beyond / sigma:.2g} sigma outside at most")
@@ -178,6 +178,6 @@ def _rollouts(data: xr.Dataset) -> list[Claim]:
     return [
         claim("Rollouts that begin in penetration come back and stay", "Noising data, sec. IV-C")
         .expected(f"inside the walls after {data['step'].values[-1]} steps, and never out again")
-        .measured(f"{over(names, stays)}: after at most {listed(longest, 'd')} steps")
+        .measured(f"{settings_text(names, stays)}: after at most {format_values(longest, 'd')} steps")
         .holds(stays, np.isfinite(path)),
     ]

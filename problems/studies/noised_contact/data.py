@@ -10,7 +10,7 @@ import xarray as xr
 
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.mlp import MlpModel
-from problems.studies.shared.noised_line import LinePusher, Walls, answers, average_of, network_of
+from problems.studies.shared.noised_line import LinePusher, Walls, average_of, model_values, network_of
 from problems.studies.study import CODE, StudyParams, dataset, setting
 
 REGIMES = ("sparse", "dense")
@@ -73,7 +73,7 @@ def run(params: Params) -> xr.Dataset:
             "standard error of that mean",
         ),
         "true_dots": ("dot", pusher.smoothed(DOTS, sigma), "m", "closed form"),
-        **many_sets(pusher, params.sparse, params.dense, params.seed),
+        **sample_sets(pusher, params.sparse, params.dense, params.seed),
     }
     return dataset(
         variables,
@@ -114,9 +114,9 @@ def _learned(
         models: list[EwdaModel | MlpModel] = [average]
         for i in range(params.networks):
             models.append(_network(z, f(z), params, params.seed + i))
-            h[row, i] = answers(models[-1], places)
+            h[row, i] = model_values(models[-1], places)
             rms[row, i] = np.sqrt(density @ (h[row, i] - g[row]) ** 2)
-        paths[row] = [rollout(model) for model in models[:2]]
+        paths[row] = [roll_out_model(model) for model in models[:2]]
         variables[f"{name}_data_{regime}"] = (f"{name}_{regime}", np.sort(z), "m", f"{regime} data")
     if name == "block":
         dims = ("regime", "map", "start", "step")
@@ -146,11 +146,11 @@ def _network(z: np.ndarray, y: np.ndarray, params: Params, seed: int) -> MlpMode
     )
 
 
-def rollout(model: EwdaModel | MlpModel) -> np.ndarray:
+def roll_out_model(model: EwdaModel | MlpModel) -> np.ndarray:
     """Return states (n_starts, STEPS + 1) from :data:`STARTS`, each the model's value at the last one."""
     path = [STARTS]
     for _ in range(STEPS):
-        path.append(answers(model, path[-1]))
+        path.append(model_values(model, path[-1]))
     return np.transpose(path)
 
 
@@ -162,7 +162,7 @@ DEPTHS = np.array([0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 10.0])
 """Penetration [m]."""
 
 
-def many_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[str, Any]:
+def sample_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[str, Any]:
     """Compute distances of g_sigma from f_sigma in standard errors, slopes, and states in penetration.
 
     A weighted mean of random data has the standard error ``|w (y - g)|/sum w``; over it g_sigma
@@ -187,7 +187,7 @@ def many_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[st
             at_end[row, i] = (end[0] - pusher.smoothed(1.0, sigma)) / doubt[0]
             steepest[row, i], flattest[row, i] = _slopes(pusher, few, sigma)
             states = rng.uniform(-1, 1, dense)
-            x_next = answers(average_of(states, states, sigma), penetrating)
+            x_next = model_values(average_of(states, states, sigma), penetrating)
             inside[row, i] = np.min(1 - np.abs(x_next))
     dimensions = ("width", "set")
     return {

@@ -17,18 +17,18 @@ from dynamics.systems.lcs import is_p_matrix
 from problems.registry import get
 from problems.studies.shared.sampled_step import (
     SampledStep,
+    affine_misfit,
     averaged_exact,
     barrier_contact,
-    gaussian,
     gaussian_contact,
+    gaussian_density,
     least_residual,
-    misfit,
     printed_kappa,
-    student,
+    student_density,
 )
 
 GROWTH_NOISE = 0.1
-"""Standard deviation of the policy's noise in :func:`growth`."""
+"""Standard deviation of the policy's noise in :func:`variance_growth`."""
 
 
 CONSTANTS = ((0.0, 0.0), (-0.5, 0.0), (-1.0, 0.0), (0.0, 0.5))
@@ -48,8 +48,8 @@ def smoothing_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
     mu = scale**2 / (2 * F)
     soft = barrier_contact(z, F, mu).lam
     gauss = gaussian_contact(z, F, scale)
-    heavy = [averaged_exact(gap, f, student(f, m)) for gap, f, m in zip(z, F, mu, strict=True)]
-    true = [averaged_exact(gap, f, gaussian(s)) for gap, f, s in zip(z, F, scale, strict=True)]
+    heavy = [averaged_exact(gap, f, student_density(f, m)) for gap, f, m in zip(z, F, mu, strict=True)]
+    true = [averaged_exact(gap, f, gaussian_density(s)) for gap, f, s in zip(z, F, scale, strict=True)]
     return {
         "barrier": soft - heavy,
         "gaussian": gauss.lam - true,
@@ -65,7 +65,7 @@ def _misfit(F: float, scale: float) -> float:
     """Return the misfit of eq. 5.1 over scale/F, with its sigma read as deviation or variance."""
     z = scale * np.linspace(-3, 3, 121)
     true = gaussian_contact(z, F, scale).lam
-    return F / scale * min(misfit(printed_kappa(z, s), true, z) for s in (scale, scale**2))
+    return F / scale * min(affine_misfit(printed_kappa(z, s), true, z) for s in (scale, scale**2))
 
 
 def theorem_5_4(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
@@ -124,7 +124,7 @@ def empirical_bias_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarr
     return dict(zip(("variance", "paper", "sharp"), np.transpose(rows), strict=True))
 
 
-def unbiasedness(seed: int, n: int) -> dict[str, float]:
+def compare_orders(seed: int, n: int) -> dict[str, float]:
     """Compare first- and zeroth-order means on ``wall-1d`` under the exact law, over all inputs.
 
     ``z_score``: largest difference of the means over their joint standard error.
@@ -143,7 +143,7 @@ def unbiasedness(seed: int, n: int) -> dict[str, float]:
     return {"z_score": float(score.max()), "components": float(score.size)}
 
 
-def growth(seed: int, n: int, horizons: np.ndarray, gains: np.ndarray) -> np.ndarray:
+def variance_growth(seed: int, n: int, horizons: np.ndarray, gains: np.ndarray) -> np.ndarray:
     """Compute first-order variance, (len(gains), len(horizons)), of ``x+ = a x + b u`` with a far wall.
 
     a = b = L/sqrt(2), so that the dynamics' Lipschitz constant in (x, u) is L; the policy is
@@ -210,7 +210,7 @@ class Softened:
     slope: np.ndarray
 
 
-def solve(z: np.ndarray, F: np.ndarray, mu: np.ndarray) -> Softened:
+def solve_softened(z: np.ndarray, F: np.ndarray, mu: np.ndarray) -> Softened:
     """Solve ``lam (z + F lam) = mu`` for z (k, n), F (k, n, n), mu (k,) by the barrier law."""
     n = z.shape[1]
     solutions = _solver(n)(z, np.zeros((1, 1)), {"F": F}, mu=mu)
@@ -235,7 +235,7 @@ def _solver(n: int) -> SampledStep:
     return SampledStep(Barrier(mu=1.0).close(system))
 
 
-def norms(matrices: np.ndarray) -> np.ndarray:
+def spectral_norms(matrices: np.ndarray) -> np.ndarray:
     """Return the spectral norms of matrices (k, n, n)."""
     return np.linalg.norm(matrices, 2, axis=(1, 2))
 

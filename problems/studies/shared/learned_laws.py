@@ -11,20 +11,20 @@ from problems.regions import region_of
 from problems.registry import spec
 
 
-def transitions(name: str, n: int, seed: int) -> Transitions:
+def draw_transitions(name: str, n: int, seed: int) -> Transitions:
     """Draw n transitions of a problem at its defaults, in its own region."""
     problem_spec = spec(name)
     problem = problem_spec.problem()
     return collect(problem.exact_step, region_of(problem_spec, problem_spec.params({}), problem), n, seed)
 
 
-def average(data: Transitions, sigma: float, seed: int, trust: float = 0.0) -> Ewda:
+def average_law(data: Transitions, sigma: float, seed: int, trust: float = 0.0) -> Ewda:
     """Return the distance-weighted average g_sigma, sigma in normalised units."""
     model = EwdaModel(data.z, data.x_next, data.normalisation, sigma, data.origin, seed)
     return Ewda(model, trust)
 
 
-def network(data: Transitions, sigma: float, seed: int, epochs: int, batch: int = Recipe.batch) -> Mlp:
+def network_law(data: Transitions, sigma: float, seed: int, epochs: int, batch: int = Recipe.batch) -> Mlp:
     """Train the network h_sigma, or h for sigma = 0; return the best of all ``epochs``."""
     model = train(data.samples(), sigma, seed, epochs=epochs, patience=epochs, batch=batch)
     return Mlp(model)

@@ -116,6 +116,6 @@ def network_of(z: np.ndarray, y: np.ndarray, sigma: float, seed: int, **recipe: 
         raise InputError(f"this figure trains networks: {error}") from error
 
 
-def answers(model: EwdaModel | MlpModel, z: ArrayLike) -> np.ndarray:
+def model_values(model: EwdaModel | MlpModel, z: ArrayLike) -> np.ndarray:
     """Return the model's y (n,) at z (n,), both [m]."""
     return model.values(np.asarray(z, dtype=float).reshape(-1, 1))[:, 0]

@@ -183,12 +183,12 @@ Density = Callable[[Any], Any]
 """Probability density of the noise on the gap, over arrays of w [m]."""
 
 
-def student(F: float, mu: float) -> Density:
+def student_density(F: float, mu: float) -> Density:
     """Return the density of the noise of constant mu: Student's t_2 of scale sqrt(2 F mu)."""
     return lambda w: t.pdf(w, 2, 0, np.sqrt(2 * F * mu))
 
 
-def gaussian(sigma: float) -> Density:
+def gaussian_density(sigma: float) -> Density:
     """Return the density of N(0, sigma²)."""
     return lambda w: norm.pdf(w, 0, sigma)
 
@@ -208,7 +208,7 @@ def ordinary_kappa(z: np.ndarray, sigma: float | np.ndarray) -> np.ndarray:
     return z * erf(z) + np.exp(-(z**2) / (2 * sigma)) / np.sqrt(np.pi)
 
 
-def misfit(printed: np.ndarray, true: np.ndarray, z: np.ndarray) -> float:
+def affine_misfit(printed: np.ndarray, true: np.ndarray, z: np.ndarray) -> float:
     """Return the largest ``|printed + c1 z + c2 - true|`` over z (n,) at the least-squares c1, c2."""
     rows = np.stack((z, np.ones_like(z)), axis=1)
     coefficients = np.linalg.lstsq(rows, true - printed, rcond=None)[0]
@@ -225,13 +225,13 @@ def least_residual(z: float, F: float, sigma: float) -> float:
 
     S_0 is homogeneous, so it is sigma/F times that of z/sigma.
     """
-    (K, W), _ = linearisations(z / sigma, 1.0, 1.0)
+    (K, W), _ = best_lines(z / sigma, 1.0, 1.0)
     w = np.linspace(-8, 8, 8001)
     residuals = np.abs(np.maximum(0, -(z / sigma + w)) - W * w - K)
     return float(np.sum(norm.pdf(w) * residuals) * (w[1] - w[0]) * sigma / F)
 
 
-def linearisations(z: float, F: float, sigma: float) -> np.ndarray:
+def best_lines(z: float, F: float, sigma: float) -> np.ndarray:
     """Fit (K, W) of S_0(z + w) ~ W w + K for w ~ N(0, sigma²): rows for |.| and for (.)²."""
     w, weight = np.polynomial.hermite_e.hermegauss(200)
     is_weighty = weight > 1e-16

@@ -12,8 +12,8 @@ from dynamics.contact import ContactLaw
 from ocp.errors import choose
 from ocp.jobs.scheduling import Failure, Function, Report, run_jobs
 from ocp.learning.training import ALGORITHMS
-from problems.studies.progress import report
-from problems.studies.study import Claim, Pieces, claim, over
+from problems.studies.progress import report_progress
+from problems.studies.study import Claim, FinishedParts, claim, settings_text
 from problems.tasks import registry
 from problems.tasks.registry import default_settings, make_algorithm
 from problems.tasks.training import TrainingJob, trained
@@ -22,7 +22,7 @@ Curves = dict[str, np.ndarray]
 """Arrays of a training, by name."""
 
 
-def job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: Any) -> TrainingJob:
+def make_job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: Any) -> TrainingJob:
     """Build a training at the task's default settings, except those ``changed``."""
     cls = choose("algorithm", algorithm, ALGORITHMS)
     values = {**default_settings(registry.spec(task), algorithm, cls), **changed}
@@ -30,7 +30,7 @@ def job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: Any) -
     return TrainingJob(task=task, params={}, algorithm=chosen, law=law, seed=seed, options=options, threads=1)
 
 
-def curves(jobs: Mapping[str, TrainingJob], pieces: Pieces) -> dict[str, Curves]:
+def training_curves(jobs: Mapping[str, TrainingJob], pieces: FinishedParts) -> dict[str, Curves]:
     """Return every array of every training, by the key of its job; see :func:`side_by_side`.
 
     Results do not depend on how many processes there are, but for ``wall_s``.
@@ -44,7 +44,7 @@ def trained_curves(job: TrainingJob, tell: Report) -> Curves:
     return {str(name): data[name].values for name in data.data_vars}
 
 
-def side_by_side(function: Function, jobs: Mapping[str, Any], pieces: Pieces) -> dict[str, Curves]:
+def side_by_side(function: Function, jobs: Mapping[str, Any], pieces: FinishedParts) -> dict[str, Curves]:
     """Return the arrays that ``function`` gives for every job, by the key of the job.
 
     Those that were kept are not redone; the others go where ``pieces`` states. Raises what a job
@@ -55,16 +55,16 @@ def side_by_side(function: Function, jobs: Mapping[str, Any], pieces: Pieces) ->
     workers = min(pieces.jobs, max(1, len(missing)))
     work = [jobs[key] for key in missing]
     outcomes = run_jobs(function, work, workers, pieces.scheduler)
-    report("jobs", 0, len(work))
+    report_progress("jobs", 0, len(work))
     for done, (place, outcome) in enumerate(outcomes, 1):
-        report("jobs", done, len(work))
+        report_progress("jobs", done, len(work))
         if isinstance(outcome, Failure):
             raise outcome.error
         results[missing[place]] = pieces.keep(missing[place], outcome)
     return {key: arrays for key, arrays in results.items() if arrays is not None}
 
 
-def interpolated(grid: np.ndarray, steps: np.ndarray, values: np.ndarray) -> np.ndarray:
+def interpolate_finite(grid: np.ndarray, steps: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Interpolate ``values`` over ``steps`` at the points of ``grid`` (n,).
 
     Linear from one evaluation to the next; NaN before the first and after the last.
@@ -100,7 +100,7 @@ class Difference:
         return f"{self.mean:+.3g} ({self.low:+.3g} to {self.high:+.3g})"
 
 
-def difference(runs: np.ndarray, other_runs: np.ndarray, paired: bool = True) -> Difference:
+def mean_difference(runs: np.ndarray, other_runs: np.ndarray, paired: bool = True) -> Difference:
     """Return ``mean(runs) - mean(other_runs)`` (n,) with its percentile bootstrap.
 
     ``paired`` runs have seeds and starts in common and are drawn again together. Drawn out of seed
@@ -114,18 +114,20 @@ def difference(runs: np.ndarray, other_runs: np.ndarray, paired: bool = True) ->
     return Difference(float(runs.mean() - other_runs.mean()), float(low), float(high))
 
 
-def least(gains: Iterable[Difference]) -> float:
+def smallest_margin(gains: Iterable[Difference]) -> float:
     """Return the margin of the sentence that all of ``gains`` are gains."""
     return min(gain.margin for gain in gains)
 
 
-def gained(sentence: str, source: str, expected: str, settings: Sequence[object], gains: list[Difference]) -> Claim:
+def claim_gains(
+    sentence: str, source: str, expected: str, settings: Sequence[object], gains: list[Difference]
+) -> Claim:
     """Claim that ``gains``, one at each of ``settings``, are all gains."""
     better = [gain.better for gain in gains]
-    measured = f"{over(settings, better)}: {', '.join(map(str, gains))}"
-    return claim(sentence, source).expected(expected).measured(measured).holds(better, margin=least(gains))
+    measured = f"{settings_text(settings, better)}: {', '.join(map(str, gains))}"
+    return claim(sentence, source).expected(expected).measured(measured).holds(better, margin=smallest_margin(gains))
 
 
-def area(curve: np.ndarray) -> np.ndarray:
+def mean_height(curve: np.ndarray) -> np.ndarray:
     """Return the mean height of curves (..., iterations): the area under them over their length."""
     return (curve[..., 1:] + curve[..., :-1]).mean(axis=-1) / 2

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from problems.studies.smoothings_compared.data import ANALYTIC, LEARNED, WITHIN, excess, gap
-from problems.studies.study import Claim, claim, over
+from problems.studies.smoothings_compared.data import ANALYTIC, LEARNED, WITHIN, excess_cost, replay_gap
+from problems.studies.study import Claim, claim, settings_text
 
 _PROGRESS_SHARE = 0.8
 """Share of the cost at rest that a plan must save on its own model, to make progress."""
@@ -61,7 +61,7 @@ def _progress(data: xr.Dataset) -> list[Claim]:
 
 def _close(data: xr.Dataset) -> list[Claim]:
     """Compare each law's plan with the exact optimum, and plans over mu."""
-    names, excesses = _names(data), _middle(excess(data))
+    names, excesses = _names(data), _middle(excess_cost(data))
     others = excesses.drop_sel(law="exact").min("law", skipna=False).values
     expected = f"its exact replay costs at most {WITHIN:.0%} more, on every problem"
     results = [
@@ -86,7 +86,7 @@ def _close(data: xr.Dataset) -> list[Claim]:
         *results,
         claim("The smaller mu, the closer the barrier's plan is to the exact optimum", _OUR_CHECK)
         .expected(f"the excess never rises by more than {_EQUAL_EXCESS:.0%}")
-        .measured(over(names, falls))
+        .measured(settings_text(names, falls))
         .holds(falls),
         claim("planar-hand: no smoothing comes close to the exact optimum", _OUR_CHECK)
         .expected(f"each costs more than {WITHIN:.0%} more")
@@ -96,7 +96,7 @@ def _close(data: xr.Dataset) -> list[Claim]:
 
 
 def _learned(data: xr.Dataset) -> list[Claim]:
-    names, excesses = _names(data), _middle(excess(data))
+    names, excesses = _names(data), _middle(excess_cost(data))
     cheapest = excesses.sel(law=list(LEARNED)).min("law", skipna=False).values
     sharp = excesses.sel(law=list(_SHARP_LAWS)).max("law", skipna=False).values
     worse = cheapest > sharp
@@ -137,7 +137,7 @@ def _surviving(data: xr.Dataset) -> list[Claim]:
     best = data["cost"].sel(law="exact", motion="exact replay")
     trusting = data["trusting_cost"].sel(motion="exact replay") / best - 1
     analytic, learned = (
-        _survivors(data["survives"].sel(law=list(laws)), excess(data).sel(law=list(laws)))
+        _survivors(data["survives"].sel(law=list(laws)), excess_cost(data).sel(law=list(laws)))
         for laws in (ANALYTIC, LEARNED)
     )
     learned = np.append(learned, _survivors(data["trusting_survives"], trusting))
@@ -160,7 +160,7 @@ def _survivors(survives: xr.DataArray, shares: xr.DataArray) -> np.ndarray:
 
 def _trust(data: xr.Dataset) -> list[Claim]:
     names, cost, shares = _names(data), data["trusting_cost"], data["share"].values
-    apart = gap(cost).transpose("share", "problem", "seed").values
+    apart = replay_gap(cost).transpose("share", "problem", "seed").values
     narrower = apart[-1] < apart[0]
     plan, replay = (_middle(cost.sel(motion=m)).transpose("problem", "share").values for m in ("plan", "exact replay"))
     ratio = replay[:, 1:] / replay[:, :1]

@@ -19,9 +19,9 @@ from dynamics.learned.transitions import Transitions
 from ocp import Direct, Solution, solve
 from ocp.problem.rollout import roll_out
 from problems.registry import get
-from problems.studies.progress import tracked
-from problems.studies.shared.learned_laws import average, network, transitions
-from problems.studies.study import Pieces, StudyParams, dataset, setting
+from problems.studies.progress import track_items
+from problems.studies.shared.learned_laws import average_law, draw_transitions, network_law
+from problems.studies.study import FinishedParts, StudyParams, dataset, setting
 
 PROBLEMS = ("push-1d", "push-disc", "planar-push", "planar-hand")
 """Problems that are planned."""
@@ -59,7 +59,7 @@ class TaskData:
     def data(self) -> Transitions:
         """Transitions of the problem."""
         if self._data is None:
-            self._data = transitions(self.name, self.params.data, self.seed)
+            self._data = draw_transitions(self.name, self.params.data, self.seed)
         return self._data
 
     def law(self, name: str) -> ContactLaw:
@@ -72,8 +72,8 @@ class TaskData:
             "sharp barrier": lambda: Barrier(mu=params.mu / TENFOLD),
             "adaptive": lambda: Adaptive(sigma=params.spread),
             "randomized": lambda: Randomized(params.sigma, params.samples, seed),
-            "ewda": lambda: average(self.data, params.width, seed),
-            "wide ewda": lambda: average(self.data, params.wide, seed),
+            "ewda": lambda: average_law(self.data, params.width, seed),
+            "wide ewda": lambda: average_law(self.data, params.wide, seed),
             "clean mlp": lambda: self._network(0.0),
             "noised mlp": lambda: self._network(params.width),
         }
@@ -81,7 +81,7 @@ class TaskData:
 
     def _network(self, sigma: float) -> ContactLaw:
         params = self.params
-        return network(self.data, sigma, self.seed, params.epochs, params.batch)
+        return network_law(self.data, sigma, self.seed, params.epochs, params.batch)
 
     def planned(self, name: str) -> dict[str, np.ndarray]:
         """Plan from the problem's guess."""
@@ -102,7 +102,7 @@ class TaskData:
             self._bare = solve(self.problem, self.law("ewda"), Direct())
         untrusting = self._bare
         beta = share * rest_cost(self.name) / self.problem.N
-        law = average(self.data, self.params.width, self.seed, beta)
+        law = average_law(self.data, self.params.width, self.seed, beta)
         began_s = time.process_time()
         solution = solve(self.problem, law, Direct(), warm_start=untrusting)
         return _plan_row(solution, 0.0, time.process_time() - began_s)
@@ -115,12 +115,12 @@ def rest_cost(name: str) -> float:
     return roll_out(problem, np.tile(inputs, (1, problem.N, 1)), problem.parameters.defaults).cost
 
 
-def run(params: Params, pieces: Pieces) -> xr.Dataset:
+def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
     """Plan under every law, and with every trust, except finished parts."""
     shape, shares = (len(PROBLEMS), len(LAWS), params.seeds), (0.0, *SHARES)
     rows = np.full((*shape, 6), np.nan)
     trust_rows = np.full((len(PROBLEMS), len(shares), params.seeds, 6), np.nan)
-    for i, k in tracked("problems and seeds", list(np.ndindex(len(PROBLEMS), params.seeds))):
+    for i, k in track_items("problems and seeds", list(np.ndindex(len(PROBLEMS), params.seeds))):
         name, seed = PROBLEMS[i], params.seed + k
         source = TaskData(name, seed, params)
         for j, law in enumerate(LAWS):
@@ -195,7 +195,7 @@ TENFOLD = 10.0
 """Factor between mu and those of the gentle and the sharp barrier."""
 
 
-def described(settings: Mapping[str, Any]) -> dict[str, str]:
+def law_texts(settings: Mapping[str, Any]) -> dict[str, str]:
     """Name every law with its settings, from the study's parameters."""
     mu, width, wide = settings["mu"], settings["width"], settings["wide"]
     texts = (
@@ -212,13 +212,13 @@ def described(settings: Mapping[str, Any]) -> dict[str, str]:
     return dict(zip(LAWS, texts, strict=True))
 
 
-def excess(data: xr.Dataset) -> xr.DataArray:
+def excess_cost(data: xr.Dataset) -> xr.DataArray:
     """Return exact replay over the exact law's own optimum, less one (problem, law, seed)."""
     best = data["cost"].sel(law="exact", motion="exact replay")
     return data["cost"].sel(motion="exact replay") / best - 1
 
 
-def gap(cost: xr.DataArray) -> xr.DataArray:
+def replay_gap(cost: xr.DataArray) -> xr.DataArray:
     """Return replay less plan, over the plan's cost."""
     plan, replay = cost.sel(motion="plan"), cost.sel(motion="exact replay")
     return (replay - plan) / abs(plan)

@@ -8,7 +8,7 @@ import xarray as xr
 from ocp import Status
 from ocp.judge.referee import COST_SHARE
 from problems.studies.start_without_contact.data import LAST, LAWS, PROBLEMS
-from problems.studies.study import Claim, claim, listed, over
+from problems.studies.study import Claim, claim, format_values, settings_text
 
 _OBJECT_PROGRESS = 0.8
 """Share of the object's cost at rest that a plan must save, to make progress."""
@@ -25,11 +25,11 @@ def claims(data: xr.Dataset) -> list[Claim]:
     return [
         claim
         for name in PROBLEMS
-        for claim in (*learned(name, data.sel(problem=name)), *open_loop(name, data.sel(problem=name)))
+        for claim in (*learned_gains(name, data.sel(problem=name)), *open_loop(name, data.sel(problem=name)))
     ]
 
 
-def learned(name: str, data: xr.Dataset) -> list[Claim]:
+def learned_gains(name: str, data: xr.Dataset) -> list[Claim]:
     """Check the gains of one problem that Adam learns through each of the five dynamics.
 
     A comparison is of medians over seeds of the final cost, the median of the last records.
@@ -89,11 +89,11 @@ def learned(name: str, data: xr.Dataset) -> list[Claim]:
         .holds(h > 0.5 if name == PROBLEMS[0] else h < 0.9),
         claim(f"{name}: IPOPT finds gains as good on the model with fewer evaluations", "our check")
         .expected(f"within {COST_SHARE:.0%} of Adam's {steps} iterations, where the model is smooth")
-        .measured(f"{over(_SMOOTH_DYNAMICS, better)}: {work_texts}")
+        .measured(f"{settings_text(_SMOOTH_DYNAMICS, better)}: {work_texts}")
         .holds(better),
         claim(f"{name}: what is learned through g_sigma works under the exact law", "our check")
         .expected(f"{_OBJECT_PROGRESS:.0%} of the cost are saved at every width, with all data")
-        .measured(over(list(widths), reaches_goal))
+        .measured(settings_text(list(widths), reaches_goal))
         .holds(reaches_goal),
     ]
 
@@ -122,10 +122,10 @@ def open_loop(name: str, data: xr.Dataset) -> list[Claim]:
         .at_least(fall["randomized"], _OBJECT_PROGRESS),
         claim(f"{name}: so do the barrier and the adaptive law", "our check")
         .expected(expected)
-        .measured(f"{over(others, makes_progress)}: " + ", ".join(f"{fall[law]:.1%}" for law in others))
+        .measured(f"{settings_text(others, makes_progress)}: " + ", ".join(f"{fall[law]:.1%}" for law in others))
         .holds(makes_progress),
         claim(f"{name}: the plan keeps its cost under the exact law", "our check")
         .expected(f"its replay costs at most {COST_SHARE:.0%} more, of all of the cost")
-        .measured(f"{over(smooth, keeps_cost)}: " + listed(dearer, "+.1%"))
+        .measured(f"{settings_text(smooth, keeps_cost)}: " + format_values(dearer, "+.1%"))
         .holds(keeps_cost),
     ]

@@ -18,16 +18,16 @@ from dynamics.learned.transitions import Transitions
 from ocp import SingleShooting, Solution, solve
 from ocp.problem.problem import Problem
 from problems.registry import get
-from problems.studies.progress import tracked
-from problems.studies.shared.learned_laws import transitions
+from problems.studies.progress import track_items
+from problems.studies.shared.learned_laws import draw_transitions
 from problems.studies.start_without_contact.dynamics import (
     DYNAMICS,
     EVERY,
     by_ipopt,
-    descend,
-    dynamics,
+    descend_gains,
+    make_law,
 )
-from problems.studies.study import CODE, Pieces, StudyParams, dataset, setting
+from problems.studies.study import CODE, FinishedParts, StudyParams, dataset, setting
 
 SWEPT = ("g_sigma", "h_sigma")
 """Learned dynamics that are swept over width and amount."""
@@ -63,22 +63,22 @@ class _TaskData:
     def data(self, n: int, seed: int) -> Transitions:
         """Return n transitions of a seed."""
         if (n, seed) not in self._data:
-            self._data = {(n, seed): transitions(self.name, n, seed)}
+            self._data = {(n, seed): draw_transitions(self.name, n, seed)}
         return self._data[n, seed]
 
     def law(self, kind: str, sigma: float, n: int, seed: int) -> ContactLaw:
         """Return one of the five dynamics."""
         params, step = self.params, self.problem.exact_step
         data = self.data(n, seed)
-        return dynamics(kind, data, sigma, params.epochs, seed, step, params.draws)
+        return make_law(kind, data, sigma, params.epochs, seed, step, params.draws)
 
 
 QUICK = {"seeds": 1, "data": 1000, "draws": 10, "steps": 100, "epochs": 1}
 
 
-def run(params: Params, pieces: Pieces) -> xr.Dataset:
+def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
     """Plan and learn both problems through all dynamics, except finished parts."""
-    variables, coordinates = labelled(pieces.get("plans", lambda: planned(params)))
+    variables, coordinates = label_plans(pieces.get("plans", lambda: plan_problems(params)))
     sources = {name: _TaskData(name, params) for name in PROBLEMS}
     variables |= _learned(params, pieces, sources) | _swept(params, pieces, sources)
     coordinates |= {
@@ -96,7 +96,7 @@ def _amounts(params: Params) -> list[int]:
     return [max(1000, params.data // 100), max(1000, params.data // 10), params.data]
 
 
-def _learned(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> dict[str, Any]:
+def _learned(params: Params, pieces: FinishedParts, sources: dict[str, _TaskData]) -> dict[str, Any]:
     """Collect Adam's costs over iterations and seeds, the object's final cost, and IPOPT's gains."""
     records, nodes = params.steps // EVERY + 1, 21
     shape = len(PROBLEMS), len(DYNAMICS)
@@ -105,7 +105,7 @@ def _learned(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> d
     of_object = np.full((*shape, params.seeds), np.nan)
     gains, work = np.full((*shape, 2), np.nan), np.zeros(shape, dtype=int)
     named = list(sources.items())
-    for row, column in tracked("problems and dynamics", list(np.ndindex(shape))):
+    for row, column in track_items("problems and dynamics", list(np.ndindex(shape))):
         (name, source), kind = named[row], DYNAMICS[column]
         for seed in range(params.seeds):
             # f has no data and no noise: every seed is the first.
@@ -127,12 +127,14 @@ def _learned(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> d
     }
 
 
-def _descent(pieces: Pieces, source: _TaskData, kind: str, sigma: float, n: int, seed: int) -> dict[str, np.ndarray]:
+def _descent(
+    pieces: FinishedParts, source: _TaskData, kind: str, sigma: float, n: int, seed: int
+) -> dict[str, np.ndarray]:
     params = source.params
 
     def make() -> dict[str, np.ndarray]:
         law = source.law(kind, sigma, n, seed)
-        return descend(source.problem, law, params.rate, params.steps)
+        return descend_gains(source.problem, law, params.rate, params.steps)
 
     return pieces.get(f"adam-{source.name}-{kind}-{sigma:g}-{n}-{seed}", make)
 
@@ -150,12 +152,12 @@ def _ipopt(source: _TaskData, kind: str) -> Callable[[], dict[str, np.ndarray]]:
     return make
 
 
-def _swept(params: Params, pieces: Pieces, sources: dict[str, _TaskData]) -> dict[str, Any]:
+def _swept(params: Params, pieces: FinishedParts, sources: dict[str, _TaskData]) -> dict[str, Any]:
     """Collect the final exact cost of the learned dynamics over width of noise and amount of data."""
     amounts = _amounts(params)
     final = np.full((len(PROBLEMS), len(SWEPT), len(WIDTHS), len(amounts)), np.nan)
     task_data = list(sources.values())
-    for row, column, i, j in tracked("widths and amounts", list(np.ndindex(final.shape))):
+    for row, column, i, j in track_items("widths and amounts", list(np.ndindex(final.shape))):
         kind, sigma, n = SWEPT[column], WIDTHS[i], amounts[j]
         descent = _descent(pieces, task_data[row], kind, sigma, n, params.seed)
         final[row, column, i, j] = np.median(descent["exact"][-LAST:])
@@ -182,7 +184,7 @@ def law_of(name: str, params: Params) -> ContactLaw:
     return laws[name]
 
 
-def plan(problem: Problem, law: ContactLaw) -> Solution:
+def plan_problem(problem: Problem, law: ContactLaw) -> Solution:
     """Plan by single shooting from the problem's guess, where everything stands still.
 
     The exact law is given no homotopy, which would begin under another law.
@@ -199,14 +201,14 @@ def object_cost(name: str, x: np.ndarray) -> float:
     return sum(float(stage) for stage, _ in stages[:-1]) + float(stages[-1][1])
 
 
-def gains(name: str, solution: Solution) -> tuple[float, float, float]:
+def object_costs(name: str, solution: Solution) -> tuple[float, float, float]:
     """Return the object's cost at rest, as planned, and as replayed under the exact law."""
     planned, replay = solution.data["x"].values[0], solution.data["x_replay"].values[0]
     start = np.broadcast_to(planned[0], planned.shape)
     return object_cost(name, start), object_cost(name, planned), object_cost(name, replay)
 
 
-def planned(params: Params) -> dict[str, Any]:
+def plan_problems(params: Params) -> dict[str, Any]:
     """Plan both problems under every law; return the object's costs, and the paths."""
     shape = (len(PROBLEMS), len(LAWS))
     total = np.empty((*shape, 2))
@@ -215,8 +217,8 @@ def planned(params: Params) -> dict[str, Any]:
     status = np.empty(shape, dtype="<U16")
     for row, name in enumerate(PROBLEMS):
         for column, law in enumerate(LAWS):
-            solution = plan(get(name), law_of(law, params))
-            cost[row, column] = gains(name, solution)
+            solution = plan_problem(get(name), law_of(law, params))
+            cost[row, column] = object_costs(name, solution)
             total[row, column] = solution.cost, solution.audit.exact_cost
             status[row, column] = solution.status.label
             iterations[row, column] = solution.iterations
@@ -225,8 +227,8 @@ def planned(params: Params) -> dict[str, Any]:
     return {"cost": cost, "total": total, "iterations": iterations, "status": status, "path": path}
 
 
-def labelled(plans: dict[str, np.ndarray]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return variables and coordinates of a dataset from :func:`planned`."""
+def label_plans(plans: dict[str, np.ndarray]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return variables and coordinates of a dataset from :func:`plan_problems`."""
     dimensions = ("problem", "law")
     return {
         "cost": ((*dimensions, "of"), plans["cost"], "1", "cost of the object"),

@@ -22,7 +22,7 @@ from ocp.learning.unrolling import adam
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, roll_on
-from problems.studies.shared.learned_laws import average, network
+from problems.studies.shared.learned_laws import average_law, network_law
 
 DYNAMICS = ("f", "f_sigma", "g_sigma", "h", "h_sigma")
 """The five dynamics of the paper."""
@@ -86,7 +86,7 @@ class Bundled(ContactLaw):
         return LearnedStep(system, law, p, nodes, CasadiMap(self.bundle))
 
 
-def dynamics(
+def make_law(
     kind: str,
     data: Transitions,
     sigma: float,
@@ -101,15 +101,15 @@ def dynamics(
     if kind == "f_sigma":
         return Bundled(Bundle(problem_step, sigma * data.normalisation.scale, samples, seed))
     if kind == "g_sigma":
-        return average(data, sigma, seed)
-    return network(data, sigma if kind == "h_sigma" else 0.0, seed, epochs)
+        return average_law(data, sigma, seed)
+    return network_law(data, sigma if kind == "h_sigma" else 0.0, seed, epochs)
 
 
 EVERY = 10
 """Iterations of Adam from one record to the next."""
 
 
-def descend(problem: Problem, law: ContactLaw, rate: float, iterations: int) -> dict[str, np.ndarray]:
+def descend_gains(problem: Problem, law: ContactLaw, rate: float, iterations: int) -> dict[str, np.ndarray]:
     """Minimise noising, eq. 14, over K_t and k_t from K = 0, k the actuator's start.
 
     Costs on the model and under the exact law, recorded every tenth iteration and at the end, and
@@ -124,7 +124,7 @@ def descend(problem: Problem, law: ContactLaw, rate: float, iterations: int) -> 
         (cost, exact.cost_and_gradient(theta)[0], theta) for i, (theta, cost) in enumerate(steps) if i % EVERY == 0
     ]
     planned, replayed, thetas = zip(*records, strict=True)
-    states = replay(problem, gains_of(problem, thetas[-1]))
+    states = replay_gains(problem, gains_of(problem, thetas[-1]))
     return {"model": np.array(planned), "exact": np.array(replayed), "states": states}
 
 
@@ -135,7 +135,7 @@ def gains_of(problem: Problem, theta: np.ndarray) -> Gains:
     return Gains(rows[:, : nu * nx].reshape(-1, nu, nx), rows[:, nu * nx :])
 
 
-def replay(problem: Problem, gains: Gains) -> np.ndarray:
+def replay_gains(problem: Problem, gains: Gains) -> np.ndarray:
     """Return states (N+1, nx) of a policy under the exact law."""
     return roll_on(Evaluation(problem, problem.parameters.defaults), gains)[0].x[0]
 

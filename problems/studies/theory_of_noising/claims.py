@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from problems.studies.study import Claim, claim, listed, over
+from problems.studies.study import Claim, claim, format_values, settings_text
 
 _END_DISTANCE = 2.0
 """Distance from an end of the data over sigma, within which g_sigma differs from f_sigma."""
@@ -44,9 +44,9 @@ def _lemmas(data: xr.Dataset) -> list[Claim]:
         )
         .measured(
             f"{share.min():.3f} to {share.max():.3f} of it over {share.size} settings; "
-            + listed(largest, ".1e")
+            + format_values(largest, ".1e")
             + " rho sigma at D = "
-            + listed(spacing, "g")
+            + format_values(spacing, "g")
             + " sigma"
         )
         .holds(np.abs(share - 1) < 0.05, np.diff(largest) < 0),
@@ -81,7 +81,9 @@ def _lemmas(data: xr.Dataset) -> list[Claim]:
         claim("For f(x) = x, g_sigma = x + sigma² grad log p_sigma", "empirical Bayes, our check")
         .expected("equal to differences of log p_sigma, within 1e-8 sigma")
         .measured(
-            f"off by {score.max():.1e} sigma at most, in " + listed(data["dimension"].values, "d") + " dimensions"
+            f"off by {score.max():.1e} sigma at most, in "
+            + format_values(data["dimension"].values, "d")
+            + " dimensions"
         )
         .below(score, 1e-8),
     ]
@@ -102,7 +104,7 @@ def _walls(data: xr.Dataset) -> list[Claim]:
         .expected("evenly spaced data miss it by the midpoint rule's error, within 5 % for D <= sigma/4")
         .measured(
             f"{share.min():.3f} to {share.max():.3f} of that error, at sigma = "
-            + listed(data["width"].values, "g")
+            + format_values(data["width"].values, "g")
             + " m"
         )
         .equals(share, 1, within=0.05),
@@ -135,14 +137,15 @@ def _rollouts(data: xr.Dataset) -> list[Claim]:
         claim("Uniform data have one fixed point, the middle of the walls", "our check")
         .expected("g_sigma(x) - x changes its sign once, and never leads outwards")
         .measured(
-            f"changes {listed(np.unique(fixed), 'g')} times in {fixed.size} settings;"
+            f"changes {format_values(np.unique(fixed), 'g')} times in {fixed.size} settings;"
             f" {np.mean(outwards):.0%} of the states move outwards"
         )
         .holds(fixed == 1, outwards == 0),
         claim("So have random states between the walls", "our check")
         .expected("one state at which rollouts end, within sigma of the middle")
         .measured(
-            f"{listed(ends, 'g')} such states of {listed(sizes, 'd')} data, up to {centre.max():.2f} m from the middle"
+            f"{format_values(ends, 'g')} such states of {format_values(sizes, 'd')} data,"
+            f" up to {centre.max():.2f} m from the middle"
         )
         .holds(ends == 1, centre < data.attrs["sigma"]),
         claim("Every step of theirs climbs the density of the noised data", "our check")
@@ -168,15 +171,15 @@ def _networks(data: xr.Dataset) -> list[Claim]:
         .expected("falls at every count, with an exponent below -1/4; independent draws have -1/2")
         .measured(
             f"{rate:.2f}, deviation {doubt:.2f} over draws: "
-            + listed(middle[-1], ".1e")
+            + format_values(middle[-1], ".1e")
             + " m at "
-            + listed(pairs, "d")
+            + format_values(pairs, "d")
             + " pairs"
         )
         .holds(rate < -0.25, np.diff(middle[-1]) < 0),
         claim("A network too narrow stays away, however many pairs", "our check")
         .expected("the narrowest half as far again off as the widest, at the most pairs")
-        .measured(listed(last, ".1e") + " m at " + listed(units, "d") + " units a layer")
+        .measured(format_values(last, ".1e") + " m at " + format_values(units, "d") + " units a layer")
         .above(last[0], 1.5 * last[-1]),
     ]
 
@@ -194,14 +197,14 @@ def _ends(data: xr.Dataset) -> list[Claim]:
             "by sqrt(2/pi) rho sigma at the end, 99 % of the square of it within 2 sigma, below 6 % of rho sigma beyond"
         )
         .measured(
-            f"{listed(at_end[0], '.4f')} rho sigma at the end, {share.min():.2%} within, up to"
-            f" {beyond.max():.3f} beyond, at sigma = " + listed(data["width"].values, "g") + " m"
+            f"{format_values(at_end[0], '.4f')} rho sigma at the end, {share.min():.2%} within, up to"
+            f" {beyond.max():.3f} beyond, at sigma = " + format_values(data["width"].values, "g") + " m"
         )
         .holds(np.allclose(at_end[0], np.sqrt(2 / np.pi), rtol=1e-6), share > 0.99, beyond < 0.06),
         claim("It does at both ends", "Noising data, fig. 1")
         .expected("above 0.1 rho sigma at each")
         .measured(
-            f"{over(list(data['end'].values), is_biased)}: up to {listed(at_end.max(axis=1), '.1e')}"
+            f"{settings_text(list(data['end'].values), is_biased)}: up to {format_values(at_end.max(axis=1), '.1e')}"
             " rho sigma; f is constant where the pusher stays away"
         )
         .holds(is_biased),
@@ -219,7 +222,7 @@ def _neighbours(data: xr.Dataset) -> list[Claim]:
     task = data["task_neighbours"].isel(normalised=column)
     ranges_alone, tube = (task.sel(drawn=name).values for name in data["drawn"].values)
     names = [str(name) for name in data["problem"].values]
-    sizes = listed(data["task_size"].values, "g")
+    sizes = format_values(data["task_size"].values, "g")
     return [
         claim("The data near a query fall off with the dimension d as sigma^d", "our check")
         .expected(
@@ -231,7 +234,7 @@ def _neighbours(data: xr.Dataset) -> list[Claim]:
         claim("Uniform data are too sparse for the average in the dimensions of pushing", "our check")
         .expected(f"fewer than {_FEW_NEIGHBOURS:g} neighbours at sigma = {_USUAL_SIGMA:g}")
         .measured(
-            f"from {listed(sparse_dimensions[:1], 'd')} dimensions on; along the task "
+            f"from {format_values(sparse_dimensions[:1], 'd')} dimensions on; along the task "
             + ", ".join(f"{n}: {a:.1f}" for n, a in zip(names, ranges_alone, strict=True))
             + f" in {sizes} dimensions, of {data.attrs['n_samples']} data"
         )
@@ -242,6 +245,6 @@ def _neighbours(data: xr.Dataset) -> list[Claim]:
         .at_least(tube, 2 * ranges_alone),
         claim("That is enough", "our check")
         .expected(f"{_FEW_NEIGHBOURS:g} or more at sigma = {_USUAL_SIGMA:g}")
-        .measured(f"{over(names, tube >= _FEW_NEIGHBOURS)}: " + listed(tube, ".1f"))
+        .measured(f"{settings_text(names, tube >= _FEW_NEIGHBOURS)}: " + format_values(tube, ".1f"))
         .at_least(tube, _FEW_NEIGHBOURS),
     ]

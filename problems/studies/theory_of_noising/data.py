@@ -13,8 +13,8 @@ from dynamics.learned.transitions import Normalisation, Origin, Transitions
 from dynamics.systems.parameters import Signal
 from problems.regions import region_of
 from problems.registry import spec
-from problems.studies.progress import tracked
-from problems.studies.shared.noised_line import LinePusher, answers, average_of, network_of
+from problems.studies.progress import track_items
+from problems.studies.shared.noised_line import LinePusher, average_of, model_values, network_of
 from problems.studies.study import CODE, StudyParams, dataset, setting
 from problems.studies.theory_of_noising import lemmas
 
@@ -37,12 +37,12 @@ def run(params: Params) -> xr.Dataset:
     rho, sigma, seed = params.rho, params.sigma, params.seed
     variables = {
         # First what may be missing, so that nobody waits to hear of it.
-        **networks(rho, sigma, params.epochs, params.repeats, seed),
+        **train_networks(rho, sigma, params.epochs, params.repeats, seed),
         **lemmas.uniform_data(),
-        **lemmas.risks(rho, seed),
-        **lemmas.score(seed),
-        **lemmas.walls(),
-        **lemmas.climbing(sigma, seed),
+        **lemmas.noised_risks(rho, seed),
+        **lemmas.score_error(seed),
+        **lemmas.truncated_normal(),
+        **lemmas.climb_density(sigma, seed),
         **lemmas.near_the_ends(rho),
         **uniform_cloud(params.n_samples, seed),
         **along_the_task(params.n_samples, seed),
@@ -82,7 +82,7 @@ _NETWORK_QUERIES = 2000
 """Points at which networks are compared with g_sigma."""
 
 
-def networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> dict[str, Any]:
+def train_networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> dict[str, Any]:
     """Compute the root mean square of h_sigma - g_sigma over noised data of the same 200 commands.
 
     Every network sees another draw of ``n`` noised pairs, all of them in each step.
@@ -91,9 +91,9 @@ def networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> 
     u = rng.uniform(-1, 1, _COMMANDS)
     model = average_of(u, pusher.step(u), sigma)
     queries = rng.choice(u, _NETWORK_QUERIES) + sigma * rng.standard_normal(_NETWORK_QUERIES)
-    g = answers(model, queries)
+    g = model_values(model, queries)
     errors = np.empty((len(UNITS), len(PAIRS), repeats))
-    for row, column, repeat in tracked("networks", list(np.ndindex(errors.shape))):
+    for row, column, repeat in track_items("networks", list(np.ndindex(errors.shape))):
         n, units = int(PAIRS[column]), int(UNITS[row])
         commands = rng.choice(u, n)
         z = commands + sigma * rng.standard_normal(n)
@@ -105,7 +105,7 @@ def networks(rho: float, sigma: float, epochs: int, repeats: int, seed: int) -> 
             "held_out": 0.0,
         }
         h = network_of(z, pusher.step(commands), 0.0, repeat, **recipe)
-        errors[row, column, repeat] = np.sqrt(np.mean((answers(h, queries) - g) ** 2))
+        errors[row, column, repeat] = np.sqrt(np.mean((model_values(h, queries) - g) ** 2))
     noise = np.sqrt(np.mean((g - pusher.step(queries)) ** 2))
     return {
         "network_error": (("units", "pairs", "repeat"), errors, "m", "root mean square of h_sigma - g_sigma"),
@@ -125,7 +125,7 @@ _NEIGHBOUR_QUERIES = 100
 """Points whose neighbours are counted."""
 
 
-def effective(z: np.ndarray, scales: Normalisation, sigma: float, queries: np.ndarray) -> np.ndarray:
+def effective_neighbours(z: np.ndarray, scales: Normalisation, sigma: float, queries: np.ndarray) -> np.ndarray:
     """Return the effective neighbours ``(sum w)²/sum w²`` (k,) of data z (n, d) at ``queries`` (k, d).
 
     w² are the weights of width sigma/sqrt(2), so that both sums are densities, that lemma 3's
@@ -152,10 +152,10 @@ def uniform_cloud(n: int, seed: int) -> dict[str, Any]:
         rng.uniform(-0.3, 0.3, (_NEIGHBOUR_QUERIES, largest_dimension)),
     )
     counts = np.empty((len(DIMENSIONS), len(SPREADS)))
-    for row, dim in enumerate(tracked("neighbours", DIMENSIONS.tolist())):
+    for row, dim in enumerate(track_items("neighbours", DIMENSIONS.tolist())):
         scales = Normalisation(np.zeros(dim), np.ones(dim))
         z = np.ascontiguousarray(cloud[:, :dim])
-        counts[row] = [np.median(effective(z, scales, s, queries[:, :dim])) for s in SPREADS]
+        counts[row] = [np.median(effective_neighbours(z, scales, s, queries[:, :dim])) for s in SPREADS]
     law = n * (np.sqrt(np.pi / 3) * SPREADS) ** DIMENSIONS[:, None]
     dimensions = ("dim", "normalised")
     return {
@@ -168,7 +168,7 @@ def along_the_task(n: int, seed: int) -> dict[str, Any]:
     """Count neighbours in the papers' two problems: n transitions, queries in the tube to the goal."""
     shape = (len(PROBLEMS), len(DRAWN), len(SPREADS))
     counts, size = np.empty(shape), np.empty(len(PROBLEMS))
-    for row, name in enumerate(tracked("neighbours along tasks", PROBLEMS)):
+    for row, name in enumerate(track_items("neighbours along tasks", PROBLEMS)):
         problem_spec = spec(name)
         problem = problem_spec.problem()
         region, step = region_of(problem_spec, problem_spec.params({}), problem), problem.exact_step
@@ -177,7 +177,7 @@ def along_the_task(n: int, seed: int) -> dict[str, Any]:
         scales, queries = mixed.normalisation, ranges[tube]
         size[row] = queries.shape[1]
         for column, z in enumerate((ranges[:n], _rows(mixed))):
-            counts[row, column] = [np.median(effective(z, scales, s, queries)) for s in SPREADS]
+            counts[row, column] = [np.median(effective_neighbours(z, scales, s, queries)) for s in SPREADS]
     return {
         "task_neighbours": (
             ("problem", "drawn", "normalised"),

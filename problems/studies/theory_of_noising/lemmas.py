@@ -10,7 +10,7 @@ from scipy.stats import norm
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.transitions import Normalisation, Origin
 from dynamics.systems.parameters import Signal
-from problems.studies.shared.noised_line import LinePusher, Walls, answers, average_of
+from problems.studies.shared.noised_line import LinePusher, Walls, average_of, model_values
 
 WIDTHS = np.array([0.05, 0.1, 0.2])
 """sigma [m], from a fortieth to a tenth of the length of the data."""
@@ -47,7 +47,7 @@ def uniform_data() -> dict[str, Any]:
         rho, sigma, place, spacing = (float(choices[i]) for choices, i in every)
         pusher, n_side = LinePusher(rho), round(14 / spacing)
         u = (np.arange(-n_side, n_side + 1) + place) * spacing * sigma
-        g = answers(average_of(u, pusher.step(u), sigma), places * sigma)
+        g = model_values(average_of(u, pusher.step(u), sigma), places * sigma)
         errors[index] = np.abs(g - pusher.smoothed(places * sigma, sigma)).max() / (rho * sigma)
     bernoulli = np.abs(PLACES**2 - PLACES + 1 / 6) / 2
     law = bernoulli[:, None] * SPACINGS**2 / np.sqrt(2 * np.pi)
@@ -62,7 +62,7 @@ def uniform_data() -> dict[str, Any]:
     }
 
 
-def risks(rho: float, seed: int) -> dict[str, Any]:
+def noised_risks(rho: float, seed: int) -> dict[str, Any]:
     """Check lemmas 2 and 3: noised risks of perturbed g_sigma, and of other maps, above that of g_sigma.
 
     The expectation over the noise is a trapezoidal sum, exact to rounding for what is smooth.
@@ -77,7 +77,7 @@ def risks(rho: float, seed: int) -> dict[str, Any]:
             z = np.arange(x.min() - 9 * sigma, x.max() + 9 * sigma, sigma / 8)
             joint = np.exp(-0.5 * ((z - x[:, None]) / sigma) ** 2)
             joint *= (chance / joint.sum(axis=1))[:, None]
-            g = answers(average_of(x, y, sigma), z) if "data" in case else y @ joint / joint.sum(0)
+            g = model_values(average_of(x, y, sigma), z) if "data" in case else y @ joint / joint.sum(0)
             risk[row, column] = smallest_risk = _risk(joint, y, g)
             for i in range(_PERTURBATIONS):
                 size, rate = rng.standard_normal(4), rng.uniform(0, 2, 4)
@@ -125,7 +125,7 @@ def _risk(joint: np.ndarray, y: np.ndarray, map_values: np.ndarray) -> float:
     return float(np.sum(joint * (map_values - y[:, None]) ** 2))
 
 
-def score(seed: int, n: int = 300, queries: int = 50) -> dict[str, Any]:
+def score_error(seed: int, n: int = 300, queries: int = 50) -> dict[str, Any]:
     """Check ``g(z) = z + sigma² grad log p_sigma(z)`` for f(x) = x, by differences of log p.
 
     Central differences of fourth order and a step of 1e-3 sigma err by about 1e-11, and rounding
@@ -163,7 +163,7 @@ _STATES = 4000
 """States between the walls at which maps are evaluated."""
 
 
-def walls() -> dict[str, Any]:
+def truncated_normal() -> dict[str, Any]:
     """Compare evenly spaced data between walls with the mean of a truncated normal.
 
     The midpoint rule misses an integral by ``D²/24`` times the change of the integrand's derivative
@@ -180,7 +180,7 @@ def walls() -> dict[str, Any]:
         for column, spacing in enumerate(SPACINGS):
             count = round((block.high - block.low) / (spacing * sigma))
             data = block.low + (np.arange(count) + 0.5) * (block.high - block.low) / count
-            errors[row, column] = np.abs(answers(average_of(data, data, sigma), x) - g).max() / sigma
+            errors[row, column] = np.abs(model_values(average_of(data, data, sigma), x) - g).max() / sigma
             law[row, column] = np.abs(_midpoint(block, x, g, sigma, data[1] - data[0])).max() / sigma
     return {
         "walls_error": (("width", "spacing"), errors, "1", "largest |g - closed form| over sigma, evenly spaced data"),
@@ -231,7 +231,7 @@ def _fixed_points() -> dict[str, Any]:
     }
 
 
-def climbing(sigma: float, seed: int) -> dict[str, Any]:
+def climb_density(sigma: float, seed: int) -> dict[str, Any]:
     """Find the ends of rollouts with random states as data, and the growth of density along them."""
     x = np.linspace(-1, 1, _STATES)
     attractors, climb, centre = np.empty((3, len(SAMPLES)))

@@ -14,11 +14,11 @@ from problems.studies.laws_in_the_loop.data import (
     FEEDBACK,
     INPUTS,
     LAWS,
-    relative,
-    settings,
-    survives,
+    relative_cost,
+    run_settings,
+    survival,
 )
-from problems.studies.shared.trainings import difference
+from problems.studies.shared.trainings import mean_difference
 from reports.drawing.style import FAINT, INK, WIDTH
 from reports.figures.studies.panels import drawing
 from reports.tables.law_tables import excess_text
@@ -37,7 +37,7 @@ _CLOSE, _LEAST, _MOST = 0.1, 1e-3, 100.0
 )
 def c1(data: xr.Dataset) -> Figure:
     """Draw two heat maps: a row per task and plant, a column per controller."""
-    rows = settings(data)
+    rows = run_settings(data)
     figure = Figure(figsize=(WIDTH, 1.3 + 0.29 * len(rows)))
     planning_axis, gains_axis = figure.subplots(1, 2, width_ratios=(len(LAWS), len(FEEDBACK + INPUTS)))
     _map(planning_axis, data, list(LAWS), "run")
@@ -61,13 +61,13 @@ def c1(data: xr.Dataset) -> Figure:
 
 
 def _map(axis: Axes, data: xr.Dataset, names: Sequence[str], span: str) -> None:
-    rows, ratio, alive = settings(data), relative(data), survives(data)
+    rows, ratio, alive = run_settings(data), relative_cost(data), survival(data)
     norm = TwoSlopeNorm(np.log10(_CLOSE), np.log10(_LEAST), np.log10(_MOST))
     log_excess = np.empty((len(rows), len(names)))
     for i, j in np.ndindex(log_excess.shape):
         selection = {"task": rows[i][0], "plant": rows[i][1], "controller": names[j], "span": span}
         costs, n_alive = ratio.sel(selection).values, int(alive.sel(selection).sum())
-        mean_excess = difference(costs, np.ones_like(costs))
+        mean_excess = mean_difference(costs, np.ones_like(costs))
         log_excess[i, j] = np.log10(np.clip(mean_excess.mean, _LEAST, _MOST))
         color = INK if 0.12 < norm(log_excess[i, j]) < 0.88 else "white"
         mark = r" $\checkmark$" if n_alive == len(costs) else f" ({n_alive})" if n_alive else ""

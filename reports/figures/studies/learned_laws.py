@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from problems.registry import spec
-from problems.studies.smoothings_compared.data import ANALYTIC, WITHIN, described, excess, gap
+from problems.studies.smoothings_compared.data import ANALYTIC, WITHIN, excess_cost, law_texts, replay_gap
 from reports.drawing.strobe import draw_motion
 from reports.drawing.style import BLUE, CYCLE, FAINT, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, WIDTH
 from reports.figures.studies.panels import drawing
@@ -155,14 +155,14 @@ def n3(data: xr.Dataset) -> Figure:
     _seconds(seconds, data)
     gap_axis, cost_axis = trust.subplots(1, 2)
     cost = data["trusting_cost"]
-    _over_share(gap_axis, data, 1 + gap(cost), "replay / plan")
+    _over_share(gap_axis, data, 1 + replay_gap(cost), "replay / plan")
     _over_share(cost_axis, data, cost.sel(motion="exact replay") / data["rest"], "replay / at rest")
     trust.legend(*gap_axis.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
 
 def _table(axis: Axes, data: xr.Dataset) -> None:
-    excesses = excess(data).median("seed").transpose("law", "problem").values
+    excesses = excess_cost(data).median("seed").transpose("law", "problem").values
     best = data["cost"].sel(law="exact", motion="exact replay")
     promised = (data["cost"].sel(motion="plan") / best - 1).median("seed")
     plans = promised.transpose("law", "problem").values
@@ -177,7 +177,7 @@ def _table(axis: Axes, data: xr.Dataset) -> None:
         axis.text(column, row - 0.16, text, **style)
         axis.text(column, row + 0.25, f"plan {excess_text(float(plans[row, column]))}", fontsize=7, **style)
     _grid(axis, data)
-    axis.set_yticks(range(data.sizes["law"]), list(described(data.attrs).values()))
+    axis.set_yticks(range(data.sizes["law"]), list(law_texts(data.attrs).values()))
     axis.set_title("exact replay over the exact optimum")
 
 

@@ -9,9 +9,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from problems.studies.convergence_bound import bound
+from problems.studies.convergence_bound import bound_sides
 from problems.studies.trained_policies import METHODS, MODEL_BASED
-from problems.studies.unroll_variance import growth
+from problems.studies.unroll_variance import variance_growth
 from reports.drawing.style import CYCLE, INK, WIDTH, line_of
 from reports.figures.studies.panels import drawing, quartile_curve
 
@@ -35,7 +35,7 @@ def a3(data: xr.Dataset) -> Figure:
             curves.fill_between(
                 lengths, np.nanmin(values, axis=0), np.nanmax(values, axis=0), color=color, alpha=0.07, linewidth=0
             )
-            growth_rate = growth(data, task, law)
+            growth_rate = variance_growth(data, task, law)
             rates.errorbar(
                 [k], [growth_rate.rate], yerr=[[growth_rate.rate - growth_rate.low]], fmt="o", color=color, markersize=4
             )
@@ -178,7 +178,7 @@ def at(data: xr.Dataset) -> Figure:
         terms.semilogy(law_data["variance"].mean("run"), ":", color=color)
     norms.set(xlabel="step", ylabel="mean square gradient [$m^4$]")
     terms.set(xlabel="step", ylabel="bias (line), variance (dots)")
-    both_sides = np.array([bound(data, law) for law in laws])
+    both_sides = np.array([bound_sides(data, law) for law in laws])
     places = np.arange(len(laws))
     sides.bar(places, both_sides[:, 1], color=list(CYCLE[: len(laws)]), alpha=0.4)
     sides.plot(places, both_sides[:, 0], "o", color=INK)

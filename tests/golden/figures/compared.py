@@ -8,13 +8,13 @@ import numpy as np
 import xarray as xr
 
 from problems.studies.smoothings_compared.data import Params, run
-from problems.studies.study import Pieces
+from problems.studies.study import FinishedParts
 
 SEEDS = 2
 SETTINGS = Params(seeds=SEEDS)
 
 
-class Made(Pieces):
+class Made(FinishedParts):
     """Pieces that are made up: plan and replay from the key, nothing solved."""
 
     def __init__(self, costs: Callable[[str], tuple[float, float]]) -> None:

@@ -16,7 +16,7 @@ import problems.studies
 from problems import studies
 from problems.studies.start_without_contact.claims import open_loop
 from problems.studies.start_without_contact.data import LAWS, PROBLEMS
-from problems.studies.study import WITHIN_NOISE, Claim, claim, largest, over, verdict
+from problems.studies.study import WITHIN_NOISE, Claim, claim, claim_verdict, largest_value, settings_text
 from tests.golden.figures.verdicts import SLOW, SMALL, VERDICTS, small
 
 FILES = sorted(Path(problems.studies.__path__[0]).rglob("*.py"))
@@ -68,7 +68,9 @@ def verdicts(identifier: str, **changed: float) -> dict[str, bool]:
     assert all(isinstance(claim.holds, bool | np.bool_) for claim in found)
     assert all(claim.source and claim.expected and claim.measured for claim in found)
     assert [claim.claim for claim in found] == list(VERDICTS[identifier])
-    return {claim.claim: bool(claim.holds) for claim in found if verdict(claim.holds, claim.margin) != WITHIN_NOISE}
+    return {
+        claim.claim: bool(claim.holds) for claim in found if claim_verdict(claim.holds, claim.margin) != WITHIN_NOISE
+    }
 
 
 def assert_same(found: dict[str, bool], identifier: str) -> None:
@@ -255,8 +257,8 @@ def test_conditions_hold_for_every_entry_and_not_of_nothing() -> None:
 
 
 def test_words_for_a_range() -> None:
-    assert over([1, 0.5], [True, True]) == "for all of 1, 0.5"
-    assert over([1, 0.5], [False, False]) == "for none of 1, 0.5"
-    assert over(["a", "b", "c"], [True, False, True]) == "for a, c, not for b"
-    assert largest([1.0, 3.0]) == 3
-    assert np.isnan(largest([]))
+    assert settings_text([1, 0.5], [True, True]) == "for all of 1, 0.5"
+    assert settings_text([1, 0.5], [False, False]) == "for none of 1, 0.5"
+    assert settings_text(["a", "b", "c"], [True, False, True]) == "for a, c, not for b"
+    assert largest_value([1.0, 3.0]) == 3
+    assert np.isnan(largest_value([]))

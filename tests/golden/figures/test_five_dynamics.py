@@ -10,16 +10,16 @@ from scipy.stats import norm
 from dynamics.contact import Exact
 from problems import get, studies
 from problems.studies.start_without_contact import data as n2
-from problems.studies.start_without_contact.data import LAWS, PROBLEMS, labelled
+from problems.studies.start_without_contact.data import LAWS, PROBLEMS, label_plans
 from problems.studies.start_without_contact.dynamics import (
     DYNAMICS,
     Bundle,
     Bundled,
-    descend,
+    descend_gains,
     gains_of,
-    replay,
+    replay_gains,
 )
-from problems.studies.study import Pieces
+from problems.studies.study import FinishedParts
 from reports.drawing.style import house_style
 from reports.figures.studies import DRAWINGS
 
@@ -50,11 +50,11 @@ def test_the_bundle_of_a_pusher_is_its_closed_form():
 def test_descents_with_and_without_a_gradient_at_the_start():
     """From no contact the exact object's gradient is zero, the bundled one is not (sec. V-B)."""
     problem = get("planar-push")
-    stuck = descend(problem, Exact(), 0.01, 20)
+    stuck = descend_gains(problem, Exact(), 0.01, 20)
     assert stuck["exact"] == pytest.approx(stuck["model"], rel=1e-9)
     assert abs(1 - stuck["exact"][-1] / stuck["exact"][0]) < 1e-4
     width = 0.2 * np.array([0.44, 0.57, 1.3, 0.68, 0.66, 0.69, 0.67])
-    moved = descend(problem, Bundled(Bundle(problem.exact_step, width, 20, 0)), 0.01, 30)
+    moved = descend_gains(problem, Bundled(Bundle(problem.exact_step, width, 20, 0)), 0.01, 30)
     assert moved["exact"][-1] < 0.6 * moved["exact"][0]
     assert moved["states"].shape == (problem.N + 1, 5)
     rows = np.arange(problem.N * 12.0).reshape(problem.N, 12)
@@ -62,7 +62,7 @@ def test_descents_with_and_without_a_gradient_at_the_start():
     assert np.array_equal(gains.K[3], rows[3, :10].reshape(2, 5))
     assert np.array_equal(gains.k[3], rows[3, 10:])
     held = gains_of(problem, np.concatenate([np.zeros(10), [0.0, -0.2]] * problem.N))
-    assert replay(problem, held) == pytest.approx(replay(problem, held)[0][None].repeat(21, 0))
+    assert replay_gains(problem, held) == pytest.approx(replay_gains(problem, held)[0][None].repeat(21, 0))
 
 
 def drawn_up() -> xr.Dataset:
@@ -70,7 +70,7 @@ def drawn_up() -> xr.Dataset:
     rng = np.random.default_rng(0)
     shape = len(PROBLEMS), len(LAWS)
 
-    class Made(Pieces):
+    class Made(FinishedParts):
         def get(self, key, make):
             if key == "plans":
                 return {
@@ -95,7 +95,7 @@ def test_every_piece_finds_its_place_in_data_claims_and_drawing():
     data = drawn_up()
     assert data["learned"].shape == (2, len(DYNAMICS), 2, 11, 2)
     assert np.isfinite(data["learned"]).all() and np.isfinite(data["final"]).all()
-    assert labelled.__module__ and set(data["law"].values) == set(LAWS)
+    assert label_plans.__module__ and set(data["law"].values) == set(LAWS)
     claims = studies.get("N2").claims(data)
     assert len(claims) == 24 and not all(claim.holds for claim in claims)
     with house_style():

@@ -18,13 +18,13 @@ from problems.studies.laws_in_the_loop.data import (
     TASKS,
     Params,
     TaskLoops,
-    relative,
+    initial_states,
+    relative_cost,
     run,
-    settings,
-    starts,
-    survives,
+    run_settings,
+    survival,
 )
-from problems.studies.study import Pieces
+from problems.studies.study import FinishedParts
 from reports.drawing.style import house_style, to_svg
 from reports.figures.studies import DRAWINGS
 from reports.tables.law_tables import loop_rows
@@ -32,7 +32,7 @@ from reports.tables.law_tables import loop_rows
 SETTINGS = Params(seeds=3)
 
 
-class Made(Pieces):
+class Made(FinishedParts):
     """Pieces that are made up: a cost a key, other by a seed's hundredth, nothing simulated."""
 
     def __init__(self, **costs: float) -> None:
@@ -71,7 +71,7 @@ def test_starts_are_around_the_given_one_and_touch_nothing_deeply() -> None:
     p = source.problem.parameters.defaults
     tips = np.array([_tip(x, p["length"]) for x in source.starts])
     assert np.all(np.linalg.norm(tips - [p["x"], p["z"]], axis=1) >= p["R"] + p["r"] - 1e-9)
-    assert np.array_equal(source.starts, starts(source.problem, Params(seeds=12)))
+    assert np.array_equal(source.starts, initial_states(source.problem, Params(seeds=12)))
 
 
 def _tip(x: np.ndarray, length: float) -> np.ndarray:
@@ -102,19 +102,19 @@ def test_planning_again_on_the_model_costs_the_optimum(pushing: TaskLoops) -> No
 def test_rows_stand_where_their_names_say() -> None:
     pieces = Made(planar_push_adaptive_noise=7.0)
     data = run(SETTINGS, pieces)
-    assert len(set(pieces.keys)) == len(pieces.keys) == len(settings(data)) * len(CONTROLLERS)
+    assert len(set(pieces.keys)) == len(pieces.keys) == len(run_settings(data)) * len(CONTROLLERS)
     at = {"task": "planar-push", "plant": "noise", "controller": "adaptive"}
     assert np.allclose(data["cost"].sel(at, drop=True).isel(seed=0), [7, 14])
-    assert float(relative(data).sel({**at, "span": "run"}).mean()) == pytest.approx(7)
-    assert not survives(data).sel(at).any()
-    assert np.isnan(relative(data).sel(task="push-disc", plant="h/4")).all()
+    assert float(relative_cost(data).sel({**at, "span": "run"}).mean()) == pytest.approx(7)
+    assert not survival(data).sel(at).any()
+    assert np.isnan(relative_cost(data).sel(task="push-disc", plant="h/4")).all()
 
 
 def test_a_plant_that_diverged_counts_as_a_thousand_times_the_best() -> None:
     data = made(spinner_exact_noise=np.nan)
     at = {"task": "spinner", "plant": "noise", "controller": "exact", "span": "run"}
-    assert np.all(relative(data).sel(at) == 1000)
-    assert not survives(data).sel(at).any()
+    assert np.all(relative_cost(data).sel(at) == 1000)
+    assert not survival(data).sel(at).any()
     assert not verdicts(data)["noise: planning again under the exact law costs the least"]
 
 
@@ -164,7 +164,7 @@ def test_the_table_has_a_row_a_controller_and_the_figure_every_number() -> None:
         figure = DRAWINGS["C1"].draw(data)
         assert len(to_svg(figure)) > 10_000
     left, right = figure.axes
-    cells = len(settings(data))
+    cells = len(run_settings(data))
     assert len(left.texts) == 2 * cells * len(LAWS) + len(TASKS)
     assert len(right.texts) == 2 * cells * len(FEEDBACK + INPUTS)
     sizes = [float(one.get_fontsize()) for one in figure.findobj(Text) if one.get_text()]

@@ -15,12 +15,12 @@ from dynamics.contact import Exact
 from dynamics.learned.transitions import Normalisation
 from ocp.errors import InputError
 from problems import get, studies
-from problems.studies.noised_contact.data import many_sets
+from problems.studies.noised_contact.data import sample_sets
 from problems.studies.shared.noised_line import (
     LinePusher,
     Walls,
-    answers,
     average_of,
+    model_values,
     network_of,
 )
 from problems.studies.shared.sampled_step import SampledStep
@@ -87,13 +87,13 @@ def test_effective_neighbours_are_those_of_the_weights() -> None:
     distance = (z[None] - queries[:, None]) / scale
     weight = np.exp(-0.5 * np.sum(distance**2, axis=2) / sigma**2)
     expected = weight.sum(axis=1) ** 2 / np.sum(weight**2, axis=1)
-    found = data.effective(z, Normalisation(np.ones(4), scale), sigma, queries)
+    found = data.effective_neighbours(z, Normalisation(np.ones(4), scale), sigma, queries)
     assert found == pytest.approx(expected, rel=1e-10)
 
 
 @pytest.mark.costly
 def test_lemmas_hold_and_what_is_no_minimum_is_seen() -> None:
-    found = lemmas.risks(0.7, 3)
+    found = lemmas.noised_risks(0.7, 3)
     higher = found["higher"][1]
     assert higher.shape[:3] == (len(lemmas.CASES), len(lemmas.WIDTHS), len(lemmas.CHANGES))
     assert higher / lemmas.CHANGES[:, None] ** 2 == pytest.approx(1, abs=1e-9)
@@ -103,7 +103,7 @@ def test_lemmas_hold_and_what_is_no_minimum_is_seen() -> None:
     x, y, sigma = np.array([-0.1, 0.2]), np.array([0.0, 1.0]), 0.1
     z = np.arange(-1.5, 1.5, sigma / 8)
     joint = norm.pdf(z, x[:, None], sigma) * sigma / 16
-    g = answers(average_of(x, y, sigma), z)
+    g = model_values(average_of(x, y, sigma), z)
     share = 1 / (1 + np.exp((x[0] - x[1]) * (z - x.mean()) / sigma**2))
     assert g == pytest.approx(share, abs=1e-12)
     assert np.sum(joint * (g - y[:, None]) ** 2) == pytest.approx(
@@ -113,7 +113,7 @@ def test_lemmas_hold_and_what_is_no_minimum_is_seen() -> None:
 
 @pytest.mark.costly
 def test_sets_of_data_are_as_far_off_as_their_standard_errors() -> None:
-    found = many_sets(LinePusher(), 10, 1000, 5)
+    found = sample_sets(LinePusher(), 10, 1000, 5)
     assert found["score_square"][1].mean() == pytest.approx(1, abs=0.4)
     # sqrt(2/pi) rho sigma, over the standard error of half a Gaussian of data: many deviations.
     assert np.all(found["end_score"][1] < -5)
@@ -121,7 +121,7 @@ def test_sets_of_data_are_as_far_off_as_their_standard_errors() -> None:
 
 
 def test_rollouts_climb_the_density_and_stop_at_its_modes() -> None:
-    found = lemmas.climbing(0.3, 0)
+    found = lemmas.climb_density(0.3, 0)
     assert np.all(found["climb"][1] >= 0)
     few = np.random.default_rng([0, 3, 0]).uniform(-1, 1, int(lemmas.SAMPLES[0]))
     model, x = average_of(few, few, 0.3), np.linspace(-1, 1, 2001)
@@ -138,7 +138,7 @@ def test_a_network_learns_noise_in_metres() -> None:
     assert h.sigma * x.std() == pytest.approx(0.3)
     at = np.linspace(-1, 1, 21)
     # Without noise it would be x itself, 0.24 away from this at the walls.
-    assert answers(h, at) == pytest.approx(Walls().noised(at, 0.3), abs=0.06)
+    assert model_values(h, at) == pytest.approx(Walls().noised(at, 0.3), abs=0.06)
 
 
 @pytest.mark.costly

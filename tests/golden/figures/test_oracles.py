@@ -17,20 +17,20 @@ from problems.studies.impact_and_friction import (
     smoothed_box,
     softened_box,
 )
-from problems.studies.jumping_objectives import drop, pivot, throw_wall
+from problems.studies.jumping_objectives import drop_ball, hit_bar, throw_wall
 from problems.studies.shared import contact_bounds as bounds
 from problems.studies.shared.sampled_step import (
     SampledStep,
     averaged_exact,
-    gaussian,
+    best_lines,
+    gaussian_density,
     least_residual,
-    linearisations,
     printed_kappa,
     scalar_contact,
-    student,
+    student_density,
 )
 from problems.studies.stiff_pushing import Params as PushParams
-from problems.studies.stiff_pushing import limit, pushing_system
+from problems.studies.stiff_pushing import pushing_system, stability_limit
 from problems.studies.wall_corner import ThrownBall, Wall
 
 
@@ -62,18 +62,18 @@ def test_the_qp_is_the_clipped_step_and_newton_ends_at_the_barriers_minimum() ->
 def test_kappa_true_and_printed_as_the_errata_have_them() -> None:
     soft = scalar_contact(Adaptive(sigma=0.5), [0.3], 2.0)
     assert soft.lam[0] == pytest.approx(0.04217, abs=5e-6)
-    assert averaged_exact(0.3, 2.0, gaussian(0.5)) == pytest.approx(soft.lam[0], rel=1e-10)
+    assert averaged_exact(0.3, 2.0, gaussian_density(0.5)) == pytest.approx(soft.lam[0], rel=1e-10)
     assert printed_kappa(np.array(0.3), 0.5) == pytest.approx(0.5577, abs=1e-4)
-    assert linearisations(0.5, 1.0, 1.0) == pytest.approx(np.array([[0.087, -0.129], [0.198, -0.309]]), abs=2e-3)
+    assert best_lines(0.5, 1.0, 1.0) == pytest.approx(np.array([[0.087, -0.129], [0.198, -0.309]]), abs=2e-3)
 
 
 def test_constant_mu_is_student_noise_and_its_curvature_the_density() -> None:
     F, mu = 2.5, 0.03
     z = np.array([-0.7, 0.01, 1.3])
     soft = scalar_contact(Barrier(mu=mu), z, F)
-    expected = [averaged_exact(at, F, student(F, mu)) for at in z]
+    expected = [averaged_exact(at, F, student_density(F, mu)) for at in z]
     assert soft.lam == pytest.approx(expected, rel=1e-8)
-    assert F * soft.curvature == pytest.approx(student(F, mu)(z), rel=1e-9)
+    assert F * soft.curvature == pytest.approx(student_density(F, mu)(z), rel=1e-9)
     assert soft.curvature[1] == pytest.approx(1 / (4 * F**1.5 * np.sqrt(mu)), rel=1e-2)
 
 
@@ -149,13 +149,13 @@ def test_random_systems_are_solved_and_differentiated(kind: str) -> None:
     rng = np.random.default_rng(1)
     F = np.stack([bounds.random_p_matrix(rng, 3, kind) for _ in range(20)])
     z, mu = rng.standard_normal((20, 3)), 10 ** rng.uniform(-4, 0, 20)
-    found = bounds.solve(z, F, mu)
+    found = bounds.solve_softened(z, F, mu)
     assert found.lam * found.gap == pytest.approx(np.repeat(mu[:, None], 3, 1), rel=1e-8)
     assert found.gap == pytest.approx(z + np.einsum("kij,kj->ki", F, found.lam), abs=1e-9)
     for column in range(3):
         shift = np.zeros((1, 3))
         shift[0, column] = 1e-6
-        ahead, behind = bounds.solve(z + shift, F, mu), bounds.solve(z - shift, F, mu)
+        ahead, behind = bounds.solve_softened(z + shift, F, mu), bounds.solve_softened(z - shift, F, mu)
         difference = (ahead.lam - behind.lam) / 2e-6
         assert found.slope[:, :, column] == pytest.approx(difference, rel=1e-3, abs=1e-4)
 
@@ -169,8 +169,8 @@ def test_bounds_have_the_values_of_the_errata() -> None:
     plain = e / mu + 1 / F - e * np.sqrt(1 / mu**2 + 2 / (e * mu * F))
     assert bounds.theorem_4_5(z, one, np.array([mu]), -1)[0] == pytest.approx(plain, rel=1e-12)
     F2 = np.array([[[1.0, -100.0], [0.0, 1.0]]])
-    found = bounds.solve(np.ones((1, 2)), F2, np.ones(1))
-    assert bounds.norms(found.slope)[0] == pytest.approx(27.63, abs=0.05)
+    found = bounds.solve_softened(np.ones((1, 2)), F2, np.ones(1))
+    assert bounds.spectral_norms(found.slope)[0] == pytest.approx(27.63, abs=0.05)
     assert found.lam[0, 0] == pytest.approx(60.8, abs=0.05)
 
 
@@ -188,14 +188,14 @@ def test_throw_wall_as_in_the_facts() -> None:
 
 
 def test_drop_is_a_step_and_pivot_keeps_angular_momentum() -> None:
-    fall = drop(1.0, 2.0, 9.81)
+    fall = drop_ball(1.0, 2.0, 9.81)
     assert fall.costs(np.array([[-1e-3], [0.0], [0.4]])) == pytest.approx([0.0, -1.0, -1.0])
     theta = np.array([[-0.5], [0.1], [0.6], [0.63]])
     arm = 0.7 * np.tan(theta[:, 0])
     # Plastic: ball and bar share the momentum about the pivot, of the velocity along x.
     omega = 2.0 * np.cos(theta[:, 0]) * arm / (1.0 + arm**2)
     expected = np.where(np.abs(arm) <= 0.5, -(omega**2), 0)
-    hit = pivot(2.0, 0.7, 0.5, 1.0, 1.0)
+    hit = hit_bar(2.0, 0.7, 0.5, 1.0, 1.0)
     assert hit.costs(theta) == pytest.approx(expected, rel=1e-12)
     assert expected[-1] == 0 < -expected[2]
 
@@ -228,7 +228,7 @@ def test_the_spring_is_the_semi_implicit_one_and_fails_at_its_limit() -> None:
     v2 = c * x[:, 3] + h / m * force
     expected = np.column_stack((x[:, 0] + h * v1, x[:, 1] + h * v2, v1, v2))
     assert step(x, u).x_next == pytest.approx(expected, abs=1e-12)
-    assert limit(PushParams()) == pytest.approx(7992)
+    assert stability_limit(PushParams()) == pytest.approx(7992)
     for factor, grows in ((0.99, False), (1.01, True)):
         closed = step(np.array([[0.01, 1.0, 0, 0]]), np.zeros((1, 1)), {"k": 7992 * factor}).x_by_x[0]
         assert (np.abs(np.linalg.eigvals(closed)).max() > 1 + 1e-9) is np.bool_(grows)

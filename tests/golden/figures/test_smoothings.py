@@ -19,8 +19,8 @@ from problems.studies.smoothings_compared.data import (
     TRUSTED,
     Params,
     TaskData,
-    excess,
-    gap,
+    excess_cost,
+    replay_gap,
     rest_cost,
     run,
 )
@@ -97,8 +97,8 @@ def test_rows_stand_where_their_names_say() -> None:
     # Its seconds are those of the plan it starts at, too.
     assert np.all(data["seconds"].sel(law="trusting ewda", part="solving") == 6)
     assert np.array_equal(data["trusting_cost"].sel(share=0), data["cost"].sel(law="ewda"))
-    assert float(gap(data["cost"]).mean()) == pytest.approx(9)
-    assert np.all(excess(data).sel(law="exact") == 0)
+    assert float(replay_gap(data["cost"]).mean()) == pytest.approx(9)
+    assert np.all(excess_cost(data).sel(law="exact") == 0)
 
 
 @pytest.mark.costly

@@ -13,7 +13,7 @@ from matplotlib.text import Text
 
 from ocp.errors import InputError
 from problems import studies
-from problems.studies.study import CHOICE, CODE, PAPER, did_hold
+from problems.studies.study import CHOICE, CODE, PAPER, claims_sentence
 from reports.drawing.style import house_style, to_svg
 from reports.figures.paper import BOTH, COLUMN, render_figure
 from reports.figures.studies import DRAWINGS
@@ -86,7 +86,7 @@ def test_bad_input_is_told() -> None:
     with pytest.raises(InputError, match=r"sigma .* must be a number > 0 \[m\], got -1"):
         studies.get("A1").data({"sigma": -1})
     with pytest.raises(InputError, match="without claims"):
-        did_hold([])
+        claims_sentence([])
 
 
 def test_a_variable_without_units_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,8 +13,8 @@ from ocp.learning.experiment import EXACT
 from ocp.learning.protocol import Normaliser, Trained
 from ocp.learning.training import evaluate_from
 from problems.studies import trained_policies
-from problems.studies.shared.trainings import interpolated, side_by_side
-from problems.studies.study import Pieces
+from problems.studies.shared.trainings import interpolate_finite, side_by_side
+from problems.studies.study import FinishedParts
 from problems.studies.trained_policies import (
     METHODS,
     MODEL_BASED,
@@ -25,7 +25,7 @@ from problems.studies.trained_policies import (
     Policy,
     _job,
     claims,
-    starts,
+    initial_states,
 )
 from problems.tasks import registry
 from problems.tasks.training import TrainingJob
@@ -39,7 +39,7 @@ def test_a_policy_is_measured_over_the_first_steps_of_its_episode():
     n_o, nu = len(task.observations), task.system.nu
     theta = 0.1 * np.random.default_rng(3).standard_normal(nu * (n_o + 1))
     policy = Policy("hopper", Trained(theta, Normaliser.identity(n_o)), ())
-    whole = evaluate_from(policy.over(task.horizon), policy.trained, EXACT, starts("hopper", 2))
+    whole = evaluate_from(policy.over(task.horizon), policy.trained, EXACT, initial_states("hopper", 2))
     counted = [min(int(lived), STEPS) for lived in whole.lengths]
     rewards = BatchFunction(task.rewards, "numpy", 1)
     expected = [
@@ -50,14 +50,14 @@ def test_a_policy_is_measured_over_the_first_steps_of_its_episode():
 
 
 def test_more_starts_begin_with_the_same():
-    np.testing.assert_array_equal(starts("hopper", 3)[:2], starts("hopper", 2))
+    np.testing.assert_array_equal(initial_states("hopper", 3)[:2], initial_states("hopper", 2))
 
 
 def doubled(job: float, _: object) -> dict[str, np.ndarray]:
     return {"twice": np.array(2 * job)}
 
 
-class Kept(Pieces):
+class Kept(FinishedParts):
     """Has the piece ``one``, and counts what it is asked to keep."""
 
     def __init__(self) -> None:
@@ -94,17 +94,17 @@ def test_every_algorithm_has_the_same_budget_but_the_one_that_stands_beside():
 def test_curves_end_where_steps_were_spent(monkeypatch: pytest.MonkeyPatch):
     """Returns of a hundredth of the steps: what is drawn is that line, up to what was reached."""
 
-    def made(jobs: dict[str, TrainingJob], _: Pieces) -> dict[str, dict[str, np.ndarray]]:
+    def made(jobs: dict[str, TrainingJob], _: FinishedParts) -> dict[str, dict[str, np.ndarray]]:
         reached = {key: 60.0 if job.algorithm.name == "mbpo" else 1200.0 for key, job in jobs.items()}
         along = {key: np.array([0.0, end / 3, end]) for key, end in reached.items()}
         names = ("env_steps", "wall_s", "evaluation_speed", "evaluation_length")
         return {key: {**dict.fromkeys(names, steps), "evaluation_return": steps / 100} for key, steps in along.items()}
 
-    monkeypatch.setattr(trained_policies, "curves", made)
+    monkeypatch.setattr(trained_policies, "training_curves", made)
     monkeypatch.setattr(trained_policies, "_against_plans", lambda *_: {})
-    monkeypatch.setattr(trained_policies, "plans", lambda *_: {task: [] for task in TASKS})
-    monkeypatch.setattr(trained_policies, "fitted", lambda *_: None)
-    found = trained_policies.run(Params(kilosteps=1, runs=2), Pieces())
+    monkeypatch.setattr(trained_policies, "make_plans", lambda *_: {task: [] for task in TASKS})
+    monkeypatch.setattr(trained_policies, "fit_network", lambda *_: None)
+    found = trained_policies.run(Params(kilosteps=1, runs=2), FinishedParts())
     alone = found.sel(algorithm=MODEL_BASED)
     rest = found.drop_sel(algorithm=MODEL_BASED)
     assert (rest["spent"] == 1200).all() and (alone["spent"] == 60).all()
@@ -119,7 +119,7 @@ def test_curves_end_where_steps_were_spent(monkeypatch: pytest.MonkeyPatch):
 
 def test_between_judgements_lines_are_straight_and_beyond_them_there_is_nothing():
     values = np.array([1.0, np.nan, 5.0, np.nan])
-    found = interpolated(np.linspace(0, 60, 7), np.array([10.0, 20.0, 50.0, 70.0]), values)
+    found = interpolate_finite(np.linspace(0, 60, 7), np.array([10.0, 20.0, 50.0, 70.0]), values)
     np.testing.assert_array_equal(found, [np.nan, 1, 2, 3, 4, 5, np.nan])
 
 
