@@ -241,7 +241,7 @@ class Solution:
 
     def replay(
         self,
-        law: ContactLaw | str = "exact",
+        contact: ContactLaw | str = "exact",
         contact_settings: Mapping[str, Any] | None = None,
         **parameters: Any,
     ) -> Replay:
@@ -253,7 +253,7 @@ class Solution:
         and :class:`~ocp.errors.NotConverged` where one of its steps did not solve.
         """
         settings = {**(contact_settings or {}), **parameters}
-        made = closing_law(law, settings, self.problem.system)
+        made = closing_law(contact, settings, self.problem.system)
         return replayed(self.problem, self.data, self.cost, self.gains, self.values, made)
 
     def replay_in(self, simulator: str = "mujoco") -> InWorld:
@@ -281,18 +281,18 @@ class Solution:
         """Write the PDF of ``ocp report``; :class:`~ocp.errors.InputError` where it cannot be."""
         return load_plugin("reports").report(self, expand_path(path))
 
-    def save(self, root: Path | str | None = None, tags: Sequence[str] = ()) -> Path:
+    def save(self, store: Path | str | None = None, tags: Sequence[str] = ()) -> Path:
         """Store it as ``ocp solve`` does and return the run's directory, for :func:`ocp.load`.
 
-        ``root`` is by default ``$OCP_RUNS``, else ``runs``; ``tags`` mark the run.
+        ``store`` is the folder of runs, by default ``$OCP_RUNS``, else ``runs``; ``tags`` mark the run.
 
-        Raises :class:`~ocp.errors.InputError` where ``root`` cannot be written, and for a tag that
+        Raises :class:`~ocp.errors.InputError` where ``store`` cannot be written, and for a tag that
         is no word.
         """
         # By name, since the store is built on solutions.
-        store = import_module("ocp.store")
-        place = store.default_root() if root is None else root
-        return store.save(self, place, ["python", Path(sys.argv[0]).name], tags).path
+        runs = import_module("ocp.store")
+        folder = runs.default_root() if store is None else store
+        return runs.save(self, folder, ["python", Path(sys.argv[0]).name], tags).path
 
     @property
     def success(self) -> bool:

@@ -61,7 +61,7 @@ class Controller:
         controller = Controller(problems.get("soft-walls"))
         command = controller.step(x, u_before)
 
-    ``law``, an object or a name, closes the contact of the plans: the exact one, or for the phase
+    ``contact``, a law or its name, closes the contact of the plans: the exact one, or for the phase
     ``relaxed`` a smoothed one. ``phase`` is one of :data:`~ocp.mpc.phases.PHASES`;
     ``policy`` is what the phase ``policy`` evaluates: a function ``(x, k) -> u``,
     :class:`~ocp.problem.rollout.Gains`, or None for the regulator's gains along the first plan.
@@ -79,7 +79,7 @@ class Controller:
     """
 
     problem: Problem
-    law: ContactLaw | str | None = None
+    contact: ContactLaw | str | None = None
     phase: str = "qpcc"
     policy: Law | Gains | None = None
     iterations: int = 1
@@ -92,9 +92,9 @@ class Controller:
         self.receding = Receding.of(self.problem)
         self.told = list(self.receding.told)
         planned = self.receding.problem
-        exact = isinstance(self.contact, Exact)
+        exact = isinstance(self.law, Exact)
         self._softer = NEWTON["qpcc" if exact else "relaxed"]
-        self.session = Session(planned, self.contact, Direct(), OpenLoop(), compiled=StageCompiler())
+        self.session = Session(planned, self.law, Direct(), OpenLoop(), compiled=StageCompiler())
         self.model = StageModel(planned, planned.exact_step if exact else self.session.step)
         self.roller = Roller(self.model)
         if self.model.backend != "c":
@@ -115,9 +115,9 @@ class Controller:
     def _check(self) -> None:
         """Read the arguments, with one sentence for what is wrong."""
         entry = choose("phase", validated("phase", self.phase, str), PHASES)
-        law = validated("law", self.law, InstanceOf[ContactLaw] | str | None)
+        law = validated("contact", self.contact, InstanceOf[ContactLaw] | str | None)
         law = closing_law(law, {}, self.problem.system) if isinstance(law, str) else law
-        self.contact = self.law = entry.law(law)
+        self.law: ContactLaw = entry.law(law)
         self.iterations = validated("iterations", self.iterations, Count)
         self.trust = validated("trust", self.trust, Annotated[Positive, Field(le=1)])
         self.deadline = validated("deadline", self.deadline, Positive | None)

@@ -144,7 +144,7 @@ def simulate(
         "seed": seed,
         "stopped": stopped,
         "phase": controller.phase,
-        "law": controller.contact.name,
+        "law": controller.law.name,
     }
     return loop.result(record)
 

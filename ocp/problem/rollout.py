@@ -98,10 +98,10 @@ def roll_out(
     problem: Problem,
     inputs: np.ndarray | Gains,
     values: dict[str, float],
-    law: ContactLaw | Step | None = None,
+    contact: ContactLaw | Step | None = None,
     x0: np.ndarray | None = None,
 ) -> Rollout:
-    """Roll out ``inputs`` (S or 1, N, nu), or gains, under ``law``, by default the exact one.
+    """Roll out ``inputs`` (S or 1, N, nu), or gains, under the law ``contact``, by default the exact one.
 
     ``values`` are parameter values by name; a law brings its own, a closed step takes them
     from ``values``. ``x0`` (S, nx) are initial states, by default the problem's scenarios; inputs
@@ -110,7 +110,7 @@ def roll_out(
     Raises :class:`~ocp.errors.NotConverged`, naming contact, step and scenario, where the step's
     path could not be followed to its end.
     """
-    rolled, unsolved = roll_on(Evaluation(problem, values), inputs, law, x0)
+    rolled, unsolved = roll_on(Evaluation(problem, values), inputs, contact, x0)
     if unsolved is not None:
         raise NotConverged(str(unsolved))
     return rolled

@@ -107,12 +107,12 @@ def remove(paths: Iterable[Path]) -> None:
 def load_solution(
     run: Path | str,
     problem: Problem | None = None,
-    root: Path | str | None = None,
+    store: Path | str | None = None,
     source: Path | str | None = None,
 ) -> Solution:
     """Read a run of ``ocp solve``, or of :meth:`Solution.save`.
 
-    ``run`` is its directory, part of its name in the store ``root``, or ``@last``, as the command
+    ``run`` is its directory, part of its name in the folder ``store`` of runs, or ``@last``, as the command
     line takes it (:func:`~ocp.store.lookup.find`). Its problem is built again by its name. Of a
     problem of one's own ``source`` names the file, for code that a run names is never loaded; or
     ``problem`` is what was built of it, or without a file. Warns where the file has changed.
@@ -120,7 +120,7 @@ def load_solution(
     Raises :class:`~ocp.errors.InputError` where there is no such run, it is no solve, or its
     problem is not found again, and :class:`~ocp.errors.DamagedRun` where it is not whole.
     """
-    found = load(find(str(run), root))
+    found = load(find(str(run), store))
     if problem is not None:
         return found.solution(problem)
     problems = load_plugin("problems")

@@ -159,7 +159,7 @@ def test_commands_say_that_the_file_has_changed(weigh: Write, capsys: pytest.Cap
             assert ("mine.py, or what it imports, has changed since" in told) == edited, line
         if not edited:
             # The last line has stored a run of its own, which is of the file as it was too.
-            assert load("@last", root="runs", source="mine.py").cost > 0
+            assert load("@last", store="runs", source="mine.py").cost > 0
     with pytest.warns(UserWarning, match="has changed since"):
         load(store.list_runs("runs")[0].path, source="mine.py")
 

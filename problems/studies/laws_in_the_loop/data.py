@@ -81,7 +81,7 @@ class TaskLoops:
             u = self.controller(f"gains, {law}").plan.u
             return Controller(self.problem, phase="policy", policy=lambda _, k: u[min(k, len(u) - 1)])
         phase = "policy" if kind else "qpcc" if law == "exact" else "relaxed"
-        return Controller(self.problem, law=LAWS[law], phase=phase)
+        return Controller(self.problem, contact=LAWS[law], phase=phase)
 
     @property
     def plants(self) -> list[str]:

@@ -45,11 +45,11 @@ def kept(task: tuple[str, str, int]) -> tuple[bool, ...]:
     with warnings.catch_warnings():
         # Candidates of a step that diverge: the plan keeps another.
         warnings.simplefilter("ignore", BatchWarning)
-        along = Controller(problem, law=LAWS[law], phase="policy")
+        along = Controller(problem, contact=LAWS[law], phase="policy")
         x, u = along.plan.x[None], along.plan.u[None]
         cost = float(Evaluation(problem, values).trajectory_costs(x, u, along.plan.lam[None])[0])
         found = [in_world("mujoco", problem, u, values, x[:, 0], cost).keeps]
-        again = Controller(problem, law=LAWS[law], phase="qpcc" if law == "exact" else "relaxed")
+        again = Controller(problem, contact=LAWS[law], phase="qpcc" if law == "exact" else "relaxed")
         for controller in (along, again):
             here, there = (float(simulate(controller, problem.N, plant).costs[0]) for plant in ("exact", "mujoco"))
             found.append(abs(there - here) <= KEPT * abs(here))

@@ -171,8 +171,8 @@ def test_delay_pushes_and_mismatch_are_the_plants(disc: Controller) -> None:
     ("given", "sentence"),
     [
         ({"phase": "qpc"}, "unknown phase 'qpc' .did you mean 'qpcc'"),
-        ({"law": Barrier(mu=1e-2)}, "plans under the exact law, not under barrier"),
-        ({"law": Exact(), "phase": "relaxed"}, "plans under a smoothed law"),
+        ({"contact": Barrier(mu=1e-2)}, "plans under the exact law, not under barrier"),
+        ({"contact": Exact(), "phase": "relaxed"}, "plans under a smoothed law"),
         ({"iterations": 0}, "iterations must be greater than or equal to 1, got 0"),
     ],
 )
@@ -220,9 +220,9 @@ def test_a_free_start_is_measured_and_told() -> None:
         ({"deadline": 0.0}, "deadline must be greater than 0"),
         ({"deadline": np.nan}, "deadline must be a finite number"),
         ({"deadline": "soon"}, "deadline must be a number, got 'soon'"),
-        ({"law": "exakt"}, "unknown contact law 'exakt' .did you mean 'exact'"),
-        ({"law": "barrier"}, "plans under the exact law, not under barrier"),
-        ({"law": 3}, "law must be"),
+        ({"contact": "exakt"}, "unknown contact law 'exakt' .did you mean 'exact'"),
+        ({"contact": "barrier"}, "plans under the exact law, not under barrier"),
+        ({"contact": 3}, "contact must be"),
         ({"policy": lambda x, k: x}, 'a policy is for the phase "policy", not for qpcc'),
         ({"policy": 3, "phase": "policy"}, "policy must be"),
         ({"parameters": {"goal_x": "far"}}, "goal_x must be numbers, got 'far'"),
