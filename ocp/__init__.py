@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from ocp.distribution import version  # first: it sees to it that what follows is ours
 from ocp.errors import DamagedRun, InputError, NotConverged
 from ocp.problem.free_time import free
+from ocp.problem.parts import FreeStart, Origin
 from ocp.problem.policy import Feedback, OpenLoop
 from ocp.problem.problem import Constraint, Problem, Scaling, Scenarios
 from ocp.problem.rollout import Gains, Rollout, roll_out
@@ -37,11 +38,13 @@ __all__ = [
     "Direct",
     "Disturbance",
     "Feedback",
+    "FreeStart",
     "Gains",
     "InputError",
     "MultipleShooting",
     "NotConverged",
     "OpenLoop",
+    "Origin",
     "Problem",
     "Replay",
     "Rollout",

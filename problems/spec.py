@@ -15,6 +15,7 @@ from pydantic.fields import FieldInfo
 
 from dynamics.learned.region import Region
 from ocp.errors import InputError, did_you_mean
+from ocp.problem.parts import Origin
 from ocp.problem.problem import Problem
 from ocp.validation import Count, Index, Line, Number, Positive, parse_number
 from problems.drawing import ContactFrame, Shape
@@ -146,11 +147,13 @@ class ProblemSpec(Spec):
             problem,
             guess=guess,
             scaling=replace(problem.scaling, units=natural_units(params, problem)),
-            settings={**fixed, **problem.settings},
-            citation=problem.citation or (self.citation.key if self.citation else ""),
-            source=None if self.path is None else str(self.path),
-            source_digest=self.digest,
-            shown=None if self.path is None else UserProblemRecord(self, params),
+            origin=Origin(
+                settings={**fixed, **problem.origin.settings},
+                citation=problem.origin.citation or (self.citation.key if self.citation else ""),
+                source=None if self.path is None else str(self.path),
+                source_digest=self.digest,
+                record=None if self.path is None else UserProblemRecord(self, params),
+            ),
         )
 
 

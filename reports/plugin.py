@@ -100,5 +100,5 @@ def _file_spec(solution: Solution) -> ProblemSpec | None:
     """Return the problem of a user's file, if this process loaded one."""
     from problems.registry import load
 
-    source = solution.problem.source
+    source = solution.problem.origin.source
     return None if source is None else load(source)

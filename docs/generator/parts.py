@@ -36,7 +36,7 @@ PARTS: dict[str, tuple[Any, ...]] = {
     "Parameters": (parameters.quantity, parameters.structure, parameters.choice, parameters.table),
     "Drawing by hand": (drawing.Mark, drawing.Segment, drawing.Spring, drawing.ContactFrame),
 }
-_INNER = {"self", "settings", "citation", "source", "source_digest", "shown"}
+_INNER = {"self", "origin"}
 
 
 def pages() -> dict[str, str]:

@@ -78,7 +78,7 @@ def resolve(session: Session, over: str) -> str:
     """
     names = [*session.problem.parameters.names, *session.step.p.names]
     name = over.removeprefix("problem.")
-    if name in ("N", *session.problem.settings):
+    if name in ("N", *session.problem.origin.settings):
         raise InputError(
             f"{name} cannot be followed: each value is another program, with no curve between"
             f" them; solve at each, from the last, with ocp solve {session.problem.name} -p"

@@ -263,7 +263,7 @@ def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
         "kind": KIND,
         "seed": study.seed,
         "record": _shared_record(study, session),
-        "source_digest": session.problem.source_digest,
+        "source_digest": session.problem.origin.source_digest,
         "over": ", ".join(dims),
         "study": {"axes": axes, "shape": list(study.shape), "failed": failures},
         "solved": solved,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
@@ -15,9 +15,11 @@ from ocp.programs.units import SI, Units
 from ocp.validation import (
     Count,
     Index,
+    Line,
     Name,
     NotNegative,
     Positive,
+    Recorded,
     validate_fields,
     validated,
 )
@@ -143,6 +145,28 @@ class Scales:
             self.u / units.u,
             self.cost / units.cost,
         )
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Provenance of a problem, which its runs store and no equation reads.
+
+    ``settings`` are parameters that are no symbols, such as ``N``; ``citation`` is a key of the bibliography.
+    ``source`` is the user's file that built it, None for a named problem or one made in Python, ``source_digest`` that
+    of all the file is made of (:mod:`problems.source_digest`), and ``record`` the
+    :class:`problems.user_code.UserProblemRecord` of its runs.
+
+    Raises :class:`~ocp.errors.InputError` for settings that no run can store, and a citation that is no line of text.
+    """
+
+    settings: dict[str, float | int | str] = field(default_factory=dict)
+    citation: str = ""
+    source: str | None = None
+    source_digest: str | None = None
+    record: Any = None
+
+    def __post_init__(self) -> None:
+        validate_fields(self, "origin", settings=dict[Line, Recorded], citation=Line)
 
 
 @dataclass(frozen=True)

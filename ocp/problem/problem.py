@@ -16,10 +16,10 @@ from dynamics.systems import ContactSystem, ParameterTable
 from ocp.errors import InputError, abbreviated
 from ocp.problem.cost_sizes import least_value, split_constant
 from ocp.problem.free_time import FreeStep, with_free_step
-from ocp.problem.parts import Constraint, FreeStart, Scales, Scaling, Scenarios, check_symbols, column
+from ocp.problem.parts import Constraint, FreeStart, Origin, Scales, Scaling, Scenarios, check_symbols, column
 from ocp.problem.sizes import GAP_SHARE, derive_sizes, gap_changes, residual_changes
 from ocp.programs.units import ORDINARY_ROWS, band, solver_unit
-from ocp.validation import Count, Line, Name, Recorded, validated
+from ocp.validation import Count, Name, validated
 
 __all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Scales", "Scaling", "Scenarios"]
 
@@ -42,10 +42,8 @@ class Problem:
     stage cost has, but ``du``, and ``system.x_next``. ``x0`` (nx,), ``u_before`` (nu,), and all
     bounds are expressions in the parameters. With ``h=free(lower, upper)`` the step size is the
     last state, and the final time is free (:func:`~ocp.problem.free_time.free`). With ``swept`` nothing
-    passes through anything between two nodes either, by one more path constraint. ``source`` is
-    the user's file that it was built by, None for one that has a name or none, and
-    ``source_digest`` that of all the file was made of then (:mod:`problems.source_digest`);
-    ``shown`` is the :class:`problems.user_code.UserProblemRecord` that its runs store.
+    passes through anything between two nodes either, by one more path constraint. ``origin`` says
+    where the problem comes from, for its runs.
 
     Raises :class:`~ocp.errors.InputError` where a dimension does not fit.
     """
@@ -69,11 +67,7 @@ class Problem:
     start: FreeStart | None = None
     guess: Guess | None = None
     scaling: Scaling = field(default_factory=Scaling)
-    settings: dict[str, float | int | str] = field(default_factory=dict)
-    citation: str = ""
-    source: str | None = None
-    source_digest: str | None = None
-    shown: Any = None
+    origin: Origin = field(default_factory=Origin)
     h: FreeStep | None = None
     swept: bool = False
 
@@ -442,8 +436,7 @@ _KINDS: dict[str, Any] = {
     "start": InstanceOf[FreeStart] | None,
     "guess": Callable[..., Any] | None,
     "scaling": InstanceOf[Scaling],
-    "settings": dict[Line, Recorded],
-    "citation": Line,
+    "origin": InstanceOf[Origin],
 }
 _BY_PARAMETERS = ("x0", "u_before", "u_lower", "u_upper", "x_lower", "x_upper")
 

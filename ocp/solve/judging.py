@@ -153,7 +153,7 @@ def session_record(session: Session, seed: int) -> dict[str, Any]:
         "jit": session.compiled.outcome if session.compiled else None,
         "params": {
             **{name: session.values[name] for name in problem.parameters.names},
-            **problem.settings,
+            **problem.origin.settings,
         },
         "law_parameters": {
             name: session.values[name] for name in session.step.p.names if name not in problem.parameters
@@ -162,8 +162,8 @@ def session_record(session: Session, seed: int) -> dict[str, Any]:
         "learned_at": learned.learned_at(problem.system, session.values) if learned else {},
         "seed": seed,
         "versions": versions(),
-        "citation": problem.citation,
-        "source": problem.source,
+        "citation": problem.origin.citation,
+        "source": problem.origin.source,
     }
 
 

@@ -64,11 +64,12 @@ def rebuilder(problem: ProblemLike) -> Callable[[Problem, dict[str, Any]], Probl
 
     def build(made: Problem, turned: dict[str, Any]) -> Problem:
         if not isinstance(problem, Problem):
-            own = {name: turned.get(name, v) for name, v in made.settings.items()}
+            own = {name: turned.get(name, v) for name, v in made.origin.settings.items()}
             known = zip(made.parameters.names, made.parameters.values.tolist(), strict=True)
             return _source(problem).problem({**dict(known), **own, **turned})
-        own = {name: v for name, v in turned.items() if name in made.settings}
-        return replace(made, N=turned["N"], settings={**made.settings, **own})
+        settings = made.origin.settings
+        settings = {name: turned.get(name, value) for name, value in settings.items()}
+        return replace(made, N=turned["N"], origin=replace(made.origin, settings=settings))
 
     return build
 

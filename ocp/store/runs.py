@@ -75,14 +75,14 @@ def problem_part(problem: Problem, data: xr.Dataset | None = None) -> dict[str, 
 
     No part for a problem that has a name, or none.
     """
-    if problem.shown is None:
+    if problem.origin.record is None:
         return {}
     motions = (
         {}
         if data is None
         else {suffix: np.asarray(data[f"x{suffix}"].values[0]) for suffix in ("", "_replay") if f"x{suffix}" in data}
     )
-    return {PROBLEM_FILE: json.dumps(to_json(problem.shown.told(motions))).encode()}
+    return {PROBLEM_FILE: json.dumps(to_json(problem.origin.record.told(motions))).encode()}
 
 
 def _parts(solution: Solution, argv: Sequence[str], tags: Sequence[str] = ()) -> tuple[str, xr.Dataset, dict[str, Any]]:
@@ -106,7 +106,7 @@ def _parts(solution: Solution, argv: Sequence[str], tags: Sequence[str] = ()) ->
         "tags": tags,
         "seed": record.get("seed"),
         "record": record,
-        "source_digest": solution.problem.source_digest,
+        "source_digest": solution.problem.origin.source_digest,
         "status": solution.status.label,
         "stages": [asdict(stage) for stage in solution.stages],
         "others": [asdict(attempt) for attempt in solution.route.attempts],

@@ -207,7 +207,7 @@ def _meta(options: ContinueOptions, request: Request, path: Continuation) -> dic
         "kind": "continue",
         **{name: getattr(options, name) for name in ("argv", "tags", "seed", "steps", "scale")},
         "record": {**path.points[0].solution.record, **request.origin},
-        "source_digest": problem.source_digest,
+        "source_digest": problem.origin.source_digest,
         "over": over,
         "from": options.start,
         "to": options.end,

@@ -18,7 +18,7 @@ import numpy as np
 
 from dynamics.learned.region import Region
 from dynamics.systems import signals, time_stepping
-from ocp.problem.problem import Constraint, FreeStart, Problem, Scaling, Scenarios
+from ocp import Constraint, FreeStart, Origin, Problem, Scaling, Scenarios
 from problems.drawing import Box, ContactFrame, HalfPlane
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
@@ -48,7 +48,7 @@ def build(params):
     return Problem(name=name, system=system, N=params.N, stage_cost=ca.sumsqr(u),
                    terminal_cost=ca.sumsqr(x), x0=ca.SX([1, 0]), parameters=p, u_lower=-1,
                    u_upper=1, path=(), terminal=(), scenarios=Scenarios(), start=None,
-                   guess=guess, scaling=Scaling(), settings={}, citation="")
+                   guess=guess, scaling=Scaling(), origin=Origin(settings={}, citation=""))
 
 
 def guess(problem, p):

@@ -37,7 +37,7 @@ def test_every_parameter_can_be_set_and_reaches_the_problem(name: str, parameter
     value = other_value(name, parameter)
     problem = problems.get(name, **{parameter: value})
     if is_structural(problems.spec(name).Params.model_fields[parameter]):
-        assert problem.settings[parameter] == value
+        assert problem.origin.settings[parameter] == value
     else:
         assert problem.parameters.defaults[parameter] == value
         assert ca.depends_on(expressions(problem), problem.parameters[parameter])

@@ -116,7 +116,7 @@ def test_frictionless_has_one_row_a_contact_and_drags_nothing(name: str):
     assert rough.system.nlam == 2 * smooth.system.nlam
     assert "friction" in rough.parameters
     assert "friction" not in smooth.parameters
-    assert smooth.settings["friction"] == 0
+    assert smooth.origin.settings["friction"] == 0
     if name == PUSH:
         x_next, _ = stepped(smooth, [0, 0.5, 0, 0, -0.0995], [0.15, 0.1005])
         np.testing.assert_allclose(x_next[[0, 2, 3]], [0, 0, 0.15], atol=1e-8)

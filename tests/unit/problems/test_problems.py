@@ -52,7 +52,7 @@ def test_every_parameter_can_be_set_and_reaches_the_problem(name: str, parameter
         given["scenarios"] = 3
     problem = problems.get(name, **given)
     if is_structural(problems.spec(name).Params.model_fields[parameter]):
-        assert problem.settings[parameter] == value
+        assert problem.origin.settings[parameter] == value
     else:
         assert problem.parameters.defaults[parameter] == value
         assert ca.depends_on(expressions(problem), problem.parameters[parameter])
@@ -68,9 +68,9 @@ def test_a_run_records_every_parameter_that_built_its_problem(name: str):
     for given in ({}, {"N": 3}, smooth):
         problem = spec.problem(given)
         symbols = dict(zip(problem.parameters.names, problem.parameters.values, strict=True))
-        assert {**symbols, **problem.settings} == spec.params(given).model_dump()
-        assert not symbols.keys() & problem.settings.keys()
-        assert spec.citation is not None and problem.citation == spec.citation.key
+        assert {**symbols, **problem.origin.settings} == spec.params(given).model_dump()
+        assert not symbols.keys() & problem.origin.settings.keys()
+        assert spec.citation is not None and problem.origin.citation == spec.citation.key
 
 
 def test_structural_parameters_shape_the_problem():

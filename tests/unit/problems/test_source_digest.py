@@ -149,5 +149,5 @@ def test_a_problem_knows_what_it_was_made_of(tmp_path: Path) -> None:
     file = made(tmp_path, {"mine.py": text})
     found = problems.load(file)
     assert found.digest == source_digest(file)
-    assert found.problem().source_digest == found.digest
-    assert problems.get("push-1d").source_digest is None
+    assert found.problem().origin.source_digest == found.digest
+    assert problems.get("push-1d").origin.source_digest is None
