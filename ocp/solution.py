@@ -16,8 +16,6 @@ from dynamics.contact import ContactLaw
 from dynamics.systems import LAW_PREFIX, Signal
 from ocp.distribution import load_plugin
 from ocp.errors import InputError
-from ocp.judge.audit import Audit
-from ocp.judge.certificate import Certificate
 from ocp.judge.constraints import (
     Violation,
     broken_constraints,
@@ -27,14 +25,10 @@ from ocp.judge.constraints import (
 )
 from ocp.judge.contact_report import least_slip
 from ocp.judge.measures import Worst, between
-from ocp.judge.referee import RefereeReport
-from ocp.judge.route_report import RouteReport
-from ocp.judge.verdict import Grade, grade, headline, verdict
+from ocp.judge.verdict import Judgement
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, Rollout, roll_out
-from ocp.programs.solver import Status
-from ocp.routes.homotopy import StageRecord
 from ocp.transcription.factories import closing_law
 from ocp.validation import expand_path
 
@@ -151,13 +145,8 @@ def _labelled(problem: Problem, plan: xr.Dataset, rolled: Rollout, law: ContactL
 
 
 @dataclass(frozen=True, repr=False)
-class Solution:
-    """A solved (or not) problem.
-
-    ``certificate`` says whether the point is stationary for the problem as posed,
-    ``referee`` what the sharpest contact makes of it,
-    ``idle_cost`` what standing still would cost under the same law
-    (:func:`~ocp.judge.audit.idle_cost`).
+class Solution(Judgement):
+    """A solved (or not) problem, with what the judges say of it (:class:`~ocp.judge.verdict.Judgement`).
 
     ``data`` holds, labelled and with units, over dimensions scenario, node (N+1), interval (N),
     state, control, contact: ``x`` (scenario, node, state), ``u`` (scenario, interval, control),
@@ -177,34 +166,10 @@ class Solution:
     ``solver_s``, the rest, into the solver: linear algebra, line search, its own affairs. It is
     NaN where that was not measured.
 
-    ``record`` is what was asked, ready for JSON (:mod:`ocp.store.runs`): problem, contact,
-    method, policy, solver, parameters, settings, seed. ``route`` tells which route gave the answer
-    and what else was tried. ``unbounded`` is a sentence on a ray along which the cost falls without
-    end, or "". ``simulator`` and ``sensitivities``, by parameter, are what was computed after the
-    solve, ready for JSON, each with a ``sentence`` for the verdict. ``run_hash`` is the content hash
-    of the run from which the solution was read, "" elsewhere.
+    ``run_hash`` is the content hash of the run from which the solution was read, "" elsewhere.
     """
 
-    data: xr.Dataset
-    cost: float
-    status: Status
-    audit: Audit
-    certificate: Certificate
-    referee: RefereeReport
-    idle_cost: float
-    stages: list[StageRecord]
-    iterations: int
-    build_s: float
-    solve_s: float
-    record: dict[str, Any]
-    problem: Problem
-    values: dict[str, float]
-    gains: Gains | None = None
-    route: RouteReport = field(default_factory=RouteReport)
     evaluation_s: float = math.nan
-    unbounded: str = ""
-    simulator: dict[str, Any] | None = None
-    sensitivities: dict[str, dict[str, Any]] = field(default_factory=dict)
     run_hash: str = ""
     derivative: Callable[[str], xr.Dataset] | None = None
 
@@ -294,31 +259,16 @@ class Solution:
         folder = runs.default_root() if store is None else store
         return runs.save(self, folder, ["python", Path(sys.argv[0]).name], tags).path
 
-    @property
-    def success(self) -> bool:
-        """Whether the audit, not the solver, says that this is an answer."""
-        return self.status is Status.SOLVED
-
-    @property
-    def verdict(self) -> str:
-        """Headline with costs and survival, then a line a finding (:mod:`ocp.judge.verdict`)."""
-        return verdict(self)
-
     def __repr__(self) -> str:
         request = self.record
         given = request["law_parameters"].items()
         parameters = "".join(f" {name.removeprefix(LAW_PREFIX)}={v:g}" for name, v in given)
         law = f"{request['contact']}{parameters}"
         how = f"{request['problem']}, {law}, {request['method']}, {request['policy']}"
-        return f"<Solution of {how}: {headline(self)}>"
+        return f"<Solution of {how}: {self.headline}>"
 
     def _repr_html_(self) -> str:
         return load_plugin("reports").html(self)
-
-    @property
-    def grade(self) -> Grade:
-        """``survives``, ``certified`` (and no more) or ``failed``: what the verdict's colour is."""
-        return grade(self)
 
 
 class Interrupted(KeyboardInterrupt):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from ocp.judge.findings import Finding, make_finding
 from ocp.judge.lpec import Descent, LinearModel, negative_curvature
 from ocp.programs.program import Program
 
@@ -28,6 +29,10 @@ WITHIN = 1e-2
 """How far, in characteristic sizes, a direction of descent is followed to tell what it gains."""
 
 
+UNJUDGED = "the point is not feasible"
+"""Reason of a certificate for a point that is not feasible."""
+_MOST_MOVES = 3
+"""Maximum number of moves that a verdict names."""
 _WORDS = {
     "normal": ("opening contact", "closing contact"),
     "limit": ("leaving limit", "meeting limit"),
@@ -102,20 +107,24 @@ class Certificate:
         return self.stationarity in ("B", "KKT")
 
     @property
-    def sentence(self) -> str:
-        """What was found, for a verdict."""
+    def findings(self) -> list[Finding]:
+        """Whether the point is stationary, and why not, for a verdict."""
         if self.stationarity == "B":
-            return "B-stationary: no first-order move, with any change of contact, lowers the cost"
+            return [make_finding("B-stationary")]
         if self.stationarity == "KKT":
-            return "stationary: no first-order move lowers the cost"
+            return [make_finding("stationary")]
         if self.stationarity == "undecided":
-            return f"stationarity undecided: {self.reason}"
-        how = " and ".join(str(move) for move in self.moves[:3]) or "moving with the same contacts"
-        more = f" (and {len(self.moves) - 3} more)" if len(self.moves) > 3 else ""
-        return (
-            f"not stationary: {how}{more} would lower the cost by about {self.gain:.2g}"
-            f" within a hundredth of the characteristic sizes{self.reason and '; '}{self.reason}"
-        )
+            return [make_finding("stationarity-undecided", reason=self.reason)]
+        moves = " and ".join(str(move) for move in self.moves[:_MOST_MOVES]) or "moving with the same contacts"
+        rest = len(self.moves) - _MOST_MOVES
+        moves += f" (and {rest} more)" if rest > 0 else ""
+        refused = [make_finding("moves-not-made", "; ", reason=self.reason)] if self.reason else []
+        return [make_finding("not-stationary", moves=moves, gain=self.gain), *refused]
+
+    @property
+    def sentence(self) -> str:
+        """The findings, half a sentence."""
+        return "".join(finding.joint + finding.sentence for finding in self.findings)
 
 
 def certify(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from ocp.judge.findings import Finding, make_finding
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Constraint, Problem
 from ocp.problem.rollout import Rollout, at_steps
@@ -41,6 +42,11 @@ class Violation:
     step: int
     amount: float
 
+    @property
+    def title(self) -> str:
+        """The constraint in words, as in "bound on v"."""
+        return f"{_KINDS[self.name]} {self.component}"
+
 
 @dataclass(frozen=True)
 class Broken:
@@ -57,7 +63,7 @@ class Broken:
     @property
     def name(self) -> str:
         """The constraint in words, as in "bound on v"."""
-        return f"{_KINDS[self.violation.name]} {self.violation.component}"
+        return self.violation.title
 
 
 def tolerance_sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
@@ -126,12 +132,17 @@ def noticeable_violations(broken: Sequence[Broken], share: float = CONSTRAINT_SH
     return list(worst.values())
 
 
-def describe_violations(broken: Sequence[Violation]) -> list[str]:
-    """Describe every violation: which constraint, by how much, at which step; half a sentence each.
+def violation_findings(violations: Sequence[Violation]) -> list[Finding]:
+    """Return a finding for every violation: which constraint, by how much, at which step."""
+    return [
+        make_finding("constraint-violated", constraint=violation.title, amount=violation.amount, step=violation.step)
+        for violation in violations
+    ]
 
-    They begin with the constraint's name: "terminal constraint end is violated by 0.3 at step 20".
-    """
-    return [f"{_KINDS[v.name]} {v.component} is violated by {v.amount:.2g} at step {v.step}" for v in broken]
+
+def describe_violations(violations: Sequence[Violation]) -> list[str]:
+    """Return half a sentence for every violation: "terminal constraint end is violated by 0.3 at step 20"."""
+    return [finding.sentence.removeprefix("its ") for finding in violation_findings(violations)]
 
 
 def _off(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

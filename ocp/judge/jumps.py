@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ocp.judge.findings import Finding, make_finding
 from ocp.problem.problem import SWEPT, Problem
 
 _SWITCHES = {
@@ -73,8 +74,8 @@ class Domain:
 
 
 @lru_cache(maxsize=16)
-def jump_findings(problem: Problem) -> tuple[str, ...]:
-    """Sentences on what jumps in a problem within its bounds, and on what cannot be inspected.
+def jump_findings(problem: Problem) -> tuple[Finding, ...]:
+    """Findings on what jumps in a problem within its bounds, and on what cannot be inspected.
 
     Impulses of friction are zero, and their own gaps left out: the basis of their tangents may
     turn, which changes no physics. The coefficient of friction is in the gaps of slip.
@@ -113,25 +114,19 @@ def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
     )
 
 
-def jump_findings_of(parts: Mapping[str, ca.SX], moving: ca.SX, domain: Domain) -> tuple[str, ...]:
-    """Sentences on the jumps of named ``parts``, expressions in ``moving`` (n, 1) alone."""
+def jump_findings_of(parts: Mapping[str, ca.SX], moving: ca.SX, domain: Domain) -> tuple[Finding, ...]:
+    """Findings on the jumps of named ``parts``, expressions in ``moving`` (n, 1) alone."""
 
     def located(find: Callable[[ca.SX], Iterable[str]]) -> list[str]:
         return [f"{node} in {name}" for name, part in parts.items() for node in find(part)]
 
     names, calls = located(lambda part: jumping_operations(part, moving, domain)), located(_calls)
-    told = []
+    findings = []
     if names:
-        told.append(
-            f"The problem jumps ({', '.join(names)}), which derivatives do not show: the"
-            " certificate holds only between jumps."
-        )
+        findings.append(make_finding("problem-jumps", operations=", ".join(names)))
     if calls:
-        told.append(
-            f"Functions from outside are not inspected for jumps ({', '.join(calls)}): the"
-            " certificate holds only where they are smooth."
-        )
-    return tuple(told)
+        findings.append(make_finding("functions-not-inspected", functions=", ".join(calls)))
+    return tuple(findings)
 
 
 def jumping_operations(expression: ca.SX, moving: ca.SX, domain: Domain) -> list[str]:

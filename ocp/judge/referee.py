@@ -16,11 +16,12 @@ from ocp.judge.constraints import (
     Broken,
     Violation,
     broken_constraints,
-    describe_violations,
     noticeable_violations,
     tolerance_sizes,
     travelled_ranges,
+    violation_findings,
 )
+from ocp.judge.findings import Finding, make_finding
 from ocp.judge.measures import Physics, Worst, measure
 from ocp.judge.step_solutions import differing_contacts, find_nonuniqueness
 from ocp.problem.evaluation import Evaluation
@@ -150,6 +151,7 @@ class RefereeReport:
     (``force_distance``), all [m]. ``broken`` are the constraints that the replay breaks.
     ``nonuniqueness`` describes a step of the plan at which the model's contact has another
     solution, "" where none was found, and ``branch_cost`` is what the plan's inputs cost with it.
+    ``findings`` and ``refined_findings`` are the reasons with their codes and numbers.
     """
 
     cost: float = math.nan
@@ -169,6 +171,18 @@ class RefereeReport:
     branch_cost: float = math.nan
     survives_at_h: bool | None = None
     refined_reasons: list[str] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+    refined_findings: list[Finding] = field(default_factory=list)
+
+    @property
+    def survival_findings(self) -> list[Finding]:
+        """Reasons as findings, with no code of their own in a run that stores sentences only."""
+        return self.findings or [make_finding("survival", reason=reason) for reason in self.reasons]
+
+    @property
+    def quarter_step_findings(self) -> list[Finding]:
+        """Reasons at h/4 as findings, likewise."""
+        return self.refined_findings or [make_finding("survival", reason=reason) for reason in self.refined_reasons]
 
     @property
     def word(self) -> str:
@@ -195,15 +209,17 @@ def referee_plan(
     planned = measure(evaluation, step, plan)
     replayed = measure(evaluation, problem.referee_step, there)
     broken = broken_constraints(evaluation, there, tolerance_sizes(problem, plan.x))
-    reasons = survival(evaluation, plan, found, replayed, broken)
-    finer = survival_refined(evaluation, plan, found)
+    reasons = survival_findings(evaluation, plan, found, replayed, broken)
+    finer = quarter_step_findings(evaluation, plan, found)
     return RefereeReport(
         cost=found.cost,
         gap=float(np.abs(there.x - plan.x).max()),
         survives=not (reasons or finer),
         survives_at_h=not reasons,
-        reasons=list(reasons),
-        refined_reasons=list(finer),
+        reasons=[finding.sentence for finding in reasons],
+        refined_reasons=[finding.sentence for finding in finer],
+        findings=reasons,
+        refined_findings=finer,
         note=found.note,
         refined_cost=found.refined_cost,
         refined_note=found.refined_note,
@@ -257,10 +273,10 @@ def tolerance_gap(problem: Problem, x: np.ndarray) -> float:
     return float(np.clip(min(lengths, default=np.inf) / 3, _LEAST_GAP * gap, gap))
 
 
-def survival(
+def survival_findings(
     evaluation: Evaluation, plan: Rollout, outcome: Referee, physics: Physics, broken: Sequence[Broken]
-) -> tuple[str, ...]:
-    """Reasons why a refereed plan does not survive, each half a sentence; empty where it does.
+) -> list[Finding]:
+    """Return why a refereed plan does not survive; nothing where it does.
 
     It survives where the replay was solved throughout, costs at most :data:`COST_SHARE` more than
     the plan, keeps every state within :data:`STATE_SHARE`, every constraint within
@@ -276,49 +292,50 @@ def survival(
     share = float(shares.max())
     reasons = []
     if outcome.failed is not None:
-        reasons.append(outcome.failed.brief)
+        reasons.append(make_finding("step-not-solved", step=outcome.failed.brief))
     elif not math.isfinite(share):
-        reasons.append("the replay has NaN or infinite states")
+        reasons.append(make_finding("states-not-finite"))
     elif not math.isfinite(outcome.cost):
-        reasons.append("the cost of the replay is NaN or infinite")
+        reasons.append(make_finding("replay-cost-not-finite"))
     if excess > COST_SHARE:
-        reasons.append(f"it costs {outcome.cost:.6g} instead of {plan.cost:.6g}")
+        reasons.append(make_finding("costs-more", cost=outcome.cost, planned=plan.cost))
     if share > STATE_SHARE:
         s, k, i = (int(v) for v in np.unravel_index(int(shares.argmax()), off.shape))
         signal = problem.system.states[i]
-        reasons.append(f"{signal.name} is {off[s, k, i]:.2g} {signal.unit} off at node {k}")
-    reasons += [f"its {words}" for words in describe_violations(noticeable_violations(broken))]
-    deep = tolerance_gap(problem, plan.x)
-    for worst, where in ((physics.penetration, "node"), (physics.between, "step")):
-        if worst is not None and worst.amount > PENETRATION_SHARE * deep:
-            reasons.append(f"{worst.contact} is penetrated by {worst.amount:.2g} at {where} {worst.step}")
+        amount = float(off[s, k, i])
+        reasons.append(make_finding("state-differs", state=signal.name, amount=amount, unit=signal.unit, node=k))
+    reasons += violation_findings(noticeable_violations(broken))
+    tolerance = PENETRATION_SHARE * tolerance_gap(problem, plan.x)
+    for worst, place in ((physics.penetration, "node"), (physics.between, "step")):
+        if worst is not None and worst.amount > tolerance:
+            numbers = {"contact": worst.contact, "amount": worst.amount, "place": place, "step": worst.step}
+            reasons.append(make_finding("contact-penetrated", **numbers))
             break
-    return tuple(reasons)
+    return reasons
 
 
-def survival_refined(evaluation: Evaluation, plan: Rollout, outcome: Referee) -> tuple[str, ...]:
-    """Reasons why the replay at h/4 fails, each half a sentence; none without such a replay.
+def quarter_step_findings(evaluation: Evaluation, plan: Rollout, outcome: Referee) -> list[Finding]:
+    """Return why the replay at h/4 fails; nothing without such a replay.
 
     It holds where it was solved, costs at most :data:`COST_SHARE` more than the plan, and keeps
     constraints and bodies apart to :data:`STATE_SHARE` and :data:`PENETRATION_SHARE`. States are
     not compared node by node: an impact that comes a fraction of a step sooner changes a velocity
     by all of it, and the cost by little.
     """
-    there, problem = outcome.refined, evaluation.problem
-    if there is None:
-        return ()
+    replay, problem = outcome.refined, evaluation.problem
+    if replay is None:
+        return []
     if outcome.refined_note:
-        return (f"the replay stops: {outcome.refined_note}",)
-    if not math.isfinite(there.cost):
-        return ("the cost is NaN or infinite",)
+        return [make_finding("replay-stops", note=outcome.refined_note)]
+    if not math.isfinite(replay.cost):
+        return [make_finding("quarter-step-cost-not-finite")]
     reasons = []
-    if evaluation.cost_share(there.cost - plan.cost, plan.cost) > COST_SHARE:
-        reasons.append(f"it costs {there.cost:.6g}")
-    seen = tolerance_sizes(problem, plan.x)
-    every = broken_constraints(evaluation, there, seen)
-    reasons += [f"its {words}" for words in describe_violations(noticeable_violations(every, STATE_SHARE))]
-    if (phi := evaluation.signed_distances(there.x)) is not None:
-        deep = -float(np.nanmin(phi, initial=0.0))
-        if deep > PENETRATION_SHARE * tolerance_gap(problem, plan.x):
-            reasons.append(f"bodies penetrate by {deep:.2g}")
-    return tuple(reasons)
+    if evaluation.cost_share(replay.cost - plan.cost, plan.cost) > COST_SHARE:
+        reasons.append(make_finding("costs-more-at-quarter-step", cost=replay.cost))
+    broken = broken_constraints(evaluation, replay, tolerance_sizes(problem, plan.x))
+    reasons += violation_findings(noticeable_violations(broken, STATE_SHARE))
+    if (phi := evaluation.signed_distances(replay.x)) is not None:
+        depth = -float(np.nanmin(phi, initial=0.0))
+        if depth > PENETRATION_SHARE * tolerance_gap(problem, plan.x):
+            reasons.append(make_finding("bodies-penetrate", amount=depth))
+    return reasons

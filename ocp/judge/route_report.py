@@ -7,6 +7,25 @@ from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
+class StageRecord:
+    """One stage of a homotopy: what it varies, at which value, and what the solver reached.
+
+    ``evaluation_s`` of its ``seconds`` went into evaluating the NLP and its derivatives.
+    """
+
+    label: str
+    value: float
+    cost: float
+    complementarity: float
+    residual: float
+    iterations: int
+    seconds: float
+    status: str
+    accepted: bool = True
+    evaluation_s: float = 0.0
+
+
+@dataclass(frozen=True)
 class Attempt:
     """One of several starts of a solve, counted by ``start``, and what it cost."""
 

@@ -1,243 +1,284 @@
-"""The verdict in sentences: certificate and referee first, the solver's status last."""
+"""A plan with what the judges say of it, and the verdict: certificate and referee first, the status last."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from dynamics.systems import LAW_PREFIX
-from ocp.judge.constraints import describe_violations
+from ocp.judge.audit import Audit
+from ocp.judge.certificate import UNJUDGED, Certificate
+from ocp.judge.constraints import violation_findings
+from ocp.judge.findings import Finding, compose_lines, join_findings, make_finding
 from ocp.judge.jumps import jump_findings
-from ocp.judge.referee import PENETRATION_SHARE, tolerance_gap
-from ocp.judge.route_report import Refinement
+from ocp.judge.referee import PENETRATION_SHARE, RefereeReport, tolerance_gap
+from ocp.judge.route_report import RouteReport, StageRecord
 from ocp.problem.evaluation import Evaluation
+from ocp.problem.problem import Problem
+from ocp.problem.rollout import Gains
 from ocp.problem.sizes import describe_sizes, doubtful_sizes
-from ocp.programs.solver import TIMED_OUT
+from ocp.programs.solver import TIMED_OUT, Status
 
 if TYPE_CHECKING:
-    from ocp.solution import Solution
-
+    import xarray as xr
 
 Grade = Literal["survives", "certified", "failed"]
 """Certified and surviving, at h/4 too; certified only, or only between jumps of the problem's
 functions; neither. Shown green, amber and red."""
-_SAME = 1e-5
-_NOTABLE, _DEEP = 0.1, 0.3
-_BLURRED = 0.5
+_SAME_COST = 1e-5
+"""Change of the cost under the exact law, in characteristic costs, up to which it is the plan's."""
+_NOTABLE_SHARE = 0.1
+"""Share of the cost, or of the characteristic gap, above which a difference is reported."""
+_REPORTED_DEPTH = 0.3
+"""Share of the tolerated depth above which penetration between nodes is reported."""
+_LARGE_MU = 0.5
 """Share of the characteristic mu from which mu is as large."""
-_FEASIBLE = ("not-optimal", "undecided")
+_FEASIBLE_LABELS = ("not-optimal", "undecided")
 """Statuses of unsuccessful plans whose survival is reported."""
+_MOST_REASONS = 3
+"""Maximum number of reasons in a verdict why a plan does not survive."""
 
 
-def verdict(found: Solution) -> str:
-    """Return the headline, with every cost in it, and below it one finding a line."""
-    return "\n".join([headline(found), *findings(found)])
+@dataclass(frozen=True)
+class Judgement:
+    """A plan, solved or not, and what the three judges say of it.
+
+    ``certificate`` says whether the point is stationary for the problem as posed, ``referee`` what
+    the sharpest contact makes of it, ``idle_cost`` what standing still would cost under the same
+    law (:func:`~ocp.judge.audit.idle_cost`). ``record`` is what was asked, ready for JSON: problem,
+    contact, method, policy, solver, parameters, settings, seed. ``route`` tells which route gave
+    the answer and what else was tried. ``unbounded`` is a sentence on a ray along which the cost
+    falls without end, or "". ``simulator`` and ``sensitivities``, by parameter, are what was
+    computed after the solve, ready for JSON, each with a ``sentence`` for the verdict.
+    """
+
+    data: xr.Dataset
+    cost: float
+    status: Status
+    audit: Audit
+    certificate: Certificate
+    referee: RefereeReport
+    idle_cost: float
+    stages: list[StageRecord]
+    iterations: int
+    build_s: float
+    solve_s: float
+    record: dict[str, Any]
+    problem: Problem
+    values: dict[str, float]
+    gains: Gains | None = None
+    route: RouteReport = field(default_factory=RouteReport)
+    unbounded: str = ""
+    simulator: dict[str, Any] | None = None
+    sensitivities: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    @property
+    def success(self) -> bool:
+        """Whether the audit, not the solver, says that this is an answer."""
+        return self.status is Status.SOLVED
+
+    @property
+    def grade(self) -> Grade:
+        """Grade that colours the verdict."""
+        if not self.success:
+            return "failed"
+        return "survives" if self.referee.survives and not jump_findings(self.problem) else "certified"
+
+    @property
+    def headline(self) -> str:
+        """Status, cost under the law, the exact law and the referee, and survival."""
+        return _headline(self)
+
+    @property
+    def findings(self) -> list[Finding]:
+        """Findings that explain the headline, with their codes and numbers."""
+        return list(_findings(self))
+
+    @property
+    def verdict(self) -> str:
+        """Headline, with every cost in it, and below it the findings, one sentence a line."""
+        return "\n".join([self.headline, *compose_lines(self.findings)])
+
+    def cost_share(self, change: float, cost: float) -> float:
+        """Return a change of a cost as a share of what a plan can change of it."""
+        return Evaluation(self.problem, self.values).cost_share(change, cost)
 
 
-def headline(found: Solution) -> str:
-    """Status, cost under the law, the exact law and the referee, and survival."""
-    word = found.status.value.partition(":")[0]
-    first = f"{word.capitalize()}: cost {found.cost:.6g}"
-    if not math.isfinite(found.cost):
+def _headline(plan: Judgement) -> str:
+    word = plan.status.value.partition(":")[0]
+    first = f"{word.capitalize()}: cost {plan.cost:.6g}"
+    if not math.isfinite(plan.cost):
         return f"{first}."
-    parts = [first, _exact(found), _refereed(found)]
-    referee, ending = found.referee, found.referee.word
-    feasible = found.success or found.status.label in _FEASIBLE
+    referee, ending = plan.referee, plan.referee.word
+    feasible = plan.success or plan.status.label in _FEASIBLE_LABELS
     if referee.survives is None or (ending.startswith("survives") and not feasible):
         ending = ""
     elif ending != "does not survive":
         ending = ": at h/4 ".join([ending, *referee.refined_reasons[:1]])
-    return ", ".join(part for part in parts if part) + (f"; {ending}." if ending else ".")
+    return ", ".join([first, _exact_cost(plan), _referee_cost(plan)]) + (f"; {ending}." if ending else ".")
 
 
-def _exact(found: Solution) -> str:
-    cost = found.audit.exact_cost
+def _exact_cost(plan: Judgement) -> str:
+    cost = plan.audit.exact_cost
     if math.isfinite(cost):
         return f"exact law {cost:.6g}"
-    return "exact law not replayed" if found.audit.replay_failed else "exact law cost not finite"
+    return "exact law not replayed" if plan.audit.replay_failed else "exact law cost not finite"
 
 
-def _refereed(found: Solution) -> str:
-    if found.referee.survives is None:
+def _referee_cost(plan: Judgement) -> str:
+    if plan.referee.survives is None:
         return "no referee"
-    cost, gap = found.referee.cost, found.referee.gap
+    cost, gap = plan.referee.cost, plan.referee.gap
     if math.isfinite(cost):
         return f"referee {cost:.6g}"
     return "referee cost not finite" if math.isfinite(gap) else "referee not replayed"
 
 
-def findings(found: Solution) -> list[str]:
-    """Explain the headline, one sentence a finding."""
-    unbounded = found.unbounded
-    explained = unbounded or found.status.value.partition(": ")[2]
-    if not math.isfinite(found.cost) and not unbounded:
-        return [
-            "The cost is NaN or infinite at the last iterate: give a guess with a finite cost, and"
-            " bounds that keep the states where the cost is finite."
-        ]
-    forceless = math.isnan(found.audit.complementarity)
-    if found.status.label == "no-progress":
-        if found.audit.active_steps == 0 and not forceless:
-            explained = f"the contacts never act; {explained}"
-        if len(found.stages) < 2:
-            explained += "; no homotopy was followed, whose smoothing feels contact from afar"
-    lines = [] if found.success or not explained else [_sentence(explained)]
-    if found.certificate.reason != UNJUDGED and not unbounded:
-        lines.append(_sentence(found.certificate.sentence))
-        lines += jump_findings(found.problem)
-    if ways := found.route.idle_attempts:
-        lines.append(f"Standing still is the best of {ways} solution attempts.")
-    gaps = found.problem.system.gaps
-    model = "" if gaps is None else f"the model's gaps are {gaps}"
-    if forceless:
-        model = "the law is learned from data and has no contact forces" + (model and f"; {model}")
-    others = found.record.get("learned_at", {}).items()
-    differs = ", ".join(f"{name} = {then:g}, not {now:g}" for name, (then, now) in others)
-    model += f"; its training data have {differs}" if differs else ""
-    parts = (model, _referee(found), _replay(found), _broken(found), found.referee.nonuniqueness)
-    lines += [_sentence(line) for line in parts if line]
-    if sizes := _derived_sizes(found):
-        lines.append(sizes)
-    if not found.certificate.certified and (doubts := doubtful_sizes(found.problem)):
-        listed = ", ".join(doubts)
-        lines.append(f"Of the stated sizes {listed}; leave them out of Scaling to derive them.")
-    if found.route.refinement is not None:
-        lines.append(_refined(found.route.refinement))
-    if cut := sum(stage.status in TIMED_OUT for stage in found.stages):
-        runs = f"{cut} of {len(found.stages)} runs of the solver"
-        lines.append(f"The time limit stopped {runs}: without it the answer may differ.")
-    if not found.route.resumed:
-        lines.append(
-            "The solver did not converge from the stored run; this is a cold solve with that run's"
-            " trajectories as the guess."
-        )
-    if failures := found.route.failures:
-        lines.append(
-            f"{len(failures)} other solution attempt{'s' * (len(failures) > 1)} ended in an error"
-            f" of the program ({failures[0]}); -v shows where."
-        )
-    if found.simulator is not None:
-        lines.append(found.simulator["sentence"])
-    slopes = found.sensitivities.values()
-    lines += [_sentence(slope["sentence"]) for slope in slopes]
-    solver = found.record.get("solver", "ipopt")
-    if not found.success and solver != "ipopt":
-        lines.append(f"The solver was {solver}, and not the default, ipopt.")
-    return lines
+def _findings(plan: Judgement) -> Iterator[Finding]:
+    """Yield the findings in the order of their lines."""
+    if not math.isfinite(plan.cost) and not plan.unbounded:
+        yield make_finding("cost-not-finite")
+        return
+    if not plan.success:
+        yield from join_findings(_status_findings(plan))
+    if plan.certificate.reason != UNJUDGED and not plan.unbounded:
+        yield from plan.certificate.findings
+        yield from jump_findings(plan.problem)
+    if plan.route.idle_attempts:
+        yield make_finding("standing-still", attempts=plan.route.idle_attempts)
+    yield from join_findings(_model_findings(plan))
+    yield from _referee_findings(plan)
+    yield from join_findings(_replay_findings(plan))
+    # Constraints that the exact replay violates, unless the referee lists its own.
+    if plan.referee.word != "does not survive" and plan.audit.replay_broken:
+        yield make_finding("exact-replay-violates")
+        yield from join_findings(violation_findings(plan.audit.replay_broken), ", ", ", ")
+    if plan.referee.nonuniqueness:
+        yield make_finding("forces-not-unique", description=plan.referee.nonuniqueness)
+    yield from _size_findings(plan)
+    yield from _route_findings(plan)
+    if plan.simulator is not None:
+        yield make_finding("simulator", sentence=plan.simulator["sentence"].removesuffix("."))
+    for slope in plan.sensitivities.values():
+        yield make_finding("sensitivity", sentence=slope["sentence"])
+    solver = plan.record.get("solver", "ipopt")
+    if not plan.success and solver != "ipopt":
+        yield make_finding("other-solver", solver=solver)
 
 
-UNJUDGED = "the point is not feasible"
-"""The certificate's reason for a point that is not feasible."""
+def _has_no_forces(plan: Judgement) -> bool:
+    return math.isnan(plan.audit.complementarity)
 
 
-def _derived_sizes(found: Solution) -> str:
-    """Name the sizes that no one stated, where they set the solver's units or decide a verdict."""
-    problem = found.problem
-    ordinary = all(np.all(np.asarray(unit) == 1) for unit in vars(problem.natural).values())
-    decided = found.certificate.certified and found.referee.survives is not False
-    sizes = "" if ordinary and decided else describe_sizes(problem)
-    return sizes and f"Sizes derived from the problem's data (Scaling states others): {sizes}."
+def _status_findings(plan: Judgement) -> Iterator[Finding]:
+    """Yield why a plan is not solved."""
+    stuck = plan.status.label == "no-progress"
+    if stuck and plan.audit.active_steps == 0 and not _has_no_forces(plan):
+        yield make_finding("contacts-never-act")
+    if plan.unbounded:
+        yield make_finding("unbounded", explanation=plan.unbounded)
+    elif explanation := plan.status.value.partition(": ")[2]:
+        yield make_finding("status", explanation=explanation)
+    if stuck and len(plan.stages) < 2:
+        yield make_finding("no-homotopy")
 
 
-def _referee(found: Solution) -> str:
-    referee = found.referee
+def _model_findings(plan: Judgement) -> Iterator[Finding]:
+    """Yield what the model leaves out, and where its data are from."""
+    if _has_no_forces(plan):
+        yield make_finding("no-contact-forces")
+    if (gaps := plan.problem.system.gaps) is not None:
+        yield make_finding("gaps", gaps=gaps)
+    if learned_at := plan.record.get("learned_at"):
+        differences = ", ".join(f"{name} = {then:g}, not {now:g}" for name, (then, now) in learned_at.items())
+        yield make_finding("training-data-differ", differences=differences)
+
+
+def _referee_findings(plan: Judgement) -> Iterator[Finding]:
+    """Yield what the referee is, why the plan does not survive it, and at a quarter of the step size."""
+    referee = plan.referee
     if referee.survives is None:
-        return "no referee: the system has no geometry"
-    who = f"referee: {referee.note}"
+        yield make_finding("no-referee")
+        return
+    yield make_finding("referee", note=referee.note)
     if referee.word == "does not survive":
-        who += "; the plan does not survive: " + "; ".join(referee.reasons[:3])
-        who += _planned(found)
-    off = abs(referee.refined_cost - referee.cost)
+        yield make_finding("does-not-survive", "; ")
+        yield from join_findings(referee.survival_findings[:_MOST_REASONS], first=": ")
+        yield from _reliance_findings(plan)
+    difference = abs(referee.refined_cost - referee.cost)
     if referee.refined_reasons and referee.survives_at_h:
-        who += "; at a quarter of the step size " + "; ".join(referee.refined_reasons[:3])
-    elif _share(found, off, referee.cost) > _NOTABLE:
-        who += f"; at a quarter of the step size it costs {referee.refined_cost:.6g}"
-    return who + (_cut(found) if referee.survives_at_h else "")
+        yield make_finding("fails-at-quarter-step", "; ")
+        yield from join_findings(referee.quarter_step_findings[:_MOST_REASONS], first=" ")
+    elif plan.cost_share(difference, referee.cost) > _NOTABLE_SHARE:
+        yield make_finding("quarter-step-cost", "; ", cost=referee.refined_cost)
+    cut = referee.replay_between
+    if referee.survives_at_h and cut is not None:
+        tolerance = PENETRATION_SHARE * tolerance_gap(plan.problem, plan.data["x"].values)
+        if cut.amount > _REPORTED_DEPTH * tolerance:
+            where = {"contact": cut.contact, "amount": cut.amount, "step": cut.step}
+            yield make_finding("cuts-through", "; ", **where, tolerance=tolerance)
 
 
-def _share(found: Solution, change: float, cost: float) -> float:
-    return Evaluation(found.problem, found.values).cost_share(change, cost)
+def _reliance_findings(plan: Judgement) -> Iterator[Finding]:
+    """Yield distances of the plan itself that no body has: what a plan that does not survive relies on."""
+    least = _NOTABLE_SHARE * plan.problem.scales.gap
+    exact = plan.record.get("contact") == "exact"
+    worst_places = {
+        "acts-at-a-distance": plan.referee.force_distance if exact else None,
+        "plan-penetrates": plan.referee.between,
+    }
+    for code, worst in worst_places.items():
+        if worst is not None and worst.amount > least:
+            yield make_finding(code, "; ", contact=worst.contact, amount=worst.amount, step=worst.step)
 
 
-def _cut(found: Solution) -> str:
-    """How deep the replay penetrates between nodes, from 30 % of the tolerance on."""
-    cut, gap = found.referee.replay_between, tolerance_gap(found.problem, found.data["x"].values)
-    tolerance = PENETRATION_SHARE * gap
-    if cut is None or cut.amount <= _DEEP * tolerance:
-        return ""
-    return (
-        f"; straight motion between nodes penetrates {cut.contact} by {cut.amount:.2g} m in step"
-        f" {cut.step}, within the tolerance of {tolerance:.2g} m"
-    )
+def _replay_findings(plan: Judgement) -> Iterator[Finding]:
+    """Yield how the model's own exact law changes the plan, if it does noticeably."""
+    exact_cost = plan.audit.exact_cost
+    if plan.audit.replay_failed:
+        yield make_finding("not-replayed", step=plan.audit.replay_failed)
+        return
+    if not math.isfinite(exact_cost):
+        yield make_finding("exact-cost-not-finite")
+        return
+    change = abs(exact_cost - plan.cost)
+    same = change <= _SAME_COST * plan.problem.scales.cost or plan.cost_share(change, plan.cost) <= _NOTABLE_SHARE
+    other_branch = plan.cost_share(abs(plan.referee.branch_cost - exact_cost), exact_cost) <= _NOTABLE_SHARE
+    if plan.certificate.reason == UNJUDGED or other_branch or same:
+        return
+    if plan.record.get("contact") == "exact":
+        yield make_finding("unstable-motion")
+        return
+    yield make_finding("relies-on-smoothing", cost=exact_cost, planned=plan.cost)
+    mu, typical_mu = plan.values.get(f"{LAW_PREFIX}mu", 0.0), plan.problem.scales.mu
+    if mu >= _LARGE_MU * typical_mu:
+        yield make_finding("mu-is-large", mu=mu, typical=typical_mu)
 
 
-def _refined(refinement: Refinement) -> str:
-    """Say where refinement of the step ended, and why where costs do not agree."""
-    last = refinement.levels[-1]
-    end = refinement.stopped or "they agree"
-    return (
-        f"Refined to h = {last.h:.6g}: planned {last.cost:.6g}, replayed at half the step {last.replayed:.6g}; {end}."
-    )
+def _size_findings(plan: Judgement) -> Iterator[Finding]:
+    """Yield sizes that no one stated, where they decide something, and stated ones that are doubtful."""
+    problem = plan.problem
+    ordinary = all(np.all(np.asarray(unit) == 1) for unit in vars(problem.natural).values())
+    decided = plan.certificate.certified and plan.referee.survives is not False
+    if not (ordinary and decided) and (sizes := describe_sizes(problem)):
+        yield make_finding("derived-sizes", sizes=sizes)
+    if not plan.certificate.certified and (doubts := doubtful_sizes(problem)):
+        yield make_finding("doubtful-sizes", sizes=", ".join(doubts))
 
 
-def _planned(found: Solution) -> str:
-    """Lengths of the plan itself that no body has: what a plan that does not survive relies on."""
-    far, through = found.referee.force_distance, found.referee.between
-    least, text = _NOTABLE * found.problem.scales.gap, ""
-    if found.record.get("contact") == "exact" and far is not None and far.amount > least:
-        text += f"; in the plan {far.contact} acts at a distance of {far.amount:.2g} m"
-        text += f" at step {far.step}"
-    if through is not None and through.amount > least:
-        text += f"; in the plan {through.contact} is penetrated by {through.amount:.2g} m"
-        text += f" within step {through.step}"
-    return text
-
-
-def _replay(found: Solution) -> str:
-    """How the model's own exact law changes the plan, if it does noticeably."""
-    audit, off = found.audit, found.audit.exact_cost - found.cost
-    if audit.replay_failed:
-        return f"not replayed under the exact law: {audit.replay_failed}"
-    if not math.isfinite(audit.exact_cost):
-        return "under the exact law the cost of the replay is NaN or infinite"
-    infeasible = found.certificate.reason == UNJUDGED
-    small = abs(off) <= _SAME * found.problem.scales.cost
-    small |= _share(found, abs(off), found.cost) <= _NOTABLE
-    apart = abs(found.referee.branch_cost - audit.exact_cost)
-    branch = _share(found, apart, audit.exact_cost) <= _NOTABLE
-    if infeasible or branch or small:
-        return ""
-    if found.record.get("contact") == "exact":
-        return "the motion is unstable: the replay diverges from the plan"
-    return (
-        f"the plan relies on the smoothing: under the exact law it costs {audit.exact_cost:.6g}"
-        f" instead of {found.cost:.6g}{_blurred(found)}"
-    )
-
-
-def _blurred(found: Solution) -> str:
-    """Say where mu is as large as typical impulse times gap."""
-    mu, own = found.values.get(f"{LAW_PREFIX}mu", 0.0), found.problem.scales.mu
-    if mu < _BLURRED * own:
-        return ""
-    return f"; mu = {mu:g} is as large as the problem's typical impulse times gap, {own:.0e} N s m"
-
-
-def _broken(found: Solution) -> str:
-    """Constraints that the exact replay violates, unless the referee lists its own."""
-    if found.referee.word == "does not survive" or not found.audit.replay_broken:
-        return ""
-    return "replayed under the exact law, its " + ", its ".join(describe_violations(found.audit.replay_broken))
-
-
-def grade(found: Solution) -> Grade:
-    """The grade that colours the verdict."""
-    if not found.success:
-        return "failed"
-    return "survives" if found.referee.survives and not jump_findings(found.problem) else "certified"
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:] + "."
+def _route_findings(plan: Judgement) -> Iterator[Finding]:
+    """Yield what happened on the way to the answer."""
+    route = plan.route
+    if route.refinement is not None:
+        last, ending = route.refinement.levels[-1], route.refinement.stopped or "they agree"
+        yield make_finding("step-refined", h=last.h, cost=last.cost, replayed=last.replayed, ending=ending)
+    if count := sum(stage.status in TIMED_OUT for stage in plan.stages):
+        yield make_finding("time-limit", count=count, runs=len(plan.stages))
+    if not route.resumed:
+        yield make_finding("not-resumed")
+    if count := len(route.failures):
+        yield make_finding("attempts-failed", count=count, plural="s" * (count > 1), error=route.failures[0])

@@ -12,6 +12,7 @@ import numpy as np
 from ocp.errors import InputError, choose
 from ocp.judge.audit import TOLERANCES
 from ocp.judge.certificate import Certificate, certify
+from ocp.judge.findings import compose_lines
 from ocp.judge.jumps import Domain, jump_findings_of
 from ocp.judge.unbounded import unbounded_variables
 from ocp.mpcc.programs import MPCC, MPCCProgram, programs_of, sized
@@ -165,7 +166,8 @@ def _jump_findings(mpcc: MPCC, p: np.ndarray, x: np.ndarray) -> tuple[str, ...]:
     """What jumps within the bounds on x, on lines about zero and about ``x`` (n,)."""
     parts = {"f": mpcc.f, "g": mpcc.g, "G": mpcc.G, "H": mpcc.H}
     fixed = {name: ca.substitute(part, mpcc.p, p) for name, part in parts.items()}
-    return jump_findings_of(fixed, mpcc.x, Domain(np.fmax(1, np.abs(x)), *mpcc.x_bounds, x))
+    domain = Domain(np.fmax(1, np.abs(x)), *mpcc.x_bounds, x)
+    return tuple(compose_lines(jump_findings_of(fixed, mpcc.x, domain)))
 
 
 def _followed(

@@ -12,29 +12,11 @@ from typing import Any
 import numpy as np
 
 from ocp.errors import InputError
+from ocp.judge.route_report import StageRecord
 from ocp.programs.program import PENALTY, Program
 from ocp.programs.solver import Point, Result, Solver, Status
 
 _LOG = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class StageRecord:
-    """One stage of a homotopy: what it varies, at which value, and what the solver reached.
-
-    ``evaluation_s`` of its ``seconds`` went into evaluating the NLP and its derivatives.
-    """
-
-    label: str
-    value: float
-    cost: float
-    complementarity: float
-    residual: float
-    iterations: int
-    seconds: float
-    status: str
-    accepted: bool = True
-    evaluation_s: float = 0.0
 
 
 Progress = Callable[[StageRecord], None]

@@ -15,12 +15,11 @@ import numpy as np
 from dynamics.learned.laws import LearnedLaw
 from ocp.errors import InputError, abbreviated, interruptible
 from ocp.judge.audit import CONTENT, STILL, Audit, audit_result, cost_span, idle_cost, is_feasible
-from ocp.judge.certificate import Certificate, certify
+from ocp.judge.certificate import UNJUDGED, Certificate, certify
 from ocp.judge.referee import Referee, referee_plan, referee_replay
 from ocp.judge.route_report import RouteReport
 from ocp.judge.sensitivity import sensitivity
 from ocp.judge.unbounded import runaway_inputs, unbounded_inputs, unbounded_variables
-from ocp.judge.verdict import UNJUDGED
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Rollout

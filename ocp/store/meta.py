@@ -13,9 +13,9 @@ from ocp.errors import DamagedRun, InputError
 from ocp.judge.audit import Audit
 from ocp.judge.certificate import Certificate
 from ocp.judge.referee import RefereeReport
+from ocp.judge.verdict import Grade
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
-from ocp.solution import Grade
 from ocp.store.json_values import from_json
 from ocp.store.run_files import DATA_FILE, META_FILE, MOST
 

@@ -15,6 +15,7 @@ from ocp import InputError, Problem, Scaling, Solution, Status, solve
 from ocp.problem.rollout import roll_out
 from ocp.solve.refinement import AGREED, HALVINGS, divided_step, perturbation_growth, refine_step_size, replay_level
 from problems import get
+from tests.findings import numbers
 
 COARSE = {"h": 0.2, "N": 10}
 """ball-bounce at four times its step: nothing of the bounce is seen at it."""
@@ -46,7 +47,8 @@ def test_a_plan_is_refined_until_its_replay_at_half_the_step_agrees() -> None:
     assert found.record["params"]["h"] == pytest.approx(last.h)
     cold = solve("ball-bounce", "exact", h=last.h, N=last.N)
     assert found.cost <= cold.cost * (1 + 1e-3), "as good as a solve that begins there"
-    assert f"Refined to h = {last.h:.6g}: planned {found.cost:.6g}" in found.verdict
+    told = {"h": last.h, "cost": found.cost, "replayed": last.replayed, "ending": "they agree"}
+    assert numbers(found, "step-refined") == told
 
 
 @pytest.mark.costly
@@ -81,7 +83,7 @@ def test_refining_ends_and_says_why() -> None:
     found = refine_step_size(coarse, lost)
     assert found.success and found.cost == coarse.cost
     assert found.route.refinement.stopped.endswith("is infeasible")
-    assert "; the plan at h = 0.2 is infeasible." in found.verdict
+    assert numbers(found, "step-refined")["ending"] == "the plan at h = 0.2 is infeasible"
     unsolved = refine_step_size(replace(coarse, status=Status.NOT_OPTIMAL), never)
     assert len(unsolved.route.refinement.levels) == 1 and not unsolved.success
     stubborn = refine_step_size(coarse, never)

@@ -9,11 +9,11 @@ import pytest
 
 from dynamics.contact import Exact
 from ocp import Solution, solve
-from ocp.judge.referee import COST_SHARE, referee_plan, survival_refined
-from ocp.judge.verdict import findings, grade, headline
+from ocp.judge.referee import COST_SHARE, quarter_step_findings, referee_plan
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, roll_out
 from problems import get
+from tests.findings import numbers
 
 
 def at_a_quarter(found: Solution) -> float:
@@ -44,7 +44,7 @@ def test_a_plan_that_only_its_step_holds_up_is_amber() -> None:
     assert finer > 10 * found.cost and found.referee.refined_cost == pytest.approx(finer, rel=1e-6)
     assert (found.referee.survives, found.referee.survives_at_h) == (False, True)
     assert found.referee.word == "survives at this step only"
-    assert headline(found).endswith(f"; survives at this step only: at h/4 it costs {finer:.6g}.")
+    assert found.headline.endswith(f"; survives at this step only: at h/4 it costs {finer:.6g}.")
     assert found.success and found.grade == "certified"
 
 
@@ -56,7 +56,7 @@ def test_a_plan_that_holds_at_a_quarter_survives(name: str) -> None:
     assert abs(finer - found.cost) <= COST_SHARE * abs(found.cost)
     assert found.referee.refined_cost == pytest.approx(finer, rel=1e-9)
     assert (found.referee.word, found.grade) == ("survives", "survives")
-    assert headline(found).endswith("; survives.")
+    assert found.headline.endswith("; survives.")
 
 
 @pytest.mark.parametrize("name", ["push-1d", "wall-1d"])
@@ -77,19 +77,19 @@ def test_each_bound_of_the_finer_replay_is_a_reason_alone() -> None:
     assert report.refined_reasons == [] and sharp.refined is not None
     own = sharp.refined
 
-    def reasons(cost: float = found.cost, note: str = "", low: float = 0.0, at: int = 4) -> str:
+    def reasons(cost: float = found.cost, note: str = "", low: float = 0.0, at: int = 4) -> list[str]:
         moved = own.x.copy()
         moved[0, at, 1] -= low
         there = replace(own, x=moved, costs=np.array([cost]))
         seen = replace(sharp, refined=there, refined_note=note)
-        return "; ".join(survival_refined(Evaluation(problem, values), plan, seen))
+        return [finding.code for finding in quarter_step_findings(Evaluation(problem, values), plan, seen)]
 
-    assert reasons() == reasons((1 + 0.99 * COST_SHARE) * found.cost) == ""
+    assert reasons() == reasons((1 + 0.99 * COST_SHARE) * found.cost) == []
     dear = (1 + 1.01 * COST_SHARE) * found.cost
-    assert reasons(dear) == f"it costs {dear:.6g}"
-    assert reasons(np.nan) == "the cost is NaN or infinite"
-    assert reasons(note="step 3") == "the replay stops: step 3"
-    assert "bodies penetrate by" in reasons(low=own.x[0, 4, 1] + 0.2)
+    assert reasons(dear) == ["costs-more-at-quarter-step"]
+    assert reasons(np.nan) == ["quarter-step-cost-not-finite"]
+    assert reasons(note="step 3") == ["replay-stops"]
+    assert "bodies-penetrate" in reasons(low=own.x[0, 4, 1] + 0.2)
 
 
 def test_what_is_at_fault_at_the_step_itself_is_told_first() -> None:
@@ -103,9 +103,9 @@ def test_what_is_at_fault_at_the_step_itself_is_told_first() -> None:
         refined_cost=9.0,
     )
     bad = replace(found, referee=of)
-    assert headline(bad).endswith("; does not survive.") and grade(bad) == "certified"
-    told = " ".join(findings(bad))
-    assert "does not survive: it falls" in told and "quarter of the step size it costs 9" in told
+    assert bad.headline.endswith("; does not survive.") and bad.grade == "certified"
+    assert numbers(bad, "survival") == {"reason": "it falls"} and numbers(bad, "quarter-step-cost") == {"cost": 9.0}
+    assert "does not survive: it falls; at a quarter of the step size it costs 9" in bad.verdict
 
 
 @pytest.mark.costly
@@ -114,7 +114,7 @@ def test_a_cut_between_nodes_is_told_with_its_tolerance() -> None:
     found = solve(get("planar-push", friction=0.0, gap="true"), Exact())
     cut = found.referee.replay_between
     assert found.referee.survives and cut is not None and cut.amount > 1e-3
-    said = f"penetrates {cut.contact} by {cut.amount:.2g} m in step {cut.step}, within"
-    assert said in found.verdict
-    tolerance = float(found.verdict.partition("within the tolerance of ")[2].split()[0])
+    told = numbers(found, "cuts-through")
+    tolerance = told["tolerance"]
+    assert told == {"contact": cut.contact, "amount": cut.amount, "step": cut.step, "tolerance": tolerance}
     assert cut.amount < tolerance <= 0.1 * found.problem.scales.gap

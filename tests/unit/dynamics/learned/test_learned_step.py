@@ -17,6 +17,7 @@ from ocp.problem.rollout import roll_out
 from ocp.programs.program import PENALTY, RELAXATION
 from ocp.transcription.common import Graph
 from problems import get
+from tests.findings import numbers
 from tests.unit.dynamics.learned.wavy import Wavy
 
 PROBLEM = get("planar-push", N=4)
@@ -182,5 +183,5 @@ def test_a_verdict_says_where_the_data_were_taken_at_other_parameters():
     told = {"friction": 0.5, "m": 5.0, "w_du": 1.0}
     model.origin = replace(model.origin, parameters=told)
     answer = solve(PROBLEM, contact=Ewda(model))
-    assert "its training data have friction = 0.5, not 0.666667." in answer.verdict
+    assert numbers(answer, "training-data-differ") == {"differences": "friction = 0.5, not 0.666667"}
     assert answer.record["learned_at"] == {"friction": (0.5, 2 / 3)}

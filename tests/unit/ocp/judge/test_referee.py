@@ -13,8 +13,9 @@ from dynamics.contact import Barrier, Exact
 from dynamics.systems import ContactSystem
 from ocp import Direct, Gains, NotConverged, Problem, Solution, roll_out, solve
 from ocp.judge.constraints import broken_constraints
+from ocp.judge.findings import Finding
 from ocp.judge.measures import measure
-from ocp.judge.referee import Referee, RefereeReport, referee_plan, referee_replay, survival
+from ocp.judge.referee import Referee, RefereeReport, referee_plan, referee_replay, survival_findings
 from ocp.judge.step_solutions import Nonuniqueness, differing_contacts, find_nonuniqueness
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, roll_on
@@ -54,7 +55,7 @@ def test_a_disc_pulled_round_a_post_survives_its_model_but_not_the_referee() -> 
     assert sharp.note == "true gaps"
     assert sharp.cost > 20 * found.cost
     assert report.reasons
-    assert any("it costs" in reason for reason in report.reasons)
+    assert "costs-more" in [finding.code for finding in report.findings]
     far, near = report.force_distance, measured(found.problem, sharp).force_distance
     assert far is not None
     assert near is not None
@@ -210,8 +211,8 @@ def test_a_replay_that_fails_is_kept_up_to_there() -> None:
     with pytest.raises(NotConverged, match="at step 7 of scenario 0"):
         roll_out(problem, inputs, values, problem.referee_step, x0)
     plan = roll_out(problem, np.zeros((1, problem.N, 2)), values)
-    reasons = survival(at_defaults(problem), plan, report, measured(problem, report), [])
-    assert reasons[0].startswith("step 7 did not converge, contact 'push")
+    reasons = survival_findings(at_defaults(problem), plan, report, measured(problem, report), [])
+    assert reasons[0].code == "step-not-solved" and reasons[0].sentence.startswith("step 7 did not converge")
 
 
 def measured(problem: Problem, report: Referee):
@@ -323,19 +324,21 @@ def test_what_survives_is_within_its_shares() -> None:
     replayed = measured(problem, sharp)
     clean = replace(sharp, replay=plan, cost=found.cost)
 
-    def verdict(judged: Referee, broken=()) -> tuple[str, ...]:
-        return survival(at_defaults(problem), plan, judged, replayed, broken)
+    def verdict(judged: Referee, broken=()) -> list[Finding]:
+        return survival_findings(at_defaults(problem), plan, judged, replayed, broken)
 
-    assert verdict(clean) == ()
-    assert verdict(replace(clean, cost=1.09 * found.cost)) == ()
-    assert len(verdict(replace(clean, cost=1.11 * found.cost))) == 1
-    assert verdict(replace(clean, cost=0.5 * found.cost)) == ()
+    assert verdict(clean) == []
+    assert verdict(replace(clean, cost=1.09 * found.cost)) == []
+    assert [finding.code for finding in verdict(replace(clean, cost=1.11 * found.cost))] == ["costs-more"]
+    assert verdict(replace(clean, cost=0.5 * found.cost)) == []
     for off, count in ((0.04, 0), (0.06, 1)):
         x = plan.x.copy()
         x[0, 3, 1] += off
         reasons = verdict(replace(clean, replay=replace(plan, x=x)))
         assert len(reasons) == count
-        assert reasons in ((), ("oy is 0.06 m off at node 3",))
+        assert [(reason.code, reason.numbers["state"], reason.numbers["node"]) for reason in reasons] == count * [
+            ("state-differs", "oy", 3)
+        ]
     for off, count in ((0.004, 0), (0.03, 1)):
         u = plan.u.copy()
         u[0, 2, 0] = 3.0 + off
@@ -343,7 +346,7 @@ def test_what_survives_is_within_its_shares() -> None:
         assert len(broken) == 1
         reasons = verdict(clean, broken)
         assert len(reasons) == count
-        assert reasons in ((), ("its bound on ux is violated by 0.03 at step 2",))
+        assert [reason.sentence for reason in reasons] == count * ["its bound on ux is violated by 0.03 at step 2"]
 
 
 @pytest.mark.costly

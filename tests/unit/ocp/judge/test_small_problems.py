@@ -10,9 +10,10 @@ from dynamics.contact import Barrier
 from dynamics.systems import ParameterTable, quasi_dynamic, signals, time_stepping
 from ocp import Constraint, Problem, solve
 from ocp.judge.measures import measure
-from ocp.judge.referee import Referee, survival
+from ocp.judge.referee import Referee, survival_findings
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout
+from tests.findings import numbers
 
 SCALES = [1.0, 1e-3]
 
@@ -38,8 +39,8 @@ def test_a_flight_through_a_body_does_not_survive_however_small_the_body(length:
     plan = Rollout(x, u, one, one, one, np.zeros(1))
     replay = Referee(plan, 0.0, None, "the model itself", np.nan, "")
     found = measure(Evaluation(problem, {}), problem.exact_step, plan)
-    (reason,) = survival(Evaluation(problem, {}), plan, replay, found, [])
-    assert reason == f"post is penetrated by {0.2 * length:.2g} at step 0"
+    (reason,) = survival_findings(Evaluation(problem, {}), plan, replay, found, [])
+    assert reason.sentence == f"post is penetrated by {0.2 * length:.2g} at step 0"
 
 
 @pytest.mark.costly_cases("0.001")
@@ -72,4 +73,4 @@ def test_a_hard_end_that_only_smoothing_meets_is_named_at_any_size(length: float
     )
     found = solve(problem, Barrier(mu=0.1 * length**2))
     assert found.success and found.referee.survives is False
-    assert "its terminal constraint at is violated by" in found.verdict
+    assert numbers(found, "constraint-violated")["constraint"] == "terminal constraint at"

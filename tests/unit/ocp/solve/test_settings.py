@@ -130,7 +130,7 @@ def test_an_answer_that_another_solver_did_not_find_names_the_solver() -> None:
     given = {"settings": {"max_iterations": 2, "homotopy": False}}
     found = solve(get("push-disc"), Barrier(mu=1e-3), solver="uno", **given)
     assert not found.success
-    assert found.verdict.endswith("The solver was uno, and not the default, ipopt.")
+    assert found.findings[-1].numbers == {"solver": "uno"}
 
 
 def test_bounds_that_cross_are_wrong_usage() -> None:

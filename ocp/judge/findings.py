@@ -1,0 +1,134 @@
+"""Findings of the judges: each has a code, its numbers and a sentence, all of which stand in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+SENTENCES = {
+    # The status, where a plan is not solved.
+    "status": "{explanation}",
+    "cost-not-finite": (
+        "the cost is NaN or infinite at the last iterate: give a guess with a finite cost, and"
+        " bounds that keep the states where the cost is finite"
+    ),
+    "contacts-never-act": "the contacts never act",
+    "no-homotopy": "no homotopy was followed, whose smoothing feels contact from afar",
+    "unbounded": "{explanation}",
+    # The certificate.
+    "B-stationary": "B-stationary: no first-order move, with any change of contact, lowers the cost",
+    "stationary": "stationary: no first-order move lowers the cost",
+    "stationarity-undecided": "stationarity undecided: {reason}",
+    "not-stationary": (
+        "not stationary: {moves} would lower the cost by about {gain:.2g} within a hundredth of the"
+        " characteristic sizes"
+    ),
+    "moves-not-made": "{reason}",
+    "problem-jumps": (
+        "the problem jumps ({operations}), which derivatives do not show: the certificate holds only between jumps"
+    ),
+    "functions-not-inspected": (
+        "functions from outside are not inspected for jumps ({functions}): the certificate holds only"
+        " where they are smooth"
+    ),
+    "standing-still": "standing still is the best of {attempts} solution attempts",
+    # The model.
+    "no-contact-forces": "the law is learned from data and has no contact forces",
+    "gaps": "the model's gaps are {gaps}",
+    "training-data-differ": "its training data have {differences}",
+    # The referee.
+    "no-referee": "no referee: the system has no geometry",
+    "referee": "referee: {note}",
+    "does-not-survive": "the plan does not survive",
+    "step-not-solved": "{step}",
+    "states-not-finite": "the replay has NaN or infinite states",
+    "replay-cost-not-finite": "the cost of the replay is NaN or infinite",
+    "costs-more": "it costs {cost:.6g} instead of {planned:.6g}",
+    "state-differs": "{state} is {amount:.2g} {unit} off at node {node}",
+    "constraint-violated": "its {constraint} is violated by {amount:.2g} at step {step}",
+    "contact-penetrated": "{contact} is penetrated by {amount:.2g} at {place} {step}",
+    "acts-at-a-distance": "in the plan {contact} acts at a distance of {amount:.2g} m at step {step}",
+    "plan-penetrates": "in the plan {contact} is penetrated by {amount:.2g} m within step {step}",
+    "cuts-through": (
+        "straight motion between nodes penetrates {contact} by {amount:.2g} m in step {step},"
+        " within the tolerance of {tolerance:.2g} m"
+    ),
+    # The referee at a quarter of the step size.
+    "fails-at-quarter-step": "at a quarter of the step size",
+    "quarter-step-cost": "at a quarter of the step size it costs {cost:.6g}",
+    "replay-stops": "the replay stops: {note}",
+    "quarter-step-cost-not-finite": "the cost is NaN or infinite",
+    "costs-more-at-quarter-step": "it costs {cost:.6g}",
+    "bodies-penetrate": "bodies penetrate by {amount:.2g}",
+    "survival": "{reason}",
+    # The replay under the exact law.
+    "not-replayed": "not replayed under the exact law: {step}",
+    "exact-cost-not-finite": "under the exact law the cost of the replay is NaN or infinite",
+    "unstable-motion": "the motion is unstable: the replay diverges from the plan",
+    "relies-on-smoothing": (
+        "the plan relies on the smoothing: under the exact law it costs {cost:.6g} instead of {planned:.6g}"
+    ),
+    "mu-is-large": "mu = {mu:g} is as large as the problem's typical impulse times gap, {typical:.0e} N s m",
+    "exact-replay-violates": "replayed under the exact law",
+    "forces-not-unique": "{description}",
+    # Sizes, the way to the answer, and what was asked beside.
+    "derived-sizes": "sizes derived from the problem's data (Scaling states others): {sizes}",
+    "doubtful-sizes": "of the stated sizes {sizes}; leave them out of Scaling to derive them",
+    "step-refined": ("refined to h = {h:.6g}: planned {cost:.6g}, replayed at half the step {replayed:.6g}; {ending}"),
+    "time-limit": ("the time limit stopped {count} of {runs} runs of the solver: without it the answer may differ"),
+    "not-resumed": (
+        "the solver did not converge from the stored run; this is a cold solve with that run's"
+        " trajectories as the guess"
+    ),
+    "attempts-failed": (
+        "{count} other solution attempt{plural} ended in an error of the program ({error}); -v shows where"
+    ),
+    "simulator": "{sentence}",
+    "sensitivity": "{sentence}",
+    "other-solver": "the solver was {solver}, and not the default, ipopt",
+}
+"""Half a sentence for every code, with the names of its numbers and words."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that a judge found: a ``code`` of :data:`SENTENCES`, its ``numbers`` and half a sentence.
+
+    ``joint`` is what joins it to the finding before it in one line of a verdict, "" where it begins a line.
+    """
+
+    code: str
+    numbers: dict[str, Any] = field(default_factory=dict)
+    sentence: str = ""
+    joint: str = ""
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The finding as JSON has it."""
+        return {"code": self.code, "numbers": self.numbers, "sentence": self.sentence}
+
+    def joined(self, joint: str) -> Finding:
+        """Return the finding as one that continues a line after ``joint``."""
+        return replace(self, joint=joint)
+
+
+def make_finding(code: str, joint: str = "", **numbers: Any) -> Finding:
+    """Return the finding of a code; ``numbers`` are what its sentence names."""
+    return Finding(code, numbers, SENTENCES[code].format(**numbers), joint)
+
+
+def join_findings(findings: Iterable[Finding], joint: str = "; ", first: str = "") -> list[Finding]:
+    """Return findings as parts of one line: the ``first`` joint before the first of them."""
+    return [finding.joined(joint if index else first) for index, finding in enumerate(findings)]
+
+
+def compose_lines(findings: Iterable[Finding]) -> list[str]:
+    """Return the lines of a verdict: whole sentences, each of a finding and those joined to it."""
+    lines: list[str] = []
+    for finding in findings:
+        if finding.joint and lines:
+            lines[-1] += finding.joint + finding.sentence
+        else:
+            lines.append(finding.sentence)
+    return [line[:1].upper() + line[1:] + "." for line in lines]
