@@ -177,8 +177,10 @@ def _label(parameter: Any) -> str:
     return parameter.opts[0] if parameter.param_type_name == "option" else parameter.name.upper()
 
 
-NAME = "centralpath"
+DISTRIBUTION = "centralpath"
+"""Name of the distribution, whose version ``--version`` prints."""
 EXAMPLES = ("list", "show push-disc", "solve push-disc --contact exact", "runs", "solve --help")
+"""Commands to try first, below the help of ``ocp``."""
 
 
 class CommandGroup(TyperGroup):
@@ -221,7 +223,7 @@ def _print_version(is_requested: bool) -> None:
     if is_requested:
         from importlib.metadata import version
 
-        print(f"{NAME} {version(NAME)}")
+        print(f"{DISTRIBUTION} {version(DISTRIBUTION)}")
         raise typer.Exit
 
 
@@ -284,7 +286,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""Error numbers of a disk without space, or of a failed write."""
 
 
 def _explain(error: BaseException) -> tuple[str, int]:
@@ -304,7 +307,7 @@ def _explain(error: BaseException) -> tuple[str, int]:
         return "", 1
     if isinstance(error, SystemExit) and "_OCP_COMPLETE" in os.environ:
         return "", error.code if isinstance(error.code, int) else 1
-    if isinstance(error, OSError) and error.errno in _FULL:
+    if isinstance(error, OSError) and error.errno in _DISK_ERRORS:
         streams.discard_buffers()
         destination = f" to {_shortened(str(error.filename))}" if error.filename is not None else ""
         return f"cannot write{destination}: {error.strerror}; free some space or write elsewhere", 1

@@ -14,9 +14,9 @@ from reports.cli.learning.options import (
 )
 from reports.cli.mpc_options import MpcOptions
 from reports.cli.options import (
-    LAW,
-    PROBLEM,
-    RUN,
+    LAW_HELP,
+    PROBLEM_HELP,
+    RUN_HELP,
     JobsOptions,
     LawOptions,
     Options,
@@ -58,8 +58,11 @@ class SettingsOptions(Options):
 
 
 FLOATING = "Of a URDF: its root moves freely in space."
+"""Help of ``--floating``."""
 PLANAR = "Of a URDF: its root moves freely in the plane of its joints."
+"""Help of ``--planar``."""
 FOLDER = "A folder around the robot's file, out of which nothing is opened."
+"""Help of ``--folder``."""
 
 
 class ShowOptions(Options):
@@ -74,7 +77,7 @@ class ShowOptions(Options):
     examples: ClassVar = ("show push-disc", "show data.nc", "show robot.xml")
     problem: str = argument(
         metavar="PROBLEM|FILE",
-        help=f"{PROBLEM[:-1]}, a .nc file of ocp collect or ocp learn, or a URDF or MJCF file.",
+        help=f"{PROBLEM_HELP[:-1]}, a .nc file of ocp collect or ocp learn, or a URDF or MJCF file.",
     )
     floating: bool = option(False, help=FLOATING)
     planar: bool = option(False, help=PLANAR)
@@ -135,7 +138,7 @@ class ReplayOptions(RunOptions, LawOptions, SourceOptions):
         "replay @last --contact barrier -c mu=1e-2",
         "replay @last --world mujoco",
     )
-    contact: str = option("exact", help=LAW)
+    contact: str = option("exact", help=LAW_HELP)
     world: str | None = option(None, help="Another simulator in place of a law: mujoco.")
 
 
@@ -186,7 +189,7 @@ class EstimateOptions(JobsOptions, ProblemOptions):
         "estimate heaviside --samples 1e5 --sweep sigma=0.01:1:9:log",
         "estimate push-1d --contact exact --estimators zobg,alpha -s alpha.gamma=1",
     )
-    contact: str = option("barrier", help=LAW)
+    contact: str = option("barrier", help=LAW_HELP)
     estimators: str = option("zobg,fobg,alpha", help="Names separated by commas; list with ocp list.")
     samples: str = option("1e5", "-n", help="Samples per estimator.")
     sweep: str | None = option(None, metavar="NAME=A:B:n[:log]", help="Sweep over NAME.")
@@ -293,7 +296,7 @@ class RunsOptions(StoreOptions):
         "runs rm @2",
         "runs export @last -o motion.csv",
     )
-    run: str | None = argument(None, help=RUN)
+    run: str | None = argument(None, help=RUN_HELP)
     problem: str | None = option(None, help="Only runs of this problem.")
     kind: str | None = option(None, help="Only this kind: solve, continue, estimate, train, ...")
     contact: str | None = option(None, help="Only runs under this contact law.")

@@ -18,7 +18,9 @@ from ocp.store.provenance import versions
 from reports.cli.commands import DoctorOptions
 
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
+"""Packages of this distribution."""
 LINEAR_SOLVERS = ("mumps", "spral")
+"""Linear solvers of IPOPT that are tried."""
 
 
 def check(options: DoctorOptions) -> dict[str, Any]:

@@ -34,7 +34,8 @@ from reports.cli.commands import BACKENDS, EstimateOptions
 from reports.cli.request import check_outputs, parse_assignments, parse_count
 from reports.tables.listings import estimate_progress, estimate_table
 
-_OF_ROLLOUTS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "decision_run": "--at"}
+_ROLLOUT_OPTIONS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "decision_run": "--at"}
+"""Options, with their flags, that have an effect on rollouts alone."""
 
 
 @dataclass(frozen=True)
@@ -195,7 +196,7 @@ def case_of(
         return ObjectiveCase(
             name, parameter_texts, law, settings, options.policy, policy_settings, theta, engine, content=content
         )
-    unused = [_OF_ROLLOUTS[name] for name in _OF_ROLLOUTS if name in options.explicit]
+    unused = [_ROLLOUT_OPTIONS[name] for name in _ROLLOUT_OPTIONS if name in options.explicit]
     unused += [f"-s policy.{name}" for name in policy_settings]
     if unused:
         raise InputError(f"{spec.name} is an objective without dynamics, {unused[0]} has no effect; drop it")

@@ -20,7 +20,12 @@ __all__ = [
     "watch_interrupts",
 ]
 
-_PRESSED, _ANSWERED, _DEFERRED = threading.Event(), threading.Event(), threading.Event()
+_PRESSED = threading.Event()
+"""Set once Ctrl-C was pressed."""
+_ANSWERED = threading.Event()
+"""Set once a Ctrl-C is handled."""
+_DEFERRED = threading.Event()
+"""Set while a first Ctrl-C is only recorded."""
 
 
 @contextmanager

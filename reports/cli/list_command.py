@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from problems.robots import Robot
 
 _MARGIN = 21
+"""Column at which summaries begin."""
 Catalogue = dict[str, list[dict[str, str]]]
 
 

@@ -32,7 +32,9 @@ from reports.tables.closed_loop import labelled_arrays, loop_notes, loop_summary
 from reports.tables.console import live
 
 NOT_SURVIVED = 3
+"""Exit code of a closed loop that did not reach its end."""
 _DEFAULT_STEPS = 100
+"""Fewest samples of a closed loop where no number is given."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
-from reports.cli.options import PROBLEM, LawOptions, TagOptions, argument, assignment, option
+from reports.cli.options import PROBLEM_HELP, LawOptions, TagOptions, argument, assignment, option
 
 
 class MpcOptions(LawOptions, TagOptions):
@@ -21,7 +21,7 @@ class MpcOptions(LawOptions, TagOptions):
         "mpc soft-walls --plant h/4 --noise-state 0.01 --mismatch mp=0.5 --seeds 5",
         "mpc soft-walls --phase relaxed -c mu=1e-3 --push 20:dp=0.5 --rate 100",
     )
-    problem: str = argument(help=PROBLEM)
+    problem: str = argument(help=PROBLEM_HELP)
     params: list[str] | None = assignment("--param", "-p", help="Parameter of the problem; list with ocp show PROBLEM.")
     contact: str = option(
         "own",

@@ -21,7 +21,8 @@ TEMPLATES = {
     "robot": "hop_on.py",
 }
 """Files of ``examples``, which a wheel has among its templates (pyproject.toml)."""
-_FOLDERS = [Path(__file__).with_name("templates"), Path(__file__).parents[2] / "examples"]
+_TEMPLATE_FOLDERS = [Path(__file__).with_name("templates"), Path(__file__).parents[2] / "examples"]
+"""Folders of the templates in a wheel and in a checkout."""
 
 
 def check(options: NewOptions) -> Path:
@@ -46,7 +47,7 @@ def check(options: NewOptions) -> Path:
 def run(options: NewOptions, file: Path) -> int:
     """Write the template under its new name, and say how to solve it."""
     kind = next((kind for kind in TEMPLATES if getattr(options, kind, None)), "plain")
-    places = (folder / TEMPLATES[kind] for folder in _FOLDERS)
+    places = (folder / TEMPLATES[kind] for folder in _TEMPLATE_FOLDERS)
     text = next(place for place in places if place.exists()).read_text(encoding="utf-8")
     problem_text = re.sub('^name = ".*"$', f'name = "{file.stem}"', text, count=1, flags=re.MULTILINE)
     if options.robot is not None:

@@ -16,9 +16,12 @@ if TYPE_CHECKING:
     from ocp.store.stored_run import StoredRun
     from problems.spec import ProblemSpec
 
-RUN = "A run: its path, part of its name, or @last, @2, ... from the latest back."
-PROBLEM = "Registered name or path/to/file.py."
-LAW = "Contact law: a name of ocp settings laws, or path/to/file.py."
+RUN_HELP = "A run: its path, part of its name, or @last, @2, ... from the latest back."
+"""Help of arguments that name a run."""
+PROBLEM_HELP = "Registered name or path/to/file.py."
+"""Help of arguments that name a problem."""
+LAW_HELP = "Contact law: a name of ocp settings laws, or path/to/file.py."
+"""Help of options that name a contact law."""
 
 
 def option(default: Any, *flags: str, **typer_options: Any) -> Any:
@@ -111,7 +114,7 @@ class StoreOptions(Options):
 class RunOptions(StoreOptions):
     """A stored run."""
 
-    run: str = argument(help=RUN)
+    run: str = argument(help=RUN_HELP)
 
 
 class SourceOptions(StoreOptions):
@@ -149,7 +152,7 @@ class TagOptions(StoreOptions):
 class LawOptions(StoreOptions):
     """A contact law and its settings."""
 
-    contact: str = option("exact", help=LAW)
+    contact: str = option("exact", help=LAW_HELP)
     law_settings: list[str] | None = assignment(
         "--contact-setting", "-c", help="Setting of the contact law; list with ocp settings LAW."
     )
@@ -158,7 +161,7 @@ class LawOptions(StoreOptions):
 class ProblemOptions(LawOptions, TagOptions):
     """A problem under a law and a policy, and a report of the result."""
 
-    problem: str = argument(help=PROBLEM)
+    problem: str = argument(help=PROBLEM_HELP)
     params: list[str] | None = assignment("--param", "-p", help="Parameter of the problem; list with ocp show PROBLEM.")
     policy: str = option("open-loop", help="open-loop or feedback.")
     settings: list[str] | None = assignment(

@@ -76,7 +76,8 @@ EXAMPLES = {
     "data": "data.csv",
 }
 """A file of every kind of output."""
-_ONE_ENDING = ("PDF", "C file", "transitions", "model")
+_FIXED_SUFFIX = ("PDF", "C file", "transitions", "model")
+"""Kinds of output whose files have one suffix, that of their example."""
 
 
 def check_outputs(out: Path, pdf: Path | None) -> None:
@@ -91,7 +92,7 @@ def check_output_file(file: Path, kind: str) -> None:
     if file.is_dir():
         example = EXAMPLES.get(kind, "report.gif")
         raise InputError(f"{file} is a directory; name a file such as {file / example}")
-    ending = Path(EXAMPLES[kind]).suffix if kind in _ONE_ENDING else file.suffix
+    ending = Path(EXAMPLES[kind]).suffix if kind in _FIXED_SUFFIX else file.suffix
     # A device or a pipe has any name.
     if file.suffix.lower() != ending and (file.is_file() or not file.exists()):
         raise InputError(

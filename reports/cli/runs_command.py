@@ -21,7 +21,8 @@ FILTERS = ("problem", "kind", "contact", "method", "algorithm", "status")
 """Filters of a listing, by their names in its objects."""
 _SHOWN = 100
 """Runs that are listed, and files of which are read, where no number is given."""
-_SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
+_SECONDS_PER_UNIT = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
+"""Seconds of each unit of an age."""
 
 
 RunsRequest = tuple[StoredRun | None, datetime | None]
@@ -42,7 +43,7 @@ def parse_date(text: str) -> datetime:
     Raises :class:`~ocp.errors.InputError` for anything else.
     """
     if match := re.fullmatch(r"(\d{1,6})([smhdw])", text, re.ASCII):
-        return datetime.now(UTC) - timedelta(seconds=int(match[1]) * _SECONDS[match[2]])
+        return datetime.now(UTC) - timedelta(seconds=int(match[1]) * _SECONDS_PER_UNIT[match[2]])
     try:
         date = datetime.fromisoformat(text)
     except ValueError:

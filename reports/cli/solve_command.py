@@ -32,7 +32,9 @@ from reports.tables.console import number, small
 from reports.tables.contacts import contact_table
 
 NOT_CONVERGED = 3
+"""Exit code of a solve without a solution."""
 REQUIREMENTS = {"survives": "the referee's replay follows the plan, at h and at h/4"}
+"""Values of ``--require`` with their meaning."""
 
 
 def check(options: SolveOptions) -> tuple[Request, Solution | None]:
@@ -191,8 +193,20 @@ def print_solution(output: Output, solution: Solution) -> None:
         output.note(console.starts_table(solution.route.attempts))
 
 
-_COPIED = ("success", "verdict", "cost", "iterations", "build_s", "solve_s", "evaluation_s", "solver_s", "iteration_s")
-_CERTIFIED = ("biactive", "lpec_decrease", "kkt_residual", "negative_curvature")
+_SOLUTION_KEYS = (
+    "success",
+    "verdict",
+    "cost",
+    "iterations",
+    "build_s",
+    "solve_s",
+    "evaluation_s",
+    "solver_s",
+    "iteration_s",
+)
+"""Keys of the document that are attributes of the solution."""
+_CERTIFICATE_KEYS = ("biactive", "lpec_decrease", "kkt_residual", "negative_curvature")
+"""Keys of the document that are attributes of the certificate."""
 
 
 def solution_document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, Any]:
@@ -204,11 +218,11 @@ def solution_document(solution: Solution, meta: Mapping[str, Any]) -> dict[str, 
     return {
         **{key: record.get(key) for key in ("problem", "contact", "method", "policy", "solver")},
         "status": solution.status.label,
-        **{name: getattr(solution, name) for name in _COPIED},
+        **{name: getattr(solution, name) for name in _SOLUTION_KEYS},
         **audit,
         "stationarity": certificate.stationarity,
         "stationarity_kind": certificate.kind,
-        **{name: getattr(certificate, name) for name in _CERTIFIED},
+        **{name: getattr(certificate, name) for name in _CERTIFICATE_KEYS},
         "findings": [finding.document for finding in solution.findings],
         "moves": [str(move) for move in certificate.moves],
         "certificate_s": certificate.seconds,

@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
     from ocp.store.stored_run import StoredRun
 
-_OUT, _ERR = 1, 2
+_OUT = 1
+"""Descriptor of standard output."""
+_ERR = 2
+"""Descriptor of standard error."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,8 @@ SIGNS = {
     "‖": "||",
 }
 """Replacements for signs that an encoding lacks."""
-HANDLER = "centralpath-signs"
+ERROR_HANDLER = "centralpath-signs"
+"""Name under which the error handler of encodings is registered."""
 
 
 def to_ascii(text: str) -> str:
@@ -147,10 +151,10 @@ def set_error_handler() -> None:
 
     Under ``PYTHONIOENCODING=cp1252`` or an ASCII locale, ``⟂`` would otherwise end the program.
     """
-    codecs.register_error(HANDLER, _replaced)
+    codecs.register_error(ERROR_HANDLER, _replaced)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper) and codecs.lookup(stream.encoding).name != "utf-8":
-            stream.reconfigure(errors=HANDLER)
+            stream.reconfigure(errors=ERROR_HANDLER)
 
 
 def discard_buffers() -> None:
@@ -167,6 +171,7 @@ def discard_buffers() -> None:
 
 
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
+"""Packages whose warnings and logs are printed."""
 
 
 @contextmanager
@@ -210,7 +215,7 @@ def log_to_stderr(verbosity: int) -> Iterator[None]:
     import logging
 
     handler = logging.StreamHandler()
-    handler.setFormatter(logging.Formatter(_FORMAT, style="{"))
+    handler.setFormatter(logging.Formatter(_LOG_FORMAT, style="{"))
     loggers = [logging.getLogger(name) for name in PACKAGES]
     previous_levels = [logger.level for logger in loggers]
     for logger in loggers:
@@ -224,7 +229,8 @@ def log_to_stderr(verbosity: int) -> Iterator[None]:
             logger.setLevel(level)
 
 
-_FORMAT = "{relativeCreated:9.0f} ms  {name}: {message}"
+_LOG_FORMAT = "{relativeCreated:9.0f} ms  {name}: {message}"
+"""Format of a line of the log."""
 
 
 GRADES = {"survives": "green", "certified": "yellow", "failed": "red"}

@@ -124,6 +124,7 @@ def _document(meta: dict[str, Any], points: list[dict[str, Any]], data: xr.Datas
 
 
 SCALES = {"log": "in equal ratios", "linear": "in equal steps"}
+"""Values of ``--scale`` with their meaning."""
 
 
 def check_continue(options: ContinueOptions) -> Request:

@@ -11,8 +11,10 @@ from reports.figures import closed_loop, trajectories
 from reports.tables.closed_loop import loop_notes, loop_rows
 from reports.tables.console import number
 
-_GRADES = {"done": "survives", "warnings": "certified", "stopped": "certified"}
-_FIRST = ("phase", "plant")
+_GRADE_OF_STATUS = {"done": "survives", "warnings": "certified", "stopped": "certified"}
+"""Grade of a closed loop by its status; others have failed."""
+_LEADING_KEYS = ("phase", "plant")
+"""Settings that are listed with the request."""
 
 
 def loops_page(views: list[RunView]) -> Page:
@@ -21,7 +23,7 @@ def loops_page(views: list[RunView]) -> Page:
         **page_header(views[0]),
         "law": law_summary(views[0]),
         "hashes": [view.run.meta["hash"] for view in views],
-        "grades": [_GRADES.get(view.run.meta["status"], "failed") for view in views],
+        "grades": [_GRADE_OF_STATUS.get(view.run.meta["status"], "failed") for view in views],
         "verdicts": [view.run.meta["verdict"] for view in views],
     }
     return _one(views[0], content) if len(views) == 1 else _several(views, content)
@@ -35,10 +37,10 @@ def _one(view: RunView, content: dict[str, Any]) -> Page:
         "rows": [],
         "key": loop_rows(meta),
         "how": [
-            *([name, str(view.run.record[name])] for name in _FIRST),
+            *([name, str(view.run.record[name])] for name in _LEADING_KEYS),
             *(row for row in request_rows(view.run) if row[0] == "law"),
         ],
-        "settings": [row for row in setting_rows(view.run) if row[0] not in _FIRST],
+        "settings": [row for row in setting_rows(view.run) if row[0] not in _LEADING_KEYS],
         "notes": [*meta["told"], *loop_notes(meta)],
     }
     candidates = {

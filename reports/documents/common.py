@@ -15,7 +15,7 @@ from problems.spec import Spec
 from reports.documents.citations import full_citation
 from reports.drawing.notation import in_symbols, plain, powers, symbol
 from reports.drawing.view import RunView
-from reports.figures.panels import COLUMNS, Row, draw_rows
+from reports.figures.panels import PANEL_COLUMNS, Row, draw_rows
 from reports.tables.console import number
 
 if TYPE_CHECKING:
@@ -36,12 +36,16 @@ _NOT_SETTINGS = (
     "learned_at",
     "sensitivities",
 )
-_FIRST = ("contact", "method", "policy", "solver")
+"""Keys of a run's record that are shown elsewhere, or nowhere."""
+_REQUEST_KEYS = ("contact", "method", "policy", "solver")
+"""Keys of a run's record that :func:`request_rows` shows."""
 _LEAST_MU = 1e-12
+"""Smallest mu [N s m] that is written as a number."""
 _UNLOADED = (
     "The file of this problem was not loaded; the page shows what the run stores of it. ocp report"
     " --source FILE adds the equations and drawings from the file."
 )
+"""Note on the page of a run whose problem file was not loaded."""
 
 
 def page_header(view: RunView) -> dict[str, Any]:
@@ -73,7 +77,7 @@ def request_rows(run: StoredRun, without: Collection[str] = ()) -> list[list[str
     """Return rows on the law with its settings except ``without``, the method, policy and solver."""
     record = run.record
     request_lines = [["law", law_text(run, without)]] if record.get("contact") else []
-    request_lines += [[key, str(record[key])] for key in _FIRST[1:] if record.get(key)]
+    request_lines += [[key, str(record[key])] for key in _REQUEST_KEYS[1:] if record.get(key)]
     if record.get("N"):
         request_lines.append(["steps", str(record["N"])])
     scenarios = run.data.sizes.get("scenario", 1)
@@ -152,7 +156,7 @@ def as_text(value: Any) -> str:
 def setting_rows(run: StoredRun) -> list[list[str]]:
     """Return the settings of the request that no other table or line shows."""
     remaining = {key: value for key, value in run.record.items() if key not in _NOT_SETTINGS}
-    return [row for row in flatten(remaining) if row[0] not in _FIRST and not row[0].startswith("contact.")]
+    return [row for row in flatten(remaining) if row[0] not in _REQUEST_KEYS and not row[0].startswith("contact.")]
 
 
 def flatten(values: dict[str, Any]) -> list[list[str]]:
@@ -167,7 +171,7 @@ def flatten(values: dict[str, Any]) -> list[list[str]]:
     return rows
 
 
-def row_figures(name: str, rows: list[Row], columns: int = COLUMNS, below: float = 0.34) -> dict[str, Figure]:
+def row_figures(name: str, rows: list[Row], columns: int = PANEL_COLUMNS, below: float = 0.34) -> dict[str, Figure]:
     """Return a figure per row, ``name-01`` and so on, so that pages can break between rows."""
     return numbered_figures(name, [draw_rows([row], columns, below) for row in rows])
 

@@ -27,9 +27,12 @@ from reports.figures.run import FLOOR
 from reports.tables.console import number, small, value_text
 from reports.tables.listings import event_rows
 
-_IN_ORDER = ("problem", "contact", "method", "policy", "solver", "strategy")
-_GROUPS = ("params", "contact_settings", "policy_settings", "solver_options")
+_LABEL_KEYS = ("problem", "contact", "method", "policy", "solver", "strategy")
+"""Keys of a request in the order in which labels have them."""
+_SETTING_GROUPS = ("params", "contact_settings", "policy_settings", "solver_options")
+"""Keys of a request that hold several settings."""
 _NOT_COMPARED = ("source", "versions", "citation", "audit_s", "law_parameters", "jit", "learned_at", "certify", "rate")
+"""Keys of a run's record that label no run."""
 
 
 def comparison_page(views: list[RunView], cones: bool = False) -> Page:
@@ -72,14 +75,14 @@ def run_labels(runs: Sequence[StoredRun]) -> list[str]:
     Identical requests are labelled by their hashes.
     """
     all_requests = [_flat(run) for run in runs]
-    leading_keys = _IN_ORDER[:2] if len({request.get("problem") for request in all_requests}) > 1 else ()
+    leading_keys = _LABEL_KEYS[:2] if len({request.get("problem") for request in all_requests}) > 1 else ()
     leading_words = [[str(request[key]) for key in leading_keys if key in request] for request in all_requests]
     all_labels = []
     for run, request, words in zip(runs, all_requests, leading_words, strict=True):
         requests = [candidate for candidate, other in zip(all_requests, leading_words, strict=True) if other == words]
         differing = [key for key in request if _differs(key, request, requests)]
-        words = words + [str(request[key]) for key in _IN_ORDER if key in differing]
-        words += [f"{symbol(key)} = {value_text(request[key], 4)}" for key in differing if key not in _IN_ORDER]
+        words = words + [str(request[key]) for key in _LABEL_KEYS if key in differing]
+        words += [f"{symbol(key)} = {value_text(request[key], 4)}" for key in differing if key not in _LABEL_KEYS]
         all_labels.append(", ".join(words) or str(run.meta["hash"])[:6])
     if len(set(all_labels)) == len(all_labels):
         return all_labels
@@ -92,8 +95,8 @@ def run_labels(runs: Sequence[StoredRun]) -> list[str]:
 def _flat(run: StoredRun) -> dict[str, Any]:
     """Return the request of a run with one name per setting."""
     record = {key: value for key, value in run.record.items() if key not in _NOT_COMPARED}
-    flat_request = {key: value for key, value in record.items() if key not in _GROUPS and value is not None}
-    for group in _GROUPS:
+    flat_request = {key: value for key, value in record.items() if key not in _SETTING_GROUPS and value is not None}
+    for group in _SETTING_GROUPS:
         prefix = "contact." if group == "contact_settings" else ""
         flat_request |= {prefix + name: value for name, value in (record.get(group) or {}).items()}
     return flat_request
@@ -117,7 +120,7 @@ def continuation_page(view: RunView, cones: bool = False) -> Page:
             number(point["cost"], 7),
             number(point["exact_cost"], 7),
             number(point.get("referee_cost"), 7),
-            _SURVIVES[point.get("survives")],
+            _SURVIVAL_TEXT[point.get("survives")],
             small(point["complementarity"]),
             str(point["iterations"]),
             str(point["status"]),
@@ -148,7 +151,8 @@ def continuation_page(view: RunView, cones: bool = False) -> Page:
     return content, figures
 
 
-_SURVIVES = {True: "yes", False: "no", None: "–"}
+_SURVIVAL_TEXT = {True: "yes", False: "no", None: "–"}
+"""Text of whether a plan survives; None is unknown."""
 
 
 def _below(points: list[dict[str, Any]]) -> str:

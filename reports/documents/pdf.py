@@ -22,6 +22,7 @@ from reports.drawing.style import house_style, show_literally, to_svg
 from reports.drawing.view import RunView
 
 _TEMPLATES = Path(__file__).with_name("templates")
+"""Folder of the templates."""
 
 
 def write_pdf(
@@ -67,7 +68,8 @@ PAGES = {
     "closed-loop": "reports.documents.closed_loop.loops_page",
 }
 """Module and function of each kind of run, imported when it is drawn."""
-_TEMPLATES_OF = {"continue": "continuation", "figure": "study", "train": "training"}
+_TEMPLATE_OF_KIND = {"continue": "continuation", "figure": "study", "train": "training"}
+"""Template of the kinds of run that have not their own name."""
 
 
 def _page(
@@ -97,13 +99,15 @@ def _page(
         "train": (views,),
         "closed-loop": (views,),
     }
-    return (f"{_TEMPLATES_OF.get(kind, kind)}.typ", *page(*page_arguments[kind]))
+    return (f"{_TEMPLATE_OF_KIND.get(kind, kind)}.typ", *page(*page_arguments[kind]))
 
 
 _SCALES = (1.0, 0.94, 0.88, 0.82, 0.76)
 """Sizes of figures that are tried, until the last page is half full."""
-_TOP, _HEIGHT = 57.0, 717.0
-"""First line of a page and height of its text [pt]."""
+_TEXT_TOP_PT = 57.0
+"""Distance of the first line from the top of the page [pt]."""
+_TEXT_HEIGHT_PT = 717.0
+"""Height of the text block [pt]."""
 
 
 def _with_full_pages(root: Path, template: str, content: dict[str, Any]) -> bytes:
@@ -115,7 +119,7 @@ def _with_full_pages(root: Path, template: str, content: dict[str, Any]) -> byte
     for scale in (*_SCALES, 1.0):
         (root / "content.json").write_text(json.dumps(to_json({**content, "scale": scale})))
         end = json.loads(typst.query(file, "<end>", field="value", one=True, **options))
-        if end["page"] == 1 or end["y"] > _TOP + _HEIGHT / 2:
+        if end["page"] == 1 or end["y"] > _TEXT_TOP_PT + _TEXT_HEIGHT_PT / 2:
             break
     return typst.compile(file, **options)
 

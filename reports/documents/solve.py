@@ -16,8 +16,10 @@ from reports.figures import run, trajectories
 from reports.tables.console import number, physics_residuals, small, stage_note, stage_rows, stage_title, violation_rows
 from reports.tables.contacts import contact_columns, contact_notes
 
-_BELOW = 0.5
-_OF_STARTS = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations", "chosen")
+_GAP_STRIP_IN = 0.5
+"""Height of the strips with gaps [inch]."""
+_START_KEYS = ("start", "status", "cost", "exact_cost", "referee_cost", "iterations", "chosen")
+"""Columns of the table of starts."""
 _ENDS = 12
 """Number of first and of last stages in a shortened table."""
 
@@ -64,7 +66,7 @@ def solve_page(view: RunView, cones: bool = False, signals: str | None = None) -
     if run.is_before_path_end(view):
         figures["contact"] = run.contact_plane(view)
     panels, columns = run.rows_of_contacts(view)
-    figures |= row_figures("contacts", panels, columns, _BELOW)
+    figures |= row_figures("contacts", panels, columns, _GAP_STRIP_IN)
     if len(stored.stages) > 1:
         figures["homotopy"] = run.homotopy_figure(view)
     if "K" in stored.data:
@@ -96,7 +98,7 @@ def _stages(view: RunView) -> list[list[str]]:
 def _starts(view: RunView) -> list[str]:
     """Return the columns of the table of starts."""
     others = view.run.meta["others"]
-    return [key for key in _OF_STARTS if any(key in other for other in others)]
+    return [key for key in _START_KEYS if any(key in other for other in others)]
 
 
 def key_numbers(view: RunView) -> list[dict[str, Any]]:

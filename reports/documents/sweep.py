@@ -20,7 +20,7 @@ from reports.drawing.notation import label, symbol
 from reports.drawing.view import RunView
 from reports.figures import sweep as drawn
 from reports.tables.console import number
-from reports.tables.listings import HEADS, MOST, estimate_cells, format_duration, point_rows
+from reports.tables.listings import MOST, POINT_HEADS, estimate_cells, format_duration, point_rows
 
 
 def sweep_page(view: RunView) -> Page:
@@ -63,7 +63,7 @@ def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
         ],
         "maps": names,
         "caption": drawn.sweep_caption(axes),
-        "heads": [*dims, *HEADS],
+        "heads": [*dims, *POINT_HEADS],
         "points": point_rows(points, dims),
         "more": max(0, len(points) - MOST),
         "failed": [
@@ -99,7 +99,7 @@ def estimate_page(run: StoredRun, file_spec: ProblemSpec | None = None) -> Page:
         "grade": _GRADES[weakest_verdict(rows)],
         "how": _estimate_how(run),
         "parameters": parameters,
-        "settings": [row for row in content["settings"] if row[0] not in _ELSEWHERE],
+        "settings": [row for row in content["settings"] if row[0] not in _REQUEST_SETTINGS],
         "caption": drawn.estimate_caption(run),
         "swept": label(symbol(swept["name"]), swept["unit"]) if swept else "",
         "rows": [estimate_cells(row, bool(swept)) for row in rows],
@@ -116,7 +116,8 @@ def _spec(run: StoredRun, file_spec: ProblemSpec | None) -> ObjectiveSpec | Prob
         return None
 
 
-_ELSEWHERE = ("estimators", "reference", "reference samples", "samples", "sigma")
+_REQUEST_SETTINGS = ("estimators", "reference", "reference samples", "samples", "sigma")
+"""Settings of an estimate that its request shows."""
 
 
 def weakest_sentence(rows: Sequence[dict[str, Any]]) -> str:

@@ -11,7 +11,8 @@ _TOKEN = re.compile(
     r"|(?P<fraction> */ *| *\\/ *)"
     r"|(?P<other>.)"
 )
-_WORDS = {
+"""Tokens of typst's mathematics."""
+_PLAIN_WORDS = {
     "lambda": "lam",
     "perp": "⟂",
     "quad": "",
@@ -26,6 +27,7 @@ _WORDS = {
     "delta": "d",
     "dif": "d",
 }
+"""Names of typst's mathematics in plain characters."""
 _AROUND = {"norm": "||", "abs": "||", "dot": " '", "macron": "  "}
 """What stands before and behind a function's argument instead of its name and brackets."""
 
@@ -43,7 +45,7 @@ def plain(line: str) -> str:
         elif match["word"] and line[match.end() : match.end() + 1] == "(" and token in _AROUND:
             brackets, token = _AROUND[token], ""
         elif match["word"]:
-            token = _WORDS.get(token, token)
+            token = _PLAIN_WORDS.get(token, token)
         elif match["fraction"]:
             token = "/"
         elif token == "(":
@@ -73,7 +75,8 @@ def _tidy(text: str) -> str:
     return re.sub(r"\bd (?=[a-z]_|q\b)", "d", text).strip()
 
 
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+"""Translation of digits into superscripts."""
 _GREEK = {
     "alpha": "α",
     "beta": "β",
@@ -92,7 +95,9 @@ _GREEK = {
     "psi": "ψ",
     "omega": "ω",
 }
-_LAW = (("lam", "λ"), ("mu", "μ"), ("<=", "≤"), (">=", "≥"))
+"""Greek letters by name."""
+_LAW_SYMBOLS = (("lam", "λ"), ("mu", "μ"), ("<=", "≤"), (">=", "≥"))
+"""Words in the summaries of laws, with their symbols."""
 
 
 def powers(unit: str) -> str:
@@ -100,8 +105,8 @@ def powers(unit: str) -> str:
     if unit == "1":
         return ""
     if reciprocal := re.fullmatch(r"1/([A-Za-z]+)(?:\^(\d+))?", unit):
-        return reciprocal[1] + f"-{reciprocal[2] or 1}".translate(_RAISED)
-    return re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_RAISED), unit)
+        return reciprocal[1] + f"-{reciprocal[2] or 1}".translate(_SUPERSCRIPTS)
+    return re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_SUPERSCRIPTS), unit)
 
 
 def label(name: str, unit: str) -> str:
@@ -118,6 +123,6 @@ def symbol(name: str) -> str:
 
 def in_symbols(line: str) -> str:
     """Replace names in the summary of a law by symbols: ``lam gap = mu`` by ``λ gap = μ``."""
-    for word, sign in _LAW:
+    for word, sign in _LAW_SYMBOLS:
         line = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", sign, line)
     return line

@@ -20,16 +20,25 @@ from matplotlib.transforms import Affine2D
 from problems.drawing import Box, Capsule, Disc, HalfPlane, Mark, Polygon, Segment, Shape, Spring
 from reports.drawing.style import BLUE, FAINT, GREEN, GREY, ORANGE, SKY
 
-_COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN, "plan": SKY}
+_ROLE_COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN, "plan": SKY}
+"""Colour of bodies by their role."""
 Rgba = tuple[float, float, float, float]
-_ARC = math.pi / 16
-_HALF_TURN = np.linspace(-math.pi / 2, math.pi / 2, 18)
-COILS, COIL = 6, 0.04
-"""Windings of a spring, and half their width [m]."""
-EDGE, THICK = 0.9, {Segment: 1.6, Spring: 0.8}
-"""Widths of lines [pt]: around a body, and along a bar."""
-MARK, CROSS = 4.5, 11.0
-"""Sizes of marks and of goals [pt]."""
+_ARC_STEP_RAD = math.pi / 16
+"""Angle [rad] between the points of a rounded corner."""
+_CAP_ANGLES_RAD = np.linspace(-math.pi / 2, math.pi / 2, 18)
+"""Angles [rad] of the points of a capsule's end."""
+COIL_COUNT = 6
+"""Windings of a spring."""
+COIL_HALF_WIDTH_M = 0.04
+"""Half the width of a winding [m]."""
+EDGE_PT = 0.9
+"""Width of the line around a body [pt]."""
+BAR_PT = {Segment: 1.6, Spring: 0.8}
+"""Width of the line along a bar [pt]."""
+MARK_PT = 4.5
+"""Diameter of a mark [pt]."""
+GOAL_PT = 11.0
+"""Width of the cross of a goal [pt]."""
 FILLED = 0.25
 """Opacity of a body's inside."""
 REACH = 4.0
@@ -88,7 +97,7 @@ def outline(shape: Shape) -> Path:
             direction = np.array([x2 - x1, y2 - y1])
             if not direction.any():
                 return Path.circle((x1, y1), radius)
-            angles = math.atan2(direction[1], direction[0]) + _HALF_TURN
+            angles = math.atan2(direction[1], direction[0]) + _CAP_ANGLES_RAD
             cap = radius * np.column_stack([np.cos(angles), np.sin(angles)])
             return _closed(np.concatenate([np.array([x2, y2]) + cap, np.array([x1, y1]) - cap]))
         case Segment(x1, y1, x2, y2):
@@ -96,9 +105,9 @@ def outline(shape: Shape) -> Path:
         case Spring(x1, y1, x2, y2):
             direction = np.array([x2 - x1, y2 - y1])
             length = float(np.linalg.norm(direction)) or 1.0
-            across = np.array([-direction[1], direction[0]]) / length * COIL
-            place = np.linspace(0, 1, 2 * COILS + 2)
-            side = np.array([0, *([1, -1] * COILS), 0])
+            across = np.array([-direction[1], direction[0]]) / length * COIL_HALF_WIDTH_M
+            place = np.linspace(0, 1, 2 * COIL_COUNT + 2)
+            side = np.array([0, *([1, -1] * COIL_COUNT), 0])
             return Path(np.array([x1, y1]) + np.outer(place, direction) + np.outer(side, across))
     raise TypeError(f"a {type(shape).__name__} has no outline")
 
@@ -114,7 +123,7 @@ def _grown(corners: np.ndarray, radius: float) -> np.ndarray:
     arriving = np.roll(leaving, 1)
     rounded = []
     for corner, start, turn in zip(corners, arriving, (leaving - arriving) % (2 * math.pi), strict=True):
-        angles = start + np.linspace(0, turn, 2 + int(turn / _ARC))
+        angles = start + np.linspace(0, turn, 2 + int(turn / _ARC_STEP_RAD))
         rounded.append(corner + radius * np.column_stack([np.cos(angles), np.sin(angles)]))
     return np.concatenate(rounded)
 
@@ -132,12 +141,12 @@ def half_plane_path(shape: HalfPlane, middle: np.ndarray, reach: float) -> Path:
 
 def width(shape: Shape) -> float:
     """Return the line width of a shape [pt]; lines on a floor are as thin as edges."""
-    return EDGE if is_opaque(shape) else THICK.get(type(shape), EDGE)
+    return EDGE_PT if is_opaque(shape) else BAR_PT.get(type(shape), EDGE_PT)
 
 
 def color(role: str) -> str:
     """Return the colour of bodies with a role."""
-    return _COLORS.get(role, GREY)
+    return _ROLE_COLORS.get(role, GREY)
 
 
 def is_opaque(shape: Shape) -> bool:
@@ -205,22 +214,28 @@ def draw(shape: Shape, axis: Axes, strength: float) -> Artist:
                 zorder=1 if is_opaque(shape) else 2,
             )
         case _:
-            patch = PathPatch(outline(shape), facecolor=face, edgecolor=edge, linewidth=EDGE)
+            patch = PathPatch(outline(shape), facecolor=face, edgecolor=edge, linewidth=EDGE_PT)
     return axis.add_patch(patch)
 
 
 def _mark(shape: Mark, axis: Axes, strength: float) -> Line2D:
-    look: dict[str, Any] = {"marker": "o", "markersize": MARK, "markeredgewidth": 0}
+    look: dict[str, Any] = {"marker": "o", "markersize": MARK_PT, "markeredgewidth": 0}
     if shape.role == "goal":
-        look = {"marker": "+", "markersize": CROSS, "markeredgewidth": 1.5, "zorder": 4}
+        look = {"marker": "+", "markersize": GOAL_PT, "markeredgewidth": 1.5, "zorder": 4}
     (mark,) = axis.plot([shape.x], [shape.y], color=color(shape.role), alpha=strength, linestyle="none", **look)
     return mark
 
 
-_MARGIN = 0.08
-_FLATTEST, _LOWEST = 0.2, 0.4
-_TRAVEL = 5.0
-_AROUND = 2.2
+_VIEW_MARGIN = 0.08
+"""Margin around bodies, as a share of the longer side of the view."""
+_LEAST_ASPECT = 0.2
+"""Shorter side of a fixed view, as a share of its longer side, at least."""
+_LEAST_FOLLOWED_ASPECT = 0.4
+"""Shorter side of a view that follows bodies, as a share of its longer side, at least."""
+_TRAVEL_RATIO = 5.0
+"""Length of a motion in bodies, or in heights of the view, from which the camera follows it."""
+_FOLLOWED_WINDOW = 2.2
+"""Side of a window that follows bodies, in sizes of the bodies."""
 
 
 @dataclass(frozen=True)
@@ -247,8 +262,8 @@ def view_around(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     low, high = box
     size = high - low
     # A fixed point has no size: show one metre.
-    size = size + 2 * _MARGIN * float(size.max()) if size.max() > 0 else np.ones(2)
-    return (low + high) / 2, np.maximum(size, _FLATTEST * size.max())
+    size = size + 2 * _VIEW_MARGIN * float(size.max()) if size.max() > 0 else np.ones(2)
+    return (low + high) / 2, np.maximum(size, _LEAST_ASPECT * size.max())
 
 
 def make_cameras(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
@@ -265,12 +280,12 @@ def make_cameras(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
     union = _union(boxes)
     size = union[1] - union[0]
     body = float(np.max(boxes[0][:, 1] - boxes[0][:, 0]))
-    travels = size > _TRAVEL * np.maximum(body, size[::-1])
+    travels = size > _TRAVEL_RATIO * np.maximum(body, size[::-1])
     middle, size = view_around(union)
     if not travels.any():
         return [Camera(np.tile(middle, (len(own_boxes), 1)), size) for own_boxes in boxes]
-    size = np.where(travels, _AROUND * body, union[1] - union[0] + 2 * _MARGIN * _AROUND * body)
-    size = np.maximum(size, _LOWEST * size.max())
+    size = np.where(travels, _FOLLOWED_WINDOW * body, union[1] - union[0] + 2 * _VIEW_MARGIN * _FOLLOWED_WINDOW * body)
+    size = np.maximum(size, _LEAST_FOLLOWED_ASPECT * size.max())
     return [Camera(np.where(travels, _follow(own_boxes, size), middle), size) for own_boxes in boxes]
 
 

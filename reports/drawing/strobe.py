@@ -21,8 +21,12 @@ from reports.drawing.view import RunView
 
 LEAST = 0.02
 """Forces below this fraction of the largest are not drawn."""
-_LONGEST, _ACROSS, CONE = 0.18, 0.4, 0.7
-"""Longest arrow in sides of the view, the longer and the shorter, and a cone in arrows."""
+_ARROW_OF_LONG_SIDE = 0.18
+"""Longest arrow, as a share of the longer side of the view."""
+_ARROW_OF_SHORT_SIDE = 0.4
+"""Longest arrow, as a share of the shorter side of the view."""
+CONE_ARROWS = 0.7
+"""Length of a friction cone in longest arrows."""
 
 
 def largest_size(values: np.ndarray | None) -> float:
@@ -109,7 +113,7 @@ def acting_contacts(view: RunView) -> tuple[dict[str, np.ndarray], dict[int, str
 
 def longest_arrow(size: np.ndarray) -> float:
     """Return the length [m] of the arrow of the largest force in a view of ``size`` (2,)."""
-    return min(_LONGEST * float(size.max()), _ACROSS * float(size.min()))
+    return min(_ARROW_OF_LONG_SIDE * float(size.max()), _ARROW_OF_SHORT_SIDE * float(size.min()))
 
 
 def visible_forces(
@@ -172,7 +176,7 @@ def draw_cone(axis: Axes, frame: ContactFrame, length: float, strength: float = 
     half_angle = math.degrees(math.atan(frame.friction))
     cone = Wedge(
         (frame.x, frame.y),
-        CONE * length,
+        CONE_ARROWS * length,
         middle - half_angle,
         middle + half_angle,
         zorder=3,
@@ -183,11 +187,18 @@ def draw_cone(axis: Axes, frame: ContactFrame, length: float, strength: float = 
     return axis.add_patch(cone)
 
 
-_FEWEST, _MOST = 3, 7
-_TALLEST, _SMALL = 3.1, 1.7
+_FEWEST_INSTANTS = 3
+"""Fewest instants of a strobe."""
+_MOST_INSTANTS = 7
+"""Most instants of a strobe."""
+_TALLEST_IN = 3.1
+"""Greatest height of a strobe [inch]."""
+_ROW_HEIGHT_IN = 1.7
+"""Height of a row of strobes before its limits are known [inch]."""
 _LETTERS = 120
 """Letters of titles beside each other that fit across."""
 MOST_SCENARIOS = 12
+"""Most scenarios that are drawn."""
 
 
 def strobe(view: RunView, cones: bool = False) -> Figure | None:
@@ -197,11 +208,11 @@ def strobe(view: RunView, cones: bool = False) -> Figure | None:
     """
     if view.picture is None:
         return None
-    figure = Figure(figsize=(WIDTH, _TALLEST))
+    figure = Figure(figsize=(WIDTH, _TALLEST_IN))
     axis = figure.subplots()
     draw_strobe(axis, view, cones)
     ratio = np.ptp(axis.get_ylim()) / np.ptp(axis.get_xlim())
-    figure.set_figheight(float(np.clip(0.9 * WIDTH * ratio + 0.7, 1.3, _TALLEST)))
+    figure.set_figheight(float(np.clip(0.9 * WIDTH * ratio + 0.7, 1.3, _TALLEST_IN)))
     return figure
 
 
@@ -227,7 +238,7 @@ def strobe_rows(titled_views: Sequence[tuple[str, RunView]], cones: bool = False
     columns = {1: 1, 2: 2, 4: 2}.get(count, 4 if count in (7, 8) or count > 9 else 3)
     figures, used_axes = list[Figure](), list[Axes]()
     for start in range(0, len(titled_views), columns):
-        figure = Figure(figsize=(WIDTH, _SMALL))
+        figure = Figure(figsize=(WIDTH, _ROW_HEIGHT_IN))
         axes = figure.subplots(1, columns, squeeze=False)[0]
         for axis, (title, view) in zip(axes, titled_views[start : start + columns], strict=False):
             draw_strobe(axis, view, cones, largest if same_problem else None)
@@ -244,7 +255,7 @@ def strobe_rows(titled_views: Sequence[tuple[str, RunView]], cones: bool = False
     # A tall picture among others of several problems must not make all rows tall.
     ratio = np.median([np.ptp(axis.get_ylim()) / np.ptp(axis.get_xlim()) for axis in used_axes])
     lines = max(axis.get_title("left").count("\n") for axis in used_axes)
-    height = float(np.clip(ratio * 0.85 * WIDTH / columns + 0.55, 1.0, _TALLEST)) + 0.12 * lines
+    height = float(np.clip(ratio * 0.85 * WIDTH / columns + 0.55, 1.0, _TALLEST_IN)) + 0.12 * lines
     for figure in figures:
         figure.set_figheight(height)
     if largest <= 0:
@@ -315,11 +326,11 @@ def _instants(plays: list[list[Shape]]) -> np.ndarray:
     """Return a few evenly spaced nodes, fewer where bodies hardly move."""
     fixed = set.intersection(*(set(shapes) for shapes in plays))
     boxes = np.array([bounds(s for s in shapes if s not in fixed) for shapes in plays])
-    count = _FEWEST
+    count = _FEWEST_INSTANTS
     if np.isfinite(boxes).all():
         path_length = np.abs(np.diff(boxes.mean(axis=1), axis=0)).sum(axis=0)
         size = np.maximum((boxes[:, 1] - boxes[:, 0]).max(axis=0), 1e-9)
-        count = int(min(_MOST, _FEWEST + 4 * np.max(path_length / size)))
+        count = int(min(_MOST_INSTANTS, _FEWEST_INSTANTS + 4 * np.max(path_length / size)))
     return np.unique(np.linspace(0, len(plays) - 1, count).round().astype(int))
 
 

@@ -16,26 +16,25 @@ from matplotlib.ticker import FixedFormatter, FuncFormatter
 
 # Okabe and Ito's hues, which stay apart under the common colour deficiencies; blue, green,
 # vermillion, purple, orange and sky blue are eight steps of CIE lightness apart for print in grey.
-BLUE, VERMILLION, GREEN = "#004C80", "#CC5500", "#006F51"
-ORANGE, SKY, PURPLE, YELLOW = "#E69F00", "#8CCDF2", "#CC79A7", "#F0E442"
-INDIGO, WINE, OLIVE, BROWN, LIME, MAGENTA = (
-    "#332288",
-    "#882255",
-    "#999933",
-    "#661100",
-    "#7FC41C",
-    "#E6007E",
-)
-CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, INDIGO, WINE, OLIVE, BROWN, LIME, MAGENTA)
+BLUE = "#004C80"  # multipliers and planned motions
+VERMILLION = "#CC5500"  # forces and replays
+GREEN = "#006F51"  # gaps and goals
+ORANGE = "#E69F00"  # actuators and slip
+SKY = "#8CCDF2"  # plans and stick
+PURPLE = "#CC79A7"  # friction cones
+CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, "#332288", "#882255", "#999933", "#661100", "#7FC41C", "#E6007E")
 """Twelve colours that stay apart, the six first ones for colour-blind readers and in grey too."""
-GREY, FAINT, INK = "#7A7A7A", "#D9D9D9", "#222222"
-PLANNED, REPLAYED = BLUE, VERMILLION
+GREY = "#7A7A7A"  # the environment, and lines of reference
+FAINT = "#D9D9D9"  # grids, and areas behind others
+INK = "#222222"  # text
+PLANNED = BLUE  # curves of the plan
+REPLAYED = VERMILLION  # curves of the replay
 GRADES = {"survives": GREEN, "certified": ORANGE, "failed": VERMILLION}
 """Colours of verdicts, those of the PDFs' templates."""
 WIDTH = 6.5
 """Width of the text block [inch]."""
 
-_SETTINGS: dict[Any, Any] = {
+_HOUSE_RC: dict[Any, Any] = {
     "font.family": "STIXGeneral",
     "mathtext.fontset": "stix",
     "font.size": 9,
@@ -66,15 +65,17 @@ _SETTINGS: dict[Any, Any] = {
     # Identifiers inside an SVG are random unless they are salted.
     "svg.hashsalt": "centralpath",
 }
+"""Settings of matplotlib for all figures."""
 
 
 def line_of(place: int) -> dict[str, Any]:
     """Return colour and line style number ``place``, distinct in grey print too."""
     place %= len(CYCLE)
-    return {"color": CYCLE[place], "linestyle": "-" if place < 6 else _BROKEN[place % 2]}
+    return {"color": CYCLE[place], "linestyle": "-" if place < 6 else _DASH_PATTERNS[place % 2]}
 
 
-_BROKEN = ((0, (5, 1.5)), (0, (1, 1)))
+_DASH_PATTERNS = ((0, (5, 1.5)), (0, (1, 1)))
+"""Dashes of the lines after the sixth: lengths on and off [line widths]."""
 
 
 @contextmanager
@@ -82,7 +83,7 @@ def house_style() -> Iterator[None]:
     """Draw in the house style, whatever the user's matplotlib is set to."""
     with mpl.rc_context():
         mpl.rcdefaults()
-        mpl.rcParams.update(_SETTINGS)
+        mpl.rcParams.update(_HOUSE_RC)
         yield
 
 

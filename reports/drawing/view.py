@@ -63,7 +63,7 @@ class RunView:
             # As far as its longest seed came.
             longest_seed = max(1, int(run.data["ended"].max()))
             data = run.data.isel(node=slice(0, longest_seed + 1), sample=slice(0, longest_seed))
-            run = replace(run, data=data.rename(_OF_SOLVE))
+            run = replace(run, data=data.rename(_SOLVE_NAMES))
         try:
             return cls(run, *(task_of(run) if run.kind == "train" else problem_of(run, file_spec)))
         except InputError:
@@ -143,12 +143,14 @@ class RunView:
         return replace(self, run=replace(self.run, data=data))
 
 
-_OF_SOLVE = {"seed": "scenario", "sample": "interval", "input": "control", "input_unit": "control_unit"}
+_SOLVE_NAMES = {"seed": "scenario", "sample": "interval", "input": "control", "input_unit": "control_unit"}
+"""Dimensions of a closed loop, with their names in a solve."""
 
 
-_KINDS: dict[str, type[Shape]] = {
+_SHAPE_CLASSES: dict[str, type[Shape]] = {
     kind.__name__: kind for kind in (Disc, Box, Polygon, Capsule, Segment, Spring, Mark, HalfPlane)
 }
+"""Shapes that a run stores, by the names of their classes."""
 T = TypeVar("T", Shape, ContactFrame)
 
 
@@ -205,7 +207,7 @@ def _stored(view: RunView, stored: dict[str, Any]) -> RunPicture:
 def _read(motion: dict[str, Any]) -> tuple[list[list[Shape]], list[list[ContactFrame]]]:
     """Return shapes and contacts at each node."""
     shapes = [
-        [_KINDS[shape["kind"]](**{k: v for k, v in shape.items() if k != "kind"}) for shape in node_shapes]
+        [_SHAPE_CLASSES[shape["kind"]](**{k: v for k, v in shape.items() if k != "kind"}) for shape in node_shapes]
         for node_shapes in motion["shapes"]
     ]
     return shapes, [[ContactFrame(**contact) for contact in node_shapes] for node_shapes in motion["contacts"]]

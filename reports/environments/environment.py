@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 
 RENDER_MODE = "rgb_array"
+"""The only way to render: an array of bytes."""
 METADATA: dict[str, Any] = {"render_modes": [RENDER_MODE]}
+"""Metadata of a single environment, as Gymnasium reads it."""
 
 
 class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -125,7 +127,8 @@ def check_renders(mode: str | None, trail: list[np.ndarray]) -> None:
         raise ResetNeeded("nothing to draw yet; call reset() before render()")
 
 
-_METADATA = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}
+_VECTOR_METADATA = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}
+"""Metadata of environments that step together."""
 
 
 class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -140,7 +143,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     Raises as :class:`~reports.environments.single.TaskEnv` does.
     """
 
-    metadata: dict[str, Any] = _METADATA
+    metadata: dict[str, Any] = _VECTOR_METADATA
 
     def __init__(
         self,
@@ -157,7 +160,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise InputError(f"num_envs must be a whole number of at least 1, got {num_envs!r}")
         self.num_envs, self.render_mode = num_envs, checked_mode(render_mode)
         self.world = world = World(task, contact, contact_settings, params)
-        self.metadata = {**_METADATA, "render_fps": round(1 / world.seconds)}
+        self.metadata = {**_VECTOR_METADATA, "render_fps": round(1 / world.seconds)}
         self.single_action_space = world.action_space
         self.single_observation_space = world.observation_space
         self.action_space = batch_space(world.action_space, num_envs)

@@ -14,8 +14,14 @@ from reports.drawing.shapes import Camera, bounds, draw, name_axes
 from reports.drawing.strobe import draw_motion
 from reports.drawing.style import INK, house_style
 
-_INCHES, _DPI = (6.4, 4.0), 100
-_AROUND, _BELOW = 2.2, 0.1
+_IMAGE_SIZE_IN = (6.4, 4.0)
+"""Width and height of an image [inch]."""
+_IMAGE_DPI = 100
+"""Pixels per inch of an image."""
+_WINDOW_OF_BODIES = 2.2
+"""Width of the window in sizes of the bodies."""
+_ROOM_BELOW = 0.1
+"""Room below the ground, as a share of the height of the window."""
 
 
 class Renderer:
@@ -28,7 +34,7 @@ class Renderer:
     def of(self, states: Sequence[np.ndarray], time: float) -> np.ndarray:
         """Draw the last of ``states``, each (nx,), at ``time`` [s]; several states as a strobe."""
         with house_style():
-            figure = Figure(_INCHES, _DPI)
+            figure = Figure(_IMAGE_SIZE_IN, _IMAGE_DPI)
             canvas, axis = FigureCanvasAgg(figure), figure.subplots()
             plays = [self._spec.draw(self._params, state) for state in states]
             if len(plays) > 1:
@@ -47,10 +53,10 @@ class Renderer:
         bodies = [shape for shape in shapes if not isinstance(shape, HalfPlane)]
         (x_low, y_low), (x_high, y_high) = bounds(bodies)
         if self._size is None:
-            wide = _AROUND * max(x_high - x_low, y_high - y_low)
-            self._size = np.array([wide, wide * _INCHES[1] / _INCHES[0]])
+            wide = _WINDOW_OF_BODIES * max(x_high - x_low, y_high - y_low)
+            self._size = np.array([wide, wide * _IMAGE_SIZE_IN[1] / _IMAGE_SIZE_IN[0]])
         height = self._size[1]
-        floor = min(y_low, bounds(shapes)[0, 1]) - _BELOW * height
+        floor = min(y_low, bounds(shapes)[0, 1]) - _ROOM_BELOW * height
         # A body that leaves the window upwards takes it along.
         middle = max(floor + height / 2, y_high - height / 2)
         return Camera(np.array([[(x_low + x_high) / 2, middle]]), self._size)

@@ -19,8 +19,10 @@ from reports.figures.panels import shade_spans
 from reports.figures.run import contacts_of
 from reports.tables.closed_loop import counted_times
 
-_PICTURES = 4
-_BINS = 40
+_MAX_SNAPSHOTS = 4
+"""Most snapshots of a closed loop."""
+_BIN_EDGES = 40
+"""Edges of the bins of a histogram."""
 _TIMELINE = 12
 """Most contacts of a timeline."""
 
@@ -31,7 +33,7 @@ def snapshot_figure(view: RunView) -> Figure | None:
     if picture is None:
         return None
     last = max(0, int(view.run.data["ended"].values[0]) - 1)
-    chosen = np.unique(np.linspace(0, last, _PICTURES).round().astype(int))
+    chosen = np.unique(np.linspace(0, last, _MAX_SNAPSHOTS).round().astype(int))
     bodies = picture.shapes("", view.time[chosen])
     plan = view.array("plan")
     middle = 0 if plan is None else plan.shape[2] // 2
@@ -80,7 +82,7 @@ def _histogram(axis: Axes, view: RunView) -> None:
     seconds = 1e3 * counted_times(view.run.data["seconds"].values)
     if not seconds.size:
         return
-    edges = np.geomspace(0.9 * seconds.min(), 1.1 * seconds.max(), _BINS)
+    edges = np.geomspace(0.9 * seconds.min(), 1.1 * seconds.max(), _BIN_EDGES)
     axis.hist(seconds, edges.tolist(), color=BLUE, alpha=0.5)
     marks: tuple[tuple[str, str, Any], ...] = (
         ("p50", GREEN, "-"),

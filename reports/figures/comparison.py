@@ -138,8 +138,10 @@ def _panel(
     return Panel(title, main, below if largest_difference is not None else None)
 
 
-_COLOURS = {"contact": GREEN, "degenerate": GREEN, "fold": PURPLE, "switch": ORANGE}
-_PICTURES = 6
+_EVENT_COLORS = {"contact": GREEN, "degenerate": GREEN, "fold": PURPLE, "switch": ORANGE}
+"""Colour of an event by its kind."""
+_MAX_POINTS = 6
+"""Most points of a path that are drawn."""
 
 
 def curve_figure(view: RunView) -> Figure:
@@ -200,7 +202,7 @@ def _costs(axis: Axes, points: list[dict[str, Any]], value: np.ndarray, succeede
 def chosen_points(view: RunView) -> list[int]:
     """Return the points of the path to draw, evenly spaced, with both ends."""
     count = view.run.data.sizes["point"]
-    return sorted({int(i) for i in np.linspace(0, count - 1, min(_PICTURES, count)).round()})
+    return sorted({int(i) for i in np.linspace(0, count - 1, min(_MAX_POINTS, count)).round()})
 
 
 def strobe_figures(view: RunView, cones: bool = False) -> tuple[list[Figure], str]:
@@ -283,7 +285,7 @@ def _mark(figure: Figure, events: list[dict]) -> None:
             top.axvline(value, ymax=0.06, color=GREY, linewidth=0.6)
             continue
         count += 1
-        colour = _COLOURS[event["kind"]]
+        colour = _EVENT_COLORS[event["kind"]]
         for axis in figure.axes:
             axis.axvline(value, color=colour, linewidth=0.9, zorder=0.5)
         top.annotate(

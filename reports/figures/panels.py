@@ -13,9 +13,22 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from reports.drawing.style import GREY, INK, WIDTH
 
-COLUMNS = 4
-_LEFT, _RIGHT = 0.40, 0.08
-_HEADING, _TITLE, _MAIN, _BETWEEN, _FOOT = 0.2, 0.17, 0.78, 0.07, 0.34
+PANEL_COLUMNS = 4
+"""Panels beside each other across a page."""
+_LEFT_IN = 0.40
+"""Space left of a panel, for its ticks [inch]."""
+_RIGHT_IN = 0.08
+"""Space right of a panel [inch]."""
+_HEADING_IN = 0.2
+"""Height of the heading of a group [inch]."""
+_TITLE_IN = 0.17
+"""Height of the title of a panel [inch]."""
+_PANEL_IN = 0.78
+"""Height of a panel [inch]."""
+_BETWEEN_IN = 0.07
+"""Space between a panel and its strip [inch]."""
+_FOOT_IN = 0.34
+"""Height of the ticks and labels below a panel [inch]."""
 _LONG = 20
 """Characters of a title that fit over a panel."""
 
@@ -43,7 +56,7 @@ class Cell:
 Row = list[Cell]
 
 
-def lay_out_rows(groups: Mapping[str, Sequence[Panel]], columns: int = COLUMNS) -> list[Row]:
+def lay_out_rows(groups: Mapping[str, Sequence[Panel]], columns: int = PANEL_COLUMNS) -> list[Row]:
     """Lay groups of panels out by their headings, in order.
 
     A group begins beside the one before where that saves it a row, else on a new one. Its heading
@@ -64,10 +77,12 @@ def lay_out_rows(groups: Mapping[str, Sequence[Panel]], columns: int = COLUMNS) 
 
 def columns_for(count: int) -> int:
     """Return the number of columns in which ``count`` panels leave the fewest places empty."""
-    return {1: 1, 2: 2, 3: 3, 5: 3, 6: 3, 9: 3}.get(count, COLUMNS)
+    return {1: 1, 2: 2, 3: 3, 5: 3, 6: 3, 9: 3}.get(count, PANEL_COLUMNS)
 
 
-def draw_rows(rows: Sequence[Row], columns: int = COLUMNS, below: float = 0.34, label: str = "time [s]") -> Figure:
+def draw_rows(
+    rows: Sequence[Row], columns: int = PANEL_COLUMNS, below: float = 0.34, label: str = "time [s]"
+) -> Figure:
     """Draw rows below each other, placed in inches so that several figures align.
 
     ``below`` is the height [inch] of the strips below panels.
@@ -83,9 +98,9 @@ def draw_rows(rows: Sequence[Row], columns: int = COLUMNS, below: float = 0.34, 
 
 
 def _row_height(row: Row, below: float) -> float:
-    heading = _HEADING if any(cell.heading for cell in row) else 0.0
-    strip = below + _BETWEEN if any(cell.panel.below for cell in row) else 0.0
-    return heading + _TITLE + _MAIN + strip + _FOOT
+    heading = _HEADING_IN if any(cell.heading for cell in row) else 0.0
+    strip = below + _BETWEEN_IN if any(cell.panel.below for cell in row) else 0.0
+    return heading + _TITLE_IN + _PANEL_IN + strip + _FOOT_IN
 
 
 def _draw_row(figure: Figure, row: Row, top: float, shape: tuple[int, float], label: str) -> None:
@@ -93,8 +108,8 @@ def _draw_row(figure: Figure, row: Row, top: float, shape: tuple[int, float], la
     cell_width = width / columns
 
     def add_axes(column: int, high: float, tall: float) -> Axes:
-        x_low = column * cell_width + _LEFT
-        across = cell_width - _LEFT - _RIGHT
+        x_low = column * cell_width + _LEFT_IN
+        across = cell_width - _LEFT_IN - _RIGHT_IN
         return figure.add_axes((x_low / width, (high - tall) / height, across / width, tall / height))
 
     if any(cell.heading for cell in row):
@@ -103,10 +118,10 @@ def _draw_row(figure: Figure, row: Row, top: float, shape: tuple[int, float], la
             figure.text(
                 place_x / width, place_y / height, cell.heading, fontsize=8.5, fontweight="bold", color=INK, va="top"
             )
-        top -= _HEADING
-    top -= _TITLE
+        top -= _HEADING_IN
+    top -= _TITLE_IN
     for cell in row:
-        axis = add_axes(cell.column, top, _MAIN)
+        axis = add_axes(cell.column, top, _PANEL_IN)
         cell.panel.main(axis)
         _dress(axis, 4)
         axis.set_title(
@@ -118,7 +133,7 @@ def _draw_row(figure: Figure, row: Row, top: float, shape: tuple[int, float], la
         )
         if cell.panel.below is not None:
             axis.tick_params(labelbottom=False)
-            strip = add_axes(cell.column, top - _MAIN - _BETWEEN, below)
+            strip = add_axes(cell.column, top - _PANEL_IN - _BETWEEN_IN, below)
             strip.sharex(axis)
             cell.panel.below(strip)
             _dress(strip, 2)

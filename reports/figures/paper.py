@@ -26,9 +26,14 @@ from reports.drawing.style import CYCLE, INK, WIDTH, house_style, show_literally
 from reports.drawing.view import RunView
 from reports.figures.studies import DRAWINGS
 
-_COLUMNS = 3
-_ROW, _STROBE_TALLEST = 1.75, 3.0
-_DASHES = ("-", (0, (4, 2)))
+_PANEL_COLUMNS = 3
+"""Panels beside each other."""
+_ROW_IN = 1.75
+"""Height of a row of panels [inch]."""
+_STROBE_TALLEST_IN = 3.0
+"""Greatest height of a strobe [inch]."""
+_LINE_STYLES = ("-", (0, (4, 2)))
+"""Line styles of planned and of replayed signals."""
 _LEVEL = 1e-6
 """Of its size, below which a change is drawn as none."""
 _LINE = 0.17
@@ -54,25 +59,26 @@ def solution_figure(view: RunView) -> Figure:
     """
     view.run.check_solve()
     signal_groups = group_signals(view)
-    rows = -(-len(signal_groups) // _COLUMNS)
+    rows = -(-len(signal_groups) // _PANEL_COLUMNS)
     has_picture = view.picture is not None
-    figure = Figure(figsize=(WIDTH, _ROW * rows + 0.4))
-    grid = figure.add_gridspec(rows + has_picture, min(_COLUMNS, len(signal_groups)))
+    figure = Figure(figsize=(WIDTH, _ROW_IN * rows + 0.4))
+    grid = figure.add_gridspec(rows + has_picture, min(_PANEL_COLUMNS, len(signal_groups)))
     if has_picture:
         strobe = figure.add_subplot(grid[0, :])
         draw_strobe(strobe, view)
         ratio = float(np.ptp(strobe.get_ylim()) / np.ptp(strobe.get_xlim()))
-        height = float(np.clip(0.9 * WIDTH * ratio + 0.6, 1.4, _STROBE_TALLEST))
-        grid.set_height_ratios([height, *[_ROW] * rows])
-        figure.set_figheight(height + _ROW * rows + 0.4)
+        height = float(np.clip(0.9 * WIDTH * ratio + 0.6, 1.4, _STROBE_TALLEST_IN))
+        grid.set_height_ratios([height, *[_ROW_IN] * rows])
+        figure.set_figheight(height + _ROW_IN * rows + 0.4)
     for place, group in enumerate(signal_groups):
-        row, column = divmod(place, _COLUMNS)
+        row, column = divmod(place, _PANEL_COLUMNS)
         _draw(figure.add_subplot(grid[row + has_picture, column]), view.time, group)
     if any(group.replayed is not None for group in signal_groups):
         law = view.run.record.get("contact", "chosen")
         texts = f"planned under the {law} law", "replayed under the exact law"
         handles = [
-            Line2D([], [], color=INK, linestyle=dash, label=text) for dash, text in zip(_DASHES, texts, strict=True)
+            Line2D([], [], color=INK, linestyle=dash, label=text)
+            for dash, text in zip(_LINE_STYLES, texts, strict=True)
         ]
         figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
@@ -106,7 +112,7 @@ def _pushed(view: RunView) -> SignalGroup | None:
 
 
 def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
-    for values, dash in zip((group.planned, group.replayed), _DASHES, strict=True):
+    for values, dash in zip((group.planned, group.replayed), _LINE_STYLES, strict=True):
         if values is None:
             continue
         style = {"linestyle": dash, "linewidth": 1.1 if len(values) == 1 else 0.6}
@@ -115,7 +121,7 @@ def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
                 # The colours of the first six are apart in grey print; the others have marks too.
                 mark = {"marker": "so^D"[i // 6 % 4], "markevery": 5 + i % 6} if i >= 6 else {}
                 color = CYCLE[i % len(CYCLE)]
-                line_label = name if dash == _DASHES[0] and scenario == 0 else None
+                line_label = name if dash == _LINE_STYLES[0] and scenario == 0 else None
                 if line.size < time.size:
                     axis.stairs(line, time, baseline=None, color=color, label=line_label, **style)
                 else:
@@ -141,13 +147,22 @@ def _draw(axis: Axes, time: np.ndarray, group: SignalGroup) -> None:
     )
 
 
-COLUMN, BOTH = 3.5, 7.16
-"""Width [inch] of a column, and of both with the gap between them, as journals of two columns."""
-_DPI = 300
-_PAD = 0.02
+COLUMN_IN = 3.5
+"""Width of a column in journals of two columns [inch]."""
+BOTH_COLUMNS_IN = 7.16
+"""Width of both columns with the gap between them [inch]."""
+_RASTER_DPI = 300
+"""Dots per inch of bitmaps."""
+_PADDING_IN = 0.02
+"""White space around a panel on its own [inch]."""
 _TALLEST = 0.85
 """Height of a panel on its own over its width, at most."""
-_HALF, _NEAR, _ROUNDS = 0.55, 5e-3, 4
+_WIDE_PANEL = 0.55
+"""Share of the figure's width from which a panel gets both columns."""
+_ALIGNED = 5e-3
+"""Difference of edges, as a share of the figure, up to which axes are aligned."""
+_LAYOUT_ROUNDS = 4
+"""Rounds of resizing after which the layout has settled."""
 # Type 42: whole TrueType fonts, since publishers turn Type 3 away.
 _SETTINGS: dict[Any, Any] = {"pdf.fonttype": 42}
 FORMATS: dict[str, dict[str, None]] = {
@@ -206,12 +221,12 @@ def render_figure(figure: Figure, ending: str, panel: str | None = None) -> byte
             for letter, axis in zip(ascii_lowercase, shown_axes, strict=False):
                 place = "center" if axis.get_title("center") else "left"
                 axis.set_title(f"({letter}) {axis.get_title(place)}".rstrip(), loc=place)
-            figure.set_size_inches(BOTH, height)
+            figure.set_size_inches(BOTH_COLUMNS_IN, height)
         else:
-            figure.set_size_inches(COLUMN, height * COLUMN / width)
+            figure.set_size_inches(COLUMN_IN, height * COLUMN_IN / width)
     buffer = io.BytesIO()
     with mpl.rc_context(_SETTINGS):
-        figure.savefig(buffer, format=ending, dpi=_DPI, bbox_inches=box, metadata=FORMATS[ending])
+        figure.savefig(buffer, format=ending, dpi=_RASTER_DPI, bbox_inches=box, metadata=FORMATS[ending])
     return buffer.getvalue()
 
 
@@ -227,26 +242,26 @@ def _alone(figure: Figure, axis: Axes) -> Bbox:
     """
     canvas, key = FigureCanvasAgg(figure), _lend_key(axis)
     figure.draw_without_rendering()
-    target_width = BOTH if axis.bbox.width > _HALF * figure.bbox.width else COLUMN
+    target_width = BOTH_COLUMNS_IN if axis.bbox.width > _WIDE_PANEL * figure.bbox.width else COLUMN_IN
     for other in figure.axes:
         if other is not axis:
             _lend_labels(other, axis)
             other.set_visible(False)
     # Fonts keep their size, so that the axes alone give way: a few rounds settle it.
-    for _ in range(_ROUNDS):
+    for _ in range(_LAYOUT_ROUNDS):
         figure.draw_without_rendering()
         if key is not None:
             _put_below(key, axis, canvas)
         covered = _covered(axis, canvas)
         wide, tall = figure.get_size_inches()
-        growth = (target_width - 2 * _PAD) * figure.dpi / covered.width
+        growth = (target_width - 2 * _PADDING_IN) * figure.dpi / covered.width
         height = covered.height / figure.dpi
         figure.set_size_inches(wide * growth, tall * min(growth, _TALLEST * target_width / height))
     figure.draw_without_rendering()
     if key is not None:
         _put_below(key, axis, canvas)
     inches = figure.dpi_scale_trans.inverted()
-    return _covered(axis, canvas).transformed(inches).padded(_PAD)
+    return _covered(axis, canvas).transformed(inches).padded(_PADDING_IN)
 
 
 def _covered(axis: Axes, canvas: FigureCanvasAgg) -> Bbox:
@@ -260,12 +275,12 @@ def _lend_labels(other: Axes, axis: Axes) -> None:
     """Copy to ``axis`` the labels that only a neighbour with the same scale has."""
     axis_box, other_box = axis.get_position(), other.get_position()
     if axis.get_shared_x_axes().joined(axis, other) or (
-        np.allclose((axis_box.x0, axis_box.x1), (other_box.x0, other_box.x1), atol=_NEAR)
+        np.allclose((axis_box.x0, axis_box.x1), (other_box.x0, other_box.x1), atol=_ALIGNED)
         and np.array_equal(axis.get_xlim(), other.get_xlim())
     ):
         axis.set_xlabel(axis.get_xlabel() or other.get_xlabel())
     if axis.get_shared_y_axes().joined(axis, other) or (
-        np.allclose((axis_box.y0, axis_box.y1), (other_box.y0, other_box.y1), atol=_NEAR)
+        np.allclose((axis_box.y0, axis_box.y1), (other_box.y0, other_box.y1), atol=_ALIGNED)
         and np.array_equal(axis.get_ylim(), other.get_ylim())
     ):
         axis.set_ylabel(axis.get_ylabel() or other.get_ylabel())

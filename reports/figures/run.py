@@ -190,10 +190,14 @@ def _rough(view: RunView, point: int, pairs: Sequence[Pair]) -> Contact:
     )
 
 
-_CONE: dict[str, Any] = {"facecolor": PURPLE, "alpha": 0.3}
-_SLIP: dict[str, Any] = {"facecolor": ORANGE, "alpha": 0.25, "linewidth": 0}
-_STICK: dict[str, Any] = {"facecolor": SKY, "alpha": 0.3, "linewidth": 0}
-_DEGENERATE: dict[str, Any] = {"color": INK, "marker": "v", "markersize": 3.5, "linestyle": ""}
+_CONE_STYLE: dict[str, Any] = {"facecolor": PURPLE, "alpha": 0.3}
+"""Style of the band that friction must stay in."""
+_SLIP_STYLE: dict[str, Any] = {"facecolor": ORANGE, "alpha": 0.25, "linewidth": 0}
+"""Style of the steps at which a contact slips."""
+_STICK_STYLE: dict[str, Any] = {"facecolor": SKY, "alpha": 0.3, "linewidth": 0}
+"""Style of the steps at which a contact sticks."""
+_DEGENERATE_STYLE: dict[str, Any] = {"color": INK, "marker": "v", "markersize": 3.5, "linestyle": ""}
+"""Style of the marks at steps without strict complementarity."""
 
 
 def rows_of_contacts(view: RunView) -> tuple[list[Row], int]:
@@ -220,7 +224,7 @@ def _contact(time: np.ndarray, contact: Contact, largest_gap: float) -> Panel:
 
     def shade(axis: Axes) -> None:
         for active, slipping in zip(contact.active, slips, strict=True):
-            for is_shaded, patch in ((active & ~slipping, _STICK), (active & slipping, _SLIP)):
+            for is_shaded, patch in ((active & ~slipping, _STICK_STYLE), (active & slipping, _SLIP_STYLE)):
                 shade_spans(axis, time, is_shaded, **{**patch, "alpha": patch["alpha"] / len(slips)})
 
     def main(axis: Axes) -> None:
@@ -247,11 +251,11 @@ def _contact(time: np.ndarray, contact: Contact, largest_gap: float) -> Panel:
 def _friction(axis: Axes, time: np.ndarray, data: tuple[np.ndarray, ...], style: dict[str, float]) -> None:
     friction, bound, _, degenerate = data
     for limit in bound:
-        fill_band(axis, time, -limit, limit, **{**_CONE, "alpha": _CONE["alpha"] / len(bound)})
+        fill_band(axis, time, -limit, limit, **{**_CONE_STYLE, "alpha": _CONE_STYLE["alpha"] / len(bound)})
     note_zero(axis)
     draw_lines(axis, time, friction, color=VERMILLION, **style)
     step_middles = ((time[:-1] + time[1:]) / 2)[degenerate.any(axis=0)]
-    axis.plot(step_middles, np.zeros_like(step_middles), **_DEGENERATE)
+    axis.plot(step_middles, np.zeros_like(step_middles), **_DEGENERATE_STYLE)
 
 
 _BESIDE = 1.81

@@ -19,14 +19,18 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-_WORDS = {"failed": "fails", "certified": "certified only", "survives": "survives"}
-_GRADES = {grade: (GRADES[grade], words) for grade, words in _WORDS.items()}
+_GRADE_TEXTS = {"failed": "fails", "certified": "certified only", "survives": "survives"}
+"""Text of each grade."""
+_GRADE_STYLES = {grade: (GRADES[grade], words) for grade, words in _GRADE_TEXTS.items()}
+"""Colour and text of each grade."""
 _ROWS = 4
 """Slices on one figure."""
 _WRITTEN = 64
 """Cells of a map up to which numbers are written into them."""
-_TICKS, _FITS = 8, 22
-"""Labels along an axis, and letters of all of them that fit beside one another."""
+_MOST_TICKS = 8
+"""Most labels along an axis of a map."""
+_TICK_LETTERS = 22
+"""Most letters of all labels that fit beside one another."""
 _REACH = 1.1
 """Least ratio that the colours of replayed over planned reach to."""
 Axis = Mapping[str, Any]
@@ -97,7 +101,7 @@ def _lines(data: xr.Dataset, axis: Axis) -> Figure:
     if axis["log"]:
         bottom.set_xscale("log")
     for place, grade in zip(x, data["grade"].values, strict=True):
-        color, _ = _GRADES[str(grade)]
+        color, _ = _GRADE_STYLES[str(grade)]
         for panel in (top, middle, bottom):
             panel.axvline(place, ymax=0.035, color=color, linewidth=3, solid_capstyle="butt")
             if grade == "failed":
@@ -111,7 +115,7 @@ def _legend(figure: Figure, axes: Axes, data: xr.Dataset) -> None:
 
     handles, words = axes.get_legend_handles_labels()
     present_grades = set(map(str, data["grade"].values.ravel()))
-    shown_grades = [_GRADES[grade] for grade in _GRADES if grade in present_grades]
+    shown_grades = [_GRADE_STYLES[grade] for grade in _GRADE_STYLES if grade in present_grades]
     patches = [Patch(color=color, label=text) for color, text in shown_grades]
     figure.legend(
         [*handles, *patches], [*words, *(text for _, text in shown_grades)], loc="outside upper center", ncols=3
@@ -184,10 +188,10 @@ def _map(axes: Axes, values: np.ndarray, norm: Normalize, colours: str) -> Any:
 
 
 def _verdicts(axes: Axes, grades: np.ndarray) -> Any:
-    kinds = list(_GRADES)
+    kinds = list(_GRADE_STYLES)
     codes = np.vectorize(kinds.index, otypes=[float])(grades)
     edges = [np.arange(size + 1) - 0.5 for size in reversed(codes.shape)]
-    colours = ListedColormap([color for color, _ in _GRADES.values()])
+    colours = ListedColormap([color for color, _ in _GRADE_STYLES.values()])
     mesh = axes.pcolormesh(
         *edges, codes, cmap=colours, norm=Normalize(-0.5, len(kinds) - 0.5), rasterized=codes.size > 2500
     )
@@ -217,9 +221,9 @@ def _scale(figure: Figure, mesh: Any, axes: list[Axes], shade: Normalize) -> Non
 
 def _ticks(axis: Any, swept_axis: Axis, horizontal: bool = False) -> None:
     count = len(swept_axis["values"])
-    tick_places = np.arange(0, count, -(-count // _TICKS))
+    tick_places = np.arange(0, count, -(-count // _MOST_TICKS))
     words = [f"{swept_axis['values'][k]:.3g}" for k in tick_places]
-    is_turned = horizontal and len(words) * max(map(len, words)) > _FITS
+    is_turned = horizontal and len(words) * max(map(len, words)) > _TICK_LETTERS
     axis.set_ticks(tick_places, words, **({"rotation": 40, "ha": "right"} if is_turned else {}))
 
 
@@ -228,7 +232,8 @@ def _titled(axis: Axis) -> str:
     return label(name, "" if axis["units"] == "1" else axis["units"])
 
 
-_MARKS = "os^Dvx*P+"
+_ESTIMATOR_MARKERS = "os^Dvx*P+"
+"""Markers of estimators, in the order of their names."""
 _NAMES = (
     "zobg",
     "fobg",
@@ -257,7 +262,7 @@ def estimate_caption(run: StoredRun) -> str:
 def estimator_style(name: str) -> tuple[str, str]:
     """Return colour and mark of an estimator; unknown names share those after the last known one."""
     place = _NAMES.index(name) if name in _NAMES else len(_NAMES)
-    return CYCLE[place % len(CYCLE)], _MARKS[place % len(_MARKS)]
+    return CYCLE[place % len(CYCLE)], _ESTIMATOR_MARKERS[place % len(_ESTIMATOR_MARKERS)]
 
 
 def estimate_figure(run: StoredRun) -> Figure:

@@ -15,12 +15,14 @@ from reports.drawing.style import CYCLE, GREY, INK, WIDTH
 from reports.drawing.view import RunView
 from reports.tables.training import SeedGroup, measure_names
 
-_COLORS = (*CYCLE, INK, GREY)
-_SIGNALS = {
+_GROUP_COLORS = (*CYCLE, INK, GREY)
+"""Colours of groups of seeds, in their order."""
+_SIGNAL_TITLES = {
     "return_mean": "return of the samples",
     "gradient_norm": "norm of the gradient",
     "gradient_variance": "variance of a sample's gradient",
 }
+"""Title of each recorded signal of a training."""
 
 
 def learning_figure(seed_groups: Sequence[SeedGroup]) -> Figure:
@@ -43,7 +45,7 @@ def learning_figure(seed_groups: Sequence[SeedGroup]) -> Figure:
 
 def signal_figure(seed_groups: Sequence[SeedGroup]) -> Figure | None:
     """Draw returns of samples and gradients over the iterations; None where there are none."""
-    names = [name for name in _SIGNALS if any(_known(group, name) for group in seed_groups)]
+    names = [name for name in _SIGNAL_TITLES if any(_known(group, name) for group in seed_groups)]
     if not names:
         return None
     figure = Figure(figsize=(WIDTH, 2.2))
@@ -51,7 +53,7 @@ def signal_figure(seed_groups: Sequence[SeedGroup]) -> Figure | None:
         for place, group in enumerate(seed_groups):
             if _known(group, name):
                 _banded(axis, group, "iteration", name, _color(place))
-        axis.set_title(_SIGNALS[name], loc="left")
+        axis.set_title(_SIGNAL_TITLES[name], loc="left")
         axis.set_xlabel("iteration")
         if name != "return_mean" and any(np.greater(line.get_ydata(), 0).any() for line in axis.lines):
             axis.set_yscale("log", nonpositive="mask")
@@ -71,7 +73,7 @@ def strobe_figures(seed_groups: Sequence[SeedGroup]) -> list[Figure]:
 
 
 def _color(place: int) -> str:
-    return _COLORS[place % len(_COLORS)]
+    return _GROUP_COLORS[place % len(_GROUP_COLORS)]
 
 
 def _known(group: SeedGroup, name: str) -> bool:

@@ -25,9 +25,12 @@ _IDLE = 1e-9
 """Share of the largest multiplier in the same unit below which one counts as zero throughout."""
 _BEYOND = 3.0
 """Times the plan's largest number up to which a replay is followed within the plan's panel."""
-_STATES = {"m": "Positions", "rad": "Angles", "m/s": "Velocities", "rad/s": "Angular velocities", "s": "Times"}
-_MULTIPLIERS = {"N s": "Impulses", "N": "Forces"}
-_KINDS = {"normal": "Normal", "friction": "Friction", "slip": "Slip", "limit": "Limit"}
+_STATE_HEADINGS = {"m": "Positions", "rad": "Angles", "m/s": "Velocities", "rad/s": "Angular velocities", "s": "Times"}
+"""Heading of states by their unit."""
+_MULTIPLIER_HEADINGS = {"N s": "Impulses", "N": "Forces"}
+"""Heading of multipliers by their unit."""
+_PAIR_HEADINGS = {"normal": "Normal", "friction": "Friction", "slip": "Slip", "limit": "Limit"}
+"""Heading of multipliers by the kind of their pair."""
 
 
 @dataclass(frozen=True)
@@ -207,10 +210,10 @@ def _heading(view: RunView, kind: str, index: int) -> str:
     """Return the quantity with its unit: of states by their unit, of multipliers by their pair's kind."""
     unit = view.signals(kind)[index].unit
     if kind == "states":
-        return label(_STATES.get(unit, "States"), unit)
+        return label(_STATE_HEADINGS.get(unit, "States"), unit)
     if kind == "inputs":
         return label("Inputs", unit)
     pairs = view.problem.system.pairs if view.problem is not None else ()
     if len({pair.kind for pair in pairs}) < 2:
-        return label(f"{_MULTIPLIERS.get(unit, 'Multipliers')} λ", unit)
-    return label(f"{_KINDS[pairs[index].kind]} λ", unit)
+        return label(f"{_MULTIPLIER_HEADINGS.get(unit, 'Multipliers')} λ", unit)
+    return label(f"{_PAIR_HEADINGS[pairs[index].kind]} λ", unit)

@@ -17,6 +17,7 @@ from reports.drawing.strobe import Forces, forces_drawn, forces_of
 from reports.drawing.view import RunView
 
 _MOST_FRAMES = 1500
+"""Most frames of a file."""
 _SAME = 2e-4
 """Of the largest state: less than a pixel of the picture."""
 

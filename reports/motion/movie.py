@@ -27,15 +27,17 @@ from ocp.store import atomic
 from problems.drawing import ContactFrame, HalfPlane, Mark, Segment, Shape, Spring
 from reports.drawing import shapes
 from reports.drawing.shapes import Camera, Rgba
-from reports.drawing.strobe import CONE, arrow_caption, longest_arrow, visible_forces
+from reports.drawing.strobe import CONE_ARROWS, arrow_caption, longest_arrow, visible_forces
 from reports.drawing.style import FAINT, GREY, INK, PURPLE, VERMILLION, show_literally
 from reports.motion.animation import Animation, Motion
 from reports.motion.player import player_page
 
-_POINTS = 72.0
+_POINTS_PER_INCH = 72.0
+"""Points of paper per inch."""
 HEAD = 5.0, 2.0
 """Length and half the width of an arrow's head [pt]."""
-_NONE = (0.0, 0.0, 0.0, 0.0)
+_TRANSPARENT = (0.0, 0.0, 0.0, 0.0)
+"""Colour of what is not filled, or has no edge."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ class MotionArtist:
         # One point of paper in metres: lines have their width, heads and marks their size in these.
         figure = self.axis.get_figure(root=True)
         assert figure is not None
-        point = size[0] / self.axis.bbox.width * figure.dpi / _POINTS
+        point = size[0] / self.axis.bbox.width * figure.dpi / _POINTS_PER_INCH
         for shape in self._motion.shapes[frame]:
             yield shape_stroke(shape, middle, size, point)
         forces = self._motion.forces
@@ -101,7 +103,7 @@ class MotionArtist:
         longest, pushes = longest_arrow(size), (forces.normal[frame], forces.friction[frame])
         for pushed in visible_forces(self._motion.contacts[frame], pushes, self._largest):
             if self._cones and pushed[0].friction:
-                yield cone_stroke(pushed[0], CONE * longest)
+                yield cone_stroke(pushed[0], CONE_ARROWS * longest)
             yield arrow_stroke(*pushed, longest / self._largest, point)
 
 
@@ -114,18 +116,18 @@ def shape_stroke(shape: Shape, middle: np.ndarray, size: np.ndarray, point: floa
             path = shapes.half_plane_path(shape, middle, shapes.REACH * float(size.sum()))
             return Stroke(path, to_rgba(FAINT), to_rgba(GREY), 0.8, 0)
         case Mark(x, y, "goal"):
-            arm = shapes.CROSS / 2 * point
+            arm = shapes.GOAL_PT / 2 * point
             cross = Outline(
                 [(x - arm, y), (x + arm, y), (x, y - arm), (x, y + arm)], [Outline.MOVETO, Outline.LINETO] * 2
             )
-            return Stroke(cross, _NONE, ink, 1.5, 4)
+            return Stroke(cross, _TRANSPARENT, ink, 1.5, 4)
         case Mark(x, y):
-            return Stroke(Outline.circle((x, y), shapes.MARK / 2 * point), ink, _NONE, 0.0, 2)
+            return Stroke(Outline.circle((x, y), shapes.MARK_PT / 2 * point), ink, _TRANSPARENT, 0.0, 2)
         case Segment() | Spring():
             order = 1 if shapes.is_opaque(shape) else 2
-            return Stroke(shapes.outline(shape), _NONE, edge, shapes.width(shape), order)
+            return Stroke(shapes.outline(shape), _TRANSPARENT, edge, shapes.width(shape), order)
         case _:
-            return Stroke(shapes.outline(shape), face, edge, shapes.EDGE, 1)
+            return Stroke(shapes.outline(shape), face, edge, shapes.EDGE_PT, 1)
 
 
 def arrow_stroke(contact: ContactFrame, normal: float, friction: float, scale: float, point: float) -> Stroke:
@@ -150,8 +152,10 @@ def cone_stroke(contact: ContactFrame, length: float) -> Stroke:
     return Stroke(path, to_rgba(PURPLE, 0.22), to_rgba(PURPLE, 0.8), 0.6, 3)
 
 
-DPI = 100
-_WIDTH = 8.0
+MOVIE_DPI = 100
+"""Pixels per inch of a frame."""
+_FRAME_WIDTH_IN = 8.0
+"""Width of a frame [inch]."""
 
 
 class Canvas:
@@ -204,31 +208,33 @@ def _layout(count: int, camera: Camera) -> tuple[Figure, list[Axes]]:
     ratio = float(camera.size[1] / camera.size[0])
     rows = count if ratio < 0.4 else 1
     columns = count // rows
-    width = (_WIDTH - 0.8) / columns - 0.2
+    width = (_FRAME_WIDTH_IN - 0.8) / columns - 0.2
     height = rows * float(np.clip(width * ratio, 0.9, 3.6)) + 0.3 * rows + 1.0
     # Video encoders need an even number of pixels.
-    figure = Figure(figsize=(_WIDTH, 2 * round(height * DPI / 2) / DPI), dpi=DPI)
+    figure = Figure(figsize=(_FRAME_WIDTH_IN, 2 * round(height * MOVIE_DPI / 2) / MOVIE_DPI), dpi=MOVIE_DPI)
     figure.set_layout_engine("constrained", h_pad=0.1)
     return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())
 
 
-FORMATS = (".gif", ".mp4", ".html")
+MOVIE_FORMATS = (".gif", ".mp4", ".html")
+"""Suffixes of the files that an animation can be."""
 FASTEST_GIF = 50
 """Frames a second of a GIF at most: shorter delays than 20 ms are played as 100 ms."""
 _REST = 60
 """Hundredths of a second that a GIF shows its last frame before it repeats."""
 _SAMPLED = 12
 """Frames that the palette of a GIF is made from."""
-_PALE = 246
+_NEARLY_WHITE = 246
+"""Value of a colour channel above which a colour counts as white."""
 _ROOM = 1 << 20
 """Bytes; if fewer are free after a failure, the disk was full."""
 
 
 def check_format(file: Path, fps: int = 25) -> None:
     """Raise InputError for an unknown ending, an MP4 without ffmpeg, or too fast a GIF."""
-    if file.suffix not in FORMATS:
+    if file.suffix not in MOVIE_FORMATS:
         raise InputError(
-            f"an animation must end in {', '.join(FORMATS[:-1])} or {FORMATS[-1]}, got"
+            f"an animation must end in {', '.join(MOVIE_FORMATS[:-1])} or {MOVIE_FORMATS[-1]}, got"
             f" {file.suffix!r}; use {file.with_suffix('.gif').name}, for example"
         )
     if file.suffix == ".mp4" and shutil.which("ffmpeg") is None:
@@ -304,7 +310,7 @@ def _palette(canvas: Canvas, count: int) -> Image.Image:
     palette = Image.fromarray(colours[None]).quantize(method=Image.Quantize.MAXCOVERAGE)
     colors = np.array(palette.getpalette()).reshape(-1, 3)
     # Paper is white, and what is looked up is rounded: nothing else may be nearly white.
-    colors[(colors > _PALE).all(axis=1)] = 255
+    colors[(colors > _NEARLY_WHITE).all(axis=1)] = 255
     palette.putpalette(colors.ravel().tolist())
     return palette
 

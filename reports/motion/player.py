@@ -24,17 +24,19 @@ from reports.drawing.style import CYCLE, PLANNED, PURPLE, REPLAYED, VERMILLION
 from reports.drawing.view import RunView
 from reports.motion.animation import Animation, Motion
 
-_PAGE = Path(__file__).with_name("page")
+_PAGE_FOLDER = Path(__file__).with_name("page")
+"""Folder of the page's parts."""
 _DIGITS = 5
 """Digits of the size of the view: its hundred-thousandth is far below a pixel."""
-_SIGNIFICANT = 7
+_SIGNIFICANT_DIGITS = 7
+"""Significant digits of numbers on the page."""
 
 
 def player_page(animation: Animation) -> str:
     """Return the whole page."""
     verdict = animation.view.run.meta.get("verdict") or ""
     film = json.dumps(player_data(animation), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    sources = {name: (_PAGE / f"player.{name}").read_text("utf-8") for name in ("html", "css", "js")}
+    sources = {name: (_PAGE_FOLDER / f"player.{name}").read_text("utf-8") for name in ("html", "css", "js")}
     return Template(sources["html"]).substitute(
         title=html.escape(animation.title),
         verdict=html.escape(verdict.splitlines()[0] if verdict else ""),
@@ -72,8 +74,8 @@ def player_data(animation: Animation) -> dict[str, Any]:
         "columns": 1 if wide else len(motions),
         "size": [_short(side) for side in size],
         "kinds": list(kinds),
-        "coils": shapes.COILS,
-        "coil": shapes.COIL,
+        "coils": shapes.COIL_COUNT,
+        "coil": shapes.COIL_HALF_WIDTH_M,
         "colors": {**colors, "force": VERMILLION, "cone": PURPLE},
         "cones": animation.rough,
         "largest": largest,
@@ -136,10 +138,11 @@ def _arrows(motion: Motion, frame: int, largest: float, digits: int) -> list[lis
 
 def _short(value: float) -> float | None:
     """Return a number with seven significant digits; None for NaN and infinity."""
-    return float(f"{value:.{_SIGNIFICANT}g}") if math.isfinite(value) else None
+    return float(f"{value:.{_SIGNIFICANT_DIGITS}g}") if math.isfinite(value) else None
 
 
-_ROOM = 0.06
+_CHART_ROOM = 0.06
+"""Room above and below curves, as a share of their range."""
 
 Chart = dict[str, Any]
 """``title label range [low, high] wide`` and ``curves`` of ``name values color dash``.
@@ -248,5 +251,5 @@ def cumulative_cost(view: RunView, suffix: str) -> tuple[np.ndarray, float] | No
 def _widened(low: float, high: float) -> list[float]:
     """Return a range that holds zero, with room above and, for negative values, below; never empty."""
     low, high = min(low, 0.0), max(high, 0.0)
-    room = _ROOM * (high - low) or 0.5
+    room = _CHART_ROOM * (high - low) or 0.5
     return [low - room if low < 0 else 0.0, high + room]

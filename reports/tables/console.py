@@ -24,12 +24,13 @@ if TYPE_CHECKING:
     from ocp.routes.homotopy import StageRecord
     from ocp.solution import Solution
 
-COLUMNS = 80
+TERMINAL_COLUMNS = 80
+"""Width of tables [characters]."""
 
 
 def print_table(table: Table | Group) -> None:
     """Print the table that is a command's result on stdout, at most 80 columns wide."""
-    Console(width=COLUMNS, highlight=False, markup=False).print(table)
+    Console(width=TERMINAL_COLUMNS, highlight=False, markup=False).print(table)
 
 
 def number(value: float | None, digits: int = 6) -> str:

@@ -11,8 +11,10 @@ from rich.text import Text
 from ocp.judge.audit import Audit
 from reports.tables.console import number, table_of
 
-_ACTIVE = "Active: normal impulse above 1e-6 and above the gap, in characteristic sizes."
-_DISTANT = "Distant: such an impulse over a larger gap, force at a distance of smoothing."
+_ACTIVE_NOTE = "Active: normal impulse above 1e-6 and above the gap, in characteristic sizes."
+"""Note that defines active contacts."""
+_DISTANT_NOTE = "Distant: such an impulse over a larger gap, force at a distance of smoothing."
+"""Note that defines distant contacts."""
 
 
 def contact_table(audit: Audit) -> Group:
@@ -58,7 +60,7 @@ def contact_columns(audit: Audit) -> tuple[list[str], list[list[str]]]:
 def contact_notes(audit: Audit) -> list[str]:
     """Return sentences that define active and distant contacts, and count those that never push."""
     idle = [contact for contact in audit.contacts if not (contact.steps or contact.distant)]
-    notes = [_ACTIVE, *([_DISTANT] if _far(audit) else [])]
+    notes = [_ACTIVE_NOTE, *([_DISTANT_NOTE] if _far(audit) else [])]
     if idle:
         steps = sum(contact.degenerate for contact in idle)
         grazing = f", degenerate at {steps} steps" if steps else ""

@@ -167,7 +167,8 @@ def _parts(row: Row) -> Iterator[str]:
 
 MOST = 200
 """Points that a table shows; all are in the stored study."""
-HEADS = ("cost", "exact", "referee", "iter", "s", "verdict")
+POINT_HEADS = ("cost", "exact", "referee", "iter", "s", "verdict")
+"""Headings of a table of points, after those of the swept quantities."""
 
 
 def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[list[str]]:
@@ -186,14 +187,15 @@ def point_rows(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> list[l
 
 def point_table(rows: Sequence[Mapping[str, Any]], dims: Sequence[str]) -> Table:
     """Return the points of a sweep, with a caption that counts those left out."""
-    heads = [f">{name}" for name in (*(dim.removeprefix("contact.") for dim in dims), *HEADS[:-1])]
-    table = table_of(*heads, HEADS[-1], rows=point_rows(rows, dims))
+    heads = [f">{name}" for name in (*(dim.removeprefix("contact.") for dim in dims), *POINT_HEADS[:-1])]
+    table = table_of(*heads, POINT_HEADS[-1], rows=point_rows(rows, dims))
     if len(rows) > MOST:
         table.caption, table.caption_justify = f"and {len(rows) - MOST} more points", "left"
     return table
 
 
-_BAR = 20
+_BAR_WIDTH = 20
+"""Width of a progress bar [characters]."""
 
 
 @contextmanager
@@ -213,8 +215,8 @@ def sweep_progress(names: Sequence[str], n_resumed: int, quiet: bool) -> Iterato
                 return
             seconds_left = (time.monotonic() - start_s) / (n_done - n_resumed) * (len(names) - n_done)
             text = sweep_line(n_done, len(names), names[place], point.row, seconds_left)
-            n_filled = round(n_done / len(names) * _BAR)
-            bar = Text(f"{'━' * n_filled}{'╌' * (_BAR - n_filled)} {text}")
+            n_filled = round(n_done / len(names) * _BAR_WIDTH)
+            bar = Text(f"{'━' * n_filled}{'╌' * (_BAR_WIDTH - n_filled)} {text}")
             show(text, n_done == len(names) or not point.row["success"], lambda: bar)
 
         yield on_point

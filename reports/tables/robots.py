@@ -11,7 +11,8 @@ from reports.tables.console import number, table_of
 
 MOST_ROWS = 300
 """Contacts that are printed, at most."""
-_UNITS = {"slide": "m", "hinge": "rad"}
+_JOINT_UNITS = {"slide": "m", "hinge": "rad"}
+"""Unit of a joint's position by its kind."""
 
 
 def robot_tables(content: Mapping[str, Any]) -> Iterator[tuple[str, Table]]:
@@ -23,7 +24,7 @@ def robot_tables(content: Mapping[str, Any]) -> Iterator[tuple[str, Table]]:
     rows = []
     for link in content["links"]:
         depth = depths[link["name"]] = depths[link["parent"]] + 1
-        limits, unit = link["limits"], _UNITS.get(link["joint"], "")
+        limits, unit = link["limits"], _JOINT_UNITS.get(link["joint"], "")
         rows.append(
             (
                 f"{'  ' * depth}{link['name']}",

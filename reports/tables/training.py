@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from ocp.store.stored_run import StoredRun
 
 
-_JUDGED = "evaluation_"
+_EVALUATION_PREFIX = "evaluation_"
+"""Prefix of the arrays that evaluations give."""
 
 
 def training_meta(data: xr.Dataset) -> dict[str, Any]:
@@ -48,10 +49,13 @@ def training_meta(data: xr.Dataset) -> dict[str, Any]:
 
 def evaluation_rows(data: xr.Dataset) -> list[dict[str, Any]]:
     """Return the evaluated iterations with return, length and measures of the policy."""
-    names = [str(name) for name in data.data_vars if str(name).startswith(_JUDGED)]
-    evaluated = np.flatnonzero(np.isfinite(data[f"{_JUDGED}return"].values))
+    names = [str(name) for name in data.data_vars if str(name).startswith(_EVALUATION_PREFIX)]
+    evaluated = np.flatnonzero(np.isfinite(data[f"{_EVALUATION_PREFIX}return"].values))
     return [
-        {"iteration": int(data["iteration"][i]), **{name.removeprefix(_JUDGED): float(data[name][i]) for name in names}}
+        {
+            "iteration": int(data["iteration"][i]),
+            **{name.removeprefix(_EVALUATION_PREFIX): float(data[name][i]) for name in names},
+        }
         for i in evaluated
     ]
 
@@ -170,7 +174,7 @@ def training_document(seed_groups: Sequence[SeedGroup]) -> dict[str, Any]:
 def summary_rows(seed_groups: Sequence[SeedGroup]) -> tuple[list[str], list[list[str]]]:
     """Return titles and cells with a line per run."""
     names = measure_names(seed_groups[0].runs[0].meta["evaluation"]) if seed_groups else []
-    units = {name: seed_groups[0].runs[0].data[_JUDGED + name].attrs.get("units", "") for name in names}
+    units = {name: seed_groups[0].runs[0].data[_EVALUATION_PREFIX + name].attrs.get("units", "") for name in names}
     heads = [
         "",
         "seed",
@@ -207,7 +211,9 @@ def summary_table(runs: Sequence[StoredRun]) -> Table:
 
 
 _CONFIDENCE = 0.95
-_SHARES = {"fallen": "episodes ended", "lost": "episodes lost", "unsolved": "steps unsolved"}
+"""Confidence of intervals of means."""
+_SHARE_TITLES = {"fallen": "episodes ended", "lost": "episodes lost", "unsolved": "steps unsolved"}
+"""Titles of shares of episodes and of steps."""
 
 
 def evaluation_summary(task: Task, evaluation: Evaluation) -> dict[str, Any]:
@@ -279,7 +285,7 @@ def evaluation_table(judged: Mapping[str, Any]) -> Table:
         table.add_row(
             title, number(spread["mean"], 4), _interval(spread).strip(), *ends, number(training_row.get(name), 4)
         )
-    for name, title in _SHARES.items():
+    for name, title in _SHARE_TITLES.items():
         training_value = training_row.get(name)
         table.add_row(
             title, _share(judged[name]), "", "", "", "–" if training_value is None else _share(training_value)

@@ -14,7 +14,14 @@ from reports.tables import console
 from reports.tables.console import number, small, table_of
 
 Callback = Callable[[int, Mapping[str, float]], None]
-_ROWS, _COLUMNS, _PLOT, _SPARK = 5, 6, (56, 6), 20
+_LAST_ROWS = 5
+"""Last rows that are shown of a single training."""
+_ROW_COLUMNS = 6
+"""Columns of these rows, after the iteration."""
+_PLOT_SIZE = (56, 6)
+"""Width and height of the curve of a single training [characters]."""
+_SPARKLINE_WIDTH = 20
+"""Width of the curve of one of several trainings [characters]."""
 _ELSEWHERE = (
     "iteration",
     "wall_s",
@@ -82,16 +89,17 @@ def training_line(training: LearningCurve) -> str:
     """Return the state of a training in at most 80 columns."""
     row = training.rows[-1]
     words = [f"{training.name}  {row['iteration']:.0f}/{training.iterations}"]
-    values = ((title, training.last(key), show) for key, title, show in _VALUES)
+    values = ((title, training.last(key), show) for key, title, show in _LINE_VALUES)
     words += [f"{title} {show(value)}" for title, value, show in values if value is not None]
     return "  ".join([*words, f"{row.get('wall_s', 0.0):.0f} s"])
 
 
-_VALUES: tuple[tuple[str, str, Callable[[float], str]], ...] = (
+_LINE_VALUES: tuple[tuple[str, str, Callable[[float], str]], ...] = (
     ("evaluation_return", "exact", lambda value: number(value, 4)),
     ("return_mean", "return", lambda value: number(value, 4)),
     ("gradient_norm", "|gradient|", small),
 )
+"""Key, title and format of each value in a training's line."""
 
 
 def progress_view(curves: Sequence[LearningCurve]) -> RenderableType:
@@ -101,8 +109,8 @@ def progress_view(curves: Sequence[LearningCurve]) -> RenderableType:
     if len(curves) > 1 or not curves[0].rows:
         return table
     training = curves[0]
-    plot_text = "\n".join(bar_plot(training.curve, *_PLOT)) if len(training.curve) > 1 else ""
-    return Group(table, "", plot_text, "", rows_table(training.rows[-_ROWS:]))
+    plot_text = "\n".join(bar_plot(training.curve, *_PLOT_SIZE)) if len(training.curve) > 1 else ""
+    return Group(table, "", plot_text, "", rows_table(training.rows[-_LAST_ROWS:]))
 
 
 def _cells(training: LearningCurve) -> tuple[str, ...]:
@@ -116,7 +124,7 @@ def _cells(training: LearningCurve) -> tuple[str, ...]:
         number(training.last("return_mean"), 4),
         f"{row.get('wall_s', 0.0):.0f} s",
         "" if seconds_left is None else f"{seconds_left:.0f} s",
-        sparkline(training.curve, _SPARK),
+        sparkline(training.curve, _SPARKLINE_WIDTH),
     )
 
 
@@ -124,13 +132,14 @@ def rows_table(rows: Sequence[Mapping[str, Any]]) -> RenderableType:
     """Return rows of one training as a table: evaluations, samples, and further columns."""
     names = list(dict.fromkeys(name for row in rows for name in row if name not in _ELSEWHERE))
     names.sort(key=lambda name: not name.startswith("evaluation_"))
-    names = names[:_COLUMNS]
+    names = names[:_ROW_COLUMNS]
     titles = [name.replace("evaluation_", "exact ").replace("_", " ") for name in names]
     cells = ([f"{row['iteration']:.0f}", *(number(row.get(name), 4) for name in names)] for row in rows)
     return table_of(">iteration", *(f">{title}" for title in titles), rows=cells)
 
 
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
+"""Blocks of zero to eight eighths of a line's height."""
 
 
 def sparkline(values: Sequence[float], width: int) -> str:

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from ocp import store
-from reports.figures.paper import BOTH, bare_figure
+from reports.figures.paper import BOTH_COLUMNS_IN, bare_figure
 
 
 @pytest.mark.costly
@@ -28,7 +28,7 @@ def test_a_solve_writes_its_figure(ocp, tmp_path: Path) -> None:
     assert done.code == 0, done.err
     assert done.json["plot"] == "push.png"
     with Image.open("push.png") as picture:
-        assert picture.size[0] == pytest.approx(300 * BOTH, abs=1)
+        assert picture.size[0] == pytest.approx(300 * BOTH_COLUMNS_IN, abs=1)
     assert Path("push.png").read_bytes() == bare_figure(store.load(Path(done.json["run"])), "png")
     plain = ocp("solve", "push-1d", "--contact", "barrier", "-p", "N=6", "--plot", "again.svg", "-q")
     assert "figure: again.svg\n" in plain.out

@@ -110,8 +110,11 @@ def _drawn(options: CollectOptions, request: CollectRequest) -> list[Drawn]:
 
 
 MODELS = {"ewda": "weighted average of the data", "mlp": "network trained on noised data"}
-NETWORK = ("hidden", "epochs", "seeds", "jobs", "scheduler")
+"""Kinds of models with their summaries."""
+NETWORK_OPTIONS = ("hidden", "epochs", "seeds", "jobs", "scheduler")
+"""Options that have an effect on networks alone."""
 HELD_OUT = 0.1
+"""Share of the rows that is held out to measure the fit."""
 _COPIES = 6
 """Copies of all weights in training: current, best, gradient, two moments of Adam, the update."""
 
@@ -129,7 +132,7 @@ def check(options: LearnOptions) -> LearnRequest:
     """Read the data, and check the settings of the model."""
     choose("model", options.model, MODELS)
     network = options.model == "mlp"
-    misplaced_options = [f"--{name}" for name in NETWORK if name in options.explicit and not network]
+    misplaced_options = [f"--{name}" for name in NETWORK_OPTIONS if name in options.explicit and not network]
     if misplaced_options:
         raise InputError(f"{misplaced_options[0]} is a setting of networks; drop it or use --model mlp")
     if options.noise < 0 or (options.noise == 0 and not network):

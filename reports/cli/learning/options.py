@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import ClassVar
 
 from reports.cli.options import (
-    LAW,
-    PROBLEM,
+    LAW_HELP,
+    PROBLEM_HELP,
     JobsOptions,
     LawOptions,
     RunOptions,
@@ -30,7 +30,7 @@ class CollectOptions(JobsOptions):
 
     code: ClassVar = "reports.cli.learning.learn_command:collect"
     examples: ClassVar = ("collect push-1d --samples 1e5 -o data.nc",)
-    problem: str = argument(help=PROBLEM)
+    problem: str = argument(help=PROBLEM_HELP)
     file: Path = option(MISSING, "--output", "-o", help="The netCDF file to write.")
     params: list[str] | None = assignment("--param", "-p", help="Parameter of the problem.")
     samples: str = option("1e5", "-n", help="Number of transitions.")
@@ -57,7 +57,7 @@ class LearnOptions(JobsOptions):
     epochs: int = option(200, min=1, help="Largest number of epochs (mlp).")
     seed: int = option(0, min=0, help="Random seed.")
     seeds: int = option(1, min=1, max=1000, help="Networks, one a seed; the best is kept (mlp).")
-    problem: str | None = option(None, help=f"Problem of the data. {PROBLEM}")
+    problem: str | None = option(None, help=f"Problem of the data. {PROBLEM_HELP}")
     columns: str | None = option(None, metavar="NAME=COLUMN,...", help="Column names in a table.")
 
 
@@ -106,6 +106,6 @@ class EvaluateOptions(RunOptions, LawOptions):
         "evaluate @last",
         "evaluate @last --contact barrier -c mu=1e-3 --episodes 1000",
     )
-    contact: str = option("exact", help=LAW)
+    contact: str = option("exact", help=LAW_HELP)
     episodes: int = option(100, "-n", min=1, max=1_000_000, help="Number of episodes.")
     seed: int = option(0, min=0, help="Seed of the initial states.")

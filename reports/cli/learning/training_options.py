@@ -22,7 +22,8 @@ from reports.tables.settings import default_text
 
 OWN = {setting.name: setting.meaning for setting in declared(Experiment)}
 """Settings that every algorithm has, fields of :class:`~ocp.learning.experiment.Experiment`."""
-_SHAPES: dict[str, tuple[int, ...] | None] = {"affine": (), "open-loop": None}
+_POLICY_SHAPES: dict[str, tuple[int, ...] | None] = {"affine": (), "open-loop": None}
+"""Hidden layers of policies that have names of their own."""
 
 
 Chosen = list[tuple[Algorithm, dict[str, Any]]]
@@ -62,9 +63,9 @@ def _unknown(key: str, chosen: Mapping[str, type]) -> str:
 
 def _value(key: str, name: str, text: str, cls: type) -> Any:
     if name == "hidden":
-        if text in _SHAPES:
-            return _SHAPES[text]
-        return parse_layers(f"setting {key}", text, f", {' or '.join(_SHAPES)}")
+        if text in _POLICY_SHAPES:
+            return _POLICY_SHAPES[text]
+        return parse_layers(f"setting {key}", text, f", {' or '.join(_POLICY_SHAPES)}")
     if name not in OWN:
         return parse(f"setting {key}", text, get_type_hints(cls)[name])
     return parse(f"setting {key}", text, type(settings_of(Experiment)[name].default))
@@ -103,6 +104,7 @@ def _setting(name: str, value: Any) -> str:
 
 
 PSI = "psi"
+"""Name of the setting with the physical parameters to learn, and prefix of its settings."""
 PSI_SETTINGS = {
     "psi": "parameters of the task to learn, names with commas",
     "psi.NAME": "initial value of a learned parameter",

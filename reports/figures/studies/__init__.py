@@ -35,3 +35,4 @@ DRAWINGS: dict[str, Drawing] = {
     "C1": in_the_loop.c1,
     "T1": smoothing.t1,
 }
+"""Drawing of each study by its identifier."""

@@ -23,8 +23,10 @@ from reports.drawing.style import FAINT, INK, WIDTH
 from reports.figures.studies.panels import drawing
 from reports.tables.law_tables import excess_text
 
-_CLOSE, _LEAST, _MOST = 0.1, 1e-3, 100.0
-"""Excess at which the colours change, and those at which they end."""
+_GOOD_EXCESS = 0.1
+"""Excess at which the colours change from blue to red."""
+_EXCESS_RANGE = (1e-3, 100.0)
+"""Excesses at which the colours end."""
 
 
 @drawing(
@@ -62,13 +64,13 @@ def c1(data: xr.Dataset) -> Figure:
 
 def _map(axis: Axes, data: xr.Dataset, names: Sequence[str], span: str) -> None:
     rows, ratio, alive = run_settings(data), relative_cost(data), survival(data)
-    norm = TwoSlopeNorm(np.log10(_CLOSE), np.log10(_LEAST), np.log10(_MOST))
+    norm = TwoSlopeNorm(np.log10(_GOOD_EXCESS), *np.log10(_EXCESS_RANGE))
     log_excess = np.empty((len(rows), len(names)))
     for i, j in np.ndindex(log_excess.shape):
         selection = {"task": rows[i][0], "plant": rows[i][1], "controller": names[j], "span": span}
         costs, n_alive = ratio.sel(selection).values, int(alive.sel(selection).sum())
         mean_excess = mean_difference(costs, np.ones_like(costs))
-        log_excess[i, j] = np.log10(np.clip(mean_excess.mean, _LEAST, _MOST))
+        log_excess[i, j] = np.log10(np.clip(mean_excess.mean, *_EXCESS_RANGE))
         color = INK if 0.12 < norm(log_excess[i, j]) < 0.88 else "white"
         mark = r" $\checkmark$" if n_alive == len(costs) else f" ({n_alive})" if n_alive else ""
         spread = _spread((mean_excess.high - mean_excess.low) / 2, mean_excess.mean)

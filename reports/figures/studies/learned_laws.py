@@ -19,14 +19,16 @@ from reports.drawing.style import BLUE, CYCLE, FAINT, GREEN, GREY, INK, ORANGE, 
 from reports.figures.studies.panels import drawing
 from reports.tables.law_tables import broken_name, excess_text, seconds_of
 
-_COLORS = {"f": GREY, "f_sigma": GREEN, "g_sigma": BLUE, "h": ORANGE, "h_sigma": VERMILLION}
-_LABELS = {
+_DYNAMICS_COLORS = {"f": GREY, "f_sigma": GREEN, "g_sigma": BLUE, "h": ORANGE, "h_sigma": VERMILLION}
+"""Colour of each of the five dynamics."""
+_DYNAMICS_LABELS = {
     "f": "$f$",
     "f_sigma": r"$f_\sigma$",
     "g_sigma": r"$g_\sigma$",
     "h": "$h$",
     "h_sigma": r"$h_\sigma$",
 }
+"""Label of each of the five dynamics."""
 _ENDS: dict[str, dict[str, Any]] = {
     "on the model": {"linewidth": 0.7},
     "replayed": {"linewidth": 1.8},
@@ -79,12 +81,12 @@ def n2(data: xr.Dataset) -> Figure:
 def _curves(axis: Axes, data: xr.Dataset) -> None:
     step = data["step"].values
     for kind in data["dynamics"].values:
-        color = _COLORS[str(kind)]
+        color = _DYNAMICS_COLORS[str(kind)]
         costs = data["learned"].sel(dynamics=kind)
         model, exact = (costs.sel(end=end).values for end in data["end"].values)
         axis.plot(step, np.median(model, axis=0), color=color, linewidth=0.7)
         axis.fill_between(step, exact.min(axis=0), exact.max(axis=0), color=color, alpha=0.15, linewidth=0)
-        axis.plot(step, np.median(exact, axis=0), color=color, linewidth=1.8, label=_LABELS[str(kind)])
+        axis.plot(step, np.median(exact, axis=0), color=color, linewidth=1.8, label=_DYNAMICS_LABELS[str(kind)])
         planned, replayed = data["gains"].sel(dynamics=kind).values
         axis.plot(1.05 * step[-1], planned, "o", color=color, markerfacecolor="white")
         axis.plot(1.05 * step[-1], replayed, "o", color=color)
@@ -100,7 +102,7 @@ def _strobes(figure: SubFigure, data: xr.Dataset, names: list[str]) -> None:
         for axis, kind in zip(row, data["dynamics"].values, strict=True):
             states = data["states"].sel(problem=name, dynamics=kind).values[:, :nx]
             draw_motion(axis, [problem_spec.draw(params, state) for state in states])
-            axis.set(xticks=[], yticks=[], title=_LABELS[str(kind)])
+            axis.set(xticks=[], yticks=[], title=_DYNAMICS_LABELS[str(kind)])
             axis.grid(False)
         row[0].set_ylabel(name)
 
@@ -119,7 +121,7 @@ def _maps(figure: SubFigure, data: xr.Dataset, names: list[str]) -> None:
         axis.set_xticks(range(ratio.shape[1]), [f"{n:.0e}".replace("e+0", "e") for n in data["amount"].values])
         axis.set_yticks(range(ratio.shape[0]), [f"{w:g}" for w in data["width"].values])
         axis.grid(False)
-        axis.set(title=f"{name}, {_LABELS[str(kind)]}", xlabel="transitions")
+        axis.set(title=f"{name}, {_DYNAMICS_LABELS[str(kind)]}", xlabel="transitions")
     figure.axes[0].set_ylabel(r"width $\sigma$")
 
 
@@ -132,7 +134,7 @@ def _costs(axis: Axes, data: xr.Dataset) -> None:
     axis.set_xticks(places, [str(law) for law in data["law"].values])
 
 
-_LEAST, _MOST = 1e-3, 100.0
+_EXCESS_RANGE = (1e-3, 100.0)
 """Excesses at which the colours end."""
 
 
@@ -167,8 +169,8 @@ def _table(axis: Axes, data: xr.Dataset) -> None:
     promised = (data["cost"].sel(motion="plan") / best - 1).median("seed")
     plans = promised.transpose("law", "problem").values
     n_alive, n_seeds = data["survives"].sum("seed").transpose("law", "problem").values, data.sizes["seed"]
-    norm = TwoSlopeNorm(np.log10(WITHIN), np.log10(_LEAST), np.log10(_MOST))
-    heights = np.log10(np.clip(excesses, _LEAST, _MOST))
+    norm = TwoSlopeNorm(np.log10(WITHIN), *np.log10(_EXCESS_RANGE))
+    heights = np.log10(np.clip(excesses, *_EXCESS_RANGE))
     axis.imshow(heights, cmap="RdBu_r", norm=norm, aspect="auto", alpha=0.75)
     for row, column in np.ndindex(excesses.shape):
         is_light = 0.12 < norm(heights[row, column]) < 0.88
@@ -224,8 +226,11 @@ def _over_share(axis: Axes, data: xr.Dataset, values: xr.DataArray, label: str) 
 
 
 _MODEL_COLORS = {"psi": BLUE, "network": VERMILLION}
-_KINDS = {"exact": BLUE, "noise": GREEN, "drag": ORANGE}
-_REACH = (0.2, 5.0)
+"""Colour of each kind of model."""
+_DATA_COLORS = {"exact": BLUE, "noise": GREEN, "drag": ORANGE}
+"""Colour of each kind of data."""
+_PSI_RANGE = (0.2, 5.0)
+"""Range of psi over its truth that the axis shows."""
 
 
 @drawing(
@@ -313,15 +318,15 @@ def _way(axis: Axes, data: xr.Dataset) -> None:
 def _values(axis: Axes, data: xr.Dataset) -> None:
     learned = data.sel(transitions=data.attrs["data"])
     names, seeds = [str(name) for name in data["parameter"].values], data.sizes["seed"]
-    for group, (kind, color) in enumerate(_KINDS.items()):
+    for group, (kind, color) in enumerate(_DATA_COLORS.items()):
         for seed in range(seeds):
             seed_values = learned.sel(data=kind).isel(seed=seed)
             positions = np.arange(len(names)) + 0.27 * (group - 1) + 0.2 * (seed + 0.5) / seeds - 0.1
-            psi, low, high = (np.clip(seed_values[key].values, *_REACH) for key in ("psi", "low", "high"))
+            psi, low, high = (np.clip(seed_values[key].values, *_PSI_RANGE) for key in ("psi", "low", "high"))
             axis.vlines(positions, low, high, color=color, linewidth=1.2)
             axis.plot(positions, psi, "o", color=color, markersize=2.5, label=kind if seed == 0 else None)
     axis.axhline(1, color=INK, linewidth=0.6)
-    axis.set(yscale="log", ylim=_REACH, ylabel="psi / truth", xticks=range(len(names)))
+    axis.set(yscale="log", ylim=_PSI_RANGE, ylabel="psi / truth", xticks=range(len(names)))
     axis.set_xticklabels([name.replace("_", "\n") for name in names])
     _plain(axis, (0.25, 0.5, 1, 2, 4))
     axis.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3)

@@ -128,7 +128,8 @@ def _neighbours(axis: Axes, data: xr.Dataset) -> None:
     axis.legend(fontsize=7)
 
 
-_EDGE = 1.0
+_WALL_M = 1.0
+"""Distance of the walls from the origin [m]."""
 
 
 @drawing(
@@ -215,9 +216,9 @@ def _pusher(axis: Axes, data: xr.Dataset, regime: str) -> None:
 
 
 def _wall_shades(axis: Axes) -> None:
-    for low, high in ((-2, -_EDGE), (_EDGE, 2)):
+    for low, high in ((-2, -_WALL_M), (_WALL_M, 2)):
         axis.axvspan(low, high, facecolor=FAINT, alpha=0.35, hatch="///", edgecolor=GREY, linewidth=0)
-    for side in (-_EDGE, _EDGE):
+    for side in (-_WALL_M, _WALL_M):
         axis.axhline(side, color=GREY, linewidth=0.7, linestyle=":")
     axis.plot((-2, 2), (-2, 2), "--", color=GREY, linewidth=0.7)
     axis.set_xlim(-2, 2)

@@ -11,11 +11,12 @@ from matplotlib.ticker import NullFormatter
 from reports.drawing.style import BLUE, CYCLE, GREEN, GREY, INK, PURPLE, VERMILLION, WIDTH
 from reports.figures.studies.panels import drawing, gradient_panel, light_to_dark, unbroken
 
-_PANELS = (
+_P1_COLUMNS = (
     ("drop", "A. dropped ball", "drop at $\\theta$ [m]", "minus height [m]", "[m/m]"),
     ("throw", "B. throw past a wall", "angle $\\theta$ [rad]", "minus distance$^2$ [m$^2$]", "[m$^2$/rad]"),
     ("pivot", "C. pivoted bar", "angle $\\theta$ [rad]", "$-\\omega^2$ [s$^{-2}$]", "[s$^{-2}$/rad]"),
 )
+"""Name, title and labels of each column of P1."""
 
 
 @drawing(
@@ -26,7 +27,7 @@ def p1(data: xr.Dataset) -> Figure:
     """Draw objectives above gradients, one column per system."""
     figure = Figure(figsize=(WIDTH, 4.6))
     axes = figure.subplots(2, 3)
-    for column, (name, title, decision, objective, unit) in enumerate(_PANELS):
+    for column, (name, title, decision, objective, unit) in enumerate(_P1_COLUMNS):
         top, bottom = axes[:, column]
         theta = data[f"theta_{name}"].values
         f = data[f"f_{name}"].values
@@ -41,7 +42,8 @@ def p1(data: xr.Dataset) -> Figure:
     return figure
 
 
-_MARKS = {"zobg": "o", "zobg-zero-noise": "^", "zobg-mean": "s", "fobg": "x"}
+_P2_MARKERS = {"zobg": "o", "zobg-zero-noise": "^", "zobg-mean": "s", "fobg": "x"}
+"""Marker of each estimator in P2."""
 
 
 @drawing(
@@ -60,7 +62,7 @@ def p2(data: xr.Dataset) -> Figure:
     objective_axis.legend()
     gradient_axis.plot(theta, data["gradient"], color=INK)
     variance_axis.plot(theta, data["zobg_variance"], color=INK, label="closed form")
-    for color, (name, mark) in zip(CYCLE, _MARKS.items(), strict=False):
+    for color, (name, mark) in zip(CYCLE, _P2_MARKERS.items(), strict=False):
         estimates = data.sel(estimator=name)
         if name in ("zobg", "fobg"):
             gradient_axis.plot(theta, estimates["mean"], mark, color=color)
@@ -111,7 +113,8 @@ def p3(data: xr.Dataset) -> Figure:
     return figure
 
 
-_COLORS = (GREEN, PURPLE)
+_P4_COLORS = (GREEN, PURPLE)
+"""Colours of rectangle and dome in P4."""
 
 
 @drawing(
@@ -126,7 +129,7 @@ def p4(data: xr.Dataset) -> Figure:
     paths, (objective, variance), gradients = figure.subplots(3, 2)
     place, width, height = (data.attrs[name] for name in ("place", "width", "height"))
     fine = data["fine"].values
-    for index, (color, name) in enumerate(zip(_COLORS, data["shape"].values, strict=True)):
+    for index, (color, name) in enumerate(zip(_P4_COLORS, data["shape"].values, strict=True)):
         axis = paths[index]
         axis.add_patch(Rectangle((place - width / 2, 0), width, height, color=GREY, alpha=0.4))
         if index:
@@ -202,8 +205,10 @@ def p6(data: xr.Dataset) -> Figure:
     return figure
 
 
-_MARKS_P7 = ("o", "x", "^", "s", "D")
-_UNITS = {"heaviside": "", "coulomb": " [m/s]", "ball-wall": " [rad]"}
+_P7_MARKERS = ("o", "x", "^", "s", "D")
+"""Markers of the estimators in P7."""
+_P7_UNITS = {"heaviside": "", "coulomb": " [m/s]", "ball-wall": " [rad]"}
+"""Unit of the decision of each case in P7."""
 
 
 @drawing(
@@ -220,7 +225,7 @@ def p7(data: xr.Dataset) -> Figure:
         band = float(case_data["gamma_of_case"])
         top.plot(theta, truth, color=INK)
         top.fill_between(theta, truth - band, truth + band, color=INK, alpha=0.12, linewidth=0)
-        for color, mark, name in zip(CYCLE, _MARKS_P7, data["estimator"].values, strict=False):
+        for color, mark, name in zip(CYCLE, _P7_MARKERS, data["estimator"].values, strict=False):
             label = str(name) if k == 0 else None
             estimate = case_data.sel(estimator=name)
             top.plot(theta, estimate["mean"][:, 0], mark, color=color, markersize=3, label=label)
@@ -228,7 +233,7 @@ def p7(data: xr.Dataset) -> Figure:
                 bottom.plot(theta, estimate["alpha"].mean("run"), f"{mark}-", color=color, markersize=3)
         largest_gradient = np.abs(truth).max()
         top.set(ylim=(truth.min() - 0.7 * largest_gradient, truth.max() + 0.7 * largest_gradient), title=case)
-        bottom.set(ylim=(-0.05, 1.05), xlabel=f"$\\theta${_UNITS[case]}")
+        bottom.set(ylim=(-0.05, 1.05), xlabel=f"$\\theta${_P7_UNITS[case]}")
     rows[0, 0].set_ylabel("gradient")
     rows[1, 0].set_ylabel("weight alpha")
     figure.legend(loc="outside upper center", ncols=5)

@@ -119,8 +119,10 @@ def a5(data: xr.Dataset) -> Figure:
     return figure
 
 
-_SHOWN = (("FOPG", "exact"), ("BS 0.01", "barrier, 1e-2"), ("ABS quartic", "adaptive"))
-_LEAST = 1e-5
+_A7_LAWS = (("FOPG", "exact"), ("BS 0.01", "barrier, 1e-2"), ("ABS quartic", "adaptive"))
+"""Method and law of each landscape in A7."""
+_A7_SMALLEST_LOSS = 1e-5
+"""Loss [m²] below which the axis of A7 ends."""
 
 
 @drawing(
@@ -136,13 +138,13 @@ def a7(data: xr.Dataset) -> Figure:
     colors = dict[str, str]()
     for k, method in enumerate(map(str, data["algorithm"].values)):
         colors[method], style = line_of(k).values()
-        loss = np.maximum(-data["exact_return"].sel(algorithm=method).values, _LEAST)
+        loss = np.maximum(-data["exact_return"].sel(algorithm=method).values, _A7_SMALLEST_LOSS)
         quartile_curve(curves, np.arange(loss.shape[-1]), loss, colors[method], style, method)
     curves.set(yscale="log", xlabel="iteration", ylabel="minus return [$m^2$]")
     curves.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    losses = -data["landscape"].sel(law=[law for law, _ in _SHOWN]).values
+    losses = -data["landscape"].sel(law=[law for law, _ in _A7_LAWS]).values
     levels = np.geomspace(max(losses.min(), 1e-2), losses.max(), 12)
-    for k, (law, title) in enumerate(_SHOWN):
+    for k, (law, title) in enumerate(_A7_LAWS):
         axes = figure.add_subplot(grid[1, k])
         loss = np.maximum(-data["landscape"].sel(law=law).values, levels[0])
         axes.contourf(data["theta"], data["s"], np.log10(loss).T, levels=np.log10(levels), cmap="Greys")

@@ -110,7 +110,8 @@ def a2v(data: xr.Dataset) -> Figure:
     return figure
 
 
-_RS = (ORANGE, PURPLE, GREEN)
+_SAMPLED_COLORS = (ORANGE, PURPLE, GREEN)
+"""Colours of randomized smoothing by its number of samples."""
 
 
 @drawing(
@@ -137,7 +138,7 @@ def a6(data: xr.Dataset) -> Figure:
     mus = data["box_mu"].values
     for index, (mu, shade) in enumerate(zip(mus, shades, strict=False)):
         push.plot(data["u"], data["push_soft"][index], color=shade, label=f"BS $\\mu$ = {mu:.1e}")
-    for index, (count, color) in enumerate(zip(data["count"].values, _RS, strict=True)):
+    for index, (count, color) in enumerate(zip(data["count"].values, _SAMPLED_COLORS, strict=True)):
         impact.plot(data["q_x"], data["impact_rs"][-1, index], ".", color=color, markersize=3, label=f"RS N = {count}")
         push.plot(data["u"], data["push_rs"][index], ".", color=color, markersize=3, label=f"RS N = {count}")
     impact.plot(data["q_x"], data["impact_limit"], ":", color=GREY, label="RS N = $\\infty$")

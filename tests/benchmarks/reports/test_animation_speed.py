@@ -18,7 +18,7 @@ from problems import get
 from reports.drawing.style import house_style
 from reports.drawing.view import RunView
 from reports.motion.animation import Animation
-from reports.motion.movie import DPI, Canvas, write_animation
+from reports.motion.movie import MOVIE_DPI, Canvas, write_animation
 from tests.benchmarks.ocp.race import tell
 
 FLOOR, ROUNDS = 5.0, 3
@@ -38,7 +38,7 @@ def by_savefig(animation: Animation, file: Path) -> None:
     for part in canvas.figure.findobj():
         part.set_animated(False)
     writer = WRITERS[file.suffix[1:]](animation.fps)
-    with writer.saving(canvas.figure, str(file), DPI):
+    with writer.saving(canvas.figure, str(file), MOVIE_DPI):
         for frame in range(len(animation.times)):
             for scene in canvas.scenes:
                 scene.put(frame)

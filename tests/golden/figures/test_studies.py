@@ -15,7 +15,7 @@ from ocp.errors import InputError
 from problems import studies
 from problems.studies.study import CHOICE, CODE, PAPER, claims_sentence
 from reports.drawing.style import house_style, to_svg
-from reports.figures.paper import BOTH, COLUMN, render_figure
+from reports.figures.paper import BOTH_COLUMNS_IN, COLUMN_IN, render_figure
 from reports.figures.studies import DRAWINGS
 from tests.golden.figures.verdicts import SLOW, SMALL, small
 
@@ -33,7 +33,7 @@ def test_data_carry_units_and_are_drawn(identifier: str) -> None:
         figure = DRAWINGS[identifier].draw(found)
         assert len(to_svg(figure)) > 10_000
         assert len(render_figure(figure, "pdf")) > 10_000
-    assert figure.get_figwidth() in (COLUMN, BOTH)
+    assert figure.get_figwidth() in (COLUMN_IN, BOTH_COLUMNS_IN)
     sizes = [one.get_fontsize() for one in figure.findobj(Text) if one.get_text()]
     assert min(sizes) >= 7, "journals set no smaller type"
     assert all(axis.get_xlabel() for axis in figure.axes[-2:])

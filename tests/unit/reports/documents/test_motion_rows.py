@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 from ocp.errors import InputError
 from reports.drawing.style import PLANNED, REPLAYED
 from reports.figures import trajectories
-from reports.figures.panels import COLUMNS, Panel, draw_rows, lay_out_rows
+from reports.figures.panels import PANEL_COLUMNS, Panel, draw_rows, lay_out_rows
 from tests.unit.reports.documents.made import run, waves
 
 N = 8
@@ -56,8 +56,8 @@ def test_rows_hold_all_panels_in_order_and_waste_no_row(sizes: tuple[int, ...]) 
         first = [group if of.index(group) == i else None for i, group in enumerate(of)]
         assert here == first, "a group keeps its heading where it goes on"
     assert all([cell.column for cell in row] == list(range(len(row))) for row in rows)
-    assert max(map(len, rows)) <= COLUMNS
-    assert len(rows) <= sum(-(-size // COLUMNS) for size in sizes)
+    assert max(map(len, rows)) <= PANEL_COLUMNS
+    assert len(rows) <= sum(-(-size // PANEL_COLUMNS) for size in sizes)
 
 
 @pytest.mark.costly

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from ocp.errors import InputError
-from reports.figures.paper import BOTH, COLUMN, panel_axes, render_figure
+from reports.figures.paper import BOTH_COLUMNS_IN, COLUMN_IN, panel_axes, render_figure
 
 COLORS = ("#ff0000", "#00ff00", "#0000ff", "#ff00ff")
 
@@ -54,7 +54,7 @@ def words(svg: bytes) -> list[str]:
 def test_several_panels_are_as_wide_as_both_columns_and_lettered_in_order() -> None:
     figure = four()
     picture = pixels(render_figure(figure, "png"))
-    assert picture.shape[1] == pytest.approx(300 * BOTH, abs=1)
+    assert picture.shape[1] == pytest.approx(300 * BOTH_COLUMNS_IN, abs=1)
     titles = [axis.get_title("left") for axis in panel_axes(figure)]
     assert titles == ["(a)", "(b) right", "(c)", "(d)"]
     assert pure(picture) == set(COLORS)
@@ -64,7 +64,7 @@ def test_one_panel_keeps_its_shape_and_needs_no_letter() -> None:
     figure = Figure(figsize=(6.5, 3.25))
     figure.subplots().plot([0, 1])
     picture = pixels(render_figure(figure, "png"))
-    assert picture.shape[:2] == pytest.approx((300 * COLUMN / 2, 300 * COLUMN), abs=1)
+    assert picture.shape[:2] == pytest.approx((300 * COLUMN_IN / 2, 300 * COLUMN_IN), abs=1)
     assert figure.axes[0].get_title("left") == ""
 
 
@@ -75,7 +75,7 @@ def test_a_panel_alone_is_that_panel_a_column_wide(letter: str) -> None:
     place = "abcd".index(letter)
     chosen = figure.axes[place]
     picture = pixels(render_figure(figure, "png", letter))
-    assert picture.shape[1] == pytest.approx(300 * COLUMN, abs=9)
+    assert picture.shape[1] == pytest.approx(300 * COLUMN_IN, abs=9)
     assert [axis.get_visible() for axis in figure.axes] == [axis is chosen for axis in figure.axes]
     # The key under it names all four, in short strokes; the panel's own line is the long one.
     own = [int(COLORS[place][k : k + 2], 16) for k in (1, 3, 5)]
@@ -111,7 +111,7 @@ def test_a_panel_over_the_whole_width_gets_both_columns() -> None:
     grid = figure.add_gridspec(2, 2)
     for place in (grid[0, :], grid[1, 0], grid[1, 1]):
         figure.add_subplot(place).plot([0, 1])
-    assert pixels(render_figure(figure, "png", "a")).shape[1] == pytest.approx(300 * BOTH, abs=9)
+    assert pixels(render_figure(figure, "png", "a")).shape[1] == pytest.approx(300 * BOTH_COLUMNS_IN, abs=9)
 
 
 @pytest.mark.costly_cases("-a to d")

@@ -14,7 +14,7 @@ from ocp.errors import InputError
 from ocp.store.stored_run import StoredRun
 from problems import get
 from reports.drawing.view import RunView
-from reports.figures.paper import BOTH, bare_figure, group_signals, render_figure, solution_figure
+from reports.figures.paper import BOTH_COLUMNS_IN, bare_figure, group_signals, render_figure, solution_figure
 from tests.unit.reports.made import sliding_box
 
 NORMAL = np.array([[1.0, 0.0], [4.0, 0.01], [2.0, 0.0]])
@@ -46,7 +46,7 @@ def test_no_type_is_smaller_than_journals_set(run: StoredRun) -> None:
     figure = solution_figure(RunView.of(run))
     render_figure(figure, "pdf")
     sizes = [text.get_fontsize() for text in figure.findobj(Text) if text.get_text()]
-    assert figure.get_figwidth() == BOTH and min(sizes) >= 7
+    assert figure.get_figwidth() == BOTH_COLUMNS_IN and min(sizes) >= 7
 
 
 def test_lines_are_the_stored_numbers_planned_and_replayed(run: StoredRun) -> None:

@@ -153,7 +153,7 @@ def made(*contacts: ContactSummary, cone: float = 0.0) -> Audit:
 
 
 def shown(audit: Audit) -> str:
-    printer = Console(width=console.COLUMNS, record=True, file=io.StringIO())
+    printer = Console(width=console.TERMINAL_COLUMNS, record=True, file=io.StringIO())
     printer.print(contact_table(audit))
     return printer.export_text()
 
