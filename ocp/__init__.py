@@ -15,6 +15,7 @@ from ocp.solution import Replay, Solution
 from ocp.solve.request import Settings
 from ocp.solve.solve import solve
 from ocp.store.lookup import load_solution as load
+from ocp.store.lookup import save_solution as save
 from ocp.transcription import Direct, MultipleShooting, SingleShooting
 
 if TYPE_CHECKING:
@@ -59,6 +60,7 @@ __all__ = [
     "free",
     "load",
     "roll_out",
+    "save",
     "simulate",
     "solve",
     "sweep",

@@ -1,12 +1,10 @@
-"""What a solve returns: labelled trajectories, an audit and a verdict; and its replays."""
+"""Solutions: labelled trajectories, what the judges say of them, and their replays."""
 
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,8 +25,7 @@ from ocp.judge.contact_report import least_slip
 from ocp.judge.measures import Worst, between
 from ocp.judge.verdict import Judgement
 from ocp.problem.evaluation import Evaluation
-from ocp.problem.problem import Problem
-from ocp.problem.rollout import Gains, Rollout, roll_out
+from ocp.problem.rollout import Rollout, roll_out
 from ocp.transcription.factories import closing_law
 from ocp.validation import expand_path
 
@@ -41,7 +38,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Replay:
-    """What the inputs, or the policy, of a plan do under ``law``.
+    """A rollout of the inputs, or the policy, of a plan under ``law``.
 
     ``data`` holds, labelled and with units as in :class:`~ocp.solution.Solution`, ``x`` (scenario,
     node, state), ``u`` (scenario, interval, control), ``lam`` and ``gap`` (scenario, interval,
@@ -77,71 +74,62 @@ class Replay:
         return "".join(f"; {words}" for words in describe_violations(self.broken))
 
 
-def replayed(
-    problem: Problem,
-    plan: xr.Dataset,
-    planned_cost: float,
-    gains: Gains | None,
-    values: dict[str, float],
-    law: ContactLaw,
-) -> Replay:
-    """Roll out what ``plan`` holds, or ``gains``, under ``law`` from the plan's own starts.
+def replay_plan(plan: Judgement, law: ContactLaw) -> Replay:
+    """Roll out the inputs of a plan, or its policy, under ``law`` from the plan's own starts.
 
     Raises :class:`~ocp.errors.NotConverged` where a step of the law did not solve.
     """
-    x = plan["x"].values
-    inputs = plan["u"].values if gains is None else gains
-    evaluation = Evaluation(problem, values)
-    rolled = roll_out(problem, inputs, values, law, x[:, 0])
-    seen = tolerance_sizes(problem, x)
-    distance = evaluation.signed_distances(rolled.x)
-    deepest = -(rolled.gap if distance is None else distance)
+    problem, x = plan.problem, plan.data["x"].values
+    evaluation = Evaluation(problem, plan.values)
+    rolled = roll_out(problem, plan.inputs, plan.values, law, x[:, 0])
+    distances = evaluation.signed_distances(rolled.x)
+    depths = -(rolled.gap if distances is None else distances)
+    broken = broken_constraints(evaluation, rolled, tolerance_sizes(problem, x))
     return Replay(
-        data=_labelled(problem, plan, rolled, law),
+        data=_label_replay(plan, rolled, law),
         problem=problem.name,
         law=law,
-        inputs="open-loop" if gains is None else "feedback",
+        inputs="open-loop" if plan.gains is None else "feedback",
         cost=rolled.cost,
-        planned_cost=planned_cost,
+        planned_cost=plan.cost,
         state_gap=float(np.max(np.abs(rolled.x - x))),
-        penetration=max(0.0, float(np.max(deepest, initial=0.0))),
-        between=None if distance is None else between(evaluation, rolled.x),
-        broken=noticeable_violations(broken_constraints(evaluation, rolled, seen)),
+        penetration=max(0.0, float(np.max(depths, initial=0.0))),
+        between=None if distances is None else between(evaluation, rolled.x),
+        broken=noticeable_violations(broken),
     )
 
 
-def units_of(
-    entries: Mapping[str, Sequence[Signal]],
-) -> tuple[dict[str, list[str]], dict[str, dict[str, str]]]:
-    """Units of signals by dimension, and attributes of arrays over it, which name them."""
-    units = {key: [signal.unit for signal in found] for key, found in entries.items()}
+def units_of(signals: Mapping[str, Sequence[Signal]]) -> tuple[dict[str, list[str]], dict[str, dict[str, str]]]:
+    """Return units of signals by dimension, and attributes of arrays over it, which name them."""
+    units = {dimension: [signal.unit for signal in group] for dimension, group in signals.items()}
     return units, {
-        key: {"units": found[0] if len(set(found)) == 1 else f"see {key}_unit"} for key, found in units.items()
+        dimension: {"units": group[0] if len(set(group)) == 1 else f"see {dimension}_unit"}
+        for dimension, group in units.items()
     }
 
 
-def _labelled(problem: Problem, plan: xr.Dataset, rolled: Rollout, law: ContactLaw) -> xr.Dataset:
+def _label_replay(plan: Judgement, rolled: Rollout, law: ContactLaw) -> xr.Dataset:
     import xarray as xr
 
-    system = problem.system
+    system = plan.problem.system
     step = law.close(system)
     lam, gap = least_slip(step, rolled.lam, rolled.gap)
-    entries = {"state": system.states, "control": system.inputs, "contact": step.contacts}
-    units, one = units_of(entries)
+    signals = {"state": system.states, "control": system.inputs, "contact": step.contacts}
+    units, attributes = units_of(signals)
     steps = ("scenario", "interval")
     coords = {
-        **{key: [signal.name for signal in found] for key, found in entries.items()},
-        **{name: plan[name] for name in ("time", "time_interval")},
+        **{dimension: [signal.name for signal in group] for dimension, group in signals.items()},
+        **{name: plan.data[name] for name in ("time", "time_interval")},
     }
-    data = {
-        "x": (("scenario", "node", "state"), rolled.x, one["state"]),
-        "u": ((*steps, "control"), rolled.u, one["control"]),
-        "lam": ((*steps, "contact"), lam, one["contact"]),
+    arrays = {
+        "x": (("scenario", "node", "state"), rolled.x, attributes["state"]),
+        "u": ((*steps, "control"), rolled.u, attributes["control"]),
+        "lam": ((*steps, "contact"), lam, attributes["contact"]),
         "gap": ((*steps, "contact"), gap, {"units": system.gap_unit}),
         "cost": ("scenario", rolled.costs, {"units": "1"}),
-        **{f"{key}_unit": (key, found, {"units": "1"}) for key, found in units.items()},
+        **{f"{dimension}_unit": (dimension, group, {"units": "1"}) for dimension, group in units.items()},
     }
-    return xr.Dataset(data, coords=coords)
+    return xr.Dataset(arrays, coords=coords)
 
 
 @dataclass(frozen=True, repr=False)
@@ -174,7 +162,7 @@ class Solution(Judgement):
     derivative: Callable[[str], xr.Dataset] | None = None
 
     def sensitivity(self, name: str) -> xr.Dataset:
-        """How the solution changes per unit of a parameter: x, u and cost.
+        """Return how the solution changes per unit of a parameter: x, u and cost.
 
         See :mod:`ocp.judge.sensitivity`.
         Raises :class:`~ocp.errors.InputError` for an unknown name, for a point that is no solution,
@@ -183,11 +171,6 @@ class Solution(Judgement):
         if self.derivative is None:
             raise InputError("a point that was not solved has no sensitivity; solve it first")
         return self.derivative(name)
-
-    @property
-    def inputs(self) -> np.ndarray | Gains:
-        """Inputs of the plan (S, N, nu), or its policy."""
-        return self.data["u"].values if self.gains is None else self.gains
 
     def with_route(self, **changes: Any) -> Solution:
         """Return the solution with fields of its :attr:`route` changed."""
@@ -218,8 +201,7 @@ class Solution(Judgement):
         and :class:`~ocp.errors.NotConverged` where one of its steps did not solve.
         """
         settings = {**(contact_settings or {}), **parameters}
-        made = closing_law(contact, settings, self.problem.system)
-        return replayed(self.problem, self.data, self.cost, self.gains, self.values, made)
+        return replay_plan(self, closing_law(contact, settings, self.problem.system))
 
     def replay_in(self, simulator: str = "mujoco") -> InWorld:
         """Replay the plan's inputs, or its policy, in another simulator.
@@ -245,19 +227,6 @@ class Solution(Judgement):
     def report(self, path: Path | str) -> Path:
         """Write the PDF of ``ocp report``; :class:`~ocp.errors.InputError` where it cannot be."""
         return load_plugin("reports").report(self, expand_path(path))
-
-    def save(self, store: Path | str | None = None, tags: Sequence[str] = ()) -> Path:
-        """Store it as ``ocp solve`` does and return the run's directory, for :func:`ocp.load`.
-
-        ``store`` is the folder of runs, by default ``$OCP_RUNS``, else ``runs``; ``tags`` mark the run.
-
-        Raises :class:`~ocp.errors.InputError` where ``store`` cannot be written, and for a tag that
-        is no word.
-        """
-        # By name, since the store is built on solutions.
-        runs = import_module("ocp.store")
-        folder = runs.default_root() if store is None else store
-        return runs.save(self, folder, ["python", Path(sys.argv[0]).name], tags).path
 
     def __repr__(self) -> str:
         request = self.record

@@ -77,6 +77,11 @@ class Judgement:
     sensitivities: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
+    def inputs(self) -> np.ndarray | Gains:
+        """Inputs of the plan (S, N, nu), or its policy."""
+        return self.data["u"].values if self.gains is None else self.gains
+
+    @property
     def success(self) -> bool:
         """Whether the audit, not the solver, says that this is an answer."""
         return self.status is Status.SOLVED

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -15,7 +16,7 @@ from ocp.problem.problem import Problem
 from ocp.solution import Solution
 from ocp.store.atomic import discard
 from ocp.store.run_files import DATA_FILE, META_FILE, MOST
-from ocp.store.runs import load, read_entry, run_paths
+from ocp.store.runs import load, read_entry, run_paths, save
 from ocp.validation import expand_path
 
 VARIABLE = "OCP_RUNS"
@@ -104,13 +105,25 @@ def remove(paths: Iterable[Path]) -> None:
             path.parent.rmdir()
 
 
+def save_solution(solution: Solution, store: Path | str | None = None, tags: Sequence[str] = ()) -> Path:
+    """Store a solution as ``ocp solve`` does and return the run's directory, for :func:`ocp.load`.
+
+    ``store`` is the folder of runs, by default ``$OCP_RUNS``, else ``runs``; ``tags`` mark the run.
+
+    Raises :class:`~ocp.errors.InputError` where ``store`` cannot be written, and for a tag that is
+    no word.
+    """
+    folder = default_root() if store is None else store
+    return save(solution, folder, ["python", Path(sys.argv[0]).name], tags).path
+
+
 def load_solution(
     run: Path | str,
     problem: Problem | None = None,
     store: Path | str | None = None,
     source: Path | str | None = None,
 ) -> Solution:
-    """Read a run of ``ocp solve``, or of :meth:`Solution.save`.
+    """Read a run of ``ocp solve``, or of :func:`ocp.save`.
 
     ``run`` is its directory, part of its name in the folder ``store`` of runs, or ``@last``, as the command
     line takes it (:func:`~ocp.store.lookup.find`). Its problem is built again by its name. Of a

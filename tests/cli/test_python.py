@@ -23,6 +23,7 @@ from ocp import (
     Solution,
     load,
     roll_out,
+    save,
     solve,
     store,
 )
@@ -48,7 +49,7 @@ def words(option: str, values: dict[str, Any]) -> list[str]:
 
 
 def stored_hash(solution: Solution, root: Path) -> str:
-    return store.load(solution.save(root)).meta["hash"]
+    return store.load(save(solution, root)).meta["hash"]
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +65,7 @@ def test_python_stores_what_the_command_line_stores(ocp, tmp_path, name: str, la
     given = words("-p", SMALL[name]) + words("-c", LAWS[law])
     told = ocp("solve", name, "--contact", law, *given, "--json").json
     solution = solve(name, contact=law, **SMALL[name], **LAWS[law])
-    line, python = store.load(told["run"]), store.load(solution.save(tmp_path / "python"))
+    line, python = store.load(told["run"]), store.load(save(solution, tmp_path / "python"))
     assert python.meta["hash"] == line.meta["hash"]
     drop = [key for key in line.data.data_vars if "seconds" in str(key)]
     xr.testing.assert_identical(python.data.drop_vars(drop), line.data.drop_vars(drop))
@@ -242,7 +243,7 @@ def test_a_notebook_shows_verdict_and_strobe_offline(pushed: Solution) -> None:
 
 
 def test_a_solution_comes_back_from_the_store(pushed: Solution, tmp_path) -> None:
-    again = load(pushed.save(tmp_path))
+    again = load(save(pushed, tmp_path))
     xr.testing.assert_identical(again.data, pushed.data)
     assert repr(again) == repr(pushed) and again.verdict == pushed.verdict
     for part in ("audit", "certificate", "referee"):
@@ -255,7 +256,7 @@ def test_a_solution_comes_back_from_the_store(pushed: Solution, tmp_path) -> Non
 
 def test_runs_are_named_and_kept_as_on_the_command_line(ocp, pushed: Solution, tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("OCP_RUNS", str(tmp_path / "kept"))
-    run = pushed.save(tags=["first"])
+    run = save(pushed, tags=["first"])
     assert run.parent.parent == tmp_path / "kept"
     assert repr(load("@last")) == repr(load(run.name[-6:])) == repr(pushed)
     (listed,) = ocp("runs", "--tag", "first", "--json").json["runs"]
@@ -264,7 +265,7 @@ def test_runs_are_named_and_kept_as_on_the_command_line(ocp, pushed: Solution, t
 
 def test_a_problem_of_ones_own_is_handed_to_load(tmp_path) -> None:
     mine = replace(get("wall-1d", N=3), name="mine")
-    run = solve(mine).save(tmp_path)
+    run = save(solve(mine), tmp_path)
     with pytest.raises(InputError, match=r"a problem built in Python.*problem="):
         load(run)
     assert load(run, mine).problem is mine

@@ -117,7 +117,7 @@ def test_the_wheel_solves_and_reports_in_an_empty_folder(elsewhere: Path, tmp_pa
 def test_the_wheel_is_whole_from_python_too(elsewhere: Path, tmp_path: Path) -> None:
     code = (
         "import ocp, sys; s = ocp.solve('wall-1d', N=4); assert 'svg' in s._repr_html_();"
-        "print(ocp.__version__, ocp.load(s.save()).cost == s.cost, ocp.__file__)"
+        "print(ocp.__version__, ocp.load(ocp.save(s)).cost == s.cost, ocp.__file__)"
     )
     version, same, place = run(elsewhere / "python", "-c", code, cwd=tmp_path).stdout.split()
     assert (version, same) == ("0.1.0", "True")
