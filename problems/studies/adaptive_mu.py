@@ -101,10 +101,7 @@ def _curves(params: Params) -> tuple[dict, dict]:
             "Student t, 2 degrees of freedom, scale sqrt(2 F mu)",
         ),
         "gaussian": ("z", gaussian_density(sigma)(z), "1/m", "N(0, sigma²)"),
-    }, {
-        "z": (z, "m", "gap at lam = 0"),
-        "mu": (MUS, "N s m", "central-path parameter"),
-    }
+    }, {"z": (z, "m", "gap at lam = 0"), "mu": (MUS, "N s m", "central-path parameter")}
 
 
 def _tradeoff(params: Params) -> dict:
@@ -255,16 +252,8 @@ def _printed_claims(data: xr.Dataset) -> list[Claim]:
     settings = [str(s) for s in data["setting"].values]
     results = []
     for reading, sentence, source in (
-        (
-            "the tail as printed",
-            "kappa as printed is the Gaussian-smoothed solution",
-            "ABS, eq. 5.1",
-        ),
-        (
-            "the ordinary one",
-            "It is with the ordinary error function for erf",
-            "eq. 5.1 read otherwise",
-        ),
+        ("the tail as printed", "kappa as printed is the Gaussian-smoothed solution", "ABS, eq. 5.1"),
+        ("the ordinary one", "It is with the ordinary error function for erf", "eq. 5.1 read otherwise"),
     ):
         misfits = data["kappa_misfit"].sel(reading=reading).values
         is_equal = misfits < 1e-6

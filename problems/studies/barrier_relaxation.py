@@ -56,13 +56,7 @@ def solve_qp(x: np.ndarray, v: np.ndarray, u: np.ndarray, m: float, h: float) ->
 
 
 def newton_step(
-    x: np.ndarray,
-    v: np.ndarray,
-    u: np.ndarray,
-    kappa: np.ndarray,
-    x_next: np.ndarray,
-    m: float,
-    h: float,
+    x: np.ndarray, v: np.ndarray, u: np.ndarray, kappa: np.ndarray, x_next: np.ndarray, m: float, h: float
 ) -> np.ndarray:
     """Return Newton's step [m] from ``x_next`` (n,) to the minimiser of eq. 4.
 
@@ -125,10 +119,7 @@ def run(params: Params) -> xr.Dataset:
                 "impulse by time stepping less the QP's multiplier",
             ),
         },
-        {
-            "u": (u, "N s", "input impulse"),
-            "kappa": (KAPPAS, "1/J", "log-barrier weight"),
-        },
+        {"u": (u, "N s", "input impulse"), "kappa": (KAPPAS, "1/J", "log-barrier weight")},
     )
 
 

@@ -155,12 +155,7 @@ def _landscape(judge: Experiment, middle: np.ndarray, params: Params) -> Landsca
 
 
 def _moments(
-    judge: Experiment,
-    law: ContactLaw,
-    theta: np.ndarray,
-    n: int,
-    params: Params,
-    key: tuple[int, ...],
+    judge: Experiment, law: ContactLaw, theta: np.ndarray, n: int, params: Params, key: tuple[int, ...]
 ) -> tuple[np.ndarray, float]:
     """Return the mean gradient (2,) of n throws and the trace of the covariance of one."""
     seed = np.random.SeedSequence(params.seed, spawn_key=key)

@@ -75,11 +75,7 @@ def run(params: Params) -> xr.Dataset:
             "variance": (dimensions, variance, "1", "empirical variance of one sample"),
             "standard_error": (dimensions, error, "1", "standard error of the mean"),
         },
-        {
-            "theta": (thetas, "1", "decision"),
-            "box": (boxes, "1", "width of the box"),
-            "estimator": list(ESTIMATORS),
-        },
+        {"theta": (thetas, "1", "decision"), "box": (boxes, "1", "width of the box"), "estimator": list(ESTIMATORS)},
     )
 
 

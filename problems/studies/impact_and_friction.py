@@ -148,12 +148,7 @@ def _impact(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
     variables = {
         "impact_soft": (("law", "q_mid"), soft, "1/s", "dv_y/dq_x, softened"),
         "impact_rs": (("finer", "count", "q_x"), averaged, "1/s", "mean derivative, RS"),
-        "quiet": (
-            ("finer", "count"),
-            quiet,
-            "1",
-            "share of points within sigma of the impact where RS sees none",
-        ),
+        "quiet": (("finer", "count"), quiet, "1", "share of points within sigma of the impact where RS sees none"),
         "impact_limit": ("q_x", limit, "1/s", "RS with infinitely many samples"),
         "jump": ((), jump, "m/s", "jump of v_y at the impact, ground truth"),
         "place": ((), impact, "m", "q_x of the impact"),

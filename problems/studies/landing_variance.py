@@ -65,10 +65,7 @@ def run(params: Params) -> xr.Dataset:
             "first_order": (dimensions, first, unit, "largest variance, first order"),
             "likelihood_ratio": (dimensions, ratio, unit, "largest variance, LR"),
         },
-        {
-            "h": (STEPS, "s", "step size"),
-            "mu": (MUS, "N s m", "central-path parameter"),
-        },
+        {"h": (STEPS, "s", "step size"), "mu": (MUS, "N s m", "central-path parameter")},
     )
 
 

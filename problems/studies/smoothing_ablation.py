@@ -64,10 +64,7 @@ def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
                 "trace of one gradient's covariance",
             ),
         },
-        {
-            "law": list(LAWS),
-            "iteration": (evaluated, "1", "iteration"),
-        },
+        {"law": list(LAWS), "iteration": (evaluated, "1", "iteration")},
     )
 
 

@@ -58,10 +58,7 @@ class FinishedParts:
     """
 
     def __init__(
-        self,
-        checkpoint: Checkpoint | None = None,
-        jobs: int | None = None,
-        scheduler: str | None = None,
+        self, checkpoint: Checkpoint | None = None, jobs: int | None = None, scheduler: str | None = None
     ) -> None:
         self._checkpoint, self.scheduler = checkpoint, scheduler
         self.jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs

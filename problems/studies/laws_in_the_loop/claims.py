@@ -7,15 +7,7 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 
-from problems.studies.laws_in_the_loop.data import (
-    FEEDBACK,
-    INPUTS,
-    LAWS,
-    PLANTS,
-    relative_cost,
-    run_settings,
-    survival,
-)
+from problems.studies.laws_in_the_loop.data import FEEDBACK, INPUTS, LAWS, PLANTS, relative_cost, run_settings, survival
 from problems.studies.shared.trainings import Difference, mean_difference, smallest_margin
 from problems.studies.study import Claim, claim, settings_text
 

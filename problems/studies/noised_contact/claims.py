@@ -179,5 +179,5 @@ def _rollouts(data: xr.Dataset) -> list[Claim]:
         claim("Rollouts that begin in penetration come back and stay", "Noising data, sec. IV-C")
         .expected(f"inside the walls after {data['step'].values[-1]} steps, and never out again")
         .measured(f"{settings_text(names, stays)}: after at most {format_values(longest, 'd')} steps")
-        .holds(stays, np.isfinite(path)),
+        .holds(stays, np.isfinite(path))
     ]

@@ -174,10 +174,7 @@ def _costs(
 ) -> tuple[ca.Function, ca.Function]:
     x, u = ca.SX.sym("x", step.system.nx), ca.SX.sym("u", step.system.nu)
     p = ca.SX.sym("p", len(step.p))
-    return (
-        ca.Function("stage", [x, u, p], [stage(x, u)]),
-        ca.Function("terminal", [x, p], [terminal(x)]),
-    )
+    return (ca.Function("stage", [x, u, p], [stage(x, u)]), ca.Function("terminal", [x, p], [terminal(x)]))
 
 
 KINDS = ("symmetric", "P-matrix")

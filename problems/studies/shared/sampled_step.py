@@ -53,21 +53,12 @@ class SampledStep:
         x_next = step.x_next_of_lam
         by_x, by_u = step.contact_jacobian(x), step.contact_jacobian(u)
         through = ca.jacobian(x_next, lam)
-        outputs = [
-            step.mu,
-            ca.jacobian(x_next, x) + through @ by_x,
-            ca.jacobian(x_next, u) + through @ by_u,
-            by_x,
-        ]
+        outputs = [step.mu, ca.jacobian(x_next, x) + through @ by_x, ca.jacobian(x_next, u) + through @ by_u, by_x]
         dense = [ca.densify(output) for output in outputs]
         self._derive = BatchFunction(ca.Function("step_derivatives", [x, u, p, lam], dense))
 
     def __call__(
-        self,
-        x: ArrayLike,
-        u: ArrayLike,
-        values: Mapping[str, ArrayLike] | None = None,
-        **law: ArrayLike,
+        self, x: ArrayLike, u: ArrayLike, values: Mapping[str, ArrayLike] | None = None, **law: ArrayLike
     ) -> StepValues:
         """Evaluate at ``x`` (n, nx) and ``u`` (n, nu), either shared by all points as one row.
 

@@ -20,13 +20,7 @@ from ocp.problem.problem import Problem
 from problems.registry import get
 from problems.studies.progress import track_items
 from problems.studies.shared.learned_laws import draw_transitions
-from problems.studies.start_without_contact.dynamics import (
-    DYNAMICS,
-    EVERY,
-    by_ipopt,
-    descend_gains,
-    make_law,
-)
+from problems.studies.start_without_contact.dynamics import DYNAMICS, EVERY, by_ipopt, descend_gains, make_law
 from problems.studies.study import CODE, FinishedParts, StudyParams, dataset, setting
 
 SWEPT = ("g_sigma", "h_sigma")

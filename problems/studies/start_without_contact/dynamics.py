@@ -87,13 +87,7 @@ class Bundled(ContactLaw):
 
 
 def make_law(
-    kind: str,
-    data: Transitions,
-    sigma: float,
-    epochs: int,
-    seed: int,
-    problem_step: Step,
-    samples: int = 100,
+    kind: str, data: Transitions, sigma: float, epochs: int, seed: int, problem_step: Step, samples: int = 100
 ) -> ContactLaw:
     """Return the law called ``kind``, sigma in normalised units of the data."""
     if kind == "f":

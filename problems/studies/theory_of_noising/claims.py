@@ -19,14 +19,7 @@ _MANY_NEIGHBOURS = 400.0
 
 def claims(data: xr.Dataset) -> list[Claim]:
     """Return claims on lemmas, walls, rollouts, networks, ends and dimensions."""
-    return [
-        *_lemmas(data),
-        *_walls(data),
-        *_rollouts(data),
-        *_networks(data),
-        *_ends(data),
-        *_neighbours(data),
-    ]
+    return [*_lemmas(data), *_walls(data), *_rollouts(data), *_networks(data), *_ends(data), *_neighbours(data)]
 
 
 def _lemmas(data: xr.Dataset) -> list[Claim]:
@@ -49,7 +42,7 @@ def _lemmas(data: xr.Dataset) -> list[Claim]:
             + format_values(spacing, "g")
             + " sigma"
         )
-        .holds(np.abs(share - 1) < 0.05, np.diff(largest) < 0),
+        .holds(np.abs(share - 1) < 0.05, np.diff(largest) < 0)
     ]
     for sentence, source, mark in (
         ("g_sigma minimises the noised risk of a density", "lemma 2", False),

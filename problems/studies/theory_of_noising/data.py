@@ -97,13 +97,7 @@ def train_networks(rho: float, sigma: float, epochs: int, repeats: int, seed: in
         n, units = int(PAIRS[column]), int(UNITS[row])
         commands = rng.choice(u, n)
         z = commands + sigma * rng.standard_normal(n)
-        recipe = {
-            "hidden": (units, units),
-            "epochs": epochs,
-            "batch": n,
-            "rate": 1e-2,
-            "held_out": 0.0,
-        }
+        recipe = {"hidden": (units, units), "epochs": epochs, "batch": n, "rate": 1e-2, "held_out": 0.0}
         h = network_of(z, pusher.step(commands), 0.0, repeat, **recipe)
         errors[row, column, repeat] = np.sqrt(np.mean((model_values(h, queries) - g) ** 2))
     noise = np.sqrt(np.mean((g - pusher.step(queries)) ** 2))

@@ -144,9 +144,7 @@ def score_error(seed: int, n: int = 300, queries: int = 50) -> dict[str, Any]:
         log_densities = [[model.values(z + k * step * sigma * e)[:, -1] for k in (-2, -1, 1, 2)] for e in np.eye(dim)]
         slopes = np.einsum("k,ikq->qi", np.array([1, -8, 8, -1]) / (12 * step), np.array(log_densities))
         errors[row, column] = np.abs(model.values(z)[:, :-1] - z - sigma * slopes).max() / sigma
-    return {
-        "score_error": (("dimension", "spread"), errors, "1", "largest |g - z - sigma² grad log p| over sigma"),
-    }
+    return {"score_error": (("dimension", "spread"), errors, "1", "largest |g - z - sigma² grad log p| over sigma")}
 
 
 DEPTHS = np.array([0.0, 0.1, 0.3, 1, 2, 3, 5, 10, 20, 50, 100, 1000])
@@ -265,5 +263,5 @@ def near_the_ends(rho: float) -> dict[str, Any]:
             bias,
             "1",
             "(g_sigma - f_sigma)/(rho sigma) of uniform data near its ends",
-        ),
+        )
     }
