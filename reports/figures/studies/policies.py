@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from problems.studies.convergence_bound import bound_sides
-from problems.studies.trained_policies import METHODS, MODEL_BASED
+from problems.studies.trained_policies.data import METHODS, MODEL_BASED
 from problems.studies.unroll_variance import variance_growth
 from reports.drawing.style import CYCLE, INK, WIDTH, line_of
 from reports.figures.studies.panels import drawing, quartile_curve

@@ -12,11 +12,7 @@ from dynamics.contact import Adaptive, Barrier, Exact
 from problems import get, studies
 from problems.studies.barrier_relaxation import eq5, newton_step, solve_qp
 from problems.studies.bouncing_ball import in_log_height, least_height, turning_points
-from problems.studies.impact_and_friction import (
-    cost_of_averaging,
-    smoothed_box,
-    softened_box,
-)
+from problems.studies.impact_and_friction.data import cost_of_averaging, smoothed_box, softened_box
 from problems.studies.jumping_objectives import drop_ball, hit_bar, throw_wall
 from problems.studies.shared import contact_bounds as bounds
 from problems.studies.shared.sampled_step import (

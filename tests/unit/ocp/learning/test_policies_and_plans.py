@@ -12,10 +12,11 @@ from dynamics.batch import BatchFunction
 from ocp.learning.experiment import EXACT
 from ocp.learning.protocol import Normaliser, Trained
 from ocp.learning.training import evaluate_from
-from problems.studies import trained_policies
 from problems.studies.shared.trainings import interpolate_finite, side_by_side
 from problems.studies.study import FinishedParts
-from problems.studies.trained_policies import (
+from problems.studies.trained_policies import data as trained_policies
+from problems.studies.trained_policies.claims import claims
+from problems.studies.trained_policies.data import (
     METHODS,
     MODEL_BASED,
     SHOWN,
@@ -24,7 +25,6 @@ from problems.studies.trained_policies import (
     Params,
     Policy,
     _job,
-    claims,
     initial_states,
 )
 from problems.tasks import registry

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,43 +17,11 @@ from ocp.learning.planned import best_plan, guess_from_constant_inputs, guess_fr
 from ocp.learning.protocol import Trained
 from ocp.learning.training import evaluate_from
 from ocp.learning.unroll_gradients import FOPG
-from problems.studies.shared.trainings import (
-    Curves,
-    claim_gains,
-    interpolate_finite,
-    make_job,
-    mean_difference,
-    mean_height,
-    side_by_side,
-    training_curves,
-)
-from problems.studies.study import Claim, FinishedParts, StudyParams, claim, dataset, setting, settings_text
+from problems.studies.shared.trainings import Curves, interpolate_finite, make_job, side_by_side, training_curves
+from problems.studies.study import FinishedParts, StudyParams, dataset, setting
 from problems.tasks import registry
 from problems.tasks.training import TrainingJob, policy_of
 
-NOTES = (
-    "All curves are returns of whole episodes of 5 s under the exact law, without noise on the"
-    " actions, linear between judgements.",
-    "Every algorithm has its usual settings for the task, as ocp train has them, and learns"
-    " until it has simulated the same number of steps. All steps count that are simulated to"
-    " learn from, by whatever batch and under whatever law, until an episode ends; judgements"
-    " count for none.",
-    "MBPO, whose updates take most of a second for a hundred steps, cannot spend that number"
-    " here. It has an axis of its own, steps of its random exploration included, and no claim"
-    " compares it at equal steps. Total propagation stands for the paper's PIPPS: it is that"
-    " without a learned model and without importance weights. What else is not as published is"
-    " in the tables of docs/theory/policies.md.",
-    "AoBG has gamma = 1, its default. Where its batch is too small for that, alpha is 0, as its"
-    " source has it, and it is a zeroth-order gradient that pays for an unused first order.",
-    "Policies are affine in normalised observations; MBPO and the two networks named so"
-    " have two tanh layers of 32. The paper tells neither horizon, batch, rate nor network.",
-    "Plans are of the first second of an episode, 20 steps, by direct transcription under the"
-    " exact law, from inputs that are held, and from where the best policy leads. A certified"
-    " plan is a local optimum of its own; nothing is planned for after its end.",
-    "From plans: a network fitted to them, and to their feedback beside them, is where FOPG"
-    " begins; the other network begins by chance.",
-    "Wall time is that of this machine, one process a run, and depends on what else it does.",
-)
 QUICK = {"runs": 2, "kilosteps": 2, "model_based": 2, "judged": 2, "plans": 1}
 RESUMES = True
 
@@ -292,87 +260,3 @@ def fit_network(task: str, shown: list[dict[str, np.ndarray]], seed: int) -> Tra
     """Fit a network to plans."""
     states, inputs = (np.concatenate([plan_arrays[of] for plan_arrays in shown]) for of in ("states", "inputs"))
     return fit_actions(registry.get(task), states, inputs, HIDDEN, seed)
-
-
-_EQUAL_RETURN = 1e-2
-"""Relative difference up to which a plan and its replay have one return."""
-_PLACE = "ABS, sec. 7.3, fig. 4"
-"""Source of the claims of the paper."""
-_OURS = "FOPG-ABS"
-"""The paper's own method."""
-_RUNNING_SPEEDS = {"hopper": 1.0, "half-cheetah": 1.5}
-"""Least mean forward speed of a policy that runs [m/s]."""
-
-
-def claims(data: xr.Dataset) -> list[Claim]:
-    """Return claims on FOPG with ABS, on policies that run, and on plans."""
-    papers = [str(name) for name in data["algorithm"].values if name not in (NETWORK, SHOWN)]
-    others = [name for name in papers if name not in (_OURS, MODEL_BASED)]
-    results = []
-    for task in map(str, data["task"].values):
-        results += _of_plans(task, data.sel(task=task))
-        task_data = data.sel(task=task, algorithm=papers)
-        areas = {n: mean_height(task_data["by_steps"].sel(algorithm=n).values) for n in (_OURS, *others)}
-        gains = [mean_difference(areas[_OURS], areas[name], paired=False) for name in others]
-        best = {n: task_data["best"].sel(algorithm=n).values for n in papers}
-        ends = [mean_difference(best[_OURS], best[name], paired=False) for name in others]
-        rivalry = [
-            claim_gains(
-                f"On {task} FOPG with ABS learns the fastest",
-                _PLACE,
-                "mean return over equal simulated steps above every other's, bootstrap 95 %",
-                others,
-                gains,
-            ),
-            claim_gains(
-                f"On {task} FOPG with ABS ends the highest",
-                _PLACE,
-                "best return in equal simulated steps above every other's, bootstrap 95 %",
-                others,
-                ends,
-            ),
-        ]
-        untrained_text = _untrained(task_data)
-        results += [replace(claim, measured=claim.measured + untrained_text) for claim in rivalry]
-        running = task_data["speed"].median("run").values >= _RUNNING_SPEEDS[task]
-        lasting = task_data["length"].median("run").values >= 100
-        speeds = ", ".join(f"{s:.2f}" for s in task_data["speed"].median("run").values)
-        results.append(
-            claim(f"Every algorithm's best policy runs on {task}", "our check")
-            .expected(f"half of the seeds at {_RUNNING_SPEEDS[task]:g} m/s or more for 5 s, without falling")
-            .measured(f"{settings_text(papers, running & lasting)}: {speeds} m/s")
-            .holds(running & lasting)
-        )
-    return results
-
-
-def _untrained(task_data: xr.Dataset) -> str:
-    """Name the algorithms whose best policy is the initial one in every run."""
-    initial = (task_data["best"] <= task_data["by_steps"].isel(steps=0)).all("run")
-    names = ", ".join(map(str, task_data["algorithm"].values[initial.values]))
-    return f"; never above their initial policy: {names}" if names else ""
-
-
-def _of_plans(task: str, task_data: xr.Dataset) -> list[Claim]:
-    """Check plans as a start to learn from, and as a measure of policies."""
-    areas = [mean_height(task_data["by_steps"].sel(algorithm=name).values) for name in (SHOWN, NETWORK)]
-    gain = mean_difference(*areas, paired=False)
-    best = task_data["replayed"].max("guess")
-    shares = task_data["reached"].median("run").mean("start") / best.mean("start")
-    names = [str(name) for name in task_data["algorithm"].values]
-    share_texts = ", ".join(f"{name} {share:.0%}" for name, share in zip(names, shares.values, strict=True))
-    certified = task_data["certified"].astype(bool)
-    replays_differently = abs(task_data["planned"] - task_data["replayed"]) > _EQUAL_RETURN * abs(task_data["replayed"])
-    return [
-        claim(f"On {task} a network begun at plans learns faster than one by chance", "our check")
-        .expected("mean return over equal simulated steps above, bootstrap 95 %")
-        .measured(str(gain))
-        .holds(gain.better, margin=gain.margin),
-        claim(f"On {task} no policy is above the best plan found from the same starts", "our check")
-        .expected(f"share of the best plan's exact return over {STEPS} steps at most 100 %")
-        .measured(
-            f"{share_texts}; of {certified.size} plans {int(certified.sum())} certified,"
-            f" {int((certified & replays_differently).sum())} of these replay to another return"
-        )
-        .at_most(shares, 1),
-    ]
