@@ -230,8 +230,8 @@ class Solution(Judgement):
 
     def __repr__(self) -> str:
         request = self.record
-        given = request["law_parameters"].items()
-        parameters = "".join(f" {name.removeprefix(LAW_PREFIX)}={v:g}" for name, v in given)
+        law_parameters = request["law_parameters"].items()
+        parameters = "".join(f" {name.removeprefix(LAW_PREFIX)}={v:g}" for name, v in law_parameters)
         law = f"{request['contact']}{parameters}"
         how = f"{request['problem']}, {law}, {request['method']}, {request['policy']}"
         return f"<Solution of {how}: {self.headline}>"

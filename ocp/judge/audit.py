@@ -23,11 +23,13 @@ TOLERANCES = {
     "constraint_violation": 1e-6,
     "complementarity": 1e-8,
 }
-"""What ``success`` demands; complementarity only of the exact law."""
+"""Largest residuals of a success, in natural units; complementarity only of the exact law."""
 _OF_BOOK = ("cone_violation", "dissipation_residual", "energy_gain", "dissipated", "momentum_residual", "contacts")
-"""What a contact report gives the audit."""
-_ACTIVE = 1e-7
-_WORST = 5
+"""Fields of a contact report that the audit takes."""
+_LEAST_IMPULSE = 1e-7
+"""Multiplier [N s] below which a pair does not act."""
+_WORST_COUNT = 5
+"""Number of violations that are listed."""
 CONTENT = 1e-4
 """Share of the cost's span below which its gradient is flat: standing still is optimal."""
 STILL = 0.05
@@ -92,34 +94,34 @@ def audit_result(
     """
     inputs = plan.u if plan.gains is None else plan.gains
     replay, unsolved = roll_on(evaluation, inputs, x0=plan.x[:, 0])
-    sharp, closed, moved = _natural(nlp, plan)
+    product_sizes, law_residuals, dynamics_residuals = _natural(nlp, plan)
     _, g = nlp.values(result.point.x, p)
     x_off = np.maximum(bounds["lbx"] - result.point.x, result.point.x - bounds["ubx"])
     g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"]) / nlp.natural.g
-    free = np.concatenate([x_off / nlp.natural.x, _without_contact(nlp, g_off)])
-    seen = tolerance_sizes(nlp.problem, plan.x)
+    violations = np.concatenate([x_off / nlp.natural.x, _without_contact(nlp, g_off)])
+    state_sizes = tolerance_sizes(nlp.problem, plan.x)
     smallest = np.minimum(plan.lam, plan.gap)
     # A learned law has no pairs, which is not the same as pairs that are complementary.
     pairs = nlp.step.n >= nlp.problem.system.nlam
-    book = contact_report(evaluation, nlp.step, plan)
-    found = Audit(
-        complementarity=largest_entry(sharp) if pairs else float("nan"),
+    report = contact_report(evaluation, nlp.step, plan)
+    audit = Audit(
+        complementarity=largest_entry(product_sizes) if pairs else float("nan"),
         complementarity_min=largest_entry(np.abs(smallest)) if pairs else float("nan"),
-        dynamics_residual=largest_entry(moved),
-        law_residual=largest_entry(closed),
-        constraint_violation=max(0.0, largest_entry(free)),
+        dynamics_residual=largest_entry(dynamics_residuals),
+        law_residual=largest_entry(law_residuals),
+        constraint_violation=max(0.0, largest_entry(violations)),
         penetration=_penetration(evaluation, plan.x, plan.gap),
         exact_penetration=_penetration(evaluation, replay.x, replay.gap),
         exact_cost=replay.cost,
         state_gap=largest_entry(np.abs(plan.x - replay.x)),
-        active_steps=int(np.sum(plan.lam > np.maximum(plan.gap, _ACTIVE))),
+        active_steps=int(np.sum(plan.lam > np.maximum(plan.gap, _LEAST_IMPULSE))),
         task_gradient=task_gradient(evaluation, replay),
         worst=worst_constraints(nlp, result.point.x, g, bounds),
-        **{name: getattr(book, name) for name in _OF_BOOK},
+        **{name: getattr(report, name) for name in _OF_BOOK},
         replay_failed="" if unsolved is None else unsolved.brief,
-        replay_broken=noticeable_violations(broken_constraints(evaluation, replay, seen)),
+        replay_broken=noticeable_violations(broken_constraints(evaluation, replay, state_sizes)),
     )
-    return found, replay, book
+    return audit, replay, report
 
 
 def _natural(nlp: NLP, plan: Trajectories) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -138,12 +140,12 @@ def _natural(nlp: NLP, plan: Trajectories) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def _without_contact(nlp: NLP, violation: np.ndarray) -> np.ndarray:
-    """Leave out the closure of contact, which is judged by lam and gap themselves."""
-    kept = np.ones(violation.size, dtype=bool)
+    """Return the violations without those of the closure of contact, which lam and gap show."""
+    is_judged = np.ones(violation.size, dtype=bool)
     for name in ("contact", "separation"):
         if name in nlp.constraints:
-            kept[nlp.constraints[name].index.ravel()] = False
-    return violation[kept]
+            is_judged[nlp.constraints[name].index.ravel()] = False
+    return violation[is_judged]
 
 
 def _penetration(evaluation: Evaluation, x: np.ndarray, gap: np.ndarray) -> float:
@@ -168,7 +170,7 @@ def task_gradient(evaluation: Evaluation, replay: Rollout) -> float:
 
 
 def _moved_by_contact_alone(system: ContactSystem) -> np.ndarray:
-    """1 for every state that a contact reaches, and no input while all contacts are open."""
+    """Return 1 for every state that a contact reaches, and no input while all contacts are open."""
     given = [system.x, system.u, system.parameters.vector]
     free = ca.Function("free", given, [system.reduced.a, system.reduced.B])
     by_x, by_u = (np.array(ca.DM(free.jac_sparsity(0, i), 1)) for i in range(2))
@@ -186,31 +188,31 @@ def _slopes(evaluation: Evaluation, replay: Rollout, mask: np.ndarray) -> tuple[
     p = step.p.pack(evaluation.values)
     slopes = problem.state_slopes
     jacobian = step.map.jacobian()
-    before = evaluation.limits.u_before
+    u_before = evaluation.limits.u_before
     largest, size = 0.0, 0.0
     for s in range(len(replay.x)):
         u = replay.u[s]
-        increments = np.diff(np.vstack([before, u]), axis=0)
-        x, after, n = replay.x[s, :-1], replay.x[s, 1:], problem.system.nx
+        increments = np.diff(np.vstack([u_before, u]), axis=0)
+        x, x_next, n = replay.x[s, :-1], replay.x[s, 1:], problem.system.nx
         lam, m = replay.impulses[s], u.shape[1]
         by_x, _, by_lam = slopes(x.T, u.T, increments.T, lam.T, physical)
-        here, of_lam = mask * np.array(by_x).T, np.array(by_lam).T
-        end = slopes(after[-1], u[-1], increments[-1], lam[-1], physical)[1]
-        nu = mask * np.array(end).ravel()
-        size += np.abs(here).sum() + np.abs(nu).sum() + np.abs(of_lam).sum()
-        found = jacobian(x.T, u.T, p, after.T, replay.lam[s].T)
-        A, B, C, D = (np.array(found[i]) for i in (0, 1, 3, 4))
+        cost_by_x, cost_by_lam = mask * np.array(by_x).T, np.array(by_lam).T
+        terminal_slope = slopes(x_next[-1], u[-1], increments[-1], lam[-1], physical)[1]
+        nu = mask * np.array(terminal_slope).ravel()
+        size += np.abs(cost_by_x).sum() + np.abs(nu).sum() + np.abs(cost_by_lam).sum()
+        derivatives = jacobian(x.T, u.T, p, x_next.T, replay.lam[s].T)
+        A, B, C, D = (np.array(derivatives[i]) for i in (0, 1, 3, 4))
         for k in reversed(range(problem.N)):
-            of_x, of_u = slice(k * n, (k + 1) * n), slice(k * m, (k + 1) * m)
-            by_input = B[:, of_u].T @ nu + D[:, of_u].T @ of_lam[k]
+            x_columns, u_columns = slice(k * n, (k + 1) * n), slice(k * m, (k + 1) * m)
+            by_input = B[:, u_columns].T @ nu + D[:, u_columns].T @ cost_by_lam[k]
             largest = max(largest, float(np.abs(by_input).max(initial=0.0)))
-            nu = here[k] + A[:, of_x].T @ nu + C[:, of_x].T @ of_lam[k]
+            nu = cost_by_x[k] + A[:, x_columns].T @ nu + C[:, x_columns].T @ cost_by_lam[k]
     return largest, size
 
 
-def is_feasible(nlp: NLP, found: Audit) -> bool:
-    """Whether the audited residuals are below tolerance: complementarity of the exact law only."""
-    limits = {key: getattr(found, key) for key in TOLERANCES}
+def is_feasible(nlp: NLP, audit: Audit) -> bool:
+    """Return whether the audited residuals are below tolerance: complementarity of the exact law only."""
+    limits = {key: getattr(audit, key) for key in TOLERANCES}
     if not nlp.step.exact:
         limits.pop("complementarity")
     elif nlp.method == "direct":
@@ -222,11 +224,11 @@ def worst_constraints(nlp: NLP, x: np.ndarray, g: np.ndarray, bounds: dict[str, 
     """Return the five most violated constraints and bounds, by name, scenario and step."""
     g_off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
     x_off = np.maximum(bounds["lbx"] - x, x - bounds["ubx"])
-    off = np.concatenate([g_off, x_off])
-    order = np.argsort(-np.nan_to_num(off, nan=np.inf))[:_WORST]
+    violations = np.concatenate([g_off, x_off])
+    order = np.argsort(-np.nan_to_num(violations, nan=np.inf))[:_WORST_COUNT]
     worst = []
     for position in order:
-        if not off[position] > 0:
+        if not violations[position] > 0:
             continue
         in_g = position < g.size
         layout = nlp.constraints if in_g else nlp.variables
@@ -234,12 +236,12 @@ def worst_constraints(nlp: NLP, x: np.ndarray, g: np.ndarray, bounds: dict[str, 
         component = block.components[index[-1]] if block.components else str(index[-1])
         name = block.name if in_g else f"bound on {block.name}"
         scenario, k = (index[0], index[1]) if len(index) == 3 else (0, index[0])
-        worst.append(Violation(name, component, scenario, k, float(off[position])))
+        worst.append(Violation(name, component, scenario, k, float(violations[position])))
     return worst
 
 
 def cost_span(evaluation: Evaluation, plan: Rollout) -> float:
-    """What the cost changes by, at most, as all states and inputs move by a characteristic size.
+    """Return the largest change of the cost as all states and inputs move by a characteristic size.
 
     They move freely, not along a motion, so that no instability enters.
     """
@@ -261,22 +263,22 @@ def idle_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
 
 
 def _held_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
-    held = np.tile(evaluation.limits.u_before, (1, evaluation.problem.N, 1))
-    idle, unsolved = roll_on(evaluation, held, step, plan.x[:, 0])
+    held_inputs = np.tile(evaluation.limits.u_before, (1, evaluation.problem.N, 1))
+    idle, unsolved = roll_on(evaluation, held_inputs, step, plan.x[:, 0])
     if unsolved is not None or broken_constraints(evaluation, idle):
         return float("nan")
     return idle.cost
 
 
 def _still_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
-    N, before = evaluation.problem.N, evaluation.limits.u_before
-    x, u = np.repeat(plan.x[:, :1], N + 1, axis=1), np.tile(before, (len(plan.x), N, 1))
-    limit, S, p = STILL * evaluation.problem.scales.x / N, len(x), step.p.pack(evaluation.values)
-    if not all(_holds(step, p, x[s, 0], plan.u[s], limit) for s in range(S)):
+    N, u_before = evaluation.problem.N, evaluation.limits.u_before
+    x, u = np.repeat(plan.x[:, :1], N + 1, axis=1), np.tile(u_before, (len(plan.x), N, 1))
+    tolerance, S, p = STILL * evaluation.problem.scales.x / N, len(x), step.p.pack(evaluation.values)
+    if not all(_holds(step, p, x[s, 0], plan.u[s], tolerance) for s in range(S)):
         return float("nan")
-    free = np.zeros_like(plan.impulses)
-    costs = evaluation.trajectory_costs(x, u, free)
-    still = replace(plan, x=x, u=u, impulses=free, costs=costs)
+    no_impulses = np.zeros_like(plan.impulses)
+    costs = evaluation.trajectory_costs(x, u, no_impulses)
+    still = replace(plan, x=x, u=u, impulses=no_impulses, costs=costs)
     slope = max(_state_slope(evaluation, x[s, 0]) for s in range(S))
     if slope <= CONTENT * cost_span(evaluation, still):
         return float("nan")
@@ -284,15 +286,15 @@ def _still_cost(evaluation: Evaluation, step: Step, plan: Rollout) -> float:
 
 
 def _state_slope(evaluation: Evaluation, x: np.ndarray) -> float:
-    """Most that staying at x (nx,) costs more where one state moves by its size, first order."""
-    problem, before = evaluation.problem, evaluation.limits.u_before
-    stage, end, _ = problem.state_slopes(x, before, 0 * before, 0, evaluation.p)
-    slopes = np.abs(problem.N * np.array(stage) + np.array(end)).ravel()
+    """Return the largest change of the cost of staying at x (nx,) as one state moves by its size, first order."""
+    problem, u_before = evaluation.problem, evaluation.limits.u_before
+    stage_slope, terminal_slope, _ = problem.state_slopes(x, u_before, 0 * u_before, 0, evaluation.p)
+    slopes = np.abs(problem.N * np.array(stage_slope) + np.array(terminal_slope)).ravel()
     return float((problem.scales.x * slopes).max(initial=0.0))
 
 
 def _holds(step: Step, p: np.ndarray, x: np.ndarray, inputs: np.ndarray, limit: np.ndarray) -> bool:
-    """Whether one of ``inputs`` (N, nu) moves no state of x (nx,) by more than ``limit`` (nx,)."""
-    start = np.repeat(x[:, None], len(inputs), axis=1)
-    after = np.array(step.solve.map(len(inputs))(start, inputs.T, p)[0])
-    return bool(np.any(np.all(np.abs(after - start) <= limit[:, None], axis=0)))
+    """Return whether one of ``inputs`` (N, nu) moves no state of x (nx,) by more than ``limit`` (nx,)."""
+    x_start = np.repeat(x[:, None], len(inputs), axis=1)
+    x_next = np.array(step.solve.map(len(inputs))(x_start, inputs.T, p)[0])
+    return bool(np.any(np.all(np.abs(x_next - x_start) <= limit[:, None], axis=0)))

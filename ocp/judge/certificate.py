@@ -21,8 +21,11 @@ Stationarity = Literal["B", "KKT", "not", "undecided"]
 RADII = (1e-3, 1e-4)
 """Trust regions, in characteristic sizes, in which a direction of descent is looked for."""
 _BIACTIVE = 1e-6
+"""Member of a pair, in its characteristic size, below which it counts as zero."""
 _FLAT = 1e-4
+"""Share of the typical change of a cost up to which a decrease per radius is none."""
 _NOISE = 1e-6
+"""Share of the typical change up to which a gain is none."""
 _STEEP = 100.0
 """Multiple of the cost's typical change from which on one variable hides what others gain."""
 WITHIN = 1e-2
@@ -155,7 +158,7 @@ def certify(
     A direction that gains less than 1e-6 of the typical change, curvature counted, is none:
     nothing else distinguishes a gradient from rounding where the cost is flat.
     """
-    began = time.perf_counter()
+    start_time = time.perf_counter()
     model = linear_model(nlp, x, p, bounds)
     complementary = nlp.reformulation == "none" and nlp.pairs.size > 0
     if not (np.isfinite(nlp.values(x, p)[0]) and model.finite):
@@ -181,7 +184,7 @@ def certify(
         negative_curvature=_curvature(model, hessian) if verdict == "B" else -1,
         moves=_moves(nlp, model, descent) if verdict == "not" else [],
         reason=descent.trouble,
-        seconds=time.perf_counter() - began,
+        seconds=time.perf_counter() - start_time,
     )
 
 
@@ -203,7 +206,7 @@ def linear_model(
 
 
 def tolerance_of(model: LinearModel) -> float:
-    """What a decrease per radius must exceed to count, see :class:`Certificate`."""
+    """Return what a decrease per radius must exceed to count, see :class:`Certificate`."""
     return _FLAT * model.typical_change
 
 
@@ -235,20 +238,20 @@ def _search(model: LinearModel, multipliers: np.ndarray | None, tolerance: float
 
     The flag marks strong stationarity: not even both members of near pairs may grow.
     """
-    found = Descent(0.0)
+    descent = Descent(0.0)
     for y in _candidates(model, multipliers):
         if model.dual_bound(y, RADII[0]) <= tolerance:
-            return "B", True, found
+            return "B", True, descent
     for radius in RADII:
         for branching in (False, True):
             if branching and not model.near(radius).any():
                 break
-            found = model.descend(radius, branching, tolerance)
-            if found.decrease <= tolerance:
-                return "B", not branching, found
-    if np.isnan(found.decrease):
-        return "undecided", False, Descent(np.nan, trouble=f"HiGHS reports {found.trouble!r}")
-    return "not", False, found
+            descent = model.descend(radius, branching, tolerance)
+            if descent.decrease <= tolerance:
+                return "B", not branching, descent
+    if np.isnan(descent.decrease):
+        return "undecided", False, Descent(np.nan, trouble=f"HiGHS reports {descent.trouble!r}")
+    return "not", False, descent
 
 
 def _candidates(model: LinearModel, multipliers: np.ndarray | None) -> Iterator[np.ndarray]:
@@ -328,18 +331,18 @@ def _moves(nlp: Program, model: LinearModel, descent: Descent) -> list[ContactCh
     """Contacts whose pairs the direction takes to their other side, runs of steps joined."""
     if not descent.near.size:
         return []
-    acted = model.members[0, descent.near] > model.members[1, descent.near]
-    moved = descent.step[model.pairs[:, descent.near]]
-    grows = np.where(descent.active > 0.5, moved[0], moved[1]) > 1e-6
+    was_active = model.members[0, descent.near] > model.members[1, descent.near]
+    pair_changes = descent.step[model.pairs[:, descent.near]]
+    grows = np.where(descent.active > 0.5, pair_changes[0], pair_changes[1]) > 1e-6
     biactive = np.all(model.members[:, descent.near] < _BIACTIVE, axis=0)
-    changed = grows & (biactive | (acted != (descent.active > 0.5)))
-    found: dict[tuple[int, str, str], list[int]] = {}
+    changed = grows & (biactive | (was_active != (descent.active > 0.5)))
+    changed_steps: dict[tuple[int, str, str], list[int]] = {}
     for index in np.flatnonzero(changed):
         pair = nlp.pair_name(int(descent.near[index]))
         change = _WORDS[pair.kind][int(descent.active[index] > 0.5)]
-        insort(found.setdefault((pair.scenario, pair.name, change), []), pair.step)
+        insort(changed_steps.setdefault((pair.scenario, pair.name, change), []), pair.step)
     return [
         ContactChange(change, name, scenario, int(run[0]), int(run[-1]))
-        for (scenario, name, change), steps in sorted(found.items(), key=lambda item: item[1][0])
+        for (scenario, name, change), steps in sorted(changed_steps.items(), key=lambda item: item[1][0])
         for run in np.split(steps, np.flatnonzero(np.diff(steps) != 1) + 1)
     ]

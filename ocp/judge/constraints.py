@@ -1,4 +1,4 @@
-"""Which of a problem's constraints a trajectory violates, and by how much."""
+"""Violations of a problem's constraints by trajectories, and how large they are."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ A tenth of what the states may differ by: at the solver's tolerance no plan that
 would survive another contact, however close its replay stays; a share of the size catches those
 that leave the bound by something which can be seen.
 """
-_FAR, _LEAST = 10.0, 1e-3
+_TRAVEL_FACTOR = 10.0
+"""Multiple of what a state moves that counts for its size at most."""
+_LEAST_SIZE = 1e-3
+"""Least size of a state for judging, in its characteristic size."""
 _KINDS = {
     "bound on x": "bound on",
     "bound on u": "bound on",
@@ -30,6 +33,7 @@ _KINDS = {
     "terminal": "terminal constraint",
     "periodic": "periodicity of",
 }
+"""Words for every kind of constraint, before the name of what it bounds."""
 
 
 @dataclass(frozen=True)
@@ -67,26 +71,26 @@ class Broken:
 
 
 def tolerance_sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
-    """Characteristic sizes of the states (nx,) for judging against a plan x (S, N+1, nx).
+    """Return characteristic sizes of the states (nx,) for judging against a plan x (S, N+1, nx).
 
     A problem's own, or ten times the most that any state of the same unit moves, where that is
     less, down to a thousandth of its own: sizes that are stated for metres, or not at all, say
     nothing of millimetres.
     """
     sizes = problem.scales.x
-    return np.clip(_FAR * travelled_ranges(problem, x), _LEAST * sizes, sizes)
+    return np.clip(_TRAVEL_FACTOR * travelled_ranges(problem, x), _LEAST_SIZE * sizes, sizes)
 
 
 def travelled_ranges(problem: Problem, x: np.ndarray) -> np.ndarray:
-    """The most that any state of the same unit moves in x (S, N+1, nx), for every state (nx,).
+    """Return the largest range of any state of the same unit in x (S, N+1, nx), for every state (nx,).
 
     Infinite where nothing of that unit moves, or states are NaN.
     """
     units = np.array([signal.unit for signal in problem.system.states])
     with np.errstate(invalid="ignore"):
         ranges = np.ptp(x, axis=1).max(axis=0)
-    most = np.array([ranges[units == unit].max() for unit in units])
-    return np.where(most > 0, most, np.inf)
+    unit_ranges = np.array([ranges[units == unit].max() for unit in units])
+    return np.where(unit_ranges > 0, unit_ranges, np.inf)
 
 
 def broken_constraints(evaluation: Evaluation, rollout: Rollout, sizes: np.ndarray | None = None) -> list[Broken]:
@@ -99,36 +103,36 @@ def broken_constraints(evaluation: Evaluation, rollout: Rollout, sizes: np.ndarr
     """
     problem, (x, u, impulses) = evaluation.problem, (rollout.x, rollout.u, rollout.impulses)
     _, _, u_low, u_high, x_low, x_high = evaluation.limits
-    system, of_x = problem.system, problem.scales.x if sizes is None else sizes
-    states, inputs = ([signal.name for signal in part] for part in (system.states, system.inputs))
-    after = x[:, 1:]
-    found = [
-        *_worst_entries("bound on x", states, _off(after, x_low, x_high), of_x, 1),
+    system, x_sizes = problem.system, problem.scales.x if sizes is None else sizes
+    states, inputs = ([signal.name for signal in signals] for signals in (system.states, system.inputs))
+    x_next = x[:, 1:]
+    broken = [
+        *_worst_entries("bound on x", states, _off(x_next, x_low, x_high), x_sizes, 1),
         *_worst_entries("bound on u", inputs, _off(u, u_low, u_high), problem.scales.u),
     ]
     for kind, constraints in (("path", problem.path), ("terminal", problem.terminal)):
         if constraints:
-            at = (x[:, :-1], u, x[:, 1:], impulses)
+            arrays = (x[:, :-1], u, x[:, 1:], impulses)
             if kind == "terminal":
-                at = (x[:, -1:], u[:, -1:], x[:, -1:], impulses[:, -1:])
-            off, size = _constraints_off(evaluation, constraints, *at, of_x)
-            first = 0 if kind == "path" else problem.N
+                arrays = (x[:, -1:], u[:, -1:], x[:, -1:], impulses[:, -1:])
+            violations, row_changes = _constraints_off(evaluation, constraints, *arrays, x_sizes)
+            first_step = 0 if kind == "path" else problem.N
             names = constraint_names(constraints)
-            found += _worst_entries(kind, names, off, size, first)
+            broken += _worst_entries(kind, names, violations, row_changes, first_step)
     if problem.start is not None and problem.start.periodic:
-        which = list(problem.start.periodic)
-        off = np.abs(x[:, -1:, which] - x[:, :1, which])
-        names = [states[i] for i in which]
-        found += _worst_entries("periodic", names, off, of_x[which], problem.N)
-    return sorted(found, key=lambda broken: -broken.share)
+        indices = list(problem.start.periodic)
+        violations = np.abs(x[:, -1:, indices] - x[:, :1, indices])
+        names = [states[i] for i in indices]
+        broken += _worst_entries("periodic", names, violations, x_sizes[indices], problem.N)
+    return sorted(broken, key=lambda broken: -broken.share)
 
 
 def noticeable_violations(broken: Sequence[Broken], share: float = CONSTRAINT_SHARE) -> list[Violation]:
-    """Worst entry of every kind that is broken by more than a share of its size."""
+    """Return the worst entry of every kind that is broken by more than a share of its size."""
     worst: dict[str, Violation] = {}
-    for one in broken:
-        if one.share > share:
-            worst.setdefault(one.violation.name, one.violation)
+    for entry in broken:
+        if entry.share > share:
+            worst.setdefault(entry.violation.name, entry.violation)
     return list(worst.values())
 
 
@@ -150,18 +154,18 @@ def _off(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def _worst_entries(
-    name: str, components: Sequence[str], off: np.ndarray, size: np.ndarray | float, first: int = 0
+    name: str, components: Sequence[str], violations: np.ndarray, sizes: np.ndarray | float, first_step: int = 0
 ) -> list[Broken]:
-    """Every component's worst violation of off (S, steps, n), the steps counted from ``first``."""
-    amounts = np.maximum(np.nan_to_num(off, nan=0.0), 0.0)
-    shares = amounts / size
-    found = []
+    """Return every component's worst violation of off (S, steps, n), the steps counted from ``first``."""
+    amounts = np.maximum(np.nan_to_num(violations, nan=0.0), 0.0)
+    shares = amounts / sizes
+    broken = []
     for i, component in enumerate(components):
         s, k = (int(v) for v in np.unravel_index(int(shares[:, :, i].argmax()), shares.shape[:2]))
         if shares[s, k, i] > 0:
-            violation = Violation(name, component, s, k + first, float(amounts[s, k, i]))
-            found.append(Broken(violation, float(shares[s, k, i])))
-    return found
+            violation = Violation(name, component, s, k + first_step, float(amounts[s, k, i]))
+            broken.append(Broken(violation, float(shares[s, k, i])))
+    return broken
 
 
 def _constraints_off(
@@ -171,35 +175,35 @@ def _constraints_off(
     u: np.ndarray,
     x_next: np.ndarray,
     lam: np.ndarray,
-    of_x: np.ndarray,
+    x_sizes: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Violation of every entry, (S, steps, n), and the size of a change of it."""
     problem = evaluation.problem
     system = problem.system
-    value = ca.vertcat(*(c.expression for c in constraints))
-    low = ca.vertcat(*(c.lower for c in constraints))
-    high = ca.vertcat(*(c.upper for c in constraints))
-    size = row_sizes(problem, value, of_x)
+    expressions = ca.vertcat(*(c.expression for c in constraints))
+    lower = ca.vertcat(*(c.lower for c in constraints))
+    upper = ca.vertcat(*(c.upper for c in constraints))
+    changes = row_sizes(problem, expressions, x_sizes)
     function = ca.Function(
         "constraints",
         [system.x, system.u, system.x_next, system.lam, problem.parameters.vector],
-        [ca.densify(part) for part in (ca.fmax(low - value, value - high), size)],
+        [ca.densify(expression) for expression in (ca.fmax(lower - expressions, expressions - upper), changes)],
     )
-    off, size = at_steps(function, x, u, x_next, lam, p=evaluation.p)
+    violations, changes = at_steps(function, x, u, x_next, lam, p=evaluation.p)
     # Where nothing changes a constraint to first order, any violation of it is a large one.
-    return off, np.fmax(size, 1e-12)
+    return violations, np.fmax(changes, 1e-12)
 
 
-def row_sizes(problem: Problem, value: ca.SX, of_x: np.ndarray) -> ca.SX:
-    """What entries (n, 1) change by, to first order, as each signal moves by its size, (n, 1).
+def row_sizes(problem: Problem, expressions: ca.SX, x_sizes: np.ndarray) -> ca.SX:
+    """Return the change of entries (n, 1), to first order, as each signal moves by its size.
 
     ``of_x`` (nx,) are the sizes of the states; x and x_next, inputs and impulses each count once.
     """
     system, scales = problem.system, problem.scales
     impulses = np.full(system.nlam, scales.impulse)
-    parts = ((system.x, of_x), (system.u, scales.u), (system.x_next, of_x), (system.lam, impulses))
-    total = ca.SX.zeros(value.numel())
-    for symbols, sizes in parts:
-        J = ca.fabs(ca.densify(ca.jacobian(value, symbols))) @ ca.diag(ca.DM(sizes))
-        total += ca.vertcat(*(ca.mmax(ca.horzcat(0, J[i, :])) for i in range(value.numel())))
-    return total
+    sized_symbols = ((system.x, x_sizes), (system.u, scales.u), (system.x_next, x_sizes), (system.lam, impulses))
+    changes = ca.SX.zeros(expressions.numel())
+    for symbols, sizes in sized_symbols:
+        J = ca.fabs(ca.densify(ca.jacobian(expressions, symbols))) @ ca.diag(ca.DM(sizes))
+        changes += ca.vertcat(*(ca.mmax(ca.horzcat(0, J[i, :])) for i in range(expressions.numel())))
+    return changes

@@ -1,4 +1,4 @@
-"""What contact did along a trajectory: forces, slip, stick, energy and momentum, step by step."""
+"""Contact along a trajectory: forces, slip, stick, energy and momentum, step by step."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ocp.problem.problem import Scales
 from ocp.problem.rollout import Rollout, mean_multipliers
 from ocp.transcription.nlp import Trajectories
 
-_ACTIVE = 1e-6
+_ACTIVE_SHARE = 1e-6
 """Share of the characteristic impulse above which a normal impulse counts."""
-_SLIPS = 1e-6
+_SLIP_SHARE = 1e-6
 """Share of the characteristic gap slid in a step above which a contact counts as slipping."""
-_DEGENERATE = 1e-5
+_BIACTIVE_SHARE = 1e-5
 """Share of the characteristic sizes below which both members of a pair count as zero."""
 
 
@@ -81,31 +81,31 @@ def contact_report(evaluation: Evaluation, step: Step, rollout: Rollout | Trajec
     those of the step's system, which may be another than the problem's.
     """
     problem, system, (lam, gap) = evaluation.problem, step.system, (rollout.lam, rollout.gap)
-    mean = mean_multipliers(step, lam)
-    at = TrajectoryEvaluator(evaluation, system, rollout.x, rollout.u, mean)
+    mean_lam = mean_multipliers(step, lam)
+    evaluate = TrajectoryEvaluator(evaluation, system, rollout.x, rollout.u, mean_lam)
     forces = system.forces
     if forces is None:
         names = tuple(signal.name for signal in system.contacts)
-        normal = mean
-        tangential = slip = friction = power = reach = np.zeros_like(mean)
+        normal = mean_lam
+        tangential = slip = friction = power = slip_size = np.zeros_like(mean_lam)
     else:
         names = forces.names
-        normal, tangential, slip, friction = at(forces.normal, forces.tangential, forces.slip, forces.friction)
-        power, reach = tangential * slip, np.abs(slip)
+        normal, tangential, slip, friction = evaluate(forces.normal, forces.tangential, forces.slip, forces.friction)
+        power, slip_size = tangential * slip, np.abs(slip)
         if forces.edges > 2:
-            tangential, slip, power, reach = _in_space(tangential, slip, forces.edges)
+            tangential, slip, power, slip_size = _in_space(tangential, slip, forces.edges)
     degenerate = _degenerate_steps(system, problem.scales, lam, gap, len(names))
-    h = at(ca.SX(system.h))[0]
+    h = evaluate(ca.SX(system.h))[0]
     active, distant = active_contacts(
         normal / problem.scales.impulse, _gaps(step, gap, len(names)) / problem.scales.gap
     )
-    slipping = active & (np.abs(slip) * h > _SLIPS * problem.scales.gap)
+    slipping = active & (np.abs(slip) * h > _SLIP_SHARE * problem.scales.gap)
     # A multiplier in newton is a force already.
     are_forces = forces is None and all(signal.unit == "N" for signal in system.contacts)
     force = normal if are_forces else normal / h
     flags = active, slipping, degenerate, distant
     contacts = _summaries(names, force, np.abs(slip) * h, *flags)
-    rough, bound = forces is not None, friction * normal
+    has_friction, bound = forces is not None, friction * normal
     return ContactReport(
         names,
         normal,
@@ -116,9 +116,9 @@ def contact_report(evaluation: Evaluation, step: Step, rollout: Rollout | Trajec
         slipping,
         degenerate,
         contacts,
-        largest_entry(np.abs(tangential) - bound) if rough else float("nan"),
-        largest_entry(bound * reach + power) if rough else float("nan"),
-        *_books(system.book, at),
+        largest_entry(np.abs(tangential) - bound) if has_friction else float("nan"),
+        largest_entry(bound * slip_size + power) if has_friction else float("nan"),
+        *_books(system.book, evaluate),
     )
 
 
@@ -129,45 +129,45 @@ def _in_space(
 
     Of a pyramid with ``edges`` the impulse that dissipates most lies on that edge.
     """
-    parts = [np.array(np.split(part, 2, axis=-1)) for part in (tangential, slip)]
-    sizes = [np.hypot(*part) for part in parts]
+    components = [np.array(np.split(vectors, 2, axis=-1)) for vectors in (tangential, slip)]
+    sizes = [np.hypot(*vectors) for vectors in components]
     angles = np.arange(edges) * 2 * np.pi / edges
-    along = np.tensordot(np.array([np.cos(angles), np.sin(angles)]).T, parts[1], 1)
-    return *sizes, (parts[0] * parts[1]).sum(axis=0), along.max(axis=0)  # pyright: ignore
+    edge_slip = np.tensordot(np.array([np.cos(angles), np.sin(angles)]).T, components[1], 1)
+    return *sizes, (components[0] * components[1]).sum(axis=0), edge_slip.max(axis=0)  # pyright: ignore
 
 
 def active_contacts(normal: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whether contacts are active, and whether they push at a distance.
+    """Return masks of active contacts, and of contacts that push at a distance.
 
     ``normal`` impulses and ``gap``, of one shape, are shares of their characteristic sizes. An
     active contact has an impulse above 1e-6 and above its gap. One with such an impulse and a
     larger gap is not active: smoothing lets it push at a distance.
     """
-    return (normal > _ACTIVE) & (normal > gap), (normal > _ACTIVE) & (normal <= gap)
+    return (normal > _ACTIVE_SHARE) & (normal > gap), (normal > _ACTIVE_SHARE) & (normal <= gap)
 
 
 def _gaps(step: Step, gap: np.ndarray, points: int) -> np.ndarray:
-    """The gap of every contact's normal pair, (S, N, points), zero for a contact without one."""
-    found, mean = np.zeros((*gap.shape[:2], points)), mean_multipliers(step, gap)
+    """Return the gap of every contact's normal pair, (S, N, points), zero for a contact without one."""
+    normal_gaps, mean_gaps = np.zeros((*gap.shape[:2], points)), mean_multipliers(step, gap)
     if step.system.forces is None:
-        return mean
+        return mean_gaps
     for i, pair in enumerate(step.system.pairs):
         if pair.kind == "normal" and pair.contact < points:
-            found[:, :, pair.contact] = mean[:, :, i]
-    return found
+            normal_gaps[:, :, pair.contact] = mean_gaps[:, :, i]
+    return normal_gaps
 
 
 def _degenerate_steps(
     system: ContactSystem, scaling: Scales, lam: np.ndarray, gap: np.ndarray, points: int
 ) -> np.ndarray:
-    """Whether a pair of the contact has both members near zero, (S, N, points)."""
+    """Return a mask of the steps at which a pair of the contact has both members near zero, (S, N, points)."""
     pairs = system.pairs
-    both = np.maximum(np.abs(lam) / scaling.impulse, np.abs(gap) / scaling.gap) < _DEGENERATE
+    near_zero = np.maximum(np.abs(lam) / scaling.impulse, np.abs(gap) / scaling.gap) < _BIACTIVE_SHARE
     degenerate = np.zeros((*lam.shape[:2], points), dtype=bool)
     for i in range(lam.shape[2]):
         pair = pairs[i % len(pairs)]
         if pair.kind == "normal" and pair.contact < points:
-            degenerate[:, :, pair.contact] |= both[:, :, i]
+            degenerate[:, :, pair.contact] |= near_zero[:, :, i]
     return degenerate
 
 
@@ -204,25 +204,25 @@ def _spans(active: np.ndarray) -> list[tuple[int, int]]:
     return [(int(first), int(end) - 1) for first, end in pairs]
 
 
-def _books(book: EnergyBook | None, at: TrajectoryEvaluator) -> tuple[float, float, float]:
+def _books(book: EnergyBook | None, evaluate: TrajectoryEvaluator) -> tuple[float, float, float]:
     """``energy_gain``, ``dissipated`` and ``momentum_residual``."""
     if book is None:
         return float("nan"), float("nan"), float("nan")
-    x, _, x_next, _, _ = at.symbols
-    after = [ca.substitute(part, x, x_next) for part in (book.energy, book.momentum)]
-    taken = book.energy + book.work - after[0]
-    off = after[1] - book.momentum - book.external
-    loss, defect = at(taken, off)
-    return max(0.0, largest_entry(-loss)), float(loss.sum()), largest_entry(np.abs(defect))
+    x, _, x_next, _, _ = evaluate.symbols
+    next_quantities = [ca.substitute(quantity, x, x_next) for quantity in (book.energy, book.momentum)]
+    energy_loss = book.energy + book.work - next_quantities[0]
+    momentum_defect = next_quantities[1] - book.momentum - book.external
+    losses, defects = evaluate(energy_loss, momentum_defect)
+    return max(0.0, largest_entry(-losses)), float(losses.sum()), largest_entry(np.abs(defects))
 
 
 def largest_entry(values: np.ndarray) -> float:
-    """The largest of all entries, 0 without any."""
+    """Return the largest of all entries, 0 without any."""
     return float(np.max(values)) if values.size else 0.0
 
 
 def least_slip(step: Step, lam: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """lam and gap (..., n) with every psi the least that the motion allows.
+    """Return lam and gap (..., n) with every psi the least that the motion allows.
 
     In ``0 <= beta± ⟂ psi ± h J_t v+ >= 0`` and ``0 <= psi ⟂ f gamma - beta+ - beta- >= 0`` any psi
     of at least ``|h J_t v+|`` will do where gamma = 0: nothing else depends on it. Under the exact

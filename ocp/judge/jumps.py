@@ -29,17 +29,27 @@ _SWITCHES = {
     ca.OP_DIV: "division",
     ca.OP_INV: "division",
 }
+"""Names of the operations that may jump."""
 _CALLS = (-1, 48)
-"""What CasADi reports as the operation of an output of a call, and of the call."""
-_LINES, _FOLLOWED, _HALVINGS = 64, 16, 60
-"""Lines that are drawn, those of them on which one switch is followed, and how closely."""
-_SEEN, _ROUNDING = 1e-9, 1e-12
-"""What counts as a jump, of the values beside it, and of those at the ends of the line."""
-_ASIDE, _POLE = 1e-6, 1e4
-"""Values beside a switch that are so many times those at this share of the line are a pole's."""
-_BLUNT, _POINT = 1e-3, 1e-12
-"""What counts as a jump where a value beside a switch is NaN; and the share of the line's below
-which coordinates are rounded to zero, to meet ``x == 0`` exactly."""
+"""Operations that CasADi reports of an output of a call, and of the call."""
+_LINES = 64
+"""Number of lines that are drawn."""
+_LINES_PER_SWITCH = 16
+"""Number of these on which one switch is followed."""
+_BISECTIONS = 60
+"""Number of bisections that bring the two sides of a switch together."""
+_JUMP_SHARE = 1e-9
+"""Difference across a switch that is a jump, as a share of the values beside it."""
+_ROUNDING_SHARE = 1e-12
+"""The same, as a share of the values at the ends of the line."""
+_ASIDE_SHARE = 1e-6
+"""Distance from a switch, as a share of the line, at which values are compared with those beside it."""
+_POLE_RATIO = 1e4
+"""Ratio of values beside a switch to those farther aside above which it is a pole."""
+_UNKNOWN_SHARE = 1e-3
+"""Difference, as a share of the values at the ends, that is a jump where a value beside a switch is NaN."""
+_ZERO_SHARE = 1e-12
+"""Share of the line below which coordinates are rounded to zero, to meet ``x == 0`` exactly."""
 
 
 @dataclass(frozen=True)
@@ -60,14 +70,14 @@ class Domain:
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
         """Ends (n, L) of lines, random points a hundredth to a hundred times the sizes away."""
         rng, n = np.random.default_rng(0), self.sizes.size
-        far = 10.0 ** rng.uniform(-2, 2, (2, _LINES, 1))
-        about = np.where(np.arange(_LINES)[:, None] % 2, self.centre, 0.0)
-        ends = about + self.sizes * far * rng.normal(size=(2, _LINES, n))
+        distances = 10.0 ** rng.uniform(-2, 2, (2, _LINES, 1))
+        centres = np.where(np.arange(_LINES)[:, None] % 2, self.centre, 0.0)
+        ends = centres + self.sizes * distances * rng.normal(size=(2, _LINES, n))
         low, high = np.clip(ends, self.lower, self.upper)
         return low.T, high.T
 
     def allowed(self, points: np.ndarray) -> np.ndarray:
-        """Which of ``points`` (n, L) violate no constraint."""
+        """Return a mask (L,) of the ``points`` (n, L) that violate no constraint."""
         if self.slack is None:
             return np.ones(points.shape[1], dtype=bool)
         return ~np.any(_at(self.slack, points) < 0, axis=0)
@@ -75,7 +85,7 @@ class Domain:
 
 @lru_cache(maxsize=16)
 def jump_findings(problem: Problem) -> tuple[Finding, ...]:
-    """Findings on what jumps in a problem within its bounds, and on what cannot be inspected.
+    """Return findings on what jumps in a problem within its bounds, and on what cannot be inspected.
 
     Impulses of friction are zero, and their own gaps left out: the basis of their tangents may
     turn, which changes no physics. The coefficient of friction is in the gaps of slip.
@@ -85,12 +95,12 @@ def jump_findings(problem: Problem) -> tuple[Finding, ...]:
     rows = [row for row in (*problem.path, *problem.terminal) if row.name != SWEPT]
     tangential = np.array([pair.kind == "friction" for pair in system.pairs], dtype=bool)
     gaps = system.gap[np.flatnonzero(~tangential).tolist()]
-    parts = {"stage_cost": problem.stage_cost, "terminal_cost": problem.terminal_cost}
-    parts |= {row.name: row.expression for row in rows}
-    parts |= {"dynamics": system.residual, "gaps": gaps}
+    expressions = {"stage_cost": problem.stage_cost, "terminal_cost": problem.terminal_cost}
+    expressions |= {row.name: row.expression for row in rows}
+    expressions |= {"dynamics": system.residual, "gaps": gaps}
     moving = ca.vertcat(x, u, du, system.x_next, lam)
-    fixed = {name: ca.substitute(part, p.vector, p.values) for name, part in parts.items()}
-    return jump_findings_of(fixed, moving, _domain(problem, moving, np.where(tangential, 0.0, np.inf)))
+    evaluated = {name: ca.substitute(expression, p.vector, p.values) for name, expression in expressions.items()}
+    return jump_findings_of(evaluated, moving, _domain(problem, moving, np.where(tangential, 0.0, np.inf)))
 
 
 def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
@@ -114,13 +124,13 @@ def _domain(problem: Problem, moving: ca.SX, most_lam: np.ndarray) -> Domain:
     )
 
 
-def jump_findings_of(parts: Mapping[str, ca.SX], moving: ca.SX, domain: Domain) -> tuple[Finding, ...]:
-    """Findings on the jumps of named ``parts``, expressions in ``moving`` (n, 1) alone."""
+def jump_findings_of(expressions: Mapping[str, ca.SX], moving: ca.SX, domain: Domain) -> tuple[Finding, ...]:
+    """Return findings on the jumps of named ``parts``, expressions in ``moving`` (n, 1) alone."""
 
     def located(find: Callable[[ca.SX], Iterable[str]]) -> list[str]:
-        return [f"{node} in {name}" for name, part in parts.items() for node in find(part)]
+        return [f"{node} in {name}" for name, expression in expressions.items() for node in find(expression)]
 
-    names, calls = located(lambda part: jumping_operations(part, moving, domain)), located(_calls)
+    names, calls = located(lambda expression: jumping_operations(expression, moving, domain)), located(_calls)
     findings = []
     if names:
         findings.append(make_finding("problem-jumps", operations=", ".join(names)))
@@ -130,7 +140,7 @@ def jump_findings_of(parts: Mapping[str, ca.SX], moving: ca.SX, domain: Domain) 
 
 
 def jumping_operations(expression: ca.SX, moving: ca.SX, domain: Domain) -> list[str]:
-    """Names of the operations at which ``expression`` (k, 1) jumps as ``moving`` (n, 1) moves.
+    """Return the names of the operations at which ``expression`` (k, 1) jumps as ``moving`` (n, 1) moves.
 
     It may use no other symbols. On straight lines through the domain a place where an operation of
     the graph switches, or a divisor or an absolute value changes sign, is found by bisection, and
@@ -138,37 +148,37 @@ def jumping_operations(expression: ca.SX, moving: ca.SX, domain: Domain) -> list
     not jump, nor does ``sqrt(x**2)``, nor a switch that no line crosses, nor a pole.
     """
     values = ca.Function("values", [moving], [ca.densify(expression)])
-    found: list[str] = []
+    names: list[str] = []
     for node in _nodes(expression):
         name = _SWITCHES.get(node.op())
-        if name is None or name in found or not ca.depends_on(node, moving):
+        if name is None or name in names or not ca.depends_on(node, moving):
             continue
-        followed = (ca.Function("side", [moving], [side, node]) for side in _sides(node))
-        found += [name] if any(_jumps_at(side, values, domain) for side in followed) else []
-    return found
+        side_functions = (ca.Function("side", [moving], [side, node]) for side in _sides(node))
+        names += [name] if any(_jumps_at(side, values, domain) for side in side_functions) else []
+    return names
 
 
 def _nodes(expression: ca.SX) -> Iterator[ca.SX]:
-    """Every operation of a graph, once."""
-    seen: set[int] = set()
-    left: list[Any] = list(expression.nz)
-    while left:
-        node = left.pop()
-        if node.is_leaf() or node.element_hash() in seen:
+    """Yield every operation of a graph once."""
+    visited: set[int] = set()
+    pending: list[Any] = list(expression.nz)
+    while pending:
+        node = pending.pop()
+        if node.is_leaf() or node.element_hash() in visited:
             continue
-        seen.add(node.element_hash())
+        visited.add(node.element_hash())
         yield node
-        left += [node.dep(k) for k in range(node.n_dep())]
+        pending += [node.dep(k) for k in range(node.n_dep())]
 
 
 def _calls(expression: ca.SX) -> dict[str, None]:
-    """Names of the functions that a graph calls, which have no graph in it."""
+    """Return the names of the functions that a graph calls, which have no graph in it."""
     calls = (str(node) for node in _nodes(expression) if node.op() in _CALLS)
     return dict.fromkeys(call.partition("(")[0] for call in calls)
 
 
 def _sides(node: ca.SX) -> list[ca.SX]:
-    """Expressions, constant between the places where an operation may jump."""
+    """Return expressions, constant between the places where an operation may jump."""
     operation, first, second = node.op(), node.dep(0), node.dep(node.n_dep() - 1)
     if operation in (ca.OP_EQ, ca.OP_NE):
         return [first < second]
@@ -186,26 +196,26 @@ def _at(function: ca.Function, points: np.ndarray, output: int = 0) -> np.ndarra
 
 
 def _jumps_at(side: ca.Function, values: ca.Function, domain: Domain) -> bool:
-    """Whether values differ on the two sides of a switch, or on it where two terms are equal."""
+    """Return whether values differ on the two sides of a switch, or on it where two terms are equal."""
     low, high = domain.ends
-    before, after = _at(side, low), _at(side, high)
-    crossed = np.flatnonzero(np.isfinite(before + after) & (before != after))[:_FOLLOWED]
-    if not crossed.size:
+    side_low, side_high = _at(side, low), _at(side, high)
+    crossing = np.flatnonzero(np.isfinite(side_low + side_high) & (side_low != side_high))[:_LINES_PER_SWITCH]
+    if not crossing.size:
         return False
-    low, high, before = low[:, crossed], high[:, crossed], before[:, crossed]
+    low, high, side_low = low[:, crossing], high[:, crossing], side_low[:, crossing]
     ends, scale = (low, high), np.abs(_at(values, low)) + np.abs(_at(values, high))
-    for _ in range(_HALVINGS):
+    for _ in range(_BISECTIONS):
         middle = (low + high) / 2
-        same = _at(side, middle) == before
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    on = np.where(np.abs(low) < _POINT * np.abs(ends[1] - ends[0]), 0.0, low)
-    first, last, between = (_at(values, point) for point in (low, high, on))
-    aside = [_at(values, low + _ASIDE * (end - low)) for end in ends]
-    pole = np.abs(first) > _POLE * np.abs(aside[0])
-    least = _SEEN * (np.abs(first) + np.abs(last)) + _ROUNDING * scale
-    beside = np.maximum(np.minimum(first, last) - between, between - np.maximum(first, last))
-    point = np.isfinite(beside) & (beside > least) & (_at(side, on, 1) != _at(side, low, 1))
+        unchanged = _at(side, middle) == side_low
+        low, high = np.where(unchanged, middle, low), np.where(unchanged, high, middle)
+    on_switch = np.where(np.abs(low) < _ZERO_SHARE * np.abs(ends[1] - ends[0]), 0.0, low)
+    value_low, value_high, value_on = (_at(values, is_point) for is_point in (low, high, on_switch))
+    values_aside = [_at(values, low + _ASIDE_SHARE * (end - low)) for end in ends]
+    pole = np.abs(value_low) > _POLE_RATIO * np.abs(values_aside[0])
+    tolerance = _JUMP_SHARE * (np.abs(value_low) + np.abs(value_high)) + _ROUNDING_SHARE * scale
+    beyond_both = np.maximum(np.minimum(value_low, value_high) - value_on, value_on - np.maximum(value_low, value_high))
+    is_point = np.isfinite(beyond_both) & (beyond_both > tolerance) & (_at(side, on_switch, 1) != _at(side, low, 1))
     # A quotient of zeros: what stands a little further aside is compared, less closely.
-    unknown = np.isnan(first + last) & (np.abs(aside[1] - aside[0]) > _BLUNT * scale)
-    jumped = ((np.abs(first - last) > least) & ~pole) | point | unknown
+    is_unknown = np.isnan(value_low + value_high) & (np.abs(values_aside[1] - values_aside[0]) > _UNKNOWN_SHARE * scale)
+    jumped = ((np.abs(value_low - value_high) > tolerance) & ~pole) | is_point | is_unknown
     return bool(np.any(jumped & domain.allowed(low) & domain.allowed(high)))

@@ -18,15 +18,19 @@ if TYPE_CHECKING:
 
 SHARP = 1e-7
 """A Newton step, in characteristic sizes, after which the next one would be of rounding's size."""
-_REGULAR = 1e-12
-_NEWTONS = 8
-_DIFFERENCE = 1e-5
-_BOTH = 1e-6
+_BORDER_REGULARISATION = 1e-12
+"""Regularisation of the bordered KKT matrix, scaled."""
+_NEWTON_STEPS = 8
+"""Maximum number of Newton steps of a correction."""
+_CENTRAL_STEP = 1e-5
+"""Step of central differences by the parameter, in its unit."""
+_BIACTIVE_MEMBER = 1e-6
+"""Member of a pair, in characteristic sizes, below which it is held beside the smaller one."""
 
 
 @dataclass(frozen=True)
 class Held:
-    """Which ends are active: -1 the lower, 1 the upper, 0 none; of ``x`` (n,) and ``g`` (m,)."""
+    """Active ends of ``x`` (n,) and ``g`` (m,): -1 the lower, 1 the upper, 0 none."""
 
     x: np.ndarray
     g: np.ndarray
@@ -34,15 +38,15 @@ class Held:
     def toggled(self, end: int) -> Held:
         """Hold what is free, or free what is held, at an end of :meth:`KKTCurve.margins`."""
         x, g = self.x.copy(), self.g.copy()
-        part, at = (x, end) if end < 2 * x.size else (g, end - 2 * x.size)
-        sign, at = (-1, at) if at < part.size else (1, at - part.size)
-        part[at] = 0 if part[at] else sign
+        signs, index = (x, end) if end < 2 * x.size else (g, end - 2 * x.size)
+        sign, index = (-1, index) if index < signs.size else (1, index - signs.size)
+        signs[index] = 0 if signs[index] else sign
         return Held(x, g)
 
     def holds(self, end: int) -> bool:
-        """Whether an end of :meth:`KKTCurve.margins` is held."""
-        after = self.toggled(end)
-        return np.abs(after.x).sum() + np.abs(after.g).sum() < (np.abs(self.x).sum() + np.abs(self.g).sum())
+        """Return whether an end of :meth:`KKTCurve.margins` is held."""
+        toggled = self.toggled(end)
+        return np.abs(toggled.x).sum() + np.abs(toggled.g).sum() < (np.abs(self.x).sum() + np.abs(self.g).sum())
 
 
 class KKTCurve:
@@ -72,8 +76,8 @@ class KKTCurve:
         p, bounds = self.given(values[name] / unit)
         gradient, g, jacobian = program.slopes(x, p)
         self.sizes = program.sizes(x)
-        least = 1e-12 * program.natural.f
-        self.scale = max(float(np.abs(gradient * self.sizes).max(initial=0.0)), least)
+        smallest = 1e-12 * program.natural.f
+        self.scale = max(float(np.abs(gradient * self.sizes).max(initial=0.0)), smallest)
         largest = abs(jacobian @ sp.diags(self.sizes)).max(axis=1).toarray().ravel()
         self.rows = 1 / np.maximum(largest, 1e-12)
         self.own = program.pairs if program.reformulation == "none" else np.zeros((2, 0), dtype=int)
@@ -112,7 +116,7 @@ class KKTCurve:
             members = x[self.own] / self.sizes[self.own]
             smaller = np.argmin(members, axis=0)
             held_x[self.own[smaller, np.arange(smaller.size)]] = -1
-            held_x[self.own] *= (members < _BOTH) | (np.arange(2)[:, None] == smaller)
+            held_x[self.own] *= (members < _BIACTIVE_MEMBER) | (np.arange(2)[:, None] == smaller)
         else:
             held_x[self.program.pairs] = 0
         return Held(held_x, held_g)
@@ -133,7 +137,7 @@ class KKTCurve:
         return (gradient + jacobian.T @ y) * self.sizes / self.scale, g * self.rows, bounds
 
     def equations(self, v: np.ndarray) -> np.ndarray:
-        """What is zero on the curve, one entry fewer than v has."""
+        """Return the residual of the curve, one entry fewer than v has."""
         slope, g, bounds = self._state(v)
         ends = np.where(self.held.g < 0, bounds["lbg"], bounds["ubg"])[self.acting]
         return np.concatenate([slope[self.free], g[self.acting] - ends * self.rows[self.acting]])
@@ -144,8 +148,8 @@ class KKTCurve:
 
         (x, y), (p, _) = self.point(v), self.given(v[-1])
         H, A = self._second(x, y, p)
-        step = _DIFFERENCE * self.parameter_direction
-        last = (self.equations(v + step) - self.equations(v - step)) / (2 * _DIFFERENCE)
+        step = _CENTRAL_STEP * self.parameter_direction
+        last = (self.equations(v + step) - self.equations(v - step)) / (2 * _CENTRAL_STEP)
         square = sp.bmat([[H, A.T], [A, sp.csr_matrix((self.ng, self.ng))]])
         return sp.csc_matrix(sp.hstack([square, last[:, None]]))
 
@@ -170,11 +174,11 @@ class KKTCurve:
         import scipy.sparse as sp
         import scipy.sparse.linalg as sla
 
-        small = np.concatenate([np.full(self.nx, _REGULAR), np.full(self.ng, -_REGULAR)])
+        small = np.concatenate([np.full(self.nx, _BORDER_REGULARISATION), np.full(self.ng, -_BORDER_REGULARISATION)])
         diagonal = sp.hstack([sp.diags(small), sp.csr_matrix((small.size, 1))])
-        whole = sp.csc_matrix(sp.vstack([self.matrix(v) + diagonal, sp.csr_matrix(border)]))
+        bordered = sp.csc_matrix(sp.vstack([self.matrix(v) + diagonal, sp.csr_matrix(border)]))
         try:
-            return sla.splu(whole).solve(right)
+            return sla.splu(bordered).solve(right)
         except RuntimeError:
             return np.full_like(v, np.nan)
 
@@ -185,9 +189,9 @@ class KKTCurve:
     def newton(self, v: np.ndarray, border: np.ndarray, target: float) -> np.ndarray | None:
         """Come to the curve where ``border' v = target``; None where that does not converge."""
         last = np.inf
-        for _ in range(_NEWTONS):
-            off = np.append(self.equations(v), border @ v - target)
-            step = self.solve(v, border, -off)
+        for _ in range(_NEWTON_STEPS):
+            residual = np.append(self.equations(v), border @ v - target)
+            step = self.solve(v, border, -residual)
             self.iterations += 1
             size = float(np.abs(step).max())
             if not size < max(2 * last, SHARP):
@@ -205,14 +209,14 @@ class KKTCurve:
         ahead = (tau - v[-1]) * self.tangent(v)
         if not np.all(np.isfinite(ahead)):
             return None
-        found = self.newton(v + ahead, self.parameter_direction, tau)
-        if found is None:
+        solution = self.newton(v + ahead, self.parameter_direction, tau)
+        if solution is None:
             return None
-        off = np.abs(found - v - ahead)[: self.nx].max(initial=0.0)
-        return found if off <= 0.5 * np.abs(ahead)[: self.nx].max(initial=0.0) + 1e-4 else None
+        residual = np.abs(solution - v - ahead)[: self.nx].max(initial=0.0)
+        return solution if residual <= 0.5 * np.abs(ahead)[: self.nx].max(initial=0.0) + 1e-4 else None
 
     def margins(self, v: np.ndarray) -> np.ndarray:
-        """What keeps the active set, scaled: slacks of free ends, multipliers of held ones.
+        """Return what keeps the active set, scaled: slacks of free ends, multipliers of held ones.
 
         Order: lower and upper ends of x, then of g, (2n + 2m,); infinite where nothing can change:
         equations, and the one held member of a pair, whose multiplier may have either sign.
@@ -220,33 +224,33 @@ class KKTCurve:
         slope, g, bounds = self._state(v)
         x, y = self.point(v)
         eta = y / (self.scale * self.rows)
-        parts = [
+        slack_groups = [
             _margins(x / self.sizes, bounds["lbx"] / self.sizes, bounds["ubx"] / self.sizes, slope, self.held.x),
             _margins(g, bounds["lbg"] * self.rows, bounds["ubg"] * self.rows, -eta, self.held.g),
         ]
         if self.own.size:
             holds = self.held.x[self.own] != 0
-            parts[0][0][self.own[holds & (holds.sum(axis=0) == 1)]] = np.inf
-        return np.concatenate([np.concatenate(part) for part in parts])
+            slack_groups[0][0][self.own[holds & (holds.sum(axis=0) == 1)]] = np.inf
+        return np.concatenate([np.concatenate(part) for part in slack_groups])
 
     def press(self, v: np.ndarray) -> np.ndarray:
-        """How hard every variable presses against its lower end, scaled; zero where it is free."""
+        """Return the slopes with which variables press against their lower ends, scaled; zero where free."""
         return self._state(v)[0]
 
     def place(self, end: int) -> tuple[str, int, bool]:
         """Name and step of an end of :meth:`margins`, and whether it belongs to a pair."""
         program = self.program
         if end < 2 * program.n:
-            at = end % program.n
-            found = np.flatnonzero((program.pairs == at).any(axis=0))
-            if found.size and end < program.n:
-                pair = program.pair_name(int(found[0]))
+            variable = end % program.n
+            pair_columns = np.flatnonzero((program.pairs == variable).any(axis=0))
+            if pair_columns.size and end < program.n:
+                pair = program.pair_name(int(pair_columns[0]))
                 return pair.name, pair.step, True
-            block, index = program.variables.locate(at)
+            block, index = program.variables.locate(variable)
         else:
             block, index = program.constraints.locate((end - 2 * program.n) % program.m)
-        own = block.components[index[-1]] if block.components else block.name
-        return own, int(index[1]) if len(index) > 2 else 0, False
+        name = block.components[index[-1]] if block.components else block.name
+        return name, int(index[1]) if len(index) > 2 else 0, False
 
     def result(self, v: np.ndarray) -> tuple[Point, float, np.ndarray]:
         """Point with the multipliers of rows and bounds, cost and constraints."""
@@ -274,8 +278,8 @@ def regular(
 
 
 def _pressing(low: np.ndarray, high: np.ndarray, value: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    held = np.where(low > value - lower, -1, np.where(high > upper - value, 1, 0))
-    return np.where(lower == upper, 1, held)
+    is_held = np.where(low > value - lower, -1, np.where(high > upper - value, 1, 0))
+    return np.where(lower == upper, 1, is_held)
 
 
 def _margins(

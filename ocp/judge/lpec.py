@@ -99,24 +99,24 @@ class LinearModel:
         import scipy.sparse as sp
 
         rows = self.rows @ sp.diags(factor)
-        more = 1 / np.maximum(abs(rows).max(axis=1).toarray().ravel(), 1e-12)
+        row_factors = 1 / np.maximum(abs(rows).max(axis=1).toarray().ravel(), 1e-12)
         return replace(
             self,
             cost=self.cost * factor,
-            rows=sp.csr_matrix(sp.diags(more) @ rows),
-            row_lower=self.row_lower * more,
-            row_upper=self.row_upper * more,
+            rows=sp.csr_matrix(sp.diags(row_factors) @ rows),
+            row_lower=self.row_lower * row_factors,
+            row_upper=self.row_upper * row_factors,
             lower=self.lower / factor,
             upper=self.upper / factor,
-            row_scale=self.row_scale * more,
+            row_scale=self.row_scale * row_factors,
             sizes=self.sizes * factor,
         )
 
     @property
     def finite(self) -> bool:
         """Whether every derivative and every constraint is a number."""
-        parts = (self.cost, self.rows.data, self.row_lower, self.row_upper)
-        return not any(np.isnan(part).any() for part in parts)
+        arrays = (self.cost, self.rows.data, self.row_lower, self.row_upper)
+        return not any(np.isnan(array).any() for array in arrays)
 
     def near(self, radius: float) -> np.ndarray:
         """Pairs whose members are both within ``radius`` of zero: these may change sides."""
@@ -147,11 +147,11 @@ class LinearModel:
         lower = np.maximum(self.lower / radius, -1.0)
         upper = np.minimum(self.upper / radius, 1.0)
         decided = ~self.near(radius)
-        held = self.held[decided]
-        lower[held] = upper[held] = 0.0
-        loose = self.pairs[:, ~decided]
-        lower[loose] = -self._snapped()[:, ~decided] / radius
-        upper[loose] = 1.0
+        zero_members = self.held[decided]
+        lower[zero_members] = upper[zero_members] = 0.0
+        near_members = self.pairs[:, ~decided]
+        lower[near_members] = -self._snapped()[:, ~decided] / radius
+        upper[near_members] = 1.0
         return lower, upper
 
     def _snapped(self) -> np.ndarray:
@@ -180,52 +180,52 @@ class LinearModel:
         ``first`` it ends at the first one. A ``cut`` of minus infinity asks for any direction; the
         step is zero where there is none. The search ends after :data:`NODES` nodes.
         """
-        near = np.flatnonzero(self.near(radius)) if branching else np.zeros(0, dtype=int)
+        near_pairs = np.flatnonzero(self.near(radius)) if branching else np.zeros(0, dtype=int)
         n = self.cost.size
-        found = _solved(*self._program(radius, near, cut), 1e9 if first else 0.5)
-        if found.status == 2 and near.size:
+        solution = _solved(*self._program(radius, near_pairs, cut), 1e9 if first else 0.5)
+        if solution.status == 2 and near_pairs.size:
             return Descent(0.0, np.zeros(n))
-        if found.x is None:
-            return Descent(np.nan, np.zeros(n), trouble=str(found.message))
-        step = found.x[:n]
-        fall = max(0.0, -float(self.cost @ step))
-        return Descent(fall, step, near, np.round(found.x[n:]))
+        if solution.x is None:
+            return Descent(np.nan, np.zeros(n), trouble=str(solution.message))
+        step = solution.x[:n]
+        decrease = max(0.0, -float(self.cost @ step))
+        return Descent(decrease, step, near_pairs, np.round(solution.x[n:]))
 
     def _program(
-        self, radius: float, near: np.ndarray, cut: float
+        self, radius: float, near_pairs: np.ndarray, cut: float
     ) -> tuple[np.ndarray, tuple[Any, ...], tuple[Any, ...], np.ndarray]:
         """Objective, rows, bounds and integrality over the direction and one binary a near pair."""
         import scipy.sparse as sp
 
-        count, size = near.size, max(float(np.abs(self.cost).max(initial=0.0)), 1e-300)
-        none, one = np.zeros(count), np.ones(count)
+        count, size = near_pairs.size, max(float(np.abs(self.cost).max(initial=0.0)), 1e-300)
+        zeros, ones = np.zeros(count), np.ones(count)
         lower, upper = self.box(radius)
-        objective = np.concatenate([self.cost / size, none])
+        objective = np.concatenate([self.cost / size, zeros])
         rows = [sp.hstack([self.rows, sp.csr_matrix((self.row_scale.size, count))])]
-        ends = [(self.row_lower / radius, self.row_upper / radius)]
+        row_limits = [(self.row_lower / radius, self.row_upper / radius)]
         if count:
-            members = self._snapped()[:, near] / radius
-            free = np.full(count, -np.inf)
-            rows += [*self._branches(near, members), sp.csr_matrix(objective)]
-            ends += [(free, -members[0]), (free, one), (free[:1], np.array([-cut / size]))]
-        low, high = (np.concatenate(part) for part in zip(*ends, strict=True))
-        box = np.concatenate([lower, none]), np.concatenate([upper, one])
-        whole = np.concatenate([np.zeros(self.cost.size), one])
-        return objective, (sp.vstack(rows), low, high), box, whole
+            members = self._snapped()[:, near_pairs] / radius
+            no_limit = np.full(count, -np.inf)
+            rows += [*self._branches(near_pairs, members), sp.csr_matrix(objective)]
+            row_limits += [(no_limit, -members[0]), (no_limit, ones), (no_limit[:1], np.array([-cut / size]))]
+        low, high = (np.concatenate(limits) for limits in zip(*row_limits, strict=True))
+        box = np.concatenate([lower, zeros]), np.concatenate([upper, ones])
+        integrality = np.concatenate([np.zeros(self.cost.size), ones])
+        return objective, (sp.vstack(rows), low, high), box, integrality
 
-    def _branches(self, near: np.ndarray, members: np.ndarray) -> list[sp.csr_matrix]:
+    def _branches(self, near_pairs: np.ndarray, members: np.ndarray) -> list[sp.csr_matrix]:
         """``l + d_l <= z (l + 1)`` and ``g + d_g <= (1 - z) (g + 1)``, all over the radius."""
         import scipy.sparse as sp
 
-        count, n = near.size, self.cost.size
-        at = np.arange(count), np.ones(count)
+        count, n = near_pairs.size, self.cost.size
+        entries = np.arange(count), np.ones(count)
 
-        def chosen(which: int) -> sp.csr_matrix:
-            return sp.csr_matrix((at[1], (at[0], self.pairs[which, near])), (count, n))
+        def member_columns(member: int) -> sp.csr_matrix:
+            return sp.csr_matrix((entries[1], (entries[0], self.pairs[member, near_pairs])), (count, n))
 
         return [
-            sp.csr_matrix(sp.hstack([chosen(0), sp.diags(-(members[0] + 1))])),
-            sp.csr_matrix(sp.hstack([chosen(1), sp.diags(members[1] + 1)])),
+            sp.csr_matrix(sp.hstack([member_columns(0), sp.diags(-(members[0] + 1))])),
+            sp.csr_matrix(sp.hstack([member_columns(1), sp.diags(members[1] + 1)])),
         ]
 
 
@@ -253,23 +253,25 @@ def _solved(
     objective: np.ndarray,
     rows: tuple[Any, ...],
     box: tuple[Any, ...],
-    whole: np.ndarray,
+    integrality: np.ndarray,
     gap: float,
 ) -> OptimizeResult:
     """Solve by HiGHS; a second time without presolve where it ran into numerical trouble."""
     from scipy.optimize import Bounds, LinearConstraint, milp
 
     options = {"node_limit": NODES, "mip_rel_gap": gap}
-    given = {"constraints": LinearConstraint(*rows), "bounds": Bounds(*box), "integrality": whole}
+    arguments = {"constraints": LinearConstraint(*rows), "bounds": Bounds(*box), "integrality": integrality}
     with unheard():
-        found = milp(objective, options=options, **given)
-        if found.status == 4 and "limit" not in found.message:
-            found = milp(objective, options={**options, "presolve": False}, **given)
-    return found
+        solution = milp(objective, options=options, **arguments)
+        if solution.status == 4 and "limit" not in solution.message:
+            solution = milp(objective, options={**options, "presolve": False}, **arguments)
+    return solution
 
 
-_REGULAR = 1e-8
-_NOISE = 1e-7
+_NULL_SPACE_SHIFT = 1e-8
+"""Regularisation of the rows when negative eigenvalues are counted."""
+_LEAST_CURVATURE = 1e-7
+"""Eigenvalue, as a share of the largest entry of H, above whose negative none is negative."""
 
 
 def negative_curvature(hessian: sp.csr_matrix, constraints: sp.csr_matrix) -> int:
@@ -287,11 +289,11 @@ def negative_curvature(hessian: sp.csr_matrix, constraints: sp.csr_matrix) -> in
     if n == 0:
         return 0
     size = max(float(np.abs(hessian.data).max(initial=0.0)), 1e-300)
-    top = sp.identity(n) * _NOISE + hessian / size
-    whole = sp.bmat([[top, constraints.T], [constraints, -_REGULAR * sp.identity(m)]], format="csc")
+    top = sp.identity(n) * _LEAST_CURVATURE + hessian / size
+    augmented = sp.bmat([[top, constraints.T], [constraints, -_NULL_SPACE_SHIFT * sp.identity(m)]], format="csc")
     try:
         factors = sla.splu(
-            whole,
+            augmented,
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
@@ -304,26 +306,27 @@ def negative_curvature(hessian: sp.csr_matrix, constraints: sp.csr_matrix) -> in
     return max(0, int((signs < 0).sum()) - m)
 
 
-_ONE = threading.Lock()
+_STDOUT_LOCK = threading.Lock()
+"""Lock of file descriptor 1 while it is redirected."""
 
 
 @contextmanager
 def unheard() -> Iterator[None]:
     """Discard output on file descriptor 1; HiGHS has a ``printf`` without a switch."""
-    with _ONE, Path(os.devnull).open("w") as nowhere:
+    with _STDOUT_LOCK, Path(os.devnull).open("w") as nowhere:
         _flush()
         try:
-            kept = os.dup(1)
+            stdout_copy = os.dup(1)
         except OSError:
-            kept = -1
+            stdout_copy = -1
         try:
             os.dup2(nowhere.fileno(), 1)
             yield
         finally:
             _flush()
-            os.dup2(kept, 1) if kept >= 0 else os.close(1)
+            os.dup2(stdout_copy, 1) if stdout_copy >= 0 else os.close(1)
             with suppress(OSError):
-                os.close(kept)
+                os.close(stdout_copy)
 
 
 def _flush() -> None:

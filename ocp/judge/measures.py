@@ -62,14 +62,17 @@ class DenseFunction:
 
 ACTIVE = 1e-3
 """Share of the characteristic impulse above which a normal impulse counts as a force that acts."""
-_SAMPLES = 16
+_WAY_SAMPLES = 16
+"""Number of intervals of a way between nodes that are sampled."""
 _GOLDEN = (np.sqrt(5) - 1) / 2
+"""Ratio of the golden section."""
 _SECTIONS = 40
+"""Number of golden sections around the least sample."""
 
 
 @dataclass(frozen=True)
 class Worst:
-    """The largest of something, at which contact, scenario and step; zero where there is none.
+    """Largest value of something, at which contact, scenario and step; zero where there is none.
 
     At a node ``step`` is its number, else that of the interval.
     """
@@ -106,22 +109,22 @@ def measure(evaluation: Evaluation, step: Step, rollout: Rollout) -> Physics:
         # In the order of the first ``phi``; a multiplier that is a force [N] stays one.
         impulse = impulse[:, :, [i for i, pair in enumerate(system.pairs) if pair.kind == "normal"]]
     else:
-        at = TrajectoryEvaluator(evaluation, system, x, rollout.u, impulse)
-        impulse = at(system.forces.normal)[0]
-    after = phi[:, 1:, : impulse.shape[2]]
-    acting = np.where(impulse > ACTIVE * problem.scales.impulse, after, 0.0)
+        evaluate = TrajectoryEvaluator(evaluation, system, x, rollout.u, impulse)
+        impulse = evaluate(system.forces.normal)[0]
+    next_distances = phi[:, 1:, : impulse.shape[2]]
+    force_distances = np.where(impulse > ACTIVE * problem.scales.impulse, next_distances, 0.0)
     return Physics(
         _worst(-phi, names),
         between(evaluation, x),
-        None if np.isnan(impulse).all() else _worst(acting, names),
+        None if np.isnan(impulse).all() else _worst(force_distances, names),
     )
 
 
 def pair_sizes(problem: Problem, system: ContactSystem) -> tuple[np.ndarray, np.ndarray]:
-    """Characteristic sizes (nlam,) of a system's multipliers and gaps: either may be a way [m]."""
-    ways, sizes = [signal.unit == "m" for signal in system.contacts], problem.scales
-    lam = np.where(ways, sizes.gap, sizes.impulse)
-    return lam, np.where(ways, sizes.impulse, sizes.gap)
+    """Return characteristic sizes (nlam,) of a system's multipliers and gaps: either may be a way [m]."""
+    is_length, sizes = [signal.unit == "m" for signal in system.contacts], problem.scales
+    lam = np.where(is_length, sizes.gap, sizes.impulse)
+    return lam, np.where(is_length, sizes.impulse, sizes.gap)
 
 
 def slip_sides(system: ContactSystem) -> list[tuple[int, list[int]]]:
@@ -134,48 +137,51 @@ def slip_sides(system: ContactSystem) -> list[tuple[int, list[int]]]:
 
 
 def _worst(amounts: np.ndarray, names: Sequence[str]) -> Worst:
-    found = np.nan_to_num(amounts, nan=-np.inf)
-    if not found.size:
+    finite_amounts = np.nan_to_num(amounts, nan=-np.inf)
+    if not finite_amounts.size:
         return Worst(0.0, "", 0, 0)
-    s, k, i = (int(v) for v in np.unravel_index(int(np.argmax(found)), found.shape))
-    return Worst(max(0.0, float(found[s, k, i])), names[i], s, k)
+    s, k, i = (int(v) for v in np.unravel_index(int(np.argmax(finite_amounts)), finite_amounts.shape))
+    return Worst(max(0.0, float(finite_amounts[s, k, i])), names[i], s, k)
 
 
 def between(evaluation: Evaluation, x: np.ndarray) -> Worst:
-    """Deepest penetration on the straight ways between the nodes of x (S, N+1, nx)."""
+    """Return the deepest penetration on the straight ways between the nodes of x (S, N+1, nx)."""
     return _worst(-least_between(evaluation, x), evaluation.problem.system.distance_names)
 
 
 def least_between(evaluation: Evaluation, x: np.ndarray) -> np.ndarray:
-    """Least phi on the straight way from every node to the next, (S, N, n_phi), ends included.
+    """Return the least phi on the straight way from every node to the next, (S, N, n_phi), ends included.
 
     Sampled at 16 points and then searched by golden section around the least: exact where phi has
     one minimum between two samples, as for convex bodies that do not turn, whose distance is convex
     along the way.
     """
-    start, way = x[:, :-1, None], np.diff(x, axis=1)[:, :, None]
-    share = np.linspace(0, 1, _SAMPLES + 1)
-    sampled = evaluation.signed_distances(start + share[:, None] * way)
+    start, displacement = x[:, :-1, None], np.diff(x, axis=1)[:, :, None]
+    fractions = np.linspace(0, 1, _WAY_SAMPLES + 1)
+    sampled = evaluation.signed_distances(start + fractions[:, None] * displacement)
     assert sampled is not None
-    at = np.nan_to_num(sampled, nan=np.inf).argmin(axis=2)
-    low, high = share[np.maximum(at - 1, 0)], share[np.minimum(at + 1, _SAMPLES)]
-    own = np.arange(sampled.shape[3])
+    least_index = np.nan_to_num(sampled, nan=np.inf).argmin(axis=2)
+    low, high = fractions[np.maximum(least_index - 1, 0)], fractions[np.minimum(least_index + 1, _WAY_SAMPLES)]
+    contact_index = np.arange(sampled.shape[3])
 
     def phi(t: np.ndarray) -> np.ndarray:
         # Every contact looks at its own place of the way, and only at its own distance there.
-        phi = evaluation.signed_distances(start + t[..., None] * way)
+        phi = evaluation.signed_distances(start + t[..., None] * displacement)
         assert phi is not None
-        return phi[:, :, own, own]
+        return phi[:, :, contact_index, contact_index]
 
-    least = sampled.min(axis=2)
-    one, two = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    phi_one, phi_two = phi(one), phi(two)
+    least_phi = sampled.min(axis=2)
+    left_point, right_point = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+    phi_left, phi_right = phi(left_point), phi(right_point)
     for _ in range(_SECTIONS):
-        least = np.minimum(least, np.minimum(phi_one, phi_two))
-        left = phi_one < phi_two
-        low, high = np.where(left, low, one), np.where(left, two, high)
-        new = np.where(left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
-        phi_new = phi(new)
-        one, two = np.where(left, new, two), np.where(left, one, new)
-        phi_one, phi_two = np.where(left, phi_new, phi_two), np.where(left, phi_one, phi_new)
-    return np.minimum(least, np.minimum(phi_one, phi_two))
+        least_phi = np.minimum(least_phi, np.minimum(phi_left, phi_right))
+        in_left = phi_left < phi_right
+        low, high = np.where(in_left, low, left_point), np.where(in_left, right_point, high)
+        new_point = np.where(in_left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
+        phi_at_new = phi(new_point)
+        left_point, right_point = (
+            np.where(in_left, new_point, right_point),
+            np.where(in_left, left_point, new_point),
+        )
+        phi_left, phi_right = np.where(in_left, phi_at_new, phi_right), np.where(in_left, phi_left, phi_at_new)
+    return np.minimum(least_phi, np.minimum(phi_left, phi_right))

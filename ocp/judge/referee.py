@@ -29,18 +29,19 @@ from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains, Rollout, Unsolved, roll_on
 
 REFINEMENT = 4
-"""By how much h is divided for the refined cost."""
+"""Factor by which h is divided for the refined cost."""
 COST_SHARE = 0.1
-"""How much dearer than the plan, as a share of its cost, a replay may be that survives."""
+"""Share of a plan's cost by which a replay that survives may be dearer."""
 STATE_SHARE = 0.1
-"""How far its states may be from the plan's, as a share of their characteristic size."""
+"""Distance of its states from the plan's, as a share of their characteristic size."""
 PENETRATION_SHARE = 0.1
-"""How deep bodies may be in one another, at or between nodes, as a share of the characteristic gap.
+"""Largest depth of bodies in one another, at or between nodes, as a share of the characteristic gap.
 
 At the nodes true gaps leave none but rounding. In between the straight way cuts corners: by a
 hundredth of the gap where contacts roll, by whole bodies where one passes through another.
 """
 _LEAST_GAP = 1e-4
+"""Least gap for judging, in the characteristic gap."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def referee_replay(evaluation: Evaluation, inputs: np.ndarray | Gains, x0: np.nd
 
 @dataclass(frozen=True)
 class StepSize:
-    """Where a model has its step size h: a ``parameter`` by name, or a ``state`` by its index.
+    """Place of the step size h of a model: a ``parameter`` by name, or a ``state`` by its index.
 
     A "fixed" step size discretises nothing that could be refined; ``reason`` says why.
     """
@@ -108,8 +109,8 @@ def step_size_kind(system: ContactSystem) -> StepSize:
 
 def index_of_symbol(symbol: ca.SX | float, symbols: ca.SX) -> int | None:
     """Return the index of a symbol in a column of symbols, None if it is not among them."""
-    wanted = ca.SX(symbol)
-    return next((i for i in range(symbols.numel()) if ca.is_equal(wanted, symbols[i])), None)
+    expression = ca.SX(symbol)
+    return next((i for i in range(symbols.numel()) if ca.is_equal(expression, symbols[i])), None)
 
 
 def refined_replay(
@@ -139,7 +140,7 @@ def refined_replay(
 
 @dataclass(frozen=True)
 class RefereeReport:
-    """How a plan does under the sharpest contact; a run stores it.
+    """Outcome of a plan under the sharpest contact; a run stores it.
 
     ``cost`` and ``gap``, the largest difference of a state from the plan, are those of its replay;
     ``survives_at_h`` is None without geometry, and ``reasons`` say why it is False, each half a
@@ -201,37 +202,37 @@ def referee_plan(
     Without geometry there is no referee, and the report has no costs.
     """
     problem = evaluation.problem
-    found = referee_replay(evaluation, plan.u if gains is None else gains, plan.x[:, 0])
-    two, branch_cost = _other_solution(evaluation, plan, gains)
-    if found.note is None:
-        return RefereeReport(note="no geometry", nonuniqueness=two, branch_cost=branch_cost), found
-    there = found.replay
+    refereed = referee_replay(evaluation, plan.u if gains is None else gains, plan.x[:, 0])
+    other_solution, branch_cost = _other_solution(evaluation, plan, gains)
+    if refereed.note is None:
+        return RefereeReport(note="no geometry", nonuniqueness=other_solution, branch_cost=branch_cost), refereed
+    replay = refereed.replay
     planned = measure(evaluation, step, plan)
-    replayed = measure(evaluation, problem.referee_step, there)
-    broken = broken_constraints(evaluation, there, tolerance_sizes(problem, plan.x))
-    reasons = survival_findings(evaluation, plan, found, replayed, broken)
-    finer = quarter_step_findings(evaluation, plan, found)
+    replayed = measure(evaluation, problem.referee_step, replay)
+    broken = broken_constraints(evaluation, replay, tolerance_sizes(problem, plan.x))
+    reasons = survival_findings(evaluation, plan, refereed, replayed, broken)
+    quarter_step_reasons = quarter_step_findings(evaluation, plan, refereed)
     return RefereeReport(
-        cost=found.cost,
-        gap=float(np.abs(there.x - plan.x).max()),
-        survives=not (reasons or finer),
+        cost=refereed.cost,
+        gap=float(np.abs(replay.x - plan.x).max()),
+        survives=not (reasons or quarter_step_reasons),
         survives_at_h=not reasons,
         reasons=[finding.sentence for finding in reasons],
-        refined_reasons=[finding.sentence for finding in finer],
+        refined_reasons=[finding.sentence for finding in quarter_step_reasons],
         findings=reasons,
-        refined_findings=finer,
-        note=found.note,
-        refined_cost=found.refined_cost,
-        refined_note=found.refined_note,
+        refined_findings=quarter_step_reasons,
+        note=refereed.note,
+        refined_cost=refereed.refined_cost,
+        refined_note=refereed.refined_note,
         penetration=planned.penetration,
         between=planned.between,
         force_distance=planned.force_distance,
         replay_penetration=replayed.penetration,
         replay_between=replayed.between,
-        broken=[one.violation for one in broken],
-        nonuniqueness=two,
+        broken=[entry.violation for entry in broken],
+        nonuniqueness=other_solution,
         branch_cost=branch_cost,
-    ), found
+    ), refereed
 
 
 def _other_solution(evaluation: Evaluation, plan: Rollout, gains: Gains | None) -> tuple[str, float]:
@@ -240,33 +241,33 @@ def _other_solution(evaluation: Evaluation, plan: Rollout, gains: Gains | None) 
     It is the solution that the replay takes, or else the one that costs most. ``("", nan)`` where
     no step has one; NaN where its motion cannot be followed to the end.
     """
-    problem, found = evaluation.problem, find_nonuniqueness(evaluation, plan)
-    if found is None:
+    problem, nonuniqueness = evaluation.problem, find_nonuniqueness(evaluation, plan)
+    if nonuniqueness is None:
         return "", math.nan
-    k, s, step = found.step, found.scenario, problem.exact_step
+    k, s, step = nonuniqueness.step, nonuniqueness.scenario, problem.exact_step
     inputs = plan.u[[s]] if gains is None else gains
-    rolled, _ = roll_on(evaluation, inputs, step, found.x_next, first=k + 1)
+    rolled, _ = roll_on(evaluation, inputs, step, nonuniqueness.x_next, first=k + 1)
     x, u, lam = rolled.x, rolled.u, rolled.lam
     x[:, : k + 1], u[:, : k + 1] = plan.x[s, : k + 1], plan.u[s, : k + 1]
-    lam[:, :k], lam[:, k] = plan.lam[s, :k], found.lam
+    lam[:, :k], lam[:, k] = plan.lam[s, :k], nonuniqueness.lam
     costs = Rollout.from_trajectories(evaluation, step, x, u, lam, rolled.gap).costs
-    which = 0 if found.replayed else int(np.nan_to_num(costs, nan=-np.inf).argmax())
-    apart = np.abs(found.x_next[which] - plan.x[s, k + 1])
-    i = int((apart / problem.scales.x).argmax())
-    signal, cost = problem.system.states[i], float(costs[which])
-    contacts = ", ".join(differing_contacts(problem, plan.lam[s, k], found.lam[which]))
-    words = (
+    solution = 0 if nonuniqueness.replayed else int(np.nan_to_num(costs, nan=-np.inf).argmax())
+    distances = np.abs(nonuniqueness.x_next[solution] - plan.x[s, k + 1])
+    i = int((distances / problem.scales.x).argmax())
+    signal, cost = problem.system.states[i], float(costs[solution])
+    contacts = ", ".join(differing_contacts(problem, plan.lam[s, k], nonuniqueness.lam[solution]))
+    description = (
         f"the contact forces at step {k} are not unique ({contacts}): from the same state and"
-        f" input, {signal.name} can also end {apart[i]:.2g} {signal.unit.removeprefix('1')}"
+        f" input, {signal.name} can also end {distances[i]:.2g} {signal.unit.removeprefix('1')}"
     ).rstrip()
-    words += f" away, as the replay does{'' if found.replayed else ' not'}"
-    ending = f"costs {cost:.6g}" if math.isfinite(cost) else "cannot be followed to the end"
-    more = f"; {found.steps - 1} more steps have another solution" if found.steps > 1 else ""
-    return f"{words}, and the motion from there {ending} instead of {plan.costs[s]:.6g}{more}", cost
+    description += f" away, as the replay does{'' if nonuniqueness.replayed else ' not'}"
+    consequence = f"costs {cost:.6g}" if math.isfinite(cost) else "cannot be followed to the end"
+    other_steps = f"; {nonuniqueness.steps - 1} more steps have another solution" if nonuniqueness.steps > 1 else ""
+    return f"{description}, and the motion from there {consequence} instead of {plan.costs[s]:.6g}{other_steps}", cost
 
 
 def tolerance_gap(problem: Problem, x: np.ndarray) -> float:
-    """Characteristic gap [m] to judge a plan x (S, N+1, nx): at most a third of the way it goes."""
+    """Return the characteristic gap [m] to judge a plan x (S, N+1, nx): at most a third of the way it goes."""
     ranges = travelled_ranges(problem, x)
     lengths = [size for size, signal in zip(ranges, problem.system.states, strict=True) if signal.unit == "m"]
     gap = problem.scales.gap
@@ -286,23 +287,23 @@ def survival_findings(
     ``physics`` and ``broken`` are those of the replay. Constant terms of the cost are no part of it
     (:meth:`~ocp.problem.evaluation.Evaluation.cost_share`).
     """
-    problem, excess = evaluation.problem, evaluation.cost_share(outcome.cost - plan.cost, plan.cost)
-    off = np.abs(outcome.replay.x - plan.x)
-    shares = off / tolerance_sizes(problem, plan.x)
-    share = float(shares.max())
+    problem, cost_excess = evaluation.problem, evaluation.cost_share(outcome.cost - plan.cost, plan.cost)
+    differences = np.abs(outcome.replay.x - plan.x)
+    shares = differences / tolerance_sizes(problem, plan.x)
+    largest_share = float(shares.max())
     reasons = []
     if outcome.failed is not None:
         reasons.append(make_finding("step-not-solved", step=outcome.failed.brief))
-    elif not math.isfinite(share):
+    elif not math.isfinite(largest_share):
         reasons.append(make_finding("states-not-finite"))
     elif not math.isfinite(outcome.cost):
         reasons.append(make_finding("replay-cost-not-finite"))
-    if excess > COST_SHARE:
+    if cost_excess > COST_SHARE:
         reasons.append(make_finding("costs-more", cost=outcome.cost, planned=plan.cost))
-    if share > STATE_SHARE:
-        s, k, i = (int(v) for v in np.unravel_index(int(shares.argmax()), off.shape))
+    if largest_share > STATE_SHARE:
+        s, k, i = (int(v) for v in np.unravel_index(int(shares.argmax()), differences.shape))
         signal = problem.system.states[i]
-        amount = float(off[s, k, i])
+        amount = float(differences[s, k, i])
         reasons.append(make_finding("state-differs", state=signal.name, amount=amount, unit=signal.unit, node=k))
     reasons += violation_findings(noticeable_violations(broken))
     tolerance = PENETRATION_SHARE * tolerance_gap(problem, plan.x)

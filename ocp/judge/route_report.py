@@ -96,7 +96,7 @@ class Refinement:
 
 @dataclass(frozen=True)
 class RouteReport:
-    """How an answer was found: ``name`` of the route that gave it, and what else was tried.
+    """Way to an answer: ``name`` of the route that gave it, and what else was tried.
 
     ``attempts`` are the starts, where there were several. ``started_from`` is the content hash of
     the solution that the solve started from, None without one; ``resumed`` says whether the solver

@@ -1,4 +1,4 @@
-"""How a solution changes with a parameter: one linear solve on its active set."""
+"""Derivatives of a solution by a parameter: one linear solve on its active set."""
 
 from __future__ import annotations
 
@@ -15,19 +15,22 @@ from ocp.transcription.nlp import NLP, Trajectories, trajectories
 if TYPE_CHECKING:
     import xarray as xr
 
-_DEGENERATE = 1e-7
-"""A slack or multiplier, in characteristic sizes, below which an end is not strictly one or other.
-"""
-_STILL = 1e-6
-"""How fast, per unit, such a slack may grow and still count as staying zero."""
-_SINGULAR, _ROUNDING = 1e-8, 1e-12
-_DIFFERENCE = 1e-4
-
-
+_NOT_STRICT = 1e-7
+"""Slack or multiplier, in characteristic sizes, below which an end is not strictly held or free."""
+_STAYS_ZERO = 1e-6
+"""Growth per unit up to which such a slack counts as staying zero."""
+_SINGULAR_MATRIX = 1e-8
+"""Norm of the KKT matrix times a unit vector below which the matrix is singular."""
+_COST_ROUNDING = 1e-12
+"""Rounding of a cost, in its natural unit."""
+_PARAMETER_STEP = 1e-4
+"""Step of differences along the tangent, in units of the parameter."""
+_SAME_PLAN = 1e-4
+"""Change of states and inputs below which two plans are one."""
 AGREEMENT = 0.1
 """Share by which the slope of a replay may differ from a sensitivity that it confirms."""
 Replay = Callable[[Trajectories, dict[str, float]], Any]
-"""Replays a plan at parameter values under the sharpest contact, see ocp.judge.referee."""
+"""Function that replays a plan at parameter values under the sharpest contact, see ocp.judge.referee."""
 
 
 def sensitivity(program: NLP, point: Point, values: dict[str, float], replay: Replay, name: str) -> xr.Dataset:
@@ -56,8 +59,10 @@ def sensitivity(program: NLP, point: Point, values: dict[str, float], replay: Re
     _check_regular(program, curve, v)
     t = curve.tangent(v)
     _check_strict(curve, v, t)
-    ends = [_trajectories(program, curve, v + s * _DIFFERENCE * t) for s in (1, -1)]
-    dx, du = ((getattr(ends[0], key) - getattr(ends[1], key)) / (2 * _DIFFERENCE * curve.unit) for key in ("x", "u"))
+    ends = [_trajectories(program, curve, v + s * _PARAMETER_STEP * t) for s in (1, -1)]
+    dx, du = (
+        (getattr(ends[0], key) - getattr(ends[1], key)) / (2 * _PARAMETER_STEP * curve.unit) for key in ("x", "u")
+    )
     replayed, refined, x_refined, note = _replayed_slopes(program, curve, v, t, replay)
     parameter = (program.problem.parameters + program.step.p).get(name)
     system = program.problem.system
@@ -88,43 +93,43 @@ def sensitivity(program: NLP, point: Point, values: dict[str, float], replay: Re
 def _replayed_slopes(
     program: NLP, curve: KKTCurve, v: np.ndarray, t: np.ndarray, replay: Replay
 ) -> tuple[float, float, np.ndarray, str]:
-    """Slopes of the replays' costs at h and h/4 and of x at h/4, and why there are none there."""
-    step, ends = _DIFFERENCE / 10, []
+    """Return slopes of the replays' costs at h and h/4 and of x at h/4, and why there are none there."""
+    step, replays = _PARAMETER_STEP / 10, []
     for sign in (1, -1):
-        there = v + sign * step * t
-        values = {**curve.values, curve.name: there[-1] * curve.unit}
-        ends.append(replay(_trajectories(program, curve, there), values))
-    pairs = [(end.cost, end.refined_cost, end.refined.x if end.refined else np.nan * end.replay.x) for end in ends]
-    cost, refined, x = ((a - b) / (2 * step * curve.unit) for a, b in zip(*pairs, strict=True))
-    return cost, refined, x, ends[0].refined_note or ends[1].refined_note
+        moved_point = v + sign * step * t
+        values = {**curve.values, curve.name: moved_point[-1] * curve.unit}
+        replays.append(replay(_trajectories(program, curve, moved_point), values))
+    results = [(end.cost, end.refined_cost, end.refined.x if end.refined else np.nan * end.replay.x) for end in replays]
+    cost, refined, x = ((a - b) / (2 * step * curve.unit) for a, b in zip(*results, strict=True))
+    return cost, refined, x, replays[0].refined_note or replays[1].refined_note
 
 
 def _finding(curve: KKTCurve, cost: float, replayed: float, refined: float) -> str:
     """The sensitivity of the cost beside those of its replays, half a sentence."""
     places = ((replayed, "in the replay"), (refined, "in the replay at h/4"))
     slopes = [f"the sensitivity dcost/d{curve.name} is {cost:.4g}"]
-    slopes += [f"{slope:.4g} {where}" for slope, where in places if np.isfinite(slope)]
-    least = AGREEMENT * abs(cost) + _ROUNDING * curve.program.natural.f / curve.unit
-    apart = np.abs([replayed - cost, refined - cost]) > least
-    why = "the law" if apart[0] else "the step size" if apart[1] else ""
-    return ", ".join(slopes) + (f": it depends on {why}" if why else "")
+    slopes += [f"{slope:.4g} {place}" for slope, place in places if np.isfinite(slope)]
+    tolerance = AGREEMENT * abs(cost) + _COST_ROUNDING * curve.program.natural.f / curve.unit
+    differs = np.abs([replayed - cost, refined - cost]) > tolerance
+    reason = "the law" if differs[0] else "the step size" if differs[1] else ""
+    return ", ".join(slopes) + (f": it depends on {reason}" if reason else "")
 
 
 def _check_strict(curve: KKTCurve, v: np.ndarray, t: np.ndarray) -> None:
-    """Refuse where an end is neither held nor free.
+    """Raise InputError where an end is neither held nor free.
 
     One whose slack and multiplier are zero, and stay so to first order along the tangent, does no
     harm: held or free the derivative is the same, as long as a pair's held member is pressed.
     """
-    step = _DIFFERENCE * t
+    step = _PARAMETER_STEP * t
     margins = curve.margins(v)
     with np.errstate(invalid="ignore"):
-        slopes = (curve.margins(v + step) - curve.margins(v - step)) / (2 * _DIFFERENCE)
-    degenerate = (margins < _DEGENERATE) & ~((margins > -_DEGENERATE) & (np.abs(slopes) < _STILL))
+        slopes = (curve.margins(v + step) - curve.margins(v - step)) / (2 * _PARAMETER_STEP)
+    degenerate = (margins < _NOT_STRICT) & ~((margins > -_NOT_STRICT) & (np.abs(slopes) < _STAYS_ZERO))
     if curve.own.size:
-        pressed = curve.press(v)[curve.own[::-1]] > _DEGENERATE
+        pressed = curve.press(v)[curve.own[::-1]] > _NOT_STRICT
         alone = (curve.held.x[curve.own[::-1]] != 0) & (curve.held.x[curve.own] == 0)
-        degenerate[curve.own] |= (margins[curve.own] < _DEGENERATE) & alone & ~pressed
+        degenerate[curve.own] |= (margins[curve.own] < _NOT_STRICT) & alone & ~pressed
     else:
         degenerate[curve.program.pairs] = False
     if degenerate.any():
@@ -136,18 +141,18 @@ def _check_strict(curve: KKTCurve, v: np.ndarray, t: np.ndarray) -> None:
 
 
 def _check_regular(program: NLP, curve: KKTCurve, v: np.ndarray) -> None:
-    """Refuse where the reduced KKT matrix takes some direction of states and inputs to nothing."""
-    right = np.random.default_rng(0).standard_normal(v.size)
-    right[-1] = 0.0
+    """Raise InputError where the reduced KKT matrix takes some direction of states and inputs to nothing."""
+    null_vector = np.random.default_rng(0).standard_normal(v.size)
+    null_vector[-1] = 0.0
     for _ in range(2):
-        right = curve.solve(v, curve.parameter_direction, right)
-        right /= np.linalg.norm(right)
-    small = np.abs(curve.matrix(v) @ right).max() < _SINGULAR
-    moved = np.zeros_like(right)
-    moved[: curve.nx] = right[: curve.nx]
-    ends = [_trajectories(program, curve, v + s * moved) for s in (1, -1)]
-    moves = max(np.abs(ends[0].x - ends[1].x).max(), np.abs(ends[0].u - ends[1].u).max()) > 1e-4
-    if not np.all(np.isfinite(right)) or (small and moves):
+        null_vector = curve.solve(v, curve.parameter_direction, null_vector)
+        null_vector /= np.linalg.norm(null_vector)
+    is_singular = np.abs(curve.matrix(v) @ null_vector).max() < _SINGULAR_MATRIX
+    direction = np.zeros_like(null_vector)
+    direction[: curve.nx] = null_vector[: curve.nx]
+    first, second = (_trajectories(program, curve, v + s * direction) for s in (1, -1))
+    moves = max(np.abs(first.x - second.x).max(), np.abs(first.u - second.u).max()) > _SAME_PLAN
+    if not np.all(np.isfinite(null_vector)) or (is_singular and moves):
         raise InputError(
             f"no derivative by {curve.name}: the reduced KKT matrix is singular, the solution can"
             " move along a direction of no curvature"
@@ -156,17 +161,17 @@ def _check_regular(program: NLP, curve: KKTCurve, v: np.ndarray) -> None:
 
 def _trajectories(program: NLP, curve: KKTCurve, v: np.ndarray) -> Trajectories:
     point, f, g = curve.result(v)
-    found = Result(point, f, g, Status.SOLVED, "", 0, 0.0)
-    return trajectories(program, found, curve.given(v[-1])[0])
+    result = Result(point, f, g, Status.SOLVED, "", 0, 0.0)
+    return trajectories(program, result, curve.given(v[-1])[0])
 
 
 def _cost_slope(curve: KKTCurve, v: np.ndarray) -> float:
-    """Partial derivative of the Lagrangian by the parameter, bounds that are held with it."""
+    """Return the partial derivative of the Lagrangian by the parameter, with the held bounds."""
     _, y = curve.point(v)
-    step, ends = _DIFFERENCE / 10 * curve.parameter_direction, []
+    step, lagrangians = _PARAMETER_STEP / 10 * curve.parameter_direction, []
     for sign in (1, -1):
         (x, _), (p, bounds) = curve.point(v + sign * step), curve.given(v[-1] + sign * step[-1])
         f, g = curve.program.values(x, p)
-        held = np.where(curve.held.g < 0, bounds["lbg"], bounds["ubg"])[curve.acting]
-        ends.append(f + curve.program.constant(p) + float(y[curve.acting] @ (g[curve.acting] - held)))
-    return (ends[0] - ends[1]) / (2 * step[-1] * curve.unit)
+        held_bounds = np.where(curve.held.g < 0, bounds["lbg"], bounds["ubg"])[curve.acting]
+        lagrangians.append(f + curve.program.constant(p) + float(y[curve.acting] @ (g[curve.acting] - held_bounds)))
+    return (lagrangians[0] - lagrangians[1]) / (2 * step[-1] * curve.unit)

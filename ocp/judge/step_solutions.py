@@ -29,12 +29,19 @@ zero; two ends that are further apart than :data:`APART` are not the same end, s
 """
 MODES = 128
 """Combinations of modes that are tried at one step, at most."""
-_ITERATIONS, _SOLVED, _SINGULAR, _LOST = 12, 1e-9, 1e-13, 1e6
+_NEWTON_ITERATIONS = 12
+"""Maximum number of Newton iterations on one set."""
+_SOLVED = 1e-9
+"""Change and violation, in characteristic sizes, below which a set is solved."""
+_PAIR_REGULARISATION = 1e-13
+"""Regularisation of the equations of active pairs, in characteristic sizes."""
+_LOST = 1e6
+"""Change, in characteristic sizes, above which an iteration is given up."""
 _REACH = {True: 1e-6, False: 1.0}
 """Violation, in characteristic sizes, up to which a set goes on from its first linear model: of an
-affine step, and of others."""
-_AT_ONCE = 32
-"""Steps whose sets are solved together."""
+affine step (True), and of others."""
+_BATCH_STEPS = 32
+"""Number of steps whose sets are solved together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,27 +75,27 @@ def find_nonuniqueness(evaluation: Evaluation, plan: Rollout) -> Nonuniqueness |
     x_next, other, _, error = at_steps(step.solve, x[:, :-1], u, p=step.p.pack(evaluation.values))
     obeys, gap = _obeys(evaluation, plan)
     replayed = np.all(error <= SATISFIED, axis=2) & obeys & _apart(evaluation.problem, x_next, x[:, 1:])
-    scenario, node = (part.ravel() for part in np.indices(obeys.shape))
-    own = obeys.ravel()
-    flat = [part.reshape(own.size, -1)[own] for part in (x[:, :-1], u, x[:, 1:], lam, gap)]
-    at, ends, forces = StepSolutions(evaluation)(*flat)
-    new = _apart(evaluation.problem, ends, flat[2][at])
-    at, ends, forces = np.flatnonzero(own)[at[new]], ends[new], forces[new]
+    scenario, node = (array.ravel() for array in np.indices(obeys.shape))
+    obeying = obeys.ravel()
+    flat_plan = [array.reshape(obeying.size, -1)[obeying] for array in (x[:, :-1], u, x[:, 1:], lam, gap)]
+    plan_index, ends, forces = StepSolutions(evaluation)(*flat_plan)
+    is_new = _apart(evaluation.problem, ends, flat_plan[2][plan_index])
+    plan_index, ends, forces = np.flatnonzero(obeying)[plan_index[is_new]], ends[is_new], forces[is_new]
     several = replayed.ravel().copy()
-    several[at] = True
+    several[plan_index] = True
     if not several.any():
         return None
     candidates = np.flatnonzero(replayed if replayed.any() else several)
     k = int(candidates[node[candidates].argmin()])
-    s, i, taken = int(scenario[k]), int(node[k]), bool(replayed.flat[k])
-    ends, forces = ends[at == k], forces[at == k]
-    if taken:
+    s, i, is_replayed = int(scenario[k]), int(node[k]), bool(replayed.flat[k])
+    ends, forces = ends[plan_index == k], forces[plan_index == k]
+    if is_replayed:
         ends, forces = np.vstack([x_next[s, i], ends]), np.vstack([other[s, i], forces])
-    return Nonuniqueness(i, s, ends, forces, taken, int(several.sum()))
+    return Nonuniqueness(i, s, ends, forces, is_replayed, int(several.sum()))
 
 
-def _apart(problem: Problem, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    return (np.abs(one - other) / problem.scales.x).max(axis=-1, initial=0.0) > APART
+def _apart(problem: Problem, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return (np.abs(first - second) / problem.scales.x).max(axis=-1, initial=0.0) > APART
 
 
 def _obeys(evaluation: Evaluation, plan: Rollout) -> tuple[np.ndarray, np.ndarray]:
@@ -96,18 +103,18 @@ def _obeys(evaluation: Evaluation, plan: Rollout) -> tuple[np.ndarray, np.ndarra
     system, scaling, lam = evaluation.problem.system, evaluation.problem.scales, plan.lam
     residual, gap = TrajectoryEvaluator(evaluation, system, plan.x, plan.u, lam)(system.residual, system.gap)
     product = scaling.impulse * scaling.gap
-    off = np.stack([-lam / scaling.impulse, -gap / scaling.gap, lam * gap / product])
+    violations = np.stack([-lam / scaling.impulse, -gap / scaling.gap, lam * gap / product])
     motion = np.abs(residual).max(axis=2, initial=0.0)
-    return (off.max(axis=(0, 3), initial=0.0) <= SATISFIED) & (motion <= SATISFIED), gap
+    return (violations.max(axis=(0, 3), initial=0.0) <= SATISFIED) & (motion <= SATISFIED), gap
 
 
-def differing_contacts(problem: Problem, one: np.ndarray, other: np.ndarray) -> tuple[str, ...]:
+def differing_contacts(problem: Problem, first: np.ndarray, second: np.ndarray) -> tuple[str, ...]:
     """Names of the contacts whose impulses, each (nlam,), are not the same."""
     system = problem.system
     names = dict(enumerate(() if system.forces is None else system.forces.names))
     for pair, signal in zip(system.pairs, system.contacts, strict=True):
         names.setdefault(pair.contact, signal.name)
-    differing = np.flatnonzero(np.abs(one - other) > APART * problem.scales.impulse)
+    differing = np.flatnonzero(np.abs(first - second) > APART * problem.scales.impulse)
     return tuple(dict.fromkeys(names[system.pairs[i].contact] for i in differing))
 
 
@@ -131,10 +138,10 @@ class StepSolutions:
         self.modes = [_modes(rows, kinds[rows]) for rows in self.groups]
         self._slips = [(slip, sides) for slip, sides in slip_sides(system) if sides]
         lam = ca.SX.sym("lam", system.nlam)
-        parts = ca.substitute([system.residual, system.gap / self.of_gap], [system.lam], [self.of_lam * lam])
-        parts += [ca.jacobian(part, by) for part in parts for by in (system.x_next, lam)]
+        expressions = ca.substitute([system.residual, system.gap / self.of_gap], [system.lam], [self.of_lam * lam])
+        expressions += [ca.jacobian(expression, by) for expression in expressions for by in (system.x_next, lam)]
         symbols = [system.x, system.u, system.x_next, lam, problem.parameters.vector]
-        self._model = DenseFunction(symbols, parts)
+        self._model = DenseFunction(symbols, expressions)
 
     def __call__(
         self, x: np.ndarray, u: np.ndarray, x_next: np.ndarray, lam: np.ndarray, gap: np.ndarray
@@ -144,15 +151,15 @@ class StepSolutions:
         Returns the number of its step for every solution (m,), x_next (m, nx) and lam (m, nlam).
         """
         lam, gap = lam / self.of_lam, gap / self.of_gap
-        found = [(np.zeros(0, dtype=int), x_next[:0], lam[:0])]
-        for first in range(0, len(x), _AT_ONCE):
-            some = slice(first, first + _AT_ONCE)
-            sets = [self._active(*pairs) for pairs in zip(lam[some], gap[some], strict=True)]
-            at = np.repeat(np.arange(len(sets)), [len(active) for active in sets])
-            at, ends, forces = self._solve(at, np.concatenate(sets), x[some], u[some], x_next[some])
-            found.append((at + first, ends, forces * self.of_lam))
-        at, ends, forces = (np.concatenate(part) for part in zip(*found, strict=True))
-        return at, ends, forces
+        solutions = [(np.zeros(0, dtype=int), x_next[:0], lam[:0])]
+        for first in range(0, len(x), _BATCH_STEPS):
+            batch = slice(first, first + _BATCH_STEPS)
+            sets = [self._active(*pairs) for pairs in zip(lam[batch], gap[batch], strict=True)]
+            step_index = np.repeat(np.arange(len(sets)), [len(active) for active in sets])
+            step_index, ends, forces = self._solve(step_index, np.concatenate(sets), x[batch], u[batch], x_next[batch])
+            solutions.append((step_index + first, ends, forces * self.of_lam))
+        step_index, ends, forces = (np.concatenate(arrays) for arrays in zip(*solutions, strict=True))
+        return step_index, ends, forces
 
     def _active(self, lam: np.ndarray, gap: np.ndarray) -> np.ndarray:
         """Sets of active pairs (modes, nlam) of one step with lam and gap (nlam,), scaled."""
@@ -170,46 +177,51 @@ class StepSolutions:
         return sets
 
     def _solve(
-        self, at: np.ndarray, active: np.ndarray, x: np.ndarray, u: np.ndarray, x_next: np.ndarray
+        self, step_index: np.ndarray, active: np.ndarray, x: np.ndarray, u: np.ndarray, x_next: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Solutions (m, .) among the sets (n, nlam) of active pairs of the steps ``at`` (n,)."""
         # All sets of a step begin at one point, which is expanded once.
         model = self._reduced(x, u, x_next, np.zeros((len(x), active.shape[1])))
-        dx, lam, gap = _newton(*model, at, active)
-        self._let_slide(free := lam.copy(), gap)
-        left = (np.minimum(free, gap) > -self._reach).all(axis=1)
-        at, active, lam = at[left], active[left], lam[left]
-        x, u, x_next, moved = x[at], u[at], x_next[at] + dx[left], np.ones(len(at))
-        for _ in range(_ITERATIONS):
-            left = np.flatnonzero((moved >= _SOLVED) & (moved < _LOST))
-            if not left.size:
+        dx, lam, gap = _newton(*model, step_index, active)
+        self._let_slide(slid_lam := lam.copy(), gap)
+        remaining = (np.minimum(slid_lam, gap) > -self._reach).all(axis=1)
+        step_index, active, lam = step_index[remaining], active[remaining], lam[remaining]
+        x, u, x_next, last_change = (
+            x[step_index],
+            u[step_index],
+            x_next[step_index] + dx[remaining],
+            np.ones(len(step_index)),
+        )
+        for _ in range(_NEWTON_ITERATIONS):
+            remaining = np.flatnonzero((last_change >= _SOLVED) & (last_change < _LOST))
+            if not remaining.size:
                 break
-            model = self._reduced(x[left], u[left], x_next[left], lam[left])
-            dx, dl, _ = _newton(*model, np.arange(left.size), active[left])
-            x_next[left], lam[left] = x_next[left] + dx, lam[left] + dl
-            moved[left] = np.abs(np.column_stack([dx / self.x_sizes, dl])).max(axis=1)
+            model = self._reduced(x[remaining], u[remaining], x_next[remaining], lam[remaining])
+            dx, dl, _ = _newton(*model, np.arange(remaining.size), active[remaining])
+            x_next[remaining], lam[remaining] = x_next[remaining] + dx, lam[remaining] + dl
+            last_change[remaining] = np.abs(np.column_stack([dx / self.x_sizes, dl])).max(axis=1)
         residual, gap, *_ = self._model(x, u, x_next, lam, self.p)
         self._let_slide(lam, gap := gap[:, :, 0])
-        solved = (moved < _SOLVED) & (np.abs(residual).max(axis=(1, 2), initial=0.0) < _SOLVED)
-        good = solved & (np.minimum(lam, gap) > -_SOLVED).all(axis=1)
-        return at[good], x_next[good], lam[good]
+        solved = (last_change < _SOLVED) & (np.abs(residual).max(axis=(1, 2), initial=0.0) < _SOLVED)
+        is_solution = solved & (np.minimum(lam, gap) > -_SOLVED).all(axis=1)
+        return step_index[is_solution], x_next[is_solution], lam[is_solution]
 
     def _let_slide(self, lam: np.ndarray, gap: np.ndarray) -> None:
         """Raise the slip of open contacts to what the motion asks for: it is no unknown of them."""
         for slip, sides in self._slips:
-            more = np.where(lam[:, sides].any(axis=1), 0.0, -gap[:, sides].min(axis=1).clip(max=0))
-            lam[:, slip] += more
-            gap[:, sides] += more[:, None]
+            extra_slip = np.where(lam[:, sides].any(axis=1), 0.0, -gap[:, sides].min(axis=1).clip(max=0))
+            lam[:, slip] += extra_slip
+            gap[:, sides] += extra_slip[:, None]
 
     def _reduced(self, *point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Expand steps: ``dx = moved (1, dlam)`` and scaled gaps ``off + F dlam``."""
         residual, gap, D, E, G, H = self._model(*point, self.p)
-        moved = -np.linalg.solve(D, np.concatenate([residual, E], axis=2))
-        return moved, H + G @ moved[:, :, 1:], (gap + G @ moved[:, :, :1])[:, :, 0]
+        motion = -np.linalg.solve(D, np.concatenate([residual, E], axis=2))
+        return motion, H + G @ motion[:, :, 1:], (gap + G @ motion[:, :, :1])[:, :, 0]
 
 
 def _newton(
-    moved: np.ndarray, F: np.ndarray, off: np.ndarray, at: np.ndarray, active: np.ndarray
+    motion: np.ndarray, F: np.ndarray, gap: np.ndarray, index: np.ndarray, active: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Steps of x_next (n, nx) and lam (n, nlam), and the gaps there, for the expansions ``at``.
 
@@ -217,13 +229,13 @@ def _newton(
     repetition.
     """
     used = np.flatnonzero(active.any(axis=0))
-    own, columns = active[:, used], F[:, :, used][at]
-    square = np.where(own[:, :, None] & own[:, None], columns[:, used], 0.0)
-    square += np.where(own, _SINGULAR, 1.0)[:, :, None] * np.eye(used.size)
+    is_active, gap_columns = active[:, used], F[:, :, used][index]
+    system_matrix = np.where(is_active[:, :, None] & is_active[:, None], gap_columns[:, used], 0.0)
+    system_matrix += np.where(is_active, _PAIR_REGULARISATION, 1.0)[:, :, None] * np.eye(used.size)
     dl = np.zeros(active.shape)
-    dl[:, used] = -np.linalg.solve(square, np.where(own, off[at][:, used], 0.0)[:, :, None])[:, :, 0]
-    dx = moved[at, :, 0] + (moved[:, :, used + 1][at] @ dl[:, used, None])[:, :, 0]
-    return dx, dl, off[at] + (columns @ dl[:, used, None])[:, :, 0]
+    dl[:, used] = -np.linalg.solve(system_matrix, np.where(is_active, gap[index][:, used], 0.0)[:, :, None])[:, :, 0]
+    dx = motion[index, :, 0] + (motion[:, :, used + 1][index] @ dl[:, used, None])[:, :, 0]
+    return dx, dl, gap[index] + (gap_columns @ dl[:, used, None])[:, :, 0]
 
 
 def _modes(rows: np.ndarray, kinds: np.ndarray) -> list[tuple[int, ...]]:

@@ -224,20 +224,20 @@ def _referee_findings(plan: Judgement) -> Iterator[Finding]:
     if referee.survives_at_h and cut is not None:
         tolerance = PENETRATION_SHARE * tolerance_gap(plan.problem, plan.data["x"].values)
         if cut.amount > _REPORTED_DEPTH * tolerance:
-            where = {"contact": cut.contact, "amount": cut.amount, "step": cut.step}
-            yield make_finding("cuts-through", "; ", **where, tolerance=tolerance)
+            place = {"contact": cut.contact, "amount": cut.amount, "step": cut.step}
+            yield make_finding("cuts-through", "; ", **place, tolerance=tolerance)
 
 
 def _reliance_findings(plan: Judgement) -> Iterator[Finding]:
     """Yield distances of the plan itself that no body has: what a plan that does not survive relies on."""
-    least = _NOTABLE_SHARE * plan.problem.scales.gap
+    least_distance = _NOTABLE_SHARE * plan.problem.scales.gap
     exact = plan.record.get("contact") == "exact"
     worst_places = {
         "acts-at-a-distance": plan.referee.force_distance if exact else None,
         "plan-penetrates": plan.referee.between,
     }
     for code, worst in worst_places.items():
-        if worst is not None and worst.amount > least:
+        if worst is not None and worst.amount > least_distance:
             yield make_finding(code, "; ", contact=worst.contact, amount=worst.amount, step=worst.step)
 
 

@@ -51,16 +51,15 @@ class MPCC:
     name: str = "mpcc"
 
     def __post_init__(self) -> None:
-        for what, value in (("f", self.f), ("g", self.g), ("G", self.G), ("H", self.H)):
-            object.__setattr__(self, what, ca.densify(ca.SX(value)))
+        for label, value in (("f", self.f), ("g", self.g), ("G", self.G), ("H", self.H)):
+            object.__setattr__(self, label, ca.densify(ca.SX(value)))
         self._check_sizes()
-        for what, lower, upper in (("x", *self.x_bounds), ("g", *self.g_bounds)):
+        for label, lower, upper in (("x", *self.x_bounds), ("g", *self.g_bounds)):
             crossed = np.flatnonzero(~(lower <= upper))
             if crossed.size:
                 i = int(crossed[0])
-                raise InputError(
-                    f"{self.name}: the bounds of {what}[{i}] cross: {lower[i]:g} > {upper[i]:g}; exchange or widen them"
-                )
+                cross = f"the bounds of {label}[{i}] cross: {lower[i]:g} > {upper[i]:g}"
+                raise InputError(f"{self.name}: {cross}; exchange or widen them")
         for i in range(self.G.numel()):
             if ca.is_equal(self.G[i], self.H[i], 2):
                 raise InputError(
@@ -77,11 +76,11 @@ class MPCC:
             )
         if self.names and len(self.names) != self.G.numel():
             raise InputError(f"{self.name}: {len(self.names)} names for {self.G.numel()} pairs; give one each")
-        known = {str(symbol) for symbol in ca.symvar(ca.vertcat(self.x, self.p))}
+        names = {str(symbol) for symbol in ca.symvar(ca.vertcat(self.x, self.p))}
         used = ca.symvar(ca.vertcat(self.f, self.g, self.G, self.H))
-        strange = sorted({str(symbol) for symbol in used} - known)
-        if strange:
-            raise InputError(f"{self.name}: {', '.join(strange)} is neither in x nor in p")
+        unknown = sorted({str(symbol) for symbol in used} - names)
+        if unknown:
+            raise InputError(f"{self.name}: {', '.join(unknown)} is neither in x nor in p")
 
     def pair(self, index: int) -> str:
         """Name of a pair."""
@@ -119,43 +118,43 @@ class Lifted:
 
     def __init__(self, mpcc: MPCC) -> None:
         self.mpcc = mpcc
-        rest, constant = split_constant(mpcc.f, mpcc.x)
+        varying, constant = split_constant(mpcc.f, mpcc.x)
         self.constant = ca.Function("constant", [mpcc.p], [constant])
-        f, *parts = ca.cse([rest, mpcc.g, mpcc.G, mpcc.H])
+        f, *expressions = ca.cse([varying, mpcc.g, mpcc.G, mpcc.H])
         self.variables, self.constraints = Layout(), Layout()
         n, k = mpcc.x.numel(), mpcc.G.numel()
         self.variables.add("x", (n,), tuple(str(mpcc.x[i]) for i in range(n)))
         self.constraints.add("g", (mpcc.g.numel(),))
-        own, rows, places, taken = [mpcc.x], [parts[0]], [], set()
-        for label, sides in (("G", parts[1]), ("H", parts[2])):
-            at = self._entries(sides, taken)
-            fresh = np.flatnonzero(at < 0)
-            at[fresh] = self.variables.add(label, (fresh.size,)).index
-            called = tuple(f"{label} >= 0 of {mpcc.pair(int(i))!r}" for i in fresh)
-            self.constraints.add(f"{label}_definition", (fresh.size,), called)
+        symbols, rows, places, taken_entries = [mpcc.x], [expressions[0]], [], set()
+        for label, sides in (("G", expressions[1]), ("H", expressions[2])):
+            positions = self._entries(sides, taken_entries)
+            fresh = np.flatnonzero(positions < 0)
+            positions[fresh] = self.variables.add(label, (fresh.size,)).index
+            titles = tuple(f"{label} >= 0 of {mpcc.pair(int(i))!r}" for i in fresh)
+            self.constraints.add(f"{label}_definition", (fresh.size,), titles)
             symbol = ca.SX.sym(label, fresh.size)
-            own.append(symbol)
+            symbols.append(symbol)
             rows.append(sides[[int(i) for i in fresh]] - symbol if fresh.size else ca.SX(0, 1))
-            places.append(at)
+            places.append(positions)
         self.pairs = np.array(places).reshape(2, k)
-        self.x, self.f, self.g = ca.vertcat(*own), f, ca.vertcat(*rows)
+        self.x, self.f, self.g = ca.vertcat(*symbols), f, ca.vertcat(*rows)
         self.lam_f, self.lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", self.g.numel())
         self.gradient, self.jacobian = ca.gradient(f, self.x), ca.jacobian(self.g, self.x)
         lagrangian = self.lam_f * f + ca.dot(self.lam_g, self.g)
         self.hessian = ca.triu(ca.hessian(lagrangian, self.x)[0])
         self.sides = ca.Function("sides", [mpcc.x, mpcc.p], [mpcc.G, mpcc.H])
 
-    def _entries(self, sides: ca.SX, taken: set[int]) -> np.ndarray:
+    def _entries(self, sides: ca.SX, taken_entries: set[int]) -> np.ndarray:
         """Places in x of the sides that are entries of it, -1 for the others."""
         x, (lower, _) = self.mpcc.x, self.mpcc.x_bounds
         places = {x[i].element_hash(): i for i in range(x.numel()) if lower[i] <= 0}
-        found = np.full(sides.numel(), -1)
+        entries = np.full(sides.numel(), -1)
         for i in range(sides.numel()):
-            at = places.get(sides[i].element_hash(), -1) if sides[i].is_symbolic() else -1
-            if at not in taken:
-                found[i] = at
-                taken |= {at} - {-1}
-        return found
+            position = places.get(sides[i].element_hash(), -1) if sides[i].is_symbolic() else -1
+            if position not in taken_entries:
+                entries[i] = position
+                taken_entries |= {position} - {-1}
+        return entries
 
 
 def programs_of(mpcc: MPCC, p: np.ndarray, start: np.ndarray) -> Callable[[str], MPCCProgram]:
@@ -179,7 +178,7 @@ class MPCCProgram(Program):
         for name, block in lifted.constraints.blocks.items():
             self.constraints.add(name, block.shape, block.components)
         x, k = lifted.x, self.pairs.shape[1]
-        first, second = (x[[int(i) for i in at]] if k else ca.SX(0, 1) for at in self.pairs)
+        first, second = (x[[int(i) for i in positions]] if k else ca.SX(0, 1) for positions in self.pairs)
         penalty, t = ca.SX.sym("penalty"), ca.SX.sym("relaxation")
         rows = closure_rows(reformulation, first, second, 0.0, t)
         for name, row in rows:
@@ -191,13 +190,13 @@ class MPCCProgram(Program):
     def _differentiate(self, penalised: ca.SX, closure: ca.SX, p: ca.SX) -> None:
         """Add the derivatives of what closes the pairs to those of the problem."""
         base, x = self.lifted, self.lifted.x
-        more = ca.SX.sym("lam_closure", closure.numel())
+        lam_closure = ca.SX.sym("lam_closure", closure.numel())
         f, g = base.f + penalised, ca.vertcat(base.g, closure)
         gradient = ca.densify(base.gradient + ca.gradient(penalised, x))
         jacobian = ca.vertcat(base.jacobian, ca.jacobian(closure, x))
-        closing = base.lam_f * penalised + ca.dot(more, closure)
+        closing = base.lam_f * penalised + ca.dot(lam_closure, closure)
         hessian = base.hessian + ca.triu(ca.hessian(closing, x)[0])
-        lam_g = ca.vertcat(base.lam_g, more)
+        lam_g = ca.vertcat(base.lam_g, lam_closure)
         self.f_g, self.gradient, self.jacobian, self.hessian = Functions.of(
             (x, p, base.lam_f, lam_g), (f, g), (f, gradient), (g, jacobian), hessian
         )
@@ -279,12 +278,12 @@ class MPCCProgram(Program):
 
     def extended(self, x: np.ndarray) -> np.ndarray:
         """Add the variables of sides that have their own, at their values at x (n,)."""
-        whole = np.zeros(self.n)
-        whole[: x.size] = x
-        for at, value in zip(self.pairs, self.lifted.sides(x, self.given), strict=True):
-            own = at >= x.size
-            whole[at[own]] = np.maximum(np.array(value).ravel()[own], 0.0)
-        return whole
+        extended_x = np.zeros(self.n)
+        extended_x[: x.size] = x
+        for positions, value in zip(self.pairs, self.lifted.sides(x, self.given), strict=True):
+            is_own = positions >= x.size
+            extended_x[positions[is_own]] = np.maximum(np.array(value).ravel()[is_own], 0.0)
+        return extended_x
 
 
 def _largest(values: Iterable[float]) -> float:

@@ -44,35 +44,35 @@ def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.nda
     sizes = np.max(np.nan_to_num(candidates, posinf=0.0), axis=0)
     typical = np.max(np.abs(slope) * sizes + np.abs(curvature) * sizes**2 / 2, initial=0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        needed = np.where(curvature > 0, np.sqrt(2 * typical / curvature), np.nan)
+        curvature_steps = np.where(curvature > 0, np.sqrt(2 * typical / curvature), np.nan)
     entries = abs(jacobian).tocoo()
     violation = np.maximum(np.maximum(bounds["lbg"] - g, g - bounds["ubg"]), 0.0)
-    known = abs(jacobian) @ sizes
-    violation = np.where(violation > _ROUNDING * known, violation, 0.0)
+    row_sizes = abs(jacobian) @ sizes
+    violation = np.where(violation > _ROUNDING * row_sizes, violation, 0.0)
     violation = np.nan_to_num(violation, posinf=0.0)
-    wanted = _smallest_steps(entries, program.n, violation[entries.row])
-    sizes = np.where(sizes > 0, sizes, wanted)
+    restoring_steps = _smallest_steps(entries, program.n, violation[entries.row])
+    sizes = np.where(sizes > 0, sizes, restoring_steps)
     for _ in range(_ROUNDS):
         changes = _changes_by_others(entries, program.m, sizes)
-        others = _smallest_steps(entries, program.n, changes)
-        sizes = np.where(sizes > 0, np.maximum(sizes, np.minimum(others, 1.0)), others)
-    sizes = np.where(sizes > 0, sizes, needed)
+        other_steps = _smallest_steps(entries, program.n, changes)
+        sizes = np.where(sizes > 0, np.maximum(sizes, np.minimum(other_steps, 1.0)), other_steps)
+    sizes = np.where(sizes > 0, sizes, curvature_steps)
     return np.fmin(np.where(sizes > 0, sizes, np.nan), _steep_limits(slope, sizes, start, bounds))
 
 
 def _steep_limits(slope: np.ndarray, sizes: np.ndarray, start: np.ndarray, bounds: dict[str, np.ndarray]) -> np.ndarray:
     """Step that costs what is typical, of variables (n,) that a bound holds against the slope."""
     change = np.abs(slope) * np.where(sizes > 0, sizes, 1.0)
-    held = np.where(slope > 0, start <= bounds["lbx"], start >= bounds["ubx"])
-    others = change[~held & (change > 0)]
-    steep = held & (change > _STEEP * np.median(others)) if others.size else held & False
+    is_held = np.where(slope > 0, start <= bounds["lbx"], start >= bounds["ubx"])
+    others = change[~is_held & (change > 0)]
+    steep = is_held & (change > _STEEP * np.median(others)) if others.size else is_held & False
     return np.where(steep, np.median(others) / np.where(steep, np.abs(slope), 1.0), np.nan)
 
 
 def _bound_distances(start: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     width = np.where(np.isfinite(upper - lower), (upper - lower) / 2, 0.0)
-    ends = [np.where(np.isfinite(end), np.abs(end - start), 0.0) for end in (lower, upper)]
-    return np.where(width > 0, width, np.max(ends, axis=0))
+    distances = [np.where(np.isfinite(bound), np.abs(bound - start), 0.0) for bound in (lower, upper)]
+    return np.where(width > 0, width, np.max(distances, axis=0))
 
 
 def _changes_by_others(entries: sp.coo_matrix, m: int, sizes: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ocp.errors import InputError, choose
 from ocp.judge.audit import TOLERANCES
-from ocp.judge.certificate import Certificate, certify
+from ocp.judge.certificate import UNJUDGED, Certificate, certify
 from ocp.judge.findings import compose_lines
 from ocp.judge.jumps import Domain, jump_findings_of
 from ocp.judge.unbounded import unbounded_variables
@@ -29,14 +29,14 @@ def violation(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, 
     """Return the largest violation of a bound or constraint at x, in its unit, and its name."""
     _, g = program.values(x, p)
     worst, name, units = 0.0, "nothing", program.natural
-    parts = (("bound on", program.variables, x, "x", units.x), ("constraint", program.constraints, g, "g", units.g))
-    for what, layout, values, letter, unit in parts:
-        off = np.maximum(bounds[f"lb{letter}"] - values, values - bounds[f"ub{letter}"]) / unit
-        if off.size and not off.max() <= worst:
-            at = int(np.argmax(np.nan_to_num(off, nan=np.inf)))
-            block, index = layout.locate(at)
-            called = block.components[index[-1]] if block.components else f"{block.name}{[*index]}"
-            worst, name = float(off[at]), f"{what} {called}"
+    layouts = (("bound on", program.variables, x, "x", units.x), ("constraint", program.constraints, g, "g", units.g))
+    for kind, layout, values, letter, unit in layouts:
+        violations = np.maximum(bounds[f"lb{letter}"] - values, values - bounds[f"ub{letter}"]) / unit
+        if violations.size and not violations.max() <= worst:
+            position = int(np.argmax(np.nan_to_num(violations, nan=np.inf)))
+            block, index = layout.locate(position)
+            title = block.components[index[-1]] if block.components else f"{block.name}{[*index]}"
+            worst, name = float(violations[position]), f"{kind} {title}"
     return worst, name
 
 
@@ -86,7 +86,7 @@ class MPCCSolution:
 
     @property
     def verdict(self) -> str:
-        """What was found, in a sentence or two."""
+        """The answer and its certificate, in a sentence or two."""
         if self.status is Status.INFEASIBLE:
             return f"Locally infeasible: {self.worst} cannot be met near the last point."
         word = self.status.value.partition(":")[0].capitalize()
@@ -116,28 +116,28 @@ def solve(
     Raises :class:`~ocp.errors.InputError` for sizes that do not fit, unknown names, or a start that
     is not finite.
     """
-    began = time.perf_counter()
+    start_time = time.perf_counter()
     start = sized(mpcc.name, "x0", x0, mpcc.x.numel())
     if not np.all(np.isfinite(start)):
-        at = int(np.flatnonzero(~np.isfinite(start))[0])
-        raise InputError(f"{mpcc.name}: x0[{at}] is {start[at]}, expected a finite number")
-    given = sized(mpcc.name, "p", p, mpcc.p.numel()) if mpcc.p.numel() else np.zeros(0)
+        index = int(np.flatnonzero(~np.isfinite(start))[0])
+        raise InputError(f"{mpcc.name}: x0[{index}] is {start[index]}, expected a finite number")
+    parameter_values = sized(mpcc.name, "p", p, mpcc.p.numel()) if mpcc.p.numel() else np.zeros(0)
     for name in strategies or ():
         choose("strategy", name, STRATEGIES)
     inside, nlp_solver = np.clip(start, *mpcc.x_bounds), Solver(solver, dict(options or {}))
-    best, follower = _followed(mpcc, inside, given, strategies, nlp_solver)
+    best, follower = _followed(mpcc, inside, parameter_values, strategies, nlp_solver)
     if _feasible(best) and _coarse(follower, best.x):
-        again, follower_again = _followed(mpcc, best.x, given, strategies, nlp_solver)
-        follower_again.trace.absorb(follower.trace)
-        if _feasible(again) and again.f <= best.f:
-            best, follower = again, follower_again
+        second_answer, second_follower = _followed(mpcc, best.x, parameter_values, strategies, nlp_solver)
+        second_follower.trace.absorb(follower.trace)
+        if _feasible(second_answer) and second_answer.f <= best.f:
+            best, follower = second_answer, second_follower
     if not best.success:
         best = _softened(best, follower, inside, strategies)
-    told = _jump_findings(mpcc, given, best.x) if _feasible(best) else ()
+    findings = _jump_findings(mpcc, parameter_values, best.x) if _feasible(best) else ()
     if endless := _endless(follower, best.x, inside):
-        best, told = replace(best, status=Status.UNBOUNDED), (endless,)
-    seconds = time.perf_counter() - began
-    return replace(best, iterations=follower.trace.iterations, seconds=seconds, findings=told)
+        best, findings = replace(best, status=Status.UNBOUNDED), (endless,)
+    seconds = time.perf_counter() - start_time
+    return replace(best, iterations=follower.trace.iterations, seconds=seconds, findings=findings)
 
 
 def _coarse(follower: Homotopy, x: np.ndarray) -> bool:
@@ -151,47 +151,47 @@ def _coarse(follower: Homotopy, x: np.ndarray) -> bool:
 
 
 def _endless(follower: Homotopy, x: np.ndarray, start: np.ndarray) -> str:
-    """Sentence on a cost that falls for ever from x (n,), or from ``start`` with closed pairs."""
+    """Return a sentence on a cost that falls for ever from x (n,), or from ``start`` with closed pairs."""
     program, values = follower.nlp_of("none"), follower.values
     assert isinstance(program, MPCCProgram)
-    answer, begin = program.extended(x), program.extended(start)
-    smaller = program.pairs[np.argmin(begin[program.pairs], axis=0), np.arange(len(program.pairs.T))]
-    begin[smaller] = 0.0
-    given = program.parameter_vector(values), program.bounds(values)
-    endless = unbounded_variables(program, *given, answer, begin)
+    answer, guess = program.extended(x), program.extended(start)
+    smaller = program.pairs[np.argmin(guess[program.pairs], axis=0), np.arange(len(program.pairs.T))]
+    guess[smaller] = 0.0
+    arguments = program.parameter_vector(values), program.bounds(values)
+    endless = unbounded_variables(program, *arguments, answer, guess)
     return f"{endless}." if endless else ""
 
 
 def _jump_findings(mpcc: MPCC, p: np.ndarray, x: np.ndarray) -> tuple[str, ...]:
-    """What jumps within the bounds on x, on lines about zero and about ``x`` (n,)."""
-    parts = {"f": mpcc.f, "g": mpcc.g, "G": mpcc.G, "H": mpcc.H}
-    fixed = {name: ca.substitute(part, mpcc.p, p) for name, part in parts.items()}
+    """Return what jumps within the bounds on x, on lines about zero and about ``x`` (n,)."""
+    functions = {"f": mpcc.f, "g": mpcc.g, "G": mpcc.G, "H": mpcc.H}
+    evaluated = {name: ca.substitute(function, mpcc.p, p) for name, function in functions.items()}
     domain = Domain(np.fmax(1, np.abs(x)), *mpcc.x_bounds, x)
-    return tuple(compose_lines(jump_findings_of(fixed, mpcc.x, domain)))
+    return tuple(compose_lines(jump_findings_of(evaluated, mpcc.x, domain)))
 
 
 def _followed(
     mpcc: MPCC,
     start: np.ndarray,
-    given: np.ndarray,
+    parameter_values: np.ndarray,
     strategies: Sequence[str] | None,
     solver: Solver,
 ) -> tuple[MPCCSolution, Homotopy]:
     """Follow the strategies from ``start`` (n,), and improve their ends, cheapest first."""
-    programs = programs_of(mpcc, given, start)
+    programs = programs_of(mpcc, parameter_values, start)
     follower = Homotopy(programs, solver, {PENALTY: 0.0, RELAXATION: 0.0})
     branches = Branches(follower)
     large = branches.program.n >= _LARGE
     names = strategies or (DEFAULTS_LARGE if large else DEFAULTS)
-    found: list[MPCCSolution] = []
-    for some in (names[:2], names[2:]) if large else (names,):
-        legs = [(name, _leg(follower, STRATEGIES[name], start)) for name in some]
+    solutions: list[MPCCSolution] = []
+    for batch in (names[:2], names[2:]) if large else (names,):
+        legs = [(name, _leg(follower, STRATEGIES[name], start)) for name in batch]
         for name, leg in sorted(legs, key=lambda leg: (not leg[1].finished, leg[1].result.f)):
             result = improved(branches, leg.result) if leg.finished else leg.result
-            found.append(_judged(programs("none"), leg.nlp, result, start, name))
-            if large and found[-1].success:
-                return found[-1], follower
-    return min(found, key=_rank), follower
+            solutions.append(_judged(programs("none"), leg.nlp, result, start, name))
+            if large and solutions[-1].success:
+                return solutions[-1], follower
+    return min(solutions, key=_rank), follower
 
 
 def _leg(follower: Homotopy, strategy: Strategy, start: np.ndarray) -> RouteResult:
@@ -238,17 +238,19 @@ def _softened(
     for cost, weight in _SOFT:
         if best.success or (cost == 0 and _feasible(best)):
             break
-        begin = start if cost else best.x
-        g = program.values(program.extended(begin), p)[1][: mpcc.g.numel()]
-        off = np.nan_to_num([np.maximum(g - upper, 0.0), np.maximum(lower - g, 0.0)])
+        guess = start if cost else best.x
+        g = program.values(program.extended(guess), p)[1][: mpcc.g.numel()]
+        violations = np.nan_to_num([np.maximum(g - upper, 0.0), np.maximum(lower - g, 0.0)])
         soft = softened(mpcc, cost, weight * program.natural.f)
-        found, inner = _followed(soft, np.concatenate([begin, *off]), program.given, strategies, follower.solver)
+        relaxed, inner = _followed(
+            soft, np.concatenate([guess, *violations]), program.given, strategies, follower.solver
+        )
         follower.trace.absorb(inner.trace)
-        point = Point(program.extended(found.x[: mpcc.x.numel()]))
-        there = Result.at(program, point, p, Status.INFEASIBLE, "softened")
-        polished = polish(follower, program, there)
-        for nlp, result in ((program, there), (polished.nlp, polished.result)):
-            best = min(best, _judged(program, nlp, result, start, found.strategy), key=_rank)
+        point = Point(program.extended(relaxed.x[: mpcc.x.numel()]))
+        projected = Result.at(program, point, p, Status.INFEASIBLE, "softened")
+        polished = polish(follower, program, projected)
+        for nlp, result in ((program, projected), (polished.nlp, polished.result)):
+            best = min(best, _judged(program, nlp, result, start, relaxed.strategy), key=_rank)
     return best
 
 
@@ -257,20 +259,20 @@ def _at_bounds(program: MPCCProgram, x: np.ndarray, p: np.ndarray, bounds: dict[
 
     An interior point stays off its bounds by a distance that a steep cost makes dear.
     """
-    near, moved = _NEAR_BOUND * program.sizes(x), x
-    for end in (bounds["lbx"], bounds["ubx"]):
-        moved = np.where(np.abs(moved - end) <= near, end, moved)
-    feasible = violation(program, moved, p, bounds)[0] <= TOLERANCES["constraint_violation"]
-    return moved if feasible and program.values(moved, p)[0] < program.values(x, p)[0] else x
+    tolerance, snapped = _NEAR_BOUND * program.sizes(x), x
+    for bound in (bounds["lbx"], bounds["ubx"]):
+        snapped = np.where(np.abs(snapped - bound) <= tolerance, bound, snapped)
+    feasible = violation(program, snapped, p, bounds)[0] <= TOLERANCES["constraint_violation"]
+    return snapped if feasible and program.values(snapped, p)[0] < program.values(x, p)[0] else x
 
 
-def _feasible(found: MPCCSolution) -> bool:
-    return found.infeasibility <= TOLERANCES["constraint_violation"]
+def _feasible(solution: MPCCSolution) -> bool:
+    return solution.infeasibility <= TOLERANCES["constraint_violation"]
 
 
-def _rank(found: MPCCSolution) -> tuple[bool, bool, float]:
-    feasible = _feasible(found)
-    return not feasible, not found.success, found.f if feasible else found.infeasibility
+def _rank(solution: MPCCSolution) -> tuple[bool, bool, float]:
+    feasible = _feasible(solution)
+    return not feasible, not solution.success, solution.f if feasible else solution.infeasibility
 
 
 def _judged(program: MPCCProgram, source: Program, result: Result, start: np.ndarray, name: str) -> MPCCSolution:
@@ -279,16 +281,17 @@ def _judged(program: MPCCProgram, source: Program, result: Result, start: np.nda
     mpcc, x = program.mpcc, program.extended(result.point.x[: program.mpcc.x.numel()])
     p, bounds = program.parameter_vector(values), program.bounds(values)
     x = _at_bounds(program, x, p, bounds)
-    off, worst = violation(program, x, p, bounds)
+    infeasibility, worst = violation(program, x, p, bounds)
     sides = program.lifted.sides(x[: mpcc.x.numel()], program.given)
     G, H = (np.array(v).ravel() for v in sides)
     units = program.natural.x[program.pairs]
-    apart = np.abs(np.minimum(G / units[0], H / units[1]))
-    if apart.size and apart.max() > off:
-        off, worst = float(apart.max()), f"complementarity of {mpcc.pair(int(apart.argmax()))!r}"
-    certificate = Certificate("undecided", reason="the point is not feasible")
+    complementarity = np.abs(np.minimum(G / units[0], H / units[1]))
+    if complementarity.size and complementarity.max() > infeasibility:
+        infeasibility = float(complementarity.max())
+        worst = f"complementarity of {mpcc.pair(int(complementarity.argmax()))!r}"
+    certificate = Certificate("undecided", reason=UNJUDGED)
     status = Status.INEXACT if result.ok else result.status
-    if off <= TOLERANCES["constraint_violation"]:
+    if infeasibility <= TOLERANCES["constraint_violation"]:
         multipliers = result.point.lam_g if source is program else None
         certificate = certify(program, x, p, bounds, multipliers)
         decided = {"not": Status.NOT_OPTIMAL, "undecided": Status.UNDECIDED}
@@ -296,4 +299,4 @@ def _judged(program: MPCCProgram, source: Program, result: Result, start: np.nda
     elif result.status in (Status.SOLVED, Status.INFEASIBLE):
         status = Status.INFEASIBLE
     f = program.values(x, p)[0] + program.constant(p)
-    return MPCCSolution(x[: mpcc.x.numel()], G, H, f, status, certificate, off, worst, name, 0, 0.0)
+    return MPCCSolution(x[: mpcc.x.numel()], G, H, f, status, certificate, infeasibility, worst, name, 0, 0.0)

@@ -110,9 +110,9 @@ class _Data:
 
     def state_sizes(self) -> np.ndarray:
         """Sizes of the states (nx,)."""
-        moved = np.fmax(self._travel(), self._goal_distance())
-        moved[list(self.system.turning)] = 1.0
-        sizes = self._linked(self._by_unit(moved))
+        travels = np.fmax(self._travel(), self._goal_distance())
+        travels[list(self.system.turning)] = 1.0
+        sizes = self._linked(self._by_unit(travels))
         for fallback in (self._by_gaps, self._bound_widths, lambda _: np.abs(self.x0)):
             if np.all(sizes > 0):
                 break
@@ -122,25 +122,25 @@ class _Data:
     def input_sizes(self, x: np.ndarray) -> np.ndarray:
         """Sizes of the inputs (nu,)."""
         widths = (self.u_upper - self.u_lower) / 2
-        moved = np.abs(self._inputs_over_horizon()) / x[:, None]
+        effects = np.abs(self._inputs_over_horizon()) / x[:, None]
         with np.errstate(divide="ignore"):
-            needed = 1 / moved.max(axis=0, initial=0.0)
+            needed = 1 / effects.max(axis=0, initial=0.0)
         sizes = np.where(np.isfinite(widths) & (widths > 0), widths, needed)
-        wanted = self._newton_step(self.problem.stage_cost, self.system.u)
-        sizes = np.where(np.isfinite(sizes), sizes, wanted)
+        newton_steps = self._newton_step(self.problem.stage_cost, self.system.u)
+        sizes = np.where(np.isfinite(sizes), sizes, newton_steps)
         return np.where(sizes > 0, sizes, 1.0)
 
     def impulse(self, x: np.ndarray) -> float:
         """Impulse that changes velocities by their sizes, or positions by an N-th: the median."""
-        ways = np.array([0.0 if d is None else -d[2] for d in self.dimensions])
-        within_step = np.where(ways > 0, x, x / self.problem.N)
+        orders = np.array([0.0 if d is None else -d[2] for d in self.dimensions])
+        within_step = np.where(orders > 0, x, x / self.problem.N)
         effect = self.at_start(self.system.reduced.B)[:, self._distances()] / within_step[:, None]
         candidates = []
         for contact in np.abs(effect).T:
             changes = [contact[rows & (contact > 0)] for rows in self._units()]
             typical = [np.median(change) for change in changes if change.size]
             candidates += [1 / max(typical)] if typical else []
-        usable = [one for one in candidates if np.isfinite(one)]
+        usable = [candidate for candidate in candidates if np.isfinite(candidate)]
         return float(np.median(usable)) if usable else 1.0
 
     def typical_gap_change(self, x: np.ndarray) -> float:
@@ -170,11 +170,11 @@ class _Data:
         """Value of an expression at rest in x0, without contact impulses."""
         s = self.system
         symbols = [s.x, s.u, s.x_next, s.lam, self.problem.parameters.vector]
-        at = ca.Function("at_start", symbols, [ca.densify(expression)])
-        return np.nan_to_num(np.array(at(self.x0, self.u_before, self.x0, 0, self.p)))
+        evaluate = ca.Function("at_start", symbols, [ca.densify(expression)])
+        return np.nan_to_num(np.array(evaluate(self.x0, self.u_before, self.x0, 0, self.p)))
 
     def _travel(self) -> np.ndarray:
-        """How far the guess and its exact rollout go from x0 in every state (nx,)."""
+        """Distance from x0 of the guess and its exact rollout in every state (nx,)."""
         states, inputs = self.problem.initial_guess(self.p)
         step = self.problem.exact_step
         named = dict(zip(self.problem.parameters.names, self.p, strict=True))
@@ -191,7 +191,7 @@ class _Data:
         return np.where(farthest > noise, farthest, 0.0)
 
     def _goal_distance(self) -> np.ndarray:
-        """How far from x0 costs and terminal constraints want every state (nx,)."""
+        """Distance from x0 to where costs and terminal constraints want every state (nx,)."""
         problem, x = self.problem, self.system.x
         rows = ca.vertcat(ca.SX(0, 1), *(c.expression for c in problem.terminal))
         low = ca.vertcat(ca.SX(0, 1), *(c.lower for c in problem.terminal))
@@ -208,8 +208,8 @@ class _Data:
         """Distance (n,) at which each symbol alone makes the cost least, 0 where it bends down."""
         du = ca.SX.sym("du", self.system.nu) if self.problem.du is None else self.problem.du
         slope, bend = (
-            self.at_start(ca.substitute(part, du, 0 * du)).ravel()
-            for part in (ca.gradient(cost, by), ca.diag(ca.hessian(cost, by)[0]))
+            self.at_start(ca.substitute(derivative, du, 0 * du)).ravel()
+            for derivative in (ca.gradient(cost, by), ca.diag(ca.hessian(cost, by)[0]))
         )
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = np.where(bend > _ROUNDING * bend.max(initial=0.0), np.abs(slope / bend), 0)
@@ -219,9 +219,9 @@ class _Data:
         """Change of each state (nx,) that moves a gap as much as states of known ``sizes`` do."""
         by_state = np.abs(self.at_start(ca.jacobian(self.system.gap, self.system.x_next)))
         by_state = by_state[self._distances()]
-        moved = (by_state * sizes).max(axis=1, initial=0.0)[:, None]
+        gap_changes = (by_state * sizes).max(axis=1, initial=0.0)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            needed = np.where((by_state > 0) & (moved > 0), moved / by_state, 0.0)
+            needed = np.where((by_state > 0) & (gap_changes > 0), gap_changes / by_state, 0.0)
         return needed.max(axis=0, initial=0.0)
 
     def _bound_widths(self, _: np.ndarray) -> np.ndarray:
@@ -238,9 +238,9 @@ class _Data:
         """
         s = self.system
         A, B = (self.at_start(ca.jacobian(s.reduced.a, by)) for by in (s.x, s.u))
-        change, most = np.zeros_like(B), self.problem.N * np.abs(B)
+        change, largest_change = np.zeros_like(B), self.problem.N * np.abs(B)
         for _ in range(self.problem.N):
-            change = np.clip(A @ change + B, -most, most)
+            change = np.clip(A @ change + B, -largest_change, largest_change)
         return np.abs(change)
 
     def _units(self) -> list[np.ndarray]:

@@ -34,49 +34,50 @@ from ocp.store.provenance import versions
 from ocp.transcription.factories import law_record
 from ocp.transcription.nlp import Trajectories, trajectories
 
-_FLAT = 1e-7
+_NO_TASK_GRADIENT = 1e-7
+"""Relative task gradient below which no input moves what the task is about."""
 _IDLE = 1e-6
 """Relative gain over standing still below which nothing was achieved."""
 
 
 def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution:
     """Audit an outcome, certify and referee it, label it, and give it a status."""
-    began = time.perf_counter()
+    start_time = time.perf_counter()
     nlp, result = outcome.nlp, outcome.result
     evaluation = session.evaluation
     values = evaluation.values
     p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
     plan = trajectories(nlp, result, p)
-    found, replay, book = audit_result(nlp, result, plan, evaluation, p, bounds)
-    kept = is_feasible(nlp, found)
+    audit, replay, contacts = audit_result(nlp, result, plan, evaluation, p, bounds)
+    feasible = is_feasible(nlp, audit)
     # Not the solver's f, which may hold a penalty on gains or on products of contact.
     rolled = Rollout.from_trajectories(evaluation, nlp.step, plan.x, plan.u, plan.lam, plan.gap)
     certificate = Certificate("undecided", reason=UNJUDGED)
     idle, span, derivative = float("nan"), 0.0, None
     endless = unbounded_inputs(evaluation, session.step, rolled)
-    if kept:
+    if feasible:
         span = cost_span(evaluation, rolled)
         program, point = route_for(session).invert(session, outcome, rolled, plan.gains)
-        given = {**values, PENALTY: 0.0}
-        at = program.parameter_vector(given), program.bounds(given)
-        certificate = certify(program, point.x, *at, point.lam_g)
+        judged_values = {**values, PENALTY: 0.0}
+        arguments = program.parameter_vector(judged_values), program.bounds(judged_values)
+        certificate = certify(program, point.x, *arguments, point.lam_g)
         if certificate.stationarity == "not":
             certificate = replace(certificate, reason=outcome.trace.refused)
-        again = partial(_replay, session.problem)
-        derivative = partial(sensitivity, program, point, given, again)
+        replay_moved = partial(_replay, session.problem)
+        derivative = partial(sensitivity, program, point, judged_values, replay_moved)
         idle = idle_cost(evaluation, session.step, rolled)
         limited = all(np.isfinite(limit).all() for limit in evaluation.limits[2:4])
-        endless = endless or ("" if limited else unbounded_variables(program, *at, point.x))
+        endless = endless or ("" if limited else unbounded_variables(program, *arguments, point.x))
     if not (endless or result.ok or certificate.certified):
         # Iterates also run away uphill, as from the kinks of |u|: that is no fault of the problem.
         uphill = rolled.cost > idle_cost(evaluation, session.step, rolled)
         endless = "" if uphill else runaway_inputs(session.problem, plan.u)
     report, replays = referee_plan(evaluation, session.step, rolled, plan.gains)
     return Solution(
-        data=label(nlp, plan, replay, book, outcome, evaluation, replays.replay),
+        data=label(nlp, plan, replay, contacts, outcome, evaluation, replays.replay),
         cost=rolled.cost,
-        status=status_of(outcome, found, kept, certificate, rolled.cost, idle, span, evaluation, bool(endless)),
-        audit=found,
+        status=status_of(outcome, audit, feasible, certificate, rolled.cost, idle, span, evaluation, bool(endless)),
+        audit=audit,
         certificate=certificate,
         referee=report,
         idle_cost=idle,
@@ -85,7 +86,7 @@ def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution
         build_s=session.total_build_s,
         solve_s=outcome.trace.seconds,
         record=session_record(session, seed),
-        route=RouteReport(outcome.route, audit_s=time.perf_counter() - began),
+        route=RouteReport(outcome.route, audit_s=time.perf_counter() - start_time),
         unbounded=endless,
         problem=session.problem,
         values=dict(values),
@@ -102,29 +103,29 @@ def _replay(problem: Problem, plan: Trajectories, values: dict[str, float]) -> R
 
 def status_of(
     outcome: RouteResult,
-    found: Audit,
-    kept: bool,
+    audit: Audit,
+    feasible: bool,
     certificate: Certificate,
     cost: float,
     idle: float,
     span: float,
     evaluation: Evaluation,
-    endless: bool,
+    unbounded: bool,
 ) -> Status:
     """Combine audit, certificate and, where these find no answer, the solver's status."""
     result = outcome.result
     if result.status is Status.INTERRUPTED:
         return result.status
-    if endless:
+    if unbounded:
         return Status.UNBOUNDED
     if not np.isfinite(cost):
         return Status.DIVERGED
-    if not kept:
+    if not feasible:
         return Status.INEXACT if result.ok else result.status
     # A force from afar moves what its exact replay does not: that is smoothing, and no dead end.
     # And where standing still breaks constraints that the plan keeps, the plan is better.
-    own = found.state_gap <= STILL * outcome.nlp.problem.scales.x.max() and np.isfinite(idle)
-    blind = found.active_steps == 0 and found.task_gradient < _FLAT and own
+    stands_still = audit.state_gap <= STILL * outcome.nlp.problem.scales.x.max() and np.isfinite(idle)
+    blind = audit.active_steps == 0 and audit.task_gradient < _NO_TASK_GRADIENT and stands_still
     sloped = certificate.slope > CONTENT * span
     gain = evaluation.cost_share(idle - cost, idle)
     if blind or (sloped and gain <= _IDLE):
@@ -179,16 +180,16 @@ def keep_best_on_interrupt(session: Session, seed: int, progress: Progress | Non
     point of it, judged, its status :attr:`~ocp.programs.solver.Status.INTERRUPTED`; before a solver
     has run at all, there is none, and KeyboardInterrupt is raised as it came.
     """
-    kept = InterruptRecorder(session, progress)
-    session.solver.heard = lambda program, result: kept.ends.append((program, result))
+    recorder = InterruptRecorder(session, progress)
+    session.solver.heard = lambda program, result: recorder.ends.append((program, result))
     try:
         with interruptible():
-            yield kept.add_stage
+            yield recorder.add_stage
     except KeyboardInterrupt as stop:
         session.solver.heard = None
-        if not kept.ends:
+        if not recorder.ends:
             raise
-        raise Interrupted(kept.solution(seed)) from stop
+        raise Interrupted(recorder.solution(seed)) from stop
     finally:
         session.solver.heard = None
 
@@ -209,7 +210,7 @@ class InterruptRecorder:
             self.progress(stage)
 
     def solution(self, seed: int) -> Solution:
-        """The best point as a judged solution, with all work counted."""
+        """Return the best point as a judged solution, with all work counted."""
         nlp = self.session.nlp_of("product")
         results = [result for _, result in self.ends]
         trace = Trace(
@@ -221,30 +222,30 @@ class InterruptRecorder:
         p = nlp.parameter_vector(self.session.values)
         point = self._best(nlp, p)
         _LOG.info("interrupted after %d stages; the best point is judged", len(self.records))
-        found = Result.at(nlp, point, p, Status.INTERRUPTED, "interrupted")
-        return judge_outcome(self.session, RouteResult(found, nlp, False, trace), seed)
+        result = Result.at(nlp, point, p, Status.INTERRUPTED, "interrupted")
+        return judge_outcome(self.session, RouteResult(result, nlp, False, trace), seed)
 
     def _best(self, nlp: Program, p: np.ndarray) -> Point:
-        """The cheapest feasible point, or else the least infeasible one."""
+        """Return the cheapest feasible point, or else the least infeasible one."""
         bounds, natural = nlp.bounds(self.session.values), nlp.natural
-        found = []
+        candidates = []
         for program, result in self.ends:
             point = translate(result.point, program, nlp)
             cost, g = nlp.values(point.x, p)
-            off = max(
+            violation = max(
                 max_bound_violation(g, bounds["lbg"], bounds["ubg"], natural.g),
                 max_bound_violation(point.x, bounds["lbx"], bounds["ubx"], natural.x),
             )
-            found.append((off, cost if np.isfinite(cost) else np.inf, point))
-        kept = [one for one in found if one[0] <= FEASIBLE]
-        by_cost = min(kept, key=lambda one: one[1], default=None)
-        return (by_cost or min(found, key=lambda one: one[0]))[2]
+            candidates.append((violation, cost if np.isfinite(cost) else np.inf, point))
+        feasible = [candidate for candidate in candidates if candidate[0] <= FEASIBLE]
+        by_cost = min(feasible, key=lambda candidate: candidate[1], default=None)
+        return (by_cost or min(candidates, key=lambda candidate: candidate[0]))[2]
 
 
-def max_bound_violation(value: np.ndarray, low: np.ndarray, high: np.ndarray, size: np.ndarray) -> float:
-    """Largest violation of bounds, in natural units; infinite for NaN."""
-    off = np.maximum(np.maximum(low - value, value - high), 0.0) / size
-    return float(np.nan_to_num(off, nan=np.inf, posinf=np.inf).max(initial=0.0))
+def max_bound_violation(values: np.ndarray, lower: np.ndarray, upper: np.ndarray, size: np.ndarray) -> float:
+    """Return the largest violation of bounds, in natural units; infinite for NaN."""
+    violations = np.maximum(np.maximum(lower - values, values - upper), 0.0) / size
+    return float(np.nan_to_num(violations, nan=np.inf, posinf=np.inf).max(initial=0.0))
 
 
 @contextmanager
@@ -263,7 +264,7 @@ def collect_failures(failures: list[Exception]) -> Iterator[None]:
         failures.append(error)
 
 
-def add_failures(found: Solution, failures: list[Exception]) -> Solution:
+def add_failures(solution: Solution, failures: list[Exception]) -> Solution:
     """Put the errors that other candidates ended in, if any, into a solution's route."""
-    told = [f"{type(error).__name__}: {abbreviated(str(error))}" for error in failures]
-    return found.with_route(failures=told)
+    messages = [f"{type(error).__name__}: {abbreviated(str(error))}" for error in failures]
+    return solution.with_route(failures=messages)
