@@ -1,18 +1,14 @@
-"""The program ``ocp``: its commands, its parser, and the message and exit code of every failure."""
+"""The program ``ocp``: its commands and their parser."""
 
 from __future__ import annotations
 
-import errno
 import inspect
-import os
-import re
 import sys
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, Field, fields
-from difflib import get_close_matches
 from importlib import import_module
 from inspect import Parameter
 from pathlib import Path
@@ -24,7 +20,8 @@ from typer.core import TyperCommand, TyperGroup
 from reports.cli import interrupt, streams
 from reports.cli.commands import COMMANDS
 from reports.cli.completion import field_completion
-from reports.cli.options import Options, decode_utf8
+from reports.cli.failures import explain
+from reports.cli.options.shared import Options, decode_utf8
 
 
 def execute(options: Options) -> int:
@@ -275,7 +272,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return interrupt.EXIT_CODE
         if "--debug" in words:
             traceback.print_exc()
-        message, code = _explain(error)
+        message, code = explain(error)
         if message:
             print(f"error: {message}", file=sys.stderr)
         return code
@@ -284,75 +281,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if arguments is not None:
             streams.restore_stdout()
     return code if isinstance(code, int) else 0
-
-
-_DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-"""Error numbers of a disk without space, or of a failed write."""
-
-
-def _explain(error: BaseException) -> tuple[str, int]:
-    """Return the message and the exit code of an exception."""
-    # By attribute, not by type: typer has its own copy of click, and importing ocp.errors would
-    # load CasADi for every ocp --help.
-    if hasattr(error, "format_message"):
-        message = error.format_message()  # pyright: ignore[reportAttributeAccessIssue]
-        if not message or type(error).__name__ == "NoArgsIsHelpError":
-            return "", 2
-        return f"{_shortened(_usage(error, message)).rstrip('.')}; see ocp --help", 2
-    if isinstance(code := getattr(error, "exit_code", None), int):
-        return _shortened(str(error)), code
-    # rich turns a broken pipe into SystemExit.
-    if isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
-        streams.discard_buffers()
-        return "", 1
-    if isinstance(error, SystemExit) and "_OCP_COMPLETE" in os.environ:
-        return "", error.code if isinstance(error.code, int) else 1
-    if isinstance(error, OSError) and error.errno in _DISK_ERRORS:
-        streams.discard_buffers()
-        destination = f" to {_shortened(str(error.filename))}" if error.filename is not None else ""
-        return f"cannot write{destination}: {error.strerror}; free some space or write elsewhere", 1
-    if isinstance(error, ImportError) and (hidden := _hidden_package()):
-        return hidden, 2
-    if isinstance(error, OSError) and error.filename is not None:
-        reason = f"{error.strerror}; name another file or directory"
-        return f"cannot use {_shortened(str(error.filename))}: {reason}", 2
-    if isinstance(error, FileNotFoundError):
-        try:
-            Path.cwd()
-        except FileNotFoundError:
-            return "the working directory no longer exists; change to another one", 2
-    if isinstance(error, MemoryError):
-        return "not enough memory; use fewer steps, scenarios or samples", 2
-    return (
-        f"internal error, {type(error).__name__}: {_shortened(str(error))}\n"
-        "this is a bug in the workbench; --debug shows its location",
-        1,
-    )
-
-
-def _hidden_package() -> str:
-    """Return a sentence on a file or folder that hides one of our packages; "" where none does."""
-    try:
-        from ocp.distribution import shadowing
-    except ImportError as error:
-        return str(error)
-    return shadowing()
-
-
-def _usage(error: Any, message: str) -> str:
-    """Return a message of the parser, with the nearest name written as in our own messages."""
-    option_names = getattr(error, "possibilities", None)
-    if not option_names:
-        return re.sub(r"\. Did you mean ('[^']+').*", r" (did you mean \1?)", message)
-    nearest = get_close_matches(error.option_name, option_names, n=1, cutoff=0.0)[0]
-    return f"No such option {error.option_name!r} (did you mean {nearest!r}?)"
-
-
-def _shortened(message: str) -> str:
-    """Return a message with very long words cut, and control characters and invalid text escaped.
-
-    So no quoted text can control the terminal.
-    """
-    message = message.encode("utf-8", "backslashreplace").decode()
-    message = re.sub(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]", lambda sign: repr(sign[0])[1:-1], message)
-    return re.sub(r"\S{200,}", lambda word: f"{word[0][:60]}...{word[0][-30:]}", message)

@@ -6,17 +6,12 @@ from dataclasses import MISSING
 from pathlib import Path
 from typing import ClassVar
 
-from reports.cli.learning.options import (
-    CollectOptions,
-    EvaluateOptions,
-    LearnOptions,
-    TrainOptions,
-)
-from reports.cli.mpc_options import MpcOptions
-from reports.cli.options import (
+from reports.cli.options.learning import CollectOptions, EvaluateOptions, LearnOptions, TrainOptions
+from reports.cli.options.mpc import MpcOptions
+from reports.cli.options.output import AnimateOptions, ExportOptions, FigureOptions, ReportOptions
+from reports.cli.options.shared import (
     LAW_HELP,
     PROBLEM_HELP,
-    RUN_HELP,
     JobsOptions,
     LawOptions,
     Options,
@@ -25,11 +20,10 @@ from reports.cli.options import (
     SolverOptions,
     SourceOptions,
     StartsOptions,
-    StoreOptions,
     argument,
-    assignment,
     option,
 )
+from reports.cli.options.store import RmOptions, RunsExportOptions, RunsOptions
 
 BACKENDS = ("auto", "c", "numpy", "casadi")
 """Engines of batched evaluation; auto takes the first that can be built."""
@@ -199,140 +193,6 @@ class EstimateOptions(JobsOptions, ProblemOptions):
     decision_run: str | None = option(None, "--at", help="Stored run whose inputs are the decision.")
     backend: str = option("auto", help=f"{', '.join(BACKENDS[:-1])} or {BACKENDS[-1]}.")
     threads: int | None = option(None, min=1, max=1024, help="CPUs to use.")
-
-
-class FigureOptions(JobsOptions, StoreOptions):
-    """Run a study, store it, draw it as ID.pdf beside its data ID.nc, and check its claims.
-
-    With --format or --panel the bare figure is written as well, for a paper: ID-figure.pdf, or
-    ID-a.pdf for panel a. A stored run is drawn again without any computation.
-    """
-
-    code: ClassVar = "reports.cli.figure_command"
-    examples: ClassVar = (
-        "figure A1",
-        "figure --all --quick -j 4",
-        "figure P3 P6 --format svg --panel b",
-    )
-    figures: list[str] | None = argument(None, help="Figures, such as P6 (ocp list), or stored runs to draw again.")
-    every: bool = option(False, "--all", help="All figures.")
-    quick: bool = option(False, help="Smaller sizes for long studies.")
-    params: list[str] | None = assignment("--param", "-p", help="Parameter of the study.")
-    seed: int = option(0, min=0, help="Random seed.")
-    ending: str | None = option(None, "--format", metavar="pdf|svg|png", help="Also write the bare figure for a paper.")
-    panel: str | None = option(None, metavar="a", help="Only this panel of the bare figure, one column wide.")
-
-    @property
-    def named_runs(self) -> list[str]:
-        """Arguments that name stored runs, as paths, ``@last`` or ``@2``, rather than studies."""
-        return [name for name in self.figures or () if name.startswith("@") or "/" in name]
-
-
-class ReportOptions(SourceOptions):
-    """Write a PDF of one stored run, or of several side by side."""
-
-    code: ClassVar = "reports.cli.report_command:report"
-    examples: ClassVar = ("report @last -o report.pdf", "report @2 @last -o both.pdf")
-    runs: list[str] = argument(help="Runs: paths, or parts of their names.")
-    pdf: Path = option(MISSING, "--output", "-o", help="The PDF to write.")
-    cones: bool = option(False, help="Draw friction cones at the contact forces.")
-    signals: str | None = option(
-        None, metavar="NAME,...", help="Draw only these signals of a solve over time; * is a joker."
-    )
-
-
-class AnimateOptions(RunOptions, SourceOptions):
-    """Animate a stored run: bodies and contact forces of the plan and of its exact replay."""
-
-    code: ClassVar = "reports.cli.report_command:animate"
-    examples: ClassVar = (
-        "animate @last -o motion.gif",
-        "animate push-disc -o push.html --speed 0.5",
-    )
-    file: Path = option(MISSING, "--output", "-o", help="The .gif, .mp4 or .html file to write.")
-    fps: int = option(25, min=1, max=100, help="Frames per second.")
-    speed: float = option(1.0, min=1e-3, max=1e3, help="1 is real time, 0.5 half speed.")
-    repeat: int = option(1, min=1, max=100, help="Show a periodic motion, a stride, n times.")
-    cones: bool = option(False, help="Draw friction cones.")
-
-
-class ExportOptions(SourceOptions):
-    """Write one step of a problem, its derivatives and a run's policy as one C11 file."""
-
-    code: ClassVar = "reports.cli.export_command"
-    examples: ClassVar = (
-        "export push-disc --contact barrier -c mu=1e-3 -o step.c",
-        "export @last -o policy.c",
-    )
-    subject: str = argument(
-        metavar="RUN|PROBLEM",
-        help="A run: its path, or part of its name; or a problem: its name or file.",
-    )
-    file: Path = option(MISSING, "--output", "-o", help="The C file to write.")
-    params: list[str] | None = assignment("--param", "-p", help="Parameter of the problem.")
-    contact: str | None = option(None, help="Contact law; default: that of the run, or exact.")
-    law_settings: list[str] | None = assignment("--contact-setting", "-c", help="Setting of the contact law.")
-
-    @property
-    def named_runs(self) -> list[str]:
-        """The argument as a list, empty where it is the name or file of a problem."""
-        from problems import names
-
-        return [] if self.subject in names() or self.subject.endswith(".py") else [self.subject]
-
-
-class RunsOptions(StoreOptions):
-    """List the stored runs, the latest last, or show one.
-
-    Commands accept the number before a run as its name: @1, or @last, is the latest.
-    """
-
-    code: ClassVar = "reports.cli.runs_command"
-    examples: ClassVar = (
-        "runs",
-        "runs @last",
-        "runs --problem push-disc --contact barrier --since 2h",
-        "runs --tag paper --status survives --json",
-        "runs rm @2",
-        "runs export @last -o motion.csv",
-    )
-    run: str | None = argument(None, help=RUN_HELP)
-    problem: str | None = option(None, help="Only runs of this problem.")
-    kind: str | None = option(None, help="Only this kind: solve, continue, estimate, train, ...")
-    contact: str | None = option(None, help="Only runs under this contact law.")
-    method: str | None = option(None, help="Only runs by this method.")
-    algorithm: str | None = option(None, help="Only policies trained by this algorithm.")
-    status: str | None = option(None, help="Only this status: solved, survives, interrupted, damaged, ...")
-    tags: list[str] | None = option(
-        None,
-        "--tag",
-        metavar="WORD",
-        help="Only runs with this tag; repeat for several, all of which must match.",
-    )
-    since: str | None = option(None, metavar="WHEN", help="Only runs since a date (2026-01-31) or in the last 2h, 7d.")
-    last: int | None = option(None, "-n", min=1, metavar="N", help="The last N matching runs; 100 if not given.")
-
-
-class RmOptions(StoreOptions):
-    """Delete stored runs, damaged ones too; nothing is deleted unless every name is a run."""
-
-    code: ClassVar = "reports.cli.runs_command:rm"
-    examples: ClassVar = ("runs rm @last", "runs rm @2 @3 @4")
-    runs: list[str] = argument(metavar="RUN...", help="Runs: paths, parts of their names, or numbers such as @2.")
-
-
-class RunsExportOptions(RunOptions):
-    """Write the arrays of a stored run to a file for other programs.
-
-    CSV has one row per scenario and node of a solve, per point, scenario and node of a
-    continuation, per point and estimator of an estimate, per iteration of a training; its header
-    has the units. NPZ has every array by name, and the run's description as JSON in meta.
-    """
-
-    code: ClassVar = "reports.cli.runs_command:export"
-    examples: ClassVar = ("runs export @last -o motion.csv", "runs export push-disc -o push.npz")
-    file: Path = option(MISSING, "--output", "-o", help="The file to write.")
-    form: str | None = option(None, "--format", metavar="csv|npz", help="csv or npz; default: by the file's name.")
 
 
 class DoctorOptions(Options):

@@ -20,7 +20,7 @@ from ocp.transcription.factories import DEFAULT_LAW, closing_law
 from problems import names, spec
 from problems.plugin import law_of, problem_of
 from problems.registry import objective_names
-from reports.cli.commands import ExportOptions
+from reports.cli.options.output import ExportOptions
 from reports.cli.request import check_output_file, parse_assignments
 
 

@@ -28,7 +28,7 @@ from problems.studies import FigureStudy
 from problems.studies.progress import listen_to_progress
 from problems.studies.study import claims_sentence
 from reports.cli import interrupt
-from reports.cli.commands import FigureOptions
+from reports.cli.options.output import FigureOptions
 from reports.cli.request import check_outputs, parse_assignments
 from reports.documents.pdf import write_pdf
 from reports.figures.paper import FORMATS, bare_figure

@@ -19,7 +19,7 @@ from problems.registry import ROBOT_FILES, ObjectiveSpec, named, objective_names
 from problems.spec import ProblemSpec, Spec
 from problems.tasks import registry
 from reports.cli.commands import SettingsOptions, ShowOptions
-from reports.cli.options import Options
+from reports.cli.options.shared import Options
 from reports.documents.citations import full_citation
 from reports.drawing.notation import plain
 from reports.tables import settings

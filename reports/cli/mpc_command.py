@@ -26,7 +26,7 @@ from ocp.validation import parse
 from problems.plugin import source
 from problems.spec import ProblemSpec
 from reports.cli import interrupt
-from reports.cli.mpc_options import MpcOptions
+from reports.cli.options.mpc import MpcOptions
 from reports.cli.request import check_outputs, parse_assignments
 from reports.tables.closed_loop import labelled_arrays, loop_notes, loop_summary, loop_table
 from reports.tables.console import live

@@ -8,7 +8,7 @@ from ocp.errors import InputError
 from ocp.store.stored_run import StoredRun
 from problems.spec import ProblemSpec
 from reports.cli import interrupt
-from reports.cli.commands import AnimateOptions, ReportOptions
+from reports.cli.options.output import AnimateOptions, ReportOptions
 from reports.cli.request import check_output_file
 from reports.documents.pdf import write_pdf
 from reports.drawing.style import house_style

@@ -17,7 +17,7 @@ from ocp.store import atomic
 from ocp.transcription.factories import law_name
 from problems import ProblemSpec
 from problems.plugin import source
-from reports.cli.options import SolverOptions
+from reports.cli.options.shared import SolverOptions
 
 if TYPE_CHECKING:
     from ocp.jobs.case import Case

@@ -12,7 +12,7 @@ from ocp.errors import InputError, choose
 from ocp.store.lookup import check_removable, find, remove
 from ocp.store.run_files import visible
 from ocp.store.stored_run import FORMATS, StoredRun, check_rows
-from reports.cli.commands import RmOptions, RunsExportOptions, RunsOptions
+from reports.cli.options.store import RmOptions, RunsExportOptions, RunsOptions
 from reports.cli.request import check_output_file
 from reports.tables.console import print_table
 from reports.tables.listings import run_lines, run_table

@@ -29,7 +29,7 @@ from ocp import (
 )
 from ocp.store.json_values import to_json
 from problems import get, spec
-from reports.cli.options import SolverOptions
+from reports.cli.options.shared import SolverOptions
 
 LAWS: dict[str, dict[str, Any]] = {
     "exact": {},

@@ -30,7 +30,7 @@ from problems import spec
 from problems.regions import CollectJob, collect_piece, region_of
 from problems.registry import objective_names
 from reports.cli import interrupt
-from reports.cli.learning.options import NOISE, CollectOptions, LearnOptions
+from reports.cli.options.learning import NOISE, CollectOptions, LearnOptions
 from reports.cli.request import check_output_file, input_errors, parse_assignments, parse_count, parse_layers
 from reports.tables import learned_models
 

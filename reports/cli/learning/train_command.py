@@ -24,8 +24,8 @@ from problems.tasks import registry
 from problems.tasks.registry import TaskSpec
 from problems.tasks.training import TrainingJob, rebuilt, record, trained, unfinished
 from reports.cli import interrupt
-from reports.cli.learning.options import EvaluateOptions, TrainOptions
 from reports.cli.learning.training_options import algorithms, is_psi, learned_parameters
+from reports.cli.options.learning import EvaluateOptions, TrainOptions
 from reports.cli.request import check_outputs, parse_assignments
 from reports.tables.training import (
     evaluation_sentence,

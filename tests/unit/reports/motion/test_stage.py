@@ -11,7 +11,8 @@ from matplotlib.path import Path
 from problems.drawing import Disc, HalfPlane, Mark, Segment, Spring
 from reports.drawing.style import FAINT, PURPLE, VERMILLION
 from reports.motion.animation import Animation
-from reports.motion.movie import HEAD, Canvas, MotionArtist, Stroke, shape_stroke
+from reports.motion.movie import Canvas
+from reports.motion.strokes import HEAD, MotionArtist, Stroke, shape_stroke
 from tests.unit.reports.made import FRICTION, sliding_box
 
 NORMAL = np.array([[1.0, 2.0], [0.5, 0.0], [4.0, 1.0], [1.0, 1.0]])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
-from reports.cli.options import PROBLEM_HELP, LawOptions, TagOptions, argument, assignment, option
+from reports.cli.options.shared import PROBLEM_HELP, LawOptions, TagOptions, argument, assignment, option
 
 
 class MpcOptions(LawOptions, TagOptions):

@@ -6,7 +6,7 @@ from dataclasses import MISSING
 from pathlib import Path
 from typing import ClassVar
 
-from reports.cli.options import (
+from reports.cli.options.shared import (
     LAW_HELP,
     PROBLEM_HELP,
     JobsOptions,

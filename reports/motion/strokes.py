@@ -1,0 +1,144 @@
+"""Strokes of a frame: bodies, arrows of forces, and friction cones, drawn in one collection."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
+from matplotlib.colors import to_rgba
+from matplotlib.path import Path as Outline
+
+from problems.drawing import ContactFrame, HalfPlane, Mark, Segment, Shape, Spring
+from reports.drawing import shapes
+from reports.drawing.shapes import Camera, Rgba
+from reports.drawing.strobe import CONE_ARROWS, longest_arrow, visible_forces
+from reports.drawing.style import FAINT, GREY, PURPLE, VERMILLION
+from reports.motion.animation import Motion
+
+_POINTS_PER_INCH = 72.0
+"""Points of paper per inch."""
+
+
+HEAD = 5.0, 2.0
+"""Length and half the width of an arrow's head [pt]."""
+
+
+_TRANSPARENT = (0.0, 0.0, 0.0, 0.0)
+"""Colour of what is not filled, or has no edge."""
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """A path [m] with its colours, line width [pt], and drawing order."""
+
+    path: Outline
+    face: Rgba
+    edge: Rgba
+    width: float
+    order: int
+
+
+class MotionArtist:
+    """One motion on ``axis`` under its camera; the force ``largest`` has the longest arrow."""
+
+    def __init__(self, axis: Axes, motion: Motion, camera: Camera, largest: float, cones: bool) -> None:
+        self.axis, self._motion, self._camera = axis, motion, camera
+        self._largest, self._cones = largest, cones
+        self._strokes = PathCollection([], capstyle="round")
+        self._strokes.set_animated(True)
+        axis.add_collection(self._strokes, autolim=False)
+        camera.aim(axis, 0)
+        # Ticks belong to the still part of the picture only as long as the camera stands.
+        moves = np.ptp(camera.middle, axis=0) > 0
+        ticks = zip((axis.xaxis, axis.yaxis), moves, strict=True)
+        self._ticks: list[Artist] = [ruler for ruler, moving in ticks if moving]
+        for ruler in self._ticks:
+            ruler.set_animated(True)
+
+    def draw(self, frame: int) -> None:
+        """Draw a frame onto the canvas, unless the motion has diverged before it."""
+        if frame >= len(self._motion.x):
+            return
+        self.put(frame)
+        for artist in (*self._ticks, self._strokes):
+            self.axis.draw_artist(artist)
+
+    def put(self, frame: int) -> None:
+        """Move camera and paths to a frame."""
+        self._camera.aim(self.axis, frame)
+        strokes = self.strokes(frame)
+        self._strokes.set_paths([stroke.path for stroke in strokes])
+        self._strokes.set_facecolor([stroke.face for stroke in strokes])
+        self._strokes.set_edgecolor([stroke.edge for stroke in strokes])
+        self._strokes.set_linewidth([stroke.width for stroke in strokes])
+
+    def strokes(self, frame: int) -> list[Stroke]:
+        """Return the strokes of a frame from back to front."""
+        return sorted(self._found(frame), key=lambda stroke: stroke.order)
+
+    def _found(self, frame: int) -> Iterator[Stroke]:
+        middle, size = self._camera.middle[frame], self._camera.size
+        # One point of paper in metres: lines have their width, heads and marks their size in these.
+        figure = self.axis.get_figure(root=True)
+        assert figure is not None
+        point = size[0] / self.axis.bbox.width * figure.dpi / _POINTS_PER_INCH
+        for shape in self._motion.shapes[frame]:
+            yield shape_stroke(shape, middle, size, point)
+        forces = self._motion.forces
+        if forces is None:
+            return
+        longest, pushes = longest_arrow(size), (forces.normal[frame], forces.friction[frame])
+        for pushed in visible_forces(self._motion.contacts[frame], pushes, self._largest):
+            if self._cones and pushed[0].friction:
+                yield cone_stroke(pushed[0], CONE_ARROWS * longest)
+            yield arrow_stroke(*pushed, longest / self._largest, point)
+
+
+def shape_stroke(shape: Shape, middle: np.ndarray, size: np.ndarray, point: float) -> Stroke:
+    """Return the stroke of a body in a view around ``middle`` of ``size`` [m]; a ``point`` of paper is in m."""
+    ink = to_rgba(shapes.color(shape.role))
+    face, edge = shapes.shape_colors(shape)
+    match shape:
+        case HalfPlane():
+            path = shapes.half_plane_path(shape, middle, shapes.REACH * float(size.sum()))
+            return Stroke(path, to_rgba(FAINT), to_rgba(GREY), 0.8, 0)
+        case Mark(x, y, "goal"):
+            arm = shapes.GOAL_PT / 2 * point
+            cross = Outline(
+                [(x - arm, y), (x + arm, y), (x, y - arm), (x, y + arm)], [Outline.MOVETO, Outline.LINETO] * 2
+            )
+            return Stroke(cross, _TRANSPARENT, ink, 1.5, 4)
+        case Mark(x, y):
+            return Stroke(Outline.circle((x, y), shapes.MARK_PT / 2 * point), ink, _TRANSPARENT, 0.0, 2)
+        case Segment() | Spring():
+            order = 1 if shapes.is_opaque(shape) else 2
+            return Stroke(shapes.outline(shape), _TRANSPARENT, edge, shapes.width(shape), order)
+        case _:
+            return Stroke(shapes.outline(shape), face, edge, shapes.EDGE_PT, 1)
+
+
+def arrow_stroke(contact: ContactFrame, normal: float, friction: float, scale: float, point: float) -> Stroke:
+    """Return the arrow of a force from its contact; its length is ``scale`` [m per unit] times the force."""
+    tx, ty = contact.tangent
+    force = normal * np.array([contact.nx, contact.ny]) + friction * np.array([tx, ty])
+    start, tip = np.array([contact.x, contact.y]), scale * force
+    length = float(np.hypot(*tip))
+    direction, tip = tip / length, start + tip
+    head, half_head = (min(size * point, size / HEAD[0] * length) for size in HEAD)
+    neck, across = tip - head * direction, half_head * np.array([-direction[1], direction[0]])
+    ink = to_rgba(VERMILLION)
+    corners = [start, neck, neck + across, tip, neck - across, neck]
+    return Stroke(Outline(np.array(corners)), ink, ink, 1.0, 5)
+
+
+def cone_stroke(contact: ContactFrame, length: float) -> Stroke:
+    """Return the friction cone, with atan(friction) on either side of the normal."""
+    middle, half_angle = math.atan2(contact.ny, contact.nx), math.atan(contact.friction)
+    wedge = Outline.wedge(math.degrees(middle - half_angle), math.degrees(middle + half_angle))
+    path = Outline(np.asarray(wedge.vertices) * length + (contact.x, contact.y), wedge.codes)
+    return Stroke(path, to_rgba(PURPLE, 0.22), to_rgba(PURPLE, 0.8), 0.6, 3)
