@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    from ocp.simulators.replay import InWorld
+    from ocp.simulators.replay import ExternalReplay
 
 
 @dataclass(frozen=True)
@@ -203,15 +203,15 @@ class Solution(Judgement):
         settings = {**(contact_settings or {}), **parameters}
         return replay_plan(self, closing_law(contact, settings, self.problem.system))
 
-    def replay_in(self, simulator: str = "mujoco") -> InWorld:
+    def replay_in(self, simulator: str = "mujoco") -> ExternalReplay:
         """Replay the plan's inputs, or its policy, in another simulator.
 
-        Raises :class:`~ocp.errors.InputError` as :func:`ocp.simulators.replay.in_world` does.
+        Raises :class:`~ocp.errors.InputError` as :func:`ocp.simulators.replay.replay_in_simulator` does.
         """
-        from ocp.simulators.replay import in_world
+        from ocp.simulators.replay import replay_in_simulator
 
         start = self.data["x"].values[:, 0]
-        return in_world(simulator, self.problem, self.inputs, self.values, start, self.cost)
+        return replay_in_simulator(simulator, self.problem, self.inputs, self.values, start, self.cost)
 
     def plot(self) -> Figure:
         """Draw what ``ocp solve --plot`` writes: strobe above states, inputs and forces."""

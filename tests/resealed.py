@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ocp.store.run_files import META_FILE, sealed
+from ocp.store.run_files import META_FILE, seal_run
 
 
 def reseal(run: Path, change: Callable[[dict[str, Any]], Any], **parts: bytes) -> None:
@@ -22,7 +22,7 @@ def reseal(run: Path, change: Callable[[dict[str, Any]], Any], **parts: bytes) -
     given = {name: (run / name).read_bytes() for name in names}
     given |= {name: parts[stem] for name in names if (stem := Path(name).stem) in parts}
     change(meta)
-    for name, content in sealed(meta, given).items():
+    for name, content in seal_run(meta, given).items():
         (run / name).write_bytes(content)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from docs.generator import code_pages, figures, gallery, parts
 from docs.generator.measured import DATA, GENERATED, table_pages
-from ocp.store.atomic import write
+from ocp.store.atomic import write_file
 
 
 def pages() -> dict[str, str]:
@@ -22,7 +22,7 @@ def main() -> None:
     """Write all pages, and delete those that are no longer generated."""
     made = pages()
     for name, text in made.items():
-        write(GENERATED / name, text.encode())
+        write_file(GENERATED / name, text.encode())
     for file in GENERATED.rglob("*.md"):
         if not file.is_relative_to(DATA) and file.relative_to(GENERATED).as_posix() not in made:
             file.unlink()

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from ocp.errors import InputError
-from ocp.store.atomic import write
+from ocp.store.atomic import write_file
 from ocp.store.provenance import git_revision, versions
 
 
@@ -122,7 +122,7 @@ def write_table(
 def write_data(name: str, content: Mapping[str, Any]) -> Path:
     """Store ``content`` as ``<name>.json``, a line a row of what is in it."""
     file = DATA / f"{name}.json"
-    write(file, _lines(content).encode())
+    write_file(file, _lines(content).encode())
     return file
 
 
@@ -155,7 +155,7 @@ def save_picture(figure: Figure, name: str) -> Path:
     )
     picture.save(small, format="png", optimize=True)
     file = DOCS / "pictures" / f"{name}.png"
-    write(file, small.getvalue())
+    write_file(file, small.getvalue())
     return file
 
 

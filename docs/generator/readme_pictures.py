@@ -74,7 +74,7 @@ def draw(root: Path, folder: Path, still: Sequence[str], moved: Sequence[str]) -
     files = [folder / "strobes.png", *(folder / f"{name}.gif" for name in moved)]
     with house_style():
         strobes = picture([newest(root, name) for name in still])
-        with atomic.replacing(files[0]) as draft:
+        with atomic.replace_file(files[0]) as draft:
             strobes.savefig(draft, dpi=110, metadata={"Software": None})
         for name, file in zip(moved, files[1:], strict=True):
             write_animation(moving(newest(root, name)), file)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-LOCATED = 1e-6
-"""Within what share of the parameter's range an event is located."""
-KINDS = {
+LOCATION_TOLERANCE = 1e-6
+"""Precision of an event's location, as a share of the parameter's range."""
+EVENT_NAMES = {
     "contact": ("contact event", "contact events"),
     "degenerate": ("degenerate event", "degenerate events"),
     "bound": ("bound event", "bound events"),
@@ -15,9 +15,10 @@ KINDS = {
     "switch": ("switch", "switches"),
 }
 """Names of events, singular and plural."""
-PAIRS = ("contact", "degenerate")
+PAIR_EVENTS = ("contact", "degenerate")
 """Kinds of events at which pairs change."""
-_LISTED = 3
+MAX_LISTED_EVENTS = 3
+"""Number of events of a kind that a sentence lists."""
 
 
 @dataclass(frozen=True)
@@ -41,59 +42,60 @@ class Event:
     def describe(self, parameter: str) -> str:
         """Describe the event in half a sentence."""
         steps = "-".join(dict.fromkeys(f"{step}" for step in (*self.steps[:1], *self.steps[-1:])))
-        who = f"{self.contact!r} " if self.contact else ""
-        where = f" at step{'s' if len(self.steps) > 1 else ''} {steps}" if steps else ""
-        return f"{who}{self.change}{where} ({parameter} = {self.value:.6g})"
+        subject = f"{self.contact!r} " if self.contact else ""
+        location = f" at step{'s' if len(self.steps) > 1 else ''} {steps}" if steps else ""
+        return f"{subject}{self.change}{location} ({parameter} = {self.value:.6g})"
 
     def row(self) -> dict[str, Any]:
-        """The event as JSON."""
+        """Return the event as JSON."""
         return {**vars(self), "steps": list(self.steps)}
 
 
-def degenerate(value: float, cost: float) -> Event:
-    """The event at which strict complementarity is lost at several pairs at once."""
+def degenerate_event(value: float, cost: float) -> Event:
+    """Return the event at which strict complementarity is lost at several pairs at once."""
     return Event("degenerate", value, cost, "several pairs change at once")
 
 
-def joined(events: list[Event], span: float | None) -> list[Event]:
-    """Events in order; of those that happen at once, pairs as one degenerate event.
+def merge_simultaneous(events: list[Event], span: float | None) -> list[Event]:
+    """Merge simultaneous events of pairs into one degenerate event, and the steps of one bound.
 
-    Steps of one bound are joined too.
-    At once is within 1e-6 of ``span``, or of the value on a logarithmic scale, without span.
+    Simultaneous means within 1e-6 of ``span``, or of the value if ``span`` is None (a log scale).
     """
-    found: list[Event] = []
+    merged: list[Event] = []
     for event in events:
         at_once = [
             i
-            for i, e in enumerate(found)
-            if abs(e.value - event.value) <= LOCATED * (span or abs(e.value))
-            and ({e.kind, event.kind} <= set(PAIRS) or _named(e) == _named(event))
+            for i, e in enumerate(merged)
+            if abs(e.value - event.value) <= LOCATION_TOLERANCE * (span or abs(e.value))
+            and ({e.kind, event.kind} <= set(PAIR_EVENTS) or _event_identity(e) == _event_identity(event))
         ]
         if not at_once:
-            found.append(event)
+            merged.append(event)
             continue
-        first = found[at_once[0]]
-        if event.kind not in PAIRS:
+        first = merged[at_once[0]]
+        if event.kind not in PAIR_EVENTS:
             steps = tuple(sorted({*first.steps, *event.steps}))
-            found[at_once[0]] = replace(first, steps=steps)
-        elif (_named(first), first.steps) != (_named(event), event.steps):
-            found[at_once[0]] = degenerate(first.value, first.cost)
-    return found
+            merged[at_once[0]] = replace(first, steps=steps)
+        elif (_event_identity(first), first.steps) != (_event_identity(event), event.steps):
+            merged[at_once[0]] = degenerate_event(first.value, first.cost)
+    return merged
 
 
-def _named(event: Event) -> tuple[str, str, str]:
+def _event_identity(event: Event) -> tuple[str, str, str]:
     return event.kind, event.contact, event.change
 
 
 def describe_events(events: list[Event], parameter: str) -> str:
-    """Events in a sentence, three of a kind; of bounds only how many. Empty without events."""
-    parts = []
-    for kind, words in KINDS.items():
-        found = [event for event in events if event.kind == kind]
-        if not found:
+    """Describe events in a sentence, three of a kind, bounds by their number; empty without events."""
+    sentences = []
+    for kind, words in EVENT_NAMES.items():
+        events_of_kind = [event for event in events if event.kind == kind]
+        if not events_of_kind:
             continue
-        count = f"{len(found)} {words[len(found) > 1]}"
-        listed = ", ".join(event.describe(parameter) for event in found[:_LISTED])
-        more = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
-        parts.append(count if kind == "bound" else f"{count}: {listed}{more}")
-    return "; ".join(parts)
+        count = f"{len(events_of_kind)} {words[len(events_of_kind) > 1]}"
+        listed = ", ".join(event.describe(parameter) for event in events_of_kind[:MAX_LISTED_EVENTS])
+        others = (
+            f" and {len(events_of_kind) - MAX_LISTED_EVENTS} more" if len(events_of_kind) > MAX_LISTED_EVENTS else ""
+        )
+        sentences.append(count if kind == "bound" else f"{count}: {listed}{others}")
+    return "; ".join(sentences)

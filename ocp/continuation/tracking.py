@@ -1,4 +1,4 @@
-"""Follow a curve of stationary points: predict, correct, and see where its active set changes."""
+"""Following of a curve of stationary points: prediction, correction, and changes of its active set."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocp.continuation.events import LOCATED, Event, degenerate
+from ocp.continuation.events import LOCATION_TOLERANCE, Event, degenerate_event
 from ocp.errors import InputError
 from ocp.judge.kkt import Held, KKTCurve, regular
 from ocp.problem.evaluation import Evaluation
@@ -17,20 +17,29 @@ from ocp.routes.branches import Branches
 from ocp.routes.homotopy import Homotopy, RouteResult, lower
 from ocp.routes.session import Session
 
-_OFF = 1e-8
-_WEAK = 1e-6
-_CHANGES = 500
-_SHARE = 1 / 16
-_LOCATING = 60
-_ARCS = 400
-_PATIENCE = 40
-_JUMP = 1e-2
-_GAIN = 1e-6
+ACTIVE_SET_TOLERANCE = 1e-8
+"""Largest scaled violation of a margin at a point of the curve."""
+WEAK_MARGIN = 1e-6
+"""Margin below which a pair counts as weakly active at an event."""
+MAX_EVENTS = 500
+"""Maximum number of predictions in one move."""
+MIN_MOVE_SHARE = 1 / 16
+"""Smallest prediction of a move, as a share of the way."""
+MAX_LOCATIONS = 60
+"""Maximum number of iterations that locate an event."""
+MAX_ARCS = 400
+"""Maximum number of arcs around folds."""
+MAX_ARCS_TO_FOLD = 40
+"""Maximum number of arcs before the first fold."""
+JUMP_DISTANCE = 1e-2
+"""Scaled distance from the tangent, beside twice the way, beyond which a solution is another curve's."""
+MIN_COST_GAIN = 1e-6
+"""Smallest relative gain of cost for which another stationary point is taken."""
 
 
 @dataclass(frozen=True)
 class Stop:
-    """A point on the way round a fold, and the events since the last."""
+    """A point on the way around a fold, and the events since the last one."""
 
     value: float
     outcome: RouteResult
@@ -38,12 +47,12 @@ class Stop:
 
 
 class Tracker:
-    """Stands at a solved point of a session and moves it along the parameter ``name``.
+    """Tracker of a solved point of a session along the parameter ``name``.
 
-    ``events`` are those on the way of the last move, ``wasted`` the iterations that led nowhere.
-    Where the point has no curve (contacts undecided, a kink of shooting under the exact law)
-    ``curve`` is None. ``kinked`` says that a bound is in the way, of a law without pairs, which is
-    the solver's to pass; ``stuck`` that the curve ends at the place where the tracker stands.
+    ``events`` are those of the last move, ``wasted`` the number of fruitless iterations. If the
+    point has no curve (contacts undecided, a kink of shooting under the exact law) ``curve`` is
+    None. ``kinked`` is true if a bound of a law without pairs is in the way, which the solver must
+    pass; ``stuck`` if the curve ends at the tracker's point.
     """
 
     def __init__(self, session: Session, name: str, span: float, log: bool) -> None:
@@ -52,8 +61,8 @@ class Tracker:
         self.v, self.events, self.down = np.zeros(0), list[Event](), 0
         self.stuck, self.around, self.kinked, self.wasted = False, False, False, 0
 
-    def begin(self, outcome: RouteResult) -> None:
-        """Stand at an outcome at the session's present values."""
+    def start_at(self, outcome: RouteResult) -> None:
+        """Start at an outcome, at the session's present values."""
         self.curve, self.stuck, self.events = None, False, []
         program, point = outcome.nlp, outcome.result.point
         self.program = program
@@ -66,99 +75,99 @@ class Tracker:
         except InputError:
             return
         self.wasted += self.curve.iterations
-        if (self._kept(self.curve.margins(self.v)) < -_OFF).any():
+        if (self._finite_margins(self.curve.margins(self.v)) < -ACTIVE_SET_TOLERANCE).any():
             self.curve = None
         else:
             self.down = self.curve.curvature(self.v)
 
     @property
     def value(self) -> float:
-        """The parameter's value at which the tracker stands."""
+        """Value of the parameter at the tracker's point."""
         assert self.curve is not None
         return float(self.v[-1] * self.curve.unit)
 
-    def to(self, value: float) -> RouteResult | None:
-        """Move to a value, or past some events towards it, in predictions that come back.
+    def move_to(self, value: float) -> RouteResult | None:
+        """Move to a value, or past some events towards it, by predictions and corrections.
 
-        None where a sixteenth of the way is too far and nothing happened, with the tracker where it
-        came to; where the curve ends on the way, None too, with ``stuck``, at that end.
+        Return None if a sixteenth of the way is too far and no event happened; the tracker is then
+        at the last point reached. Also None, with ``stuck``, if the curve ends on the way.
         """
         assert self.curve is not None
-        began, spent, last = time.perf_counter(), 0, -1
+        start_time, iterations, last = time.perf_counter(), 0, -1
         self.events, self.kinked = [], False
         curve, v, goal = self.curve, self.v, value / self.curve.unit
-        curve.iterations, least, target = 0, _SHARE * self._far(v[-1], goal), goal
-        for _ in range(_CHANGES):
-            found = curve.at(v, target)
-            below = self._violated(curve, found)
-            # A minimum that has become a saddle: a singular point was passed.
-            if found is None or below is None or (not below.any() and curve.curvature(found) > self.down):
+        curve.iterations, smallest_move, target = 0, MIN_MOVE_SHARE * self._distance(v[-1], goal), goal
+        for _ in range(MAX_EVENTS):
+            candidate = curve.at(v, target)
+            below = self._violated(curve, candidate)
+            # The minimum has become a saddle: a singular point was passed.
+            if candidate is None or below is None or (not below.any() and curve.curvature(candidate) > self.down):
                 target = v[-1] * np.sqrt(target / v[-1]) if self.log else (v[-1] + target) / 2
-                if self._far(v[-1], target) < least:
+                if self._distance(v[-1], target) < smallest_move:
                     break
                 continue
             if not below.any():
-                v = found
+                v = candidate
                 if target == goal:
                     self.curve, self.v = curve, v
-                    spent += curve.iterations
-                    return self._outcome(spent, time.perf_counter() - began)
+                    iterations += curve.iterations
+                    return self._outcome(iterations, time.perf_counter() - start_time)
                 target = goal
                 continue
             if not curve.own.size:
                 self.kinked = True
                 break
-            v, end = self._located(curve, v, found)
-            after = self._changed(curve, v, end)
-            if after is None or (end == last and abs(v[-1] - curve.start[-1]) < 1e-12):
+            v, end = self._locate_event(curve, v, candidate)
+            next_curve = self._changed(curve, v, end)
+            if next_curve is None or (end == last and abs(v[-1] - curve.start[-1]) < 1e-12):
                 self.stuck = True
-                self.events += [self._event(curve, v, end)] if after is None else []
+                self.events += [self._event(curve, v, end)] if next_curve is None else []
                 break
             self.events.append(self._event(curve, v, end))
-            spent += curve.iterations
-            curve, v, last, target = after, after.start, end, goal
-        self.curve, self.v, spent = curve, v, spent + curve.iterations
+            iterations += curve.iterations
+            curve, v, last, target = next_curve, next_curve.start, end, goal
+        self.curve, self.v, iterations = curve, v, iterations + curve.iterations
         if self.events and not self.stuck:
-            return self._outcome(spent, time.perf_counter() - began)
-        self.wasted += spent
+            return self._outcome(iterations, time.perf_counter() - start_time)
+        self.wasted += iterations
         return None
 
-    def _far(self, one: float, other: float) -> float:
-        return abs(np.log(other / one)) if self.log else abs(other - one)
+    def _distance(self, first: float, second: float) -> float:
+        return abs(np.log(second / first)) if self.log else abs(second - first)
 
     def _violated(self, curve: KKTCurve, v: np.ndarray | None) -> np.ndarray | None:
-        """Ends beyond which a point lies; None where a smooth law's pair lies on no curve."""
+        """Return a mask of violated ends at a point; None if a smooth law's pair lies on no curve."""
         if v is None:
             return None
-        below = self._kept(curve.margins(v)) < -_OFF
+        below = self._finite_margins(curve.margins(v)) < -ACTIVE_SET_TOLERANCE
         return None if not curve.own.size and below[curve.program.pairs].any() else below
 
     def _changed(self, curve: KKTCurve, v: np.ndarray, end: int) -> KKTCurve | None:
-        """The curve beyond an event; None where a pair at (0, 0) would gain by leaving it."""
+        """Return the curve beyond an event; None if a pair at (0, 0) would gain by leaving it."""
         held = curve.held.toggled(end)
         if end in curve.own and held.x[end]:
             if curve.program.reformulation != "none":
                 return None
             column = np.flatnonzero((curve.own == end).any(axis=0))[0]
-            if (curve.press(v)[curve.own[:, column]] < -_OFF).any():
+            if (curve.press(v)[curve.own[:, column]] < -ACTIVE_SET_TOLERANCE).any():
                 return None
         return self._curve(curve, v, held)
 
     def _curve(self, curve: KKTCurve, v: np.ndarray, held: Held) -> KKTCurve:
-        """A curve through a point of another, in sizes and the unit of that place."""
+        """Return a curve through a point of another, with the scaling and unit of that point."""
         (x, y), value = curve.point(v), float(v[-1] * curve.unit)
         unit = abs(value) if self.log else self.span
         values = {**curve.values, self.name: value}
         return KKTCurve(curve.program, values, self.name, unit, Point(x), y, held)
 
-    def _located(self, curve: KKTCurve, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, int]:
-        """First end that changes between two points, and where: secant, every third bisection."""
-        near, far = (self._kept(curve.margins(v)) for v in (low, high))
-        end, width = 0, 1e-3 * LOCATED
-        for count in range(_LOCATING):
-            crossing = np.flatnonzero(far < -_OFF)
-            positive = np.maximum(near[crossing], 0.0)
-            shares = positive / (positive - far[crossing])
+    def _locate_event(self, curve: KKTCurve, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, int]:
+        """Locate the first end that changes between two points: by secants, every third step a bisection."""
+        lower_margins, upper_margins = (self._finite_margins(curve.margins(v)) for v in (low, high))
+        end, width = 0, 1e-3 * LOCATION_TOLERANCE
+        for count in range(MAX_LOCATIONS):
+            crossing = np.flatnonzero(upper_margins < -ACTIVE_SET_TOLERANCE)
+            positive = np.maximum(lower_margins[crossing], 0.0)
+            shares = positive / (positive - upper_margins[crossing])
             first = int(np.argmin(shares))
             end, share = int(crossing[first]), float(shares[first])
             wide = abs(high[-1] - low[-1])
@@ -168,28 +177,28 @@ class Tracker:
             middle = curve.at(low, low[-1] + share * (high[-1] - low[-1]))
             if middle is None:
                 return low, end
-            margins = self._kept(curve.margins(middle))
-            if (margins < -_OFF).any():
-                high, far = middle, margins
+            margins = self._finite_margins(curve.margins(middle))
+            if (margins < -ACTIVE_SET_TOLERANCE).any():
+                high, upper_margins = middle, margins
             else:
-                low, near = middle, margins
+                low, lower_margins = middle, margins
         return low, end
 
-    def _kept(self, margins: np.ndarray) -> np.ndarray:
+    def _finite_margins(self, margins: np.ndarray) -> np.ndarray:
         return np.where(np.isnan(margins), -np.inf, margins)
 
     def _event(self, curve: KKTCurve, v: np.ndarray, end: int) -> Event:
         name, step, contact = curve.place(end)
         cost, value = curve.result(v)[1], float(v[-1] * curve.unit)
-        if contact and (curve.margins(v)[curve.own] < _WEAK).any(axis=0).sum() > 1:
-            return degenerate(value, cost)
+        if contact and (curve.margins(v)[curve.own] < WEAK_MARGIN).any(axis=0).sum() > 1:
+            return degenerate_event(value, cost)
         if not contact:
             change = "leaves its bound" if curve.held.holds(end) else "meets its bound"
             return Event("bound", value, cost, change, name, (step,))
         first = bool((curve.program.pairs[0] == end).any())
-        held = curve.held.toggled(end).x[end] != 0
+        acts = curve.held.toggled(end).x[end] != 0
         change = "comes to rest" if first else "touches"
-        if not held:
+        if not acts:
             change = "acts" if first else "opens"
         return Event("contact", value, cost, change, name, (step,))
 
@@ -204,13 +213,13 @@ class Tracker:
         self.v = self.curve.start
         return RouteResult(result, self.program, True, follower.trace)
 
-    def changed(self, before: KKTCurve, outcome: RouteResult) -> list[Event]:
-        """Pairs whose state differs from that on another curve, as events at this point."""
+    def pair_changes(self, old_curve: KKTCurve, outcome: RouteResult) -> list[Event]:
+        """Return events, at this point, of the pairs whose state differs from that on another curve."""
         if self.curve is None or not self.curve.own.size:
             return []
         program = self.curve.program
-        differ = (before.held.x != self.curve.held.x)[program.pairs].any(axis=0)
-        named = [program.pair_name(int(i)) for i in np.flatnonzero(differ)]
+        changed_pairs = (old_curve.held.x != self.curve.held.x)[program.pairs].any(axis=0)
+        pairs = [program.pair_name(int(i)) for i in np.flatnonzero(changed_pairs)]
         return [
             Event(
                 "contact",
@@ -220,7 +229,7 @@ class Tracker:
                 pair.name,
                 (pair.step,),
             )
-            for pair in named
+            for pair in pairs
         ]
 
     def cost(self, f: float, value: float | None = None) -> float:
@@ -228,105 +237,105 @@ class Tracker:
         values = {**self.session.values, self.name: self.value if value is None else value}
         return f + Evaluation(self.session.problem, values).constant_cost
 
-    def jumped(self, outcome: RouteResult, value: float) -> bool:
-        """Whether an outcome lies off the curve's tangent by more than twice the predicted way."""
+    def has_jumped(self, outcome: RouteResult, value: float) -> bool:
+        """Return whether an outcome is off the curve's tangent by more than twice the predicted way."""
         assert self.curve is not None
         curve, x = self.curve, outcome.result.point.x
-        way = (value / curve.unit - self.v[-1]) * curve.tangent(self.v)[: curve.nx]
-        off = (x / curve.sizes)[curve.free] - self.v[: curve.nx] - way
-        return bool(np.abs(off).max(initial=0.0) > _JUMP + 2 * np.abs(way).max(initial=0.0))
+        predicted = (value / curve.unit - self.v[-1]) * curve.tangent(self.v)[: curve.nx]
+        deviation = (x / curve.sizes)[curve.free] - self.v[: curve.nx] - predicted
+        return bool(np.abs(deviation).max(initial=0.0) > JUMP_DISTANCE + 2 * np.abs(predicted).max(initial=0.0))
 
-    def cheaper(self, outcome: RouteResult) -> RouteResult | None:
-        """A cheaper stationary point that a linear program with complementarity leads to."""
+    def find_cheaper(self, outcome: RouteResult) -> RouteResult | None:
+        """Return a cheaper stationary point, found by a linear program with complementarity, or None."""
         session = self.session
         if not session.complementary or outcome.nlp.reformulation != "none":
             return None
         follower = Homotopy(session.nlp_of, session.solver, session.values)
         better = Branches(follower).improve(outcome.result)
-        if not lower(better, outcome.result, _GAIN):
+        if not lower(better, outcome.result, MIN_COST_GAIN):
             self.wasted += follower.trace.iterations
             return None
         follower.trace.absorb(outcome.trace)
         return RouteResult(better, outcome.nlp, True, follower.trace)
 
-    def crossing(self, better: RouteResult, since: float) -> Event:
-        """The switch to another curve: where, at most back to ``since``, it becomes the cheaper."""
+    def locate_crossing(self, better: RouteResult, since: float) -> Event:
+        """Return the switch to another curve at the value, at most back to ``since``, where it becomes cheaper."""
         other, curve, v = Tracker(self.session, self.name, self.span, self.log), self.curve, self.v
-        other.begin(better)
+        other.start_at(better)
         low, high, cost = since, self.value, self.cost(better.result.f)
         assert curve is not None
-        while other.curve is not None and abs(high - low) > 0.1 * LOCATED * curve.unit:
+        while other.curve is not None and abs(high - low) > 0.1 * LOCATION_TOLERANCE * curve.unit:
             middle = (low + high) / 2
-            here = curve.at(v, middle / curve.unit)
-            there = other.curve.at(other.v, middle / other.curve.unit)
-            below = self._violated(other.curve, there)
+            own_point = curve.at(v, middle / curve.unit)
+            other_point = other.curve.at(other.v, middle / other.curve.unit)
+            below = self._violated(other.curve, other_point)
             gain = -1.0
-            if here is not None and there is not None and below is not None and not below.any():
-                gain = curve.result(here)[1] - other.curve.result(there)[1]
-            if gain > 0 and here is not None and there is not None:
-                high, v, other.v = middle, here, there
-                cost = self.cost(curve.result(here)[1], middle)
+            if own_point is not None and other_point is not None and below is not None and not below.any():
+                gain = curve.result(own_point)[1] - other.curve.result(other_point)[1]
+            if gain > 0 and own_point is not None and other_point is not None:
+                high, v, other.v = middle, own_point, other_point
+                cost = self.cost(curve.result(own_point)[1], middle)
             else:
                 low = middle
         ending = "becomes cheaper"
-        if abs(high - since) <= LOCATED * curve.unit:
+        if abs(high - since) <= LOCATION_TOLERANCE * curve.unit:
             return Event("switch", self.value, self.cost(better.result.f), "another point is cheaper")
         return Event("switch", high, cost, f"another point {ending}")
 
-    def turn(self, forward: float, first: float, goal: float) -> Iterator[Stop]:
-        """Step round folds by pseudo-arclength until the path goes ``forward`` again, and on.
+    def turn_folds(self, forward: float, first: float, goal: float) -> Iterator[Stop]:
+        """Step around folds by pseudo-arclength until the path goes ``forward`` again.
 
         Ends early, not ``around``, where the active set changes, the parameter is back at
         ``first``, or no fold comes before ``goal``. The tracker stands at the last stop.
         """
         assert self.curve is not None
-        curve, v, began = self.curve, self.v, time.perf_counter()
-        t, weights = _unit(curve, curve.tangent(v) * forward)
-        arc, turned, edge = 0.05, False, v[-1]
-        for count in range(_ARCS):
-            if not turned and (count > _PATIENCE or (v[-1] - goal / curve.unit) * forward > 0):
+        curve, v, start_time = self.curve, self.v, time.perf_counter()
+        t, weights = _unit_tangent(curve, curve.tangent(v) * forward)
+        arc, passed_fold, edge = 0.05, False, v[-1]
+        for count in range(MAX_ARCS):
+            if not passed_fold and (count > MAX_ARCS_TO_FOLD or (v[-1] - goal / curve.unit) * forward > 0):
                 return
             curve.iterations, self.events = 0, []
-            found = curve.newton(v + arc * t, weights * t, float((weights * t) @ v) + arc)
-            if found is None or (self._kept(curve.margins(found)) < -_OFF).any():
+            candidate = curve.newton(v + arc * t, weights * t, float((weights * t) @ v) + arc)
+            if candidate is None or (self._finite_margins(curve.margins(candidate)) < -ACTIVE_SET_TOLERANCE).any():
                 arc /= 2
                 if arc < 1e-6:
                     return
                 continue
-            after, _ = _unit(curve, curve.tangent(found, weights * t))
-            if after @ (weights * t) < 0.8:
+            tangent, _ = _unit_tangent(curve, curve.tangent(candidate, weights * t))
+            if tangent @ (weights * t) < 0.8:
                 arc /= 2
                 continue
-            if after[-1] * t[-1] < 0:
-                at = self._fold(curve, v, t, weights, arc)
-                cost, value = curve.result(at)[1], float(at[-1] * curve.unit)
+            if tangent[-1] * t[-1] < 0:
+                fold_point = self._fold(curve, v, t, weights, arc)
+                cost, value = curve.result(fold_point)[1], float(fold_point[-1] * curve.unit)
                 self.events = [Event("fold", value, cost, "turns")]
-                edge = at[-1] if not turned else edge
-                turned = True
-            v, t, arc = found, after, min(1.5 * arc, 0.2)
+                edge = fold_point[-1] if not passed_fold else edge
+                passed_fold = True
+            v, t, arc = candidate, tangent, min(1.5 * arc, 0.2)
             self.curve, self.v, self.down = curve, v, curve.curvature(v)
-            now = time.perf_counter()
-            yield Stop(self.value, self._outcome(curve.iterations, now - began), self.events)
-            began = now
-            self.around = turned and (v[-1] - edge) * forward > 0 and t[-1] * forward > 0
+            end_time = time.perf_counter()
+            yield Stop(self.value, self._outcome(curve.iterations, end_time - start_time), self.events)
+            start_time = end_time
+            self.around = passed_fold and (v[-1] - edge) * forward > 0 and t[-1] * forward > 0
             if self.around or (v[-1] - first / curve.unit) * forward <= 0:
                 return
 
     def _fold(self, curve: KKTCurve, v: np.ndarray, t: np.ndarray, weights: np.ndarray, arc: float) -> np.ndarray:
-        """Find where the parameter's part of the tangent is zero, by bisection in the arc."""
-        low, high, at = 0.0, arc, v
+        """Locate the zero of the tangent's parameter component, by bisection in the arc."""
+        low, high, fold_point = 0.0, arc, v
         for _ in range(40):
             s = (low + high) / 2
-            found = curve.newton(v + s * t, weights * t, float((weights * t) @ v) + s)
-            if found is None:
+            candidate = curve.newton(v + s * t, weights * t, float((weights * t) @ v) + s)
+            if candidate is None:
                 break
-            at, after = found, curve.tangent(found, weights * t)
-            low, high = (s, high) if after[-1] * t[-1] > 0 else (low, s)
-        return at
+            fold_point, tangent = candidate, curve.tangent(candidate, weights * t)
+            low, high = (s, high) if tangent[-1] * t[-1] > 0 else (low, s)
+        return fold_point
 
 
-def _unit(curve: KKTCurve, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A tangent of length 1 in variables and parameter, and the weights of that length."""
+def _unit_tangent(curve: KKTCurve, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a tangent of length 1 in variables and parameter, and the weights of that length."""
     weights = np.ones_like(t)
     weights[curve.nx : -1] = 0.0
     return t / np.sqrt((weights * t) @ t), weights

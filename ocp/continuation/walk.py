@@ -1,4 +1,4 @@
-"""Follow a solution along a parameter, and locate where its contacts change."""
+"""Continuation of a solution along a parameter, with the location of its contact changes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.systems import LAW_PREFIX
-from ocp.continuation.events import LOCATED, PAIRS, Event, joined
+from ocp.continuation.events import LOCATION_TOLERANCE, PAIR_EVENTS, Event, merge_simultaneous
 from ocp.continuation.tracking import Tracker
 from ocp.errors import InputError, choose, input_errors
 from ocp.programs.solver import Point, Status
@@ -21,11 +21,14 @@ from ocp.solve.judging import judge_outcome
 from ocp.solve.request import ProblemLike
 from ocp.solve.solve import new_session
 
-SMALLEST = 1e-3
-"""The step along the curve is never smaller than this fraction of the requested one."""
-_EASY = 15
-_SCALES = {"linear": (float, float), "log": (math.exp, math.log)}
-_SMALL = 1 / 16
+MIN_STEP_SHARE = 1e-3
+"""Smallest step along the curve, as a share of the requested one."""
+EASY_ITERATIONS = 15
+"""Number of iterations up to which a solve is easy, so that the next step may grow."""
+SCALE_MAPS = {"linear": (float, float), "log": (math.exp, math.log)}
+"""Maps from a scale to values and back."""
+SMALL_STEP_SHARE = 1 / 16
+"""Share of the requested step up to which a step is small."""
 
 
 @dataclass(frozen=True)
@@ -36,31 +39,31 @@ class CurvePoint:
     solution: Solution
 
     @property
-    def endless(self) -> list[str]:
-        """Costs that are not finite: planned, or replayed under the exact law."""
+    def infinite_costs(self) -> list[str]:
+        """Names of the costs that are not finite: planned, or replayed under the exact law."""
         costs = {"planned": self.solution.cost, "replayed": self.solution.audit.exact_cost}
         return [name for name, cost in costs.items() if not math.isfinite(cost)]
 
     def row(self) -> dict[str, Any]:
-        """The point as JSON."""
-        found = self.solution
+        """Return the point as JSON."""
+        solution = self.solution
         return {
             "value": self.value,
-            "status": found.status.label,
-            "success": found.success,
-            "cost": found.cost,
-            "exact_cost": found.audit.exact_cost,
-            "referee_cost": found.referee.cost,
-            "survives": found.referee.survives,
-            "stationarity": found.certificate.stationarity,
-            "iterations": found.iterations,
-            "complementarity": found.audit.complementarity,
+            "status": solution.status.label,
+            "success": solution.success,
+            "cost": solution.cost,
+            "exact_cost": solution.audit.exact_cost,
+            "referee_cost": solution.referee.cost,
+            "survives": solution.referee.survives,
+            "stationarity": solution.certificate.stationarity,
+            "iterations": solution.iterations,
+            "complementarity": solution.audit.complementarity,
         }
 
 
 @dataclass
 class Continuation:
-    """A followed curve: points, events, all iterations, and where and why it broke, if so."""
+    """A followed curve: points, events, all iterations, and the place and reason of a break."""
 
     parameter: str
     points: list[CurvePoint] = field(default_factory=list)
@@ -143,12 +146,12 @@ def follow_session(
         check_value(session, name, value)
     tracker = Tracker(session, name, abs(end - start), scale == "log")
     walk = _Walk(session, tracker, Continuation(name), scales, (start, end, steps), seed, progress)
-    return walk.all()
+    return walk.follow()
 
 
 @dataclass
 class _Walk:
-    """One continuation under way: ``at`` of the whole way, the last accepted ``outcome``."""
+    """A running continuation: ``at`` is the share of the way, ``outcome`` the last accepted one."""
 
     session: Session
     tracker: Tracker
@@ -158,37 +161,37 @@ class _Walk:
     seed: int
     progress: Callable[[CurvePoint], None] | None
 
-    def all(self) -> Continuation:
-        """Walk to the end, or to where the curve breaks."""
+    def follow(self) -> Continuation:
+        """Follow the curve to its end, or to a break."""
         session, followed, (start, end, steps) = self.session, self.followed, self.request
         first = self._solve(start)
         if self._add(first, start):
-            self.tracker.begin(first)
+            self.tracker.start_at(first)
             self._walk(1.0 / steps)
         else:
-            verdict = _why(followed.points[-1])
+            verdict = _failure_reason(followed.points[-1])
             followed.broke = f"at the first point, {followed.parameter} = {start:g}: {verdict}"
         followed.nlp_builds = session.nlp_builds
         followed.iterations += self.tracker.wasted
-        followed.events = joined(followed.events, None if self.tracker.log else abs(end - start))
+        followed.events = merge_simultaneous(followed.events, None if self.tracker.log else abs(end - start))
         return followed
 
     def _walk(self, full: float) -> None:
         step = full
         while self.at < 1 - 1e-12 and self.followed.broke is None:
-            whole = math.floor(self.at / full + 1e-9) + 1
-            value = self._value(whole * full if step == full else self.at + step)
+            next_step = math.floor(self.at / full + 1e-9) + 1
+            value = self._value(next_step * full if step == full else self.at + step)
             tracker = self.tracker
             if self._tracked(value) or (tracker.stuck and self._solved(self._beyond(tracker.value))):
                 step = min(full, 2 * step)
                 continue
-            small = step <= _SMALL * full
+            small = step <= SMALL_STEP_SHARE * full
             if self._turned(value) or self._solved(value, small):
-                easy = self.outcome.trace.iterations <= _EASY
+                easy = self.outcome.trace.iterations <= EASY_ITERATIONS
                 step = min(full, 2 * step) if easy else step
                 continue
             step /= 2
-            if step < SMALLEST * full:
+            if step < MIN_STEP_SHARE * full:
                 self._break(value)
 
     def _value(self, share: float) -> float:
@@ -203,115 +206,115 @@ class _Walk:
         return self.session.solve(start=point, warm_from=nlp)
 
     def _add(self, outcome: RouteResult, value: float) -> bool:
-        """Judge an outcome; take it as the next point where it is good, or the first."""
+        """Judge an outcome; take it as the next point if it is accepted, or the first."""
         self.session.values[self.followed.parameter] = value
         solution = judge_outcome(self.session, outcome, self.seed)
         point = CurvePoint(value, solution)
-        good = outcome.finished and solution.status in (Status.SOLVED, Status.NO_PROGRESS)
-        good = good and not point.endless
-        if not good and self.followed.points:
+        accepted = outcome.finished and solution.status in (Status.SOLVED, Status.NO_PROGRESS)
+        accepted = accepted and not point.infinite_costs
+        if not accepted and self.followed.points:
             self.failed = point
             return False
         self.followed.iterations += solution.iterations
         self.followed.points.append(point)
-        if good:
-            first, at, last = (self.scales[1](v) for v in (self.request[0], value, self.request[1]))
-            self.outcome, self.at = outcome, (at - first) / (last - first)
+        if accepted:
+            first, current, last = (self.scales[1](v) for v in (self.request[0], value, self.request[1]))
+            self.outcome, self.at = outcome, (current - first) / (last - first)
             if self.progress is not None:
                 self.progress(point)
-        return good
+        return accepted
 
     def _tracked(self, value: float) -> bool:
-        """Follow the curve to a value, and leave it where another point is cheaper."""
+        """Follow the curve to a value; leave it if another point is cheaper."""
         tracker = self.tracker
         if tracker.curve is None:
             return False
         self.session.values[self.followed.parameter] = value
-        outcome = tracker.to(value)
+        outcome = tracker.move_to(value)
         if outcome is None:
             return False
         if not math.isclose(tracker.value, value, rel_tol=1e-9, abs_tol=1e-12):
             value = self.session.values[self.followed.parameter] = tracker.value
-        better, events = tracker.cheaper(outcome), tracker.events
+        better, events = tracker.find_cheaper(outcome), tracker.events
         if better is not None:
-            events = [*events, tracker.crossing(better, self.followed.points[-1].value)]
+            events = [*events, tracker.locate_crossing(better, self.followed.points[-1].value)]
         if not self._add(better or outcome, value):
             return self._back(better or outcome)
         self.followed.events += events
         if better is not None:
-            tracker.begin(better)
+            tracker.start_at(better)
         return True
 
     def _solved(self, value: float, small: bool = True, ended: bool = False) -> bool:
-        """Solve at a value; off the tangent, or with pairs, it counts only after a small step."""
+        """Solve at a value; a jump off the tangent, or with pairs, counts only after a small step."""
         tracker, curve = self.tracker, self.tracker.curve
         if curve is not None and curve.own.size and not small:
             return False
         warm = self.outcome.result.point if curve is None else curve.result(tracker.v)[0]
-        tried = self._solve(value, warm)
-        jumped = curve is not None and tracker.jumped(tried, value)
-        if (jumped and not small) or not self._add(tried, value):
-            return self._back(tried)
+        outcome = self._solve(value, warm)
+        jumped = curve is not None and tracker.has_jumped(outcome, value)
+        if (jumped and not small) or not self._add(outcome, value):
+            return self._back(outcome)
         self.followed.events += tracker.events
         if jumped or ended:
-            self.followed.events.append(Event("switch", value, tracker.cost(tried.result.f), "the curve ends"))
-        explained = jumped or ended or any(e.kind in PAIRS for e in tracker.events)
-        tracker.begin(tried)
+            self.followed.events.append(Event("switch", value, tracker.cost(outcome.result.f), "the curve ends"))
+        explained = jumped or ended or any(e.kind in PAIR_EVENTS for e in tracker.events)
+        tracker.start_at(outcome)
         if curve is not None and not explained:
-            self.followed.events += tracker.changed(curve, tried)
+            self.followed.events += tracker.pair_changes(curve, outcome)
         return True
 
     def _back(self, *wasted: RouteResult) -> bool:
-        """Put the tracker back to the last accepted point: what was tried leads nowhere."""
+        """Reset the tracker to the last accepted point after fruitless solves."""
         self.tracker.wasted += sum(outcome.trace.iterations for outcome in wasted)
         self.session.values[self.followed.parameter] = self.followed.points[-1].value
-        self.tracker.begin(self.outcome)
+        self.tracker.start_at(self.outcome)
         return False
 
     def _turned(self, value: float) -> bool:
-        """Step round folds; every stop on the way is a point."""
+        """Step around folds; every stop on the way is a point."""
         tracker, followed, (start, end, _) = self.tracker, self.followed, self.request
         if tracker.curve is None or tracker.kinked:
             return False
-        before = tracker.events
-        way = list(tracker.turn(math.copysign(1.0, end - start), start, value))
-        folds = [event for stop in way for event in stop.events]
+        previous_events = tracker.events
+        stops = list(tracker.turn_folds(math.copysign(1.0, end - start), start, value))
+        folds = [event for stop in stops for event in stop.events]
         if not folds:
-            return self._back(*(stop.outcome for stop in way))
-        followed.events += [*before, *folds]
+            return self._back(*(stop.outcome for stop in stops))
+        followed.events += [*previous_events, *folds]
         if not tracker.around:
-            self._back(*(stop.outcome for stop in way))
+            self._back(*(stop.outcome for stop in stops))
             return self._solved(self._beyond(folds[0].value), ended=True)
-        for stop in way:
+        for stop in stops:
             if not self._add(stop.outcome, stop.value):
-                followed.broke = f"on the way round a fold: {_why(self.failed)}"
+                followed.broke = f"on the way round a fold: {_failure_reason(self.failed)}"
                 break
         return True
 
     def _beyond(self, value: float) -> float:
-        """A value just beyond an event's, at most the last one requested."""
+        """Return a value just beyond an event's, at most the last one requested."""
         start, end, _ = self.request
         reach = math.copysign(value, end - start) if self.tracker.log else end - start
-        beyond = value + 0.5 * LOCATED * reach
+        beyond = value + 0.5 * LOCATION_TOLERANCE * reach
         return end if (beyond - end) * (end - start) > 0 else beyond
 
     def _break(self, value: float) -> None:
         last, failed = self.followed.points[-1].value, self.failed
         broke = f"after {self.followed.parameter} = {last:g}, on the way to {value:g}:"
-        self.followed.broke = f"{broke} {_why(failed)}"
+        self.followed.broke = f"{broke} {_failure_reason(failed)}"
         for worst in failed.solution.audit.worst[:1]:
-            where = f"{worst.name} of {worst.component} at step {worst.step}"
-            self.followed.broke += f" Worst: {where}, {worst.amount:.1e}."
+            location = f"{worst.name} of {worst.component} at step {worst.step}"
+            self.followed.broke += f" Worst: {location}, {worst.amount:.1e}."
 
 
-def _why(failed: CurvePoint) -> str:
-    """What is wrong with a point."""
-    lost = " and ".join(failed.endless)
-    return f"its cost, {lost}, is not finite. " * bool(lost) + failed.solution.verdict
+def _failure_reason(failed: CurvePoint) -> str:
+    """Return the reason why a point failed."""
+    infinite_costs = " and ".join(failed.infinite_costs)
+    return f"its cost, {infinite_costs}, is not finite. " * bool(infinite_costs) + failed.solution.verdict
 
 
 def check_value(session: Session, name: str, value: float) -> None:
-    """Raise :class:`~ocp.errors.InputError` where a parameter cannot have this value."""
+    """Raise :class:`~ocp.errors.InputError` if a parameter cannot have this value."""
     if not name.startswith(LAW_PREFIX):
         session.problem.check_physics({**session.values, name: value})
         return
@@ -327,20 +330,20 @@ def check_range(
         raise InputError(f"--from and --to must be finite and differ, got {start} and {end}")
     if steps < 1:
         raise InputError(f"--steps must be 1 or more, got {steps}")
-    if scale not in _SCALES:
+    if scale not in SCALE_MAPS:
         raise InputError(f"--scale must be log or linear, got {scale!r}")
     if scale == "log" and min(start, end) <= 0:
         raise InputError(f"a log scale needs positive ends, got {start} and {end}")
-    return _SCALES[scale]
+    return SCALE_MAPS[scale]
 
 
 def curve_dataset(curve: Continuation) -> Any:
-    """Points as one dataset over dimension ``point``, with every trajectory."""
+    """Return the points as one dataset over the dimension ``point``, with every trajectory."""
     import xarray as xr
 
-    keep = ("x", "u", "lam", "gap", "x_replay", "u_replay", "lam_replay", "gap_replay", "K", "k")
-    parts = [point.solution.data[[n for n in keep if n in point.solution.data]] for point in curve.points]
-    data = xr.concat(parts, dim="point", join="override", combine_attrs="override")
+    stored_arrays = ("x", "u", "lam", "gap", "x_replay", "u_replay", "lam_replay", "gap_replay", "K", "k")
+    datasets = [point.solution.data[[n for n in stored_arrays if n in point.solution.data]] for point in curve.points]
+    data = xr.concat(datasets, dim="point", join="override", combine_attrs="override")
     data = data.assign_coords(value=("point", np.array([point.value for point in curve.points])))
     for key in ("cost", "exact_cost", "iterations", "complementarity"):
         data[key] = ("point", np.array([point.row()[key] for point in curve.points], dtype=float))

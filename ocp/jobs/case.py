@@ -1,9 +1,8 @@
-"""One solve in plain words, so that any process can build it, and its session.
+"""Description of one solve by names and numbers, so that any process can build its session.
 
-The session of a point is made as that of any solve is, so that its answer is the same to the last
-bit: guess, natural units and each decision that looks at a number are its own. What it does not
-build again are functions: of programs, steps, costs and bounds. They have all parameters as inputs
-and nothing else from outside, so equal graphs make equal functions.
+The session of a point is built as that of any solve, so that its answer is bitwise the same: guess,
+natural units and every decision by numbers are its own. Only functions of programs, steps, costs
+and bounds are reused: all parameters are their inputs, so equal graphs make equal functions.
 """
 
 from __future__ import annotations
@@ -27,17 +26,17 @@ from ocp.solve.solve import new_session
 from ocp.store.provenance import check_content, content_digest
 from ocp.transcription.factories import DEFAULT_LAW, law_digest, law_settings
 
-_PLACES = {"contact": "contact_settings", "problem": "params", "setting": "settings"}
-"""Fields that hold what a name with such a beginning means."""
+NAME_PREFIXES = {"contact": "contact_settings", "problem": "params", "setting": "settings"}
+"""Field of a case by the prefix of a full name."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """What ``ocp solve`` is told: a named problem or a file, and names and settings of the rest.
+    """Request of ``ocp solve``: a named problem or a file, and names and settings of the rest.
 
     ``settings`` are those of ``-s``: the method's, the solver's, and ``policy.<name>``. ``content``
-    is the digest of the user's files that it was asked of, the problem's and a learned law's, where
-    that is known: any process that builds it sees to it that they are the same there.
+    is the digest of the user's files, the problem's and a learned law's, if known: any process that
+    builds the case checks that its files are the same.
     """
 
     problem: str
@@ -51,17 +50,17 @@ class Case:
     content: str | None = None
 
     def source(self) -> ProblemSource:
-        """What builds the problem.
+        """Return the source that builds the problem.
 
         Raises :class:`~ocp.errors.InputError` for an unknown name, and
         :class:`~ocp.store.provenance.FilesChanged` where files have changed since the request.
         """
-        found = load_plugin("problems").source(self.problem)
-        check_content(self.problem, self.content, self._digests(found), self.contact_settings)
-        return found
+        source = load_plugin("problems").source(self.problem)
+        check_content(self.problem, self.content, self._digests(source), self.contact_settings)
+        return source
 
     def with_content(self, source: ProblemSource) -> Case:
-        """The same, asked of the user's files as ``source`` was read from them."""
+        """Return the same with the digest of the user's files from which ``source`` was read."""
         content = content_digest(self._digests(source), self.contact_settings)
         return replace(self, content=content)
 
@@ -69,7 +68,7 @@ class Case:
         return getattr(source, "digest", None), law_digest(self.contact)
 
     def session(self, source: ProblemSource | None = None) -> Session:
-        """Build it, of ``source`` where that is at hand.
+        """Build the session, from ``source`` if given.
 
         Raises :class:`~ocp.errors.InputError` as :func:`~ocp.solve.solve.new_session` does, and for names
         and settings that there are not.
@@ -86,55 +85,55 @@ class Case:
         )
 
     def at(self, values: Mapping[str, float]) -> Case:
-        """The same with other values by full name, as :meth:`full_name` gives it."""
-        changed: dict[str, dict[str, Any]] = {}
+        """Return the same with other values by full name (:meth:`full_name`)."""
+        changes: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
-            place, key = _placed(name)
-            held = changed.setdefault(place, dict(getattr(self, place)))
-            held[key] = int(value) if float(value).is_integer() else value
-        return replace(self, **changed)
+            field_name, key = _field_and_key(name)
+            entries = changes.setdefault(field_name, dict(getattr(self, field_name)))
+            entries[key] = int(value) if float(value).is_integer() else value
+        return replace(self, **changes)
 
     def sets(self, name: str) -> bool:
-        """Whether a full name has a value of its own here."""
-        place, key = _placed(name)
+        """Return whether the case sets a value for a full name."""
+        place, key = _field_and_key(name)
         return key in getattr(self, place)
 
     def full_name(self, name: str, source: ProblemSource) -> str:
-        """What ``name`` means: ``problem.M``, ``contact.mu``, ``setting.tol``, ``policy.bound``.
+        """Return the full name of ``name``: ``problem.M``, ``contact.mu``, ``setting.tol``, ``policy.bound``.
 
-        A parameter of the problem, or else a setting of the law, may go without its beginning.
+        A parameter of the problem, or else a setting of the law, needs no prefix.
 
-        Raises :class:`~ocp.errors.InputError` with the nearest names for one that is none of them,
-        or that takes words.
+        Raises :class:`~ocp.errors.InputError` with the nearest names for an unknown one, and for
+        one that is not a number.
         """
         params, law = source.Params.model_fields, law_settings(self.contact)
-        head, dot, key = name.partition(".")
-        if dot and head in (*_PLACES, "policy"):
-            full = name
+        prefix, dot, key = name.partition(".")
+        if dot and prefix in (*NAME_PREFIXES, "policy"):
+            full_name = name
         else:
-            full = f"problem.{name}" if name in params or name not in law else f"contact.{name}"
-            head, _, key = full.partition(".")
-        known = {"problem": tuple(params), "contact": law}.get(head)
-        inner = head == "contact" and key.startswith("base.")
-        if known is not None and key not in known and not inner:
-            whole = [*params, *(f"contact.{one}" for one in law)]
+            full_name = f"problem.{name}" if name in params or name not in law else f"contact.{name}"
+            prefix, _, key = full_name.partition(".")
+        allowed = {"problem": tuple(params), "contact": law}.get(prefix)
+        is_base_setting = prefix == "contact" and key.startswith("base.")
+        if allowed is not None and key not in allowed and not is_base_setting:
+            choices = [*params, *(f"contact.{setting}" for setting in law)]
             raise InputError(
-                f"--over: there is no parameter {name!r}{did_you_mean(name, whole)};"
-                f" {source.name} and the {self.contact} law have {', '.join(whole)}, and"
+                f"--over: there is no parameter {name!r}{did_you_mean(name, choices)};"
+                f" {source.name} and the {self.contact} law have {', '.join(choices)}, and"
                 " setting.<name> is a number of -s"
             )
-        if (head == "problem" and params[key].annotation not in (int, float)) or (
-            head == "setting" and key in OWN and key not in ("factor", "start")
+        if (prefix == "problem" and params[key].annotation not in (int, float)) or (
+            prefix == "setting" and key in OWN and key not in ("factor", "start")
         ):
             raise InputError(f"--over: {name} is not a number; a sweep needs numbers")
-        return full
+        return full_name
 
     def command(self, seed: int = 0, starts: int = 1, rank: str = "planned") -> list[str]:
-        """Words of the ``ocp solve`` that does the same."""
+        """Return the words of the equivalent ``ocp solve``."""
         words = ["ocp", "solve", self.problem]
-        for option, held in (("-p", self.params), ("-c", self.contact_settings), ("-s", self.settings)):
-            words += [part for key, value in held.items() for part in (option, f"{key}={value}")]
-        chosen = {
+        for option, settings in (("-p", self.params), ("-c", self.contact_settings), ("-s", self.settings)):
+            words += [word for key, value in settings.items() for word in (option, f"{key}={value}")]
+        options = {
             "contact": (self.contact, DEFAULT_LAW),
             "method": (self.method, "direct"),
             "policy": (self.policy, "open-loop"),
@@ -143,19 +142,19 @@ class Case:
             "starts": (starts, 1),
             "rank": (rank, "planned"),
         }
-        for name, (value, usual) in chosen.items():
-            words += [] if value == usual else [f"--{name}", str(value)]
+        for name, (value, default) in options.items():
+            words += [] if value == default else [f"--{name}", str(value)]
         return words
 
 
-def _placed(name: str) -> tuple[str, str]:
-    """Field of a :class:`Case` and key there of a full name."""
+def _field_and_key(name: str) -> tuple[str, str]:
+    """Return the field of a :class:`Case` and the key in it for a full name."""
     head, _, key = name.partition(".")
-    return ("settings", name) if head == "policy" else (_PLACES[head], key)
+    return ("settings", name) if head == "policy" else (NAME_PREFIXES[head], key)
 
 
 class SessionCache:
-    """The last session of a worker, whose functions the next one takes over where it can."""
+    """Cache of a worker's last session, whose functions the next one reuses if it can."""
 
     def __init__(self) -> None:
         self._last: tuple[Any, Session] | None = None
@@ -163,40 +162,40 @@ class SessionCache:
 
     def session(self, case: Case) -> Session:
         """Build a session; raises as :meth:`~ocp.jobs.case.Case.session` does."""
-        asked = case.problem, case.content
-        if asked not in self._sources:
-            self._sources[asked] = case.source()
-        made = case.session(self._sources[asked])
-        told = [asked, structure(made)]
-        if self._last is not None and self._last[0] == told:
-            _share_functions(self._last[1], made)
-        self._last = told, made
-        return made
+        request = case.problem, case.content
+        if request not in self._sources:
+            self._sources[request] = case.source()
+        session = case.session(self._sources[request])
+        identity = [request, structure(session)]
+        if self._last is not None and self._last[0] == identity:
+            _share_functions(self._last[1], session)
+        self._last = identity, session
+        return session
 
 
-# Dask may do two jobs in one process, in a thread each.
-_of_thread = threading.local()
+# Local to a thread, since Dask may run two jobs in one process, each in its own thread.
+_thread_state = threading.local()
 
 
 def cached_session(case: Case) -> Session:
-    """Build a session by what this thread has kept; raises as :class:`SessionCache` does."""
-    if not hasattr(_of_thread, "kept"):
-        _of_thread.kept = SessionCache()
-    return _of_thread.kept.session(case)
+    """Build a session with this thread's cache; raises as :class:`SessionCache` does."""
+    if not hasattr(_thread_state, "kept"):
+        _thread_state.kept = SessionCache()
+    return _thread_state.kept.session(case)
 
 
 def structure(session: Session) -> list[Any]:
-    """All that a session's functions depend on: graphs, sizes and choices, no parameter's value."""
+    """Return all on which a session's functions depend: graphs, sizes and choices, no parameter's value."""
     problem, step = session.problem, session.step
     steps = (step, problem.exact_step, problem.referee_step)
     return [
-        [(type(one), _digest(one.relation)) for one in steps],
+        [(type(graph), _digest(graph.relation)) for graph in steps],
         _digest(_costs_and_bounds(problem)),
         step.p.names,
         problem.N,
         problem.scenarios,
         [pair.kind for pair in problem.system.pairs],
-        _settings(session.law, step.p),
+        _fixed_settings(session.law, step.p),
         session.method.name,
         session.policy.name,
         asdict(session.policy),
@@ -213,56 +212,56 @@ def structure(session: Session) -> list[Any]:
 def _costs_and_bounds(problem: Problem) -> ca.Function:
     p = problem.parameters.vector
     constraints = [*problem.path, *problem.terminal]
-    parts = [(one.expression, one.lower, one.upper) for one in constraints]
-    ends = [*problem.limits(p), *problem.start_limits(p)]
+    bounded = [(constraint.expression, constraint.lower, constraint.upper) for constraint in constraints]
+    limits = [*problem.limits(p), *problem.start_limits(p)]
     costs = [problem.stage_cost, problem.terminal_cost]
     h = ca.SX(problem.system.h)
-    held = [*costs, *ends, *(ca.SX(part) for row in parts for part in row), h]
-    return ca.Function("problem", problem.symbols, held)
+    outputs = [*costs, *limits, *(ca.SX(expression) for row in bounded for expression in row), h]
+    return ca.Function("problem", problem.symbols, outputs)
 
 
 def _digest(function: ca.Function) -> str:
     return hashlib.sha256(function.serialize().encode()).hexdigest()
 
 
-def _settings(law: ContactLaw, p: ParameterTable) -> list[Any]:
-    """The settings of a law that are no parameters of its graphs."""
-    found = [
-        (key, _settings(value, p) if isinstance(value, ContactLaw) else value)
+def _fixed_settings(law: ContactLaw, p: ParameterTable) -> list[Any]:
+    """Return a law's settings that are not parameters of its graphs."""
+    fixed = [
+        (key, _fixed_settings(value, p) if isinstance(value, ContactLaw) else value)
         for key, value in law.settings().items()
         if LAW_PREFIX + key not in p
     ]
-    return [type(law), *found]
+    return [type(law), *fixed]
 
 
 def _share_functions(old: Session, new: Session) -> None:
-    for one, other in (
+    for old_owner, new_owner in (
         (old.problem, new.problem),
         (old.step, new.step),
         (old.problem.exact_step, new.problem.exact_step),
         (old.problem.referee_step, new.problem.referee_step),
     ):
-        _give_functions(one, other)
-    _give_programs(old, new)
-    for helper in old.helpers.values():
-        other = new.helper(helper.law, helper.method)
-        _give_functions(helper.step, other.step)
-        _give_programs(helper, other)
+        _copy_functions(old_owner, new_owner)
+    _copy_programs(old, new)
+    for old_session in old.helpers.values():
+        new_owner = new.helper(old_session.law, old_session.method)
+        _copy_functions(old_session.step, new_owner.step)
+        _copy_programs(old_session, new_owner)
 
 
-def _give_functions(old: Problem | Step, new: Problem | Step) -> None:
-    # Where a cached property keeps what it made.
-    kept = vars(new)
+def _copy_functions(old: Problem | Step, new: Problem | Step) -> None:
+    # The instance's dictionary holds the values of cached properties.
+    cached = vars(new)
     for name, value in vars(old).items():
         if isinstance(value, ca.Function):
-            kept.setdefault(name, value)
+            cached.setdefault(name, value)
 
 
-def _give_programs(old: Session, new: Session) -> None:
+def _copy_programs(old: Session, new: Session) -> None:
     new.compiled = old.compiled
     for reformulation, nlp in old.nlps.items():
-        taken = replace(nlp, problem=new.problem, step=new.step, policy=new.policy, solvers={})
+        program = replace(nlp, problem=new.problem, step=new.step, policy=new.policy, solvers={})
         # A program's scale is part of its compiled solvers.
-        if nlp.scale is None and taken.scale is None:
-            taken.solvers.update(nlp.solvers)
-        new.nlps[reformulation] = taken
+        if nlp.scale is None and program.scale is None:
+            program.solvers.update(nlp.solvers)
+        new.nlps[reformulation] = program

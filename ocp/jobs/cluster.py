@@ -1,4 +1,4 @@
-"""Jobs over a Dask cluster: the scheduler hands a job of a dead worker to another."""
+"""Jobs on a Dask cluster, whose scheduler gives a job of a dead worker to another."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from typing import Any
 from ocp.errors import InputError
 from ocp.jobs.sequential import Callback, Failure, Function, run_job, worker_died
 
-_ANSWER_S = 10.0
-NEEDED = "import ocp.jobs.cluster"
-"""What workers must be able to do: a job that a worker cannot read would hang."""
+CONNECT_TIMEOUT_S = 10.0
+"""Time [s] within which a scheduler must answer."""
+WORKER_IMPORT = "import ocp.jobs.cluster"
+"""Statement that workers must be able to execute: a job that they cannot unpickle would hang."""
 
 
 def run_on_cluster(
@@ -25,24 +26,24 @@ def run_on_cluster(
     Raises :class:`~ocp.errors.InputError` where dask.distributed is not installed, no scheduler
     answers, it has no workers, or they cannot import this package.
     """
-    with _connected(address) as client:
-        news: queue.Queue[tuple[str, int, Any]] = queue.Queue()
+    with _connect(address) as client:
+        events: queue.Queue[tuple[str, int, Any]] = queue.Queue()
         topic = f"jobs-{uuid.uuid4().hex}"
-        client.subscribe_topic(topic, lambda event: news.put(("progress", *event[1])))
+        client.subscribe_topic(topic, lambda event: events.put(("progress", *event[1])))
         futures = [
-            client.submit(_job, function, job, place, topic, key=f"{topic}-{place}", pure=False)
+            client.submit(_run_on_worker, function, job, place, topic, key=f"{topic}-{place}", pure=False)
             for place, job in enumerate(jobs)
         ]
         for place, future in enumerate(futures):
-            future.add_done_callback(lambda done, place=place: news.put(("ended", place, done)))
-        left = len(futures)
+            future.add_done_callback(lambda done, place=place: events.put(("ended", place, done)))
+        n_running = len(futures)
         try:
-            while left:
-                word, place, content = news.get()
-                if word == "progress":
+            while n_running:
+                kind, place, content = events.get()
+                if kind == "progress":
                     callback(place, content)
                     continue
-                left -= 1
+                n_running -= 1
                 yield place, _outcome(content, place)
         finally:
             with suppress(Exception):
@@ -58,8 +59,8 @@ def _outcome(future: Any, place: int) -> Any:
     return worker_died(place) if isinstance(error, KilledWorker) else Failure(error)
 
 
-def _job(function: Function, job: Any, place: int, topic: str) -> Any:
-    """Done on a worker."""
+def _run_on_worker(function: Function, job: Any, place: int, topic: str) -> Any:
+    """Run a job on a worker."""
     from distributed import get_worker
 
     worker = get_worker()
@@ -67,7 +68,7 @@ def _job(function: Function, job: Any, place: int, topic: str) -> Any:
 
     def report(message: Any) -> None:
         task = worker.state.tasks.get(key)
-        # Dask forgets a task that nobody waits for any longer, but does not stop its thread.
+        # Dask drops a cancelled task, but does not stop its thread.
         if task is None or task.state == "cancelled":
             raise KeyboardInterrupt
         worker.log_event(topic, (place, message))
@@ -85,12 +86,12 @@ async def _check_answer(address: str) -> None:
     from distributed.security import Security
 
     secured = Security().get_connection_args("client")
-    comm = await connect(coerce_to_address(address), timeout=_ANSWER_S, **secured)
+    comm = await connect(coerce_to_address(address), timeout=CONNECT_TIMEOUT_S, **secured)
     await comm.close()
 
 
 @contextmanager
-def _connected(address: str) -> Iterator[Any]:
+def _connect(address: str) -> Iterator[Any]:
     try:
         from distributed import Client
     except ImportError:
@@ -101,7 +102,7 @@ def _connected(address: str) -> Iterator[Any]:
     try:
         # A Client that fails to connect leaves a thread that its destructor waits for.
         asyncio.run(_check_answer(address))
-        client = Client(address, timeout=_ANSWER_S, set_as_default=False)
+        client = Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError, TypeError, NotImplementedError) as error:
         raise InputError(
             f"no Dask scheduler answers at {address!r}: {error}; start one with dask scheduler, and"
@@ -111,7 +112,7 @@ def _connected(address: str) -> Iterator[Any]:
         if not client.scheduler_info()["workers"]:
             raise InputError(f"the Dask scheduler at {address} has no workers; start some with dask worker {address}")
         try:
-            client.run(exec, NEEDED)
+            client.run(exec, WORKER_IMPORT)
         except ImportError as error:
             raise InputError(
                 f"the workers of the Dask cluster at {address} lack this program: {error}; install"

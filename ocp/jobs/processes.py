@@ -1,7 +1,7 @@
-"""Jobs over processes: each worker does one after another, and a dead one is replaced.
+"""Jobs in processes: each worker runs one job after another, and a dead worker is replaced.
 
-A pool, of concurrent.futures or joblib, gives up all jobs where one worker is killed, cannot report
-whose job it died of, and hears nothing from a job before its end.
+A pool of concurrent.futures or joblib fails all jobs when one worker is killed, does not name the
+job that it died of, and reports nothing before a job's end.
 """
 
 from __future__ import annotations
@@ -22,41 +22,42 @@ from multiprocessing.connection import wait
 from types import ModuleType
 from typing import Any
 
-from ocp.jobs.sequential import TRIES, Callback, Failure, Function, run_job, worker_died
+from ocp.jobs.sequential import MAX_TRIES, Callback, Failure, Function, run_job, worker_died
 
-_GRACE_S = 30.0
-"""How long a worker may take to keep what it has done before it is ended."""
+STOP_GRACE_S = 30.0
+"""Time [s] that a worker has to save its work before it is killed."""
 # A fork of a process that has threads, as numerical libraries start them, may hang.
-_context = multiprocessing.get_context("spawn")
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_spawn_context = multiprocessing.get_context("spawn")
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment variables that limit the threads of numerical libraries."""
 _interrupted = threading.Event()
-"""Set in a worker that got the signal of Ctrl-C."""
+"""Event that is set in a worker that got the signal of Ctrl-C."""
 
 
 def run_in_processes(
     function: Function, jobs: Sequence[Any], workers: int, callback: Callback
 ) -> Generator[tuple[int, Any], None, None]:
-    """Do the jobs in ``workers`` processes; yield place and outcome of each as they end.
+    """Run the jobs in ``workers`` processes; yield index and outcome of each as it ends.
 
-    A job whose worker dies is begun again, by another worker. When the caller stops, workers get
-    the signal of Ctrl-C, and some time to keep what is done.
+    A job whose worker dies is started again by another worker. When the caller stops, workers get
+    the signal of Ctrl-C, and some time to save their work.
     """
     waiting, tries = deque(range(len(jobs))), [0] * len(jobs)
-    crew: list[_Worker] = []
+    pool: list[_Worker] = []
     try:
-        while waiting or crew:
-            while waiting and len(crew) < workers:
-                with _uninterrupted():
-                    crew.append(_Worker.hired(function))
-                crew[-1].give(waiting.popleft(), jobs)
-            ready = wait([worker.pipe for worker in crew])
-            for worker in [one for one in crew if one.pipe in ready]:
-                message = worker.received()
+        while waiting or pool:
+            while waiting and len(pool) < workers:
+                with _block_interrupts():
+                    pool.append(_Worker.start(function))
+                pool[-1].give(waiting.popleft(), jobs)
+            readable = wait([worker.pipe for worker in pool])
+            for worker in [worker for worker in pool if worker.pipe in readable]:
+                message = worker.receive()
                 if message is None:
-                    crew.remove(worker)
-                    place = worker.dismissed()
+                    pool.remove(worker)
+                    place = worker.stop()
                     tries[place] += 1
-                    if tries[place] < TRIES:
+                    if tries[place] < MAX_TRIES:
                         waiting.appendleft(place)
                     else:
                         yield place, worker_died(place)
@@ -69,10 +70,10 @@ def run_in_processes(
                 if waiting:
                     worker.give(waiting.popleft(), jobs)
                 else:
-                    crew.remove(worker)
-                    worker.dismissed()
+                    pool.remove(worker)
+                    worker.stop()
     finally:
-        _stop(crew)
+        _stop_workers(pool)
 
 
 @dataclass
@@ -82,86 +83,85 @@ class _Worker:
     place: int = -1
 
     @classmethod
-    def hired(cls, function: Function) -> _Worker:
-        here, there = _context.Pipe()
-        process = _context.Process(target=_serve, args=(function, there), daemon=True)
-        with _alone():
+    def start(cls, function: Function) -> _Worker:
+        parent_end, worker_end = _spawn_context.Pipe()
+        process = _spawn_context.Process(target=_serve, args=(function, worker_end), daemon=True)
+        with _isolated_start():
             process.start()
-        there.close()
-        return cls(process, here)
+        worker_end.close()
+        return cls(process, parent_end)
 
     def give(self, place: int, jobs: Sequence[Any]) -> None:
         self.place = place
-        # A worker that has died meanwhile is noticed when it is listened to.
+        # A worker that has died meanwhile is noticed at the next receive.
         with suppress(OSError):
             self.pipe.send((jobs[place],))
 
-    def received(self) -> tuple[str, Any] | None:
-        """What the worker says, or None where it has died."""
+    def receive(self) -> tuple[str, Any] | None:
+        """Return the worker's next message, or None if it has died."""
         try:
             return self.pipe.recv()
         except (EOFError, OSError):
             return None
 
-    def dismissed(self) -> int:
-        """Close the pipe, at which a worker ends; gives the place of its last job."""
+    def stop(self) -> int:
+        """Close the pipe, which ends the worker; return the index of its last job."""
         self.pipe.close()
         self.process.join()
         return self.place
 
 
 @contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Hold a Ctrl-C back to the end; a process that is started inside holds it back on its own."""
+def _block_interrupts() -> Iterator[None]:
+    """Block Ctrl-C within the block; a process that is started inside inherits the block."""
     # Python's tracker, which starts with the first process, would let signals through again.
     resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    previous_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, previous_mask)
 
 
 @contextmanager
-def _alone() -> Iterator[None]:
-    """Start processes that leave the other cores to others, and the caller's program alone.
+def _isolated_start() -> Iterator[None]:
+    """Start processes with one thread each, and without running the caller's main program.
 
-    Workers find their function by its module. To run the main program again, as ``spawn`` does for
-    what is defined there, would begin everything anew in a script without a guard, and cannot be
-    where the program came from a pipe.
+    Workers import their function by its module. Running the main program again, as ``spawn`` does,
+    would restart a script without a guard, and is impossible for a program from a pipe.
     """
-    main, given = sys.modules["__main__"], [name for name in _THREADS if name not in os.environ]
+    main, unset = sys.modules["__main__"], [name for name in THREAD_VARIABLES if name not in os.environ]
     sys.modules["__main__"] = ModuleType("__main__")
-    os.environ.update(dict.fromkeys(given, "1"))
+    os.environ.update(dict.fromkeys(unset, "1"))
     try:
         yield
     finally:
         sys.modules["__main__"] = main
-        for name in given:
+        for name in unset:
             del os.environ[name]
 
 
-def _stop(crew: Sequence[_Worker]) -> None:
-    for worker in crew:
+def _stop_workers(pool: Sequence[_Worker]) -> None:
+    for worker in pool:
         with suppress(OSError, TypeError):
             os.kill(worker.process.pid, signal.SIGINT)
-            # One that does not hear signals yet, as it is starting, ends with its first job.
+            # A worker that is still starting, and ignores signals, ends with its first job.
             worker.pipe.send(())
-    end = time.monotonic() + _GRACE_S
-    for worker in crew:
-        # What a worker says now is not callback; a full pipe must not hold it.
+    end = time.monotonic() + STOP_GRACE_S
+    for worker in pool:
+        # Reports are dropped now; a full pipe must not block the worker.
         while worker.process.is_alive() and time.monotonic() < end:
-            if worker.pipe.poll(0.1) and worker.received() is None:
+            if worker.pipe.poll(0.1) and worker.receive() is None:
                 break
         worker.process.join(max(0.0, end - time.monotonic()))
         worker.process.kill()
-        worker.dismissed()
+        worker.stop()
 
 
 def _serve(function: Function, pipe: Any) -> None:
     """Do jobs until the pipe closes, or Ctrl-C."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    signal.signal(signal.SIGINT, _once)
+    signal.signal(signal.SIGINT, _interrupt_once)
 
     def report(message: Any) -> None:
         _check_interrupt()
@@ -169,14 +169,14 @@ def _serve(function: Function, pipe: Any) -> None:
 
     with suppress(KeyboardInterrupt, EOFError, OSError):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        while given := pipe.recv():
-            outcome = run_job(function, given[0], report)
+        while message := pipe.recv():
+            outcome = run_job(function, message[0], report)
             _check_interrupt()
             pipe.send(("ended", _sendable(outcome)))
 
 
 def _check_interrupt() -> None:
-    """A solver in compiled code makes a failed solve of Ctrl-C, which is no outcome of a job."""
+    """Raise KeyboardInterrupt after Ctrl-C, which a solver in compiled code turns into a failed solve."""
     if _interrupted.is_set():
         raise KeyboardInterrupt
 
@@ -190,7 +190,7 @@ def _sendable(outcome: Any) -> Any:
     return outcome
 
 
-def _once(*_: object) -> None:
+def _interrupt_once(*_: object) -> None:
     # On a terminal Ctrl-C reaches the workers too, and then again from the parent.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _interrupted.set()
@@ -198,7 +198,7 @@ def _once(*_: object) -> None:
 
 
 def _end_with_parent() -> None:
-    """Nobody would hear a worker whose parent was killed."""
+    """End this worker when its parent is killed."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

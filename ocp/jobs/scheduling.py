@@ -1,4 +1,4 @@
-"""Many jobs side by side: here, over processes of this computer, or over a Dask cluster."""
+"""Parallel jobs: in this process, in processes of this computer, or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def run_jobs(
     scheduler: str | None = None,
     callback: Callback = lambda *_: None,
 ) -> Generator[tuple[int, Any], None, None]:
-    """Do all jobs; yield the place in the list and the outcome of each as they end.
+    """Run all jobs; yield the index in the list and the outcome of each as it ends.
 
     ``function(job, report)`` must depend on its job alone, which is plain data that can be
     pickled. Results are then the same in any process and any order, and a job whose worker died

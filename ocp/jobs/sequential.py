@@ -1,4 +1,4 @@
-"""One job: its function, its result or failure, and what it reports."""
+"""One job: its function, its result or failure, and its reports."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 Report = Callable[[Any], None]
-"""What a job calls with plain data on its way: numbers, texts, lists and dictionaries of them."""
+"""Called by a job with progress as plain data: numbers, texts, lists and dictionaries of them."""
 Function = Callable[[Any, Report], Any]
-"""Does one job, ``function(job, report)``; a public function that workers import by name."""
+"""Function ``function(job, report)`` of one job; workers import it by name, so it is public."""
 Callback = Callable[[int, Any], None]
-"""Called here with the place of a job in the list and what it told."""
-TRIES = 3
-"""How often a job is begun whose worker dies of it."""
+"""Called in this process with the index of a job in the list and its report."""
+MAX_TRIES = 3
+"""Maximum number of times that a job is started if its worker dies."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Failure:
 
 
 def run_job(function: Function, job: Any, report: Report) -> Any:
-    """Do a job: its result, or a :class:`Failure`."""
+    """Run a job; return its result, or a :class:`Failure`."""
     try:
         return function(job, report)
     except Exception as error:
@@ -34,7 +34,7 @@ def run_job(function: Function, job: Any, report: Report) -> Any:
 def run_sequentially(
     function: Function, jobs: Sequence[Any], callback: Callback
 ) -> Generator[tuple[int, Any], None, None]:
-    """Do the jobs in this process one after another; yield place and outcome of each."""
+    """Run the jobs in this process one after another; yield index and outcome of each."""
     for place, job in enumerate(jobs):
 
         def report(message: Any, place: int = place) -> None:
@@ -44,7 +44,7 @@ def run_sequentially(
 
 
 def worker_died(place: int) -> Failure:
-    """Say that a job is given up, for its worker died each time."""
+    """Return the failure of a job whose worker died each time."""
     return Failure(
         RuntimeError(f"job {place + 1} failed: its worker died each time, killed or out of memory; use fewer processes")
     )

@@ -1,4 +1,4 @@
-"""Many solves over a grid, side by side and kept as they end; what they come to, in words."""
+"""Parallel solves over a grid, saved as they end; the verdict on all points."""
 
 from __future__ import annotations
 
@@ -19,9 +19,18 @@ from dynamics.contact import ContactLaw
 from ocp.errors import InputError, interruptible
 from ocp.jobs import neighbours
 from ocp.jobs.case import Case
-from ocp.jobs.grid import Grid, axes, dataset, dimension, save_point, saved_point, saved_points
+from ocp.jobs.grid import Grid, dimension_name, grid_dataset, load_point, load_points, parse_axes, save_point
 from ocp.jobs.scheduling import Failure, run_jobs
-from ocp.jobs.sweep_job import COUNTS, FAULT, NUMBERS, WORDS, JobResult, SolveJob, failed_result, solve_job
+from ocp.jobs.sweep_job import (
+    FAULT_STATUS,
+    ROW_COUNTS,
+    ROW_NUMBERS,
+    ROW_TEXTS,
+    JobResult,
+    SolveJob,
+    failed_result,
+    solve_job,
+)
 from ocp.problem.problem import Problem
 from ocp.problem.resources import check_memory, points_memory
 from ocp.routes.session import Session
@@ -38,7 +47,7 @@ if TYPE_CHECKING:
 
 
 OnPoint = Callable[[int, JobResult], None]
-"""Called with the place of a point in the grid, the last axis fastest, and what came of it."""
+"""Called with the index of a point in the grid, the last axis fastest, and its result."""
 
 
 def sweep(
@@ -81,27 +90,29 @@ def sweep(
     survives status stationarity iterations seconds verdict`` and more, and the trajectories ``x u
     lam gap``, their replays, and ``time``. A point that failed has its verdict and NaN.
 
-    Raises :class:`~ocp.errors.InputError` for what no point could be solved with.
+    Raises :class:`~ocp.errors.InputError` for requests that no point can satisfy.
     """
-    name = _name(problem)
-    own, given = split_keywords(Case(name).source(), contact, params, contact_settings, keywords, solver)
+    name = _problem_name(problem)
+    problem_params, law_settings = split_keywords(
+        Case(name).source(), contact, params, contact_settings, keywords, solver
+    )
     law = law_name(contact)
-    given = given if isinstance(contact, str) else contact.settings()
-    case = Case(name, own, law, given, method, policy, solver, dict(settings or {}))
-    study = make_grid(case, axes(over), n_starts, seed, rank_by)
+    law_settings = law_settings if isinstance(contact, str) else contact.settings()
+    case = Case(name, problem_params, law, law_settings, method, policy, solver, dict(settings or {}))
+    study = make_grid(case, parse_axes(over), n_starts, seed, rank_by)
     session = study.check()
     check_parallel_memory(session, jobs)
     check_points(study, session)
     root = None if store is None else expand_path(store)
     with study.checkpoint(root, session.problem.name) as checkpoint:
-        found = saved_points(study, checkpoint)
-        points = solve_grid(study, jobs, scheduler, checkpoint, found, progress or (lambda *_: None))
+        finished = load_points(study, checkpoint)
+        points = solve_grid(study, jobs, scheduler, checkpoint, finished, progress or (lambda *_: None))
         checkpoint.discard()
-    return dataset(study, session, points)
+    return grid_dataset(study, session, points)
 
 
-def _name(problem: ProblemLike) -> str:
-    """What any process finds a problem by: its name, or the whole path of its file."""
+def _problem_name(problem: ProblemLike) -> str:
+    """Return the name of a problem, or the absolute path of its file, for any process."""
     if isinstance(problem, Problem):
         raise InputError(
             f"{problem.name} is built already, and a sweep builds it at every point, in other"
@@ -109,37 +120,37 @@ def _name(problem: ProblemLike) -> str:
         )
     if not isinstance(problem, str | PathLike):
         return str(getattr(problem, "path", None) or problem.name)
-    named = fspath(problem)
-    return str(expand_path(named).resolve()) if named.endswith(".py") else named
+    path = fspath(problem)
+    return str(expand_path(path).resolve()) if path.endswith(".py") else path
 
 
 def make_grid(case: Case, over: tuple[Axis, ...], starts: int = 1, seed: int = 0, rank_by: Rank = "planned") -> Grid:
-    """A study of a case, its axes called by their full names.
+    """Return the grid of a case, its axes by their full names.
 
-    Raises :class:`~ocp.errors.InputError` for a name that is unknown, twice or given otherwise.
+    Raises :class:`~ocp.errors.InputError` for a name that is unknown, repeated or set otherwise.
     """
     check_starts(starts, seed, rank_by)
     source = case.source()
     case = case.with_content(source)
-    full = [replace(axis, name=case.full_name(axis.name, source)) for axis in over]
-    names = [axis.name for axis in full]
+    full_axes = [replace(axis, name=case.full_name(axis.name, source)) for axis in over]
+    names = [axis.name for axis in full_axes]
     for axis, name in zip(over, names, strict=True):
         if names.count(name) > 1:
             raise InputError(f"--over: {name} is given twice; give it once")
         if case.sets(name):
             raise InputError(f"{axis.name} is swept by --over; drop its own value")
-    return Grid(case, tuple(full), starts, seed, rank_by)
+    return Grid(case, tuple(full_axes), starts, seed, rank_by)
 
 
 def check_parallel_memory(session: Session, jobs: int) -> None:
-    """Raise :class:`~ocp.errors.InputError` where so many solves at once need too much memory."""
+    """Raise :class:`~ocp.errors.InputError` if so many solves at once need too much memory."""
     check_memory(f"{jobs} solves in parallel", jobs * session.memory)
 
 
 def check_points(study: Grid, session: Session) -> None:
-    """Raise :class:`~ocp.errors.InputError` where all points together need too much memory."""
+    """Raise :class:`~ocp.errors.InputError` if all points together need too much memory."""
     count = math.prod(study.shape)
-    # Shorter points are filled up to the longest.
+    # Shorter points are padded to the longest.
     longest = math.prod(
         max(axis.values) / axis.values[0] for axis in study.axes if axis.name in ("problem.N", "problem.scenarios")
     )
@@ -151,93 +162,95 @@ def solve_grid(
     jobs: int = 1,
     scheduler: str | None = None,
     checkpoint: Checkpoint | None = None,
-    found: dict[int, JobResult] | None = None,
+    finished: dict[int, JobResult] | None = None,
     on_point: OnPoint = lambda *_: None,
     callback: Callable[[int, Any], None] = lambda *_: None,
 ) -> list[JobResult]:
-    """All points of a study: those of ``found`` as they are, the others solved and added to it.
+    """Solve all points of a study that are not ``finished``, and add them to it; return all points.
 
-    Then, pass by pass, each point is solved from its cheapest neighbour's plan where that costs
-    less, and the better answer is taken: a pass starts at what the one before it came to, so that
-    neither order nor number of workers counts.
+    Then, pass by pass, each point is solved from its cheapest neighbour's plan if that costs less,
+    and the better answer is taken: a pass starts from the results of the one before, so that
+    neither the order nor the number of workers matters.
 
-    Each that is solved is written to the checkpoint and passed to ``on_point``. What a point
-    reports, and None at its end, goes to ``callback``, which may raise to stop.
+    Each solved point is written to the checkpoint and passed to ``on_point``. A point's reports,
+    and None at its end, go to ``callback``, which may raise to stop.
 
     Raises :class:`~ocp.store.provenance.FilesChanged` where files have changed since the request.
     """
-    found = {} if found is None else found
+    finished = {} if finished is None else finished
     jobs_of = {place: study.job(values) for place, values in enumerate(study.places)}
-    run = partial(_solve_jobs, study, jobs, scheduler, checkpoint, callback=callback)
-    run(jobs_of, 0, found, on_point)
-    points = [found[place] for place in range(len(jobs_of))]
+    run = partial(_run_and_store, study, jobs, scheduler, checkpoint, callback=callback)
+    run(jobs_of, 0, finished, on_point)
+    points = [finished[place] for place in range(len(jobs_of))]
     changed = set(range(len(points)))
     for number in range(1, sum(study.shape)):
-        starts = neighbours.starts(study, points, changed)
-        warm = {k: study.job(study.places[k], points[near]) for k, near in starts.items()}
-        tried: dict[int, JobResult] = {}
-        run(warm, number * len(points), tried, lambda *_: None)
-        better = {k for k in tried if neighbours.improves(study, tried[k].row, points[k].row)}
-        names = [dimension(axis.name) for axis in study.axes]
-        for k in better:
-            near = dict(zip(names, study.places[starts[k]].values(), strict=True))
-            points[k] = neighbours.outlier(tried[k], points[k], where(near, names))
-        changed = better
+        starts = neighbours.cheaper_neighbours(study, points, changed)
+        warm_jobs = {k: study.job(study.places[k], points[neighbour]) for k, neighbour in starts.items()}
+        warm_started: dict[int, JobResult] = {}
+        run(warm_jobs, number * len(points), warm_started, lambda *_: None)
+        improved = {k for k in warm_started if neighbours.is_better(study, warm_started[k].row, points[k].row)}
+        names = [dimension_name(axis.name) for axis in study.axes]
+        for k in improved:
+            neighbour = dict(zip(names, study.places[starts[k]].values(), strict=True))
+            points[k] = neighbours.outlier(warm_started[k], points[k], describe_point(neighbour, names))
+        changed = improved
         if not changed:
             break
     return points
 
 
-def _solve_jobs(
+def _run_and_store(
     study: Grid,
     jobs: int,
     scheduler: str | None,
     checkpoint: Checkpoint | None,
     jobs_of: Mapping[int, SolveJob],
     first: int,
-    found: dict[int, JobResult],
+    finished: dict[int, JobResult],
     on_point: OnPoint,
     callback: Callable[[int, Any], None],
 ) -> None:
-    """Add to ``found`` what comes of the jobs by place; they are kept from number ``first`` on."""
+    """Run jobs by index and add their results to ``finished``; they are saved from number ``first`` on."""
     for place in jobs_of:
-        kept = saved_point(checkpoint, first + place) if checkpoint and first else None
-        if kept is not None:
-            found[place] = kept
+        saved = load_point(checkpoint, first + place) if checkpoint and first else None
+        if saved is not None:
+            finished[place] = saved
     places = study.places
-    # Points of one structure stand together, for a worker builds each structure once.
-    left = sorted((place for place in jobs_of if place not in found), key=lambda place: study.shape_of(places[place]))
-    work = [jobs_of[place] for place in left]
+    # Points of one structure are neighbours, since a worker builds each structure once.
+    unfinished = sorted(
+        (place for place in jobs_of if place not in finished), key=lambda place: study.shape_of(places[place])
+    )
+    work = [jobs_of[place] for place in unfinished]
 
-    def told(index: int, message: Any) -> None:
-        callback(left[index], message)
+    def report(index: int, message: Any) -> None:
+        callback(unfinished[index], message)
 
-    with interruptible(), closing(run_jobs(solve_job, work, jobs, scheduler, told)) as outcomes:
+    with interruptible(), closing(run_jobs(solve_job, work, jobs, scheduler, report)) as outcomes:
         for index, outcome in outcomes:
-            # Compiled code may have made a failed solve of Ctrl-C.
-            told(index, None)
-            place = left[index]
+            # Compiled code may have turned Ctrl-C into a failed solve.
+            report(index, None)
+            place = unfinished[index]
             if isinstance(outcome, Failure):
                 if isinstance(outcome.error, FilesChanged):
                     raise outcome.error
-                # Not kept: what a worker died of may be gone at the next try.
-                point = failed_result(FAULT, str(outcome.error))
+                # Not saved: the next try may succeed.
+                point = failed_result(FAULT_STATUS, str(outcome.error))
             else:
                 point = outcome
                 if checkpoint is not None:
                     save_point(checkpoint, first + place, point)
-            found[place] = point
+            finished[place] = point
             on_point(place, point)
 
 
-KIND = "sweep"
+SWEEP_KIND = "sweep"
 """Kind of a stored run."""
 
 
 def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
-    """What a run's description has of a study, but for ``argv`` and where the problem is from."""
-    found, dims = rows(data), [dimension(axis.name) for axis in study.axes]
-    solved = sum(row["success"] for row in found)
+    """Return a study's description for its run, without ``argv`` and the problem's origin."""
+    rows, dims = grid_rows(data), [dimension_name(axis.name) for axis in study.axes]
+    solved = sum(row["success"] for row in rows)
     failures = [
         {
             "at": {dim: row[dim] for dim in dims},
@@ -245,7 +258,7 @@ def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
             "verdict": row["verdict"],
             "command": shlex.join(study.job(place).case.command(study.seed, study.starts, study.rank)),
         }
-        for place, row in zip(study.places, found, strict=True)
+        for place, row in zip(study.places, rows, strict=True)
         if not row["success"]
     ]
     axes = [
@@ -258,26 +271,26 @@ def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
         }
         for dim, axis in zip(dims, study.axes, strict=True)
     ]
-    whole = solved == len(found)
+    all_solved = solved == len(rows)
     return {
-        "kind": KIND,
+        "kind": SWEEP_KIND,
         "seed": study.seed,
         "record": _shared_record(study, session),
         "source_digest": session.problem.origin.source_digest,
         "over": ", ".join(dims),
         "study": {"axes": axes, "shape": list(study.shape), "failed": failures},
         "solved": solved,
-        "points": len(found),
-        "survives": sum(row["survives"] == 1 for row in found),
-        "status": "solved" if whole else f"{solved} of {len(found)} solved",
-        "success": whole,
-        "verdict": verdict(found, dims),
+        "points": len(rows),
+        "survives": sum(row["survives"] == 1 for row in rows),
+        "status": "solved" if all_solved else f"{solved} of {len(rows)} solved",
+        "success": all_solved,
+        "verdict": summarise_points(rows, dims),
     }
 
 
 def _shared_record(study: Grid, session: Session) -> dict[str, Any]:
-    """What was asked and is the same at all points."""
-    told = session_record(session, study.seed)
+    """Return the request shared by all points."""
+    shared = session_record(session, study.seed)
     swept = {axis.name for axis in study.axes}
     groups = {
         "params": "problem.",
@@ -286,18 +299,18 @@ def _shared_record(study: Grid, session: Session) -> dict[str, Any]:
         "solver_options": "setting.",
         "policy_settings": "policy.",
     }
-    for group, head in groups.items():
-        told[group] = {k: v for k, v in told[group].items() if f"{head}{k}" not in swept}
+    for group, prefix in groups.items():
+        shared[group] = {k: v for k, v in shared[group].items() if f"{prefix}{k}" not in swept}
     if "problem.N" in swept:
-        del told["N"]
+        del shared["N"]
     ranked = {"rank": study.rank} if study.starts > 1 else {}
-    return {**told, "starts": study.starts, **ranked}
+    return {**shared, "starts": study.starts, **ranked}
 
 
-def rows(data: xr.Dataset) -> list[dict[str, Any]]:
-    """Every point: its coordinates and what it came to, the last axis fastest."""
+def grid_rows(data: xr.Dataset) -> list[dict[str, Any]]:
+    """Return every point's coordinates and result, the last axis fastest."""
     dims = [str(dim) for dim in data["cost"].dims]
-    names = (*NUMBERS, "seconds", *COUNTS, *WORDS)
+    names = (*ROW_NUMBERS, "seconds", *ROW_COUNTS, *ROW_TEXTS)
     count = data["cost"].size
     columns = {name: np.asarray(data[name].values).ravel().tolist() if name in data else [""] * count for name in names}
     places = itertools.product(*(data[dim].values.tolist() for dim in dims))
@@ -307,38 +320,37 @@ def rows(data: xr.Dataset) -> list[dict[str, Any]]:
     ]
 
 
-def verdict(found: list[dict[str, Any]], dims: list[str]) -> str:
-    """Counts, and the cheapest and the dearest of the solved points; then what failed, a line each.
-
-    Of the failed points a few are told.
-    """
-    solved = [row for row in found if row["success"]]
-    judged = [row for row in solved if row["survives"] >= 0]
-    count = "All" if len(solved) == len(found) else f"{len(solved)} of"
-    told = f"{count} {len(found)} points are solved"
-    if judged:
-        survive = sum(row["survives"] for row in judged)
-        words = {0: "none survives", 1: "one survives", len(solved): "all survive"}
-        told += f", {words.get(survive, f'{survive} survive')} the referee"
+def summarise_points(rows: list[dict[str, Any]], dims: list[str]) -> str:
+    """Return counts, the cheapest and the dearest solved point; then a line for some outliers and failures."""
+    solved = [row for row in rows if row["success"]]
+    refereed = [row for row in solved if row["survives"] >= 0]
+    count = "All" if len(solved) == len(rows) else f"{len(solved)} of"
+    sentence = f"{count} {len(rows)} points are solved"
+    if refereed:
+        survive = sum(row["survives"] for row in refereed)
+        counts = {0: "none survives", 1: "one survives", len(solved): "all survive"}
+        sentence += f", {counts.get(survive, f'{survive} survive')} the referee"
     if solved:
-        low, high = (pick(solved, key=lambda row: row["cost"]) for pick in (min, max))
-        ends = [f"{row['cost']:.6g}" for row in (low, high)]
-        span = f"from {ends[0]} at {where(low, dims)} to {ends[1]} at {where(high, dims)}"
-        told += f"; cost {ends[0] if ends[0] == ends[1] else span}"
-    failures, outliers = ([row for row in found if not row["success"]], [row for row in found if row.get("start")])
+        cheapest, dearest = (pick(solved, key=lambda row: row["cost"]) for pick in (min, max))
+        costs = [f"{row['cost']:.6g}" for row in (cheapest, dearest)]
+        span = f"from {costs[0]} at {describe_point(cheapest, dims)} to {costs[1]} at {describe_point(dearest, dims)}"
+        sentence += f"; cost {costs[0] if costs[0] == costs[1] else span}"
+    failures, outliers = ([row for row in rows if not row["success"]], [row for row in rows if row.get("start")])
     lines = [
-        f"outlier {where(row, dims)}: {row['own_cost']:.6g} alone, {row['cost']:.6g} from the plan at {row['start']}"
-        for row in outliers[:_TOLD]
+        f"outlier {describe_point(row, dims)}: {row['own_cost']:.6g} alone,"
+        f" {row['cost']:.6g} from the plan at {row['start']}"
+        for row in outliers[:MAX_LISTED]
     ]
-    lines += [f"{where(row, dims)}: {row['verdict']}".partition("\n")[0] for row in failures[:_TOLD]]
-    if len(failures) > _TOLD:
-        lines.append(f"and {len(failures) - _TOLD} more that failed")
-    return "\n".join([f"{told}.", *lines])
+    lines += [f"{describe_point(row, dims)}: {row['verdict']}".partition("\n")[0] for row in failures[:MAX_LISTED]]
+    if len(failures) > MAX_LISTED:
+        lines.append(f"and {len(failures) - MAX_LISTED} more that failed")
+    return "\n".join([f"{sentence}.", *lines])
 
 
-_TOLD = 5
+MAX_LISTED = 5
+"""Number of outliers, and of failed points, that a verdict lists."""
 
 
-def where(row: dict[str, Any], dims: list[str]) -> str:
-    """Coordinates of a point in words: ``M = 0.5, contact.mu = 0.001``."""
+def describe_point(row: dict[str, Any], dims: list[str]) -> str:
+    """Return the coordinates of a point as text: ``M = 0.5, contact.mu = 0.001``."""
     return ", ".join(f"{dim} = {row[dim]:g}" for dim in dims)

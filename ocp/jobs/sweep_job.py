@@ -1,4 +1,4 @@
-"""Points of a sweep, and guesses of one case, as jobs that any process can do."""
+"""Points of a sweep, and starts of one case, as jobs for any process."""
 
 from __future__ import annotations
 
@@ -23,17 +23,19 @@ from ocp.solve.solve import Rank, best_of, check_starts, credited, rank, solve_s
 from ocp.solve.warm_start import Plan, carry
 from ocp.store.provenance import FilesChanged
 
-TRAJECTORIES = ("x", "u", "lam", "gap", "x_replay", "u_replay", "x_referee", "u_referee", "K", "k")
-"""What is kept of a solution's arrays, beside the times of nodes."""
-REFUSED, FAULT = "refused", "fault"
-"""Status of a point that cannot be asked, and of one whose solve raised or whose worker died."""
+STORED_ARRAYS = ("x", "u", "lam", "gap", "x_replay", "u_replay", "x_referee", "u_referee", "K", "k")
+"""Names of a solution's arrays that are stored, beside the times of nodes."""
+REJECTED_STATUS = "refused"
+"""Status of a point whose request is invalid."""
+FAULT_STATUS = "fault"
+"""Status of a point whose solve raised or whose worker died."""
 
 
 @dataclass(frozen=True)
 class SolveJob:
-    """A case, its guesses, and which of the answers is taken; or the ``number`` of one guess.
+    """A case, its guesses, and the rank by which an answer is taken; or the ``number`` of one guess.
 
-    With ``start``, what came of a neighbouring point, it is solved from that plan alone.
+    With ``start``, the result of a neighbouring point, it is solved from that plan alone.
     """
 
     case: Case
@@ -46,7 +48,7 @@ class SolveJob:
 
 @dataclass(frozen=True)
 class LabelledArray:
-    """Values with names of their dimensions, and labels of those whose entries have names."""
+    """Values with the names of their dimensions, and labels of dimensions with named entries."""
 
     dims: tuple[str, ...]
     values: np.ndarray
@@ -55,13 +57,13 @@ class LabelledArray:
 
 @dataclass(frozen=True)
 class JobResult:
-    """What came of a job: numbers and words by name, and arrays by name, none where it failed."""
+    """Result of a job: numbers, texts and arrays by name; no arrays if it failed."""
 
     row: dict[str, Any]
     arrays: dict[str, LabelledArray]
 
     def plan(self, session: Session) -> Plan:
-        """The trajectories as a start for a session of the same problem."""
+        """Return the trajectories as a plan, from which a session of the same problem starts."""
         import xarray as xr
 
         coords = {dim: names for a in self.arrays.values() for dim, names in a.labels.items()}
@@ -73,12 +75,12 @@ class JobResult:
 def solve_job(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
     """Solve a point; a :data:`~ocp.jobs.scheduling.Function` that tells each stage's iterations.
 
-    The answer is that of ``ocp solve`` with the same words, whatever the worker did before. What
-    cannot be asked, or raises, is a point too, with the sentence as its verdict.
+    The answer is that of ``ocp solve`` with the same options, whatever the worker did before. A
+    request that is invalid, or raises, is a point too, with the message as its verdict.
 
     Raises :class:`~ocp.store.provenance.FilesChanged` where files have changed since the request.
     """
-    began = time.perf_counter()
+    start_time = time.perf_counter()
     try:
         with interruptible():
             session = cached_session(job.case)
@@ -87,25 +89,25 @@ def solve_job(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
                 report(stage.iterations)
 
             if job.start is None:
-                found = solve_session(session, job.starts, job.seed, progress, job.rank)
+                solution = solve_session(session, job.starts, job.seed, progress, job.rank)
             else:
                 point = carry(job.start.plan(session), session.nlp_of("product"), session.values)
-                found = judge_outcome(session, session.resume(point, progress), job.seed)
+                solution = judge_outcome(session, session.resume(point, progress), job.seed)
     except FilesChanged:
         raise
     except InputError as error:
-        return failed_result(REFUSED, str(error))
+        return failed_result(REJECTED_STATUS, str(error))
     except Exception as error:
-        return failed_result(FAULT, f"{type(error).__name__}: {error}")
-    return JobResult({**_row(found), "seconds": time.perf_counter() - began}, _arrays(found))
+        return failed_result(FAULT_STATUS, f"{type(error).__name__}: {error}")
+    return JobResult({**_row_of(solution), "seconds": time.perf_counter() - start_time}, _labelled_arrays(solution))
 
 
 def failed_result(status: str, sentence: str) -> JobResult:
-    """A point without an answer, and why."""
-    nothing: dict[str, Any] = dict.fromkeys(NUMBERS, float("nan"))
+    """Return a point without an answer, with the reason."""
+    no_numbers: dict[str, Any] = dict.fromkeys(ROW_NUMBERS, float("nan"))
     row = {
-        **nothing,
-        **dict.fromkeys(WORDS, ""),
+        **no_numbers,
+        **dict.fromkeys(ROW_TEXTS, ""),
         "status": status,
         "grade": "failed",
         "verdict": sentence,
@@ -116,7 +118,7 @@ def failed_result(status: str, sentence: str) -> JobResult:
     return JobResult({**row, "seconds": 0.0}, {})
 
 
-NUMBERS = (
+ROW_NUMBERS = (
     "cost",
     "exact_cost",
     "referee_cost",
@@ -129,60 +131,60 @@ NUMBERS = (
     "solve_s",
     "own_cost",
 )
-"""What is a number in a row; ``own_cost`` is NaN, but of an outlier its own solve's cost."""
-WORDS = ("status", "stationarity", "kind", "grade", "verdict", "start")
-"""What is a text there; ``start`` is the point whose plan gave the answer of an outlier."""
-COUNTS = ("success", "survives", "iterations")
-"""What is whole; success and survives are 1 or 0, and -1 is unknown."""
+"""Numbers of a row; ``own_cost`` is the cost of an outlier's own solve, else NaN."""
+ROW_TEXTS = ("status", "stationarity", "kind", "grade", "verdict", "start")
+"""Texts of a row; ``start`` is the point whose plan gave the answer of an outlier."""
+ROW_COUNTS = ("success", "survives", "iterations")
+"""Integers of a row; success and survives are 1 or 0, and -1 if unknown."""
 
 
-def _row(found: Solution) -> dict[str, Any]:
-    audit, certificate, referee = found.audit, found.certificate, found.referee
+def _row_of(solution: Solution) -> dict[str, Any]:
+    audit, certificate, referee = solution.audit, solution.certificate, solution.referee
     numbers = {
-        "cost": found.cost,
+        "cost": solution.cost,
         "exact_cost": audit.exact_cost,
         "referee_cost": referee.cost,
         "refined_cost": referee.refined_cost,
-        "idle_cost": found.idle_cost,
+        "idle_cost": solution.idle_cost,
         "complementarity": audit.complementarity,
         "kkt_residual": certificate.kkt_residual,
         "dynamics_residual": audit.dynamics_residual,
         "penetration": audit.penetration,
-        "solve_s": found.solve_s,
+        "solve_s": solution.solve_s,
         "own_cost": math.nan,
     }
     return {
         **{name: float(value) for name, value in numbers.items()},
-        "status": found.status.label,
+        "status": solution.status.label,
         "stationarity": certificate.stationarity,
         "kind": certificate.kind,
-        "grade": found.grade,
-        "verdict": found.verdict,
+        "grade": solution.grade,
+        "verdict": solution.verdict,
         "start": "",
-        "success": int(found.success),
+        "success": int(solution.success),
         "survives": -1 if referee.survives is None else int(referee.survives),
-        "iterations": int(found.iterations),
+        "iterations": int(solution.iterations),
     }
 
 
-def _arrays(found: Solution) -> dict[str, LabelledArray]:
-    data, kept = found.data, {}
-    for name in ("time", *TRAJECTORIES):
+def _labelled_arrays(solution: Solution) -> dict[str, LabelledArray]:
+    data, arrays = solution.data, {}
+    for name in ("time", *STORED_ARRAYS):
         if name in data:
             dims = tuple(map(str, data[name].dims))
-            named = [dim for dim in dims if dim in data.coords and data[dim].dtype.kind in "UO"]
-            labels = {dim: [str(label) for label in data[dim].values] for dim in named}
-            kept[name] = LabelledArray(dims, np.asarray(data[name].values, dtype=float), labels)
-    return kept
+            labelled_dims = [dim for dim in dims if dim in data.coords and data[dim].dtype.kind in "UO"]
+            labels = {dim: [str(label) for label in data[dim].values] for dim in labelled_dims}
+            arrays[name] = LabelledArray(dims, np.asarray(data[name].values, dtype=float), labels)
+    return arrays
 
 
-_HELD = {"problem", "derivative"}
-"""What of a solution holds graphs, which stay where they are."""
+GRAPH_FIELDS = {"problem", "derivative"}
+"""Fields of a solution that hold graphs and are not sent."""
 
 
 @dataclass(frozen=True)
 class StartResult:
-    """What a solved start sends: its outcome, its NLP's reformulation, and the verdicts."""
+    """Result of a solved start: its outcome, with its NLP's reformulation, and the verdicts."""
 
     outcome: RouteResult
     judged: dict[str, Any]
@@ -193,10 +195,14 @@ def solve_start(job: SolveJob, report: Callable[[Any], None]) -> StartResult:
     session = cached_session(job.case)
     guess = initial_guesses(session.evaluation, job.starts, job.seed)[job.number]
     outcome = session.solve(progress=lambda stage: report(asdict(stage)), guess=guess, number=job.number)
-    found = judge_outcome(session, outcome, job.seed)
+    solution = judge_outcome(session, outcome, job.seed)
     reformulation = next(key for key, nlp in session.nlps.items() if nlp is outcome.nlp)
-    told = {one.name: getattr(found, one.name) for one in fields(found) if one.name not in _HELD}
-    return StartResult(replace(outcome, nlp=reformulation), told)
+    judgement = {
+        field_of.name: getattr(solution, field_of.name)
+        for field_of in fields(solution)
+        if field_of.name not in GRAPH_FIELDS
+    }
+    return StartResult(replace(outcome, nlp=reformulation), judgement)
 
 
 def solve_starts(
@@ -218,7 +224,7 @@ def solve_starts(
     if starts == 1 or (jobs == 1 and scheduler is None):
         return solve_session(session, starts, seed, progress, rank_by)
     work = [SolveJob(case, starts, seed, number=number) for number in range(starts)]
-    found: dict[int, StartResult] = {}
+    finished: dict[int, StartResult] = {}
     failures: list[Exception] = []
 
     def callback(_: int, stage: Any) -> None:
@@ -230,28 +236,28 @@ def solve_starts(
             interruptible(),
             closing(run_jobs(solve_start, work, jobs, scheduler, callback)) as outcomes,
         ):
-            for place, sent in outcomes:
-                if isinstance(sent, Failure):
+            for place, outcome in outcomes:
+                if isinstance(outcome, Failure):
                     with collect_failures(failures):
-                        raise sent.error
+                        raise outcome.error
                 else:
-                    found[place] = sent
+                    finished[place] = outcome
     except KeyboardInterrupt as stop:
-        if not found:
+        if not finished:
             raise
-        raise Interrupted(_best(session, found, seed, rank_by)) from stop
-    if not found:
+        raise Interrupted(_best_start(session, finished, seed, rank_by)) from stop
+    if not finished:
         raise failures[0]
-    return add_failures(_best(session, found, seed, rank_by), failures)
+    return add_failures(_best_start(session, finished, seed, rank_by), failures)
 
 
-def _best(session: Session, found: dict[int, StartResult], seed: int, rank_by: Rank) -> Solution:
-    """The best of all, judged again here, where its graphs are."""
-    sent = [found[place] for place in sorted(found)]
-    made = [Solution(**one.judged, problem=session.problem) for one in sent]
-    solutions = credited(session, made)
-    place = min(range(len(sent)), key=lambda one: rank(solutions[one], rank_by))
-    outcome = sent[place].outcome
-    again = judge_outcome(session, replace(outcome, nlp=session.nlp_of(outcome.nlp)), seed)
-    solutions[place] = replace(solutions[place], derivative=again.derivative)
+def _best_start(session: Session, finished: dict[int, StartResult], seed: int, rank_by: Rank) -> Solution:
+    """Return the best of all starts, judged again in this process, which has its graphs."""
+    results = [finished[place] for place in sorted(finished)]
+    solutions_of_starts = [Solution(**start.judged, problem=session.problem) for start in results]
+    solutions = credited(session, solutions_of_starts)
+    place = min(range(len(results)), key=lambda start: rank(solutions[start], rank_by))
+    outcome = results[place].outcome
+    judged_here = judge_outcome(session, replace(outcome, nlp=session.nlp_of(outcome.nlp)), seed)
+    solutions[place] = replace(solutions[place], derivative=judged_here.derivative)
     return best_of(session, solutions, rank_by)

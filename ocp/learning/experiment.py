@@ -1,4 +1,4 @@
-"""A policy to be learned: the task, the algorithm, the contact law it learns through, the seed."""
+"""Experiments: a task, an algorithm, the contact law through which it learns, and a seed."""
 
 from __future__ import annotations
 
@@ -22,20 +22,32 @@ if TYPE_CHECKING:
     from ocp.learning.protocol import Algorithm, Trained
 
 T = TypeVar("T")
+"""Type of a cached object."""
 
-_RECORDED = ("hidden", "initial", "rest", "normalise", "discount", "seed", "evaluate_every", "episodes", "budget")
+RECORDED_SETTINGS = (
+    "hidden",
+    "initial",
+    "rest",
+    "normalise",
+    "discount",
+    "seed",
+    "evaluate_every",
+    "episodes",
+    "budget",
+)
+"""Attributes that are recorded among the settings."""
 EXACT = Exact()
-"""The law that every policy is judged under."""
+"""Law under which every policy is evaluated."""
 
 
 class Budget(NamedTuple):
-    """Simulated ``steps`` to learn from, and ``judgements`` at even distances along them."""
+    """Number of simulated ``steps`` to learn from, and of ``judgements`` at equal distances along them."""
 
     steps: int
     judgements: int
 
     def passed(self, spent: float) -> int:
-        """How many of the distances between judgements ``spent`` steps have covered."""
+        """Return the number of whole distances between judgements in ``spent`` steps."""
         return int(spent * self.judgements // self.steps)
 
 
@@ -79,22 +91,22 @@ class Experiment:
     params: Mapping[str, Any] = field(default_factory=dict)
     threads: int | None = None
     _compiled: list[TaskRollouts] = field(default_factory=list, init=False)
-    _made: dict[Any, Any] = field(default_factory=dict, init=False)
-    _counted: list[float] = field(default_factory=list, init=False)
+    _cache: dict[Any, Any] = field(default_factory=dict, init=False)
+    _step_counts: list[float] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         for name in ("iterations", "evaluate_every", "episodes"):
-            at_least(1, name, getattr(self, name))
+            check_at_least(1, name, getattr(self, name))
         for width in self.hidden or ():
-            at_least(1, "a hidden layer", width)
+            check_at_least(1, "a hidden layer", width)
         for name, value in self.budget._asdict().items() if self.budget else ():
-            at_least(1, f"the budget's {name}", value)
-        at_least(0, "seed", self.seed)
+            check_at_least(1, f"the budget's {name}", value)
+        check_at_least(0, "seed", self.seed)
         if not 0 < self.discount <= 1:
             raise InputError(
                 f"discount must be above 0 and at most 1, got {self.discount:g}; 1 counts all rewards alike"
             )
-        not_below(0, "initial", self.initial)
+        check_not_below(0, "initial", self.initial)
         size = len(self.task.parameters)
         if self.model_params is not None and np.shape(self.model_params) != (size,):
             raise InputError(
@@ -116,64 +128,64 @@ class Experiment:
 
     @cached_property
     def policy(self) -> RolloutPolicy:
-        """The policy as the engine takes it."""
+        """The policy in the form of the batch engine."""
         task = self.task
         if self.hidden is None:
             return constant(task.system.nx, task.lower, task.upper)
         return dense(task.observe, self.hidden, task.lower, task.upper)
 
     def rollouts(self, horizon: int, law: ContactLaw | None = None) -> TaskRollouts:
-        """Unrolls of ``horizon`` steps, compiled once; through ``law``, by default the model's."""
-        chosen = self.law if law is None else law
-        known = [each for each in self._compiled if each.law is chosen]
-        for each in known:
-            if each.horizon == horizon:
-                return each
-        others = (each.over(horizon) for each in known)
-        found = next((each for each in others if each is not None), None)
-        if found is None:
-            found = TaskRollouts(self.task, chosen, self.policy, horizon, threads=self.threads)
-        self._compiled.append(found)
-        return found
+        """Return unrolls of ``horizon`` steps under ``law`` (default: the model's), compiled once."""
+        contact_law = self.law if law is None else law
+        compiled = [rollouts for rollouts in self._compiled if rollouts.law is contact_law]
+        for rollouts in compiled:
+            if rollouts.horizon == horizon:
+                return rollouts
+        extended = (rollouts.over(horizon) for rollouts in compiled)
+        task_rollouts = next((rollouts for rollouts in extended if rollouts is not None), None)
+        if task_rollouts is None:
+            task_rollouts = TaskRollouts(self.task, contact_law, self.policy, horizon, threads=self.threads)
+        self._compiled.append(task_rollouts)
+        return task_rollouts
 
     def cached(self, make: Callable[[Experiment], T]) -> T:
-        """What ``make`` makes of the experiment, made at the first asking only."""
-        if make not in self._made:
-            self._made[make] = make(self)
-        return self._made[make]
+        """Return ``make(experiment)``, computed at the first call only."""
+        if make not in self._cache:
+            self._cache[make] = make(self)
+        return self._cache[make]
 
     def count_steps(self, steps: float) -> None:
         """Count ``steps`` of any contact law that were simulated to learn from.
 
         Whatever simulates for an algorithm calls it; judgements do not count.
         """
-        self._counted.append(float(steps))
+        self._step_counts.append(float(steps))
 
     def take_step_count(self) -> float:
-        """Steps that :meth:`count_steps` has counted since the last call."""
-        total = sum(self._counted)
-        self._counted.clear()
+        """Return the steps counted by :meth:`count_steps` since the last call."""
+        total = sum(self._step_counts)
+        self._step_counts.clear()
         return total
 
     @property
     def physics(self) -> np.ndarray:
-        """``model_params``, or the task's own parameters."""
-        given = self.model_params
-        return self.task.parameters.values if given is None else np.asarray(given, float)
+        """Parameters of the model: ``model_params``, or the task's own."""
+        model_params = self.model_params
+        return self.task.parameters.values if model_params is None else np.asarray(model_params, float)
 
     def rng(self, k: int, purpose: str) -> np.random.Generator:
-        """Numbers of iteration ``k`` for one purpose, the same however often they are asked."""
+        """Return the random generator of iteration ``k`` for one purpose, the same at every call."""
         return np.random.default_rng(self._sequence(k, purpose))
 
     def noise(self, sigma: float, k: int, purpose: str) -> Gaussian:
-        """Noise of iteration ``k`` on the inputs for one purpose."""
+        """Return the noise of iteration ``k`` on the inputs for one purpose."""
         return Gaussian(sigma, self._sequence(k, purpose))
 
     def _sequence(self, k: int, purpose: str) -> np.random.SeedSequence:
         return np.random.SeedSequence([self.seed, k, zlib.crc32(purpose.encode())])
 
     def first_theta(self) -> np.ndarray:
-        """Parameters (n_theta,) to start from: of ``start``, balancing ``rest``, or by chance."""
+        """Return the initial parameters (n_theta,): those of ``start``, balancing ``rest``, or random."""
         if self.start is not None:
             return np.array(self.start.theta, dtype=float)
         rng = self.rng(0, "theta")
@@ -185,19 +197,19 @@ class Experiment:
         return theta
 
     def first_states(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """First states (n, nx) of episodes, at the model's parameters."""
+        """Return initial states (n, nx) of episodes, at the model's parameters."""
         return self.task.reset(n, rng, self.physics)
 
     def observations(self, states: np.ndarray) -> np.ndarray:
-        """What a policy sees, before it is normalised, (n, n_o), in states (n, nx)."""
+        """Return the policy's observations (n, n_o), not normalised, in states (n, nx)."""
         return self._observe(states, self.physics)
 
     def inputs(self, trained: Trained, states: np.ndarray, noise: np.ndarray | float = 0.0) -> np.ndarray:
-        """Inputs (n, nu) of a policy in states (n, nx), with ``noise`` (n, nu) on its actions."""
+        """Return inputs (n, nu) of a policy in states (n, nx), with ``noise`` (n, nu) on its actions."""
         if isinstance(self.policy, DensePolicy):
             normaliser = trained.normaliser
-            seen = (self.observations(states) - normaliser.mean) / normaliser.scale
-            action = self.policy.means(trained.theta, seen)
+            observations = (self.observations(states) - normaliser.mean) / normaliser.scale
+            action = self.policy.means(trained.theta, observations)
         else:
             action = np.broadcast_to(trained.theta, (len(states), self.task.system.nu))
         return squash(self.task, action + noise)
@@ -207,7 +219,7 @@ class Experiment:
         return BatchFunction(self.task.observe, "numpy", 1)
 
     def settings(self) -> dict[str, Any]:
-        """What decides the result, by name, but for ``iterations``: more of them go on."""
+        """Return the settings that decide the result by name; ``iterations`` is left out, since it may grow."""
         law = {"law": self.law.name, **self.law.settings()}
         return {
             "task": self.task.name,
@@ -215,26 +227,26 @@ class Experiment:
             "algorithm": self.algorithm.name,
             **{f"algorithm.{key}": value for key, value in self.algorithm.settings().items()},
             **{f"contact.{key}": value for key, value in law.items()},
-            **{name: getattr(self, name) for name in _RECORDED},
+            **{name: getattr(self, name) for name in RECORDED_SETTINGS},
             "psi": self.physics,
             "start": None if self.start is None else self.start.digest,
         }
 
 
-def at_least(least: int, name: str, value: int) -> None:
-    """Raise :class:`~ocp.errors.InputError` unless ``value`` is a whole number from ``least``."""
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not whole or value < least:
-        raise InputError(f"{name} must be a whole number of at least {least}, got {value!r}")
+def check_at_least(minimum: int, name: str, value: int) -> None:
+    """Raise :class:`~ocp.errors.InputError` unless ``value`` is a whole number from ``minimum``."""
+    is_int = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not is_int or value < minimum:
+        raise InputError(f"{name} must be a whole number of at least {minimum}, got {value!r}")
 
 
-def not_below(low: float, name: str, value: float) -> None:
-    """Raise :class:`~ocp.errors.InputError` unless ``value`` is finite and at least ``low``."""
-    if not (np.isfinite(value) and value >= low):
-        raise InputError(f"{name} must be a finite number of at least {low:g}, got {value!r}")
+def check_not_below(minimum: float, name: str, value: float) -> None:
+    """Raise :class:`~ocp.errors.InputError` unless ``value`` is finite and at least ``minimum``."""
+    if not (np.isfinite(value) and value >= minimum):
+        raise InputError(f"{name} must be a finite number of at least {minimum:g}, got {value!r}")
 
 
-def positive(name: str, value: float) -> None:
+def check_positive(name: str, value: float) -> None:
     """Raise :class:`~ocp.errors.InputError` unless ``value`` is positive and finite."""
     if not (np.isfinite(value) and value > 0):
         raise InputError(f"{name} must be positive and finite, got {value!r}")

@@ -14,7 +14,8 @@ from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.problem.task import Task
 
-COLUMNS = ("x", "u", "x_next")
+BUFFER_ARRAYS = ("x", "u", "x_next")
+"""Names of a buffer's arrays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +37,9 @@ class Buffer:
             )
         if len(self.u) != len(self.x):
             raise InputError(f"transitions: {len(self.x)} states and {len(self.u)} inputs; pair them")
-        whole = np.hstack([self.x, self.u, self.x_next])
-        if bad := int(np.count_nonzero(~np.isfinite(whole).all(axis=1))):
-            raise InputError(f"transitions: {bad} of {len(whole)} are not finite; leave them out")
+        rows = np.hstack([self.x, self.u, self.x_next])
+        if n_nonfinite := int(np.count_nonzero(~np.isfinite(rows).all(axis=1))):
+            raise InputError(f"transitions: {n_nonfinite} of {len(rows)} are not finite; leave them out")
 
     def __len__(self) -> int:
         return len(self.x)
@@ -47,27 +48,29 @@ class Buffer:
         return Buffer(self.x[rows], self.u[rows], self.x_next[rows])
 
     def with_newest(self, more: Buffer, most: int) -> Buffer:
-        """Both, this one's first, and of them the last ``most``."""
+        """Return the last ``most`` steps of this buffer followed by ``more``."""
         return Buffer.joined([self, more])[-most:]
 
     @classmethod
-    def joined(cls, parts: Sequence[Buffer]) -> Buffer:
-        """All steps of ``parts``, in their order."""
-        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in COLUMNS))
+    def joined(cls, buffers: Sequence[Buffer]) -> Buffer:
+        """All steps of ``buffers``, in their order."""
+        return cls(*(np.concatenate([getattr(p, name) for p in buffers]) for name in BUFFER_ARRAYS))
 
     @classmethod
     def solved(cls, x: np.ndarray, u: np.ndarray, x_next: np.ndarray) -> Buffer:
-        """The steps whose next state is finite: those of which the contact was solved."""
-        good = np.isfinite(x_next).all(axis=1)
-        return cls(x[good], u[good], x_next[good])
+        """Return the steps with a finite next state: those whose contact was solved."""
+        finite = np.isfinite(x_next).all(axis=1)
+        return cls(x[finite], u[finite], x_next[finite])
 
 
-EPISODES = 50
-"""Side by side in :func:`random_transitions`, each of a policy of its own."""
-TOUCHED = 1e-6
-"""Signed distance [m] up to which bodies touch."""
-GENTLEST, WILDEST = 0.01, 0.5
-"""Widths of what random policies put into tanh."""
+N_EXPLORED_EPISODES = 50
+"""Number of episodes at once in :func:`random_transitions`, each with its own policy."""
+CONTACT_DISTANCE_M = 1e-6
+"""Signed distance [m] up to which bodies count as touching."""
+MIN_ACTION_WIDTH = 0.01
+"""Smallest scale of a random policy's actions before tanh."""
+MAX_ACTION_WIDTH = 0.5
+"""Largest scale of a random policy's actions before tanh."""
 
 Policy = Callable[[np.ndarray], np.ndarray]
 """Maps observations (n, n_o) of n episodes to inputs (n, nu)."""
@@ -141,21 +144,21 @@ class Explorer:
         x_next = np.where(solved[:, None], steps.x_next, x)
         touched = np.zeros(len(x), dtype=bool)
         if self._distance is not None:
-            touched = solved & (self._distance(x_next, self.p)[:, 0] <= TOUCHED)
+            touched = solved & (self._distance(x_next, self.p)[:, 0] <= CONTACT_DISTANCE_M)
         reward = np.where(solved, self.rewards(x, u, x_next), np.nan)
         ended = solved & self.ended(x_next)
         return EpisodeSteps(x, u, steps.x_next, reward, ended, solved, touched)
 
-    def advance(self, seen: EpisodeSteps, age: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """States and ages that the next step starts from, some of them first ones."""
+    def advance(self, steps: EpisodeSteps, age: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Return states and ages at the start of the next step; ended episodes start again."""
         age = age + 1
-        again = seen.ended | ~seen.solved | (age >= self.task.horizon)
-        fresh, young = self.first(len(age), rng)
-        return np.where(again[:, None], fresh, seen.x_next), np.where(again, young, age)
+        restarted = steps.ended | ~steps.solved | (age >= self.task.horizon)
+        initial_states, initial_ages = self.first(len(age), rng)
+        return np.where(restarted[:, None], initial_states, steps.x_next), np.where(restarted, initial_ages, age)
 
 
 def random_transitions(explorer: Explorer, n: int, seed: int | Sequence[int]) -> tuple[Buffer, np.ndarray]:
-    """``n`` solved transitions of random policies, and whether bodies touch in the end (n,).
+    """Return ``n`` solved transitions of random policies, and whether bodies touch after each (n,).
 
     Fifty episodes at a time, each with inputs ``mid + half tanh(s (G o + w))`` of its own: G
     (nu, n_o) normal, over observations scaled to their largest seen and the root of their number, w
@@ -167,36 +170,36 @@ def random_transitions(explorer: Explorer, n: int, seed: int | Sequence[int]) ->
         raise InputError(f"n must be at least 1 transition, got {n}")
     task = explorer.task
     rng = np.random.default_rng(seed)
-    sizes = EPISODES, task.system.nu, len(task.observations)
-    x, age = explorer.first(EPISODES, rng)
+    sizes = N_EXPLORED_EPISODES, task.system.nu, len(task.observations)
+    x, age = explorer.first(N_EXPLORED_EPISODES, rng)
     largest = np.full(sizes[2], 1e-6)
-    gains, width = np.zeros(sizes), np.zeros((EPISODES, 1))
-    parts: list[EpisodeSteps] = []
-    while sum(int(part.solved.sum()) for part in parts) < n:
-        new = age == 0
-        gains = np.where(new[:, None, None], rng.standard_normal(sizes), gains)
-        drawn = np.exp(rng.uniform(np.log(GENTLEST), np.log(WILDEST), width.shape))
-        width = np.where(new[:, None], drawn, width)
+    gains, width = np.zeros(sizes), np.zeros((N_EXPLORED_EPISODES, 1))
+    episode_steps: list[EpisodeSteps] = []
+    while sum(int(steps.solved.sum()) for steps in episode_steps) < n:
+        begun = age == 0
+        gains = np.where(begun[:, None, None], rng.standard_normal(sizes), gains)
+        new_width = np.exp(rng.uniform(np.log(MIN_ACTION_WIDTH), np.log(MAX_ACTION_WIDTH), width.shape))
+        width = np.where(begun[:, None], new_width, width)
         o = explorer.observations(x)
         largest = np.maximum(largest, np.abs(o).max(axis=0))
         a = np.einsum("eij,ej->ei", gains, o / largest) / np.sqrt(sizes[2])
         a = width * (a + rng.standard_normal(a.shape))
-        parts.append(explorer.step(x, squash(task, a)))
-        x, age = explorer.advance(parts[-1], age, rng)
-        if not any(part.solved.any() for part in parts):
+        episode_steps.append(explorer.step(x, squash(task, a)))
+        x, age = explorer.advance(episode_steps[-1], age, rng)
+        if not any(steps.solved.any() for steps in episode_steps):
             raise InputError(f"{task.name}: no step was solved from its starts")
-    found = Buffer.joined([Buffer.solved(part.x, part.u, part.x_next) for part in parts])
-    return found[:n], np.concatenate([part.touched[part.solved] for part in parts])[:n]
+    transitions = Buffer.joined([Buffer.solved(steps.x, steps.u, steps.x_next) for steps in episode_steps])
+    return transitions[:n], np.concatenate([steps.touched[steps.solved] for steps in episode_steps])[:n]
 
 
 def squash(task: Task, a: np.ndarray) -> np.ndarray:
-    """``mid + half tanh(a)`` between the task's bounds, (n, nu)."""
-    middle, half = (task.upper + task.lower) / 2, (task.upper - task.lower) / 2
-    return middle + half * np.tanh(a)
+    """Return ``mid + half tanh(a)`` between the task's bounds, (n, nu)."""
+    middle, half_range = (task.upper + task.lower) / 2, (task.upper - task.lower) / 2
+    return middle + half_range * np.tanh(a)
 
 
 def _distance(task: Task) -> ca.Function | None:
-    """Map ``(x, parameters)`` to the least signed distance [m]; None where none is known."""
+    """Return the map from ``(x, parameters)`` to the least signed distance [m]; None if unknown."""
     phi = task.system.phi
     if phi is None or not phi.numel():
         return None

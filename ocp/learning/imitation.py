@@ -1,4 +1,4 @@
-"""Policies fitted to plans, to start from."""
+"""Policies fitted to plans, as starts of training."""
 
 from __future__ import annotations
 
@@ -18,21 +18,20 @@ from ocp.problem.rollout import Gains
 from ocp.problem.task import Task
 from ocp.solution import Solution
 
-_SMOOTH = 1e-2
+SMOOTHING_MU_SHARE = 1e-2
 """Barrier parameter in characteristic sizes, under which contacts are felt before they close."""
 
 
 def demonstrations(
     plans: Sequence[Solution], copies: int = 0, spread: float = 0.0, seed: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """States (n, nx) of plans, of all scenarios and steps, and the inputs (n, nu) there.
+    """Return states (n, nx) of plans at all scenarios and steps, and the inputs (n, nu) there.
 
-    With ``copies`` each state comes so many times more, moved by normal noise of ``spread``
-    characteristic sizes, and the input there is that of the plan's feedback, or for a plan of
-    inputs alone of the feedback that :func:`tracking_gains` has for it; cut to the bounds.
+    Each state has ``copies`` further ones, perturbed by normal noise of ``spread`` characteristic
+    sizes, with the inputs of the plan's feedback, or for a plan of inputs alone of
+    :func:`tracking_gains`, clipped to the bounds.
 
-    Raises :class:`~ocp.errors.InputError` where there is no plan, or one that has come to no
-    number.
+    Raises :class:`~ocp.errors.InputError` without a plan, and for a plan that is not finite.
     """
     if not plans:
         raise InputError("no plans to fit the policy to; give at least one")
@@ -45,23 +44,23 @@ def demonstrations(
         inputs.append(np.broadcast_to(u, (len(x), *u.shape[1:])).reshape(-1, u.shape[2]))
         rng = np.random.default_rng([seed, number])
         for scenario in range(len(x) if copies else 0):
-            beside = _perturbed(plan, scenario, copies, spread, rng)
-            states.append(beside[0])
-            inputs.append(beside[1])
+            perturbed = _perturbed_demonstrations(plan, scenario, copies, spread, rng)
+            states.append(perturbed[0])
+            inputs.append(perturbed[1])
     return np.concatenate(states), np.concatenate(inputs)
 
 
-def _perturbed(
+def _perturbed_demonstrations(
     plan: Solution, scenario: int, copies: int, spread: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """States around one scenario's and the inputs that lead back."""
+    """Return states around one scenario's, and the inputs that lead back."""
     problem = plan.problem
     lower, upper = Evaluation(problem, plan.values).limits[2:4]
     gains = tracking_gains(plan, scenario) if plan.gains is None else plan.gains
     x = np.repeat(plan.data["x"].values[scenario, :-1], copies, axis=0)
-    moved = x + spread * problem.scales.x * rng.standard_normal(x.shape)
-    asked = [gains.input(at // copies, state) for at, state in enumerate(moved)]
-    return moved, np.clip(asked, lower, upper)
+    perturbed_states = x + spread * problem.scales.x * rng.standard_normal(x.shape)
+    corrected_inputs = [gains.input(index // copies, state) for index, state in enumerate(perturbed_states)]
+    return perturbed_states, np.clip(corrected_inputs, lower, upper)
 
 
 def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
@@ -78,7 +77,7 @@ def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
     x = plan.data["x"].values[scenario]
     all_inputs = plan.data["u"].values
     u = all_inputs[min(scenario, len(all_inputs) - 1)]
-    step, function = _smoothed(problem.system, _SMOOTH * sizes.mu)
+    step, function = _smoothed_step(problem.system, SMOOTHING_MU_SHARE * sizes.mu)
     p = Evaluation(problem, plan.values).step_values(step, own=False)
     A, B = function.slopes(x[:-1], u, p)[1:]
     if not (np.isfinite(A).all() and np.isfinite(B).all()):
@@ -98,17 +97,18 @@ def tracking_gains(plan: Solution, scenario: int = 0) -> Gains:
 
 
 @lru_cache(maxsize=1)
-def _smoothed(system: ContactSystem, mu: float) -> tuple[Step, StepFunction]:
-    """The step of a barrier law, built once for all plans of a task."""
+def _smoothed_step(system: ContactSystem, mu: float) -> tuple[Step, StepFunction]:
+    """Return the step of a barrier law, built once for all plans of a task."""
     step = Barrier(mu=mu).close(system)
     return step, StepFunction(step)
 
 
-LARGEST = 0.99
+MAX_ACTION_SHARE = 0.99
 """Share of the way from the middle to a bound at which an input is cut, as no finite action reaches
 a bound."""
-_ITERATIONS = 500
-_ROWS = 64
+MAX_LBFGS_ITERATIONS = 500
+"""Maximum number of iterations of L-BFGS."""
+ROWS_PER_PRODUCT = 64
 """Rows of a product of matrices: those of all samples are shared among threads, which wait for one
 another on a busy machine, 50 times as long as they work, and round by how many they are."""
 
@@ -116,7 +116,7 @@ another on a busy machine, 50 times as long as they work, and round by how many 
 def fit_actions(
     task: Task, states: np.ndarray, inputs: np.ndarray, hidden: tuple[int, ...] = (), seed: int = 0
 ) -> Trained:
-    """The policy with tanh layers ``hidden`` that does ``inputs`` (n, nu) in ``states`` (n, nx).
+    """Fit a policy with tanh layers ``hidden`` to ``inputs`` (n, nu) in ``states`` (n, nx).
 
     It minimises the mean of ``|a(o) - a*|²``, the action before tanh against
     ``a* = artanh((u - mid) / half)``, with u cut to 0.99 of its way to the bounds. Observations are
@@ -124,51 +124,58 @@ def fit_actions(
     norm; others are where 500 iterations of L-BFGS lead from weights out of the ``seed``.
     """
     policy = dense(task.observe, hidden, task.lower, task.upper)
-    seen = BatchFunction(task.observe, "numpy", 1)(states, task.parameters.values)
-    normaliser = Normaliser.identity(seen.shape[1]).after(seen)
-    seen = (seen - normaliser.mean) / normaliser.scale
-    middle, half = (task.upper + task.lower) / 2, (task.upper - task.lower) / 2
-    wanted = np.arctanh(np.clip((inputs - middle) / half, -LARGEST, LARGEST))
+    observations = BatchFunction(task.observe, "numpy", 1)(states, task.parameters.values)
+    normaliser = Normaliser.identity(observations.shape[1]).after(observations)
+    observations = (observations - normaliser.mean) / normaliser.scale
+    middle, half_range = (task.upper + task.lower) / 2, (task.upper - task.lower) / 2
+    target_actions = np.arctanh(np.clip((inputs - middle) / half_range, -MAX_ACTION_SHARE, MAX_ACTION_SHARE))
     if not hidden:
-        features = np.column_stack([seen, np.ones(len(seen))])
-        found = np.linalg.lstsq(features, wanted)[0]
-        return Trained(np.concatenate([found[:-1].T.ravel(), found[-1]]), normaliser)
-    first = first_weights(policy.sizes, 1.0, np.random.default_rng(seed))
-    found = minimize(
+        features = np.column_stack([observations, np.ones(len(observations))])
+        fitted = np.linalg.lstsq(features, target_actions)[0]
+        return Trained(np.concatenate([fitted[:-1].T.ravel(), fitted[-1]]), normaliser)
+    initial_theta = first_weights(policy.sizes, 1.0, np.random.default_rng(seed))
+    fitted = minimize(
         squared_error,
-        first,
-        (policy, seen, wanted),
+        initial_theta,
+        (policy, observations, target_actions),
         "L-BFGS-B",
         jac=True,
-        options={"maxiter": _ITERATIONS, "maxfun": 2 * _ITERATIONS},
+        options={"maxiter": MAX_LBFGS_ITERATIONS, "maxfun": 2 * MAX_LBFGS_ITERATIONS},
     )
-    return Trained(found.x, normaliser)
+    return Trained(fitted.x, normaliser)
 
 
 def squared_error(
-    theta: np.ndarray, policy: DensePolicy, seen: np.ndarray, wanted: np.ndarray
+    theta: np.ndarray, policy: DensePolicy, observations: np.ndarray, target_actions: np.ndarray
 ) -> tuple[float, np.ndarray]:
-    """Mean of ``|a - a*|²`` over normalised observations (n, n_o), and its gradient (n_theta,).
+    """Return the mean of ``|a - a*|²`` over normalised observations (n, n_o), and its gradient (n_theta,).
 
-    ``wanted`` (n, n_a) are the actions a*.
+    ``target_actions`` (n, n_a) are the actions a*.
     """
     error, slope = 0.0, np.zeros_like(theta)
-    for at in range(0, len(seen), _ROWS):
-        part = _summed(theta, policy, seen[at : at + _ROWS], wanted[at : at + _ROWS])
-        error, slope = error + part[0], slope + part[1]
-    return error / len(seen), slope / len(seen)
+    for first_row in range(0, len(observations), ROWS_PER_PRODUCT):
+        chunk_sums = _summed_error(
+            theta,
+            policy,
+            observations[first_row : first_row + ROWS_PER_PRODUCT],
+            target_actions[first_row : first_row + ROWS_PER_PRODUCT],
+        )
+        error, slope = error + chunk_sums[0], slope + chunk_sums[1]
+    return error / len(observations), slope / len(observations)
 
 
-def _summed(theta: np.ndarray, policy: DensePolicy, seen: np.ndarray, wanted: np.ndarray) -> tuple[float, np.ndarray]:
-    """Sum of ``|a - a*|²`` and its gradient, back through the layers."""
-    layers, values = policy.layers(theta), [seen]
+def _summed_error(
+    theta: np.ndarray, policy: DensePolicy, observations: np.ndarray, target_actions: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """Return the sum of ``|a - a*|²`` and its gradient, by backpropagation."""
+    layers, values = policy.layers(theta), [observations]
     for weights, offsets in layers[:-1]:
         values.append(np.tanh(values[-1] @ weights.T + offsets))
     weights, offsets = layers[-1]
-    off = values[-1] @ weights.T + offsets - wanted
-    bar = 2 * off
-    parts: list[np.ndarray] = []
-    for (weights, _), before in zip(reversed(layers), reversed(values), strict=True):
-        parts = [(bar.T @ before).ravel(), bar.sum(axis=0), *parts]
-        bar = bar @ weights * (1 - before**2)
-    return float((off**2).sum()), np.concatenate(parts)
+    errors = values[-1] @ weights.T + offsets - target_actions
+    output_gradient = 2 * errors
+    gradients: list[np.ndarray] = []
+    for (weights, _), layer_inputs in zip(reversed(layers), reversed(values), strict=True):
+        gradients = [(output_gradient.T @ layer_inputs).ravel(), output_gradient.sum(axis=0), *gradients]
+        output_gradient = output_gradient @ weights * (1 - layer_inputs**2)
+    return float((errors**2).sum()), np.concatenate(gradients)

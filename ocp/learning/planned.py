@@ -1,4 +1,4 @@
-"""A task's episode as an optimal control problem, and the best plan found for one start."""
+"""A task's episode as an optimal control problem, and the best plan from one start."""
 
 from __future__ import annotations
 
@@ -28,42 +28,42 @@ from ocp.solve.solve import best_of, new_session
 
 
 def guess_from_policy(experiment: Experiment, trained: Trained) -> Guess:
-    """The states and inputs of a policy's episode under the exact law.
+    """Return a guess: states and inputs of a policy's episode under the exact law.
 
     Where it ends early its last state stays, with inputs of zero.
     """
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        found = evaluate_from(experiment, trained, EXACT, problem.initial_states(p))
-        return _hold_last_state(found.states[0]), found.inputs[0]
+        evaluation = evaluate_from(experiment, trained, EXACT, problem.initial_states(p))
+        return _hold_last_state(evaluation.states[0]), evaluation.inputs[0]
 
     return guess
 
 
 def guess_from_constant_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
-    """The best of ``n`` inputs drawn between the bounds, each held throughout, in the exact law."""
+    """Return a guess: the best of ``n`` random constant inputs under the exact law."""
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         share = np.random.default_rng(seed).uniform(-1.0, 1.0, (n, task.system.nu))
         policy = constant(task.system.nx, task.lower, task.upper)
         rollouts = TaskRollouts(task, EXACT, policy, task.horizon)
         start = np.repeat(problem.initial_states(p), n, axis=0)
-        found = rollouts(start, np.arctanh(share), n_samples=n, model_params=p, states=True)
-        best = int(np.argmax(np.where(np.isfinite(found.value), found.value, -np.inf)))
-        held = (task.upper + task.lower) / 2 + share[best] * (task.upper - task.lower) / 2
-        return _hold_last_state(found.states[best]), np.tile(held, (problem.N, 1))
+        episodes = rollouts(start, np.arctanh(share), n_samples=n, model_params=p, states=True)
+        best = int(np.argmax(np.where(np.isfinite(episodes.value), episodes.value, -np.inf)))
+        constant_input = (task.upper + task.lower) / 2 + share[best] * (task.upper - task.lower) / 2
+        return _hold_last_state(episodes.states[best]), np.tile(constant_input, (problem.N, 1))
 
     return guess
 
 
 def _hold_last_state(states: np.ndarray) -> np.ndarray:
-    """``states`` (N+1, nx), the last one that is a number in place of those after it."""
-    good = np.isfinite(states).all(axis=1)
-    last = len(states) - 1 if good.all() else int(np.argmin(good)) - 1
+    """Return ``states`` (N+1, nx) with the last finite one repeated to the end."""
+    finite = np.isfinite(states).all(axis=1)
+    last = len(states) - 1 if finite.all() else int(np.argmin(finite)) - 1
     return states[np.minimum(np.arange(len(states)), last)]
 
 
-_SAME = 1e-4
+MOTION_TOLERANCE = 1e-4
 """Difference from its inputs' rollout, in characteristic sizes, up to which a guess is a motion."""
 
 
@@ -94,19 +94,21 @@ class BestPlan:
         return self.solution.success
 
     @property
-    def words(self) -> str:
-        """Return, what it is certified to be, what its replay makes of it, the referee's word."""
-        found, steps = self.solution, self.solution.problem.N
-        said = ", ".join(part for part in (found.certificate.stationarity, found.certificate.kind) if part)
-        standing = (
-            f"certified stationary ({said}), which is a local optimum at most"
+    def description(self) -> str:
+        """Sentence with the return, the certificate, the replay's return and the referee's verdict."""
+        solution, steps = self.solution, self.solution.problem.N
+        certificate_words = ", ".join(
+            word for word in (solution.certificate.stationarity, solution.certificate.kind) if word
+        )
+        status_words = (
+            f"certified stationary ({certificate_words}), which is a local optimum at most"
             if self.certified
-            else f"not certified ({found.status.value})"
+            else f"not certified ({solution.status.value})"
         )
         return (
-            f"best plan found: return {self.returned:.6g}, {standing}; replayed under the exact law"
+            f"best plan found: return {self.returned:.6g}, {status_words}; replayed under the exact law"
             f" {self.replayed:.6g} over {self.lived} of {steps} steps; before the referee, with"
-            f" {-found.referee.cost:.6g}: {found.referee.word}"
+            f" {-solution.referee.cost:.6g}: {solution.referee.word}"
         )
 
 
@@ -129,32 +131,32 @@ def best_plan(
     problem = planned_problem(task, x0)
     session = new_session(problem, EXACT, settings=settings)
     p = problem.parameters.values
-    begun = [guess(problem, p) for guess in guesses] or [problem.initial_guess(p)]
-    found = []
-    for number, guess in enumerate(begun):
-        outcome = _polished(session, guess)
+    initial_guesses = [guess(problem, p) for guess in guesses] or [problem.initial_guess(p)]
+    solutions = []
+    for number, guess in enumerate(initial_guesses):
+        outcome = _polished_motion(session, guess)
         if outcome is None:
             outcome = session.solve(guess=guess, number=number)
-        found.append(judge_outcome(session, outcome, seed=0))
-    best = best_of(session, found)
+        solutions.append(judge_outcome(session, outcome, seed=0))
+    best = best_of(session, solutions)
     replay = (best.data[name].values[0] for name in ("x_replay", "u_replay"))
     return BestPlan(best, *episode_return(task, *replay))
 
 
-def _polished(session: Session, guess: InitialGuess) -> RouteResult | None:
-    """The best plan near a motion, along its contacts; None where it is none, or none was found."""
+def _polished_motion(session: Session, guess: InitialGuess) -> RouteResult | None:
+    """Return the best plan near a motion on its branch; None if the guess is no motion, or none exists."""
     states, inputs = guess
     problem = session.problem
-    rolled, unsolved = roll_on(session.evaluation, inputs[None], session.step)
-    off = np.abs(rolled.x[0] - states) / problem.scales.x
-    if unsolved is not None or not np.all(off <= _SAME):
+    rollout, unsolved = roll_on(session.evaluation, inputs[None], session.step)
+    differences = np.abs(rollout.x[0] - states) / problem.scales.x
+    if unsolved is not None or not np.all(differences <= MOTION_TOLERANCE):
         return None
-    follower = Homotopy(session.nlp_of, session.solver, session.values)
-    branches, nlp = Branches(follower), session.judging_nlp()
-    found = branches.solve_branch(Point(pack_rollout(nlp, rolled, None)))
-    if found is None:
+    homotopy = Homotopy(session.nlp_of, session.solver, session.values)
+    branches, nlp = Branches(homotopy), session.judging_nlp()
+    branch_solution = branches.solve_branch(Point(pack_rollout(nlp, rollout, None)))
+    if branch_solution is None:
         return None
-    return RouteResult(branches.improve(found), nlp, True, follower.trace)
+    return RouteResult(branches.improve(branch_solution), nlp, True, homotopy.trace)
 
 
 def episode_return(task: Task, states: np.ndarray, inputs: np.ndarray) -> tuple[float, int]:
@@ -203,15 +205,15 @@ def planned_problem(task: Task, x0: np.ndarray, scaling: Scaling | None = None) 
         )
     if bool(task.ends(start, task.parameters.values)):
         raise InputError(f"{task.name}: an episode from this start ends before its first step; give another")
-    after, before = _parts(task, start)
+    next_state_reward, step_reward = _split_reward(task, start)
     final = ca.SX(task.final)
     lasting = _survival_constraint(task)
     return Problem(
         name=task.name,
         system=system,
         N=task.horizon,
-        stage_cost=-(after + before),
-        terminal_cost=ca.substitute(after, system.x, ca.DM(start)) - after - final,
+        stage_cost=-(next_state_reward + step_reward),
+        terminal_cost=ca.substitute(next_state_reward, system.x, ca.DM(start)) - next_state_reward - final,
         x0=ca.SX(ca.DM(start)),
         parameters=task.parameters,
         u_lower=ca.SX(ca.DM(task.lower)),
@@ -222,32 +224,32 @@ def planned_problem(task: Task, x0: np.ndarray, scaling: Scaling | None = None) 
     )
 
 
-def _parts(task: Task, start: np.ndarray) -> tuple[ca.SX, ca.SX]:
-    """``a(x)`` and ``b(x, u)`` of ``reward = a(x_next) + b(x, u)``."""
+def _split_reward(task: Task, start: np.ndarray) -> tuple[ca.SX, ca.SX]:
+    """Split ``reward = a(x_next) + b(x, u)`` into ``a(x)`` and ``b(x, u)``."""
     system, reward = task.system, ca.SX(task.reward)
-    given = ca.vertcat(system.x, system.u)
+    state_and_input = ca.vertcat(system.x, system.u)
     slope = ca.jacobian(reward, system.x_next)
-    if ca.depends_on(slope, given):
-        used = {str(symbol) for symbol in ca.symvar(slope)}
-        mixed = ", ".join(str(symbol) for symbol in ca.symvar(given) if str(symbol) in used)
+    if ca.depends_on(slope, state_and_input):
+        symbols = {str(symbol) for symbol in ca.symvar(slope)}
+        mixed = ", ".join(str(symbol) for symbol in ca.symvar(state_and_input) if str(symbol) in symbols)
         raise InputError(
             f"{task.name}: the reward's term in x_next also depends on {mixed}, which a stage cost"
             " in (x, u) cannot express; write the reward as a(x_next) + b(x, u)"
         )
-    usual = ca.vertcat(ca.DM(start), ca.DM(task.lower + task.upper) / 2)
-    after = ca.substitute(reward, given, usual)
-    constant = ca.substitute(after, system.x_next, ca.DM(start))
-    before = ca.substitute(reward, system.x_next, ca.DM(start)) - constant
-    return ca.substitute(after, system.x_next, system.x), before
+    reference_point = ca.vertcat(ca.DM(start), ca.DM(task.lower + task.upper) / 2)
+    next_state_reward = ca.substitute(reward, state_and_input, reference_point)
+    constant = ca.substitute(next_state_reward, system.x_next, ca.DM(start))
+    step_reward = ca.substitute(reward, system.x_next, ca.DM(start)) - constant
+    return ca.substitute(next_state_reward, system.x_next, system.x), step_reward
 
 
 def _survival_constraint(task: Task) -> tuple[Constraint, ...]:
-    """That the episode goes on."""
+    """Return the constraint that the episode goes on."""
     if task.lasts is None:
         if ca.depends_on(ca.SX(task.done), task.system.x):
             raise InputError(
                 f"{task.name}: done depends on the state: give Task.lasts, the constraints that keep an episode running"
             )
         return ()
-    kept = ca.SX(task.lasts)
-    return (Constraint("episode goes on", kept, MARGIN, ca.inf),) if kept.numel() else ()
+    margins = ca.SX(task.lasts)
+    return (Constraint("episode goes on", margins, MARGIN, ca.inf),) if margins.numel() else ()

@@ -8,20 +8,25 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.learning.experiment import EXACT, Experiment, at_least, not_below
+from ocp.learning.experiment import EXACT, Experiment, check_at_least, check_not_below
 from ocp.learning.explorer import Buffer, Explorer
 from ocp.learning.identify import OneStepLoss, search_iteration
-from ocp.learning.protocol import Algorithm, Row, State, Trained, prefixed, under
+from ocp.learning.protocol import Algorithm, Row, State, Trained, with_prefix, without_prefix
 from ocp.learning.random_search import Cloud, RandomSearch
 
-_OWN, _CLOUD, _SEEN = "psi_learning.", "psi_cloud.", "psi_seen."
+PSI_PREFIX = "psi_learning."
+"""Prefix of the algorithm's own entries of the state."""
+CLOUD_PREFIX = "psi_cloud."
+"""Prefix of the search's cloud in the state."""
+TRANSITIONS_PREFIX = "psi_seen."
+"""Prefix of the transitions in the state."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PsiLearning(Algorithm):
     """Any ``algorithm``, on a model whose parameters ``names`` are learned as the policy is.
 
-    In every iteration ``walkers`` episodes go ``steps`` steps on under the exact law at the task's
+    In every iteration ``n_envs`` episodes go ``steps`` steps on under the exact law at the task's
     own parameters, inputs being the policy's and noise of ``sigma`` half ranges; of the last
     ``capacity`` transitions ``rows`` judge each of ``searched`` iterations of the random search
     (eq. 4.1), passes after one another; and the algorithm does its own iteration at the psi found,
@@ -36,7 +41,7 @@ class PsiLearning(Algorithm):
 
     algorithm: Algorithm
     names: tuple[str, ...]
-    walkers: Annotated[int, "episodes continued under the exact law in each iteration"] = 16
+    n_envs: Annotated[int, "episodes continued under the exact law in each iteration"] = 16
     steps: Annotated[int, "steps of each continued episode"] = 16
     sigma: Annotated[float, "noise on the inputs, in half ranges"] = 0.1
     capacity: Annotated[int, "transitions kept"] = 2000
@@ -45,88 +50,97 @@ class PsiLearning(Algorithm):
     search: RandomSearch = field(default_factory=RandomSearch)
 
     def settings(self) -> dict[str, Any]:
-        """Its own, and the algorithm's."""
-        own = {k: v for k, v in vars(self).items() if k not in ("algorithm", "search")}
-        search, inner = prefixed("search.", vars(self.search)), self.algorithm.settings()
-        return {**own, **search, "of": self.algorithm.name, **prefixed("of.", inner)}
+        """Return its own settings and the algorithm's."""
+        settings = {k: v for k, v in vars(self).items() if k not in ("algorithm", "search")}
+        search, algorithm_settings = with_prefix("search.", vars(self.search)), self.algorithm.settings()
+        return {**settings, **search, "of": self.algorithm.name, **with_prefix("of.", algorithm_settings)}
 
     def check(self, experiment: Experiment) -> None:
         """Raise :class:`~ocp.errors.InputError` for settings that cannot be."""
         self.algorithm.check(experiment)
-        for name in ("walkers", "steps", "capacity", "rows", "searched"):
-            at_least(1, name, getattr(self, name))
-        not_below(0, "sigma", self.sigma)
+        for name in ("n_envs", "steps", "capacity", "rows", "searched"):
+            check_at_least(1, name, getattr(self, name))
+        check_not_below(0, "sigma", self.sigma)
 
     def begin(self, experiment: Experiment) -> State:
-        """The algorithm's state, episodes at their starts, and no transitions yet."""
+        """Return the algorithm's state, episodes at their starts, and no transitions yet."""
         self.check(experiment)
         loss, explorer = experiment.cached(self._loss), experiment.cached(_explorer)
         start = loss.start(experiment.task.parameters.unpack(experiment.physics))
-        x, age = explorer.first(self.walkers, experiment.rng(0, "psi starts"))
-        none = np.zeros((0, experiment.task.system.nx))
-        seen = Buffer(none, np.zeros((0, experiment.task.system.nu)), none)
+        x, age = explorer.first(self.n_envs, experiment.rng(0, "psi starts"))
+        no_states = np.zeros((0, experiment.task.system.nx))
+        transitions = Buffer(no_states, np.zeros((0, experiment.task.system.nu)), no_states)
         return {
             **self.algorithm.begin(experiment),
             "psi": experiment.physics,
-            _OWN + "x": x,
-            _OWN + "age": age,
-            _OWN + "start": start,
-            _OWN + "pass": np.array(0),
-            **prefixed(_CLOUD, self.search.begin(start)),
-            **prefixed(_SEEN, vars(seen)),
+            PSI_PREFIX + "x": x,
+            PSI_PREFIX + "age": age,
+            PSI_PREFIX + "start": start,
+            PSI_PREFIX + "pass": np.array(0),
+            **with_prefix(CLOUD_PREFIX, self.search.begin(start)),
+            **with_prefix(TRANSITIONS_PREFIX, vars(transitions)),
         }
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """Transitions, then psi, then the policy."""
-        state = self._walked(experiment, state, k)
-        walked = experiment.take_step_count()
-        state, loss = self._searched(experiment, state)
+        """Collect transitions, then update psi, then the policy."""
+        state = self._explored(experiment, state, k)
+        exact_steps = experiment.take_step_count()
+        state, loss = self._identified(experiment, state)
         changed, row = self.algorithm.iterate(experiment, state, k)
-        told = {"psi_loss": loss, "model_steps": experiment.take_step_count()}
-        experiment.count_steps(walked)
-        return {**state, **changed}, {**row, **told}
+        psi_row = {"psi_loss": loss, "model_steps": experiment.take_step_count()}
+        experiment.count_steps(exact_steps)
+        return {**state, **changed}, {**row, **psi_row}
 
     def policy(self, experiment: Experiment, state: State) -> Trained:
-        """The algorithm's."""
+        """Return the algorithm's policy."""
         return self.algorithm.policy(experiment, state)
 
-    def _walked(self, experiment: Experiment, state: State, k: int) -> State:
-        """The state after more transitions of the policy."""
+    def _explored(self, experiment: Experiment, state: State, k: int) -> State:
+        """Return the state after more transitions of the policy."""
         explorer, rng = experiment.cached(_explorer), experiment.rng(k, "psi transitions")
         policy = self.algorithm.policy(experiment, state)
         task = experiment.task
-        x, age, seen = state[_OWN + "x"], state[_OWN + "age"], Buffer(**under(_SEEN, state))
+        x, age, transitions = (
+            state[PSI_PREFIX + "x"],
+            state[PSI_PREFIX + "age"],
+            Buffer(**without_prefix(TRANSITIONS_PREFIX, state)),
+        )
         for _ in range(self.steps):
             u = experiment.inputs(policy, x)
             u += self.sigma * (task.upper - task.lower) / 2 * rng.standard_normal(u.shape)
             step = explorer.step(x, np.clip(u, task.lower, task.upper))
-            seen = seen.with_newest(Buffer.solved(step.x, step.u, step.x_next), self.capacity)
+            transitions = transitions.with_newest(Buffer.solved(step.x, step.u, step.x_next), self.capacity)
             x, age = explorer.advance(step, age, rng)
-        return {**state, **prefixed(_SEEN, vars(seen)), _OWN + "x": x, _OWN + "age": age}
+        return {
+            **state,
+            **with_prefix(TRANSITIONS_PREFIX, vars(transitions)),
+            PSI_PREFIX + "x": x,
+            PSI_PREFIX + "age": age,
+        }
 
-    def _searched(self, experiment: Experiment, state: State) -> tuple[State, float]:
-        """The state after the search went on, and the loss a transition at its psi."""
-        seen = Buffer(**under(_SEEN, state))
-        if not len(seen):
+    def _identified(self, experiment: Experiment, state: State) -> tuple[State, float]:
+        """Return the state after more iterations of the search, and the loss per transition at its psi."""
+        transitions = Buffer(**without_prefix(TRANSITIONS_PREFIX, state))
+        if not len(transitions):
             raise InputError(f"{experiment.task.name}: no step of its episodes was solved")
-        loss = experiment.cached(self._loss).in_scales_of(seen)
-        cloud: Cloud = under(_CLOUD, state)
-        number = int(state[_OWN + "pass"])
+        loss = experiment.cached(self._loss).in_scales_of(transitions)
+        cloud: Cloud = without_prefix(CLOUD_PREFIX, state)
+        number = int(state[PSI_PREFIX + "pass"])
         for _ in range(self.searched):
-            if self.search.done(cloud):
+            if self.search.is_done(cloud):
                 if number + 1 >= self.search.passes:
                     break
                 number += 1
-                moves = loss.sensitivity(cloud["mean"], self.search.width, seen)
-                cloud = self.search.begin(cloud["mean"], moves, state[_OWN + "start"])
+                moves = loss.sensitivity(cloud["mean"], self.search.width, transitions)
+                cloud = self.search.begin(cloud["mean"], moves, state[PSI_PREFIX + "start"])
             seeds = [experiment.seed, number]
-            cloud = search_iteration(loss, seen, self.search, cloud, seeds, self.rows)
+            cloud = search_iteration(loss, transitions, self.search, cloud, seeds, self.rows)
         psi = loss.parameters(cloud["mean"][None])[0, : len(experiment.physics)]
-        found = {"psi": psi, _OWN + "pass": np.array(number), **prefixed(_CLOUD, cloud)}
-        return {**state, **found}, float(loss(cloud["mean"], seen)[0]) / len(seen)
+        changes = {"psi": psi, PSI_PREFIX + "pass": np.array(number), **with_prefix(CLOUD_PREFIX, cloud)}
+        return {**state, **changes}, float(loss(cloud["mean"], transitions)[0]) / len(transitions)
 
     def _loss(self, experiment: Experiment) -> OneStepLoss:
-        """Loss of the model, at the experiment's psi but for the names."""
+        """Return the model's loss as a function of ``names``, its other parameters as in the experiment."""
         values = experiment.task.parameters.unpack(experiment.physics)
         task = experiment.task
         step = EXACT.close(replace(task.system, parameters=task.parameters))

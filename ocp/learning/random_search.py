@@ -1,4 +1,4 @@
-"""Random search for a minimum: Gaussian candidates, whose cloud follows those that did well."""
+"""Random search for a minimum by covariance matrix adaptation (CMA-ES)."""
 
 from __future__ import annotations
 
@@ -59,15 +59,15 @@ class RandomSearch:
         sensitivity: np.ndarray | None = None,
         centre: np.ndarray | None = None,
     ) -> Cloud:
-        """The cloud around ``mean`` (n,), wider for what is less sensitive (n,).
+        """Return the cloud around ``mean`` (n,), wider along less sensitive (n,) coordinates.
 
         ``centre`` (n,) is where reach is measured from, by default the mean. A sensitivity that is
         not finite, where steps can no longer be solved, is that of the most sensitive.
         """
         n = len(mean)
         moves = np.ones(n) if sensitivity is None else np.maximum(sensitivity, 1e-12)
-        known = np.isfinite(moves)
-        moves = np.where(known, moves, np.max(moves[known], initial=1e-12))
+        finite = np.isfinite(moves)
+        moves = np.where(finite, moves, np.max(moves[finite], initial=1e-12))
         return {
             "mean": np.array(mean, float),
             "centre": np.array(mean if centre is None else centre, float),
@@ -79,48 +79,48 @@ class RandomSearch:
         }
 
     def iterate(self, cloud: Cloud, losses: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator) -> Cloud:
-        """Draw candidates (k, n), ask for their ``losses`` (k,), and move the cloud."""
+        """Draw candidates (k, n), evaluate their ``losses`` (k,), and update the cloud."""
         n = len(cloud["mean"])
         lengths, axes = np.linalg.eigh(cloud["shape"])
         lengths = np.sqrt(np.maximum(lengths, 0.0))
         y = (rng.standard_normal((self.candidates, n)) * lengths) @ axes.T
-        # What is put back counts as drawn there: else the cloud would grow where nothing changes.
-        low, high = cloud["centre"] - self.reach, cloud["centre"] + self.reach
-        z = np.clip(cloud["mean"] + cloud["width"] * y, low, high)
-        found, y = losses(z), (z - cloud["mean"]) / cloud["width"]
-        best = np.argsort(np.where(np.isfinite(found), found, np.inf), kind="stable")
+        # Clipped candidates count as drawn at the bound: else the cloud would grow without effect.
+        lower, upper = cloud["centre"] - self.reach, cloud["centre"] + self.reach
+        z = np.clip(cloud["mean"] + cloud["width"] * y, lower, upper)
+        candidate_losses, y = losses(z), (z - cloud["mean"]) / cloud["width"]
+        ranking = np.argsort(np.where(np.isfinite(candidate_losses), candidate_losses, np.inf), kind="stable")
         weights = self.weights
-        y = y[best[: len(weights)]]
+        y = y[ranking[: len(weights)]]
         step = weights @ y
         # A direction of no length gives no whitened step either.
         white = axes @ (np.divide(1, lengths, out=np.zeros(n), where=lengths > 0) * (axes.T @ step))
-        return self.moved(cloud, y, step, white)
+        return self.updated_cloud(cloud, y, step, white)
 
     @property
     def weights(self) -> np.ndarray:
         """Weights of the better half, best first; their sum is 1."""
-        half = self.candidates // 2
-        found = np.log((self.candidates + 1) / 2) - np.log(np.arange(1, half + 1))
-        return found / found.sum()
+        n_parents = self.candidates // 2
+        weights = np.log((self.candidates + 1) / 2) - np.log(np.arange(1, n_parents + 1))
+        return weights / weights.sum()
 
-    def moved(self, cloud: Cloud, y: np.ndarray, step: np.ndarray, white: np.ndarray) -> Cloud:
-        """The cloud after a step, its recombined ``step`` (n,) and ``C^(-1/2) step`` given."""
+    def updated_cloud(self, cloud: Cloud, y: np.ndarray, step: np.ndarray, white: np.ndarray) -> Cloud:
+        """Return the cloud after a recombined ``step`` (n,), with ``white`` its ``C^(-1/2) step``."""
         n, w = len(step), self.weights
-        mass = 1 / np.sum(w**2)
-        c_s = (mass + 2) / (n + mass + 5)
-        damping = 1 + 2 * max(0.0, np.sqrt((mass - 1) / (n + 1)) - 1) + c_s
-        c_c = (4 + mass / n) / (n + 4 + 2 * mass / n)
-        c_1 = 2 / ((n + 1.3) ** 2 + mass)
-        c_mu = min(1 - c_1, 2 * (mass - 2 + 1 / mass) / ((n + 2) ** 2 + mass))
+        effective_size = 1 / np.sum(w**2)
+        c_s = (effective_size + 2) / (n + effective_size + 5)
+        damping = 1 + 2 * max(0.0, np.sqrt((effective_size - 1) / (n + 1)) - 1) + c_s
+        c_c = (4 + effective_size / n) / (n + 4 + 2 * effective_size / n)
+        c_1 = 2 / ((n + 1.3) ** 2 + effective_size)
+        c_mu = min(1 - c_1, 2 * (effective_size - 2 + 1 / effective_size) / ((n + 2) ** 2 + effective_size))
         expected = np.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n**2))
         count = cloud["count"] + 1
-        turn = (1 - c_s) * cloud["turn"] + np.sqrt(c_s * (2 - c_s) * mass) * white
+        turn = (1 - c_s) * cloud["turn"] + np.sqrt(c_s * (2 - c_s) * effective_size) * white
         length = np.linalg.norm(turn)
-        # While the width still grows fast the drift waits, else C would grow with it.
-        going = length / np.sqrt(1 - (1 - c_s) ** (2 * count)) < (1.4 + 2 / (n + 1)) * expected
-        drift = (1 - c_c) * cloud["drift"] + going * np.sqrt(c_c * (2 - c_c) * mass) * step
-        kept = 1 - c_1 - c_mu + (not going) * c_1 * c_c * (2 - c_c)
-        shape = kept * cloud["shape"] + c_1 * np.outer(drift, drift) + c_mu * (y.T * w) @ y
+        # While the width still grows fast the evolution path of C stalls, else C would grow with it.
+        path_is_short = length / np.sqrt(1 - (1 - c_s) ** (2 * count)) < (1.4 + 2 / (n + 1)) * expected
+        drift = (1 - c_c) * cloud["drift"] + path_is_short * np.sqrt(c_c * (2 - c_c) * effective_size) * step
+        decay = 1 - c_1 - c_mu + (not path_is_short) * c_1 * c_c * (2 - c_c)
+        shape = decay * cloud["shape"] + c_1 * np.outer(drift, drift) + c_mu * (y.T * w) @ y
         return {
             "centre": cloud["centre"],
             "mean": cloud["mean"] + cloud["width"] * step,
@@ -132,9 +132,9 @@ class RandomSearch:
         }
 
     def deviations(self, cloud: Cloud) -> np.ndarray:
-        """Standard deviations (n,) of the cloud."""
+        """Return the standard deviations (n,) of the cloud."""
         return cloud["width"] * np.sqrt(np.diag(cloud["shape"]))
 
-    def done(self, cloud: Cloud) -> bool:
-        """Whether the search is over."""
+    def is_done(self, cloud: Cloud) -> bool:
+        """Return whether a pass has ended."""
         return bool(cloud["count"] >= self.iterations or np.max(self.deviations(cloud)) <= self.narrow)

@@ -41,13 +41,13 @@ class TaskRollouts:
         self.parameters = self.function.parameters
 
     def over(self, horizon: int) -> TaskRollouts | None:
-        """The same over another horizon, built and compiled once; None where that cannot be."""
-        other = copy(self)
-        other.horizon = horizon
+        """Return the same with another horizon, without a new compilation; None if that is not possible."""
+        extended = copy(self)
+        extended.horizon = horizon
         if _is_truncated(self.task, horizon) != _is_truncated(self.task, self.horizon):
             return None
-        other.function = self.function.over(horizon)
-        return other
+        extended.function = self.function.over(horizon)
+        return extended
 
     def __call__(
         self,
@@ -57,45 +57,47 @@ class TaskRollouts:
         *,
         discount: float = 1.0,
         model_params: np.ndarray | None = None,
-        **asked: Any,
+        **options: Any,
     ) -> Episodes:
-        """Episodes from ``x0`` (n, nx); ``asked`` as :class:`~dynamics.batch.EpisodeFunction`.
+        """Episodes from ``x0`` (n, nx); ``options`` as :class:`~dynamics.batch.EpisodeFunction`.
 
         ``model_params`` (np,) or (n, np) are the task's parameters, by default its own. Samples
         that could not be solved have no finite return, and are named by ``nonfinite``.
         """
         p = self._packed(normaliser, discount, model_params)
-        return without_warnings(self.function, x0, theta, p, **asked)
+        return without_warnings(self.function, x0, theta, p, **options)
 
     def moments(
         self,
         x0: np.ndarray,
         theta: np.ndarray,
         normaliser: Normaliser | None = None,
-        **asked: Any,
+        **options: Any,
     ) -> RolloutMoments:
-        """Moments over samples, with nothing kept of single ones."""
+        """Return moments over samples without storing single ones."""
         p = self._packed(normaliser, 1.0, None)
-        return without_warnings(self.function.moments, x0, theta, p, **asked)
+        return without_warnings(self.function.moments, x0, theta, p, **options)
 
     def _packed(self, normaliser: Normaliser | None, discount: float, model_params: np.ndarray | None) -> np.ndarray:
-        """Values of :attr:`parameters`, (np,), or (n, np) where they differ over samples."""
-        own = self.task.parameters.values
+        """Return the values of :attr:`parameters`, (np,), or (n, np) if they differ over samples."""
+        task_parameters = self.task.parameters.values
         if model_params is not None:
-            own = np.asarray(model_params, dtype=float)
-        told = {DISCOUNT: discount}
+            task_parameters = np.asarray(model_params, dtype=float)
+        law_values = {DISCOUNT: discount}
         if normaliser is not None and isinstance(self.policy, DensePolicy):
             pairs = ("mean", normaliser.mean), ("scale", normaliser.scale)
-            told |= {f"{name}[{i}]": v for name, of in pairs for i, v in enumerate(of.tolist())}
-        whole = self.parameters.pack(told)
-        rest = whole[own.shape[-1] :]
-        if own.ndim == 1:
-            return np.concatenate([own, rest])
-        return np.hstack([own, np.broadcast_to(rest, (len(own), len(rest)))])
+            law_values |= {f"{name}[{i}]": v for name, statistics in pairs for i, v in enumerate(statistics.tolist())}
+        all_parameters = self.parameters.pack(law_values)
+        other_parameters = all_parameters[task_parameters.shape[-1] :]
+        if task_parameters.ndim == 1:
+            return np.concatenate([task_parameters, other_parameters])
+        return np.hstack(
+            [task_parameters, np.broadcast_to(other_parameters, (len(task_parameters), len(other_parameters)))]
+        )
 
 
 def episode_rewards(task: Task, horizon: int) -> Episode:
-    """What counts over ``horizon`` steps: the end of an episode only where they are a whole one."""
+    """Return rewards over ``horizon`` steps, with the final reward only for a whole episode."""
     final = task.finals
     if _is_truncated(task, horizon):
         final = ca.Function("final", [task.system.x, task.parameters.vector], [ca.SX(0)])
@@ -103,5 +105,5 @@ def episode_rewards(task: Task, horizon: int) -> Episode:
 
 
 def _is_truncated(task: Task, horizon: int) -> bool:
-    """Whether an unroll ends before an episode does, and so without what is gained there."""
+    """Return whether an unroll ends before the episode, and so without its final reward."""
     return horizon != task.horizon and not ca.SX(task.final).is_zero()

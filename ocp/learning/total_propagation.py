@@ -1,4 +1,4 @@
-"""Total propagation: particles of a noisy model, and both gradient estimates mixed at each step."""
+"""Total propagation: particles of a noisy model; both gradient estimates are mixed at each step."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from dynamics.batch.graphs.rollout_tapes import Closed
 from dynamics.batch.graphs.step_graphs import depends
 from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import Experiment
-from ocp.learning.protocol import Row, State, Trained, vjp
+from ocp.learning.protocol import Row, State, Trained, policy_vjp
 from ocp.learning.rollouts import episode_rewards
-from ocp.learning.unrolling import Clipping, Starts, non_finite_reward, with_observations
+from ocp.learning.unrolling import Clipping, Starts, non_finite_reward_message, with_observations
 
 
 @dataclass(frozen=True)
 class Particles:
-    """n particles over H steps; all arrays (H, n, ...) but ``states`` (n, H+1, nx) and the last.
+    """Trajectories of n particles over H steps; arrays are (H, n, ...) if not said otherwise.
 
     ``alive`` before a step; ``rewards`` with their discount, 0 where not alive; ``x_by_x`` (.., nx,
     nx) and ``x_by_u`` (.., nx, nu) of the step, ``r_by_x``, ``r_by_u`` and ``r_by_next`` of the
@@ -49,68 +49,69 @@ class Particles:
 
     @property
     def lived(self) -> np.ndarray:
-        """Steps of each particle before its end."""
+        """Number of steps of each particle before its end."""
         return self.alive.sum(axis=0)
 
-    def part(self, chosen: np.ndarray) -> Particles:
-        """Those of ``chosen`` (n,) alone."""
-        of_first = ("states", "good", "final", "final_by_x")
+    def select(self, selected: np.ndarray) -> Particles:
+        """Return the particles with ``selected`` (n,) true."""
+        sample_first = ("states", "good", "final", "final_by_x")
         arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("policy", "trained")}
-        cut = {n: a[chosen] if n in of_first else a[:, chosen] for n, a in arrays.items()}
-        return replace(self, **cut)
+        selected_arrays = {n: a[selected] if n in sample_first else a[:, selected] for n, a in arrays.items()}
+        return replace(self, **selected_arrays)
 
-    def pulled(self, t: int, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``bar' du/dtheta`` (n, n_theta) and ``bar' du/dx`` (n, nx) at step t, bar (n, nu)."""
+    def policy_vjp(self, t: int, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return ``bar' du/dtheta`` (n, n_theta) and ``bar' du/dx`` (n, nx) at step t, bar (n, nu)."""
         normaliser = self.trained.normaliser
-        seen = (self.seen[t] - normaliser.mean) / normaliser.scale
-        by_theta, by_o = vjp(self.policy, self.trained.theta, seen, bar * self.u_by_a[t])
-        return by_theta, np.einsum("no,nox->nx", by_o, self.o_by_x[t])
+        observations = (self.seen[t] - normaliser.mean) / normaliser.scale
+        by_theta, observation_gradient = policy_vjp(self.policy, self.trained.theta, observations, bar * self.u_by_a[t])
+        return by_theta, np.einsum("no,nox->nx", observation_gradient, self.o_by_x[t])
 
 
 def simulate_particles(experiment: Experiment, trained: Trained, x0: np.ndarray, noise: np.ndarray) -> Particles:
-    """Particles ``x_{t+1} = f(x_t, u_t) + noise_t`` from x0 (n, nx), noise (H, n, nx)."""
+    """Simulate ``x_{t+1} = f(x_t, u_t) + noise_t`` from x0 (n, nx), noise (H, n, nx)."""
     model, rows = experiment.cached(_Model), []
     x, alive = x0, np.ones(len(x0), dtype=bool)
-    good, states, weight = alive.copy(), [x0], 1.0
-    for each in noise:
+    stayed_finite, states, weight = alive.copy(), [x0], 1.0
+    for step_noise in noise:
         if not alive.any():
             rows.append({name: np.zeros_like(values) for name, values in rows[-1].items()})
             states.append(x)
             continue
-        row = model.step(trained, x[alive], each[alive])
+        row = model.step(trained, x[alive], step_noise[alive])
         x_next = _scatter(alive, row.pop("x_next"))
         finite = np.isfinite(x_next).all(axis=1)
-        good &= finite
-        of_reward = {name: weight * row[name] for name in _OF_REWARD}
-        kept = {name: _scatter(alive, values) for name, values in {**row, **of_reward}.items()}
-        rows.append({**kept, "alive": alive})
+        stayed_finite &= finite
+        weighted = {name: weight * row[name] for name in REWARD_ARRAYS}
+        scattered = {name: _scatter(alive, values) for name, values in {**row, **weighted}.items()}
+        rows.append({**scattered, "alive": alive})
         x = np.where((alive & finite)[:, None], x_next, x)
-        alive = alive & finite & ~model.ended(x)
+        alive = alive & finite & ~model.has_ended(x)
         states.append(x)
         weight *= experiment.discount
     experiment.count_steps(sum(row["alive"].sum() for row in rows))
-    gain, by_x = np.zeros(len(x)), np.zeros_like(x)
+    final_reward, by_x = np.zeros(len(x)), np.zeros_like(x)
     if len(noise) == experiment.task.horizon:
-        gain, by_x = model.final(x)
+        final_reward, by_x = model.final(x)
     return Particles(
         policy=experiment.policy,
         trained=trained,
         states=np.stack(states, axis=1),
-        good=good,
-        final=np.where(alive, weight * gain, 0.0),
+        good=stayed_finite,
+        final=np.where(alive, weight * final_reward, 0.0),
         final_by_x=np.where(alive[:, None], weight * by_x, 0.0),
         **{name: np.stack([row[name] for row in rows]) for name in rows[0]},
     )
 
 
-_OF_REWARD = ("rewards", "r_by_x", "r_by_u", "r_by_next")
+REWARD_ARRAYS = ("rewards", "r_by_x", "r_by_u", "r_by_next")
+"""Names of the arrays that are discounted."""
 
 
 def _scatter(alive: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """``values`` (k, ...) of the k that are ``alive`` (n,), 0 for the others."""
-    found = np.zeros((len(alive), *values.shape[1:]))
-    found[alive] = values
-    return found
+    """Return ``values`` (k, ...) at the k entries with ``alive`` (n,) true, 0 at the others."""
+    scattered = np.zeros((len(alive), *values.shape[1:]))
+    scattered[alive] = values
+    return scattered
 
 
 class _Model:
@@ -129,56 +130,56 @@ class _Model:
         self.ends = BatchFunction(task.ends, "numpy", 1)
 
     def step(self, trained: Trained, x: np.ndarray, noise: np.ndarray) -> dict[str, np.ndarray]:
-        """Next states ``x_next`` of ``x`` (n, nx) and the entries of a row of particles."""
+        """Return the next states ``x_next`` of ``x`` (n, nx), and the particles' arrays at this step."""
         task, (n, nx) = self.experiment.task, x.shape
         u = self.experiment.inputs(trained, x)
-        seen, by_x = self.observe(x, self.p)
+        observations, by_x = self.observe(x, self.p)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BatchWarning)
             steps, x_by_x, x_by_u = self.take.slopes(x, u, self.whole)
             x_next = steps.x_next + noise
             rewards, r_by_x, r_by_u, r_by_next = self.reward(x, u, x_next, self.p)
-        half, middle = (task.upper - task.lower) / 2, (task.upper + task.lower) / 2
+        half_range, middle = (task.upper - task.lower) / 2, (task.upper + task.lower) / 2
         columns = by_x.reshape(n, nx, -1).transpose(0, 2, 1)
         return {
             "x_next": x_next,
             "rewards": rewards[:, 0],
-            "seen": seen,
+            "seen": observations,
             "x_by_x": x_by_x,
             "x_by_u": x_by_u,
             "r_by_x": r_by_x,
             "r_by_u": r_by_u,
             "r_by_next": r_by_next,
             "o_by_x": columns / trained.normaliser.scale[:, None],
-            "u_by_a": half * (1 - ((u - middle) / half) ** 2),
+            "u_by_a": half_range * (1 - ((u - middle) / half_range) ** 2),
         }
 
-    def ended(self, x: np.ndarray) -> np.ndarray:
-        """Whether an episode ends at x, (n,)."""
+    def has_ended(self, x: np.ndarray) -> np.ndarray:
+        """Return a mask (n,): episodes that end at x."""
         return self.ends(x, self.p)[:, 0] != 0
 
     def final(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What is gained at the end, (n,), and its slope (n, nx)."""
+        """Return the final reward (n,) and its gradient (n, nx)."""
         value, slope = self.gain(x, self.p)
         return value[:, 0], slope
 
 
 def acting_entries(experiment: Experiment, steps: int) -> np.ndarray:
-    """Which entries of each x_{t+1} have a way to the return of ``steps`` steps, (steps, nx).
+    """Return a mask (steps, nx): entries of each x_{t+1} on which the return depends.
 
-    By the reward of the step that ends there as well: what a particle is moved by is in it.
+    The reward of the step that ends there counts too, since it contains the particle's noise.
     """
-    known, task = experiment.cached(_Model), experiment.task
-    if steps not in known.reach:
-        closed = Closed(known.closed, episode_rewards(task, steps), experiment.policy)
+    model, task = experiment.cached(_Model), experiment.task
+    if steps not in model.reach:
+        closed = Closed(model.closed, episode_rewards(task, steps), experiment.policy)
         later, arguments = closed.ways().over(steps)[1], task.rewards.sx_in()
-        at_once = depends(task.rewards(*arguments), arguments[2])
-        known.reach[steps] = later[:, : task.system.nx] | at_once
-    return known.reach[steps]
+        acts_at_once = depends(task.rewards(*arguments), arguments[2])
+        model.reach[steps] = later[:, : task.system.nx] | acts_at_once
+    return model.reach[steps]
 
 
 def with_jacobians(fn: ca.Function, count: int) -> BatchFunction:
-    """``fn`` with its dense Jacobians by the first ``count`` arguments, each column by column."""
+    """Return ``fn`` with its dense Jacobians by the first ``count`` arguments, each column by column."""
     arguments = fn.sx_in()
     value = fn(*arguments)
     slopes = [ca.densify(ca.jacobian(value, argument)) for argument in arguments[:count]]
@@ -203,37 +204,37 @@ class TotalPropagation(Clipping):
     contact: ClassVar[str] = "exact"
 
     sigma: Annotated[float, "deviation of the particles' noise [units of the state]"] = 1e-2
-    least: ClassVar[int] = 2
+    min_samples: ClassVar[int] = 2
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """One step along the gradient of total propagation."""
+        """Take one step along the gradient of total propagation."""
         starts, steps = Starts.of(state), self.steps(experiment)
         shape = (steps, *starts.x.shape)
         noise = experiment.rng(k, "states").standard_normal(shape)
-        found = simulate_particles(experiment, Trained.of(state), starts.x, self.sigma * noise)
-        lost = np.argwhere(found.good & ~np.isfinite(found.rewards))
-        if len(lost):
-            step, sample = lost[0].tolist()
-            raise InputError(non_finite_reward(experiment, step, f"sample {sample} in iteration {k}"))
-        good = found.good
-        if good.sum() < 2:
+        particles = simulate_particles(experiment, Trained.of(state), starts.x, self.sigma * noise)
+        non_finite = np.argwhere(particles.good & ~np.isfinite(particles.rewards))
+        if len(non_finite):
+            step, sample = non_finite[0].tolist()
+            raise InputError(non_finite_reward_message(experiment, step, f"sample {sample} in iteration {k}"))
+        finite = particles.good
+        if finite.sum() < 2:
             raise NotConverged(
-                f"{experiment.task.name}: {good.sum()} of {self.samples} particles of iteration {k}"
+                f"{experiment.task.name}: {finite.sum()} of {self.samples} particles of iteration {k}"
                 " stayed finite; lower the learning rate, sigma or the unroll length"
             )
-        part = found.part(good)
-        score = acting_entries(experiment, steps)[:, None] * noise[:, good] / self.sigma
-        gradients, share = total_propagation(part, score)
+        kept_particles = particles.select(finite)
+        score = acting_entries(experiment, steps)[:, None] * noise[:, finite] / self.sigma
+        gradients, share = total_propagation(kept_particles, score)
         gradients = self.clipped(gradients)
         gradient = gradients.mean(axis=0)
-        moved = {
+        new_state = {
             **self.climb(state, gradient),
-            **starts.after(experiment, found.states, found.lived, k).arrays(),
+            **starts.after(experiment, particles.states, particles.lived, k).arrays(),
         }
-        changed = with_observations(experiment, moved, part.seen[part.alive])
+        changed = with_observations(experiment, new_state, kept_particles.seen[kept_particles.alive])
         row = {
-            "return_mean": float(part.rewards.sum(axis=0).mean()),
-            "nonfinite": float((~good).sum()),
+            "return_mean": float(kept_particles.rewards.sum(axis=0).mean()),
+            "nonfinite": float((~finite).sum()),
             "gradient_norm": float(np.linalg.norm(gradient)),
             "gradient_variance": float(gradients.var(axis=0, ddof=1).sum()),
             "likelihood_ratio_share": float(share.mean()),
@@ -242,39 +243,43 @@ class TotalPropagation(Clipping):
 
 
 def total_propagation(particles: Particles, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients (n, n_theta) of the return, and the share k (H,) of the likelihood ratio.
+    """Return gradients (n, n_theta) of the return, and the share k (H,) of the likelihood ratio.
 
     ``score`` (H, n, nx) is that of the mean of x_{t+1}, ``e_t / sigma``, of entries that have a way
     to the return. With G_{t+1} the return from x_{t+1} on and g its gradient by x_{t+1}, the
     gradient of ``r_t + G_{t+1}`` by the mean of x_{t+1} is ``R = dr_t/dx_{t+1} + g`` or
     ``L = (r_t + G_{t+1} - b) score``, b the mean of the other particles that are alive.
     """
-    after, togo = particles.final_by_x, particles.final
+    state_gradient, returns_to_go = particles.final_by_x, particles.final
     total, shares = 0.0, np.zeros(len(particles.alive))
     for t in reversed(range(len(shares))):
         alive = particles.alive[t]
-        on = alive[:, None]
-        togo = np.where(alive, particles.rewards[t] + togo, 0.0)
-        advantage = (togo - _others(togo, alive))[:, None]
-        ways = [np.where(on, bar, 0.0) for bar in (advantage * score[t], particles.r_by_next[t] + after)]
+        alive_column = alive[:, None]
+        returns_to_go = np.where(alive, particles.rewards[t] + returns_to_go, 0.0)
+        advantage = (returns_to_go - _mean_of_others(returns_to_go, alive))[:, None]
+        gradients = [
+            np.where(alive_column, bar, 0.0) for bar in (advantage * score[t], particles.r_by_next[t] + state_gradient)
+        ]
         by_x, by_u = particles.x_by_x[t], particles.x_by_u[t]
-        by_theta = [particles.pulled(t, _times(bar, by_u))[0] for bar in ways]
-        v_L, v_R = (float(each.var(axis=0, ddof=1).sum()) for each in by_theta)
+        by_theta = [particles.policy_vjp(t, _vector_jacobian(bar, by_u))[0] for bar in gradients]
+        v_L, v_R = (float(by_order.var(axis=0, ddof=1).sum()) for by_order in by_theta)
         k = shares[t] = v_R / (v_L + v_R) if v_L + v_R > 0 else 0.0
-        mixed = k * ways[0] + (1 - k) * ways[1]
-        bar_u = np.where(on, _times(mixed, by_u) + particles.r_by_u[t], 0.0)
-        change, through = particles.pulled(t, bar_u)
+        mixed_gradient = k * gradients[0] + (1 - k) * gradients[1]
+        bar_u = np.where(alive_column, _vector_jacobian(mixed_gradient, by_u) + particles.r_by_u[t], 0.0)
+        change, policy_gradient = particles.policy_vjp(t, bar_u)
         total = total + change
-        after = np.where(on, _times(mixed, by_x) + particles.r_by_x[t] + through, 0.0)
+        state_gradient = np.where(
+            alive_column, _vector_jacobian(mixed_gradient, by_x) + particles.r_by_x[t] + policy_gradient, 0.0
+        )
     return np.asarray(total), shares
 
 
-def _times(bar: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """``bar' slope`` of each sample, (n, a) and (n, a, b)."""
+def _vector_jacobian(bar: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Return ``bar' slope`` of each sample, (n, a) and (n, a, b)."""
     return np.einsum("na,nab->nb", bar, slope)
 
 
-def _others(values: np.ndarray, alive: np.ndarray) -> np.ndarray:
-    """Mean of the other particles that are alive, 0 where there is none."""
+def _mean_of_others(values: np.ndarray, alive: np.ndarray) -> np.ndarray:
+    """Return the mean of the other living particles, 0 if there are none."""
     count = alive.sum()
     return (values[alive].sum() - values) / max(count - 1, 1) if count > 1 else 0.0 * values

@@ -1,4 +1,4 @@
-"""Steps uphill from unrolls: first and zeroth order, both mixed, and augmented random search."""
+"""Policy gradients from unrolls: first and zeroth order, both mixed, and augmented random search."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from dynamics.contact import Barrier
 from ocp.errors import InputError, choose
 from ocp.gradients.estimators import bernstein_distance, inverse_variance
 from ocp.learning.critic import Critic
-from ocp.learning.experiment import Experiment, at_least, positive
+from ocp.learning.experiment import Experiment, check_at_least, check_positive
 from ocp.learning.protocol import Algorithm, Row, State
-from ocp.learning.unrolling import Clipping, Unrolled, finite_samples, normalised_state, roll, sample_row
+from ocp.learning.unrolling import Clipping, Unrolled, finite_samples, normalised_state, sample_row, unroll_episodes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,39 +31,39 @@ class ZOPG(Clipping):
     contact: ClassVar[str] = "exact"
 
     samples: Annotated[int, "unrolls per iteration, in pairs of noise w and -w"] = 256
-    least: ClassVar[int] = 4
+    min_samples: ClassVar[int] = 4
 
     def check(self, experiment: Experiment) -> None:
-        """As all, and that samples come in pairs."""
+        """Check the settings, and that samples come in pairs."""
         super().check(experiment)
         if self.samples % 2:
             raise InputError(f"samples come in pairs of w and -w: {self.samples} is odd")
 
     def starts(self) -> int:
-        """One for each pair."""
+        """Return the number of starts, one for each pair."""
         return self.samples // 2
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """One step along the mean of the pairs."""
+        """Take one step along the mean of the pairs."""
         steps = self.steps(experiment)
         noise = experiment.noise(self.sigma, k, "actions")
         pair = [
-            roll(experiment, state, state["starts.x"], steps, noise=each, score=True)
-            for each in (noise, noise.mirrored())
+            unroll_episodes(experiment, state, state["starts.x"], steps, noise=noise_sign, score=True)
+            for noise_sign in (noise, noise.mirrored())
         ]
-        good = np.logical_and(*(finite_samples(experiment, state, each, k) for each in pair))
-        gradients = self.clipped(likelihood_ratio(pair, good))
-        return self.stepped(experiment, state, gradients, pair[0], good, k)
+        finite = np.logical_and(*(finite_samples(experiment, state, noise_sign, k) for noise_sign in pair))
+        gradients = self.clipped(likelihood_ratio(pair, finite))
+        return self.take_step(experiment, state, gradients, pair[0], finite, k)
 
 
 def likelihood_ratio(batches: Sequence[Episodes], good: np.ndarray) -> np.ndarray:
-    """``mean over batches of (V - b) score``, (n, n_theta), of the samples that are ``good``.
+    """Return the ``mean over batches of (V - b) score``, (n, n_theta), of the ``good`` samples.
 
     The baseline b of a sample is the mean return, over the batches, of all others.
 
     Raises :class:`~ocp.errors.InputError` where fewer than two are left for that.
     """
-    values = np.stack([each.value[good] for each in batches])
+    values = np.stack([batch.value[good] for batch in batches])
     if values.shape[1] < 2:
         raise InputError(
             "a likelihood ratio with a baseline needs two samples that stay finite, there are"
@@ -71,12 +71,12 @@ def likelihood_ratio(batches: Sequence[Episodes], good: np.ndarray) -> np.ndarra
         )
     means = values.mean(axis=0)
     baseline = (means.sum() - means) / (len(means) - 1)
-    scores = np.stack([np.asarray(each.score)[good] for each in batches])
+    scores = np.stack([np.asarray(batch.score)[good] for batch in batches])
     return ((values - baseline)[..., None] * scores).mean(axis=0)
 
 
-SHARP = Barrier(mu=1e-10)
-"""What stands for exact contact where gradients are wanted (abs, sec. 7.4)."""
+SHARP_LAW = Barrier(mu=1e-10)
+"""Law that replaces exact contact where gradients are needed (abs, sec. 7.4)."""
 
 SMOOTHINGS = {
     "rollout": "states and gradient of the experiment's law",
@@ -102,48 +102,50 @@ class FOPG(Clipping):
     critic: Annotated[int, "units in each layer of a critic; 0 for none"] = 0
 
     @property
-    def valued(self) -> Critic | None:
+    def value_critic(self) -> Critic | None:
         """The critic, if there is one."""
         return Critic(units=self.critic) if self.critic else None
 
     def check(self, experiment: Experiment) -> None:
-        """As all, and the smoothing, and whether there is something for a critic."""
+        """Check the settings, the smoothing, and that a critic has something to estimate."""
         super().check(experiment)
         choose("smoothing", self.smoothing, SMOOTHINGS)
-        at_least(0, "critic", self.critic)
-        if critic := self.valued:
+        check_at_least(0, "critic", self.critic)
+        if critic := self.value_critic:
             critic.check(experiment, self.steps(experiment))
 
     def begin(self, experiment: Experiment) -> State:
-        """As all, and the critic's network."""
-        state, critic = super().begin(experiment), self.valued
+        """Return the initial state, with the critic's network."""
+        state, critic = super().begin(experiment), self.value_critic
         return {**state, **critic.begin(experiment)} if critic else state
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """One step along the mean gradient."""
-        x0, steps, critic = state["starts.x"], self.steps(experiment), self.valued
+        """Take one step along the mean gradient."""
+        x0, steps, critic = state["starts.x"], self.steps(experiment), self.value_critic
         noise = experiment.noise(self.sigma, k, "actions")
-        followed = pull = None
+        sharp_rollout = terminal_gradient = None
         if self.smoothing == "gradient":
-            followed = roll(experiment, state, x0, steps, law=SHARP, noise=noise)
+            sharp_rollout = unroll_episodes(experiment, state, x0, steps, law=SHARP_LAW, noise=noise)
         if critic:
-            reached = followed or roll(experiment, state, x0, steps, noise=noise)
-            pull = critic.pull(experiment, state, reached)
-        found = roll(experiment, state, x0, steps, noise=noise, gradient=True, along=followed, pull=pull)
-        good = finite_samples(experiment, state, found, k)
-        assert found.gradient is not None
-        gradients = self.clipped(found.gradient[good])
-        visited = found if followed is None else followed
-        changed, row = self.stepped(experiment, state, gradients, visited, good, k)
+            rollout = sharp_rollout or unroll_episodes(experiment, state, x0, steps, noise=noise)
+            terminal_gradient = critic.pull(experiment, state, rollout)
+        episodes = unroll_episodes(
+            experiment, state, x0, steps, noise=noise, gradient=True, along=sharp_rollout, pull=terminal_gradient
+        )
+        finite = finite_samples(experiment, state, episodes, k)
+        assert episodes.gradient is not None
+        gradients = self.clipped(episodes.gradient[finite])
+        visited_episodes = episodes if sharp_rollout is None else sharp_rollout
+        changed, row = self.take_step(experiment, state, gradients, visited_episodes, finite, k)
         if critic:
-            learned, more = critic.learned(experiment, state, changed, visited, noise, k)
-            changed, row = {**changed, **learned}, {**row, **more}
+            critic_state, critic_row = critic.learn(experiment, state, changed, visited_episodes, noise, k)
+            changed, row = {**changed, **critic_state}, {**row, **critic_row}
         return changed, row
 
 
 @dataclass(frozen=True, kw_only=True)
 class AoBG(Unrolled):
-    """``g = alpha g1 + (1 - alpha) g0``, alpha the weight of the *first* order (:func:`mixing`).
+    """``g = alpha g1 + (1 - alpha) g0``, alpha the weight of the *first* order (:func:`mixing_weight`).
 
     g1 and g0 are of two independent batches of ``samples``. ``gamma`` bounds |g - E g0| and fails
     with probability ``delta``; where ``samples`` are too few to tell that of g0 itself, alpha is 0.
@@ -158,40 +160,40 @@ class AoBG(Unrolled):
 
     gamma: Annotated[float, "bound on the gradient's error [return / unit of theta]"] = 1.0
     delta: Annotated[float, "probability that the test fails"] = 0.05
-    least: ClassVar[int] = 2
+    min_samples: ClassVar[int] = 2
 
     def check(self, experiment: Experiment) -> None:
-        """As all, the bound and its probability."""
+        """Check the settings, the bound and its probability."""
         super().check(experiment)
-        positive("gamma", self.gamma)
+        check_positive("gamma", self.gamma)
         if not 0 < self.delta < 1:
             raise InputError(f"delta is a probability between 0 and 1, got {self.delta:g}")
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """One step along the mixture."""
+        """Take one step along the mixture."""
         x0, steps = state["starts.x"], self.steps(experiment)
         noises = [experiment.noise(self.sigma, k, order) for order in ("first", "zeroth")]
-        first = roll(experiment, state, x0, steps, noise=noises[0], gradient=True)
-        zeroth = roll(experiment, state, x0, steps, noise=noises[1], score=True)
-        good = finite_samples(experiment, state, first, k)
+        first = unroll_episodes(experiment, state, x0, steps, noise=noises[0], gradient=True)
+        zeroth = unroll_episodes(experiment, state, x0, steps, noise=noises[1], score=True)
+        finite = finite_samples(experiment, state, first, k)
         assert first.gradient is not None
         gradients = (
-            first.gradient[good],
+            first.gradient[finite],
             likelihood_ratio([zeroth], finite_samples(experiment, state, zeroth, k)),
         )
-        alpha, bias = mixing(gradients[0], gradients[1], self.gamma, self.delta)
-        g1, g0 = (each.mean(axis=0) for each in gradients)
-        mixed = alpha * g1 + (1 - alpha) * g0
-        changed, row = self.stepped(experiment, state, mixed[None], first, good, k)
+        alpha, bias = mixing_weight(gradients[0], gradients[1], self.gamma, self.delta)
+        g1, g0 = (samples.mean(axis=0) for samples in gradients)
+        mixed_gradient = alpha * g1 + (1 - alpha) * g0
+        changed, row = self.take_step(experiment, state, mixed_gradient[None], first, finite, k)
         variance = sum(
-            weight**2 * float(each.var(axis=0, ddof=1).sum())
-            for weight, each in zip((alpha, 1 - alpha), gradients, strict=True)
+            weight**2 * float(samples.var(axis=0, ddof=1).sum())
+            for weight, samples in zip((alpha, 1 - alpha), gradients, strict=True)
         )
         return changed, {**row, "gradient_variance": variance, "alpha": alpha, "bias": bias}
 
 
-def mixing(first: np.ndarray, zeroth: np.ndarray, gamma: float, delta: float) -> tuple[float, float]:
-    """Weight alpha of ``first`` (n, d) against ``zeroth`` (m, d), samples, and B = |g1 - g0|.
+def mixing_weight(first: np.ndarray, zeroth: np.ndarray, gamma: float, delta: float) -> tuple[float, float]:
+    """Return the weight alpha of samples ``first`` (n, d) against ``zeroth`` (m, d), and B = |g1 - g0|.
 
     ``alpha* = s0² / (s0² + s1²)``, the variances of both means, minimises the variance. The bias is
     at most gamma with probability 1 - delta where ``alpha B + eps <= gamma``, with the bound eps of
@@ -201,13 +203,13 @@ def mixing(first: np.ndarray, zeroth: np.ndarray, gamma: float, delta: float) ->
     """
     (n, d), m = first.shape, len(zeroth)
     g1, g0 = first.mean(axis=0), zeroth.mean(axis=0)
-    v1, v0 = (float(each.var(axis=0, ddof=1).sum()) for each in (first, zeroth))
+    v1, v0 = (float(samples.var(axis=0, ddof=1).sum()) for samples in (first, zeroth))
     largest = float(np.linalg.norm(zeroth - g0, axis=1).max())
     eps = bernstein_distance(m, d, v0, largest, delta)
-    bias, best = float(np.linalg.norm(g1 - g0)), inverse_variance(v1 / n, v0 / m)
+    bias, variance_weight = float(np.linalg.norm(g1 - g0)), inverse_variance(v1 / n, v0 / m)
     if eps > gamma:
         return 0.0, bias
-    return (best if best * bias <= gamma - eps else (gamma - eps) / bias), bias
+    return (variance_weight if variance_weight * bias <= gamma - eps else (gamma - eps) / bias), bias
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,43 +233,43 @@ class ARS(Algorithm):
     rate: Annotated[float, "length of a step"] = 0.05
 
     def check(self, experiment: Experiment) -> None:
-        """Raise :class:`~ocp.errors.InputError` for settings that cannot be."""
-        at_least(1, "directions", self.directions)
-        at_least(1, "top", self.top)
+        """Raise :class:`~ocp.errors.InputError` for settings out of range."""
+        check_at_least(1, "directions", self.directions)
+        check_at_least(1, "top", self.top)
         if self.top > self.directions:
             raise InputError(f"top is {self.top}, more than the {self.directions} directions; take fewer")
-        positive("spread", self.spread)
-        positive("rate", self.rate)
+        check_positive("spread", self.spread)
+        check_positive("rate", self.rate)
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
-        """One step along the best directions."""
+        """Take one step along the best directions."""
         theta, n = state["theta"], self.directions
         acts = experiment.rollouts(experiment.task.horizon).function.acting[1]
         delta = acts * experiment.rng(k, "directions").standard_normal((n, theta.size))
         starts = experiment.first_states(n, experiment.rng(k, "starts"))
-        found = roll(
+        episodes = unroll_episodes(
             experiment,
             state,
             np.vstack([starts, starts]),
             experiment.task.horizon,
             theta=theta + self.spread * np.vstack([delta, -delta]),
         )
-        good = finite_samples(experiment, state, found, k)
-        returns = np.where(good, found.value, found.value[good].min()).reshape(2, n)
+        finite = finite_samples(experiment, state, episodes, k)
+        returns = np.where(finite, episodes.value, episodes.value[finite].min()).reshape(2, n)
         change = self.rate * search_direction(returns, delta, self.top)
         row = {
-            **sample_row(found, good),
+            **sample_row(episodes, finite),
             "gradient_norm": float(np.linalg.norm(change)) / self.rate,
         }
-        moved = {**state, "theta": theta + change}
-        return normalised_state(experiment, moved, found, good), row
+        new_state = {**state, "theta": theta + change}
+        return normalised_state(experiment, new_state, episodes, finite), row
 
 
 def search_direction(returns: np.ndarray, delta: np.ndarray, top: int) -> np.ndarray:
-    """``sum (r+ - r-) delta / (top sigma_R)`` of returns (2, n) and directions (n, n_theta)."""
-    chosen = np.argsort(-returns.max(axis=0), kind="stable")[:top]
-    used = returns[:, chosen]
-    deviation = used.std()
+    """Return ``sum (r+ - r-) delta / (top sigma_R)`` of returns (2, n) and directions (n, n_theta)."""
+    best = np.argsort(-returns.max(axis=0), kind="stable")[:top]
+    best_returns = returns[:, best]
+    deviation = best_returns.std()
     if deviation == 0:
         return np.zeros(delta.shape[1])
-    return (used[0] - used[1]) @ delta[chosen] / (top * deviation)
+    return (best_returns[0] - best_returns[1]) @ delta[best] / (top * deviation)

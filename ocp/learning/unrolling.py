@@ -1,4 +1,4 @@
-"""Unrolls of the policy that is learned, and steps uphill along their gradients."""
+"""Unrolls of the trained policy, and ascent along their gradients."""
 
 from __future__ import annotations
 
@@ -12,31 +12,32 @@ import numpy as np
 from dynamics.batch import Episodes
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, NotConverged, choose
-from ocp.learning.experiment import Experiment, at_least, positive
-from ocp.learning.protocol import Algorithm, Normaliser, Row, State, Trained, renormalised
+from ocp.learning.experiment import Experiment, check_at_least, check_positive
+from ocp.learning.protocol import Algorithm, Normaliser, Row, State, Trained, renormalise_policy
 
 Slope = Callable[[np.ndarray], tuple[float, np.ndarray]]
 """Maps parameters to a cost and its gradient, which may be a sample of it."""
 
-DECAY = (0.9, 0.999)
+ADAM_DECAY = (0.9, 0.999)
+"""Decay rates of Adam's moments."""
 
 
 def adam_step(
     gradient: np.ndarray, m: np.ndarray, v: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Step ``count`` = 1, 2, ... at rate 1, and the next m and v (Kingma and Ba, algorithm 1).
+    """Return step ``count`` = 1, 2, ... at rate 1, and the next m and v (Kingma and Ba, algorithm 1).
 
     ``m <- b1 m + (1 - b1) g``, ``v <- b2 v + (1 - b2) g²`` and the step
     ``m/(1 - b1^t) / (sqrt(v/(1 - b2^t)) + 1e-8)``, b1, b2 = 0.9, 0.999.
     """
-    m = DECAY[0] * m + (1 - DECAY[0]) * gradient
-    v = DECAY[1] * v + (1 - DECAY[1]) * gradient**2
-    first, second = m / (1 - DECAY[0] ** count), v / (1 - DECAY[1] ** count)
-    return first / (np.sqrt(second) + 1e-8), m, v
+    m = ADAM_DECAY[0] * m + (1 - ADAM_DECAY[0]) * gradient
+    v = ADAM_DECAY[1] * v + (1 - ADAM_DECAY[1]) * gradient**2
+    mean_corrected, square_corrected = m / (1 - ADAM_DECAY[0] ** count), v / (1 - ADAM_DECAY[1] ** count)
+    return mean_corrected / (np.sqrt(square_corrected) + 1e-8), m, v
 
 
 def adam(slope: Slope, theta: np.ndarray, rate: float) -> Iterator[tuple[np.ndarray, float]]:
-    """Give theta and its cost, before each step down by ``rate``, for ever.
+    """Yield theta and its cost before each step of descent by ``rate``, without end.
 
     Raises ``ValueError`` where a gradient is not finite.
     """
@@ -53,7 +54,7 @@ def adam(slope: Slope, theta: np.ndarray, rate: float) -> Iterator[tuple[np.ndar
         theta -= rate * step
 
 
-LIMIT = 1e3
+MAX_NORMALISED_GRADIENT = 1e3
 """Largest entry of a gradient that normalised ascent follows."""
 
 Rule = Callable[[State, np.ndarray, float], State]
@@ -61,13 +62,13 @@ Rule = Callable[[State, np.ndarray, float], State]
 
 
 def ascend(rule: str, state: State, gradient: np.ndarray, rate: float) -> State:
-    """State after a step from its ``theta`` along ``gradient``, both (n_theta,).
+    """Return the state after a step from its ``theta`` along ``gradient``, both (n_theta,).
 
     ``adam`` is Kingma and Ba's; ``normalised`` is ``theta + rate g / |g|_inf``, and stays where
     |g|_inf is 1000 or more (Dojo's augmented gradient search); ``plain`` is ``theta + rate g``, of
     abs, eq. 4.3. Raises :class:`~ocp.errors.InputError` for another ``rule``.
     """
-    return {**state, **choose("optimiser", rule, RULES)(state, gradient, rate)}
+    return {**state, **choose("optimiser", rule, OPTIMISERS)(state, gradient, rate)}
 
 
 def _adam(state: State, gradient: np.ndarray, rate: float) -> State:
@@ -84,7 +85,7 @@ def _adam(state: State, gradient: np.ndarray, rate: float) -> State:
 
 def _normalised(state: State, gradient: np.ndarray, rate: float) -> State:
     size = np.abs(gradient).max(initial=0.0)
-    step = gradient / size if 0 < size < LIMIT else 0.0 * gradient
+    step = gradient / size if 0 < size < MAX_NORMALISED_GRADIENT else 0.0 * gradient
     return {"theta": state["theta"] + rate * step}
 
 
@@ -92,15 +93,16 @@ def _plain(state: State, gradient: np.ndarray, rate: float) -> State:
     return {"theta": state["theta"] + rate * gradient}
 
 
-RULES: dict[str, Rule] = {"adam": _adam, "normalised": _normalised, "plain": _plain}
+OPTIMISERS: dict[str, Rule] = {"adam": _adam, "normalised": _normalised, "plain": _plain}
+"""Rules of a step by name."""
 
 
 @dataclass(frozen=True)
 class Starts:
-    """The buffer: states ``x`` (n, nx), and how many steps of its episode each has behind it.
+    """Buffer of states ``x`` (n, nx) from which unrolls start, and their ages in steps.
 
-    Every unroll carries its episode on from where the one before left it; an episode that has
-    ended or is as long as the task's starts again. Unrolls as long as episodes start new ones.
+    Every unroll continues the episode of the one before; an episode that has ended or reached the
+    task's length starts again. Unrolls as long as episodes start new ones.
     """
 
     x: np.ndarray
@@ -108,29 +110,29 @@ class Starts:
 
     @classmethod
     def first(cls, experiment: Experiment, n: int, unroll: int) -> Starts:
-        """First states, counted as of all ages so that episodes do not end at once."""
+        """Return initial states with random ages, so that episodes do not all end at once."""
         rng, horizon = experiment.rng(0, "starts"), experiment.task.horizon
         return cls(experiment.first_states(n, rng), unroll * rng.integers(-(-horizon // unroll), size=n))
 
     def after(self, experiment: Experiment, states: np.ndarray, lived: np.ndarray, k: int) -> Starts:
-        """Carried on by unrolls through ``states`` (n, H+1, nx) of which ``lived`` (n,) counted."""
+        """Return the buffer after unrolls through ``states`` (n, H+1, nx), of which ``lived`` (n,) steps count."""
         n, unroll = len(states), states.shape[1] - 1
         x, age = states[np.arange(n), lived], self.age + lived
-        again = (lived < unroll) | (age >= experiment.task.horizon) | ~np.isfinite(x).all(axis=1)
-        fresh = experiment.first_states(n, experiment.rng(k, "starts again"))
-        return Starts(np.where(again[:, None], fresh, x), np.where(again, 0, age))
+        restarted = (lived < unroll) | (age >= experiment.task.horizon) | ~np.isfinite(x).all(axis=1)
+        initial_states = experiment.first_states(n, experiment.rng(k, "starts again"))
+        return Starts(np.where(restarted[:, None], initial_states, x), np.where(restarted, 0, age))
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """As a checkpoint holds it."""
+        """Return its arrays by their names in the state."""
         return {"starts.x": self.x, "starts.age": self.age}
 
     @classmethod
     def of(cls, state: dict[str, np.ndarray]) -> Starts:
-        """Out of a state that holds :meth:`arrays`."""
+        """Read a buffer from the :meth:`arrays` of a state."""
         return cls(state["starts.x"], state["starts.age"])
 
 
-def roll(
+def unroll_episodes(
     experiment: Experiment,
     state: State,
     x0: np.ndarray,
@@ -138,17 +140,17 @@ def roll(
     *,
     theta: np.ndarray | None = None,
     law: ContactLaw | None = None,
-    **asked: Any,
+    **options: Any,
 ) -> Episodes:
-    """Unrolls of ``horizon`` steps from ``x0`` (n, nx) under the policy of ``state``.
+    """Return unrolls of ``horizon`` steps from ``x0`` (n, nx) under the policy of ``state``.
 
     ``theta`` (n, n_theta) are other parameters for each sample, ``law`` another contact law than
     the model's; physical parameters are the state's ``psi`` where it has any; states are kept.
-    ``asked`` (noise, gradient, score, along, pull) as :class:`~dynamics.batch.EpisodeFunction`.
+    ``options`` (noise, gradient, score, along, pull) as :class:`~dynamics.batch.EpisodeFunction`.
     Samples that are not finite, where a contact found no solution or a motion overflowed, are left
     to :func:`finite_samples`.
     """
-    found = experiment.rollouts(horizon, law)(
+    episodes = experiment.rollouts(horizon, law)(
         x0,
         state["theta"] if theta is None else theta,
         Normaliser.of(state),
@@ -156,72 +158,72 @@ def roll(
         model_params=state.get("psi", experiment.physics),
         n_samples=len(x0),
         states=True,
-        **asked,
+        **options,
     )
-    experiment.count_steps(found.lived.sum())
-    return found
+    experiment.count_steps(episodes.lived.sum())
+    return episodes
 
 
 def finite_samples(experiment: Experiment, state: State, episodes: Episodes, k: int) -> np.ndarray:
-    """Which samples (n,) count.
+    """Return a mask (n,) of the samples that are finite.
 
     Raises :class:`~ocp.errors.InputError` that names step and sample where states are finite and a
     reward is not, and :class:`~ocp.errors.NotConverged` where no sample is left.
     """
-    good = np.isfinite(episodes.value)
-    for part in (episodes.gradient, episodes.score):
-        if part is not None:
-            good &= np.isfinite(part).all(axis=1)
+    finite = np.isfinite(episodes.value)
+    for samples in (episodes.gradient, episodes.score):
+        if samples is not None:
+            finite &= np.isfinite(samples).all(axis=1)
     for sample in np.flatnonzero(~np.isfinite(episodes.value)):
         if np.isfinite(episodes.states[sample]).all():
             step = _step_without_reward(experiment, Trained.of(state), episodes.states[sample])
-            where = f"sample {sample} in iteration {k}"
-            raise InputError(non_finite_reward(experiment, step, where))
-    if not good.any():
+            location = f"sample {sample} in iteration {k}"
+            raise InputError(non_finite_reward_message(experiment, step, location))
+    if not finite.any():
         raise NotConverged(
             f"{experiment.task.name}: no sample of iteration {k} stayed finite; lower the learning"
             " rate, the noise or the unroll length"
         )
-    return good
+    return finite
 
 
 def _step_without_reward(experiment: Experiment, policy: Trained, states: np.ndarray) -> int:
-    """First step without a finite reward under the inputs without noise; else the last state's."""
+    """Return the first step without a finite reward under inputs without noise; else the last state's."""
     task, inputs = experiment.task, experiment.inputs(policy, states[:-1])
-    for t, (x, after) in enumerate(pairwise(states)):
-        if not np.isfinite(float(task.rewards(x, inputs[t], after, experiment.physics))):
+    for t, (x, next_state) in enumerate(pairwise(states)):
+        if not np.isfinite(float(task.rewards(x, inputs[t], next_state, experiment.physics))):
             return t
     return len(states) - 1
 
 
-def non_finite_reward(experiment: Experiment, step: int, where: str) -> str:
-    """That a reward is not a number, and where."""
+def non_finite_reward_message(experiment: Experiment, step: int, location: str) -> str:
+    """Return the sentence that a reward is not finite at a step of ``location``."""
     return (
-        f"{experiment.task.name}: the reward of step {step} of {where} is NaN or infinite at"
+        f"{experiment.task.name}: the reward of step {step} of {location} is NaN or infinite at"
         " finite states; correct the reward or end the episode earlier"
     )
 
 
 def normalised_state(experiment: Experiment, state: State, episodes: Episodes, good: np.ndarray) -> State:
-    """The state with what was seen in its normaliser, and the policy as it was."""
+    """Return the state with the episodes' observations in its normaliser and an equivalent policy."""
     steps = np.arange(episodes.states.shape[1] - 1)
     alive = good[:, None] & (steps < episodes.lived[:, None])
-    seen = experiment.observations(episodes.states[:, :-1][alive])
-    return with_observations(experiment, state, seen[np.isfinite(seen).all(axis=1)])
+    observations = experiment.observations(episodes.states[:, :-1][alive])
+    return with_observations(experiment, state, observations[np.isfinite(observations).all(axis=1)])
 
 
-def with_observations(experiment: Experiment, state: State, seen: np.ndarray) -> State:
-    """The state with observations (n, n_o) in its normaliser, and the policy as it was."""
+def with_observations(experiment: Experiment, state: State, observations: np.ndarray) -> State:
+    """Return the state with observations (n, n_o) in its normaliser and an equivalent policy."""
     if not experiment.normalise:
         return state
-    before = Normaliser.of(state)
-    after = before.after(seen)
-    theta = renormalised(experiment.policy, state["theta"], before, after)
-    return {**state, **after.arrays(), "theta": theta}
+    old_normaliser = Normaliser.of(state)
+    new_normaliser = old_normaliser.after(observations)
+    theta = renormalise_policy(experiment.policy, state["theta"], old_normaliser, new_normaliser)
+    return {**state, **new_normaliser.arrays(), "theta": theta}
 
 
 def sample_row(episodes: Episodes, good: np.ndarray) -> Row:
-    """What every algorithm tells of its samples."""
+    """Return the numbers that every algorithm reports of its samples."""
     return {
         "return_mean": float(episodes.value[good].mean()),
         "nonfinite": float((~good).sum()),
@@ -241,40 +243,40 @@ class Unrolled(Algorithm):
     unroll: Annotated[int, "steps of an unroll, at most an episode's"] = 32
     sigma: Annotated[float, "standard deviation of the noise on the actions before tanh"] = 0.1
     rate: Annotated[float, "learning rate"] = 0.01
-    optimiser: Annotated[str, f"rule of a step: {', '.join(RULES)}"] = "adam"
+    optimiser: Annotated[str, f"rule of a step: {', '.join(OPTIMISERS)}"] = "adam"
 
-    least: ClassVar[int] = 1
-    """Samples that the estimate needs."""
+    min_samples: ClassVar[int] = 1
+    """Smallest number of samples that the estimate needs."""
 
     def check(self, experiment: Experiment) -> None:
-        """Raise :class:`~ocp.errors.InputError` for settings that cannot be."""
-        if self.samples == 1 < self.least:
-            raise InputError(f"samples is 1, but a variance needs two; give at least {self.least}")
-        at_least(self.least, "samples", self.samples)
-        at_least(1, "unroll", self.unroll)
-        positive("sigma", self.sigma)
-        positive("rate", self.rate)
-        choose("optimiser", self.optimiser, RULES)
+        """Raise :class:`~ocp.errors.InputError` for settings out of range."""
+        if self.samples == 1 < self.min_samples:
+            raise InputError(f"samples is 1, but a variance needs two; give at least {self.min_samples}")
+        check_at_least(self.min_samples, "samples", self.samples)
+        check_at_least(1, "unroll", self.unroll)
+        check_positive("sigma", self.sigma)
+        check_positive("rate", self.rate)
+        choose("optimiser", self.optimiser, OPTIMISERS)
 
     def starts(self) -> int:
-        """States in the buffer."""
+        """Return the number of states in the buffer."""
         return self.samples
 
     def steps(self, experiment: Experiment) -> int:
-        """Steps of an unroll, no more than an episode has."""
+        """Return the number of steps of an unroll, at most an episode's."""
         return min(self.unroll, experiment.task.horizon)
 
     def begin(self, experiment: Experiment) -> State:
-        """The first policy and a buffer of first states."""
+        """Return the initial policy and a buffer of initial states."""
         state = super().begin(experiment)
         starts = Starts.first(experiment, self.starts(), self.steps(experiment))
         return {**state, **starts.arrays()}
 
     def climb(self, state: State, gradient: np.ndarray) -> State:
-        """The state with a step along ``gradient`` (n_theta,) taken."""
+        """Return the state after a step along ``gradient`` (n_theta,)."""
         return ascend(self.optimiser, state, gradient, self.rate)
 
-    def stepped(
+    def take_step(
         self,
         experiment: Experiment,
         state: State,
@@ -283,40 +285,40 @@ class Unrolled(Algorithm):
         good: np.ndarray,
         k: int,
     ) -> tuple[State, Row]:
-        """State after a step along the mean of ``gradients`` (n, n_theta), and iteration k's row.
+        """Return the state after a step along the mean of ``gradients`` (n, n_theta), and iteration k's row.
 
         ``episodes``, of which those that are ``good`` (n,) count, carry the buffer on.
         """
         mean = gradients.mean(axis=0)
         starts = Starts.of(state)
         starts = starts.after(experiment, episodes.states, episodes.lived.astype(int), k)
-        moved = {**self.climb(state, mean), **starts.arrays()}
+        new_state = {**self.climb(state, mean), **starts.arrays()}
         row = {**sample_row(episodes, good), "gradient_norm": float(np.linalg.norm(mean))}
         if len(gradients) > 1:
             row["gradient_variance"] = float(gradients.var(axis=0, ddof=1).sum())
-        return normalised_state(experiment, moved, episodes, good), row
+        return normalised_state(experiment, new_state, episodes, good), row
 
 
 @dataclass(frozen=True, kw_only=True)
 class Clipping(Unrolled):
-    """Settings of one that may cut every sample's gradient to ``clip`` times their median length.
+    """Settings of an algorithm that may clip every sample's gradient to ``clip`` times the median length.
 
-    Cutting biases the mean, whatever the estimate, and saves it from the few samples that lose
-    their way; by default nothing is cut.
+    Clipping biases the mean of any estimate, and protects it from a few diverging samples; it is
+    off by default.
     """
 
     clip: Annotated[float | None, "largest norm of a sample's gradient, in medians of all; biases the mean"] = None
 
     def check(self, experiment: Experiment) -> None:
-        """As all, and the length."""
+        """Check the settings, and the largest length."""
         super().check(experiment)
         if self.clip is not None:
-            positive("clip", self.clip)
+            check_positive("clip", self.clip)
 
     def clipped(self, gradients: np.ndarray) -> np.ndarray:
-        """``gradients`` (n, n_theta), none longer than ``clip`` times their median length."""
+        """Return ``gradients`` (n, n_theta) clipped to ``clip`` times their median length."""
         if self.clip is None:
             return gradients
         lengths = np.linalg.norm(gradients, axis=1)
-        longest = self.clip * np.median(lengths)
-        return gradients * np.minimum(1.0, longest / np.maximum(lengths, 1e-300))[:, None]
+        max_length = self.clip * np.median(lengths)
+        return gradients * np.minimum(1.0, max_length / np.maximum(lengths, 1e-300))[:, None]

@@ -1,4 +1,4 @@
-"""Which side of every pair is held at zero, such that the equations of a step stay independent."""
+"""Active sets: the side of every pair that is held at zero, with independent equations of a step."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ocp.mpc.stages import Plan, StageModel
 
 @dataclass(frozen=True)
 class Coulomb:
-    """Places of the pairs of one contact with friction in the plane."""
+    """Indices of the pairs of one contact with friction in the plane."""
 
     normal: int
     friction: tuple[int, int]
@@ -35,53 +35,53 @@ class ActiveSets:
         for branch in range(model.step.branches):
             first = branch * len(pairs)
             for owner in {pair.contact for pair in pairs}:
-                own = {
+                places_by_kind = {
                     kind: [first + i for i, pair in enumerate(pairs) if (pair.contact, pair.kind) == (owner, kind)]
                     for kind in ("normal", "friction", "slip")
                 }
-                if [len(places) for places in own.values()] == [1, 2, 1]:
-                    f = own["friction"]
-                    self.contacts.append(Coulomb(own["normal"][0], (f[0], f[1]), own["slip"][0]))
+                if [len(places) for places in places_by_kind.values()] == [1, 2, 1]:
+                    f = places_by_kind["friction"]
+                    self.contacts.append(Coulomb(places_by_kind["normal"][0], (f[0], f[1]), places_by_kind["slip"][0]))
 
     def of(self, plan: Plan) -> np.ndarray:
-        """The active set of a plan: a pair is closed where its force is the larger side."""
+        """Return the active set of a plan: a pair is closed if its force is the larger side."""
         lam_size, gap_size = self.model.sizes
-        by = plan.lam / lam_size - plan.gap / gap_size
-        closed = by > 0
+        dominance = plan.lam / lam_size - plan.gap / gap_size
+        closed = dominance > 0
         for contact in self.contacts:
             f = list(contact.friction)
-            brakes = np.arange(2) == by[:, f].argmax(axis=1)[:, None]
-            sticks = closed[:, contact.normal] & (by[:, contact.slip] <= 0)
+            brakes = np.arange(2) == dominance[:, f].argmax(axis=1)[:, None]
+            sticks = closed[:, contact.normal] & (dominance[:, contact.slip] <= 0)
             closed[:, f] = brakes | sticks.reshape(-1, 1)
             closed[:, contact.slip] = True
         return closed
 
-    def exchanged(self, closed: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """``closed`` with the sides of the pairs ``which`` (N, n) exchanged.
+    def exchanged(self, closed: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """Return ``closed`` with the sides of ``pairs`` (N, n) exchanged.
 
         A contact that opens slides, and one of two friction forces stays closed.
         """
-        found = closed ^ which
+        exchanged = closed ^ pairs
         for contact in self.contacts:
             f = list(contact.friction)
-            found[~found[:, f].any(axis=1), f[0]] = True
-            found[found[:, f].all(axis=1) & ~found[:, contact.normal], f[1]] = False
-            found[:, contact.slip] = True
-        return found
+            exchanged[~exchanged[:, f].any(axis=1), f[0]] = True
+            exchanged[exchanged[:, f].all(axis=1) & ~exchanged[:, contact.normal], f[1]] = False
+            exchanged[:, contact.slip] = True
+        return exchanged
 
     def frictionless(self, closed: np.ndarray) -> np.ndarray:
-        """Pairs (N, n) of friction and slip whose contact is open; their rows say nothing."""
-        found = np.zeros_like(closed)
+        """Return a mask (N, n): pairs of friction and slip whose contact is open, so that their rows are idle."""
+        frictionless = np.zeros_like(closed)
         for contact in self.contacts:
             places = [*contact.friction, contact.slip]
-            found[:, places] = ~closed[:, [contact.normal]]
-        return found
+            frictionless[:, places] = ~closed[:, [contact.normal]]
+        return frictionless
 
     def exchangeable(self, closed: np.ndarray) -> np.ndarray:
-        """Pairs (N, n) that may change their side alone: of slip none, of friction one of both."""
-        found = ~self.frictionless(closed)
+        """Return a mask (N, n): pairs that may change their side alone; none of slip, of friction one of two."""
+        exchangeable = ~self.frictionless(closed)
         for contact in self.contacts:
             f = list(contact.friction)
-            found[:, f] &= closed[:, f].all(axis=1, keepdims=True) | ~closed[:, f]
-            found[:, contact.slip] = False
-        return found
+            exchangeable[:, f] &= closed[:, f].all(axis=1, keepdims=True) | ~closed[:, f]
+            exchangeable[:, contact.slip] = False
+        return exchangeable

@@ -1,4 +1,4 @@
-"""Path constraints and bounds on states as rows that a plan keeps, or violates at a penalty."""
+"""Path constraints and bounds on states as rows of a plan, soft at a penalty."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from ocp.problem.problem import Problem
 from ocp.transcription.common import constraint_names
 
 PENALTIES = (1e3, 1e4, 1e5, 1e6)
-"""Of a slack, in characteristic costs for a characteristic size; the next is tried while it lowers
-the violation by a hundredth."""
-MET, FALL = 1e-6, 0.99
-"""Violation up to which a row counts as met, in characteristic sizes; the share of it that a larger
-penalty may leave."""
+"""Prices of a slack, in characteristic costs for a characteristic size; the next is tried while it
+lowers the violation by a hundredth."""
+MET_TOLERANCE = 1e-6
+"""Largest violation of a row that counts as met, in characteristic sizes."""
+PENALTY_FALL = 0.99
+"""Largest share of the violation that a larger penalty may leave to be taken."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class ConstraintRows:
     def of(cls, problem: Problem) -> ConstraintRows:
         """Return the rows of a problem; an infinite bound has none."""
         system, path = problem.system, problem.path
-        value = ca.vertcat(*(one.expression for one in path), system.x_next)
+        value = ca.vertcat(*(constraint.expression for constraint in path), system.x_next)
         names = [
             *(("path", name) for name in constraint_names(path)),
             *(("bound on x", signal.name) for signal in system.states),
@@ -45,7 +46,7 @@ class ConstraintRows:
         sizes = np.concatenate([_path_sizes(problem), problem.scales.x])
         bounds = [ca.repmat(ca.SX(v), system.nx // ca.SX(v).numel()) for v in (problem.x_lower, problem.x_upper)]
         ends = [
-            ca.vertcat(*(getattr(one, side) for one in path), bound)
+            ca.vertcat(*(getattr(constraint, side) for constraint in path), bound)
             for side, bound in zip(("lower", "upper"), bounds, strict=True)
         ]
         rows = [
@@ -54,27 +55,27 @@ class ConstraintRows:
             for i in range(value.numel())
             if not (end[i].is_constant() and np.isinf(float(end[i])))
         ]
-        which = [i for _, i in rows]
+        indices = [i for _, i in rows]
         expression = ca.vertcat(ca.SX(0, 1), *(row for row, _ in rows))
-        kinds, own = (tuple(names[i][part] for i in which) for part in (0, 1))
-        return cls(expression, kinds, own, sizes[which])
+        kinds, signal_names = (tuple(names[i][column] for i in indices) for column in (0, 1))
+        return cls(expression, kinds, signal_names, sizes[indices])
 
-    def violations(self, off: np.ndarray) -> list[Broken]:
-        """Every violated constraint of ``off`` (S, N, m) where it is worst, the worst first."""
-        off, worst = np.nan_to_num(off, nan=0.0), dict[tuple[str, str], Broken]()
-        for i in np.argsort(-off.max(axis=(0, 1), initial=0.0), kind="stable"):
-            s, k = divmod(int(off[:, :, i].argmax()), off.shape[1])
-            name, share = (self.kinds[i], self.names[i]), float(off[s, k, i])
-            if share > MET:
-                found = Violation(*name, s, k, share * float(self.sizes[i]))
-                worst.setdefault(name, Broken(found, share))
+    def violations(self, amounts: np.ndarray) -> list[Broken]:
+        """Return each violated constraint of ``amounts`` (S, N, m) at its worst step, the worst first."""
+        amounts, worst = np.nan_to_num(amounts, nan=0.0), dict[tuple[str, str], Broken]()
+        for i in np.argsort(-amounts.max(axis=(0, 1), initial=0.0), kind="stable"):
+            s, k = divmod(int(amounts[:, :, i].argmax()), amounts.shape[1])
+            name, amount = (self.kinds[i], self.names[i]), float(amounts[s, k, i])
+            if amount > MET_TOLERANCE:
+                violation = Violation(*name, s, k, amount * float(self.sizes[i]))
+                worst.setdefault(name, Broken(violation, amount))
         return list(worst.values())
 
 
 def _path_sizes(problem: Problem) -> np.ndarray:
-    """Characteristic sizes of path constraints, one size away from the start; 1 for a constant."""
+    """Return characteristic sizes of path constraints, one size away from the start; 1 for a constant."""
     system, scales, p = problem.system, problem.scales, problem.parameters
-    path = ca.vertcat(ca.SX(0, 1), *(one.expression for one in problem.path))
+    path = ca.vertcat(ca.SX(0, 1), *(constraint.expression for constraint in problem.path))
     x, u = (np.array(v).ravel() for v in problem.limits(p.values)[:2])
     size = ca.Function(
         "sizes", [system.x, system.u, system.x_next, system.lam, p.vector], [row_sizes(problem, path, scales.x)]

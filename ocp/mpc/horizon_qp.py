@@ -13,12 +13,14 @@ from ocp.mpc.constraint_rows import PENALTIES
 from ocp.mpc.linearised import Affine, Linearised
 from ocp.mpc.stages import StageModel
 
-_CURVATURE = 1e-2
-"""Of the penalty, as a share of its slope."""
-_FAR = 1e4
-"""Value of a row, in characteristic sizes, above which the row is scaled down to it."""
-_TOLERANCE = 1e-9
-_ITERATIONS = 60
+PENALTY_CURVATURE = 1e-2
+"""Curvature of the penalty, as a share of its slope."""
+MAX_ROW_VALUE = 1e4
+"""Value of a row, in characteristic sizes, above which the row is scaled down."""
+QP_TOLERANCE = 1e-9
+"""Absolute tolerance of PIQP."""
+MAX_QP_ITERATIONS = 60
+"""Maximum number of iterations of PIQP."""
 
 
 @dataclass(frozen=True)
@@ -54,21 +56,21 @@ class HorizonQP:
         nx, nu, N = model.nx, model.nu, model.N
         shared = rows - model.m if separate else rows
         self.slack_of = np.maximum(np.arange(rows) - shared + 1, 0)
-        per = nu + (slacks := 1 + rows - shared) + nx
-        self.size = N * per
-        k = np.arange(N)[:, None] * per
+        per_step = nu + (slacks := 1 + rows - shared) + nx
+        self.size = N * per_step
+        k = np.arange(N)[:, None] * per_step
         self.u, self.s = k + np.arange(nu), k + nu + np.arange(slacks)
         self.x_next = k + nu + slacks + np.arange(nx)
         self.x = np.concatenate([np.full((1, nx), -1), self.x_next[:-1]])
-        before = np.concatenate([np.full((1, nu), -1), self.u[:-1]])
+        inputs_before = np.concatenate([np.full((1, nu), -1), self.u[:-1]])
         if not model.problem.uses_du:
-            before[:] = -1
-        self.w = np.concatenate([self.x, before, self.u], axis=1)
-        self._lay()
+            inputs_before[:] = -1
+        self.w = np.concatenate([self.x, inputs_before, self.u], axis=1)
+        self._index_entries()
         self._solver: piqp.SparseSolver | None = None
 
-    def _lay(self) -> None:
-        """Places of every entry of the Hessian, the equations and the rows."""
+    def _index_entries(self) -> None:
+        """Index every entry of the Hessian, the equations and the rows."""
         N, nx, m = self.model.N, self.model.nx, self.n_rows
         nw, end = self.w.shape[1], self.x_next[-1]
         row, column = (np.broadcast_to(v, (N, nw, nw)) for v in (self.w[:, :, None], self.w[:, None]))
@@ -97,43 +99,43 @@ class HorizonQP:
         bounds: tuple[np.ndarray, np.ndarray],
         penalty: float = PENALTIES[0],
     ) -> Direction:
-        """The step from a plan whose first state is off by ``dx0`` (nx,).
+        """Return the step from a plan whose first state is off by ``dx0`` (nx,).
 
-        ``rows`` stay at 0 or above; ``bounds`` are those of du, each (N, nu); ``penalty`` is what
-        a slack costs, in characteristic costs for a characteristic size.
+        ``rows`` stay at 0 or above; ``bounds`` are those of du, each (N, nu); ``penalty`` is the
+        price of a slack, in characteristic costs for a characteristic size.
         """
         model, N, nx = self.model, self.model.N, self.model.nx
         cost = model.problem.scales.cost
         H, end = lin.hessian / cost, lin.end[1] / cost
-        curvature = np.full(self.s.size, _CURVATURE * penalty)
+        curvature = np.full(self.s.size, PENALTY_CURVATURE * penalty)
         P = self._P(np.concatenate([H.ravel(), end.ravel(), curvature]))
         dynamics = np.concatenate([lin.x_next.by_x, lin.x_next.by_u], axis=2)
         A = self._A(np.concatenate([-dynamics.ravel(), np.ones(N * nx)]))
-        ahead = lin.x_next.value.copy()
-        ahead[0] += lin.x_next.by_x[0] @ dx0
-        low = -rows.value
-        low[0] -= rows.by_x[0] @ dx0
-        # Entries of 1e9 beside those of 1 leave the solver without a tolerance to reach.
-        far = np.maximum(1.0, -low / _FAR)
+        predicted = lin.x_next.value.copy()
+        predicted[0] += lin.x_next.by_x[0] @ dx0
+        row_bounds = -rows.value
+        row_bounds[0] -= rows.by_x[0] @ dx0
+        # The solver does not reach its tolerance with entries of 1e9 beside those of 1.
+        row_scales = np.maximum(1.0, -row_bounds / MAX_ROW_VALUE)
         entries = np.concatenate([rows.by_x, rows.by_u, np.ones((N, self.n_rows, 1))], axis=2)
-        G, low = self._G((entries / far[:, :, None]).ravel()), low / far
+        G, row_bounds = self._G((entries / row_scales[:, :, None]).ravel()), row_bounds / row_scales
         x_l, x_u = np.full(self.size, -np.inf), np.full(self.size, np.inf)
         x_l[self.s] = 0.0
         x_l[self.u], x_u[self.u] = bounds
-        c = self._linear(lin, dx0, cost, penalty)
-        z, found = self._solved(P, c, A, ahead.ravel(), G, low.ravel(), x_l, x_u)
+        c = self._gradient(lin, dx0, cost, penalty)
+        z, result = self._run_piqp(P, c, A, predicted.ravel(), G, row_bounds.ravel(), x_l, x_u)
         dx = np.concatenate([dx0[None], z[self.x_next]])
         return Direction(
             dx,
             z[self.u],
-            np.array(found.y).reshape(N, nx) * cost,
-            np.array(found.z_l).reshape(N, self.n_rows) / far * cost,
-            float(found.info.primal_obj) * cost,
+            np.array(result.y).reshape(N, nx) * cost,
+            np.array(result.z_l).reshape(N, self.n_rows) / row_scales * cost,
+            float(result.info.primal_obj) * cost,
             float(z[self.s].sum()),
-            found.info.status == piqp.PIQP_SOLVED and bool(np.isfinite(z).all()),
+            result.info.status == piqp.PIQP_SOLVED and bool(np.isfinite(z).all()),
         )
 
-    def _linear(self, lin: Linearised, dx0: np.ndarray, cost: float, penalty: float) -> np.ndarray:
+    def _gradient(self, lin: Linearised, dx0: np.ndarray, cost: float, penalty: float) -> np.ndarray:
         g = lin.gradient / cost
         g[0] += lin.hessian[0][:, : self.model.nx] @ dx0 / cost
         keep, c = self.w >= 0, np.zeros(self.size)
@@ -142,19 +144,19 @@ class HorizonQP:
         c[self.s] += penalty
         return c
 
-    def _solved(self, *program: Any) -> tuple[np.ndarray, piqp.Result]:
-        P, c, A, b, G, low, x_l, x_u = program
-        given = P, c, A, b, G, low, np.full(low.size, np.inf), x_l, x_u
+    def _run_piqp(self, *program: Any) -> tuple[np.ndarray, piqp.Result]:
+        P, c, A, b, G, row_bounds, x_l, x_u = program
+        arguments = P, c, A, b, G, row_bounds, np.full(row_bounds.size, np.inf), x_l, x_u
         if self._solver is None:
             self._solver = piqp.SparseSolver()
             settings = self._solver.settings
             settings.kkt_solver = piqp.KKTSolver.sparse_multistage
-            settings.eps_abs, settings.eps_rel = _TOLERANCE, 0.0
+            settings.eps_abs, settings.eps_rel = QP_TOLERANCE, 0.0
             settings.check_duality_gap = False
-            settings.max_iter = _ITERATIONS
-            self._solver.setup(*given)
+            settings.max_iter = MAX_QP_ITERATIONS
+            self._solver.setup(*arguments)
         else:
-            self._solver.update(*given)
+            self._solver.update(*arguments)
         self._solver.solve()
         return np.array(self._solver.result.x), self._solver.result
 
@@ -163,13 +165,13 @@ class _Pattern:
     """A sparse matrix whose entries come in a fixed order; those at -1 are left out."""
 
     def __init__(self, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> None:
-        self.kept = np.flatnonzero((rows >= 0) & (columns >= 0))
-        key = columns[self.kept] * shape[0] + rows[self.kept]
+        self.used = np.flatnonzero((rows >= 0) & (columns >= 0))
+        key = columns[self.used] * shape[0] + rows[self.used]
         unique, self.place = np.unique(key, return_inverse=True)
         starts = np.searchsorted(unique, np.arange(shape[1] + 1) * shape[0])
         self.matrix = sp.csc_matrix((np.zeros(unique.size), unique % shape[0], starts), shape=shape)
 
     def __call__(self, data: np.ndarray) -> sp.csc_matrix:
-        """The matrix of these entries; entries at the same place add up."""
-        self.matrix.data = np.bincount(self.place, data[self.kept], self.matrix.nnz)
+        """Return the matrix of these entries; entries at the same position add up."""
+        self.matrix.data = np.bincount(self.place, data[self.used], self.matrix.nnz)
         return self.matrix

@@ -21,29 +21,29 @@ class Closure(NamedTuple):
     c: np.ndarray
 
     @classmethod
-    def active(cls, plan: Plan, closed: np.ndarray) -> Closure:
-        """``gap = 0`` where ``closed`` (N, n), ``lam = 0`` elsewhere."""
+    def from_active_set(cls, plan: Plan, closed: np.ndarray) -> Closure:
+        """Return ``gap = 0`` for ``closed`` (N, n) pairs, ``lam = 0`` for the others."""
         shut = closed.astype(float)
         return cls(shut, 1 - shut, 0 * shut, np.where(closed, -plan.gap, -plan.lam))
 
     @classmethod
-    def product(cls, plan: Plan, mu: np.ndarray, sizes: tuple[np.ndarray, np.ndarray]) -> Closure:
-        """``lam gap = mu``, linearised at the plan, in ``sizes`` and units of its larger factor."""
-        L, G = (abs(v) / s + _FLOOR for v, s in zip((plan.lam, plan.gap), sizes, strict=True))
+    def from_product(cls, plan: Plan, mu: np.ndarray, sizes: tuple[np.ndarray, np.ndarray]) -> Closure:
+        """Return ``lam gap = mu`` linearised at the plan, in ``sizes`` and units of its larger factor."""
+        L, G = (abs(v) / s + FACTOR_FLOOR for v, s in zip((plan.lam, plan.gap), sizes, strict=True))
         lam_size, gap_size = sizes
         larger, unit = np.maximum(L, G), lam_size * gap_size
         off = (mu - plan.lam * plan.gap) / unit
         return cls(L / gap_size / larger, G / lam_size / larger, 1 / unit / larger, off / larger)
 
 
-_ROUNDING = 1e-12
-"""Negative eigenvalues of this share of the trace are rounding's."""
-_FLOOR = 1e-10
-"""Added to both factors, which may vanish together where a law has mu = 0."""
+EIGENVALUE_ROUNDING = 1e-12
+"""Size of negative eigenvalues, as a share of the trace, that are rounding errors."""
+FACTOR_FLOOR = 1e-10
+"""Number added to both factors, which may vanish together where a law has mu = 0."""
 
 
 class Affine(NamedTuple):
-    """``value + by_x dx + by_u du`` of every step: (N, k), (N, k, nx) and (N, k, nu)."""
+    """Affine map ``value + by_x dx + by_u du`` of every step: (N, k), (N, k, nx) and (N, k, nu)."""
 
     value: np.ndarray
     by_x: np.ndarray
@@ -72,13 +72,13 @@ class Linearised:
     rows_by_closure: np.ndarray
 
 
-def linearise(model: StageModel, plan: Plan, at: Evaluated, closure: Closure) -> Linearised:
+def linearise(model: StageModel, plan: Plan, evaluated: Evaluated, closure: Closure) -> Linearised:
     """Eliminate x_next, lam and gap from every step: one (nx + n) system for each.
 
     Raises ``numpy.linalg.LinAlgError`` where a step's system is singular.
     """
     nx, nu, n = model.nx, model.nu, model.n
-    xu, J = nx + nu, at.jacobian
+    xu, J = nx + nu, evaluated.jacobian
     edges = np.cumsum([0, nx, n, n, model.m])
     R, G, M, P = (J[:, a:b] for a, b in pairwise(edges))
     a, b, m, c = closure
@@ -86,55 +86,56 @@ def linearise(model: StageModel, plan: Plan, at: Evaluated, closure: Closure) ->
     matrix = np.concatenate([R[:, :, xu:], pairs[:, :, xu:]], axis=1)
     i = np.arange(n)
     matrix[:, nx + i, nx + i] += b + model.compliance
-    off = np.concatenate([-at.residual, c], axis=1)
-    ways = -np.concatenate([R[:, :, :xu], pairs[:, :, :xu]], axis=1)
+    right_sides = np.concatenate([-evaluated.residual, c], axis=1)
+    sensitivities = -np.concatenate([R[:, :, :xu], pairs[:, :, :xu]], axis=1)
     sides = np.zeros((len(J), nx + n, n))
     sides[:, nx + i, i] = 1.0
-    found = np.linalg.solve(matrix, np.concatenate([off[:, :, None], ways, sides], axis=2))
-    moved, by_closure = found[:, :, : 1 + xu], found[:, :, 1 + xu :]
+    solution = np.linalg.solve(matrix, np.concatenate([right_sides[:, :, None], sensitivities, sides], axis=2))
+    plan_change, by_closure = solution[:, :, : 1 + xu], solution[:, :, 1 + xu :]
     x_next, dlam = (
-        Affine(part[:, :, 0], part[:, :, 1 : 1 + nx], part[:, :, 1 + nx :]) for part in (moved[:, :nx], moved[:, nx:])
+        Affine(block[:, :, 0], block[:, :, 1 : 1 + nx], block[:, :, 1 + nx :])
+        for block in (plan_change[:, :nx], plan_change[:, nx:])
     )
 
-    def through(part: np.ndarray, value: np.ndarray) -> Affine:
-        by = part[:, :, xu:] @ moved
+    def propagate(block: np.ndarray, value: np.ndarray) -> Affine:
+        by = block[:, :, xu:] @ plan_change
         return Affine(
-            value + by[:, :, 0], part[:, :, :nx] + by[:, :, 1 : 1 + nx], part[:, :, nx:xu] + by[:, :, 1 + nx :]
+            value + by[:, :, 0], block[:, :, :nx] + by[:, :, 1 : 1 + nx], block[:, :, nx:xu] + by[:, :, 1 + nx :]
         )
 
-    gradient, hessian = _cost(model, at, dlam)
+    gradient, hessian = _stage_costs(model, evaluated, dlam)
     return Linearised(
         x_next,
         dlam._replace(value=dlam.value + plan.lam),
-        through(G, at.gap),
-        through(P, at.rows),
+        propagate(G, evaluated.gap),
+        propagate(P, evaluated.rows),
         gradient,
         hessian,
-        (at.end_gradient, positive(at.end_hessian)),
+        (evaluated.end_gradient, project_psd(evaluated.end_hessian)),
         by_closure,
         G[:, :, xu:] @ by_closure,
         P[:, :, xu:] @ by_closure,
     )
 
 
-def _cost(model: StageModel, at: Evaluated, dlam: Affine) -> tuple[np.ndarray, np.ndarray]:
-    """Gradient and Hessian by (x, u_before, u), through the multipliers where they cost."""
+def _stage_costs(model: StageModel, evaluated: Evaluated, dlam: Affine) -> tuple[np.ndarray, np.ndarray]:
+    """Return gradient and Hessian by (x, u_before, u), through the multipliers if the cost has them."""
     nw = model.nx + 2 * model.nu
     if not model.costs_impulses:
-        return at.gradient[:, :nw], positive(at.hessian[:, :nw, :nw])
+        return evaluated.gradient[:, :nw], project_psd(evaluated.hessian[:, :nw, :nw])
     T = np.zeros((model.N, nw + model.n, nw))
     T[:, :nw] = np.eye(nw)
     T[:, nw:, : model.nx], T[:, nw:, model.nx + model.nu :] = dlam.by_x, dlam.by_u
-    bent = at.gradient + np.einsum("nij,nj->ni", at.hessian[:, :, nw:], dlam.value)
-    across = T.transpose(0, 2, 1)
-    return (across @ bent[:, :, None])[:, :, 0], positive(across @ at.hessian @ T)
+    gradient = evaluated.gradient + np.einsum("nij,nj->ni", evaluated.hessian[:, :, nw:], dlam.value)
+    transposed = T.transpose(0, 2, 1)
+    return (transposed @ gradient[:, :, None])[:, :, 0], project_psd(transposed @ evaluated.hessian @ T)
 
 
-def positive(matrix: np.ndarray) -> np.ndarray:
+def project_psd(matrix: np.ndarray) -> np.ndarray:
     """Symmetric matrices (..., n, n) with negative eigenvalues set to zero."""
     size = np.einsum("...ii->...", abs(matrix))[..., None, None]
     with suppress(np.linalg.LinAlgError):
-        np.linalg.cholesky(matrix + (_ROUNDING * size + 1e-300) * np.eye(matrix.shape[-1]))
+        np.linalg.cholesky(matrix + (EIGENVALUE_ROUNDING * size + 1e-300) * np.eye(matrix.shape[-1]))
         return matrix
     values, vectors = np.linalg.eigh(matrix)
     return (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)

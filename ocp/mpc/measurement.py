@@ -1,16 +1,17 @@
-"""A measured state made fit for a plan: finite, and without penetration."""
+"""Projection of measured states: finite, and without penetration."""
 
 from __future__ import annotations
 
 import casadi as ca
 import numpy as np
 
-from ocp.mpc.constraint_rows import MET
+from ocp.mpc.constraint_rows import MET_TOLERANCE
 from ocp.problem.problem import Problem
 
-_DEPTH = 1e-9
-"""Penetration that is left alone, in characteristic gaps."""
-_ROUNDS = 5
+IGNORED_PENETRATION = 1e-9
+"""Largest penetration that is not corrected, in characteristic gaps."""
+MAX_PROJECTIONS = 5
+"""Maximum number of linearised projections."""
 
 
 class Measurement:
@@ -21,38 +22,37 @@ class Measurement:
         phi = system.phi
         self._distances, self.names = None, [signal.name for signal in system.states]
         if phi is not None and phi.numel():
-            given = [system.x, problem.parameters.vector]
-            self._distances = ca.Function("distances", given, [phi, ca.jacobian(phi, system.x)])
+            arguments = [system.x, problem.parameters.vector]
+            self._distances = ca.Function("distances", arguments, [phi, ca.jacobian(phi, system.x)])
 
-    def projected(
+    def project(
         self, x: np.ndarray, expected: np.ndarray, bounds: list[np.ndarray], physical: np.ndarray
     ) -> tuple[np.ndarray, list[str]]:
-        """The state to plan from, and what was changed or is not as a plan wants it.
+        """Return the state to plan from, and notes on its changes and violated bounds.
 
-        A state that is not finite is replaced by the ``expected`` one; penetration is taken back by
-        the smallest motion, in characteristic sizes. One outside ``bounds`` is planned from as it
-        is.
+        A state that is not finite is replaced by the ``expected`` one; penetration is removed by
+        the smallest motion, in characteristic sizes. A state outside ``bounds`` is not changed.
         """
-        seen, told = x, []
-        if not np.isfinite(seen).all():
-            seen = np.where(np.isfinite(seen), seen, expected)
-            told.append("the measured state is not finite; the predicted one is used there")
-        outside = self._outside(seen, physical)
-        if not np.array_equal(outside, seen):
-            told.append("the measured state is in penetration and was moved out")
-        beyond = np.maximum(bounds[0] - outside, outside - bounds[1]) > MET * self.problem.scales.x
+        finite_state, notes = x, []
+        if not np.isfinite(finite_state).all():
+            finite_state = np.where(np.isfinite(finite_state), finite_state, expected)
+            notes.append("the measured state is not finite; the predicted one is used there")
+        moved_out = self._move_out(finite_state, physical)
+        if not np.array_equal(moved_out, finite_state):
+            notes.append("the measured state is in penetration and was moved out")
+        beyond = np.maximum(bounds[0] - moved_out, moved_out - bounds[1]) > MET_TOLERANCE * self.problem.scales.x
         if names := [self.names[i] for i in np.flatnonzero(beyond)]:
-            told.append(f"the measured state is outside the bounds on {', '.join(names)}")
-        return outside, told
+            notes.append(f"the measured state is outside the bounds on {', '.join(names)}")
+        return moved_out, notes
 
-    def _outside(self, x: np.ndarray, physical: np.ndarray) -> np.ndarray:
+    def _move_out(self, x: np.ndarray, physical: np.ndarray) -> np.ndarray:
         if self._distances is None:
             return x
         scales = self.problem.scales
-        for _ in range(_ROUNDS):
+        for _ in range(MAX_PROJECTIONS):
             phi, J = (np.array(v) for v in self._distances(x, physical))
-            deep = phi.ravel() < -_DEPTH * scales.gap
-            if not deep.any():
+            penetrating = phi.ravel() < -IGNORED_PENETRATION * scales.gap
+            if not penetrating.any():
                 break
-            x = x - scales.x * (np.linalg.pinv(J[deep] * scales.x) @ phi.ravel()[deep])
+            x = x - scales.x * (np.linalg.pinv(J[penetrating] * scales.x) @ phi.ravel()[penetrating])
         return x

@@ -1,27 +1,30 @@
-"""What the phases of one quadratic program a sample share: direction, then exact rollouts."""
+"""Base class of phases with one quadratic program per sample: a direction, then exact rollouts."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from ocp.mpc.constraint_rows import FALL, MET, PENALTIES
+from ocp.mpc.constraint_rows import MET_TOLERANCE, PENALTIES, PENALTY_FALL
 from ocp.mpc.horizon_qp import Direction, HorizonQP
 from ocp.mpc.linearised import Affine, Closure, Linearised, linearise
-from ocp.mpc.phase import Answer, Sample
+from ocp.mpc.phase import Answer, Phase, Sample
 from ocp.mpc.riccati import Regulator
-from ocp.mpc.rollouts import Roller
-from ocp.mpc.stages import LEAST_PENALTY, Evaluated, Plan, StageModel
+from ocp.mpc.rollouts import CandidateRollouts
+from ocp.mpc.stages import MIN_PENALTY, Evaluated, Plan, StageModel
 
-_SHARES = (1.0, 0.5, 0.25, 0.06)
-"""Parts of a step that are rolled out, each with the regulator's gains around it."""
+STEP_SHARES = (1.0, 0.5, 0.25, 0.06)
+"""Shares of a step that are rolled out, each with the regulator's gains around it."""
 
-
+MAX_WARM_UP_PROGRAMS = 30
+"""Maximum number of programs for the first answer, which starts from another law's or state's plan."""
 UNSOLVED = "the quadratic program was not solved"
+"""Note of a sample whose program has no solution."""
 
 
 @dataclass(frozen=True)
@@ -37,22 +40,22 @@ class Prepared:
     """A plan with its steps evaluated, and linearised under the closure of its active set."""
 
     plan: Plan
-    at: Evaluated
+    evaluated: Evaluated
     closed: np.ndarray
     lin: Linearised
 
 
-class NewtonPhase(ABC):
-    """One quadratic program from the plan before, its step chosen among exact rollouts.
+class NewtonPhase(Phase):
+    """Phase of one quadratic program from the plan before, whose step is chosen among exact rollouts.
 
     A program gives dx, du. Of the candidates ``u + s du + K (x - x_plan - s dx)`` with s = 1, 1/2,
-    1/4, 0.06 and 0, K the gains of the linear-quadratic regulator along the plan or zero, that of
-    lowest merit under the law is the next plan. So every plan is a rollout of the law, and no
-    sample is answered by a worse plan than the one before, shifted.
+    1/4, 0.06 and 0, K the gains of the linear-quadratic regulator along the plan or zero, the one
+    of lowest merit under the law is the next plan. So every plan is a rollout of the law, and none
+    is worse than the one before, shifted.
     """
 
-    def __init__(self, model: StageModel, roller: Roller, iterations: int = 1) -> None:
-        self.model, self.roller, self.iterations = model, roller, iterations
+    def __init__(self, model: StageModel, rollouts: CandidateRollouts, iterations: int = 1) -> None:
+        self.model, self.rollouts, self.iterations = model, rollouts, iterations
         self.qp, self.penalty = HorizonQP(model, self.n_rows), 0.0
         self.regulator = Regulator(model.nx, model.nu, model.N)
         self.plan: Plan
@@ -62,117 +65,125 @@ class NewtonPhase(ABC):
     @property
     @abstractmethod
     def n_rows(self) -> int:
-        """Rows of the program at every step."""
+        """Number of rows of the program at every step."""
 
-    def active(self, plan: Plan) -> np.ndarray:
-        """The active set (N, n) of a plan; smoothed laws have none."""
+    def active_set(self, plan: Plan) -> np.ndarray:
+        """Return the active set (N, n) of a plan; smoothed laws have none."""
         return np.zeros(plan.lam.shape, dtype=bool)
 
     @abstractmethod
-    def closure(self, plan: Plan, at: Evaluated, closed: np.ndarray) -> Closure:
-        """The linear closure of the contact at a plan."""
+    def closure(self, plan: Plan, evaluated: Evaluated, closed: np.ndarray) -> Closure:
+        """Return the linear closure of the contact at a plan."""
 
     @abstractmethod
     def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
-        """Rows that stay at 0 or above, (N, n_rows)."""
+        """Return the rows (N, n_rows) that stay at 0 or above."""
 
     @abstractmethod
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
-        """Steps to roll out, those of solved programs, the best last; and what is to be told."""
+        """Return the steps of solved programs to roll out, the best last; and a note."""
 
     def prepare(self, plan: Plan, sample: Sample) -> None:
         """Evaluate and linearise ``plan``."""
         self.plan, self.prepared, self.penalty = plan, None, 0.0
-        at = self.model.evaluate(plan, sample.u_before, sample.p)
-        plan.gap = at.gap
-        closed = self.active(plan)
+        evaluated = self.model.evaluate(plan, sample.u_before, sample.p)
+        plan.gap = evaluated.gap
+        closed = self.active_set(plan)
         with suppress(np.linalg.LinAlgError):
-            self.prepared = Prepared(plan, at, closed, self.linearised(plan, at, closed))
+            self.prepared = Prepared(plan, evaluated, closed, self.linearise_plan(plan, evaluated, closed))
 
-    def linearised(self, plan: Plan, at: Evaluated, closed: np.ndarray) -> Linearised:
-        """The plan's steps with the contact eliminated."""
-        return linearise(self.model, plan, at, self.closure(plan, at, closed))
+    def linearise_plan(self, plan: Plan, evaluated: Evaluated, closed: np.ndarray) -> Linearised:
+        """Return the plan's steps with the contact eliminated."""
+        return linearise(self.model, plan, evaluated, self.closure(plan, evaluated, closed))
 
     @cached_property
-    def softer(self) -> HorizonQP:
-        """The same program with a slack for each constraint."""
+    def separate_slack_qp(self) -> HorizonQP:
+        """Program with a slack for each constraint."""
         return HorizonQP(self.model, self.n_rows, separate=True)
 
     def solve(self, lin: Linearised, rows: Affine, sample: Sample) -> Direction:
-        """Return the program's step, with slacks and penalty of their own where it violates rows.
+        """Return the program's step, with separate slacks and a penalty if it violates rows.
 
-        These then hold for the sample's other programs, so that their optima compare.
+        The penalty then holds for the sample's other programs, so that their optima compare.
         """
-        given = (lin, rows, sample.x - self.plan.x[0], self.bounds_of_step(self.plan, sample))
+        arguments = (lin, rows, sample.x - self.plan.x[0], self.bounds_of_step(self.plan, sample))
         if self.penalty:
-            return self.softer.solve(*given, self.penalty)
-        best = self.qp.solve(*given)
-        if not self.model.m or (best.solved and best.violation < MET):
+            return self.separate_slack_qp.solve(*arguments, self.penalty)
+        best = self.qp.solve(*arguments)
+        if not self.model.m or (best.solved and best.violation < MET_TOLERANCE):
             return best
-        least = np.inf
+        smallest_violation = np.inf
         for penalty in PENALTIES:
-            found = self.softer.solve(*given, penalty)
-            if not found.solved or not found.violation < FALL * least:
+            direction = self.separate_slack_qp.solve(*arguments, penalty)
+            if not direction.solved or not direction.violation < PENALTY_FALL * smallest_violation:
                 break
-            best, least, self.penalty = found, found.violation, penalty
+            best, smallest_violation, self.penalty = direction, direction.violation, penalty
         return best
 
     def feedback(self, sample: Sample) -> Answer:
         """Solve the program from the measured state, and roll the candidates out."""
-        answer = self._once(sample)
-        for _ in range(self.iterations - 1):
+        return self._iterate(self._solve_program, sample, self.iterations - 1, 1e-9)
+
+    def warm_up(self, sample: Sample) -> Answer:
+        """Answer the first measurement by as many programs as improve the plan."""
+        return self._iterate(self.feedback, sample, MAX_WARM_UP_PROGRAMS, 1e-6)
+
+    def _iterate(self, solve: Callable[[Sample], Answer], sample: Sample, most: int, tolerance: float) -> Answer:
+        """Solve, then at most ``most`` times from the new plan while the merit falls by ``tolerance``."""
+        answer = solve(sample)
+        for _ in range(most):
             if answer.plan is None or answer.status == "kept":
                 break
             self.prepare(answer.plan, sample)
-            better = self._once(sample)
-            if not better.merit < answer.merit - 1e-9 * abs(answer.merit):
+            better = solve(sample)
+            if not better.merit < answer.merit - tolerance * abs(answer.merit):
                 break
             answer = better
         return answer
 
-    def _once(self, sample: Sample) -> Answer:
+    def _solve_program(self, sample: Sample) -> Answer:
         prepared, plan = self.prepared, self.plan
         if prepared is None:
-            return self._kept(sample, "a step of the plan has no linearisation")
+            return self._keep_plan(sample, "a step of the plan has no linearisation")
         try:
-            proposals, why = self.proposals(prepared, sample)
+            proposals, note = self.proposals(prepared, sample)
         except np.linalg.LinAlgError:
-            proposals, why = [], "a step has no linearisation after an exchange of contacts"
+            proposals, note = [], "a step has no linearisation after an exchange of contacts"
         K, k = self._candidates(plan, proposals, proposals[-1].lin if proposals else prepared.lin)
-        found, merit, which, off = self.roller.roll(
-            sample.x, K, k, sample.u_before, sample.bounds, sample.p, self._price(proposals)
+        best_plan, merit, index, violated = self.rollouts.roll_out(
+            sample.x, K, k, sample.u_before, sample.bounds, sample.p, self._merit_penalty(proposals)
         )
         if not np.isfinite(merit):
-            return self._kept(sample, "no candidate could be rolled out under the law")
+            return self._keep_plan(sample, "no candidate could be rolled out under the law")
         self.gain = K[1, -1]
-        status = "kept" if not proposals else "solved" if which > 1 else "plan before"
-        told = [*filter(None, [why]), *(f"the plan violates {one.name}" for one in off)]
-        return Answer(found.u[0], found, status, "; ".join(told), merit, bool(off))
+        status = "kept" if not proposals else "solved" if index > 1 else "plan before"
+        notes = [*filter(None, [note]), *(f"the plan violates {constraint.name}" for constraint in violated)]
+        return Answer(best_plan.u[0], best_plan, status, "; ".join(notes), merit, bool(violated))
 
-    def _price(self, proposals: list[Proposal]) -> float:
-        """Penalty of the merit: twice the largest multiplier of a constraint, at least 100."""
+    def _merit_penalty(self, proposals: list[Proposal]) -> float:
+        """Return the penalty of the merit: twice the largest multiplier of a constraint, at least 100."""
         m, cost = self.model.m, self.model.problem.scales.cost
-        largest = max((abs(one.step.rows[:, -m:]).max() for one in proposals if m), default=0.0)
-        return max(LEAST_PENALTY, 2 * float(largest) / cost)
+        largest = max((abs(proposal.step.rows[:, -m:]).max() for proposal in proposals if m), default=0.0)
+        return max(MIN_PENALTY, 2 * float(largest) / cost)
 
-    def _kept(self, sample: Sample, reason: str) -> Answer:
+    def _keep_plan(self, sample: Sample, reason: str) -> Answer:
         u = np.clip(self.plan.u[0], *sample.bounds)
         return Answer(u, self.plan, "kept", f"{reason}; the plan before goes on")
 
     def _candidates(self, plan: Plan, proposals: list[Proposal], lin: Linearised) -> tuple[np.ndarray, np.ndarray]:
-        """Gains K (S, N, nu, nx) and k (S, N, nu): the plan without and with gains come first."""
+        """Return gains K (S, N, nu, nx) and k (S, N, nu): the plan without and with gains come first."""
         x, u = plan.x[:-1], plan.u
         regulator = self.regulator.gains(lin)
         gains, centres, inputs = [0 * regulator, regulator], [x, x], [u, u]
-        for one in proposals:
-            own = regulator if one.lin is lin else self.regulator.gains(one.lin)
-            for share in _SHARES:
-                gains.append(own)
-                centres.append(x + share * one.step.dx[:-1])
-                inputs.append(u + share * one.step.du)
+        for proposal in proposals:
+            gains_of_proposal = regulator if proposal.lin is lin else self.regulator.gains(proposal.lin)
+            for share in STEP_SHARES:
+                gains.append(gains_of_proposal)
+                centres.append(x + share * proposal.step.dx[:-1])
+                inputs.append(u + share * proposal.step.du)
         K = np.array(gains)
         return K, np.array(inputs) - np.einsum("skij,skj->ski", K, np.array(centres))
 
     def bounds_of_step(self, plan: Plan, sample: Sample) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds (N, nu) of du."""
+        """Return the bounds (N, nu) of du."""
         return sample.bounds[0] - plan.u, sample.bounds[1] - plan.u

@@ -1,9 +1,10 @@
-"""What a feedback phase is: it turns a measured state into the next plan."""
+"""Base class of feedback phases, which turn a measured state into the next plan."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -23,37 +24,45 @@ class Sample:
 
 @dataclass(frozen=True)
 class Answer:
-    """The input to apply and the plan behind it; ``why`` says what was not as usual.
+    """The input to apply and the plan behind it; ``note`` describes anything unusual.
 
-    ``violated``: the plan violates a constraint.
+    ``violated`` is true if the plan violates a constraint.
     """
 
     u: np.ndarray
     plan: Plan | None
     status: str = "solved"
-    why: str = ""
+    note: str = ""
     merit: float = np.nan
     violated: bool = False
 
 
-class Phase(Protocol):
+class Phase(ABC):
     """One way to answer a measurement.
 
     ``prepare`` does all that needs no measurement, for the plan shifted by one step; ``feedback``
-    does the rest.
+    does the rest. ``plans`` says whether the horizon recedes; ``gain`` (nu, nx) extends the shifted
+    plan by a step.
     """
 
+    plans: ClassVar[bool] = True
+    gain: np.ndarray | None = None
+
+    @abstractmethod
     def prepare(self, plan: Plan, sample: Sample) -> None:
         """Evaluate, linearise and factorise at a plan, with the parameters of ``sample``."""
-        ...
 
+    @abstractmethod
     def feedback(self, sample: Sample) -> Answer:
         """Answer a measurement."""
-        ...
+
+    def warm_up(self, sample: Sample) -> Answer:
+        """Answer the first measurement, whose plan is from another law or state."""
+        return self.feedback(sample)
 
 
 def numbers(what: str, value: Any, *shapes: tuple[int, ...], finite: bool = False) -> np.ndarray:
-    """Return ``value`` as an array of one of the ``shapes``; of any where none is given.
+    """Return ``value`` as an array of one of the ``shapes``, by default of any shape.
 
     Raises :class:`~ocp.errors.InputError` for anything else.
     """

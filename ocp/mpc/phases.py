@@ -2,55 +2,100 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from dynamics.contact import Barrier, ContactLaw, Exact
 from dynamics.learned.laws import LearnedLaw
 from ocp.errors import InputError
-from ocp.mpc.newton_phase import NewtonPhase
+from ocp.mpc.full_phase import Full
+from ocp.mpc.newton_phase import MAX_WARM_UP_PROGRAMS, NewtonPhase
+from ocp.mpc.phase import Phase
+from ocp.mpc.policy_phase import FixedPolicy
 from ocp.mpc.qpcc_phase import QPCC, FixedActiveSet
 from ocp.mpc.relaxed_phase import Relaxed
+from ocp.mpc.rollouts import CandidateRollouts
+from ocp.mpc.stages import StageModel
+from ocp.routes.homotopy import RouteResult
+from ocp.routes.session import Session
 
-NEWTON: dict[str, type[NewtonPhase]] = {"qpcc": QPCC, "qp": FixedActiveSet, "relaxed": Relaxed}
-"""Phases that solve a quadratic program."""
+
+@dataclass(frozen=True)
+class PhaseParts:
+    """The parts of a controller from which a phase is built."""
+
+    session: Session
+    model: StageModel
+    rollouts: CandidateRollouts
+    exact: bool
+    iterations: int
+    solved: RouteResult | None
+
+
+def soft_phase(model: StageModel, rollouts: CandidateRollouts, exact: bool, iterations: int = 1) -> NewtonPhase:
+    """Return the phase of quadratic programs with soft constraints under an exact or smoothed law."""
+    return (QPCC if exact else Relaxed)(model, rollouts, iterations)
+
+
+def _newton(phase: type[NewtonPhase]) -> Callable[[PhaseParts, Any], Phase]:
+    return lambda parts, law: phase(parts.model, parts.rollouts, parts.iterations)
+
+
+def _full(parts: PhaseParts, law: Any) -> Phase:
+    softer = soft_phase(parts.model, parts.rollouts, parts.exact, MAX_WARM_UP_PROGRAMS)
+    assert parts.solved is not None
+    return Full(parts.session, parts.model, parts.solved, softer)
 
 
 @dataclass(frozen=True)
 class PhaseEntry:
-    """A phase's name, what it does, and the kind of law that it plans under."""
+    """A phase's name and summary, the kind of law that it plans under, and its constructor.
+
+    ``exact`` is None if it takes any law, ``plans`` whether its horizon recedes.
+    """
 
     name: str
     summary: str
     exact: bool | None
+    build: Callable[[PhaseParts, Any], Phase]
+    plans: bool = True
 
-    def law(self, given: ContactLaw | None) -> ContactLaw:
-        """The law, by default the exact one, or for a smoothed phase the barrier at mu = 1e-2.
+    def law(self, law: ContactLaw | None) -> ContactLaw:
+        """Return the law, by default the exact one, or for a smoothed phase the barrier at mu = 1e-2.
 
         Raises :class:`~ocp.errors.InputError` for a law that the phase cannot use.
         """
-        if isinstance(given, LearnedLaw):
+        if isinstance(law, LearnedLaw):
             raise InputError(
-                f"{given.name} has no pairs of force and gap, which every phase plans with; choose"
+                f"{law.name} has no pairs of force and gap, which every phase plans with; choose"
                 " exact, barrier, adaptive or randomized"
             )
-        if given is None:
+        if law is None:
             return Barrier(mu=1e-2) if self.exact is False else Exact()
-        if self.exact is not None and isinstance(given, Exact) != self.exact:
+        if self.exact is not None and isinstance(law, Exact) != self.exact:
             right = "the exact law" if self.exact else "a smoothed law such as barrier"
             other = "relaxed" if self.exact else "qpcc"
             raise InputError(
-                f"phase {self.name} plans under {right}, not under {given.name}; choose another law, or phase {other}"
+                f"phase {self.name} plans under {right}, not under {law.name}; choose another law, or phase {other}"
             )
-        return given
+        return law
 
 
 PHASES = {
     entry.name: entry
     for entry in (
-        PhaseEntry("full", "solve the whole problem, warm from the solution before", None),
-        PhaseEntry("qpcc", "one quadratic program, active set exchanged by multipliers", True),
-        PhaseEntry("qp", "one quadratic program, active set of the plan before", True),
-        PhaseEntry("relaxed", "one Newton step on a smoothed law", False),
-        PhaseEntry("policy", "evaluate a policy or the regulator's gains; no plan", None),
+        PhaseEntry("full", "solve the whole problem, warm from the solution before", None, _full),
+        PhaseEntry("qpcc", "one quadratic program, active set exchanged by multipliers", True, _newton(QPCC)),
+        PhaseEntry("qp", "one quadratic program, active set of the plan before", True, _newton(FixedActiveSet)),
+        PhaseEntry("relaxed", "one Newton step on a smoothed law", False, _newton(Relaxed)),
+        PhaseEntry(
+            "policy",
+            "evaluate a policy or the regulator's gains; no plan",
+            None,
+            lambda parts, law: FixedPolicy(law, parts.model.nu),
+            plans=False,
+        ),
     )
 }
+"""Feedback phases by name."""

@@ -1,4 +1,4 @@
-"""What a controller drives in a simulation: the model itself, or sharper and changed physics."""
+"""Plants that a controller drives in a simulation: its model, or sharper and changed physics."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PLANTS = {
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What is unlike the model.
+    """Differences of the plant from the model.
 
     ``noise_state`` and ``noise_input`` are standard deviations of the measurement and of the
     applied input, one number for all or values by name, in the signals' units; ``mismatch`` are the
@@ -44,7 +44,7 @@ class Disturbance:
 
 
 class Plant:
-    """One step of the world from sample to sample, at parameters of its own.
+    """The plant from sample to sample, with its own parameters.
 
     The velocity forces of a planar machine gain no energy, also where the model has explicit ones
     (:func:`~dynamics.systems.machine.with_implicit_forces`).
@@ -55,14 +55,14 @@ class Plant:
 
     def __init__(self, problem: Problem, name: str, mismatch: Mapping[str, float]) -> None:
         choose("plant", name, PLANTS)
-        known = problem.parameters.names
+        names = problem.parameters.names
         mismatch = check_mismatch(problem, mismatch)
         system = with_implicit_forces(problem.system)
         if system is not problem.system:
             problem = replace(problem, system=system)
         self.problem, self.substeps = problem, 1
-        values = dict(zip(known, problem.parameters.values, strict=True)) | dict(mismatch)
-        self._world = MujocoWorld(problem, values) if name == "mujoco" else None
+        values = dict(zip(names, problem.parameters.values, strict=True)) | dict(mismatch)
+        self._mujoco = MujocoWorld(problem, values) if name == "mujoco" else None
         step = problem.referee_step if name in ("referee", "h/4") else problem.exact_step
         if name == "h/4":
             step_size = step_size_kind(problem.system)
@@ -75,18 +75,18 @@ class Plant:
         sharpest = step is not problem.exact_step
         self.lam = slice(0, 0 if sharpest else problem.system.nlam)
 
-    def ahead(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The state after a sample, and the sum of the model's impulses, NaN under others."""
+    def step(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the state after a sample, and the sum of the model's impulses, NaN under other laws."""
         total = np.zeros(self.problem.system.nlam)
-        if self._world is not None:
-            return self._world.ahead(x, u), total * np.nan
+        if self._mujoco is not None:
+            return self._mujoco.step(x, u), total * np.nan
         for _ in range(self.substeps):
-            found = self._step(x[None], u[None], self._p)
-            after, lam = found.x_next[0], found.lam[0, self.lam]
-            if not np.isfinite(after).all():  # The solver of single steps tries more starts.
-                after, lam = (np.array(v).ravel() for v in self._solve(x, u, self._p)[:2])
+            batch_step = self._step(x[None], u[None], self._p)
+            x_next, lam = batch_step.x_next[0], batch_step.lam[0, self.lam]
+            if not np.isfinite(x_next).all():  # The solver of single steps tries more starts.
+                x_next, lam = (np.array(v).ravel() for v in self._solve(x, u, self._p)[:2])
                 lam = lam[self.lam]
-            x = after
+            x = x_next
             total = total + lam if lam.size else np.full_like(total, np.nan)
         return x, total
 
@@ -98,12 +98,12 @@ def check_mismatch(problem: Problem, mismatch: Mapping[str, float]) -> Mapping[s
     values that are not finite or make no mechanics.
     """
     mismatch = validated("mismatch", mismatch, Mapping[str, Number])
-    known = problem.parameters.names
+    names = problem.parameters.names
     for name in mismatch:
-        if name not in known:
+        if name not in names:
             raise InputError(
                 f"mismatch: {problem.name} has no physical parameter {name!r}"
-                f"{did_you_mean(name, known)}; there are {', '.join(known)}"
+                f"{did_you_mean(name, names)}; there are {', '.join(names)}"
             )
     if mismatch:
         problem.check_physics(problem.parameters.defaults | dict(mismatch))
@@ -111,28 +111,28 @@ def check_mismatch(problem: Problem, mismatch: Mapping[str, float]) -> Mapping[s
 
 
 def check_pushes(problem: Problem, pushes: Mapping[int, np.ndarray], steps: int) -> None:
-    """Raise :class:`~ocp.errors.InputError` for a sample or a change of the state that is none."""
+    """Raise :class:`~ocp.errors.InputError` for pushes at no sample, or of another shape."""
     for k, change in validated("pushes", pushes, Mapping[Index, Any]).items():
         if k >= steps:
             raise InputError(f"pushes: the sample must be from 0 to {steps - 1}, got {k}")
         numbers(f"pushes[{k}]", change, (problem.system.nx,), finite=True)
 
 
-def deviations(given: float | Mapping[str, float], names: list[str], what: str) -> np.ndarray:
-    """Standard deviations of all signals, from one number or from values by name.
+def deviations(values: float | Mapping[str, float], names: list[str], what: str) -> np.ndarray:
+    """Return standard deviations of all signals, from one number or from values by name.
 
     Raises :class:`~ocp.errors.InputError` for an unknown name, a negative or non-finite number.
     """
-    given = validated(what, given, Number | Mapping[str, Number])
-    if isinstance(given, Mapping):
-        for name in given:
+    values = validated(what, values, Number | Mapping[str, Number])
+    if isinstance(values, Mapping):
+        for name in values:
             if name not in names:
                 raise InputError(
                     f"{what}: unknown signal {name!r}{did_you_mean(name, names)}; there are {', '.join(names)}"
                 )
-        found = np.array([float(given.get(name, 0.0)) for name in names])
+        standard_deviations = np.array([float(values.get(name, 0.0)) for name in names])
     else:
-        found = np.full(len(names), float(given))
-    if not (np.isfinite(found).all() and (found >= 0).all()):
-        raise InputError(f"{what} must be 0 or more and finite, got {given}")
-    return found
+        standard_deviations = np.full(len(names), float(values))
+    if not (np.isfinite(standard_deviations).all() and (standard_deviations >= 0).all()):
+        raise InputError(f"{what} must be 0 or more and finite, got {values}")
+    return standard_deviations

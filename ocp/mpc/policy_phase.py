@@ -1,4 +1,4 @@
-"""Feedback that plans nothing: a function of the state, gains of a plan, or a regulator's."""
+"""Feedback without plans: a function of the state, gains of a plan, or a regulator's."""
 
 from __future__ import annotations
 
@@ -6,24 +6,28 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ocp.mpc.phase import Answer, Sample, numbers
+from ocp.mpc.phase import Answer, Phase, Sample, numbers
 from ocp.mpc.stages import Plan
+from ocp.problem.rollout import Gains
 
 Law = Callable[[np.ndarray, int], np.ndarray]
 """``u = law(x, k)`` at the sample k, counted from 0."""
 
 
-class FixedPolicy:
-    """``u = law(x, k)``, clipped to the bounds. The horizon does not move."""
+class FixedPolicy(Phase):
+    """The feedback ``u = law(x, k)``, or of gains, clipped to the bounds; the horizon does not recede."""
 
-    def __init__(self, law: Law, nu: int) -> None:
-        self.law, self.nu, self.count = law, nu, 0
+    plans = False
+
+    def __init__(self, law: Law | Gains, nu: int) -> None:
+        self.law: Law = (lambda x, k: law.input(k, x)) if isinstance(law, Gains) else law
+        self.nu, self.count = nu, 0
 
     def prepare(self, plan: Plan, sample: Sample) -> None:
-        """Nothing to prepare."""
+        """Do nothing; there is no plan."""
 
     def feedback(self, sample: Sample) -> Answer:
-        """Evaluate the law; raises :class:`~ocp.errors.InputError` for no nu numbers."""
+        """Evaluate the law; raise :class:`~ocp.errors.InputError` unless it returns nu numbers."""
         u = np.ravel(self.law(sample.x, self.count))
         u = numbers("the policy's input", u, (self.nu,))
         self.count += 1

@@ -11,22 +11,22 @@ from ocp.mpc.horizon_qp import Direction
 from ocp.mpc.linearised import Affine, Closure, Linearised
 from ocp.mpc.newton_phase import UNSOLVED, NewtonPhase, Prepared, Proposal
 from ocp.mpc.phase import Sample
-from ocp.mpc.rollouts import Roller
+from ocp.mpc.rollouts import CandidateRollouts
 from ocp.mpc.stages import Evaluated, Plan, StageModel
 
-_ACTIVE = 1e-6
-"""A row counts as active below this, in characteristic sizes."""
-_GAIN = 1e-4
-"""An exchange must gain this much, in characteristic costs for a characteristic size."""
+ACTIVE_TOLERANCE = 1e-6
+"""Value of a row, in characteristic sizes, below which it counts as active."""
+MIN_EXCHANGE_GAIN = 1e-4
+"""Smallest gain of an exchange, in characteristic costs for a characteristic size."""
 
 
-class _Tried(NamedTuple):
+class ActiveSetTrial(NamedTuple):
     """An active set, the horizon linearised with it, and the solution of its program."""
 
     closed: np.ndarray
     lin: Linearised
     rows: Affine
-    found: Direction
+    direction: Direction
 
 
 class QPCC(NewtonPhase):
@@ -45,25 +45,25 @@ class QPCC(NewtonPhase):
 
     exchanges = 2
 
-    def __init__(self, model: StageModel, roller: Roller, iterations: int = 1) -> None:
-        super().__init__(model, roller, iterations)
+    def __init__(self, model: StageModel, rollouts: CandidateRollouts, iterations: int = 1) -> None:
+        super().__init__(model, rollouts, iterations)
         self.sets = ActiveSets(model)
 
-    def active(self, plan: Plan) -> np.ndarray:
-        """The active set of a plan."""
+    def active_set(self, plan: Plan) -> np.ndarray:
+        """Return the active set of a plan."""
         return self.sets.of(plan)
 
     @property
     def n_rows(self) -> int:
-        """Every pair and every constraint."""
+        """Number of pairs and constraints."""
         return self.model.n + self.model.m
 
-    def closure(self, plan: Plan, at: Evaluated, closed: np.ndarray) -> Closure:
-        """The active set."""
-        return Closure.active(plan, closed)
+    def closure(self, plan: Plan, evaluated: Evaluated, closed: np.ndarray) -> Closure:
+        """Return the closure of the active set."""
+        return Closure.from_active_set(plan, closed)
 
     def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
-        """Forces of closed pairs, gaps of open ones, then the constraints."""
+        """Return forces of closed pairs and gaps of open ones, then the constraints."""
         lam_size, gap_size = self.model.sizes
         lam, gap = lin.lam, lin.gap
         value = np.where(closed, lam.value, gap.value)
@@ -77,35 +77,35 @@ class QPCC(NewtonPhase):
         return Affine(*(np.concatenate(parts, axis=1) for parts in both))
 
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
-        """The step with the plan's active set, and the best after exchanges."""
-        first = best = self._tried(prepared.lin, prepared.closed, sample)
-        if not first.found.solved:
+        """Return the step with the plan's active set, and the best after exchanges."""
+        plan_trial = best_trial = self._try_active_set(prepared.lin, prepared.closed, sample)
+        if not plan_trial.direction.solved:
             return [], UNSOLVED
         exchanges = 0
         for _ in range(self.exchanges):
-            better = self._exchanged(prepared, best, sample)
-            if better is None:
+            better_trial = self._exchanged(prepared, best_trial, sample)
+            if better_trial is None:
                 break
-            best, exchanges = better, exchanges + 1
-        steps = [Proposal(first.found, first.lin)]
+            best_trial, exchanges = better_trial, exchanges + 1
+        steps = [Proposal(plan_trial.direction, plan_trial.lin)]
         if not exchanges:
             return steps, ""
-        return [*steps, Proposal(best.found, best.lin)], "contacts were exchanged"
+        return [*steps, Proposal(best_trial.direction, best_trial.lin)], "contacts were exchanged"
 
-    def _exchanged(self, prepared: Prepared, best: _Tried, sample: Sample) -> _Tried | None:
-        """The program after an exchange that lowers its optimum, None where there is none."""
-        gains = self._gains(best)
-        wanted = gains > _GAIN
-        if not wanted.any():
+    def _exchanged(self, prepared: Prepared, incumbent: ActiveSetTrial, sample: Sample) -> ActiveSetTrial | None:
+        """Return the program after an exchange that lowers its optimum, or None."""
+        gains = self._gains(incumbent)
+        pays = gains > MIN_EXCHANGE_GAIN
+        if not pays.any():
             return None
-        alone = gains == gains.max()
-        for which in (wanted, alone)[: 1 + (wanted.sum() > 1)]:
-            closed = self.sets.exchanged(best.closed, which)
-            lin = self.linearised(prepared.plan, prepared.at, closed)
-            tried = self._tried(lin, closed, sample)
-            fallen = tried.found.objective < best.found.objective - _GAIN * self.cost
-            if tried.found.solved and fallen:
-                return tried
+        best_alone = gains == gains.max()
+        for pairs in (pays, best_alone)[: 1 + (pays.sum() > 1)]:
+            closed = self.sets.exchanged(incumbent.closed, pairs)
+            lin = self.linearise_plan(prepared.plan, prepared.evaluated, closed)
+            trial = self._try_active_set(lin, closed, sample)
+            improves = trial.direction.objective < incumbent.direction.objective - MIN_EXCHANGE_GAIN * self.cost
+            if trial.direction.solved and improves:
+                return trial
         return None
 
     @property
@@ -113,31 +113,31 @@ class QPCC(NewtonPhase):
         """The characteristic cost."""
         return self.model.problem.scales.cost
 
-    def _tried(self, lin: Linearised, closed: np.ndarray, sample: Sample) -> _Tried:
+    def _try_active_set(self, lin: Linearised, closed: np.ndarray, sample: Sample) -> ActiveSetTrial:
         rows = self.rows(lin, closed)
-        return _Tried(closed, lin, rows, self.solve(lin, rows, sample))
+        return ActiveSetTrial(closed, lin, rows, self.solve(lin, rows, sample))
 
-    def _gains(self, tried: _Tried) -> np.ndarray:
-        """Minus sigma (N, n) of pairs with both sides at zero, in characteristic costs."""
-        closed, lin, rows, found = tried
+    def _gains(self, tried: ActiveSetTrial) -> np.ndarray:
+        """Return minus sigma (N, n) of pairs with both sides at zero, in characteristic costs."""
+        closed, lin, rows, direction = tried
         model = self.model
         n, nx, sizes = model.n, model.nx, model.sizes
-        at = rows.value[:, :n] + np.einsum("kij,kj->ki", rows.by_x[:, :n], found.dx[:-1])
-        at += np.einsum("kij,kj->ki", rows.by_u[:, :n], found.du)
-        touching = (at <= _ACTIVE) & self.sets.exchangeable(closed)
+        row_values = rows.value[:, :n] + np.einsum("kij,kj->ki", rows.by_x[:, :n], direction.dx[:-1])
+        row_values += np.einsum("kij,kj->ki", rows.by_u[:, :n], direction.du)
+        touching = (row_values <= ACTIVE_TOLERANCE) & self.sets.exchangeable(closed)
         if not touching.any():
-            return np.zeros_like(at)
-        own, held = np.where(closed, *sizes), np.where(closed, *sizes[::-1])
+            return np.zeros_like(row_values)
+        held_sizes, free_sizes = np.where(closed, *sizes), np.where(closed, *sizes[::-1])
         by_rows = np.where(closed[:, :, None], lin.by_closure[:, nx:], lin.gap_by_closure)
-        sigma = -np.einsum("ki,kij->kj", found.costates, lin.by_closure[:, :nx])
-        sigma -= np.einsum("ki,kij->kj", found.rows[:, :n], by_rows / own[:, :, None])
-        sigma -= np.einsum("ki,kij->kj", found.rows[:, n:], lin.rows_by_closure)
-        gains = -sigma * held
+        sigma = -np.einsum("ki,kij->kj", direction.costates, lin.by_closure[:, :nx])
+        sigma -= np.einsum("ki,kij->kj", direction.rows[:, :n], by_rows / held_sizes[:, :, None])
+        sigma -= np.einsum("ki,kij->kj", direction.rows[:, n:], lin.rows_by_closure)
+        gains = -sigma * free_sizes
         gains[~touching] = 0.0
         return gains / self.cost
 
 
 class FixedActiveSet(QPCC):
-    """The program of :class:`QPCC` without exchanges: contacts stay as the plan has them."""
+    """Program of :class:`QPCC` without exchanges: contacts stay as in the plan."""
 
     exchanges = 0

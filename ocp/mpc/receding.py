@@ -1,4 +1,4 @@
-"""The problem that a receding horizon solves: its start and last input are parameters."""
+"""Receding problem: its start and last input are parameters."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ocp.errors import InputError, did_you_mean
 from ocp.mpc.phase import numbers
 from ocp.problem.problem import Problem, Scenarios
 
-_WEIGHT = 100.0
-"""Of softened terminal constraints, in characteristic costs for a characteristic size."""
+TERMINAL_WEIGHT = 100.0
+"""Weight of softened terminal constraints, in characteristic costs for a characteristic size."""
 
 Values = Mapping[str, "float | np.ndarray"]
 """Parameters by name; an array (N,) or (N+1,) has one value per step of the horizon."""
@@ -26,16 +26,16 @@ Values = Mapping[str, "float | np.ndarray"]
 class Receding:
     """A problem whose measured state and last input are parameters.
 
-    ``problem`` has the parameters ``measured_0 ...`` and ``last_input_0 ...``; ``told`` says in
+    ``problem`` has the parameters ``measured_0 ...`` and ``last_input_0 ...``; ``notes`` says in
     sentences what a receding horizon had to change.
     """
 
     problem: Problem
-    told: tuple[str, ...]
+    notes: tuple[str, ...]
 
     @classmethod
     def of(cls, problem: Problem) -> Receding:
-        """Make one of a problem.
+        """Make a receding problem.
 
         Raises :class:`~ocp.errors.InputError` for a free final time, which has no fixed sample.
         """
@@ -44,26 +44,26 @@ class Receding:
                 f"{problem.name}: the step size is free, and a controller needs a fixed one; build"
                 " the problem with a number for h"
             )
-        told: list[str] = []
-        made: dict[str, Any] = {"start": None, "terminal": (), "scenarios": Scenarios()}
+        notes: list[str] = []
+        changes: dict[str, Any] = {"start": None, "terminal": (), "scenarios": Scenarios()}
         if problem.start is not None:
-            told.append("The start is measured, not chosen; periodicity is left out.")
+            notes.append("The start is measured, not chosen; periodicity is left out.")
         if problem.scenarios.n > 1:
-            told.append(f"The measured state replaces the {problem.scenarios.n} scenarios.")
+            notes.append(f"The measured state replaces the {problem.scenarios.n} scenarios.")
         if problem.terminal:
-            names = ", ".join(one.name for one in problem.terminal)
-            told.append(f"Terminal constraints ({names}) are softened.")
-            made["terminal_cost"] = problem.terminal_cost + _softened(problem)
+            names = ", ".join(constraint.name for constraint in problem.terminal)
+            notes.append(f"Terminal constraints ({names}) are softened.")
+            changes["terminal_cost"] = problem.terminal_cost + _softened(problem)
         defaults = problem.parameters.values
-        x0, before = (np.array(v).ravel() for v in problem.limits(defaults)[:2])
+        x0, last_input = (np.array(v).ravel() for v in problem.limits(defaults)[:2])
         measured = [Parameter(f"measured_{i}", v, "1", "measured state") for i, v in enumerate(x0)]
-        last = [Parameter(f"last_input_{i}", v, "1", "input before") for i, v in enumerate(before)]
-        added = ParameterTable([*measured, *last])
-        made["x0"] = added.vector[: len(measured)]
+        input_parameters = [Parameter(f"last_input_{i}", v, "1", "input before") for i, v in enumerate(last_input)]
+        added = ParameterTable([*measured, *input_parameters])
+        changes["x0"] = added.vector[: len(measured)]
         if problem.uses_du:
-            made["u_before"] = added.vector[len(measured) :]
-        changed = replace(problem, parameters=problem.parameters + added, **made)
-        return cls(changed, tuple(told))
+            changes["u_before"] = added.vector[len(measured) :]
+        changed = replace(problem, parameters=problem.parameters + added, **changes)
+        return cls(changed, tuple(notes))
 
     @cached_property
     def added(self) -> list[str]:
@@ -73,38 +73,40 @@ class Receding:
 
 
 def _softened(problem: Problem) -> ca.SX:
-    """100 characteristic costs times the squared violation of terminal constraints."""
-    off = ca.SX(0)
-    for one in problem.terminal:
-        above, below = one.expression - one.upper, one.lower - one.expression
-        off += ca.sumsqr(ca.fmax(above, 0) + ca.fmax(below, 0))
-    return _WEIGHT * problem.scales.cost / problem.natural_scales.x.max() ** 2 * off
+    """Return 100 characteristic costs times the squared violation of terminal constraints."""
+    violation = ca.SX(0)
+    for constraint in problem.terminal:
+        above, below = constraint.expression - constraint.upper, constraint.lower - constraint.expression
+        violation += ca.sumsqr(ca.fmax(above, 0) + ca.fmax(below, 0))
+    return TERMINAL_WEIGHT * problem.scales.cost / problem.natural_scales.x.max() ** 2 * violation
 
 
 def horizon_rows(
     receding: Receding, names: list[str], base: np.ndarray, values: Values, dynamics: set[str]
 ) -> np.ndarray:
-    """Parameters as rows (N+1, np), one per step and one for the end, from ``base`` (np,).
+    """Return parameters as rows (N+1, np), one per step and one for the end, from ``base`` (np,).
 
     ``dynamics`` are the names that the step depends on, which have one value over a horizon.
 
     Raises :class:`~ocp.errors.InputError` for an unknown name, and for an array of another length
     or of a parameter of the dynamics.
     """
-    N, known = receding.problem.N, [n for n in names if n not in receding.added]
-    found = np.tile(base, (N + 1, 1))
+    N, allowed = receding.problem.N, [n for n in names if n not in receding.added]
+    rows = np.tile(base, (N + 1, 1))
     for name, value in values.items():
-        if name not in known:
-            raise InputError(f"{receding.problem.name} has no parameter {name!r}{did_you_mean(name, known)}")
-        given, i = numbers(name, value, finite=True), names.index(name)
-        if given.ndim == 0:
-            found[:, i] = given
+        if name not in allowed:
+            raise InputError(f"{receding.problem.name} has no parameter {name!r}{did_you_mean(name, allowed)}")
+        values_of_name, i = numbers(name, value, finite=True), names.index(name)
+        if values_of_name.ndim == 0:
+            rows[:, i] = values_of_name
             continue
-        if given.shape not in ((N,), (N + 1,)):
-            raise InputError(f"{name} over the horizon needs {N} or {N + 1} values, got an array {given.shape}")
-        if name in dynamics and np.ptp(given) > 0:
+        if values_of_name.shape not in ((N,), (N + 1,)):
+            raise InputError(
+                f"{name} over the horizon needs {N} or {N + 1} values, got an array {values_of_name.shape}"
+            )
+        if name in dynamics and np.ptp(values_of_name) > 0:
             raise InputError(
                 f"{name} is a parameter of the dynamics, which has one value over the horizon; give a number"
             )
-        found[: len(given), i], found[len(given) :, i] = given, given[-1]
-    return found
+        rows[: len(values_of_name), i], rows[len(values_of_name) :, i] = values_of_name, values_of_name[-1]
+    return rows

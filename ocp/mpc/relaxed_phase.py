@@ -15,18 +15,18 @@ class Relaxed(NewtonPhase):
 
     @property
     def n_rows(self) -> int:
-        """The constraints alone: the law keeps forces and gaps positive."""
+        """Number of constraints; the law keeps forces and gaps positive."""
         return self.model.m
 
-    def closure(self, plan: Plan, at: Evaluated, closed: np.ndarray) -> Closure:
-        """The law's own."""
-        return Closure.product(plan, at.mu, self.model.sizes)
+    def closure(self, plan: Plan, evaluated: Evaluated, closed: np.ndarray) -> Closure:
+        """Return the law's closure, linearised."""
+        return Closure.from_product(plan, evaluated.mu, self.model.sizes)
 
     def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
-        """The constraints."""
+        """Return the constraints."""
         return lin.rows
 
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
-        """The step of the one program."""
-        found = self.solve(prepared.lin, prepared.lin.rows, sample)
-        return ([Proposal(found, prepared.lin)], "") if found.solved else ([], UNSOLVED)
+        """Return the step of the program."""
+        direction = self.solve(prepared.lin, prepared.lin.rows, sample)
+        return ([Proposal(direction, prepared.lin)], "") if direction.solved else ([], UNSOLVED)

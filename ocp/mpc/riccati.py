@@ -9,8 +9,8 @@ from dynamics.systems.elimination import solve_without_pivoting
 from ocp.mpc.linearised import Linearised
 from ocp.transcription.nlp import StageCompiler
 
-_LEAST = 1e-9
-"""Added to the curvature by inputs, as a share of its mean."""
+INPUT_CURVATURE_SHARE = 1e-9
+"""Curvature by inputs that is added, as a share of its mean."""
 
 
 class Regulator:
@@ -26,19 +26,19 @@ class Regulator:
         H = ca.SX.sym("H", nx + nu, nx + nu)
         Q = H + AB.T @ V @ AB
         Quu = Q[nx:, nx:]
-        Quu = Quu + _LEAST / nu * ca.trace(Quu) * ca.SX.eye(nu)
+        Quu = Quu + INPUT_CURVATURE_SHARE / nu * ca.trace(Quu) * ca.SX.eye(nu)
         K = -solve_without_pivoting(Quu, Q[nx:, :nx])
-        before = Q[:nx, :nx] + Q[:nx, nx:] @ K
-        step = ca.Function("mpc_riccati", [V, AB, H], [0.5 * (before + before.T), K], {"cse": True})
+        value_hessian = Q[:nx, :nx] + Q[:nx, nx:] @ K
+        step = ca.Function("mpc_riccati", [V, AB, H], [0.5 * (value_hessian + value_hessian.T), K], {"cse": True})
         self._backwards = StageCompiler()(step).mapaccum(N)
 
     def gains(self, lin: Linearised) -> np.ndarray:
-        """K (N, nu, nx), zero where it is not finite."""
+        """Return K (N, nu, nx), zero if it is not finite."""
         nx, nu, N = self.nx, self.nu, self.N
         AB = np.concatenate([lin.x_next.by_x, lin.x_next.by_u], axis=2)
         xu = np.r_[:nx, nx + nu : nx + 2 * nu]
         H = lin.hessian[:, xu[:, None], xu]
         columns = (v[::-1].transpose(1, 0, 2).reshape(v.shape[1], -1) for v in (AB, H))
         _, K = self._backwards(lin.end[1], *columns)
-        found = np.asarray(K).reshape(nu, N, nx).transpose(1, 0, 2)[::-1]
-        return found if np.isfinite(found).all() else np.zeros_like(found)
+        gains = np.asarray(K).reshape(nu, N, nx).transpose(1, 0, 2)[::-1]
+        return gains if np.isfinite(gains).all() else np.zeros_like(gains)

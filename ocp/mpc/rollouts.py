@@ -1,4 +1,4 @@
-"""Candidates for the next plan, rolled out under the law from the measured state."""
+"""Rollouts of candidates for the next plan from the measured state."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import numpy as np
 
 from dynamics.batch import Episode, EpisodeFunction, RolloutPolicy, StepFunction
 from ocp.judge.constraints import Broken
-from ocp.mpc.stages import LEAST_PENALTY, Plan, StageModel
+from ocp.mpc.stages import MIN_PENALTY, Plan, StageModel
 
-_FAR = 1e6
+MAX_INPUT = 1e6
 """Limit of inputs without bounds, in characteristic inputs."""
 
 
-class Roller:
-    """Plans of ``u_k = clip(K_k x_k + k_k)``, rolled out under the law of a stage model."""
+class CandidateRollouts:
+    """Rollouts of ``u_k = clip(K_k x_k + k_k)`` under the law of a stage model."""
 
     def __init__(self, model: StageModel) -> None:
         self.model = model
@@ -31,11 +31,11 @@ class Roller:
         self._roll = EpisodeFunction(step, objective, model.N, policy, threads=1)
         self._step = StepFunction(step, threads=1)
 
-    def ahead(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """The states (n, nx) one step after x (n, nx), under u (n, nu)."""
+    def step(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Return the states (n, nx) one step after x (n, nx), under u (n, nu)."""
         return self._step(x, u, p[0, self.model.of_step]).x_next
 
-    def roll(
+    def roll_out(
         self,
         x0: np.ndarray,
         K: np.ndarray,
@@ -43,26 +43,26 @@ class Roller:
         u_before: np.ndarray,
         bounds: tuple[np.ndarray, np.ndarray],
         p: np.ndarray,
-        penalty: float = LEAST_PENALTY,
+        penalty: float = MIN_PENALTY,
     ) -> tuple[Plan, float, int, list[Broken]]:
-        """The candidate of lowest merit, its merit, which it is, and what it violates.
+        """Return the candidate of lowest merit, its merit, its index, and its violated constraints.
 
         Gains K (S, N, nu, nx) and k (S, N, nu) are those of S candidates; one that has no solution
         at a step has an infinite merit.
         """
         model, (S, N) = self.model, K.shape[:2]
-        far = _FAR * model.problem.scales.u
-        low, high = np.maximum(bounds[0], -far), np.minimum(bounds[1], far)
-        ends = np.broadcast_to(np.concatenate([low, high]), (S, N, 2 * model.nu))
+        input_limit = MAX_INPUT * model.problem.scales.u
+        lower, upper = np.maximum(bounds[0], -input_limit), np.minimum(bounds[1], input_limit)
+        ends = np.broadcast_to(np.concatenate([lower, upper]), (S, N, 2 * model.nu))
         theta = np.concatenate([K.reshape(S, N, -1), k, ends], axis=2)
-        own = p[0, model.of_step]
-        x = self._roll(np.tile(x0, (S, 1)), theta, np.append(own, 1.0), states=True).states
-        u = np.clip(np.einsum("skij,skj->ski", K, x[:, :-1]) + k, low, high)
-        flat = x[:, :-1].reshape(S * N, -1), u.reshape(S * N, -1)
-        lam = self._step(*flat, own).lam[:, : model.n].reshape(S, N, -1)
-        merit, off, gap = model.merits(x, u, lam, u_before, p, penalty)
-        sound = np.isfinite(merit) & np.isfinite(x).all(axis=(1, 2)) & np.isfinite(lam).all(axis=(1, 2))
-        merit = np.where(sound, merit, np.inf)
+        step_parameters = p[0, model.of_step]
+        x = self._roll(np.tile(x0, (S, 1)), theta, np.append(step_parameters, 1.0), states=True).states
+        u = np.clip(np.einsum("skij,skj->ski", K, x[:, :-1]) + k, lower, upper)
+        flattened = x[:, :-1].reshape(S * N, -1), u.reshape(S * N, -1)
+        lam = self._step(*flattened, step_parameters).lam[:, : model.n].reshape(S, N, -1)
+        merit, violations, gap = model.merits(x, u, lam, u_before, p, penalty)
+        finite = np.isfinite(merit) & np.isfinite(x).all(axis=(1, 2)) & np.isfinite(lam).all(axis=(1, 2))
+        merit = np.where(finite, merit, np.inf)
         best = int(np.argmin(merit))
         plan = Plan(x[best], u[best], lam[best], gap[best])
-        return plan, float(merit[best]), best, model.violations(off[[best]])
+        return plan, float(merit[best]), best, model.violations(violations[[best]])

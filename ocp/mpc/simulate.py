@@ -26,11 +26,11 @@ from ocp.problem.problem import Problem
 from ocp.routes.session import Session
 from ocp.validation import Count, Index, validated
 
-_FAR = 100.0
-"""How far a state may be in the time of a horizon, in sizes of problem, start and first plan."""
-_FEASIBLE = 1e-6
+DIVERGED_FACTOR = 100.0
+"""Largest state within the time of a horizon, in sizes of problem, start and first plan."""
+FEASIBILITY_TOLERANCE = 1e-6
 """Largest violation of constraints of a plan that is judged, in their characteristic sizes."""
-_SHARE = 0.01
+DEFAULT_NOISE_SHARE = 0.01
 """Noise of the plant ``noise`` where none is given, in characteristic sizes."""
 
 Goals = Callable[[int, np.ndarray], Values]
@@ -39,24 +39,24 @@ Goals = Callable[[int, np.ndarray], Values]
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """Trajectories of S seeds over T samples, as labelled arrays, and what was counted.
+    """Trajectories of S seeds over T samples as labelled arrays, and counts.
 
     ``data`` has x (S, T+1, nx), u (S, T, nu), measured (S, T, nx), plan (S, T, N+1, nx), seconds,
     cost (S, T), merit, status (S, T) and ended (S,), the number of samples before the plant
-    diverged. ``why`` are the sentences of the commands, with how often each came; ``violations``
+    diverged. ``notes`` are the sentences of the commands, with how often each came; ``violations``
     are those by the plant, of bounds on states and path constraints, the worst first.
     """
 
     problem: Problem
     data: xr.Dataset
-    why: Mapping[str, int]
+    notes: Mapping[str, int]
     misses: int
     record: dict[str, Any] = field(default_factory=dict)
     violations: list[Broken] = field(default_factory=list)
 
     @cached_property
     def verdict(self) -> LoopVerdict:
-        """Status and sentences; ``str(loop.verdict)`` is what ``ocp mpc`` prints."""
+        """Status and sentences; ``ocp mpc`` prints ``str(loop.verdict)``."""
         return LoopVerdict(self)
 
     @property
@@ -76,8 +76,8 @@ class ClosedLoop:
 
         costs = self.costs[np.isfinite(self.costs)]
         n, mean = len(costs), float(costs.mean()) if len(costs) else np.nan
-        half = float(stdtrit(n - 1, 0.975) * costs.std(ddof=1) / np.sqrt(n)) if n > 1 else np.nan
-        return mean - half, mean + half
+        half_width = float(stdtrit(n - 1, 0.975) * costs.std(ddof=1) / np.sqrt(n)) if n > 1 else np.nan
+        return mean - half_width, mean + half_width
 
     @property
     def survived(self) -> np.ndarray:
@@ -87,9 +87,9 @@ class ClosedLoop:
     @property
     def certified(self) -> float:
         """Share of the judged plans that are stationary; NaN where none was judged."""
-        judged = self.data["certificate"].values
-        asked = judged != ""
-        return float(np.isin(judged[asked], ("B", "KKT")).mean()) if asked.any() else np.nan
+        certificates = self.data["certificate"].values
+        was_judged = certificates != ""
+        return float(np.isin(certificates[was_judged], ("B", "KKT")).mean()) if was_judged.any() else np.nan
 
     def percentile(self, share: float, skip: int = 10) -> float:
         """Percentile of the seconds of a sample, without the first ``skip`` of every seed."""
@@ -110,7 +110,7 @@ def simulate(
     certify: int = 0,
     progress: Callable[[int, int, Command], None] | None = None,
 ) -> ClosedLoop:
-    """Drive ``plant`` from ``x0`` (nx,) or (seeds, nx) for ``steps`` samples, once a seed.
+    """Drive ``plant`` from ``x0`` (nx,) or (seeds, nx) for ``steps`` samples, once per seed.
 
     ``certify`` judges every n-th plan by an independent certificate, outside the timed step.
     The noise of seed s is the stream s of ``seed``. A plant that diverges ends its seed; Ctrl-C
@@ -119,14 +119,15 @@ def simulate(
     Raises :class:`~ocp.errors.InputError` for counts below 1, starts of another shape or not
     finite, pushes beyond the end, and as :class:`Plant` does.
     """
-    given = validated("disturbance", disturbance or Disturbance(), InstanceOf[Disturbance])
+    disturbance = disturbance or Disturbance()
+    validated("disturbance", disturbance, InstanceOf[Disturbance])
     steps, seeds = validated("steps", steps, Count), validated("seeds", seeds, Count)
     seed, certify = validated("seed", seed, Index), validated("certify", certify, Index)
     nx = controller.problem.system.nx
     starts = controller.start if x0 is None else x0
     starts = np.broadcast_to(numbers("x0", starts, (nx,), (seeds, nx), finite=True), (seeds, nx))
-    check_pushes(controller.problem, given.pushes, steps)
-    loop = _Loop(controller, Plant(controller.problem, plant, given.mismatch), given, steps, seeds)
+    check_pushes(controller.problem, disturbance.pushes, steps)
+    loop = _Loop(controller, Plant(controller.problem, plant, disturbance.mismatch), disturbance, steps, seeds)
     loop.goals, loop.certify, loop.progress = goals, certify, progress
     if plant == "noise":
         loop.default_noise()
@@ -152,16 +153,16 @@ def simulate(
 class _Loop:
     """The arrays of a simulation, filled seed by seed."""
 
-    def __init__(self, controller: Controller, plant: Plant, given: Disturbance, steps: int, seeds: int) -> None:
-        self.controller, self.plant, self.given = controller, plant, given
+    def __init__(self, controller: Controller, plant: Plant, disturbance: Disturbance, steps: int, seeds: int) -> None:
+        self.controller, self.plant, self.disturbance = controller, plant, disturbance
         self.goals: Goals | None = None
         self.progress: Callable[[int, int, Command], None] | None = None
         self.certify = 0
         problem, system = controller.problem, controller.problem.system
         nx, nu, N = system.nx, system.nu, problem.N
-        self.states, self.inputs = ([one.name for one in part] for part in (system.states, system.inputs))
-        self.sd_x = deviations(given.noise_state, self.states, "noise-state")
-        self.sd_u = deviations(given.noise_input, self.inputs, "noise-input")
+        self.states, self.inputs = ([signal.name for signal in signals] for signals in (system.states, system.inputs))
+        self.sd_x = deviations(disturbance.noise_state, self.states, "noise-state")
+        self.sd_u = deviations(disturbance.noise_input, self.inputs, "noise-input")
         shapes = {
             "x": (steps + 1, nx),
             "u": (steps, nu),
@@ -175,52 +176,52 @@ class _Loop:
         self.status = np.full((seeds, steps), "", dtype="<U12")
         self.certificate = np.full((seeds, steps), "", dtype="<U12")
         self.ended, self.end_cost = np.zeros(seeds, dtype=int), np.full(seeds, np.nan)
-        self.why: dict[str, int] = {}
+        self.notes: dict[str, int] = {}
         self.misses, self.steps = 0, steps
         self.rows = ConstraintRows.of(problem)
-        self.off = np.zeros((seeds, steps, len(self.rows.names)))
-        at = [system.x, system.u, system.x_next, system.lam, problem.parameters.vector]
-        self._off = ca.Function("off", at, [-self.rows.expression])
+        self.violation_amounts = np.zeros((seeds, steps, len(self.rows.names)))
+        arguments = [system.x, system.u, system.x_next, system.lam, problem.parameters.vector]
+        self._violation_function = ca.Function("off", arguments, [-self.rows.expression])
 
     def default_noise(self) -> None:
-        """Noise of the plant ``noise``, where none is given."""
+        """Set the default noise of the plant ``noise``."""
         problem = self.controller.problem
         if not self.sd_x.any() and not self.sd_u.any():
-            self.sd_x, self.sd_u = _SHARE * problem.scales.x, _SHARE * problem.scales.u
+            self.sd_x, self.sd_u = DEFAULT_NOISE_SHARE * problem.scales.x, DEFAULT_NOISE_SHARE * problem.scales.u
             step_size = step_size_kind(problem.system)
-            if step_size.kind == "state":  # Nobody measures it.
+            if step_size.kind == "state":  # Such a state is not measured.
                 self.sd_x[step_size.state] = 0.0
 
     def run(self, s: int, x: np.ndarray, rng: np.random.Generator) -> None:
-        """One seed, from its start to its end."""
+        """Simulate one seed, from its start to its end."""
         controller, N = self.controller, self.controller.problem.N
         controller.reset()
         plan = controller.plan.x
         sizes = [controller.problem.scales.x, abs(x), *abs(plan[np.isfinite(plan).all(axis=1)])]
-        far = _FAR * np.max(sizes, axis=0)
-        before = waiting = controller.u_before
+        max_state = DIVERGED_FACTOR * np.max(sizes, axis=0)
+        last_input = waiting = controller.u_before
         for k in range(self.steps):
-            self.arrays["x"][s, k] = x = x + np.asarray(self.given.pushes.get(k, 0.0))
-            seen = x + self.sd_x * rng.standard_normal(x.size)
-            asked = self.goals(k, seen) if self.goals else {}
-            command = controller.step(seen, before, asked)
-            self._keep(s, k, seen, command)
-            wanted = waiting if self.given.delay else command.u
+            self.arrays["x"][s, k] = x = x + np.asarray(self.disturbance.pushes.get(k, 0.0))
+            measured = x + self.sd_x * rng.standard_normal(x.size)
+            parameters = self.goals(k, measured) if self.goals else {}
+            command = controller.step(measured, last_input, parameters)
+            self._store_sample(s, k, measured, command)
+            commanded = waiting if self.disturbance.delay else command.u
             waiting = command.u
-            u = wanted + self.sd_u * rng.standard_normal(wanted.size)
-            x_next, lam = self.plant.ahead(x, u)
-            terms, given = controller.problem.cost_terms, (u, u - before, lam, controller.physical)
+            u = commanded + self.sd_u * rng.standard_normal(commanded.size)
+            x_next, lam = self.plant.step(x, u)
+            terms, cost_arguments = controller.problem.cost_terms, (u, u - last_input, lam, controller.physical)
             self.arrays["u"][s, k] = u
-            self.arrays["cost"][s, k] = float(terms(x, *given)[0])
-            self.end_cost[s] = float(terms(x_next, *given)[1])
-            self.off[s, k] = np.ravel(self._off(x, u, x_next, lam, controller.physical))
-            x, before = x_next, u
-            if not np.isfinite(x).all() or (abs(x) > far * (1 + k / N)).any():
+            self.arrays["cost"][s, k] = float(terms(x, *cost_arguments)[0])
+            self.end_cost[s] = float(terms(x_next, *cost_arguments)[1])
+            self.violation_amounts[s, k] = np.ravel(self._violation_function(x, u, x_next, lam, controller.physical))
+            x, last_input = x_next, u
+            if not np.isfinite(x).all() or (abs(x) > max_state * (1 + k / N)).any():
                 return
             self.arrays["x"][s, k + 1] = x
             self.ended[s] = k + 1
 
-    def _keep(self, s: int, k: int, seen: np.ndarray, command: Command) -> None:
+    def _store_sample(self, s: int, k: int, seen: np.ndarray, command: Command) -> None:
         arrays = self.arrays
         arrays["measured"][s, k], arrays["seconds"][s, k] = seen, command.seconds
         arrays["merit"][s, k], self.status[s, k] = command.merit, command.status
@@ -229,14 +230,14 @@ class _Loop:
             arrays["plan"][s, k] = command.plan.x
             if self.certify and k % self.certify == 0:
                 values = self.controller.values_of_sample
-                self.certificate[s, k] = judge_plan(self.controller.session, command.plan, values)
-        for reason in filter(None, command.why.split("; ")):
-            self.why[reason] = self.why.get(reason, 0) + 1
+                self.certificate[s, k] = certify_plan(self.controller.session, command.plan, values)
+        for reason in filter(None, command.note.split("; ")):
+            self.notes[reason] = self.notes.get(reason, 0) + 1
         if self.progress:
             self.progress(s, k, command)
 
     def result(self, record: dict[str, Any]) -> ClosedLoop:
-        """All as labelled arrays."""
+        """Return the loop with labelled arrays."""
         dims = {
             "x": ("node", "state"),
             "u": ("sample", "input"),
@@ -246,33 +247,33 @@ class _Loop:
             "seconds": ("sample",),
             "merit": ("sample",),
         }
-        parts = {name: (("seed", *dims[name]), self.arrays[name]) for name in dims}
-        parts |= {name: (("seed", "sample"), getattr(self, name)) for name in ("status", "certificate")}
-        parts |= {name: (("seed",), getattr(self, name)) for name in ("ended", "end_cost")}
-        data = xr.Dataset(parts, coords={"state": self.states, "input": self.inputs})
-        begun = np.isfinite(self.arrays["u"]).any(axis=(1, 2))
+        variables = {name: (("seed", *dims[name]), self.arrays[name]) for name in dims}
+        variables |= {name: (("seed", "sample"), getattr(self, name)) for name in ("status", "certificate")}
+        variables |= {name: (("seed",), getattr(self, name)) for name in ("ended", "end_cost")}
+        data = xr.Dataset(variables, coords={"state": self.states, "input": self.inputs})
+        was_run = np.isfinite(self.arrays["u"]).any(axis=(1, 2))
         return ClosedLoop(
             self.controller.problem,
-            data.isel(seed=begun),
-            self.why,
+            data.isel(seed=was_run),
+            self.notes,
             self.misses,
             record,
-            self.rows.violations(self.off),
+            self.rows.violations(self.violation_amounts),
         )
 
 
-def judge_plan(session: Session, plan: Plan, values: dict[str, float]) -> str:
-    """``B`` or ``KKT`` for a stationary plan, ``not``, ``undecided`` or ``infeasible``.
+def certify_plan(session: Session, plan: Plan, values: dict[str, float]) -> str:
+    """Return ``B`` or ``KKT`` for a stationary plan, else ``not``, ``undecided`` or ``infeasible``.
 
     ``B`` is B-stationarity for the exact law, ``KKT`` that of the smoothed problem.
     """
     nlp = session.judging_nlp()
-    found = {"x": plan.x[None, 1:], "u": plan.u[None], "lam": plan.lam[None], "gap": plan.gap[None]}
-    point = nlp.variables.pack({k: v for k, v in found.items() if k in nlp.variables})
+    blocks = {"x": plan.x[None, 1:], "u": plan.u[None], "lam": plan.lam[None], "gap": plan.gap[None]}
+    point = nlp.variables.pack({k: v for k, v in blocks.items() if k in nlp.variables})
     p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
     g = nlp.values(point, p)[1]
-    off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"]) / nlp.natural.g
+    row_violation = np.maximum(bounds["lbg"] - g, g - bounds["ubg"]) / nlp.natural.g
     box = np.maximum(bounds["lbx"] - point, point - bounds["ubx"]) / nlp.natural.x
-    if not max(off.max(initial=0.0), box.max(initial=0.0)) <= _FEASIBLE:
+    if not max(row_violation.max(initial=0.0), box.max(initial=0.0)) <= FEASIBILITY_TOLERANCE:
         return "infeasible"
     return certify(nlp, point, p, bounds).stationarity

@@ -17,9 +17,10 @@ from ocp.problem.policy import OpenLoop
 from ocp.problem.problem import Problem
 from ocp.transcription.common import Graph
 
-_COMPLIANCE = 1e-9
-LEAST_PENALTY = 100.0
-"""Of violated constraints in the merit, in characteristic costs for a characteristic size."""
+CLOSED_PAIR_COMPLIANCE = 1e-9
+"""Compliance of closed pairs, gap over force in characteristic sizes."""
+MIN_PENALTY = 100.0
+"""Smallest penalty of violated constraints in the merit, in characteristic costs for a size."""
 
 
 @dataclass
@@ -33,12 +34,12 @@ class Plan:
 
     @property
     def finite(self) -> bool:
-        """Whether no state and no input is NaN or infinite."""
+        """Whether all states and inputs are finite."""
         return bool(np.isfinite(self.x).all() and np.isfinite(self.u).all())
 
 
 class Evaluated(NamedTuple):
-    """Steps of a plan, a row each, and their derivatives.
+    """Values and derivatives of the steps of a plan, a row each.
 
     residual (N, nx), gap and mu (N, n), and ``rows`` (N, m), which constraints keep at 0 or above;
     ``jacobian`` of all of them by (x, u, x_next, lam); gradient (N, nw + n) and Hessian of the
@@ -79,19 +80,21 @@ class StageModel:
         cost, w = graph.stage_cost(), ca.vertcat(system.x, graph.u_before, system.u, step.lam)
         self.costs_impulses = bool(ca.depends_on(cost, step.lam))
         values = ca.vertcat(step.residual, step.gap, step.mu, rows)
-        by = ca.vertcat(system.x, system.u, system.x_next, step.lam)
+        variables = ca.vertcat(system.x, system.u, system.x_next, step.lam)
         hessian, gradient = ca.hessian(cost, w)
         arguments = [system.x, graph.u_before, system.u, system.x_next, step.lam, graph.p]
-        self._merit = _batched("mpc_merit", arguments, [cost, ca.fmax(-rows, 0), step.gap])
-        self._stage = _batched("mpc_stage", arguments, [values, ca.jacobian(values, by), gradient, hessian])
-        last, end = [system.x, graph.p], problem.changeable_costs[1]
-        hessian, gradient = ca.hessian(end, system.x)
-        self._end_cost = _batched("mpc_end_cost", last, [end])
-        self._end_slopes = _batched("mpc_end", last, [gradient, hessian])
+        self._merit = _batch_function("mpc_merit", arguments, [cost, ca.fmax(-rows, 0), step.gap])
+        self._stage = _batch_function(
+            "mpc_stage", arguments, [values, ca.jacobian(values, variables), gradient, hessian]
+        )
+        terminal_arguments, terminal_cost = [system.x, graph.p], problem.changeable_costs[1]
+        hessian, gradient = ca.hessian(terminal_cost, system.x)
+        self._end_cost = _batch_function("mpc_end_cost", terminal_arguments, [terminal_cost])
+        self._end_slopes = _batch_function("mpc_end", terminal_arguments, [gradient, hessian])
 
     @property
     def backend(self) -> str:
-        """What evaluates the steps: ``c``, or ``numpy`` on a computer without a compiler."""
+        """Backend that evaluates the steps: ``c``, or ``numpy`` on a computer without a compiler."""
         return self._stage.backend
 
     def merits(
@@ -101,28 +104,28 @@ class StageModel:
         lam: np.ndarray,
         u_before: np.ndarray,
         p: np.ndarray,
-        penalty: float = LEAST_PENALTY,
+        penalty: float = MIN_PENALTY,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Merit (S,) of S plans, violation of their rows (S, N, m), gaps (S, N, n).
+        """Return the merit (S,) of S plans, violations of their rows (S, N, m), and gaps (S, N, n).
 
-        ``p`` is (N+1, np). The merit is the cost and ``penalty`` characteristic costs times all
-        that constraints are violated by, in characteristic sizes.
+        ``p`` is (N+1, np). The merit is the cost plus ``penalty`` characteristic costs times the
+        sum of violations, in characteristic sizes.
         """
         S = len(x)
-        before = np.concatenate([np.broadcast_to(u_before, (S, 1, self.nu)), u[:, :-1]], axis=1)
-        each = (x[:, :-1], before, u, x[:, 1:], lam, np.broadcast_to(p[:-1], (S, *p[:-1].shape)))
-        outputs = self._merit(*(v.reshape(S * self.N, -1) for v in each))
-        cost, off, gap = (v.reshape(S, self.N, -1) for v in outputs)
-        end = self._end_cost(x[:, -1], p[-1])[:, 0]
-        paid = cost + penalty * self.problem.scales.cost * off.sum(axis=2, keepdims=True)
-        return paid.sum(axis=(1, 2)) + end, off, gap
+        inputs_before = np.concatenate([np.broadcast_to(u_before, (S, 1, self.nu)), u[:, :-1]], axis=1)
+        arguments = (x[:, :-1], inputs_before, u, x[:, 1:], lam, np.broadcast_to(p[:-1], (S, *p[:-1].shape)))
+        outputs = self._merit(*(v.reshape(S * self.N, -1) for v in arguments))
+        cost, violations, gap = (v.reshape(S, self.N, -1) for v in outputs)
+        terminal_costs = self._end_cost(x[:, -1], p[-1])[:, 0]
+        stage_merits = cost + penalty * self.problem.scales.cost * violations.sum(axis=2, keepdims=True)
+        return stage_merits.sum(axis=(1, 2)) + terminal_costs, violations, gap
 
     def evaluate(self, plan: Plan, u_before: np.ndarray, p: np.ndarray) -> Evaluated:
-        """Values and derivatives of the steps of a plan; ``p`` is (N+1, np)."""
-        before = np.concatenate([u_before[None], plan.u[:-1]])
+        """Return values and derivatives of the steps of a plan; ``p`` is (N+1, np)."""
+        inputs_before = np.concatenate([u_before[None], plan.u[:-1]])
         x, N = plan.x, self.N
-        values, jacobian, gradient, hessian = self._stage(x[:-1], before, plan.u, x[1:], plan.lam, p[:-1])
-        slope, bend = self._end_slopes(x[-1:], p[-1])
+        values, jacobian, gradient, hessian = self._stage(x[:-1], inputs_before, plan.u, x[1:], plan.lam, p[:-1])
+        end_gradient, end_hessian = self._end_slopes(x[-1:], p[-1])
         edges = np.cumsum([0, self.nx, self.n, self.n, self.m])
         residual, gap, mu, rows = (values[:, a:b] for a, b in pairwise(edges))
         nw = gradient.shape[1]
@@ -134,8 +137,8 @@ class StageModel:
             jacobian.reshape(N, -1, edges[-1]).transpose(0, 2, 1),
             gradient,
             hessian.reshape(N, nw, nw),
-            slope[0],
-            bend.reshape(self.nx, self.nx),
+            end_gradient[0],
+            end_hessian.reshape(self.nx, self.nx),
         )
 
     @cached_property
@@ -155,9 +158,9 @@ class StageModel:
         pairs = self.problem.system.pairs
         forces = np.array([pair.kind not in ("slip", "table") for pair in pairs], dtype=float)
         lam, gap = self.sizes
-        return _COMPLIANCE * np.tile(forces, self.step.branches) * gap / lam
+        return CLOSED_PAIR_COMPLIANCE * np.tile(forces, self.step.branches) * gap / lam
 
 
-def _batched(name: str, arguments: list[ca.SX], outputs: list[ca.SX]) -> BatchFunction:
+def _batch_function(name: str, arguments: list[ca.SX], outputs: list[ca.SX]) -> BatchFunction:
     function = ca.Function(name, arguments, [ca.densify(v) for v in outputs], {"cse": True})
     return BatchFunction(function, threads=1)

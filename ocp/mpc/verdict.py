@@ -1,4 +1,4 @@
-"""The verdict on a closed loop: its status, and in sentences what was wrong."""
+"""The verdict on a closed loop: its status, and sentences on its faults."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ocp.judge.referee import STATE_SHARE
 if TYPE_CHECKING:
     from ocp.mpc.simulate import ClosedLoop
 
-LEAST_SOLVED = 0.5
-"""Share of the samples with a solved program, below which a loop has failed."""
-_NAMED = 3
-"""Violated constraints that a verdict names."""
+MIN_SOLVED_SHARE = 0.5
+"""Share of samples with a solved program below which a loop has failed."""
+MAX_NAMED_CONSTRAINTS = 3
+"""Number of violated constraints that a verdict names."""
 
 
 class LoopVerdict:
@@ -30,20 +30,20 @@ class LoopVerdict:
 
     def __init__(self, loop: ClosedLoop) -> None:
         self.loop, statuses = loop, loop.data["status"].values
-        fresh, answered = np.isin(statuses, ("solved", "plan before")), statuses != ""
-        self.samples, self.fresh = int(answered.sum()), int(fresh.sum())
-        self.planned = self.fresh / max(1, self.samples)
-        self.solved = (fresh | (statuses == "late")).sum() >= max(1, LEAST_SOLVED * self.samples)
+        has_new_plan, answered = np.isin(statuses, ("solved", "plan before")), statuses != ""
+        self.samples, self.n_new_plans = int(answered.sum()), int(has_new_plan.sum())
+        self.planned = self.n_new_plans / max(1, self.samples)
+        self.solved = (has_new_plan | (statuses == "late")).sum() >= max(1, MIN_SOLVED_SHARE * self.samples)
         self.infinite = np.argwhere(answered & ~np.isfinite(loop.data["cost"].values))
-        self.violated = [one for one in loop.violations if one.share > CONSTRAINT_SHARE]
-        stopped, short = bool(loop.record.get("stopped")), np.flatnonzero(~loop.survived)
-        self.short = short[:-1] if stopped and not loop.survived[-1:].all() else short
-        self.diverged = len(self.short)
-        far = any(one.share > STATE_SHARE for one in self.violated)
+        self.violated = [constraint for constraint in loop.violations if constraint.share > CONSTRAINT_SHARE]
+        stopped, ended_early = bool(loop.record.get("stopped")), np.flatnonzero(~loop.survived)
+        self.diverged_seeds = ended_early[:-1] if stopped and not loop.survived[-1:].all() else ended_early
+        self.diverged = len(self.diverged_seeds)
+        strongly_violated = any(constraint.share > STATE_SHARE for constraint in self.violated)
         outcomes = {
             "stopped": stopped,
             "diverged": self.diverged,
-            "failed": far or len(self.infinite) or not self.solved,
+            "failed": strongly_violated or len(self.infinite) or not self.solved,
             "warnings": self.violated or self.planned < 1,
         }
         self.status = next((status for status, holds in outcomes.items() if holds), "done")
@@ -54,41 +54,44 @@ class LoopVerdict:
     def _sentences(self) -> Iterator[str]:
         loop, data = self.loop, self.loop.data
         ended, steps = data["ended"].values, data.sizes["sample"]
-        many = f"{len(ended)} seed{'s' * (len(ended) > 1)}"
+        seeds = f"{len(ended)} seed{'s' * (len(ended) > 1)}"
         if loop.survived.any():
-            over = f"over {steps} sample{'s' * (steps > 1)}"
-            yield f"{self._cost(over)}; {int(loop.survived.sum())} of {many} reached the end."
+            duration = f"over {steps} sample{'s' * (steps > 1)}"
+            yield f"{self._cost(duration)}; {int(loop.survived.sum())} of {seeds} reached the end."
         if self.diverged:
             yield (
-                f"The plant diverged in {self.diverged} of {many}, seed {self.short[0]} at"
-                f" sample {ended[self.short[0]]}."
+                f"The plant diverged in {self.diverged} of {seeds}, seed {self.diverged_seeds[0]} at"
+                f" sample {ended[self.diverged_seeds[0]]}."
             )
         if self.status == "stopped":
-            paid = float(np.nansum(data["cost"].values[-1]))
+            cost_so_far = float(np.nansum(data["cost"].values[-1]))
             yield (
-                f"Stopped by the user at seed {len(ended) - 1}, sample {ended[-1]} of {steps}, cost so far {paid:.5g}."
+                f"Stopped by the user at seed {len(ended) - 1}, sample {ended[-1]} of {steps},"
+                f" cost so far {cost_so_far:.5g}."
             )
         if self.planned < 1:
-            yield f"A new plan was made in {self.fresh} of {self.samples} samples."
+            yield f"A new plan was made in {self.n_new_plans} of {self.samples} samples."
         if many_infinite := len(self.infinite):
             seed, sample = self.infinite[0]
             yield (
                 f"The stage cost is NaN or infinite in {many_infinite} of {self.samples}"
                 f" samples, first at sample {sample} of seed {seed}."
             )
-        for one in self.violated[:_NAMED]:
-            v = one.violation
-            yield (f"The plant violates {one.name} by up to {v.amount:.3g}, at sample {v.step} of seed {v.scenario}.")
-        if (rest := len(self.violated) - _NAMED) > 0:
-            yield f"It violates {rest} more constraint{'s' * (rest > 1)}."
+        for broken in self.violated[:MAX_NAMED_CONSTRAINTS]:
+            v = broken.violation
+            yield (
+                f"The plant violates {broken.name} by up to {v.amount:.3g}, at sample {v.step} of seed {v.scenario}."
+            )
+        if (others := len(self.violated) - MAX_NAMED_CONSTRAINTS) > 0:
+            yield f"It violates {others} more constraint{'s' * (others > 1)}."
 
     def _cost(self, over: str) -> str:
-        """The mean cost, and what it is the sum of."""
-        whole, (low, high) = np.isfinite(self.loop.costs), self.loop.cost_interval
-        if not whole.any():
+        """Return a sentence with the mean cost and its terms."""
+        finite, (low, high) = np.isfinite(self.loop.costs), self.loop.cost_interval
+        if not finite.any():
             return f"No finite cost {over}"
-        wide = f" [{low:.5g}, {high:.5g}]" if np.isfinite(low) else ""
-        ends = self.loop.data["end_cost"].values
-        cost, stages, end = (v[whole].mean() for v in (self.loop.costs, self.loop.stage_costs, ends))
-        parts = f"stage costs {stages:.6g}, terminal cost {end:.6g}"
-        return f"Cost {cost:.7g}{wide} ({parts}) {over}"
+        interval = f" [{low:.5g}, {high:.5g}]" if np.isfinite(low) else ""
+        terminal_costs = self.loop.data["end_cost"].values
+        cost, stages, end = (v[finite].mean() for v in (self.loop.costs, self.loop.stage_costs, terminal_costs))
+        shares = f"stage costs {stages:.6g}, terminal cost {end:.6g}"
+        return f"Cost {cost:.7g}{interval} ({shares}) {over}"

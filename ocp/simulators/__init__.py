@@ -1,3 +1,3 @@
-"""Other simulators than ours, in which plans are tried: a second opinion, never the referee's."""
+"""Other simulators, in which plans are replayed: a second opinion beside the referee's."""
 
-WORLDS = {"mujoco": "MuJoCo, with its soft contact, at steps of a millisecond"}
+SIMULATORS = {"mujoco": "MuJoCo, with its soft contact, at steps of a millisecond"}

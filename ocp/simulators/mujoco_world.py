@@ -14,32 +14,40 @@ import numpy as np
 from dynamics.systems import Machine
 from ocp.errors import InputError
 from ocp.problem.problem import Problem
-from ocp.simulators.mjcf import mjcf
+from ocp.simulators.mjcf import write_mjcf
 
-SOLREF, STEP = 0.02, 1e-3
-"""Time constant of contacts and joint limits, MuJoCo's default, and its longest step [s]."""
-_SAME, _NEAR, _STATES = 1e-9, 1e-5, 3
-"""How far numbers may be from ours, relative; distances found by iteration; at how many states."""
-_CYLINDER, _BOX, _MESH, _FAR = 5, 6, 7, 1e6
+SOLREF_S = 0.02
+"""Time constant of contacts and joint limits, MuJoCo's default [s]."""
+STEP_S = 1e-3
+"""Longest step of MuJoCo [s]."""
+RELATIVE_TOLERANCE = 1e-9
+"""Largest relative difference between MuJoCo's numbers and ours."""
+ITERATED_TOLERANCE = 1e-5
+"""Largest relative difference of distances that MuJoCo computes by iteration."""
+N_COMPARED_STATES = 3
+"""Number of random states at which the models are compared."""
+GEOM_CYLINDER, GEOM_BOX, GEOM_MESH = 5, 6, 7  # MuJoCo's numbers of kinds of geoms.
+DIVERGED = 1e6
+"""Size of a state from which on a motion counts as diverged."""
 
 
 class MujocoWorld:
-    """One step of a problem's machine in MuJoCo, at the parameter ``values`` by name.
+    """A problem's machine in MuJoCo, at the parameter ``values`` by name.
 
     The input is held over the problem's step; states beyond (q, v) follow the problem's own
-    equations. MuJoCo's M, forces and distances are compared with ours as it is built.
+    equations. MuJoCo's M, forces and distances are compared with ours at construction.
 
     Raises :class:`~ocp.errors.InputError` without MuJoCo, for a system that was not built from a
-    machine, a cost on contact impulses, which it does not know, a shape that MuJoCo has not, and
-    where its numbers are not ours.
+    machine, a cost on contact impulses, a shape that MuJoCo does not have, and if its numbers
+    differ from ours.
     """
 
     def __init__(self, problem: Problem, values: Mapping[str, float]) -> None:
         system, p = problem.system, problem.parameters.vector
-        why = "cost or constraints depend on contact impulses" if problem.uses_impulses else ""
-        why = "it is not built by the system() of a machine" if system.machine is None else why
-        if why or system.machine is None:
-            raise InputError(f"{problem.name} cannot be tried in MuJoCo: {why}")
+        obstacle = "cost or constraints depend on contact impulses" if problem.uses_impulses else ""
+        obstacle = "it is not built by the system() of a machine" if system.machine is None else obstacle
+        if obstacle or system.machine is None:
+            raise InputError(f"{problem.name} cannot be tried in MuJoCo: {obstacle}")
         try:
             self._mujoco: Any = import_module("mujoco")
         except ImportError:
@@ -49,108 +57,110 @@ class MujocoWorld:
         def number(value: Any) -> float:
             return float(ca.evalf(ca.substitute(ca.SX(value), p, self._p)))
 
-        rubs = system.forces
-        found = () if rubs is None else zip(rubs.names, rubs.friction.elements(), strict=True)
-        self.written = mjcf(system.machine, number, {name: number(f) for name, f in found})
+        forces = system.forces
+        frictions = () if forces is None else zip(forces.names, forces.friction.elements(), strict=True)
+        self.mjcf = write_mjcf(system.machine, number, {name: number(f) for name, f in frictions})
         try:
-            self.model = self._mujoco.MjModel.from_xml_string(self.written.text)
+            self.model = self._mujoco.MjModel.from_xml_string(self.mjcf.text)
         except (ValueError, self._mujoco.FatalError) as error:
-            why = " ".join(str(error).removeprefix("Error: ").split())
-            raise InputError(f"MuJoCo does not take {problem.name}: {why}") from None
+            obstacle = " ".join(str(error).removeprefix("Error: ").split())
+            raise InputError(f"MuJoCo does not take {problem.name}: {obstacle}") from None
         self.data = self._mujoco.MjData(self.model)
         self._q: list[int] = []
         self._v: list[int] = []
-        for joint in map(self.model.joint, self.written.joints):
+        for joint in map(self.model.joint, self.mjcf.joints):
             self._q += range(joint.qposadr[0], joint.qposadr[0] + len(joint.qpos0))
             self._v += np.flatnonzero(self.model.dof_jntid == joint.id).tolist()
         n = len(self._q) + len(self._v)
-        then, rows = system.x_next[n:], system.residual[n:]
-        left = ca.substitute(rows, then, ca.SX.zeros(then.numel()))
-        extra = -ca.solve(ca.jacobian(rows, then), left) if then.numel() else left
-        given = [system.x, system.u, system.x_next[:n], p]
-        self._extra = ca.Function("extra", given, [ca.densify(extra)])
+        further_states, equations = system.x_next[n:], system.residual[n:]
+        remainder = ca.substitute(equations, further_states, ca.SX.zeros(further_states.numel()))
+        solution = -ca.solve(ca.jacobian(equations, further_states), remainder) if further_states.numel() else remainder
+        arguments = [system.x, system.u, system.x_next[:n], p]
+        self._further_states = ca.Function("extra", arguments, [ca.densify(solution)])
         self._h = ca.Function("h", [system.x, p], [ca.SX(system.h)])
         self.check()
 
-    def ahead(self, x: np.ndarray, u: np.ndarray, solref: float = SOLREF, step: float = STEP) -> np.ndarray:
-        """The state (nx,) a step of the problem after x (nx,) with u (nu,); NaN if it diverges."""
+    def step(self, x: np.ndarray, u: np.ndarray, solref: float = SOLREF_S, step: float = STEP_S) -> np.ndarray:
+        """Return the state (nx,) one step after x (nx,) with u (nu,); NaN if it diverges."""
         model, mujoco, h = self.model, self._mujoco, float(self._h(x, self._p))
         count = max(1, math.ceil(h / step - 1e-9))
         model.opt.timestep = h / count
         model.pair_solref[:, 0] = model.jnt_solref[:, 0] = solref
-        self._put(x, u)
-        # Its own handler of warnings writes a file into the current folder.
-        before = mujoco.get_mju_user_warning()
+        self._set_state(x, u)
+        # MuJoCo's default handler of warnings writes a file into the current folder.
+        previous_handler = mujoco.get_mju_user_warning()
         mujoco.set_mju_user_warning(lambda message: None)
         try:
             mujoco.mj_step(model, self.data, count)
         finally:
-            mujoco.set_mju_user_warning(before)
-        moved = np.concatenate([self.data.qpos[self._q], self.data.qvel[self._v]])
-        if not (abs(moved) < _FAR).all():
+            mujoco.set_mju_user_warning(previous_handler)
+        reached = np.concatenate([self.data.qpos[self._q], self.data.qvel[self._v]])
+        if not (abs(reached) < DIVERGED).all():
             return np.full(x.size, np.nan)
-        return np.concatenate([moved, np.array(self._extra(x, u, moved, self._p)).ravel()])
+        return np.concatenate([reached, np.array(self._further_states(x, u, reached, self._p)).ravel()])
 
     def check(self) -> None:
         """Compare M, forces and distances at random states with ours.
 
-        Raises :class:`~ocp.errors.InputError` that names what differs, and by how much.
+        Raises :class:`~ocp.errors.InputError` that names the differing quantity.
         """
-        system, built, data = self.problem.system, self.problem.system.machine, self.data
-        assert built is not None
+        system, mechanism, data = self.problem.system, self.problem.system.machine, self.data
+        assert mechanism is not None
         nq, n = len(self._q), len(self._q) + len(self._v)
-        q, v, flat = system.x[:nq], system.x[nq:n], isinstance(built.machine, Machine)
-        tree = built.machine.chain() if flat else built.machine.tree()
-        near = built.machine.contacts(tree, q, *([built.spheres] if flat else []))
-        phis = ca.vertcat(ca.SX(0, 1), *(contact.phi for contact in near.values()))
-        pushed = ca.substitute(system.residual[nq:n] / system.h, system.lam, ca.SX.zeros(system.nlam))
-        pushed = ca.substitute(pushed, system.x_next, system.x)
+        q, v, is_planar = system.x[:nq], system.x[nq:n], isinstance(mechanism.machine, Machine)
+        tree = mechanism.machine.chain() if is_planar else mechanism.machine.tree()
+        contacts = mechanism.machine.contacts(tree, q, *([mechanism.spheres] if is_planar else []))
+        phis = ca.vertcat(ca.SX(0, 1), *(contact.phi for contact in contacts.values()))
+        forces = ca.substitute(system.residual[nq:n] / system.h, system.lam, ca.SX.zeros(system.nlam))
+        forces = ca.substitute(forces, system.x_next, system.x)
         ours = ca.Function(
             "ours",
             [system.x, system.u, self.problem.parameters.vector],
-            [tree.mass(q), tree.bias(q, v), ca.densify(phis), pushed],
+            [tree.mass(q), tree.bias(q, v), ca.densify(phis), forces],
         )
         rng, full = np.random.default_rng(0), np.zeros((self.model.nv, self.model.nv))
-        for _ in range(_STATES):
+        for _ in range(N_COMPARED_STATES):
             x, u = rng.normal(size=system.nx), rng.normal(size=system.nu)
-            self._put(x, u)
+            self._set_state(x, u)
             x[:nq] = data.qpos[self._q]  # Quaternions have the length 1 there.
             self._mujoco.mj_forward(self.model, data)
             self._mujoco.mj_fullM(self.model, data, full)
-            M, bias, phi, _ = (np.array(one) for one in ours(x, u, self._p))
-            self._same("the mass matrix", full[np.ix_(self._v, self._v)], M)
-            self._same("the bias force", data.qfrc_bias[self._v], bias.ravel())
-            self._check_distances(dict(zip(near, phi.ravel(), strict=True)))
+            M, bias, phi, _ = (np.array(matrix) for matrix in ours(x, u, self._p))
+            self._check_equal("the mass matrix", full[np.ix_(self._v, self._v)], M)
+            self._check_equal("the bias force", data.qfrc_bias[self._v], bias.ravel())
+            self._check_distances(dict(zip(contacts, phi.ravel(), strict=True)))
             x[nq:n] = 0.0
-            self._put(x, u)
+            self._set_state(x, u)
             self._mujoco.mj_forward(self.model, data)
             total = (data.qfrc_actuator + data.qfrc_passive - data.qfrc_bias)[self._v]
-            self._same("the force at rest", total, -np.array(ours(x, u, self._p)[3]).ravel())
+            self._check_equal("the force at rest", total, -np.array(ours(x, u, self._p)[3]).ravel())
 
     def _check_distances(self, ours: Mapping[str, float]) -> None:
-        for name, pair in self.written.pairs.items():
-            one, other = (self.model.geom(geom).id for geom in pair)
-            kinds = {int(kind) for kind in self.model.geom_type[[one, other]]}
-            iterated = bool(kinds & {_CYLINDER, _MESH}) or kinds == {_BOX}
-            # A pair with several points has them by number.
+        for name, pair in self.mjcf.pairs.items():
+            first_geom, second_geom = (self.model.geom(geom).id for geom in pair)
+            kinds = {int(kind) for kind in self.model.geom_type[[first_geom, second_geom]]}
+            by_iteration = bool(kinds & {GEOM_CYLINDER, GEOM_MESH}) or kinds == {GEOM_BOX}
+            # The points of a pair are numbered.
             number = re.compile(re.escape(name) + r"( \d+)?")
             phi = min(phi for label, phi in ours.items() if number.fullmatch(label))
-            if phi <= 0 and iterated:
+            if phi <= 0 and by_iteration:
                 continue
-            theirs = self._mujoco.mj_geomDistance(self.model, self.data, one, other, _FAR, None)
-            within = _NEAR if iterated else _SAME
-            self._same(f"the distance of {name!r}", np.array(theirs), np.array(phi), within)
+            distance = self._mujoco.mj_geomDistance(self.model, self.data, first_geom, second_geom, DIVERGED, None)
+            tolerance = ITERATED_TOLERANCE if by_iteration else RELATIVE_TOLERANCE
+            self._check_equal(f"the distance of {name!r}", np.array(distance), np.array(phi), tolerance)
 
-    def _same(self, what: str, theirs: np.ndarray, ours: np.ndarray, within: float = _SAME) -> None:
-        off = float(abs(theirs - ours).max(initial=0.0))
-        if not off <= within * max(1.0, float(abs(ours).max(initial=0.0))):
+    def _check_equal(
+        self, quantity: str, theirs: np.ndarray, ours: np.ndarray, tolerance: float = RELATIVE_TOLERANCE
+    ) -> None:
+        difference = float(abs(theirs - ours).max(initial=0.0))
+        if not difference <= tolerance * max(1.0, float(abs(ours).max(initial=0.0))):
             raise InputError(
-                f"{self.problem.name} is another machine in MuJoCo: {what} differs by {off:.2g};"
+                f"{self.problem.name} is another machine in MuJoCo: {quantity} differs by {difference:.2g};"
                 " its system must be that of its machine, with nothing added"
             )
 
-    def _put(self, x: np.ndarray, u: np.ndarray) -> None:
-        """Set the state and the input, without any memory of those before."""
+    def _set_state(self, x: np.ndarray, u: np.ndarray) -> None:
+        """Set the state and the input, and reset everything else."""
         nq, data = len(self._q), self.data
         self._mujoco.mj_resetData(self.model, data)
         data.qpos[self._q], data.qvel[self._v] = x[:nq], x[nq : nq + len(self._v)]

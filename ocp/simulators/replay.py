@@ -1,4 +1,4 @@
-"""What a plan, or a policy, costs in another world, and how much that hangs on its settings."""
+"""The cost of a plan or policy in another simulator, and its dependence on contact settings."""
 
 from __future__ import annotations
 
@@ -13,22 +13,24 @@ from ocp.errors import choose
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains
-from ocp.simulators import WORLDS
-from ocp.simulators.mujoco_world import SOLREF, STEP, MujocoWorld
+from ocp.simulators import SIMULATORS
+from ocp.simulators.mujoco_world import SOLREF_S, STEP_S, MujocoWorld
 
-KEPT = 0.2
-"""By which share of its cost, or of the characteristic one, a plan may differ that keeps it."""
-SOLREFS, STEPS = (0.005, 0.04), (5e-4, 2e-3)
-"""Ends of the band: time constants of contact, and steps [s]."""
+KEPT_COST_SHARE = 0.2
+"""Largest change of a plan's cost, relative to it or to the characteristic cost, that counts as kept."""
+SOLREF_BAND_S = (0.005, 0.04)
+"""Time constants of hard and soft contact [s]."""
+STEP_BAND_S = (5e-4, 2e-3)
+"""Short and long steps [s]."""
 
 
 @dataclass(frozen=True)
-class InWorld:
-    """A plan, or a policy, in another world.
+class ExternalReplay:
+    """Replay of a plan or policy in another simulator.
 
-    ``cost`` is its mean over scenarios there, NaN where the motion diverges, ``planned_cost`` the
-    plan's, and ``keeps`` says whether they agree within 20 %. ``band`` are the least and the
-    largest cost over hard and soft contact and short and long steps.
+    ``cost`` is its mean over scenarios there, NaN if the motion diverges, ``planned_cost`` the
+    plan's; ``keeps`` is true if they agree within 20 %. ``band`` are the least and the largest cost
+    over hard and soft contact and short and long steps.
     """
 
     world: str
@@ -39,7 +41,7 @@ class InWorld:
 
     @property
     def sentence(self) -> str:
-        """All in a sentence."""
+        """Result in a sentence."""
         if not np.isfinite(self.cost):
             return "In MuJoCo: the motion diverges."
         word, (low, high) = "keeps" if self.keeps else "does not keep", self.band
@@ -47,33 +49,33 @@ class InWorld:
         band = band if np.isfinite(low + high) else "the motion diverges at times"
         return (
             f"In MuJoCo: cost {self.cost:.6g} (plan {self.planned_cost:.6g}), {word} its cost"
-            f" within {100 * KEPT:g} %; over solref {SOLREFS[0]:g} to {SOLREFS[1]:g} s and steps"
-            f" {1e3 * STEPS[0]:g} to {1e3 * STEPS[1]:g} ms {band}."
+            f" within {100 * KEPT_COST_SHARE:g} %; over solref {SOLREF_BAND_S[0]:g} to {SOLREF_BAND_S[1]:g} s and steps"
+            f" {1e3 * STEP_BAND_S[0]:g} to {1e3 * STEP_BAND_S[1]:g} ms {band}."
         )
 
     @property
     def document(self) -> dict[str, Any]:
-        """All as plain data, and the settings."""
-        settings = {"solref": SOLREF, "step": STEP, "solrefs": SOLREFS, "steps": STEPS}
+        """Result and settings as plain data."""
+        settings = {"solref": SOLREF_S, "step": STEP_S, "solrefs": SOLREF_BAND_S, "steps": STEP_BAND_S}
         return {**asdict(self), "settings": settings}
 
 
-def in_world(
+def replay_in_simulator(
     name: str,
     problem: Problem,
     inputs: np.ndarray | Gains,
     values: Mapping[str, float],
     x0: np.ndarray,
     planned_cost: float,
-) -> InWorld:
-    """Roll ``inputs`` (S, N, nu), or gains, out from x0 (S, nx) in the world ``name``.
+) -> ExternalReplay:
+    """Roll ``inputs`` (S, N, nu), or gains, out from x0 (S, nx) in the simulator ``name``.
 
-    Raises :class:`~ocp.errors.InputError` for an unknown one, and as
+    Raises :class:`~ocp.errors.InputError` for an unknown simulator, and as
     :class:`~ocp.simulators.mujoco_world.MujocoWorld` does.
     """
-    choose("world", name, WORLDS)
-    world, evaluation = MujocoWorld(problem, values), Evaluation(problem, dict(values))
-    low, high = evaluation.limits[2:4]
+    choose("world", name, SIMULATORS)
+    simulator, evaluation = MujocoWorld(problem, values), Evaluation(problem, dict(values))
+    lower, upper = evaluation.limits[2:4]
     S, N, system = len(x0), problem.N, problem.system
 
     def cost(solref: float, step: float) -> float:
@@ -81,12 +83,12 @@ def in_world(
         x[:, 0] = x0
         for s, k in np.ndindex(S, N):
             if isinstance(inputs, Gains):
-                u[s, k] = np.clip(inputs.input(k, x[s, k]), low, high)
+                u[s, k] = np.clip(inputs.input(k, x[s, k]), lower, upper)
             else:
                 u[s, k] = inputs[s, k]
-            x[s, k + 1] = world.ahead(x[s, k], u[s, k], solref, step)
+            x[s, k + 1] = simulator.step(x[s, k], u[s, k], solref, step)
         return float(evaluation.trajectory_costs(x, u, np.zeros((S, N, system.nlam))).mean())
 
-    costs = [cost(SOLREF, STEP), *(cost(*pair) for pair in product(SOLREFS, STEPS))]
-    keeps = evaluation.cost_share(abs(costs[0] - planned_cost), planned_cost) <= KEPT
-    return InWorld(name, costs[0], planned_cost, keeps, (float(np.min(costs)), float(np.max(costs))))
+    costs = [cost(SOLREF_S, STEP_S), *(cost(*pair) for pair in product(SOLREF_BAND_S, STEP_BAND_S))]
+    keeps = evaluation.cost_share(abs(costs[0] - planned_cost), planned_cost) <= KEPT_COST_SHARE
+    return ExternalReplay(name, costs[0], planned_cost, keeps, (float(np.min(costs)), float(np.max(costs))))

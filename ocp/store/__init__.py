@@ -1,18 +1,18 @@
 """The store of runs: what was asked and what came out, on disk, and read back."""
 
-from ocp.store.lookup import default_root, find
+from ocp.store.lookup import default_root, find_run
 from ocp.store.runs import (
     SCHEMA,
     check_writable,
     in_memory_run,
     list_runs,
     load,
-    problem_part,
+    problem_parts,
     read_entry,
     read_meta,
     run_paths,
     save,
-    write,
+    write_run,
 )
 from ocp.store.stored_run import StoredRun
 
@@ -21,14 +21,14 @@ __all__ = [
     "StoredRun",
     "check_writable",
     "default_root",
-    "find",
+    "find_run",
     "in_memory_run",
     "list_runs",
     "load",
-    "problem_part",
+    "problem_parts",
     "read_entry",
     "read_meta",
     "run_paths",
     "save",
-    "write",
+    "write_run",
 ]

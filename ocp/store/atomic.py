@@ -1,8 +1,8 @@
-"""Write files and directories whole or not at all.
+"""Atomic writes of files and directories.
 
-Everything is made in a hidden directory beside its place, flushed to the disk and renamed, so that
-a process killed at any time leaves nothing half written. What is no regular file, as a FIFO or
-``/dev/null``, is never replaced: it is written to.
+Everything is written in a hidden directory beside its target, flushed to the disk and renamed, so
+that a process killed at any time leaves nothing half written. A target that is no regular file, such
+as a FIFO or ``/dev/null``, is never replaced but written to.
 """
 
 from __future__ import annotations
@@ -24,52 +24,53 @@ from ocp.errors import InputError, NotWritten
 if TYPE_CHECKING:
     import xarray as xr
 
-_PREFIX = ".ocp-partial-"
-NETCDF = threading.Lock()
-"""The netCDF library crashes where two threads of a process are in it."""
+_DRAFT_PREFIX = ".ocp-partial-"
+"""Beginning of the names of unfinished files and directories."""
+NETCDF_LOCK = threading.Lock()
+"""Lock around calls of the netCDF library, which crashes if two threads use it at once."""
 
 
-def write(path: Path, content: bytes, what: str = "") -> None:
-    """Put ``content`` in the place of ``path``; raises as :func:`replacing` does."""
-    with replacing(path, what) as draft:
+def write_file(path: Path, content: bytes, what: str = "") -> None:
+    """Replace the content of ``path`` by ``content``; raises as :func:`replace_file` does."""
+    with replace_file(path, what) as draft:
         draft.write_bytes(content)
 
 
 @contextmanager
-def replacing(path: Path, what: str = "") -> Iterator[Path]:
-    """Give the file to fill that then becomes the content of ``path``; it has the same name.
+def replace_file(path: Path, what: str = "") -> Iterator[Path]:
+    """Yield an empty draft, a file of the same name, that replaces ``path`` at the end of the block.
 
-    A regular file is replaced, and keeps its mode; of a link, what it points to. A device or a
-    FIFO is written to, once the draft is whole.
+    A regular file keeps its mode; a link stays, and the file that it points to is replaced. A
+    device or a FIFO is written to once the draft is complete.
 
-    Raises :class:`~ocp.errors.InputError` with the reason where it cannot be written; ``what``
-    says what it is.
+    Raises :class:`~ocp.errors.InputError` with the reason where the file cannot be written;
+    ``what`` names its kind in the message.
     """
     with write_errors(f"{what} {path}".strip()):
-        place = destination(path)
-        if place is None:
-            with tempfile.TemporaryDirectory(prefix=_PREFIX) as room:
-                draft = Path(room) / path.name
+        target = replaceable_path(path)
+        if target is None:
+            with tempfile.TemporaryDirectory(prefix=_DRAFT_PREFIX) as draft_folder:
+                draft = Path(draft_folder) / path.name
                 yield draft
-                # No O_CREAT: had it vanished since, a file would be made that is not replaced.
-                sink = os.open(path, os.O_WRONLY)  # A FIFO waits for its reader.
-                with draft.open("rb") as source, os.fdopen(sink, "wb") as target:
-                    shutil.copyfileobj(source, target)
+                # Without O_CREAT: had it vanished since, a plain file would be created, not atomically.
+                handle = os.open(path, os.O_WRONLY)  # A FIFO waits for its reader.
+                with draft.open("rb") as draft_stream, os.fdopen(handle, "wb") as target_stream:
+                    shutil.copyfileobj(draft_stream, target_stream)
             return
-        with draft_directory(place.parent) as room:
-            draft = room / path.name
+        with draft_directory(target.parent) as draft_folder:
+            draft = draft_folder / path.name
             yield draft
             with suppress(FileNotFoundError):
-                shutil.copymode(place, draft)
-            flush(draft)
-            draft.replace(place)
-            flush(place.parent)
+                shutil.copymode(target, draft)
+            sync_to_disk(draft)
+            draft.replace(target)
+            sync_to_disk(target.parent)
 
 
-def destination(path: Path) -> Path | None:
-    """Return where a file called ``path`` lies, links followed; None for what is written into.
+def replaceable_path(path: Path) -> Path | None:
+    """Return ``path`` with links followed; None for a device or FIFO, which is written into.
 
-    Raises OSError where it is neither: a directory, a socket, a disk, a circle of links.
+    Raises OSError for anything else: a directory, a socket, a disk, a circle of links.
     """
     try:
         mode = path.stat().st_mode
@@ -84,38 +85,38 @@ def destination(path: Path) -> Path | None:
 
 
 def _is_handle(path: Path) -> bool:
-    """Whether it names an open file of a process, as ``/dev/stdout`` does."""
-    seen = path
-    while seen.is_symlink():
-        home = seen.parent.resolve()
-        if home.is_relative_to("/proc"):
+    """Return whether ``path`` names an open file of a process, as ``/dev/stdout`` does."""
+    link = path
+    while link.is_symlink():
+        folder = link.parent.resolve()
+        if folder.is_relative_to("/proc"):
             return True
-        seen = home / seen.readlink()
+        link = folder / link.readlink()
     return False
 
 
 @contextmanager
-def write_errors(place: str, advice: str = "another place") -> Iterator[None]:
-    """Turn an OSError into an :class:`~ocp.errors.InputError` with the place and a way out.
+def write_errors(target: str, advice: str = "another place") -> Iterator[None]:
+    """Turn an OSError into an :class:`~ocp.errors.InputError` with the place and a remedy.
 
-    A full disk raises :class:`~ocp.errors.NotWritten`, which is one too.
+    A full disk raises its subclass :class:`~ocp.errors.NotWritten`.
     """
     try:
         yield
     except OSError as error:
-        kind, reason, mend = InputError, error.strerror or str(error), "choose"
+        error_class, reason, remedy = InputError, error.strerror or str(error), "choose"
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            kind, reason, mend = NotWritten, "the disk is full", "free some space or choose"
-        raise kind(f"cannot write {place}: {reason}; {mend} {advice}") from error
+            error_class, reason, remedy = NotWritten, "the disk is full", "free some space or choose"
+        raise error_class(f"cannot write {target}: {reason}; {remedy} {advice}") from error
 
 
-def netcdf(data: xr.Dataset, what: str) -> bytes:
-    """The netCDF file of ``data``, made in memory; ``what`` says in errors whose it is.
+def netcdf_bytes(data: xr.Dataset, what: str) -> bytes:
+    """Return the content of the netCDF file of ``data``; ``what`` names it in errors.
 
     Raises :class:`~ocp.errors.NotWritten` where the netCDF library fails.
     """
     try:
-        with NETCDF:
+        with NETCDF_LOCK:
             return bytes(data.to_netcdf(engine="netcdf4"))
     except (RuntimeError, OSError) as error:
         raise NotWritten(
@@ -126,37 +127,37 @@ def netcdf(data: xr.Dataset, what: str) -> bytes:
 
 @contextmanager
 def draft_directory(directory: Path) -> Iterator[Path]:
-    """Make a directory in ``directory`` to write in, locked while its process lives, then gone."""
+    """Yield a draft directory in ``directory``, locked while its process lives and removed at the end."""
     directory.mkdir(parents=True, exist_ok=True)
-    shelf = _lock(directory, wait=True)
+    folder_lock = _acquire_lock(directory, wait=True)
     try:
-        _sweep(directory)
-        room = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=directory))
-        lock = _lock(room, wait=False)
+        _remove_stale_drafts(directory)
+        draft_folder = Path(tempfile.mkdtemp(prefix=_DRAFT_PREFIX, dir=directory))
+        draft_lock = _acquire_lock(draft_folder, wait=False)
     finally:
-        _close(shelf)
+        _release_lock(folder_lock)
     try:
-        yield room
+        yield draft_folder
     finally:
-        shutil.rmtree(room, ignore_errors=True)
-        _close(lock)
+        shutil.rmtree(draft_folder, ignore_errors=True)
+        _release_lock(draft_lock)
 
 
-def discard(directory: Path) -> None:
-    """Remove a directory whole: it is hidden first, so that a kill leaves no half of it in sight.
+def remove_directory(directory: Path) -> None:
+    """Remove a directory atomically: it is hidden by a rename before its files are deleted.
 
-    What a killed process leaves is a draft like others, which the next writer here removes.
+    A process killed meanwhile leaves a draft like others, which the next writer here removes.
     """
-    hidden = directory.with_name(f"{_PREFIX}{directory.name}")
+    hidden = directory.with_name(f"{_DRAFT_PREFIX}{directory.name}")
     directory.rename(hidden)
-    flush(directory.parent)
-    # Another may be removing it already, as a draft that nobody holds.
+    sync_to_disk(directory.parent)
+    # Another process may be removing it already, as a draft without an owner.
     with suppress(FileNotFoundError):
         shutil.rmtree(hidden)
 
 
-def flush(path: Path) -> None:
-    """Bring a file, or the names in a directory, to the disk."""
+def sync_to_disk(path: Path) -> None:
+    """Flush a file's content, or the names in a directory, to the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         # Some file systems cannot flush a directory; a rename is still atomic there.
@@ -166,17 +167,17 @@ def flush(path: Path) -> None:
         os.close(handle)
 
 
-def _sweep(directory: Path) -> None:
-    """Remove what killed processes left: the kernel drops a lock with its process."""
-    for stale in directory.glob(f"{_PREFIX}*"):
-        lock = _lock(stale, wait=False)
-        if lock is not None:
+def _remove_stale_drafts(directory: Path) -> None:
+    """Remove drafts of killed processes: the kernel releases a lock when its process ends."""
+    for stale in directory.glob(f"{_DRAFT_PREFIX}*"):
+        stale_lock = _acquire_lock(stale, wait=False)
+        if stale_lock is not None:
             shutil.rmtree(stale, ignore_errors=True)
-            _close(lock)
+            _release_lock(stale_lock)
 
 
-def _lock(directory: Path, wait: bool) -> int | None:
-    """Open and lock a directory, or None where another holds it or the file system cannot."""
+def _acquire_lock(directory: Path, wait: bool) -> int | None:
+    """Open and lock a directory; None if another process holds it or the file system has no locks."""
     try:
         handle = os.open(directory, os.O_RDONLY)
     except OSError:
@@ -189,6 +190,6 @@ def _lock(directory: Path, wait: bool) -> int | None:
     return handle
 
 
-def _close(handle: int | None) -> None:
+def _release_lock(handle: int | None) -> None:
     if handle is not None:
         os.close(handle)

@@ -1,4 +1,4 @@
-"""Values as JSON has them, and the hash of a run's content."""
+"""Conversion of values to and from JSON, and the hash of a run's content."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-# Where, when and how fast a run was made: runs that differ only in these are the same answer.
-_PROVENANCE = {
+# Keys that say where, when and how fast a run was made: the hash of a run leaves them out.
+_PROVENANCE_KEYS = {
     "argv",
     "created",
     "revision",
@@ -38,26 +38,27 @@ _PROVENANCE = {
     "contact_digest",
     "tags",
 }
-_TIMES = {"build_s", "solve_s", "audit_s", "seconds", "stage_seconds", "evaluation_s", "solver_s", "wall_s"}
-_CIRCUMSTANCES = _PROVENANCE | _TIMES
+_TIME_KEYS = {"build_s", "solve_s", "audit_s", "seconds", "stage_seconds", "evaluation_s", "solver_s", "wall_s"}
+_UNHASHED_KEYS = _PROVENANCE_KEYS | _TIME_KEYS
+"""Keys that do not count in the hash of a run's content."""
 
 
 def content_hash(data: xr.Dataset, meta: dict[str, Any]) -> str:
-    """Ten hex digits over arrays and description without times and circumstances."""
+    """Return ten hex digits of a hash over arrays and description, without times and provenance."""
     digest = hashlib.sha256()
-    for name in sorted(set(map(str, data.variables)) - _CIRCUMSTANCES):
+    for name in sorted(set(map(str, data.variables)) - _UNHASHED_KEYS):
         variable = data.variables[name]
         values = np.asarray(variable.values)
-        head = [name, list(variable.dims), list(values.shape), to_json(dict(variable.attrs))]
-        digest.update(json.dumps(head, sort_keys=True).encode())
+        header = [name, list(variable.dims), list(values.shape), to_json(dict(variable.attrs))]
+        digest.update(json.dumps(header, sort_keys=True).encode())
         numeric = values.dtype.kind in "biuf"
         digest.update(values.tobytes() if numeric else json.dumps(to_json(values)).encode())
-    digest.update(json.dumps(_without_circumstances(to_json(meta)), sort_keys=True).encode())
+    digest.update(json.dumps(_without_unhashed_keys(to_json(meta)), sort_keys=True).encode())
     return digest.hexdigest()[:10]
 
 
 def to_json(value: Any) -> Any:
-    """Turn nested values into what JSON has; a number that is not finite becomes null."""
+    """Convert nested values to types that JSON has; a number that is not finite becomes None."""
     if isinstance(value, dict):
         return {str(key): to_json(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
@@ -73,44 +74,44 @@ def to_json(value: Any) -> Any:
     return str(value)
 
 
-def _without_circumstances(value: Any) -> Any:
+def _without_unhashed_keys(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _without_circumstances(item) for key, item in value.items() if key not in _CIRCUMSTANCES}
-    return [_without_circumstances(item) for item in value] if isinstance(value, list) else value
+        return {key: _without_unhashed_keys(item) for key, item in value.items() if key not in _UNHASHED_KEYS}
+    return [_without_unhashed_keys(item) for item in value] if isinstance(value, list) else value
 
 
 def from_json(kind: Any, value: Any, place: str = "") -> Any:
-    """Build what the type ``kind`` says of ``value``, as JSON has it, records in records.
+    """Build an instance of the type ``kind`` from the JSON ``value``, nested records included.
 
-    Types are those of dataclasses and TypedDicts: numbers, texts, lists and mappings by text of
-    them, Literals, Enums by their names' words, and unions. For a float null is NaN, a number that
-    was not finite; of a TypedDict there may be more than it has.
+    Types are those of fields of dataclasses and TypedDicts: numbers, texts, lists and mappings by
+    text of them, Literals, Enums by their names in lower case, and unions. For a float, null is NaN,
+    a number that was not finite; a TypedDict may have further entries.
 
-    Raises ``ValueError`` that says what does not fit, at which ``place`` of the whole.
+    Raises ``ValueError`` that names the mismatch and its ``place`` in the document.
     """
-    origin, inner = get_origin(kind), get_args(kind)
+    origin, arguments = get_origin(kind), get_args(kind)
     if kind is Any:
         return value
     if origin in (Union, UnionType):
-        return _of_union(inner, value, place)
+        return _union_from_json(arguments, value, place)
     if origin is Literal:
-        return _one_of(dict(zip(inner, inner, strict=True)), value, place)
+        return _choice_from_json(dict(zip(arguments, arguments, strict=True)), value, place)
     if isinstance(kind, type) and issubclass(kind, Enum):
-        words = {name.lower().replace("_", "-"): one for name, one in kind.__members__.items()}
-        return _one_of(words, value, place)
+        members = {name.lower().replace("_", "-"): member for name, member in kind.__members__.items()}
+        return _choice_from_json(members, value, place)
     if origin in (list, tuple):
-        _expect(list, value, place)
-        return [from_json(inner[0], item, f"{place}[{i}]") for i, item in enumerate(value)]
+        _check_type(list, value, place)
+        return [from_json(arguments[0], item, f"{place}[{i}]") for i, item in enumerate(value)]
     if origin is dict:
-        _expect(dict, value, place)
-        return {key: from_json(inner[1], item, _under(place, key)) for key, item in value.items()}
+        _check_type(dict, value, place)
+        return {key: from_json(arguments[1], item, _child_path(place, key)) for key, item in value.items()}
     if is_dataclass(kind) or is_typeddict(kind):
-        return _of_record(kind, value, place)
-    _expect(kind, value, place)
+        return _record_from_json(kind, value, place)
+    _check_type(kind, value, place)
     return (float("nan") if value is None else float(value)) if kind is float else value
 
 
-_WORDS = {
+_TYPE_DESCRIPTIONS = {
     str: "a text",
     int: "a whole number",
     float: "a number or null",
@@ -119,17 +120,19 @@ _WORDS = {
     dict: "an object",
     NoneType: "null",
 }
-_PLAIN: dict[Any, Any] = {float: (int, float, NoneType)}
+"""Names of JSON's types in messages."""
+_ACCEPTED_TYPES: dict[Any, Any] = {float: (int, float, NoneType)}
+"""Types that are accepted for another one."""
 
 
-def _expect(kind: Any, value: Any, place: str) -> None:
-    whole = isinstance(value, _PLAIN.get(kind, kind))
-    if not whole or (isinstance(value, bool) and kind is not bool):
-        raise _mismatch(place, value, _WORDS[kind])
+def _check_type(kind: Any, value: Any, place: str) -> None:
+    fits = isinstance(value, _ACCEPTED_TYPES.get(kind, kind))
+    if not fits or (isinstance(value, bool) and kind is not bool):
+        raise _mismatch(place, value, _TYPE_DESCRIPTIONS[kind])
 
 
-def _of_union(kinds: tuple[Any, ...], value: Any, place: str) -> Any:
-    """The first type that fits; null is null where the union has it."""
+def _union_from_json(kinds: tuple[Any, ...], value: Any, place: str) -> Any:
+    """Build the first type of a union that fits; null stays None if the union has it."""
     if value is None and NoneType in kinds:
         return None
     errors = []
@@ -141,41 +144,42 @@ def _of_union(kinds: tuple[Any, ...], value: Any, place: str) -> Any:
     raise errors[0]
 
 
-def _one_of(words: Mapping[Any, Any], value: Any, place: str) -> Any:
+def _choice_from_json(words: Mapping[Any, Any], value: Any, place: str) -> Any:
     if not isinstance(value, Hashable) or value not in words:
         raise _mismatch(place, value, f"one of {', '.join(map(str, words))}")
     return words[value]
 
 
-def _of_record(kind: Any, value: Any, place: str) -> Any:
-    """A dataclass has all of its fields and no others; a TypedDict those that are required."""
-    _expect(dict, value, place)
-    types, required = _fields(kind)
-    if is_dataclass(kind) and (strange := sorted(set(value) - set(types))):
-        raise ValueError(f"{_under(place, strange[0])} is unknown")
+def _record_from_json(kind: Any, value: Any, place: str) -> Any:
+    """Build a dataclass, with all of its fields and no others, or a TypedDict with those required."""
+    _check_type(dict, value, place)
+    types, required = _field_types(kind)
+    if is_dataclass(kind) and (unknown := sorted(set(value) - set(types))):
+        raise ValueError(f"{_child_path(place, unknown[0])} is unknown")
     if missing := sorted(required - set(value)):
-        raise ValueError(f"{_under(place, missing[0])} is missing")
-    parts = {
-        key: from_json(types[key], item, _under(place, key)) if key in types else item for key, item in value.items()
+        raise ValueError(f"{_child_path(place, missing[0])} is missing")
+    entries = {
+        key: from_json(types[key], item, _child_path(place, key)) if key in types else item
+        for key, item in value.items()
     }
-    made: Any = kind if is_dataclass(kind) else dict
-    return made(**parts)
+    make_record: Any = kind if is_dataclass(kind) else dict
+    return make_record(**entries)
 
 
 @cache
-def _fields(kind: Any) -> tuple[dict[str, Any], frozenset[str]]:
-    """Types of a record's fields, and the names of those that it must have."""
+def _field_types(kind: Any) -> tuple[dict[str, Any], frozenset[str]]:
+    """Return the types of a record's fields, and the names of the required ones."""
     if is_dataclass(kind):
         required = {f.name for f in fields(kind) if f.default is f.default_factory is MISSING}
         return get_type_hints(kind), frozenset(required)
     return get_type_hints(kind), kind.__required_keys__
 
 
-def _under(place: str, key: str) -> str:
+def _child_path(place: str, key: str) -> str:
     return f"{place}.{key}" if place else key
 
 
 def _mismatch(place: str, value: Any, expected: str) -> ValueError:
-    shown = repr(value)
-    shown = shown if len(shown) <= 40 else f"{shown[:37]}..."
-    return ValueError(f"{place or 'it'} is {shown}, expected {expected}")
+    quoted = repr(value)
+    quoted = quoted if len(quoted) <= 40 else f"{quoted[:37]}..."
+    return ValueError(f"{place or 'it'} is {quoted}, expected {expected}")

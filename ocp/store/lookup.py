@@ -1,4 +1,4 @@
-"""Which run a person means: a path, part of a name, or how many back; and where runs are kept."""
+"""Lookup of runs by path, part of a name, or age; the folder that holds them."""
 
 from __future__ import annotations
 
@@ -14,63 +14,63 @@ from ocp.distribution import load_plugin
 from ocp.errors import InputError, did_you_mean
 from ocp.problem.problem import Problem
 from ocp.solution import Solution
-from ocp.store.atomic import discard
-from ocp.store.run_files import DATA_FILE, META_FILE, MOST
+from ocp.store.atomic import remove_directory
+from ocp.store.run_files import DATA_FILE, MAX_BYTES, META_FILE
 from ocp.store.runs import load, read_entry, run_paths, save
 from ocp.validation import expand_path
 
-VARIABLE = "OCP_RUNS"
-"""Environment variable that names the store where none is said."""
-_COMPARED = 200
-"""Latest runs among which the nearest name is looked for."""
+STORE_VARIABLE = "OCP_RUNS"
+"""Environment variable that names the default store."""
+_MAX_SUGGESTED_AMONG = 200
+"""Number of latest runs among which the nearest name is searched."""
 
 
 def default_root() -> Path:
-    """The store where none is said: ``$OCP_RUNS``, else ``runs`` in the working directory."""
-    return expand_path(os.environ.get(VARIABLE) or "runs")
+    """Return the default store: ``$OCP_RUNS``, else ``runs`` in the working directory."""
+    return expand_path(os.environ.get(STORE_VARIABLE) or "runs")
 
 
-def find(text: str, root: Path | str | None = None) -> Path:
+def find_run(text: str, root: Path | str | None = None) -> Path:
     """Return the run that ``text`` names.
 
-    That is a path; part of a run's name in ``root`` (:func:`default_root` if not said), the latest
-    of several with identical content; ``@last``, the latest of all; ``@2`` the one before it, and
-    so on.
+    ``text`` is a path; part of a run's name in ``root`` (default :func:`default_root`), where the
+    latest of several with identical content is taken; ``@last``, the latest of all; ``@2`` the one
+    before it, and so on.
 
-    Raises :class:`~ocp.errors.InputError` for none and for several that differ.
+    Raises :class:`~ocp.errors.InputError` if no run matches, or several that differ.
     """
     store = default_root() if root is None else expand_path(root)
     if not text.startswith("@") and expand_path(text).exists():
         return expand_path(text)
     runs = run_paths(store)
     if re.fullmatch(r"@(last|[1-9]\d{0,8})", text):
-        return _back(text, runs, store)
-    return _named(text, runs, store)
+        return _run_by_age(text, runs, store)
+    return _run_by_name(text, runs, store)
 
 
-def _back(text: str, runs: Sequence[Path], store: Path) -> Path:
-    back = 1 if text == "@last" else int(text[1:])
-    if back > len(runs):
+def _run_by_age(text: str, runs: Sequence[Path], store: Path) -> Path:
+    count = 1 if text == "@last" else int(text[1:])
+    if count > len(runs):
         holds = f"{len(runs)} run{'s' * (len(runs) != 1)}" if runs else "no runs"
         raise InputError(f"there is no run {text}: {store} holds {holds}; ocp runs lists them")
-    return runs[-back]
+    return runs[-count]
 
 
-def _named(text: str, runs: Sequence[Path], store: Path) -> Path:
-    named = {f"{path.parent.name}/{path.name}": path for path in runs}
-    matches = [path for name, path in named.items() if text in name]
+def _run_by_name(text: str, runs: Sequence[Path], store: Path) -> Path:
+    runs_by_name = {f"{path.parent.name}/{path.name}": path for path in runs}
+    matches = [path for name, path in runs_by_name.items() if text in name]
     if matches:
-        first = _content(matches[0]) if len(matches) > 1 else ""
-        if all(_content(path) == first for path in matches[1:]):
+        content = _content_hash(matches[0]) if len(matches) > 1 else ""
+        if all(_content_hash(path) == content for path in matches[1:]):
             return matches[-1]
-        some = ", ".join(path.name for path in matches[:3])
-        raise InputError(f"{text!r} names {len(matches)} runs ({some}, ...); give more of it")
-    near = did_you_mean(text, list(named)[-_COMPARED:])
-    raise InputError(f"there is no run {text!r}{near}; ocp runs lists what {store} holds")
+        examples = ", ".join(path.name for path in matches[:3])
+        raise InputError(f"{text!r} names {len(matches)} runs ({examples}, ...); give more of it")
+    suggestion = did_you_mean(text, list(runs_by_name)[-_MAX_SUGGESTED_AMONG:])
+    raise InputError(f"there is no run {text!r}{suggestion}; ocp runs lists what {store} holds")
 
 
-def _content(path: Path) -> str:
-    """Hash of a run's content; of a damaged one its path."""
+def _content_hash(path: Path) -> str:
+    """Return the hash of a run's content; the path of a damaged one."""
     entry = read_entry(path)
     return str(path) if entry.meta is None else entry.meta["hash"]
 
@@ -82,25 +82,25 @@ def check_removable(path: Path) -> None:
     """
     if path.is_symlink():
         raise InputError(f"{path} is a symbolic link; remove the link, or name what it leads to")
-    found = list(path.iterdir()) if path.is_dir() else []
-    if not {file.name for file in found} & {DATA_FILE, META_FILE}:
+    files = list(path.iterdir()) if path.is_dir() else []
+    if not {file.name for file in files} & {DATA_FILE, META_FILE}:
         raise InputError(f"{path} is not a run; list the runs with ocp runs")
-    own = {file.name for file in found if file.is_symlink() or not file.is_dir()} & set(MOST)
-    if foreign := sorted({file.name for file in found} - own):
+    run_files = {file.name for file in files if file.is_symlink() or not file.is_dir()} & set(MAX_BYTES)
+    if foreign := sorted({file.name for file in files} - run_files):
         raise InputError(f"{path} holds {foreign[0]}, which does not belong to a run; move it away")
 
 
-def remove(paths: Iterable[Path]) -> None:
+def remove_runs(paths: Iterable[Path]) -> None:
     """Delete runs, and the directory of a problem with the last of its runs.
 
-    Raises :class:`~ocp.errors.InputError`, before anything is deleted, where one of them is none
+    Raises :class:`~ocp.errors.InputError`, before anything is deleted, if a path is not a run
     (:func:`check_removable`).
     """
     runs = list(dict.fromkeys(paths))
     for path in runs:
         check_removable(path)
     for path in runs:
-        discard(path)
+        remove_directory(path)
         with suppress(OSError):
             path.parent.rmdir()
 
@@ -125,19 +125,19 @@ def load_solution(
 ) -> Solution:
     """Read a run of ``ocp solve``, or of :func:`ocp.save`.
 
-    ``run`` is its directory, part of its name in the folder ``store`` of runs, or ``@last``, as the command
-    line takes it (:func:`~ocp.store.lookup.find`). Its problem is built again by its name. Of a
-    problem of one's own ``source`` names the file, for code that a run names is never loaded; or
-    ``problem`` is what was built of it, or without a file. Warns where the file has changed.
+    ``run`` is its directory, part of its name in the folder ``store`` of runs, or ``@last``, as on the
+    command line (:func:`~ocp.store.lookup.find_run`). A problem of the workbench is rebuilt by its
+    name. For a user's problem, give its file as ``source``, since code that a run names is never
+    loaded, or the built ``problem``. Warns if the file has changed.
 
-    Raises :class:`~ocp.errors.InputError` where there is no such run, it is no solve, or its
-    problem is not found again, and :class:`~ocp.errors.DamagedRun` where it is not whole.
+    Raises :class:`~ocp.errors.InputError` if there is no such run, it is not a solve, or its
+    problem is not found, and :class:`~ocp.errors.DamagedRun` if it is incomplete.
     """
-    found = load(find(str(run), store))
+    stored_run = load(find_run(str(run), store))
     if problem is not None:
-        return found.solution(problem)
+        return stored_run.solution(problem)
     problems = load_plugin("problems")
-    own = problems.named_file(source, [found])
-    if note := problems.edited(found, own):
+    own_problem = problems.named_file(source, [stored_run])
+    if note := problems.edited(stored_run, own_problem):
         warnings.warn(note, stacklevel=2)
-    return found.solution(problems.problem_of(found, own)[2])
+    return stored_run.solution(problems.problem_of(stored_run, own_problem)[2])

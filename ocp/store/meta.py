@@ -1,4 +1,4 @@
-"""What the description of a run holds, by its kind, and whether one that was read does."""
+"""Descriptions of runs: the entries of ``meta.json`` by kind of run, and their checks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ocp.judge.verdict import Grade
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
 from ocp.store.json_values import from_json
-from ocp.store.run_files import DATA_FILE, META_FILE, MOST
+from ocp.store.run_files import DATA_FILE, MAX_BYTES, META_FILE
 
 Scalar = str | float | bool
 Values = dict[str, Scalar | list[Scalar]]
@@ -25,7 +25,7 @@ Row = dict[str, Any]
 
 
 class Record(TypedDict, total=False):
-    """What was asked; a kind of run has some of these."""
+    """Request of a run; each kind of run has some of these entries."""
 
     params: Values
     contact: str
@@ -50,7 +50,7 @@ class Record(TypedDict, total=False):
 
 
 class RunMeta(TypedDict):
-    """What every run has."""
+    """Entries of every run."""
 
     schema: int
     kind: str
@@ -68,7 +68,7 @@ class RunMeta(TypedDict):
 
 
 class OptionalMeta(TypedDict, total=False):
-    """Entries of some runs only; ``source_digest`` is of all that a user's file was made of."""
+    """Entries of some runs only; ``source_digest`` covers a user's file and all that it imports."""
 
     seed: int | None
     source_digest: str | None
@@ -82,7 +82,7 @@ class OptionalMeta(TypedDict, total=False):
 
 
 class SolveMeta(TypedDict):
-    """What a run of ``ocp solve`` has beside."""
+    """Further entries of a run of ``ocp solve``."""
 
     status: Status
     grade: Grade
@@ -118,7 +118,7 @@ Ends = TypedDict("Ends", {"from": float, "to": float})
 
 
 class ContinueMeta(Ends):
-    """What a run of ``ocp continue`` has."""
+    """Further entries of a run of ``ocp continue``."""
 
     over: str
     steps: int
@@ -132,7 +132,7 @@ class ContinueMeta(Ends):
 
 
 class SweepAxis(TypedDict):
-    """What a sweep goes over."""
+    """An axis of a sweep."""
 
     name: str
     full_name: str
@@ -142,7 +142,7 @@ class SweepAxis(TypedDict):
 
 
 class SweepGrid(TypedDict):
-    """The points of a sweep."""
+    """Grid of a sweep, and its failed points."""
 
     axes: list[SweepAxis]
     shape: list[int]
@@ -150,7 +150,7 @@ class SweepGrid(TypedDict):
 
 
 class SweepMeta(TypedDict):
-    """What a run of ``ocp sweep`` has."""
+    """Further entries of a run of ``ocp sweep``."""
 
     study: SweepGrid
     solved: int
@@ -160,14 +160,14 @@ class SweepMeta(TypedDict):
 
 
 class EstimateMeta(TypedDict):
-    """What a run of ``ocp estimate`` has."""
+    """Further entries of a run of ``ocp estimate``."""
 
     sweep: Row | None
     estimates: list[Row]
 
 
 class TrainMeta(TypedDict):
-    """What a run of ``ocp train`` has."""
+    """Further entries of a run of ``ocp train``."""
 
     evaluation: dict[str, float]
     untrained: dict[str, float]
@@ -178,13 +178,13 @@ class TrainMeta(TypedDict):
 
 
 class FigureMeta(TypedDict):
-    """What a run of ``ocp figure`` has."""
+    """Further entries of a run of ``ocp figure``."""
 
     claims: list[Row]
 
 
 class ClosedLoopMeta(TypedDict):
-    """What a run of ``ocp mpc`` has; lists have one entry per seed, times are in seconds."""
+    """Further entries of a run of ``ocp mpc``; lists have one entry per seed, times are in seconds."""
 
     costs: list[float]
     cost_interval: list[float]
@@ -200,7 +200,7 @@ class ClosedLoopMeta(TypedDict):
 
 
 class ParameterMeaning(TypedDict):
-    """What a parameter is."""
+    """Unit and meaning of a parameter."""
 
     unit: str
     description: str
@@ -214,7 +214,7 @@ class MotionRecord(TypedDict):
 
 
 class OwnProblem(TypedDict):
-    """What a run keeps of a problem of a user's file, for whoever shows it without that file."""
+    """Description of a problem from a user's file, from which a run is shown without that file."""
 
     title: str
     equations: list[str]
@@ -224,7 +224,7 @@ class OwnProblem(TypedDict):
     undrawn: str
 
 
-KINDS: dict[str, Any] = {
+META_TYPES: dict[str, Any] = {
     "solve": SolveMeta,
     "continue": ContinueMeta,
     "sweep": SweepMeta,
@@ -236,33 +236,33 @@ KINDS: dict[str, Any] = {
 
 
 def check_meta(file: Path, meta: dict[str, Any]) -> None:
-    """Raise :class:`~ocp.errors.DamagedRun` for the first entry that is missing or of no sense."""
+    """Raise :class:`~ocp.errors.DamagedRun` for the first entry that is missing or invalid."""
     try:
         from_json(RunMeta, meta)
         from_json(OptionalMeta, meta)
         _check_parts(meta["parts"])
         _check_time(meta["created"])
-        if meta["kind"] not in KINDS:
-            raise ValueError(f"kind is {meta['kind']!r}, expected one of {', '.join(KINDS)}")
-        from_json(KINDS[meta["kind"]], meta)
+        if meta["kind"] not in META_TYPES:
+            raise ValueError(f"kind is {meta['kind']!r}, expected one of {', '.join(META_TYPES)}")
+        from_json(META_TYPES[meta["kind"]], meta)
     except ValueError as error:
         raise DamagedRun(f"{file} does not describe a run: {error}") from error
 
 
-def check_own_problem(file: Path, told: dict[str, Any]) -> None:
-    """Raise :class:`~ocp.errors.DamagedRun` for what is no :class:`OwnProblem`."""
+def check_own_problem(file: Path, description: dict[str, Any]) -> None:
+    """Raise :class:`~ocp.errors.DamagedRun` unless ``description`` is an :class:`OwnProblem`."""
     try:
-        from_json(OwnProblem, told)
-        if len(told["axes"]) != len("xy"):
-            raise ValueError(f"axes are {len(told['axes'])}, expected 2")
+        from_json(OwnProblem, description)
+        if len(description["axes"]) != len("xy"):
+            raise ValueError(f"axes are {len(description['axes'])}, expected 2")
     except ValueError as error:
         raise DamagedRun(f"{file} does not describe a problem: {error}") from error
 
 
 def _check_parts(parts: dict[str, str]) -> None:
-    known = set(MOST) - {META_FILE}
-    if strange := sorted(set(parts) - known):
-        raise ValueError(f"parts names {strange[0]!r}, expected one of {', '.join(sorted(known))}")
+    allowed = set(MAX_BYTES) - {META_FILE}
+    if unknown := sorted(set(parts) - allowed):
+        raise ValueError(f"parts names {unknown[0]!r}, expected one of {', '.join(sorted(allowed))}")
     if DATA_FILE not in parts:
         raise ValueError(f"parts lacks {DATA_FILE}")
 
@@ -277,7 +277,7 @@ def _check_time(created: str) -> None:
 def check_tags(tags: Iterable[str]) -> list[str]:
     """Return ``tags`` in order, each once.
 
-    Raises :class:`~ocp.errors.InputError` for what is no word of letters, digits, ``_ . -``.
+    Raises :class:`~ocp.errors.InputError` for a tag that is not one word of letters, digits, ``_ . -``.
     """
     for tag in tags:
         if not re.fullmatch(r"[\w.-]{1,60}", tag):

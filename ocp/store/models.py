@@ -1,4 +1,4 @@
-"""Transitions and models on disk: one netCDF file each, written whole or not at all."""
+"""Transitions and models on disk: one netCDF file each, written atomically."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 
 def save(dataset: xr.Dataset, path: Path) -> None:
-    """Write what ``.dataset()`` of transitions or a model gave, and whatever was merged to it.
+    """Write the ``.dataset()`` of transitions or of a model, and anything merged to it.
 
     Raises :class:`~ocp.errors.InputError` where the file cannot be written.
     """
     whole = dataset.assign_attrs({files.CHECKSUM: files.checksum(dataset)})
-    atomic.write(path, atomic.netcdf(whole, f"the file {path}"), "the file")
+    atomic.write_file(path, atomic.netcdf_bytes(whole, f"the file {path}"), "the file")
 
 
 def load_any(path: Path) -> Transitions | xr.Dataset:
-    """Transitions, or all that the file of a model holds; raises as :func:`load_model` does."""
+    """Read transitions, or the whole dataset of a model; raises as :func:`load_model` does."""
     with input_errors():
         dataset = files.read(path)
         if dataset.attrs["kind"] == files.TRANSITIONS:
@@ -34,15 +34,15 @@ def load_any(path: Path) -> Transitions | xr.Dataset:
 
 
 def load_transitions(path: Path) -> Transitions:
-    """Transitions from their file; raises as :func:`load_model` does."""
+    """Read transitions from their file; raises as :func:`load_model` does."""
     with input_errors():
         return files.transitions_of(files.read(path), path)
 
 
 def load_model(path: Path) -> Any:
-    """A model from its file.
+    """Read a model from its file.
 
-    Raises :class:`~ocp.errors.InputError` with a sentence where it is not whole, or something else.
+    Raises :class:`~ocp.errors.InputError` if the file is incomplete, or holds something else.
     """
     with input_errors():
         return files.read_model(path)

@@ -1,4 +1,4 @@
-"""Where a number came from: versions of what computed it, and the source's revision."""
+"""Provenance of results: versions of the libraries, digests of sources, and the git revision."""
 
 from __future__ import annotations
 
@@ -15,24 +15,27 @@ from typing import Any
 from ocp.errors import InputError
 
 _DISTRIBUTIONS = ("centralpath", "casadi", "numpy", "scipy", "xarray", "netCDF4")
-_LONGEST = 4096
-_COMPUTING = ("dynamics", "ocp", "problems")
+"""Distributions whose versions are stored with each run."""
+_MAX_PATH_LENGTH = 4096
+"""Length from which on a text cannot be a path."""
+_COMPUTING_PACKAGES = ("dynamics", "ocp", "problems")
+"""Packages whose source decides a result."""
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of Python and of the distributions that shape an answer."""
-    found = {"python": platform.python_version()}
+    """Return the versions of Python and of the distributions that decide a result."""
+    versions_by_name = {"python": platform.python_version()}
     for name in _DISTRIBUTIONS:
         try:
-            found[name] = version(name)
+            versions_by_name[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+            versions_by_name[name] = "not installed"
+    return versions_by_name
 
 
 def file_digest(file: Path) -> str:
-    """SHA-256, in hex, of one file; raises :class:`~ocp.errors.InputError` where it is not read."""
+    """Return the SHA-256, in hex, of a file; raise :class:`~ocp.errors.InputError` if it is unreadable."""
     try:
         with file.open("rb") as content:
             return hashlib.file_digest(content, "sha256").hexdigest()
@@ -41,23 +44,23 @@ def file_digest(file: Path) -> str:
 
 
 def content_digest(sources: Iterable[str | None], settings: Mapping[str, Any]) -> str:
-    """SHA-256, in hex, of a user's files that a study is asked of; "" of none.
+    """Return the SHA-256, in hex, of the user's files on which a study depends; "" for none.
 
     ``sources`` are the digests of the files of problem and law, None for those of the workbench;
-    ``settings`` may name others, as ``model`` of a learned law does. Raises as :func:`file_digest`
-    does.
+    ``settings`` may name further files, as ``model`` of a learned law does. Raises as
+    :func:`file_digest` does.
     """
-    found = [source for source in sources if source is not None]
+    digests = [source for source in sources if source is not None]
     for key, value in sorted(settings.items()):
         file = Path(value) if isinstance(value, str | Path) else None
-        # A long text is no place: to ask would raise.
-        if file is not None and len(str(file)) < _LONGEST and file.is_file():
-            found.append(f"{key} {file_digest(file)}")
-    return hashlib.sha256("\n".join(found).encode()).hexdigest() if found else ""
+        # A longer text is no path, and is_file would raise.
+        if file is not None and len(str(file)) < _MAX_PATH_LENGTH and file.is_file():
+            digests.append(f"{key} {file_digest(file)}")
+    return hashlib.sha256("\n".join(digests).encode()).hexdigest() if digests else ""
 
 
 class FilesChanged(InputError):
-    """Files are no longer what a study was asked of; the message names them."""
+    """Files have changed since a study was requested; the message names them."""
 
 
 def check_content(
@@ -73,21 +76,21 @@ def check_content(
 
 @cache
 def program_digest() -> str:
-    """SHA-256, in hex, of the source of all that computes: a version alone may be edited."""
-    told = hashlib.sha256()
-    for name in _COMPUTING:
+    """Return the SHA-256, in hex, of the source of the computing packages: a version may be edited."""
+    digest = hashlib.sha256()
+    for name in _COMPUTING_PACKAGES:
         spec = find_spec(name)
         for root in map(Path, (spec and spec.submodule_search_locations) or ()):
             for file in sorted(root.rglob("*.py")):
-                told.update(f"{name}/{file.relative_to(root)} {file_digest(file)}\n".encode())
-    return told.hexdigest()
+                digest.update(f"{name}/{file.relative_to(root)} {file_digest(file)}\n".encode())
+    return digest.hexdigest()
 
 
 @cache
 def git_revision() -> str | None:
-    """Revision of the checkout that this package lies in, with ``+`` where it was changed.
+    """Return the git revision of the checkout of this package, with ``+`` if it has changes.
 
-    None where the package does not lie at the root of a checkout.
+    None if the package does not lie at the root of a checkout.
     """
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():

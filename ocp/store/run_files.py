@@ -1,7 +1,7 @@
-"""The files of a run: regular ones only, of a size that can be, and each as it was written.
+"""The files of a run: regular files of limited size, verified by checksums.
 
 ``meta.json`` names the SHA-256 of every other file under ``parts`` and ends in a checksum of its
-own, over all that stands before it. Both are compared before anything of a file is understood.
+own, over everything before it. Both are compared before a file is parsed.
 """
 
 from __future__ import annotations
@@ -18,117 +18,123 @@ from typing import Any, NoReturn
 
 from ocp.errors import DamagedRun, InputError
 
-DATA_FILE, META_FILE, PROBLEM_FILE = "solution.nc", "meta.json", "problem.json"
-MOST = {DATA_FILE: 4 << 30, META_FILE: 32 << 20, PROBLEM_FILE: 256 << 20}
-"""The files that a run may have, and how many bytes each may be."""
+DATA_FILE = "solution.nc"
+"""File of a run's arrays."""
+META_FILE = "meta.json"
+"""File of a run's description."""
+PROBLEM_FILE = "problem.json"
+"""File that describes a user's problem."""
+MAX_BYTES = {DATA_FILE: 4 << 30, META_FILE: 32 << 20, PROBLEM_FILE: 256 << 20}
+"""Largest size [bytes] of each file that a run may have."""
 
-_DEEPEST = 20
-_SHOWN = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
-# Where text may hold one: written out, or as JSON escapes it.
-_CONTROL = re.compile(rb"[\x7f-\xff]|\\u00[0189][0-9a-fA-F]|\\u007[fF]|\\[bfr]")
-_END = re.compile(rb',\n "checksum": "([0-9a-f]{64})"\n}\n')
-_END_LENGTH = len(b',\n "checksum": ""\n}\n') + 64
+_MAX_JSON_DEPTH = 20
+"""Largest depth of nesting in a run's JSON."""
+_CONTROL_ESCAPES = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
+# Control characters in the text of a JSON document: as bytes, or escaped.
+_CONTROL_PATTERN = re.compile(rb"[\x7f-\xff]|\\u00[0189][0-9a-fA-F]|\\u007[fF]|\\[bfr]")
+_SEAL_PATTERN = re.compile(rb',\n "checksum": "([0-9a-f]{64})"\n}\n')
+_SEAL_LENGTH = len(b',\n "checksum": ""\n}\n') + 64
 
 
-def sealed(described: Mapping[str, Any], parts: Mapping[str, bytes]) -> dict[str, bytes]:
-    """All files of a run by name: ``parts``, and the description with the checksums of all.
+def seal_run(description: Mapping[str, Any], parts: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Return all files of a run by name: ``parts``, and the description with all checksums.
 
-    Raises :class:`~ocp.errors.InputError` for one that no run may have so large.
+    Raises :class:`~ocp.errors.InputError` for a file over its size limit.
     """
     sums = {name: hashlib.sha256(content).hexdigest() for name, content in parts.items()}
-    text = json.dumps({**described, "parts": sums}, indent=1, sort_keys=True, allow_nan=False)
+    text = json.dumps({**description, "parts": sums}, indent=1, sort_keys=True, allow_nan=False)
     body = text.encode().removesuffix(b"\n}")
-    end = f',\n "checksum": "{hashlib.sha256(body).hexdigest()}"\n}}\n'
-    files = {**parts, META_FILE: body + end.encode()}
+    seal = f',\n "checksum": "{hashlib.sha256(body).hexdigest()}"\n}}\n'
+    files = {**parts, META_FILE: body + seal.encode()}
     for name, content in files.items():
-        if len(content) > MOST[name]:
+        if len(content) > MAX_BYTES[name]:
             raise InputError(
                 f"{name} of the run would have {len(content)} bytes, and may have"
-                f" {MOST[name]}; take fewer points, steps or scenarios"
+                f" {MAX_BYTES[name]}; take fewer points, steps or scenarios"
             )
     return files
 
 
 def read_sealed(directory: Path) -> dict[str, Any]:
-    """Read ``meta.json`` of a run, its own checksum compared.
+    """Read ``meta.json`` of a run and verify its checksum.
 
-    Raises :class:`~ocp.errors.DamagedRun`, naming file and reason, where it is not as written.
+    Raises :class:`~ocp.errors.DamagedRun`, naming file and reason, if it was changed.
     """
     file = directory / META_FILE
-    content = contents(file, MOST[META_FILE])
-    end = _END.fullmatch(content[-_END_LENGTH:])
-    if end is None:
+    content = read_regular_file(file, MAX_BYTES[META_FILE])
+    seal = _SEAL_PATTERN.fullmatch(content[-_SEAL_LENGTH:])
+    if seal is None:
         raise DamagedRun(f"{file} does not end in its checksum: cut short or changed")
-    if hashlib.sha256(content[:-_END_LENGTH]).hexdigest().encode() != end[1]:
+    if hashlib.sha256(content[:-_SEAL_LENGTH]).hexdigest().encode() != seal[1]:
         raise DamagedRun(f"{file} does not match its checksum: changed since it was written")
-    return parsed(file, content)
+    return parse_json_object(file, content)
 
 
-def part(directory: Path, meta: Mapping[str, Any], name: str) -> bytes:
-    """Read another file of a run, its checksum compared; raises as :func:`read_sealed` does."""
+def read_part(directory: Path, meta: Mapping[str, Any], name: str) -> bytes:
+    """Read another file of a run and verify its checksum; raises as :func:`read_sealed` does."""
     file = directory / name
-    content = contents(file, MOST[name])
+    content = read_regular_file(file, MAX_BYTES[name])
     if hashlib.sha256(content).hexdigest() != meta["parts"][name]:
         raise DamagedRun(f"{file} does not match its checksum in {META_FILE}: cut short or changed")
     return content
 
 
-def parsed(file: Path, content: bytes) -> dict[str, Any]:
-    """The object that JSON holds; raises :class:`~ocp.errors.DamagedRun` for anything else."""
+def parse_json_object(file: Path, content: bytes) -> dict[str, Any]:
+    """Parse a JSON object; raise :class:`~ocp.errors.DamagedRun` for anything else."""
     try:
-        found = json.loads(content, parse_constant=_no_number)
+        document = json.loads(content, parse_constant=_reject_constant)
     except ValueError as error:
         raise DamagedRun(f"{file} is not JSON: {error}") from error
     except RecursionError:
-        found = None
-    if found is None or _is_deeper(found, _DEEPEST):
-        raise DamagedRun(f"{file} is nested more than {_DEEPEST} levels deep")
-    if _CONTROL.search(content):
-        found = visible(found)
-    if not isinstance(found, dict):
-        raise DamagedRun(f"{file} holds a {type(found).__name__}, expected an object")
-    return found
+        document = None
+    if document is None or _is_deeper(document, _MAX_JSON_DEPTH):
+        raise DamagedRun(f"{file} is nested more than {_MAX_JSON_DEPTH} levels deep")
+    if _CONTROL_PATTERN.search(content):
+        document = escape_controls(document)
+    if not isinstance(document, dict):
+        raise DamagedRun(f"{file} holds a {type(document).__name__}, expected an object")
+    return document
 
 
-def contents(file: Path, most: int) -> bytes:
+def read_regular_file(file: Path, most: int) -> bytes:
     """Read a regular file of at most ``most`` bytes.
 
-    Nothing else is opened: a FIFO would wait for a writer, a device might never end, and a link
+    No other kind is opened: a FIFO would wait for a writer, a device might never end, and a link
     leads out of the run. Raises :class:`~ocp.errors.DamagedRun` with the reason.
     """
     try:
         _check_regular(file, os.lstat(file), most)
         handle = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
         with os.fdopen(handle, "rb") as stream:
-            # Again, for what lies there may have changed between the two calls.
+            # Checked again, since the file may have been replaced between the two calls.
             _check_regular(file, os.fstat(handle), most)
-            found = stream.read(most + 1)
+            content = stream.read(most + 1)
     except OSError as error:
-        raise DamagedRun(f"{file} cannot be read: {reason(error)}") from error
-    if len(found) > most:
-        _too_large(file, len(found), most)
-    return found
+        raise DamagedRun(f"{file} cannot be read: {error_reason(error)}") from error
+    if len(content) > most:
+        _too_large(file, len(content), most)
+    return content
 
 
-def reason(error: OSError) -> str:
-    """What the system says of an error."""
+def error_reason(error: OSError) -> str:
+    """Return the system's message for an error."""
     if error.errno == errno.ELOOP:
         return "it is a symbolic link; a run holds regular files"
     return error.strerror or str(error)
 
 
-def _check_regular(file: Path, about: os.stat_result, most: int) -> None:
-    if not stat.S_ISREG(about.st_mode):
+def _check_regular(file: Path, status: os.stat_result, most: int) -> None:
+    if not stat.S_ISREG(status.st_mode):
         kinds = {
             stat.S_IFLNK: "a symbolic link",
             stat.S_IFIFO: "a FIFO",
             stat.S_IFDIR: "a directory",
             stat.S_IFSOCK: "a socket",
         }
-        found = kinds.get(stat.S_IFMT(about.st_mode), "a device")
-        raise DamagedRun(f"{file} cannot be read: it is {found}; a run holds regular files")
-    if about.st_size > most:
-        _too_large(file, about.st_size, most)
+        kind = kinds.get(stat.S_IFMT(status.st_mode), "a device")
+        raise DamagedRun(f"{file} cannot be read: it is {kind}; a run holds regular files")
+    if status.st_size > most:
+        _too_large(file, status.st_size, most)
 
 
 def _too_large(file: Path, size: int, most: int) -> NoReturn:
@@ -140,14 +146,14 @@ def _is_deeper(value: Any, most: int) -> bool:
     return any(most == 0 or _is_deeper(item, most - 1) for item in inner if isinstance(item, dict | list))
 
 
-def visible(value: Any) -> Any:
-    """Write control characters of texts in plain values as ``\\x1b``: a terminal obeys them."""
+def escape_controls(value: Any) -> Any:
+    """Escape control characters in nested texts as ``\\x1b``, since terminals obey them."""
     if isinstance(value, dict):
-        return {visible(key): visible(item) for key, item in value.items()}
+        return {escape_controls(key): escape_controls(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [visible(item) for item in value]
-    return value.translate(_SHOWN) if isinstance(value, str) else value
+        return [escape_controls(item) for item in value]
+    return value.translate(_CONTROL_ESCAPES) if isinstance(value, str) else value
 
 
-def _no_number(word: str) -> NoReturn:
+def _reject_constant(word: str) -> NoReturn:
     raise ValueError(f"{word} is not a JSON number")

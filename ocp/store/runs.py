@@ -1,7 +1,7 @@
-"""The run store: what was asked and what came out, on disk, whole or not at all.
+"""The run store: requests and results on disk, written atomically.
 
 A run is ``<root>/<problem>/<utc-time>-<hash>/`` with the files of :mod:`ocp.store.run_files`:
-``solution.nc`` (netCDF), ``meta.json``, and of a user's own problem ``problem.json``. It is data:
+``solution.nc`` (netCDF), ``meta.json``, and ``problem.json`` for a user's problem. It is data:
 nothing is ever pickled, and no code that it names is ever loaded.
 """
 
@@ -24,7 +24,7 @@ from dynamics.learned.netcdf import check_readable
 from ocp.errors import DamagedRun, InputError
 from ocp.problem.problem import Problem
 from ocp.solution import Solution
-from ocp.store.atomic import NETCDF, draft_directory, flush, netcdf, write_errors
+from ocp.store.atomic import NETCDF_LOCK, draft_directory, netcdf_bytes, sync_to_disk, write_errors
 from ocp.store.json_values import content_hash, to_json
 from ocp.store.meta import check_meta, check_tags
 from ocp.store.provenance import git_revision, versions
@@ -33,11 +33,11 @@ from ocp.store.run_files import (
     DATA_FILE,
     META_FILE,
     PROBLEM_FILE,
-    part,
+    error_reason,
+    escape_controls,
+    read_part,
     read_sealed,
-    reason,
-    sealed,
-    visible,
+    seal_run,
 )
 from ocp.store.stored_run import StoredRun
 from ocp.validation import expand_path
@@ -46,11 +46,12 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SCHEMA = 3
+"""Version of the format of ``meta.json``."""
 
 
 @dataclass(frozen=True)
 class RunEntry:
-    """One line of a store's listing: ``meta`` of a run, or why it cannot be read."""
+    """One line of a store's listing: ``meta`` of a run, or the reason why it cannot be read."""
 
     path: Path
     meta: dict[str, Any] | None
@@ -58,22 +59,22 @@ class RunEntry:
 
 
 def save(solution: Solution, root: Path | str, argv: Sequence[str], tags: Sequence[str] = ()) -> StoredRun:
-    """Store a solution and return the run; raises as :func:`write` does."""
-    problem, data, meta = _parts(solution, argv, tags)
-    return write(root, problem, data, meta, problem_part(solution.problem, data))
+    """Store a solution and return the run; raises as :func:`write_run` does."""
+    problem, data, meta = _describe_solution(solution, argv, tags)
+    return write_run(root, problem, data, meta, problem_parts(solution.problem, data))
 
 
 def in_memory_run(solution: Solution) -> StoredRun:
-    """The run that :func:`save` would store, for whatever shows a run; it has no place on disk."""
-    problem, data, meta = _parts(solution, [], [])
-    described = _completed(problem, data, meta, datetime.now(UTC))
-    return StoredRun(Path(), data, described, problem_part(solution.problem, data))
+    """Return the run that :func:`save` would store, to be shown; it has no path on disk."""
+    problem, data, meta = _describe_solution(solution, [], [])
+    description = _complete_meta(problem, data, meta, datetime.now(UTC))
+    return StoredRun(Path(), data, description, problem_parts(solution.problem, data))
 
 
-def problem_part(problem: Problem, data: xr.Dataset | None = None) -> dict[str, bytes]:
-    """The part of a run that tells of a user's own problem, drawn at the states of ``data``.
+def problem_parts(problem: Problem, data: xr.Dataset | None = None) -> dict[str, bytes]:
+    """Return the file that describes a user's problem, drawn at the states of ``data``, by name.
 
-    No part for a problem that has a name, or none.
+    Empty for a problem of the workbench.
     """
     if problem.origin.record is None:
         return {}
@@ -85,10 +86,12 @@ def problem_part(problem: Problem, data: xr.Dataset | None = None) -> dict[str, 
     return {PROBLEM_FILE: json.dumps(to_json(problem.origin.record.told(motions))).encode()}
 
 
-def _parts(solution: Solution, argv: Sequence[str], tags: Sequence[str] = ()) -> tuple[str, xr.Dataset, dict[str, Any]]:
-    """Name of the problem, arrays and description of a solution."""
+def _describe_solution(
+    solution: Solution, argv: Sequence[str], tags: Sequence[str] = ()
+) -> tuple[str, xr.Dataset, dict[str, Any]]:
+    """Return the problem's name, the arrays and the description of a solution."""
     record = record_of(solution)
-    summary = (
+    summary_keys = (
         "idle_cost",
         "grade",
         "cost",
@@ -99,7 +102,7 @@ def _parts(solution: Solution, argv: Sequence[str], tags: Sequence[str] = ()) ->
         "evaluation_s",
         "solver_s",
     )
-    judged = ("audit", "certificate", "referee")
+    judge_keys = ("audit", "certificate", "referee")
     meta = {
         "kind": "solve",
         "argv": list(argv),
@@ -110,13 +113,13 @@ def _parts(solution: Solution, argv: Sequence[str], tags: Sequence[str] = ()) ->
         "status": solution.status.label,
         "stages": [asdict(stage) for stage in solution.stages],
         "others": [asdict(attempt) for attempt in solution.route.attempts],
-        **{name: asdict(getattr(solution, name)) for name in judged},
-        **{name: getattr(solution, name) for name in summary},
+        **{name: asdict(getattr(solution, name)) for name in judge_keys},
+        **{name: getattr(solution, name) for name in summary_keys},
     }
     return str(record.get("problem", "problem")), solution.data, meta
 
 
-def write(
+def write_run(
     root: Path | str,
     problem: str,
     data: xr.Dataset,
@@ -126,48 +129,48 @@ def write(
     """Store ``data`` and ``meta`` as one run of ``problem`` and return the run.
 
     ``meta`` has the entries that :mod:`ocp.store.meta` lists for its ``kind``; ``tags`` mark the
-    run; ``parts`` come from :func:`problem_part`. Added are ``schema problem created versions
-    revision hash parts checksum``. The hash in the name covers the content without times and tags,
-    so identical solves share it.
+    run; ``parts`` come from :func:`problem_parts`. ``schema problem created versions revision hash
+    parts checksum`` are added. The hash in the name covers the content without times and tags, so
+    identical solves share it.
 
-    Raises :class:`~ocp.errors.InputError` for a tag that is no word, and where the directory cannot
-    be written or the disk is full; then nothing of the run is left behind.
+    Raises :class:`~ocp.errors.InputError` for a tag that is not one word, and if the directory
+    cannot be written or the disk is full; then nothing of the run is left behind.
     """
     created = datetime.now(UTC)
-    described = _completed(problem, data, meta, created)
-    content = netcdf(data, f"the run to {root}")
-    files = sealed(described, {DATA_FILE: content, **(parts or {})})
-    name = f"{created:%Y%m%dT%H%M%SZ}-{described['hash']}"
-    place = expand_path(root)
-    shelf = place / (re.sub(r"[^\w.-]+", "-", problem).strip(".-") or "problem")
-    with _write_errors(place), draft_directory(shelf) as room:
+    description = _complete_meta(problem, data, meta, created)
+    content = netcdf_bytes(data, f"the run to {root}")
+    files = seal_run(description, {DATA_FILE: content, **(parts or {})})
+    name = f"{created:%Y%m%dT%H%M%SZ}-{description['hash']}"
+    store = expand_path(root)
+    problem_folder = store / (re.sub(r"[^\w.-]+", "-", problem).strip(".-") or "problem")
+    with _write_errors(store), draft_directory(problem_folder) as draft:
         for file, content in files.items():
-            (room / file).write_bytes(content)
-            flush(room / file)
-        flush(room)
-        final = _rename_into(room, shelf, name)
-        flush(shelf)
-    # Read from the text that was written: a page of this run and of the stored one are the same.
-    return StoredRun(final, data, json.loads(files[META_FILE]), dict(parts or {}))
+            (draft / file).write_bytes(content)
+            sync_to_disk(draft / file)
+        sync_to_disk(draft)
+        run_folder = _rename_into(draft, problem_folder, name)
+        sync_to_disk(problem_folder)
+    # Parsed from the written text, so that pages of this run and of the stored one are the same.
+    return StoredRun(run_folder, data, json.loads(files[META_FILE]), dict(parts or {}))
 
 
-def _completed(problem: str, data: xr.Dataset, meta: dict[str, Any], created: datetime) -> dict[str, Any]:
-    described = to_json(meta)
-    return described | {
+def _complete_meta(problem: str, data: xr.Dataset, meta: dict[str, Any], created: datetime) -> dict[str, Any]:
+    description = to_json(meta)
+    return description | {
         "schema": SCHEMA,
         "problem": problem,
         "created": created.isoformat(timespec="microseconds"),
         "tags": check_tags(meta.get("tags") or ()),
         "versions": versions(),
         "revision": git_revision(),
-        "hash": content_hash(data, described),
+        "hash": content_hash(data, description),
     }
 
 
 def check_writable(root: Path | str) -> None:
-    """Make ``root`` and raise :class:`~ocp.errors.InputError` where nothing can be written."""
-    place = expand_path(root)
-    with _write_errors(place), draft_directory(place):
+    """Make the folder ``root``; raise :class:`~ocp.errors.InputError` if it is not writable."""
+    store = expand_path(root)
+    with _write_errors(store), draft_directory(store):
         pass
 
 
@@ -176,41 +179,41 @@ def _write_errors(root: Path) -> AbstractContextManager[None]:
 
 
 def load(path: Path | str) -> StoredRun:
-    """Read a run back, every file of it compared with its checksum first.
+    """Read a run and verify the checksums of all its files.
 
-    Raises :class:`~ocp.errors.InputError` where there is no such directory and
-    :class:`~ocp.errors.DamagedRun`, naming file and reason, where the run is not whole.
+    Raises :class:`~ocp.errors.InputError` if there is no such directory and
+    :class:`~ocp.errors.DamagedRun`, naming file and reason, if the run is incomplete or changed.
     """
     directory = expand_path(path)
     meta = read_meta(directory)
-    parts = {name: part(directory, meta, name) for name in meta["parts"]}
-    data = _arrays(directory / DATA_FILE, parts.pop(DATA_FILE))
+    parts = {name: read_part(directory, meta, name) for name in meta["parts"]}
+    data = _parse_netcdf(directory / DATA_FILE, parts.pop(DATA_FILE))
     return StoredRun(directory, data, meta, parts)
 
 
-def _arrays(file: Path, content: bytes) -> xr.Dataset:
-    """The dataset in the bytes of a netCDF file, which are as they were written."""
+def _parse_netcdf(file: Path, content: bytes) -> xr.Dataset:
+    """Parse the bytes of a netCDF file, whose checksum was verified."""
     import xarray as xr
 
     try:
-        with NETCDF:
+        with NETCDF_LOCK:
             check_readable(content)
-            return _visible(xr.load_dataset(content, engine="netcdf4"))
+            return _escape_dataset(xr.load_dataset(content, engine="netcdf4"))
     except MemoryError:
         raise
     except Exception as error:
         raise DamagedRun(f"{file} is not a readable netCDF file: {error}") from error
 
 
-def _visible(data: xr.Dataset) -> xr.Dataset:
-    """The same with texts that a terminal shows and does not obey."""
+def _escape_dataset(data: xr.Dataset) -> xr.Dataset:
+    """Escape control characters in texts, which a terminal would obey."""
     for name, variable in data.variables.items():
-        variable.attrs = visible(variable.attrs)
+        variable.attrs = escape_controls(variable.attrs)
         if variable.dtype.kind in "OUS":
-            words = np.vectorize(visible, otypes=[object])(variable.values)
-            if not np.array_equal(words, variable.values):
-                put = data.assign_coords if name in data.coords else data.assign
-                data = put({name: (variable.dims, words, variable.attrs)})
+            escaped = np.vectorize(escape_controls, otypes=[object])(variable.values)
+            if not np.array_equal(escaped, variable.values):
+                assign = data.assign_coords if name in data.coords else data.assign
+                data = assign({name: (variable.dims, escaped, variable.attrs)})
     return data
 
 
@@ -231,80 +234,82 @@ def read_meta(directory: Path) -> dict[str, Any]:
 
 
 def run_paths(root: Path | str) -> list[Path]:
-    """Folders of all runs under ``root``, oldest first, by their names; no file is opened.
+    """Return the folders of all runs under ``root``, oldest first by name; no file is opened.
 
-    Runs of the same second are in the order in which their folders were filled. A folder of a
-    problem that cannot be read stands for its runs.
+    Runs of the same second are ordered by modification time. An unreadable folder of a problem
+    stands for its runs.
 
-    Raises :class:`~ocp.errors.InputError` for a ``root`` that cannot be read.
+    Raises :class:`~ocp.errors.InputError` for an unreadable ``root``.
     """
     try:
-        shelves = _folders(Path(root))
+        problem_folders = _visible_folders(Path(root))
     except FileNotFoundError:
         return []
     except OSError as error:
-        raise InputError(f"cannot read the runs in {root}: {reason(error)}") from error
-    return sorted((path for shelf in shelves for path in _shelved(shelf)), key=_age)
+        raise InputError(f"cannot read the runs in {root}: {error_reason(error)}") from error
+    return sorted(
+        (path for problem_folder in problem_folders for path in _runs_of_problem(problem_folder)), key=_age_key
+    )
 
 
 def list_runs(root: Path | str) -> list[RunEntry]:
-    """Read all runs under ``root``, oldest first, the damaged ones with the reason.
+    """Read all runs under ``root``, oldest first; a damaged one has the reason.
 
-    Each is judged alone; raises as :func:`run_paths` does.
+    Raises as :func:`run_paths` does.
     """
     return [read_entry(path) for path in run_paths(root)]
 
 
-def _shelved(shelf: Path) -> list[Path]:
+def _runs_of_problem(problem_folder: Path) -> list[Path]:
     try:
-        return _folders(shelf)
+        return _visible_folders(problem_folder)
     except OSError:
-        return [shelf]
+        return [problem_folder]
 
 
 def read_entry(directory: Path) -> RunEntry:
-    """Read the description of a run, and compare its files with their checksums."""
+    """Read the description of a run and verify the checksums of its files."""
     try:
         os.scandir(directory).close()
         meta = read_meta(directory)
         for name in meta["parts"]:
-            part(directory, meta, name)
+            read_part(directory, meta, name)
     except OSError as error:
-        return RunEntry(directory, None, f"{directory} cannot be read: {reason(error)}")
+        return RunEntry(directory, None, f"{directory} cannot be read: {error_reason(error)}")
     except (DamagedRun, InputError) as error:
         return RunEntry(directory, None, str(error))
     return RunEntry(directory, meta)
 
 
-def _folders(directory: Path) -> list[Path]:
-    """Folders in a folder that are not hidden, by name; also what cannot be known to be none."""
+def _visible_folders(directory: Path) -> list[Path]:
+    """Return the visible folders in ``directory`` by name, and entries that cannot be examined."""
 
-    def may_be(entry: os.DirEntry[str]) -> bool:
+    def may_be_visible_folder(entry: os.DirEntry[str]) -> bool:
         try:
             return not entry.name.startswith(".") and entry.is_dir()
         except OSError:
             return True
 
-    with os.scandir(directory) as found:
-        return sorted(Path(entry.path) for entry in found if may_be(entry))
+    with os.scandir(directory) as entries:
+        return sorted(Path(entry.path) for entry in entries if may_be_visible_folder(entry))
 
 
-def _age(path: Path) -> tuple[str, int, str]:
-    """Sorts runs by when they were stored: the second by the name, the rest as written."""
+def _age_key(path: Path) -> tuple[str, int, str]:
+    """Return a key that sorts runs by age: by the second in the name, then by modification time."""
     try:
-        written = path.stat().st_mtime_ns
+        modified_ns = path.stat().st_mtime_ns
     except OSError:
-        written = 0
-    return path.name.partition("-")[0], written, path.name
+        modified_ns = 0
+    return path.name.partition("-")[0], modified_ns, path.name
 
 
-def _rename_into(partial: Path, shelf: Path, name: str) -> Path:
-    """Rename to ``name``, with a number where an identical run was stored in the same second."""
+def _rename_into(draft: Path, problem_folder: Path, name: str) -> Path:
+    """Rename to ``name``, with a number if an identical run was stored in the same second."""
     attempt = 1
     while True:
-        final = shelf / (name if attempt == 1 else f"{name}-{attempt}")
+        run_folder = problem_folder / (name if attempt == 1 else f"{name}-{attempt}")
         try:
-            return partial.rename(final)
+            return draft.rename(run_folder)
         except OSError as error:
             if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
                 raise

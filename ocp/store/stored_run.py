@@ -1,4 +1,4 @@
-"""A stored run read back: arrays and records, and its numbers as CSV and NPZ for other programs."""
+"""Stored runs: arrays and records, and their export as CSV and NPZ."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from ocp.store import atomic
 from ocp.store.json_values import from_json
 from ocp.store.meta import check_own_problem
 from ocp.store.route_record import ADDED, route_from_record
-from ocp.store.run_files import META_FILE, PROBLEM_FILE, parsed
+from ocp.store.run_files import META_FILE, PROBLEM_FILE, parse_json_object
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,11 +37,10 @@ if TYPE_CHECKING:
 class StoredRun:
     """A run read back: labelled arrays, and everything else as plain JSON values.
 
-    ``parts`` are its other files, in bytes, by name.
-    ``meta`` holds ``schema kind problem created argv versions revision seed hash parts checksum``,
-    of types that :mod:`ocp.store.meta` tells, and
-    for ``kind == "solve"``, ``record audit certificate referee idle_cost cost status verdict grade
-    stages iterations build_s solve_s others``.
+    ``parts`` are the contents of its other files by name. ``meta`` holds ``schema kind problem
+    created argv versions revision seed hash parts checksum``, with the types of
+    :mod:`ocp.store.meta`, and for ``kind == "solve"`` also ``record audit certificate referee
+    idle_cost cost status verdict grade stages iterations build_s solve_s others``.
     """
 
     path: Path
@@ -51,26 +50,26 @@ class StoredRun:
 
     @property
     def kind(self) -> str:
-        """What made it: ``solve``, ``continue``, ..."""
+        """Kind of the run: ``solve``, ``continue``, ..."""
         return self.meta["kind"]
 
     @property
     def record(self) -> dict[str, Any]:
-        """What was asked."""
+        """Request of the run."""
         return self.meta.get("record") or {}
 
     @cached_property
     def own_problem(self) -> dict[str, Any] | None:
-        """What it keeps of a problem of a user's file (:class:`~ocp.store.meta.OwnProblem`).
+        """Description of a user's problem (:class:`~ocp.store.meta.OwnProblem`).
 
-        None where it keeps nothing; raises as :attr:`audit` does.
+        None for a problem of the workbench; raises as :attr:`audit` does.
         """
         if PROBLEM_FILE not in self.parts:
             return None
         file = self.path / PROBLEM_FILE
-        told = parsed(file, self.parts[PROBLEM_FILE])
-        check_own_problem(file, told)
-        return told
+        description = parse_json_object(file, self.parts[PROBLEM_FILE])
+        check_own_problem(file, description)
+        return description
 
     @cached_property
     def status(self) -> Status:
@@ -81,7 +80,7 @@ class StoredRun:
     def audit(self) -> Audit:
         """Audit of the solve; numbers that were not finite are NaN.
 
-        Raises :class:`~ocp.errors.DamagedRun` where ``meta.json`` lacks a part of it.
+        Raises :class:`~ocp.errors.DamagedRun` if ``meta.json`` lacks a part of it.
         """
         return self._described(Audit, "audit")
 
@@ -92,7 +91,7 @@ class StoredRun:
 
     @cached_property
     def referee(self) -> RefereeReport:
-        """What the referee found; raises as :attr:`audit` does."""
+        """Report of the referee; raises as :attr:`audit` does."""
         return self._described(RefereeReport, "referee")
 
     @cached_property
@@ -101,17 +100,17 @@ class StoredRun:
         return self._described(list[StageRecord], "stages")
 
     def solution(self, problem: Problem) -> Solution:
-        """Return the solution as it was solved, of ``problem`` built again at its parameters.
+        """Return the solution of ``problem``, which was rebuilt at the run's parameters.
 
         Its ``values`` are the problem's alone: a replay takes the parameters of its own law.
 
-        Raises :class:`~ocp.errors.DamagedRun` where ``meta.json`` lacks a part of it, and
-        :class:`~ocp.errors.InputError` for a run that is no solve.
+        Raises :class:`~ocp.errors.DamagedRun` if ``meta.json`` lacks a part of it, and
+        :class:`~ocp.errors.InputError` for a run that is not a solve.
         """
         self.check_solve()
         route, record = self._route()
         data, numbers = self.data, ("cost", "idle_cost", "build_s", "solve_s", "evaluation_s")
-        kept = ("status", "audit", "certificate", "referee", "stages")
+        attributes = ("status", "audit", "certificate", "referee", "stages")
         return Solution(
             data=data,
             iterations=self._described(int, "iterations"),
@@ -122,7 +121,7 @@ class StoredRun:
             run_hash=self.meta["hash"],
             **{name: record.pop(key) for name, key in ADDED.items() if key in record},
             record=record,
-            **{name: getattr(self, name) for name in kept},
+            **{name: getattr(self, name) for name in attributes},
             **{name: self._described(float, name) for name in numbers},
         )
 
@@ -150,112 +149,114 @@ class StoredRun:
             ) from error
 
 
-ROWS = {
+CSV_ROW_DIMENSIONS = {
     "solve": ("scenario", "node"),
     "continue": ("point", "scenario", "node"),
     "estimate": ("point", "estimator"),
     "train": ("iteration",),
     "closed-loop": ("seed", "node"),
 }
-"""Dimensions that a CSV has a row for, by the kind of a run; intervals and samples are nodes but
-the last."""
+"""Dimensions whose entries are rows of the CSV, by kind of run; intervals and samples count as nodes."""
 
 
-def rows_of(run: StoredRun) -> tuple[str, ...] | None:
-    """Dimensions that the run's CSV has a row for, None where it makes no one table."""
+def csv_row_dimensions(run: StoredRun) -> tuple[str, ...] | None:
+    """Return the dimensions whose entries are rows of the run's CSV, None if it has no single table."""
     if run.kind == "sweep":
         return tuple(axis["name"] for axis in run.meta["study"]["axes"])
-    return ROWS.get(run.kind)
+    return CSV_ROW_DIMENSIONS.get(run.kind)
 
 
-def check_rows(run: StoredRun) -> None:
-    """Raise :class:`~ocp.errors.InputError` for a kind of run that makes no one table."""
-    if rows_of(run) is None:
+def check_csv_rows(run: StoredRun) -> None:
+    """Raise :class:`~ocp.errors.InputError` for a kind of run that does not fit one table."""
+    if csv_row_dimensions(run) is None:
         raise InputError(f"{run.path} holds a {run.kind}, whose arrays make no one table; take --format npz")
 
 
 def write_csv(run: StoredRun, file: Path) -> None:
-    """Write the arrays over :data:`ROWS` as one table, units in the head; raises as the store does.
+    """Write the arrays over :data:`CSV_ROW_DIMENSIONS` as one table with units in its header.
 
     Numbers keep all their digits; where an array has no value, as an input at the last node, the
-    cell is empty. A text that a spreadsheet would run as a formula begins with a quote.
+    cell is empty. A text that a spreadsheet would run as a formula is prefixed by a quote. Raises
+    as the store does.
     """
-    check_rows(run)
-    heads, columns = zip(*_columns(run), strict=True)
+    check_csv_rows(run)
+    headers, columns = zip(*_csv_columns(run), strict=True)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(map(_text, heads))
-    writer.writerows(zip(*(map(_cell, column) for column in columns), strict=True))
-    atomic.write(file, text.getvalue().encode(), "the data to")
+    writer.writerow(map(_escape_formula, headers))
+    writer.writerows(zip(*(map(_csv_cell, column) for column in columns), strict=True))
+    atomic.write_file(file, text.getvalue().encode(), "the data to")
 
 
 def write_npz(run: StoredRun, file: Path) -> None:
     """Write every array and coordinate by name, and the description as JSON in ``meta``."""
     values = {str(name): run.data[name].values for name in run.data.variables}
-    # Objects would be pickled.
+    # NumPy would pickle objects.
     arrays: dict[str, Any] = {
-        name: each.astype(str) if each.dtype.kind == "O" else each for name, each in values.items()
+        name: values.astype(str) if values.dtype.kind == "O" else values for name, values in values.items()
     }
     content = io.BytesIO()
     np.savez_compressed(content, meta=np.array(json.dumps(run.meta)), **arrays)
-    atomic.write(file, content.getvalue(), "the data to")
+    atomic.write_file(file, content.getvalue(), "the data to")
 
 
-FORMATS: dict[str, Callable[[StoredRun, Path], None]] = {"csv": write_csv, "npz": write_npz}
+EXPORT_FORMATS: dict[str, Callable[[StoredRun, Path], None]] = {"csv": write_csv, "npz": write_npz}
 
 
-def _cell(value: Any) -> str:
+def _csv_cell(value: Any) -> str:
     if isinstance(value, float | np.floating):
         return "" if np.isnan(value) else repr(float(value))
-    return _text(value) if isinstance(value, str) else str(value)
+    return _escape_formula(value) if isinstance(value, str) else str(value)
 
 
-def _text(value: str) -> str:
-    """A quote before what spreadsheets would run as a formula."""
+def _escape_formula(value: str) -> str:
+    """Prefix a text by a quote if a spreadsheet would run it as a formula."""
     return f"'{value}" if value[:1] in set("=+-@\t\r") else value
 
 
-def _columns(run: StoredRun) -> Iterator[tuple[str, list[Any]]]:
-    """Head and cells of each column: first what the rows are, then every array over them."""
-    data, rows = run.data, rows_of(run) or ()
-    shape = tuple(data.sizes[name] for name in rows)
-    for place, name in enumerate(rows):
-        labels = data[name].values if name in data.coords else np.arange(shape[place])
-        others = [axis for axis in range(len(rows)) if axis != place]
-        within = np.broadcast_to(np.expand_dims(labels, others), shape)
-        yield name, list(within.ravel())
+def _csv_columns(run: StoredRun) -> Iterator[tuple[str, list[Any]]]:
+    """Yield header and cells of each column: first the row's coordinates, then every array over rows."""
+    data, row_dimensions = run.data, csv_row_dimensions(run) or ()
+    shape = tuple(data.sizes[name] for name in row_dimensions)
+    for position, name in enumerate(row_dimensions):
+        labels = data[name].values if name in data.coords else np.arange(shape[position])
+        others = [axis for axis in range(len(row_dimensions)) if axis != position]
+        cells = np.broadcast_to(np.expand_dims(labels, others), shape)
+        yield name, list(cells.ravel())
     for name in map(str, [*data.coords, *data.data_vars]):
-        if name not in rows and not name.startswith(("lam_g_", "lam_x_", "time_interval")):
-            yield from _of_array(data, name, rows, shape)
+        if name not in row_dimensions and not name.startswith(("lam_g_", "lam_x_", "time_interval")):
+            yield from _array_columns(data, name, row_dimensions, shape)
 
 
-def _of_array(data: Any, name: str, rows: tuple[str, ...], shape: tuple[int, ...]) -> Iterator[tuple[str, list[Any]]]:
-    """Columns of one array, a label each; none of an array that is not over the rows."""
+def _array_columns(
+    data: Any, name: str, row_dimensions: tuple[str, ...], shape: tuple[int, ...]
+) -> Iterator[tuple[str, list[Any]]]:
+    """Yield the columns of one array, one per label; none if the array is not over the rows."""
     array = data[name]
-    step = next((one for one in ("interval", "sample") if one in array.dims), None)
-    if step is not None and "node" in rows:
-        after = data.sizes["node"] - data.sizes[step]
-        array = array.pad({step: (0, after)}).rename({step: "node"})
-    along = [one for one in rows if one in array.dims]
-    across = [one for one in array.dims if one not in rows]
-    if not along or len(across) > 1:
+    step = next((dimension for dimension in ("interval", "sample") if dimension in array.dims), None)
+    if step is not None and "node" in row_dimensions:
+        missing_steps = data.sizes["node"] - data.sizes[step]
+        array = array.pad({step: (0, missing_steps)}).rename({step: "node"})
+    row_axes = [dimension for dimension in row_dimensions if dimension in array.dims]
+    label_axes = [dimension for dimension in array.dims if dimension not in row_dimensions]
+    if not row_axes or len(label_axes) > 1:
         return
-    values = array.transpose(*along, *across).values
-    missing = tuple(place for place, one in enumerate(rows) if one not in along)
+    values = array.transpose(*row_axes, *label_axes).values
+    missing = tuple(position for position, dimension in enumerate(row_dimensions) if dimension not in row_axes)
     values = np.expand_dims(values, missing)
-    values = np.broadcast_to(values, (*shape, *values.shape[len(rows) :]))
-    labels = _labels(data, across[0]) if across else [("", "")]
-    for place, (label, own) in enumerate(labels):
-        cells = values[..., place] if across else values
-        unit = own if array.attrs.get("units", "").startswith("see ") else array.attrs.get("units")
-        head = f"{name}.{label}" if label else name
-        yield f"{head} [{unit}]" if unit and unit != "1" else head, list(cells.ravel())
+    values = np.broadcast_to(values, (*shape, *values.shape[len(row_dimensions) :]))
+    labels = _labels_and_units(data, label_axes[0]) if label_axes else [("", "")]
+    for position, (label, label_unit) in enumerate(labels):
+        cells = values[..., position] if label_axes else values
+        unit = label_unit if array.attrs.get("units", "").startswith("see ") else array.attrs.get("units")
+        header = f"{name}.{label}" if label else name
+        yield f"{header} [{unit}]" if unit and unit != "1" else header, list(cells.ravel())
 
 
-def _labels(data: Any, dimension: str) -> list[tuple[str, str]]:
-    """Label and unit of every place along a dimension."""
+def _labels_and_units(data: Any, dimension: str) -> list[tuple[str, str]]:
+    """Return label and unit of every entry along a dimension."""
     count = data.sizes[dimension]
     names = data[dimension].values if dimension in data.coords else range(count)
     unit = f"{dimension}_unit"
     units = data[unit].values if unit in data.variables else [""] * count
-    return [(str(name), str(one)) for name, one in zip(names, units, strict=True)]
+    return [(str(name), str(unit)) for name, unit in zip(names, units, strict=True)]

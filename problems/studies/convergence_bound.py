@@ -10,7 +10,7 @@ import xarray as xr
 from dynamics.batch import Gaussian
 from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.experiment import Experiment
-from ocp.learning.unroll_gradients import FOPG, SHARP
+from ocp.learning.unroll_gradients import FOPG, SHARP_LAW
 from problems.studies.study import Claim, StudyParams, claim, dataset, setting, settings_text
 from problems.tasks.registry import get
 
@@ -25,7 +25,7 @@ NOTES = (
 QUICK = {"runs": 2, "iterations": 20, "measured": 2000}
 
 LAWS: dict[str, ContactLaw] = {
-    "exact": SHARP,
+    "exact": SHARP_LAW,
     **{f"barrier {mu:g}": Barrier(mu=mu) for mu in (1e-4, 1e-3, 1e-2)},
     "adaptive": Adaptive("quartic"),
 }
@@ -74,7 +74,7 @@ class Landscape:
 def run(params: Params) -> xr.Dataset:
     """Compute iterates, bias, variance and gradient norm of every step of every run."""
     task = get("ball-throw")
-    judge = Experiment(task=task, algorithm=FOPG(), law=SHARP, hidden=None)
+    judge = Experiment(task=task, algorithm=FOPG(), law=SHARP_LAW, hidden=None)
     middle = np.array([0.2, -0.45])
     landscape = _landscape(judge, middle, params)
     lipschitz = landscape.lipschitz
@@ -140,7 +140,7 @@ def _landscape(judge: Experiment, middle: np.ndarray, params: Params) -> Landsca
     axes = tuple(middle[i] + ticks for i in (0, 1))
     theta = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     x0 = judge.task.reset(1, np.random.default_rng(0))
-    returns = judge.rollouts(judge.task.horizon, SHARP)(x0, theta).value
+    returns = judge.rollouts(judge.task.horizon, SHARP_LAW)(x0, theta).value
     table, step = returns.reshape(params.grid, -1), ticks[1] - ticks[0]
     reach = round(_TAIL_DEVIATIONS * params.sigma / step)
     offsets = step * np.arange(-reach, reach + 1)

@@ -9,7 +9,7 @@ from dynamics.contact import Adaptive, Barrier, ContactLaw
 from ocp.learning.experiment import Experiment
 from ocp.learning.explorer import squash
 from ocp.learning.protocol import Algorithm
-from ocp.learning.unroll_gradients import FOPG, SHARP, ZOPG
+from ocp.learning.unroll_gradients import FOPG, SHARP_LAW, ZOPG
 from ocp.problem.task import Task
 from problems.studies.shared.trainings import claim_gains, mean_difference, mean_height, smallest_margin
 from problems.studies.study import Claim, StudyParams, claim, dataset, format_values, setting, settings_text
@@ -52,8 +52,8 @@ def make_methods(params: Params) -> dict[str, tuple[Algorithm, ContactLaw]]:
     options = {"samples": n_even, "unroll": get("ball-throw").horizon, "sigma": params.sigma, "rate": params.rate}
     first = FOPG(**options)
     return {
-        "ZOPG": (ZOPG(**options), SHARP),
-        "FOPG": (first, SHARP),
+        "ZOPG": (ZOPG(**options), SHARP_LAW),
+        "FOPG": (first, SHARP_LAW),
         **{f"BS {mu:g}": (first, Barrier(mu=mu)) for mu in MUS},
         "ABS quartic": (first, Adaptive("quartic")),
         "ABS gaussian": (first, Adaptive(sigma=0.1)),
@@ -68,9 +68,9 @@ def run(params: Params) -> xr.Dataset:
     for m, (algorithm, law) in enumerate(algorithms.values()):
         for r in range(params.runs):
             decisions[m, r] = _learned(task, algorithm, law, params, r)
-    judge = Experiment(task=task, algorithm=algorithms["FOPG"][0], law=SHARP, hidden=None)
+    judge = Experiment(task=task, algorithm=algorithms["FOPG"][0], law=SHARP_LAW, hidden=None)
     flat = decisions.reshape(-1, 2)
-    returns = _returns(judge, SHARP, flat).reshape(decisions.shape[:-1])
+    returns = _returns(judge, SHARP_LAW, flat).reshape(decisions.shape[:-1])
     angles, speeds = (np.linspace(*ends, params.grid) for ends in (ANGLES, SPEEDS))
     window = np.stack(np.meshgrid(angles, speeds, indexing="ij"), axis=-1).reshape(-1, 2)
     fine = np.linspace(*ANGLES, 20 * params.grid)

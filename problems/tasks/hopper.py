@@ -33,7 +33,7 @@ training = {
         "episodes": 100,
     },
     # One wild jerk gives the most at once, whatever follows; cut rewards make a fall the dearer.
-    "mbpo": {"initial": 0.1, "sigma": 0.1, "rate": 3e-4, "cut": 0.3, "hidden": (32, 32), "iterations": 80},
+    "mbpo": {"initial": 0.1, "sigma": 0.1, "rate": 3e-4, "reward_clip": 0.3, "hidden": (32, 32), "iterations": 80},
     "zopg": {"unroll": 100, "iterations": 400},
 }
 equations = """

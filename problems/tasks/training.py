@@ -14,7 +14,7 @@ from ocp.errors import InputError
 from ocp.judge.contact_report import least_slip
 from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.protocol import Algorithm, Normaliser, Trained
-from ocp.learning.training import KEY, evaluate, read_checkpoint, train
+from ocp.learning.training import CHECKPOINT_KEY, evaluate, read_checkpoint, train
 from ocp.learning.unroll_gradients import FOPG
 from ocp.problem.task import Task
 from ocp.store.checkpoint import Checkpoint
@@ -165,11 +165,11 @@ def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint)
 
     Those are of the same algorithm and seed on the same task.
     """
-    begun, asked = checkpoint.state(KEY), to_json(experiment.settings())
+    begun, asked = checkpoint.state(CHECKPOINT_KEY), to_json(experiment.settings())
     lines = [f"{job.name}: {note}" for note in checkpoint.notes]
     if begun is not None:
         lines.append(f"{job.name} resumes after {read_checkpoint(begun)[0]} iterations")
-    for other in checkpoint.other_states(KEY):
+    for other in checkpoint.other_states(CHECKPOINT_KEY):
         done, settings = read_checkpoint(other)
         if [settings.get(key) for key in _ALIKE] == [asked[key] for key in _ALIKE]:
             names = [name for name in {**settings, **asked} if settings.get(name) != asked.get(name)]

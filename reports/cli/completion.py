@@ -16,7 +16,7 @@ _NAMED = {
     "policy": "ocp.problem.policy:POLICIES",
     "phase": "ocp.mpc.phases:PHASES",
     "plant": "ocp.mpc.plants:PLANTS",
-    "world": "ocp.simulators:WORLDS",
+    "world": "ocp.simulators:SIMULATORS",
     "figures": "problems.studies:STUDIES",
 }
 """Module and name of the table whose names complete a field, loaded when they are asked for."""

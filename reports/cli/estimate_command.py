@@ -54,8 +54,8 @@ def run(options: EstimateOptions, checked: tuple[EstimateRequest, SweepRun, Chec
         meta = _meta(request, study)
         data = sweep_dataset(study.widest_objective, study.rows, request.sweep, request.unit())
         problem = getattr(request.objective, "problem", None)
-        problem_part = {} if problem is None else store.problem_part(problem)
-        stored = store.write(options.out, request.spec.name, data, meta, problem_part)
+        problem_part = {} if problem is None else store.problem_parts(problem)
+        stored = store.write_run(options.out, request.spec.name, data, meta, problem_part)
         if study.finished:
             checkpoint.discard()
     swept = None if request.sweep is None else request.sweep.name

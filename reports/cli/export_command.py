@@ -127,9 +127,9 @@ def run(options: ExportOptions, request: ExportRequest) -> int:
     header_file = options.file.with_suffix(".h")
     # Nothing is written beside a FIFO or a device.
     is_regular_file = options.file.is_file() or not options.file.exists()
-    atomic.write(options.file, text.encode(), "the C file")
+    atomic.write_file(options.file, text.encode(), "the C file")
     if is_regular_file:
-        atomic.write(header_file, header.encode(), "the header")
+        atomic.write_file(header_file, header.encode(), "the header")
     rule = f"{options.file.stem}.o: {options.file.name} ; cc -std=c11 -O2 -ffp-contract=off -c $<"
     name = identifier(request.name)
     functions = [f"{name}_step", f"{name}_derivatives"]

@@ -157,7 +157,7 @@ def _progress(options: FigureOptions) -> Iterator[None]:
 def _bare(run: StoredRun, options: FigureOptions) -> Path:
     ending = options.ending or "pdf"
     file = options.out / f"{run.meta['problem']}-{options.panel or 'figure'}.{ending}"
-    atomic.write(file, bare_figure(run, ending, options.panel), "the figure")
+    atomic.write_file(file, bare_figure(run, ending, options.panel), "the figure")
     return file
 
 
@@ -195,14 +195,14 @@ def _shown(study: FigureStudy, params: dict[str, Any], data: xr.Dataset, options
         "verdict": claims_sentence(claims),
         "status": "done",
     }
-    stored = store.write(out, study.id, data, meta)
+    stored = store.write_run(out, study.id, data, meta)
     with Checkpoint(out if study.resumes else None, study.id, params) as checkpoint:
         checkpoint.discard()
     pdf, copy = out / f"{study.id}.pdf", out / f"{study.id}.nc"
     with _explained(study, params):
         write_pdf([stored], pdf)
     # netCDF 3: HDF5 stamps its root group with the time of writing.
-    atomic.write(copy, bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT")))
+    atomic.write_file(copy, bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT")))
     output.note(claim_table(claims))
     output.say(f"{study.id}: {meta['verdict']}")
     files = [str(pdf), str(copy)]

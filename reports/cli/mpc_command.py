@@ -172,7 +172,7 @@ def run(options: MpcOptions, case: LoopCase) -> int:
     output = options.output
     output.note(loop_table(stored.meta))
     output.say(stored.meta["verdict"])
-    for line in (*controller.told, *loop_notes(stored.meta)):
+    for line in (*controller.notes, *loop_notes(stored.meta)):
         output.say(line)
     output.finish(stored, {name: stored.meta[name] for name in _TOLD}, options.pdf, case.spec)
     output.note(f"Look at it with ocp report {stored.path.name} -o loop.pdf, or ocp animate.")
@@ -192,11 +192,11 @@ def _stored(options: MpcOptions, case: LoopCase, controller: Controller, loop: C
         "seed": options.seed,
         "record": case.record(options),
         "source_digest": case.spec.digest,
-        **loop_summary(loop, data, controller.told, options.rate),
+        **loop_summary(loop, data, controller.notes, options.rate),
     }
     first_seed = data.isel(node=slice(0, int(data["ended"].values[0]) + 1))
-    problem_part = store.problem_part(case.problem, first_seed)
-    return store.write(options.out, case.spec.name, data, meta, problem_part)
+    problem_part = store.problem_parts(case.problem, first_seed)
+    return store.write_run(options.out, case.spec.name, data, meta, problem_part)
 
 
 _TOLD = (

@@ -57,7 +57,7 @@ def run(options: NewOptions, file: Path) -> int:
         if options.folder is not None:
             robot_arguments += f", folder=Path(__file__).parent / {_relative(options.folder)}"
         problem_text = problem_text.replace('"hopper.xml")', f"{robot_arguments})")
-    atomic.write(file, problem_text.encode(), "the problem file")
+    atomic.write_file(file, problem_text.encode(), "the problem file")
     options.output.say(f"problem file: {file}; solve it with ocp solve {file} --contact exact")
     options.output.document({"file": str(file), "problem": file.stem, "template": kind})
     return 0

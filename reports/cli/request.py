@@ -99,7 +99,7 @@ def check_output_file(file: Path, kind: str) -> None:
             f"the {kind} must end in {ending}, got {str(file)!r}; use {file.with_suffix(ending).name!r}, for example"
         )
     with atomic.write_errors(f"the {kind} to {file}"):
-        place = atomic.destination(file)
+        place = atomic.replaceable_path(file)
     if place is None:
         return
     try:

@@ -9,9 +9,9 @@ from typing import Any
 
 from ocp import store
 from ocp.errors import InputError, choose
-from ocp.store.lookup import check_removable, find, remove
-from ocp.store.run_files import visible
-from ocp.store.stored_run import FORMATS, StoredRun, check_rows
+from ocp.store.lookup import check_removable, find_run, remove_runs
+from ocp.store.run_files import escape_controls
+from ocp.store.stored_run import EXPORT_FORMATS, StoredRun, check_csv_rows
 from reports.cli.options.store import RmOptions, RunsExportOptions, RunsOptions
 from reports.cli.request import check_output_file
 from reports.tables.console import print_table
@@ -80,7 +80,7 @@ def run(options: RunsOptions, request: RunsRequest) -> int:
 def _print(options: RunsOptions, entries: list[dict[str, Any]], all_entries: list[dict[str, Any]]) -> None:
     if entries:
         # Folders may have any name.
-        print("\n".join(run_lines(visible(entries))))
+        print("\n".join(run_lines(escape_controls(entries))))
     elif all_entries:
         print(f"No run matches ({len(all_entries)} in {options.out}). Available:")
         for key in FILTERS:
@@ -124,7 +124,7 @@ def _row(entry: Any, alias: str) -> dict[str, Any]:
 
 def check_rm(options: RmOptions) -> list[Path]:
     """Return the folders of the runs; raises InputError for a folder that is no run."""
-    run_paths = [find(text, options.out) for text in options.runs]
+    run_paths = [find_run(text, options.out) for text in options.runs]
     for path in run_paths:
         check_removable(path)
     return run_paths
@@ -132,7 +132,7 @@ def check_rm(options: RmOptions) -> list[Path]:
 
 def run_rm(options: RmOptions, run_paths: list[Path]) -> int:
     """Delete stored runs, damaged ones too; nothing is deleted unless every name is a run."""
-    remove(run_paths)
+    remove_runs(run_paths)
     for path in run_paths:
         options.output.say(f"removed: {path}")
     options.output.document({"removed": [str(path) for path in run_paths]})
@@ -143,17 +143,17 @@ def check_export(options: RunsExportOptions) -> tuple[StoredRun, str]:
     """Read the run, and check that it can be written in the chosen format."""
     check_output_file(options.file, "data")
     file_format = options.form or options.file.suffix.removeprefix(".").lower()
-    choose("format", file_format, FORMATS)
+    choose("format", file_format, EXPORT_FORMATS)
     stored_run = options.stored(options.run)
     if file_format == "csv":
-        check_rows(stored_run)
+        check_csv_rows(stored_run)
     return stored_run, file_format
 
 
 def run_export(options: RunsExportOptions, request: tuple[StoredRun, str]) -> int:
     """Write the arrays of a stored run to a file for other programs."""
     stored_run, file_format = request
-    FORMATS[file_format](stored_run, options.file)
+    EXPORT_FORMATS[file_format](stored_run, options.file)
     options.output.say(f"{file_format}: {options.file}")
     options.output.document({"file": str(options.file), "format": file_format, "run": str(stored_run.path)})
     return 0

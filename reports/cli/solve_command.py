@@ -14,7 +14,7 @@ from ocp.judge.constraints import describe_violations
 from ocp.problem.resources import check_memory
 from ocp.programs.solver import Status
 from ocp.routes.homotopy import StageRecord
-from ocp.simulators import WORLDS
+from ocp.simulators import SIMULATORS
 from ocp.solution import Interrupted, Replay, Solution
 from ocp.solve.refinement import divided_step
 from ocp.solve.request import rebuilder
@@ -64,7 +64,7 @@ def check(options: SolveOptions) -> tuple[Request, Solution | None]:
     if options.world is not None:
         from ocp.simulators.mujoco_world import MujocoWorld
 
-        choose("world", options.world, WORLDS)
+        choose("world", options.world, SIMULATORS)
         MujocoWorld(request.session.problem, request.session.values)
     workers = min(options.jobs, options.starts)
     for name in options.sensitivity or ():
@@ -116,7 +116,7 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
         from reports.figures.paper import bare_figure, format_of
 
         figure_bytes = bare_figure(stored, format_of(options.plot), file_spec=request.spec)
-        atomic.write(options.plot, figure_bytes, "the figure")
+        atomic.write_file(options.plot, figure_bytes, "the figure")
         output.say(f"figure: {options.plot}")
         content["plot"] = str(options.plot)
     output.finish(stored, content, options.pdf, request.spec)

@@ -15,8 +15,16 @@ from ocp.continuation import Continuation, curve_dataset, follow_session, resolv
 from ocp.continuation.events import describe_events
 from ocp.continuation.walk import check_range, check_value
 from ocp.errors import InputError, choose, interruptible
-from ocp.jobs.grid import Grid, axes, dataset, dimension, saved_points
-from ocp.jobs.sweep import check_parallel_memory, check_points, make_grid, rows, run_meta, solve_grid, where
+from ocp.jobs.grid import Grid, dimension_name, grid_dataset, load_points, parse_axes
+from ocp.jobs.sweep import (
+    check_parallel_memory,
+    check_points,
+    describe_point,
+    grid_rows,
+    make_grid,
+    run_meta,
+    solve_grid,
+)
 from ocp.jobs.sweep_job import JobResult
 from ocp.problem.resources import FOLLOWED, check_memory, points_memory
 from ocp.routes.session import Session
@@ -40,7 +48,7 @@ class SweepRequest:
 
 def check(options: SweepOptions) -> SweepRequest:
     """Read the grid, build its first point, and check memory and output files."""
-    over = axes(options.over or ())
+    over = parse_axes(options.over or ())
     study = make_grid(
         case_of(*read_names(options)),
         over,
@@ -65,17 +73,17 @@ def run(options: SweepOptions, request: SweepRequest) -> int:
         session.memory * options.jobs,
     )
     with request.checkpoint as checkpoint:
-        data = dataset(study, request.session, _points(options, request))
+        data = grid_dataset(study, request.session, _points(options, request))
         meta = {
             **run_meta(study, request.session, data),
             "argv": options.argv,
             "tags": options.tags or (),
         }
         problem = request.session.problem
-        stored = store.write(options.out, problem.name, data, meta, store.problem_part(problem))
+        stored = store.write_run(options.out, problem.name, data, meta, store.problem_parts(problem))
         checkpoint.discard()
     dims = [axis["name"] for axis in meta["study"]["axes"]]
-    grid_points = rows(data)
+    grid_points = grid_rows(data)
     output.note(point_table(grid_points, dims))
     output.say(meta["verdict"])
     for failure in meta["study"]["failed"]:
@@ -88,11 +96,11 @@ def run(options: SweepOptions, request: SweepRequest) -> int:
 def _points(options: SweepOptions, request: SweepRequest) -> list[JobResult]:
     """Return all points; report the resumed ones and, after Ctrl-C, how to resume."""
     study, output = request.study, options.output
-    dims = [dimension(axis.name) for axis in study.axes]
-    names = [where(dict(zip(dims, place.values(), strict=True)), dims) for place in study.places]
+    dims = [dimension_name(axis.name) for axis in study.axes]
+    names = [describe_point(dict(zip(dims, place.values(), strict=True)), dims) for place in study.places]
     for line in request.checkpoint.notes:
         output.say(line)
-    saved = saved_points(study, request.checkpoint)
+    saved = load_points(study, request.checkpoint)
     if saved:
         output.say(f"resumed; {len(saved)} of {len(names)} points already complete")
     try:
@@ -156,7 +164,7 @@ def run_continue(options: ContinueOptions, request: Request) -> int:
     path, interrupted = _followed(options, request)
     output, meta = options.output, _meta(options, request, path)
     problem, data = request.session.problem, curve_dataset(path)
-    stored = store.write(options.out, problem.name, data, meta, store.problem_part(problem))
+    stored = store.write_run(options.out, problem.name, data, meta, store.problem_parts(problem))
     if path.events:
         output.note(event_table(path.parameter, meta["events"]))
     output.say(meta["verdict"])

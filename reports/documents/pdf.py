@@ -39,7 +39,7 @@ def write_pdf(
     Raises :class:`~ocp.errors.InputError` where the file cannot be written, where runs cannot be
     compared, or where a problem's typst equations do not compile.
     """
-    atomic.write(path, render_pdf(runs, cones, file_spec, signals), "the PDF")
+    atomic.write_file(path, render_pdf(runs, cones, file_spec, signals), "the PDF")
 
 
 def render_pdf(

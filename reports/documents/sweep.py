@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from ocp.errors import InputError
 from ocp.gradients.sweep import SAMPLING_AXES
 from ocp.gradients.verdict import TOO_WIDE, short_verdict, weakest_verdict
-from ocp.jobs.sweep import rows
+from ocp.jobs.sweep import grid_rows
 from ocp.store.stored_run import StoredRun
 from problems.plugin import spec_of
 from problems.registry import ObjectiveSpec, objective_names, objective_spec
@@ -38,7 +38,7 @@ def sweep_page(view: RunView) -> Page:
 def sweep_content(run: StoredRun) -> tuple[dict[str, Any], dict[str, Figure]]:
     """Return key numbers, points, failures and figures."""
     meta, axes = run.meta, run.meta["study"]["axes"]
-    dims, points = [axis["name"] for axis in axes], rows(run.data)
+    dims, points = [axis["name"] for axis in axes], grid_rows(run.data)
     figures = drawn.sweep_figures(run.data, axes)
     grade = "survives" if meta["survives"] == meta["points"] else "certified"
     names = [f"map-{k + 1}" for k in range(len(figures))]

@@ -131,7 +131,7 @@ def write_animation(animation: Animation, file: Path, report: Callable[[int], No
     Raises :class:`~ocp.errors.InputError` as :func:`check_format` does, and where ffmpeg fails.
     """
     check_format(file, animation.fps)
-    with atomic.replacing(file) as draft:
+    with atomic.replace_file(file) as draft:
         match file.suffix:
             case ".gif":
                 _write_gif(animation, draft, report)

@@ -97,7 +97,7 @@ def loop_summary(loop: ClosedLoop, data: xr.Dataset, notes: Sequence[str], rate:
         "statuses": dict(Counter(map(str, statuses[statuses != ""]))),
         "misses": loop.misses,
         "certified": loop.certified,
-        "why": dict(loop.why),
+        "why": dict(loop.notes),
         "told": list(notes),
     }
 

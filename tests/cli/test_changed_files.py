@@ -71,7 +71,7 @@ def kept(root: str) -> int:
 
 def last(root: str, what: str) -> np.ndarray:
     """An array of the last run in a store."""
-    return store.load(store.find("@last", root)).data[what].values
+    return store.load(store.find_run("@last", root)).data[what].values
 
 
 @pytest.mark.costly
@@ -148,7 +148,7 @@ def test_commands_say_that_the_file_has_changed(weigh: Write, capsys: pytest.Cap
         "solve mine.py -p N=3 --contact exact --quiet --from @last --out other",
     ]
     store_of = str(Path("runs").resolve())
-    lines[-1] = lines[-1].replace("@last --out other", f"{store.find('@last', store_of)}")
+    lines[-1] = lines[-1].replace("@last --out other", f"{store.find_run('@last', store_of)}")
     capsys.readouterr()
     for edited in (False, True):
         if edited:
@@ -167,9 +167,9 @@ def test_commands_say_that_the_file_has_changed(weigh: Write, capsys: pytest.Cap
 @pytest.mark.costly
 def test_a_decision_is_of_this_problem_at_these_parameters(weigh: Write, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(SOLVE) == 0
-    run = str(store.find("@last", "runs"))
+    run = str(store.find_run("@last", "runs"))
     assert main(["solve", "wall-1d", "--contact", "barrier", "-p", "N=3", "--quiet"]) == 0
-    other = str(store.find("@last", "runs"))
+    other = str(store.find_run("@last", "runs"))
     estimate = ["estimate", "mine.py", "-n", "20", "--estimators", "zobg", *QUICK]
     capsys.readouterr()
 

@@ -51,7 +51,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         assert main([*line, *kept]) == 0
     solved = store.load(next(root.glob("wall-1d/*")))
     told = {"argv": [], "record": {"params": {}}, "status": "done", "verdict": "All hold."}
-    store.write(root, "A1", solved.data, {"kind": "figure", "claims": [], **told})
+    store.write_run(root, "A1", solved.data, {"kind": "figure", "claims": [], **told})
     return {entry.meta["kind"]: entry.path for entry in store.list_runs(root) if entry.meta}
 
 

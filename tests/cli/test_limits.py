@@ -122,7 +122,7 @@ def test_a_curve_that_ends_in_no_number_has_failed(ocp, monkeypatch: pytest.Monk
         return replace(found, audit=replace(found.audit, exact_cost=lost))
 
     monkeypatch.setattr(walk, "judge_outcome", overflown)
-    monkeypatch.setattr(walk, "SMALLEST", 0.9)
+    monkeypatch.setattr(walk, "MIN_STEP_SHARE", 0.9)
     done = ocp(
         "continue",
         "wall-1d",

@@ -73,7 +73,7 @@ def test_a_loop_is_read_back_as_it_was_simulated(tmp_path: Path) -> None:
     loop = simulate(Controller(problem), 12, "noise", seeds=2)
     data = labelled_arrays(loop, {})
     meta = {"kind": "closed-loop", "argv": [], "record": {}, **loop_summary(loop, data, [], None)}
-    run = store.load(store.write(tmp_path, "soft-walls", data, meta).path)
+    run = store.load(store.write_run(tmp_path, "soft-walls", data, meta).path)
     for name, array in loop.data.data_vars.items():
         assert run.data[name].dims == array.dims
         np.testing.assert_array_equal(run.data[name].values, array.values)
@@ -133,7 +133,7 @@ def test_a_rate_faster_than_a_solve_is_told_and_goes_on(ocp: Ocp) -> None:
 
 
 def test_a_plant_that_diverges_ends_its_seed_and_is_kept(ocp: Ocp, loops: Path) -> None:
-    run = store.load(store.find("@last", loops))
+    run = store.load(store.find_run("@last", loops))
     assert run.meta["status"] == "diverged" and run.meta["ended"] == [5]
     first, *_ = run.meta["verdict"].splitlines()
     assert first == "The plant diverged in 1 of 1 seed, seed 0 at sample 5."
@@ -178,7 +178,7 @@ def test_a_film_has_the_plan_and_the_cost(ocp: Ocp, loops: Path) -> None:
     roles = {role for _, role in film["kinds"]}
     assert "plan" in roles and "object" in roles
     assert [chart["curves"][0]["name"] for chart in film["charts"]][-1] == "closed loop"
-    run = store.load(store.find("@3", loops))
+    run = store.load(store.find_run("@3", loops))
     assert film["charts"][-1]["curves"][0]["end"] == pytest.approx(run.meta["costs"][0], rel=1e-6)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ocp import store
-from ocp.store.lookup import find
+from ocp.store.lookup import find_run
 from reports.cli.app import main
 from reports.cli.runs_command import parse_date
 
@@ -103,7 +103,7 @@ def test_a_run_is_named_from_the_latest_back(ocp, runs: Path) -> None:
     ages = [entry.path for entry in store.list_runs(runs)]
     created = [json.loads((path / "meta.json").read_text())["created"] for path in ages]
     assert created == sorted(created), "in order, also those of one second"
-    assert [find(text, runs) for text in ("@last", "@1", "@2", "@4")] == [
+    assert [find_run(text, runs) for text in ("@last", "@1", "@2", "@4")] == [
         ages[-1],
         ages[-1],
         ages[-2],
@@ -160,7 +160,7 @@ def test_the_store_is_where_the_environment_says(ocp, tmp_path: Path, monkeypatc
     assert store.default_root() == tmp_path / "shelf"
     found = ocp("solve", "wall-1d", "--contact", "barrier", "-p", "N=4", "--json", "-q").json["run"]
     assert Path(found).parent == tmp_path / "shelf" / "wall-1d"
-    assert store.find("@last") == Path(found)
+    assert store.find_run("@last") == Path(found)
     assert len(ocp("runs", "--json").json["runs"]) == 1
     assert ocp("runs", "--out", "elsewhere", "--json").json["runs"] == [], "what is said counts"
     monkeypatch.delenv("OCP_RUNS")
@@ -190,7 +190,7 @@ def rows(file: Path) -> list[dict[str, str]]:
 
 
 def test_csv_has_a_row_a_node(ocp, runs: Path, tmp_path: Path) -> None:
-    run = store.load(find("@1", runs))
+    run = store.load(find_run("@1", runs))
     assert ocp("runs", "export", "@1", "-o", "a.csv").code == 0
     table = rows(tmp_path / "a.csv")
     assert [(row["scenario"], row["node"]) for row in table] == [("0", str(n)) for n in range(5)]
@@ -202,7 +202,7 @@ def test_csv_has_a_row_a_node(ocp, runs: Path, tmp_path: Path) -> None:
 
 
 def test_csv_of_a_continuation_has_a_row_a_point_and_node(ocp, runs: Path, tmp_path: Path) -> None:
-    run = store.load(find("@2", runs))
+    run = store.load(find_run("@2", runs))
     ocp("runs", "export", "@2", "-o", "a.csv")
     table = rows(tmp_path / "a.csv")
     points = run.data.sizes["point"]
@@ -221,7 +221,7 @@ def test_csv_of_an_estimate(ocp, tmp_path: Path) -> None:
 
 
 def test_npz_holds_every_array_and_what_was_asked(ocp, runs: Path, tmp_path: Path) -> None:
-    run = store.load(find("@1", runs))
+    run = store.load(find_run("@1", runs))
     assert ocp("runs", "export", "@1", "--format", "npz", "-o", "a.dat").code == 0
     with np.load(tmp_path / "a.dat", allow_pickle=False) as found:
         assert set(found) == {*map(str, run.data.variables), "meta"}
@@ -233,9 +233,9 @@ def test_npz_holds_every_array_and_what_was_asked(ocp, runs: Path, tmp_path: Pat
 def test_what_cannot_be_exported_is_told(ocp, runs: Path, tmp_path: Path) -> None:
     unknown = ocp("runs", "export", "@1", "-o", "a.xlsx")
     assert unknown.code == 2 and "csv, npz" in unknown.err
-    data = store.load(find("@1", runs)).data
+    data = store.load(find_run("@1", runs)).data
     told = {"argv": [], "record": {}, "status": "done", "verdict": "All hold.", "claims": []}
-    store.write(runs, "A1", data, {"kind": "figure", **told})
+    store.write_run(runs, "A1", data, {"kind": "figure", **told})
     figure = ocp("runs", "export", "@last", "-o", "a.csv")
     assert figure.code == 2 and "--format npz" in figure.err
     assert not (tmp_path / "a.csv").exists()

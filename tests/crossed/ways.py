@@ -16,7 +16,7 @@ from ocp.mpc.plants import PLANTS
 from ocp.problem.policy import POLICIES
 from ocp.programs.solver import SOLVERS
 from ocp.routes.relaxations import STRATEGIES
-from ocp.simulators import WORLDS
+from ocp.simulators import SIMULATORS
 from ocp.transcription import METHODS
 from problems import names
 
@@ -72,7 +72,7 @@ def ways() -> Iterator[Way]:
     for search in (True, False):
         yield Way(f"search-{search}", {"search": search})
     yield Way("refine", {"refine": True})
-    for world in WORLDS:
+    for world in SIMULATORS:
         yield Way(f"world-{world}", world=world)
     for phase, law in itertools.product(PHASES, ("own", *LAWS)):
         yield Way(f"mpc-{phase}-{law}", loop={"phase": phase, "contact": law})

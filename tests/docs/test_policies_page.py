@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from ocp.learning.mbpo import MBPO
-from ocp.learning.protocol import LEAST_SCALE
+from ocp.learning.protocol import MIN_OBSERVATION_SCALE
 from ocp.learning.training import ALGORITHMS
 from problems.tasks import registry
 
@@ -36,25 +36,25 @@ def test_every_algorithm_has_a_table_of_what_is_not_as_published():
 @pytest.mark.parametrize(
     ("name", "subject", "words"),
     [
-        ("ars", "scale of an observation", f"at least {LEAST_SCALE:g}"),
+        ("ars", "scale of an observation", f"at least {MIN_OBSERVATION_SCALE:g}"),
         ("ars", "size", f"{registry.spec('hopper').training['ars']['iterations']} iterations"),
         ("aobg", "gamma", f"{ALGORITHMS['aobg']().settings()['gamma']:g} by default"),
         ("aobg", "delta", f"{ALGORITHMS['aobg']().settings()['delta']:g}"),
         (
             "mbpo",
             "updates of the actor-critic",
-            f"{MBPO().updates} for the {MBPO().walkers * MBPO().steps} steps",
+            f"{MBPO().updates} for the {MBPO().n_envs * MBPO().steps} steps",
         ),
         (
             "mbpo",
             "rewards that the critics see",
-            f"cut to {registry.spec('hopper').training['mbpo']['cut']:g} in size",
+            f"clipped to {registry.spec('hopper').training['mbpo']['reward_clip']:g} in size",
         ),
         ("mbpo", "fit of the ensemble", f"{MBPO().model_steps} steps"),
         (
             "mbpo",
             "branches",
-            f"{MBPO().branches} an iteration, growing from {MBPO().shortest} to {MBPO().longest}",
+            f"{MBPO().branches} an iteration, growing from {MBPO().min_branch} to {MBPO().max_branch}",
         ),
     ],
 )

@@ -100,7 +100,7 @@ def test_a_cart_beyond_its_speed_limit_brakes(kind: str, phase: str) -> None:
         assert command.u[0] == pytest.approx(by_hand(np.array(start)), abs=1e-4), start
         assert command.plan is not None
         assert command.plan.x[0].tolist() == start
-        assert ("violates" in command.why) == (abs(start[1]) > V_MAX + H * U_MAX), start
+        assert ("violates" in command.note) == (abs(start[1]) > V_MAX + H * U_MAX), start
 
 
 @pytest.mark.costly

@@ -7,7 +7,7 @@ import pytest
 
 from dynamics.contact import Exact
 from ocp.learning.explorer import Explorer, random_transitions
-from ocp.learning.identify import OneStepLoss, identify, intervals
+from ocp.learning.identify import OneStepLoss, bootstrap_intervals, identify
 from ocp.learning.random_search import RandomSearch
 from problems.tasks.registry import get
 
@@ -27,7 +27,7 @@ def test_psi_is_recovered_within_five_percent_from_half_and_twice_the_truth():
     assert np.abs(start - truth).max() > 0.5
     found = identify(loss, seen, start, RandomSearch(narrow=5e-3), rows=64)
     assert found.values == pytest.approx(np.exp(truth), rel=0.05)
-    around = intervals(loss, np.log(found.values), seen[:1000])
+    around = bootstrap_intervals(loss, np.log(found.values), seen[:1000])
     inside = (around.low <= 1.0001 * np.exp(truth)) & (around.high >= 0.9999 * np.exp(truth))
     assert inside.all()
 
@@ -38,7 +38,7 @@ def test_before_the_landing_all_but_friction_are_determined():
     seen, touched = random_transitions(Explorer(task), 2000, seed=1)
     flying = seen[~touched & (seen.x[:, 1] > 1.3)]
     loss = OneStepLoss(Exact().close(task.system), PSI, scale=OneStepLoss.increments(seen))
-    found = intervals(loss, loss.start(), flying[:300])
+    found = bootstrap_intervals(loss, loss.start(), flying[:300])
     unknown = [name for name, high in zip(PSI, found.high, strict=True) if np.isinf(high)]
     assert unknown == ["friction"]
     weakest = np.linalg.eigh(found.information).eigenvectors[:, 0]

@@ -1,4 +1,4 @@
-"""AM: one-step errors over transitions, psi against a network, and psi with its intervals."""
+"""AM: one-step errors over transitions, psi against a network, and psi with its bootstrap_intervals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dynamics.contact import Exact
 from dynamics.learned.training import train
 from dynamics.learned.transitions import Origin, Samples
 from ocp.learning.explorer import Buffer, Explorer, random_transitions
-from ocp.learning.identify import OneStepLoss, identify, intervals
+from ocp.learning.identify import OneStepLoss, bootstrap_intervals, identify
 from ocp.learning.random_search import RandomSearch
 from ocp.problem.task import Task
 from problems.studies.progress import track_items
@@ -185,7 +185,7 @@ def by_psi(source: TransitionData, n: int, seed: int, params: Params) -> dict[st
     search = RandomSearch(candidates=params.candidates, iterations=params.iterations)
     identified = identify(loss, transitions, start, search, params.seed + seed, params.rows)
     log_psi = np.log(identified.values)
-    ends = intervals(loss, log_psi, transitions[:JUDGES], seed=params.seed)
+    ends = bootstrap_intervals(loss, log_psi, transitions[:JUDGES], seed=params.seed)
     predicted = loss.errors(log_psi, source.held)[0] * loss.scale + source.held.x_next
     return {
         "errors": source.errors(predicted),
@@ -201,7 +201,7 @@ def in_flight(source: TransitionData) -> dict[str, np.ndarray]:
     flying = source.pool[np.flatnonzero(~source.landed)[:JUDGES]]
     scale = OneStepLoss.increments(source.pool)
     loss = OneStepLoss(Exact().close(source.task.system), PSI, scale=scale)
-    return {"high": intervals(loss, np.log(source.truth), flying).high / source.truth}
+    return {"high": bootstrap_intervals(loss, np.log(source.truth), flying).high / source.truth}
 
 
 def by_network(source: TransitionData, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:

@@ -151,7 +151,7 @@ def check(options: LearnOptions) -> LearnRequest:
     check_output_file(options.file, "model")
     recipe = _recipe(options, data, hidden) if network else None
     key = {"data": data.hash, "sigma": options.noise, "hidden": hidden, "epochs": options.epochs}
-    place = atomic.destination(options.file)
+    place = atomic.replaceable_path(options.file)
     # Next to the file; none for a device or a FIFO.
     root = place.parent if network and place is not None else None
     seeds = range(options.seed, options.seed + options.seeds)

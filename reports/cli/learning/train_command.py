@@ -170,7 +170,7 @@ def _store(options: TrainOptions, request: TrainRequest, place: int, data: Any) 
     job, experiment = request.jobs[place], request.experiments[place]
     request_of = {"argv": options.argv, "tags": options.tags, "seed": job.seed}
     about = {**request_of, "record": record(experiment), **training_meta(data)}
-    path = store.write(options.out, job.task, data, about).path
+    path = store.write_run(options.out, job.task, data, about).path
     request.checkpoints[place].save_rows(_ENDED, [{"run": str(path.resolve())}])
     return path
 

@@ -108,7 +108,7 @@ PSI = "psi"
 PSI_SETTINGS = {
     "psi": "parameters of the task to learn, names with commas",
     "psi.NAME": "initial value of a learned parameter",
-    "psi.walkers": "episodes continued in every iteration; psi.steps of each",
+    "psi.n_envs": "episodes continued in every iteration; psi.steps of each",
 }
 """Settings of ``-s``; further ones are fields of PsiLearning and of its random search."""
 

@@ -105,10 +105,10 @@ class StoreOptions(Options):
     out: Path = option(Path("runs"), envvar="OCP_RUNS", help="Directory of the run store.")
 
     def stored(self, run: str) -> StoredRun:
-        """Read the run that a text names; raises as ``store.find`` and ``store.load`` do."""
+        """Read the run that a text names; raises as ``store.find_run`` and ``store.load`` do."""
         from ocp import store
 
-        return store.load(store.find(run, self.out))
+        return store.load(store.find_run(run, self.out))
 
 
 class RunOptions(StoreOptions):

@@ -156,7 +156,7 @@ def told(
     statuses = dict(zip(*np.unique(loop.data["status"].values, return_counts=True), strict=True))
     kinds = dict(zip(*np.unique(list(found.kinds.values()), return_counts=True), strict=True))
     print(f"\n{task.name}: {seconds:.0f} s, cost from the given start {loop.costs[0]:.6g}")
-    for what, counts in (("samples", statuses), ("certificates", kinds), ("told", loop.why)):
+    for what, counts in (("samples", statuses), ("certificates", kinds), ("told", loop.notes)):
         print(f"  {what}: " + ", ".join(f"{n} {kind}" for kind, n in counts.items()))
     missed = np.flatnonzero(~task.outcome(loop.data["x"].values))
     ends = loop.data["x"].values[np.arange(len(loop.costs)), loop.data["ended"].values]

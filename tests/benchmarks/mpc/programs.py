@@ -69,7 +69,7 @@ def captured(name: str, N: int) -> Program:
     for k in range(SAMPLE + 1):
         if k == SAMPLE:
             qp._solved = keep
-        x = plant.ahead(x, controller.step(x).u)[0]
+        x = plant.step(x, controller.step(x).u)[0]
     return Program(*seen[0])
 
 

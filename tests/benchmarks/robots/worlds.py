@@ -20,7 +20,7 @@ from dynamics.batch import BatchWarning
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact
 from ocp.mpc import Controller, simulate
 from ocp.problem.evaluation import Evaluation
-from ocp.simulators.replay import KEPT, in_world
+from ocp.simulators.replay import KEPT_COST_SHARE, replay_in_simulator
 from problems import get
 
 TABLE = "worlds"
@@ -48,11 +48,11 @@ def kept(task: tuple[str, str, int]) -> tuple[bool, ...]:
         along = Controller(problem, contact=LAWS[law], phase="policy")
         x, u = along.plan.x[None], along.plan.u[None]
         cost = float(Evaluation(problem, values).trajectory_costs(x, u, along.plan.lam[None])[0])
-        found = [in_world("mujoco", problem, u, values, x[:, 0], cost).keeps]
+        found = [replay_in_simulator("mujoco", problem, u, values, x[:, 0], cost).keeps]
         again = Controller(problem, contact=LAWS[law], phase="qpcc" if law == "exact" else "relaxed")
         for controller in (along, again):
             here, there = (float(simulate(controller, problem.N, plant).costs[0]) for plant in ("exact", "mujoco"))
-            found.append(abs(there - here) <= KEPT * abs(here))
+            found.append(abs(there - here) <= KEPT_COST_SHARE * abs(here))
     return tuple(found)
 
 

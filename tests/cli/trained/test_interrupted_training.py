@@ -18,7 +18,7 @@ from distributed import Client, LocalCluster
 
 from ocp import store
 
-EAGER = "from ocp.store import checkpoint; checkpoint.EVERY_S = 0.0"
+EAGER = "from ocp.store import checkpoint; checkpoint.SAVE_INTERVAL_S = 0.0"
 """A checkpoint after every iteration, so that a kill finds one early."""
 PROGRAM = [sys.executable, "-c", "import sys; from reports.cli.app import main; sys.exit(main())"]
 ROOT = Path(__file__).parents[3]

@@ -14,7 +14,7 @@ from dynamics.contact import Exact
 from dynamics.systems.parameters import ParameterTable
 from dynamics.systems.space import Tree
 from ocp.errors import InputError
-from ocp.simulators.mjcf import mjcf as mjcf_of
+from ocp.simulators.mjcf import write_mjcf as mjcf_of
 from problems import robots
 from problems.robots import Robot, geoms
 from problems.robots.elements import ALL, MJCF, URDF

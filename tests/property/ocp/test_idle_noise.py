@@ -14,7 +14,7 @@ from ocp.gradients.estimators import SAMPLED
 from ocp.learning.experiment import Experiment
 from ocp.learning.total_propagation import TotalPropagation
 from ocp.learning.unroll_gradients import ARS, FOPG, ZOPG, AoBG
-from ocp.learning.unrolling import roll
+from ocp.learning.unrolling import unroll_episodes
 from ocp.problem.policy import Feedback
 from ocp.problem.problem import Problem
 from ocp.problem.task import Task
@@ -272,7 +272,7 @@ def test_a_throws_estimate_varies_as_little_as_one_draw_lets_it() -> None:
     e = Experiment(task=ball, algorithm=FOPG(), law=LAW, hidden=None, threads=1, normalise=False)
     state = {**e.algorithm.begin(e), "theta": theta}
     x0 = np.repeat(ball.reset(1, np.random.default_rng(0)), n, axis=0)
-    found = roll(e, state, x0, ball.horizon, noise=noise, gradient=True, score=True)
+    found = unroll_episodes(e, state, x0, ball.horizon, noise=noise, gradient=True, score=True)
     centred = found.value - found.value.mean()
     # Of independent draws of one standard normal pair each: E s² = 1 / sigma².
     assert np.square(found.score).mean() * 0.1**2 == pytest.approx(1, abs=5 * np.sqrt(2 / (2 * n)))

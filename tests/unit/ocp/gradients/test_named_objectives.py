@@ -18,7 +18,7 @@ def test_gradients_are_differences_away_from_kinks(name):
     ahead, behind = objective.costs(noise + h), objective.costs(noise - h)
     for k, w in enumerate(noise[:, 0]):
         moved = objective.at({"theta": float(objective.theta[0]) + w})
-        gradient = moved._both(moved.theta[None, :], moved.values)[1][0, 0]
+        gradient = moved._cost_and_gradient(moved.theta[None, :], moved.values)[1][0, 0]
         np.testing.assert_allclose(gradient, (ahead - behind)[k] / (2 * h), rtol=1e-5, atol=1e-6)
 
 

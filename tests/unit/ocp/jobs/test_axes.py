@@ -7,20 +7,20 @@ import pytest
 
 from ocp.errors import InputError
 from ocp.jobs.case import Case
-from ocp.jobs.grid import axes, axis, dimension
+from ocp.jobs.grid import dimension_name, parse_axes, parse_axis
 from ocp.jobs.sweep import make_grid
 from ocp.validation import Axis
 
 
 def test_values_stand_in_equal_steps_or_ratios_and_are_found_by_their_decimals() -> None:
-    assert axis("M=0:1:11").values == tuple(k / 10 for k in range(11))
-    assert axis(" M = 2:0.5:4 ") == Axis("M", (2.0, 1.5, 1.0, 0.5))
-    ratios = axis("contact.mu=1e-4:1e-1:4:log")
+    assert parse_axis("M=0:1:11").values == tuple(k / 10 for k in range(11))
+    assert parse_axis(" M = 2:0.5:4 ") == Axis("M", (2.0, 1.5, 1.0, 0.5))
+    ratios = parse_axis("contact.mu=1e-4:1e-1:4:log")
     assert ratios == Axis("contact.mu", (1e-4, 1e-3, 1e-2, 1e-1), log=True)
 
 
 def test_arrays_are_taken_as_they_are() -> None:
-    found = axes({"M": np.array([1.0, 2.0, 4.0]), "N": [10, 20, 30], "mu": "1e-3:1e-2:2:log"})
+    found = parse_axes({"M": np.array([1.0, 2.0, 4.0]), "N": [10, 20, 30], "mu": "1e-3:1e-2:2:log"})
     assert found == (
         Axis("M", (1.0, 2.0, 4.0), log=True),
         Axis("N", (10.0, 20.0, 30.0)),
@@ -46,20 +46,20 @@ def test_arrays_are_taken_as_they_are() -> None:
 )
 def test_what_does_not_read_is_told(text: str, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
-        axis(text)
+        parse_axis(text)
 
 
 def test_grids_that_cannot_be() -> None:
     with pytest.raises(InputError, match="needs a parameter; give --over NAME=A:B:n"):
-        axes([])
+        parse_axes([])
     with pytest.raises(InputError, match="M is given twice"):
-        axes(["M=1:2:3", "M=1:2:4"])
+        parse_axes(["M=1:2:3", "M=1:2:4"])
     with pytest.raises(InputError, match="a grid of 1000000 points is more than 100000"):
-        axes(["M=1:2:1000", "N=1:1000:1000"])
+        parse_axes(["M=1:2:1000", "N=1:1000:1000"])
     with pytest.raises(InputError, match="expected finite numbers in a row"):
-        axes({"M": [1.0, np.nan]})
+        parse_axes({"M": [1.0, np.nan]})
     with pytest.raises(InputError, match="a value is given twice"):
-        axes({"M": [1.0, 1.0]})
+        parse_axes({"M": [1.0, 1.0]})
 
 
 def test_names_are_those_of_the_problem_the_law_the_settings_and_the_policy() -> None:
@@ -96,9 +96,9 @@ def test_names_that_there_are_not(name: str, sentence: str) -> None:
 
 def test_a_value_of_its_own_and_a_name_in_two_ways_exclude_each_other() -> None:
     with pytest.raises(InputError, match="M is swept by --over; drop its own value"):
-        make_grid(Case("push-1d", {"M": 1.0}), axes(["M=1:2:2"]))
+        make_grid(Case("push-1d", {"M": 1.0}), parse_axes(["M=1:2:2"]))
     with pytest.raises(InputError, match=r"contact\.mu is given twice"):
-        make_grid(Case("push-1d", contact="barrier"), axes(["mu=1:2:2", "contact.mu=1:2:3"]))
+        make_grid(Case("push-1d", contact="barrier"), parse_axes(["mu=1:2:2", "contact.mu=1:2:3"]))
 
 
 def test_a_value_that_no_point_can_have_is_refused_with_its_sentence() -> None:
@@ -109,11 +109,11 @@ def test_a_value_that_no_point_can_have_is_refused_with_its_sentence() -> None:
         "qa0=-0.5:0.5:3": "the pusher starts inside the object",
     }.items():
         with pytest.raises(InputError, match=sentence):
-            make_grid(Case("push-1d", contact="barrier"), axes([text])).check()
+            make_grid(Case("push-1d", contact="barrier"), parse_axes([text])).check()
 
 
 def test_a_dimension_is_called_as_its_parameter_but_where_the_dataset_has_that_name() -> None:
-    assert dimension("problem.M") == "M"
-    assert dimension("contact.mu") == "contact.mu"
-    assert dimension("problem.K") == "K"
-    assert dimension("problem.cost") == "problem.cost"
+    assert dimension_name("problem.M") == "M"
+    assert dimension_name("contact.mu") == "contact.mu"
+    assert dimension_name("problem.K") == "K"
+    assert dimension_name("problem.cost") == "problem.cost"

@@ -62,7 +62,7 @@ def test_jobs_end_when_the_caller_stops(cluster: LocalCluster, tmp_path: Path) -
 
 
 def test_workers_that_lack_the_program(cluster: LocalCluster, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(over, "NEEDED", "import only_here")
+    monkeypatch.setattr(over, "WORKER_IMPORT", "import only_here")
     with pytest.raises(InputError, match="lack this program: No module named 'only_here'"):
         list(run_jobs(squared, [{"x": 1.0}], 1, cluster.scheduler_address))
 

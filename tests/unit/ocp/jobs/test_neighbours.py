@@ -10,12 +10,12 @@ import pytest
 
 from ocp.jobs import neighbours
 from ocp.jobs.case import Case
-from ocp.jobs.grid import Grid, axes
+from ocp.jobs.grid import Grid, parse_axes
 from ocp.jobs.sweep import sweep
 from ocp.jobs.sweep_job import failed_result
 from tests.unit.ocp.jobs.same import same
 
-GRID = Grid(Case("push-1d"), axes({"problem.M": [1.0, 2.0, 3.0], "problem.K": [1.0, 2.0]}))
+GRID = Grid(Case("push-1d"), parse_axes({"problem.M": [1.0, 2.0, 3.0], "problem.K": [1.0, 2.0]}))
 ROW = {"success": 1, "survives": 1, "idle_cost": 10.0, "exact_cost": 1.0, "referee_cost": 1.0}
 
 
@@ -40,12 +40,12 @@ def test_neighbours_are_one_step_away_along_an_axis() -> None:
 
 def test_a_point_starts_at_its_cheapest_neighbour_where_that_costs_less() -> None:
     points = [point(cost) for cost in (1.0, 2.0, 3.0, 0.5, 4.0, 5.0)]
-    assert neighbours.starts(GRID, points, range(6)) == {1: 3, 2: 3, 4: 2, 5: 3}
-    assert neighbours.starts(GRID, points, {2}) == {4: 2}, "from the others it was solved before"
+    assert neighbours.cheaper_neighbours(GRID, points, range(6)) == {1: 3, 2: 3, 4: 2, 5: 3}
+    assert neighbours.cheaper_neighbours(GRID, points, {2}) == {4: 2}, "from the others it was solved before"
     points[3] = failed_result("fault", "died")
     points[0] = point(math.nan, success=0, status="not converged")
     # A worker that died is no plan, and its point is not tried again.
-    assert neighbours.starts(GRID, points, range(6)) == {0: 1, 4: 2, 5: 4}
+    assert neighbours.cheaper_neighbours(GRID, points, range(6)) == {0: 1, 4: 2, 5: 4}
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e6, -1e6])
@@ -53,11 +53,11 @@ def test_better_is_a_share_of_what_a_plan_changes(offset: float) -> None:
     """The constant of a cost plays no part."""
     base = {"idle_cost": 10.0 + offset}
     own = row(2.0 + offset, **base)
-    assert neighbours.improves(GRID, row(1.9 + offset, **base), own)
-    assert not neighbours.improves(GRID, row(1.999 + offset, **base), own)
-    assert not neighbours.improves(GRID, row(1.0 + offset, survives=0, **base), own)
-    assert not neighbours.improves(GRID, row(1.0 + offset, success=0, **base), own)
-    assert neighbours.improves(GRID, row(3.0 + offset, **base), row(math.nan, success=0))
+    assert neighbours.is_better(GRID, row(1.9 + offset, **base), own)
+    assert not neighbours.is_better(GRID, row(1.999 + offset, **base), own)
+    assert not neighbours.is_better(GRID, row(1.0 + offset, survives=0, **base), own)
+    assert not neighbours.is_better(GRID, row(1.0 + offset, success=0, **base), own)
+    assert neighbours.is_better(GRID, row(3.0 + offset, **base), row(math.nan, success=0))
 
 
 def test_an_outlier_keeps_the_cost_of_its_own_solve() -> None:

@@ -76,7 +76,7 @@ def test_a_worker_that_is_starting_as_the_caller_stops_ends_by_itself() -> None:
     """It does not hear the signal of Ctrl-C yet, nor ever where the shell has it ignored."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        worker = processes._Worker.hired(squared)
+        worker = processes._Worker.start(squared)
     finally:
         signal.signal(signal.SIGINT, before)
     worker.give(0, [{"x": 1.0}])

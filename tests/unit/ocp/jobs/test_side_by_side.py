@@ -12,7 +12,7 @@ import pytest
 from ocp.errors import InputError
 from ocp.jobs import sweep_job
 from ocp.jobs.case import Case
-from ocp.jobs.grid import axes
+from ocp.jobs.grid import parse_axes
 from ocp.jobs.sweep import make_grid, solve_grid, sweep
 from ocp.jobs.sweep_job import JobResult, solve_starts
 from ocp.solve.solve import solve_session
@@ -127,7 +127,7 @@ def test_ctrl_c_that_compiled_code_took_for_a_failure_is_no_point(
         sweep("push-1d", {"M": [1.0, 2.0]}, params=SHORT, store=tmp_path)
     assert not list(tmp_path.rglob("point-*.json"))
     monkeypatch.undo()
-    study = make_grid(Case("push-1d", SHORT), axes({"M": [1.0, 2.0]}))
+    study = make_grid(Case("push-1d", SHORT), parse_axes({"M": [1.0, 2.0]}))
     checkpoint = study.checkpoint(tmp_path, study.check().problem.name)
 
     def stop(_: int, message: object) -> None:

@@ -12,8 +12,8 @@ from ocp.errors import InputError
 from ocp.learning.critic import Critic
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import State
-from ocp.learning.unroll_gradients import FOPG, SHARP
-from ocp.learning.unrolling import roll
+from ocp.learning.unroll_gradients import FOPG, SHARP_LAW
+from ocp.learning.unrolling import unroll_episodes
 from tests.unit.ocp.learning.scalar import A, B, experiment, scalar
 from tests.unit.ocp.learning.test_first_order import PLAIN, SAMPLES, UNROLL, set_up
 
@@ -34,7 +34,7 @@ def test_targets_by_hand():
     seen = {"seen.n": np.array(4.0), "seen.mean": np.array([0.2]), "seen.m2": np.array([1.0])}
     state = with_weights(critic, e, {**e.algorithm.begin(e), **seen, "theta": np.array([0.3, 0.1])})
     noise, x0 = Gaussian(0.4, 5), np.linspace(-0.5, 1.1, 20)
-    w, found = noise.draw(20, steps, 1)[..., 0], roll(e, state, x0[:, None], steps, noise=noise)
+    w, found = noise.draw(20, steps, 1)[..., 0], unroll_episodes(e, state, x0[:, None], steps, noise=noise)
     targets = critic.targets(e, state, found, noise)
     sizes = np.cumsum([UNITS, UNITS, UNITS**2, UNITS, UNITS])
     W1, b1, W2, b2, W3, b3 = np.split(state["critic.theta"], sizes)
@@ -61,7 +61,7 @@ def test_targets_by_hand():
 def test_the_step_is_along_the_gradient_of_return_and_value(hidden, smoothing):
     """Against differences of the mean of both, where some end on the way, by the sharp law."""
     critic = Critic(units=UNITS)
-    e, state = set_up(hidden, SHARP)
+    e, state = set_up(hidden, SHARP_LAW)
     state = with_weights(critic, e, state)
     settings = {"samples": SAMPLES, "unroll": UNROLL, "sigma": 0.3, **PLAIN}
     gradient, alone = (
@@ -71,7 +71,7 @@ def test_the_step_is_along_the_gradient_of_return_and_value(hidden, smoothing):
     noise = e.noise(0.3, 0, "actions")
 
     def gained(theta):
-        found = roll(e, {**state, "theta": theta}, state["starts.x"], UNROLL, noise=noise)
+        found = unroll_episodes(e, {**state, "theta": theta}, state["starts.x"], UNROLL, noise=noise)
         x = found.states[:, -1]
         over = (np.abs(x[:, 1]) > 0.9) | (x[:, 0] > 0.6)
         assert 0 < over.sum() < SAMPLES
@@ -101,8 +101,8 @@ def test_the_value_of_a_linear_law_is_found():
     noise, errors = Gaussian(1e-9, 0), []
     for i in range(150):
         x0 = np.random.default_rng(i).uniform(-1, 1, (32, 1))
-        found = roll(e, state, x0, steps, noise=noise)
-        learned, row = critic.learned(e, state, state, found, noise, i)
+        found = unroll_episodes(e, state, x0, steps, noise=noise)
+        learned, row = critic.learn(e, state, state, found, noise, i)
         state |= learned
         errors.append(row["critic_error"])
     f = A + B * k
@@ -116,11 +116,11 @@ def test_the_value_of_a_linear_law_is_found():
 def test_what_was_seen_does_not_change_values():
     """Another mean and scale of the observations, no step of learning: the same function of x."""
     critic = Critic(units=UNITS, steps=0)
-    e, state = set_up((), SHARP)
+    e, state = set_up((), SHARP_LAW)
     state, noise = with_weights(critic, e, state), e.noise(0.3, 0, "actions")
-    found = roll(e, state, state["starts.x"], UNROLL, noise=noise)
+    found = unroll_episodes(e, state, state["starts.x"], UNROLL, noise=noise)
     after = {**state, "seen.mean": np.full(3, 0.4), "seen.m2": np.array([8.0, 1.0, 5.0])}
-    moved = {**after, **critic.learned(e, state, after, found, noise, 0)[0]}
+    moved = {**after, **critic.learn(e, state, after, found, noise, 0)[0]}
     x = found.states[:, 0]
     assert critic.value(e, moved, x) == pytest.approx(critic.value(e, state, x), rel=1e-10)
     assert critic.value(e, after, x) != pytest.approx(critic.value(e, state, x), rel=0.1)
@@ -131,7 +131,7 @@ def test_nothing_is_to_come_after_ends():
     critic = Critic(units=UNITS)
     e = experiment(FOPG(), task=scalar(horizon=9, done=-5.0), discount=0.9)
     state = with_weights(critic, e, e.algorithm.begin(e))
-    found = roll(e, state, np.ones((4, 1)), 3)
+    found = unroll_episodes(e, state, np.ones((4, 1)), 3)
     assert (critic.pull(e, state, found) == np.zeros((4, 1))).all()
 
 

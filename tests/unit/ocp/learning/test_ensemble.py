@@ -9,12 +9,12 @@ import pytest
 from ocp.learning.mbpo_networks import (
     Ensemble,
     begin_learner,
-    drawn_next,
-    elites_of,
-    gaussians,
     likelihood_loss,
+    make_trainer,
     member_errors,
-    trainer,
+    predict_gaussians,
+    sample_next_states,
+    select_elites,
 )
 
 
@@ -38,7 +38,7 @@ def bounded(raw):
 def test_log_variances_lie_between_their_bounds():
     raw = np.array([-50.0, -2.0, 0.0, 0.7, 60.0])
     z = jnp.asarray(raw)[None, :, None]
-    mean, log_var = gaussians(affine((2.0, 0.5, 1.0, 0.0)), z)
+    mean, log_var = predict_gaussians(affine((2.0, 0.5, 1.0, 0.0)), z)
     assert mean[0, :, 0] == pytest.approx(2 * raw + 0.5, rel=1e-6)
     assert log_var[0, :, 0] == pytest.approx(bounded(raw), abs=2e-6)
     # Softplus is never its straight line: at the bounds' ends log 1.018 is missing.
@@ -63,14 +63,14 @@ def test_elites_are_those_that_err_least_on_rows_held_out():
     z, y = np.zeros((4, 1)), np.array([[0.1], [0.1], [9.0], [0.1]])
     errors = np.asarray(member_errors(ensemble, z, y, np.array([True, True, False, True])))
     assert errors == pytest.approx([0.01, 0.81, 0.36, 0.16], rel=1e-5)
-    assert elites_of(errors, 3).tolist() == [0, 3, 2]
-    assert elites_of(np.array([1.0, 0.5, 1.0, 0.5]), 3).tolist() == [1, 3, 0]
+    assert select_elites(errors, 3).tolist() == [0, 3, 2]
+    assert select_elites(np.array([1.0, 0.5, 1.0, 0.5]), 3).tolist() == [1, 3, 0]
 
 
 def test_a_next_state_is_drawn_from_the_row_s_own_member():
     ensemble = affine((1.0, 0.0, 0, 0.5), (1.0, 10.0, 0, -1.0))
     z, noise = np.array([[1.0], [1.0], [2.0]]), np.array([[0.0], [2.0], [-1.0]])
-    found = drawn_next(ensemble, np.array([0, 1, 0]), z, noise)[:, 0]
+    found = sample_next_states(ensemble, np.array([0, 1, 0]), z, noise)[:, 0]
     widths = np.exp(0.5 * bounded(np.array([0.5, -1.0, 0.5])))
     assert found == pytest.approx([1.0, 11.0 + 2 * widths[1], 2.0 - widths[2]], rel=1e-5)
 
@@ -86,12 +86,12 @@ def test_training_finds_a_mean_and_a_variance_that_depends_on_the_place():
     starts = np.asarray(learner.ensemble.layers[0][0])
     assert not (starts[0] == starts[1]).any()
     rows = rng.integers(2048, size=(600, 3, 128))
-    learner, losses = trainer(3e-3)(learner, z, y, rows)
+    learner, losses = make_trainer(3e-3)(learner, z, y, rows)
     assert np.mean(losses[-20:]) < np.mean(losses[:20]) - 2
     at = np.broadcast_to(np.array([[-0.5], [0.5]], "f4"), (3, 2, 1))
-    mean, log_var = gaussians(learner.ensemble, at)
+    mean, log_var = predict_gaussians(learner.ensemble, at)
     assert np.asarray(mean)[:, 0, 0] == pytest.approx(np.full(3, np.sin(-1)), abs=0.1)
     found = np.exp(0.5 * np.asarray(log_var)).mean(axis=0)[:, 0]
     assert found == pytest.approx([0.05, 0.5], rel=0.4)
-    again, _ = trainer(3e-3)(begin_learner(np.random.default_rng(0), 3, 1, (32, 32), 1, 3e-3), z, y, rows)
-    assert (np.asarray(again.ensemble.most) == np.asarray(learner.ensemble.most)).all()
+    again, _ = make_trainer(3e-3)(begin_learner(np.random.default_rng(0), 3, 1, (32, 32), 1, 3e-3), z, y, rows)
+    assert (np.asarray(again.ensemble.max_log_variance) == np.asarray(learner.ensemble.max_log_variance)).all()

@@ -13,7 +13,7 @@ from dynamics.systems import Signal
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import State
 from ocp.learning.unroll_gradients import FOPG
-from ocp.learning.unrolling import roll
+from ocp.learning.unrolling import unroll_episodes
 from ocp.problem.task import Task
 from tests.unit.dynamics.batch.rollout_cases import wall
 
@@ -71,7 +71,7 @@ def test_the_step_is_along_the_gradient_of_the_mean_return(hidden, law):
     noise = experiment.noise(0.3, 0, "actions")
 
     def found(theta):
-        return roll(experiment, {**state, "theta": theta}, state["starts.x"], UNROLL, noise=noise)
+        return unroll_episodes(experiment, {**state, "theta": theta}, state["starts.x"], UNROLL, noise=noise)
 
     lived = found(state["theta"]).lived
     assert 0 < (lived < UNROLL).sum() < SAMPLES, "some end before, some do not"
@@ -90,7 +90,7 @@ def test_the_variance_told_is_that_of_the_samples():
     experiment, state = set_up((), LAWS[0])
     _, row = experiment.algorithm.iterate(experiment, state, 0)
     noise = experiment.noise(0.3, 0, "actions")
-    found = roll(experiment, state, state["starts.x"], UNROLL, noise=noise, gradient=True)
+    found = unroll_episodes(experiment, state, state["starts.x"], UNROLL, noise=noise, gradient=True)
     assert found.gradient is not None
     by_hand = np.cov(found.gradient.T, ddof=1).trace()
     assert row["gradient_variance"] == pytest.approx(by_hand, rel=1e-10)

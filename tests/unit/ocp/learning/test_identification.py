@@ -1,4 +1,4 @@
-"""Physical parameters from transitions: the loss, the intervals, and what cannot be known."""
+"""Physical parameters from transitions: the loss, the bootstrap_intervals, and what cannot be known."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from ocp.errors import InputError
 from ocp.learning.explorer import Buffer
-from ocp.learning.identify import OneStepLoss, identify, intervals
+from ocp.learning.identify import OneStepLoss, bootstrap_intervals, identify
 from ocp.learning.random_search import RandomSearch
 from tests.unit.ocp.learning.spring_mass import (
     NAMES,
@@ -112,12 +112,12 @@ def test_without_input_only_ratios_are_known():
     """``(m, k, d)`` times a number moves alike where no force is applied: psi has no scale."""
     buffer = transitions(300, force=0.0)
     loss = OneStepLoss(exact_step(), NAMES)
-    found = intervals(loss, np.log(TRUE), buffer)
+    found = bootstrap_intervals(loss, np.log(TRUE), buffer)
     sizes, directions = np.linalg.eigh(found.information)
     assert np.abs(directions[:, 0]) == pytest.approx(np.full(3, 3**-0.5), abs=1e-6)
     assert sizes[0] < 1e-10 * sizes[-1]
     assert (found.low == 0).all() and np.isinf(found.high).all()
-    ratios = intervals(OneStepLoss(exact_step(), ["k", "d"]), np.log(TRUE[1:]), buffer)
+    ratios = bootstrap_intervals(OneStepLoss(exact_step(), ["k", "d"]), np.log(TRUE[1:]), buffer)
     assert np.isfinite(ratios.high).all()
 
 
@@ -125,7 +125,7 @@ def test_the_information_is_that_of_the_closed_form():
     """Of k: ``dv+/d log k = -h k x / (m + h d)`` in free steps, 0 in contact; x+ moves h as far."""
     buffer = transitions(300)
     slope = np.where(in_contact(buffer), 0.0, -H * K * buffer.x[:, 0] / (M + H * D))
-    found = intervals(OneStepLoss(exact_step(), ["k"]), np.log([K]), buffer)
+    found = bootstrap_intervals(OneStepLoss(exact_step(), ["k"]), np.log([K]), buffer)
     assert found.information[0, 0] == pytest.approx((1 + H**2) * np.mean(slope**2), rel=1e-5)
 
 
@@ -140,7 +140,7 @@ def test_intervals_of_noisy_data_are_those_of_the_sandwich_and_hold_the_truth():
         J = -H * K * buffer.x[:, 0] / (M + H * D)
         r = following(buffer.x, buffer.u, M, K, D)[:, 1] - buffer.x_next[:, 1]
         at = np.log(K) - np.sum(J * r) / np.sum(J**2)
-        found = intervals(loss, np.array([at]), buffer, seed=seed)
+        found = bootstrap_intervals(loss, np.array([at]), buffer, seed=seed)
         width = np.log(found.high[0] / found.low[0])
         assert width == pytest.approx(2 * 1.96 * np.sqrt(np.sum((J * r) ** 2)) / np.sum(J**2), rel=0.2)
         covered += bool(found.low[0] <= K <= found.high[0])
@@ -149,7 +149,7 @@ def test_intervals_of_noisy_data_are_those_of_the_sandwich_and_hold_the_truth():
 
 def test_intervals_of_exact_data_reach_from_what_was_found_to_the_truth():
     loss = OneStepLoss(exact_step(), NAMES)
-    found = intervals(loss, np.log(1.003 * TRUE), transitions(300))
+    found = bootstrap_intervals(loss, np.log(1.003 * TRUE), transitions(300))
     assert found.high == pytest.approx(1.003 * TRUE, rel=1e-12)
     assert found.low == pytest.approx(TRUE, rel=2e-5)
 

@@ -20,7 +20,7 @@ from tests.unit.ocp.learning.scalar import A, B, scalar
 from tests.unit.ocp.learning.spring_mass import D, K, M, following, spring_task
 
 SMALL = MBPO(
-    walkers=4,
+    n_envs=4,
     steps=8,
     explored=64,
     members=3,
@@ -30,8 +30,8 @@ SMALL = MBPO(
     model_steps=20,
     model_batch=32,
     branches=20,
-    shortest=1,
-    longest=3,
+    min_branch=1,
+    max_branch=3,
     kept=2,
     critic_units=16,
     critic_layers=1,
@@ -112,7 +112,7 @@ def test_the_policy_is_the_experiment_s_own_with_observations_scaled_by_what_was
 def test_critics_are_told_cut_rewards_and_where_the_task_ends():
     from ocp.learning.mbpo_training import MBPOTrainer, ObservationScales
 
-    room = MBPOTrainer(replace(SMALL, cut=0.05), experiment())
+    room = MBPOTrainer(replace(SMALL, reward_clip=0.05), experiment())
     x, u = np.array([[0.2, 0.5], [0.1, 0.0], [0.29, 3.0]]), np.array([[1.0], [0.0], [6.0]])
     seen = Buffer(x, u, following(x, u, M, K, D))
     found = room._batch(ObservationScales(Normaliser(2.0, np.ones(2), np.full(2, 8.0)), np.ones(2)), seen, 5)
@@ -129,8 +129,8 @@ def test_critics_are_told_cut_rewards_and_where_the_task_ends():
     [
         ({"members": 0}, "members must be a whole number of at least 1, got 0"),
         ({"elites": 9}, "elites must be between 1 and 7, got 9"),
-        ({"longest": 0}, "longest must be between 1 and 1000, got 0"),
-        ({"real": 1.5}, "real must be between 0 and 1"),
+        ({"max_branch": 0}, "max_branch must be between 1 and 1000, got 0"),
+        ({"real_ratio": 1.5}, "real_ratio must be between 0 and 1"),
         ({"rate": 0.0}, "rate must be positive"),
         ({"critic_units": 0}, "critic_units must be a whole number of at least 1"),
     ],
@@ -164,14 +164,14 @@ def test_it_learns_a_scalar_task_up_to_its_optimum():
     """
     own = replace(
         SMALL,
-        walkers=8,
+        n_envs=8,
         steps=10,
         explored=100,
         model_steps=100,
         model_batch=64,
         model_rate=3e-3,
         branches=100,
-        longest=1,
+        max_branch=1,
         kept=4,
         critic_units=32,
         updates=300,

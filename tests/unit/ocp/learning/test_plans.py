@@ -112,8 +112,8 @@ def test_a_plan_without_contact_is_the_optimum(guess: list):
     found = best_plan(task, START, *guess)
     assert found.certified
     assert found.returned == pytest.approx(best_inputs(task), rel=1e-7)
-    assert "best plan found" in found.words
-    assert "bound" not in found.words
+    assert "best plan found" in found.description
+    assert "bound" not in found.description
 
 
 def test_an_episode_goes_on_until_its_last_state():
@@ -140,7 +140,7 @@ def test_where_something_is_gained_at_the_end_the_last_state_counts_too():
 def test_a_plan_that_was_cut_short_is_called_no_optimum():
     found = best_plan(scalar(horizon=5), START, settings={"max_iter": 1})
     assert not found.certified
-    assert "not certified" in found.words
+    assert "not certified" in found.description
 
 
 def test_a_policy_is_where_a_search_begins():

@@ -57,7 +57,7 @@ def experiment(algorithm: Any, **changed: Any) -> Experiment:
 
 
 def test_psi_comes_to_the_truth_before_each_step_of_the_algorithm_s():
-    own = learning(walkers=8, steps=10, searched=20)
+    own = learning(n_envs=8, steps=10, searched=20)
     run = experiment(own)
     state = own.begin(run)
     assert (state["psi"] == WRONG).all()
@@ -76,7 +76,7 @@ def test_psi_comes_to_the_truth_before_each_step_of_the_algorithm_s():
 
 
 def test_a_run_that_goes_on_from_its_arrays_ends_at_the_same_bits():
-    own = learning(walkers=4, steps=5, searched=3, capacity=30, search=RandomSearch(iterations=4, narrow=0.0))
+    own = learning(n_envs=4, steps=5, searched=3, capacity=30, search=RandomSearch(iterations=4, narrow=0.0))
     run = experiment(own)
     state = own.begin(run)
     for k in range(4):
@@ -92,7 +92,7 @@ def test_a_run_that_goes_on_from_its_arrays_ends_at_the_same_bits():
 def test_the_gradient_s_model_is_the_one_learned():
     """FOPG beside psi learning tells the return of its model: at the truth, that of the truth."""
     inner = FOPG(samples=8, unroll=10, rate=1e-12)
-    own = learning(inner, walkers=8, steps=10, searched=20)
+    own = learning(inner, n_envs=8, steps=10, searched=20)
     found = train(experiment(own))
     true, wrong = (train(experiment(inner, model_params=p)) for p in (None, WRONG))
     told = [data["return_mean"].values[:-1] for data in (found, true, wrong)]
@@ -105,7 +105,7 @@ def test_what_cannot_be_learned_is_told():
     own = PsiLearning(algorithm=Told(), names=("mass",))
     with pytest.raises(InputError, match="no parameter 'mass'"):
         own.begin(experiment(own))
-    own = learning(walkers=0)
-    with pytest.raises(InputError, match="walkers must be a whole number"):
+    own = learning(n_envs=0)
+    with pytest.raises(InputError, match="n_envs must be a whole number"):
         own.begin(experiment(own))
     assert learning(rows=5).settings()["rows"] == 5 and learning().settings()["of"] == "told"

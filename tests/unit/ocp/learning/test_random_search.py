@@ -53,7 +53,7 @@ def test_a_turned_valley_is_followed_to_its_end():
 
     for losses in (quadratic, rosenbrock):
         cloud = search.begin(np.zeros(6))
-        while not search.done(cloud):
+        while not search.is_done(cloud):
             rng = np.random.default_rng([5, int(cloud["count"])])
             cloud = search.iterate(cloud, losses, rng)
         assert cloud["mean"] == pytest.approx(np.ones(6), abs=1e-6)

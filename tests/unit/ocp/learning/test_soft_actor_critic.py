@@ -13,15 +13,15 @@ from ocp.learning.mbpo_networks import (
     Batch,
     Networks,
     Rates,
-    actions,
+    action_moments,
     actor_loss,
     begin_agent,
     critic_loss,
-    drawn,
-    targets_of,
+    critic_targets,
+    make_updater,
+    mean_action_parameters,
+    sample_actions,
     temperature_loss,
-    theta_of,
-    updater,
 )
 
 ACTOR = Actor((), (jnp.array([[0.5]]), jnp.array([0.1])), (jnp.array([[0.0]]), jnp.array([-1.0])))
@@ -32,7 +32,7 @@ ALPHA = 0.2
 
 
 def by_hand(o, noise):
-    """tanh actions and their log-densities, from the change of variables."""
+    """tanh action_moments and their log-densities, from the change of variables."""
     a = 0.5 * o + 0.1 + noise / np.e
     normal = -0.5 * noise**2 + 1.0 - 0.5 * np.log(2 * np.pi)
     return np.tanh(a), normal - np.log(1 - np.tanh(a) ** 2)
@@ -45,14 +45,14 @@ def column(*values: float) -> jnp.ndarray:
 @pytest.mark.costly
 def test_densities_are_those_of_the_change_of_variables_and_integrate_to_one():
     o, noise = np.array([0.3, -2.0, 8.0]), np.array([0.4, -1.5, 0.2])
-    t, density = drawn(ACTOR, column(*o), column(*noise))
+    t, density = sample_actions(ACTOR, column(*o), column(*noise))
     expected = by_hand(o, noise)
     assert t[:, 0] == pytest.approx(expected[0], rel=1e-5)
     assert density == pytest.approx(expected[1], rel=1e-4)
     grid = np.linspace(-6, 6, 4001)
-    t, density = drawn(ACTOR, jnp.full((4001, 1), 0.3), column(*grid))
+    t, density = sample_actions(ACTOR, jnp.full((4001, 1), 0.3), column(*grid))
     assert np.trapezoid(np.exp(density), t[:, 0]) == pytest.approx(1.0, abs=1e-3)
-    _, density = drawn(ACTOR, column(100.0), column(0.0))
+    _, density = sample_actions(ACTOR, column(100.0), column(0.0))
     assert np.isfinite(density).all()
 
 
@@ -68,7 +68,7 @@ def test_targets_take_the_lesser_critic_the_entropy_and_no_future_after_an_end()
     first, second = 2 * o_next + 3 * t + 0.5, 4 * t
     soft = np.minimum(first, second) - ALPHA * density
     expected = np.array([1.0, -2.0, 5.0]) + 0.9 * np.array([1, 1, 0]) * soft
-    found = targets_of(Agent(networks, slow, (None, None, None)), batch, column(*noise), 0.9)
+    found = critic_targets(Agent(networks, slow, (None, None, None)), batch, column(*noise), 0.9)
     assert (first < second).tolist() != (first > second).tolist()
     assert found == pytest.approx(expected, rel=1e-5)
 
@@ -97,11 +97,11 @@ def test_the_temperature_falls_while_the_entropy_is_above_its_aim():
 
 @pytest.mark.costly
 def test_an_update_moves_targets_slowly_and_each_network_by_its_own_loss():
-    rates = Rates(rate=1e-2, discount=0.9, slow=0.1, aim=-1.5)
+    rates = Rates(rate=1e-2, discount=0.9, tau=0.1, target_entropy=-1.5)
     agent = begin_agent(np.random.default_rng(0), 2, (8,), 1, (8,), 0.1, 1.0, 0.2, rates.rate)
     rng = np.random.default_rng(0)
     data = Batch(*(rng.standard_normal(shape).astype("f4") for shape in ((64, 2), (64, 1), (64,), (64,), (64, 2))))
-    found, told = updater(rates)(agent, data, np.zeros((1, 4), int), jax.random.key(1))
+    found, told = make_updater(rates)(agent, data, np.zeros((1, 4), int), jax.random.key(1))
     critics = found.networks.critics
     for old, new, slow in zip(
         *(jax.tree.leaves(tree) for tree in (agent.targets, critics, found.targets)), strict=True
@@ -124,9 +124,9 @@ def test_theta_is_laid_out_as_the_engine_s_dense_policy():
     observe = ca.Function("observe", [x, p], [x])
     policy = dense(observe, (5, 4), [-1.0, -1.0], [1.0, 1.0])
     agent = begin_agent(np.random.default_rng(3), 3, (5, 4), 2, (8,), 1.0, 0.5, 0.2, 1e-3)
-    theta = theta_of(agent.networks.actor)
+    theta = mean_action_parameters(agent.networks.actor)
     assert theta.shape == (policy.n_theta,)
     o = np.random.default_rng(0).standard_normal((6, 3))
-    mean, spread = actions(agent.networks.actor, jnp.asarray(o))
+    mean, spread = action_moments(agent.networks.actor, jnp.asarray(o))
     assert policy.means(theta, o) == pytest.approx(np.asarray(mean), abs=1e-5)
     assert np.exp(spread) == pytest.approx(np.full((6, 2), 0.5))

@@ -16,9 +16,9 @@ from dynamics.batch import EpisodeFunction, StepFunction
 from dynamics.contact import Barrier
 from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import EXACT, Budget
-from ocp.learning.protocol import LEAST_SCALE, Normaliser, Trained
+from ocp.learning.protocol import MIN_OBSERVATION_SCALE, Normaliser, Trained
 from ocp.learning.total_propagation import TotalPropagation
-from ocp.learning.training import SEED, evaluate, train
+from ocp.learning.training import EVALUATION_SEED, evaluate, train
 from ocp.learning.unroll_gradients import ARS, FOPG, ZOPG, AoBG
 from ocp.learning.unrolling import Starts
 from ocp.store.checkpoint import Checkpoint
@@ -108,7 +108,7 @@ def test_every_algorithm_goes_most_of_the_way_to_the_best_policy(name):
     task = scalar(horizon=7)
     found = run(name, task=task, iterations=150, evaluate_every=150, initial=1.0)
     first, last = found["evaluation_return"].values[[0, -1]]
-    starts = task.reset(4, np.random.default_rng(SEED))[:, 0]
+    starts = task.reset(4, np.random.default_rng(EVALUATION_SEED))[:, 0]
 
     def cost(theta):
         x, total = starts, 0.0
@@ -222,7 +222,7 @@ def test_running_statistics_are_those_of_all_at_once():
         seen = seen.after(part)
     whole = np.vstack(parts)
     assert seen.mean == pytest.approx(whole.mean(axis=0))
-    assert seen.scale == pytest.approx([whole[:, 0].std(), LEAST_SCALE])
+    assert seen.scale == pytest.approx([whole[:, 0].std(), MIN_OBSERVATION_SCALE])
 
 
 def test_the_buffer_carries_episodes_on():

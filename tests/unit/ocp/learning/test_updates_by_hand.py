@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ocp.learning.total_propagation import TotalPropagation
-from ocp.learning.unroll_gradients import ARS, FOPG, ZOPG, AoBG, mixing, search_direction
+from ocp.learning.unroll_gradients import ARS, FOPG, ZOPG, AoBG, mixing_weight, search_direction
 from ocp.learning.unrolling import ascend
 from tests.unit.ocp.learning.scalar import A, B, scalar
 from tests.unit.ocp.learning.scalar import experiment as scalar_experiment
@@ -160,19 +160,19 @@ def test_the_bias_bound_pulls_alpha_back():
     none = np.zeros((4, 1))
     level = log(2 / 0.05)
     eps = sqrt(2 * (2 / 3) * level / 4) + 2 * 1.0 * level / 12
-    assert mixing(none, zeroth, 1e6, 0.05) == (pytest.approx(1.0), 2.0)
-    assert mixing(none, zeroth, eps + 0.5, 0.05)[0] == pytest.approx(0.25)
-    assert mixing(none, zeroth, 0.9 * eps, 0.05)[0] == 0.0
+    assert mixing_weight(none, zeroth, 1e6, 0.05) == (pytest.approx(1.0), 2.0)
+    assert mixing_weight(none, zeroth, eps + 0.5, 0.05)[0] == pytest.approx(0.25)
+    assert mixing_weight(none, zeroth, 0.9 * eps, 0.05)[0] == 0.0
     equal = zeroth + np.array([[0.5], [-0.5], [0.0], [0.0]])
     v1, v0 = equal.var(ddof=1), zeroth.var(ddof=1)
-    assert mixing(equal, zeroth, 1e6, 0.05)[0] == pytest.approx(v0 / (v0 + v1))
+    assert mixing_weight(equal, zeroth, 1e6, 0.05)[0] == pytest.approx(v0 / (v0 + v1))
 
 
 def test_nothing_but_a_number_of_the_user_s_lets_a_step_s_first_order_in():
     """Of the Heaviside's two slopes one is always 0: by default too few samples reject it."""
     w = 0.1 * np.random.default_rng(0).standard_normal(64)
     zeroth = ((w > 0) - 0.5) * w / 0.01
-    assert mixing(np.zeros((64, 1)), zeroth[:, None], AoBG().gamma, AoBG().delta)[0] == 0
+    assert mixing_weight(np.zeros((64, 1)), zeroth[:, None], AoBG().gamma, AoBG().delta)[0] == 0
 
 
 @pytest.mark.parametrize("done", [None, 0.4])

@@ -71,7 +71,7 @@ def test_noise_of_a_centimetre_does_not_stop_the_push(disc: Controller) -> None:
     values = dict(zip(goal.names, goal.values, strict=True))
     reached = loop.data["x"].values[:, -1, :2] - [values["goal_x"], values["goal_y"]]
     assert np.linalg.norm(reached, axis=1).max() < 0.02
-    assert any("penetration" in sentence for sentence in loop.why)
+    assert any("penetration" in sentence for sentence in loop.notes)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_noise_of_a_centimetre_does_not_stop_the_push(disc: Controller) -> None:
 def test_a_bad_measurement_is_told_and_answered(disc: Controller, state: list[float], sentence: str) -> None:
     disc.reset()
     command = disc.step(np.array(state))
-    assert sentence in command.why
+    assert sentence in command.note
     assert np.isfinite(command.u).all()
     assert np.isfinite(disc.step(disc.start).u).all()
 
@@ -93,7 +93,7 @@ def test_a_bad_measurement_is_told_and_answered(disc: Controller, state: list[fl
 def test_a_bad_last_input_is_told_and_a_wrong_shape_refused(disc: Controller) -> None:
     disc.reset()
     command = disc.step(disc.start, u_before=np.array([np.nan, 0.0]))
-    assert "the last input is not finite" in command.why
+    assert "the last input is not finite" in command.note
     assert np.isfinite(command.u).all()
     with pytest.raises(InputError, match="the state must have 4 numbers, got 2"):
         disc.step(np.zeros(2))
@@ -107,7 +107,7 @@ def test_projection_is_the_smallest_motion_out(disc: Controller) -> None:
     x = np.array([0.0, 0.0, -0.2, 0.0])
     bounds = [np.full(4, -np.inf), np.full(4, np.inf)]
     physical = np.append(p, np.zeros(6))
-    found, told = disc.measurement.projected(x, x, bounds, physical[: len(p) + 6])
+    found, told = disc.measurement.project(x, x, bounds, physical[: len(p) + 6])
     phi = float(disc.problem.signed_distance(found, p)[0])
     assert phi == pytest.approx(0.0, abs=1e-9)
     assert found[[1, 3]] == pytest.approx(0.0, abs=1e-12)
@@ -198,7 +198,7 @@ def test_terminal_constraints_are_softened_and_told() -> None:
     ends = [Constraint("stop", plain.system.x[:1], 0.5, 0.5)]
     problem = replace(plain, terminal=ends)
     receding = Receding.of(problem)
-    assert receding.told == ("Terminal constraints (stop) are softened.",)
+    assert receding.notes == ("Terminal constraints (stop) are softened.",)
     x = np.array([0.8, 0.1, -0.5, 0.0])
     p, both = problem.parameters.values, receding.problem.parameters.values
     u, lam = np.zeros(2), np.zeros(1)
@@ -210,7 +210,7 @@ def test_terminal_constraints_are_softened_and_told() -> None:
 
 
 def test_a_free_start_is_measured_and_told() -> None:
-    [told] = [one for one in Receding.of(get("half-cheetah")).told if "start" in one]
+    [told] = [one for one in Receding.of(get("half-cheetah")).notes if "start" in one]
     assert told == "The start is measured, not chosen; periodicity is left out."
 
 

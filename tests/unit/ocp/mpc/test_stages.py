@@ -9,10 +9,10 @@ from scipy.linalg import solve_discrete_are
 from dynamics.batch import StepFunction
 from ocp.mpc.active_set import ActiveSets
 from ocp.mpc.horizon_qp import HorizonQP
-from ocp.mpc.linearised import Affine, Closure, Linearised, linearise, positive
+from ocp.mpc.linearised import Affine, Closure, Linearised, linearise, project_psd
 from ocp.mpc.receding import Receding
 from ocp.mpc.riccati import Regulator
-from ocp.mpc.rollouts import Roller
+from ocp.mpc.rollouts import CandidateRollouts
 from ocp.mpc.stages import Plan, StageModel
 from problems import get
 
@@ -30,13 +30,13 @@ class Horizon:
         rng, scales = np.random.default_rng(seed), self.problem.scales
         k = scales.u * rng.standard_normal((1, self.model.N, self.model.nu))
         K = np.zeros((1, self.model.N, self.model.nu, self.model.nx))
-        roller = Roller(self.model)
-        self.plan, self.merit, *_ = roller.roll(x0, K, k, self.u_before, (low, high), self.p)
+        rollouts = CandidateRollouts(self.model)
+        self.plan, self.merit, *_ = rollouts.roll_out(x0, K, k, self.u_before, (low, high), self.p)
 
     def linearised(self, plan: Plan) -> tuple[np.ndarray, Linearised]:
         at = self.model.evaluate(plan, self.u_before, self.p)
         closed = ActiveSets(self.model).of(plan)
-        return closed, linearise(self.model, plan, at, Closure.active(plan, closed))
+        return closed, linearise(self.model, plan, at, Closure.from_active_set(plan, closed))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -131,6 +131,6 @@ def test_the_regulator_converges_to_the_algebraic_riccati_equation() -> None:
 
 def test_negative_curvature_is_set_to_zero() -> None:
     matrix = np.array([[1.0, 2.0], [2.0, 1.0]])
-    assert positive(matrix[None])[0] == pytest.approx(np.full((2, 2), 1.5))
+    assert project_psd(matrix[None])[0] == pytest.approx(np.full((2, 2), 1.5))
     convex = np.array([[[2.0, 1.0], [1.0, 2.0]]])
-    assert np.array_equal(positive(convex), convex)
+    assert np.array_equal(project_psd(convex), convex)

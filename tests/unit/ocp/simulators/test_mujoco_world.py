@@ -23,7 +23,7 @@ from dynamics.systems import (
 from ocp import InputError, Problem
 from ocp.mpc.plants import Plant
 from ocp.simulators.mujoco_world import MujocoWorld
-from ocp.simulators.replay import in_world
+from ocp.simulators.replay import replay_in_simulator
 from problems import get
 
 H = 0.01
@@ -73,7 +73,7 @@ def run(problem: Problem, x: Any, steps: int, *soft: float) -> np.ndarray:
     there, found = world(problem), [np.array(x, dtype=float)]
     u = np.zeros(problem.system.nu)
     for _ in range(steps):
-        found.append(there.ahead(found[-1], u, *soft))
+        found.append(there.step(found[-1], u, *soft))
     return np.array(found)
 
 
@@ -169,12 +169,12 @@ def test_parts_meet_only_whom_they_meet_here() -> None:
 def test_states_beyond_positions_and_velocities_follow_the_model() -> None:
     problem = get("idto-hopper")
     x = problem.initial_states(problem.parameters.values)[0]
-    after = world(problem).ahead(x, np.zeros(problem.system.nu))
+    after = world(problem).step(x, np.zeros(problem.system.nu))
     assert after[-1] == pytest.approx(0.05 * -0.25, rel=1e-12)
     cheetah = get("half-cheetah")
     x = cheetah.initial_states(cheetah.parameters.values)[0]
     there = world(cheetah)
-    assert there.ahead(x, np.zeros(6))[-1] == x[-1]
+    assert there.step(x, np.zeros(6))[-1] == x[-1]
     assert there.model.opt.timestep == pytest.approx(x[-1] / 12)
 
 
@@ -215,7 +215,7 @@ def test_a_machine_in_space_is_the_same_in_mujoco() -> None:
     x = np.array(ca.DM.zeros(problem.system.nx)).ravel()
     x[2], x[3], x[8] = 0.2, 1.0, 1.0
     for _ in range(3):
-        x = there.ahead(x, np.array([0.1, 0.2]))
+        x = there.step(x, np.array([0.1, 0.2]))
     assert np.linalg.norm(x[3:7]) == pytest.approx(1.0, abs=1e-12)
 
 
@@ -273,10 +273,10 @@ def test_a_plan_that_stands_keeps_its_cost() -> None:
     x = problem.system.x
     problem = replace(problem, stage_cost=ca.sumsqr(x[1]), x0=ca.SX([0, 0.2, 0, 0, 0, 0]))
     given = np.zeros((1, 20, 0)), problem.parameters.defaults, np.array([[0, 0.2, 0, 0, 0, 0]])
-    found = in_world("mujoco", problem, *given, 20 * 0.2**2)
+    found = replay_in_simulator("mujoco", problem, *given, 20 * 0.2**2)
     assert found.keeps and found.band[0] <= found.cost <= found.band[1]
     assert found.sentence.startswith("In MuJoCo: cost 0.79")
-    dearer = in_world("mujoco", problem, *given, 1.5 * 20 * 0.2**2)
+    dearer = replay_in_simulator("mujoco", problem, *given, 1.5 * 20 * 0.2**2)
     assert not dearer.keeps and "does not keep its cost" in dearer.sentence
 
 
@@ -285,7 +285,7 @@ def test_a_motion_that_diverges_is_told() -> None:
     start = np.array([[0, 0.2, 0, 0, 1e9, 0]])
     problem = replace(problem, stage_cost=problem.system.x[1])
     given = np.zeros((1, 2, 0)), problem.parameters.defaults
-    found = in_world("mujoco", problem, *given, start, 1.0)
+    found = replay_in_simulator("mujoco", problem, *given, start, 1.0)
     assert np.isnan(found.cost) and not found.keeps
     assert found.sentence == "In MuJoCo: the motion diverges."
 
@@ -295,7 +295,7 @@ def test_what_cannot_be_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="push-disc cannot be tried in MuJoCo: it is not built by"):
         world(get("push-disc"))
     with pytest.raises(InputError, match=r"unknown world 'mujco' \(did you mean 'mujoco'\?\)"):
-        in_world("mujco", problem, np.zeros((1, 1, 0)), {}, np.zeros((1, 6)), 0.0)
+        replay_in_simulator("mujco", problem, np.zeros((1, 1, 0)), {}, np.zeros((1, 6)), 0.0)
     pressed = replace(problem, stage_cost=ca.sumsqr(problem.system.lam))
     with pytest.raises(InputError, match="cost or constraints depend on contact impulses"):
         world(pressed)
@@ -309,6 +309,6 @@ def test_a_plant_is_the_same_world() -> None:
     x, u = problem.initial_states(problem.parameters.values)[0], np.array([1.0, -0.5])
     plant = Plant(problem, "mujoco", {"m": 0.7})
     there = MujocoWorld(problem, {**problem.parameters.defaults, "m": 0.7})
-    after, lam = plant.ahead(x, u)
-    assert np.array_equal(after, there.ahead(x, u)) and np.isnan(lam).all()
-    assert not np.allclose(after, world(problem).ahead(x, u), atol=1e-4)
+    after, lam = plant.step(x, u)
+    assert np.array_equal(after, there.step(x, u)) and np.isnan(lam).all()
+    assert not np.allclose(after, world(problem).step(x, u), atol=1e-4)

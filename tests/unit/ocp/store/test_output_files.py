@@ -32,7 +32,7 @@ def test_a_fifo_is_written_to_and_never_replaced(tmp_path: Path) -> None:
     before = fifo.stat()
     for place in (fifo, link):
         reader, got = read_in_background(fifo)
-        atomic.write(place, b"content")
+        atomic.write_file(place, b"content")
         reader.join(10)
         assert got == [b"content"]
     after = fifo.stat()
@@ -43,11 +43,11 @@ def test_a_fifo_is_written_to_and_never_replaced(tmp_path: Path) -> None:
 def test_a_fifo_gets_nothing_of_a_draft_that_failed(tmp_path: Path) -> None:
     fifo = tmp_path / "pipe.pdf"
     os.mkfifo(fifo)
-    with pytest.raises(ValueError, match="half"), atomic.replacing(fifo) as draft:
+    with pytest.raises(ValueError, match="half"), atomic.replace_file(fifo) as draft:
         draft.write_bytes(b"half")
         raise ValueError("half")
     reader, got = read_in_background(fifo)
-    atomic.write(fifo, b"whole")
+    atomic.write_file(fifo, b"whole")
     reader.join(10)
     assert got == [b"whole"]
 
@@ -65,12 +65,12 @@ def test_a_device_is_written_to_and_a_disk_is_refused(tmp_path: Path) -> None:
         pytest.skip(f"no devices here: {error}")
     real = Path(os.devnull).stat()
     before = null.stat()
-    atomic.write(null, b"content")
+    atomic.write_file(null, b"content")
     assert (null.stat().st_ino, null.stat().st_rdev) == (before.st_ino, os.makedev(1, 3))
     with pytest.raises(InputError, match="disk is full"):
-        atomic.write(full, b"content")
+        atomic.write_file(full, b"content")
     with pytest.raises(InputError, match="it is a disk"):
-        atomic.write(disk, b"content")
+        atomic.write_file(disk, b"content")
     assert stat.S_ISCHR(full.stat().st_mode) and stat.S_ISBLK(disk.stat().st_mode)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["disk", "full", "null"]
     now = Path(os.devnull).stat()
@@ -84,8 +84,8 @@ def test_a_link_stays_and_what_it_points_to_is_replaced(tmp_path: Path) -> None:
     target.chmod(0o640)
     link.symlink_to("far/target.nc")
     later.symlink_to("far/not_yet.nc")
-    atomic.write(link, b"new")
-    atomic.write(later, b"first")
+    atomic.write_file(link, b"new")
+    atomic.write_file(later, b"first")
     assert link.is_symlink() and target.read_bytes() == b"new"
     assert stat.S_IMODE(target.stat().st_mode) == 0o640
     assert later.is_symlink() and (tmp_path / "far/not_yet.nc").read_bytes() == b"first"
@@ -95,20 +95,20 @@ def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
     circle = tmp_path / "circle"
     circle.symlink_to(circle)
     with pytest.raises(InputError, match="levels of symbolic links"):
-        atomic.write(circle, b"content")
+        atomic.write_file(circle, b"content")
     with pytest.raises(InputError, match="it is a directory"):
-        atomic.write(tmp_path, b"content")
+        atomic.write_file(tmp_path, b"content")
     with socket.socket(socket.AF_UNIX) as bound:
         bound.bind(str(tmp_path / "socket"))
         with pytest.raises(InputError, match="it is no file"):
-            atomic.write(tmp_path / "socket", b"content")
+            atomic.write_file(tmp_path / "socket", b"content")
     assert circle.is_symlink() and (tmp_path / "socket").is_socket()
 
 
 @pytest.mark.costly
 def test_an_open_file_is_written_to(tmp_path: Path) -> None:
     """As ``--pdf /dev/stdout`` in a pipe is, and where standard output goes to a file."""
-    code = "from pathlib import Path; from ocp.store import atomic; atomic.write(Path('{}'), b'x')"
+    code = "from pathlib import Path; from ocp.store import atomic; atomic.write_file(Path('{}'), b'x')"
     for place in ("/dev/stdout", "/proc/self/fd/1"):
         command = [sys.executable, "-c", code.format(place)]
         assert subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout == b"x"

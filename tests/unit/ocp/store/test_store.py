@@ -172,7 +172,7 @@ def test_nothing_but_the_two_files(tmp_path: Path) -> None:
 
 def test_a_name_cannot_leave_the_store(tmp_path: Path) -> None:
     data = dataset()
-    path = store.write(tmp_path / "runs", "../evil name/..", data, {"kind": "continue"}).path
+    path = store.write_run(tmp_path / "runs", "../evil name/..", data, {"kind": "continue"}).path
     assert path.parent.parent == tmp_path / "runs"
 
 
@@ -238,7 +238,7 @@ def test_a_missing_run_is_wrong_usage(tmp_path: Path) -> None:
 
 def test_a_study_is_no_solution(tmp_path: Path) -> None:
     told = {"argv": [], "record": {}, "status": "done", "verdict": "All hold.", "claims": []}
-    path = store.write(tmp_path, "toy", dataset(), {"kind": "figure", **told}).path
+    path = store.write_run(tmp_path, "toy", dataset(), {"kind": "figure", **told}).path
     with pytest.raises(InputError, match="figure"):
         store.load(path).solution(get("wall-1d"))
 
@@ -303,7 +303,7 @@ KILLED_WHILE_WRITING = textwrap.dedent(
         print("writing", flush=True)
         time.sleep(60)
     store.flush = hang
-    store.write(Path(sys.argv[1]), "toy", xr.Dataset({"a": ("n", [1.0])}), {"kind": "continue"})
+    store.write_run(Path(sys.argv[1]), "toy", xr.Dataset({"a": ("n", [1.0])}), {"kind": "continue"})
     """
 )
 
@@ -334,7 +334,7 @@ def test_a_removal_cut_short_leaves_no_half_run(tmp_path: Path, monkeypatch: pyt
 
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
         patched.setattr(atomic.shutil, "rmtree", killed)
-        lookup.remove([path])
+        lookup.remove_runs([path])
     assert store.list_runs(tmp_path) == []
     store.save(solution(), tmp_path, [])
     assert not [child for child in path.parent.iterdir() if child.name.startswith(".")]
@@ -343,12 +343,12 @@ def test_a_removal_cut_short_leaves_no_half_run(tmp_path: Path, monkeypatch: pyt
 @pytest.mark.parametrize("ending", [KeyboardInterrupt, ValueError])
 def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, ending: type) -> None:
     file = tmp_path / "figure.pdf"
-    atomic.write(file, b"old")
-    with pytest.raises(ending), atomic.replacing(file) as draft:
+    atomic.write_file(file, b"old")
+    with pytest.raises(ending), atomic.replace_file(file) as draft:
         draft.write_bytes(b"half")
         raise ending
     assert file.read_bytes() == b"old"
-    atomic.write(file, b"new")
+    atomic.write_file(file, b"new")
     assert file.read_bytes() == b"new"
     assert [path.name for path in tmp_path.iterdir()] == ["figure.pdf"]
 
@@ -375,8 +375,8 @@ def test_runs_are_found_by_their_names_without_opening_a_file(tmp_path: Path, mo
         os.utime(path, ns=(place, place))
     monkeypatch.setattr("ocp.store.runs.read_meta", None)
     assert store.run_paths(tmp_path) == paths
-    assert [store.find(f"@{k}", tmp_path) for k in (3, 2, 1)] == paths
-    assert store.find("@last", tmp_path) == paths[-1]
+    assert [store.find_run(f"@{k}", tmp_path) for k in (3, 2, 1)] == paths
+    assert store.find_run("@last", tmp_path) == paths[-1]
 
 
 def test_an_array_that_netcdf_cannot_hold_is_a_sentence(tmp_path: Path) -> None:
@@ -385,5 +385,5 @@ def test_an_array_that_netcdf_cannot_hold_is_a_sentence(tmp_path: Path) -> None:
             raise RuntimeError("NetCDF: HDF error")
 
     with pytest.raises(NotWritten, match="NetCDF: HDF error") as caught:
-        atomic.netcdf(Failing(), "the run")  # pyright: ignore[reportArgumentType]
+        atomic.netcdf_bytes(Failing(), "the run")  # pyright: ignore[reportArgumentType]
     assert caught.value.exit_code == 1

@@ -10,8 +10,8 @@ import xarray as xr
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
-from ocp.jobs.sweep import rows, verdict
-from ocp.jobs.sweep_job import COUNTS, NUMBERS, WORDS
+from ocp.jobs.sweep import grid_rows, summarise_points
+from ocp.jobs.sweep_job import ROW_COUNTS, ROW_NUMBERS, ROW_TEXTS
 from ocp.store.stored_run import StoredRun
 from reports.documents.sweep import sweep_content
 from reports.drawing.style import house_style
@@ -23,9 +23,9 @@ def made(**sizes: int) -> StoredRun:
     """A study whose cost is a + 10 b + 100 c at the places a, b, c, and costs double replayed."""
     names, shape = list(sizes), tuple(sizes.values())
     cost = 1 + sum(10.0**i * part for i, part in enumerate(np.indices(shape)))
-    data: dict[str, object] = {name: (names, np.zeros(shape)) for name in (*NUMBERS, "seconds")}
-    data |= {name: (names, np.ones(shape, dtype=int)) for name in COUNTS}
-    data |= {name: (names, np.full(shape, "survives", dtype=object)) for name in WORDS}
+    data: dict[str, object] = {name: (names, np.zeros(shape)) for name in (*ROW_NUMBERS, "seconds")}
+    data |= {name: (names, np.ones(shape, dtype=int)) for name in ROW_COUNTS}
+    data |= {name: (names, np.full(shape, "survives", dtype=object)) for name in ROW_TEXTS}
     data |= {"cost": (names, cost), "exact_cost": (names, 3 * cost)}
     data["referee_cost"] = (names, 2 * cost)
     values = {name: [float(k + 1) for k in range(size)] for name, size in sizes.items()}
@@ -127,7 +127,7 @@ def test_rows_name_the_grade_or_how_a_point_failed(grade: str) -> None:
     run = made(M=2)
     run.data["grade"].values[:] = grade
     run.data["status"].values[:] = "infeasible"
-    assert [row[-1] for row in point_rows(rows(run.data), ["M"])] == [
+    assert [row[-1] for row in point_rows(grid_rows(run.data), ["M"])] == [
         "infeasible" if grade == "failed" else "survives"
     ] * 2
 
@@ -135,15 +135,15 @@ def test_rows_name_the_grade_or_how_a_point_failed(grade: str) -> None:
 def test_a_verdict_counts_and_names_the_ends() -> None:
     told = {"survives": 1, "success": 1, "verdict": "", "grade": "survives", "status": "solved"}
     found = [{**told, "M": 1.0, "cost": 2.0}, {**told, "M": 3.0, "cost": 1.0}]
-    assert verdict(found, ["M"]) == (
+    assert summarise_points(found, ["M"]) == (
         "All 2 points are solved, all survive the referee; cost from 1 at M = 3 to 2 at M = 1."
     )
     same = [{**one, "cost": 2.0, "survives": 0} for one in found]
-    assert verdict(same, ["M"]) == ("All 2 points are solved, none survives the referee; cost 2.")
+    assert summarise_points(same, ["M"]) == ("All 2 points are solved, none survives the referee; cost 2.")
     failed = {**found[0], "success": 0, "survives": -1, "verdict": "Not solved: far.\nMore."}
-    assert verdict([failed, found[1]], ["M"]) == (
+    assert summarise_points([failed, found[1]], ["M"]) == (
         "1 of 2 points are solved, all survive the referee; cost 1.\nM = 1: Not solved: far."
     )
     many = [{**failed, "M": float(k)} for k in range(8)]
-    assert verdict(many, ["M"]).splitlines()[0] == "0 of 8 points are solved."
-    assert verdict(many, ["M"]).splitlines()[-1] == "and 3 more that failed"
+    assert summarise_points(many, ["M"]).splitlines()[0] == "0 of 8 points are solved."
+    assert summarise_points(many, ["M"]).splitlines()[-1] == "and 3 more that failed"
