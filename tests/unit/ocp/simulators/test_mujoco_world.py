@@ -84,7 +84,7 @@ def test_a_named_machine_is_the_same_in_mujoco(name: str) -> None:
 
 def test_joints_stand_in_our_order_whatever_the_tree() -> None:
     there = world(problem_of(PENDULUM, friction=None))
-    assert there.written.joints == ["upper", "rod", "other", "end"]
+    assert there.mjcf.joints == ["upper", "rod", "other", "end"]
     assert list(there._q) == [0, 1, 3, 2]  # MuJoCo goes down a branch first
 
 
@@ -160,8 +160,8 @@ def test_parts_meet_only_whom_they_meet_here() -> None:
         meetings=(("slope", "tip"),),
     )
     there = world(problem_of(machine, spheres=("b",)))
-    assert there.written.pairs == {"b": ("b", "z = 0"), "slope on tip": ("slope", "tip")}
-    assert 'name="idle"' not in there.written.text
+    assert there.mjcf.pairs == {"b": ("b", "z = 0"), "slope on tip": ("slope", "tip")}
+    assert 'name="idle"' not in there.mjcf.text
     with pytest.raises(InputError, match=r"part 'idle' is a rounded Box, which MuJoCo has not"):
         world(problem_of(replace(machine, meetings=(("idle", "slope"),))))
 
@@ -257,14 +257,14 @@ def test_bodies_without_mass_share_one_with_several_joints() -> None:
     ground = space.SpatialPart("ground", "world", space.Plane())
     machine = space.SpatialMachine(MASSLESS["slide, slide, hinge"], (tyre, ground), (("tyre", "ground"),))
     there = world(problem_of(machine))
-    assert there.written.joints == ["x", "z", "wheel"] and there.model.nbody == 2
+    assert there.mjcf.joints == ["x", "z", "wheel"] and there.model.nbody == 2
     # b carries two bodies and stays: with them it has mass, and MuJoCo wants it in each moving one.
     bodies = tuple(
         replace(body, mass=0.01, inertia=(1e-4,) * 3) if body.name == "b" else body
         for body in MASSLESS["turned and moved"]
     )
     there = world(problem_of(space.SpatialMachine(bodies), friction=None))
-    assert there.written.joints == [body.name for body in bodies]
+    assert there.mjcf.joints == [body.name for body in bodies]
     assert there.model.nbody == 1 + len(bodies) - 2
 
 
