@@ -6,7 +6,7 @@ import casadi as ca
 
 from dynamics.contact import ContactLaw
 from dynamics.contact.closure import Schedule
-from dynamics.contact.law import law_parameter, positive
+from dynamics.contact.law import law_parameter, require_positive
 from dynamics.systems import LAW_PREFIX, ContactSystem, ParameterTable
 
 
@@ -30,7 +30,7 @@ class Logistic(ContactLaw):
     summary: ClassVar[str] = "lam gap = mu(z), the average over logistic noise"
 
     def __init__(self, width: Annotated[float, "scale of the noise"] = 0.01) -> None:
-        self.width = positive(self.name, "width", width, "for width = 0 use the exact law")
+        self.width = require_positive(self.name, "width", width, "for width = 0 use the exact law")
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
         """``contact.width``."""

@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import ContactSystem, ParameterTable, Sharp, signals
+from dynamics.systems import ContactSystem, ParameterTable, RefereeModel, signals
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Disc, HalfPlane, Mark, Shape
 from problems.parameters import Parameters, quantity, structure, table
@@ -139,7 +139,7 @@ def thrown_ball(p: ParameterTable, fixed_speed: ca.SX | None = None) -> ContactS
         phi=q[1],
         mu_per_kappa=h,
         # The law of the bounce is in the gap, which is therefore no expansion of the distance.
-        sharp=Sharp(),
+        referee_model=RefereeModel(),
         refinable=True,
     )
 

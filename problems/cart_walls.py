@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import ContactSystem, ParameterTable, Sharp, signals
+from dynamics.systems import ContactSystem, ParameterTable, RefereeModel, signals
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import Box, ContactFrame, Mark, Segment, Shape, Spring
 from problems.parameters import Parameters, quantity, structure, table
@@ -110,7 +110,7 @@ def _system(p: ParameterTable) -> ContactSystem:
         h=p["h"],
         parameters=p,
         # A spring has no gap that could be truer.
-        sharp=Sharp(),
+        referee_model=RefereeModel(),
         refinable=True,
     )
 

@@ -141,7 +141,7 @@ def _links(q: ca.SX, p: Params | ParameterTable) -> list[_Link]:
             angle = angle + joint
             pose = contacts.Pose(start, -angle)
             found.append(_Link(f"{arm}{number}", pose, (side * _of(p, f"length{number}"), 0.0)))
-            start = pose.place(found[-1].end)
+            start = pose.to_world(found[-1].end)
     return found
 
 
@@ -242,7 +242,7 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     shapes: list[Shape] = [goal, _hand(goal, params.goal_angle), ball, _hand(ball, float(state[2]))]
     for link in _links(ca.SX(ca.DM(state)), params):
         (x1, y1), (x2, y2) = (
-            (float(point[0]), float(point[1])) for point in (link.pose.position, link.pose.place(link.end))
+            (float(point[0]), float(point[1])) for point in (link.pose.position, link.pose.to_world(link.end))
         )
         shapes.append(Capsule(x1, y1, x2, y2, params.r, "actuator"))
     return shapes

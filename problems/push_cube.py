@@ -178,7 +178,7 @@ def _pictured(dumped: str) -> SpatialMachine:
 def with_goal(shown: SpatialMachine, body: str, place: ca.SX, turn: ca.SX) -> SpatialMachine:
     """``shown`` with a second ``body`` called goal, which never moves and touches nothing."""
     x, y, z, *q = (float(v) for v in ca.vertsplit(ca.evalf(ca.vertcat(place, turn))))
-    goal = Body("goal", None, 0.0, joint="fixed", place=(x, y, z), turn=(q[0], q[1], q[2], q[3]))
+    goal = Body("goal", None, 0.0, joint="fixed", position=(x, y, z), quaternion=(q[0], q[1], q[2], q[3]))
     again = (SpatialPart(f"goal {part.name}", "goal", part.shape) for part in shown.parts if part.body == body)
     return replace(shown, bodies=(*shown.bodies, goal), parts=(*shown.parts, *again))
 

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import ContactSystem, ParameterTable, signals
-from dynamics.systems.pairs import Sharp
+from dynamics.systems.pairs import RefereeModel
 from ocp.problem.problem import Constraint
 from problems.drawing import ContactFrame, Segment, Shape
 
@@ -85,7 +85,7 @@ class SidePushing:
             h=self.h,
             parameters=self.parameters,
             gap_unit="N",
-            sharp=Sharp(),
+            referee_model=RefereeModel(),
             refinable=True,
         )
 

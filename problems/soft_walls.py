@@ -7,7 +7,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import Sharp, lcs, signals
+from dynamics.systems import RefereeModel, lcs, signals
 from ocp.problem.problem import Problem, Scaling
 from problems.cart_walls import pole_frames, pole_shapes
 from problems.drawing import ContactFrame, Shape
@@ -98,7 +98,7 @@ def build(params: Params) -> Problem:
     return Problem(
         name=name,
         # A spring has no gap that could be truer.
-        system=replace(system, gap_unit="m", sharp=Sharp(), refinable=True),
+        system=replace(system, gap_unit="m", referee_model=RefereeModel(), refinable=True),
         N=params.N,
         stage_cost=ca.bilin(Q, x) + p["w_u"] * system.u**2,
         terminal_cost=ca.bilin(cost_to_go(A, B, Q, p["w_u"]), x),

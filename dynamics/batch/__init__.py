@@ -2,15 +2,15 @@
 
 from dynamics.batch.arguments import BatchWarning, NonFinite
 from dynamics.batch.engines.compiler import CompilerError
-from dynamics.batch.export import TabulatedPolicy, exported, identifier
+from dynamics.batch.export import TabulatedPolicy, c_identifier, export_step
 from dynamics.batch.function import BatchFunction, StepFunction, Steps
 from dynamics.batch.graphs.objective import Episode
 from dynamics.batch.graphs.policy import (
     DensePolicy,
     RolloutPolicy,
-    affine,
-    constant,
-    dense,
+    affine_policy,
+    constant_policy,
+    dense_policy,
     open_loop,
 )
 from dynamics.batch.graphs.tape import UnsupportedOperation
@@ -43,10 +43,10 @@ __all__ = [
     "Steps",
     "TabulatedPolicy",
     "UnsupportedOperation",
-    "affine",
-    "constant",
-    "dense",
-    "exported",
-    "identifier",
+    "affine_policy",
+    "c_identifier",
+    "constant_policy",
+    "dense_policy",
+    "export_step",
     "open_loop",
 ]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-BLOCK = 32
+DEFAULT_BLOCK = 32
 """Default number of samples per block."""
 
 
@@ -19,7 +19,7 @@ def checked_block(block: int) -> int:
     return block
 
 
-def bind(positional: Sequence[Any], named: Mapping[str, Any], names: Sequence[str], owner: str) -> list[Any]:
+def bind_arguments(positional: Sequence[Any], named: Mapping[str, Any], names: Sequence[str], owner: str) -> list[Any]:
     """Arguments in the order of `names`, given either all by position or all by name.
 
     Raises `TypeError` that names missing, unknown and surplus inputs.

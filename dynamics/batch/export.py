@@ -123,7 +123,7 @@ int %(name)s_derivatives(const double *x, const double *u, const double *p, doub
 """
 
 
-def exported(
+def export_step(
     step: Step,
     values: np.ndarray,
     name: str,
@@ -139,14 +139,14 @@ def exported(
 
     Raises `ValueError` where sizes do not fit.
     """
-    system, name = step.system, identifier(name)
+    system, name = step.system, c_identifier(name)
     tapes = build_tapes(step, free_of_cost(step), open_loop(system.nx, system.nu))
-    functions = {**c_steps.graphs(tapes), "adjoint": tapes.adjoint}
+    functions = {**c_steps.forward_graphs(tapes), "adjoint": tapes.adjoint}
     body = "".join(
         (
-            c_steps.constants(tapes, 1, {}),
-            c_source.kernel(tape_of(tapes.derived), "derived"),
-            *c_steps.kernels(tapes, functions, 1, {}),
+            c_steps.step_constants(tapes, 1, {}),
+            c_source.kernel_source(tape_of(tapes.derived), "derived"),
+            *c_steps.step_kernels(tapes, functions, 1, {}),
             c_steps.one_step(tapes, with_ts=False),
             _STEP % {"name": name, "nlam": step.n},
         )
@@ -163,7 +163,7 @@ def exported(
     return "\n".join((text, *undone, "")), header
 
 
-def identifier(name: str) -> str:
+def c_identifier(name: str) -> str:
     """`name` with every character that C does not take replaced."""
     plain = re.sub(r"\W", "_", name, flags=re.ASCII)
     return plain if plain[:1].isalpha() else f"c_{plain}"
@@ -208,7 +208,7 @@ def _policy_header(name: str, policy: TabulatedPolicy) -> str:
 
 
 def _table(name: str, values: np.ndarray, kind: str) -> str:
-    numbers = [c_source.number(value).strip("()") for value in np.ravel(values)] or ["0.0"]
+    numbers = [c_source.c_double(value).strip("()") for value in np.ravel(values)] or ["0.0"]
     text = "\n".join(wrap(", ".join(numbers), _WIDTH, initial_indent="  ", subsequent_indent="  "))
     return f"{kind}const double {name}[{len(numbers)}] = {{\n{text}\n}};\n"
 

@@ -13,12 +13,12 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch.arguments import (
-    BLOCK,
+    DEFAULT_BLOCK,
     BatchWarning,
     NonFinite,
     as_output,
     as_rows,
-    bind,
+    bind_arguments,
     checked_block,
     common_length,
     non_finite_rows,
@@ -28,12 +28,12 @@ from dynamics.batch.engines.c_flat import CompiledEngine
 from dynamics.batch.engines.chunk_rollout import ChunkRollout
 from dynamics.batch.engines.compiler import find_compiler
 from dynamics.batch.engines.kernels import (
-    KERNELS,
+    KERNEL_MAKERS,
     CasadiKernel,
     ChunkedEngine,
     Kernel,
     NumpyKernel,
-    choose,
+    choose_backend,
     chunk_length,
 )
 from dynamics.batch.engines.parallel import checked_threads
@@ -71,7 +71,7 @@ class BatchFunction:
         fn: ca.Function,
         backend: str = "auto",
         threads: int | None = None,
-        block: int = BLOCK,
+        block: int = DEFAULT_BLOCK,
     ) -> None:
         self.name = fn.name()
         self.input_names = tuple(fn.name_in())
@@ -81,7 +81,7 @@ class BatchFunction:
         self.threads = checked_threads(threads)
         self.block = checked_block(block)
         self.nonfinite = NonFinite()
-        self.backend, self._engine = choose(backend, self._makers(fn, backend), f"'{self.name}'")
+        self.backend, self._engine = choose_backend(backend, self._makers(fn, backend), f"'{self.name}'")
 
     def _makers(self, fn: ca.Function, backend: str) -> dict[str, Any]:
         tape = functools.cache(lambda: tape_of(fn))
@@ -92,7 +92,7 @@ class BatchFunction:
             return ChunkedEngine(kernel.run, chunk, self.threads)
 
         def compiled() -> c_flat.CompiledEngine:
-            text = c_flat.source(tape(), self.block, find_compiler())
+            text = c_flat.batch_source(tape(), self.block, find_compiler())
             return c_flat.CompiledEngine(self.threads, text)
 
         interpreted = {
@@ -104,7 +104,7 @@ class BatchFunction:
 
     def __call__(self, *args: Any, out: Sequence[np.ndarray] | None = None, **named: Any) -> Any:
         """Evaluate; `out` gives arrays `(n_samples, nnz_out)` to write to, one for each output."""
-        values = bind(args, named, self.input_names, f"'{self.name}'")
+        values = bind_arguments(args, named, self.input_names, f"'{self.name}'")
         rows = [
             as_rows(value, size, name, f"'{self.name}'")
             for value, size, name in zip(values, self.input_sizes, self.input_names, strict=True)
@@ -166,17 +166,19 @@ class StepFunction:
     `BatchFunction` does.
     """
 
-    def __init__(self, step: Step, backend: str = "auto", threads: int | None = None, block: int = BLOCK) -> None:
+    def __init__(
+        self, step: Step, backend: str = "auto", threads: int | None = None, block: int = DEFAULT_BLOCK
+    ) -> None:
         system = step.system
         self.threads, self.block = checked_threads(threads), checked_block(block)
         self.default_p = step.p.values
         self.tapes = build_tapes(step, free_of_cost(step), open_loop(system.nx, system.nu))
         self._derive = NumpyKernel(tape_of(self.tapes.derived))
-        self.backend, self._engine = choose(backend, self._makers(), "the step")
+        self.backend, self._engine = choose_backend(backend, self._makers(), "the step")
 
     def _makers(self) -> dict[str, Any]:
         def compiled() -> CompiledEngine:
-            text = c_steps.source(self.tapes, self.block, find_compiler())
+            text = c_steps.step_source(self.tapes, self.block, find_compiler())
             return CompiledEngine(self.threads, text)
 
         def chunked(make: Callable[[ca.Function], Kernel]) -> ChunkedEngine:
@@ -190,7 +192,7 @@ class StepFunction:
 
             return ChunkedEngine(run, CHUNK, self.threads)
 
-        return {"c": compiled, **{name: partial(chunked, make) for name, make in KERNELS.items()}}
+        return {"c": compiled, **{name: partial(chunked, make) for name, make in KERNEL_MAKERS.items()}}
 
     def __call__(self, x: Any, u: Any, p: Any | None = None) -> Steps:
         """Step from `x` (n, nx) under `u` (n, nu) at `p` (n, np), each also one row for all."""

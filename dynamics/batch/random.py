@@ -85,7 +85,7 @@ class Gaussian:
     sigma: float | np.ndarray
     seed: int | np.random.SeedSequence
     first: int = 0
-    turned: bool = False
+    is_negated: bool = False
 
     def __post_init__(self) -> None:
         sigma = np.asarray(self.sigma, dtype=np.float64)
@@ -95,15 +95,15 @@ class Gaussian:
             raise ValueError(f"first must be a sample index of at least 0, not {self.first}")
         key_of(self.seed)
 
-    def mirrored(self) -> Gaussian:
+    def negate(self) -> Gaussian:
         """The same stream at -w."""
-        return replace(self, turned=not self.turned)
+        return replace(self, is_negated=not self.is_negated)
 
-    def after(self, n: int) -> Gaussian:
+    def skip_samples(self, n: int) -> Gaussian:
         """The same stream without its first n samples."""
         return replace(self, first=self.first + n)
 
-    def scales(self, nu: int) -> np.ndarray:
+    def component_scales(self, nu: int) -> np.ndarray:
         """What multiplies the normals, (nu,): `deviations`, or -`deviations` where `turned`.
 
         Raises `ValueError` where `deviations` has another length.
@@ -113,9 +113,9 @@ class Gaussian:
             raise ValueError(
                 f"sigma has shape {deviations.shape}; expected one number or shape ({nu},), one for each input"
             )
-        return np.array(np.broadcast_to(-deviations if self.turned else deviations, (nu,)))
+        return np.array(np.broadcast_to(-deviations if self.is_negated else deviations, (nu,)))
 
     def draw(self, n_samples: int, horizon: int, nu: int) -> np.ndarray:
         """The same noise as an array `(n_samples, horizon, nu)`."""
         normals = standard_normals(key_of(self.seed), self.first, n_samples, horizon * nu)
-        return normals.reshape(n_samples, horizon, nu) * self.scales(nu)
+        return normals.reshape(n_samples, horizon, nu) * self.component_scales(nu)

@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from dynamics.batch.arguments import (
-    BLOCK,
+    DEFAULT_BLOCK,
     BatchWarning,
     NonFinite,
     as_doubles,
@@ -19,18 +19,18 @@ from dynamics.batch.arguments import (
     checked_block,
     common_length,
 )
-from dynamics.batch.engines.kernels import KERNELS, NumpyKernel, choose
+from dynamics.batch.engines.kernels import KERNEL_MAKERS, NumpyKernel, choose_backend
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.batch.engines.rollout_engines import (
-    Call,
     ChunkEngine,
     CompiledRolloutEngine,
-    Results,
+    RolloutArrays,
+    RolloutRequest,
 )
 from dynamics.batch.graphs.objective import Objective
 from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.batch.graphs.rollout_tapes import build_tapes, parameters_of
-from dynamics.batch.graphs.step_graphs import Asked
+from dynamics.batch.graphs.step_graphs import ModelStepGraphs
 from dynamics.batch.graphs.tape import tape_of
 from dynamics.batch.random import Gaussian
 from dynamics.contact import Step
@@ -60,7 +60,7 @@ class Moments:
         """Standard deviation of the mean, sqrt(variance / n)."""
         return np.sqrt(self.variance / self.n)
 
-    def merged(self, other: Moments) -> Moments:
+    def merge_with(self, other: Moments) -> Moments:
         """Moments of both sets of samples together (Chan, Golub, LeVeque)."""
         n, mean, m2 = _merge((np.array(self.n), self.mean, self.m2), (np.array(other.n), other.mean, other.m2))
         return Moments(int(n), mean, m2)
@@ -127,7 +127,7 @@ class Rolling:
         policy: RolloutPolicy,
         backend: str = "auto",
         threads: int | None = None,
-        block: int = BLOCK,
+        block: int = DEFAULT_BLOCK,
     ) -> None:
         self.horizon, self.policy = _checked_horizon(horizon), policy
         self.threads, self.block = checked_threads(threads), checked_block(block)
@@ -135,7 +135,7 @@ class Rolling:
         self.default_p = self.parameters.values
         self.tapes = build_tapes(step, objective, policy)
         self._derive = NumpyKernel(tape_of(self.tapes.derived))
-        self.backend, self._engine = choose(backend, self._makers(), "the rollout")
+        self.backend, self._engine = choose_backend(backend, self._makers(), "the rollout")
 
     def over(self, horizon: int) -> Self:
         """The same over another horizon, with nothing built or compiled again."""
@@ -146,17 +146,19 @@ class Rolling:
     @property
     def acting(self) -> tuple[np.ndarray, np.ndarray]:
         """Which noise w_t (horizon, nu) and theta, in its shape, have a way to the cost."""
-        noise = self.tapes.ways.over(self.horizon)[0]
-        return noise, self.policy.acting(noise)
+        noise = self.tapes.cost_dependence.over(self.horizon)[0]
+        return noise, self.policy.acting_parameters(noise)
 
     def _makers(self) -> dict[str, Any]:
         tapes, threads = self.tapes, self.threads
-        makers: dict[str, Any] = {name: partial(ChunkEngine, tapes, threads, make) for name, make in KERNELS.items()}
-        if isinstance(tapes.forward, Asked):
+        makers: dict[str, Any] = {
+            name: partial(ChunkEngine, tapes, threads, make) for name, make in KERNEL_MAKERS.items()
+        }
+        if isinstance(tapes.forward, ModelStepGraphs):
             return makers
         return {"c": lambda: CompiledRolloutEngine(tapes, threads, self.block), **makers}
 
-    def _sampled(self, q: Call, results: Results) -> NonFinite:
+    def _sampled(self, q: RolloutRequest, results: RolloutArrays) -> NonFinite:
         """Fill the results sample by sample, and warn of those that are not finite."""
         n_bad = self._engine.samples(q, results) if q.n else 0
         nonfinite = results.non_finite() if n_bad else NonFinite()
@@ -164,15 +166,15 @@ class Rolling:
             warnings.warn(f"rollout: {nonfinite}", BatchWarning, stacklevel=3)
         return nonfinite
 
-    def _summed(self, q: Call, sign: float = 1.0) -> RolloutMoments:
+    def _summed(self, q: RolloutRequest, sign: float = 1.0) -> RolloutMoments:
         """Moments of what was requested, times `sign`."""
         total: Moments | None = None
         bad_indices: list[np.ndarray] = []
         for begin in range(0, q.n, STRIDE):
             end = min(begin + STRIDE, q.n)
-            stride_moments, indices = self._stride(q.part(begin, end))
+            stride_moments, indices = self._stride(q.slice_samples(begin, end))
             bad_indices.append(begin + indices)
-            total = stride_moments if total is None else total.merged(stride_moments)
+            total = stride_moments if total is None else total.merge_with(stride_moments)
         total = total or merge_chunks(*(np.zeros((0, q.n_values)),) * 3)
         indices = np.concatenate([*bad_indices, np.empty(0, dtype=np.int64)])
         nonfinite = NonFinite(len(indices), indices)
@@ -189,7 +191,7 @@ class Rolling:
         zeroth = block(zeroth_start, zeroth_start + size, shape) if q.score else None
         return RolloutMoments(block(0, 1, ()), gradient, zeroth, nonfinite)
 
-    def _stride(self, q: Call) -> tuple[Moments, np.ndarray]:
+    def _stride(self, q: RolloutRequest) -> tuple[Moments, np.ndarray]:
         chunk = self._engine.chunk
         table = np.zeros((-(-q.n // chunk), 1 + 2 * q.n_values))
         n_bad = self._engine.moments(q, table)
@@ -197,14 +199,14 @@ class Rolling:
         split = 1 + q.n_values
         return merge_chunks(table[:, 0], table[:, 1:split], table[:, split:]), indices
 
-    def _find_bad(self, q: Call, counts: np.ndarray, chunk: int) -> np.ndarray:
+    def _find_bad(self, q: RolloutRequest, counts: np.ndarray, chunk: int) -> np.ndarray:
         """Roll out again the chunks with lost samples, to name these samples."""
         bad_indices = []
         for i, count in enumerate(counts):
             begin, end = i * chunk, min((i + 1) * chunk, q.n)
             if count < end - begin:
-                chunk_call = q.part(begin, end)
-                results = Results.of(chunk_call)
+                chunk_call = q.slice_samples(begin, end)
+                results = RolloutArrays.allocate(chunk_call)
                 self._engine.samples(chunk_call, results)
                 bad_indices.append(begin + results.non_finite().indices)
         return np.concatenate(bad_indices)
@@ -222,7 +224,7 @@ class Rolling:
         linearise_along: np.ndarray | None = None,
         terminal_gradient: np.ndarray | None = None,
         baseline: float = 0.0,
-    ) -> Call:
+    ) -> RolloutRequest:
         owner, tapes = "the rollout", self.tapes
         theta_rows = self._theta_rows(theta)
         parameters = as_rows(self.default_p if p is None else p, len(self.default_p), "p", owner)
@@ -234,7 +236,7 @@ class Rolling:
             raise ValueError("a score needs Gaussian noise; give noise=Gaussian(sigma, seed)")
         precision = None
         if gaussian is not None:
-            precision = self.acting[0] / gaussian.scales(tapes.nu) ** 2
+            precision = self.acting[0] / gaussian.component_scales(tapes.nu) ** 2
         elif noise is not None:
             w = self._noise_rows(noise)
         batched = {"noise": w, "along": linearise_along, "pull": terminal_gradient}
@@ -243,7 +245,7 @@ class Rolling:
             if isinstance(n_samples, bool) or int(n_samples) != n_samples or n_samples < 0:
                 raise ValueError(f"n_samples must be a whole number of at least 0, not {n_samples!r}")
             lengths["n_samples"] = int(n_samples)
-        return Call(
+        return RolloutRequest(
             n=common_length({"x0": start, "theta": theta_rows, "p": parameters}, owner, lengths),
             horizon=self.horizon,
             parts=self.horizon if self.policy.per_step else 1,
@@ -252,8 +254,8 @@ class Rolling:
             p=np.ascontiguousarray(derived.T),
             w=w,
             gaussian=gaussian,
-            along=linearise_along,
-            pull=terminal_gradient,
+            linearise_along=linearise_along,
+            terminal_gradient=terminal_gradient,
             precision=precision,
             gradient=gradient,
             score=score,

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch.arguments import NonFinite, as_output, as_rows, common_length
-from dynamics.batch.engines.rollout_engines import Call, Results
+from dynamics.batch.engines.rollout_engines import RolloutArrays, RolloutRequest
 from dynamics.batch.graphs.objective import Costs
 from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.batch.random import Gaussian
@@ -92,7 +92,7 @@ class RolloutFunction(Rolling):
             for name, is_requested in (("gradient", gradient), ("score", score))
         ]
         slopes, scores = (None if a is None else a.reshape(q.n, q.theta.shape[1]) for a in requested)
-        nonfinite = self._sampled(q, Results(cost.reshape(-1, 1), slopes, scores))
+        nonfinite = self._sampled(q, RolloutArrays(cost.reshape(-1, 1), slopes, scores))
         return Rollouts(cost, requested[0], requested[1], nonfinite)
 
     def moments(
@@ -195,28 +195,38 @@ class EpisodeFunction(Rolling):
         gradient: bool = False,
         score: bool = False,
         states: bool = False,
-        along: Episodes | None = None,
-        pull: np.ndarray | None = None,
+        linearise_along: Episodes | None = None,
+        terminal_gradient: np.ndarray | None = None,
     ) -> Episodes:
         """Return of each sample, with its gradient by theta, score and states on request.
 
         Shapes as for `RolloutFunction`. The score, `sum_t a_t D_theta law(x_t)' w_t / sigma^2`,
-        counts the steps before the end, and the noise that has a way to the return. With `along`,
+        counts the steps before the end, and the noise that has a way to the return. With `linearise_along`,
         episodes of the same samples whose states were kept, every step starts at *their* state, and
         the gradient is chained along them:
         where those went by the exact law and this function's step is smoothed, only the gradient
-        is smoothed (algorithm 2 of adaptive barrier smoothing). `pull` (n, nx) is the gradient by
+        is smoothed (algorithm 2 of adaptive barrier smoothing). `terminal_gradient` (n, nx) is the gradient by
         the last state of what else is gained there, of a critic's value say, with its discount, and
         zero for episodes that ended before: `gradient` is then of both.
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """
-        q = self._asked(x0, theta, p, noise, n_samples, gradient=gradient, score=score, along=along, pull=pull)
+        q = self._asked(
+            x0,
+            theta,
+            p,
+            noise,
+            n_samples,
+            gradient=gradient,
+            score=score,
+            linearise_along=linearise_along,
+            terminal_gradient=terminal_gradient,
+        )
         shape = (q.n, *self.policy.shape(self.horizon))
         nx, last = self.tapes.nx, np.empty((q.n, self.tapes.nx))
         trail = np.empty((q.n, self.horizon + 1, nx)) if states else None
         flat = None if trail is None else trail.reshape(q.n, -1)
-        results = Results.of(q, last=last, trail=flat)
+        results = RolloutArrays.allocate(q, last=last, trail=flat)
         nonfinite = self._sampled(q, results)
         if results.gradient is not None:
             np.negative(results.gradient, out=results.gradient)
@@ -240,7 +250,7 @@ class EpisodeFunction(Rolling):
         gradient: bool = True,
         score: bool = False,
         baseline: float = 0.0,
-        along: Episodes | None = None,
+        linearise_along: Episodes | None = None,
     ) -> RolloutMoments:
         """Mean and second moment over the samples, computed as they come and never stored.
 
@@ -255,25 +265,27 @@ class EpisodeFunction(Rolling):
             n_samples,
             gradient=gradient,
             score=score,
-            along=along,
+            linearise_along=linearise_along,
             baseline=-float(baseline),
         )
         return self._summed(q, -1.0)
 
-    def _asked(self, x0: Any, *arguments: Any, along: Episodes | None, pull: Any = None, **outputs: Any) -> Call:
+    def _asked(
+        self, x0: Any, *arguments: Any, linearise_along: Episodes | None, terminal_gradient: Any = None, **outputs: Any
+    ) -> RolloutRequest:
         states = as_rows(x0, self.tapes.nx - 2, "x0", "the rollout")
         start = np.hstack([states, np.ones((len(states), 1)), np.zeros((len(states), 1))])
         states_along = None
-        if along is not None:
+        if linearise_along is not None:
             shape = (self.horizon + 1, self.tapes.nx)
-            if along.trail is None or along.trail.shape[1:] != shape:
+            if linearise_along.trail is None or linearise_along.trail.shape[1:] != shape:
                 raise ValueError(
                     f"along needs episodes of {self.horizon} steps of the same system whose states"
                     " were kept; pass states=True"
                 )
-            states_along = along.trail.reshape(len(along.trail), -1)
+            states_along = linearise_along.trail.reshape(len(linearise_along.trail), -1)
         end_gradient = None
-        if pull is not None:
-            rows = as_rows(pull, self.tapes.nx - 2, "pull", "the rollout")
+        if terminal_gradient is not None:
+            rows = as_rows(terminal_gradient, self.tapes.nx - 2, "pull", "the rollout")
             end_gradient = np.hstack([-rows, np.zeros((len(rows), 2))])
         return self._request(start, *arguments, linearise_along=states_along, terminal_gradient=end_gradient, **outputs)

@@ -9,7 +9,7 @@ import casadi as ca
 
 from dynamics.contact.closure import Schedule
 from dynamics.contact.interior_point import scalar_solution
-from dynamics.contact.law import ContactLaw, by_mu, by_sigma, law_parameter, positive
+from dynamics.contact.law import ContactLaw, by_mu, by_sigma, law_parameter, require_positive
 from dynamics.contact.normal import expected_excess
 from dynamics.systems import ContactSystem, ParameterTable
 
@@ -89,7 +89,7 @@ class Adaptive(ContactLaw):
                     f"adaptive: {name} does not belong to law {law!r}; it takes {', '.join(defaults) or 'no parameter'}"
                 )
         law_values = {**defaults, **{name: value for name, value in arguments.items() if value is not None}}
-        self.values = {name: positive("adaptive", name, value) for name, value in law_values.items()}
+        self.values = {name: require_positive("adaptive", name, value) for name, value in law_values.items()}
 
     @property
     def frozen(self) -> bool:

@@ -6,7 +6,7 @@ from functools import cache, cached_property
 
 import casadi as ca
 
-from dynamics.contact.interior_point import exact_scalar_solution, follow, scalar_solution
+from dynamics.contact.interior_point import exact_scalar_solution, repeat_until_rest, scalar_solution
 from dynamics.contact.path import Path
 from dynamics.contact.step import Step
 
@@ -107,8 +107,8 @@ def lcp_solver(n: int, exact: bool = False) -> ca.Function:
         s = ca.fmax(0, z) if exact else ca.if_else(z > 0, z + F * lam, mu / ca.fmax(lam, 1e-300))
         return ca.Function("contact_1", [z, F, mu], [lam, s, 0 * z], *names)
     path = Path(ca.Sparsity.dense(n, n), exact)
-    opening = ca.Function("opening", [z, F, mu], [path.opening(z, F, mu)])
+    opening = ca.Function("opening", [z, F, mu], [path.opening_data(z, F, mu)])
     arguments = [ca.MX.sym("z", n), ca.MX.sym("F", n, n), ca.MX.sym("mu", n)]
     data = opening(*arguments)
-    pair = follow(path.iteration())(ca.MX.ones(path.size), data)
-    return ca.Function(f"contact_{n}", arguments, list(path.ending()(pair, data)), *names)
+    pair = repeat_until_rest(path.iteration_function())(ca.MX.ones(path.size), data)
+    return ca.Function(f"contact_{n}", arguments, list(path.ending_function()(pair, data)), *names)

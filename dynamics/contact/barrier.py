@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 import casadi as ca
 
 from dynamics.contact.closure import Schedule
-from dynamics.contact.law import ContactLaw, by_mu, law_parameter, positive
+from dynamics.contact.law import ContactLaw, by_mu, law_parameter, require_positive
 from dynamics.systems import ContactSystem, ParameterTable
 
 _USUAL_MU = 1e-3
@@ -39,8 +39,8 @@ class Barrier(ContactLaw):
         if mu is None and kappa is None:
             mu = _USUAL_MU
         hint = "for mu = 0 use the exact law"
-        self.mu = None if mu is None else positive("barrier", "mu", mu, hint)
-        self.kappa = None if kappa is None else positive("barrier", "kappa", kappa)
+        self.mu = None if mu is None else require_positive("barrier", "mu", mu, hint)
+        self.kappa = None if kappa is None else require_positive("barrier", "kappa", kappa)
 
     def schedule(self, impulse: float, gap: float) -> Schedule | None:
         """Along ``contact.mu``; none along kappa, which grows towards the exact law."""

@@ -14,19 +14,19 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import ContactSystem
-from dynamics.systems.elimination import Factors, solve_without_pivoting
+from dynamics.systems.elimination import LUFactors, solve_without_pivoting
 
-Solver = Callable[[ca.SX], tuple[ca.SX, ca.SX]]
+LinearSolver = Callable[[ca.SX], tuple[ca.SX, ca.SX]]
 
 
 class Compliance(Protocol):
     """F of a problem."""
 
-    def across(self, lam: ca.SX) -> ca.SX:
+    def multiply(self, lam: ca.SX) -> ca.SX:
         """``F lam`` (n, 1)."""
         ...
 
-    def factored(self, ratio: ca.SX) -> Solver:
+    def factorise(self, ratio: ca.SX) -> LinearSolver:
         """Solver of ``(I + diag(ratio) F) step = rhs``: ``rhs -> (step, F step)``."""
         ...
 
@@ -36,18 +36,18 @@ class Compliance(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Dense:
+class DenseCompliance:
     """F as a matrix, whose structural zeros are skipped."""
 
     F: ca.SX
 
-    def across(self, lam: ca.SX) -> ca.SX:
+    def multiply(self, lam: ca.SX) -> ca.SX:
         """``F lam`` (n, 1)."""
         return self.F @ lam
 
-    def factored(self, ratio: ca.SX) -> Solver:
+    def factorise(self, ratio: ca.SX) -> LinearSolver:
         """``rhs -> (step, F step)``, see :class:`Compliance`."""
-        factors = Factors(ca.SX.eye(ratio.numel()) + ca.diag(ratio) @ self.F)
+        factors = LUFactors(ca.SX.eye(ratio.numel()) + ca.diag(ratio) @ self.F)
 
         def solve(rhs: ca.SX) -> tuple[ca.SX, ca.SX]:
             step = factors.solve(rhs)
@@ -60,7 +60,7 @@ class Dense:
         return self.F
 
 
-class Coordinates:
+class PushedCoordinates:
     """The few coordinates w (r, 1) that all impulses of a system push.
 
     ``x_next = a + C w`` with ``T w = P lam``, and ``gap = g(x_next, lam)`` with ``Q = dg/dx_next
@@ -72,7 +72,7 @@ class Coordinates:
     """
 
     def __init__(self, system: ContactSystem) -> None:
-        residual, gap = system.expanded
+        residual, gap = system.without_rotations
         by_state = ca.jacobian(residual, system.x_next)
         by_lam = ca.jacobian(residual, system.lam)
         pushed = sorted(set(by_lam.sparsity().get_triplet()[0]))
@@ -84,12 +84,12 @@ class Coordinates:
         self.T = by_state[pushed, pushed] + by_state[pushed, free] @ free_by_pushed
         by_next = ca.jacobian(gap, system.x_next)
         P, Q = -by_lam[pushed, :], ca.sparsify(by_next @ self.C)
-        self.own, self.P_signs, self.Q_signs = _alike(system, P, Q)
+        self.own, self.P_signs, self.Q_signs = _representative_pairs(system, P, Q)
         self.P_own, self.Q_own = P[:, self.own], Q[self.own, :]
         self.E = ca.jacobian(gap, system.lam)
 
 
-def _alike(system: ContactSystem, P: ca.SX, Q: ca.SX) -> tuple[list[int], ca.DM, ca.DM]:
+def _representative_pairs(system: ContactSystem, P: ca.SX, Q: ca.SX) -> tuple[list[int], ca.DM, ca.DM]:
     """Pairs that stand for others, and the signs of all, (own, n) and (n, own); by random numbers.
 
     The columns of P and the rows of Q of pairs that belong together agree but for their signs.
@@ -117,8 +117,8 @@ def _sign(first: np.ndarray, second: np.ndarray) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class LowRank:
-    """``F = E + Q T^-1 P``, see :class:`Coordinates`; E couples few, T (r, r) is small.
+class LowRankCompliance:
+    """``F = E + Q T^-1 P``, see :class:`PushedCoordinates`; E couples few, T (r, r) is small.
 
     The direction comes from ``(T + P K^-1 diag(ratio) Q) w = P K^-1 rhs``, K = I + diag(ratio) E.
     """
@@ -130,11 +130,11 @@ class LowRank:
     Q_own: ca.SX
     Q_signs: ca.DM
 
-    def pushed(self, lam: ca.SX) -> ca.SX:
+    def solve_coordinates(self, lam: ca.SX) -> ca.SX:
         """``w = T^-1 P lam`` (r, 1)."""
         return solve_without_pivoting(self.T, self._push(lam))
 
-    def felt(self, lam: ca.SX, w: ca.SX) -> ca.SX:
+    def gap_change(self, lam: ca.SX, w: ca.SX) -> ca.SX:
         """``E lam + Q w`` (n, 1)."""
         return self.E @ lam + self.Q_signs @ (self.Q_own @ w)
 
@@ -142,20 +142,20 @@ class LowRank:
         """``T^-1 P`` of the pairs that stand for all (r, own)."""
         return solve_without_pivoting(self.T, self.P_own)
 
-    def across(self, lam: ca.SX) -> ca.SX:
+    def multiply(self, lam: ca.SX) -> ca.SX:
         """``F lam`` (n, 1)."""
-        return self.felt(lam, self.pushed(lam))
+        return self.gap_change(lam, self.solve_coordinates(lam))
 
-    def factored(self, ratio: ca.SX) -> Solver:
+    def factorise(self, ratio: ca.SX) -> LinearSolver:
         """``rhs -> (step, F step)``, see :class:`Compliance`."""
-        local_factors = Factors(ca.SX.eye(ratio.numel()) + ca.diag(ratio) @ self.E)
+        local_factors = LUFactors(ca.SX.eye(ratio.numel()) + ca.diag(ratio) @ self.E)
         weights = self.P_signs @ local_factors.solve(ca.diag(ratio) @ self.Q_signs)
-        reduced_factors = Factors(self.T + self.P_own @ (weights @ self.Q_own))
+        reduced_factors = LUFactors(self.T + self.P_own @ (weights @ self.Q_own))
 
         def solve(rhs: ca.SX) -> tuple[ca.SX, ca.SX]:
             w = reduced_factors.solve(self._push(local_factors.solve(rhs)))
             step = local_factors.solve(rhs - ratio * (self.Q_signs @ (self.Q_own @ w)))
-            return step, self.felt(step, w)
+            return step, self.gap_change(step, w)
 
         return solve
 

@@ -63,7 +63,7 @@ class ImplicitStep(Step):
         Where inertia changes with the state lam is eliminated before the coordinates that impulses
         push: what is left is as small as these are few.
         """
-        if not self.system.configured:
+        if not self.system.has_variable_inertia:
             return super().solve_relation(rhs, transposed)
         system = self.system
         by_lam = ca.jacobian(system.residual, system.lam)

@@ -1,6 +1,6 @@
 """The softened linear complementarity problem ``lam (z + F lam) = mu``, iteration by iteration.
 
-:func:`advance` is one step of the primal-dual path solver as a graph, :func:`follow` repeats it,
+:func:`advance_pair` is one step of the primal-dual path solver as a graph, :func:`repeat_until_rest` repeats it,
 :func:`scalar_solution` is the closed form for one contact.
 """
 
@@ -39,7 +39,7 @@ def exact_scalar_solution(z: ca.SX, F: ca.SX) -> ca.SX:
     return ca.if_else(z < 0, -z / F, 0)
 
 
-def advance(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per_mu: ca.SX) -> tuple[ca.SX, ca.SX]:
+def advance_pair(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per_mu: ca.SX) -> tuple[ca.SX, ca.SX]:
     """The pair after one iteration on the scaled problem, as expressions: ``lam, s``.
 
     All (n, 1); ``gap`` is ``z + F lam`` at lam, ``per_mu`` 1/mu; lam, s > 0, and ``s = gap`` holds
@@ -60,7 +60,7 @@ def advance(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per_mu: 
     inverse = 1 / product
     per_lam, per_s = s * inverse, lam * inverse
     ratio = lam * per_s
-    solve = F.factored(ratio)
+    solve = F.factorise(ratio)
 
     def direction(target: ca.SX, kept_share: ca.SX | float) -> tuple[ca.SX, ca.SX]:
         remaining_defect = (1 - kept_share) * defect
@@ -114,7 +114,7 @@ def advance(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per_mu: 
     )
 
 
-def settled(
+def has_settled(
     pair: tuple[ca.SX, ca.SX],
     new_pair: tuple[ca.SX, ca.SX],
     gap: ca.SX,
@@ -128,11 +128,11 @@ def settled(
         return ca.mmax(ca.vertcat(ca.fabs(lam * s - mu) / ca.fmax(mu, FLOOR), gap_error))
 
     violation = relative(*pair, gap)
-    new_violation = relative(*new_pair, gap + F.across(new_pair[0] - pair[0]))
+    new_violation = relative(*new_pair, gap + F.multiply(new_pair[0] - pair[0]))
     return ca.logic_and(violation < _SETTLED, ca.logic_not(new_violation < violation))
 
 
-def follow(body: ca.Function, stage: int = 0) -> ca.Function:
+def repeat_until_rest(body: ca.Function, stage: int = 0) -> ca.Function:
     """Repeat ``body: (pair, *data) -> pair`` until it moves no more, at most 256 times.
 
     CasADi evaluates a branch of a conditional only when it is taken, so that a problem which is
@@ -144,6 +144,6 @@ def follow(body: ca.Function, stage: int = 0) -> ca.Function:
         previous, current = current, body(current, *data)
     if stage + 1 < len(_STAGES):
         unchanged = ca.Function("stay", [pair, *data], [pair])
-        continued = ca.Function.if_else("more", follow(body, stage + 1), unchanged)
+        continued = ca.Function.if_else("more", repeat_until_rest(body, stage + 1), unchanged)
         current = continued(ca.mmax(ca.fabs(current - previous)) > 0, current, *data)
     return ca.Function(f"{body.name()}_{stage}", [pair, *data], [current])

@@ -54,11 +54,11 @@ class ContactLaw(Closure):
     def close(self, system: ContactSystem) -> Step:
         """Close the contact of ``system``; raises ``ValueError`` where the law cannot take it."""
         p = self.parameters(system)
-        return self.closed(system, self, p, tuple(self.nodes(system, p)))
+        return self.close_at_nodes(system, self, p, tuple(self.nodes(system, p)))
 
-    def closed(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
+    def close_at_nodes(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
         """The step that this law makes at ``nodes``, for ``law``: itself, or its average."""
-        step_class = AffineStep if system.linear else ImplicitStep
+        step_class = AffineStep if system.is_lcp else ImplicitStep
         return step_class(system, law, p, nodes)
 
     def at(self, **values: float) -> ContactLaw:
@@ -72,10 +72,10 @@ def law_parameter(name: str, value: float, unit: str, description: str) -> Param
 
     Raises ``ValueError`` unless ``value`` is positive and finite.
     """
-    return Parameter(LAW_PREFIX + name, positive("contact", name, value), unit, description)
+    return Parameter(LAW_PREFIX + name, require_positive("contact", name, value), unit, description)
 
 
-def positive(law: str, name: str, value: float, hint: str = "") -> float:
+def require_positive(law: str, name: str, value: float, hint: str = "") -> float:
     """Return ``value`` as a positive finite float; raises ``ValueError`` otherwise."""
     number = value if isinstance(value, int | float | np.number) else math.nan
     if not (math.isfinite(number) and number > 0):
@@ -84,7 +84,7 @@ def positive(law: str, name: str, value: float, hint: str = "") -> float:
     return float(number)
 
 
-def whole(law: str, name: str, value: float, low: int, high: int) -> int:
+def require_whole(law: str, name: str, value: float, low: int, high: int) -> int:
     """Return ``value`` as an integer in [low, high]; raises ``ValueError`` otherwise."""
     if not float(value).is_integer() or not low <= value <= high:
         raise ValueError(f"{law}: {name} must be a whole number from {low} to {high}, got {value}")

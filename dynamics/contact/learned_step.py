@@ -63,13 +63,13 @@ class CasadiMap:
         """``z (n_in, n) -> y (n_out, n), [g'(z_1) .. g'(z_n)] (n_out, n_in n)``."""
 
         def computed(z: np.ndarray) -> list[np.ndarray]:
-            y, slopes = self.evaluated(z)
+            y, slopes = self.model_outputs(z)
             return [y.T, _side_by_side(slopes)]
 
         output_shapes = (self.n_out, n), (self.n_out, self.n_in * n)
         return self._function("slopes", [(self.n_in, n)], output_shapes, computed)
 
-    def bends(self, n: int) -> ca.Function:
+    def curvature_function(self, n: int) -> ca.Function:
         """``z (n_in, n), weights (n_out, n) -> [H_1 .. H_n] (n_in, n_in n)``, H the second
         derivative of ``weights' g``.
         """
@@ -92,8 +92,8 @@ class CasadiMap:
 
         z = [(n_in, 1)]
         second = self._function("tensor", z, [(n_out * n_in, n_in)], tensor)
-        first = self._function("jacobian", z, [(n_out, n_in)], lambda z: [self.evaluated(z)[1][0]], second)
-        return self._function("values", z, [(n_out, 1)], lambda z: [self.evaluated(z)[0].T], first)
+        first = self._function("jacobian", z, [(n_out, n_in)], lambda z: [self.model_outputs(z)[1][0]], second)
+        return self._function("values", z, [(n_out, 1)], lambda z: [self.model_outputs(z)[0].T], first)
 
     def _function(self, name: str, input_shapes: Shapes, *arguments: Any) -> ca.Function:
         # CasADi holds no reference to a callback: without this table it would be collected.
@@ -102,7 +102,7 @@ class CasadiMap:
             self._made[key] = _Callback(name, input_shapes, *arguments)
         return self._made[key]
 
-    def evaluated(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def model_outputs(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``y`` (n, n_out) and Jacobians (n, n_out, n_in) at ``z`` (n, n_in)."""
         keys = [row.tobytes() for row in z]
         missing = [i for i, key in enumerate(keys) if key not in self._known]
@@ -202,11 +202,11 @@ class LearnedStep(Step):
         return [ca.SX.sym(f"slope_{b}", *shape) for b in range(self.branches)]
 
     @cached_property
-    def evaluated(self) -> ca.SX:
+    def model_outputs(self) -> ca.SX:
         """What evaluating the model gives: ``inner``, then the columns of ``slopes``."""
         return ca.vertcat(self.inner, *(ca.vec(slope) for slope in self.slopes))
 
-    def back(self, value: ca.SX) -> ca.SX:
+    def query_gradient(self, value: ca.SX) -> ca.SX:
         """Derivative of a scalar by the queries, through ``inner`` alone, (B n_in, 1)."""
         output_gradients = ca.vertsplit(ca.densify(ca.gradient(value, self.inner)), self.learned.n_out)
         return ca.vertcat(*(s.T @ gradient for s, gradient in zip(self.slopes, output_gradients, strict=True)))

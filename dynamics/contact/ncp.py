@@ -18,10 +18,10 @@ from collections.abc import Callable
 
 import casadi as ca
 
-from dynamics.contact.interior_point import follow
+from dynamics.contact.interior_point import repeat_until_rest
 from dynamics.contact.path import Path
 from dynamics.contact.reduced_path import path_of
-from dynamics.contact.starts import irrational
+from dynamics.contact.starts import irrational_numbers
 from dynamics.systems import ContactSystem
 
 LOST = 1e-7
@@ -51,10 +51,10 @@ def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
         outputs = [system.x_next_expr, mu, mu, mu]
         return ca.Function("contact_0", [*step_symbols, mu], outputs, *names, {"cse": True})
     path = path_of(system, exact)
-    opening = ca.Function("opening", [*step_symbols, mu], [path.opening_of(system, mu)], {"cse": True})
+    opening = ca.Function("opening", [*step_symbols, mu], [path.opening_data_of(system, mu)], {"cse": True})
     x_next = ca.Function("x_next", [*step_symbols, system.lam], [system.x_next_expr], {"cse": True})
     arguments = [ca.MX.sym(f"in_{k}", opening.numel_in(k)) for k in range(4)]
-    data, ending, followed = opening(*arguments), path.ending(), follow(path.iteration())
+    data, ending, followed = opening(*arguments), path.ending_function(), repeat_until_rest(path.iteration_function())
     pair = followed(ca.MX.ones(path.size), data)
     lam, gap, error = _recovered(path, followed)(*ending(pair, data), pair, data)
     outputs = [x_next(*arguments[:3], lam), lam, gap, error]
@@ -70,7 +70,7 @@ def _recovered(path: Path, followed: ca.Function) -> ca.Function:
     search = _repeated(_attempt(path, followed), _STARTS, lambda best_point: best_point[size] > _FOLLOWED)
     best_point = search(ca.vertcat(pair, ca.mmax(error), 0), data)
     # A step that has no finite numbers has none from other starts either.
-    best_point = ca.Function("starts", symbols, [*path.ending()(best_point[:size], data)])
+    best_point = ca.Function("starts", symbols, [*path.ending_function()(best_point[:size], data)])
     unchanged = ca.Function("stay", symbols, [lam, gap, error])
     is_lost = ca.logic_and(ca.mmax(error) > LOST, ca.mmax(ca.fabs(data)) < ca.inf)
     recovery = ca.Function.if_else("again", best_point, unchanged)
@@ -85,7 +85,7 @@ def _attempt(path: Path, followed: ca.Function) -> ca.Function:
     lam = descent(_start(path)(best[size + 1], data), data)[:n]
     pair, root_error = _paired(path)(lam, data)
     pair = _where(root_error < _NEAR, followed, pair, data)
-    error = ca.mmax(path.ending()(pair, data)[2])
+    error = ca.mmax(path.ending_function()(pair, data)[2])
     best_pair = ca.if_else(error < best[size], ca.vertcat(pair, error), best[: size + 1])
     return ca.Function("attempt", [best, data], [ca.vertcat(best_pair, best[size + 1] + 1)])
 
@@ -97,9 +97,9 @@ def _start(path: Path) -> ca.Function:
     others are a Kronecker sequence, which fills the cube evenly however many there are.
     """
     k, n = ca.SX.sym("k"), path.n
-    gap, _ = path.slopes(ca.SX.zeros(n))
-    gap_size = ca.mmax(ca.vertcat(ca.fabs(gap), ca.sqrt(path.known["mu"])))
-    sequence = k * ca.DM(irrational(n))
+    gap, _ = path.true_gap_at(ca.SX.zeros(n))
+    gap_size = ca.mmax(ca.vertcat(ca.fabs(gap), ca.sqrt(path.data_parts["mu"])))
+    sequence = k * ca.DM(irrational_numbers(n))
     largest_exponent = _MOST + (_MOST_AT_LAST - _MOST) * k / 2**_STARTS
     exponent = _LEAST + (largest_exponent - _LEAST) * (sequence - ca.floor(sequence))
     lam = ca.if_else(k > 0, 10**exponent, _FIRST)
@@ -111,13 +111,13 @@ def _damped_step(path: Path) -> ca.Function:
     n = path.n
     point = ca.SX.sym("point", n + 1)
     lam, damping = point[:n], point[n]
-    gap, slopes = path.slopes(lam)
+    gap, slopes = path.true_gap_at(lam)
     phi, by_lam, by_gap = _phi(path, lam, gap)
     jacobian = ca.diag(by_lam) + ca.diag(by_gap) @ slopes
     normal = jacobian.T @ jacobian
     damped = normal + damping * ca.diag(ca.fmax(ca.diag(normal), 1e-12))
     trial_lam = lam - ca.ldl_solve(jacobian.T @ phi, *ca.ldl(ca.densify(damped), False))
-    trial_phi, *_ = _phi(path, trial_lam, path.slopes(trial_lam)[0])
+    trial_phi, *_ = _phi(path, trial_lam, path.true_gap_at(trial_lam)[0])
     better = ca.sumsqr(trial_phi) < ca.sumsqr(phi)
     lam, phi = ca.if_else(better, trial_lam, lam), ca.if_else(better, trial_phi, phi)
     damping = ca.if_else(better, ca.fmax(damping / 5, _LEAST_DAMPING), 4 * damping)
@@ -128,20 +128,20 @@ def _damped_step(path: Path) -> ca.Function:
 
 def _paired(path: Path) -> ca.Function:
     """The pair at lam and how far it is from a root: ``(lam, data) -> (pair, off)``."""
-    lam, mu = ca.SX.sym("lam", path.n), path.known["mu"]
-    gap, _ = path.slopes(lam)
+    lam, mu = ca.SX.sym("lam", path.n), path.data_parts["mu"]
+    gap, _ = path.true_gap_at(lam)
     # Near a root the large one of a pair has all its digits, and the small one none.
     larger = ca.fmax(ca.fmax(lam, gap), _ROOT)
     smaller = mu / larger
     pair = [ca.if_else(lam > gap, *pair_values) for pair_values in ((larger, smaller), (smaller, larger))]
     root_error = ca.mmax(ca.fabs(_phi(path, lam, gap)[0]) / (1 + larger))
-    outputs = [path.pair(*pair), root_error]
+    outputs = [path.pack_pair(*pair), root_error]
     return ca.Function("paired", [lam, path.data], outputs, {"cse": True})
 
 
 def _phi(path: Path, lam: ca.SX, gap: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """The complementarity function of every pair, and its derivatives by lam and by gap."""
-    size = ca.sqrt(lam**2 + gap**2 + 2 * path.known["mu"])
+    size = ca.sqrt(lam**2 + gap**2 + 2 * path.data_parts["mu"])
     return lam + gap - size, 1 - lam / size, 1 - gap / size
 
 

@@ -14,7 +14,7 @@ from functools import cached_property
 import casadi as ca
 
 from dynamics.contact import interior_point
-from dynamics.contact.compliance import Compliance, Dense
+from dynamics.contact.compliance import Compliance, DenseCompliance
 from dynamics.systems import ContactSystem, Pair
 from dynamics.systems.elimination import solve_without_pivoting
 
@@ -24,7 +24,7 @@ class CurvedGap:
 
     def __init__(self, system: ContactSystem) -> None:
         self._system, unknown = system, ca.vertcat(system.x_next, system.lam)
-        _, gap = system.expanded
+        _, gap = system.without_rotations
         slopes = ca.jacobian(gap, unknown)
         self.rows = [i for i in range(system.nlam) if ca.depends_on(slopes[i, :], unknown)]
         self._gap = gap[self.rows]
@@ -34,22 +34,22 @@ class CurvedGap:
         self._given = step_symbols[used_entries]
 
     @property
-    def opening(self) -> ca.SX:
-        """What :meth:`at` needs, in the system's (x, u, p)."""
-        return self.opening_along(ca.densify(self._system.reduced.B))
+    def opening_data(self) -> ca.SX:
+        """What :meth:`gap_at` needs, in the system's (x, u, p)."""
+        return self.opening_data_along(ca.densify(self._system.reduced.B))
 
-    def at(self, lam: ca.SX, D: ca.SX, c: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def gap_at(self, lam: ca.SX, D: ca.SX, c: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Scaled gaps of the rows at scaled lam, and their derivatives by it."""
         impulses, dense = c * D * lam, ca.SX.ones(self._system.nx, lam.numel())
-        rows, by_lam, by_w = self.along(impulses, impulses, dense, opening)
+        rows, by_lam, by_w = self.gaps_along(impulses, impulses, dense, opening)
         scale = D[self.rows]
         return rows * scale / c, ca.diag(scale) @ (by_lam + by_w) @ ca.diag(D)
 
-    def opening_along(self, C: ca.SX) -> ca.SX:
-        """What :meth:`along` needs, in the system's (x, u, p)."""
+    def opening_data_along(self, C: ca.SX) -> ca.SX:
+        """What :meth:`gaps_along` needs, in the system's (x, u, p)."""
         return ca.vertcat(self._system.reduced.a[self._states], ca.vec(C[self._states, :].nz[:]), self._given)
 
-    def along(self, lam: ca.SX, w: ca.SX, C: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def gaps_along(self, lam: ca.SX, w: ca.SX, C: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Gaps of the rows where ``x_next = a + C w``, and their derivatives by lam and by w.
 
         Of C the pattern counts; its numbers are in ``opening``.
@@ -116,7 +116,7 @@ class Path:
 
     @classmethod
     def of_system(cls, system: ContactSystem, exact: bool) -> Path:
-        """The path of a system's step whatever its gaps are; see :meth:`opening_of`."""
+        """The path of a system's step whatever its gaps are; see :meth:`opening_data_of`."""
         curved = None if system.reduced.affine else CurvedGap(system)
         pattern = system.reduced.F.sparsity()
         return cls(pattern, exact, system.pairs, curved if curved and curved.rows else None, False)
@@ -126,34 +126,34 @@ class Path:
         """Numbers in ``data`` that make up F."""
         return self.pattern.nnz()
 
-    def opening_of(self, system: ContactSystem, mu: ca.SX) -> ca.SX:
+    def opening_data_of(self, system: ContactSystem, mu: ca.SX) -> ca.SX:
         """``data`` of a step as an expression in the system's (x, u, p) and mu (n, 1)."""
         reduced = system.reduced
-        return self.opening(reduced.z_linear, reduced.F, mu, reduced.z)
+        return self.opening_data(reduced.z_linear, reduced.F, mu, reduced.z)
 
-    def opening(self, z: ca.SX, F: ca.SX, mu: ca.SX, true_gap: ca.SX | None = None) -> ca.SX:
+    def opening_data(self, z: ca.SX, F: ca.SX, mu: ca.SX, true_gap: ca.SX | None = None) -> ca.SX:
         """``data`` of the problem ``lam (z + F lam) = mu``, z and mu (n, 1), F (n, n).
 
         In scaled numbers lam' = lam / (c D), s' = s D / c and mu' = mu / c²: the path is the same.
         With ``exact`` mu is ignored and :data:`MU_EXACT` stands in its place. ``true_gap`` are curved
         gaps at lam = 0, of which z is the linear model.
         """
-        D, c = scaling(z, F, 0 * mu if self.exact else mu, self.pairs, true_gap)
+        D, c = scale_factors(z, F, 0 * mu if self.exact else mu, self.pairs, true_gap)
         target = mu * 0 + MU_EXACT if self.exact else ca.fmax(mu / c**2, MU_LEAST)
         F = ca.project(ca.diag(D) @ F @ ca.diag(D), self.pattern)
-        return ca.densify(ca.vertcat(z * D / c, ca.vec(F.nz[:]), target, 1 / target, D, c, self.more))
+        return ca.densify(ca.vertcat(z * D / c, ca.vec(F.nz[:]), target, 1 / target, D, c, self.curved_data))
 
     @property
-    def more(self) -> ca.SX:
+    def curved_data(self) -> ca.SX:
         """What curved rows need, the last numbers of ``data``."""
-        return self.curved.opening if self.curved else ca.SX(0, 1)
+        return self.curved.opening_data if self.curved else ca.SX(0, 1)
 
     @cached_property
     def data(self) -> ca.SX:
         """The symbols of ``data`` in one column."""
-        return ca.SX.sym("data", 4 * self.n + self.n_entries + 1 + self.more.numel())
+        return ca.SX.sym("data", 4 * self.n + self.n_entries + 1 + self.curved_data.numel())
 
-    def parts(self, data: ca.SX) -> dict[str, ca.SX]:
+    def split_data(self, data: ca.SX) -> dict[str, ca.SX]:
         """Take ``data`` apart: z, entries of F, mu, per_mu, D, c, and what curved rows need."""
         n, offsets = self.n, [0]
         for length in (n, self.n_entries, n, n, n, 1):
@@ -162,30 +162,30 @@ class Path:
         return dict(zip(names, ca.vertsplit(data, [*offsets, data.numel()]), strict=True))
 
     @cached_property
-    def known(self) -> dict[str, ca.SX]:
-        """The :meth:`parts` of the symbols of ``data``."""
-        return self.parts(self.data)
+    def data_parts(self) -> dict[str, ca.SX]:
+        """The :meth:`split_data` of the symbols of ``data``."""
+        return self.split_data(self.data)
 
-    def pair(self, lam: ca.SX, s: ca.SX, phase: ca.SX | float = TRUE_GAP) -> ca.SX:
+    def pack_pair(self, lam: ca.SX, s: ca.SX, phase: ca.SX | float = TRUE_GAP) -> ca.SX:
         """Put lam, s and where they stand together."""
         return ca.vertcat(lam, s, phase)
 
-    def iteration(self) -> ca.Function:
+    def iteration_function(self) -> ca.Function:
         """One iteration, ``(pair, data) -> pair``; a pair that has arrived is left as it is."""
-        n, mu, per_mu = self.n, self.known["mu"], self.known["per_mu"]
+        n, mu, per_mu = self.n, self.data_parts["mu"], self.data_parts["per_mu"]
         pair = ca.SX.sym("pair", self.size)
         lam, s, phase, on_true_gap = pair[:n], pair[n : 2 * n], pair[2 * n], ca.SX(1)
         if self.curved:
             on_true_gap = phase == TRUE_GAP
             mu = ca.if_else(on_true_gap, mu, ca.fmax(mu, MU_LINEAR))
             per_mu = ca.if_else(on_true_gap, per_mu, ca.fmin(per_mu, 1 / MU_LINEAR))
-        gap, F = self.at(lam, on_true_gap)
-        new_pair = interior_point.advance(lam, s, gap, F, mu, per_mu)
+        gap, F = self.gap_at(lam, on_true_gap)
+        new_pair = interior_point.advance_pair(lam, s, gap, F, mu, per_mu)
         weight = ca.fmin(per_mu, 1 / interior_point.FLOOR)
         product_error, gap_error = ca.mmax(ca.fabs(lam * s - mu) * weight), ca.mmax(ca.fabs(gap - s))
         is_moving, new_phase = phase < ARRIVED, phase
         if self.unique:
-            at_rest = interior_point.settled((lam, s), new_pair, gap, F, mu)
+            at_rest = interior_point.has_settled((lam, s), new_pair, gap, F, mu)
             new_phase, is_moving = ca.if_else(at_rest, ARRIVED, new_phase), ca.logic_and(is_moving, 1 - at_rest)
         else:
             is_converged = ca.logic_and(product_error < _CLOSE, gap_error < _MET)
@@ -194,40 +194,40 @@ class Path:
             is_near = ca.logic_and(product_error < _NEAR, gap_error < _NEAR)
             new_phase = ca.if_else(ca.logic_and(1 - on_true_gap, is_near), TRUE_GAP, new_phase)
         new_phase = ca.if_else(product_error + gap_error < ca.inf, new_phase, ca.fmax(phase, LOST))
-        new_pair = self.pair(*new_pair, new_phase)
+        new_pair = self.pack_pair(*new_pair, new_phase)
         resting_pair = ca.vertcat(pair[: 2 * n], ca.if_else(phase < ARRIVED, new_phase, phase))
         return ca.Function(f"path_{n}", [pair, self.data], [ca.if_else(is_moving, new_pair, resting_pair)])
 
-    def at(self, lam: ca.SX, on_true_gap: ca.SX) -> tuple[ca.SX, Compliance]:
+    def gap_at(self, lam: ca.SX, on_true_gap: ca.SX) -> tuple[ca.SX, Compliance]:
         """The gap at lam and its compliance there, or as where the step starts, if not ``on_true_gap``."""
-        known = self.known
+        known = self.data_parts
         z, F = ca.SX(known["z"]), ca.SX(self.pattern, known["entries"])
         if self.curved:
-            rows, slopes = self.curved.at(lam, known["D"], known["c"], known["more"])
+            rows, slopes = self.curved.gap_at(lam, known["D"], known["c"], known["more"])
             for k, i in enumerate(self.curved.rows):
                 z[i] = ca.if_else(on_true_gap, rows[k] - slopes[k, :] @ lam, z[i])
                 F[i, :] = ca.if_else(on_true_gap, slopes[k, :], ca.densify(F[i, :]))
-        return z + F @ lam, Dense(F)
+        return z + F @ lam, DenseCompliance(F)
 
-    def slopes(self, lam: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def true_gap_at(self, lam: ca.SX) -> tuple[ca.SX, ca.SX]:
         """The true gap at lam, and its derivative by lam (n, n)."""
-        gap, F = self.at(lam, ca.SX(1))
+        gap, F = self.gap_at(lam, ca.SX(1))
         return gap, F.matrix()
 
-    def ending(self) -> ca.Function:
+    def ending_function(self) -> ca.Function:
         """Out of the scaling: ``(pair, data) -> (lam, gap, error)``, each (n, 1).
 
         lam (impulse) and the gap are the caller's; ``error`` is each contact's scaled violation,
         the larger one of ``|lam s - mu|`` and ``|z + F lam - s| / (1 + s)``.
         """
-        n, known = self.n, self.known
+        n, known = self.n, self.data_parts
         pair = ca.SX.sym("pair", self.size)
         lam, s, D, c, target_mu = pair[:n], pair[n : 2 * n], known["D"], known["c"], known["mu"]
-        gap, F = self.at(lam, ca.SX(1))
+        gap, F = self.gap_at(lam, ca.SX(1))
         new_lam, new_s = lam, s
         if self.exact and self.unique:
             new_lam, new_s = _on_active_set(lam, s, known["z"], F.matrix())
-            target_mu, gap = ca.SX(0), gap + F.across(new_lam - lam)
+            target_mu, gap = ca.SX(0), gap + F.multiply(new_lam - lam)
         error = ca.fmax(ca.fabs(new_lam * new_s - target_mu), ca.fabs(gap - new_s) / (1 + s))
         # Diverged: not a number, which would pass for small in a comparison.
         error = ca.if_else(error < ca.inf, error, ca.inf)
@@ -256,13 +256,13 @@ def _without_inactive(lam: ca.SX, s: ca.SX, F: Compliance) -> tuple[ca.SX, ca.SX
     The active ones follow along ``lam ds + s dlam = 0``, which stands where forces are open too.
     """
     active = lam > _WEAK * s
-    step, opened = F.factored(active * lam / s)((active - 1) * lam)
+    step, opened = F.factorise(active * lam / s)((active - 1) * lam)
     new_lam, new_s = ca.if_else(active, lam + step, 0), s + opened
     valid = ca.mmin(ca.vertcat(new_lam, new_s)) >= -1e-9
     return ca.if_else(valid, ca.fmax(0, new_lam), lam), ca.if_else(valid, ca.fmax(0, new_s), s)
 
 
-def scaling(
+def scale_factors(
     z: ca.SX, F: ca.SX, mu: ca.SX, pairs: tuple[Pair, ...], true_gap: ca.SX | None = None
 ) -> tuple[ca.SX, ca.SX]:
     """D (n, 1) and a scalar c so that ``z D / c`` and ``D F D`` are of order one.

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynamics.contact.closure import Branch, Closure, Schedule
 from dynamics.contact.exact import Exact
-from dynamics.contact.law import ContactLaw, by_sigma, law_parameter, positive, whole
+from dynamics.contact.law import ContactLaw, by_sigma, law_parameter, require_positive, require_whole
 from dynamics.contact.step import Step
 from dynamics.systems import ContactSystem, ParameterTable
 
@@ -51,14 +51,14 @@ class Randomized(ContactLaw):
             raise ValueError(f"randomized: base must be a law such as Exact(), got {base!r}")
         if isinstance(base, Randomized):
             raise ValueError("randomized: the base law must not be randomized itself")
-        self.sigma = positive("randomized", "sigma", sigma)
+        self.sigma = require_positive("randomized", "sigma", sigma)
         if samples is None:
             samples = _NODES if scheme == "gauss-hermite" else _SAMPLES
         high = 64 if scheme == "gauss-hermite" else 4096
-        self.samples = whole("randomized", "samples", samples, 2, high)
+        self.samples = require_whole("randomized", "samples", samples, 2, high)
         if scheme != "gauss-hermite" and self.samples % 2:
             raise ValueError(f"randomized: samples must be even, got {self.samples}")
-        self.seed = whole("randomized", "seed", seed, 0, 2**31 - 1)
+        self.seed = require_whole("randomized", "seed", seed, 0, 2**31 - 1)
         self.scheme, self.noise = scheme, noise
         self.base = base or Exact()
 
@@ -101,9 +101,9 @@ class Randomized(ContactLaw):
             raise ValueError("randomized: the base law has a sigma of its own; use barrier or exact")
         return ParameterTable([sigma_parameter]) + base_parameters
 
-    def closed(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
+    def close_at_nodes(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
         """The base law's step at all nodes."""
-        return self.base.closed(system, law, p, nodes)
+        return self.base.close_at_nodes(system, law, p, nodes)
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
         """Return the base law's mu at one node."""

@@ -6,33 +6,34 @@ from functools import cached_property
 
 import casadi as ca
 
-from dynamics.contact.compliance import Coordinates, LowRank
-from dynamics.contact.path import MU_EXACT, MU_LEAST, CurvedGap, Path, scaling
+from dynamics.contact.compliance import LowRankCompliance, PushedCoordinates
+from dynamics.contact.path import MU_EXACT, MU_LEAST, CurvedGap, Path, scale_factors
 from dynamics.systems import ContactSystem
+from dynamics.systems.elimination import solve_without_pivoting
 
 
 def path_of(system: ContactSystem, exact: bool) -> Path:
-    """The path of a system's step whatever its gaps are; see :meth:`Path.opening_of`.
+    """The path of a system's step whatever its gaps are; see :meth:`Path.opening_data_of`.
 
     Where inertia changes with the state, as a machine's does, and there are more pairs than
     coordinates, the products of both are not worth forming.
     """
-    if system.configured:
-        coordinates = Coordinates(system)
+    if system.has_variable_inertia:
+        coordinates = PushedCoordinates(system)
         if coordinates.r < system.nlam:
             return ReducedPath(system, exact, coordinates)
     return Path.of_system(system, exact)
 
 
 class ReducedPath(Path):
-    """The path with ``F = E + Q T^-1 P`` in its factors, see :class:`LowRank`."""
+    """The path with ``F = E + Q T^-1 P`` in its factors, see :class:`LowRankCompliance`."""
 
-    def __init__(self, system: ContactSystem, exact: bool, coordinates: Coordinates) -> None:
+    def __init__(self, system: ContactSystem, exact: bool, coordinates: PushedCoordinates) -> None:
         curved = None if system.reduced.affine else CurvedGap(system)
         if curved and not curved.rows:
             curved = None
         self.coordinates, self._system = coordinates, system
-        expansion_point = ca.vertcat(system.unmoved, ca.SX.zeros(system.nlam))
+        expansion_point = ca.vertcat(system.expansion_state, ca.SX.zeros(system.nlam))
         unknown = ca.vertcat(system.x_next, system.lam)
         self._E, self._Q = ca.substitute([coordinates.E, coordinates.Q_own], [unknown], [expansion_point])
         super().__init__(self._E.sparsity(), exact, system.pairs, curved, False)
@@ -47,11 +48,11 @@ class ReducedPath(Path):
         """Numbers in ``data`` that make up F: those of its factors."""
         return sum(factor.nnz() for factor in self._factors.values())
 
-    def opening_of(self, system: ContactSystem, mu: ca.SX) -> ca.SX:
+    def opening_data_of(self, system: ContactSystem, mu: ca.SX) -> ca.SX:
         """``data`` of a step as an expression in the system's (x, u, p) and mu (n, 1)."""
         representatives, reduced, signs = self.coordinates.own, system.reduced, self.coordinates.Q_signs
         z = reduced.z if reduced.affine else reduced.z_linear
-        D, c = scaling(z, self._near(), 0 * mu if self.exact else mu, self.pairs, reduced.z)
+        D, c = scale_factors(z, self._near(), 0 * mu if self.exact else mu, self.pairs, reduced.z)
         D = ca.fabs(signs) @ D[representatives]
         target = mu * 0 + MU_EXACT if self.exact else ca.fmax(mu / c**2, MU_LEAST)
         factors = self._factors
@@ -62,19 +63,18 @@ class ReducedPath(Path):
             "Q": ca.diag(D[representatives]) @ factors["Q"],
         }
         entries = [ca.vec(ca.project(scaled[name], factors[name].sparsity()).nz[:]) for name in scaled]
-        return ca.densify(ca.vertcat(z * D / c, *entries, target, 1 / target, D, c, self.more))
+        return ca.densify(ca.vertcat(z * D / c, *entries, target, 1 / target, D, c, self.curved_data))
 
     @property
-    def more(self) -> ca.SX:
+    def curved_data(self) -> ca.SX:
         """What curved rows need, the last numbers of ``data``."""
-        return self.curved.opening_along(self.coordinates.C) if self.curved else ca.SX(0, 1)
+        return self.curved.opening_data_along(self.coordinates.C) if self.curved else ca.SX(0, 1)
 
     def _near(self) -> ca.SX:
         """Entries of F between the pairs of one contact, which set the scales, and E."""
         factors, coordinates = self._factors, self.coordinates
         system, E = self._system, factors["E"]
-        compliance = LowRank(E, factors["T"], factors["P"], coordinates.P_signs, factors["Q"], coordinates.Q_signs)
-        columns = compliance.by_own()
+        columns = solve_without_pivoting(factors["T"], factors["P"])
         local_F = ca.SX(E)
         kinds = {"normal", "friction", "limit"}
         for i, pair in enumerate(system.pairs):
@@ -86,26 +86,26 @@ class ReducedPath(Path):
                     )
         return local_F
 
-    def compliance(self, entries: ca.SX) -> LowRank:
+    def compliance_at_start(self, entries: ca.SX) -> LowRankCompliance:
         """F at the start of the step."""
         factors, offsets = list(self._factors.values()), [0]
         for factor in factors:
             offsets.append(offsets[-1] + factor.nnz())
         blocks = ca.vertsplit(entries, offsets)
         E, T, P, Q = (ca.SX(factor.sparsity(), block) for factor, block in zip(factors, blocks, strict=True))
-        return LowRank(E, T, P, self.coordinates.P_signs, Q, self.coordinates.Q_signs)
+        return LowRankCompliance(E, T, P, self.coordinates.P_signs, Q, self.coordinates.Q_signs)
 
-    def at(self, lam: ca.SX, on_true_gap: ca.SX) -> tuple[ca.SX, LowRank]:
+    def gap_at(self, lam: ca.SX, on_true_gap: ca.SX) -> tuple[ca.SX, LowRankCompliance]:
         """The gap at lam and its compliance there, or as where the step starts, if not ``on_true_gap``."""
-        parts = self.known
-        start = self.compliance(parts["entries"])
+        parts = self.data_parts
+        start = self.compliance_at_start(parts["entries"])
         if not self.curved:
-            return parts["z"] + start.across(lam), start
-        w = start.pushed(lam)
-        gap = parts["z"] + start.felt(lam, w)
+            return parts["z"] + start.multiply(lam), start
+        w = start.solve_coordinates(lam)
+        gap = parts["z"] + start.gap_change(lam, w)
         D, c = parts["D"], parts["c"]
         E, Q = ca.SX(start.E), ca.SX(start.Q_own)
-        rows, by_lam, by_w = self.curved.along(c * D * lam, c * w, self.coordinates.C, parts["more"])
+        rows, by_lam, by_w = self.curved.gaps_along(c * D * lam, c * w, self.coordinates.C, parts["more"])
         for k, i in enumerate(self.curved.rows):
             representative = self.coordinates.Q_signs[i, :].sparsity().get_col()[0]
             # Opposite walls share one row but for its sign.
@@ -113,7 +113,7 @@ class ReducedPath(Path):
             gap[i] = ca.if_else(on_true_gap, rows[k] * D[i] / c, gap[i])
             Q[representative, :] = _chosen(on_true_gap, D[i] * by_pushed, Q[representative, :])
             E[i, :] = _chosen(on_true_gap, D[i] * by_lam[k, :] * D.T, E[i, :])
-        return gap, LowRank(E, start.T, start.P_own, start.P_signs, Q, start.Q_signs)
+        return gap, LowRankCompliance(E, start.T, start.P_own, start.P_signs, Q, start.Q_signs)
 
 
 def _chosen(condition: ca.SX, chosen: ca.SX, default: ca.SX) -> ca.SX:

@@ -25,9 +25,9 @@ _LIFTS = (1e-3, 1e-1, 1.0)
 def warm_start(path: Path) -> ca.Function:
     """``(lam, data) -> pair`` at the impulses lam (n, 1) [N s] of the step before."""
     lam_before = ca.SX.sym("before", path.n)
-    lam = ca.fmax(lam_before / (path.known["c"] * path.known["D"]), _INSIDE)
-    gap, _ = path.at(lam, ca.SX(1))
-    outputs = [path.pair(lam, ca.fmax(gap, _INSIDE))]
+    lam = ca.fmax(lam_before / (path.data_parts["c"] * path.data_parts["D"]), _INSIDE)
+    gap, _ = path.gap_at(lam, ca.SX(1))
+    outputs = [path.pack_pair(lam, ca.fmax(gap, _INSIDE))]
     return ca.Function("warm", [lam_before, path.data], outputs)
 
 
@@ -35,19 +35,19 @@ def further_start(path: Path) -> ca.Function:
     """``(k, data) -> pair`` of start number k = 0, 1, ..."""
     k, n = ca.SX.sym("k"), path.n
     shared = k * float(np.sqrt(2.0))
-    separate = k * ca.DM(irrational(n))
+    separate = k * ca.DM(irrational_numbers(n))
     sequence = ca.if_else(ca.fmod(k, 2) > 0, shared, separate)
     exponent = _LEAST + _SPAN * (sequence - ca.floor(sequence))
     lam = ca.if_else(k < _FIRST, _TINY, ca.exp(float(np.log(10.0)) * exponent))
-    gap, _ = path.at(lam, ca.SX(1))
+    gap, _ = path.gap_at(lam, ca.SX(1))
     lift = ca.SX(_LIFTS[0])
     for i, value in enumerate(_LIFTS):
         lift = ca.if_else(ca.fmod(k, len(_LIFTS)) == i, value, lift)
-    start = path.pair(lam, ca.fmax(gap, lift))
+    start = path.pack_pair(lam, ca.fmax(gap, lift))
     return ca.Function("further", [k, path.data], [ca.if_else(k > 0, start, 1)])
 
 
-def irrational(n: int) -> np.ndarray:
+def irrational_numbers(n: int) -> np.ndarray:
     """Square roots of the first n primes: no sum of multiples of them is a whole number."""
     primes: list[int] = []
     candidate = 2

@@ -98,9 +98,9 @@ class Step(ABC):
     @cached_property
     def x_next_of_lam(self) -> ca.SX:
         """x_next (nx, 1) in (x, u, lam, p)."""
-        return self.eliminated(self.x_next_expr)
+        return self.eliminate_states(self.x_next_expr)
 
-    def eliminated(self, expression: ca.SX) -> ca.SX:
+    def eliminate_states(self, expression: ca.SX) -> ca.SX:
         """Put ``states_of_lam`` in place of ``states``."""
         return ca.substitute(expression, self.states, self.states_of_lam)
 
@@ -112,13 +112,13 @@ class Step(ABC):
     def _targets(self, node: Branch) -> ca.SX:
         system = self.system
         z, F = self.at(node, [system.reduced.z, system.reduced.F])
-        deciding_pairs = sorted(set(system.deciding))
+        deciding_pairs = sorted(set(system.deciding_pairs))
         if len(deciding_pairs) == system.nlam:
             return ca.densify(self.law.target(system, z, F, self.law_parameters))
         mu = ca.densify(
             self.law.target(system, z[deciding_pairs], F[deciding_pairs, deciding_pairs], self.law_parameters)
         )
-        return ca.vertcat(*(mu[deciding_pairs.index(pair)] for pair in system.deciding))
+        return ca.vertcat(*(mu[deciding_pairs.index(pair)] for pair in system.deciding_pairs))
 
     @cached_property
     def residual(self) -> ca.SX:
@@ -132,7 +132,7 @@ class Step(ABC):
         """The gaps (n, 1) in (x, u, x_next, lam, p)."""
         if self.branches == 1:
             return ca.substitute(self.system.gap, self.system.lam, self.lam)
-        return self.eliminated(self.gap_expr)
+        return self.eliminate_states(self.gap_expr)
 
     def at(self, node: Branch, expressions: list[ca.SX]) -> list[ca.SX]:
         """Expressions in the system's (x, u), at the disturbed state and input of a branch."""
@@ -248,14 +248,14 @@ class Step(ABC):
         return self.lam * self.gap_expr - (self.mu if mu is None else mu)
 
     @cached_property
-    def held(self) -> tuple[ca.SX, ca.SX] | None:
+    def held_mu(self) -> tuple[ca.SX, ca.SX] | None:
         """A symbol for mu and its value, where the law holds mu constant in derivatives."""
         return (ca.SX.sym("mu_held", self.n), self.mu) if self.law.frozen else None
 
     @cached_property
     def differentiable_relation(self) -> ca.SX:
         """The relation that ``inner`` solves, for derivatives: mu is held if the law is frozen."""
-        return ca.vertcat(self.motion, self.contact_relation(self.held[0] if self.held else None))
+        return ca.vertcat(self.motion, self.contact_relation(self.held_mu[0] if self.held_mu else None))
 
     @cached_property
     def relation_jacobian(self) -> ca.SX:

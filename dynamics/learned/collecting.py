@@ -20,26 +20,26 @@ Keep = Callable[[np.ndarray], np.ndarray]
 DrawStates = Callable[[np.random.Generator, int, Sequence[str]], np.ndarray]
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
-MOST = 1000
+MAX_DRAWS_PER_ROW = 1000
 """Draws per requested row after which a region is rejected."""
-PIECE = 1 << 18
+PIECE_ROWS = 1 << 18
 """Most transitions of a piece; fixed, since each piece has its own random stream."""
-AT_ONCE = 200_000
+STATES_PER_DRAW = 200_000
 """States that are drawn at once."""
 
 
-def collect(step: Step, region: Region, n: int, seed: int) -> Transitions:
+def collect_transitions(step: Step, region: Region, n: int, seed: int) -> Transitions:
     """Draw n transitions of ``step``, the first half in the region's ranges, the rest in its tube.
 
-    States that penetrate are not kept (:func:`apart`). A step that was not solved is left out,
+    States that penetrate are not kept (:func:`nonpenetrating_filter`). A step that was not solved is left out,
     another drawn in its place, and ``unsolved`` in the provenance counts them. The same seed gives
     the same data, whatever the number of threads or of :class:`Piece` workers.
 
     Raises ``ValueError`` for a region that does not fit, that keeps almost no state, and for what
-    :meth:`Transitions.checked` refuses.
+    :meth:`Transitions.from_arrays` refuses.
     """
-    drawn_pieces = [draw_piece(step, region, piece) for piece in pieces(n, seed)]
-    return merged(step, region, drawn_pieces, seed)
+    drawn_pieces = [draw_piece(step, region, piece) for piece in split_pieces(n, seed)]
+    return merge_pieces(step, region, drawn_pieces, seed)
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,9 @@ class Drawn:
     unsolved: int
 
 
-def pieces(n: int, seed: int) -> list[Piece]:
+def split_pieces(n: int, seed: int) -> list[Piece]:
     """Split n transitions; a single piece draws from the stream of the seed itself."""
-    count = max(1, -(-n // PIECE))
+    count = max(1, -(-n // PIECE_ROWS))
     root = np.random.SeedSequence(seed)
     streams = [root] if count == 1 else root.spawn(count)
     ends = [k * n // count for k in range(count + 1)]
@@ -74,16 +74,16 @@ def pieces(n: int, seed: int) -> list[Piece]:
 
 
 def draw_piece(step: Step, region: Region, piece: Piece) -> Drawn:
-    """Draw the transitions of a piece; raises as :func:`collect` does."""
+    """Draw the transitions of a piece; raises as :func:`collect_transitions` does."""
     region.check(step.system)
     p, rng = step.p.values, np.random.default_rng(piece.stream)
-    source = _Source(step, p, region, apart(step, p))
-    in_ranges = source.draw(rng, piece.in_ranges, region.box_states, "ranges")
-    in_tube = source.draw(rng, piece.in_tube, region.tube_states, "tube")
+    source = _Source(step, p, region, nonpenetrating_filter(step, p))
+    in_ranges = source.draw_rows(rng, piece.in_ranges, region.box_states, "ranges")
+    in_tube = source.draw_rows(rng, piece.in_tube, region.tube_states, "tube")
     return Drawn(in_ranges, in_tube, source.unsolved)
 
 
-def merged(
+def merge_pieces(
     step: Step,
     region: Region,
     drawn_pieces: Sequence[Drawn],
@@ -98,7 +98,7 @@ def merged(
         **{"in_tube": sum(len(piece.in_tube[0]) for piece in drawn_pieces)},
         **{"unsolved": sum(piece.unsolved for piece in drawn_pieces), **(provenance or {})},
     }
-    return Transitions.checked(x, u, x_next, step.system.states, step.system.inputs, full_provenance)
+    return Transitions.from_arrays(x, u, x_next, step.system.states, step.system.inputs, full_provenance)
 
 
 @dataclass
@@ -116,18 +116,18 @@ class _Source:
         system = self.step.system
         self._states, self._inputs = ([signal.name for signal in signals] for signals in (system.states, system.inputs))
 
-    def draw(self, rng: np.random.Generator, n_rows: int, draw_states: DrawStates, place: str) -> Rows:
+    def draw_rows(self, rng: np.random.Generator, n_rows: int, draw_states: DrawStates, place: str) -> Rows:
         """``n_rows`` rows of x, u and x_next, states drawn by ``draw_states``."""
         n_kept, batches = 0, [self._rows(draw_states(rng, 1, self._states)[:0], rng)]
         n_drawn = 0
         while n_kept < n_rows:
-            if n_drawn > MOST * n_rows:
+            if n_drawn > MAX_DRAWS_PER_ROW * n_rows:
                 raise ValueError(
                     f"only {n_kept} of {n_drawn} states drawn in the {place} of the region could be"
                     " used; move the region to where the system is free of penetration"
                 )
             share = n_kept / n_drawn if n_kept else 0.5
-            size = min(int(1.1 * (n_rows - n_kept) / share) + 64, AT_ONCE)
+            size = min(int(1.1 * (n_rows - n_kept) / share) + 64, STATES_PER_DRAW)
             n_drawn += size
             batches.append(self._rows(draw_states(rng, size, self._states), rng))
             n_kept += len(batches[-1][0])
@@ -143,7 +143,7 @@ class _Source:
         return x[is_solved], u[is_solved], solved.x_next[is_solved]
 
 
-def apart(step: Step, p: np.ndarray) -> Keep:
+def nonpenetrating_filter(step: Step, p: np.ndarray) -> Keep:
     """Keep states whose true signed distances are all >= 0; all, where none are known."""
     system = step.system
     if system.phi is None or not system.phi.numel():

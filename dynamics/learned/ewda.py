@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from dynamics.batch.engines.kernels import choose
+from dynamics.batch.engines.kernels import choose_backend
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.learned.ewda_kernel import Cloud, CompiledMoments, NumpyMoments
 from dynamics.learned.stored import EWDA
@@ -80,12 +80,12 @@ class EwdaModel:
     def values(self, z: np.ndarray) -> np.ndarray:
         """``(g, log p)`` (n, ny + 1) at ``z`` (n, nz)."""
         q = self._queries(z)
-        return self._values(q, *self._engine.first(q, slopes=False))
+        return self._values(q, *self._engine.first_moments(q, slopes=False))
 
     def jacobians(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``(g, log p)`` (n, ny + 1) and its Jacobian (n, ny + 1, nz) at ``z`` (n, nz)."""
         q = self._queries(z)
-        nearest, sums = self._engine.first(q, slopes=True)
+        nearest, sums = self._engine.first_moments(q, slopes=True)
         mean = sums / sums[:, :1, :1]
         slopes = np.empty((len(q), self.n_out, self.n_in))
         slopes[:, :-1] = mean[:, 1:, 1:] - mean[:, 1:, :1] * mean[:, :1, 1:]
@@ -95,9 +95,9 @@ class EwdaModel:
     def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """``sum_i weights_i d²(g, log p)_i/dz²`` (n, nz, nz), for ``weights`` (n, ny + 1)."""
         q = self._queries(z)
-        _, sums = self._engine.first(q, slopes=True)
+        _, sums = self._engine.first_moments(q, slopes=True)
         mean = sums / sums[:, :1, :1]
-        total, products = self._engine.second(q, mean[:, 0, 1:], mean[:, 1:, 0], weights)
+        total, products = self._engine.second_moments(q, mean[:, 0, 1:], mean[:, 1:, 0], weights)
         bends = products / total[:, None, None] / self.sigma**2
         bends -= weights[:, -1, None, None] * np.eye(self.n_in)
         return bends / (self.sigma**2 * np.outer(self.scales.scale, self.scales.scale))
@@ -116,7 +116,7 @@ class EwdaModel:
         z = np.asarray(z, dtype=float)
         if z.ndim != 2 or z.shape[1] != self.n_in:
             raise ValueError(f"ewda: queries must be (n, {self.n_in}), one a row, not {z.shape}")
-        q = self.scales.normalised(z)
+        q = self.scales.normalise(z)
         if not (within := np.abs(q) < _FARTHEST * min(self.sigma, 1.0)).all():
             row, column = np.argwhere(~within)[0]
             name = self.origin.z[column].name
@@ -129,7 +129,7 @@ class EwdaModel:
     @cached_property
     def _points(self) -> Cloud:
         y = np.ascontiguousarray(self.y, dtype=float)
-        return Cloud(np.ascontiguousarray(self.scales.normalised(self.z)), y, float(self.sigma))
+        return Cloud(np.ascontiguousarray(self.scales.normalise(self.z)), y, float(self.sigma))
 
     @cached_property
     def _engine(self) -> CompiledMoments | NumpyMoments:
@@ -137,10 +137,10 @@ class EwdaModel:
             "c": lambda: CompiledMoments(self._points, self.threads),
             "numpy": lambda: NumpyMoments(self._points),
         }
-        return choose(self.backend, makers, "the weighted average of data")[1]
+        return choose_backend(self.backend, makers, "the weighted average of data")[1]
 
     def dataset(self) -> xr.Dataset:
-        """All of it as arrays and attributes (:meth:`of` reads it back)."""
+        """All of it as arrays and attributes (:meth:`from_dataset` reads it back)."""
         import xarray as xr
 
         data = {
@@ -156,12 +156,12 @@ class EwdaModel:
         return xr.Dataset(data, coords=self.origin.coordinates(), attrs=attributes)
 
     @classmethod
-    def of(cls, dataset: xr.Dataset) -> EwdaModel:
+    def from_dataset(cls, dataset: xr.Dataset) -> EwdaModel:
         """Back from :meth:`dataset`, to the last bit.
 
         Raises ``ValueError`` for a dataset that is no such model or lacks a part of one.
         """
-        origin = Origin.of(dataset, EWDA)
+        origin = Origin.from_dataset(dataset, EWDA)
         names = ("z_data", "y_data", "z_shift", "z_scale")
         z, y, shift, scale = (np.ascontiguousarray(dataset[name].values, dtype=float) for name in names)
         attributes = dataset.attrs

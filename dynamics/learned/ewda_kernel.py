@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynamics.batch.engines.compiler import find_compiler, load
+from dynamics.batch.engines.compiler import find_compiler, load_library
 from dynamics.batch.engines.parallel import checked_threads, on_threads
 from dynamics.learned.ewda_source import CHUNK, FAR, REGISTER, ewda_source
 
@@ -37,7 +37,7 @@ class NumpyMoments:
 
     points: Cloud
 
-    def first(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
+    def first_moments(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
         """Index (nq,) of the nearest point c, and ``sum_i w_i a_i b_i'`` (nq, 1 + ny, 1 or 1 + nz).
 
         ``a = (1, y_i - y_c)``, ``b = (1, z_i - z_c)``, of which without ``slopes`` only the 1.
@@ -53,7 +53,7 @@ class NumpyMoments:
             sums[i] = a.T @ _with_ones(d)[:, :cols]
         return nearest, sums
 
-    def second(
+    def second_moments(
         self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """``sum_i w_i`` (nq,) and ``sum_i w_i s_i d_i d_i'`` (nq, nz, nz), symmetric.
@@ -133,18 +133,18 @@ class CompiledMoments:
         n, self._nz = points.z.shape
         self._ny = points.y.shape[1]
         compiler = find_compiler()
-        self._run = load(ewda_source(self._nz, self._ny, compiler), ["run"]).run
+        self._run = load_library(ewda_source(self._nz, self._ny, compiler), ["run"]).run
         self._run.restype = None
         self._threads = checked_threads(threads)
-        self._order = neighbourly(points.z, CHUNK, REGISTER)
+        self._order = order_by_neighbours(points.z, CHUNK, REGISTER)
         rows = points.z[self._order]
         self._n_chunks = -(-n // CHUNK)
         self._n_parts = min(_PARTS, self._n_chunks)
         self._n_boxes = -(-self._n_chunks // compiler.width) * compiler.width
-        low, high = boxes(rows, CHUNK, self._n_boxes)
+        low, high = bounding_boxes(rows, CHUNK, self._n_boxes)
         stored = {
-            "z": chunked(rows, CHUNK, FAR),
-            "y": chunked(points.y[self._order], CHUNK, 0.0),
+            "z": chunk_rows(rows, CHUNK, FAR),
+            "y": chunk_rows(points.y[self._order], CHUNK, 0.0),
             "low": low,
             "high": high,
         }
@@ -159,13 +159,13 @@ class CompiledMoments:
             **{name: array.ctypes.data for name, array in self._stored.items()},
         }
 
-    def first(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
+    def first_moments(self, q: np.ndarray, *, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`NumpyMoments`."""
         empty = np.zeros((len(q), 0))
         size = (1 + self._ny, 1 + self._nz if slopes else 1)
         return self._all(_SLOPES if slopes else _VALUES, size, q, empty, empty, empty)
 
-    def second(
+    def second_moments(
         self, q: np.ndarray, mean_z: np.ndarray, mean_y: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`NumpyMoments`."""
@@ -219,7 +219,7 @@ def _aligned(shape: tuple[int, ...], values: np.ndarray | None = None) -> np.nda
     return array
 
 
-def neighbourly(points: np.ndarray, chunk: int, finest: int) -> np.ndarray:
+def order_by_neighbours(points: np.ndarray, chunk: int, finest: int) -> np.ndarray:
     """An order of ``points`` (n, nz) in which every ``chunk`` consecutive ones lie close together.
 
     Halves at the widest coordinate, again and again, at a multiple of ``chunk``: the leaves of a
@@ -250,7 +250,7 @@ def neighbourly(points: np.ndarray, chunk: int, finest: int) -> np.ndarray:
     return order
 
 
-def chunked(rows: np.ndarray, chunk: int, filling: float) -> np.ndarray:
+def chunk_rows(rows: np.ndarray, chunk: int, filling: float) -> np.ndarray:
     """``rows`` (n, m) as (n_chunks, m, chunk), the last chunk filled up with ``filling``."""
     n, m = rows.shape
     n_chunks = -(-n // chunk)
@@ -259,7 +259,7 @@ def chunked(rows: np.ndarray, chunk: int, filling: float) -> np.ndarray:
     return padded.reshape(n_chunks, chunk, m).transpose(0, 2, 1)
 
 
-def boxes(rows: np.ndarray, chunk: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+def bounding_boxes(rows: np.ndarray, chunk: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest coordinates (m, count) of every chunk; past the last chunk, of the last.
 
     ``rows`` (n, m) in the order of the chunks.

@@ -19,7 +19,7 @@ moments about c cancel by more than a factor n, for no point has a greater weigh
 
 from __future__ import annotations
 
-from dynamics.batch.engines.c_prelude import prelude
+from dynamics.batch.engines.c_prelude import vector_prelude
 from dynamics.batch.engines.compiler import Compiler
 
 CHUNK = 128
@@ -268,7 +268,7 @@ def ewda_source(nz: int, ny: int, compiler: Compiler) -> str:
     )
     blocks = [_block(rows, cols) for rows in range(1, edge + 1) for cols in range(1, edge + 1)]
     words = _WORDS.format(chunk=CHUNK, nz=nz, ny=ny)
-    return "".join((prelude(compiler), words, _WEIGHT, _SEARCH, *blocks, *products, _MOMENTS, _RUN))
+    return "".join((vector_prelude(compiler), words, _WEIGHT, _SEARCH, *blocks, *products, _MOMENTS, _RUN))
 
 
 def _block(rows: int, cols: int) -> str:

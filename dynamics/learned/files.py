@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynamics.learned.netcdf import check_readable
-from dynamics.learned.stored import EWDA, KINDS, TRANSITIONS, plain
+from dynamics.learned.stored import EWDA, KINDS, TRANSITIONS, plain_value
 from dynamics.learned.transitions import Transitions
 from dynamics.systems import Signal
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-CHECKSUM = "checksum"
+CHECKSUM_KEY = "checksum"
 _HDF = b"\x89HDF\r\n\x1a\n"
 
 
@@ -30,11 +30,11 @@ def read_model(path: Path) -> Any:
 
     Raises ``ValueError`` where the file is missing or damaged, or holds no model.
     """
-    return model_of(read(path), path)
+    return model_of(read_dataset(path), path)
 
 
 def transitions_of(dataset: xr.Dataset, path: Path) -> Transitions:
-    """The transitions in what :func:`read` gave of ``path``; raises as :func:`read_model` does."""
+    """The transitions in what :func:`read_dataset` gave of ``path``; raises as :func:`read_model` does."""
     kind = dataset.attrs["kind"]
     if kind != TRANSITIONS:
         raise ValueError(
@@ -44,7 +44,7 @@ def transitions_of(dataset: xr.Dataset, path: Path) -> Transitions:
 
 
 def model_of(dataset: xr.Dataset, path: Path) -> Any:
-    """The model in what :func:`read` gave of ``path``; raises as :func:`read_model` does."""
+    """The model in what :func:`read_dataset` gave of ``path``; raises as :func:`read_model` does."""
     kind = dataset.attrs["kind"]
     if kind == TRANSITIONS:
         raise ValueError(f"{path} holds transitions, not a model; learn one from them: ocp learn")
@@ -56,12 +56,12 @@ def model_of(dataset: xr.Dataset, path: Path) -> Any:
 
 def _made(kind: Any, dataset: xr.Dataset, path: Path) -> Any:
     try:
-        return kind.of(dataset)
+        return kind.from_dataset(dataset)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
 
-def read(path: Path) -> xr.Dataset:
+def read_dataset(path: Path) -> xr.Dataset:
     """Everything in a file of transitions or of a model, its checksum compared.
 
     Raises ``ValueError`` where a file is missing, truncated or changed, or is something
@@ -83,10 +83,10 @@ def read(path: Path) -> xr.Dataset:
         raise
     except Exception as error:
         raise ValueError(f"{path} is truncated or damaged: {error}; create it again") from error
-    kind = plain(dataset.attrs.get("kind"))
+    kind = plain_value(dataset.attrs.get("kind"))
     if kind not in KINDS:
         raise ValueError(f"{path} is not a file of this program: its kind is {kind!r}, expected {', '.join(KINDS)}")
-    if plain(dataset.attrs.get(CHECKSUM)) != checksum(dataset):
+    if plain_value(dataset.attrs.get(CHECKSUM_KEY)) != checksum(dataset):
         raise ValueError(f"{path} does not match its checksum: truncated or changed; create it again")
     return dataset
 
@@ -100,13 +100,13 @@ def checksum(dataset: xr.Dataset) -> str:
         numeric = values.dtype.kind in "biuf"
         text = "" if numeric else json.dumps(values.tolist(), default=str)
         digest.update(values.tobytes() if numeric else text.encode())
-    attributes = {key: plain(value) for key, value in dataset.attrs.items() if key != CHECKSUM}
+    attributes = {key: plain_value(value) for key, value in dataset.attrs.items() if key != CHECKSUM_KEY}
     digest.update(json.dumps(attributes, sort_keys=True).encode())
     return digest.hexdigest()
 
 
-TABLES = (".csv", ".parquet")
-NEXT = "_next"
+TABLE_SUFFIXES = (".csv", ".parquet")
+NEXT_SUFFIX = "_next"
 _HEAD = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
 
 
@@ -123,7 +123,7 @@ def read_table(
     a ``_next`` is a state and all else, of the mapped columns where ``columns`` says any, an input.
 
     Raises ``ValueError`` for a file that cannot be read, columns that are missing or hold no
-    numbers, other units than those expected, and as :meth:`Transitions.checked` does.
+    numbers, other units than those expected, and as :meth:`Transitions.from_arrays` does.
     """
     table = _table(path)
     heads = _named(path, [str(head) for head in table.columns], columns or {})
@@ -131,20 +131,20 @@ def read_table(
         states, inputs = _guessed(path, heads, list(columns or heads))
     else:
         states, inputs = signals
-    next_states = [Signal(f"{signal.name}{NEXT}", signal.unit) for signal in states]
+    next_states = [Signal(f"{signal.name}{NEXT_SUFFIX}", signal.unit) for signal in states]
     x, u, x_next = (
         _values(path, table, [_column(path, heads, signal) for signal in group])
         for group in (states, inputs, next_states)
     )
     full_provenance = {"how": f"read from {path.name}", **(provenance or {})}
-    return Transitions.checked(x, u, x_next, states, inputs, full_provenance)
+    return Transitions.from_arrays(x, u, x_next, states, inputs, full_provenance)
 
 
 def _table(path: Path) -> pd.DataFrame:
     import pandas as pd
 
-    if path.suffix not in TABLES:
-        raise ValueError(f"{path}: expected a table, {' or '.join(TABLES)}")
+    if path.suffix not in TABLE_SUFFIXES:
+        raise ValueError(f"{path}: expected a table, {' or '.join(TABLE_SUFFIXES)}")
     if not path.is_file():
         raise ValueError(f"{path}: file not found")
     if path.suffix == ".parquet":
@@ -202,13 +202,13 @@ def _named(path: Path, texts: list[str], columns: Mapping[str, str]) -> Heads:
 
 def _guessed(path: Path, heads: Heads, names: list[str]) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
     """States and inputs of a table that nothing is known about."""
-    states = [name for name in names if f"{name}{NEXT}" in names]
+    states = [name for name in names if f"{name}{NEXT_SUFFIX}" in names]
     if not states:
         raise ValueError(
-            f"{path}: no column is the next state of another; name states such as x and x{NEXT},"
+            f"{path}: no column is the next state of another; name states such as x and x{NEXT_SUFFIX},"
             f" or map them with columns, of {', '.join(heads)}"
         )
-    ends = {f"{name}{NEXT}" for name in states}
+    ends = {f"{name}{NEXT_SUFFIX}" for name in states}
     inputs = [name for name in names if name not in states and name not in ends]
     first, second = (tuple(Signal(name, heads[name][1] or "1") for name in group) for group in (states, inputs))
     return first, second

@@ -13,8 +13,8 @@ from dynamics.learned.transitions import Samples
 if TYPE_CHECKING:
     import xarray as xr
 
-DISTANCES = (0.0, 0.5, 1.0, 2.0, 4.0)
-RAYS = 256
+RAY_DISTANCES = (0.0, 0.5, 1.0, 2.0, 4.0)
+N_RAYS = 256
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Fit:
         )
 
     @classmethod
-    def of(cls, dataset: xr.Dataset) -> Fit:
+    def from_dataset(cls, dataset: xr.Dataset) -> Fit:
         """Back from a dataset that :meth:`dataset` is part of."""
         names = (*PER_COORDINATE, *ALONG_RAYS)
         arrays = {name: dataset[f"fit_{name}"].values for name in names}
@@ -69,7 +69,7 @@ PER_COORDINATE = ("y_scale", "clean", "noised")
 ALONG_RAYS = ("displacement", "outside")
 
 
-def fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float, seed: int = 0) -> Fit:
+def measure_fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float, seed: int = 0) -> Fit:
     """Compare a map with the rows ``held_out`` of the data, and follow it out of all of them.
 
     Raises ``ValueError`` for no held-out row and for a map of other sizes.
@@ -89,22 +89,22 @@ def fit(learned: LearnedMap, data: Samples, held_out: np.ndarray, sigma: float, 
         np.sqrt(np.mean(((learned.values(queries)[:, :ny] - y) / y_scales.scale) ** 2, axis=0))
         for queries in (z, noised)
     )
-    directions = rng.standard_normal((RAYS, data.z.shape[1]))
+    directions = rng.standard_normal((N_RAYS, data.z.shape[1]))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     ray_errors = _rays(learned, data, directions)
-    return Fit(float(sigma), y_scales.scale, clean_rms, noised_rms, np.array(DISTANCES), *ray_errors)
+    return Fit(float(sigma), y_scales.scale, clean_rms, noised_rms, np.array(RAY_DISTANCES), *ray_errors)
 
 
 def _rays(learned: LearnedMap, data: Samples, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """``displacement`` and ``outside`` at each of the distances."""
     z_scales, y_scales = data.scales
-    z = z_scales.normalised(data.z)
+    z = z_scales.normalise(data.z)
     exit_rows = np.array([np.argmax(z @ direction) for direction in directions])
     # Rounding of a mean of equal numbers must not count as leaving their range.
     slack = 1e-9 * y_scales.scale
     y_min, y_max = data.y.min(axis=0) - slack, data.y.max(axis=0) + slack
-    displacement, outside = np.empty(len(DISTANCES)), np.empty(len(DISTANCES))
-    for i, distance in enumerate(DISTANCES):
+    displacement, outside = np.empty(len(RAY_DISTANCES)), np.empty(len(RAY_DISTANCES))
+    for i, distance in enumerate(RAY_DISTANCES):
         ray_points = data.z[exit_rows] + distance * z_scales.scale * directions
         y = learned.values(ray_points)[:, : data.y.shape[1]]
         displacement[i] = np.sqrt(np.mean(((y - data.y[exit_rows]) / y_scales.scale) ** 2))

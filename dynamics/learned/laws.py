@@ -91,7 +91,7 @@ class LearnedLaw(ContactLaw):
         """Nothing: no pairs are left."""
         return ca.SX(0, 1)
 
-    def closed(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
+    def close_at_nodes(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
         """The model's step."""
         name = LAW_PREFIX + "trust"
         trust = p[name] if name in p.names else None

@@ -14,10 +14,10 @@ from dynamics.learned.transitions import Normalisation, Origin
 if TYPE_CHECKING:
     import xarray as xr
 
-BLOCK = 256
+QUERIES_PER_BLOCK = 256
 """Queries at once, which bounds the memory of the layers' Jacobians."""
-FEW = 64
-QUIETLY = np.errstate(over="ignore", invalid="ignore")
+SMALL_BATCH = 64
+IGNORE_OVERFLOW = np.errstate(over="ignore", invalid="ignore")
 """What is not finite is for the caller to count."""
 
 
@@ -59,28 +59,28 @@ class MlpModel:
         """Units of each hidden layer."""
         return tuple(bias.size for bias in self.biases[:-1])
 
-    @QUIETLY
+    @IGNORE_OVERFLOW
     def values(self, z: np.ndarray) -> np.ndarray:
         """``y`` (n, n_out) at ``z`` (n, n_in)."""
         y = np.empty((len(z), self.n_out))
         for rows in _blocks(len(z)):
-            a = self.z_scales.normalised(z[rows])
+            a = self.z_scales.normalise(z[rows])
             for W, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
                 a = _elu(a @ W.T + b)[0]
-            y[rows] = self.y_scales.physical(a @ self.weights[-1].T + self.biases[-1])
+            y[rows] = self.y_scales.denormalise(a @ self.weights[-1].T + self.biases[-1])
         return y
 
-    @QUIETLY
+    @IGNORE_OVERFLOW
     def jacobians(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``y`` (n, n_out) and ``dy/dz`` (n, n_out, n_in), carried forward through the layers."""
         y, jacobians = np.empty((len(z), self.n_out)), np.empty((len(z), self.n_out, self.n_in))
         for rows in _blocks(len(z)):
             last, J = self._forward(z[rows])[-1]
-            y[rows] = self.y_scales.physical(last)
+            y[rows] = self.y_scales.denormalise(last)
             jacobians[rows] = self.y_scales.scale[:, None] * J.swapaxes(1, 2)
         return y, jacobians
 
-    @QUIETLY
+    @IGNORE_OVERFLOW
     def curvatures(self, z: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """``sum_i weights_i d²y_i/dz²`` (n, n_in, n_in), symmetric, for ``weights`` (n, n_out).
 
@@ -108,7 +108,7 @@ class MlpModel:
         """Each layer's ``s`` (n, n_l) and ``ds/dz`` (n, n_in, n_l); the last is y normalised."""
         W, b = self.weights[0], self.biases[0]
         J = np.broadcast_to((W / self.z_scales.scale).T, (len(z), self.n_in, b.size))
-        layers = [(self.z_scales.normalised(z) @ W.T + b, J)]
+        layers = [(self.z_scales.normalise(z) @ W.T + b, J)]
         for W, b in zip(self.weights[1:], self.biases[1:], strict=True):
             s, J = layers[-1]
             a, slope, _ = _elu(s)
@@ -116,7 +116,7 @@ class MlpModel:
         return layers
 
     def dataset(self) -> xr.Dataset:
-        """All of it as arrays and attributes (:meth:`of` reads it back)."""
+        """All of it as arrays and attributes (:meth:`from_dataset` reads it back)."""
         import xarray as xr
 
         data = {}
@@ -138,12 +138,12 @@ class MlpModel:
         return xr.Dataset(data, coords=self.origin.coordinates(), attrs=attributes)
 
     @classmethod
-    def of(cls, dataset: xr.Dataset) -> MlpModel:
+    def from_dataset(cls, dataset: xr.Dataset) -> MlpModel:
         """Back from :meth:`dataset`, to the last bit.
 
         Raises ``ValueError`` for a dataset that is no network or lacks a part of one.
         """
-        origin = Origin.of(dataset, MLP)
+        origin = Origin.from_dataset(dataset, MLP)
         layers = range(int(dataset.attrs["layers"]))
         names = [f"{array}_{layer}" for layer in layers for array in ("weight", "bias")]
         names += ["z_shift", "z_scale", "y_shift", "y_scale"]
@@ -160,7 +160,7 @@ class MlpModel:
 
 
 def _blocks(n: int) -> Iterator[slice]:
-    return (slice(start, start + BLOCK) for start in range(0, n, BLOCK))
+    return (slice(start, start + QUERIES_PER_BLOCK) for start in range(0, n, QUERIES_PER_BLOCK))
 
 
 def _product(J: np.ndarray, W: np.ndarray) -> np.ndarray:
@@ -168,7 +168,7 @@ def _product(J: np.ndarray, W: np.ndarray) -> np.ndarray:
     # One product of all rows fills the cores, but beside other programs it waits a time slice for
     # the thread that has not got one: 8 ms, where the many small products of a plan's stages,
     # which no library shares among threads, take 0.3 ms together.
-    if len(J) <= FEW:
+    if len(J) <= SMALL_BATCH:
         return J @ W.T
     return (J.reshape(-1, J.shape[2]) @ W.T).reshape(*J.shape[:2], len(W))
 

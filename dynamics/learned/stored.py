@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 TRANSITIONS, EWDA, MLP = KINDS = "transitions", "ewda", "mlp"
-LARGEST = 1e50
+LARGEST_NUMBER = 1e50
 """Sums and products of a few numbers of this size are finite."""
 _Count = Annotated[int, Field(ge=0)]
 
@@ -29,7 +29,7 @@ class _Attributes(BaseModel):
 
 
 class _Model(_Attributes):
-    sigma: Annotated[float, Field(ge=0, le=LARGEST)]
+    sigma: Annotated[float, Field(ge=0, le=LARGEST_NUMBER)]
     seed: int
     data_rows: _Count = 0
     held_out: _Count = 0
@@ -63,13 +63,13 @@ _OWN = {
 _DESCRIBED = ("z_least", "z_most", *(name for name in _DIMENSIONS if name.startswith("fit_")))
 
 
-def check(dataset: xr.Dataset, kind: str) -> None:
+def check_dataset(dataset: xr.Dataset, kind: str) -> None:
     """Raise ``ValueError`` where a dataset is not as files of its ``kind`` are.
 
     Attributes, variables, their dimensions and types are checked, signs of scales and errors, and
-    that numbers are finite and at most :data:`LARGEST`.
+    that numbers are finite and at most :data:`LARGEST_NUMBER`.
     """
-    attributes = {key: plain(value) for key, value in dataset.attrs.items()}
+    attributes = {key: plain_value(value) for key, value in dataset.attrs.items()}
     if attributes.get("kind") != kind:
         raise ValueError(f"expected a file of kind {kind!r}, found {attributes.get('kind')!r}")
     if attributes.get("schema") != SCHEMA:
@@ -109,14 +109,14 @@ def _check_variable(name: str, dataset: xr.Dataset) -> None:
     if values.dtype.kind not in "iuf":
         raise ValueError(f"{name} does not hold numbers only")
     # NaN compares as false.
-    if not (np.abs(values) <= LARGEST).all():
-        raise ValueError(f"{name} holds numbers that are not finite or beyond {LARGEST:g}")
+    if not (np.abs(values) <= LARGEST_NUMBER).all():
+        raise ValueError(f"{name} holds numbers that are not finite or beyond {LARGEST_NUMBER:g}")
     if name.endswith("_scale") and not (values > 0).all():
         raise ValueError(f"{name} holds scales that are not above 0")
     if name.startswith("fit_") and not (values >= 0).all():
         raise ValueError(f"{name} holds errors below 0")
 
 
-def plain(value: Any) -> Any:
+def plain_value(value: Any) -> Any:
     """An attribute as a plain value."""
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else value

@@ -124,7 +124,7 @@ class Training:
         Raises ``ValueError`` when the weights are no longer finite.
         """
         z, y = (
-            scales.normalised(rows).astype(np.float32)
+            scales.normalise(rows).astype(np.float32)
             for scales, rows in zip(self._scales, (self.data.z, self.data.y), strict=True)
         )
         network = self._network
@@ -174,7 +174,7 @@ class Training:
         return MlpModel(weights, biases, *self._scales, self.sigma, origin, self.seed)
 
 
-def train(data: Samples, sigma: float, seed: int = 0, **recipe: Any) -> MlpModel:
+def train_network(data: Samples, sigma: float, seed: int = 0, **recipe: Any) -> MlpModel:
     """Train to the end (:class:`Training`, :class:`Recipe`): h_sigma, or h for sigma = 0."""
     training = Training(data, sigma, Recipe(**recipe), seed)
     for _ in training.epochs():
@@ -255,7 +255,7 @@ def _compiled(batch: int, rate: float, noised: bool) -> tuple[Any, Any]:
         return z + sigma * jax.random.normal(key, z.shape, z.dtype) if noised else z
 
     def loss(layers: Any, z: Any, y: Any) -> Any:
-        return jax.numpy.mean((jax.vmap(lambda row: evaluate(layers, row))(z) - y) ** 2)
+        return jax.numpy.mean((jax.vmap(lambda row: evaluate_network(layers, row))(z) - y) ** 2)
 
     @jax.jit
     def epoch(layers: Any, moments: Any, key: Any, sigma: Any, z: Any, y: Any) -> Any:
@@ -282,7 +282,7 @@ def _compiled(batch: int, rate: float, noised: bool) -> tuple[Any, Any]:
     return epoch, errors
 
 
-def evaluate(layers: Any, z: Any) -> Any:
+def evaluate_network(layers: Any, z: Any) -> Any:
     """The network of Equinox's layers at one row, normalised in and out."""
     import jax
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynamics.learned.stored import SCHEMA, TRANSITIONS, check
+from dynamics.learned.stored import SCHEMA, TRANSITIONS, check_dataset
 from dynamics.systems import Signal
 
 if TYPE_CHECKING:
@@ -58,12 +58,12 @@ class Origin:
         }
 
     @classmethod
-    def of(cls, dataset: xr.Dataset, kind: str) -> Origin:
+    def from_dataset(cls, dataset: xr.Dataset, kind: str) -> Origin:
         """Back from a dataset with these coordinates and attributes.
 
-        Raises ``ValueError`` where :func:`~dynamics.learned.stored.check` does.
+        Raises ``ValueError`` where :func:`~dynamics.learned.stored.check_dataset` does.
         """
-        check(dataset, kind)
+        check_dataset(dataset, kind)
         z, y = (_signals(dataset, dimension) for dimension in ("z", "state"))
         attributes = dataset.attrs
         parameters = json.loads(attributes["parameters"])
@@ -86,7 +86,7 @@ class Normalisation:
     scale: np.ndarray
 
     @classmethod
-    def of(cls, rows: np.ndarray, names: Sequence[str]) -> Normalisation:
+    def from_rows(cls, rows: np.ndarray, names: Sequence[str]) -> Normalisation:
         """Mean and standard deviation of every column of ``rows`` (n_samples, n).
 
         Raises ``ValueError`` that names a column which does not vary.
@@ -101,11 +101,11 @@ class Normalisation:
             )
         return cls(rows.mean(axis=0), scale)
 
-    def normalised(self, rows: np.ndarray) -> np.ndarray:
+    def normalise(self, rows: np.ndarray) -> np.ndarray:
         """From the coordinates' units, (..., n)."""
         return (rows - self.shift) / self.scale
 
-    def physical(self, rows: np.ndarray) -> np.ndarray:
+    def denormalise(self, rows: np.ndarray) -> np.ndarray:
         """Back to the coordinates' units, (..., n)."""
         return rows * self.scale + self.shift
 
@@ -136,7 +136,8 @@ class Samples:
         """Normalise z and y over all rows; raise ``ValueError`` for a column that never varies."""
         named = (self.z, "{}", self.origin.z), (self.y, "the next {}", self.origin.y)
         z, y = (
-            Normalisation.of(rows, [form.format(signal.name) for signal in signals]) for rows, form, signals in named
+            Normalisation.from_rows(rows, [form.format(signal.name) for signal in signals])
+            for rows, form, signals in named
         )
         return z, y
 
@@ -176,7 +177,7 @@ def split_rows(n: int, fraction: float, seed: int) -> tuple[np.ndarray, np.ndarr
     return np.sort(order[n_held_out:]), np.sort(order[:n_held_out])
 
 
-LEAST = 10
+MIN_ROWS_PER_COORDINATE = 10
 """Rows for every coordinate of z below which nothing is learned."""
 
 
@@ -198,7 +199,7 @@ class Transitions:
     provenance: Mapping[str, Any]
 
     @classmethod
-    def checked(
+    def from_arrays(
         cls,
         x: np.ndarray,
         u: np.ndarray,
@@ -220,12 +221,12 @@ class Transitions:
                 raise ValueError(f"data: {name} has shape {array.shape}, expected {(n, size)}")
         names = [signal.name for signal in (*states, *inputs)]
         check_finite([x, u, x_next], [*names, *(f"{signal.name}_next" for signal in states)])
-        if n < LEAST * len(names):
+        if n < MIN_ROWS_PER_COORDINATE * len(names):
             raise ValueError(
                 f"data: {n} rows are too few to learn from; {len(names)} coordinates"
-                f" ({', '.join(names)}) need at least {LEAST * len(names)}"
+                f" ({', '.join(names)}) need at least {MIN_ROWS_PER_COORDINATE * len(names)}"
             )
-        normalisation = Normalisation.of(np.hstack([x, u]), names)
+        normalisation = Normalisation.from_rows(np.hstack([x, u]), names)
         return cls(x, u, x_next, states, inputs, normalisation, dict(provenance or {}))
 
     def __len__(self) -> int:
@@ -263,7 +264,7 @@ class Transitions:
         ):
             if [(s.name, s.unit) for s in data_signals] != expected:
                 raise ValueError(
-                    f"data: the {role} are {listed(data_signals)}, and {owner} has"
+                    f"data: the {role} are {list_signals(data_signals)}, and {owner} has"
                     f" {', '.join(f'{name} [{unit}]' for name, unit in expected)};"
                     " take data of that problem, or the problem of these data"
                 )
@@ -302,18 +303,18 @@ class Transitions:
         return xr.Dataset(data, origin.coordinates(), attributes)
 
     @classmethod
-    def of(cls, dataset: xr.Dataset) -> Transitions:
+    def from_dataset(cls, dataset: xr.Dataset) -> Transitions:
         """Read :meth:`dataset` back; raises ``ValueError`` where it has no such form."""
-        origin = Origin.of(dataset, TRANSITIONS)
+        origin = Origin.from_dataset(dataset, TRANSITIONS)
         names = ("x", "u", "x_next", "z_shift", "z_scale")
         x, u, x_next, shift, scale = (np.array(dataset[name].values) for name in names)
         provenance = json.loads(dataset.attrs["provenance"])
-        transitions = cls.checked(x, u, x_next, origin.y, origin.inputs, provenance)
+        transitions = cls.from_arrays(x, u, x_next, origin.y, origin.inputs, provenance)
         if transitions.hash != dataset.attrs["data_hash"]:
             raise ValueError("the values were changed: their hash differs")
         return replace(transitions, normalisation=Normalisation(shift, scale))
 
 
-def listed(signals: Sequence[Signal]) -> str:
+def list_signals(signals: Sequence[Signal]) -> str:
     """Names with units, ``ox [m], theta [rad]``."""
     return ", ".join(f"{signal.name} [{signal.unit}]" for signal in signals)

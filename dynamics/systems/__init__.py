@@ -4,13 +4,13 @@ from dynamics.systems.chain import Chain
 from dynamics.systems.lcs import is_p_matrix, lcs
 from dynamics.systems.machine import Machine, Part, Sphere
 from dynamics.systems.mechanism import WORLD
-from dynamics.systems.pairs import ContactForces, EnergyBook, Pair, Sharp
+from dynamics.systems.pairs import ContactForces, EnergyBalance, Pair, RefereeModel
 from dynamics.systems.parameters import (
     LAW_PREFIX,
     Parameter,
     ParameterTable,
     Signal,
-    entries,
+    matrix_parameters,
     signals,
 )
 from dynamics.systems.planar import Link
@@ -23,7 +23,7 @@ __all__ = [
     "Chain",
     "ContactForces",
     "ContactSystem",
-    "EnergyBook",
+    "EnergyBalance",
     "Link",
     "Machine",
     "Pair",
@@ -31,12 +31,12 @@ __all__ = [
     "ParameterTable",
     "Part",
     "ReducedContact",
-    "Sharp",
+    "RefereeModel",
     "Signal",
     "Sphere",
-    "entries",
     "is_p_matrix",
     "lcs",
+    "matrix_parameters",
     "quasi_dynamic",
     "signals",
     "time_stepping",

@@ -116,7 +116,7 @@ class Chain:
 
     def position(self, q: ca.SX, link: str, point: Vector = (0.0, 0.0)) -> ca.SX:
         """World position (2, 1) [m] of a point given in a link's frame."""
-        return self._frames(q)[link].place(point)
+        return self._frames(q)[link].to_world(point)
 
     def mass(self, q: ca.SX) -> ca.SX:
         """Mass matrix M(q) (nq, nq), symmetric positive definite [kg, kg m, kg m²]."""
@@ -146,7 +146,7 @@ class Chain:
         omega, alpha, acceleration = self._accelerations(frames, v, a)
         loads: dict[str, tuple[ca.SX, ca.SX]] = {}
         for link in self._ordered:
-            name, r = link.name, frames[link.name].turn(link.com)
+            name, r = link.name, frames[link.name].rotate(link.com)
             com_acceleration = acceleration[name] + alpha[name] * _swing(r)
             # The centripetal part of the force passes through the joint, so its moment is none.
             moment = link.inertia * alpha[name] + link.mass * _moment(r, com_acceleration)
@@ -165,7 +165,7 @@ class Chain:
         """``J(q)' m w`` (nq, 1) [N m s, N s], m mass and inertia of links at velocities w."""
         frames, loads = self._frames(q), {}
         for link in self._ordered:
-            linear, r = link.mass * w[link.name][:2], frames[link.name].turn(link.com)
+            linear, r = link.mass * w[link.name][:2], frames[link.name].rotate(link.com)
             loads[link.name] = linear, link.inertia * w[link.name][2] + _moment(r, linear)
         return self._gathered(frames, loads)
 
@@ -234,11 +234,11 @@ class Chain:
         for link in self._ordered:
             base = frames[link.parent] if link.parent is not None else _WORLD
             index = self._first[link.name]
-            step, angle = base.turn(link.anchor), base.angle + link.offset
+            step, angle = base.rotate(link.anchor), base.angle + link.offset
             if link.joint == "hinge":
                 angle += q[index]
             elif link.joint == "slide":
-                step += base.turn(link.axis) * q[index]
+                step += base.rotate(link.axis) * q[index]
             else:
                 step, angle = step + q[index : index + 2], angle + q[index + 2]
             frames[link.name] = _Frame(base.position + step, angle, step)
@@ -251,7 +251,7 @@ class Chain:
             return [(index, _Motion(1.0, no_motion))]
         if link.joint == "slide":
             base = frames[link.parent] if link.parent is not None else _WORLD
-            return [(index, _Motion(0.0, base.turn(link.axis)))]
+            return [(index, _Motion(0.0, base.rotate(link.axis)))]
         return [
             (index, _Motion(0.0, ca.SX([1, 0]))),
             (index + 1, _Motion(0.0, ca.SX([0, 1]))),
@@ -266,7 +266,7 @@ class Chain:
             inertia = link.inertia + link.mass * (x * x + z * z)
             bodies[link.name] = (
                 ca.SX(link.mass),
-                link.mass * frames[link.name].turn(link.com),
+                link.mass * frames[link.name].rotate(link.com),
                 ca.SX(inertia),
             )
         for link in reversed(self._ordered):
@@ -298,7 +298,7 @@ class Chain:
                 spin = spin + motion.turn * v[index]
                 origin_velocity = origin_velocity + motion.along * v[index]
             omega[link.name], velocity[link.name] = spin, origin_velocity
-            yield link, spin, origin_velocity + spin * _swing(frames[link.name].turn(link.com))
+            yield link, spin, origin_velocity + spin * _swing(frames[link.name].rotate(link.com))
 
     def _accelerations(
         self, frames: dict[str, _Frame], v: ca.SX, a: ca.SX

@@ -12,13 +12,13 @@ import numpy as np
 T = TypeVar("T")
 
 
-def text(name: str, value: Any) -> None:
+def require_text(name: str, value: Any) -> None:
     """Raise ``ValueError`` unless ``value`` is printable text and not empty."""
     if not (isinstance(value, str) and value.strip() and value.isprintable()):
         raise ValueError(f"{name} must be printable text, such as 'ball', got {value!r}")
 
 
-def number(name: str, value: Any) -> float | None:
+def parse_number(name: str, value: Any) -> float | None:
     """The number ``value``, or None for a scalar expression with symbols.
 
     Raises ``ValueError`` for anything else, and for what is not finite.
@@ -35,22 +35,22 @@ def number(name: str, value: Any) -> float | None:
     return value_as_float
 
 
-def positive(name: str, *values: Any) -> None:
+def require_positive(name: str, *values: Any) -> None:
     """Raise ``ValueError`` unless every value is a positive number or a scalar expression."""
     for value in values:
-        known_value = number(name, value)
+        known_value = parse_number(name, value)
         if known_value is not None and known_value <= 0:
             raise ValueError(f"{name} must be positive, got {known_value:g}")
 
 
-def not_negative(name: str, value: Any) -> None:
+def require_not_negative(name: str, value: Any) -> None:
     """Raise ``ValueError`` unless ``value`` is a number >= 0 or a scalar expression."""
-    known_value = number(name, value)
+    known_value = parse_number(name, value)
     if known_value is not None and known_value < 0:
         raise ValueError(f"{name} must not be negative, got {known_value:g}")
 
 
-def point(name: str, value: Any) -> list[float | None]:
+def parse_point(name: str, value: Any) -> list[float | None]:
     """The two coordinates of a point or vector of the plane, None for each with symbols.
 
     Raises ``ValueError`` unless ``value`` has two entries, each a number or a scalar expression.
@@ -61,19 +61,19 @@ def point(name: str, value: Any) -> list[float | None]:
         has_two_entries = isinstance(value, tuple | list | np.ndarray) and np.shape(value)[:1] == (2,)
     if not has_two_entries:
         raise ValueError(f"{name} must be two numbers, such as (0.1, 0.2), got {value!r}")
-    return [number(f"{name}[{i}]", value[i]) for i in range(2)]
+    return [parse_number(f"{name}[{i}]", value[i]) for i in range(2)]
 
 
-def limits(owner: str, value: Any) -> None:
+def require_limits(owner: str, value: Any) -> None:
     """Raise ``ValueError`` unless ``value`` is None, or two numbers, the lower one first."""
-    low, high = (None, None) if value is None else point(f"{owner} limits", value)
+    low, high = (None, None) if value is None else parse_point(f"{owner} limits", value)
     if low is not None and high is not None and not low < high:
         raise ValueError(f"{owner} limits are {low:g} to {high:g}; expected the lower one first")
 
 
-def unit(name: str, value: Any) -> None:
+def require_unit_vector(name: str, value: Any) -> None:
     """Raise ``ValueError`` unless ``value`` is a vector of length 1, or has symbols."""
-    x, y = point(name, value)
+    x, y = parse_point(name, value)
     if x is None or y is None:
         return
     length = math.hypot(x, y)
@@ -82,7 +82,7 @@ def unit(name: str, value: Any) -> None:
         raise ValueError(f"{name} must have length 1, got ({x:g}, {y:g}){advice}")
 
 
-def items(name: str, kinds: type[T] | tuple[type[T], ...], values: Any) -> tuple[T, ...]:
+def require_items(name: str, kinds: type[T] | tuple[type[T], ...], values: Any) -> tuple[T, ...]:
     """``values`` as a tuple; raise ``ValueError`` unless each is of one of the ``kinds``."""
     kinds = kinds if isinstance(kinds, tuple) else (kinds,)
     names = " or ".join(kind.__name__ for kind in kinds)

@@ -14,10 +14,10 @@ from dynamics.systems.contacts.contact import (
     LINEARISED,
     SECOND_ORDER,
     ConeForm,
+    FrictionSpec,
     Row,
-    Rubbing,
 )
-from dynamics.systems.pairs import COULOMB, TRUE_GAPS, ContactForces, Pair, Sharp
+from dynamics.systems.pairs import COULOMB, TRUE_GAPS, ContactForces, Pair, RefereeModel
 from dynamics.systems.parameters import Signal
 from dynamics.systems.system import ContactSystem, check_shape
 
@@ -60,7 +60,7 @@ class Space:
 
 
 @dataclass(frozen=True, eq=False)
-class Touching:
+class ContactSpec:
     """Contacts of a mechanism, nc of them, and the limits of its joints, nl.
 
     As the arguments of :func:`~dynamics.systems.timestepping.time_stepping` of these names.
@@ -77,20 +77,20 @@ class Touching:
     space: Space | None = None
 
     @property
-    def rough(self) -> tuple[list[int], ca.SX]:
+    def frictional_contacts(self) -> tuple[list[int], ca.SX]:
         """Contacts whose friction is not the number zero, and Coulomb's coefficients (nc, 1)."""
         nc = len(self.contacts)
         f = ca.SX.zeros(nc) if self.friction is None else ca.SX.ones(nc) * self.friction
         return [i for i in range(nc) if not f[i].is_zero()], f
 
-    def sharp(self, curved: bool, build: Callable[[Touching], ContactSystem]) -> Sharp:
+    def referee_model(self, curved: bool, build: Callable[[ContactSpec], ContactSystem]) -> RefereeModel:
         """How the system that ``build`` makes of these contacts leads to its sharpest sibling."""
         notes = [TRUE_GAPS] if self.linearised and curved else []
         true = replace(self, linearised=False)
         if self.cone == "edges" and self.friction is not None and self.sliding is not None:
             notes.append(COULOMB)
             true = replace(true, cone="linearised")
-        return Sharp(", ".join(notes), lambda: build(true)) if notes else Sharp()
+        return RefereeModel(", ".join(notes), lambda: build(true)) if notes else RefereeModel()
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ class ContactRows:
 
 def contact_rows(
     name: str,
-    spec: Touching,
+    spec: ContactSpec,
     q: ca.SX,
     q_next: ca.SX,
     step_along: Callable[[ca.SX], ca.SX],
@@ -153,7 +153,7 @@ def contact_rows(
     phi, J, gap = approached("distance(q)", spec.distance, nc)
     normal_row, lam = Row("normal", gap, J, list(spec.contacts)), ca.SX.sym("lam", nc + nl)
     rows, owners = [normal_row], [list(range(nc))]
-    rough, f = spec.rough
+    rough, f = spec.frictional_contacts
     if spec.sliding is not None and rough:
         J_t, tangents = spec.sliding(q), 1 if space is None else min(2, space.edges // 2)
         check_shape(name, "sliding(q)", J_t, (tangents * nc, nv))
@@ -163,7 +163,7 @@ def contact_rows(
         contact_impulses = [lam[rough], *ca.vertsplit(lam[nc + nl :], len(rough))]
         friction_contacts = tuple(spec.contacts[i] for i in rough)
         slip_lengths = [step_along(row_block) for row_block in directions]
-        friction_spec = Rubbing(
+        friction_spec = FrictionSpec(
             friction_contacts,
             gap[rough],
             J[rough, :],

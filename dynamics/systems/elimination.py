@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 
-class Factors:
+class LUFactors:
     """``A = L U`` as an SX graph, for A (n, n) with positive leading minors.
 
     Every P-matrix, and ``diag(s) + diag(lam) F`` with F a P-matrix and s, lam > 0, has only
@@ -54,8 +54,8 @@ class Factors:
 
 
 def solve_without_pivoting(A: ca.SX, b: ca.SX) -> ca.SX:
-    """Solve ``A y = b`` for A (n, n) with positive leading minors, see :class:`Factors`."""
-    return Factors(A).solve(b)
+    """Solve ``A y = b`` for A (n, n) with positive leading minors, see :class:`LUFactors`."""
+    return LUFactors(A).solve(b)
 
 
 def solve_in_order(A: ca.SX, b: ca.SX, order: list[int], refinements: int) -> ca.SX:
@@ -64,7 +64,7 @@ def solve_in_order(A: ca.SX, b: ca.SX, order: list[int], refinements: int) -> ca
     An order that keeps a sparse A sparse may meet pivots that are small beside their rows. What
     digits they cost, every refinement, which takes a product with A, brings back.
     """
-    ordered, factors = A[order, order], Factors(A[order, order])
+    ordered, factors = A[order, order], LUFactors(A[order, order])
     y = factors.solve(b[order, :])
     for _ in range(refinements):
         y = y + factors.solve(b[order, :] - ordered @ y)

@@ -8,7 +8,7 @@ from dynamics.systems.chain import Chain
 from dynamics.systems.elimination import solve_without_pivoting
 
 
-def flight(chain: Chain, q: ca.SX, v: ca.SX, h: ca.SX | float) -> ca.SX:
+def gyroscopic_impulse(chain: Chain, q: ca.SX, v: ca.SX, h: ca.SX | float) -> ca.SX:
     """Impulse (nq, 1) [N s] of Coriolis and centrifugal forces, ``-h C(q, v) v`` but for O(h²).
 
     With w = J v the velocities of all links, m their masses and inertias, and M = J' m J:

@@ -43,7 +43,7 @@ class LimitSurface:
         return ca.vertcat(ca.SX.ones(2), angle_length)
 
 
-def on_tables(
+def add_table_friction(
     rows: ContactRows,
     residual: ca.SX,
     dq: ca.SX,

@@ -9,12 +9,12 @@ from typing import Literal, get_args
 import casadi as ca
 
 from dynamics.systems.chain import Chain
-from dynamics.systems.checks import items, number, point, positive, text
+from dynamics.systems.checks import parse_number, parse_point, require_items, require_positive, require_text
 from dynamics.systems.contact_rows import Cone
 from dynamics.systems.contacts import Contact, Disc, HalfPlane, Pose, Shape
-from dynamics.systems.flight import flight
+from dynamics.systems.flight import gyroscopic_impulse
 from dynamics.systems.mechanism import WORLD, Mechanism, check_parts
-from dynamics.systems.pairs import EnergyBook
+from dynamics.systems.pairs import EnergyBalance
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.planar import Link, Number, Vector
 from dynamics.systems.system import ContactSystem
@@ -44,7 +44,7 @@ class Part:
     shape: Shape
 
     def __post_init__(self) -> None:
-        text("the name of a part", self.name)
+        require_text("the name of a part", self.name)
         if not isinstance(self.shape, Shape):
             raise ValueError(f"part {self.name!r}: shape must be a Disc, Box, Capsule or HalfPlane, got {self.shape!r}")
 
@@ -62,9 +62,9 @@ class Sphere:
     radius: float
 
     def __post_init__(self) -> None:
-        text("the name of a sphere", self.name)
-        point(f"sphere {self.name!r}: centre", self.centre)
-        positive(f"sphere {self.name!r}: radius", self.radius)
+        require_text("the name of a sphere", self.name)
+        parse_point(f"sphere {self.name!r}: centre", self.centre)
+        require_positive(f"sphere {self.name!r}: radius", self.radius)
 
     @property
     def shape(self) -> Disc:
@@ -87,20 +87,20 @@ class Machine:
     links: tuple[Link, ...]
     spheres: tuple[Sphere, ...]
     parts: tuple[Part, ...] = field(default=(), kw_only=True)
-    meetings: tuple[tuple[str, str], ...] = field(default=(), kw_only=True)
+    collision_pairs: tuple[tuple[str, str], ...] = field(default=(), kw_only=True)
     gravity: Number | Vector = field(default=9.81, kw_only=True)
 
     def __post_init__(self) -> None:
-        items("links", Link, self.links)
-        items("spheres", Sphere, self.spheres)
-        items("parts", Part, self.parts)
+        require_items("links", Link, self.links)
+        require_items("spheres", Sphere, self.spheres)
+        require_items("parts", Part, self.parts)
         if isinstance(self.gravity, tuple):
-            point("gravity", self.gravity)
+            parse_point("gravity", self.gravity)
         else:
-            number("gravity", self.gravity)
+            parse_number("gravity", self.gravity)
         ground_parts = [(sphere.name, sphere.link) for sphere in self.spheres]
         fixed_parts = [(part.name, part.link) for part in self.parts]
-        check_parts("link", self.links, ground_parts, fixed_parts, self.meetings)
+        check_parts("link", self.links, ground_parts, fixed_parts, self.collision_pairs)
 
     def chain(self) -> Chain:
         """Build the equations of motion."""
@@ -117,7 +117,7 @@ class Machine:
             if spheres is None or sphere.name in spheres:
                 pose = chain.pose(q, sphere.link)
                 contacts[sphere.name] = Contact.between(sphere.shape, pose, _GROUND, Pose.fixed())
-        for name_a, name_b in self.meetings:
+        for name_a, name_b in self.collision_pairs:
             part_a, part_b = parts_by_name[name_a], parts_by_name[name_b]
             if part_a.link == WORLD:
                 part_a, part_b = part_b, part_a
@@ -146,7 +146,7 @@ class Machine:
         frictionless; one unit of input is ``scale`` times the gear [N m]; ``cone`` is how
         friction's is written. With ``free_step`` h is a symbol and one state more. Coriolis and
         centrifugal forces are the ``gyroscopic`` ones: explicit, or implicit, which gain no energy
-        (:func:`~dynamics.systems.flight.flight`). Names of contacts are those of :meth:`contacts`,
+        (:func:`~dynamics.systems.flight.gyroscopic_impulse`). Names of contacts are those of :meth:`contacts`,
         of limits ``<joint> low`` and ``<joint> high``.
 
         Raises ``ValueError`` for another word in ``gyroscopic``.
@@ -162,23 +162,25 @@ class Machine:
         joints = [chain.coordinates[i].name for i, _, _ in limits]
         names = list(self.contacts(chain, ca.SX.sym("q", chain.nq), spheres))
         world_parts = {part.name for part in self.parts if part.link == WORLD}
-        inner_contacts = {f"{a} on {b}" for a, b in self.meetings if not {a, b} & world_parts}
+        inner_contacts = {f"{a} on {b}" for a, b in self.collision_pairs if not {a, b} & world_parts}
 
         def stack_contacts(value: Callable[[Contact], ca.SX], q: ca.SX) -> ca.SX:
             return ca.vertcat(*map(value, self.contacts(chain, q, spheres).values()))
 
         def impulse(q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
             if gyroscopic == "implicit":
-                return h * (motors @ u - chain.weight(q)) + flight(chain, q, v, h)
+                return h * (motors @ u - chain.weight(q)) + gyroscopic_impulse(chain, q, v, h)
             return h * (motors @ u - chain.bias(q, v))
 
-        def book(q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, tangential: ca.SX) -> EnergyBook:
+        def energy_balance(
+            q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, tangential: ca.SX
+        ) -> EnergyBalance:
             external = h * weight - h * base * v_next[:2]
             for i, (label, contact) in enumerate(self.contacts(chain, q, spheres).items()):
                 if label not in inner_contacts:
                     external += normal[i] * contact.normal + tangential[i] * contact.tangent
             work = h * ca.dot(v_next, motors @ u - damping @ v_next)
-            return EnergyBook(chain.energy(q, v), work, chain.momentum(q, v), external)
+            return EnergyBalance(chain.energy(q, v), work, chain.momentum(q, v), external)
 
         def limit_distances(q: ca.SX) -> ca.SX:
             low = [q[i] - lowest for i, lowest, _ in limits]
@@ -202,7 +204,7 @@ class Machine:
             damping=damping,
             stiffness=-ca.jacobian(chain.spring(v), v),
             linearised=linearised,
-            book=book,
+            energy_balance=energy_balance,
         )
         ground_spheres = None if spheres is None else tuple(spheres)
         return replace(system, machine=Mechanism(self, scale, ground_spheres, gyroscopic))
@@ -211,7 +213,7 @@ class Machine:
 def with_implicit_forces(system: ContactSystem) -> ContactSystem:
     """Return the system with velocity forces that gain no energy, as simulations have them.
 
-    They are :func:`~dynamics.systems.flight.flight` in place of ``-h C(q, v) v``, in the sharpest
+    They are :func:`~dynamics.systems.flight.gyroscopic_impulse` in place of ``-h C(q, v) v``, in the sharpest
     sibling of the system too. A system that is not a planar machine's, with q and v first in x, or
     that has implicit forces already, is returned as it is.
     """
@@ -225,14 +227,14 @@ def with_implicit_forces(system: ContactSystem) -> ContactSystem:
     rows = slice(chain.nq, 2 * chain.nq)
     q, v = system.x[: chain.nq], system.x[rows]
     explicit = system.h * (chain.weight(q) - chain.bias(q, v))
-    force_change = explicit - flight(chain, q, v, system.h)
+    force_change = explicit - gyroscopic_impulse(chain, q, v, system.h)
 
     def replace_forces(explicit_system: ContactSystem) -> ContactSystem:
         residual = ca.SX(explicit_system.residual)
         residual[rows] += force_change
         return replace(explicit_system, residual=residual)
 
-    referee, build = system.sharp, system.sharp and system.sharp.build
+    referee, build = system.referee_model, system.referee_model and system.referee_model.build
     if referee is not None and build is not None:
         referee = replace(referee, build=lambda: replace_forces(build()))
-    return replace(replace_forces(system), sharp=referee, machine=replace(mechanism, gyroscopic="implicit"))
+    return replace(replace_forces(system), referee_model=referee, machine=replace(mechanism, gyroscopic="implicit"))

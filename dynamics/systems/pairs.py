@@ -52,7 +52,7 @@ class ContactForces:
 
 
 @dataclass(frozen=True, eq=False)
-class EnergyBook:
+class EnergyBalance:
     """Energy [J] of a state, and the work [J] done over one step by all but contact.
 
     ``energy`` is an expression in x, ``work`` in (x, u, x_next): actuation and damping. What is
@@ -137,7 +137,7 @@ _SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Sharp:
+class RefereeModel:
     """How a model leads to its sharpest sibling: ``note`` states what that one does better.
 
     ``build`` makes it: the same x, u, x_next and parameters, lam and gap its own, so that the same
@@ -148,7 +148,7 @@ class Sharp:
     build: Callable[[], ContactSystem] | None = None
 
 
-def by_true_distance(system: ContactSystem) -> Sharp | None:
+def by_true_distance(system: ContactSystem) -> RefereeModel | None:
     """Sharpen a system written by hand, without a builder; None without geometry.
 
     Where its gaps are those of frictionless contacts, one for each distance ``phi`` [m], and equal
@@ -167,11 +167,11 @@ def by_true_distance(system: ContactSystem) -> Sharp | None:
     )
     affine = not ca.depends_on(ca.jacobian(phi, system.x), system.x)
     if not is_frictionless or affine or not _is_distance_at_rest(system, phi):
-        return Sharp()
+        return RefereeModel()
     phi_next = ca.substitute(phi, system.x, system.x_next)
     if ca.is_equal(phi_next, system.gap, 100):
-        return Sharp()
-    return Sharp(TRUE_GAPS, lambda: replace(system, gap=phi_next, sharp=Sharp()))
+        return RefereeModel()
+    return RefereeModel(TRUE_GAPS, lambda: replace(system, gap=phi_next, referee_model=RefereeModel()))
 
 
 def _is_distance_at_rest(system: ContactSystem, phi: ca.SX) -> bool:

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dynamics.systems.checks import items, number, text
+from dynamics.systems.checks import parse_number, require_items, require_text
 
 LAW_PREFIX = "contact."
 """What the name of a parameter of a contact law begins with, unlike those of a problem."""
@@ -48,14 +48,14 @@ class Parameter:
     symbol: ca.SX | None = None
 
     def __post_init__(self) -> None:
-        text("the name of a parameter", self.name)
-        if number(f"the value of parameter {self.name!r}", self.value) is None:
+        require_text("the name of a parameter", self.name)
+        if parse_number(f"the value of parameter {self.name!r}", self.value) is None:
             raise ValueError(f"the value of parameter {self.name!r} must be a number, not a symbol")
         if self.symbol is None:
             object.__setattr__(self, "symbol", ca.SX.sym(self.name))
 
 
-def entries(name: str, values: ArrayLike, unit: str = "1") -> list[Parameter]:
+def matrix_parameters(name: str, values: ArrayLike, unit: str = "1") -> list[Parameter]:
     """Make the parameters ``name[i,j]`` of the entries of a matrix (or ``name[i]`` of a vector)."""
     return [
         Parameter(f"{name}[{','.join(map(str, index))}]", float(value), unit)
@@ -75,7 +75,7 @@ class ParameterTable:
 
     def __init__(self, parameters: Iterable[Parameter] = ()) -> None:
         self._by_name: dict[str, Parameter] = {}
-        for parameter in items("the parameters of a table", Parameter, parameters):
+        for parameter in require_items("the parameters of a table", Parameter, parameters):
             if self._by_name.setdefault(parameter.name, parameter) is not parameter:
                 raise ValueError(f"two different parameters share the name {parameter.name!r}; rename one")
 
@@ -175,7 +175,7 @@ def signals(definition: str) -> tuple[Signal, ...]:
 
     Raises ``ValueError`` for anything else than text of this form.
     """
-    text("signals", definition)
+    require_text("signals", definition)
     parsed = []
     for item in definition.split(";"):
         name, opened, after_bracket = item.strip().partition("[")

@@ -8,7 +8,14 @@ from typing import Literal, Protocol, TypeVar, get_args
 
 import casadi as ca
 
-from dynamics.systems.checks import limits, not_negative, number, point, positive, text
+from dynamics.systems.checks import (
+    parse_number,
+    parse_point,
+    require_limits,
+    require_not_negative,
+    require_positive,
+    require_text,
+)
 
 Number = float | ca.SX
 Vector = tuple[Number, Number]
@@ -55,19 +62,19 @@ class Link:
     armature: Number = 0.0
 
     def __post_init__(self) -> None:
-        text("the name of a link", self.name)
+        require_text("the name of a link", self.name)
         owner = f"link {self.name!r}:"
-        positive(f"{owner} mass", self.mass)
-        positive(f"{owner} inertia", self.inertia)
+        require_positive(f"{owner} mass", self.mass)
+        require_positive(f"{owner} inertia", self.inertia)
         for attribute in ("com", "anchor", "axis"):
-            point(f"{owner} {attribute}", getattr(self, attribute))
+            parse_point(f"{owner} {attribute}", getattr(self, attribute))
         for attribute in ("offset", "spring", "damping"):
-            number(f"{owner} {attribute}", getattr(self, attribute))
-        not_negative(f"{owner} armature", self.armature)
+            parse_number(f"{owner} {attribute}", getattr(self, attribute))
+        require_not_negative(f"{owner} armature", self.armature)
         if self.joint not in get_args(Joint):
             kinds = ", ".join(map(repr, get_args(Joint)))
             raise ValueError(f"{owner} joint must be one of {kinds}, got {self.joint!r}")
-        limits(owner, self.limits)
+        require_limits(owner, self.limits)
         is_fixed = self.parent or self.gear is not None or self.limits
         if self.joint == "free" and (is_fixed or not ca.SX(self.armature).is_zero()):
             raise ValueError(

@@ -12,9 +12,9 @@ from dynamics.systems.mechanism import Mechanism
 from dynamics.systems.pairs import (
     TRUE_GAPS,
     ContactForces,
-    EnergyBook,
+    EnergyBalance,
     Pair,
-    Sharp,
+    RefereeModel,
     by_true_distance,
     deciding_pairs,
     has_open_multipliers,
@@ -59,7 +59,7 @@ class ContactSystem:
     Where the Jacobian of ``residual`` by ``x_next`` depends on the state, as where a mass matrix
     does, it must have positive leading minors, as a mass matrix has.
 
-    ``sharp`` leads to the sharpest contact that is known for the system, see :attr:`sharpest`.
+    ``sharp`` leads to the sharpest contact that is known for the system, see :attr:`most_exact`.
     ``refinable``: h only discretises, and ``h / 4`` is the same system, sampled more often.
     ``mass`` and ``stiffness`` are what must be positive definite, expressions in x and the
     parameters, where the system has them: M (nq, nq), of quasi-dynamics that of the free
@@ -91,14 +91,14 @@ class ContactSystem:
     gap_unit: str = "m"
     pairs: tuple[Pair, ...] = ()
     forces: ContactForces | None = None
-    book: EnergyBook | None = None
-    sharp: Sharp | None = None
+    energy_balance: EnergyBalance | None = None
+    referee_model: RefereeModel | None = None
     refinable: bool = False
     mass: ca.SX | None = None
     stiffness: ca.SX | None = None
     scene: bool = False
     machine: Mechanism | None = None
-    turning: tuple[int, ...] = ()
+    rotating_entries: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.pairs:
@@ -161,31 +161,31 @@ class ContactSystem:
         return len(self.contacts)
 
     @cached_property
-    def _sharp(self) -> Sharp | None:
-        return by_true_distance(self) if self.sharp is None else self.sharp
+    def _referee_model(self) -> RefereeModel | None:
+        return by_true_distance(self) if self.referee_model is None else self.referee_model
 
     @cached_property
-    def sharpest(self) -> ContactSystem:
+    def most_exact(self) -> ContactSystem:
         """The same system under the sharpest contact known for it, or the system itself.
 
         True gaps at the next position and Coulomb friction with maximum dissipation, where the
         model has expanded gaps or convex friction: same x, u, x_next, h and parameters, its own lam
         and gap.
         """
-        sharp = self._sharp
+        sharp = self._referee_model
         return self if sharp is None or sharp.build is None else sharp.build()
 
     @property
     def referee_note(self) -> str | None:
-        """What :attr:`sharpest` has that the model has not; None for a system without geometry."""
-        return None if self._sharp is None else self._sharp.note
+        """What :attr:`most_exact` has that the model has not; None for a system without geometry."""
+        return None if self._referee_model is None else self._referee_model.note
 
     @property
-    def gaps(self) -> str | None:
+    def gap_kind(self) -> str | None:
         """``"true"`` or ``"linearised"``, what the model's own gaps are; None without distances."""
-        if self.phi is None or not self.phi.numel() or self._sharp is None:
+        if self.phi is None or not self.phi.numel() or self._referee_model is None:
             return None
-        return "linearised" if TRUE_GAPS in self._sharp.note else "true"
+        return "linearised" if TRUE_GAPS in self._referee_model.note else "true"
 
     @cached_property
     def distance_names(self) -> tuple[str, ...]:
@@ -198,23 +198,23 @@ class ContactSystem:
         return names if len(names) == count else tuple(f"distance {i}" for i in range(count))
 
     @cached_property
-    def deciding(self) -> list[int]:
+    def deciding_pairs(self) -> list[int]:
         """For every pair the number of the pair whose gap decides its mu."""
         return deciding_pairs(self.pairs)
 
     @cached_property
-    def expanded(self) -> tuple[ca.SX, ca.SX]:
+    def without_rotations(self) -> tuple[ca.SX, ca.SX]:
         """Residual and gap with x_next's quaternions taken out of both.
 
         Where they turn, the residual has its expansion about no motion, and the gap has what the
         other entries make of them: the residual is affine in (x_next, lam), and its quaternions
         decide nothing else.
         """
-        if not self.turning:
+        if not self.rotating_entries:
             return self.residual, self.gap
-        rows, integrated = list(self.turning), self.turned(self.x_next)
-        others = [i for i in range(self.nx) if i not in self.turning]
-        still = self.unmoved[others]
+        rows, integrated = list(self.rotating_entries), self.integrate_rotations(self.x_next)
+        others = [i for i in range(self.nx) if i not in self.rotating_entries]
+        still = self.expansion_state[others]
         slope = ca.jacobian(integrated, self.x_next[others])
         at_still, slope = ca.substitute([integrated, slope], [self.x_next[others]], [still])
         residual = ca.SX(self.residual)
@@ -222,34 +222,34 @@ class ContactSystem:
         return residual, ca.substitute(self.gap, self.x_next[rows], integrated)
 
     @cached_property
-    def unmoved(self) -> ca.SX:
+    def expansion_state(self) -> ca.SX:
         """x_next about which gaps are expanded (nx, 1): x, without the velocities that turn."""
-        start, rows = ca.SX(self.x), self.residual[list(self.turning)]
+        start, rows = ca.SX(self.x), self.residual[list(self.rotating_entries)]
         for i in range(self.nx):
-            if i not in self.turning and ca.depends_on(rows, self.x_next[i]):
+            if i not in self.rotating_entries and ca.depends_on(rows, self.x_next[i]):
                 start[i] = 0
         return start
 
-    def turned(self, x_next: ca.SX) -> ca.SX:
+    def integrate_rotations(self, x_next: ca.SX) -> ca.SX:
         """Quaternions of the next state (n, 1) from its other entries."""
-        rows = list(self.turning)
+        rows = list(self.rotating_entries)
         quaternions = self.x_next[rows] - self.residual[rows]
         return ca.substitute(quaternions, self.x_next, x_next)
 
     @cached_property
     def _by_state(self) -> ca.SX:
         """Jacobian of the residual by x_next (nx, nx)."""
-        return ca.jacobian(self.expanded[0], self.x_next)
+        return ca.jacobian(self.without_rotations[0], self.x_next)
 
     @cached_property
-    def configured(self) -> bool:
+    def has_variable_inertia(self) -> bool:
         """Whether the inertia of the step depends on the state that it starts from."""
-        return bool(self.turning) or ca.depends_on(self._by_state, ca.vertcat(self.x, self.u))
+        return bool(self.rotating_entries) or ca.depends_on(self._by_state, ca.vertcat(self.x, self.u))
 
     @cached_property
-    def linear(self) -> bool:
+    def is_lcp(self) -> bool:
         """Whether contact is a linear complementarity problem with a P-matrix of small graphs."""
-        affine = self.reduced.affine and not self.configured
+        affine = self.reduced.affine and not self.has_variable_inertia
         if not affine:
             return False
         step_symbols = [self.x, self.u, self.parameters.vector]
@@ -263,37 +263,37 @@ class ContactSystem:
         Raises ``ValueError`` where the residual is not affine in ``(x_next, lam)``.
         """
         nx, nothing = self.nx, ca.SX.zeros(self.nlam)
-        unknown, (residual, gap) = ca.vertcat(self.x_next, self.lam), self.expanded
+        unknown, (residual, gap) = ca.vertcat(self.x_next, self.lam), self.without_rotations
         jacobian = ca.jacobian(residual, unknown)
         if ca.depends_on(jacobian, unknown):
             raise ValueError(f"system {self.name!r}: the step is not affine in (x_next, lam)")
         constant = ca.substitute(residual, unknown, ca.SX.zeros(unknown.numel()))
-        solve = solve_without_pivoting if self.configured else ca.solve
+        solve = solve_without_pivoting if self.has_variable_inertia else ca.solve
         solved = -solve(jacobian[:, :nx], ca.horzcat(constant, jacobian[:, nx:]))
         # What is put in for a symbol must have an entry even where it is zero.
         a, B = ca.densify(solved[:, 0]), solved[:, 1:]
         by_state, by_lam = (ca.jacobian(gap, symbols) for symbols in (self.x_next, self.lam))
         affine = not ca.depends_on(ca.vertcat(ca.vec(by_state), ca.vec(by_lam)), unknown)
         z = ca.substitute(gap, unknown, ca.vertcat(a, nothing))
-        expansion_point = ca.vertcat(a if affine else self.unmoved, nothing)
+        expansion_point = ca.vertcat(a if affine else self.expansion_state, nothing)
         gap, by_state, by_lam = ca.substitute([gap, by_state, by_lam], [unknown], [expansion_point])
         F = by_lam + by_state @ B
-        return ReducedContact(a, B, z, F, z if affine else gap + by_state @ (a - self.unmoved), affine)
+        return ReducedContact(a, B, z, F, z if affine else gap + by_state @ (a - self.expansion_state), affine)
 
     @cached_property
     def x_next_expr(self) -> ca.SX:
         """The next state (nx, 1) in terms of (x, u, lam, p); raises as :attr:`reduced` does."""
-        if not self.configured:
+        if not self.has_variable_inertia:
             return self.reduced.a + self.reduced.B @ self.lam
-        at_zero = ca.substitute(self.expanded[0], self.x_next, ca.SX.zeros(self.nx))
+        at_zero = ca.substitute(self.without_rotations[0], self.x_next, ca.SX.zeros(self.nx))
         solution = -solve_without_pivoting(self._by_state, ca.densify(at_zero))
-        solution[list(self.turning)] = self.turned(solution)
+        solution[list(self.rotating_entries)] = self.integrate_rotations(solution)
         return solution
 
     @cached_property
     def motion(self) -> ca.SX:
         """The residual in a form whose Jacobian by x_next has positive leading minors (nx, 1)."""
-        return self.residual if self.configured else self.x_next - self.x_next_expr
+        return self.residual if self.has_variable_inertia else self.x_next - self.x_next_expr
 
 
 def check_shape(system: str, argument: str, expression: ca.SX, shape: tuple[int, int]) -> None:

@@ -6,16 +6,16 @@ from collections.abc import Callable, Sequence
 
 import casadi as ca
 
-from dynamics.systems.checks import items, positive
-from dynamics.systems.contact_rows import FORMS, Cone, ContactRows, Touching, contact_rows
-from dynamics.systems.limit_surface import LimitSurface, on_tables
-from dynamics.systems.pairs import ContactForces, EnergyBook, Pair, Sharp
+from dynamics.systems.checks import require_items, require_positive
+from dynamics.systems.contact_rows import FORMS, Cone, ContactRows, ContactSpec, contact_rows
+from dynamics.systems.limit_surface import LimitSurface, add_table_friction
+from dynamics.systems.pairs import ContactForces, EnergyBalance, Pair, RefereeModel
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.system import ContactSystem, check_shape
 
 Number = ca.SX | float
-OfPose = Callable[[ca.SX], ca.SX]
-Book = Callable[[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX], EnergyBook]
+PoseFunction = Callable[[ca.SX], ca.SX]
+EnergyBalanceFunction = Callable[[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX], EnergyBalance]
 
 
 def time_stepping(
@@ -25,20 +25,20 @@ def time_stepping(
     inputs: tuple[Signal, ...],
     contacts: tuple[Signal, ...],
     h: Number,
-    mass: OfPose | Number,
+    mass: PoseFunction | Number,
     impulse: Callable[[ca.SX, ca.SX, ca.SX], ca.SX],
     parameters: ParameterTable,
-    distance: OfPose | None = None,
+    distance: PoseFunction | None = None,
     load: Number | None = None,
-    sliding: OfPose | None = None,
+    sliding: PoseFunction | None = None,
     friction: Number | None = None,
     cone: Cone = "linearised",
-    limits: OfPose | None = None,
+    limits: PoseFunction | None = None,
     limit_names: tuple[str, ...] = (),
     damping: ca.SX | None = None,
     stiffness: ca.SX | None = None,
     linearised: bool = False,
-    book: Book | None = None,
+    energy_balance: EnergyBalanceFunction | None = None,
 ) -> ContactSystem:
     """Implicit time stepping of Stewart and Trinkle, plastic impacts, Coulomb friction.
 
@@ -60,7 +60,7 @@ def time_stepping(
     act implicitly: stiff joints stay stable. Of the ``contacts``, nc of them, ``distance`` maps q
     to phi (nc, 1) [m], ``sliding`` to the rows J_t (nc, nq) with slip velocity J_t v [m/s];
     ``friction`` is Coulomb's f, a scalar or (nc, 1), which may be zero, or None for none.
-    ``limits`` maps q to the way left to every joint limit. ``book`` makes the energy book of
+    ``limits`` maps q to the way left to every joint limit. ``energy_balance`` makes the energy book of
     (q, v, u, v+, gamma, beta+ - beta-).
 
     With ``cone="second-order"`` friction is that of the second-order cone ``|beta| <= f gamma``,
@@ -102,7 +102,7 @@ def time_stepping(
     zero_matrix, nc = ca.SX(nq, nq), len(contacts)
     D, K = (zero_matrix if matrix is None else matrix for matrix in (damping, stiffness))
 
-    def build_from_rows(rows: ContactRows, sharp: Sharp) -> ContactSystem:
+    def build_from_rows(rows: ContactRows, sharp: RefereeModel) -> ContactSystem:
         normal = rows.lam[:nc] if rows.forces is None else rows.forces.normal
         tangential = ca.SX.zeros(nc) if rows.forces is None else rows.forces.tangential
         return ContactSystem(
@@ -127,18 +127,18 @@ def time_stepping(
             gap_unit="N s" if rows.phi is None else "m",
             pairs=rows.pairs,
             forces=rows.forces,
-            book=None if book is None else book(q, v, u, v_next, normal, tangential),
-            sharp=sharp,
+            energy_balance=None if energy_balance is None else energy_balance(q, v, u, v_next, normal, tangential),
+            referee_model=sharp,
             refinable=True,
             mass=M,
         )
 
-    def build_system(touching: Touching) -> ContactSystem:
+    def build_system(touching: ContactSpec) -> ContactSystem:
         rows = contact_rows(name, touching, q, q_next, lambda J: h * (J @ v_next), h)
-        return build_from_rows(rows, touching.sharp(rows.curved, build_system))
+        return build_from_rows(rows, touching.referee_model(rows.curved, build_system))
 
     if distance is not None and load is None:
-        return build_system(Touching(contacts, distance, sliding, friction, cone, linearised, limits, limit_names))
+        return build_system(ContactSpec(contacts, distance, sliding, friction, cone, linearised, limits, limit_names))
     if distance is not None or load is None or sliding is None or friction is None:
         raise ValueError(
             f"system {name!r}: give its contacts a distance, or, where they never open, a load with"
@@ -147,7 +147,7 @@ def time_stepping(
     inertia = M + h * D + h**2 * K
     free = ca.solve(inertia, M @ v + smooth_impulse - h * K @ q)
     rows = pressed_rows(name, contacts, sliding(q), friction, load, inertia, free, v_next, h)
-    return build_from_rows(rows, Sharp())
+    return build_from_rows(rows, RefereeModel())
 
 
 def _check_arguments(
@@ -161,8 +161,8 @@ def _check_arguments(
 ) -> None:
     """Raise ``ValueError`` for a wrong type, a step size that is not positive, a cone unknown."""
     for argument, signals in (("states", states), ("inputs", inputs), ("contacts", contacts)):
-        items(f"system {name!r}: {argument}", Signal, signals)
-    positive(f"system {name!r}: h", h)
+        require_items(f"system {name!r}: {argument}", Signal, signals)
+    require_positive(f"system {name!r}: h", h)
     if not isinstance(parameters, ParameterTable):
         raise ValueError(
             f"system {name!r}: parameters must be a ParameterTable, got a"
@@ -277,7 +277,7 @@ def quasi_dynamic(
     check_shape(name, "stiffness", stiffness, (nu, nu))
     check_shape(name, "load", weight, (n_free, 1))
 
-    def build_system(touching: Touching) -> ContactSystem:
+    def build_system(touching: ContactSpec) -> ContactSystem:
         rows = contact_rows(name, touching, x, x_next, lambda J: J @ dq, h)
         pushed = rows.push[:n_free] + h * weight
         residual = ca.vertcat(
@@ -285,7 +285,7 @@ def quasi_dynamic(
             h * stiffness @ (x_next[n_free:] - u) - rows.push[n_free:],
         )
         if tables:
-            rows, residual = on_tables(rows, residual, dq[:n_free], pushed, mass, tables, h)
+            rows, residual = add_table_friction(rows, residual, dq[:n_free], pushed, mass, tables, h)
         return ContactSystem(
             name=name,
             x=x,
@@ -303,9 +303,9 @@ def quasi_dynamic(
             mu_per_kappa=1.0,
             pairs=rows.pairs,
             forces=rows.forces,
-            sharp=touching.sharp(rows.curved, build_system),
+            referee_model=touching.referee_model(rows.curved, build_system),
             mass=mass,
             stiffness=stiffness,
         )
 
-    return build_system(Touching(contacts, distance, sliding, friction, cone, linearised))
+    return build_system(ContactSpec(contacts, distance, sliding, friction, cone, linearised))

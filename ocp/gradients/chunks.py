@@ -57,7 +57,7 @@ class Chunk:
 def iterate_chunks(sampler: Sampler, noise: Gaussian, first: int, last: int) -> Iterator[Chunk]:
     """Yield the chunks of the samples from ``first`` to ``last`` in order."""
     while first < last:
-        remaining_noise, size = noise.after(first), min(BULK, last - first)
+        remaining_noise, size = noise.skip_samples(first), min(BULK, last - first)
         if bulk_sums := sampler.bulk(remaining_noise, size):
             chunk = Chunk(size, *bulk_sums)
         else:
@@ -78,7 +78,7 @@ def mean_of_chunks(chunks_of_costs: Iterator[Chunk]) -> float:
     """Mean of samples with d = 1; 0 if none is finite."""
     total = Moments(0, np.zeros(1), np.zeros(1))
     for chunk in chunks_of_costs:
-        total = total.merged(chunk.moments)
+        total = total.merge_with(chunk.moments)
     return float(total.mean[0])
 
 

@@ -89,7 +89,7 @@ class ZeroOrder(Estimator):
             return Moments(moments.n, factor * moments.mean, factor**2 * moments.m2), nonfinite
 
         if self.baseline == "antithetic":
-            return Sampler(lambda g, m: (weighted_scores(g, m) + weighted_scores(g.mirrored(), m)) / 2)
+            return Sampler(lambda g, m: (weighted_scores(g, m) + weighted_scores(g.negate(), m)) / 2)
         return Sampler(weighted_scores, bulk)
 
 
@@ -129,7 +129,7 @@ class EvolutionStrategies(Estimator):
         """Return the sampler of antithetic differences."""
 
         def contributions(g: Gaussian, m: int) -> np.ndarray:
-            above, below = (objective.sample_perturbed(side, m) for side in (g, g.mirrored()))
+            above, below = (objective.sample_perturbed(side, m) for side in (g, g.negate()))
             return ((above.cost - below.cost) / 2)[:, None] * above.direction
 
         return Sampler(contributions)

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import BatchFunction, BatchWarning, Gaussian, Moments
-from dynamics.batch.graphs.step_graphs import depends
+from dynamics.batch.graphs.step_graphs import dependence_table
 from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError
 
@@ -153,7 +153,7 @@ class StaticObjective(SampledObjective):
             )
         self.name, self.decision, self.theta, self.n_noise = name, decision, decision_values, len(decision)
         self.parameters, self._closed_form = parameters.defaults, closed_form
-        self._acts = depends(cost, theta)[0]
+        self._acts = dependence_table(cost, theta)[0]
         arguments = [theta, parameters.vector]
         values = [ca.densify(cost), ca.densify(ca.gradient(cost, theta))]
         self._cost = BatchFunction(ca.Function("cost", arguments, values[:1]), **engine)
@@ -166,7 +166,7 @@ class StaticObjective(SampledObjective):
     def sample_scores(self, noise: Gaussian, n: int) -> CostSamples:
         """Return the costs, and w / sigma^2 for the components on which the cost depends."""
         w = noise.draw(n, 1, self.n_noise)[:, 0]
-        return CostSamples(self.costs(w), self._acts * w / noise.scales(self.n_noise) ** 2)
+        return CostSamples(self.costs(w), self._acts * w / noise.component_scales(self.n_noise) ** 2)
 
     def sample_gradients(self, noise: Gaussian, n: int) -> CostSamples:
         """Return the costs and gradients at theta + w."""

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from dynamics.batch import Gaussian, Moments, RolloutFunction, RolloutPolicy, affine, open_loop
+from dynamics.batch import Gaussian, Moments, RolloutFunction, RolloutPolicy, affine_policy, open_loop
 from dynamics.contact import ContactLaw
 from dynamics.systems import Signal
 from ocp.gradients.objective import Bulk, CostSamples, Order, SampledObjective, without_warnings
@@ -87,7 +87,7 @@ class RolloutObjective(SampledObjective):
         theta = (self.theta + disturbance).reshape(n, *self._policy.shape(self.problem.N))
         rollouts = self._roll_out(n, noise.first, theta=theta, gradient=False)
         acts = self._forward.acting[1].ravel()
-        return CostSamples(rollouts.cost, acts * disturbance / noise.scales(d) ** 2)
+        return CostSamples(rollouts.cost, acts * disturbance / noise.component_scales(d) ** 2)
 
     def moments(self, noise: Gaussian, n: int, order: Order, baseline: float = 0.0) -> Bulk | None:
         """Return moments computed inside the kernel that rolls out and draws the noise."""
@@ -134,7 +134,7 @@ class RolloutObjective(SampledObjective):
     def _policy(self) -> RolloutPolicy:
         nx, nu = self.problem.system.nx, self.problem.system.nu
         if isinstance(self.policy, Feedback):
-            return affine(nx, nu, per_step=not self.policy.stationary)
+            return affine_policy(nx, nu, per_step=not self.policy.stationary)
         return open_loop(nx, nu)
 
     @property

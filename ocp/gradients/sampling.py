@@ -91,7 +91,7 @@ def _advance(
     estimator = estimator.with_baseline(objective, mean_of_all)
     sampler = estimator.make_sampler(objective, noise, n)
     while sums.keeps_samples and sums.done < n:
-        yield sums.keep(sampler.single(noise.after(sums.done), min(CHUNK, n - sums.done)))
+        yield sums.keep(sampler.single(noise.skip_samples(sums.done), min(CHUNK, n - sums.done)))
     if workers is None:
         remaining_chunks = iterate_chunks(sampler, noise, sums.done, n)
     else:
@@ -125,7 +125,7 @@ class _Sums:
         """Add the next chunk."""
         if len(chunk.nonfinite):
             self.nonfinite.append(self.done + chunk.nonfinite)
-        self.total = self.total.merged(chunk.moments)
+        self.total = self.total.merge_with(chunk.moments)
         self.largest = max(self.largest, chunk.largest)
         self.done += chunk.size
 

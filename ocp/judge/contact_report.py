@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
-from dynamics.systems import ContactSystem, EnergyBook
+from dynamics.systems import ContactSystem, EnergyBalance
 from ocp.judge.measures import TrajectoryEvaluator
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Scales
@@ -118,7 +118,7 @@ def contact_report(evaluation: Evaluation, step: Step, rollout: Rollout | Trajec
         contacts,
         largest_entry(np.abs(tangential) - bound) if has_friction else float("nan"),
         largest_entry(bound * slip_size + power) if has_friction else float("nan"),
-        *_books(system.book, evaluate),
+        *_books(system.energy_balance, evaluate),
     )
 
 
@@ -204,7 +204,7 @@ def _spans(active: np.ndarray) -> list[tuple[int, int]]:
     return [(int(first), int(end) - 1) for first, end in pairs]
 
 
-def _books(book: EnergyBook | None, evaluate: TrajectoryEvaluator) -> tuple[float, float, float]:
+def _books(book: EnergyBalance | None, evaluate: TrajectoryEvaluator) -> tuple[float, float, float]:
     """``energy_gain``, ``dissipated`` and ``momentum_residual``."""
     if book is None:
         return float("nan"), float("nan"), float("nan")

@@ -196,7 +196,7 @@ def _model_findings(plan: Judgement) -> Iterator[Finding]:
     """Yield what the model leaves out, and where its data are from."""
     if _has_no_forces(plan):
         yield make_finding("no-contact-forces")
-    if (gaps := plan.problem.system.gaps) is not None:
+    if (gaps := plan.problem.system.gap_kind) is not None:
         yield make_finding("gaps", gaps=gaps)
     if learned_at := plan.record.get("learned_at"):
         differences = ", ".join(f"{name} = {then:g}, not {now:g}" for name, (then, now) in learned_at.items())

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynamics.batch import BatchFunction, DensePolicy, Episodes, Gaussian, dense
+from dynamics.batch import BatchFunction, DensePolicy, Episodes, Gaussian, dense_policy
 from ocp.errors import InputError
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Normaliser, Row, State, Trained, first_weights, policy_vjp, renormalise_policy
@@ -55,7 +55,7 @@ class Critic:
     def value(self, experiment: Experiment, state: State, x: np.ndarray) -> np.ndarray:
         """Return V (n,) in states (n, nx)."""
         observations, _ = _normalised_observations(experiment, state, x)
-        action = self._network(experiment).means(state[CRITIC_THETA], observations)
+        action = self._network(experiment).mean_actions(state[CRITIC_THETA], observations)
         return action[:, 0] / (1 - experiment.discount)
 
     def pull(self, experiment: Experiment, state: State, episodes: Episodes) -> np.ndarray:
@@ -110,10 +110,10 @@ class Critic:
         observations, _ = _normalised_observations(experiment, new_state, episodes.states[:, :-1][valid])
         theta, m, v, count = (state[name] for name in CRITIC_ARRAYS)
         theta = renormalise_policy(network, theta, Normaliser.of(state), Normaliser.of(new_state))
-        errors, rng = network.means(theta, observations)[:, 0] - scaled_targets, experiment.rng(k, "critic")
+        errors, rng = network.mean_actions(theta, observations)[:, 0] - scaled_targets, experiment.rng(k, "critic")
         for _ in range(self.steps):
             rows = rng.integers(len(observations), size=self.batch)
-            residual = network.means(theta, observations[rows]) - scaled_targets[rows, None]
+            residual = network.mean_actions(theta, observations[rows]) - scaled_targets[rows, None]
             gradient = policy_vjp(network, theta, observations[rows], residual)[0].mean(axis=0)
             count = count + 1
             step, m, v = adam_step(gradient, m, v, int(count))
@@ -123,7 +123,7 @@ class Critic:
         return entries, {"critic_error": float(error)}
 
     def _network(self, experiment: Experiment) -> DensePolicy:
-        return dense(experiment.task.observe, (self.units, self.units), [-1.0], [1.0])
+        return dense_policy(experiment.task.observe, (self.units, self.units), [-1.0], [1.0])
 
 
 CRITIC_THETA = "critic.theta"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy, constant, dense
+from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy, constant_policy, dense_policy
 from dynamics.contact import Adaptive, ContactLaw, Exact
 from ocp.errors import InputError
 from ocp.learning.explorer import squash
@@ -131,8 +131,8 @@ class Experiment:
         """The policy in the form of the batch engine."""
         task = self.task
         if self.hidden is None:
-            return constant(task.system.nx, task.lower, task.upper)
-        return dense(task.observe, self.hidden, task.lower, task.upper)
+            return constant_policy(task.system.nx, task.lower, task.upper)
+        return dense_policy(task.observe, self.hidden, task.lower, task.upper)
 
     def rollouts(self, horizon: int, law: ContactLaw | None = None) -> TaskRollouts:
         """Return unrolls of ``horizon`` steps under ``law`` (default: the model's), compiled once."""
@@ -209,7 +209,7 @@ class Experiment:
         if isinstance(self.policy, DensePolicy):
             normaliser = trained.normaliser
             observations = (self.observations(states) - normaliser.mean) / normaliser.scale
-            action = self.policy.means(trained.theta, observations)
+            action = self.policy.mean_actions(trained.theta, observations)
         else:
             action = np.broadcast_to(trained.theta, (len(states), self.task.system.nu))
         return squash(self.task, action + noise)

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import minimize
 
-from dynamics.batch import BatchFunction, DensePolicy, StepFunction, dense
+from dynamics.batch import BatchFunction, DensePolicy, StepFunction, dense_policy
 from dynamics.contact import Barrier, Step
 from dynamics.systems import ContactSystem
 from ocp.errors import InputError, NotConverged
@@ -123,7 +123,7 @@ def fit_actions(
     normalised by their own mean and deviation. The affine policy, ``()``, is the solution of least
     norm; others are where 500 iterations of L-BFGS lead from weights out of the ``seed``.
     """
-    policy = dense(task.observe, hidden, task.lower, task.upper)
+    policy = dense_policy(task.observe, hidden, task.lower, task.upper)
     observations = BatchFunction(task.observe, "numpy", 1)(states, task.parameters.values)
     normaliser = Normaliser.identity(observations.shape[1]).after(observations)
     observations = (observations - normaliser.mean) / normaliser.scale

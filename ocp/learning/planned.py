@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from dynamics.batch import BatchFunction, constant
+from dynamics.batch import BatchFunction, constant_policy
 from ocp.errors import InputError
 from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.protocol import Trained
@@ -45,7 +45,7 @@ def guess_from_constant_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         share = np.random.default_rng(seed).uniform(-1.0, 1.0, (n, task.system.nu))
-        policy = constant(task.system.nx, task.lower, task.upper)
+        policy = constant_policy(task.system.nx, task.lower, task.upper)
         rollouts = TaskRollouts(task, EXACT, policy, task.horizon)
         start = np.repeat(problem.initial_states(p), n, axis=0)
         episodes = rollouts(start, np.arctanh(share), n_samples=n, model_params=p, states=True)

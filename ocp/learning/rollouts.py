@@ -17,7 +17,7 @@ from dynamics.batch import (
     RolloutMoments,
     RolloutPolicy,
 )
-from dynamics.batch.graphs.objective import DISCOUNT
+from dynamics.batch.graphs.objective import DISCOUNT_NAME
 from dynamics.contact import ContactLaw
 from ocp.gradients.objective import without_warnings
 from ocp.learning.protocol import Normaliser
@@ -83,7 +83,7 @@ class TaskRollouts:
         task_parameters = self.task.parameters.values
         if model_params is not None:
             task_parameters = np.asarray(model_params, dtype=float)
-        law_values = {DISCOUNT: discount}
+        law_values = {DISCOUNT_NAME: discount}
         if normaliser is not None and isinstance(self.policy, DensePolicy):
             pairs = ("mean", normaliser.mean), ("scale", normaliser.scale)
             law_values |= {f"{name}[{i}]": v for name, statistics in pairs for i, v in enumerate(statistics.tolist())}

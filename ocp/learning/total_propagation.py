@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import BatchFunction, BatchWarning, RolloutPolicy, StepFunction
-from dynamics.batch.graphs.rollout_tapes import Closed
-from dynamics.batch.graphs.step_graphs import depends
+from dynamics.batch.graphs.rollout_tapes import ClosedStep
+from dynamics.batch.graphs.step_graphs import dependence_table
 from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Row, State, Trained, policy_vjp
@@ -171,9 +171,9 @@ def acting_entries(experiment: Experiment, steps: int) -> np.ndarray:
     """
     model, task = experiment.cached(_Model), experiment.task
     if steps not in model.reach:
-        closed = Closed(model.closed, episode_rewards(task, steps), experiment.policy)
-        later, arguments = closed.ways().over(steps)[1], task.rewards.sx_in()
-        acts_at_once = depends(task.rewards(*arguments), arguments[2])
+        closed = ClosedStep(model.closed, episode_rewards(task, steps), experiment.policy)
+        later, arguments = closed.cost_dependence().over(steps)[1], task.rewards.sx_in()
+        acts_at_once = dependence_table(task.rewards(*arguments), arguments[2])
         model.reach[steps] = later[:, : task.system.nx] | acts_at_once
     return model.reach[steps]
 

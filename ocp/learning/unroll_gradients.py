@@ -49,7 +49,7 @@ class ZOPG(Clipping):
         noise = experiment.noise(self.sigma, k, "actions")
         pair = [
             unroll_episodes(experiment, state, state["starts.x"], steps, noise=noise_sign, score=True)
-            for noise_sign in (noise, noise.mirrored())
+            for noise_sign in (noise, noise.negate())
         ]
         finite = np.logical_and(*(finite_samples(experiment, state, noise_sign, k) for noise_sign in pair))
         gradients = self.clipped(likelihood_ratio(pair, finite))
@@ -130,7 +130,14 @@ class FOPG(Clipping):
             rollout = sharp_rollout or unroll_episodes(experiment, state, x0, steps, noise=noise)
             terminal_gradient = critic.pull(experiment, state, rollout)
         episodes = unroll_episodes(
-            experiment, state, x0, steps, noise=noise, gradient=True, along=sharp_rollout, pull=terminal_gradient
+            experiment,
+            state,
+            x0,
+            steps,
+            noise=noise,
+            gradient=True,
+            linearise_along=sharp_rollout,
+            terminal_gradient=terminal_gradient,
         )
         finite = finite_samples(experiment, state, episodes, k)
         assert episodes.gradient is not None

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import ContactSystem, Signal
-from dynamics.systems.pairs import Sharp
+from dynamics.systems.pairs import RefereeModel
 from ocp.errors import InputError
 from ocp.problem.parts import Constraint, FreeStart, column
 
@@ -105,11 +105,11 @@ def _stretched(system: ContactSystem, put: Callable[[Any], Any], h: ca.SX, h_nex
         }
         return replace(part, **changed)
 
-    sharp, note, sharpest = None, system.referee_note, system.sharpest
+    referee_model, note, sharpest = None, system.referee_note, system.most_exact
     if note is not None:
         same = sharpest is system
-        sharp = Sharp(note, None if same else lambda: _stretched(sharpest, put, h, h_next))
-    parts = {what: each(part) for what in ("forces", "book") if is_dataclass(part := getattr(system, what))}
+        referee_model = RefereeModel(note, None if same else lambda: _stretched(sharpest, put, h, h_next))
+    parts = {what: each(part) for what in ("forces", "energy_balance") if is_dataclass(part := getattr(system, what))}
     return replace(
         each(system),
         x=ca.vertcat(system.x, h),
@@ -117,7 +117,7 @@ def _stretched(system: ContactSystem, put: Callable[[Any], Any], h: ca.SX, h_nex
         residual=ca.vertcat(put(system.residual), h_next - h),
         h=h,
         states=(*system.states, Signal("h", "s", "step size")),
-        sharp=sharp,
+        referee_model=referee_model,
         **parts,
     )
 

@@ -184,7 +184,7 @@ class Problem:
     @cached_property
     def referee_step(self) -> Step:
         """The exact step under the sharpest contact that the system has, which referees plans."""
-        sharpest = self.system.sharpest
+        sharpest = self.system.most_exact
         return self.exact_step if sharpest is self.system else Exact().close(sharpest)
 
     @cached_property

@@ -111,7 +111,7 @@ class _Data:
     def state_sizes(self) -> np.ndarray:
         """Sizes of the states (nx,)."""
         travels = np.fmax(self._travel(), self._goal_distance())
-        travels[list(self.system.turning)] = 1.0
+        travels[list(self.system.rotating_entries)] = 1.0
         sizes = self._linked(self._by_unit(travels))
         for fallback in (self._by_gaps, self._bound_widths, lambda _: np.abs(self.x0)):
             if np.all(sizes > 0):

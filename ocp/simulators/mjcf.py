@@ -132,7 +132,7 @@ class _Frame(NamedTuple):
 
 def _spatial_frame(body: space.Body) -> _Frame:
     moves = [] if body.joint == "fixed" else [_Joint(body, body.name, body.joint, body.axis)]
-    return _Frame(body, body.parent or WORLD, body.place, body.turn, moves)
+    return _Frame(body, body.parent or WORLD, body.position, body.quaternion, moves)
 
 
 def _planar_frame(link: Link, number: _Number) -> _Frame:
@@ -214,7 +214,7 @@ def _geom(part: str, body_name: str, shape: Any, number: _Number) -> dict[str, A
             ends = (*_to_space(shape.start), *_to_space(shape.end))
             return {"type": type(shape).__name__.lower(), "size": shape.radius, "fromto": ends}
         case space.Box():
-            pose = {"pos": shape.centre, "quat": shape.turn}
+            pose = {"pos": shape.centre, "quat": shape.quaternion}
             return {"type": "box", "size": shape.half_size, **pose}
         case contacts.Box() if shape.radius == 0:
             x, z = shape.half_size[0], shape.half_size[1]

@@ -18,7 +18,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from dynamics.batch.engines.compiler import identity
+from dynamics.batch.engines.compiler import compiler_identity
 from ocp.store.atomic import write_errors, write_file
 from ocp.store.json_values import to_json
 from ocp.store.provenance import program_digest, versions
@@ -44,7 +44,7 @@ class Checkpoint:
         request_digest = _short_hash(to_json(request))
         self._prefix = f".unfinished-{request_digest}-"
         # The program: our source, the versions of its libraries, the compiler and the CPU.
-        program = _short_hash({"source": program_digest(), "compiler": identity(), **versions()})
+        program = _short_hash({"source": program_digest(), "compiler": compiler_identity(), **versions()})
         self._name = f"{self._prefix}{source[:12] or 'own'}-{program}"
         self._folder = None if root is None else root / problem
         self._directory: Path | None = None

@@ -19,14 +19,14 @@ def save(dataset: xr.Dataset, path: Path) -> None:
 
     Raises :class:`~ocp.errors.InputError` where the file cannot be written.
     """
-    whole = dataset.assign_attrs({files.CHECKSUM: files.checksum(dataset)})
+    whole = dataset.assign_attrs({files.CHECKSUM_KEY: files.checksum(dataset)})
     atomic.write_file(path, atomic.netcdf_bytes(whole, f"the file {path}"), "the file")
 
 
 def load_any(path: Path) -> Transitions | xr.Dataset:
     """Read transitions, or the whole dataset of a model; raises as :func:`load_model` does."""
     with input_errors():
-        dataset = files.read(path)
+        dataset = files.read_dataset(path)
         if dataset.attrs["kind"] == files.TRANSITIONS:
             return files.transitions_of(dataset, path)
         files.model_of(dataset, path)
@@ -36,7 +36,7 @@ def load_any(path: Path) -> Transitions | xr.Dataset:
 def load_transitions(path: Path) -> Transitions:
     """Read transitions from their file; raises as :func:`load_model` does."""
     with input_errors():
-        return files.transitions_of(files.read(path), path)
+        return files.transitions_of(files.read_dataset(path), path)
 
 
 def load_model(path: Path) -> Any:

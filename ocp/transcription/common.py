@@ -136,7 +136,7 @@ class Graph:
         if isinstance(step, LearnedStep):
             return Evaluated(step, closed(step.queries)[0], w, self.p)
         relation, jacobian = closed(step.differentiable_relation, step.relation_jacobian)
-        held = (step.held[0], closed(step.held[1])[0]) if step.held else None
+        held = (step.held_mu[0], closed(step.held_mu[1])[0]) if step.held_mu else None
         local, p = ca.MX.sym("w", w.numel()), ca.MX.sym("p", self.p.numel())
         solved = step.solve_inner(*self.picked(w, own if u is None else u)(local, p))
         solve = ca.Function("contact_solve", [local, p], [solved], ["w", "p"], ["inner"])

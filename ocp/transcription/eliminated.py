@@ -102,8 +102,8 @@ class Evaluated(Hidden):
     p: ca.SX
 
     def __post_init__(self) -> None:
-        self.map, self.inner, self.symbols = (self.step.learned, self.step.inner, self.step.evaluated)
-        self.bends = [ca.SX.sym("bend", self.map.n_in, self.map.n_in) for _ in self.step.nodes]
+        self.map, self.inner, self.symbols = (self.step.learned, self.step.inner, self.step.model_outputs)
+        self.curvature_function = [ca.SX.sym("bend", self.map.n_in, self.map.n_in) for _ in self.step.nodes]
         self.asked = ca.Function("asked", [self.w, self.p], [ca.densify(self.queries)])
         w, p = ca.MX.sym("w", self.w.numel()), ca.MX.sym("p", self.p.numel())
         self.solve = ca.Function("evaluate", [w, p], [self.values(w, p, 1)], ["w", "p"], ["y"])
@@ -114,7 +114,7 @@ class Evaluated(Hidden):
 
     def values(self, w: ca.MX, p: ca.MX, copies: int) -> ca.MX:
         """Values of all copies, evaluated together."""
-        y, slopes = self.map.slopes(len(self.bends) * copies)(self._queries(w, p, copies))
+        y, slopes = self.map.slopes(len(self.curvature_function) * copies)(self._queries(w, p, copies))
         return ca.vertcat(ca.reshape(y, -1, copies), ca.reshape(slopes, -1, copies))
 
     @cached_property
@@ -134,22 +134,22 @@ class Evaluated(Hidden):
         """
         basis = ca.vertcat(ca.SX.eye(w.numel()), self.sensitivity(w))
         total = basis.T @ ca.hessian(lagrangian, ca.vertcat(w, self.inner))[0] @ basis
-        for bend, by_w in zip(self.bends, self._by_w, strict=True):
+        for bend, by_w in zip(self.curvature_function, self._by_w, strict=True):
             total += by_w.T @ bend @ by_w
         held = ca.SX.sym("held", self.queries.numel())
         twice = ca.hessian(ca.dot(held, self.queries), w)[0]
-        return total + ca.substitute(twice, held, self.step.back(lagrangian))
+        return total + ca.substitute(twice, held, self.step.query_gradient(lagrangian))
 
     @property
     def curvatures(self) -> ca.SX:
         """Entries of the H_b."""
-        return ca.vertcat(*(ca.vec(bend) for bend in self.bends))
+        return ca.vertcat(*(ca.vec(bend) for bend in self.curvature_function))
 
     def curvature_values(self, slope: ca.Function, arguments: list[ca.MX], copies: int) -> list[ca.MX]:
         """The H_b of all copies, evaluated together."""
         weights = slope.map("weights", "serial", copies, [1], [])(*arguments)
         queries = self._queries(arguments[0], arguments[1], copies)
-        bends = self.map.bends(queries.shape[1])
+        bends = self.map.curvature_function(queries.shape[1])
         found = bends(queries, ca.reshape(weights, self.map.n_out, -1))
         return [ca.reshape(found, -1, copies)]
 

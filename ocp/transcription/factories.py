@@ -123,7 +123,7 @@ def closing_law(contact: ContactLaw | str, values: Mapping[str, Any], system: Co
 
 def _check_target(law: ContactLaw, system: ContactSystem, p: ParameterTable) -> None:
     """Raise ValueError unless a user's law has one mu for each pair that decides."""
-    n = len(set(system.deciding))
+    n = len(set(system.deciding_pairs))
     mu = ca.SX(law.target(system, ca.SX.sym("z", n), ca.SX.sym("F", n, n), p))
     if mu.shape != (n, 1):
         raise ValueError(

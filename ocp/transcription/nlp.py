@@ -245,13 +245,13 @@ class StageCompiler:
 
     def __call__(self, function: ca.Function) -> ca.Function:
         """Return the compiled function, or ``function`` itself once compiling has failed."""
-        from dynamics.batch.engines.c_external import source
-        from dynamics.batch.engines.compiler import load
+        from dynamics.batch.engines.c_external import external_source
+        from dynamics.batch.engines.compiler import load_library
 
         if self._reason:
             return function
         try:
-            return ca.external(function.name(), load(source(function))._name)
+            return ca.external(function.name(), load_library(external_source(function))._name)
         except RuntimeError as error:
             self._reason = str(error).strip().splitlines()[-1]
             return function

@@ -54,7 +54,7 @@ def finger_system(name: str, p: ParameterTable) -> ContactSystem:
             Part("tip", "elbow", contacts.Disc(r, (0.0, length - r))),
             Part("disc", "disc", contacts.Disc(p["R"])),
         ),
-        meetings=(("tip", "disc"),),
+        collision_pairs=(("tip", "disc"),),
         gravity=p["g"],
     )
     return in_torques(machine.system(name, p, h=p["h"], friction=friction))

@@ -125,7 +125,7 @@ def _places(machine: Machine) -> ca.Function:
         ends = [*pairwise(points)] if link.parent is None else [(_JOINT, p) for p in points]
         if not ends and all(part.link != link.name for part in (*machine.spheres, *machine.parts)):
             ends = [_rod(link)]
-        place = chain.pose(q, link.name).place
+        place = chain.pose(q, link.name).to_world
         bars += [ca.vertcat(place(start), place(end)) for start, end in ends if start != end]
     for part in (*machine.spheres, *machine.parts):
         pose = link_pose(chain, q, part.link)

@@ -42,7 +42,7 @@ def spatial_frames(machine: SpatialMachine, camera: Camera, state: np.ndarray, f
 def _of_unit_length(machine: SpatialMachine, state: np.ndarray) -> np.ndarray:
     """q, with quaternions drawn back to unit length: films interpolate states."""
     tree = machine.tree()
-    q, turning = np.array(state[: tree.nq], dtype=float), tree.turning
+    q, turning = np.array(state[: tree.nq], dtype=float), tree.quaternion_entries
     for four in (turning[k : k + 4] for k in range(0, len(turning), 4)):
         q[four] /= np.linalg.norm(q[four])
     return q

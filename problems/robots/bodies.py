@@ -94,7 +94,7 @@ def _jointed(model: Any, j: int, name: str, pose: Pose, drive: Drive | None) -> 
     anchor = pose.place + pose.turn.apply(model.jnt_pos[j])
     if kind == "ball":
         turn = exact(pose.turn.as_quat(canonical=True, scalar_first=True))
-        return replace(body, place=exact(anchor), turn=turn), Pose(name, -model.jnt_pos[j])
+        return replace(body, position=exact(anchor), quaternion=turn), Pose(name, -model.jnt_pos[j])
     axis, q0 = pose.turn.apply(model.jnt_axis[j]), float(model.qpos0[at])
     back, slid = Rotation.from_rotvec(-q0 * axis), 0.0
     if kind == "slide":
@@ -104,7 +104,7 @@ def _jointed(model: Any, j: int, name: str, pose: Pose, drive: Drive | None) -> 
         raise ValueError(f"joint {model.joint(j).name!r} has one infinite limit; give a number")
     body = replace(
         body,
-        place=exact(anchor - slid),
+        position=exact(anchor - slid),
         axis=exact(axis),
         armature=float(model.dof_armature[dof]),
         spring=float(model.jnt_stiffness[j]),

@@ -25,7 +25,7 @@ from dynamics.systems.space import (
     SpatialPart,
     Sphere,
 )
-from dynamics.systems.space.contact import between
+from dynamics.systems.space.contact import contacts_between
 from dynamics.systems.space.machine import body_places, distinct_points, name_contacts
 from problems.robots.bodies import Pose, exact
 from problems.robots.reach import apart, joints_above
@@ -83,7 +83,7 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[Pose]) -> Touc
         one, other = (found[g] for g in ((b, a) if found[a].body == WORLD else (a, b)))
         pair = one.name, other.name
         try:
-            points = between(one.shape, places[one.body], other.shape, places[other.body])
+            points = contacts_between(one.shape, places[one.body], other.shape, places[other.body])
         except ValueError as error:
             left[str(error)].append(" and ".join(pair))
             continue
@@ -105,7 +105,7 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[Pose]) -> Touc
         more = f" and {len(own) - _NAMED} more" if len(own) > _NAMED else ""
         many = "" if len(own) == 1 else "s"
         ignored.append(f"{len(own)} pair{many} of geoms, {', '.join(own[:_NAMED])}{more}: {why}")
-    machine = replace(machine, meetings=tuple(meetings))
+    machine = replace(machine, collision_pairs=tuple(meetings))
     distances = ca.Function("distances", [q], [ca.densify(ca.vertcat(*phis))])
     return Touching(machine, distances, friction, grounds, geoms, ignored)
 

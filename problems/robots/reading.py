@@ -204,7 +204,7 @@ def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
         Coupling({tree[j].name: factor for j, factor in coefficients.items()}, value) for coefficients, value in coupled
     )
     machine = SpatialMachine(tree, gravity=(gx, gy, gz), couplings=couplings)
-    ties = machine.coupled()
+    ties = machine.coupled_joints()
     notes += map(_equation, couplings)
     found = touching(model, machine, poses)
     damped = [drive.name for drive in drives.values() if drive.damping]

@@ -86,7 +86,7 @@ class Robot:
                 low, high = body.limits or (-np.inf, np.inf)
                 at = tree.q_of[body.name]
                 goal[at] = ca.fmin(ca.fmax(goal[at] + way, low), high)
-        ties = self.machine.coupled()
+        ties = self.machine.coupled_joints()
         return ties.close(tree, goal) if ties else goal
 
     def held(self, pose: np.ndarray) -> np.ndarray:

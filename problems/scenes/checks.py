@@ -12,7 +12,7 @@ import numpy as np
 
 from dynamics.systems import ParameterTable
 from dynamics.systems.contacts import Box, Capsule, Disc, HalfPlane, Polygon, Shape
-from dynamics.systems.contacts.polygon import clockwise, fault, parts
+from dynamics.systems.contacts.polygon import convex_parts, is_clockwise, polygon_defect
 from dynamics.systems.contacts.shapes import Point, Scalar
 from ocp.errors import InputError, did_you_mean
 from problems.scenes.things import Body, Goal, Obstacle, Pusher, Thing
@@ -81,7 +81,7 @@ def check_numbers(scene: Scene, parameters: ParameterTable) -> None:
         return float(at(values))
 
     for thing in scene.things:
-        for shape in parts(thing.shape):
+        for shape in convex_parts(thing.shape):
             _check_shape(thing, shape, value)
         for what, number in _weights(thing):
             if not value(number) > 0:
@@ -127,9 +127,9 @@ def _check_shape(thing: Thing, shape: Shape, value: Value) -> None:
                 )
         case Polygon(vertices, radius):
             at = np.array([[value(vertex[i]) for i in range(2)] for vertex in vertices])
-            if found := fault(at, value(radius)):
+            if found := polygon_defect(at, value(radius)):
                 raise InputError(f"the polygon of {thing.name!r} {found}")
-            if clockwise(at):
+            if is_clockwise(at):
                 raise InputError(
                     f"the polygon of {thing.name!r} runs clockwise; give vertices with symbols counterclockwise"
                 )

@@ -14,17 +14,17 @@ import numpy as np
 
 from dynamics.systems import (
     ContactSystem,
-    EnergyBook,
+    EnergyBalance,
     ParameterTable,
     Signal,
     quasi_dynamic,
     time_stepping,
 )
-from dynamics.systems.checks import items, not_negative
+from dynamics.systems.checks import require_items, require_not_negative
 from dynamics.systems.contact_rows import Cone
 from dynamics.systems.contacts import Contact, Pose
-from dynamics.systems.contacts.polygon import parts
-from dynamics.systems.contacts.shapes import Point, Scalar, column
+from dynamics.systems.contacts.polygon import convex_parts
+from dynamics.systems.contacts.shapes import Point, Scalar, as_column
 from ocp.errors import InputError
 from problems.drawing import ContactFrame, Disc, Segment, Shape, solid
 from problems.scenes.checks import check_names, check_numbers, required
@@ -53,13 +53,13 @@ class Scene:
         friction: Scalar | Mapping[Pair, Scalar] = 0.0,
         apart: Sequence[Pair] = (),
     ) -> None:
-        given = items("the things of a scene", (Body, Pusher, Obstacle, Goal), things)
+        given = require_items("the things of a scene", (Body, Pusher, Obstacle, Goal), things)
         self.things = tuple(thing for thing in given if isinstance(thing, Thing))
         self.goals = tuple(thing for thing in given if isinstance(thing, Goal))
         self.apart, self._given = tuple(map(frozenset, apart)), friction
         rough = [*friction] if isinstance(friction, Mapping) else []
         for value in friction.values() if isinstance(friction, Mapping) else [friction]:
-            not_negative("the friction of a scene", value)
+            require_not_negative("the friction of a scene", value)
         check_names(given, [*rough, *apart])
         self.bodies = tuple(thing for thing in self.things if isinstance(thing, Body))
         self.pushers = tuple(thing for thing in self.things if isinstance(thing, Pusher))
@@ -161,7 +161,7 @@ class Scene:
                 f"{free[0]!r} glides without friction or inertia, so nothing holds it; give it a"
                 " table, or leave inertial=True"
             )
-        pull = ca.SX.zeros(2) if load is None else column(load)
+        pull = ca.SX.zeros(2) if load is None else as_column(load)
         weights = [ca.vertcat(b.mass * pull, *[0] * b.turns) for b in self.bodies]
         made = quasi_dynamic(
             name,
@@ -210,7 +210,7 @@ class Scene:
                 f"{lying[0]!r} lies on a table, which only Scene.quasi_dynamic knows; leave its table out here"
             )
         check_numbers(self, parameters)
-        pull, M = column(gravity), ca.vertcat(ca.SX(0, 1), *self._masses, *masses)
+        pull, M = as_column(gravity), ca.vertcat(ca.SX(0, 1), *self._masses, *masses)
         falling = ca.vertcat(
             ca.SX(0, 1),
             *(ca.vertcat(pull, *[0] * body.turns) for body in self.bodies),
@@ -232,7 +232,7 @@ class Scene:
             cone=cone,
             linearised=linearised,
             parameters=parameters,
-            book=energy_book(self, M, M * falling, h),
+            energy_balance=energy_book(self, M, M * falling, h),
         )
         return replace(made, scene=not linearised)
 
@@ -241,7 +241,7 @@ class Scene:
         return tuple(Signal(f"u_{c.name}", unit, f"{what} {c.name}") for c in coordinates)
 
 
-Book = Callable[[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX], EnergyBook]
+Book = Callable[[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX], EnergyBalance]
 
 
 def energy_book(scene: Scene, masses: ca.SX, weight: ca.SX, h: Scalar) -> Book:
@@ -252,7 +252,7 @@ def energy_book(scene: Scene, masses: ca.SX, weight: ca.SX, h: Scalar) -> Book:
     moves it.
     """
 
-    def keep(q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, along: ca.SX) -> EnergyBook:
+    def keep(q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, along: ca.SX) -> EnergyBalance:
         momentum, external = ca.SX.zeros(2), ca.SX.zeros(2)
         pushes = _pushes(scene, q, normal, along)
         forces = weight + ca.vertcat(ca.SX.zeros(weight.numel() - u.numel()), u)
@@ -265,7 +265,7 @@ def energy_book(scene: Scene, masses: ca.SX, weight: ca.SX, h: Scalar) -> Book:
             external = external + ways @ (h * force + ways.T @ push)
         energy = ca.dot(masses, v**2) / 2 - ca.dot(weight, q)
         work = h * ca.dot(u, v_next[v_next.numel() - u.numel() :])
-        return EnergyBook(energy, work, momentum, external)
+        return EnergyBalance(energy, work, momentum, external)
 
     return keep
 
@@ -338,7 +338,7 @@ def _drawn(scene: Scene, poses: list[Place]) -> list[Shape]:
     placed = list(zip(scene.things, poses, strict=True))
     still = [(thing, at) for thing, at in placed if isinstance(thing, Obstacle)]
     moving = [(thing, at) for thing, at in placed if not isinstance(thing, Obstacle)]
-    found = [solid(part, *at, "environment") for thing, at in still for part in parts(thing.shape)]
+    found = [solid(part, *at, "environment") for thing, at in still for part in convex_parts(thing.shape)]
     for goal in scene.goals:
         pose = float(goal.at[0]), float(goal.at[1]), -float(goal.angle)
         found += _marked(there[goal.body], pose, "goal")
@@ -349,7 +349,7 @@ def _drawn(scene: Scene, poses: list[Place]) -> list[Shape]:
 
 def _marked(thing: Thing, at: Place, role: str) -> list[Shape]:
     """The thing, and on a disc that turns the radius that is upright at angle zero."""
-    drawn = [solid(part, *at, role) for part in parts(thing.shape)]
+    drawn = [solid(part, *at, role) for part in convex_parts(thing.shape)]
     if not (thing.turns and isinstance(disc := drawn[0], Disc)):
         return drawn
     x, y, angle = disc.x, disc.y, at[2]

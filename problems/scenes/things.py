@@ -9,11 +9,11 @@ from itertools import combinations
 import casadi as ca
 
 from dynamics.systems import Signal
-from dynamics.systems.checks import number, point, positive, text, unit
+from dynamics.systems.checks import parse_number, parse_point, require_positive, require_text, require_unit_vector
 from dynamics.systems.contacts import Contact, Pose, Shape, Union
-from dynamics.systems.contacts.areas import area, mean_distance, moved
-from dynamics.systems.contacts.polygon import parts, vertex_pairs
-from dynamics.systems.contacts.shapes import Point, Scalar, column
+from dynamics.systems.contacts.areas import mean_distance, move_shape, shape_area
+from dynamics.systems.contacts.polygon import convex_parts, vertex_pairs
+from dynamics.systems.contacts.shapes import Point, Scalar, as_column
 from dynamics.systems.limit_surface import LimitSurface
 
 _AXES = ("x", "y")
@@ -33,19 +33,19 @@ class Thing:
     angle: Scalar = 0.0
 
     def __post_init__(self) -> None:
-        text(f"the name of the {type(self).__name__}", self.name)
+        require_text(f"the name of the {type(self).__name__}", self.name)
         if not isinstance(self.shape, Shape | Union):
             raise ValueError(
                 f"{self.name}: shape must be a Disc, Box, Capsule, Polygon, HalfPlane or Union of"
                 f" problems.scenes, got {self.shape!r}"
             )
-        point(f"{self.name}: at", self.at)
-        number(f"{self.name}: angle", self.angle)
+        parse_point(f"{self.name}: at", self.at)
+        parse_number(f"{self.name}: angle", self.angle)
         for what in ("mass", "inertia", "stiffness", "table", "reach"):
             if (value := getattr(self, what, None)) is not None:
-                positive(f"{self.name}: {what}", value)
+                require_positive(f"{self.name}: {what}", value)
         if (axis := getattr(self, "axis", None)) is not None:
-            unit(f"{self.name}: axis", axis)
+            require_unit_vector(f"{self.name}: axis", axis)
 
     @property
     def coordinates(self) -> tuple[Signal, ...]:
@@ -64,7 +64,7 @@ class Thing:
 
     def pose(self, q: ca.SX) -> Pose:
         """Return its pose at its own coordinates ``q``."""
-        return Pose(column(self.at), -ca.SX(self.angle))
+        return Pose(as_column(self.at), -ca.SX(self.angle))
 
 
 class Obstacle(Thing):
@@ -114,8 +114,8 @@ class Body(Thing):
         A``, rounded corners and all parts of a union counted. Raises ``ValueError`` for an invalid
         argument.
         """
-        whole = area(shape)
-        shape = moved(shape, -whole.centre)
+        whole = shape_area(shape)
+        shape = move_shape(shape, -whole.centre)
         return cls(name, shape, at, angle, mass, mass * whole.gyration, table)
 
     def limit_surface(self, first: int, gravity: Scalar, inertial: bool) -> LimitSurface | None:
@@ -137,7 +137,7 @@ class Body(Thing):
     @property
     def start(self) -> ca.SX:
         """``at`` and, where it turns, ``angle``."""
-        return ca.vertcat(column(self.at), self.angle) if self.turns else column(self.at)
+        return ca.vertcat(as_column(self.at), self.angle) if self.turns else as_column(self.at)
 
     def pose(self, q: ca.SX) -> Pose:
         """Return its pose at its own coordinates ``q``."""
@@ -167,17 +167,17 @@ class Pusher(Thing):
     @property
     def start(self) -> ca.SX:
         """``at``, or no way gone."""
-        return column(self.at) if self.axis is None else ca.SX.zeros(1)
+        return as_column(self.at) if self.axis is None else ca.SX.zeros(1)
 
     def pose(self, q: ca.SX) -> Pose:
         """Return its pose at its own coordinates ``q``."""
-        place = q if self.axis is None else column(self.at) + q * column(self.axis)
+        place = q if self.axis is None else as_column(self.at) + q * as_column(self.axis)
         return Pose(place, -ca.SX(self.angle))
 
     @property
     def directions(self) -> ca.SX:
         """Unit vectors in which its coordinates move it, as columns."""
-        return ca.SX.eye(2) if self.axis is None else column(self.axis)
+        return ca.SX.eye(2) if self.axis is None else as_column(self.axis)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,9 +189,9 @@ class Goal:
     angle: Scalar = 0.0
 
     def __post_init__(self) -> None:
-        text("the body of a Goal", self.body)
-        point(f"goal of {self.body}: at", self.at)
-        number(f"goal of {self.body}: angle", self.angle)
+        require_text("the body of a Goal", self.body)
+        parse_point(f"goal of {self.body}: at", self.at)
+        parse_number(f"goal of {self.body}: angle", self.angle)
 
 
 def _places(name: str) -> tuple[Signal, ...]:
@@ -239,7 +239,7 @@ def touches(things: Sequence[Thing], apart: Collection[frozenset[str]]) -> list[
             continue
         called = f"{first.name} on {second.name}"
         one, other = sorted((first, second), key=lambda thing: [not isinstance(thing, kind) for kind in _FIRST])
-        pairs = [(a, b) for a in parts(one.shape) for b in parts(other.shape)]
+        pairs = [(a, b) for a in convex_parts(one.shape) for b in convex_parts(other.shape)]
         if one.turns or other.turns:
             pairs = vertex_pairs(one.shape, other.shape)
         names = [called] if len(pairs) == 1 else [f"{called} {i + 1}" for i in range(len(pairs))]

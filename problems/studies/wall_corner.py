@@ -115,7 +115,7 @@ class ThrownBall(SampledObjective):
     def sample_scores(self, noise: Gaussian, n: int) -> CostSamples:
         """Return costs, and w / sigma²."""
         w = noise.draw(n, 1, 1)[:, 0]
-        return CostSamples(self.costs(w), w / noise.scales(1) ** 2)
+        return CostSamples(self.costs(w), w / noise.component_scales(1) ** 2)
 
     def sample_gradients(self, noise: Gaussian, n: int) -> CostSamples:
         """Return costs, and derivatives through every impact."""

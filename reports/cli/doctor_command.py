@@ -32,7 +32,7 @@ def check(options: DoctorOptions) -> dict[str, Any]:
 
 def run(options: DoctorOptions, place: dict[str, Any]) -> int:
     """Show CasADi's plugins, the compiler, threads, versions, and the location of the packages."""
-    count = compiler.clear() if options.clear_cache else None
+    count = compiler.clear_cache() if options.clear_cache else None
     installation = {**place, **describe_computer()}
     if count is not None:
         installation["cleared"] = count
@@ -65,7 +65,7 @@ def describe_computer() -> dict[str, Any]:
         "threads": len(os.sched_getaffinity(0)),
         "solvers": {name: ca.has_nlpsol(name) for name in SOLVERS},
         "linear_solvers": {name: _linear_solver_works(name) for name in LINEAR_SOLVERS},
-        "kernels": compiler.info(),
+        "kernels": compiler.compiler_info(),
     }
 
 

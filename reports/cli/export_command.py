@@ -8,7 +8,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from dynamics.batch import TabulatedPolicy, exported, identifier
+from dynamics.batch import TabulatedPolicy, c_identifier, export_step
 from dynamics.contact import ContactLaw, Step
 from dynamics.contact.learned_step import LearnedStep
 from ocp.errors import InputError, did_you_mean
@@ -123,7 +123,7 @@ def _read_run(name: str, options: ExportOptions, law_settings: dict[str, str]) -
 
 def run(options: ExportOptions, request: ExportRequest) -> int:
     """Write a problem's step, its derivatives and a run's policy as a C11 file and a header."""
-    text, header = exported(request.step, request.values, request.name, request.about, request.policy)
+    text, header = export_step(request.step, request.values, request.name, request.about, request.policy)
     header_file = options.file.with_suffix(".h")
     # Nothing is written beside a FIFO or a device.
     is_regular_file = options.file.is_file() or not options.file.exists()
@@ -131,7 +131,7 @@ def run(options: ExportOptions, request: ExportRequest) -> int:
     if is_regular_file:
         atomic.write_file(header_file, header.encode(), "the header")
     rule = f"{options.file.stem}.o: {options.file.name} ; cc -std=c11 -O2 -ffp-contract=off -c $<"
-    name = identifier(request.name)
+    name = c_identifier(request.name)
     functions = [f"{name}_step", f"{name}_derivatives"]
     if request.policy is not None:
         functions.append(f"{name}_policy")

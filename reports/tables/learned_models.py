@@ -98,7 +98,7 @@ def _fit(dataset: xr.Dataset, names: list[str], units: list[str]) -> dict[str, A
     """Return errors on held-out rows in the states' units, and relative to their standard deviations."""
     from dynamics.learned.fit import Fit
 
-    fit = Fit.of(dataset)
+    fit = Fit.from_dataset(dataset)
     scaled = (fit.clean * fit.y_scale, fit.noised * fit.y_scale)
     errors = (*scaled, fit.clean, fit.noised)
     keys = ("name", "unit", "clean", "noised", "clean_relative", "noised_relative")

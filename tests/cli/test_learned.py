@@ -358,7 +358,7 @@ def test_the_best_of_several_seeds_is_kept_whatever_the_processes(ocp) -> None:
 
 @pytest.mark.costly
 def test_pieces_are_the_same_data_in_any_process(ocp, monkeypatch) -> None:
-    monkeypatch.setattr(collecting, "PIECE", 100)
+    monkeypatch.setattr(collecting, "PIECE_ROWS", 100)
     words = ("collect", "push-1d", "-n", "350", "--seed", "3", "-q")
     assert ocp(*words, "-o", "one.nc").code == 0
     assert ocp(*words, "-o", "two.nc", "-j", "2").code == 0

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import Machine
-from dynamics.systems.flight import flight
+from dynamics.systems.flight import gyroscopic_impulse
 
 OPEN, STICK, FORWARD, BACKWARD = range(4)
 _FAR = 0.3
@@ -53,7 +53,7 @@ class ModeStepper:
         D, K = -ca.jacobian(chain.damping(v), v), -ca.jacobian(chain.spring(v), v)
         drive = chain.mass(q) @ v - h * (chain.bias(q, v) + K @ q)
         if implicit:
-            drive += h * (chain.bias(q, v) - chain.weight(q)) + flight(chain, q, v, h)
+            drive += h * (chain.bias(q, v) - chain.weight(q)) + gyroscopic_impulse(chain, q, v, h)
         inertia = chain.mass(q) + h * D + h * h * K
         self.motion = ca.Function("motion", [q, v], [ca.densify(inertia), drive])
         self.contact = ca.Function("contact", [q], [gaps, ca.densify(ca.jacobian(gaps, q))])

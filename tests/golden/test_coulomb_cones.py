@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from dynamics.contact import Barrier, Exact
 from dynamics.systems import (
     ContactSystem,
-    EnergyBook,
+    EnergyBalance,
     ParameterTable,
     quasi_dynamic,
     signals,
@@ -64,7 +64,7 @@ def rod(cone: Cone) -> ContactSystem:
         friction=FRICTION,
         cone=cone,
         h=H,
-        book=lambda q, v, u, v_next, n, t: EnergyBook(
+        energy_balance=lambda q, v, u, v_next, n, t: EnergyBalance(
             0.5 * (v[0] ** 2 + v[1] ** 2 + 0.1 * v[2] ** 2) + G * q[1],
             H * u * v_next[0],
             v[:2],
@@ -156,7 +156,7 @@ def test_both_cones_are_one_law_at_mu_zero(angle, velocity):
 @pytest.mark.parametrize("cone", CONES)
 def test_a_falling_rod_keeps_its_books(cone):
     system = rod(cone)
-    book = system.book
+    book = system.energy_balance
     assert book is not None
     evaluated = ca.Function(
         "book",
@@ -219,7 +219,7 @@ def test_edges_of_the_cone_are_the_convex_program_and_are_refereed_by_coulomb(fo
     assert lam.min() >= -1e-12
     assert system.referee_note == "Coulomb friction with maximum dissipation"
     np.testing.assert_allclose(
-        step(system.sharpest, Exact(), np.zeros(4), np.array([force]))[0],
+        step(system.most_exact, Exact(), np.zeros(4), np.array([force]))[0],
         step(block("linearised"), Exact(), np.zeros(4), np.array([force]))[0],
         atol=1e-9,
     )

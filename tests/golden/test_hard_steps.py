@@ -16,7 +16,7 @@ import pytest
 
 import problems
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
-from dynamics.contact.interior_point import follow
+from dynamics.contact.interior_point import repeat_until_rest
 from dynamics.contact.ncp import LOST, ncp_solver
 from dynamics.contact.reduced_path import path_of
 from dynamics.systems import ContactSystem, Signal
@@ -63,8 +63,8 @@ def by_path_alone(law: str) -> np.ndarray:
     path, s = path_of(system(), step.exact), system()
     mu = ca.SX.sym("mu", path.n)
     inputs = [s.x, s.u, s.parameters.vector, mu]
-    opening = ca.Function("opening", inputs, [path.opening_of(s, mu)], {"cse": True})
-    ending, body = path.ending(), follow(path.iteration())
+    opening = ca.Function("opening", inputs, [path.opening_data_of(s, mu)], {"cse": True})
+    ending, body = path.ending_function(), repeat_until_rest(path.iteration_function())
     errors = []
     for x, u in states():
         data = opening(x, u, s.parameters.values, 1e-3)

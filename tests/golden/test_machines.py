@@ -71,14 +71,14 @@ def books(name: str, h: float) -> dict[str, np.ndarray]:
     problem, _ = simulation(name, steps, seed=2, **given)
     rolled = simulate(name, steps, seed=2, **given)
     s = problem.system
-    assert s.book is not None and s.forces is not None
+    assert s.energy_balance is not None and s.forces is not None
     nq, n = s.nx // 2, problem.system.nlam
     push = ca.jacobian(s.residual[nq : 2 * nq], s.lam)
     contact = -ca.dot(s.x_next[nq : 2 * nq], push @ s.lam)
     book = ca.Function(
         "book",
         [s.x, s.u, s.x_next, s.lam, s.parameters.vector],
-        [s.book.energy, s.book.work, contact, s.forces.tangential * s.forces.slip],
+        [s.energy_balance.energy, s.energy_balance.work, contact, s.forces.tangential * s.forces.slip],
     ).map(steps)
     x = rolled.x[0]
     found = book(x[:-1].T, rolled.u[0].T, x[1:].T, rolled.lam[0].T, s.parameters.values)

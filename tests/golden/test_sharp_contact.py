@@ -108,7 +108,7 @@ def modes_of_pushed_disc(x: np.ndarray, u: np.ndarray) -> list[tuple[str, np.nda
 @pytest.mark.costly
 @pytest.mark.parametrize("linearised", [True, False])
 def test_a_planar_push_ends_in_the_mode_that_fits(linearised: bool) -> None:
-    sharp, seen = pushed_disc(linearised).sharpest, set()
+    sharp, seen = pushed_disc(linearised).most_exact, set()
     rng = np.random.default_rng(0)
     for _ in range(60):
         turn = rng.uniform(-np.pi, np.pi)
@@ -151,7 +151,7 @@ def test_a_sliding_contact_stays_closed_where_the_convex_one_lifts_off(way: floa
     """Pressed 0.1 m in, it slides by the way beyond the friction cone: |way| - f 0.1."""
     x, u = np.zeros(2), np.array([way, -0.1])
     slid = np.sign(way) * max(0.0, abs(way) - FRICTION * 0.1)
-    x_next, lam, _ = step(rubbing().sharpest, x, u)
+    x_next, lam, _ = step(rubbing().most_exact, x, u)
     np.testing.assert_allclose(x_next, [slid, 0.0], atol=1e-9)
     np.testing.assert_allclose(lam[0], H * 10.0 * 0.1, rtol=1e-8)
     convex = step(rubbing(), x, u)[0]
@@ -163,7 +163,7 @@ def test_a_turning_body_keeps_its_true_distance() -> None:
     """A point on the inside of a ring leaves a linearised gap by the sagitta, not the true one."""
     ring = thrown_in_a_ring()
     x = np.array([1.0, 0.0, 0.0, 2.0])
-    out = [1.0 - np.hypot(*step(system, x, np.zeros(2))[0][:2]) for system in (ring, ring.sharpest)]
+    out = [1.0 - np.hypot(*step(system, x, np.zeros(2))[0][:2]) for system in (ring, ring.most_exact)]
     assert out[0] == pytest.approx(1 - np.hypot(1.0, 0.2), rel=1e-9)
     assert out[1] == pytest.approx(0.0, abs=1e-9)
 
@@ -190,10 +190,10 @@ def test_machines_with_expanded_gaps_are_refereed_by_true_ones() -> None:
         half_cheetah().system("cheetah", ParameterTable(), linearised=linearised, **arguments)
         for linearised in (True, False)
     )
-    assert true.sharpest is true
+    assert true.most_exact is true
     x = np.zeros(expanded.nx)
     x[1], x[9:12] = 0.45, [1.0, -3.0, 2.0]
-    ends = [step(system, x, np.zeros(6))[0] for system in (expanded, expanded.sharpest, true)]
+    ends = [step(system, x, np.zeros(6))[0] for system in (expanded, expanded.most_exact, true)]
     np.testing.assert_array_equal(ends[1], ends[2])
     assert np.abs(ends[0] - ends[1]).max() > 1e-3
 
@@ -230,17 +230,17 @@ def test_a_system_by_hand_is_sharpened_only_where_its_gap_is_an_expansion() -> N
     x = np.array([1.0, 0.0, 0.0, 2.0])
     assert hand.referee_note == "true gaps"
     np.testing.assert_allclose(
-        step(hand.sharpest, x, [])[0], step(thrown_in_a_ring().sharpest, x, [0, 0])[0], atol=1e-12
+        step(hand.most_exact, x, [])[0], step(thrown_in_a_ring().most_exact, x, [0, 0])[0], atol=1e-12
     )
     true = by_hand(lambda x, x_next, lam: ring(x_next), ring)
     bouncing = by_hand(lambda x, x_next, lam: ring(x_next) + 0.5 * ring(x), ring)
     springy = by_hand(lambda x, x_next, lam: ring(x_next) + lam / 100, ring)
     flat = by_hand(lambda x, x_next, lam: x_next[1], lambda x: x[1])
     for system in (true, bouncing, springy, flat):
-        assert system.sharpest is system
+        assert system.most_exact is system
         assert system.referee_note == "the model itself"
     unknown = replace(true, phi=None)
-    assert unknown.sharpest is unknown
+    assert unknown.most_exact is unknown
     assert unknown.referee_note is None
 
 
@@ -248,7 +248,7 @@ def test_an_affine_frictionless_model_is_its_own_referee() -> None:
     """And rightly: with the gap taken at q+ instead of expanded, the step is the same."""
     for name in ("wall-1d", "push-1d", "ball-bounce", "hopper-1d"):
         system = problems.get(name).system
-        assert system.sharpest is system
+        assert system.most_exact is system
         assert system.phi is not None
         phi = ca.substitute(system.phi, system.x, system.x_next)
         gap = ca.vertcat(phi, system.gap[phi.numel() :, :])
@@ -267,8 +267,8 @@ def test_every_named_problem_says_who_referees_it() -> None:
     for name in problems.names():
         system = problems.get(name).system
         assert system.referee_note == notes.get(name, itself)
-        assert (system.sharpest is system) == (system.referee_note == itself)
-        assert [str(s) for s in (system.x, system.u)] == [str(s) for s in (system.sharpest.x, system.sharpest.u)]
+        assert (system.most_exact is system) == (system.referee_note == itself)
+        assert [str(s) for s in (system.x, system.u)] == [str(s) for s in (system.most_exact.x, system.most_exact.u)]
 
 
 def two_blocks(friction: ca.SX, cone, table: ParameterTable) -> ContactSystem:
@@ -349,7 +349,7 @@ def test_convex_rows_take_a_zero_friction_too() -> None:
         linearised=True,
     )
     x, u = np.array([REACH, 0, 0, 0, 0.0]), np.array([0.2, 0.1])
-    for system in (smooth, smooth.sharpest):
+    for system in (smooth, smooth.most_exact):
         x_next = step(system, x, u)[0]
         assert x_next[2] == pytest.approx(0.0, abs=1e-8), "nothing turns the disc"
         assert x_next[0] > REACH + 0.01

@@ -10,7 +10,7 @@ import pytest
 
 from dynamics.systems import Link, Machine, Sphere
 from dynamics.systems.chain import Chain
-from dynamics.systems.flight import flight
+from dynamics.systems.flight import gyroscopic_impulse
 from dynamics.systems.machine import with_implicit_forces
 from dynamics.systems.parameters import ParameterTable
 from ocp.errors import InputError
@@ -41,7 +41,7 @@ Step = Callable[[np.ndarray, np.ndarray, float], tuple[np.ndarray, float]]
 def free_step(chain: Chain, explicit: bool = False) -> Step:
     """Map (q, v, h) to the velocity after a step without forces, and v' M(q - h v) v / 2."""
     q, v, h = ca.SX.sym("q", chain.nq), ca.SX.sym("v", chain.nq), ca.SX.sym("h")
-    forces = h * (chain.weight(q) - chain.bias(q, v)) if explicit else flight(chain, q, v, h)
+    forces = h * (chain.weight(q) - chain.bias(q, v)) if explicit else gyroscopic_impulse(chain, q, v, h)
     after = v + ca.solve(chain.mass(q), forces)
     found = ca.Function("step", [q, v, h], [after, chain.kinetic(q - h * v, v)])
 
@@ -77,7 +77,7 @@ def test_free_motion_gains_no_energy_at_any_speed(chain: Chain):
 def test_as_h_tends_to_zero_the_forces_are_the_explicit_ones(chain: Chain):
     """flight / h - (weight - bias) falls with h at first order."""
     q, v, h = ca.SX.sym("q", chain.nq), ca.SX.sym("v", chain.nq), ca.SX.sym("h")
-    off = flight(chain, q, v, h) / h - (chain.weight(q) - chain.bias(q, v))
+    off = gyroscopic_impulse(chain, q, v, h) / h - (chain.weight(q) - chain.bias(q, v))
     norm = ca.Function("off", [q, v, h], [ca.norm_2(off), ca.norm_2(chain.bias(q, v))])
     at, speed = np.random.default_rng(1).normal(size=(2, chain.nq))
     errors = [float(norm(at, speed, size)[0]) for size in (1e-3, 5e-4, 2.5e-4)]
@@ -147,9 +147,9 @@ def test_a_plant_steps_as_a_machine_with_implicit_forces(name: str, monkeypatch:
     assert ca.is_equal(driven.residual, found.residual, 100)
     chain = model.machine.machine.chain()
     q, v = model.x[: chain.nq], model.x[chain.nq : 2 * chain.nq]
-    wanted = model.h * (chain.weight(q) - chain.bias(q, v)) - flight(chain, q, v, model.h)
+    wanted = model.h * (chain.weight(q) - chain.bias(q, v)) - gyroscopic_impulse(chain, q, v, model.h)
     rng = np.random.default_rng(6)
-    for old, new in ((model, found), (model.sharpest, found.sharpest)):
+    for old, new in ((model, found), (model.most_exact, found.most_exact)):
         symbols = [model.x, model.u, model.x_next, old.lam, model.parameters.vector]
         lam = ca.substitute(new.residual, new.lam, old.lam)
         change = ca.Function("change", symbols, [lam - old.residual, wanted])
@@ -167,12 +167,12 @@ def test_the_sharpest_sibling_has_implicit_forces_too():
         "crane", ParameterTable(), h=0.05, friction=0.5, cone="edges"
     )
     found, n = with_implicit_forces(edges), edges.nx // 2
-    assert edges.sharpest is not edges and found.sharpest is not found
+    assert edges.most_exact is not edges and found.most_exact is not found
     change = [
         ca.substitute(new.residual, new.lam, old.lam) - old.residual
-        for old, new in ((edges, found), (edges.sharpest, found.sharpest))
+        for old, new in ((edges, found), (edges.most_exact, found.most_exact))
     ]
-    at = [edges.x, edges.u, edges.x_next, edges.lam, edges.sharpest.lam]
+    at = [edges.x, edges.u, edges.x_next, edges.lam, edges.most_exact.lam]
     values = [np.linspace(1, 2, part.numel()) for part in at]
     one, other = (part.full() for part in ca.Function("change", at, change)(*values))
     assert np.allclose(one, other, rtol=1e-9, atol=1e-9) and np.abs(one[n:]).max() > 1e-3

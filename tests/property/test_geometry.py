@@ -130,8 +130,8 @@ def functions(case: Case) -> dict[str, ca.Function]:
         "J_n": ca.densify(J_n),
         "J_t": ca.densify(J_t),
         "gradient": ca.densify(ca.jacobian(contact.phi, q)),
-        "on_disc": disc.local(contact.point),
-        "on_body": body.local(contact.point),
+        "on_disc": disc.to_local(contact.point),
+        "on_body": body.to_local(contact.point),
         "bend": ca.densify(ca.jacobian(ca.vertcat(contact.normal, contact.point), q)),
     }
     return {name: ca.Function(name, [q], [out]) for name, out in outputs.items()}

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 
 from dynamics.batch import BatchFunction
 from dynamics.systems.contacts import Box, Capsule, Contact, Disc, HalfPlane, Polygon, Pose, Union
-from dynamics.systems.contacts.areas import area, moved
+from dynamics.systems.contacts.areas import move_shape, shape_area
 from dynamics.systems.contacts.polygon import vertex_pairs
 
 SIZES = [(3, 8), (4, 4), (5, 3), (8, 6), (7, 5)]
@@ -144,22 +144,22 @@ def test_areas_centres_and_moments_are_those_of_a_fine_grid(shape: Disc) -> None
     x, z = np.meshgrid(*[np.arange(-0.8, 0.8, step) + step / 2] * 2)
     at = np.vstack([x.ravel(), z.ravel()])
     p = ca.SX.sym("p", 2)
-    gaps = [part.beside(p, Pose.fixed())[0] for part in getattr(shape, "parts", (shape,))]
+    gaps = [part.signed_distance(p, Pose.fixed())[0] for part in getattr(shape, "parts", (shape,))]
     found = ca.Function("gap", [p], [ca.densify(ca.mmin(ca.vertcat(*gaps)))])
     held = at[:, BatchFunction(found, backend="numpy")(at.T).ravel() < 0]
-    whole = area(shape)
+    whole = shape_area(shape)
     assert float(whole.area) == pytest.approx(held.shape[1] * step**2, rel=3e-3)
     np.testing.assert_allclose(numbers(whole.centre), held.mean(axis=1), atol=1e-3)
     spread = ((held - held.mean(axis=1)[:, None]) ** 2).sum(axis=0).mean()
     assert float(whole.gyration) == pytest.approx(spread, rel=5e-3)
-    put = area(moved(shape, (0.3, -0.2)))
+    put = shape_area(move_shape(shape, (0.3, -0.2)))
     assert float(put.gyration) == pytest.approx(float(whole.gyration), rel=1e-12)
     np.testing.assert_allclose(numbers(put.centre - whole.centre), [0.3, -0.2], atol=1e-12)
 
 
 def test_a_tee_and_an_ell_by_hand() -> None:
     """Bar 0.6 x 0.2 at 0, stem 0.2 x 0.5 at -0.35; legs 0.6 x 0.2 and 0.2 x 0.4."""
-    tee, ell = area(TEE), area(ELL)
+    tee, ell = shape_area(TEE), shape_area(ELL)
     assert float(tee.area) == pytest.approx(0.22)
     np.testing.assert_allclose(numbers(tee.centre), [0, -0.35 * 0.1 / 0.22], atol=1e-14)
     bar, stem = 0.12 * (0.6**2 + 0.2**2) / 12, 0.1 * (0.2**2 + 0.5**2) / 12
@@ -184,7 +184,7 @@ def test_a_box_is_a_polygon_of_its_corners() -> None:
         Polygon([(0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2)], 0.05),
     )
     p, q = ca.SX.sym("p", 2), ca.SX.sym("q", 3)
-    both = [ca.vertcat(*shape.beside(p, Pose(q[:2], q[2]))) for shape in (box, same)]
+    both = [ca.vertcat(*shape.signed_distance(p, Pose(q[:2], q[2]))) for shape in (box, same)]
     points = np.random.default_rng(0).uniform(-1, 1, (500, 5))
     for engine in ("numpy", "c"):
         one, other = BatchFunction(ca.Function("f", [p, q], both), backend=engine)(points[:, :2], points[:, 2:])

@@ -325,7 +325,7 @@ def moving(friction: float, rail: bool = False) -> ContactSystem:
 
 def unbalanced(system: ContactSystem, x, u, x_next) -> list[np.ndarray]:
     """Gain of energy less work, and gain of momentum less what comes from outside."""
-    book, closed = system.book, Exact().close(system)
+    book, closed = system.energy_balance, Exact().close(system)
     assert book is not None
     lam = closed.solve(x, u, closed.p.values)[1]
     given = [system.x, system.u, system.x_next, system.lam]

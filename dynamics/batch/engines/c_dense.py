@@ -118,7 +118,7 @@ static void backpropagate(const memory *a, i64 t, const V *action_bar, V *bars, 
 """
 
 
-def constants(layers: Layers | None, own: bool) -> dict[str, object]:
+def layer_constants(layers: Layers | None, own: bool) -> dict[str, object]:
     """Sizes that the text of rollouts names: zero of everything without layers."""
     sizes = (0, 0) if layers is None else layers.sizes
     return {
@@ -130,7 +130,7 @@ def constants(layers: Layers | None, own: bool) -> dict[str, object]:
     }
 
 
-def source(layers: Layers | None) -> str:
+def layer_source(layers: Layers | None) -> str:
     """C text of `choose_actions`, with layers also of `backpropagate`, after their kernels."""
     if layers is None:
         return _HOOKS_OF_TAPES

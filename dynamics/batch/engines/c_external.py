@@ -26,14 +26,14 @@ static int casadi_f0(const casadi_real **arg, casadi_real **res, casadi_int *iw,
 """
 
 
-def source(function: ca.Function) -> str:
+def external_source(function: ca.Function) -> str:
     """C text of ``function`` for ``ca.external``; numbers are CasADi's but for rounding."""
     generator = ca.CodeGenerator(function.name())
     generator.add(function)
     text = generator.dump()
     if not function.is_a("SXFunction") or function.n_instructions() <= c_source.WHOLE:
         return text
-    kernel = c_source.kernel(tape_of(function), "kernel")
+    kernel = c_source.kernel_source(tape_of(function), "kernel")
     n_in, n_out = range(function.n_in()), range(function.n_out())
     body = _BODY % {
         "largest": max(1, *map(function.nnz_in, n_in)),

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynamics.batch.engines import c_source, compiler
-from dynamics.batch.engines.c_prelude import prelude
+from dynamics.batch.engines.c_prelude import vector_prelude
 from dynamics.batch.engines.c_source import RegisterLayout
 from dynamics.batch.engines.compiler import Compiler
 from dynamics.batch.engines.parallel import run_chunks
@@ -78,43 +78,43 @@ i64 run(i64 *next, i64 n, i64 chunk, const double *const *a, const i64 *shared,
 
 
 class CompiledEngine:
-    """Evaluates a kernel over samples by the function `run` of a C text, see :func:`driver`.
+    """Evaluates a kernel over samples by the function `run` of a C text, see :func:`batch_driver`.
 
     `evaluate(inputs, outputs)` takes arrays `(n_samples, nnz)` or `(1, nnz)`, fills `outputs`, and
     returns how many samples have a value that is not finite. Raises `CompilerError`.
     """
 
     def __init__(self, threads: int, text: str) -> None:
-        self.threads, self._run = threads, compiler.load(text, ["run"]).run
+        self.threads, self._run = threads, compiler.load_library(text, ["run"]).run
         self._run.restype = ctypes.c_int64
         self._run.argtypes = [ctypes.c_void_p, *2 * [ctypes.c_int64], *3 * [ctypes.c_void_p]]
 
     def evaluate(self, inputs: list[np.ndarray], outputs: list[np.ndarray], n: int) -> int:
         """Fill `outputs` for all n samples; returns how many of them are not finite."""
         shared = np.array([a.shape[0] == 1 and n != 1 for a in inputs] + [False], dtype=np.int64)
-        arguments = addresses(inputs), shared.ctypes.data, addresses(outputs)
+        arguments = data_addresses(inputs), shared.ctypes.data, data_addresses(outputs)
         return run_chunks(self._run, n, CHUNK, self.threads, *arguments)
 
 
-def addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
+def data_addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
     """A C array of the arrays' data pointers."""
     return (ctypes.c_void_p * max(len(arrays), 1))(*[a.ctypes.data for a in arrays])
 
 
-def source(tape: Tape, block: int, machine: Compiler) -> str:
+def batch_source(tape: Tape, block: int, machine: Compiler) -> str:
     """The C text for a tape on this machine, working on blocks of about `block` samples."""
     abreast = ABREAST if len(tape.operations) <= LONG else ABREAST_LONG
     layout = RegisterLayout(("U",) * len(tape.input_sizes), ("U",) * len(tape.output_sizes), abreast)
     registers = abreast * max(1, block // (abreast * machine.width))
     return (
-        prelude(machine)
+        vector_prelude(machine)
         + f"#define A {abreast}\n#define U {registers}\n"
-        + c_source.kernel(tape, "kernel", layout, PART)
-        + driver(tape.input_sizes, tape.output_sizes)
+        + c_source.kernel_source(tape, "kernel", layout, PART)
+        + batch_driver(tape.input_sizes, tape.output_sizes)
     )
 
 
-def driver(input_sizes: Sequence[int], output_sizes: Sequence[int]) -> str:
+def batch_driver(input_sizes: Sequence[int], output_sizes: Sequence[int]) -> str:
     """C text of `run`, after `A`, `U` and `kernel(in, out)`, whose entries lie `U` apart."""
     return _DRIVER % {
         "input_sizes": ", ".join(map(str, (*input_sizes, 0))),

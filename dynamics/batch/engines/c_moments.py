@@ -4,7 +4,7 @@ from __future__ import annotations
 
 # One chunk's moments: sums about the first register of samples, lane by lane, then the lanes merged
 # in order. Samples that are not finite, and the padding, are left out.
-SOURCE = """\
+MOMENTS_SOURCE = """\
 /* A sum is finite only if all its terms are; one that overflows counts as not finite too. */
 typedef struct { V *pivot, *sum, *square; M count; } accumulator;
 INLINE void add_up(const V *a, i64 n, V *sum) {

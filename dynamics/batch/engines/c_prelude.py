@@ -179,7 +179,7 @@ def scalar_prelude(text: str) -> str:
     return "\n".join((*lines, erfinv))
 
 
-def prelude(compiler: Compiler) -> str:
+def vector_prelude(compiler: Compiler) -> str:
     """C text that every emitted source begins with, for this compiler and CPU."""
     functions = "".join(_vector_function(name, compiler) for name in VECTOR_FUNCTIONS)
     return "".join(

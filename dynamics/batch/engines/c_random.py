@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dynamics.batch.engines.c_source import number
+from dynamics.batch.engines.c_source import c_double
 from dynamics.batch.random import INCREMENTS, MULTIPLIERS, ROUNDS
 
 # A 64-bit product of all lanes costs a processor without AVX-512 three multiplications and more;
@@ -106,7 +106,7 @@ _HALF_PI = 1.5707963267948966
 _LN_2 = 0.6931471805599453
 
 
-def source() -> str:
+def normals_source() -> str:
     """C text of `four_normals`, the counter-based normals of `dynamics.batch.random`.
 
     `schedule` makes its keys of a seed's two words.
@@ -115,8 +115,8 @@ def source() -> str:
         **{"rounds": ROUNDS, "m0": MULTIPLIERS[0], "m1": MULTIPLIERS[1]},
         **{"i0": INCREMENTS[0], "i1": INCREMENTS[1]},
     } + _NORMALS % {
-        "half_pi": number(_HALF_PI),
-        "minus_two_ln_2": number(-2.0 * _LN_2),
+        "half_pi": c_double(_HALF_PI),
+        "minus_two_ln_2": c_double(-2.0 * _LN_2),
         "log": _horner("p", "s2", [-2.0 * value for value in _LOG]),
         "sine": _horner("s", "y2", _SINE),
         "cosine": _horner("c", "y2", _COSINE),
@@ -125,6 +125,6 @@ def source() -> str:
 
 def _horner(name: str, variable: str, coefficients: Sequence[float]) -> str:
     """Statements that give `name` the value of a polynomial."""
-    lines = [f"  {name} = SPLAT({number(coefficients[0])});"]
-    lines += [f"  {name} = fused({name}, {variable}, SPLAT({number(value)}));" for value in coefficients[1:]]
+    lines = [f"  {name} = SPLAT({c_double(coefficients[0])});"]
+    lines += [f"  {name} = fused({name}, {variable}, SPLAT({c_double(value)}));" for value in coefficients[1:]]
     return "\n".join(lines)

@@ -8,7 +8,7 @@ first-level cache for problems of ordinary size.
 from __future__ import annotations
 
 from dynamics.batch.engines import c_dense, c_moments, c_random, c_steps
-from dynamics.batch.engines.c_prelude import prelude
+from dynamics.batch.engines.c_prelude import vector_prelude
 from dynamics.batch.engines.compiler import Compiler
 from dynamics.batch.graphs.step_graphs import RolloutTapes
 
@@ -277,7 +277,7 @@ i64 run(i64 *next, i64 n, i64 chunk, const job *q) {
 """
 
 
-def source(
+def rollout_source(
     tapes: RolloutTapes,
     block: int,
     machine: Compiler,
@@ -289,7 +289,7 @@ def source(
     With `own_p` every sample has parameters of its own; else they may stay in registers. With
     `own_theta` so it is for the weights of dense layers.
     """
-    functions, layers = c_steps.graphs(tapes, warm=True), tapes.layers
+    functions, layers = c_steps.forward_graphs(tapes, warm=True), tapes.layers
     for name in ("adjoint", "score", "terminal", "terminal_adjoint"):
         functions[name] = getattr(tapes, name)
     if layers is not None:
@@ -304,20 +304,20 @@ def source(
         "GT": tapes.n_theta if layers is None else layers.n_weights,
         "ENDS": int(tapes.weight is not None),
         "WEIGHT": tapes.weight or 0,
-        **c_dense.constants(layers, own_theta),
+        **c_dense.layer_constants(layers, own_theta),
     }
     return "".join(
         (
-            prelude(machine),
-            c_steps.constants(tapes, abreast, constants),
-            *c_steps.kernels(tapes, functions, abreast, _STRIDES),
+            vector_prelude(machine),
+            c_steps.step_constants(tapes, abreast, constants),
+            *c_steps.step_kernels(tapes, functions, abreast, _STRIDES),
             c_steps.one_step(tapes, with_ts=True, warm=True),
-            c_random.source(),
+            c_random.normals_source(),
             _JOB,
-            c_dense.source(layers),
+            c_dense.layer_source(layers),
             _SWEEPS,
             _LOAD,
-            c_moments.SOURCE,
+            c_moments.MOMENTS_SOURCE,
             _RUN,
         )
     )

@@ -10,7 +10,7 @@ from itertools import chain
 
 import casadi as ca
 
-from dynamics.batch.graphs.tape import BOOLEAN, Operation, Tape, chosen, operands
+from dynamics.batch.graphs.tape import BOOLEAN, Operation, Tape, operands_of, selection_of
 
 # Past this many operations a tape is cut, into parts of so many: gcc's time grows faster than a
 # function's length, and so do the values that it moves from registers to memory and back.
@@ -40,7 +40,7 @@ _INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}
 _COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 
 
-def number(value: float) -> str:
+def c_double(value: float) -> str:
     """A double as a C expression that gives exactly that double."""
     if math.isnan(value):
         return "NOT_A_NUMBER"
@@ -71,7 +71,7 @@ class RegisterLayout:
         return "ts" in (*self.inputs, *self.outputs)
 
     @staticmethod
-    def place(strides: Sequence[str], k: int, j: int, register: int) -> str:
+    def entry_offset(strides: Sequence[str], k: int, j: int, register: int) -> str:
         """Where entry j of array k is for this register."""
         stride = strides[k] if k < len(strides) else "1"
         if stride == "1":
@@ -80,7 +80,7 @@ class RegisterLayout:
         return offset if register == 0 else f"{offset} + ({stride} > 1) * {register}"
 
 
-def kernel(tape: Tape, name: str, layout: RegisterLayout | None = None, part_size: int | None = None) -> str:
+def kernel_source(tape: Tape, name: str, layout: RegisterLayout | None = None, part_size: int | None = None) -> str:
     """C text of `void name(const V *const in[], V *const out[])`.
 
     `in[k][j]` is nonzero j of input k, `out` likewise, laid out as `layout` says; no output may
@@ -89,10 +89,10 @@ def kernel(tape: Tape, name: str, layout: RegisterLayout | None = None, part_siz
     """
     if part_size is None:
         part_size = WHOLE if len(tape.operations) <= WHOLE else PART
-    return _Emitter(tape, name, layout or RegisterLayout(), part_size).text()
+    return _KernelEmitter(tape, name, layout or RegisterLayout(), part_size).source_text()
 
 
-class _Parts:
+class _TapeParts:
     """The computed values of `tape` in turn, at most `size` a part.
 
     `parts[p]` lists the values of part p, `slots` the place in memory (`n_slots` places in all)
@@ -111,11 +111,11 @@ class _Parts:
         self._spill()
         self.ends = self._output_parts()
 
-    def reads(self, operation: Operation) -> tuple[int, ...]:
+    def read_values(self, operation: Operation) -> tuple[int, ...]:
         """The values that an operation reads, those of `if_else` as one selection among them."""
-        return operands(operation) + (chosen(self.tape, operation) or ())
+        return operands_of(operation) + (selection_of(self.tape, operation) or ())
 
-    def factors(self, i: int, members: set[int]) -> tuple[int, int] | None:
+    def product_factors(self, i: int, members: set[int]) -> tuple[int, int] | None:
         """The two factors of a product in the part `members` that is read once, else None."""
         operation = self.tape.operations[i]
         if i not in members or self.counts[i] != 1:
@@ -126,13 +126,13 @@ class _Parts:
             return operation.args[0], operation.args[0]
         return None
 
-    def power(self, operation: Operation) -> int | None:
+    def integer_power(self, operation: Operation) -> int | None:
         """The exponent of `OP_CONSTPOW` where it is small and whole, else None."""
         exponent = self.tape.operations[operation.args[1]]
         is_small_integer = exponent.op == ca.OP_CONST and exponent.value in range(1, LARGEST_PRODUCT + 1)
         return int(exponent.value) if is_small_integer else None
 
-    def reciprocal(self, operation: Operation) -> float | None:
+    def constant_reciprocal(self, operation: Operation) -> float | None:
         """The reciprocal of a division's divisor where that is a moderate constant, else None."""
         divisor = self.tape.operations[operation.args[1]]
         moderate = divisor.op == ca.OP_CONST and MODERATE[0] < abs(divisor.value) < MODERATE[1]
@@ -156,7 +156,7 @@ class _Parts:
     def _last_parts(self) -> dict[int, int]:
         last: dict[int, int] = {}
         for i, p in self._part_of.items():
-            for arg in self.reads(self.tape.operations[i]):
+            for arg in self.read_values(self.tape.operations[i]):
                 if arg in self._part_of:
                     last[arg] = max(last.get(arg, -1), p)
         return last
@@ -169,12 +169,12 @@ class _Parts:
         return ends
 
 
-class _Emitter:
+class _KernelEmitter:
     def __init__(self, tape: Tape, name: str, layout: RegisterLayout, part_size: int) -> None:
-        self.name, self.layout, self.cut = name, layout, _Parts(tape, part_size)
+        self.name, self.layout, self.parts = name, layout, _TapeParts(tape, part_size)
 
-    def text(self) -> str:
-        parts, registers = self.cut, self.layout.abreast
+    def source_text(self) -> str:
+        parts, registers = self.parts, self.layout.abreast
         if len(parts.parts) == 1:
             linkage = "INLINE" if len(parts.parts[0]) <= INLINED else "static NOINLINE"
             return self._function(linkage, self.name, self._body(0))
@@ -197,31 +197,32 @@ class _Emitter:
 
     def _body(self, p: int) -> list[str]:
         """The statements of a part, every one once for each register in turn."""
-        by_register = [_Part(self.cut, p, self.layout, r).lines() for r in range(self.layout.abreast)]
+        registers = range(self.layout.abreast)
+        by_register = [_PartEmitter(self.parts, p, self.layout, r).statement_lines() for r in registers]
         return list(chain.from_iterable(zip(*by_register, strict=True)))
 
 
-class _Part:
+class _PartEmitter:
     """The statements of one part of a tape, for one of the registers abreast."""
 
-    def __init__(self, parts: _Parts, p: int, layout: RegisterLayout, register: int) -> None:
-        self.cut, self.tape, self.layout, self.register = parts, parts.tape, layout, register
-        self.part, self.here = parts.parts[p], set(parts.parts[p])
+    def __init__(self, parts: _TapeParts, p: int, layout: RegisterLayout, register: int) -> None:
+        self.parts, self.tape, self.layout, self.register = parts, parts.tape, layout, register
+        self.own_values, self.own_set = parts.parts[p], set(parts.parts[p])
         self.stores: dict[int, list[str]] = {}
-        for i in self.part:
+        for i in self.own_values:
             if i in parts.slots:
                 self.stores.setdefault(i, []).append(f"{self._slot(i)} = v{i};")
         for i, k, j in parts.ends[p]:
-            place = layout.place(layout.outputs, k, j, register)
+            place = layout.entry_offset(layout.outputs, k, j, register)
             self.stores.setdefault(i, []).append(f"out[{k}][{place}] = v{i};")
 
-    def lines(self) -> list[str]:
+    def statement_lines(self) -> list[str]:
         """Each value that is read, right before it is first used."""
         lines: list[str] = []
         loaded: set[str] = set()
         for line in self._needed():
             for kind, i in _NAMES.findall(line):
-                if int(i) not in self.here and kind + i not in loaded:
+                if int(i) not in self.own_set and kind + i not in loaded:
                     loaded.add(kind + i)
                     lines.append(self._leaf(kind, int(i)))
             lines.append(line)
@@ -231,10 +232,10 @@ class _Part:
 
     def _needed(self) -> Iterable[str]:
         """Statements in turn, without those whose value is unused, as of products in `fused`."""
-        output_lines = [line for i, lines in self.stores.items() if i not in self.here for line in lines]
+        output_lines = [line for i, lines in self.stores.items() if i not in self.own_set for line in lines]
         reverse = output_lines[::-1]
         read_names = {kind + i for line in reverse for kind, i in _NAMES.findall(line)}
-        for i in reversed(self.part):
+        for i in reversed(self.own_values):
             for line in (*self.stores.get(i, [])[::-1], *self._statements(i)):
                 name = re.match(r"const \w (\w+) =", line)
                 if name is None or name[1] in read_names:
@@ -243,16 +244,16 @@ class _Part:
         return reversed(reverse)
 
     def _slot(self, i: int) -> str:
-        return f"w[{self.cut.slots[i] * self.layout.abreast + self.register}]"
+        return f"w[{self.parts.slots[i] * self.layout.abreast + self.register}]"
 
     def _leaf(self, kind: str, i: int) -> str:
         operation = self.tape.operations[i]
         if operation.op == ca.OP_INPUT:
             k, j = operation.args
-            place = self.layout.place(self.layout.inputs, k, j, self.register)
+            place = self.layout.entry_offset(self.layout.inputs, k, j, self.register)
             return f"const V v{i} = in[{k}][{place}];"
         if operation.op == ca.OP_CONST:
-            return f"const V v{i} = SPLAT({number(operation.value)});"
+            return f"const V v{i} = SPLAT({c_double(operation.value)});"
         return f"const {kind.upper()} {kind}{i} = {self._slot(i)}{' != 0.0' * (kind == 'm')};"
 
     def _statements(self, i: int) -> tuple[str, ...]:
@@ -302,28 +303,28 @@ class _Part:
 
     def _power(self, operation: Operation) -> str:
         base, exponent = operation.args
-        count = self.cut.power(operation)
+        count = self.parts.integer_power(operation)
         return " * ".join([f"v{base}"] * count) if count else f"vpow(v{base}, v{exponent})"
 
     def _quotient(self, operation: Operation) -> str:
         """A division, or for a constant divisor the product with its reciprocal."""
         a, b = operation.args
-        reciprocal = self.cut.reciprocal(operation)
-        return f"v{a} / v{b}" if reciprocal is None else f"v{a} * {number(reciprocal)}"
+        reciprocal = self.parts.constant_reciprocal(operation)
+        return f"v{a} / v{b}" if reciprocal is None else f"v{a} * {c_double(reciprocal)}"
 
     def _chosen(self, operation: Operation) -> str:
         """CasADi's if_else as one selection; else an empty string."""
-        choice = chosen(self.tape, operation)
+        choice = selection_of(self.tape, operation)
         return "pick(m{}, v{}, v{})".format(*choice) if choice else ""
 
     def _fused(self, operation: Operation) -> str:
         """a*b + c as one rounding where the product has no other reader; else an empty string."""
         left_operand, right_operand = operation.args
         minus = "-" if operation.op == ca.OP_SUB else ""
-        factors = self.cut.factors(right_operand, self.here)
+        factors = self.parts.product_factors(right_operand, self.own_set)
         if factors:
             return f"fused({minus}v{factors[0]}, v{factors[1]}, v{left_operand})"
-        factors = self.cut.factors(left_operand, self.here)
+        factors = self.parts.product_factors(left_operand, self.own_set)
         if factors:
             return f"fused(v{factors[0]}, v{factors[1]}, {minus}v{right_operand})"
         return ""

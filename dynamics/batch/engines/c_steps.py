@@ -7,13 +7,13 @@ from collections.abc import Iterator, Mapping
 import casadi as ca
 
 from dynamics.batch.engines import c_source
-from dynamics.batch.engines.c_flat import driver
-from dynamics.batch.engines.c_prelude import prelude
+from dynamics.batch.engines.c_flat import batch_driver
+from dynamics.batch.engines.c_prelude import vector_prelude
 from dynamics.batch.engines.c_source import RegisterLayout
 from dynamics.batch.engines.compiler import Compiler
 from dynamics.batch.graphs.inner import InnerLoop
-from dynamics.batch.graphs.step_graphs import Asked, RolloutTapes
-from dynamics.batch.graphs.tape import UnsupportedOperation, tape_of, with_shared_reciprocals
+from dynamics.batch.graphs.step_graphs import ModelStepGraphs, RolloutTapes
+from dynamics.batch.graphs.tape import UnsupportedOperation, share_reciprocals, tape_of
 from dynamics.contact.path import ARRIVED
 
 # Operations up to which the registers of a block are worked on without a loop around them: more
@@ -171,21 +171,21 @@ INLINE void one_step(const V *const in[], V *const out[]%(ts_parameter)s) {
 """
 
 
-def source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
+def step_source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
     """The C text of one step of many samples, on blocks of about `block`.
 
     Raises `UnsupportedOperation` for a learned step.
     """
-    functions = graphs(tapes)
+    functions = forward_graphs(tapes)
     _, abreast, registers = side_by_side(functions, block, machine)
     return "".join(
         (
-            prelude(machine),
-            constants(tapes, abreast, {"U": registers}),
-            *kernels(tapes, functions, abreast, _STRIDES),
+            vector_prelude(machine),
+            step_constants(tapes, abreast, {"U": registers}),
+            *step_kernels(tapes, functions, abreast, _STRIDES),
             one_step(tapes, with_ts=False),
             "#define kernel one_step\n",
-            driver((tapes.nx, tapes.n_theta, tapes.nu, tapes.np), (tapes.nx, tapes.nlam, 1)),
+            batch_driver((tapes.nx, tapes.n_theta, tapes.nu, tapes.np), (tapes.nx, tapes.nlam, 1)),
         )
     )
 
@@ -197,7 +197,7 @@ def side_by_side(functions: Mapping[str, ca.Function], block: int, machine: Comp
     return length, abreast, abreast * max(1, block // (abreast * machine.width))
 
 
-def graphs(tapes: RolloutTapes, warm: bool = False) -> dict[str, ca.Function]:
+def forward_graphs(tapes: RolloutTapes, warm: bool = False) -> dict[str, ca.Function]:
     """The graphs that make up the forward step, by the names their kernels have.
 
     ``warm`` where steps follow each other.
@@ -205,14 +205,14 @@ def graphs(tapes: RolloutTapes, warm: bool = False) -> dict[str, ca.Function]:
     Raises `UnsupportedOperation` for a learned step.
     """
     loop = tapes.forward
-    if isinstance(loop, Asked):
+    if isinstance(loop, ModelStepGraphs):
         raise UnsupportedOperation("a learned step has no C code; choose another law")
     if isinstance(loop, InnerLoop):
         return {name: graph for name, graph in loop.graphs().items() if warm or name != "warm"}
     return {"step": loop}
 
 
-def kernels(
+def step_kernels(
     tapes: RolloutTapes,
     functions: Mapping[str, ca.Function],
     abreast: int,
@@ -223,7 +223,7 @@ def kernels(
         inputs, outputs = (strides | _OWN if abreast > 1 else strides).get(name, ((), ()))
         registers = _path_abreast(tapes, abreast) if name in _PATH_GRAPHS else abreast
         layout = RegisterLayout(inputs, outputs, registers, name == "path")
-        yield c_source.kernel(with_shared_reciprocals(tape_of(fn)), name, layout)
+        yield c_source.kernel_source(share_reciprocals(tape_of(fn)), name, layout)
 
 
 def _path_abreast(tapes: RolloutTapes, abreast: int) -> int:
@@ -232,7 +232,7 @@ def _path_abreast(tapes: RolloutTapes, abreast: int) -> int:
     return 1 if isinstance(loop, InnerLoop) and loop.newton else abreast
 
 
-def constants(tapes: RolloutTapes, abreast: int, more: Mapping[str, object]) -> str:
+def step_constants(tapes: RolloutTapes, abreast: int, more: Mapping[str, object]) -> str:
     """Definitions of the sizes that the text of a step names, and of others."""
     loop = tapes.forward
     inner = (loop.n, loop.n_data, loop.n_pair) if isinstance(loop, InnerLoop) else (0, 0, 0)

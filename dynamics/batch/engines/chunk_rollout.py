@@ -10,7 +10,7 @@ import numpy as np
 from dynamics.batch.engines.kernels import Kernel
 from dynamics.batch.engines.parallel import Scratch
 from dynamics.batch.graphs.inner import InnerLoop
-from dynamics.batch.graphs.step_graphs import Asked, Layers, RolloutTapes, layer_slices
+from dynamics.batch.graphs.step_graphs import Layers, ModelStepGraphs, RolloutTapes, layer_slices
 from dynamics.contact.path import ARRIVED
 
 Array = np.ndarray
@@ -98,7 +98,7 @@ class ChunkNetwork:
         self._layers, self._places = layers, layer_slices(layers.sizes)
         self._observe, self._back = make(layers.observe), make(layers.observe_adjoint)
 
-    def actions(self, theta: Array, x: Array, p: Array) -> Array:
+    def mean_actions(self, theta: Array, x: Array, p: Array) -> Array:
         """Mean actions (n_a, m) at states x (nx, m)."""
         return self._values(theta, x, p)[-1]
 
@@ -151,7 +151,7 @@ class ChunkRollout:
         self.terminal, self.terminal_adjoint = make(tapes.terminal), make(tapes.terminal_adjoint)
         self.network = None if tapes.layers is None else ChunkNetwork(tapes.layers, make)
         loop = tapes.forward
-        if isinstance(loop, Asked):
+        if isinstance(loop, ModelStepGraphs):
             self.queries, self.closing = make(loop.queries), make(loop.closing)
         elif isinstance(loop, InnerLoop):
             self.solve = ChunkSolver(loop, make)
@@ -187,7 +187,7 @@ class ChunkRollout:
         for t in range(len(w)):
             arguments = [x[t], self._theta(theta, x[t], p, t), w[t], p]
             results = [x[t + 1] if linearise_along is None else x_next_unused, lam[t], stage]
-            if isinstance(self.tapes.forward, Asked):
+            if isinstance(self.tapes.forward, ModelStepGraphs):
                 evaluated = self._evaluate(self.tapes.forward, arguments, slopes)
                 self.closing.run([*arguments, evaluated], results)
             elif isinstance(self.tapes.forward, InnerLoop):
@@ -203,10 +203,10 @@ class ChunkRollout:
     def _theta(self, theta: Array, x: Array, p: Array, t: int) -> Array:
         """What the graphs of step t take for theta."""
         if self.network is not None:
-            return self.network.actions(theta[0], x, p)
+            return self.network.mean_actions(theta[0], x, p)
         return theta[min(t, len(theta) - 1)]
 
-    def _evaluate(self, asked: Asked, arguments: list[Array], slopes: bool) -> Array:
+    def _evaluate(self, asked: ModelStepGraphs, arguments: list[Array], slopes: bool) -> Array:
         """Outputs of the model at every branch and, with ``slopes``, its Jacobians by columns."""
         m, n_in, model = arguments[0].shape[-1], asked.model.n_in, asked.model
         z = np.empty((asked.queries.numel_out(0), m))

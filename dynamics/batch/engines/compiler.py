@@ -4,7 +4,7 @@ Objects live in the user's cache directory as `<key>-<sha256>.so`, where the key
 the compiler's version, the flags and the CPU's instruction set, and the second part is the
 checksum of the object itself. A name appears by one atomic rename, so processes may race; an
 object whose bytes do not match its name is thrown away and compiled again before anything is
-loaded. Emptying the cache meanwhile costs time and breaks nothing: :func:`clear` leaves the folders
+loaded. Emptying the cache meanwhile costs time and breaks nothing: :func:`clear_cache` leaves the folders
 of running compilations, and what vanishes before it is loaded is compiled again elsewhere.
 """
 
@@ -171,7 +171,7 @@ _ROOM = 1 << 24
 """Bytes that a compilation may need."""
 
 
-def load(source: str, symbols: Sequence[str] = ()) -> ctypes.CDLL:
+def load_library(source: str, symbols: Sequence[str] = ()) -> ctypes.CDLL:
     """Compile C source to a shared object with the functions it ``symbols``, and load it.
 
     It may come from the cache. Raises `CompilerError` with the compiler's last line where it fails,
@@ -289,7 +289,7 @@ def cache_directory() -> Path | None:
     return directory
 
 
-def identity() -> str:
+def compiler_identity() -> str:
     """Identity of this compiler and CPU; "" without a working compiler."""
     try:
         return find_compiler().identity
@@ -297,7 +297,7 @@ def identity() -> str:
         return ""
 
 
-def info() -> dict[str, object]:
+def compiler_info() -> dict[str, object]:
     """What `ocp doctor` shows: the compiler, its vector library, and the cache.
 
     Keys `compiler version instruction_set width vector_math cache objects bytes`; `compiler` is
@@ -324,7 +324,7 @@ def info() -> dict[str, object]:
     }
 
 
-def clear() -> int:
+def clear_cache() -> int:
     """Empty the cache of compiled objects; returns how many there were.
 
     Build folders of killed processes go too: no compilation takes as long as they are old.

@@ -17,17 +17,17 @@ from dynamics.batch.graphs.tape import (
     BOOLEAN,
     Tape,
     UnsupportedOperation,
-    chosen,
-    operands,
+    operands_of,
+    selection_of,
+    share_reciprocals,
     tape_of,
-    with_shared_reciprocals,
 )
 
 EngineT = TypeVar("EngineT")
 _reported_reasons: set[str] = set()
 
 
-def choose(backend: str, makers: Mapping[str, Callable[[], EngineT]], owner: str) -> tuple[str, EngineT]:
+def choose_backend(backend: str, makers: Mapping[str, Callable[[], EngineT]], owner: str) -> tuple[str, EngineT]:
     """Build the named backend, or for `auto` the first of `makers` that can be built.
 
     Under `auto`, a backend that cannot be built is passed over; a `BatchWarning` line gives the
@@ -118,8 +118,8 @@ class NumpyKernel:
 
     def __init__(self, tape: Tape) -> None:
         self._tape, self.width = tape, 0
-        choices = {i: chosen(tape, operation) for i, operation in enumerate(tape.operations)}
-        reads = [choices[i] or operands(o) for i, o in enumerate(tape.operations)]
+        choices = {i: selection_of(tape, operation) for i, operation in enumerate(tape.operations)}
+        reads = [choices[i] or operands_of(o) for i, o in enumerate(tape.operations)]
         last_reader = self._last_uses(reads)
         names: dict[str, Any] = {f"f{op}": call for op, call in _CALLS.items()}
         lines, live = [], 0
@@ -197,8 +197,8 @@ class CasadiKernel:
             array[...] = np.asarray(result)
 
 
-KERNELS: dict[str, Callable[[ca.Function], Kernel]] = {
-    "numpy": lambda fn: NumpyKernel(with_shared_reciprocals(tape_of(fn))),
+KERNEL_MAKERS: dict[str, Callable[[ca.Function], Kernel]] = {
+    "numpy": lambda fn: NumpyKernel(share_reciprocals(tape_of(fn))),
     "casadi": CasadiKernel,
 }
 """Kernels of the graphs of a step, by backend."""

@@ -120,11 +120,11 @@ class Scratch(threading.local):
     def columns(self, name: str, rows: np.ndarray) -> np.ndarray:
         """The transpose of (n_samples, size) as an array of its own, samples last."""
         columns = self.array(name, *rows.shape[::-1])
-        transpose(rows, columns.T)
+        copy_transposed(rows, columns.T)
         return columns
 
 
-def transpose(source: np.ndarray, target: np.ndarray) -> None:
+def copy_transposed(source: np.ndarray, target: np.ndarray) -> None:
     """Copy between (n_samples, size) arrays, one the transpose of a contiguous array."""
     for begin in range(0, len(source), _TILE):
         target[begin : begin + _TILE] = source[begin : begin + _TILE]

@@ -14,7 +14,7 @@ from dynamics.batch.arguments import NonFinite, non_finite_rows
 from dynamics.batch.engines import c_rollout, compiler
 from dynamics.batch.engines.chunk_rollout import ChunkRollout
 from dynamics.batch.engines.kernels import Kernel
-from dynamics.batch.engines.parallel import over_chunks, run_chunks, transpose
+from dynamics.batch.engines.parallel import copy_transposed, over_chunks, run_chunks
 from dynamics.batch.graphs.step_graphs import RolloutTapes
 from dynamics.batch.random import Gaussian, key_of
 
@@ -22,7 +22,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Call:
+class RolloutRequest:
     """One evaluation of n rollouts; arrays have n rows, or one row shared by all.
 
     `x0` (., nx), `theta` (., parts * n_theta), `p` (., np); `w` (n, horizon * nu) is given noise,
@@ -41,8 +41,8 @@ class Call:
     p: Array
     w: Array | None = None
     gaussian: Gaussian | None = None
-    along: Array | None = None
-    pull: Array | None = None
+    linearise_along: Array | None = None
+    terminal_gradient: Array | None = None
     precision: Array | None = None
     gradient: bool = True
     score: bool = False
@@ -53,16 +53,17 @@ class Call:
         """Entries of a sample's vector in moments: cost, gradient, score times cost."""
         return 1 + self.theta.shape[1] * (self.gradient + self.score)
 
-    def part(self, begin: int, end: int) -> Call:
+    def slice_samples(self, begin: int, end: int) -> RolloutRequest:
         """The same request for samples `begin <= i < end` alone."""
-        batched = {name: getattr(self, name) for name in ("x0", "theta", "p", "w", "along", "pull")}
+        names = ("x0", "theta", "p", "w", "linearise_along", "terminal_gradient")
+        batched = {name: getattr(self, name) for name in names}
         rows = {k: a[begin:end] for k, a in batched.items() if a is not None and len(a) > 1}
-        gaussian = None if self.gaussian is None else self.gaussian.after(begin)
+        gaussian = None if self.gaussian is None else self.gaussian.skip_samples(begin)
         return replace(self, n=end - begin, gaussian=gaussian, **rows)
 
 
 @dataclass(frozen=True)
-class Results:
+class RolloutArrays:
     """Arrays to fill with values of n samples, all but the first where wanted.
 
     `cost` (n, 1), `gradient` and `score` (n, parts * n_theta), `last` (n, nx) what is carried at
@@ -76,7 +77,7 @@ class Results:
     trail: Array | None = None
 
     @classmethod
-    def of(cls, q: Call, **outputs: Array | None) -> Self:
+    def allocate(cls, q: RolloutRequest, **outputs: Array | None) -> Self:
         """Arrays for the cost, and for what else the call asks."""
         size = q.theta.shape[1]
         gradient, score = (np.empty((q.n, size)) if on else None for on in (q.gradient, q.score))
@@ -130,25 +131,25 @@ class CompiledRolloutEngine:
 
     def _made(self, per_sample_p: bool, per_sample_theta: bool) -> Any:
         machine = compiler.find_compiler()
-        text = c_rollout.source(self._tapes, self._block, machine, per_sample_p, per_sample_theta)
-        run = compiler.load(text, ["run"]).run
+        text = c_rollout.rollout_source(self._tapes, self._block, machine, per_sample_p, per_sample_theta)
+        run = compiler.load_library(text, ["run"]).run
         run.restype = ctypes.c_int64
         run.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
         return run
 
-    def samples(self, q: Call, results: Results) -> int:
+    def samples(self, q: RolloutRequest, results: RolloutArrays) -> int:
         """Fill the arrays sample by sample; returns how many samples are not finite."""
         want = (results.gradient is not None) + 2 * (results.score is not None)
         return self._all(q, want, **vars(results))
 
-    def moments(self, q: Call, table: Array) -> int:
+    def moments(self, q: RolloutRequest, table: Array) -> int:
         """Fill a row `(count, means, second moments)` of `table` for each chunk of samples.
 
         Returns how many samples are not finite.
         """
         return self._all(q, q.gradient + 2 * q.score + 4, moments=table)
 
-    def _all(self, q: Call, want: int, **results: Array | None) -> int:
+    def _all(self, q: RolloutRequest, want: int, **results: Array | None) -> int:
         job, _kept_alive = self._job(q, want, results)
         per_sample = len(q.p) > 1, self._tapes.layers is not None and len(q.theta) > 1
         if per_sample not in self._runs:
@@ -163,17 +164,17 @@ class CompiledRolloutEngine:
         one_share, several_shares = (_REGISTER * -(-n // (_REGISTER * k * self._threads)) for k in (1, _SHARES))
         return min(self.chunk, max(several_shares, min(one_share, _FEW)))
 
-    def _job(self, q: Call, want: int, results: dict[str, Array | None]) -> tuple[Job, object]:
+    def _job(self, q: RolloutRequest, want: int, results: dict[str, Array | None]) -> tuple[Job, object]:
         """The structure to pass, and the arrays that must live as long as it is in use."""
         nu = self._tapes.nu
         noise, seed_key, sigma = 0, (0, 0), np.ones(nu)
         if q.w is not None:
             noise = 1
         elif q.gaussian is not None:
-            noise, seed_key, sigma = 2, key_of(q.gaussian.seed), q.gaussian.scales(nu)
+            noise, seed_key, sigma = 2, key_of(q.gaussian.seed), q.gaussian.component_scales(nu)
         arrays = {
-            **{"x0": q.x0, "theta": q.theta, "p": q.p, "w": q.w, "along": q.along},
-            **{"pull": q.pull, "sigma": sigma, "precision": q.precision, **results},
+            **{"x0": q.x0, "theta": q.theta, "p": q.p, "w": q.w, "along": q.linearise_along},
+            **{"pull": q.terminal_gradient, "sigma": sigma, "precision": q.precision, **results},
         }
         job = Job(
             horizon=q.horizon,
@@ -207,18 +208,18 @@ class ChunkEngine:
         self.chunk = 16384 if tapes.adjoint.n_instructions() < _SHORT else 4096
         self._rollout = ChunkRollout(tapes, make)
 
-    def samples(self, q: Call, results: Results) -> int:
+    def samples(self, q: RolloutRequest, results: RolloutArrays) -> int:
         """As :meth:`CompiledRolloutEngine.samples`."""
         bad_counts: list[int] = []
         targets = results.gradient, results.score, results.last, results.trail
 
         def work(begin: int, end: int) -> None:
-            cost, gradient, score, trail = self._chunk(q.part(begin, end))
+            cost, gradient, score, trail = self._chunk(q.slice_samples(begin, end))
             results.cost[begin:end, 0] = cost
             chunk_results = gradient, score, trail[-1], trail.reshape(-1, trail.shape[-1])
             for target, value in zip(targets, chunk_results, strict=True):
                 if target is not None:
-                    transpose(value.T, target[begin:end])
+                    copy_transposed(value.T, target[begin:end])
             # A sum is finite only if all its terms are.
             total = cost + gradient.sum(axis=0) + score.sum(axis=0)
             bad_counts.append(end - begin - int(np.count_nonzero(np.isfinite(total))))
@@ -226,12 +227,12 @@ class ChunkEngine:
         over_chunks(q.n, self.chunk, self._threads, work)
         return sum(bad_counts)
 
-    def moments(self, q: Call, table: Array) -> int:
+    def moments(self, q: RolloutRequest, table: Array) -> int:
         """As :meth:`CompiledRolloutEngine.moments`."""
         bad_counts: list[int] = []
 
         def work(begin: int, end: int) -> None:
-            cost, gradient, score, _ = self._chunk(q.part(begin, end))
+            cost, gradient, score, _ = self._chunk(q.slice_samples(begin, end))
             values = np.vstack((cost[None], gradient, score * (cost - q.baseline)))
             values = values[:, np.isfinite(values).all(axis=0)]
             n = values.shape[1]
@@ -243,7 +244,7 @@ class ChunkEngine:
         over_chunks(q.n, self.chunk, self._threads, work)
         return sum(bad_counts)
 
-    def _chunk(self, q: Call) -> tuple[Array, Array, Array, Array]:
+    def _chunk(self, q: RolloutRequest) -> tuple[Array, Array, Array, Array]:
         """Of one chunk, until the next: cost (m,), gradient and score (parts * n_theta or 0, m),
         and all that was carried (N + 1, nx, m)."""
         tapes, m = self._tapes, q.n
@@ -253,21 +254,21 @@ class ChunkEngine:
         theta = theta.reshape(q.parts, -1, theta.shape[-1])
         w = w.reshape(q.horizon, tapes.nu, -1)
         linearise_along = None
-        if q.along is not None:
-            linearise_along = scratch.columns("along", q.along).reshape(-1, tapes.nx, m)
+        if q.linearise_along is not None:
+            linearise_along = scratch.columns("along", q.linearise_along).reshape(-1, tapes.nx, m)
         x, lam, cost = rollout.forward(x0, theta, p, w, m, q.gradient, linearise_along)
         shape = (q.parts, theta.shape[1], m)
         gradient, score = np.empty((0, m)), np.empty((0, m))
         if q.gradient:
             gradient = scratch.array("gradient", *shape)
-            terminal_gradient = None if q.pull is None else q.pull.T
+            terminal_gradient = None if q.terminal_gradient is None else q.terminal_gradient.T
             rollout.backward(x, lam, theta, p, w, gradient, terminal_gradient)
         if q.score and q.precision is not None:
             score = scratch.array("score", *shape)
             rollout.scores(x, theta, p, w * q.precision[..., None], score)
         return cost, gradient.reshape(-1, m), score.reshape(-1, m), x
 
-    def _noise(self, q: Call) -> Array:
+    def _noise(self, q: RolloutRequest) -> Array:
         if q.w is not None:
             return q.w
         if q.gaussian is not None:

@@ -16,13 +16,13 @@ from dynamics.batch.graphs.tape import (
     COMMUTATIVE,
     Operation,
     Tape,
-    operands,
+    operands_of,
+    share_reciprocals,
     tape_of,
-    with_shared_reciprocals,
 )
 
 
-def hoisted(
+def hoist_parameters(
     functions: Mapping[str, tuple[ca.Function, int]], n_parameters: int
 ) -> tuple[ca.Function, dict[str, ca.Function]]:
     """Split functions into what depends on parameters alone and the rest.
@@ -32,7 +32,7 @@ def hoisted(
     """
     pool = _Pool(n_parameters)
     split_functions = {
-        name: _Split(tape_of(fn), position, pool).results() for name, (fn, position) in functions.items()
+        name: _Split(tape_of(fn), position, pool).split_columns() for name, (fn, position) in functions.items()
     }
     q = ca.vertcat(ca.SX(0, 1), *pool.symbols.values())
     derived_values = ca.vertcat(ca.SX(0, 1), *(pool.expressions[i] for i in pool.symbols))
@@ -56,7 +56,7 @@ class _Pool:
         self.symbols: dict[int, ca.SX] = {}
         self._known: dict[tuple[int, tuple[int, ...], str], int] = {}
 
-    def add(self, operation: Operation, args: tuple[int, ...]) -> int:
+    def add_operation(self, operation: Operation, args: tuple[int, ...]) -> int:
         """Index of an operation on earlier members of the pool, or of a parameter or constant."""
         key = (operation.op, args, operation.value.hex())
         if key not in self._known:
@@ -69,7 +69,7 @@ class _Pool:
             return self.p[args[1]]
         if operation.op == ca.OP_CONST:
             return ca.SX(operation.value)
-        return apply(operation.op, [self.expressions[i] for i in args])
+        return apply_operation(operation.op, [self.expressions[i] for i in args])
 
     def value(self, i: int) -> ca.SX:
         """What the rest of a graph uses for a member: a constant as it is, else a symbol."""
@@ -97,27 +97,27 @@ class _Split:
         op, args = operation.op, operation.args
         if op == ca.OP_INPUT:
             if args[0] == self.position:
-                self.pooled[i] = self.pool.add(operation, (0, args[1]))
+                self.pooled[i] = self.pool.add_operation(operation, (0, args[1]))
             else:
                 self.values[i] = self.arguments[args[0]][args[1]]
         elif all(arg in self.pooled for arg in args):
-            self.pooled[i] = self.pool.add(operation, tuple(self.pooled[arg] for arg in args))
+            self.pooled[i] = self.pool.add_operation(operation, tuple(self.pooled[arg] for arg in args))
         elif op == ca.OP_DIV and args[1] in self.pooled:
-            inverse = self.pool.add(Operation(ca.OP_INV, ()), (self.pooled[args[1]],))
+            inverse = self.pool.add_operation(Operation(ca.OP_INV, ()), (self.pooled[args[1]],))
             self._scale(i, args[0], inverse)
         elif op == ca.OP_MUL and args[1] in self.pooled:
             self._scale(i, args[0], self.pooled[args[1]])
         elif op == ca.OP_MUL and args[0] in self.pooled:
             self._scale(i, args[1], self.pooled[args[0]])
         elif op == ca.OP_TWICE:
-            self._scale(i, args[0], self.pool.add(Operation(ca.OP_CONST, (), 2.0), ()))
+            self._scale(i, args[0], self.pool.add_operation(Operation(ca.OP_CONST, (), 2.0), ()))
         else:
-            self.values[i] = apply(op, [self._value(arg) for arg in args])
+            self.values[i] = apply_operation(op, [self._value(arg) for arg in args])
 
     def _scale(self, i: int, scaled_value: int, factor: int) -> None:
         if scaled_value in self.scaled:
             scaled_value, other = self.scaled[scaled_value]
-            factor = self.pool.add(Operation(ca.OP_MUL, ()), (other, factor))
+            factor = self.pool.add_operation(Operation(ca.OP_MUL, ()), (other, factor))
         self.scaled[i] = scaled_value, factor
 
     def _value(self, i: int) -> ca.SX:
@@ -128,13 +128,13 @@ class _Split:
             self.values[i] = self._value(scaled_value) * self.pool.value(factor)
         return self.values[i]
 
-    def results(self) -> tuple[list[ca.SX], list[ca.SX]]:
+    def split_columns(self) -> tuple[list[ca.SX], list[ca.SX]]:
         """Arguments, and each output as a column."""
         outputs = [ca.vertcat(ca.SX(0, 1), *map(self._value, row)) for row in self.tape.outputs]
         return self.arguments, outputs
 
 
-def apply(op: int, args: list[ca.SX]) -> ca.SX:
+def apply_operation(op: int, args: list[ca.SX]) -> ca.SX:
     """A scalar operation of CasADi on expressions."""
     return ca.SX.binary(op, *args) if op in BINARY else ca.SX.unary(op, *args)
 
@@ -161,17 +161,17 @@ _COSTLY = {
 }
 
 
-def carried(forward: ca.Function, adjoint: ca.Function) -> tuple[ca.Function, ca.Function]:
+def carry_costly_values(forward: ca.Function, adjoint: ca.Function) -> tuple[ca.Function, ca.Function]:
     """Let `lam` carry the divisions, roots and the like that both functions compute.
 
     `forward: (x, theta, w, p) -> (x_next, lam, cost)`, `adjoint: (x, theta, w, p, lam, xbar) ->
     (...)`. In what is returned lam is longer by those values of the forward step, which the adjoint
     reads instead: a division takes a processor as long as ten products, a stored number one load.
     """
-    forward_graph, adjoint_graph = (_Graph(with_shared_reciprocals(tape_of(f))) for f in (forward, adjoint))
-    same_in_forward = adjoint_graph.matched(forward_graph, lam_input=4)
+    forward_graph, adjoint_graph = (_Graph(share_reciprocals(tape_of(f))) for f in (forward, adjoint))
+    same_in_forward = adjoint_graph.match_values(forward_graph, lam_input=4)
     costly_matches = {i for i in same_in_forward if adjoint_graph.tape.operations[i].op in _COSTLY}
-    carried_values = sorted({same_in_forward[i] for i in adjoint_graph.needed(costly_matches)})
+    carried_values = sorted({same_in_forward[i] for i in adjoint_graph.first_met(costly_matches)})
     lam = ca.SX.sym("lam", adjoint.numel_in(4) + len(carried_values))
     replacements = {
         i: lam[adjoint.numel_in(4) + carried_values.index(same_in_forward[i])]
@@ -196,7 +196,7 @@ class _Graph:
     def __init__(self, tape: Tape) -> None:
         self.tape = tape
 
-    def needed(self, ends: set[int]) -> list[int]:
+    def first_met(self, ends: set[int]) -> list[int]:
         """Those of ``ends`` that are met first on the way from the outputs down."""
         visited: set[int] = set()
         first_met, pending = [], [i for row in self.tape.outputs for i in row]
@@ -208,10 +208,10 @@ class _Graph:
             if i in ends:
                 first_met.append(i)
             else:
-                pending += operands(self.tape.operations[i])
+                pending += operands_of(self.tape.operations[i])
         return first_met
 
-    def matched(self, other: _Graph, lam_input: int) -> dict[int, int]:
+    def match_values(self, other: _Graph, lam_input: int) -> dict[int, int]:
         """Which value of ``other`` a value of this tape is; inputs agree but for ``lam_input``,
         which is the other's output 1."""
         index_by_key = {other._key(op, op.args): i for i, op in enumerate(other.tape.operations)}
@@ -247,7 +247,7 @@ class _Graph:
             elif operation.op == ca.OP_CONST:
                 values.append(ca.SX(operation.value))
             else:
-                values.append(apply(operation.op, [values[arg] for arg in operation.args]))
+                values.append(apply_operation(operation.op, [values[arg] for arg in operation.args]))
         return values
 
     def outputs(self, values: list[ca.SX]) -> list[ca.SX]:

@@ -88,28 +88,28 @@ class InnerLoop:
         return {name: graph for name, graph in by_name.items() if graph is not None}
 
 
-def guess(path: Path, data: ca.SX) -> ca.SX:
+def newton_guess(path: Path, data: ca.SX) -> ca.SX:
     """Start of Newton's method: what each contact would have alone, with F_ii = 1."""
     if not path.unique:
         return ca.SX.zeros(path.n)
-    z, mu = path.parts(data)["z"], path.parts(data)["mu"]
+    z, mu = path.split_data(data)["z"], path.split_data(data)["mu"]
     if path.exact:
         return ca.fmax(0, -z)
     larger_root = ca.fabs(z) + ca.sqrt(z**2 + 4 * mu)
     return ca.if_else(z > 0, 2 * mu / larger_root, larger_root / 2)
 
 
-def solver_of(path: Path) -> dict[str, Any]:
+def solver_fields(path: Path) -> dict[str, Any]:
     """The fields of an `InnerLoop` that the path determines."""
     pair = ca.SX.sym("pair", path.size)
-    path_end = path.ending()(pair, path.data)
+    path_end = path.ending_function()(pair, path.data)
     sizes = {"n": path.n, "n_pair": path.size, "n_data": path.data.numel()}
     # Infinite where the path was not followed to its end: no sample counts then.
     checked_end = path_end[0] / (ca.mmax(path_end[2]) <= _FOLLOWED)
     followed = _function("followed", [pair, path.data], [checked_end])
     return {
         **sizes,
-        "path": path.iteration(),
+        "path": path.iteration_function(),
         "followed": followed,
         **(_by_newton(path) if path.unique else _from_starts(path)),
     }
@@ -124,8 +124,8 @@ def _from_starts(path: Path) -> dict[str, Any]:
 
 def _by_newton(path: Path) -> dict[str, Any]:
     lam = ca.SX.sym("lam", path.n)
-    z, mu, D, c = (path.known[name] for name in ("z", "mu", "D", "c"))
-    F = ca.SX(path.pattern, path.known["entries"])
+    z, mu, D, c = (path.data_parts[name] for name in ("z", "mu", "D", "c"))
+    F = ca.SX(path.pattern, path.data_parts["entries"])
     if path.exact:
         newton_outputs, settled_lam = _active_set(lam, z, F), ca.fmax(0, lam) * c * D
     else:

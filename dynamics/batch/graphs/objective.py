@@ -11,7 +11,7 @@ import casadi as ca
 from dynamics.contact import Step
 from dynamics.systems import Parameter, ParameterTable
 
-DISCOUNT = "discount"
+DISCOUNT_NAME = "discount"
 
 
 class Objective(ABC):
@@ -28,7 +28,7 @@ class Objective(ABC):
         return ParameterTable()
 
     @property
-    def over(self) -> int | None:
+    def end_entry(self) -> int | None:
         """The entry of `carried` that is zero once a rollout has ended early; None: none does."""
         return None
 
@@ -37,7 +37,7 @@ class Objective(ABC):
         """Raise `ValueError` where the dimensions do not fit those of the step."""
 
     @abstractmethod
-    def outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def step_outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
         """The carried values (nx + carried, 1) after a step to `x_next_expr`, and its cost.
 
         Expressions in (x, u, carried, p) and in the symbols of `x_next_expr` (nx, 1).
@@ -47,11 +47,11 @@ class Objective(ABC):
     def terminal(self, step: Step) -> ca.SX:
         """The cost at the end, in (x, carried, p)."""
 
-    def kept(self, bars: ca.SX, xbar: ca.SX) -> ca.SX:
+    def carry_cotangent(self, bars: ca.SX, xbar: ca.SX) -> ca.SX:
         """The cotangent of what is carried, from that of a step, `bars`, and the one after it."""
         return bars
 
-    def counted(self, bars: ca.SX) -> ca.SX:
+    def mask_finished(self, bars: ca.SX) -> ca.SX:
         """What of a step's contribution to gradient or score counts; all by default."""
         return bars
 
@@ -87,7 +87,7 @@ class Costs(Objective):
         nx, nu, np = step.system.nx, step.system.nu, len(step.p)
         extra_sizes = {"du": nu} if self.with_change else {}
         extra_sizes |= {"lam": step.system.nlam} if self.with_impulses else {}
-        fits(
+        require_sizes(
             "stage cost",
             self.stage,
             (nx, nu, *extra_sizes.values(), np),
@@ -96,19 +96,19 @@ class Costs(Objective):
         )
         if self.with_impulses and step.n == 0:
             raise ValueError("the stage cost needs contact impulses, which the law does not have")
-        fits("terminal cost", self.final, (nx, np), "(x, p)", 1)
+        require_sizes("terminal cost", self.final, (nx, np), "(x, p)", 1)
 
-    def outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def step_outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
         """The next state, with the input behind it where that is carried, and the stage cost."""
         system, p = step.system, step.p.vector
         extra_arguments = [system.u - self.carried] if self.with_change else []
         extra_arguments += [step.impulses] if self.with_impulses else []
-        cost = expanded(self.stage)(system.x, system.u, *extra_arguments, p)
+        cost = expand_function(self.stage)(system.x, system.u, *extra_arguments, p)
         return ca.vertcat(x_next_expr, system.u if self.with_change else ca.SX(0, 1)), cost
 
     def terminal(self, step: Step) -> ca.SX:
         """The terminal cost."""
-        return expanded(self.final)(step.system.x, step.p.vector)
+        return expand_function(self.final)(step.system.x, step.p.vector)
 
 
 def free_of_cost(step: Step) -> Costs:
@@ -141,7 +141,7 @@ class Episode(Objective):
     @cached_property
     def parameters(self) -> ParameterTable:
         """The discount."""
-        return ParameterTable([Parameter(DISCOUNT, 1.0, "1", "worth of a reward one step later")])
+        return ParameterTable([Parameter(DISCOUNT_NAME, 1.0, "1", "worth of a reward one step later")])
 
     def check(self, step: Step) -> None:
         """Raise `ValueError` for functions of other dimensions than the step's."""
@@ -152,54 +152,54 @@ class Episode(Objective):
             ("done", self.done, (nx,), "(x, p)"),
         ):
             np = min(len(step.p), fn.numel_in(fn.n_in() - 1))
-            fits(role, fn, (*sizes, np), arguments, 1)
+            require_sizes(role, fn, (*sizes, np), arguments, 1)
 
-    def outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def step_outcome(self, step: Step, x_next_expr: ca.SX) -> tuple[ca.SX, ca.SX]:
         """The next state, or this one where the episode is over, and minus the reward."""
         x, u, p = step.system.x, step.system.u, step.p.vector
         weight, lived = ca.vertsplit(self.carried)
-        is_done = of_first(self.done, x_next_expr, p=p) != 0
-        weight_after = ca.if_else(is_done, 0, self.parameters[DISCOUNT] * weight)
+        is_done = call_with_first(self.done, x_next_expr, p=p) != 0
+        weight_after = ca.if_else(is_done, 0, self.parameters[DISCOUNT_NAME] * weight)
         stays = [
-            ca.if_else(self.alive, new, old)
+            ca.if_else(self.is_alive, new, old)
             for new, old in zip(ca.vertsplit(x_next_expr), ca.vertsplit(x), strict=True)
         ]
-        gain = ca.if_else(self.alive, weight * of_first(self.reward, x, u, x_next_expr, p=p), 0)
-        carried_weight = ca.if_else(self.alive, weight_after, 0)
-        return ca.vertcat(*stays, carried_weight, lived + self.alive), -gain
+        gain = ca.if_else(self.is_alive, weight * call_with_first(self.reward, x, u, x_next_expr, p=p), 0)
+        carried_weight = ca.if_else(self.is_alive, weight_after, 0)
+        return ca.vertcat(*stays, carried_weight, lived + self.is_alive), -gain
 
     def terminal(self, step: Step) -> ca.SX:
         """Minus the terminal reward of the episodes that reach the end."""
-        gain = of_first(self.final, step.system.x, p=step.p.vector)
-        return -ca.if_else(self.alive, self.carried[0] * gain, 0)
+        gain = call_with_first(self.final, step.system.x, p=step.p.vector)
+        return -ca.if_else(self.is_alive, self.carried[0] * gain, 0)
 
     @property
-    def over(self) -> int:
+    def end_entry(self) -> int:
         """The weight."""
         return 0
 
     @property
-    def alive(self) -> ca.SX:
+    def is_alive(self) -> ca.SX:
         """Whether the episode has not ended before."""
         return self.carried[0] > 0
 
-    def kept(self, bars: ca.SX, xbar: ca.SX) -> ca.SX:
+    def carry_cotangent(self, bars: ca.SX, xbar: ca.SX) -> ca.SX:
         """A state that stays has the cotangent of the one after it, and the weight has none."""
         n = bars.numel() - self.carried.numel()
-        state_bars = [ca.if_else(self.alive, bars[k], xbar[k]) for k in range(n)]
+        state_bars = [ca.if_else(self.is_alive, bars[k], xbar[k]) for k in range(n)]
         return ca.vertcat(*state_bars, ca.SX.zeros(self.carried.numel()))
 
-    def counted(self, bars: ca.SX) -> ca.SX:
+    def mask_finished(self, bars: ca.SX) -> ca.SX:
         """Nothing once the episode is over, finite or not."""
-        return ca.vertcat(ca.SX(0, 1), *(ca.if_else(self.alive, bar, 0) for bar in ca.vertsplit(ca.densify(bars))))
+        return ca.vertcat(ca.SX(0, 1), *(ca.if_else(self.is_alive, bar, 0) for bar in ca.vertsplit(ca.densify(bars))))
 
 
-def expanded(fn: ca.Function) -> ca.Function:
+def expand_function(fn: ca.Function) -> ca.Function:
     """The function as one of scalar operations."""
     return fn if fn.is_a("SXFunction") else fn.expand()
 
 
-def fits(role: str, fn: ca.Function, sizes: tuple[int, ...], arguments: str, n_out: int) -> None:
+def require_sizes(role: str, fn: ca.Function, sizes: tuple[int, ...], arguments: str, n_out: int) -> None:
     """Raise `ValueError` where a function takes other sizes, or gives not `n_out` entries."""
     argument_sizes = tuple(fn.numel_in(k) for k in range(fn.n_in()))
     if argument_sizes != sizes:
@@ -211,6 +211,6 @@ def fits(role: str, fn: ca.Function, sizes: tuple[int, ...], arguments: str, n_o
         raise ValueError(f"the {role} '{fn.name()}' must have one output with {n_out} entries")
 
 
-def of_first(fn: ca.Function, *arguments: ca.SX, p: ca.SX) -> ca.SX:
+def call_with_first(fn: ca.Function, *arguments: ca.SX, p: ca.SX) -> ca.SX:
     """The value at the first entries of p, as many as the function takes."""
-    return ca.densify(expanded(fn)(*arguments, p[: fn.numel_in(fn.n_in() - 1)]))
+    return ca.densify(expand_function(fn)(*arguments, p[: fn.numel_in(fn.n_in() - 1)]))

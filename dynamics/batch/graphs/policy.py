@@ -10,10 +10,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.graphs.objective import expanded
-from dynamics.batch.graphs.step_graphs import depends, layer_slices
+from dynamics.batch.graphs.objective import expand_function
+from dynamics.batch.graphs.step_graphs import dependence_table, layer_slices
 from dynamics.systems import ParameterTable
-from dynamics.systems.parameters import entries
+from dynamics.systems.parameters import matrix_parameters
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,10 @@ class RolloutPolicy:
         """Parameters of a whole rollout."""
         return self.n_theta * (horizon if self.per_step else 1)
 
-    def acting(self, noise: np.ndarray) -> np.ndarray:
+    def acting_parameters(self, noise: np.ndarray) -> np.ndarray:
         """Which of theta, in its shape, move an action whose noise acts, `noise` (horizon, n_a)."""
         x, theta = (ca.SX.sym("a", self.law.numel_in(k)) for k in range(2))
-        reaches = noise @ depends(expanded(self.law)(x, theta), theta)
+        reaches = noise @ dependence_table(expand_function(self.law)(x, theta), theta)
         return reaches if self.per_step else np.any(reaches, axis=0, keepdims=True)[0]
 
     def shape(self, horizon: int) -> tuple[int, ...]:
@@ -86,7 +86,7 @@ class DensePolicy(RolloutPolicy):
         """Weights and offsets of all layers."""
         return layer_slices(self.sizes)[-1][1].stop
 
-    def acting(self, noise: np.ndarray) -> np.ndarray:
+    def acting_parameters(self, noise: np.ndarray) -> np.ndarray:
         """All weights (n_theta,) but the last layer's of actions whose noise never acts."""
         reaches = np.full(self.n_theta, noise.any())
         weights, offsets = self.layers(reaches)[-1]
@@ -98,7 +98,7 @@ class DensePolicy(RolloutPolicy):
     def parameters(self) -> ParameterTable:
         """`mean[i]` and `scale[i]` of the observations."""
         n = self.sizes[0]
-        return ParameterTable([*entries("mean", np.zeros(n)), *entries("scale", np.ones(n))])
+        return ParameterTable([*matrix_parameters("mean", np.zeros(n)), *matrix_parameters("scale", np.ones(n))])
 
     def layers(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """W (after, before) and b (after,) of every layer out of theta (..., n_theta), as views."""
@@ -107,7 +107,7 @@ class DensePolicy(RolloutPolicy):
             for weights, offsets, shape in layer_slices(self.sizes)
         ]
 
-    def means(self, theta: np.ndarray, observations: np.ndarray) -> np.ndarray:
+    def mean_actions(self, theta: np.ndarray, observations: np.ndarray) -> np.ndarray:
         """Mean action a (n, n_a) at normalised observations (n, n_o), one theta for all."""
         *hidden, (W, b) = self.layers(theta)
         values = observations
@@ -118,10 +118,10 @@ class DensePolicy(RolloutPolicy):
 
 def open_loop(nx: int, nu: int) -> RolloutPolicy:
     """u_t = theta_t: the inputs themselves, theta (horizon, nu)."""
-    return RolloutPolicy(_own(nx, nu, "open_loop"), per_step=True)
+    return RolloutPolicy(_identity_law(nx, nu, "open_loop"), per_step=True)
 
 
-def affine(nx: int, nu: int, per_step: bool = False) -> RolloutPolicy:
+def affine_policy(nx: int, nu: int, per_step: bool = False) -> RolloutPolicy:
     """u_t = K x_t + k, with theta the rows of K (nu, nx) one after the other, and then k (nu)."""
     x, theta = ca.SX.sym("x", nx), ca.SX.sym("theta", nu * nx + nu)
     gain = ca.reshape(theta[: nu * nx], nx, nu).T
@@ -129,21 +129,21 @@ def affine(nx: int, nu: int, per_step: bool = False) -> RolloutPolicy:
     return RolloutPolicy(law, per_step)
 
 
-def constant(nx: int, lower: Any, upper: Any) -> RolloutPolicy:
+def constant_policy(nx: int, lower: Any, upper: Any) -> RolloutPolicy:
     """The same inputs at every step, u = middle + half tanh(theta + w), between the bounds."""
-    squash = squashed(lower, upper)
-    law = _own(nx, squash.numel_in(0), "constant")
+    squash = squash_function(lower, upper)
+    law = _identity_law(nx, squash.numel_in(0), "constant")
     return RolloutPolicy(law, per_step=False, actuate=squash)
 
 
-def dense(observe: ca.Function, hidden: Sequence[int], lower: Any, upper: Any) -> DensePolicy:
+def dense_policy(observe: ca.Function, hidden: Sequence[int], lower: Any, upper: Any) -> DensePolicy:
     """A network with these hidden layers, u = middle + half tanh(a); without any an affine policy.
 
     `observe: (x, p) -> o`, p as in `Episode`.
     """
-    squash = squashed(lower, upper)
+    squash = squash_function(lower, upper)
     return DensePolicy(
-        law=_own(observe.numel_in(0), squash.numel_in(0), "action"),
+        law=_identity_law(observe.numel_in(0), squash.numel_in(0), "action"),
         per_step=False,
         actuate=squash,
         observe=observe,
@@ -151,7 +151,7 @@ def dense(observe: ca.Function, hidden: Sequence[int], lower: Any, upper: Any) -
     )
 
 
-def squashed(lower: Any, upper: Any) -> ca.Function:
+def squash_function(lower: Any, upper: Any) -> ca.Function:
     """`a -> (lower + upper) / 2 + (upper - lower) / 2 tanh(a)`."""
     low, high = (np.atleast_1d(np.asarray(end, dtype=float)) for end in (lower, upper))
     if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
@@ -160,7 +160,7 @@ def squashed(lower: Any, upper: Any) -> ca.Function:
     return ca.Function("actuate", [a], [ca.DM(low + high) / 2 + ca.DM(high - low) / 2 * ca.tanh(a)])
 
 
-def _own(nx: int, n: int, name: str) -> ca.Function:
+def _identity_law(nx: int, n: int, name: str) -> ca.Function:
     """The law that is its own parameters."""
     x, theta = ca.SX.sym("x", nx), ca.SX.sym("theta", n)
     return ca.Function(name, [x, theta], [theta])

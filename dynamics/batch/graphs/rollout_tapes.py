@@ -20,11 +20,18 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.graphs.hoisting import carried, hoisted
-from dynamics.batch.graphs.inner import InnerLoop, guess, solver_of
-from dynamics.batch.graphs.objective import Objective, expanded, fits, of_first
+from dynamics.batch.graphs.hoisting import carry_costly_values, hoist_parameters
+from dynamics.batch.graphs.inner import InnerLoop, newton_guess, solver_fields
+from dynamics.batch.graphs.objective import Objective, call_with_first, expand_function, require_sizes
 from dynamics.batch.graphs.policy import DensePolicy, RolloutPolicy
-from dynamics.batch.graphs.step_graphs import Asked, Layers, RolloutTapes, Ways, stand_ins, ways
+from dynamics.batch.graphs.step_graphs import (
+    CostDependence,
+    Layers,
+    ModelStepGraphs,
+    RolloutTapes,
+    cost_dependence,
+    stand_ins,
+)
 from dynamics.contact import AffineStep, Step, interior_point
 from dynamics.contact.learned_step import LearnedStep
 from dynamics.contact.path import Path
@@ -42,7 +49,7 @@ def build_tapes(step: Step, objective: Objective, policy: RolloutPolicy) -> Roll
     """
     objective.check(step)
     _check(step, policy)
-    return Closed(step, objective, policy).tapes()
+    return ClosedStep(step, objective, policy).build_tapes()
 
 
 def parameters_of(step: Step, objective: Objective, policy: RolloutPolicy) -> ParameterTable:
@@ -54,37 +61,37 @@ def _check(step: Step, policy: RolloutPolicy) -> None:
     nx, nu = step.system.nx, step.system.nu
     n = policy.law.numel_in(1)
     n_out = policy.actuate.numel_in(0) if policy.actuate else nu
-    fits("policy", policy.law, (nx, n), "(x, theta)", n_out)
+    require_sizes("policy", policy.law, (nx, n), "(x, theta)", n_out)
     if policy.actuate is not None:
-        fits("actuation", policy.actuate, (n_out,), "(a,)", nu)
+        require_sizes("actuation", policy.actuate, (n_out,), "(a,)", nu)
     if n_out != nu:
         raise ValueError(f"the policy has {n_out} actions for {nu} inputs")
     if isinstance(policy, DensePolicy):
         np = min(len(step.p), policy.observe.numel_in(1))
-        fits("observation", policy.observe, (nx, np), "(x, p)", policy.sizes[0])
+        require_sizes("observation", policy.observe, (nx, np), "(x, p)", policy.sizes[0])
 
 
-class Closed:
+class ClosedStep:
     """One step closed by a policy, in fresh symbols."""
 
     def __init__(self, step: Step, objective: Objective, policy: RolloutPolicy) -> None:
         system = step.system
         self.step, self.objective, self.policy = step, objective, policy
-        self.law = expanded(policy.law)
+        self.law = expand_function(policy.law)
         self.n_parameters = len(parameters_of(step, objective, policy))
         self.p = parameters_of(step, objective, policy).vector
         self.theta = ca.SX.sym("theta", policy.law.nnz_in(1))
         self.w = ca.SX.sym("w", system.nu)
         self.x = ca.vertcat(system.x, objective.carried)
-        self.x_next, self.stage_cost = objective.outcome(step, step.x_next_of_lam)
+        self.x_next, self.stage_cost = objective.step_outcome(step, step.x_next_of_lam)
         self.terminal_cost = objective.terminal(step)
         self.arguments = [self.x, self.theta, self.w, self.p]
 
-    def tapes(self) -> RolloutTapes:
+    def build_tapes(self) -> RolloutTapes:
         """The graphs, with the values that they share taken out of them."""
         law, at_end = self.law(self.step.system.x, self.theta), [self.x, self.p]
-        noise_ways = self.ways()
-        score = self.objective.counted(ca.jtimes(law, self.theta, self._acting(noise_ways), True))
+        noise_ways = self.cost_dependence()
+        score = self.objective.mask_finished(ca.jtimes(law, self.theta, self._acting(noise_ways), True))
         terminal_bar = ca.gradient(self.terminal_cost, self.x)
         loop = self._around()
         with_p = {
@@ -97,12 +104,12 @@ class Closed:
             with_p["forward"] = (self._forward(), 3)
         else:
             with_p |= {name: (getattr(loop, name), 3) for name in loop.with_p}
-        derived, remaining = hoisted(with_p, self.n_parameters)
+        derived, remaining = hoist_parameters(with_p, self.n_parameters)
         if loop is None:
-            remaining["forward"], remaining["adjoint"] = carried(remaining["forward"], remaining["adjoint"])
+            remaining["forward"], remaining["adjoint"] = carry_costly_values(remaining["forward"], remaining["adjoint"])
         else:
             loop = replace(loop, **{name: remaining[name] for name in loop.with_p})
-        layers, over = None, self.objective.over
+        layers, over = None, self.objective.end_entry
         if isinstance(self.policy, DensePolicy):
             layers = Layers(self.policy.sizes, remaining["observe"], remaining["observe_adjoint"])
         return RolloutTapes(
@@ -115,7 +122,7 @@ class Closed:
             forward=loop or remaining["forward"],
             adjoint=remaining["adjoint"],
             score=_function("score", [self.x, self.theta, self.w], [score]),
-            ways=noise_ways,
+            cost_dependence=noise_ways,
             terminal=remaining["terminal"],
             terminal_adjoint=remaining["terminal_adjoint"],
             derived=derived,
@@ -123,22 +130,22 @@ class Closed:
             weight=None if over is None else self.step.system.nx + over,
         )
 
-    def ways(self) -> Ways:
+    def cost_dependence(self) -> CostDependence:
         """The ways of the step, closed by contact and policy."""
         step, policy = self.step, self.policy
         if isinstance(step, LearnedStep):
             mixed_queries = _mixed(step.queries)
             unknown, relation_rows = step.inner, ca.repmat(mixed_queries, step.inner.numel(), 1)
         else:
-            unknown, relation_rows = step.lam, step.eliminated(step.gap_expr) + ca.SX.sym("by_mu") * step.mu
+            unknown, relation_rows = step.lam, step.eliminate_states(step.gap_expr) + ca.SX.sym("by_mu") * step.mu
         closed_expressions = self._closed(ca.vertcat(self.x_next, self.stage_cost), relation_rows)
         outputs = ca.substitute(closed_expressions[0], unknown, stand_ins(unknown, closed_expressions[1]))
         if isinstance(policy, DensePolicy):
-            mixed_observation = _mixed(of_first(policy.observe, step.system.x, p=step.p.vector))
+            mixed_observation = _mixed(call_with_first(policy.observe, step.system.x, p=step.p.vector))
             outputs = ca.substitute(outputs, self.theta, ca.repmat(mixed_observation, self.theta.numel(), 1))
-        return ways(outputs, self.terminal_cost, self.x, self.w)
+        return cost_dependence(outputs, self.terminal_cost, self.x, self.w)
 
-    def _acting(self, noise_ways: Ways) -> ca.SX:
+    def _acting(self, noise_ways: CostDependence) -> ca.SX:
         """The noise, zero where a gate is shut."""
         noise = ca.vertsplit(self.w)
         for j, s in np.argwhere(noise_ways.gates).tolist():
@@ -152,9 +159,9 @@ class Closed:
             return {}
         table, n = policy.parameters, policy.sizes[0]
         mean, scale = table.vector[:n], table.vector[n:]
-        observation = (of_first(policy.observe, self.step.system.x, p=self.step.p.vector) - mean) / scale
+        observation = (call_with_first(policy.observe, self.step.system.x, p=self.step.p.vector) - mean) / scale
         obar = ca.SX.sym("obar", n)
-        state_bar = self.objective.counted(ca.gradient(ca.dot(obar, observation), self.x))
+        state_bar = self.objective.mask_finished(ca.gradient(ca.dot(obar, observation), self.x))
         return {
             "observe": (_function("observe", [self.x, self.p], [observation]), 1),
             "observe_adjoint": (_function("observe_adjoint", [self.x, self.p, obar], [state_bar]), 1),
@@ -164,7 +171,7 @@ class Closed:
         """Expressions in the step's own (x, u, p), with the policy's input put in for u."""
         u = self.law(self.step.system.x, self.theta) + self.w
         if self.policy.actuate is not None:
-            u = expanded(self.policy.actuate)(u)
+            u = expand_function(self.policy.actuate)(u)
         return ca.substitute(list(expressions), [self.step.system.u], [u])
 
     def _effects(self, lam: ca.SX) -> list[ca.SX]:
@@ -187,19 +194,19 @@ class Closed:
         ]
         return _function("forward", self.arguments, self._effects(ca.vertcat(ca.SX(0, 1), *solved)))
 
-    def _around(self) -> InnerLoop | Asked | None:
+    def _around(self) -> InnerLoop | ModelStepGraphs | None:
         """What solves or evaluates the step between two graphs; None where one graph does."""
         if isinstance(self.step, LearnedStep):
             return self._asked(self.step)
         explicit = self.step.system.nlam <= isinstance(self.step, AffineStep)
         return None if explicit else self._loop()
 
-    def _asked(self, step: LearnedStep) -> Asked:
+    def _asked(self, step: LearnedStep) -> ModelStepGraphs:
         x_next, cost = self._closed(self.x_next, self.stage_cost)
-        closing = [*self.arguments, step.evaluated]
-        return Asked(
+        closing = [*self.arguments, step.model_outputs]
+        return ModelStepGraphs(
             queries=_function("queries", self.arguments, self._closed(step.queries)),
-            closing=_function("closing", closing, [x_next, step.evaluated, cost]),
+            closing=_function("closing", closing, [x_next, step.model_outputs, cost]),
             model=step.learned.model,
         )
 
@@ -209,22 +216,22 @@ class Closed:
             problems = self._contacts(step)
             n = step.system.nlam
             path = Path(sum((F.sparsity() for _, F, _ in problems), ca.Sparsity(n, n)), step.exact)
-            columns = [path.opening(*problem) for problem in problems]
+            columns = [path.opening_data(*problem) for problem in problems]
         else:
             path = path_of(step.system, step.exact)
             columns = self._openings(path)
-        guesses = ca.vertcat(*[guess(path, column) for column in columns])
+        guesses = ca.vertcat(*[newton_guess(path, column) for column in columns])
         return InnerLoop(
             opening=_function("opening", self.arguments, [guesses, ca.vertcat(*columns)]),
             closing=_function("closing", [*self.arguments, lam], self._effects(lam)),
             branches=step.branches,
-            **solver_of(path),
+            **solver_fields(path),
         )
 
     def _openings(self, path: Path) -> list[ca.SX]:
         """The data of the path of every branch."""
         step, system, mu = self.step, self.step.system, ca.SX.sym("mu", path.n)
-        opening, data = path.opening_of(system, mu), []
+        opening, data = path.opening_data_of(system, mu), []
         for node, rows in zip(step.nodes, step.rows, strict=True):
             symbols = ca.vertcat(system.x, system.u, mu)
             values = ca.vertcat(system.x + node.noise_x, system.u + node.noise_u, step.mu[rows])
@@ -250,25 +257,25 @@ class Closed:
         return self._adjoint_function(step.lam, xbar, bars)
 
     def _adjoint_function(self, lam: ca.SX, xbar: ca.SX, bars: list[ca.SX]) -> ca.Function:
-        carried_bar = self.objective.kept(ca.densify(bars[0]), xbar)
-        bars = [carried_bar, self.objective.counted(bars[1])]
+        carried_bar = self.objective.carry_cotangent(ca.densify(bars[0]), xbar)
+        bars = [carried_bar, self.objective.mask_finished(bars[1])]
         return _function("adjoint", [*self.arguments, lam, xbar], bars)
 
     def _adjoint_of_model(self, step: LearnedStep, xbar: ca.SX) -> ca.Function:
         """Gradient of ``l + xbar' x_next + b' z``, b the derivative by the queries z, held."""
         value = self.stage_cost + ca.dot(xbar, self.x_next)
-        value, queries, query_bar = self._closed(value, step.queries, step.back(value))
+        value, queries, query_bar = self._closed(value, step.queries, step.query_gradient(value))
         held_bar = ca.SX.sym("back", queries.numel())
         value += ca.dot(held_bar, queries)
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
         bars = ca.substitute(bars, [held_bar], [ca.densify(query_bar)])
-        return self._adjoint_function(step.evaluated, xbar, bars)
+        return self._adjoint_function(step.model_outputs, xbar, bars)
 
     def _adjoint_of_relation(self, xbar: ca.SX) -> ca.Function:
         """Gradient of ``l + xbar' x_next - v' R(inner)``, v solving the transposed relation."""
         step, inner = self.step, self.step.inner
         relation = step.differentiable_relation
-        x_next, cost = self.objective.outcome(step, step.x_next_expr)
+        x_next, cost = self.objective.step_outcome(step, step.x_next_expr)
         cost_to_go = cost + ca.dot(xbar, x_next)
         by_inner = ca.densify(ca.gradient(cost_to_go, inner))
         v = step.solve_relation(by_inner, transposed=True)
@@ -277,9 +284,9 @@ class Closed:
         bars = [ca.gradient(value, self.x), ca.gradient(value, self.theta)]
         held_values = [v]
         held_symbols = [held_v]
-        if step.held is not None:
-            held_symbols.append(step.held[0])
-            held_values.append(step.held[1])
+        if step.held_mu is not None:
+            held_symbols.append(step.held_mu[0])
+            held_values.append(step.held_mu[1])
         bars = ca.substitute(bars, [ca.vertcat(*held_symbols)], self._closed(ca.vertcat(*held_values)))
         bars = ca.substitute(bars, [step.states], self._closed(step.states_of_lam))
         return self._adjoint_function(step.lam, xbar, ca.cse(bars))

@@ -19,7 +19,7 @@ from dynamics.contact.learned_step import LearnedMap
 
 
 @dataclass(frozen=True)
-class Ways:
+class CostDependence:
     """Whether x_next and the cost of a step, rows, depend on x and on the noise w, columns.
 
     `by_x` (nx + 1, nx) and `by_w` (nx + 1, nu) go through contact and policy, whatever the values
@@ -42,14 +42,14 @@ class Ways:
         return np.array(noise_reaches[::-1]), np.array(state_reaches[-2::-1])
 
 
-def ways(outputs: ca.SX, terminal: ca.SX, x: ca.SX, w: ca.SX) -> Ways:
+def cost_dependence(outputs: ca.SX, terminal: ca.SX, x: ca.SX, w: ca.SX) -> CostDependence:
     """The ways of a step with `outputs` (x_next, cost) in (x, w), and `terminal` in x.
 
     Gates are looked for among states that no noise moves: others are zero by chance alone.
     """
-    by_x, by_w = depends(outputs, x), depends(outputs, w)
+    by_x, by_w = dependence_table(outputs, x), dependence_table(outputs, w)
     nx = x.numel()
-    noise_ways = Ways(by_x, by_w, depends(terminal, x)[0], np.zeros((w.numel(), nx), dtype=bool))
+    noise_ways = CostDependence(by_x, by_w, dependence_table(terminal, x)[0], np.zeros((w.numel(), nx), dtype=bool))
     noise_reaches, state_reaches = noise_ways.over(nx + 1)
     is_noiseless = ~by_w[:-1].any(axis=1)
     for _ in range(nx):
@@ -57,11 +57,11 @@ def ways(outputs: ca.SX, terminal: ca.SX, x: ca.SX, w: ca.SX) -> Ways:
     needed_rows = np.append(state_reaches.any(axis=0), True)
     for s in np.flatnonzero(is_noiseless):
         outputs_at_zero = ca.substitute(outputs[np.flatnonzero(needed_rows).tolist()], x[int(s)], 0)
-        noise_ways.gates[:, s] = noise_reaches.any(axis=0) & ~depends(outputs_at_zero, w).any(axis=0)
+        noise_ways.gates[:, s] = noise_reaches.any(axis=0) & ~dependence_table(outputs_at_zero, w).any(axis=0)
     return noise_ways
 
 
-def depends(expression: ca.SX, symbols: ca.SX) -> np.ndarray:
+def dependence_table(expression: ca.SX, symbols: ca.SX) -> np.ndarray:
     """Which entries of an expression depend on which of the symbols `symbols`, as a Boolean table."""
     pattern = ca.jacobian_sparsity(ca.densify(expression), symbols)
     return np.array(ca.DM(pattern, 1).full(), dtype=bool).reshape(expression.numel(), symbols.numel())
@@ -73,7 +73,7 @@ def stand_ins(unknown: ca.SX, rows: ca.SX) -> ca.SX:
     Unknown i solves `rows` i (n, 1), together with those that these rows tie it to.
     """
     n = unknown.numel()
-    are_coupled = depends(rows, unknown) | np.eye(n, dtype=bool)
+    are_coupled = dependence_table(rows, unknown) | np.eye(n, dtype=bool)
     are_coupled |= are_coupled.T
     for _ in range(n.bit_length()):
         are_coupled = are_coupled @ are_coupled
@@ -136,10 +136,10 @@ class RolloutTapes:
     np: int
     nlam: int
     n_theta: int
-    forward: ca.Function | InnerLoop | Asked
+    forward: ca.Function | InnerLoop | ModelStepGraphs
     adjoint: ca.Function
     score: ca.Function
-    ways: Ways
+    cost_dependence: CostDependence
     terminal: ca.Function
     terminal_adjoint: ca.Function
     derived: ca.Function
@@ -148,7 +148,7 @@ class RolloutTapes:
 
 
 @dataclass(frozen=True)
-class Asked:
+class ModelStepGraphs:
     """A step whose next state comes from a model of it, evaluated beside the graphs.
 
     - `queries: (x, theta, w, p) -> z`, where the model is evaluated, branch after branch

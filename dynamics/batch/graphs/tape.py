@@ -68,7 +68,7 @@ class Tape:
         """For each value how many operands and outputs refer to it."""
         counts = [0] * len(self.operations)
         for operation in self.operations:
-            for arg in operands(operation):
+            for arg in operands_of(operation):
                 counts[arg] += 1
         for row in self.outputs:
             for value in row:
@@ -76,12 +76,12 @@ class Tape:
         return counts
 
 
-def operands(operation: Operation) -> tuple[int, ...]:
+def operands_of(operation: Operation) -> tuple[int, ...]:
     """The values that an operation reads (none for inputs and constants)."""
     return () if operation.op == ca.OP_INPUT else operation.args
 
 
-def chosen(tape: Tape, operation: Operation) -> tuple[int, int, int] | None:
+def selection_of(tape: Tape, operation: Operation) -> tuple[int, int, int] | None:
     """(condition, value, other) where an operation is CasADi's `if_else` on a truth value.
 
     CasADi writes it as a sum of two halves, `if_else_zero` on a condition and on its negation.
@@ -98,7 +98,7 @@ def chosen(tape: Tape, operation: Operation) -> tuple[int, int, int] | None:
     return None
 
 
-def with_shared_reciprocals(tape: Tape) -> Tape:
+def share_reciprocals(tape: Tape) -> Tape:
     """The tape with several divisions by one value as products with one reciprocal.
 
     A division takes a processor as long as ten products. The quotient may differ by a rounding, and

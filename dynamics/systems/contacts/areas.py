@@ -8,8 +8,8 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from dynamics.systems.contacts.polygon import Polygon, Union, parts, rectangle
-from dynamics.systems.contacts.shapes import Box, Capsule, Disc, Point, Shape, column
+from dynamics.systems.contacts.polygon import Polygon, Union, box_polygon, convex_parts
+from dynamics.systems.contacts.shapes import Box, Capsule, Disc, Point, Shape, as_column
 
 _GAUSS = np.polynomial.legendre.leggauss(16)
 _NODES, _WEIGHTS = (_GAUSS[0] + 1) / 2, _GAUSS[1] / 2
@@ -36,13 +36,13 @@ class Area(NamedTuple):
         return self.second / self.area - ca.sumsqr(self.centre)
 
 
-def area(shape: Shape | Union) -> Area:
+def shape_area(shape: Shape | Union) -> Area:
     """The area of a bounded shape: its core, rectangles at its sides, sectors at its corners.
 
     Shapes of a union count in full, so they must not overlap. Raises ``ValueError`` for a
     half-plane.
     """
-    pieces = [piece for member in parts(shape) for piece in _pieces(member)]
+    pieces = [piece for member in convex_parts(shape) for piece in _pieces(member)]
     if not pieces:
         raise ValueError("a half-plane has no area; give a bounded shape")
     total = pieces[0]
@@ -57,8 +57,8 @@ def mean_distance(shape: Shape | Union) -> ca.SX:
     By the divergence theorem ``int |r| dA`` is the integral of ``|r| (x dy - y dx) / 3`` along the
     boundary, here by Gauss' quadrature; shapes of a union count in full.
     """
-    total_area, total = area(shape), ca.SX(0)
-    for member in parts(shape):
+    total_area, total = shape_area(shape), ca.SX(0)
+    for member in convex_parts(shape):
         for curve in _boundary(member, total_area.centre):
             total += curve
     return total / (3 * total_area.area)
@@ -74,7 +74,7 @@ class _Side(NamedTuple):
     b: ca.SX
     normal: ca.SX
     before: ca.SX
-    turn: ca.SX
+    rotate: ca.SX
 
 
 def _sides(core: list[ca.SX]) -> Iterator[_Side]:
@@ -88,7 +88,7 @@ def _sides(core: list[ca.SX]) -> Iterator[_Side]:
 
 def _boundary(shape: Shape, origin: ca.SX) -> Iterator[ca.SX]:
     """Integrals of ``|r| (x dy - y dx)`` about ``origin`` along sides and rounded corners."""
-    core, radius = [column(corner) - origin for corner in shape.corners], ca.SX(shape.radius)
+    core, radius = [as_column(corner) - origin for corner in shape.corners], ca.SX(shape.radius)
     if len(core) == 1:
         for quarter in range(4):
             yield _arc(core[0], radius, ca.SX(quarter * ca.pi / 2), ca.SX(ca.pi / 2))
@@ -112,7 +112,7 @@ def _arc(centre: ca.SX, radius: ca.SX, start: ca.SX, turn: ca.SX) -> ca.SX:
 
 
 def _pieces(shape: Shape) -> list[Area]:
-    core, r = [column(corner) for corner in shape.corners], ca.SX(shape.radius)
+    core, r = [as_column(corner) for corner in shape.corners], ca.SX(shape.radius)
     if len(core) == 1:
         return [_sector(core[0], r, ca.SX(2 * ca.pi), ca.SX.zeros(2))]
     areas = [_ring(core)] if len(core) > 2 else []
@@ -143,17 +143,17 @@ def _sector(centre: ca.SX, r: ca.SX, angle: ca.SX, direction_integral: ca.SX) ->
     return Area(size, size * centre + first, second)
 
 
-def moved(shape: Shape | Union, by: Point) -> Shape | Union:
+def move_shape(shape: Shape | Union, by: Point) -> Shape | Union:
     """``shape`` moved by a vector of its frame; raises ``ValueError`` for a half-plane."""
-    step = column(by)
+    step = as_column(by)
 
     def there(place: Point) -> tuple[ca.SX, ca.SX]:
-        moved_point = column(place) + step
+        moved_point = as_column(place) + step
         return moved_point[0], moved_point[1]
 
     match shape:
         case Union(members):
-            return Union([moved(member, by) for member in members])  # type: ignore[misc]
+            return Union([move_shape(member, by) for member in members])  # type: ignore[misc]
         case Disc(radius, centre):
             return Disc(radius, there(centre))
         case Capsule(start, end, radius):
@@ -161,5 +161,5 @@ def moved(shape: Shape | Union, by: Point) -> Shape | Union:
         case Polygon(vertices, radius):
             return Polygon([there(vertex) for vertex in vertices], radius)
         case Box():
-            return moved(rectangle(shape), by)
+            return move_shape(box_polygon(shape), by)
     raise ValueError(f"a {type(shape).__name__} cannot be moved; give a bounded shape")

@@ -80,8 +80,8 @@ def _corners(shape: Shape, pose: Pose, other_shape: Shape, other_pose: Pose) -> 
     """Gap, normal out of the other shape and nearest point of every rounded corner of one."""
     corner_contacts = []
     for corner in shape.corners:
-        centre = pose.place(corner)
-        distance, normal = other_shape.beside(centre, other_pose)
+        centre = pose.to_world(corner)
+        distance, normal = other_shape.signed_distance(centre, other_pose)
         corner_contacts.append((distance - shape.radius, normal, centre - shape.radius * normal))
     return corner_contacts
 
@@ -105,7 +105,7 @@ class Row(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Rubbing:
+class FrictionSpec:
     """nc contacts that rub: ``gap`` (nc, 1) [m], rows ``J_n`` (nc, nq) along the normal.
 
     ``J_t`` are rows (nc, nq) along every direction of the friction cone, one in the plane, and
@@ -122,7 +122,7 @@ class Rubbing:
     lam: list[ca.SX]
 
     @property
-    def rubs(self) -> ca.SX:
+    def has_friction(self) -> ca.SX:
         """One, or zero where there is no friction, now or as long as a parameter is zero.
 
         Without friction the cone has no inside for the path to run in: there the pairs are those of
@@ -141,7 +141,7 @@ class Rubbing:
         numbers = [""] if len(self.J_t) == 1 else [str(k) for k in range(1, len(self.J_t) + 1)]
         return list(zip(numbers, self.J_t, self.slid, strict=True))
 
-    def named(self, suffix: str, unit: str, description: str) -> list[Signal]:
+    def suffixed_signals(self, suffix: str, unit: str, description: str) -> list[Signal]:
         """``<contact><what>`` for every contact."""
         return [Signal(f"{c.name}{suffix}", unit, description) for c in self.contacts]
 
@@ -154,10 +154,10 @@ class ConeForm(NamedTuple):
     """
 
     more: Callable[[int], int]
-    pairs: Callable[[Rubbing], tuple[list[Row], ca.SX, list[ca.SX]]]
+    pairs: Callable[[FrictionSpec], tuple[list[Row], ca.SX, list[ca.SX]]]
 
 
-def _edge_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, list[ca.SX]]:
+def _edge_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]]:
     """``lam± ⟂ gap ± f slid``, with the impulse ``sum (J_n ± f J_t)' lam±``.
 
     At the price that a sliding contact opens at the rate ``f |J_t v|`` (Anitescu, doi
@@ -178,20 +178,20 @@ def _edge_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, list[ca.SX]]:
 EDGES = ConeForm(lambda directions: 2 * directions - 1, _edge_pairs)
 
 
-def _linearised_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, list[ca.SX]]:
+def _linearised_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]]:
     """``gamma ⟂ gap``, ``beta± ⟂ psi ± slid`` and ``psi ⟂ f gamma - sum of all beta``."""
     gamma, *betas, psi = at.lam
     rows, tangential = [Row("normal", at.gap, at.J_n, list(at.contacts))], []
     for k, (number, J_t, slid) in enumerate(at.directions):
-        J_t, scaled_slip = ca.diag(at.rubs) @ J_t, at.rubs * slid
+        J_t, scaled_slip = ca.diag(at.has_friction) @ J_t, at.has_friction * slid
         for sign, rows_J, signed_slip in (("+", J_t, scaled_slip), ("-", -J_t, -scaled_slip)):
-            named = at.named(f" friction{number}{sign}", "N s", "friction impulse")
+            named = at.suffixed_signals(f" friction{number}{sign}", "N s", "friction impulse")
             rows.append(Row("friction", psi + signed_slip, rows_J, named))
-        tangential.append(at.rubs * (betas[2 * k] - betas[2 * k + 1]))
+        tangential.append(at.has_friction * (betas[2 * k] - betas[2 * k + 1]))
     cone_margin = at.bound
     for beta in betas:
         cone_margin = cone_margin - beta
-    no_impulse, named = ca.SX(*at.J_n.shape), at.named(" slip", "m", "way slid in a step")
+    no_impulse, named = ca.SX(*at.J_n.shape), at.suffixed_signals(" slip", "m", "way slid in a step")
     rows.append(Row("slip", cone_margin, no_impulse, named))
     return rows, gamma, tangential
 
@@ -199,7 +199,7 @@ def _linearised_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, list[ca.SX]]:
 LINEARISED = ConeForm(lambda directions: 2 * directions + 1, _linearised_pairs)
 
 
-def _second_order_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, list[ca.SX]]:
+def _second_order_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]]:
     """``gamma ⟂ gap``, ``upper ⟂ dual + 2 slid`` and ``dual ⟂ 2 f gamma - upper``.
 
     The lower eigenvalue stands as the gap of the dual's, so that no equation but the pairs is
@@ -208,16 +208,16 @@ def _second_order_pairs(at: Rubbing) -> tuple[list[Row], ca.SX, list[ca.SX]]:
     if len(at.J_t) > 1:
         raise ValueError("the second-order cone is written for one tangent; take cone='linearised'")
     gamma, upper, dual = at.lam
-    J_t, slid = ca.diag(at.rubs) @ at.J_t[0], at.rubs * at.slid[0]
+    J_t, slid = ca.diag(at.has_friction) @ at.J_t[0], at.has_friction * at.slid[0]
     no_impulse = ca.SX(*J_t.shape)
-    upper_signals = at.named(" cone", "N s", "friction impulse above its least")
-    slip_signals = at.named(" slip", "m", "twice the way slid back")
+    upper_signals = at.suffixed_signals(" cone", "N s", "friction impulse above its least")
+    slip_signals = at.suffixed_signals(" slip", "m", "twice the way slid back")
     rows = [
         Row("normal", at.gap, at.J_n - ca.diag(at.friction) @ at.J_t[0], list(at.contacts)),
         Row("friction", dual + 2 * slid, J_t, upper_signals),
         Row("slip", 2 * at.bound - upper, no_impulse, slip_signals),
     ]
-    return rows, gamma, [at.rubs * (upper - at.bound)]
+    return rows, gamma, [at.has_friction * (upper - at.bound)]
 
 
 SECOND_ORDER = ConeForm(lambda directions: 2, _second_order_pairs)

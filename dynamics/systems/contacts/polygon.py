@@ -9,7 +9,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from dynamics.systems.checks import items, not_negative, point
+from dynamics.systems.checks import parse_point, require_items, require_not_negative
 from dynamics.systems.contacts.shapes import (
     Box,
     Disc,
@@ -18,7 +18,7 @@ from dynamics.systems.contacts.shapes import (
     Pose,
     Scalar,
     Shape,
-    column,
+    as_column,
 )
 
 _FLAT = 1e-9
@@ -44,26 +44,26 @@ class Polygon(Shape):
     def __post_init__(self, centre: Point) -> None:
         if isinstance(self.vertices, str | ca.SX) or len(self.vertices) < 3:
             raise ValueError(f"Polygon vertices must be at least three points, got {self.vertices!r}")
-        point("Polygon centre", centre)
+        parse_point("Polygon centre", centre)
         for i, vertex in enumerate(self.vertices):
-            point(f"Polygon vertices[{i}]", vertex)
+            parse_point(f"Polygon vertices[{i}]", vertex)
         moved_vertices = [(v[0] + centre[0], v[1] + centre[1]) for v in self.vertices]
         object.__setattr__(self, "vertices", moved_vertices)
-        numbers = [point("Polygon vertex", vertex) for vertex in moved_vertices]
-        not_negative("Polygon radius", self.radius)
+        numbers = [parse_point("Polygon vertex", vertex) for vertex in moved_vertices]
+        require_not_negative("Polygon radius", self.radius)
         if any(value is None for vertex in numbers for value in vertex):
             return
         vertex_array = np.array(numbers, dtype=float)
         rounded = ca.SX(self.radius)
-        if defect := fault(vertex_array, float(rounded) if rounded.is_constant() else 0.0):
+        if defect := polygon_defect(vertex_array, float(rounded) if rounded.is_constant() else 0.0):
             raise ValueError(f"Polygon {defect}")
-        ring = vertex_array[::-1] if clockwise(vertex_array) else vertex_array
+        ring = vertex_array[::-1] if is_clockwise(vertex_array) else vertex_array
         object.__setattr__(self, "vertices", tuple((float(x), float(z)) for x, z in ring))
 
     @cached_property
     def normals(self) -> list[ca.SX]:
         """The outward unit normal (2, 1) of every side, which starts at the vertex of its index."""
-        ring = [column(vertex) for vertex in self.vertices]
+        ring = [as_column(vertex) for vertex in self.vertices]
         edges = [b - a for a, b in zip(ring, ring[1:] + ring[:1], strict=True)]
         return [ca.vertcat(e[1], -e[0]) / ca.norm_2(e) for e in edges]
 
@@ -76,17 +76,17 @@ class Polygon(Shape):
     def _corners(self) -> tuple[Point, ...]:
         n = self.normals
         return tuple(
-            column(v) - self.radius * (n[i - 1] + n[i]) / (1 + ca.dot(n[i - 1], n[i]))
+            as_column(v) - self.radius * (n[i - 1] + n[i]) / (1 + ca.dot(n[i - 1], n[i]))
             for i, v in enumerate(self.vertices)
         )
 
-    def beside(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
+    def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
         """``|p - c| - r`` where the corner c of the core is nearest, else ``max n'(p - c) - r``.
 
         The maximum is over the sides: outside it is that of the side below p, inside that of the
         nearest side. Once differentiable wherever p is outside the core or near one side alone.
         """
-        p, corners, n = pose.local(point), list(map(column, self.corners)), self.normals
+        p, corners, n = pose.to_local(point), list(map(as_column, self.corners)), self.normals
         heights = [ca.dot(m, p - c) for m, c in zip(n, corners, strict=True)]
         distance, normal = heights[0], n[0]
         for height, m in zip(heights[1:], n[1:], strict=True):
@@ -102,15 +102,15 @@ class Polygon(Shape):
             length = ca.sqrt(ca.if_else(is_nearest, ca.sumsqr(offset), 1))
             distance = ca.if_else(is_nearest, length, distance)
             normal = ca.if_else(is_nearest, offset / length, normal)
-        return distance - self.radius, pose.turn(normal)
+        return distance - self.radius, pose.rotate(normal)
 
 
-def rectangle(box: Box) -> Polygon:
+def box_polygon(box: Box) -> Polygon:
     """``box`` as a polygon."""
     return Polygon(Box(box.half_size, 0.0, box.centre).corners, box.radius)
 
 
-def fault(vertices: np.ndarray, radius: float) -> str | None:
+def polygon_defect(vertices: np.ndarray, radius: float) -> str | None:
     """What keeps ``vertices`` (n, 2), rounded by ``radius``, from a convex polygon; else None."""
     edges = np.roll(vertices, -1, axis=0) - vertices
     size = float(np.ptp(vertices, axis=0).max())
@@ -121,7 +121,7 @@ def fault(vertices: np.ndarray, radius: float) -> str | None:
     if _crosses(vertices):
         return "has sides that cross; give the vertices in their order around the outline"
     previous_edges = np.roll(edges, 1, axis=0)
-    turns = (-1 if clockwise(vertices) else 1) * _cross(previous_edges, edges) / size**2
+    turns = (-1 if is_clockwise(vertices) else 1) * _cross(previous_edges, edges) / size**2
     if turns.min() < -_FLAT:
         return f"is not convex at vertex {turns.argmin()}; write it as a Union of convex polygons"
     if turns.min() <= _FLAT:
@@ -139,7 +139,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def clockwise(vertices: np.ndarray) -> bool:
+def is_clockwise(vertices: np.ndarray) -> bool:
     """Whether ``vertices`` (n, 2) run from the second axis of the plane to the first."""
     return bool(_cross(vertices, np.roll(vertices, -1, axis=0)).sum() < 0)
 
@@ -166,14 +166,14 @@ class Union:
     parts: Sequence[Shape]
 
     def __post_init__(self) -> None:
-        members = items("the parts of a Union", Shape, self.parts)
+        members = require_items("the parts of a Union", Shape, self.parts)
         if not members or any(isinstance(member, HalfPlane) for member in members):
             raise ValueError(f"a Union needs bounded shapes, got {self.parts!r}")
-        polygons = (rectangle(member) if isinstance(member, Box) else member for member in members)
+        polygons = (box_polygon(member) if isinstance(member, Box) else member for member in members)
         object.__setattr__(self, "parts", tuple(polygons))
 
 
-def parts(shape: Shape | Union) -> tuple[Shape, ...]:
+def convex_parts(shape: Shape | Union) -> tuple[Shape, ...]:
     """The convex shapes that ``shape`` consists of."""
     return tuple(shape.parts) if isinstance(shape, Union) else (shape,)
 
@@ -195,8 +195,8 @@ def vertex_pairs(shape_a: Shape | Union, shape_b: Shape | Union) -> list[tuple[S
     that cross with no corner in the other count as apart. Corners that meet exactly push twice.
     """
     pairs = []
-    for part_a in parts(shape_a):
-        for part_b in parts(shape_b):
+    for part_a in convex_parts(shape_a):
+        for part_b in convex_parts(shape_b):
             if 1 in (len(part_a.corners), len(part_b.corners)):
                 pairs.append((part_a, part_b))
                 continue
@@ -207,7 +207,7 @@ def vertex_pairs(shape_a: Shape | Union, shape_b: Shape | Union) -> list[tuple[S
 
 def _outer(shape: Shape, body: Shape | Union) -> list[Point]:
     """The corners of a part that are corners of the whole, each with the first part that has it."""
-    members = parts(body)
+    members = convex_parts(body)
     if len(members) == 1 or not isinstance(shape, Polygon):
         return list(shape.corners)
     outer_corners = []
@@ -225,11 +225,11 @@ def _angle(member: Shape, place: Point) -> float:
     """
     if not isinstance(member, Polygon):
         return 0.0
-    sides = [ca.dot(m, column(place) - column(c)) for m, c in zip(member.normals, member.corners, strict=True)]
+    sides = [ca.dot(m, as_column(place) - as_column(c)) for m, c in zip(member.normals, member.corners, strict=True)]
     if not all(side.is_constant() for side in sides):
         return 1e-3 if any(place is corner for corner in member.corners) else 0.0
     heights = np.array([float(side) for side in sides])
-    size = max(float(ca.norm_inf(column(v) - column(place))) for v in member.vertices)
+    size = max(float(ca.norm_inf(as_column(v) - as_column(place))) for v in member.vertices)
     sides_through = np.flatnonzero(np.abs(heights) <= _FLAT * size)
     if heights.max() > _FLAT * size:
         return 0.0

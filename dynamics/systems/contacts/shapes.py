@@ -8,7 +8,7 @@ from functools import cached_property
 
 import casadi as ca
 
-from dynamics.systems.checks import not_negative, point, positive, unit
+from dynamics.systems.checks import parse_point, require_not_negative, require_positive, require_unit_vector
 
 Scalar = float | ca.SX
 Point = tuple[Scalar, Scalar] | ca.SX
@@ -41,22 +41,22 @@ class Pose:
         """Sine of the angle."""
         return ca.sin(self.angle)
 
-    def turn(self, vector: Point) -> ca.SX:
+    def rotate(self, vector: Point) -> ca.SX:
         """Turn a vector of the body's frame into the world's, R(angle) vector."""
         x, z = vector[0], vector[1]
         return ca.vertcat(x * self.cos + z * self.sin, z * self.cos - x * self.sin)
 
-    def place(self, point: Point) -> ca.SX:
+    def to_world(self, point: Point) -> ca.SX:
         """Return where a point of the body is in the world, (2, 1) [m]."""
-        return self.position + self.turn(point)
+        return self.position + self.rotate(point)
 
-    def local(self, point: Point) -> ca.SX:
+    def to_local(self, point: Point) -> ca.SX:
         """Coordinates (2, 1) of a world point in the body's frame [m]."""
         x, z = point[0] - self.position[0], point[1] - self.position[1]
         return ca.vertcat(x * self.cos - z * self.sin, x * self.sin + z * self.cos)
 
 
-def column(point: Point) -> ca.SX:
+def as_column(point: Point) -> ca.SX:
     """A point as (2, 1)."""
     return point if isinstance(point, ca.SX) else ca.vertcat(*(ca.SX(value) for value in point))
 
@@ -72,7 +72,7 @@ class Shape(ABC):
         """Corners of the core in the body's frame [m]; none where it is unbounded."""
 
     @abstractmethod
-    def beside(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
+    def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
         """Signed distance [m] of a world point from the surface, and the unit normal out there."""
 
 
@@ -88,10 +88,10 @@ class Box(Shape):
     centre: Point = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        point("Box half_size", self.half_size)
-        positive("Box half_size", self.half_size[0], self.half_size[1])
-        not_negative("Box radius", self.radius)
-        point("Box centre", self.centre)
+        parse_point("Box half_size", self.half_size)
+        require_positive("Box half_size", self.half_size[0], self.half_size[1])
+        require_not_negative("Box radius", self.radius)
+        parse_point("Box centre", self.centre)
 
     @property
     def corners(self) -> tuple[Point, ...]:
@@ -100,16 +100,16 @@ class Box(Shape):
         a, b = self.half_size[0] - r, self.half_size[1] - r
         return ((x + a, z + b), (x - a, z + b), (x - a, z - b), (x + a, z - b))
 
-    def beside(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
+    def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
         """With p the point from the centre in the box's axes, ``d = |p| - half_size + radius``,
 
         ``|max(d, 0)| + min(max(d_1, d_2), 0) - radius``; outside the normal points from the nearest
         point, inside towards the nearest side. Not differentiable where two sides are equally near
         inside.
         """
-        p = pose.local(point) - column(self.centre)
+        p = pose.to_local(point) - as_column(self.centre)
         side = ca.if_else(p >= 0, 1, -1)
-        d = side * p - column(self.half_size) + self.radius
+        d = side * p - as_column(self.half_size) + self.radius
         at_corner = ca.logic_and(d[0] > 0, d[1] > 0)
         # Away from a corner the root's argument is 1, as its slope at 0 would be infinite.
         to_corner = ca.sqrt(ca.if_else(at_corner, ca.sumsqr(d), 1))
@@ -117,7 +117,7 @@ class Box(Shape):
         distance = ca.if_else(at_corner, to_corner, ca.if_else(is_first_nearer, d[0], d[1]))
         facing = ca.vertcat(is_first_nearer, ca.logic_not(is_first_nearer))
         normal = side * ca.if_else(at_corner, d / to_corner, facing)
-        return distance - self.radius, pose.turn(normal)
+        return distance - self.radius, pose.rotate(normal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,19 +132,19 @@ class Capsule(Shape):
     radius: Scalar
 
     def __post_init__(self) -> None:
-        point("Capsule start", self.start)
-        point("Capsule end", self.end)
-        positive("Capsule radius", self.radius)
+        parse_point("Capsule start", self.start)
+        parse_point("Capsule end", self.end)
+        require_positive("Capsule radius", self.radius)
 
     @property
     def corners(self) -> tuple[Point, ...]:
         """Both ends of the segment."""
         return (self.start, self.end)
 
-    def beside(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
+    def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
         """``|point - nearest of the segment| - radius``; not differentiable on the segment."""
-        start = pose.place(self.start)
-        segment = pose.place(self.end) - start
+        start = pose.to_world(self.start)
+        segment = pose.to_world(self.end) - start
         share = ca.fmin(ca.fmax(ca.dot(point - start, segment) / ca.sumsqr(segment), 0), 1)
         offset = point - (start + share * segment)
         distance = ca.norm_2(offset)
@@ -162,17 +162,17 @@ class Disc(Shape):
     centre: Point = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        not_negative("Disc radius", self.radius)
-        point("Disc centre", self.centre)
+        require_not_negative("Disc radius", self.radius)
+        parse_point("Disc centre", self.centre)
 
     @property
     def corners(self) -> tuple[Point, ...]:
         """The centre."""
         return (self.centre,)
 
-    def beside(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
+    def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
         """``|point - centre| - radius``; not differentiable at the centre."""
-        offset = point - pose.place(self.centre)
+        offset = point - pose.to_world(self.centre)
         distance = ca.norm_2(offset)
         return distance - self.radius, offset / distance
 
@@ -189,15 +189,15 @@ class HalfPlane(Shape):
     radius = 0.0
 
     def __post_init__(self) -> None:
-        point("HalfPlane origin", self.origin)
-        unit("HalfPlane normal", self.normal)
+        parse_point("HalfPlane origin", self.origin)
+        require_unit_vector("HalfPlane normal", self.normal)
 
     @property
     def corners(self) -> tuple[Point, ...]:
         """None."""
         return ()
 
-    def beside(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
+    def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
         """``normal' (point - origin)``."""
-        normal = pose.turn(self.normal)
-        return ca.dot(normal, point - pose.place(self.origin)), normal
+        normal = pose.rotate(self.normal)
+        return ca.dot(normal, point - pose.to_world(self.origin)), normal

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 import casadi as ca
 
-from dynamics.systems.checks import limits, not_negative, number, text
+from dynamics.systems.checks import parse_number, require_limits, require_not_negative, require_text
 from dynamics.systems.parameters import Signal
 
 Number = float | ca.SX
@@ -24,7 +24,7 @@ class Body:
     """A rigid body and the joint that carries it; every number may be a CasADi symbol.
 
     The body's frame has its origin in the joint. At q = 0 (a ball at the quaternion 1) it lies at
-    ``place`` [m], turned by the unit quaternion ``turn`` (w, x, y, z), in the frame of ``parent``,
+    ``position`` [m], turned by the unit ``quaternion`` (w, x, y, z), in the frame of ``parent``,
     which is the world where None. z points up.
 
     ``mass`` [kg], which may be zero where other bodies hang on this one; ``inertia`` about the
@@ -51,8 +51,8 @@ class Body:
     mass: Number
     inertia: tuple[Number, ...] = (0.0, 0.0, 0.0)
     com: Vector = (0.0, 0.0, 0.0)
-    place: Vector = (0.0, 0.0, 0.0)
-    turn: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    position: Vector = (0.0, 0.0, 0.0)
+    quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
     joint: Joint = "hinge"
     axis: Vector = (0.0, 1.0, 0.0)
     spring: Number = 0.0
@@ -64,20 +64,21 @@ class Body:
     armature: Number = 0.0
 
     def __post_init__(self) -> None:
-        text("the name of a body", self.name)
+        require_text("the name of a body", self.name)
         owner = f"body {self.name!r}:"
-        not_negative(f"{owner} mass", self.mass)
-        for attribute, sizes in (("inertia", (3, 6)), ("com", (3,)), ("place", (3,)), ("turn", (4,)), ("axis", (3,))):
-            vector(f"{owner} {attribute}", getattr(self, attribute), sizes)
+        require_not_negative(f"{owner} mass", self.mass)
+        lengths = {"inertia": (3, 6), "com": (3,), "position": (3,), "quaternion": (4,), "axis": (3,)}
+        for attribute, sizes in lengths.items():
+            require_vector(f"{owner} {attribute}", getattr(self, attribute), sizes)
         for attribute in ("spring", "rest", "damping"):
-            number(f"{owner} {attribute}", getattr(self, attribute))
-        not_negative(f"{owner} armature", self.armature)
+            parse_number(f"{owner} {attribute}", getattr(self, attribute))
+        require_not_negative(f"{owner} armature", self.armature)
         if self.joint not in get_args(Joint):
             kinds = ", ".join(map(repr, get_args(Joint)))
             raise ValueError(f"{owner} joint must be one of {kinds}, got {self.joint!r}")
         self._check_inertia(owner)
-        for attribute in ("turn", "axis"):
-            unit(f"{owner} {attribute}", getattr(self, attribute))
+        for attribute in ("quaternion", "axis"):
+            require_unit_length(f"{owner} {attribute}", getattr(self, attribute))
         self._check_joint(owner)
 
     @property
@@ -110,7 +111,7 @@ class Body:
         return {"free": linear + spin, "ball": spin, "fixed": []}[self.joint]
 
     def _check_inertia(self, owner: str) -> None:
-        moments = [number(f"{owner} inertia[{i}]", value) for i, value in enumerate(self.inertia[:3])]
+        moments = [parse_number(f"{owner} inertia[{i}]", value) for i, value in enumerate(self.inertia[:3])]
         known_moments = [value for value in moments if value is not None]
         if any(value < 0 for value in known_moments):
             raise ValueError(f"{owner} inertia must not be negative, got {known_moments}")
@@ -120,7 +121,7 @@ class Body:
             )
 
     def _check_joint(self, owner: str) -> None:
-        limits(owner, self.limits)
+        require_limits(owner, self.limits)
         has_one_axis = self.joint in ("hinge", "slide")
         unsupported = [attribute for attribute in ("gear", "servo", "limits") if getattr(self, attribute) is not None]
         unsupported += [
@@ -136,18 +137,18 @@ class Body:
             raise ValueError(f"{owner} it floats freely, so it has no parent; leave parent out")
 
 
-def vector(name: str, value: object, sizes: tuple[int, ...]) -> None:
+def require_vector(name: str, value: object, sizes: tuple[int, ...]) -> None:
     """Raise ``ValueError`` unless ``value`` is a tuple of numbers with one of the ``sizes``."""
     if not isinstance(value, tuple) or len(value) not in sizes:
         counts = " or ".join(map(str, sizes))
         raise ValueError(f"{name} must be a tuple of {counts} numbers, got {value!r}")
     for i, entry in enumerate(value):
-        number(f"{name}[{i}]", entry)
+        parse_number(f"{name}[{i}]", entry)
 
 
-def unit(name: str, value: tuple[Number, ...]) -> None:
+def require_unit_length(name: str, value: tuple[Number, ...]) -> None:
     """Raise ``ValueError`` unless ``value`` has length 1, or symbols."""
-    entries = [number(name, entry) for entry in value]
+    entries = [parse_number(name, entry) for entry in value]
     if any(entry is None for entry in entries):
         return
     length = sum(entry**2 for entry in entries if entry is not None) ** 0.5

@@ -13,21 +13,21 @@ from dynamics.systems.space import rotation
 from dynamics.systems.space.body import Vector
 from dynamics.systems.space.shapes import Box, Capsule, Cylinder, Hull, Plane, Shape, Sphere
 
-Motions = list[tuple[int, ca.SX, ca.SX, ca.SX]]
-"""As :meth:`~dynamics.systems.space.tree.Tree.motions` gives them."""
+JointAxes = list[tuple[int, ca.SX, ca.SX, ca.SX]]
+"""As :meth:`~dynamics.systems.space.tree.Tree.joint_axes` gives them."""
 _FLAT = 1e-3
 """Share of a cylinder's radius by which its rim is rounded where it lies flat on a plane."""
 _DOWN = -0.7
 """Where normals point down further than this the tangents are built the other way up."""
 
 
-class Place(NamedTuple):
+class SpatialPose(NamedTuple):
     """A shape's frame: rotation (3, 3) into the world, origin (3, 1) [m]."""
 
     R: ca.SX
     p: ca.SX
 
-    def at(self, point: Vector) -> ca.SX:
+    def to_world(self, point: Vector) -> ca.SX:
         """World position (3, 1) of a point of the frame."""
         return self.p + self.R @ ca.sparsify(ca.SX(ca.vertcat(*point)))
 
@@ -58,7 +58,7 @@ class SpatialContact:
         second = ca.vertcat(side * b, side * (1 + y * y * a), -y)
         return ca.sparsify(first), ca.sparsify(second)
 
-    def rows(self, motions_a: Motions, motions_b: Motions, nv: int) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def jacobian_rows(self, motions_a: JointAxes, motions_b: JointAxes, nv: int) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Rows (1, nv) along the normal and both tangents of the relative velocity at ``point``.
 
         ``motions_a`` and ``motions_b`` are what moves A and B. A force and its reaction act along one line.
@@ -72,7 +72,7 @@ class SpatialContact:
         return rows[0], rows[1], rows[2]
 
 
-def between(shape_a: Shape, pose_a: Place, shape_b: Shape, pose_b: Place) -> list[SpatialContact]:
+def contacts_between(shape_a: Shape, pose_a: SpatialPose, shape_b: Shape, pose_b: SpatialPose) -> list[SpatialContact]:
     """The contacts of two shapes: one for each sphere that rounds A, and each corner on a plane.
 
     Spheres and capsules meet everything but hulls; boxes, cylinders and hulls meet planes by
@@ -85,7 +85,7 @@ def between(shape_a: Shape, pose_a: Place, shape_b: Shape, pose_b: Place) -> lis
         is_swapped = False
     if isinstance(shape_a, Plane):
         shape_a, pose_a, shape_b, pose_b, is_swapped = shape_b, pose_b, shape_a, pose_a, not is_swapped
-    contacts = _found(shape_a, pose_a, shape_b, pose_b)
+    contacts = _find_contacts(shape_a, pose_a, shape_b, pose_b)
     if not contacts:
         kinds = f"{type(shape_a).__name__} and {type(shape_b).__name__}"
         raise ValueError(f"a contact of {kinds} is not known; take spheres or capsules for one")
@@ -100,11 +100,11 @@ def at_random_poses(rows: ca.SX) -> np.ndarray:
     return np.hstack([evaluate(rng.uniform(0.1, 1, symbols.numel())).full() for _ in range(3)])
 
 
-def _found(shape_a: Shape, pose_a: Place, shape_b: Shape, pose_b: Place) -> list[SpatialContact]:
+def _find_contacts(shape_a: Shape, pose_a: SpatialPose, shape_b: Shape, pose_b: SpatialPose) -> list[SpatialContact]:
     match shape_a, shape_b:
         case _, Plane():
             normal = ca.sparsify(pose_b.R @ ca.SX(ca.vertcat(*shape_b.normal)))
-            origin = pose_b.at(shape_b.origin)
+            origin = pose_b.to_world(shape_b.origin)
             return [
                 _contact(ca.dot(normal, centre - origin), normal, centre, radius)
                 for centre, radius in _lowest(shape_a, pose_a, normal)
@@ -113,15 +113,15 @@ def _found(shape_a: Shape, pose_a: Place, shape_b: Shape, pose_b: Place) -> list
             s, t = _nearest_on_segments(shape_a, pose_a, shape_b, pose_b)
             return [_of_points(s, shape_a.radius, t, shape_b.radius)]
         case Capsule(), Sphere():
-            centre = pose_b.at(shape_b.centre)
+            centre = pose_b.to_world(shape_b.centre)
             return [_of_points(_on_segment(shape_a, pose_a, centre), shape_a.radius, centre, shape_b.radius)]
         case ((Sphere() | Capsule()), _):
-            distance_function = _BESIDE.get(type(shape_b))
+            distance_function = _DISTANCE_FUNCTIONS.get(type(shape_b))
             ends = [shape_a.centre] if isinstance(shape_a, Sphere) else [shape_a.start, shape_a.end]
             if distance_function is None:
                 return []
             contacts = []
-            for centre in (pose_a.at(end) for end in ends):
+            for centre in (pose_a.to_world(end) for end in ends):
                 distance, normal = distance_function(shape_b, pose_b, centre)
                 contacts.append(_contact(distance, normal, centre, shape_a.radius))
             return contacts
@@ -140,46 +140,48 @@ def _of_points(point_a: ca.SX, radius: ca.SX | float, point_b: ca.SX, other_radi
     return _contact(distance - other_radius, offset / distance, point_a, radius)
 
 
-def _lowest(shape: Shape, pose: Place, normal: ca.SX) -> list[tuple[ca.SX, ca.SX | float]]:
+def _lowest(shape: Shape, pose: SpatialPose, normal: ca.SX) -> list[tuple[ca.SX, ca.SX | float]]:
     """The points of a shape that may touch a plane first, each with the radius around it."""
     match shape:
         case Sphere():
-            return [(pose.at(shape.centre), shape.radius)]
+            return [(pose.to_world(shape.centre), shape.radius)]
         case Capsule():
-            return [(pose.at(end), shape.radius) for end in (shape.start, shape.end)]
+            return [(pose.to_world(end), shape.radius) for end in (shape.start, shape.end)]
         case Box():
-            return [(pose.at(corner), 0.0) for corner in box_corners(shape)]
+            return [(pose.to_world(corner), 0.0) for corner in box_corners(shape)]
         case Hull():
-            return [(pose.at(point), 0.0) for point in shape.points]
+            return [(pose.to_world(point), 0.0) for point in shape.points]
         case Cylinder():
-            axis = pose.at(shape.end) - pose.at(shape.start)
+            axis = pose.to_world(shape.end) - pose.to_world(shape.start)
             axis /= ca.norm_2(axis)
             toward_plane = ca.dot(normal, axis) * axis - normal
             toward_plane = shape.radius * toward_plane / ca.sqrt(ca.sumsqr(toward_plane) + _FLAT**2)
-            return [(pose.at(end) + toward_plane, 0.0) for end in (shape.start, shape.end)]
+            return [(pose.to_world(end) + toward_plane, 0.0) for end in (shape.start, shape.end)]
     return []
 
 
 def box_corners(box: Box) -> list[Vector]:
     """The eight corners of a box in its body's frame."""
-    R = rotation.matrix(ca.SX(ca.vertcat(*box.turn)))
+    R = rotation.matrix(ca.SX(ca.vertcat(*box.quaternion)))
     signs = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
     half_size, centre = (ca.SX(ca.vertcat(*value)) for value in (box.half_size, box.centre))
     corners = [ca.vertsplit(centre + R @ (half_size * ca.DM(sign))) for sign in signs]
     return [(x, y, z) for x, y, z in corners]
 
 
-def _on_segment(capsule: Capsule, pose: Place, point: ca.SX) -> ca.SX:
-    start, end = pose.at(capsule.start), pose.at(capsule.end)
+def _on_segment(capsule: Capsule, pose: SpatialPose, point: ca.SX) -> ca.SX:
+    start, end = pose.to_world(capsule.start), pose.to_world(capsule.end)
     segment = end - start
     share = ca.dot(point - start, segment) / ca.sumsqr(segment)
     return start + ca.fmin(ca.fmax(share, 0), 1) * segment
 
 
-def _nearest_on_segments(capsule_a: Capsule, pose_a: Place, capsule_b: Capsule, pose_b: Place) -> tuple[ca.SX, ca.SX]:
+def _nearest_on_segments(
+    capsule_a: Capsule, pose_a: SpatialPose, capsule_b: Capsule, pose_b: SpatialPose
+) -> tuple[ca.SX, ca.SX]:
     """Nearest points of two segments (Ericson, Real-Time Collision Detection, 2005, sec. 5.1.9)."""
-    p, q = pose_a.at(capsule_a.start), pose_b.at(capsule_b.start)
-    d, e = pose_a.at(capsule_a.end) - p, pose_b.at(capsule_b.end) - q
+    p, q = pose_a.to_world(capsule_a.start), pose_b.to_world(capsule_b.start)
+    d, e = pose_a.to_world(capsule_a.end) - p, pose_b.to_world(capsule_b.end) - q
     dd, ee, de, offset = ca.sumsqr(d), ca.sumsqr(e), ca.dot(d, e), p - q
 
     def clamped(value: ca.SX) -> ca.SX:
@@ -192,22 +194,22 @@ def _nearest_on_segments(capsule_a: Capsule, pose_a: Place, capsule_b: Capsule, 
     return p + s * d, q + t * e
 
 
-def _beside_plane(plane: Plane, pose: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _distance_to_plane(plane: Plane, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, ca.SX]:
     normal = ca.sparsify(pose.R @ ca.SX(ca.vertcat(*plane.normal)))
-    return ca.dot(normal, point - pose.at(plane.origin)), normal
+    return ca.dot(normal, point - pose.to_world(plane.origin)), normal
 
 
-def _beside_round(shape: Sphere | Capsule, pose: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
-    centre = pose.at(shape.centre) if isinstance(shape, Sphere) else _on_segment(shape, pose, point)
+def _distance_to_round(shape: Sphere | Capsule, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, ca.SX]:
+    centre = pose.to_world(shape.centre) if isinstance(shape, Sphere) else _on_segment(shape, pose, point)
     offset = point - centre
     distance = ca.norm_2(offset)
     return distance - shape.radius, offset / distance
 
 
-def _beside_box(box: Box, pose: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _distance_to_box(box: Box, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Outside the distance from the nearest point of the box, inside from the nearest side."""
-    R = pose.R @ ca.sparsify(rotation.matrix(ca.SX(ca.vertcat(*box.turn))))
-    local = R.T @ (point - pose.at(box.centre))
+    R = pose.R @ ca.sparsify(rotation.matrix(ca.SX(ca.vertcat(*box.quaternion))))
+    local = R.T @ (point - pose.to_world(box.centre))
     side = ca.if_else(local >= 0, 1, -1)
     d = side * local - ca.SX(ca.vertcat(*box.half_size))
     outer = ca.fmax(d, 0)
@@ -223,9 +225,9 @@ def _beside_box(box: Box, pose: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
     return distance, R @ (side * ca.if_else(outside, outer / outer_distance, face))
 
 
-def _beside_cylinder(cylinder: Cylinder, pose: Place, point: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _distance_to_cylinder(cylinder: Cylinder, pose: SpatialPose, point: ca.SX) -> tuple[ca.SX, ca.SX]:
     """As beside a box, in the plane of distance from the axis and height along it."""
-    start, end = pose.at(cylinder.start), pose.at(cylinder.end)
+    start, end = pose.to_world(cylinder.start), pose.to_world(cylinder.end)
     axis, middle = end - start, (start + end) / 2
     half_length = ca.norm_2(axis) / 2
     axis /= 2 * half_length
@@ -244,12 +246,12 @@ def _beside_cylinder(cylinder: Cylinder, pose: Place, point: ca.SX) -> tuple[ca.
     return ca.if_else(outside, outer_distance, ca.mmax(d)), normal
 
 
-Beside = Callable[..., tuple[ca.SX, ca.SX]]
-_BESIDE: dict[type, Beside] = {
-    Plane: _beside_plane,
-    Sphere: _beside_round,
-    Capsule: _beside_round,
-    Box: _beside_box,
-    Cylinder: _beside_cylinder,
+DistanceFunction = Callable[..., tuple[ca.SX, ca.SX]]
+_DISTANCE_FUNCTIONS: dict[type, DistanceFunction] = {
+    Plane: _distance_to_plane,
+    Sphere: _distance_to_round,
+    Capsule: _distance_to_round,
+    Box: _distance_to_box,
+    Cylinder: _distance_to_cylinder,
 }
 """Signed distance of a point from a shape's surface, and the unit normal out there."""

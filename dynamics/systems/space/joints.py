@@ -32,11 +32,11 @@ class JointFrame:
 def joint_frame(body: Body, at: ca.SX) -> JointFrame:
     """Return the frame of a body whose joint stands at ``at``, its entries of q."""
     axis = ca.sparsify(ca.SX(ca.vertcat(*body.axis)))
-    turn, none = rotation.matrix(ca.SX(ca.vertcat(*body.turn))), ca.SX(3, 1)
-    place = ca.sparsify(ca.SX(ca.vertcat(*body.place)))
+    turn, none = rotation.matrix(ca.SX(ca.vertcat(*body.quaternion))), ca.SX(3, 1)
+    place = ca.sparsify(ca.SX(ca.vertcat(*body.position)))
     match body.joint:
         case "hinge":
-            return JointFrame(ca.sparsify(turn) @ rotation.about(axis, at), place, axis, none)
+            return JointFrame(ca.sparsify(turn) @ rotation.from_axis_angle(axis, at), place, axis, none)
         case "slide":
             turn = ca.sparsify(turn)
             return JointFrame(turn, place + turn @ axis * at, none, axis)

@@ -9,20 +9,20 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from dynamics.systems.checks import items, text
+from dynamics.systems.checks import require_items, require_text
 from dynamics.systems.contact_rows import Cone
 from dynamics.systems.mechanism import WORLD, Mechanism, check_parts
 from dynamics.systems.parameters import ParameterTable
-from dynamics.systems.space.body import Body, Vector, vector
-from dynamics.systems.space.contact import Motions, Place, SpatialContact, at_random_poses, between
+from dynamics.systems.space.body import Body, Vector, require_vector
+from dynamics.systems.space.contact import JointAxes, SpatialContact, SpatialPose, at_random_poses, contacts_between
 from dynamics.systems.space.coupling import CoupledJoints, Coupling
 from dynamics.systems.space.joints import memoise_expression
 from dynamics.systems.space.shapes import Shape
-from dynamics.systems.space.stepping import Touch, spatial_step
+from dynamics.systems.space.stepping import ContactPair, spatial_step
 from dynamics.systems.space.tree import Tree
 from dynamics.systems.system import ContactSystem
 
-_FIXED = Place(ca.SX.eye(3), ca.SX(3, 1))
+_FIXED = SpatialPose(ca.SX.eye(3), ca.SX(3, 1))
 _ROUNDING = 1e-12
 """How far numbers of equal contacts may be apart, relative."""
 
@@ -36,7 +36,7 @@ class SpatialPart:
     shape: Shape
 
     def __post_init__(self) -> None:
-        text("the name of a part", self.name)
+        require_text("the name of a part", self.name)
         if not isinstance(self.shape, Shape):
             raise ValueError(
                 f"part {self.name!r}: shape must be a Sphere, Capsule, Cylinder, Box, Hull or Plane"
@@ -58,16 +58,16 @@ class SpatialMachine:
 
     bodies: tuple[Body, ...]
     parts: tuple[SpatialPart, ...] = ()
-    meetings: tuple[tuple[str, str], ...] = ()
+    collision_pairs: tuple[tuple[str, str], ...] = ()
     gravity: Vector = field(default=(0.0, 0.0, -9.81), kw_only=True)
     couplings: tuple[Coupling, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
-        items("bodies", Body, self.bodies)
-        items("parts", SpatialPart, self.parts)
-        vector("gravity", self.gravity, (3,))
+        require_items("bodies", Body, self.bodies)
+        require_items("parts", SpatialPart, self.parts)
+        require_vector("gravity", self.gravity, (3,))
         fixed_parts = [(part.name, part.body) for part in self.parts]
-        check_parts("body", self.bodies, [], fixed_parts, self.meetings)
+        check_parts("body", self.bodies, [], fixed_parts, self.collision_pairs)
 
     @cached_property
     def _tree(self) -> Tree:
@@ -77,19 +77,19 @@ class SpatialMachine:
         """The equations of motion."""
         return self._tree
 
-    def coupled(self) -> CoupledJoints | None:
+    def coupled_joints(self) -> CoupledJoints | None:
         """Return the joints that move together, None without any."""
         return CoupledJoints(self.tree(), self.couplings) if self.couplings else None
 
-    def touches(self, tree: Tree, q: ca.SX) -> dict[str, tuple[SpatialContact, str, str]]:
+    def contacts_with_bodies(self, tree: Tree, q: ca.SX) -> dict[str, tuple[SpatialContact, str, str]]:
         """Contacts at the pose ``q`` (nq, 1), each with the bodies of its A and of its B."""
         parts_by_name, contacts = {part.name: part for part in self.parts}, {}
         places = body_places(tree, q)
-        for name_a, name_b in self.meetings:
+        for name_a, name_b in self.collision_pairs:
             part_a, part_b = parts_by_name[name_a], parts_by_name[name_b]
             if part_a.body == WORLD:
                 part_a, part_b = part_b, part_a
-            pair_contacts = between(part_a.shape, places[part_a.body], part_b.shape, places[part_b.body])
+            pair_contacts = contacts_between(part_a.shape, places[part_a.body], part_b.shape, places[part_b.body])
             if (name_a, name_b) not in self._points:
                 self._points[name_a, name_b] = distinct_points(tree, self._q, part_a, part_b, len(pair_contacts))
             points = [pair_contacts[k] for k in self._points[name_a, name_b]]
@@ -109,7 +109,7 @@ class SpatialMachine:
 
     def contacts(self, tree: Tree, q: ca.SX) -> dict[str, SpatialContact]:
         """Contacts at the pose ``q`` (nq, 1) by name."""
-        return {name: contact for name, (contact, *_) in self.touches(tree, q).items()}
+        return {name: contact for name, (contact, *_) in self.contacts_with_bodies(tree, q).items()}
 
     def system(
         self,
@@ -131,13 +131,13 @@ class SpatialMachine:
         """
         tree = self.tree()
 
-        def touch(q: ca.SX) -> list[Touch]:
+        def touch(q: ca.SX) -> list[ContactPair]:
             return [
-                Touch(label, contact, _motions(tree, q, body_a), _motions(tree, q, body_b), body_b == WORLD)
-                for label, (contact, body_a, body_b) in self.touches(tree, q).items()
+                ContactPair(label, contact, _motions(tree, q, body_a), _motions(tree, q, body_b), body_b == WORLD)
+                for label, (contact, body_a, body_b) in self.contacts_with_bodies(tree, q).items()
             ]
 
-        store: dict[tuple[int, ...], tuple[ca.SX, list[Touch]]] = {}
+        store: dict[tuple[int, ...], tuple[ca.SX, list[ContactPair]]] = {}
         step = spatial_step(
             name,
             tree,
@@ -150,18 +150,18 @@ class SpatialMachine:
             cone=cone,
             linearised=linearised,
             inertial=inertial,
-            coupled=self.coupled(),
+            coupled=self.coupled_joints(),
         )
         return replace(step, machine=Mechanism(self, scale))
 
 
-def _motions(tree: Tree, q: ca.SX, body: str) -> Motions:
-    return [] if body == WORLD else tree.motions(q, body)
+def _motions(tree: Tree, q: ca.SX, body: str) -> JointAxes:
+    return [] if body == WORLD else tree.joint_axes(q, body)
 
 
-def body_places(tree: Tree, q: ca.SX) -> dict[str, Place]:
+def body_places(tree: Tree, q: ca.SX) -> dict[str, SpatialPose]:
     """Return places of the world and all bodies at the pose ``q`` (nq, 1), by name."""
-    return {WORLD: _FIXED} | {name: Place(*tree.pose(q, name)) for name in tree.bodies}
+    return {WORLD: _FIXED} | {name: SpatialPose(*tree.pose(q, name)) for name in tree.bodies}
 
 
 def name_contacts(name_a: str, name_b: str, contacts: Sequence[SpatialContact]) -> dict[str, SpatialContact]:
@@ -178,12 +178,14 @@ def distinct_points(tree: Tree, q: ca.SX, part_a: SpatialPart, part_b: SpatialPa
     """
     if count < 2:
         return list(range(count))
-    places = {body: _FIXED if body == WORLD else Place(*tree.pose(q, body)) for body in (part_a.body, part_b.body)}
-    pair_contacts = between(part_a.shape, places[part_a.body], part_b.shape, places[part_b.body])
+    pose_a, pose_b = (
+        _FIXED if body == WORLD else SpatialPose(*tree.pose(q, body)) for body in (part_a.body, part_b.body)
+    )
+    pair_contacts = contacts_between(part_a.shape, pose_a, part_b.shape, pose_b)
     one, other = _motions(tree, q, part_a.body), _motions(tree, q, part_b.body)
-    rows = [ca.horzcat(contact.phi, *contact.rows(one, other, tree.nv)) for contact in pair_contacts]
+    rows = [ca.horzcat(contact.phi, *contact.jacobian_rows(one, other, tree.nv)) for contact in pair_contacts]
     stacked = ca.densify(ca.vertcat(*rows))
-    if tree.turning and ca.depends_on(stacked, q[tree.turning]):
+    if tree.quaternion_entries and ca.depends_on(stacked, q[tree.quaternion_entries]):
         return list(range(count))
     values, distinct = at_random_poses(stacked), list[int]()
     for k, row in enumerate(values):

@@ -26,7 +26,7 @@ def matrix(q: ca.SX) -> ca.SX:
     )
 
 
-def about(axis: ca.SX, angle: ca.SX) -> ca.SX:
+def from_axis_angle(axis: ca.SX, angle: ca.SX) -> ca.SX:
     """Rotation matrix (3, 3) about a unit ``axis`` (3, 1) by ``angle`` [rad], Rodrigues' formula.
 
     Along an axis of coordinates the entries that are zero or one are so structurally.
@@ -42,7 +42,7 @@ def about(axis: ca.SX, angle: ca.SX) -> ca.SX:
     return c * ca.SX.eye(3) + s * ca.skew(axis) + (1 - c) * (axis @ axis.T)
 
 
-def turned(q: ca.SX, rotation_vector: ca.SX) -> ca.SX:
+def integrate(q: ca.SX, rotation_vector: ca.SX) -> ca.SX:
     """``q (+) way``: q turned about ``rotation_vector`` (3, 1) in its own axes by its length [rad], exactly.
 
     ``q exp(way / 2)``, drawn back to the unit sphere by one step of Newton's method, so that
@@ -62,7 +62,7 @@ def turned(q: ca.SX, rotation_vector: ca.SX) -> ca.SX:
     return product(q, ca.vertcat(w, sinc * rotation_vector / 2)) * ((3 - ca.sumsqr(q)) / 2)
 
 
-def slope(q: ca.SX) -> ca.SX:
+def rate_matrix(q: ca.SX) -> ca.SX:
     """Derivative (4, 3) of ``q (+) way`` by way at zero, for unit q: ``dq/dt = slope(q) omega``."""
     w, v = q[0], q[1:]
     return ca.vertcat(-v.T, w * ca.SX.eye(3) + ca.skew(v)) / 2

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dynamics.systems.checks import not_negative, positive
-from dynamics.systems.space.body import Number, Quaternion, Vector, unit, vector
+from dynamics.systems.checks import require_not_negative, require_positive
+from dynamics.systems.space.body import Number, Quaternion, Vector, require_unit_length, require_vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,8 +16,8 @@ class Sphere:
     centre: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        not_negative("Sphere radius", self.radius)
-        vector("Sphere centre", self.centre, (3,))
+        require_not_negative("Sphere radius", self.radius)
+        require_vector("Sphere centre", self.centre, (3,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +29,9 @@ class Capsule:
     radius: Number
 
     def __post_init__(self) -> None:
-        positive("Capsule radius", self.radius)
-        vector("Capsule start", self.start, (3,))
-        vector("Capsule end", self.end, (3,))
+        require_positive("Capsule radius", self.radius)
+        require_vector("Capsule start", self.start, (3,))
+        require_vector("Capsule end", self.end, (3,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +43,9 @@ class Cylinder:
     radius: Number
 
     def __post_init__(self) -> None:
-        positive("Cylinder radius", self.radius)
-        vector("Cylinder start", self.start, (3,))
-        vector("Cylinder end", self.end, (3,))
+        require_positive("Cylinder radius", self.radius)
+        require_vector("Cylinder start", self.start, (3,))
+        require_vector("Cylinder end", self.end, (3,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +54,14 @@ class Box:
 
     half_size: Vector
     centre: Vector = (0.0, 0.0, 0.0)
-    turn: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        vector("Box half_size", self.half_size, (3,))
-        positive("Box half_size", *self.half_size)
-        vector("Box centre", self.centre, (3,))
-        vector("Box turn", self.turn, (4,))
-        unit("Box turn", self.turn)
+        require_vector("Box half_size", self.half_size, (3,))
+        require_positive("Box half_size", *self.half_size)
+        require_vector("Box centre", self.centre, (3,))
+        require_vector("Box quaternion", self.quaternion, (4,))
+        require_unit_length("Box quaternion", self.quaternion)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Hull:
 
     def __post_init__(self) -> None:
         for i, vertex in enumerate(self.points):
-            vector(f"Hull points[{i}]", vertex, (3,))
+            require_vector(f"Hull points[{i}]", vertex, (3,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +83,9 @@ class Plane:
     normal: Vector = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        vector("Plane origin", self.origin, (3,))
-        vector("Plane normal", self.normal, (3,))
-        unit("Plane normal", self.normal)
+        require_vector("Plane origin", self.origin, (3,))
+        require_vector("Plane normal", self.normal, (3,))
+        require_unit_length("Plane normal", self.normal)
 
 
 Shape = Sphere | Capsule | Cylinder | Box | Hull | Plane

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from dynamics.systems.checks import positive
-from dynamics.systems.contact_rows import FORMS, Cone, ContactRows, Space, Touching, contact_rows
-from dynamics.systems.pairs import EnergyBook
+from dynamics.systems.checks import require_positive
+from dynamics.systems.contact_rows import FORMS, Cone, ContactRows, ContactSpec, Space, contact_rows
+from dynamics.systems.pairs import EnergyBalance
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.space import rotation
-from dynamics.systems.space.contact import Motions, SpatialContact, at_random_poses
+from dynamics.systems.space.contact import JointAxes, SpatialContact, at_random_poses
 from dynamics.systems.space.coupling import CoupledJoints
 from dynamics.systems.space.tree import Tree
 from dynamics.systems.system import ContactSystem
@@ -22,20 +22,20 @@ _EDGES = (4, 8)
 
 
 @dataclass(frozen=True, eq=False)
-class Touch:
+class ContactPair:
     """A contact at a pose: its name, what moves A and B, and whether B is the world."""
 
     name: str
     contact: SpatialContact
-    one: Motions
-    other: Motions
+    one: JointAxes
+    other: JointAxes
     outside: bool
 
 
 def spatial_step(
     name: str,
     tree: Tree,
-    touches: Callable[[ca.SX], list[Touch]],
+    touches: Callable[[ca.SX], list[ContactPair]],
     parameters: ParameterTable,
     *,
     h: ca.SX | float,
@@ -71,7 +71,7 @@ def spatial_step(
 
     Raises ``ValueError`` for an unknown cone or number of edges, and for h that is not positive.
     """
-    positive(f"system {name!r}: h", h)
+    require_positive(f"system {name!r}: h", h)
     if cone not in FORMS:
         kinds = ", ".join(map(repr, FORMS))
         raise ValueError(f"system {name!r}: cone must be one of {kinds}, got {cone!r}")
@@ -103,12 +103,12 @@ def spatial_step(
         change = about_centres(tree, q, v_next) - centre_velocities(tree, q, v, h)
         inertial_impulse = h * tree.inverse_dynamics(q, v, v_next, change / h, centred=True)
     else:
-        is_servo = tree.each(lambda body: None if body.servo is None else 1)
+        is_servo = tree.per_velocity(lambda body: None if body.servo is None else 1)
         bodies = [i for i, entry in enumerate(ca.vertsplit(is_servo)) if entry.is_zero()]
         M, inertial_impulse = M[bodies, bodies], h * tree.weight(q)
         inertial_impulse[bodies] += M @ v_next[bodies]
 
-    def build_system(touching: Touching) -> ContactSystem:
+    def build_system(touching: ContactSpec) -> ContactSystem:
         rows = contact_rows(name, touching, q, q_next, lambda J: h * (J @ v_next), h)
         motion = inertial_impulse - h * forced - rows.push
         if coupled is not None:
@@ -130,11 +130,11 @@ def spatial_step(
             mu_per_kappa=h,
             pairs=rows.pairs,
             forces=rows.forces,
-            sharp=touching.sharp(rows.curved, build_system),
+            referee_model=touching.referee_model(rows.curved, build_system),
             refinable=inertial,
-            book=_book(tree, touches, first, rows, x, u, x_next, forced, h) if inertial else None,
+            energy_balance=_book(tree, touches, first, rows, x, u, x_next, forced, h) if inertial else None,
             mass=M,
-            turning=(*tree.turning, *tree.swinging),
+            rotating_entries=(*tree.quaternion_entries, *tree.offset_origin_entries),
         )
 
     ends = tuple(f"{body} {end}" for end in ("low", "high") for body, *_ in limits)
@@ -146,17 +146,17 @@ def spatial_step(
         return rows_of(pose)[1][len(names) * first :, :][: len(names) * min(2, edges // 2), :]
 
     return build_system(
-        Touching(
+        ContactSpec(
             contacts, distance, sliding, friction, cone, linearised, limit_distances if limits else None, ends, space
         )
     )
 
 
-def _rows(touches: Callable[[ca.SX], list[Touch]], nv: int) -> Callable[[ca.SX], tuple[ca.SX, ca.SX]]:
+def _rows(touches: Callable[[ca.SX], list[ContactPair]], nv: int) -> Callable[[ca.SX], tuple[ca.SX, ca.SX]]:
     """Rows along normals (nc, nv), and along first and second tangents (2 nc, nv), at a pose."""
 
     def rows(q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        contact_rows = [touch.contact.rows(touch.one, touch.other, nv) for touch in touches(q)]
+        contact_rows = [touch.contact.jacobian_rows(touch.one, touch.other, nv) for touch in touches(q)]
         normal, *tangential = (ca.vertcat(ca.SX(0, nv), *(row[k] for row in contact_rows)) for k in range(3))
         return ca.sparsify(normal), ca.sparsify(ca.vertcat(*tangential))
 
@@ -165,17 +165,17 @@ def _rows(touches: Callable[[ca.SX], list[Touch]], nv: int) -> Callable[[ca.SX],
 
 def _smooth(tree: Tree, q: ca.SX, v_next: ca.SX, u: ca.SX, h: ca.SX | float, scale: float) -> ca.SX:
     """Forces of motors, servos, springs and dampers (nv, 1), linear in v_next."""
-    motor, servo = tree.each(lambda b: b.gear), tree.each(lambda b: b.servo)
+    motor, servo = tree.per_velocity(lambda b: b.gear), tree.per_velocity(lambda b: b.servo)
     commands = ca.SX(tree.nv, 1)
     for k, name in enumerate(tree.actuated):
         commands[tree.v_of[name]] = u[k]
     position_next = tree.position_of(q) + h * v_next
-    springs = tree.each(lambda b: b.spring) * (tree.each(lambda b: b.rest) - position_next)
+    springs = tree.per_velocity(lambda b: b.spring) * (tree.per_velocity(lambda b: b.rest) - position_next)
     return (
         scale * motor * commands
         + servo * (commands - position_next)
         + springs
-        - tree.each(lambda b: b.damping) * v_next
+        - tree.per_velocity(lambda b: b.damping) * v_next
     )
 
 
@@ -188,7 +188,7 @@ def _input(tree: Tree, motor: str) -> Signal:
 
 def _book(
     tree: Tree,
-    touches: Callable[[ca.SX], list[Touch]],
+    touches: Callable[[ca.SX], list[ContactPair]],
     first: int,
     rows: ContactRows,
     x: ca.SX,
@@ -196,7 +196,7 @@ def _book(
     x_next: ca.SX,
     forced: ca.SX,
     h: ca.SX | float,
-) -> EnergyBook:
+) -> EnergyBalance:
     q, v, v_next = x[: tree.nq], x[tree.nq :], x_next[tree.nq :]
     normal = rows.lam[: len(touches(q))] if rows.forces is None else rows.forces.normal
     tangential, n = ca.SX(0, 1) if rows.forces is None else rows.forces.tangential, normal.numel()
@@ -207,10 +207,11 @@ def _book(
             tangents = touch.contact.tangents[first:]
             for k, tangent in zip(range(i, tangential.numel(), n), tangents, strict=False):
                 external = external + tangential[k] * tangent
-    springs = tree.each(lambda b: b.spring) * (tree.each(lambda b: b.rest) - tree.position_of(q) - h * v_next)
+    extension = tree.per_velocity(lambda b: b.rest) - tree.position_of(q) - h * v_next
+    springs = tree.per_velocity(lambda b: b.spring) * extension
     work = h * ca.dot(v_next, forced - springs)
     v_centres = about_centres(tree, q, centre_velocities(tree, q, v, h), -1)
-    return EnergyBook(tree.energy(q, v_centres), work, tree.momentum(q, v_centres), external)
+    return EnergyBalance(tree.energy(q, v_centres), work, tree.momentum(q, v_centres), external)
 
 
 def about_centres(tree: Tree, q: ca.SX, v: ca.SX, sign: int = 1) -> ca.SX:
@@ -235,5 +236,5 @@ def centre_velocities(tree: Tree, q: ca.SX, v: ca.SX, h: ca.SX | float) -> ca.SX
     q_before = ca.SX(q)
     for name in tree.centres:
         four = slice(tree.q_of[name].start + 3, tree.q_of[name].stop)
-        q_before[four] = rotation.turned(q[four], -h * v[tree.v_of[name]][3:])
+        q_before[four] = rotation.integrate(q[four], -h * v[tree.v_of[name]][3:])
     return about_centres(tree, q_before, v)

@@ -67,7 +67,7 @@ class Tree:
         ]
 
     @cached_property
-    def turning(self) -> list[int]:
+    def quaternion_entries(self) -> list[int]:
         """Indices into q of all quaternions."""
         quaternion_entries = {"free": slice(3, 7), "ball": slice(0, 4)}
         return [
@@ -88,7 +88,7 @@ class Tree:
         return {name: centre for name, centre in centres.items() if centre.nnz()}
 
     @cached_property
-    def swinging(self) -> list[int]:
+    def offset_origin_entries(self) -> list[int]:
         """Indices into q of all places of free bodies that turn about another point."""
         return [self.q_of[name].start + k for name in self.centres for k in range(3)]
 
@@ -97,7 +97,7 @@ class Tree:
         """Mass of all bodies [kg]."""
         return sum((ca.SX(body.mass) for body in self._ordered), ca.SX(0))
 
-    def each(self, value: Callable[[Body], Number | None]) -> ca.SX:
+    def per_velocity(self, value: Callable[[Body], Number | None]) -> ca.SX:
         """One number of every body for all of its velocities (nv, 1), zero where it is None."""
         values = (value(body) for body in self.bodies.values() for _ in range(VELOCITIES[body.joint]))
         return ca.sparsify(ca.vertcat(ca.SX(0, 1), *(ca.SX(0 if entry is None else entry) for entry in values)))
@@ -121,7 +121,8 @@ class Tree:
             joint_q, displacement = q[self.q_of[name]], displacements[self.v_of[name]]
             if body.joint in ("free", "ball"):
                 n = joint_q.numel() - 4
-                origin, new_quaternion = joint_q[:n] + displacement[:n], rotation.turned(joint_q[n:], displacement[n:])
+                origin = joint_q[:n] + displacement[:n]
+                new_quaternion = rotation.integrate(joint_q[n:], displacement[n:])
                 if centred and name in self.centres:
                     R, R_new = rotation.matrix(joint_q[n:]), rotation.matrix(new_quaternion)
                     centre = self.centres[name]
@@ -135,7 +136,7 @@ class Tree:
         """Rotation (3, 3) of a body's axes into the world's, and its origin there (3, 1) [m]."""
         return self._poses(q)[body]
 
-    def motions(self, q: ca.SX, body: str) -> list[tuple[int, ca.SX, ca.SX, ca.SX]]:
+    def joint_axes(self, q: ca.SX, body: str) -> list[tuple[int, ca.SX, ca.SX, ca.SX]]:
         """What moves a body: (index into v, turning axis, direction moved, a point of the axis).
 
         All in the world's axes, of the body's joint and of all above it.
@@ -176,7 +177,7 @@ class Tree:
             if free:
                 linear_rows = range(self.nv)[self.v_of[name]][:3]
                 M[linear_rows, linear_rows] = mass * ca.SX.eye(3)
-        return M + ca.diag(self.each(lambda body: body.armature))
+        return M + ca.diag(self.per_velocity(lambda body: body.armature))
 
     def bias(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Coriolis, centrifugal and gravity forces (nv, 1) [N m, N]."""
@@ -229,7 +230,7 @@ class Tree:
             if body.parent is not None:
                 force[body.parent] += parent_force
                 moment[body.parent] += joint.R @ moment[name] + ca.cross(joint.r, parent_force)
-        return result + self.each(lambda body: body.armature) * a
+        return result + self.per_velocity(lambda body: body.armature) * a
 
     def potential(self, q: ca.SX) -> ca.SX:
         """Energy of gravity (zero at the origin) and of the springs [J]."""
@@ -237,8 +238,8 @@ class Tree:
         for body in self._ordered:
             R, p = self.pose(q, body.name)
             moment += ca.SX(body.mass) * (p + R @ ca.SX(ca.vertcat(*body.com)))
-        extension = self.position_of(q) - self.each(lambda body: body.rest)
-        return ca.dot(self.each(lambda b: b.spring), extension**2) / 2 - ca.dot(self.gravity, moment)
+        extension = self.position_of(q) - self.per_velocity(lambda body: body.rest)
+        return ca.dot(self.per_velocity(lambda b: b.spring), extension**2) / 2 - ca.dot(self.gravity, moment)
 
     def energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Kinetic and potential energy [J]."""
@@ -250,7 +251,7 @@ class Tree:
         for body in self._ordered:
             R, p = self.pose(q, body.name)
             centre = p + R @ ca.SX(ca.vertcat(*body.com))
-            for index, turn, move, pivot in self.motions(q, body.name):
+            for index, turn, move, pivot in self.joint_axes(q, body.name):
                 total += ca.SX(body.mass) * v[index] * (move + ca.cross(turn, centre - pivot))
         return total
 

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from dynamics.contact import Exact
-from dynamics.learned.training import train
+from dynamics.learned.training import train_network
 from dynamics.learned.transitions import Origin, Samples
 from ocp.learning.explorer import Buffer, Explorer, random_transitions
 from ocp.learning.identify import OneStepLoss, bootstrap_intervals, identify
@@ -209,7 +209,7 @@ def by_network(source: TransitionData, n: int, seed: int, params: Params) -> dic
     transitions, judges, system = source.pool[:n], source.held, source.task.system
     origin = Origin((*system.states, *system.inputs), system.states)
     samples = Samples(np.hstack([transitions.x, transitions.u]), transitions.x_next, origin)
-    model = train(
+    model = train_network(
         samples,
         0.0,
         params.seed + seed,

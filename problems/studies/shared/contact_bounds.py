@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from dynamics.batch import Gaussian, RolloutFunction, RolloutPolicy, open_loop
 from dynamics.contact import Barrier, Exact, Step
-from dynamics.systems import ParameterTable, entries, lcs
+from dynamics.systems import ParameterTable, lcs, matrix_parameters
 from dynamics.systems.lcs import is_p_matrix
 from problems.registry import get
 from problems.studies.shared.sampled_step import (
@@ -218,7 +218,7 @@ def solve_softened(z: np.ndarray, F: np.ndarray, mu: np.ndarray) -> Softened:
 def _solver(n: int) -> SampledStep:
     """Return the step ``x+ = lam`` of the system whose state is z; F is made of parameters."""
     zeros, identity = np.zeros((n, n)), np.eye(n)
-    table = ParameterTable(entries("F", identity))
+    table = ParameterTable(matrix_parameters("F", identity))
     system = lcs(
         "random",
         A=zeros,

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dynamics.learned.collecting import collect
+from dynamics.learned.collecting import collect_transitions
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.laws import Ewda, Mlp
-from dynamics.learned.training import Recipe, train
+from dynamics.learned.training import Recipe, train_network
 from dynamics.learned.transitions import Transitions
 from problems.regions import region_of
 from problems.registry import spec
@@ -15,7 +15,7 @@ def draw_transitions(name: str, n: int, seed: int) -> Transitions:
     """Draw n transitions of a problem at its defaults, in its own region."""
     problem_spec = spec(name)
     problem = problem_spec.problem()
-    return collect(problem.exact_step, region_of(problem_spec, problem_spec.params({}), problem), n, seed)
+    return collect_transitions(problem.exact_step, region_of(problem_spec, problem_spec.params({}), problem), n, seed)
 
 
 def average_law(data: Transitions, sigma: float, seed: int, trust: float = 0.0) -> Ewda:
@@ -26,5 +26,5 @@ def average_law(data: Transitions, sigma: float, seed: int, trust: float = 0.0) 
 
 def network_law(data: Transitions, sigma: float, seed: int, epochs: int, batch: int = Recipe.batch) -> Mlp:
     """Train the network h_sigma, or h for sigma = 0; return the best of all ``epochs``."""
-    model = train(data.samples(), sigma, seed, epochs=epochs, patience=epochs, batch=batch)
+    model = train_network(data.samples(), sigma, seed, epochs=epochs, patience=epochs, batch=batch)
     return Mlp(model)

@@ -15,7 +15,7 @@ from scipy.stats import norm
 
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.mlp import MlpModel
-from dynamics.learned.training import train
+from dynamics.learned.training import train_network
 from dynamics.learned.transitions import Normalisation, Origin, Samples
 from dynamics.systems.parameters import Signal
 from ocp.errors import InputError
@@ -111,7 +111,7 @@ def network_of(z: np.ndarray, y: np.ndarray, sigma: float, seed: int, **recipe: 
     pairs = Samples(z[:, None], y[:, None], ORIGIN)
     try:
         # Training measures noise in deviations of its inputs, and here it is in metres.
-        return train(pairs, sigma / float(z.std()), seed, **recipe)
+        return train_network(pairs, sigma / float(z.std()), seed, **recipe)
     except ValueError as error:
         raise InputError(f"this figure trains networks: {error}") from error
 

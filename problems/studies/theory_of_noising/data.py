@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dynamics.learned.collecting import collect
+from dynamics.learned.collecting import collect_transitions
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.transitions import Normalisation, Origin, Transitions
 from dynamics.systems.parameters import Signal
@@ -166,8 +166,8 @@ def along_the_task(n: int, seed: int) -> dict[str, Any]:
         problem_spec = spec(name)
         problem = problem_spec.problem()
         region, step = region_of(problem_spec, problem_spec.params({}), problem), problem.exact_step
-        mixed = collect(step, region, n, seed)
-        ranges, tube = _rows(collect(step, region, 2 * n, seed + 1)), slice(-_NEIGHBOUR_QUERIES, None)
+        mixed = collect_transitions(step, region, n, seed)
+        ranges, tube = _rows(collect_transitions(step, region, 2 * n, seed + 1)), slice(-_NEIGHBOUR_QUERIES, None)
         scales, queries = mixed.normalisation, ranges[tube]
         size[row] = queries.shape[1]
         for column, z in enumerate((ranges[:n], _rows(mixed))):

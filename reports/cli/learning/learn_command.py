@@ -12,13 +12,13 @@ from typing import Any
 
 import xarray as xr
 
-from dynamics.learned.collecting import Drawn, merged, pieces
+from dynamics.learned.collecting import Drawn, merge_pieces, split_pieces
 from dynamics.learned.ewda import EwdaModel
-from dynamics.learned.files import TABLES, read_table
-from dynamics.learned.fit import fit
+from dynamics.learned.files import TABLE_SUFFIXES, read_table
+from dynamics.learned.fit import measure_fit
 from dynamics.learned.region import Region
 from dynamics.learned.training import Epoch, Recipe, Training
-from dynamics.learned.transitions import LEAST, Transitions, split_rows
+from dynamics.learned.transitions import MIN_ROWS_PER_COORDINATE, Transitions, split_rows
 from ocp.errors import InputError, choose
 from ocp.jobs.scheduling import Failure, Report, run_jobs
 from ocp.problem.problem import Problem
@@ -56,7 +56,7 @@ def check_collect(options: CollectOptions) -> CollectRequest:
     parameter_texts = parse_assignments("-p", options.params)
     params, problem = problem_spec.params(parameter_texts), problem_spec.problem(parameter_texts)
     samples, system = parse_count("--samples", options.samples), problem.system
-    fewest_samples = LEAST * (system.nx + system.nu)
+    fewest_samples = MIN_ROWS_PER_COORDINATE * (system.nx + system.nu)
     if samples < fewest_samples:
         raise InputError(
             f"--samples: {samples} transitions are too few for a model; {problem_spec.name} needs at"
@@ -83,7 +83,7 @@ def run_collect(options: CollectOptions, request: CollectRequest) -> int:
     origin = {"problem": request.name, "parameters": request.params}
     with input_errors(f"{request.name}: "):
         pieces_drawn = _drawn(options, request)
-        data = merged(step, request.region, pieces_drawn, options.seed, origin)
+        data = merge_pieces(step, request.region, pieces_drawn, options.seed, origin)
     models.save(data.dataset(), options.file)
     document, seconds = learned_models.data_document(data), time.perf_counter() - start_s
     for line in learned_models.origin_lines(document):
@@ -98,7 +98,7 @@ def _drawn(options: CollectOptions, request: CollectRequest) -> list[Drawn]:
     """Return all pieces in their order, from the workers that the options name."""
     jobs = [
         CollectJob(request.file, request.params, request.content, piece)
-        for piece in pieces(request.samples, options.seed)
+        for piece in split_pieces(request.samples, options.seed)
     ]
     piece_at: dict[int, Drawn] = {}
     with closing(run_jobs(collect_piece, jobs, options.jobs, options.scheduler)) as outcomes:
@@ -171,7 +171,7 @@ def _data(options: LearnOptions) -> Transitions:
     problem = None if options.problem is None else spec(options.problem)
     system = None if problem is None else problem.problem().system
     signals = None if system is None else (system.states, system.inputs)
-    if options.data.suffix not in TABLES:
+    if options.data.suffix not in TABLE_SUFFIXES:
         if options.columns is not None:
             raise InputError(f"--columns is for tables, and {options.data} is not a table; drop it")
         data = models.load_transitions(options.data)
@@ -292,7 +292,7 @@ def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> li
 
 def _described(data: Transitions, model: Any, held_out: Any, noise: float, seed: int) -> xr.Dataset:
     """Return a model as a dataset with its errors on the held-out rows."""
-    fitted = fit(model, data.samples(), held_out, noise or NOISE, seed)
+    fitted = measure_fit(model, data.samples(), held_out, noise or NOISE, seed)
     return learned_models.model_dataset(model.dataset(), fitted.dataset(), data, len(held_out))
 
 

@@ -90,7 +90,7 @@ def _newton(count: int) -> Inner:
 
 
 def _path(loop: InnerLoop, guess: ca.MX, data: ca.MX) -> ca.MX:
-    pair = interior_point.follow(loop.path)(ca.MX.ones(loop.n_pair), data)
+    pair = interior_point.repeat_until_rest(loop.path)(ca.MX.ones(loop.n_pair), data)
     return loop.followed(pair, data)
 
 

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from dynamics.learned.collecting import collect
+from dynamics.learned.collecting import collect_transitions
 from dynamics.learned.transitions import Transitions
 from problems import get, spec
 from problems.regions import region_of
@@ -25,7 +25,7 @@ def test_collecting_1e5_transitions(name: str) -> None:
 
     def collected() -> Transitions:
         began = time.perf_counter()
-        data = collect(problem.exact_step, region, N, seed=0)
+        data = collect_transitions(problem.exact_step, region, N, seed=0)
         times.append(time.perf_counter() - began)
         return data
 

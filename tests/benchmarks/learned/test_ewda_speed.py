@@ -32,7 +32,7 @@ def data(nz: int, ny: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def model(z: np.ndarray, y: np.ndarray, sigma: float, **options) -> EwdaModel:
-    scales = Normalisation.of(z, [f"z{k}" for k in range(z.shape[1])])
+    scales = Normalisation.from_rows(z, [f"z{k}" for k in range(z.shape[1])])
     return EwdaModel(z, y, scales, sigma, origin(z.shape[1], y.shape[1]), **options)
 
 
@@ -40,8 +40,8 @@ def model(z: np.ndarray, y: np.ndarray, sigma: float, **options) -> EwdaModel:
 def test_value_and_jacobian_along_steps(sigma):
     z, y, path = data(NZ, NY)
     one, two = (model(z, y, sigma, threads=k) for k in (1, 2))
-    peer = Average(one.scales.normalised(z), y, sigma)
-    q = one.scales.normalised(path)
+    peer = Average(one.scales.normalise(z), y, sigma)
+    q = one.scales.normalise(path)
     forms = {
         "BLAS, all points": peer.blas(N),
         "BLAS, 8192 points at a time": peer.blas(8192),
@@ -78,7 +78,7 @@ def test_many_queries_at_once(sigma, least):
     rng = np.random.default_rng(1)
     ours = model(z, y, sigma, threads=2)
     at = z[rng.integers(N, size=MANY)] + 0.1 * rng.standard_normal((MANY, NZ))
-    peer, q = Average(ours.scales.normalised(z), y, sigma), ours.scales.normalised(at[:FEW])
+    peer, q = Average(ours.scales.normalise(z), y, sigma), ours.scales.normalise(at[:FEW])
     peers = {f"BLAS, blocks of {block}": peer.blas_blocks(q, block) for block in BLOCKS}
     peers |= {f"JAX, blocks of {block}": peer.jax_blocks(q, block) for block in BLOCKS}
     if HAS_KEOPS:

@@ -17,7 +17,7 @@ import numpy as np
 from dynamics.systems import Parameter, ParameterTable
 from dynamics.systems.contacts import Contact, Pose, Shape
 from dynamics.systems.contacts.polygon import vertex_pairs
-from dynamics.systems.contacts.shapes import column
+from dynamics.systems.contacts.shapes import as_column
 from ocp import solve
 from ocp.problem.problem import Problem, Scaling
 from problems.scenes import Body, Box, Disc, Goal, Obstacle, Pusher, Scene, things
@@ -53,8 +53,8 @@ def separating(one: Shape, a: Pose, other: Shape, b: Pose) -> Contact:
         return BETWEEN(one, a, other, b)
     found = []
     for sign, face, at, solid, there in ((1, other, b, one, a), (-1, one, a, other, b)):
-        corners = [there.place(c) for c in solid.corners]
-        ring = [at.place(c) for c in face.corners]
+        corners = [there.to_world(c) for c in solid.corners]
+        ring = [at.to_world(c) for c in face.corners]
         for i, start in enumerate(ring):
             along = ring[(i + 1) % len(ring)] - start
             n = ca.vertcat(along[1], -along[0]) / ca.norm_2(along)
@@ -70,7 +70,7 @@ def separating(one: Shape, a: Pose, other: Shape, b: Pose) -> Contact:
             ca.if_else(more[0] > phi, new, old) for new, old in zip(more[1:], (normal, point), strict=True)
         )
         phi = ca.fmax(phi, more[0])
-    return Contact(a, b, phi, normal, column(point))
+    return Contact(a, b, phi, normal, as_column(point))
 
 
 WAYS: dict[str, tuple[Callable[..., object], Callable[..., Contact]]] = {

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import ContactSystem, Parameter, ParameterTable, signals
-from dynamics.systems.pairs import Sharp
+from dynamics.systems.pairs import RefereeModel
 from ocp import solve
 from ocp.problem.problem import Constraint, Problem, Scaling
 
@@ -55,7 +55,7 @@ def sliding_pusher(values: dict[str, float]) -> Problem:
         h=H,
         parameters=table,
         gap_unit="N",
-        sharp=Sharp(),
+        referee_model=RefereeModel(),
         refinable=True,
     )
     away = x - ca.DM([0.3, 0.4, 1.5 * math.pi, 0.0])

@@ -49,7 +49,7 @@ def graphs(tree: Any, body: str) -> tuple[ca.Function, ca.Function, ca.Function]
     """M(q), bias(q, v), and of a body's origin Jacobian (6, nv) and place, as functions."""
     q, v = ca.SX.sym("q", tree.nq), ca.SX.sym("v", tree.nv)
     place, rows = tree.pose(q, body)[1], ca.SX(6, tree.nv)
-    for index, turn, move, pivot in tree.motions(q, body):
+    for index, turn, move, pivot in tree.joint_axes(q, body):
         rows[:, index] = ca.vertcat(move + ca.cross(turn, place - pivot), turn)
     made = ([q], [tree.mass(q)]), ([q, v], [tree.bias(q, v)]), ([q], [ca.densify(rows), place])
     mass, bias, foot = (ca.Function("f", *each, {"cse": True}) for each in made)
@@ -84,7 +84,7 @@ def measured(file: File, path: Path) -> list[str | float | int]:
     model = compiled(file, path)
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     # The end of the longest chain: a foot, where there are any.
-    end = max(tree.bodies, key=lambda body: len(tree.motions(ca.SX.sym("q", tree.nq), body)))
+    end = max(tree.bodies, key=lambda body: len(tree.joint_axes(ca.SX.sym("q", tree.nq), body)))
     number = model.joint(robot.joints[tree.q_of[end].start]).bodyid[0]
     mass, bias, foot = graphs(tree, end)
     worst = np.zeros(3)

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch.engines import compiler
-from dynamics.batch.engines.c_external import source
+from dynamics.batch.engines.c_external import external_source
 from dynamics.contact import Barrier, ContactLaw, Exact
 from dynamics.systems import ParameterTable
 from ocp.problem.policy import OpenLoop
@@ -90,13 +90,13 @@ def stage_us(made: Problem) -> list[float]:
     assert isinstance(layout, Layout)
     stage = Stage("dynamics", w, graph.p, ca.SX(0), graph.step.residual, index, rows)
     rng = np.random.default_rng(0)
-    least = compiler.load(LOOP, ["least"]).least
+    least = compiler.load_library(LOOP, ["least"]).least
     least.restype = ctypes.c_double
     found = []
     for function in (stage.constraint_values(), stage.constraint_slopes()[0], stage.second()[0]):
         given = [0.2 * rng.standard_normal(max(1, function.nnz_in(k))) for k in range(function.n_in())]
         taken = [np.zeros(max(1, function.nnz_out(k))) for k in range(function.n_out())]
-        made_c = getattr(compiler.load(source(function)), function.name())
+        made_c = getattr(compiler.load_library(external_source(function)), function.name())
         arrays = [(ctypes.c_void_p * len(a))(*(v.ctypes.data for v in a)) for a in (given, taken)]
         found.append(1e6 * least(ctypes.cast(made_c, ctypes.c_void_p), *arrays, 100, 50))
         exact = function.call([ca.DM(g[: function.nnz_in(k)]) for k, g in enumerate(given)])

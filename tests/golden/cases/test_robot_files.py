@@ -512,7 +512,7 @@ def test_files_that_are_too_large_are_refused_before_any_work(
 def test_a_long_chain_builds_each_contact_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """4005 pairs took 50 s when each asked all bodies where they are."""
     counts = {"between": 0, "pose": 0}
-    between, pose = geoms.between, Tree.pose
+    between, pose = geoms.contacts_between, Tree.pose
 
     def counted_between(*arguments: Any) -> Any:
         counts["between"] += 1

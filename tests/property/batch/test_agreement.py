@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from dynamics.batch import BatchFunction, Gaussian, RolloutFunction, affine, open_loop
+from dynamics.batch import BatchFunction, Gaussian, RolloutFunction, affine_policy, open_loop
 from dynamics.contact import Barrier
 from tests.examples import settings
 from tests.unit.dynamics.batch.backends import FAST
@@ -51,7 +51,7 @@ def test_backends_agree_on_value_and_gradient(x, y):
 @functools.cache
 def rollouts(system: str, policy: str):
     step, *costs = closed({"wall": wall, "four": four_contacts}[system](), Barrier(mu=1e-3))
-    law = {"open": open_loop, "affine": affine}[policy](step.system.nx, step.system.nu)
+    law = {"open": open_loop, "affine": affine_policy}[policy](step.system.nx, step.system.nu)
     made = {b: RolloutFunction(step, *costs, N, law, backend=b) for b in FAST}
     return step, law, made, reference(step, *costs, N, law)
 

@@ -48,7 +48,7 @@ def sigma(name: str) -> np.ndarray:
 def test_mirrored_costs_are_forward_costs_at_minus_w(name, backend, seed):
     """The open-loop score w / sigma^2 gives back the very noise that the kernel has drawn."""
     f, noise = objective(name, backend), Gaussian(sigma(name), seed)
-    straight, turned = f.sample_scores(noise, SAMPLES), f.sample_scores(noise.mirrored(), SAMPLES)
+    straight, turned = f.sample_scores(noise, SAMPLES), f.sample_scores(noise.negate(), SAMPLES)
     np.testing.assert_array_equal(turned.direction, -straight.direction)
     w = straight.direction * np.tile(noise.scales(len(sigma(name))) ** 2, HORIZON)
     drawn = noise.draw(SAMPLES, HORIZON, len(sigma(name))).reshape(SAMPLES, -1)
@@ -62,7 +62,7 @@ def test_mirrored_costs_are_forward_costs_at_minus_w(name, backend, seed):
 @pytest.mark.parametrize("order", ["cost", "zeroth", "first"])
 def test_moments_and_gradients_of_mirrored_noise(order):
     """Fused moments draw -w too, and a stream that is continued stays turned round."""
-    f, noise, n = objective("planar-push", "c"), Gaussian(0.25, 5).mirrored(), 3000
+    f, noise, n = objective("planar-push", "c"), Gaussian(0.25, 5).negate(), 3000
     (found, bad) = f.moments(noise, n, order) or pytest.fail("no moments")
     assert not len(bad)
     parts = (f.sample_gradients if order == "first" else f.sample_scores)(noise, n)
@@ -70,7 +70,7 @@ def test_moments_and_gradients_of_mirrored_noise(order):
     if order != "cost":
         single = parts.direction if order == "first" else single * parts.direction
     np.testing.assert_allclose(found.mean, single.mean(axis=0), rtol=1e-9)
-    rest = f.sample_scores(noise.after(1000), 5)
+    rest = f.sample_scores(noise.skip_samples(1000), 5)
     np.testing.assert_array_equal(rest.cost, f.sample_scores(noise, 1005).cost[1000:])
 
 
@@ -78,7 +78,7 @@ def test_perturbed_policies_are_pairs():
     """Evolution strategies disturb the gains by e and -e."""
     f = RolloutObjective(get("push-disc", N=HORIZON), Barrier(mu=1e-2), Feedback())
     noise = Gaussian(0.25, seed=2)
-    straight, turned = f.sample_perturbed(noise, 6), f.sample_perturbed(noise.mirrored(), 6)
+    straight, turned = f.sample_perturbed(noise, 6), f.sample_perturbed(noise.negate(), 6)
     np.testing.assert_array_equal(turned.direction, -straight.direction)
     names_of_theta = [signal.name for signal in f.decision]
     for cost, e in zip(turned.cost, straight.direction * 0.0625, strict=True):

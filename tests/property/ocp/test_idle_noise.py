@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.batch import Gaussian, RolloutFunction, affine, open_loop
+from dynamics.batch import Gaussian, RolloutFunction, affine_policy, open_loop
 from dynamics.contact import Barrier, Exact
 from dynamics.systems import ParameterTable, Signal, lcs
 from ocp.gradients import RolloutObjective, StaticObjective, estimate_gradient
@@ -205,7 +205,7 @@ def test_what_is_scored_is_what_moves_the_cost(seed: int, per_step: bool) -> Non
     """Differences over large noise find the same pairs of step and input that the graph says."""
     made, stage, end = drawn(seed)
     law = LAW.close(made)
-    policy = open_loop(made.nx, made.nu) if per_step else affine(made.nx, made.nu)
+    policy = open_loop(made.nx, made.nu) if per_step else affine_policy(made.nx, made.nu)
     f = RolloutFunction(law, stage, end, 4, policy, backend="numpy")
     rng = np.random.default_rng(seed)
     shape, tries = (4, made.nu), 30

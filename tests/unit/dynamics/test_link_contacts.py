@@ -28,7 +28,7 @@ def two_bodies(shapes: tuple, friction: float | None = 0.5) -> ContactSystem:
         for name, m, i in zip(("large", "small"), MASSES, INERTIAS, strict=True)
     )
     parts = tuple(Part(link.name, link.name, shape) for link, shape in zip(links, shapes, strict=True))
-    machine = Machine(links, (), parts=parts, meetings=(("small", "large"),))
+    machine = Machine(links, (), parts=parts, collision_pairs=(("small", "large"),))
     return machine.system("two bodies", ParameterTable(), h=H, friction=friction)
 
 
@@ -67,7 +67,7 @@ def test_impulses_between_links_are_equal_and_opposite(name: str, law) -> None:
 
 def test_the_book_counts_no_impulse_between_links_as_one_from_outside() -> None:
     system = two_bodies(SHAPES["boxes"])
-    step, book, x = Exact().close(system), system.book, thrown()
+    step, book, x = Exact().close(system), system.energy_balance, thrown()
     assert book is not None
     values = ca.Function("book", [system.x, system.u, system.x_next, system.lam], [book.momentum, book.external])
     met = False
@@ -104,7 +104,7 @@ def folded() -> Machine:
         ),
         spheres=(Sphere("hand", "lower", (0.0, 0.4), 0.04), Sphere("end", "bar", (0.5, 0.0), 0.05)),
         parts=(Part("beam", "bar", Box((0.5, 0.05))),),
-        meetings=(("hand", "beam"),),
+        collision_pairs=(("hand", "beam"),),
     )
 
 
@@ -176,7 +176,7 @@ def test_an_arm_that_folds_onto_its_own_bar_stops_there() -> None:
 def test_a_meeting_that_cannot_be_is_refused(meeting, sentence: str) -> None:
     machine = folded()
     with pytest.raises(ValueError, match=sentence):
-        Machine(machine.links, machine.spheres, parts=machine.parts, meetings=(meeting,))
+        Machine(machine.links, machine.spheres, parts=machine.parts, collision_pairs=(meeting,))
 
 
 def test_a_part_on_a_link_that_is_none_is_refused() -> None:

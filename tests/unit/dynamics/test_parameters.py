@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynamics.systems import LAW_PREFIX, Parameter, ParameterTable, entries, signals
+from dynamics.systems import LAW_PREFIX, Parameter, ParameterTable, matrix_parameters, signals
 
 FINITE = st.floats(-1e6, 1e6)
 
 
 def table() -> ParameterTable:
-    mixed = [Parameter("m", 2.0, "kg"), *entries("F", [[1.0, 2.0], [3.0, 4.0]], "m/(N s)")]
+    mixed = [Parameter("m", 2.0, "kg"), *matrix_parameters("F", [[1.0, 2.0], [3.0, 4.0]], "m/(N s)")]
     return ParameterTable([*mixed, Parameter(LAW_PREFIX + "mu", 1e-3, "N s m")])
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from dynamics.systems import WORLD, space
 from dynamics.systems.contacts import Box, Capsule, Contact, Disc, Polygon, Pose, Shape, Union
-from dynamics.systems.contacts.areas import area
-from dynamics.systems.contacts.polygon import rectangle
+from dynamics.systems.contacts.areas import shape_area
+from dynamics.systems.contacts.polygon import box_polygon
 from problems.drawing import Box as DrawnBox
 from problems.drawing import solid
 from problems.scenes import Body, Pusher, Scene
@@ -20,7 +20,7 @@ PAIRS = [
     (Box((0.2, 0.1), 0.03), Box((0.2, 0.1), 0.03, CENTRE)),
     (Polygon(KITE), Polygon(KITE, centre=CENTRE)),
     (Polygon(KITE, 0.01), Polygon(KITE[::-1], 0.01, CENTRE)),
-    (rectangle(Box((0.2, 0.1))), rectangle(Box((0.2, 0.1), centre=CENTRE))),
+    (box_polygon(Box((0.2, 0.1))), box_polygon(Box((0.2, 0.1), centre=CENTRE))),
 ]
 
 
@@ -33,7 +33,7 @@ def test_distances_are_those_of_the_body_moved_there(plain: Shape, placed: Shape
     rng = np.random.default_rng(0)
     for x, z, angle, *at in rng.uniform(-1, 1, (20, 5)):
         body = pose(x, z, angle)
-        moved = Pose(body.place(CENTRE), body.angle)
+        moved = Pose(body.to_world(CENTRE), body.angle)
         point = pose(*at, 0.0)
         for probe in (Disc(0.05), Capsule((0.0, 0.0), (0.1, 0.2), 0.02)):
             if isinstance(plain, Box | Polygon):
@@ -46,7 +46,7 @@ def test_distances_are_those_of_the_body_moved_there(plain: Shape, placed: Shape
 
 @pytest.mark.parametrize(("plain", "placed"), PAIRS)
 def test_area_moves_with_the_centre(plain: Shape, placed: Shape) -> None:
-    one, other = area(plain), area(placed)
+    one, other = shape_area(plain), shape_area(placed)
     assert float(one.area) == pytest.approx(float(other.area))
     shift = np.array(ca.DM(other.centre - one.centre)).ravel()
     np.testing.assert_allclose(shift, CENTRE, atol=1e-12)
@@ -60,7 +60,7 @@ def test_a_box_is_drawn_at_its_centre() -> None:
 
 def test_an_l_of_two_boxes_has_the_centroid_of_its_parts() -> None:
     foot, post = Box((0.2, 0.05), centre=(0.2, 0.05)), Box((0.05, 0.2), centre=(0.05, 0.3))
-    whole = area(Union([foot, post]))
+    whole = shape_area(Union([foot, post]))
     assert float(whole.area) == pytest.approx(2 * 0.4 * 0.1)
     np.testing.assert_allclose(np.array(ca.DM(whole.centre)).ravel(), [0.125, 0.175])
     scene = Scene(

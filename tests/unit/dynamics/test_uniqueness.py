@@ -54,11 +54,11 @@ def push(q: ca.SX) -> ca.SX:
 
 def test_contacts_are_open_only_where_they_may_close_at_once() -> None:
     """A second wall behind the first, or across from it, is never touched with it."""
-    assert two_gaps(push, lambda q: 2.0 - q[0]).linear, "two directions"
-    assert two_gaps(push, lambda q: push(q) + 0.1).linear, "one behind the other"
-    assert two_gaps(push, lambda q: 0.5 - push(q)).linear, "two walls across from each other"
-    assert not two_gaps(push, push).linear, "the same contact twice"
-    assert not two_gaps(push, lambda q: 2 * push(q)).linear
+    assert two_gaps(push, lambda q: 2.0 - q[0]).is_lcp, "two directions"
+    assert two_gaps(push, lambda q: push(q) + 0.1).is_lcp, "one behind the other"
+    assert two_gaps(push, lambda q: 0.5 - push(q)).is_lcp, "two walls across from each other"
+    assert not two_gaps(push, push).is_lcp, "the same contact twice"
+    assert not two_gaps(push, lambda q: 2 * push(q)).is_lcp
     three = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
     more = quasi_dynamic(
         "three",
@@ -71,12 +71,12 @@ def test_contacts_are_open_only_where_they_may_close_at_once() -> None:
         distance=lambda q: three @ q,
         parameters=ParameterTable(),
     )
-    assert not more.linear, "three lines through one point"
+    assert not more.is_lcp, "three lines through one point"
 
 
 def test_friction_is_open_whatever_its_coefficient_is() -> None:
     rough = {"friction": 0.4, "sliding": lambda q: ca.SX([[0.0, 1.0], [0.0, 1.0]])}
-    assert not two_gaps(push, lambda q: 2.0 - q[0], **rough).linear
+    assert not two_gaps(push, lambda q: 2.0 - q[0], **rough).is_lcp
 
 
 def test_the_same_contact_twice_is_one_contact() -> None:
@@ -97,4 +97,4 @@ def test_a_singular_lcs_is_found() -> None:
     row, one = np.ones((2, 1)), np.ones((1, 2))
     singular = lcs("s", A=[[1.0]], B=[[1.0]], C=one, D=row, E=row, F=np.ones((2, 2)))
     regular = lcs("r", A=[[1.0]], B=[[1.0]], C=one, D=row, E=row, F=np.ones((2, 2)) + np.eye(2))
-    assert regular.linear and not singular.linear
+    assert regular.is_lcp and not singular.is_lcp

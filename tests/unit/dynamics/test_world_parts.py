@@ -42,7 +42,7 @@ def test_a_slope_of_the_world_is_the_ground_under_tilted_gravity() -> None:
         (BALL,),
         (SPHERE,),
         parts=(Part("slope", WORLD, HalfPlane(normal=UP)),),
-        meetings=(("slope", "rim"),),
+        collision_pairs=(("slope", "rim"),),
     )
     turn = np.array([[UP[1], UP[0]], [-UP[0], UP[1]]])
     start = np.array([0.0, 0.23, 0.0, 0.1, 0.0, 0.0])
@@ -56,9 +56,9 @@ def test_a_slope_of_the_world_is_the_ground_under_tilted_gravity() -> None:
 def test_the_book_counts_the_world_as_outside() -> None:
     """Momentum changes by weight and by what the wall gives."""
     wall = Part("wall", WORLD, Box((0.1, 1.0)))
-    machine = Machine((BALL,), (SPHERE,), parts=(wall,), meetings=(("rim", "wall"),))
+    machine = Machine((BALL,), (SPHERE,), parts=(wall,), collision_pairs=(("rim", "wall"),))
     built = system(machine, ())
-    step, book = Exact().close(built), built.book
+    step, book = Exact().close(built), built.energy_balance
     assert book is not None
     values = ca.Function("book", [built.x, built.u, built.x_next, built.lam], [book.momentum, book.external])
     x = np.array([0.31, 0.5, 0.0, -2.0, 0.0, 3.0])

@@ -164,7 +164,7 @@ def test_a_turned_box_is_a_box_on_a_turned_body() -> None:
     turn = math.cos(0.4), 0.0, 0.0, math.sin(0.4)
     c, s = math.cos(0.8), math.sin(0.8)
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    one, other = seen(Box((0.1, 0.2, 0.3), turn=turn)), seen(Box((0.1, 0.2, 0.3)), R)
+    one, other = seen(Box((0.1, 0.2, 0.3), quaternion=turn)), seen(Box((0.1, 0.2, 0.3)), R)
     for a, b in zip(one, other, strict=True):
         np.testing.assert_allclose(a.corners, b.corners, atol=1e-12)
 

@@ -243,7 +243,7 @@ def test_contact_jacobians_against_differences(machine) -> None:
         pose = chain.pose(q, sphere.link)
         J = ca.Function("J", [q], list(contact.jacobians(q)))
         phi = ca.Function("phi", [q], [contact.phi])
-        point = np.array(ca.Function("p", [q], [pose.local(contact.point)])(at)).ravel()
+        point = np.array(ca.Function("p", [q], [pose.to_local(contact.point)])(at)).ravel()
         carried = ca.Function("p", [q], [chain.position(q, sphere.link, tuple(point))])
         eps = 1e-6
         moved = np.array(carried(at + eps * dq) - carried(at - eps * dq)).ravel() / (2 * eps)

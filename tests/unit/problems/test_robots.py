@@ -91,7 +91,9 @@ def check_dynamics(robot: Robot, model: Any, count: int = 100) -> None:
     tree = robot.machine.tree()
     q, v = ca.SX.sym("q", tree.nq), ca.SX.sym("v", tree.nv)
     assert (tree.nq, tree.nv, len(robot.joints)) == (model.nq, model.nv, model.nq)
-    stiff, damped, rest = (tree.each(lambda body, key=key: getattr(body, key)) for key in ("spring", "damping", "rest"))
+    stiff, damped, rest = (
+        tree.per_velocity(lambda body, key=key: getattr(body, key)) for key in ("spring", "damping", "rest")
+    )
     passive = -stiff * (tree.position_of(q) - rest) - damped * v
     moved = [b for b in range(1, model.nbody) if model.body_jntnum[b]]
     poses = [tree.pose(q, model.body(b).name or f"body {b}") for b in moved]
@@ -130,7 +132,7 @@ def test_distances_are_those_of_mujoco(name: str) -> None:
     """From a plane the nearest of all points, of two round parts the one distance they have."""
     robot, model = loaded(name)
     groups = {}
-    for pair in robot.machine.meetings:
+    for pair in robot.machine.collision_pairs:
         label = re.compile(re.escape(" on ".join(pair)) + r"( \d+)?")
         groups[pair] = [k for k, one in enumerate(robot.friction) if label.fullmatch(one)]
     assert sorted(k for own in groups.values() for k in own) == list(range(len(robot.friction)))

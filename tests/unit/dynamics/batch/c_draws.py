@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.batch.engines import c_random, compiler
-from dynamics.batch.engines.c_prelude import prelude
+from dynamics.batch.engines.c_prelude import vector_prelude
 from dynamics.batch.random import key_of
 
 _CALLS = """\
@@ -39,12 +39,12 @@ void transform(i64 n, const unsigned long long *words, double *out) {
 
 def source(machine: compiler.Compiler) -> str:
     """C text of the two calls."""
-    return prelude(machine) + c_random.source() + _CALLS
+    return vector_prelude(machine) + c_random.normals_source() + _CALLS
 
 
 def _loaded() -> tuple[Any, compiler.Compiler]:
     machine = compiler.find_compiler()
-    return compiler.load(source(machine)), machine
+    return compiler.load_library(source(machine)), machine
 
 
 def draw(seed: int, first: int, size: int) -> np.ndarray:

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.batch import BatchFunction, Gaussian, RolloutFunction, affine, open_loop
+from dynamics.batch import BatchFunction, Gaussian, RolloutFunction, affine_policy, open_loop
 from dynamics.batch.engines import c_flat, c_rollout, compiler
 from dynamics.batch.graphs.tape import tape_of
 from dynamics.batch.random import key_of, standard_normals
@@ -52,7 +52,7 @@ def systems() -> dict[str, tuple]:
     }
     policies = {"closed form": open_loop, "path": open_loop}
     return {
-        name: (*parts, policies.get(name, affine)(parts[0].system.nx, parts[0].system.nu))
+        name: (*parts, policies.get(name, affine_policy)(parts[0].system.nx, parts[0].system.nu))
         for name, parts in cases.items()
     }
 
@@ -119,13 +119,13 @@ def texts(machine: compiler.Compiler) -> dict[str, Callable[[], str]]:
     from dynamics.batch.graphs.rollout_tapes import build_tapes
 
     made: dict[str, Callable[[], str]] = {
-        "function": lambda: c_flat.source(tape_of(every_operation()), 32, machine),
+        "function": lambda: c_flat.batch_source(tape_of(every_operation()), 32, machine),
         "random": lambda: c_draws.source(machine),
     }
     for name, parts in systems().items():
         for own_p in (False, True):
             made[f"{name}, own p: {own_p}"] = functools.partial(
-                lambda parts, own_p: c_rollout.source(
+                lambda parts, own_p: c_rollout.rollout_source(
                     build_tapes(parts[0], Costs(*parts[1:3]), parts[3]), 32, machine, own_p
                 ),
                 parts,

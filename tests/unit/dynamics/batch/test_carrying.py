@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch import RolloutFunction, open_loop
-from dynamics.batch.graphs.hoisting import carried
+from dynamics.batch.graphs.hoisting import carry_costly_values
 from dynamics.batch.graphs.tape import tape_of
 from dynamics.contact import Barrier
 from tests.unit.dynamics.batch.rollout_cases import closed, wall
@@ -29,7 +29,7 @@ def count(fn: ca.Function, op: int) -> int:
 
 def test_values_are_the_same_and_roots_are_gone():
     forward, adjoint = pair()
-    longer, lighter = carried(forward, adjoint)
+    longer, lighter = carry_costly_values(forward, adjoint)
     assert count(adjoint, ca.OP_SQRT) == 1
     assert count(lighter, ca.OP_SQRT) == 0
     assert count(lighter, ca.OP_EXP) == 1

@@ -45,27 +45,27 @@ def fake_compiler(folder: Path, script: str, monkeypatch) -> None:
 
 
 def test_object_is_cached_for_the_owner_alone(own_cache):
-    assert compiler.load(SOURCE % 41).answer() == 41
+    assert compiler.load_library(SOURCE % 41).answer() == 41
     (path,) = own_cache.glob("*")
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert stat.S_IMODE(own_cache.stat().st_mode) == 0o700
 
 
 def test_cached_object_is_not_compiled_again(own_cache, monkeypatch):
-    compiler.load(SOURCE % 42)
+    compiler.load_library(SOURCE % 42)
     monkeypatch.setattr(compiler, "_loaded", {})
     monkeypatch.setattr(compiler, "_compile", lambda *_: pytest.fail("compiled again"))
-    assert compiler.load(SOURCE % 42).answer() == 42
+    assert compiler.load_library(SOURCE % 42).answer() == 42
 
 
 def test_corrupted_object_is_thrown_away_and_compiled_again(own_cache, monkeypatch):
-    compiler.load(SOURCE % 43)
+    compiler.load_library(SOURCE % 43)
     (path,) = own_cache.glob("*.so")
     damaged = path.read_bytes()[:-100] + b"x" * 100
     path.unlink()  # writing over a loaded object would damage this very process
     path.write_bytes(damaged)
     monkeypatch.setattr(compiler, "_loaded", {})
-    assert compiler.load(SOURCE % 43).answer() == 43
+    assert compiler.load_library(SOURCE % 43).answer() == 43
     assert len(list(own_cache.glob("*.so"))) == 1
 
 
@@ -73,16 +73,16 @@ def test_unusable_cache_is_done_without(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("not a folder")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     assert compiler.cache_directory() is None
-    assert compiler.load(SOURCE % 44).answer() == 44
-    assert compiler.info()["cache"] is None
-    assert compiler.clear() == 0
+    assert compiler.load_library(SOURCE % 44).answer() == 44
+    assert compiler.compiler_info()["cache"] is None
+    assert compiler.clear_cache() == 0
 
 
 def test_cache_that_others_may_write_to_is_refused(own_cache):
     own_cache.mkdir(parents=True)
     own_cache.chmod(0o777)
     assert compiler.cache_directory() is None
-    assert compiler.load(SOURCE % 45).answer() == 45
+    assert compiler.load_library(SOURCE % 45).answer() == 45
     assert not list(own_cache.glob("*.so"))
 
 
@@ -96,7 +96,7 @@ def test_full_disk_is_done_without(own_cache, monkeypatch):
         return compile_(*arguments)
 
     monkeypatch.setattr(compiler, "_compile", failing)
-    assert compiler.load(SOURCE % 46).answer() == 46
+    assert compiler.load_library(SOURCE % 46).answer() == 46
     assert refused
 
 
@@ -109,7 +109,7 @@ def test_no_compiler_falls_back_to_numpy_and_says_so(graph, tmp_path, monkeypatc
     np.testing.assert_allclose(f(np.array([[2.0]])), np.sin(2.0) + 4.0)
     with pytest.raises(CompilerError, match="no C compiler found"):
         BatchFunction(graph, backend="c")
-    assert compiler.info()["compiler"] is None
+    assert compiler.compiler_info()["compiler"] is None
 
 
 def test_the_same_reason_is_told_once(graph, tmp_path, monkeypatch):
@@ -194,13 +194,13 @@ def test_processes_may_compile_the_same_at_once(own_cache):
 
 
 def test_info_and_clear(own_cache):
-    compiler.load(SOURCE % 48)
-    told = compiler.info()
+    compiler.load_library(SOURCE % 48)
+    told = compiler.compiler_info()
     assert told["objects"] == 1
     assert told["cache"] == str(own_cache)
     assert told["width"] in (2, 4, 8)
-    assert compiler.clear() == 1
-    assert compiler.info()["objects"] == 0
+    assert compiler.clear_cache() == 1
+    assert compiler.compiler_info()["objects"] == 0
 
 
 def slow_compiler(folder: Path, monkeypatch) -> tuple[Path, Path]:
@@ -230,17 +230,17 @@ def test_what_is_being_compiled_survives_an_emptied_cache(own_cache, tmp_path, m
     """`clear` leaves it alone; where its folder is removed all the same, it is compiled again."""
     begun, go = slow_compiler(tmp_path, monkeypatch)
     with ThreadPoolExecutor(1) as pool:
-        loaded = pool.submit(compiler.load, SOURCE % 49)
+        loaded = pool.submit(compiler.load_library, SOURCE % 49)
         waited_for(begun)
         if how == "clear":
-            assert compiler.clear() == 0
+            assert compiler.clear_cache() == 0
         else:
             shutil.rmtree(own_cache)
         go.touch()
         assert loaded.result(60).answer() == 49
     if how == "clear":
         assert [path.suffix for path in own_cache.iterdir()] == [".so"]
-        assert compiler.clear() == 1
+        assert compiler.clear_cache() == 1
 
 
 def test_what_is_cleared_before_it_is_loaded_is_compiled_again(own_cache, monkeypatch):
@@ -248,11 +248,11 @@ def test_what_is_cleared_before_it_is_loaded_is_compiled_again(own_cache, monkey
 
     def cleared(*arguments):
         path = compile_(*arguments)
-        compiler.clear()
+        compiler.clear_cache()
         return path
 
     monkeypatch.setattr(compiler, "_compile", cleared)
-    assert compiler.load(SOURCE % 50).answer() == 50
+    assert compiler.load_library(SOURCE % 50).answer() == 50
 
 
 def test_clear_removes_what_a_killed_process_left(own_cache):
@@ -262,7 +262,7 @@ def test_clear_removes_what_a_killed_process_left(own_cache):
         (folder / "batch.c").write_text("")
     own_cache.chmod(0o700)
     os.utime(left, times=(0, 0))
-    assert compiler.clear() == 0
+    assert compiler.clear_cache() == 0
     assert list(own_cache.iterdir()) == [young]
 
 
@@ -272,15 +272,15 @@ def test_a_cleared_object_stays_loaded_for_a_solver(own_cache):
 
     x = ca.SX.sym("x")
     function = ca.Function("squared", [x], [x**2])
-    load = compiler.load
+    load = compiler.load_library
 
     def cleared(source):
         library = load(source)
-        assert compiler.clear() == 1
+        assert compiler.clear_cache() == 1
         return library
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(compiler, "load", cleared)
+        patched.setattr(compiler, "load_library", cleared)
         stages = StageCompiler()
         assert float(stages(function)(3.0)) == 9.0
     assert stages.outcome == "compiled"

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.batch import Episode, EpisodeFunction, RolloutFunction, StepFunction, constant
+from dynamics.batch import Episode, EpisodeFunction, RolloutFunction, StepFunction, constant_policy
 from dynamics.batch.graphs import inner
 from dynamics.batch.graphs.policy import open_loop
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
@@ -34,7 +34,7 @@ def rolled(step: Step, x0: np.ndarray, inputs: np.ndarray, threads: int = 1, blo
     reward = ca.Function("reward", [s.x, s.u, s.x_next, s.parameters.vector], [s.x_next[0]])
     final = ca.Function("final", [s.x, s.parameters.vector], [0])
     done = ca.Function("done", [s.x, s.parameters.vector], [s.x[0] > 1e300])
-    policy = constant(s.nx, -np.ones(s.nu), np.ones(s.nu))
+    policy = constant_policy(s.nx, -np.ones(s.nu), np.ones(s.nu))
     f = EpisodeFunction(step, Episode(reward, final, done), horizon, policy, threads=threads, block=block)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -15,8 +15,8 @@ from dynamics.batch import (
     EpisodeFunction,
     Gaussian,
     StepFunction,
-    constant,
-    dense,
+    constant_policy,
+    dense_policy,
 )
 from dynamics.contact import Barrier, Exact
 from dynamics.systems import ContactSystem
@@ -52,7 +52,7 @@ def rolled(system: str, policy: str, backend: str = "c", **options) -> EpisodeFu
     made = SYSTEMS[system]()
     episode, observe = functions(made)
     bounds, hidden = (-np.ones(made.nu), 2 * np.ones(made.nu)), POLICIES[policy]
-    chosen = constant(made.nx, *bounds) if hidden is None else dense(observe, hidden, *bounds)
+    chosen = constant_policy(made.nx, *bounds) if hidden is None else dense_policy(observe, hidden, *bounds)
     step = Barrier(mu=1e-3).close(made)
     return EpisodeFunction(step, episode, HORIZON, chosen, backend=backend, **options)
 
@@ -90,7 +90,7 @@ def test_returns_are_those_of_a_loop_over_single_steps(system, policy):
             seen = np.array(observe.map(N)(x.T, ca.repmat(ca.DM(call["p"][:n]), 1, N))).T
             mean = np.array([known[f"mean[{i}]"] for i in range(seen.shape[1])])
             scale = np.array([known[f"scale[{i}]"] for i in range(seen.shape[1])])
-            a = f.policy.means(call["theta"], (seen - mean) / scale)
+            a = f.policy.mean_actions(call["theta"], (seen - mean) / scale)
         u = 0.5 + 1.5 * np.tanh(a + call["noise"][:, t])
         after = step(x, u).x_next
         alive = weight > 0
@@ -185,7 +185,7 @@ def test_a_gradient_along_given_states(backend):
     f = rolled("inner loop", "constant", backend)
     call = given(f)
     plain = f(**call, gradient=True, states=True)
-    again = f(**call, gradient=True, along=plain)
+    again = f(**call, gradient=True, linearise_along=plain)
     np.testing.assert_allclose(again.gradient, plain.gradient, rtol=1e-12, atol=1e-13)
 
     made = SYSTEMS["inner loop"]()
@@ -194,13 +194,13 @@ def test_a_gradient_along_given_states(backend):
         Exact().close(made),
         episode,
         HORIZON,
-        constant(made.nx, -np.ones(made.nu), 2 * np.ones(made.nu)),
+        constant_policy(made.nx, -np.ones(made.nu), 2 * np.ones(made.nu)),
     )
     n_exact = len(exact.parameters)
     p_exact = np.concatenate([made.parameters.values, [DISCOUNT]])
     assert len(p_exact) == n_exact
     followed = exact(call["x0"], call["theta"], p_exact, call["noise"], states=True)
-    found = f(**call, gradient=True, along=followed)
+    found = f(**call, gradient=True, linearise_along=followed)
 
     slopes = StepFunction(Barrier(mu=1e-3).close(made))
     a = np.tanh(call["theta"] + call["noise"])
@@ -237,7 +237,7 @@ def test_what_a_finished_sample_becomes_is_nobodys_business():
         ca.Function("final", [x, p], [ca.log(0.7 - x[0])]),
         ca.Function("done", [x, p], [x[0] > 0.7]),
     )
-    f = EpisodeFunction(Barrier(mu=1e-3).close(made), episode, 6, constant(made.nx, -1, 1))
+    f = EpisodeFunction(Barrier(mu=1e-3).close(made), episode, 6, constant_policy(made.nx, -1, 1))
     found = f(np.array([[0.69, 3.0]]), np.array([0.3]), gradient=True)
     assert found.lived[0] < 6
     assert np.isfinite(found.value).all()
@@ -248,7 +248,7 @@ def test_bad_input_is_told():
     f = rolled("closed form", "network")
     call = given(f)
     with pytest.raises(ValueError, match="along needs episodes of 8 steps"):
-        f(**call, along=f(**call))
+        f(**call, linearise_along=f(**call))
     with pytest.raises(ValueError, match="not kept; pass states=True"):
         _ = f(**call).states
     with pytest.raises(ValueError, match="a score needs Gaussian noise"):
@@ -256,9 +256,9 @@ def test_bad_input_is_told():
     with pytest.raises(ValueError, match="theta has shape"):
         f(**{**call, "theta": call["theta"][1:]})
     with pytest.raises(ValueError, match="layers must have whole sizes of at least 1"):
-        dense(functions(wall())[1], (0,), -1, 1)
+        dense_policy(functions(wall())[1], (0,), -1, 1)
     with pytest.raises(ValueError, match="finite bounds, lower below upper"):
-        constant(2, 1, -1)
+        constant_policy(2, 1, -1)
     with warnings.catch_warnings():
         warnings.simplefilter("error", BatchWarning)
         f(**call)
@@ -301,4 +301,6 @@ def test_what_else_is_gained_at_the_end_pulls_on_the_gradient(backend):
         Barrier(mu=1e-3).close(made), Episode(episode.reward, more, episode.done), HORIZON, f.policy
     )
     pull = 0.6 * plain.states[:, -1] * (DISCOUNT**HORIZON * reached)[:, None]
-    np.testing.assert_allclose(f(**call, pull=pull).gradient, other(**call).gradient, rtol=1e-9, atol=1e-10)
+    np.testing.assert_allclose(
+        f(**call, terminal_gradient=pull).gradient, other(**call).gradient, rtol=1e-9, atol=1e-10
+    )

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.batch.export import TabulatedPolicy, exported, identifier
+from dynamics.batch.export import TabulatedPolicy, c_identifier, export_step
 from dynamics.contact import Adaptive, Barrier, Exact, Randomized, Step
 from problems import get
 
@@ -100,8 +100,8 @@ def case(problem: str, law: str) -> tuple[Step, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(("problem", "law"), CASES)
 def test_the_file_has_the_step_and_its_derivatives(problem, law, cc, tmp_path):
     step, rows, wanted = case(problem, law)
-    text, _ = exported(step, step.p.values, problem)
-    driver = DRIVER.replace("NAME", identifier(problem))
+    text, _ = export_step(step, step.p.values, problem)
+    driver = DRIVER.replace("NAME", c_identifier(problem))
     got = answers(built(tmp_path, text, driver, cc), rows)
     assert got.shape == wanted.shape
     assert np.abs(wanted[:, 1 + step.system.nx : 1 + step.system.nx + step.n]).max() > 1e-3
@@ -113,7 +113,7 @@ def test_the_file_has_the_step_and_its_derivatives(problem, law, cc, tmp_path):
 def test_parameters_may_be_given_at_run_time(cc, tmp_path):
     step, rows, _ = case("push-disc", "barrier")
     values = step.p.values * 1.25
-    text, _ = exported(step, values, "push-disc")
+    text, _ = export_step(step, values, "push-disc")
     driver = DRIVER.replace("NAME", "push_disc").replace("_step(x, u, 0,", "_step(x, u, p,")
     driver = driver.replace("p[i] = ", "p[i] = 0.8 * ")
     got = answers(built(tmp_path, text, driver, cc), rows)
@@ -144,7 +144,7 @@ def test_the_policy_is_in_it(feedback, cc, tmp_path):
     bounds = np.array([-0.5, -np.inf]), np.array([np.inf, 0.7])
     policy = TabulatedPolicy(k, K, *bounds) if feedback else TabulatedPolicy(k)
     step, *_ = case("wall-1d", "barrier")
-    text, _ = exported(step, step.p.values, "push", policy=policy)
+    text, _ = export_step(step, step.p.values, "push", policy=policy)
     rows = np.hstack([np.arange(6.0)[:, None], rng.standard_normal((6, 2))])
     got = answers(built(tmp_path, text, POLICY_DRIVER, cc), rows)
     at = np.minimum(np.arange(6), 2)
@@ -158,7 +158,7 @@ def test_the_header_states_layout_units_law_and_values():
     step, *_ = case("push-disc", "barrier")
     values = step.p.values
     values[step.p.names.index("contact.mu")] = 0.125
-    text, _ = exported(step, values, "9 push/disc", ["Pushed */ far /* away ??", "", "barrier law"])
+    text, _ = export_step(step, values, "9 push/disc", ["Pushed */ far /* away ??", "", "barrier law"])
     head = text[: text.index("*/")]
     assert "Pushed * / far / * away ? ?" in head
     assert "/*" not in head[2:]
@@ -172,7 +172,7 @@ def test_the_header_states_layout_units_law_and_values():
 
 def test_a_step_that_comes_to_no_number_says_so(tmp_path):
     step, rows, _ = case("hopper-1d", "barrier")
-    text, _ = exported(step, step.p.values, "hopper-1d")
+    text, _ = export_step(step, step.p.values, "hopper-1d")
     driver = DRIVER.replace("NAME", "hopper_1d")
     bad = rows[:1].copy()
     bad[0, 0] = np.nan

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 
 from dynamics.batch.engines import c_source
-from dynamics.batch.engines.c_external import source
-from dynamics.batch.engines.compiler import load
+from dynamics.batch.engines.c_external import external_source
+from dynamics.batch.engines.compiler import load_library
 
 
 def long_function(rounds: int) -> ca.Function:
@@ -23,9 +23,9 @@ def long_function(rounds: int) -> ca.Function:
 def test_a_long_function_is_cut_and_gives_the_same() -> None:
     f = long_function(40)
     assert f.n_instructions() > c_source.WHOLE
-    text = source(f)
+    text = external_source(f)
     assert text.count("kernel_part") > 3
-    g = ca.external("turned", load(text)._name)
+    g = ca.external("turned", load_library(text)._name)
     assert [g.size_in(k) for k in range(2)] == [(6, 1), (2, 1)]
     rng = np.random.default_rng(0)
     for _ in range(20):
@@ -36,7 +36,7 @@ def test_a_long_function_is_cut_and_gives_the_same() -> None:
 
 def test_outputs_that_nobody_asks_and_inputs_that_are_zero() -> None:
     f = long_function(30)
-    g = ca.external("turned", load(source(f))._name)
+    g = ca.external("turned", load_library(external_source(f))._name)
     x = ca.MX.sym("x", 6)
     alone = [ca.Function("alone", [x], [each(x, ca.MX(2, 1))[1]]) for each in (f, g)]
     at = np.linspace(-1, 1, 6)
@@ -47,4 +47,4 @@ def test_a_short_function_is_as_casadi_writes_it() -> None:
     f = long_function(2)
     generator = ca.CodeGenerator("turned")
     generator.add(f)
-    assert source(f) == generator.dump()
+    assert external_source(f) == generator.dump()

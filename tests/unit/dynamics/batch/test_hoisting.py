@@ -5,14 +5,14 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from dynamics.batch.graphs.hoisting import hoisted
+from dynamics.batch.graphs.hoisting import hoist_parameters
 
 X, P = ca.SX.sym("x", 2), ca.SX.sym("p", 3)
 
 
 def split(*results: ca.SX) -> tuple[ca.Function, ca.Function, ca.Function]:
     fn = ca.Function("f", [X, P], list(results))
-    derived, rest = hoisted({"f": (fn, 1)}, 3)
+    derived, rest = hoist_parameters({"f": (fn, 1)}, 3)
     return fn, derived, rest["f"]
 
 

@@ -32,7 +32,7 @@ def test_merged_chunks_are_the_moments_of_all(bounds):
 def sum_of(chunks: list[Moments]) -> Moments:
     total = chunks[0]
     for chunk in chunks[1:]:
-        total = total.merged(chunk)
+        total = total.merge_with(chunk)
     return total
 
 

@@ -115,11 +115,11 @@ def test_first_samples_of_a_larger_run_are_the_same():
 
 def test_a_stream_goes_on_and_turns_round():
     noise = Gaussian(np.array([0.5, 3.0]), seed=4, first=7)
-    np.testing.assert_array_equal(noise.mirrored().draw(20, 5, 2), -noise.draw(20, 5, 2))
-    np.testing.assert_array_equal(noise.after(6).draw(4, 5, 2), noise.draw(10, 5, 2)[6:])
-    later = noise.mirrored().after(6)
+    np.testing.assert_array_equal(noise.negate().draw(20, 5, 2), -noise.draw(20, 5, 2))
+    np.testing.assert_array_equal(noise.skip_samples(6).draw(4, 5, 2), noise.draw(10, 5, 2)[6:])
+    later = noise.negate().skip_samples(6)
     np.testing.assert_array_equal(later.draw(4, 5, 2), -noise.draw(10, 5, 2)[6:])
-    np.testing.assert_array_equal(later.mirrored().draw(4, 5, 2), noise.draw(10, 5, 2)[6:])
+    np.testing.assert_array_equal(later.negate().draw(4, 5, 2), noise.draw(10, 5, 2)[6:])
 
 
 def test_samples_beyond_32_bits_have_streams_of_their_own():

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.batch import BatchWarning, Gaussian, RolloutFunction, affine, open_loop
+from dynamics.batch import BatchWarning, Gaussian, RolloutFunction, affine_policy, open_loop
 from dynamics.batch.graphs import inner
 from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.contact import Adaptive, Barrier, Exact, Randomized
@@ -25,8 +25,8 @@ LAWS = {
 }
 POLICIES = {
     "open": open_loop,
-    "affine": affine,
-    "affine-per-step": functools.partial(affine, per_step=True),
+    "affine": affine_policy,
+    "affine-per-step": functools.partial(affine_policy, per_step=True),
 }
 HORIZON = 6
 
@@ -359,8 +359,8 @@ def test_compiled_text_does_not_depend_on_the_horizon(monkeypatch):
     from dynamics.batch.engines import compiler
 
     texts = []
-    load = compiler.load
-    monkeypatch.setattr(compiler, "load", lambda text, has: texts.append(text) or load(text, has))
+    load = compiler.load_library
+    monkeypatch.setattr(compiler, "load_library", lambda text, has: texts.append(text) or load(text, has))
     step, *costs = case("wall", "barrier")
     for horizon in (2, 400):
         RolloutFunction(step, *costs, horizon, open_loop(2, 1), backend="c")

@@ -26,7 +26,7 @@ class Scaling:
 def model_of(z: np.ndarray, y: np.ndarray, sigma: float, **options) -> EwdaModel:
     """A model of data with scales of their own and made-up names."""
     names = [f"z{k}" for k in range(z.shape[1])]
-    scales = Normalisation.of(z, names) if len(z) > 1 else _unit(z.shape[1])
+    scales = Normalisation.from_rows(z, names) if len(z) > 1 else _unit(z.shape[1])
     return EwdaModel(z, y, scales, sigma, origin(z.shape[1], y.shape[1]), **options)
 
 
@@ -47,8 +47,8 @@ def reference(model: EwdaModel, query: np.ndarray, weights: np.ndarray) -> Scali
 
 
 def _reference(model: EwdaModel, query: np.ndarray, weights: np.ndarray) -> Scaling:
-    z = _exact(model.scales.normalised(model.z))
-    q, y = _exact(model.scales.normalised(query)), _exact(model.y)
+    z = _exact(model.scales.normalise(model.z))
+    q, y = _exact(model.scales.normalise(query)), _exact(model.y)
     scale, nu = _exact(model.scales.scale), _exact(weights)
     variance = mpf(model.sigma) ** 2
     square = ((z - q) ** 2).sum(axis=1)

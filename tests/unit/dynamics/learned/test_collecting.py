@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import dynamics.batch.function as stepping
-from dynamics.learned.collecting import collect
+from dynamics.learned.collecting import collect_transitions
 from dynamics.learned.region import Region
 from dynamics.learned.transitions import Transitions
 from ocp.problem.problem import Problem
@@ -33,7 +33,7 @@ def region(name: str) -> Region:
 
 @cache
 def data(name: str) -> Transitions:
-    return collect(problem(name).exact_step, region(name), 601, seed=5)
+    return collect_transitions(problem(name).exact_step, region(name), 601, seed=5)
 
 
 @pytest.mark.costly_cases("planar-hand")
@@ -86,17 +86,17 @@ def test_inputs_are_measured_from_the_actuated_states() -> None:
 @pytest.mark.costly
 def test_the_seed_decides_and_threads_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
     step = problem("planar-push").exact_step
-    first, other = (collect(step, region("planar-push"), 3000, seed) for seed in (1, 2))
+    first, other = (collect_transitions(step, region("planar-push"), 3000, seed) for seed in (1, 2))
     assert first.hash != other.hash
     monkeypatch.setattr(stepping, "checked_threads", lambda threads: 3)
-    assert collect(step, region("planar-push"), 3000, 1).hash == first.hash
+    assert collect_transitions(step, region("planar-push"), 3000, 1).hash == first.hash
     monkeypatch.setattr(stepping, "checked_threads", lambda threads: 1)
-    assert collect(step, region("planar-push"), 3000, 1).hash == first.hash
+    assert collect_transitions(step, region("planar-push"), 3000, 1).hash == first.hash
 
 
 def test_values_of_parameters_reach_step_and_distance() -> None:
     step = get("push-1d", width=0.6, M=3.0, qu0=1.0).exact_step
-    found = collect(step, region("push-1d"), 400, 0)
+    found = collect_transitions(step, region("push-1d"), 400, 0)
     assert (found.x[:, 0] - found.x[:, 1]).min() >= 0.6
     rho = 1.0 / (3.0 + 1.0)
     wanted = found.x[:, 0] + rho * np.maximum(0, found.u[:, 0] - found.x[:, 0] + 0.6)
@@ -106,7 +106,7 @@ def test_values_of_parameters_reach_step_and_distance() -> None:
 def test_a_region_that_lies_inside_a_body_is_told() -> None:
     inside = replace(region("push-1d"), states={"qu": (-2.0, -1.0), "qa": (0.0, 1.0)})
     with pytest.raises(ValueError, match=r"only 0 of .* of the region could be used; move"):
-        collect(problem("push-1d").exact_step, inside, 50, 0)
+        collect_transitions(problem("push-1d").exact_step, inside, 50, 0)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_a_region_that_lies_inside_a_body_is_told() -> None:
 def test_a_region_that_does_not_fit_is_told(change: dict[str, object], message: str) -> None:
     wrong = replace(region("push-1d"), **change)
     with pytest.raises(ValueError, match=message):
-        collect(problem("push-1d").exact_step, wrong, 50, 0)
+        collect_transitions(problem("push-1d").exact_step, wrong, 50, 0)
 
 
 def test_a_region_around_the_task_holds_start_goal_and_guess() -> None:

@@ -161,8 +161,8 @@ def test_far_away_is_the_nearest_neighbour(engine, far):
     model = model_of(z, y, 0.1, backend=engine)
     direction = np.random.default_rng(5).standard_normal(NZ)
     direction /= np.linalg.norm(direction)
-    at = model.scales.physical(far * direction)[None]
-    q, points = model.scales.normalised(at)[0], model.scales.normalised(z)
+    at = model.scales.denormalise(far * direction)[None]
+    q, points = model.scales.normalise(at)[0], model.scales.normalise(z)
     nearest = np.argmin(np.sum(points**2, axis=1) - 2 * points @ q)
     values, jacobians = model.jacobians(at)
     assert np.array_equal(values[0, :-1], y[nearest])
@@ -181,7 +181,7 @@ def test_far_away_is_the_nearest_neighbour(engine, far):
 def test_answers_are_numbers_however_far(engine_of_property, far, seed):
     z, y = data(300)
     model = model_of(z, y, 0.05, backend=engine_of_property)
-    at = model.scales.physical(far * np.random.default_rng(seed).standard_normal((1, NZ)))
+    at = model.scales.denormalise(far * np.random.default_rng(seed).standard_normal((1, NZ)))
     values, jacobians = model.jacobians(at)
     bends = model.curvatures(at, np.ones((1, NY + 1)))
     for answer in (values, jacobians, bends):
@@ -244,9 +244,9 @@ def test_score_of_the_identity(engine_of_property, n, nz, sigma, far, seed):
     values, jacobians = model.jacobians(at)
     scale = model.scales.scale
     score = jacobians[:, -1] * scale
-    moved = model.scales.normalised(at) + sigma**2 * score
-    size = 1 + np.abs(model.scales.normalised(z)).max() + np.abs(z / scale).max()
-    np.testing.assert_allclose(model.scales.normalised(values[:, :-1]), moved, rtol=0, atol=1e-13 * (size + far))
+    moved = model.scales.normalise(at) + sigma**2 * score
+    size = 1 + np.abs(model.scales.normalise(z)).max() + np.abs(z / scale).max()
+    np.testing.assert_allclose(model.scales.normalise(values[:, :-1]), moved, rtol=0, atol=1e-13 * (size + far))
 
 
 @pytest.mark.parametrize("at", [-3.0, -1.2, -1.0, -0.9, 0.0, 0.4, 1.05, 2.0])
@@ -281,16 +281,16 @@ def test_model_comes_back_from_its_dataset():
     dataset = model.dataset()
     assert dataset.attrs["kind"] == "ewda"
     assert dataset.attrs["schema"] == 1
-    back = EwdaModel.of(dataset)
+    back = EwdaModel.from_dataset(dataset)
     at = queries(model, 3, 0.2)
     assert np.array_equal(back.values(at), model.values(at))
     assert back.origin == model.origin
     assert (back.sigma, back.seed) == (0.3, 7)
     assert [signal.name for signal in back.origin.inputs] == [f"z{k}" for k in range(NY, NZ)]
     with pytest.raises(ValueError, match="lacks y_data"):
-        EwdaModel.of(dataset.drop_vars("y_data"))
+        EwdaModel.from_dataset(dataset.drop_vars("y_data"))
     with pytest.raises(ValueError, match="kind 'ewda', found 'mlp'"):
-        EwdaModel.of(dataset.assign_attrs(kind="mlp"))
+        EwdaModel.from_dataset(dataset.assign_attrs(kind="mlp"))
 
 
 @pytest.mark.parametrize("sigma", [0.0, -0.2, np.inf, np.nan])

@@ -10,7 +10,7 @@ from mpmath import mp, mpf
 
 from dynamics.batch.arguments import BatchWarning
 from dynamics.batch.engines import compiler, kernels
-from dynamics.learned.ewda_kernel import NumpyMoments, boxes, chunked, neighbourly
+from dynamics.learned.ewda_kernel import NumpyMoments, bounding_boxes, chunk_rows, order_by_neighbours
 from dynamics.learned.ewda_source import ewda_source
 from tests.unit.dynamics.learned.ewda_reference import model_of
 
@@ -38,7 +38,7 @@ def test_compilers_take_the_source_and_agree_with_numpy(strict, shape):
 
 
 def test_weights_are_exact_to_two_units_in_the_last_place(strict):
-    called = compiler.load(ewda_source(2, 1, strict) + _CALLED).weights_of
+    called = compiler.load_library(ewda_source(2, 1, strict) + _CALLED).weights_of
     rng = np.random.default_rng(0)
     x = np.concatenate((-(10.0 ** rng.uniform(-12, 2.8, 4000)), -rng.uniform(0, 60, 4000)))
     edges = [0.0, -0.0, 1e-300, -0.34657359027997264, -699.9, -700.1, -1e5, -np.inf]
@@ -70,11 +70,11 @@ def test_without_a_compiler_numpy_answers(monkeypatch):
 @pytest.mark.parametrize("n", [1, 7, 8, 9, 100, 1003])
 def test_chunks_hold_near_neighbours_each_once(n):
     points = np.random.default_rng(n).standard_normal((n, 3))
-    order = neighbourly(points, 8, 2)
+    order = order_by_neighbours(points, 8, 2)
     assert sorted(order) == list(range(n))
     rows, count = points[order], -(-n // 8)
-    low, high = boxes(rows, 8, count + 2)
-    kept = chunked(rows, 8, 1e9)
+    low, high = bounding_boxes(rows, 8, count + 2)
+    kept = chunk_rows(rows, 8, 1e9)
     assert kept.shape == (count, 3, 8)
     for c in range(count):
         inside = rows[8 * c : 8 * c + 8]
@@ -86,11 +86,11 @@ def test_chunks_hold_near_neighbours_each_once(n):
     if n > 1000:
 
         def extent(of: np.ndarray, chunk: int) -> float:
-            low, high = boxes(points[of], chunk, -(-n // chunk))
+            low, high = bounding_boxes(points[of], chunk, -(-n // chunk))
             return float((high - low).mean())
 
         # 126 leaves in three dimensions: each is halved twice and more, and again down to pairs.
         assert extent(order, 8) < 0.5 * extent(np.arange(n), 8)
-        alone = neighbourly(points, 8, 8)
+        alone = order_by_neighbours(points, 8, 8)
         assert extent(order, 2) < 0.9 * extent(alone, 2)
         assert {*map(frozenset, order[:1000].reshape(-1, 8))} == {*map(frozenset, alone[:1000].reshape(-1, 8))}

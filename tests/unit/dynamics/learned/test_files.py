@@ -18,7 +18,7 @@ from ocp.store import models
 
 def transitions() -> Transitions:
     x, u = np.random.default_rng(0).standard_normal((2, 40, 1))
-    return Transitions.checked(x, u, x + u, signals("x [m]"), signals("u [N]"), {"problem": "own"})
+    return Transitions.from_arrays(x, u, x + u, signals("x [m]"), signals("u [N]"), {"problem": "own"})
 
 
 def ewda() -> EwdaModel:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from dynamics.learned.fit import DISTANCES, Fit, fit
+from dynamics.learned.fit import RAY_DISTANCES, Fit, measure_fit
 from dynamics.learned.transitions import Origin, Samples
 from dynamics.systems.parameters import Signal
 
@@ -62,19 +62,19 @@ IDENTITY = Affine(np.eye(2), np.zeros(2))
 def test_errors_of_the_identity_are_those_of_the_noise() -> None:
     """Clean 0, noised sigma in normalised units, within four deviations of the estimate."""
     data = still()
-    report = fit(IDENTITY, data, HELD_OUT, sigma=0.3)
+    report = measure_fit(IDENTITY, data, HELD_OUT, sigma=0.3)
     assert np.array_equal(report.clean, np.zeros(2))
     np.testing.assert_allclose(report.noised, 0.3, rtol=4 / np.sqrt(2 * len(HELD_OUT)))
     np.testing.assert_allclose(report.noised * report.y_scale, 0.3 * data.z.std(axis=0), rtol=0.05)
-    off = fit(replace(IDENTITY, b=np.array([0.02, 0.6])), data, HELD_OUT, sigma=0.0)
+    off = measure_fit(replace(IDENTITY, b=np.array([0.02, 0.6])), data, HELD_OUT, sigma=0.0)
     np.testing.assert_allclose(off.clean * off.y_scale, [0.02, 0.6], rtol=1e-12)
     assert np.array_equal(off.clean, off.noised)
 
 
 def test_along_rays_an_extrapolation_goes_as_far_as_the_query() -> None:
     """|g - y| is the distance; the mean over 2 coordinates divides its square by 2."""
-    report = fit(IDENTITY, still(), HELD_OUT, sigma=0.1)
-    np.testing.assert_allclose(report.displacement, np.array(DISTANCES) / np.sqrt(2), atol=1e-12)
+    report = measure_fit(IDENTITY, still(), HELD_OUT, sigma=0.1)
+    np.testing.assert_allclose(report.displacement, np.array(RAY_DISTANCES) / np.sqrt(2), atol=1e-12)
     assert report.outside[0] == 0 and np.all(np.diff(report.outside) >= 0)
     assert report.outside[-1] > 0.95
 
@@ -82,17 +82,17 @@ def test_along_rays_an_extrapolation_goes_as_far_as_the_query() -> None:
 def test_along_rays_the_nearest_sample_is_where_they_left() -> None:
     """The claim under the report's distances: all data lie behind the plane a ray starts from."""
     data = still(500)
-    report = fit(Nearest(np.eye(2), np.zeros(2), data=data), data, np.arange(5), sigma=0.1)
-    assert np.array_equal(report.displacement, np.zeros(len(DISTANCES)))
-    assert np.array_equal(report.outside, np.zeros(len(DISTANCES)))
+    report = measure_fit(Nearest(np.eye(2), np.zeros(2), data=data), data, np.arange(5), sigma=0.1)
+    assert np.array_equal(report.displacement, np.zeros(len(RAY_DISTANCES)))
+    assert np.array_equal(report.outside, np.zeros(len(RAY_DISTANCES)))
 
 
 def test_a_report_stands_beside_a_model_in_one_file(tmp_path: Path) -> None:
-    report = fit(IDENTITY, still(), HELD_OUT, sigma=0.3)
+    report = measure_fit(IDENTITY, still(), HELD_OUT, sigma=0.3)
     model = xr.Dataset({"weight_0": ("unit", np.ones(3))}, coords={"state": ["q", "turn"]})
     model.merge(report.dataset()).to_netcdf(tmp_path / "model.nc")
     with xr.open_dataset(tmp_path / "model.nc") as file:
-        back = Fit.of(file.load())
+        back = Fit.from_dataset(file.load())
     for name, wanted in vars(report).items():
         assert np.array_equal(getattr(back, name), wanted), name
 
@@ -100,6 +100,6 @@ def test_a_report_stands_beside_a_model_in_one_file(tmp_path: Path) -> None:
 def test_what_cannot_be_compared_is_said() -> None:
     data = still(10)
     with pytest.raises(ValueError, match="the model maps 3 numbers to 3, the data have 2 and 2"):
-        fit(replace(IDENTITY, n_in=3), data, np.arange(3), 0.1)
+        measure_fit(replace(IDENTITY, n_in=3), data, np.arange(3), 0.1)
     with pytest.raises(ValueError, match="no row is held out"):
-        fit(IDENTITY, data, np.arange(0), 0.1)
+        measure_fit(IDENTITY, data, np.arange(0), 0.1)

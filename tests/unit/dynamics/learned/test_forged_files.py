@@ -118,16 +118,16 @@ def test_a_forged_model_is_refused(kind: str, forge: Forgery, tmp_path: Path) ->
 
 @pytest.mark.parametrize("name", ["fit_clean", "fit_noised", "fit_outside", "fit_sigma"])
 def test_negative_errors_of_a_fit_are_refused(name: str, tmp_path: Path) -> None:
-    from dynamics.learned.fit import fit
+    from dynamics.learned.fit import measure_fit
     from dynamics.learned.transitions import Transitions
 
     rng = np.random.default_rng(2)
     one = origin(3, 2)
-    data = Transitions.checked(
+    data = Transitions.from_arrays(
         rng.normal(size=(60, 2)), rng.normal(size=(60, 1)), rng.normal(size=(60, 2)), one.y, one.inputs
     )
     model = network()
-    fitted = fit(model, data.samples(), np.arange(5), 0.1)
+    fitted = measure_fit(model, data.samples(), np.arange(5), 0.1)
     whole = model_dataset(model.dataset(), fitted.dataset(), data, 5)
     save(whole, tmp_path / "m.nc")
     found = load_any(tmp_path / "m.nc")

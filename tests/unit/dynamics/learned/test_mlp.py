@@ -16,8 +16,8 @@ import pytest
 import xarray as xr
 
 from dynamics.contact.learned_step import CasadiMap
-from dynamics.learned.mlp import BLOCK, MlpModel
-from dynamics.learned.training import Network, Recipe, Training, evaluate, train
+from dynamics.learned.mlp import QUERIES_PER_BLOCK, MlpModel
+from dynamics.learned.training import Network, Recipe, Training, evaluate_network, train_network
 from dynamics.learned.transitions import Normalisation, Origin, Samples, Transitions, split_rows
 from dynamics.systems.parameters import Signal
 
@@ -51,7 +51,7 @@ def in_equinox(model: MlpModel, dtype: type):
 
     def physical(z):
         scaled = (z - model.z_scales.shift.astype(dtype)) / model.z_scales.scale.astype(dtype)
-        y = evaluate(layers, scaled)
+        y = evaluate_network(layers, scaled)
         return model.y_scales.shift.astype(dtype) + model.y_scales.scale.astype(dtype) * y
 
     return physical
@@ -71,7 +71,7 @@ def same_weights(a: MlpModel, b: MlpModel) -> bool:
 
 @pytest.mark.costly
 def test_values_are_equinoxes() -> None:
-    model, z = a_model(), np.random.default_rng(1).normal(size=(BLOCK + 7, 3))
+    model, z = a_model(), np.random.default_rng(1).normal(size=(QUERIES_PER_BLOCK + 7, 3))
     in_float = jax.vmap(in_equinox(model, np.float32))(jnp.asarray(z, np.float32))
     assert np.abs(model.values(z) - in_float).max() < 1e-6 * np.abs(in_float).max()
     with jax.enable_x64(True):
@@ -83,7 +83,7 @@ def test_values_are_equinoxes() -> None:
 @pytest.mark.costly
 def test_derivatives_are_jaxes_in_double() -> None:
     model, rng = a_model(), np.random.default_rng(2)
-    z, weights = rng.normal(size=(BLOCK + 7, 3)), rng.normal(size=(BLOCK + 7, 2))
+    z, weights = rng.normal(size=(QUERIES_PER_BLOCK + 7, 3)), rng.normal(size=(QUERIES_PER_BLOCK + 7, 2))
     with jax.enable_x64(True):
         network = in_equinox(model, np.float64)
         J = np.asarray(jax.vmap(jax.jacfwd(network))(jnp.asarray(z)))
@@ -143,10 +143,10 @@ def test_a_single_layer_and_no_query() -> None:
 @pytest.mark.filterwarnings("error")
 def test_a_query_that_is_not_finite_spoils_no_other() -> None:
     model, rng = a_model(), np.random.default_rng(4)
-    z, weights = rng.normal(size=(BLOCK, 3)), rng.normal(size=(BLOCK, 2))
+    z, weights = rng.normal(size=(QUERIES_PER_BLOCK, 3)), rng.normal(size=(QUERIES_PER_BLOCK, 2))
     spoiled = z.copy()
     spoiled[5, 1], spoiled[6], spoiled[7, 0] = np.nan, 1e308, np.inf
-    kept = np.setdiff1d(np.arange(BLOCK), [5, 6, 7])
+    kept = np.setdiff1d(np.arange(QUERIES_PER_BLOCK), [5, 6, 7])
     y, J, H = model.values(spoiled), model.jacobians(spoiled)[1], model.curvatures(spoiled, weights)
     assert np.isnan(y[5]).all() and np.isnan(J[5]).all() and not np.isfinite(y[7]).any()
     assert np.array_equal(y[kept], model.values(z)[kept])
@@ -158,7 +158,7 @@ def test_a_model_comes_back_from_its_file(tmp_path: Path) -> None:
     model = a_model()
     model.dataset().to_netcdf(tmp_path / "model.nc")
     with xr.open_dataset(tmp_path / "model.nc") as file:
-        back = MlpModel.of(file.load())
+        back = MlpModel.from_dataset(file.load())
         told = dict(file.attrs)
         assert list(file["state"].values) == ["q", "turn"]
         assert list(file["input"].values) == ["u"] and list(file["input_unit"].values) == ["m"]
@@ -174,13 +174,13 @@ def test_a_model_comes_back_from_its_file(tmp_path: Path) -> None:
 def test_what_is_no_network_is_said() -> None:
     dataset = a_model().dataset()
     with pytest.raises(ValueError, match="expected a file of kind 'mlp', found 'ewda'"):
-        MlpModel.of(dataset.assign_attrs(kind="ewda"))
+        MlpModel.from_dataset(dataset.assign_attrs(kind="ewda"))
     with pytest.raises(ValueError, match="its schema is 2, this version reads 1"):
-        MlpModel.of(dataset.assign_attrs(schema=2))
+        MlpModel.from_dataset(dataset.assign_attrs(schema=2))
     with pytest.raises(ValueError, match="lacks weight_1, z_scale"):
-        MlpModel.of(dataset.drop_vars(["weight_1", "z_scale"]))
+        MlpModel.from_dataset(dataset.drop_vars(["weight_1", "z_scale"]))
     with pytest.raises(ValueError, match="bias_0 holds numbers that are not finite"):
-        MlpModel.of(dataset.assign(bias_0=dataset["bias_0"] * np.nan))
+        MlpModel.from_dataset(dataset.assign(bias_0=dataset["bias_0"] * np.nan))
 
 
 TINY = Recipe(hidden=(8, 8), epochs=6, batch=64)
@@ -323,7 +323,7 @@ def test_held_out_rows_are_never_trained_on() -> None:
 def test_training_holds_out_what_transitions_do() -> None:
     """So that a network and an average of the same data are compared on rows neither has seen."""
     drawn = pushed(100)
-    data = Transitions.checked(drawn.z[:, :2], drawn.z[:, 2:], drawn.y, PUSH.y, PUSH.inputs)
+    data = Transitions.from_arrays(drawn.z[:, :2], drawn.z[:, 2:], drawn.y, PUSH.y, PUSH.inputs)
     training = Training(data.samples(), 0.1, TINY, seed=5)
     rest, held_out = split_rows(len(data), TINY.held_out, seed=5)
     assert np.array_equal(training.held_out, held_out)
@@ -346,7 +346,7 @@ def test_training_holds_out_what_transitions_do() -> None:
 )
 def test_a_recipe_that_cannot_be_is_said(change: dict, said: str) -> None:
     with pytest.raises(ValueError, match=said):
-        train(pushed(50), **{"sigma": 0.1, **change})
+        train_network(pushed(50), **{"sigma": 0.1, **change})
 
 
 def test_data_that_cannot_be_learned_from_are_said() -> None:
@@ -370,7 +370,7 @@ def test_data_that_cannot_be_learned_from_are_said() -> None:
 @pytest.mark.costly
 def test_training_that_diverges_is_said() -> None:
     with pytest.raises(ValueError, match=r"diverged in epoch \d+; lower rate"):
-        train(pushed(200), 0.1, rate=1e30, epochs=20, hidden=(8,))
+        train_network(pushed(200), 0.1, rate=1e30, epochs=20, hidden=(8,))
 
 
 def test_without_the_extra_its_name_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

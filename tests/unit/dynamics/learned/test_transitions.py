@@ -18,21 +18,21 @@ def arrays(n: int = 60, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def made(n: int = 60, seed: int = 0) -> Transitions:
-    return Transitions.checked(*arrays(n, seed), STATES, INPUTS, {"problem": "own", "seed": seed})
+    return Transitions.from_arrays(*arrays(n, seed), STATES, INPUTS, {"problem": "own", "seed": seed})
 
 
 def test_scales_are_mean_and_deviation_of_every_coordinate() -> None:
     data = made(500)
-    z = data.normalisation.normalised(data.z)
+    z = data.normalisation.normalise(data.z)
     np.testing.assert_allclose(z.mean(axis=0), 0, atol=1e-14)
     np.testing.assert_allclose(z.std(axis=0), 1, rtol=1e-14)
-    np.testing.assert_allclose(data.normalisation.physical(z), data.z, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(data.normalisation.denormalise(z), data.z, rtol=1e-13, atol=1e-13)
     assert (data.names, data.units) == (["x", "v", "u"], ["m", "m/s", "N"])
 
 
 def test_a_dataset_is_read_back_as_it_was() -> None:
     data = made()
-    again = Transitions.of(data.dataset())
+    again = Transitions.from_dataset(data.dataset())
     for name in ("x", "u", "x_next"):
         assert np.array_equal(getattr(again, name), getattr(data, name))
     assert (again.states, again.inputs) == (STATES, INPUTS)
@@ -51,15 +51,15 @@ def test_what_is_held_out_is_drawn_once_for_all() -> None:
 def test_the_hash_is_of_values_names_and_units() -> None:
     # Of these very numbers: what a stored model says it was made from must not change its name.
     x = np.arange(60, dtype=float).reshape(30, 2)
-    known = Transitions.checked(x, x[:, :1] ** 2, x + 1, STATES, INPUTS)
+    known = Transitions.from_arrays(x, x[:, :1] ** 2, x + 1, STATES, INPUTS)
     assert known.hash == "675130d82baad74bd95568fe57d6840edb8639af085953ec4e81b6eb9947faa8"
     others = [
-        Transitions.checked(x, x[:, :1] ** 2, x + 1.5, STATES, INPUTS),
-        Transitions.checked(x, x[:, :1] ** 2, x + 1, STATES, signals("w [N]")),
-        Transitions.checked(x, x[:, :1] ** 2, x + 1, STATES, signals("u [mN]")),
+        Transitions.from_arrays(x, x[:, :1] ** 2, x + 1.5, STATES, INPUTS),
+        Transitions.from_arrays(x, x[:, :1] ** 2, x + 1, STATES, signals("w [N]")),
+        Transitions.from_arrays(x, x[:, :1] ** 2, x + 1, STATES, signals("u [mN]")),
     ]
     assert len({data.hash for data in (known, *others)}) == 4
-    told = Transitions.checked(x, x[:, :1] ** 2, x + 1, STATES, INPUTS, {"seed": 3})
+    told = Transitions.from_arrays(x, x[:, :1] ** 2, x + 1, STATES, INPUTS, {"seed": 3})
     assert told.hash == known.hash
 
 
@@ -86,7 +86,7 @@ def spoiled(index: tuple[int, int], value: float, which: int) -> Arrays:
 )
 def test_bad_data_is_told(bad: Arrays, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Transitions.checked(*bad, STATES, INPUTS)
+        Transitions.from_arrays(*bad, STATES, INPUTS)
 
 
 def test_data_of_another_system_are_told() -> None:
@@ -101,19 +101,19 @@ def test_data_of_another_system_are_told() -> None:
 def test_datasets_that_are_no_transitions_are_told() -> None:
     good = made().dataset()
     with pytest.raises(ValueError, match="of kind 'transitions', found 'ewda'"):
-        Transitions.of(good.assign_attrs(kind="ewda"))
+        Transitions.from_dataset(good.assign_attrs(kind="ewda"))
     with pytest.raises(ValueError, match="its schema is 9, this version reads 1"):
-        Transitions.of(good.assign_attrs(schema=9))
+        Transitions.from_dataset(good.assign_attrs(schema=9))
     with pytest.raises(ValueError, match="lacks x_next, z_scale;"):
-        Transitions.of(good.drop_vars(["x_next", "z_scale"]))
+        Transitions.from_dataset(good.drop_vars(["x_next", "z_scale"]))
     changed = good.assign(x=good["x"] + 1e-9)
     with pytest.raises(ValueError, match="their hash differs"):
-        Transitions.of(changed)
+        Transitions.from_dataset(changed)
 
 
 def test_a_system_without_inputs_has_transitions_too() -> None:
     x = np.linspace(0, 1, 20)[:, None]
-    data = Transitions.checked(x, np.empty((20, 0)), x, signals("x [m]"), ())
-    again = Transitions.of(data.dataset())
+    data = Transitions.from_arrays(x, np.empty((20, 0)), x, signals("x [m]"), ())
+    again = Transitions.from_dataset(data.dataset())
     assert again.u.shape == (20, 0) and again.hash == data.hash
     assert isinstance(again.normalisation, Normalisation)

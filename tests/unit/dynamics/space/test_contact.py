@@ -42,7 +42,7 @@ def _core(shape) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     if isinstance(shape, Capsule):
         start, end = np.array(shape.start), np.array(shape.end)
         return start, (end - start)[None], np.array([[0.0, 1.0]]), float(shape.radius)
-    turn = Rotation.from_quat(np.roll(shape.turn, -1)).as_matrix()
+    turn = Rotation.from_quat(np.roll(shape.quaternion, -1)).as_matrix()
     bounds = np.array([[-h, h] for h in shape.half_size])
     return np.array(shape.centre), turn.T, bounds, 0.0
 
@@ -156,7 +156,7 @@ def _sample(shape) -> np.ndarray:
     if isinstance(shape, Hull):
         return np.array(shape.points)
     if isinstance(shape, Box):
-        turn = Rotation.from_quat(np.roll(shape.turn, -1))
+        turn = Rotation.from_quat(np.roll(shape.quaternion, -1))
         corners = np.array(np.meshgrid(*[[-h, h] for h in shape.half_size])).reshape(3, -1).T
         return turn.apply(corners) + shape.centre
     start, end = np.array(shape.start), np.array(shape.end)
@@ -181,8 +181,8 @@ def test_rows_are_the_motion_at_the_contact(pair) -> None:
     machine = _machine(*pair)
     tree = machine.tree()
     q, way = ca.SX.sym("q", tree.nq), ca.SX.sym("way", tree.nv)
-    contact, one, other = next(iter(machine.touches(tree, q).values()))
-    rows = contact.rows(tree.motions(q, one), tree.motions(q, other), tree.nv)
+    contact, one, other = next(iter(machine.contacts_with_bodies(tree, q).values()))
+    rows = contact.jacobian_rows(tree.joint_axes(q, one), tree.joint_axes(q, other), tree.nv)
     frame = ca.horzcat(contact.normal, *contact.tangents)
     maps = ca.Function("maps", [q], [ca.vertcat(*rows), frame, contact.phi])
     ahead = ca.Function("ahead", [q, way], [tree.advance(q, way)])

@@ -43,7 +43,7 @@ def alone(body: Body, h: float, gravity=(0.0, 0.0, 0.0)) -> ContactSystem:
 
 def flight(system: ContactSystem, x: np.ndarray, steps: int) -> tuple[np.ndarray, ...]:
     """States (steps, nx), energies (steps,) and linear momenta (steps, 3), from x on."""
-    book = system.book
+    book = system.energy_balance
     assert book is not None
     step = ca.Function("step", [system.x], [system.x_next_expr, system.x, book.energy, book.momentum])
     found = step.mapaccum(steps)(x)
@@ -64,8 +64,8 @@ def test_energy_is_never_gained_and_momentum_is_kept() -> None:
     body = Body("b", None, mass, tuple(inertia), com=(x, y, z), joint="free")
     machine = SpatialMachine((body,), gravity=(0.0, 0.0, 0.0))
     system = machine.system("alone", p, h=p["h"], friction=None)
-    assert system.book is not None
-    book = ca.vertcat(system.book.energy, system.book.momentum)
+    assert system.energy_balance is not None
+    book = ca.vertcat(system.energy_balance.energy, system.energy_balance.momentum)
     fly = ca.Function("fly", [system.x, p.vector], [system.x_next_expr, book]).mapaccum(100)
     rng = np.random.default_rng(0)
     for k in range(100):
@@ -138,7 +138,7 @@ def test_a_tree_on_such_a_body_tends_to_its_motion_at_first_order() -> None:
     """Halving h halves the distance from a step that is much shorter."""
     bodies = (
         Body("b", None, 2.0, (0.03, 0.04, 0.05), com=(0.2, -0.1, 0.3), joint="free"),
-        Body("arm", "b", 1.0, (0.01, 0.02, 0.02), com=(0.1, 0.0, 0.0), place=(0.0, 0.2, 0.1)),
+        Body("arm", "b", 1.0, (0.01, 0.02, 0.02), com=(0.1, 0.0, 0.0), position=(0.0, 0.2, 0.1)),
     )
     first = np.array([0, 0, 0, 1, 0, 0, 0, 0.3, 0.1, 0.2, -0.1, 1.0, 2.0, -1.5, 3.0])
 

@@ -131,7 +131,7 @@ def test_the_barrier_tends_to_the_exact_step_with_mu() -> None:
 
 def test_momentum_and_energy_are_on_the_books() -> None:
     system = _system(_on_plane(Sphere(0.1), 0.008))
-    book, forces = system.book, system.forces
+    book, forces = system.energy_balance, system.forces
     assert book is not None and forces is not None
     symbols = [system.x, system.u, system.x_next, system.lam, system.parameters.vector]
     after = [ca.substitute(one, system.x, system.x_next) for one in (book.momentum, book.energy)]
@@ -149,7 +149,7 @@ def test_a_servo_pushes_as_far_as_it_is_told_and_forgets_speed() -> None:
     machine = SpatialMachine(
         (
             Body("cube", None, m, (1e6,) * 3, joint="free"),
-            Body("tip", None, 0.0, joint="slide", axis=(1.0, 0.0, 0.0), place=(-0.3, 0.0, 0.0), servo=stiffness),
+            Body("tip", None, 0.0, joint="slide", axis=(1.0, 0.0, 0.0), position=(-0.3, 0.0, 0.0), servo=stiffness),
         ),
         (
             SpatialPart("cube", "cube", Box((0.1, 0.1, 0.1))),

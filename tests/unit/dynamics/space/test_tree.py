@@ -24,8 +24,8 @@ _CRANE = (
         1.0,
         (0.01, 0.02, 0.015),
         com=(0.1, 0.0, 0.1),
-        place=(0.2, 0.1, 0.0),
-        turn=(_HALF, _HALF, 0.0, 0.0),
+        position=(0.2, 0.1, 0.0),
+        quaternion=(_HALF, _HALF, 0.0, 0.0),
         armature=0.1,
         spring=3.0,
         rest=0.2,
@@ -36,11 +36,11 @@ _CRANE = (
         0.7,
         (0.01, 0.02, 0.015),
         com=(0.0, 0.05, 0.1),
-        place=(0.2, 0.1, 0.0),
+        position=(0.2, 0.1, 0.0),
         joint="slide",
         axis=(0.6, 0.0, 0.8),
     ),
-    Body("ball", "base", 0.9, (0.01, 0.012, 0.015), com=(0.0, 0.05, 0.1), place=(-0.2, 0.1, 0.0), joint="ball"),
+    Body("ball", "base", 0.9, (0.01, 0.012, 0.015), com=(0.0, 0.05, 0.1), position=(-0.2, 0.1, 0.0), joint="ball"),
     Body(
         "lid",
         "ball",
@@ -48,10 +48,12 @@ _CRANE = (
         (0.01, 0.012, 0.015),
         com=(0.0, 0.05, 0.1),
         joint="fixed",
-        place=(0.0, 0.2, 0.0),
-        turn=(0.6, 0.0, 0.8, 0.0),
+        position=(0.0, 0.2, 0.0),
+        quaternion=(0.6, 0.0, 0.8, 0.0),
     ),
-    Body("tail", "lid", 0.9, (0.01, 0.012, 0.015), com=(0.0, 0.05, 0.1), place=(-0.2, 0.1, 0.0), axis=(0.6, 0.8, 0.0)),
+    Body(
+        "tail", "lid", 0.9, (0.01, 0.012, 0.015), com=(0.0, 0.05, 0.1), position=(-0.2, 0.1, 0.0), axis=(0.6, 0.8, 0.0)
+    ),
 )
 
 
@@ -81,8 +83,8 @@ def _maps(name: str) -> ca.Function:
 def _state(name: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
     tree, rng = _tree(name), np.random.default_rng(seed)
     q = rng.normal(size=tree.nq)
-    for k in range(0, len(tree.turning), 4):
-        four = tree.turning[k : k + 4]
+    for k in range(0, len(tree.quaternion_entries), 4):
+        four = tree.quaternion_entries[k : k + 4]
         q[four] /= np.linalg.norm(q[four])
     return q, rng.normal(size=tree.nv)
 
@@ -132,7 +134,7 @@ def test_free_fall_keeps_momentum_but_for_gravity() -> None:
 def test_turning_is_that_of_rotation_vectors_and_stays_of_unit_length() -> None:
     rng, way = np.random.default_rng(3), ca.SX.sym("way", 3)
     q = ca.SX.sym("q", 4)
-    turned = ca.Function("turned", [q, way], [rotation.turned(q, way)])
+    turned = ca.Function("turned", [q, way], [rotation.integrate(q, way)])
     for size in (0.0, 1e-9, 1e-3, 0.06, 0.0633, 1.0, 7.0):
         one, by = Rotation.random(random_state=1), size * np.array([0.6, 0.0, -0.8])
         wxyz = np.roll(one.as_quat(), 1)
@@ -146,7 +148,7 @@ def test_turning_is_that_of_rotation_vectors_and_stays_of_unit_length() -> None:
 
 def test_the_slope_of_turning_is_its_derivative() -> None:
     q, way = ca.SX.sym("q", 4), ca.SX.sym("way", 3)
-    both = ca.Function("both", [q, way], [ca.jacobian(rotation.turned(q, way), way), rotation.slope(q)])
+    both = ca.Function("both", [q, way], [ca.jacobian(rotation.integrate(q, way), way), rotation.rate_matrix(q)])
     at = np.roll(Rotation.random(random_state=4).as_quat(), 1)
     found, expected = (np.array(one) for one in both(at, np.zeros(3)))
     assert np.allclose(found, expected, atol=1e-15)
@@ -170,7 +172,11 @@ def test_planar_machines_are_a_special_case(machine) -> None:
         half = float(link.offset) / 2
         bodies.append(
             Body(
-                link.name, link.parent, place=_in_space(link.anchor), turn=(np.cos(half), 0.0, np.sin(half), 0.0), **own
+                link.name,
+                link.parent,
+                position=_in_space(link.anchor),
+                quaternion=(np.cos(half), 0.0, np.sin(half), 0.0),
+                **own,
             )
         )
     chain, tree = planar.chain(), Tree(bodies)

@@ -84,7 +84,7 @@ def test_mirrored_noise_is_the_noise_turned_round(policy):
     objective.theta = objective.theta + 0.1 * rng.standard_normal(len(objective.theta))
     noise = Gaussian(0.2, seed=3)
     drawn = noise.draw(20, 5, 2).reshape(20, -1)
-    mirrored = objective.sample_scores(noise.mirrored(), 20)
+    mirrored = objective.sample_scores(noise.negate(), 20)
     np.testing.assert_allclose(mirrored.cost, objective.costs(-drawn), rtol=1e-11)
     if isinstance(policy, OpenLoop):
         np.testing.assert_allclose(mirrored.direction, -drawn / 0.04, rtol=1e-11)

@@ -69,7 +69,7 @@ def test_a_disc_pulled_round_a_post_survives_its_model_but_not_the_referee() -> 
 
 def test_with_true_gaps_the_same_problem_is_its_own_referee() -> None:
     problem = round_a_post(linearised=False)
-    assert problem.system.sharpest is problem.system
+    assert problem.system.most_exact is problem.system
     assert problem.referee_step is problem.exact_step
     inputs = np.random.default_rng(0).normal(scale=0.3, size=(1, problem.N, 2))
     judged = referee_replay(at_defaults(problem), inputs, problem.initial_states(physical(problem)))
@@ -180,12 +180,12 @@ def test_an_oiled_finger_grips_nothing() -> None:
     assert report.reasons == []
     assert sharp.note == "Coulomb friction with maximum dissipation"
     assert found.data["x"].values[0, -1, 1] == pytest.approx(0.3, abs=0.02)
-    forces = found.problem.system.sharpest.forces
+    forces = found.problem.system.most_exact.forces
     assert forces is not None
     replay = sharp.replay
     of = ca.Function(
         "t",
-        [found.problem.system.sharpest.lam],
+        [found.problem.system.most_exact.lam],
         [ca.substitute(forces.tangential, found.problem.parameters.vector, ca.SX(physical(found.problem)))],
     )
     along = np.array(of.map(replay.lam.shape[1])(replay.lam[0].T))

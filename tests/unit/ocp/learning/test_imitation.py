@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from dynamics.batch import dense
+from dynamics.batch import dense_policy
 from dynamics.contact import Exact
 from dynamics.systems import Parameter, ParameterTable, Signal, lcs
 from ocp import Solution, solve
@@ -119,12 +119,12 @@ def test_beside_a_plan_its_feedback_says_what_to_do(found: list[Solution]):
 
 def test_the_slope_of_the_error_is_that_of_differences():
     task = regulated()
-    policy = dense(task.observe, (4, 3), task.lower, task.upper)
+    policy = dense_policy(task.observe, (4, 3), task.lower, task.upper)
     rng = np.random.default_rng(0)
     seen, wanted = rng.normal(size=(150, 2)), rng.normal(size=(150, 1))
     theta = first_weights(policy.sizes, 1.0, rng)
     error, slope = squared_error(theta, policy, seen, wanted)
-    actions = policy.means(theta, seen)
+    actions = policy.mean_actions(theta, seen)
     assert error == pytest.approx(np.mean((actions - wanted) ** 2), rel=1e-12)
     for i, direction in enumerate(np.eye(theta.size)):
         ends = [squared_error(theta + s * 1e-6 * direction, policy, seen, wanted)[0] for s in (1, -1)]

@@ -118,15 +118,15 @@ def test_an_update_moves_targets_slowly_and_each_network_by_its_own_loss():
 def test_theta_is_laid_out_as_the_engine_s_dense_policy():
     import casadi as ca
 
-    from dynamics.batch import dense
+    from dynamics.batch import dense_policy
 
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 0)
     observe = ca.Function("observe", [x, p], [x])
-    policy = dense(observe, (5, 4), [-1.0, -1.0], [1.0, 1.0])
+    policy = dense_policy(observe, (5, 4), [-1.0, -1.0], [1.0, 1.0])
     agent = begin_agent(np.random.default_rng(3), 3, (5, 4), 2, (8,), 1.0, 0.5, 0.2, 1e-3)
     theta = mean_action_parameters(agent.networks.actor)
     assert theta.shape == (policy.n_theta,)
     o = np.random.default_rng(0).standard_normal((6, 3))
     mean, spread = action_moments(agent.networks.actor, jnp.asarray(o))
-    assert policy.means(theta, o) == pytest.approx(np.asarray(mean), abs=1e-5)
+    assert policy.mean_actions(theta, o) == pytest.approx(np.asarray(mean), abs=1e-5)
     assert np.exp(spread) == pytest.approx(np.full((6, 2), 0.5))

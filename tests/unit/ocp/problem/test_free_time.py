@@ -87,7 +87,7 @@ def test_bounds_of_the_step_size_hold() -> None:
 def test_the_sharpest_contact_has_the_same_free_step() -> None:
     plain = get("push-disc")
     freed = replace(plain, h=free(0.05, 0.2))
-    sharp = freed.system.sharpest
+    sharp = freed.system.most_exact
     assert freed.system.referee_note == plain.system.referee_note
     assert ca.is_equal(sharp.x, freed.system.x, 3)
     x = np.append(np.array(plain.limits(plain.parameters.values)[0]).ravel(), 0.1)

@@ -138,7 +138,7 @@ def test_a_block_slides_as_far_as_coulomb_says() -> None:
         (Link("block", None, 1.0, 0.01, joint="free"),),
         (),
         parts=(Part("block", "block", contacts.Box((0.2, 0.1))), Part("floor", "world", contacts.HalfPlane())),
-        meetings=(("block", "floor"),),
+        collision_pairs=(("block", "floor"),),
     )
     x = run(problem_of(block), [0, 0.1, 0, 1.0, 0, 0], 50)
     assert x[-1, 0] == pytest.approx(1.0 / (2 * 0.5 * 9.81), rel=0.05)
@@ -157,13 +157,13 @@ def test_parts_meet_only_whom_they_meet_here() -> None:
         (Link("arm", None, 1.0, 0.1),),
         (Sphere("a", "arm", (0, -0.2), 0.1), Sphere("b", "arm", (0, -0.1), 0.1)),
         parts=parts,
-        meetings=(("slope", "tip"),),
+        collision_pairs=(("slope", "tip"),),
     )
     there = world(problem_of(machine, spheres=("b",)))
     assert there.mjcf.pairs == {"b": ("b", "z = 0"), "slope on tip": ("slope", "tip")}
     assert 'name="idle"' not in there.mjcf.text
     with pytest.raises(InputError, match=r"part 'idle' is a rounded Box, which MuJoCo has not"):
-        world(problem_of(replace(machine, meetings=(("idle", "slope"),))))
+        world(problem_of(replace(machine, collision_pairs=(("idle", "slope"),))))
 
 
 def test_states_beyond_positions_and_velocities_follow_the_model() -> None:
@@ -184,7 +184,13 @@ def test_a_machine_in_space_is_the_same_in_mujoco() -> None:
             "base", None, 2.0, (0.1, 0.2, 0.25, 0.01, -0.02, 0.03), (0.1, 0.0, -0.05), joint="free", damping=0.2
         ),
         space.Body(
-            "fixed", "base", 0.3, (0.01, 0.01, 0.01), place=(0.1, 0.2, 0.0), turn=(0.8, 0.0, 0.6, 0.0), joint="fixed"
+            "fixed",
+            "base",
+            0.3,
+            (0.01, 0.01, 0.01),
+            position=(0.1, 0.2, 0.0),
+            quaternion=(0.8, 0.0, 0.6, 0.0),
+            joint="fixed",
         ),
         space.Body(
             "arm",
@@ -200,7 +206,7 @@ def test_a_machine_in_space_is_the_same_in_mujoco() -> None:
             limits=(-1.0, 2.0),
             armature=0.1,
         ),
-        space.Body("hand", "arm", 0.4, (0.01, 0.02, 0.015), place=(0.0, 0.0, 0.4), joint="ball"),
+        space.Body("hand", "arm", 0.4, (0.01, 0.02, 0.015), position=(0.0, 0.0, 0.4), joint="ball"),
         space.Body("rail", None, 1.0, (0.1, 0.1, 0.1), joint="slide", servo=50.0, damping=2.0),
     )
     parts = (
@@ -233,8 +239,8 @@ MASSLESS: dict[str, Any] = {
             "a",
             "root",
             0.0,
-            place=(0.1, -0.2, 0.3),
-            turn=TURN,
+            position=(0.1, -0.2, 0.3),
+            quaternion=TURN,
             axis=(0.6, 0.0, 0.8),
             armature=0.1,
             spring=3.0,
@@ -242,11 +248,11 @@ MASSLESS: dict[str, Any] = {
             limits=(-2.0, 2.0),
             servo=5.0,
         ),
-        space.Body("b", "a", 0.0, place=(0.4, 0.1, 0.0), turn=TURN, axis=(0.0, 0.0, 1.0)),
-        space.Body("c", "b", **HEAVY, place=(0.0, 0.2, -0.1), turn=TURN, joint="slide"),
+        space.Body("b", "a", 0.0, position=(0.4, 0.1, 0.0), quaternion=TURN, axis=(0.0, 0.0, 1.0)),
+        space.Body("c", "b", **HEAVY, position=(0.0, 0.2, -0.1), quaternion=TURN, joint="slide"),
         space.Body("d", "b", **HEAVY),
-        space.Body("e", "d", 0.0, joint="slide", place=(0.3, 0.2, 0.1)),
-        space.Body("f", "e", **HEAVY, place=(0.1, 0.0, 0.0), turn=TURN, gear=2.0),
+        space.Body("e", "d", 0.0, joint="slide", position=(0.3, 0.2, 0.1)),
+        space.Body("f", "e", **HEAVY, position=(0.1, 0.0, 0.0), quaternion=TURN, gear=2.0),
     ),
 }
 

@@ -148,7 +148,7 @@ def test_the_closed_loop_of_a_machine_without_contacts_swings_like_its_plan(phas
     system = Machine(links=(cart, rod), spheres=()).system("rod", p, h=p["h"], friction=None)
     x, u = system.x, system.u
     problem = Problem("rod", system, 4, u**2 + ca.sumsqr(x), ca.sumsqr(x), ca.SX([0, 0.5, 0, 0]), p)
-    assert not system.linear
+    assert not system.is_lcp
     plan = solve(problem)
     loop = simulate(Controller(problem, phase=phase), 1)
     assert loop.data["u"].values.ravel() == pytest.approx(plan.data["u"].values[0, 0], abs=1e-4)

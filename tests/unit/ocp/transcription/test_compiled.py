@@ -82,7 +82,7 @@ def test_without_a_compiler_functions_are_interpreted_and_it_says_so(
         calls.append(source)
         raise compiler.CompilerError("no C compiler was found")
 
-    monkeypatch.setattr(compiler, "load", none)
+    monkeypatch.setattr(compiler, "load_library", none)
     plain, found = (solve(get("push-1d"), Barrier(mu=1e-3), settings={"jit": word}) for word in ("no", "yes"))
     assert len(calls) == 1, "it is not looked for again and again"
     assert found.record["jit"] == "no C compiler was found; functions are interpreted"

@@ -15,7 +15,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
-from dynamics.batch import NonFinite, StepFunction, Steps, dense
+from dynamics.batch import NonFinite, StepFunction, Steps, dense_policy
 from dynamics.laws import LAWS
 from ocp.errors import InputError
 from ocp.learning.rollouts import TaskRollouts
@@ -134,7 +134,7 @@ def test_returns_are_those_of_the_engines_episodes():
     env, n = many("hopper", 16, horizon=25), 16
     world = env.world
     task, nu, no = world.task, 3, world.observation_space.shape[0]
-    policy = dense(task.observe, hidden=(), lower=task.lower, upper=task.upper)
+    policy = dense_policy(task.observe, hidden=(), lower=task.lower, upper=task.upper)
     theta = np.random.default_rng(4).normal(0, 0.01, nu * (no + 1))
     seen, _ = env.reset(seed=0)
     expected = TaskRollouts(task, world.law, policy, task.horizon)(env.state, theta)
