@@ -57,8 +57,8 @@ def whole(word: str) -> int | None:
     if _WHOLE.fullmatch(text):
         value = int(text) if len(text) <= _DIGITS else LARGEST + 1
         return value if abs(value) <= LARGEST else None
-    found = number(text)
-    if found is None or not found.is_integer() or abs(found) > LARGEST:
+    real = number(text)
+    if real is None or not real.is_integer() or abs(real) > LARGEST:
         return None
     # Doubles skip whole numbers beyond 2^53, and 0.99999999999999999 is 1 to them.
     exact = Decimal(text)
@@ -85,23 +85,23 @@ def spaced(option: str, text: str, least: int = 1) -> Axis:
     Raises :class:`~ocp.errors.InputError`, which names the ``option``, for anything else, and for n
     below ``least`` or above :data:`MOST`.
     """
-    name, sign, rest = (part.strip() for part in text.partition("="))
-    if not (name and sign and rest):
+    name, equals, spacing = (piece.strip() for piece in text.partition("="))
+    if not (name and equals and spacing):
         raise InputError(f"{option}: expected {GRAMMAR}, got {text!r}; as in {option} M=0.5:2:7")
-    parts, where = [part.strip() for part in rest.split(":")], f"{option} {name}"
-    if len(parts) not in (3, 4) or parts[3:] not in ([], ["log"], ["linear"]):
-        raise InputError(f"{where}: expected {GRAMMAR}, got {rest!r}")
-    found = [value for part in parts[:3] if (value := number(part)) is not None]
-    if len(found) < 3:
-        wrong = next(part for part in parts if number(part) is None)
-        raise InputError(f"{where}: expected {GRAMMAR}, got {wrong!r} for a number")
-    first, last, count = found
+    pieces, place = [piece.strip() for piece in spacing.split(":")], f"{option} {name}"
+    if len(pieces) not in (3, 4) or pieces[3:] not in ([], ["log"], ["linear"]):
+        raise InputError(f"{place}: expected {GRAMMAR}, got {spacing!r}")
+    numbers = [value for piece in pieces[:3] if (value := number(piece)) is not None]
+    if len(numbers) < 3:
+        wrong = next(piece for piece in pieces if number(piece) is None)
+        raise InputError(f"{place}: expected {GRAMMAR}, got {wrong!r} for a number")
+    first, last, count = numbers
     if not (count.is_integer() and least <= count <= MOST):
         single = f"; a single value goes with -p {name}=..." if least > 1 else ""
-        raise InputError(f"{where}: n must be a whole number from {least} to {MOST}, got {parts[2]}{single}")
-    log = parts[3:] == ["log"]
+        raise InputError(f"{place}: n must be a whole number from {least} to {MOST}, got {pieces[2]}{single}")
+    log = pieces[3:] == ["log"]
     if log and not min(first, last) > 0:
-        raise InputError(f"{where}: equal ratios need ends above zero, got {first:g} and {last:g}; leave out :log")
+        raise InputError(f"{place}: equal ratios need ends above zero, got {first:g} and {last:g}; leave out :log")
     values = (np.geomspace if log else np.linspace)(first, last, int(count))
     return Axis(name, tuple(values.tolist()), log)
 
@@ -131,12 +131,12 @@ def parse_number(value: Any, kind: Any) -> Any:
 
 
 def _written(word: str, real: bool) -> float | int:
-    found = number(word) if real else whole(word)
-    if found is not None:
-        return found
+    value = number(word) if real else whole(word)
+    if value is not None:
+        return value
     if not real:
-        far = _WHOLE.fullmatch(word.strip()) or (number(word) or 0.5).is_integer()
-        raise ValueError(_TOO_LARGE if far else "a whole number")
+        is_large = _WHOLE.fullmatch(word.strip()) or (number(word) or 0.5).is_integer()
+        raise ValueError(_TOO_LARGE if is_large else "a whole number")
     try:
         float(word)
     except ValueError:
@@ -186,13 +186,13 @@ Recorded = Scalar | list[Scalar]
 
 @cache
 def _adapter(kind: Any) -> TypeAdapter[Any]:
-    given = ConfigDict(arbitrary_types_allowed=True, revalidate_instances="always")
+    config = ConfigDict(arbitrary_types_allowed=True, revalidate_instances="always")
     # pydantic takes no configuration for a bare dataclass, but for a tuple of one.
-    alone: Any = GenericAlias(tuple, (kind,))
-    return TypeAdapter(alone, config=given)
+    wrapped: Any = GenericAlias(tuple, (kind,))
+    return TypeAdapter(wrapped, config=config)
 
 
-def validated(what: str, value: Any, kind: Any) -> Any:
+def validated(name: str, value: Any, kind: Any) -> Any:
     """Return a ``value`` that code made as the type ``kind``; what it is made of is checked too.
 
     Raises :class:`~ocp.errors.InputError` that names the part of ``what`` that does not fit.
@@ -201,12 +201,12 @@ def validated(what: str, value: Any, kind: Any) -> Any:
         return _adapter(kind).validate_python((value,))[0]
     except ValidationError as error:
         # Of a union the branch that came furthest says what is wrong.
-        found = max(error.errors(), key=lambda one: len(one["loc"]))
-    place = _place(value, found["loc"][1:])
-    _, should, expected = found["msg"].removeprefix("Value error, ").partition(" should ")
+        first_error = max(error.errors(), key=lambda one: len(one["loc"]))
+    place = _place(value, first_error["loc"][1:])
+    _, should, expected = first_error["msg"].removeprefix("Value error, ").partition(" should ")
     expected = expected.replace("valid string", "text").replace("valid ", "")
-    said = f"must {expected}" if should else found["msg"].removeprefix("Value error, ")
-    raise InputError(f"{what}{place} {said}, got {abbreviated(found['input'])}")
+    message = f"must {expected}" if should else first_error["msg"].removeprefix("Value error, ")
+    raise InputError(f"{name}{place} {message}, got {abbreviated(first_error['input'])}")
 
 
 def validate_fields(instance: Any, what: str, **kinds: Any) -> None:
@@ -218,15 +218,15 @@ def validate_fields(instance: Any, what: str, **kinds: Any) -> None:
 
 def _place(value: Any, path: tuple[int | str, ...]) -> str:
     """The part at ``path`` as Python writes it, without pydantic's own words for branches."""
-    written = ""
+    place = ""
     for key in path:
         try:
-            value, written = value[key], f"{written}[{key!r}]"
+            value, place = value[key], f"{place}[{key!r}]"
         except (TypeError, LookupError):
             if not hasattr(value, str(key)):
                 break
-            value, written = getattr(value, str(key)), f"{written}.{key}"
-    return written
+            value, place = getattr(value, str(key)), f"{place}.{key}"
+    return place
 
 
 _KINDS = {
@@ -240,7 +240,7 @@ _KINDS = {
 """What to expect, by the first word of pydantic's name for what was wrong."""
 
 
-def parse(what: str, value: Any, kind: Any) -> Any:
+def parse(name: str, value: Any, kind: Any) -> Any:
     """Return ``value``, a word or already a value, as the type ``kind``.
 
     Numbers follow the grammar of this module.
@@ -250,14 +250,14 @@ def parse(what: str, value: Any, kind: Any) -> Any:
     try:
         number = parse_number(value, kind)
     except ValueError as error:
-        raise InputError(f"{what} must be {error}, got {value!r}") from None
+        raise InputError(f"{name} must be {error}, got {value!r}") from None
     try:
         adapter = TypeAdapter(kind, config=ConfigDict(arbitrary_types_allowed=True))
         return adapter.validate_python(number)
     except ValidationError as error:
-        known = (_KINDS.get(found["type"].partition("_")[0]) for found in error.errors())
-        expected = next((words for words in known if words), error.errors()[0]["msg"].lower())
-        raise InputError(f"{what} must be {expected}, got {value!r}") from None
+        expectations = (_KINDS.get(detail["type"].partition("_")[0]) for detail in error.errors())
+        expected = next((words for words in expectations if words), error.errors()[0]["msg"].lower())
+        raise InputError(f"{name} must be {expected}, got {value!r}") from None
 
 
 def expand_path(path: str | PathLike[str]) -> Path:
@@ -267,11 +267,11 @@ def expand_path(path: str | PathLike[str]) -> Path:
 
     Raises :class:`~ocp.errors.InputError` where there is no such home.
     """
-    given = Path(fspath(path))
+    short_path = Path(fspath(path))
     try:
-        return given.expanduser()
+        return short_path.expanduser()
     except RuntimeError:
         raise InputError(
-            f"{given}: there is no user called {given.parts[0][1:]}; give the whole path, or"
-            f" ./{given} for a file of that name"
+            f"{short_path}: there is no user called {short_path.parts[0][1:]}; give the whole path, or"
+            f" ./{short_path} for a file of that name"
         ) from None

@@ -86,8 +86,8 @@ class Evaluation:
 
         Without ``own`` the law's parameters are always its settings.
         """
-        known = self.problem.parameters
-        return step.p.pack(self.values if own else {name: v for name, v in self.values.items() if name in known})
+        table = self.problem.parameters
+        return step.p.pack(self.values if own else {name: v for name, v in self.values.items() if name in table})
 
     def node_times(self, start: np.ndarray | None = None) -> np.ndarray:
         """Times [s] of the nodes, (N+1,).
@@ -100,8 +100,8 @@ class Evaluation:
 
     def trajectory_costs(self, x: np.ndarray, u: np.ndarray, impulses: np.ndarray) -> np.ndarray:
         """Cost (S,) of trajectories."""
-        before = self.limits.u_before
-        du = np.diff(u, axis=1, prepend=np.broadcast_to(before, (len(u), 1, before.size)))
+        u_before = self.limits.u_before
+        du = np.diff(u, axis=1, prepend=np.broadcast_to(u_before, (len(u), 1, u_before.size)))
         stage, _ = at_steps(self.problem.cost_terms, x[:, :-1], u, du, impulses, p=self.p)
         last = (array[:, -1:] for array in (x, u, du, impulses))
         _, terminal = at_steps(self.problem.cost_terms, *last, p=self.p)

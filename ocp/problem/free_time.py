@@ -49,39 +49,39 @@ def with_free_step(problem: Any, step: FreeStep) -> dict[str, Any]:
     Raises :class:`~ocp.errors.InputError` where h is no parameter, or a bound depends on it.
     """
     name, system = problem.name, problem.system
-    given = [s for s in ca.vertsplit(problem.parameters.vector) if ca.is_equal(s, ca.SX(system.h))]
-    if not given:
+    step_symbols = [s for s in ca.vertsplit(problem.parameters.vector) if ca.is_equal(s, ca.SX(system.h))]
+    if not step_symbols:
         raise InputError(
             f"{name}: the step size is free, but that of the system is not a parameter; build the system with h=p['h']"
         )
     rows = (*problem.path, *problem.terminal)
-    bounds = {what: getattr(problem, what) for what in _KEPT}
-    bounds |= {f"{side} of {one.name}": getattr(one, side) for one in rows for side in ("lower", "upper")}
-    for what, bound in bounds.items():
-        if bound is not None and ca.depends_on(ca.SX(bound), given[0]):
+    bounds = {bound_name: getattr(problem, bound_name) for bound_name in _KEPT}
+    bounds |= {f"{side} of {row.name}": getattr(row, side) for row in rows for side in ("lower", "upper")}
+    for bound_name, bound in bounds.items():
+        if bound is not None and ca.depends_on(ca.SX(bound), step_symbols[0]):
             raise InputError(
-                f"{name}: {what} depends on the step size, which is free; write it as a constraint"
+                f"{name}: {bound_name} depends on the step size, which is free; write it as a constraint"
                 " whose expression has the step size"
             )
     h, h_next = ca.SX.sym("h"), ca.SX.sym("h_next")
 
-    def put(value: Any) -> Any:
-        return ca.substitute(ca.SX(value), given[0], h)
+    def with_h(value: Any) -> Any:
+        return ca.substitute(ca.SX(value), step_symbols[0], h)
 
-    def constraint(one: Constraint) -> Constraint:
-        return replace(one, expression=put(one.expression))
+    def constraint(row: Constraint) -> Constraint:
+        return replace(row, expression=with_h(row.expression))
 
     nx, start = system.nx, problem.start
     start = FreeStart(problem.x0, problem.x0) if start is None else start
     return {
-        "system": _stretched(system, put, h, h_next),
-        "stage_cost": put(problem.stage_cost),
-        "terminal_cost": put(problem.terminal_cost),
-        "x0": ca.vertcat(problem.x0, given[0]),
+        "system": _stretched(system, with_h, h, h_next),
+        "stage_cost": with_h(problem.stage_cost),
+        "terminal_cost": with_h(problem.terminal_cost),
+        "x0": ca.vertcat(problem.x0, step_symbols[0]),
         "x_lower": ca.vertcat(_every(problem.x_lower, nx), step.lower),
         "x_upper": ca.vertcat(_every(problem.x_upper, nx), step.upper),
-        "path": tuple(constraint(one) for one in problem.path),
-        "terminal": tuple(constraint(one) for one in problem.terminal),
+        "path": tuple(constraint(row) for row in problem.path),
+        "terminal": tuple(constraint(row) for row in problem.terminal),
         "start": FreeStart(
             lower=ca.vertcat(_every(start.lower, nx), step.lower),
             upper=ca.vertcat(_every(start.upper, nx), step.upper),
@@ -96,29 +96,35 @@ def _every(bound: ca.SX | float, nx: int) -> ca.SX:
     return ca.repmat(value, nx // value.numel(), 1)
 
 
-def _stretched(system: ContactSystem, put: Callable[[Any], Any], h: ca.SX, h_next: ca.SX) -> ContactSystem:
+def _stretched(system: ContactSystem, with_h: Callable[[Any], Any], h: ca.SX, h_next: ca.SX) -> ContactSystem:
     """The system with h in place of its parameter, and ``h_next = h`` as its last state."""
 
-    def each(part: Any) -> Any:
+    def each(instance: Any) -> Any:
         changed = {
-            one.name: put(getattr(part, one.name)) for one in fields(part) if isinstance(getattr(part, one.name), ca.SX)
+            field_info.name: with_h(getattr(instance, field_info.name))
+            for field_info in fields(instance)
+            if isinstance(getattr(instance, field_info.name), ca.SX)
         }
-        return replace(part, **changed)
+        return replace(instance, **changed)
 
     referee_model, note, sharpest = None, system.referee_note, system.most_exact
     if note is not None:
         same = sharpest is system
-        referee_model = RefereeModel(note, None if same else lambda: _stretched(sharpest, put, h, h_next))
-    parts = {what: each(part) for what in ("forces", "energy_balance") if is_dataclass(part := getattr(system, what))}
+        referee_model = RefereeModel(note, None if same else lambda: _stretched(sharpest, with_h, h, h_next))
+    changed_parts = {
+        part_name: each(instance)
+        for part_name in ("forces", "energy_balance")
+        if is_dataclass(instance := getattr(system, part_name))
+    }
     return replace(
         each(system),
         x=ca.vertcat(system.x, h),
         x_next=ca.vertcat(system.x_next, h_next),
-        residual=ca.vertcat(put(system.residual), h_next - h),
+        residual=ca.vertcat(with_h(system.residual), h_next - h),
         h=h,
         states=(*system.states, Signal("h", "s", "step size")),
         referee_model=referee_model,
-        **parts,
+        **changed_parts,
     )
 
 

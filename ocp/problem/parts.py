@@ -30,14 +30,14 @@ def column(what: str, value: Any, *sizes: int) -> ca.SX:
 
     Raises :class:`~ocp.errors.InputError` for anything else.
     """
-    found = _expression(value)
-    if found is None:
+    expression = _expression(value)
+    if expression is None:
         raise InputError(f"{what} must be numbers or an expression of ca.SX, got {abbreviated(value)}")
-    if min(found.shape) > 1:
-        raise InputError(f"{what} must be a column, got a matrix of shape {found.shape}")
-    if sizes and found.numel() not in sizes:
-        raise InputError(f"{what} has {found.numel()} entries, expected {sizes[0]}")
-    return ca.vec(found)
+    if min(expression.shape) > 1:
+        raise InputError(f"{what} must be a column, got a matrix of shape {expression.shape}")
+    if sizes and expression.numel() not in sizes:
+        raise InputError(f"{what} has {expression.numel()} entries, expected {sizes[0]}")
+    return ca.vec(expression)
 
 
 def check_symbols(what: str, value: ca.SX, known: Iterable[ca.SX], expected: str) -> None:
@@ -45,11 +45,11 @@ def check_symbols(what: str, value: ca.SX, known: Iterable[ca.SX], expected: str
 
     ``expected`` describes which ones are.
     """
-    declared = {symbol.element_hash() for part in known for symbol in ca.symvar(part)}
+    declared = {symbol.element_hash() for symbols in known for symbol in ca.symvar(symbols)}
     used = ca.symvar(value)
-    strange = sorted({str(one) for one in used if one.element_hash() not in declared})
-    if strange:
-        raise InputError(f"{what} uses {', '.join(strange)}, which is {expected}")
+    unknown_names = sorted({str(symbol) for symbol in used if symbol.element_hash() not in declared})
+    if unknown_names:
+        raise InputError(f"{what} uses {', '.join(unknown_names)}, which is {expected}")
 
 
 def _expression(value: Any) -> ca.SX | None:

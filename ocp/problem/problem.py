@@ -72,10 +72,10 @@ class Problem:
     swept: bool = False
 
     def __post_init__(self) -> None:
-        for what, kind in _KINDS.items():
-            called = {"name": "a problem's name", "N": f"{self.name}: the horizon N"}
-            owner = called.get(what, f"{self.name}: {what}")
-            self._set(what, validated(owner, getattr(self, what), kind))
+        for field_name, field_type in _KINDS.items():
+            owners = {"name": "a problem's name", "N": f"{self.name}: the horizon N"}
+            owner = owners.get(field_name, f"{self.name}: {field_name}")
+            self._set(field_name, validated(owner, getattr(self, field_name), field_type))
         nx, nu = self.system.nx, self.system.nu
         sizes = {
             "x0": (nx,),
@@ -88,10 +88,10 @@ class Problem:
             "stage_cost": (1,),
             "terminal_cost": (1,),
         }
-        for what, allowed in sizes.items():
-            value = getattr(self, what)
-            if value is not None or what not in ("du", "u_before"):
-                self._set(what, column(f"{self.name}: {what}", value, *allowed))
+        for field_name, allowed in sizes.items():
+            value = getattr(self, field_name)
+            if value is not None or field_name not in ("du", "u_before"):
+                self._set(field_name, column(f"{self.name}: {field_name}", value, *allowed))
         if (self.du is None) != (self.u_before is None):
             raise InputError(f"{self.name}: a cost on du needs both du and u_before, or neither")
         if self.scenarios.n > 1 and len(self.scenarios.std) != nx:
@@ -104,10 +104,10 @@ class Problem:
             self.start.check(self.name, nx)
         self._check_symbols()
         if self.h is not None:
-            made = with_free_step(self, validated(f"{self.name}: h", self.h, InstanceOf[FreeStep]))
-            for what, value in {**made, "h": None}.items():
-                self._set(what, value)
-        if self.swept and all(one.name != SWEPT for one in self.path):
+            stretched_fields = with_free_step(self, validated(f"{self.name}: h", self.h, InstanceOf[FreeStep]))
+            for field_name, value in {**stretched_fields, "h": None}.items():
+                self._set(field_name, value)
+        if self.swept and all(row.name != SWEPT for row in self.path):
             self._set("path", (*self.path, self._sweep()))
 
     def __repr__(self) -> str:
@@ -122,30 +122,34 @@ class Problem:
             raise InputError(
                 f"{self.name}: swept needs the distances of its contacts, and the system gives no phi; leave swept out"
             )
-        way = (system.x + share * (system.x_next - system.x) for share in SHARES)
-        gaps = ca.vertcat(*(ca.substitute(system.phi, system.x, at) for at in way))
-        least = -DEPTH * self.scales.gap
-        return Constraint(SWEPT, gaps, least, ca.inf)
+        states_between = (system.x + share * (system.x_next - system.x) for share in SHARES)
+        gaps = ca.vertcat(*(ca.substitute(system.phi, system.x, state) for state in states_between))
+        lowest_gap = -DEPTH * self.scales.gap
+        return Constraint(SWEPT, gaps, lowest_gap, ca.inf)
 
     def _set(self, what: str, value: Any) -> None:
         object.__setattr__(self, what, value)
 
     def _check_symbols(self) -> None:
         s, free = self.system, self.start
-        own, last = [self.parameters.vector], [s.x, self.parameters.vector]
-        along = [*last, s.u, s.lam, *([] if self.du is None else [self.du])]
+        parameters_only, last = [self.parameters.vector], [s.x, self.parameters.vector]
+        stage_symbols = [*last, s.u, s.lam, *([] if self.du is None else [self.du])]
         if self.du is not None and not self.du.is_valid_input():
             raise InputError(f"{self.name}: du must be symbols, ca.SX.sym('du', {s.nu})")
         bounds = [
-            (f"{what} of {one.name}", getattr(one, what))
-            for one in (*self.path, *self.terminal)
-            for what in ("lower", "upper")
+            (f"{field_name} of {row.name}", getattr(row, field_name))
+            for row in (*self.path, *self.terminal)
+            for field_name in ("lower", "upper")
         ]
         bounds += [] if free is None else [("the start", free.lower), ("the start", free.upper)]
-        for known, used, expected in (
-            (along, [("stage_cost", self.stage_cost)], "no state, input, du, contact impulse or declared parameter"),
+        for known_symbols, used, expected in (
             (
-                [*along, s.x_next],
+                stage_symbols,
+                [("stage_cost", self.stage_cost)],
+                "no state, input, du, contact impulse or declared parameter",
+            ),
+            (
+                [*stage_symbols, s.x_next],
                 [(c.name, c.expression) for c in self.path],
                 "no state, input, next state, contact impulse or declared parameter",
             ),
@@ -154,16 +158,20 @@ class Problem:
                 [("terminal_cost", self.terminal_cost), *((c.name, c.expression) for c in self.terminal)],
                 "no state or declared parameter",
             ),
-            (own, [*((what, getattr(self, what)) for what in _BY_PARAMETERS), *bounds], "no declared parameter"),
             (
-                own,
+                parameters_only,
+                [*((field_name, getattr(self, field_name)) for field_name in _BY_PARAMETERS), *bounds],
+                "no declared parameter",
+            ),
+            (
+                parameters_only,
                 [("the system", s.parameters.vector)],
                 "no parameter of the problem; give the problem the table that the system has",
             ),
         ):
-            for what, value in used:
+            for field_name, value in used:
                 if value is not None:
-                    check_symbols(f"{self.name}: {what}", value, known, expected)
+                    check_symbols(f"{self.name}: {field_name}", value, known_symbols, expected)
 
     @property
     def uses_du(self) -> bool:
@@ -173,8 +181,8 @@ class Problem:
     @cached_property
     def uses_impulses(self) -> bool:
         """Whether the stage cost or a path constraint depends on contact impulses."""
-        seen = ca.vertcat(self.stage_cost, *(one.expression for one in self.path))
-        return bool(ca.depends_on(seen, self.system.lam))
+        stacked = ca.vertcat(self.stage_cost, *(row.expression for row in self.path))
+        return bool(ca.depends_on(stacked, self.system.lam))
 
     @cached_property
     def exact_step(self) -> Step:
@@ -199,8 +207,8 @@ class Problem:
     def limits(self) -> ca.Function:
         """Map ``p`` to ``(x0, u_before, u_lower, u_upper, x_lower, x_upper)``."""
         nx, nu = self.system.nx, self.system.nu
-        before = ca.SX.zeros(nu) if self.u_before is None else self.u_before
-        values = (self.x0, before, self.u_lower, self.u_upper, self.x_lower, self.x_upper)
+        u_before = ca.SX.zeros(nu) if self.u_before is None else self.u_before
+        values = (self.x0, u_before, self.u_lower, self.u_upper, self.x_lower, self.x_upper)
         sizes = (nx, nu, nu, nu, nx, nx)
         outputs = [_column(value, size) for value, size in zip(values, sizes, strict=True)]
         return ca.Function("limits", [self.parameters.vector], outputs, ["p"], [*_BY_PARAMETERS])
@@ -232,7 +240,7 @@ class Problem:
 
     def constant_cost(self, physical: np.ndarray) -> float:
         """Sum over the horizon of the costs' constant terms at values (np,) of the parameters."""
-        stage, terminal = (part[1] for part in self._split_costs)
+        stage, terminal = (split[1] for split in self._split_costs)
         if stage.is_zero() and terminal.is_zero():
             return 0.0
         total = ca.Function("constant", [self.parameters.vector], [self.N * stage + terminal])
@@ -251,8 +259,8 @@ class Problem:
         By x, (nx, 1), of stage and terminal cost, and by lam, (nlam, 1), of the stage cost.
         """
         x, lam = self.system.x, self.system.lam
-        sought = (self.stage_cost, x), (self.terminal_cost, x), (self.stage_cost, lam)
-        slopes = [ca.densify(ca.gradient(cost, by)) for cost, by in sought]
+        derivatives = (self.stage_cost, x), (self.terminal_cost, x), (self.stage_cost, lam)
+        slopes = [ca.densify(ca.gradient(cost, symbol)) for cost, symbol in derivatives]
         return ca.Function("state_slopes", self.symbols, slopes)
 
     @property
@@ -315,7 +323,8 @@ class Problem:
         """The natural units of states and inputs, by their dimensions."""
         units = self.scaling.units
         states, inputs = (
-            np.array([units.of(signal.unit) for signal in part]) for part in (self.system.states, self.system.inputs)
+            np.array([units.of(signal.unit) for signal in signals])
+            for signals in (self.system.states, self.system.inputs)
         )
         return Scales(units.of("N s"), units.of("m"), states, inputs, units.cost)
 
@@ -323,19 +332,19 @@ class Problem:
     def weights(self) -> set[str]:
         """Names of parameters that weigh the cost: it is linear in each, nothing else has them."""
         s, cost = self.system, ca.vertcat(self.stage_cost, self.terminal_cost)
-        rows = (row for one in (*self.path, *self.terminal) for row in (one.expression, one.lower, one.upper))
-        ends = [getattr(self, what) for what in _BY_PARAMETERS]
+        rows = (row for entry in (*self.path, *self.terminal) for row in (entry.expression, entry.lower, entry.upper))
+        ends = [getattr(self, field_name) for field_name in _BY_PARAMETERS]
         start = [] if self.start is None else [self.start.lower, self.start.upper]
         elsewhere = [
             s.residual,
             s.gap,
             *(ca.SX(e) for e in (*ends, *start, *rows) if e is not None),
         ]
-        taken = {one.element_hash() for part in elsewhere for one in ca.symvar(part)}
+        other_symbols = {entry.element_hash() for expression in elsewhere for entry in ca.symvar(expression)}
         return {
             name
             for name in self.parameters.names
-            if self.parameters[name].element_hash() not in taken
+            if self.parameters[name].element_hash() not in other_symbols
             and [any(ca.which_depends(cost, self.parameters[name], order)) for order in (1, 2)] == [True, False]
         }
 
@@ -345,7 +354,7 @@ class Problem:
         Sizes, and the parameters' values, are in natural units.
         """
         units = self.scaling.units
-        p = np.array([one.value / units.of(one.unit) for one in self.parameters])
+        p = np.array([parameter.value / units.of(parameter.unit) for parameter in self.parameters])
         x, u = (np.array(v).ravel() for v in self.limits(p)[:2])
         costs = [
             np.ravel(self.cost_terms(x + s * sizes.x, u + s * sizes.u, s * sizes.u, abs(s) * sizes.impulse, p))
@@ -359,9 +368,13 @@ class Problem:
         """Map ``(x, p)`` to step size, mass, stiffness and friction, empty where there is none."""
         system = self.system
         friction = None if system.forces is None else system.forces.friction
-        known = (ca.SX() if one is None else one for one in (system.mass, system.stiffness, friction))
-        given = [system.x, self.parameters.vector]
-        return ca.Function("physics", given, [ca.SX(system.h), *(ca.densify(one) for one in known)])
+        expressions = (
+            ca.SX() if expression is None else expression for expression in (system.mass, system.stiffness, friction)
+        )
+        arguments = [system.x, self.parameters.vector]
+        return ca.Function(
+            "physics", arguments, [ca.SX(system.h), *(ca.densify(expression) for expression in expressions)]
+        )
 
     def check_physics(self, values: Mapping[str, float] | None = None) -> None:
         """Check step size, mass, stiffness and friction, where they are known, at x0.
@@ -371,19 +384,19 @@ class Problem:
         coefficient of friction is negative.
         """
         p = self.parameters.values if values is None else self.parameters.pack(values)
-        h, M, K, friction = (np.array(one) for one in self._physics(self.limits(p)[0], p))
+        h, M, K, friction = (np.array(matrix_value) for matrix_value in self._physics(self.limits(p)[0], p))
         if not h > 0:
             raise InputError(f"{self.name}: the step size must be positive, got {h.item():g} s")
-        for matrix, what, raised in (
+        for matrix, matrix_name, remedy in (
             (M, "mass", "masses and inertias"),
             (K, "stiffness", "stiffnesses"),
         ):
-            known = np.isfinite(matrix).all()
-            least = np.linalg.eigvalsh(matrix).min(initial=np.inf) if known else np.nan
-            if not least > 0:
+            is_finite = np.isfinite(matrix).all()
+            smallest_eigenvalue = np.linalg.eigvalsh(matrix).min(initial=np.inf) if is_finite else np.nan
+            if not smallest_eigenvalue > 0:
                 raise InputError(
-                    f"{self.name}: the {what} matrix must be positive definite, but its smallest"
-                    f" eigenvalue is {least:g}; raise the {raised} above zero"
+                    f"{self.name}: the {matrix_name} matrix must be positive definite, but its smallest"
+                    f" eigenvalue is {smallest_eigenvalue:g}; raise the {remedy} above zero"
                 )
         if not np.all(friction >= 0):
             raise InputError(
@@ -405,22 +418,22 @@ class Problem:
         x0, u_before = (np.array(v).ravel() for v in self.limits(p)[:2])
         return np.tile(x0, (self.N + 1, 1)), np.tile(u_before, (self.N, 1))
 
-    def checked_guess(self, given: Any) -> tuple[np.ndarray, np.ndarray]:
+    def checked_guess(self, guess: Any) -> tuple[np.ndarray, np.ndarray]:
         """States and inputs of a guess; raises as :meth:`initial_guess` does."""
         try:
-            states, inputs = (np.asarray(part) for part in given)
+            states, inputs = (np.asarray(array) for array in guess)
         except (TypeError, ValueError):
             raise InputError(
-                f"{self.name}: the guess must be two arrays, states and inputs, got {abbreviated(given)}"
+                f"{self.name}: the guess must be two arrays, states and inputs, got {abbreviated(guess)}"
             ) from None
-        found = states.shape, inputs.shape
+        shapes = states.shape, inputs.shape
         expected = (self.N + 1, self.system.nx), (self.N, self.system.nu)
-        if found != expected:
+        if shapes != expected:
             raise InputError(
-                f"{self.name}: the guess has states {found[0]} and inputs {found[1]}, expected"
+                f"{self.name}: the guess has states {shapes[0]} and inputs {shapes[1]}, expected"
                 f" {expected[0]} and {expected[1]}"
             )
-        if not all(part.dtype.kind in "if" and np.isfinite(part).all() for part in (states, inputs)):
+        if not all(array.dtype.kind in "if" and np.isfinite(array).all() for array in (states, inputs)):
             raise InputError(f"{self.name}: the guess must be finite")
         return states, inputs
 

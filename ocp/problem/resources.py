@@ -46,14 +46,14 @@ def machine_memory() -> float:
 
     Limits are those of its control groups (version 1 and 2) and of ``ulimit -v``.
     """
-    found = float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    memory = float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
     soft = resource.getrlimit(resource.RLIMIT_AS)[0]
     if soft != resource.RLIM_INFINITY:
-        found = min(found, float(soft))
+        memory = min(memory, float(soft))
     for file in _limits():
         with suppress(OSError, ValueError):
-            found = min(found, float(file.read_text()))
-    return found
+            memory = min(memory, float(file.read_text()))
+    return memory
 
 
 def _limits() -> list[Path]:
@@ -67,7 +67,7 @@ def _limits() -> list[Path]:
                 root, name = (_CGROUPS / "memory", "memory.limit_in_bytes")
             if not kinds or "memory" in kinds.split(","):
                 group = root / place.strip("/")
-                files += [one / name for one in (group, *group.parents) if root in one.parents]
+                files += [folder / name for folder in (group, *group.parents) if root in folder.parents]
     return files
 
 
@@ -112,28 +112,28 @@ def sampling_memory(decision: float, samples: float) -> float:
     return _ARRAYS * 8.0 * decision * samples
 
 
-def check_memory(what: str, needed: float) -> None:
+def check_memory(task_name: str, needed: float) -> None:
     """Raise :class:`~ocp.errors.InputError` where ``needed`` bytes are more than there are."""
-    there = machine_memory()
-    if needed > there:
+    available = machine_memory()
+    if needed > available:
         raise InputError(
-            f"{what} would take about {_gigabytes(needed)} of memory, and this machine has"
-            f" {_gigabytes(there)}; take fewer"
+            f"{task_name} would take about {_gigabytes(needed)} of memory, and this machine has"
+            f" {_gigabytes(available)}; take fewer"
         )
 
 
-def check_time(what: str, seconds: float) -> None:
+def check_time(task_name: str, seconds: float) -> None:
     """Raise :class:`~ocp.errors.InputError` where ``seconds`` are more than a year."""
     if seconds > YEAR:
-        raise InputError(f"{what} would take about {seconds / YEAR:.2g} years; take fewer")
+        raise InputError(f"{task_name} would take about {seconds / YEAR:.2g} years; take fewer")
 
 
-def long_task_notice(what: str, seconds: float, memory: float = 0.0) -> str | None:
+def long_task_notice(task_name: str, seconds: float, memory: float = 0.0) -> str | None:
     """A line on what will take longer than :data:`LONG`, None for what will not."""
     if seconds < LONG:
         return None
     size = f" and {_gigabytes(memory)} of memory" if memory > 1e9 else ""
-    return f"{what} will take longer than a minute{size} (an estimate)"
+    return f"{task_name} will take longer than a minute{size} (an estimate)"
 
 
 def _gigabytes(count: float) -> str:

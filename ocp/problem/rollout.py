@@ -31,8 +31,8 @@ class Gains:
 
     def input(self, step: int, x: np.ndarray) -> np.ndarray:
         """Input at a step and state."""
-        at = min(step, len(self.K) - 1)
-        return self.K[at] @ x + self.k[at]
+        row = min(step, len(self.K) - 1)
+        return self.K[row] @ x + self.k[row]
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Rollout:
 
     def __getitem__(self, which: Sequence[int] | np.ndarray) -> Rollout:
         """The scenarios ``which`` alone."""
-        return Rollout(*(part[which] for part in astuple(self)))
+        return Rollout(*(array[which] for array in astuple(self)))
 
 
 @dataclass(frozen=True)
@@ -171,22 +171,22 @@ def roll_on(
     return rolled, min(unsolved, key=lambda failure: failure.step, default=None)
 
 
-def _array(what: str, given: Any, shape: tuple[int | None, ...], scenarios: int | None = None) -> np.ndarray:
-    """``given`` as an array of ``shape``, its first size 1 or ``scenarios``; any where None.
+def _array(what: str, value: Any, shape: tuple[int | None, ...], scenarios: int | None = None) -> np.ndarray:
+    """Return ``value`` as an array of ``shape``, its first size 1 or ``scenarios``; any where None.
 
     Raises :class:`~ocp.errors.InputError` for another shape, and for what are no numbers.
     """
     first = "S" if scenarios is None else str(scenarios)
     expected = f"({', '.join([first, *map(str, shape[1:])])})"
     try:
-        found = np.asarray(given, dtype=float)
+        array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"{what} must be an array {expected} of numbers, got {given!r}") from None
-    found = found.reshape((1,) * (len(shape) - found.ndim) + found.shape)
-    fits = scenarios is None or found.shape[0] in (1, scenarios)
-    if not fits or found.shape[1:] != shape[1:]:
-        raise InputError(f"{what} must be an array {expected}, got the shape {np.shape(given)}")
-    return found
+        raise InputError(f"{what} must be an array {expected} of numbers, got {value!r}") from None
+    array = array.reshape((1,) * (len(shape) - array.ndim) + array.shape)
+    fits = scenarios is None or array.shape[0] in (1, scenarios)
+    if not fits or array.shape[1:] != shape[1:]:
+        raise InputError(f"{what} must be an array {expected}, got the shape {np.shape(value)}")
+    return array
 
 
 def _roll_inputs(
@@ -201,11 +201,11 @@ def _roll_inputs(
     S, K = u.shape[:2]
     rolled = step.solve.map(S).mapaccum(K * count)
     columns = np.repeat(u, count, axis=1).swapaxes(0, 1).reshape(K * count * S, u.shape[2]).T
-    found = (np.array(v).T.reshape(K, count, S, v.shape[0]).transpose(2, 0, 1, 3) for v in rolled(x.T, columns, p))
-    after, lam, gap, error = found
-    right = np.isfinite(error) & np.isfinite(after).all(axis=3, keepdims=True)
-    largest = np.where(right, error, np.inf).max(axis=2, initial=0.0)
-    return after[:, :, -1], lam.sum(axis=2), gap[:, :, -1], largest
+    outputs = (np.array(v).T.reshape(K, count, S, v.shape[0]).transpose(2, 0, 1, 3) for v in rolled(x.T, columns, p))
+    x_after, lam, gap, error = outputs
+    is_solved = np.isfinite(error) & np.isfinite(x_after).all(axis=3, keepdims=True)
+    largest = np.where(is_solved, error, np.inf).max(axis=2, initial=0.0)
+    return x_after[:, :, -1], lam.sum(axis=2), gap[:, :, -1], largest
 
 
 def mean_multipliers(step: Step, lam: np.ndarray) -> np.ndarray:

@@ -31,21 +31,21 @@ def summary(problem: Any) -> str:
             for s, low, high in zip(system.inputs, *bounds[:2], strict=True)
         ],
         "contacts": [f"{s.name} [{s.unit}]" for s in system.contacts] or ["none"],
-        "parameters": [f"{one.name} = {one.value:.4g} {one.unit}" for one in p] or ["none"],
+        "parameters": [f"{entry.name} = {entry.value:.4g} {entry.unit}" for entry in p] or ["none"],
         "costs": terms,
-        "constraints": [one.name for one in (*problem.path, *problem.terminal)] or ["none"],
+        "constraints": [entry.name for entry in (*problem.path, *problem.terminal)] or ["none"],
         "start": ["free"] if problem.start else [f"{value:.4g}" for value in x0],
         "scenarios": [str(scenarios) if scenarios > 1 else "one"],
     }
-    rows = (f"  {what + ':':12} {_within(values)}" for what, values in lines.items())
+    rows = (f"  {title + ':':12} {_within(values)}" for title, values in lines.items())
     return "\n".join([f"Problem {problem.name}", *rows])
 
 
 def _within(values: Iterable[str]) -> str:
     """The values on one line; of more than fit, the number of those that are left out."""
-    values, kept = list(values), list[str]()
+    values, shown_values = list(values), list[str]()
     for value in values:
-        if len(", ".join([*kept, value])) > _WIDTH - 30:
-            return f"{', '.join(kept)}, ... ({len(values)})"
-        kept.append(value)
-    return ", ".join(kept)
+        if len(", ".join([*shown_values, value])) > _WIDTH - 30:
+            return f"{', '.join(shown_values)}, ... ({len(values)})"
+        shown_values.append(value)
+    return ", ".join(shown_values)

@@ -63,7 +63,7 @@ class Task:
         system = self.system
         if isinstance(self.horizon, bool) or self.horizon < 1:
             raise InputError(f"{self.name}: an episode needs at least 1 step, got {self.horizon}")
-        for what, given, size in (
+        for field_name, entries, size in (
             ("start", ca.SX(self.start).numel(), system.nx),
             ("reward", ca.SX(self.reward).numel(), 1),
             ("final", ca.SX(self.final).numel(), 1),
@@ -72,8 +72,8 @@ class Task:
             ("lower", len(self.lower), system.nu),
             ("upper", len(self.upper), system.nu),
         ):
-            if given != size:
-                raise InputError(f"{self.name}: {what} has {given} entries, expected {size}")
+            if entries != size:
+                raise InputError(f"{self.name}: {field_name} has {entries} entries, expected {size}")
         if not np.all(np.less(self.lower, self.upper)):
             raise InputError(f"{self.name}: lower bounds of inputs must be below the upper ones")
 
@@ -116,7 +116,7 @@ class Task:
         """Map ``(x, u, x_next, parameters)`` to the measures of a step."""
         system = self.system
         arguments = [system.x, system.u, system.x_next, self.parameters.vector]
-        column = ca.vertcat(ca.SX(0, 1), *(each.expression for each in self.measures))
+        column = ca.vertcat(ca.SX(0, 1), *(measure.expression for measure in self.measures))
         return ca.Function("measure", arguments, [ca.densify(column)])
 
     def _of_state(self, name: str, expression: ca.SX | float) -> ca.Function:

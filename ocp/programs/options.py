@@ -100,10 +100,10 @@ def check_options(solver: str, options: Mapping[str, Any]) -> dict[str, Any]:
     another type or out of range, and a tolerance above :data:`LOOSEST`.
     """
     checked: dict[str, Any] = {}
-    for name, said in options.items():
-        option, value = _option(solver, name), said
-        if isinstance(said, bool) and option.kind == "string":
-            value = "yes" if said else "no"
+    for name, setting in options.items():
+        option, value = _option(solver, name), setting
+        if isinstance(setting, bool) and option.kind == "string":
+            value = "yes" if setting else "no"
         if not option.takes(value):
             raise InputError(f"{solver} refused its options: {name} must be {option.expected}, got {value!r}")
         if name in LOOSEST and float(value) > LOOSEST[name]:
@@ -125,12 +125,12 @@ def has_option(solver: str, name: str) -> bool:
 
 
 def _option(solver: str, name: str) -> Option:
-    if known := documented(solver):
-        if name in known:
-            return known[name]
-        raise InputError(f"{solver} refused its options: it has no {name!r}{did_you_mean(name, known)}")
-    own = INTERFACE.get(solver, {})
-    return own[name] if name in own else _probed(solver, name)
+    if documented_options := documented(solver):
+        if name in documented_options:
+            return documented_options[name]
+        raise InputError(f"{solver} refused its options: it has no {name!r}{did_you_mean(name, documented_options)}")
+    interface_options = INTERFACE.get(solver, {})
+    return interface_options[name] if name in interface_options else _probed(solver, name)
 
 
 @cache

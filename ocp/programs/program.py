@@ -161,16 +161,16 @@ class Program(ABC):
         f, gradient = self.gradient(x, p)
         slope = np.array(gradient).ravel() * sizes
         bend = self.bend(x, p, np.zeros(self.m), sizes).diagonal()
-        each = np.nan_to_num(np.abs(slope) + np.abs(bend) / 2, posinf=0.0)
+        entry_changes = np.nan_to_num(np.abs(slope) + np.abs(bend) / 2, posinf=0.0)
         below, above = (x - bounds["lbx"]) / sizes, (bounds["ubx"] - x) / sizes
-        held = ((below < _AT_BOUND) & (slope > 0)) | ((above < _AT_BOUND) & (slope < 0))
+        is_held = ((below < _AT_BOUND) & (slope > 0)) | ((above < _AT_BOUND) & (slope < 0))
         signals = [block.index.reshape(-1, block.shape[-1]).T for block in self.variables.blocks.values() if block.size]
-        largest = np.array([each[rows].max() for block in signals for rows in block])
+        largest = np.array([entry_changes[rows].max() for block in signals for rows in block])
         largest = largest[largest > 0]
         if not largest.size:
             return 0.0
         median = float(np.quantile(largest, 0.5, method="lower"))
-        return max(median, min(abs(float(f)), float(each[~held].max(initial=0.0))))
+        return max(median, min(abs(float(f)), float(entry_changes[~is_held].max(initial=0.0))))
 
     @property
     def chains(self) -> np.ndarray:
@@ -243,15 +243,15 @@ class Functions(NamedTuple):
 
     @classmethod
     def of(
-        cls, given: Sequence[Any], f_g: Sequence[Any], gradient: Sequence[Any], jacobian: Sequence[Any], hessian: Any
+        cls, symbols: Sequence[Any], f_g: Sequence[Any], gradient: Sequence[Any], jacobian: Sequence[Any], hessian: Any
     ) -> Functions:
         """From ``given`` symbols (x, p, lam_f, lam_g), the outputs of three, and the triangle."""
-        names, both = ["x", "p", "lam:f", "lam:g"], [*given[:2]]
+        names, x_and_p = ["x", "p", "lam:f", "lam:g"], [*symbols[:2]]
         return cls(
-            ca.Function("nlp", both, [*f_g], names[:2], ["f", "g"]),
-            ca.Function("grad_f", both, [*gradient], names[:2], ["f", "grad:f:x"]),
-            ca.Function("jac_g", both, [*jacobian], names[:2], ["g", "jac:g:x"]),
-            ca.Function("hess_lag", [*given], [hessian], names, ["triu:hess:gamma:x:x"]),
+            ca.Function("nlp", x_and_p, [*f_g], names[:2], ["f", "g"]),
+            ca.Function("grad_f", x_and_p, [*gradient], names[:2], ["f", "grad:f:x"]),
+            ca.Function("jac_g", x_and_p, [*jacobian], names[:2], ["g", "jac:g:x"]),
+            ca.Function("hess_lag", [*symbols], [hessian], names, ["triu:hess:gamma:x:x"]),
         )
 
 
@@ -317,24 +317,24 @@ class Scaled:
             name: ca.Function(
                 f"scaled_{name}",
                 [z, p, s, y][: plain[name].n_in()],
-                parts,
+                expressions,
                 plain[name].name_in(),
                 plain[name].name_out(),
             )
-            for name, parts in outputs.items()
+            for name, expressions in outputs.items()
         }
 
     def given(self, start: Point, bounds: Bounds) -> Bounds:
         """Start and bounds in z, as arguments of a solver."""
         x, g, f = self._factors
-        found = {
+        arguments = {
             "x0": start.x / x,
             **{name: bounds[name] / x for name in ("lbx", "ubx")},
             **{name: bounds[name] / g for name in ("lbg", "ubg")},
         }
         if start.lam_g is not None and start.lam_x is not None:
-            found |= {"lam_g0": start.lam_g * g / f, "lam_x0": start.lam_x * x / f}
-        return found
+            arguments |= {"lam_g0": start.lam_g * g / f, "lam_x0": start.lam_x * x / f}
+        return arguments
 
     def answer(
         self, f: float, x: np.ndarray, lam_x: np.ndarray, lam_g: np.ndarray, g: np.ndarray
@@ -351,5 +351,5 @@ class Scaled:
 def _scaled(matrix: ca.MX, rows: np.ndarray, columns: np.ndarray) -> ca.MX:
     """``diag(rows) matrix diag(columns)``, entry by entry."""
     pattern = matrix.sparsity()
-    row, column = (np.array(part, dtype=int) for part in pattern.get_triplet())
+    row, column = (np.array(indices, dtype=int) for indices in pattern.get_triplet())
     return ca.MX(pattern, ca.vec(matrix.nz[:]) * ca.DM(rows[row] * columns[column]))

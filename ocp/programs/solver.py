@@ -159,19 +159,19 @@ class Solver:
         scaled = Scaled(nlp)
         arguments: dict[str, Any] = {"p": p, **scaled.given(start, bounds)}
         _LOG.debug("%s on %s starts", self.name, nlp.title)
-        began = time.perf_counter()
+        start_time = time.perf_counter()
         with noted() as pressed:
             try:
                 answer = function(**arguments)
             except RuntimeError as error:
                 if pressed:
                     raise KeyboardInterrupt from error
-                return self._thrown(nlp, start, p, error, time.perf_counter() - began)
-        seconds = time.perf_counter() - began
+                return self._thrown(nlp, start, p, error, time.perf_counter() - start_time)
+        seconds = time.perf_counter() - start_time
         stats = function.stats()
         word = str(stats.get("return_status", "unknown"))
-        good = bool(stats.get("success", False))
-        status = _STATUS.get(word, Status.SOLVED if good else Status.FAILED)
+        succeeded = bool(stats.get("success", False))
+        status = _STATUS.get(word, Status.SOLVED if succeeded else Status.FAILED)
         values = {key: np.array(answer[key]).ravel() for key in ("x", "lam_x", "lam_g", "g")}
         point, cost, g = scaled.answer(float(answer["f"]), **values)
         if not np.all(np.isfinite(values["x"])):
@@ -220,7 +220,7 @@ class Solver:
 
     def _instance(self, nlp: Program, overrides: dict[str, Any]) -> ca.Function:
         options = {**self.options, **overrides}
-        limits = [given["max_iter"] for given in (self.options, overrides) if "max_iter" in given]
+        limits = [values["max_iter"] for values in (self.options, overrides) if "max_iter" in values]
         if limits:
             options["max_iter"] = min(limits)
         key = json.dumps([self.name, options], sort_keys=True, default=str)
@@ -257,13 +257,13 @@ def _check_bounds(nlp: Program, bounds: dict[str, np.ndarray]) -> None:
         lower, upper = bounds[f"lb{letter}"], bounds[f"ub{letter}"]
         crossed = np.flatnonzero(~(lower <= upper) | (lower == np.inf) | (upper == -np.inf))
         if crossed.size:
-            at = int(crossed[0])
-            block, index = layout.locate(at)
+            position = int(crossed[0])
+            block, index = layout.locate(position)
             component = block.components[index[-1]] if block.components else str(index[-1])
-            how = "above" if lower[at] > upper[at] else "and no finite number lies below"
+            how = "above" if lower[position] > upper[position] else "and no finite number lies below"
             raise InputError(
                 f"{nlp.title}: the lower bound of {component} in {block.name} is"
-                f" {lower[at]:g}, {how} its upper bound {upper[at]:g}; exchange or widen them"
+                f" {lower[position]:g}, {how} its upper bound {upper[position]:g}; exchange or widen them"
             )
 
 
@@ -275,22 +275,22 @@ def noted() -> Iterator[list[int]]:
     the handler then raises, stops, and returns its last iterate silently;
     other plugins let it through. What CasADi warns of then is not printed.
     """
-    seen: list[int] = []
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
-        yield seen
+    signals: list[int] = []
+    previous_handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(previous_handler):
+        yield signals
         return
 
     silence = ExitStack()
 
     def note(number: int, frame: FrameType | None) -> None:
-        seen.append(number)
+        signals.append(number)
         silence.enter_context(redirect_stderr(StringIO()))
-        before(number, frame)
+        previous_handler(number, frame)
 
     signal.signal(signal.SIGINT, note)
     try:
-        yield seen
+        yield signals
     finally:
         silence.close()
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous_handler)

@@ -34,11 +34,11 @@ _KEPT = 0.75
 def dimension(unit: str) -> np.ndarray | None:
     """Exponents of kg, m and s in a unit such as ``1/(N^2 s)``; None for one that is not known."""
     total, sign = np.zeros(3), 1
-    for part in re.findall(r"/|\((?:[^)]*)\)(?:\^-?\d+)?|[^\s/()]+", unit.replace("²", "^2")):
-        if part == "/":
+    for token in re.findall(r"/|\((?:[^)]*)\)(?:\^-?\d+)?|[^\s/()]+", unit.replace("²", "^2")):
+        if token == "/":
             sign = -1
             continue
-        word, _, power = part.rpartition("^") if re.search(r"\^-?\d+$", part) else (part, "", "1")
+        word, _, power = token.rpartition("^") if re.search(r"\^-?\d+$", token) else (token, "", "1")
         inner = dimension(word[1:-1]) if word.startswith("(") else _KNOWN.get(word)
         if inner is None:
             return None
@@ -80,8 +80,8 @@ def fitted(changes: Iterable[tuple[str, float, bool]]) -> Units:
     squares over those that it meets. A change of units is met exactly, whatever was changed beside
     it by few parameters alone; less than 5 % off is none.
     """
-    known = [(dimension(unit), weighs, ratio) for unit, ratio, weighs in changes if ratio > 0]
-    rows = [((*e, weighs), np.log(ratio)) for e, weighs, ratio in known if e is not None]
+    known_changes = [(dimension(unit), weighs, ratio) for unit, ratio, weighs in changes if ratio > 0]
+    rows = [((*e, weighs), np.log(ratio)) for e, weighs, ratio in known_changes if e is not None]
     votes = np.append(np.ones(len(rows)), _KEPT)
     E = np.array([*(e for e, _ in rows), (0, 0, 0, 1)], dtype=float)
     y = np.array([*(ratio for _, ratio in rows), 0.0])
@@ -89,9 +89,9 @@ def fitted(changes: Iterable[tuple[str, float, bool]]) -> Units:
     for _ in range(_ROUNDS):
         weight = np.sqrt(votes) * ((y - E @ c) ** 2 + _SMOOTH**2) ** -0.25
         c = np.linalg.lstsq(weight[:, None] * E, weight * y, rcond=None)[0]
-    off = y - E @ c
-    met = np.abs(off) < _SLIGHT
-    c += np.linalg.lstsq(E[met], off[met], rcond=None)[0]
+    residuals = y - E @ c
+    met = np.abs(residuals) < _SLIGHT
+    c += np.linalg.lstsq(E[met], residuals[met], rcond=None)[0]
     return Units() if np.abs(c).max() < _SLIGHT else Units(*np.exp(c).tolist())
 
 
@@ -156,13 +156,13 @@ def _once(
     x: np.ndarray, own: np.ndarray, at: Entries, p: np.ndarray, natural: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
     z = np.random.default_rng(0).uniform(0.5, 1.5, x.size)
-    (f, here), (f_natural, there) = at(x * z, p), at(z, natural)
-    one, other = here.tocoo(), there.tocoo()
+    (f, jacobian), (f_natural, natural_jacobian) = at(x * z, p), at(z, natural)
+    entries, natural_entries = jacobian.tocoo(), natural_jacobian.tocoo()
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = one.data * x[one.col] / other.data
+        ratio = entries.data * x[entries.col] / natural_entries.data
         cost = f / f_natural
-    used = np.isfinite(ratio) & (ratio > 0) & (one.col != own[one.row])
-    x, g = x.copy(), _medians(one.row[used], ratio[used], own.size)
+    used = np.isfinite(ratio) & (ratio > 0) & (entries.col != own[entries.row])
+    x, g = x.copy(), _medians(entries.row[used], ratio[used], own.size)
     defining = own >= 0
     x[own[defining]] = g[defining]
     return x, g, cost
@@ -173,9 +173,9 @@ def _medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     order = np.lexsort((values, group))
     sizes = np.bincount(group, minlength=count)
     middle = np.cumsum(sizes) - sizes + sizes // 2
-    found, some = np.ones(count), sizes > 0
-    found[some] = values[order][middle[some]]
-    return found
+    medians, nonempty = np.ones(count), sizes > 0
+    medians[nonempty] = values[order][middle[nonempty]]
+    return medians
 
 
 def row_scaled(x: np.ndarray, at: Entries, p: np.ndarray, cost: float, largest: float = np.inf) -> Scale | None:

@@ -71,11 +71,11 @@ class Branches:
             warm = WARM if start.lam_g is not None else {}
             options = {**warm, "mu_init": mu_init, "max_iter": most}
         inside = Point(np.clip(start.x, bounds["lbx"], bounds["ubx"]), start.lam_x, start.lam_g)
-        found = self.follower.solver.run(self.program, inside, self.p, bounds, **options)
-        self.follower.record(label, float(active.sum()), self.program, found, self.p, bounds)
-        return found
+        result = self.follower.solver.run(self.program, inside, self.p, bounds, **options)
+        self.follower.record(label, float(active.sum()), self.program, result, self.p, bounds)
+        return result
 
-    def solve_branch(self, start: Point, most: int = LONGEST) -> Result | None:
+    def solve_branch(self, start: Point, iteration_limit: int = LONGEST) -> Result | None:
         """Solve the branch on which a point lies, and go on to neighbours while these cost less.
 
         A pair near (0, 0) is put where it is larger in characteristic sizes; if its multiplier then
@@ -85,26 +85,26 @@ class Branches:
         The last guess is tried first. Once one has an answer the others are given up after twice
         the iterations of its longest branch: one without a feasible point near never ends.
         """
-        found = []
+        results: list[Result] = []
         for active in reversed(self.program.active_sets(start.x)):
-            before = len(self.follower.trace.records)
-            one = self.follow(start, active, most)
-            if one is not None:
-                found.insert(0, one)
-                took = max((r.iterations for r in self.follower.trace.records[before:]), default=0)
-                most = min(most, second_limit(took))
-        return min(found, key=lambda one: one.f, default=None)
+            n_records = len(self.follower.trace.records)
+            result = self.follow(start, active, iteration_limit)
+            if result is not None:
+                results.insert(0, result)
+                longest = max((r.iterations for r in self.follower.trace.records[n_records:]), default=0)
+                iteration_limit = min(iteration_limit, second_limit(longest))
+        return min(results, key=lambda result: result.f, default=None)
 
     def follow(self, start: Point, active: np.ndarray, most: int) -> Result | None:
         """Solve a branch, and its neighbours at pairs that are (0, 0) while these cost less."""
-        best, point, own = None, start, self.program.natural.f
+        best, point, cost_unit = None, start, self.program.natural.f
         for _ in range(_ROUNDS):
-            found = self.solved.get(active.tobytes()) or self.solve(point, active, most)
-            if not found.ok or (best is not None and found.f > best.f - 1e-9 * (own + abs(best.f))):
+            result = self.solved.get(active.tobytes()) or self.solve(point, active, most)
+            if not result.ok or (best is not None and result.f > best.f - 1e-9 * (cost_unit + abs(best.f))):
                 break
-            self.solved[active.tobytes()] = found
-            best, point = found, found.point
-            changing = self._other_side(found, active)
+            self.solved[active.tobytes()] = result
+            best, point = result, result.point
+            changing = self._other_side(result, active)
             if not changing.any():
                 break
             active = active ^ changing
@@ -119,27 +119,27 @@ class Branches:
         (Nurkanovic and Leyffer, arXiv 2501.13835, phase 1). None where none is.
         """
         for radius in _REACHES if self.program.pairs.size else ():
-            found = self._proposed(start.x, radius)
-            if found is not None:
-                return found
+            result = self._proposed(start.x, radius)
+            if result is not None:
+                return result
         return None
 
     def _proposed(self, x: np.ndarray, radius: float) -> Result | None:
         pairs = self.program.pairs
         active = self.program.active_sets(x)[-1]
-        held = np.where(active, pairs[1], pairs[0])
+        held_members = np.where(active, pairs[1], pairs[0])
         members = x[pairs] / self.program.sizes(x)[pairs]
-        there = np.clip(x, self.limits["lbx"], self.limits["ubx"])
-        there[held[~np.all(members < radius, axis=0)]] = 0.0
-        model = linear_model(self.program, there, self.p, self.limits, residuals=True)
+        base = np.clip(x, self.limits["lbx"], self.limits["ubx"])
+        base[held_members[~np.all(members < radius, axis=0)]] = 0.0
+        model = linear_model(self.program, base, self.p, self.limits, residuals=True)
         if not model.finite or not 0 < model.effort(radius) <= _EFFORT:
             return None
         step = model.descend(radius, True, -np.inf)
         if not step.step.any():
             return None
         active[step.near] = step.active > 0.5
-        found = self.solve(Point(there + radius * model.sizes * step.step), active)
-        return found if found.ok else None
+        result = self.solve(Point(base + radius * model.sizes * step.step), active)
+        return result if result.ok else None
 
     def improve(self, start: Result) -> Result:
         """Exchange active sets as the linear program with complementarity constraints proposes.
@@ -151,7 +151,7 @@ class Branches:
         arXiv 2501.13835, phase 2).
         """
         best, radius = start, _FIRST_RADIUS
-        began, spent = time.perf_counter(), self.follower.trace.seconds
+        start_time, seconds_before = time.perf_counter(), self.follower.trace.seconds
         for _ in range(_EXCHANGES):
             if radius < RADII[-1] or not self.program.pairs.size:
                 break
@@ -159,12 +159,12 @@ class Branches:
             if self._at_rest(model, best, radius):
                 radius /= 10
                 continue
-            found = self._exchanged(model, best, radius)
-            if found is not None and lower(found, best):
-                best, self.follower.trace.refused = found, ""
+            neighbour = self._exchanged(model, best, radius)
+            if neighbour is not None and lower(neighbour, best):
+                best, self.follower.trace.refused = neighbour, ""
             else:
                 radius /= 10
-        self.follower.trace.seconds = spent + time.perf_counter() - began
+        self.follower.trace.seconds = seconds_before + time.perf_counter() - start_time
         return best
 
     def _at_rest(self, model: LinearModel, best: Result, radius: float) -> bool:
@@ -184,32 +184,32 @@ class Branches:
             return None
         active = self.program.active_sets(best.point.x)[-1]
         active[direction.near] = direction.active > 0.5
-        there = best.point.x + radius * model.sizes * direction.step
-        found = self.solve(Point(there, best.point.lam_x, best.point.lam_g), active)
-        how = f"{found.word} after {found.iterations} iterations"
-        cost = found.f + self.program.constant(self.p)
+        trial_point = best.point.x + radius * model.sizes * direction.step
+        result = self.solve(Point(trial_point, best.point.lam_x, best.point.lam_g), active)
+        outcome = f"{result.word} after {result.iterations} iterations"
+        cost = result.f + self.program.constant(self.p)
         self.follower.trace.refused = (
             f"the branch with these contacts costs {cost:.6g}"
-            if found.ok
-            else f"the solver did not converge on the branch with these contacts ({how})"
+            if result.ok
+            else f"the solver did not converge on the branch with these contacts ({outcome})"
         )
-        return found if found.ok else None
+        return result if result.ok else None
 
-    def bound_multipliers(self, found: Result, active: np.ndarray) -> np.ndarray:
+    def bound_multipliers(self, result: Result, active: np.ndarray) -> np.ndarray:
         """Multiplier (m,) of each pair's held member: the fall of the cost per unit that it grows.
 
         In natural units."""
         (first, second), units = self.program.pairs, self.program.natural
-        if found.point.lam_x is None:
+        if result.point.lam_x is None:
             return np.zeros(active.size)
-        lam_x = found.point.lam_x * units.x / units.f
+        lam_x = result.point.lam_x * units.x / units.f
         return np.where(active, lam_x[second], lam_x[first])
 
-    def _other_side(self, found: Result, active: np.ndarray) -> np.ndarray:
+    def _other_side(self, result: Result, active: np.ndarray) -> np.ndarray:
         """Pairs at (0, 0) whose held member would lower the cost by growing."""
-        x = found.point.x / self.program.natural.x
-        both = np.all(x[self.program.pairs] < _NEAR, axis=0)
-        return both & (self.bound_multipliers(found, active) > MIN_MULTIPLIER)
+        x = result.point.x / self.program.natural.x
+        degenerate = np.all(x[self.program.pairs] < _NEAR, axis=0)
+        return degenerate & (self.bound_multipliers(result, active) > MIN_MULTIPLIER)
 
 
 def second_limit(took: int) -> int:
@@ -223,10 +223,10 @@ def polish(follower: Homotopy, source: Program, result: Result, improving: bool 
     The input is returned, unfinished, where no branch could be solved.
     """
     branches = Branches(follower)
-    there = translate(result.point, source, branches.program)
-    answer = branches.solve_branch(there)
+    branch_point = translate(result.point, source, branches.program)
+    answer = branches.solve_branch(branch_point)
     if answer is None and result.ok:
-        answer = branches.propose(there)
+        answer = branches.propose(branch_point)
     if answer is None:
         return RouteResult(result, source, False, follower.trace)
     answer = branches.improve(answer) if improving else answer

@@ -42,27 +42,27 @@ def solve_pairs(follower: Homotopy, search: Search) -> RouteResult:
     """
     branches = Branches(follower)
     if search.rolls is not None and search.alternatives:
-        found = covering(branches, search.rolls)
-        if found:
-            return _best(branches, found, _VAIN)
+        covering_results = covering(branches, search.rolls)
+        if covering_results:
+            return _best(branches, covering_results, _VAIN)
     first = by_strategy(follower, search, search.strategy)
-    smooth = first.finished and all(record.accepted for record in follower.trace.records)
+    easy = first.finished and all(record.accepted for record in follower.trace.records)
     polished = [first.result] if first.finished else []
     if search.rolls is not None and search.alternatives:
-        count, below = (_SMOOTH, first.result.f) if smooth else (_ROUGH, np.inf)
-        points = search.rolls.around(branches.program, [one.point for one in polished], count)
-        polished += distant_schedules(branches, points, below)
-    for strategy in () if smooth else search.alternatives:
-        again = by_strategy(follower, search, strategy)
-        polished += [again.result] if again.finished else []
-    hard = not smooth and not any(lower(one, first.result) or not first.finished for one in polished)
-    if search.rolls is not None and hard and (search.alternatives or not polished):
+        count, cost_limit = (_SMOOTH, first.result.f) if easy else (_ROUGH, np.inf)
+        points = search.rolls.around(branches.program, [candidate.point for candidate in polished], count)
+        polished += distant_schedules(branches, points, cost_limit)
+    for strategy in () if easy else search.alternatives:
+        retried = by_strategy(follower, search, strategy)
+        polished += [retried.result] if retried.finished else []
+    no_gain = not easy and not any(lower(candidate, first.result) or not first.finished for candidate in polished)
+    if search.rolls is not None and no_gain and (search.alternatives or not polished):
         points = search.rolls.perturbed(branches.program, _PERTURBED)
-        tried = map(branches.solve_branch, points)
-        polished += [one for one in tried if one is not None]
+        rolled_results = map(branches.solve_branch, points)
+        polished += [candidate for candidate in rolled_results if candidate is not None]
     if not polished and search.fallback is not None:
-        again = by_strategy(follower, search, search.fallback)
-        polished = [again.result] if again.finished else []
+        retried = by_strategy(follower, search, search.fallback)
+        polished = [retried.result] if retried.finished else []
     return _best(branches, polished) if polished else first
 
 
@@ -74,8 +74,8 @@ def covering(branches: Branches, rolls: RolloutStarts) -> list[Result]:
     return distant_schedules(branches, points, np.inf, _FAR)
 
 
-def _best(branches: Branches, found: list[Result], vain: int = VAIN) -> RouteResult:
-    best = improved(branches, min(found, key=lambda one: one.f), vain)
+def _best(branches: Branches, results: list[Result], vain: int = VAIN) -> RouteResult:
+    best = improved(branches, min(results, key=lambda candidate: candidate.f), vain)
     return RouteResult(best, branches.program, True, branches.follower.trace)
 
 
@@ -86,12 +86,12 @@ def by_strategy(follower: Homotopy, search: Search, strategy: Strategy) -> Route
         strategy = strategy.over(follower.nlp_of("none").chains.shape[-1])
     paths = strategy.paths(search.mu)
     source = follower.nlp_of(paths[0].reformulation)
-    found = follow_paths(follower, paths, search.start(source), source, step_backs=step_backs)
-    polished = polish(follower, found.nlp, found.result, improving=False)
-    if not polished.finished and found.result.ok and isinstance(strategy, CentralPath):
-        further = strategy.further(search.mu)
-        found = follow_paths(follower, further, found.result.point, found.nlp, warm=True)
-        polished = polish(follower, found.nlp, found.result, improving=False)
+    followed = follow_paths(follower, paths, search.start(source), source, step_backs=step_backs)
+    polished = polish(follower, followed.nlp, followed.result, improving=False)
+    if not polished.finished and followed.result.ok and isinstance(strategy, CentralPath):
+        extended_paths = strategy.further(search.mu)
+        followed = follow_paths(follower, extended_paths, followed.result.point, followed.nlp, warm=True)
+        polished = polish(follower, followed.nlp, followed.result, improving=False)
     return polished
 
 
@@ -104,14 +104,14 @@ def follow_paths(
     step_backs: int = STEP_BACKS,
 ) -> RouteResult:
     """Follow paths one after the other, as far as they go, from a point of ``source``."""
-    found: RouteResult | None = None
+    followed: RouteResult | None = None
     for path in paths:
-        found = follower.follow(path, point, warm, source, step_backs)
-        if not found.finished:
+        followed = follower.follow(path, point, warm, source, step_backs)
+        if not followed.finished:
             break
-        point, warm, source = found.result.point, True, found.nlp
-    assert found is not None
-    return found
+        point, warm, source = followed.result.point, True, followed.nlp
+    assert followed is not None
+    return followed
 
 
 FALLBACK = ScholtesAdaptive()
@@ -133,7 +133,7 @@ _PERTURBED = 8
 """Guesses that are rolled out where that led to nothing better."""
 WIDE = CentralPath(factor=0.1, wide=10.0, below=False)
 """From where all contacts are felt from afar."""
-ALTERNATIVES = tuple(replace(one, most=SMALL_ITERATIONS) for one in (WIDE, ScholtesAdaptive()))
+ALTERNATIVES = tuple(replace(strategy, most=SMALL_ITERATIONS) for strategy in (WIDE, ScholtesAdaptive()))
 """Followed too, with steps back, where the path of a small problem was hard to follow."""
 RELAXATIONS = (
     CentralPath(),

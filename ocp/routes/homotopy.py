@@ -149,27 +149,27 @@ class Homotopy:
 
         ``start`` is a point of ``source``, by default of the path's first program.
         """
-        pending, good, tries = list(path.values), None, 0
+        pending, last_good, tries = list(path.values), None, 0
         point, best = start, None
         while pending:
             value = pending.pop(0)
             stage = path.stage_at(value)
             nlp = self.nlp_of(stage.reformulation)
             usable = translate(point, source or nlp, nlp)
-            result = self.solve_stage(stage, nlp, usable, warm or good is not None)
+            result = self.solve_stage(stage, nlp, usable, warm or last_good is not None)
             if result.ok or (stage.partial and result.status is Status.ITERATION_LIMIT):
-                point, source, good = result.point, nlp, value
+                point, source, last_good = result.point, nlp, value
                 tries = 0 if value in path.values else tries
                 best = (result, nlp)
                 if path.complete is not None and path.complete(nlp, result):
                     break
                 continue
-            if good is None or tries >= step_backs or value == 0:
+            if last_good is None or tries >= step_backs or value == 0:
                 if path.strict or best is None:
                     return RouteResult(result, nlp, False, self.trace)
                 break
             tries += 1
-            pending = [math.sqrt(good * value), value, *pending]
+            pending = [math.sqrt(last_good * value), value, *pending]
         assert best is not None
         return RouteResult(*best, True, self.trace)
 
@@ -196,13 +196,13 @@ class Homotopy:
     ) -> None:
         """Add a line to the table and call ``progress``."""
         g = result.g
-        off = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
+        contact_violation = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
         line = StageRecord(
             label=label,
             value=value,
             cost=result.f + nlp.constant(p),
             complementarity=float(np.abs(nlp.products(result.point.x, p)).max(initial=0.0)),
-            residual=float(np.maximum(off, 0).max(initial=0.0)),
+            residual=float(np.maximum(contact_violation, 0).max(initial=0.0)),
             iterations=result.iterations,
             seconds=result.seconds,
             status=result.word,

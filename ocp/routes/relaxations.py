@@ -251,11 +251,11 @@ def law_path(
         options: dict[str, Any] = {}
         if value != values[0]:
             options["mu_init"] = 1e-5
-        last = value == target
-        if not last:
+        is_last = value == target
+        if not is_last:
             options |= {"tol": 1e-6, "max_iter": STAGE_ITERATIONS}
-        turned = {schedule.parameter: value}
-        return HomotopyStage(label, value, parameters=turned, options=options, partial=not last)
+        law_values = {schedule.parameter: value}
+        return HomotopyStage(label, value, parameters=law_values, options=options, partial=not is_last)
 
     return HomotopyPath(values, stage)
 
@@ -279,7 +279,7 @@ def from_exact(
         x[program.pairs] = np.where(active, lam, mu / gap), np.where(active, mu / lam, gap)
     for mu_init in (1e-6, 1e-3):
         stage = HomotopyStage("from exact", value, options={**_NEAR, "mu_init": mu_init})
-        found = follower.solve_stage(stage, program, Point(x), False)
-        if found.ok:
-            return found
+        result = follower.solve_stage(stage, program, Point(x), False)
+        if result.ok:
+            return result
     return None

@@ -40,7 +40,7 @@ class RolloutStarts:
         """The problem whose inputs are rolled out."""
         return self.evaluation.problem
 
-    def around(self, program: Program, found: Sequence[Point], count: int) -> list[Point]:
+    def around(self, program: Program, plan_points: Sequence[Point], count: int) -> list[Point]:
         """Plans around the guess and what was ``found``, the cheapest first, one a schedule.
 
         ``count`` around each: itself, and others by a constant and two cosines of up to one period
@@ -49,17 +49,17 @@ class RolloutStarts:
         keep their bounds. Inputs that do not act stay: their cost would hide that of the motion.
         """
         sizes, N = self.problem.scales, self.problem.N
-        rng, (least, most) = np.random.default_rng(0), np.log(_SIZES)
+        rng, (log_smallest, log_largest) = np.random.default_rng(0), np.log(_SIZES)
         waves = np.cos(np.pi * np.outer(np.arange(3), (np.arange(N) + 0.5) / N))
         plans = []
-        for u in (self.guess[1], *(program.variables.unpack(one.x)["u"][0] for one in found)):
-            size = np.exp(rng.uniform(least, most, (count, 1, 1)))
+        for u in (self.guess[1], *(program.variables.unpack(point.x)["u"][0] for point in plan_points)):
+            size = np.exp(rng.uniform(log_smallest, log_largest, (count, 1, 1)))
             size[0] = 0.0
             noise = size * (rng.standard_normal((count, sizes.u.size, 3)) @ waves) * self.acting.T
             plans += [*(u + sizes.u * noise.transpose(0, 2, 1))]
         return self._points(program, self._cheapest(np.array(plans)))
 
-    def throughout(self, program: Program, count: int, centres: int, near: int) -> list[Point]:
+    def throughout(self, program: Program, count: int, centres: int, n_neighbours: int) -> list[Point]:
         """Plans whose acting inputs cover their range, the cheapest first, one a schedule.
 
         First ``count`` over all of it, then ``near`` around each of ``centres`` of them, the
@@ -67,21 +67,21 @@ class RolloutStarts:
         than what lies between two plans.
         Without a bound the range ends three characteristic units from the guess.
         """
-        u, reach = self.guess[1], _SIZES[1] * self.problem.scales.u
+        u, half_range = self.guess[1], _SIZES[1] * self.problem.scales.u
         lower, upper = self._bounds
-        least = np.where(np.isfinite(lower), lower, u - reach)
-        most = np.where(np.isfinite(upper), upper, u + reach)
-        width = np.where(self.acting, most - least, 0.0)
+        lowest_inputs = np.where(np.isfinite(lower), lower, u - half_range)
+        highest_inputs = np.where(np.isfinite(upper), upper, u + half_range)
+        width = np.where(self.acting, highest_inputs - lowest_inputs, 0.0)
         rng, inputs = np.random.default_rng(0), self.acting.sum()
         spread = np.zeros((count, *u.shape))
         spread[:, self.acting] = _sequence(count, inputs) - 0.5
-        found = self._cheapest(np.where(self.acting, (least + most) / 2, u) + width * spread)
+        cheapest = self._cheapest(np.where(self.acting, (lowest_inputs + highest_inputs) / 2, u) + width * spread)
         for size in _NEARER:
-            chosen = self._kinds(found, centres)
-            noise = rng.uniform(-1, 1, (len(chosen), near, *u.shape))
-            moved = found.u[chosen, None] + size * count ** (-1 / inputs) * width * noise
-            found = self._cheapest(np.vstack([found.u, moved.reshape(-1, *u.shape)]))
-        return self._points(program, found)
+            chosen = self._kinds(cheapest, centres)
+            noise = rng.uniform(-1, 1, (len(chosen), n_neighbours, *u.shape))
+            neighbours = cheapest.u[chosen, None] + size * count ** (-1 / inputs) * width * noise
+            cheapest = self._cheapest(np.vstack([cheapest.u, neighbours.reshape(-1, *u.shape)]))
+        return self._points(program, cheapest)
 
     def _cheapest(self, plans: np.ndarray) -> Rollout:
         """Those of ``plans`` (S, N, nu) that are cheapest of their schedule, the cheapest first."""
@@ -97,18 +97,18 @@ class RolloutStarts:
         sizes = self.problem.scales
         return rolled.lam / sizes.impulse > rolled.gap / sizes.gap
 
-    def _kinds(self, rolled: Rollout, most: int) -> list[int]:
+    def _kinds(self, rolled: Rollout, limit: int) -> list[int]:
         """The first of every kind of schedule, at most so many."""
         active, chosen = self._active(rolled), list[int]()
-        for s, one in enumerate(active):
-            if len(chosen) < most and all(is_apart(one.T, active[k].T) for k in chosen):
+        for s, schedule in enumerate(active):
+            if len(chosen) < limit and all(is_apart(schedule.T, active[k].T) for k in chosen):
                 chosen.append(s)
         return chosen
 
     @staticmethod
     def _points(program: Program, plans: Rollout) -> list[Point]:
-        each = (plans[[s]] for s in range(len(plans.x)))
-        return [Point(pack_rollout(program, one, None)) for one in each]
+        single_plans = (plans[[s]] for s in range(len(plans.x)))
+        return [Point(pack_rollout(program, plan, None)) for plan in single_plans]
 
     @property
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -133,10 +133,10 @@ class RolloutStarts:
         slope = ca.sum1(ca.fabs(ca.jacobian(equations, system.u)))
         slopes = ca.Function("slopes", arguments, [slope])
         rng, scales = np.random.default_rng(0), self.problem.scales
-        drawn = u + scales.u * rng.standard_normal(u.shape)
+        sampled_inputs = u + scales.u * rng.standard_normal(u.shape)
         lam = scales.impulse * rng.random((len(u), system.nlam))
-        found = slopes.map(len(u))(x[:-1].T, drawn.T, x[1:].T, lam.T, self.evaluation.p)
-        return np.array(ca.densify(found)).reshape(len(u), -1, order="C") > 0
+        sampled_slopes = slopes.map(len(u))(x[:-1].T, sampled_inputs.T, x[1:].T, lam.T, self.evaluation.p)
+        return np.array(ca.densify(sampled_slopes)).reshape(len(u), -1, order="C") > 0
 
     def _rolled(self, plans: np.ndarray) -> Rollout:
         starts = np.broadcast_to(self.guess[0][0], (len(plans), self.problem.system.nx))
@@ -201,15 +201,19 @@ class RolloutPolish:
         returned beside them: the same plan, with contacts that are exactly open or closed, which a
         rollout's are to the step solver's tolerance.
         """
-        first, there = self._rolled_out(source, plan.point.x)
+        rolled_out, direct_point = self._rolled_out(source, plan.point.x)
         if source is self.direct and plan.ok:
-            return first, plan
-        start = replace(first, point=there)
-        branch = polish(self.follower, self.direct, start, improving=False)
+            return rolled_out, plan
+        branch_start = replace(rolled_out, point=direct_point)
+        branch = polish(self.follower, self.direct, branch_start, improving=False)
         if not branch.finished:
-            return first, None
-        second, _ = self._rolled_out(self.direct, branch.result.point.x)
-        return (second, branch.result) if second.f <= first.f + 1e-9 * abs(first.f) else (first, None)
+            return rolled_out, None
+        improved_rollout, _ = self._rolled_out(self.direct, branch.result.point.x)
+        return (
+            (improved_rollout, branch.result)
+            if improved_rollout.f <= rolled_out.f + 1e-9 * abs(rolled_out.f)
+            else (rolled_out, None)
+        )
 
     def follow(self, follower: Homotopy, path: HomotopyPath, start: Point) -> RouteResult:
         """Follow a path, solve the branches of its points, and improve the cheapest.
@@ -217,7 +221,7 @@ class RolloutPolish:
         Near a wide stage another branch may be cheaper than near the last one. The path ends where
         two of its points in turn end at one cost.
         """
-        found: list[Result] = []
+        branch_results: list[Result] = []
 
         def repeated(source: Program, result: Result) -> bool:
             assert isinstance(source, NLP)
@@ -229,14 +233,14 @@ class RolloutPolish:
                 return False
             if solved is None:
                 return False
-            found.append(solved)
-            one, other = found[-2:] if len(found) > 1 else (solved, None)
-            return other is not None and not (lower(one, other) or lower(other, one))
+            branch_results.append(solved)
+            latest, previous = branch_results[-2:] if len(branch_results) > 1 else (solved, None)
+            return previous is not None and not (lower(latest, previous) or lower(previous, latest))
 
         followed = follower.follow(replace(path, complete=repeated), start)
-        if not found:
+        if not branch_results:
             return followed
-        best = improved(Branches(self.follower), min(found, key=lambda one: one.f))
+        best = improved(Branches(self.follower), min(branch_results, key=lambda latest: latest.f))
         return RouteResult(best, self.direct, True, follower.trace)
 
     def _rolled_out(self, nlp: NLP, x: np.ndarray) -> tuple[Result, Point]:
@@ -244,7 +248,7 @@ class RolloutPolish:
         plan, start = plan_of(nlp, x)
         gains = plan if isinstance(plan, Gains) else None
         rolled = roll_out(self.target.problem, plan, values, self.step, start)
-        there = Point(pack_rollout(self.target, rolled, gains))
+        target_point = Point(pack_rollout(self.target, rolled, gains))
         p = self.target.parameter_vector(values)
-        answer = Result.at(self.target, there, p, Status.SOLVED, "rolled out")
-        return answer, Point(pack_rollout(self.direct, rolled, gains))
+        result = Result.at(self.target, target_point, p, Status.SOLVED, "rolled out")
+        return result, Point(pack_rollout(self.direct, rolled, gains))

@@ -39,20 +39,20 @@ class ScheduleMove:
         return replace(self, begins=2 * self.begins, ends=2 * self.ends)
 
 
-def improved(branches: Branches, found: Result, vain: int = VAIN) -> Result:
+def improved(branches: Branches, neighbour: Result, max_failures: int = VAIN) -> Result:
     """Exchange branches to first order, and schedules for neighbouring ones, in turn."""
-    best = branches.improve(found)
+    best = branches.improve(neighbour)
     for _ in range(_TURNS):
-        found = improve_schedule(branches, best, vain)
-        if not lower(found, best):
+        neighbour = improve_schedule(branches, best, max_failures)
+        if not lower(neighbour, best):
             return best
-        best = branches.improve(found)
-        if not lower(best, found):
+        best = branches.improve(neighbour)
+        if not lower(best, neighbour):
             return best
     return best
 
 
-def improve_schedule(branches: Branches, best: Result, vain: int = VAIN) -> Result:
+def improve_schedule(branches: Branches, best: Result, max_failures: int = VAIN) -> Result:
     """Exchange a schedule for a neighbour that costs less, until none does.
 
     On a grid of time every instant of a contact is a minimum of its own: the pairs of the steps
@@ -62,49 +62,49 @@ def improve_schedule(branches: Branches, best: Result, vain: int = VAIN) -> Resu
     multipliers promise most of (:func:`predicted_gains`), until ``vain`` in a row cost no less.
     """
     program, trace = branches.program, branches.follower.trace
-    until = trace.iterations + min(_ALL, _WORK // max(program.pairs.shape[1], 1))
+    iteration_limit = trace.iterations + min(_ALL, _WORK // max(program.pairs.shape[1], 1))
     active = program.active_sets(best.point.x)[-1]
-    tried, last = {active.tobytes()}, None
+    tried_sets, promising_move = {active.tobytes()}, None
     while True:
-        fall, way = predicted_gains(branches, best, active)
+        fall, distances = predicted_gains(branches, best, active)
         neighbours = []
-        further = [last] if last else []
-        for move in [*further, *moves(active, program.chains), *np.flatnonzero(fall > 0)]:
+        first_moves = [promising_move] if promising_move else []
+        for move in [*first_moves, *moves(active, program.chains), *np.flatnonzero(fall > 0)]:
             changed = moved(active, program.chains, move)
             if changed is None or not fall[other := changed != active].any():
                 continue
-            neighbours.append((move is last, fall[other].sum() / way[other].sum(), move, changed))
+            neighbours.append((move is promising_move, fall[other].sum() / distances[other].sum(), move, changed))
         neighbours.sort(key=lambda one: one[:2], reverse=True)
         failed = 0
         for _, _, move, changed in neighbours:
-            if changed.tobytes() in tried:
+            if changed.tobytes() in tried_sets:
                 continue
-            if trace.iterations > until or failed == vain:
+            if trace.iterations > iteration_limit or failed == max_failures:
                 return best
-            tried.add(changed.tobytes())
-            found = branches.solve(best.point, changed, _ITERATIONS, label=NEIGHBOUR)
-            if found.ok and lower(found, best):
-                best, active = found, changed
-                last = move.twice if isinstance(move, ScheduleMove) else None
+            tried_sets.add(changed.tobytes())
+            result = branches.solve(best.point, changed, _ITERATIONS, label=NEIGHBOUR)
+            if result.ok and lower(result, best):
+                best, active = result, changed
+                promising_move = move.twice if isinstance(move, ScheduleMove) else None
                 break
             failed += 1
         else:
             return best
 
 
-def predicted_gains(branches: Branches, found: Result, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def predicted_gains(branches: Branches, result: Result, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What each pair's change of sides promises (m,), and how far it is (m,).
 
     The first is the fall of the cost, to first order, as the member that is held grows by its
     characteristic size, zero where that would not pay; the second the other member, which then
     falls to zero, in characteristic sizes. Where that is near, the multiplier still holds.
     """
-    program, x = branches.program, found.point.x
+    program, x = branches.program, result.point.x
     (first, second), sizes = program.pairs, program.sizes(x)
-    held, free = np.where(active, (second, first), (first, second))
-    multiplier = branches.bound_multipliers(found, active)
-    fall = np.where(multiplier > MIN_MULTIPLIER, multiplier * (sizes / program.natural.x)[held], 0.0)
-    return fall, np.maximum(x[free] / sizes[free], _NEAREST)
+    held_members, free_members = np.where(active, (second, first), (first, second))
+    multiplier = branches.bound_multipliers(result, active)
+    fall = np.where(multiplier > MIN_MULTIPLIER, multiplier * (sizes / program.natural.x)[held_members], 0.0)
+    return fall, np.maximum(x[free_members] / sizes[free_members], _NEAREST)
 
 
 def moves(active: np.ndarray, chains: np.ndarray) -> Iterator[ScheduleMove]:
@@ -124,10 +124,10 @@ def moved(active: np.ndarray, chains: np.ndarray, move: ScheduleMove | int) -> n
         changed[move] ^= True
         return changed
     pairs = chains[move.chain]
-    there = runs(active[pairs])
-    if move.run >= len(there):
+    active_runs = runs(active[pairs])
+    if move.run >= len(active_runs):
         return None
-    begin, end = there[move.run]
+    begin, end = active_runs[move.run]
     changed = active.copy()
     changed[pairs[begin:end]] = False
     changed[pairs[max(begin + move.begins, 0) : max(end + move.ends, 0)]] = True
@@ -159,14 +159,14 @@ def distant_schedules(branches: Branches, points: Sequence[Point], below: float,
     than ``below``; where that is infinite, points that break limits come after the others, so that
     ``most`` are solved if there are as many.
     """
-    program, seen, polished = branches.program, [], []
+    program, solved_schedules, polished = branches.program, [], []
     for point in _ordered(branches, points, below):
         active = branches.schedule(point.x)
-        if all(is_apart(active[program.chains], other[program.chains]) for other in seen):
-            seen.append(active)
-            found = branches.solve_branch(point, _FAR_ITERATIONS)
-            polished += [] if found is None else [found]
-        if len(seen) == most:
+        if all(is_apart(active[program.chains], other[program.chains]) for other in solved_schedules):
+            solved_schedules.append(active)
+            result = branches.solve_branch(point, _FAR_ITERATIONS)
+            polished += [] if result is None else [result]
+        if len(solved_schedules) == most:
             break
     return polished
 
@@ -176,8 +176,8 @@ def _ordered(branches: Branches, points: Sequence[Point], below: float) -> Itera
     broken: list[tuple[float, Point]] = []
     for point in points:
         f, g = program.values(point.x, branches.p)
-        off = np.maximum(limits["lbg"] - g, g - limits["ubg"]) / program.natural.g
-        amount = float(off.max(initial=0.0))
+        violation = np.maximum(limits["lbg"] - g, g - limits["ubg"]) / program.natural.g
+        amount = float(violation.max(initial=0.0))
         if amount > _FEASIBLE:
             broken.append((amount, point))
         elif f < below:
@@ -193,5 +193,5 @@ def is_apart(one: np.ndarray, other: np.ndarray) -> bool:
 
 def apart(one: np.ndarray, other: np.ndarray) -> float:
     """Steps by which contacts are moved from one schedule to another, over those of the horizon."""
-    moved = np.cumsum(one.astype(int) - other.astype(int), axis=1)
-    return float(np.abs(moved).sum() / one.shape[1])
+    exchanged = np.cumsum(one.astype(int) - other.astype(int), axis=1)
+    return float(np.abs(exchanged).sum() / one.shape[1])

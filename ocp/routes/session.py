@@ -61,9 +61,9 @@ class Session:
     compiled: StageCompiler | None = None
 
     def __post_init__(self) -> None:
-        began = time.perf_counter()
-        plain = isinstance(self.law, Exact)
-        self.step: Step = self.problem.exact_step if plain else self.law.close(self.problem.system)
+        start_time = time.perf_counter()
+        is_exact = isinstance(self.law, Exact)
+        self.step: Step = self.problem.exact_step if is_exact else self.law.close(self.problem.system)
         if self.step.branches > 1 and self.strategy == DEFAULT_STRATEGY:
             self.strategy = AVERAGED_STRATEGY
         self.nlps: dict[str, NLP] = {}
@@ -71,7 +71,7 @@ class Session:
         table = self.problem.parameters + self.step.p
         self.values = table.defaults | {PENALTY: 0.0, RELAXATION: 0.0}
         self.problem.check_physics()
-        self.build_s = time.perf_counter() - began
+        self.build_s = time.perf_counter() - start_time
 
     @property
     def evaluation(self) -> Evaluation:
@@ -86,20 +86,20 @@ class Session:
     def nlp_of(self, reformulation: str) -> NLP:
         """Build the NLP of a reformulation, or return the one that exists."""
         if reformulation not in self.nlps:
-            began = time.perf_counter()
+            start_time = time.perf_counter()
             graph = Graph(self.problem, self.step, self.policy)
             self.nlps[reformulation] = self.method.transcribe(graph, reformulation, self.compiled)
-            took = time.perf_counter() - began
-            self.build_s += took
-            built = self.nlps[reformulation]
+            seconds = time.perf_counter() - start_time
+            self.build_s += seconds
+            nlp = self.nlps[reformulation]
             _LOG.info(
                 "%s by %s, %s reformulation: %d variables, %d constraints, built in %.3f s",
                 self.problem.name,
                 self.method.name,
                 reformulation,
-                built.n,
-                built.m,
-                took,
+                nlp.n,
+                nlp.m,
+                seconds,
             )
         return self.nlps[reformulation]
 

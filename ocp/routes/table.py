@@ -81,13 +81,13 @@ class Route(ABC):
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
         """Solve, in whatever program of the session suits; ``follower`` records the work."""
 
-    def invert(self, session: Session, found: RouteResult, plan: Rollout, gains: Gains | None) -> tuple[NLP, Point]:
+    def invert(self, session: Session, outcome: RouteResult, plan: Rollout, gains: Gains | None) -> tuple[NLP, Point]:
         """The program that is judged, and the result's point in it, with multipliers if known."""
-        nlp, point = session.judging_nlp(), found.result.point
-        if nlp is found.nlp:
+        nlp, point = session.judging_nlp(), outcome.result.point
+        if nlp is outcome.nlp:
             return nlp, point
-        if nlp.method == found.nlp.method:
-            return nlp, Point(translate(point, found.nlp, nlp).x)
+        if nlp.method == outcome.nlp.method:
+            return nlp, Point(translate(point, outcome.nlp, nlp).x)
         return nlp, Point(pack_rollout(nlp, plan, gains))
 
 
@@ -141,21 +141,21 @@ class Complementarity(Route):
     def _search(self, session: Session, start: Start) -> Search:
         problem, guess = session.problem, start.guess
         strategy = choose("strategy", session.strategy, STRATEGIES)
-        plain = Search(strategy, problem.natural_scales.mu, partial(session.first_point, guess=guess))
+        plan = Search(strategy, problem.natural_scales.mu, partial(session.first_point, guess=guess))
         if session.strategy != DEFAULT_STRATEGY:
-            return plain
+            return plan
         evaluation = session.evaluation
-        rolls = RolloutStarts(evaluation, session.step, guess or evaluation.initial_guess)
-        rolls = None if isinstance(session.policy, Feedback) else rolls
+        rollout_starts = RolloutStarts(evaluation, session.step, guess or evaluation.initial_guess)
+        rollout_starts = None if isinstance(session.policy, Feedback) else rollout_starts
         if session.nlp_of("product").pairs.shape[1] > SMALL_PAIRS:
-            return replace(plain, fallback=FALLBACK, rolls=rolls)
+            return replace(plan, fallback=FALLBACK, rolls=rollout_starts)
         strategy = RELAXATIONS[-start.number % len(RELAXATIONS)]
         return replace(
-            plain,
+            plan,
             strategy=replace(strategy, most=SMALL_ITERATIONS),
             fallback=FALLBACK_SMALL,
             alternatives=ALTERNATIVES,
-            rolls=rolls,
+            rolls=rollout_starts,
         )
 
 
@@ -188,13 +188,13 @@ class ExactShooting(Route):
                 polished, solved = polisher.polish(plan.nlp, plan.result)
             except NotConverged:
                 continue
-            ended = solved or plan.result
-            polished = replace(polished, status=ended.status, word=ended.word)
-            kept = solved is not None and not lower(solved, polished, _DIVERGED)
-            found = RouteResult(polished, nlp, kept, follower.trace, solved)
-            best = better(best, found)
-            hard = any(line.label == "t" and not line.accepted for line in follower.trace.records)
-            if plan.finished and kept and not hard:
+            branch_result = solved or plan.result
+            polished = replace(polished, status=branch_result.status, word=branch_result.word)
+            stays_close = solved is not None and not lower(solved, polished, _DIVERGED)
+            outcome = RouteResult(polished, nlp, stays_close, follower.trace, solved)
+            best = better(best, outcome)
+            was_hard = any(line.label == "t" and not line.accepted for line in follower.trace.records)
+            if plan.finished and stays_close and not was_hard:
                 break
         assert best is not None
         return best
@@ -210,11 +210,11 @@ class ExactShooting(Route):
             within = Homotopy(barrier.nlp_of, barrier.solver, barrier.values, follower.progress, follower.trace)
             yield polisher.follow(within, barrier.path()[1], first)
 
-    def invert(self, session: Session, found: RouteResult, plan: Rollout, gains: Gains | None) -> tuple[NLP, Point]:
+    def invert(self, session: Session, outcome: RouteResult, plan: Rollout, gains: Gains | None) -> tuple[NLP, Point]:
         """The same plan on its branch of the complementarity problem, where it was solved."""
-        if found.on_branch is None:
-            return super().invert(session, found, plan, gains)
-        return session.judging_nlp(), found.on_branch.point
+        if outcome.on_branch is None:
+            return super().invert(session, outcome, plan, gains)
+        return session.judging_nlp(), outcome.on_branch.point
 
 
 class LawPath(Route):
@@ -230,22 +230,22 @@ class LawPath(Route):
         """Follow the path, and solve at its end from the exact law's answer too."""
         nlp, (schedule, path) = session.nlp_of("product"), session.path()
         value = session.values[schedule.parameter] if schedule else 0.0
-        found = follower.follow(path, session.first_point(nlp, start.guess))
+        outcome = follower.follow(path, session.first_point(nlp, start.guess))
         if len(path.values) > 1 and session.step.branches == 1:
-            exact = _by_helper(session.helper(Exact(), Direct()), follower, start.guess)
-            if exact.finished:
-                x = translate(exact.result.point, exact.nlp, found.nlp).x
-                below = from_exact(follower, found.nlp, x, schedule, value)
-                if below is not None and (not found.finished or lower(below, found.result)):
-                    found = replace(found, result=below, finished=True)
-        return found
+            exact_outcome = _by_helper(session.helper(Exact(), Direct()), follower, start.guess)
+            if exact_outcome.finished:
+                x = translate(exact_outcome.result.point, exact_outcome.nlp, outcome.nlp).x
+                from_exact_result = from_exact(follower, outcome.nlp, x, schedule, value)
+                if from_exact_result is not None and (not outcome.finished or lower(from_exact_result, outcome.result)):
+                    outcome = replace(outcome, result=from_exact_result, finished=True)
+        return outcome
 
 
 def _by_helper(helper: Session, follower: Homotopy, guess: InitialGuess | None) -> RouteResult:
     """Solve by a helping session, whose table and work are added to the follower's."""
-    found = helper.solve(guess=guess, progress=follower.progress)
-    follower.trace.absorb(found.trace)
-    return found
+    outcome = helper.solve(guess=guess, progress=follower.progress)
+    follower.trace.absorb(outcome.trace)
+    return outcome
 
 
 ROUTES: tuple[Route, ...] = (WarmStart(), Complementarity(), ExactShooting(), LawPath())

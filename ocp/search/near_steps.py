@@ -42,7 +42,9 @@ class NearSteps:
         self.curved = not ca.is_linear(system.gap, system.lam)
         width = max(map(len, self.owners))
         # Contacts with fewer pairs repeat their last, which a mask leaves out.
-        self.rows = np.array([[*own, *[own[-1]] * (width - len(own))] for own in self.owners])
+        self.rows = np.array(
+            [[*contact_rows, *[contact_rows[-1]] * (width - len(contact_rows))] for contact_rows in self.owners]
+        )
         self.real = np.array([[True] * len(o) + [False] * (width - len(o)) for o in self.owners])
         symbols = [system.x, system.u, system.x_next, system.lam, problem.parameters.vector]
         jac = ca.jacobian
@@ -62,24 +64,24 @@ class NearSteps:
         """The next states (S, nx), multipliers and gaps (S, nlam) of all pairs."""
         S, zeros = len(x), np.zeros((len(x), self.n))
         residual, by_state, by_lam = self._once(x, u, np.zeros_like(x), zeros, self.p)
-        moved = np.linalg.inv(by_state)
-        a = -(moved @ residual)[:, :, 0]
-        B = -moved @ by_lam
+        inverse = np.linalg.inv(by_state)
+        a = -(inverse @ residual)[:, :, 0]
+        B = -inverse @ by_lam
         phi = np.asarray(self._distance(x, self.p))[:, : len(self.owners)]
-        near = np.argsort(phi, axis=1, kind="stable")[:, :_NEAR]
+        near_contacts = np.argsort(phi, axis=1, kind="stable")[:, :_NEAR]
         always = np.arange(phi.shape[1], len(self.owners))
-        near = np.column_stack([near, np.tile(always, (S, 1))])
-        rows, real = self.rows[near].reshape(S, -1), self.real[near].reshape(S, -1)
-        x_next, left, near_lam = x.copy(), np.arange(S), np.zeros(rows.shape)
+        near_contacts = np.column_stack([near_contacts, np.tile(always, (S, 1))])
+        rows, real = self.rows[near_contacts].reshape(S, -1), self.real[near_contacts].reshape(S, -1)
+        x_next, unsolved, near_lam = x.copy(), np.arange(S), np.zeros(rows.shape)
         for _ in range(_LINEARISATIONS):
-            some = x[left], u[left], x_next[left], near_lam[left]
-            there, lam = self._linearised(*some, a[left], B[left], rows[left], real[left])
-            off = np.abs(there - x_next[left]).max(axis=1)
+            iterate = x[unsolved], u[unsolved], x_next[unsolved], near_lam[unsolved]
+            linearised_next, lam = self._linearised(*iterate, a[unsolved], B[unsolved], rows[unsolved], real[unsolved])
+            change = np.abs(linearised_next - x_next[unsolved]).max(axis=1)
             if self.curved:
-                off = np.maximum(off, np.abs(lam - near_lam[left]).max(axis=1))
-            x_next[left], near_lam[left] = there, np.where(np.isfinite(lam), lam, 0.0)
-            left = left[~(off < _SOLVED) & np.isfinite(off)]
-            if not len(left):
+                change = np.maximum(change, np.abs(lam - near_lam[unsolved]).max(axis=1))
+            x_next[unsolved], near_lam[unsolved] = linearised_next, np.where(np.isfinite(lam), lam, 0.0)
+            unsolved = unsolved[~(change < _SOLVED) & np.isfinite(change)]
+            if not len(unsolved):
                 break
         lam, (s, k) = zeros, np.nonzero(real)
         lam[s, rows[s, k]] = near_lam[s, k] * self.of_lam[rows[s, k]]
@@ -87,13 +89,13 @@ class NearSteps:
         for slip, sides in self.slips:
             # A contact without an impulse leaves its slip open above what the motion asks for: one
             # that is larger makes no pair of its own (0, 0).
-            more = np.maximum(0.0, self.of_lam[slip] - gap[:, sides].min(axis=1))
-            more[lam[:, sides].max(axis=1) > _LOOSE * self.of_gap[slip]] = 0.0
-            lam[:, slip] += more
-            gap[:, sides] += more[:, None]
-        normal = np.array([own[0] for own in self.owners])
+            extra_slip = np.maximum(0.0, self.of_lam[slip] - gap[:, sides].min(axis=1))
+            extra_slip[lam[:, sides].max(axis=1) > _LOOSE * self.of_gap[slip]] = 0.0
+            lam[:, slip] += extra_slip
+            gap[:, sides] += extra_slip[:, None]
+        normal = np.array([rows_of_contact[0] for rows_of_contact in self.owners])
         x_next[(gap[:, normal] / self.of_gap[normal] < -_DEEP).any(axis=1)] = np.nan
-        x_next[left] = np.nan
+        x_next[unsolved] = np.nan
         return x_next, lam, gap
 
     def _linearised(
@@ -109,21 +111,21 @@ class NearSteps:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Next states (S, nx) with the gaps expanded ``at`` (S, nx) and ``near`` (S, rows), and
         the multipliers."""
-        here = np.arange(len(x))[:, None]
-        last = np.zeros((len(x), self.n))
+        sample_index = np.arange(len(x))[:, None]
+        full_lam = np.zeros((len(x), self.n))
         s, k = np.nonzero(real)
-        last[s, rows[s, k]] = near[s, k] * self.of_lam[rows[s, k]]
-        gap, by_state, by_lam = self._along(x, u, at, last, self.p)
+        full_lam[s, rows[s, k]] = near[s, k] * self.of_lam[rows[s, k]]
+        gap, by_state, by_lam = self._along(x, u, at, full_lam, self.p)
         units, sizes = self.of_gap[rows], self.of_lam[rows]
-        slope = by_state[here, rows]
+        slope = by_state[sample_index, rows]
         B_near = np.take_along_axis(B, rows[:, None, :], axis=2) * sizes[:, None, :]
-        z = gap[here, rows, 0] + np.einsum("sij,sj->si", slope, a - at)
-        by_lam = by_lam[here[:, :, None], rows[:, :, None], rows[:, None, :]]
+        z = gap[sample_index, rows, 0] + np.einsum("sij,sj->si", slope, a - at)
+        by_lam = by_lam[sample_index[:, :, None], rows[:, :, None], rows[:, None, :]]
         by_lam = np.where(real[:, None, :], by_lam * sizes[:, None, :], 0.0)
         z -= np.einsum("sij,sj->si", by_lam, near)
         F = slope @ B_near + by_lam
-        both = real[:, :, None] & real[:, None, :]
-        lam = linear_complementarity(np.where(both, F / units[:, :, None], 0.0), z / units, real)
+        real_pairs = real[:, :, None] & real[:, None, :]
+        lam = linear_complementarity(np.where(real_pairs, F / units[:, :, None], 0.0), z / units, real)
         return a + np.einsum("sij,sj->si", B_near, lam), lam
 
 
@@ -134,26 +136,28 @@ def linear_complementarity(F: np.ndarray, z: np.ndarray, real: np.ndarray) -> np
     """
     lam = np.where(real, 1.0, 0.0)
     slack = np.maximum(z + (F @ lam[:, :, None])[:, :, 0], 1.0)
-    answer, left = np.full(z.shape, np.nan), np.arange(len(z))
+    answer, unsolved = np.full(z.shape, np.nan), np.arange(len(z))
     for _ in range(_ITERATIONS):
-        m, s, own, matrix = lam[left], slack[left], real[left], F[left]
-        off = np.where(own, z[left] + (matrix @ m[:, :, None])[:, :, 0] - s, 0.0)
-        product = np.where(own, m * s, 0.0)
-        ended = (np.abs(off).max(axis=1) < _SOLVED) & (product.max(axis=1) < 1e-8)
-        answer[left[ended]] = m[ended]
-        if (ended | ~np.isfinite(m).all(axis=1)).all():
+        m, s, is_real, matrix = lam[unsolved], slack[unsolved], real[unsolved], F[unsolved]
+        residual = np.where(is_real, z[unsolved] + (matrix @ m[:, :, None])[:, :, 0] - s, 0.0)
+        product = np.where(is_real, m * s, 0.0)
+        solved = (np.abs(residual).max(axis=1) < _SOLVED) & (product.max(axis=1) < 1e-8)
+        answer[unsolved[solved]] = m[solved]
+        if (solved | ~np.isfinite(m).all(axis=1)).all():
             break
-        keep = ~ended & np.isfinite(m).all(axis=1)
-        left, m, s, own, matrix, off, product = (part[keep] for part in (left, m, s, own, matrix, off, product))
-        count = np.maximum(own.sum(axis=1), 1)[:, None]
+        keep = ~solved & np.isfinite(m).all(axis=1)
+        unsolved, m, s, is_real, matrix, residual, product = (
+            array[keep] for array in (unsolved, m, s, is_real, matrix, residual, product)
+        )
+        count = np.maximum(is_real.sum(axis=1), 1)[:, None]
         mean = product.sum(axis=1)[:, None] / count
-        dl, ds = _direction(m, s, matrix, off, np.zeros_like(mean), own)
-        step = _to_edge(m, dl, s, ds, own)
-        ahead = np.where(own, (m + step * dl) * (s + step * ds), 0).sum(axis=1)[:, None] / count
+        dl, ds = _direction(m, s, matrix, residual, np.zeros_like(mean), is_real)
+        step = _to_edge(m, dl, s, ds, is_real)
+        ahead = np.where(is_real, (m + step * dl) * (s + step * ds), 0).sum(axis=1)[:, None] / count
         mu = mean * np.clip((ahead / mean) ** 3, 1e-6, 1.0)
-        dl, ds = _direction(m, s, matrix, off, mu - dl * ds, own)
-        step = _to_edge(m, dl, s, ds, own)
-        lam[left], slack[left] = m + step * dl, s + step * ds
+        dl, ds = _direction(m, s, matrix, residual, mu - dl * ds, is_real)
+        step = _to_edge(m, dl, s, ds, is_real)
+        lam[unsolved], slack[unsolved] = m + step * dl, s + step * ds
     return answer
 
 
@@ -161,26 +165,26 @@ def _direction(
     lam: np.ndarray,
     slack: np.ndarray,
     F: np.ndarray,
-    off: np.ndarray,
+    residual: np.ndarray,
     mu: np.ndarray,
-    own: np.ndarray,
+    is_real: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Newton's direction of multipliers and gaps, (S, n) each."""
     matrix, n = F.copy(), np.arange(lam.shape[1])
-    safe = np.where(own, lam, 1.0)
-    matrix[:, n, n] += np.where(own, slack / safe + _LEAST, 1.0)
-    right = np.where(own, mu / safe - slack - off, 0.0)
+    safe = np.where(is_real, lam, 1.0)
+    matrix[:, n, n] += np.where(is_real, slack / safe + _LEAST, 1.0)
+    right = np.where(is_real, mu / safe - slack - residual, 0.0)
     try:
         dl = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:
         # One singular matrix ends the solve of all: only that state is lost.
-        whole = np.linalg.cond(matrix) < 1 / np.finfo(float).eps
+        regular = np.linalg.cond(matrix) < 1 / np.finfo(float).eps
         dl = np.full(lam.shape, np.nan)
-        dl[whole] = np.linalg.solve(matrix[whole], right[whole][:, :, None])[:, :, 0]
-    return dl, np.where(own, (F @ dl[:, :, None])[:, :, 0] + off, 0.0)
+        dl[regular] = np.linalg.solve(matrix[regular], right[regular][:, :, None])[:, :, 0]
+    return dl, np.where(is_real, (F @ dl[:, :, None])[:, :, 0] + residual, 0.0)
 
 
-def _to_edge(lam: np.ndarray, dl: np.ndarray, slack: np.ndarray, ds: np.ndarray, own: np.ndarray) -> np.ndarray:
+def _to_edge(lam: np.ndarray, dl: np.ndarray, slack: np.ndarray, ds: np.ndarray, is_real: np.ndarray) -> np.ndarray:
     """Longest step (S, 1), at most 1, that keeps both positive."""
-    down = [np.where(own & (d < 0), -v / np.where(d < 0, d, -1), np.inf) for v, d in ((lam, dl), (slack, ds))]
-    return np.minimum(1.0, _TO_EDGE * np.minimum(*down).min(axis=1))[:, None]
+    edge_steps = [np.where(is_real & (d < 0), -v / np.where(d < 0, d, -1), np.inf) for v, d in ((lam, dl), (slack, ds))]
+    return np.minimum(1.0, _TO_EDGE * np.minimum(*edge_steps).min(axis=1))[:, None]

@@ -47,22 +47,22 @@ def check_search(session: Session) -> None:
         raise InputError("the search plans inputs, no feedback gains; leave --search out")
 
 
-def through(found: Solution) -> bool:
+def through(solution: Solution) -> bool:
     """Whether the plan passes through anything between nodes, as far as the referee tolerates."""
-    worst, depth = found.referee.between, PENETRATION_SHARE * found.problem.scales.gap
-    return worst is not None and worst.amount > depth
+    deepest, depth = solution.referee.between, PENETRATION_SHARE * solution.problem.scales.gap
+    return deepest is not None and deepest.amount > depth
 
 
-def falls_short(found: Solution) -> bool:
+def falls_short(solution: Solution) -> bool:
     """Whether a scene's answer is not to be trusted, or idles.
 
     That is one without a certificate, one that does not survive the referee, and one that costs
     more than :data:`IDLE_SHARE` of standing still.
     """
-    constant = Evaluation(found.problem, found.values).least_cost
-    idling = found.idle_cost - constant
-    idle = idling > 0 and found.cost - constant > IDLE_SHARE * idling
-    return bool(idle or not found.certificate.certified or found.referee.survives is False)
+    constant = Evaluation(solution.problem, solution.values).least_cost
+    idling = solution.idle_cost - constant
+    idle = idling > 0 and solution.cost - constant > IDLE_SHARE * idling
+    return bool(idle or not solution.certificate.certified or solution.referee.survives is False)
 
 
 @dataclass
@@ -79,7 +79,7 @@ class PushSearch:
     progress: Progress | None = None
     report: SearchReport | None = None
 
-    def solutions(self, found: Solution | None = None) -> Iterator[Solution]:
+    def solutions(self, answer: Solution | None = None) -> Iterator[Solution]:
         """Answers of the usual path with the way between nodes swept, then those of pushes.
 
         What was ``found`` is where that path starts; where it passes through nothing, or where
@@ -88,14 +88,14 @@ class PushSearch:
         are guesses of the law's own route.
         """
         swept, few = as_swept(self.session), self.session.problem.system.nlam <= _MANY
-        moving = found is not None and found.status is not Status.NO_PROGRESS and through(found)
-        if moving or (found is None and few):
+        moving = answer is not None and answer.status is not Status.NO_PROGRESS and through(answer)
+        if moving or (answer is None and few):
             guess = None
-            if found is not None:
-                guess = found.data["x"].values[0], found.data["u"].values[0]
-            again = self.judge(swept, swept.solve(guess=guess, progress=self.progress), self.seed)
-            yield again.with_route(swept=True)
-            if found is not None and not falls_short(again):
+            if answer is not None:
+                guess = answer.data["x"].values[0], answer.data["u"].values[0]
+            swept_solution = self.judge(swept, swept.solve(guess=guess, progress=self.progress), self.seed)
+            yield swept_solution.with_route(swept=True)
+            if answer is not None and not falls_short(swept_solution):
                 return
         if searchable(swept.problem):
             yield from self._pushed(swept)
@@ -116,9 +116,9 @@ class PushSearch:
         plain = session.problem.scenarios.n == 1 and not isinstance(session.policy, Feedback)
         return session.search is None and session.complementary and plain
 
-    def wanted(self, found: Solution) -> bool:
+    def wanted(self, solution: Solution) -> bool:
         """Whether the default route goes on to search after an answer that falls short."""
-        return self._own and falls_short(found)
+        return self._own and falls_short(solution)
 
     def _pushed(self, swept: Session) -> Iterator[Solution]:
         tree = TouchSearch(swept.problem, swept.values, self.seed)
@@ -131,18 +131,18 @@ class PushSearch:
         plans = [plan for node in nodes[:CANDIDATES] if (plan := tree.rollout(tree.whole(node))) is not None]
         plans.sort(key=lambda plan: plan.cost)
         # The best few first: those that follow are solved only where none of these survives.
-        for first in (slice(0, _FIRST), slice(_FIRST, None)):
-            good = False
-            for plan, found in self._solved(swept, tree, plans[first]):
+        for batch in (slice(0, _FIRST), slice(_FIRST, None)):
+            is_good = False
+            for plan, solution in self._solved(swept, tree, plans[batch]):
                 pushers = plan.x[0, :, -swept.problem.system.nu :].tolist()
-                survives = found.referee.survives
-                tried = SearchedPlan(plan.cost, found.cost, found.status.label, survives, pushers)
+                survives = solution.referee.survives
+                tried = SearchedPlan(plan.cost, solution.cost, solution.status.label, survives, pushers)
                 self.report.plans.append(tried)
-                yield found.with_route(swept=True)
-                good = bool(found.certificate.certified and found.referee.survives)
-                if good:
+                yield solution.with_route(swept=True)
+                is_good = bool(solution.certificate.certified and solution.referee.survives)
+                if is_good:
                     break
-            if good:
+            if is_good:
                 break
 
     def _solved(self, swept: Session, tree: TouchSearch, plans: list[Rollout]) -> Iterator[tuple[Rollout, Solution]]:
@@ -158,11 +158,11 @@ class PushSearch:
         follower = Homotopy(swept.nlp_of, swept.solver, swept.values, self.progress)
         branches = Branches(follower)
         ends = [(plan, *end) for plan in plans if (end := self._settled(branches, tree, plan)) is not None]
-        for plan, end, _ in sorted(ends, key=lambda one: (one[2] > _SAME, one[1].f)):
+        for plan, end, _ in sorted(ends, key=lambda candidate: (candidate[2] > _SAME, candidate[1].f)):
             best = branches.improve(end)
-            found = self._judged(swept, branches, best)
-            yield plan, found
-            if found.referee.survives is False and best is not end:
+            solution = self._judged(swept, branches, best)
+            yield plan, solution
+            if solution.referee.survives is False and best is not end:
                 yield plan, self._judged(swept, branches, end)
 
     def _settled(self, branches: Branches, tree: TouchSearch, plan: Rollout) -> tuple[Result, float] | None:
@@ -170,22 +170,22 @@ class PushSearch:
 
         With it, by how much the states of its replay differ, in characteristic sizes.
         """
-        found, program = None, branches.program
+        best_end, program = None, branches.program
         for _ in range(_REPLAYS):
             point = Point(pack_rollout(program, plan, None))
             end = branches.solve_branch(point, ITERATIONS)
             if end is None:
                 break
             blocks = program.variables.unpack(end.point.x)
-            again = tree.rollout(blocks["u"][0])
-            if again is None:
-                found = found or (end, np.inf)
+            replay = tree.rollout(blocks["u"][0])
+            if replay is None:
+                best_end = best_end or (end, np.inf)
                 break
-            off = np.abs(again.x[0, 1:] - blocks["x"][0]) / tree.problem.scales.x
-            found, plan = (end, float(off.max())), again
-            if off.max() < _SAME:
+            state_gap = np.abs(replay.x[0, 1:] - blocks["x"][0]) / tree.problem.scales.x
+            best_end, plan = (end, float(state_gap.max())), replay
+            if state_gap.max() < _SAME:
                 break
-        return found
+        return best_end
 
     def _judged(self, swept: Session, branches: Branches, end: Result) -> Solution:
         """Judge an answer; the work so far counts as its own."""

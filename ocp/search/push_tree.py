@@ -83,8 +83,8 @@ class TouchSearch:
         system = self.problem.system
         assert system.phi is not None
         J = ca.densify(ca.jacobian(system.phi, system.x)[:, -system.nu :])
-        made = ca.Function("slope", [system.x, self.problem.parameters.vector], [ca.vec(J.T)])
-        batch = BatchFunction(made, backend="numpy")
+        distance_slope = ca.Function("slope", [system.x, self.problem.parameters.vector], [ca.vec(J.T)])
+        batch = BatchFunction(distance_slope, backend="numpy")
         return lambda x: np.asarray(batch(x, self.evaluation.p)).reshape(len(x), -1, system.nu)
 
     @cached_property
@@ -93,9 +93,9 @@ class TouchSearch:
         system = self.problem.system
         assert system.phi is not None
         by = np.array(ca.DM(ca.jacobian(system.phi, system.x).sparsity(), 1).full(), dtype=bool)
-        own = by[:, -system.nu :]
-        both = np.flatnonzero(by[:, : -system.nu].any(axis=1) & own.any(axis=1))
-        return [(int(i), np.flatnonzero(own[i])) for i in both]
+        coordinates = by[:, -system.nu :]
+        touches = np.flatnonzero(by[:, : -system.nu].any(axis=1) & coordinates.any(axis=1))
+        return [(int(i), np.flatnonzero(coordinates[i])) for i in touches]
 
     @cached_property
     def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -104,42 +104,42 @@ class TouchSearch:
 
     def first(self) -> Node:
         """The start, where everything stands still."""
-        x0, before = (np.array(v).ravel() for v in self.problem.limits(self.evaluation.p)[:2])
+        x0, u_before = (np.array(v).ravel() for v in self.problem.limits(self.evaluation.p)[:2])
         resting = self._resting(x0[None], np.zeros(1))[0]
-        return Node(x0[None], np.zeros((0, before.size)), 0.0, resting)
+        return Node(x0[None], np.zeros((0, u_before.size)), 0.0, resting)
 
     def rounds(self, rounds: int = _ROUNDS) -> Iterator[list[Node]]:
         """After every round the plans so far, the cheapest first; their last inputs are held."""
         beam = [self.first()]
-        found = list(beam)
+        pushed_nodes = list(beam)
         for _ in range(rounds):
             grown = self.pushed(beam)
-            found += grown
+            pushed_nodes += grown
             open_ended = [n for n in (*grown, *beam) if len(n.u) < self.problem.N - 1]
             beam = self._apart(sorted(open_ended, key=lambda n: n.resting), _BEAM)
-            yield self._apart(sorted(found, key=lambda n: n.resting), _BEAM)
+            yield self._apart(sorted(pushed_nodes, key=lambda n: n.resting), _BEAM)
             if not beam:
                 break
 
     def _apart(self, nodes: list[Node], most: int) -> list[Node]:
         """The first of those whose bodies end in other places."""
         free, sizes = slice(0, -self.problem.system.nu), self.problem.scales.x
-        kept: list[Node] = []
+        distinct: list[Node] = []
         for node in nodes:
-            ends = [np.abs((node.x[-1] - other.x[-1]) / sizes)[free].max() for other in kept]
-            if len(kept) < most and min(ends, default=np.inf) > 0.05:
-                kept.append(node)
-        return kept
+            ends = [np.abs((node.x[-1] - other.x[-1]) / sizes)[free].max() for other in distinct]
+            if len(distinct) < most and min(ends, default=np.inf) > 0.05:
+                distinct.append(node)
+        return distinct
 
     def pushed(self, beam: list[Node]) -> list[Node]:
         """What follows from pushes of every state, of those that pass through no body."""
         plans: dict[int, list[tuple[Node, np.ndarray]]] = {}
         for node in beam:
-            before = node.u[-1] if len(node.u) else self._before
-            left = self.problem.N - len(node.u)
-            for way in self._ways(node.x[-1], before):
-                for steps in {left, min(left, max(2, left // 2))}:
-                    plans.setdefault(steps, []).append((node, self._timed(way, steps)))
+            u_before = node.u[-1] if len(node.u) else self._before
+            steps_left = self.problem.N - len(node.u)
+            for polyline in self._ways(node.x[-1], u_before):
+                for steps in {steps_left, min(steps_left, max(2, steps_left // 2))}:
+                    plans.setdefault(steps, []).append((node, self._timed(polyline, steps)))
         return [node for steps in sorted(plans) for node in self._rolled(plans[steps])]
 
     @property
@@ -148,113 +148,115 @@ class TouchSearch:
 
     def _ways(self, x: np.ndarray, before: np.ndarray) -> list[np.ndarray]:
         """Polylines (n, nu) of commands: round the bodies to a point that is touched, and on."""
-        found = []
-        for contact, own in self._pressed:
-            points = self._touching(x, contact, own)
+        polylines = []
+        for contact, coordinates in self._pressed:
+            points = self._touching(x, contact, coordinates)
             if not len(points):
                 continue
-            paths = self._paths(x, own, points)
+            paths = self._paths(x, coordinates, points)
             for point, path in zip(points, paths, strict=True):
                 if path is None:
                     continue
-                at = x.copy()
-                at[-self._nu :] = point
-                into = -self._slope(at[None])[0, contact]
-                ends = [self._through(point, into, own) for _ in range(_PUSHES)]
-                found += [np.vstack([before, *path, end]) for end in ends]
-        return found
+                touch_points = x.copy()
+                touch_points[-self._nu :] = point
+                into = -self._slope(touch_points[None])[0, contact]
+                ends = [self._through(point, into, coordinates) for _ in range(_PUSHES)]
+                polylines += [np.vstack([before, *path, end]) for end in ends]
+        return polylines
 
     def _through(self, point: np.ndarray, into: np.ndarray, own: np.ndarray) -> np.ndarray:
         """Return where a push from a point towards ``into`` is commanded to end."""
         size = float(self.problem.scales.x[-1])
         length = size * np.exp(self.rng.uniform(np.log(0.1), np.log(_REACH)))
-        way = into.copy()
+        polyline = into.copy()
         if len(own) == 2:
             angle = self.rng.normal(0, 0.35)
             c, s = np.cos(angle), np.sin(angle)
-            way[own] = np.array([[c, -s], [s, c]]) @ into[own]
-        return np.clip(point + length * way, *self._bounds)
+            polyline[own] = np.array([[c, -s], [s, c]]) @ into[own]
+        return np.clip(point + length * polyline, *self._bounds)
 
     def _touching(self, x: np.ndarray, contact: int, own: np.ndarray) -> np.ndarray:
         """Places (n, nu) of the pushers where one touches, by Newton's method from drawn ones."""
         sizes, nu = self.problem.scales, self._nu
-        at = np.repeat(x[None], 4 * _TOUCHES, axis=0)
-        drawn = self.rng.uniform(-_REACH, _REACH, (len(at), len(own)))
+        touch_states = np.repeat(x[None], 4 * _TOUCHES, axis=0)
+        sampled_places = self.rng.uniform(-_REACH, _REACH, (len(touch_states), len(own)))
         places = x.size - nu + own
-        nearest = at[:1].copy()
+        nearest = touch_states[:1].copy()
         self._newton(nearest, contact, places)
-        at[:, places] = nearest[0, places] + sizes.x[places] * drawn
-        self._newton(at, contact, places)
-        gap = self._distance(at)
-        inside = np.all(at[:, -nu:] >= self._bounds[0], axis=1)
-        inside &= np.all(at[:, -nu:] <= self._bounds[1], axis=1)
-        depends = np.abs(self._slope(at)).sum(axis=2) > 0
+        touch_states[:, places] = nearest[0, places] + sizes.x[places] * sampled_places
+        self._newton(touch_states, contact, places)
+        gap = self._distance(touch_states)
+        inside = np.all(touch_states[:, -nu:] >= self._bounds[0], axis=1)
+        inside &= np.all(touch_states[:, -nu:] <= self._bounds[1], axis=1)
+        depends = np.abs(self._slope(touch_states)).sum(axis=2) > 0
         clear = np.where(depends, gap, np.inf).min(axis=1) > -_TOUCHED * sizes.gap
-        good = inside & clear & (np.abs(gap[:, contact]) < _TOUCHED * sizes.gap)
-        return at[good][:_TOUCHES, -nu:]
+        is_touching = inside & clear & (np.abs(gap[:, contact]) < _TOUCHED * sizes.gap)
+        return touch_states[is_touching][:_TOUCHES, -nu:]
 
-    def _newton(self, at: np.ndarray, contact: int, places: np.ndarray) -> None:
+    def _newton(self, states: np.ndarray, contact: int, places: np.ndarray) -> None:
         for _ in range(_NEWTON):
-            gap, slope = self._distance(at)[:, contact], self._slope(at)[:, contact]
-            slope = slope[:, places - (at.shape[1] - self._nu)]
+            gap, slope = self._distance(states)[:, contact], self._slope(states)[:, contact]
+            slope = slope[:, places - (states.shape[1] - self._nu)]
             size = np.maximum((slope**2).sum(axis=1), 1e-9)
-            at[:, places] -= (gap / size)[:, None] * slope
+            states[:, places] -= (gap / size)[:, None] * slope
 
-    def _paths(self, x: np.ndarray, own: np.ndarray, goals: np.ndarray) -> list[list[np.ndarray] | None]:
+    def _paths(self, x: np.ndarray, coordinates: np.ndarray, goals: np.ndarray) -> list[list[np.ndarray] | None]:
         """Shortest ways of a pusher from x to each goal, by stops that are clear; None without."""
         nu, sizes = self._nu, self.problem.scales
         middle = np.vstack([x[-nu:], goals])
         low, high = middle.min(axis=0), middle.max(axis=0)
         stops = np.repeat(x[None, -nu:], _STOPS, axis=0)
         wide = 0.5 * sizes.x[-nu:]
-        stops[:, own] = self.rng.uniform((low - wide)[own], (high + wide)[own], (_STOPS, len(own)))
+        stops[:, coordinates] = self.rng.uniform(
+            (low - wide)[coordinates], (high + wide)[coordinates], (_STOPS, len(coordinates))
+        )
         # Steps back from every goal, as a pusher leaves and reaches a body along its normal.
-        back = self._outwards(x, np.vstack([x[None, -nu:], goals]), own)
-        every = np.vstack([x[None, -nu:], goals, back, stops])
-        states = np.repeat(x[None], len(every), axis=0)
-        states[:, -nu:] = every
+        steps_back = self._outwards(x, np.vstack([x[None, -nu:], goals]), coordinates)
+        all_places = np.vstack([x[None, -nu:], goals, steps_back, stops])
+        states = np.repeat(x[None], len(all_places), axis=0)
+        states[:, -nu:] = all_places
         depends = np.abs(self._slope(states)).sum(axis=(0, 2)) > 0
-        first, second = np.triu_indices(len(every), 1)
+        first, second = np.triu_indices(len(all_places), 1)
         shares = np.linspace(0, 1, _ALONG)[:, None, None]
-        along = every[first] * (1 - shares) + every[second] * shares
-        there = np.broadcast_to(x, (*along.shape[:2], x.size)).copy()
-        there[:, :, -nu:] = along
-        gap = self._distance(there.reshape(-1, x.size)).reshape(*along.shape[:2], -1)
-        least = gap[:, :, depends].min(axis=2)
-        ends = np.minimum(least[0], least[-1])
-        free = (least >= np.minimum(_CLEAR * sizes.gap, ends) - _TOUCHED * sizes.gap).all(axis=0)
+        way_points = all_places[first] * (1 - shares) + all_places[second] * shares
+        way_states = np.broadcast_to(x, (*way_points.shape[:2], x.size)).copy()
+        way_states[:, :, -nu:] = way_points
+        gap = self._distance(way_states.reshape(-1, x.size)).reshape(*way_points.shape[:2], -1)
+        smallest_gap = gap[:, :, depends].min(axis=2)
+        ends = np.minimum(smallest_gap[0], smallest_gap[-1])
+        free = (smallest_gap >= np.minimum(_CLEAR * sizes.gap, ends) - _TOUCHED * sizes.gap).all(axis=0)
         free &= ends > -2 * _TOUCHED * sizes.gap
-        length = np.linalg.norm(every[first] - every[second], axis=1)
-        graph = np.zeros((len(every), len(every)))
+        length = np.linalg.norm(all_places[first] - all_places[second], axis=1)
+        graph = np.zeros((len(all_places), len(all_places)))
         graph[first[free], second[free]] = np.maximum(length[free], 1e-12)
-        far, previous = dijkstra(graph, directed=False, indices=0, return_predecessors=True)
+        path_lengths, previous = dijkstra(graph, directed=False, indices=0, return_predecessors=True)
         paths: list[list[np.ndarray] | None] = []
         for goal in range(1, len(goals) + 1):
-            if not np.isfinite(far[goal]):
+            if not np.isfinite(path_lengths[goal]):
                 paths.append(None)
                 continue
             stop, path = goal, []
             while stop > 0:
-                path.insert(0, every[stop])
+                path.insert(0, all_places[stop])
                 stop = int(previous[stop])
             paths.append(path)
         return paths
 
     def _outwards(self, x: np.ndarray, places: np.ndarray, own: np.ndarray) -> np.ndarray:
         """Every place moved away from what is nearest to it."""
-        at = np.repeat(x[None], len(places), axis=0)
-        at[:, -self._nu :] = places
-        slope = self._slope(at)
-        gap = np.where(np.abs(slope).sum(axis=2) > 0, self._distance(at), np.inf)
-        nearest = slope[np.arange(len(at)), gap.argmin(axis=1)]
+        states = np.repeat(x[None], len(places), axis=0)
+        states[:, -self._nu :] = places
+        slope = self._slope(states)
+        gap = np.where(np.abs(slope).sum(axis=2) > 0, self._distance(states), np.inf)
+        nearest = slope[np.arange(len(states)), gap.argmin(axis=1)]
         return places + 1.5 * self.problem.scales.gap * nearest
 
-    def _timed(self, way: np.ndarray, steps: int) -> np.ndarray:
+    def _timed(self, polyline: np.ndarray, steps: int) -> np.ndarray:
         """Commands (steps, nu) that go along a polyline evenly."""
-        lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
-        gone = np.concatenate([[0.0], np.cumsum(lengths)])
-        at = gone[-1] * np.arange(1, steps + 1) / steps
-        return np.column_stack([np.interp(at, gone, column) for column in way.T])
+        lengths = np.linalg.norm(np.diff(polyline, axis=0), axis=1)
+        travelled = np.concatenate([[0.0], np.cumsum(lengths)])
+        arc_lengths = travelled[-1] * np.arange(1, steps + 1) / steps
+        return np.column_stack([np.interp(arc_lengths, travelled, column) for column in polyline.T])
 
     def _rolled(self, plans: Sequence[tuple[Node, np.ndarray]]) -> list[Node]:
         """Roll inputs (K, nu) on from nodes; those that fail or pass through a body are left."""
@@ -273,10 +275,10 @@ class TouchSearch:
         if not len(alive):
             return []
         chosen, x, u = [nodes[s] for s in alive], x[alive], u[alive]
-        before = np.array([n.u[-1] if len(n.u) else self._before for n in chosen])
-        cost = np.array([n.cost for n in chosen]) + self._stages(x, u, before)
-        gone = np.array([len(n.u) + K for n in chosen])
-        resting = cost + self._resting(x[:, -1], gone)
+        u_before = np.array([n.u[-1] if len(n.u) else self._before for n in chosen])
+        cost = np.array([n.cost for n in chosen]) + self._stages(x, u, u_before)
+        steps_done = np.array([len(n.u) + K for n in chosen])
+        resting = cost + self._resting(x[:, -1], steps_done)
         return [
             Node(np.vstack([n.x, x[s, 1:]]), np.vstack([n.u, u[s]]), cost[s], resting[s]) for s, n in enumerate(chosen)
         ]
@@ -287,8 +289,8 @@ class TouchSearch:
 
     def _cut(self, x: np.ndarray) -> np.ndarray:
         """Deepest penetration (S,) on the straight way between nodes."""
-        ways = [x[:, :-1] * (1 - s) + x[:, 1:] * s for s in SHARES]
-        gap = self._distance(np.concatenate(ways, axis=1).reshape(-1, x.shape[2]))
+        states_between = [x[:, :-1] * (1 - s) + x[:, 1:] * s for s in SHARES]
+        gap = self._distance(np.concatenate(states_between, axis=1).reshape(-1, x.shape[2]))
         gap = gap.reshape(len(x), len(SHARES) * (x.shape[1] - 1), gap.shape[-1])
         return -gap.min(axis=(1, 2), initial=np.inf)
 
@@ -305,10 +307,12 @@ class TouchSearch:
         """Penalty for violated path constraints: a cost's size for a characteristic length."""
         problem, system = self.problem, self.problem.system
         total = ca.SX(0)
-        for one in problem.path:
-            if one.name != SWEPT and not ca.depends_on(one.expression, system.lam):
-                off = ca.fmax(ca.fmax(one.lower - one.expression, one.expression - one.upper), 0)
-                total += ca.sumsqr(off)
+        for constraint in problem.path:
+            if constraint.name != SWEPT and not ca.depends_on(constraint.expression, system.lam):
+                violation = ca.fmax(
+                    ca.fmax(constraint.lower - constraint.expression, constraint.expression - constraint.upper), 0
+                )
+                total += ca.sumsqr(violation)
         total *= problem.scales.cost / float(problem.scales.x[-1]) ** 2
         symbols = [system.x, system.u, system.x_next, problem.parameters.vector]
         return ca.Function("over", symbols, [ca.densify(total)])
@@ -322,14 +326,14 @@ class TouchSearch:
     def rollout(self, inputs: np.ndarray) -> Rollout | None:
         """What inputs (N, nu) do under the model's own exact law; None where a step fails."""
         step = self.problem.exact_step
-        x, found = [self.first().x], []
+        x, contacts = [self.first().x], []
         for u in inputs:
             x_next, lam, gap = self._own.solved(x[-1], u[None])
             if not np.isfinite(x_next).all():
                 return None
             x.append(x_next)
-            found.append((lam, gap))
-        lam, gap = (np.array(part).transpose(1, 0, 2) for part in zip(*found, strict=True))
+            contacts.append((lam, gap))
+        lam, gap = (np.array(array).transpose(1, 0, 2) for array in zip(*contacts, strict=True))
         states = np.array(x).transpose(1, 0, 2)
         return Rollout.from_trajectories(self.evaluation, step, states, inputs[None], lam, gap)
 

@@ -47,35 +47,35 @@ def resolve_problem(
     """
     if hasattr(type(problem), "model_fields"):
         problem = load_plugin("problems").get(problem)
-    found = problem if isinstance(problem, Problem) else _source(problem)
-    for_problem, for_law = split_keywords(found, contact, params, contact_settings, keywords, solver)
-    if not isinstance(found, Problem):
-        return found.problem(for_problem), for_law
+    source = problem if isinstance(problem, Problem) else _source(problem)
+    for_problem, for_law = split_keywords(source, contact, params, contact_settings, keywords, solver)
+    if not isinstance(source, Problem):
+        return source.problem(for_problem), for_law
     if for_problem:
         raise InputError(
-            f"{', '.join(for_problem)} cannot be set: {found.name} is already built; give"
+            f"{', '.join(for_problem)} cannot be set: {source.name} is already built; give"
             " parameters to problems.get, or name the problem here"
         )
-    return found, for_law
+    return source, for_law
 
 
 def rebuilder(problem: ProblemLike) -> Callable[[Problem, dict[str, Any]], Problem]:
     """What makes a problem anew at other values by name, of the problem that was made of it."""
 
-    def build(made: Problem, turned: dict[str, Any]) -> Problem:
+    def build(built: Problem, changed_values: dict[str, Any]) -> Problem:
         if not isinstance(problem, Problem):
-            own = {name: turned.get(name, v) for name, v in made.origin.settings.items()}
-            known = zip(made.parameters.names, made.parameters.values.tolist(), strict=True)
-            return _source(problem).problem({**dict(known), **own, **turned})
-        settings = made.origin.settings
-        settings = {name: turned.get(name, value) for name, value in settings.items()}
-        return replace(made, N=turned["N"], origin=replace(made.origin, settings=settings))
+            built_settings = {name: changed_values.get(name, v) for name, v in built.origin.settings.items()}
+            built_values = zip(built.parameters.names, built.parameters.values.tolist(), strict=True)
+            return _source(problem).problem({**dict(built_values), **built_settings, **changed_values})
+        settings = built.origin.settings
+        settings = {name: changed_values.get(name, value) for name, value in settings.items()}
+        return replace(built, N=changed_values["N"], origin=replace(built.origin, settings=settings))
 
     return build
 
 
 def split_keywords(
-    found: Problem | ProblemSource,
+    source: Problem | ProblemSource,
     contact: ContactLaw | str,
     params: Mapping[str, Any] | None,
     contact_settings: Mapping[str, Any] | None,
@@ -83,18 +83,18 @@ def split_keywords(
     solver: str,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Parameters of the problem and settings of the law; raises as :func:`resolve_problem` does."""
-    takes = () if isinstance(found, Problem) else tuple(found.Params.model_fields)
+    takes = () if isinstance(source, Problem) else tuple(source.Params.model_fields)
     for_problem, for_law = dict(params or {}), dict(contact_settings or {})
     settings = law_settings(contact)
     for key, value in keywords.items():
         owned = (key in takes, key in settings)
         if all(owned):
             raise InputError(
-                f"{key} is a parameter of {found.name} and a setting of the {contact} law; say"
+                f"{key} is a parameter of {source.name} and a setting of the {contact} law; say"
                 f" params={{{key!r}: ...}} or contact_settings={{{key!r}: ...}}"
             )
         if not any(owned):
-            raise InputError(_unknown_keyword(key, found, contact, takes, settings, solver))
+            raise InputError(_unknown_keyword(key, source, contact, takes, settings, solver))
         target = for_problem if owned[0] else for_law
         if key in target:
             raise InputError(f"{key} is given twice; give it once")
@@ -111,9 +111,9 @@ def check_setting_names(settings: Mapping[str, Any], solver: str) -> None:
     for key in sorted(set(settings) - set(OWN)):
         bare = key.removeprefix("ipopt.")
         if not has_option(solver, bare):
-            known = [*OWN, *documented(solver)]
+            known_names = [*OWN, *documented(solver)]
             raise InputError(
-                f"unknown setting {key!r}{did_you_mean(bare, known)}; there are"
+                f"unknown setting {key!r}{did_you_mean(bare, known_names)}; there are"
                 f" {', '.join(OWN)}, policy.<name>, and the options of {solver}: list them with ocp"
                 f" settings and ocp settings {solver}"
             )
@@ -129,7 +129,7 @@ def _source(problem: ProblemSource | str | PathLike[str]) -> ProblemSource:
 
 def _unknown_keyword(
     key: str,
-    found: Problem | ProblemSource,
+    source: Problem | ProblemSource,
     contact: ContactLaw | str,
     takes: tuple[str, ...],
     settings: tuple[str, ...],
@@ -138,25 +138,25 @@ def _unknown_keyword(
     """Say where a keyword belongs that neither the problem nor the law has."""
     if key.startswith("policy") or key in OWN or has_option(solver, key):
         return f"{key} is not an argument of solve; use settings={{{key!r}: ...}}"
-    made = [
-        f"the {what} is already built; pass {key} to {how}"
-        for what, how, is_made in (
-            ("problem", "problems.get", isinstance(found, Problem)),
+    built_parts = [
+        f"the {part_name} is already built; pass {key} to {constructor}"
+        for part_name, constructor, is_made in (
+            ("problem", "problems.get", isinstance(source, Problem)),
             ("law", f"{type(contact).__name__}(...)", isinstance(contact, ContactLaw)),
         )
         if is_made
     ]
-    lists = [
+    accepted_names = [
         f"{owner} takes {', '.join(names) or 'none'}"
         for owner, names, is_made in (
             (f"the {contact} law", settings, isinstance(contact, ContactLaw)),
-            (found.name, takes, isinstance(found, Problem)),
+            (source.name, takes, isinstance(source, Problem)),
         )
         if not is_made
     ]
     return (
         f"solve has no argument {key!r}{did_you_mean(key, (*settings, *takes))};"
-        f" {'; '.join([*lists, *made])}{'' if isinstance(contact, ContactLaw) else laws_with(key)}"
+        f" {'; '.join([*accepted_names, *built_parts])}{'' if isinstance(contact, ContactLaw) else laws_with(key)}"
     )
 
 
@@ -188,19 +188,19 @@ class Settings:
 
     def given(self) -> dict[str, Any]:
         """The settings that differ from their defaults, and the solver's options, by name."""
-        usual = Settings()
-        own = {key: getattr(self, key) for key in OWN}
-        return {**{k: v for k, v in own.items() if v != getattr(usual, k)}, **self.options}
+        defaults = Settings()
+        own_settings = {key: getattr(self, key) for key in OWN}
+        return {**{k: v for k, v in own_settings.items() if v != getattr(defaults, k)}, **self.options}
 
     @classmethod
     def read(cls, raw: Mapping[str, Any]) -> Settings:
         """Read strings (or values) by key; raises :class:`~ocp.errors.InputError`."""
         types = get_type_hints(cls, include_extras=True)
-        own = {key: parse(f"setting {key}", raw[key], types[key]) for key in OWN if key in raw}
-        if "strategy" in own:
-            choose("strategy", own["strategy"], STRATEGIES)
+        own_settings = {key: parse(f"setting {key}", raw[key], types[key]) for key in OWN if key in raw}
+        if "strategy" in own_settings:
+            choose("strategy", own_settings["strategy"], STRATEGIES)
         options = {k.removeprefix("ipopt."): literal(v) for k, v in raw.items() if k not in OWN}
-        return cls(**own, options=options)
+        return cls(**own_settings, options=options)
 
 
 @dataclass(frozen=True)
@@ -215,14 +215,14 @@ class Setting:
 
 def declared(cls: type) -> list[Setting]:
     """Settings of a class: the arguments that make one and are ``Annotated`` with their meaning."""
-    found = []
+    settings = []
     for name, argument in inspect.signature(cls).parameters.items():
         hint = _hint(cls, name)
-        said = [word for word in getattr(hint, "__metadata__", ()) if isinstance(word, str)]
-        if said:
+        meanings = [word for word in getattr(hint, "__metadata__", ()) if isinstance(word, str)]
+        if meanings:
             default = None if argument.default is argument.empty else argument.default
-            found.append(Setting(name, _kind(hint), default, said[0]))
-    return found
+            settings.append(Setting(name, _kind(hint), default, meanings[0]))
+    return settings
 
 
 def _hint(cls: type, name: str) -> Any:
@@ -251,7 +251,7 @@ def literal(value: Any) -> Any:
     """Turn a word into an int, float or bool where it reads as one (:mod:`ocp.validation`)."""
     if not isinstance(value, str):
         return value
-    if (found := number(value)) is not None:
-        written = value.strip().lstrip("+-").isdigit()
-        return whole(value) if written else found
+    if (number_value := number(value)) is not None:
+        is_whole = value.strip().lstrip("+-").isdigit()
+        return whole(value) if is_whole else number_value
     return {"true": True, "false": False}.get(value.lower(), value)

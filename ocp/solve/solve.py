@@ -120,23 +120,23 @@ def solve(
     if guess is not None:
         if warm_start is not None:
             raise InputError("warm_start and guess both say where to begin; give one of them")
-        given = given_guess(guess, session.problem, session.values)
-        guessed = replace(session.problem, guess=lambda made, p: given)
+        guessed_trajectories = given_guess(guess, session.problem, session.values)
+        guessed = replace(session.problem, guess=lambda made, p: guessed_trajectories)
         session = replace(session, problem=guessed)
     if warm_start is not None and n_starts != 1:
         raise InputError("warm_start cannot be combined with several starts; leave n_starts at 1")
     if refine:
         divided_step(session.problem, session.values, 1)
     if warm_start is None:
-        found = solve_session(session, n_starts, seed, progress, rank_by)
+        solution = solve_session(session, n_starts, seed, progress, rank_by)
     else:
-        found = solve_from(session, warm_start, seed, progress)
-    return refine_from(session, found, rebuilder(problem), seed, progress) if refine else found
+        solution = solve_from(session, warm_start, seed, progress)
+    return refine_from(session, solution, rebuilder(problem), seed, progress) if refine else solution
 
 
 def refine_from(
     session: Session,
-    found: Solution,
+    solution: Solution,
     build: Callable[[Problem, dict[str, Any]], Problem],
     seed: int = 0,
     progress: Callable[[StageRecord], None] | None = None,
@@ -146,15 +146,15 @@ def refine_from(
     ``build`` makes the problem anew, of that one, at other values by name.
     """
 
-    def again(turned: dict[str, Any], start: Solution) -> Solution:
+    def again(changed_values: dict[str, Any], warm_start: Solution) -> Solution:
         compiled = StageCompiler() if session.compiled else None
-        rebuilt = replace(build(session.problem, turned), swept=found.problem.swept)
+        rebuilt = replace(build(session.problem, changed_values), swept=solution.problem.swept)
         finer = replace(session, problem=rebuilt, compiled=compiled)
-        values = {**session.values, **turned}
+        values = {**session.values, **changed_values}
         finer.values |= {name: v for name, v in values.items() if name in finer.values}
-        return solve_from(finer, start, seed, progress)
+        return solve_from(finer, warm_start, seed, progress)
 
-    return refine_step_size(found, again)
+    return refine_step_size(solution, again)
 
 
 def check_starts(n_starts: int, seed: int = 0, rank_by: str = "planned") -> None:
@@ -186,9 +186,9 @@ def solve_from(
             cold = session.solve(progress=watch, guess=guess)
             cold.trace.absorb(outcome.trace)
             outcome = cold
-        found = judge_outcome(session, outcome, seed)
+        solution = judge_outcome(session, outcome, seed)
     origin = start.run_hash or "a solution in memory"
-    return found.with_route(started_from=origin, resumed=resumed, swept=session.problem.swept)
+    return solution.with_route(started_from=origin, resumed=resumed, swept=session.problem.swept)
 
 
 def new_session(
@@ -208,48 +208,48 @@ def new_session(
     Raises :class:`~ocp.errors.InputError` for what cannot be, what would not fit into memory, and
     a setting that would change nothing.
     """
-    given = settings.given() if isinstance(settings, Settings) else settings or {}
-    for_policy, own = split_policy_settings(given)
-    made, for_law = resolve_problem(problem, contact, params, contact_settings, keywords, solver)
-    way = method_of(method)
-    check_setting_names(own, solver)
-    made_policy = policy_of(policy, for_policy)
-    law = closing_law(contact, for_law, made.system)
-    chosen = Settings.read(own)
+    raw_settings = settings.given() if isinstance(settings, Settings) else settings or {}
+    policy_values, own_settings = split_policy_settings(raw_settings)
+    built_problem, law_values = resolve_problem(problem, contact, params, contact_settings, keywords, solver)
+    transcription_method = method_of(method)
+    check_setting_names(own_settings, solver)
+    made_policy = policy_of(policy, policy_values)
+    law = closing_law(contact, law_values, built_problem.system)
+    read_settings = Settings.read(own_settings)
     with input_errors():
-        needed = solve_memory(made, made_policy, law)
-    several = f" and {made.scenarios.n} scenarios" if made.scenarios.n > 1 else ""
-    check_memory(f"{made.name} with N = {made.N}{several}", needed)
+        needed = solve_memory(built_problem, made_policy, law)
+    several = f" and {built_problem.scenarios.n} scenarios" if built_problem.scenarios.n > 1 else ""
+    check_memory(f"{built_problem.name} with N = {built_problem.N}{several}", needed)
     session = Session(
-        made,
+        built_problem,
         law,
-        way,
+        transcription_method,
         made_policy,
-        Solver(solver, chosen.options),
-        chosen.strategy,
-        chosen.homotopy,
-        chosen.factor,
-        chosen.homotopy_start,
-        compiled=StageCompiler() if chosen.jit else None,
+        Solver(solver, read_settings.options),
+        read_settings.strategy,
+        read_settings.homotopy,
+        read_settings.factor,
+        read_settings.homotopy_start,
+        compiled=StageCompiler() if read_settings.jit else None,
     )
-    _check_use(session, set(own))
+    _check_use(session, set(own_settings))
     return session
 
 
-def _check_use(session: Session, given: set[str]) -> None:
+def _check_use(session: Session, given_names: set[str]) -> None:
     """Raise InputError for a setting of ours that this law and method have no use for."""
-    followed = not session.step.exact and session.schedule() is not None
-    used = {"strategy"} if session.complementary else set()
-    if followed or (session.step.exact and not session.complementary):
-        used.add("homotopy")
-    if followed and session.homotopy is not False:
-        used |= {"factor", "homotopy_start"}
-    unused = sorted(given & {"strategy", "homotopy", "factor", "homotopy_start"} - used)
+    follows_path = not session.step.exact and session.schedule() is not None
+    useful = {"strategy"} if session.complementary else set()
+    if follows_path or (session.step.exact and not session.complementary):
+        useful.add("homotopy")
+    if follows_path and session.homotopy is not False:
+        useful |= {"factor", "homotopy_start"}
+    unused = sorted(given_names & {"strategy", "homotopy", "factor", "homotopy_start"} - useful)
     if unused:
-        instead = f"; {', '.join(sorted(used))} would" if used else ""
+        advice = f"; {', '.join(sorted(useful))} would" if useful else ""
         raise InputError(
             f"{' and '.join(unused)} would have no effect for the {session.law.name} law by"
-            f" {session.method.name}{instead}; drop {'it' if len(unused) == 1 else 'them'}"
+            f" {session.method.name}{advice}; drop {'it' if len(unused) == 1 else 'them'}"
         )
     # Now, so that a path of too many stages is refused before any work.
     _ = session.seconds
@@ -274,25 +274,25 @@ def solve_session(
     solutions: list[Solution] = []
     failures: list[Exception] = []
     pushes = _pushes(session, seed, progress)
-    tried = WAYS if n_starts == 1 else n_starts
-    guesses = initial_guesses(session.evaluation, tried, seed)
+    n_guesses = WAYS if n_starts == 1 else n_starts
+    guesses = initial_guesses(session.evaluation, n_guesses, seed)
     try:
         with interruptible():
             if pushes is not None and pushes.first:
                 with collect_failures(failures):
                     solutions += pushes.solutions()
             for number, guess in enumerate(guesses if not solutions else ()):
-                still = solutions and session.from_afar and _stands_still(solutions[-1])
-                if number >= n_starts and not still:
+                stands_still = solutions and session.from_afar and _stands_still(solutions[-1])
+                if number >= n_starts and not stands_still:
                     break
-                first = keep_best_on_interrupt(session, seed, progress)
-                watching = nullcontext(progress) if solutions else first
+                interruptible_start = keep_best_on_interrupt(session, seed, progress)
+                watching = nullcontext(progress) if solutions else interruptible_start
                 with collect_failures(failures), watching as watch:
                     outcome = session.solve(progress=watch, guess=guess, number=number)
                     solutions.append(judge_outcome(session, outcome, seed))
             if not solutions:
                 raise failures[0]
-            best = min(solutions, key=lambda found: rank(found, rank_by))
+            best = min(solutions, key=lambda solution: rank(solution, rank_by))
             if pushes is not None and not pushes.first and pushes.wanted(best):
                 with collect_failures(failures):
                     solutions += pushes.solutions(best)
@@ -314,8 +314,8 @@ def _pushes(session: Session, seed: int, progress: Callable[[StageRecord], None]
     return PushSearch(session, judge_outcome, seed, progress)
 
 
-def _stands_still(found: Solution) -> bool:
-    return found.status is Status.NO_PROGRESS and found.certificate.certified
+def _stands_still(solution: Solution) -> bool:
+    return solution.status is Status.NO_PROGRESS and solution.certificate.certified
 
 
 def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planned") -> Solution:
@@ -324,7 +324,7 @@ def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planne
     To stand still counts as one where it may, see :func:`credited`.
     """
     solutions = credited(session, solutions)
-    best = min(solutions, key=lambda found: rank(found, rank_by))
+    best = min(solutions, key=lambda solution: rank(solution, rank_by))
     attempts = [
         Attempt(
             start=index,
@@ -337,9 +337,9 @@ def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planne
         )
         for index, attempt in enumerate(solutions)
     ]
-    iterations = sum(found.iterations for found in solutions)
-    spent = {key: sum(getattr(found, key) for found in solutions) for key in ("solve_s", "evaluation_s")}
-    return replace(best, iterations=iterations, **spent).with_route(attempts=attempts)
+    iterations = sum(solution.iterations for solution in solutions)
+    total_seconds = {key: sum(getattr(solution, key) for solution in solutions) for key in ("solve_s", "evaluation_s")}
+    return replace(best, iterations=iterations, **total_seconds).with_route(attempts=attempts)
 
 
 def credited(session: Session, solutions: list[Solution]) -> list[Solution]:
@@ -348,25 +348,27 @@ def credited(session: Session, solutions: list[Solution]) -> list[Solution]:
     That is certified, costs no more than any feasible end, and is what was found by several ways
     that feel contact from afar. ``route.idle_attempts`` counts those with a certified end.
     """
-    ended = [one for one in solutions if one.status in _FEASIBLE and one.certificate.certified]
-    least = min((one.cost for one in solutions if one.status in _FEASIBLE), default=np.inf)
-    if len(ended) < 2 or not session.from_afar:
+    certified_solutions = [
+        solution for solution in solutions if solution.status in _FEASIBLE and solution.certificate.certified
+    ]
+    lowest_cost = min((solution.cost for solution in solutions if solution.status in _FEASIBLE), default=np.inf)
+    if len(certified_solutions) < 2 or not session.from_afar:
         return solutions
-    share = partial(session.evaluation.cost_share, cost=least)
+    cost_share = partial(session.evaluation.cost_share, cost=lowest_cost)
     return [
-        replace(one, status=Status.SOLVED).with_route(idle_attempts=len(ended))
-        if _stands_still(one) and not share(one.cost - least) > GAIN
-        else one
-        for one in solutions
+        replace(solution, status=Status.SOLVED).with_route(idle_attempts=len(certified_solutions))
+        if _stands_still(solution) and not cost_share(solution.cost - lowest_cost) > GAIN
+        else solution
+        for solution in solutions
     ]
 
 
-def rank(found: Solution, by: Rank = "planned") -> tuple[int, float]:
+def rank(solution: Solution, by: Rank = "planned") -> tuple[int, float]:
     """Order answers: certified ones first, then the others that are feasible, then by cost.
 
     Of a scene, answers that survive the referee come before all others.
     """
-    costs = {"planned": found.cost, "exact": found.audit.exact_cost, "referee": found.referee.cost}
+    costs = {"planned": solution.cost, "exact": solution.audit.exact_cost, "referee": solution.referee.cost}
     cost = costs[by]
-    lost = found.referee.survives is False and found.problem.system.scene
-    return _FEASIBLE.get(found.status, 3) + 4 * lost, cost if np.isfinite(cost) else np.inf
+    fails_referee = solution.referee.survives is False and solution.problem.system.scene
+    return _FEASIBLE.get(solution.status, 3) + 4 * fails_referee, cost if np.isfinite(cost) else np.inf

@@ -55,7 +55,7 @@ def multipliers(nlp: NLP, point: Point) -> dict[str, Any]:
     ``lam_g_<block>`` belong to constraints, ``lam_x_<block>`` to bounds; both are zero where
     nothing holds, positive at upper bounds. A point without multipliers has none.
     """
-    found: dict[str, Any] = {}
+    variables: dict[str, Any] = {}
     for prefix, vector, layout in (
         ("lam_g", point.lam_g, nlp.constraints),
         ("lam_x", point.lam_x, nlp.variables),
@@ -65,8 +65,8 @@ def multipliers(nlp: NLP, point: Point) -> dict[str, Any]:
         for name, values in layout.unpack(vector).items():
             if values.size:
                 dims = _dimensions(name, values.shape, nlp)
-                found[f"{prefix}_{name}"] = (dims, values, {"units": "cost per unit of the row"})
-    return found
+                variables[f"{prefix}_{name}"] = (dims, values, {"units": "cost per unit of the row"})
+    return variables
 
 
 def _dimensions(name: str, shape: tuple[int, ...], nlp: NLP) -> tuple[str, ...]:
@@ -103,13 +103,13 @@ class _Mesh:
         """Interpolate along an axis of intervals, ``first`` at time 0; hold beyond the ends."""
         if self.same or values.shape[axis] == 1:
             return values
-        moved, times = np.moveaxis(values, axis, 0), self.old
+        interval_values, times = np.moveaxis(values, axis, 0), self.old
         if first is not None:
             times = np.concatenate([[0.0], times])
-            moved = np.concatenate([np.broadcast_to(first, moved.shape[1:])[None], moved])
-        columns = moved.reshape(len(times), -1).T
-        found = np.stack([np.interp(self.new, times, column) for column in columns], axis=-1)
-        return np.moveaxis(found.reshape(-1, *moved.shape[1:]), 0, axis)
+            interval_values = np.concatenate([np.broadcast_to(first, interval_values.shape[1:])[None], interval_values])
+        columns = interval_values.reshape(len(times), -1).T
+        interpolated = np.stack([np.interp(self.new, times, column) for column in columns], axis=-1)
+        return np.moveaxis(interpolated.reshape(-1, *interval_values.shape[1:]), 0, axis)
 
 
 def carry(solution: Solution | Plan, nlp: NLP, values: dict[str, float]) -> Point:
@@ -148,19 +148,19 @@ GuessLike = Solution | xr.Dataset | tuple[ArrayLike, ArrayLike]
 """A solution or a run that was loaded, a dataset with x and u, or states and inputs."""
 
 
-def given_guess(given: GuessLike, problem: Problem, values: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+def given_guess(guess: GuessLike, problem: Problem, values: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
     """States (N+1, nx) and inputs (N, nu) of what a caller gives; of scenarios the first.
 
     Raises :class:`~ocp.errors.InputError` for other shapes, or what is not finite.
     """
-    if isinstance(given, Solution):
-        return carried_guess(given, problem, values)
-    if isinstance(given, xr.Dataset):
-        if missing := {"x", "u"} - set(given):
+    if isinstance(guess, Solution):
+        return carried_guess(guess, problem, values)
+    if isinstance(guess, xr.Dataset):
+        if missing := {"x", "u"} - set(guess):
             raise InputError(f"the guess has no {' and no '.join(sorted(missing))}; it needs both")
-        x, u = given["x"].values, given["u"].values
-        given = (x[0], u[0]) if x.ndim == 3 else (x, u)
-    return problem.checked_guess(given)
+        x, u = guess["x"].values, guess["u"].values
+        guess = (x[0], u[0]) if x.ndim == 3 else (x, u)
+    return problem.checked_guess(guess)
 
 
 def _check(solution: Solution | Plan, nlp: NLP) -> None:
@@ -173,16 +173,16 @@ def _check(solution: Solution | Plan, nlp: NLP) -> None:
             "the run to start from has NaN or infinite trajectories"
             f" ({getattr(solution.status, 'label', solution.status)}); start from a solved one"
         )
-    for what, dimension, signals in (
+    for kind, dimension, signals in (
         ("states", "state", system.states),
         ("inputs", "control", system.inputs),
     ):
-        there = [str(value) for value in solution.data[dimension].values]
-        here = [signal.name for signal in signals]
-        if there != here:
+        solution_names = [str(value) for value in solution.data[dimension].values]
+        problem_names = [signal.name for signal in signals]
+        if solution_names != problem_names:
             raise InputError(
-                f"the run to start from has {what} {', '.join(there)}, but {name} has"
-                f" {', '.join(here)} here; solve without --from, or with the run's parameters"
+                f"the run to start from has {kind} {', '.join(solution_names)}, but {name} has"
+                f" {', '.join(problem_names)} here; solve without --from, or with the run's parameters"
             )
 
 
@@ -191,11 +191,11 @@ def _contact_duals(lam: np.ndarray, gap: np.ndarray, lam_x: dict[str, np.ndarray
     # A fixed pair's smaller member is held at zero by a force of either sign. It equals the
     # product's multiplier times the larger member; a bound takes what pulls below zero.
     active = lam > gap
-    held = np.where(active, lam_x["gap"], lam_x["lam"])
-    pulled = np.maximum(held, 0.0) if exact else held
-    lam_x["gap"] = np.where(active, held - pulled, lam_x["gap"])
-    lam_x["lam"] = np.where(active, lam_x["lam"], held - pulled)
-    return pulled / np.maximum(np.where(active, lam, gap), _LEAST)
+    pair_forces = np.where(active, lam_x["gap"], lam_x["lam"])
+    product_forces = np.maximum(pair_forces, 0.0) if exact else pair_forces
+    lam_x["gap"] = np.where(active, pair_forces - product_forces, lam_x["gap"])
+    lam_x["lam"] = np.where(active, lam_x["lam"], pair_forces - product_forces)
+    return product_forces / np.maximum(np.where(active, lam, gap), _LEAST)
 
 
 class _Carrier:
@@ -219,11 +219,11 @@ class _Carrier:
 
     def first_states(self, rows: int) -> np.ndarray:
         """States x_0 (rows, 1, nx): the problem's, or the old ones where the start is chosen."""
-        given = self.evaluation.initial_states[:, None]
+        start_states = self.evaluation.initial_states[:, None]
         if self.problem.start is not None:
-            given = self.data["x"].values[:, :1].mean(axis=0, keepdims=True)
-            given[..., self.free_steps] *= self.mesh.ratio
-        return np.broadcast_to(given, (rows, *given.shape[1:]))
+            start_states = self.data["x"].values[:, :1].mean(axis=0, keepdims=True)
+            start_states[..., self.free_steps] *= self.mesh.ratio
+        return np.broadcast_to(start_states, (rows, *start_states.shape[1:]))
 
     def _scenarios(self, array: np.ndarray) -> np.ndarray:
         """As many rows as there are scenarios; where that changed, each the mean of the old."""
@@ -234,11 +234,11 @@ class _Carrier:
 
     def trajectories(self) -> tuple[np.ndarray, np.ndarray]:
         """States at the ends of intervals (S, N, nx) and inputs (S, N, nu)."""
-        mesh, problem, old = self.mesh, self.problem, self.data["x"].values
-        before = self.evaluation.limits.u_before if problem.uses_du else None
-        x = mesh.interpolate(old[:, 1:], 1, old[:, 0].mean(axis=0)).copy()
+        mesh, problem, old_states = self.mesh, self.problem, self.data["x"].values
+        u_before = self.evaluation.limits.u_before if problem.uses_du else None
+        x = mesh.interpolate(old_states[:, 1:], 1, old_states[:, 0].mean(axis=0)).copy()
         x[..., self.free_steps] *= mesh.ratio
-        u = mesh.interpolate(self.data["u"].values, 1, before) * self._sizes(problem.system.inputs)
+        u = mesh.interpolate(self.data["u"].values, 1, u_before) * self._sizes(problem.system.inputs)
         return self._scenarios(x), self._scenarios(u)
 
     def variables(self, nlp: NLP) -> dict[str, np.ndarray]:
@@ -263,8 +263,8 @@ class _Carrier:
         steps = nlp.variables["K"].shape[0]
         if "K" not in self.data:
             return {"k": u.mean(axis=0)[:steps]}
-        found = {name: self.mesh.interpolate(self.data[name].values, 0) for name in ("K", "k")}
-        return found if steps > 1 else {n: v.mean(axis=0, keepdims=True) for n, v in found.items()}
+        gains = {name: self.mesh.interpolate(self.data[name].values, 0) for name in ("K", "k")}
+        return gains if steps > 1 else {n: v.mean(axis=0, keepdims=True) for n, v in gains.items()}
 
     def _contacts(self, x: np.ndarray, u: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
         """Multipliers and gaps of all intervals (S, N, n)."""
@@ -297,33 +297,33 @@ class _Carrier:
 
     def duals(self, prefix: str, layout: Layout, method: str) -> dict[str, np.ndarray]:
         """Multipliers of the blocks that both sides have."""
-        found: dict[str, np.ndarray] = {}
+        duals: dict[str, np.ndarray] = {}
         same_method = self.solution.record.get("method") == method
         for name, block in layout.blocks.items():
             key = f"{prefix}_{name}"
             if key not in self.data or (name == "dynamics" and not same_method):
                 continue
-            old = self.data[key].values
-            if not np.isfinite(old).all():
+            old_values = self.data[key].values
+            if not np.isfinite(old_values).all():
                 return {}
-            if old.shape[2:] != block.shape[2:] or old.ndim != len(block.shape):
+            if old_values.shape[2:] != block.shape[2:] or old_values.ndim != len(block.shape):
                 continue
-            moved = self._moved(name, old, block.shape[0])
-            if moved.shape == block.shape:
-                found[name] = moved
-        return found
+            new_values = self._moved(name, old_values, block.shape[0])
+            if new_values.shape == block.shape:
+                duals[name] = new_values
+        return duals
 
-    def _moved(self, name: str, old: np.ndarray, rows: int) -> np.ndarray:
-        gains = name in ("K", "k")
-        moved = old if name in _ONCE else self.mesh.interpolate(old, 0 if gains else 1)
-        if not gains and len(old) != rows:
+    def _moved(self, name: str, old_values: np.ndarray, rows: int) -> np.ndarray:
+        is_gain = name in ("K", "k")
+        new_values = old_values if name in _ONCE else self.mesh.interpolate(old_values, 0 if is_gain else 1)
+        if not is_gain and len(old_values) != rows:
             # The cost is a mean over scenarios, so each multiplier is its scenario's share.
-            share = moved.sum(axis=0, keepdims=True) / rows
-            moved = np.broadcast_to(share, (rows, *moved.shape[1:]))
+            scenario_share = new_values.sum(axis=0, keepdims=True) / rows
+            new_values = np.broadcast_to(scenario_share, (rows, *new_values.shape[1:]))
         if name in _ONCE:
-            return moved
+            return new_values
         if name not in _WHOLE and not self.mesh.same:
-            moved = moved * self.mesh.ratio
-        if name != "dynamics" and not gains:
-            moved = np.where(self.mesh.beyond[None, :, None], 0.0, moved)
-        return moved
+            new_values = new_values * self.mesh.ratio
+        if name != "dynamics" and not is_gain:
+            new_values = np.where(self.mesh.beyond[None, :, None], 0.0, new_values)
+        return new_values

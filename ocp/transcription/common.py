@@ -119,8 +119,8 @@ class Graph:
         if not self.feedback:
             return np.zeros((self.problem.N, 0), dtype=int)
         K = variables["K"].index.reshape(self.gain_steps, -1)
-        both = np.concatenate([K, variables["k"].index], axis=1)
-        return np.broadcast_to(both, (self.problem.N, both.shape[1]))
+        indices = np.concatenate([K, variables["k"].index], axis=1)
+        return np.broadcast_to(indices, (self.problem.N, indices.shape[1]))
 
     def picked(self, w: ca.SX, u: ca.SX) -> ca.Function:
         """Map a stage's locals ``w`` and all parameters to x, the input ``u`` and the step's p."""
@@ -128,19 +128,19 @@ class Graph:
 
     def hidden(self, w: ca.SX, u: ca.SX | None = None, make: Compile | None = None) -> Hidden:
         """What the step determines at a stage's locals ``w``, with ``u`` for the input."""
-        step, own = self.step, self.problem.system.u
+        step, input_symbol = self.step, self.problem.system.u
 
         def closed(*expressions: ca.SX) -> list[ca.SX]:
-            return list(expressions) if u is None else ca.substitute(list(expressions), [own], [u])
+            return list(expressions) if u is None else ca.substitute(list(expressions), [input_symbol], [u])
 
         if isinstance(step, LearnedStep):
             return Evaluated(step, closed(step.queries)[0], w, self.p)
         relation, jacobian = closed(step.differentiable_relation, step.relation_jacobian)
-        held = (step.held_mu[0], closed(step.held_mu[1])[0]) if step.held_mu else None
+        held_values = (step.held_mu[0], closed(step.held_mu[1])[0]) if step.held_mu else None
         local, p = ca.MX.sym("w", w.numel()), ca.MX.sym("p", self.p.numel())
-        solved = step.solve_inner(*self.picked(w, own if u is None else u)(local, p))
+        solved = step.solve_inner(*self.picked(w, input_symbol if u is None else u)(local, p))
         solve = ca.Function("contact_solve", [local, p], [solved], ["w", "p"], ["inner"])
-        return Implicit(step.inner, relation, jacobian, make(solve) if make else solve, held)
+        return Implicit(step.inner, relation, jacobian, make(solve) if make else solve, held_values)
 
     def component_names(self, kind: str) -> tuple[str, ...]:
         """Names of the states, inputs or contacts."""

@@ -57,15 +57,26 @@ def whole(
     constraints: Layout,
     interval: Stage,
     compiled: Compile | None,
-    **own: Any,
+    **nlp_fields: Any,
 ) -> NLP:
     """The NLP of its intervals, the end, periodicity and the penalty of gains."""
-    end = terminal_stage(graph, variables, constraints)
-    back = periodicity(graph, variables, constraints)
-    stages = [interval, end, *back, *gain_penalty(graph, variables)]
+    last_stage = terminal_stage(graph, variables, constraints)
+    periodic_stages = periodicity(graph, variables, constraints)
+    stages = [interval, last_stage, *periodic_stages, *gain_penalty(graph, variables)]
     data, n_p = graph.data(), len(graph.names)
-    made = assemble(stages, variables.size, data.size, constraints.size, n_p, compiled)
-    return NLP(graph.problem, graph.step, graph.policy, method, variables, constraints, graph.names, data, *made, **own)
+    functions = assemble(stages, variables.size, data.size, constraints.size, n_p, compiled)
+    return NLP(
+        graph.problem,
+        graph.step,
+        graph.policy,
+        method,
+        variables,
+        constraints,
+        graph.names,
+        data,
+        *functions,
+        **nlp_fields,
+    )
 
 
 def trajectory_variables(graph: Graph, pairs: bool) -> Layout:
@@ -118,15 +129,15 @@ def policy_constraint(graph: Graph) -> ca.SX:
 
 
 def add_rows(
-    constraints: Layout, parts: list[tuple[str, ca.SX, tuple[str, ...]]], S: int, N: int
+    constraints: Layout, blocks: list[tuple[str, ca.SX, tuple[str, ...]]], S: int, N: int
 ) -> tuple[ca.SX, np.ndarray]:
     """Name constraint blocks (S, N, size) and return their stack and rows (S N, total)."""
     rows = [
         constraints.add(name, (S, N, expression.numel()), components).index.reshape(S * N, -1)
-        for name, expression, components in parts
+        for name, expression, components in blocks
         if expression.numel()
     ]
-    stacked = ca.vertcat(ca.SX(0, 1), *(expression for _, expression, _ in parts))
+    stacked = ca.vertcat(ca.SX(0, 1), *(expression for _, expression, _ in blocks))
     return stacked, np.concatenate([np.zeros((S * N, 0), dtype=int), *rows], axis=1)
 
 
@@ -138,14 +149,14 @@ def _interval(graph: Graph, variables: Layout, constraints: Layout, reformulatio
     positions += [variables["lam"].index, variables["gap"].index]
     names = graph.component_names
     closed = closure_rows(reformulation, step.lam, gap, step.mu, graph.relaxation)
-    parts = [
+    blocks = [
         ("dynamics", step.residual, names("x")),
         ("gap_definition", step.gap - gap, names("lam")),
         *((name, row, names("lam")) for name, row in closed),
         ("policy", policy_constraint(graph), names("u")),
         ("path", graph.path_constraints(), constraint_names(graph.problem.path)),
     ]
-    expression, rows = add_rows(constraints, parts, S, N)
+    expression, rows = add_rows(constraints, blocks, S, N)
     cost = graph.stage_cost()
     if reformulation == "none":
         cost += graph.penalty * ca.dot(step.lam, gap)
@@ -158,12 +169,12 @@ def solved_interval(graph: Graph, variables: Layout, constraints: Layout, compil
     """Intervals whose step is solved inside: ``x_next = step(x, u)``, lam and gap no variables."""
     problem, S, N = graph.problem, graph.scenarios, graph.problem.N
     symbols, positions = interval_locals(graph, variables)
-    parts = [
+    blocks = [
         ("dynamics", problem.system.x_next - graph.step.x_next_expr, graph.component_names("x")),
         ("policy", policy_constraint(graph), graph.component_names("u")),
         ("path", graph.path_constraints(), constraint_names(problem.path)),
     ]
-    expression, rows = add_rows(constraints, parts, S, N)
+    expression, rows = add_rows(constraints, blocks, S, N)
     w, index = (
         ca.vertcat(*symbols),
         np.concatenate([p.reshape(S * N, -1) for p in positions], axis=1),
@@ -176,8 +187,8 @@ def solved_interval(graph: Graph, variables: Layout, constraints: Layout, compil
 def terminal_stage(graph: Graph, variables: Layout, constraints: Layout) -> Stage:
     """Terminal cost and constraints on x_N of every scenario."""
     problem, S = graph.problem, graph.scenarios
-    parts = [("terminal", graph.terminal_constraints(), constraint_names(problem.terminal))]
-    expression, rows = add_rows(constraints, parts, S, 1)
+    blocks = [("terminal", graph.terminal_constraints(), constraint_names(problem.terminal))]
+    expression, rows = add_rows(constraints, blocks, S, 1)
     index = state_index(graph, variables)[:, -1]
     return Stage(
         "terminal",

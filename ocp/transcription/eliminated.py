@@ -77,8 +77,8 @@ class Implicit(Hidden):
         slope = ca.gradient(lagrangian, self.inner)
         solved = -solve_without_pivoting(self.relation_jacobian.T, ca.densify(slope))
         adjoint = ca.SX.sym("adjoint", self.inner.numel())
-        both = ca.vertcat(w, self.inner)
-        curved = ca.hessian(lagrangian + ca.dot(adjoint, self.relation), both)[0]
+        all_symbols = ca.vertcat(w, self.inner)
+        curved = ca.hessian(lagrangian + ca.dot(adjoint, self.relation), all_symbols)[0]
         curved = ca.substitute(curved, adjoint, solved)
         basis = ca.vertcat(ca.SX.eye(w.numel()), self.sensitivity(w))
         return basis.T @ curved @ basis
@@ -103,18 +103,18 @@ class Evaluated(Hidden):
 
     def __post_init__(self) -> None:
         self.map, self.inner, self.symbols = (self.step.learned, self.step.inner, self.step.model_outputs)
-        self.curvature_function = [ca.SX.sym("bend", self.map.n_in, self.map.n_in) for _ in self.step.nodes]
+        self.curvature_symbols = [ca.SX.sym("bend", self.map.n_in, self.map.n_in) for _ in self.step.nodes]
         self.asked = ca.Function("asked", [self.w, self.p], [ca.densify(self.queries)])
         w, p = ca.MX.sym("w", self.w.numel()), ca.MX.sym("p", self.p.numel())
         self.solve = ca.Function("evaluate", [w, p], [self.values(w, p, 1)], ["w", "p"], ["y"])
 
     def _queries(self, w: ca.MX, p: ca.MX, copies: int) -> ca.MX:
-        asked = self.asked.map("asked_map", "serial", copies, [1], [])(w, p)
-        return ca.reshape(asked, self.map.n_in, -1)
+        query_values = self.asked.map("asked_map", "serial", copies, [1], [])(w, p)
+        return ca.reshape(query_values, self.map.n_in, -1)
 
     def values(self, w: ca.MX, p: ca.MX, copies: int) -> ca.MX:
         """Values of all copies, evaluated together."""
-        y, slopes = self.map.slopes(len(self.curvature_function) * copies)(self._queries(w, p, copies))
+        y, slopes = self.map.slopes(len(self.curvature_symbols) * copies)(self._queries(w, p, copies))
         return ca.vertcat(ca.reshape(y, -1, copies), ca.reshape(slopes, -1, copies))
 
     @cached_property
@@ -123,8 +123,8 @@ class Evaluated(Hidden):
 
     def sensitivity(self, w: ca.SX) -> ca.SX:
         """``g'(z_b) dz_b/dw``, branch after branch."""
-        parts = zip(self.step.slopes, self._by_w, strict=True)
-        return ca.vertcat(*(slope @ by_w for slope, by_w in parts))
+        branch_slopes = zip(self.step.slopes, self._by_w, strict=True)
+        return ca.vertcat(*(slope @ by_w for slope, by_w in branch_slopes))
 
     def curved(self, lagrangian: ca.SX, w: ca.SX) -> ca.SX:
         """``[I; Y]' grad² L [I; Y] + sum_b (dz_b/dw)' H_b dz_b/dw + grad²(a' z)``.
@@ -134,24 +134,24 @@ class Evaluated(Hidden):
         """
         basis = ca.vertcat(ca.SX.eye(w.numel()), self.sensitivity(w))
         total = basis.T @ ca.hessian(lagrangian, ca.vertcat(w, self.inner))[0] @ basis
-        for bend, by_w in zip(self.curvature_function, self._by_w, strict=True):
+        for bend, by_w in zip(self.curvature_symbols, self._by_w, strict=True):
             total += by_w.T @ bend @ by_w
-        held = ca.SX.sym("held", self.queries.numel())
-        twice = ca.hessian(ca.dot(held, self.queries), w)[0]
-        return total + ca.substitute(twice, held, self.step.query_gradient(lagrangian))
+        weights = ca.SX.sym("held", self.queries.numel())
+        twice = ca.hessian(ca.dot(weights, self.queries), w)[0]
+        return total + ca.substitute(twice, weights, self.step.query_gradient(lagrangian))
 
     @property
     def curvatures(self) -> ca.SX:
         """Entries of the H_b."""
-        return ca.vertcat(*(ca.vec(bend) for bend in self.curvature_function))
+        return ca.vertcat(*(ca.vec(bend) for bend in self.curvature_symbols))
 
     def curvature_values(self, slope: ca.Function, arguments: list[ca.MX], copies: int) -> list[ca.MX]:
         """The H_b of all copies, evaluated together."""
         weights = slope.map("weights", "serial", copies, [1], [])(*arguments)
         queries = self._queries(arguments[0], arguments[1], copies)
         bends = self.map.curvature_function(queries.shape[1])
-        found = bends(queries, ca.reshape(weights, self.map.n_out, -1))
-        return [ca.reshape(found, -1, copies)]
+        curvatures = bends(queries, ca.reshape(weights, self.map.n_out, -1))
+        return [ca.reshape(curvatures, -1, copies)]
 
 
 def inner_values(hidden: Hidden | None, w: ca.MX, p: ca.MX, copies: int) -> ca.MX:

@@ -146,8 +146,8 @@ def policy_of(policy: Policy | str, values: Mapping[str, Any]) -> Policy:
 
 def split_policy_settings(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Separate ``policy.<name>`` from the settings of method and solver."""
-    own = {k.removeprefix("policy."): v for k, v in values.items() if k.startswith("policy.")}
-    return own, {k: v for k, v in values.items() if not k.startswith("policy.")}
+    policy_settings = {k.removeprefix("policy."): v for k, v in values.items() if k.startswith("policy.")}
+    return policy_settings, {k: v for k, v in values.items() if not k.startswith("policy.")}
 
 
 def _refuse(values: Mapping[str, Any], reason: str) -> None:

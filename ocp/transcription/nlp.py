@@ -83,21 +83,21 @@ class NLP(Program):
         problem, evaluation = self.problem, Evaluation(self.problem, values)
         _, _, u_lower, u_upper, x_lower, x_upper = evaluation.limits
         # Without a normal force nothing else holds the slip of a contact.
-        far = {"slip": _SLIP * problem.scales.gap}
-        most = [far.get(pair.kind, np.inf) for pair in problem.system.pairs] * self.step.branches
-        known = {
+        slip_limits = {"slip": _SLIP * problem.scales.gap}
+        lam_upper = [slip_limits.get(pair.kind, np.inf) for pair in problem.system.pairs] * self.step.branches
+        block_bounds = {
             "x": (x_lower, x_upper),
             "u": (u_lower, u_upper),
-            "lam": (0.0, np.array(most)),
+            "lam": (0.0, np.array(lam_upper)),
             "gap": (0.0, np.inf),
         }
         gain_bound = getattr(self.policy, "bound", np.inf)
-        known["x0"] = evaluation.start_limits
-        known["K"] = (-gain_bound, gain_bound)
+        block_bounds["x0"] = evaluation.start_limits
+        block_bounds["K"] = (-gain_bound, gain_bound)
         lower, upper = {}, {}
         for name in self.variables.blocks:
-            lower[name], upper[name] = known.get(name, (-np.inf, np.inf))
-        g_lower, g_upper = self._constraint_bounds(evaluation.p, known)
+            lower[name], upper[name] = block_bounds.get(name, (-np.inf, np.inf))
+        g_lower, g_upper = self._constraint_bounds(evaluation.p, block_bounds)
         return {
             "lbx": self.variables.pack(lower),
             "ubx": self.variables.pack(upper),
@@ -115,7 +115,7 @@ class NLP(Program):
         slips = self._slips
         impulse = np.where(slips, sizes.gap, sizes.impulse)
         gap = np.where(slips, sizes.impulse, sizes.gap)
-        known = {
+        block_sizes = {
             "x": sizes.x,
             "x0": sizes.x,
             "u": sizes.u,
@@ -124,7 +124,7 @@ class NLP(Program):
             "lam": impulse,
             "gap": gap,
         }
-        multiples = self.variables.pack({name: known[name] for name in self.variables.blocks})
+        multiples = self.variables.pack({name: block_sizes[name] for name in self.variables.blocks})
         return multiples * self.natural.x
 
     @property
@@ -163,8 +163,8 @@ class NLP(Program):
         if self.step.n:
             defining[self.constraints["gap_definition"].index] = self.variables["gap"].index
         natural = {p.name: table.defaults[p.name] / units.of(p.unit) for p in table}
-        found = measured(x, defining, entries, parameters(table.defaults), parameters(natural))
-        return replace(found, f=found.f * cost)
+        measured_scale = measured(x, defining, entries, parameters(table.defaults), parameters(natural))
+        return replace(measured_scale, f=measured_scale.f * cost)
 
     def _variable_units(self) -> np.ndarray:
         """Units of the variables (n,), as far as they are known without the constraints."""
@@ -177,7 +177,7 @@ class NLP(Program):
         else:
             lam = np.array([units.of(signal.unit) for signal in self.step.contacts])
             gap = np.ones_like(lam)
-        known = {
+        block_units = {
             "x": natural.x,
             "x0": natural.x,
             "u": natural.u,
@@ -186,16 +186,16 @@ class NLP(Program):
             "lam": lam,
             "gap": gap,
         }
-        return self.variables.pack({name: known[name] for name in self.variables.blocks})
+        return self.variables.pack({name: block_units[name] for name in self.variables.blocks})
 
     def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
         """By the sizes of both members and, where slip makes that another set, as if all were
         impulses and gaps: friction that hardly slides is cut off by neither alone.
         """
-        own, sizes = super().active_sets(x), self.problem.natural_scales
+        by_sizes, sizes = super().active_sets(x), self.problem.natural_scales
         first, second = (x / self.natural.x)[self.pairs]
-        other = first / sizes.impulse > second / sizes.gap
-        return own if np.array_equal(own[0], other) else [other, *own]
+        by_impulses = first / sizes.impulse > second / sizes.gap
+        return by_sizes if np.array_equal(by_sizes[0], by_impulses) else [by_impulses, *by_sizes]
 
     @property
     def chains(self) -> np.ndarray:
@@ -283,12 +283,12 @@ def trajectories(nlp: NLP, result: Result, p: np.ndarray) -> Trajectories:
     S, N, nx = problem.scenarios.n, problem.N, problem.system.nx
     gains = Gains(blocks["K"], blocks["k"]) if "K" in blocks else None
     if nlp.trajectories is not None:
-        found = nlp.trajectories(result.point.x, p)
-        x, u, lam, _ = (np.array(v).T for v in found)
+        outputs = nlp.trajectories(result.point.x, p)
+        x, u, lam, _ = (np.array(v).T for v in outputs)
         x, u, lam = x.reshape(S, N + 1, nx), u.reshape(S, N, -1), lam.reshape(S, N, -1)
     else:
-        given = nlp.data.unpack(p[len(nlp.names) :])["x0"][:, None]
-        x = np.concatenate([blocks.get("x0", given), blocks["x"]], axis=1)
+        x0 = nlp.data.unpack(p[len(nlp.names) :])["x0"][:, None]
+        x = np.concatenate([blocks.get("x0", x0), blocks["x"]], axis=1)
         u = np.broadcast_to(blocks["u"], (S, N, problem.system.nu))
         lam = blocks.get("lam")
         if lam is None:

@@ -94,8 +94,8 @@ class _Condensed:
         xi_next = ca.vertcat(x_next, *([u] if problem.uses_du else []))
         bounded_u = [("u_bound", u)] if graph.feedback and limits["u"] else []
         bounded_x = [("x_bound", x_next)] if limits["x"] else []
-        along = ca.substitute(graph.path_constraints(), system.x_next, step.x_next_expr)
-        path = [("path", closed(along))] if problem.path else []
+        path_rows = ca.substitute(graph.path_constraints(), system.x_next, step.x_next_expr)
+        path = [("path", closed(path_rows))] if problem.path else []
         names = {
             "u_bound": graph.component_names("u"),
             "x_bound": graph.component_names("x"),
@@ -144,17 +144,17 @@ class _Condensed:
         x_next = values(w, q, lam)[1][: self.xi.numel()]
         xi, local = ca.MX.sym("xi", self.xi.numel()), ca.MX.sym("t", w.numel() - self.xi.numel())
         once = ca.Function("advance", [w, q], [x_next, lam])
-        after, solved = once(ca.vertcat(xi, local), q)
-        advance = ca.Function("advance", [xi, local, q], [after, solved])
+        x_after, solved = once(ca.vertcat(xi, local), q)
+        advance = ca.Function("advance", [xi, local, q], [x_after, solved])
         chain = advance.mapaccum("rollout", self.N)
         locals_ = ca.reshape(theta[self.theta_index.ravel().tolist()], -1, self.N)
         states, ws, lams = [], [], []
         for scenario in range(self.S):
             x0 = data[scenario * graph.nx : (scenario + 1) * graph.nx]
-            before = data[self.S * graph.nx :] if graph.problem.uses_du else ca.MX(0, 1)
-            start = ca.vertcat(x0, before)
-            after, lam_all = chain(start, locals_, ca.repmat(p, 1, self.N))
-            xi_all = ca.horzcat(start, after)
+            u_before = data[self.S * graph.nx :] if graph.problem.uses_du else ca.MX(0, 1)
+            start = ca.vertcat(x0, u_before)
+            x_after, lam_all = chain(start, locals_, ca.repmat(p, 1, self.N))
+            xi_all = ca.horzcat(start, x_after)
             states.append(xi_all)
             ws.append(ca.vertcat(xi_all[:, : self.N], locals_))
             lams.append(lam_all)
@@ -182,8 +182,8 @@ class _Condensed:
             ["theta", "p"],
             ["x", "u", "lam", "gap"],
         )
-        given = (theta, full, lam_f, lam_g)
-        return Functions.of(given, (f, g), (f, first["gradient"]), (g, jac), hess), trajectories
+        symbols = (theta, full, lam_f, lam_g)
+        return Functions.of(symbols, (f, g), (f, first["gradient"]), (g, jac), hess), trajectories
 
     def _values(self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX) -> tuple[ca.MX, ca.MX]:
         stage = self.make(self.stage.values())
@@ -202,14 +202,14 @@ class _Condensed:
 
     def _arranged(self, rows: ca.MX, end: ca.MX) -> ca.MX:
         """Order stage constraints (nc, S N) and terminal ones (nt, S) as the layout has them."""
-        parts, at = [ca.MX(0, 1)], 0
+        blocks, row = [ca.MX(0, 1)], 0
         for name in self.extra:
             size = self.constraints[name].shape[-1]
-            parts.append(ca.vec(rows[at : at + size, :]))
-            at += size
+            blocks.append(ca.vec(rows[row : row + size, :]))
+            row += size
         if end.numel():
-            parts.append(ca.vec(end))
-        return ca.vertcat(*parts)
+            blocks.append(ca.vec(end))
+        return ca.vertcat(*blocks)
 
     def _first(self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX) -> dict[str, ca.MX]:
         """Stage Jacobians, sensitivities M of all states, gradient and constraint Jacobian."""
@@ -227,13 +227,13 @@ class _Condensed:
         for s in range(self.S):
             M = ca.MX(nxi, n)
             for k in range(self.N):
-                at = s * self.N + k
-                J = ca.MX(pattern, entries[:, at])
+                column = s * self.N + k
+                J = ca.MX(pattern, entries[:, column])
                 Y = ca.vertcat(ca.densify(M), picks[k])
-                gradient += slope[:, at].T @ Y
-                moved = J @ Y
-                M = moved[:nxi, :]
-                self._split_rows(rows, moved[nxi:, :])
+                gradient += slope[:, column].T @ Y
+                propagated = J @ Y
+                M = propagated[:nxi, :]
+                self._split_rows(rows, propagated[nxi:, :])
                 Y_all.append(Y)
                 blocks.append(J)
             gradient += slope_end[:, s].T @ M
@@ -255,11 +255,11 @@ class _Condensed:
         }  # pyright: ignore[reportReturnType]
 
     def _split_rows(self, rows: dict[str, list[ca.MX]], block: ca.MX) -> None:
-        at = 0
+        row = 0
         for name in self.extra:
             size = self.constraints[name].shape[-1]
-            rows[name].append(block[at : at + size, :])
-            at += size
+            rows[name].append(block[row : row + size, :])
+            row += size
 
     def _hessian(
         self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX, lam_f: ca.MX, lam_g: ca.MX, first: dict
@@ -270,47 +270,47 @@ class _Condensed:
         copies = self.N * self.S
         mapped = self.make(function).map("second_map", "serial", copies, [1], [])
         scale = ca.repmat(lam_f, 1, copies)
-        given = [w, p, lam, scale, ca.vertcat(adjoints, multipliers)]
-        entries = mapped(*given, *self.stage.curvature_values(given, copies))
+        arguments = [w, p, lam, scale, ca.vertcat(adjoints, multipliers)]
+        entries = mapped(*arguments, *self.stage.curvature_values(arguments, copies))
         last, pattern_end = self.terminal.second()
         entries_end = last.map("end_second", "serial", self.S, [1], [])(
             end, p, ca.MX(0, self.S), ca.repmat(lam_f, 1, self.S), multipliers_end
         )
-        left, right = [], []
+        sensitivities, weighted = [], []
         for s in range(self.S):
             for k in range(self.N + 1):
                 Y = first["Y"][s * (self.N + 1) + k]
                 H = ca.MX(pattern, entries[:, s * self.N + k]) if k < self.N else ca.MX(pattern_end, entries_end[:, s])
-                left.append(ca.densify(Y))
-                right.append(ca.densify(ca.triu2symm(H) @ Y))
-        hessian = ca.vertcat(*left).T @ ca.vertcat(*right)
+                sensitivities.append(ca.densify(Y))
+                weighted.append(ca.densify(ca.triu2symm(H) @ Y))
+        hessian = ca.vertcat(*sensitivities).T @ ca.vertcat(*weighted)
         if self.graph.feedback:
             hessian += lam_f * ca.hessian(self._gain_cost(theta), theta)[0]
         return ca.triu(hessian)
 
     def _multipliers(self, lam_g: ca.MX) -> tuple[ca.MX, ca.MX]:
-        parts = [ca.MX(0, self.N * self.S)]
+        blocks = [ca.MX(0, self.N * self.S)]
         for name in self.extra:
             block = self.constraints[name]
-            parts.append(ca.reshape(lam_g[block.index.ravel().tolist()], block.shape[-1], -1))
+            blocks.append(ca.reshape(lam_g[block.index.ravel().tolist()], block.shape[-1], -1))
         end = ca.MX(0, self.S)
         if "terminal" in self.constraints:
             end = ca.reshape(lam_g[self.constraints["terminal"].index.ravel().tolist()], -1, self.S)
-        return ca.vertcat(*parts), end
+        return ca.vertcat(*blocks), end
 
     def _adjoints(self, lam_f: ca.MX, multipliers: ca.MX, multipliers_end: ca.MX, first: dict) -> ca.MX:
         """Adjoints of ``lam_f f + lam_g' g`` with respect to xi_1..xi_N, (nxi, S N)."""
         nxi, columns = self.xi.numel(), []
         for s in range(self.S):
             nu = lam_f * first["slope_end"][:, s] + first["J_end"][s].T @ multipliers_end[:, s]
-            found = [nu]
+            adjoints = [nu]
             for k in reversed(range(1, self.N)):
-                at = s * self.N + k
-                J = first["J"][at]
-                back = J.T @ ca.vertcat(nu, multipliers[:, at])
-                nu = (lam_f * first["slope"][:, at] + back)[:nxi]
-                found.append(nu)
-            columns += reversed(found)
+                column = s * self.N + k
+                J = first["J"][column]
+                back = J.T @ ca.vertcat(nu, multipliers[:, column])
+                nu = (lam_f * first["slope"][:, column] + back)[:nxi]
+                adjoints.append(nu)
+            columns += reversed(adjoints)
         return ca.horzcat(*columns)
 
 

@@ -76,14 +76,14 @@ class Stage:
         m' c``, and its pattern; curvatures only where ``hidden`` has them.
         """
         lagrangian, s, m = self._lagrangian()
-        given = [*self.arguments, s, m]
+        arguments = [*self.arguments, s, m]
         if self.hidden is None:
             hessian = ca.hessian(lagrangian, self.w)[0]
         else:
             hessian = self.hidden.curved(lagrangian, self.w)
-            given += [self.hidden.curvatures] if self.hidden.curvatures.numel() else []
+            arguments += [self.hidden.curvatures] if self.hidden.curvatures.numel() else []
         hessian = ca.triu(hessian)
-        return self._function("second", given, [_nonzeros(hessian)]), hessian.sparsity()
+        return self._function("second", arguments, [_nonzeros(hessian)]), hessian.sparsity()
 
     def curvature_values(self, arguments: list[ca.MX], copies: int) -> list[ca.MX]:
         """Last argument of :meth:`second`, if any, for ``arguments``, those before, of copies."""
@@ -142,52 +142,52 @@ def assemble(stages: list[Stage], n: int, n_data: int, m: int, n_p: int, compile
 
     ``n_p`` parameters come first in the parameter vector, ``n_data`` data entries after them.
     """
-    make = compiled or (lambda function: function)
+    compile_function = compiled or (lambda function: function)
     x, full = ca.MX.sym("x", n), ca.MX.sym("p", n_p + n_data)
     p, source = full[:n_p], ca.vertcat(x, full[n_p:])
 
     # Cost and constraints apart: solvers ask for them one at a time.
-    costs = [_Mapped(stage, make(stage.cost_value()))(source, p) for stage in stages]
-    values = [_Mapped(stage, make(stage.constraint_values()))(source, p) for stage in stages]
+    costs = [_Mapped(stage, compile_function(stage.cost_value()))(source, p) for stage in stages]
+    values = [_Mapped(stage, compile_function(stage.constraint_values()))(source, p) for stage in stages]
     f, g = _sum_costs(costs), _collect(stages, [v[0] for v in values], m)
 
-    slope = [_Mapped(stage, make(stage.cost_slope()))(source, p) for stage in stages]
+    slope = [_Mapped(stage, compile_function(stage.cost_slope()))(source, p) for stage in stages]
     target = np.concatenate([stage.index.ravel() for stage in stages])
     grad = _add_up(target, n, ca.vertcat(*(ca.vec(v[1]) for v in slope)))
-    made = [(stage, *stage.constraint_slopes()) for stage in stages]
-    first = [_Mapped(stage, make(function))(source, p) for stage, function, _ in made]
+    slope_functions = [(stage, *stage.constraint_slopes()) for stage in stages]
+    first = [_Mapped(stage, compile_function(function))(source, p) for stage, function, _ in slope_functions]
     g1 = _collect(stages, [v[0] for v in first], m)
-    jac = _scattered_jacobian([(stage, pattern) for stage, _, pattern in made], [v[1] for v in first], n, m)
+    jac = _scattered_jacobian([(stage, pattern) for stage, _, pattern in slope_functions], [v[1] for v in first], n, m)
 
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", m)
-    patterns, parts = [], []
+    patterns, entries = [], []
     for stage in stages:
         function, pattern = stage.second()
         scale = ca.repmat(lam_f, 1, stage.copies)
         multipliers = ca.reshape(lam_g[stage.rows.ravel().tolist()], -1, stage.copies)
-        parts.append(_Mapped(stage, make(function))(source, p, scale, multipliers)[0])
+        entries.append(_Mapped(stage, compile_function(function))(source, p, scale, multipliers)[0])
         patterns.append((stage, pattern))
-    hess = _scattered_hessian(patterns, parts, n)
-    given = (x, full, lam_f, lam_g)
-    return Functions.of(given, (f, g), (_sum_costs(slope), grad), (g1, jac), hess)
+    hess = _scattered_hessian(patterns, entries, n)
+    symbols = (x, full, lam_f, lam_g)
+    return Functions.of(symbols, (f, g), (_sum_costs(slope), grad), (g1, jac), hess)
 
 
 def _sum_costs(values: list[list[ca.MX]]) -> ca.MX:
     return sum((ca.sum2(value[0]) for value in values), ca.MX(0))
 
 
-def _collect(stages: list[Stage], parts: list[ca.MX], m: int) -> ca.MX:
+def _collect(stages: list[Stage], stage_rows: list[ca.MX], m: int) -> ca.MX:
     """Put the stages' constraints into their rows of g."""
     rows = np.concatenate([stage.rows.ravel() for stage in stages])
     order = np.argsort(rows, kind="stable")
-    flat = ca.vertcat(ca.MX(0, 1), *(ca.vec(part) for part in parts))
+    flat = ca.vertcat(ca.MX(0, 1), *(ca.vec(rows_of_stage) for rows_of_stage in stage_rows))
     return flat[order.tolist()] if m else ca.MX(0, 1)
 
 
 def _add_up(target: np.ndarray, size: int, values: ca.MX) -> ca.MX:
     """Sum ``values`` into a dense vector of ``size`` at ``target``, dropping targets beyond."""
-    kept = np.flatnonzero(target < size)
-    ones = ca.DM(_by_columns(size, target.size, target[kept], kept), 1.0)
+    inside = np.flatnonzero(target < size)
+    ones = ca.DM(_by_columns(size, target.size, target[inside], inside), 1.0)
     return ca.densify(ones @ values)
 
 
@@ -197,31 +197,31 @@ def _by_columns(m: int, n: int, row: np.ndarray, column: np.ndarray) -> ca.Spars
     return ca.Sparsity(m, n, start.tolist(), row.tolist())
 
 
-def _placed(*parts: tuple[np.ndarray, np.ndarray, ca.Sparsity]) -> list[np.ndarray]:
+def _placed(*blocks: tuple[np.ndarray, np.ndarray, ca.Sparsity]) -> list[np.ndarray]:
     """Rows and columns of all copies' entries, from indices of rows, of columns, and patterns."""
     placed = [
         [index[:, entry].ravel() for index, entry in zip(indices, pattern.get_triplet(), strict=True)]
-        for *indices, pattern in parts
+        for *indices, pattern in blocks
     ]
-    return [np.concatenate(part) for part in zip(*placed, strict=True)]
+    return [np.concatenate(coordinates) for coordinates in zip(*placed, strict=True)]
 
 
-def _scattered_jacobian(patterns: list[tuple[Stage, ca.Sparsity]], parts: list[ca.MX], n: int, m: int) -> ca.MX:
+def _scattered_jacobian(patterns: list[tuple[Stage, ca.Sparsity]], stage_entries: list[ca.MX], n: int, m: int) -> ca.MX:
     row, column = _placed(*((stage.rows, stage.index, pattern) for stage, pattern in patterns))
-    kept = np.flatnonzero(column < n)
-    order = kept[np.argsort(column[kept] * m + row[kept], kind="stable")]
+    inside = np.flatnonzero(column < n)
+    order = inside[np.argsort(column[inside] * m + row[inside], kind="stable")]
     sparsity = _by_columns(m, n, row[order], column[order])
-    flat = ca.vertcat(ca.MX(0, 1), *(ca.vec(part) for part in parts))
+    flat = ca.vertcat(ca.MX(0, 1), *(ca.vec(entries) for entries in stage_entries))
     return ca.MX(sparsity, flat[order.tolist()])
 
 
-def _scattered_hessian(patterns: list[tuple[Stage, ca.Sparsity]], parts: list[ca.MX], n: int) -> ca.MX:
+def _scattered_hessian(patterns: list[tuple[Stage, ca.Sparsity]], stage_entries: list[ca.MX], n: int) -> ca.MX:
     ends = _placed(*((stage.index, stage.index, pattern) for stage, pattern in patterns))
     row, column = np.minimum(*ends), np.maximum(*ends)
-    kept = column < n
-    key = np.where(kept, column * n + row, n * n)
+    inside = column < n
+    key = np.where(inside, column * n + row, n * n)
     unique, target = np.unique(key, return_inverse=True)
     cells = unique[unique < n * n]
     sparsity = _by_columns(n, n, cells % n, cells // n)
-    flat = ca.vertcat(ca.MX(0, 1), *(ca.vec(part) for part in parts))
+    flat = ca.vertcat(ca.MX(0, 1), *(ca.vec(entries) for entries in stage_entries))
     return ca.MX(sparsity, _add_up(target, cells.size, flat))
