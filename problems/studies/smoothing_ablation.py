@@ -35,7 +35,7 @@ class Params(StudyParams):
     judged: int = setting(15, "1", "judgements along a run", least=2)
 
 
-def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
+def run(params: Params, finished: FinishedParts) -> xr.Dataset:
     """Compute exact returns and gradient variances of every run over its iterations."""
     every = max(1, params.iterations // params.judged)
     jobs = {
@@ -45,7 +45,7 @@ def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
         for name, law in LAWS.items()
         for r in range(params.runs)
     }
-    trainings = list(training_curves(jobs, pieces).values())
+    trainings = list(training_curves(jobs, finished).values())
     evaluated = np.flatnonzero(np.isfinite(trainings[0]["evaluation_return"]))
     shape = (len(LAWS), params.runs)
 

@@ -51,9 +51,9 @@ class StudyParams(Parameters):
 
 
 class FinishedParts:
-    """Finished pieces of a study by their keys, kept by a checkpoint where there is one.
+    """Finished parts of a study by their keys, stored in a checkpoint where there is one.
 
-    Pieces that are independent jobs go to ``jobs`` processes, by default one a CPU, or to the
+    Parts that are independent jobs go to ``jobs`` processes, by default one a CPU, or to the
     cluster of ``scheduler``.
     """
 
@@ -63,18 +63,18 @@ class FinishedParts:
         self._checkpoint, self.scheduler = checkpoint, scheduler
         self.jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
 
-    def get(self, key: str, make: Callable[[], Mapping[str, ArrayLike]]) -> dict[str, np.ndarray]:
-        """Arrays of a piece: those that were kept, or else made and kept now."""
-        arrays = self.kept(key)
-        return self.keep(key, make()) if arrays is None else arrays
+    def get(self, key: str, compute: Callable[[], Mapping[str, ArrayLike]]) -> dict[str, np.ndarray]:
+        """Return the arrays of a part; compute and store them where they are not stored."""
+        arrays = self.load(key)
+        return self.save(key, compute()) if arrays is None else arrays
 
-    def kept(self, key: str) -> dict[str, np.ndarray] | None:
-        """Arrays of a piece that is finished, None where it is not."""
+    def load(self, key: str) -> dict[str, np.ndarray] | None:
+        """Return the stored arrays of a part, or None where it is not finished."""
         return self._checkpoint.state(key) if self._checkpoint else None
 
-    def keep(self, key: str, made: Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:
-        """Keep the arrays of a piece, and return them."""
-        arrays = {name: np.asarray(array) for name, array in made.items()}
+    def save(self, key: str, computed: Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:
+        """Store the arrays of a part, and return them."""
+        arrays = {name: np.asarray(array) for name, array in computed.items()}
         if self._checkpoint:
             self._checkpoint.save_state(key, **arrays)
         return arrays
@@ -168,8 +168,8 @@ class FigureStudy:
     studies needs none. It defines ``Params``; ``run(params)``, which returns pure data, where every
     numeric variable and coordinate has ``units`` (:func:`dataset`); ``claims(data)``, which
     reads that data, whose attributes hold the parameters; and ``NOTES``, what a reader must know of
-    choices and corrections. A long study sets ``RESUMES``: its ``run(params, pieces)`` looks up
-    each finished piece first. ``QUICK`` are sizes at which it takes at most 20 s, and its claims
+    choices and corrections. A long study sets ``RESUMES``: its ``run(params, finished)`` looks up
+    each finished part first. ``QUICK`` are sizes at which it takes at most 20 s, and its claims
     carry little weight.
     """
 
@@ -194,7 +194,7 @@ class FigureStudy:
 
     @property
     def resumes(self) -> bool:
-        """Whether an interrupted run continues from its finished pieces."""
+        """Whether an interrupted run continues from its finished parts."""
         return getattr(self._module, "RESUMES", False)
 
     @property
@@ -216,21 +216,21 @@ class FigureStudy:
     def data(
         self,
         values: Mapping[str, Any] | None = None,
-        kept: Checkpoint | None = None,
+        checkpoint: Checkpoint | None = None,
         jobs: int | None = None,
         scheduler: str | None = None,
     ) -> xr.Dataset:
         """Run at ``values``, the rest at their defaults; the parameters become attributes.
 
-        Pieces of a study that resumes are taken from ``kept`` and put there, and computed where
+        Parts of a study that resumes are loaded from ``checkpoint`` and stored there, and computed where
         :class:`FinishedParts` states.
 
         Raises :class:`~ocp.errors.InputError` for a bad parameter and ``ValueError`` where a
         variable has no units.
         """
         params = self.params(values or {})
-        pieces = [FinishedParts(kept, jobs, scheduler)] if self.resumes else []
-        data = self._module.run(params, *pieces)
+        finished = [FinishedParts(checkpoint, jobs, scheduler)] if self.resumes else []
+        data = self._module.run(params, *finished)
         for name, array in data.variables.items():
             if array.dtype.kind in "fiu" and "units" not in array.attrs:
                 raise ValueError(f"study {self.id}: {name} has no units")

@@ -47,9 +47,9 @@ class Params(StudyParams):
     sigma: float = setting(0.02, "1", "noise on the actions before they are bounded", above=0)
 
 
-def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
+def run(params: Params, finished: FinishedParts) -> xr.Dataset:
     """Compute variances of all laws, lengths and policies of both tasks, and Lipschitz constants."""
-    task_results = [pieces.get(task, lambda task=task: _task(task, params)) for task in track_items("tasks", TASKS)]
+    task_results = [finished.get(task, lambda task=task: _task(task, params)) for task in track_items("tasks", TASKS)]
     every = ("task", "stage", "law", "length")
     return dataset(
         {

@@ -1,6 +1,6 @@
 """C1: closed loops of every controller on every plant of every task.
 
-Pieces, each kept as soon as it is done: of one task, one controller and one plant the costs and
+Parts, each stored when it is finished: of one task, one controller and one plant the costs and
 ends of all seeds, and the time of a sample.
 """
 
@@ -138,7 +138,7 @@ def cost_at(closed_loop: ClosedLoop, N: int) -> np.ndarray:
     return stage_costs[:, :N].sum(axis=1) + ends
 
 
-def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
+def run(params: Params, finished: FinishedParts) -> xr.Dataset:
     """Run every controller on every plant of every task, except finished parts."""
     names = list(TASKS)[: params.tasks]
     shape = len(names), len(PLANTS), len(CONTROLLERS)
@@ -149,7 +149,7 @@ def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
         source, name = sources[i], CONTROLLERS[j]
         for plant in source.plants:
             key = f"{names[i]}-{name}-{plant}".replace(", ", "-").replace(" ", "-").replace("/", "")
-            loop = pieces.get(key, lambda s=source, n=name, p=plant: s.loop(n, p))
+            loop = finished.get(key, lambda s=source, n=name, p=plant: s.loop(n, p))
             place = i, PLANTS.index(plant), j
             costs[place], diverged[place], ms[place] = loop["cost"], loop["ended"], loop["ms"]
     dims = ("task", "plant", "controller")

@@ -51,7 +51,7 @@ def transition_counts(params: Params) -> list[int]:
     return [params.data // 40, params.data // 10, params.data // 4, params.data, 4 * params.data]
 
 
-def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
+def run(params: Params, finished: FinishedParts) -> xr.Dataset:
     """Learn from exact transitions over their number, and from noise and drag at the full number."""
     sizes = transition_counts(params)
     errors = np.full((len(DATA), len(MODELS), len(sizes), params.seeds, len(WHERE)), np.nan)
@@ -64,17 +64,17 @@ def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
         source = TransitionData.of(kind, params, sizes[-1])
         still[i], touched[i] = source.still, source.touched.mean()
         if kind == DATA[0]:
-            flight = pieces.get("flight", partial(in_flight, source))["high"]
+            flight = finished.get("flight", partial(in_flight, source))["high"]
         for j, n in enumerate(sizes):
             if kind != DATA[0] and n != params.data:
                 continue
             for seed in track_items(f"{kind}, {n} transitions: seeds", range(params.seeds)):
                 key = f"{kind}-{n}-{seed}"
                 make = partial(by_network, source, n, seed, params)
-                errors[i, 1, j, seed] = pieces.get(f"network-{key}", make)["errors"]
+                errors[i, 1, j, seed] = finished.get(f"network-{key}", make)["errors"]
                 if n > params.data:
                     continue
-                piece = pieces.get(f"psi-{key}", partial(by_psi, source, n, seed, params))
+                piece = finished.get(f"psi-{key}", partial(by_psi, source, n, seed, params))
                 errors[i, 0, j, seed] = piece["errors"]
                 for name, values in psi_values.items():
                     values[i, j, seed] = piece[name]

@@ -30,12 +30,12 @@ def make_job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: A
     return TrainingJob(task=task, params={}, algorithm=chosen, law=law, seed=seed, options=options, threads=1)
 
 
-def training_curves(jobs: Mapping[str, TrainingJob], pieces: FinishedParts) -> dict[str, Curves]:
+def training_curves(jobs: Mapping[str, TrainingJob], finished: FinishedParts) -> dict[str, Curves]:
     """Return every array of every training, by the key of its job; see :func:`side_by_side`.
 
     Results do not depend on how many processes there are, but for ``wall_s``.
     """
-    return side_by_side(trained_curves, jobs, pieces)
+    return side_by_side(trained_curves, jobs, finished)
 
 
 def trained_curves(job: TrainingJob, tell: Report) -> Curves:
@@ -44,23 +44,23 @@ def trained_curves(job: TrainingJob, tell: Report) -> Curves:
     return {str(name): data[name].values for name in data.data_vars}
 
 
-def side_by_side(function: Function, jobs: Mapping[str, Any], pieces: FinishedParts) -> dict[str, Curves]:
+def side_by_side(function: Function, jobs: Mapping[str, Any], finished: FinishedParts) -> dict[str, Curves]:
     """Return the arrays that ``function`` gives for every job, by the key of the job.
 
-    Those that were kept are not redone; the others go where ``pieces`` states. Raises what a job
-    raised.
+    Stored results are not computed again; the others go where ``finished`` states. Raises the
+    error that a job raised.
     """
-    results = {key: pieces.kept(key) for key in jobs}
+    results = {key: finished.load(key) for key in jobs}
     missing = [key for key, arrays in results.items() if arrays is None]
-    workers = min(pieces.jobs, max(1, len(missing)))
+    workers = min(finished.jobs, max(1, len(missing)))
     work = [jobs[key] for key in missing]
-    outcomes = run_jobs(function, work, workers, pieces.scheduler)
+    outcomes = run_jobs(function, work, workers, finished.scheduler)
     report_progress("jobs", 0, len(work))
     for done, (place, outcome) in enumerate(outcomes, 1):
         report_progress("jobs", done, len(work))
         if isinstance(outcome, Failure):
             raise outcome.error
-        results[missing[place]] = pieces.keep(missing[place], outcome)
+        results[missing[place]] = finished.save(missing[place], outcome)
     return {key: arrays for key, arrays in results.items() if arrays is not None}
 
 

@@ -1,6 +1,6 @@
 """N3: plans under every contact law, and their cost under the exact one.
 
-Pieces, each kept as soon as it is done: of one problem, one law and one seed the plan's cost and
+Parts, each stored when it is finished: of one problem, one law and one seed the plan's cost and
 its replay's, whether it survives, iterations, and seconds of learning and of solving.
 """
 
@@ -115,7 +115,7 @@ def rest_cost(name: str) -> float:
     return roll_out(problem, np.tile(inputs, (1, problem.N, 1)), problem.parameters.defaults).cost
 
 
-def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
+def run(params: Params, finished: FinishedParts) -> xr.Dataset:
     """Plan under every law, and with every trust, except finished parts."""
     shape, shares = (len(PROBLEMS), len(LAWS), params.seeds), (0.0, *SHARES)
     rows = np.full((*shape, 6), np.nan)
@@ -128,11 +128,11 @@ def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
                 continue
             data_seed = seed if law in DRAWN else params.seed
             key = f"{name}-{law.replace(' ', '-')}-{data_seed}"
-            rows[i, j, k] = pieces.get(key, lambda s=source, w=law: s.planned(w))["told"]
+            rows[i, j, k] = finished.get(key, lambda s=source, w=law: s.planned(w))["told"]
         trust_rows[i, 0, k] = rows[i, LAWS.index("ewda"), k]
         for j, share in enumerate(SHARES, 1):
             key = f"{name}-trust-{share:g}-{seed}"
-            trust_rows[i, j, k] = pieces.get(key, lambda s=source, b=share: s.trusting(b))["told"]
+            trust_rows[i, j, k] = finished.get(key, lambda s=source, b=share: s.trusting(b))["told"]
         trusted_row = trust_rows[i, shares.index(TRUSTED), k].copy()
         trusted_row[-2:] += trust_rows[i, 0, k, -2:]
         rows[i, LAWS.index("trusting ewda"), k] = trusted_row

@@ -1,6 +1,6 @@
 """N2: pushing and turning from a start without contact, through exact, smoothed, learned dynamics.
 
-Pieces, each kept as soon as it is done: plans of input sequences by IPOPT under four contact laws;
+Parts, each stored when it is finished: plans of input sequences by IPOPT under four contact laws;
 gains learned by Adam through the five dynamics of the paper, over seeds; the same gains by IPOPT;
 and what width of noise and how many data make of the learned ones.
 """
@@ -70,11 +70,11 @@ class _TaskData:
 QUICK = {"seeds": 1, "data": 1000, "draws": 10, "steps": 100, "epochs": 1}
 
 
-def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
+def run(params: Params, finished: FinishedParts) -> xr.Dataset:
     """Plan and learn both problems through all dynamics, except finished parts."""
-    variables, coordinates = label_plans(pieces.get("plans", lambda: plan_problems(params)))
+    variables, coordinates = label_plans(finished.get("plans", lambda: plan_problems(params)))
     sources = {name: _TaskData(name, params) for name in PROBLEMS}
-    variables |= _learned(params, pieces, sources) | _swept(params, pieces, sources)
+    variables |= _learned(params, finished, sources) | _swept(params, finished, sources)
     coordinates |= {
         "dynamics": list(DYNAMICS),
         "swept": list(SWEPT),
@@ -90,7 +90,7 @@ def _amounts(params: Params) -> list[int]:
     return [max(1000, params.data // 100), max(1000, params.data // 10), params.data]
 
 
-def _learned(params: Params, pieces: FinishedParts, sources: dict[str, _TaskData]) -> dict[str, Any]:
+def _learned(params: Params, finished: FinishedParts, sources: dict[str, _TaskData]) -> dict[str, Any]:
     """Collect Adam's costs over iterations and seeds, the object's final cost, and IPOPT's gains."""
     records, nodes = params.steps // EVERY + 1, 21
     shape = len(PROBLEMS), len(DYNAMICS)
@@ -104,12 +104,12 @@ def _learned(params: Params, pieces: FinishedParts, sources: dict[str, _TaskData
         for seed in range(params.seeds):
             # f has no data and no noise: every seed is the first.
             run_seed = params.seed + (seed if kind != "f" else 0)
-            descent = _descent(pieces, source, kind, params.width, params.data, run_seed)
+            descent = _descent(finished, source, kind, params.width, params.data, run_seed)
             learned[row, column, seed] = np.stack([descent["model"], descent["exact"]], axis=1)
             of_object[row, column, seed] = object_cost(name, descent["states"])
             if seed == 0:
                 states[row, column, :, : source.problem.system.nx] = descent["states"]
-        descent = pieces.get(f"ipopt-{name}-{kind}", _ipopt(source, kind))
+        descent = finished.get(f"ipopt-{name}-{kind}", _ipopt(source, kind))
         gains[row, column], work[row, column] = descent["costs"], descent["iterations"]
     dimensions = ("problem", "dynamics")
     return {
@@ -122,7 +122,7 @@ def _learned(params: Params, pieces: FinishedParts, sources: dict[str, _TaskData
 
 
 def _descent(
-    pieces: FinishedParts, source: _TaskData, kind: str, sigma: float, n: int, seed: int
+    finished: FinishedParts, source: _TaskData, kind: str, sigma: float, n: int, seed: int
 ) -> dict[str, np.ndarray]:
     params = source.params
 
@@ -130,7 +130,7 @@ def _descent(
         law = source.law(kind, sigma, n, seed)
         return descend_gains(source.problem, law, params.rate, params.steps)
 
-    return pieces.get(f"adam-{source.name}-{kind}-{sigma:g}-{n}-{seed}", make)
+    return finished.get(f"adam-{source.name}-{kind}-{sigma:g}-{n}-{seed}", make)
 
 
 def _ipopt(source: _TaskData, kind: str) -> Callable[[], dict[str, np.ndarray]]:
@@ -146,14 +146,14 @@ def _ipopt(source: _TaskData, kind: str) -> Callable[[], dict[str, np.ndarray]]:
     return make
 
 
-def _swept(params: Params, pieces: FinishedParts, sources: dict[str, _TaskData]) -> dict[str, Any]:
+def _swept(params: Params, finished: FinishedParts, sources: dict[str, _TaskData]) -> dict[str, Any]:
     """Collect the final exact cost of the learned dynamics over width of noise and amount of data."""
     amounts = _amounts(params)
     final = np.full((len(PROBLEMS), len(SWEPT), len(WIDTHS), len(amounts)), np.nan)
     task_data = list(sources.values())
     for row, column, i, j in track_items("widths and amounts", list(np.ndindex(final.shape))):
         kind, sigma, n = SWEPT[column], WIDTHS[i], amounts[j]
-        descent = _descent(pieces, task_data[row], kind, sigma, n, params.seed)
+        descent = _descent(finished, task_data[row], kind, sigma, n, params.seed)
         final[row, column, i, j] = np.median(descent["exact"][-LAST:])
     dims = ("problem", "swept", "width", "amount")
     return {"final": (dims, final, "1", "final cost under the exact law")}

@@ -81,16 +81,16 @@ class Params(StudyParams):
     plans: int = setting(4, "1", "starts that episodes are planned from", least=1)
 
 
-def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
+def run(params: Params, finished: FinishedParts) -> xr.Dataset:
     """Compute returns of every run over simulated steps and over time, and the best policy's motion."""
-    plans_shown = make_plans(TASKS, params.plans, pieces)
+    plans_shown = make_plans(TASKS, params.plans, finished)
     jobs = {
         f"{task}-{name}-{r}": _job(task, METHODS[name], params, r, plans_shown[task])
         for task in TASKS
         for name in METHODS
         for r in range(params.runs)
     }
-    trainings = training_curves(jobs, pieces)
+    trainings = training_curves(jobs, finished)
     model_based = {key: f for key, f in trainings.items() if jobs[key].algorithm.name == "mbpo"}
     steps = np.linspace(0, 1e3 * params.kilosteps, POINTS)
     few = np.linspace(0, max(float(f["env_steps"][-1]) for f in model_based.values()), POINTS)
@@ -116,7 +116,7 @@ def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
             "best": (dimensions, best("evaluation_return"), "1", "best exact return"),
             "speed": (dimensions, best("evaluation_speed"), "m/s", "mean speed of the best"),
             "length": (dimensions, best("evaluation_length"), "1", "steps that it lives"),
-            **_against_plans(params, pieces, plans_shown, jobs, trainings),
+            **_against_plans(params, finished, plans_shown, jobs, trainings),
         },
         {
             "task": list(TASKS),
@@ -131,7 +131,7 @@ def run(params: Params, pieces: FinishedParts) -> xr.Dataset:
 
 def _against_plans(
     params: Params,
-    pieces: FinishedParts,
+    finished: FinishedParts,
     shown: Mapping[str, list[Curves]],
     jobs: Mapping[str, TrainingJob],
     trainings: Mapping[str, Curves],
@@ -143,7 +143,7 @@ def _against_plans(
     best = {
         task: max((key for key in jobs if jobs[key].task == task), key=lambda k: reached[k].mean()) for task in TASKS
     }
-    plans_near_policies = make_plans(TASKS, n, pieces, {task: policies[key] for task, key in best.items()})
+    plans_near_policies = make_plans(TASKS, n, finished, {task: policies[key] for task, key in best.items()})
 
     def collected(of: str) -> np.ndarray:
         return np.array(
@@ -245,14 +245,14 @@ def initial_states(task: str, n: int) -> np.ndarray:
 
 
 def make_plans(
-    tasks: tuple[str, ...], n: int, pieces: FinishedParts, best: Mapping[str, Policy] | None = None
+    tasks: tuple[str, ...], n: int, finished: FinishedParts, best: Mapping[str, Policy] | None = None
 ) -> dict[str, list[dict[str, np.ndarray]]]:
     """Compute ``n`` plans of each task, side by side, from constant inputs or ``best`` policies."""
     word = "plan" if best is None else "near"
     jobs = {
         f"{word}-{task}-{k}": PlanJob(task, k, None if best is None else best[task]) for task in tasks for k in range(n)
     }
-    results = side_by_side(make_plan, jobs, pieces)
+    results = side_by_side(make_plan, jobs, finished)
     return {task: [results[f"{word}-{task}-{k}"] for k in range(n)] for task in tasks}
 
 

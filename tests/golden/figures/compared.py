@@ -15,7 +15,7 @@ SETTINGS = Params(seeds=SEEDS)
 
 
 class Made(FinishedParts):
-    """Pieces that are made up: plan and replay from the key, nothing solved."""
+    """Parts that are made up: plan and replay from the key, nothing solved."""
 
     def __init__(self, costs: Callable[[str], tuple[float, float]]) -> None:
         super().__init__()

@@ -33,7 +33,7 @@ SETTINGS = Params(seeds=3)
 
 
 class Made(FinishedParts):
-    """Pieces that are made up: a cost a key, other by a seed's hundredth, nothing simulated."""
+    """Parts that are made up: a cost a key, other by a seed's hundredth, nothing simulated."""
 
     def __init__(self, **costs: float) -> None:
         super().__init__()
@@ -100,9 +100,9 @@ def test_planning_again_on_the_model_costs_the_optimum(pushing: TaskLoops) -> No
 
 
 def test_rows_stand_where_their_names_say() -> None:
-    pieces = Made(planar_push_adaptive_noise=7.0)
-    data = run(SETTINGS, pieces)
-    assert len(set(pieces.keys)) == len(pieces.keys) == len(run_settings(data)) * len(CONTROLLERS)
+    finished = Made(planar_push_adaptive_noise=7.0)
+    data = run(SETTINGS, finished)
+    assert len(set(finished.keys)) == len(finished.keys) == len(run_settings(data)) * len(CONTROLLERS)
     at = {"task": "planar-push", "plant": "noise", "controller": "adaptive"}
     assert np.allclose(data["cost"].sel(at, drop=True).isel(seed=0), [7, 14])
     assert float(relative_cost(data).sel({**at, "span": "run"}).mean()) == pytest.approx(7)

@@ -1,4 +1,4 @@
-"""N3: its pieces against closed forms and known optima, its claims against made-up data."""
+"""N3: its parts against closed forms and known optima, its claims against made-up data."""
 
 from __future__ import annotations
 
@@ -85,9 +85,9 @@ def test_a_trusting_plan_starts_at_the_other_and_pays_for_the_data() -> None:
 
 @pytest.mark.costly
 def test_rows_stand_where_their_names_say() -> None:
-    pieces = Made(lambda key: (float(len(key)), 10.0 * len(key)))
-    data = run(SETTINGS, pieces)
-    assert len(set(pieces.keys)) == len(PROBLEMS) * (5 + SEEDS * (5 + len(SHARES)))
+    finished = Made(lambda key: (float(len(key)), 10.0 * len(key)))
+    data = run(SETTINGS, finished)
+    assert len(set(finished.keys)) == len(PROBLEMS) * (5 + SEEDS * (5 + len(SHARES)))
     for law in LAWS:
         seeded = data["cost"].sel(law=law, motion="plan", problem="push-1d").values
         key = f"push-1d-{law}-0" if law != "trusting ewda" else f"push-1d-trust-{TRUSTED:g}-0"

@@ -64,12 +64,12 @@ class Kept(FinishedParts):
         super().__init__()
         self.made: list[str] = []
 
-    def kept(self, key: str) -> dict[str, np.ndarray] | None:
+    def load(self, key: str) -> dict[str, np.ndarray] | None:
         return {"twice": np.array(-1.0)} if key == "one" else None
 
-    def keep(self, key: str, made: object) -> dict[str, np.ndarray]:
+    def save(self, key: str, made: object) -> dict[str, np.ndarray]:
         self.made.append(key)
-        return super().keep(key, made)
+        return super().save(key, made)
 
 
 def test_a_piece_that_was_kept_is_not_made_again():
