@@ -21,6 +21,8 @@ NOTES = (
 
 ORDERS = ("zobg", "fobg")
 """Estimators that are compared."""
+_PANEL_NUS = (1e-3, 0.2)
+"""Slip tolerances of the panel over sliding velocity [m/s]."""
 BATCHES = (1, 3, 10, 30, 100, 300, 1000)
 """Batch sizes for which the share of zero batches is measured."""
 _RATIOS = np.geomspace(1e-4, 10, 21)
@@ -50,38 +52,25 @@ def run(params: Params) -> xr.Dataset:
     objectives = [coulomb.at({"nu": nu}) for nu in nus]
     few = [_variances(o, i, params.n_samples, params) for i, o in enumerate(objectives)]
     forms = [objective.closed_form(params.sigma) for objective in objectives]
-    wide, behind = (
-        [_variances(o.at({"nu": nu}), 1000 + i, params.many, params) for i, nu in enumerate(grid)]
+    wide, of_block = (
+        np.transpose([_variances(o.at({"nu": nu}), 1000 + i, params.many, params) for i, nu in enumerate(grid)])
         for o, grid in ((coulomb, coarse), (block, widths))
     )
     slip = np.linspace(-1, 1, 401)
+    friction, impulse = ([o.at({"nu": nu}).costs(slip[:, None]) for nu in _PANEL_NUS] for o in (coulomb, block))
+    chance = [c.gradient[0] * nu / 2 for c, nu in zip(forms, nus, strict=True) if c]
     at_half, silent = _at_half(coulomb, params), _silent(at_theta, params)
     closed_form = at_theta.closed_form(params.sigma)
     assert closed_form is not None
     unit = "s/m"
     return dataset(
         {
-            "friction": (
-                ("width", "slip"),
-                [coulomb.at({"nu": nu}).costs(slip[:, None]) for nu in (1e-3, 0.2)],
-                "1",
-                "friction over its limit",
-            ),
-            "block_impulse": (
-                ("width", "slip"),
-                [block.at({"nu": nu}).costs(slip[:, None]) for nu in (1e-3, 0.2)],
-                "1",
-                "impulse on the block over its limit",
-            ),
+            "friction": (("width", "slip"), friction, "1", "friction over its limit"),
+            "block_impulse": (("width", "slip"), impulse, "1", "impulse on the block over its limit"),
             "running_mean": (("order", "n"), running, unit, "estimate of n samples"),
             "truth": ((), closed_form.gradient[0], unit, "gradient at theta"),
             "silent": ("batch", silent, "1", "share of batches whose first-order samples are all zero"),
-            "chance": (
-                "nu",
-                [c.gradient[0] * nu / 2 for c, nu in zip(forms, nus, strict=True) if c],
-                "1",
-                "of a first-order sample not zero",
-            ),
+            "chance": ("nu", chance, "1", "of a first-order sample not zero"),
             "half_gradient": ("ratio", at_half[:, 0], unit, "gradient at theta = nu/2"),
             "half_chance": ("ratio", at_half[:, 1], "1", "of a sample not zero there"),
             "half_share": ("ratio", at_half[:, 2], "1", "of samples not zero there"),
@@ -90,22 +79,12 @@ def run(params: Params) -> xr.Dataset:
             "variance": (("order", "nu"), np.transpose(few), "s^2/m^2", "empirical variance of one sample"),
             "zobg_variance": ("nu", [c.zobg_variance[0] for c in forms if c], "s^2/m^2", "of one sample, closed form"),
             "fobg_variance": ("nu", [c.fobg_variance[0] for c in forms if c], "s^2/m^2", "of one sample, closed form"),
-            "wide_variance": (
-                ("order", "coarse"),
-                np.transpose(wide),
-                "s^2/m^2",
-                "empirical variance of one sample, many samples",
-            ),
-            "block_variance": (
-                ("order", "block_nu"),
-                np.transpose(behind),
-                "s^2/m^2",
-                "the same of the block on a belt",
-            ),
+            "wide_variance": (("order", "coarse"), wide, "s^2/m^2", "empirical variance of one sample, many samples"),
+            "block_variance": (("order", "block_nu"), of_block, "s^2/m^2", "the same of the block on a belt"),
         },
         {
             "order": list(ORDERS),
-            "width": ((1e-3, 0.2), "m/s", "slip tolerance"),
+            "width": (_PANEL_NUS, "m/s", "slip tolerance"),
             "slip": (slip, "m/s", "sliding velocity"),
             "n": (np.arange(1, params.n_samples + 1), "1", "samples"),
             "nu": (nus, "m/s", "slip tolerance"),

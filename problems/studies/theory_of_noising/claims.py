@@ -231,7 +231,7 @@ def _neighbours(data: xr.Dataset) -> list[Claim]:
             + ", ".join(f"{n}: {a:.1f}" for n, a in zip(names, ranges_alone, strict=True))
             + f" in {sizes} dimensions, of {data.attrs['n_samples']} data"
         )
-        .holds(ranges_alone < _FEW_NEIGHBOURS, sparse_dimensions[:1] <= data["task_size"].min()),
+        .holds(ranges_alone < _FEW_NEIGHBOURS, sparse_dimensions[:1] <= float(data["task_size"].min())),
         claim("With half of the data in the tube there are more", "our check")
         .expected(f"twice as many at sigma = {_USUAL_SIGMA:g}")
         .measured(", ".join(f"{n}: {a:.1f} become {t:.1f}" for n, a, t in zip(names, ranges_alone, tube, strict=True)))
