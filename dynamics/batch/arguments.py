@@ -13,14 +13,14 @@ DEFAULT_BLOCK = 32
 
 
 def checked_block(block: int) -> int:
-    """`block` if it is a whole number of at least 1, else `ValueError`."""
+    """Return `block`; raise `ValueError` unless it is a whole number of at least 1."""
     if isinstance(block, bool) or not isinstance(block, int) or block < 1:
         raise ValueError(f"block must be a whole number of samples, at least 1, not {block!r}")
     return block
 
 
 def bind_arguments(positional: Sequence[Any], named: Mapping[str, Any], names: Sequence[str], owner: str) -> list[Any]:
-    """Arguments in the order of `names`, given either all by position or all by name.
+    """Return arguments in the order of `names`, given either all by position or all by name.
 
     Raises `TypeError` that names missing, unknown and surplus inputs.
     """
@@ -45,7 +45,7 @@ def bind_arguments(positional: Sequence[Any], named: Mapping[str, Any], names: S
 
 
 def as_rows(value: Any, size: int, name: str, owner: str) -> np.ndarray:
-    """`value` as float64 `(n_samples, size)`, or `(1, size)` where it was given as `(size,)`.
+    """Return `value` as float64 `(n_samples, size)`, or `(1, size)` where it was given as `(size,)`.
 
     A scalar is accepted for size 1. Raises `ValueError` that names the wrong axis.
     """
@@ -72,7 +72,7 @@ def as_rows(value: Any, size: int, name: str, owner: str) -> np.ndarray:
 
 
 def as_doubles(value: Any, name: str, owner: str) -> np.ndarray:
-    """`value` as a float64 array; `ValueError` where it is not made of real numbers."""
+    """Return `value` as a float64 array; raise `ValueError` unless it is made of real numbers."""
     array = np.asarray(value)
     if array.dtype.kind not in "fiub":
         raise ValueError(f"input '{name}' of {owner} must hold real numbers, not {array.dtype}")
@@ -80,7 +80,7 @@ def as_doubles(value: Any, name: str, owner: str) -> np.ndarray:
 
 
 def common_length(rows: Mapping[str, np.ndarray], owner: str, lengths: Mapping[str, int] | None = None) -> int:
-    """The number of samples that all inputs agree on; inputs of length 1 are shared.
+    """Return the number of samples that all inputs agree on; inputs of length 1 are shared.
 
     `lengths` must agree too, whatever they are. Raises `ValueError` naming all that count where
     they disagree along axis 0.
@@ -93,7 +93,7 @@ def common_length(rows: Mapping[str, np.ndarray], owner: str, lengths: Mapping[s
 
 
 def as_output(value: np.ndarray | None, shape: tuple[int, ...], name: str) -> np.ndarray:
-    """The array to write to: a new one, or the caller's after a check of type and shape."""
+    """Return the array to write to: a new one, or the caller's after a check of type and shape."""
     if value is None:
         return np.empty(shape)
     if value.shape != shape or value.dtype != np.float64 or not value.flags.c_contiguous:
@@ -105,7 +105,7 @@ def as_output(value: np.ndarray | None, shape: tuple[int, ...], name: str) -> np
 
 
 class BatchWarning(UserWarning):
-    """What a user of batched evaluation should know: a fallback, or non-finite samples."""
+    """Warning about a batched evaluation: a backend fell back, or samples are not finite."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class NonFinite:
 
 
 def non_finite_rows(arrays: list[np.ndarray]) -> NonFinite:
-    """Which rows (axis 0) hold a value that is not finite, over arrays of equal length."""
+    """Return the rows (axis 0) with a value that is not finite, over arrays of equal length."""
     bad = np.zeros(len(arrays[0]), dtype=bool)
     for array in arrays:
         bad |= ~np.isfinite(array.reshape(len(array), -1)).all(axis=1)

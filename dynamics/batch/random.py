@@ -79,7 +79,7 @@ class Gaussian:
 
     `sigma` > 0 is one standard deviation, or one for each component; `seed` chooses the stream;
     `first` is the index of the first sample, so that a run can be continued where it stopped.
-    With `turned` every sample is -w in place of w, to the last bit.
+    With `is_negated` every sample is -w in place of w, to the last bit.
     """
 
     sigma: float | np.ndarray
@@ -104,7 +104,7 @@ class Gaussian:
         return replace(self, first=self.first + n)
 
     def component_scales(self, nu: int) -> np.ndarray:
-        """What multiplies the normals, (nu,): `deviations`, or -`deviations` where `turned`.
+        """Return the factors of the normals, (nu,): `deviations`, or -`deviations` where `is_negated`.
 
         Raises `ValueError` where `deviations` has another length.
         """

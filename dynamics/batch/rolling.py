@@ -1,4 +1,4 @@
-"""What every kind of rollout shares: tapes, engine, checked arguments, moments merged in order."""
+"""Common part of all kinds of rollouts: tapes, engine, checked arguments, moments merged in order."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from dynamics.contact import Step
 
 @dataclass(frozen=True)
 class Moments:
-    """What is kept of n samples of a vector: `n`, `mean` and `m2 = sum (value - mean)^2`.
+    """Moments of n samples of a vector: `n`, `mean` and `m2 = sum (value - mean)^2`.
 
     `variance` is that of one sample, `standard_error` that of the mean; both need two samples and
     raise `ValueError` with fewer.
@@ -145,7 +145,7 @@ class Rolling:
 
     @property
     def acting(self) -> tuple[np.ndarray, np.ndarray]:
-        """Which noise w_t (horizon, nu) and theta, in its shape, have a way to the cost."""
+        """Masks of noise w_t (horizon, nu) and of theta, in its shape, that reach the cost."""
         noise = self.tapes.cost_dependence.over(self.horizon)[0]
         return noise, self.policy.acting_parameters(noise)
 

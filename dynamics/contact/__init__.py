@@ -1,4 +1,4 @@
-"""How contact closes: the exact, barrier, adaptive and randomized laws, and the solved step."""
+"""Contact laws: the exact, barrier, adaptive and randomized laws, and the solved step."""
 
 from dynamics.contact.adaptive import Adaptive
 from dynamics.contact.affine_step import AffineStep

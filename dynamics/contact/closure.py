@@ -1,4 +1,4 @@
-"""What a step asks of a contact law, and where the contact of a step is solved."""
+"""The interface of a contact law to a step: mu, and the disturbances at which contact is solved."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Closure(ABC):
         return False
 
     def schedule(self, impulse: float, gap: float) -> Schedule | None:
-        """How the law is followed down to the exact one, from a problem's characteristic sizes.
+        """Return the schedule that follows the law down to the exact one, from characteristic sizes.
 
         ``impulse`` and ``gap`` are in the units of a pair's members. None where no parameter leads
         there as it falls to zero.

@@ -1,4 +1,4 @@
-"""How gaps give way to impulses, ``gap = z + F lam``, and the linear systems of the path solver.
+"""Compliance of gaps under impulses, ``gap = z + F lam``, and linear systems of the path solver.
 
 F (n, n) is a matrix, or where many contacts push few coordinates, a product that is never formed.
 Both solve ``(I + diag(ratio) F) step = rhs``, ratio = lam / s.

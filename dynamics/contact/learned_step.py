@@ -187,7 +187,7 @@ class LearnedStep(Step):
 
     @cached_property
     def contacts(self) -> tuple[Signal, ...]:
-        """None."""
+        """Names of multipliers; a learned step has none."""
         return ()
 
     @cached_property
@@ -203,7 +203,7 @@ class LearnedStep(Step):
 
     @cached_property
     def model_outputs(self) -> ca.SX:
-        """What evaluating the model gives: ``inner``, then the columns of ``slopes``."""
+        """Outputs of one evaluation of the model: ``inner``, then the columns of ``slopes``."""
         return ca.vertcat(self.inner, *(ca.vec(slope) for slope in self.slopes))
 
     def query_gradient(self, value: ca.SX) -> ca.SX:

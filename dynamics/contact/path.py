@@ -35,7 +35,7 @@ class CurvedGap:
 
     @property
     def opening_data(self) -> ca.SX:
-        """What :meth:`gap_at` needs, in the system's (x, u, p)."""
+        """Data for :meth:`gap_at`, in the system's (x, u, p)."""
         return self.opening_data_along(ca.densify(self._system.reduced.B))
 
     def gap_at(self, lam: ca.SX, D: ca.SX, c: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -46,7 +46,7 @@ class CurvedGap:
         return rows * scale / c, ca.diag(scale) @ (by_lam + by_w) @ ca.diag(D)
 
     def opening_data_along(self, C: ca.SX) -> ca.SX:
-        """What :meth:`gaps_along` needs, in the system's (x, u, p)."""
+        """Data for :meth:`gaps_along`, in the system's (x, u, p)."""
         return ca.vertcat(self._system.reduced.a[self._states], ca.vec(C[self._states, :].nz[:]), self._given)
 
     def gaps_along(self, lam: ca.SX, w: ca.SX, C: ca.SX, opening: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -145,7 +145,7 @@ class Path:
 
     @property
     def curved_data(self) -> ca.SX:
-        """What curved rows need, the last numbers of ``data``."""
+        """Data of the curved rows, the last numbers of ``data``."""
         return self.curved.opening_data if self.curved else ca.SX(0, 1)
 
     @cached_property

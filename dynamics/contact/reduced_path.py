@@ -67,7 +67,7 @@ class ReducedPath(Path):
 
     @property
     def curved_data(self) -> ca.SX:
-        """What curved rows need, the last numbers of ``data``."""
+        """Data of the curved rows, the last numbers of ``data``."""
         return self.curved.opening_data_along(self.coordinates.C) if self.curved else ca.SX(0, 1)
 
     def _near(self) -> ca.SX:

@@ -1,4 +1,4 @@
-"""Where the path of a step may start: at the impulses of the step before, or at many other points.
+"""Starting points of a step's path: the impulses of the step before, or many other points.
 
 All are starts on the true gap, whose s is the gap that belongs to the impulses, lifted where it is
 small; the first of the others is the path of the linearised gap, from ones.

@@ -63,7 +63,7 @@ class Step(ABC):
 
     @cached_property
     def motion(self) -> ca.SX:
-        """What is zero at the right ``states``, as many entries."""
+        """Residual of the branches' motion, zero at the right ``states``, with as many entries."""
         return ca.SX(0, 1)
 
     @cached_property
@@ -83,7 +83,7 @@ class Step(ABC):
 
     @property
     def extra_stage_cost(self) -> ca.SX:
-        """What the law adds to the stage cost, an expression in (x, u, inner, p); nothing."""
+        """The law's own term of the stage cost, an expression in (x, u, inner, p); zero by default."""
         return ca.SX(0)
 
     @abstractmethod
@@ -122,7 +122,7 @@ class Step(ABC):
 
     @cached_property
     def residual(self) -> ca.SX:
-        """What is zero in (x, u, x_next, lam, p), (nx, 1)."""
+        """Residual of the motion (nx, 1) in (x, u, x_next, lam, p)."""
         if self.branches == 1:
             return ca.substitute(self.system.residual, self.system.lam, self.lam)
         return self.system.x_next - self.x_next_of_lam

@@ -15,7 +15,7 @@ from dynamics.learned.region import Region
 from dynamics.learned.transitions import Transitions
 
 Keep = Callable[[np.ndarray], np.ndarray]
-"""Which states (n, nx) are kept: n truth values."""
+"""Filter of states (n, nx) that are kept: n truth values."""
 
 DrawStates = Callable[[np.random.Generator, int, Sequence[str]], np.ndarray]
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -53,7 +53,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Drawn:
-    """What a piece gave: rows x, u and x_next of either half, and how many were not solved."""
+    """Results of a piece: rows x, u and x_next of either half, and how many were not solved."""
 
     in_ranges: Rows
     in_tube: Rows

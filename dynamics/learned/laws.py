@@ -25,7 +25,7 @@ class StepModel(LearnedMap, Protocol):
 
     @property
     def origin(self) -> Origin:
-        """What its numbers are called, and which data it saw."""
+        """Names and units of its numbers, and the data it was trained on."""
         ...
 
 
@@ -62,7 +62,7 @@ class LearnedLaw(ContactLaw):
         return type(self)(**{**self.settings(), "model": self._stated, **values})
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
-        """None; raises ``ValueError`` where the model is of another system's states or inputs."""
+        """Return no parameters; raise ``ValueError`` where the model has other states or inputs."""
         for kind, trained_signals, system_signals in (
             ("states", self.model.origin.y, system.states),
             ("inputs", self.model.origin.inputs, system.inputs),
@@ -88,7 +88,7 @@ class LearnedLaw(ContactLaw):
         }
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
-        """Nothing: no pairs are left."""
+        """Return no mu: no pairs are left."""
         return ca.SX(0, 1)
 
     def close_at_nodes(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:

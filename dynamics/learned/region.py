@@ -1,4 +1,4 @@
-"""Where transitions are drawn: ranges of states and inputs, and a tube around the task."""
+"""Regions from which transitions are drawn: ranges of states and inputs, and a tube around the task."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from dynamics.learned.transitions import Samples, split_rows
 
 @dataclass(frozen=True)
 class Recipe:
-    """How a network is trained. Defaults: the same authors' for 1e5 transitions of pushing.
+    """Hyperparameters of the training of a network. Defaults: the same authors' for 1e5 transitions of pushing.
 
     ``hidden`` units a layer; ``rate`` of Adam; ``batch`` samples a step, or all where there are
     fewer; at most ``epochs`` passes; the fraction ``held_out`` of the rows is never trained on, and
@@ -158,7 +158,7 @@ class Training:
         return self._network.progress(state)
 
     def _identity(self) -> bytes:
-        """What the bits depend on: more epochs or patience continue the same run."""
+        """Return a digest of everything that decides the bits; more epochs or patience continue the run."""
         recipe = self.recipe
         identity = recipe.hidden, recipe.batch, recipe.rate, recipe.held_out, self.sigma, self.seed
         identity = (*identity, self.data.hash)
@@ -188,7 +188,7 @@ DRAWS, HELD = 1, 2
 
 @dataclass(frozen=True)
 class Progress:
-    """Where training is: layers and Adam's moments now, and the layers of the least error.
+    """State of training: layers and Adam's moments now, and the layers of the least error.
 
     Replaced as a whole after every epoch, so that what interrupts one leaves that before it.
     """
@@ -202,7 +202,7 @@ class Progress:
 
 
 class Network:
-    """What training does to the weights of a network, float32, on JAX's device."""
+    """Updates of a network's weights in training, float32, on JAX's device."""
 
     def __init__(self, n_in: int, n_out: int, recipe: Recipe, sigma: float, seed: int) -> None:
         jax, _, optax = _libraries()

@@ -1,4 +1,4 @@
-"""What moves: systems as one implicit step with contact multipliers and gaps."""
+"""Mechanical systems as one implicit step with contact multipliers and gaps."""
 
 from dynamics.systems.chain import Chain
 from dynamics.systems.lcs import is_p_matrix, lcs

@@ -22,7 +22,7 @@ class _Frame(Pose):
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """What one coordinate does to its link: turn about the joint, or move along ``along``."""
+    """Motion of a link by one coordinate: turn about the joint, or move along ``along``."""
 
     turn: float
     along: ca.SX

@@ -31,7 +31,7 @@ FORMS: dict[str, ConeForm] = {
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """What contacts in space need besides: ``sliding`` gives 2 nc rows, of both tangents.
+    """Additional maps of contacts in space: ``sliding`` gives 2 nc rows, of both tangents.
 
     ``velocities`` nv of the rows, which multiply v where that is not dq/dt: ``pressing`` maps q to
     J_n (nc, nv), ``tangent`` to ``dq/dt`` by v (nq, nv). Friction's cone is a pyramid with 4 or 8
@@ -84,7 +84,7 @@ class ContactSpec:
         return [i for i in range(nc) if not f[i].is_zero()], f
 
     def referee_model(self, curved: bool, build: Callable[[ContactSpec], ContactSystem]) -> RefereeModel:
-        """How the system that ``build`` makes of these contacts leads to its sharpest sibling."""
+        """Return the most exact model of the system that ``build`` makes of these contacts."""
         notes = [TRUE_GAPS] if self.linearised and curved else []
         true = replace(self, linearised=False)
         if self.cone == "edges" and self.friction is not None and self.sliding is not None:

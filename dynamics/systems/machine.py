@@ -76,7 +76,7 @@ class Sphere:
 class Machine:
     """A tree of links, the spheres on them that may touch the ground z = 0, and what else meets.
 
-    ``meetings`` are pairs of names, of spheres or of further ``parts``, on two links each, that may
+    ``collision_pairs`` are pairs of names, of spheres or of further ``parts``, on two links each, that may
     touch each other; one of them may be on the :data:`WORLD`. The contact of two is called
     ``<one> on <other>``. ``gravity`` [m/s²] pulls down, or is the acceleration (x, z), as on a
     slope.
@@ -107,7 +107,7 @@ class Machine:
         return Chain(self.links, self.gravity)
 
     def contacts(self, chain: Chain, q: ca.SX, spheres: Collection[str] | None = None) -> dict[str, Contact]:
-        """Contacts at the pose ``q`` (nq, 1): of the spheres with the ground, and the meetings.
+        """Contacts at the pose ``q`` (nq, 1): of the spheres with the ground, and of the collision pairs.
 
         Of ``spheres``, all by default, those named touch the ground.
         """

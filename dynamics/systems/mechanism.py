@@ -1,4 +1,4 @@
-"""What a system was built from, for whoever simulates the same machine by other means."""
+"""The machine that a system was built from, for simulators of the same machine."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ def check_parts(
     members: Sequence[Branch],
     moving: Sequence[tuple[str, str]],
     parts: Sequence[tuple[str, str]],
-    meetings: Sequence[tuple[str, str]],
+    collision_pairs: Sequence[tuple[str, str]],
 ) -> None:
     """Raise ``ValueError`` for links or bodies that are no tree, and for wrong names on them.
 
@@ -46,9 +46,9 @@ def check_parts(
     if repeated := [name for name, count in counts.items() if count > 1]:
         raise ValueError(f"two parts are named {repeated[0]!r}; give each part its own name")
     owners = dict((*moving, *parts))
-    for meeting in meetings:
-        for name in meeting:
+    for pair in collision_pairs:
+        for name in pair:
             if name not in owners:
                 raise ValueError(f"{name!r} is not a part; choose from {', '.join(owners)}")
-        if len({owners[name] for name in meeting}) == 1:
-            raise ValueError(f"{' and '.join(meeting)} are on the same {kind} and never meet")
+        if len({owners[name] for name in pair}) == 1:
+            raise ValueError(f"{' and '.join(pair)} are on the same {kind} and never meet")

@@ -34,7 +34,7 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class ContactForces:
-    """What the pairs of every contact add up to, for audits and pictures.
+    """Total forces of the pairs of every contact, for audits and pictures.
 
     ``normal`` and ``tangential`` (points, 1) are impulses [N s], expressions in (x, u, lam) and the
     parameters; ``slip`` (points, 1) the tangential velocity [m/s] that the law of friction sees, in
@@ -138,7 +138,7 @@ _SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class RefereeModel:
-    """How a model leads to its sharpest sibling: ``note`` states what that one does better.
+    """The most exact model of the same system: ``note`` states its improvement.
 
     ``build`` makes it: the same x, u, x_next and parameters, lam and gap its own, so that the same
     states and inputs can be replayed. None where nothing sharper than the model is known.

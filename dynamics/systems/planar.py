@@ -84,7 +84,7 @@ class Link:
 
 
 class Member(Protocol):
-    """What has a name and hangs on another, or on nothing."""
+    """A member of a tree: it has a name and hangs on another member, or on nothing."""
 
     @property
     def name(self) -> str:

@@ -177,7 +177,7 @@ class ContactSystem:
 
     @property
     def referee_note(self) -> str | None:
-        """What :attr:`most_exact` has that the model has not; None for a system without geometry."""
+        """Improvement of :attr:`most_exact` over the model; None for a system without geometry."""
         return None if self._referee_model is None else self._referee_model.note
 
     @property

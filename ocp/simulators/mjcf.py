@@ -196,7 +196,7 @@ def _to_space(point: Any) -> tuple[Any, ...]:
 def _shapes(mechanism: Mechanism) -> tuple[dict[str, tuple[str, Any]], dict[str, tuple[str, str]]]:
     """Return shapes by name, each with its body, and the pairs of every contact."""
     machine = mechanism.machine
-    pairs = {f"{first} on {second}": (first, second) for first, second in machine.meetings}
+    pairs = {f"{first} on {second}": (first, second) for first, second in machine.collision_pairs}
     if not isinstance(machine, Machine):
         return {part.name: (part.body, part.shape) for part in machine.parts}, pairs
     shapes = {part.name: (part.link, part.shape) for part in (*machine.spheres, *machine.parts)}

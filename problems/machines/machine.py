@@ -85,7 +85,7 @@ def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
 def machine_frames(
     machine: Machine, state: np.ndarray, spheres: Collection[str] | None, friction: float
 ) -> list[ContactFrame]:
-    """Frames of the contacts: of ``spheres``, all by default, with the ground, and the meetings."""
+    """Frames of the contacts: of ``spheres``, all by default, with the ground, and of the collision pairs."""
     frames = _frames(machine, None if spheres is None else tuple(spheres))
     found = np.array(frames(state[: frames.numel_in(0)])).T.tolist()
     return [ContactFrame(x, z, nx, nz, friction) for x, z, nx, nz in found]

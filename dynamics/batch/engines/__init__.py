@@ -1,1 +1,1 @@
-"""What runs the tapes over many samples: compiled C, NumPy, or CasADi itself."""
+"""Backends that run the tapes over many samples: compiled C, NumPy, or CasADi itself."""

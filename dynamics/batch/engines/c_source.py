@@ -41,7 +41,7 @@ _COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 
 
 def c_double(value: float) -> str:
-    """A double as a C expression that gives exactly that double."""
+    """Return a C expression that gives exactly this double."""
     if math.isnan(value):
         return "NOT_A_NUMBER"
     if math.isinf(value):
@@ -51,7 +51,7 @@ def c_double(value: float) -> str:
 
 @dataclass(frozen=True)
 class RegisterLayout:
-    """Where the entries of inputs and outputs are, for a kernel over registers side by side.
+    """Positions of the entries of inputs and outputs, for a kernel over registers side by side.
 
     Entry j of an array for register r is number `j * stride + r`, or `j * stride` alone where the
     stride is 1, which is what all registers share. Strides are C expressions, "1" by default;
@@ -72,7 +72,7 @@ class RegisterLayout:
 
     @staticmethod
     def entry_offset(strides: Sequence[str], k: int, j: int, register: int) -> str:
-        """Where entry j of array k is for this register."""
+        """Return the C offset of entry j of array k for this register."""
         stride = strides[k] if k < len(strides) else "1"
         if stride == "1":
             return str(j)
@@ -196,7 +196,7 @@ class _KernelEmitter:
         return f"{linkage} void {name}({parameters}) {{\n{text}}}\n"
 
     def _body(self, p: int) -> list[str]:
-        """The statements of a part, every one once for each register in turn."""
+        """Return the statements of a part, each one once for every register in turn."""
         registers = range(self.layout.abreast)
         by_register = [_PartEmitter(self.parts, p, self.layout, r).statement_lines() for r in registers]
         return list(chain.from_iterable(zip(*by_register, strict=True)))
@@ -217,7 +217,7 @@ class _PartEmitter:
             self.stores.setdefault(i, []).append(f"out[{k}][{place}] = v{i};")
 
     def statement_lines(self) -> list[str]:
-        """Each value that is read, right before it is first used."""
+        """Return the statements, each constant or input right before its first use."""
         lines: list[str] = []
         loaded: set[str] = set()
         for line in self._needed():
@@ -231,7 +231,7 @@ class _PartEmitter:
         return [_NAMES.sub(rf"\g<0>_{self.register}", line) for line in lines]
 
     def _needed(self) -> Iterable[str]:
-        """Statements in turn, without those whose value is unused, as of products in `fused`."""
+        """Yield the statements in order, without those whose result is unused."""
         output_lines = [line for i, lines in self.stores.items() if i not in self.own_set for line in lines]
         reverse = output_lines[::-1]
         read_names = {kind + i for line in reverse for kind, i in _NAMES.findall(line)}
@@ -257,7 +257,7 @@ class _PartEmitter:
         return f"const {kind.upper()} {kind}{i} = {self._slot(i)}{' != 0.0' * (kind == 'm')};"
 
     def _statements(self, i: int) -> tuple[str, ...]:
-        """What defines value i, the last line first."""
+        """Return the statements that define value i, the last line first."""
         operation = self.tape.operations[i]
         if operation.op in BOOLEAN:
             condition = self._condition(operation)

@@ -172,7 +172,7 @@ INLINE void one_step(const V *const in[], V *const out[]%(ts_parameter)s) {
 
 
 def step_source(tapes: RolloutTapes, block: int, machine: Compiler) -> str:
-    """The C text of one step of many samples, on blocks of about `block`.
+    """Return the C text of one step of many samples, on blocks of about `block`.
 
     Raises `UnsupportedOperation` for a learned step.
     """
@@ -198,7 +198,7 @@ def side_by_side(functions: Mapping[str, ca.Function], block: int, machine: Comp
 
 
 def forward_graphs(tapes: RolloutTapes, warm: bool = False) -> dict[str, ca.Function]:
-    """The graphs that make up the forward step, by the names their kernels have.
+    """Return the graphs that make up the forward step, by the names of their kernels.
 
     ``warm`` where steps follow each other.
 
@@ -227,7 +227,9 @@ def step_kernels(
 
 
 def _path_abreast(tapes: RolloutTapes, abreast: int) -> int:
-    """Where Newton's method comes first the path is rare, and its text shorter by half."""
+    """Return the registers side by side in the path's kernels: one where Newton's method comes first.
+
+    The path is rare there, and its text shorter by half."""
     loop = tapes.forward
     return 1 if isinstance(loop, InnerLoop) and loop.newton else abreast
 

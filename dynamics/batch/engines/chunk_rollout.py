@@ -201,7 +201,7 @@ class ChunkRollout:
         return x, lam, cost[0]
 
     def _theta(self, theta: Array, x: Array, p: Array, t: int) -> Array:
-        """What the graphs of step t take for theta."""
+        """Return the theta of step t: its own row, the shared one, or the network's mean actions."""
         if self.network is not None:
             return self.network.mean_actions(theta[0], x, p)
         return theta[min(t, len(theta) - 1)]

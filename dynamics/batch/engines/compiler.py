@@ -72,7 +72,7 @@ class Compiler:
 
 
 def find_compiler() -> Compiler:
-    """The first working compiler among `cc`, `gcc`, `clang` on the search path.
+    """Return the first working compiler among `cc`, `gcc`, `clang` on the search path.
 
     Raises `CompilerError` when there is none.
     """
@@ -136,7 +136,7 @@ def vector_math(mangling: str) -> dict[str, str]:
 
 
 def _run(command: list[str], limit_s: float = COMPILE_TIMEOUT_S) -> str:
-    """What a command prints; it and all that it started are gone when this returns or raises."""
+    """Return the output of a command; it and its children have ended when this returns or raises."""
     try:
         with subprocess.Popen(
             command,
@@ -261,7 +261,7 @@ def _compile(key: str, source: str, compiler: Compiler, flags: tuple[str, ...], 
 
 @functools.cache
 def _private_directory() -> Path:
-    """Where objects go when the cache cannot be used: removed when the process ends."""
+    """Return the folder for objects when the cache cannot be used; removed when the process ends."""
     holder = tempfile.TemporaryDirectory(prefix="centralpath-")
     _holders.append(holder)
     return Path(holder.name)
@@ -290,7 +290,7 @@ def cache_directory() -> Path | None:
 
 
 def compiler_identity() -> str:
-    """Identity of this compiler and CPU; "" without a working compiler."""
+    """Return the identity of this compiler and CPU; "" without a working compiler."""
     try:
         return find_compiler().identity
     except CompilerError:
@@ -298,7 +298,7 @@ def compiler_identity() -> str:
 
 
 def compiler_info() -> dict[str, object]:
-    """What `ocp doctor` shows: the compiler, its vector library, and the cache.
+    """Describe the compiler, its vector library, and the cache, for `ocp doctor`.
 
     Keys `compiler version instruction_set width vector_math cache objects bytes`; `compiler` is
     None, with the cause in `problem`, without one; `cache` is None where it is unusable.

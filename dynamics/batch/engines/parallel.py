@@ -18,14 +18,14 @@ _pool: ThreadPoolExecutor | None = None
 
 
 def available_threads() -> int:
-    """How many CPUs this process may run on."""
+    """Return the number of CPUs that this process may run on."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def checked_threads(threads: int | None) -> int:
-    """`threads`, or every available CPU for None; `ValueError` below one."""
+    """Return `threads`, or every available CPU for None; raise `ValueError` below one."""
     if threads is None:
         return available_threads()
     if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:

@@ -209,7 +209,7 @@ class ChunkEngine:
         self._rollout = ChunkRollout(tapes, make)
 
     def samples(self, q: RolloutRequest, results: RolloutArrays) -> int:
-        """As :meth:`CompiledRolloutEngine.samples`."""
+        """Fill the arrays like :meth:`CompiledRolloutEngine.samples`."""
         bad_counts: list[int] = []
         targets = results.gradient, results.score, results.last, results.trail
 
@@ -228,7 +228,7 @@ class ChunkEngine:
         return sum(bad_counts)
 
     def moments(self, q: RolloutRequest, table: Array) -> int:
-        """As :meth:`CompiledRolloutEngine.moments`."""
+        """Fill the table like :meth:`CompiledRolloutEngine.moments`."""
         bad_counts: list[int] = []
 
         def work(begin: int, end: int) -> None:
@@ -245,7 +245,7 @@ class ChunkEngine:
         return sum(bad_counts)
 
     def _chunk(self, q: RolloutRequest) -> tuple[Array, Array, Array, Array]:
-        """Of one chunk, until the next: cost (m,), gradient and score (parts * n_theta or 0, m),
+        """Return results of one chunk, valid until the next: cost (m,), gradient and score (parts * n_theta or 0, m),
         and all that was carried (N + 1, nx, m)."""
         tapes, m = self._tapes, q.n
         scratch, rollout = self._rollout.scratch, self._rollout

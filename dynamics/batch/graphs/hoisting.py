@@ -1,4 +1,4 @@
-"""Taking out of a repeated graph what depends on parameters alone.
+"""Hoisting of expressions in parameters alone out of a graph that is repeated.
 
 Parameters stay the same over a rollout, so an expression in them, such as h/m, is computed once and
 handed to the graphs of the step as a value, instead of once a step and sample; a division by such
@@ -72,7 +72,7 @@ class _Pool:
         return apply_operation(operation.op, [self.expressions[i] for i in args])
 
     def value(self, i: int) -> ca.SX:
-        """What the rest of a graph uses for a member: a constant as it is, else a symbol."""
+        """Return the constant, or the symbol, that stands for a member in the remaining graph."""
         if self.expressions[i].is_constant():
             return self.expressions[i]
         if i not in self.symbols:
@@ -197,7 +197,7 @@ class _Graph:
         self.tape = tape
 
     def first_met(self, ends: set[int]) -> list[int]:
-        """Those of ``ends`` that are met first on the way from the outputs down."""
+        """Return the members of ``ends`` that are met first on the way from the outputs down."""
         visited: set[int] = set()
         first_met, pending = [], [i for row in self.tape.outputs for i in row]
         while pending:
@@ -212,7 +212,7 @@ class _Graph:
         return first_met
 
     def match_values(self, other: _Graph, lam_input: int) -> dict[int, int]:
-        """Which value of ``other`` a value of this tape is; inputs agree but for ``lam_input``,
+        """Map values of this tape to equal values of ``other``; inputs agree but for ``lam_input``,
         which is the other's output 1."""
         index_by_key = {other._key(op, op.args): i for i, op in enumerate(other.tape.operations)}
         matches: dict[int, int] = {}

@@ -1,4 +1,4 @@
-"""What a rollout adds up, step by step, and what it carries along for that beside the state."""
+"""Objectives of rollouts: costs added step by step, and values carried beside the state."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Objective(ABC):
         return bars
 
     def mask_finished(self, bars: ca.SX) -> ca.SX:
-        """What of a step's contribution to gradient or score counts; all by default."""
+        """Return the counted part of a step's contribution to gradient or score; all by default."""
         return bars
 
 
@@ -190,7 +190,7 @@ class Episode(Objective):
         return ca.vertcat(*state_bars, ca.SX.zeros(self.carried.numel()))
 
     def mask_finished(self, bars: ca.SX) -> ca.SX:
-        """Nothing once the episode is over, finite or not."""
+        """Return zero once the episode is over, finite or not."""
         return ca.vertcat(ca.SX(0, 1), *(ca.if_else(self.is_alive, bar, 0) for bar in ca.vertsplit(ca.densify(bars))))
 
 

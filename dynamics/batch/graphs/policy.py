@@ -1,4 +1,4 @@
-"""How a rollout chooses its inputs: a function of state and parameters, applied at every step."""
+"""Policies of rollouts: functions of state and parameters, applied at every step."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class RolloutPolicy:
 
     @cached_property
     def parameters(self) -> ParameterTable:
-        """What a rollout under the policy has of parameters beside the step's; none here."""
+        """Parameters of the policy itself, beside the step's; none here."""
         return ParameterTable()
 
     def total(self, horizon: int) -> int:
@@ -51,7 +51,7 @@ class RolloutPolicy:
         return self.n_theta * (horizon if self.per_step else 1)
 
     def acting_parameters(self, noise: np.ndarray) -> np.ndarray:
-        """Which of theta, in its shape, move an action whose noise acts, `noise` (horizon, n_a)."""
+        """Return a mask, in theta's shape, of entries that move an action whose noise acts, `noise` (horizon, n_a)."""
         x, theta = (ca.SX.sym("a", self.law.numel_in(k)) for k in range(2))
         reaches = noise @ dependence_table(expand_function(self.law)(x, theta), theta)
         return reaches if self.per_step else np.any(reaches, axis=0, keepdims=True)[0]

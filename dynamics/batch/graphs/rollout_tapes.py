@@ -195,7 +195,7 @@ class ClosedStep:
         return _function("forward", self.arguments, self._effects(ca.vertcat(ca.SX(0, 1), *solved)))
 
     def _around(self) -> InnerLoop | ModelStepGraphs | None:
-        """What solves or evaluates the step between two graphs; None where one graph does."""
+        """Return the loop that solves or evaluates the step between two graphs; None where one graph does."""
         if isinstance(self.step, LearnedStep):
             return self._asked(self.step)
         explicit = self.step.system.nlam <= isinstance(self.step, AffineStep)
@@ -292,7 +292,7 @@ class ClosedStep:
         return self._adjoint_function(step.lam, xbar, ca.cse(bars))
 
     def _implicit(self, step: AffineStep, lambar: ca.SX) -> tuple[list[ca.SX], list[ca.SX], ca.SX]:
-        """What contact adds to the function whose gradient is the adjoint.
+        """Return the contact term of the function whose gradient is the adjoint.
 
         The symbols to hold constant while differentiating, the expressions they stand for, and
         the function `v' (mu - diag(lam) (z + F lam))`, v the solution of the transposed system.
@@ -326,7 +326,7 @@ def _root(z: ca.SX, F: ca.SX, mu: ca.SX) -> ca.SX:
 
 
 def _mixed(expressions: ca.SX) -> ca.SX:
-    """Something that depends on all that any of the entries does."""
+    """Return a scalar that depends on every symbol that any entry depends on."""
     return ca.dot(ca.SX.sym("weight", expressions.numel()), expressions)
 
 

@@ -33,7 +33,7 @@ class CostDependence:
     gates: np.ndarray
 
     def over(self, horizon: int) -> tuple[np.ndarray, np.ndarray]:
-        """Whether w_t (horizon, nu) and x_{t+1} (horizon, nx) reach the cost of a rollout."""
+        """Return masks of w_t (horizon, nu) and x_{t+1} (horizon, nx) that reach the cost of a rollout."""
         noise_reaches, state_reaches = [], [self.at_end]
         for _ in range(horizon):
             reaches_cost = np.append(state_reaches[-1], True)
@@ -62,13 +62,13 @@ def cost_dependence(outputs: ca.SX, terminal: ca.SX, x: ca.SX, w: ca.SX) -> Cost
 
 
 def dependence_table(expression: ca.SX, symbols: ca.SX) -> np.ndarray:
-    """Which entries of an expression depend on which of the symbols `symbols`, as a Boolean table."""
+    """Return a Boolean table: entries of an expression (rows) that depend on `symbols` (columns)."""
     pattern = ca.jacobian_sparsity(ca.densify(expression), symbols)
     return np.array(ca.DM(pattern, 1).full(), dtype=bool).reshape(expression.numel(), symbols.numel())
 
 
 def stand_ins(unknown: ca.SX, rows: ca.SX) -> ca.SX:
-    """For each unknown something that depends on all that the unknown does.
+    """Return, for each unknown, an expression with the same dependencies.
 
     Unknown i solves `rows` i (n, 1), together with those that these rows tie it to.
     """

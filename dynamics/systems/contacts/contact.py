@@ -15,7 +15,7 @@ from dynamics.systems.parameters import Signal
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """How a shape on a body with pose ``a`` is near a shape on a body with pose ``b``.
+    """Contact of a shape A on a body with pose ``a`` and a shape B on a body with pose ``b``.
 
     ``phi`` signed distance [m], negative in penetration; ``normal`` (2, 1) unit vector out of B
     towards A; ``point`` (2, 1) [m] the point of A nearest to B. The nearest point of B is

@@ -111,7 +111,7 @@ def box_polygon(box: Box) -> Polygon:
 
 
 def polygon_defect(vertices: np.ndarray, radius: float) -> str | None:
-    """What keeps ``vertices`` (n, 2), rounded by ``radius``, from a convex polygon; else None."""
+    """Return why ``vertices`` (n, 2), rounded by ``radius``, are no convex polygon; None if they are."""
     edges = np.roll(vertices, -1, axis=0) - vertices
     size = float(np.ptp(vertices, axis=0).max())
     if not size or np.linalg.norm(edges, axis=1).min() <= _FLAT * size:

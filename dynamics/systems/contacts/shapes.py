@@ -16,7 +16,7 @@ Point = tuple[Scalar, Scalar] | ca.SX
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where a body is: ``position`` (2, 1) [m] of its origin and ``angle`` [rad].
+    """Pose of a body: ``position`` (2, 1) [m] of its origin and ``angle`` [rad].
 
     The angle counts from the second axis of the plane towards the first, in the plane (x, z)
     about +y: ``R(a)(x, z) = (x cos a + z sin a, -x sin a + z cos a)``. Where a model counts its
@@ -138,7 +138,7 @@ class Capsule(Shape):
 
     @property
     def corners(self) -> tuple[Point, ...]:
-        """Both ends of the segment."""
+        """The two ends of the segment."""
         return (self.start, self.end)
 
     def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:
@@ -194,7 +194,7 @@ class HalfPlane(Shape):
 
     @property
     def corners(self) -> tuple[Point, ...]:
-        """None."""
+        """Corners of an unbounded core: an empty tuple."""
         return ()
 
     def signed_distance(self, point: ca.SX, pose: Pose) -> tuple[ca.SX, ca.SX]:

@@ -34,7 +34,7 @@ class SpatialPose(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SpatialContact:
-    """How a shape A is near a shape B.
+    """Contact of a shape A with a shape B.
 
     ``phi`` signed distance [m], negative in penetration; ``normal`` (3, 1) unit vector out of B
     towards A; ``point`` (3, 1) [m] the point of A nearest to B.

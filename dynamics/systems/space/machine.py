@@ -48,7 +48,7 @@ class SpatialPart:
 class SpatialMachine:
     """A tree of bodies, the parts on them, and who meets whom.
 
-    ``meetings`` are pairs of names of parts, on two bodies each, that may touch; one of them may be
+    ``collision_pairs`` are pairs of names of parts, on two bodies each, that may touch; one of them may be
     on the :data:`WORLD`. Their contacts are called ``<one> on <other>``, with a number behind where
     a pair has several points; of points that all joints move alike, as those of a box that moves in
     a plane, there is one. ``gravity`` is an acceleration [m/s²], ``couplings`` bind joints.

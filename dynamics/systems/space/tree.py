@@ -137,7 +137,7 @@ class Tree:
         return self._poses(q)[body]
 
     def joint_axes(self, q: ca.SX, body: str) -> list[tuple[int, ca.SX, ca.SX, ca.SX]]:
-        """What moves a body: (index into v, turning axis, direction moved, a point of the axis).
+        """Return the axes that move a body: (index into v, turning axis, direction moved, a point of the axis).
 
         All in the world's axes, of the body's joint and of all above it.
         """
