@@ -156,8 +156,8 @@ def _printed(params: Params) -> dict:
         z = np.sqrt(variance) * np.linspace(-3, 3, 121)
         true = gaussian_contact(z, C, np.sqrt(variance)).lam
         for row, printed in enumerate(READINGS.values()):
-            # N(0, sigma) and exp(-z²/(2 sigma)) of the text have sigma for the variance; its erf
-            # and Q have it for the deviation. The better of the two counts.
+            # In N(0, sigma) and exp(-z²/(2 sigma)) of the text sigma is the variance, in its erf
+            # and Q the deviation. The better fit of the two counts.
             readings_of_sigma = (affine_misfit(printed(z, symbol), true, z) for symbol in (variance, variance**0.5))
             misfits[row, column] = min(readings_of_sigma) * C / np.sqrt(variance)
     soft = gaussian_contact(TANGENTS * sigma, F, sigma)

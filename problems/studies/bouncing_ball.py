@@ -42,7 +42,7 @@ def turning_points(mu: float, q0: float, g: float) -> tuple[float, float, float]
     longest = 20 * float(np.sqrt(q0 / g))
     trajectory = _integrate(mu, q0, g, longest, None, velocity)
     heights = np.exp(trajectory.y_events[0][:, 0])
-    # The throw itself is level: its own event, where there is one, is at time 0.
+    # The ball starts level, which may be an event of its own at time 0.
     moving = trajectory.t_events[0] > 0
     times, heights = trajectory.t_events[0][moving], heights[moving]
     return float(heights[0]), float(heights[1]), float(times[1])

@@ -146,7 +146,7 @@ def _landscape(judge: Experiment, middle: np.ndarray, params: Params) -> Landsca
     offsets = step * np.arange(-reach, reach + 1)
     density = np.exp(-(offsets**2) / (2 * params.sigma**2))
     density /= density.sum()
-    # The gradient's kernel is minus that of the density: a convolution turns it round.
+    # The gradient's kernel is minus the density's gradient, since a convolution mirrors it.
     leaning = -offsets / params.sigma**2 * density
     kernels = np.outer(density, density), np.outer(leaning, density), np.outer(density, leaning)
     value, first, second = (fftconvolve(table, kernel, mode="valid") for kernel in kernels)

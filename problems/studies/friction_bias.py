@@ -194,7 +194,7 @@ def _few_samples(data: xr.Dataset) -> list[Claim]:
     reach = f"up to {sizes[few].max()}" if few.any() else "none"
     hits = n * data["chance"].values
     empty = data["variance"].sel(order="fobg").values == 0
-    # Where all samples fall within nu they vary no more either; that is not what is meant.
+    # If all samples fall within nu, they do not vary either; the claim does not mean those.
     rare, often = hits < _RARE_SAMPLES, (hits > _FREQUENT_SAMPLES) & (data["chance"].values < 0.5)
     share = float(np.mean(empty[rare])) if rare.any() else np.nan
     return [

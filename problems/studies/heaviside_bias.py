@@ -98,7 +98,7 @@ def _objective(data: xr.Dataset) -> list[Claim]:
     spread = np.sqrt(F * (1 - F) / n)[has_both_sides]
     objective_score = largest_value(np.abs(data["F_sampled"].values - F)[has_both_sides] / spread)
     ratio = zeroth["variance"].values[has_both_sides] / data["zobg_variance"].values[has_both_sides]
-    # The relative error of a variance whose samples have the kurtosis of a product w · {0, 1}.
+    # Relative error of a variance whose samples have the kurtosis of w times 0 or 1.
     blur = 5 * np.sqrt(6 / (n * np.minimum(F, 1 - F)[has_both_sides]))
     places = f" at {has_both_sides.sum()} of {has_both_sides.size} theta, those with {_SAMPLES_PER_SIDE} samples a side"
     return [

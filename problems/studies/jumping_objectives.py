@@ -157,7 +157,7 @@ def _steps(data: xr.Dataset, name: str) -> float:
 def _scatter(data: xr.Dataset, name: str) -> tuple[float, float, int]:
     """Return mean times sqrt(points), and rms, of ZoBG's errors in standard errors, and the points."""
     estimate, slope = data[f"zeroth_{name}"].values, data[f"slope_{name}"].values
-    # Where it is small the jump is met by too few samples for an error of its own.
+    # Where the slope is small, too few samples meet the jump for a standard error.
     steep = np.abs(slope) > 0.3 * np.abs(slope).max()
     score = (estimate[steep, 0] - slope[steep]) / estimate[steep, 1]
     return float(score.mean() * np.sqrt(score.size)), float(np.sqrt(np.mean(score**2))), score.size

@@ -82,7 +82,7 @@ def _variances(params: Params, h: float, steps: int) -> np.ndarray:
         steps,
         open_loop(4, 2),
     )
-    # A thrust of m v / h in the first step throws the ball with velocity v; m = 1 kg.
+    # A thrust of m v/h in the first step throws the ball with velocity v; m = 1 kg.
     theta = np.zeros((steps, 2))
     theta[0] = params.v0 / h, params.g
     noise = np.zeros((params.n_samples, steps, 2))

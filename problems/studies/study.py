@@ -101,8 +101,8 @@ class Claim:
 class Statement:
     """A sentence of a paper on its way to a :class:`Claim`; the last call decides whether it holds.
 
-    A condition holds if it does for every entry, and if there is one: nothing holds of nothing, and
-    nothing of NaN.
+    A condition must hold for every entry, and there must be one: no condition holds for an empty
+    array or for NaN.
     """
 
     sentence: str
@@ -290,7 +290,7 @@ def settings_text(settings: Sequence[object], marks: ArrayLike) -> str:
 def claim_verdict(holds: bool, margin: float | None = None) -> str:
     """Say whether a claim holds, or that its statistic is within 3 standard errors of deciding.
 
-    Other seeds, or another processor's rounding, may turn what is within noise.
+    Other seeds, or another processor's rounding, may change a verdict that is within noise.
     """
     if margin is not None and abs(margin) < _NOISE_MARGIN:
         return WITHIN_NOISE
@@ -300,7 +300,7 @@ def claim_verdict(holds: bool, margin: float | None = None) -> str:
 def count_text(claims: Iterable[Claim | Mapping[str, Any]]) -> str:
     """Say how many claims hold, of how many, and how many are within noise.
 
-    They may be rows, as a run's record keeps them.
+    Claims may be rows of a run's record.
     """
     rows = [claim if isinstance(claim, Mapping) else vars(claim) for claim in claims]
     verdicts = [claim_verdict(row["holds"], row.get("margin")) for row in rows]

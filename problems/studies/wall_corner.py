@@ -81,7 +81,7 @@ def _fraction(distance: ca.SX, displacement: ca.SX) -> ca.SX:
 class ThrownBall(SampledObjective):
     """Minus the distance x [m] after ``steps``, of a ball thrown from the origin at angle theta.
 
-    Gradients are those of the steps, carried forward with the state.
+    Gradients are propagated forward through the steps, with the state.
     """
 
     def __init__(self, wall: Wall, v0: float, g: float, h: float, steps: int) -> None:

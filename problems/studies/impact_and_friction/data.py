@@ -124,7 +124,7 @@ def _impact(params: Params, rng: np.random.Generator) -> tuple[dict, dict]:
     q = np.linspace(impact - 5 * params.sigma, impact + 5 * params.sigma, 201)
     averaged = np.empty((len(FINER), len(COUNTS), len(q)))
     quiet = np.empty((len(FINER), len(COUNTS)))
-    # Within one sigma of the impact its average is not small: there RS has something to see.
+    # Within one sigma of the impact the average is not small, so that RS should show it.
     near_impact = impact + params.sigma * np.linspace(-1, 1, _POINTS_NEAR_IMPACT)
     for row, finer in enumerate(FINER):
         h = params.h / finer

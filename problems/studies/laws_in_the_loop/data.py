@@ -99,7 +99,7 @@ class TaskLoops:
         disturbance = Disturbance(mismatch=larger if plant == "mismatch" else {})
         physics = plant if plant in ("referee", "h/4", "noise") else "exact"
         with warnings.catch_warnings():
-            # Candidates of a step that diverge: the plan keeps another.
+            # Candidates of a step may diverge; the plan then takes another one.
             warnings.simplefilter("ignore", BatchWarning)
             closed_loop = simulate(
                 self.controller(name),

@@ -26,7 +26,7 @@ def _dense(data: xr.Dataset) -> list[Claim]:
     """Compare dots, average and networks with f_sigma, in the middle and at the upper end."""
     sigma, u, widths = data.attrs["sigma"], data["u"].values, list(data["width"].values)
     score = ((data["sampled"] - data["true_dots"]) / data["sampled_error"]).values
-    # Beyond six sigma of the kink no draw tells anything, and no error either.
+    # Beyond six sigma of the kink the draws have neither a deviation nor an error.
     score = score[np.abs(data["sampled_error"].values) > 1e-6]
     square = data["score_square"].mean("set").values
     rms, error = data["dense_rms"].values, data["dense_error"].values

@@ -165,8 +165,8 @@ DEPTHS = np.array([0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 10.0])
 def sample_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[str, Any]:
     """Compute distances of g_sigma from f_sigma in standard errors, slopes, and states in penetration.
 
-    A weighted mean of random data has the standard error ``|w (y - g)|/sum w``; over it g_sigma
-    is off by a number of variance 1 where nothing but the choice of data parts it from f_sigma.
+    A weighted mean of random data has the standard error ``|w (y - g)|/sum w``; over it
+    the error of g_sigma has variance 1 if only the choice of data makes it differ from f_sigma.
     """
     shape = (len(WIDTHS), SETS)
     square, bias, error, at_end, steepest, flattest, inside = np.empty((7, *shape))
@@ -179,7 +179,7 @@ def sample_sets(pusher: LinePusher, sparse: int, dense: int, seed: int) -> dict[
             u, few = rng.uniform(-1, 1, dense), rng.uniform(-1, 1, sparse)
             g, deviation = _with_error(u, pusher.step(u), sigma, middle)
             errors = g - true
-            # Where the pusher stays away f is 0 and so is every error.
+            # Where the pusher stays away, f and every error are 0.
             has_error = deviation > 1e-3 * sigma
             square[row, i] = np.mean((errors / deviation)[has_error] ** 2)
             bias[row, i], error[row, i] = np.sqrt(np.mean(errors**2)), np.sqrt(np.mean(deviation**2))

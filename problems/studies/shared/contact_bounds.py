@@ -114,7 +114,7 @@ def empirical_bias_pairs(rng: np.random.Generator, n: int) -> dict[str, np.ndarr
     for _ in range(n):
         size, d = rng.integers(2, 6), rng.integers(1, 4)
         p = rng.dirichlet(np.full(size, 0.5))
-        # A rare outcome is what the lemma is about.
+        # The lemma is about a rare outcome.
         z = rng.standard_normal((size, d)) * np.exp(rng.uniform(-2, 2, (size, 1)))
         beta = p[0]
         mean, inside = p @ z, p[1:] @ z[1:] / (1 - beta)
@@ -249,7 +249,7 @@ def theorem_4_5(reach: np.ndarray, F: np.ndarray, mu: np.ndarray, sign: int) -> 
     inverse, under_root = 1 / mu, 2 / (e * mu * size)
     root = np.sqrt(inverse**2 + under_root)
     if sign < 0:
-        # The sum cancels; this is the same number.
+        # The sum cancels; this form of it does not.
         return n**3 * under_root / (size * (inverse + root) ** 2)
     return n**3 * (e * inverse + 1 / size + e * root)
 

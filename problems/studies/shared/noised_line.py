@@ -30,8 +30,8 @@ _METRES = Normalisation(np.zeros(1), np.ones(1))
 class LinePusher:
     """Block pushed along a line: ``q+ = q + rho max(0, u - c)`` after a pusher was sent to u.
 
-    The pusher meets it at c; ``rho = h² K/(m + h² K)`` is what a mass m leaves of the command of a
-    spring K over a step h. This is noising, eq. 13, without friction, solved.
+    The pusher meets it at c; ``rho = h² K/(m + h² K)`` for a mass m that a spring K commands
+    over a step h. This solves noising, eq. 13, without friction.
     """
 
     rho: float = 0.99
@@ -50,7 +50,7 @@ class LinePusher:
     def noised(self, u: ArrayLike, sigma: float, low: float, high: float) -> np.ndarray:
         """g_sigma(u), noising, eq. 7, for data that are uniform on [low, high], low <= c <= high.
 
-        The mean of f over a Gaussian around u of which the ends cut off the rest.
+        This is the mean of f over a Gaussian around u, truncated at both ends.
         """
         u = np.asarray(u)
         ends = [(end - u) / sigma for end in (low, self.c, high)]

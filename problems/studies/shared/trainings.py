@@ -33,7 +33,7 @@ def make_job(task: str, algorithm: str, law: ContactLaw, seed: int, **changed: A
 def training_curves(jobs: Mapping[str, TrainingJob], finished: FinishedParts) -> dict[str, Curves]:
     """Return every array of every training, by the key of its job; see :func:`side_by_side`.
 
-    Results do not depend on how many processes there are, but for ``wall_s``.
+    Except ``wall_s``, results do not depend on the number of processes.
     """
     return side_by_side(trained_curves, jobs, finished)
 
@@ -103,8 +103,8 @@ class Difference:
 def mean_difference(runs: np.ndarray, other_runs: np.ndarray, paired: bool = True) -> Difference:
     """Return ``mean(runs) - mean(other_runs)`` (n,) with its percentile bootstrap.
 
-    ``paired`` runs have seeds and starts in common and are drawn again together. Drawn out of seed
-    0, so that the same runs give the same interval.
+    ``paired`` runs share seeds and starts, and are resampled together. The resampling has seed 0,
+    so that the same runs give the same interval.
     """
     rng = np.random.default_rng(0)
     chosen = rng.integers(len(runs), size=(RESAMPLES, len(runs)))

@@ -32,7 +32,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
 def learned_gains(name: str, data: xr.Dataset) -> list[Claim]:
     """Check the gains of one problem that Adam learns through each of the five dynamics.
 
-    A comparison is of medians over seeds of the final cost, the median of the last records.
+    Costs are medians over seeds of the final cost, which is the median of the last records.
     """
     place = "Noising data, sec. V-B and fig. 2"
     start = float(data["learned"].sel(dynamics="f", end="exact replay").isel(seed=0, step=0))

@@ -33,7 +33,7 @@ class Bundle:
     """Averages ``E f(z + w)`` and ``E f'(z + w)``, w ~ N(0, diag(width)²), over ``samples`` draws a query.
 
     Every evaluation draws anew, each draw with its mirror image, so that a slope is a sample of
-    that of f_sigma (paper's eq. 7). Draws whose step was not solved are left out.
+    that of f_sigma (paper's eq. 7). Draws whose step is not solved are left out.
     """
 
     step: Step
@@ -110,7 +110,7 @@ def descend_gains(problem: Problem, law: ContactLaw, rate: float, iterations: in
     the last policy's states under the exact law (N+1, nx).
     """
     exact = RolloutObjective(problem, Exact(), Feedback())
-    # One rollout at a time: interpreted graphs lose less than arrays of one sample do.
+    # For one rollout at a time interpreted graphs are faster than arrays of one sample.
     backend = {} if isinstance(law, Exact) else {"backend": "casadi", "threads": 1}
     model = RolloutObjective(problem, law, Feedback(), **backend)
     steps = islice(adam(model.cost_and_gradient, model.theta, rate), iterations + 1)

@@ -207,7 +207,7 @@ def _ends(data: xr.Dataset) -> list[Claim]:
 def _neighbours(data: xr.Dataset) -> list[Claim]:
     counts, law = data["neighbours"].values, data["neighbours_law"].values
     dims, widths = data["dim"].values, data["normalised"].values
-    # The number near one query is random with a relative deviation of its inverse square root.
+    # The count near one query has the relative deviation 1/sqrt(count).
     is_many = law >= _MANY_NEIGHBOURS
     apart = np.abs(counts / law - 1)[is_many]
     column = int(np.argmin(np.abs(widths - _USUAL_SIGMA)))

@@ -36,7 +36,7 @@ def run(params: Params) -> xr.Dataset:
     """Compute lemmas, walls, ends, networks and neighbours, each in two independent ways."""
     rho, sigma, seed = params.rho, params.sigma, params.seed
     variables = {
-        # First what may be missing, so that nobody waits to hear of it.
+        # First the networks: the libraries for training may be missing.
         **train_networks(rho, sigma, params.epochs, params.repeats, seed),
         **lemmas.uniform_data(),
         **lemmas.noised_risks(rho, seed),
@@ -122,8 +122,8 @@ _NEIGHBOUR_QUERIES = 100
 def effective_neighbours(z: np.ndarray, scales: Normalisation, sigma: float, queries: np.ndarray) -> np.ndarray:
     """Return the effective neighbours ``(sum w)²/sum w²`` (k,) of data z (n, d) at ``queries`` (k, d).
 
-    w² are the weights of width sigma/sqrt(2), so that both sums are densities, that lemma 3's
-    denominator says the logarithm of: ``(sqrt(4 pi) sigma)^d n p_sigma²/p_(sigma/sqrt(2))``.
+    w² are the weights of width sigma/sqrt(2), so that both sums are densities, whose
+    logarithm is in lemma 3's denominator: ``(sqrt(4 pi) sigma)^d n p_sigma²/p_(sigma/sqrt(2))``.
     """
     names = tuple(Signal(f"z{i}", "1") for i in range(z.shape[1]))
     wide, narrow = (

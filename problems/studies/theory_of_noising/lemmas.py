@@ -111,7 +111,7 @@ def _distribution(case: str, rng: np.random.Generator) -> tuple[np.ndarray, np.n
     """Return values of x in [-1, 1] m and the chance of each: data, or nodes of a density."""
     if "data" in case:
         n = int(case.split()[0])
-        # One in each n-th part, so that the pusher is in contact in some.
+        # One datum in each n-th part, so that the pusher is in contact in some of them.
         return 2 * (np.arange(n) + rng.uniform(size=n)) / n - 1, np.full(n, 1 / n)
     node, weight = np.polynomial.legendre.leggauss(100)
     # In halves, between which f has its kink.
@@ -219,7 +219,7 @@ def _fixed_points() -> dict[str, Any]:
         block = Walls(-gap / 2, gap / 2)
         x = np.linspace(block.low, block.high, _STATES)
         direction = np.sign(block.displacement(x, sigma))
-        # Deep between the walls the way underflows to 0, which is no sign.
+        # Deep between the walls the displacement underflows to 0, which has no sign.
         count[index] = np.count_nonzero(np.diff(direction[direction != 0]))
         outwards[index] = np.mean(direction * x > 0)
     dimensions = ("gap", "width")
