@@ -5,4 +5,5 @@ from __future__ import annotations
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from dynamics.learned.laws import Ewda, Mlp
 
+# Contact laws by the name that requests use.
 LAWS: dict[str, type[ContactLaw]] = {law.name: law for law in (Exact, Barrier, Adaptive, Randomized, Ewda, Mlp)}

@@ -22,7 +22,8 @@ from dynamics.batch.graphs.tape import tape_of
 from dynamics.contact import Step
 from dynamics.systems import Signal
 
-_WIDTH = 96
+# Characters in a line of the C file.
+_LINE_WIDTH = 96
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,7 @@ def _header(step: Step, name: str, about: Sequence[str], values: np.ndarray) -> 
         Signal(f"{p.name} = {float(value)!r}", p.unit, p.description) for p, value in zip(step.p, values, strict=True)
     ]
     return _HEADER.format(
-        about="\n   ".join(line for text in about or (name,) for line in wrap(_harmless(text), _WIDTH) or [""]),
+        about="\n   ".join(line for text in about or (name,) for line in wrap(_harmless(text), _LINE_WIDTH) or [""]),
         name=name,
         **{"nx": system.nx, "nu": system.nu, "nlam": step.n},
         **{"np": len(values), "room": max(len(values), 1)},
@@ -209,7 +210,7 @@ def _policy_header(name: str, policy: TabulatedPolicy) -> str:
 
 def _table(name: str, values: np.ndarray, kind: str) -> str:
     numbers = [c_source.c_double(value).strip("()") for value in np.ravel(values)] or ["0.0"]
-    text = "\n".join(wrap(", ".join(numbers), _WIDTH, initial_indent="  ", subsequent_indent="  "))
+    text = "\n".join(wrap(", ".join(numbers), _LINE_WIDTH, initial_indent="  ", subsequent_indent="  "))
     return f"{kind}const double {name}[{len(numbers)}] = {{\n{text}\n}};\n"
 
 

@@ -43,6 +43,7 @@ from dynamics.batch.graphs.rollout_tapes import build_tapes
 from dynamics.batch.graphs.tape import Tape, UnsupportedOperation, tape_of
 from dynamics.contact import Step
 
+# Samples a chunk of CasADi's virtual machine.
 CASADI_CHUNK = 1024
 LONGEST = 40_000
 """Operations beyond which `auto` interprets: compilers take minutes over longer programs."""
@@ -139,6 +140,7 @@ def _too_long(tape: Callable[[], Tape]) -> bool:
         return False
 
 
+# Samples a chunk of steps whose loops run in Python.
 CHUNK = 4096
 
 

@@ -19,11 +19,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+# Multipliers of Philox4x32.
 MULTIPLIERS = (0xD2511F53, 0xCD9E8D57)
+# Increments of its key in a round.
 INCREMENTS = (0x9E3779B9, 0xBB67AE85)
+# Its rounds.
 ROUNDS = 10
-_LOW = np.uint64(0xFFFFFFFF)
-_HALF = np.uint64(32)
+# Mask of the lower word.
+_LOW_WORD = np.uint64(0xFFFFFFFF)
+# Bits of a word.
+_WORD_BITS = np.uint64(32)
 
 
 def philox(counter: Sequence[np.ndarray] | np.ndarray, key: tuple[int, int]) -> np.ndarray:
@@ -33,10 +38,10 @@ def philox(counter: Sequence[np.ndarray] | np.ndarray, key: tuple[int, int]) -> 
     for _ in range(ROUNDS):
         product = [c[0] * np.uint64(MULTIPLIERS[0]), c[2] * np.uint64(MULTIPLIERS[1])]
         c = [
-            (product[1] >> _HALF) ^ c[1] ^ np.uint64(k[0]),
-            product[1] & _LOW,
-            (product[0] >> _HALF) ^ c[3] ^ np.uint64(k[1]),
-            product[0] & _LOW,
+            (product[1] >> _WORD_BITS) ^ c[1] ^ np.uint64(k[0]),
+            product[1] & _LOW_WORD,
+            (product[0] >> _WORD_BITS) ^ c[3] ^ np.uint64(k[1]),
+            product[0] & _LOW_WORD,
         ]
         k = [(word + step) & 0xFFFFFFFF for word, step in zip(k, INCREMENTS, strict=True)]
     return np.stack(np.broadcast_arrays(*c))
@@ -66,7 +71,7 @@ def standard_normals(key: tuple[int, int], first: int, n: int, size: int) -> np.
     index = np.arange(first, first + n, dtype=np.uint64)[:, None]
     quadruple = np.arange((size + 3) // 4, dtype=np.uint64)
     zero = np.uint64(0)
-    words = philox(np.broadcast_arrays(index & _LOW, index >> _HALF, quadruple, zero), key)
+    words = philox(np.broadcast_arrays(index & _LOW_WORD, index >> _WORD_BITS, quadruple, zero), key)
     radius = np.sqrt(-2.0 * np.log((words[[0, 2]].astype(np.float64) + 0.5) * 2.0**-32))
     angle = (2.0 * np.pi) * (words[[1, 3]].astype(np.float64) * 2.0**-32)
     four = np.stack((radius * np.cos(angle), radius * np.sin(angle)), axis=-1)

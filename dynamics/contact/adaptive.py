@@ -15,7 +15,9 @@ from dynamics.systems import ContactSystem, ParameterTable
 
 MU_FLOOR = 1e-10
 """mu where the quartic law finds no inactive contact to measure a distance to."""
+# Softened impulse [N s] above which the paper calls a contact active.
 _ACTIVE_IMPULSE = 1.0
+# Parameters of the quartic laws where none are given.
 _QUARTIC = {"mu_max": 1e-2, "scale": 100.0, "power": 4.0}
 _USUAL = {"gaussian": {"sigma": 0.02}, "quartic": _QUARTIC, "quartic-per-contact": _QUARTIC}
 """The laws by name, with the values of their parameters where none are given."""
@@ -25,6 +27,7 @@ def _described(law: str, parameter: str, meaning: str) -> str:
     return f"{law}: {meaning}; {_USUAL[law][parameter]:g} if not given"
 
 
+# How mu is differentiated.
 _GRADIENTS = ("total", "frozen")
 
 

@@ -10,6 +10,7 @@ from dynamics.contact.closure import Schedule
 from dynamics.contact.law import ContactLaw, by_mu, law_parameter, require_positive
 from dynamics.systems import ContactSystem, ParameterTable
 
+# mu [N s m] where neither mu nor kappa is given.
 _USUAL_MU = 1e-3
 
 

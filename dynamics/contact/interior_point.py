@@ -10,15 +10,22 @@ import casadi as ca
 
 from dynamics.contact.compliance import Compliance
 
-_STAGES = (8, 8, 16, 32, 64, 128)
-ITERATIONS = sum(_STAGES)
+# Iterations of each stage; a stage is entered only where the one before did not come to rest.
+_STAGE_ITERATIONS = (8, 8, 16, 32, 64, 128)
+ITERATIONS = sum(_STAGE_ITERATIONS)
 """Iterations that the path solver is given; ten suffice mostly."""
-_BOUNDARY = 0.995
-_CENTRING = 0.3
-_NEAR = 0.5
-_NEIGHBOURHOOD = 1e-2
-_FEASIBILITY = 3e-3
-_SETTLED = 1e-5
+# Share of the way to the boundary that a step may take.
+_BOUNDARY_FRACTION = 0.995
+# Largest centring, as a share of the mean product.
+_MAX_CENTRING = 0.3
+# Relative error of products below which an iterate is near the end and steps are damped.
+_NEAR_ERROR = 0.5
+# Products below this share of their target are lifted back.
+_MIN_PRODUCT_SHARE = 1e-2
+# Share of the defect of s = gap below which products may not fall.
+_DEFECT_SHARE = 3e-3
+# Relative error below which an iteration without progress counts as rest.
+_REST_ERROR = 1e-5
 FLOOR = 1e-8
 """Products are compared with mu, or with this where mu is less."""
 
@@ -76,14 +83,14 @@ def advance_pair(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per
 
     largest = ca.mmax(ca.fabs(defect))
     worst = ca.mmax(ca.fabs(product_error) * per_mu)
-    is_near = ca.logic_and(worst < _NEAR, largest < 1e-10)
-    fraction = ca.fmax(_BOUNDARY, 1 - ca.fmax(ca.mmax(ca.fabs(product_error)), largest))
+    is_near = ca.logic_and(worst < _NEAR_ERROR, largest < 1e-10)
+    fraction = ca.fmax(_BOUNDARY_FRACTION, 1 - ca.fmax(ca.mmax(ca.fabs(product_error)), largest))
     affine_step = direction(mu, 0.0)
     affine_length = length(affine_step, 1.0)
     total_error = ca.sum1(ca.fabs(product_error))
     affine_error = ca.sum1(ca.fabs(excess(affine_step, affine_length, mu)))
-    centring = ca.fmin(_CENTRING, (affine_error / ca.fmax(total_error, 1e-300)) ** 3)
-    defect_target = _FEASIBILITY * (1 - affine_length) * largest
+    centring = ca.fmin(_MAX_CENTRING, (affine_error / ca.fmax(total_error, 1e-300)) ** 3)
+    defect_target = _DEFECT_SHARE * (1 - affine_length) * largest
     target = ca.if_else(is_near, mu, ca.fmax(mu + centring * total_error / n, defect_target))
 
     second_order = affine_length**2 * affine_step[0] * affine_step[1]
@@ -104,7 +111,7 @@ def advance_pair(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per
     new_s = s + step_length * ca.if_else(use_corrected, corrected_step[1], plain_step[1])
     # The smaller one alone: the larger one is right, and moving it would spoil s = gap.
     lam_is_smaller = new_lam < new_s
-    smallest_product = _NEIGHBOURHOOD * target
+    smallest_product = _MIN_PRODUCT_SHARE * target
     lift_lam = ca.logic_and(lam_is_smaller, new_lam * new_s < smallest_product)
     lift_s = ca.logic_and(ca.logic_not(lam_is_smaller), new_lam * new_s < smallest_product)
     inverse_larger = 1 / ca.fmax(new_lam, new_s)
@@ -129,7 +136,7 @@ def has_settled(
 
     violation = relative(*pair, gap)
     new_violation = relative(*new_pair, gap + F.multiply(new_pair[0] - pair[0]))
-    return ca.logic_and(violation < _SETTLED, ca.logic_not(new_violation < violation))
+    return ca.logic_and(violation < _REST_ERROR, ca.logic_not(new_violation < violation))
 
 
 def repeat_until_rest(body: ca.Function, stage: int = 0) -> ca.Function:
@@ -140,9 +147,9 @@ def repeat_until_rest(body: ca.Function, stage: int = 0) -> ca.Function:
     """
     pair, *data = (ca.MX.sym(body.name_in(k), *body.size_in(k)) for k in range(body.n_in()))
     previous, current = pair, pair
-    for _ in range(_STAGES[stage]):
+    for _ in range(_STAGE_ITERATIONS[stage]):
         previous, current = current, body(current, *data)
-    if stage + 1 < len(_STAGES):
+    if stage + 1 < len(_STAGE_ITERATIONS):
         unchanged = ca.Function("stay", [pair, *data], [pair])
         continued = ca.Function.if_else("more", repeat_until_rest(body, stage + 1), unchanged)
         current = continued(ca.mmax(ca.fabs(current - previous)) > 0, current, *data)

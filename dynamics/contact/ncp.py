@@ -26,16 +26,30 @@ from dynamics.systems import ContactSystem
 
 LOST = 1e-7
 """A step with a larger scaled violation at the end of its path is tried from other starts."""
-# Of a point on the path, but for rounding; the search is for one.
-_FOLLOWED = 1e-10
-# Starts, and iterations from each, as powers of two.
-_STARTS, _ITERATIONS = 8, 6
-# Impulses of the first start, and of the others as powers of ten: smallest, largest at first, last.
-_FIRST = 1e-6
-_LEAST, _MOST, _MOST_AT_LAST = -4, -1, 2
-_DAMPING, _LEAST_DAMPING, _STUCK = 1e-2, 1e-14, 1e12
-_ROOT = 1e-11
-_NEAR = 1e-6
+# Scaled violation of a point on the path, but for rounding, at which the search ends.
+_SOLVED_ERROR = 1e-10
+# Number of starts, as a power of two.
+_LOG2_STARTS = 8
+# Iterations from each start, as a power of two.
+_LOG2_ITERATIONS = 6
+# Impulses of the first start, in scaled units.
+_FIRST_IMPULSE = 1e-6
+# Smallest impulse of the other starts, as a power of ten in scaled units.
+_MIN_EXPONENT = -4
+# Largest impulse at the first of the other starts, likewise.
+_MAX_EXPONENT_FIRST = -1
+# Largest impulse at the last start, likewise.
+_MAX_EXPONENT_LAST = 2
+# Damping of Levenberg and Marquardt at the start of a descent.
+_FIRST_DAMPING = 1e-2
+# Damping is never less.
+_MIN_DAMPING = 1e-14
+# Damping at which a descent counts as stuck.
+_MAX_DAMPING = 1e12
+# Residual of the complementarity function that counts as a root.
+_ROOT_RESIDUAL = 1e-11
+# Relative residual below which the path solver polishes the root.
+_POLISH_ERROR = 1e-6
 
 
 def ncp_solver(system: ContactSystem, exact: bool = False) -> ca.Function:
@@ -67,7 +81,7 @@ def _recovered(path: Path, followed: ca.Function) -> ca.Function:
     names = {"lam": n, "gap": n, "error": n, "pair": size, "data": path.data.numel()}
     symbols = [ca.MX.sym(name, length) for name, length in names.items()]
     lam, gap, error, pair, data = symbols
-    search = _repeated(_attempt(path, followed), _STARTS, lambda best_point: best_point[size] > _FOLLOWED)
+    search = _repeated(_attempt(path, followed), _LOG2_STARTS, lambda best_point: best_point[size] > _SOLVED_ERROR)
     best_point = search(ca.vertcat(pair, ca.mmax(error), 0), data)
     # A step that has no finite numbers has none from other starts either.
     best_point = ca.Function("starts", symbols, [*path.ending_function()(best_point[:size], data)])
@@ -81,10 +95,10 @@ def _attempt(path: Path, followed: ca.Function) -> ca.Function:
     """From one start: ``(best, data) -> best``, best a pair, its error, the start's number."""
     n, size = path.n, path.size
     best, data = ca.MX.sym("best", size + 2), ca.MX.sym("data", path.data.numel())
-    descent = _repeated(_damped_step(path), _ITERATIONS, lambda point: point[n] < _STUCK)
+    descent = _repeated(_damped_step(path), _LOG2_ITERATIONS, lambda point: point[n] < _MAX_DAMPING)
     lam = descent(_start(path)(best[size + 1], data), data)[:n]
     pair, root_error = _paired(path)(lam, data)
-    pair = _where(root_error < _NEAR, followed, pair, data)
+    pair = _where(root_error < _POLISH_ERROR, followed, pair, data)
     error = ca.mmax(path.ending_function()(pair, data)[2])
     best_pair = ca.if_else(error < best[size], ca.vertcat(pair, error), best[: size + 1])
     return ca.Function("attempt", [best, data], [ca.vertcat(best_pair, best[size + 1] + 1)])
@@ -100,10 +114,10 @@ def _start(path: Path) -> ca.Function:
     gap, _ = path.true_gap_at(ca.SX.zeros(n))
     gap_size = ca.mmax(ca.vertcat(ca.fabs(gap), ca.sqrt(path.data_parts["mu"])))
     sequence = k * ca.DM(irrational_numbers(n))
-    largest_exponent = _MOST + (_MOST_AT_LAST - _MOST) * k / 2**_STARTS
-    exponent = _LEAST + (largest_exponent - _LEAST) * (sequence - ca.floor(sequence))
-    lam = ca.if_else(k > 0, 10**exponent, _FIRST)
-    return ca.Function("start", [k, path.data], [ca.vertcat(gap_size * lam, _DAMPING)])
+    largest_exponent = _MAX_EXPONENT_FIRST + (_MAX_EXPONENT_LAST - _MAX_EXPONENT_FIRST) * k / 2**_LOG2_STARTS
+    exponent = _MIN_EXPONENT + (largest_exponent - _MIN_EXPONENT) * (sequence - ca.floor(sequence))
+    lam = ca.if_else(k > 0, 10**exponent, _FIRST_IMPULSE)
+    return ca.Function("start", [k, path.data], [ca.vertcat(gap_size * lam, _FIRST_DAMPING)])
 
 
 def _damped_step(path: Path) -> ca.Function:
@@ -120,8 +134,8 @@ def _damped_step(path: Path) -> ca.Function:
     trial_phi, *_ = _phi(path, trial_lam, path.true_gap_at(trial_lam)[0])
     better = ca.sumsqr(trial_phi) < ca.sumsqr(phi)
     lam, phi = ca.if_else(better, trial_lam, lam), ca.if_else(better, trial_phi, phi)
-    damping = ca.if_else(better, ca.fmax(damping / 5, _LEAST_DAMPING), 4 * damping)
-    is_at_root = ca.mmax(ca.fabs(phi)) <= _ROOT
+    damping = ca.if_else(better, ca.fmax(damping / 5, _MIN_DAMPING), 4 * damping)
+    is_at_root = ca.mmax(ca.fabs(phi)) <= _ROOT_RESIDUAL
     new_point = ca.vertcat(lam, ca.if_else(is_at_root, ca.inf, damping))
     return ca.Function("damped_step", [point, path.data], [new_point], {"cse": True})
 
@@ -131,7 +145,7 @@ def _paired(path: Path) -> ca.Function:
     lam, mu = ca.SX.sym("lam", path.n), path.data_parts["mu"]
     gap, _ = path.true_gap_at(lam)
     # Near a root the large one of a pair has all its digits, and the small one none.
-    larger = ca.fmax(ca.fmax(lam, gap), _ROOT)
+    larger = ca.fmax(ca.fmax(lam, gap), _ROOT_RESIDUAL)
     smaller = mu / larger
     pair = [ca.if_else(lam > gap, *pair_values) for pair_values in ((larger, smaller), (smaller, larger))]
     root_error = ca.mmax(ca.fabs(_phi(path, lam, gap)[0]) / (1 + larger))

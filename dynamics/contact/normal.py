@@ -8,8 +8,11 @@ import casadi as ca
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
 
+# Argument beyond which the tail's polynomial replaces the difference.
 _KNOT = 1.0
+# Argument that the polynomial's variable maps to zero.
 _CENTRE = 4.0
+# Degree of the polynomial.
 _DEGREE = 28
 
 
@@ -66,4 +69,5 @@ def _fitted() -> list[float]:
     return [float(value) for value in chebyshev.chebfit(y, values, _DEGREE)]
 
 
+# Chebyshev coefficients of R(y).
 _COEFFICIENTS = _fitted()

@@ -73,18 +73,25 @@ MU_LEAST = 1e-14
 """A smaller scaled mu is rounding to the path solver and is raised to this."""
 MU_LINEAR = 1e-4
 """Where the path of the linearised gap is left for that of the true one, in scaled units."""
-_NEAR = 1e-2
+# Errors of products and gaps, scaled, below which a linearised path changes to the true gap.
+_SWITCH_ERROR = 1e-2
 # Violations of products, relative, and of gaps, which one more iteration squares: where F is
 # singular, or belongs to a curved gap, the linear model promises a better point for ever.
-_CLOSE, _MET = 1e-7, 1e-9
+_PRODUCT_TOLERANCE = 1e-7
+# The same for gaps, in scaled units.
+_GAP_TOLERANCE = 1e-9
 # A pair with a smaller lam / s is inactive at the path's end, where both are 1e-6 if neither is.
-_WEAK = 1e-2
+_INACTIVE_RATIO = 1e-2
 # Of a curved gap: the scale is at least so much of it.
-_LEAST = 1e-6
+_CURVED_SHARE = 1e-6
 # Of the largest compliance of a pair: less is none, and the largest stands in its place.
-_NO_SIZE = 1e-12
-TRUE_GAP, ARRIVED, LOST = 2.0, 3.0, 4.0
-"""Values of a pair's last entry beside 1: the true gap is followed, to its end, or lost."""
+_MIN_COMPLIANCE_SHARE = 1e-12
+TRUE_GAP = 2.0
+"""Last entry of a pair while the true gap is followed; 1 while its linear model is."""
+ARRIVED = 3.0
+"""Last entry of a pair at the end of its path."""
+LOST = 4.0
+"""Last entry of a pair whose numbers are no longer finite."""
 
 
 class Path:
@@ -188,10 +195,10 @@ class Path:
             at_rest = interior_point.has_settled((lam, s), new_pair, gap, F, mu)
             new_phase, is_moving = ca.if_else(at_rest, ARRIVED, new_phase), ca.logic_and(is_moving, 1 - at_rest)
         else:
-            is_converged = ca.logic_and(product_error < _CLOSE, gap_error < _MET)
+            is_converged = ca.logic_and(product_error < _PRODUCT_TOLERANCE, gap_error < _GAP_TOLERANCE)
             new_phase = ca.if_else(ca.logic_and(on_true_gap, is_converged), ARRIVED, new_phase)
         if self.curved:
-            is_near = ca.logic_and(product_error < _NEAR, gap_error < _NEAR)
+            is_near = ca.logic_and(product_error < _SWITCH_ERROR, gap_error < _SWITCH_ERROR)
             new_phase = ca.if_else(ca.logic_and(1 - on_true_gap, is_near), TRUE_GAP, new_phase)
         new_phase = ca.if_else(product_error + gap_error < ca.inf, new_phase, ca.fmax(phase, LOST))
         new_pair = self.pack_pair(*new_pair, new_phase)
@@ -255,7 +262,7 @@ def _without_inactive(lam: ca.SX, s: ca.SX, F: Compliance) -> tuple[ca.SX, ca.SX
 
     The active ones follow along ``lam ds + s dlam = 0``, which stands where forces are open too.
     """
-    active = lam > _WEAK * s
+    active = lam > _INACTIVE_RATIO * s
     step, opened = F.factorise(active * lam / s)((active - 1) * lam)
     new_lam, new_s = ca.if_else(active, lam + step, 0), s + opened
     valid = ca.mmin(ca.vertcat(new_lam, new_s)) >= -1e-9
@@ -287,7 +294,7 @@ def scale_factors(
         fallback = ca.mmin(ca.vertcat(*scale_of.values())) if scale_of else ca.SX(1)
         D[i] = 1 / ca.mmax(ca.vertcat(*coupled_scales)) if coupled_scales else fallback
     scales = ca.vertcat(ca.SX(0, 1), *(D[i] for i in range(n)))
-    curved_sizes = ca.SX(0, 1) if true_gap is None else _LEAST * ca.fabs(true_gap * scales)
+    curved_sizes = ca.SX(0, 1) if true_gap is None else _CURVED_SHARE * ca.fabs(true_gap * scales)
     magnitude = ca.mmax(ca.vertcat(ca.fabs(z * scales), curved_sizes, ca.sqrt(mu)))
     return scales, ca.fmax(magnitude, 1e-150)
 
@@ -321,4 +328,4 @@ def _sizes(F: ca.SX, pairs: tuple[Pair, ...]) -> dict[int, ca.SX]:
             sizes[i] = ca.if_else(sizes[i] > 0, sizes[i], across) if i in sizes else across
     largest = ca.mmax(ca.vertcat(0, *sizes.values()))
     # A tip straight below its hinge moves along the ground alone: there its F_ii is zero.
-    return {i: ca.if_else(size > _NO_SIZE * largest, size, largest) for i, size in sizes.items()}
+    return {i: ca.if_else(size > _MIN_COMPLIANCE_SHARE * largest, size, largest) for i, size in sizes.items()}

@@ -13,9 +13,14 @@ from dynamics.contact.law import ContactLaw, by_sigma, law_parameter, require_po
 from dynamics.contact.step import Step
 from dynamics.systems import ContactSystem, ParameterTable
 
+# How nodes of the noise are drawn.
 SCHEMES = ("sobol", "monte-carlo", "gauss-hermite")
+# What the noise may act on.
 _NOISES = ("input", "state")
-_SAMPLES, _NODES = 16, 5
+# Nodes where none are given.
+_DEFAULT_SAMPLES = 16
+# Nodes an axis of the Gauss-Hermite rule where none are given.
+_DEFAULT_NODES = 5
 
 
 class Randomized(ContactLaw):
@@ -36,7 +41,7 @@ class Randomized(ContactLaw):
         sigma: Annotated[float, "standard deviation of the noise [SI]"] = 0.1,
         samples: Annotated[
             int | None,
-            f"nodes, an even number; {_SAMPLES} if not given. gauss-hermite: an axis, {_NODES}",
+            f"nodes, an even number; {_DEFAULT_SAMPLES} if not given. gauss-hermite: an axis, {_DEFAULT_NODES}",
         ] = None,
         seed: Annotated[int, "of the nodes"] = 0,
         scheme: Annotated[str, f"of the nodes: {', '.join(SCHEMES)}"] = "sobol",
@@ -53,7 +58,7 @@ class Randomized(ContactLaw):
             raise ValueError("randomized: the base law must not be randomized itself")
         self.sigma = require_positive("randomized", "sigma", sigma)
         if samples is None:
-            samples = _NODES if scheme == "gauss-hermite" else _SAMPLES
+            samples = _DEFAULT_NODES if scheme == "gauss-hermite" else _DEFAULT_SAMPLES
         high = 64 if scheme == "gauss-hermite" else 4096
         self.samples = require_whole("randomized", "samples", samples, 2, high)
         if scheme != "gauss-hermite" and self.samples % 2:

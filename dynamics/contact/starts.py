@@ -14,20 +14,26 @@ from dynamics.contact.path import Path
 COUNT = 128
 """How many other starts there are."""
 # Pairs of the step before in scaled units are at least this, for the iteration to move both ways.
-_INSIDE = 1e-2
+_MIN_PAIR_ENTRY = 1e-2
 # Next to no impulse, what a body in the air feels, is the first guess; the exponents of the others
 # are even, or a Kronecker sequence, which fills the cube evenly however many there are.
-_FIRST, _TINY = 4, 1e-6
-_LEAST, _SPAN = -4.0, 5.0
-_LIFTS = (1e-3, 1e-1, 1.0)
+_N_TINY_STARTS = 4
+# Impulses of these starts, in scaled units.
+_TINY_IMPULSE = 1e-6
+# Smallest impulse of the other starts, as a power of ten in scaled units.
+_MIN_EXPONENT = -4.0
+# Powers of ten from there to the largest impulse.
+_EXPONENT_SPAN = 5.0
+# Smallest scaled gaps of a start, in turn.
+_GAP_LIFTS = (1e-3, 1e-1, 1.0)
 
 
 def warm_start(path: Path) -> ca.Function:
     """``(lam, data) -> pair`` at the impulses lam (n, 1) [N s] of the step before."""
     lam_before = ca.SX.sym("before", path.n)
-    lam = ca.fmax(lam_before / (path.data_parts["c"] * path.data_parts["D"]), _INSIDE)
+    lam = ca.fmax(lam_before / (path.data_parts["c"] * path.data_parts["D"]), _MIN_PAIR_ENTRY)
     gap, _ = path.gap_at(lam, ca.SX(1))
-    outputs = [path.pack_pair(lam, ca.fmax(gap, _INSIDE))]
+    outputs = [path.pack_pair(lam, ca.fmax(gap, _MIN_PAIR_ENTRY))]
     return ca.Function("warm", [lam_before, path.data], outputs)
 
 
@@ -37,12 +43,12 @@ def further_start(path: Path) -> ca.Function:
     shared = k * float(np.sqrt(2.0))
     separate = k * ca.DM(irrational_numbers(n))
     sequence = ca.if_else(ca.fmod(k, 2) > 0, shared, separate)
-    exponent = _LEAST + _SPAN * (sequence - ca.floor(sequence))
-    lam = ca.if_else(k < _FIRST, _TINY, ca.exp(float(np.log(10.0)) * exponent))
+    exponent = _MIN_EXPONENT + _EXPONENT_SPAN * (sequence - ca.floor(sequence))
+    lam = ca.if_else(k < _N_TINY_STARTS, _TINY_IMPULSE, ca.exp(float(np.log(10.0)) * exponent))
     gap, _ = path.gap_at(lam, ca.SX(1))
-    lift = ca.SX(_LIFTS[0])
-    for i, value in enumerate(_LIFTS):
-        lift = ca.if_else(ca.fmod(k, len(_LIFTS)) == i, value, lift)
+    lift = ca.SX(_GAP_LIFTS[0])
+    for i, value in enumerate(_GAP_LIFTS):
+        lift = ca.if_else(ca.fmod(k, len(_GAP_LIFTS)) == i, value, lift)
     start = path.pack_pair(lam, ca.fmax(gap, lift))
     return ca.Function("further", [k, path.data], [ca.if_else(k > 0, start, 1)])
 

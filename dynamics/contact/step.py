@@ -12,7 +12,8 @@ from dynamics.contact.closure import Branch, Closure
 from dynamics.systems import ContactSystem, ParameterTable, Signal
 from dynamics.systems.elimination import solve_without_pivoting
 
-_LEAST_GAP = 1e-60
+# Smallest gap in derivatives of the exact law.
+_MIN_EXACT_GAP = 1e-60
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,7 +263,7 @@ class Step(ABC):
         """Derivative of the relation by ``inner``; no elimination in it needs pivoting."""
         by_inner = ca.jacobian(self.gap_expr, self.inner)
         # The way slid of an open contact has no gap at all; its row is then this times dlam.
-        gap = ca.fmax(self.gap_expr, _LEAST_GAP) if self.exact else self.gap_expr
+        gap = ca.fmax(self.gap_expr, _MIN_EXACT_GAP) if self.exact else self.gap_expr
         diagonal = ca.diag(gap) @ ca.jacobian(self.lam, self.inner)
         return ca.vertcat(ca.jacobian(self.motion, self.inner), diagonal + ca.diag(self.lam) @ by_inner)
 

@@ -17,9 +17,11 @@ from dynamics.learned.transitions import Normalisation, Origin
 if TYPE_CHECKING:
     import xarray as xr
 
-_NARROWEST, _WIDEST = 1e-50, 1e50
-"""Widths whose fourth power is a number."""
-_FARTHEST = 1e150
+_MIN_SIGMA = 1e-50
+"""Smallest width, in normalised units, whose fourth power is a number."""
+_MAX_SIGMA = 1e50
+"""Largest such width."""
+_MAX_WIDTHS_FROM_DATA = 1e150
 """Widths from the origin of the normalised data up to which a squared distance is a number."""
 
 
@@ -117,7 +119,7 @@ class EwdaModel:
         if z.ndim != 2 or z.shape[1] != self.n_in:
             raise ValueError(f"ewda: queries must be (n, {self.n_in}), one a row, not {z.shape}")
         q = self.scales.normalise(z)
-        if not (within := np.abs(q) < _FARTHEST * min(self.sigma, 1.0)).all():
+        if not (within := np.abs(q) < _MAX_WIDTHS_FROM_DATA * min(self.sigma, 1.0)).all():
             row, column = np.argwhere(~within)[0]
             name = self.origin.z[column].name
             raise ValueError(
@@ -170,10 +172,10 @@ class EwdaModel:
 
 
 def _check_sigma(sigma: float) -> None:
-    if not _NARROWEST <= sigma <= _WIDEST:
+    if not _MIN_SIGMA <= sigma <= _MAX_SIGMA:
         raise ValueError(
             "ewda: sigma, the width of the noise in normalised units, must be above 0 and finite"
-            f" (from {_NARROWEST:g} to {_WIDEST:g}), not {sigma:g}; 0.2 is a common choice"
+            f" (from {_MIN_SIGMA:g} to {_MAX_SIGMA:g}), not {sigma:g}; 0.2 is a common choice"
         )
 
 

@@ -14,7 +14,7 @@ from dynamics.learned.ewda_source import CHUNK, FAR, REGISTER, ewda_source
 
 CUTOFF = 1e-25
 """Weights below this share of the heaviest are left out: all of them are less than its rounding."""
-_BLOCK = 1 << 22
+_DISTANCES_PER_BLOCK = 1 << 22
 """Distances that are held at once."""
 
 
@@ -84,7 +84,7 @@ class NumpyMoments:
         square = np.einsum("ik,ik->i", z, z)
         reach = np.abs(z).max(axis=0).sum()
         cutoff = 2 * self.points.sigma**2 * -np.log(CUTOFF)
-        block = max(1, _BLOCK // len(z))
+        block = max(1, _DISTANCES_PER_BLOCK // len(z))
         for begin in range(0, len(q), block):
             queries = q[begin : begin + block]
             distance = square - 2 * (queries @ z.T)
@@ -99,11 +99,13 @@ def _with_ones(rows: np.ndarray) -> np.ndarray:
     return np.hstack((np.ones((len(rows), 1)), rows))
 
 
-_PARTS = 32
-_BATCH = 128
+# Most parts that the points are divided into; sums of parts are added in order.
+_MAX_PARTS = 32
+_QUERIES_PER_BATCH = 128
 """Queries that go through the points together."""
-_WORTH = 1 << 16
+_PAIRS_PER_THREAD = 1 << 16
 """Pairs of a point and a query from which a second thread is worth waking."""
+# Phases of the C program.
 _PHASES = 4
 _COUNTS = ("n_chunks", "n_boxes", "n_parts", "n_queries", "kind")
 _NUMBERS = ("inverse", "cutoff", "reach")
@@ -111,7 +113,10 @@ _ARRAYS = (
     *("z", "y", "low", "high", "q", "mean_z", "mean_y", "weights"),
     *("least", "bound", "best", "partial", "sums", "found", "where", "ticket", "done"),
 )
-_VALUES, _SLOPES, _CURVED = range(3)
+# Kinds of moments, as the C program numbers them.
+_VALUES = 0
+_SLOPES = 1
+_CURVED = 2
 
 
 class _Job(ctypes.Structure):
@@ -139,7 +144,7 @@ class CompiledMoments:
         self._order = order_by_neighbours(points.z, CHUNK, REGISTER)
         rows = points.z[self._order]
         self._n_chunks = -(-n // CHUNK)
-        self._n_parts = min(_PARTS, self._n_chunks)
+        self._n_parts = min(_MAX_PARTS, self._n_chunks)
         self._n_boxes = -(-self._n_chunks // compiler.width) * compiler.width
         low, high = bounding_boxes(rows, CHUNK, self._n_boxes)
         stored = {
@@ -180,8 +185,8 @@ class CompiledMoments:
         count = len(arguments[0])
         rows = [np.ascontiguousarray(array, dtype=float) for array in arguments]
         nearest, sums = np.empty(count, dtype=np.int64), np.empty((count, *size))
-        for begin in range(0, count, _BATCH):
-            end = min(begin + _BATCH, count)
+        for begin in range(0, count, _QUERIES_PER_BATCH):
+            end = min(begin + _QUERIES_PER_BATCH, count)
             batch = [array[begin:end] for array in rows]
             self._batch(kind, batch, nearest[begin:end], sums[begin:end])
         return self._order[nearest], sums
@@ -204,7 +209,7 @@ class CompiledMoments:
         pointers = {name: array.ctypes.data for name, array in arrays.items()}
         job = _Job(**self._fixed, **pointers, n_queries=n, kind=kind)
         work = n * self._n_chunks * CHUNK
-        threads = min(self._threads, max(1, work // _WORTH), self._n_parts)
+        threads = min(self._threads, max(1, work // _PAIRS_PER_THREAD), self._n_parts)
         on_threads(threads, lambda: self._run(ctypes.byref(job)))
 
 

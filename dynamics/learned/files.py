@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+# Attribute that holds the checksum.
 CHECKSUM_KEY = "checksum"
-_HDF = b"\x89HDF\r\n\x1a\n"
+_HDF_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 def read_model(path: Path) -> Any:
@@ -73,7 +74,7 @@ def read_dataset(path: Path) -> xr.Dataset:
         problem = "is a directory" if path.is_dir() else "file not found"
         raise ValueError(f"{path}: {problem}; ocp collect writes data and ocp learn writes models")
     with path.open("rb") as file:
-        if file.read(len(_HDF)) != _HDF:
+        if file.read(len(_HDF_SIGNATURE)) != _HDF_SIGNATURE:
             raise ValueError(f"{path} is not a netCDF file; ocp collect writes data and ocp learn writes models")
     try:
         content = path.read_bytes()
@@ -105,9 +106,11 @@ def checksum(dataset: xr.Dataset) -> str:
     return digest.hexdigest()
 
 
+# File name suffixes of tables that can be read.
 TABLE_SUFFIXES = (".csv", ".parquet")
+# Suffix of a state's column that holds its next value.
 NEXT_SUFFIX = "_next"
-_HEAD = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
+_HEAD_PATTERN = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
 
 
 def read_table(
@@ -176,7 +179,7 @@ def _parquet(path: Path) -> pd.DataFrame:
 
 def _split(head: str) -> tuple[str, str | None]:
     """Name and unit of ``ox [m]``; the whole text and None where it has no such form."""
-    head_match = _HEAD.fullmatch(head)
+    head_match = _HEAD_PATTERN.fullmatch(head)
     return (head_match["name"], head_match["unit"]) if head_match and head_match["name"] else (head, None)
 
 

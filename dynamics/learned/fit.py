@@ -13,7 +13,9 @@ from dynamics.learned.transitions import Samples
 if TYPE_CHECKING:
     import xarray as xr
 
+# Distances from the data, in normalised units, at which a map is followed outside.
 RAY_DISTANCES = (0.0, 0.5, 1.0, 2.0, 4.0)
+# Random directions in which rays leave the data.
 N_RAYS = 256
 
 
@@ -65,7 +67,9 @@ class Fit:
         return cls(sigma=float(dataset["fit_sigma"]), distances=distances, **arrays)
 
 
+# Fields with one entry a coordinate.
 PER_COORDINATE = ("y_scale", "clean", "noised")
+# Fields with one entry a distance.
 ALONG_RAYS = ("displacement", "outside")
 
 

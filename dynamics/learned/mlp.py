@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 QUERIES_PER_BLOCK = 256
 """Queries at once, which bounds the memory of the layers' Jacobians."""
+# Queries up to which products are taken one by one.
 SMALL_BATCH = 64
 IGNORE_OVERFLOW = np.errstate(over="ignore", invalid="ignore")
 """What is not finite is for the caller to count."""

@@ -14,8 +14,10 @@ import warnings
 
 import numpy as np
 
-_SECONDS, _BYTES_PER_SECOND = 1, 20_000_000
-"""CPU seconds that reading may take, whatever the load: these, and one more for so many bytes."""
+_BASE_CPU_S = 1
+"""CPU time [s] that reading may take, whatever the load and the size."""
+_BYTES_PER_CPU_S = 20_000_000
+"""Bytes for which reading may take one more second of CPU time."""
 
 
 def check_readable(content: bytes) -> None:
@@ -51,7 +53,7 @@ def _failure(content: bytes, library: object) -> str:
     """Read every variable; return what is wrong, if anything."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-    seconds = _SECONDS + len(content) // _BYTES_PER_SECOND
+    seconds = _BASE_CPU_S + len(content) // _BYTES_PER_CPU_S
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
     with library.Dataset("checked", memory=content) as dataset:  # pyright: ignore
         variables = dataset.variables.values()

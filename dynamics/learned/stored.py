@@ -10,8 +10,13 @@ from pydantic import BaseModel, ConfigDict, Field, Json, ValidationError
 if TYPE_CHECKING:
     import xarray as xr
 
+# Version of the files' form.
 SCHEMA = 1
-TRANSITIONS, EWDA, MLP = KINDS = "transitions", "ewda", "mlp"
+# Kinds of files: transitions, and models by the name of their law.
+TRANSITIONS = "transitions"
+EWDA = "ewda"
+MLP = "mlp"
+KINDS = (TRANSITIONS, EWDA, MLP)
 LARGEST_NUMBER = 1e50
 """Sums and products of a few numbers of this size are finite."""
 _Count = Annotated[int, Field(ge=0)]
@@ -40,11 +45,13 @@ class _Network(_Model):
     layers: Annotated[int, Field(ge=1, le=100)]
 
 
+# Attributes of each kind.
 _ATTRIBUTES: dict[str, type[_Attributes]] = {
     TRANSITIONS: _Attributes,
     EWDA: _Model,
     MLP: _Network,
 }
+# Dimensions of each variable.
 _DIMENSIONS = {
     **dict.fromkeys(("z", "z_unit", "z_shift", "z_scale", "z_least", "z_most"), ("z",)),
     **dict.fromkeys(("state", "state_unit", "y_shift", "y_scale"), ("state",)),
@@ -54,13 +61,16 @@ _DIMENSIONS = {
     **{"fit_sigma": (), "z_data": ("sample", "z"), "y_data": ("sample", "state")},
     **{"x": ("sample", "state"), "x_next": ("sample", "state"), "u": ("sample", "input")},
 }
-_LABELS = ("z", "z_unit", "state", "state_unit", "input", "input_unit")
-_OWN = {
+# Variables that hold text.
+_TEXT_VARIABLES = ("z", "z_unit", "state", "state_unit", "input", "input_unit")
+# Variables that each kind has beside the common ones.
+_VARIABLES_OF_KIND = {
     TRANSITIONS: ("x", "u", "x_next", "input", "input_unit"),
     EWDA: ("z_data", "y_data"),
     MLP: ("y_shift", "y_scale"),
 }
-_DESCRIBED = ("z_least", "z_most", *(name for name in _DIMENSIONS if name.startswith("fit_")))
+# Variables of files that describe their fit.
+_FIT_VARIABLES = ("z_least", "z_most", *(name for name in _DIMENSIONS if name.startswith("fit_")))
 
 
 def check_dataset(dataset: xr.Dataset, kind: str) -> None:
@@ -81,8 +91,8 @@ def check_dataset(dataset: xr.Dataset, kind: str) -> None:
         raise ValueError(f"{'.'.join(map(str, first_error['loc']))}: {first_error['msg']}") from error
     layers = range(attributes["layers"] if kind == MLP else 0)
     needed = [f"{array}_{layer}" for layer in layers for array in ("weight", "bias")]
-    needed += [*_OWN[kind], "z", "z_unit", "z_shift", "z_scale", "state", "state_unit"]
-    needed += _DESCRIBED if "data_rows" in attributes else ()
+    needed += [*_VARIABLES_OF_KIND[kind], "z", "z_unit", "z_shift", "z_scale", "state", "state_unit"]
+    needed += _FIT_VARIABLES if "data_rows" in attributes else ()
     if missing := [name for name in needed if name not in dataset.variables]:
         raise ValueError(f"it lacks {', '.join(missing)}; create it again")
     for name in dataset.variables:
@@ -102,7 +112,7 @@ def _check_variable(name: str, dataset: xr.Dataset) -> None:
     if name in _DIMENSIONS and variable.dims != _DIMENSIONS[name]:
         raise ValueError(f"{name} is over {variable.dims}, expected {_DIMENSIONS[name]}")
     values = np.asarray(variable.values)
-    if name in _LABELS:
+    if name in _TEXT_VARIABLES:
         if not all(isinstance(label, str) for label in values.ravel().tolist()):
             raise ValueError(f"{name} does not hold text only")
         return

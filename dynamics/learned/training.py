@@ -182,8 +182,10 @@ def train_network(data: Samples, sigma: float, seed: int = 0, **recipe: Any) -> 
     return training.model()
 
 
-DRAWS, HELD = 1, 2
-"""Streams of random numbers: of epochs, of the noise of held-out rows."""
+EPOCH_STREAM = 1
+"""Stream of random numbers of the epochs."""
+HELD_OUT_STREAM = 2
+"""Stream of random numbers of the noise on held-out rows."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +210,7 @@ class Network:
         jax, _, optax = _libraries()
         self._jax, key = jax, jax.random.key(seed, impl="threefry2x32")
         self._sigma = np.float32(sigma)
-        self._draws, self._held = (jax.random.fold_in(key, stream) for stream in (DRAWS, HELD))
+        self._draws, self._held = (jax.random.fold_in(key, stream) for stream in (EPOCH_STREAM, HELD_OUT_STREAM))
         layers = _layers((n_in, *recipe.hidden, n_out), key)
         self.start = Progress(layers, optax.adam(recipe.rate).init(layers), layers)
         self._epoch, self._errors = _compiled(recipe.batch, recipe.rate, sigma > 0)

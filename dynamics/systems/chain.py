@@ -28,6 +28,7 @@ class _Motion:
     along: ca.SX
 
 
+# Frame of the world.
 _WORLD = _Frame(ca.SX.zeros(2), ca.SX(0), ca.SX.zeros(2))
 
 

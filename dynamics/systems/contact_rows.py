@@ -22,6 +22,7 @@ from dynamics.systems.parameters import Signal
 from dynamics.systems.system import ContactSystem, check_shape
 
 Cone = Literal["linearised", "second-order", "edges"]
+# Forms of the friction cone by name.
 FORMS: dict[str, ConeForm] = {
     "linearised": LINEARISED,
     "second-order": SECOND_ORDER,

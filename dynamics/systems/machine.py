@@ -22,6 +22,7 @@ from dynamics.systems.timestepping import time_stepping
 
 Gyroscopic = Literal["explicit", "implicit"]
 """How a step takes Coriolis and centrifugal forces."""
+# The ground z = 0.
 _GROUND = HalfPlane()
 
 

@@ -79,9 +79,11 @@ def deciding_pairs(pairs: tuple[Pair, ...]) -> list[int]:
     return [normal.get(pair.contact, i) if pair.kind in ("friction", "slip") else i for i, pair in enumerate(pairs)]
 
 
-_PROBES = 3
-_ZERO = 1e-9
-_MOST = 10
+# Random states at which F is looked at.
+_N_PROBES = 3
+# Relative size of a singular value, and of a gap, that counts as zero.
+_RANK_TOLERANCE = 1e-9
+_MAX_ENUMERATED_CONTACTS = 10
 """Contacts up to which every set of them is looked at where F has not full rank."""
 
 
@@ -100,7 +102,7 @@ def has_open_multipliers(pairs: tuple[Pair, ...], contact: ca.Function, paramete
     n, probes = len(pairs), _probes(contact, parameters)
     if all(np.linalg.matrix_rank(F) == n for F, _ in probes):
         return False
-    if n > _MOST:
+    if n > _MAX_ENUMERATED_CONTACTS:
         return True
     sets = (list(rows) for size in range(1, n + 1) for rows in combinations(range(n), size))
     return any(_may_close_at_once(probes, rows) for rows in sets)
@@ -110,7 +112,7 @@ def _probes(contact: ca.Function, parameters: np.ndarray) -> list[tuple[np.ndarr
     """F and z at random states and inputs, where they are numbers."""
     sizes = contact.numel_in(0), contact.numel_in(1)
     rng, samples = np.random.default_rng(0), []
-    for _ in range(_PROBES):
+    for _ in range(_N_PROBES):
         F, z = contact(*(rng.normal(size=size) for size in sizes), parameters)
         samples.append((np.array(F), np.array(z).ravel()))
     return [(F, z) for F, z in samples if np.all(np.isfinite(F)) and np.all(np.isfinite(z))]
@@ -121,19 +123,22 @@ def _may_close_at_once(probes: list[tuple[np.ndarray, np.ndarray]], rows: list[i
     gap_sizes = []
     for F, z in probes:
         left_vectors, size, _ = np.linalg.svd(F[np.ix_(rows, rows)])
-        unmoved = left_vectors[:, size <= _ZERO * max(1.0, size.max())]
+        unmoved = left_vectors[:, size <= _RANK_TOLERANCE * max(1.0, size.max())]
         if not unmoved.shape[1]:
             return False
         gap_sizes.append(float(np.linalg.norm(unmoved.T @ z[rows])))
-    constant = np.ptp(gap_sizes) <= _ZERO * max(gap_sizes)
-    return not (constant and min(gap_sizes) > _ZERO)
+    constant = np.ptp(gap_sizes) <= _RANK_TOLERANCE * max(gap_sizes)
+    return not (constant and min(gap_sizes) > _RANK_TOLERANCE)
 
 
+# Notes on the most exact model: what it improves.
 ITSELF = "the model itself"
 TRUE_GAPS = "true gaps"
 COULOMB = "Coulomb friction with maximum dissipation"
-_POSES = 5
-_SAME = 1e-9
+# Random poses at which a gap is compared with a distance.
+_N_REST_POSES = 5
+# Tolerance of this comparison, relative and absolute [m].
+_REST_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,9 +188,9 @@ def _is_distance_at_rest(system: ContactSystem, phi: ca.SX) -> bool:
     )
     poses = np.array(ca.DM(ca.jacobian_sparsity(phi, system.x), 1)).any(axis=0)
     rng = np.random.default_rng(0)
-    for _ in range(_POSES):
+    for _ in range(_N_REST_POSES):
         x = np.where(poses, rng.normal(size=system.nx), 0.0)
         gap, distance = (np.array(v) for v in gaps_at_rest(x, np.zeros(system.nu), system.parameters.values))
-        if not np.allclose(gap, distance, rtol=_SAME, atol=_SAME):
+        if not np.allclose(gap, distance, rtol=_REST_TOLERANCE, atol=_REST_TOLERANCE):
             return False
     return True

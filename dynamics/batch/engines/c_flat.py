@@ -14,10 +14,14 @@ from dynamics.batch.engines.compiler import Compiler
 from dynamics.batch.engines.parallel import run_chunks
 from dynamics.batch.graphs.tape import Tape
 
+# Samples that a thread takes at once.
 CHUNK = 1024
 # Registers that a kernel works on at once: a graph unrolled over time is one chain of operations
 # that wait for each other, and compilers take their time over long graphs.
-ABREAST, ABREAST_LONG = 4, 2
+ABREAST = 4
+# The same for long graphs.
+ABREAST_LONG = 2
+# Operations from which a graph counts as long.
 LONG = 2500
 # Shorter functions than elsewhere: with registers abreast each is so many times as long.
 PART = 500

@@ -14,16 +14,20 @@ from dynamics.batch.graphs.tape import BOOLEAN, Operation, Tape, operands_of, se
 
 # Past this many operations a tape is cut, into parts of so many: gcc's time grows faster than a
 # function's length, and so do the values that it moves from registers to memory and back.
-WHOLE, PART = 1500, 300
+WHOLE = 1500
+# Operations of each part of a longer tape.
+PART = 300
 # Operations beyond which a call costs nothing that shows, and its caller compiles sooner for it.
 INLINED = 150
 # Integer powers up to this one are products, which the vector pow would only approximate.
 LARGEST_PRODUCT = 4
 # Divisors whose reciprocal is an ordinary double too; a division costs ten products.
 MODERATE = (1e-300, 1e300)
+# Operations without operands.
 _LEAVES = (ca.OP_INPUT, ca.OP_CONST)
 # Values and masks in a statement.
 _NAMES = re.compile(r"\b([vm])(\d+)\b")
+# C functions of operations.
 _CALLS = {
     **{ca.OP_EXP: "vexp", ca.OP_LOG: "vlog", ca.OP_LOG1P: "vlog1p", ca.OP_EXPM1: "vexpm1"},
     **{ca.OP_SQRT: "vsqrt", ca.OP_POW: "vpow", ca.OP_ERF: "verf", ca.OP_ERFINV: "verfinv"},
@@ -35,8 +39,11 @@ _CALLS = {
     **{ca.OP_COPYSIGN: "vcopysign", ca.OP_FMIN: "vfmin", ca.OP_FMAX: "vfmax"},
     **{ca.OP_FLOOR: "vfloor", ca.OP_CEIL: "vceil", ca.OP_FABS: "vfabs", ca.OP_SIGN: "vsign"},
 }
+# C functions whose result is the processor's where an operand is NaN.
 _LOOSE = {ca.OP_FMIN: "vsmaller", ca.OP_FMAX: "vlarger"}
+# C operators of arithmetic.
 _INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}
+# C operators of comparison.
 _COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 
 

@@ -29,6 +29,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _LOG = logging.getLogger(__name__)
+# Names of compilers, the first that works is taken.
 CANDIDATES = ("cc", "gcc", "clang")
 # No flag here lets the compiler assume that NaN or infinity do not occur, reorder a sum, or choose
 # where to contract a*b+c: the emitted source says so itself with explicit fused operations.
@@ -36,14 +37,22 @@ FLAGS = (
     *("-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
     *("-fPIC", "-shared"),
 )
+# Flags for this CPU's instructions, the first that the compiler takes.
 NATIVE_FLAGS = (("-march=native",), ("-mcpu=native",), ())
-_LAST = "compilation terminated"
-COMPILE_TIMEOUT_S, PROBE_TIMEOUT_S = 300, 30
-_BUILD = "build-"
+# Line of a compiler that gives no cause.
+_NOISE_LINE = "compilation terminated"
+# Longest compilation [s].
+COMPILE_TIMEOUT_S = 300
+# Longest answer of a compiler about itself [s].
+PROBE_TIMEOUT_S = 30
+# Prefix of the folders of running compilations.
+_BUILD_PREFIX = "build-"
+# Functions that a vector library may have.
 VECTOR_FUNCTIONS = (
     *("acos", "acosh", "asin", "asinh", "atan", "atanh", "cos", "cosh", "erf", "exp", "expm1"),
     *("log", "log1p", "sin", "sinh", "tan", "tanh", "atan2", "hypot", "pow"),
 )
+# Those of two arguments.
 TWO_ARGUMENTS = frozenset({"atan2", "hypot", "pow"})
 
 
@@ -159,7 +168,7 @@ def _run(command: list[str], limit_s: float = COMPILE_TIMEOUT_S) -> str:
     except (OSError, subprocess.SubprocessError) as error:
         raise CompilerError(f"{command[0]} could not run: {error}") from error
     if process.returncode != 0:
-        lines = [line for line in errors.splitlines() if line.strip(" .") not in ("", _LAST)]
+        lines = [line for line in errors.splitlines() if line.strip(" .") not in ("", _NOISE_LINE)]
         last_line = lines[-1].strip() if lines else f"exit status {process.returncode}, no message"
         raise CompilerError(f"{command[0]} failed: {last_line}")
     return output
@@ -167,7 +176,7 @@ def _run(command: list[str], limit_s: float = COMPILE_TIMEOUT_S) -> str:
 
 _loaded: dict[str, ctypes.CDLL] = {}
 _lock = threading.Lock()
-_ROOM = 1 << 24
+_MIN_FREE_BYTES = 1 << 24
 """Bytes that a compilation may need."""
 
 
@@ -222,7 +231,7 @@ def _object(key: str, source: str, compiler: Compiler, flags: tuple[str, ...]) -
             with contextlib.suppress(OSError):
                 return _compile(key, source, compiler, flags, directory)
         except CompilerError:
-            if shutil.disk_usage(directory).free > _ROOM:
+            if shutil.disk_usage(directory).free > _MIN_FREE_BYTES:
                 raise
     return _compile(key, source, compiler, flags, _private_directory())
 
@@ -237,7 +246,7 @@ def _verified(directory: Path, key: str) -> Path | None:
 
 
 def _compile(key: str, source: str, compiler: Compiler, flags: tuple[str, ...], directory: Path) -> Path:
-    with tempfile.TemporaryDirectory(prefix=_BUILD, dir=directory, ignore_cleanup_errors=True) as build:
+    with tempfile.TemporaryDirectory(prefix=_BUILD_PREFIX, dir=directory, ignore_cleanup_errors=True) as build:
         source_file, object_file = Path(build, "batch.c"), Path(build, "batch.so")
         source_file.write_text(source, encoding="utf-8")
         libraries = ["-lmvec", "-lm"] if compiler.vector_math else ["-lm"]
@@ -335,7 +344,7 @@ def clear_cache() -> int:
     objects = _objects(directory)
     for path in objects:
         path.unlink(missing_ok=True)
-    for build in directory.glob(f"{_BUILD}*"):
+    for build in directory.glob(f"{_BUILD_PREFIX}*"):
         with contextlib.suppress(OSError):
             if time.time() - build.stat().st_mtime > 2 * COMPILE_TIMEOUT_S:
                 shutil.rmtree(build)

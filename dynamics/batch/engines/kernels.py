@@ -57,6 +57,7 @@ def choose_backend(backend: str, makers: Mapping[str, Callable[[], EngineT]], ow
 
 
 Array = np.ndarray
+# Operations whose operands are truth values.
 _LOGICAL = frozenset({ca.OP_NOT, ca.OP_AND, ca.OP_OR})
 # A chunk's registers should fit the second-level cache; fewer samples, and calls cost more than
 # arithmetic does.
@@ -87,6 +88,7 @@ def _remainder(a: Array, b: Array) -> Array:
     return np.where(rounds_up, r - np.copysign(np.abs(b), r), r)
 
 
+# NumPy's function of each operation.
 _CALLS: dict[int, Callable[..., Array]] = {
     **{ca.OP_ADD: np.add, ca.OP_SUB: np.subtract, ca.OP_MUL: np.multiply, ca.OP_DIV: np.divide},
     **{ca.OP_NEG: np.negative, ca.OP_SQ: np.square, ca.OP_TWICE: lambda a: a + a},

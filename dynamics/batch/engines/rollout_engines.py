@@ -110,9 +110,12 @@ class Job(ctypes.Structure):
     ]
 
 
-# Samples of the longest SIMD register, how many shares of the work there are for each thread, and
-# samples that are not worth sharing.
-_REGISTER, _SHARES, _FEW = 8, 4, 32
+# Samples of the longest SIMD register.
+_WIDEST_REGISTER = 8
+# Shares of the work for each thread.
+_SHARES_PER_THREAD = 4
+# Samples that are not worth sharing.
+_MIN_SHARED_SAMPLES = 32
 
 
 class CompiledRolloutEngine:
@@ -161,8 +164,10 @@ class CompiledRolloutEngine:
         """Samples that a thread takes at once: a few shares for each, of few samples one."""
         if self._threads == 1:
             return self.chunk
-        one_share, several_shares = (_REGISTER * -(-n // (_REGISTER * k * self._threads)) for k in (1, _SHARES))
-        return min(self.chunk, max(several_shares, min(one_share, _FEW)))
+        one_share, several_shares = (
+            _WIDEST_REGISTER * -(-n // (_WIDEST_REGISTER * k * self._threads)) for k in (1, _SHARES_PER_THREAD)
+        )
+        return min(self.chunk, max(several_shares, min(one_share, _MIN_SHARED_SAMPLES)))
 
     def _job(self, q: RolloutRequest, want: int, results: dict[str, Array | None]) -> tuple[Job, object]:
         """The structure to pass, and the arrays that must live as long as it is in use."""
@@ -193,7 +198,8 @@ class CompiledRolloutEngine:
         return job, arrays
 
 
-_SHORT = 300
+# Operations of an adjoint below which chunks may be larger.
+_SHORT_GRAPH = 300
 
 
 class ChunkEngine:
@@ -205,7 +211,7 @@ class ChunkEngine:
 
     def __init__(self, tapes: RolloutTapes, threads: int, make: Callable[[ca.Function], Kernel]) -> None:
         self._tapes, self._threads = tapes, threads
-        self.chunk = 16384 if tapes.adjoint.n_instructions() < _SHORT else 4096
+        self.chunk = 16384 if tapes.adjoint.n_instructions() < _SHORT_GRAPH else 4096
         self._rollout = ChunkRollout(tapes, make)
 
     def samples(self, q: RolloutRequest, results: RolloutArrays) -> int:

@@ -139,6 +139,7 @@ def apply_operation(op: int, args: list[ca.SX]) -> ca.SX:
     return ca.SX.binary(op, *args) if op in BINARY else ca.SX.unary(op, *args)
 
 
+# Operations that cost more than loading a stored number.
 _COSTLY = {
     ca.OP_SQRT,
     ca.OP_DIV,

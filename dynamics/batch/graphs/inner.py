@@ -27,12 +27,18 @@ from dynamics.contact import interior_point, starts
 from dynamics.contact.path import Path
 from dynamics.systems.elimination import solve_without_pivoting
 
+# Most iterations of Newton's method before the path.
 NEWTON_ITERATIONS = 12
 # Newton's error after a step is of the order of its square over sqrt(mu); mu is 1e-14 or more.
-_SETTLED = 1e-11
-_FOLLOWED = 1e-7
-# Of ten that the path needs mostly; what needs many more has most likely lost it.
-_WARM, _COLD, _SEARCHED = 16, 24, 40
+_NEWTON_TOLERANCE = 1e-11
+# Scaled violation above which the end of a path is no solution.
+_MAX_PATH_ERROR = 1e-7
+# Most iterations from the step before; ten suffice mostly, and a path that needs many more is lost.
+_WARM_ITERATIONS = 16
+# Most iterations from ones.
+_COLD_ITERATIONS = 24
+# Most iterations from each further start.
+_SEARCH_ITERATIONS = 40
 
 
 @dataclass(frozen=True)
@@ -105,7 +111,7 @@ def solver_fields(path: Path) -> dict[str, Any]:
     path_end = path.ending_function()(pair, path.data)
     sizes = {"n": path.n, "n_pair": path.size, "n_data": path.data.numel()}
     # Infinite where the path was not followed to its end: no sample counts then.
-    checked_end = path_end[0] / (ca.mmax(path_end[2]) <= _FOLLOWED)
+    checked_end = path_end[0] / (ca.mmax(path_end[2]) <= _MAX_PATH_ERROR)
     followed = _function("followed", [pair, path.data], [checked_end])
     return {
         **sizes,
@@ -117,7 +123,7 @@ def solver_fields(path: Path) -> dict[str, Any]:
 
 def _from_starts(path: Path) -> dict[str, Any]:
     """Fields of a path without Newton's method before it: multipliers may not be unique."""
-    iteration_limits = {"most": _COLD, "most_warm": _WARM, "most_further": _SEARCHED}
+    iteration_limits = {"most": _COLD_ITERATIONS, "most_warm": _WARM_ITERATIONS, "most_further": _SEARCH_ITERATIONS}
     graphs = {"warm": starts.warm_start(path), "further": starts.further_start(path)}
     return {**iteration_limits, **graphs, "starts": starts.COUNT}
 
@@ -150,7 +156,7 @@ def _newton(lam: ca.SX, z: ca.SX, F: ca.SX, mu: ca.SX) -> tuple[ca.SX, ca.SX]:
     matrix = ca.diag(1 - slope) + ca.diag(1 + slope) @ F
     step = solve_without_pivoting(matrix, r - lam - s)
     size = ca.mmax(ca.fabs(step))
-    return lam + step, size > _SETTLED * ca.fmax(1, ca.mmax(ca.fabs(lam)))
+    return lam + step, size > _NEWTON_TOLERANCE * ca.fmax(1, ca.mmax(ca.fabs(lam)))
 
 
 def _active_set(lam: ca.SX, z: ca.SX, F: ca.SX) -> tuple[ca.SX, ca.SX]:

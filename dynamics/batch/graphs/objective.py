@@ -11,6 +11,7 @@ import casadi as ca
 from dynamics.contact import Step
 from dynamics.systems import Parameter, ParameterTable
 
+# Name of the parameter that discounts rewards.
 DISCOUNT_NAME = "discount"
 
 

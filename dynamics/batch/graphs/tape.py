@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
+# Names of CasADi's operations by number.
 OP_NAMES: dict[int, str] = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_") and name.isupper()}
 
+# Operations of two operands.
 BINARY = frozenset(
     {
         *(ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_POW, ca.OP_CONSTPOW),
@@ -17,6 +19,7 @@ BINARY = frozenset(
         *(ca.OP_ATAN2, ca.OP_HYPOT),
     }
 )
+# Operations of one operand.
 UNARY = frozenset(
     {
         *(ca.OP_NEG, ca.OP_EXP, ca.OP_LOG, ca.OP_SQRT, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV),
@@ -29,7 +32,9 @@ UNARY = frozenset(
 # OP_ASSIGN copies, OP_LIFT marks a variable for lifting, OP_PRINTME prints: the value of each
 # is its first operand, so the tape renames instead of computing.
 RENAMES = frozenset({ca.OP_ASSIGN, ca.OP_LIFT, ca.OP_PRINTME})
+# Operations whose result is a truth value.
 BOOLEAN = frozenset({ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT})
+# Operations whose operands may be exchanged.
 COMMUTATIVE = frozenset({ca.OP_ADD, ca.OP_MUL, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_HYPOT})
 
 

@@ -11,8 +11,12 @@ import numpy as np
 from dynamics.systems.contacts.polygon import Polygon, Union, box_polygon, convex_parts
 from dynamics.systems.contacts.shapes import Box, Capsule, Disc, Point, Shape, as_column
 
+# Gauss' rule on [-1, 1].
 _GAUSS = np.polynomial.legendre.leggauss(16)
-_NODES, _WEIGHTS = (_GAUSS[0] + 1) / 2, _GAUSS[1] / 2
+# Nodes of Gauss' rule on [0, 1].
+_GAUSS_NODES = (_GAUSS[0] + 1) / 2
+# Weights of these nodes.
+_GAUSS_WEIGHTS = _GAUSS[1] / 2
 
 
 class Area(NamedTuple):
@@ -97,14 +101,14 @@ def _boundary(shape: Shape, origin: ca.SX) -> Iterator[ca.SX]:
         yield _arc(a, radius, ca.atan2(m[1], m[0]), turn)
         half_side = (b - a) / 2
         for begin in (a + radius * n, a + radius * n + half_side):
-            for t, weight in zip(_NODES, _WEIGHTS, strict=True):
+            for t, weight in zip(_GAUSS_NODES, _GAUSS_WEIGHTS, strict=True):
                 place = begin + t * half_side
                 yield weight * ca.norm_2(place) * (place[0] * half_side[1] - place[1] * half_side[0])
 
 
 def _arc(centre: ca.SX, radius: ca.SX, start: ca.SX, turn: ca.SX) -> ca.SX:
     total = ca.SX(0)
-    for t, weight in zip(_NODES, _WEIGHTS, strict=True):
+    for t, weight in zip(_GAUSS_NODES, _GAUSS_WEIGHTS, strict=True):
         out = ca.vertcat(ca.cos(start + t * turn), ca.sin(start + t * turn))
         place = centre + radius * out
         total += weight * turn * radius * ca.norm_2(place) * ca.dot(place, out)

@@ -175,6 +175,7 @@ def _edge_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]]:
     return rows, total, tangential
 
 
+# The cone by its edges.
 EDGES = ConeForm(lambda directions: 2 * directions - 1, _edge_pairs)
 
 
@@ -196,6 +197,7 @@ def _linearised_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]]:
     return rows, gamma, tangential
 
 
+# The linearised cone with maximum dissipation.
 LINEARISED = ConeForm(lambda directions: 2 * directions + 1, _linearised_pairs)
 
 
@@ -220,4 +222,5 @@ def _second_order_pairs(at: FrictionSpec) -> tuple[list[Row], ca.SX, list[ca.SX]
     return rows, gamma, [at.has_friction * (upper - at.bound)]
 
 
+# The second-order cone.
 SECOND_ORDER = ConeForm(lambda directions: 2, _second_order_pairs)

@@ -21,7 +21,8 @@ from dynamics.systems.contacts.shapes import (
     as_column,
 )
 
-_FLAT = 1e-9
+# Share of a polygon's size below which lengths and turns count as zero.
+_FLAT_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,17 +115,17 @@ def polygon_defect(vertices: np.ndarray, radius: float) -> str | None:
     """Return why ``vertices`` (n, 2), rounded by ``radius``, are no convex polygon; None if they are."""
     edges = np.roll(vertices, -1, axis=0) - vertices
     size = float(np.ptp(vertices, axis=0).max())
-    if not size or np.linalg.norm(edges, axis=1).min() <= _FLAT * size:
+    if not size or np.linalg.norm(edges, axis=1).min() <= _FLAT_TOLERANCE * size:
         return "has two equal vertices; leave one of them out"
-    if np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)[1] <= _FLAT * size:
+    if np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)[1] <= _FLAT_TOLERANCE * size:
         return "has no area; give vertices that do not lie on one line"
     if _crosses(vertices):
         return "has sides that cross; give the vertices in their order around the outline"
     previous_edges = np.roll(edges, 1, axis=0)
     turns = (-1 if is_clockwise(vertices) else 1) * _cross(previous_edges, edges) / size**2
-    if turns.min() < -_FLAT:
+    if turns.min() < -_FLAT_TOLERANCE:
         return f"is not convex at vertex {turns.argmin()}; write it as a Union of convex polygons"
-    if turns.min() <= _FLAT:
+    if turns.min() <= _FLAT_TOLERANCE:
         return f"vertex {turns.argmin()} lies on the line of its neighbours; leave it out"
     lengths = np.linalg.norm(edges, axis=1)
     turn_angles = np.arctan2(np.abs(_cross(previous_edges, edges)), (previous_edges * edges).sum(axis=1))
@@ -230,8 +231,8 @@ def _angle(member: Shape, place: Point) -> float:
         return 1e-3 if any(place is corner for corner in member.corners) else 0.0
     heights = np.array([float(side) for side in sides])
     size = max(float(ca.norm_inf(as_column(v) - as_column(place))) for v in member.vertices)
-    sides_through = np.flatnonzero(np.abs(heights) <= _FLAT * size)
-    if heights.max() > _FLAT * size:
+    sides_through = np.flatnonzero(np.abs(heights) <= _FLAT_TOLERANCE * size)
+    if heights.max() > _FLAT_TOLERANCE * size:
         return 0.0
     if len(sides_through) == 2:
         return float(np.pi - ca.acos(ca.dot(*(member.normals[i] for i in sides_through))))

@@ -22,6 +22,7 @@ from dynamics.systems.space.stepping import ContactPair, spatial_step
 from dynamics.systems.space.tree import Tree
 from dynamics.systems.system import ContactSystem
 
+# Pose of the world.
 _FIXED = SpatialPose(ca.SX.eye(3), ca.SX(3, 1))
 _ROUNDING = 1e-12
 """How far numbers of equal contacts may be apart, relative."""

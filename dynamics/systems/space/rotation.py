@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-_SMALL = 1e-3
+_SERIES_LIMIT = 1e-3
 """Squares of half angles [rad²] below which sine and cosine are their series."""
 
 
@@ -49,7 +49,7 @@ def integrate(q: ca.SX, rotation_vector: ca.SX) -> ca.SX:
     rounding does not add up over steps.
     """
     half_angle_squared = ca.sumsqr(rotation_vector) / 4
-    is_small = half_angle_squared < _SMALL
+    is_small = half_angle_squared < _SERIES_LIMIT
     # Away from zero the series' branch is not used; at zero the root's slope would be infinite.
     half_angle = ca.sqrt(ca.if_else(is_small, 1, half_angle_squared))
     w = ca.if_else(

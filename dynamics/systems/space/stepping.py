@@ -18,6 +18,7 @@ from dynamics.systems.space.coupling import CoupledJoints
 from dynamics.systems.space.tree import Tree
 from dynamics.systems.system import ContactSystem
 
+# Edges that a friction pyramid may have.
 _EDGES = (4, 8)
 
 

@@ -87,7 +87,7 @@ def test_the_contact_solve_of_a_rollout(name, monkeypatch, tmp_path):
     compiled = time.perf_counter() - began
     with monkeypatch.context() as patched:
         patched.setattr(starts, "warm_start", from_ones)
-        patched.setattr(inner, "_WARM", inner._COLD)
+        patched.setattr(inner, "_WARM_ITERATIONS", inner._COLD_ITERATIONS)
         cold, _ = let_loose(name, 1)
         patched.setattr(rollout_tapes, "path_of", Path.of_system)
         before, _ = let_loose(name, 1)

@@ -105,10 +105,10 @@ def test_what_does_not_arrive_is_found_from_other_starts(law, backend, monkeypat
         return f(START, THETA, noise=noise).cost
 
     wanted = costs()
-    monkeypatch.setattr(inner, "_WARM", 0)
-    monkeypatch.setattr(inner, "_COLD", 0)
+    monkeypatch.setattr(inner, "_WARM_ITERATIONS", 0)
+    monkeypatch.setattr(inner, "_COLD_ITERATIONS", 0)
     np.testing.assert_allclose(costs(), wanted, rtol=1e-10)
-    monkeypatch.setattr(inner, "_SEARCHED", 0)
+    monkeypatch.setattr(inner, "_SEARCH_ITERATIONS", 0)
     with pytest.warns(match="19 non-finite samples"):
         assert not np.isfinite(costs()).any()
 
