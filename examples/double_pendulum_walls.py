@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import Chain, Link, signals, time_stepping
-from dynamics.systems.contacts import Contact, Disc, HalfPlane, Pose
+from dynamics.systems.shapes import Contact, Disc, HalfPlane, Pose
 from ocp import Problem, Scaling, solve
 from problems import drawing
 from problems.parameters import Parameters, quantity, structure, table

@@ -17,8 +17,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from dynamics.systems import contacts
-from dynamics.systems.contacts import Point
+from dynamics.systems import shapes
+from dynamics.systems.shapes import Point
 from ocp.validation import NotNegative, Number
 
 Shade = Annotated[float, Field(ge=0, le=1)]
@@ -157,10 +157,10 @@ class ContactFrame:
         return self.ny, -self.nx
 
 
-def solid(shape: contacts.Shape, x: float, y: float, angle: float, role: str = "object") -> Shape:
+def solid(shape: shapes.Shape, x: float, y: float, angle: float, role: str = "object") -> Shape:
     """Draw ``shape``, whose numbers are no symbols, on a body at (x, y).
 
-    ``angle`` counts as that of a :class:`~dynamics.systems.contacts.Pose`: clockwise.
+    ``angle`` counts as that of a :class:`~dynamics.systems.shapes.Pose`: clockwise.
     """
     cos, sin = math.cos(angle), math.sin(angle)
 
@@ -173,15 +173,15 @@ def solid(shape: contacts.Shape, x: float, y: float, angle: float, role: str = "
         return x + right, y + up
 
     match shape:
-        case contacts.Disc(radius, centre):
+        case shapes.Disc(radius, centre):
             return Disc(*placed(centre), float(radius), role)
-        case contacts.Capsule(start, end, radius):
+        case shapes.Capsule(start, end, radius):
             return Capsule(*placed(start), *placed(end), float(radius), role)
-        case contacts.HalfPlane(origin, normal):
+        case shapes.HalfPlane(origin, normal):
             return HalfPlane(*placed(origin), *turned(normal), role)
-        case contacts.Box(half, radius, centre):
+        case shapes.Box(half, radius, centre):
             size = 2 * float(half[0]), 2 * float(half[1])
             return Box(*placed(centre), *size, -angle, role, float(radius))
-        case contacts.Polygon(_, radius):
+        case shapes.Polygon(_, radius):
             return Polygon(tuple(placed(corner) for corner in shape.corners), float(radius), role)
     raise TypeError(f"cannot draw a {type(shape).__name__}")

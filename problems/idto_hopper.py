@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
-from dynamics.systems import Link, Part, Signal, Sphere, contacts
-from dynamics.systems.planar import Number
+from dynamics.systems import Link, Part, Signal, Sphere, shapes
+from dynamics.systems.planar.links import Number
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Mark, Shape
 from problems.machines.machine import PublishedMachine, machine_frames, machine_shapes
@@ -88,7 +88,7 @@ def _machine(
             joint("ankle", "knee", m_foot, 0.005, anchor=(0.0, -0.4)),
         ),
         (Sphere("toe", "ankle", (-0.15, 0.0), 0.03), Sphere("heel", "ankle", (0.05, 0.0), 0.03)),
-        parts=(Part("body", "torso", contacts.Capsule((0.0, -0.2), (0.0, 0.2), 0.05)),),
+        parts=(Part("body", "torso", shapes.Capsule((0.0, -0.2), (0.0, 0.2), 0.05)),),
         pose=(0.0, 0.6131, 0.3, -0.5, 0.2),
         friction=1.0,
         h=0.05,

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import model_validator
 
 from dynamics.learned.region import Region
-from dynamics.systems import ParameterTable, Signal, contacts, quasi_dynamic, signals
+from dynamics.systems import ParameterTable, Signal, quasi_dynamic, shapes, signals
 from ocp.problem.problem import Constraint, Problem, Scaling, Scenarios
 from problems.drawing import Capsule, ContactFrame, Disc, Segment, Shape
 from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
@@ -128,7 +128,7 @@ class _Link:
     """A link of an arm: its name, its pose at the joint, and its end in its own frame."""
 
     name: str
-    pose: contacts.Pose
+    pose: shapes.Pose
     end: tuple[ca.SX, float]
 
 
@@ -139,23 +139,23 @@ def _links(q: ca.SX, p: Params | ParameterTable) -> list[_Link]:
         start, angle = ca.vertcat(side * _of(p, "base"), 0), ca.SX(0)
         for number, joint in ((1, first), (2, second)):
             angle = angle + joint
-            pose = contacts.Pose(start, -angle)
+            pose = shapes.Pose(start, -angle)
             found.append(_Link(f"{arm}{number}", pose, (side * _of(p, f"length{number}"), 0.0)))
             start = pose.to_world(found[-1].end)
     return found
 
 
-def _touches(q: ca.SX, p: Params | ParameterTable, discs: bool = False) -> dict[str, contacts.Contact]:
+def _touches(q: ca.SX, p: Params | ParameterTable, discs: bool = False) -> dict[str, shapes.Contact]:
     """Contacts of the ball with the arms, link by link, or disc by disc."""
-    ball, R, r, shapes = contacts.Pose(q[:2], -q[2]), _of(p, "R"), _of(p, "r"), []
+    ball, R, r, arm_shapes = shapes.Pose(q[:2], -q[2]), _of(p, "R"), _of(p, "r"), []
     for link in _links(q, p):
         if not discs:
-            shapes.append((link.name, link.pose, contacts.Capsule((0.0, 0.0), link.end, r)))
+            arm_shapes.append((link.name, link.pose, shapes.Capsule((0.0, 0.0), link.end, r)))
             continue
         for number, share in enumerate(_DISCS[int(link.name[1]) - 1]):
-            disc = contacts.Disc(r, (share * link.end[0], 0.0))
-            shapes.append((f"{link.name} disc {number}", link.pose, disc))
-    return {called: contacts.Contact.between(contacts.Disc(R), ball, shape, pose) for called, pose, shape in shapes}
+            disc = shapes.Disc(r, (share * link.end[0], 0.0))
+            arm_shapes.append((f"{link.name} disc {number}", link.pose, disc))
+    return {called: shapes.Contact.between(shapes.Disc(R), ball, shape, pose) for called, pose, shape in arm_shapes}
 
 
 def _of(p: Params | ParameterTable, key: str) -> ca.SX:
@@ -171,7 +171,7 @@ def build(params: Params) -> Problem:
     p, friction = friction_of(table(params))
     discs = params.links == "discs"
 
-    def stacked(each: Callable[[contacts.Contact], ca.SX], q: ca.SX) -> ca.SX:
+    def stacked(each: Callable[[shapes.Contact], ca.SX], q: ca.SX) -> ca.SX:
         return ca.vertcat(*map(each, _touches(q, p, discs).values()))
 
     K = ca.vertcat(p["K1"], p["K2"], p["K1"], p["K2"])

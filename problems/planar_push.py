@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import model_validator
 
 from dynamics.learned.region import Region
-from dynamics.systems import contacts, quasi_dynamic, signals
+from dynamics.systems import quasi_dynamic, shapes, signals
 from ocp.problem.problem import Constraint, Problem, Scaling, Scenarios
 from problems.drawing import Box, ContactFrame, Disc, Shape
 from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
@@ -92,10 +92,10 @@ class Params(Parameters):
         return float(_touch(state, ca.SX(self.side), ca.SX(self.r)).phi)
 
 
-def _touch(q: ca.SX, side: ca.SX, r: ca.SX) -> contacts.Contact:
-    pusher, box = contacts.Pose(q[3:], ca.SX(0)), contacts.Pose(q[:2], -q[2])
-    shape = contacts.Box((side / 2, side / 2))
-    return contacts.Contact.between(contacts.Disc(r), pusher, shape, box)
+def _touch(q: ca.SX, side: ca.SX, r: ca.SX) -> shapes.Contact:
+    pusher, box = shapes.Pose(q[3:], ca.SX(0)), shapes.Pose(q[:2], -q[2])
+    shape = shapes.Box((side / 2, side / 2))
+    return shapes.Contact.between(shapes.Disc(r), pusher, shape, box)
 
 
 def build(params: Params) -> Problem:

@@ -7,7 +7,7 @@ from typing import Any
 
 from docs.generator.roles import cleaned
 from dynamics import systems
-from dynamics.systems.contacts import Contact
+from dynamics.systems.shapes import Contact
 from ocp.problem import free_time, problem
 from problems import drawing, parameters, scenes
 

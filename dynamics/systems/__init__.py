@@ -1,8 +1,6 @@
 """Mechanical systems as one implicit step with contact multipliers and gaps."""
 
-from dynamics.systems.chain import Chain
 from dynamics.systems.lcs import is_p_matrix, lcs
-from dynamics.systems.machine import Machine, Part, Sphere
 from dynamics.systems.mechanism import WORLD
 from dynamics.systems.pairs import ContactForces, EnergyBalance, Pair, RefereeModel
 from dynamics.systems.parameters import (
@@ -13,7 +11,9 @@ from dynamics.systems.parameters import (
     matrix_parameters,
     signals,
 )
-from dynamics.systems.planar import Link
+from dynamics.systems.planar.chain import Chain
+from dynamics.systems.planar.links import Link
+from dynamics.systems.planar.machine import Machine, Part, Sphere
 from dynamics.systems.system import ContactSystem, ReducedContact
 from dynamics.systems.timestepping import quasi_dynamic, time_stepping
 

@@ -9,16 +9,9 @@ from typing import Literal
 
 import casadi as ca
 
-from dynamics.systems.contacts.contact import (
-    EDGES,
-    LINEARISED,
-    SECOND_ORDER,
-    ConeForm,
-    FrictionSpec,
-    Row,
-)
 from dynamics.systems.pairs import COULOMB, TRUE_GAPS, ContactForces, Pair, RefereeModel
 from dynamics.systems.parameters import Signal
+from dynamics.systems.shapes.contact import EDGES, LINEARISED, SECOND_ORDER, ConeForm, FrictionSpec, Row
 from dynamics.systems.system import ContactSystem, check_shape
 
 Cone = Literal["linearised", "second-order", "edges"]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from dynamics.systems.planar import Branch, root_first
+from dynamics.systems.planar.links import Branch, root_first
 
 WORLD = "world"
 """The link or body of parts that never move, of machines in the plane and in space."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.batch import StepFunction
-from dynamics.systems.machine import with_implicit_forces
+from dynamics.systems.planar.machine import with_implicit_forces
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.judge.referee import REFINEMENT, step_size_kind
 from ocp.mpc.phase import numbers
@@ -47,7 +47,7 @@ class Plant:
     """The plant from sample to sample, with its own parameters.
 
     The velocity forces of a planar machine gain no energy, also where the model has explicit ones
-    (:func:`~dynamics.systems.machine.with_implicit_forces`).
+    (:func:`~dynamics.systems.planar.machine.with_implicit_forces`).
 
     Raises :class:`~ocp.errors.InputError` for an unknown plant or parameter, for ``h/4`` where
     the step size only counts steps, and as :class:`~ocp.simulators.mujoco_world.MujocoWorld` does.

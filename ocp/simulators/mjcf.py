@@ -10,9 +10,10 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dynamics.systems import WORLD, Link, Machine, contacts, space
+from dynamics.systems import WORLD, Link, Machine, space
+from dynamics.systems import shapes as planar_shapes
 from dynamics.systems.mechanism import Mechanism
-from dynamics.systems.planar import root_first
+from dynamics.systems.planar.links import root_first
 from ocp.errors import InputError
 
 GROUND = "z = 0"
@@ -207,22 +208,22 @@ def _shapes(mechanism: Mechanism) -> tuple[dict[str, tuple[str, Any]], dict[str,
 def _geom(part: str, body_name: str, shape: Any, number: _Number) -> dict[str, Any]:
     """Return the attributes of a shape's geom."""
     match shape:
-        case space.Sphere() | contacts.Disc():
+        case space.Sphere() | planar_shapes.Disc():
             radius = max(number(shape.radius), MIN_RADIUS_M)
             return {"type": "sphere", "size": radius, "pos": _to_space(shape.centre)}
-        case space.Capsule() | space.Cylinder() | contacts.Capsule():
+        case space.Capsule() | space.Cylinder() | planar_shapes.Capsule():
             ends = (*_to_space(shape.start), *_to_space(shape.end))
             return {"type": type(shape).__name__.lower(), "size": shape.radius, "fromto": ends}
         case space.Box():
             pose = {"pos": shape.centre, "quat": shape.quaternion}
             return {"type": "box", "size": shape.half_size, **pose}
-        case contacts.Box() if shape.radius == 0:
+        case planar_shapes.Box() if shape.radius == 0:
             x, z = shape.half_size[0], shape.half_size[1]
             return {"type": "box", "size": (x, x + z, z), "pos": _to_space(shape.centre)}
         case space.Hull():
             return {"type": "mesh", "mesh": part}
-        case space.Plane() | contacts.HalfPlane() if body_name == WORLD:
+        case space.Plane() | planar_shapes.HalfPlane() if body_name == WORLD:
             pose = {"pos": _to_space(shape.origin), "zaxis": _to_space(shape.normal)}
             return {"type": "plane", "size": "0 0 1", **pose}
-    kind = "rounded" if isinstance(shape, contacts.Box) else "moving"
+    kind = "rounded" if isinstance(shape, planar_shapes.Box) else "moving"
     raise InputError(f"part {part!r} is a {kind} {type(shape).__name__}, which MuJoCo has not")

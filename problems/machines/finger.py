@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from dynamics.systems import ContactSystem, Link, Machine, ParameterTable, Part, contacts
+from dynamics.systems import ContactSystem, Link, Machine, ParameterTable, Part, shapes
 from problems.drawing import Capsule, ContactFrame, Disc, Segment, Shape
 from problems.machines.tracking import in_torques
 from problems.parameters import Parameters, friction_of, quantity
@@ -51,8 +51,8 @@ def finger_system(name: str, p: ParameterTable) -> ContactSystem:
         ),
         (),
         parts=(
-            Part("tip", "elbow", contacts.Disc(r, (0.0, length - r))),
-            Part("disc", "disc", contacts.Disc(p["R"])),
+            Part("tip", "elbow", shapes.Disc(r, (0.0, length - r))),
+            Part("disc", "disc", shapes.Disc(p["R"])),
         ),
         collision_pairs=(("tip", "disc"),),
         gravity=p["g"],

@@ -7,7 +7,7 @@ in the plane.
 from __future__ import annotations
 
 from dynamics.systems import Link, Sphere
-from dynamics.systems.planar import Number
+from dynamics.systems.planar.links import Number
 from problems.machines.machine import PublishedMachine
 
 _RADIUS = 0.046

@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import pi
 
 from dynamics.systems import Link, Sphere
-from dynamics.systems.planar import Number
+from dynamics.systems.planar.links import Number
 from problems.machines.machine import PublishedMachine
 
 

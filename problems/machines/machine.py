@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import WORLD, Link, Machine
-from dynamics.systems.machine import link_pose
+from dynamics.systems.planar.machine import link_pose
 from problems.drawing import Capsule, ContactFrame, HalfPlane, Shape, solid
 
 _ROUNDING = 1e-9

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import ContactLaw
-from dynamics.systems.machine import Gyroscopic, with_implicit_forces
+from dynamics.systems.planar.machine import Gyroscopic, with_implicit_forces
 from ocp.errors import InputError, NotConverged
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import STEP_TOLERANCE, Rollout, roll_out
@@ -33,7 +33,7 @@ def simulation(
     All spheres may touch, h is the environment's 0.05 s, and the start its pose, lifted by 0.25 m
     and shaken by uniform noise out of ``seed``: 0.005 for ``hopper``, 0.1 for ``half-cheetah``, in
     every coordinate and velocity. With ``gyroscopic="implicit"`` velocity forces gain no energy and
-    no motion overflows (:func:`~dynamics.systems.flight.gyroscopic_impulse`); the problem's own are explicit.
+    no motion overflows (:func:`~dynamics.systems.planar.flight.gyroscopic_impulse`); the problem's own are explicit.
     ``params`` change any parameter, ``spheres`` and hopper's ``h`` too.
 
     Raises :class:`~ocp.errors.InputError` for a name that is no machine, another word in

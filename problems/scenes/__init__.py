@@ -1,6 +1,6 @@
 """Pushing problems from shapes: what is there, who touches whom, the system and the drawing."""
 
-from dynamics.systems.contacts import Box, Capsule, Disc, HalfPlane, Polygon, Union
+from dynamics.systems.shapes import Box, Capsule, Disc, HalfPlane, Polygon, Union
 from problems.scenes.scene import Scene, pictured
 from problems.scenes.things import Body, Goal, Obstacle, Pusher
 

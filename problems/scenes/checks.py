@@ -11,9 +11,9 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import ParameterTable
-from dynamics.systems.contacts import Box, Capsule, Disc, HalfPlane, Polygon, Shape
-from dynamics.systems.contacts.polygon import convex_parts, is_clockwise, polygon_defect
-from dynamics.systems.contacts.shapes import Point, Scalar
+from dynamics.systems.shapes import Box, Capsule, Disc, HalfPlane, Polygon, Shape
+from dynamics.systems.shapes.planar import Point, Scalar
+from dynamics.systems.shapes.polygon import convex_parts, is_clockwise, polygon_defect
 from ocp.errors import InputError, did_you_mean
 from problems.scenes.things import Body, Goal, Obstacle, Pusher, Thing
 

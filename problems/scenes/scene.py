@@ -22,9 +22,9 @@ from dynamics.systems import (
 )
 from dynamics.systems.checks import require_items, require_not_negative
 from dynamics.systems.contact_rows import Cone
-from dynamics.systems.contacts import Contact, Pose
-from dynamics.systems.contacts.polygon import convex_parts
-from dynamics.systems.contacts.shapes import Point, Scalar, as_column
+from dynamics.systems.shapes import Contact, Pose
+from dynamics.systems.shapes.planar import Point, Scalar, as_column
+from dynamics.systems.shapes.polygon import convex_parts
 from ocp.errors import InputError
 from problems.drawing import ContactFrame, Disc, Segment, Shape, solid
 from problems.scenes.checks import check_names, check_numbers, required

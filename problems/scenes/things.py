@@ -10,11 +10,11 @@ import casadi as ca
 
 from dynamics.systems import Signal
 from dynamics.systems.checks import parse_number, parse_point, require_positive, require_text, require_unit_vector
-from dynamics.systems.contacts import Contact, Pose, Shape, Union
-from dynamics.systems.contacts.areas import mean_distance, move_shape, shape_area
-from dynamics.systems.contacts.polygon import convex_parts, vertex_pairs
-from dynamics.systems.contacts.shapes import Point, Scalar, as_column
 from dynamics.systems.limit_surface import LimitSurface
+from dynamics.systems.shapes import Contact, Pose, Shape, Union
+from dynamics.systems.shapes.areas import mean_distance, move_shape, shape_area
+from dynamics.systems.shapes.planar import Point, Scalar, as_column
+from dynamics.systems.shapes.polygon import convex_parts, vertex_pairs
 
 _AXES = ("x", "y")
 
@@ -230,7 +230,7 @@ def touches(things: Sequence[Thing], apart: Collection[frozenset[str]]) -> list[
 
     Where flat sides may come to lie on each other at any angle, every corner is a contact of its
     own, ``<one> on <other> <number>``, see
-    :func:`~dynamics.systems.contacts.polygon.vertex_pairs`.
+    :func:`~dynamics.systems.shapes.polygon.vertex_pairs`.
     """
     found = []
     for first, second in combinations(things, 2):

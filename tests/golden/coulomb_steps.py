@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import Machine
-from dynamics.systems.flight import gyroscopic_impulse
+from dynamics.systems.planar.flight import gyroscopic_impulse
 
 OPEN, STICK, FORWARD, BACKWARD = range(4)
 _FAR = 0.3

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from dynamics.systems import Link, Machine, Sphere
-from dynamics.systems.chain import Chain
-from dynamics.systems.flight import gyroscopic_impulse
-from dynamics.systems.machine import with_implicit_forces
 from dynamics.systems.parameters import ParameterTable
+from dynamics.systems.planar.chain import Chain
+from dynamics.systems.planar.flight import gyroscopic_impulse
+from dynamics.systems.planar.machine import with_implicit_forces
 from ocp.errors import InputError
 from ocp.mpc.plants import Plant
 from ocp.problem.rollout import roll_out

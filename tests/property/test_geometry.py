@@ -11,7 +11,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from dynamics.systems.contacts import Box, Capsule, Contact, Disc, HalfPlane, Pose, Shape
+from dynamics.systems.shapes import Box, Capsule, Contact, Disc, HalfPlane, Pose, Shape
 
 RADIUS = 0.1
 HALF = np.array([0.5, 0.3])

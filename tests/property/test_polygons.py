@@ -10,9 +10,9 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from dynamics.batch import BatchFunction
-from dynamics.systems.contacts import Box, Capsule, Contact, Disc, HalfPlane, Polygon, Pose, Union
-from dynamics.systems.contacts.areas import move_shape, shape_area
-from dynamics.systems.contacts.polygon import vertex_pairs
+from dynamics.systems.shapes import Box, Capsule, Contact, Disc, HalfPlane, Polygon, Pose, Union
+from dynamics.systems.shapes.areas import move_shape, shape_area
+from dynamics.systems.shapes.polygon import vertex_pairs
 
 SIZES = [(3, 8), (4, 4), (5, 3), (8, 6), (7, 5)]
 

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
 from dynamics.systems import ContactSystem, Parameter, ParameterTable
-from dynamics.systems.contacts import Shape
+from dynamics.systems.shapes import Shape
 from ocp import Problem, Scaling, Solution, solve
 from problems.scenes import Body, Box, Capsule, Disc, HalfPlane, Obstacle, Pusher, Scene
 from problems.scenes.things import Thing

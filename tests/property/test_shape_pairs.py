@@ -12,7 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from dynamics.systems.contacts import Box, Capsule, Contact, Disc, HalfPlane, Pose, Shape
+from dynamics.systems.shapes import Box, Capsule, Contact, Disc, HalfPlane, Pose, Shape
 from tests.examples import settings
 
 

@@ -23,7 +23,7 @@ from dynamics.systems import (
     signals,
     time_stepping,
 )
-from dynamics.systems.contacts import Box, Capsule, Disc, HalfPlane
+from dynamics.systems.shapes import Box, Capsule, Disc, HalfPlane
 from ocp import (
     Constraint,
     Feedback,

@@ -8,7 +8,7 @@ from functools import cached_property
 import casadi as ca
 
 from dynamics.systems.parameters import Signal
-from dynamics.systems.planar import root_first
+from dynamics.systems.planar.links import root_first
 from dynamics.systems.space import rotation
 from dynamics.systems.space.body import POSITIONS, VELOCITIES, Body, Number, Vector
 from dynamics.systems.space.joints import JointFrame, joint_frame, memoise_expression

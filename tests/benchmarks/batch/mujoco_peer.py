@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.systems.planar import Link
+from dynamics.systems.planar.links import Link
 from problems.machines.machine import PublishedMachine
 
 _EPS = 1e-6

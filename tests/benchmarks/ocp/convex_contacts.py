@@ -15,9 +15,9 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems import Parameter, ParameterTable
-from dynamics.systems.contacts import Contact, Pose, Shape
-from dynamics.systems.contacts.polygon import vertex_pairs
-from dynamics.systems.contacts.shapes import as_column
+from dynamics.systems.shapes import Contact, Pose, Shape
+from dynamics.systems.shapes.planar import as_column
+from dynamics.systems.shapes.polygon import vertex_pairs
 from ocp import solve
 from ocp.problem.problem import Problem, Scaling
 from problems.scenes import Body, Box, Disc, Goal, Obstacle, Pusher, Scene, things

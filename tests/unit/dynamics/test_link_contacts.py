@@ -8,7 +8,7 @@ import pytest
 
 from dynamics.contact import Barrier, Exact
 from dynamics.systems import ContactSystem, Link, Machine, ParameterTable, Part, Sphere
-from dynamics.systems.contacts import Box, Capsule, Disc, HalfPlane, Shape
+from dynamics.systems.shapes import Box, Capsule, Disc, HalfPlane, Shape
 from problems import drawing
 from problems.machines.machine import machine_frames, machine_shapes
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from dynamics.systems import WORLD, space
-from dynamics.systems.contacts import Box, Capsule, Contact, Disc, Polygon, Pose, Shape, Union
-from dynamics.systems.contacts.areas import shape_area
-from dynamics.systems.contacts.polygon import box_polygon
+from dynamics.systems.shapes import Box, Capsule, Contact, Disc, Polygon, Pose, Shape, Union
+from dynamics.systems.shapes.areas import shape_area
+from dynamics.systems.shapes.polygon import box_polygon
 from problems.drawing import Box as DrawnBox
 from problems.drawing import solid
 from problems.scenes import Body, Pusher, Scene

@@ -8,7 +8,7 @@ import pytest
 
 from dynamics.contact import Exact
 from dynamics.systems import WORLD, ContactSystem, Link, Machine, ParameterTable, Part, Sphere
-from dynamics.systems.contacts import Box, HalfPlane
+from dynamics.systems.shapes import Box, HalfPlane
 from problems import drawing
 from problems.machines.machine import machine_shapes
 

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynamics.systems.chain import Chain
-from dynamics.systems.planar import Link
+from dynamics.systems.planar.chain import Chain
+from dynamics.systems.planar.links import Link
 from problems.machines.half_cheetah import half_cheetah
 from problems.machines.hopper import hopper
 

@@ -223,7 +223,7 @@ def test_a_floating_robot_stands_and_a_fixed_one_turns_within_its_limits() -> No
 
 def test_armature_counts_in_mass_and_energy_and_not_on_a_floating_link() -> None:
     from dynamics.systems import Link
-    from dynamics.systems.chain import Chain
+    from dynamics.systems.planar.chain import Chain
 
     plain, geared = (Chain([Link("a", None, 1.0, 0.1, (0.2, 0), armature=J)]) for J in (0.0, 0.3))
     q, v, a = ca.SX(0.4), ca.SX(2.0), ca.SX(-1.0)

@@ -14,7 +14,7 @@ from scipy.integrate import dblquad
 from dynamics.batch import StepFunction
 from dynamics.contact import Exact
 from dynamics.systems import ContactSystem, ParameterTable
-from dynamics.systems.contacts.areas import mean_distance
+from dynamics.systems.shapes.areas import mean_distance
 from ocp.errors import InputError
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem, Scaling

@@ -10,16 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynamics.systems import (
-    Link,
-    Machine,
-    Parameter,
-    ParameterTable,
-    Part,
-    Sphere,
-    contacts,
-    space,
-)
+from dynamics.systems import Link, Machine, Parameter, ParameterTable, Part, Sphere, shapes, space
 from ocp import InputError, Problem
 from ocp.mpc.plants import Plant
 from ocp.simulators.mujoco_world import MujocoWorld
@@ -137,7 +128,7 @@ def test_a_block_slides_as_far_as_coulomb_says() -> None:
     block = Machine(
         (Link("block", None, 1.0, 0.01, joint="free"),),
         (),
-        parts=(Part("block", "block", contacts.Box((0.2, 0.1))), Part("floor", "world", contacts.HalfPlane())),
+        parts=(Part("block", "block", shapes.Box((0.2, 0.1))), Part("floor", "world", shapes.HalfPlane())),
         collision_pairs=(("block", "floor"),),
     )
     x = run(problem_of(block), [0, 0.1, 0, 1.0, 0, 0], 50)
@@ -149,9 +140,9 @@ def test_a_block_slides_as_far_as_coulomb_says() -> None:
 
 def test_parts_meet_only_whom_they_meet_here() -> None:
     parts = (
-        Part("tip", "arm", contacts.Capsule((0, 0), (0, -0.3), 0.05)),
-        Part("slope", "world", contacts.HalfPlane((0, -1), (-0.6, 0.8))),
-        Part("idle", "arm", contacts.Box((1, 1), 0.1)),
+        Part("tip", "arm", shapes.Capsule((0, 0), (0, -0.3), 0.05)),
+        Part("slope", "world", shapes.HalfPlane((0, -1), (-0.6, 0.8))),
+        Part("idle", "arm", shapes.Box((1, 1), 0.1)),
     )
     machine = Machine(
         (Link("arm", None, 1.0, 0.1),),

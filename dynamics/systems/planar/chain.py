@@ -8,9 +8,9 @@ from functools import cached_property
 
 import casadi as ca
 
-from dynamics.systems.contacts.shapes import Pose
 from dynamics.systems.parameters import Signal
-from dynamics.systems.planar import Link, Number, Vector, root_first
+from dynamics.systems.planar.links import Link, Number, Vector, root_first
+from dynamics.systems.shapes.planar import Pose
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,16 +10,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems.checks import parse_point, require_items, require_not_negative
-from dynamics.systems.contacts.shapes import (
-    Box,
-    Disc,
-    HalfPlane,
-    Point,
-    Pose,
-    Scalar,
-    Shape,
-    as_column,
-)
+from dynamics.systems.shapes.planar import Box, Disc, HalfPlane, Point, Pose, Scalar, Shape, as_column
 
 # Share of a polygon's size below which lengths and turns count as zero.
 _FLAT_TOLERANCE = 1e-9

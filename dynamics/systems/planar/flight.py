@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from dynamics.systems.chain import Chain
 from dynamics.systems.elimination import solve_without_pivoting
+from dynamics.systems.planar.chain import Chain
 
 
 def gyroscopic_impulse(chain: Chain, q: ca.SX, v: ca.SX, h: ca.SX | float) -> ca.SX:

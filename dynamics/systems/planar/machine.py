@@ -8,15 +8,15 @@ from typing import Literal, get_args
 
 import casadi as ca
 
-from dynamics.systems.chain import Chain
 from dynamics.systems.checks import parse_number, parse_point, require_items, require_positive, require_text
 from dynamics.systems.contact_rows import Cone
-from dynamics.systems.contacts import Contact, Disc, HalfPlane, Pose, Shape
-from dynamics.systems.flight import gyroscopic_impulse
 from dynamics.systems.mechanism import WORLD, Mechanism, check_parts
 from dynamics.systems.pairs import EnergyBalance
 from dynamics.systems.parameters import ParameterTable, Signal
-from dynamics.systems.planar import Link, Number, Vector
+from dynamics.systems.planar.chain import Chain
+from dynamics.systems.planar.flight import gyroscopic_impulse
+from dynamics.systems.planar.links import Link, Number, Vector
+from dynamics.systems.shapes import Contact, Disc, HalfPlane, Pose, Shape
 from dynamics.systems.system import ContactSystem
 from dynamics.systems.timestepping import time_stepping
 
@@ -147,7 +147,7 @@ class Machine:
         frictionless; one unit of input is ``scale`` times the gear [N m]; ``cone`` is how
         friction's is written. With ``free_step`` h is a symbol and one state more. Coriolis and
         centrifugal forces are the ``gyroscopic`` ones: explicit, or implicit, which gain no energy
-        (:func:`~dynamics.systems.flight.gyroscopic_impulse`). Names of contacts are those of :meth:`contacts`,
+        (:func:`~dynamics.systems.planar.flight.gyroscopic_impulse`). Names of contacts are those of :meth:`contacts`,
         of limits ``<joint> low`` and ``<joint> high``.
 
         Raises ``ValueError`` for another word in ``gyroscopic``.
@@ -214,7 +214,7 @@ class Machine:
 def with_implicit_forces(system: ContactSystem) -> ContactSystem:
     """Return the system with velocity forces that gain no energy, as simulations have them.
 
-    They are :func:`~dynamics.systems.flight.gyroscopic_impulse` in place of ``-h C(q, v) v``, in the sharpest
+    They are :func:`~dynamics.systems.planar.flight.gyroscopic_impulse` in place of ``-h C(q, v) v``, in the sharpest
     sibling of the system too. A system that is not a planar machine's, with q and v first in x, or
     that has implicit forces already, is returned as it is.
     """

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from dynamics.systems.contacts.shapes import Pose, Shape
 from dynamics.systems.pairs import Kind
 from dynamics.systems.parameters import Signal
+from dynamics.systems.shapes.planar import Pose, Shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Contact:
         two cores can do but cross like swords. Where neither turns against the other this is the
         distance from a fixed convex set, once differentiable outside. Where they turn it is not,
         as soon as a side lies on another: there every corner is a contact of its own, see
-        :func:`~dynamics.systems.contacts.polygon.vertex_pairs`.
+        :func:`~dynamics.systems.shapes.polygon.vertex_pairs`.
 
         Raises ``ValueError`` for two half-planes.
         """

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from dynamics.systems.contacts.polygon import Polygon, Union, box_polygon, convex_parts
-from dynamics.systems.contacts.shapes import Box, Capsule, Disc, Point, Shape, as_column
+from dynamics.systems.shapes.planar import Box, Capsule, Disc, Point, Shape, as_column
+from dynamics.systems.shapes.polygon import Polygon, Union, box_polygon, convex_parts
 
 # Gauss' rule on [-1, 1].
 _GAUSS = np.polynomial.legendre.leggauss(16)

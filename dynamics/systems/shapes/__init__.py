@@ -1,8 +1,8 @@
 """Contacts between shapes of the plane: one object with all its maps."""
 
-from dynamics.systems.contacts.contact import Contact
-from dynamics.systems.contacts.polygon import Polygon, Union
-from dynamics.systems.contacts.shapes import Box, Capsule, Disc, HalfPlane, Point, Pose, Shape
+from dynamics.systems.shapes.contact import Contact
+from dynamics.systems.shapes.planar import Box, Capsule, Disc, HalfPlane, Point, Pose, Shape
+from dynamics.systems.shapes.polygon import Polygon, Union
 
 __all__ = [
     "Box",

@@ -1,0 +1,1 @@
+"""Machines in the plane: links, chains, and their equations of motion."""
