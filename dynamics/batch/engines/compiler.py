@@ -257,12 +257,8 @@ def _compile(key: str, source: str, compiler: Compiler, flags: tuple[str, ...], 
             if not source_file.exists():
                 raise FileNotFoundError(f"{build} was removed while it was compiled in") from error
             raise
-        _LOG.info(
-            "%s compiled %d lines of C in %.2f s",
-            compiler.path,
-            source.count("\n"),
-            time.perf_counter() - start_s,
-        )
+        seconds = time.perf_counter() - start_s
+        _LOG.info("%s compiled %d lines of C in %.2f s", compiler.path, source.count("\n"), seconds)
         object_file.chmod(0o600)
         checksum = hashlib.sha256(object_file.read_bytes()).hexdigest()
         return object_file.replace(directory / f"{key}-{checksum}.so")
@@ -313,7 +309,7 @@ def compiler_info() -> dict[str, object]:
     None, with the cause in `problem`, without one; `cache` is None where it is unusable.
     """
     directory = cache_directory()
-    objects = _objects(directory) if directory else []
+    objects = list(directory.glob("*.so")) if directory else []
     cache = {
         "cache": str(directory) if directory else None,
         "objects": len(objects),
@@ -341,7 +337,7 @@ def clear_cache() -> int:
     directory = cache_directory()
     if directory is None:
         return 0
-    objects = _objects(directory)
+    objects = list(directory.glob("*.so"))
     for path in objects:
         path.unlink(missing_ok=True)
     for build in directory.glob(f"{_BUILD_PREFIX}*"):
@@ -349,7 +345,3 @@ def clear_cache() -> int:
             if time.time() - build.stat().st_mtime > 2 * COMPILE_TIMEOUT_S:
                 shutil.rmtree(build)
     return len(objects)
-
-
-def _objects(directory: Path) -> list[Path]:
-    return list(directory.glob("*.so"))

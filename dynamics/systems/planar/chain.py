@@ -8,6 +8,7 @@ from functools import cached_property
 
 import casadi as ca
 
+from dynamics.systems.memoise import memoise_expression
 from dynamics.systems.parameters import Signal
 from dynamics.systems.planar.links import Link, Number, Vector, root_first
 from dynamics.systems.shapes.planar import Pose
@@ -222,13 +223,8 @@ class Chain:
         return ca.vertcat(*(ca.SX(value(link)) for link in self._links.values() for _ in _coordinates(link)))
 
     def _frames(self, q: ca.SX) -> dict[str, _Frame]:
-        # Kept for every q, so that mass, bias and contacts share their sines and cosines. The
-        # q beside them keeps its elements alive, without which a hash could be given out again.
         q = ca.SX(q)
-        key = tuple(q[i].element_hash() for i in range(q.numel()))
-        if key not in self._frames_of:
-            self._frames_of[key] = (q, self._place(q))
-        return self._frames_of[key][1]
+        return memoise_expression(self._frames_of, q, lambda: self._place(q))
 
     def _place(self, q: ca.SX) -> dict[str, _Frame]:
         frames: dict[str, _Frame] = {}

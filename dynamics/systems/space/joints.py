@@ -1,17 +1,13 @@
-"""Frames of bodies in space at the positions of their joints, each built once for a pose."""
+"""Frames of bodies in space at the positions of their joints."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
 
 import casadi as ca
 
 from dynamics.systems.space import rotation
 from dynamics.systems.space.body import Body
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +42,3 @@ def joint_frame(body: Body, at: ca.SX) -> JointFrame:
         case "free":
             return JointFrame(rotation.matrix(at[3:]), at[:3], ca.SX.eye(3), ca.SX(3, 3))
     return JointFrame(ca.sparsify(turn), place, ca.SX(3, 0), ca.SX(3, 0))
-
-
-def memoise_expression(store: dict[tuple[int, ...], tuple[ca.SX, T]], q: ca.SX, make: Callable[[], T]) -> T:
-    """Return what was made for q before: mass, forces and contacts share sines and cosines."""
-    # The q beside it keeps its elements alive: a hash of others could be given out again.
-    key = tuple(q[i].element_hash() for i in range(q.numel()))
-    if key not in store:
-        store[key] = q, make()
-    return store[key][1]

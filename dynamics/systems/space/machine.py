@@ -12,11 +12,11 @@ import numpy as np
 from dynamics.systems.checks import require_items, require_text
 from dynamics.systems.contact_rows import Cone
 from dynamics.systems.mechanism import WORLD, Mechanism, check_parts
+from dynamics.systems.memoise import memoise_expression
 from dynamics.systems.parameters import ParameterTable
 from dynamics.systems.space.body import Body, Vector, require_vector
 from dynamics.systems.space.contact import JointAxes, SpatialContact, SpatialPose, at_random_poses, contacts_between
 from dynamics.systems.space.coupling import CoupledJoints, Coupling
-from dynamics.systems.space.joints import memoise_expression
 from dynamics.systems.space.shapes import Shape
 from dynamics.systems.space.stepping import ContactPair, spatial_step
 from dynamics.systems.space.tree import Tree

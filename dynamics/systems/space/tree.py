@@ -7,11 +7,12 @@ from functools import cached_property
 
 import casadi as ca
 
+from dynamics.systems.memoise import memoise_expression
 from dynamics.systems.parameters import Signal
 from dynamics.systems.planar.links import root_first
 from dynamics.systems.space import rotation
 from dynamics.systems.space.body import POSITIONS, VELOCITIES, Body, Number, Vector
-from dynamics.systems.space.joints import JointFrame, joint_frame, memoise_expression
+from dynamics.systems.space.joints import JointFrame, joint_frame
 
 
 class Tree:
