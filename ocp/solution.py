@@ -26,7 +26,7 @@ from ocp.judge.measures import Worst, between
 from ocp.judge.verdict import Judgement
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, roll_out
-from ocp.transcription.factories import closing_law
+from ocp.transcription.factories import make_law
 from ocp.validation import expand_path
 
 if TYPE_CHECKING:
@@ -201,7 +201,7 @@ class Solution(Judgement):
         and :class:`~ocp.errors.NotConverged` where one of its steps did not solve.
         """
         settings = {**(contact_settings or {}), **parameters}
-        return replay_plan(self, closing_law(contact, settings, self.problem.system))
+        return replay_plan(self, make_law(contact, settings, self.problem.system))
 
     def replay_in(self, simulator: str = "mujoco") -> ExternalReplay:
         """Replay the plan's inputs, or its policy, in another simulator.

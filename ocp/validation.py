@@ -41,7 +41,7 @@ _DIGITS = 30
 """Of a whole number at most; more are not worth reading."""
 
 
-def number(word: str) -> float | None:
+def parse_float(word: str) -> float | None:
     """The finite number that ``word`` writes, None where it writes none."""
     text = word.strip()
     if not _NUMBER.fullmatch(text):
@@ -51,13 +51,13 @@ def number(word: str) -> float | None:
     return value + 0.0 if math.isfinite(value) and not lost else None
 
 
-def whole(word: str) -> int | None:
+def parse_int(word: str) -> int | None:
     """The whole number that ``word`` writes, None where it writes none."""
     text = word.strip()
     if _WHOLE.fullmatch(text):
         value = int(text) if len(text) <= _DIGITS else LARGEST + 1
         return value if abs(value) <= LARGEST else None
-    real = number(text)
+    real = parse_float(text)
     if real is None or not real.is_integer() or abs(real) > LARGEST:
         return None
     # Doubles skip whole numbers beyond 2^53, and 0.99999999999999999 is 1 to them.
@@ -79,7 +79,7 @@ class Axis:
     log: bool = False
 
 
-def spaced(option: str, text: str, least: int = 1) -> Axis:
+def parse_axis_option(option: str, text: str, least: int = 1) -> Axis:
     """Read text of :data:`GRAMMAR`.
 
     Raises :class:`~ocp.errors.InputError`, which names the ``option``, for anything else, and for n
@@ -91,9 +91,9 @@ def spaced(option: str, text: str, least: int = 1) -> Axis:
     pieces, place = [piece.strip() for piece in spacing.split(":")], f"{option} {name}"
     if len(pieces) not in (3, 4) or pieces[3:] not in ([], ["log"], ["linear"]):
         raise InputError(f"{place}: expected {GRAMMAR}, got {spacing!r}")
-    numbers = [value for piece in pieces[:3] if (value := number(piece)) is not None]
+    numbers = [value for piece in pieces[:3] if (value := parse_float(piece)) is not None]
     if len(numbers) < 3:
-        wrong = next(piece for piece in pieces if number(piece) is None)
+        wrong = next(piece for piece in pieces if parse_float(piece) is None)
         raise InputError(f"{place}: expected {GRAMMAR}, got {wrong!r} for a number")
     first, last, count = numbers
     if not (count.is_integer() and least <= count <= MOST):
@@ -131,11 +131,11 @@ def parse_number(value: Any, kind: Any) -> Any:
 
 
 def _written(word: str, real: bool) -> float | int:
-    value = number(word) if real else whole(word)
+    value = parse_float(word) if real else parse_int(word)
     if value is not None:
         return value
     if not real:
-        is_large = _WHOLE.fullmatch(word.strip()) or (number(word) or 0.5).is_integer()
+        is_large = _WHOLE.fullmatch(word.strip()) or (parse_float(word) or 0.5).is_integer()
         raise ValueError(_TOO_LARGE if is_large else "a whole number")
     try:
         float(word)

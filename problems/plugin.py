@@ -11,7 +11,7 @@ from dynamics.systems import ContactSystem
 from ocp.errors import InputError
 from ocp.problem.problem import Problem
 from ocp.store.stored_run import StoredRun
-from ocp.transcription.factories import closing_law, law_class
+from ocp.transcription.factories import law_class, make_law
 from problems.registry import get as get
 from problems.registry import load, names, objective_names, registered, spec
 from problems.registry import load_law as load_law
@@ -83,7 +83,7 @@ def law_of(
     theirs = digest is not None and name.endswith(".py") and law_class(name).name
     if not settings and (contact is None or theirs == record.get("contact")):
         settings = record.get("contact_settings") or {}
-    law = closing_law(name, settings, system)
+    law = make_law(name, settings, system)
     if theirs != record.get("contact") or law.source_digest == digest:
         return law, None
     changed = f"{law.source}, or what it imports, has changed since {run.path.name} was stored"

@@ -17,7 +17,7 @@ from ocp.gradients.rollouts import RolloutObjective
 from ocp.problem.policy import Policy
 from ocp.problem.resources import check_memory, sampling_memory
 from ocp.store.provenance import check_content
-from ocp.transcription.factories import closing_law, law_digest, policy_of
+from ocp.transcription.factories import law_digest, make_law, policy_of
 
 SIGMA_SHARE = 0.1
 """Default noise on a problem's inputs, as a share of their characteristic size."""
@@ -107,7 +107,7 @@ class ObjectiveCase:
     def _rollouts(self, spec: Any) -> NamedObjective:
         """Build the objective of a problem's rollouts."""
         values, problem = spec.params(self.params).model_dump(), spec.problem(self.params)
-        law = closing_law(self.contact, self.contact_settings, problem.system)
+        law = make_law(self.contact, self.contact_settings, problem.system)
         policy_settings = self.policy_settings
         policy = policy_of(self.policy, policy_settings)
         if unused := policy_settings.keys() - {"stationary"}:

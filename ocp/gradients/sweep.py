@@ -17,7 +17,7 @@ from ocp.gradients.sampling import Workers, reference_kind
 from ocp.gradients.verdict import short_verdict
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.json_values import to_json
-from ocp.validation import Axis, spaced
+from ocp.validation import Axis, parse_axis_option
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,9 +37,9 @@ def read_sweep(text: str) -> Axis:
 
     ``problem.sigma`` is the problem's parameter of that name, ``sigma`` the sampling's.
 
-    Raises :class:`~ocp.errors.InputError` as :func:`~ocp.validation.spaced` does.
+    Raises :class:`~ocp.errors.InputError` as :func:`~ocp.validation.parse_axis_option` does.
     """
-    axis = spaced("--sweep", text)
+    axis = parse_axis_option("--sweep", text)
     if axis.name != "samples":
         return axis
     values = tuple(np.unique(np.rint(axis.values)).tolist())

@@ -243,8 +243,8 @@ def _share_functions(old: Session, new: Session) -> None:
     ):
         _copy_functions(old_owner, new_owner)
     _copy_programs(old, new)
-    for old_session in old.helpers.values():
-        new_owner = new.helper(old_session.law, old_session.method)
+    for old_session in old.sub_sessions.values():
+        new_owner = new.sub_session(old_session.law, old_session.method)
         _copy_functions(old_session.step, new_owner.step)
         _copy_programs(old_session, new_owner)
 

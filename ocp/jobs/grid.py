@@ -20,7 +20,7 @@ from ocp.routes.session import Session
 from ocp.solve.request import ProblemSource
 from ocp.solve.solve import Rank
 from ocp.store.checkpoint import Checkpoint
-from ocp.validation import GRAMMAR, MOST, Axis, spaced
+from ocp.validation import GRAMMAR, MOST, Axis, parse_axis_option
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -54,7 +54,7 @@ def parse_axes(over: Mapping[str, Any] | Iterable[str | Axis]) -> tuple[Axis, ..
 
 def parse_axis(text: str) -> Axis:
     """Read ``M=0.5:2:7`` or ``contact.mu=1e-4:1e-1:4:log``; raises as :func:`parse_axes` does."""
-    parsed = spaced("--over", text, least=2)
+    parsed = parse_axis_option("--over", text, least=2)
     name, begin, end = parsed.name, parsed.values[0], parsed.values[-1]
     if begin == end:
         raise InputError(f"--over {name}: both ends are {begin:g}; give two that differ")

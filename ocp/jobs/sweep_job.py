@@ -19,7 +19,7 @@ from ocp.routes.homotopy import RouteResult, StageRecord
 from ocp.routes.session import Session
 from ocp.solution import Interrupted, Solution
 from ocp.solve.judging import add_failures, collect_failures, judge_outcome
-from ocp.solve.solve import Rank, best_of, check_starts, credited, rank, solve_session
+from ocp.solve.solve import Rank, accept_standing_still, best_of, check_starts, rank, solve_session
 from ocp.solve.warm_start import Plan, carry
 from ocp.store.provenance import FilesChanged
 
@@ -255,7 +255,7 @@ def _best_start(session: Session, finished: dict[int, StartResult], seed: int, r
     """Return the best of all starts, judged again in this process, which has its graphs."""
     results = [finished[place] for place in sorted(finished)]
     solutions_of_starts = [Solution(**start.judged, problem=session.problem) for start in results]
-    solutions = credited(session, solutions_of_starts)
+    solutions = accept_standing_still(session, solutions_of_starts)
     place = min(range(len(results)), key=lambda start: rank(solutions[start], rank_by))
     outcome = results[place].outcome
     judged_here = judge_outcome(session, replace(outcome, nlp=session.nlp_of(outcome.nlp)), seed)

@@ -26,7 +26,7 @@ from ocp.problem.rollout import Gains
 from ocp.routes.homotopy import RouteResult
 from ocp.routes.session import Session
 from ocp.transcription import Direct
-from ocp.transcription.factories import closing_law
+from ocp.transcription.factories import make_law
 from ocp.transcription.nlp import StageCompiler, trajectories
 from ocp.validation import Count, Positive, validated
 
@@ -115,7 +115,7 @@ class Controller:
         """Validate the arguments."""
         self._entry = choose("phase", validated("phase", self.phase, str), PHASES)
         law = validated("contact", self.contact, InstanceOf[ContactLaw] | str | None)
-        law = closing_law(law, {}, self.problem.system) if isinstance(law, str) else law
+        law = make_law(law, {}, self.problem.system) if isinstance(law, str) else law
         self.law: ContactLaw = self._entry.law(law)
         self.iterations = validated("iterations", self.iterations, Count)
         self.trust = validated("trust", self.trust, Annotated[Positive, Field(le=1)])

@@ -19,7 +19,7 @@ from ocp.mpcc.programs import MPCC, MPCCProgram, programs_of, sized
 from ocp.programs.program import PENALTY, RELAXATION, Program
 from ocp.programs.solver import Point, Result, Solver, Status
 from ocp.routes.branches import Branches, polish
-from ocp.routes.complementarity import Search, by_strategy
+from ocp.routes.complementarity import RelaxationPlan, by_strategy
 from ocp.routes.homotopy import Homotopy, RouteResult
 from ocp.routes.relaxations import STRATEGIES, Strategy
 from ocp.routes.schedules import improved
@@ -196,7 +196,7 @@ def _followed(
 
 def _leg(follower: Homotopy, strategy: Strategy, start: np.ndarray) -> RouteResult:
     """Follow a strategy from ``start`` (n,), and solve the branch where it ends."""
-    search = Search(strategy, 1.0, lambda program: Point(program.extended(start)))
+    search = RelaxationPlan(strategy, 1.0, lambda program: Point(program.extended(start)))
     return by_strategy(follower, search, strategy)
 
 

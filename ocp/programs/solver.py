@@ -134,7 +134,7 @@ class Solver:
 
     ``options`` are the solver's own (for IPOPT without the ``ipopt.`` prefix). Raises
     :class:`~ocp.errors.InputError` for an unknown name, a plugin this CasADi lacks, or an option
-    the solver refuses. ``heard``, where it is set, is told where each run ended; a run that Ctrl-C
+    the solver refuses. ``on_result``, where it is set, is told where each run ended; a run that Ctrl-C
     ended raises KeyboardInterrupt after that.
     """
 
@@ -143,7 +143,7 @@ class Solver:
         if not ca.has_nlpsol(name):
             raise InputError(f"this CasADi has no {name}; use --solver ipopt")
         self.name, self.options = name, check_options(name, options or {})
-        self.heard: Callable[[Program, Result], None] | None = None
+        self.on_result: Callable[[Program, Result], None] | None = None
 
     def run(
         self,
@@ -205,8 +205,8 @@ class Solver:
         if pressed:
             cost, g = nlp.values(result.point.x, p)
             result = replace(result, f=cost, g=g, status=Status.INTERRUPTED)
-        if self.heard is not None:
-            self.heard(nlp, result)
+        if self.on_result is not None:
+            self.on_result(nlp, result)
         if pressed:
             raise KeyboardInterrupt
         return result

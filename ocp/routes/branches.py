@@ -16,7 +16,7 @@ from ocp.judge.certificate import RADII, linear_model, tolerance_of
 from ocp.judge.lpec import LinearModel
 from ocp.programs.program import PENALTY, Program
 from ocp.programs.solver import Point, Result
-from ocp.routes.homotopy import WARM, Homotopy, RouteResult, lower, translate
+from ocp.routes.homotopy import IPOPT_WARM_START, Homotopy, RouteResult, lower, translate
 
 NEIGHBOUR = "neighbour"
 """What a stage is called that tries a neighbouring contact schedule."""
@@ -68,7 +68,7 @@ class Branches:
         bounds["ubx"][first[~active]] = 0.0
         options: dict[str, Any] = {}
         if self.follower.solver.name == "ipopt":
-            warm = WARM if start.lam_g is not None else {}
+            warm = IPOPT_WARM_START if start.lam_g is not None else {}
             options = {**warm, "mu_init": mu_init, "max_iter": most}
         inside = Point(np.clip(start.x, bounds["lbx"], bounds["ubx"]), start.lam_x, start.lam_g)
         result = self.follower.solver.run(self.program, inside, self.p, bounds, **options)
@@ -156,7 +156,7 @@ class Branches:
             if radius < RADII[-1] or not self.program.pairs.size:
                 break
             model = linear_model(self.program, best.point.x, self.p, self.limits)
-            if self._at_rest(model, best, radius):
+            if self._no_descent_left(model, best, radius):
                 radius /= 10
                 continue
             neighbour = self._exchanged(model, best, radius)
@@ -167,7 +167,7 @@ class Branches:
         self.follower.trace.seconds = seconds_before + time.perf_counter() - start_time
         return best
 
-    def _at_rest(self, model: LinearModel, best: Result, radius: float) -> bool:
+    def _no_descent_left(self, model: LinearModel, best: Result, radius: float) -> bool:
         """Whether the multipliers alone exclude descent, by weak duality."""
         multipliers = best.point.lam_g
         if multipliers is None:

@@ -14,11 +14,11 @@ from ocp.routes.branches import Branches, polish
 from ocp.routes.homotopy import STEP_BACKS, Homotopy, HomotopyPath, RouteResult, lower
 from ocp.routes.relaxations import CentralPath, ScholtesAdaptive, Strategy
 from ocp.routes.rollouts import RolloutStarts
-from ocp.routes.schedules import VAIN, distant_schedules, improved
+from ocp.routes.schedules import MAX_FAILURES, distant_schedules, improved
 
 
 @dataclass(frozen=True)
-class Search:
+class RelaxationPlan:
     """Which strategy relaxes the pairs, from ``mu`` in natural units on, and where it starts.
 
     ``fallback`` is the strategy to use where it ends on no branch. ``rolls`` roll inputs out, whose
@@ -35,14 +35,14 @@ class Search:
     rolls: RolloutStarts | None = None
 
 
-def solve_pairs(follower: Homotopy, search: Search) -> RouteResult:
+def solve_pairs(follower: Homotopy, search: RelaxationPlan) -> RouteResult:
     """Follow a strategy, solve the branch where it ends, and go on to better branches.
 
     Where rollouts cover the few inputs that act, no path is followed unless they lead nowhere.
     """
     branches = Branches(follower)
     if search.rolls is not None and search.alternatives:
-        covering_results = covering(branches, search.rolls)
+        covering_results = cover_inputs(branches, search.rolls)
         if covering_results:
             return _best(branches, covering_results, _VAIN)
     first = by_strategy(follower, search, search.strategy)
@@ -66,30 +66,30 @@ def solve_pairs(follower: Homotopy, search: Search) -> RouteResult:
     return _best(branches, polished) if polished else first
 
 
-def covering(branches: Branches, rolls: RolloutStarts) -> list[Result]:
+def cover_inputs(branches: Branches, rolls: RolloutStarts) -> list[Result]:
     """Branches of the cheapest rollouts over the whole range of the inputs, where few act."""
-    if not 0 < rolls.acting.sum() <= _FEW_INPUTS:
+    if not 0 < rolls.acting_inputs.sum() <= _FEW_INPUTS:
         return []
-    points = rolls.throughout(branches.program, _COVERING, _CENTRES, _NEAR)
+    points = rolls.sample_range(branches.program, _COVERING, _CENTRES, _NEAR)
     return distant_schedules(branches, points, np.inf, _FAR)
 
 
-def _best(branches: Branches, results: list[Result], vain: int = VAIN) -> RouteResult:
-    best = improved(branches, min(results, key=lambda candidate: candidate.f), vain)
+def _best(branches: Branches, results: list[Result], max_failures: int = MAX_FAILURES) -> RouteResult:
+    best = improved(branches, min(results, key=lambda candidate: candidate.f), max_failures)
     return RouteResult(best, branches.program, True, branches.follower.trace)
 
 
-def by_strategy(follower: Homotopy, search: Search, strategy: Strategy) -> RouteResult:
+def by_strategy(follower: Homotopy, search: RelaxationPlan, strategy: Strategy) -> RouteResult:
     """Follow one strategy and solve the branch where it ends, without improving it."""
     step_backs = 0 if search.alternatives and strategy not in search.alternatives else STEP_BACKS
     if isinstance(strategy, CentralPath):
-        strategy = strategy.over(follower.nlp_of("none").chains.shape[-1])
+        strategy = strategy.for_horizon(follower.nlp_of("none").chains.shape[-1])
     paths = strategy.paths(search.mu)
     source = follower.nlp_of(paths[0].reformulation)
     followed = follow_paths(follower, paths, search.start(source), source, step_backs=step_backs)
     polished = polish(follower, followed.nlp, followed.result, improving=False)
     if not polished.finished and followed.result.ok and isinstance(strategy, CentralPath):
-        extended_paths = strategy.further(search.mu)
+        extended_paths = strategy.extend(search.mu)
         followed = follow_paths(follower, extended_paths, followed.result.point, followed.nlp, warm=True)
         polished = polish(follower, followed.nlp, followed.result, improving=False)
     return polished
@@ -116,7 +116,7 @@ def follow_paths(
 
 FALLBACK = ScholtesAdaptive()
 """Slower than the default, but it keeps to the constraints where many pairs pull off the path."""
-FALLBACK_SMALL = CentralPath(below=False)
+FALLBACK_SMALL = CentralPath(start_below=False)
 """Where small problems end on no branch: on the central path from the first stage on."""
 SMALL_ITERATIONS = 128
 """Of a stage of a small problem, after which it is polished from where it is."""
@@ -131,9 +131,9 @@ _FAR, _VAIN = 3, 4
 """Branches solved then, and neighbours tried in vain: most schedules were rolled out before."""
 _PERTURBED = 8
 """Guesses that are rolled out where that led to nothing better."""
-WIDE = CentralPath(factor=0.1, wide=10.0, below=False)
+WIDE = CentralPath(factor=0.1, start_factor=10.0, start_below=False)
 """From where all contacts are felt from afar."""
-ALTERNATIVES = tuple(replace(strategy, most=SMALL_ITERATIONS) for strategy in (WIDE, ScholtesAdaptive()))
+ALTERNATIVES = tuple(replace(strategy, max_iterations=SMALL_ITERATIONS) for strategy in (WIDE, ScholtesAdaptive()))
 """Followed too, with steps back, where the path of a small problem was hard to follow."""
 RELAXATIONS = (
     CentralPath(),

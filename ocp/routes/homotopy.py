@@ -20,7 +20,7 @@ _LOG = logging.getLogger(__name__)
 
 
 Progress = Callable[[StageRecord], None]
-WARM = {
+IPOPT_WARM_START = {
     "warm_start_init_point": "yes",
     "warm_start_bound_push": 1e-9,
     "warm_start_bound_frac": 1e-9,
@@ -28,7 +28,7 @@ WARM = {
     "warm_start_slack_bound_frac": 1e-9,
     "warm_start_mult_bound_push": 1e-9,
 }
-PRIMAL = {
+IPOPT_PRIMAL_WARM_START = {
     "bound_push": 1e-9,
     "bound_frac": 1e-9,
     "slack_bound_push": 1e-9,
@@ -186,7 +186,7 @@ class Homotopy:
         options: dict[str, Any] = {}
         usable = start if warm else Point(start.x)
         if self.solver.name == "ipopt":
-            options = {**WARM, **stage.options} if usable.lam_g is not None else stage.options
+            options = {**IPOPT_WARM_START, **stage.options} if usable.lam_g is not None else stage.options
         result = self.solver.run(nlp, usable, p, bounds, **options)
         self.record(stage.label, stage.value, nlp, result, p, bounds)
         return result
@@ -273,11 +273,11 @@ def geometric(start: float, end: float, factor: float) -> list[float]:
     return [start * ratio ** (i / count) for i in range(count)] + [end]
 
 
-GAIN = 1e-7
+COST_GAIN = 1e-7
 """Relative fall of the cost for which an answer is exchanged for another."""
 
 
-def lower(one: Result, other: Result, by: float = GAIN) -> bool:
+def lower(one: Result, other: Result, by: float = COST_GAIN) -> bool:
     """Whether one cost is lower than the other by more than a share of it."""
     return one.f < other.f - by * abs(other.f)
 

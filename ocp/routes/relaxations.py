@@ -17,7 +17,7 @@ from dynamics.contact.law import Schedule
 from dynamics.systems import LAW_PREFIX
 from ocp.programs.program import PENALTY, RELAXATION, Program
 from ocp.programs.solver import Point, Result
-from ocp.routes.homotopy import PRIMAL, Homotopy, HomotopyPath, HomotopyStage, geometric
+from ocp.routes.homotopy import IPOPT_PRIMAL_WARM_START, Homotopy, HomotopyPath, HomotopyStage, geometric
 
 T_SHARP = 1e-8
 """Relaxation at which the textbook paths end."""
@@ -61,8 +61,8 @@ class CentralPath:
     """``lam gap = t``, t falling fast, inexact stages, ended as soon as the active set shows.
 
     Every stage is a point on the central path, so the first ones feel all contacts; the polish
-    makes the end exact. Where it cannot, :meth:`further` follows the path on. The first stage may
-    lie ``below`` the path (``lam gap <= t``): from a cold start that halves its iterations on
+    makes the end exact. Where it cannot, :meth:`extend` follows the path on. The first stage may
+    lie ``start_below`` the path (``lam gap <= t``): from a cold start that halves its iterations on
     systems with many contacts.
 
     Below the path IPOPT's barrier pulls at every product of every step, while a cost is mostly of
@@ -73,29 +73,29 @@ class CentralPath:
     """
 
     factor: float = 0.03
-    wide: float = 1.0
-    below: bool = True
+    start_factor: float = 1.0
+    start_below: bool = True
     steps: int = 0
-    most: int = _SHORT
+    max_iterations: int = _SHORT
 
-    def over(self, steps: int) -> CentralPath:
+    def for_horizon(self, steps: int) -> CentralPath:
         """The same for a horizon of so many steps; none where there is no time."""
         return replace(self, steps=steps)
 
     def paths(self, mu: float) -> list[HomotopyPath]:
-        """One path from ``wide`` times impulse times distance to a ten-thousandth of these."""
-        start = self.wide * mu
+        """One path from ``start_factor`` times impulse times distance to a ten-thousandth of these."""
+        start = self.start_factor * mu
         values = geometric(start, T_LOOSE * mu, self.factor)
         return [HomotopyPath(values, lambda t: self._stage(t, t >= start))]
 
-    def further(self, mu: float) -> list[HomotopyPath]:
+    def extend(self, mu: float) -> list[HomotopyPath]:
         """The same path on to 1e-8."""
         values = geometric(T_LOOSE * mu, T_SHARP, 0.1)
         return [HomotopyPath(values, lambda t: self._stage(t, False))]
 
     def _stage(self, t: float, first: bool) -> HomotopyStage:
-        options = {**_inexact(t), "max_iter": self.most, **(_FLAT if self.steps > _SIXTY else {})}
-        if not (first and self.below):
+        options = {**_inexact(t), "max_iter": self.max_iterations, **(_FLAT if self.steps > _SIXTY else {})}
+        if not (first and self.start_below):
             return HomotopyStage("t", t, contact=(t, t), options=options)
         options["mu_target"] *= _SIXTY / max(self.steps, _SIXTY)
         return HomotopyStage("t", t, contact=(-np.inf, t), options=options)
@@ -113,7 +113,7 @@ class ScholtesAdaptive(CentralPath):
 
     def _stage(self, t: float, first: bool) -> HomotopyStage:
         barrier = "monotone" if first else "adaptive"
-        return relaxed(t, {**_inexact(t), "mu_strategy": barrier, "max_iter": self.most})
+        return relaxed(t, {**_inexact(t), "mu_strategy": barrier, "max_iter": self.max_iterations})
 
 
 @dataclass(frozen=True)
@@ -236,7 +236,7 @@ STAGE_ITERATIONS = 100
 MU_LAST = 1e-9
 """Where the barrier law is left for the exact one."""
 _PUSH = dict.fromkeys(("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac"), 1e-6)
-_NEAR = {**PRIMAL, **_PUSH}
+_NEAR = {**IPOPT_PRIMAL_WARM_START, **_PUSH}
 """IPOPT options for a start without multipliers that is nearly the answer."""
 
 

@@ -55,11 +55,11 @@ class RolloutStarts:
         for u in (self.guess[1], *(program.variables.unpack(point.x)["u"][0] for point in plan_points)):
             size = np.exp(rng.uniform(log_smallest, log_largest, (count, 1, 1)))
             size[0] = 0.0
-            noise = size * (rng.standard_normal((count, sizes.u.size, 3)) @ waves) * self.acting.T
+            noise = size * (rng.standard_normal((count, sizes.u.size, 3)) @ waves) * self.acting_inputs.T
             plans += [*(u + sizes.u * noise.transpose(0, 2, 1))]
         return self._points(program, self._cheapest(np.array(plans)))
 
-    def throughout(self, program: Program, count: int, centres: int, n_neighbours: int) -> list[Point]:
+    def sample_range(self, program: Program, count: int, centres: int, n_neighbours: int) -> list[Point]:
         """Plans whose acting inputs cover their range, the cheapest first, one a schedule.
 
         First ``count`` over all of it, then ``near`` around each of ``centres`` of them, the
@@ -71,13 +71,15 @@ class RolloutStarts:
         lower, upper = self._bounds
         lowest_inputs = np.where(np.isfinite(lower), lower, u - half_range)
         highest_inputs = np.where(np.isfinite(upper), upper, u + half_range)
-        width = np.where(self.acting, highest_inputs - lowest_inputs, 0.0)
-        rng, inputs = np.random.default_rng(0), self.acting.sum()
+        width = np.where(self.acting_inputs, highest_inputs - lowest_inputs, 0.0)
+        rng, inputs = np.random.default_rng(0), self.acting_inputs.sum()
         spread = np.zeros((count, *u.shape))
-        spread[:, self.acting] = _sequence(count, inputs) - 0.5
-        cheapest = self._cheapest(np.where(self.acting, (lowest_inputs + highest_inputs) / 2, u) + width * spread)
+        spread[:, self.acting_inputs] = _sequence(count, inputs) - 0.5
+        cheapest = self._cheapest(
+            np.where(self.acting_inputs, (lowest_inputs + highest_inputs) / 2, u) + width * spread
+        )
         for size in _NEARER:
-            chosen = self._kinds(cheapest, centres)
+            chosen = self._distinct_schedules(cheapest, centres)
             noise = rng.uniform(-1, 1, (len(chosen), n_neighbours, *u.shape))
             neighbours = cheapest.u[chosen, None] + size * count ** (-1 / inputs) * width * noise
             cheapest = self._cheapest(np.vstack([cheapest.u, neighbours.reshape(-1, *u.shape)]))
@@ -97,7 +99,7 @@ class RolloutStarts:
         sizes = self.problem.scales
         return rolled.lam / sizes.impulse > rolled.gap / sizes.gap
 
-    def _kinds(self, rolled: Rollout, limit: int) -> list[int]:
+    def _distinct_schedules(self, rolled: Rollout, limit: int) -> list[int]:
         """The first of every kind of schedule, at most so many."""
         active, chosen = self._active(rolled), list[int]()
         for s, schedule in enumerate(active):
@@ -122,7 +124,7 @@ class RolloutStarts:
         return self._points(program, rolled[solved])
 
     @cached_property
-    def acting(self) -> np.ndarray:
+    def acting_inputs(self) -> np.ndarray:
         """Whether the step's equations depend on each input (N, nu), in the states of the guess.
 
         Inputs and multipliers are drawn, seed 0: at a guessed one a slope may be zero by chance.

@@ -20,7 +20,7 @@ _ALL, _WORK = 800, 540_000
 """Iterations after which a search ends, and iterations times pairs, for a large problem."""
 _NEAREST = 1e-3
 """Characteristic sizes below which a member counts as being as near as that."""
-VAIN = 20
+MAX_FAILURES = 20
 """Neighbours in a row, from the most promising on, after which none is likely to cost less."""
 
 
@@ -39,7 +39,7 @@ class ScheduleMove:
         return replace(self, begins=2 * self.begins, ends=2 * self.ends)
 
 
-def improved(branches: Branches, neighbour: Result, max_failures: int = VAIN) -> Result:
+def improved(branches: Branches, neighbour: Result, max_failures: int = MAX_FAILURES) -> Result:
     """Exchange branches to first order, and schedules for neighbouring ones, in turn."""
     best = branches.improve(neighbour)
     for _ in range(_TURNS):
@@ -52,14 +52,14 @@ def improved(branches: Branches, neighbour: Result, max_failures: int = VAIN) ->
     return best
 
 
-def improve_schedule(branches: Branches, best: Result, max_failures: int = VAIN) -> Result:
+def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_FAILURES) -> Result:
     """Exchange a schedule for a neighbour that costs less, until none does.
 
     On a grid of time every instant of a contact is a minimum of its own: the pairs of the steps
     beside it are far from (0, 0), so that no descent to first order leads there, however long the
     steps of a trust region. Hence single pairs change sides, and runs of active pairs are moved by
     a step, and the branch is solved again: first twice what helped the last time, then what the
-    multipliers promise most of (:func:`predicted_gains`), until ``vain`` in a row cost no less.
+    multipliers promise most of (:func:`predicted_gains`), until ``max_failures`` in a row cost no less.
     """
     program, trace = branches.program, branches.follower.trace
     iteration_limit = trace.iterations + min(_ALL, _WORK // max(program.pairs.shape[1], 1))

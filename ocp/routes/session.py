@@ -67,7 +67,7 @@ class Session:
         if self.step.branches > 1 and self.strategy == DEFAULT_STRATEGY:
             self.strategy = AVERAGED_STRATEGY
         self.nlps: dict[str, NLP] = {}
-        self.helpers: dict[str, Session] = {}
+        self.sub_sessions: dict[str, Session] = {}
         table = self.problem.parameters + self.step.p
         self.values = table.defaults | {PENALTY: 0.0, RELAXATION: 0.0}
         self.problem.check_physics()
@@ -80,8 +80,8 @@ class Session:
 
     @property
     def nlp_builds(self) -> int:
-        """Number of NLPs built, one per reformulation, including those of helper sessions."""
-        return len(self.nlps) + sum(helper.nlp_builds for helper in self.helpers.values())
+        """Number of NLPs built, one per reformulation, including those of sub_session sessions."""
+        return len(self.nlps) + sum(sub_session.nlp_builds for sub_session in self.sub_sessions.values())
 
     def nlp_of(self, reformulation: str) -> NLP:
         """Build the NLP of a reformulation, or return the one that exists."""
@@ -153,7 +153,7 @@ class Session:
         return schedule, law_path(schedule, value, self.homotopy_start, self.factor)
 
     @property
-    def from_afar(self) -> bool:
+    def follows_smoothing(self) -> bool:
         """Whether a solve follows a smoothing, which has contact forces without contact."""
         if self.complementary:
             return not isinstance(STRATEGIES[self.strategy], L1Penalty | L1ThenScholtes)
@@ -175,14 +175,16 @@ class Session:
         sizes = self.problem.scales
         return self.step.law.schedule(sizes.impulse, sizes.gap)
 
-    def helper(self, law: ContactLaw, method: Method) -> Session:
+    def sub_session(self, law: ContactLaw, method: Method) -> Session:
         """Return the session of the same problem under another law, at the values both have."""
         key = f"{law.name} {method.name}"
-        if key not in self.helpers:
-            self.helpers[key] = Session(self.problem, law, method, self.policy, self.solver, compiled=self.compiled)
-        helper = self.helpers[key]
-        helper.values |= {name: v for name, v in self.values.items() if name in helper.values}
-        return helper
+        if key not in self.sub_sessions:
+            self.sub_sessions[key] = Session(
+                self.problem, law, method, self.policy, self.solver, compiled=self.compiled
+            )
+        sub_session = self.sub_sessions[key]
+        sub_session.values |= {name: v for name, v in self.values.items() if name in sub_session.values}
+        return sub_session
 
     def judging_nlp(self) -> NLP:
         """Return the NLP in which an answer is judged.
@@ -192,13 +194,13 @@ class Session:
         """
         if not self.step.exact:
             return self.nlp_of("product")
-        direct = self if isinstance(self.method, Direct) else self.helper(self.law, Direct())
+        direct = self if isinstance(self.method, Direct) else self.sub_session(self.law, Direct())
         return direct.nlp_of("none")
 
     @property
     def total_build_s(self) -> float:
         """Seconds of set-up, of helping sessions too."""
-        return self.build_s + sum(helper.total_build_s for helper in self.helpers.values())
+        return self.build_s + sum(sub_session.total_build_s for sub_session in self.sub_sessions.values())
 
     def first_point(self, nlp: NLP, guess: InitialGuess | None = None) -> Point:
         """Write guessed trajectories into the NLP's variables, with contacts to match.

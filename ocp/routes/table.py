@@ -21,11 +21,11 @@ from ocp.routes.complementarity import (
     RELAXATIONS,
     SMALL_ITERATIONS,
     SMALL_PAIRS,
-    Search,
+    RelaxationPlan,
     solve_pairs,
 )
 from ocp.routes.homotopy import (
-    PRIMAL,
+    IPOPT_PRIMAL_WARM_START,
     Homotopy,
     HomotopyStage,
     RouteResult,
@@ -108,7 +108,7 @@ class WarmStart(Route):
         """Solve the stage, by its first options with which the solver converges."""
         nlp, point = session.nlp_of("product"), start.point
         assert point is not None
-        keep: dict[str, Any] = {} if start.near or point.lam_g is not None else PRIMAL
+        keep: dict[str, Any] = {} if start.near or point.lam_g is not None else IPOPT_PRIMAL_WARM_START
         tries: list[dict[str, Any]] = [{"mu_init": 1e-7}]
         if not start.near:
             short = {"max_iter": STAGE_ITERATIONS, **session.solver.options}
@@ -135,13 +135,13 @@ class Complementarity(Route):
         return session.complementary
 
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
-        """Search by the chosen strategy, or by the default one for many or for few pairs."""
+        """RelaxationPlan by the chosen strategy, or by the default one for many or for few pairs."""
         return solve_pairs(follower, self._search(session, start))
 
-    def _search(self, session: Session, start: Start) -> Search:
+    def _search(self, session: Session, start: Start) -> RelaxationPlan:
         problem, guess = session.problem, start.guess
         strategy = choose("strategy", session.strategy, STRATEGIES)
-        plan = Search(strategy, problem.natural_scales.mu, partial(session.first_point, guess=guess))
+        plan = RelaxationPlan(strategy, problem.natural_scales.mu, partial(session.first_point, guess=guess))
         if session.strategy != DEFAULT_STRATEGY:
             return plan
         evaluation = session.evaluation
@@ -152,7 +152,7 @@ class Complementarity(Route):
         strategy = RELAXATIONS[-start.number % len(RELAXATIONS)]
         return replace(
             plan,
-            strategy=replace(strategy, most=SMALL_ITERATIONS),
+            strategy=replace(strategy, max_iterations=SMALL_ITERATIONS),
             fallback=FALLBACK_SMALL,
             alternatives=ALTERNATIVES,
             rolls=rollout_starts,
@@ -203,9 +203,9 @@ class ExactShooting(Route):
         self, session: Session, start: Start, follower: Homotopy, polisher: RolloutPolish
     ) -> Iterator[RouteResult]:
         if session.step.branches > 1 or not session.homotopy:
-            yield _by_helper(session.helper(session.law, Direct()), follower, start.guess)
+            yield _by_helper(session.sub_session(session.law, Direct()), follower, start.guess)
         if session.step.branches == 1:
-            barrier = session.helper(Barrier(mu=MU_LAST), session.method)
+            barrier = session.sub_session(Barrier(mu=MU_LAST), session.method)
             first = barrier.first_point(barrier.nlp_of("product"), start.guess)
             within = Homotopy(barrier.nlp_of, barrier.solver, barrier.values, follower.progress, follower.trace)
             yield polisher.follow(within, barrier.path()[1], first)
@@ -232,7 +232,7 @@ class LawPath(Route):
         value = session.values[schedule.parameter] if schedule else 0.0
         outcome = follower.follow(path, session.first_point(nlp, start.guess))
         if len(path.values) > 1 and session.step.branches == 1:
-            exact_outcome = _by_helper(session.helper(Exact(), Direct()), follower, start.guess)
+            exact_outcome = _by_helper(session.sub_session(Exact(), Direct()), follower, start.guess)
             if exact_outcome.finished:
                 x = translate(exact_outcome.result.point, exact_outcome.nlp, outcome.nlp).x
                 from_exact_result = from_exact(follower, outcome.nlp, x, schedule, value)

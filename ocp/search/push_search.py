@@ -47,7 +47,7 @@ def check_search(session: Session) -> None:
         raise InputError("the search plans inputs, no feedback gains; leave --search out")
 
 
-def through(solution: Solution) -> bool:
+def penetrates_between_nodes(solution: Solution) -> bool:
     """Whether the plan passes through anything between nodes, as far as the referee tolerates."""
     deepest, depth = solution.referee.between, PENETRATION_SHARE * solution.problem.scales.gap
     return deepest is not None and deepest.amount > depth
@@ -88,7 +88,7 @@ class PushSearch:
         are guesses of the law's own route.
         """
         swept, few = as_swept(self.session), self.session.problem.system.nlam <= _MANY
-        moving = answer is not None and answer.status is not Status.NO_PROGRESS and through(answer)
+        moving = answer is not None and answer.status is not Status.NO_PROGRESS and penetrates_between_nodes(answer)
         if moving or (answer is None and few):
             guess = None
             if answer is not None:

@@ -181,17 +181,17 @@ def keep_best_on_interrupt(session: Session, seed: int, progress: Progress | Non
     has run at all, there is none, and KeyboardInterrupt is raised as it came.
     """
     recorder = InterruptRecorder(session, progress)
-    session.solver.heard = lambda program, result: recorder.ends.append((program, result))
+    session.solver.on_result = lambda program, result: recorder.ends.append((program, result))
     try:
         with interruptible():
             yield recorder.add_stage
     except KeyboardInterrupt as stop:
-        session.solver.heard = None
+        session.solver.on_result = None
         if not recorder.ends:
             raise
         raise Interrupted(recorder.solution(seed)) from stop
     finally:
-        session.solver.heard = None
+        session.solver.on_result = None
 
 
 @dataclass

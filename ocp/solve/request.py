@@ -21,7 +21,7 @@ from ocp.programs.options import documented, has_option
 from ocp.programs.solver import SOLVERS
 from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
 from ocp.transcription.factories import law_settings, laws_with
-from ocp.validation import number, parse, whole
+from ocp.validation import parse, parse_float, parse_int
 
 ProblemSource: TypeAlias = Any
 """What builds a problem at any parameters: a :class:`problems.ProblemSpec`."""
@@ -251,7 +251,7 @@ def literal(value: Any) -> Any:
     """Turn a word into an int, float or bool where it reads as one (:mod:`ocp.validation`)."""
     if not isinstance(value, str):
         return value
-    if (number_value := number(value)) is not None:
+    if (number_value := parse_float(value)) is not None:
         is_whole = value.strip().lstrip("+-").isdigit()
-        return whole(value) if is_whole else number_value
+        return parse_int(value) if is_whole else number_value
     return {"true": True, "false": False}.get(value.lower(), value)

@@ -18,7 +18,7 @@ from ocp.problem.problem import Problem
 from ocp.problem.resources import check_memory, solve_memory
 from ocp.problem.rollout import initial_guesses
 from ocp.programs.solver import Solver, Status
-from ocp.routes.homotopy import GAIN, StageRecord
+from ocp.routes.homotopy import COST_GAIN, StageRecord
 from ocp.routes.session import Session, as_swept
 from ocp.solution import Interrupted, Solution
 from ocp.solve.judging import add_failures, collect_failures, judge_outcome, keep_best_on_interrupt
@@ -26,7 +26,7 @@ from ocp.solve.refinement import divided_step, refine_step_size
 from ocp.solve.request import ProblemLike, Settings, check_setting_names, rebuilder, resolve_problem
 from ocp.solve.warm_start import GuessLike, carried_guess, carry, given_guess
 from ocp.transcription import Method
-from ocp.transcription.factories import DEFAULT_LAW, closing_law, method_of, policy_of, split_policy_settings
+from ocp.transcription.factories import DEFAULT_LAW, make_law, method_of, policy_of, split_policy_settings
 from ocp.transcription.nlp import StageCompiler
 from ocp.validation import Count, Index, validated
 
@@ -214,7 +214,7 @@ def new_session(
     transcription_method = method_of(method)
     check_setting_names(own_settings, solver)
     made_policy = policy_of(policy, policy_values)
-    law = closing_law(contact, law_values, built_problem.system)
+    law = make_law(contact, law_values, built_problem.system)
     read_settings = Settings.read(own_settings)
     with input_errors():
         needed = solve_memory(built_problem, made_policy, law)
@@ -282,7 +282,7 @@ def solve_session(
                 with collect_failures(failures):
                     solutions += pushes.solutions()
             for number, guess in enumerate(guesses if not solutions else ()):
-                stands_still = solutions and session.from_afar and _stands_still(solutions[-1])
+                stands_still = solutions and session.follows_smoothing and _stands_still(solutions[-1])
                 if number >= n_starts and not stands_still:
                     break
                 interruptible_start = keep_best_on_interrupt(session, seed, progress)
@@ -321,9 +321,9 @@ def _stands_still(solution: Solution) -> bool:
 def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planned") -> Solution:
     """Return the best certified answer, with the others listed and the work of all counted.
 
-    To stand still counts as one where it may, see :func:`credited`.
+    To stand still counts as one where it may, see :func:`accept_standing_still`.
     """
-    solutions = credited(session, solutions)
+    solutions = accept_standing_still(session, solutions)
     best = min(solutions, key=lambda solution: rank(solution, rank_by))
     attempts = [
         Attempt(
@@ -342,7 +342,7 @@ def best_of(session: Session, solutions: list[Solution], rank_by: Rank = "planne
     return replace(best, iterations=iterations, **total_seconds).with_route(attempts=attempts)
 
 
-def credited(session: Session, solutions: list[Solution]) -> list[Solution]:
+def accept_standing_still(session: Session, solutions: list[Solution]) -> list[Solution]:
     """The solutions, of which those that rightly stand still count as solved.
 
     That is certified, costs no more than any feasible end, and is what was found by several ways
@@ -352,12 +352,12 @@ def credited(session: Session, solutions: list[Solution]) -> list[Solution]:
         solution for solution in solutions if solution.status in _FEASIBLE and solution.certificate.certified
     ]
     lowest_cost = min((solution.cost for solution in solutions if solution.status in _FEASIBLE), default=np.inf)
-    if len(certified_solutions) < 2 or not session.from_afar:
+    if len(certified_solutions) < 2 or not session.follows_smoothing:
         return solutions
     cost_share = partial(session.evaluation.cost_share, cost=lowest_cost)
     return [
         replace(solution, status=Status.SOLVED).with_route(idle_attempts=len(certified_solutions))
-        if _stands_still(solution) and not cost_share(solution.cost - lowest_cost) > GAIN
+        if _stands_still(solution) and not cost_share(solution.cost - lowest_cost) > COST_GAIN
         else solution
         for solution in solutions
     ]

@@ -109,7 +109,7 @@ def laws_with(setting: str) -> str:
     return f"; {setting} belongs to {', '.join(names)}" if names else ""
 
 
-def closing_law(contact: ContactLaw | str, values: Mapping[str, Any], system: ContactSystem) -> ContactLaw:
+def make_law(contact: ContactLaw | str, values: Mapping[str, Any], system: ContactSystem) -> ContactLaw:
     """Make a law that can close ``system``; raises InputError where it cannot."""
     from dynamics.laws import LAWS
 

@@ -16,7 +16,7 @@ from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Problem
 from ocp.solution import Solution
 from ocp.store import atomic
-from ocp.transcription.factories import DEFAULT_LAW, closing_law
+from ocp.transcription.factories import DEFAULT_LAW, make_law
 from problems import names, spec
 from problems.plugin import law_of, problem_of
 from problems.registry import objective_names
@@ -96,7 +96,7 @@ def _find(options: ExportOptions) -> ExportRequest:
             raise InputError(f"--source is for a run, but {name} is a problem; drop it")
         problem_spec = spec(name)
         problem = problem_spec.problem(parse_assignments("-p", options.params))
-        law = closing_law(options.contact or DEFAULT_LAW, law_settings, problem.system)
+        law = make_law(options.contact or DEFAULT_LAW, law_settings, problem.system)
         return ExportRequest(problem_spec.name, problem_spec.title, problem, law)
     return _read_run(name, options, law_settings)
 

@@ -21,7 +21,7 @@ from ocp.mpc.simulate import ClosedLoop, simulate
 from ocp.problem.problem import Problem
 from ocp.problem.resources import check_memory
 from ocp.store.stored_run import StoredRun
-from ocp.transcription.factories import closing_law, law_record
+from ocp.transcription.factories import law_record, make_law
 from ocp.validation import parse
 from problems.plugin import source
 from problems.spec import ProblemSpec
@@ -82,7 +82,7 @@ def check(options: MpcOptions) -> LoopCase:
     if name == "own":
         name = "barrier" if entry.exact is False else "exact"
     is_default_law = options.contact == "own" and not settings
-    law = entry.law(None if is_default_law else closing_law(name, settings, receding.problem.system))
+    law = entry.law(None if is_default_law else make_law(name, settings, receding.problem.system))
     steps = options.steps or max(_DEFAULT_STEPS, problem.N)
     disturbance = _disturbance(options, spec, problem, steps)
     Plant(problem, options.plant, disturbance.mismatch)

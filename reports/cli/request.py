@@ -50,7 +50,7 @@ def parse_layers(option: str, text: str, alternatives: str = "") -> tuple[int, .
 
     ``alternatives`` name what the option accepts besides.
     """
-    units = [validation.whole(word) for word in text.split(",")]
+    units = [validation.parse_int(word) for word in text.split(",")]
     if not all(count is not None and 0 < count <= 100_000 for count in units):
         raise InputError(
             f"{option} must be whole numbers from 1 to 100000 with commas, such as 64,64{alternatives}, got {text!r}"

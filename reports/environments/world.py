@@ -15,7 +15,7 @@ from dynamics.batch import BatchFunction, StepFunction
 from dynamics.contact import Step
 from ocp.errors import InputError
 from ocp.problem.rollout import STEP_TOLERANCE
-from ocp.transcription.factories import closing_law
+from ocp.transcription.factories import make_law
 from problems.tasks.registry import spec
 
 LARGEST = float(np.finfo(np.float32).max)
@@ -62,7 +62,7 @@ class World:
         self.spec = spec(name)
         self.params = self.spec.params(params)
         self.task = task = self.spec.build(self.params)
-        self.law = closing_law(contact, settings or {}, task.system)
+        self.law = make_law(contact, settings or {}, task.system)
         self.step: Step = self.law.close(task.system)
         self.p = self.step.p.pack(task.parameters.defaults)
         decisions = self.spec.decisions

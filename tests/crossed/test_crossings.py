@@ -17,7 +17,7 @@ from ocp.mpc import Controller, simulate
 from ocp.problem.problem import Problem
 from ocp.programs.solver import Status
 from ocp.solution import Solution
-from ocp.transcription.factories import closing_law
+from ocp.transcription.factories import make_law
 from problems import get
 from tests.cli.conftest import Done, ocp  # noqa: F401
 from tests.crossed.ways import CROSSINGS, LONG_BUILDS, PROBLEMS, STRANGERS, Crossing
@@ -79,7 +79,7 @@ def is_verdict(found: Solution) -> None:
 
 def try_loop(problem: Problem, phase: str = "qpcc", contact: str = "own", plant: str = "exact"):
     """Two samples in closed loop: commands within the bounds, and a finite cost or an early end."""
-    law = None if contact == "own" else closing_law(contact, {}, problem.system)
+    law = None if contact == "own" else make_law(contact, {}, problem.system)
     controller = Controller(problem, law, phase)
     loop = simulate(controller, 2, plant, certify=1)
     low, high = (np.array(v).ravel() for v in problem.limits(problem.parameters.values)[2:4])

@@ -19,7 +19,7 @@ from ocp.problem.resources import check_memory
 from ocp.problem.task import Task
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.stored_run import StoredRun
-from ocp.transcription.factories import closing_law
+from ocp.transcription.factories import make_law
 from problems.tasks import registry
 from problems.tasks.registry import TaskSpec
 from problems.tasks.training import TrainingJob, rebuilt, record, trained, unfinished
@@ -102,7 +102,7 @@ def _law(options: TrainOptions, algorithm: Algorithm, task: Task) -> ContactLaw:
     """Return the law of the options, or that of the algorithm."""
     name = algorithm.contact if options.contact == "own" else options.contact
     settings = parse_assignments("-c", options.law_settings) or _OWN_LAW.get(name, {})
-    return closing_law(name, settings, task.system)
+    return make_law(name, settings, task.system)
 
 
 def _cpus() -> int:
@@ -210,7 +210,7 @@ def check_evaluate(options: EvaluateOptions) -> EvaluateRequest:
     stored_run = options.stored(options.run)
     experiment, policy = rebuilt(stored_run)
     task = experiment.task
-    law = closing_law(options.contact, parse_assignments("-c", options.law_settings), task.system)
+    law = make_law(options.contact, parse_assignments("-c", options.law_settings), task.system)
     numbers = task.horizon * (task.system.nx + task.system.nu)
     check_memory(f"--episodes {options.episodes}", 32.0 * options.episodes * numbers)
     return stored_run, experiment, policy, law

@@ -25,7 +25,7 @@ from ocp.judge.constraints import broken_constraints
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.rollout import Rollout, initial_guesses
 from ocp.programs.solver import Status
-from ocp.routes.complementarity import Search, by_strategy
+from ocp.routes.complementarity import RelaxationPlan, by_strategy
 from ocp.routes.homotopy import Homotopy, RouteResult
 from ocp.routes.relaxations import CentralPath
 from ocp.routes.session import Session
@@ -75,7 +75,7 @@ def alone(instance: Instance) -> Answer:
 
     def run(session: Session) -> RouteResult:
         follower = Homotopy(session.nlp_of, session.solver, session.values)
-        search = Search(CentralPath(), session.problem.natural_scales.mu, session.first_point)
+        search = RelaxationPlan(CentralPath(), session.problem.natural_scales.mu, session.first_point)
         return by_strategy(follower, search, search.strategy)
 
     return _from_session(instance, run)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
-from ocp.validation import LARGEST, number, parse_number, whole
+from ocp.validation import LARGEST, parse_float, parse_int, parse_number
 
 NO_NUMBERS = (
     "",
@@ -56,13 +56,13 @@ NO_NUMBERS = (
     ],
 )
 def test_whole_numbers_however_written(word: str, value: int | None) -> None:
-    assert whole(word) == (None if value is None else value)
-    assert type(whole(word)) is (int if value is not None else type(None))
+    assert parse_int(word) == (None if value is None else value)
+    assert type(parse_int(word)) is (int if value is not None else type(None))
 
 
 @pytest.mark.parametrize("word", NO_NUMBERS)
 def test_nothing_else_is_a_number(word: str) -> None:
-    assert number(word) is None and whole(word) is None
+    assert parse_float(word) is None and parse_int(word) is None
     for kind in (int, float, int | None, Annotated[float | None, Field(gt=0)]):
         with pytest.raises(ValueError, match="number"):
             parse_number(word, kind)
@@ -70,34 +70,34 @@ def test_nothing_else_is_a_number(word: str) -> None:
 
 @pytest.mark.parametrize("word", ["9223372036854775808", "-" + "9" * 5000, "1e23", "1e308"])
 def test_whole_numbers_that_are_too_large(word: str) -> None:
-    assert whole(word) is None
+    assert parse_int(word) is None
     with pytest.raises(ValueError, match=r"at most 9.2e\+18"):
         parse_number(word, int)
 
 
 @pytest.mark.parametrize("word", ["0.99999999999999999999", "9007199254740993.5"])
 def test_a_number_that_only_a_double_takes_for_whole_is_none(word: str) -> None:
-    assert whole(word) is None
+    assert parse_int(word) is None
 
 
 def test_whole_numbers_beyond_doubles_are_exact() -> None:
-    assert whole("9007199254740993.0") == 9007199254740993 == whole("9.007199254740993e15")
+    assert parse_int("9007199254740993.0") == 9007199254740993 == parse_int("9.007199254740993e15")
 
 
 def test_minus_zero_is_zero() -> None:
-    assert math.copysign(1.0, number("-0") or 0.0) == 1.0 == math.copysign(1.0, number("-0.0") or 0)
-    assert whole("-0") == 0
+    assert math.copysign(1.0, parse_float("-0") or 0.0) == 1.0 == math.copysign(1.0, parse_float("-0.0") or 0)
+    assert parse_int("-0") == 0
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_every_double_reads_as_itself(value: float) -> None:
-    assert number(repr(value)) == value
+    assert parse_float(repr(value)) == value
     assert parse_number(f" {value!r}", float | None) == value
 
 
 @given(st.integers(-LARGEST, LARGEST))
 def test_every_whole_number_reads_as_itself(value: int) -> None:
-    assert whole(str(value)) == value == parse_number(value, int)
+    assert parse_int(str(value)) == value == parse_number(value, int)
 
 
 def test_values_are_numbers_as_words_are() -> None:

@@ -89,8 +89,8 @@ def test_only_the_throw_acts_in_ball_throw_and_every_push_in_push_1d() -> None:
         session = new_session(problem, Exact())
         evaluation = session.evaluation
         rolls = RolloutStarts(evaluation, session.step, evaluation.initial_guess)
-        assert rolls.acting.sum() == acting
-        assert rolls.acting[0].all()
+        assert rolls.acting_inputs.sum() == acting
+        assert rolls.acting_inputs[0].all()
 
 
 @pytest.mark.parametrize("by", [1, 4, 9])

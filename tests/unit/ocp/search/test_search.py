@@ -18,7 +18,7 @@ from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import SWEPT, Constraint, Problem, Scaling
 from ocp.problem.rollout import roll_on
 from ocp.search.near_steps import NearSteps, linear_complementarity
-from ocp.search.push_search import PushSearch, through
+from ocp.search.push_search import PushSearch, penetrates_between_nodes
 from ocp.search.push_tree import TouchSearch
 from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session
@@ -91,7 +91,7 @@ def test_a_plan_is_found_from_behind_and_has_the_same_bits_again() -> None:
     problem = behind()
     found = solve(problem, contact="exact", search=True)
     assert found.certificate.certified and found.referee.survives
-    assert found.cost < 0.3 * found.idle_cost and not through(found)
+    assert found.cost < 0.3 * found.idle_cost and not penetrates_between_nodes(found)
     assert found.problem.swept and found.route.search.motions > 100
     seen = [
         [(node.x.tobytes(), node.cost) for node in nodes]
@@ -137,9 +137,9 @@ def test_no_search_where_inputs_are_forces() -> None:
 
 def test_a_scene_that_passes_through_is_solved_as_swept_and_resumed_so() -> None:
     problem = behind(10)
-    assert through(solve(problem, contact="exact", search=False))
+    assert penetrates_between_nodes(solve(problem, contact="exact", search=False))
     found = solve(problem, contact="exact")
-    assert found.route.swept and not through(found) and found.referee.survives
+    assert found.route.swept and not penetrates_between_nodes(found) and found.referee.survives
     again = solve(problem, contact="exact", warm_start=found)
     assert again.route.swept and again.problem.swept
     assert again.cost == pytest.approx(found.cost, rel=1e-6)

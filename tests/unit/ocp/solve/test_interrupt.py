@@ -102,7 +102,7 @@ def test_a_signal_in_the_solver_leaves_its_iterate(capfd) -> None:
     nlp = session.nlp_of("product")
     start, p = session.first_point(nlp), nlp.parameter_vector(session.values)
     solver, heard = Solver(), []
-    solver.heard = lambda _, result: heard.append(result)
+    solver.on_result = lambda _, result: heard.append(result)
     timer = sigint_in(0.5)
     with pytest.raises(KeyboardInterrupt):
         solver.run(nlp, start, p, nlp.bounds(session.values))

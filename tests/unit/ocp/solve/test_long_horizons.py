@@ -47,13 +47,13 @@ def test_the_barrier_below_a_path_falls_as_the_horizon_grows() -> None:
     mu = get("push-disc").natural_scales.mu
 
     def held(steps: int) -> float:
-        path = CentralPath().over(steps).paths(mu)[0]
+        path = CentralPath().for_horizon(steps).paths(mu)[0]
         return path.stage_at(path.values[0]).options["mu_target"]
 
     assert held(0) == held(20) == held(60) == pytest.approx(mu / 10)
     for steps in (120, 600):
         assert steps * held(steps) == pytest.approx(60 * held(60))
-    later = CentralPath().over(600).paths(mu)[0]
+    later = CentralPath().for_horizon(600).paths(mu)[0]
     assert later.stage_at(later.values[1]).options["mu_target"] == pytest.approx(later.values[1] / 10)
 
 
