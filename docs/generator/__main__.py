@@ -9,13 +9,7 @@ from ocp.store.atomic import write_file
 
 def pages() -> dict[str, str]:
     """Every generated page by its path below ``docs/generated``."""
-    return {
-        **gallery.pages(),
-        **figures.pages(),
-        **table_pages(),
-        **code_pages.pages(),
-        **parts.pages(),
-    }
+    return {**gallery.pages(), **figures.pages(), **table_pages(), **code_pages.pages(), **parts.pages()}
 
 
 def main() -> None:

@@ -30,10 +30,7 @@ def command_pages() -> dict[str, str]:
         f"commands/{name}.md": f"# ocp {name}\n\n```text\n{help_text(name, command)}\n```\n"
         for name, command in found.items()
     }
-    return {
-        "commands/index.md": f"# Commands\n\n{table(('command', 'what it does'), rows)}",
-        **written,
-    }
+    return {"commands/index.md": f"# Commands\n\n{table(('command', 'what it does'), rows)}", **written}
 
 
 def help_text(name: str, command: Any) -> str:

@@ -48,10 +48,7 @@ PAPERS = {
 }
 """What figures reproduce, by the first letter of their names."""
 
-_TABLES = {
-    "N3": ("smoothings", law_tables.smoothing_rows),
-    "C1": ("smoothings-in-the-loop", law_tables.loop_rows),
-}
+_TABLES = {"N3": ("smoothings", law_tables.smoothing_rows), "C1": ("smoothings-in-the-loop", law_tables.loop_rows)}
 """Name and rows of the table that a figure's data give."""
 
 
@@ -96,11 +93,7 @@ def page(study: FigureStudy, figure: Mapping[str, Any]) -> str:
     if (DOCS / "pictures" / "figures" / f"{study.id}.png").exists():
         parts.append(f"![{study.title}](../../pictures/figures/{study.id}.png)\n")
     parts += [f"{DRAWINGS[study.id].caption}\n", f"{source}\n"]
-    parts += [
-        f"## Claims\n\n{count_text(figure['claims'])} hold.\n",
-        claims(figure),
-        provenance(figure),
-    ]
+    parts += [f"## Claims\n\n{count_text(figure['claims'])} hold.\n", claims(figure), provenance(figure)]
     if study.notes:
         parts.append("## Notes\n\n" + "".join(f"- {note}\n" for note in study.notes))
     return "\n".join(parts)
@@ -141,11 +134,7 @@ def keep(figures: Sequence[Mapping[str, Any]]) -> list[Path]:
                     columns, *rows = rows_of(data)
                     written.append(
                         write_table(
-                            name,
-                            title=study.title,
-                            command=f"ocp figure {study.id}",
-                            columns=columns,
-                            rows=rows,
+                            name, title=study.title, command=f"ocp figure {study.id}", columns=columns, rows=rows
                         )
                     )
     return written

@@ -91,13 +91,7 @@ def computer() -> str:
 
 
 def write_table(
-    name: str,
-    *,
-    title: str,
-    command: str,
-    columns: Sequence[str],
-    rows: Sequence[Sequence[Cell]],
-    note: str = "",
+    name: str, *, title: str, command: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]], note: str = ""
 ) -> Path:
     """Store a table as ``<name>.json``: ``rows`` of cells under ``columns``, texts as they are.
 

@@ -236,8 +236,7 @@ app = typer.Typer(
 @app.callback()
 def _program(
     version: Annotated[
-        bool,
-        typer.Option("--version", is_eager=True, callback=_print_version, help="Show the version."),
+        bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Show the version.")
     ] = False,
 ) -> None:
     """Optimal control through contact: solve, replay, continue and report named problems."""

@@ -82,12 +82,7 @@ class NewOptions(Options):
     """Write NAME.py, a commented problem file to begin with, which solves as it is."""
 
     code: ClassVar = "reports.cli.new_command"
-    examples: ClassVar = (
-        "new bumper",
-        "new push-box --scene",
-        "new leg --machine",
-        "new hop --robot robot.xml",
-    )
+    examples: ClassVar = ("new bumper", "new push-box --scene", "new leg --machine", "new hop --robot robot.xml")
     problem: str = argument(metavar="NAME", help="Name of the problem and of its file.")
     scene: bool = option(False, help="Bodies and pushers of shapes, in place of distances by hand.")
     machine: bool = option(False, help="Links with joints and motors over the ground.")
@@ -127,11 +122,7 @@ class ReplayOptions(RunOptions, LawOptions, SourceOptions):
     """Simulate the inputs, or the feedback policy, of a stored run under a law or in MuJoCo."""
 
     code: ClassVar = "reports.cli.solve_command:replay"
-    examples: ClassVar = (
-        "replay @last",
-        "replay @last --contact barrier -c mu=1e-2",
-        "replay @last --world mujoco",
-    )
+    examples: ClassVar = ("replay @last", "replay @last --contact barrier -c mu=1e-2", "replay @last --world mujoco")
     contact: str = option("exact", help=LAW_HELP)
     world: str | None = option(None, help="Another simulator in place of a law: mujoco.")
 

@@ -23,14 +23,7 @@ def check(options: EstimateOptions) -> tuple[EstimateRequest, SweepRun, Checkpoi
     check_outputs(options.out, options.pdf)
     key = {**request.decisive, "backend": options.backend}
     checkpoint = Checkpoint(options.out, request.spec.name, key, request.content)
-    study = SweepRun(
-        request.objective,
-        request.sampling,
-        request.sweep,
-        checkpoint,
-        request.rebuilt,
-        request.workers,
-    )
+    study = SweepRun(request.objective, request.sampling, request.sweep, checkpoint, request.rebuilt, request.workers)
     task, seconds = f"{study.n_samples:.3g} samples of {request.spec.name}", study.predict_seconds()
     check_time(task, seconds)
     options.output.announce(task, seconds)
@@ -82,12 +75,7 @@ def _meta(request: EstimateRequest, study: SweepRun) -> dict[str, Any]:
         "source_digest": getattr(request.spec, "digest", None),
         "sweep": None
         if swept is None
-        else {
-            "name": swept.name,
-            "values": list(swept.values),
-            "unit": request.unit(),
-            "log": swept.log,
-        },
+        else {"name": swept.name, "values": list(swept.values), "unit": request.unit(), "log": swept.log},
         "estimates": [row for point in study.rows for row in point],
         "status": "done" if study.finished else "stopped",
         "verdict": summarise_verdicts(study.rows),

@@ -209,10 +209,7 @@ def _swept_parameter(swept: Axis, spec: ObjectiveSpec | ProblemSpec) -> str:
 
 
 def _check_sweep(
-    swept: Axis,
-    spec: ObjectiveSpec | ProblemSpec,
-    parameter_texts: Mapping[str, Any],
-    options: EstimateOptions,
+    swept: Axis, spec: ObjectiveSpec | ProblemSpec, parameter_texts: Mapping[str, Any], options: EstimateOptions
 ) -> None:
     """Raise InputError for swept values out of range, and for a swept quantity that is also set."""
     law, sign, parameter = swept.name.partition(".")

@@ -137,10 +137,7 @@ def _progress(options: FigureOptions) -> Iterator[None]:
     """Show a progress bar with the time left in the current loop of a study, on a terminal only."""
     hidden = options.output.quiet or not options.output.console.is_terminal
     with Progress(
-        *Progress.get_default_columns(),
-        console=options.output.console,
-        transient=True,
-        disable=hidden,
+        *Progress.get_default_columns(), console=options.output.console, transient=True, disable=hidden
     ) as bar:
         tasks: dict[str, TaskID] = {}
 

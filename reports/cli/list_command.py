@@ -88,9 +88,7 @@ def run_settings(options: SettingsOptions, setting_groups: list[SettingGroup]) -
     return 0
 
 
-def check_show(
-    options: ShowOptions,
-) -> ProblemSpec | ObjectiveSpec | Transitions | Dataset | Robot:
+def check_show(options: ShowOptions) -> ProblemSpec | ObjectiveSpec | Transitions | Dataset | Robot:
     """Return the problem, or the content of the file."""
     from ocp.store import models
 

@@ -147,13 +147,7 @@ def run(options: MpcOptions, case: LoopCase) -> int:
     """Build the controller, simulate the closed loop, and store it."""
     with _progress(options, case.steps) as report:
         controller = Controller(
-            case.problem,
-            case.law,
-            options.phase,
-            None,
-            options.iterations,
-            options.trust,
-            options.deadline,
+            case.problem, case.law, options.phase, None, options.iterations, options.trust, options.deadline
         )
         interrupt.raise_if_interrupted()
         # In the middle of a sample it could end as an error of compiled code.

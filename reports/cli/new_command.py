@@ -14,12 +14,7 @@ from problems.loading import check_name
 from reports.cli.commands import NewOptions
 from reports.cli.request import check_output_file
 
-TEMPLATES = {
-    "plain": "bumper.py",
-    "scene": "past_a_post.py",
-    "machine": "push_up.py",
-    "robot": "hop_on.py",
-}
+TEMPLATES = {"plain": "bumper.py", "scene": "past_a_post.py", "machine": "push_up.py", "robot": "hop_on.py"}
 """Files of ``examples``, which a wheel has among its templates (pyproject.toml)."""
 _TEMPLATE_FOLDERS = [Path(__file__).with_name("templates"), Path(__file__).parents[2] / "examples"]
 """Folders of the templates in a wheel and in a checkout."""

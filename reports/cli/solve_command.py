@@ -95,9 +95,7 @@ def run(options: SolveOptions, checked: tuple[Request, Solution | None]) -> int:
     workers = min(options.jobs, options.starts)
     several = f" from {options.starts} starts" if options.starts > 1 else ""
     output.announce(
-        f"{request.spec.name}{several}",
-        session.seconds * options.starts / workers,
-        session.memory * workers,
+        f"{request.spec.name}{several}", session.seconds * options.starts / workers, session.memory * workers
     )
     solution = _solved(options, request, start)
     if options.world is not None:

@@ -68,9 +68,7 @@ def run(options: SweepOptions, request: SweepRequest) -> int:
     output, study = options.output, request.study
     count, session = math.prod(study.shape), request.session
     output.announce(
-        f"{count} points",
-        count * options.starts * session.seconds / options.jobs,
-        session.memory * options.jobs,
+        f"{count} points", count * options.starts * session.seconds / options.jobs, session.memory * options.jobs
     )
     with request.checkpoint as checkpoint:
         data = grid_dataset(study, request.session, _points(options, request))
@@ -188,14 +186,7 @@ def _followed(options: ContinueOptions, request: Request) -> tuple[Continuation,
     try:
         with interruptible():
             return follow_session(
-                session,
-                over,
-                options.start,
-                options.end,
-                options.steps,
-                options.scale,
-                note,
-                options.seed,
+                session, over, options.start, options.end, options.steps, options.scale, note, options.seed
             ), False
     except KeyboardInterrupt:
         if not finished:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from reports.documents.common import Page, law_summary, page_header, request_rows, row_figures, setting_rows
-from reports.documents.comparison import run_labels
+from reports.documents.comparison import describe_runs
 from reports.drawing.view import RunView
 from reports.figures import closed_loop, trajectories
 from reports.tables.closed_loop import loop_notes, loop_rows
@@ -54,13 +54,11 @@ def _one(view: RunView, content: dict[str, Any]) -> Page:
 
 
 def _several(views: list[RunView], content: dict[str, Any]) -> Page:
-    descriptions = run_labels([view.run for view in views])
-    names = [chr(ord("A") + i) if i < 26 else str(i + 1) for i in range(len(views))]
+    names, descriptions, one_problem = describe_runs(views)
     rows: dict[str, list[str]] = {}
     for place, view in enumerate(views):
         for name, text in loop_rows(view.run.meta):
             rows.setdefault(name, ["–"] * len(views))[place] = text
-    one_problem = len({view.run.meta["problem"] for view in views}) == 1
     content |= {
         "title": views[0].title if one_problem else "Comparison of closed loops",
         "labels": [f"{name}: {text}" for name, text in zip(names, descriptions, strict=True)],

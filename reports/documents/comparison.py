@@ -37,9 +37,7 @@ _NOT_COMPARED = ("source", "versions", "citation", "audit_s", "law_parameters", 
 
 def comparison_page(views: list[RunView], cones: bool = False) -> Page:
     """Return content and figures of several solved runs, each labelled by its differences."""
-    names = [chr(ord("A") + i) if i < 26 else str(i + 1) for i in range(len(views))]
-    one_problem = len({view.run.meta["problem"] for view in views}) == 1
-    labelled = run_labels([view.run for view in views])
+    names, labelled, one_problem = describe_runs(views)
     titles = [f"{name}: {label}" for name, label in zip(names, labelled, strict=True)]
     requests = [[*request_rows(view.run), *setting_rows(view.run)] for view in views]
     shared = [row for row in requests[0] if all(row in request for request in requests)]
@@ -65,6 +63,13 @@ def comparison_page(views: list[RunView], cones: bool = False) -> Page:
         rows, content["zero"] = comparison.overlay_rows(views)
         figures |= row_figures("motion", rows)
     return content, figures
+
+
+def describe_runs(views: Sequence[RunView]) -> tuple[list[str], list[str], bool]:
+    """Return letters and labels of several runs, and whether all are of one problem."""
+    letters = [chr(ord("A") + i) if i < 26 else str(i + 1) for i in range(len(views))]
+    one_problem = len({view.run.meta["problem"] for view in views}) == 1
+    return letters, run_labels([view.run for view in views]), one_problem
 
 
 def run_labels(runs: Sequence[StoredRun]) -> list[str]:

@@ -43,10 +43,7 @@ def write_pdf(
 
 
 def render_pdf(
-    runs: Sequence[StoredRun],
-    cones: bool = False,
-    file_spec: ProblemSpec | None = None,
-    signals: str | None = None,
+    runs: Sequence[StoredRun], cones: bool = False, file_spec: ProblemSpec | None = None, signals: str | None = None
 ) -> bytes:
     """Return the bytes of the PDF."""
     views = [RunView.of(run, file_spec) for run in runs]

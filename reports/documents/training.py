@@ -35,9 +35,7 @@ def training_page(views: list[RunView]) -> Page:
     }, figures
 
 
-def training_content(
-    views: Sequence[RunView],
-) -> tuple[dict[str, Any], dict[str, Figure], list[StoredRun]]:
+def training_content(views: Sequence[RunView]) -> tuple[dict[str, Any], dict[str, Figure], list[StoredRun]]:
     """Return verdicts, table and figures, and the first run of each group.
 
     Raises :class:`~ocp.errors.InputError` for runs on several tasks.

@@ -149,10 +149,7 @@ def draw_contacts(
 def draw_force(axis: Axes, frame: ContactFrame, normal: float, friction: float, scale: float) -> Artist:
     """Draw the force as an arrow from the contact, ``scale`` [m per unit] times its size long."""
     tx, ty = frame.tangent
-    tip = (
-        frame.x + scale * (normal * frame.nx + friction * tx),
-        frame.y + scale * (normal * frame.ny + friction * ty),
-    )
+    tip = (frame.x + scale * (normal * frame.nx + friction * tx), frame.y + scale * (normal * frame.ny + friction * ty))
     return axis.annotate(
         "",
         xytext=(frame.x, frame.y),

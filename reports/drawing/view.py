@@ -14,18 +14,7 @@ from ocp.errors import DamagedRun, InputError
 from ocp.problem.problem import Problem
 from ocp.store.stored_run import StoredRun
 from problems import ProblemSpec
-from problems.drawing import (
-    Box,
-    Capsule,
-    ContactFrame,
-    Disc,
-    HalfPlane,
-    Mark,
-    Polygon,
-    Segment,
-    Shape,
-    Spring,
-)
+from problems.drawing import Box, Capsule, ContactFrame, Disc, HalfPlane, Mark, Polygon, Segment, Shape, Spring
 from problems.plugin import known_parameters, problem_of
 
 if TYPE_CHECKING:
@@ -228,7 +217,4 @@ def _between(frames: list[list[T]], place: float) -> list[T]:
 
 def _mixed(first: T, second: T, share: float) -> T:
     numbers = [f.name for f in fields(first) if isinstance(getattr(first, f.name), int | float)]
-    return replace(
-        first,
-        **{key: (1 - share) * getattr(first, key) + share * getattr(second, key) for key in numbers},
-    )
+    return replace(first, **{key: (1 - share) * getattr(first, key) + share * getattr(second, key) for key in numbers})

@@ -93,10 +93,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             float(outcome.reward[0]),
             terminated,
             truncated,
-            {
-                **measures,
-                "unsolved": bool(outcome.unsolved[0]),
-            },
+            {**measures, "unsolved": bool(outcome.unsolved[0])},
         )
 
     def render(self) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]

@@ -16,7 +16,7 @@ from reports.drawing.notation import label, symbol
 from reports.drawing.strobe import largest_size, strobe_rows
 from reports.drawing.style import CYCLE, GREEN, GREY, INK, ORANGE, PLANNED, PURPLE, REPLAYED, WIDTH, line_of
 from reports.drawing.view import RunView
-from reports.figures.panels import Panel, Row, draw_lines, lay_out_rows, note_zero
+from reports.figures.panels import Panel, Row, draw_lines, lay_out_rows, note_zero, use_log_if_wide
 from reports.figures.run import FLOOR
 from reports.figures.trajectories import Track, idle_multipliers, tracks
 from reports.tables.console import number, small
@@ -193,10 +193,7 @@ def _costs(axis: Axes, points: list[dict[str, Any]], value: np.ndarray, succeede
             axis.plot(value[succeeded], cost[succeeded], style, color=color, label=text, markersize=3)
             drawn_costs.append(cost[succeeded])
     axis.set_ylabel("cost")
-    finite_costs = np.concatenate(drawn_costs) if drawn_costs else np.zeros(0)
-    finite_costs = finite_costs[np.isfinite(finite_costs)]
-    if finite_costs.size and finite_costs.min() > 0 and finite_costs.max() > 20 * finite_costs.min():
-        axis.set_yscale("log")
+    use_log_if_wide(axis, np.concatenate(drawn_costs) if drawn_costs else np.zeros(0))
 
 
 def chosen_points(view: RunView) -> list[int]:

@@ -188,3 +188,10 @@ def shade_spans(axis: Axes, time: np.ndarray, is_shaded: np.ndarray, **style: An
 def note_zero(axis: Axes) -> None:
     """Draw the line at zero."""
     axis.axhline(0, color=GREY, linewidth=0.6)
+
+
+def use_log_if_wide(axis: Axes, values: np.ndarray) -> None:
+    """Give the axis a log scale where all finite values are positive, and the largest over 20 times the least."""
+    finite = values[np.isfinite(values)]
+    if finite.size and finite.min() > 0 and finite.max() > 20 * finite.min():
+        axis.set_yscale("log")

@@ -16,16 +16,7 @@ from ocp.judge.contact_report import active_contacts
 from reports.drawing.notation import label, symbol
 from reports.drawing.style import BLUE, CYCLE, GREEN, GREY, INK, ORANGE, PURPLE, REPLAYED, SKY, VERMILLION, WIDTH
 from reports.drawing.view import RunView
-from reports.figures.panels import (
-    Panel,
-    Row,
-    columns_for,
-    draw_lines,
-    fill_band,
-    lay_out_rows,
-    note_zero,
-    shade_spans,
-)
+from reports.figures.panels import Panel, Row, columns_for, draw_lines, fill_band, lay_out_rows, note_zero, shade_spans
 from reports.figures.trajectories import NEGLIGIBLE, SAME, mean_multiplier
 from reports.tables.console import shown_stages, stage_title
 
@@ -273,10 +264,7 @@ def homotopy_figure(view: RunView) -> Figure:
     cost_axis.plot(number[accepted], cost[accepted], "o-")
     cost_axis.plot(number[~accepted], cost[~accepted], "x", color=REPLAYED, label="stepped back")
     cost_axis.set_ylabel("cost")
-    curves = [
-        ("complementarity", CYCLE[0], "largest λ gap"),
-        ("residual", CYCLE[2], "residual"),
-    ]
+    curves = [("complementarity", CYCLE[0], "largest λ gap"), ("residual", CYCLE[2], "residual")]
     labels = {stage.label for stage in stages}
     if len(labels) == 1:
         curves.append(("value", GREY, symbol(stage_title(labels.pop()))))

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from ocp.store.stored_run import StoredRun
 from reports.drawing.notation import label, symbol
 from reports.drawing.style import CYCLE, FAINT, GRADES, GREY, INK, PLANNED, REPLAYED, WIDTH
+from reports.figures.panels import use_log_if_wide
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -85,13 +86,7 @@ def _lines(data: xr.Dataset, axis: Axis) -> Figure:
             top.plot(x, values, style, color=color, label=words)
     if "own_cost" in data and np.isfinite(data["own_cost"].values).any():
         top.plot(x, data["own_cost"].values, "x", color=GREY, label="outlier: its own solve")
-    positive_costs = data[["cost", "exact_cost"]].to_array().values[:, succeeded]
-    if (
-        positive_costs.size
-        and np.nanmin(positive_costs) > 0
-        and np.nanmax(positive_costs) > 20 * np.nanmin(positive_costs)
-    ):
-        top.set_yscale("log")
+    use_log_if_wide(top, data[["cost", "exact_cost"]].to_array().values[:, succeeded])
     top.set_ylabel("cost")
     middle.axhline(1, color=GREY, linewidth=0.8)
     middle.plot(x, replayed_ratio(data).values, "o-", color=CYCLE[4])
@@ -165,7 +160,6 @@ def _maps(data: xr.Dataset, span: tuple[Axis, Axis], slices: Sequence[Mapping[st
         axes.set_title(title)
     for axes in grid[-1]:
         axes.set_xlabel(_titled(span[0]))
-    for axes in grid[-1]:
         _ticks(axes.xaxis, span[0], horizontal=True)
     _ticks(grid[-1][0].yaxis, span[1])
     for column, shade in enumerate((shades.cost, shades.ratio)):
@@ -175,34 +169,30 @@ def _maps(data: xr.Dataset, span: tuple[Axis, Axis], slices: Sequence[Mapping[st
 
 
 def _map(axes: Axes, values: np.ndarray, norm: Normalize, colours: str) -> Any:
-    edges = [np.arange(size + 1) - 0.5 for size in reversed(values.shape)]
-    mesh = axes.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=values.size > 2500)
+    mesh = _mesh(axes, values, norm, colours)
     if values.size <= _WRITTEN:
         for (i, j), value in np.ndenumerate(values):
             if np.isfinite(value):
-                axes.text(
-                    j, i, f"{value:.3g}", ha="center", va="center", fontsize=7, color=_readable(mesh.cmap(norm(value)))
-                )
-    _framed(axes, values.shape)
+                color = _readable(mesh.cmap(norm(value)))
+                axes.text(j, i, f"{value:.3g}", ha="center", va="center", fontsize=7, color=color)
     return mesh
 
 
 def _verdicts(axes: Axes, grades: np.ndarray) -> Any:
     kinds = list(_GRADE_STYLES)
     codes = np.vectorize(kinds.index, otypes=[float])(grades)
-    edges = [np.arange(size + 1) - 0.5 for size in reversed(codes.shape)]
     colours = ListedColormap([color for color, _ in _GRADE_STYLES.values()])
-    mesh = axes.pcolormesh(
-        *edges, codes, cmap=colours, norm=Normalize(-0.5, len(kinds) - 0.5), rasterized=codes.size > 2500
-    )
-    _framed(axes, codes.shape)
-    return mesh
+    return _mesh(axes, codes, Normalize(-0.5, len(kinds) - 0.5), colours)
 
 
-def _framed(axes: Axes, shape: tuple[int, ...]) -> None:
+def _mesh(axes: Axes, values: np.ndarray, norm: Normalize, colours: str | ListedColormap) -> Any:
+    """Draw a cell for each of ``values`` (n_y, n_x) around whole coordinates, and end the axes there."""
+    edges = [np.arange(size + 1) - 0.5 for size in reversed(values.shape)]
+    mesh = axes.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=values.size > 2500)
     axes.grid(False)
     axes.set_facecolor(FAINT)
-    axes.set(xlim=(-0.5, shape[1] - 0.5), ylim=(-0.5, shape[0] - 0.5))
+    axes.set(xlim=edges[0][[0, -1]], ylim=edges[1][[0, -1]])
+    return mesh
 
 
 def _readable(colour: tuple[float, float, float, float]) -> str:

@@ -192,31 +192,9 @@ def _palette(canvas: Canvas, count: int) -> Image.Image:
 def _write_mp4(animation: Animation, draft: Path, report: Callable[[int], None]) -> None:
     canvas, count = Canvas(animation), len(animation.times)
     height, width = canvas.picture(0).shape[:2]
-    command = [
-        "ffmpeg",
-        "-y",
-        "-loglevel",
-        "error",
-        "-f",
-        "rawvideo",
-        "-pix_fmt",
-        "rgba",
-        "-video_size",
-        f"{width}x{height}",
-        "-framerate",
-        str(animation.fps),
-        "-i",
-        "-",
-        "-codec:v",
-        "h264",
-        "-preset",
-        "veryfast",
-        "-pix_fmt",
-        "yuv420p",
-        "-movflags",
-        "+faststart",
-        str(draft),
-    ]
+    source = f"-f rawvideo -pix_fmt rgba -video_size {width}x{height} -framerate {animation.fps} -i -"
+    target = "-codec:v h264 -preset veryfast -pix_fmt yuv420p -movflags +faststart"
+    command = ["ffmpeg", "-y", "-loglevel", "error", *source.split(), *target.split(), str(draft)]
     log = draft.with_name("ffmpeg.log")
     # If it ends early, its log and exit code give the reason.
     with (

@@ -165,9 +165,7 @@ def loop_rows(meta: Mapping[str, Any]) -> list[list[str]]:
 
 def loop_table(meta: Mapping[str, Any]) -> Table:
     """Return the rows of :func:`loop_rows` as a table."""
-    table = table_of("", ">", rows=loop_rows(meta))
-    table.show_header = False
-    return table
+    return table_of("", ">", rows=loop_rows(meta), header=False)
 
 
 def _share(value: float | None) -> str:

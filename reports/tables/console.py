@@ -50,9 +50,9 @@ def small(value: float | None) -> str:
     return "–" if value is None or not math.isfinite(value) else f"{value:.1e}"
 
 
-def table_of(*columns: str, rows: Iterable[Sequence[str]] = (), title: str | None = None) -> Table:
+def table_of(*columns: str, rows: Iterable[Sequence[str]] = (), title: str | None = None, header: bool = True) -> Table:
     """Return a table with titled columns, right-aligned where the title begins with ``>``."""
-    table = Table(box=None, title=title, title_justify="left", pad_edge=False, padding=(0, 2, 0, 0))
+    table = Table(box=None, title=title, title_justify="left", pad_edge=False, padding=(0, 2, 0, 0), show_header=header)
     for name in columns:
         head = Text(name.removeprefix(">"))  # a unit in brackets is no markup
         table.add_column(head, justify="right" if name[:1] == ">" else "left")
@@ -249,9 +249,7 @@ def result_table(solution: Solution) -> Table:
         ("time in functions, solver", total_s, f"s; {per_iteration_ms} ms per iteration"),
     ]
     rows[-3:-3] = [(name, small(value), explanation) for name, value, explanation in physics_residuals(audit)]
-    table = table_of("", ">", "", rows=rows)
-    table.show_header = False
-    return table
+    return table_of("", ">", "", rows=rows, header=False)
 
 
 def judged_rows(certificate: Certificate, referee: RefereeReport) -> list[tuple[str, str, str]]:

@@ -33,12 +33,7 @@ def data_document(data: Transitions) -> dict[str, Any]:
         "hash": data.hash,
         **_origin(provenance),
         "coordinates": _coordinates(
-            data.names,
-            data.units,
-            len(data.states),
-            data.z,
-            data.normalisation.shift,
-            data.normalisation.scale,
+            data.names, data.units, len(data.states), data.z, data.normalisation.shift, data.normalisation.scale
         ),
     }
 

@@ -45,8 +45,7 @@ def golden_table(golden: Mapping[str, Golden]) -> Table:
 
 def run_table(run: StoredRun) -> Table:
     """Return the description of one run, one line per key."""
-    table = table_of("", "")
-    table.show_header = False
+    table = table_of("", "", header=False)
     meta, record = run.meta, run.meta.get("record") or {}
     table.add_row("run", str(run.path))
     for key in ("kind", "problem", "created", "status", "cost", "return", "iterations", "seed", "tags", "revision"):

@@ -37,14 +37,7 @@ def robot_tables(content: Mapping[str, Any]) -> Iterator[tuple[str, Table]]:
     if content["motors"]:
         yield (
             "Motors",
-            table_of(
-                "motor",
-                "link",
-                "kind",
-                ">[N m, N]",
-                "input",
-                rows=list(map(_motor, content["motors"])),
-            ),
+            table_of("motor", "link", "kind", ">[N m, N]", "input", rows=list(map(_motor, content["motors"]))),
         )
     if contacts := content["contacts"]:
         yield (

@@ -58,30 +58,14 @@ def method_groups() -> list[SettingGroup]:
     """Return methods, settings of a solve, strategies and policies."""
     method_settings = [Setting(name, "", None, method.summary) for name, method in METHODS.items()]
     summary = "how a problem becomes a program"
+    strategy_settings = [Setting(name, "", None, meaning) for name, meaning in STRATEGY_USES.items()]
+    uses = "which for what, of the direct method under the exact law"
     return [
         SettingGroup("methods", "--method NAME", summary, method_settings),
-        solve_group(),
-        strategy_group(),
-        *policy_groups(),
+        SettingGroup("solve", "-s NAME=VALUE", "method, homotopy and solver of a solve", declared(Settings)),
+        SettingGroup("strategies", "-s strategy=NAME", uses, strategy_settings),
+        *_groups(POLICIES, "-s policy.NAME=VALUE"),
     ]
-
-
-def strategy_group() -> SettingGroup:
-    """Return strategies of exact complementarity with their uses."""
-    summary = "which for what, of the direct method under the exact law"
-    strategy_settings = [Setting(name, "", None, meaning) for name, meaning in STRATEGY_USES.items()]
-    return SettingGroup("strategies", "-s strategy=NAME", summary, strategy_settings)
-
-
-def solve_group() -> SettingGroup:
-    """Return our own settings of a solve."""
-    summary = "method, homotopy and solver of a solve"
-    return SettingGroup("solve", "-s NAME=VALUE", summary, declared(Settings))
-
-
-def policy_groups() -> list[SettingGroup]:
-    """Return policies with their settings."""
-    return _groups(POLICIES, "-s policy.NAME=VALUE")
 
 
 def estimator_groups() -> list[SettingGroup]:

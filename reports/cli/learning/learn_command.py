@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Generator
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -100,13 +101,18 @@ def _drawn(options: CollectOptions, request: CollectRequest) -> list[Drawn]:
         CollectJob(request.file, request.params, request.content, piece)
         for piece in split_pieces(request.samples, options.seed)
     ]
-    piece_at: dict[int, Drawn] = {}
-    with closing(run_jobs(collect_piece, jobs, options.jobs, options.scheduler)) as outcomes:
+    return _in_order(run_jobs(collect_piece, jobs, options.jobs, options.scheduler))
+
+
+def _in_order(outcomes: Generator[tuple[int, Any]]) -> list[Any]:
+    """Return the results of jobs in the order of the jobs; raises the error of the first that fails."""
+    results: dict[int, Any] = {}
+    with closing(outcomes):
         for place, outcome in outcomes:
             if isinstance(outcome, Failure):
                 raise outcome.error
-            piece_at[place] = outcome
-    return [piece_at[place] for place in sorted(piece_at)]
+            results[place] = outcome
+    return [results[place] for place in sorted(results)]
 
 
 MODELS = {"ewda": "weighted average of the data", "mlp": "network trained on noised data"}
@@ -281,13 +287,7 @@ def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> li
             interrupt.raise_if_interrupted()
             show(Epoch(**message), f"seed {jobs[place].seed}: " if len(jobs) > 1 else "")
 
-        work = run_jobs(train_network, jobs, options.jobs, options.scheduler, callback)
-        model_at: dict[int, Learned] = {}
-        for place, outcome in resources.enter_context(closing(work)):
-            if isinstance(outcome, Failure):
-                raise outcome.error
-            model_at[place] = outcome
-    return [model_at[place] for place in sorted(model_at)]
+        return _in_order(run_jobs(train_network, jobs, options.jobs, options.scheduler, callback))
 
 
 def _described(data: Transitions, model: Any, held_out: Any, noise: float, seed: int) -> xr.Dataset:

@@ -102,10 +102,7 @@ class EvaluateOptions(RunOptions, LawOptions):
     """
 
     code: ClassVar = "reports.cli.learning.train_command:evaluate"
-    examples: ClassVar = (
-        "evaluate @last",
-        "evaluate @last --contact barrier -c mu=1e-3 --episodes 1000",
-    )
+    examples: ClassVar = ("evaluate @last", "evaluate @last --contact barrier -c mu=1e-3 --episodes 1000")
     contact: str = option("exact", help=LAW_HELP)
     episodes: int = option(100, "-n", min=1, max=1_000_000, help="Number of episodes.")
     seed: int = option(0, min=0, help="Seed of the initial states.")

@@ -25,11 +25,7 @@ class FigureOptions(JobsOptions, StoreOptions):
     """
 
     code: ClassVar = "reports.cli.figure_command"
-    examples: ClassVar = (
-        "figure A1",
-        "figure --all --quick -j 4",
-        "figure P3 P6 --format svg --panel b",
-    )
+    examples: ClassVar = ("figure A1", "figure --all --quick -j 4", "figure P3 P6 --format svg --panel b")
     figures: list[str] | None = argument(None, help="Figures, such as P6 (ocp list), or stored runs to draw again.")
     every: bool = option(False, "--all", help="All figures.")
     quick: bool = option(False, help="Smaller sizes for long studies.")
@@ -61,10 +57,7 @@ class AnimateOptions(RunOptions, SourceOptions):
     """Animate a stored run: bodies and contact forces of the plan and of its exact replay."""
 
     code: ClassVar = "reports.cli.report_command:animate"
-    examples: ClassVar = (
-        "animate @last -o motion.gif",
-        "animate push-disc -o push.html --speed 0.5",
-    )
+    examples: ClassVar = ("animate @last -o motion.gif", "animate push-disc -o push.html --speed 0.5")
     file: Path = option(MISSING, "--output", "-o", help="The .gif, .mp4 or .html file to write.")
     fps: int = option(25, min=1, max=100, help="Frames per second.")
     speed: float = option(1.0, min=1e-3, max=1e3, help="1 is real time, 0.5 half speed.")
@@ -76,13 +69,9 @@ class ExportOptions(SourceOptions):
     """Write one step of a problem, its derivatives and a run's policy as one C11 file."""
 
     code: ClassVar = "reports.cli.export_command"
-    examples: ClassVar = (
-        "export push-disc --contact barrier -c mu=1e-3 -o step.c",
-        "export @last -o policy.c",
-    )
+    examples: ClassVar = ("export push-disc --contact barrier -c mu=1e-3 -o step.c", "export @last -o policy.c")
     subject: str = argument(
-        metavar="RUN|PROBLEM",
-        help="A run: its path, or part of its name; or a problem: its name or file.",
+        metavar="RUN|PROBLEM", help="A run: its path, or part of its name; or a problem: its name or file."
     )
     file: Path = option(MISSING, "--output", "-o", help="The C file to write.")
     params: list[str] | None = assignment("--param", "-p", help="Parameter of the problem.")

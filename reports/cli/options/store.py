@@ -6,13 +6,7 @@ from dataclasses import MISSING
 from pathlib import Path
 from typing import ClassVar
 
-from reports.cli.options.shared import (
-    RUN_HELP,
-    RunOptions,
-    StoreOptions,
-    argument,
-    option,
-)
+from reports.cli.options.shared import RUN_HELP, RunOptions, StoreOptions, argument, option
 
 
 class RunsOptions(StoreOptions):
@@ -38,10 +32,7 @@ class RunsOptions(StoreOptions):
     algorithm: str | None = option(None, help="Only policies trained by this algorithm.")
     status: str | None = option(None, help="Only this status: solved, survives, interrupted, damaged, ...")
     tags: list[str] | None = option(
-        None,
-        "--tag",
-        metavar="WORD",
-        help="Only runs with this tag; repeat for several, all of which must match.",
+        None, "--tag", metavar="WORD", help="Only runs with this tag; repeat for several, all of which must match."
     )
     since: str | None = option(None, metavar="WHEN", help="Only runs since a date (2026-01-31) or in the last 2h, 7d.")
     last: int | None = option(None, "-n", min=1, metavar="N", help="The last N matching runs; 100 if not given.")

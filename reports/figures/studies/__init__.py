@@ -1,13 +1,6 @@
 """Drawings of the studies, by the study's identifier."""
 
-from reports.figures.studies import (
-    in_the_loop,
-    learned_laws,
-    noising,
-    pathologies,
-    policies,
-    smoothing,
-)
+from reports.figures.studies import in_the_loop, learned_laws, noising, pathologies, policies, smoothing
 from reports.figures.studies.panels import Drawing
 
 DRAWINGS: dict[str, Drawing] = {

@@ -10,14 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
-from problems.studies.laws_in_the_loop.data import (
-    FEEDBACK,
-    INPUTS,
-    LAWS,
-    relative_cost,
-    run_settings,
-    survival,
-)
+from problems.studies.laws_in_the_loop.data import FEEDBACK, INPUTS, LAWS, relative_cost, run_settings, survival
 from problems.studies.shared.trainings import mean_difference
 from reports.drawing.style import FAINT, INK, WIDTH
 from reports.figures.studies.panels import drawing
@@ -35,7 +28,7 @@ _EXCESS_RANGE = (1e-3, 100.0)
     "check mark: all runs survive, at no more than twice the best cost on the model; in brackets: "
     "so many of them do. Left: planning again at every sample under each law, over two horizons. "
     "Right: gains of the linear-quadratic regulator along one plan, and that plan's inputs alone, "
-    "over the first horizon. Above each column the median of the times of a sample.",
+    "over the first horizon. Above each column the median of the times of a sample."
 )
 def c1(data: xr.Dataset) -> Figure:
     """Draw two heat maps: a row per task and plant, a column per controller."""

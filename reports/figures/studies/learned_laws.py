@@ -45,7 +45,7 @@ _ENDS: dict[str, dict[str, Any]] = {
     "policies do under the exact law. Then: final exact cost of policies learned through the "
     "average of data and through the noised network, over the width of the noise and the amount "
     "of data, as a multiple of what standing still costs: less is blue, more is red. Bottom: the "
-    "object's part of the cost of IPOPT's input sequences, at rest, as planned, and replayed.",
+    "object's part of the cost of IPOPT's input sequences, at rest, as planned, and replayed."
 )
 def n2(data: xr.Dataset) -> Figure:
     """Draw curves, strobes, heat maps and bars of two problems."""
@@ -145,7 +145,7 @@ _EXCESS_RANGE = (1e-3, 100.0)
     "seconds of the processor, collecting and training included. Medians over seeds, how many "
     "of them survive. Bottom: the average of data with trust over its weight beta, as a share of a "
     "step's cost at rest, median and range over seeds; left how much dearer the replay is than the "
-    "plan, right what the replay costs, as a share of standing still.",
+    "plan, right what the replay costs, as a share of standing still."
 )
 def n3(data: xr.Dataset) -> Figure:
     """Draw the table of excess costs, and the effect of trust below it."""
@@ -240,7 +240,7 @@ _PSI_RANGE = (0.2, 5.0)
     "the same at the full number, where transitions are exact, noisy, or of a hopper with a drag "
     "that the model lacks. Middle: mean of the random search's candidates, from one start; the "
     "second pass begins where psi moves again. Bottom: psi over its truth with 95 % intervals, all "
-    "starts; what leaves the axis is cut at its edge.",
+    "starts; what leaves the axis is cut at its edge."
 )
 def am(data: xr.Dataset) -> Figure:
     """Draw errors above, the random search in the middle, and psi below."""

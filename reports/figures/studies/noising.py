@@ -19,7 +19,7 @@ from reports.figures.studies.panels import drawing, light_to_dark
     "g against f_sigma near the last datum. Networks: distance of h from g over the number of "
     "noised pairs, medians, and the rate -1/2. Neighbours: effective number of data in an average "
     "of g; diamonds: planar-push (7) and planar-hand (11) in the tube, at sigma = 0.2 of the "
-    "deviation, open: data in ranges, filled: half of them in the tube.",
+    "deviation, open: data in ranges, filled: half of them in the tube."
 )
 def n0(data: xr.Dataset) -> Figure:
     """Draw six panels: lemmas, walls, ends, networks and neighbours."""
@@ -137,7 +137,7 @@ _WALL_M = 1.0
     "Monte Carlo of f_sigma. Right: a block at x between walls at -1 m and 1 m; hatched: "
     "penetration, where no data are; thin dashed: no motion. Ticks below: the data (of the dense "
     "ones every tenth). Bottom: rollouts of the average and of the network from penetration, "
-    "dense data, as cobwebs: up to the map, across to the diagonal, and again.",
+    "dense data, as cobwebs: up to the map, across to the diagonal, and again."
 )
 def n1(data: xr.Dataset) -> Figure:
     """Draw scenes, learned maps of sparse and of dense data, and rollouts; pusher left, block right."""

@@ -52,12 +52,7 @@ def impulse_arrow(axis: Axes, place: float, start: float, end: float) -> None:
 
 
 def quartile_curve(
-    axis: Axes,
-    x: ArrayLike,
-    values: np.ndarray,
-    color: str,
-    style: Any = "-",
-    label: str | None = None,
+    axis: Axes, x: ArrayLike, values: np.ndarray, color: str, style: Any = "-", label: str | None = None
 ) -> None:
     """Draw the median over runs of ``values`` (runs, n), and the band of the middle half."""
     low, middle, high = np.quantile(values, [0.25, 0.5, 0.75], axis=0)

@@ -21,7 +21,7 @@ _P1_COLUMNS = (
 
 @drawing(
     "Top: the objective (black) and its smoothing over the decision. Bottom: the gradient of the "
-    "smoothed objective by quadrature (grey), and the estimates from equally many samples.",
+    "smoothed objective by quadrature (grey), and the estimates from equally many samples."
 )
 def p1(data: xr.Dataset) -> Figure:
     """Draw objectives above gradients, one column per system."""
@@ -48,7 +48,7 @@ _P2_MARKERS = {"zobg": "o", "zobg-zero-noise": "^", "zobg-mean": "s", "fobg": "x
 
 @drawing(
     "Heaviside objective and its smoothed form, gradient estimates and the empirical variance of "
-    "one sample over the decision; lines: closed forms, marks: samples.",
+    "one sample over the decision; lines: closed forms, marks: samples."
 )
 def p2(data: xr.Dataset) -> Figure:
     """Draw objective, gradient and variance over theta."""
@@ -78,7 +78,7 @@ def p2(data: xr.Dataset) -> Figure:
 @drawing(
     "Relaxed friction over sliding velocity, and the impulse on a block behind it (dashed); "
     "estimates over sample count; empirical variance over slip tolerance (marks: 1000 samples, "
-    "crosses: many, lines: closed forms), and that of the block.",
+    "crosses: many, lines: closed forms), and that of the block."
 )
 def p3(data: xr.Dataset) -> Figure:
     """Draw friction, running estimates, and variances over the tolerance."""
@@ -121,7 +121,7 @@ _P4_COLORS = (GREEN, PURPLE)
     "Top: throws past the corner of the rectangle (left) and of the dome (right). Middle: minus "
     "the distance over the angle (left); variance of one sample's gradient at the corner's angle "
     "as the dome shrinks (right). Bottom: gradient of the smoothed objective by quadrature (grey) "
-    "and estimates, at the rectangle (left) and the dome (right).",
+    "and estimates, at the rectangle (left) and the dome (right)."
 )
 def p4(data: xr.Dataset) -> Figure:
     """Draw paths, objective, variance and gradients."""
@@ -159,7 +159,7 @@ def p4(data: xr.Dataset) -> Figure:
 @drawing(
     "Variance of the gradient by all inputs over the stiffness of the spring; the vertical line is "
     "the analytic limit of semi-implicit integration. Horizontal: implicit time stepping, which "
-    "has no stiffness, under the exact law (full) and softened (dotted).",
+    "has no stiffness, under the exact law (full) and softened (dotted)."
 )
 def p5(data: xr.Dataset) -> Figure:
     """Draw the variance over the stiffness k."""
@@ -184,7 +184,7 @@ def p5(data: xr.Dataset) -> Figure:
 
 @drawing(
     "Next position and its slope over the input impulse at (x, v) = 0: the QP of eq. 3 (dashed) "
-    "and the log barrier of eq. 4 (lines: contact law; dots: closed form of eq. 5).",
+    "and the log barrier of eq. 4 (lines: contact law; dots: closed form of eq. 5)."
 )
 def p6(data: xr.Dataset) -> Figure:
     """Draw the next position and its derivative over the input."""
@@ -213,7 +213,7 @@ _P7_UNITS = {"heaviside": "", "coulomb": " [m/s]", "ball-wall": " [rad]"}
 
 @drawing(
     "Above: gradient estimates of one run over the decision (line: the gradient, band: the allowed "
-    "error). Below: mean weight of the first order over all runs.",
+    "error). Below: mean weight of the first order over all runs."
 )
 def p7(data: xr.Dataset) -> Figure:
     """Draw estimates and weights of the three cases."""

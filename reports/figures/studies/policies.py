@@ -18,7 +18,7 @@ from reports.figures.studies.panels import drawing, quartile_curve
 
 @drawing(
     "Left: variance of one unroll's gradient, mean over the policies of a training (band: their "
-    "range). Right: growth of its logarithm a step from H = 5 on, with twice its standard error.",
+    "range). Right: growth of its logarithm a step from H = 5 on, with twice its standard error."
 )
 def a3(data: xr.Dataset) -> Figure:
     """Draw variances over the length, and growth rates by law."""
@@ -52,7 +52,7 @@ def a3(data: xr.Dataset) -> Figure:
     "Returns of whole episodes under the exact law: median over seeds, and the range of the middle "
     "half, over the simulated steps that all spend, over MBPO's own and over wall time. Below, "
     "every seed's policy over the steps of a plan from the same starts, as a share of what the "
-    "best plan's inputs return.",
+    "best plan's inputs return."
 )
 def a4(data: xr.Dataset) -> Figure:
     """Draw returns over steps and over time, a row per task, then shares of the best plan."""
@@ -102,7 +102,7 @@ def curves(axes: Axes, data: xr.DataArray, dimension: str, with_labels: bool) ->
 
 @drawing(
     "Left: return of whole episodes under the exact law, median over seeds and middle half. Right: "
-    "variance of one unroll's gradient, median over seeds.",
+    "variance of one unroll's gradient, median over seeds."
 )
 def a5(data: xr.Dataset) -> Figure:
     """Draw returns and gradient variances over iterations."""
@@ -128,7 +128,7 @@ _A7_SMALLEST_LOSS = 1e-5
 @drawing(
     "Above: how much exact return a decision lacks over iterations, median and quartiles over "
     "runs. Below: the return over angle and speed under three laws, light where it is high, with "
-    "the iterates of one run, its end (dot) and the goal's throw (cross).",
+    "the iterates of one run, its end (dot) and the goal's throw (cross)."
 )
 def a7(data: xr.Dataset) -> Figure:
     """Draw curves of all methods above the landscapes of three laws."""
@@ -166,7 +166,7 @@ def a7(data: xr.Dataset) -> Figure:
 @drawing(
     "Left: mean square norm of the gradient of J over the steps of ascent, mean over runs. Middle: "
     "bias and variance of the batch's gradient, means over runs. Right: the smallest mean square "
-    "norm (dot) and the bound on it (bar).",
+    "norm (dot) and the bound on it (bar)."
 )
 def at(data: xr.Dataset) -> Figure:
     """Draw norms, bias and variance over steps, and both sides of the bound."""

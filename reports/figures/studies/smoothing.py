@@ -14,7 +14,7 @@ from reports.figures.studies.panels import drawing, impulse_arrow, light_to_dark
 @drawing(
     "Top: the adaptive mu(z) and the contact impulse over the gap. Bottom: how far each softening "
     "is from the exact law, and the density of the noise that it stands for (lines: F times the "
-    "curvature of the contact law; dots: Student's t with 2 degrees of freedom, and the Gaussian).",
+    "curvature of the contact law; dots: Student's t with 2 degrees of freedom, and the Gaussian)."
 )
 def a1(data: xr.Dataset) -> Figure:
     """Draw mu, impulse, error and noise density over z."""
@@ -51,7 +51,7 @@ def a1(data: xr.Dataset) -> Figure:
 @drawing(
     "Height, vertical velocity and its derivative along the horizontal position. Top: the "
     "softened equation of motion (C.1), which is elastic. Bottom: time stepping, softened (lines) "
-    "and exact (dashed), which is plastic; the arrow stands for the impulse.",
+    "and exact (dashed), which is plastic; the arrow stands for the impulse."
 )
 def a2(data: xr.Dataset) -> Figure:
     """Draw height, velocity and its derivative, in a row per model."""
@@ -89,7 +89,7 @@ def a2(data: xr.Dataset) -> Figure:
 @drawing(
     "Variance of one sample's gradient by the throw's velocity, the largest over both components "
     "and over when the rollout ends, for first-order (left) and likelihood-ratio gradients "
-    "(right).",
+    "(right)."
 )
 def a2v(data: xr.Dataset) -> Figure:
     """Draw the variance over mu for every step size."""
@@ -118,7 +118,7 @@ _SAMPLED_COLORS = (ORANGE, PURPLE, GREEN)
     "Left: derivative of the vertical velocity along a throw, around its impact; the arrow stands "
     "for the impulse of the exact law. Right: derivative of the box's next velocity by the push. "
     "Barrier smoothing in full lines, randomized smoothing as points; the exact ball that it "
-    "averages has the finest of three steps.",
+    "averages has the finest of three steps."
 )
 def a6(data: xr.Dataset) -> Figure:
     """Draw an impact on the left and friction on the right."""
@@ -159,7 +159,7 @@ def a6(data: xr.Dataset) -> Figure:
     "Top left: how often each bound holds over all sizes. Top right: largest slope and curvature "
     "over mu at four contacts, with the bound of thm. 4.5 as printed. Bottom left: slope over "
     "bound, median and range over the draws. Bottom right: gradient variance over the horizon "
-    "(dots), with the growth that thm. 4.4 would allow, L^4H, from the first point (dotted).",
+    "(dots), with the growth that thm. 4.4 would allow, L^4H, from the first point (dotted)."
 )
 def t1(data: xr.Dataset) -> Figure:
     """Draw how often bounds hold, scaling with mu, looseness of the bounds, and variance."""
