@@ -10,7 +10,7 @@ import numpy as np
 
 from ocp.continuation.events import LOCATION_TOLERANCE, Event, degenerate_event
 from ocp.errors import InputError
-from ocp.judge.kkt import Held, KKTCurve, regular
+from ocp.judge.kkt import Held, KKTCurve, regular_curve
 from ocp.problem.evaluation import Evaluation
 from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import Branches
@@ -71,7 +71,7 @@ class Tracker:
         values = dict(self.session.values)
         unit = abs(values[self.name]) if self.log else self.span
         try:
-            self.curve, self.v = regular(program, point, values, self.name, unit)
+            self.curve, self.v = regular_curve(program, point, values, self.name, unit)
         except InputError:
             return
         self.wasted += self.curve.iterations
@@ -98,7 +98,7 @@ class Tracker:
         curve, v, goal = self.curve, self.v, value / self.curve.unit
         curve.iterations, smallest_move, target = 0, MIN_MOVE_SHARE * self._distance(v[-1], goal), goal
         for _ in range(MAX_EVENTS):
-            candidate = curve.at(v, target)
+            candidate = curve.corrected_point(v, target)
             below = self._violated(curve, candidate)
             # The minimum has become a saddle: a singular point was passed.
             if candidate is None or below is None or (not below.any() and curve.curvature(candidate) > self.down):
@@ -114,7 +114,7 @@ class Tracker:
                     return self._outcome(iterations, time.perf_counter() - start_time)
                 target = goal
                 continue
-            if not curve.own.size:
+            if not curve.pairs.size:
                 self.kinked = True
                 break
             v, end = self._locate_event(curve, v, candidate)
@@ -140,22 +140,22 @@ class Tracker:
         if v is None:
             return None
         below = self._finite_margins(curve.margins(v)) < -ACTIVE_SET_TOLERANCE
-        return None if not curve.own.size and below[curve.program.pairs].any() else below
+        return None if not curve.pairs.size and below[curve.program.pairs].any() else below
 
     def _changed(self, curve: KKTCurve, v: np.ndarray, end: int) -> KKTCurve | None:
         """Return the curve beyond an event; None if a pair at (0, 0) would gain by leaving it."""
-        held = curve.held.toggled(end)
-        if end in curve.own and held.x[end]:
+        held = curve.held.toggle_end(end)
+        if end in curve.pairs and held.x[end]:
             if curve.program.reformulation != "none":
                 return None
-            column = np.flatnonzero((curve.own == end).any(axis=0))[0]
-            if (curve.press(v)[curve.own[:, column]] < -ACTIVE_SET_TOLERANCE).any():
+            column = np.flatnonzero((curve.pairs == end).any(axis=0))[0]
+            if (curve.lower_slopes(v)[curve.pairs[:, column]] < -ACTIVE_SET_TOLERANCE).any():
                 return None
         return self._curve(curve, v, held)
 
     def _curve(self, curve: KKTCurve, v: np.ndarray, held: Held) -> KKTCurve:
         """Return a curve through a point of another, with the scaling and unit of that point."""
-        (x, y), value = curve.point(v), float(v[-1] * curve.unit)
+        (x, y), value = curve.primal_dual(v), float(v[-1] * curve.unit)
         unit = abs(value) if self.log else self.span
         values = {**curve.values, self.name: value}
         return KKTCurve(curve.program, values, self.name, unit, Point(x), y, held)
@@ -174,7 +174,7 @@ class Tracker:
             if share * wide <= width or wide <= width:
                 return low, end
             share = 0.5 if count % 3 == 2 else min(share + 0.1 * width / wide, 1.0)
-            middle = curve.at(low, low[-1] + share * (high[-1] - low[-1]))
+            middle = curve.corrected_point(low, low[-1] + share * (high[-1] - low[-1]))
             if middle is None:
                 return low, end
             margins = self._finite_margins(curve.margins(middle))
@@ -188,15 +188,15 @@ class Tracker:
         return np.where(np.isnan(margins), -np.inf, margins)
 
     def _event(self, curve: KKTCurve, v: np.ndarray, end: int) -> Event:
-        name, step, contact = curve.place(end)
-        cost, value = curve.result(v)[1], float(v[-1] * curve.unit)
-        if contact and (curve.margins(v)[curve.own] < WEAK_MARGIN).any(axis=0).sum() > 1:
+        name, step, contact = curve.end_name(end)
+        cost, value = curve.solver_point(v)[1], float(v[-1] * curve.unit)
+        if contact and (curve.margins(v)[curve.pairs] < WEAK_MARGIN).any(axis=0).sum() > 1:
             return degenerate_event(value, cost)
         if not contact:
-            change = "leaves its bound" if curve.held.holds(end) else "meets its bound"
+            change = "leaves its bound" if curve.held.holds_end(end) else "meets its bound"
             return Event("bound", value, cost, change, name, (step,))
         first = bool((curve.program.pairs[0] == end).any())
-        acts = curve.held.toggled(end).x[end] != 0
+        acts = curve.held.toggle_end(end).x[end] != 0
         change = "comes to rest" if first else "touches"
         if not acts:
             change = "acts" if first else "opens"
@@ -205,17 +205,17 @@ class Tracker:
     def _outcome(self, iterations: int, seconds: float) -> RouteResult:
         assert self.curve is not None
         curve, session = self.curve, self.session
-        (point, f, g), value = curve.result(self.v), self.value
+        (point, f, g), value = curve.solver_point(self.v), self.value
         self.curve = self._curve(curve, self.v, curve.held)
         result = Result(point, f, g, Status.SOLVED, "newton", iterations, seconds)
         follower = Homotopy(session.nlp_of, session.solver, session.values)
-        follower.record(self.name, value, self.program, result, *curve.given(self.v[-1]))
+        follower.record(self.name, value, self.program, result, *curve.problem_data(self.v[-1]))
         self.v = self.curve.start
         return RouteResult(result, self.program, True, follower.trace)
 
     def pair_changes(self, old_curve: KKTCurve, outcome: RouteResult) -> list[Event]:
         """Return events, at this point, of the pairs whose state differs from that on another curve."""
-        if self.curve is None or not self.curve.own.size:
+        if self.curve is None or not self.curve.pairs.size:
             return []
         program = self.curve.program
         changed_pairs = (old_curve.held.x != self.curve.held.x)[program.pairs].any(axis=0)
@@ -266,15 +266,15 @@ class Tracker:
         assert curve is not None
         while other.curve is not None and abs(high - low) > 0.1 * LOCATION_TOLERANCE * curve.unit:
             middle = (low + high) / 2
-            own_point = curve.at(v, middle / curve.unit)
-            other_point = other.curve.at(other.v, middle / other.curve.unit)
+            own_point = curve.corrected_point(v, middle / curve.unit)
+            other_point = other.curve.corrected_point(other.v, middle / other.curve.unit)
             below = self._violated(other.curve, other_point)
             gain = -1.0
             if own_point is not None and other_point is not None and below is not None and not below.any():
-                gain = curve.result(own_point)[1] - other.curve.result(other_point)[1]
+                gain = curve.solver_point(own_point)[1] - other.curve.solver_point(other_point)[1]
             if gain > 0 and own_point is not None and other_point is not None:
                 high, v, other.v = middle, own_point, other_point
-                cost = self.cost(curve.result(own_point)[1], middle)
+                cost = self.cost(curve.solver_point(own_point)[1], middle)
             else:
                 low = middle
         ending = "becomes cheaper"
@@ -308,7 +308,7 @@ class Tracker:
                 continue
             if tangent[-1] * t[-1] < 0:
                 fold_point = self._fold(curve, v, t, weights, arc)
-                cost, value = curve.result(fold_point)[1], float(fold_point[-1] * curve.unit)
+                cost, value = curve.solver_point(fold_point)[1], float(fold_point[-1] * curve.unit)
                 self.events = [Event("fold", value, cost, "turns")]
                 edge = fold_point[-1] if not passed_fold else edge
                 passed_fold = True

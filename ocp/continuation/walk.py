@@ -248,9 +248,9 @@ class _Walk:
     def _solved(self, value: float, small: bool = True, ended: bool = False) -> bool:
         """Solve at a value; a jump off the tangent, or with pairs, counts only after a small step."""
         tracker, curve = self.tracker, self.tracker.curve
-        if curve is not None and curve.own.size and not small:
+        if curve is not None and curve.pairs.size and not small:
             return False
-        warm = self.outcome.result.point if curve is None else curve.result(tracker.v)[0]
+        warm = self.outcome.result.point if curve is None else curve.solver_point(tracker.v)[0]
         outcome = self._solve(value, warm)
         jumped = curve is not None and tracker.has_jumped(outcome, value)
         if (jumped and not small) or not self._add(outcome, value):

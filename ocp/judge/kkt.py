@@ -35,7 +35,7 @@ class Held:
     x: np.ndarray
     g: np.ndarray
 
-    def toggled(self, end: int) -> Held:
+    def toggle_end(self, end: int) -> Held:
         """Hold what is free, or free what is held, at an end of :meth:`KKTCurve.margins`."""
         x, g = self.x.copy(), self.g.copy()
         signs, index = (x, end) if end < 2 * x.size else (g, end - 2 * x.size)
@@ -43,9 +43,9 @@ class Held:
         signs[index] = 0 if signs[index] else sign
         return Held(x, g)
 
-    def holds(self, end: int) -> bool:
+    def holds_end(self, end: int) -> bool:
         """Return whether an end of :meth:`KKTCurve.margins` is held."""
-        toggled = self.toggled(end)
+        toggled = self.toggle_end(end)
         return np.abs(toggled.x).sum() + np.abs(toggled.g).sum() < (np.abs(self.x).sum() + np.abs(self.g).sum())
 
 
@@ -73,14 +73,14 @@ class KKTCurve:
 
         self.program, self.values, self.name, self.unit = program, values, name, unit
         x = point.x
-        p, bounds = self.given(values[name] / unit)
+        p, bounds = self.problem_data(values[name] / unit)
         gradient, g, jacobian = program.slopes(x, p)
         self.sizes = program.sizes(x)
         smallest = 1e-12 * program.natural.f
         self.scale = max(float(np.abs(gradient * self.sizes).max(initial=0.0)), smallest)
         largest = abs(jacobian @ sp.diags(self.sizes)).max(axis=1).toarray().ravel()
         self.rows = 1 / np.maximum(largest, 1e-12)
-        self.own = program.pairs if program.reformulation == "none" else np.zeros((2, 0), dtype=int)
+        self.pairs = program.pairs if program.reformulation == "none" else np.zeros((2, 0), dtype=int)
         reduced = gradient + jacobian.T @ multipliers
         self.held = held or self._held(x, reduced, multipliers, g * self.rows, bounds)
         self.free, self.acting = self.held.x == 0, self.held.g != 0
@@ -94,7 +94,7 @@ class KKTCurve:
         """Unit vector of the parameter."""
         return np.eye(1, self.start.size, self.start.size - 1).ravel()
 
-    def given(self, tau: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def problem_data(self, tau: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Parameter vector and bounds at a coordinate of the parameter."""
         values = {**self.values, self.name: tau * self.unit, PENALTY: 0.0}
         return self.program.parameter_vector(values), self.program.bounds(values)
@@ -112,18 +112,18 @@ class KKTCurve:
         lower, upper = bounds["lbx"] / self.sizes, bounds["ubx"] / self.sizes
         held_x = _pressing(slope, -slope, x / self.sizes, lower, upper)
         held_g = _pressing(-eta, eta, g, bounds["lbg"] * self.rows, bounds["ubg"] * self.rows)
-        if self.own.size:
-            members = x[self.own] / self.sizes[self.own]
+        if self.pairs.size:
+            members = x[self.pairs] / self.sizes[self.pairs]
             smaller = np.argmin(members, axis=0)
-            held_x[self.own[smaller, np.arange(smaller.size)]] = -1
-            held_x[self.own] *= (members < _BIACTIVE_MEMBER) | (np.arange(2)[:, None] == smaller)
+            held_x[self.pairs[smaller, np.arange(smaller.size)]] = -1
+            held_x[self.pairs] *= (members < _BIACTIVE_MEMBER) | (np.arange(2)[:, None] == smaller)
         else:
             held_x[self.program.pairs] = 0
         return Held(held_x, held_g)
 
-    def point(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def primal_dual(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Variables (n,) and multipliers of all rows (m,) at coordinates v."""
-        _, bounds = self.given(v[-1])
+        _, bounds = self.problem_data(v[-1])
         x = np.where(self.held.x < 0, bounds["lbx"], bounds["ubx"])
         x[self.free] = v[: self.nx] * self.sizes[self.free]
         y = np.zeros(self.acting.size)
@@ -132,7 +132,7 @@ class KKTCurve:
 
     def _state(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Slope of the Lagrangian (n,) and constraints (m,), scaled, and the bounds."""
-        (x, y), (p, bounds) = self.point(v), self.given(v[-1])
+        (x, y), (p, bounds) = self.primal_dual(v), self.problem_data(v[-1])
         gradient, g, jacobian = self.program.slopes(x, p)
         return (gradient + jacobian.T @ y) * self.sizes / self.scale, g * self.rows, bounds
 
@@ -146,7 +146,7 @@ class KKTCurve:
         """Derivative of :meth:`equations`: the reduced KKT matrix, the parameter's column last."""
         import scipy.sparse as sp
 
-        (x, y), (p, _) = self.point(v), self.given(v[-1])
+        (x, y), (p, _) = self.primal_dual(v), self.problem_data(v[-1])
         H, A = self._second(x, y, p)
         step = _CENTRAL_STEP * self.parameter_direction
         last = (self.equations(v + step) - self.equations(v - step)) / (2 * _CENTRAL_STEP)
@@ -163,8 +163,8 @@ class KKTCurve:
 
     def curvature(self, v: np.ndarray) -> int:
         """Directions along which the Lagrangian curves down on the held set."""
-        x, y = self.point(v)
-        return negative_curvature(*self._second(x, y, self.given(v[-1])[0]))
+        x, y = self.primal_dual(v)
+        return negative_curvature(*self._second(x, y, self.problem_data(v[-1])[0]))
 
     def solve(self, v: np.ndarray, border: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Solve the KKT matrix bordered below by a row, regularised by 1e-12; NaN where singular.
@@ -201,7 +201,7 @@ class KKTCurve:
                 return v
         return None
 
-    def at(self, v: np.ndarray, tau: float) -> np.ndarray | None:
+    def corrected_point(self, v: np.ndarray, tau: float) -> np.ndarray | None:
         """Predict along the tangent to a value of the parameter, and correct there.
 
         A correction of more than half the predicted way is a jump to another curve: None.
@@ -222,22 +222,22 @@ class KKTCurve:
         equations, and the one held member of a pair, whose multiplier may have either sign.
         """
         slope, g, bounds = self._state(v)
-        x, y = self.point(v)
+        x, y = self.primal_dual(v)
         eta = y / (self.scale * self.rows)
         slack_groups = [
             _margins(x / self.sizes, bounds["lbx"] / self.sizes, bounds["ubx"] / self.sizes, slope, self.held.x),
             _margins(g, bounds["lbg"] * self.rows, bounds["ubg"] * self.rows, -eta, self.held.g),
         ]
-        if self.own.size:
-            holds = self.held.x[self.own] != 0
-            slack_groups[0][0][self.own[holds & (holds.sum(axis=0) == 1)]] = np.inf
+        if self.pairs.size:
+            holds = self.held.x[self.pairs] != 0
+            slack_groups[0][0][self.pairs[holds & (holds.sum(axis=0) == 1)]] = np.inf
         return np.concatenate([np.concatenate(part) for part in slack_groups])
 
-    def press(self, v: np.ndarray) -> np.ndarray:
+    def lower_slopes(self, v: np.ndarray) -> np.ndarray:
         """Return the slopes with which variables press against their lower ends, scaled; zero where free."""
         return self._state(v)[0]
 
-    def place(self, end: int) -> tuple[str, int, bool]:
+    def end_name(self, end: int) -> tuple[str, int, bool]:
         """Name and step of an end of :meth:`margins`, and whether it belongs to a pair."""
         program = self.program
         if end < 2 * program.n:
@@ -252,14 +252,14 @@ class KKTCurve:
         name = block.components[index[-1]] if block.components else block.name
         return name, int(index[1]) if len(index) > 2 else 0, False
 
-    def result(self, v: np.ndarray) -> tuple[Point, float, np.ndarray]:
+    def solver_point(self, v: np.ndarray) -> tuple[Point, float, np.ndarray]:
         """Point with the multipliers of rows and bounds, cost and constraints."""
-        (x, y), (p, _) = self.point(v), self.given(v[-1])
+        (x, y), (p, _) = self.primal_dual(v), self.problem_data(v[-1])
         slope = self._state(v)[0] * self.scale / self.sizes
         return Point(x, np.where(self.free, 0.0, -slope), y), *self.program.values(x, p)
 
 
-def regular(
+def regular_curve(
     program: Program, point: Point, values: dict[str, float], name: str, unit: float
 ) -> tuple[KKTCurve, np.ndarray]:
     """Put a solved point on its curve; raises ``InputError`` where it has none."""

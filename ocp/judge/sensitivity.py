@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.judge.kkt import KKTCurve, regular
+from ocp.judge.kkt import KKTCurve, regular_curve
 from ocp.programs.solver import Point, Result, Status
 from ocp.transcription.nlp import NLP, Trajectories, trajectories
 
@@ -55,7 +55,7 @@ def sensitivity(program: NLP, point: Point, values: dict[str, float], replay: Re
     if name not in program.names[:-2]:
         listed = ", ".join(program.names[:-2])
         raise InputError(f"there is no parameter {name!r} to differentiate by; there are {listed}")
-    curve, v = regular(program, point, values, name, abs(values[name]) or 1.0)
+    curve, v = regular_curve(program, point, values, name, abs(values[name]) or 1.0)
     _check_regular(program, curve, v)
     t = curve.tangent(v)
     _check_strict(curve, v, t)
@@ -126,14 +126,14 @@ def _check_strict(curve: KKTCurve, v: np.ndarray, t: np.ndarray) -> None:
     with np.errstate(invalid="ignore"):
         slopes = (curve.margins(v + step) - curve.margins(v - step)) / (2 * _PARAMETER_STEP)
     degenerate = (margins < _NOT_STRICT) & ~((margins > -_NOT_STRICT) & (np.abs(slopes) < _STAYS_ZERO))
-    if curve.own.size:
-        pressed = curve.press(v)[curve.own[::-1]] > _NOT_STRICT
-        alone = (curve.held.x[curve.own[::-1]] != 0) & (curve.held.x[curve.own] == 0)
-        degenerate[curve.own] |= (margins[curve.own] < _NOT_STRICT) & alone & ~pressed
+    if curve.pairs.size:
+        pressed = curve.lower_slopes(v)[curve.pairs[::-1]] > _NOT_STRICT
+        alone = (curve.held.x[curve.pairs[::-1]] != 0) & (curve.held.x[curve.pairs] == 0)
+        degenerate[curve.pairs] |= (margins[curve.pairs] < _NOT_STRICT) & alone & ~pressed
     else:
         degenerate[curve.program.pairs] = False
     if degenerate.any():
-        name, step, _ = curve.place(int(np.flatnonzero(degenerate)[0]))
+        name, step, _ = curve.end_name(int(np.flatnonzero(degenerate)[0]))
         raise InputError(
             f"no derivative by {curve.name}: complementarity is not strict at"
             f" {name!r}, step {step} (slack and multiplier are both zero)"
@@ -160,17 +160,17 @@ def _check_regular(program: NLP, curve: KKTCurve, v: np.ndarray) -> None:
 
 
 def _trajectories(program: NLP, curve: KKTCurve, v: np.ndarray) -> Trajectories:
-    point, f, g = curve.result(v)
+    point, f, g = curve.solver_point(v)
     result = Result(point, f, g, Status.SOLVED, "", 0, 0.0)
-    return trajectories(program, result, curve.given(v[-1])[0])
+    return trajectories(program, result, curve.problem_data(v[-1])[0])
 
 
 def _cost_slope(curve: KKTCurve, v: np.ndarray) -> float:
     """Return the partial derivative of the Lagrangian by the parameter, with the held bounds."""
-    _, y = curve.point(v)
+    _, y = curve.primal_dual(v)
     step, lagrangians = _PARAMETER_STEP / 10 * curve.parameter_direction, []
     for sign in (1, -1):
-        (x, _), (p, bounds) = curve.point(v + sign * step), curve.given(v[-1] + sign * step[-1])
+        (x, _), (p, bounds) = curve.primal_dual(v + sign * step), curve.problem_data(v[-1] + sign * step[-1])
         f, g = curve.program.values(x, p)
         held_bounds = np.where(curve.held.g < 0, bounds["lbg"], bounds["ubg"])[curve.acting]
         lagrangians.append(f + curve.program.constant(p) + float(y[curve.acting] @ (g[curve.acting] - held_bounds)))
