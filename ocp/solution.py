@@ -178,7 +178,7 @@ class Solution(Judgement):
 
     @property
     def solver_s(self) -> float:
-        """Seconds of the solve that were no evaluation of functions."""
+        """Seconds of the solve outside the evaluation of functions."""
         return self.solve_s - self.evaluation_s
 
     @property
@@ -241,7 +241,7 @@ class Solution(Judgement):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C in a solve: ``solution`` is the best so far.
+    """Interruption of a solve by Ctrl-C: ``solution`` is the best so far.
 
     Of several starts that is the best finished one; if none has finished, the best point of the
     first, with status :attr:`~ocp.programs.solver.Status.INTERRUPTED`.

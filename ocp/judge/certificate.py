@@ -1,4 +1,4 @@
-"""Whether a point is stationary for the problem as posed, independent of the solver's status."""
+"""Certificate of stationarity for the problem as posed, independent of the solver's status."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class Certificate:
 
     @property
     def findings(self) -> list[Finding]:
-        """Whether the point is stationary, and why not, for a verdict."""
+        """Findings on stationarity, and what would lower the cost."""
         if self.stationarity == "B":
             return [make_finding("B-stationary")]
         if self.stationarity == "KKT":
@@ -234,7 +234,7 @@ def _steep_factors(model: LinearModel, hessian: sp.csr_matrix) -> np.ndarray:
 
 
 def _search(model: LinearModel, multipliers: np.ndarray | None, tolerance: float) -> tuple[Stationarity, bool, Descent]:
-    """Look for descent in shrinking regions; ``B`` as soon as there is none in one of them.
+    """Search for descent in shrinking regions; ``B`` as soon as there is none in one of them.
 
     The flag marks strong stationarity: not even both members of near pairs may grow.
     """

@@ -38,7 +38,7 @@ _KINDS = {
 
 @dataclass(frozen=True)
 class Violation:
-    """One violated constraint by name, with scenario, step, and how far it is off."""
+    """One violated constraint by name, with scenario, step, and the ``amount`` of the violation."""
 
     name: str
     component: str
@@ -54,7 +54,7 @@ class Violation:
 
 @dataclass(frozen=True)
 class Broken:
-    """A violated constraint, and by how much of the characteristic size of what it bounds.
+    """Violated constraint, and the violation as a share of the characteristic size of what it bounds.
 
     For a bound or periodicity that size is that of states or inputs; for a path or
     terminal constraint what its expression changes by when state and input change by theirs, to
@@ -94,12 +94,11 @@ def travelled_ranges(problem: Problem, x: np.ndarray) -> np.ndarray:
 
 
 def broken_constraints(evaluation: Evaluation, rollout: Rollout, sizes: np.ndarray | None = None) -> list[Broken]:
-    """Find what trajectories violate, each entry where it is worst.
+    """Find the constraints that trajectories violate, each entry where it is worst.
 
-    Bounds of states and inputs, path and
-    terminal constraints, and the periodicity of a start that is chosen; the worst first. NaN is no
-    violation: report that the replay failed. ``sizes`` (nx,) are those of the states, by default
-    the problem's.
+    These are bounds of states and inputs, path and terminal constraints, and the periodicity of a
+    start that is chosen; the worst first. NaN is no violation: report that the replay failed.
+    ``sizes`` (nx,) are those of the states, by default the problem's.
     """
     problem, (x, u, impulses) = evaluation.problem, (rollout.x, rollout.u, rollout.impulses)
     _, _, u_low, u_high, x_low, x_high = evaluation.limits
@@ -177,7 +176,7 @@ def _constraints_off(
     lam: np.ndarray,
     x_sizes: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Violation of every entry, (S, steps, n), and the size of a change of it."""
+    """Return the violation of every entry, (S, steps, n), and the size of a change of it."""
     problem = evaluation.problem
     system = problem.system
     expressions = ca.vertcat(*(c.expression for c in constraints))

@@ -46,7 +46,7 @@ class ContactSummary:
 
 @dataclass(frozen=True)
 class ContactReport:
-    """Forces and books of a trajectory; arrays (S, N, points), NaN where a system has none.
+    """Forces, energy and momentum of a trajectory; arrays (S, N, points), NaN where a system has none.
 
     ``normal``, ``tangential`` impulses [N s], ``slip`` [m/s] (in space their sizes), ``bound``
     friction normal [N s], what the tangential impulse may be at most; ``active``, ``slipping``,
@@ -125,7 +125,7 @@ def contact_report(evaluation: Evaluation, step: Step, rollout: Rollout | Trajec
 def _in_space(
     tangential: np.ndarray, slip: np.ndarray, edges: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Sizes of both, of shape (S, N, points), the power, and slip along the nearest edge.
+    """Return sizes of both, of shape (S, N, points), the power, and slip along the nearest edge.
 
     Of a pyramid with ``edges`` the impulse that dissipates most lies on that edge.
     """
@@ -205,7 +205,7 @@ def _spans(active: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _books(book: EnergyBalance | None, evaluate: TrajectoryEvaluator) -> tuple[float, float, float]:
-    """``energy_gain``, ``dissipated`` and ``momentum_residual``."""
+    """Return ``energy_gain``, ``dissipated`` and ``momentum_residual``."""
     if book is None:
         return float("nan"), float("nan"), float("nan")
     x, _, x_next, _, _ = evaluate.symbols

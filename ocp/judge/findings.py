@@ -15,7 +15,8 @@ SENTENCES = {
     ),
     "contacts-never-act": "the contacts never act",
     "no-homotopy": "no homotopy was followed, whose smoothing feels contact from afar",
-    "unbounded": "{explanation}",
+    "unbounded": "the cost {fall}: add a bound, or a cost on it",
+    "iterates-ran-away": "the solver's iterates ran away along {variables}: add a bound, or a cost on it",
     # The certificate.
     "B-stationary": "B-stationary: no first-order move, with any change of contact, lowers the cost",
     "stationary": "stationary: no first-order move lowers the cost",
@@ -71,7 +72,12 @@ SENTENCES = {
     ),
     "mu-is-large": "mu = {mu:g} is as large as the problem's typical impulse times gap, {typical:.0e} N s m",
     "exact-replay-violates": "replayed under the exact law",
-    "forces-not-unique": "{description}",
+    "forces-not-unique": (
+        "the contact forces at step {step} are not unique ({contacts}): from the same state and input, {state} can"
+        " also end {distance} away, as the replay does{negation}, and the motion from there {consequence}"
+        " instead of {planned:.6g}"
+    ),
+    "more-steps-not-unique": "{count} more steps have another solution",
     # Sizes, the way to the answer, and what was asked beside.
     "derived-sizes": "sizes derived from the problem's data (Scaling states others): {sizes}",
     "doubtful-sizes": "of the stated sizes {sizes}; leave them out of Scaling to derive them",
@@ -93,7 +99,7 @@ SENTENCES = {
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that a judge found: a ``code`` of :data:`SENTENCES`, its ``numbers`` and half a sentence.
+    """Result of a judge: a ``code`` of :data:`SENTENCES`, its ``numbers`` and half a sentence.
 
     ``joint`` is what joins it to the finding before it in one line of a verdict, "" where it begins a line.
     """

@@ -107,7 +107,7 @@ class KKTCurve:
         g: np.ndarray,
         bounds: dict[str, np.ndarray],
     ) -> Held:
-        """Ends that press harder than they stand off, both in characteristic sizes."""
+        """Return ends whose multiplier is larger than their slack, both in characteristic sizes."""
         slope, eta = reduced * self.sizes / self.scale, y / (self.scale * self.rows)
         lower, upper = bounds["lbx"] / self.sizes, bounds["ubx"] / self.sizes
         held_x = _pressing(slope, -slope, x / self.sizes, lower, upper)
@@ -187,7 +187,7 @@ class KKTCurve:
         return self.solve(v, self.parameter_direction if border is None else border, self.parameter_direction)
 
     def newton(self, v: np.ndarray, border: np.ndarray, target: float) -> np.ndarray | None:
-        """Come to the curve where ``border' v = target``; None where that does not converge."""
+        """Solve for the point of the curve where ``border' v = target``; None where that does not converge."""
         last = np.inf
         for _ in range(_NEWTON_STEPS):
             residual = np.append(self.equations(v), border @ v - target)
@@ -262,7 +262,7 @@ class KKTCurve:
 def regular_curve(
     program: Program, point: Point, values: dict[str, float], name: str, unit: float
 ) -> tuple[KKTCurve, np.ndarray]:
-    """Put a solved point on its curve; raises ``InputError`` where it has none."""
+    """Return the curve through a solved point, and its coordinates; raises ``InputError`` where there is none."""
     p, bounds = program.parameter_vector(values), program.bounds(values)
     y = point.lam_g
     if y is None:

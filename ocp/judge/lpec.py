@@ -231,7 +231,7 @@ class LinearModel:
 
 @dataclass(frozen=True)
 class Descent:
-    """The steepest direction found: what it gains per radius, and where near pairs go.
+    """Steepest direction of descent: its decrease per radius, and the sides of near pairs.
 
     ``active`` (of ``near``) is 1 where the multiplier may grow and the gap stays zero. ``decrease``
     is NaN where the program was not solved; ``trouble`` says why.
@@ -245,7 +245,7 @@ class Descent:
 
 
 def _active(negative_slack: np.ndarray) -> np.ndarray:
-    """A lower end of a step: zero where the constraint is active or violated."""
+    """Return a lower bound of a step: zero where the constraint is active or violated."""
     return np.where(negative_slack > -_SNAP, 0.0, negative_slack)
 
 

@@ -256,14 +256,19 @@ def _other_solution(evaluation: Evaluation, plan: Rollout, gains: Gains | None) 
     i = int((distances / problem.scales.x).argmax())
     signal, cost = problem.system.states[i], float(costs[solution])
     contacts = ", ".join(differing_contacts(problem, plan.lam[s, k], nonuniqueness.lam[solution]))
-    description = (
-        f"the contact forces at step {k} are not unique ({contacts}): from the same state and"
-        f" input, {signal.name} can also end {distances[i]:.2g} {signal.unit.removeprefix('1')}"
-    ).rstrip()
-    description += f" away, as the replay does{'' if nonuniqueness.replayed else ' not'}"
-    consequence = f"costs {cost:.6g}" if math.isfinite(cost) else "cannot be followed to the end"
-    other_steps = f"; {nonuniqueness.steps - 1} more steps have another solution" if nonuniqueness.steps > 1 else ""
-    return f"{description}, and the motion from there {consequence} instead of {plan.costs[s]:.6g}{other_steps}", cost
+    main = make_finding(
+        "forces-not-unique",
+        step=k,
+        contacts=contacts,
+        state=signal.name,
+        distance=f"{distances[i]:.2g} {signal.unit.removeprefix('1')}".rstrip(),
+        negation="" if nonuniqueness.replayed else " not",
+        consequence=f"costs {cost:.6g}" if math.isfinite(cost) else "cannot be followed to the end",
+        planned=plan.costs[s],
+    )
+    if nonuniqueness.steps <= 1:
+        return main.sentence, cost
+    return f"{main.sentence}; {make_finding('more-steps-not-unique', count=nonuniqueness.steps - 1).sentence}", cost
 
 
 def tolerance_gap(problem: Problem, x: np.ndarray) -> float:

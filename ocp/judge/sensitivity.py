@@ -105,7 +105,7 @@ def _replayed_slopes(
 
 
 def _finding(curve: KKTCurve, cost: float, replayed: float, refined: float) -> str:
-    """The sensitivity of the cost beside those of its replays, half a sentence."""
+    """Return the sensitivity of the cost beside those of its replays, half a sentence."""
     places = ((replayed, "in the replay"), (refined, "in the replay at h/4"))
     slopes = [f"the sensitivity dcost/d{curve.name} is {cost:.4g}"]
     slopes += [f"{slope:.4g} {place}" for slope, place in places if np.isfinite(slope)]

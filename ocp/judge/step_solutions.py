@@ -46,7 +46,7 @@ _BATCH_STEPS = 32
 
 @dataclass(frozen=True, eq=False)
 class Nonuniqueness:
-    """A step from whose state and input the model's exact contact can go on in several ways.
+    """Step from whose state and input the model's exact contact can go on in several ways.
 
     The plan's end obeys the exact relation, and so do ``x_next`` (m, nx) with ``lam`` (m, nlam).
     ``replayed`` says that the exact step ends at the first of them; ``steps`` counts the plan's
@@ -99,7 +99,7 @@ def _apart(problem: Problem, first: np.ndarray, second: np.ndarray) -> np.ndarra
 
 
 def _obeys(evaluation: Evaluation, plan: Rollout) -> tuple[np.ndarray, np.ndarray]:
-    """Whether the plan's own steps obey the exact relation, (S, N), and their gaps."""
+    """Return whether the plan's own steps obey the exact relation, (S, N), and their gaps."""
     system, scaling, lam = evaluation.problem.system, evaluation.problem.scales, plan.lam
     residual, gap = TrajectoryEvaluator(evaluation, system, plan.x, plan.u, lam)(system.residual, system.gap)
     product = scaling.impulse * scaling.gap
@@ -109,7 +109,7 @@ def _obeys(evaluation: Evaluation, plan: Rollout) -> tuple[np.ndarray, np.ndarra
 
 
 def differing_contacts(problem: Problem, first: np.ndarray, second: np.ndarray) -> tuple[str, ...]:
-    """Names of the contacts whose impulses, each (nlam,), are not the same."""
+    """Return the names of contacts whose impulses, each (nlam,), differ."""
     system = problem.system
     names = dict(enumerate(() if system.forces is None else system.forces.names))
     for pair, signal in zip(system.pairs, system.contacts, strict=True):
@@ -162,7 +162,7 @@ class StepSolutions:
         return step_index, ends, forces
 
     def _active(self, lam: np.ndarray, gap: np.ndarray) -> np.ndarray:
-        """Sets of active pairs (modes, nlam) of one step with lam and gap (nlam,), scaled."""
+        """Return sets of active pairs (modes, nlam) of one step with lam and gap (nlam,), scaled."""
         nearest, chosen, count = np.array([gap[rows[0]] for rows in self.groups]), [], 1
         for i in np.argsort(nearest, kind="stable"):
             if nearest[i] > 1 or count * len(self.modes[i]) > MODES:
@@ -179,7 +179,7 @@ class StepSolutions:
     def _solve(
         self, step_index: np.ndarray, active: np.ndarray, x: np.ndarray, u: np.ndarray, x_next: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Solutions (m, .) among the sets (n, nlam) of active pairs of the steps ``at`` (n,)."""
+        """Return solutions (m, .) among the sets (n, nlam) of active pairs of the steps ``step_index`` (n,)."""
         # All sets of a step begin at one point, which is expanded once.
         model = self._reduced(x, u, x_next, np.zeros((len(x), active.shape[1])))
         dx, lam, gap = _newton(*model, step_index, active)
@@ -214,7 +214,7 @@ class StepSolutions:
             gap[:, sides] += extra_slip[:, None]
 
     def _reduced(self, *point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Expand steps: ``dx = moved (1, dlam)`` and scaled gaps ``off + F dlam``."""
+        """Expand steps: ``dx = motion (1, dlam)`` and scaled gaps ``gap + F dlam``."""
         residual, gap, D, E, G, H = self._model(*point, self.p)
         motion = -np.linalg.solve(D, np.concatenate([residual, E], axis=2))
         return motion, H + G @ motion[:, :, 1:], (gap + G @ motion[:, :, :1])[:, :, 0]
@@ -223,7 +223,7 @@ class StepSolutions:
 def _newton(
     motion: np.ndarray, F: np.ndarray, gap: np.ndarray, index: np.ndarray, active: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Steps of x_next (n, nx) and lam (n, nlam), and the gaps there, for the expansions ``at``.
+    """Return steps of x_next (n, nx) and lam (n, nlam), and the gaps there, for the expansions ``index`` (n,).
 
     A singular set, such as four corners on one floor, is regularised: what it has is found by
     repetition.

@@ -13,6 +13,7 @@ import numpy as np
 from dynamics.contact import Step
 from ocp.judge.certificate import linear_model
 from ocp.judge.constraints import CONSTRAINT_SHARE, broken_constraints
+from ocp.judge.findings import make_finding
 from ocp.judge.lpec import LinearModel
 from ocp.problem.cost_sizes import least_value, split_constant
 from ocp.problem.evaluation import Evaluation
@@ -43,8 +44,6 @@ _DISTANT_START = 10.0
 """Distance of the answer, in sizes, from which on rays from the start count too."""
 _RUN_AWAY = 1e6
 """Distance, in sizes, from which on a solver's iterates have run away."""
-_REMEDY = ": add a bound, or a cost on it"
-"""End of every sentence on a ray."""
 _RAY_TOLERANCE = 1e-6
 """Violation, in characteristic sizes, up to which a point of a ray is feasible."""
 _MOST_SINGLES = 100
@@ -60,7 +59,7 @@ def describe_endless_ray(rays: Iterable[Ray], best: float, least: float = 0.0) -
     """
     for variables, cost, reach in rays:
         if description := describe_fall(cost, reach, best, least):
-            return f"the cost {description.format(variables)}{_REMEDY}"
+            return make_finding("unbounded", fall=description.format(variables)).sentence
     return ""
 
 
@@ -119,7 +118,9 @@ def runaway_inputs(problem: Problem, u: np.ndarray) -> str:
     """Return a sentence on inputs (S, N, nu) that ended a million sizes away, or ""."""
     is_far = np.abs(np.nan_to_num(u) / problem.scales.u).max(axis=(0, 1)) > _RUN_AWAY
     runaways = [signal.name for signal, is_away in zip(problem.system.inputs, is_far, strict=True) if is_away]
-    return f"the solver's iterates ran away along {' and '.join(runaways)}{_REMEDY}" if runaways else ""
+    if not runaways:
+        return ""
+    return make_finding("iterates-ran-away", variables=" and ".join(runaways)).sentence
 
 
 def _input_rays(

@@ -163,7 +163,7 @@ def _findings(plan: Judgement) -> Iterator[Finding]:
         yield make_finding("exact-replay-violates")
         yield from join_findings(violation_findings(plan.audit.replay_broken), ", ", ", ")
     if plan.referee.nonuniqueness:
-        yield make_finding("forces-not-unique", description=plan.referee.nonuniqueness)
+        yield Finding("forces-not-unique", sentence=plan.referee.nonuniqueness)
     yield from _size_findings(plan)
     yield from _route_findings(plan)
     if plan.simulator is not None:
@@ -185,7 +185,7 @@ def _status_findings(plan: Judgement) -> Iterator[Finding]:
     if stuck and plan.audit.active_steps == 0 and not _has_no_forces(plan):
         yield make_finding("contacts-never-act")
     if plan.unbounded:
-        yield make_finding("unbounded", explanation=plan.unbounded)
+        yield Finding("unbounded", sentence=plan.unbounded)
     elif explanation := plan.status.value.partition(": ")[2]:
         yield make_finding("status", explanation=explanation)
     if stuck and len(plan.stages) < 2:

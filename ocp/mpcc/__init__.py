@@ -1,4 +1,4 @@
-"""Complementarity problems of anyone, in CasADi: stated as expressions, solved and certified.
+"""Mathematical programs with complementarity constraints in CasADi: stated, solved and certified.
 
 The follower of a bilevel problem chooses y to minimise ``(y - x)²`` subject to ``y <= p``; with the
 multiplier s of that bound its optimality is ``y - x + s = 0``, ``0 <= s ⟂ p - y >= 0``. The leader

@@ -100,7 +100,7 @@ class MPCC:
 
 
 def sized(name: str, what: str, value: float | Sequence[float] | np.ndarray, n: int) -> np.ndarray:
-    """Numbers as a vector (n,), one number repeated; an :class:`InputError` for other sizes."""
+    """Return numbers as a vector (n,), one number repeated; an :class:`InputError` for other sizes."""
     numbers = np.asarray(value, dtype=float).ravel()
     if numbers.size not in (1, n):
         raise InputError(f"{name}: {what} has {numbers.size} entries, expected {n}")
@@ -145,7 +145,7 @@ class Lifted:
         self.sides = ca.Function("sides", [mpcc.x, mpcc.p], [mpcc.G, mpcc.H])
 
     def _entries(self, sides: ca.SX, taken_entries: set[int]) -> np.ndarray:
-        """Places in x of the sides that are entries of it, -1 for the others."""
+        """Return positions in x of the sides that are entries of it, -1 for the others."""
         x, (lower, _) = self.mpcc.x, self.mpcc.x_bounds
         places = {x[i].element_hash(): i for i in range(x.numel()) if lower[i] <= 0}
         entries = np.full(sides.numel(), -1)
@@ -207,7 +207,7 @@ class MPCCProgram(Program):
         return self.mpcc.name
 
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
-        """p, then penalty and relaxation."""
+        """Return p, then penalty and relaxation."""
         return np.concatenate([self.given, [values[PENALTY], values[RELAXATION]]])
 
     def bounds(self, values: dict[str, float]) -> dict[str, np.ndarray]:
@@ -287,5 +287,5 @@ class MPCCProgram(Program):
 
 
 def _largest(values: Iterable[float]) -> float:
-    """The largest finite one, at least zero."""
+    """Return the largest finite value, at least zero."""
     return max((float(value) for value in values if np.isfinite(value)), default=0.0)

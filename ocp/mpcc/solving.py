@@ -1,4 +1,4 @@
-"""From a complementarity problem and a start to a certified answer, or to least violation."""
+"""Solve a complementarity problem from a start: a certified answer, or the least violation."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def solve(
 
 
 def _coarse(follower: Homotopy, x: np.ndarray) -> bool:
-    """Whether a start of extraordinary size gave variables units too large to judge the answer x (n,) by.
+    """Return whether a start of extraordinary size gave variables units too large to judge the answer x (n,) by.
 
     Units of ordinary starts stay: an answer near zero makes no variable small.
     """

@@ -64,7 +64,7 @@ def least_value(expression: ca.SX, depth: int = _DEPTH, bounds: dict[int, float]
 
 
 def _bound(operation: int, right: ca.SX, lower_bounds: list[float]) -> float:
-    """Lower bound of an operation on parts whose lower bounds are ``least``."""
+    """Lower bound of an operation on operands with these lower bounds."""
     first, second = lower_bounds
     if operation in _GROWING:
         return float(_GROWING[operation](max(first, 0.0)))

@@ -153,7 +153,7 @@ class _Data:
         return float(max(lengths, default=1.0))
 
     def gap_changes(self, x: np.ndarray) -> np.ndarray:
-        """See :func:`gap_changes`."""
+        """Return the changes of :func:`gap_changes`."""
         system = self.system
         by_state = [ca.jacobian(system.gap, symbol) for symbol in (system.x, system.x_next)]
         largest = np.max([np.abs(self.at_start(J)) * x for J in by_state], axis=0)

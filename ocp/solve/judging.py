@@ -1,4 +1,4 @@
-"""One solution from three independent judges: of a result, or of a solve that Ctrl-C ended."""
+"""Judge a result, or the best point of an interrupted solve, by three independent judges."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def judge_outcome(session: Session, outcome: RouteResult, seed: int) -> Solution
     return Solution(
         data=label(nlp, plan, replay, contacts, outcome, evaluation, replays.replay),
         cost=rolled.cost,
-        status=status_of(outcome, audit, feasible, certificate, rolled.cost, idle, span, evaluation, bool(endless)),
+        status=status_of(outcome, audit, certificate, rolled.cost, idle, span, evaluation, bool(endless)),
         audit=audit,
         certificate=certificate,
         referee=report,
@@ -104,7 +104,6 @@ def _replay(problem: Problem, plan: Trajectories, values: dict[str, float]) -> R
 def status_of(
     outcome: RouteResult,
     audit: Audit,
-    feasible: bool,
     certificate: Certificate,
     cost: float,
     idle: float,
@@ -120,7 +119,7 @@ def status_of(
         return Status.UNBOUNDED
     if not np.isfinite(cost):
         return Status.DIVERGED
-    if not feasible:
+    if not is_feasible(outcome.nlp, audit):
         return Status.INEXACT if result.ok else result.status
     # A force from afar moves what its exact replay does not: that is smoothing, and no dead end.
     # And where standing still breaks constraints that the plan keeps, the plan is better.
@@ -138,7 +137,7 @@ def status_of(
 
 
 def session_record(session: Session, seed: int) -> dict[str, Any]:
-    """Everything that determines an answer, ready for JSON."""
+    """Return everything that determines an answer, ready for JSON."""
     problem, policy = session.problem, session.policy
     learned = session.law if isinstance(session.law, LearnedLaw) else None
     return {

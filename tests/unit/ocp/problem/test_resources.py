@@ -95,7 +95,7 @@ def test_the_time_of_a_study_is_proportional_to_its_samples() -> None:
     objective = objective_spec("heaviside").objective()
     sampling = Sampling(("zobg",), 10**13, reference="none")
     study, longer = (SweepRun(objective, p) for p in (sampling, replace(sampling, samples=10**16)))
-    assert (study.samples, longer.samples) == (10**13, 10**16)
+    assert (study.n_samples, longer.n_samples) == (10**13, 10**16)
     # Each is timed by itself on a machine that does other things too.
     assert 100 < longer.predict_seconds() / study.predict_seconds() < 10_000
     assert SweepRun(objective, replace(sampling, samples=10**5)).predict_seconds() == 0
