@@ -14,7 +14,7 @@ from ocp.gradients.case import ObjectiveCase
 from ocp.gradients.chunks import BULK, Chunk, cost_sampler, iterate_chunks
 from ocp.gradients.estimators import Estimator
 from ocp.gradients.objective import SampledObjective
-from ocp.jobs.scheduling import Failure, run_jobs
+from ocp.jobs.scheduling import results_in_order
 
 PIECE = 4 * BULK
 """Number of samples per job."""
@@ -74,13 +74,6 @@ class JobWorkers:
             PieceJob(self.case, estimator, noise, begin, min(begin + PIECE, last), n)
             for begin in range(first, last, PIECE)
         ]
-        finished_pieces: dict[int, list[Chunk]] = {}
-        next_place = 0
-        with closing(run_jobs(sum_piece, pieces, self.jobs, self.scheduler)) as outcomes:
-            for place, outcome in outcomes:
-                if isinstance(outcome, Failure):
-                    raise outcome.error
-                finished_pieces[place] = outcome
-                while next_place in finished_pieces:
-                    yield from finished_pieces.pop(next_place)
-                    next_place += 1
+        with closing(results_in_order(sum_piece, pieces, self.jobs, self.scheduler)) as summed_pieces:
+            for chunks_of_piece in summed_pieces:
+                yield from chunks_of_piece

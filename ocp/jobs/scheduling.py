@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
+from contextlib import closing
 from typing import Any
 
 from ocp.errors import InputError
 from ocp.jobs.sequential import Callback, Failure, Function, Report, run_sequentially
 
-__all__ = ["Callback", "Failure", "Function", "Report", "run_jobs"]
+__all__ = ["Callback", "Failure", "Function", "Report", "results_in_order", "run_jobs"]
 
 
 def run_jobs(
@@ -42,3 +43,23 @@ def run_jobs(
     from ocp.jobs.processes import run_in_processes
 
     return run_in_processes(function, jobs, workers, callback)
+
+
+def results_in_order(
+    function: Function,
+    jobs: Sequence[Any],
+    workers: int = 1,
+    scheduler: str | None = None,
+    callback: Callback = lambda *_: None,
+) -> Generator[Any, None, None]:
+    """Run all jobs as :func:`run_jobs` does; yield their results in the jobs' order, raise their errors."""
+    finished: dict[int, Any] = {}
+    next_index = 0
+    with closing(run_jobs(function, jobs, workers, scheduler, callback)) as outcomes:
+        for index, outcome in outcomes:
+            if isinstance(outcome, Failure):
+                raise outcome.error
+            finished[index] = outcome
+            while next_index in finished:
+                yield finished.pop(next_index)
+                next_index += 1

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-import shlex
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from dataclasses import replace
@@ -12,8 +10,6 @@ from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp.errors import InputError, interruptible
@@ -23,18 +19,15 @@ from ocp.jobs.grid import Grid, dimension_name, grid_dataset, load_point, load_p
 from ocp.jobs.scheduling import Failure, run_jobs
 from ocp.jobs.sweep_job import (
     FAULT_STATUS,
-    ROW_COUNTS,
-    ROW_NUMBERS,
-    ROW_TEXTS,
     JobResult,
     SolveJob,
     failed_result,
     solve_job,
 )
+from ocp.jobs.sweep_record import describe_point
 from ocp.problem.problem import Problem
 from ocp.problem.resources import check_memory, points_memory
 from ocp.routes.session import Session
-from ocp.solve.judging import session_record
 from ocp.solve.request import ProblemLike, split_keywords
 from ocp.solve.solve import Rank, check_starts
 from ocp.store.checkpoint import Checkpoint
@@ -241,116 +234,3 @@ def _run_and_store(
                     save_point(checkpoint, first + place, point)
             finished[place] = point
             on_point(place, point)
-
-
-SWEEP_KIND = "sweep"
-"""Kind of a stored run."""
-
-
-def run_meta(study: Grid, session: Session, data: xr.Dataset) -> dict[str, Any]:
-    """Return a study's description for its run, without ``argv`` and the problem's origin."""
-    rows, dims = grid_rows(data), [dimension_name(axis.name) for axis in study.axes]
-    solved = sum(row["success"] for row in rows)
-    failures = [
-        {
-            "at": {dim: row[dim] for dim in dims},
-            "status": row["status"],
-            "verdict": row["verdict"],
-            "command": shlex.join(study.job(place).case.command(study.seed, study.starts, study.rank)),
-        }
-        for place, row in zip(study.places, rows, strict=True)
-        if not row["success"]
-    ]
-    axes = [
-        {
-            "name": dim,
-            "full_name": axis.name,
-            "values": list(axis.values),
-            "log": axis.log,
-            "units": data[dim].attrs["units"],
-        }
-        for dim, axis in zip(dims, study.axes, strict=True)
-    ]
-    all_solved = solved == len(rows)
-    return {
-        "kind": SWEEP_KIND,
-        "seed": study.seed,
-        "record": _shared_record(study, session),
-        "source_digest": session.problem.origin.source_digest,
-        "over": ", ".join(dims),
-        "study": {"axes": axes, "shape": list(study.shape), "failed": failures},
-        "solved": solved,
-        "points": len(rows),
-        "survives": sum(row["survives"] == 1 for row in rows),
-        "status": "solved" if all_solved else f"{solved} of {len(rows)} solved",
-        "success": all_solved,
-        "verdict": summarise_points(rows, dims),
-    }
-
-
-def _shared_record(study: Grid, session: Session) -> dict[str, Any]:
-    """Return the request shared by all points."""
-    shared = session_record(session, study.seed)
-    swept = {axis.name for axis in study.axes}
-    groups = {
-        "params": "problem.",
-        "contact_settings": "contact.",
-        "law_parameters": "",
-        "solver_options": "setting.",
-        "policy_settings": "policy.",
-    }
-    for group, prefix in groups.items():
-        shared[group] = {k: v for k, v in shared[group].items() if f"{prefix}{k}" not in swept}
-    if "problem.N" in swept:
-        del shared["N"]
-    ranked = {"rank": study.rank} if study.starts > 1 else {}
-    return {**shared, "starts": study.starts, **ranked}
-
-
-def grid_rows(data: xr.Dataset) -> list[dict[str, Any]]:
-    """Return every point's coordinates and result, the last axis fastest."""
-    dims = [str(dim) for dim in data["cost"].dims]
-    names = (*ROW_NUMBERS, "seconds", *ROW_COUNTS, *ROW_TEXTS)
-    count = data["cost"].size
-    columns = {name: np.asarray(data[name].values).ravel().tolist() if name in data else [""] * count for name in names}
-    places = itertools.product(*(data[dim].values.tolist() for dim in dims))
-    return [
-        {**dict(zip(dims, place, strict=True)), **{name: columns[name][i] for name in names}}
-        for i, place in enumerate(places)
-    ]
-
-
-def summarise_points(rows: list[dict[str, Any]], dims: list[str]) -> str:
-    """Return counts, the cheapest and the dearest solved point; then a line for some outliers and failures."""
-    solved = [row for row in rows if row["success"]]
-    refereed = [row for row in solved if row["survives"] >= 0]
-    count = "All" if len(solved) == len(rows) else f"{len(solved)} of"
-    sentence = f"{count} {len(rows)} points are solved"
-    if refereed:
-        survive = sum(row["survives"] for row in refereed)
-        counts = {0: "none survives", 1: "one survives", len(solved): "all survive"}
-        sentence += f", {counts.get(survive, f'{survive} survive')} the referee"
-    if solved:
-        cheapest, dearest = (pick(solved, key=lambda row: row["cost"]) for pick in (min, max))
-        costs = [f"{row['cost']:.6g}" for row in (cheapest, dearest)]
-        span = f"from {costs[0]} at {describe_point(cheapest, dims)} to {costs[1]} at {describe_point(dearest, dims)}"
-        sentence += f"; cost {costs[0] if costs[0] == costs[1] else span}"
-    failures, outliers = ([row for row in rows if not row["success"]], [row for row in rows if row.get("start")])
-    lines = [
-        f"outlier {describe_point(row, dims)}: {row['own_cost']:.6g} alone,"
-        f" {row['cost']:.6g} from the plan at {row['start']}"
-        for row in outliers[:MAX_LISTED]
-    ]
-    lines += [f"{describe_point(row, dims)}: {row['verdict']}".partition("\n")[0] for row in failures[:MAX_LISTED]]
-    if len(failures) > MAX_LISTED:
-        lines.append(f"and {len(failures) - MAX_LISTED} more that failed")
-    return "\n".join([f"{sentence}.", *lines])
-
-
-MAX_LISTED = 5
-"""Number of outliers, and of failed points, that a verdict lists."""
-
-
-def describe_point(row: dict[str, Any], dims: list[str]) -> str:
-    """Return the coordinates of a point as text: ``M = 0.5, contact.mu = 0.001``."""
-    return ", ".join(f"{dim} = {row[dim]:g}" for dim in dims)

@@ -131,6 +131,7 @@ def _measures(
 ALGORITHMS: dict[str, type[Algorithm]] = {
     algorithm.name: algorithm for algorithm in (FOPG, ZOPG, ARS, AoBG, TotalPropagation, MBPO)
 }
+"""Algorithms by name."""
 
 
 CHECKPOINT_KEY = "training"
@@ -308,7 +309,9 @@ BYTES_PER_ROW = 1e3
 ARRAY_COPIES = 4
 """Number of copies of an array that a training holds at once."""
 EPISODE_COUNTS = ("samples", "n_envs", "directions")
+"""Settings that count episodes."""
 STEP_COUNTS = ("capacity", "explored", "batch", "model_batch", "rows", "candidates")
+"""Settings that count steps."""
 
 
 def check_training(experiment: Experiment, side_by_side: int) -> None:

@@ -82,6 +82,7 @@ SMOOTHINGS = {
     "rollout": "states and gradient of the experiment's law",
     "gradient": "states of mu = 1e-10, and the gradient along them of the experiment's law",
 }
+"""Uses of a smoothed law in FOPG, with their meaning."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,6 +24,7 @@ PLANTS = {
     "noise": "the exact law, with noise of 1 % of the characteristic sizes where none is given",
     "mujoco": "MuJoCo with its soft contact, at steps of a millisecond, the input held",
 }
+"""Plants by name, with their meaning."""
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,7 @@ _PROVENANCE_KEYS = {
     "tags",
 }
 _TIME_KEYS = {"build_s", "solve_s", "audit_s", "seconds", "stage_seconds", "evaluation_s", "solver_s", "wall_s"}
+"""Keys of times, in seconds."""
 _UNHASHED_KEYS = _PROVENANCE_KEYS | _TIME_KEYS
 """Keys that do not count in the hash of a run's content."""
 

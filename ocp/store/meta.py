@@ -233,6 +233,7 @@ META_TYPES: dict[str, Any] = {
     "figure": FigureMeta,
     "closed-loop": ClosedLoopMeta,
 }
+"""Further entries of a run by its kind."""
 
 
 def check_meta(file: Path, meta: dict[str, Any]) -> None:

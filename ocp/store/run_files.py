@@ -30,10 +30,13 @@ MAX_BYTES = {DATA_FILE: 4 << 30, META_FILE: 32 << 20, PROBLEM_FILE: 256 << 20}
 _MAX_JSON_DEPTH = 20
 """Largest depth of nesting in a run's JSON."""
 _CONTROL_ESCAPES = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
-# Control characters in the text of a JSON document: as bytes, or escaped.
+"""Escapes of control characters, for ``str.translate``."""
 _CONTROL_PATTERN = re.compile(rb"[\x7f-\xff]|\\u00[0189][0-9a-fA-F]|\\u007[fF]|\\[bfr]")
+"""Control characters in the text of a JSON document, as bytes or escaped."""
 _SEAL_PATTERN = re.compile(rb',\n "checksum": "([0-9a-f]{64})"\n}\n')
+"""End of ``meta.json``: its checksum."""
 _SEAL_LENGTH = len(b',\n "checksum": ""\n}\n') + 64
+"""Length [bytes] of that end."""
 
 
 def seal_run(description: Mapping[str, Any], parts: Mapping[str, bytes]) -> dict[str, bytes]:

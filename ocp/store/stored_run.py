@@ -201,6 +201,7 @@ def write_npz(run: StoredRun, file: Path) -> None:
 
 
 EXPORT_FORMATS: dict[str, Callable[[StoredRun, Path], None]] = {"csv": write_csv, "npz": write_npz}
+"""Functions that export a run, by format."""
 
 
 def _csv_cell(value: Any) -> str:

@@ -16,16 +16,9 @@ from ocp.continuation.events import describe_events
 from ocp.continuation.walk import check_range, check_value
 from ocp.errors import InputError, choose, interruptible
 from ocp.jobs.grid import Grid, dimension_name, grid_dataset, load_points, parse_axes
-from ocp.jobs.sweep import (
-    check_parallel_memory,
-    check_points,
-    describe_point,
-    grid_rows,
-    make_grid,
-    run_meta,
-    solve_grid,
-)
+from ocp.jobs.sweep import check_parallel_memory, check_points, make_grid, solve_grid
 from ocp.jobs.sweep_job import JobResult
+from ocp.jobs.sweep_record import describe_point, grid_rows, run_meta
 from ocp.problem.resources import FOLLOWED, check_memory, points_memory
 from ocp.routes.session import Session
 from ocp.solve.solve import Rank

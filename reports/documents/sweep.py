@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from ocp.errors import InputError
 from ocp.gradients.sweep import SAMPLING_AXES
 from ocp.gradients.verdict import TOO_WIDE, short_verdict, weakest_verdict
-from ocp.jobs.sweep import grid_rows
+from ocp.jobs.sweep_record import grid_rows
 from ocp.store.stored_run import StoredRun
 from problems.plugin import spec_of
 from problems.registry import ObjectiveSpec, objective_names, objective_spec

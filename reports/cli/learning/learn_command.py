@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Generator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -21,7 +20,7 @@ from dynamics.learned.region import Region
 from dynamics.learned.training import Epoch, Recipe, Training
 from dynamics.learned.transitions import MIN_ROWS_PER_COORDINATE, Transitions, split_rows
 from ocp.errors import InputError, choose
-from ocp.jobs.scheduling import Failure, Report, run_jobs
+from ocp.jobs.scheduling import Report, results_in_order
 from ocp.problem.problem import Problem
 from ocp.problem.resources import check_memory
 from ocp.store import atomic, models
@@ -101,18 +100,7 @@ def _drawn(options: CollectOptions, request: CollectRequest) -> list[Drawn]:
         CollectJob(request.file, request.params, request.content, piece)
         for piece in split_pieces(request.samples, options.seed)
     ]
-    return _in_order(run_jobs(collect_piece, jobs, options.jobs, options.scheduler))
-
-
-def _in_order(outcomes: Generator[tuple[int, Any]]) -> list[Any]:
-    """Return the results of jobs in the order of the jobs; raises the error of the first that fails."""
-    results: dict[int, Any] = {}
-    with closing(outcomes):
-        for place, outcome in outcomes:
-            if isinstance(outcome, Failure):
-                raise outcome.error
-            results[place] = outcome
-    return [results[place] for place in sorted(results)]
+    return list(results_in_order(collect_piece, jobs, options.jobs, options.scheduler))
 
 
 MODELS = {"ewda": "weighted average of the data", "mlp": "network trained on noised data"}
@@ -287,7 +275,7 @@ def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> li
             interrupt.raise_if_interrupted()
             show(Epoch(**message), f"seed {jobs[place].seed}: " if len(jobs) > 1 else "")
 
-        return _in_order(run_jobs(train_network, jobs, options.jobs, options.scheduler, callback))
+        return list(results_in_order(train_network, jobs, options.jobs, options.scheduler, callback))
 
 
 def _described(data: Transitions, model: Any, held_out: Any, noise: float, seed: int) -> xr.Dataset:

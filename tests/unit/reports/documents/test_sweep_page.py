@@ -10,8 +10,8 @@ import xarray as xr
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
-from ocp.jobs.sweep import grid_rows, summarise_points
 from ocp.jobs.sweep_job import ROW_COUNTS, ROW_NUMBERS, ROW_TEXTS
+from ocp.jobs.sweep_record import grid_rows, summarise_points
 from ocp.store.stored_run import StoredRun
 from reports.documents.sweep import sweep_content
 from reports.drawing.style import house_style
