@@ -359,7 +359,7 @@ def test_bodies_in_one_another_do_not_survive() -> None:
 
 def test_a_system_without_geometry_says_so() -> None:
     problem = get("box-slide")
-    unknown: ContactSystem = replace(problem.system, sharp=None)
+    unknown: ContactSystem = replace(problem.system, referee_model=None)
     assert unknown.referee_note is None
     inputs = np.zeros((1, problem.N, 1))
     x0 = problem.initial_states(physical(problem))
