@@ -1,12 +1,14 @@
 """A contact law: the exact one averaged over logistic noise in the gap."""
 
-from typing import Annotated, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 
 from dynamics.contact import ContactLaw
 from dynamics.contact.closure import Schedule
-from dynamics.contact.law import law_parameter, require_positive
+from dynamics.contact.law import law_parameter
+from dynamics.settings import setting
 from dynamics.systems import LAW_PREFIX, ContactSystem, ParameterTable
 
 
@@ -16,6 +18,7 @@ def softplus(t: ca.SX) -> ca.SX:
     return (t + size) / 2 + ca.log1p(ca.exp(-size))
 
 
+@dataclass(eq=False, repr=False)
 class Logistic(ContactLaw):
     """``lam_i gap_i = mu_i(z)`` with z the gap at lam = 0 and F the compliance of the contact.
 
@@ -29,8 +32,7 @@ class Logistic(ContactLaw):
     name: ClassVar[str] = "logistic"
     summary: ClassVar[str] = "lam gap = mu(z), the average over logistic noise"
 
-    def __init__(self, width: Annotated[float, "scale of the noise"] = 0.01) -> None:
-        self.width = require_positive(self.name, "width", width, "for width = 0 use the exact law")
+    width: float = setting(0.01, "scale of the noise", "m", hint="for width = 0 use the exact law", above=0)
 
     def parameters(self, system: ContactSystem) -> ParameterTable:
         """``contact.width``."""

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from difflib import get_close_matches
 from typing import TypeVar
 
+from dynamics.errors import InputError, abbreviated, did_you_mean
+
+__all__ = [
+    "DamagedRun",
+    "InputError",
+    "NotConverged",
+    "NotWritten",
+    "abbreviated",
+    "choose",
+    "did_you_mean",
+    "input_errors",
+    "interruptible",
+]
+
 T = TypeVar("T")
-_LONGEST = 80
-_ALIKE = 0.6
-"""Least similarity, of 1, of a name that is proposed."""
-
-
-class InputError(ValueError):
-    """Wrong usage: the message says what was wrong, what was expected and how to mend it."""
-
-    exit_code = 2
 
 
 class NotWritten(InputError):
@@ -59,24 +63,6 @@ def interruptible() -> Iterator[None]:
         if isinstance(error.__cause__, KeyboardInterrupt):
             raise error.__cause__ from error
         raise
-
-
-def abbreviated(value: object) -> str:
-    """How ``value`` looks, cut to a line; its type alone where it cannot say so itself."""
-    try:
-        text = repr(value)
-    except Exception:
-        return f"an unprintable {type(value).__name__}"
-    text = " ".join(text.split())
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
-
-
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ``" (did you mean 'x'?)"`` for the nearest known name, or nothing if none is near."""
-    names = {candidate.lower(): candidate for candidate in known}
-    # Of two letters one may be wrong, as mu for nu.
-    close = get_close_matches(name.lower(), names, n=1, cutoff=0.5 if len(name) == 2 else _ALIKE)
-    return f" (did you mean {names[close[0]]!r}?)" if close else ""
 
 
 def choose(kind: str, name: str, known: Mapping[str, T]) -> T:

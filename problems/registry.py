@@ -15,12 +15,13 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import ContactLaw
+from dynamics.settings import settings_of
 from dynamics.systems import ParameterTable, Signal
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.problem.problem import Problem
 from ocp.validation import expand_path
 from problems.loading import check, check_file, import_file, read, read_law
-from problems.parameters import Parameters, table, unit_of
+from problems.parameters import Parameters, table
 from problems.source_digest import source_digest
 from problems.spec import ProblemSpec, Spec, defined
 
@@ -191,10 +192,10 @@ class ObjectiveSpec(Spec):
 
         params = self.params(values or {})
         p = ParameterTable(q for q in table(params) if q.name not in (_DECISION, _NOISE))
-        field, theta = self.Params.model_fields[_DECISION], ca.SX.sym(_DECISION)
+        decision, theta = settings_of(self.Params)[_DECISION], ca.SX.sym(_DECISION)
         return StaticObjective(
             self.name,
-            (Signal(_DECISION, unit_of(field), field.description or ""),),
+            (Signal(_DECISION, decision.unit, decision.meaning),),
             theta,
             self.cost(params, theta, p),
             np.array([getattr(params, _DECISION)]),

@@ -11,15 +11,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
-from pydantic.fields import FieldInfo
 
 from dynamics.learned.region import Region
+from dynamics.settings import Setting, parse_number, settings_of
 from ocp.errors import InputError, did_you_mean
 from ocp.problem.parts import Origin
 from ocp.problem.problem import Problem
-from ocp.validation import Count, Index, Line, Number, Positive, parse_number
+from ocp.validation import Count, Index, Line, Number, Positive
 from problems.drawing import ContactFrame, Shape
-from problems.parameters import natural_units, range_of, unit_of
+from problems.parameters import natural_units
 from problems.user_code import UserProblemRecord, guarded, user_code
 
 S = TypeVar("S", bound="Spec")
@@ -163,54 +163,49 @@ def check_parameters(owner: str, Params: type[BaseModel], values: Mapping[str, A
     Raises :class:`~ocp.errors.InputError` that names ``owner``, the parameter, its unit and its
     range.
     """
-    given = dict(values)
-    for name, about in Params.model_fields.items():
-        if name in given:
-            try:
-                given[name] = parse_number(given[name], about.annotation)
-            except ValueError:
-                told = _must_be(name, about, given[name])
-                raise InputError(f"{owner}: {told}") from None
+    checked = dict(values)
+    settings = settings_of(Params)
+    for name, parameter in settings.items():
+        if name not in checked:
+            continue
+        try:
+            checked[name] = parse_number(checked[name], parameter.annotation)
+        except ValueError:
+            raise InputError(f"{owner}: {_range_message(parameter, checked[name])}") from None
     try:
-        return Params(**given)
+        return Params(**checked)
     except ValidationError as error:
-        raise InputError(f"{owner}: {_explain(Params, error, values)}") from None
+        raise InputError(f"{owner}: {_validation_message(settings, error, values)}") from None
 
 
-def _explain(Params: type[BaseModel], error: ValidationError, values: Mapping[str, Any]) -> str:
-    found = error.errors()[0]
-    if not found["loc"]:
-        return found["msg"].removeprefix("Value error, ")
-    parameter = str(found["loc"][0])
-    fields = Params.model_fields
-    if parameter not in fields:
-        return (
-            f"unknown parameter {parameter!r}{did_you_mean(parameter, fields)}; it takes {', '.join(fields) or 'none'}"
-        )
-    about = fields[parameter]
-    given = values.get(parameter, found["input"])
-    if found["type"] == "missing":
-        return f"parameter {parameter} has no default; give {range_of(about)}"
-    return _must_be(parameter, about, given)
+def _validation_message(settings: Mapping[str, Setting], error: ValidationError, values: Mapping[str, Any]) -> str:
+    details = error.errors()[0]
+    if not details["loc"]:
+        return details["msg"].removeprefix("Value error, ")
+    name = str(details["loc"][0])
+    if name not in settings:
+        return f"unknown parameter {name!r}{did_you_mean(name, settings)}; it takes {', '.join(settings) or 'none'}"
+    if details["type"] == "missing":
+        return f"parameter {name} has no default; give {settings[name].range}"
+    return _range_message(settings[name], values.get(name, details["input"]))
 
 
-def _must_be(parameter: str, about: FieldInfo, given: Any) -> str:
-    shown = repr(given) if isinstance(given, str) else given
-    meaning = f" ({about.description})" if about.description else ""
-    return f"parameter {parameter}{meaning} must be {range_of(about)}, got {shown}"
+def _range_message(parameter: Setting, value: Any) -> str:
+    meaning = f" ({parameter.meaning})" if parameter.meaning else ""
+    return parameter.message(f"parameter {parameter.name}{meaning}", value)
 
 
 def describe(spec: Spec) -> list[dict[str, Any]]:
     """List the parameters in order, each with name, value, unit, range and description."""
     return [
         {
-            "name": name,
+            "name": about.name,
             "value": about.default,
-            "unit": unit_of(about),
-            "range": range_of(about),
-            "description": about.description or "",
+            "unit": about.unit,
+            "range": about.range,
+            "description": about.meaning,
         }
-        for name, about in spec.Params.model_fields.items()
+        for about in settings_of(spec.Params).values()
     ]
 
 

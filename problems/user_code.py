@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynamics.settings import settings_of
 from ocp.errors import InputError
-from problems.parameters import unit_of
 from problems.source_digest import OWN
 
 if TYPE_CHECKING:
@@ -148,8 +148,8 @@ class UserProblemRecord:
             "equations": list(spec.equations),
             "axes": list(spec.axes),
             "parameters": {
-                name: {"unit": unit_of(about), "description": about.description or ""}
-                for name, about in spec.Params.model_fields.items()
+                name: {"unit": about.unit, "description": about.meaning}
+                for name, about in settings_of(spec.Params).items()
             },
             "motions": {},
             "undrawn": "",

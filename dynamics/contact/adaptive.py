@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 
 from dynamics.contact.closure import Schedule
 from dynamics.contact.interior_point import scalar_solution
-from dynamics.contact.law import ContactLaw, by_mu, by_sigma, law_parameter, require_positive
+from dynamics.contact.law import ContactLaw, by_mu, by_sigma, law_parameter
 from dynamics.contact.normal import expected_excess
+from dynamics.errors import InputError
+from dynamics.settings import setting
 from dynamics.systems import ContactSystem, ParameterTable
 
 MU_FLOOR = 1e-10
 """mu where the quartic law finds no inactive contact to measure a distance to."""
-# Softened impulse [N s] above which the paper calls a contact active.
-_ACTIVE_IMPULSE = 1.0
-# Parameters of the quartic laws where none are given.
+ACTIVE_IMPULSE = 1.0
+"""Impulse [N s] above which the quartic law takes a contact for active."""
 _QUARTIC = {"mu_max": 1e-2, "scale": 100.0, "power": 4.0}
-_USUAL = {"gaussian": {"sigma": 0.02}, "quartic": _QUARTIC, "quartic-per-contact": _QUARTIC}
-"""The laws by name, with the values of their parameters where none are given."""
-
-
-def _described(law: str, parameter: str, meaning: str) -> str:
-    return f"{law}: {meaning}; {_USUAL[law][parameter]:g} if not given"
-
-
-# How mu is differentiated.
-_GRADIENTS = ("total", "frozen")
+DEFAULT_PARAMETERS = {"gaussian": {"sigma": 0.02}, "quartic": _QUARTIC, "quartic-per-contact": _QUARTIC}
+"""Laws by name, with the values of their parameters where none are given."""
 
 
 def gaussian_mu(z: ca.SX, F: ca.SX, sigma: ca.SX | float) -> ca.SX:
@@ -49,6 +43,7 @@ def quartic_mu(distance: ca.SX, mu_max: ca.SX | float, scale: ca.SX | float, pow
     return mu_max * (scale * distance**2 + 1) ** (-power)
 
 
+@dataclass(eq=False, repr=False)
 class Adaptive(ContactLaw):
     """``lam_i gap_i = mu_i(z)`` with z the gap at lam = 0, a function of state and input.
 
@@ -68,31 +63,24 @@ class Adaptive(ContactLaw):
     name: ClassVar[str] = "adaptive"
     summary: ClassVar[str] = "lam gap = mu(z), wide near contact and vanishing far from it"
 
-    def __init__(
-        self,
-        law: Annotated[str | Callable[[ca.SX, ca.SX], ca.SX], f"mu(z): {' or '.join(_USUAL)}"] = "gaussian",
-        sigma: Annotated[float | None, _described("gaussian", "sigma", "width of the noise [m]")] = None,
-        mu_max: Annotated[float | None, _described("quartic", "mu_max", "mu at a distance of 0 [N s m]")] = None,
-        scale: Annotated[float | None, _described("quartic", "scale", "times the distance squared [1/m²]")] = None,
-        power: Annotated[float | None, _described("quartic", "power", "by which mu falls with it")] = None,
-        gradient: Annotated[
-            str, f"of mu: {' or '.join(_GRADIENTS)}; frozen holds mu, which shooting alone takes"
-        ] = "total",
-    ) -> None:
-        if not callable(law) and law not in _USUAL:
-            raise ValueError(f"adaptive: law must be one of {', '.join(_USUAL)}, got {law!r}")
-        if gradient not in _GRADIENTS:
-            raise ValueError(f"adaptive: gradient must be total or frozen, got {gradient!r}")
-        self.law, self.gradient = law, gradient
-        arguments = {"sigma": sigma, "mu_max": mu_max, "scale": scale, "power": power}
-        defaults = _USUAL.get(str(law), {})
-        for name, value in arguments.items():
+    law: str | Callable[[ca.SX, ca.SX], ca.SX] = setting("gaussian", "mu(z)", words=tuple(DEFAULT_PARAMETERS))
+    sigma: float | None = setting(None, "gaussian: width of the noise; 0.02 if not given", "m", above=0)
+    mu_max: float | None = setting(None, "quartic: mu at a distance of 0; 0.01 if not given", "N s m", above=0)
+    scale: float | None = setting(None, "quartic: factor of the distance squared; 100 if not given", "1/m²", above=0)
+    power: float | None = setting(None, "quartic: exponent by which mu falls with it; 4 if not given", above=0)
+    gradient: str = setting(
+        "total", "derivative of mu: frozen holds mu, which shooting alone takes", words=("total", "frozen")
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        given = {name: getattr(self, name) for name in ("sigma", "mu_max", "scale", "power")}
+        defaults = DEFAULT_PARAMETERS.get(str(self.law), {})
+        for name, value in given.items():
             if value is not None and name not in defaults:
-                raise ValueError(
-                    f"adaptive: {name} does not belong to law {law!r}; it takes {', '.join(defaults) or 'no parameter'}"
-                )
-        law_values = {**defaults, **{name: value for name, value in arguments.items() if value is not None}}
-        self.values = {name: require_positive("adaptive", name, value) for name, value in law_values.items()}
+                names = ", ".join(defaults) or "no parameter"
+                raise InputError(f"adaptive: {name} does not belong to law {self.law!r}; it takes {names}")
+        self.values = {name: default if given[name] is None else given[name] for name, default in defaults.items()}
 
     @property
     def frozen(self) -> bool:
@@ -136,7 +124,7 @@ class Adaptive(ContactLaw):
         if self.law == "quartic-per-contact":
             return quartic_mu(ca.fabs(z), *arguments)
         impulse = scalar_solution(z, diagonal, arguments[0])
-        inactive = impulse <= _ACTIVE_IMPULSE
+        inactive = impulse <= ACTIVE_IMPULSE
         distance = ca.mmin(ca.if_else(inactive, ca.fabs(z), 1e30))
         has_inactive = ca.mmax(inactive) > 0
         mu = ca.if_else(has_inactive, quartic_mu(ca.if_else(has_inactive, distance, 0), *arguments), MU_FLOOR)

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 
 from dynamics.contact.closure import Schedule
-from dynamics.contact.law import ContactLaw, by_mu, law_parameter, require_positive
+from dynamics.contact.law import ContactLaw, by_mu, law_parameter
+from dynamics.errors import InputError
+from dynamics.settings import setting
 from dynamics.systems import ContactSystem, ParameterTable
 
-# mu [N s m] where neither mu nor kappa is given.
-_USUAL_MU = 1e-3
+DEFAULT_MU = 1e-3
+"""mu [N s m] where neither mu nor kappa is given."""
 
 
+@dataclass(eq=False, repr=False)
 class Barrier(ContactLaw):
     """``lam_i gap_i = mu``: the optimality condition of a log-barrier on each gap.
 
@@ -30,18 +34,23 @@ class Barrier(ContactLaw):
     name: ClassVar[str] = "barrier"
     summary: ClassVar[str] = "lam gap = mu, a fixed log-barrier"
 
-    def __init__(
-        self,
-        mu: Annotated[float | None, f"lam gap [N s m]; {_USUAL_MU:g} where kappa is not given either"] = None,
-        kappa: Annotated[float | None, "weight of the log-barrier [1/J] instead of mu, which falls as it grows"] = None,
-    ) -> None:
-        if mu is not None and kappa is not None:
-            raise ValueError("barrier: give mu or kappa, not both; they fix each other")
-        if mu is None and kappa is None:
-            mu = _USUAL_MU
-        hint = "for mu = 0 use the exact law"
-        self.mu = None if mu is None else require_positive("barrier", "mu", mu, hint)
-        self.kappa = None if kappa is None else require_positive("barrier", "kappa", kappa)
+    mu: float | None = setting(
+        None,
+        f"lam gap; {DEFAULT_MU:g} where kappa is not given either",
+        "N s m",
+        hint="for mu = 0 use the exact law",
+        above=0,
+    )
+    kappa: float | None = setting(
+        None, "weight of the log-barrier instead of mu, which falls as it grows", "1/J", above=0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.mu is not None and self.kappa is not None:
+            raise InputError("barrier: give mu or kappa, not both; they fix each other")
+        if self.mu is None and self.kappa is None:
+            self.mu = DEFAULT_MU
 
     def schedule(self, impulse: float, gap: float) -> Schedule | None:
         """Along ``contact.mu``; none along kappa, which grows towards the exact law."""

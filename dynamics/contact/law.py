@@ -6,12 +6,12 @@ import math
 from abc import abstractmethod
 from typing import ClassVar
 
-import numpy as np
-
 from dynamics.contact.affine_step import AffineStep
 from dynamics.contact.closure import Branch, Closure, Schedule
 from dynamics.contact.implicit_step import ImplicitStep
 from dynamics.contact.step import Step
+from dynamics.errors import InputError
+from dynamics.settings import Configured
 from dynamics.systems import LAW_PREFIX, ContactSystem, Parameter, ParameterTable
 
 
@@ -25,8 +25,10 @@ def by_sigma(gap: float) -> Schedule:
     return Schedule(LAW_PREFIX + "sigma", 3 * gap, 0.55)
 
 
-class ContactLaw(Closure):
+class ContactLaw(Configured, Closure):
     """A closure with settings, its parameters, and the step that it makes.
+
+    A law is a dataclass whose settings are declared by :func:`dynamics.settings.setting`.
 
     Each of its :meth:`parameters` is named ``contact.<name>`` and a parameter of every graph.
     """
@@ -72,20 +74,6 @@ def law_parameter(name: str, value: float, unit: str, description: str) -> Param
 
     Raises ``ValueError`` unless ``value`` is positive and finite.
     """
-    return Parameter(LAW_PREFIX + name, require_positive("contact", name, value), unit, description)
-
-
-def require_positive(law: str, name: str, value: float, hint: str = "") -> float:
-    """Return ``value`` as a positive finite float; raises ``ValueError`` otherwise."""
-    number = value if isinstance(value, int | float | np.number) else math.nan
-    if not (math.isfinite(number) and number > 0):
-        advice = f"; {hint}" if hint else ""
-        raise ValueError(f"{law}: {name} must be positive and finite, got {value}{advice}")
-    return float(number)
-
-
-def require_whole(law: str, name: str, value: float, low: int, high: int) -> int:
-    """Return ``value`` as an integer in [low, high]; raises ``ValueError`` otherwise."""
-    if not float(value).is_integer() or not low <= value <= high:
-        raise ValueError(f"{law}: {name} must be a whole number from {low} to {high}, got {value}")
-    return int(np.int64(value))
+    if not (math.isfinite(value) and value > 0):
+        raise InputError(f"contact: {name} must be positive and finite, got {value}")
+    return Parameter(LAW_PREFIX + name, float(value), unit, description)

@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
 from dynamics.contact.closure import Branch, Closure, Schedule
 from dynamics.contact.exact import Exact
-from dynamics.contact.law import ContactLaw, by_sigma, law_parameter, require_positive, require_whole
+from dynamics.contact.law import ContactLaw, by_sigma, law_parameter
 from dynamics.contact.step import Step
+from dynamics.errors import InputError
+from dynamics.settings import setting
 from dynamics.systems import ContactSystem, ParameterTable
 
 # How nodes of the noise are drawn.
 SCHEMES = ("sobol", "monte-carlo", "gauss-hermite")
-# What the noise may act on.
-_NOISES = ("input", "state")
-# Nodes where none are given.
-_DEFAULT_SAMPLES = 16
-# Nodes an axis of the Gauss-Hermite rule where none are given.
-_DEFAULT_NODES = 5
+DEFAULT_SAMPLES = 16
+"""Number of nodes where none is given."""
+DEFAULT_NODES_PER_AXIS = 5
+"""Number of Gauss-Hermite nodes an axis where none is given."""
+MAX_SAMPLES = 4096
+"""Maximum number of nodes."""
+MAX_NODES_PER_AXIS = 64
+"""Maximum number of Gauss-Hermite nodes an axis."""
 
 
+@dataclass(eq=False, repr=False)
 class Randomized(ContactLaw):
     """``x_next = sum_j w_j f(x, u + sigma e_j)``, f the step under another law, ``base``.
 
@@ -36,46 +42,45 @@ class Randomized(ContactLaw):
     name: ClassVar[str] = "randomized"
     summary: ClassVar[str] = "average of another law over noise on the input or the state"
 
-    def __init__(
-        self,
-        sigma: Annotated[float, "standard deviation of the noise [SI]"] = 0.1,
-        samples: Annotated[
-            int | None,
-            f"nodes, an even number; {_DEFAULT_SAMPLES} if not given. gauss-hermite: an axis, {_DEFAULT_NODES}",
-        ] = None,
-        seed: Annotated[int, "of the nodes"] = 0,
-        scheme: Annotated[str, f"of the nodes: {', '.join(SCHEMES)}"] = "sobol",
-        noise: Annotated[str, f"on what: {' or '.join(_NOISES)}"] = "input",
-        base: Annotated[ContactLaw | None, "law that is averaged, exact if not given; its own as base.NAME"] = None,
-    ) -> None:
-        if scheme not in SCHEMES:
-            raise ValueError(f"randomized: scheme must be one of {', '.join(SCHEMES)}, got {scheme!r}")
-        if noise not in _NOISES:
-            raise ValueError(f"randomized: noise must be on input or state, got {noise!r}")
-        if not isinstance(base, ContactLaw | None):
-            raise ValueError(f"randomized: base must be a law such as Exact(), got {base!r}")
-        if isinstance(base, Randomized):
-            raise ValueError("randomized: the base law must not be randomized itself")
-        self.sigma = require_positive("randomized", "sigma", sigma)
-        if samples is None:
-            samples = _DEFAULT_NODES if scheme == "gauss-hermite" else _DEFAULT_SAMPLES
-        high = 64 if scheme == "gauss-hermite" else 4096
-        self.samples = require_whole("randomized", "samples", samples, 2, high)
-        if scheme != "gauss-hermite" and self.samples % 2:
-            raise ValueError(f"randomized: samples must be even, got {self.samples}")
-        self.seed = require_whole("randomized", "seed", seed, 0, 2**31 - 1)
-        self.scheme, self.noise = scheme, noise
-        self.base = base or Exact()
+    sigma: float = setting(0.1, "standard deviation of the noise", "SI", above=0)
+    samples: int | None = setting(
+        None,
+        f"nodes, an even number; {DEFAULT_SAMPLES} if not given. gauss-hermite: an axis, {DEFAULT_NODES_PER_AXIS}",
+        least=2,
+        most=MAX_SAMPLES,
+    )
+    seed: int = setting(0, "random seed of the nodes", least=0, most=2**31 - 1)
+    scheme: str = setting("sobol", "rule of the nodes", words=SCHEMES)
+    noise: str = setting("input", "where the noise is added", words=("input", "state"))
+    base: ContactLaw | None = setting(None, "law that is averaged, exact if not given; its own as base.NAME")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if isinstance(self.base, Randomized):
+            raise InputError("randomized: the base law must not be randomized itself")
+        is_tensor = self.scheme == "gauss-hermite"
+        if self.samples is None:
+            self.samples = DEFAULT_NODES_PER_AXIS if is_tensor else DEFAULT_SAMPLES
+        if is_tensor and self.samples > MAX_NODES_PER_AXIS:
+            raise InputError(f"randomized: samples must be at most {MAX_NODES_PER_AXIS} an axis, got {self.samples}")
+        if not is_tensor and self.samples % 2:
+            raise InputError(f"randomized: samples must be even, got {self.samples}")
+        self.base = self.base_law
+
+    @property
+    def base_law(self) -> ContactLaw:
+        """Law that is averaged."""
+        return self.base or Exact()
 
     @property
     def exact(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Whether the base law is exact: then the contact at every node is complementary."""
-        return self.base.exact
+        return self.base_law.exact
 
     @property
     def frozen(self) -> bool:
         """As the base law."""
-        return self.base.frozen
+        return self.base_law.frozen
 
     def schedule(self, impulse: float, gap: float) -> Schedule:
         """Along ``contact.sigma``."""
@@ -84,15 +89,15 @@ class Randomized(ContactLaw):
     def settings(self) -> dict[str, float | int | str]:
         """Parameters, sampling, and the base law's own settings as ``base.<name>``."""
         own_settings = {key: value for key, value in vars(self).items() if key != "base"}
-        base_settings = {f"base.{key}": value for key, value in self.base.settings().items()}
-        return {**own_settings, "base": self.base.name, **base_settings}
+        base_settings = {f"base.{key}": value for key, value in self.base_law.settings().items()}
+        return {**own_settings, "base": self.base_law.name, **base_settings}
 
     def at(self, **values: float) -> Randomized:
         """Return the same law with another sigma, or with other parameters of the base law."""
         settings = dict(vars(self))
         base_values = {name: value for name, value in values.items() if name not in settings}
         if base_values:
-            settings["base"] = self.base.at(**base_values)
+            settings["base"] = self.base_law.at(**base_values)
         own_values = {name: value for name, value in values.items() if name in settings}
         return Randomized(**{**settings, **own_values})  # pyright: ignore[reportArgumentType]
 
@@ -101,22 +106,23 @@ class Randomized(ContactLaw):
         sigma_parameter = law_parameter(
             "sigma", self.sigma, "SI", f"standard deviation of the noise on the {self.noise}"
         )
-        base_parameters = self.base.parameters(system)
+        base_parameters = self.base_law.parameters(system)
         if "contact.sigma" in base_parameters:
             raise ValueError("randomized: the base law has a sigma of its own; use barrier or exact")
         return ParameterTable([sigma_parameter]) + base_parameters
 
     def close_at_nodes(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
         """The base law's step at all nodes."""
-        return self.base.close_at_nodes(system, law, p, nodes)
+        return self.base_law.close_at_nodes(system, law, p, nodes)
 
     def target(self, system: ContactSystem, z: ca.SX, F: ca.SX, p: ParameterTable) -> ca.SX:
         """Return the base law's mu at one node."""
-        return self.base.target(system, z, F, p)
+        return self.base_law.target(system, z, F, p)
 
     def nodes(self, system: ContactSystem, p: ParameterTable) -> list[Branch]:
         """Disturbed states or inputs with their weights."""
         dimension = system.nu if self.noise == "input" else system.nx
+        assert self.samples is not None
         points, weights = standard_normal_nodes(dimension, self.samples, self.seed, self.scheme)
         sigma = p["contact.sigma"]
         branches = []

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import casadi as ca
 
@@ -12,8 +13,10 @@ from dynamics.contact.closure import Branch, Closure
 from dynamics.contact.law import ContactLaw
 from dynamics.contact.learned_step import CasadiMap, LearnedMap, LearnedStep
 from dynamics.contact.step import Step
+from dynamics.errors import InputError
 from dynamics.learned.files import read_model
 from dynamics.learned.transitions import Origin
+from dynamics.settings import setting
 from dynamics.systems import LAW_PREFIX, ContactSystem, Parameter, ParameterTable
 
 
@@ -29,9 +32,7 @@ class StepModel(LearnedMap, Protocol):
         ...
 
 
-_Model = Annotated[str | Path | StepModel | None, "file of a model, made by ocp learn; required"]
-
-
+@dataclass(eq=False, repr=False)
 class LearnedLaw(ContactLaw):
     """``x_next = g(x, u)``, g a model of transitions: contact is closed by what was seen.
 
@@ -39,17 +40,20 @@ class LearnedLaw(ContactLaw):
     multipliers. Raises ``ValueError`` for a file that is no such model.
     """
 
-    def __init__(self, model: _Model = None) -> None:
-        if model is None:
-            raise ValueError(f"{self.name}: a learned law needs its model; give model=FILE, made by ocp learn")
-        self._stated = model
-        loaded = read_model(Path(model)) if isinstance(model, (str, Path)) else model
+    model: Any = setting(None, "file of a model, made by ocp learn; required")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.model is None:
+            raise InputError(f"{self.name}: a learned law needs its model; give model=FILE, made by ocp learn")
+        self._stated = self.model
+        loaded: StepModel = read_model(Path(self.model)) if isinstance(self.model, str | Path) else self.model
         if loaded.kind != self.name:
-            raise ValueError(
-                f"{self.name}: {model} is a model of kind {loaded.kind}; use --contact"
+            raise InputError(
+                f"{self.name}: {self.model} is a model of kind {loaded.kind}; use --contact"
                 f" {loaded.kind}, or learn one with --model {self.name}"
             )
-        self.model: StepModel = loaded
+        self.model = loaded
         self._map = CasadiMap(loaded)
 
     def settings(self) -> dict[str, float | int | str]:
@@ -98,6 +102,7 @@ class LearnedLaw(ContactLaw):
         return LearnedStep(system, law, p, nodes, self._map, trust)
 
 
+@dataclass(eq=False, repr=False)
 class Ewda(LearnedLaw):
     """The exponentially weighted distance average of transitions, noising, eq. 11.
 
@@ -108,15 +113,7 @@ class Ewda(LearnedLaw):
     name: ClassVar[str] = "ewda"
     summary: ClassVar[str] = "distance-weighted average of transitions, from a model file"
 
-    def __init__(
-        self,
-        model: _Model = None,
-        trust: Annotated[float, "weight of -log p of the data in the stage cost"] = 0.0,
-    ) -> None:
-        super().__init__(model)
-        if not 0 <= trust < float("inf"):
-            raise ValueError(f"ewda: trust must be at least 0 and finite, got {trust}")
-        self.trust = float(trust)
+    trust: float = setting(0.0, "weight of -log p of the data in the stage cost", least=0)
 
     def settings(self) -> dict[str, float | int | str]:
         """The model and the weight of its density."""
@@ -129,6 +126,7 @@ class Ewda(LearnedLaw):
         return super().parameters(system) + ParameterTable([weight])
 
 
+@dataclass(eq=False, repr=False)
 class Mlp(LearnedLaw):
     """A network trained on transitions, with or without noise on its inputs, noising, eq. 3."""
 

@@ -6,11 +6,12 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from dynamics.batch import Gaussian, Moments
+from dynamics.settings import Configured, setting
 from ocp.errors import InputError
 from ocp.gradients.chunks import Sampler, mean_cost
 from ocp.gradients.objective import Bulk, SampledObjective
@@ -207,7 +208,7 @@ def bernstein_distance(n: int, d: int, variance: float, deviation: float, delta:
 
 
 @dataclass(frozen=True)
-class ConfidenceTest:
+class ConfidenceTest(Configured):
     """Least variance subject to ``alpha B + epsilon <= gamma``.
 
     B is the distance of the two estimates and epsilon bounds the error of the zeroth order with
@@ -221,21 +222,13 @@ class ConfidenceTest:
     Raises :class:`~ocp.errors.InputError` for gamma <= 0, delta outside (0, 1), deviation < 0.
     """
 
-    gamma: Annotated[float | None, "bound on the error; a tenth of the zeroth-order gradient if not given"] = None
-    delta: Annotated[float, "probability that the test fails"] = 0.05
-    deviation: Annotated[float | None, "bound on one sample; the largest seen if not given"] = None
+    gamma: float | None = setting(
+        None, "bound on the error; a tenth of the zeroth-order gradient if not given", above=0
+    )
+    delta: float = setting(0.05, "probability that the test fails", above=0, below=1)
+    deviation: float | None = setting(None, "bound on one sample; the largest seen if not given", least=0)
     name: ClassVar[str] = "alpha"
     summary: ClassVar[str] = "both orders, weighted subject to a confidence test"
-
-    def __post_init__(self) -> None:
-        if self.gamma is not None and not (math.isfinite(self.gamma) and self.gamma > 0):
-            raise InputError(f"alpha: gamma must be positive and finite, got {self.gamma}")
-        if not 0 < self.delta < 1:
-            raise InputError(
-                f"alpha: delta, the probability that the test fails, must lie between 0 and 1, got {self.delta}"
-            )
-        if self.deviation is not None and not self.deviation >= 0:
-            raise InputError(f"alpha: deviation must be 0 or more, got {self.deviation}")
 
     def choose_weight(self, evidence: Evidence) -> Choice:
         """Choose alpha: 0 where the zeroth order alone is too uncertain, alpha* where the test allows it."""
@@ -266,16 +259,12 @@ class InverseVariance:
 
 
 @dataclass(frozen=True)
-class FixedWeight:
+class FixedWeight(Configured):
     """A constant alpha in [0, 1]; raises :class:`~ocp.errors.InputError` outside."""
 
-    alpha: Annotated[float, "weight of the first order"] = 0.5
+    alpha: float = setting(0.5, "weight of the first order", least=0, most=1)
     name: ClassVar[str] = "alpha-fixed"
     summary: ClassVar[str] = "both orders, with a constant weight"
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.alpha <= 1:
-            raise InputError(f"alpha-fixed: alpha must lie in [0, 1], got {self.alpha}")
 
     def choose_weight(self, evidence: Evidence) -> Choice:
         """Return the constant."""

@@ -21,7 +21,7 @@ from ocp.distribution import load_plugin
 from ocp.errors import InputError, did_you_mean
 from ocp.problem.problem import Problem
 from ocp.routes.session import Session
-from ocp.solve.request import OWN, ProblemSource
+from ocp.solve.request import SOLVE_SETTINGS, ProblemSource
 from ocp.solve.solve import new_session
 from ocp.store.provenance import check_content, content_digest
 from ocp.transcription.factories import DEFAULT_LAW, law_digest, law_settings
@@ -123,7 +123,7 @@ class Case:
                 " setting.<name> is a number of -s"
             )
         if (prefix == "problem" and params[key].annotation not in (int, float)) or (
-            prefix == "setting" and key in OWN and key not in ("factor", "start")
+            prefix == "setting" and key in SOLVE_SETTINGS and SOLVE_SETTINGS[key].kind != "number"
         ):
             raise InputError(f"--over: {name} is not a number; a sweep needs numbers")
         return full_name

@@ -20,7 +20,7 @@ from ocp.routes.session import Session
 from ocp.solve.request import ProblemSource
 from ocp.solve.solve import Rank
 from ocp.store.checkpoint import Checkpoint
-from ocp.validation import GRAMMAR, MOST, Axis, parse_axis_option
+from ocp.validation import AXIS_GRAMMAR, MAX_AXIS_VALUES, Axis, parse_axis_option
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,24 +31,24 @@ AXIS_DIGITS = 12
 
 
 def parse_axes(over: Mapping[str, Any] | Iterable[str | Axis]) -> tuple[Axis, ...]:
-    """Read axes: words of :data:`GRAMMAR`, or values by name, each an array or ``"A:B:n"``.
+    """Read axes: words of :data:`AXIS_GRAMMAR`, or values by name, each an array or ``"A:B:n"``.
 
     Raises :class:`~ocp.errors.InputError` for none, a name twice, what does not read so, and more
-    than :data:`MOST` points.
+    than :data:`MAX_AXIS_VALUES` points.
     """
     if isinstance(over, Mapping):
         parsed = [_axis_of_values(str(name), values) for name, values in over.items()]
     else:
         parsed = [axis_or_text if isinstance(axis_or_text, Axis) else parse_axis(axis_or_text) for axis_or_text in over]
     if not parsed:
-        raise InputError(f"a sweep needs a parameter; give --over {GRAMMAR}")
+        raise InputError(f"a sweep needs a parameter; give --over {AXIS_GRAMMAR}")
     names = [axis_or_text.name for axis_or_text in parsed]
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise InputError(f"--over: {repeated[0]} is given twice; give it once")
     count = math.prod(len(axis_or_text.values) for axis_or_text in parsed)
-    if count > MOST:
-        raise InputError(f"a grid of {count} points is more than {MOST}; take fewer values")
+    if count > MAX_AXIS_VALUES:
+        raise InputError(f"a grid of {count} points is more than {MAX_AXIS_VALUES}; take fewer values")
     return tuple(parsed)
 
 

@@ -6,12 +6,13 @@ import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from dynamics.batch import BatchFunction, DensePolicy, Gaussian, RolloutPolicy, constant_policy, dense_policy
 from dynamics.contact import Adaptive, ContactLaw, Exact
+from dynamics.settings import Configured, read_count, setting
 from ocp.errors import InputError
 from ocp.learning.explorer import squash
 from ocp.learning.protocol import balancing_feedback, embed_affine, first_weights
@@ -52,7 +53,7 @@ class Budget(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Experiment:
+class Experiment(Configured):
     """Maximise ``E sum_t discount^t reward_t`` over the parameters of a policy.
 
     The policy is ``u = mid + half tanh(a)``, ``a = W_L tanh(... W_1 o + b_1 ...) + b_L + w``, with
@@ -76,15 +77,15 @@ class Experiment:
     task: Task
     algorithm: Algorithm
     law: ContactLaw = field(default_factory=lambda: Adaptive("quartic"))
-    hidden: Annotated[tuple[int, ...] | None, "units of each tanh layer, as 64,64; affine, or open-loop"] = ()
-    initial: Annotated[float, "size of the last layer's first weights"] = 0.1
+    hidden: tuple[int, ...] | None = setting((), "units of each tanh layer, as 64,64; affine, or open-loop")
+    initial: float = setting(0.1, "size of the last layer's first weights", least=0)
     rest: tuple[float, ...] | None = None
-    normalise: Annotated[bool, "observations by their running mean and scale"] = True
-    discount: Annotated[float, "of later rewards, above 0 and at most 1"] = 1.0
-    seed: int = 0
-    iterations: int = 100
-    evaluate_every: Annotated[int, "iterations between judgements under the exact law"] = 10
-    episodes: Annotated[int, "of each judgement"] = 16
+    normalise: bool = setting(True, "observations by their running mean and scale")
+    discount: float = setting(1.0, "discount of later rewards", hint="1 counts all rewards alike", above=0, most=1)
+    seed: int = setting(0, least=0)
+    iterations: int = setting(100, least=1)
+    evaluate_every: int = setting(10, "iterations between judgements under the exact law", least=1)
+    episodes: int = setting(16, "episodes of each judgement", least=1)
     budget: Budget | None = None
     model_params: np.ndarray | None = None
     start: Trained | None = None
@@ -95,18 +96,11 @@ class Experiment:
     _step_counts: list[float] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
-        for name in ("iterations", "evaluate_every", "episodes"):
-            check_at_least(1, name, getattr(self, name))
+        super().__post_init__()
         for width in self.hidden or ():
-            check_at_least(1, "a hidden layer", width)
+            read_count("a hidden layer", width)
         for name, value in self.budget._asdict().items() if self.budget else ():
-            check_at_least(1, f"the budget's {name}", value)
-        check_at_least(0, "seed", self.seed)
-        if not 0 < self.discount <= 1:
-            raise InputError(
-                f"discount must be above 0 and at most 1, got {self.discount:g}; 1 counts all rewards alike"
-            )
-        check_not_below(0, "initial", self.initial)
+            read_count(f"the budget's {name}", value)
         size = len(self.task.parameters)
         if self.model_params is not None and np.shape(self.model_params) != (size,):
             raise InputError(
@@ -231,22 +225,3 @@ class Experiment:
             "psi": self.physics,
             "start": None if self.start is None else self.start.digest,
         }
-
-
-def check_at_least(minimum: int, name: str, value: int) -> None:
-    """Raise :class:`~ocp.errors.InputError` unless ``value`` is a whole number from ``minimum``."""
-    is_int = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not is_int or value < minimum:
-        raise InputError(f"{name} must be a whole number of at least {minimum}, got {value!r}")
-
-
-def check_not_below(minimum: float, name: str, value: float) -> None:
-    """Raise :class:`~ocp.errors.InputError` unless ``value`` is finite and at least ``minimum``."""
-    if not (np.isfinite(value) and value >= minimum):
-        raise InputError(f"{name} must be a finite number of at least {minimum:g}, got {value!r}")
-
-
-def check_positive(name: str, value: float) -> None:
-    """Raise :class:`~ocp.errors.InputError` unless ``value`` is positive and finite."""
-    if not (np.isfinite(value) and value > 0):
-        raise InputError(f"{name} must be positive and finite, got {value!r}")

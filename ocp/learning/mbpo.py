@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
+from dynamics.settings import setting
 from ocp.errors import InputError
-from ocp.learning.experiment import Experiment, check_at_least, check_positive
+from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Algorithm, Row, State, Trained
 
 if TYPE_CHECKING:
@@ -40,34 +41,42 @@ class MBPO(Algorithm):
     summary: ClassVar[str] = "soft actor-critic on short branches of a network ensemble"
     contact: ClassVar[str] = "exact"
 
-    n_envs: Annotated[int, "episodes continued under the exact law in each iteration"] = 16
-    steps: Annotated[int, "steps of each continued episode"] = 16
-    explored: Annotated[int, "steps of random policies in iteration 0"] = 2048
-    capacity: Annotated[int, "steps that are kept"] = 100_000
-    members: Annotated[int, "networks of the ensemble"] = 7
-    elites: Annotated[int, "networks used: the elites"] = 5
-    model_units: Annotated[int, "units of a layer of the model"] = 100
-    model_layers: Annotated[int, "layers of the model"] = 3
-    model_rate: Annotated[float, "learning rate of the model"] = 1e-3
-    model_steps: Annotated[int, "gradient steps of the model per iteration"] = 200
-    model_batch: Annotated[int, "batch size of the model"] = 128
-    held_out: Annotated[float, "share of the transitions that selects the elites"] = 0.1
-    branches: Annotated[int, "model branches per iteration"] = 400
-    min_branch: Annotated[int, "branch length in the first half of the iterations"] = 1
-    max_branch: Annotated[int, "branch length in the second half"] = 5
-    kept: Annotated[int, "iterations whose branches are kept for learning"] = 10
-    critic_units: Annotated[int, "units of a layer of the critics"] = 128
-    critic_layers: Annotated[int, "layers of the critics"] = 2
-    rate: Annotated[float, "learning rate of actor, critics and temperature"] = 3e-4
-    sigma: Annotated[float, "initial standard deviation of the actions before tanh"] = 0.3
-    alpha: Annotated[float, "initial entropy temperature"] = 0.1
-    target_entropy: Annotated[float, "target entropy per input"] = -1.0
-    reward_clip: Annotated[float, "largest absolute reward given to the critics"] = math.inf
-    critic_discount: Annotated[float, "factor on the experiment's discount for the critics"] = 0.99
-    tau: Annotated[float, "step of the target critics toward the critics"] = 0.005
-    updates: Annotated[int, "updates of actor and critics per iteration"] = 1000
-    batch: Annotated[int, "batch size of an update"] = 128
-    real_ratio: Annotated[float, "share of real transitions in a batch"] = 0.05
+    n_envs: int = setting(16, "episodes continued under the exact law in each iteration", least=1)
+    steps: int = setting(16, "steps of each continued episode", least=1)
+    explored: int = setting(2048, "steps of random policies in iteration 0", least=1)
+    capacity: int = setting(100_000, "steps that are kept", least=1, most=10_000_000)
+    members: int = setting(7, "networks of the ensemble", least=1)
+    elites: int = setting(5, "networks used, the elites", least=1)
+    model_units: int = setting(100, "units of a layer of the model", least=1)
+    model_layers: int = setting(3, "layers of the model", least=1)
+    model_rate: float = setting(1e-3, "learning rate of the model", above=0)
+    model_steps: int = setting(200, "gradient steps of the model per iteration", least=1)
+    model_batch: int = setting(128, "batch size of the model", least=1)
+    held_out: float = setting(0.1, "share of the transitions that selects the elites", least=0.01, most=0.5)
+    branches: int = setting(400, "model branches per iteration", least=1)
+    min_branch: int = setting(1, "branch length in the first half of the iterations", least=1)
+    max_branch: int = setting(5, "branch length in the second half", least=1, most=1000)
+    kept: int = setting(10, "iterations whose branches are kept for learning", least=1)
+    critic_units: int = setting(128, "units of a layer of the critics", least=1)
+    critic_layers: int = setting(2, "layers of the critics", least=1)
+    rate: float = setting(3e-4, "learning rate of actor, critics and temperature", above=0)
+    sigma: float = setting(0.3, "initial standard deviation of the actions before tanh", above=0)
+    alpha: float = setting(0.1, "initial entropy temperature", above=0)
+    target_entropy: float = setting(-1.0, "target entropy per input", least=-10, most=0.6)
+    reward_clip: float = setting(math.inf, "largest absolute reward given to the critics", least=1e-9)
+    critic_discount: float = setting(0.99, "factor on the experiment's discount for the critics", least=0, most=1)
+    tau: float = setting(0.005, "step of the target critics toward the critics", least=0, most=1)
+    updates: int = setting(1000, "updates of actor and critics per iteration", least=1)
+    batch: int = setting(128, "batch size of an update", least=1)
+    real_ratio: float = setting(0.05, "share of real transitions in a batch", least=0, most=1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, minimum in {"members": "elites", "max_branch": "min_branch", "capacity": "explored"}.items():
+            if getattr(self, name) < getattr(self, minimum):
+                raise InputError(
+                    f"mbpo: {name} must be at least {minimum}, {getattr(self, minimum)}, got {getattr(self, name)}"
+                )
 
     def begin(self, experiment: Experiment) -> State:
         """Return networks initialised from the seed, and the explored steps.
@@ -95,26 +104,6 @@ class MBPO(Algorithm):
             )
         if experiment.start is not None:
             raise InputError("mbpo learns networks of its own and cannot start from a policy; leave start out")
-        integer_settings = "n_envs steps explored members elites model_units model_layers model_steps"
-        integer_settings += " model_batch branches min_branch kept critic_units critic_layers updates batch"
-        for name in integer_settings.split():
-            check_at_least(1, name, getattr(self, name))
-        for name in ("model_rate", "rate", "alpha", "sigma"):
-            check_positive(name, getattr(self, name))
-        for name, (lower, upper) in {
-            "elites": (1, self.members),
-            "max_branch": (self.min_branch, 1000),
-            "target_entropy": (-10.0, 0.6),
-            "held_out": (0.01, 0.5),
-            "reward_clip": (1e-9, math.inf),
-            "real_ratio": (0, 1),
-            "critic_discount": (0, 1),
-            "tau": (0, 1),
-            "capacity": (self.explored, 10_000_000),
-        }.items():
-            value = getattr(self, name)
-            if not lower <= value <= upper:
-                raise InputError(f"{name} must be between {lower:g} and {upper:g}, got {value!r}")
 
     def _trainer(self, experiment: Experiment) -> MBPOTrainer:
         return experiment.cached(self._make_trainer)

@@ -13,6 +13,7 @@ import numpy as np
 
 from dynamics.batch import DensePolicy, RolloutPolicy, StepFunction
 from dynamics.contact import Barrier
+from dynamics.settings import Configured
 from ocp.errors import InputError
 from ocp.problem.task import Task
 
@@ -218,7 +219,7 @@ class Trained(NamedTuple):
         return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()[:10]
 
 
-class Algorithm:
+class Algorithm(Configured):
     """One way to improve a policy; its attributes are its settings, frozen.
 
     Random numbers of iteration k come from :meth:`Experiment.rng` and :meth:`Experiment.noise` at
@@ -235,8 +236,7 @@ class Algorithm:
         return dict(vars(self))
 
     def check(self, experiment: Experiment) -> None:
-        """Raise :class:`~ocp.errors.InputError` for settings that do not fit, before any work."""
-        raise NotImplementedError
+        """Raise :class:`~ocp.errors.InputError` where settings do not fit the experiment, before any work."""
 
     def begin(self, experiment: Experiment) -> State:
         """Return the state before the first iteration; raises as :meth:`check` does."""

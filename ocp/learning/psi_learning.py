@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
+from dynamics.settings import setting
 from ocp.errors import InputError
-from ocp.learning.experiment import EXACT, Experiment, check_at_least, check_not_below
+from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.explorer import Buffer, Explorer
 from ocp.learning.identify import OneStepLoss, search_iteration
 from ocp.learning.protocol import Algorithm, Row, State, Trained, with_prefix, without_prefix
@@ -41,12 +42,12 @@ class PsiLearning(Algorithm):
 
     algorithm: Algorithm
     names: tuple[str, ...]
-    n_envs: Annotated[int, "episodes continued under the exact law in each iteration"] = 16
-    steps: Annotated[int, "steps of each continued episode"] = 16
-    sigma: Annotated[float, "noise on the inputs, in half ranges"] = 0.1
-    capacity: Annotated[int, "transitions kept"] = 2000
-    rows: Annotated[int, "transitions that judge an iteration of the search"] = 128
-    searched: Annotated[int, "search iterations per policy iteration"] = 10
+    n_envs: int = setting(16, "episodes continued under the exact law in each iteration", least=1)
+    steps: int = setting(16, "steps of each continued episode", least=1)
+    sigma: float = setting(0.1, "noise on the inputs, in half ranges", least=0)
+    capacity: int = setting(2000, "transitions kept", least=1)
+    rows: int = setting(128, "transitions that judge an iteration of the search", least=1)
+    searched: int = setting(10, "search iterations per policy iteration", least=1)
     search: RandomSearch = field(default_factory=RandomSearch)
 
     def settings(self) -> dict[str, Any]:
@@ -58,9 +59,6 @@ class PsiLearning(Algorithm):
     def check(self, experiment: Experiment) -> None:
         """Raise :class:`~ocp.errors.InputError` for settings that cannot be."""
         self.algorithm.check(experiment)
-        for name in ("n_envs", "steps", "capacity", "rows", "searched"):
-            check_at_least(1, name, getattr(self, name))
-        check_not_below(0, "sigma", self.sigma)
 
     def begin(self, experiment: Experiment) -> State:
         """Return the algorithm's state, episodes at their starts, and no transitions yet."""

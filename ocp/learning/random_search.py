@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 
+from dynamics.settings import Configured, setting
 from ocp.errors import InputError
 
 Cloud = dict[str, np.ndarray]
@@ -15,7 +15,7 @@ Cloud = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
-class RandomSearch:
+class RandomSearch(Configured):
     """Evolution of a Gaussian cloud's mean, width and covariance (CMA-ES), without gradients.
 
     Hansen, The CMA evolution strategy: a tutorial, 2016, with its weights and rates, negative
@@ -33,24 +33,20 @@ class RandomSearch:
     cloud is when its covariance never learns; masses and inertias that move alike need it.
     """
 
-    candidates: Annotated[int, "candidates per iteration"] = 32
-    width: Annotated[float, "initial standard deviation of the candidates"] = 0.3
-    iterations: Annotated[int, "most of a pass"] = 150
-    narrow: Annotated[float, "standard deviation below which a pass ends"] = 1e-3
-    passes: Annotated[int, "passes; each starts where the last one ended"] = 2
-    reach: Annotated[float, "largest change of a coordinate"] = 3.0
+    candidates: int = setting(32, "candidates per iteration", least=4)
+    width: float = setting(0.3, "initial standard deviation of the candidates", above=0)
+    iterations: int = setting(150, "maximum iterations of a pass", least=1)
+    narrow: float = setting(1e-3, "standard deviation below which a pass ends", least=0)
+    passes: int = setting(2, "passes; each starts where the last one ended", least=1)
+    reach: float = setting(3.0, "largest change of a coordinate", above=0)
 
     def __post_init__(self) -> None:
-        if self.candidates < 4 or self.iterations < 1 or self.passes < 1:
-            raise InputError(
-                "random search needs at least 4 candidates, 1 iteration and 1 pass, got"
-                f" {self.candidates}, {self.iterations} and {self.passes}"
-            )
-        if not (0 <= self.narrow < self.width < np.inf):
+        super().__post_init__()
+        if not self.narrow < self.width:
             raise InputError(
                 f"random search ends at a width below that of its start, got {self.width:g} to {self.narrow:g}"
             )
-        if not self.width <= self.reach < np.inf:
+        if not self.width <= self.reach:
             raise InputError(f"reach must be at least the width {self.width:g}, got {self.reach:g}")
 
     def begin(

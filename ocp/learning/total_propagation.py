@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from dynamics.batch import BatchFunction, BatchWarning, RolloutPolicy, StepFunction
 from dynamics.batch.graphs.rollout_tapes import ClosedStep
 from dynamics.batch.graphs.step_graphs import dependence_table
+from dynamics.settings import setting
 from ocp.errors import InputError, NotConverged
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Row, State, Trained, policy_vjp
@@ -203,8 +204,8 @@ class TotalPropagation(Clipping):
     summary: ClassVar[str] = "both orders mixed at every step backwards, along noisy states"
     contact: ClassVar[str] = "exact"
 
-    sigma: Annotated[float, "deviation of the particles' noise [units of the state]"] = 1e-2
-    min_samples: ClassVar[int] = 2
+    sigma: float = setting(1e-2, "standard deviation of the particles' noise", "units of the state", above=0)
+    samples: int = setting(64, "unrolls an iteration", hint="a variance needs two", least=2)
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """Take one step along the gradient of total propagation."""

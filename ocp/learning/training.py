@@ -14,8 +14,9 @@ import numpy as np
 
 from dynamics.batch import BatchFunction, BatchWarning
 from dynamics.contact import ContactLaw
+from dynamics.settings import read_count
 from ocp.errors import InputError
-from ocp.learning.experiment import EXACT, Experiment, check_at_least
+from ocp.learning.experiment import EXACT, Experiment
 from ocp.learning.mbpo import MBPO
 from ocp.learning.protocol import Algorithm, Row, State, Trained, with_prefix, without_prefix
 from ocp.learning.total_propagation import TotalPropagation
@@ -77,7 +78,7 @@ def evaluate(
     Raises :class:`~ocp.errors.InputError` where a reward is not a number though states are, with
     step and episode.
     """
-    check_at_least(1, "episodes", episodes)
+    read_count("episodes", episodes)
     x0 = experiment.task.reset(episodes, np.random.default_rng(seed))
     return evaluate_from(experiment, trained, law, x0)
 

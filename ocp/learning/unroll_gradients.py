@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from dynamics.batch import Episodes
 from dynamics.contact import Barrier
-from ocp.errors import InputError, choose
+from dynamics.settings import setting
+from ocp.errors import InputError
 from ocp.gradients.estimators import bernstein_distance, inverse_variance
 from ocp.learning.critic import Critic
-from ocp.learning.experiment import Experiment, check_at_least, check_positive
+from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Algorithm, Row, State
 from ocp.learning.unrolling import Clipping, Unrolled, finite_samples, normalised_state, sample_row, unroll_episodes
 
@@ -30,12 +31,10 @@ class ZOPG(Clipping):
     summary: ClassVar[str] = "likelihood-ratio policy gradient, antithetic, with a baseline"
     contact: ClassVar[str] = "exact"
 
-    samples: Annotated[int, "unrolls per iteration, in pairs of noise w and -w"] = 256
-    min_samples: ClassVar[int] = 4
+    samples: int = setting(256, "unrolls per iteration, in pairs of noise w and -w", least=4)
 
-    def check(self, experiment: Experiment) -> None:
-        """Check the settings, and that samples come in pairs."""
-        super().check(experiment)
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.samples % 2:
             raise InputError(f"samples come in pairs of w and -w: {self.samples} is odd")
 
@@ -99,8 +98,10 @@ class FOPG(Clipping):
     summary: ClassVar[str] = "first-order policy gradient through the contact model"
     contact: ClassVar[str] = "adaptive"
 
-    smoothing: Annotated[str, "rollout: states and gradient are the law's; gradient: the gradient alone"] = "rollout"
-    critic: Annotated[int, "units in each layer of a critic; 0 for none"] = 0
+    smoothing: str = setting(
+        "rollout", "what the law smooths: states and gradient, or the gradient alone", words=tuple(SMOOTHINGS)
+    )
+    critic: int = setting(0, "units in each layer of a critic; 0 for none", least=0)
 
     @property
     def value_critic(self) -> Critic | None:
@@ -108,10 +109,8 @@ class FOPG(Clipping):
         return Critic(units=self.critic) if self.critic else None
 
     def check(self, experiment: Experiment) -> None:
-        """Check the settings, the smoothing, and that a critic has something to estimate."""
+        """Check the experiment as every algorithm does, and whether there is something for a critic to learn."""
         super().check(experiment)
-        choose("smoothing", self.smoothing, SMOOTHINGS)
-        check_at_least(0, "critic", self.critic)
         if critic := self.value_critic:
             critic.check(experiment, self.steps(experiment))
 
@@ -166,16 +165,9 @@ class AoBG(Unrolled):
     summary: ClassVar[str] = "alpha-order batched gradient, first and zeroth order mixed"
     contact: ClassVar[str] = "exact"
 
-    gamma: Annotated[float, "bound on the gradient's error [return / unit of theta]"] = 1.0
-    delta: Annotated[float, "probability that the test fails"] = 0.05
-    min_samples: ClassVar[int] = 2
-
-    def check(self, experiment: Experiment) -> None:
-        """Check the settings, the bound and its probability."""
-        super().check(experiment)
-        check_positive("gamma", self.gamma)
-        if not 0 < self.delta < 1:
-            raise InputError(f"delta is a probability between 0 and 1, got {self.delta:g}")
+    samples: int = setting(64, "unrolls an iteration", hint="a variance needs two", least=2)
+    gamma: float = setting(1.0, "bound on the gradient's error", "return / unit of theta", above=0)
+    delta: float = setting(0.05, "probability that the test fails", above=0, below=1)
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """Take one step along the mixture."""
@@ -235,19 +227,15 @@ class ARS(Algorithm):
     summary: ClassVar[str] = "augmented random search, V2-t"
     contact: ClassVar[str] = "exact"
 
-    directions: Annotated[int, "random directions per iteration"] = 16
-    top: Annotated[int, "best directions used"] = 8
-    spread: Annotated[float, "step along each direction"] = 0.1
-    rate: Annotated[float, "length of a step"] = 0.05
+    directions: int = setting(16, "random directions per iteration", least=1)
+    top: int = setting(8, "best directions used", least=1)
+    spread: float = setting(0.1, "step along each direction", above=0)
+    rate: float = setting(0.05, "length of a step", above=0)
 
-    def check(self, experiment: Experiment) -> None:
-        """Raise :class:`~ocp.errors.InputError` for settings out of range."""
-        check_at_least(1, "directions", self.directions)
-        check_at_least(1, "top", self.top)
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.top > self.directions:
             raise InputError(f"top is {self.top}, more than the {self.directions} directions; take fewer")
-        check_positive("spread", self.spread)
-        check_positive("rate", self.rate)
 
     def iterate(self, experiment: Experiment, state: State, k: int) -> tuple[State, Row]:
         """Take one step along the best directions."""

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from dynamics.batch import Episodes
 from dynamics.contact import ContactLaw
+from dynamics.settings import setting
 from ocp.errors import InputError, NotConverged, choose
-from ocp.learning.experiment import Experiment, check_at_least, check_positive
+from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Algorithm, Normaliser, Row, State, Trained, renormalise_policy
 
 Slope = Callable[[np.ndarray], tuple[float, np.ndarray]]
@@ -239,24 +240,11 @@ class Unrolled(Algorithm):
     by ``optimiser``, one of :func:`~ocp.learning.unrolling.ascend`'s.
     """
 
-    samples: Annotated[int, "unrolls an iteration"] = 64
-    unroll: Annotated[int, "steps of an unroll, at most an episode's"] = 32
-    sigma: Annotated[float, "standard deviation of the noise on the actions before tanh"] = 0.1
-    rate: Annotated[float, "learning rate"] = 0.01
-    optimiser: Annotated[str, f"rule of a step: {', '.join(OPTIMISERS)}"] = "adam"
-
-    min_samples: ClassVar[int] = 1
-    """Smallest number of samples that the estimate needs."""
-
-    def check(self, experiment: Experiment) -> None:
-        """Raise :class:`~ocp.errors.InputError` for settings out of range."""
-        if self.samples == 1 < self.min_samples:
-            raise InputError(f"samples is 1, but a variance needs two; give at least {self.min_samples}")
-        check_at_least(self.min_samples, "samples", self.samples)
-        check_at_least(1, "unroll", self.unroll)
-        check_positive("sigma", self.sigma)
-        check_positive("rate", self.rate)
-        choose("optimiser", self.optimiser, OPTIMISERS)
+    samples: int = setting(64, "unrolls an iteration", least=1)
+    unroll: int = setting(32, "steps of an unroll, at most an episode's", least=1)
+    sigma: float = setting(0.1, "standard deviation of the noise on the actions before tanh", above=0)
+    rate: float = setting(0.01, "learning rate", above=0)
+    optimiser: str = setting("adam", "rule of a step", words=tuple(OPTIMISERS))
 
     def starts(self) -> int:
         """Return the number of states in the buffer."""
@@ -307,13 +295,7 @@ class Clipping(Unrolled):
     off by default.
     """
 
-    clip: Annotated[float | None, "largest norm of a sample's gradient, in medians of all; biases the mean"] = None
-
-    def check(self, experiment: Experiment) -> None:
-        """Check the settings, and the largest length."""
-        super().check(experiment)
-        if self.clip is not None:
-            check_positive("clip", self.clip)
+    clip: float | None = setting(None, "largest norm of a sample's gradient in medians, which biases the mean", above=0)
 
     def clipped(self, gradients: np.ndarray) -> np.ndarray:
         """Return ``gradients`` (n, n_theta) clipped to ``clip`` times their median length."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
-from ocp.errors import InputError
+from dynamics.settings import Configured, setting
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class OpenLoop:
 
 
 @dataclass(frozen=True)
-class Feedback:
+class Feedback(Configured):
     """Affine feedback ``u_t = K_t x_t + k_t`` shared by all scenarios (noising, eq. 14).
 
     K_t (nu, nx), k_t (nu,). It starts at K = 0 and k = the guessed input (never k = 0, which would
@@ -30,17 +30,11 @@ class Feedback:
     Raises :class:`~ocp.errors.InputError` for a negative or non-finite penalty or bound.
     """
 
-    penalty: Annotated[float, "times sum |K|², in characteristic costs, added to the cost"] = 1e-4
-    bound: Annotated[float, "largest size of a gain"] = math.inf
-    stationary: Annotated[bool, "one K and k for all steps"] = False
+    penalty: float = setting(1e-4, "times sum |K|², in characteristic costs, added to the cost", least=0)
+    bound: float = setting(math.inf, "largest size of a gain", above=0)
+    stationary: bool = setting(False, "one K and k for all steps")
     name: ClassVar[str] = "feedback"
     summary: ClassVar[str] = "u = K x + k with gains shared by all scenarios"
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.penalty) and self.penalty >= 0):
-            raise InputError(f"feedback: penalty must be 0 or more and finite, got {self.penalty}")
-        if not self.bound > 0:
-            raise InputError(f"feedback: bound must be positive, got {self.bound}")
 
 
 Policy = OpenLoop | Feedback

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
-import sys
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from os import PathLike, fspath
-from types import SimpleNamespace
-from typing import Annotated, Any, TypeAlias, get_args, get_origin, get_type_hints
-
-from pydantic import Field
+from typing import Any, TypeAlias
 
 from dynamics.contact import ContactLaw
+from dynamics.settings import Configured, parse_float, parse_int, setting, settings_of
 from ocp.distribution import load_plugin
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.problem.problem import Problem
@@ -21,7 +16,6 @@ from ocp.programs.options import documented, has_option
 from ocp.programs.solver import SOLVERS
 from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
 from ocp.transcription.factories import law_settings, laws_with
-from ocp.validation import parse, parse_float, parse_int
 
 ProblemSource: TypeAlias = Any
 """What builds a problem at any parameters: a :class:`problems.ProblemSpec`."""
@@ -108,13 +102,13 @@ def check_setting_names(settings: Mapping[str, Any], solver: str) -> None:
     Raises :class:`~ocp.errors.InputError` with the one that was meant, and where all are listed.
     """
     choose("solver", solver, SOLVERS)
-    for key in sorted(set(settings) - set(OWN)):
+    for key in sorted(set(settings) - set(SOLVE_SETTINGS)):
         bare = key.removeprefix("ipopt.")
         if not has_option(solver, bare):
-            known_names = [*OWN, *documented(solver)]
+            known = [*SOLVE_SETTINGS, *documented(solver)]
             raise InputError(
-                f"unknown setting {key!r}{did_you_mean(bare, known_names)}; there are"
-                f" {', '.join(OWN)}, policy.<name>, and the options of {solver}: list them with ocp"
+                f"unknown setting {key!r}{did_you_mean(bare, known)}; there are"
+                f" {', '.join(SOLVE_SETTINGS)}, policy.<name>, and the options of {solver}: list them with ocp"
                 f" settings and ocp settings {solver}"
             )
 
@@ -136,7 +130,7 @@ def _unknown_keyword(
     solver: str,
 ) -> str:
     """Say where a keyword belongs that neither the problem nor the law has."""
-    if key.startswith("policy") or key in OWN or has_option(solver, key):
+    if key.startswith("policy") or key in SOLVE_SETTINGS or has_option(solver, key):
         return f"{key} is not an argument of solve; use settings={{{key!r}: ...}}"
     built_parts = [
         f"the {part_name} is already built; pass {key} to {constructor}"
@@ -161,97 +155,51 @@ def _unknown_keyword(
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(Configured):
     """Validated settings; ``options`` go to the solver, which knows their types."""
 
-    homotopy: Annotated[
-        bool | None,
+    homotopy: bool | None = setting(
+        None,
         "follow a law's smoothing down from a wide start; not given: where the law smooths. Exact"
         " law in shooting: true follows the barrier law down, false is the gradient method alone,"
         " not given rolls out the plan of the direct transcription",
-    ] = None
-    strategy: Annotated[
-        str,
-        f"how a direct transcription meets exact complementarity: {', '.join(STRATEGIES)}; ocp"
-        " settings strategies says which for what",
-    ] = DEFAULT_STRATEGY
-    factor: Annotated[
-        Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)] | None,
-        "factor of the homotopy's parameter per stage, between 0 and 1; not given: the law's",
-    ] = None
-    homotopy_start: Annotated[
-        Annotated[float, Field(gt=0, allow_inf_nan=False)] | None,
-        "first value of the homotopy's parameter; not given: from the sizes of the problem",
-    ] = None
-    jit: Annotated[bool, "evaluate by compiled C, cached, where a compiler is found"] = False
+    )
+    strategy: str = setting(
+        DEFAULT_STRATEGY,
+        "how a direct transcription meets exact complementarity; ocp settings strategies says which for what",
+        words=tuple(STRATEGIES),
+    )
+    factor: float | None = setting(
+        None, "factor of the homotopy's parameter per stage; not given: the law's", above=0, below=1
+    )
+    homotopy_start: float | None = setting(
+        None, "first value of the homotopy's parameter; not given: from the sizes of the problem", above=0
+    )
+    jit: bool = setting(False, "evaluate by compiled C, cached, where a compiler is found")
     options: dict[str, Any] = field(default_factory=dict)
 
     def given(self) -> dict[str, Any]:
-        """The settings that differ from their defaults, and the solver's options, by name."""
-        defaults = Settings()
-        own_settings = {key: getattr(self, key) for key in OWN}
-        return {**{k: v for k, v in own_settings.items() if v != getattr(defaults, k)}, **self.options}
+        """Return the settings that differ from their defaults, and the solver's options, by name."""
+        values = {key: getattr(self, key) for key in SOLVE_SETTINGS}
+        changed = {key: value for key, value in values.items() if value != SOLVE_SETTINGS[key].default}
+        return {**changed, **self.options}
 
     @classmethod
     def read(cls, raw: Mapping[str, Any]) -> Settings:
         """Read strings (or values) by key; raises :class:`~ocp.errors.InputError`."""
-        types = get_type_hints(cls, include_extras=True)
-        own_settings = {key: parse(f"setting {key}", raw[key], types[key]) for key in OWN if key in raw}
-        if "strategy" in own_settings:
-            choose("strategy", own_settings["strategy"], STRATEGIES)
-        options = {k.removeprefix("ipopt."): literal(v) for k, v in raw.items() if k not in OWN}
-        return cls(**own_settings, options=options)
+        values = {key: about.read(raw[key], "setting ") for key, about in SOLVE_SETTINGS.items() if key in raw}
+        options = {k.removeprefix("ipopt."): literal(v) for k, v in raw.items() if k not in SOLVE_SETTINGS}
+        return cls(**values, options=options)
 
 
-@dataclass(frozen=True)
-class Setting:
-    """A setting as it was declared: name, kind of value, default (None for none) and meaning."""
-
-    name: str
-    kind: str
-    default: Any
-    meaning: str
-
-
-def declared(cls: type) -> list[Setting]:
-    """Settings of a class: the arguments that make one and are ``Annotated`` with their meaning."""
-    settings = []
-    for name, argument in inspect.signature(cls).parameters.items():
-        hint = _hint(cls, name)
-        meanings = [word for word in getattr(hint, "__metadata__", ()) if isinstance(word, str)]
-        if meanings:
-            default = None if argument.default is argument.empty else argument.default
-            settings.append(Setting(name, _kind(hint), default, meanings[0]))
-    return settings
-
-
-def _hint(cls: type, name: str) -> Any:
-    """Type of an argument that makes ``cls``; None where only type checkers know it."""
-    owner = next((base for base in cls.__mro__ if name in vars(base).get("__annotations__", {})), cls.__init__)
-    scope = vars(sys.modules[owner.__module__])
-    with suppress(NameError):
-        alone = SimpleNamespace(__annotations__={name: owner.__annotations__[name]})
-        return get_type_hints(alone, scope, include_extras=True)[name]
-    return None
-
-
-def _kind(hint: Any) -> str:
-    """The first type among the alternatives of ``hint`` in words."""
-    while get_origin(hint) is Annotated or (get_args(hint) and get_origin(hint) is not tuple):
-        hint = get_args(hint)[0]
-    words = {bool: "true or false", int: "whole number", float: "number", str: "word"}
-    return words.get(hint, "whole numbers" if get_origin(hint) is tuple else "name")
-
-
-OWN = {setting.name: setting.meaning for setting in declared(Settings)}
-"""Our own settings of a solve, with their meanings."""
+SOLVE_SETTINGS = settings_of(Settings)
+"""Our own settings of a solve by name."""
 
 
 def literal(value: Any) -> Any:
-    """Turn a word into an int, float or bool where it reads as one (:mod:`ocp.validation`)."""
+    """Turn a word into an int, float or bool where it reads as one (:mod:`dynamics.settings`)."""
     if not isinstance(value, str):
         return value
-    if (number_value := parse_float(value)) is not None:
-        is_whole = value.strip().lstrip("+-").isdigit()
-        return parse_int(value) if is_whole else number_value
+    if (number := parse_float(value)) is not None:
+        return parse_int(value) if value.strip().lstrip("+-").isdigit() else number
     return {"true": True, "false": False}.get(value.lower(), value)

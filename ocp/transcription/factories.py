@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import casadi as ca
 
 from dynamics.contact import ContactLaw
+from dynamics.settings import settings_of
 from ocp.distribution import load_plugin
 from ocp.errors import InputError, choose, did_you_mean, input_errors
 from ocp.problem.policy import POLICIES, Policy
@@ -35,7 +36,7 @@ def contact_law(contact: ContactLaw | str, values: Mapping[str, Any]) -> Contact
     law = law_class(contact)
     inner = {key.removeprefix("base."): v for key, v in values.items() if key.startswith("base.")}
     outer: dict[str, Any] = {k: v for k, v in values.items() if not k.startswith("base.")}
-    takes_base = "base" in inspect.signature(law).parameters
+    takes_base = "base" in settings_of(law)
     if inner and "base" not in outer:
         key = f"base.{next(iter(inner))}"
         hint = "name the base law as well, with base=barrier" if takes_base else "drop it"
@@ -98,14 +99,14 @@ def law_settings(contact: ContactLaw | str) -> tuple[str, ...]:
     """Names of the settings that a law takes when it is chosen by name; none if made already."""
     if isinstance(contact, ContactLaw):
         return ()
-    return tuple(inspect.signature(law_class(contact)).parameters)
+    return tuple(settings_of(law_class(contact)))
 
 
 def laws_with(setting: str) -> str:
     """The part of a sentence that names the laws which take ``setting``; "" where none does."""
     from dynamics.laws import LAWS
 
-    names = [name for name, law in LAWS.items() if setting in inspect.signature(law).parameters]
+    names = [name for name, law in LAWS.items() if setting in settings_of(law)]
     return f"; {setting} belongs to {', '.join(names)}" if names else ""
 
 
@@ -156,7 +157,7 @@ def _refuse(values: Mapping[str, Any], reason: str) -> None:
 
 
 def _construct(kind: str, name: str, cls: type[T], values: Mapping[str, Any]) -> T:
-    takes = inspect.signature(cls).parameters
+    takes = settings_of(cls)
     for key in values:
         if key not in takes:
             others = laws_with(key) if kind == "contact law" else ""
@@ -164,9 +165,6 @@ def _construct(kind: str, name: str, cls: type[T], values: Mapping[str, Any]) ->
                 f"{kind} {name} has no setting {key!r}{did_you_mean(key, takes)};"
                 f" it takes {', '.join(takes) or 'none'}{others}; see ocp settings {name}"
             )
-    from ocp.validation import parse
-
-    hints = get_type_hints(cls.__init__)
-    typed = {key: parse(f"{name}: {key}", value, hints[key]) for key, value in values.items()}
+    read = {key: takes[key].read(value, f"{name}: ") for key, value in values.items()}
     with input_errors(TypeError):
-        return cls(**typed)
+        return cls(**read)

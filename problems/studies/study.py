@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic.fields import FieldInfo
 
+from dynamics.settings import Range, declare
 from ocp.errors import InputError
-from problems.parameters import Limits, Parameters, declared
+from problems.parameters import Parameters
 from problems.spec import Citation, check_parameters
 
 if TYPE_CHECKING:
@@ -33,9 +34,9 @@ CHOICE = "our choice"
 """Origin of a value that no source states."""
 
 
-def setting(default: float, unit: str, meaning: str, origin: str = CHOICE, **limits: Unpack[Limits]) -> Any:
+def setting(default: float, unit: str, meaning: str, origin: str = CHOICE, **limits: Unpack[Range]) -> Any:
     """Declare a study's parameter in SI ``unit``, with its range and its :data:`origin <PAPER>`."""
-    return declared(default, unit, meaning, limits, origin=origin)
+    return declare(default, meaning, unit, limits, origin=origin)
 
 
 def origin_of(field: FieldInfo) -> str:

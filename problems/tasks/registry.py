@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynamics.settings import settings_of
 from ocp.errors import InputError, choose
 from ocp.problem.task import Task
 from problems.drawing import ContactFrame, Shape
@@ -80,8 +81,8 @@ def default_settings(spec: TaskSpec, word: str, cls: type) -> dict[str, Any]:
     from ocp.learning.experiment import Experiment
 
     settings = {**spec.training.get("all", {}), **spec.training.get(word, {})}
-    fields_of = {**settings_of(cls), **settings_of(Experiment)}
-    return {name: value for name, value in settings.items() if name in fields_of}
+    known = {field.name for field in (*fields(cls), *fields(Experiment)) if field.init}
+    return {name: value for name, value in settings.items() if name in known}
 
 
 def make_algorithm(cls: type, values: Mapping[str, Any]) -> tuple[Algorithm, dict[str, Any]]:
@@ -95,8 +96,3 @@ def make_algorithm(cls: type, values: Mapping[str, Any]) -> tuple[Algorithm, dic
     except (TypeError, ValueError) as error:
         raise InputError(str(error)) from error
     return algorithm, {name: value for name, value in values.items() if name not in own}
-
-
-def settings_of(cls: type) -> dict[str, Field[Any]]:
-    """Fields that may be given, by name."""
-    return {field.name: field for field in fields(cls) if field.init}

@@ -140,7 +140,7 @@ class StrictCommand(TyperCommand):
         hint = self.hints.get(name)
         if hint is None or not isinstance(word, str) or not word.strip():
             return word
-        from ocp.validation import parse_number
+        from dynamics.settings import parse_number
 
         try:
             return str(parse_number(word, hint))

@@ -64,9 +64,9 @@ def _parameters(options: dict[str, Any]) -> Words:
 
 def _settings(options: dict[str, Any]) -> Words:
     from ocp.programs.options import documented
-    from ocp.solve.request import OWN
+    from ocp.solve.request import SOLVE_SETTINGS
 
-    return [f"{name}=" for name in (*OWN, *documented(options.get("solver") or "ipopt"))]
+    return [f"{name}=" for name in (*SOLVE_SETTINGS, *documented(options.get("solver") or "ipopt"))]
 
 
 def _runs(options: dict[str, Any]) -> Words:

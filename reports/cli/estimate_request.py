@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from dynamics.settings import settings_of
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.gradients.case import ObjectiveCase
 from ocp.gradients.estimation import Sampling
@@ -22,8 +23,7 @@ from ocp.store.json_values import to_json
 from ocp.store.provenance import content_digest
 from ocp.store.stored_run import StoredRun
 from ocp.transcription.factories import contact_law, law_digest, law_name, law_record, split_policy_settings
-from ocp.validation import Axis, parse
-from problems.parameters import unit_of
+from ocp.validation import Axis
 from problems.registry import ObjectiveSpec, named
 from problems.spec import ProblemSpec
 from reports.cli.commands import EstimateOptions
@@ -166,9 +166,9 @@ class EstimateRequest:
         """Return the unit of the swept quantity."""
         if self.sweep is None or self.sweep.name == "samples":
             return "1"
-        parameter_field = self.spec.Params.model_fields.get(_swept_parameter(self.sweep, self.spec))
-        if parameter_field is not None:
-            return unit_of(parameter_field)
+        parameter = settings_of(self.spec.Params).get(_swept_parameter(self.sweep, self.spec))
+        if parameter is not None:
+            return parameter.unit
         units = {s.name: s.unit for s in self.objective.decision}
         step = getattr(self.objective, "step", None)
         if step is not None:
@@ -274,11 +274,11 @@ def _check_same(
 
 def _rules(setting_texts: Mapping[str, str], estimators: tuple[str, ...]) -> list[Any]:
     """Return the rules that settings such as ``alpha.gamma=0.1`` configure."""
-    rule_of_setting = {f"{rule}.{f.name}": rule for rule, cls in RULES.items() for f in fields(cls)}
+    known = {f"{rule}.{name}": setting for rule, cls in RULES.items() for name, setting in settings_of(cls).items()}
     settings: dict[str, dict[str, float]] = {}
-    for key, value in setting_texts.items():
-        rule = choose("setting", key, rule_of_setting)
+    for key, text in setting_texts.items():
+        setting, rule = choose("setting", key, known), key.partition(".")[0]
         if rule not in estimators:
             raise InputError(f"-s {key} has no effect: {rule} is not among --estimators")
-        settings.setdefault(rule, {})[key.partition(".")[2]] = parse(f"-s {key}", value, float)
+        settings.setdefault(rule, {})[setting.name] = setting.read(text, f"-s {rule}.")
     return [RULES[rule](**values) for rule, values in settings.items()]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.contact import ContactLaw
+from dynamics.settings import read_value
 from ocp import store
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.mpc.controller import Command, Controller
@@ -22,7 +23,6 @@ from ocp.problem.problem import Problem
 from ocp.problem.resources import check_memory
 from ocp.store.stored_run import StoredRun
 from ocp.transcription.factories import law_record, make_law
-from ocp.validation import parse
 from problems.plugin import source
 from problems.spec import ProblemSpec
 from reports.cli import interrupt
@@ -100,7 +100,7 @@ def _disturbance(options: MpcOptions, spec: ProblemSpec, problem: Problem, steps
     deviations(state_noise, states, "--noise-state")
     deviations(input_noise, inputs, "--noise-input")
     mismatch = {
-        name: parse(f"--mismatch {name}", text, float)
+        name: read_value(f"--mismatch {name}", text, float)
         for name, text in parse_assignments("--mismatch", options.mismatch).items()
     }
     check_mismatch(problem, mismatch)
@@ -114,13 +114,13 @@ def _deviation(flag: str, words: Sequence[str] | None) -> float | dict[str, floa
     """Return one number for all signals, or values by name."""
     words = list(words or ())
     if len(words) == 1 and "=" not in words[0]:
-        return parse(flag, words[0], float)
+        return read_value(flag, words[0], float)
     if any("=" not in word for word in words):
         raise InputError(
             f"{flag} takes one number for all signals or name=value for each, got"
             f" {', '.join(words)}; drop one of the two"
         )
-    return {name: parse(f"{flag} {name}", text, float) for name, text in parse_assignments(flag, words).items()}
+    return {name: read_value(f"{flag} {name}", text, float) for name, text in parse_assignments(flag, words).items()}
 
 
 def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np.ndarray]:
@@ -130,7 +130,7 @@ def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np
         sample, sign, change = word.partition(":")
         if not sign:
             raise InputError(f"--push: expected K:name=value, got {word!r}; write 20:{states[0]}=1")
-        k = parse("--push: the sample", sample.strip(), int)
+        k = read_value("--push: the sample", sample.strip(), int)
         if not 0 <= k < steps:
             raise InputError(f"--push {word}: the sample must be from 0 to {steps - 1}, got {k}")
         for name, text in parse_assignments("--push", [change]).items():
@@ -139,7 +139,7 @@ def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np
                     f"--push: unknown state {name!r}{did_you_mean(name, states)}; available: {', '.join(states)}"
                 )
             push_at.setdefault(k, np.zeros(len(states)))
-            push_at[k][states.index(name)] += parse(f"--push {name}", text, float)
+            push_at[k][states.index(name)] += read_value(f"--push {name}", text, float)
     return push_at
 
 

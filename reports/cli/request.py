@@ -9,7 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ocp import store, validation
+from dynamics.settings import parse_int, parse_number
+from ocp import store
 from ocp.errors import InputError
 from ocp.routes.session import Session
 from ocp.solve.solve import new_session
@@ -39,7 +40,7 @@ def parse_assignments(option: str, words: Iterable[str] | None) -> dict[str, str
 def parse_count(option: str, text: str) -> int:
     """Read a count such as ``100000`` or ``1e5``; raises InputError for anything else."""
     try:
-        return validation.parse_number(text, int)
+        return parse_number(text, int)
     except ValueError as error:
         example = "" if "most" in str(error) else " such as 100000 or 1e5"
         raise InputError(f"{option} must be {error}{example}, got {text!r}") from None
@@ -50,7 +51,7 @@ def parse_layers(option: str, text: str, alternatives: str = "") -> tuple[int, .
 
     ``alternatives`` name what the option accepts besides.
     """
-    units = [validation.parse_int(word) for word in text.split(",")]
+    units = [parse_int(word) for word in text.split(",")]
     if not all(count is not None and 0 < count <= 100_000 for count in units):
         raise InputError(
             f"{option} must be whole numbers from 1 to 100000 with commas, such as 64,64{alternatives}, got {text!r}"

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dynamics.laws import LAWS
+from dynamics.settings import settings_of
 from ocp.store.stored_run import StoredRun
-from problems.parameters import unit_of
 from problems.spec import Spec
 from reports.documents.citations import full_citation
 from reports.drawing.notation import in_symbols, plain, powers, symbol
@@ -132,8 +132,7 @@ def _parameters(
     """Return name, value, unit and meaning of every parameter, from the problem or from the run."""
     about = dict.fromkeys(values, ("", ""))
     if spec is not None:
-        fields = spec.Params.model_fields.items()
-        about = {name: (unit_of(field), field.description or "") for name, field in fields}
+        about = {name: (setting.unit, setting.meaning) for name, setting in settings_of(spec.Params).items()}
     elif stored:
         stored_parameters = stored["parameters"].items()
         about |= {name: (field["unit"], field["description"]) for name, field in stored_parameters}

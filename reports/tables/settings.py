@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from inspect import signature
 from textwrap import fill
 from typing import Any
 
 from dynamics.laws import LAWS
+from dynamics.settings import Setting, settings_of
 from ocp.errors import InputError, did_you_mean
 from ocp.gradients.estimators import RULES
 from ocp.learning.experiment import Experiment
@@ -19,9 +19,33 @@ from ocp.problem.policy import POLICIES
 from ocp.programs.options import documented
 from ocp.programs.solver import IPOPT_DEFAULTS, SOLVERS
 from ocp.routes.relaxations import STRATEGY_USES
-from ocp.solve.request import Setting, Settings, declared
+from ocp.solve.request import Settings
 from ocp.transcription import METHODS
 from ocp.transcription.factories import law_class
+
+
+@dataclass(frozen=True)
+class SettingRow:
+    """A setting as it is listed; ``range`` says in words which values it takes, ``default`` is None for none."""
+
+    name: str
+    kind: str
+    default: Any
+    meaning: str
+    unit: str = "1"
+    range: str = ""
+
+
+def setting_rows(cls: type) -> list[SettingRow]:
+    """Return the settings of a class; those without a meaning are not the user's."""
+    return [setting_row(setting) for setting in settings_of(cls).values() if setting.meaning]
+
+
+def setting_row(setting: Setting) -> SettingRow:
+    """Return a declared setting as it is listed."""
+    return SettingRow(
+        setting.name, setting.kind, setting.default, setting.meaning, setting.unit, setting.range.removeprefix("a ")
+    )
 
 
 @dataclass(frozen=True)
@@ -31,7 +55,7 @@ class SettingGroup:
     name: str
     syntax: str
     summary: str
-    settings: list[Setting]
+    settings: list[SettingRow]
 
     def row(self) -> dict[str, Any]:
         """Return the group as JSON has it."""
@@ -46,23 +70,18 @@ def law_groups() -> list[SettingGroup]:
 def law_group(name: str) -> SettingGroup:
     """Return the settings of a law in a user's file; undeclared ones have no meaning text."""
     cls = law_class(name)
-    undeclared = {
-        key: Setting(key, "value", None if parameter.default is parameter.empty else parameter.default, "")
-        for key, parameter in signature(cls).parameters.items()
-    }
-    settings_by_name = undeclared | {parameter.name: parameter for parameter in declared(cls)}
-    return SettingGroup(cls.name, "-c NAME=VALUE", cls.summary, [*settings_by_name.values()])
+    return SettingGroup(cls.name, "-c NAME=VALUE", cls.summary, [*map(setting_row, settings_of(cls).values())])
 
 
 def method_groups() -> list[SettingGroup]:
     """Return methods, settings of a solve, strategies and policies."""
-    method_settings = [Setting(name, "", None, method.summary) for name, method in METHODS.items()]
+    method_settings = [SettingRow(name, "", None, method.summary) for name, method in METHODS.items()]
     summary = "how a problem becomes a program"
-    strategy_settings = [Setting(name, "", None, meaning) for name, meaning in STRATEGY_USES.items()]
+    strategy_settings = [SettingRow(name, "", None, meaning) for name, meaning in STRATEGY_USES.items()]
     uses = "which for what, of the direct method under the exact law"
     return [
         SettingGroup("methods", "--method NAME", summary, method_settings),
-        SettingGroup("solve", "-s NAME=VALUE", "method, homotopy and solver of a solve", declared(Settings)),
+        SettingGroup("solve", "-s NAME=VALUE", "method, homotopy and solver of a solve", setting_rows(Settings)),
         SettingGroup("strategies", "-s strategy=NAME", uses, strategy_settings),
         *_groups(POLICIES, "-s policy.NAME=VALUE"),
     ]
@@ -75,7 +94,7 @@ def estimator_groups() -> list[SettingGroup]:
 
 def _groups(table: Mapping[str, Any], syntax: str) -> list[SettingGroup]:
     """Return a group for each class of a table; ``{}`` in the syntax stands for its name."""
-    return [SettingGroup(name, syntax.format(name), cls.summary, declared(cls)) for name, cls in table.items()]
+    return [SettingGroup(name, syntax.format(name), cls.summary, setting_rows(cls)) for name, cls in table.items()]
 
 
 def training_groups() -> list[SettingGroup]:
@@ -84,9 +103,9 @@ def training_groups() -> list[SettingGroup]:
         "psi",
         "-s psi=NAMES, and -s psi.NAME=VALUE",
         "physical parameters NAMES, learned with the policy; psi.NAME is an initial value",
-        [*declared(PsiLearning), *declared(RandomSearch)],
+        [*setting_rows(PsiLearning), *setting_rows(RandomSearch)],
     )
-    every = SettingGroup("train", "-s NAME=VALUE", "settings of all algorithms of ocp train", declared(Experiment))
+    every = SettingGroup("train", "-s NAME=VALUE", "settings of all algorithms of ocp train", setting_rows(Experiment))
     return [every, psi, *_groups(ALGORITHMS, "-s {}.NAME=VALUE")]
 
 
@@ -94,7 +113,7 @@ def solver_group(name: str) -> SettingGroup:
     """Return the options of a solver, from its documentation, with our defaults."""
     own_defaults: dict[str, Any] = IPOPT_DEFAULTS if name == "ipopt" else {}
     option_settings = [
-        Setting(key, option.expected, own_defaults.get(key, option.default), option.meaning)
+        SettingRow(key, option.expected, own_defaults.get(key, option.default), option.meaning)
         for key, option in documented(name).items()
     ]
     return SettingGroup(name, "-s NAME=VALUE", SOLVERS[name], option_settings)
@@ -156,11 +175,11 @@ def find_groups(word: str) -> list[SettingGroup]:
     return [group for group in matching_groups if group.settings]
 
 
-def setting_line(setting: Setting) -> str:
-    """Return a setting as it is typed, its type and its meaning, on lines of 80 columns."""
+def setting_line(setting: SettingRow) -> str:
+    """Return a setting as it is typed, its range and its meaning, on lines of 80 columns."""
     default = default_text(setting.default)
     text = f"{setting.name}={default}" if default else setting.name
-    kind = f" ({setting.kind})" if setting.kind else ""
+    kind = f" ({setting.range or setting.kind})" if setting.kind else ""
     return fill(
         f"{text}{kind}: {setting.meaning}".rstrip(": "),
         80,

@@ -63,13 +63,18 @@ def test_every_command_takes_it(ocp, law: Path, words: list[str]) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ('LAW_PREFIX + "width"]\n', 'LAW_PREFIX + "w"]\n', "target(...) failed: line 46: KeyError"),
+        ('LAW_PREFIX + "width"]\n', 'LAW_PREFIX + "w"]\n', "target(...) failed: line 48: KeyError"),
         ("ca.diag(F)", "F", "target(system, z, F, p) must return mu of shape"),
         ('"logistic"', '"barrier"', "there is a law called barrier already"),
-        (': Annotated[float, "scale of the noise"]', "", "must say the type of each setting"),
+        (": float = setting(", " = setting(", "'width' is a field but has no type annotation"),
+        (
+            "    width:",
+            "    def __init__(self, width=1.0) -> None: ...\n    size:",
+            "must say the type of each setting",
+        ),
         ("def target", "def targets", "Logistic must define target"),
         ("ContactLaw):", "object):", "one class derived from dynamics.contact.ContactLaw; found"),
-        ("self.width =", "self.wid =", "parameters(...) failed: line 37: AttributeError"),
+        ("    width:", "    wid:", "parameters(...) failed: line 39: AttributeError"),
         ("softplus(t", "(", "SyntaxError"),
     ],
 )
@@ -85,7 +90,7 @@ def test_what_is_no_law_is_told(ocp, law: Path) -> None:
     assert "no setting 'wdth'" in ocp("solve", "wall-1d", "--contact", law.name, "-c", "wdth=1").err
     assert "or give the path of a file" in ocp("solve", "wall-1d", "--contact", "logistik").err
     shown = ocp("settings", law.name).out
-    assert "logistic (-c NAME=VALUE)" in shown and "width=0.01 (number): scale" in shown
+    assert "logistic (-c NAME=VALUE)" in shown and "width=0.01 (number > 0 [m]): scale" in shown
 
 
 @pytest.mark.costly

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import inspect
-from dataclasses import fields
-from typing import TYPE_CHECKING, Annotated
+import math
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
+import numpy as np
 import pytest
 
 from dynamics.laws import LAWS
+from dynamics.settings import Configured, setting, settings_of
+from ocp.errors import InputError
 from ocp.learning.psi_learning import PsiLearning
 from ocp.learning.random_search import RandomSearch
 from ocp.learning.training import ALGORITHMS
@@ -16,10 +20,9 @@ from ocp.problem.policy import POLICIES
 from ocp.programs.options import documented
 from ocp.programs.solver import IPOPT_DEFAULTS
 from ocp.routes.relaxations import STRATEGIES
-from ocp.solve.request import OWN, Setting, Settings, declared
+from ocp.solve.request import SOLVE_SETTINGS, Settings
 from ocp.transcription import METHODS
-from problems.tasks.registry import settings_of
-from reports.tables.settings import training_groups
+from reports.tables.settings import SettingRow, setting_rows, training_groups
 
 if TYPE_CHECKING:
     from ocp.problem.problem import Problem
@@ -37,11 +40,48 @@ class Made:
     ) -> None: ...
 
 
-def test_a_declared_argument_has_name_kind_default_and_meaning() -> None:
-    assert declared(Made) == [
-        Setting("size", "number", 0.5, "of it [m]"),
-        Setting("names", "whole numbers", None, "numbers"),
+def test_an_argument_with_a_meaning_has_name_kind_default_range_and_meaning() -> None:
+    assert setting_rows(Made) == [
+        SettingRow("size", "number", 0.5, "of it [m]", range="number"),
+        SettingRow("names", "whole numbers", None, "numbers", range="whole numbers"),
     ]
+
+
+@dataclass(frozen=True)
+class Declared(Configured):
+    """A dataclass whose settings are declared."""
+
+    name: ClassVar[str] = "made"
+    width: float = setting(0.5, "width of it", "m", above=0, most=2, hint="it is narrow")
+    count: int | None = setting(None, "how many", least=1)
+    scheme: str = setting("fine", "how", words=("fine", "coarse"))
+
+
+def test_a_declared_setting_is_listed_parsed_and_checked_by_its_declaration() -> None:
+    assert setting_rows(Declared) == [
+        SettingRow("width", "number", 0.5, "width of it", "m", "number > 0 and <= 2 [m]"),
+        SettingRow("count", "whole number", None, "how many", range="whole number >= 1"),
+        SettingRow("scheme", "word", "fine", "how", range="'fine' or 'coarse'"),
+    ]
+    made = Declared(width=np.float64(1), count="2e1", scheme="coarse")  # pyright: ignore[reportArgumentType]
+    assert (made.width, made.count, made.scheme) == (1.0, 20, "coarse")
+    assert type(made.width) is float and type(made.count) is int
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"width": 0}, "made: width must be a number > 0 and <= 2 [m], got 0; it is narrow"),
+        ({"width": math.nan}, "made: width must be a number > 0 and <= 2 [m], got nan; it is narrow"),
+        ({"count": 1.5}, "made: count must be a whole number >= 1, got 1.5"),
+        ({"count": True}, "made: count must be a whole number >= 1, got True"),
+        ({"scheme": "corse"}, "made: scheme must be 'fine' or 'coarse', got 'corse' (did you mean 'coarse'?)"),
+    ],
+)
+def test_a_value_out_of_range_is_refused_with_what_was_expected(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError) as raised:
+        Declared(**values)
+    assert str(raised.value) == message
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -58,17 +98,17 @@ def test_every_setting_of_a_law_is_declared_and_told(ocp, name: str) -> None:
 
 def test_every_class_of_settings_declares_all_of_them() -> None:
     for cls in (*ALGORITHMS.values(), *POLICIES.values()):
-        assert [one.name for one in declared(cls)] == [*settings_of(cls)]
+        assert [*settings_of(cls)] == [each.name for each in fields(cls) if each.init]
     of_psi = {name for cls in (PsiLearning, RandomSearch) for name in settings_of(cls)}
     told = next(group for group in training_groups() if group.name == "psi").settings
     assert {one.name for one in told} == of_psi - {"algorithm", "names", "search"}
-    assert set(OWN) == {field.name for field in fields(Settings)} - {"options"}
+    assert set(SOLVE_SETTINGS) == {field.name for field in fields(Settings)} - {"options"}
 
 
 def test_settings_tells_all_of_them(ocp) -> None:
     told = {group["name"]: group for group in ocp("settings", "--json").json["settings"]}
     assert {*LAWS, *POLICIES, *ALGORITHMS, "solve", "train", "alpha", "ipopt"} <= set(told)
-    assert [one["name"] for one in told["solve"]["settings"]] == list(OWN)
+    assert [one["name"] for one in told["solve"]["settings"]] == list(SOLVE_SETTINGS)
     of_ipopt = {one["name"]: one["default"] for one in told["ipopt"]["settings"]}
     assert of_ipopt.items() <= IPOPT_DEFAULTS.items()
     lines = ocp("settings").out.splitlines()

@@ -168,7 +168,7 @@ SYSTEMS: dict[str, Call] = {
     "part 'foot': shape must be a": lambda: Part("foot", "torso", 0.1),  # pyright: ignore
 }
 LAWS: dict[str, Call] = {
-    "mu must be positive": lambda: Barrier(mu=-1.0),
+    "mu must be a number > 0": lambda: Barrier(mu=-1.0),
     "mu must be ": lambda: Barrier(mu="x"),  # pyright: ignore
     "mu or kappa": lambda: Barrier(mu=1.0, kappa=1.0),
     "sigma must be": lambda: Adaptive(sigma=-1.0),

@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from textwrap import fill
-from typing import Any, get_type_hints
+from typing import Any
 
+from dynamics.settings import read_value, settings_of
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Algorithm
 from ocp.learning.psi_learning import PsiLearning
 from ocp.learning.random_search import RandomSearch
 from ocp.learning.training import ALGORITHMS
-from ocp.solve.request import declared
-from ocp.validation import parse
 from problems.tasks import registry
-from problems.tasks.registry import TaskSpec, default_settings, make_algorithm, settings_of
+from problems.tasks.registry import TaskSpec, default_settings, make_algorithm
 from reports.cli.request import parse_layers
 from reports.tables.settings import default_text
 
-OWN = {setting.name: setting.meaning for setting in declared(Experiment)}
+SHARED_SETTINGS = {name: setting for name, setting in settings_of(Experiment).items() if setting.meaning}
 """Settings that every algorithm has, fields of :class:`~ocp.learning.experiment.Experiment`."""
 _POLICY_SHAPES: dict[str, tuple[int, ...] | None] = {"affine": (), "open-loop": None}
 """Hidden layers of policies that have names of their own."""
@@ -48,7 +47,7 @@ def algorithms(names: str, setting_texts: Mapping[str, str], spec: TaskSpec) -> 
     for key, text in setting_texts.items():
         owner, dot, name = key.rpartition(".")
         candidates = [word for word in chosen if not dot or word == owner]
-        owners = [word for word in candidates if name in OWN or name in settings_of(chosen[word])]
+        owners = [word for word in candidates if name in SHARED_SETTINGS or name in settings_of(chosen[word])]
         if not owners:
             raise InputError(_unknown(key, chosen))
         for word in owners:
@@ -57,7 +56,7 @@ def algorithms(names: str, setting_texts: Mapping[str, str], spec: TaskSpec) -> 
 
 
 def _unknown(key: str, chosen: Mapping[str, type]) -> str:
-    choices = {**OWN, **{name: "" for cls in chosen.values() for name in settings_of(cls)}}
+    choices = [*dict.fromkeys([*SHARED_SETTINGS, *(name for cls in chosen.values() for name in settings_of(cls))])]
     return f"no setting {key!r} of {', '.join(chosen)}{did_you_mean(key, choices)}; available: {', '.join(choices)}"
 
 
@@ -66,22 +65,20 @@ def _value(key: str, name: str, text: str, cls: type) -> Any:
         if text in _POLICY_SHAPES:
             return _POLICY_SHAPES[text]
         return parse_layers(f"setting {key}", text, f", {' or '.join(_POLICY_SHAPES)}")
-    if name not in OWN:
-        return parse(f"setting {key}", text, get_type_hints(cls)[name])
-    return parse(f"setting {key}", text, type(settings_of(Experiment)[name].default))
+    setting = SHARED_SETTINGS.get(name) or settings_of(cls)[name]
+    return setting.read(text, f"setting {key.removesuffix(name)}")
 
 
 def help_text() -> str:
     """Return tasks, algorithms and settings with their defaults, one per line."""
     specs = [registry.spec(name) for name in registry.names()]
     tasks = [(spec.name, f"{spec.title}; {spec.learner}") for spec in specs]
-    shared = {field.name: field for field in fields(Experiment)}
     paragraphs = ["Tasks, and their default algorithm:", *_table(tasks)]
     paragraphs += ["", "Settings of all algorithms, -s name=value:"]
-    paragraphs += _table([(_setting(name, shared[name].default), OWN[name]) for name in OWN])
+    paragraphs += _table([(_setting(name, about.default), about.meaning) for name, about in SHARED_SETTINGS.items()])
     paragraphs += ["", "Physical parameters learned with the policy:", *_table([*PSI_SETTINGS.items()])]
     for name, cls in ALGORITHMS.items():
-        defaults = {field.name: field.default for field in settings_of(cls).values()}
+        defaults = {key: setting.default for key, setting in settings_of(cls).items()}
         paragraphs += ["", f"{name}: {cls.summary}; {cls.contact} law", _listed(defaults)]
     for spec in specs:
         for algorithm_name, values in spec.training.items():
@@ -136,12 +133,8 @@ def learned_parameters(setting_texts: Mapping[str, str], physical: Sequence[str]
 
     Raises :class:`~ocp.errors.InputError` for unknown names and bad values.
     """
-    kinds = [get_type_hints(PsiLearning), get_type_hints(RandomSearch)]
-    psi_types, search_types = (
-        {f.name: kind[f.name] for f in fields(cls) if kind[f.name] in (int, float)}
-        for cls, kind in zip((PsiLearning, RandomSearch), kinds, strict=True)
-    )
-    choices = [*physical, *psi_types, *search_types]
+    learning, search = settings_of(PsiLearning), settings_of(RandomSearch)
+    choices = [*physical, *learning, *search]
     learned = LearnedParameters(_physical_names(setting_texts.get(PSI, ""), physical))
     for key, text in setting_texts.items():
         name = key.removeprefix(f"{PSI}.")
@@ -149,18 +142,16 @@ def learned_parameters(setting_texts: Mapping[str, str], physical: Sequence[str]
             continue
         if name not in choices:
             raise InputError(f"no setting {key!r}{did_you_mean(name, choices)}; psi takes {', '.join(choices)}")
-        kind, values = (
-            (psi_types.get(name), learned.psi_settings)
-            if name in psi_types
-            else (
-                (search_types.get(name), learned.search_settings) if name in search_types else (float, learned.guesses)
-            )
-        )
-        values[name] = parse(f"setting {key}", text, kind)
-    if not learned.names and (learned.psi_settings or learned.search_settings):
+        if name in learning:
+            learned.psi_settings[name] = learning[name].read(text, f"setting {PSI}.")
+        elif name in search:
+            learned.search_settings[name] = search[name].read(text, f"setting {PSI}.")
+        else:
+            learned.guesses[name] = read_value(f"setting {key}", text, float)
+    without_names = {**learned.psi_settings, **learned.search_settings}
+    if not learned.names and without_names:
         raise InputError(
-            f"setting {PSI}.{next(iter({**learned.psi_settings, **learned.search_settings}))} needs a learned physical"
-            f" parameter; add -s {PSI}={physical[0]}"
+            f"setting {PSI}.{next(iter(without_names))} needs a learned physical parameter; add -s {PSI}={physical[0]}"
         )
     return learned
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic.fields import FieldInfo
 
+from dynamics.settings import settings_of
 from ocp.errors import InputError
 from problems import spec
 from problems.parameters import is_structural
@@ -54,11 +55,11 @@ class Instance:
 
 def drawn(problem: str, count: int, seed: int, factor: float = FACTOR) -> Iterator[Instance]:
     """Draw ``count`` instances; what the problem's validation refuses is drawn again."""
-    fields = {name: field for name, field in spec(problem).Params.model_fields.items() if not is_structural(field)}
+    symbols = {name: about for name, about in settings_of(spec(problem).Params).items() if not is_structural(about)}
     for index in range(count):
         rng = np.random.default_rng([seed, PROBLEMS.index(problem), index])
         while True:
-            params = {name: _value(field, rng, factor) for name, field in fields.items()}
+            params = {name: _value(about.declaration, rng, factor) for name, about in symbols.items()}
             try:
                 spec(problem).problem(params)
             except InputError:

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynamics.contact import Adaptive, Barrier, ContactLaw, Exact, Randomized
+from dynamics.settings import settings_of
 from ocp.mpcc import MPCC
 from ocp.mpcc import solve as solve_pairs
 from ocp.problem.problem import Problem
@@ -20,7 +21,7 @@ from ocp.programs.units import Units, dimension, fitted
 from ocp.solution import Solution
 from ocp.solve.solve import solve
 from problems import get, spec
-from problems.parameters import is_structural, unit_of
+from problems.parameters import is_structural
 from tests.examples import settings
 from tests.findings import codes, numbers
 
@@ -52,9 +53,9 @@ def stated(problem: str, units: Units, **params: float) -> dict[str, float]:
         return units.of(one) * (units.cost if weighs else 1.0)
 
     return {
-        name: getattr(checked, name) * unit(name, unit_of(field))
-        for name, field in type(checked).model_fields.items()
-        if not is_structural(field) or unit_of(field) != "1"
+        name: getattr(checked, name) * unit(name, about.unit)
+        for name, about in settings_of(type(checked)).items()
+        if not is_structural(about) or about.unit != "1"
     }
 
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
-from ocp.validation import LARGEST, parse_float, parse_int, parse_number
+from dynamics.settings import LARGEST, parse_float, parse_int, parse_number
 
 NO_NUMBERS = (
     "",

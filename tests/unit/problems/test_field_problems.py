@@ -11,6 +11,7 @@ import typst
 
 import problems
 from dynamics.contact import Adaptive, Barrier, Exact
+from dynamics.settings import settings_of
 from dynamics.systems import signals, time_stepping
 from dynamics.systems.pairs import Pair, deciding_pairs
 from dynamics.systems.parameters import ParameterTable
@@ -36,7 +37,7 @@ def step(name: str, x: list[float], u: list[float], law=None, **values: float):
 def test_every_parameter_can_be_set_and_reaches_the_problem(name: str, parameter: str) -> None:
     value = other_value(name, parameter)
     problem = problems.get(name, **{parameter: value})
-    if is_structural(problems.spec(name).Params.model_fields[parameter]):
+    if is_structural(settings_of(problems.spec(name).Params)[parameter]):
         assert problem.origin.settings[parameter] == value
     else:
         assert problem.parameters.defaults[parameter] == value

@@ -13,6 +13,7 @@ import typst
 
 import problems
 from dynamics.contact import Exact
+from dynamics.settings import settings_of
 from ocp.errors import InputError
 from ocp.problem.problem import Problem
 from problems.parameters import is_structural
@@ -51,7 +52,7 @@ def test_every_parameter_can_be_set_and_reaches_the_problem(name: str, parameter
     if parameter.startswith("scenario_"):
         given["scenarios"] = 3
     problem = problems.get(name, **given)
-    if is_structural(problems.spec(name).Params.model_fields[parameter]):
+    if is_structural(settings_of(problems.spec(name).Params)[parameter]):
         assert problem.origin.settings[parameter] == value
     else:
         assert problem.parameters.defaults[parameter] == value

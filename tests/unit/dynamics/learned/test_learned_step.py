@@ -162,7 +162,7 @@ def test_a_point_is_evaluated_once():
         (lambda: Ewda(), "needs its model"),
         (lambda: Ewda("nowhere.nc"), "file not found"),
         (lambda: Mlp(Wavy(PROBLEM.system)), "kind ewda; use --contact ewda"),
-        (lambda: Ewda(Wavy(PROBLEM.system), trust=-1.0), "trust must be at least 0"),
+        (lambda: Ewda(Wavy(PROBLEM.system), trust=-1.0), "trust must be a number >= 0"),
         (lambda: Ewda(Wavy(get("push-disc").system)).close(PROBLEM.system), "was trained on"),
     ],
 )

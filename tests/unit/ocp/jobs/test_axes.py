@@ -105,7 +105,7 @@ def test_a_value_that_no_point_can_have_is_refused_with_its_sentence() -> None:
     for text, sentence in {
         "M=-1:2:4": r"parameter M \(mass of the object\) must be a number > 0 \[kg\], got -1",
         "N=1:2:3": "parameter N .* must be a whole number",
-        "contact.mu=-1:1:3": "mu must be positive and finite",
+        "contact.mu=-1:1:3": "mu must be a number > 0",
         "qa0=-0.5:0.5:3": "the pusher starts inside the object",
     }.items():
         with pytest.raises(InputError, match=sentence):

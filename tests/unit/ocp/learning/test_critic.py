@@ -138,13 +138,13 @@ def test_nothing_is_to_come_after_ends():
 @pytest.mark.parametrize(
     ("critic", "given", "words"),
     [
-        (-1, {}, "critic must be a whole number of at least 0, got -1"),
-        (1.5, {}, "critic must be a whole number of at least 0, got 1.5"),
+        (-1, {}, "critic must be a whole number >= 0, got -1"),
+        (1.5, {}, "critic must be a whole number >= 0, got 1.5"),
         (8, {"discount": 1.0}, "a critic needs a discount below 1, got 1"),
         (8, {"task": scalar(horizon=3)}, "unrolls of 3 steps are whole episodes of scalar; sho"),
     ],
 )
 def test_critics_that_cannot_be_are_refused(critic, given, words):
-    e = experiment(FOPG(unroll=3, critic=critic), **{"task": scalar(horizon=9), "discount": 0.9, **given})
     with pytest.raises(InputError, match=words):
+        e = experiment(FOPG(unroll=3, critic=critic), **{"task": scalar(horizon=9), "discount": 0.9, **given})
         e.algorithm.begin(e)

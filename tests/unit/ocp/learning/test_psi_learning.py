@@ -105,7 +105,6 @@ def test_what_cannot_be_learned_is_told():
     own = PsiLearning(algorithm=Told(), names=("mass",))
     with pytest.raises(InputError, match="no parameter 'mass'"):
         own.begin(experiment(own))
-    own = learning(n_envs=0)
-    with pytest.raises(InputError, match="n_envs must be a whole number"):
-        own.begin(experiment(own))
+    with pytest.raises(InputError, match="psi: n_envs must be a whole number >= 1"):
+        learning(n_envs=0)
     assert learning(rows=5).settings()["rows"] == 5 and learning().settings()["of"] == "told"

@@ -238,40 +238,41 @@ def test_the_buffer_carries_episodes_on():
 
 
 @pytest.mark.parametrize(
-    ("algorithm", "words"),
+    ("algorithm", "settings", "words"),
     [
-        (FOPG(samples=0), "samples must be a whole number of at least 1, got 0"),
-        (FOPG(unroll=0), "unroll must be a whole number of at least 1, got 0"),
-        (FOPG(sigma=0.0), "sigma must be positive and finite, got 0.0"),
-        (FOPG(rate=np.inf), "rate must be positive and finite, got inf"),
-        (FOPG(optimiser="sgd"), "unknown optimiser 'sgd'; there are adam, normalised, plain"),
-        (FOPG(smoothing="no"), "unknown smoothing 'no'; there are rollout, gradient"),
-        (ZOPG(samples=2), "samples must be a whole number of at least 4, got 2"),
-        (ZOPG(samples=7), "samples come in pairs of w and -w: 7 is odd"),
-        (ARS(directions=0), "directions must be a whole number of at least 1, got 0"),
-        (ARS(directions=3, top=4), "top is 4, more than the 3 directions"),
-        (AoBG(samples=1), "samples is 1, but a variance needs two; give at least 2"),
-        (AoBG(delta=1.0), "delta is a probability between 0 and 1, got 1"),
-        (AoBG(gamma=-1.0), "gamma must be positive and finite, got -1.0"),
-        (TotalPropagation(samples=1), "samples is 1, but a variance needs two; give at least 2"),
+        (FOPG, {"samples": 0}, "fopg: samples must be a whole number >= 1, got 0"),
+        (FOPG, {"unroll": 0}, "unroll must be a whole number >= 1, got 0"),
+        (FOPG, {"sigma": 0.0}, "sigma must be a number > 0, got 0.0"),
+        (FOPG, {"rate": np.inf}, "rate must be a number > 0, got inf"),
+        (FOPG, {"optimiser": "sgd"}, "optimiser must be 'adam' or 'normalised' or 'plain', got 'sgd'"),
+        (FOPG, {"optimiser": "adm"}, r"got 'adm' \(did you mean 'adam'\?\)"),
+        (FOPG, {"smoothing": "no"}, "smoothing must be 'rollout' or 'gradient', got 'no'"),
+        (ZOPG, {"samples": 2}, "samples must be a whole number >= 4, got 2"),
+        (ZOPG, {"samples": 7}, "samples come in pairs of w and -w: 7 is odd"),
+        (ARS, {"directions": 0}, "directions must be a whole number >= 1, got 0"),
+        (ARS, {"directions": 3, "top": 4}, "top is 4, more than the 3 directions"),
+        (AoBG, {"samples": 1}, "samples must be a whole number >= 2, got 1; a variance needs two"),
+        (AoBG, {"delta": 1.0}, "delta must be a number > 0 and < 1, got 1"),
+        (AoBG, {"gamma": -1.0}, r"gamma must be a number > 0 \[return / unit of theta\], got -1.0"),
+        (TotalPropagation, {"samples": 1}, "samples must be a whole number >= 2, got 1; a variance needs two"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(algorithm, words):
+def test_settings_that_cannot_be_are_refused(algorithm, settings, words):
     with pytest.raises(InputError, match=words):
-        train(experiment(algorithm))
+        algorithm(**settings)
 
 
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"discount": 1.5}, "discount must be above 0 and at most 1, got 1.5"),
-        ({"discount": 0.0}, "discount must be above 0 and at most 1, got 0"),
-        ({"iterations": 0}, "iterations must be a whole number of at least 1, got 0"),
-        ({"episodes": 0}, "episodes must be a whole number of at least 1, got 0"),
-        ({"evaluate_every": 0}, "evaluate_every must be a whole number of at least 1, got 0"),
-        ({"hidden": (8, 0)}, "a hidden layer must be a whole number of at least 1, got 0"),
-        ({"seed": -1}, "seed must be a whole number of at least 0, got -1"),
-        ({"initial": np.nan}, "initial must be a finite number of at least 0, got nan"),
+        ({"discount": 1.5}, "discount must be a number > 0 and <= 1, got 1.5"),
+        ({"discount": 0.0}, "discount must be a number > 0 and <= 1, got 0.0; 1 counts all"),
+        ({"iterations": 0}, "iterations must be a whole number >= 1, got 0"),
+        ({"episodes": 0}, "episodes must be a whole number >= 1, got 0"),
+        ({"evaluate_every": 0}, "evaluate_every must be a whole number >= 1, got 0"),
+        ({"hidden": (8, 0)}, "a hidden layer must be a whole number >= 1, got 0"),
+        ({"seed": -1}, "seed must be a whole number >= 0, got -1"),
+        ({"initial": np.nan}, "initial must be a number >= 0, got nan"),
         ({"model_params": np.ones(3)}, r"model_params has shape \(3,\), expected \(1,\)"),
     ],
 )

@@ -58,13 +58,13 @@ def test_words_that_read_as_numbers_are_numbers(word: object, value: object) -> 
     [
         ({"homotopy": "maybe"}, "homotopy must be true or false"),
         ({"jit": "2"}, "jit must be true or false"),
-        ({"factor": "1.0"}, "between 0 and 1"),
-        ({"factor": "-0.5"}, "positive finite number"),
+        ({"factor": "1.0"}, "factor must be a number > 0 and < 1, got '1.0'"),
+        ({"factor": "-0.5"}, "factor must be a number > 0 and < 1"),
         ({"factor": "small"}, "must be a number"),
-        ({"factor": "nan"}, "must be a finite number"),
-        ({"homotopy_start": "inf"}, "must be a finite number"),
-        ({"homotopy_start": "0"}, "positive finite number"),
-        ({"strategy": "penalty"}, "unknown strategy 'penalty'.*scholtes"),
+        ({"factor": "nan"}, "must be a number > 0 and < 1, got 'nan'"),
+        ({"homotopy_start": "inf"}, "must be a number > 0, got 'inf'"),
+        ({"homotopy_start": "0"}, "must be a number > 0, got '0'"),
+        ({"strategy": "penalty"}, "strategy must be .*'scholtes'.*, got 'penalty'"),
     ],
 )
 def test_bad_settings_get_their_sentence(settings: dict[str, str], sentence: str) -> None:

@@ -350,7 +350,7 @@ def test_pictures_show_the_body_and_the_ground():
     ("given", "told"),
     [
         ({"contact": "exct"}, "unknown contact law 'exct'.*did you mean 'exact'"),
-        ({"contact": "barrier", "contact_settings": {"mu": -1.0}}, "mu must be positive"),
+        ({"contact": "barrier", "contact_settings": {"mu": -1.0}}, "mu must be a number > 0"),
         ({"contact": "barrier", "contact_settings": {"nu": 1.0}}, "no setting 'nu'"),
         ({"horizon": 0}, "horizon"),
         ({"horizn": 5}, "unknown parameter 'horizn'.*did you mean 'horizon'"),

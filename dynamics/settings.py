@@ -1,0 +1,299 @@
+"""The one declaration of a setting: its default, unit, meaning and range.
+
+:func:`declare` makes a field of a pydantic model, as the parameters of a problem are; :func:`setting` makes a field
+of a dataclass that derives from :class:`Configured`, as a contact law, a policy or an algorithm is. Text is parsed,
+values are checked, settings are listed and messages are written from the declaration (:func:`settings_of`).
+
+One grammar of numbers holds for every option of the command line and every text given to Python. A number has the
+digits 0 to 9, a sign, a point and a power of ten: ``20``, ``-0.5``, ``.5``, ``1e-3``, ``+2E4``. A whole number has
+no fraction: ``20``, ``2e1`` and ``20.0`` are the same. Surrounding blanks are ignored and ``-0`` is 0. Refused are
+``nan``, ``inf``, ``1e999`` and ``1e-999`` (outside the range of a double), ``1_000``, ``0x10``, ``1,5`` and other
+scripts' digits.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, fields, is_dataclass
+from decimal import Decimal
+from functools import cache, cached_property
+from types import SimpleNamespace
+from typing import Annotated, Any, TypedDict, Unpack, get_args, get_type_hints
+
+import numpy as np
+from pydantic import ConfigDict, Field, TypeAdapter
+from pydantic.fields import FieldInfo
+
+from dynamics.errors import InputError, did_you_mean
+
+LARGEST = 2**63 - 1
+"""No whole number is larger in size."""
+MAX_DIGITS = 30
+"""Text of more digits is no whole number; it is not worth reading."""
+_INTEGER = re.compile(r"[+-]?[0-9]+")
+_FLOAT = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_METADATA_KEY = "setting"
+_SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+_KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a word", tuple: "whole numbers"}
+
+
+class Range(TypedDict, total=False):
+    """Limits of a number: ``above < x < below`` and ``least <= x <= most``."""
+
+    above: float
+    below: float
+    least: float
+    most: float
+
+
+def declare(default: Any, meaning: str, unit: str = "1", limits: Range | None = None, **extra: Any) -> Any:
+    """Declare a field of a pydantic model in SI ``unit`` within ``limits``.
+
+    ``extra`` may hold ``words``, the only ones that are allowed, and ``hint``, which ends the message for a value
+    out of range; the rest is the caller's own.
+    """
+    limits = limits or {}
+    bounds = {"gt": limits.get("above"), "ge": limits.get("least"), "lt": limits.get("below"), "le": limits.get("most")}
+    return Field(default, description=meaning, json_schema_extra={"unit": unit, **extra}, **bounds)  # pyright: ignore
+
+
+def setting(
+    default: Any, meaning: str = "", unit: str = "1", words: Sequence[str] = (), hint: str = "", **limits: Unpack[Range]
+) -> Any:
+    """Declare a field of a :class:`Configured` dataclass; without a ``meaning`` it is checked and not listed."""
+    declaration = declare(default, meaning, unit, limits, words=list(words), hint=hint)
+    return field(default=default, metadata={_METADATA_KEY: declaration})
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A declared setting: its name, its declaration, and the type that it takes."""
+
+    name: str
+    declaration: FieldInfo
+    annotation: Any
+
+    def extra(self, key: str, default: Any) -> Any:
+        """Return what was declared beside unit, meaning and range."""
+        extra = self.declaration.json_schema_extra
+        return extra.get(key, default) if isinstance(extra, dict) else default
+
+    @property
+    def default(self) -> Any:
+        """Default, None where there is none."""
+        return None if self.declaration.is_required() else self.declaration.default
+
+    @property
+    def meaning(self) -> str:
+        """Meaning in words."""
+        return self.declaration.description or ""
+
+    @property
+    def unit(self) -> str:
+        """SI unit, ``"1"`` where none was declared."""
+        return str(self.extra("unit", "1"))
+
+    @property
+    def kind(self) -> str:
+        """First of its types in words: ``"number"``, ``"true or false"``."""
+        return _KINDS.get(_first_type(self.annotation), "name").removeprefix("a ")
+
+    @property
+    def range(self) -> str:
+        """Values that it takes, in words with the unit: ``"a number > 0 [kg]"``."""
+        if words := self.extra("words", ()):
+            return " or ".join(repr(word) for word in words)
+        first = _first_type(self.annotation)
+        kind = _KINDS.get(first, "a name" if first is Any else f"a {getattr(first, '__name__', first)}")
+        limits = [
+            f"{sign} {getattr(bound, attribute):.10g}"
+            for bound in self.declaration.metadata
+            for attribute, sign in _SIGNS.items()
+            if getattr(bound, attribute, None) is not None
+        ]
+        unit = "" if self.unit == "1" else f" [{self.unit}]"
+        return " and ".join([f"{kind} {limits[0]}", *limits[1:]] if limits else [kind]) + unit
+
+    def message(self, label: str, value: Any) -> str:
+        """Return the sentence for a ``value`` that is out of range; ``label`` names the setting."""
+        words, hint = self.extra("words", ()), self.extra("hint", "")
+        shown = abbreviated_number(value)
+        proposal = did_you_mean(value, words) if isinstance(value, str) and words else ""
+        return f"{label} must be {self.range}, got {shown}{proposal}{'; ' if hint else ''}{hint}"
+
+    def read(self, value: Any, owner: str = "") -> Any:
+        """Return ``value``, or the number, word or switch that it writes as text; the default is always taken.
+
+        Raises :class:`~dynamics.errors.InputError` that names ``owner``, the setting and its range.
+        """
+        if type(value) is type(self.default) and value == self.default:
+            return value
+        try:
+            parsed = self._adapter.validate_python(parse_number(value, self.annotation))
+        except ValueError:
+            raise InputError(self.message(f"{owner}{self.name}", value)) from None
+        if (words := self.extra("words", ())) and isinstance(parsed, str) and parsed not in words:
+            raise InputError(self.message(f"{owner}{self.name}", value))
+        return parsed
+
+    @cached_property
+    def _adapter(self) -> TypeAdapter[Any]:
+        bounds = [entry for entry in self.declaration.metadata if any(hasattr(entry, name) for name in _SIGNS)]
+        kind: Any = Annotated[self.annotation, *bounds] if bounds else self.annotation
+        return TypeAdapter(kind, config=ConfigDict(arbitrary_types_allowed=True))
+
+
+def read_value(label: str, value: Any, annotation: Any) -> Any:
+    """Return ``value``, or what it writes as text, as the type ``annotation``.
+
+    Raises :class:`~dynamics.errors.InputError` that names it ``label``.
+    """
+    try:
+        number = parse_number(value, annotation)
+    except ValueError as error:
+        raise InputError(f"{label} must be {error}, got {value!r}") from None
+    return Setting(label, declare(..., ""), annotation).read(number)
+
+
+def read_count(label: str, value: Any) -> int:
+    """Return ``value`` as a whole number >= 1; raises :class:`~dynamics.errors.InputError` that names it ``label``."""
+    return Setting(label, declare(..., "", limits={"least": 1}), int).read(value)
+
+
+def abbreviated_number(value: Any) -> str:
+    """Return how a message shows a value: words in quotes, numbers as they print."""
+    return str(value) if isinstance(value, int | float) else repr(value)
+
+
+class Configured:
+    """Base of dataclasses whose fields are declared by :func:`setting`: each is read when one is made."""
+
+    def __post_init__(self) -> None:
+        name = getattr(type(self), "name", "")
+        for key, declared in _settings_of_dataclass(type(self)).items():
+            object.__setattr__(self, key, declared.read(getattr(self, key), f"{name}: " if name else ""))
+
+
+@cache
+def settings_of(cls: type) -> dict[str, Setting]:
+    """Return the settings of a pydantic model, of a dataclass, or of a class by the arguments that make one.
+
+    The meaning of an argument stands in ``Annotated[float, "meaning"]``; it is "" where none is given.
+    """
+    if hasattr(cls, "model_fields"):
+        return {key: Setting(key, about, about.annotation) for key, about in cls.model_fields.items()}
+    arguments = inspect.signature(cls).parameters
+    if is_dataclass(cls) and [*arguments] == [each.name for each in fields(cls) if each.init]:
+        return _settings_of_dataclass(cls)
+    return {key: _from_argument(cls, argument) for key, argument in arguments.items()}
+
+
+@cache
+def _settings_of_dataclass(cls: Any) -> dict[str, Setting]:
+    declared = {each.name: each.metadata.get(_METADATA_KEY) for each in fields(cls) if each.init}
+    return {key: Setting(key, about, _annotation(cls, key)) for key, about in declared.items() if about}
+
+
+def _from_argument(cls: type, argument: inspect.Parameter) -> Setting:
+    annotation = _annotation(cls, argument.name)
+    words = [word for word in getattr(annotation, "__metadata__", ()) if isinstance(word, str)]
+    default = ... if argument.default is argument.empty else argument.default
+    return Setting(argument.name, declare(default, words[0] if words else ""), annotation)
+
+
+def _annotation(cls: type, name: str) -> Any:
+    """Return the type of a field or an argument; ``Any`` where only type checkers know it."""
+    owner = next((base for base in cls.__mro__ if name in vars(base).get("__annotations__", {})), cls.__init__)
+    scope = vars(sys.modules[owner.__module__])
+    with suppress(NameError, KeyError):
+        alone = SimpleNamespace(__annotations__={name: owner.__annotations__[name]})
+        return get_type_hints(alone, scope, include_extras=True)[name]
+    return Any
+
+
+def parse_float(text: str) -> float | None:
+    """Return the finite number that ``text`` writes, None where it writes none."""
+    text = text.strip()
+    if not _FLOAT.fullmatch(text):
+        return None
+    value = float(text)
+    underflow = value == 0 and re.search("[1-9]", re.split("[eE]", text)[0])
+    return value + 0.0 if math.isfinite(value) and not underflow else None
+
+
+def parse_int(text: str) -> int | None:
+    """Return the whole number that ``text`` writes, None where it writes none."""
+    text = text.strip()
+    if _INTEGER.fullmatch(text):
+        value = int(text) if len(text) <= MAX_DIGITS else LARGEST + 1
+        return value if abs(value) <= LARGEST else None
+    rounded = parse_float(text)
+    if rounded is None or not rounded.is_integer() or abs(rounded) > LARGEST:
+        return None
+    # Doubles skip whole numbers beyond 2^53, and 0.99999999999999999 is 1 to them.
+    exact = Decimal(text)
+    return int(exact) if exact == exact.to_integral_value() else None
+
+
+def parse_number(value: Any, annotation: Any) -> Any:
+    """Return the number that text writes where ``annotation`` takes a number and no text; any other value unchanged.
+
+    Raises ``ValueError``, with what was expected, for text that is no number, for true and false in the place of a
+    number, for what is not finite, and for whole numbers beyond :data:`LARGEST`.
+    """
+    if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
+        value = value.item()
+    kinds = _types_in(annotation)
+    if not kinds & {int, float} or kinds & {str, tuple, list, dict}:
+        return value
+    if (isinstance(value, str) or value is True or value is False) and bool not in kinds:
+        value = _parse_text(str(value), float in kinds)
+    if float in kinds and type(value) is int:
+        value = float(value) if abs(value) < sys.float_info.max else math.inf
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError("a finite number" if float in kinds else "a whole number")
+    if isinstance(value, int) and abs(value) > LARGEST:
+        raise ValueError(f"a whole number of at most {LARGEST:.2g} in size")
+    return value
+
+
+def _parse_text(text: str, is_real: bool) -> float | int:
+    number = parse_float(text) if is_real else parse_int(text)
+    if number is not None:
+        return number
+    if not is_real:
+        too_large = _INTEGER.fullmatch(text.strip()) or (parse_float(text) or 0.5).is_integer()
+        raise ValueError(f"a whole number of at most {LARGEST:.2g} in size" if too_large else "a whole number")
+    try:
+        float(text)
+    except ValueError:
+        raise ValueError("a number") from None
+    # Python reads more than is a number here: nan, inf, 1_000 and digits of other scripts.
+    raise ValueError("a finite number" if text.strip().isascii() and "_" not in text else "a number")
+
+
+def _types_in(annotation: Any) -> set[Any]:
+    """Return the types that an annotation is made of, without what annotates them."""
+    if not (arguments := get_args(annotation)):
+        return {annotation}
+    if hasattr(annotation, "__metadata__"):
+        return _types_in(arguments[0])
+    origin = getattr(annotation, "__origin__", None)
+    if isinstance(origin, type):
+        return {origin}
+    return set().union(*map(_types_in, arguments))
+
+
+def _first_type(annotation: Any) -> Any:
+    """Return the first type among the alternatives of an annotation."""
+    if hasattr(annotation, "__metadata__"):
+        return _first_type(get_args(annotation)[0])
+    origin = getattr(annotation, "__origin__", None)
+    if isinstance(origin, type):
+        return origin
+    return _first_type(get_args(annotation)[0]) if get_args(annotation) else annotation
