@@ -182,7 +182,7 @@ def test_bad_data_and_settings_are_told():
         identify(loss, Buffer(x[:0], u[:0], x[:0]), START)
     with pytest.raises(InputError, match="scales of errors must be positive"):
         OneStepLoss(exact_step(), NAMES, scale=np.array([1.0, 0.0]))
-    with pytest.raises(InputError, match="at least 4 candidates"):
+    with pytest.raises(InputError, match="candidates must be a whole number >= 4, got 2"):
         RandomSearch(candidates=2)
     with pytest.raises(InputError, match="a width below that of its start"):
         RandomSearch(width=1e-3, narrow=1e-2)
