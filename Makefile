@@ -126,12 +126,13 @@ NUMBERS := $(if $(SEED),--seed $(SEED)) $(if $(filter command line,$(origin COUN
 numbers: setup
 	$(BIN)/python -m tests.benchmarks.numbers $(NUMBERS)
 
-# Solves every named problem under every law for the gallery; PROBLEMS="hopper push-1d" some of them.
+# Solves every named problem under every law and by every method for the site;
+# PROBLEMS="hopper push-1d" some of them.
 verdicts: setup
 	$(BIN)/python -m docs.generator.verdicts $(PROBLEMS)
 	$(BIN)/python -m docs.generator
 
-# Refines the step of every named problem whose h only discretises; PROBLEMS="hopper" some of them.
+# Refines the step of every named problem; PROBLEMS="hopper" some of them.
 refined: setup
 	$(BIN)/python -m docs.generator.verdicts --refine $(PROBLEMS)
 	$(BIN)/python -m docs.generator

@@ -1,9 +1,10 @@
-"""Measure every named problem for the gallery: verdicts under all laws, cost over the step size.
+"""Measure every named problem for the site: verdicts under all laws, methods, cost over the step size.
 
 ``python -m docs.generator.verdicts [PROBLEM...]`` (``make verdicts``) solves those problems under
-every law, keeps the rows of others, and draws each exact optimum to
+every law and by every method, keeps the rows of others, and draws each exact optimum to
 ``docs/pictures/problems/<name>.png``; learned laws are trained on transitions from ``ocp collect``.
-With ``--refine`` (``make refined``) it refines their steps instead; files work too.
+With ``--refine`` (``make refined``) it refines their steps instead. Rows are stored as they come,
+and a command that exceeds ``--limit`` seconds of processor time has a row that says so.
 """
 
 from __future__ import annotations
@@ -11,11 +12,13 @@ from __future__ import annotations
 import json
 import re
 import resource
+import signal
 import subprocess
 import sys
+import time
 from argparse import ArgumentParser
-from collections.abc import Iterator, Sequence
-from functools import partial
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -28,10 +31,9 @@ from reports.drawing.strobe import strobe
 from reports.drawing.style import house_style
 from reports.drawing.view import RunView
 
-LIMIT_S, REFINE_LIMIT_S = 120, 3600
-"""Seconds of processor time for one solve, and for the refinement of one problem."""
+LIMIT_S = 120
+"""Seconds of processor time of one command, unless ``--limit`` is given."""
 SAMPLES = "2e4"
-COLUMNS = ("problem", "law", "verdict", "cost", "exact law", "referee", "iterations", "s")
 ANALYTIC = {
     "exact": ("exact",),
     "barrier, mu = 1e-3": ("barrier", "-c", "mu=1e-3"),
@@ -39,106 +41,169 @@ ANALYTIC = {
     "randomized, sigma = 0.1": ("randomized", "-c", "sigma=0.1"),
 }
 LEARNED = {"EWDA, noise 0.1": "ewda", "MLP, noise 0.1": "mlp"}
+MATRIX_LAWS = ("exact", "barrier, mu = 1e-3", "adaptive, sigma = 0.02")
+METHODS = ("direct", "multiple-shooting", "single-shooting")
+LARGE = ("hopper", "half-cheetah", "quadruped", "ant", "push-cube", "reorient")
+"""Problems of many joints and contacts: only solves by ``WAYS_OF_LARGE`` are tried."""
+WAYS_OF_LARGE = [("direct", *ANALYTIC[law]) for law in MATRIX_LAWS[:2]]
+NOT_TRIED = "not tried"
 
 Row = list[measured.Cell]
 
 
-def problem_rows(name: str, folder: Path) -> Iterator[Row]:
-    """Rows of one problem, one per law; ``folder`` holds intermediate files."""
-    for law, words in ANALYTIC.items():
-        yield solved(name, law, words, folder)
-    data = folder / "data.nc"
-    drawn = answer(["collect", name, "--samples", SAMPLES, "-o", str(data)])
-    for law, model in LEARNED.items():
-        file = folder / f"{model}.nc"
-        words = ["learn", str(data), "--model", model, "--noise", "0.1", "-o", str(file)]
-        learned = drawn if isinstance(drawn, str) else answer(words)
-        if isinstance(learned, str):
-            yield [name, law, learned, *[None] * 5]
-        else:
-            yield solved(name, law, (model, "-c", f"model={file}"), folder)
+class Measurement:
+    """Solves of one problem, each within a limit of processor time; ``folder`` holds their files."""
+
+    def __init__(self, problem: str, folder: Path, limit_s: int) -> None:
+        self.problem, self.folder, self.limit_s = problem, folder, limit_s
+        self.solve = cache(self._solve)
+        self.over = f"over {limit_s} s"
+
+    def run_command(self, *words: str) -> dict[str, Any] | str:
+        """Return the JSON document of ``ocp``; a refusal or the time limit as text."""
+        command = [sys.executable, "-m", "ocp", *words, "--json", "--quiet"]
+        limited = partial(resource.setrlimit, resource.RLIMIT_CPU, (self.limit_s, self.limit_s + 5))
+        before, start = _children_seconds(), time.perf_counter()
+        done = subprocess.run(command, capture_output=True, text=True, preexec_fn=limited)
+        if done.returncode == -signal.SIGXCPU:
+            return self.over
+        busy = (_children_seconds() - before) / (time.perf_counter() - start)
+        if done.stdout:
+            return {**json.loads(done.stdout), "busy": min(busy, 1.0)}
+        refusal = re.search("^error: (.*?)(;|$)", done.stderr, re.MULTILINE)
+        if refusal is None:
+            raise RuntimeError(f"{' '.join(words)} ended with {done.returncode}: {done.stderr[-2000:]}")
+        return re.sub(rf"^(\S*\.nc|{re.escape(self.problem)}): ", "", refusal[1])
+
+    def _solve(self, method: str, *law: str) -> dict[str, Any] | str:
+        runs = str(self.folder / "runs")
+        return self.run_command("solve", self.problem, "--method", method, "--contact", *law, "--out", runs)
+
+    def _solve_unless_hopeless(self, method: str, *law: str) -> dict[str, Any] | str:
+        """Solve, unless the problem is large, or the exact law or ``direct``, which are cheaper, exceeded the limit."""
+        if self.problem in LARGE and (method, *law) not in WAYS_OF_LARGE:
+            return NOT_TRIED
+        cheaper = [("direct", "exact"), ("direct", *law)]
+        if any((method, *law) != way and self.solve(*way) == self.over for way in cheaper):
+            return NOT_TRIED
+        return self.solve(method, *law)
+
+    def verdict_rows(self) -> Iterator[Row]:
+        """Rows of the table of verdicts, one per law."""
+        for law, words in ANALYTIC.items():
+            yield self._verdict_row(law, words)
+        data = self.folder / "data.nc"
+        drawn: dict[str, Any] | str = NOT_TRIED
+        if self.problem not in LARGE and self.solve("direct", "exact") != self.over:
+            drawn = self.run_command("collect", self.problem, "--samples", SAMPLES, "-o", str(data))
+        for law, model in LEARNED.items():
+            file = str(self.folder / f"{model}.nc")
+            learned = drawn
+            if not isinstance(drawn, str):
+                learned = self.run_command("learn", str(data), "--model", model, "--noise", "0.1", "-o", file)
+            if isinstance(learned, str):
+                yield [self.problem, law, learned, *[None] * 5]
+            else:
+                yield self._verdict_row(law, (model, "-c", f"model={file}"))
+
+    def _verdict_row(self, law: str, words: Sequence[str]) -> Row:
+        run = self._solve_unless_hopeless("direct", *words)
+        if isinstance(run, str):
+            return [self.problem, law, run, *[None] * 5]
+        if law == "exact" and (figure := strobe(RunView.of(load(Path(run["run"]))))) is not None:
+            measured.save_picture(figure, f"problems/{self.problem}")
+        costs = map(digits, (run["cost"], run["exact_cost"], run["referee_cost"]))
+        seconds = (run["build_s"] + run["solve_s"]) * run["busy"]
+        return [self.problem, law, verdict(run), *costs, run["iterations"], f"{seconds:.2g}"]
+
+    def matrix_rows(self) -> Iterator[Row]:
+        """Rows of the table of methods, one per method."""
+        for method in METHODS:
+            yield [f"`{self.problem}`", method, *(self._matrix_cell(method, ANALYTIC[law]) for law in MATRIX_LAWS)]
+
+    def _matrix_cell(self, method: str, law: Sequence[str]) -> str:
+        run = self._solve_unless_hopeless(method, *law)
+        if isinstance(run, str):
+            return run
+        costs = [digits(run[key]) or "–" for key in ("cost", "exact_cost", "referee_cost")]
+        mark = "" if run["success"] else f" ({run['status']})"
+        return " / ".join([*costs, f"{run['iterations']}{mark}"])
+
+    def refined_rows(self) -> Iterator[Row]:
+        """Rows of the table of step sizes, one per size; the last says how the refinement ended."""
+        if why := step_size_kind(get(self.problem).system).reason:
+            yield [self.problem, *[None] * 4, why]
+            return
+        words = ("solve", self.problem, "--contact", "exact", "--refine", "--out", str(self.folder))
+        run = self.run_command(*words)
+        if isinstance(run, str):
+            yield [self.problem, *[None] * 4, run]
+            return
+        levels = run["refined"]["levels"]
+        for level in levels:
+            end = (run["refined"]["stopped"] or "agree") if level is levels[-1] else ""
+            costs = digits(level["cost"]), digits(level["replayed"])
+            yield [self.problem, f"{level['h']:.5g}", level["N"], *costs, end]
 
 
-def solved(name: str, law: str, words: Sequence[str], folder: Path) -> Row:
-    """Solve under one law; a solve longer than :data:`LIMIT_S` has a row without numbers."""
-    found = answer(["solve", name, "--contact", *words, "--out", str(folder / "runs")])
-    if isinstance(found, str):
-        return [name, law, found, *[None] * 5]
-    if law == "exact" and (figure := strobe(RunView.of(load(Path(found["run"]))))) is not None:
-        measured.save_picture(figure, f"problems/{name}")
-    costs = (found["cost"], found["exact_cost"], found["referee_cost"])
-    seconds = f"{found['build_s'] + found['solve_s']:.2g}"
-    return [name, law, verdict(found), *map(digits, costs), found["iterations"], seconds]
+def _children_seconds() -> float:
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
 
 
-def verdict(found: dict[str, Any]) -> str:
-    """Verdict of certificate and referee, as text."""
-    if not found["success"]:
-        return str(found["status"])
+def verdict(run: dict[str, Any]) -> str:
+    """Return the verdict of certificate and referee, as text."""
+    if not run["success"]:
+        return str(run["status"])
     words = {(True, True): "survives", (False, True): "survives at this step only", (None, None): "no referee"}
-    return f"solved, {words.get((found['survives'], found['survives_at_h']), 'does not survive')}"
+    return f"solved, {words.get((run['survives'], run['survives_at_h']), 'does not survive')}"
 
 
-def digits(value: float | None) -> str | None:
+def digits(cost: float | None) -> str | None:
     """Write a cost to six digits."""
-    return None if value is None else f"{value:.6g}"
+    return None if cost is None else f"{cost:.6g}"
 
 
-def answer(words: Sequence[str], limit: int = LIMIT_S) -> dict[str, Any] | str:
-    """The JSON document of ``ocp``; a refusal or a time limit as text."""
-    command = [sys.executable, "-m", "ocp", *words, "--json", "--quiet"]
-    limited = partial(resource.setrlimit, resource.RLIMIT_CPU, (limit, limit))
-    done = subprocess.run(command, capture_output=True, text=True, preexec_fn=limited)
-    try:
-        return json.loads(done.stdout)
-    except json.JSONDecodeError:
-        refused = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
-        reason = refused[0].removeprefix("error: ").partition("; ")[0] if refused else ""
-        return re.sub(r"^\S*\.nc: ", "", reason) or f"over {limit} s"
-
-
-def store(table: str, name: str, rows: Sequence[Row], order: list[str], **about: Any) -> None:
-    """Put the rows of one problem into a table, in the ``order`` of problems."""
-    file = measured.DATA / f"{table}.json"
-    old = measured.read(table)["rows"] if file.exists() else []
-    every = [*(row for row in old if row[0] != name), *rows]
-    every.sort(key=lambda row: order.index(str(row[0])))
-    measured.write_table(table, rows=every, **about)
-
-
-def refinable() -> list[str]:
-    """The named problems whose h only discretises, and an arm at a wall."""
-    found = [name for name in names() if step_size_kind(get(name).system).kind != "fixed"]
-    return [*found, "examples/double_pendulum_walls.py"]
-
-
-def refined_rows(problem: str, folder: str) -> Iterator[Row]:
-    """Rows of one problem, one per step size; the last says how the refinement ended."""
-    words = ["solve", problem, "--contact", "exact", "--refine", "--out", folder]
-    found, name = answer(words, REFINE_LIMIT_S), Path(problem).stem
-    if isinstance(found, str):
-        yield [name, *[None] * 4, found]
-        return
-    levels = found["refined"]["levels"]
-    for one in levels:
-        end = (found["refined"]["stopped"] or "agree") if one is levels[-1] else ""
-        costs = digits(one["cost"]), digits(one["replayed"])
-        yield [name, f"{one['h']:.5g}", one["N"], *costs, end]
-
-
-def store_refined(problem: str, rows: Sequence[Row]) -> None:
-    """Put the rows of one problem into the table of step sizes."""
-    store(
-        "refined",
-        Path(problem).stem,
-        rows,
-        [Path(name).stem for name in refinable()],
-        title="Cost over the step size",
-        command="make refined",
-        columns=("problem", "h [s]", "N", "planned", "replayed at h/2", "found"),
-        note="`ocp solve PROBLEM --contact exact --refine`: each plan starts at the one above it;"
+ABOUT: dict[str, dict[str, Any]] = {
+    "verdicts": {
+        "title": "Verdicts under every law",
+        "command": "make verdicts",
+        "columns": ("problem", "law", "verdict", "cost", "exact law", "referee", "iterations", "s"),
+        "note": f"Seconds of building and solving, without waiting for a processor; learned laws from {SAMPLES}"
+        " transitions. *Over 60 s*: the command was ended after that much processor time; *not tried*: the exact law"
+        " was not solved within the limit, or the problem is large, and only the exact law and the barrier are tried.",
+    },
+    "matrix": {
+        "title": "Every problem, law and method",
+        "command": "make verdicts",
+        "columns": ("problem", "method", *MATRIX_LAWS),
+        "note": "*Over 60 s*: the command was ended after that much processor time. *Not tried*: `direct`"
+        " was not solved within the limit under that law, or under the exact one, or the problem is large, and only"
+        " `direct` under the exact law and the barrier is tried.",
+    },
+    "refined": {
+        "title": "Cost over the step size",
+        "command": "make refined",
+        "columns": ("problem", "h [s]", "N", "planned", "replayed at h/2", "found"),
+        "note": "`ocp solve PROBLEM --contact exact --refine`: each plan starts at the one above it;"
         " the replay holds its inputs over two steps of half the size.",
-    )
+    },
+}
+"""What is written of each table beside its rows."""
+
+
+def store(table: str, rows: Iterable[Row], keys: int) -> None:
+    """Put rows into a table as they come, in place of those with the same first ``keys`` cells."""
+    order = [*names(), *ANALYTIC, *LEARNED, *METHODS]
+    replaced: set[tuple[measured.Cell, ...]] = set()
+    for row in rows:
+        print(table, *row, sep="  ", flush=True)
+        key = tuple(row[:keys])
+        kept = [old for old in measured.read(table)["rows"] if key in replaced or tuple(old[:keys]) != key]
+        replaced.add(key)
+        kept.append(row)
+        kept.sort(key=lambda one: [order.index(str(cell).strip("`")) for cell in one[:keys]])
+        measured.write_table(table, rows=kept, **ABOUT[table])
 
 
 def main() -> None:
@@ -146,26 +211,16 @@ def main() -> None:
     parser = ArgumentParser(prog="python -m docs.generator.verdicts", description=__doc__)
     parser.add_argument("problems", nargs="*", metavar="PROBLEM")
     parser.add_argument("--refine", action="store_true", help="cost over the step size instead")
+    parser.add_argument("--limit", type=int, default=LIMIT_S, metavar="S", help="processor seconds of a command")
     given = parser.parse_args()
-    for name in given.problems or (refinable() if given.refine else names()):
+    for problem in given.problems or names():
         with TemporaryDirectory() as folder, house_style():
+            measurement = Measurement(spec(problem).name, Path(folder), given.limit)
             if given.refine:
-                store_refined(name, rows := list(refined_rows(name, folder)))
+                store("refined", measurement.refined_rows(), keys=1)
             else:
-                rows = list(problem_rows(spec(name).name, Path(folder)))
-                note = f"Seconds of building and solving; learned laws from {SAMPLES} transitions."
-                store(
-                    "verdicts",
-                    name,
-                    rows,
-                    [*names()],
-                    title="Verdicts under every law",
-                    command="make verdicts",
-                    columns=COLUMNS,
-                    note=note,
-                )
-        for row in rows:
-            print(*row, sep="  ", flush=True)
+                store("verdicts", measurement.verdict_rows(), keys=2)
+                store("matrix", measurement.matrix_rows(), keys=2)
 
 
 if __name__ == "__main__":

@@ -81,7 +81,7 @@ def in_prose() -> Iterator[Measured]:
 
 
 def in_tables() -> Iterator[Measured]:
-    """Costs and iterations in the tables of solves; those of the matrix are older, as it says."""
+    """Costs and iterations in the tables of solves; iterations of the matrix are not drawn."""
     matrix = json.loads((DATA / "matrix.json").read_text(encoding="utf-8"))
     for problem, method, *cells in matrix["rows"]:
         for law, cell in zip(matrix["columns"][2:], cells, strict=True):
