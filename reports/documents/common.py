@@ -35,6 +35,7 @@ _NOT_SETTINGS = (
     "jit",
     "learned_at",
     "sensitivities",
+    "unbounded",
 )
 """Keys of a run's record that are shown elsewhere, or nowhere."""
 _REQUEST_KEYS = ("contact", "method", "policy", "solver")
@@ -67,10 +68,15 @@ def run_summary(run: StoredRun, spec: Spec | FigureStudy | None, values: dict[st
         "typed": [plain(line) for line in stored["equations"]] if stored else [],
         "unloaded": _UNLOADED if stored else "",
         "parameters": _parameters(spec, stored, values),
-        "citation": f"{cited.text}. {full_citation(cited.key)}." if cited else "",
+        "citation": _as_sentence(f"{cited.text}. {full_citation(cited.key)}") if cited else "",
         "settings": setting_rows(run),
         "versions": flatten(run.meta.get("versions") or {}),
     }
+
+
+def _as_sentence(text: str) -> str:
+    """Return a text with a full stop, unless it ends as a sentence does."""
+    return text if text.endswith((".", "?", "!")) else f"{text}."
 
 
 def request_rows(run: StoredRun, without: Collection[str] = ()) -> list[list[str]]:
