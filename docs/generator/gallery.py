@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from docs.generator.equations import listed
-from docs.generator.measured import DATA, DOCS, provenance, read, table
+from docs.generator.measured import DATA, DOCS, read, snippet, table
 from docs.generator.roles import cleaned
 from problems import describe, names, spec
 from problems.spec import ProblemSpec
@@ -99,5 +99,5 @@ def _rows(name: str, measured: Mapping[str, Any]) -> list[list[Any]]:
 
 
 def _measured(name: str, measured: Mapping[str, Any]) -> str:
-    shown = table(measured["columns"][1:], _rows(name, measured))
-    return f"## {measured['title']}\n\n{shown}\n{provenance(measured)}"
+    shown = {**measured, "columns": measured["columns"][1:], "rows": _rows(name, measured)}
+    return f"## {measured['title']}\n\n{snippet(shown)}"
