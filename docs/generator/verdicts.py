@@ -186,7 +186,8 @@ ABOUT: dict[str, dict[str, Any]] = {
         "command": "make refined",
         "columns": ("problem", "h [s]", "N", "planned", "replayed at h/2", "found"),
         "note": "`ocp solve PROBLEM --contact exact --refine`: each plan starts at the one above it;"
-        " the replay holds its inputs over two steps of half the size.",
+        " the replay holds its inputs over two steps of half the size. *Over 25 s*: the command was ended after that"
+        " much processor time.",
     },
 }
 """What is written of each table beside its rows."""
