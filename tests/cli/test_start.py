@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from reports.cli import app, interrupt
+from reports.cli import interrupt
 from reports.cli.app import main
+from reports.cli.failures import explain
 
 ROOT = Path(__file__).parents[2]
 HEEDED = """
@@ -70,7 +71,7 @@ def test_a_reader_that_goes_is_no_fault(capsys: pytest.CaptureFixture[str]) -> N
 
     with pytest.raises(SystemExit) as caught:
         broken()
-    assert app._explain(caught.value) == ("", 1)
+    assert explain(caught.value) == ("", 1)
 
 
 @pytest.mark.costly

@@ -39,7 +39,7 @@ def states(count: int) -> list[tuple[np.ndarray, np.ndarray]]:
 
 def slopes(path: Follower, data: np.ndarray, lam: np.ndarray) -> np.ndarray:
     symbols = ca.SX.sym("lam", path.n)
-    told = ca.Function("told", [symbols, path.data], [*map(ca.densify, path.slopes(symbols))])
+    told = ca.Function("told", [symbols, path.data], [*map(ca.densify, path.true_gap_at(symbols))])
     ways = 1e-6 * np.eye(path.n)
     rises = [told(lam + way, data)[0] - told(lam - way, data)[0] for way in ways]
     rise = np.array(ca.horzcat(*rises)) / 2e-6
@@ -56,10 +56,10 @@ def test_gaps_of_walls_that_face_each_other_give_way_oppositely() -> None:
     found = path_of(s, True)
     assert isinstance(found, ReducedPath)
     for path in (found, Follower.of_system(s, True)):
-        opening = ca.Function("opening", given, [path.opening_of(s, mu)])
+        opening = ca.Function("opening", given, [path.opening_data_of(s, mu)])
         data = np.array(opening(x, u, s.parameters.values, 0))
         rise = slopes(path, data, lam)
-        scale = np.array(ca.Function("D", [path.data], [path.known["D"]])(data)).ravel()
+        scale = np.array(ca.Function("D", [path.data], [path.data_parts["D"]])(data)).ravel()
         own = rise / np.outer(scale, scale)
         np.testing.assert_allclose(own[[0, 2]], -own[[1, 3]], atol=1e-6)
         assert np.abs(own[:4, :4]).min() > 1e-3

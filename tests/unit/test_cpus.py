@@ -17,7 +17,7 @@ _ASK = """
 import ctypes, json
 import numpy as np
 from numpy._core._multiarray_umath import __cpu_features__ as features
-from dynamics.batch.engines.compiler import info
+from dynamics.batch.engines.compiler import compiler_info
 
 class Leaf(ctypes.Structure):
     _fields_ = [("has", ctypes.c_uint * 4), ("active", ctypes.c_uint * 4)]
@@ -31,7 +31,7 @@ np.linalg.inv(np.eye(3))
 print(json.dumps({
     "numpy": {f: features[f] for f in ("X86_V3", "X86_V4") if f in features},
     "glibc": glibc,
-    "c": info().get("instruction_set"),
+    "c": compiler_info().get("instruction_set"),
 }))
 """
 SETS = {"AVX-512": 3, "AVX2": 2, "AVX": 1, "SSE2": 0}

@@ -503,7 +503,7 @@ def test_files_that_are_too_large_are_refused_before_any_work(
     text, words = LARGE[case]
     if case != "pairs":
         monkeypatch.setattr(import_module("mujoco").MjSpec, "from_string", None)
-    monkeypatch.setattr(geoms, "between", None)
+    monkeypatch.setattr(geoms, "contacts_between", None)
     with pytest.raises(InputError, match=words):
         read(tmp_path, text)
 
@@ -522,7 +522,7 @@ def test_a_long_chain_builds_each_contact_once(tmp_path: Path, monkeypatch: pyte
         counts["pose"] += 1
         return pose(*arguments)
 
-    monkeypatch.setattr(geoms, "between", counted_between)
+    monkeypatch.setattr(geoms, "contacts_between", counted_between)
     monkeypatch.setattr(Tree, "pose", counted_pose)
     robot = read(tmp_path, chain(60))
     assert counts == {"between": len(robot.friction), "pose": 60}

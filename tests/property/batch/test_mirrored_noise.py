@@ -50,7 +50,7 @@ def test_mirrored_costs_are_forward_costs_at_minus_w(name, backend, seed):
     f, noise = objective(name, backend), Gaussian(sigma(name), seed)
     straight, turned = f.sample_scores(noise, SAMPLES), f.sample_scores(noise.negate(), SAMPLES)
     np.testing.assert_array_equal(turned.direction, -straight.direction)
-    w = straight.direction * np.tile(noise.scales(len(sigma(name))) ** 2, HORIZON)
+    w = straight.direction * np.tile(noise.component_scales(len(sigma(name))) ** 2, HORIZON)
     drawn = noise.draw(SAMPLES, HORIZON, len(sigma(name))).reshape(SAMPLES, -1)
     np.testing.assert_allclose(w, drawn, rtol=1e-12, atol=1e-15 * sigma(name).max())
     assert np.isfinite(turned.cost).all()

@@ -80,7 +80,7 @@ def test_a_worker_that_is_starting_as_the_caller_stops_ends_by_itself() -> None:
     finally:
         signal.signal(signal.SIGINT, before)
     worker.give(0, [{"x": 1.0}])
-    processes._stop([worker])
+    processes._stop_workers([worker])
     assert worker.process.exitcode == 0, "it was killed after the time of grace"
 
 

@@ -121,7 +121,7 @@ def test_a_place_that_vanishes_while_it_is_entered_is_not_held(tmp_path: Path, m
             assert other.place != entered.place
 
 
-@pytest.mark.parametrize("changed", ["source", "program_digest", "identity"])
+@pytest.mark.parametrize("changed", ["source", "program_digest", "compiler_identity"])
 def test_another_content_starts_anew_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changed: str) -> None:
     with Checkpoint(tmp_path, "toy", ASKED, "a" * 64) as before:
         before.save_rows(0, [{"mean": 1.0}])
