@@ -170,14 +170,14 @@ ABOUT: dict[str, dict[str, Any]] = {
         "command": "make verdicts",
         "columns": ("problem", "law", "verdict", "cost", "exact law", "referee", "iterations", "s"),
         "note": f"Seconds of building and solving, without waiting for a processor; learned laws from {SAMPLES}"
-        " transitions. *Over 60 s*: the command was ended after that much processor time; *not tried*: the exact law"
+        " transitions. *Over 30 s*: the command was ended after that much processor time; *not tried*: the exact law"
         " was not solved within the limit, or the problem is large, and only the exact law and the barrier are tried.",
     },
     "matrix": {
         "title": "Every problem, law and method",
         "command": "make verdicts",
         "columns": ("problem", "method", *MATRIX_LAWS),
-        "note": "*Over 60 s*: the command was ended after that much processor time. *Not tried*: `direct`"
+        "note": "*Over 30 s*: the command was ended after that much processor time. *Not tried*: `direct`"
         " was not solved within the limit under that law, or under the exact one, or the problem is large, and only"
         " `direct` under the exact law and the barrier is tried.",
     },
