@@ -133,10 +133,12 @@ class Setting:
         """
         if type(value) is type(self.default) and value == self.default:
             return value
+        number = value
         try:
-            parsed = self._adapter.validate_python(parse_number(value, self.annotation))
+            number = parse_number(value, self.annotation)
+            parsed = self._adapter.validate_python(number)
         except ValueError:
-            raise InputError(self.message(f"{owner}{self.name}", value)) from None
+            raise InputError(self.message(f"{owner}{self.name}", number)) from None
         if (words := self.extra("words", ())) and isinstance(parsed, str) and parsed not in words:
             raise InputError(self.message(f"{owner}{self.name}", value))
         return parsed

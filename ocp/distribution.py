@@ -16,8 +16,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from ocp.errors import InputError
-
 DISTRIBUTION_NAME = "centralpath"
 """Name of the distribution on the package index."""
 _SOURCE_ROOT = Path(__file__).resolve().parents[1]
@@ -90,6 +88,9 @@ def load_plugin(name: str) -> Any:
     """
     plugins = [*entry_points(group=PLUGIN_GROUP, name=name)]
     if not plugins:
+        # Only here: the errors are those of dynamics, which may be hidden as this module is loaded.
+        from ocp.errors import InputError
+
         raise InputError(
             f"the package {name} of centralpath is not installed; install the distribution, as in"
             " pip install centralpath"

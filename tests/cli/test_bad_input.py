@@ -31,7 +31,7 @@ CASES = {
     "mu and kappa": ([*SMOOTH, "-c", "mu=1", "-c", "kappa=1"], ["mu or kappa"]),
     "negative sigma": (
         [*SOLVE, "--contact", "adaptive", "-c", "sigma=-0.1"],
-        ["sigma must be positive", "-0.1"],
+        ["sigma must be a number > 0", "-0.1"],
     ),
     "sigma in quartic": (
         [*SOLVE, "--contact", "adaptive", "-c", "law=quartic", "-c", "sigma=1"],

@@ -175,7 +175,7 @@ LAWS: dict[str, Call] = {
     "law": lambda: Adaptive("gausian"),
     "samples": lambda: Randomized(samples=0),
     "scheme": lambda: Randomized(scheme="sobel"),
-    "base must be a law": lambda: Randomized(base="exact"),  # pyright: ignore
+    "base must be a ContactLaw": lambda: Randomized(base="exact"),  # pyright: ignore
     "sigma": lambda: Gaussian(-1.0, 0),
     "penalty": lambda: Feedback(penalty=-1.0),
     "start": lambda: region(start=(0,)).check(WALL.system),
