@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from dynamics.batch import Gaussian, Moments, RolloutFunction, RolloutPolicy, affine_policy, open_loop
 from dynamics.contact import ContactLaw
 from dynamics.systems import Signal
 from ocp.gradients.objective import Bulk, CostSamples, Order, SampledObjective, without_warnings
+from ocp.problem.batch_rollouts import batch_rollouts
 from ocp.problem.policy import Feedback, OpenLoop, Policy
 from ocp.problem.problem import Problem
 
@@ -140,23 +139,8 @@ class RolloutObjective(SampledObjective):
     @property
     def _forward(self) -> RolloutFunction:
         if not self._compiled:
-            problem, p = self.problem, self.step.p.vector
-            x, u = problem.system.x, problem.system.u
-            optional_arguments = {} if problem.du is None else {"du": problem.du}
-            optional_arguments |= {"lam": problem.system.lam} if problem.uses_impulses else {}
-            arguments = {"x": x, "u": u, **optional_arguments, "p": p}
-            stage = [_dense(problem.stage_cost)]
-            costs: tuple[Callable[..., Any], ...] = (
-                ca.Function("stage_cost", [*arguments.values()], stage, [*arguments], ["cost"]),
-                ca.Function("terminal_cost", [x, p], [_dense(problem.terminal_cost)]),
-            )
-            rollout = RolloutFunction(self.step, *costs, problem.N, self._policy, **self._engine)
-            self._compiled.append(rollout)
+            self._compiled.append(batch_rollouts(self.problem, self.step, self._policy, **self._engine))
         return self._compiled[0]
-
-
-def _dense(cost: ca.SX | float) -> ca.SX:
-    return ca.densify(ca.SX(cost))
 
 
 def _decision(problem: Problem, policy: Policy, shape: tuple[int, ...]) -> tuple[Signal, ...]:

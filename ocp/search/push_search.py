@@ -12,36 +12,31 @@ from ocp.judge.referee import PENETRATION_SHARE
 from ocp.judge.route_report import SearchedPlan, SearchReport
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.policy import Feedback
-from ocp.problem.rollout import Rollout
-from ocp.programs.solver import Point, Result, Status
-from ocp.routes.branches import Branches
-from ocp.routes.homotopy import Homotopy, Progress, RouteResult, StageRecord, Trace
-from ocp.routes.rollouts import pack_rollout
+from ocp.programs.solver import Status
+from ocp.routes.homotopy import Progress, RouteResult, StageRecord
 from ocp.routes.session import Session, as_swept
+from ocp.search.plan_solver import PlanSolver
 from ocp.search.push_tree import TouchSearch, searchable
+from ocp.search.sampling import can_sample
 from ocp.solution import Solution
 
 CANDIDATES = 4
 """Plans of the tree that are solved locally."""
-ITERATIONS = 100
-"""Of a branch of a plan, after which it is given up."""
 _FIRST = 2
 """Of these, solved before the others."""
 _MANY = 24
 """Pairs of a step above which a scene is searched before anything else."""
-_REPLAYS, _SAME = 3, 1e-3
-"""Branches solved one from the replay of another, and difference of states, in characteristic
-sizes, up to which a replay is the plan."""
 IDLE_SHARE = 0.9
 """Share of the cost of standing still above which an answer of a scene is searched for anew."""
 
 
 def check_search(session: Session) -> None:
     """Raise :class:`~ocp.errors.InputError` where no pushes can be searched for."""
-    if not searchable(session.problem):
+    problem = session.problem
+    if not (searchable(problem) or can_sample(problem)):
         raise InputError(
-            f"{session.problem.name}: the search needs inputs that are commanded places of pushers,"
-            " as in a quasi-dynamic scene, one scenario and a given start; leave --search out"
+            f"{problem.name}: the search needs inputs, one scenario, a given start and a fixed duration;"
+            " leave --search out"
         )
     if isinstance(session.policy, Feedback):
         raise InputError("the search plans inputs, no feedback gains; leave --search out")
@@ -130,10 +125,11 @@ class PushSearch:
         self.report = SearchReport(self.seed, tree.tried, tree.rolled)
         plans = [plan for node in nodes[:CANDIDATES] if (plan := tree.rollout(tree.whole(node))) is not None]
         plans.sort(key=lambda plan: plan.cost)
+        solver = PlanSolver(swept, tree.rollout, self.judge, "push search", self.seed, self.progress)
         # The best few first: those that follow are solved only where none of these survives.
         for batch in (slice(0, _FIRST), slice(_FIRST, None)):
             is_good = False
-            for plan, solution in self._solved(swept, tree, plans[batch]):
+            for plan, solution in solver.solve(plans[batch]):
                 pushers = plan.x[0, :, -swept.problem.system.nu :].tolist()
                 survives = solution.referee.survives
                 tried = SearchedPlan(plan.cost, solution.cost, solution.status.label, survives, pushers)
@@ -144,50 +140,3 @@ class PushSearch:
                     break
             if is_good:
                 break
-
-    def _solved(self, swept: Session, tree: TouchSearch, plans: list[Rollout]) -> Iterator[tuple[Rollout, Solution]]:
-        """Plans with what their branches give, the cheapest first, each improved in its turn.
-
-        The unimproved answer follows where the improved one does not survive.
-        """
-        if not swept.complementary:
-            for plan in plans:
-                outcome = swept.solve(guess=(plan.x[0], plan.u[0]), progress=self.progress)
-                yield plan, self.judge(swept, outcome, self.seed)
-            return
-        follower = Homotopy(swept.nlp_of, swept.solver, swept.values, self.progress)
-        branches = Branches(follower)
-        ends = [(plan, *end) for plan in plans if (end := self._settled(branches, tree, plan)) is not None]
-        for plan, end, _ in sorted(ends, key=lambda candidate: (candidate[2] > _SAME, candidate[1].f)):
-            best = branches.improve(end)
-            solution = self._judged(swept, branches, best)
-            yield plan, solution
-            if solution.referee.survives is False and best is not end:
-                yield plan, self._judged(swept, branches, end)
-
-    def _settled(self, branches: Branches, tree: TouchSearch, plan: Rollout) -> tuple[Result, float] | None:
-        """The answer on a plan's branch, or on that of its replay where contacts differ there.
-
-        With it, by how much the states of its replay differ, in characteristic sizes.
-        """
-        best_end, program = None, branches.program
-        for _ in range(_REPLAYS):
-            point = Point(pack_rollout(program, plan, None))
-            end = branches.solve_branch(point, ITERATIONS)
-            if end is None:
-                break
-            blocks = program.variables.unpack(end.point.x)
-            replay = tree.rollout(blocks["u"][0])
-            if replay is None:
-                best_end = best_end or (end, np.inf)
-                break
-            state_gap = np.abs(replay.x[0, 1:] - blocks["x"][0]) / tree.problem.scales.x
-            best_end, plan = (end, float(state_gap.max())), replay
-            if state_gap.max() < _SAME:
-                break
-        return best_end
-
-    def _judged(self, swept: Session, branches: Branches, end: Result) -> Solution:
-        """Judge an answer; the work so far counts as its own."""
-        trace, branches.follower.trace = branches.follower.trace, Trace()
-        return self.judge(swept, RouteResult(end, branches.program, True, trace, route="push search"), self.seed)

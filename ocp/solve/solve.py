@@ -32,6 +32,7 @@ from ocp.validation import Count, Index, validated
 
 if TYPE_CHECKING:
     from ocp.search.push_search import PushSearch
+    from ocp.search.sample_search import SampleSearch
 
 Rank = Literal["planned", "exact", "referee"]
 """What orders several answers: their cost under the law, replayed under the exact one, or by the
@@ -89,8 +90,9 @@ def solve(
     (N+1, nx) and inputs (N, nu); a dataset with ``x`` and ``u``; or a solution, such as a run that
     :func:`ocp.load` reads, resampled where its horizon differs.
 
-    ``search=True`` finds pushes from nothing (:mod:`ocp.search.push_search`), False never; by default a scene
-    is searched whose answer has no certificate, does not survive, or hardly beats standing still.
+    ``search=True`` finds plans from nothing: pushes where inputs are places of pushers
+    (:mod:`ocp.search.push_search`), sampled inputs elsewhere (:mod:`ocp.search.sample_search`); False never. By
+    default a scene is searched whose answer has no certificate, does not survive, or hardly beats standing still.
 
     ``refine`` plans again at half the step, from the last plan, until its cost and that of its
     replay at half the step agree (:func:`~ocp.solve.refinement.refine_step_size`); of a problem object N is
@@ -273,14 +275,14 @@ def solve_session(
     """
     solutions: list[Solution] = []
     failures: list[Exception] = []
-    pushes = _pushes(session, seed, progress)
+    search = _searcher(session, seed, progress)
     n_guesses = WAYS if n_starts == 1 else n_starts
     guesses = initial_guesses(session.evaluation, n_guesses, seed)
     try:
         with interruptible():
-            if pushes is not None and pushes.first:
+            if search is not None and search.first:
                 with collect_failures(failures):
-                    solutions += pushes.solutions()
+                    solutions += search.solutions()
             for number, guess in enumerate(guesses if not solutions else ()):
                 stands_still = solutions and session.follows_smoothing and _stands_still(solutions[-1])
                 if number >= n_starts and not stands_still:
@@ -293,24 +295,30 @@ def solve_session(
             if not solutions:
                 raise failures[0]
             best = min(solutions, key=lambda solution: rank(solution, rank_by))
-            if pushes is not None and not pushes.first and pushes.wanted(best):
+            if search is not None and not search.first and search.wanted(best):
                 with collect_failures(failures):
-                    solutions += pushes.solutions(best)
+                    solutions += search.solutions(best)
     except KeyboardInterrupt as stop:
         if not solutions:
             raise
         raise Interrupted(best_of(session, solutions, rank_by)) from stop
     best = solutions[0] if len(solutions) == 1 else best_of(session, solutions, rank_by)
-    return add_failures(best.with_route(search=None if pushes is None else pushes.report), failures)
+    return add_failures(best.with_route(search=None if search is None else search.report), failures)
 
 
-def _pushes(session: Session, seed: int, progress: Callable[[StageRecord], None] | None) -> PushSearch | None:
-    """The search over pushes, where it is chosen or the problem is a scene."""
+def _searcher(
+    session: Session, seed: int, progress: Callable[[StageRecord], None] | None
+) -> PushSearch | SampleSearch | None:
+    """Return the search over pushes where the problem has pushers, over sampled inputs where it is chosen."""
     if session.search is False or not (session.search or session.problem.system.scene):
         return None
-    # Only here: what only scenes need is not loaded for other problems.
+    # Only here: what only searches need is not loaded for other problems.
     from ocp.search.push_search import PushSearch
+    from ocp.search.push_tree import searchable
+    from ocp.search.sample_search import SampleSearch
 
+    if session.search and not searchable(session.problem):
+        return SampleSearch(session, judge_outcome, seed, progress)
     return PushSearch(session, judge_outcome, seed, progress)
 
 
@@ -370,5 +378,5 @@ def rank(solution: Solution, by: Rank = "planned") -> tuple[int, float]:
     """
     costs = {"planned": solution.cost, "exact": solution.audit.exact_cost, "referee": solution.referee.cost}
     cost = costs[by]
-    fails_referee = solution.referee.survives is False and solution.problem.system.scene
+    fails_referee = solution.referee.survives_at_h is False and solution.problem.system.scene
     return _FEASIBLE.get(solution.status, 3) + 4 * fails_referee, cost if np.isfinite(cost) else np.inf

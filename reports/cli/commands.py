@@ -108,7 +108,7 @@ class SolveOptions(StartsOptions):
     search: bool | None = option(
         None,
         "--search/--no-search",
-        help="Search over pushes from nothing; by default for a scene whose answer falls short.",
+        help="Search for plans from nothing; by default for a scene whose answer falls short.",
     )
     refine: bool = option(False, help="Solve again at h/2, h/4, ... until the cost converges.")
     world: str | None = option(None, help="Try the plan in another simulator too: mujoco.")

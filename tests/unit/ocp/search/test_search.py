@@ -128,9 +128,7 @@ def test_an_answer_that_stands_still_or_is_lost_falls_short() -> None:
     assert not pushes.wanted(replace(found, cost=found.idle_cost))
 
 
-def test_no_search_where_inputs_are_forces() -> None:
-    with pytest.raises(InputError, match="commanded places"):
-        solve(get("wall-1d"), contact="exact", search=True)
+def test_search_and_warm_start_exclude_each_other() -> None:
     with pytest.raises(InputError, match="give one of them"):
         solve(get("push-disc"), search=True, warm_start=object())  # type: ignore[arg-type]
 
