@@ -46,6 +46,7 @@ def test_a_basis_interpolates_and_reproduces_constants(basis, N, knots) -> None:
         np.testing.assert_allclose(line, np.linspace(0, 1, N), atol=1e-12)
 
 
+@pytest.mark.costly
 def test_sampled_costs_are_those_of_exact_rollouts_and_bound_the_optimum_from_above() -> None:
     problem = wall()
     optimum = solve(problem, contact="exact").cost
@@ -69,6 +70,7 @@ def test_a_seed_determines_every_bit_and_another_draws_others() -> None:
     assert not all(np.array_equal(a, b) for a, b in zip(first, other, strict=True))
 
 
+@pytest.mark.costly
 def test_inputs_keep_their_bounds_and_states_theirs_by_a_penalty() -> None:
     problem = wall()
     speed = np.abs(solve(problem, contact="exact").data["x"].values[0, :, 1]).max()
