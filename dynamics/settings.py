@@ -168,8 +168,8 @@ def read_count(label: str, value: Any) -> int:
 
 
 def abbreviated_number(value: Any) -> str:
-    """Return how a message shows a value: words in quotes, numbers as they print."""
-    return str(value) if isinstance(value, int | float) else repr(value)
+    """Return how a message shows a value: words in quotes, numbers as people write them."""
+    return str(value).removesuffix(".0") if isinstance(value, int | float) else repr(value)
 
 
 class Configured:

@@ -110,5 +110,5 @@ def test_python_reads_words_as_the_command_line_does() -> None:
     for setting in ({"factor": "1_0"}, {"homotopy_start": True}):
         with pytest.raises(InputError, match=r"setting \w+ must be a number"):
             workbench.solve("wall-1d", settings=setting)
-    with pytest.raises(InputError, match="mu must be a number > 0 .*got True"):
+    with pytest.raises(InputError, match=r"mu must be a number > 0 .*got True"):
         workbench.solve("wall-1d", "barrier", mu=True)
