@@ -242,7 +242,7 @@ def test_the_buffer_carries_episodes_on():
     [
         (FOPG, {"samples": 0}, "fopg: samples must be a whole number >= 1, got 0"),
         (FOPG, {"unroll": 0}, "unroll must be a whole number >= 1, got 0"),
-        (FOPG, {"sigma": 0.0}, "sigma must be a number > 0, got 0.0"),
+        (FOPG, {"sigma": 0.0}, "sigma must be a number > 0, got 0"),
         (FOPG, {"rate": np.inf}, "rate must be a number > 0, got inf"),
         (FOPG, {"optimiser": "sgd"}, "optimiser must be 'adam' or 'normalised' or 'plain', got 'sgd'"),
         (FOPG, {"optimiser": "adm"}, r"got 'adm' \(did you mean 'adam'\?\)"),
@@ -253,7 +253,7 @@ def test_the_buffer_carries_episodes_on():
         (ARS, {"directions": 3, "top": 4}, "top is 4, more than the 3 directions"),
         (AoBG, {"samples": 1}, "samples must be a whole number >= 2, got 1; a variance needs two"),
         (AoBG, {"delta": 1.0}, "delta must be a number > 0 and < 1, got 1"),
-        (AoBG, {"gamma": -1.0}, r"gamma must be a number > 0 \[return / unit of theta\], got -1.0"),
+        (AoBG, {"gamma": -1.0}, r"gamma must be a number > 0 \[return / unit of theta\], got -1"),
         (TotalPropagation, {"samples": 1}, "samples must be a whole number >= 2, got 1; a variance needs two"),
     ],
 )
@@ -266,7 +266,7 @@ def test_settings_that_cannot_be_are_refused(algorithm, settings, words):
     ("given", "words"),
     [
         ({"discount": 1.5}, "discount must be a number > 0 and <= 1, got 1.5"),
-        ({"discount": 0.0}, "discount must be a number > 0 and <= 1, got 0.0; 1 counts all"),
+        ({"discount": 0.0}, "discount must be a number > 0 and <= 1, got 0; 1 counts all"),
         ({"iterations": 0}, "iterations must be a whole number >= 1, got 0"),
         ({"episodes": 0}, "episodes must be a whole number >= 1, got 0"),
         ({"evaluate_every": 0}, "evaluate_every must be a whole number >= 1, got 0"),

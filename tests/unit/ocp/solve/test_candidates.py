@@ -56,7 +56,6 @@ def test_what_all_candidates_raise_is_raised(monkeypatch: pytest.MonkeyPatch) ->
         ({"seed": 1.5}, "seed must be"),
         ({"n_starts": 2.5}, "n_starts must be"),
         ({"n_starts": 0}, "n_starts must be"),
-        ({"search": True}, "the search needs"),
     ],
 )
 def test_nonsense_is_refused_before_any_work(given: dict[str, Any], reason: str) -> None:

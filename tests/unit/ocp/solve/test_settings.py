@@ -58,12 +58,12 @@ def test_words_that_read_as_numbers_are_numbers(word: object, value: object) -> 
     [
         ({"homotopy": "maybe"}, "homotopy must be true or false"),
         ({"jit": "2"}, "jit must be true or false"),
-        ({"factor": "1.0"}, "factor must be a number > 0 and < 1, got '1.0'"),
+        ({"factor": "1.0"}, "factor must be a number > 0 and < 1, got 1"),
         ({"factor": "-0.5"}, "factor must be a number > 0 and < 1"),
         ({"factor": "small"}, "must be a number"),
         ({"factor": "nan"}, "must be a number > 0 and < 1, got 'nan'"),
         ({"homotopy_start": "inf"}, "must be a number > 0, got 'inf'"),
-        ({"homotopy_start": "0"}, "must be a number > 0, got '0'"),
+        ({"homotopy_start": "0"}, "must be a number > 0, got 0"),
         ({"strategy": "penalty"}, "strategy must be .*'scholtes'.*, got 'penalty'"),
     ],
 )
