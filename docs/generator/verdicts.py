@@ -190,7 +190,7 @@ ABOUT: dict[str, dict[str, Any]] = {
         " much processor time.",
     },
 }
-"""What is written of each table beside its rows."""
+"""Texts of each table beside its rows."""
 
 
 def store(table: str, rows: Iterable[Row], keys: int) -> None:

@@ -15,7 +15,7 @@ from ocp.problem.rollout import Rollout, at_steps
 from ocp.transcription.common import constraint_names
 
 CONSTRAINT_SHARE = 0.01
-"""How far a replay may break a constraint, as a share of the characteristic size of what is
+"""Largest violation of a constraint by a replay, as a share of the characteristic size of what is
 bounded.
 
 A tenth of what the states may differ by: at the solver's tolerance no plan that rests on a bound

@@ -19,18 +19,25 @@ from ocp.programs.solver import Point, Result
 from ocp.routes.homotopy import IPOPT_WARM_START, Homotopy, RouteResult, lower, translate
 
 NEIGHBOUR = "neighbour"
-"""What a stage is called that tries a neighbouring contact schedule."""
+"""Label of a stage that tries a neighbouring contact schedule."""
 LONGEST = 300
 """Iterations after which a branch is given up."""
-_PATIENCE, _LEAST = 2, 64
-"""Iteration limit of a second guess of the active set: a multiple of the first's, and a minimum."""
-_ROUNDS = 8
-_EXCHANGES = 12
-_NEAR = 1e-6
+SECOND_GUESS_FACTOR = 2
+"""Iteration limit of a second guess of the active set, as a multiple of the first's."""
+MIN_SECOND_GUESS = 64
+"""Least iteration limit of a second guess of the active set."""
+MAX_SIDE_CHANGES = 8
+"""Rounds in which pairs at (0, 0) change sides, while each branch costs less than the one before."""
+MAX_EXCHANGES = 12
+"""Exchanges of a branch for a neighbour with descent."""
+DEGENERATE_SIZE = 1e-6
+"""Size of both members of a pair, in natural units, below which it is at (0, 0)."""
 MIN_MULTIPLIER = 1e-6
 """Multiplier of a held member, in natural units, above which its growth lowers the cost."""
-_FIRST_RADIUS = 0.1
-_REACHES = (1e-3, 1e-2, 1e-1, 1.0)
+FIRST_RADIUS = 0.1
+"""Trust region of the first exchange, in characteristic sizes."""
+GUESS_RADII = (1e-3, 1e-2, 1e-1, 1.0)
+"""Trust regions in which the linear program guesses an active set, in characteristic sizes."""
 _EFFORT = 750_000
 """Binaries times entries of the rows up to which a program over branches is solved: larger ones
 take HiGHS many seconds before its first node, and a smaller trust region has fewer binaries."""
@@ -98,7 +105,7 @@ class Branches:
     def follow(self, start: Point, active: np.ndarray, most: int) -> Result | None:
         """Solve a branch, and its neighbours at pairs that are (0, 0) while these cost less."""
         best, point, cost_unit = None, start, self.program.natural.f
-        for _ in range(_ROUNDS):
+        for _ in range(MAX_SIDE_CHANGES):
             result = self.solved.get(active.tobytes()) or self.solve(point, active, most)
             if not result.ok or (best is not None and result.f > best.f - 1e-9 * (cost_unit + abs(best.f))):
                 break
@@ -118,7 +125,7 @@ class Branches:
         the radius, one that costs least. The radius grows tenfold until a branch is solved
         (Nurkanovic and Leyffer, arXiv 2501.13835, phase 1). None where none is.
         """
-        for radius in _REACHES if self.program.pairs.size else ():
+        for radius in GUESS_RADII if self.program.pairs.size else ():
             result = self._proposed(start.x, radius)
             if result is not None:
                 return result
@@ -150,9 +157,9 @@ class Branches:
         where no descent is left at the certificate's smallest radius (Nurkanovic and Leyffer,
         arXiv 2501.13835, phase 2).
         """
-        best, radius = start, _FIRST_RADIUS
+        best, radius = start, FIRST_RADIUS
         start_time, seconds_before = time.perf_counter(), self.follower.trace.seconds
-        for _ in range(_EXCHANGES):
+        for _ in range(MAX_EXCHANGES):
             if radius < RADII[-1] or not self.program.pairs.size:
                 break
             model = linear_model(self.program, best.point.x, self.p, self.limits)
@@ -208,13 +215,13 @@ class Branches:
     def _other_side(self, result: Result, active: np.ndarray) -> np.ndarray:
         """Pairs at (0, 0) whose held member would lower the cost by growing."""
         x = result.point.x / self.program.natural.x
-        degenerate = np.all(x[self.program.pairs] < _NEAR, axis=0)
+        degenerate = np.all(x[self.program.pairs] < DEGENERATE_SIZE, axis=0)
         return degenerate & (self.bound_multipliers(result, active) > MIN_MULTIPLIER)
 
 
 def second_limit(took: int) -> int:
     """Iteration limit of a second attempt; a power of two, since each limit needs a new solver."""
-    return max(_LEAST, 2 ** math.ceil(math.log2(_PATIENCE * max(took, 1))))
+    return max(MIN_SECOND_GUESS, 2 ** math.ceil(math.log2(SECOND_GUESS_FACTOR * max(took, 1))))
 
 
 def polish(follower: Homotopy, source: Program, result: Result, improving: bool = True) -> RouteResult:

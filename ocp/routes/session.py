@@ -161,7 +161,7 @@ class Session:
 
     @property
     def seconds(self) -> float:
-        """What a solve takes, about (:mod:`ocp.problem.resources`)."""
+        """Expected seconds of a solve, roughly (:mod:`ocp.problem.resources`)."""
         path = 1 if self.complementary else len(self.path()[1].values)
         return solve_seconds(self.problem, self.policy, self.law, path)
 

@@ -23,7 +23,7 @@ from ocp.solution import Solution
 CANDIDATES = 4
 """Plans of the tree that are solved locally."""
 _FIRST = 2
-"""Of these, solved before the others."""
+"""Candidates that are solved first; the others follow only where none of them survives."""
 _MANY = 24
 """Pairs of a step above which a scene is searched before anything else."""
 IDLE_SHARE = 0.9

@@ -1,4 +1,4 @@
-"""What a solve is asked for: a problem by name, file or object, keywords, and ``-s`` settings."""
+"""Request of a solve: a problem by name, file or object, keywords, and ``-s`` settings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ocp.routes.relaxations import DEFAULT_STRATEGY, STRATEGIES
 from ocp.transcription.factories import law_settings, laws_with
 
 ProblemSource: TypeAlias = Any
-"""What builds a problem at any parameters: a :class:`problems.ProblemSpec`."""
+"""Builder of a problem at any parameters: a :class:`problems.ProblemSpec`."""
 ProblemLike = Problem | ProblemSource | str | PathLike[str]
 """A problem, what builds one (:class:`problems.ProblemSpec`), the ``Params`` of one, a registered
 name, or a file."""
@@ -54,7 +54,7 @@ def resolve_problem(
 
 
 def rebuilder(problem: ProblemLike) -> Callable[[Problem, dict[str, Any]], Problem]:
-    """What makes a problem anew at other values by name, of the problem that was made of it."""
+    """Return a function ``(problem, values) -> Problem`` that rebuilds the problem with other parameter values."""
 
     def build(built: Problem, changed_values: dict[str, Any]) -> Problem:
         if not isinstance(problem, Problem):

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ocp.search.sample_search import SampleSearch
 
 Rank = Literal["planned", "exact", "referee"]
-"""What orders several answers: their cost under the law, replayed under the exact one, or by the
+"""Order of several answers: their cost under the law, replayed under the exact one, or by the
 referee."""
 WAYS = 4
 """Ways to try before standing still is called the best, each by a guess of its own."""

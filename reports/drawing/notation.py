@@ -29,7 +29,7 @@ _PLAIN_WORDS = {
 }
 """Names of typst's mathematics in plain characters."""
 _AROUND = {"norm": "||", "abs": "||", "dot": " '", "macron": "  "}
-"""What stands before and behind a function's argument instead of its name and brackets."""
+"""Text before and behind a function's argument, instead of its name and brackets."""
 
 
 def plain(line: str) -> str:

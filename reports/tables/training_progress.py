@@ -30,7 +30,7 @@ _ELSEWHERE = (
     "evaluation_length",
     "evaluation_unsolved",
 )
-"""What the last rows leave out."""
+"""Columns that the last rows leave out."""
 
 
 @dataclass
