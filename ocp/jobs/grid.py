@@ -18,7 +18,7 @@ from ocp.jobs.case import Case
 from ocp.jobs.sweep_job import ROW_COUNTS, ROW_NUMBERS, ROW_TEXTS, JobResult, LabelledArray, SolveJob
 from ocp.routes.session import Session
 from ocp.solve.request import ProblemSource
-from ocp.solve.solve import Rank
+from ocp.solve.starts import Rank
 from ocp.store.checkpoint import Checkpoint
 from ocp.validation import AXIS_GRAMMAR, MAX_AXIS_VALUES, Axis, parse_axis_option
 

@@ -29,7 +29,7 @@ from ocp.problem.problem import Problem
 from ocp.problem.resources import check_memory, points_memory
 from ocp.routes.session import Session
 from ocp.solve.request import ProblemLike, split_keywords
-from ocp.solve.solve import Rank, check_starts
+from ocp.solve.starts import Rank, check_starts
 from ocp.store.checkpoint import Checkpoint
 from ocp.store.provenance import FilesChanged
 from ocp.transcription.factories import DEFAULT_LAW, law_name

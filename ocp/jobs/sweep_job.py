@@ -19,7 +19,7 @@ from ocp.routes.homotopy import RouteResult, StageRecord
 from ocp.routes.session import Session
 from ocp.solution import Interrupted, Solution
 from ocp.solve.judging import add_failures, collect_failures, judge_outcome
-from ocp.solve.solve import Rank, accept_standing_still, best_of, check_starts, rank, solve_session
+from ocp.solve.starts import Rank, accept_standing_still, best_of, check_starts, rank, solve_session
 from ocp.solve.warm_start import Plan, carry
 from ocp.store.provenance import FilesChanged
 
@@ -217,7 +217,7 @@ def solve_starts(
 ) -> Solution:
     """Solve from ``starts`` guesses in ``jobs`` processes, or on the cluster of ``scheduler``.
 
-    ``session`` is that of ``case`` here. The answer is :func:`~ocp.solve.solve.solve_session`'s, to the
+    ``session`` is that of ``case`` here. The answer is :func:`~ocp.solve.starts.solve_session`'s, to the
     last bit, and so is what it raises.
     """
     check_starts(starts, seed, rank_by)

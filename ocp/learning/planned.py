@@ -24,7 +24,8 @@ from ocp.routes.rollouts import pack_rollout
 from ocp.routes.session import Session
 from ocp.solution import Solution
 from ocp.solve.judging import judge_outcome
-from ocp.solve.solve import best_of, new_session
+from ocp.solve.solve import new_session
+from ocp.solve.starts import best_of
 
 
 def guess_from_policy(experiment: Experiment, trained: Trained) -> Guess:

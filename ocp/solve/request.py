@@ -54,7 +54,10 @@ def resolve_problem(
 
 
 def rebuilder(problem: ProblemLike) -> Callable[[Problem, dict[str, Any]], Problem]:
-    """Return a function ``(problem, values) -> Problem`` that rebuilds the problem with other parameter values."""
+    """Return a function ``(problem, values) -> Problem`` that rebuilds the problem with other parameter values.
+
+    A problem object changes its N and keeps all else; a named one is built as with these parameters.
+    """
 
     def build(built: Problem, changed_values: dict[str, Any]) -> Problem:
         if not isinstance(problem, Problem):

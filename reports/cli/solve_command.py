@@ -18,7 +18,8 @@ from ocp.simulators import SIMULATORS
 from ocp.solution import Interrupted, Replay, Solution
 from ocp.solve.refinement import divided_step
 from ocp.solve.request import rebuilder
-from ocp.solve.solve import Rank, refine_from, solve_from, solve_session
+from ocp.solve.solve import refine_from, solve_from
+from ocp.solve.starts import Rank, solve_session
 from ocp.store import atomic
 from ocp.store.route_record import record_of
 from ocp.store.stored_run import StoredRun

@@ -21,7 +21,7 @@ from ocp.jobs.sweep_job import JobResult
 from ocp.jobs.sweep_record import describe_point, grid_rows, run_meta
 from ocp.problem.resources import FOLLOWED, check_memory, points_memory
 from ocp.routes.session import Session
-from ocp.solve.solve import Rank
+from ocp.solve.starts import Rank
 from ocp.store.checkpoint import Checkpoint
 from reports.cli import interrupt
 from reports.cli.commands import ContinueOptions, SweepOptions

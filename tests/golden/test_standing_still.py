@@ -11,7 +11,8 @@ from scipy.optimize import minimize
 
 from dynamics.contact import Exact
 from ocp import SingleShooting, Solution, Status, solve
-from ocp.solve.solve import WAYS, best_of, new_session
+from ocp.solve.solve import new_session
+from ocp.solve.starts import WAYS, best_of
 from problems import get
 from problems.ball_throw import Params, roll
 from tests.findings import numbers

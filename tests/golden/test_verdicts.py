@@ -16,7 +16,8 @@ from ocp.errors import InputError
 from ocp.problem.problem import Scaling
 from ocp.problem.rollout import roll_out
 from ocp.programs.solver import Status
-from ocp.solve.solve import new_session, solve_session
+from ocp.solve.solve import new_session
+from ocp.solve.starts import solve_session
 from ocp.transcription import Method
 from problems import get, names
 from tests.findings import codes, numbers

@@ -14,7 +14,7 @@ from ocp.errors import InputError
 from ocp.jobs.case import Case, SessionCache
 from ocp.jobs.sweep import sweep
 from ocp.solution import Solution
-from ocp.solve.solve import solve_session
+from ocp.solve.starts import solve_session
 from ocp.store.json_values import to_json
 from ocp.transcription import Direct, MultipleShooting
 from problems import get

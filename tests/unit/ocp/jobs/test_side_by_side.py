@@ -15,7 +15,7 @@ from ocp.jobs.case import Case
 from ocp.jobs.grid import parse_axes
 from ocp.jobs.sweep import make_grid, solve_grid, sweep
 from ocp.jobs.sweep_job import JobResult, solve_starts
-from ocp.solve.solve import solve_session
+from ocp.solve.starts import solve_session
 from tests.unit.ocp.jobs.same import same
 
 OVER = {"M": [0.5, 1.0, 2.0], "contact.mu": [1e-3, 1e-2]}

@@ -13,7 +13,8 @@ from dynamics.contact import Barrier, ContactLaw, Exact
 from dynamics.systems import Parameter, ParameterTable, lcs, signals, time_stepping
 from ocp import Direct, InputError, MultipleShooting, Problem, SingleShooting, Solution, solve
 from ocp.problem.problem import Scaling
-from ocp.solve.solve import new_session, solve_session
+from ocp.solve.solve import new_session
+from ocp.solve.starts import solve_session
 from problems import get
 from tests.unit.ocp.continuation.test_tracking import R, between_walls, pressing
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
 import pytest
 
 from ocp import solve
 from ocp.errors import InputError
+from ocp.solve import starts
 from tests.findings import numbers
 
-# The package's function has the name of the module.
-solving = import_module("ocp.solve.solve")
-judge_outcome = solving.judge_outcome
+judge_outcome = starts.judge_outcome
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
@@ -26,7 +24,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
             raise RuntimeError("the judge fell ill")
         return judge_outcome(*given)
 
-    monkeypatch.setattr(solving, "judge_outcome", judge)
+    monkeypatch.setattr(starts, "judge_outcome", judge)
 
 
 @pytest.mark.costly

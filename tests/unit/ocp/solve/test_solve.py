@@ -23,7 +23,8 @@ from ocp import (
     solve,
 )
 from ocp.problem.rollout import initial_guesses
-from ocp.solve.solve import new_session, rank
+from ocp.solve.solve import new_session
+from ocp.solve.starts import rank
 from problems import get
 from tests.findings import codes
 
