@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from dynamics.settings import Range, Setting, declare, settings_of
 from dynamics.systems import Parameter, ParameterTable
+from ocp.problem.cost_sizes import cost_weights
 from ocp.problem.problem import Problem
 from ocp.programs.units import SI, Units, fitted
 
@@ -72,7 +73,8 @@ def natural_units(params: BaseModel, problem: Problem) -> Units:
     if all(ratio == 1 for ratio in ratios.values()):
         return SI
     # A single weight cannot be distinguished from the unit of the cost.
-    weights = problem.weights if len(problem.weights) > 1 else set()
+    weights = cost_weights(problem)
+    weights = weights if len(weights) > 1 else set()
     return fitted((symbols[name].unit, ratio, name in weights) for name, ratio in ratios.items())
 
 

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ValidationError
 from dynamics.learned.region import Region
 from dynamics.settings import Setting, parse_number, settings_of
 from ocp.errors import InputError, did_you_mean
+from ocp.problem.checks import check_physics
 from ocp.problem.parts import Origin
 from ocp.problem.problem import Problem
 from ocp.validation import Count, Index, Line, Number, Positive
@@ -137,7 +138,7 @@ class ProblemSpec(Spec):
             raise InputError(
                 f"{self.path or self.name}: build(params) returned {kind}, expected an ocp.problem.Problem"
             )
-        problem.check_physics()
+        check_physics(problem)
         guess = problem.guess
         if guess is not None and self.path is not None:
             guess = guarded(guess, "guess(problem, p)", self.path)

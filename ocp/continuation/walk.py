@@ -13,6 +13,7 @@ from dynamics.systems import LAW_PREFIX
 from ocp.continuation.events import LOCATION_TOLERANCE, PAIR_EVENTS, Event, merge_simultaneous
 from ocp.continuation.tracking import Tracker
 from ocp.errors import InputError, choose, input_errors
+from ocp.problem.checks import check_physics
 from ocp.programs.solver import Point, Status
 from ocp.routes.homotopy import RouteResult
 from ocp.routes.session import Session
@@ -316,7 +317,7 @@ def _failure_reason(failed: CurvePoint) -> str:
 def check_value(session: Session, name: str, value: float) -> None:
     """Raise :class:`~ocp.errors.InputError` if a parameter cannot have this value."""
     if not name.startswith(LAW_PREFIX):
-        session.problem.check_physics({**session.values, name: value})
+        check_physics(session.problem, {**session.values, name: value})
         return
     with input_errors():
         session.law.at(**{name.removeprefix(LAW_PREFIX): value})

@@ -10,7 +10,7 @@ from ocp.errors import InputError
 from ocp.mpc.newton_phase import NewtonPhase
 from ocp.mpc.phase import Answer, Phase, Sample
 from ocp.mpc.stages import Plan, StageModel
-from ocp.programs.program import Layout
+from ocp.programs.layout import Layout
 from ocp.programs.solver import Point
 from ocp.routes.homotopy import RouteResult
 from ocp.routes.session import Session

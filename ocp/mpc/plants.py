@@ -13,6 +13,7 @@ from dynamics.systems.planar.machine import with_implicit_forces
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.judge.referee import REFINEMENT, step_size_kind
 from ocp.mpc.phase import numbers
+from ocp.problem.checks import check_physics
 from ocp.problem.problem import Problem
 from ocp.simulators.mujoco_world import MujocoWorld
 from ocp.validation import Index, Number, validated
@@ -107,7 +108,7 @@ def check_mismatch(problem: Problem, mismatch: Mapping[str, float]) -> Mapping[s
                 f"{did_you_mean(name, names)}; there are {', '.join(names)}"
             )
     if mismatch:
-        problem.check_physics(problem.parameters.defaults | dict(mismatch))
+        check_physics(problem, problem.parameters.defaults | dict(mismatch))
     return mismatch
 
 

@@ -1,9 +1,18 @@
-"""The part of a cost that no plan can change, and shares of what a plan can change."""
+"""The part of a cost that no plan can change, the size of the rest, and the parameters that weigh it."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import casadi as ca
 import numpy as np
+
+from ocp.problem.checks import BY_PARAMETERS
+from ocp.programs.units import band
+
+if TYPE_CHECKING:
+    from ocp.problem.parts import Scales
+    from ocp.problem.problem import Problem
 
 _GROWING = {ca.OP_SQ: np.square, ca.OP_FABS: np.abs, ca.OP_SQRT: np.sqrt, ca.OP_COSH: np.cosh}
 """Functions that are never negative, and grow with what is not."""
@@ -78,3 +87,35 @@ def _bound(operation: int, right: ca.SX, lower_bounds: list[float]) -> float:
         divisor = float(right) if right.is_constant() else np.inf
         return first * second if operation == ca.OP_MUL else first / divisor
     return -np.inf
+
+
+def cost_band(problem: Problem, sizes: Scales) -> float:
+    """Band of the change of cost as states and inputs at rest move by ``sizes``.
+
+    Sizes, and the parameters' values, are in natural units.
+    """
+    units = problem.scaling.units
+    p = np.array([parameter.value / units.of(parameter.unit) for parameter in problem.parameters])
+    x, u = (np.array(v).ravel() for v in problem.limits(p)[:2])
+    costs = [
+        np.ravel(problem.cost_terms(x + s * sizes.x, u + s * sizes.u, s * sizes.u, abs(s) * sizes.impulse, p))
+        for s in (0.0, -1.0, 1.0)
+    ]
+    changes = np.abs(np.array(costs[1:], dtype=float) - costs[0]) @ (problem.N, 1.0)
+    return band(float(changes.max()) / units.cost)
+
+
+def cost_weights(problem: Problem) -> set[str]:
+    """Names of parameters that weigh the cost: it is linear in each, nothing else has them."""
+    system, cost = problem.system, ca.vertcat(problem.stage_cost, problem.terminal_cost)
+    rows = (row for entry in (*problem.path, *problem.terminal) for row in (entry.expression, entry.lower, entry.upper))
+    limits = [getattr(problem, field) for field in BY_PARAMETERS]
+    start = [] if problem.start is None else [problem.start.lower, problem.start.upper]
+    elsewhere = [system.residual, system.gap, *(ca.SX(e) for e in (*limits, *start, *rows) if e is not None)]
+    other_symbols = {entry.element_hash() for expression in elsewhere for entry in ca.symvar(expression)}
+    return {
+        name
+        for name, symbol in ((name, problem.parameters[name]) for name in problem.parameters.names)
+        if symbol.element_hash() not in other_symbols
+        and [any(ca.which_depends(cost, symbol, order)) for order in (1, 2)] == [True, False]
+    }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,18 +37,6 @@ def column(what: str, value: Any, *sizes: int) -> ca.SX:
     if sizes and expression.numel() not in sizes:
         raise InputError(f"{what} has {expression.numel()} entries, expected {sizes[0]}")
     return ca.vec(expression)
-
-
-def check_symbols(what: str, value: ca.SX, known: Iterable[ca.SX], expected: str) -> None:
-    """Raise :class:`~ocp.errors.InputError` where ``value`` uses a symbol that is not known.
-
-    ``expected`` describes which ones are.
-    """
-    declared = {symbol.element_hash() for symbols in known for symbol in ca.symvar(symbols)}
-    used = ca.symvar(value)
-    unknown_names = sorted({str(symbol) for symbol in used if symbol.element_hash() not in declared})
-    if unknown_names:
-        raise InputError(f"{what} uses {', '.join(unknown_names)}, which is {expected}")
 
 
 def _expression(value: Any) -> ca.SX | None:

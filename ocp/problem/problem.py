@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -13,22 +13,40 @@ from pydantic import InstanceOf
 
 from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, ParameterTable
-from ocp.errors import InputError, abbreviated
-from ocp.problem.cost_sizes import least_value, split_constant
+from ocp.errors import InputError
+from ocp.problem.checks import BY_PARAMETERS, check_guess, check_problem_symbols
+from ocp.problem.cost_sizes import cost_band, least_value, split_constant
 from ocp.problem.free_time import FreeStep, with_free_step
-from ocp.problem.parts import Constraint, FreeStart, Origin, Scales, Scaling, Scenarios, check_symbols, column
+from ocp.problem.parts import Constraint, FreeStart, Origin, Scales, Scaling, Scenarios, column
 from ocp.problem.sizes import GAP_SHARE, derive_sizes, gap_changes, residual_changes
-from ocp.programs.units import ORDINARY_ROWS, band, solver_unit
+from ocp.programs.units import ORDINARY_ROWS, solver_unit
 from ocp.validation import Count, Name, validated
 
 __all__ = ["Constraint", "FreeStart", "Guess", "Problem", "Scales", "Scaling", "Scenarios"]
 
 SWEPT = "way between nodes"
-SHARES, DEPTH = (0.25, 0.5, 0.75), 0.05
-"""Shares of a step at which a swept problem keeps bodies apart, and how deep, in characteristic
-gaps, straight motion may cut into one: half of what the referee tolerates."""
+"""Name of the path constraint of a swept problem."""
+SHARES = (0.25, 0.5, 0.75)
+"""Shares of a step at which a swept problem keeps bodies apart."""
+DEPTH = 0.05
+"""Depth, in characteristic gaps, that straight motion may cut into a body: half of what the referee tolerates."""
 Guess = Callable[["Problem", np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Maps (problem, parameter values) to states (N+1, nx) and inputs (N, nu) to start from."""
+
+_FIELD_TYPES: dict[str, Any] = {
+    "name": Name,
+    "system": InstanceOf[ContactSystem],
+    "N": Count,
+    "parameters": InstanceOf[ParameterTable],
+    "path": tuple[InstanceOf[Constraint], ...],
+    "terminal": tuple[InstanceOf[Constraint], ...],
+    "scenarios": InstanceOf[Scenarios],
+    "start": InstanceOf[FreeStart] | None,
+    "guess": Callable[..., Any] | None,
+    "scaling": InstanceOf[Scaling],
+    "origin": InstanceOf[Origin],
+}
+"""Types of the fields whose value is checked as it stands."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,7 +90,7 @@ class Problem:
     swept: bool = False
 
     def __post_init__(self) -> None:
-        for field_name, field_type in _KINDS.items():
+        for field_name, field_type in _FIELD_TYPES.items():
             owners = {"name": "a problem's name", "N": f"{self.name}: the horizon N"}
             owner = owners.get(field_name, f"{self.name}: {field_name}")
             self._set(field_name, validated(owner, getattr(self, field_name), field_type))
@@ -102,7 +120,7 @@ class Problem:
             raise InputError(f"{self.name}: a free start needs a single scenario")
         if self.start is not None:
             self.start.check(self.name, nx)
-        self._check_symbols()
+        check_problem_symbols(self)
         if self.h is not None:
             stretched_fields = with_free_step(self, validated(f"{self.name}: h", self.h, InstanceOf[FreeStep]))
             for field_name, value in {**stretched_fields, "h": None}.items():
@@ -129,49 +147,6 @@ class Problem:
 
     def _set(self, what: str, value: Any) -> None:
         object.__setattr__(self, what, value)
-
-    def _check_symbols(self) -> None:
-        s, free = self.system, self.start
-        parameters_only, last = [self.parameters.vector], [s.x, self.parameters.vector]
-        stage_symbols = [*last, s.u, s.lam, *([] if self.du is None else [self.du])]
-        if self.du is not None and not self.du.is_valid_input():
-            raise InputError(f"{self.name}: du must be symbols, ca.SX.sym('du', {s.nu})")
-        bounds = [
-            (f"{field_name} of {row.name}", getattr(row, field_name))
-            for row in (*self.path, *self.terminal)
-            for field_name in ("lower", "upper")
-        ]
-        bounds += [] if free is None else [("the start", free.lower), ("the start", free.upper)]
-        for known_symbols, used, expected in (
-            (
-                stage_symbols,
-                [("stage_cost", self.stage_cost)],
-                "no state, input, du, contact impulse or declared parameter",
-            ),
-            (
-                [*stage_symbols, s.x_next],
-                [(c.name, c.expression) for c in self.path],
-                "no state, input, next state, contact impulse or declared parameter",
-            ),
-            (
-                last,
-                [("terminal_cost", self.terminal_cost), *((c.name, c.expression) for c in self.terminal)],
-                "no state or declared parameter",
-            ),
-            (
-                parameters_only,
-                [*((field_name, getattr(self, field_name)) for field_name in _BY_PARAMETERS), *bounds],
-                "no declared parameter",
-            ),
-            (
-                parameters_only,
-                [("the system", s.parameters.vector)],
-                "no parameter of the problem; give the problem the table that the system has",
-            ),
-        ):
-            for field_name, value in used:
-                if value is not None:
-                    check_symbols(f"{self.name}: {field_name}", value, known_symbols, expected)
 
     @property
     def uses_du(self) -> bool:
@@ -211,7 +186,7 @@ class Problem:
         values = (self.x0, u_before, self.u_lower, self.u_upper, self.x_lower, self.x_upper)
         sizes = (nx, nu, nu, nu, nx, nx)
         outputs = [_column(value, size) for value, size in zip(values, sizes, strict=True)]
-        return ca.Function("limits", [self.parameters.vector], outputs, ["p"], [*_BY_PARAMETERS])
+        return ca.Function("limits", [self.parameters.vector], outputs, ["p"], [*BY_PARAMETERS])
 
     @cached_property
     def start_limits(self) -> ca.Function:
@@ -281,7 +256,7 @@ class Problem:
             return getattr(derived, name) if multiple is None else multiple * getattr(units, name)
 
         sizes = Scales(size("impulse"), size("gap"), size("x"), size("u"))
-        return replace(sizes, cost=stated.units.cost * self._cost_band(sizes.over(units)))
+        return replace(sizes, cost=stated.units.cost * cost_band(self, sizes.over(units)))
 
     @cached_property
     def natural(self) -> Scales:
@@ -328,43 +303,8 @@ class Problem:
         )
         return Scales(units.of("N s"), units.of("m"), states, inputs, units.cost)
 
-    @property
-    def weights(self) -> set[str]:
-        """Names of parameters that weigh the cost: it is linear in each, nothing else has them."""
-        s, cost = self.system, ca.vertcat(self.stage_cost, self.terminal_cost)
-        rows = (row for entry in (*self.path, *self.terminal) for row in (entry.expression, entry.lower, entry.upper))
-        ends = [getattr(self, field_name) for field_name in _BY_PARAMETERS]
-        start = [] if self.start is None else [self.start.lower, self.start.upper]
-        elsewhere = [
-            s.residual,
-            s.gap,
-            *(ca.SX(e) for e in (*ends, *start, *rows) if e is not None),
-        ]
-        other_symbols = {entry.element_hash() for expression in elsewhere for entry in ca.symvar(expression)}
-        return {
-            name
-            for name in self.parameters.names
-            if self.parameters[name].element_hash() not in other_symbols
-            and [any(ca.which_depends(cost, self.parameters[name], order)) for order in (1, 2)] == [True, False]
-        }
-
-    def _cost_band(self, sizes: Scales) -> float:
-        """Band of the change of cost as states and inputs at rest move by ``sizes``.
-
-        Sizes, and the parameters' values, are in natural units.
-        """
-        units = self.scaling.units
-        p = np.array([parameter.value / units.of(parameter.unit) for parameter in self.parameters])
-        x, u = (np.array(v).ravel() for v in self.limits(p)[:2])
-        costs = [
-            np.ravel(self.cost_terms(x + s * sizes.x, u + s * sizes.u, s * sizes.u, abs(s) * sizes.impulse, p))
-            for s in (0.0, -1.0, 1.0)
-        ]
-        changes = np.abs(np.array(costs[1:], dtype=float) - costs[0]) @ (self.N, 1.0)
-        return band(float(changes.max()) / units.cost)
-
     @cached_property
-    def _physics(self) -> ca.Function:
+    def physics(self) -> ca.Function:
         """Map ``(x, p)`` to step size, mass, stiffness and friction, empty where there is none."""
         system = self.system
         friction = None if system.forces is None else system.forces.friction
@@ -375,33 +315,6 @@ class Problem:
         return ca.Function(
             "physics", arguments, [ca.SX(system.h), *(ca.densify(expression) for expression in expressions)]
         )
-
-    def check_physics(self, values: Mapping[str, float] | None = None) -> None:
-        """Check step size, mass, stiffness and friction, where they are known, at x0.
-
-        ``values`` are parameter values by name, by default the parameters' own. Raises
-        :class:`~ocp.errors.InputError` unless h > 0, M and K are positive definite and no
-        coefficient of friction is negative.
-        """
-        p = self.parameters.values if values is None else self.parameters.pack(values)
-        h, M, K, friction = (np.array(matrix_value) for matrix_value in self._physics(self.limits(p)[0], p))
-        if not h > 0:
-            raise InputError(f"{self.name}: the step size must be positive, got {h.item():g} s")
-        for matrix, matrix_name, remedy in (
-            (M, "mass", "masses and inertias"),
-            (K, "stiffness", "stiffnesses"),
-        ):
-            is_finite = np.isfinite(matrix).all()
-            smallest_eigenvalue = np.linalg.eigvalsh(matrix).min(initial=np.inf) if is_finite else np.nan
-            if not smallest_eigenvalue > 0:
-                raise InputError(
-                    f"{self.name}: the {matrix_name} matrix must be positive definite, but its smallest"
-                    f" eigenvalue is {smallest_eigenvalue:g}; raise the {remedy} above zero"
-                )
-        if not np.all(friction >= 0):
-            raise InputError(
-                f"{self.name}: Coulomb's coefficients of friction must not be negative, got {friction.min():g}"
-            )
 
     def initial_states(self, p: np.ndarray) -> np.ndarray:
         """Initial states of all scenarios at parameter values p, shape (scenarios, nx)."""
@@ -414,44 +327,9 @@ class Problem:
         Raises :class:`~ocp.errors.InputError` for a ``guess`` of other shapes, or not finite.
         """
         if self.guess is not None:
-            return self.checked_guess(self.guess(self, p))
+            return check_guess(self, self.guess(self, p))
         x0, u_before = (np.array(v).ravel() for v in self.limits(p)[:2])
         return np.tile(x0, (self.N + 1, 1)), np.tile(u_before, (self.N, 1))
-
-    def checked_guess(self, guess: Any) -> tuple[np.ndarray, np.ndarray]:
-        """States and inputs of a guess; raises as :meth:`initial_guess` does."""
-        try:
-            states, inputs = (np.asarray(array) for array in guess)
-        except (TypeError, ValueError):
-            raise InputError(
-                f"{self.name}: the guess must be two arrays, states and inputs, got {abbreviated(guess)}"
-            ) from None
-        shapes = states.shape, inputs.shape
-        expected = (self.N + 1, self.system.nx), (self.N, self.system.nu)
-        if shapes != expected:
-            raise InputError(
-                f"{self.name}: the guess has states {shapes[0]} and inputs {shapes[1]}, expected"
-                f" {expected[0]} and {expected[1]}"
-            )
-        if not all(array.dtype.kind in "if" and np.isfinite(array).all() for array in (states, inputs)):
-            raise InputError(f"{self.name}: the guess must be finite")
-        return states, inputs
-
-
-_KINDS: dict[str, Any] = {
-    "name": Name,
-    "system": InstanceOf[ContactSystem],
-    "N": Count,
-    "parameters": InstanceOf[ParameterTable],
-    "path": tuple[InstanceOf[Constraint], ...],
-    "terminal": tuple[InstanceOf[Constraint], ...],
-    "scenarios": InstanceOf[Scenarios],
-    "start": InstanceOf[FreeStart] | None,
-    "guess": Callable[..., Any] | None,
-    "scaling": InstanceOf[Scaling],
-    "origin": InstanceOf[Origin],
-}
-_BY_PARAMETERS = ("x0", "u_before", "u_lower", "u_upper", "x_lower", "x_upper")
 
 
 def _column(value: ca.SX | float, size: int) -> ca.SX:

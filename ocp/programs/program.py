@@ -11,75 +11,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from ocp.programs.layout import Layout
 from ocp.programs.units import Scale
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
 
 
-PENALTY, RELAXATION = "route.penalty", "route.relaxation"
-"""Parameters that every program has beside those of its problem, whose names are the user's."""
-
-
-@dataclass(frozen=True)
-class Block:
-    """A named array inside a vector: its shape, where it starts, and the names of its last axis."""
-
-    name: str
-    shape: tuple[int, ...]
-    start: int
-    components: tuple[str, ...] = ()
-
-    @property
-    def size(self) -> int:
-        """Number of entries."""
-        return int(np.prod(self.shape))
-
-    @property
-    def index(self) -> np.ndarray:
-        """Positions in the vector, in the block's shape."""
-        return self.start + np.arange(self.size).reshape(self.shape)
-
-
-class Layout:
-    """Blocks laid one after the other in one vector."""
-
-    def __init__(self) -> None:
-        self.blocks: dict[str, Block] = {}
-        self.size = 0
-
-    def add(self, name: str, shape: tuple[int, ...], components: tuple[str, ...] = ()) -> Block:
-        """Append a block; an empty one is kept so that its name is known."""
-        block = Block(name, shape, self.size, components)
-        self.blocks[name] = block
-        self.size += block.size
-        return block
-
-    def __contains__(self, name: str) -> bool:
-        return name in self.blocks
-
-    def __getitem__(self, name: str) -> Block:
-        return self.blocks[name]
-
-    def pack(self, values: dict[str, np.ndarray]) -> np.ndarray:
-        """Write blocks into one vector; a block that is not named stays zero."""
-        vector = np.zeros(self.size)
-        for name, value in values.items():
-            block = self.blocks[name]
-            vector[block.index] = np.broadcast_to(np.asarray(value, dtype=float), block.shape)
-        return vector
-
-    def unpack(self, vector: np.ndarray) -> dict[str, np.ndarray]:
-        """Read every block out of a vector."""
-        flat = np.asarray(vector, dtype=float).ravel()
-        return {name: flat[block.index] for name, block in self.blocks.items()}
-
-    def locate(self, position: int) -> tuple[Block, tuple[int, ...]]:
-        """Return the block that holds ``position``, and the index inside it."""
-        for block in self.blocks.values():
-            if block.start <= position < block.start + block.size:
-                return block, tuple(int(i) for i in np.unravel_index(position - block.start, block.shape))
-        raise IndexError(position)
+PENALTY = "route.penalty"
+"""Parameter of every program that weighs the products of its pairs in the cost."""
+RELAXATION = "route.relaxation"
+"""Parameter ``t`` of every program, see :class:`Program`."""
 
 
 _AT_BOUND = 1e-4
@@ -269,87 +211,3 @@ def closure_rows(
             ("separation", (first + t) * (second + t) - t**2),
         ]
     return []
-
-
-Values = dict[str, float]
-Bounds = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Point:
-    """Variables and multipliers of an NLP: what a warm start needs."""
-
-    x: np.ndarray
-    lam_x: np.ndarray | None = None
-    lam_g: np.ndarray | None = None
-
-
-class Scaled:
-    """``min f(X z, p)/F`` subject to ``g(X z, p)/G`` within bounds, X, G, F a program's scale.
-
-    A solver's tolerances and barrier are absolute numbers. In z they mean the same whatever units a
-    problem is stated in; without a scale everything is passed as it is.
-    """
-
-    def __init__(self, program: Program) -> None:
-        self.program, self.scale = program, program.scale
-
-    def functions(self) -> dict[str, ca.Function]:
-        """``f_g``, ``grad_f``, ``jac_g`` and ``hess_lag`` in z, in the program's conventions."""
-        program, scale = self.program, self.scale
-        plain = {"f_g": program.f_g, "grad_f": program.gradient, "jac_g": program.jacobian, "hess_lag": program.hessian}
-        if scale is None:
-            return plain
-        X, G = ca.DM(scale.x), ca.DM(scale.g)
-        z, p = ca.MX.sym("z", program.n), ca.MX.sym("p", program.n_parameters)
-        s, y = ca.MX.sym("s"), ca.MX.sym("y", program.m)
-        f, g = plain["f_g"].call([X * z, p], True, False)
-        slope = plain["grad_f"].call([X * z, p], True, False)[1]
-        rows = plain["jac_g"].call([X * z, p], True, False)[1]
-        bend = plain["hess_lag"].call([X * z, p, s / scale.f, y / G], True, False)[0]
-        outputs = {
-            "f_g": [f / scale.f, g / G],
-            "grad_f": [f / scale.f, X * slope / scale.f],
-            "jac_g": [g / G, _scaled(rows, 1 / scale.g, scale.x)],
-            "hess_lag": [_scaled(bend, scale.x, scale.x)],
-        }
-        return {
-            name: ca.Function(
-                f"scaled_{name}",
-                [z, p, s, y][: plain[name].n_in()],
-                expressions,
-                plain[name].name_in(),
-                plain[name].name_out(),
-            )
-            for name, expressions in outputs.items()
-        }
-
-    def given(self, start: Point, bounds: Bounds) -> Bounds:
-        """Start and bounds in z, as arguments of a solver."""
-        x, g, f = self._factors
-        arguments = {
-            "x0": start.x / x,
-            **{name: bounds[name] / x for name in ("lbx", "ubx")},
-            **{name: bounds[name] / g for name in ("lbg", "ubg")},
-        }
-        if start.lam_g is not None and start.lam_x is not None:
-            arguments |= {"lam_g0": start.lam_g * g / f, "lam_x0": start.lam_x * x / f}
-        return arguments
-
-    def answer(
-        self, f: float, x: np.ndarray, lam_x: np.ndarray, lam_g: np.ndarray, g: np.ndarray
-    ) -> tuple[Point, float, np.ndarray]:
-        """Point, cost and constraints in SI from those in z."""
-        by_x, by_g, by_f = self._factors
-        return Point(x * by_x, lam_x * by_f / by_x, lam_g * by_f / by_g), f * by_f, g * by_g
-
-    @property
-    def _factors(self) -> tuple[np.ndarray | float, np.ndarray | float, float]:
-        return (1.0, 1.0, 1.0) if self.scale is None else (self.scale.x, self.scale.g, self.scale.f)
-
-
-def _scaled(matrix: ca.MX, rows: np.ndarray, columns: np.ndarray) -> ca.MX:
-    """``diag(rows) matrix diag(columns)``, entry by entry."""
-    pattern = matrix.sparsity()
-    row, column = (np.array(indices, dtype=int) for indices in pattern.get_triplet())
-    return ca.MX(pattern, ca.vec(matrix.nz[:]) * ca.DM(rows[row] * columns[column]))

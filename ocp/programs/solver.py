@@ -20,7 +20,8 @@ import numpy as np
 
 from ocp.errors import InputError, choose
 from ocp.programs.options import INTERFACE, check_options
-from ocp.programs.program import Point, Program, Scaled
+from ocp.programs.program import Program
+from ocp.programs.scaled import Point, Scaled
 
 
 class Status(Enum):

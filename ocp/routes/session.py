@@ -10,6 +10,7 @@ import numpy as np
 
 from dynamics.contact import ContactLaw, Exact, Step
 from dynamics.contact.law import Schedule
+from ocp.problem.checks import check_physics
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.policy import Feedback, Policy
 from ocp.problem.problem import Problem
@@ -70,7 +71,7 @@ class Session:
         self.sub_sessions: dict[str, Session] = {}
         table = self.problem.parameters + self.step.p
         self.values = table.defaults | {PENALTY: 0.0, RELAXATION: 0.0}
-        self.problem.check_physics()
+        check_physics(self.problem)
         self.build_s = time.perf_counter() - start_time
 
     @property
@@ -136,7 +137,7 @@ class Session:
         return self._solve(Start(point=start, near=False), progress)
 
     def _solve(self, start: Start, progress: Progress | None) -> RouteResult:
-        self.problem.check_physics(self.values)
+        check_physics(self.problem, self.values)
         follower = Homotopy(self.nlp_of, self.solver, self.values, progress)
         route = route_for(self, start)
         return replace(route.apply(self, start, follower), route=route.name)

@@ -17,9 +17,10 @@ from numpy.typing import ArrayLike
 from dynamics.contact import Step
 from dynamics.systems import Signal
 from ocp.errors import InputError
+from ocp.problem.checks import check_guess
 from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.problem import Problem
-from ocp.programs.program import Layout
+from ocp.programs.layout import Layout
 from ocp.programs.solver import Point
 from ocp.solution import Solution
 from ocp.transcription.nlp import NLP
@@ -160,7 +161,7 @@ def given_guess(guess: GuessLike, problem: Problem, values: dict[str, float]) ->
             raise InputError(f"the guess has no {' and no '.join(sorted(missing))}; it needs both")
         x, u = guess["x"].values, guess["u"].values
         guess = (x[0], u[0]) if x.ndim == 3 else (x, u)
-    return problem.checked_guess(guess)
+    return check_guess(problem, guess)
 
 
 def _check(solution: Solution | Plan, nlp: NLP) -> None:

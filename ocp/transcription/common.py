@@ -12,7 +12,8 @@ from dynamics.contact.learned_step import LearnedStep
 from ocp.errors import InputError
 from ocp.problem.policy import Feedback, Policy
 from ocp.problem.problem import Problem
-from ocp.programs.program import PENALTY, RELAXATION, Layout
+from ocp.programs.layout import Layout
+from ocp.programs.program import PENALTY, RELAXATION
 from ocp.transcription.eliminated import Compile, Evaluated, Hidden, Implicit
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from dynamics.contact.learned_step import LearnedStep
 from ocp.errors import InputError
 from ocp.problem.policy import Feedback
-from ocp.programs.program import Layout, closure_rows
+from ocp.programs.layout import Layout
+from ocp.programs.program import closure_rows
 from ocp.transcription.common import Graph, constraint_names
 from ocp.transcription.eliminated import Compile
 from ocp.transcription.nlp import NLP

@@ -14,7 +14,8 @@ from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.policy import Policy
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import Gains
-from ocp.programs.program import PENALTY, RELAXATION, Layout, PairName, Program
+from ocp.programs.layout import Layout
+from ocp.programs.program import PENALTY, RELAXATION, PairName, Program
 from ocp.programs.solver import Result
 from ocp.programs.units import Scale, measured, row_scaled
 

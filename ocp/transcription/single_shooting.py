@@ -17,7 +17,8 @@ import numpy as np
 from ocp.errors import InputError
 from ocp.problem.policy import Feedback
 from ocp.problem.problem import Problem
-from ocp.programs.program import Functions, Layout
+from ocp.programs.layout import Layout
+from ocp.programs.program import Functions
 from ocp.transcription.common import Graph, constraint_names
 from ocp.transcription.eliminated import Compile
 from ocp.transcription.nlp import NLP

@@ -19,7 +19,7 @@ from dynamics.contact import Barrier, ContactLaw, Exact
 from dynamics.systems import ParameterTable
 from ocp.problem.policy import OpenLoop
 from ocp.problem.problem import Problem, Scaling
-from ocp.programs.program import Layout
+from ocp.programs.layout import Layout
 from ocp.programs.solver import Solver
 from ocp.routes.session import Session
 from ocp.transcription import Direct

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ocp.programs.program import Layout
+from ocp.programs.layout import Layout
 from tests.examples import settings
 
 shapes = st.lists(st.lists(st.integers(0, 4), min_size=1, max_size=3).map(tuple), min_size=1, max_size=6)

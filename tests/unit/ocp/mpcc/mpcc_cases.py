@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ocp.programs.program import Layout, PairName, Program
+from ocp.programs.layout import Layout
+from ocp.programs.program import PairName, Program
 from ocp.programs.units import Scale
 
 

@@ -1,0 +1,94 @@
+"""A program in the scaled variables that a solver sees, and its points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ocp.programs.program import Program
+
+Bounds = dict[str, Any]
+"""Start and bounds of a solver, by the names of its arguments."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """Variables and multipliers of an NLP: what a warm start needs."""
+
+    x: np.ndarray
+    lam_x: np.ndarray | None = None
+    lam_g: np.ndarray | None = None
+
+
+class Scaled:
+    """``min f(X z, p)/F`` subject to ``g(X z, p)/G`` within bounds, X, G, F a program's scale.
+
+    A solver's tolerances and barrier are absolute numbers. In z they mean the same whatever units a
+    problem is stated in; without a scale everything is passed as it is.
+    """
+
+    def __init__(self, program: Program) -> None:
+        self.program, self.scale = program, program.scale
+
+    def functions(self) -> dict[str, ca.Function]:
+        """``f_g``, ``grad_f``, ``jac_g`` and ``hess_lag`` in z, in the program's conventions."""
+        program, scale = self.program, self.scale
+        plain = {"f_g": program.f_g, "grad_f": program.gradient, "jac_g": program.jacobian, "hess_lag": program.hessian}
+        if scale is None:
+            return plain
+        X, G = ca.DM(scale.x), ca.DM(scale.g)
+        z, p = ca.MX.sym("z", program.n), ca.MX.sym("p", program.n_parameters)
+        s, y = ca.MX.sym("s"), ca.MX.sym("y", program.m)
+        f, g = plain["f_g"].call([X * z, p], True, False)
+        slope = plain["grad_f"].call([X * z, p], True, False)[1]
+        rows = plain["jac_g"].call([X * z, p], True, False)[1]
+        bend = plain["hess_lag"].call([X * z, p, s / scale.f, y / G], True, False)[0]
+        outputs = {
+            "f_g": [f / scale.f, g / G],
+            "grad_f": [f / scale.f, X * slope / scale.f],
+            "jac_g": [g / G, _scaled(rows, 1 / scale.g, scale.x)],
+            "hess_lag": [_scaled(bend, scale.x, scale.x)],
+        }
+        return {
+            name: ca.Function(
+                f"scaled_{name}",
+                [z, p, s, y][: plain[name].n_in()],
+                expressions,
+                plain[name].name_in(),
+                plain[name].name_out(),
+            )
+            for name, expressions in outputs.items()
+        }
+
+    def given(self, start: Point, bounds: Bounds) -> Bounds:
+        """Start and bounds in z, as arguments of a solver."""
+        x, g, f = self._factors
+        arguments = {
+            "x0": start.x / x,
+            **{name: bounds[name] / x for name in ("lbx", "ubx")},
+            **{name: bounds[name] / g for name in ("lbg", "ubg")},
+        }
+        if start.lam_g is not None and start.lam_x is not None:
+            arguments |= {"lam_g0": start.lam_g * g / f, "lam_x0": start.lam_x * x / f}
+        return arguments
+
+    def answer(
+        self, f: float, x: np.ndarray, lam_x: np.ndarray, lam_g: np.ndarray, g: np.ndarray
+    ) -> tuple[Point, float, np.ndarray]:
+        """Point, cost and constraints in SI from those in z."""
+        by_x, by_g, by_f = self._factors
+        return Point(x * by_x, lam_x * by_f / by_x, lam_g * by_f / by_g), f * by_f, g * by_g
+
+    @property
+    def _factors(self) -> tuple[np.ndarray | float, np.ndarray | float, float]:
+        return (1.0, 1.0, 1.0) if self.scale is None else (self.scale.x, self.scale.g, self.scale.f)
+
+
+def _scaled(matrix: ca.MX, rows: np.ndarray, columns: np.ndarray) -> ca.MX:
+    """``diag(rows) matrix diag(columns)``, entry by entry."""
+    pattern = matrix.sparsity()
+    row, column = (np.array(indices, dtype=int) for indices in pattern.get_triplet())
+    return ca.MX(pattern, ca.vec(matrix.nz[:]) * ca.DM(rows[row] * columns[column]))
