@@ -29,29 +29,29 @@ if TYPE_CHECKING:
     from ocp.gradients.objective import ClosedForm, StaticObjective
 
 _MODULES = {
-    "wall-1d": "problems.wall_1d",
-    "push-1d": "problems.push_1d",
-    "push-disc": "problems.push_disc",
-    "ball-bounce": "problems.ball_bounce",
-    "cart-walls": "problems.cart_walls",
-    "box-slide": "problems.box_slide",
-    "ball-throw": "problems.ball_throw",
-    "cart-transport": "problems.cart_transport",
-    "hopper-1d": "problems.hopper_1d",
-    "planar-push": "problems.planar_push",
-    "planar-hand": "problems.planar_hand",
-    "hopper": "problems.hopper",
-    "half-cheetah": "problems.half_cheetah",
-    "push-box": "problems.push_box",
-    "push-t": "problems.push_t",
-    "soft-walls": "problems.soft_walls",
-    "spinner": "problems.spinner",
-    "finger-disc": "problems.finger_disc",
-    "idto-hopper": "problems.idto_hopper",
-    "quadruped": "problems.quadruped",
-    "ant": "problems.ant",
-    "push-cube": "problems.push_cube",
-    "reorient": "problems.reorient",
+    "wall-1d": "problems.library.wall_1d",
+    "push-1d": "problems.library.push_1d",
+    "push-disc": "problems.library.push_disc",
+    "ball-bounce": "problems.library.ball_bounce",
+    "cart-walls": "problems.library.cart_walls",
+    "box-slide": "problems.library.box_slide",
+    "ball-throw": "problems.library.ball_throw",
+    "cart-transport": "problems.library.cart_transport",
+    "hopper-1d": "problems.library.hopper_1d",
+    "planar-push": "problems.library.planar_push",
+    "planar-hand": "problems.library.planar_hand",
+    "hopper": "problems.bodies.hopper.problem",
+    "half-cheetah": "problems.bodies.half_cheetah.problem",
+    "push-box": "problems.library.push_box",
+    "push-t": "problems.library.push_t",
+    "soft-walls": "problems.library.soft_walls",
+    "spinner": "problems.bodies.finger.spinner",
+    "finger-disc": "problems.bodies.finger.finger_disc",
+    "idto-hopper": "problems.bodies.idto_hopper",
+    "quadruped": "problems.bodies.quadruped",
+    "ant": "problems.bodies.ant",
+    "push-cube": "problems.library.push_cube",
+    "reorient": "problems.library.reorient",
 }
 ROBOT_FILES = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
 """How the names of robots' files end."""
@@ -163,10 +163,10 @@ def _imported(file: Path) -> tuple[ModuleType, str]:
 
 
 _OBJECTIVES = {
-    "heaviside": "problems.heaviside",
-    "coulomb": "problems.coulomb",
-    "belt-block": "problems.belt_block",
-    "ball-wall": "problems.ball_wall",
+    "heaviside": "problems.library.heaviside",
+    "coulomb": "problems.library.coulomb",
+    "belt-block": "problems.library.belt_block",
+    "ball-wall": "problems.library.ball_wall",
 }
 _DECISION, _NOISE = "theta", "sigma"
 

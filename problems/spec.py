@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
@@ -21,9 +21,11 @@ from ocp.problem.problem import Problem
 from ocp.validation import Count, Index, Line, Number, Positive
 from problems.drawing import ContactFrame, Shape
 from problems.parameters import natural_units
-from problems.user_code import UserProblemRecord, guarded, user_code
+from problems.user_code import guarded, user_code
 
 S = TypeVar("S", bound="Spec")
+MOST_NODES = 20_000
+"""Longest motion that a run stores as drawn, in nodes."""
 
 
 @dataclass(frozen=True)
@@ -156,6 +158,52 @@ class ProblemSpec(Spec):
                 record=None if self.path is None else UserProblemRecord(self, params),
             ),
         )
+
+
+@dataclass(frozen=True)
+class UserProblemRecord:
+    """A problem of a user's file at its parameters, which its runs store instead of its code."""
+
+    spec: ProblemSpec
+    params: Any
+
+    def told(self, motions: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        """Title, equations, parameters, and what is drawn at the states (n, nx) of each motion.
+
+        Of the form of :class:`ocp.store.meta.OwnProblem`. A motion ends with its last finite
+        state; ``undrawn`` says why there is no drawing.
+        """
+        spec = self.spec
+        told = {
+            "title": spec.title,
+            "equations": list(spec.equations),
+            "axes": list(spec.axes),
+            "parameters": {
+                name: {"unit": about.unit, "description": about.meaning}
+                for name, about in settings_of(spec.Params).items()
+            },
+            "motions": {},
+            "undrawn": "",
+        }
+        if spec.draw is None:
+            return {**told, "undrawn": "its file has no draw(params, state)"}
+        if sum(map(len, motions.values())) > MOST_NODES:
+            return {**told, "undrawn": f"its motion has more than {MOST_NODES} nodes"}
+        try:
+            return {**told, "motions": {key: self._drawn(x) for key, x in motions.items()}}
+        except InputError as error:
+            return {**told, "undrawn": str(error)}
+
+    def _drawn(self, x: np.ndarray) -> dict[str, Any]:
+        spec, known = self.spec, np.isfinite(x).all(axis=1)
+        assert spec.draw is not None
+        seen = x if known.all() else x[: max(1, int(np.argmin(known)))]
+        shapes = [spec.draw(self.params, state) for state in seen]
+        contacts = [] if spec.frames is None else [spec.frames(self.params, s) for s in seen]
+        return {
+            "shapes": [[{"kind": type(s).__name__, **asdict(s)} for s in at] for at in shapes],
+            "contacts": [[asdict(contact) for contact in at] for at in contacts],
+        }
 
 
 def check_parameters(owner: str, Params: type[BaseModel], values: Mapping[str, Any]) -> Any:

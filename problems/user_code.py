@@ -1,4 +1,4 @@
-"""Code of a user's file: errors in one sentence, and what a run stores of its problem."""
+"""Calls into a user's file: errors in one sentence, and what it sets for the process set back."""
 
 from __future__ import annotations
 
@@ -8,20 +8,15 @@ import signal
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from dynamics.settings import settings_of
 from ocp.errors import InputError
 from problems.source_digest import OWN
-
-if TYPE_CHECKING:
-    from problems.spec import ProblemSpec
 
 Function = Callable[..., Any]
 
@@ -123,53 +118,3 @@ def reason(error: BaseException) -> str:
         return "no reason available"
     lines = [line.strip() for line in text.splitlines() if line.strip()] or ["no reason given"]
     return lines[-1] if lines[0].endswith(":") else lines[0]
-
-
-MOST_NODES = 20_000
-"""Longer motions are not drawn ahead."""
-
-
-@dataclass(frozen=True)
-class UserProblemRecord:
-    """A problem of a user's file at its parameters, which its runs store instead of its code."""
-
-    spec: ProblemSpec
-    params: Any
-
-    def told(self, motions: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        """Title, equations, parameters, and what is drawn at the states (n, nx) of each motion.
-
-        Of the form of :class:`ocp.store.meta.OwnProblem`. A motion ends with its last finite
-        state; ``undrawn`` says why there is no drawing.
-        """
-        spec = self.spec
-        told = {
-            "title": spec.title,
-            "equations": list(spec.equations),
-            "axes": list(spec.axes),
-            "parameters": {
-                name: {"unit": about.unit, "description": about.meaning}
-                for name, about in settings_of(spec.Params).items()
-            },
-            "motions": {},
-            "undrawn": "",
-        }
-        if spec.draw is None:
-            return {**told, "undrawn": "its file has no draw(params, state)"}
-        if sum(map(len, motions.values())) > MOST_NODES:
-            return {**told, "undrawn": f"its motion has more than {MOST_NODES} nodes"}
-        try:
-            return {**told, "motions": {key: self._drawn(x) for key, x in motions.items()}}
-        except InputError as error:
-            return {**told, "undrawn": str(error)}
-
-    def _drawn(self, x: np.ndarray) -> dict[str, Any]:
-        spec, known = self.spec, np.isfinite(x).all(axis=1)
-        assert spec.draw is not None
-        seen = x if known.all() else x[: max(1, int(np.argmin(known)))]
-        shapes = [spec.draw(self.params, state) for state in seen]
-        contacts = [] if spec.frames is None else [spec.frames(self.params, s) for s in seen]
-        return {
-            "shapes": [[{"kind": type(s).__name__, **asdict(s)} for s in at] for at in shapes],
-            "contacts": [[asdict(contact) for contact in at] for at in contacts],
-        }

@@ -141,7 +141,7 @@ class Origin:
     ``settings`` are parameters that are no symbols, such as ``N``; ``citation`` is a key of the bibliography.
     ``source`` is the user's file that built it, None for a named problem or one made in Python, ``source_digest`` that
     of all the file is made of (:mod:`problems.source_digest`), and ``record`` the
-    :class:`problems.user_code.UserProblemRecord` of its runs.
+    :class:`problems.spec.UserProblemRecord` of its runs.
 
     Raises :class:`~ocp.errors.InputError` for settings that no run can store, and a citation that is no line of text.
     """

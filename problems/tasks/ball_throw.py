@@ -7,7 +7,7 @@ import numpy as np
 
 from dynamics.systems import ParameterTable
 from ocp.problem.task import Task
-from problems import ball_throw as problem
+from problems.library import ball_throw as problem
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation
 

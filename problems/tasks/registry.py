@@ -52,8 +52,8 @@ class TaskSpec(Spec):
 
 _MODULES = {
     "ball-throw": "problems.tasks.ball_throw",
-    "hopper": "problems.tasks.hopper",
-    "half-cheetah": "problems.tasks.half_cheetah",
+    "hopper": "problems.bodies.hopper.task",
+    "half-cheetah": "problems.bodies.half_cheetah.task",
 }
 
 

@@ -164,7 +164,7 @@ def test_runs_that_name_code(servers, shop, tally, side_by_side, tmp_path) -> No
     song, here = tmp_path / "song", tmp_path / "here"
     here.mkdir()
     problem = here / "prob.py"
-    honest = (program.ROOT / "problems/wall_1d.py").read_text()
+    honest = (program.ROOT / "problems/library/wall_1d.py").read_text()
     problem.write_text(honest)
     end = servers[0].run(["solve", "prob.py", "-p", "N=4", "--quiet"], here)
     assert end.code == 0, end.err
@@ -174,7 +174,7 @@ def test_runs_that_name_code(servers, shop, tally, side_by_side, tmp_path) -> No
     for name in ("casadi", "numpy", "problems", "xarray", "sitecustomize", "usercustomize"):
         (here / f"{name}.py").write_text(CANARY.format(song=str(song)))
     inside = received / "prob.py"
-    places = [str(problem), "prob.py", str(inside), "../prob.py", "os", "problems.push_1d"]
+    places = [str(problem), "prob.py", str(inside), "../prob.py", "os", "problems.library.push_1d"]
     record = json.loads((received / "meta.json").read_bytes())["record"]
 
     def attack(server, item) -> None:

@@ -16,7 +16,7 @@ from tests.attack.forked import Server
 PROBLEM = '''\
 """A mass that is pushed along a line: a user's own problem."""
 
-from problems.push_1d import *  # a user's file may build on a named problem
+from problems.library.push_1d import *  # a user's file may build on a named problem
 '''
 
 

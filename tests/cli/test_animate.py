@@ -11,7 +11,7 @@ from reports.cli.app import main
 
 USER = """
 from dataclasses import replace
-from problems import push_1d
+from problems.library import push_1d
 
 name, title, Params = "bare", "Without a drawing", push_1d.Params
 

@@ -17,7 +17,7 @@ from reports.cli.app import main
 
 MINE = """
 from dataclasses import replace
-from problems import wall_1d
+from problems.library import wall_1d
 from problems.drawing import Disc
 from weights import END
 

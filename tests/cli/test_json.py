@@ -19,7 +19,7 @@ LOUD = '''
 """A problem whose author prints wherever a program can."""
 import atexit
 import ctypes, os, sys
-from problems.wall_1d import Params, build as quiet, equations, title
+from problems.library.wall_1d import Params, build as quiet, equations, title
 
 C = ctypes.CDLL(None)
 name = "loud"

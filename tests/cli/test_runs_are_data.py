@@ -27,7 +27,7 @@ raise SystemExit(0)
 MINE = """
 from pathlib import Path
 import casadi as ca
-from problems import wall_1d
+from problems.library import wall_1d
 from problems.drawing import Disc
 count = Path(__file__).with_suffix(".count")
 count.write_text(count.read_text() + "x" if count.exists() else "x")

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from problems import ball_bounce, cart_walls, push_1d, soft_walls, spec, wall_1d
+from problems import spec
+from problems.library import ball_bounce, cart_walls, push_1d, soft_walls, wall_1d
 from tests.golden.convex import convex
 
 Windows = Callable[[np.ndarray], float]

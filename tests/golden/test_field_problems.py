@@ -13,7 +13,8 @@ from ocp import Direct, MultipleShooting, SingleShooting, Solution, Status, solv
 from ocp.problem.rollout import initial_guesses
 from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session
-from problems import ball_throw, get, hopper_1d, spec
+from problems import get, spec
+from problems.library import ball_throw, hopper_1d
 from tests.golden import schedules
 
 FOUR = ("box-slide", "ball-throw", "cart-transport", "hopper-1d")

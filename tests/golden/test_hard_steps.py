@@ -21,8 +21,8 @@ from dynamics.contact.ncp import LOST, ncp_solver
 from dynamics.contact.reduced_path import path_of
 from dynamics.systems import ContactSystem, Signal
 from ocp.errors import NotConverged
-from problems.machines.hopper import hopper
-from problems.machines.simulation import simulate, simulation
+from problems.bodies.hopper.machine import hopper
+from problems.bodies.simulation import simulate, simulation
 from tests.golden.coulomb_steps import ModeStepper
 
 STATES = 300
@@ -185,7 +185,7 @@ def test_a_simulation_whose_motion_overflows_says_so():
 @pytest.mark.costly
 def test_a_step_that_no_start_solves_is_named(monkeypatch: pytest.MonkeyPatch):
     """No step is ever good enough: what is said then names the step and claims no more."""
-    for module in ("ocp.problem.rollout", "problems.machines.simulation"):
+    for module in ("ocp.problem.rollout", "problems.bodies.simulation"):
         monkeypatch.setattr(f"{module}.STEP_TOLERANCE", -1.0)
     with pytest.raises(NotConverged, match=r"at step 0 .*no other start of the search") as found:
         simulate("hopper", 30, largest_inputs(0), seed=0, gyroscopic="explicit")
@@ -197,7 +197,7 @@ def test_a_thousand_wild_simulations_stop_only_where_their_motion_overflows(
     monkeypatch: pytest.MonkeyPatch,
 ):
     """30 steps each, under the largest inputs; one closed step for all of them saves minutes."""
-    monkeypatch.setattr("problems.machines.simulation.get", cache(problems.get))
+    monkeypatch.setattr("problems.bodies.simulation.get", cache(problems.get))
     finished = 0
     for seed in range(1000):
         try:

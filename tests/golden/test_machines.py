@@ -14,8 +14,8 @@ from ocp import Direct, Solution, Status, solve
 from ocp.routes import complementarity
 from ocp.solve.judging import judge_outcome
 from ocp.transcription.nlp import NLP
-from problems.machines.hopper import hopper
-from problems.machines.simulation import simulate, simulation
+from problems.bodies.hopper.machine import hopper
+from problems.bodies.simulation import simulate, simulation
 from tests.golden.coulomb_steps import ModeStepper
 from tests.golden.known import BETTER, reached, session_of
 

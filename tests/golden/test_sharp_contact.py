@@ -20,7 +20,7 @@ from dynamics.systems import (
     signals,
     time_stepping,
 )
-from problems.machines.half_cheetah import half_cheetah
+from problems.bodies.half_cheetah.machine import half_cheetah
 
 H, FRICTION, R, REACH = 0.1, 0.5, 0.4, 0.5
 MASS = np.diag([1.0, 1.0, 0.1, 50.0 * H**2, 50.0 * H**2])

@@ -14,7 +14,7 @@ from ocp import SingleShooting, Solution, Status, solve
 from ocp.solve.solve import new_session
 from ocp.solve.starts import WAYS, best_of
 from problems import get
-from problems.ball_throw import Params, roll
+from problems.library.ball_throw import Params, roll
 from tests.findings import numbers
 
 HIGH = {"goal_x": 2.5365, "goal_z": 2.619, "goal_vx": 2.5365, "goal_vz": -3.2857}

@@ -17,10 +17,10 @@ from ocp.errors import InputError
 from ocp.mpc.plants import Plant
 from ocp.problem.rollout import roll_out
 from problems import get
-from problems.machines.half_cheetah import half_cheetah
-from problems.machines.hopper import hopper
+from problems.bodies.half_cheetah.machine import half_cheetah
+from problems.bodies.hopper.machine import hopper
+from problems.bodies.simulation import simulate, simulation
 from problems.machines.machine import PublishedMachine
-from problems.machines.simulation import simulate, simulation
 
 CRANE = (
     Link("cart", None, 2.0, 0.1, joint="slide"),

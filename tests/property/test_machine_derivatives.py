@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
-from problems.machines.simulation import simulate, simulation
+from problems.bodies.simulation import simulate, simulation
 
 LAWS: dict[str, ContactLaw] = {"exact": Exact(), "barrier": Barrier(mu=1e-3)}
 MACHINES: dict[str, dict[str, Any]] = {"hopper": {}, "half-cheetah": {"spheres": "feet"}}

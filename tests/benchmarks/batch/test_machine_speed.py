@@ -14,9 +14,9 @@ from dynamics.batch import RolloutFunction, open_loop
 from dynamics.batch.graphs import inner, rollout_tapes
 from dynamics.contact import Barrier, starts
 from dynamics.contact.path import Path
-from problems.machines.half_cheetah import half_cheetah
-from problems.machines.hopper import hopper
-from problems.machines.simulation import simulation
+from problems.bodies.half_cheetah.machine import half_cheetah
+from problems.bodies.hopper.machine import hopper
+from problems.bodies.simulation import simulation
 from tests.benchmarks.batch import mujoco_peer
 from tests.benchmarks.batch.peers import mapped
 from tests.benchmarks.batch.race import Row, race, tell

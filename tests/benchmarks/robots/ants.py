@@ -12,7 +12,7 @@ import numpy as np
 from dynamics.batch import RolloutFunction, open_loop
 from dynamics.contact import Barrier
 from dynamics.systems import ParameterTable
-from problems.machines.ant import ant, standing
+from problems.bodies.ant import ant, standing_pose
 
 STEPS, H, SAMPLES, ROUNDS = 20, 0.01, 64, 6
 
@@ -29,9 +29,9 @@ def rollouts(mu: float, backend: str) -> RolloutFunction:
 
 
 def draws(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """States (n, 29) near standing and inputs (n, STEPS, 8)."""
+    """States (n, 29) near standing_pose and inputs (n, STEPS, 8)."""
     rng = np.random.default_rng(0)
-    start = np.tile(np.r_[standing(), np.zeros(14)], (n, 1))
+    start = np.tile(np.r_[standing_pose(), np.zeros(14)], (n, 1))
     start[:, 15:] += 0.1 * rng.standard_normal((n, 14))
     return start, 0.1 * rng.standard_normal((n, STEPS, 8))
 

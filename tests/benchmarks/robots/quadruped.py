@@ -27,7 +27,7 @@ from ocp.transcription.common import Graph
 from ocp.transcription.direct import trajectory_variables
 from ocp.transcription.nlp import StageCompiler
 from ocp.transcription.stage import Stage
-from problems.machines.quadruped import height, pose, quadruped
+from problems.bodies.quadruped import height, pose, quadruped
 
 N, H, MU, ROUNDS = 20, 0.02, 1e-2, 5
 THIGH, SHIN = 0.7, -1.4

@@ -72,7 +72,7 @@ def test_each_seed_of_each_algorithm_is_a_run(trained: Path) -> None:
 
 @pytest.mark.costly
 def test_the_stored_episode_obeys_the_exact_law(trained: Path) -> None:
-    from problems.ball_throw import Params, roll
+    from problems.library.ball_throw import Params, roll
 
     data = runs_of(trained)[0].data
     x, u, lam = (data[name].values[0] for name in ("x", "u", "lam"))

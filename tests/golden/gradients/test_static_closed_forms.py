@@ -11,7 +11,7 @@ from ocp.gradients import estimate_gradient
 from ocp.gradients.estimators import ConfidenceTest, Evidence, inverse_variance
 from ocp.gradients.sampling import quadrature
 from ocp.gradients.verdict import empirical_bias
-from problems import coulomb, heaviside
+from problems.library import coulomb, heaviside
 from problems.registry import objective_spec
 
 # Numbers from quadrature and enumeration that share no code with this project.

@@ -16,7 +16,7 @@ from dynamics.systems import signals, time_stepping
 from dynamics.systems.pairs import Pair, deciding_pairs
 from dynamics.systems.parameters import ParameterTable
 from ocp.errors import InputError
-from problems import ball_throw
+from problems.library import ball_throw
 from problems.parameters import is_structural
 from tests.unit.problems.test_problems import expressions, other_value
 

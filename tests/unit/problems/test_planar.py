@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from dynamics.systems.planar.chain import Chain
 from dynamics.systems.planar.links import Link
-from problems.machines.half_cheetah import half_cheetah
-from problems.machines.hopper import hopper
+from problems.bodies.half_cheetah.machine import half_cheetah
+from problems.bodies.hopper.machine import hopper
 
 PENDULUM = (
     Link("upper", None, 1.3, 0.04, com=(0.1, -0.2), anchor=(0.3, 0.1), offset=0.2),

@@ -14,7 +14,7 @@ import problems
 from dynamics.contact import Exact
 from ocp.errors import InputError
 from ocp.problem.problem import Problem
-from problems.soft_walls import cost_to_go
+from problems.library.soft_walls import cost_to_go
 from tests.unit.problems.test_problems import expressions
 
 RNG = np.random.default_rng(0)

@@ -12,7 +12,7 @@ from dynamics.batch import Episode, EpisodeFunction, RolloutFunction, StepFuncti
 from dynamics.batch.graphs import inner
 from dynamics.batch.graphs.policy import open_loop
 from dynamics.contact import Barrier, ContactLaw, Exact, Step
-from problems.machines.simulation import simulation
+from problems.bodies.simulation import simulation
 from tests.unit.dynamics.batch.backends import BACKENDS
 from tests.unit.dynamics.batch.test_friction_rollout import START, THETA, tossed_rod
 

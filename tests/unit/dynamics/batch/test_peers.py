@@ -8,8 +8,8 @@ import pytest
 
 from dynamics.batch import RolloutFunction, open_loop
 from dynamics.contact import Barrier
-from problems.machines.half_cheetah import half_cheetah
-from problems.machines.hopper import hopper
+from problems.bodies.half_cheetah.machine import half_cheetah
+from problems.bodies.hopper.machine import hopper
 from tests.benchmarks.batch import mujoco_peer
 from tests.benchmarks.batch.peers import casadi_forms, fastest, generated, mapped
 from tests.benchmarks.batch.race import Row, race, tell

@@ -10,10 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dynamics.systems.space import Body, SpatialMachine, Tree, rotation
-from problems.machines.ant import ant
-from problems.machines.half_cheetah import half_cheetah
-from problems.machines.hopper import hopper
-from problems.machines.quadruped import quadruped
+from problems.bodies.ant import ant
+from problems.bodies.half_cheetah.machine import half_cheetah
+from problems.bodies.hopper.machine import hopper
+from problems.bodies.quadruped import quadruped
 
 _HALF = 2**-0.5
 _CRANE = (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocp.errors import InputError
-from problems import coulomb
+from problems.library import coulomb
 from problems.registry import named, objective_names, objective_spec
 
 

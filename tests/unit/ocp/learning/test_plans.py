@@ -23,7 +23,7 @@ from ocp.learning.protocol import Normaliser, Trained
 from ocp.learning.unroll_gradients import FOPG
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.task import Task
-from problems import ball_throw
+from problems.library import ball_throw
 from problems.tasks import registry
 from tests.unit.ocp.learning.scalar import A, B, scalar
 

@@ -17,7 +17,7 @@ from ocp.routes.schedules import apart
 from ocp.solve.judging import judge_outcome
 from ocp.solve.solve import new_session, solve
 from problems import get
-from problems.ball_throw import Params, roll
+from problems.library.ball_throw import Params, roll
 from tests.benchmarks.ocp.random_draws import drawn
 
 THROW = {

@@ -11,7 +11,7 @@ import pytest
 import problems
 from dynamics.contact import Barrier, Exact, Randomized
 from ocp import InputError, Settings, Solution, solve
-from problems import push_1d
+from problems.library import push_1d
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ from pydantic import model_validator
 
 from dynamics.systems.contact_rows import Cone
 from ocp.problem.problem import Constraint, FreeStart, Problem, Scaling
+from problems.bodies.half_cheetah.machine import half_cheetah as machine_of
 from problems.drawing import ContactFrame, Shape
-from problems.machines.half_cheetah import half_cheetah as machine_of
 from problems.machines.machine import machine_frames, machine_shapes
 from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed

@@ -10,8 +10,8 @@ from pydantic import model_validator
 
 from dynamics.systems import ParameterTable
 from ocp.problem.problem import Problem, Scaling
+from problems.bodies.finger.machine import FingerParams, finger_frames, finger_shapes, finger_system
 from problems.drawing import Shape
-from problems.machines.finger import FingerParams, finger_frames, finger_shapes, finger_system
 from problems.parameters import quantity, structure, table
 from problems.spec import Citation, Golden
 

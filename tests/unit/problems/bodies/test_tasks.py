@@ -10,9 +10,9 @@ import problems
 from dynamics.contact import Exact
 from dynamics.systems import ContactSystem
 from ocp.errors import InputError
-from problems import ball_throw
-from problems.machines.half_cheetah import half_cheetah
-from problems.machines.hopper import hopper
+from problems.bodies.half_cheetah.machine import half_cheetah
+from problems.bodies.hopper.machine import hopper
+from problems.library import ball_throw
 from problems.tasks import registry
 
 MACHINES = {"hopper": hopper(), "half-cheetah": half_cheetah()}

@@ -10,8 +10,8 @@ from pydantic import model_validator
 
 from dynamics.systems.contact_rows import Cone
 from ocp.problem.problem import Problem, Scaling
+from problems.bodies.hopper.machine import hopper as machine_of
 from problems.drawing import ContactFrame, Mark, Shape
-from problems.machines.hopper import hopper as machine_of
 from problems.machines.machine import machine_frames, machine_shapes
 from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed

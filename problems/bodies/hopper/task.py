@@ -7,9 +7,9 @@ import numpy as np
 
 from dynamics.systems.contact_rows import Cone
 from ocp.problem.task import Task
-from problems import hopper as problem
+from problems.bodies.hopper import problem as problem
+from problems.bodies.hopper.machine import hopper as machine_of
 from problems.drawing import Shape
-from problems.machines.hopper import hopper as machine_of
 from problems.machines.machine import machine_shapes
 from problems.parameters import Parameters, choice, quantity, structure
 from problems.spec import Citation

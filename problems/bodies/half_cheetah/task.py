@@ -7,8 +7,8 @@ import numpy as np
 
 from dynamics.systems.contact_rows import Cone
 from ocp.problem.task import Task
-from problems import half_cheetah as problem
-from problems.machines.half_cheetah import half_cheetah as machine_of
+from problems.bodies.half_cheetah import problem as problem
+from problems.bodies.half_cheetah.machine import half_cheetah as machine_of
 from problems.parameters import Parameters, choice, quantity, structure
 from problems.spec import Citation
 from problems.tasks.running import built, inertia, mass, tame

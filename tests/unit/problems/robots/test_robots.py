@@ -19,7 +19,7 @@ from problems import robots
 from problems.robots import Robot
 
 mujoco: Any = import_module("mujoco")
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 GYM = Path(import_module("gymnasium").__file__ or "").parent / "envs/mujoco/assets"
 FILES = {
     **{k: GYM / f"{k}.xml" for k in ("ant", "swimmer", "reacher", "humanoid", "hopper")},

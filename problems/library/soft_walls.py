@@ -9,8 +9,8 @@ import numpy as np
 
 from dynamics.systems import RefereeModel, lcs, signals
 from ocp.problem.problem import Problem, Scaling
-from problems.cart_walls import pole_frames, pole_shapes
 from problems.drawing import ContactFrame, Shape
+from problems.library.cart_walls import pole_frames, pole_shapes
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 

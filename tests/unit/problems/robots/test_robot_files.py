@@ -11,7 +11,7 @@ import pytest
 from ocp.errors import InputError
 from problems import robots
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 
 
 def test_what_is_not_used_is_told_by_name(tmp_path: Path) -> None:

@@ -13,8 +13,8 @@ from dynamics.systems.planar.machine import Gyroscopic, with_implicit_forces
 from ocp.errors import InputError, NotConverged
 from ocp.problem.problem import Problem
 from ocp.problem.rollout import STEP_TOLERANCE, Rollout, roll_out
-from problems.machines.half_cheetah import half_cheetah
-from problems.machines.hopper import hopper
+from problems.bodies.half_cheetah.machine import half_cheetah
+from problems.bodies.hopper.machine import hopper
 from problems.machines.machine import PublishedMachine
 from problems.registry import get
 

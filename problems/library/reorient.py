@@ -14,10 +14,10 @@ from dynamics.systems import ParameterTable
 from dynamics.systems.space import Body, Box, Plane, SpatialMachine, SpatialPart, Sphere
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Shape
+from problems.library.push_cube import fingertip, seen_with_goal, turn_between, with_goal
 from problems.machines.perspective import Camera
 from problems.machines.spatial import AXES, spatial_frames
 from problems.parameters import Parameters, choice, quantity, structure, table
-from problems.push_cube import fingertip, seen_with_goal, turn_between, with_goal
 from problems.spec import Citation, Golden
 
 name = "reorient"

@@ -7,8 +7,8 @@ import numpy as np
 
 from dynamics.systems import Signal
 from ocp.problem.problem import Problem, Scaling
+from problems.bodies.finger.machine import FingerParams, finger_frames, finger_shapes, finger_system
 from problems.drawing import Shape
-from problems.machines.finger import FingerParams, finger_frames, finger_shapes, finger_system
 from problems.machines.tracking import with_nominal
 from problems.parameters import quantity, structure, table
 from problems.spec import Citation, Golden

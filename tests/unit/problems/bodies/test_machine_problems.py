@@ -11,10 +11,10 @@ import problems
 from dynamics.contact import Exact
 from ocp import Direct, solve
 from ocp.errors import InputError
+from problems.bodies.half_cheetah.machine import half_cheetah
+from problems.bodies.hopper.machine import hopper
+from problems.bodies.simulation import simulate, simulation
 from problems.drawing import Capsule, Disc, HalfPlane, Shape
-from problems.machines.half_cheetah import half_cheetah
-from problems.machines.hopper import hopper
-from problems.machines.simulation import simulate, simulation
 
 MACHINES = {"hopper": hopper, "half-cheetah": half_cheetah}
 

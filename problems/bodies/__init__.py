@@ -1,0 +1,1 @@
+"""Robots, one a folder or file: the machine, the problems and the task of each."""

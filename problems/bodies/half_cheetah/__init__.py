@@ -1,0 +1,1 @@
+"""The half-cheetah of Dojo: machine, problem and task."""

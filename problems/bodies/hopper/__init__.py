@@ -1,0 +1,1 @@
+"""The planar hopper of Dojo: machine, problem and task."""

@@ -1,0 +1,1 @@
+"""Named problems and static objectives that need no machine of their own, one a file."""
