@@ -115,7 +115,7 @@ class Params(GaitParams):
 
 
 def build(params: Params) -> Problem:
-    """Build steps (ant.1) on the tangent space (ant.2) with contacts (ant.3) and friction (ant.4), cost
+    """Steps (ant.1) on the tangent space (ant.2) with contacts (ant.3) and friction (ant.4), cost
     (ant.5); state (q, v), impulses lam [N s]."""
     scaling = Scaling(impulse=0.1, gap=0.1, x=0.1, u=0.1)
     return gait(name, params, ant(), standing_pose(), standing_pose(), _walk, scaling)

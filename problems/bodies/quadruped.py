@@ -137,7 +137,7 @@ class Params(GaitParams):
 
 
 def build(params: Params) -> Problem:
-    """Build steps (quadruped.1) on the tangent space (quadruped.2) with contacts (quadruped.3) and
+    """Steps (quadruped.1) on the tangent space (quadruped.2) with contacts (quadruped.3) and
     friction (quadruped.4), cost (quadruped.5); state (q, v), impulses lam [N s]."""
     lies = params.start == "lie"
     scaling = Scaling(impulse=1.0, gap=0.1, x=0.1, u=0.3)

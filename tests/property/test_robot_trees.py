@@ -9,10 +9,10 @@ from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.unit.problems.robots.test_robots import check_dynamics
 
 from problems import robots
 from tests.examples import settings
+from tests.unit.problems.robots.test_robots import check_dynamics
 
 mujoco: Any = import_module("mujoco")
 near = st.floats(-1, 1).map(lambda value: round(value, 6))
