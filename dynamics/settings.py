@@ -106,10 +106,14 @@ class Setting:
     @property
     def range(self) -> str:
         """Values that it takes, in words with the unit: ``"a number > 0 [kg]"``."""
+        return self._range()
+
+    def _range(self, kind: str = "") -> str:
+        """Return the range; ``kind`` says more than the type does, as "a finite number" for infinity."""
         if words := self.extra("words", ()):
             return " or ".join(repr(word) for word in words)
         first = _first_type(self.annotation)
-        kind = _KINDS.get(first, "a name" if first is Any else f"a {getattr(first, '__name__', first)}")
+        kind = kind or _KINDS.get(first, "a name" if first is Any else f"a {getattr(first, '__name__', first)}")
         limits = [
             f"{sign} {getattr(bound, attribute):.10g}"
             for bound in self.declaration.metadata
@@ -119,23 +123,25 @@ class Setting:
         unit = "" if self.unit == "1" else f" [{self.unit}]"
         return " and ".join([f"{kind} {limits[0]}", *limits[1:]] if limits else [kind]) + unit
 
-    def message(self, label: str, value: Any) -> str:
-        """Return the sentence for a ``value`` that is out of range; ``label`` names the setting."""
+    def message(self, label: str, value: Any, kind: str = "") -> str:
+        """Return the sentence for a ``value`` that is not a ``kind`` or out of range; ``label`` names the setting."""
         words, hint = self.extra("words", ()), self.extra("hint", "")
         shown = abbreviated_number(value)
         proposal = did_you_mean(value, words) if isinstance(value, str) and words else ""
-        return f"{label} must be {self.range}, got {shown}{proposal}{'; ' if hint else ''}{hint}"
+        return f"{label} must be {self._range(kind)}, got {shown}{proposal}{'; ' if hint else ''}{hint}"
 
     def read(self, value: Any, owner: str = "") -> Any:
         """Return ``value``, or the number, word or switch that it writes as text; the default is always taken.
 
         Raises :class:`~dynamics.errors.InputError` that names ``owner``, the setting and its range.
         """
-        if type(value) is type(self.default) and value == self.default:
+        if not self.declaration.is_required() and type(value) is type(self.default) and value == self.default:
             return value
-        number = value
         try:
             number = parse_number(value, self.annotation)
+        except ValueError as error:
+            raise InputError(self.message(f"{owner}{self.name}", value, str(error))) from None
+        try:
             parsed = self._adapter.validate_python(number)
         except ValueError:
             raise InputError(self.message(f"{owner}{self.name}", number)) from None
@@ -147,6 +153,8 @@ class Setting:
     def _adapter(self) -> TypeAdapter[Any]:
         bounds = [entry for entry in self.declaration.metadata if any(hasattr(entry, name) for name in _SIGNS)]
         kind: Any = Annotated[self.annotation, *bounds] if bounds else self.annotation
+        if bounds and _first_type(self.annotation) is tuple:
+            kind = tuple[Annotated[int, *bounds], ...] | None
         return TypeAdapter(kind, config=ConfigDict(arbitrary_types_allowed=True))
 
 
@@ -155,11 +163,7 @@ def read_value(label: str, value: Any, annotation: Any) -> Any:
 
     Raises :class:`~dynamics.errors.InputError` that names it ``label``.
     """
-    try:
-        number = parse_number(value, annotation)
-    except ValueError as error:
-        raise InputError(f"{label} must be {error}, got {value!r}") from None
-    return Setting(label, declare(..., ""), annotation).read(number)
+    return Setting(label, declare(..., ""), annotation).read(value)
 
 
 def read_count(label: str, value: Any) -> int:
@@ -245,12 +249,16 @@ def parse_int(text: str) -> int | None:
 def parse_number(value: Any, annotation: Any) -> Any:
     """Return the number that text writes where ``annotation`` takes a number and no text; any other value unchanged.
 
+    Whole numbers with commas are read where it takes a tuple.
+
     Raises ``ValueError``, with what was expected, for text that is no number, for true and false in the place of a
     number, for what is not finite, and for whole numbers beyond :data:`LARGEST`.
     """
     if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
         value = value.item()
     kinds = _types_in(annotation)
+    if isinstance(value, str) and _first_type(annotation) is tuple and str not in kinds:
+        return tuple(parse_number(word, int) for word in value.split(","))
     if not kinds & {int, float} or kinds & {str, tuple, list, dict}:
         return value
     if (isinstance(value, str) or value is True or value is False) and bool not in kinds:

@@ -8,43 +8,37 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
+from dynamics.errors import InputError
 from dynamics.learned.mlp import MlpModel
 from dynamics.learned.transitions import Samples, split_rows
+from dynamics.settings import Configured, setting
 
 
 @dataclass(frozen=True)
-class Recipe:
+class Recipe(Configured):
     """Hyperparameters of the training of a network. Defaults: the same authors' for 1e5 transitions of pushing.
 
-    ``hidden`` units a layer; ``rate`` of Adam; ``batch`` samples a step, or all where there are
-    fewer; at most ``epochs`` passes; the fraction ``held_out`` of the rows is never trained on, and
-    after ``patience`` epochs in which its error did not fall, training ends. With held_out = 0 all
-    rows are trained on, all epochs run, and the last weights are kept instead of the best.
+    With held_out = 0 all rows are trained on, all epochs run, and the last weights are kept instead of the best.
     """
 
-    hidden: tuple[int, ...] = (128, 128, 128, 128)
-    epochs: int = 200
-    batch: int = 2048
-    rate: float = 1e-3
-    held_out: float = 0.1
-    patience: int = 30
+    name: ClassVar = "mlp"
+    hidden: tuple[int, ...] = setting(
+        (128,) * 4, "units of each hidden layer", hint="one a layer, with commas, such as 64,64", least=1, most=100_000
+    )
+    epochs: int = setting(200, "largest number of passes over the data", least=1)
+    batch: int = setting(2048, "samples of a step, or all where there are fewer", least=1)
+    rate: float = setting(1e-3, "learning rate of Adam", above=0)
+    held_out: float = setting(0.1, "share of the rows that is never trained on", least=0, below=1)
+    patience: int = setting(30, "epochs without a lower held-out error after which training ends", least=1)
 
     def __post_init__(self) -> None:
-        counts = {"epochs": self.epochs, "batch": self.batch, "patience": self.patience}
-        counts |= {f"hidden layer {i}": size for i, size in enumerate(self.hidden, 1)}
-        for name, value in counts.items():
-            if value != int(value) or value < 1:
-                raise ValueError(f"mlp: {name} must be a whole number of at least 1, got {value}")
+        super().__post_init__()
         if not self.hidden:
-            raise ValueError("mlp: hidden has no layers; give at least one, such as 128")
-        if not (self.rate > 0 and math.isfinite(self.rate)):
-            raise ValueError(f"mlp: rate must be positive and finite, got {self.rate}")
-        if not 0 <= self.held_out < 1:
-            raise ValueError(f"mlp: held_out must be at least 0 and below 1, got {self.held_out}")
+            raise InputError("mlp: hidden has no layers; give at least one, such as 128")
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.batch import Gaussian, Moments
+from dynamics.settings import Configured, setting
 from ocp.errors import InputError, choose
 from ocp.gradients.estimators import RULES, SAMPLED, Choice, Evidence, Rule
 from ocp.gradients.objective import SampledObjective
@@ -117,31 +118,37 @@ def number_or_list(values: np.ndarray) -> float | list[float]:
     return float(flat[0]) if flat.size == 1 else flat.tolist()
 
 
-_MIN_SIGMA = 1e-150
+MIN_SIGMA = 1e-150
 """Smallest sigma, the inverse of the largest: its square must neither underflow nor overflow."""
 
 
 @dataclass(frozen=True)
-class Sampling:
+class Sampling(Configured):
     """Request of an estimate: estimators by name, samples of each, the noise and the seed.
 
-    ``rules`` replaces the settings of alpha estimators by name; ``reference`` is one of
-    :data:`~ocp.gradients.sampling.REFERENCE_KINDS`, ``reference_samples`` None for ten times
-    ``samples``.
+    ``rules`` replaces the settings of alpha estimators by name.
 
-    Raises :class:`~ocp.errors.InputError` for an unknown or repeated estimator, fewer than two
-    samples, and a sigma that is not positive.
+    Raises :class:`~ocp.errors.InputError` for an unknown or repeated estimator and a setting out of range.
     """
 
     estimators: Sequence[str] = ("zobg", "fobg", "alpha")
-    samples: int = 100_000
-    sigma: float = 0.1
-    seed: int = 0
+    samples: int = setting(100_000, "samples of each estimator", hint="one sample has no variance", least=2)
+    sigma: float = setting(
+        0.1,
+        "standard deviation of the noise",
+        hint="its square must neither underflow nor overflow",
+        least=MIN_SIGMA,
+        most=1 / MIN_SIGMA,
+    )
+    seed: int = setting(0, "seed of the noise", least=0)
     rules: Sequence[Rule] = ()
-    reference: str = "auto"
-    reference_samples: int | None = None
+    reference: str = setting("auto", "source of the true gradient", words=REFERENCE_KINDS)
+    reference_samples: int | None = setting(
+        None, "samples of a sampled reference, ten times the others'", hint="one sample has no variance", least=2
+    )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         available = {**SAMPLED, **RULES}
         if not self.estimators:
             raise InputError(f"name at least one estimator; there are {', '.join(available)}")
@@ -149,15 +156,6 @@ class Sampling:
             choose("estimator", name, available)
         if len(set(self.estimators)) < len(self.estimators):
             raise InputError("an estimator is named twice; name each once")
-        choose("reference", self.reference, dict.fromkeys(REFERENCE_KINDS))
-        check_samples(self.samples)
-        if self.reference_samples is not None:
-            check_samples(self.reference_samples)
-        if not _MIN_SIGMA <= self.sigma <= 1 / _MIN_SIGMA:
-            raise InputError(
-                f"sigma, the standard deviation of the noise, must be positive and finite, with a"
-                f" square that is both: from {_MIN_SIGMA:g} to {1 / _MIN_SIGMA:g}, got {self.sigma:g}"
-            )
 
     @property
     def sampled(self) -> list[str]:
@@ -174,15 +172,6 @@ class Sampling:
     def rule(self, name: str) -> Rule:
         """Return the settings of an alpha estimator."""
         return next((rule for rule in self.rules if rule.name == name), RULES[name]())
-
-
-def check_samples(samples: float) -> None:
-    """Raise :class:`~ocp.errors.InputError` unless ``samples`` allows a variance."""
-    if isinstance(samples, bool) or not float(samples).is_integer() or samples < 2:
-        raise InputError(
-            f"the number of samples must be a whole number of 2 or more, since one sample has no"
-            f" variance; got {samples:g}"
-        )
 
 
 def estimate_gradient(

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynamics.batch import Gaussian
-from ocp.gradients.estimation import Sampling, check_samples, run_sampling
+from dynamics.settings import settings_of
+from ocp.gradients.estimation import Sampling, run_sampling
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.sampling import Workers, reference_kind
 from ocp.gradients.verdict import short_verdict
@@ -44,7 +45,7 @@ def read_sweep(text: str) -> Axis:
         return axis
     values = tuple(np.unique(np.rint(axis.values)).tolist())
     for value in values:
-        check_samples(value)
+        settings_of(Sampling)["samples"].read(value)
     return replace(axis, values=values)
 
 

@@ -77,7 +77,13 @@ class Experiment(Configured):
     task: Task
     algorithm: Algorithm
     law: ContactLaw = field(default_factory=lambda: Adaptive("quartic"))
-    hidden: tuple[int, ...] | None = setting((), "units of each tanh layer, as 64,64; affine, or open-loop")
+    hidden: tuple[int, ...] | None = setting(
+        (),
+        "units of each tanh layer, as 64,64; affine, or open-loop",
+        hint="with commas, such as 64,64, affine or open-loop",
+        least=1,
+        most=100_000,
+    )
     initial: float = setting(0.1, "size of the last layer's first weights", least=0)
     rest: tuple[float, ...] | None = None
     normalise: bool = setting(True, "observations by their running mean and scale")
@@ -97,8 +103,6 @@ class Experiment(Configured):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for width in self.hidden or ():
-            read_count("a hidden layer", width)
         for name, value in self.budget._asdict().items() if self.budget else ():
             read_count(f"the budget's {name}", value)
         size = len(self.task.parameters)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import casadi as ca
 
+from dynamics.settings import Range, Setting, declare
 from ocp.errors import InputError, did_you_mean
 
 LOOSEST = {
@@ -31,65 +30,38 @@ _UNO = {
     "inequality_handling_method": "string",
 }
 """Uno's options; it takes any other name without a word."""
-_WORDS = {"integer": "a whole number", "real": "a finite number", "string": "a word"}
-_MOST = 2**31 - 1
+MAX_INTEGER = 2**31 - 1
+"""Largest integer that a solver's option takes."""
+_TYPES: dict[str, Any] = {"integer": int, "real": float, "string": str}
 
 
-@dataclass(frozen=True)
-class Option:
-    """An option's type, ``integer``, ``real`` or ``string``, its range and its words, if any.
-
-    ``default`` and ``meaning`` are quoted from the solver's documentation, where known.
-    """
-
-    kind: str
-    low: float = -math.inf
-    high: float = math.inf
-    open_low: bool = False
-    open_high: bool = False
-    words: Sequence[str] = ()
-    default: str = ""
-    meaning: str = ""
-
-    def takes(self, value: Any) -> bool:
-        """Whether ``value`` is of the type and within the range."""
-        if self.kind == "string":
-            return isinstance(value, str) and (not self.words or value in self.words)
-        if isinstance(value, bool | str) or not math.isfinite(value):
-            return False
-        if self.kind == "integer" and (value != int(value) or abs(value) > _MOST):
-            return False
-        above = value > self.low if self.open_low else value >= self.low
-        below = value < self.high if self.open_high else value <= self.high
-        return above and below
-
-    @property
-    def expected(self) -> str:
-        """What it takes, in words."""
-        if self.words:
-            return f"one of {', '.join(self.words)}"
-        low = f" {'>' if self.open_low else '>='} {self.low:g}" if math.isfinite(self.low) else ""
-        high = f" {'<' if self.open_high else '<='} {self.high:g}" if self.high < 1e300 else ""
-        return f"{_WORDS[self.kind]}{low}{' and' if low and high else ''}{high}"
+def _option(
+    name: str, kind: str, meaning: str = "", default: str = "", words: Sequence[str] = (), **limits: Unpack[Range]
+) -> Setting:
+    """Declare an option; ``default`` and ``meaning`` are quoted from the solver's documentation, where known."""
+    if kind == "integer":
+        limits = {"most": MAX_INTEGER, **limits}
+    declaration = declare(..., meaning, limits=limits, words=list(words), documented_default=default)
+    return Setting(name, declaration, _TYPES[kind])
 
 
-INTERFACE: dict[str, dict[str, Option]] = {
+INTERFACE: dict[str, dict[str, Setting]] = {
     "sleqp": {
-        "max_iter": Option("integer", 1),
-        "max_wall_time": Option("real", 0.0, open_low=True),
-        "print_level": Option("integer", 0, 4),
+        "max_iter": _option("max_iter", "integer", least=1),
+        "max_wall_time": _option("max_wall_time", "real", above=0),
+        "print_level": _option("print_level", "integer", least=0, most=4),
     }
 }
 """Options that CasADi's interface to a solver takes itself, beside those it hands on."""
 
 
-def documented(solver: str) -> dict[str, Option]:
-    """The documented options of a solver; the others are probed.
+def documented(solver: str) -> dict[str, Setting]:
+    """Return the documented options of a solver; the others are probed.
 
     IPOPT documents its own; of Uno the names are known, of fatrop and SLEQP nothing.
     """
     if solver == "uno":
-        return {name: Option(kind) for name, kind in _UNO.items()}
+        return {name: _option(name, kind) for name, kind in _UNO.items()}
     return _ipopt() if solver == "ipopt" else {}
 
 
@@ -100,31 +72,29 @@ def check_options(solver: str, options: Mapping[str, Any]) -> dict[str, Any]:
     another type or out of range, and a tolerance above :data:`LOOSEST`.
     """
     checked: dict[str, Any] = {}
-    for name, setting in options.items():
-        option, value = _option(solver, name), setting
-        if isinstance(setting, bool) and option.kind == "string":
-            value = "yes" if setting else "no"
-        if not option.takes(value):
-            raise InputError(f"{solver} refused its options: {name} must be {option.expected}, got {value!r}")
-        if name in LOOSEST and float(value) > LOOSEST[name]:
+    for name, value in options.items():
+        option = _find_option(solver, name)
+        if isinstance(value, bool) and option.annotation is str:
+            value = "yes" if value else "no"
+        checked[name] = option.read(value, f"{solver} refused its options: ")
+        if name in LOOSEST and checked[name] > LOOSEST[name]:
             raise InputError(
                 f"{solver} refused its options: {name} must be at most {LOOSEST[name]:g}, got"
                 f" {value:g}; a looser tolerance proves nothing"
             )
-        checked[name] = int(value) if option.kind == "integer" else value
     return checked
 
 
 def has_option(solver: str, name: str) -> bool:
-    """Whether the solver has an option of this name."""
+    """Return whether the solver has an option of this name."""
     try:
-        _option(solver, name)
+        _find_option(solver, name)
     except InputError:
         return False
     return True
 
 
-def _option(solver: str, name: str) -> Option:
+def _find_option(solver: str, name: str) -> Setting:
     if documented_options := documented(solver):
         if name in documented_options:
             return documented_options[name]
@@ -134,15 +104,15 @@ def _option(solver: str, name: str) -> Option:
 
 
 @cache
-def _ipopt() -> dict[str, Option]:
-    """IPOPT's options as it documents them itself (``print_options_documentation``, 3.14)."""
+def _ipopt() -> dict[str, Setting]:
+    """Return IPOPT's options as it documents them itself (``print_options_documentation``, 3.14)."""
     text = Path(__file__).with_name("ipopt_options.json").read_text(encoding="utf-8")
-    return {name: Option(**stated) for name, stated in json.loads(text).items()}
+    return {name: _option(name, **stated) for name, stated in json.loads(text).items()}
 
 
 @cache
-def _probed(solver: str, name: str) -> Option:
-    """Type of an option of a plugin that CasADi reads itself: which cast of a word it refuses."""
+def _probed(solver: str, name: str) -> Setting:
+    """Return an option of a plugin that CasADi reads itself; the cast of a word that it refuses is its type."""
     y = ca.MX.sym("y", 2)
     nlp = {"x": y, "f": ca.sumsqr(y - 1), "g": y[0] + y[1]}
     try:
@@ -150,9 +120,9 @@ def _probed(solver: str, name: str) -> Option:
     except RuntimeError as error:
         for cast, kind in (("int", "integer"), ("double", "real"), ("bool", "integer")):
             if f'"is_{cast}()"' in str(error):
-                return Option(kind)
+                return _option(name, kind)
         reason = str(error).strip().splitlines()[-1]
         if name in reason:
             reason = reason.partition(": ")[2] or reason
             raise InputError(f"{solver} refused its options: {reason}") from error
-    return Option("string")
+    return _option(name, "string")

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.settings import settings_of
+from dynamics.settings import read_count, settings_of
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.gradients.case import ObjectiveCase
 from ocp.gradients.estimation import Sampling
@@ -27,7 +27,7 @@ from ocp.validation import Axis
 from problems.registry import ObjectiveSpec, named
 from problems.spec import ProblemSpec
 from reports.cli.commands import EstimateOptions
-from reports.cli.request import parse_assignments, parse_count
+from reports.cli.request import parse_assignments
 
 _ROLLOUT_OPTIONS = {"contact": "--contact", "law_settings": "-c", "policy": "--policy", "decision_run": "--at"}
 """Options, with their flags, that have an effect on rollouts alone."""
@@ -62,12 +62,12 @@ class EstimateRequest:
         objective, params = built.objective, built.params
         sampling = Sampling(
             estimators,
-            parse_count("--samples", options.samples),
+            settings_of(Sampling)["samples"].read(options.samples, "--"),
             built.sigma if options.sigma is None else options.sigma,
             options.seed,
             rules,
             options.reference,
-            None if reference_samples is None else parse_count("--reference-samples", reference_samples),
+            None if reference_samples is None else read_count("--reference-samples", reference_samples),
         )
         swept = sweep.values if sweep is not None and sweep.name == "sigma" else ()
         built.check_sigma([sampling.sigma, *swept])

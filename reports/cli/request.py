@@ -9,7 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynamics.settings import parse_int, parse_number
 from ocp import store
 from ocp.errors import InputError
 from ocp.routes.session import Session
@@ -35,28 +34,6 @@ def parse_assignments(option: str, words: Iterable[str] | None) -> dict[str, str
             raise InputError(f"{option}: {name} is given twice; give it once")
         values[name] = value
     return values
-
-
-def parse_count(option: str, text: str) -> int:
-    """Read a count such as ``100000`` or ``1e5``; raises InputError for anything else."""
-    try:
-        return parse_number(text, int)
-    except ValueError as error:
-        example = "" if "most" in str(error) else " such as 100000 or 1e5"
-        raise InputError(f"{option} must be {error}{example}, got {text!r}") from None
-
-
-def parse_layers(option: str, text: str, alternatives: str = "") -> tuple[int, ...]:
-    """Read the sizes of hidden layers, such as ``64,64``; raises InputError for anything else.
-
-    ``alternatives`` name what the option accepts besides.
-    """
-    units = [parse_int(word) for word in text.split(",")]
-    if not all(count is not None and 0 < count <= 100_000 for count in units):
-        raise InputError(
-            f"{option} must be whole numbers from 1 to 100000 with commas, such as 64,64{alternatives}, got {text!r}"
-        )
-    return tuple(count for count in units if count is not None)
 
 
 @contextmanager

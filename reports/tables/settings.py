@@ -113,7 +113,7 @@ def solver_group(name: str) -> SettingGroup:
     """Return the options of a solver, from its documentation, with our defaults."""
     own_defaults: dict[str, Any] = IPOPT_DEFAULTS if name == "ipopt" else {}
     option_settings = [
-        SettingRow(key, option.expected, own_defaults.get(key, option.default), option.meaning)
+        replace(setting_row(option), default=own_defaults.get(key, option.extra("documented_default", "")))
         for key, option in documented(name).items()
     ]
     return SettingGroup(name, "-s NAME=VALUE", SOLVERS[name], option_settings)
@@ -138,7 +138,9 @@ def changed_defaults(group: SettingGroup) -> SettingGroup:
     """Return the options of a solver whose default here differs from the solver's own."""
     solver_options = documented(group.name)
     changed_settings = [
-        setting for setting in group.settings if default_text(setting.default) != solver_options[setting.name].default
+        setting
+        for setting in group.settings
+        if default_text(setting.default) != solver_options[setting.name].extra("documented_default", "")
     ]
     return replace(group, settings=changed_settings)
 

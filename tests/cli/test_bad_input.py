@@ -120,7 +120,7 @@ CASES = {
     "option's type": ([*SOLVE, "-s", "max_iter=abc"], ["max_iter must be a whole number >= 0"]),
     "option's whole number": ([*SOLVE, "-s", "max_iter=1.5"], ["max_iter must be a whole number"]),
     "option's range": ([*SOLVE, "-s", "eta_phi=0.7"], ["eta_phi", "> 0 and < 0.5"]),
-    "option's word": ([*SOLVE, "-s", "mu_strategy=fast"], ["one of monotone, adaptive"]),
+    "option's word": ([*SOLVE, "-s", "mu_strategy=fast"], ["mu_strategy must be 'monotone' or 'adaptive'"]),
     "option not a number": ([*SOLVE, "-s", "tol=nan"], ["tol must be a finite number > 0"]),
     "option beyond numbers": ([*SOLVE, "-s", "tol=1e400"], ["tol must be a finite number"]),
     "worthless tolerance": ([*SOLVE, "-s", "dual_inf_tol=1e10"], ["at most 0.0001", "1e+10"]),

@@ -61,7 +61,7 @@ TOO_MUCH = {
     ),
     "values": (["estimate", "coulomb", "--sweep", "nu=0.1:1:1e9"], "from 1 to 100000"),
     "samples": (["estimate", "heaviside", "-n", "1e300"], "at most 9.2e+18"),
-    "noise": (["estimate", "belt-block", "--sigma", "1e308"], "from 1e-150 to 1e+150"),
+    "noise": (["estimate", "belt-block", "--sigma", "1e308"], ">= 1e-150 and <= 1e+150"),
     "noise of no effect": (["estimate", "wall-1d", "--sigma", "1e-100"], "must be from 5e-11"),
     "noise as a parameter": (["estimate", "coulomb", "-p", "sigma=1e80"], "must be from"),
     "noise of a sweep": (

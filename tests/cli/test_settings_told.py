@@ -72,7 +72,7 @@ def test_a_declared_setting_is_listed_parsed_and_checked_by_its_declaration() ->
     ("values", "message"),
     [
         ({"width": 0}, "made: width must be a number > 0 and <= 2 [m], got 0; it is narrow"),
-        ({"width": math.nan}, "made: width must be a number > 0 and <= 2 [m], got nan; it is narrow"),
+        ({"width": math.nan}, "made: width must be a finite number > 0 and <= 2 [m], got nan; it is narrow"),
         ({"count": 1.5}, "made: count must be a whole number >= 1, got 1.5"),
         ({"count": True}, "made: count must be a whole number >= 1, got True"),
         ({"scheme": "corse"}, "made: scheme must be 'fine' or 'coarse', got 'corse' (did you mean 'coarse'?)"),

@@ -19,6 +19,7 @@ from dynamics.learned.fit import measure_fit
 from dynamics.learned.region import Region
 from dynamics.learned.training import Epoch, Recipe, Training
 from dynamics.learned.transitions import MIN_ROWS_PER_COORDINATE, Transitions, split_rows
+from dynamics.settings import read_count, settings_of
 from ocp.errors import InputError, choose
 from ocp.jobs.scheduling import Report, results_in_order
 from ocp.problem.problem import Problem
@@ -31,7 +32,7 @@ from problems.regions import CollectJob, collect_piece, region_of
 from problems.registry import objective_names
 from reports.cli import interrupt
 from reports.cli.options.learning import NOISE, CollectOptions, LearnOptions
-from reports.cli.request import check_output_file, input_errors, parse_assignments, parse_count, parse_layers
+from reports.cli.request import check_output_file, input_errors, parse_assignments
 from reports.tables import learned_models
 
 
@@ -55,7 +56,7 @@ def check_collect(options: CollectOptions) -> CollectRequest:
     problem_spec = spec(options.problem)
     parameter_texts = parse_assignments("-p", options.params)
     params, problem = problem_spec.params(parameter_texts), problem_spec.problem(parameter_texts)
-    samples, system = parse_count("--samples", options.samples), problem.system
+    samples, system = read_count("--samples", options.samples), problem.system
     fewest_samples = MIN_ROWS_PER_COORDINATE * (system.nx + system.nu)
     if samples < fewest_samples:
         raise InputError(
@@ -140,7 +141,7 @@ def check(options: LearnOptions) -> LearnRequest:
             f"--noise: sigma {options.noise:g} is in standard deviations of the data, at most 1000;"
             " choose a value such as 0.2"
         )
-    hidden = parse_layers("--hidden", options.hidden)
+    hidden = settings_of(Recipe)["hidden"].read(options.hidden, "--")
     data = _data(options)
     check_output_file(options.file, "model")
     recipe = _recipe(options, data, hidden) if network else None

@@ -16,7 +16,6 @@ from ocp.learning.random_search import RandomSearch
 from ocp.learning.training import ALGORITHMS
 from problems.tasks import registry
 from problems.tasks.registry import TaskSpec, default_settings, make_algorithm
-from reports.cli.request import parse_layers
 from reports.tables.settings import default_text
 
 SHARED_SETTINGS = {name: setting for name, setting in settings_of(Experiment).items() if setting.meaning}
@@ -61,10 +60,8 @@ def _unknown(key: str, chosen: Mapping[str, type]) -> str:
 
 
 def _value(key: str, name: str, text: str, cls: type) -> Any:
-    if name == "hidden":
-        if text in _POLICY_SHAPES:
-            return _POLICY_SHAPES[text]
-        return parse_layers(f"setting {key}", text, f", {' or '.join(_POLICY_SHAPES)}")
+    if name == "hidden" and text in _POLICY_SHAPES:
+        return _POLICY_SHAPES[text]
     setting = SHARED_SETTINGS.get(name) or settings_of(cls)[name]
     return setting.read(text, f"setting {key.removesuffix(name)}")
 

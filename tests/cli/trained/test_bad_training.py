@@ -30,7 +30,7 @@ REFUSED = {
     "ball-throw -a ars -s top=20": "top is 20, more than the 16 directions",
     "ball-throw -s discount=1.1": "discount must be a number > 0 and <= 1, got 1.1",
     "ball-throw -s discount=0": "discount must be a number > 0 and <= 1, got 0; 1 counts all rewards alike",
-    "ball-throw -s hidden=0": "hidden must be whole numbers from 1",
+    "ball-throw -s hidden=0": "hidden must be whole numbers >= 1",
     "ball-throw -s hidden=deep": "affine or open-loop",
     "ball-throw -s episodes=0": "episodes must be",
     "ball-throw -s evaluate_every=0": "evaluate_every must be",

@@ -334,12 +334,12 @@ def test_training_holds_out_what_transitions_do() -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"hidden": (8, 0)}, "hidden layer 2 must be a whole number of at least 1, got 0"),
+        ({"hidden": (8, 0)}, "hidden must be whole numbers >= 1"),
         ({"hidden": ()}, "hidden has no layers"),
-        ({"epochs": 0}, "epochs must be a whole number of at least 1"),
-        ({"batch": 1.5}, "batch must be a whole number of at least 1"),
-        ({"rate": 0.0}, "rate must be positive"),
-        ({"held_out": 1.0}, "held_out must be at least 0 and below 1"),
+        ({"epochs": 0}, "epochs must be a whole number >= 1"),
+        ({"batch": 1.5}, "batch must be a whole number >= 1"),
+        ({"rate": 0.0}, "rate must be a number > 0"),
+        ({"held_out": 1.0}, "held_out must be a number >= 0 and < 1"),
         ({"sigma": -0.1}, "sigma must be at least 0 and finite, got -0.1"),
         ({"sigma": np.inf}, "sigma must be at least 0 and finite, got inf"),
     ],
