@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from ocp.distribution import load_plugin
+from ocp import plugins
 
 if __name__ == "__main__":
-    sys.exit(load_plugin("reports").main())
+    sys.exit(plugins.reports.main())

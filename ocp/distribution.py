@@ -1,9 +1,8 @@
-"""The distribution: its version, its packages, and those above this one, which entry points load.
+"""The distribution: its version and its packages, which a user's modules may hide.
 
 The packages' names are common words. ``python -m ocp`` puts the working directory first on the
 path, where a user's ``problems.py`` would hide ours: importing this module removes that entry. For
-a script beside such a file, the error of the first failed import says so. Packages above this one
-are never imported by name, so that imports run one way only, but loaded where they are used.
+a script beside such a file, the error of the first failed import says so.
 """
 
 from __future__ import annotations
@@ -11,10 +10,8 @@ from __future__ import annotations
 import sys
 from importlib import metadata
 from importlib.machinery import PathFinder
-from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 DISTRIBUTION_NAME = "centralpath"
 """Name of the distribution on the package index."""
@@ -74,30 +71,3 @@ def _check_shadowing() -> None:
 
 
 _check_shadowing()
-
-
-PLUGIN_GROUP = "centralpath.plugins"
-"""Group of entry points that name the packages above this one."""
-
-
-def load_plugin(name: str) -> Any:
-    """Load the module that the entry point ``name``, "problems" or "reports", refers to.
-
-    Raises :class:`~ocp.errors.InputError` where the distribution is not installed, and
-    :class:`~ocp.distribution.ShadowedPackage` where a user's module of that name is found instead.
-    """
-    plugins = [*entry_points(group=PLUGIN_GROUP, name=name)]
-    if not plugins:
-        # Only here: the errors are those of dynamics, which may be hidden as this module is loaded.
-        from ocp.errors import InputError
-
-        raise InputError(
-            f"the package {name} of centralpath is not installed; install the distribution, as in"
-            " pip install centralpath"
-        )
-    try:
-        return plugins[0].load()
-    except ImportError as error:
-        if hidden := shadowing((name,)):
-            raise ShadowedPackage(hidden) from error
-        raise

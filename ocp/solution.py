@@ -12,7 +12,7 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from dynamics.systems import LAW_PREFIX, Signal
-from ocp.distribution import load_plugin
+from ocp import plugins
 from ocp.errors import InputError
 from ocp.judge.constraints import (
     Violation,
@@ -215,18 +215,18 @@ class Solution(Judgement):
 
     def plot(self) -> Figure:
         """Draw what ``ocp solve --plot`` writes: strobe above states, inputs and forces."""
-        return load_plugin("reports").plot(self)
+        return plugins.reports.plot(self)
 
     def animate(self, path: Path | str, fps: int = 25, speed: float = 1.0) -> Path:
         """Write the motion, plan beside replay, to a .gif, .mp4 or .html, as ``ocp animate`` does.
 
         Raises :class:`~ocp.errors.InputError` for another ending, and for a problem not drawn.
         """
-        return load_plugin("reports").animate(self, expand_path(path), fps, speed)
+        return plugins.reports.animate(self, expand_path(path), fps, speed)
 
     def report(self, path: Path | str) -> Path:
         """Write the PDF of ``ocp report``; :class:`~ocp.errors.InputError` where it cannot be."""
-        return load_plugin("reports").report(self, expand_path(path))
+        return plugins.reports.report(self, expand_path(path))
 
     def __repr__(self) -> str:
         request = self.record
@@ -237,7 +237,7 @@ class Solution(Judgement):
         return f"<Solution of {how}: {self.headline}>"
 
     def _repr_html_(self) -> str:
-        return load_plugin("reports").html(self)
+        return plugins.reports.html(self)
 
 
 class Interrupted(KeyboardInterrupt):

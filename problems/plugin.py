@@ -1,4 +1,4 @@
-"""What :mod:`ocp` loads from this package by entry point (:mod:`ocp.distribution`)."""
+"""What :mod:`ocp` loads from this package by entry point (:mod:`ocp.plugins`)."""
 
 from __future__ import annotations
 

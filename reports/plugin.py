@@ -1,4 +1,4 @@
-"""Functions of this package that ``ocp.Solution`` calls by entry point (:mod:`ocp.distribution`)."""
+"""Functions of this package that ``ocp.Solution`` calls by entry point (:mod:`ocp.plugins`)."""
 
 from __future__ import annotations
 

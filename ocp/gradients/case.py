@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.contact import ContactLaw
-from ocp.distribution import load_plugin
+from ocp import plugins
 from ocp.errors import InputError, input_errors
 from ocp.gradients.chunks import CHUNK
 from ocp.gradients.objective import SampledObjective
@@ -76,7 +76,7 @@ class ObjectiveCase:
         setting other than ``stationary``, and where the decision needs more memory than there is;
         :class:`~ocp.store.provenance.FilesChanged` where a file has changed since.
         """
-        spec = load_plugin("problems").named(self.problem) if spec is None else spec
+        spec = plugins.problems.named(self.problem) if spec is None else spec
         digests = getattr(spec, "digest", None), law_digest(self.contact)
         check_content(self.problem, self.content, digests, self.contact_settings)
         named_objective = self._static(spec) if hasattr(spec, "objective") else self._rollouts(spec)

@@ -17,7 +17,7 @@ import casadi as ca
 
 from dynamics.contact import ContactLaw, Step
 from dynamics.systems import LAW_PREFIX, ParameterTable
-from ocp.distribution import load_plugin
+from ocp import plugins
 from ocp.errors import InputError, did_you_mean
 from ocp.problem.problem import Problem
 from ocp.routes.session import Session
@@ -55,7 +55,7 @@ class Case:
         Raises :class:`~ocp.errors.InputError` for an unknown name, and
         :class:`~ocp.store.provenance.FilesChanged` where files have changed since the request.
         """
-        source = load_plugin("problems").source(self.problem)
+        source = plugins.problems.source(self.problem)
         check_content(self.problem, self.content, self._digests(source), self.contact_settings)
         return source
 

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 from dynamics.contact import ContactLaw
 from dynamics.settings import Configured, parse_float, parse_int, setting, settings_of
-from ocp.distribution import load_plugin
+from ocp import plugins
 from ocp.errors import InputError, choose, did_you_mean
 from ocp.problem.problem import Problem
 from ocp.programs.options import documented, has_option
@@ -40,7 +40,7 @@ def resolve_problem(
     ``params`` or ``contact_settings`` give too, and for parameters of a problem that is built.
     """
     if hasattr(type(problem), "model_fields"):
-        problem = load_plugin("problems").get(problem)
+        problem = plugins.problems.get(problem)
     source = problem if isinstance(problem, Problem) else _source(problem)
     for_problem, for_law = split_keywords(source, contact, params, contact_settings, keywords, solver)
     if not isinstance(source, Problem):
@@ -118,7 +118,7 @@ def check_setting_names(settings: Mapping[str, Any], solver: str) -> None:
 
 def _source(problem: ProblemSource | str | PathLike[str]) -> ProblemSource:
     if isinstance(problem, str | PathLike):
-        return load_plugin("problems").source(fspath(problem))
+        return plugins.problems.source(fspath(problem))
     if not hasattr(problem, "problem"):
         raise InputError(f"a problem is a name, a file or an ocp.Problem, got {type(problem).__name__}")
     return problem

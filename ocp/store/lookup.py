@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from ocp.distribution import load_plugin
+from ocp import plugins
 from ocp.errors import InputError, did_you_mean
 from ocp.problem.problem import Problem
 from ocp.solution import Solution
@@ -136,8 +136,7 @@ def load_solution(
     stored_run = load(find_run(str(run), store))
     if problem is not None:
         return stored_run.solution(problem)
-    problems = load_plugin("problems")
-    own_problem = problems.named_file(source, [stored_run])
-    if note := problems.edited(stored_run, own_problem):
+    own_problem = plugins.problems.named_file(source, [stored_run])
+    if note := plugins.problems.edited(stored_run, own_problem):
         warnings.warn(note, stacklevel=2)
-    return stored_run.solution(problems.problem_of(stored_run, own_problem)[2])
+    return stored_run.solution(plugins.problems.problem_of(stored_run, own_problem)[2])

@@ -10,7 +10,7 @@ import casadi as ca
 
 from dynamics.contact import ContactLaw
 from dynamics.settings import settings_of
-from ocp.distribution import load_plugin
+from ocp import plugins
 from ocp.errors import InputError, choose, did_you_mean, input_errors
 from ocp.problem.policy import POLICIES, Policy
 from ocp.transcription import METHODS, Method
@@ -57,7 +57,7 @@ def law_class(contact: str, kind: str = "contact law") -> type[ContactLaw]:
     from dynamics.laws import LAWS
 
     if contact.endswith(".py"):
-        return load_plugin("problems").load_law(contact)
+        return plugins.problems.load_law(contact)
     if contact not in LAWS:
         raise InputError(
             f"unknown {kind} {contact!r}{did_you_mean(contact, LAWS)}; there are {', '.join(LAWS)},"

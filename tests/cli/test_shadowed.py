@@ -65,7 +65,7 @@ def test_the_installed_program_never_looks_into_the_working_directory(tmp_path: 
     [
         ("dynamics", "import ocp"),
         ("problems", "from ocp import solve; solve('push-1d')"),
-        ("reports", "import ocp.distribution; ocp.distribution.load_plugin('reports')"),
+        ("reports", "import ocp.plugins; ocp.plugins.reports.load()"),
         ("problems", "import sys; from reports.cli.app import main; sys.exit(main(['list']))"),
     ],
 )

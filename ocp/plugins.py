@@ -1,0 +1,50 @@
+"""Packages above this one: imports run one way only, so entry points load them where a function of theirs is called."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from typing import Any
+
+from ocp.distribution import ShadowedPackage, shadowing
+from ocp.errors import InputError
+
+PLUGIN_GROUP = "centralpath.plugins"
+"""Group of entry points that name the packages above this one."""
+
+
+class Plugin:
+    """A package above this one, with the ``functions`` of it that this package calls as its attributes.
+
+    The first call loads the module that the entry point of this name refers to. It raises
+    :class:`~ocp.errors.InputError` where the distribution is not installed, and
+    :class:`~ocp.distribution.ShadowedPackage` where a user's module of that name is found instead.
+    """
+
+    def __init__(self, package: str, *functions: str) -> None:
+        self.package, self.functions = package, functions
+
+    def __getattr__(self, function: str) -> Any:
+        if function not in self.functions:
+            raise AttributeError(f"{self.package} has no function {function!r} for ocp")
+        return getattr(self.load(), function)
+
+    def load(self) -> Any:
+        """Load the module of the entry point."""
+        plugins = [*entry_points(group=PLUGIN_GROUP, name=self.package)]
+        if not plugins:
+            raise InputError(
+                f"the package {self.package} of centralpath is not installed; install the distribution, as in"
+                " pip install centralpath"
+            )
+        try:
+            return plugins[0].load()
+        except ImportError as error:
+            if hidden := shadowing((self.package,)):
+                raise ShadowedPackage(hidden) from error
+            raise
+
+
+problems = Plugin("problems", "get", "source", "named", "named_file", "load_law", "edited", "problem_of")
+"""Named problems, and those of users' files and stored runs."""
+reports = Plugin("reports", "main", "plot", "animate", "report", "html")
+"""The command line, and figures, films, PDFs and HTML of a solution."""
