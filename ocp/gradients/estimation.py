@@ -15,6 +15,7 @@ from ocp.errors import InputError, choose
 from ocp.gradients.estimators import RULES, SAMPLED, Choice, Evidence, Rule
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.sampling import (
+    NOT_SAVED,
     REFERENCE_KINDS,
     CheckpointKey,
     EstimatorRun,
@@ -202,17 +203,17 @@ def run_sampling(
     objective: SampledObjective,
     seed: np.random.SeedSequence,
     progress: Progress | None = None,
-    keep: CheckpointKey | None = None,
+    keep: CheckpointKey = NOT_SAVED,
     workers: Workers | None = None,
 ) -> dict[str, Estimate]:
     """Estimate one objective by ``sampling``, with the random streams of ``seed``.
 
-    ``keep`` is the checkpoint in which unfinished sums are saved, and the prefix of their keys;
+    ``keep`` is the place where unfinished sums are saved, and the prefix of their keys;
     ``workers`` sum chunks elsewhere.
     """
 
-    def checkpoint_key(name: str) -> CheckpointKey | None:
-        return None if keep is None else (keep[0], f"{keep[1]}-{name}")
+    def checkpoint_key(name: str) -> CheckpointKey:
+        return keep[0], f"{keep[1]}-{name}"
 
     reference_kind(objective, sampling.sigma, sampling.reference)
     runs: dict[str, EstimatorRun] = {}

@@ -13,12 +13,14 @@ from ocp.errors import InputError
 from ocp.gradients.chunks import CHUNK, Chunk, iterate_chunks, mean_cost, mean_of_chunks
 from ocp.gradients.estimators import SAMPLED, Estimator
 from ocp.gradients.objective import SampledObjective, StaticObjective
-from ocp.store.checkpoint import Checkpoint
+from ocp.store.checkpoint import UNSAVED, SavedWork
 
 _MAX_KEPT_VALUES = 1 << 20
 """Number of values, samples times components, from which on samples are no longer kept singly."""
-CheckpointKey = tuple[Checkpoint, str]
-"""Checkpoint in which unfinished sums are saved, and their key."""
+CheckpointKey = tuple[SavedWork, str]
+"""Place where unfinished sums are saved, and their key."""
+NOT_SAVED: CheckpointKey = (UNSAVED, "")
+"""Key of sums that are not saved."""
 Progress = Callable[[int], None]
 """Called with the number of samples done since the last call."""
 
@@ -51,7 +53,7 @@ def run_estimator(
     noise: Gaussian,
     n: int,
     progress: Progress | None = None,
-    keep: CheckpointKey | None = None,
+    keep: CheckpointKey = NOT_SAVED,
     workers: Workers | None = None,
 ) -> EstimatorRun:
     """Sample ``n`` estimates, merging the moments of chunks in order (Welford, Chan).
@@ -60,16 +62,15 @@ def run_estimator(
     result. With ``keep`` the sums are saved at intervals, and a later call resumes.
     """
     sums = _Sums(len(objective.theta))
-    if keep is not None:
-        sums.restore(keep)
+    sums.restore(*keep)
     if progress is not None and sums.done:
         progress(sums.done)
     if sums.done < n:
         for n_new in _advance(sums, objective, estimator, noise, n, workers):
             if progress is not None:
                 progress(n_new)
-            if keep is not None and (sums.done == n or keep[0].due()):
-                sums.save(keep)
+            if sums.done == n or keep[0].due():
+                sums.save(*keep)
     return EstimatorRun(sums.total, sums.largest, np.concatenate(sums.kept_samples), np.concatenate(sums.nonfinite))
 
 
@@ -129,10 +130,9 @@ class _Sums:
         self.largest = max(self.largest, chunk.largest)
         self.done += chunk.size
 
-    def save(self, keep: CheckpointKey) -> None:
+    def save(self, files: SavedWork, key: str) -> None:
         """Save the sums."""
-        checkpoint, key = keep
-        checkpoint.save_state(
+        files.save_state(
             key,
             done=self.done,
             largest=self.largest,
@@ -143,10 +143,9 @@ class _Sums:
             nonfinite=np.concatenate(self.nonfinite),
         )
 
-    def restore(self, keep: CheckpointKey) -> None:
+    def restore(self, files: SavedWork, key: str) -> None:
         """Restore saved sums, if there are any."""
-        checkpoint, key = keep
-        state = checkpoint.state(key)
+        state = files.state(key)
         if state is None:
             return
         self.done, self.largest = int(state["done"]), float(state["largest"])
@@ -185,7 +184,7 @@ def reference_gradient(
     n_samples: int,
     kind: str = "auto",
     progress: Progress | None = None,
-    keep: CheckpointKey | None = None,
+    keep: CheckpointKey = NOT_SAVED,
     workers: Workers | None = None,
 ) -> ReferenceGradient | None:
     """Return the gradient of the smoothed objective; None for the kind ``none``.

@@ -16,7 +16,7 @@ from ocp.gradients.estimation import Sampling, run_sampling
 from ocp.gradients.objective import SampledObjective
 from ocp.gradients.sampling import Workers, reference_kind
 from ocp.gradients.verdict import short_verdict
-from ocp.store.checkpoint import Checkpoint
+from ocp.store.checkpoint import UNSAVED, SavedWork
 from ocp.store.json_values import to_json
 from ocp.validation import Axis, parse_axis_option
 
@@ -73,12 +73,12 @@ class SweepRun:
         objective: SampledObjective,
         sampling: Sampling,
         sweep: Axis | None = None,
-        checkpoint: Checkpoint | None = None,
+        files: SavedWork = UNSAVED,
         build: Build | None = None,
         workers: Callable[[dict[str, float]], Workers] | None = None,
     ) -> None:
         self._workers = workers
-        self.sampling, self.sweep, self._checkpoint = sampling, sweep, checkpoint
+        self.sampling, self.sweep, self._files = sampling, sweep, files
         self._tasks = _point_tasks(objective, sampling, sweep, build)
         self.rows: list[list[dict[str, Any]]] = []
         self.resumed = 0
@@ -113,7 +113,6 @@ class SweepRun:
     def run(self, progress: Callable[[SweepProgress], None] | None = None) -> None:
         """Estimate at all unfinished points, in order."""
         sizes = self._samples_per_point
-        checkpoint = self._checkpoint
         for i, (objective, sampling) in enumerate(self._tasks):
             samples_done = [sum(sizes[:i])]
 
@@ -123,17 +122,15 @@ class SweepRun:
                     state = SweepProgress(samples_done[0], sum(sizes), i, len(sizes), self.resumed)
                     progress(state)
 
-            rows = checkpoint.rows(i) if checkpoint is not None else None
+            rows = self._files.rows(i)
             if rows is None:
                 seed = np.random.SeedSequence(self.sampling.seed, spawn_key=(i,))
-                checkpoint_key = None if checkpoint is None else (checkpoint, f"{i:05d}")
                 value = None if self.sweep is None else self.sweep.values[i]
                 workers = self._workers and self._workers(self._swept_value(value))
-                estimates = run_sampling(sampling, objective, seed, report_samples, checkpoint_key, workers)
+                estimates = run_sampling(sampling, objective, seed, report_samples, (self._files, f"{i:05d}"), workers)
                 labels = {"point": i, "value": value}
                 rows = to_json([labels | estimate.row() for estimate in estimates.values()])
-                if checkpoint is not None:
-                    checkpoint.save_rows(i, rows)
+                self._files.save_rows(i, rows)
             else:
                 self.resumed += 1
             self.rows.append(rows)

@@ -15,6 +15,7 @@ from ocp.gradients.estimation import Estimate, Sampling, run_sampling
 from ocp.gradients.estimators import Rule
 from ocp.gradients.sampling import Progress
 from ocp.jobs.estimate_parts import JobWorkers
+from ocp.jobs.scheduling import Workers
 from ocp.problem.policy import Policy
 from ocp.validation import Index, Number, validated
 
@@ -79,6 +80,6 @@ def estimate(
     named_objective.check_sigma([noise])
     # The streams of the first point of ocp estimate, so that both print the same numbers.
     streams = np.random.SeedSequence(seed, spawn_key=(0,))
-    serial = jobs == 1 and scheduler is None
-    workers = None if serial else JobWorkers(case, jobs, scheduler)
-    return run_sampling(sampling, named_objective.objective, streams, progress, workers=workers)
+    workers = Workers(jobs, scheduler)
+    piece_workers = None if workers.serial else JobWorkers(case, workers)
+    return run_sampling(sampling, named_objective.objective, streams, progress, workers=piece_workers)

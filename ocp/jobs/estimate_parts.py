@@ -14,7 +14,7 @@ from ocp.gradients.case import ObjectiveCase
 from ocp.gradients.chunks import BULK, Chunk, cost_sampler, iterate_chunks
 from ocp.gradients.estimators import Estimator
 from ocp.gradients.objective import SampledObjective
-from ocp.jobs.scheduling import results_in_order
+from ocp.jobs.scheduling import Workers, in_order, map_jobs
 
 PIECE = 4 * BULK
 """Number of samples per job."""
@@ -59,11 +59,10 @@ def sum_piece(job: PieceJob, report: Callable[[Any], None]) -> list[Chunk]:
 
 @dataclass(frozen=True)
 class JobWorkers:
-    """Workers that sum chunks in ``jobs`` processes, or on the Dask cluster at ``scheduler``."""
+    """Workers that sum the chunks of an objective."""
 
     case: ObjectiveCase
-    jobs: int = 1
-    scheduler: str | None = None
+    workers: Workers
 
     def chunks(self, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int) -> Iterator[Chunk]:
         """Yield the chunks of samples ``first`` to ``last`` of n in order; raise a job's exception.
@@ -74,6 +73,6 @@ class JobWorkers:
             PieceJob(self.case, estimator, noise, begin, min(begin + PIECE, last), n)
             for begin in range(first, last, PIECE)
         ]
-        with closing(results_in_order(sum_piece, pieces, self.jobs, self.scheduler)) as summed_pieces:
-            for chunks_of_piece in summed_pieces:
+        with closing(map_jobs(sum_piece, dict(enumerate(pieces)), self.workers)) as sums:
+            for chunks_of_piece in in_order(sums):
                 yield from chunks_of_piece

@@ -19,7 +19,7 @@ from ocp.jobs.sweep_job import ROW_COUNTS, ROW_NUMBERS, ROW_TEXTS, JobResult, La
 from ocp.routes.session import Session
 from ocp.solve.request import ProblemSource
 from ocp.solve.starts import Rank
-from ocp.store.checkpoint import Checkpoint
+from ocp.store.checkpoint import Checkpoint, SavedWork
 from ocp.validation import AXIS_GRAMMAR, MAX_AXIS_VALUES, Axis, parse_axis_option
 
 if TYPE_CHECKING:
@@ -282,33 +282,39 @@ def _stack_array(
     return LabelledArray(dims, values.reshape(*shape, *ends), {})
 
 
-def save_point(checkpoint: Checkpoint, place: int, point: JobResult) -> None:
-    """Save a finished point, arrays first, so that a row means that they are complete."""
-    layout = {name: [array.dims, dict(array.labels)] for name, array in point.arrays.items()}
-    if point.arrays:
-        arrays = {name: array.values for name, array in point.arrays.items()}
-        checkpoint.save_state(_array_key(place), **arrays)
-    checkpoint.save_rows(place, [{"row": point.row, "arrays": json.dumps(layout)}])
+@dataclass(frozen=True)
+class SavedPoints:
+    """Finished points by index, saved from number ``first`` on: :class:`~ocp.jobs.scheduling.SavedResults`."""
+
+    files: SavedWork
+    first: int = 0
+
+    def load(self, place: int) -> JobResult | None:
+        """Return a finished point; None if there is none."""
+        rows = self.files.rows(self.first + place)
+        if rows is None:
+            return None
+        layout = json.loads(rows[0]["arrays"])
+        values = self.files.state(self._array_key(place)) if layout else {}
+        if values is None or set(values) != set(layout):
+            return None
+        arrays = {name: LabelledArray(tuple(dims), values[name], labels) for name, (dims, labels) in layout.items()}
+        return JobResult(rows[0]["row"], arrays)
+
+    def save(self, place: int, point: JobResult) -> JobResult:
+        """Save a point, arrays first, so that a row means that they are complete; return the point."""
+        layout = {name: [array.dims, dict(array.labels)] for name, array in point.arrays.items()}
+        if point.arrays:
+            arrays = {name: array.values for name, array in point.arrays.items()}
+            self.files.save_state(self._array_key(place), **arrays)
+        self.files.save_rows(self.first + place, [{"row": point.row, "arrays": json.dumps(layout)}])
+        return point
+
+    def _array_key(self, place: int) -> str:
+        return f"arrays-{self.first + place:05d}"
 
 
-def load_points(study: Grid, checkpoint: Checkpoint) -> dict[int, JobResult]:
+def load_points(study: Grid, files: SavedWork) -> dict[int, JobResult]:
     """Return finished points by index."""
-    points = ((place, load_point(checkpoint, place)) for place in range(math.prod(study.shape)))
+    points = ((place, SavedPoints(files).load(place)) for place in range(math.prod(study.shape)))
     return {place: point for place, point in points if point is not None}
-
-
-def load_point(checkpoint: Checkpoint, place: int) -> JobResult | None:
-    """Return a finished point, or solve from a neighbour, by its number; None if there is none."""
-    rows = checkpoint.rows(place)
-    if rows is None:
-        return None
-    layout = json.loads(rows[0]["arrays"])
-    values = checkpoint.state(_array_key(place)) if layout else {}
-    if values is None or set(values) != set(layout):
-        return None
-    arrays = {name: LabelledArray(tuple(dims), values[name], labels) for name, (dims, labels) in layout.items()}
-    return JobResult(rows[0]["row"], arrays)
-
-
-def _array_key(place: int) -> str:
-    return f"arrays-{place:05d}"

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
 
 from ocp.errors import InputError
 from ocp.jobs.sequential import Callback, Failure, Function, Report, run_sequentially
 
-__all__ = ["Callback", "Failure", "Function", "Report", "results_in_order", "run_jobs"]
+__all__ = ["Callback", "Failure", "Function", "Report", "SavedResults", "Workers", "in_order", "map_jobs", "run_jobs"]
+
+Key = TypeVar("Key")
 
 
 def run_jobs(
@@ -45,21 +48,75 @@ def run_jobs(
     return run_in_processes(function, jobs, workers, callback)
 
 
-def results_in_order(
+@dataclass(frozen=True)
+class Workers:
+    """Place where jobs run: ``jobs`` processes of this computer, or the Dask cluster at ``scheduler``."""
+
+    jobs: int = 1
+    scheduler: str | None = None
+
+    @property
+    def serial(self) -> bool:
+        """Whether all jobs run in this process."""
+        return self.jobs == 1 and self.scheduler is None
+
+
+class SavedResults(Protocol):
+    """Results of finished jobs by their keys."""
+
+    def load(self, key: Any, /) -> Any:
+        """Return the result of a finished job, None of an unfinished one."""
+        ...
+
+    def save(self, key: Any, result: Any, /) -> Any:
+        """Save the result of a job that has ended; return what the caller gets instead of it."""
+        ...
+
+
+THIS_PROCESS = Workers()
+"""Workers of a map that is not parallel."""
+
+
+def map_jobs(
     function: Function,
-    jobs: Sequence[Any],
-    workers: int = 1,
-    scheduler: str | None = None,
-    callback: Callback = lambda *_: None,
-) -> Generator[Any, None, None]:
-    """Run all jobs as :func:`run_jobs` does; yield their results in the jobs' order, raise their errors."""
-    finished: dict[int, Any] = {}
-    next_index = 0
-    with closing(run_jobs(function, jobs, workers, scheduler, callback)) as outcomes:
-        for index, outcome in outcomes:
-            if isinstance(outcome, Failure):
+    jobs: Mapping[Key, Any],
+    workers: Workers = THIS_PROCESS,
+    saved: SavedResults | None = None,
+    callback: Callable[[Key, Any], None] = lambda *_: None,
+    recover: Callable[[Key, Exception], Any] | None = None,
+) -> Generator[tuple[Key, Any], None, None]:
+    """Run all jobs as :func:`run_jobs` does; yield key and result of each: saved ones, then others as they end.
+
+    ``saved`` gets each result before it is yielded. What ``recover`` returns for the error of a job
+    is yielded instead of a result, and is not saved; without it the error is raised.
+    """
+    loaded = {} if saved is None else {key: saved.load(key) for key in jobs}
+    yield from ((key, result) for key, result in loaded.items() if result is not None)
+    unfinished = [key for key in jobs if loaded.get(key) is None]
+    if not unfinished:
+        return
+    work = [jobs[key] for key in unfinished]
+
+    def report(place: int, message: Any) -> None:
+        callback(unfinished[place], message)
+
+    with closing(run_jobs(function, work, workers.jobs, workers.scheduler, report)) as outcomes:
+        for place, outcome in outcomes:
+            key = unfinished[place]
+            if not isinstance(outcome, Failure):
+                yield key, outcome if saved is None else saved.save(key, outcome)
+            elif recover is not None:
+                yield key, recover(key, outcome.error)
+            else:
                 raise outcome.error
-            finished[index] = outcome
-            while next_index in finished:
-                yield finished.pop(next_index)
-                next_index += 1
+
+
+def in_order(results: Iterable[tuple[int, Any]]) -> Generator[Any, None, None]:
+    """Yield results in the order of their indices from 0, each as soon as those before it are there."""
+    early: dict[int, Any] = {}
+    next_index = 0
+    for index, result in results:
+        early[index] = result
+        while next_index in early:
+            yield early.pop(next_index)
+            next_index += 1

@@ -6,6 +6,8 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ocp.errors import interruptible
+
 Report = Callable[[Any], None]
 """Called by a job with progress as plain data: numbers, texts, lists and dictionaries of them."""
 Function = Callable[[Any, Report], Any]
@@ -26,7 +28,8 @@ class Failure:
 def run_job(function: Function, job: Any, report: Report) -> Any:
     """Run a job; return its result, or a :class:`Failure`."""
     try:
-        return function(job, report)
+        with interruptible():
+            return function(job, report)
     except Exception as error:
         return Failure(error)
 

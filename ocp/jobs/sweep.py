@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import closing
 from dataclasses import replace
-from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynamics.contact import ContactLaw
-from ocp.errors import InputError, interruptible
+from ocp.errors import InputError
 from ocp.jobs import neighbours
 from ocp.jobs.case import Case
-from ocp.jobs.grid import Grid, dimension_name, grid_dataset, load_point, load_points, parse_axes, save_point
-from ocp.jobs.scheduling import Failure, run_jobs
+from ocp.jobs.grid import Grid, SavedPoints, dimension_name, grid_dataset, load_points, parse_axes
+from ocp.jobs.scheduling import THIS_PROCESS, Workers, map_jobs
 from ocp.jobs.sweep_job import (
     FAULT_STATUS,
     JobResult,
@@ -30,7 +29,7 @@ from ocp.problem.resources import check_memory, points_memory
 from ocp.routes.session import Session
 from ocp.solve.request import ProblemLike, split_keywords
 from ocp.solve.starts import Rank, check_starts
-from ocp.store.checkpoint import Checkpoint
+from ocp.store.checkpoint import UNSAVED, SavedWork
 from ocp.store.provenance import FilesChanged
 from ocp.transcription.factories import DEFAULT_LAW, law_name
 from ocp.validation import Axis, expand_path
@@ -99,7 +98,7 @@ def sweep(
     root = None if store is None else expand_path(store)
     with study.checkpoint(root, session.problem.name) as checkpoint:
         finished = load_points(study, checkpoint)
-        points = solve_grid(study, jobs, scheduler, checkpoint, finished, progress or (lambda *_: None))
+        points = solve_grid(study, Workers(jobs, scheduler), checkpoint, finished, progress or (lambda *_: None))
         checkpoint.discard()
     return grid_dataset(study, session, points)
 
@@ -152,9 +151,8 @@ def check_points(study: Grid, session: Session) -> None:
 
 def solve_grid(
     study: Grid,
-    jobs: int = 1,
-    scheduler: str | None = None,
-    checkpoint: Checkpoint | None = None,
+    workers: Workers = THIS_PROCESS,
+    files: SavedWork = UNSAVED,
     finished: dict[int, JobResult] | None = None,
     on_point: OnPoint = lambda *_: None,
     callback: Callable[[int, Any], None] = lambda *_: None,
@@ -165,72 +163,43 @@ def solve_grid(
     and the better answer is taken: a pass starts from the results of the one before, so that
     neither the order nor the number of workers matters.
 
-    Each solved point is written to the checkpoint and passed to ``on_point``. A point's reports,
+    Each solved point is saved in ``files`` and passed to ``on_point``. A point's reports,
     and None at its end, go to ``callback``, which may raise to stop.
 
     Raises :class:`~ocp.store.provenance.FilesChanged` where files have changed since the request.
     """
-    finished = {} if finished is None else finished
-    jobs_of = {place: study.job(values) for place, values in enumerate(study.places)}
-    run = partial(_run_and_store, study, jobs, scheduler, checkpoint, callback=callback)
-    run(jobs_of, 0, finished, on_point)
-    points = [finished[place] for place in range(len(jobs_of))]
+    finished, places = {} if finished is None else finished, study.places
+
+    def solve_jobs(jobs: Mapping[int, SolveJob], first: int) -> Generator[tuple[int, JobResult], None, None]:
+        # Points of one structure are neighbours, since a worker builds each structure once.
+        ordered = {place: jobs[place] for place in sorted(jobs, key=lambda place: study.shape_of(places[place]))}
+        saved = SavedPoints(files, first)
+        with closing(map_jobs(solve_job, ordered, workers, saved, callback, _fault)) as points_of_jobs:
+            yield from points_of_jobs
+
+    unsolved = {place: study.job(values) for place, values in enumerate(places) if place not in finished}
+    with closing(solve_jobs(unsolved, 0)) as solved_points:
+        for place, point in solved_points:
+            finished[place] = point
+            on_point(place, point)
+    points = [finished[place] for place in range(len(places))]
     changed = set(range(len(points)))
+    names = [dimension_name(axis.name) for axis in study.axes]
     for number in range(1, sum(study.shape)):
         starts = neighbours.cheaper_neighbours(study, points, changed)
-        warm_jobs = {k: study.job(study.places[k], points[neighbour]) for k, neighbour in starts.items()}
-        warm_started: dict[int, JobResult] = {}
-        run(warm_jobs, number * len(points), warm_started, lambda *_: None)
-        improved = {k for k in warm_started if neighbours.is_better(study, warm_started[k].row, points[k].row)}
-        names = [dimension_name(axis.name) for axis in study.axes]
-        for k in improved:
-            neighbour = dict(zip(names, study.places[starts[k]].values(), strict=True))
+        warm_jobs = {k: study.job(places[k], points[neighbour]) for k, neighbour in starts.items()}
+        warm_started = dict(solve_jobs(warm_jobs, number * len(points)))
+        changed = {k for k in warm_started if neighbours.is_better(study, warm_started[k].row, points[k].row)}
+        for k in changed:
+            neighbour = dict(zip(names, places[starts[k]].values(), strict=True))
             points[k] = neighbours.outlier(warm_started[k], points[k], describe_point(neighbour, names))
-        changed = improved
         if not changed:
             break
     return points
 
 
-def _run_and_store(
-    study: Grid,
-    jobs: int,
-    scheduler: str | None,
-    checkpoint: Checkpoint | None,
-    jobs_of: Mapping[int, SolveJob],
-    first: int,
-    finished: dict[int, JobResult],
-    on_point: OnPoint,
-    callback: Callable[[int, Any], None],
-) -> None:
-    """Run jobs by index and add their results to ``finished``; they are saved from number ``first`` on."""
-    for place in jobs_of:
-        saved = load_point(checkpoint, first + place) if checkpoint and first else None
-        if saved is not None:
-            finished[place] = saved
-    places = study.places
-    # Points of one structure are neighbours, since a worker builds each structure once.
-    unfinished = sorted(
-        (place for place in jobs_of if place not in finished), key=lambda place: study.shape_of(places[place])
-    )
-    work = [jobs_of[place] for place in unfinished]
-
-    def report(index: int, message: Any) -> None:
-        callback(unfinished[index], message)
-
-    with interruptible(), closing(run_jobs(solve_job, work, jobs, scheduler, report)) as outcomes:
-        for index, outcome in outcomes:
-            # Compiled code may have turned Ctrl-C into a failed solve.
-            report(index, None)
-            place = unfinished[index]
-            if isinstance(outcome, Failure):
-                if isinstance(outcome.error, FilesChanged):
-                    raise outcome.error
-                # Not saved: the next try may succeed.
-                point = failed_result(FAULT_STATUS, str(outcome.error))
-            else:
-                point = outcome
-                if checkpoint is not None:
-                    save_point(checkpoint, first + place, point)
-            finished[place] = point
-            on_point(place, point)
+def _fault(_: int, error: Exception) -> JobResult:
+    """Return the point of a job that failed; it is not saved, as the next try may succeed."""
+    if isinstance(error, FilesChanged):
+        raise error
+    return failed_result(FAULT_STATUS, str(error))

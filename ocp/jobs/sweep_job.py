@@ -13,7 +13,7 @@ import numpy as np
 
 from ocp.errors import InputError, interruptible
 from ocp.jobs.case import Case, cached_session
-from ocp.jobs.scheduling import Failure, run_jobs
+from ocp.jobs.scheduling import THIS_PROCESS, Workers, map_jobs
 from ocp.problem.rollout import initial_guesses
 from ocp.routes.homotopy import RouteResult, StageRecord
 from ocp.routes.session import Session
@@ -73,13 +73,20 @@ class JobResult:
 
 
 def solve_job(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
-    """Solve a point; a :data:`~ocp.jobs.scheduling.Function` that tells each stage's iterations.
+    """Solve a point; a :data:`~ocp.jobs.scheduling.Function` that reports each stage's iterations, None at its end.
 
     The answer is that of ``ocp solve`` with the same options, whatever the worker did before. A
     request that is invalid, or raises, is a point too, with the message as its verdict.
 
     Raises :class:`~ocp.store.provenance.FilesChanged` where files have changed since the request.
     """
+    point = _solve_point(job, report)
+    # Compiled code may have turned Ctrl-C into a failed solve; who hears this may raise it again.
+    report(None)
+    return point
+
+
+def _solve_point(job: SolveJob, report: Callable[[Any], None]) -> JobResult:
     start_time = time.perf_counter()
     try:
         with interruptible():
@@ -212,18 +219,17 @@ def solve_starts(
     seed: int = 0,
     progress: Callable[[StageRecord], None] | None = None,
     rank_by: Rank = "planned",
-    jobs: int = 1,
-    scheduler: str | None = None,
+    workers: Workers = THIS_PROCESS,
 ) -> Solution:
-    """Solve from ``starts`` guesses in ``jobs`` processes, or on the cluster of ``scheduler``.
+    """Solve from ``starts`` guesses side by side.
 
     ``session`` is that of ``case`` here. The answer is :func:`~ocp.solve.starts.solve_session`'s, to the
     last bit, and so is what it raises.
     """
     check_starts(starts, seed, rank_by)
-    if starts == 1 or (jobs == 1 and scheduler is None):
+    if starts == 1 or workers.serial:
         return solve_session(session, starts, seed, progress, rank_by)
-    work = [SolveJob(case, starts, seed, number=number) for number in range(starts)]
+    work = {number: SolveJob(case, starts, seed, number=number) for number in range(starts)}
     finished: dict[int, StartResult] = {}
     failures: list[Exception] = []
 
@@ -231,17 +237,14 @@ def solve_starts(
         if progress is not None:
             progress(StageRecord(**stage))
 
+    def note_failure(_: int, error: Exception) -> None:
+        with collect_failures(failures):
+            raise error
+
     try:
-        with (
-            interruptible(),
-            closing(run_jobs(solve_start, work, jobs, scheduler, callback)) as outcomes,
-        ):
-            for place, outcome in outcomes:
-                if isinstance(outcome, Failure):
-                    with collect_failures(failures):
-                        raise outcome.error
-                else:
-                    finished[place] = outcome
+        with closing(map_jobs(solve_start, work, workers, None, callback, note_failure)) as results:
+            # Those that end before Ctrl-C stay.
+            finished.update((number, result) for number, result in results if result is not None)
     except KeyboardInterrupt as stop:
         if not finished:
             raise

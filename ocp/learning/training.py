@@ -24,7 +24,7 @@ from ocp.learning.unroll_gradients import ARS, FOPG, ZOPG, AoBG
 from ocp.learning.unrolling import non_finite_reward_message
 from ocp.problem.resources import check_memory
 from ocp.problem.task import Task
-from ocp.store.checkpoint import Checkpoint
+from ocp.store.checkpoint import UNSAVED, SavedWork
 from ocp.store.json_values import to_json
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ class _Progress:
         return sum(row.get("env_steps", 0.0) for row in self.rows)
 
 
-def train(experiment: Experiment, checkpoint: Checkpoint | None = None, report: Report | None = None) -> xr.Dataset:
+def train(experiment: Experiment, checkpoint: SavedWork = UNSAVED, report: Report | None = None) -> xr.Dataset:
     """Run the experiment, from where ``checkpoint`` stopped, and return curves and policy.
 
     Row k of the curves, over ``iteration`` 0..iterations, describes the policy after k iterations:
@@ -201,7 +201,7 @@ def train(experiment: Experiment, checkpoint: Checkpoint | None = None, report: 
         progress.rows.append(row)
         if report is not None:
             report(k, row)
-        if checkpoint is not None and not is_last and checkpoint.due():
+        if not is_last and checkpoint.due():
             checkpoint.save_state(CHECKPOINT_KEY, **_checkpoint_arrays(experiment, progress))
         if is_last:
             break
@@ -246,8 +246,8 @@ def _checkpoint_arrays(experiment: Experiment, progress: _Progress) -> dict[str,
     }
 
 
-def _resume(experiment: Experiment, checkpoint: Checkpoint | None) -> _Progress | None:
-    arrays = None if checkpoint is None else checkpoint.state(CHECKPOINT_KEY)
+def _resume(experiment: Experiment, checkpoint: SavedWork) -> _Progress | None:
+    arrays = checkpoint.state(CHECKPOINT_KEY)
     if arrays is None:
         return None
     _check_same_settings(json.loads(str(arrays[SETTINGS_KEY])), to_json(experiment.settings()))

@@ -29,15 +29,69 @@ _LOCK_FILE = ".lock"
 """Name of the file in a checkpoint's directory that its process locks."""
 
 
-class Checkpoint:
+class SavedWork:
+    """Finished points and arrays of unfinished work in a directory; saves nothing without a directory.
+
+    A file that cannot be read counts as not written.
+    """
+
+    def __init__(self, directory: Path | None = None) -> None:
+        self._directory = directory
+        self._last_save = time.monotonic()
+
+    @property
+    def place(self) -> Path | None:
+        """Directory of the files, None if nothing is saved."""
+        return self._directory
+
+    def rows(self, point: int) -> list[dict[str, Any]] | None:
+        """Return the rows of a finished point, None for an unfinished one."""
+        if self.place is None:
+            return None
+        try:
+            return json.loads((self.place / f"point-{point:05d}.json").read_bytes())
+        except (OSError, ValueError):
+            return None
+
+    def save_rows(self, point: int, rows: list[dict[str, Any]]) -> None:
+        """Save a finished point and delete its states, which are no longer needed."""
+        self._write(f"point-{point:05d}.json", json.dumps(rows).encode())
+        for state in self.place.glob(f"{point:05d}-*.npz") if self.place else ():
+            state.unlink(missing_ok=True)
+
+    def state(self, key: str) -> dict[str, np.ndarray] | None:
+        """Return the saved arrays of unfinished work, or None."""
+        return None if self.place is None else _read_arrays(self.place / f"{key}.npz")
+
+    def due(self) -> bool:
+        """Return whether the last save is long enough ago; never if nothing is saved."""
+        return self.place is not None and time.monotonic() - self._last_save >= SAVE_INTERVAL_S
+
+    def save_state(self, key: str, **arrays: Any) -> None:
+        """Save the arrays of unfinished work."""
+        if self.place is None:
+            return
+        buffer = io.BytesIO()
+        np.savez(buffer, **arrays)
+        self._write(f"{key}.npz", buffer.getvalue())
+        self._last_save = time.monotonic()
+
+    def _write(self, name: str, content: bytes) -> None:
+        if self.place is not None:
+            write_file(self.place / name, content, "the checkpoint")
+
+
+UNSAVED = SavedWork()
+"""Place of work that is not saved."""
+
+
+class Checkpoint(SavedWork):
     """A hidden directory beside the runs of a problem, locked by one process while it is entered.
 
     Its name holds digests of the request, of the user's files (``source``) and of the program: if
     any of them differs, nothing is resumed. If a living process holds the directory, the next one
     with the same request uses another; a directory of a process that has ended is taken over.
     Nothing is saved if ``root`` is None.
-
-    A file that cannot be read counts as not written.
     """
 
     def __init__(self, root: Path | None, problem: str, request: dict[str, Any], source: str = "") -> None:
@@ -47,18 +101,10 @@ class Checkpoint:
         program = _short_hash({"source": program_digest(), "compiler": compiler_identity(), **versions()})
         self._name = f"{self._prefix}{source[:12] or 'own'}-{program}"
         self._folder = None if root is None else root / problem
-        self._directory: Path | None = None
+        super().__init__()
         self._lock_handle: int | None = None
-        self._last_save = time.monotonic()
         self.notes: list[str] = []
         """Sentences for the user about where it resumes from, once it is entered."""
-
-    @classmethod
-    def borrowed(cls, place: Path | None) -> Self:
-        """Return a checkpoint in the directory ``place`` that another process holds for this one."""
-        checkpoint = cls(None, "", {})
-        checkpoint._directory = place
-        return checkpoint
 
     @property
     def place(self) -> Path | None:
@@ -87,25 +133,6 @@ class Checkpoint:
             os.close(self._lock_handle)
         self._directory, self._lock_handle = None, None
 
-    def rows(self, point: int) -> list[dict[str, Any]] | None:
-        """Return the rows of a finished point, None for an unfinished one."""
-        if self.place is None:
-            return None
-        try:
-            return json.loads((self.place / f"point-{point:05d}.json").read_bytes())
-        except (OSError, ValueError):
-            return None
-
-    def save_rows(self, point: int, rows: list[dict[str, Any]]) -> None:
-        """Save a finished point and delete its states, which are no longer needed."""
-        self._write(f"point-{point:05d}.json", json.dumps(rows).encode())
-        for state in self.place.glob(f"{point:05d}-*.npz") if self.place else ():
-            state.unlink(missing_ok=True)
-
-    def state(self, key: str) -> dict[str, np.ndarray] | None:
-        """Return the saved arrays of unfinished work, or None."""
-        return None if self.place is None else _read_arrays(self.place / f"{key}.npz")
-
     def other_states(self, key: str) -> Iterator[dict[str, np.ndarray]]:
         """Yield the arrays of unfinished work on the same problem by other requests."""
         for directory in sorted(self._folder.glob(".unfinished-*")) if self._folder else ():
@@ -114,25 +141,10 @@ class Checkpoint:
             if arrays is not None:
                 yield arrays
 
-    def due(self) -> bool:
-        """Return whether the last save is long enough ago."""
-        return time.monotonic() - self._last_save >= SAVE_INTERVAL_S
-
-    def save_state(self, key: str, **arrays: Any) -> None:
-        """Save the arrays of unfinished work."""
-        buffer = io.BytesIO()
-        np.savez(buffer, **arrays)
-        self._write(f"{key}.npz", buffer.getvalue())
-        self._last_save = time.monotonic()
-
     def discard(self) -> None:
         """Remove the directory, once the study is stored as a run."""
         if self.place is not None and self._folder is not None:
             _remove_held(self.place)
-
-    def _write(self, name: str, content: bytes) -> None:
-        if self.place is not None:
-            write_file(self.place / name, content, "the checkpoint")
 
     def _notes(self, others_hold: bool) -> list[str]:
         assert self.place is not None and self._folder is not None

@@ -14,13 +14,13 @@ from pydantic.fields import FieldInfo
 
 from dynamics.settings import Range, declare
 from ocp.errors import InputError
+from ocp.store.checkpoint import UNSAVED, SavedWork
 from problems.parameters import Parameters
 from problems.spec import Citation, check_parameters
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from ocp.store.checkpoint import Checkpoint
 
 WITHIN_NOISE = "within noise"
 """Verdict of a claim whose margin is small."""
@@ -58,9 +58,7 @@ class FinishedParts:
     cluster of ``scheduler``.
     """
 
-    def __init__(
-        self, checkpoint: Checkpoint | None = None, jobs: int | None = None, scheduler: str | None = None
-    ) -> None:
+    def __init__(self, checkpoint: SavedWork = UNSAVED, jobs: int | None = None, scheduler: str | None = None) -> None:
         self._checkpoint, self.scheduler = checkpoint, scheduler
         self.jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
 
@@ -71,13 +69,12 @@ class FinishedParts:
 
     def load(self, key: str) -> dict[str, np.ndarray] | None:
         """Return the stored arrays of a part, or None where it is not finished."""
-        return self._checkpoint.state(key) if self._checkpoint else None
+        return self._checkpoint.state(key)
 
     def save(self, key: str, computed: Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:
         """Store the arrays of a part, and return them."""
         arrays = {name: np.asarray(array) for name, array in computed.items()}
-        if self._checkpoint:
-            self._checkpoint.save_state(key, **arrays)
+        self._checkpoint.save_state(key, **arrays)
         return arrays
 
 
@@ -217,7 +214,7 @@ class FigureStudy:
     def data(
         self,
         values: Mapping[str, Any] | None = None,
-        checkpoint: Checkpoint | None = None,
+        checkpoint: SavedWork = UNSAVED,
         jobs: int | None = None,
         scheduler: str | None = None,
     ) -> xr.Dataset:

@@ -17,7 +17,7 @@ from ocp.learning.protocol import Algorithm, Normaliser, Trained
 from ocp.learning.training import CHECKPOINT_KEY, evaluate, read_checkpoint, train
 from ocp.learning.unroll_gradients import FOPG
 from ocp.problem.task import Task
-from ocp.store.checkpoint import Checkpoint
+from ocp.store.checkpoint import Checkpoint, SavedWork
 from ocp.store.json_values import to_json
 from ocp.store.provenance import content_digest
 from ocp.store.stored_run import StoredRun
@@ -188,8 +188,7 @@ def trained(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Da
     """
     experiment = job.experiment()
     # Workers elsewhere may not see it.
-    seen = job.kept is not None and job.kept.is_dir()
-    checkpoint = Checkpoint.borrowed(job.kept) if seen else None
+    checkpoint = SavedWork(job.kept if job.kept is not None and job.kept.is_dir() else None)
     data = train(experiment, checkpoint, lambda k, row: tell({"iteration": float(k), **row}))
     return described(experiment, data)
 

@@ -19,6 +19,7 @@ from ocp.gradients.objective import SampledObjective
 from ocp.gradients.sampling import reference_kind
 from ocp.gradients.sweep import SAMPLING_AXES, read_sweep
 from ocp.jobs.estimate_parts import JobWorkers
+from ocp.jobs.scheduling import Workers
 from ocp.store.json_values import to_json
 from ocp.store.provenance import content_digest
 from ocp.store.stored_run import StoredRun
@@ -158,7 +159,7 @@ class EstimateRequest:
         def workers(values: Mapping[str, float]) -> JobWorkers:
             case = self.changed(values)
             case = replace(case, engine={**case.engine, "threads": threads})
-            return JobWorkers(case, options.jobs, options.scheduler)
+            return JobWorkers(case, Workers(options.jobs, options.scheduler))
 
         return workers
 

@@ -18,7 +18,7 @@ from rich.progress import Progress, TaskID
 
 from ocp import store
 from ocp.errors import InputError, choose
-from ocp.jobs.scheduling import Failure, run_jobs
+from ocp.jobs.scheduling import Workers, map_jobs
 from ocp.problem.resources import STUDY, check_memory
 from ocp.store import atomic
 from ocp.store.checkpoint import Checkpoint
@@ -111,14 +111,14 @@ def _computed(
         for place, (study, params) in named.items():
             yield place, _alone(study, params, options)
         return
-    places = list(named)
-    jobs = [FigureJob(study.id, params, options.out.resolve()) for study, params in named.values()]
-    with closing(run_jobs(study_data, jobs, options.jobs, options.scheduler)) as outcomes:
-        for index, outcome in outcomes:
-            with _explained(*named[places[index]]):
-                if isinstance(outcome, Failure):
-                    raise outcome.error
-            yield places[index], outcome
+    jobs = {place: FigureJob(study.id, params, options.out.resolve()) for place, (study, params) in named.items()}
+
+    def explain(place: int, error: Exception) -> None:
+        with _explained(*named[place]):
+            raise error
+
+    with closing(map_jobs(study_data, jobs, Workers(options.jobs, options.scheduler), recover=explain)) as outcomes:
+        yield from outcomes
 
 
 def _alone(study: FigureStudy, params: dict[str, Any], options: FigureOptions) -> xr.Dataset:

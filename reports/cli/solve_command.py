@@ -149,6 +149,7 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
             elif options.starts == 1 or not options.parallel:
                 solution = solve_session(request.session, options.starts, options.seed, on_stage, rank)
             else:
+                from ocp.jobs.scheduling import Workers
                 from ocp.jobs.sweep_job import solve_starts
 
                 solution = solve_starts(
@@ -158,8 +159,7 @@ def _solved(options: SolveOptions, request: Request, start: Solution | None) -> 
                     options.seed,
                     on_stage,
                     rank,
-                    options.jobs,
-                    options.scheduler,
+                    Workers(options.jobs, options.scheduler),
                 )
             if not options.refine:
                 return solution

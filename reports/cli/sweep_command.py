@@ -16,6 +16,7 @@ from ocp.continuation.events import describe_events
 from ocp.continuation.walk import check_range, check_value
 from ocp.errors import InputError, choose, interruptible
 from ocp.jobs.grid import Grid, dimension_name, grid_dataset, load_points, parse_axes
+from ocp.jobs.scheduling import Workers
 from ocp.jobs.sweep import check_parallel_memory, check_points, make_grid, solve_grid
 from ocp.jobs.sweep_job import JobResult
 from ocp.jobs.sweep_record import describe_point, grid_rows, run_meta
@@ -98,8 +99,7 @@ def _points(options: SweepOptions, request: SweepRequest) -> list[JobResult]:
         with sweep_progress(names, len(saved), options.quiet) as on_point:
             return solve_grid(
                 study,
-                options.jobs,
-                options.scheduler,
+                Workers(options.jobs, options.scheduler),
                 request.checkpoint,
                 saved,
                 on_point,

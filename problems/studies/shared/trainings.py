@@ -10,7 +10,7 @@ import numpy as np
 
 from dynamics.contact import ContactLaw
 from ocp.errors import choose
-from ocp.jobs.scheduling import Failure, Function, Report, run_jobs
+from ocp.jobs.scheduling import Function, Report, Workers, map_jobs
 from ocp.learning.training import ALGORITHMS
 from problems.studies.progress import report_progress
 from problems.studies.study import Claim, FinishedParts, claim, settings_text
@@ -50,18 +50,12 @@ def side_by_side(function: Function, jobs: Mapping[str, Any], finished: Finished
     Stored results are not computed again; the others go where ``finished`` states. Raises the
     error that a job raised.
     """
-    results = {key: finished.load(key) for key in jobs}
-    missing = [key for key, arrays in results.items() if arrays is None]
-    workers = min(finished.jobs, max(1, len(missing)))
-    work = [jobs[key] for key in missing]
-    outcomes = run_jobs(function, work, workers, finished.scheduler)
-    report_progress("jobs", 0, len(work))
-    for done, (place, outcome) in enumerate(outcomes, 1):
-        report_progress("jobs", done, len(work))
-        if isinstance(outcome, Failure):
-            raise outcome.error
-        results[missing[place]] = finished.save(missing[place], outcome)
-    return {key: arrays for key, arrays in results.items() if arrays is not None}
+    results: dict[str, Curves] = {}
+    report_progress("jobs", 0, len(jobs))
+    for key, arrays in map_jobs(function, jobs, Workers(finished.jobs, finished.scheduler), finished):
+        results[key] = arrays
+        report_progress("jobs", len(results), len(jobs))
+    return {key: results[key] for key in jobs}
 
 
 def interpolate_finite(grid: np.ndarray, steps: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -21,11 +21,11 @@ from dynamics.learned.training import Epoch, Recipe, Training
 from dynamics.learned.transitions import MIN_ROWS_PER_COORDINATE, Transitions, split_rows
 from dynamics.settings import read_count, settings_of
 from ocp.errors import InputError, choose
-from ocp.jobs.scheduling import Report, results_in_order
+from ocp.jobs.scheduling import Report, Workers, in_order, map_jobs
 from ocp.problem.problem import Problem
 from ocp.problem.resources import check_memory
 from ocp.store import atomic, models
-from ocp.store.checkpoint import Checkpoint
+from ocp.store.checkpoint import Checkpoint, SavedWork
 from ocp.store.provenance import content_digest
 from problems import spec
 from problems.regions import CollectJob, collect_piece, region_of
@@ -101,7 +101,8 @@ def _drawn(options: CollectOptions, request: CollectRequest) -> list[Drawn]:
         CollectJob(request.file, request.params, request.content, piece)
         for piece in split_pieces(request.samples, options.seed)
     ]
-    return list(results_in_order(collect_piece, jobs, options.jobs, options.scheduler))
+    workers = Workers(options.jobs, options.scheduler)
+    return list(in_order(map_jobs(collect_piece, dict(enumerate(jobs)), workers)))
 
 
 MODELS = {"ewda": "weighted average of the data", "mlp": "network trained on noised data"}
@@ -243,7 +244,7 @@ def train_network(job: NetworkJob, report: Report) -> Learned:
 
     Raises :class:`~ocp.errors.InputError` for data that a network cannot learn from.
     """
-    checkpoint, data = Checkpoint.borrowed(job.checkpoint_folder), job.data.samples()
+    checkpoint, data = SavedWork(job.checkpoint_folder), job.data.samples()
     with input_errors():
         training = Training(data, job.noise, job.recipe, job.seed, checkpoint.state("training"))
     resumed = training.epoch
@@ -276,7 +277,8 @@ def _trained(options: LearnOptions, request: LearnRequest, recipe: Recipe) -> li
             interrupt.raise_if_interrupted()
             show(Epoch(**message), f"seed {jobs[place].seed}: " if len(jobs) > 1 else "")
 
-        return list(results_in_order(train_network, jobs, options.jobs, options.scheduler, callback))
+        workers = Workers(options.jobs, options.scheduler)
+        return list(in_order(map_jobs(train_network, dict(enumerate(jobs)), workers, callback=callback)))
 
 
 def _described(data: Transitions, model: Any, held_out: Any, noise: float, seed: int) -> xr.Dataset:

@@ -11,7 +11,7 @@ from typing import Any
 from dynamics.contact import ContactLaw
 from ocp import store
 from ocp.errors import InputError, interruptible
-from ocp.jobs.scheduling import Failure, run_jobs
+from ocp.jobs.scheduling import Workers, map_jobs
 from ocp.learning.experiment import Experiment
 from ocp.learning.protocol import Algorithm, Trained
 from ocp.learning.training import check_training, evaluate
@@ -139,20 +139,19 @@ def _trained(
     options: TrainOptions, request: TrainRequest, unfinished_places: list[int], stored: dict[int, Path]
 ) -> dict[int, Exception]:
     """Run the unfinished trainings, add each to ``stored`` as it ends, and return the failures."""
-    failed = {}
-    jobs = [replace(request.jobs[place], kept=request.checkpoints[place].place) for place in unfinished_places]
-    iterations_by_name = {
-        request.jobs[place].name: request.experiments[place].iterations for place in unfinished_places
-    }
+    failed: dict[int, Exception] = {}
+    jobs = {place: replace(request.jobs[place], kept=request.checkpoints[place].place) for place in unfinished_places}
+    workers = Workers(request.workers, options.scheduler)
+    iterations_by_name = {job.name: request.experiments[place].iterations for place, job in jobs.items()}
     with show_trainings(iterations_by_name, options.quiet, interrupt.raise_if_interrupted) as callback:
-        work = run_jobs(trained, jobs, request.workers, options.scheduler, callback)
-        with closing(work) as outcomes:
-            for index, outcome in outcomes:
-                place = unfinished_places[index]
-                if isinstance(outcome, Failure):
-                    failed[place] = outcome.error
-                else:
-                    stored[place] = _store(options, request, place, outcome)
+
+        def show(place: int, row: Any) -> None:
+            callback(unfinished_places.index(place), row)
+
+        with closing(map_jobs(trained, jobs, workers, callback=show, recover=failed.__setitem__)) as outcomes:
+            for place, data in outcomes:
+                if place not in failed:
+                    stored[place] = _store(options, request, place, data)
     return failed
 
 

@@ -14,6 +14,7 @@ from ocp.gradients import sampling
 from ocp.gradients.case import ObjectiveCase
 from ocp.gradients.estimators import SAMPLED
 from ocp.jobs import estimate_parts
+from ocp.jobs.scheduling import Workers
 from ocp.store.checkpoint import Checkpoint
 from reports.cli.app import main
 
@@ -85,7 +86,7 @@ def test_a_stopped_estimate_resumes_with_other_workers(monkeypatch, tmp_path):
     whole = sampling.run_estimator(objective, SAMPLED["zobg"], noise, n)
     with Checkpoint(tmp_path, "heaviside", {"seed": 4}) as kept:
         sampling.run_estimator(objective, SAMPLED["zobg"], noise, estimate_parts.BULK, keep=(kept, "z"))
-        workers = estimate_parts.JobWorkers(case, jobs=2)
+        workers = estimate_parts.JobWorkers(case, Workers(2))
         resumed = sampling.run_estimator(objective, SAMPLED["zobg"], noise, n, keep=(kept, "z"), workers=workers)
     np.testing.assert_array_equal(resumed.moments.mean, whole.moments.mean)
     np.testing.assert_array_equal(resumed.moments.m2, whole.moments.m2)

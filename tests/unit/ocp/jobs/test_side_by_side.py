@@ -13,6 +13,7 @@ from ocp.errors import InputError
 from ocp.jobs import sweep_job
 from ocp.jobs.case import Case
 from ocp.jobs.grid import parse_axes
+from ocp.jobs.scheduling import Workers
 from ocp.jobs.sweep import make_grid, solve_grid, sweep
 from ocp.jobs.sweep_job import JobResult, solve_starts
 from ocp.solve.starts import solve_session
@@ -98,7 +99,7 @@ def test_starts_side_by_side_are_starts_one_after_another() -> None:
     case = Case("push-1d", SHORT, "exact")
     session = case.session()
     alone = solve_session(session, 3, 5, rank_by="exact")
-    beside = solve_starts(case.session(), case, 3, 5, rank_by="exact", jobs=2)
+    beside = solve_starts(case.session(), case, 3, 5, rank_by="exact", workers=Workers(2))
     assert beside.route.attempts == alone.route.attempts and len(alone.route.attempts) == 3
     chosen = next(one for one in alone.route.attempts if one.chosen)
     least = min(one.exact_cost for one in alone.route.attempts if one.status == "solved")
@@ -135,5 +136,5 @@ def test_ctrl_c_that_compiled_code_took_for_a_failure_is_no_point(
             raise KeyboardInterrupt
 
     with checkpoint, pytest.raises(KeyboardInterrupt):
-        solve_grid(study, checkpoint=checkpoint, callback=stop)
+        solve_grid(study, files=checkpoint, callback=stop)
     assert not list(tmp_path.rglob("point-*.json"))

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from ocp.store import checkpoint as module
-from ocp.store.checkpoint import Checkpoint
+from ocp.store.checkpoint import Checkpoint, SavedWork
 from ocp.store.provenance import content_digest
 
 ASKED = {"samples": 10}
 HOLD = """
 import sys, time
 from pathlib import Path
-from ocp.store.checkpoint import Checkpoint
+from ocp.store.checkpoint import Checkpoint, SavedWork
 with Checkpoint(Path(sys.argv[1]), "toy", {"samples": 10}) as held:
     held.save_rows(0, [{"mean": 1.0}])
     print(held.place.name, flush=True)
@@ -141,9 +141,7 @@ def test_another_content_starts_anew_and_says_so(tmp_path: Path, monkeypatch: py
 
 def test_a_worker_writes_where_its_owner_holds(tmp_path: Path) -> None:
     with Checkpoint(tmp_path, "toy", ASKED) as owner:
-        with Checkpoint.borrowed(owner.place) as worker:
-            worker.save_state("sums", total=np.ones(2))
-            worker.discard()
+        SavedWork(owner.place).save_state("sums", total=np.ones(2))
         found = owner.state("sums")
         assert found is not None and found["total"].tolist() == [1.0, 1.0]
 
