@@ -92,6 +92,16 @@ SENTENCES = {
     ),
     "simulator": "{sentence}",
     "sensitivity": "{sentence}",
+    # A closed loop.
+    "reached-the-end": "{cost}; {survivors} of {seeds} reached the end",
+    "plant-diverged": "the plant diverged in {count} of {seeds}, seed {seed} at sample {sample}",
+    "stopped-by-the-user": "stopped by the user at seed {seed}, sample {sample} of {samples}, cost so far {cost:.5g}",
+    "plans-missing": "a new plan was made in {count} of {samples} samples",
+    "stage-cost-not-finite": (
+        "the stage cost is NaN or infinite in {count} of {samples} samples, first at sample {sample} of seed {seed}"
+    ),
+    "plant-violates": "the plant violates {constraint} by up to {amount:.3g}, at sample {sample} of seed {seed}",
+    "more-constraints-violated": "it violates {count} more constraint{plural}",
     "other-solver": "the solver was {solver}, and not the default, ipopt",
 }
 """Half a sentence for every code, with the names of its numbers and words."""

@@ -169,7 +169,8 @@ def _findings(plan: Judgement) -> Iterator[Finding]:
     if plan.simulator is not None:
         yield make_finding("simulator", sentence=plan.simulator["sentence"].removesuffix("."))
     for slope in plan.sensitivities.values():
-        yield make_finding("sensitivity", sentence=slope["sentence"])
+        numbers = {name: number for name, number in slope.items() if name != "sentence"}
+        yield Finding("sensitivity", numbers, slope["sentence"])
     solver = plan.record.get("solver", "ipopt")
     if not plan.success and solver != "ipopt":
         yield make_finding("other-solver", solver=solver)

@@ -1,4 +1,4 @@
-"""The verdict on a closed loop: its status, and sentences on its faults."""
+"""The verdict on a closed loop: its status, and findings on its faults."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ocp.judge.constraints import CONSTRAINT_SHARE
+from ocp.judge.findings import Finding, compose_lines, make_finding
 from ocp.judge.referee import STATE_SHARE
 
 if TYPE_CHECKING:
@@ -49,49 +50,46 @@ class LoopVerdict:
         self.status = next((status for status, holds in outcomes.items() if holds), "done")
 
     def __str__(self) -> str:
-        return "\n".join(self._sentences())
+        return "\n".join(compose_lines(self.findings))
 
-    def _sentences(self) -> Iterator[str]:
+    @property
+    def findings(self) -> list[Finding]:
+        """Findings on the loop, one sentence a line, with their codes and numbers."""
+        return list(self._findings())
+
+    def _findings(self) -> Iterator[Finding]:
         loop, data = self.loop, self.loop.data
-        ended, steps = data["ended"].values, data.sizes["sample"]
+        ended, steps = data["ended"].values.tolist(), data.sizes["sample"]
         seeds = f"{len(ended)} seed{'s' * (len(ended) > 1)}"
         if loop.survived.any():
-            duration = f"over {steps} sample{'s' * (steps > 1)}"
-            yield f"{self._cost(duration)}; {int(loop.survived.sum())} of {seeds} reached the end."
+            cost = self._cost(f"over {steps} sample{'s' * (steps > 1)}")
+            yield make_finding("reached-the-end", cost=cost, survivors=int(loop.survived.sum()), seeds=seeds)
         if self.diverged:
-            yield (
-                f"The plant diverged in {self.diverged} of {seeds}, seed {self.diverged_seeds[0]} at"
-                f" sample {ended[self.diverged_seeds[0]]}."
-            )
+            seed = int(self.diverged_seeds[0])
+            yield make_finding("plant-diverged", count=self.diverged, seeds=seeds, seed=seed, sample=ended[seed])
         if self.status == "stopped":
-            cost_so_far = float(np.nansum(data["cost"].values[-1]))
-            yield (
-                f"Stopped by the user at seed {len(ended) - 1}, sample {ended[-1]} of {steps},"
-                f" cost so far {cost_so_far:.5g}."
-            )
+            cost, seed = float(np.nansum(data["cost"].values[-1])), len(ended) - 1
+            yield make_finding("stopped-by-the-user", seed=seed, sample=ended[-1], samples=steps, cost=cost)
         if self.planned < 1:
-            yield f"A new plan was made in {self.n_new_plans} of {self.samples} samples."
-        if many_infinite := len(self.infinite):
-            seed, sample = self.infinite[0]
-            yield (
-                f"The stage cost is NaN or infinite in {many_infinite} of {self.samples}"
-                f" samples, first at sample {sample} of seed {seed}."
-            )
+            yield make_finding("plans-missing", count=self.n_new_plans, samples=self.samples)
+        if len(self.infinite):
+            seed, sample = self.infinite[0].tolist()
+            count = len(self.infinite)
+            yield make_finding("stage-cost-not-finite", count=count, samples=self.samples, sample=sample, seed=seed)
         for broken in self.violated[:MAX_NAMED_CONSTRAINTS]:
-            v = broken.violation
-            yield (
-                f"The plant violates {broken.name} by up to {v.amount:.3g}, at sample {v.step} of seed {v.scenario}."
-            )
+            worst = broken.violation
+            place = {"sample": worst.step, "seed": worst.scenario}
+            yield make_finding("plant-violates", constraint=broken.name, amount=worst.amount, **place)
         if (others := len(self.violated) - MAX_NAMED_CONSTRAINTS) > 0:
-            yield f"It violates {others} more constraint{'s' * (others > 1)}."
+            yield make_finding("more-constraints-violated", count=others, plural="s" * (others > 1))
 
     def _cost(self, over: str) -> str:
-        """Return a sentence with the mean cost and its terms."""
+        """Return half a sentence with the mean cost and its terms."""
         finite, (low, high) = np.isfinite(self.loop.costs), self.loop.cost_interval
         if not finite.any():
-            return f"No finite cost {over}"
+            return f"no finite cost {over}"
         interval = f" [{low:.5g}, {high:.5g}]" if np.isfinite(low) else ""
         terminal_costs = self.loop.data["end_cost"].values
         cost, stages, end = (v[finite].mean() for v in (self.loop.costs, self.loop.stage_costs, terminal_costs))
         shares = f"stage costs {stages:.6g}, terminal cost {end:.6g}"
-        return f"Cost {cost:.7g}{interval} ({shares}) {over}"
+        return f"cost {cost:.7g}{interval} ({shares}) {over}"

@@ -168,7 +168,9 @@ def run(options: MpcOptions, case: LoopCase) -> int:
     output.say(stored.meta["verdict"])
     for line in (*controller.notes, *loop_notes(stored.meta)):
         output.say(line)
-    output.finish(stored, {name: stored.meta[name] for name in _TOLD}, options.pdf, case.spec)
+    content = {name: stored.meta[name] for name in _TOLD}
+    content["findings"] = [finding.document for finding in loop.verdict.findings]
+    output.finish(stored, content, options.pdf, case.spec)
     output.note(f"Look at it with ocp report {stored.path.name} -o loop.pdf, or ocp animate.")
     interrupt.raise_if_interrupted()
     return 0 if stored.meta["status"] in ("done", "warnings") else NOT_SURVIVED

@@ -155,7 +155,8 @@ def test_ctrl_c_keeps_what_ran(tmp_path: Path) -> None:
     (ended,) = told["ended"]
     assert told["status"] == "stopped" and 0 < ended < 100_000
     assert np.isfinite(run.data["x"].values[0, : ended + 1]).all()
-    assert f"Stopped by the user at seed 0, sample {ended} of 100000" in told["verdict"]
+    (stop,) = (finding["numbers"] for finding in told["findings"] if finding["code"] == "stopped-by-the-user")
+    assert (stop["seed"], stop["sample"], stop["samples"]) == (0, ended, 100_000)
 
 
 def test_report_of_one_and_of_several(ocp: Ocp, loops: Path) -> None:
@@ -226,5 +227,6 @@ def test_a_bound_that_the_plant_violates_is_exit_code_3_and_in_the_document(ocp:
     (broken,) = told["violated"]
     assert (broken["name"], broken["component"], broken["step"]) == ("bound on x", "r", 3)
     assert told["cost"] == pytest.approx(told["stage_cost"] + told["terminal_cost"])
-    assert "The plant violates bound on r by up to" in told["verdict"]
+    (violation,) = (finding["numbers"] for finding in told["findings"] if finding["code"] == "plant-violates")
+    assert (violation["constraint"], violation["sample"]) == ("bound on r", 3)
     assert ocp("report", "@last", "-o", "a.pdf").code == 0

@@ -90,7 +90,7 @@ def test_what_is_not_certified_is_not_done(ocp) -> None:
 def test_what_obeys_no_dynamics_is_not_called_unstable(ocp) -> None:
     found = ocp("solve", "wall-1d", *EXACT, "-s", "max_iter=2", *QUIET).json
     assert found["dynamics_residual"] > 1e-3 and not found["success"]
-    assert "unstable" not in found["verdict"] and "feedback" not in found["verdict"]
+    assert "unstable-motion" not in {finding["code"] for finding in found["findings"]}
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,8 @@ def test_a_program_that_fails_is_undecided(ocp, monkeypatch: pytest.MonkeyPatch)
     done = ocp(*KINKED, *QUIET)
     assert done.code == 3
     assert done.json["stationarity"] == "undecided"
-    assert "HiGHS reports 'numerical difficulties'" in done.json["verdict"]
+    (undecided,) = (one["numbers"] for one in done.json["findings"] if one["code"] == "stationarity-undecided")
+    assert "HiGHS reports 'numerical difficulties'" in undecided["reason"]
     assert "Traceback" not in done.err
 
 
@@ -308,7 +309,9 @@ def test_a_sensitivity_is_printed_with_those_of_its_replays(ocp) -> None:
     slopes = found["sensitivities"]["M"]
     assert slopes["cost_referee"] == pytest.approx(slopes["cost"], rel=1e-5)
     assert slopes["cost_refined"] is None, "the step size is part of the model"
-    assert f"The sensitivity dcost/dM is {slopes['cost']:.4g}, " in found["verdict"]
+    (finding,) = (one for one in found["findings"] if one["code"] == "sensitivity")
+    assert finding["numbers"].items() <= slopes.items()
+    assert finding["sentence"].startswith(f"the sensitivity dcost/dM is {slopes['cost']:.4g}, ")
     unknown = ocp("solve", "push-1d", "--sensitivity", "penalty")
     assert unknown.code == 2 and "unknown parameter 'penalty'" in unknown.err
     short = ("--contact", "barrier", "-s", "ipopt.max_iter=1", "--sensitivity", "M")

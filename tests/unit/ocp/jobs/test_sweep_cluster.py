@@ -30,6 +30,6 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_data(cluster: LocalCluster
             os.kill(killed[0], signal.SIGKILL)
 
     address = cluster.scheduler_address
-    beside = sweep("push-1d", over, params=short, scheduler=address, progress=kill_one)
+    beside = sweep("push-1d", over, "barrier", params=short, scheduler=address, progress=kill_one)
     assert killed
-    assert same(beside, sweep("push-1d", over, params=short))
+    assert same(beside, sweep("push-1d", over, "barrier", params=short))
