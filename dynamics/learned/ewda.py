@@ -12,7 +12,7 @@ from dynamics.batch.engines.kernels import choose_backend
 from dynamics.batch.engines.parallel import checked_threads
 from dynamics.learned.ewda_kernel import Cloud, CompiledMoments, NumpyMoments
 from dynamics.learned.stored import EWDA
-from dynamics.learned.transitions import Normalisation, Origin
+from dynamics.learned.transitions import DataOrigin, Normalisation
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,7 +52,7 @@ class EwdaModel:
     y: np.ndarray
     scales: Normalisation
     sigma: float
-    origin: Origin
+    origin: DataOrigin
     seed: int = 0
     backend: str = field(default="auto", kw_only=True)
     threads: int | None = field(default=None, kw_only=True)
@@ -163,7 +163,7 @@ class EwdaModel:
 
         Raises ``ValueError`` for a dataset that is no such model or lacks a part of one.
         """
-        origin = Origin.from_dataset(dataset, EWDA)
+        origin = DataOrigin.from_dataset(dataset, EWDA)
         names = ("z_data", "y_data", "z_shift", "z_scale")
         z, y, shift, scale = (np.ascontiguousarray(dataset[name].values, dtype=float) for name in names)
         attributes = dataset.attrs

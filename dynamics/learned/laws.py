@@ -15,7 +15,7 @@ from dynamics.contact.learned_step import CasadiMap, LearnedMap, LearnedStep
 from dynamics.contact.step import Step
 from dynamics.errors import InputError
 from dynamics.learned.files import read_model
-from dynamics.learned.transitions import Origin
+from dynamics.learned.transitions import DataOrigin
 from dynamics.settings import setting
 from dynamics.systems import LAW_PREFIX, ContactSystem, Parameter, ParameterTable
 
@@ -27,7 +27,7 @@ class StepModel(LearnedMap, Protocol):
     kind: ClassVar[str]
 
     @property
-    def origin(self) -> Origin:
+    def origin(self) -> DataOrigin:
         """Names and units of its numbers, and the data it was trained on."""
         ...
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from dynamics.learned.stored import MLP
-from dynamics.learned.transitions import Normalisation, Origin
+from dynamics.learned.transitions import DataOrigin, Normalisation
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,7 +42,7 @@ class MlpModel:
     z_scales: Normalisation
     y_scales: Normalisation
     sigma: float
-    origin: Origin
+    origin: DataOrigin
     seed: int = 0
 
     @property
@@ -144,7 +144,7 @@ class MlpModel:
 
         Raises ``ValueError`` for a dataset that is no network or lacks a part of one.
         """
-        origin = Origin.from_dataset(dataset, MLP)
+        origin = DataOrigin.from_dataset(dataset, MLP)
         layers = range(int(dataset.attrs["layers"]))
         names = [f"{array}_{layer}" for layer in layers for array in ("weight", "bias")]
         names += ["z_shift", "z_scale", "y_shift", "y_scale"]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Origin:
+class DataOrigin:
     """Names and units of ``z`` and ``y``, and whose data they were.
 
     Entries of z that y has too are states, the others inputs: z = (x, u), y = x_next.
@@ -58,7 +58,7 @@ class Origin:
         }
 
     @classmethod
-    def from_dataset(cls, dataset: xr.Dataset, kind: str) -> Origin:
+    def from_dataset(cls, dataset: xr.Dataset, kind: str) -> DataOrigin:
         """Back from a dataset with these coordinates and attributes.
 
         Raises ``ValueError`` where :func:`~dynamics.learned.stored.check_dataset` does.
@@ -119,7 +119,7 @@ class Samples:
 
     z: np.ndarray
     y: np.ndarray
-    origin: Origin
+    origin: DataOrigin
 
     def __post_init__(self) -> None:
         expected_shapes = (len(self.z), len(self.origin.z)), (len(self.z), len(self.origin.y))
@@ -270,11 +270,11 @@ class Transitions:
                 )
 
     @property
-    def origin(self) -> Origin:
+    def origin(self) -> DataOrigin:
         """The origin that a model of these data stores."""
         provenance = self.provenance
         problem, parameters = str(provenance.get("problem", "")), provenance.get("parameters", {})
-        return Origin((*self.states, *self.inputs), self.states, problem, parameters, self.hash)
+        return DataOrigin((*self.states, *self.inputs), self.states, problem, parameters, self.hash)
 
     def samples(self) -> Samples:
         """``z`` and the next states as a map is learned from them."""
@@ -305,7 +305,7 @@ class Transitions:
     @classmethod
     def from_dataset(cls, dataset: xr.Dataset) -> Transitions:
         """Read :meth:`dataset` back; raises ``ValueError`` where it has no such form."""
-        origin = Origin.from_dataset(dataset, TRANSITIONS)
+        origin = DataOrigin.from_dataset(dataset, TRANSITIONS)
         names = ("x", "u", "x_next", "z_shift", "z_scale")
         x, u, x_next, shift, scale = (np.array(dataset[name].values) for name in names)
         provenance = json.loads(dataset.attrs["provenance"])

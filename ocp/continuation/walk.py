@@ -45,6 +45,12 @@ class CurvePoint:
         costs = {"planned": self.solution.cost, "replayed": self.solution.audit.exact_cost}
         return [name for name, cost in costs.items() if not math.isfinite(cost)]
 
+    @property
+    def failure_reason(self) -> str:
+        """Sentence that says why no curve goes on here."""
+        names = " and ".join(self.infinite_costs)
+        return f"its cost, {names}, is not finite. " * bool(names) + self.solution.verdict
+
     def row(self) -> dict[str, Any]:
         """Return the point as JSON."""
         solution = self.solution
@@ -170,7 +176,7 @@ class _Walk:
             self.tracker.start_at(first)
             self._walk(1.0 / steps)
         else:
-            verdict = _failure_reason(followed.points[-1])
+            verdict = followed.points[-1].failure_reason
             followed.broke = f"at the first point, {followed.parameter} = {start:g}: {verdict}"
         followed.nlp_builds = session.nlp_builds
         followed.iterations += self.tracker.wasted
@@ -288,7 +294,7 @@ class _Walk:
             return self._solved(self._beyond(folds[0].value), ended=True)
         for stop in stops:
             if not self._add(stop.outcome, stop.value):
-                followed.broke = f"on the way round a fold: {_failure_reason(self.failed)}"
+                followed.broke = f"on the way round a fold: {self.failed.failure_reason}"
                 break
         return True
 
@@ -300,18 +306,12 @@ class _Walk:
         return end if (beyond - end) * (end - start) > 0 else beyond
 
     def _break(self, value: float) -> None:
-        last, failed = self.followed.points[-1].value, self.failed
-        broke = f"after {self.followed.parameter} = {last:g}, on the way to {value:g}:"
-        self.followed.broke = f"{broke} {_failure_reason(failed)}"
-        for worst in failed.solution.audit.worst[:1]:
-            location = f"{worst.name} of {worst.component} at step {worst.step}"
-            self.followed.broke += f" Worst: {location}, {worst.amount:.1e}."
-
-
-def _failure_reason(failed: CurvePoint) -> str:
-    """Return the reason why a point failed."""
-    infinite_costs = " and ".join(failed.infinite_costs)
-    return f"its cost, {infinite_costs}, is not finite. " * bool(infinite_costs) + failed.solution.verdict
+        """Say where the curve broke, and why."""
+        last = self.followed.points[-1].value
+        broke = f"after {self.followed.parameter} = {last:g}, on the way to {value:g}: {self.failed.failure_reason}"
+        for worst in self.failed.solution.audit.worst[:1]:
+            broke += f" Worst: {worst.name} of {worst.component} at step {worst.step}, {worst.amount:.1e}."
+        self.followed.broke = broke
 
 
 def check_value(session: Session, name: str, value: float) -> None:

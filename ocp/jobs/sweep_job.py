@@ -20,7 +20,7 @@ from ocp.routes.session import Session
 from ocp.solution import Interrupted, Solution
 from ocp.solve.judging import add_failures, collect_failures, judge_outcome
 from ocp.solve.starts import Rank, accept_standing_still, best_of, check_starts, rank, solve_session
-from ocp.solve.warm_start import Plan, carry
+from ocp.solve.warm_start import StoredPlan, carry
 from ocp.store.provenance import FilesChanged
 
 STORED_ARRAYS = ("x", "u", "lam", "gap", "x_replay", "u_replay", "x_referee", "u_referee", "K", "k")
@@ -62,14 +62,14 @@ class JobResult:
     row: dict[str, Any]
     arrays: dict[str, LabelledArray]
 
-    def plan(self, session: Session) -> Plan:
+    def plan(self, session: Session) -> StoredPlan:
         """Return the trajectories as a plan, from which a session of the same problem starts."""
         import xarray as xr
 
         coords = {dim: names for a in self.arrays.values() for dim, names in a.labels.items()}
         arrays = {name: (array.dims, array.values) for name, array in self.arrays.items()}
         record = {"problem": session.problem.name, "method": session.method.name}
-        return Plan(xr.Dataset(arrays, coords), record, str(self.row["status"]))
+        return StoredPlan(xr.Dataset(arrays, coords), record, str(self.row["status"]))
 
 
 def solve_job(job: SolveJob, report: Callable[[Any], None]) -> JobResult:

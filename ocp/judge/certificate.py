@@ -36,7 +36,7 @@ UNJUDGED = "the point is not feasible"
 """Reason of a certificate for a point that is not feasible."""
 _MOST_MOVES = 3
 """Maximum number of moves that a verdict names."""
-_WORDS = {
+PAIR_CHANGES = {
     "normal": ("opening contact", "closing contact"),
     "limit": ("leaving limit", "meeting limit"),
     "friction": ("dropping", "applying"),
@@ -159,7 +159,7 @@ def certify(
     nothing else distinguishes a gradient from rounding where the cost is flat.
     """
     start_time = time.perf_counter()
-    model = linear_model(nlp, x, p, bounds)
+    model = LinearModel.at(nlp, x, p, bounds)
     complementary = nlp.reformulation == "none" and nlp.pairs.size > 0
     if not (np.isfinite(nlp.values(x, p)[0]) and model.finite):
         return Certificate("undecided", reason="a function or derivative is NaN or infinite at the point")
@@ -186,23 +186,6 @@ def certify(
         reason=descent.trouble,
         seconds=time.perf_counter() - start_time,
     )
-
-
-def linear_model(
-    nlp: Program,
-    x: np.ndarray,
-    p: np.ndarray,
-    bounds: dict[str, np.ndarray],
-    residuals: bool = False,
-) -> LinearModel:
-    """Linearise a program at x; pairs count only under the reformulation "none".
-
-    With ``residuals`` steps are to mend what is off, see
-    :meth:`~ocp.judge.lpec.LinearModel.at`.
-    """
-    pairs = nlp.pairs if nlp.reformulation == "none" else np.zeros((2, 0), dtype=int)
-    change = nlp.typical_change(x, p, bounds)
-    return LinearModel.at(x, *nlp.slopes(x, p), bounds, nlp.sizes(x), pairs, residuals, change)
 
 
 def tolerance_of(model: LinearModel) -> float:
@@ -339,7 +322,7 @@ def _moves(nlp: Program, model: LinearModel, descent: Descent) -> list[ContactCh
     changed_steps: dict[tuple[int, str, str], list[int]] = {}
     for index in np.flatnonzero(changed):
         pair = nlp.pair_name(int(descent.near[index]))
-        change = _WORDS[pair.kind][int(descent.active[index] > 0.5)]
+        change = PAIR_CHANGES[pair.kind][int(descent.active[index] > 0.5)]
         insort(changed_steps.setdefault((pair.scenario, pair.name, change), []), pair.step)
     return [
         ContactChange(change, name, scenario, int(run[0]), int(run[-1]))

@@ -26,7 +26,7 @@ _TRAVEL_FACTOR = 10.0
 """Multiple of what a state moves that counts for its size at most."""
 _LEAST_SIZE = 1e-3
 """Least size of a state for judging, in its characteristic size."""
-_KINDS = {
+CONSTRAINT_KINDS = {
     "bound on x": "bound on",
     "bound on u": "bound on",
     "path": "constraint",
@@ -49,7 +49,7 @@ class Violation:
     @property
     def title(self) -> str:
         """The constraint in words, as in "bound on v"."""
-        return f"{_KINDS[self.name]} {self.component}"
+        return f"{CONSTRAINT_KINDS[self.name]} {self.component}"
 
 
 @dataclass(frozen=True)

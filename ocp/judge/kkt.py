@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ocp.errors import InputError
-from ocp.judge.certificate import fit_multipliers, linear_model
-from ocp.judge.lpec import negative_curvature
+from ocp.judge.certificate import fit_multipliers
+from ocp.judge.lpec import LinearModel, negative_curvature
 from ocp.programs.program import PENALTY, Program
 from ocp.programs.solver import Point
 
@@ -266,7 +266,7 @@ def regular_curve(
     p, bounds = program.parameter_vector(values), program.bounds(values)
     y = point.lam_g
     if y is None:
-        y = fit_multipliers(linear_model(program, point.x, p, bounds))
+        y = fit_multipliers(LinearModel.at(program, point.x, p, bounds))
     curve = KKTCurve(program, values, name, unit, point, y)
     v = curve.newton(curve.start, curve.parameter_direction, curve.start[-1])
     if v is None:

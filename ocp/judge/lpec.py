@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import scipy.sparse as sp
     from scipy.optimize import OptimizeResult
 
+    from ocp.programs.program import Program
 
 _SNAP = 1e-4
 """A slack below this share of a characteristic size counts as none; so does a pair's member."""
@@ -48,28 +49,22 @@ class LinearModel:
     members: np.ndarray
     row_scale: np.ndarray
     sizes: np.ndarray
-    typical_change: float = 0.0
+    typical_change: float
 
     @classmethod
     def at(
-        cls,
-        x: np.ndarray,
-        gradient: np.ndarray,
-        g: np.ndarray,
-        jacobian: sp.spmatrix,
-        bounds: dict[str, np.ndarray],
-        sizes: np.ndarray,
-        pairs: np.ndarray,
-        residuals: bool = False,
-        typical_change: float = 0.0,
+        cls, nlp: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray], residuals: bool = False
     ) -> LinearModel:
-        """Scale the derivatives at ``x``; ``bounds`` are ``lbx ubx lbg ubg``, without contact's.
+        """Linearise a program at x; pairs count only under the reformulation "none".
 
         With ``residuals`` rows keep what they are off by, for a direction to mend.
         """
         import scipy.sparse as sp
 
-        scaled = sp.csr_matrix(jacobian) @ sp.diags(sizes)
+        pairs = nlp.pairs if nlp.reformulation == "none" else np.zeros((2, 0), dtype=int)
+        sizes = nlp.sizes(x)
+        gradient, g, jacobian = nlp.slopes(x, p)
+        scaled = jacobian @ sp.diags(sizes)
         largest = abs(scaled).max(axis=1).toarray().ravel() if g.size else np.zeros(0)
         scale = 1 / np.maximum(largest, 1e-12)
         equal = bounds["lbg"] == bounds["ubg"]
@@ -88,7 +83,7 @@ class LinearModel:
             np.maximum(x[pairs] / sizes[pairs], 0.0),
             scale,
             sizes,
-            typical_change,
+            nlp.typical_change(x, p, bounds),
         )
 
     def damped(self, factor: np.ndarray) -> LinearModel:

@@ -37,7 +37,7 @@ _PAIR_REGULARISATION = 1e-13
 """Regularisation of the equations of active pairs, in characteristic sizes."""
 _LOST = 1e6
 """Change, in characteristic sizes, above which an iteration is given up."""
-_REACH = {True: 1e-6, False: 1.0}
+LINEAR_VIOLATION = {True: 1e-6, False: 1.0}
 """Violation, in characteristic sizes, up to which a set goes on from its first linear model: of an
 affine step (True), and of others."""
 _BATCH_STEPS = 32
@@ -129,7 +129,7 @@ class StepSolutions:
     def __init__(self, evaluation: Evaluation) -> None:
         problem = evaluation.problem
         system, scales = problem.system, problem.scales
-        self.p, self.x_sizes, self._reach = evaluation.p, scales.x, _REACH[system.reduced.affine]
+        self.p, self.x_sizes, self._reach = evaluation.p, scales.x, LINEAR_VIOLATION[system.reduced.affine]
         self.of_lam, self.of_gap = pair_sizes(problem, system)
         kinds = np.array([pair.kind for pair in system.pairs])
         owners = np.array([pair.contact for pair in system.pairs]) + 0.5 * (kinds == "limit")

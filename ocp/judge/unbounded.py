@@ -11,7 +11,6 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
-from ocp.judge.certificate import linear_model
 from ocp.judge.constraints import CONSTRAINT_SHARE, broken_constraints
 from ocp.judge.findings import make_finding
 from ocp.judge.lpec import LinearModel
@@ -183,7 +182,7 @@ def unbounded_variables(
     Straight rays from the ``answer`` (n,) and, where that is distant or not feasible, from the
     ``start`` (n,), by default the answer.
     """
-    model = linear_model(program, answer, p, bounds)
+    model = LinearModel.at(program, answer, p, bounds)
     best = _cost_at(program, model, p, bounds, answer, 0 * answer, 0.0)
     start = answer if start is None else start
     distant = np.abs((answer - start) / program.sizes(start)).max(initial=0.0) > _DISTANT_START
@@ -194,7 +193,7 @@ def unbounded_variables(
 
 def _rays(program: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> Iterator[Ray]:
     """Yield rays down the cost's gradient, away from zero, and along each variable of a small program."""
-    model = linear_model(program, x, p, bounds)
+    model = LinearModel.at(program, x, p, bounds)
     directions = [-model.cost, x / model.sizes] if model.finite else []
     if x.size <= _MOST_SINGLES and model.finite:
         directions += [*np.eye(x.size)[np.isinf(model.upper)], *-np.eye(x.size)[np.isinf(model.lower)]]

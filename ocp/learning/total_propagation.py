@@ -70,7 +70,7 @@ class Particles:
 
 def simulate_particles(experiment: Experiment, trained: Trained, x0: np.ndarray, noise: np.ndarray) -> Particles:
     """Simulate ``x_{t+1} = f(x_t, u_t) + noise_t`` from x0 (n, nx), noise (H, n, nx)."""
-    model, rows = experiment.cached(_Model), []
+    model, rows = experiment.cached(_ModelStep), []
     x, alive = x0, np.ones(len(x0), dtype=bool)
     stayed_finite, states, weight = alive.copy(), [x0], 1.0
     for step_noise in noise:
@@ -115,7 +115,7 @@ def _scatter(alive: np.ndarray, values: np.ndarray) -> np.ndarray:
     return scattered
 
 
-class _Model:
+class _ModelStep:
     """One step of the model with its derivatives, and those of the task's functions."""
 
     def __init__(self, experiment: Experiment) -> None:
@@ -170,7 +170,7 @@ def acting_entries(experiment: Experiment, steps: int) -> np.ndarray:
 
     The reward of the step that ends there counts too, since it contains the particle's noise.
     """
-    model, task = experiment.cached(_Model), experiment.task
+    model, task = experiment.cached(_ModelStep), experiment.task
     if steps not in model.reach:
         closed = ClosedStep(model.closed, episode_rewards(task, steps), experiment.policy)
         later, arguments = closed.cost_dependence().over(steps)[1], task.rewards.sx_in()

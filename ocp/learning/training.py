@@ -36,7 +36,7 @@ EVALUATION_SEED = 1_000_000
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class PolicyEvaluation:
     """Episodes of a policy.
 
     ``returns`` (n,) are undiscounted sums of rewards; ``lengths`` (n,) steps until the end;
@@ -72,7 +72,7 @@ def evaluate(
     law: ContactLaw,
     episodes: int = 100,
     seed: int = EVALUATION_SEED,
-) -> Evaluation:
+) -> PolicyEvaluation:
     """Return episodes of the policy at the task's parameters, from initial states of ``seed``.
 
     Raises :class:`~ocp.errors.InputError` where a reward is not a number though states are, with
@@ -83,7 +83,7 @@ def evaluate(
     return evaluate_from(experiment, trained, law, x0)
 
 
-def evaluate_from(experiment: Experiment, trained: Trained, law: ContactLaw, x0: np.ndarray) -> Evaluation:
+def evaluate_from(experiment: Experiment, trained: Trained, law: ContactLaw, x0: np.ndarray) -> PolicyEvaluation:
     """Return episodes of the policy from ``x0`` (n, nx); otherwise as :func:`evaluate`."""
     episodes = experiment.rollouts(experiment.task.horizon, law)(
         x0, trained.theta, trained.normaliser, n_samples=len(x0), states=True
@@ -113,7 +113,7 @@ def evaluate_from(experiment: Experiment, trained: Trained, law: ContactLaw, x0:
     total = returns.sum(axis=1)
     finals = BatchFunction(task.finals, "numpy", 1)(states[full_length, -1], task.parameters.values)
     total[full_length] += np.where(has_ended[:, 0] == 0, finals[:, 0], 0.0)
-    return Evaluation(total, lengths, _measures(task, arguments, counted, lengths), states, inputs, unsolved)
+    return PolicyEvaluation(total, lengths, _measures(task, arguments, counted, lengths), states, inputs, unsolved)
 
 
 def _measures(

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ocp.mpc.stages import Evaluated, Plan, StageModel
+from ocp.mpc.stages import Plan, StageModel, StageValues
 
 
-class Closure(NamedTuple):
+class LinearClosure(NamedTuple):
     """Linear closure ``a dgap + b dlam - m dmu = c`` of every pair and step, each (N, n)."""
 
     a: np.ndarray
@@ -21,13 +21,13 @@ class Closure(NamedTuple):
     c: np.ndarray
 
     @classmethod
-    def from_active_set(cls, plan: Plan, closed: np.ndarray) -> Closure:
+    def from_active_set(cls, plan: Plan, closed: np.ndarray) -> LinearClosure:
         """Return ``gap = 0`` for ``closed`` (N, n) pairs, ``lam = 0`` for the others."""
         shut = closed.astype(float)
         return cls(shut, 1 - shut, 0 * shut, np.where(closed, -plan.gap, -plan.lam))
 
     @classmethod
-    def from_product(cls, plan: Plan, mu: np.ndarray, sizes: tuple[np.ndarray, np.ndarray]) -> Closure:
+    def from_product(cls, plan: Plan, mu: np.ndarray, sizes: tuple[np.ndarray, np.ndarray]) -> LinearClosure:
         """Return ``lam gap = mu`` linearised at the plan, in ``sizes`` and units of its larger factor."""
         L, G = (abs(v) / s + FACTOR_FLOOR for v, s in zip((plan.lam, plan.gap), sizes, strict=True))
         lam_size, gap_size = sizes
@@ -72,7 +72,7 @@ class Linearised:
     rows_by_closure: np.ndarray
 
 
-def linearise(model: StageModel, plan: Plan, evaluated: Evaluated, closure: Closure) -> Linearised:
+def linearise(model: StageModel, plan: Plan, evaluated: StageValues, closure: LinearClosure) -> Linearised:
     """Eliminate x_next, lam and gap from every step: one (nx + n) system for each.
 
     Raises ``numpy.linalg.LinAlgError`` where a step's system is singular.
@@ -118,7 +118,7 @@ def linearise(model: StageModel, plan: Plan, evaluated: Evaluated, closure: Clos
     )
 
 
-def _stage_costs(model: StageModel, evaluated: Evaluated, dlam: Affine) -> tuple[np.ndarray, np.ndarray]:
+def _stage_costs(model: StageModel, evaluated: StageValues, dlam: Affine) -> tuple[np.ndarray, np.ndarray]:
     """Return gradient and Hessian by (x, u_before, u), through the multipliers if the cost has them."""
     nw = model.nx + 2 * model.nu
     if not model.costs_impulses:

@@ -12,11 +12,11 @@ import numpy as np
 
 from ocp.mpc.constraint_rows import MET_TOLERANCE, PENALTIES, PENALTY_FALL
 from ocp.mpc.horizon_qp import Direction, HorizonQP
-from ocp.mpc.linearised import Affine, Closure, Linearised, linearise
+from ocp.mpc.linearised import Affine, LinearClosure, Linearised, linearise
 from ocp.mpc.phase import Answer, Phase, Sample
 from ocp.mpc.riccati import Regulator
 from ocp.mpc.rollouts import CandidateRollouts
-from ocp.mpc.stages import MIN_PENALTY, Evaluated, Plan, StageModel
+from ocp.mpc.stages import MIN_PENALTY, Plan, StageModel, StageValues
 
 STEP_SHARES = (1.0, 0.5, 0.25, 0.06)
 """Shares of a step that are rolled out, each with the regulator's gains around it."""
@@ -40,7 +40,7 @@ class Prepared:
     """A plan with its steps evaluated, and linearised under the closure of its active set."""
 
     plan: Plan
-    evaluated: Evaluated
+    evaluated: StageValues
     closed: np.ndarray
     lin: Linearised
 
@@ -72,7 +72,7 @@ class NewtonPhase(Phase):
         return np.zeros(plan.lam.shape, dtype=bool)
 
     @abstractmethod
-    def closure(self, plan: Plan, evaluated: Evaluated, closed: np.ndarray) -> Closure:
+    def closure(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> LinearClosure:
         """Return the linear closure of the contact at a plan."""
 
     @abstractmethod
@@ -92,7 +92,7 @@ class NewtonPhase(Phase):
         with suppress(np.linalg.LinAlgError):
             self.prepared = Prepared(plan, evaluated, closed, self.linearise_plan(plan, evaluated, closed))
 
-    def linearise_plan(self, plan: Plan, evaluated: Evaluated, closed: np.ndarray) -> Linearised:
+    def linearise_plan(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> Linearised:
         """Return the plan's steps with the contact eliminated."""
         return linearise(self.model, plan, evaluated, self.closure(plan, evaluated, closed))
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from ocp.mpc.active_set import ActiveSets
 from ocp.mpc.horizon_qp import Direction
-from ocp.mpc.linearised import Affine, Closure, Linearised
+from ocp.mpc.linearised import Affine, LinearClosure, Linearised
 from ocp.mpc.newton_phase import UNSOLVED, NewtonPhase, Prepared, Proposal
 from ocp.mpc.phase import Sample
 from ocp.mpc.rollouts import CandidateRollouts
-from ocp.mpc.stages import Evaluated, Plan, StageModel
+from ocp.mpc.stages import Plan, StageModel, StageValues
 
 ACTIVE_TOLERANCE = 1e-6
 """Value of a row, in characteristic sizes, below which it counts as active."""
@@ -58,9 +58,9 @@ class QPCC(NewtonPhase):
         """Number of pairs and constraints."""
         return self.model.n + self.model.m
 
-    def closure(self, plan: Plan, evaluated: Evaluated, closed: np.ndarray) -> Closure:
+    def closure(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> LinearClosure:
         """Return the closure of the active set."""
-        return Closure.from_active_set(plan, closed)
+        return LinearClosure.from_active_set(plan, closed)
 
     def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
         """Return forces of closed pairs and gaps of open ones, then the constraints."""

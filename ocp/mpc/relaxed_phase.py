@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocp.mpc.linearised import Affine, Closure, Linearised
+from ocp.mpc.linearised import Affine, LinearClosure, Linearised
 from ocp.mpc.newton_phase import UNSOLVED, NewtonPhase, Prepared, Proposal
 from ocp.mpc.phase import Sample
-from ocp.mpc.stages import Evaluated, Plan
+from ocp.mpc.stages import Plan, StageValues
 
 
 class Relaxed(NewtonPhase):
@@ -18,9 +18,9 @@ class Relaxed(NewtonPhase):
         """Number of constraints; the law keeps forces and gaps positive."""
         return self.model.m
 
-    def closure(self, plan: Plan, evaluated: Evaluated, closed: np.ndarray) -> Closure:
+    def closure(self, plan: Plan, evaluated: StageValues, closed: np.ndarray) -> LinearClosure:
         """Return the law's closure, linearised."""
-        return Closure.from_product(plan, evaluated.mu, self.model.sizes)
+        return LinearClosure.from_product(plan, evaluated.mu, self.model.sizes)
 
     def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
         """Return the constraints."""

@@ -38,7 +38,7 @@ class Plan:
         return bool(np.isfinite(self.x).all() and np.isfinite(self.u).all())
 
 
-class Evaluated(NamedTuple):
+class StageValues(NamedTuple):
     """Values and derivatives of the steps of a plan, a row each.
 
     residual (N, nx), gap and mu (N, n), and ``rows`` (N, m), which constraints keep at 0 or above;
@@ -120,7 +120,7 @@ class StageModel:
         stage_merits = cost + penalty * self.problem.scales.cost * violations.sum(axis=2, keepdims=True)
         return stage_merits.sum(axis=(1, 2)) + terminal_costs, violations, gap
 
-    def evaluate(self, plan: Plan, u_before: np.ndarray, p: np.ndarray) -> Evaluated:
+    def evaluate(self, plan: Plan, u_before: np.ndarray, p: np.ndarray) -> StageValues:
         """Return values and derivatives of the steps of a plan; ``p`` is (N+1, np)."""
         inputs_before = np.concatenate([u_before[None], plan.u[:-1]])
         x, N = plan.x, self.N
@@ -129,7 +129,7 @@ class StageModel:
         edges = np.cumsum([0, self.nx, self.n, self.n, self.m])
         residual, gap, mu, rows = (values[:, a:b] for a, b in pairwise(edges))
         nw = gradient.shape[1]
-        return Evaluated(
+        return StageValues(
             residual,
             gap,
             mu,

@@ -11,7 +11,7 @@ from ocp.programs.program import PENALTY, RELAXATION, Program
 if TYPE_CHECKING:
     import scipy.sparse as sp
 
-_ROUNDING = 1e-8
+ROW_ROUNDING = 1e-8
 """Share of what known sizes change a row by below which a violation of it is rounding."""
 _ROUNDS = 3
 """Passes in which sizes are carried over from variable to variable through the rows."""
@@ -48,7 +48,7 @@ def variable_sizes(program: Program, start: np.ndarray, p: np.ndarray) -> np.nda
     entries = abs(jacobian).tocoo()
     violation = np.maximum(np.maximum(bounds["lbg"] - g, g - bounds["ubg"]), 0.0)
     row_sizes = abs(jacobian) @ sizes
-    violation = np.where(violation > _ROUNDING * row_sizes, violation, 0.0)
+    violation = np.where(violation > ROW_ROUNDING * row_sizes, violation, 0.0)
     violation = np.nan_to_num(violation, posinf=0.0)
     restoring_steps = _smallest_steps(entries, program.n, violation[entries.row])
     sizes = np.where(sizes > 0, sizes, restoring_steps)

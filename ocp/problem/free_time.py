@@ -14,7 +14,8 @@ from dynamics.systems.pairs import RefereeModel
 from ocp.errors import InputError
 from ocp.problem.parts import Constraint, FreeStart, column
 
-_KEPT = ("u_before", "u_lower", "u_upper", "x_lower", "x_upper")
+_STEPLESS_FIELDS = ("u_before", "u_lower", "u_upper", "x_lower", "x_upper")
+"""Fields of a problem that may not depend on a free step size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,7 @@ def with_free_step(problem: Any, step: FreeStep) -> dict[str, Any]:
             f"{name}: the step size is free, but that of the system is not a parameter; build the system with h=p['h']"
         )
     rows = (*problem.path, *problem.terminal)
-    bounds = {bound_name: getattr(problem, bound_name) for bound_name in _KEPT}
+    bounds = {bound_name: getattr(problem, bound_name) for bound_name in _STEPLESS_FIELDS}
     bounds |= {f"{side} of {row.name}": getattr(row, side) for row in rows for side in ("lower", "upper")}
     for bound_name, bound in bounds.items():
         if bound is not None and ca.depends_on(ca.SX(bound), step_symbols[0]):

@@ -39,3 +39,4 @@ class Feedback(Configured):
 
 Policy = OpenLoop | Feedback
 POLICIES: dict[str, type[Policy]] = {policy.name: policy for policy in (OpenLoop, Feedback)}
+"""Policies by name."""

@@ -20,25 +20,31 @@ YEAR = 365.25 * 86400.0
 """Seconds; no estimate begins that would take longer by the time of its first samples."""
 LONG = 60.0
 """Seconds from which on a person is told beforehand."""
-_LINEAR, _SQUARE = 5e3, 90.0
-"""Bytes of a stage with v variables, ``5000 v + 90 v²``: the peak grows by 37 kB a stage for v = 5
+BYTES_PER_VARIABLE = 5e3
+"""Bytes of a stage for each of its variables."""
+BYTES_PER_SQUARE = 90.0
+"""Bytes of a stage for each pair of its variables. With v of them the peak of memory grows by 37 kB a stage for v = 5
 (wall-1d), 46 kB for 8 (push-disc, over steps and over scenarios alike), 1.0 MB for 81
 (half-cheetah) by direct transcription; by 178 kB for 18 (push-disc with feedback, 20 to 120
 scenarios). Single shooting takes more."""
-_BYTE_S = 5e-10
+SECONDS_PER_BYTE = 5e-10
 """Seconds of an iteration for each byte of the solve, to tell a minute from an hour."""
-_ITERATIONS, _A_STAGE = 200, 2
-"""Of a solve, and at least of each stage of its path."""
+SOLVE_ITERATIONS = 200
+"""Iterations of a solve, for its estimate of time."""
+STAGE_ITERATIONS = 2
+"""Iterations of each stage of a path, at least."""
 FOLLOWED = 0.1
-"""Of a solve's time, that a point takes to which a curve is followed."""
-_POINT = 1e5
+"""Share of a solve's time that a point takes to which a curve is followed."""
+BYTES_PER_POINT = 1e5
 """Bytes that are kept of a solved point beside its trajectories, labels above all."""
 _ARRAYS = 4
 """Copies of what is sampled that are held at once."""
 STUDY = 2e6
 """Bytes of a figure's largest arrays at its default counts, at most."""
 _CGROUPS = Path("/sys/fs/cgroup")
-_OF_PROCESS = Path("/proc/self/cgroup")
+"""Folder of all control groups."""
+_PROCESS_CGROUPS = Path("/proc/self/cgroup")
+"""File that names the control groups of this process."""
 
 
 def machine_memory() -> float:
@@ -60,7 +66,7 @@ def _limits() -> list[Path]:
     """Files that hold a limit of this process's memory, those of the groups around its own too."""
     files = [_CGROUPS / "memory.max", _CGROUPS / "memory/memory.limit_in_bytes"]
     with suppress(OSError):
-        for line in _OF_PROCESS.read_text().splitlines():
+        for line in _PROCESS_CGROUPS.read_text().splitlines():
             _, kinds, place = line.split(":", 2)
             root, name = (_CGROUPS, "memory.max")
             if kinds:
@@ -87,15 +93,15 @@ def solve_memory(problem: Problem, policy: Policy | None = None, law: ContactLaw
     if law is not None:
         nodes = len(law.nodes(problem.system, law.parameters(problem.system)))
     stages = float(problem.N) * problem.scenarios.n * nodes
-    return stages * (_LINEAR * v + _SQUARE * v**2)
+    return stages * (BYTES_PER_VARIABLE * v + BYTES_PER_SQUARE * v**2)
 
 
 def solve_seconds(
     problem: Problem, policy: Policy | None = None, law: ContactLaw | None = None, path: int = 1
 ) -> float:
     """Seconds that a solve takes, about; ``path`` stages have at least two iterations each."""
-    iterations = max(_ITERATIONS, _A_STAGE * path)
-    return iterations * _BYTE_S * solve_memory(problem, policy, law)
+    iterations = max(SOLVE_ITERATIONS, STAGE_ITERATIONS * path)
+    return iterations * SECONDS_PER_BYTE * solve_memory(problem, policy, law)
 
 
 def points_memory(problem: Problem, count: float, longer: float = 1.0) -> float:
@@ -104,7 +110,7 @@ def points_memory(problem: Problem, count: float, longer: float = 1.0) -> float:
     The longest has ``longer`` times the steps and scenarios of ``problem``.
     """
     numbers = problem.N * problem.scenarios.n * stage_size(problem) * longer
-    return count * (_POINT + _ARRAYS * 8.0 * numbers)
+    return count * (BYTES_PER_POINT + _ARRAYS * 8.0 * numbers)
 
 
 def sampling_memory(decision: float, samples: float) -> float:

@@ -19,7 +19,7 @@ _DOUBTFUL = 1e3
 """Ratio of a stated size to the derived one from which on the stated one is named."""
 _AT_REST = 1e-6
 """Share of what a step without contact moves up to which a state rests."""
-_ROUNDING = 1e-12
+DIFFERENCE_ROUNDING = 1e-12
 """Share of the largest entry below which a difference is rounding."""
 
 
@@ -187,7 +187,7 @@ class _Data:
             farthest = np.fmax(farthest, np.abs(x - self.x0))
         # At rest on the ground a solver's error is what moves; without contact all would fall.
         free = self._by_unit(np.abs(self.at_start(self.system.reduced.a).ravel() - self.x0))
-        noise = np.fmax(_ROUNDING * np.abs(self.x0).max(initial=0.0), _AT_REST * free)
+        noise = np.fmax(DIFFERENCE_ROUNDING * np.abs(self.x0).max(initial=0.0), _AT_REST * free)
         return np.where(farthest > noise, farthest, 0.0)
 
     def _goal_distance(self) -> np.ndarray:
@@ -212,7 +212,7 @@ class _Data:
             for derivative in (ca.gradient(cost, by), ca.diag(ca.hessian(cost, by)[0]))
         )
         with np.errstate(divide="ignore", invalid="ignore"):
-            newton = np.where(bend > _ROUNDING * bend.max(initial=0.0), np.abs(slope / bend), 0)
+            newton = np.where(bend > DIFFERENCE_ROUNDING * bend.max(initial=0.0), np.abs(slope / bend), 0)
         return np.nan_to_num(newton, posinf=0.0)
 
     def _by_gaps(self, sizes: np.ndarray) -> np.ndarray:

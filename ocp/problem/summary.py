@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 _WIDTH = 96
+"""Characters of a line."""
 
 
 def summary(problem: Any) -> str:

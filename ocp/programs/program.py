@@ -32,7 +32,7 @@ REFORMULATIONS = ("product", "none", "fischer-burmeister", "lin-fukushima")
 
 @dataclass(frozen=True)
 class PairName:
-    """What a pair is called: its kind (see :class:`~dynamics.systems.Pair`), name and place."""
+    """Name of a pair: its kind (see :class:`~dynamics.systems.Pair`), its signal, scenario and step."""
 
     kind: str
     name: str
@@ -67,7 +67,7 @@ class Program(ABC):
     @property
     @abstractmethod
     def title(self) -> str:
-        """What errors call it."""
+        """Name of the program in errors."""
 
     @abstractmethod
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
@@ -83,10 +83,10 @@ class Program(ABC):
 
     @abstractmethod
     def pair_name(self, index: int) -> PairName:
-        """What the pair ``pairs[:, index]`` is called."""
+        """Name of the pair ``pairs[:, index]``."""
 
     def constant(self, p: np.ndarray) -> float:
-        """What the cost has beside ``f``: constant terms, which no point can change."""
+        """Constant terms of the cost, which are not in ``f``: no point can change them."""
         return 0.0
 
     def typical_change(self, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray]) -> float:
@@ -121,7 +121,7 @@ class Program(ABC):
 
     @cached_property
     def scale(self) -> Scale | None:
-        """What a solver divides variables, constraints and cost by; None for nothing."""
+        """Divisors of variables, constraints and cost for a solver; None without any."""
         return None
 
     @property
@@ -187,7 +187,7 @@ class Functions(NamedTuple):
     def of(
         cls, symbols: Sequence[Any], f_g: Sequence[Any], gradient: Sequence[Any], jacobian: Sequence[Any], hessian: Any
     ) -> Functions:
-        """From ``given`` symbols (x, p, lam_f, lam_g), the outputs of three, and the triangle."""
+        """Make them of symbols (x, p, lam_f, lam_g), the outputs of three, and the Hessian's triangle."""
         names, x_and_p = ["x", "p", "lam:f", "lam:g"], [*symbols[:2]]
         return cls(
             ca.Function("nlp", x_and_p, [*f_g], names[:2], ["f", "g"]),

@@ -46,13 +46,14 @@ class Status(Enum):
         return self.name.lower().replace("_", "-")
 
 
-_LOG = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 SOLVERS = {
     "ipopt": "interior point, exact Hessian, MUMPS or SPRAL inside (the default)",
     "fatrop": "interior point for staged problems",
     "uno": "barrier and SQP methods of the Uno family",
     "sleqp": "sequential linear programming with equality-constrained steps",
 }
+"""Solvers by name, with what each is."""
 IPOPT_DEFAULTS: dict[str, Any] = {
     "print_level": 0,
     "sb": "yes",
@@ -69,6 +70,7 @@ IPOPT_DEFAULTS: dict[str, Any] = {
     "honor_original_bounds": "yes",
     "mumps_mem_percent": 200,
 }
+"""IPOPT's options where none are given."""
 USUAL: dict[str, dict[str, Any]] = {
     "ipopt": IPOPT_DEFAULTS,
     "fatrop": {"print_level": 0, "max_iter": 200},
@@ -92,6 +94,7 @@ _STATUS = {
     "Converged with infeasible stationary point": Status.INFEASIBLE,
     "Terminated with infeasible small step": Status.INFEASIBLE,
 }
+"""Status of each word that solvers return; of others success decides."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +162,7 @@ class Solver:
         _check_bounds(nlp, bounds)
         scaled = Scaled(nlp)
         arguments: dict[str, Any] = {"p": p, **scaled.given(start, bounds)}
-        _LOG.debug("%s on %s starts", self.name, nlp.title)
+        logger.debug("%s on %s starts", self.name, nlp.title)
         start_time = time.perf_counter()
         with noted() as pressed:
             try:
@@ -189,7 +192,7 @@ class Solver:
             seconds,
             evaluation_s,
         )
-        _LOG.debug(
+        logger.debug(
             "%s on %s: %s after %d it in %.4f s, %.4f s of it in functions; options %s",
             self.name,
             nlp.title,

@@ -16,7 +16,7 @@ import numpy as np
 if TYPE_CHECKING:
     import scipy.sparse as sp
 
-_KNOWN = {
+DIMENSIONS = {
     "kg": (1, 0, 0),
     "m": (0, 1, 0),
     "s": (0, 0, 1),
@@ -25,10 +25,15 @@ _KNOWN = {
     "rad": (0, 0, 0),
     "1": (0, 0, 0),
 }
-_SMOOTH, _ROUNDS = 1e-3, 60
-_SLIGHT = 0.05
-_KEPT = 0.75
-"""Of a vote for the cost's own unit, so that one weight of two that has changed is no unit."""
+"""Exponents of kg, m and s in the units that others are made of."""
+SMOOTHING = 1e-3
+"""Logarithm of a ratio below which its absolute value is smooth."""
+REWEIGHTINGS = 60
+"""Least-squares problems that are solved for the units."""
+SLIGHT_CHANGE = 0.05
+"""Logarithm of a ratio below which nothing has changed."""
+COST_UNIT_VOTE = 0.75
+"""Share of a vote for the cost's own unit, so that one weight of two that has changed is no unit."""
 
 
 def dimension(unit: str) -> np.ndarray | None:
@@ -39,7 +44,7 @@ def dimension(unit: str) -> np.ndarray | None:
             sign = -1
             continue
         word, _, power = token.rpartition("^") if re.search(r"\^-?\d+$", token) else (token, "", "1")
-        inner = dimension(word[1:-1]) if word.startswith("(") else _KNOWN.get(word)
+        inner = dimension(word[1:-1]) if word.startswith("(") else DIMENSIONS.get(word)
         if inner is None:
             return None
         total += sign * float(power) * np.asarray(inner)
@@ -57,7 +62,7 @@ class Units:
     cost: float = 1.0
 
     def of(self, unit: str) -> float:
-        """How many of ``unit`` one natural unit of its kind is; 1 for an unknown one."""
+        """Return the natural unit of this kind as a multiple of ``unit``; 1 for an unknown one."""
         exponents = dimension(unit)
         if exponents is None:
             return 1.0
@@ -70,6 +75,7 @@ class Units:
 
 
 SI = Units()
+"""Units of SI, and of a cost as it is stated."""
 
 
 def fitted(changes: Iterable[tuple[str, float, bool]]) -> Units:
@@ -82,17 +88,17 @@ def fitted(changes: Iterable[tuple[str, float, bool]]) -> Units:
     """
     known_changes = [(dimension(unit), weighs, ratio) for unit, ratio, weighs in changes if ratio > 0]
     rows = [((*e, weighs), np.log(ratio)) for e, weighs, ratio in known_changes if e is not None]
-    votes = np.append(np.ones(len(rows)), _KEPT)
+    votes = np.append(np.ones(len(rows)), COST_UNIT_VOTE)
     E = np.array([*(e for e, _ in rows), (0, 0, 0, 1)], dtype=float)
     y = np.array([*(ratio for _, ratio in rows), 0.0])
     c = np.linalg.lstsq(E, y, rcond=None)[0]
-    for _ in range(_ROUNDS):
-        weight = np.sqrt(votes) * ((y - E @ c) ** 2 + _SMOOTH**2) ** -0.25
+    for _ in range(REWEIGHTINGS):
+        weight = np.sqrt(votes) * ((y - E @ c) ** 2 + SMOOTHING**2) ** -0.25
         c = np.linalg.lstsq(weight[:, None] * E, weight * y, rcond=None)[0]
     residuals = y - E @ c
-    met = np.abs(residuals) < _SLIGHT
+    met = np.abs(residuals) < SLIGHT_CHANGE
     c += np.linalg.lstsq(E[met], residuals[met], rcond=None)[0]
-    return Units() if np.abs(c).max() < _SLIGHT else Units(*np.exp(c).tolist())
+    return Units() if np.abs(c).max() < SLIGHT_CHANGE else Units(*np.exp(c).tolist())
 
 
 def band(span: float) -> float:
@@ -122,7 +128,7 @@ def solver_unit(sizes: Any, ordinary: int = 7) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Scale:
-    """What a solver divides a program's variables (n,), constraints (m,) and cost by."""
+    """Divisors of a program's variables (n,), constraints (m,) and cost for a solver."""
 
     x: np.ndarray
     g: np.ndarray
@@ -130,7 +136,7 @@ class Scale:
 
     @classmethod
     def none(cls, n: int, m: int, f: float = 1.0) -> Scale:
-        """Ones, but for the cost."""
+        """Divide nothing but the cost."""
         return cls(np.ones(n), np.ones(m), f)
 
 

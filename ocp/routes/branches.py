@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ocp.judge.certificate import RADII, linear_model, tolerance_of
+from ocp.judge.certificate import RADII, tolerance_of
 from ocp.judge.lpec import LinearModel
 from ocp.programs.program import PENALTY, Program
 from ocp.programs.solver import Point, Result
@@ -138,7 +138,7 @@ class Branches:
         members = x[pairs] / self.program.sizes(x)[pairs]
         base = np.clip(x, self.limits["lbx"], self.limits["ubx"])
         base[held_members[~np.all(members < radius, axis=0)]] = 0.0
-        model = linear_model(self.program, base, self.p, self.limits, residuals=True)
+        model = LinearModel.at(self.program, base, self.p, self.limits, residuals=True)
         if not model.finite or not 0 < model.effort(radius) <= _EFFORT:
             return None
         step = model.descend(radius, True, -np.inf)
@@ -162,7 +162,7 @@ class Branches:
         for _ in range(MAX_EXCHANGES):
             if radius < RADII[-1] or not self.program.pairs.size:
                 break
-            model = linear_model(self.program, best.point.x, self.p, self.limits)
+            model = LinearModel.at(self.program, best.point.x, self.p, self.limits)
             if self._no_descent_left(model, best, radius):
                 radius /= 10
                 continue

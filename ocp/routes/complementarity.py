@@ -19,7 +19,7 @@ from ocp.routes.schedules import MAX_FAILURES, distant_schedules, improved
 
 @dataclass(frozen=True)
 class RelaxationPlan:
-    """Which strategy relaxes the pairs, from ``mu`` in natural units on, and where it starts.
+    """Strategy that relaxes the pairs, from ``mu`` in natural units on, and its start.
 
     ``fallback`` is the strategy to use where it ends on no branch. ``rolls`` roll inputs out, whose
     branches are then solved (:mod:`~ocp.routes.schedules`): a few after a path that was
@@ -44,12 +44,12 @@ def solve_pairs(follower: Homotopy, search: RelaxationPlan) -> RouteResult:
     if search.rolls is not None and search.alternatives:
         covering_results = cover_inputs(branches, search.rolls)
         if covering_results:
-            return _best(branches, covering_results, _VAIN)
+            return _best(branches, covering_results, COVERED_FAILURES)
     first = by_strategy(follower, search, search.strategy)
     easy = first.finished and all(record.accepted for record in follower.trace.records)
     polished = [first.result] if first.finished else []
     if search.rolls is not None and search.alternatives:
-        count, cost_limit = (_SMOOTH, first.result.f) if easy else (_ROUGH, np.inf)
+        count, cost_limit = (ROLLOUTS_AFTER_EASY_PATH, first.result.f) if easy else (ROLLOUTS_AFTER_HARD_PATH, np.inf)
         points = search.rolls.around(branches.program, [candidate.point for candidate in polished], count)
         polished += distant_schedules(branches, points, cost_limit)
     for strategy in () if easy else search.alternatives:
@@ -68,10 +68,10 @@ def solve_pairs(follower: Homotopy, search: RelaxationPlan) -> RouteResult:
 
 def cover_inputs(branches: Branches, rolls: RolloutStarts) -> list[Result]:
     """Branches of the cheapest rollouts over the whole range of the inputs, where few act."""
-    if not 0 < rolls.acting_inputs.sum() <= _FEW_INPUTS:
+    if not 0 < rolls.acting_inputs.sum() <= COVERED_INPUTS:
         return []
-    points = rolls.sample_range(branches.program, _COVERING, _CENTRES, _NEAR)
-    return distant_schedules(branches, points, np.inf, _FAR)
+    points = rolls.sample_range(branches.program, COVERING_ROLLOUTS, REFINED_ROLLOUTS, ROLLOUTS_AROUND)
+    return distant_schedules(branches, points, np.inf, COVERED_BRANCHES)
 
 
 def _best(branches: Branches, results: list[Result], max_failures: int = MAX_FAILURES) -> RouteResult:
@@ -122,13 +122,22 @@ SMALL_ITERATIONS = 128
 """Of a stage of a small problem, after which it is polished from where it is."""
 SMALL_PAIRS = 128
 """Pairs up to which several ways are followed where the first was hard to follow."""
-_SMOOTH, _ROUGH = 6, 48
-"""Plans rolled out around each plan so far, after an easy path and after a hard one."""
-_FEW_INPUTS, _COVERING, _CENTRES, _NEAR = 3, 1000, 16, 16
-"""Acting inputs up to which rollouts cover all plans; how many do; how many of these are refined,
-and by how many plans around each."""
-_FAR, _VAIN = 3, 4
-"""Branches solved then, and neighbours tried in vain: most schedules were rolled out before."""
+ROLLOUTS_AFTER_EASY_PATH = 6
+"""Plans rolled out around each plan so far, after a path that was easy to follow."""
+ROLLOUTS_AFTER_HARD_PATH = 48
+"""Plans rolled out around each plan so far, after a path that was hard to follow."""
+COVERED_INPUTS = 3
+"""Acting inputs up to which rollouts cover all plans."""
+COVERING_ROLLOUTS = 1000
+"""Rollouts that cover all plans."""
+REFINED_ROLLOUTS = 16
+"""Covering rollouts that are refined, the cheapest."""
+ROLLOUTS_AROUND = 16
+"""Rollouts around each that is refined."""
+COVERED_BRANCHES = 3
+"""Branches solved after covering rollouts."""
+COVERED_FAILURES = 4
+"""Neighbours tried in vain after covering rollouts: most schedules were rolled out before."""
 _PERTURBED = 8
 """Guesses that are rolled out where that led to nothing better."""
 WIDE = CentralPath(factor=0.1, start_factor=10.0, start_below=False)

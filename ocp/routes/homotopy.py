@@ -16,7 +16,7 @@ from ocp.judge.route_report import StageRecord
 from ocp.programs.program import PENALTY, Program
 from ocp.programs.solver import Point, Result, Solver, Status
 
-_LOG = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 
 Progress = Callable[[StageRecord], None]
@@ -37,8 +37,9 @@ IPOPT_PRIMAL_WARM_START = {
 }
 """For a warm start without multipliers: IPOPT estimates them, and leaves the variables in place."""
 STEP_BACKS = 4
+"""Times that a stage which fails is tried again, nearer to the last one that converged."""
 MOST_STAGES = 10_000
-"""Of one path; ten times as fine as any that was ever of use."""
+"""Stages of one path; ten times as fine as any that was ever of use."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ class Trace:
 
 @dataclass(frozen=True)
 class RouteResult:
-    """What a route returns: the result and its NLP, the table, and whether it reached its end.
+    """Outcome of a route: the result and its NLP, the table, and whether it reached its end.
 
     ``nlp`` is the :class:`~ocp.programs.program.Program` in whose variables the result is.
     ``on_branch`` is the same plan in the complementarity problem's variables, where the route came
@@ -213,7 +214,7 @@ class Homotopy:
         self.trace.iterations += result.iterations
         self.trace.seconds += result.seconds
         self.trace.evaluation_s += result.evaluation_s
-        _LOG.info(
+        logger.info(
             "%s %.3g: cost %.7g, lam gap %.1e, residual %.1e, %d it, %.3f s, %s",
             label,
             value,

@@ -23,7 +23,8 @@ T_SHARP = 1e-8
 """Relaxation at which the textbook paths end."""
 _SHORT = 300
 """Iterations after which a stage is rather retried at a larger t."""
-_LOOSE = {"bound_relax_factor": 1e-8, "constr_viol_tol": 1e-8, "max_iter": _SHORT}
+LOOSE_OPTIONS = {"bound_relax_factor": 1e-8, "constr_viol_tol": 1e-8, "max_iter": _SHORT}
+"""IPOPT options of a stage that is not the last."""
 _SIXTY = 60
 """Steps up to which a horizon is short; no named problem has more by default."""
 _FLAT = {
@@ -143,7 +144,7 @@ def _quick(t: float, first: bool) -> HomotopyStage:
     """
     tolerance = max(T_SHARP, min(1e-4, 1e-2 * t))
     barrier = {} if first else {"mu_init": min(1e-3, t / 10)}
-    return relaxed(t, {**_LOOSE, **barrier, "tol": tolerance, "compl_inf_tol": tolerance, "dual_inf_tol": 1.0})
+    return relaxed(t, {**LOOSE_OPTIONS, **barrier, "tol": tolerance, "compl_inf_tol": tolerance, "dual_inf_tol": 1.0})
 
 
 def _fischer_burmeister(t: float, first: bool) -> HomotopyStage:
@@ -205,7 +206,7 @@ STRATEGIES: dict[str, Strategy] = {
     "scholtes-cold": Falling(lambda t, first: relaxed(t, {"warm_start_init_point": "no"})),
     "scholtes-quick": Falling(_quick, factor=0.01),
     "l1": L1Penalty(),
-    "l1-quick": L1Penalty(1.0, steps=7, barrier=1e-3, options={**_LOOSE, "tol": 1e-6, "dual_inf_tol": 1e-2}),
+    "l1-quick": L1Penalty(1.0, steps=7, barrier=1e-3, options={**LOOSE_OPTIONS, "tol": 1e-6, "dual_inf_tol": 1e-2}),
     "l1-scholtes": L1ThenScholtes(),
     "fischer-burmeister": Falling(_fischer_burmeister),
     "lin-fukushima": Falling(_lin_fukushima, factor=0.3, power=0.5),
@@ -227,6 +228,7 @@ STRATEGY_USES = {
 }
 """What each strategy is for, as ``ocp settings strategies`` prints it."""
 DEFAULT_STRATEGY = "central-path"
+"""The default of the exact law."""
 AVERAGED_STRATEGY = "scholtes-adaptive"
 """The default where a law averages exact steps."""
 
@@ -235,8 +237,9 @@ STAGE_ITERATIONS = 100
 """Before the last stage of a law's path an answer need not be sharp, only nearer."""
 MU_LAST = 1e-9
 """Where the barrier law is left for the exact one."""
-_PUSH = dict.fromkeys(("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac"), 1e-6)
-_NEAR = {**IPOPT_PRIMAL_WARM_START, **_PUSH}
+NEARBY_START = IPOPT_PRIMAL_WARM_START | dict.fromkeys(
+    ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac"), 1e-6
+)
 """IPOPT options for a start without multipliers that is nearly the answer."""
 
 
@@ -278,7 +281,7 @@ def from_exact(
         active = lam > gap
         x[program.pairs] = np.where(active, lam, mu / gap), np.where(active, mu / lam, gap)
     for mu_init in (1e-6, 1e-3):
-        stage = HomotopyStage("from exact", value, options={**_NEAR, "mu_init": mu_init})
+        stage = HomotopyStage("from exact", value, options={**NEARBY_START, "mu_init": mu_init})
         result = follower.solve_stage(stage, program, Point(x), False)
         if result.ok:
             return result

@@ -86,7 +86,7 @@ class RolloutStarts:
         return self._points(program, cheapest)
 
     def _cheapest(self, plans: np.ndarray) -> Rollout:
-        """Those of ``plans`` (S, N, nu) that are cheapest of their schedule, the cheapest first."""
+        """Roll ``plans`` (S, N, nu) out, and keep the cheapest of each schedule, in order of cost."""
         best = dict[bytes, int]()
         rolled = self._rolled(np.clip(plans, *self._bounds))
         active = self._active(rolled)

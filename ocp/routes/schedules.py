@@ -14,10 +14,13 @@ from ocp.routes.homotopy import lower
 _ITERATIONS = 40
 """Of one neighbour at most: those worth having are near, others often infeasible."""
 _TURNS = 3
+"""Times that neighbours, longer or shorter contacts are tried in turn."""
 _SHORT = 2
 """Steps of a contact that may be left out at once."""
-_ALL, _WORK = 800, 540_000
-"""Iterations after which a search ends, and iterations times pairs, for a large problem."""
+SEARCH_ITERATIONS = 800
+"""Iterations after which a search ends."""
+SEARCH_WORK = 540_000
+"""Iterations times pairs after which the search of a large problem ends."""
 _NEAREST = 1e-3
 """Characteristic sizes below which a member counts as being as near as that."""
 MAX_FAILURES = 20
@@ -35,7 +38,7 @@ class ScheduleMove:
 
     @property
     def twice(self) -> ScheduleMove:
-        """As far again."""
+        """The same move, twice as far."""
         return replace(self, begins=2 * self.begins, ends=2 * self.ends)
 
 
@@ -62,7 +65,7 @@ def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_F
     multipliers promise most of (:func:`predicted_gains`), until ``max_failures`` in a row cost no less.
     """
     program, trace = branches.program, branches.follower.trace
-    iteration_limit = trace.iterations + min(_ALL, _WORK // max(program.pairs.shape[1], 1))
+    iteration_limit = trace.iterations + min(SEARCH_ITERATIONS, SEARCH_WORK // max(program.pairs.shape[1], 1))
     active = program.active_sets(best.point.x)[-1]
     tried_sets, promising_move = {active.tobytes()}, None
     while True:
@@ -93,7 +96,7 @@ def improve_schedule(branches: Branches, best: Result, max_failures: int = MAX_F
 
 
 def predicted_gains(branches: Branches, result: Result, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What each pair's change of sides promises (m,), and how far it is (m,).
+    """Predict the gain (m,) of each pair's change of sides, and how far it is (m,).
 
     The first is the fall of the cost, to first order, as the member that is held grows by its
     characteristic size, zero where that would not pay; the second the other member, which then

@@ -39,7 +39,7 @@ from ocp.transcription import Direct, Method
 from ocp.transcription.common import Graph
 from ocp.transcription.nlp import NLP, StageCompiler
 
-_LOG = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 
 @dataclass
@@ -93,7 +93,7 @@ class Session:
             seconds = time.perf_counter() - start_time
             self.build_s += seconds
             nlp = self.nlps[reformulation]
-            _LOG.info(
+            logger.info(
                 "%s by %s, %s reformulation: %d variables, %d constraints, built in %.3f s",
                 self.problem.name,
                 self.method.name,
@@ -172,7 +172,7 @@ class Session:
         return solve_memory(self.problem, self.policy, self.law)
 
     def schedule(self) -> Schedule | None:
-        """How the law's parameter is followed down, if it has one."""
+        """Return the path on which the law's parameter falls, if it has one."""
         sizes = self.problem.scales
         return self.step.law.schedule(sizes.impulse, sizes.gap)
 

@@ -48,8 +48,10 @@ from ocp.transcription.nlp import NLP
 if TYPE_CHECKING:
     from ocp.routes.session import Session
 
-_NEAR, _WIDE = 1e-6, 1e-3
-"""Relaxations of lam gap, in characteristic units, for a start that is near and for others."""
+NEAR_RELAXATION = 1e-6
+"""Relaxation of lam gap, in characteristic units, for a start that is near."""
+FAR_RELAXATION = 1e-3
+"""Relaxation of lam gap, in characteristic units, for other starts."""
 _DIVERGED = 1e-3
 """Relative rise of the cost from which on a rollout has diverged from its plan."""
 
@@ -101,7 +103,7 @@ class WarmStart(Route):
     name = "warm start"
 
     def accepts(self, session: Session, start: Start) -> bool:
-        """Where there is a point."""
+        """Whether there is a point."""
         return start.point is not None
 
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
@@ -115,7 +117,7 @@ class WarmStart(Route):
             tries = [{**keep, "mu_init": 1e-7, **short}, {**keep, "mu_init": 1e-3}]
         stages = [HomotopyStage(session.step.law.name, 0.0, options=options) for options in tries]
         if session.complementary:
-            t = (_NEAR if start.near else _WIDE) * session.problem.natural_scales.mu
+            t = (NEAR_RELAXATION if start.near else FAR_RELAXATION) * session.problem.natural_scales.mu
             stages = [relaxed(t, {**keep, "mu_init": max(t / 10, 1e-9)})]
         result = follower.solve_stage(stages[0], nlp, point, True)
         for stage in stages[1:]:
@@ -131,11 +133,11 @@ class Complementarity(Route):
     name = "complementarity"
 
     def accepts(self, session: Session, start: Start) -> bool:
-        """Where the NLP itself has the pairs."""
+        """Whether the NLP itself has the pairs."""
         return session.complementary
 
     def apply(self, session: Session, start: Start, follower: Homotopy) -> RouteResult:
-        """RelaxationPlan by the chosen strategy, or by the default one for many or for few pairs."""
+        """Relax the pairs by the chosen strategy, or by the default one for many or for few pairs."""
         return solve_pairs(follower, self._search(session, start))
 
     def _search(self, session: Session, start: Start) -> RelaxationPlan:

@@ -121,7 +121,7 @@ class _Joint(NamedTuple):
     at: Any = None
 
 
-class _Frame(NamedTuple):
+class _BodyFrame(NamedTuple):
     """A link or body in MuJoCo: its pose in the parent's frame, and its joints."""
 
     owner: Any
@@ -131,12 +131,12 @@ class _Frame(NamedTuple):
     moves: list[_Joint]
 
 
-def _spatial_frame(body: space.Body) -> _Frame:
+def _spatial_frame(body: space.Body) -> _BodyFrame:
     moves = [] if body.joint == "fixed" else [_Joint(body, body.name, body.joint, body.axis)]
-    return _Frame(body, body.parent or WORLD, body.position, body.quaternion, moves)
+    return _BodyFrame(body, body.parent or WORLD, body.position, body.quaternion, moves)
 
 
-def _planar_frame(link: Link, number: _Number) -> _Frame:
+def _planar_frame(link: Link, number: _Number) -> _BodyFrame:
     a, name = number(link.offset), link.name
 
     def in_link_frame(x: Any, z: Any) -> tuple[Any, Any, Any]:
@@ -152,10 +152,10 @@ def _planar_frame(link: Link, number: _Number) -> _Frame:
         ]
         moves = [*slides, moves[0]._replace(name=f"{name}_angle")]
     turn = cos(a / 2), 0.0, sin(a / 2), 0.0
-    return _Frame(link, link.parent or WORLD, _to_space(link.anchor), turn, moves)
+    return _BodyFrame(link, link.parent or WORLD, _to_space(link.anchor), turn, moves)
 
 
-def _merge_massless(frames: dict[str, _Frame], touching: set[str], number: _Number) -> None:
+def _merge_massless(frames: dict[str, _BodyFrame], touching: set[str], number: _Number) -> None:
     """Merge massless bodies that carry a single other body, and touch nothing, into that body.
 
     MuJoCo moves no body without mass, but has several joints in one body, which act in turn.

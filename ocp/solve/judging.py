@@ -166,7 +166,7 @@ def session_record(session: Session, seed: int) -> dict[str, Any]:
     }
 
 
-_LOG = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 FEASIBLE = 1e-6
 """Violation of a constraint, in natural units, up to which a point keeps it."""
 
@@ -220,7 +220,7 @@ class InterruptRecorder:
         )
         p = nlp.parameter_vector(self.session.values)
         point = self._best(nlp, p)
-        _LOG.info("interrupted after %d stages; the best point is judged", len(self.records))
+        logger.info("interrupted after %d stages; the best point is judged", len(self.records))
         result = Result.at(nlp, point, p, Status.INTERRUPTED, "interrupted")
         return judge_outcome(self.session, RouteResult(result, nlp, False, trace), seed)
 
@@ -259,7 +259,7 @@ def collect_failures(failures: list[Exception]) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:
-        _LOG.exception("a candidate ended in an error")
+        logger.exception("a candidate ended in an error")
         failures.append(error)
 
 

@@ -26,20 +26,22 @@ from ocp.solution import Solution
 from ocp.transcription.nlp import NLP
 
 
-class Plan(NamedTuple):
-    """What :func:`carry` reads of a solution: trajectories, ``problem`` and ``method``, status."""
+class StoredPlan(NamedTuple):
+    """Trajectories, ``problem``, ``method`` and status of a solution, as :func:`carry` reads them."""
 
     data: xr.Dataset
     record: dict[str, Any]
     status: Any
 
 
-_KINDS = {
+SIGNAL_BLOCKS = {
     "state": ("x", "x0", "dynamics", "x_bound"),
     "control": ("u", "policy", "u_bound"),
     "contact": ("lam", "gap", "gap_definition", "contact", "separation"),
 }
-_AXES = {name: kind for kind, names in _KINDS.items() for name in names}
+"""Blocks whose last axis is states, inputs or contacts."""
+BLOCK_SIGNALS = {name: kind for kind, names in SIGNAL_BLOCKS.items() for name in names}
+"""Kind of the signals along the last axis of each block."""
 _ONCE = {"terminal", "x0", "periodic"}
 """Blocks that belong to no step."""
 _WHOLE = {"dynamics", "contact", "separation", "K", "k"}
@@ -76,7 +78,7 @@ def _dimensions(name: str, shape: tuple[int, ...], nlp: NLP) -> tuple[str, ...]:
         return (steps, "control", "state")[: len(shape)]
     steps = "interval" if shape[1] == nlp.problem.N else "once"
     rows = "scenario" if shape[0] == nlp.problem.scenarios.n else "shared"
-    return rows, steps, _AXES.get(name, f"{name}_row")
+    return rows, steps, BLOCK_SIGNALS.get(name, f"{name}_row")
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ class _Mesh:
 
     @property
     def beyond(self) -> np.ndarray:
-        """Which new intervals begin where the old trajectory has ended, shape (N,)."""
+        """Mask (N,) of new intervals that begin where the old trajectory has ended."""
         starts = self.new - self.new[0]
         return np.full(len(self.new), False) if self.same else starts > self.old[-1] * (1 - 1e-9)
 
@@ -113,7 +115,7 @@ class _Mesh:
         return np.moveaxis(interpolated.reshape(-1, *interval_values.shape[1:]), 0, axis)
 
 
-def carry(solution: Solution | Plan, nlp: NLP, values: dict[str, float]) -> Point:
+def carry(solution: Solution | StoredPlan, nlp: NLP, values: dict[str, float]) -> Point:
     """Write a solution into the variables and multipliers of ``nlp`` at parameter ``values``.
 
     As many steps are taken over one by one. With another number trajectories are interpolated in
@@ -164,7 +166,7 @@ def given_guess(guess: GuessLike, problem: Problem, values: dict[str, float]) ->
     return check_guess(problem, guess)
 
 
-def _check(solution: Solution | Plan, nlp: NLP) -> None:
+def _check(solution: Solution | StoredPlan, nlp: NLP) -> None:
     name, system = nlp.problem.name, nlp.problem.system
     origin = str(solution.record.get("problem"))
     if origin != name:
@@ -202,7 +204,7 @@ def _contact_duals(lam: np.ndarray, gap: np.ndarray, lam_x: dict[str, np.ndarray
 class _Carrier:
     """One solution on its way to another mesh of its problem."""
 
-    def __init__(self, solution: Solution | Plan, problem: Problem, values: dict[str, float]) -> None:
+    def __init__(self, solution: Solution | StoredPlan, problem: Problem, values: dict[str, float]) -> None:
         self.solution, self.data = solution, solution.data
         self.values, self.problem = values, problem
         self.evaluation = Evaluation(problem, values)
@@ -255,7 +257,7 @@ class _Carrier:
         return {name: value for name, value in blocks.items() if name in nlp.variables}
 
     def _sizes(self, signals: tuple[Signal, ...]) -> np.ndarray:
-        """What a signal is multiplied with: impulses scale with the step, the rest stays."""
+        """Factors (n,) of signals: impulses scale with the step, the rest stays."""
         return np.array([self.mesh.ratio if s.unit == _IMPULSE else 1.0 for s in signals])
 
     def _gains(self, u: np.ndarray, nlp: NLP) -> dict[str, np.ndarray]:

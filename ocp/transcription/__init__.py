@@ -6,5 +6,6 @@ from ocp.transcription.single_shooting import SingleShooting
 
 Method = Direct | MultipleShooting | SingleShooting
 METHODS: dict[str, type[Method]] = {method.name: method for method in (Direct, MultipleShooting, SingleShooting)}
+"""Transcriptions by name."""
 
 __all__ = ["METHODS", "NLP", "Direct", "Method", "MultipleShooting", "SingleShooting"]

@@ -1,4 +1,4 @@
-"""What all transcriptions share: the parameters of the graph and the local symbols of a stage."""
+"""Parts that all transcriptions share: the parameters of the graph and the local symbols of a stage."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ocp.problem.policy import Feedback, Policy
 from ocp.problem.problem import Problem
 from ocp.programs.layout import Layout
 from ocp.programs.program import PENALTY, RELAXATION
-from ocp.transcription.eliminated import Compile, Evaluated, Hidden, Implicit
+from ocp.transcription.eliminated import Compile, Hidden, Implicit, ModelOutputs
 
 
 @dataclass(eq=False)
@@ -128,14 +128,14 @@ class Graph:
         return ca.Function("pick", [w, self.p], [self.problem.system.x, u, self.step.p.vector])
 
     def hidden(self, w: ca.SX, u: ca.SX | None = None, make: Compile | None = None) -> Hidden:
-        """What the step determines at a stage's locals ``w``, with ``u`` for the input."""
+        """Return the unknowns that the step determines at a stage's locals ``w``, with ``u`` for the input."""
         step, input_symbol = self.step, self.problem.system.u
 
         def closed(*expressions: ca.SX) -> list[ca.SX]:
             return list(expressions) if u is None else ca.substitute(list(expressions), [input_symbol], [u])
 
         if isinstance(step, LearnedStep):
-            return Evaluated(step, closed(step.queries)[0], w, self.p)
+            return ModelOutputs(step, closed(step.queries)[0], w, self.p)
         relation, jacobian = closed(step.differentiable_relation, step.relation_jacobian)
         held_values = (step.held_mu[0], closed(step.held_mu[1])[0]) if step.held_mu else None
         local, p = ca.MX.sym("w", w.numel()), ca.MX.sym("p", self.p.numel())

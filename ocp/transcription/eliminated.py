@@ -1,4 +1,4 @@
-"""What a stage's variables determine besides its cost and constraints, and the way through it."""
+"""Unknowns that a stage's variables determine, and derivatives through them."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Implicit(Hidden):
 
 
 @dataclass(eq=False)
-class Evaluated(Hidden):
+class ModelOutputs(Hidden):
     """Outputs of a learned step's model at ``queries``, which are expressions in w and p.
 
     The model's Jacobians are evaluated with its values, its second derivatives contracted with the

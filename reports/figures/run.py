@@ -107,7 +107,7 @@ def _central_path(axis: Axes, mu: np.ndarray, gap: np.ndarray) -> None:
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactTrace:
     """One contact over the steps of all scenarios, arrays (S, N).
 
     ``normal`` is its impulse or force, ``again`` that of the replay or None, ``gap`` None where it
@@ -125,7 +125,7 @@ class Contact:
     multipliers: tuple[str, ...] = ()
 
 
-def contacts_of(view: RunView) -> list[Contact]:
+def contacts_of(view: RunView) -> list[ContactTrace]:
     """Return the contacts of a run in the order of its table; none for a run without multipliers."""
     lam, signals = view.array("lam"), view.signals("contacts")
     if lam is None:
@@ -145,7 +145,7 @@ def contacts_of(view: RunView) -> list[Contact]:
     if scales is not None:
         sizes = [scales.impulse, scales.gap]
     return [
-        Contact(
+        ContactTrace(
             label(signal.name, signal.unit),
             multipliers[i],
             None if replayed is None else mean_multiplier(view, replayed, i),
@@ -157,7 +157,7 @@ def contacts_of(view: RunView) -> list[Contact]:
     ]
 
 
-def _rough(view: RunView, point: int, pairs: Sequence[Pair]) -> Contact:
+def _rough(view: RunView, point: int, pairs: Sequence[Pair]) -> ContactTrace:
     """Return a contact with friction, from the arrays of the run."""
     pair_indices = [i for i, pair in enumerate(pairs) if pair.contact == point and pair.kind in ("normal", "friction")]
     normal = next((i for i in pair_indices if pairs[i].kind == "normal"), None)
@@ -170,7 +170,7 @@ def _rough(view: RunView, point: int, pairs: Sequence[Pair]) -> Contact:
 
     flags = (stored("slipping") > 0.5, stored("degenerate") > 0.5)
     replayed = view.array("normal_impulse_replay")
-    return Contact(
+    return ContactTrace(
         label(str(view.run.data["point"].values[point]), "N s"),
         stored("normal_impulse"),
         None if replayed is None or replayed.shape[:2] != flags[0].shape else replayed[..., point],
@@ -209,7 +209,7 @@ def rows_of_contacts(view: RunView) -> tuple[list[Row], int]:
     return lay_out_rows({"": [_contact(view.time, contact, largest_gap) for contact in contacts]}, columns), columns
 
 
-def _contact(time: np.ndarray, contact: Contact, largest_gap: float) -> Panel:
+def _contact(time: np.ndarray, contact: ContactTrace, largest_gap: float) -> Panel:
     style = {"linewidth": 1.2 if len(contact.normal) == 1 else 0.5}
     slips = contact.friction[2] if contact.friction else np.zeros_like(contact.active)
 

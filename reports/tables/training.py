@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from rich.table import Table
 
-    from ocp.learning.training import Evaluation
+    from ocp.learning.training import PolicyEvaluation
     from ocp.problem.task import Task
     from ocp.store.stored_run import StoredRun
 
@@ -216,7 +216,7 @@ _SHARE_TITLES = {"fallen": "episodes ended", "lost": "episodes lost", "unsolved"
 """Titles of shares of episodes and of steps."""
 
 
-def evaluation_summary(task: Task, evaluation: Evaluation) -> dict[str, Any]:
+def evaluation_summary(task: Task, evaluation: PolicyEvaluation) -> dict[str, Any]:
     """Return mean, 95 % interval, least and most of return, length and measures.
 
     ``fallen`` is the share of episodes that ended before the task's horizon, ``lost`` that of those

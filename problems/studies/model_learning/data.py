@@ -10,7 +10,7 @@ import xarray as xr
 
 from dynamics.contact import Exact
 from dynamics.learned.training import train_network
-from dynamics.learned.transitions import Origin, Samples
+from dynamics.learned.transitions import DataOrigin, Samples
 from ocp.learning.explorer import Buffer, Explorer, random_transitions
 from ocp.learning.identify import OneStepLoss, bootstrap_intervals, identify
 from ocp.learning.random_search import RandomSearch
@@ -207,7 +207,7 @@ def in_flight(source: TransitionData) -> dict[str, np.ndarray]:
 def by_network(source: TransitionData, n: int, seed: int, params: Params) -> dict[str, np.ndarray]:
     """Train four layers on the first ``n`` transitions, next state from state and input."""
     transitions, judges, system = source.pool[:n], source.held, source.task.system
-    origin = Origin((*system.states, *system.inputs), system.states)
+    origin = DataOrigin((*system.states, *system.inputs), system.states)
     samples = Samples(np.hstack([transitions.x, transitions.u]), transitions.x_next, origin)
     model = train_network(
         samples,

@@ -16,11 +16,11 @@ from scipy.stats import norm
 from dynamics.learned.ewda import EwdaModel
 from dynamics.learned.mlp import MlpModel
 from dynamics.learned.training import train_network
-from dynamics.learned.transitions import Normalisation, Origin, Samples
+from dynamics.learned.transitions import DataOrigin, Normalisation, Samples
 from dynamics.systems.parameters import Signal
 from ocp.errors import InputError
 
-ORIGIN = Origin((Signal("z", "m"),), (Signal("y", "m"),))
+ORIGIN = DataOrigin((Signal("z", "m"),), (Signal("y", "m"),))
 """Signals of a model along the line."""
 _METRES = Normalisation(np.zeros(1), np.ones(1))
 """Normalisation of data that stay in metres."""

@@ -9,7 +9,7 @@ import xarray as xr
 
 from dynamics.learned.collecting import collect_transitions
 from dynamics.learned.ewda import EwdaModel
-from dynamics.learned.transitions import Normalisation, Origin, Transitions
+from dynamics.learned.transitions import DataOrigin, Normalisation, Transitions
 from dynamics.systems.parameters import Signal
 from problems.regions import region_of
 from problems.registry import spec
@@ -127,7 +127,7 @@ def effective_neighbours(z: np.ndarray, scales: Normalisation, sigma: float, que
     """
     names = tuple(Signal(f"z{i}", "1") for i in range(z.shape[1]))
     wide, narrow = (
-        EwdaModel(z, z[:, :1], scales, s, Origin(names, names[:1])).values(queries)[:, -1]
+        EwdaModel(z, z[:, :1], scales, s, DataOrigin(names, names[:1])).values(queries)[:, -1]
         for s in (sigma, sigma / np.sqrt(2))
     )
     bells = z.shape[1] * np.log(np.sqrt(4 * np.pi) * sigma)

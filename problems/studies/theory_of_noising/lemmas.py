@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import norm
 
 from dynamics.learned.ewda import EwdaModel
-from dynamics.learned.transitions import Normalisation, Origin
+from dynamics.learned.transitions import DataOrigin, Normalisation
 from dynamics.systems.parameters import Signal
 from problems.studies.shared.noised_line import LinePusher, Walls, average_of, model_values
 
@@ -138,7 +138,7 @@ def score_error(seed: int, n: int = 300, queries: int = 50) -> dict[str, Any]:
         x = rng.standard_normal((n, dim))
         names = tuple(Signal(f"x{i}", "1") for i in range(dim))
         scales = Normalisation(np.zeros(dim), np.ones(dim))
-        model = EwdaModel(x, x, scales, sigma, Origin(names, names))
+        model = EwdaModel(x, x, scales, sigma, DataOrigin(names, names))
         distance = sigma * rng.uniform(0, 5, (queries, 1))
         z = x[:queries] + distance * rng.standard_normal((queries, dim))
         log_densities = [[model.values(z + k * step * sigma * e)[:, -1] for k in (-2, -1, 1, 2)] for e in np.eye(dim)]

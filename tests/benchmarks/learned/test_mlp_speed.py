@@ -10,7 +10,7 @@ import pytest
 
 from dynamics.learned.mlp import MlpModel
 from dynamics.learned.training import Recipe, Training
-from dynamics.learned.transitions import Origin, Samples
+from dynamics.learned.transitions import DataOrigin, Samples
 from dynamics.systems.parameters import Signal
 from tests.benchmarks.batch.race import Row, race, tell
 
@@ -25,7 +25,7 @@ def samples(n: int) -> Samples:
     """Kinked next states."""
     z = np.random.default_rng(0).uniform(-1.0, 1.0, (n, NX + NU))
     y = z[:, :NX] + np.maximum(z[:, NU:] - z[:, :NX], 0.0)
-    return Samples(z, y, Origin((*STATES, *INPUTS), STATES))
+    return Samples(z, y, DataOrigin((*STATES, *INPUTS), STATES))
 
 
 def test_training_the_default_network_on_1e5_transitions() -> None:

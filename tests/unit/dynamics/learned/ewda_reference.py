@@ -8,7 +8,7 @@ import numpy as np
 from mpmath import mp, mpf
 
 from dynamics.learned.ewda import EwdaModel
-from dynamics.learned.transitions import Normalisation, Origin
+from dynamics.learned.transitions import DataOrigin, Normalisation
 from dynamics.systems.parameters import Signal
 
 DIGITS = 60
@@ -30,10 +30,10 @@ def model_of(z: np.ndarray, y: np.ndarray, sigma: float, **options) -> EwdaModel
     return EwdaModel(z, y, scales, sigma, origin(z.shape[1], y.shape[1]), **options)
 
 
-def origin(nz: int, ny: int) -> Origin:
+def origin(nz: int, ny: int) -> DataOrigin:
     """States are the first entries of z."""
     z = tuple(Signal(f"z{k}", "m") for k in range(nz))
-    return Origin(z, tuple(Signal(f"z{k}", "m") for k in range(ny)), "made-up", {"m": 2.0}, "ab12")
+    return DataOrigin(z, tuple(Signal(f"z{k}", "m") for k in range(ny)), "made-up", {"m": 2.0}, "ab12")
 
 
 def _unit(n: int) -> Normalisation:

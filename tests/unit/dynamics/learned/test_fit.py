@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from dynamics.learned.fit import RAY_DISTANCES, Fit, measure_fit
-from dynamics.learned.transitions import Origin, Samples
+from dynamics.learned.transitions import DataOrigin, Samples
 from dynamics.systems.parameters import Signal
 
 NAMES = (Signal("q", "m"), Signal("turn", "rad"))
@@ -53,7 +53,7 @@ class Nearest(Affine):
 def still(n: int = 4000) -> Samples:
     """Bodies that stay where they are, metres and radians of different widths."""
     z = np.random.default_rng(0).normal(size=(n, 2)) * [0.1, 3.0] + [2.0, -1.0]
-    return Samples(z, z.copy(), Origin(NAMES, NAMES))
+    return Samples(z, z.copy(), DataOrigin(NAMES, NAMES))
 
 
 IDENTITY = Affine(np.eye(2), np.zeros(2))

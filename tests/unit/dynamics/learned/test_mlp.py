@@ -18,11 +18,11 @@ import xarray as xr
 from dynamics.contact.learned_step import CasadiMap
 from dynamics.learned.mlp import QUERIES_PER_BLOCK, MlpModel
 from dynamics.learned.training import Network, Recipe, Training, evaluate_network, train_network
-from dynamics.learned.transitions import Normalisation, Origin, Samples, Transitions, split_rows
+from dynamics.learned.transitions import DataOrigin, Normalisation, Samples, Transitions, split_rows
 from dynamics.systems.parameters import Signal
 
-LINE = Origin((Signal("q", "m"),), (Signal("q", "m"),))
-PUSH = Origin(
+LINE = DataOrigin((Signal("q", "m"),), (Signal("q", "m"),))
+PUSH = DataOrigin(
     (Signal("q", "m"), Signal("turn", "rad"), Signal("u", "m")),
     (Signal("q", "m"), Signal("turn", "rad")),
     "planar-push",

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynamics.learned.transitions import Origin
+from dynamics.learned.transitions import DataOrigin
 from dynamics.systems import ContactSystem
 
 
@@ -18,7 +18,7 @@ class Wavy:
     def __init__(self, system: ContactSystem, seed: int = 0) -> None:
         rng = np.random.default_rng(seed)
         z = (*system.states, *system.inputs)
-        self.origin = Origin(z, system.states, data_hash="wavy")
+        self.origin = DataOrigin(z, system.states, data_hash="wavy")
         self.n_in, self.n_out = system.nx + system.nu, system.nx + 1
         carried = [np.eye(system.nx), 0.3 * rng.standard_normal((system.nx, system.nu))]
         self.A = np.vstack([np.hstack(carried), rng.standard_normal(self.n_in)])

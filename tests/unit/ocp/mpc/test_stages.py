@@ -9,7 +9,7 @@ from scipy.linalg import solve_discrete_are
 from dynamics.batch import StepFunction
 from ocp.mpc.active_set import ActiveSets
 from ocp.mpc.horizon_qp import HorizonQP
-from ocp.mpc.linearised import Affine, Closure, Linearised, linearise, project_psd
+from ocp.mpc.linearised import Affine, LinearClosure, Linearised, linearise, project_psd
 from ocp.mpc.receding import Receding
 from ocp.mpc.riccati import Regulator
 from ocp.mpc.rollouts import CandidateRollouts
@@ -36,7 +36,7 @@ class Horizon:
     def linearised(self, plan: Plan) -> tuple[np.ndarray, Linearised]:
         at = self.model.evaluate(plan, self.u_before, self.p)
         closed = ActiveSets(self.model).of(plan)
-        return closed, linearise(self.model, plan, at, Closure.from_active_set(plan, closed))
+        return closed, linearise(self.model, plan, at, LinearClosure.from_active_set(plan, closed))
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -10,7 +10,7 @@ import pytest
 
 from dynamics.contact import Barrier, Exact
 from ocp import Solution, solve
-from ocp.judge.certificate import certify, linear_model, tolerance_of
+from ocp.judge.certificate import certify, tolerance_of
 from ocp.judge.lpec import LinearModel
 from ocp.programs.solver import Point, Result, Status
 from ocp.routes.branches import LONGEST, Branches, second_limit
@@ -100,7 +100,7 @@ def test_multipliers_a_little_off_need_no_program(monkeypatch: pytest.MonkeyPatc
     nlp, x, y = outcome.nlp, outcome.result.point.x, outcome.result.point.lam_g
     assert y is not None
     p, bounds = nlp.parameter_vector(session.values), nlp.bounds(session.values)
-    model = linear_model(nlp, x, p, bounds)
+    model = LinearModel.at(nlp, x, p, bounds)
     off = y + 1e-2 * np.abs(y).max() * np.random.default_rng(0).standard_normal(y.size)
     assert model.dual_bound(off, 1e-3) > tolerance_of(model)
     monkeypatch.setattr(LinearModel, "descend", lambda *_, **__: pytest.fail("a program"))

@@ -9,18 +9,18 @@ import pytest
 from scipy import stats
 
 from dynamics.systems import Signal
-from ocp.learning.training import Evaluation
+from ocp.learning.training import PolicyEvaluation
 from reports.tables.training import evaluation_sentence, evaluation_summary
 
 TASK = SimpleNamespace(horizon=10, measures=[SimpleNamespace(signal=Signal("speed", "m/s"))])
 
 
-def judged(lengths: list[int], unsolved: list[list[int]]) -> Evaluation:
+def judged(lengths: list[int], unsolved: list[list[int]]) -> PolicyEvaluation:
     n = len(lengths)
     returns = np.arange(n, dtype=float) ** 2
     lost = np.array(unsolved, dtype=int).reshape(-1, 2)
     nothing = np.zeros((n, 0, 0))
-    return Evaluation(returns, np.array(lengths), {"speed": returns / 2}, nothing, nothing, lost)
+    return PolicyEvaluation(returns, np.array(lengths), {"speed": returns / 2}, nothing, nothing, lost)
 
 
 def told(lengths: list[int], unsolved: list[list[int]]) -> dict:
