@@ -1,5 +1,5 @@
 """Follow a solution along a parameter, and locate events."""
 
-from ocp.continuation.walk import Continuation, CurvePoint, continue_over, curve_dataset, follow_session, resolve
+from ocp.continuation.walk import Continuation, CurvePoint, continue_over, curve_dataset, resolve
 
-__all__ = ["Continuation", "CurvePoint", "continue_over", "curve_dataset", "follow_session", "resolve"]
+__all__ = ["Continuation", "CurvePoint", "continue_over", "curve_dataset", "resolve"]

@@ -99,7 +99,7 @@ def resolve(session: Session, over: str) -> str:
 
 
 def continue_over(
-    problem: ProblemLike,
+    problem: ProblemLike | Session,
     over: str,
     start: float,
     end: float,
@@ -110,28 +110,13 @@ def continue_over(
     seed: int = 0,
     **request: Any,
 ) -> Continuation:
-    """Follow the solution of a problem along a parameter, as ``ocp continue`` does::
+    """Follow the solution of a problem from ``start`` to ``end`` of a parameter, as ``ocp continue`` does::
 
         continue_over("push-disc", "M", 1.0, 2.0, 10, contact="barrier", mu=1e-3)
 
-    ``over`` is a parameter of the problem, or of the law with ``contact.``. The ``request`` has what :func:`ocp.solve`
-    takes: ``contact``, ``method``, ``policy``, ``solver``, ``settings``, ``params``, ``contact_settings`` and keywords.
-    Raises as :func:`follow_session` does.
-    """
-    return follow_session(new_session(problem, **request), over, start, end, steps, scale, progress, seed)
-
-
-def follow_session(
-    session: Session,
-    over: str,
-    start: float,
-    end: float,
-    steps: int = 20,
-    scale: str = "linear",
-    progress: Callable[[CurvePoint], None] | None = None,
-    seed: int = 0,
-) -> Continuation:
-    """Follow a session's solution from ``start`` to ``end`` in ``steps`` steps, equal on ``scale``.
+    ``over`` is a parameter of the problem, or of the law with ``contact.``; the ``steps`` are equal on ``scale``. The
+    ``request`` has what :func:`ocp.solve` takes: ``contact``, ``method``, ``policy``, ``solver``, ``settings``,
+    ``params``, ``contact_settings`` and keywords. A session that is built takes none.
 
     The first point is solved as any problem is. From a point whose active set is decided the next
     is predicted by its sensitivity and corrected by Newton's method on that set; where the set
@@ -147,6 +132,7 @@ def follow_session(
     equal or non-finite ends, a log scale through zero, or an end at which there is no such law or
     no such mechanics, as without mass.
     """
+    session = problem if isinstance(problem, Session) else new_session(problem, **request)
     name = resolve(session, over)
     scales = check_range(scale, start, end, steps)
     for value in (start, end):

@@ -11,7 +11,7 @@ import xarray as xr
 
 from dynamics.systems import LAW_PREFIX
 from ocp import store
-from ocp.continuation import Continuation, curve_dataset, follow_session, resolve
+from ocp.continuation import Continuation, continue_over, curve_dataset, resolve
 from ocp.continuation.events import describe_events
 from ocp.continuation.walk import check_range, check_value
 from ocp.errors import InputError, choose, interruptible
@@ -178,9 +178,8 @@ def _followed(options: ContinueOptions, request: Request) -> tuple[Continuation,
 
     try:
         with interruptible():
-            return follow_session(
-                session, over, options.start, options.end, options.steps, options.scale, note, options.seed
-            ), False
+            way = (over, options.start, options.end, options.steps, options.scale)
+            return continue_over(session, *way, progress=note, seed=options.seed), False
     except KeyboardInterrupt:
         if not finished:
             raise

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dynamics.contact import Barrier
-from ocp.continuation import follow_session
+from ocp.continuation import continue_over
 from tests.benchmarks.ocp.cases import FIVE, session
 from tests.benchmarks.ocp.race import tell
 
@@ -15,7 +15,7 @@ def test_continuation_needs_a_sixth_of_the_cold_iterations() -> None:
     """mu from 1 to 1e-8 in 20 steps; cold starts every point at the problem's own guess."""
     rows, ratios, builds = [], {}, []
     for name in FIVE:
-        path = follow_session(session(name, Barrier(mu=1.0)), "contact.mu", 1.0, 1e-8, 20, "log")
+        path = continue_over(session(name, Barrier(mu=1.0)), "contact.mu", 1.0, 1e-8, 20, "log")
         assert path.broke is None
         cold, iterations, better, failed = session(name, Barrier(mu=1.0), homotopy=False), 0, 0, 0
         for point in path.points:

@@ -9,7 +9,7 @@ import pytest
 
 from dynamics.contact import Adaptive, Barrier, Exact
 from ocp import Constraint, Direct, InputError, MultipleShooting, SingleShooting, solve
-from ocp.continuation import Continuation, CurvePoint, curve_dataset, follow_session, resolve
+from ocp.continuation import Continuation, CurvePoint, continue_over, curve_dataset, resolve
 from ocp.continuation.tracking import Tracker
 from ocp.routes.session import Session
 from ocp.solve.solve import new_session
@@ -27,7 +27,7 @@ def costs(path: Continuation) -> list[float]:
 @pytest.mark.costly
 def test_a_sweep_of_mu_costs_a_sixth_of_cold_solves_at_most() -> None:
     session = barrier_session("push-disc", 1.0)
-    path = follow_session(session, "contact.mu", 1.0, 1e-8, 20, "log")
+    path = continue_over(session, "contact.mu", 1.0, 1e-8, 20, "log")
     values = np.geomspace(1.0, 1e-8, 21)
     assert path.broke is None
     assert path.nlp_builds == 1, "a start so wide needs no exact law's answer"
@@ -57,7 +57,7 @@ def test_builds_count_every_nlp_and_do_not_grow_along_the_path(law, monkeypatch)
     for steps in (1, 6):
         built.clear()
         session = new_session(get("push-1d"), law, Direct())
-        path = follow_session(session, "M", 1.0, 1.1, steps)
+        path = continue_over(session, "M", 1.0, 1.1, steps)
         assert path.broke is None
         assert path.nlp_builds == len(built) > 1
         assert len(set(built)) == len(built)
@@ -69,7 +69,7 @@ def test_a_physical_parameter_moves_the_start_and_the_bounds_with_it() -> None:
     for over, end in (("qa0", -0.3), ("u_max", 0.6), ("problem.M", 3.0)):
         session = barrier_session()
         start = session.values[over.removeprefix("problem.")]
-        path = follow_session(session, over, start, end, 3)
+        path = continue_over(session, over, start, end, 3)
         assert path.broke is None
         name = over.removeprefix("problem.")
         for point in path.points[1:]:
@@ -84,16 +84,16 @@ def test_a_physical_parameter_moves_the_start_and_the_bounds_with_it() -> None:
 @pytest.mark.costly
 @pytest.mark.parametrize("method", [MultipleShooting(), SingleShooting()])
 def test_shooting_follows_the_same_path(method) -> None:
-    direct = follow_session(barrier_session(), "contact.mu", 1e-2, 1e-4, 4, "log")
+    direct = continue_over(barrier_session(), "contact.mu", 1e-2, 1e-4, 4, "log")
     session = new_session(get("push-1d"), Barrier(mu=1e-2), method)
-    path = follow_session(session, "contact.mu", 1e-2, 1e-4, 4, "log")
+    path = continue_over(session, "contact.mu", 1e-2, 1e-4, 4, "log")
     np.testing.assert_allclose(costs(path), costs(direct), rtol=1e-6)
 
 
 @pytest.mark.costly
 def test_the_adaptive_laws_sigma_can_be_followed() -> None:
     session = new_session(get("push-1d"), Adaptive(sigma=0.2), Direct())
-    path = follow_session(session, "contact.sigma", 0.2, 0.02, 5, "log")
+    path = continue_over(session, "contact.sigma", 0.2, 0.02, 5, "log")
     assert path.broke is None
     last = solve(get("push-1d"), Adaptive(sigma=0.02), Direct())
     assert costs(path)[-1] == pytest.approx(last.cost, rel=1e-6)
@@ -102,7 +102,7 @@ def test_the_adaptive_laws_sigma_can_be_followed() -> None:
 @pytest.mark.costly
 def test_the_exact_law_can_be_followed_in_direct() -> None:
     session = new_session(get("push-1d"), Exact(), Direct())
-    path = follow_session(session, "goal_x", 1.0, 0.6, 4)
+    path = continue_over(session, "goal_x", 1.0, 0.6, 4)
     assert path.broke is None
     assert all(point.solution.audit.complementarity <= 1e-8 for point in path.points)
     built = solve(get("push-1d", goal_x=0.6), Exact(), Direct())
@@ -132,7 +132,7 @@ def test_a_step_that_fails_is_halved_and_grows_back(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(Session, "solve", refuse)
     monkeypatch.setattr(Tracker, "begin", lambda *_: None)
-    path = follow_session(session, "M", 1.0, 2.0, 10)
+    path = continue_over(session, "M", 1.0, 2.0, 10)
     assert path.broke is None
     values = [point.value for point in path.points]
     assert values == [value for value, good in steps if good]
@@ -151,7 +151,7 @@ def test_a_path_that_ends_is_told_with_where_and_why() -> None:
     problem = get("push-1d", N=6, goal_x=0.5, u_max=1.0)
     reach = Constraint("reach", problem.system.x[0] - problem.parameters["goal_x"], 0.0, 10.0)
     session = new_session(replace(problem, terminal=(reach,)), Barrier(mu=1e-3), Direct())
-    path = follow_session(session, "goal_x", 0.5, 3.0, 5)
+    path = continue_over(session, "goal_x", 0.5, 3.0, 5)
     assert path.broke is not None
     assert path.points, "what was solved is kept"
     assert all(point.solution.success for point in path.points)
@@ -167,7 +167,7 @@ def test_a_first_point_that_fails_is_told() -> None:
     problem = get("push-1d", N=6)
     reach = Constraint("reach", problem.system.x[0], 50.0, 60.0)
     session = new_session(replace(problem, terminal=(reach,)), Barrier(mu=1e-3), Direct())
-    path = follow_session(session, "M", 1.0, 2.0, 4)
+    path = continue_over(session, "M", 1.0, 2.0, 4)
     assert path.broke is not None
     assert path.broke.startswith("at the first point, M = 1")
 
@@ -175,13 +175,13 @@ def test_a_first_point_that_fails_is_told() -> None:
 @pytest.mark.costly
 def test_progress_is_told_point_by_point() -> None:
     seen: list[CurvePoint] = []
-    path = follow_session(barrier_session(), "M", 1.0, 1.2, 2, progress=seen.append)
+    path = continue_over(barrier_session(), "M", 1.0, 1.2, 2, progress=seen.append)
     assert [point.value for point in seen] == [point.value for point in path.points]
 
 
 @pytest.mark.costly
 def test_all_trajectories_end_in_one_dataset() -> None:
-    path = follow_session(barrier_session(), "M", 1.0, 2.0, 2)
+    path = continue_over(barrier_session(), "M", 1.0, 2.0, 2)
     data = curve_dataset(path)
     np.testing.assert_allclose(data["value"], [1.0, 1.5, 2.0])
     np.testing.assert_allclose(data["cost"], costs(path))
@@ -217,4 +217,4 @@ def test_names_are_found_with_and_without_prefix() -> None:
 )
 def test_bad_input_gets_its_sentence(over, start, end, steps, scale, sentence) -> None:
     with pytest.raises(InputError, match=sentence):
-        follow_session(barrier_session(), over, start, end, steps, scale)
+        continue_over(barrier_session(), over, start, end, steps, scale)

@@ -6,7 +6,7 @@ import pytest
 
 from dynamics.contact import Exact
 from ocp import Direct, solve
-from ocp.continuation import follow_session
+from ocp.continuation import continue_over
 from ocp.solve.solve import new_session
 from problems import get
 
@@ -19,7 +19,7 @@ def test_planar_push_is_followed_across_changes_of_contact() -> None:
     follows without a switch the states of a pair differ by what its events say; a degenerate one
     does not say which.
     """
-    path = follow_session(new_session(get("planar-push"), Exact(), Direct()), "goal_x", 0.3, 1.5, 12)
+    path = continue_over(new_session(get("planar-push"), Exact(), Direct()), "goal_x", 0.3, 1.5, 12)
     assert path.broke is None
     assert sum(event.kind == "contact" for event in path.events) >= 3
     for point in path.points:

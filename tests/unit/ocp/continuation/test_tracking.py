@@ -9,7 +9,7 @@ import pytest
 from dynamics.contact import Exact
 from dynamics.systems import Parameter, ParameterTable, lcs
 from ocp import Direct
-from ocp.continuation import Continuation, follow_session
+from ocp.continuation import Continuation, continue_over
 from ocp.continuation.events import describe_events
 from ocp.problem.problem import Problem, Scaling
 from ocp.solve.solve import new_session
@@ -48,7 +48,7 @@ def between_walls(stage, terminal, walls: float = 1.0, size: float = 1.0, N: int
 
 
 def follow(problem: Problem, start: float, end: float, steps: int) -> Continuation:
-    return follow_session(new_session(problem, Exact(), Direct()), "theta", start, end, steps)
+    return continue_over(new_session(problem, Exact(), Direct()), "theta", start, end, steps)
 
 
 @pytest.mark.costly

@@ -11,7 +11,7 @@ import pytest
 from dynamics.contact import Barrier, Exact
 from dynamics.systems import Parameter, ParameterTable, quasi_dynamic, signals
 from ocp import Direct, OpenLoop, Problem
-from ocp.continuation import follow_session
+from ocp.continuation import continue_over
 from ocp.errors import InputError
 from ocp.routes.session import Session
 
@@ -66,10 +66,10 @@ def test_what_is_no_mechanics_is_refused_when_built_and_when_turned(given, said:
 @pytest.mark.parametrize(("name", "end"), [("m", -1.0), ("K", 0.0), ("f", -0.1), ("h", -0.1)])
 def test_no_curve_is_followed_out_of_mechanics(name: str, end: float) -> None:
     with pytest.raises(InputError, match="finger: "):
-        follow_session(session(finger()), name, 0.5, end, 3)
+        continue_over(session(finger()), name, 0.5, end, 3)
 
 
 def test_no_curve_is_followed_to_a_law_that_is_none() -> None:
     soft = Session(finger(), Barrier(mu=0.1), Direct(), OpenLoop())
     with pytest.raises(InputError, match=r"mu must be a number > 0 .*, got -1"):
-        follow_session(soft, "mu", 1.0, -1.0, 3)
+        continue_over(soft, "mu", 1.0, -1.0, 3)
