@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from dynamics.systems.pairs import Kind
-from ocp.judge.certificate import _WORDS, certify
+from ocp.judge.certificate import PAIR_CHANGES, certify
 from ocp.judge.lpec import LinearModel, negative_curvature
 from tests.unit.ocp.mpcc.mpcc_cases import SmallMPCC, free_pair, scheel_scholtes
 
@@ -229,4 +229,4 @@ def test_no_number_is_undecided() -> None:
 
 
 def test_every_kind_of_pair_has_words_for_its_changes() -> None:
-    assert {*get_args(Kind), "pair"} == set(_WORDS)
+    assert {*get_args(Kind), "pair"} == set(PAIR_CHANGES)
