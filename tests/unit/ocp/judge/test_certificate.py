@@ -6,7 +6,7 @@ import itertools
 import os
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -41,7 +41,15 @@ def random_model(seed: int, biactive: bool) -> LinearModel:
     lower = np.full(n, -np.inf)
     lower[pairs.ravel()] = 0.0
     bounds = {"lbx": lower, "ubx": np.full(n, np.inf), "lbg": ends[0], "ubg": ends[1]}
-    return LinearModel.at(x, rng.standard_normal(n), np.zeros(5), J, bounds, np.ones(n), pairs)
+    slopes = rng.standard_normal(n), np.zeros(5), J
+    program: Any = SimpleNamespace(
+        reformulation="none",
+        pairs=pairs,
+        sizes=np.ones_like,
+        slopes=lambda x, p: slopes,
+        typical_change=lambda *_: 0.0,
+    )
+    return LinearModel.at(program, x, np.zeros(0), bounds)
 
 
 def enumerated(model: LinearModel) -> float:
