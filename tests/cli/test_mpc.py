@@ -57,7 +57,7 @@ def test_the_document_is_what_the_run_stores(ocp: Ocp) -> None:
     told = done.json
     run = store.load(told["run"])
     assert run.kind == "closed-loop" and told["status"] == "done"
-    for name in set(told) - {"run", "pdf"}:
+    for name in set(told) - {"run", "pdf", "findings"}:
         assert told[name] == run.meta[name], name
     assert told["record"]["push"] == "3:dp=0.2, 3:p=0.01" and told["record"]["delay"] is True
     data = run.data

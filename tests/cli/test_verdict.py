@@ -22,8 +22,6 @@ EXACT = ("--contact", "exact")
 KINKED = (
     "solve",
     "push-disc",
-    "--contact",
-    "barrier",
     *EXACT,
     "--method",
     "single-shooting",
@@ -38,7 +36,7 @@ KINKED = (
 
 @pytest.mark.costly
 def test_what_is_certified_is_done_whether_or_not_it_survives(ocp) -> None:
-    done = ocp("solve", "planar-push", "--contact", "barrier", *EXACT, *QUIET)
+    done = ocp("solve", "planar-push", *EXACT, *QUIET)
     found = done.json
     assert done.code == 0
     assert (found["success"], found["survives"], found["grade"]) == (True, False, "certified")
@@ -50,15 +48,15 @@ def test_what_is_certified_is_done_whether_or_not_it_survives(ocp) -> None:
 
 @pytest.mark.costly
 def test_survival_can_be_required(ocp) -> None:
-    assert ocp("solve", "planar-push", "--contact", "barrier", *EXACT, *QUIET, "--require", "survives").code == 3
-    done = ocp("solve", "push-1d", "--contact", "barrier", *EXACT, *QUIET, "--require", "survives")
+    assert ocp("solve", "planar-push", *EXACT, *QUIET, "--require", "survives").code == 3
+    done = ocp("solve", "push-1d", *EXACT, *QUIET, "--require", "survives")
     assert done.code == 0
     assert (done.json["survives"], done.json["grade"]) == (True, "survives")
 
 
 @pytest.mark.costly
 def test_a_plan_that_survives_at_its_step_only_is_not_what_is_required(ocp) -> None:
-    done = ocp("solve", "cart-walls", "--contact", "barrier", *EXACT, *QUIET, "--require", "survives")
+    done = ocp("solve", "cart-walls", *EXACT, *QUIET, "--require", "survives")
     found = done.json
     assert done.code == 3 and found["success"]
     assert (found["survives"], found["survives_at_h"]) == (False, True)
@@ -68,7 +66,7 @@ def test_a_plan_that_survives_at_its_step_only_is_not_what_is_required(ocp) -> N
 @pytest.mark.costly
 def test_refine_tells_every_step_and_refuses_what_has_none(ocp) -> None:
     coarse = ("-p", "h=0.2", "-p", "N=10")
-    found = ocp("solve", "ball-bounce", "--contact", "barrier", *EXACT, *coarse, "--refine", *QUIET).json
+    found = ocp("solve", "ball-bounce", *EXACT, *coarse, "--refine", *QUIET).json
     levels = found["refined"]["levels"]
     assert len(levels) > 1 and levels[-1]["cost"] == found["cost"]
     assert found["params"]["N"] == levels[-1]["N"] == 10 * 2 ** (len(levels) - 1)
@@ -214,8 +212,6 @@ def test_a_start_that_did_not_help_is_said(ocp) -> None:
     cold = ocp(
         "solve",
         "push-1d",
-        "--contact",
-        "barrier",
         *EXACT,
         *QUIET,
         "--from",
@@ -224,7 +220,7 @@ def test_a_start_that_did_not_help_is_said(ocp) -> None:
         "max_iter=3",
     )
     assert "did not converge from the stored run" in cold.json["verdict"]
-    warm = ocp("solve", "push-1d", "--contact", "barrier", *EXACT, *QUIET, "--from", first["run"])
+    warm = ocp("solve", "push-1d", *EXACT, *QUIET, "--from", first["run"])
     assert warm.code == 0 and "started at" not in warm.json["verdict"]
 
 
