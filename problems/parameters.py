@@ -8,7 +8,7 @@ import casadi as ca
 from pydantic import BaseModel, ConfigDict, Field
 
 from dynamics.settings import Range, Setting, declare, settings_of
-from dynamics.systems import Parameter, ParameterTable
+from dynamics.systems import ContactSystem, Parameter, ParameterTable
 from ocp.problem.cost_sizes import cost_weights
 from ocp.problem.problem import Problem
 from ocp.programs.units import SI, Units, fitted
@@ -87,3 +87,15 @@ def friction_of(p: ParameterTable) -> tuple[ParameterTable, ca.SX | None]:
     if p.get("friction").value > 0:
         return p, p["friction"]
     return ParameterTable(parameter for parameter in p if parameter.name != "friction"), None
+
+
+def pose_problem(params: Any, system: ContactSystem, **parts: Any) -> Problem:
+    """Return the problem of ``params.N`` steps of ``system``, with its name and its parameters.
+
+    Inputs stay within ``±u_max`` where there is such a parameter; ``parts`` are the other fields of
+    :class:`~ocp.problem.problem.Problem`.
+    """
+    p = system.parameters
+    if "u_max" in p.names:
+        parts = {"u_lower": -p["u_max"], "u_upper": p["u_max"], **parts}
+    return Problem(name=system.name, system=system, N=params.N, parameters=p, **parts)

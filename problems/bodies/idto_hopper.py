@@ -14,7 +14,7 @@ from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Mark, Shape
 from problems.machines.machine import PublishedMachine, machine_frames, machine_shapes
 from problems.machines.tracking import in_torques, with_nominal
-from problems.parameters import Parameters, friction_of, quantity, structure, table
+from problems.parameters import Parameters, friction_of, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "idto-hopper"
@@ -116,14 +116,12 @@ def build(params: Params) -> Problem:
     q, v, nominal = system.x[:5], system.x[5:10], system.x[10]
     off = q - start - ca.vertcat(nominal + p["lead"], ca.SX.zeros(4))
     running = p["w_q"] * ca.sumsqr(off) + p["w_v"] * ca.sumsqr(v)
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=p["h"] * (running + p["w_u"] * ca.sumsqr(system.u)),
         terminal_cost=p["w_end"] * ca.sumsqr(off) + p["w_rest"] * ca.sumsqr(v),
         x0=ca.vertcat(start, ca.SX.zeros(6)),
-        parameters=p,
         scaling=Scaling(impulse=0.5, gap=0.1, x=0.1, u=0.5),
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 from dynamics.systems import signals, time_stepping
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Disc, HalfPlane, Mark, Shape
-from problems.parameters import Parameters, quantity, structure, table
+from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
 name = "ball-bounce"
@@ -66,16 +66,12 @@ def build(params: Params) -> Problem:
     )
     x, u = system.x, system.u
     off = ca.sumsqr(x[:2] - ca.vertcat(p["goal_x"], p["goal_y"]))
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=p["w_u"] * p["h"] * ca.sumsqr(u),
         terminal_cost=p["w_end"] * off + p["w_v"] * ca.sumsqr(x[2:]),
         x0=ca.vertcat(p["x0"], p["y0"], p["vx0"], p["vy0"]),
-        parameters=p,
-        u_lower=-p["u_max"],
-        u_upper=p["u_max"],
         scaling=Scaling(impulse=1.0, gap=0.1, x=1.0, u=5.0),
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 from dynamics.systems import ContactSystem, ParameterTable, RefereeModel, signals
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Disc, HalfPlane, Mark, Shape
-from problems.parameters import Parameters, quantity, structure, table
+from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "ball-throw"
@@ -85,14 +85,12 @@ def build(params: Params) -> Problem:
     thrown = p["w_speed"] * speed**2
     # Inputs after the throw have no effect; ten times its weight keeps them determined.
     idle = 10 * p["w_speed"] * (speed**2 + (p["speed_max"] * theta) ** 2)
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=hand * thrown + (1 - hand) * idle,
         terminal_cost=p["w_end"] * ca.sumsqr(off[:2]) + p["w_v"] * ca.sumsqr(off[2:]),
         x0=ca.vertcat(p["x0"], p["z0"], 0, 0, 1, 2 * p["g"] * p["z0"]),
-        parameters=p,
         u_lower=ca.SX([-1.5, 0]),
         u_upper=ca.vertcat(1.5, p["speed_max"]),
         guess=_guess(params),

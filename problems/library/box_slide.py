@@ -8,7 +8,7 @@ import numpy as np
 from dynamics.systems import signals, time_stepping
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import Box, ContactFrame, HalfPlane, Mark, Shape
-from problems.parameters import Parameters, quantity, structure, table
+from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "box-slide"
@@ -68,16 +68,12 @@ def build(params: Params) -> Problem:
         parameters=p,
     )
     x, u = system.x, system.u
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=p["w_u"] * p["h"] * u**2,
         terminal_cost=p["w_end"] * (x[0] - p["goal"]) ** 2 + p["w_v"] * x[1] ** 2,
         x0=ca.vertcat(p["x0"], p["v0"]),
-        parameters=p,
-        u_lower=-p["u_max"],
-        u_upper=p["u_max"],
         scaling=Scaling(impulse=0.05, gap=0.25, x=1.0, u=5.0),
     )
 

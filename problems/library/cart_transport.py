@@ -9,7 +9,7 @@ from pydantic import model_validator
 from dynamics.systems import signals, time_stepping
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import Box, ContactFrame, HalfPlane, Mark, Shape
-from problems.parameters import Parameters, quantity, structure, table
+from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "cart-transport"
@@ -90,16 +90,12 @@ def build(params: Params) -> Problem:
     )
     x, u = system.x, system.u
     off = ca.sumsqr(x[:2] - ca.vertcat(p["goal"], p["goal_offset"]))
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=p["w_u"] * h * u**2,
         terminal_cost=p["w_end"] * off + p["w_v"] * ca.sumsqr(x[2:]),
         x0=ca.vertcat(p["cart0"], p["offset0"], 0, 0),
-        parameters=p,
-        u_lower=-p["u_max"],
-        u_upper=p["u_max"],
         x_lower=ca.vertcat(-ca.inf, -p["reach"], -ca.inf, -ca.inf),
         x_upper=ca.vertcat(ca.inf, p["reach"], ca.inf, ca.inf),
         scaling=Scaling(impulse=0.03, gap=0.02, x=0.5, u=5.0),

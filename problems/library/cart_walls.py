@@ -8,7 +8,7 @@ import numpy as np
 from dynamics.systems import ContactSystem, ParameterTable, RefereeModel, signals
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import Box, ContactFrame, Mark, Segment, Shape, Spring
-from problems.parameters import Parameters, quantity, structure, table
+from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
 name = "cart-walls"
@@ -74,16 +74,12 @@ def build(params: Params) -> Problem:
     system = _system(p)
     x, u = system.x, system.u
     weights = ca.vertcat(p["w_p"], p["w_theta"], p["w_dp"], p["w_dtheta"])
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=ca.dot(weights, x**2) + p["w_u"] * u**2,
         terminal_cost=p["w_end"] * ca.sumsqr(x),
         x0=ca.vertcat(p["p0"], p["theta0"], p["dp0"], p["dtheta0"]),
-        parameters=p,
-        u_lower=-p["u_max"],
-        u_upper=p["u_max"],
         scaling=Scaling(impulse=10.0, gap=0.01, x=0.2, u=2.0),
     )
 

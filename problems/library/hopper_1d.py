@@ -9,7 +9,7 @@ from pydantic import model_validator
 from dynamics.systems import signals, time_stepping
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import Box, ContactFrame, Disc, HalfPlane, Segment, Shape
-from problems.parameters import Parameters, quantity, structure, table
+from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "hopper-1d"
@@ -108,16 +108,12 @@ def build(params: Params) -> Problem:
     )
     x = system.x
     share = ca.horzcat(mb, mf) / (mb + mf)
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=ca.SX(0),
         terminal_cost=share @ (ca.vertcat(p["leg0"], 0) - x[:2]) + p["w_v"] * (share @ x[2:]) ** 2,
         x0=ca.vertcat(p["leg0"], 0, 0, 0),
-        parameters=p,
-        u_lower=-p["u_max"],
-        u_upper=p["u_max"],
         guess=_standing,
         scaling=Scaling(impulse=1.0, gap=0.01, x=0.5, u=50.0),
     )

@@ -14,7 +14,7 @@ from dynamics.learned.region import Region
 from dynamics.systems import ParameterTable, Signal, quasi_dynamic, shapes, signals
 from ocp.problem.problem import Constraint, Problem, Scaling, Scenarios
 from problems.drawing import Capsule, ContactFrame, Disc, Segment, Shape
-from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
+from problems.parameters import Parameters, choice, friction_of, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
 name = "planar-hand"
@@ -199,14 +199,12 @@ def build(params: Params) -> Problem:
     state_cost = p["w"] * ca.sumsqr(off) + p["w_a"] * ca.sumsqr(x[3:] - start[3:])
     low, high = _limits()
     std = params.scenario_std
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=state_cost + p["w_du"] * ca.sumsqr(du),
         terminal_cost=p["w_end"] * state_cost,
         x0=start,
-        parameters=p,
         du=du,
         u_before=start[3:],
         x_lower=ca.SX([-ca.inf] * 3 + low),

@@ -12,7 +12,7 @@ from dynamics.learned.region import Region
 from dynamics.systems import quasi_dynamic, shapes, signals
 from ocp.problem.problem import Constraint, Problem, Scaling, Scenarios
 from problems.drawing import Box, ContactFrame, Disc, Shape
-from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
+from problems.parameters import Parameters, choice, friction_of, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
 name = "planar-push"
@@ -125,14 +125,12 @@ def build(params: Params) -> Problem:
     weights = ca.vertcat(p["w_x"], p["w_x"], p["w_angle"], p["w_a"], p["w_a"])
     state_cost = ca.dot(weights, off**2)
     std = params.scenario_std
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=state_cost + p["w_du"] * ca.sumsqr(du),
         terminal_cost=p["w_end"] * state_cost,
         x0=ca.vertcat(p["ox0"], p["oy0"], p["angle0"], p["ax0"], p["ay0"]),
-        parameters=p,
         du=du,
         u_before=ca.vertcat(p["ax0"], p["ay0"]),
         path=[Constraint("reach", system.u - x[3:], -p["reach"], p["reach"])],

@@ -10,7 +10,7 @@ from dynamics.learned.region import Region
 from dynamics.systems import quasi_dynamic, signals
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import Box, ContactFrame, Mark, Shape
-from problems.parameters import Parameters, quantity, structure, table
+from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
 name = "push-1d"
@@ -76,18 +76,14 @@ def build(params: Params) -> Problem:
     )
     du = ca.SX.sym("du", 1)
     off = system.x[0] - p["goal_x"]
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=p["w_x"] * off**2 + p["w_du"] * du**2,
         terminal_cost=p["w_end"] * off**2,
         x0=ca.vertcat(p["qu0"], p["qa0"]),
-        parameters=p,
         du=du,
         u_before=p["qa0"],
-        u_lower=-p["u_max"],
-        u_upper=p["u_max"],
         scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),
     )
 

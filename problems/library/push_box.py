@@ -9,7 +9,7 @@ import numpy as np
 
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Shape
-from problems.parameters import Parameters, quantity, structure, table
+from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.sides import SidePushing, outline, side_frames
 from problems.spec import Citation, Golden
 
@@ -59,14 +59,12 @@ def build(params: Params) -> Problem:
     )
     system, phi = pushed.system, p["heading"]
     goal = ca.vertcat(p["distance"] * ca.cos(phi), p["distance"] * ca.sin(phi), phi)
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=p["w_F"] * ca.sumsqr(system.u[:4]),
         terminal_cost=p["w_end"] * ca.sumsqr(system.x - goal),
         x0=ca.SX.zeros(3),
-        parameters=p,
         u_lower=pushed.u_lower,
         path=[pushed.on_the_side],
         scaling=Scaling(impulse=5.0, gap=5.0, x=1.0, u=5.0),

@@ -17,7 +17,7 @@ from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Disc, Polygon, Shape
 from problems.machines.perspective import Camera
 from problems.machines.spatial import AXES, spatial_frames, spatial_shapes
-from problems.parameters import Parameters, choice, quantity, structure, table
+from problems.parameters import Parameters, choice, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "push-cube"
@@ -128,14 +128,12 @@ def build(params: Params) -> Problem:
     goal = ca.vertcat(p["goal_x"], p["goal_y"], p["a"] / 2)
     x = system.x
     off = turn_between(goal_turn(p["yaw"], params.turn == "over"), x[3:7])
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=p["w_c"] * ca.sumsqr(system.u - x[7:10]),
         terminal_cost=p["w_end"] * (ca.sumsqr(x[:3] - goal) + p["w_q"] * off),
         x0=ca.vertcat(0, 0, p["a"] / 2, 1, 0, 0, 0, tip, ca.SX.zeros(9)),
-        parameters=p,
         guess=partial(_carried, over=math.pi / 2 if params.turn == "over" else 0.0),
         scaling=Scaling(impulse=0.5, gap=0.1),
     )

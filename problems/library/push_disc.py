@@ -10,7 +10,7 @@ from dynamics.learned.region import Region
 from dynamics.systems import quasi_dynamic, signals
 from ocp.problem.problem import Problem, Scaling, Scenarios
 from problems.drawing import ContactFrame, Disc, Mark, Shape
-from problems.parameters import Parameters, quantity, structure, table
+from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
 name = "push-disc"
@@ -92,18 +92,14 @@ def build(params: Params) -> Problem:
     du = ca.SX.sym("du", 2)
     off = ca.sumsqr(system.x[:2] - ca.vertcat(p["goal_x"], p["goal_y"]))
     std = params.scenario_std
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=p["w_x"] * off + p["w_du"] * ca.sumsqr(du),
         terminal_cost=p["w_end"] * off,
         x0=ca.vertcat(p["ox0"], p["oy0"], p["ax0"], p["ay0"]),
-        parameters=p,
         du=du,
         u_before=ca.vertcat(p["ax0"], p["ay0"]),
-        u_lower=-p["u_max"],
-        u_upper=p["u_max"],
         scenarios=Scenarios(params.scenarios, (std, std, 0.0, 0.0), params.scenario_seed),
         scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=0.5),
     )

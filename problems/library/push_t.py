@@ -9,7 +9,7 @@ import numpy as np
 
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Shape
-from problems.parameters import Parameters, quantity, structure, table
+from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.sides import SidePushing, outline, side_frames
 from problems.spec import Citation, Golden
 
@@ -88,14 +88,12 @@ def build(params: Params) -> Problem:
         ca.cos(x[2]) - ca.cos(angle),
         ca.sin(x[2]) - ca.sin(angle),
     )
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=p["w_x"] * ca.sumsqr(away) + p["w_F"] * ca.sumsqr(system.u[:sides]),
         terminal_cost=p["w_end"] * ca.sumsqr(away),
         x0=ca.vertcat(p["x0"], p["y0"], p["angle0"]),
-        parameters=p,
         u_lower=pushed.u_lower,
         path=[pushed.on_the_side],
         scaling=Scaling(impulse=2.0, gap=2.0, x=1.0, u=2.0),

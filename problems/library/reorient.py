@@ -17,7 +17,7 @@ from problems.drawing import ContactFrame, Shape
 from problems.library.push_cube import fingertip, seen_with_goal, turn_between, with_goal
 from problems.machines.perspective import Camera
 from problems.machines.spatial import AXES, spatial_frames
-from problems.parameters import Parameters, choice, quantity, structure, table
+from problems.parameters import Parameters, choice, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "reorient"
@@ -122,14 +122,12 @@ def build(params: Params) -> Problem:
     off = turn_between(_turned(params.axis, p["goal"]), x[3:7])
     place = ca.vertcat(0, 0, p["a"])
     free = ca.SX([ca.inf] * 7), ca.SX([ca.inf] * 15)
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=p["w_c"] * ca.sumsqr(system.u - x[7:16]),
         terminal_cost=p["w_end"] * (ca.sumsqr(x[:3] - place) + p["w_q"] * off),
         x0=ca.vertcat(place, 1, 0, 0, 0, tips, ca.SX.zeros(15)),
-        parameters=p,
         x_lower=ca.vertcat(-free[0], tips - p["reach"], -free[1]),
         x_upper=ca.vertcat(free[0], tips + p["reach"], free[1]),
         scaling=Scaling(impulse=0.2, gap=0.1),

@@ -11,7 +11,7 @@ from dynamics.systems import RefereeModel, lcs, signals
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Shape
 from problems.library.cart_walls import pole_frames, pole_shapes
-from problems.parameters import Parameters, quantity, structure, table
+from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "soft-walls"
@@ -95,15 +95,13 @@ def build(params: Params) -> Problem:
         contacts=signals("right [N] force of the right wall; left [N] force of the left wall"),
     )
     x, Q = system.x, ca.diag(ca.vertcat(p["w_p"], p["w_theta"], p["w_dp"], p["w_dtheta"]))
-    return Problem(
-        name=name,
+    return pose_problem(
+        params,
         # A spring has no gap that could be truer.
-        system=replace(system, gap_unit="m", referee_model=RefereeModel(), refinable=True),
-        N=params.N,
+        replace(system, gap_unit="m", referee_model=RefereeModel(), refinable=True),
         stage_cost=ca.bilin(Q, x) + p["w_u"] * system.u**2,
         terminal_cost=ca.bilin(cost_to_go(A, B, Q, p["w_u"]), x),
         x0=ca.vertcat(p["p0"], p["theta0"], p["dp0"], p["dtheta0"]),
-        parameters=p,
         scaling=Scaling(impulse=5.0, gap=0.05, x=0.3, u=5.0),
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 from dynamics.systems import signals, time_stepping
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import Box, ContactFrame, HalfPlane, Mark, Shape
-from problems.parameters import Parameters, quantity, structure, table
+from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
 name = "wall-1d"
@@ -63,16 +63,12 @@ def build(params: Params) -> Problem:
     )
     x, v, u = system.x[0], system.x[1], system.u
     off = x - p["goal_x"]
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=p["w_x"] * off**2 + p["w_v"] * v**2 + p["w_u"] * u**2,
         terminal_cost=p["w_end"] * off**2,
         x0=ca.vertcat(p["x0"], p["v0"]),
-        parameters=p,
-        u_lower=-p["u_max"],
-        u_upper=p["u_max"],
         scaling=Scaling(impulse=1.0, gap=0.1, x=1.0, u=0.5),
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynamics.systems.space import SpatialMachine
 from ocp.problem.problem import Guess, Problem, Scaling
-from problems.parameters import Parameters, choice, quantity, structure, table
+from problems.parameters import Parameters, choice, pose_problem, quantity, structure, table
 
 STEPS = r"""
 M(q) (v^+ - v) = h (B u - C(q, v) v^+ - g(q) - D v^+) + J_n^top gamma + J_t^top beta + J_l^top nu
@@ -61,19 +61,15 @@ def gait(
     nq = machine.tree().nq
     q, v = system.x[:nq], system.x[nq:]
     off = q - _end(stands, p["distance"], p["rise"], p["turn"])
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=p["h"] * (p["w_u"] * ca.sumsqr(system.u) + p["w_v"] * ca.sumsqr(v)),
         terminal_cost=p["w_place"] * ca.sumsqr(off[:3])
         + p["w_turn"] * ca.sumsqr(off[3:7])
         + p["w_joints"] * ca.sumsqr(off[7:])
         + p["w_rest"] * ca.sumsqr(v),
         x0=ca.vertcat(start, ca.SX.zeros(v.numel())),
-        parameters=p,
-        u_lower=-p["u_max"],
-        u_upper=p["u_max"],
         guess=_straight(start, stands, swing),
         scaling=scaling,
     )

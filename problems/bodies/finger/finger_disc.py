@@ -12,7 +12,7 @@ from dynamics.systems import ParameterTable
 from ocp.problem.problem import Problem, Scaling
 from problems.bodies.finger.machine import FingerParams, finger_frames, finger_shapes, finger_system
 from problems.drawing import Shape
-from problems.parameters import quantity, structure, table
+from problems.parameters import pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "finger-disc"
@@ -85,16 +85,12 @@ def build(params: Params) -> Problem:
     q, v, posture = system.x[:3], system.x[3:], _start(p)
     off = p["w_a"] * ca.sumsqr(q[:2] - posture) + p["w_d"] * (q[2] - p["goal"]) ** 2
     moving = p["w_v"] * ca.sumsqr(v[:2]) + p["w_omega"] * v[2] ** 2
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=p["h"] * (off + moving + p["w_u"] * ca.sumsqr(system.u)),
         terminal_cost=p["w_end"] * off + p["w_rest"] * ca.sumsqr(v),
         x0=ca.vertcat(posture, ca.SX.zeros(4)),
-        parameters=p,
-        u_lower=-p["u_max"],
-        u_upper=p["u_max"],
         scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=5.0),
     )
 

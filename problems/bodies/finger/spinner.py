@@ -10,7 +10,7 @@ from ocp.problem.problem import Problem, Scaling
 from problems.bodies.finger.machine import FingerParams, finger_frames, finger_shapes, finger_system
 from problems.drawing import Shape
 from problems.machines.tracking import with_nominal
-from problems.parameters import quantity, structure, table
+from problems.parameters import pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
 
 name = "spinner"
@@ -58,14 +58,12 @@ def build(params: Params) -> Problem:
     q, v, nominal = system.x[:3], system.x[3:6], system.x[6]
     off = q - ca.vertcat(p["shoulder0"], p["elbow0"], nominal + p["lead"])
     running = p["w_q"] * ca.sumsqr(off) + p["w_v"] * ca.sumsqr(v)
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=p["h"] * (running + p["w_u"] * ca.sumsqr(system.u)),
         terminal_cost=p["w_end"] * ca.sumsqr(off) + p["w_rest"] * ca.sumsqr(v),
         x0=ca.vertcat(p["shoulder0"], p["elbow0"], ca.SX.zeros(5)),
-        parameters=system.parameters,
         scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=5.0),
     )
 

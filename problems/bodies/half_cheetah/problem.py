@@ -13,7 +13,7 @@ from ocp.problem.problem import Constraint, FreeStart, Problem, Scaling
 from problems.bodies.half_cheetah.machine import half_cheetah as machine_of
 from problems.drawing import ContactFrame, Shape
 from problems.machines.machine import machine_frames, machine_shapes
-from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
+from problems.parameters import Parameters, choice, friction_of, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
 name = "half-cheetah"
@@ -102,16 +102,12 @@ def build(params: Params) -> Problem:
     at_rest = ca.vertcat(ca.DM(pose), p["speed"], ca.DM.zeros(nq - 1), middle)
     running = p["w_u"] * ca.sumsqr(system.u) + p["w_v"] * ca.sumsqr(x[nq : 2 * nq])
     way = x[0] - p["speed"] * params.N * x[nx - 1]
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=running / params.N,
         terminal_cost=ca.SX(0),
         x0=at_rest,
-        parameters=p,
-        u_lower=-p["u_max"],
-        u_upper=p["u_max"],
         terminal=[Constraint("stride", way, 0, 0)],
         start=FreeStart(
             lower=ca.vertcat(ca.DM(low), ca.DM(-np.full(nq, np.inf)), p["h_min"]),

@@ -13,7 +13,7 @@ from ocp.problem.problem import Problem, Scaling
 from problems.bodies.hopper.machine import hopper as machine_of
 from problems.drawing import ContactFrame, Mark, Shape
 from problems.machines.machine import machine_frames, machine_shapes
-from problems.parameters import Parameters, choice, friction_of, quantity, structure, table
+from problems.parameters import Parameters, choice, friction_of, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
 name = "hopper"
@@ -101,16 +101,12 @@ def build(params: Params) -> Problem:
     end = ca.vertcat(p["goal"], _STANDING, ca.SX.zeros(2 * nq - 2))
     off = x - end
     running = p["w_u"] * ca.sumsqr(system.u) + p["w_v"] * ca.sumsqr(x[nq:])
-    return Problem(
-        name=name,
-        system=system,
-        N=params.N,
+    return pose_problem(
+        params,
+        system,
         stage_cost=p["h"] * running,
         terminal_cost=p["w_end"] * ca.sumsqr(off[:nq]) + p["w_rest"] * ca.sumsqr(off[nq:]),
         x0=start,
-        parameters=p,
-        u_lower=-p["u_max"],
-        u_upper=p["u_max"],
         guess=_glide,
         scaling=Scaling(impulse=5.0, gap=0.1, x=0.1, u=0.1),
     )
