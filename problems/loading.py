@@ -147,16 +147,16 @@ def _check_words(spec: ProblemSpec, params: BaseModel) -> None:
         validated(f"{spec.path}: parameter {name}", value, Recorded)
 
 
-_REQUIRED = ("name", "title", "Params", "build")
-_LONGEST = 100
+REQUIRED_NAMES = ("name", "title", "Params", "build")
+LONGEST_NAME = 100
 
 
 def check_name(name: str) -> str:
     """Return the name of a problem; raises ValueError unless it is one word."""
-    if not re.fullmatch(r"\w[\w.-]*", name) or len(name) > _LONGEST:
+    if not re.fullmatch(r"\w[\w.-]*", name) or len(name) > LONGEST_NAME:
         raise ValueError(
             "a name must be a word of letters, digits, '-' and '_', of at most"
-            f" {_LONGEST} characters, got {abbreviated(name)}"
+            f" {LONGEST_NAME} characters, got {abbreviated(name)}"
         )
     return name
 
@@ -181,7 +181,7 @@ def _parameters(kind: Any) -> Any:
 
 _Function = Annotated[Callable[..., Any], AfterValidator(_plain_function)]
 _MaybeFunction = Annotated[Callable[..., Any] | None, AfterValidator(_plain_function)]
-_KINDS: dict[str, Any] = {
+DEFINED_TYPES: dict[str, Any] = {
     "name": Annotated[Line, AfterValidator(check_name)],
     "title": Line,
     "Params": Annotated[Any, AfterValidator(_parameters)],
@@ -194,7 +194,7 @@ _KINDS: dict[str, Any] = {
     "frames": _MaybeFunction,
     "region": _MaybeFunction,
 }
-_RETURNED = {
+CALLS = {
     "build": ("build(params)", None),
     "draw": ("draw(params, state)", list[Shape]),
     "frames": ("frames(params, state)", list[ContactFrame]),
@@ -210,17 +210,17 @@ def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:
 
     Raises :class:`~ocp.errors.InputError` where a name is missing or of the wrong kind.
     """
-    missing = [key for key in _REQUIRED if not hasattr(module, key)]
+    missing = [key for key in REQUIRED_NAMES if not hasattr(module, key)]
     if missing:
         raise InputError(
-            f"{file}: the file must define {', '.join(_REQUIRED)};"
+            f"{file}: the file must define {', '.join(REQUIRED_NAMES)};"
             f" {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
         )
-    for key, kind in _KINDS.items():
+    for key, kind in DEFINED_TYPES.items():
         if hasattr(module, key):
             setattr(module, key, validated(f"{file}: {key}", getattr(module, key), kind))
     found = defined(ProblemSpec, module, path=file, digest=digest)
-    for key, (call, kind) in _RETURNED.items():
+    for key, (call, kind) in CALLS.items():
         if function := getattr(found, key):
             check = kind and partial(validated, "it", kind=kind)
             found = replace(found, **{key: guarded(function, call, file, check)})
@@ -244,9 +244,9 @@ def read_law(module: ModuleType, file: Path, digest: str) -> type[ContactLaw]:
             f" found {', '.join(one.__name__ for one in classes) or 'none'}"
         )
     law = classes[0]
-    if missing := [*sorted(law.__abstractmethods__), *(k for k in _LAW if not hasattr(law, k))]:
+    if missing := [*sorted(law.__abstractmethods__), *(k for k in LAW_TYPES if not hasattr(law, k))]:
         raise InputError(f"{file}: {law.__name__} must define {', '.join(missing)}")
-    for key, kind in _LAW.items():
+    for key, kind in LAW_TYPES.items():
         validated(f"{file}: {law.__name__}.{key}", getattr(law, key), kind)
     if law.name in LAWS:
         raise InputError(f"{file}: there is a law called {law.name} already; choose another name")
@@ -261,7 +261,7 @@ def read_law(module: ModuleType, file: Path, digest: str) -> type[ContactLaw]:
     return law
 
 
-_LAW: dict[str, Any] = {"name": Annotated[Line, AfterValidator(check_name)], "summary": Line}
+LAW_TYPES: dict[str, Any] = {"name": Annotated[Line, AfterValidator(check_name)], "summary": Line}
 
 
 def _check_types(law: type[ContactLaw], file: Path) -> None:

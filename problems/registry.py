@@ -28,7 +28,7 @@ from problems.spec import ProblemSpec, Spec, defined
 if TYPE_CHECKING:
     from ocp.gradients.objective import ClosedForm, StaticObjective
 
-_MODULES = {
+PROBLEM_MODULES = {
     "wall-1d": "problems.library.wall_1d",
     "push-1d": "problems.library.push_1d",
     "push-disc": "problems.library.push_disc",
@@ -55,13 +55,13 @@ _MODULES = {
 }
 ROBOT_FILES = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
 """How the names of robots' files end."""
-_TRIES = 3
-"""To read a file that is being edited; one that writes to what it names is never at rest."""
+READING_ATTEMPTS = 3
+"""Attempts to read a file that is being edited; one that writes to what it names is never at rest."""
 
 
 def names() -> list[str]:
     """Names of the problems that ship with the workbench."""
-    return list(_MODULES)
+    return list(PROBLEM_MODULES)
 
 
 def spec(name: str) -> ProblemSpec:
@@ -79,12 +79,12 @@ def registered(name: str) -> ProblemSpec:
     Raises :class:`~ocp.errors.InputError` for a name that there is not.
     """
     refuse_robot_file(name)
-    if name not in _MODULES:
+    if name not in PROBLEM_MODULES:
         raise InputError(
-            f"unknown problem {name!r}{did_you_mean(name, _MODULES)}; there are"
-            f" {', '.join(_MODULES)}, or give the path of a file such as my_problem.py"
+            f"unknown problem {name!r}{did_you_mean(name, PROBLEM_MODULES)}; there are"
+            f" {', '.join(PROBLEM_MODULES)}, or give the path of a file such as my_problem.py"
         )
-    return defined(ProblemSpec, importlib.import_module(_MODULES[name]))
+    return defined(ProblemSpec, importlib.import_module(PROBLEM_MODULES[name]))
 
 
 def refuse_robot_file(name: str) -> None:
@@ -156,19 +156,22 @@ def _imported(file: Path) -> tuple[ModuleType, str]:
     before, tries = source_digest(file), 1
     module = import_file(file)
     # Edited while it was read, neither text is known to be the module's.
-    while (digest := source_digest(file)) != before and tries < _TRIES:
+    while (digest := source_digest(file)) != before and tries < READING_ATTEMPTS:
         before, tries = digest, tries + 1
         module = import_file(file)
     return module, digest
 
 
-_OBJECTIVES = {
+OBJECTIVE_MODULES = {
     "heaviside": "problems.library.heaviside",
     "coulomb": "problems.library.coulomb",
     "belt-block": "problems.library.belt_block",
     "ball-wall": "problems.library.ball_wall",
 }
-_DECISION, _NOISE = "theta", "sigma"
+DECISION = "theta"
+"""Name of the parameter that an objective decides on."""
+NOISE = "sigma"
+"""Name of the parameter that is the spread of the noise on the decision."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,14 +194,14 @@ class ObjectiveSpec(Spec):
         from ocp.gradients.objective import StaticObjective
 
         params = self.params(values or {})
-        p = ParameterTable(q for q in table(params) if q.name not in (_DECISION, _NOISE))
-        decision, theta = settings_of(self.Params)[_DECISION], ca.SX.sym(_DECISION)
+        p = ParameterTable(q for q in table(params) if q.name not in (DECISION, NOISE))
+        decision, theta = settings_of(self.Params)[DECISION], ca.SX.sym(DECISION)
         return StaticObjective(
             self.name,
-            (Signal(_DECISION, decision.unit, decision.meaning),),
+            (Signal(DECISION, decision.unit, decision.meaning),),
             theta,
             self.cost(params, theta, p),
-            np.array([getattr(params, _DECISION)]),
+            np.array([getattr(params, DECISION)]),
             p,
             self.closed_form,
             **engine,
@@ -215,9 +218,9 @@ def named(name: str) -> ObjectiveSpec | ProblemSpec:
 
     Raises :class:`~ocp.errors.InputError` for a name that is none of them.
     """
-    if name in _OBJECTIVES:
+    if name in OBJECTIVE_MODULES:
         return objective_spec(name)
-    known = [*names(), *_OBJECTIVES]
+    known = [*names(), *OBJECTIVE_MODULES]
     if name.endswith(".py") or name in known:
         return spec(name)
     refuse_robot_file(name)
@@ -229,10 +232,10 @@ def named(name: str) -> ObjectiveSpec | ProblemSpec:
 
 def objective_names() -> list[str]:
     """Names of the static objectives."""
-    return list(_OBJECTIVES)
+    return list(OBJECTIVE_MODULES)
 
 
 @cache
 def objective_spec(name: str) -> ObjectiveSpec:
     """Return the objective called ``name``; raises :class:`~ocp.errors.InputError` for no name."""
-    return defined(ObjectiveSpec, importlib.import_module(choose("objective", name, _OBJECTIVES)))
+    return defined(ObjectiveSpec, importlib.import_module(choose("objective", name, OBJECTIVE_MODULES)))

@@ -102,7 +102,10 @@ def build(params: Params) -> Problem:
     )
 
 
-_HEIGHT, _BOX = 0.15, 0.15
+CART_HEIGHT = 0.15
+"""Height of the cart in the picture [m]."""
+BOX_SIDE = 0.15
+"""Side of the box in the picture [m]."""
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
@@ -110,13 +113,13 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     cart, offset = float(state[0]), float(state[1])
     return [
         HalfPlane(0, 0, 0, 1),
-        Mark(params.goal, _HEIGHT / 2, "goal"),
-        Mark(params.goal + params.goal_offset, _HEIGHT + _BOX / 2, "goal"),
-        Box(cart, _HEIGHT / 2, 2 * params.reach + _BOX, _HEIGHT, role="actuator"),
-        Box(cart + offset, _HEIGHT + _BOX / 2, _BOX, _BOX),
+        Mark(params.goal, CART_HEIGHT / 2, "goal"),
+        Mark(params.goal + params.goal_offset, CART_HEIGHT + BOX_SIDE / 2, "goal"),
+        Box(cart, CART_HEIGHT / 2, 2 * params.reach + BOX_SIDE, CART_HEIGHT, role="actuator"),
+        Box(cart + offset, CART_HEIGHT + BOX_SIDE / 2, BOX_SIDE, BOX_SIDE),
     ]
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """The cart carries the box and rubs on it."""
-    return [ContactFrame(float(state[0] + state[1]), _HEIGHT, 0, 1, params.friction)]
+    return [ContactFrame(float(state[0] + state[1]), CART_HEIGHT, 0, 1, params.friction)]

@@ -18,7 +18,10 @@ f(theta, w) = macron(H)_nu (theta + w), quad macron(H)_nu (t) = "clip"(2 t \/ nu
   w tilde "N"(0, sigma^2)
 (dif F) / (dif theta) = 2 / nu (Phi((theta + nu \/ 2) / sigma) - Phi((theta - nu \/ 2) / sigma))
 """
-_NODES, _REACH = np.polynomial.legendre.leggauss(96), 12.0
+GAUSS_RULE = np.polynomial.legendre.leggauss(96)
+"""Nodes and weights of Gauss's rule on [-1, 1]."""
+NOISE_REACH = 12.0
+"""Noise beyond so many standard deviations has no weight in double precision."""
 
 
 class Params(Parameters):
@@ -70,8 +73,8 @@ def zobg_variance(theta: float, nu: float, sigma: float, baseline: float) -> flo
     """
     from scipy.stats import norm
 
-    low, high = (np.clip(v, -_REACH * sigma, _REACH * sigma) for v in (-theta - nu / 2, nu / 2 - theta))
-    t, weights = _NODES
+    low, high = (np.clip(v, -NOISE_REACH * sigma, NOISE_REACH * sigma) for v in (-theta - nu / 2, nu / 2 - theta))
+    t, weights = GAUSS_RULE
     w = low + (high - low) * (t + 1) / 2
     density = norm.pdf(w / sigma) / sigma * weights * (high - low) / 2
     f = np.clip(2 * (theta + w) / nu, -1, 1)

@@ -15,7 +15,8 @@ from dynamics.systems import WORLD, Link, Machine
 from dynamics.systems.planar.machine import link_pose
 from problems.drawing import Capsule, ContactFrame, HalfPlane, Shape, solid
 
-_ROUNDING = 1e-9
+START_TOLERANCE = 1e-9
+"""Depth in the ground, and way past a limit, that a start may have [m, rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +52,13 @@ class PublishedMachine(Machine):
         touches = self.contacts(chain, ca.SX(q), spheres)
         depths = {name: -float(touches[name].phi) for name in spheres}
         deepest = max(depths, key=lambda name: depths[name])
-        if depths[deepest] > _ROUNDING:
+        if depths[deepest] > START_TOLERANCE:
             raise ValueError(
                 f"the {deepest} starts {depths[deepest]:.3g} m inside the ground; raise the start"
                 f" by as much, to a height of {q[1] + depths[deepest]:.6g} m"
             )
         for index, low, high in chain.limits:
-            if not low - _ROUNDING <= q[index] <= high + _ROUNDING:
+            if not low - START_TOLERANCE <= q[index] <= high + START_TOLERANCE:
                 raise ValueError(
                     f"the joint {chain.coordinates[index].name} starts at {q[index]:.3g} rad, past"
                     f" its limits of {low:.3g} to {high:.3g} rad; start it between them or leave"
@@ -65,15 +66,17 @@ class PublishedMachine(Machine):
                 )
 
 
-_THICKNESS = 0.03
-_JOINT = (0.0, 0.0)
+BAR_RADIUS = 0.03
+"""Radius of the bars that links are drawn as [m]."""
+JOINT_ORIGIN = (0.0, 0.0)
+"""Place of a link's joint in its own frame [m]."""
 
 
 def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
     """Draw the machine at ``state`` (q, v, ...): bars, spheres, parts and the ground."""
     places = _places(machine)
     bars, poses = (np.array(out).T.tolist() for out in places(state[: places.numel_in(0)]))
-    links = [Capsule(x1, z1, x2, z2, _THICKNESS) for x1, z1, x2, z2 in bars]
+    links = [Capsule(x1, z1, x2, z2, BAR_RADIUS) for x1, z1, x2, z2 in bars]
     parts = (*machine.spheres, *machine.parts)
     drawn = (
         solid(part.shape, x, z, angle, "environment" if part.link == WORLD else "object")
@@ -122,7 +125,7 @@ def _places(machine: Machine) -> ca.Function:
         joints = [other.anchor for other in machine.links if other.parent == link.name]
         own = [s.centre for s in machine.spheres if s.link == link.name]
         points = sorted({(float(x), float(z)) for x, z in own + joints})
-        ends = [*pairwise(points)] if link.parent is None else [(_JOINT, p) for p in points]
+        ends = [*pairwise(points)] if link.parent is None else [(JOINT_ORIGIN, p) for p in points]
         if not ends and all(part.link != link.name for part in (*machine.spheres, *machine.parts)):
             ends = [_rod(link)]
         place = chain.pose(q, link.name).to_world

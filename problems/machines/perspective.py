@@ -18,16 +18,31 @@ Array = np.ndarray
 Place = tuple[float, float, float]
 Solid = tuple[shapes.Shape, Array, Array, str]
 """A shape, the rotation (3, 3) and the place (3,) of its body in the world, and its role."""
-_AWAY, _NEAREST, _TOUCH, _FLOOR, _BEYOND = 4.0, 0.25, 2e-3, 0.7, 0.3
-"""Distance of a camera in sizes; in distances what is too near to be seen, how far bodies that
-touch may overlap, half a floor, and how far its middle is beyond the target."""
-_LIGHT = np.array([-0.5, 0.75, -0.45])
-_DARK, _BRIGHT, _ROUND, _LINE, _ALIKE = 0.65, 0.12, 0.35, 0.4, 1.15
-"""Shades of faces away from light, which comes from the upper left, and towards it; of round bodies
-and lines of floors; and the ratio up to which radii look alike."""
-_CIRCLE = np.array([(math.cos(k * math.pi / 16), math.sin(k * math.pi / 16)) for k in range(32)])
-_CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-_SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+EYE_DISTANCE = 4.0
+"""Distance of a camera from its target, in sizes of what it looks at."""
+NEAREST_DEPTH = 0.25
+"""Depth below which nothing grows any more in the picture, in distances of the camera."""
+OVERLAP = 2e-3
+"""Overlap at which two bodies still lie beside each other, in distances of the camera."""
+HALF_FLOOR = 0.7
+"""Half the side of a floor, in distances of the camera."""
+FLOOR_SHIFT = 0.3
+"""Way from the target to the middle of a floor, away from the eye, in distances of the camera."""
+LIGHT = np.array([-0.5, 0.75, -0.45])
+"""Direction to the light in axes of the camera: from the upper left."""
+DARK_FACE = 0.65
+"""Shade of a face that looks away from the light."""
+BRIGHT_FACE = 0.12
+"""Shade of a face that looks to the light."""
+ROUND_SHADE = 0.35
+"""Shade of round bodies."""
+LINE_SHADE = 0.4
+"""Shade of the lines on a floor."""
+EQUAL_RADII = 1.15
+"""Ratio of the radii at the ends of a capsule up to which it is drawn as one of equal ends."""
+CIRCLE = np.array([(math.cos(k * math.pi / 16), math.sin(k * math.pi / 16)) for k in range(32)])
+CUBE_CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+CUBE_SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 
 
 @dataclass(frozen=True)
@@ -41,7 +56,7 @@ class Camera:
     @classmethod
     def around(cls, target: Place, size: float, azimuth: float = -math.pi / 3, elevation: float = 0.35) -> Camera:
         """Look at ``size`` [m]; the eye is ``azimuth`` about z from x, ``elevation`` up [rad]."""
-        (x, y, z), away, flat = target, _AWAY * size, _AWAY * size * math.cos(elevation)
+        (x, y, z), away, flat = target, EYE_DISTANCE * size, EYE_DISTANCE * size * math.cos(elevation)
         ahead, aside = flat * math.cos(azimuth), flat * math.sin(azimuth)
         return cls((x + ahead, y + aside, z + away * math.sin(elevation)), target)
 
@@ -60,7 +75,7 @@ class Camera:
 
     def scale(self, depth: Array) -> Array:
         """How long a metre is in the picture, at depths of at least a quarter of the distance."""
-        return self.focal * self.distance / np.maximum(depth, _NEAREST * self.distance)
+        return self.focal * self.distance / np.maximum(depth, NEAREST_DEPTH * self.distance)
 
     def project(self, points: Array) -> tuple[Array, Array]:
         """Places in the picture (n, 2), ``scale * (right, up)``, and depths (n,); points (n, 3)."""
@@ -121,11 +136,11 @@ def _parts(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
             return np.array([start, end], dtype=float), float(radius), []
         case shapes.Cylinder(start, end, radius):
             low, high = np.array([start, end], dtype=float)
-            ring = float(radius) * _CIRCLE @ _across(high - low)
+            ring = float(radius) * CIRCLE @ _across(high - low)
             return np.concatenate([low + ring[::-1], high + ring]), 0.0, [range(32), range(32, 64)]
         case shapes.Box(half, centre, turn):
             R = np.array(ca.evalf(matrix(ca.vertcat(*map(ca.SX, turn)))))
-            return np.array(centre, dtype=float) + _CORNERS * half @ R.T, 0.0, _SIDES
+            return np.array(centre, dtype=float) + CUBE_CORNERS * half @ R.T, 0.0, CUBE_SIDES
         case shapes.Hull(points):
             return np.array(points, dtype=float), 0.0, []
     raise TypeError(f"cannot draw a {type(shape).__name__}")
@@ -141,14 +156,14 @@ def _grid(camera: Camera, origin: Array, normal: Array, role: str) -> Iterator[S
     """Lines of a plane around what is seen, but for those that come too near to the camera."""
     axes, far = _across(normal), camera.distance
     side = next((each for each in (2.0, 1.0, 0.5, 0.25, 0.1) if each <= far / 12), 0.05)
-    middle = axes @ (camera.target + _BEYOND * far * camera.axes[2] - origin) // side
-    many = round(_FLOOR * far / side)
+    middle = axes @ (camera.target + FLOOR_SHIFT * far * camera.axes[2] - origin) // side
+    many = round(HALF_FLOOR * far / side)
     for k in range(-many, many + 1):
         for ends in ([(k, -many), (k, many)], [(-many, k), (many, k)]):
             places, depth = camera.project(origin + side * (middle + ends) @ axes)
-            if depth.min() > _NEAREST * far:
+            if depth.min() > NEAREST_DEPTH * far:
                 (x1, y1), (x2, y2) = places.tolist()
-                yield Segment(x1, y1, x2, y2, role, _LINE)
+                yield Segment(x1, y1, x2, y2, role, LINE_SHADE)
 
 
 def _from_back(camera: Camera, bodies: list[_Body]) -> Iterator[_Body]:
@@ -157,7 +172,7 @@ def _from_back(camera: Camera, bodies: list[_Body]) -> Iterator[_Body]:
     for i, body in enumerate(bodies):
         for at, normal, seen in body.faces:
             gaps = [float(((one.points - at[0]) @ normal).min()) - one.radius for one in bodies]
-            outside = np.array(gaps) > -_TOUCH * camera.distance
+            outside = np.array(gaps) > -OVERLAP * camera.distance
             shows[(i, slice(None)) if seen else (slice(None), i)] |= outside
     first = shows & ~shows.T
     left = sorted(range(len(bodies)), key=lambda i: -camera.project(bodies[i].points)[1].mean())
@@ -174,15 +189,15 @@ def _seen(camera: Camera, body: _Body) -> Iterator[Shape]:
     radii = body.radius * camera.scale(np.sqrt(np.maximum(depth**2 - body.radius**2, 0)))
     (x1, y1), (x2, y2), r = *places[[0, -1]].tolist(), float(radii.mean())
     if len(places) == 1:
-        yield Disc(x1, y1, r, body.role, _ROUND)
-    elif len(places) == 2 and radii.max() <= _ALIKE * radii.min():
-        yield Capsule(x1, y1, x2, y2, r, body.role, _ROUND)
-    elif len(body.faces) != len(_SIDES):
-        circle = _CIRCLE if body.radius else _CIRCLE[:1]
+        yield Disc(x1, y1, r, body.role, ROUND_SHADE)
+    elif len(places) == 2 and radii.max() <= EQUAL_RADII * radii.min():
+        yield Capsule(x1, y1, x2, y2, r, body.role, ROUND_SHADE)
+    elif len(body.faces) != len(CUBE_SIDES):
+        circle = CIRCLE if body.radius else CIRCLE[:1]
         cloud = (places[:, None] + radii[:, None, None] * circle).reshape(-1, 2)
         # Joggled (QJ), so that points on one line have a hull too.
         hull = ConvexHull(cloud, qhull_options="QJ").vertices
-        yield Polygon(tuple(cloud[hull].tolist()), 0.0, body.role, _ROUND)
+        yield Polygon(tuple(cloud[hull].tolist()), 0.0, body.role, ROUND_SHADE)
     for at, normal, _ in (face for face in body.faces if face[2]):
-        shade = _DARK + (_BRIGHT - _DARK) * (1 + float(_LIGHT @ camera.axes @ normal)) / 2
+        shade = DARK_FACE + (BRIGHT_FACE - DARK_FACE) * (1 + float(LIGHT @ camera.axes @ normal)) / 2
         yield Polygon(tuple(camera.project(at)[0].tolist()), 0.0, body.role, shade)

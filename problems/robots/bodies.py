@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from dynamics.systems.space import WORLD, Body
 from dynamics.systems.space.body import Joint
 
-_ROUNDING = 1e-12
+ROUNDED_TO_ZERO = 1e-12
+"""Share of the size of a vector below which an entry counts as zero."""
 JOINTS: tuple[Joint, ...] = ("free", "ball", "slide", "hinge")
 """Joints in the order of MuJoCo's numbers."""
 
@@ -48,8 +49,8 @@ class Drive:
 
 def exact(values: Sequence[float] | np.ndarray, size: float = 1.0) -> Any:
     """A tuple without what rounding leaves of 0 and of ±1, for numbers about ``size``."""
-    found = (0.0 if abs(value) < _ROUNDING * size else float(value) for value in values)
-    return tuple(float(round(x)) if abs(abs(x) - 1) < _ROUNDING else x for x in found)
+    found = (0.0 if abs(value) < ROUNDED_TO_ZERO * size else float(value) for value in values)
+    return tuple(float(round(x)) if abs(abs(x) - 1) < ROUNDED_TO_ZERO else x for x in found)
 
 
 def bodies(model: Any, drives: Mapping[int, Drive]) -> tuple[tuple[Body, ...], list[Pose]]:

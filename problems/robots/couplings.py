@@ -7,10 +7,10 @@ from typing import Any
 
 from problems.robots.urdf import Mimic
 
-_KINDS = ("connect", "weld", "joint", "tendon")
+EQUALITY_KINDS = ("connect", "weld", "joint", "tendon")
 """Equality constraints in the order of MuJoCo's numbers; joints and fixed tendons are linear."""
-_OFF = 1 << 1
-"""MuJoCo's flag that turns equality constraints off."""
+EQUALITIES_DISABLED = 1 << 1
+"""Bit of MuJoCo's disabling flags: no equality constraints."""
 Equation = tuple[dict[int, float], float]
 """Coefficients by number of a joint, of which the first follows, and the sum's value."""
 
@@ -23,8 +23,8 @@ def equations(model: Any, mimics: Iterable[Mimic]) -> list[Equation]:
     rows: list[Equation] = []
     for k in _active(model):
         kind, name = int(model.eq_type[k]), model.equality(k).name
-        if not 2 <= kind < len(_KINDS):
-            what = _KINDS[kind] if kind < 2 else "constraint"
+        if not 2 <= kind < len(EQUALITY_KINDS):
+            what = EQUALITY_KINDS[kind] if kind < 2 else "constraint"
             raise ValueError(
                 f"equality <{what}> {name!r} closes a loop, and joints form trees here; delete it to plan without it"
             )
@@ -51,7 +51,7 @@ def coupled_tendons(model: Any) -> set[int]:
 
 
 def _active(model: Any) -> Iterator[int]:
-    if model.opt.disableflags & _OFF:
+    if model.opt.disableflags & EQUALITIES_DISABLED:
         return iter(())
     return (k for k in range(model.neq) if model.eq_active0[k])
 

@@ -31,13 +31,15 @@ from problems.robots.bodies import Pose, exact
 from problems.robots.reach import apart, joints_above
 
 MOST_CORNERS = 32
-"""Corners that are kept of a mesh, at most."""
+"""Most corners that a mesh may keep."""
 MOST_PAIRS = 10_000
-"""Pairs of geoms that may touch, at most."""
-_NAMED = 3
-"""Pairs that are named where many are left out."""
-_NO_CONTACT, _PARENTS_MEET = 1 << 4, 1 << 10
-"""Bits of MuJoCo's flags that turn off contact, and the filter of parents."""
+"""Most pairs of geoms that may touch."""
+PAIRS_NAMED = 3
+"""Most pairs that a sentence about those left out names."""
+CONTACT_DISABLED = 1 << 4
+"""Bit of MuJoCo's disabling flags: no contact."""
+PARENT_FILTER_DISABLED = 1 << 10
+"""Bit of MuJoCo's disabling flags: a body may touch its parent."""
 
 
 @dataclass(frozen=True)
@@ -102,9 +104,9 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[Pose]) -> Touc
             meetings.append(pair)
             phis += [contact.phi for contact in points]
     for why, own in left.items():
-        more = f" and {len(own) - _NAMED} more" if len(own) > _NAMED else ""
+        more = f" and {len(own) - PAIRS_NAMED} more" if len(own) > PAIRS_NAMED else ""
         many = "" if len(own) == 1 else "s"
-        ignored.append(f"{len(own)} pair{many} of geoms, {', '.join(own[:_NAMED])}{more}: {why}")
+        ignored.append(f"{len(own)} pair{many} of geoms, {', '.join(own[:PAIRS_NAMED])}{more}: {why}")
     machine = replace(machine, collision_pairs=tuple(meetings))
     distances = ca.Function("distances", [q], [ca.densify(ca.vertcat(*phis))])
     return Touching(machine, distances, friction, grounds, geoms, ignored)
@@ -173,7 +175,7 @@ def pairs_of(model: Any) -> dict[tuple[int, int], float]:
     Those that the file names, and those that their bits let touch: of bodies that are neither
     excluded nor fixed to each other, nor parent and child.
     """
-    if model.opt.disableflags & _NO_CONTACT:
+    if model.opt.disableflags & CONTACT_DISABLED:
         return {}
     found: dict[tuple[int, int], float] = {}
     for k in range(model.npair):
@@ -189,7 +191,7 @@ def pairs_of(model: Any) -> dict[tuple[int, int], float]:
     types, affinities, body = model.geom_contype, model.geom_conaffinity, model.geom_bodyid
     weld = model.body_weldid[body]
     above = model.body_weldid[model.body_parentid[weld]]
-    kin = not model.opt.disableflags & _PARENTS_MEET
+    kin = not model.opt.disableflags & PARENT_FILTER_DISABLED
     for a, b in combinations(range(model.ngeom), 2):
         joined = weld[a] and weld[b] and (weld[a] == above[b] or weld[b] == above[a]) and kin
         if weld[a] == weld[b] or joined or frozenset(body[[a, b]].tolist()) in excluded:

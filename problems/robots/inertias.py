@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-_ROUNDING = 1e-6
+INERTIA_TOLERANCE = 1e-6
 """Relative difference [1] that the compiler's decomposition of an inertia may leave."""
 _ADJUSTMENTS = ("boundmass", "boundinertia", "balanceinertia", "settotalmass")
 """Settings by which a file tells MuJoCo to change its masses and inertias, where positive."""
@@ -53,7 +53,7 @@ def _compare(name: str, expected: _Moments, compiled: _Moments) -> None:
     length = np.sqrt(np.trace(expected[2]) / expected[0]) if expected[0] else np.inf
     sizes = expected[0], max(length, float(np.abs(expected[1]).max())), np.trace(expected[2])
     for what, a, b, size in zip(("mass", "centre", "inertia"), expected, compiled, sizes, strict=True):
-        if (off := np.abs(np.subtract(a, b)).max()) > _ROUNDING * size:
+        if (off := np.abs(np.subtract(a, b)).max()) > INERTIA_TOLERANCE * size:
             raise ValueError(
                 f"body {name!r}: MuJoCo {import_module('mujoco').__version__} reads another {what}"
                 f" than the file says, by {off:.3g}; install a version that centralpath[robots]"

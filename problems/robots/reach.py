@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
-_POSES, _FAR = 128, 1e4
-"""Poses that are tried of two geoms, and the longest distance that is measured [m]."""
-_PARALLEL = 1e-9
-"""How far parallel axes may be off, and lengths compared with others, relative."""
+POSES_TRIED = 128
+"""Most poses of two geoms at which their distance is measured."""
+LONGEST_DISTANCE_M = 1e4
+"""Longest distance of two geoms that is measured [m]."""
+PARALLEL_TOLERANCE = 1e-9
+"""Sine of the angle between axes that count as parallel, and relative difference of equal lengths."""
 
 
 def apart(model: Any, data: Any, above: list[list[int]], one: int, other: int) -> bool:
@@ -33,7 +35,7 @@ def apart(model: Any, data: Any, above: list[list[int]], one: int, other: int) -
     ranges = np.array([_range(model, j) for j in joints]).reshape(-1, 2)
     if not np.isfinite(ranges).all():
         return False
-    pieces = int(_POSES ** (1 / max(1, len(joints))))
+    pieces = int(POSES_TRIED ** (1 / max(1, len(joints))))
     half = np.ptp(ranges, axis=1) / (2 * pieces)
     widths = dict(zip(joints, half, strict=True))
     for numbers in product(range(1, 2 * pieces, 2), repeat=len(joints)):
@@ -47,7 +49,7 @@ def apart(model: Any, data: Any, above: list[list[int]], one: int, other: int) -
                 arm = math.dist(data.xanchor[j], data.geom_xpos[g]) + model.geom_rbound[g]
                 far += widths[j] * (1 if model.jnt_type[j] == 2 else arm + far)
             moved += far
-        if mujoco.mj_geomDistance(model, data, one, other, _FAR, None) <= moved:
+        if mujoco.mj_geomDistance(model, data, one, other, LONGEST_DISTANCE_M, None) <= moved:
             return False
     return True
 
@@ -68,7 +70,7 @@ def _beside(model: Any, data: Any, joints: list[int], geoms: tuple[int, int]) ->
         middles.append(data.geom_xpos[g] @ axis + along @ model.geom_aabb[g, :3])
         halves.append(np.abs(along) @ model.geom_aabb[g, 3:])
     gap = abs(middles[0] - middles[1]) - sum(halves)
-    return max(turned, slid) < _PARALLEL and gap > _PARALLEL * (sum(halves) + abs(middles[0]))
+    return max(turned, slid) < PARALLEL_TOLERANCE and gap > PARALLEL_TOLERANCE * (sum(halves) + abs(middles[0]))
 
 
 def joints_above(model: Any) -> list[list[int]]:

@@ -14,11 +14,18 @@ from ocp.errors import InputError, abbreviated
 from problems.robots.elements import listed, unread
 from problems.robots.urdf import Mimic, children, clean, declare_world, take_friction, take_mimics
 
-_LARGEST, _DEEPEST, _LONGEST = 2_000_000, 100, 200
-"""Size of a file with all that it includes [bytes], levels of elements, attributes of one."""
-MOST_JOINTS, MOST_GEOMS = 100, 1000
-_HUGE = 1e50
-"""Largest number; products of several of it stay finite."""
+MOST_BYTES = 2_000_000
+"""Largest size of a file with all that it includes [bytes]."""
+MOST_LEVELS = 100
+"""Most levels of elements within each other."""
+MOST_ATTRIBUTES = 200
+"""Most attributes of one element."""
+MOST_JOINTS = 100
+"""Most joints of a robot."""
+MOST_GEOMS = 1000
+"""Most geoms of a robot."""
+LARGEST_NUMBER = 1e50
+"""Largest number that is read; products of several such numbers stay finite."""
 _NAMES = {"name", "class", "childclass", "model", "text", "data"}
 _BOUNDS = {"lower", "upper", "effort", "velocity"}
 _RANGES = _BOUNDS | {"range", "ctrlrange", "forcerange", "actuatorfrcrange"}
@@ -101,8 +108,8 @@ def _parsed(file: Path, size: int) -> tuple[Element, int]:
     if not file.is_file():
         kind = "is not a regular file" if file.exists() else "there is no such file"
         raise InputError(f"{file}: {kind}; expected a robot as URDF or MJCF")
-    if (size := size + file.stat().st_size) > _LARGEST:
-        raise InputError(f"{file}: larger than {_LARGEST // 1_000_000} MB; expected a robot")
+    if (size := size + file.stat().st_size) > MOST_BYTES:
+        raise InputError(f"{file}: larger than {MOST_BYTES // 1_000_000} MB; expected a robot")
     try:
         text = file.read_bytes().decode("utf-8-sig")
         if re.search(r"<!(DOCTYPE|ENTITY)", text, re.IGNORECASE):
@@ -167,8 +174,8 @@ def _check_size(root: Element, file: Path) -> None:
     level, depth = [root], 0
     while level:
         level, depth = [child for element in level for child in element], depth + 1
-        if depth > _DEEPEST:
-            raise InputError(f"{file}: elements are nested deeper than {_DEEPEST} levels")
+        if depth > MOST_LEVELS:
+            raise InputError(f"{file}: elements are nested deeper than {MOST_LEVELS} levels")
     if root.tag == "robot":
         joints = sum(joint.get("type") != "fixed" for joint in root.iterfind("joint"))
         geoms = sum(1 for _ in root.iter("collision"))
@@ -184,7 +191,7 @@ def _check_size(root: Element, file: Path) -> None:
     if geoms > MOST_GEOMS:
         raise InputError(f"{file}: {geoms} geoms; at most {MOST_GEOMS} are read; merge some")
     longest = max(root.iter(), key=lambda element: len(element.attrib))
-    if (count := len(longest.attrib)) > _LONGEST:
+    if (count := len(longest.attrib)) > MOST_ATTRIBUTES:
         raise InputError(f"{file}: <{longest.tag}> has {count} attributes; expected a robot")
 
 
@@ -209,8 +216,8 @@ def _out_of_range(name: str, value: str) -> str:
             continue
         if not math.isfinite(number):
             return "is not finite; give finite numbers"
-        if abs(number) > _HUGE:
-            return f"is too large to compute with; give numbers below {_HUGE:g}"
+        if abs(number) > LARGEST_NUMBER:
+            return f"is too large to compute with; give numbers below {LARGEST_NUMBER:g}"
     return ""
 
 

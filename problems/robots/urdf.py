@@ -17,8 +17,10 @@ _FRICTION = {"lateral_friction", "mu", "mu1", "mu2"}
 _HOLDERS = {"contact", "gazebo", "surface", "friction", "ode"}
 """Elements of a URDF that friction may stand in."""
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-_DUMMY, _SINGULAR = 1e-3, 1e-9
-"""Mass of links that only have one because a program wants it [kg]; a share of an inertia."""
+DUMMY_MASS_KG = 1e-3
+"""Mass below which a link has one only because a program wants it [kg]."""
+SINGULAR_INERTIA = 1e-9
+"""Least principal moment of an inertia, as a share of the largest, that a body may have."""
 
 
 @dataclass(frozen=True)
@@ -142,12 +144,12 @@ def _mended(link: Element) -> bool:
     if mass is None or found is None:
         return False
     try:
-        light = float(mass.get("value", "")) < _DUMMY
+        light = float(mass.get("value", "")) < DUMMY_MASS_KG
         xx, yy, zz, xy, xz, yz = (float(found.get(key, 0)) for key in _MOMENTS)
     except ValueError:
         return False
     least = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0]
-    if not light or least > _SINGULAR * max(xx, yy, zz) or min(xx, yy, zz) <= 0:
+    if not light or least > SINGULAR_INERTIA * max(xx, yy, zz) or min(xx, yy, zz) <= 0:
         return False
     found.attrib |= dict.fromkeys(_MOMENTS[3:], "0")
     return True

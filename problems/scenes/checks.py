@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from problems.scenes.scene import Scene
 
 Value = Callable[[Scalar], float]
-_ROUNDING = 1e-9
+START_DEPTH_M = 1e-9
+"""Depth at which things may start inside each other [m]."""
 
 
 def check_names(things: Sequence[Thing | Goal], pairs: Sequence[tuple[str, str]]) -> None:
@@ -97,7 +98,7 @@ def check_numbers(scene: Scene, parameters: ParameterTable) -> None:
     distances = np.array(apart(values)).ravel()
     if distances.size and (deepest := int(distances.argmin())) >= 0:
         touch, depth = scene.touches[deepest], -distances[deepest]
-        if depth > _ROUNDING:
+        if depth > START_DEPTH_M:
             raise InputError(
                 f"{touch.one.name!r} starts {depth:.3g} m inside {touch.other.name!r}; move one of them by as much"
             )

@@ -27,9 +27,10 @@ q_0 = q_"standing" + (0, 0.25 "m", 0, dots) + 0.1 xi, quad v_0 = 0.1 xi', quad
 "ends at a state that is not finite only"
 "seen: all but" x; quad abs(u) <= 1 "(the source means it and does not enforce it)"
 """
-_LARGEST = float(np.finfo(float).max)
+LARGEST_STATE = float(np.finfo(float).max)
+"""An episode ends at an entry of the state above it: one that is not finite."""
 _MACHINE = machine_of()
-_ORDER = ("all", "legs", "feet")
+SPHERE_SETS = ("all", "legs", "feet")
 
 
 class Params(Parameters):
@@ -55,7 +56,7 @@ class Params(Parameters):
     inertia_fthigh: float = inertia(_MACHINE, "fthigh")
     inertia_fshin: float = inertia(_MACHINE, "fshin")
     inertia_ffoot: float = inertia(_MACHINE, "ffoot")
-    spheres: str = choice(_ORDER, "which parts may touch: all nine, shins and feet, or the feet")
+    spheres: str = choice(SPHERE_SETS, "which parts may touch: all nine, shins and feet, or the feet")
     cone: Cone = choice(("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues")
     limits: int = structure(1, "1 for joint limits, 0 for none", most=1)
 
@@ -68,7 +69,7 @@ def build(params: Params) -> Task:
     return Task(
         **common,
         reward=system.x_next[nq] - 0.1 * ca.sumsqr(system.u),
-        done=ca.logic_not(tame(x, _LARGEST)),
+        done=ca.logic_not(tame(x, LARGEST_STATE)),
         lasts=ca.SX(0, 1),
         observation=x[1:],
     )

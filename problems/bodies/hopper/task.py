@@ -44,10 +44,17 @@ q_0 = q_"upright" + (0, 0.25 "m", 0, dots) + 0.005 xi, quad v_0 = 0.005 xi', qua
 "ends where" z <= 0.7 "m or" abs(theta) >= 0.2 "or a state's entry is not below 100"
 "seen: all but" x, "velocities clipped to" plus.minus 10; quad abs(u) <= 1 "(the bound is ours)"
 """
-_LOWEST, _STEEPEST, _WILDEST, _FASTEST_SEEN = 0.7, 0.2, 100.0, 10.0
+LOWEST_TORSO = 0.7
+"""Height of the torso at which an episode ends [m]."""
+STEEPEST_PITCH = 0.2
+"""Angle of the torso at which an episode ends, to either side [rad]."""
+LARGEST_STATE = 100.0
+"""Size of a state's entry at which an episode ends [m, rad, m/s, rad/s]."""
+FASTEST_SEEN = 10.0
+"""Velocities are observed up to this size [m/s, rad/s]."""
 _MACHINE = machine_of()
-observation_bounds = {signal.name: (-_FASTEST_SEEN, _FASTEST_SEEN) for signal in _MACHINE.chain().velocities}
-_ORDER = ("all", "outer", "foot")
+observation_bounds = {signal.name: (-FASTEST_SEEN, FASTEST_SEEN) for signal in _MACHINE.chain().velocities}
+SPHERE_SETS = ("all", "outer", "foot")
 
 
 class Params(Parameters):
@@ -67,7 +74,7 @@ class Params(Parameters):
     inertia_thigh: float = inertia(_MACHINE, "thigh")
     inertia_leg: float = inertia(_MACHINE, "leg")
     inertia_foot: float = inertia(_MACHINE, "foot")
-    spheres: str = choice(_ORDER, "which parts may touch: all, all but the hip, or toe and heel")
+    spheres: str = choice(SPHERE_SETS, "which parts may touch: all, all but the hip, or toe and heel")
     cone: Cone = choice(("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues")
     limits: int = structure(0, "1 for joint limits, as in the source's later version", most=1)
 
@@ -80,13 +87,13 @@ def build(params: Params) -> Task:
     """
     system, common = built(name, params, machine_of, "spring", problem.SPHERES[params.spheres])
     x, u, nq = system.x, system.u, system.nx // 2
-    lasts = ca.vertcat(x[1] - _LOWEST, _STEEPEST - x[2], _STEEPEST + x[2], _WILDEST**2 - x**2)
-    standing = ca.logic_and(x[1] > _LOWEST, ca.fabs(x[2]) < _STEEPEST)
-    seen = ca.fmax(-_FASTEST_SEEN, ca.fmin(x[nq:], _FASTEST_SEEN))
+    lasts = ca.vertcat(x[1] - LOWEST_TORSO, STEEPEST_PITCH - x[2], STEEPEST_PITCH + x[2], LARGEST_STATE**2 - x**2)
+    standing = ca.logic_and(x[1] > LOWEST_TORSO, ca.fabs(x[2]) < STEEPEST_PITCH)
+    seen = ca.fmax(-FASTEST_SEEN, ca.fmin(x[nq:], FASTEST_SEEN))
     return Task(
         **common,
         reward=system.x_next[nq] + 0.1 - 1e-4 * ca.sumsqr(u),
-        done=ca.logic_not(ca.logic_and(standing, tame(x, _WILDEST))),
+        done=ca.logic_not(ca.logic_and(standing, tame(x, LARGEST_STATE))),
         lasts=lasts,
         observation=ca.vertcat(x[1:nq], seen),
     )
