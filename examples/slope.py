@@ -51,7 +51,7 @@ def scene(p):
             Goal("block", at=on_slope(p, p["way"], p["high"]), angle=p["angle"]),
         ],
         friction={("block", "slope"): p["friction"]},
-        apart=[("cart", "slope")],
+        non_colliding=[("cart", "slope")],
     )
 
 

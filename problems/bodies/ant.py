@@ -12,7 +12,7 @@ from dynamics.systems.space import Body, Capsule, Plane, SpatialMachine, Spatial
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Shape
 from problems.machines.gait import STEPS, GaitParams, gait
-from problems.machines.perspective import Camera
+from problems.machines.perspective import PinholeCamera
 from problems.machines.spatial import AXES, spatial_frames, spatial_shapes
 from problems.parameters import quantity
 from problems.spec import Citation, Golden
@@ -35,7 +35,7 @@ ANKLES = {"1": (30.0, 70.0), "2": (-70.0, -30.0), "3": (-70.0, -30.0), "4": (30.
 """Limits of the ankles [degrees], about (-1, 1, 0) of legs 1 and 3 and (1, 1, 0) of 2 and 4."""
 MOTOR: dict[str, Any] = {"damping": 1.0, "armature": 1.0, "gear": 150.0}
 """Damping [N m s/rad], armature [kg m^2] and torque of one unit of input [N m] of every joint."""
-CAMERA = Camera.around((0.2, 0.0, 0.3), 1.4)
+CAMERA = PinholeCamera.around((0.2, 0.0, 0.3), 1.4)
 """View of the way that the ant goes by default."""
 
 

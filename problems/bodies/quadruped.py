@@ -12,7 +12,7 @@ from dynamics.systems.space import Body, Box, Capsule, Plane, SpatialMachine, Sp
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Shape
 from problems.machines.gait import STEPS, GaitParams, gait
-from problems.machines.perspective import Camera
+from problems.machines.perspective import PinholeCamera
 from problems.machines.spatial import AXES, spatial_frames, spatial_shapes
 from problems.parameters import choice
 from problems.spec import Citation, Golden
@@ -126,7 +126,7 @@ STANDING = pose(0.0, height(0.8, -1.6), 0.8, -1.6)
 """q on all feet."""
 LYING = pose(0.0, TRUNK[2] + 1e-4, 2.6, -2.6)
 """q on the belly, legs folded, the feet on the floor beside it."""
-CAMERA = Camera.around((0.25, 0.0, 0.2), 0.75)
+CAMERA = PinholeCamera.around((0.25, 0.0, 0.2), 0.75)
 """View of the way that the robot goes by default."""
 
 

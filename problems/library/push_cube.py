@@ -15,7 +15,7 @@ from dynamics.systems.space import Body, Box, Plane, SpatialMachine, SpatialPart
 from dynamics.systems.space.body import Number
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Disc, Polygon, Shape
-from problems.machines.perspective import Camera
+from problems.machines.perspective import PinholeCamera
 from problems.machines.spatial import AXES, spatial_frames, spatial_shapes
 from problems.parameters import Parameters, choice, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
@@ -181,7 +181,7 @@ def with_goal(shown: SpatialMachine, body: str, place: ca.SX, turn: ca.SX) -> Sp
     return replace(shown, bodies=(*shown.bodies, goal), parts=(*shown.parts, *again))
 
 
-def seen_with_goal(shown: SpatialMachine, camera: Camera, state: np.ndarray, tips: set[str]) -> list[Shape]:
+def seen_with_goal(shown: SpatialMachine, camera: PinholeCamera, state: np.ndarray, tips: set[str]) -> list[Shape]:
     """Draw a machine whose fingertips are ``tips``; one sees through its goal."""
     found = [
         replace(one, shade=0.0) if one.role == "goal" and isinstance(one, Disc | Polygon) else one
@@ -190,10 +190,10 @@ def seen_with_goal(shown: SpatialMachine, camera: Camera, state: np.ndarray, tip
     return sorted(found, key=lambda one: one.role == "goal" and isinstance(one, Polygon))
 
 
-def _camera(params: Params) -> Camera:
+def _camera(params: Params) -> PinholeCamera:
     middle = (params.goal_x / 2, params.goal_y / 2, 0.3 * params.a)
     size = math.hypot(params.goal_x, params.goal_y) + 2.5 * params.a
-    return Camera.around(middle, size, elevation=0.45)
+    return PinholeCamera.around(middle, size, elevation=0.45)
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:

@@ -15,7 +15,7 @@ from dynamics.systems.space import Body, Box, Plane, SpatialMachine, SpatialPart
 from ocp.problem.problem import Problem, Scaling
 from problems.drawing import ContactFrame, Shape
 from problems.library.push_cube import fingertip, seen_with_goal, turn_between, with_goal
-from problems.machines.perspective import Camera
+from problems.machines.perspective import PinholeCamera
 from problems.machines.spatial import AXES, spatial_frames
 from problems.parameters import Parameters, choice, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
@@ -149,8 +149,8 @@ def _pictured(dumped: str) -> SpatialMachine:
     return with_goal(shown, params.body, ca.SX([0, 0, a]), _turned(params.axis, params.goal))
 
 
-def _camera(params: Params) -> Camera:
-    return Camera.around((0.0, 0.0, 0.8 * params.a), 2.6 * (params.away + params.r), elevation=0.6)
+def _camera(params: Params) -> PinholeCamera:
+    return PinholeCamera.around((0.0, 0.0, 0.8 * params.a), 2.6 * (params.away + params.r), elevation=0.6)
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:

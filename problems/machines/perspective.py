@@ -46,7 +46,7 @@ CUBE_SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 
 
 
 @dataclass(frozen=True)
-class Camera:
+class PinholeCamera:
     """A pinhole camera at ``eye`` that looks at ``target`` [m]; a metre there is ``focal`` long."""
 
     eye: Place
@@ -54,7 +54,9 @@ class Camera:
     focal: float = 1.0
 
     @classmethod
-    def around(cls, target: Place, size: float, azimuth: float = -math.pi / 3, elevation: float = 0.35) -> Camera:
+    def around(
+        cls, target: Place, size: float, azimuth: float = -math.pi / 3, elevation: float = 0.35
+    ) -> PinholeCamera:
         """Look at ``size`` [m]; the eye is ``azimuth`` about z from x, ``elevation`` up [rad]."""
         (x, y, z), away, flat = target, EYE_DISTANCE * size, EYE_DISTANCE * size * math.cos(elevation)
         ahead, aside = flat * math.cos(azimuth), flat * math.sin(azimuth)
@@ -93,7 +95,7 @@ class _Body:
     faces: list[tuple[Array, Array, bool]]
 
 
-def solids_seen(camera: Camera, solids: Iterable[Solid]) -> list[Shape]:
+def solids_seen(camera: PinholeCamera, solids: Iterable[Solid]) -> list[Shape]:
     """Draw solids from back to front, above planes, which are grids of lines."""
     drawn, bodies = list[Shape](), list[_Body]()
     for shape, R, p, role in solids:
@@ -111,7 +113,7 @@ def solids_seen(camera: Camera, solids: Iterable[Solid]) -> list[Shape]:
     return drawn + [one for body in _from_back(camera, bodies) for one in _seen(camera, body)]
 
 
-def frame_seen(camera: Camera, point: Array, normal: Array, friction: float) -> ContactFrame:
+def frame_seen(camera: PinholeCamera, point: Array, normal: Array, friction: float) -> ContactFrame:
     """The frame of a contact at ``point`` (3,) with unit ``normal`` (3,), as the camera sees it.
 
     A cone of friction looks wider the more it points to the camera, which is never inside of it.
@@ -152,7 +154,7 @@ def _across(normal: Array) -> Array:
     return np.array([np.cross(up, normal) / np.linalg.norm(normal), up]) / np.linalg.norm(up)
 
 
-def _grid(camera: Camera, origin: Array, normal: Array, role: str) -> Iterator[Segment]:
+def _grid(camera: PinholeCamera, origin: Array, normal: Array, role: str) -> Iterator[Segment]:
     """Lines of a plane around what is seen, but for those that come too near to the camera."""
     axes, far = _across(normal), camera.distance
     side = next((each for each in (2.0, 1.0, 0.5, 0.25, 0.1) if each <= far / 12), 0.05)
@@ -166,7 +168,7 @@ def _grid(camera: Camera, origin: Array, normal: Array, role: str) -> Iterator[S
                 yield Segment(x1, y1, x2, y2, role, LINE_SHADE)
 
 
-def _from_back(camera: Camera, bodies: list[_Body]) -> Iterator[_Body]:
+def _from_back(camera: PinholeCamera, bodies: list[_Body]) -> Iterator[_Body]:
     """The deepest first, but what is on the camera's side of a face after what is behind it."""
     shows = np.zeros((len(bodies), len(bodies)), dtype=bool)
     for i, body in enumerate(bodies):
@@ -181,7 +183,7 @@ def _from_back(camera: Camera, bodies: list[_Body]) -> Iterator[_Body]:
         yield bodies[left.pop(left.index(deepest))]
 
 
-def _seen(camera: Camera, body: _Body) -> Iterator[Shape]:
+def _seen(camera: PinholeCamera, body: _Body) -> Iterator[Shape]:
     """Its outline, and the faces that are turned to the camera."""
     from scipy.spatial import ConvexHull
 

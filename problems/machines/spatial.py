@@ -10,7 +10,7 @@ import numpy as np
 
 from dynamics.systems.space import WORLD, SpatialMachine
 from problems.drawing import ContactFrame, Shape
-from problems.machines.perspective import Camera, Solid, frame_seen, solids_seen
+from problems.machines.perspective import PinholeCamera, Solid, frame_seen, solids_seen
 
 AXES = ("", "")
 """A picture in perspective has no rulers."""
@@ -18,7 +18,7 @@ AXES = ("", "")
 
 def spatial_shapes(
     machine: SpatialMachine,
-    camera: Camera,
+    camera: PinholeCamera,
     state: np.ndarray,
     actuators: Collection[str] = (),
     goals: Collection[str] = (),
@@ -33,7 +33,9 @@ def spatial_shapes(
     return solids_seen(camera, solids)
 
 
-def spatial_frames(machine: SpatialMachine, camera: Camera, state: np.ndarray, friction: float) -> list[ContactFrame]:
+def spatial_frames(
+    machine: SpatialMachine, camera: PinholeCamera, state: np.ndarray, friction: float
+) -> list[ContactFrame]:
     """Place and normal of every contact at ``state``."""
     found = np.array(_frames(machine)(_of_unit_length(machine, state))).T
     return [frame_seen(camera, row[:3], row[3:], friction) for row in found]

@@ -19,21 +19,21 @@ JOINTS: tuple[Joint, ...] = ("free", "ball", "slide", "hinge")
 
 
 @dataclass(frozen=True)
-class Pose:
+class BodyFrame:
     """A frame in a ``body``'s: its origin ``place`` (3,) [m], the ``turn`` of its axes."""
 
     body: str
     place: np.ndarray = field(default_factory=lambda: np.zeros(3))
     turn: Rotation = field(default_factory=Rotation.identity)
 
-    def then(self, place: np.ndarray, quaternion: np.ndarray) -> Pose:
+    def compose(self, place: np.ndarray, quaternion: np.ndarray) -> BodyFrame:
         """A frame that is in this one as MuJoCo's numbers say, a quaternion (w, x, y, z)."""
         turn = self.turn * Rotation.from_quat(quaternion, scalar_first=True)
-        return Pose(self.body, self.place + self.turn.apply(place), turn)
+        return BodyFrame(self.body, self.place + self.turn.apply(place), turn)
 
 
 @dataclass(frozen=True)
-class Drive:
+class Actuator:
     """An actuator's name and the range of its input; ``gear``, or ``servo``, and ``damping``.
 
     ``damper`` names a velocity servo whose damping it has too, and whose input is 0.
@@ -53,17 +53,17 @@ def exact(values: Sequence[float] | np.ndarray, size: float = 1.0) -> Any:
     return tuple(float(round(x)) if abs(abs(x) - 1) < ROUNDED_TO_ZERO else x for x in found)
 
 
-def bodies(model: Any, drives: Mapping[int, Drive]) -> tuple[tuple[Body, ...], list[Pose]]:
+def bodies(model: Any, actuators: Mapping[int, Actuator]) -> tuple[tuple[Body, ...], list[BodyFrame]]:
     """Bodies in the order of q, and where each body of the file is in one of them.
 
     What is fixed to a body is part of it. One with several joints becomes a chain, all but the last
     of it without mass and named as their joints. A frame has its origin in its joint; its axes are
     those of the file's body where the joint is free or a ball, and else the parent's at q = 0.
     """
-    poses, found, last = [Pose(WORLD)], list[Body](), dict[int, int]()
+    poses, found, last = [BodyFrame(WORLD)], list[Body](), dict[int, int]()
     names = {model.body(b).name for b in range(model.nbody)}
     for b in range(1, model.nbody):
-        pose = poses[model.body_parentid[b]].then(model.body_pos[b], model.body_quat[b])
+        pose = poses[model.body_parentid[b]].compose(model.body_pos[b], model.body_quat[b])
         joints = np.flatnonzero(model.jnt_bodyid == b).tolist()
         for j in joints:
             name = model.body(b).name
@@ -72,7 +72,7 @@ def bodies(model: Any, drives: Mapping[int, Drive]) -> tuple[tuple[Body, ...], l
                 while name in names:
                     name += "'"
                 names.add(name)
-            body, pose = _jointed(model, j, name, pose, drives.get(j))
+            body, pose = _jointed(model, j, name, pose, actuators.get(j))
             last[b] = len(found)
             found.append(body)
         poses.append(pose)
@@ -81,21 +81,21 @@ def bodies(model: Any, drives: Mapping[int, Drive]) -> tuple[tuple[Body, ...], l
     return tuple(found), poses
 
 
-def _jointed(model: Any, j: int, name: str, pose: Pose, drive: Drive | None) -> tuple[Body, Pose]:
+def _jointed(model: Any, j: int, name: str, pose: BodyFrame, actuator: Actuator | None) -> tuple[Body, BodyFrame]:
     """The body of a joint, without mass, and the pose of the file's body in it, not in the parent.
 
     With axes that are the parent's at q = 0 no rotation by 90 degrees leaves rounded zeros.
     """
     kind, dof, at = JOINTS[model.jnt_type[j]], int(model.jnt_dofadr[j]), int(model.jnt_qposadr[j])
-    damping = float(model.dof_damping[dof]) + (drive.damping if drive else 0.0)
+    damping = float(model.dof_damping[dof]) + (actuator.damping if actuator else 0.0)
     above = None if pose.body == WORLD else pose.body
     body = Body(name, above, 0.0, joint=kind, damping=damping)
     if kind == "free":
-        return body, Pose(name)
+        return body, BodyFrame(name)
     anchor = pose.place + pose.turn.apply(model.jnt_pos[j])
     if kind == "ball":
         turn = exact(pose.turn.as_quat(canonical=True, scalar_first=True))
-        return replace(body, position=exact(anchor), quaternion=turn), Pose(name, -model.jnt_pos[j])
+        return replace(body, position=exact(anchor), quaternion=turn), BodyFrame(name, -model.jnt_pos[j])
     axis, q0 = pose.turn.apply(model.jnt_axis[j]), float(model.qpos0[at])
     back, slid = Rotation.from_rotvec(-q0 * axis), 0.0
     if kind == "slide":
@@ -111,17 +111,17 @@ def _jointed(model: Any, j: int, name: str, pose: Pose, drive: Drive | None) -> 
         spring=float(model.jnt_stiffness[j]),
         rest=float(model.qpos_spring[at]) if model.jnt_stiffness[j] else 0.0,
         limits=(low, high) if np.isfinite(low) else None,
-        gear=drive and drive.gear,
-        servo=drive and drive.servo,
+        gear=actuator and actuator.gear,
+        servo=actuator and actuator.servo,
     )
-    return body, Pose(name, back.apply(pose.place - anchor), back * pose.turn)
+    return body, BodyFrame(name, back.apply(pose.place - anchor), back * pose.turn)
 
 
-def _inertia(model: Any, body: int, poses: Sequence[Pose]) -> dict[str, Any]:
+def _inertia(model: Any, body: int, poses: Sequence[BodyFrame]) -> dict[str, Any]:
     """Mass, inertia and centre of all that is welded to a body, in the frame of its carrier."""
     parts = np.flatnonzero(model.body_weldid == body).tolist()
     masses = model.body_mass[parts]
-    own = [poses[b].then(model.body_ipos[b], model.body_iquat[b]) for b in parts]
+    own = [poses[b].compose(model.body_ipos[b], model.body_iquat[b]) for b in parts]
     total = float(masses.sum())
     centre = masses @ np.array([pose.place for pose in own]) / (total or 1)
     inertia = np.zeros((3, 3))
@@ -133,33 +133,35 @@ def _inertia(model: Any, body: int, poses: Sequence[Pose]) -> dict[str, Any]:
     return {"mass": total, "inertia": exact(six, float(np.trace(inertia))), "com": exact(centre)}
 
 
-def drives_of(model: Any, followers: Container[int] = ()) -> dict[int, Drive]:
+def actuators_of(model: Any, followers: Container[int] = ()) -> dict[int, Actuator]:
     """Return motors and servos by joint; a velocity servo beside a position servo only damps.
 
     In a file without any, joints whose torque is bounded have motors, but for ``followers``.
     Raises ``ValueError`` for a joint with two others.
     """
-    drives: dict[int, Drive] = {}
+    actuators: dict[int, Actuator] = {}
     for k in range(model.nu):
         joint = int(model.actuator_trnid[k][0])
-        if (drive := drive_of(model, k)) is None:
+        if (actuator := actuator_of(model, k)) is None:
             continue
-        if joint in drives:
-            servo, damper = sorted((drives[joint], drive), key=lambda d: d.servo is None)
+        if joint in actuators:
+            servo, damper = sorted((actuators[joint], actuator), key=lambda d: d.servo is None)
             if servo.servo is None or damper.servo is not None or not damper.damping:
                 name = model.joint(joint).name
-                raise ValueError(f"joint {name!r} has two motors, {drives[joint].name} and {drive.name}; give it one")
-            drive = replace(servo, damping=servo.damping + damper.damping, damper=damper.name)
-        drives[joint] = drive
+                raise ValueError(
+                    f"joint {name!r} has two motors, {actuators[joint].name} and {actuator.name}; give it one"
+                )
+            actuator = replace(servo, damping=servo.damping + damper.damping, damper=damper.name)
+        actuators[joint] = actuator
     if model.nu == 0:
         for joint in np.flatnonzero(model.jnt_actfrclimited).tolist():
             most = float(model.jnt_actfrcrange[joint][1])
             if most > 0 and joint not in followers:
-                drives[joint] = Drive(model.joint(joint).name, (-1.0, 1.0), gear=most)
-    return dict(sorted(drives.items()))
+                actuators[joint] = Actuator(model.joint(joint).name, (-1.0, 1.0), gear=most)
+    return dict(sorted(actuators.items()))
 
 
-def drive_of(model: Any, k: int) -> Drive | None:
+def actuator_of(model: Any, k: int) -> Actuator | None:
     """What actuator ``k`` is to a hinge or slide: a motor, or a servo that pulls to a position.
 
     None where it is neither.
@@ -184,7 +186,7 @@ def drive_of(model: Any, k: int) -> Drive | None:
         if limited and unit:
             a, b = sorted(float(end) / unit for end in ends)
             low, high = max(low, a), min(high, b)
-    return Drive(
+    return Actuator(
         model.actuator(k).name,
         (low, high),
         gear=None if servo else gain * gear,

@@ -42,7 +42,7 @@ intvelocity: *; damper: *; cylinder: *; muscle: *; adhesion: *; dcmotor: *
 URDF = _table(_URDF)
 """Attributes of URDF that are read, by element; the text of mu, mu1 and mu2 is read too."""
 MJCF = _table(_MJCF.replace("POSE", _POSE).replace("ACTUATOR", _ACTUATOR))
-"""Attributes of MJCF that are read, by element; some may be in vain, see leftovers."""
+"""Attributes of MJCF that are read, by element; some may be in vain, see :mod:`problems.robots.unsupported`."""
 _PICTURE_WORDS = """
 camera color custom group light material numeric rgba size skin statistic texcoord text
 texture tuple user visual

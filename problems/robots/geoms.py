@@ -27,8 +27,8 @@ from dynamics.systems.space import (
 )
 from dynamics.systems.space.contact import contacts_between
 from dynamics.systems.space.machine import body_places, distinct_points, name_contacts
-from problems.robots.bodies import Pose, exact
-from problems.robots.reach import apart, joints_above
+from problems.robots.bodies import BodyFrame, exact
+from problems.robots.reach import joints_above, never_collide
 
 MOST_CORNERS = 32
 """Most corners that a mesh may keep."""
@@ -59,7 +59,7 @@ class Touching:
     ignored: list[str]
 
 
-def touching(model: Any, machine: SpatialMachine, poses: Sequence[Pose]) -> Touching:
+def touching(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) -> Touching:
     """Give a machine all geoms whose shape is known, and the pairs that may touch and can meet.
 
     Raises ``ValueError`` for contacts of one name.
@@ -95,7 +95,7 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[Pose]) -> Touc
             raise ValueError(f"two contacts are called {min(twice)!r}; give the geoms other names")
         if not any(ca.depends_on(contact.phi, q) for contact in near.values()):
             left["no joint moves them"].append(" and ".join(pair))
-        elif apart(model, data, above, a, b):
+        elif never_collide(model, data, above, a, b):
             left["they can never meet within the joints' limits"].append(" and ".join(pair))
         else:
             if isinstance(other.shape, Plane) and other.shape.normal[2] == 1:
@@ -112,12 +112,12 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[Pose]) -> Touc
     return Touching(machine, distances, friction, grounds, geoms, ignored)
 
 
-def _parts(model: Any, poses: Sequence[Pose], geoms: list[int], ignored: list[str]) -> dict[int, SpatialPart]:
+def _parts(model: Any, poses: Sequence[BodyFrame], geoms: list[int], ignored: list[str]) -> dict[int, SpatialPart]:
     """Parts by geom; of ``geoms``, which may touch anything, tell what is no part."""
     found: dict[int, SpatialPart] = {}
     for g in range(model.ngeom):
         name, told = model.geom(g).name, ""
-        pose = poses[model.geom_bodyid[g]].then(model.geom_pos[g], model.geom_quat[g])
+        pose = poses[model.geom_bodyid[g]].compose(model.geom_pos[g], model.geom_quat[g])
         kind = import_module("mujoco").mjtGeom(int(model.geom_type[g])).name[7:].lower()
         try:
             shape, told = _shape(model, g, kind, pose)
@@ -128,7 +128,7 @@ def _parts(model: Any, poses: Sequence[Pose], geoms: list[int], ignored: list[st
     return found
 
 
-def _shape(model: Any, g: int, kind: str, pose: Pose) -> tuple[Shape, str]:
+def _shape(model: Any, g: int, kind: str, pose: BodyFrame) -> tuple[Shape, str]:
     """A geom in the frame of its body, and what of it is left out.
 
     Raises ``ValueError`` where no shape is like it, with the reason.
@@ -152,7 +152,7 @@ def _shape(model: Any, g: int, kind: str, pose: Pose) -> tuple[Shape, str]:
     raise ValueError(f"of the kind {kind}")
 
 
-def _hull(model: Any, g: int, pose: Pose) -> tuple[Hull, str]:
+def _hull(model: Any, g: int, pose: BodyFrame) -> tuple[Hull, str]:
     """The corners that MuJoCo keeps of a mesh's hull, and how deep inside of it they are."""
     mesh = int(model.geom_dataid[g])
     first, many = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])

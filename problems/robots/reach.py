@@ -17,7 +17,7 @@ PARALLEL_TOLERANCE = 1e-9
 """Sine of the angle between axes that count as parallel, and relative difference of equal lengths."""
 
 
-def apart(model: Any, data: Any, above: list[list[int]], one: int, other: int) -> bool:
+def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other: int) -> bool:
     """Whether two geoms can never meet; False where that is not known.
 
     ``above`` has the joints that move each body; ``data`` is overwritten.

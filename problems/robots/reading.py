@@ -17,15 +17,15 @@ from dynamics.systems.space import Coupling, SpatialMachine
 from dynamics.systems.space.body import POSITIONS
 from ocp.errors import InputError
 from ocp.validation import expand_path
-from problems.machines.perspective import Camera
-from problems.robots.bodies import JOINTS, bodies, drives_of
+from problems.machines.perspective import PinholeCamera
+from problems.robots.bodies import JOINTS, actuators_of, bodies
 from problems.robots.couplings import equations
 from problems.robots.elements import listed
 from problems.robots.geoms import MOST_CORNERS, touching
 from problems.robots.inertias import check_inertias
-from problems.robots.leftovers import leftovers
 from problems.robots.robot import Robot
 from problems.robots.source import Source, read_source
+from problems.robots.unsupported import unsupported_features
 
 _SLIDE = 2
 """MuJoCo's number of a slide; hinges have the next."""
@@ -197,8 +197,8 @@ def _reason(message: str) -> str:
 def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
     coupled = equations(model, source.mimics)
     followers = {next(iter(coefficients)) for coefficients, _ in coupled}
-    drives, off = drives_of(model, followers), import_module("mujoco").mjtDisableBit.mjDSBL_GRAVITY
-    tree, poses = bodies(model, drives)
+    actuators, off = actuators_of(model, followers), import_module("mujoco").mjtDisableBit.mjDSBL_GRAVITY
+    tree, poses = bodies(model, actuators)
     gx, gy, gz = [0.0] * 3 if model.opt.disableflags & off else model.opt.gravity.tolist()
     couplings = tuple(
         Coupling({tree[j].name: factor for j, factor in coefficients.items()}, value) for coefficients, value in coupled
@@ -207,13 +207,13 @@ def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
     ties = machine.coupled_joints()
     notes += map(_equation, couplings)
     found = touching(model, machine, poses)
-    damped = [drive.name for drive in drives.values() if drive.damping]
+    damped = [actuator.name for actuator in actuators.values() if actuator.damping]
     if damped:
         notes.append(f"The kv of {listed('actuator', damped)} is part of the damping.")
     notes += [
-        f"The input of actuator {drive.damper} is 0: its kv is part of the damping."
-        for drive in drives.values()
-        if drive.damper
+        f"The input of actuator {actuator.damper} is 0: its kv is part of the damping."
+        for actuator in actuators.values()
+        if actuator.damper
     ]
     keys = {model.key(k).name: k for k in range(model.nkey)}
     home = np.array(model.key_qpos[keys["home"]] if "home" in keys else model.qpos0)
@@ -233,12 +233,12 @@ def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
         found.machine,
         found.distances,
         tuple(joints),
-        tuple(drives.values()),
+        tuple(actuators.values()),
         home,
         found.friction,
         tuple(found.grounds),
         _camera(model, home),
-        (*source.ignored, *found.ignored, *leftovers(model, found.geoms)),
+        (*source.ignored, *found.ignored, *unsupported_features(model, found.geoms)),
         tuple(notes),
     )
 
@@ -250,7 +250,7 @@ def _equation(coupling: Coupling) -> str:
     return f"Joint {first} follows: {first} = {' + '.join([*terms, f'{coupling.value / unit:g}'])}."
 
 
-def _camera(model: Any, home: np.ndarray) -> Camera:
+def _camera(model: Any, home: np.ndarray) -> PinholeCamera:
     """One that sees all geoms at home; from the side, where all moves in the plane of x and z."""
     data = import_module("mujoco").MjData(model)
     data.qpos[:] = home
@@ -263,4 +263,4 @@ def _camera(model: Any, home: np.ndarray) -> Camera:
     across, kinds = abs(data.xaxis[:, 1]), model.jnt_type
     flat = np.where(kinds == 3, 1 - across, np.where(kinds == 2, across, 1.0)).max() < _TILT
     view = {"azimuth": -math.pi / 2, "elevation": 0.0} if flat else {}
-    return Camera.around((x / 2, y / 2, z / 2), size, **view)
+    return PinholeCamera.around((x / 2, y / 2, z / 2), size, **view)

@@ -13,9 +13,9 @@ import numpy as np
 
 from dynamics.systems.space import SpatialMachine
 from problems.drawing import ContactFrame, Shape
-from problems.machines.perspective import Camera
+from problems.machines.perspective import PinholeCamera
 from problems.machines.spatial import spatial_frames, spatial_shapes
-from problems.robots.bodies import Drive
+from problems.robots.bodies import Actuator
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class Robot:
     """A robot of a file: its ``machine``, whose q is MuJoCo's qpos and v its qvel, and the rest.
 
     ``distances`` maps q (nq, 1) to the signed distance of every contact (nc, 1) [m].
-    ``joints`` names the file's joint of every entry of q, and ``drives`` the motors and servos in
+    ``joints`` names the file's joint of every entry of q, and ``actuators`` the motors and servos in
     the order of inputs. ``home`` (nq,) is q of the file's keyframe ``home``, without one of its
     joints at their references. ``friction`` has Coulomb's coefficient of every contact by name, in
     the order of the machine's; ``grounds`` are numbers of those with level ground. ``camera`` is
@@ -35,18 +35,18 @@ class Robot:
     machine: SpatialMachine
     distances: ca.Function
     joints: tuple[str, ...]
-    drives: tuple[Drive, ...]
+    actuators: tuple[Actuator, ...]
     home: np.ndarray
     friction: Mapping[str, float]
     grounds: tuple[int, ...]
-    camera: Camera
+    camera: PinholeCamera
     ignored: tuple[str, ...]
     notes: tuple[str, ...]
 
     @property
     def controls(self) -> np.ndarray:
         """The range of every input (nu, 2), infinite where there is none."""
-        return np.array([drive.range for drive in self.drives]).reshape(-1, 2)
+        return np.array([actuator.range for actuator in self.actuators]).reshape(-1, 2)
 
     @property
     def coefficients(self) -> ca.SX:
@@ -135,13 +135,13 @@ class Robot:
             ],
             "motors": [
                 {
-                    "name": drive.name,
+                    "name": actuator.name,
                     "link": link,
-                    "gear": drive.gear,
-                    "servo": drive.servo,
-                    "range": [end if np.isfinite(end) else None for end in drive.range],
+                    "gear": actuator.gear,
+                    "servo": actuator.servo,
+                    "range": [end if np.isfinite(end) else None for end in actuator.range],
                 }
-                for drive, link in zip(self.drives, tree.actuated, strict=True)
+                for actuator, link in zip(self.actuators, tree.actuated, strict=True)
             ],
             "contacts": [
                 {"name": name, "friction": friction, "distance": gap}

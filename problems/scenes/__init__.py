@@ -1,7 +1,8 @@
 """Pushing problems from shapes: what is there, who touches whom, the system and the drawing."""
 
 from dynamics.systems.shapes import Box, Capsule, Disc, HalfPlane, Polygon, Union
-from problems.scenes.scene import Scene, pictured
+from problems.scenes.pictures import pictured
+from problems.scenes.scene import Scene
 from problems.scenes.things import Body, Goal, Obstacle, Pusher
 
 __all__ = [

@@ -15,7 +15,7 @@ from dynamics.systems.shapes import Box, Capsule, Disc, HalfPlane, Polygon, Shap
 from dynamics.systems.shapes.planar import Point, Scalar
 from dynamics.systems.shapes.polygon import convex_parts, is_clockwise, polygon_defect
 from ocp.errors import InputError, did_you_mean
-from problems.scenes.things import Body, Goal, Obstacle, Pusher, Thing
+from problems.scenes.things import Body, Goal, Pusher, Thing
 
 if TYPE_CHECKING:
     from problems.scenes.scene import Scene
@@ -28,7 +28,10 @@ START_DEPTH_M = 1e-9
 def check_names(things: Sequence[Thing | Goal], pairs: Sequence[tuple[str, str]]) -> None:
     """Refuse unsupported things, duplicate names and unknown names."""
     for thing in things:
-        _check_kind(thing)
+        if isinstance(thing, Body | Pusher) and isinstance(thing.shape, HalfPlane):
+            raise InputError(
+                f"{thing.name!r} moves, and a half-plane is unbounded; make it an Obstacle, or its shape a Box"
+            )
     names = [thing.name for thing in things if isinstance(thing, Thing)]
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
@@ -37,28 +40,19 @@ def check_names(things: Sequence[Thing | Goal], pairs: Sequence[tuple[str, str]]
     if not moving:
         raise InputError("nothing in the scene moves; add a Body or a Pusher")
     for goal in (thing for thing in things if isinstance(thing, Goal)):
-        _known(goal.body, list(moving), "a goal is for")
+        _require_known(goal.body, list(moving), "a goal is for")
     for pair in pairs:
         if isinstance(pair, str) or len(pair) != 2:
             raise InputError(f"{pair!r} is not a pair of names; expected ('one', 'other')")
         for name in pair:
-            _known(name, names, "a pair names")
+            _require_known(name, names, "a pair names")
         if pair[0] == pair[1]:
             raise InputError(f"{pair[0]!r} cannot touch itself; a pair needs two names")
         if not any(name in moving for name in pair):
             raise InputError(f"{pair[0]!r} and {pair[1]!r} are obstacles and never touch")
 
 
-def _check_kind(thing: Thing | Goal) -> None:
-    if isinstance(thing, Goal):
-        return
-    if isinstance(thing.shape, HalfPlane) and not isinstance(thing, Obstacle):
-        raise InputError(
-            f"{thing.name!r} moves, and a half-plane is unbounded; make it an Obstacle, or its shape a Box"
-        )
-
-
-def _known(name: str, names: list[str], who: str) -> None:
+def _require_known(name: str, names: list[str], who: str) -> None:
     if name not in names:
         raise InputError(f"{who} {name!r}{did_you_mean(name, names)}; there are {', '.join(names)}")
 
@@ -78,15 +72,15 @@ def check_numbers(scene: Scene, parameters: ParameterTable) -> None:
     symbols, values = parameters.vector, parameters.values
 
     def value(expression: Scalar) -> float:
-        at = ca.Function("at", [symbols], [ca.densify(ca.SX(expression))])
-        return float(at(values))
+        return float(ca.Function("value", [symbols], [ca.densify(ca.SX(expression))])(values))
 
     for thing in scene.things:
         for shape in convex_parts(thing.shape):
             _check_shape(thing, shape, value)
-        for what, number in _weights(thing):
-            if not value(number) > 0:
-                raise InputError(f"{thing.name!r} has the {what} {value(number):g}; expected a positive number")
+        for quantity in ("mass", "inertia", "stiffness", "table", "reach"):
+            number = getattr(thing, quantity, None)
+            if number is not None and not value(number) > 0:
+                raise InputError(f"{thing.name!r} has the {quantity} {value(number):g}; expected a positive number")
         if isinstance(thing, Pusher) and thing.axis is not None:
             _check_unit(f"the rail of {thing.name!r} runs along", thing.axis, value)
     for i, touch in enumerate(scene.touches):
@@ -94,20 +88,14 @@ def check_numbers(scene: Scene, parameters: ParameterTable) -> None:
             raise InputError(
                 f"{touch.name}: Coulomb's coefficient is {value(scene.friction[i]):g}; expected a number >= 0"
             )
-    apart = ca.Function("apart", [symbols], [ca.densify(scene.distance(scene.start))])
-    distances = np.array(apart(values)).ravel()
+    gaps = ca.Function("gaps", [symbols], [ca.densify(scene.distance(scene.start))])
+    distances = np.array(gaps(values)).ravel()
     if distances.size and (deepest := int(distances.argmin())) >= 0:
         touch, depth = scene.touches[deepest], -distances[deepest]
         if depth > START_DEPTH_M:
             raise InputError(
                 f"{touch.one.name!r} starts {depth:.3g} m inside {touch.other.name!r}; move one of them by as much"
             )
-
-
-def _weights(thing: Thing) -> list[tuple[str, Scalar]]:
-    names = ("mass", "inertia", "stiffness", "table", "reach")
-    found = ((name, getattr(thing, name, None)) for name in names)
-    return [(name, number) for name, number in found if number is not None]
 
 
 def _check_shape(thing: Thing, shape: Shape, value: Value) -> None:
@@ -127,10 +115,10 @@ def _check_shape(thing: Thing, shape: Shape, value: Value) -> None:
                     f" at least 0 and at most half its shorter side, {min(sides):g} m"
                 )
         case Polygon(vertices, radius):
-            at = np.array([[value(vertex[i]) for i in range(2)] for vertex in vertices])
-            if found := polygon_defect(at, value(radius)):
-                raise InputError(f"the polygon of {thing.name!r} {found}")
-            if is_clockwise(at):
+            corners = np.array([[value(vertex[i]) for i in range(2)] for vertex in vertices])
+            if defect := polygon_defect(corners, value(radius)):
+                raise InputError(f"the polygon of {thing.name!r} {defect}")
+            if is_clockwise(corners):
                 raise InputError(
                     f"the polygon of {thing.name!r} runs clockwise; give vertices with symbols counterclockwise"
                 )

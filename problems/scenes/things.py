@@ -1,4 +1,4 @@
-"""What stands in a scene: bodies, pushers, obstacles and goals, and where they may touch."""
+"""Bodies, pushers, obstacles and goals of a scene, and the pairs that may touch."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ from dynamics.systems.shapes import Contact, Pose, Shape, Union
 from dynamics.systems.shapes.areas import mean_distance, move_shape, shape_area
 from dynamics.systems.shapes.planar import Point, Scalar, as_column
 from dynamics.systems.shapes.polygon import convex_parts, vertex_pairs
-
-_AXES = ("x", "y")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,25 +39,25 @@ class Thing:
             )
         parse_point(f"{self.name}: at", self.at)
         parse_number(f"{self.name}: angle", self.angle)
-        for what in ("mass", "inertia", "stiffness", "table", "reach"):
-            if (value := getattr(self, what, None)) is not None:
-                require_positive(f"{self.name}: {what}", value)
+        for field in ("mass", "inertia", "stiffness", "table", "reach"):
+            if (value := getattr(self, field, None)) is not None:
+                require_positive(f"{self.name}: {field}", value)
         if (axis := getattr(self, "axis", None)) is not None:
             require_unit_vector(f"{self.name}: axis", axis)
 
     @property
     def coordinates(self) -> tuple[Signal, ...]:
-        """How it moves; nothing moves an obstacle."""
+        """Signals of its coordinates; nothing moves an obstacle."""
         return ()
 
     @property
     def turns(self) -> bool:
-        """Whether its angle may change."""
+        """True where its angle may change."""
         return False
 
     @property
     def start(self) -> ca.SX:
-        """The coordinates where it starts."""
+        """Coordinates of its start."""
         return ca.SX(0, 1)
 
     def pose(self, q: ca.SX) -> Pose:
@@ -68,12 +66,12 @@ class Thing:
 
 
 class Obstacle(Thing):
-    """What never moves."""
+    """A thing that never moves."""
 
 
 @dataclass(frozen=True, eq=False)
 class Body(Thing):
-    """What moves freely, with coordinates x, y [m], and an angle [rad] where it has an ``inertia``.
+    """A thing that moves freely, with coordinates x, y [m], and an angle [rad] where it has an ``inertia``.
 
     ``mass`` [kg]; ``inertia`` [kg m²] about the origin of its frame, which is its centre of mass,
     None for a body that never turns. ``table`` is Coulomb's coefficient with a table that the body
@@ -94,9 +92,9 @@ class Body(Thing):
     @property
     def coordinates(self) -> tuple[Signal, ...]:
         """``<name>_x``, ``<name>_y`` and, where it turns, ``<name>_angle``."""
-        found = _places(self.name)
+        places = _places(self.name)
         turn = Signal(f"{self.name}_angle", "rad", f"{self.name}, anticlockwise")
-        return (*found, turn) if self.turns else found
+        return (*places, turn) if self.turns else places
 
     @classmethod
     def uniform(
@@ -108,30 +106,26 @@ class Body(Thing):
         mass: Scalar = 1.0,
         table: Scalar | None = None,
     ) -> Body:
-        """A body whose mass is spread evenly over ``shape``, with its centre of mass at ``at``.
+        """Return a body whose mass is spread evenly over ``shape``, with its centre of mass at ``at``.
 
         The origin of the frame moves to the centroid c, and the inertia is ``mass int |r - c|² dA /
         A``, rounded corners and all parts of a union counted. Raises ``ValueError`` for an invalid
         argument.
         """
-        whole = shape_area(shape)
-        shape = move_shape(shape, -whole.centre)
-        return cls(name, shape, at, angle, mass, mass * whole.gyration, table)
+        area = shape_area(shape)
+        shape = move_shape(shape, -area.centre)
+        return cls(name, shape, at, angle, mass, mass * area.gyration, table)
 
     def limit_surface(self, first: int, gravity: Scalar, inertial: bool) -> LimitSurface | None:
-        """Its friction with the table; its coordinates start at number ``first``."""
+        """Return its friction with the table; its coordinates start at number ``first``."""
         if self.table is None:
             return None
-        reach = self.reach
-        if not self.turns:
-            reach = None
-        elif reach is None:
-            reach = mean_distance(self.shape)
+        reach = (mean_distance(self.shape) if self.reach is None else self.reach) if self.turns else None
         return LimitSurface(self.name, first, self.table * self.mass * gravity, reach, inertial)
 
     @property
     def turns(self) -> bool:
-        """Whether it has an inertia."""
+        """True where it has an inertia."""
         return self.inertia is not None
 
     @property
@@ -146,7 +140,7 @@ class Body(Thing):
 
 @dataclass(frozen=True, eq=False)
 class Pusher(Thing):
-    """What a motor moves; it never turns.
+    """A thing that a motor moves, and that never turns.
 
     In a quasi-dynamic scene a spring of ``stiffness`` [N/m] draws it to the commanded place, in one
     with velocities it has a ``mass`` [kg] and is pushed by a force. It moves in the plane, or on a
@@ -182,7 +176,7 @@ class Pusher(Thing):
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """Where the body called ``body`` should come to, drawn in its shape; nothing touches it."""
+    """A goal of the body called ``body``, drawn in its shape; nothing touches it."""
 
     body: str
     at: Point
@@ -195,11 +189,12 @@ class Goal:
 
 
 def _places(name: str) -> tuple[Signal, ...]:
-    return tuple(Signal(f"{name}_{axis}", "m", name) for axis in _AXES)
+    return tuple(Signal(f"{name}_{axis}", "m", name) for axis in "xy")
 
 
 PoseOf = Callable[[Thing], Pose]
-_FIRST = (Body, Pusher, Obstacle)
+MOST_FREE_FIRST = (Body, Pusher, Obstacle)
+"""Things in the order in which normals point into them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,11 +207,11 @@ class Touch:
     name: str
     one: Thing
     shape: Shape
-    other: Thing
     against: Shape
+    other: Thing
 
     def contact(self, pose: PoseOf) -> Contact:
-        """Gap, normal and point with every thing where ``pose`` has it."""
+        """Return gap, normal and point with every thing where ``pose`` has it."""
         return Contact.between(self.shape, pose(self.one), self.against, pose(self.other))
 
     @property
@@ -225,23 +220,26 @@ class Touch:
         return frozenset((self.one.name, self.other.name))
 
 
-def touches(things: Sequence[Thing], apart: Collection[frozenset[str]]) -> list[Touch]:
-    """All contacts of two things of which one moves, but of the pairs in ``apart``.
+def contact_pairs(things: Sequence[Thing], non_colliding: Collection[frozenset[str]]) -> list[Touch]:
+    """Return all contacts of two things of which one moves, but of the pairs in ``non_colliding``.
 
     Where flat sides may come to lie on each other at any angle, every corner is a contact of its
     own, ``<one> on <other> <number>``, see
     :func:`~dynamics.systems.shapes.polygon.vertex_pairs`.
     """
-    found = []
+    pairs_that_touch = []
     for first, second in combinations(things, 2):
-        still = isinstance(first, Obstacle) and isinstance(second, Obstacle)
-        if still or frozenset((first.name, second.name)) in apart:
+        if isinstance(first, Obstacle) and isinstance(second, Obstacle):
             continue
-        called = f"{first.name} on {second.name}"
-        one, other = sorted((first, second), key=lambda thing: [not isinstance(thing, kind) for kind in _FIRST])
+        if frozenset((first.name, second.name)) in non_colliding:
+            continue
+        label = f"{first.name} on {second.name}"
+        one, other = sorted(
+            (first, second), key=lambda thing: [not isinstance(thing, kind) for kind in MOST_FREE_FIRST]
+        )
         pairs = [(a, b) for a in convex_parts(one.shape) for b in convex_parts(other.shape)]
         if one.turns or other.turns:
             pairs = vertex_pairs(one.shape, other.shape)
-        names = [called] if len(pairs) == 1 else [f"{called} {i + 1}" for i in range(len(pairs))]
-        found += [Touch(name, one, shape, other, against) for name, (shape, against) in zip(names, pairs, strict=True)]
-    return found
+        names = [label] if len(pairs) == 1 else [f"{label} {i + 1}" for i in range(len(pairs))]
+        pairs_that_touch += [Touch(name, one, *shapes, other) for name, shapes in zip(names, pairs, strict=True)]
+    return pairs_that_touch

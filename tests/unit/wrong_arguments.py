@@ -124,7 +124,7 @@ SCENES: dict[str, Call] = {
     "the things of a scene must be a sequence": lambda: Scene(BALL),  # pyright: ignore
     "it holds Disc": lambda: Scene([Disc(0.1)]),  # pyright: ignore
     "two things are called": lambda: Scene([BALL, BALL]),
-    "did you mean 'ball'?": lambda: Scene([BALL], apart=[("ball", "bal")]),
+    "did you mean 'ball'?": lambda: Scene([BALL], non_colliding=[("ball", "bal")]),
     "the friction of a scene must not be negative": lambda: Scene([BALL], friction=-0.1),
     "the friction of a scene must be a number": lambda: Scene([BALL], friction="rough"),  # pyright: ignore
     "a goal is for 'box'; there are ball": lambda: Scene([BALL, Goal("box", at=(0, 0))]),

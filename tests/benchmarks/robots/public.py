@@ -83,7 +83,7 @@ def rows() -> Iterator[list[str | int | None]]:
                 yield [package, name, None, None, None, f"**refused**: {reason}"]
                 continue
             said = "read with `--folder ..`" if wide else "read"
-            counts = len(robot.machine.bodies), len(robot.drives), len(robot.friction)
+            counts = len(robot.machine.bodies), len(robot.actuators), len(robot.friction)
             yield [package, name, *counts, said]
 
 

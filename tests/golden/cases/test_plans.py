@@ -306,7 +306,7 @@ def iced() -> Problem:
             Goal("block", at=(END, 0.1)),
         ],
         friction={("block", "dry"): DRY, ("block", "ice"): ICE},
-        apart=[("hand", "dry"), ("hand", "ice")],
+        non_colliding=[("hand", "dry"), ("hand", "ice")],
     )
     system = things.time_stepping("iced", ParameterTable(), h=STEP, gravity=(0, -9.81))
     off, v = things.of("block", system.x)[0] - END, system.x[system.nx // 2 :]

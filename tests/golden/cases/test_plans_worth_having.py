@@ -24,7 +24,7 @@ def nail() -> Problem:
             Obstacle("board", HalfPlane(), at=(0.0, 0.0)),
         ],
         friction={("nail", "board"): FRICTION},
-        apart=[("hammer", "board")],
+        non_colliding=[("hammer", "board")],
     )
     system = scene.time_stepping("nail", NO_PARAMETERS, h=0.02, gravity=(0, -9.81))
     depth = scene.of("nail", system.x)[0]

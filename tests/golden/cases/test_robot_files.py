@@ -238,7 +238,7 @@ def test_infinite_limits_are_no_limits(
 ) -> None:
     text = urdf(link("base"), link("arm"), joint("a", "base", "arm", kind=kind, limit=limit))
     robot = read(tmp_path, text)
-    assert robot.machine.bodies[0].limits == limits and len(robot.drives) == motors
+    assert robot.machine.bodies[0].limits == limits and len(robot.actuators) == motors
     assert ("effort of joint a: it is infinite" in told(robot)) == (motors == 0)
 
 
@@ -351,7 +351,7 @@ def test_a_joint_that_follows_moves_its_mass_by_its_ratio(tmp_path: Path, text: 
     """``(m1 + 2² m2) dv = h F`` in closed form, and r = 2 l + 0.1 after every step."""
     robot = read(tmp_path, text)
     assert "Joint right follows: right = 2 left + 0.1." in robot.notes
-    assert len(robot.drives) == 1, "what follows has no motor of its own"
+    assert len(robot.actuators) == 1, "what follows has no motor of its own"
     np.testing.assert_allclose(robot.home, [0, 0.1])
     left, right, v_left, v_right = step_once(robot, 1.0)
     assert v_left == pytest.approx(0.01 * 10 / (0.3 + 4 * 0.2), rel=1e-9)
@@ -424,7 +424,7 @@ FLYER = """<mujoco><worldbody><body name="b" pos="0 0 1"><freejoint/><geom size=
 def test_actuators_of_sites_bodies_and_tendons_are_named(tmp_path: Path, actuators: str) -> None:
     robot = read(tmp_path, FLYER.format('<motor name="m" joint="j"/>' + actuators))
     assert "actuators x, y: only motors and position servos of hinges and slides" in told(robot)
-    assert [drive.name for drive in robot.drives] == ["m"]
+    assert [actuator.name for actuator in robot.actuators] == ["m"]
     alone = read(tmp_path, FLYER.format(actuators))
     assert alone.controls.shape == (0, 2)
 

@@ -14,13 +14,13 @@ from matplotlib.path import Path
 
 from dynamics.systems.space import Box, Capsule, Cylinder, Hull, Plane, Shape, Sphere
 from problems import drawing
-from problems.machines.perspective import Camera, frame_seen, solids_seen
+from problems.machines.perspective import PinholeCamera, frame_seen, solids_seen
 from reports.drawing.shapes import bounds, constant_shapes, draw, is_opaque, outline
 from reports.drawing.strobe import Forces, forces_drawn, visible_forces
 
 EYE = np.eye(3)
 ZERO = np.zeros(3)
-CAMERA = Camera.around((0.1, -0.2, 0.3), 0.8)
+CAMERA = PinholeCamera.around((0.1, -0.2, 0.3), 0.8)
 rng = np.random.default_rng(3)
 
 
@@ -53,11 +53,11 @@ def inside(shape: drawing.Shape, points: np.ndarray, room: float) -> np.ndarray:
 
 
 def test_a_camera_that_looks_along_minus_x_sees_y_on_the_right() -> None:
-    camera = Camera((4.0, 0.0, 1.0), (0.0, 0.0, 1.0))
+    camera = PinholeCamera((4.0, 0.0, 1.0), (0.0, 0.0, 1.0))
     found, depth = camera.project(np.array([[0, 1, 1], [0, 0, 2], [2, 1, 1], [-4, 0, 3]]))
     np.testing.assert_allclose(found, [[1, 0], [0, 1], [2, 0], [0, 1]], atol=1e-12)
     np.testing.assert_allclose(depth, [4, 4, 2, 8])
-    wide = Camera(camera.eye, camera.target, focal=0.5)
+    wide = PinholeCamera(camera.eye, camera.target, focal=0.5)
     np.testing.assert_allclose(wide.project(np.array([[0, 1, 1]]))[0], [[0.5, 0]], atol=1e-12)
 
 
@@ -74,7 +74,7 @@ def test_the_usual_camera_stands_at_the_front_right_and_above() -> None:
 
 
 def test_a_camera_may_look_straight_down() -> None:
-    found, depth = Camera((0, 0, 5), ZERO_PLACE).project(np.array([[1, 0, 0], [0, 1, 0]]))
+    found, depth = PinholeCamera((0, 0, 5), ZERO_PLACE).project(np.array([[1, 0, 0], [0, 1, 0]]))
     np.testing.assert_allclose(found, [[1, 0], [0, 1]], atol=1e-12)
     np.testing.assert_allclose(depth, 5)
 
@@ -258,7 +258,7 @@ def test_a_frame_has_the_normal_as_it_looks(normal: tuple[float, float, float]) 
 def test_a_cone_is_as_wide_as_it_looks(normal: tuple[float, float, float]) -> None:
     """In the picture of a distant camera its edges are the outermost of its rays."""
     way, friction = np.array(normal, dtype=float), 0.4
-    camera = Camera((500.0, -800.0, 400.0))
+    camera = PinholeCamera((500.0, -800.0, 400.0))
     frame = frame_seen(camera, ZERO, way, friction)
     ring = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0, 2 * math.pi, 2000)])
     right = np.cross(way, (0, 1, 0))

@@ -55,7 +55,7 @@ def one(**changed: object) -> Body:
         ([HAND, one()], {"friction": {"hand": 0.1}}, "'hand' is not a pair of names"),
         ([HAND, one()], {"friction": {("hand", "hand"): 0.1}}, "'hand' cannot touch itself"),
         ([HAND, one()], {"friction": BAD["bad"]}, "hand on object: Coulomb's coefficient is -0.1"),
-        ([HAND, one()], {"apart": [("hand", "post")]}, "a pair names 'post'"),
+        ([HAND, one()], {"non_colliding": [("hand", "post")]}, "a pair names 'post'"),
         ([Pusher("hand", Disc(0.1), at=(-1, 0)), one()], {}, "'hand' has no stiffness"),
         (
             [Pusher("hand", Disc(0.1), at=(-1, 0), stiffness=1.0, axis=(BAD["bad"], 0)), one()],
@@ -77,7 +77,7 @@ def test_a_pusher_without_mass_cannot_be_thrown_about() -> None:
 
 def test_pairs_that_are_apart_have_no_contact_and_obstacles_never() -> None:
     wall, floor = (Obstacle(n, HalfPlane(), at=(0, -1)) for n in ("wall", "floor"))
-    scene = Scene([HAND, one(), wall, floor], apart=[("wall", "hand")])
+    scene = Scene([HAND, one(), wall, floor], non_colliding=[("wall", "hand")])
     assert [touch.name for touch in scene.touches] == [
         "hand on object",
         "hand on floor",

@@ -65,7 +65,7 @@ def test_what_is_not_used_is_told_by_name(tmp_path: Path) -> None:
     ):
         assert words in told, told
     assert robot.notes == ("Joint a follows: a = 1 b + -0.523599.", "The kv of actuator servo is part of the damping.")
-    assert [drive.name for drive in robot.drives] == ["m", "servo"]
+    assert [actuator.name for actuator in robot.actuators] == ["m", "servo"]
     assert np.isinf(robot.controls).all()
     np.testing.assert_allclose(robot.home, [0, np.radians(30), 0])
 

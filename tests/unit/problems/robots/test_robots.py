@@ -107,7 +107,7 @@ def check_dynamics(robot: Robot, model: Any, count: int = 100) -> None:
         M, bias, energy, force, *frames = ours(data.qpos, data.qvel)
         assert relative(M, mass(model, data)) < NEAR
         assert relative(bias, data.qfrc_bias) < NEAR
-        held = forces(robot, data.qpos, np.zeros(len(robot.drives))) + np.array(force).ravel()
+        held = forces(robot, data.qpos, np.zeros(len(robot.actuators))) + np.array(force).ravel()
         assert relative(held, data.qfrc_spring + data.qfrc_damper + data.qfrc_actuator) < NEAR
         mujoco.mj_energyPos(model, data)
         mujoco.mj_energyVel(model, data)

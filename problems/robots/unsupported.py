@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from problems.robots.bodies import drive_of
+from problems.robots.bodies import actuator_of
 from problems.robots.couplings import coupled_tendons
 from problems.robots.elements import listed
 
 
-def leftovers(model: Any, geoms: Iterable[int]) -> list[str]:
+def unsupported_features(model: Any, geoms: Iterable[int]) -> list[str]:
     """Say of everything that plays no part what it is, by name, and what holds instead.
 
     Of geoms those count that may touch anything.
     """
     told = list[str]()
-    for what, kind, which, instead in _things(model):
+    for what, kind, which, instead in _unsupported_elements(model):
         names = [getattr(model, kind)(k).name for k in which]
         kind = "equality constraint" if kind == "eq" else kind
         told += [f"{what}{listed(kind, names)}: {instead}"] if names else []
@@ -27,7 +27,7 @@ def leftovers(model: Any, geoms: Iterable[int]) -> list[str]:
     return told
 
 
-def _things(model: Any) -> Iterator[tuple[str, str, list[int], str]]:
+def _unsupported_elements(model: Any) -> Iterator[tuple[str, str, list[int], str]]:
     """What of a kind of elements is left out, of which, and what holds instead."""
     single = np.flatnonzero(model.jnt_type < 2).tolist()
     for what, has in (
@@ -42,14 +42,14 @@ def _things(model: Any) -> Iterator[tuple[str, str, list[int], str]]:
     yield "", "eq", [k for k in range(model.neq) if not model.eq_active0[k]], "it is inactive"
     keys = [k for k in range(model.nkey) if model.key(k).name != "home"]
     yield "", "key", keys, "the one named home is home"
-    drives = [drive_of(model, k) for k in range(model.nu)]
-    odd = [k for k, drive in enumerate(drives) if drive is None]
+    actuators = [actuator_of(model, k) for k in range(model.nu)]
+    odd = [k for k, actuator in enumerate(actuators) if actuator is None]
     yield "", "actuator", odd, "only motors and position servos of hinges and slides are read"
     strong = [
         k
-        for k, drive in enumerate(drives)
-        if drive
-        and drive.servo
+        for k, actuator in enumerate(actuators)
+        if actuator
+        and actuator.servo
         and (model.actuator_forcelimited[k] or model.jnt_actfrclimited[model.actuator_trnid[k][0]])
     ]
     yield "force range of ", "actuator", strong, "a servo pulls as hard as it must"

@@ -1,0 +1,54 @@
+"""Energy and momentum of a scene over one step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import casadi as ca
+
+from dynamics.systems import EnergyBalance
+from dynamics.systems.shapes.planar import Scalar
+from problems.scenes.things import Body, Pusher
+
+if TYPE_CHECKING:
+    from problems.scenes.scene import Scene
+
+Balance = Callable[[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX], EnergyBalance]
+"""Maps (q, v, u, v_next, normal impulses, friction impulses) to the balance of the step."""
+
+
+def energy_balance(scene: Scene, masses: ca.SX, weight: ca.SX, h: Scalar) -> Balance:
+    """Return the balance of a scene with ``masses`` (nq, 1) under ``weight`` (nq, 1) [N, N m].
+
+    Energy is ``1/2 v' M v - weight' q``. The momentum ``sum m v`` changes by weight, motors,
+    obstacles and rails: of what acts on a pusher only the part along its rail moves it.
+    """
+
+    def balance(q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, friction: ca.SX) -> EnergyBalance:
+        momentum, external = ca.SX.zeros(2), ca.SX.zeros(2)
+        impulses = _contact_impulses(scene, q, normal, friction)
+        forces = weight + ca.vertcat(ca.SX.zeros(weight.numel() - u.numel()), u)
+        for thing in scene.moving:
+            directions = thing.directions if isinstance(thing, Pusher) else ca.SX.eye(2)
+            n = directions.shape[1]
+            mass = scene.of(thing.name, masses)[0]
+            momentum = momentum + mass * directions @ scene.of(thing.name, v)[:n]
+            impulse = directions.T @ impulses.get(thing.name, ca.SX.zeros(2))
+            external = external + directions @ (h * scene.of(thing.name, forces)[:n] + impulse)
+        energy = ca.dot(masses, v**2) / 2 - ca.dot(weight, q)
+        work = h * ca.dot(u, v_next[v_next.numel() - u.numel() :])
+        return EnergyBalance(energy, work, momentum, external)
+
+    return balance
+
+
+def _contact_impulses(scene: Scene, q: ca.SX, normal: ca.SX, friction: ca.SX) -> dict[str, ca.SX]:
+    """Return the impulse (2, 1) of all its contacts on everything that moves, by name."""
+    impulses: dict[str, ca.SX] = {}
+    for i, (touch, contact) in enumerate(zip(scene.touches, scene.contacts(q), strict=True)):
+        push = normal[i] * contact.normal + friction[i] * contact.tangent
+        for thing, impulse in ((touch.one, push), (touch.other, -push)):
+            if isinstance(thing, Body | Pusher):
+                impulses[thing.name] = impulses.get(thing.name, ca.SX.zeros(2)) + impulse
+    return impulses

@@ -1,0 +1,79 @@
+"""A scene in a picture: its shapes at one state, and the frames of its contacts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dynamics.systems.shapes.polygon import convex_parts
+from problems.drawing import ContactFrame, Disc, Segment, Shape, solid
+from problems.scenes.scene import Scene
+from problems.scenes.things import Body, Obstacle, Thing
+
+Draw = Callable[[Any, np.ndarray], list[Shape]]
+Frames = Callable[[Any, np.ndarray], list[ContactFrame]]
+Place = tuple[float, float, float]
+"""x, y [m], and the angle [rad], clockwise."""
+
+
+def pictured(scene: Callable[[Any], Scene]) -> tuple[Draw, Frames]:
+    """Return the ``draw`` and ``frames`` of a problem whose scene is ``scene(p)``.
+
+    ``scene`` reads every parameter as ``p["name"]``, so that it serves the symbols of ``build`` and
+    the numbers of a drawing alike.
+    """
+
+    @cache
+    def built_scene(params: Any) -> tuple[Scene, ca.Function]:
+        scene_of_numbers = scene(params.model_dump())
+        return scene_of_numbers, _places(scene_of_numbers)
+
+    def draw(params: Any, state: np.ndarray) -> list[Shape]:
+        pictured_scene, places = built_scene(params)
+        poses = np.array(places(state[: places.numel_in(0)])[0]).T.tolist()
+        return _all_shapes(pictured_scene, [(x, y, angle) for x, y, angle in poses])
+
+    def frames(params: Any, state: np.ndarray) -> list[ContactFrame]:
+        places = built_scene(params)[1]
+        _, contacts, friction = (np.array(v).T for v in places(state[: places.numel_in(0)]))
+        rows = np.column_stack([contacts, friction.ravel()]).tolist()
+        return [ContactFrame(*row) for row in rows]
+
+    return draw, frames
+
+
+def _places(scene: Scene) -> ca.Function:
+    """Map q to the poses (3, things), to places and normals (4, contacts), and their friction."""
+    q = ca.SX.sym("q", len(scene.coordinates))
+    poses = [ca.vertcat(pose.position, pose.angle) for pose in map(scene.pose(q), scene.things)]
+    frames = [ca.vertcat(contact.point, contact.normal) for contact in scene.contacts(q)]
+    outputs = [ca.horzcat(ca.SX(3, 0), *poses), ca.horzcat(ca.SX(4, 0), *frames), scene.friction]
+    return ca.Function("places", [q], [ca.densify(output) for output in outputs])
+
+
+def _all_shapes(scene: Scene, poses: list[Place]) -> list[Shape]:
+    """Return obstacles, then goals, then what moves."""
+    obstacles, goals, moving = list[Shape](), list[Shape](), list[Shape]()
+    for thing, pose in zip(scene.things, poses, strict=True):
+        if isinstance(thing, Obstacle):
+            obstacles += [solid(shape, *pose, "environment") for shape in convex_parts(thing.shape)]
+        else:
+            moving += _shapes(thing, pose, "object" if isinstance(thing, Body) else "actuator")
+    bodies = {body.name: body for body in scene.moving}
+    for goal in scene.goals:
+        goals += _shapes(bodies[goal.body], (float(goal.at[0]), float(goal.at[1]), -float(goal.angle)), "goal")
+    return [*obstacles, *goals, *moving]
+
+
+def _shapes(thing: Thing, pose: Place, role: str) -> list[Shape]:
+    """Return a thing's shapes, and on a disc that turns the radius that is upright at angle zero."""
+    shapes = [solid(shape, *pose, role) for shape in convex_parts(thing.shape)]
+    if not (thing.turns and isinstance(disc := shapes[0], Disc)):
+        return shapes
+    end = disc.x + disc.radius * math.sin(pose[2]), disc.y + disc.radius * math.cos(pose[2])
+    return [*shapes, Segment(disc.x, disc.y, *end, role)]
