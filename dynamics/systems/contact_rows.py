@@ -23,6 +23,13 @@ FORMS: dict[str, ConeForm] = {
 }
 
 
+def check_cone(name: str, cone: str) -> None:
+    """Raise ``ValueError`` for an unknown form of friction's cone."""
+    if cone not in FORMS:
+        kinds = ", ".join(map(repr, FORMS))
+        raise ValueError(f"system {name!r}: cone must be one of {kinds}, got {cone!r}")
+
+
 @dataclass(frozen=True, eq=False)
 class Space:
     """Additional maps of contacts in space: ``sliding`` gives 2 nc rows, of both tangents.

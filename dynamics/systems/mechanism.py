@@ -1,14 +1,98 @@
-"""The machine that a system was built from, for simulators of the same machine."""
+"""The interface of machines in the plane and in space, and the machine that a system was built from."""
 
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypedDict
+
+import casadi as ca
 
 from dynamics.systems.planar.links import Branch, root_first
 
+if TYPE_CHECKING:
+    from dynamics.systems.contact_rows import Cone
+    from dynamics.systems.parameters import ParameterTable
+    from dynamics.systems.planar.chain import Chain
+    from dynamics.systems.shapes import Contact
+    from dynamics.systems.space.contact import SpatialContact
+    from dynamics.systems.space.tree import Tree
+    from dynamics.systems.system import ContactSystem
+
 WORLD = "world"
 """The link or body of parts that never move, of machines in the plane and in space."""
+
+
+class PlacedShape(NamedTuple):
+    """A shape of a machine, in the frame of its ``owner``: a link, a body, or the :data:`WORLD`."""
+
+    name: str
+    owner: str
+    shape: Any
+
+
+class StepOptions(TypedDict, total=False):
+    """Settings that a step has in the plane and in space.
+
+    One unit of input is ``scale`` times the gear [N m, N]; ``cone`` is how friction's is written;
+    with ``linearised`` gaps are expanded at the current pose.
+    """
+
+    scale: float
+    cone: Cone
+    linearised: bool
+
+
+class Multibody(ABC):
+    """A machine in the plane or in space: bodies joined to trees, shapes on them, and which of these meet.
+
+    Two shapes that may touch are a pair of names in ``collision_pairs``; their contact is called
+    ``<one> on <other>``.
+    """
+
+    collision_pairs: tuple[tuple[str, str], ...]
+
+    @property
+    @abstractmethod
+    def members(self) -> Sequence[Any]:
+        """Links or bodies."""
+
+    @property
+    @abstractmethod
+    def shapes(self) -> tuple[PlacedShape, ...]:
+        """Everything that may touch something."""
+
+    @abstractmethod
+    def tree(self) -> Chain | Tree:
+        """Return the equations of motion."""
+
+    @abstractmethod
+    def contacts(self, q: ca.SX, spheres: Collection[str] | None = None) -> Mapping[str, Contact | SpatialContact]:
+        """Return the contacts at the pose ``q`` (nq, 1) by name.
+
+        Of ``spheres``, which machines in the plane have, those named touch the ground, by default all.
+        """
+
+    @abstractmethod
+    def system(
+        self,
+        name: str,
+        parameters: ParameterTable,
+        *,
+        h: ca.SX | float,
+        friction: ca.SX | float | None,
+        **options: Any,
+    ) -> ContactSystem:
+        """Return one step of h [s] with Coulomb's ``friction``, None without, and :class:`StepOptions`."""
+
+    def meeting_shapes(self) -> Iterator[tuple[tuple[str, str], PlacedShape, PlacedShape]]:
+        """Yield each collision pair and its two shapes; one on the world comes last."""
+        by_name = {placed.name: placed for placed in self.shapes}
+        for pair in self.collision_pairs:
+            first, second = (by_name[name] for name in pair)
+            yield (pair, second, first) if first.owner == WORLD else (pair, first, second)
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +103,7 @@ class Mechanism:
     default all. ``gyroscopic`` says how the step takes velocity forces in the plane.
     """
 
-    machine: Any
+    machine: Multibody
     scale: float = 1.0
     spheres: tuple[str, ...] | None = None
     gyroscopic: Literal["explicit", "implicit"] = "explicit"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import casadi as ca
 
 from dynamics.systems.checks import require_items, require_positive
-from dynamics.systems.contact_rows import FORMS, Cone, ContactRows, ContactSpec, contact_rows
+from dynamics.systems.contact_rows import Cone, ContactRows, ContactSpec, check_cone, contact_rows
 from dynamics.systems.limit_surface import LimitSurface, add_table_friction
 from dynamics.systems.pairs import ContactForces, EnergyBalance, Pair, RefereeModel
 from dynamics.systems.parameters import ParameterTable, Signal
@@ -168,9 +168,7 @@ def _check_arguments(
             f"system {name!r}: parameters must be a ParameterTable, got a"
             f" {type(parameters).__name__}; write ParameterTable([Parameter('m', 1.0, 'kg')])"
         )
-    if cone not in FORMS:
-        kinds = ", ".join(map(repr, FORMS))
-        raise ValueError(f"system {name!r}: cone must be one of {kinds}, got {cone!r}")
+    check_cone(name, cone)
 
 
 def pressed_rows(

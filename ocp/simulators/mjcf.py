@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from math import cos, sin
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, tostring
 
+import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dynamics.systems import WORLD, Link, Machine, space
+from dynamics.systems import WORLD, Link, space
 from dynamics.systems import shapes as planar_shapes
-from dynamics.systems.mechanism import Mechanism
+from dynamics.systems.mechanism import Mechanism, PlacedShape
 from dynamics.systems.planar.links import root_first
 from ocp.errors import InputError
 
@@ -43,67 +45,35 @@ def write_mjcf(mechanism: Mechanism, number: _Number, friction: Mapping[str, flo
     Raises :class:`~ocp.errors.InputError` for a shape that MuJoCo has not, and for couplings, which
     it softens.
     """
-
-    def row(value: Any) -> str:
-        return " ".join(repr(number(v)) for v in (value if isinstance(value, tuple) else (value,)))
-
-    def write(parent: Element, tag: str, /, **attributes: Any) -> Element:
-        """Append an element with texts, numbers and rows of numbers; attributes that are None are left out."""
-        texts = {
-            key: value if isinstance(value, str) else row(value)
-            for key, value in attributes.items()
-            if value is not None
-        }
-        return SubElement(parent, tag, texts)
-
-    machine = mechanism.machine
+    machine, write = mechanism.machine, _Writer(number)
     if getattr(machine, "couplings", ()):
         raise InputError("the machine has joints that follow others, which MuJoCo binds softly; try it here")
-    is_planar = isinstance(machine, Machine)
-    owners: tuple[Any, ...] = machine.links if is_planar else machine.bodies
-    gravity = _to_space(machine.chain().gravity if is_planar else machine.gravity)
     root = Element("mujoco")
     write(root, "compiler", angle="radian", inertiafromgeom="false")
     # MuJoCo 4.0.0 factorises sparse Jacobians wrongly.
     solver = {"cone": "elliptic", "integrator": "implicitfast", "jacobian": "dense"}
-    write(write(root, "option", gravity=gravity, **solver), "flag", autoreset="disable")
+    write(write(root, "option", gravity=_to_space(machine.tree().gravity), **solver), "flag", autoreset="disable")
     asset, bodies = write(root, "asset"), {WORLD: write(root, "worldbody")}
     contact, actuator = write(root, "contact"), write(root, "actuator")
     shapes, pairs = _shapes(mechanism)
     part_names = list(dict.fromkeys(part_name for pair in pairs.values() for part_name in pair))
-    frames = {
-        owner.name: _planar_frame(owner, number) if is_planar else _spatial_frame(owner) for owner in root_first(owners)
-    }
-    order = [joint.name for owner in owners for joint in frames[owner.name].moves]
-    _merge_massless(frames, {shapes[part_name][0] for part_name in part_names}, number)
-    owner: Any
+    members = root_first(machine.members)
+    frames = {member.name: _body_frame(member, number) for member in members}
+    order = [joint.name for member in machine.members for joint in frames[member.name].moves]
+    _merge_massless(frames, {shapes[part_name].owner for part_name in part_names}, number)
     for name, frame in frames.items():
-        owner = frame.owner
-        body = write(bodies[frame.parent], "body", name=name, pos=frame.place, quat=frame.turn)
-        bodies[name] = body
-        for joint in frame.moves:
-            carrier: Any = joint.owner
-            attributes = {"range": carrier.limits, "damping": carrier.damping, "pos": joint.at}
-            if joint.kind in ("hinge", "slide"):
-                attributes |= {"axis": joint.axis, "stiffness": carrier.spring}
-                attributes |= {"armature": carrier.armature, "springref": getattr(carrier, "rest", None)}
-            write(body, "joint", name=joint.name, type=joint.kind, **attributes)
-        if number(owner.mass):
-            moments = (owner.inertia,) * 3 if is_planar else owner.inertia
-            kind = "diaginertia" if len(moments) == 3 else "fullinertia"
-            write(body, "inertial", mass=owner.mass, pos=_to_space(owner.com), **{kind: moments})
-    for owner in root_first(owners):
-        if owner.gear is not None:
-            gear = mechanism.scale * owner.gear
-            write(actuator, "motor", name=owner.name, joint=owner.name, gear=gear)
-        elif getattr(owner, "servo", None) is not None:
-            write(actuator, "position", name=owner.name, joint=owner.name, kp=owner.servo)
+        bodies[name] = write.body(bodies[frame.parent], name, frame)
+    for member in members:
+        if member.gear is not None:
+            write(actuator, "motor", name=member.name, joint=member.name, gear=mechanism.scale * member.gear)
+        elif getattr(member, "servo", None) is not None:
+            write(actuator, "position", name=member.name, joint=member.name, kp=member.servo)
     for part_name in part_names:
-        body_name, shape = shapes[part_name]
-        if isinstance(shape, space.Hull):
-            write(asset, "mesh", name=part_name, vertex=tuple(v for at in shape.points for v in at))
-        attributes = _geom(part_name, body_name, shape, number)
-        write(bodies[body_name], "geom", name=part_name, contype="0", conaffinity="0", mass="0", **attributes)
+        placed = shapes[part_name]
+        if isinstance(placed.shape, space.Hull):
+            write(asset, "mesh", name=part_name, vertex=tuple(v for point in placed.shape.points for v in point))
+        attributes = _geom(placed, number)
+        write(bodies[placed.owner], "geom", name=part_name, contype="0", conaffinity="0", mass="0", **attributes)
     for label, (geom1, geom2) in pairs.items():
         f = friction.get(label, friction.get(f"{label} 1", 0.0))
         pair_friction = (f, f, 0.005, 1e-4, 1e-4) if f else None
@@ -111,14 +81,46 @@ def write_mjcf(mechanism: Mechanism, number: _Number, friction: Mapping[str, flo
     return Mjcf(tostring(root, encoding="unicode"), order, pairs)
 
 
+@dataclass(frozen=True)
+class _Writer:
+    """Writer of elements, whose numbers are those of ``number``."""
+
+    number: _Number
+
+    def __call__(self, parent: Element, tag: str, /, **attributes: Any) -> Element:
+        """Append an element with texts, numbers and rows of numbers; attributes that are None are left out."""
+        present = {key: value for key, value in attributes.items() if value is not None}
+        return SubElement(parent, tag, {key: v if isinstance(v, str) else self._row(v) for key, v in present.items()})
+
+    def _row(self, value: Any) -> str:
+        return " ".join(repr(self.number(v)) for v in (value if isinstance(value, tuple) else (value,)))
+
+    def body(self, parent: Element, name: str, frame: _BodyFrame) -> Element:
+        """Append a body with its joints and its inertia."""
+        owner = frame.owner
+        body = self(parent, "body", name=name, pos=frame.place, quat=frame.turn)
+        for joint in frame.moves:
+            carrier: Any = joint.owner
+            attributes = {"range": carrier.limits, "damping": carrier.damping, "pos": joint.point}
+            if joint.kind in ("hinge", "slide"):
+                attributes |= {"axis": joint.axis, "stiffness": carrier.spring}
+                attributes |= {"armature": carrier.armature, "springref": getattr(carrier, "rest", None)}
+            self(body, "joint", name=joint.name, type=joint.kind, **attributes)
+        if self.number(owner.mass):
+            moments = (owner.inertia,) * 3 if isinstance(owner, Link) else owner.inertia
+            kind = "diaginertia" if len(moments) == 3 else "fullinertia"
+            self(body, "inertial", mass=owner.mass, pos=_to_space(owner.com), **{kind: moments})
+        return body
+
+
 class _Joint(NamedTuple):
-    """A joint of a link or body: its ``axis`` and a point ``at`` it in that frame."""
+    """A joint of a link or body: its ``axis`` and a ``point`` of it in that frame."""
 
     owner: Any
     name: str
     kind: str
     axis: Any
-    at: Any = None
+    point: Any = None
 
 
 class _BodyFrame(NamedTuple):
@@ -131,12 +133,16 @@ class _BodyFrame(NamedTuple):
     moves: list[_Joint]
 
 
+def _body_frame(member: Link | space.Body, number: _Number) -> _BodyFrame:
+    return _link_frame(member, number) if isinstance(member, Link) else _spatial_frame(member)
+
+
 def _spatial_frame(body: space.Body) -> _BodyFrame:
     moves = [] if body.joint == "fixed" else [_Joint(body, body.name, body.joint, body.axis)]
     return _BodyFrame(body, body.parent or WORLD, body.position, body.quaternion, moves)
 
 
-def _planar_frame(link: Link, number: _Number) -> _BodyFrame:
+def _link_frame(link: Link, number: _Number) -> _BodyFrame:
     a, name = number(link.offset), link.name
 
     def in_link_frame(x: Any, z: Any) -> tuple[Any, Any, Any]:
@@ -176,9 +182,9 @@ def _merge_massless(frames: dict[str, _BodyFrame], touching: set[str], number: _
         upper_rotation, lower_rotation = Rotation.from_quat(quaternions, scalar_first=True)
         joints = list[_Joint]()
         for joint in upper.moves:
-            axis, point = numbers(joint.axis), numbers(joint.at or (0.0,) * 3) - offset
+            axis, point = numbers(joint.axis), numbers(joint.point or (0.0,) * 3) - offset
             axis, point = (tuple(lower_rotation.inv().apply(vector)) for vector in (axis, point))
-            joints.append(joint._replace(axis=axis, at=point))
+            joints.append(joint._replace(axis=axis, point=point))
         frames[children[0]] = lower._replace(
             parent=upper.parent,
             place=tuple(numbers(upper.place) + upper_rotation.apply(offset)),
@@ -190,23 +196,23 @@ def _merge_massless(frames: dict[str, _BodyFrame], touching: set[str], number: _
 
 def _to_space(point: Any) -> tuple[Any, ...]:
     """Return a point of the plane, or in space, as a point in space."""
-    is_planar = not isinstance(point, tuple) or len(point) == 2
-    return (point[0], 0.0, point[1]) if is_planar else point
+    entries = point if isinstance(point, tuple) else tuple(ca.SX(point).elements())
+    return (entries[0], 0.0, entries[1]) if len(entries) == 2 else entries
 
 
-def _shapes(mechanism: Mechanism) -> tuple[dict[str, tuple[str, Any]], dict[str, tuple[str, str]]]:
-    """Return shapes by name, each with its body, and the pairs of every contact."""
+def _shapes(mechanism: Mechanism) -> tuple[dict[str, PlacedShape], dict[str, tuple[str, str]]]:
+    """Return shapes by name, also the ground, and the pairs of every contact."""
     machine = mechanism.machine
+    spheres = [sphere.name for sphere in getattr(machine, "spheres", ())]
+    on_ground = [name for name in spheres if mechanism.spheres is None or name in mechanism.spheres]
+    shapes = [PlacedShape(GROUND, WORLD, space.Plane()), *machine.shapes]
     pairs = {f"{first} on {second}": (first, second) for first, second in machine.collision_pairs}
-    if not isinstance(machine, Machine):
-        return {part.name: (part.body, part.shape) for part in machine.parts}, pairs
-    shapes = {part.name: (part.link, part.shape) for part in (*machine.spheres, *machine.parts)}
-    on_ground = [s.name for s in machine.spheres if mechanism.spheres is None or s.name in mechanism.spheres]
-    return {GROUND: (WORLD, space.Plane()), **shapes}, {n: (n, GROUND) for n in on_ground} | pairs
+    return {placed.name: placed for placed in shapes}, {name: (name, GROUND) for name in on_ground} | pairs
 
 
-def _geom(part: str, body_name: str, shape: Any, number: _Number) -> dict[str, Any]:
+def _geom(placed: PlacedShape, number: _Number) -> dict[str, Any]:
     """Return the attributes of a shape's geom."""
+    part, shape = placed.name, placed.shape
     match shape:
         case space.Sphere() | planar_shapes.Disc():
             radius = max(number(shape.radius), MIN_RADIUS_M)
@@ -222,7 +228,7 @@ def _geom(part: str, body_name: str, shape: Any, number: _Number) -> dict[str, A
             return {"type": "box", "size": (x, x + z, z), "pos": _to_space(shape.centre)}
         case space.Hull():
             return {"type": "mesh", "mesh": part}
-        case space.Plane() | planar_shapes.HalfPlane() if body_name == WORLD:
+        case space.Plane() | planar_shapes.HalfPlane() if placed.owner == WORLD:
             pose = {"pos": _to_space(shape.origin), "zaxis": _to_space(shape.normal)}
             return {"type": "plane", "size": "0 0 1", **pose}
     kind = "rounded" if isinstance(shape, planar_shapes.Box) else "moving"

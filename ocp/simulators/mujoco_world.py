@@ -11,7 +11,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from dynamics.systems import Machine
 from ocp.errors import InputError
 from ocp.problem.problem import Problem
 from ocp.simulators.mjcf import write_mjcf
@@ -26,7 +25,12 @@ ITERATED_TOLERANCE = 1e-5
 """Largest relative difference of distances that MuJoCo computes by iteration."""
 N_COMPARED_STATES = 3
 """Number of random states at which the models are compared."""
-GEOM_CYLINDER, GEOM_BOX, GEOM_MESH = 5, 6, 7  # MuJoCo's numbers of kinds of geoms.
+GEOM_CYLINDER = 5
+"""MuJoCo's number of cylinders."""
+GEOM_BOX = 6
+"""MuJoCo's number of boxes."""
+GEOM_MESH = 7
+"""MuJoCo's number of meshes."""
 DIVERGED = 1e6
 """Size of a state from which on a motion counts as diverged."""
 
@@ -107,9 +111,8 @@ class MujocoWorld:
         system, mechanism, data = self.problem.system, self.problem.system.machine, self.data
         assert mechanism is not None
         nq, n = len(self._q), len(self._q) + len(self._v)
-        q, v, is_planar = system.x[:nq], system.x[nq:n], isinstance(mechanism.machine, Machine)
-        tree = mechanism.machine.chain() if is_planar else mechanism.machine.tree()
-        contacts = mechanism.machine.contacts(tree, q, *([mechanism.spheres] if is_planar else []))
+        q, v, tree = system.x[:nq], system.x[nq:n], mechanism.machine.tree()
+        contacts = mechanism.machine.contacts(q, mechanism.spheres)
         phis = ca.vertcat(ca.SX(0, 1), *(contact.phi for contact in contacts.values()))
         forces = ca.substitute(system.residual[nq:n] / system.h, system.lam, ca.SX.zeros(system.nlam))
         forces = ca.substitute(forces, system.x_next, system.x)

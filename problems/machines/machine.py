@@ -48,8 +48,8 @@ class PublishedMachine(Machine):
 
         Raises ``ValueError`` that names the sphere or the joint, and by how much to mend it.
         """
-        chain = self.chain()
-        touches = self.contacts(chain, ca.SX(q), spheres)
+        chain = self.tree()
+        touches = self.contacts(ca.SX(q), spheres)
         depths = {name: -float(touches[name].phi) for name in spheres}
         deepest = max(depths, key=lambda name: depths[name])
         if depths[deepest] > START_TOLERANCE:
@@ -97,9 +97,9 @@ def machine_frames(
 @cache
 def _frames(machine: Machine, spheres: tuple[str, ...] | None) -> ca.Function:
     """Map q to the place and the normal of every contact, (4, contacts)."""
-    chain = machine.chain()
+    chain = machine.tree()
     q = ca.SX.sym("q", chain.nq)
-    found = machine.contacts(chain, q, spheres).values()
+    found = machine.contacts(q, spheres).values()
     columns = [ca.vertcat(contact.point, contact.normal) for contact in found]
     return ca.Function("frames", [q], [ca.densify(ca.horzcat(ca.SX(4, 0), *columns))])
 
@@ -118,7 +118,7 @@ def _rod(link: Link) -> tuple[tuple[float, float], tuple[float, float]]:
 def _places(machine: Machine) -> ca.Function:
     """Map q to the ends of every bar, (4, bars), and to the poses of all parts, (3, parts)."""
     # Bars run from a link's joint to its spheres and joints; the floating link runs through these.
-    chain = machine.chain()
+    chain = machine.tree()
     q = ca.SX.sym("q", chain.nq)
     bars, poses = [ca.SX(4, 0)], [ca.SX(3, 0)]
     for link in machine.links:

@@ -66,5 +66,5 @@ def _frames(machine: SpatialMachine) -> ca.Function:
     """Map q to the point and the normal of every contact, (6, contacts)."""
     tree = machine.tree()
     q = ca.SX.sym("q", tree.nq)
-    columns = [ca.vertcat(one.point, one.normal) for one in machine.contacts(tree, q).values()]
+    columns = [ca.vertcat(one.point, one.normal) for one in machine.contacts(q).values()]
     return ca.Function("frames", [q], [ca.densify(ca.horzcat(ca.SX(6, 0), *columns))])

@@ -89,7 +89,7 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) ->
         except ValueError as error:
             left[str(error)].append(" and ".join(pair))
             continue
-        points = [points[k] for k in distinct_points(tree, q, one, other, len(points))]
+        points = [points[k] for k in distinct_points(tree, q, one.placed, other.placed, len(points))]
         near = name_contacts(*pair, points)
         if twice := friction.keys() & near.keys():
             raise ValueError(f"two contacts are called {min(twice)!r}; give the geoms other names")

@@ -37,8 +37,8 @@ class ModeStepper:
     """
 
     def __init__(self, machine: Machine, h: float, friction: float, *, implicit: bool = False) -> None:
-        self.h, self.friction, self.nq = h, friction, machine.chain().nq
-        chain = machine.chain()
+        self.h, self.friction, self.nq = h, friction, machine.tree().nq
+        chain = machine.tree()
         q, v = ca.SX.sym("q", chain.nq), ca.SX.sym("v", chain.nq)
         centres = [chain.position(q, s.link, s.centre) for s in machine.spheres]
         gaps = ca.vertcat(*(c[1] - s.radius for c, s in zip(centres, machine.spheres, strict=True)))

@@ -31,8 +31,8 @@ CRANE = (
 )
 CHAINS = {
     "crane": Chain(CRANE),
-    "hopper": hopper().chain(),
-    "half-cheetah": half_cheetah().chain(),
+    "hopper": hopper().tree(),
+    "half-cheetah": half_cheetah().tree(),
 }
 every_chain = pytest.mark.parametrize("chain", CHAINS.values(), ids=CHAINS)
 Step = Callable[[np.ndarray, np.ndarray, float], tuple[np.ndarray, float]]
@@ -145,7 +145,7 @@ def test_a_plant_steps_as_a_machine_with_implicit_forces(name: str, monkeypatch:
     driven = Plant(problem, "exact", {}).problem.system
     assert model.machine and driven.machine and driven.machine.gyroscopic == "implicit"
     assert ca.is_equal(driven.residual, found.residual, 100)
-    chain = model.machine.machine.chain()
+    chain = model.machine.machine.tree()
     q, v = model.x[: chain.nq], model.x[chain.nq : 2 * chain.nq]
     wanted = model.h * (chain.weight(q) - chain.bias(q, v)) - gyroscopic_impulse(chain, q, v, model.h)
     rng = np.random.default_rng(6)

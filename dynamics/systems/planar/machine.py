@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
-from typing import Literal, get_args
+from functools import cached_property
+from typing import Literal, Unpack, get_args
 
 import casadi as ca
 
 from dynamics.systems.checks import parse_number, parse_point, require_items, require_positive, require_text
 from dynamics.systems.contact_rows import Cone
-from dynamics.systems.mechanism import WORLD, Mechanism, check_parts
+from dynamics.systems.mechanism import WORLD, Mechanism, Multibody, PlacedShape, StepOptions, check_parts
 from dynamics.systems.pairs import EnergyBalance
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.planar.chain import Chain
@@ -74,7 +75,7 @@ class Sphere:
 
 
 @dataclass(frozen=True, eq=False)
-class Machine:
+class Machine(Multibody):
     """A tree of links, the spheres on them that may touch the ground z = 0, and what else meets.
 
     ``collision_pairs`` are pairs of names, of spheres or of further ``parts``, on two links each, that may
@@ -103,28 +104,37 @@ class Machine:
         fixed_parts = [(part.name, part.link) for part in self.parts]
         check_parts("link", self.links, ground_parts, fixed_parts, self.collision_pairs)
 
-    def chain(self) -> Chain:
-        """Build the equations of motion."""
+    @property
+    def members(self) -> tuple[Link, ...]:
+        """The links."""
+        return self.links
+
+    @property
+    def shapes(self) -> tuple[PlacedShape, ...]:
+        """Spheres and parts."""
+        return tuple(PlacedShape(part.name, part.link, part.shape) for part in (*self.spheres, *self.parts))
+
+    @cached_property
+    def _chain(self) -> Chain:
         return Chain(self.links, self.gravity)
 
-    def contacts(self, chain: Chain, q: ca.SX, spheres: Collection[str] | None = None) -> dict[str, Contact]:
+    def tree(self) -> Chain:
+        """Return the equations of motion."""
+        return self._chain
+
+    def contacts(self, q: ca.SX, spheres: Collection[str] | None = None) -> dict[str, Contact]:
         """Contacts at the pose ``q`` (nq, 1): of the spheres with the ground, and of the collision pairs.
 
         Of ``spheres``, all by default, those named touch the ground.
         """
-        parts_by_name = {part.name: part for part in (*self.spheres, *self.parts)}
-        contacts = {}
+        chain, contacts = self.tree(), {}
         for sphere in self.spheres:
             if spheres is None or sphere.name in spheres:
                 pose = chain.pose(q, sphere.link)
                 contacts[sphere.name] = Contact.between(sphere.shape, pose, _GROUND, Pose.fixed())
-        for name_a, name_b in self.collision_pairs:
-            part_a, part_b = parts_by_name[name_a], parts_by_name[name_b]
-            if part_a.link == WORLD:
-                part_a, part_b = part_b, part_a
-            contacts[f"{name_a} on {name_b}"] = Contact.between(
-                part_a.shape, link_pose(chain, q, part_a.link), part_b.shape, link_pose(chain, q, part_b.link)
-            )
+        for (name_a, name_b), placed_a, placed_b in self.meeting_shapes():
+            poses = [link_pose(chain, q, placed.owner) for placed in (placed_a, placed_b)]
+            contacts[f"{name_a} on {name_b}"] = Contact.between(placed_a.shape, poses[0], placed_b.shape, poses[1])
         return contacts
 
     def system(
@@ -134,81 +144,123 @@ class Machine:
         *,
         h: ca.SX | float,
         friction: ca.SX | float | None,
-        spheres: Collection[str] | None = None,
-        scale: float = 1.0,
-        cone: Cone = "linearised",
-        linearised: bool = False,
-        free_step: bool = False,
-        gyroscopic: Gyroscopic = "explicit",
+        **options: Unpack[PlanarStepOptions],
     ) -> ContactSystem:
         """One step of the machine over the ground z = 0, with friction and joint limits.
 
-        ``spheres`` are those that may touch the ground, by default all; ``friction`` None is
-        frictionless; one unit of input is ``scale`` times the gear [N m]; ``cone`` is how
-        friction's is written. With ``free_step`` h is a symbol and one state more. Coriolis and
-        centrifugal forces are the ``gyroscopic`` ones: explicit, or implicit, which gain no energy
-        (:func:`~dynamics.systems.planar.flight.gyroscopic_impulse`). Names of contacts are those of :meth:`contacts`,
-        of limits ``<joint> low`` and ``<joint> high``.
+        ``friction`` None is frictionless. ``options`` are those of :class:`PlanarStepOptions`. Names
+        of contacts are those of :meth:`contacts`, of limits ``<joint> low`` and ``<joint> high``.
 
         Raises ``ValueError`` for another word in ``gyroscopic``.
         """
-        if gyroscopic not in get_args(Gyroscopic):
-            raise ValueError(f"gyroscopic must be 'explicit' or 'implicit', got {gyroscopic!r}")
-        chain = self.chain()
-        step_state = (Signal("h", "s", "step size"),) if free_step else ()
+        step = _PlanarStep(self, h, friction, **options)
+        spheres = None if step.spheres is None else tuple(step.spheres)
+        return replace(step.system(name, parameters), machine=Mechanism(self, step.scale, spheres, step.gyroscopic))
+
+
+class PlanarStepOptions(StepOptions, total=False):
+    """Settings of a step in the plane: those of every machine, and these.
+
+    ``spheres`` are those that may touch the ground, by default all. With ``free_step`` h is a symbol
+    and one state more. Coriolis and centrifugal forces are the ``gyroscopic`` ones: explicit, or
+    implicit, which gain no energy (:func:`~dynamics.systems.planar.flight.gyroscopic_impulse`).
+    """
+
+    spheres: Collection[str] | None
+    free_step: bool
+    gyroscopic: Gyroscopic
+
+
+@dataclass(frozen=True, eq=False)
+class _PlanarStep:
+    """Forces and contacts of a machine's step; the fields are as in :meth:`Machine.system`."""
+
+    machine: Machine
+    h: ca.SX | float
+    friction: ca.SX | float | None
+    spheres: Collection[str] | None = None
+    scale: float = 1.0
+    cone: Cone = "linearised"
+    linearised: bool = False
+    free_step: bool = False
+    gyroscopic: Gyroscopic = "explicit"
+
+    def __post_init__(self) -> None:
+        if self.gyroscopic not in get_args(Gyroscopic):
+            raise ValueError(f"gyroscopic must be 'explicit' or 'implicit', got {self.gyroscopic!r}")
+
+    @cached_property
+    def _motors(self) -> ca.SX:
+        """Forces of one unit of each input (nq, nu)."""
+        return self.scale * self.machine.tree().B
+
+    @cached_property
+    def _damping(self) -> ca.SX:
+        """Damping matrix (nq, nq)."""
+        chain = self.machine.tree()
         v = ca.SX.sym("v", chain.nq)
-        damping = -ca.jacobian(chain.damping(v), v)
-        motors, weight = scale * chain.B, chain.total_mass * ca.vertcat(*chain.gravity)
-        base, limits = ca.diag(damping)[:2], chain.limits
-        joints = [chain.coordinates[i].name for i, _, _ in limits]
-        names = list(self.contacts(chain, ca.SX.sym("q", chain.nq), spheres))
-        world_parts = {part.name for part in self.parts if part.link == WORLD}
-        inner_contacts = {f"{a} on {b}" for a, b in self.collision_pairs if not {a, b} & world_parts}
+        return -ca.jacobian(chain.damping(v), v)
 
-        def stack_contacts(value: Callable[[Contact], ca.SX], q: ca.SX) -> ca.SX:
-            return ca.vertcat(*map(value, self.contacts(chain, q, spheres).values()))
+    @cached_property
+    def _inner_contacts(self) -> set[str]:
+        """Names of the contacts of two parts that move."""
+        pairs = self.machine.meeting_shapes()
+        return {f"{one} on {other}" for (one, other), _, placed in pairs if placed.owner != WORLD}
 
-        def impulse(q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
-            if gyroscopic == "implicit":
-                return h * (motors @ u - chain.weight(q)) + gyroscopic_impulse(chain, q, v, h)
-            return h * (motors @ u - chain.bias(q, v))
+    def _impulse(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
+        """Impulse of the smooth forces (nq, 1) [N s], without dampers and springs."""
+        chain = self.machine.tree()
+        if self.gyroscopic == "implicit":
+            return self.h * (self._motors @ u - chain.weight(q)) + gyroscopic_impulse(chain, q, v, self.h)
+        return self.h * (self._motors @ u - chain.bias(q, v))
 
-        def energy_balance(
-            q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, tangential: ca.SX
-        ) -> EnergyBalance:
-            external = h * weight - h * base * v_next[:2]
-            for i, (label, contact) in enumerate(self.contacts(chain, q, spheres).items()):
-                if label not in inner_contacts:
-                    external += normal[i] * contact.normal + tangential[i] * contact.tangent
-            work = h * ca.dot(v_next, motors @ u - damping @ v_next)
-            return EnergyBalance(chain.energy(q, v), work, chain.momentum(q, v), external)
+    def _energy_balance(
+        self, q: ca.SX, v: ca.SX, u: ca.SX, v_next: ca.SX, normal: ca.SX, tangential: ca.SX
+    ) -> EnergyBalance:
+        chain, h = self.machine.tree(), self.h
+        weight = chain.total_mass * ca.vertcat(*chain.gravity)
+        external = h * weight - h * ca.diag(self._damping)[:2] * v_next[:2]
+        for i, (label, contact) in enumerate(self.machine.contacts(q, self.spheres).items()):
+            if label not in self._inner_contacts:
+                external += normal[i] * contact.normal + tangential[i] * contact.tangent
+        work = h * ca.dot(v_next, self._motors @ u - self._damping @ v_next)
+        return EnergyBalance(chain.energy(q, v), work, chain.momentum(q, v), external)
 
-        def limit_distances(q: ca.SX) -> ca.SX:
-            low = [q[i] - lowest for i, lowest, _ in limits]
-            return ca.vertcat(*low, *(highest - q[i] for i, _, highest in limits))
+    def _limit_distances(self, q: ca.SX) -> ca.SX:
+        limits = self.machine.tree().limits
+        low = [q[i] - lowest for i, lowest, _ in limits]
+        return ca.vertcat(*low, *(highest - q[i] for i, _, highest in limits))
 
-        system = time_stepping(
+    def _stack_contacts(self, value: Callable[[Contact], ca.SX], q: ca.SX) -> ca.SX:
+        return ca.vertcat(*map(value, self.machine.contacts(q, self.spheres).values()))
+
+    def system(self, name: str, parameters: ParameterTable) -> ContactSystem:
+        """Build the system."""
+        chain = self.machine.tree()
+        q = ca.SX.sym("q", chain.nq)
+        step_state = (Signal("h", "s", "step size"),) if self.free_step else ()
+        joints = [chain.coordinates[i].name for i, _, _ in chain.limits]
+        names = self.machine.contacts(q, self.spheres)
+        return time_stepping(
             name,
             states=(*chain.coordinates, *chain.velocities, *step_state),
             inputs=tuple(Signal(f"u_{joint}", "1", "motor") for joint in chain.actuated),
             contacts=tuple(Signal(contact, "N s", "normal impulse") for contact in names),
-            h=h,
+            h=self.h,
             mass=chain.mass,
-            impulse=impulse,
+            impulse=self._impulse,
             parameters=parameters,
-            distance=lambda q: stack_contacts(lambda contact: contact.phi, q),
-            sliding=lambda q: stack_contacts(lambda contact: contact.jacobians(q)[1], q),
-            friction=friction,
-            cone=cone,
-            limits=limit_distances if limits else None,
+            distance=lambda q: self._stack_contacts(lambda contact: contact.phi, q),
+            sliding=lambda q: self._stack_contacts(lambda contact: contact.jacobians(q)[1], q),
+            friction=self.friction,
+            cone=self.cone,
+            limits=self._limit_distances if chain.limits else None,
             limit_names=tuple(f"{joint} {end}" for end in ("low", "high") for joint in joints),
-            damping=damping,
-            stiffness=-ca.jacobian(chain.spring(v), v),
-            linearised=linearised,
-            energy_balance=energy_balance,
+            damping=self._damping,
+            stiffness=-ca.jacobian(chain.spring(q), q),
+            linearised=self.linearised,
+            energy_balance=self._energy_balance,
         )
-        ground_spheres = None if spheres is None else tuple(spheres)
-        return replace(system, machine=Mechanism(self, scale, ground_spheres, gyroscopic))
 
 
 def with_implicit_forces(system: ContactSystem) -> ContactSystem:
@@ -221,7 +273,7 @@ def with_implicit_forces(system: ContactSystem) -> ContactSystem:
     mechanism = system.machine
     if mechanism is None or mechanism.gyroscopic == "implicit" or not isinstance(mechanism.machine, Machine):
         return system
-    chain = mechanism.machine.chain()
+    chain = mechanism.machine.tree()
     signals = (*chain.coordinates, *chain.velocities)
     if system.states[: len(signals)] != signals:
         return system

@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Unpack
 
 import casadi as ca
 import numpy as np
 
 from dynamics.systems.checks import require_items, require_text
-from dynamics.systems.contact_rows import Cone
-from dynamics.systems.mechanism import WORLD, Mechanism, check_parts
+from dynamics.systems.mechanism import WORLD, Mechanism, Multibody, PlacedShape, StepOptions, check_parts
 from dynamics.systems.memoise import memoise_expression
 from dynamics.systems.parameters import ParameterTable
 from dynamics.systems.space.body import Body, Vector, require_vector
 from dynamics.systems.space.contact import JointAxes, SpatialContact, SpatialPose, at_random_poses, contacts_between
 from dynamics.systems.space.coupling import CoupledJoints, Coupling
 from dynamics.systems.space.shapes import Shape
-from dynamics.systems.space.stepping import ContactPair, spatial_step
+from dynamics.systems.space.stepping import ContactPair, SpatialStep
 from dynamics.systems.space.tree import Tree
 from dynamics.systems.system import ContactSystem
 
-# Pose of the world.
 _FIXED = SpatialPose(ca.SX.eye(3), ca.SX(3, 1))
-_ROUNDING = 1e-12
-"""How far numbers of equal contacts may be apart, relative."""
+"""Pose of the world."""
+EQUAL_CONTACTS_TOLERANCE = 1e-12
+"""Relative difference up to which numbers of two contacts are equal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +44,14 @@ class SpatialPart:
                 f" of dynamics.systems.space, got {self.shape!r}"
             )
 
+    @property
+    def placed(self) -> PlacedShape:
+        """Its shape and body."""
+        return PlacedShape(self.name, self.body, self.shape)
+
 
 @dataclass(frozen=True, eq=False)
-class SpatialMachine:
+class SpatialMachine(Multibody):
     """A tree of bodies, the parts on them, and who meets whom.
 
     ``collision_pairs`` are pairs of names of parts, on two bodies each, that may touch; one of them may be
@@ -70,32 +75,38 @@ class SpatialMachine:
         fixed_parts = [(part.name, part.body) for part in self.parts]
         check_parts("body", self.bodies, [], fixed_parts, self.collision_pairs)
 
+    @property
+    def members(self) -> tuple[Body, ...]:
+        """The bodies."""
+        return self.bodies
+
+    @property
+    def shapes(self) -> tuple[PlacedShape, ...]:
+        """The parts."""
+        return tuple(part.placed for part in self.parts)
+
     @cached_property
     def _tree(self) -> Tree:
         return Tree(self.bodies, self.gravity)
 
     def tree(self) -> Tree:
-        """The equations of motion."""
+        """Return the equations of motion."""
         return self._tree
 
     def coupled_joints(self) -> CoupledJoints | None:
         """Return the joints that move together, None without any."""
         return CoupledJoints(self.tree(), self.couplings) if self.couplings else None
 
-    def contacts_with_bodies(self, tree: Tree, q: ca.SX) -> dict[str, tuple[SpatialContact, str, str]]:
+    def contacts_with_bodies(self, q: ca.SX) -> dict[str, tuple[SpatialContact, str, str]]:
         """Contacts at the pose ``q`` (nq, 1), each with the bodies of its A and of its B."""
-        parts_by_name, contacts = {part.name: part for part in self.parts}, {}
-        places = body_places(tree, q)
-        for name_a, name_b in self.collision_pairs:
-            part_a, part_b = parts_by_name[name_a], parts_by_name[name_b]
-            if part_a.body == WORLD:
-                part_a, part_b = part_b, part_a
-            pair_contacts = contacts_between(part_a.shape, places[part_a.body], part_b.shape, places[part_b.body])
-            if (name_a, name_b) not in self._points:
-                self._points[name_a, name_b] = distinct_points(tree, self._q, part_a, part_b, len(pair_contacts))
-            points = [pair_contacts[k] for k in self._points[name_a, name_b]]
-            for name, contact in name_contacts(name_a, name_b, points).items():
-                contacts[name] = contact, part_a.body, part_b.body
+        places, contacts = body_places(self.tree(), q), {}
+        for pair, placed_a, placed_b in self.meeting_shapes():
+            owners = placed_a.owner, placed_b.owner
+            pair_contacts = contacts_between(placed_a.shape, places[owners[0]], placed_b.shape, places[owners[1]])
+            if pair not in self._points:
+                self._points[pair] = distinct_points(self.tree(), self._q, placed_a, placed_b, len(pair_contacts))
+            points = [pair_contacts[k] for k in self._points[pair]]
+            contacts |= {name: (contact, *owners) for name, contact in name_contacts(*pair, points).items()}
         return contacts
 
     @cached_property
@@ -108,9 +119,9 @@ class SpatialMachine:
         """A pose at which points are compared; one for all pairs, whose tree is built once."""
         return ca.SX.sym("q", self.tree().nq)
 
-    def contacts(self, tree: Tree, q: ca.SX) -> dict[str, SpatialContact]:
-        """Contacts at the pose ``q`` (nq, 1) by name."""
-        return {name: contact for name, (contact, *_) in self.contacts_with_bodies(tree, q).items()}
+    def contacts(self, q: ca.SX, spheres: Collection[str] | None = None) -> dict[str, SpatialContact]:
+        """Return the contacts at the pose ``q`` (nq, 1) by name; no ``spheres`` are told apart in space."""
+        return {name: contact for name, (contact, *_) in self.contacts_with_bodies(q).items()}
 
     def system(
         self,
@@ -119,41 +130,35 @@ class SpatialMachine:
         *,
         h: ca.SX | float,
         friction: ca.SX | float | None,
-        edges: int = 4,
-        scale: float = 1.0,
-        cone: Cone = "linearised",
-        linearised: bool = False,
-        inertial: bool = True,
+        **options: Unpack[SpatialStepOptions],
     ) -> ContactSystem:
-        """One step of the machine with friction and joint limits, as :func:`spatial_step` has it.
+        """One step of the machine with friction and joint limits, as :class:`SpatialStep` has it.
 
         ``friction`` is Coulomb's coefficient, of all contacts or of each, None without friction;
-        one unit of input is ``scale`` times the gear [N m, N], or the position of a servo.
+        one unit of input may also be the position of a servo.
         """
         tree = self.tree()
 
         def touch(q: ca.SX) -> list[ContactPair]:
             return [
                 ContactPair(label, contact, _motions(tree, q, body_a), _motions(tree, q, body_b), body_b == WORLD)
-                for label, (contact, body_a, body_b) in self.contacts_with_bodies(tree, q).items()
+                for label, (contact, body_a, body_b) in self.contacts_with_bodies(q).items()
             ]
 
         store: dict[tuple[int, ...], tuple[ca.SX, list[ContactPair]]] = {}
-        step = spatial_step(
-            name,
-            tree,
-            lambda q: memoise_expression(store, q, lambda: touch(q)),
-            parameters,
-            h=h,
-            friction=friction,
-            edges=edges,
-            scale=scale,
-            cone=cone,
-            linearised=linearised,
-            inertial=inertial,
-            coupled=self.coupled_joints(),
-        )
-        return replace(step, machine=Mechanism(self, scale))
+
+        def touches(q: ca.SX) -> list[ContactPair]:
+            return memoise_expression(store, q, lambda: touch(q))
+
+        step = SpatialStep(name, parameters, tree, touches, h, friction, self.coupled_joints(), **options)
+        return replace(step.system(), machine=Mechanism(self, step.scale))
+
+
+class SpatialStepOptions(StepOptions, total=False):
+    """Settings of a step in space: those of every machine, and ``edges`` and ``inertial`` of :class:`SpatialStep`."""
+
+    edges: int
+    inertial: bool
 
 
 def _motions(tree: Tree, q: ca.SX, body: str) -> JointAxes:
@@ -171,7 +176,7 @@ def name_contacts(name_a: str, name_b: str, contacts: Sequence[SpatialContact]) 
     return {f"{name_a} on {name_b}{number}": contact for number, contact in zip(numbers, contacts, strict=False)}
 
 
-def distinct_points(tree: Tree, q: ca.SX, part_a: SpatialPart, part_b: SpatialPart, count: int) -> list[int]:
+def distinct_points(tree: Tree, q: ca.SX, part_a: PlacedShape, part_b: PlacedShape, count: int) -> list[int]:
     """Numbers of the ``count`` contacts of two parts, without those that push and rub as another.
 
     Two are alike where distances and rows along normal and tangents agree at random poses of the
@@ -180,17 +185,17 @@ def distinct_points(tree: Tree, q: ca.SX, part_a: SpatialPart, part_b: SpatialPa
     if count < 2:
         return list(range(count))
     pose_a, pose_b = (
-        _FIXED if body == WORLD else SpatialPose(*tree.pose(q, body)) for body in (part_a.body, part_b.body)
+        _FIXED if body == WORLD else SpatialPose(*tree.pose(q, body)) for body in (part_a.owner, part_b.owner)
     )
     pair_contacts = contacts_between(part_a.shape, pose_a, part_b.shape, pose_b)
-    one, other = _motions(tree, q, part_a.body), _motions(tree, q, part_b.body)
+    one, other = (_motions(tree, q, part.owner) for part in (part_a, part_b))
     rows = [ca.horzcat(contact.phi, *contact.jacobian_rows(one, other, tree.nv)) for contact in pair_contacts]
     stacked = ca.densify(ca.vertcat(*rows))
     if tree.quaternion_entries and ca.depends_on(stacked, q[tree.quaternion_entries]):
         return list(range(count))
     values, distinct = at_random_poses(stacked), list[int]()
     for k, row in enumerate(values):
-        allowed = _ROUNDING * np.abs(row).max()
+        allowed = EQUAL_CONTACTS_TOLERANCE * np.abs(row).max()
         if not any(np.abs(row - values[other]).max() <= allowed for other in distinct):
             distinct.append(k)
     return distinct

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from dynamics.systems.checks import require_positive
-from dynamics.systems.contact_rows import FORMS, Cone, ContactRows, ContactSpec, Space, contact_rows
+from dynamics.systems.contact_rows import Cone, ContactRows, ContactSpec, Space, check_cone, contact_rows
 from dynamics.systems.pairs import EnergyBalance
 from dynamics.systems.parameters import ParameterTable, Signal
 from dynamics.systems.space import rotation
@@ -18,8 +19,8 @@ from dynamics.systems.space.coupling import CoupledJoints
 from dynamics.systems.space.tree import Tree
 from dynamics.systems.system import ContactSystem
 
-# Edges that a friction pyramid may have.
-_EDGES = (4, 8)
+PYRAMID_EDGES = (4, 8)
+"""Numbers of edges that a friction pyramid may have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,21 +34,8 @@ class ContactPair:
     outside: bool
 
 
-def spatial_step(
-    name: str,
-    tree: Tree,
-    touches: Callable[[ca.SX], list[ContactPair]],
-    parameters: ParameterTable,
-    *,
-    h: ca.SX | float,
-    friction: ca.SX | float | None,
-    edges: int,
-    scale: float,
-    cone: Cone,
-    linearised: bool,
-    inertial: bool,
-    coupled: CoupledJoints | None = None,
-) -> ContactSystem:
+@dataclass(frozen=True, eq=False)
+class SpatialStep:
     """Implicit time stepping in space, plastic impacts, Coulomb friction with two tangents.
 
     ``M(q) (v+ - v) = h (B u - C(q, v) v+ - g(q) - D v+ - K (p + h v+ - r)) + J_n' gamma
@@ -68,116 +56,175 @@ def spatial_step(
     dynamic: ``M v+`` stands in place of ``M (v+ - v) + h C v+``, and servos have no inertia.
     Stewart and Trinkle, as there; Anitescu and Potra, doi 10.1023/A:1008292328909.
 
-    Joints that are ``coupled`` move together at the end of the step.
+    ``touches`` maps a pose to the contacts there. Joints that are ``coupled`` move together at the end
+    of the step.
 
     Raises ``ValueError`` for an unknown cone or number of edges, and for h that is not positive.
     """
-    require_positive(f"system {name!r}: h", h)
-    if cone not in FORMS:
-        kinds = ", ".join(map(repr, FORMS))
-        raise ValueError(f"system {name!r}: cone must be one of {kinds}, got {cone!r}")
-    if edges not in _EDGES:
-        raise ValueError(f"system {name!r}: edges must be 4 or 8, got {edges}")
-    nq, nv, motors = tree.nq, tree.nv, tree.actuated
-    x, x_next = ca.SX.sym("x", nq + nv), ca.SX.sym("x_next", nq + nv)
-    q, v, q_next, v_next = x[:nq], x[nq:], x_next[:nq], x_next[nq:]
-    u = ca.SX.sym("u", len(motors))
-    names = [touch.name for touch in touches(q)]
-    contacts = tuple(Signal(contact_name, "N s", "normal impulse") for contact_name in names)
-    limits = tree.limits
-    displacement = ca.SX.sym("way", nv)
-    advance_jacobian = ca.jacobian(tree.advance(q, displacement, centred=False), displacement)
-    tangent = ca.Function("tangent", [q], [ca.substitute(advance_jacobian, displacement, ca.SX.zeros(nv))])
-    rows_of = _rows(touches, nv)
-    tangent_rows = ca.vertsplit(rows_of(q)[1], len(names)) if names else [ca.SX(0, nv)] * 2
-    is_still = [not np.any(at_random_poses(rows)) for rows in tangent_rows]
-    edges = 2 if any(is_still) else edges
-    first = 1 if is_still == [True, False] else 0
-    space = Space(nv, lambda pose: rows_of(pose)[0], lambda pose: ca.SX(tangent(pose)), edges)
 
-    def limit_distances(pose: ca.SX) -> ca.SX:
-        low = [pose[i] - lowest for _, i, _, lowest, _ in limits]
-        return ca.vertcat(*low, *(highest - pose[i] for _, i, _, _, highest in limits))
+    name: str
+    parameters: ParameterTable
+    tree: Tree
+    touches: Callable[[ca.SX], list[ContactPair]]
+    h: ca.SX | float
+    friction: ca.SX | float | None
+    coupled: CoupledJoints | None = None
+    scale: float = 1.0
+    cone: Cone = "linearised"
+    linearised: bool = False
+    edges: int = 4
+    inertial: bool = True
 
-    M, forced = tree.mass(q), _smooth(tree, q, v_next, u, h, scale)
-    if inertial:
-        change = about_centres(tree, q, v_next) - centre_velocities(tree, q, v, h)
-        inertial_impulse = h * tree.inverse_dynamics(q, v, v_next, change / h, centred=True)
-    else:
+    def __post_init__(self) -> None:
+        require_positive(f"system {self.name!r}: h", self.h)
+        check_cone(self.name, self.cone)
+        if self.edges not in PYRAMID_EDGES:
+            raise ValueError(f"system {self.name!r}: edges must be 4 or 8, got {self.edges}")
+
+    @cached_property
+    def _x(self) -> ca.SX:
+        return ca.SX.sym("x", self.tree.nq + self.tree.nv)
+
+    @cached_property
+    def _x_next(self) -> ca.SX:
+        return ca.SX.sym("x_next", self.tree.nq + self.tree.nv)
+
+    @cached_property
+    def _u(self) -> ca.SX:
+        return ca.SX.sym("u", len(self.tree.actuated))
+
+    @property
+    def _state(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Position q, velocity v, and v at the end of the step."""
+        nq = self.tree.nq
+        return self._x[:nq], self._x[nq:], self._x_next[nq:]
+
+    def system(self) -> ContactSystem:
+        """Build the system."""
+        tree = self.tree
+        contacts = tuple(Signal(touch.name, "N s", "normal impulse") for touch in self.touches(self._state[0]))
+        ends = tuple(f"{body} {end}" for end in ("low", "high") for body, *_ in tree.limits)
+        limits = self._limit_distances if tree.limits else None
+        spec = (contacts, self._distance, self._sliding, self.friction, self.cone, self.linearised, limits, ends)
+        return self._build(ContactSpec(*spec, self._space))
+
+    def _distance(self, q: ca.SX) -> ca.SX:
+        return ca.vertcat(ca.SX(0, 1), *(touch.contact.phi for touch in self.touches(q)))
+
+    def _limit_distances(self, q: ca.SX) -> ca.SX:
+        limits = self.tree.limits
+        low = [q[i] - lowest for _, i, _, lowest, _ in limits]
+        return ca.vertcat(*low, *(highest - q[i] for _, i, _, _, highest in limits))
+
+    def _rows(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Rows along normals (nc, nv), and along first and second tangents (2 nc, nv), at a pose."""
+        nv = self.tree.nv
+        rows = [touch.contact.jacobian_rows(touch.one, touch.other, nv) for touch in self.touches(q)]
+        normal, *tangential = (ca.vertcat(ca.SX(0, nv), *(row[k] for row in rows)) for k in range(3))
+        return ca.sparsify(normal), ca.sparsify(ca.vertcat(*tangential))
+
+    def _sliding(self, q: ca.SX) -> ca.SX:
+        first, edges = self._tangents
+        rows = self._rows(q)[1]
+        count = len(self.touches(q))
+        return rows[count * first :, :][: count * min(2, edges // 2), :]
+
+    @cached_property
+    def _tangents(self) -> tuple[int, int]:
+        """The first tangent along which contacts can slide, 0 or 1, and the edges of friction's pyramid."""
+        q, nv = self._state[0], self.tree.nv
+        count = len(self.touches(q))
+        tangent_rows = ca.vertsplit(self._rows(q)[1], count) if count else [ca.SX(0, nv)] * 2
+        is_still = [not np.any(at_random_poses(rows)) for rows in tangent_rows]
+        return int(is_still == [True, False]), 2 if any(is_still) else self.edges
+
+    @property
+    def _space(self) -> Space:
+        tree, q = self.tree, self._state[0]
+        displacement = ca.SX.sym("way", tree.nv)
+        jacobian = ca.jacobian(tree.advance(q, displacement, centred=False), displacement)
+        tangent = ca.Function("tangent", [q], [ca.substitute(jacobian, displacement, ca.SX.zeros(tree.nv))])
+        return Space(tree.nv, lambda pose: self._rows(pose)[0], lambda pose: ca.SX(tangent(pose)), self._tangents[1])
+
+    @cached_property
+    def _forces(self) -> ca.SX:
+        """Forces of motors, servos, springs and dampers (nv, 1), linear in the next velocity."""
+        tree, (q, _, v_next) = self.tree, self._state
+        motor, servo = tree.per_velocity(lambda b: b.gear), tree.per_velocity(lambda b: b.servo)
+        commands = ca.SX(tree.nv, 1)
+        for k, name in enumerate(tree.actuated):
+            commands[tree.v_of[name]] = self._u[k]
+        position_next = tree.position_of(q) + self.h * v_next
+        springs = tree.per_velocity(lambda b: b.spring) * (tree.per_velocity(lambda b: b.rest) - position_next)
+        return (
+            self.scale * motor * commands
+            + servo * (commands - position_next)
+            + springs
+            - tree.per_velocity(lambda b: b.damping) * v_next
+        )
+
+    @cached_property
+    def _inertia(self) -> tuple[ca.SX, ca.SX]:
+        """Mass matrix, and the impulse of inertia and weight (nv, 1)."""
+        tree, h, (q, v, v_next) = self.tree, self.h, self._state
+        M = tree.mass(q)
+        if self.inertial:
+            change = about_centres(tree, q, v_next) - centre_velocities(tree, q, v, h)
+            return M, h * tree.inverse_dynamics(q, v, v_next, change / h, centred=True)
         is_servo = tree.per_velocity(lambda body: None if body.servo is None else 1)
         bodies = [i for i, entry in enumerate(ca.vertsplit(is_servo)) if entry.is_zero()]
-        M, inertial_impulse = M[bodies, bodies], h * tree.weight(q)
-        inertial_impulse[bodies] += M @ v_next[bodies]
+        M, impulse = M[bodies, bodies], h * tree.weight(q)
+        impulse[bodies] += M @ v_next[bodies]
+        return M, impulse
 
-    def build_system(touching: ContactSpec) -> ContactSystem:
-        rows = contact_rows(name, touching, q, q_next, lambda J: h * (J @ v_next), h)
-        motion = inertial_impulse - h * forced - rows.push
-        if coupled is not None:
-            motion = coupled.constrain(motion, tree.position_of(q), v_next, h)
+    def _build(self, spec: ContactSpec) -> ContactSystem:
+        tree, h, (q, _, v_next) = self.tree, self.h, self._state
+        q_next, (M, inertial_impulse) = self._x_next[: tree.nq], self._inertia
+        rows = contact_rows(self.name, spec, q, q_next, lambda J: h * (J @ v_next), h)
+        motion = inertial_impulse - h * self._forces - rows.push
+        if self.coupled is not None:
+            motion = self.coupled.constrain(motion, tree.position_of(q), v_next, h)
         return ContactSystem(
-            name=name,
-            x=x,
-            u=u,
-            x_next=x_next,
+            name=self.name,
+            x=self._x,
+            u=self._u,
+            x_next=self._x_next,
             lam=rows.lam,
             residual=ca.vertcat(q_next - tree.advance(q, h * v_next), motion),
             gap=rows.gap,
             states=(*tree.coordinates, *tree.velocities),
-            inputs=tuple(_input(tree, motor) for motor in motors),
+            inputs=tuple(_input(tree, motor) for motor in tree.actuated),
             contacts=rows.signals,
             h=h,
-            parameters=parameters,
+            parameters=self.parameters,
             phi=rows.phi,
             mu_per_kappa=h,
             pairs=rows.pairs,
             forces=rows.forces,
-            referee_model=touching.referee_model(rows.curved, build_system),
-            refinable=inertial,
-            energy_balance=_book(tree, touches, first, rows, x, u, x_next, forced, h) if inertial else None,
+            referee_model=spec.referee_model(rows.curved, self._build),
+            refinable=self.inertial,
+            energy_balance=self._energy_balance(rows) if self.inertial else None,
             mass=M,
             rotating_entries=(*tree.quaternion_entries, *tree.offset_origin_entries),
         )
 
-    ends = tuple(f"{body} {end}" for end in ("low", "high") for body, *_ in limits)
-
-    def distance(pose: ca.SX) -> ca.SX:
-        return ca.vertcat(ca.SX(0, 1), *(touch.contact.phi for touch in touches(pose)))
-
-    def sliding(pose: ca.SX) -> ca.SX:
-        return rows_of(pose)[1][len(names) * first :, :][: len(names) * min(2, edges // 2), :]
-
-    return build_system(
-        ContactSpec(
-            contacts, distance, sliding, friction, cone, linearised, limit_distances if limits else None, ends, space
-        )
-    )
-
-
-def _rows(touches: Callable[[ca.SX], list[ContactPair]], nv: int) -> Callable[[ca.SX], tuple[ca.SX, ca.SX]]:
-    """Rows along normals (nc, nv), and along first and second tangents (2 nc, nv), at a pose."""
-
-    def rows(q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        contact_rows = [touch.contact.jacobian_rows(touch.one, touch.other, nv) for touch in touches(q)]
-        normal, *tangential = (ca.vertcat(ca.SX(0, nv), *(row[k] for row in contact_rows)) for k in range(3))
-        return ca.sparsify(normal), ca.sparsify(ca.vertcat(*tangential))
-
-    return rows
-
-
-def _smooth(tree: Tree, q: ca.SX, v_next: ca.SX, u: ca.SX, h: ca.SX | float, scale: float) -> ca.SX:
-    """Forces of motors, servos, springs and dampers (nv, 1), linear in v_next."""
-    motor, servo = tree.per_velocity(lambda b: b.gear), tree.per_velocity(lambda b: b.servo)
-    commands = ca.SX(tree.nv, 1)
-    for k, name in enumerate(tree.actuated):
-        commands[tree.v_of[name]] = u[k]
-    position_next = tree.position_of(q) + h * v_next
-    springs = tree.per_velocity(lambda b: b.spring) * (tree.per_velocity(lambda b: b.rest) - position_next)
-    return (
-        scale * motor * commands
-        + servo * (commands - position_next)
-        + springs
-        - tree.per_velocity(lambda b: b.damping) * v_next
-    )
+    def _energy_balance(self, rows: ContactRows) -> EnergyBalance:
+        tree, h, (q, v, v_next) = self.tree, self.h, self._state
+        touches = self.touches(q)
+        normal = rows.lam[: len(touches)] if rows.forces is None else rows.forces.normal
+        tangential, n = ca.SX(0, 1) if rows.forces is None else rows.forces.tangential, normal.numel()
+        external = h * tree.total_mass * tree.gravity
+        for i, touch in enumerate(touches):
+            if touch.outside:
+                external = external + normal[i] * touch.contact.normal
+                tangents = touch.contact.tangents[self._tangents[0] :]
+                for k, tangent in zip(range(i, tangential.numel(), n), tangents, strict=False):
+                    external = external + tangential[k] * tangent
+        extension = tree.per_velocity(lambda b: b.rest) - tree.position_of(q) - h * v_next
+        springs = tree.per_velocity(lambda b: b.spring) * extension
+        work = h * ca.dot(v_next, self._forces - springs)
+        v_centres = about_centres(tree, q, centre_velocities(tree, q, v, h), -1)
+        return EnergyBalance(tree.energy(q, v_centres), work, tree.momentum(q, v_centres), external)
 
 
 def _input(tree: Tree, motor: str) -> Signal:
@@ -185,34 +232,6 @@ def _input(tree: Tree, motor: str) -> Signal:
     if body.servo is None:
         return Signal(f"u_{motor}", "1", "motor")
     return Signal(f"u_{motor}", "rad" if body.joint == "hinge" else "m", "position of the servo")
-
-
-def _book(
-    tree: Tree,
-    touches: Callable[[ca.SX], list[ContactPair]],
-    first: int,
-    rows: ContactRows,
-    x: ca.SX,
-    u: ca.SX,
-    x_next: ca.SX,
-    forced: ca.SX,
-    h: ca.SX | float,
-) -> EnergyBalance:
-    q, v, v_next = x[: tree.nq], x[tree.nq :], x_next[tree.nq :]
-    normal = rows.lam[: len(touches(q))] if rows.forces is None else rows.forces.normal
-    tangential, n = ca.SX(0, 1) if rows.forces is None else rows.forces.tangential, normal.numel()
-    external = h * tree.total_mass * tree.gravity
-    for i, touch in enumerate(touches(q)):
-        if touch.outside:
-            external = external + normal[i] * touch.contact.normal
-            tangents = touch.contact.tangents[first:]
-            for k, tangent in zip(range(i, tangential.numel(), n), tangents, strict=False):
-                external = external + tangential[k] * tangent
-    extension = tree.per_velocity(lambda b: b.rest) - tree.position_of(q) - h * v_next
-    springs = tree.per_velocity(lambda b: b.spring) * extension
-    work = h * ca.dot(v_next, forced - springs)
-    v_centres = about_centres(tree, q, centre_velocities(tree, q, v, h), -1)
-    return EnergyBalance(tree.energy(q, v_centres), work, tree.momentum(q, v_centres), external)
 
 
 def about_centres(tree: Tree, q: ca.SX, v: ca.SX, sign: int = 1) -> ca.SX:

@@ -53,7 +53,7 @@ LARGEST_STATE = 100.0
 FASTEST_SEEN = 10.0
 """Velocities are observed up to this size [m/s, rad/s]."""
 _MACHINE = machine_of()
-observation_bounds = {signal.name: (-FASTEST_SEEN, FASTEST_SEEN) for signal in _MACHINE.chain().velocities}
+observation_bounds = {signal.name: (-FASTEST_SEEN, FASTEST_SEEN) for signal in _MACHINE.tree().velocities}
 SPHERE_SETS = ("all", "outer", "foot")
 
 

@@ -110,9 +110,9 @@ def folded() -> Machine:
 
 def test_a_contact_between_links_does_no_work_in_a_rigid_motion() -> None:
     machine = folded()
-    chain = machine.chain()
+    chain = machine.tree()
     q = ca.SX.sym("q", chain.nq)
-    contacts = machine.contacts(chain, q, spheres=("end",))
+    contacts = machine.contacts(q, spheres=("end",))
     assert list(contacts) == ["end", "hand on beam"]
     rows = ca.Function("rows", [q], [ca.densify(ca.vertcat(*c.jacobians(q))) for c in contacts.values()])
     at = np.array([0.2, 0.5, 0.3, 1.4, 1.9])

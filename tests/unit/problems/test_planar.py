@@ -41,8 +41,8 @@ CRANE = (
 CHAINS = {
     "pendulum": Chain(PENDULUM),
     "crane": Chain(CRANE, gravity=1.7),
-    "hopper": hopper().chain(),
-    "half-cheetah": half_cheetah().chain(),
+    "hopper": hopper().tree(),
+    "half-cheetah": half_cheetah().tree(),
 }
 every_chain = pytest.mark.parametrize("chain", CHAINS.values(), ids=CHAINS)
 
@@ -234,10 +234,10 @@ def test_numbers_may_be_symbols() -> None:
 @pytest.mark.parametrize("machine", [hopper(), half_cheetah()], ids=["hopper", "half-cheetah"])
 def test_contact_jacobians_against_differences(machine) -> None:
     """J_n, J_t times dq is how far the sphere's material point moves along normal and tangent."""
-    chain = machine.chain()
+    chain = machine.tree()
     q = ca.SX.sym("q", chain.nq)
     at, dq, _ = state(chain, 7)
-    contacts = machine.contacts(chain, q)
+    contacts = machine.contacts(q)
     for sphere in machine.spheres:
         contact = contacts[sphere.name]
         pose = chain.pose(q, sphere.link)
@@ -259,12 +259,12 @@ def test_half_cheetah_stands_on_both_feet_at_its_default_pose() -> None:
     To four decimals: the pose is told with as many digits as that.
     """
     machine = half_cheetah()
-    chain = machine.chain()
+    chain = machine.tree()
     q = ca.SX.sym("q", 9)
     for foot, tip in (("bfoot", (0.0, -0.188)), ("ffoot", (0.0, -0.140))):
         height = ca.Function("z", [q], [chain.position(q, foot, tip)[1]])
         assert float(height(machine.pose)) == pytest.approx(0.04600, abs=5e-5)
-    phi = ca.Function("phi", [q], [c.phi for c in machine.contacts(chain, q).values()])
+    phi = ca.Function("phi", [q], [c.phi for c in machine.contacts(q).values()])
     above = dict(zip((s.name for s in machine.spheres), phi(machine.pose), strict=True))
     touching = {name for name, value in above.items() if abs(float(value)) < 5e-5}
     assert touching == {"bfoot", "ffoot"}
@@ -276,16 +276,16 @@ def test_half_cheetah_stands_on_both_feet_at_its_default_pose() -> None:
 
 def test_hopper_stands_upright_above_the_ground_at_q_zero() -> None:
     machine = hopper(base_damping=50.0, limits=True)
-    chain = machine.chain()
+    chain = machine.tree()
     q = ca.SX.sym("q", 6)
-    phi = ca.Function("phi", [q], [c.phi for c in machine.contacts(chain, q).values()])
+    phi = ca.Function("phi", [q], [c.phi for c in machine.contacts(q).values()])
     above = [float(value) for value in phi(machine.pose)]
     assert above == pytest.approx([1.40, 1.00, 0.56, 0.04, 0.04], abs=1e-12)
     assert float(chain.total_mass) == pytest.approx(15.265, abs=5e-4)
     damping = ca.DM(chain.damping(ca.SX.ones(6)))
     assert np.array(damping).ravel().tolist() == [-50, -50, -50, -1, -1, -1]
     assert chain.limits[0] == (3, 0.0, pytest.approx(np.deg2rad(150)))
-    assert hopper().chain().limits == []
+    assert hopper().tree().limits == []
 
 
 @pytest.mark.parametrize(

@@ -110,14 +110,14 @@ def test_a_race_tells_both_clocks():
 def test_mujoco_has_the_same_machines_and_their_derivatives(machine):
     mujoco = pytest.importorskip("mujoco")
     model = mujoco.MjModel.from_xml_string(mujoco_peer.mjcf(machine))
-    data, chain, x0 = mujoco.MjData(model), machine.chain(), machine.reset(0)
+    data, chain, x0 = mujoco.MjData(model), machine.tree(), machine.reset(0)
     q0 = data.qpos[:] = x0[: model.nq]
     mujoco.mj_forward(model, data)
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
     q = ca.SX.sym("q", model.nq)
     np.testing.assert_allclose(mass, ca.Function("M", [q], [chain.mass(q)])(q0), atol=1e-12)
-    gaps = [float(contact.phi) for contact in machine.contacts(chain, ca.SX(q0)).values()]
+    gaps = [float(contact.phi) for contact in machine.contacts(ca.SX(q0)).values()]
     heights = data.geom_xpos[1:, 2] - model.geom_size[1:, 0]
     np.testing.assert_allclose(sorted(heights), sorted(gaps), atol=1e-12)
 

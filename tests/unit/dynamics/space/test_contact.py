@@ -95,7 +95,7 @@ def test_distances_are_those_of_nearest_points(pair) -> None:
     machine = _machine(*pair)
     tree = machine.tree()
     q = ca.SX.sym("q", tree.nq)
-    (contact,) = machine.contacts(tree, q).values()
+    (contact,) = machine.contacts(q).values()
     phi = ca.Function("phi", [q], [contact.phi])
     for seed in range(4):
         at, poses = _poses(seed)
@@ -112,8 +112,8 @@ def test_a_ball_beside_a_can() -> None:
         ),
         (("ball", "can"),),
     )
-    tree, q = machine.tree(), ca.SX.sym("q", 7)
-    (contact,) = machine.contacts(tree, q).values()
+    q = ca.SX.sym("q", 7)
+    (contact,) = machine.contacts(q).values()
     phi = ca.Function("phi", [q], [contact.phi, contact.normal])
     for place, distance, normal in (
         ((0.25, 0.0, 0.1), 0.1, (1, 0, 0)),
@@ -141,8 +141,8 @@ def test_the_lowest_point_over_a_plane_is_that_of_the_shape(shape) -> None:
         ),
         (("one", "slope"),),
     )
-    tree, q = machine.tree(), ca.SX.sym("q", 7)
-    least = ca.Function("least", [q], [ca.mmin(ca.vertcat(*(c.phi for c in machine.contacts(tree, q).values())))])
+    q = ca.SX.sym("q", 7)
+    least = ca.Function("least", [q], [ca.mmin(ca.vertcat(*(c.phi for c in machine.contacts(q).values())))])
     turn, place = Rotation.random(random_state=3), np.array([0.1, -0.2, 0.4])
     surface = turn.apply(_sample(shape)) + place
     expected = ((surface - [0, 0, -1]) @ normal).min()
@@ -181,7 +181,7 @@ def test_rows_are_the_motion_at_the_contact(pair) -> None:
     machine = _machine(*pair)
     tree = machine.tree()
     q, way = ca.SX.sym("q", tree.nq), ca.SX.sym("way", tree.nv)
-    contact, one, other = next(iter(machine.contacts_with_bodies(tree, q).values()))
+    contact, one, other = next(iter(machine.contacts_with_bodies(q).values()))
     rows = contact.jacobian_rows(tree.joint_axes(q, one), tree.joint_axes(q, other), tree.nv)
     frame = ca.horzcat(contact.normal, *contact.tangents)
     maps = ca.Function("maps", [q], [ca.vertcat(*rows), frame, contact.phi])
@@ -201,4 +201,4 @@ def test_rows_are_the_motion_at_the_contact(pair) -> None:
 def test_pairs_that_are_not_known_are_told() -> None:
     machine = _machine(_BOX, _BOX)
     with pytest.raises(ValueError, match="Box and Box is not known; take spheres or capsules"):
-        machine.contacts(machine.tree(), ca.SX.sym("q", 14))
+        machine.contacts(ca.SX.sym("q", 14))

@@ -179,7 +179,7 @@ def test_planar_machines_are_a_special_case(machine) -> None:
                 **own,
             )
         )
-    chain, tree = planar.chain(), Tree(bodies)
+    chain, tree = planar.tree(), Tree(bodies)
     q, v = ca.SX.sym("q", chain.nq), ca.SX.sym("v", chain.nq)
     rng = np.random.default_rng(5)
     at = rng.normal(size=chain.nq), rng.normal(size=chain.nq)

@@ -148,7 +148,7 @@ def test_the_drawing_is_one_body_with_every_sphere_on_it(name: str):
     state[3:9] += 0.3
     bars, discs, shapes = parts(name, state)
     assert HalfPlane(0, 0, 0, 1) in shapes
-    chain = machine.chain()
+    chain = machine.tree()
     q = ca.SX(state[: chain.nq])
     centres = [np.array(ca.DM(chain.position(q, s.link, s.centre))).ravel() for s in machine.spheres]
     assert np.allclose([[disc.x, disc.y] for disc in discs], centres)

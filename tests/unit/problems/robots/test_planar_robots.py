@@ -58,19 +58,19 @@ SHAPES = {
 def test_points_beside_each_other_are_one_contact(shape: Any, count: int) -> None:
     machine = rig("xzt", shape)
     system = machine.system("s", ParameterTable(), h=H, friction=0.5)
-    assert len(machine.contacts(machine.tree(), ca.SX.sym("q", 3))) == count
+    assert len(machine.contacts(ca.SX.sym("q", 3))) == count
     assert system.nlam == 4 * count  # normal, two ways to slide, what is left of the cone
 
 
 def test_a_box_that_only_slides_has_its_lower_and_its_upper_face() -> None:
     machine = rig("xz", Box((0.1, 0.2, 0.3)))
-    assert len(machine.contacts(machine.tree(), ca.SX.sym("q", 2))) == 2
+    assert len(machine.contacts(ca.SX.sym("q", 2))) == 2
 
 
 def test_a_box_that_is_free_has_all_of_its_corners() -> None:
     parts = (SpatialPart("foot", "b", Box((0.1, 0.2, 0.3))), SpatialPart("floor", "world", Plane()))
     machine = SpatialMachine((Body("b", None, 1.0, (0.1,) * 3, joint="free"),), parts, (("foot", "floor"),))
-    assert len(machine.contacts(machine.tree(), ca.SX.sym("q", 7))) == 8
+    assert len(machine.contacts(ca.SX.sym("q", 7))) == 8
 
 
 def step_of(machine: SpatialMachine) -> tuple[ContactSystem, Any]:
