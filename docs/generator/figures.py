@@ -2,7 +2,7 @@
 
 Claims lie as JSON in ``docs/generated/data/claims``; ``python -m docs.generator.figures FILE.json``
 stores there the claims in that file, the output of ``ocp figure --all --json``, each picture in
-``docs/pictures/figures/<id>.png``, and of N3 and C1 the tables of :mod:`reports.tables.law_tables`;
+``docs/pictures/figures/<id>.png``, and of N3 and C1 the tables of :mod:`docs.generator.law_tables`;
 ``make claims`` makes the figures first.
 """
 
@@ -17,6 +17,7 @@ from typing import Any
 
 import xarray as xr
 
+from docs.generator import law_tables
 from docs.generator.measured import (
     DATA,
     DOCS,
@@ -36,7 +37,6 @@ from problems.studies.study import claim_verdict, count_text
 from reports.documents.citations import full_citation
 from reports.drawing.style import house_style
 from reports.figures.studies import DRAWINGS
-from reports.tables import law_tables
 
 COLUMNS = ("claim", "source", "expected", "measured", "holds")
 PAPERS = {

@@ -125,7 +125,7 @@ def _returns(experiment: Experiment, law: ContactLaw, decisions: np.ndarray) -> 
     return experiment.rollouts(task.horizon, law)(x0, theta).value
 
 
-_PLACE = "ABS, sec. 7.3"
+_SECTION_7_3 = "ABS, sec. 7.3"
 """Source of the claims of the paper."""
 _GOAL_RETURN = -0.01
 """Return above which the ball reaches the goal [m²]."""
@@ -148,14 +148,14 @@ def claims(data: xr.Dataset) -> list[Claim]:
         results += [
             claim_gains(
                 f"Barrier smoothing ends at a higher return than {other}",
-                _PLACE,
+                _SECTION_7_3,
                 "final return above, 95 % over runs",
                 MUS,
                 gains,
             ),
             claim_gains(
                 f"Barrier smoothing converges faster than {other}",
-                _PLACE,
+                _SECTION_7_3,
                 "mean return over iterations above, 95 % over runs",
                 MUS,
                 faster,
@@ -165,7 +165,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
     for name in ("ABS quartic", "ABS gaussian"):
         final_gain, mean_gain = mean_difference(last[name], last[best]), mean_difference(areas[name], areas[best])
         results.append(
-            claim(f"Adaptive smoothing ({name.split()[1]}) does better than the best fixed one", _PLACE)
+            claim(f"Adaptive smoothing ({name.split()[1]}) does better than the best fixed one", _SECTION_7_3)
             .expected("final return and mean over iterations above, 95 % over runs")
             .measured(f"against {best}: final {final_gain}, mean {mean_gain}")
             .holds(final_gain.better and mean_gain.better, margin=smallest_margin((final_gain, mean_gain)))

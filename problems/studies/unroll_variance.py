@@ -144,7 +144,7 @@ def _lipschitz_policy(experiment: Experiment, trained: Trained, x: np.ndarray) -
     return float(np.linalg.norm(np.stack(columns, axis=-1), ord=2, axis=(1, 2)).max())
 
 
-_PLACE = "ABS, sec. 7.2"
+_SECTION_7_2 = "ABS, sec. 7.2"
 """Source of the claims of the paper."""
 # Names of the laws with the least and the largest mu, and of the adaptive one.
 _SHARP = "mu 1e-10"
@@ -214,11 +214,11 @@ def claims(data: xr.Dataset) -> list[Claim]:
     constants = data["lipschitz"].max("stage")
     falling = [float(constants.sel(task=t, law=_WIDE)) < float(constants.sel(task=t, law=_SHARP)) for t in TASKS]
     return [
-        claim("The variance explodes with the unroll length at mu = 1e-10", _PLACE)
+        claim("The variance explodes with the unroll length at mu = 1e-10", _SECTION_7_2)
         .expected(f"log variance grows from H = {_SHORTEST_FITTED} on, 95 % over policies")
         .measured(f"{settings_text(TASKS, exploding)}: {', '.join(str(rates[t, _SHARP]) for t in TASKS)} a step")
         .holds(exploding, margin=min(r.rate / r.error for r in (rates[t, _SHARP] for t in TASKS))),
-        claim("As mu increases the variance decreases", _PLACE)
+        claim("As mu increases the variance decreases", _SECTION_7_2)
         .expected("at the longest unroll, over mu = 1e-2 down to 1e-10 never falling")
         .measured(
             f"{settings_text(TASKS, ordered)}: "
@@ -226,7 +226,7 @@ def claims(data: xr.Dataset) -> list[Claim]:
             + f" of that at {_SHARP}"
         )
         .holds(ordered),
-        claim("At mu = 1e-2 it grows more slowly than at 1e-10", _PLACE)
+        claim("At mu = 1e-2 it grows more slowly than at 1e-10", _SECTION_7_2)
         .expected("intervals of the growth apart")
         .measured(f"{settings_text(TASKS, flatter)}: {', '.join(str(rates[t, _WIDE]) for t in TASKS)} a step")
         .holds(flatter, margin=min(apart)),

@@ -168,9 +168,8 @@ def run(options: MpcOptions, case: LoopCase) -> int:
     output.say(stored.meta["verdict"])
     for line in (*controller.notes, *loop_notes(stored.meta)):
         output.say(line)
-    content = {name: stored.meta[name] for name in _TOLD}
-    content["findings"] = [finding.document for finding in loop.verdict.findings]
-    output.finish(stored, content, options.pdf, case.spec)
+    findings = [finding.document for finding in loop.verdict.findings]
+    output.finish(stored, {**stored.meta, "findings": findings}, options.pdf, case.spec)
     output.note(f"Look at it with ocp report {stored.path.name} -o loop.pdf, or ocp animate.")
     interrupt.raise_if_interrupted()
     return 0 if stored.meta["status"] in ("done", "warnings") else NOT_SURVIVED
@@ -193,33 +192,6 @@ def _stored(options: MpcOptions, case: LoopCase, controller: Controller, loop: C
     first_seed = data.isel(node=slice(0, int(data["ended"].values[0]) + 1))
     problem_part = store.problem_parts(case.problem, first_seed)
     return store.write_run(options.out, case.spec.name, data, meta, problem_part)
-
-
-_TOLD = (
-    "problem",
-    "record",
-    "status",
-    "verdict",
-    "cost",
-    "cost_interval",
-    "stage_cost",
-    "terminal_cost",
-    "costs",
-    "ended",
-    "survived",
-    "diverged",
-    "planned",
-    "violated",
-    "seconds",
-    "statuses",
-    "misses",
-    "certified",
-    "why",
-    "told",
-    "hash",
-    "versions",
-)
-"""What ``--json`` prints of the stored description."""
 
 
 @contextmanager

@@ -15,6 +15,8 @@ from io import BufferedWriter, FileIO, TextIOWrapper, UnsupportedOperation
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from reports.drawing.notation import GREEK
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -110,23 +112,10 @@ SIGNS = {
     "Δ": "Delta",
     "∂": "d",
     "Σ": "Sigma",
-    "α": "alpha",
-    "β": "beta",
-    "γ": "gamma",
-    "δ": "delta",
-    "ε": "epsilon",
-    "θ": "theta",
-    "κ": "kappa",
+    **{sign: name for name, sign in GREEK.items()},
     "λ": "lam",
-    "μ": "mu",
     "µ": "u",
     "π": "pi",
-    "ρ": "rho",
-    "σ": "sigma",
-    "τ": "tau",
-    "φ": "phi",
-    "ψ": "psi",
-    "ω": "omega",
     "‖": "||",
 }
 """Replacements for signs that an encoding lacks."""

@@ -77,7 +77,7 @@ def _tidy(text: str) -> str:
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 """Translation of digits into superscripts."""
-_GREEK = {
+GREEK = {
     "alpha": "α",
     "beta": "β",
     "gamma": "γ",
@@ -118,7 +118,7 @@ def label(name: str, unit: str) -> str:
 def symbol(name: str) -> str:
     """Write ``contact.mu`` as ``μ`` and ``nu`` as ``ν``; other names stay as they are typed."""
     last = name.rpartition(".")[2]
-    return _GREEK.get(last, last)
+    return GREEK.get(last, last)
 
 
 def in_symbols(line: str) -> str:

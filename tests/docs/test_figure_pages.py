@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from docs.generator import figures, measured
+from docs.generator import figures, law_tables, measured
 from ocp.errors import InputError
 from problems.studies.study import count_text
-from reports.tables import law_tables
 from tests.golden.figures.compared import compared
 from tests.golden.figures.verdicts import VERDICTS
 

@@ -7,7 +7,7 @@ import xarray as xr
 
 from problems.studies.study import Claim, claim, format_values, largest_value, settings_text, share_margin
 
-_PLACE = "Adaptive barrier smoothing, sec. 7, model learning"
+_MODEL_LEARNING = "Adaptive barrier smoothing, sec. 7, model learning"
 """Source of the claims of the paper."""
 _PSI_TOLERANCE = 0.05
 """Relative distance of psi from the truth up to which it is found."""
@@ -38,11 +38,11 @@ def _errors(data: xr.Dataset) -> list[Claim]:
     all_nets = data["errors"].sel(data="exact", where="all", model="network").values
     falls = np.median(all_nets, axis=1)
     return [
-        claim("A complementarity model approximates contact better than a network", _PLACE)
+        claim("A complementarity model approximates contact better than a network", _MODEL_LEARNING)
         .expected("into contact, held out: the largest error over starts below the least of networks")
         .measured(f"{settings_text(learned_sizes, is_better)} transitions; by factors of {format_values(ratio, '.3g')}")
         .holds(is_better),
-        claim("So it does over all transitions", _PLACE)
+        claim("So it does over all transitions", _MODEL_LEARNING)
         .expected("likewise")
         .measured(
             f"{format_values(np.median(psi_all, axis=1), '.2g')}"

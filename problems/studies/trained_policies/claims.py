@@ -12,7 +12,7 @@ from problems.studies.trained_policies.data import MODEL_BASED, NETWORK, SHOWN, 
 
 _EQUAL_RETURN = 1e-2
 """Relative difference up to which a plan and its replay have one return."""
-_PLACE = "ABS, sec. 7.3, fig. 4"
+_FIGURE_4 = "ABS, sec. 7.3, fig. 4"
 """Source of the claims of the paper."""
 _OURS = "FOPG-ABS"
 """The paper's own method."""
@@ -35,14 +35,14 @@ def claims(data: xr.Dataset) -> list[Claim]:
         rivalry = [
             claim_gains(
                 f"On {task} FOPG with ABS learns the fastest",
-                _PLACE,
+                _FIGURE_4,
                 "mean return over equal simulated steps above every other's, bootstrap 95 %",
                 others,
                 gains,
             ),
             claim_gains(
                 f"On {task} FOPG with ABS ends the highest",
-                _PLACE,
+                _FIGURE_4,
                 "best return in equal simulated steps above every other's, bootstrap 95 %",
                 others,
                 ends,

@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 from matplotlib.text import Text
 
+from docs.generator.law_tables import loop_rows
 from problems import studies
 from problems.studies.laws_in_the_loop.data import (
     CONTROLLERS,
@@ -27,7 +28,6 @@ from problems.studies.laws_in_the_loop.data import (
 from problems.studies.study import FinishedParts
 from reports.drawing.style import house_style, to_svg
 from reports.figures.studies import DRAWINGS
-from reports.tables.law_tables import loop_rows
 
 SETTINGS = Params(seeds=3)
 

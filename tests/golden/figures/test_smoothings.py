@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from docs.generator.law_tables import smoothing_rows
 from problems import studies
 from problems.registry import spec
 from problems.studies.smoothings_compared.data import (
@@ -26,7 +27,7 @@ from problems.studies.smoothings_compared.data import (
 )
 from reports.drawing.style import house_style, to_svg
 from reports.figures.studies import DRAWINGS
-from reports.tables.law_tables import excess_text, smoothing_rows
+from reports.tables.law_tables import excess_text
 from tests.golden.figures.compared import SEEDS, SETTINGS, Made, compared
 
 
