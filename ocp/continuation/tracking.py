@@ -220,17 +220,8 @@ class Tracker:
         program = self.curve.program
         changed_pairs = (old_curve.held.x != self.curve.held.x)[program.pairs].any(axis=0)
         pairs = [program.pair_name(int(i)) for i in np.flatnonzero(changed_pairs)]
-        return [
-            Event(
-                "contact",
-                self.value,
-                self.cost(outcome.result.f),
-                "changes",
-                pair.name,
-                (pair.step,),
-            )
-            for pair in pairs
-        ]
+        value, cost = self.value, self.cost(outcome.result.f)
+        return [Event("contact", value, cost, "changes", pair.name, (pair.step,)) for pair in pairs]
 
     def cost(self, f: float, value: float | None = None) -> float:
         """Return the problem's cost with its constant terms, from a program's, at a parameter."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import product
 
 import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
 from dynamics.systems import ContactSystem, EnergyBalance
-from ocp.judge.measures import TrajectoryEvaluator
+from ocp.judge.measures import TrajectoryEvaluator, slip_sides
 from ocp.problem.evaluation import Evaluation
 from ocp.problem.problem import Scales
 from ocp.problem.rollout import Rollout, mean_multipliers
@@ -229,19 +230,13 @@ def least_slip(step: Step, lam: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray
     law it is lowered by the smaller one of the two gaps of its contact, to ``|h J_t v+|``; no
     product lam gap grows by that. A smoothed law determines psi, and a learned one has none.
     """
-    pairs, lam, gap = step.system.pairs, lam.copy(), gap.copy()
-    if not step.exact or step.n < len(pairs):
+    lam, gap = lam.copy(), gap.copy()
+    if not step.exact or step.n < step.system.nlam:
         return lam, gap
-    for rows in step.rows:
-        for i, pair in enumerate(pairs):
-            sides = [
-                rows.start + j
-                for j, other in enumerate(pairs)
-                if (other.kind, other.contact) == ("friction", pair.contact)
-            ]
-            if pair.kind == "slip" and sides:
-                spare = np.maximum(0, gap[..., sides].min(axis=-1))
-                spare = np.minimum(spare, lam[..., rows.start + i])
-                lam[..., rows.start + i] -= spare
-                gap[..., sides] -= spare[..., None]
+    for rows, (slip, sides) in product(step.rows, slip_sides(step.system)):
+        if sides:
+            slip, sides = rows.start + slip, [rows.start + side for side in sides]
+            spare = np.minimum(np.maximum(0, gap[..., sides].min(axis=-1)), lam[..., slip])
+            lam[..., slip] -= spare
+            gap[..., sides] -= spare[..., None]
     return lam, gap

@@ -33,6 +33,16 @@ FEASIBILITY_TOLERANCE = 1e-6
 DEFAULT_NOISE_SHARE = 0.01
 """Noise of the plant ``noise`` where none is given, in characteristic sizes."""
 
+DIMENSIONS = {
+    "x": ("node", "state"),
+    "u": ("sample", "input"),
+    "measured": ("sample", "state"),
+    "plan": ("sample", "ahead", "state"),
+    "cost": ("sample",),
+    "seconds": ("sample",),
+    "merit": ("sample",),
+}
+"""Dimensions of the arrays of numbers, after that of the seeds."""
 Goals = Callable[[int, np.ndarray], Values]
 """Parameters of the controller at a sample, from its number and the measured state."""
 
@@ -159,20 +169,14 @@ class _Loop:
         self.progress: Callable[[int, int, Command], None] | None = None
         self.certify = 0
         problem, system = controller.problem, controller.problem.system
-        nx, nu, N = system.nx, system.nu, problem.N
         self.states, self.inputs = ([signal.name for signal in signals] for signals in (system.states, system.inputs))
         self.sd_x = deviations(disturbance.noise_state, self.states, "noise-state")
         self.sd_u = deviations(disturbance.noise_input, self.inputs, "noise-input")
-        shapes = {
-            "x": (steps + 1, nx),
-            "u": (steps, nu),
-            "measured": (steps, nx),
-            "plan": (steps, N + 1, nx),
-            "cost": (steps,),
-            "seconds": (steps,),
-            "merit": (steps,),
+        sizes = {"node": steps + 1, "sample": steps, "ahead": problem.N + 1, "state": system.nx, "input": system.nu}
+        self.arrays = {
+            name: np.full((seeds, *(sizes[dimension] for dimension in dimensions)), np.nan)
+            for name, dimensions in DIMENSIONS.items()
         }
-        self.arrays = {name: np.full((seeds, *shape), np.nan) for name, shape in shapes.items()}
         self.status = np.full((seeds, steps), "", dtype="<U12")
         self.certificate = np.full((seeds, steps), "", dtype="<U12")
         self.ended, self.end_cost = np.zeros(seeds, dtype=int), np.full(seeds, np.nan)
@@ -238,28 +242,13 @@ class _Loop:
 
     def result(self, record: dict[str, Any]) -> ClosedLoop:
         """Return the loop with labelled arrays."""
-        dims = {
-            "x": ("node", "state"),
-            "u": ("sample", "input"),
-            "measured": ("sample", "state"),
-            "plan": ("sample", "ahead", "state"),
-            "cost": ("sample",),
-            "seconds": ("sample",),
-            "merit": ("sample",),
-        }
-        variables = {name: (("seed", *dims[name]), self.arrays[name]) for name in dims}
+        variables = {name: (("seed", *dimensions), self.arrays[name]) for name, dimensions in DIMENSIONS.items()}
         variables |= {name: (("seed", "sample"), getattr(self, name)) for name in ("status", "certificate")}
         variables |= {name: (("seed",), getattr(self, name)) for name in ("ended", "end_cost")}
         data = xr.Dataset(variables, coords={"state": self.states, "input": self.inputs})
         was_run = np.isfinite(self.arrays["u"]).any(axis=(1, 2))
-        return ClosedLoop(
-            self.controller.problem,
-            data.isel(seed=was_run),
-            self.notes,
-            self.misses,
-            record,
-            self.rows.violations(self.violation_amounts),
-        )
+        violations = self.rows.violations(self.violation_amounts)
+        return ClosedLoop(self.controller.problem, data.isel(seed=was_run), self.notes, self.misses, record, violations)
 
 
 def certify_plan(session: Session, plan: Plan, values: dict[str, float]) -> str:

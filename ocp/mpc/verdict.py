@@ -78,8 +78,8 @@ class LoopVerdict:
             yield make_finding("stage-cost-not-finite", count=count, samples=self.samples, sample=sample, seed=seed)
         for broken in self.violated[:MAX_NAMED_CONSTRAINTS]:
             worst = broken.violation
-            place = {"sample": worst.step, "seed": worst.scenario}
-            yield make_finding("plant-violates", constraint=broken.name, amount=worst.amount, **place)
+            size, sample, seed = worst.amount, worst.step, worst.scenario
+            yield make_finding("plant-violates", constraint=broken.name, amount=size, sample=sample, seed=seed)
         if (others := len(self.violated) - MAX_NAMED_CONSTRAINTS) > 0:
             yield make_finding("more-constraints-violated", count=others, plural="s" * (others > 1))
 

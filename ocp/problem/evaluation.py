@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.contact import Step
+from ocp.problem.cost_sizes import least_value
 from ocp.problem.problem import Problem
 
 LEAST_COST = 1e-9
@@ -74,12 +75,19 @@ class Evaluation:
     @cached_property
     def constant_cost(self) -> float:
         """Sum over the horizon of the cost's constant terms, which no plan can change."""
-        return self.problem.constant_cost(self.p)
+        problem = self.problem
+        stage, terminal = (constant for _, constant in problem.split_costs)
+        if stage.is_zero() and terminal.is_zero():
+            return 0.0
+        total = ca.Function("constant", [problem.parameters.vector], [problem.N * stage + terminal])
+        return float(total(self.p))
 
     @cached_property
     def least_cost(self) -> float:
         """The constant cost, and what constants under roots, squares and the like add to it at the least."""
-        return self.problem.least_cost(self.p)
+        p = [self.problem.parameters.vector], [ca.DM(self.p)]
+        stage, terminal = map(least_value, ca.substitute([*self.problem.changeable_costs], *p))
+        return self.constant_cost + self.problem.N * max(stage, 0.0) + max(terminal, 0.0)
 
     def step_values(self, step: Step, own: bool = True) -> np.ndarray:
         """Values of a step's parameters, those of its law by their settings where ``values`` has none.

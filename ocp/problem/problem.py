@@ -15,7 +15,7 @@ from dynamics.contact import Exact, Step
 from dynamics.systems import ContactSystem, ParameterTable
 from ocp.errors import InputError
 from ocp.problem.checks import BY_PARAMETERS, check_guess, check_problem_symbols
-from ocp.problem.cost_sizes import cost_band, least_value, split_constant
+from ocp.problem.cost_sizes import cost_band, split_constant
 from ocp.problem.free_time import FreeStep, with_free_step
 from ocp.problem.parts import Constraint, FreeStart, Origin, Scales, Scaling, Scenarios, column
 from ocp.problem.sizes import GAP_SHARE, derive_sizes, gap_changes, residual_changes
@@ -206,26 +206,13 @@ class Problem:
     @cached_property
     def changeable_costs(self) -> tuple[ca.SX, ca.SX]:
         """Stage and terminal cost without their constant terms, which no plan can change."""
-        return self._split_costs[0][0], self._split_costs[1][0]
+        return self.split_costs[0][0], self.split_costs[1][0]
 
     @cached_property
-    def _split_costs(self) -> list[tuple[ca.SX, ca.SX]]:
+    def split_costs(self) -> list[tuple[ca.SX, ca.SX]]:
+        """Stage and terminal cost, each split into what a plan can change and its constant terms."""
         moving = ca.vertcat(*self.symbols[:4])
         return [split_constant(cost, moving) for cost in (self.stage_cost, self.terminal_cost)]
-
-    def constant_cost(self, physical: np.ndarray) -> float:
-        """Sum over the horizon of the costs' constant terms at values (np,) of the parameters."""
-        stage, terminal = (split[1] for split in self._split_costs)
-        if stage.is_zero() and terminal.is_zero():
-            return 0.0
-        total = ca.Function("constant", [self.parameters.vector], [self.N * stage + terminal])
-        return float(total(physical))
-
-    def least_cost(self, physical: np.ndarray) -> float:
-        """The constant terms, and what constants under roots, squares and the like make of more."""
-        p = [self.parameters.vector], [ca.DM(physical)]
-        stage, terminal = map(least_value, ca.substitute([*self.changeable_costs], *p))
-        return self.constant_cost(physical) + self.N * max(stage, 0.0) + max(terminal, 0.0)
 
     @cached_property
     def state_slopes(self) -> ca.Function:

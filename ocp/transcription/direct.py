@@ -64,20 +64,8 @@ def whole(
     last_stage = terminal_stage(graph, variables, constraints)
     periodic_stages = periodicity(graph, variables, constraints)
     stages = [interval, last_stage, *periodic_stages, *gain_penalty(graph, variables)]
-    data, n_p = graph.data(), len(graph.names)
-    functions = assemble(stages, variables.size, data.size, constraints.size, n_p, compiled)
-    return NLP(
-        graph.problem,
-        graph.step,
-        graph.policy,
-        method,
-        variables,
-        constraints,
-        graph.names,
-        data,
-        *functions,
-        **nlp_fields,
-    )
+    functions = assemble(stages, variables.size, graph.data().size, constraints.size, len(graph.names), compiled)
+    return NLP.of(graph, method, variables, constraints, functions, **nlp_fields)
 
 
 def trajectory_variables(graph: Graph, pairs: bool) -> Layout:
@@ -176,13 +164,10 @@ def solved_interval(graph: Graph, variables: Layout, constraints: Layout, compil
         ("path", graph.path_constraints(), constraint_names(problem.path)),
     ]
     expression, rows = add_rows(constraints, blocks, S, N)
-    w, index = (
-        ca.vertcat(*symbols),
-        np.concatenate([p.reshape(S * N, -1) for p in positions], axis=1),
-    )
+    index = np.concatenate([p.reshape(S * N, -1) for p in positions], axis=1)
+    w = ca.vertcat(*symbols)
     hidden = graph.hidden(w, make=compiled)
-    cost = graph.stage_cost()
-    return Stage("interval", w, graph.p, cost, expression, index, rows, 1 / S, hidden)
+    return Stage("interval", w, graph.p, graph.stage_cost(), expression, index, rows, 1 / S, hidden)
 
 
 def terminal_stage(graph: Graph, variables: Layout, constraints: Layout) -> Stage:
@@ -191,16 +176,7 @@ def terminal_stage(graph: Graph, variables: Layout, constraints: Layout) -> Stag
     blocks = [("terminal", graph.terminal_constraints(), constraint_names(problem.terminal))]
     expression, rows = add_rows(constraints, blocks, S, 1)
     index = state_index(graph, variables)[:, -1]
-    return Stage(
-        "terminal",
-        problem.system.x,
-        graph.p,
-        problem.changeable_costs[1],
-        expression,
-        index,
-        rows,
-        1 / S,
-    )
+    return Stage("terminal", problem.system.x, graph.p, problem.changeable_costs[1], expression, index, rows, 1 / S)
 
 
 def periodicity(graph: Graph, variables: Layout, constraints: Layout) -> list[Stage]:

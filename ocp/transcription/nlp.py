@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -12,15 +12,17 @@ import numpy as np
 from dynamics.contact import Step
 from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.policy import Policy
-from ocp.problem.problem import Problem
+from ocp.problem.problem import Problem, Scales
 from ocp.problem.rollout import Gains
 from ocp.programs.layout import Layout
-from ocp.programs.program import PENALTY, RELAXATION, PairName, Program
+from ocp.programs.program import PENALTY, RELAXATION, Functions, PairName, Program
 from ocp.programs.solver import Result
 from ocp.programs.units import Scale, measured, row_scaled
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
+
+    from ocp.transcription.common import Graph
 
 
 _SLIP = 1e3
@@ -57,6 +59,14 @@ class NLP(Program):
     contacts: ca.Function | None = None
     solvers: dict[str, ca.Function] = field(default_factory=dict)
 
+    @classmethod
+    def of(
+        cls, graph: Graph, method: str, variables: Layout, constraints: Layout, functions: Functions, **fields: Any
+    ) -> NLP:
+        """Make the program of a graph that a method turned into functions of variables."""
+        parts = (graph.problem, graph.step, graph.policy, method, variables, constraints, graph.names, graph.data())
+        return cls(*parts, *functions, **fields)
+
     @property
     def title(self) -> str:
         """Name of the problem."""
@@ -69,7 +79,7 @@ class NLP(Program):
         return np.concatenate([[values[name] for name in self.names], self.data.pack(start)])
 
     def constant(self, p: np.ndarray) -> float:
-        """The problem's constant cost, see :meth:`~ocp.problem.problem.Problem.constant_cost`."""
+        """The problem's constant cost, see :attr:`~ocp.problem.evaluation.Evaluation.constant_cost`."""
         return Evaluation(self.problem, dict(zip(self.names, p, strict=False))).constant_cost
 
     def products(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -99,12 +109,7 @@ class NLP(Program):
         for name in self.variables.blocks:
             lower[name], upper[name] = block_bounds.get(name, (-np.inf, np.inf))
         g_lower, g_upper = self._constraint_bounds(evaluation.p, block_bounds)
-        return {
-            "lbx": self.variables.pack(lower),
-            "ubx": self.variables.pack(upper),
-            "lbg": g_lower,
-            "ubg": g_upper,
-        }
+        return {"lbx": self.variables.pack(lower), "ubx": self.variables.pack(upper), "lbg": g_lower, "ubg": g_upper}
 
     def sizes(self, x: np.ndarray) -> np.ndarray:
         """Characteristic size of every variable, in its unit, from the problem's scaling.
@@ -116,17 +121,13 @@ class NLP(Program):
         slips = self._slips
         impulse = np.where(slips, sizes.gap, sizes.impulse)
         gap = np.where(slips, sizes.impulse, sizes.gap)
-        block_sizes = {
-            "x": sizes.x,
-            "x0": sizes.x,
-            "u": sizes.u,
-            "k": sizes.u,
-            "K": sizes.u[:, None] / sizes.x,
-            "lam": impulse,
-            "gap": gap,
-        }
-        multiples = self.variables.pack({name: block_sizes[name] for name in self.variables.blocks})
-        return multiples * self.natural.x
+        return self._pack_sizes(sizes, impulse, gap) * self.natural.x
+
+    def _pack_sizes(self, sizes: Scales, lam: np.ndarray, gap: np.ndarray) -> np.ndarray:
+        """Sizes of all variables (n,), from those of states, inputs and pairs."""
+        x, u = sizes.x, sizes.u
+        blocks = {"x": x, "x0": x, "u": u, "k": u, "K": u[:, None] / x, "lam": lam, "gap": gap}
+        return self.variables.pack({name: blocks[name] for name in self.variables.blocks})
 
     @property
     def _slips(self) -> np.ndarray:
@@ -178,16 +179,7 @@ class NLP(Program):
         else:
             lam = np.array([units.of(signal.unit) for signal in self.step.contacts])
             gap = np.ones_like(lam)
-        block_units = {
-            "x": natural.x,
-            "x0": natural.x,
-            "u": natural.u,
-            "k": natural.u,
-            "K": natural.u[:, None] / natural.x,
-            "lam": lam,
-            "gap": gap,
-        }
-        return self.variables.pack({name: block_units[name] for name in self.variables.blocks})
+        return self._pack_sizes(natural, lam, gap)
 
     def active_sets(self, x: np.ndarray) -> list[np.ndarray]:
         """By the sizes of both members and, where slip makes that another set, as if all were

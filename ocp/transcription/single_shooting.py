@@ -20,6 +20,7 @@ from ocp.problem.problem import Problem
 from ocp.programs.layout import Layout
 from ocp.programs.program import Functions
 from ocp.transcription.common import Graph, constraint_names
+from ocp.transcription.direct import add_rows
 from ocp.transcription.eliminated import Compile
 from ocp.transcription.nlp import NLP
 from ocp.transcription.stage import Stage
@@ -53,19 +54,7 @@ class SingleShooting:
         inputs = [ca.MX.sym(name, *trajectories.size_in(name)) for name in ("theta", "p")]
         _, _, lam, gap = trajectories(*inputs)
         contacts = ca.Function("contacts", inputs, [lam, gap])
-        return NLP(
-            problem,
-            graph.step,
-            graph.policy,
-            self.name,
-            variables,
-            constraints,
-            graph.names,
-            graph.data(),
-            *functions,
-            trajectories=trajectories,
-            contacts=contacts,
-        )
+        return NLP.of(graph, self.name, variables, constraints, functions, trajectories=trajectories, contacts=contacts)
 
 
 class _Condensed:
@@ -93,20 +82,14 @@ class _Condensed:
 
         x_next = closed(step.x_next_expr)
         xi_next = ca.vertcat(x_next, *([u] if problem.uses_du else []))
-        bounded_u = [("u_bound", u)] if graph.feedback and limits["u"] else []
-        bounded_x = [("x_bound", x_next)] if limits["x"] else []
         path_rows = ca.substitute(graph.path_constraints(), system.x_next, step.x_next_expr)
-        path = [("path", closed(path_rows))] if problem.path else []
-        names = {
-            "u_bound": graph.component_names("u"),
-            "x_bound": graph.component_names("x"),
-            "path": constraint_names(problem.path),
-        }
-        extra = [*bounded_u, *bounded_x, *path]
-        for name, expression in extra:
-            self.constraints.add(name, (self.S, self.N, expression.numel()), names[name])
-        self.extra = [name for name, _ in extra]
-        outputs = ca.vertcat(xi_next, *(expression for _, expression in extra))
+        extra = [
+            ("u_bound", u if graph.feedback and limits["u"] else ca.SX(0, 1), graph.component_names("u")),
+            ("x_bound", x_next if limits["x"] else ca.SX(0, 1), graph.component_names("x")),
+            ("path", closed(path_rows), constraint_names(problem.path)),
+        ]
+        expression, self.rows = add_rows(self.constraints, extra, self.S, self.N)
+        outputs = ca.vertcat(xi_next, expression)
         w = ca.vertcat(self.xi, theta)
         hidden = graph.hidden(w, u if graph.feedback else None, self.make)
         self.stage = Stage(
@@ -116,7 +99,7 @@ class _Condensed:
             closed(graph.stage_cost()),
             outputs,
             np.zeros((self.N * self.S, w.numel()), dtype=int),
-            np.zeros((self.N * self.S, outputs.numel()), dtype=int),
+            self.rows,
             1 / self.S,
             hidden,
         )
@@ -126,12 +109,11 @@ class _Condensed:
 
     def _terminal_expressions(self) -> None:
         graph, problem = self.graph, self.graph.problem
-        expression = graph.terminal_constraints()
-        names = constraint_names(problem.terminal)
-        if problem.terminal:
-            self.constraints.add("terminal", (self.S, 1, expression.numel()), names)
-        index = np.zeros((self.S, self.xi.numel()), dtype=int)
-        rows = np.zeros((self.S, expression.numel()), dtype=int)
+        block = ("terminal", graph.terminal_constraints(), constraint_names(problem.terminal))
+        expression, self.end_rows = add_rows(self.constraints, [block], self.S, 1)
+        # The places of all rows of g, the stages' and the ends', in the order in which they are computed.
+        self.places = np.argsort(np.concatenate([self.rows.ravel(), self.end_rows.ravel()])).tolist()
+        index, rows = np.zeros((self.S, self.xi.numel()), dtype=int), self.end_rows
         self.terminal = Stage(
             "terminal", self.xi, graph.p, problem.changeable_costs[1], expression, index, rows, 1 / self.S
         )
@@ -192,7 +174,8 @@ class _Condensed:
         last = self.terminal.values().map("end_map", "serial", self.S, [1], [])
         cost_end, c_end = last(end, p, ca.MX(0, self.S))
         f = ca.sum2(cost) + ca.sum2(cost_end) + self._gain_cost(theta)
-        return f, self._arranged(out[self.xi.numel() :, :], c_end)
+        g = ca.vertcat(ca.vec(out[self.xi.numel() :, :]), ca.vec(c_end))
+        return f, g[self.places] if self.places else ca.MX(0, 1)
 
     def _gain_cost(self, theta: ca.MX) -> ca.MX:
         policy = self.graph.policy
@@ -200,17 +183,6 @@ class _Condensed:
             return ca.MX(0)
         weight = self.graph.problem.scales.cost * policy.penalty * self.N / self.graph.gain_steps
         return weight * ca.sumsqr(theta[self.variables["K"].index.ravel().tolist()])
-
-    def _arranged(self, rows: ca.MX, end: ca.MX) -> ca.MX:
-        """Order stage constraints (nc, S N) and terminal ones (nt, S) as the layout has them."""
-        blocks, row = [ca.MX(0, 1)], 0
-        for name in self.extra:
-            size = self.constraints[name].shape[-1]
-            blocks.append(ca.vec(rows[row : row + size, :]))
-            row += size
-        if end.numel():
-            blocks.append(ca.vec(end))
-        return ca.vertcat(*blocks)
 
     def _first(self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX) -> dict[str, ca.MX]:
         """Stage Jacobians, sensitivities M of all states, gradient and constraint Jacobian."""
@@ -221,8 +193,7 @@ class _Condensed:
         last, pattern_end = self.terminal.first()
         _, _, slope_end, entries_end = last.map("end_first", "serial", self.S, [1], [])(end, p, ca.MX(0, self.S))
         gradient = ca.MX.zeros(1, n)
-        rows: dict[str, list[ca.MX]] = {name: [] for name in [*self.extra, "terminal"]}
-        Y_all, blocks, ends = [], [], []
+        rows, end_rows, Y_all, blocks, ends = [], [], [], [], []
         identity = ca.DM.eye(n)
         picks = [identity[index.tolist(), :] for index in self.theta_index]
         for s in range(self.S):
@@ -234,19 +205,19 @@ class _Condensed:
                 gradient += slope[:, column].T @ Y
                 propagated = J @ Y
                 M = propagated[:nxi, :]
-                self._split_rows(rows, propagated[nxi:, :])
+                rows.append(propagated[nxi:, :])
                 Y_all.append(Y)
                 blocks.append(J)
             gradient += slope_end[:, s].T @ M
             J_end = ca.MX(pattern_end, entries_end[:, s])
-            rows["terminal"].append(J_end @ M)
+            end_rows.append(J_end @ M)
             Y_all.append(M)
             ends.append(J_end)
         gradient += ca.gradient(self._gain_cost(theta), theta).T if self.graph.feedback else 0
-        stacked = ca.vertcat(ca.MX(0, n), *(ca.vertcat(*v) for v in rows.values() if v))
+        stacked = ca.vertcat(ca.MX(0, n), *rows, *end_rows)
         return {
             "gradient": ca.densify(gradient.T),
-            "jacobian": stacked,
+            "jacobian": stacked[self.places, :] if self.places else stacked,
             "Y": Y_all,
             "J": blocks,
             "J_end": ends,
@@ -255,17 +226,13 @@ class _Condensed:
             "nw": nw,
         }  # pyright: ignore[reportReturnType]
 
-    def _split_rows(self, rows: dict[str, list[ca.MX]], block: ca.MX) -> None:
-        row = 0
-        for name in self.extra:
-            size = self.constraints[name].shape[-1]
-            rows[name].append(block[row : row + size, :])
-            row += size
-
     def _hessian(
         self, theta: ca.MX, p: ca.MX, end: ca.MX, w: ca.MX, lam: ca.MX, lam_f: ca.MX, lam_g: ca.MX, first: dict
     ) -> ca.MX:
-        multipliers, multipliers_end = self._multipliers(lam_g)
+        multipliers, multipliers_end = (
+            ca.reshape(lam_g[rows.ravel().tolist()], rows.shape[1], rows.shape[0])
+            for rows in (self.rows, self.end_rows)
+        )
         adjoints = self._adjoints(lam_f, multipliers, multipliers_end, first)
         function, pattern = self.stage.second()
         copies = self.N * self.S
@@ -288,16 +255,6 @@ class _Condensed:
         if self.graph.feedback:
             hessian += lam_f * ca.hessian(self._gain_cost(theta), theta)[0]
         return ca.triu(hessian)
-
-    def _multipliers(self, lam_g: ca.MX) -> tuple[ca.MX, ca.MX]:
-        blocks = [ca.MX(0, self.N * self.S)]
-        for name in self.extra:
-            block = self.constraints[name]
-            blocks.append(ca.reshape(lam_g[block.index.ravel().tolist()], block.shape[-1], -1))
-        end = ca.MX(0, self.S)
-        if "terminal" in self.constraints:
-            end = ca.reshape(lam_g[self.constraints["terminal"].index.ravel().tolist()], -1, self.S)
-        return ca.vertcat(*blocks), end
 
     def _adjoints(self, lam_f: ca.MX, multipliers: ca.MX, multipliers_end: ca.MX, first: dict) -> ca.MX:
         """Adjoints of ``lam_f f + lam_g' g`` with respect to xi_1..xi_N, (nxi, S N)."""

@@ -49,7 +49,7 @@ def test_limits_are_those_of_the_groups_around_too(tmp_path: Path, monkeypatch) 
     (groups / "outer/inner").mkdir(parents=True)
     (groups / "memory/job").mkdir(parents=True)
     monkeypatch.setattr(resources, "_CGROUPS", groups)
-    monkeypatch.setattr(resources, "_OF_PROCESS", own)
+    monkeypatch.setattr(resources, "_PROCESS_CGROUPS", own)
     own.write_text("0::/outer/inner\n")
     (groups / "outer/inner/memory.max").write_text("max\n")
     assert resources.machine_memory() >= machine
