@@ -5,7 +5,7 @@ import numpy as np
 
 from dynamics.systems import signals, time_stepping
 from ocp import Problem, Scaling
-from problems.drawing import Disc, HalfPlane, Mark, Shape
+from problems.drawing import Circle, Mark, Shape, Wall
 from problems.parameters import Parameters, quantity, structure, table
 
 name = "bumper"
@@ -60,5 +60,5 @@ def build(params: Params) -> Problem:
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """The wall, the goal and the mass at one state, for pages and animations."""
-    mass = Disc(float(state[0]) + 0.1, 0, 0.1)
-    return [HalfPlane(0, 0, 1, 0), Mark(params.goal + 0.1, 0, "goal"), mass]
+    mass = Circle(float(state[0]) + 0.1, 0, 0.1)
+    return [Wall(0, 0, 1, 0), Mark(params.goal + 0.1, 0, "goal"), mass]

@@ -99,11 +99,11 @@ def draw(params: Params, state: np.ndarray) -> list[drawing.Shape]:
     ends = [chain.position(q, link, (0, -params.length)) for link in ("upper", "lower")]
     (x1, z1), (x2, z2) = ((float(end[0]), float(end[1])) for end in ends)
     return [
-        *(drawing.HalfPlane(-side * params.wall, 0, side, 0) for side in WALLS.values()),
-        drawing.Capsule(0, 0, x1, z1, 0.02),
-        drawing.Capsule(x1, z1, x2, z2, 0.02),
-        drawing.Disc(x1, z1, RADIUS),
-        drawing.Disc(x2, z2, RADIUS),
+        *(drawing.Wall(-side * params.wall, 0, side, 0) for side in WALLS.values()),
+        drawing.Stadium(0, 0, x1, z1, 0.02),
+        drawing.Stadium(x1, z1, x2, z2, 0.02),
+        drawing.Circle(x1, z1, RADIUS),
+        drawing.Circle(x2, z2, RADIUS),
     ]
 
 

@@ -1,4 +1,4 @@
-"""What a problem looks like, as plain data: the reports decide how to draw it.
+"""Shapes of a picture of a problem, as plain data: the reports decide how to draw them.
 
 Lengths in metres, angles in radians. Every shape is a frozen value, so those of several instants
 that are equal (walls, goals) can be drawn once. ``role`` is ``"object"``, ``"actuator"``,
@@ -26,8 +26,8 @@ Role = Annotated[str, Field(pattern="^(object|actuator|environment|goal)$")]
 
 
 @dataclass(frozen=True)
-class Disc:
-    """A disc around (x, y)."""
+class Circle:
+    """A filled circle around (x, y)."""
 
     x: Number
     y: Number
@@ -37,7 +37,7 @@ class Disc:
 
 
 @dataclass(frozen=True)
-class Box:
+class Rectangle:
     """A rectangle centred at (x, y), turned counter-clockwise by ``angle``.
 
     ``width`` and ``height`` are outer measures; ``rounding`` is the radius of the corners, which
@@ -54,7 +54,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Polygon:
+class Outline:
     """A convex polygon with the ``corners`` of its core, counter-clockwise, grown by ``radius``."""
 
     corners: tuple[tuple[float, float], ...]
@@ -68,7 +68,7 @@ class Polygon:
 
 
 @dataclass(frozen=True)
-class Capsule:
+class Stadium:
     """A link with round ends: all within ``radius`` of the segment (x1, y1) to (x2, y2)."""
 
     x1: Number
@@ -113,10 +113,10 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class HalfPlane:
+class Wall:
     """Everything on the side of the line through (x, y) that its normal (nx, ny) points away from.
 
-    A floor at height zero is ``HalfPlane(0, 0, 0, 1)``.
+    A floor at height zero is ``Wall(0, 0, 0, 1)``.
     """
 
     x: Number
@@ -126,12 +126,21 @@ class HalfPlane:
     role: Role = "environment"
 
 
-Shape = Disc | Box | Polygon | Capsule | Segment | Spring | Mark | HalfPlane
+Shape = Circle | Rectangle | Outline | Stadium | Segment | Spring | Mark | Wall
+STORED_KINDS: dict[str, type[Shape]] = {
+    "Disc": Circle,
+    "Box": Rectangle,
+    "Polygon": Outline,
+    "Capsule": Stadium,
+    "HalfPlane": Wall,
+    **{kind.__name__: kind for kind in (Segment, Spring, Mark)},
+}
+"""Shapes by the words under which runs store them."""
 
 
 @dataclass(frozen=True)
 class ContactFrame:
-    """Where a contact acts, and along which unit directions.
+    """The place at which a contact acts, and its unit directions.
 
     The object is pushed at (x, y) by ``normal_impulse * normal + friction_impulse * tangent``;
     normal = (nx, ny) points into the object and tangent = (ny, -nx) is the normal turned by -90
@@ -164,24 +173,24 @@ def solid(shape: shapes.Shape, x: float, y: float, angle: float, role: str = "ob
     """
     cos, sin = math.cos(angle), math.sin(angle)
 
-    def turned(vector: Point) -> tuple[float, float]:
+    def rotated(vector: Point) -> tuple[float, float]:
         a, b = float(vector[0]), float(vector[1])
         return a * cos + b * sin, b * cos - a * sin
 
     def placed(point: Point) -> tuple[float, float]:
-        right, up = turned(point)
+        right, up = rotated(point)
         return x + right, y + up
 
     match shape:
         case shapes.Disc(radius, centre):
-            return Disc(*placed(centre), float(radius), role)
+            return Circle(*placed(centre), float(radius), role)
         case shapes.Capsule(start, end, radius):
-            return Capsule(*placed(start), *placed(end), float(radius), role)
+            return Stadium(*placed(start), *placed(end), float(radius), role)
         case shapes.HalfPlane(origin, normal):
-            return HalfPlane(*placed(origin), *turned(normal), role)
+            return Wall(*placed(origin), *rotated(normal), role)
         case shapes.Box(half, radius, centre):
             size = 2 * float(half[0]), 2 * float(half[1])
-            return Box(*placed(centre), *size, -angle, role, float(radius))
+            return Rectangle(*placed(centre), *size, -angle, role, float(radius))
         case shapes.Polygon(_, radius):
-            return Polygon(tuple(placed(corner) for corner in shape.corners), float(radius), role)
+            return Outline(tuple(placed(corner) for corner in shape.corners), float(radius), role)
     raise TypeError(f"cannot draw a {type(shape).__name__}")

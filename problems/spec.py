@@ -19,7 +19,7 @@ from ocp.problem.checks import check_physics
 from ocp.problem.parts import Origin
 from ocp.problem.problem import Problem
 from ocp.validation import Count, Index, Line, Number, Positive
-from problems.drawing import ContactFrame, Shape
+from problems.drawing import STORED_KINDS, ContactFrame, Shape
 from problems.parameters import natural_units
 from problems.user_code import guarded, user_code
 
@@ -199,9 +199,10 @@ class UserProblemRecord:
         assert spec.draw is not None
         seen = x if known.all() else x[: max(1, int(np.argmin(known)))]
         shapes = [spec.draw(self.params, state) for state in seen]
+        words = {kind: word for word, kind in STORED_KINDS.items()}
         contacts = [] if spec.frames is None else [spec.frames(self.params, s) for s in seen]
         return {
-            "shapes": [[{"kind": type(s).__name__, **asdict(s)} for s in at] for at in shapes],
+            "shapes": [[{"kind": words[type(s)], **asdict(s)} for s in at] for at in shapes],
             "contacts": [[asdict(contact) for contact in at] for at in contacts],
         }
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from dynamics.systems import signals, time_stepping
 from ocp.problem.problem import Problem, Scaling
-from problems.drawing import ContactFrame, Disc, HalfPlane, Mark, Shape
+from problems.drawing import Circle, ContactFrame, Mark, Shape, Wall
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
@@ -80,9 +80,9 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Floor, goal and the ball, whose size is for the eye only: the model's ball is a point."""
     radius = 0.05
     return [
-        HalfPlane(0, 0, 0, 1),
+        Wall(0, 0, 0, 1),
         Mark(params.goal_x, params.goal_y + radius, "goal"),
-        Disc(float(state[0]), float(state[1]) + radius, radius),
+        Circle(float(state[0]), float(state[1]) + radius, radius),
     ]
 
 

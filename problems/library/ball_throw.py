@@ -9,7 +9,7 @@ import numpy as np
 
 from dynamics.systems import ContactSystem, ParameterTable, RefereeModel, signals
 from ocp.problem.problem import Problem, Scaling
-from problems.drawing import ContactFrame, Disc, HalfPlane, Mark, Shape
+from problems.drawing import Circle, ContactFrame, Mark, Shape, Wall
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
 
@@ -175,10 +175,10 @@ def draw(params: Any, state: np.ndarray) -> list[Shape]:
     """Floor, hand, goal and the ball, whose size is for the eye only; of the task as well."""
     radius = 0.05
     return [
-        HalfPlane(0, 0, 0, 1),
+        Wall(0, 0, 0, 1),
         Mark(params.x0, params.z0 + radius, "environment"),
         Mark(params.goal_x, params.goal_z + radius, "goal"),
-        Disc(float(state[0]), float(state[1]) + radius, radius),
+        Circle(float(state[0]), float(state[1]) + radius, radius),
     ]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from dynamics.systems import signals, time_stepping
 from ocp.problem.problem import Problem, Scaling
-from problems.drawing import Box, ContactFrame, HalfPlane, Mark, Shape
+from problems.drawing import ContactFrame, Mark, Rectangle, Shape, Wall
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
 
@@ -82,9 +82,9 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Floor, goal and the box, whose size is for the eye only."""
     side = 0.2
     return [
-        HalfPlane(0, 0, 0, 1),
+        Wall(0, 0, 0, 1),
         Mark(params.goal, side / 2, "goal"),
-        Box(float(state[0]), side / 2, side, side),
+        Rectangle(float(state[0]), side / 2, side, side),
     ]
 
 

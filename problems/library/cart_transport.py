@@ -8,7 +8,7 @@ from pydantic import model_validator
 
 from dynamics.systems import signals, time_stepping
 from ocp.problem.problem import Problem, Scaling
-from problems.drawing import Box, ContactFrame, HalfPlane, Mark, Shape
+from problems.drawing import ContactFrame, Mark, Rectangle, Shape, Wall
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
 
@@ -112,11 +112,11 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Floor, cart, the box on it, and where both shall end; heights are for the eye only."""
     cart, offset = float(state[0]), float(state[1])
     return [
-        HalfPlane(0, 0, 0, 1),
+        Wall(0, 0, 0, 1),
         Mark(params.goal, CART_HEIGHT / 2, "goal"),
         Mark(params.goal + params.goal_offset, CART_HEIGHT + BOX_SIDE / 2, "goal"),
-        Box(cart, CART_HEIGHT / 2, 2 * params.reach + BOX_SIDE, CART_HEIGHT, role="actuator"),
-        Box(cart + offset, CART_HEIGHT + BOX_SIDE / 2, BOX_SIDE, BOX_SIDE),
+        Rectangle(cart, CART_HEIGHT / 2, 2 * params.reach + BOX_SIDE, CART_HEIGHT, role="actuator"),
+        Rectangle(cart + offset, CART_HEIGHT + BOX_SIDE / 2, BOX_SIDE, BOX_SIDE),
     ]
 
 

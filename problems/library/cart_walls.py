@@ -7,7 +7,7 @@ import numpy as np
 
 from dynamics.systems import ContactSystem, ParameterTable, RefereeModel, signals
 from ocp.problem.problem import Problem, Scaling
-from problems.drawing import Box, ContactFrame, Mark, Segment, Shape, Spring
+from problems.drawing import ContactFrame, Mark, Rectangle, Segment, Shape, Spring
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
@@ -131,7 +131,7 @@ def pole_shapes(position: float, tip: float, height: float, wall: float) -> list
     The model is linear in the angle, and so is the picture: then contact looks like contact.
     """
     return [
-        Box(position, -0.05, 0.2, 0.1, role="actuator"),
+        Rectangle(position, -0.05, 0.2, 0.1, role="actuator"),
         Segment(position, 0, tip, height),
         Mark(tip, height),
         Spring(wall + 0.15, height, max(wall, tip), height),

@@ -8,7 +8,7 @@ from pydantic import model_validator
 
 from dynamics.systems import signals, time_stepping
 from ocp.problem.problem import Problem, Scaling
-from problems.drawing import Box, ContactFrame, Disc, HalfPlane, Segment, Shape
+from problems.drawing import Circle, ContactFrame, Rectangle, Segment, Shape, Wall
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
 
@@ -131,10 +131,10 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     body, foot = float(state[0]), float(state[1])
     radius = 0.04
     return [
-        HalfPlane(0, 0, 0, 1),
+        Wall(0, 0, 0, 1),
         Segment(0, foot + radius, 0, body + radius, "actuator"),
-        Box(0, body + 2 * radius, 0.2, 0.12),
-        Disc(0, foot + radius, radius),
+        Rectangle(0, body + 2 * radius, 0.2, 0.12),
+        Circle(0, foot + radius, radius),
     ]
 
 

@@ -13,7 +13,7 @@ from pydantic import model_validator
 from dynamics.learned.region import Region
 from dynamics.systems import ParameterTable, Signal, quasi_dynamic, shapes, signals
 from ocp.problem.problem import Constraint, Problem, Scaling, Scenarios
-from problems.drawing import Capsule, ContactFrame, Disc, Segment, Shape
+from problems.drawing import Circle, ContactFrame, Segment, Shape, Stadium
 from problems.parameters import Parameters, choice, friction_of, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
@@ -235,18 +235,18 @@ def region(params: Params) -> Region:
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Ball with a mark that turns, goal with its own, and the four links."""
-    ball = Disc(float(state[0]), float(state[1]), params.R)
-    goal = Disc(params.goal_x, params.goal_y, params.R, "goal")
+    ball = Circle(float(state[0]), float(state[1]), params.R)
+    goal = Circle(params.goal_x, params.goal_y, params.R, "goal")
     shapes: list[Shape] = [goal, _hand(goal, params.goal_angle), ball, _hand(ball, float(state[2]))]
     for link in _links(ca.SX(ca.DM(state)), params):
         (x1, y1), (x2, y2) = (
             (float(point[0]), float(point[1])) for point in (link.pose.position, link.pose.to_world(link.end))
         )
-        shapes.append(Capsule(x1, y1, x2, y2, params.r, "actuator"))
+        shapes.append(Stadium(x1, y1, x2, y2, params.r, "actuator"))
     return shapes
 
 
-def _hand(ball: Disc, angle: float) -> Segment:
+def _hand(ball: Circle, angle: float) -> Segment:
     """A radius, upright at angle zero, that shows how a ball has turned."""
     x, y = ball.x - ball.radius * math.sin(angle), ball.y + ball.radius * math.cos(angle)
     return Segment(ball.x, ball.y, x, y, ball.role)

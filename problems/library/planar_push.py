@@ -11,7 +11,7 @@ from pydantic import model_validator
 from dynamics.learned.region import Region
 from dynamics.systems import quasi_dynamic, shapes, signals
 from ocp.problem.problem import Constraint, Problem, Scaling, Scenarios
-from problems.drawing import Box, ContactFrame, Disc, Shape
+from problems.drawing import Circle, ContactFrame, Rectangle, Shape
 from problems.parameters import Parameters, choice, friction_of, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
@@ -156,13 +156,13 @@ def region(params: Params) -> Region:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Box, pusher and goal."""
+    """Rectangle, pusher and goal."""
     ox, oy, angle, ax, ay = (float(value) for value in state)
     side = params.side
     return [
-        Box(params.goal_x, params.goal_y, side, side, params.goal_angle, "goal"),
-        Box(ox, oy, side, side, angle),
-        Disc(ax, ay, params.r, "actuator"),
+        Rectangle(params.goal_x, params.goal_y, side, side, params.goal_angle, "goal"),
+        Rectangle(ox, oy, side, side, angle),
+        Circle(ax, ay, params.r, "actuator"),
     ]
 
 

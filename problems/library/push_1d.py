@@ -9,7 +9,7 @@ from pydantic import model_validator
 from dynamics.learned.region import Region
 from dynamics.systems import quasi_dynamic, signals
 from ocp.problem.problem import Problem, Scaling
-from problems.drawing import Box, ContactFrame, Mark, Shape
+from problems.drawing import ContactFrame, Mark, Rectangle, Shape
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
@@ -108,8 +108,8 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     side = params.width or 0.05
     return [
         Mark(params.goal_x, 0, "goal"),
-        Box(float(state[0]), 0, side, side),
-        Box(float(state[1]), 0, side, side, role="actuator"),
+        Rectangle(float(state[0]), 0, side, side),
+        Rectangle(float(state[1]), 0, side, side, role="actuator"),
     ]
 
 

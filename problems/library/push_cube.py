@@ -14,7 +14,7 @@ from dynamics.systems import ParameterTable
 from dynamics.systems.space import Body, Box, Plane, SpatialMachine, SpatialPart, Sphere, rotation
 from dynamics.systems.space.body import Number
 from ocp.problem.problem import Problem, Scaling
-from problems.drawing import ContactFrame, Disc, Polygon, Shape
+from problems.drawing import Circle, ContactFrame, Outline, Shape
 from problems.machines.perspective import PinholeCamera
 from problems.machines.spatial import AXES, spatial_frames, spatial_shapes
 from problems.parameters import Parameters, choice, pose_problem, quantity, structure, table
@@ -184,10 +184,10 @@ def with_goal(shown: SpatialMachine, body: str, place: ca.SX, turn: ca.SX) -> Sp
 def seen_with_goal(shown: SpatialMachine, camera: PinholeCamera, state: np.ndarray, tips: set[str]) -> list[Shape]:
     """Draw a machine whose fingertips are ``tips``; one sees through its goal."""
     found = [
-        replace(one, shade=0.0) if one.role == "goal" and isinstance(one, Disc | Polygon) else one
+        replace(one, shade=0.0) if one.role == "goal" and isinstance(one, Circle | Outline) else one
         for one in spatial_shapes(shown, camera, state, tips, {"goal"})
     ]
-    return sorted(found, key=lambda one: one.role == "goal" and isinstance(one, Polygon))
+    return sorted(found, key=lambda one: one.role == "goal" and isinstance(one, Outline))
 
 
 def _camera(params: Params) -> PinholeCamera:

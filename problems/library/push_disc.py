@@ -9,7 +9,7 @@ from pydantic import model_validator
 from dynamics.learned.region import Region
 from dynamics.systems import quasi_dynamic, signals
 from ocp.problem.problem import Problem, Scaling, Scenarios
-from problems.drawing import ContactFrame, Disc, Mark, Shape
+from problems.drawing import Circle, ContactFrame, Mark, Shape
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
@@ -127,8 +127,8 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     ox, oy, ax, ay = (float(value) for value in state)
     return [
         Mark(params.goal_x, params.goal_y, "goal"),
-        Disc(ox, oy, params.R),
-        Disc(ax, ay, params.r, "actuator"),
+        Circle(ox, oy, params.R),
+        Circle(ax, ay, params.r, "actuator"),
     ]
 
 

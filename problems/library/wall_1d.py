@@ -7,7 +7,7 @@ import numpy as np
 
 from dynamics.systems import signals, time_stepping
 from ocp.problem.problem import Problem, Scaling
-from problems.drawing import Box, ContactFrame, HalfPlane, Mark, Shape
+from problems.drawing import ContactFrame, Mark, Rectangle, Shape, Wall
 from problems.parameters import Parameters, pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden, smoothed
 
@@ -76,9 +76,9 @@ def build(params: Params) -> Problem:
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """The wall, the goal behind it, and the mass in front of it."""
     return [
-        HalfPlane(0, 0, 1, 0),
+        Wall(0, 0, 1, 0),
         Mark(params.goal_x, 0, "goal"),
-        Box(float(state[0]) + 0.05, 0, 0.1, 0.1),
+        Rectangle(float(state[0]) + 0.05, 0, 0.1, 0.1),
     ]
 
 

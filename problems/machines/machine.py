@@ -13,7 +13,7 @@ import numpy as np
 
 from dynamics.systems import WORLD, Link, Machine
 from dynamics.systems.planar.machine import link_pose
-from problems.drawing import Capsule, ContactFrame, HalfPlane, Shape, solid
+from problems.drawing import ContactFrame, Shape, Stadium, Wall, solid
 
 START_TOLERANCE = 1e-9
 """Depth in the ground, and way past a limit, that a start may have [m, rad]."""
@@ -76,13 +76,13 @@ def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
     """Draw the machine at ``state`` (q, v, ...): bars, spheres, parts and the ground."""
     places = _places(machine)
     bars, poses = (np.array(out).T.tolist() for out in places(state[: places.numel_in(0)]))
-    links = [Capsule(x1, z1, x2, z2, BAR_RADIUS) for x1, z1, x2, z2 in bars]
+    links = [Stadium(x1, z1, x2, z2, BAR_RADIUS) for x1, z1, x2, z2 in bars]
     parts = (*machine.spheres, *machine.parts)
     drawn = (
         solid(part.shape, x, z, angle, "environment" if part.link == WORLD else "object")
         for part, (x, z, angle) in zip(parts, poses, strict=True)
     )
-    return [HalfPlane(0, 0, 0, 1), *links, *drawn]
+    return [Wall(0, 0, 0, 1), *links, *drawn]
 
 
 def machine_frames(

@@ -12,7 +12,7 @@ import numpy as np
 
 from dynamics.systems.space import shapes
 from dynamics.systems.space.rotation import matrix
-from problems.drawing import Capsule, ContactFrame, Disc, Polygon, Segment, Shape
+from problems.drawing import Circle, ContactFrame, Outline, Segment, Shape, Stadium
 
 Array = np.ndarray
 Place = tuple[float, float, float]
@@ -191,15 +191,15 @@ def _seen(camera: PinholeCamera, body: _Body) -> Iterator[Shape]:
     radii = body.radius * camera.scale(np.sqrt(np.maximum(depth**2 - body.radius**2, 0)))
     (x1, y1), (x2, y2), r = *places[[0, -1]].tolist(), float(radii.mean())
     if len(places) == 1:
-        yield Disc(x1, y1, r, body.role, ROUND_SHADE)
+        yield Circle(x1, y1, r, body.role, ROUND_SHADE)
     elif len(places) == 2 and radii.max() <= EQUAL_RADII * radii.min():
-        yield Capsule(x1, y1, x2, y2, r, body.role, ROUND_SHADE)
+        yield Stadium(x1, y1, x2, y2, r, body.role, ROUND_SHADE)
     elif len(body.faces) != len(CUBE_SIDES):
         circle = CIRCLE if body.radius else CIRCLE[:1]
         cloud = (places[:, None] + radii[:, None, None] * circle).reshape(-1, 2)
         # Joggled (QJ), so that points on one line have a hull too.
         hull = ConvexHull(cloud, qhull_options="QJ").vertices
-        yield Polygon(tuple(cloud[hull].tolist()), 0.0, body.role, ROUND_SHADE)
+        yield Outline(tuple(cloud[hull].tolist()), 0.0, body.role, ROUND_SHADE)
     for at, normal, _ in (face for face in body.faces if face[2]):
         shade = DARK_FACE + (BRIGHT_FACE - DARK_FACE) * (1 + float(LIGHT @ camera.axes @ normal)) / 2
-        yield Polygon(tuple(camera.project(at)[0].tolist()), 0.0, body.role, shade)
+        yield Outline(tuple(camera.project(at)[0].tolist()), 0.0, body.role, shade)

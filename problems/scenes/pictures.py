@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from dynamics.systems.shapes.polygon import convex_parts
-from problems.drawing import ContactFrame, Disc, Segment, Shape, solid
+from problems.drawing import Circle, ContactFrame, Segment, Shape, solid
 from problems.scenes.scene import Scene
 from problems.scenes.things import Body, Obstacle, Thing
 
@@ -73,7 +73,7 @@ def _all_shapes(scene: Scene, poses: list[Place]) -> list[Shape]:
 def _shapes(thing: Thing, pose: Place, role: str) -> list[Shape]:
     """Return a thing's shapes, and on a disc that turns the radius that is upright at angle zero."""
     shapes = [solid(shape, *pose, role) for shape in convex_parts(thing.shape)]
-    if not (thing.turns and isinstance(disc := shapes[0], Disc)):
+    if not (thing.turns and isinstance(disc := shapes[0], Circle)):
         return shapes
     end = disc.x + disc.radius * math.sin(pose[2]), disc.y + disc.radius * math.cos(pose[2])
     return [*shapes, Segment(disc.x, disc.y, *end, role)]

@@ -17,7 +17,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
-from problems.drawing import Box, Capsule, Disc, HalfPlane, Mark, Polygon, Segment, Shape, Spring
+from problems.drawing import Circle, Mark, Outline, Rectangle, Segment, Shape, Spring, Stadium, Wall
 from reports.drawing.style import BLUE, FAINT, GREEN, GREY, ORANGE, SKY
 
 _ROLE_COLORS = {"object": BLUE, "actuator": ORANGE, "environment": GREY, "goal": GREEN, "plan": SKY}
@@ -59,41 +59,41 @@ def bounds(shapes: Iterable[Shape]) -> np.ndarray:
 
 def _corners(shape: Shape) -> list[tuple[float, float]]:
     match shape:
-        case Disc(x, y, r):
+        case Circle(x, y, r):
             return [(x - r, y - r), (x + r, y + r)]
-        case Box(x, y, width, height, angle):
+        case Rectangle(x, y, width, height, angle):
             c, s = abs(math.cos(angle)), abs(math.sin(angle))
             a, b = (c * width + s * height) / 2, (s * width + c * height) / 2
             return [(x - a, y - b), (x + a, y + b)]
-        case Polygon(corners, r):
+        case Outline(corners, r):
             return [(x + sign * r, y + sign * r) for x, y in corners for sign in (-1, 1)]
-        case Capsule(x1, y1, x2, y2, r):
+        case Stadium(x1, y1, x2, y2, r):
             low = min(x1, x2) - r, min(y1, y2) - r
             return [low, (max(x1, x2) + r, max(y1, y2) + r)]
         case Segment(shade=shade) if shade:
             return []
         case Segment(x1, y1, x2, y2) | Spring(x1, y1, x2, y2):
             return [(x1, y1), (x2, y2)]
-        case Mark(x, y) | HalfPlane(x, y):
+        case Mark(x, y) | Wall(x, y):
             return [(x, y)]
 
 
 def outline(shape: Shape) -> Path:
     """Return the line around a body or along a bar [m]; raises TypeError for a mark or half plane."""
     match shape:
-        case Disc(x, y, radius):
+        case Circle(x, y, radius):
             return Path.circle((x, y), radius)
-        case Box():
+        case Rectangle():
             radius = min(shape.rounding, shape.width / 2, shape.height / 2)
             half_sides = np.array([shape.width, shape.height]) / 2 - radius
             corners = half_sides * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
             points = _grown(corners, radius) if radius else corners
             place = Affine2D().rotate(shape.angle).translate(shape.x, shape.y)
             return _closed(place.transform(points))
-        case Polygon(corners, radius):
+        case Outline(corners, radius):
             corner_array = np.array(corners)
             return _closed(_grown(corner_array, radius) if radius else corner_array)
-        case Capsule(x1, y1, x2, y2, radius):
+        case Stadium(x1, y1, x2, y2, radius):
             direction = np.array([x2 - x1, y2 - y1])
             if not direction.any():
                 return Path.circle((x1, y1), radius)
@@ -128,7 +128,7 @@ def _grown(corners: np.ndarray, radius: float) -> np.ndarray:
     return np.concatenate(rounded)
 
 
-def half_plane_path(shape: HalfPlane, middle: np.ndarray, reach: float) -> Path:
+def half_plane_path(shape: Wall, middle: np.ndarray, reach: float) -> Path:
     """Return the part of a half plane within ``reach`` [m] of the projection of ``middle`` on its edge."""
     normal = np.array([shape.nx, shape.ny])
     direction = np.array([-shape.ny, shape.nx])
@@ -199,7 +199,7 @@ def draw(shape: Shape, axis: Axes, strength: float) -> Artist:
     match shape:
         case Mark():
             return _mark(shape, axis, strength)
-        case HalfPlane():
+        case Wall():
             limits = np.array([axis.get_xlim(), axis.get_ylim()])
             reach = REACH * float(np.ptp(limits, axis=1).sum())
             path = half_plane_path(shape, limits.mean(axis=1), reach)
@@ -274,7 +274,7 @@ def make_cameras(plays: Sequence[Sequence[list[Shape]]]) -> list[Camera]:
     their own motion.
     """
     boxes = [
-        np.array([bounds(shape for shape in shapes if not isinstance(shape, HalfPlane)) for shapes in play])
+        np.array([bounds(shape for shape in shapes if not isinstance(shape, Wall)) for shapes in play])
         for play in plays
     ]
     union = _union(boxes)

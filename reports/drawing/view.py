@@ -14,7 +14,7 @@ from ocp.errors import DamagedRun, InputError
 from ocp.problem.problem import Problem
 from ocp.store.stored_run import StoredRun
 from problems import ProblemSpec
-from problems.drawing import Box, Capsule, ContactFrame, Disc, HalfPlane, Mark, Polygon, Segment, Shape, Spring
+from problems.drawing import STORED_KINDS, ContactFrame, Shape
 from problems.plugin import known_parameters, problem_of
 
 if TYPE_CHECKING:
@@ -136,10 +136,6 @@ _SOLVE_NAMES = {"seed": "scenario", "sample": "interval", "input": "control", "i
 """Dimensions of a closed loop, with their names in a solve."""
 
 
-_SHAPE_CLASSES: dict[str, type[Shape]] = {
-    kind.__name__: kind for kind in (Disc, Box, Polygon, Capsule, Segment, Spring, Mark, HalfPlane)
-}
-"""Shapes that a run stores, by the names of their classes."""
 T = TypeVar("T", Shape, ContactFrame)
 
 
@@ -196,7 +192,7 @@ def _stored(view: RunView, stored: dict[str, Any]) -> RunPicture:
 def _read(motion: dict[str, Any]) -> tuple[list[list[Shape]], list[list[ContactFrame]]]:
     """Return shapes and contacts at each node."""
     shapes = [
-        [_SHAPE_CLASSES[shape["kind"]](**{k: v for k, v in shape.items() if k != "kind"}) for shape in node_shapes]
+        [STORED_KINDS[shape["kind"]](**{k: v for k, v in shape.items() if k != "kind"}) for shape in node_shapes]
         for node_shapes in motion["shapes"]
     ]
     return shapes, [[ContactFrame(**contact) for contact in node_shapes] for node_shapes in motion["contacts"]]

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from problems.drawing import HalfPlane, Shape
+from problems.drawing import Shape, Wall
 from problems.tasks.registry import TaskSpec
 from reports.drawing.shapes import Camera, bounds, draw, name_axes
 from reports.drawing.strobe import draw_motion
@@ -50,7 +50,7 @@ class Renderer:
 
     def _view(self, shapes: list[Shape]) -> Camera:
         """Return a window sized by the bodies of the first image, reaching down to the ground."""
-        bodies = [shape for shape in shapes if not isinstance(shape, HalfPlane)]
+        bodies = [shape for shape in shapes if not isinstance(shape, Wall)]
         (x_low, y_low), (x_high, y_high) = bounds(bodies)
         if self._size is None:
             wide = _WINDOW_OF_BODIES * max(x_high - x_low, y_high - y_low)

@@ -13,7 +13,7 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import to_rgba
 from matplotlib.path import Path as Outline
 
-from problems.drawing import ContactFrame, HalfPlane, Mark, Segment, Shape, Spring
+from problems.drawing import ContactFrame, Mark, Segment, Shape, Spring, Wall
 from reports.drawing import shapes
 from reports.drawing.shapes import Camera, Rgba
 from reports.drawing.strobe import CONE_ARROWS, longest_arrow, visible_forces
@@ -104,7 +104,7 @@ def shape_stroke(shape: Shape, middle: np.ndarray, size: np.ndarray, point: floa
     ink = to_rgba(shapes.color(shape.role))
     face, edge = shapes.shape_colors(shape)
     match shape:
-        case HalfPlane():
+        case Wall():
             path = shapes.half_plane_path(shape, middle, shapes.REACH * float(size.sum()))
             return Stroke(path, to_rgba(FAINT), to_rgba(GREY), 0.8, 0)
         case Mark(x, y, "goal"):

@@ -19,7 +19,7 @@ import numpy as np
 from dynamics.learned.region import Region
 from dynamics.systems import signals, time_stepping
 from ocp import Constraint, FreeStart, Origin, Problem, Scaling, Scenarios
-from problems.drawing import Box, ContactFrame, HalfPlane
+from problems.drawing import Rectangle, ContactFrame, Wall
 from problems.parameters import Parameters, quantity, structure, table
 from problems.spec import Citation, Golden
 
@@ -56,7 +56,7 @@ def guess(problem, p):
 
 
 def draw(params, state):
-    return [HalfPlane(0, 0, 1, 0), Box(float(state[0]), 0, 0.1, 0.1)]
+    return [Wall(0, 0, 1, 0), Rectangle(float(state[0]), 0, 0.1, 0.1)]
 
 
 def frames(params, state):
@@ -198,16 +198,16 @@ RETURNED = {
         "'text'",
         "[None]",
         "[1, 2]",
-        "[Box(float('nan'), 0, 1, 1)]",
-        "[Box(0, 0, float('inf'), 1)]",
-        "[Box('a', 0, 1, 1)]",
-        "[Box(0, 0, None, 1)]",
-        "Box(0, 0, 1, 1)",
-        "[Box(ca.SX.sym('w'), 0, 1, 1)]",
-        "[Box(0, 0, 1, 1, role='devil')]",
-        "[Box(0, 0, 1, 1, role=None)]",
-        "[Box(0, 0, -1, 1)]",
-        "[[Box(0, 0, 1, 1)]]",
+        "[Rectangle(float('nan'), 0, 1, 1)]",
+        "[Rectangle(0, 0, float('inf'), 1)]",
+        "[Rectangle('a', 0, 1, 1)]",
+        "[Rectangle(0, 0, None, 1)]",
+        "Rectangle(0, 0, 1, 1)",
+        "[Rectangle(ca.SX.sym('w'), 0, 1, 1)]",
+        "[Rectangle(0, 0, 1, 1, role='devil')]",
+        "[Rectangle(0, 0, 1, 1, role=None)]",
+        "[Rectangle(0, 0, -1, 1)]",
+        "[[Rectangle(0, 0, 1, 1)]]",
     ),
     "frames": (
         "None",

@@ -4,7 +4,7 @@ import casadi as ca
 
 from dynamics.systems import signals, time_stepping
 from ocp.problem.problem import Problem, Scaling
-from problems.drawing import Box, HalfPlane
+from problems.drawing import Rectangle, Wall
 from problems.parameters import Parameters, quantity, table
 
 name, title = "hostile", "A $mass_{ #that <b>brakes</b> \\alpha"
@@ -45,4 +45,4 @@ def build(params: Params) -> Problem:
 
 def draw(params, state):
     """The wall and the mass."""
-    return [HalfPlane(0, 0, 1, 0), Box(float(state[0]) + 0.05, 0, 0.1, 0.1)]
+    return [Wall(0, 0, 1, 0), Rectangle(float(state[0]) + 0.05, 0, 0.1, 0.1)]

@@ -18,7 +18,7 @@ from reports.cli.app import main
 MINE = """
 from dataclasses import replace
 from problems.library import wall_1d
-from problems.drawing import Disc
+from problems.drawing import Circle
 from weights import END
 
 name, title, Params = "mine", "A mass and a wall of mine", wall_1d.Params
@@ -28,7 +28,7 @@ def build(params):
     return replace(problem, name=name, terminal_cost=END * problem.terminal_cost)
 
 def draw(params, state):
-    return [Disc(float(state[0]), 0.0, 0.1)]
+    return [Circle(float(state[0]), 0.0, 0.1)]
 """
 QUICK = ["--reference", "none", "--quiet"]
 ESTIMATE = ["estimate", "mine.py", "-p", "N=3", "-n", "400", "--estimators", "fobg,zobg", "--sweep", "m=1:2:3", *QUICK]

@@ -9,7 +9,7 @@ import pytest
 
 from ocp import solve
 from problems import load
-from problems.drawing import ContactFrame, Disc
+from problems.drawing import Circle, ContactFrame
 
 KINDS = {"plain": [], "scene": ["--scene"], "machine": ["--machine"]}
 COSTS = {"plain": 0.00142025, "scene": 0.117522, "machine": 0.155373}
@@ -29,7 +29,7 @@ def test_a_template_loads_under_its_new_name_and_is_drawn(ocp, kind: str) -> Non
     problem = found.problem({"N": 3})
     assert problem.name == "my-robot" and problem.N == 3
     x0 = problem.initial_states(problem.parameters.values)[0]
-    assert found.draw is not None and any(isinstance(s, Disc) for s in found.draw(found.params({}), x0))
+    assert found.draw is not None and any(isinstance(s, Circle) for s in found.draw(found.params({}), x0))
     frames = [] if found.frames is None else found.frames(found.params({}), x0)
     assert all(isinstance(frame, ContactFrame) for frame in frames)
     assert len(frames) == {"plain": 0, "scene": 3, "machine": 3}[kind]

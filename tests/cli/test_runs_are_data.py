@@ -12,7 +12,7 @@ import pytest
 from ocp import load, store
 from ocp.errors import DamagedRun, InputError
 from problems import registry
-from problems.drawing import Disc
+from problems.drawing import Circle
 from reports.documents.common import page_header
 from reports.drawing.notation import plain
 from reports.drawing.view import RunView
@@ -28,7 +28,7 @@ MINE = """
 from pathlib import Path
 import casadi as ca
 from problems.library import wall_1d
-from problems.drawing import Disc
+from problems.drawing import Circle
 count = Path(__file__).with_suffix(".count")
 count.write_text(count.read_text() + "x" if count.exists() else "x")
 name, title = "mine", "A disc and a wall"
@@ -40,7 +40,7 @@ def build(params):
     return replace(build0(params), name="mine")
 
 def draw(params, state):
-    return [Disc(float(state[0]), 0.0, 0.1)]
+    return [Circle(float(state[0]), 0.0, 0.1)]
 """
 
 
@@ -186,9 +186,9 @@ def test_a_run_shows_its_problem_without_the_file(ocp, made: Path, tmp_path: Pat
         assert view.title == "A disc and a wall"
         times = np.linspace(0, view.time[-1], 9)
         assert view.picture is not None
-        assert view.picture.shapes("", view.time)[0] == [Disc(1.0, 0.0, 0.1)]
+        assert view.picture.shapes("", view.time)[0] == [Circle(1.0, 0.0, 0.1)]
         shapes[len(how)] = [
-            [disc.x for (disc,) in view.picture.shapes(suffix, times) if isinstance(disc, Disc)]
+            [disc.x for (disc,) in view.picture.shapes(suffix, times) if isinstance(disc, Circle)]
             for suffix in ("", "_replay")
         ]
     np.testing.assert_allclose(shapes[0], shapes[2], rtol=0, atol=1e-14)
@@ -200,7 +200,7 @@ def test_a_run_shows_its_problem_without_the_file(ocp, made: Path, tmp_path: Pat
 
 
 def test_what_is_not_drawn_ahead_says_why(ocp, made: Path, tmp_path: Path) -> None:
-    (tmp_path / "late.py").write_text(MINE.replace("return [Disc", "if state[0] < 0.9: return None\n    return [Disc"))
+    (tmp_path / "late.py").write_text(MINE.replace("return [Circle", "if state[0] < 0.9: return None\n    return [Circle"))
     solved = ocp("solve", "late.py", "-p", "N=4", "--json", "-q")
     assert solved.code == 0, "a run is never lost for its drawing"
     done = ocp("animate", solved.json["run"], "-o", "a.gif")

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from dynamics.systems import ContactSystem, Link, Machine, ParameterTable, Part, shapes
-from problems.drawing import Capsule, ContactFrame, Disc, Segment, Shape
+from problems.drawing import Circle, ContactFrame, Segment, Shape, Stadium
 from problems.machines.tracking import in_torques
 from problems.parameters import Parameters, friction_of, quantity
 
@@ -63,7 +63,7 @@ def finger_system(name: str, p: ParameterTable) -> ContactSystem:
 def finger_shapes(params: FingerParams, state: np.ndarray, goal: float) -> list[Shape]:
     """Links, tip, and the disc with a radius that turns; another is the goal's [rad]."""
     (x, z), elbow, tip = (params.x, params.z), *_places(params, state)
-    disc = Disc(x, z, params.R)
+    disc = Circle(x, z, params.R)
 
     def spoke(angle: float, role: str) -> Segment:
         return Segment(x, z, x + params.R * math.sin(angle), z + params.R * math.cos(angle), role)
@@ -72,9 +72,9 @@ def finger_shapes(params: FingerParams, state: np.ndarray, goal: float) -> list[
         disc,
         spoke(goal, "goal"),
         spoke(float(state[2]), "object"),
-        Capsule(0.0, 0.0, *elbow, _WIDTH, "actuator"),
-        Capsule(*elbow, *tip, _WIDTH, "actuator"),
-        Disc(*tip, params.r, "actuator"),
+        Stadium(0.0, 0.0, *elbow, _WIDTH, "actuator"),
+        Stadium(*elbow, *tip, _WIDTH, "actuator"),
+        Circle(*tip, params.r, "actuator"),
     ]
 
 

@@ -88,20 +88,20 @@ class Plot {
 
 // Ways to lay the line around a shape into a path, in metres.
 const OUTLINES = {
-  Disc: (path, [x, y, r]) => path.arc(x, y, r, 0, 2 * Math.PI),
-  Box: (path, [x, y, width, height, angle, rounding]) => {
+  Circle: (path, [x, y, r]) => path.arc(x, y, r, 0, 2 * Math.PI),
+  Rectangle: (path, [x, y, width, height, angle, rounding]) => {
     const box = new Path2D(), r = Math.min(rounding, width / 2, height / 2);
     if (r > 0) box.roundRect(-width / 2, -height / 2, width, height, r);
     else box.rect(-width / 2, -height / 2, width, height);
     path.addPath(box, new DOMMatrix().translate(x, y).rotate((angle * 180) / Math.PI));
   },
-  Capsule: (path, [x1, y1, x2, y2, r]) => {
+  Stadium: (path, [x1, y1, x2, y2, r]) => {
     const along = Math.atan2(y2 - y1, x2 - x1);
     path.arc(x2, y2, r, along - Math.PI / 2, along + Math.PI / 2);
     path.arc(x1, y1, r, along + Math.PI / 2, along + (3 * Math.PI) / 2);
     path.closePath();
   },
-  Polygon: (path, [corners, radius]) => {
+  Outline: (path, [corners, radius]) => {
     const many = corners.length, side = (k) => {
       const [x1, y1, x2, y2] = [0, 1, 2, 3].map((i) => corners[(k + i) % many]);
       return [x1, y1, x2, y2, Math.atan2(x1 - x2, y2 - y1)];
@@ -123,7 +123,7 @@ const OUTLINES = {
       path.lineTo(x1 + ex * place - ey * side, y1 + ey * place + ex * side);
     }
   },
-  HalfPlane: (path, [x, y, nx, ny], middle, reach) => {
+  Wall: (path, [x, y, nx, ny], middle, reach) => {
     const share = (middle[0] - x) * -ny + (middle[1] - y) * nx;
     const [px, py] = [x - ny * share, y + nx * share];
     path.moveTo(px + ny * reach, py - nx * reach);
@@ -134,8 +134,8 @@ const OUTLINES = {
   },
 };
 const LINES = { Segment: 2.2, Spring: 1.1 };
-const LEVEL = { HalfPlane: 0, Segment: 2, Spring: 2, Mark: 2 };
-const SHADED = ["Disc", "Polygon", "Capsule", "Segment"];
+const LEVEL = { Wall: 0, Segment: 2, Spring: 2, Mark: 2 };
+const SHADED = ["Circle", "Outline", "Stadium", "Segment"];
 // How dark the inside of a shape is that hides others, else zero.
 const shadeOf = ([kind, ...numbers]) => (SHADED.includes(film.kinds[kind][0]) ? numbers.at(-1) : 0);
 const level = (shape) => {
@@ -184,7 +184,7 @@ class Picture extends Plot {
     const path = new Path2D();
     OUTLINES[kind](path, numbers, middle, reach);
     const line = this.placed(path);
-    if (kind === "HalfPlane") {
+    if (kind === "Wall") {
       pen.fillStyle = "#d9d9d9";
       pen.fill(line);
     } else if (kind in LINES && shade > 0) {

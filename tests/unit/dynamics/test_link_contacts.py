@@ -126,8 +126,8 @@ def test_a_contact_between_links_does_no_work_in_a_rigid_motion() -> None:
 def test_a_machine_is_drawn_with_its_parts_and_the_contacts_between_its_links() -> None:
     machine, state = folded(), np.array([0.2, 0.5, 0.3, 1.0, 0.9, *np.zeros(5)])
     shapes = machine_shapes(machine, state)
-    assert drawing.Box(0.2, 0.5, 1.0, 0.1, -0.3) in shapes
-    hand, end = (shape for shape in shapes if isinstance(shape, drawing.Disc))
+    assert drawing.Rectangle(0.2, 0.5, 1.0, 0.1, -0.3) in shapes
+    hand, end = (shape for shape in shapes if isinstance(shape, drawing.Circle))
     ground, between = machine_frames(machine, state, ("end",), 0.5)
     assert (ground.x, ground.y) == pytest.approx((end.x, end.y - 0.05), abs=1e-15)
     # The beam's upper side is turned clockwise by 0.3 and so is its normal; the hand is above it.
@@ -140,8 +140,8 @@ def test_a_machine_is_drawn_with_its_parts_and_the_contacts_between_its_links() 
 @pytest.mark.parametrize(
     ("shape", "drawn"),
     [
-        (Capsule((-0.2, 0.0), (0.0, 0.3), 0.1), drawing.Capsule(1.0, 2.2, 1.3, 2.0, 0.1)),
-        (HalfPlane((0.0, -0.1)), drawing.HalfPlane(0.9, 2.0, 1.0, 0.0, "object")),
+        (Capsule((-0.2, 0.0), (0.0, 0.3), 0.1), drawing.Stadium(1.0, 2.2, 1.3, 2.0, 0.1)),
+        (HalfPlane((0.0, -0.1)), drawing.Wall(0.9, 2.0, 1.0, 0.0, "object")),
     ],
 )
 def test_a_part_is_drawn_where_its_link_is(shape: Shape, drawn: drawing.Shape) -> None:

@@ -10,8 +10,7 @@ from dynamics.systems import WORLD, space
 from dynamics.systems.shapes import Box, Capsule, Contact, Disc, Polygon, Pose, Shape, Union
 from dynamics.systems.shapes.areas import shape_area
 from dynamics.systems.shapes.polygon import box_polygon
-from problems.drawing import Box as DrawnBox
-from problems.drawing import solid
+from problems.drawing import Rectangle, solid
 from problems.scenes import Body, Pusher, Scene
 
 CENTRE, KITE = (0.3, -0.2), [(0.2, 0.0), (0.0, 0.1), (-0.1, 0.0), (0.0, -0.1)]
@@ -54,7 +53,7 @@ def test_area_moves_with_the_centre(plain: Shape, placed: Shape) -> None:
 
 def test_a_box_is_drawn_at_its_centre() -> None:
     drawn = solid(Box((0.2, 0.1), centre=CENTRE), 1.0, 2.0, np.pi / 2, "object")
-    assert isinstance(drawn, DrawnBox)
+    assert isinstance(drawn, Rectangle)
     np.testing.assert_allclose((drawn.x, drawn.y), (1.0 - 0.2, 2.0 - 0.3), atol=1e-12)
 
 

@@ -73,9 +73,9 @@ def test_what_has_no_shape_is_drawn_as_the_rod_of_its_inertia() -> None:
     rod = Link("rod", None, mass=2.0, inertia=2.0 * 0.6**2 / 12, com=(0.3, 0.0))
     machine = Machine((rod,), (), parts=(Part("step", WORLD, Box((0.2, 0.1))),))
     shapes = machine_shapes(machine, np.zeros(2))
-    (bar,) = (shape for shape in shapes if isinstance(shape, drawing.Capsule))
+    (bar,) = (shape for shape in shapes if isinstance(shape, drawing.Stadium))
     assert (bar.x1, bar.x2) == pytest.approx((0.0, 0.6), abs=1e-12)
-    assert drawing.Box(0.0, 0.0, 0.4, 0.2, 0.0, "environment") in shapes
+    assert drawing.Rectangle(0.0, 0.0, 0.4, 0.2, 0.0, "environment") in shapes
 
 
 def test_a_link_is_not_the_world() -> None:

@@ -63,7 +63,7 @@ def test_what_a_function_returns_is_what_is_used(tmp_path: Path) -> None:
     params, state = spec.params({}), np.array([0.5, 0.0])
     assert spec.draw is not None and spec.frames is not None
     wall, box = spec.draw(params, state)
-    assert (type(wall).__name__, type(box).__name__) == ("HalfPlane", "Box")
+    assert (type(wall).__name__, type(box).__name__) == ("Wall", "Rectangle")
     assert (box.x, type(box.x), spec.frames(params, state)[0].x) == (0.5, float, 0.5)
     with pytest.raises(InputError, match=r"draw\(params, state\) returned .* finite number"):
         spec.draw(params, np.array([np.nan, 0.0]))

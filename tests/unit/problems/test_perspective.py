@@ -41,14 +41,14 @@ def places(points: object) -> np.ndarray:
 
 def area(polygon: drawing.Shape) -> float:
     """Signed area, positive counter-clockwise."""
-    assert isinstance(polygon, drawing.Polygon)
+    assert isinstance(polygon, drawing.Outline)
     x, y = np.array(polygon.corners).T
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
 
 
 def inside(shape: drawing.Shape, points: np.ndarray, room: float) -> np.ndarray:
     """Which points are within ``room`` of a shape."""
-    path = Path(outline(shape).vertices) if isinstance(shape, drawing.Polygon) else outline(shape)
+    path = Path(outline(shape).vertices) if isinstance(shape, drawing.Outline) else outline(shape)
     return path.contains_points(points, radius=room) | path.contains_points(points, radius=-room)
 
 
@@ -87,14 +87,14 @@ def test_the_disc_of_a_sphere_holds_its_surface_and_is_no_larger() -> None:
         ways = rng.normal(size=(500, 3))
         surface = centre + 0.1 * ways / np.linalg.norm(ways, axis=1)[:, None]
         (disc,) = seen(Sphere(0.1), p=centre)
-        assert isinstance(disc, drawing.Disc)
+        assert isinstance(disc, drawing.Circle)
         away = np.linalg.norm(places(surface) - (disc.x, disc.y), axis=1)
         assert 0.97 < away.max() / disc.radius < 1.02
 
 
 def test_a_point_is_a_disc_without_radius() -> None:
     (disc,) = seen(Sphere(0.0))
-    assert isinstance(disc, drawing.Disc) and disc.radius == 0
+    assert isinstance(disc, drawing.Circle) and disc.radius == 0
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_what_is_drawn_of_a_solid_holds_all_of_it(shape: Shape, seed: int) -> No
     # Discs and rings have 32 corners, and a sphere far from the middle is no disc.
     room = {Capsule: 5e-3, Cylinder: 1e-3}.get(type(shape), 1e-6)
     assert np.any([inside(one, found, room) for one in drawn], axis=0).all()
-    assert all(area(one) > 0 for one in drawn if isinstance(one, drawing.Polygon))
+    assert all(area(one) > 0 for one in drawn if isinstance(one, drawing.Outline))
     low, high = bounds(drawn)
     assert (low <= found.min(axis=0) + room).all() and (high >= found.max(axis=0) - room).all()
     assert np.ptp(found, axis=0) == pytest.approx(high - low, rel=0.06, abs=1e-3)
@@ -171,7 +171,7 @@ def test_a_turned_box_is_a_box_on_a_turned_body() -> None:
 
 def test_the_cap_of_a_cylinder_that_is_seen_is_the_one_towards_the_eye() -> None:
     side, cap = seen(Cylinder((0, 0, 0), (0, 0, 0.3), 0.1))
-    assert isinstance(cap, drawing.Polygon) and area(cap) < area(side)
+    assert isinstance(cap, drawing.Outline) and area(cap) < area(side)
     ring = places([(0.1, 0, 0.3), (0, 0.1, 0.3), (-0.1, 0, 0.3)])
     np.testing.assert_allclose(np.array(cap.corners)[::8][:3], ring, atol=1e-12)
 
@@ -223,7 +223,7 @@ def test_the_lines_of_a_floor_are_round_numbers_of_metres_apart() -> None:
 
 def test_shades_are_solid_and_flat_shapes_are_as_they_were() -> None:
     axis = Figure().subplots()
-    flat, solid = (draw(drawing.Disc(0, 0, 1, shade=s), axis, 1.0) for s in (0.0, 0.3))
+    flat, solid = (draw(drawing.Circle(0, 0, 1, shade=s), axis, 1.0) for s in (0.0, 0.3))
     assert isinstance(flat, PathPatch) and isinstance(solid, PathPatch)
     assert flat.get_facecolor()[3] == 0.25 and solid.get_facecolor()[3] == 1
     ink = np.array(flat.get_facecolor()[:3])
@@ -233,15 +233,15 @@ def test_shades_are_solid_and_flat_shapes_are_as_they_were() -> None:
 
 
 def test_what_hides_is_only_drawn_once_if_nothing_comes_below_it() -> None:
-    wall, floor = drawing.Disc(0, 0, 1, shade=0.3), drawing.Segment(0, 0, 1, 0, shade=0.4)
+    wall, floor = drawing.Circle(0, 0, 1, shade=0.3), drawing.Segment(0, 0, 1, 0, shade=0.4)
     mark = drawing.Mark(0, 0)
-    frames = [[floor, drawing.Disc(x, 0, 1, shade=0.3), wall, mark] for x in (0.1, 0.2)]
+    frames = [[floor, drawing.Circle(x, 0, 1, shade=0.3), wall, mark] for x in (0.1, 0.2)]
     assert constant_shapes(frames, [is_opaque(one) for one in frames[0]]) == [floor, mark]
 
 
 def test_polygons_come_back_from_a_file_as_they_were() -> None:
-    polygon = drawing.Polygon(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), shade=0.2)
-    again = drawing.Polygon(**json.loads(json.dumps(asdict(polygon))))
+    polygon = drawing.Outline(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), shade=0.2)
+    again = drawing.Outline(**json.loads(json.dumps(asdict(polygon))))
     assert again == polygon and hash(again) == hash(polygon)
 
 

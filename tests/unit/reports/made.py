@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ocp.store.stored_run import StoredRun
-from problems.drawing import Box, ContactFrame, HalfPlane, Shape
+from problems.drawing import ContactFrame, Rectangle, Shape, Wall
 from problems.parameters import Parameters
 from problems.spec import ProblemSpec
 from reports.drawing.view import RunView
@@ -17,7 +17,7 @@ FRICTION = 0.5
 
 
 def draw(params: object, state: np.ndarray) -> list[Shape]:
-    return [HalfPlane(0, 0, 0, 1), Box(float(state[0]), 0.1, 0.4, 0.2, rounding=0.05)]
+    return [Wall(0, 0, 0, 1), Rectangle(float(state[0]), 0.1, 0.4, 0.2, rounding=0.05)]
 
 
 def frames(params: object, state: np.ndarray) -> list[ContactFrame]:

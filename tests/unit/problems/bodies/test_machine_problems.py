@@ -14,7 +14,7 @@ from ocp.errors import InputError
 from problems.bodies.half_cheetah.machine import half_cheetah
 from problems.bodies.hopper.machine import hopper
 from problems.bodies.simulation import simulate, simulation
-from problems.drawing import Capsule, Disc, HalfPlane, Shape
+from problems.drawing import Circle, Shape, Stadium, Wall
 
 MACHINES = {"hopper": hopper, "half-cheetah": half_cheetah}
 
@@ -125,7 +125,7 @@ def test_simulations_refuse_what_does_not_fit():
         simulate("hopper", inputs=np.zeros((50, 2)))
 
 
-def distance(disc: Disc, bar: Capsule) -> float:
+def distance(disc: Circle, bar: Stadium) -> float:
     """From a disc's middle to a bar's axis."""
     a, b = np.array([bar.x1, bar.y1]), np.array([bar.x2, bar.y2])
     p = np.array([disc.x, disc.y])
@@ -133,12 +133,12 @@ def distance(disc: Disc, bar: Capsule) -> float:
     return float(np.linalg.norm(a + t * (b - a) - p))
 
 
-def parts(name: str, state: np.ndarray) -> tuple[list[Capsule], list[Disc], list[Shape]]:
+def parts(name: str, state: np.ndarray) -> tuple[list[Stadium], list[Circle], list[Shape]]:
     spec = problems.spec(name)
     assert spec.draw is not None
     shapes = spec.draw(spec.params({}), state)
-    bars = [shape for shape in shapes if isinstance(shape, Capsule)]
-    return bars, [shape for shape in shapes if isinstance(shape, Disc)], shapes
+    bars = [shape for shape in shapes if isinstance(shape, Stadium)]
+    return bars, [shape for shape in shapes if isinstance(shape, Circle)], shapes
 
 
 @pytest.mark.parametrize("name", MACHINES)
@@ -147,7 +147,7 @@ def test_the_drawing_is_one_body_with_every_sphere_on_it(name: str):
     state = np.append(machine.reset(1), 0.02)
     state[3:9] += 0.3
     bars, discs, shapes = parts(name, state)
-    assert HalfPlane(0, 0, 0, 1) in shapes
+    assert Wall(0, 0, 0, 1) in shapes
     chain = machine.tree()
     q = ca.SX(state[: chain.nq])
     centres = [np.array(ca.DM(chain.position(q, s.link, s.centre))).ravel() for s in machine.spheres]
@@ -161,12 +161,12 @@ def test_the_drawing_is_one_body_with_every_sphere_on_it(name: str):
         left = [bar for bar in left if bar not in touching]
 
 
-def meet(one: Capsule, other: Capsule) -> bool:
+def meet(one: Stadium, other: Stadium) -> bool:
     """Whether an end of one bar lies on the other."""
     ends = [(one.x1, one.y1), (one.x2, one.y2)]
     ends_other = [(other.x1, other.y1), (other.x2, other.y2)]
-    return any(distance(Disc(*end, 0.1), other) < 1e-9 for end in ends) or any(
-        distance(Disc(*end, 0.1), one) < 1e-9 for end in ends_other
+    return any(distance(Circle(*end, 0.1), other) < 1e-9 for end in ends) or any(
+        distance(Circle(*end, 0.1), one) < 1e-9 for end in ends_other
     )
 
 

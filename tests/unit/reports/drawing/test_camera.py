@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from problems.drawing import Disc, HalfPlane, Mark, Shape
+from problems.drawing import Circle, Mark, Shape, Wall
 from reports.drawing.shapes import Camera, make_cameras
 
 R = 0.1
 
 
 def rolling(x: np.ndarray, *more: Shape) -> list[list[Shape]]:
-    return [[HalfPlane(0, 0, 0, 1), Disc(float(value), R, R), *more] for value in x]
+    return [[Wall(0, 0, 0, 1), Circle(float(value), R, R), *more] for value in x]
 
 
 def windows(camera: Camera) -> np.ndarray:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
 
 from problems import names, spec
-from problems.drawing import Box, Capsule, ContactFrame, Disc, HalfPlane, Mark, Segment, Spring
+from problems.drawing import Circle, ContactFrame, Mark, Rectangle, Segment, Spring, Stadium, Wall
 from reports.drawing import shapes
 
 
@@ -39,14 +39,14 @@ def test_every_problem_is_drawn(name: str) -> None:
 @pytest.mark.parametrize(
     "shape",
     [
-        Disc(0, 0, 1),
-        Box(0, 0, 2, 1, 0.3),
-        Box(0, 0, 2, 1, 0.3, rounding=0.2),
-        Capsule(0, 0, 1, 1, 0.1),
+        Circle(0, 0, 1),
+        Rectangle(0, 0, 2, 1, 0.3),
+        Rectangle(0, 0, 2, 1, 0.3, rounding=0.2),
+        Stadium(0, 0, 1, 1, 0.1),
         Segment(0, 0, 1, 1),
         Spring(0, 0, 1, 0),
         Mark(0, 0),
-        HalfPlane(0, 0, 0, 1),
+        Wall(0, 0, 0, 1),
     ],
     ids=lambda shape: type(shape).__name__,
 )
@@ -62,7 +62,7 @@ def test_a_half_plane_lies_behind_its_normal() -> None:
     axis = Figure().subplots()
     axis.set_xlim(-1, 1)
     axis.set_ylim(-1, 1)
-    shapes.draw(HalfPlane(0, 0, 0, 1), axis, 1.0)
+    shapes.draw(Wall(0, 0, 0, 1), axis, 1.0)
     (patch,) = axis.patches
     assert patch.get_path().contains_point((0, -0.5))
     assert not patch.get_path().contains_point((0, 0.5))
@@ -72,13 +72,13 @@ def test_a_half_plane_reaches_wherever_the_view_is() -> None:
     axis = Figure().subplots()
     axis.set_xlim(999, 1001)
     axis.set_ylim(-1, 1)
-    floor = shapes.draw(HalfPlane(0, 0, 0, 1), axis, 1.0).get_path()
+    floor = shapes.draw(Wall(0, 0, 0, 1), axis, 1.0).get_path()
     assert floor.contains_point((999, -0.5)) and floor.contains_point((1001, -0.01))
     assert not floor.contains_point((1000, 0.01))
 
 
 def test_a_turned_box_has_its_corner_where_geometry_says() -> None:
-    corners = outline(Box(1, 2, 2, 0, angle=np.pi / 2))
+    corners = outline(Rectangle(1, 2, 2, 0, angle=np.pi / 2))
     np.testing.assert_allclose(corners[:, 0], 1, atol=1e-9)
     assert {round(y, 9) for y in corners[:, 1]} == {1.0, 3.0}
 
@@ -91,12 +91,12 @@ def distance_to_segment(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.
 @pytest.mark.parametrize("b", [(3.0, 1.0), (-2.0, 1.5), (0.5, -4.0), (0.5, 1.0)])
 def test_the_outline_of_a_capsule_is_its_radius_from_its_segment(b: tuple[float, float]) -> None:
     a = np.array([0.5, 1.0])
-    points = outline(Capsule(*a, *b, 0.25))
+    points = outline(Stadium(*a, *b, 0.25))
     if tuple(a) == b:
         assert Outline(points).get_extents().size == pytest.approx([0.5, 0.5])
         return
     np.testing.assert_allclose(distance_to_segment(points, a, np.array(b)), 0.25, atol=1e-12)
-    extent = shapes.bounds([Capsule(*a, *b, 0.25)])
+    extent = shapes.bounds([Stadium(*a, *b, 0.25)])
     np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], extent, atol=3e-3)
 
 
@@ -104,7 +104,7 @@ def test_the_outline_of_a_capsule_is_its_radius_from_its_segment(b: tuple[float,
 def test_a_rounded_box_keeps_its_sides_and_loses_its_corners(angle: float) -> None:
     """In the box's own frame: signed distance to a rounded box is zero all along the outline."""
     width, height, radius = 2.0, 1.0, 0.3
-    points = outline(Box(3, -1, width, height, angle, rounding=radius)) - (3, -1)
+    points = outline(Rectangle(3, -1, width, height, angle, rounding=radius)) - (3, -1)
     c, s = np.cos(angle), np.sin(angle)
     own = np.abs(points @ np.array([[c, -s], [s, c]]))
     assert own.max(axis=0) == pytest.approx([width / 2, height / 2])

@@ -130,7 +130,7 @@ def test_rewards_add_up_step_by_step(steps: int) -> None:
 
 def test_what_never_moves_is_told_once_and_a_still_camera_too() -> None:
     film = player_data(Animation(VIEW, fps=20))
-    assert film["kinds"] == [("HalfPlane", "environment"), ("Box", "object")]
+    assert film["kinds"] == [("Wall", "environment"), ("Rectangle", "object")]
     for motion in film["motions"]:
         assert motion["fixed"] == [[0, 0.0, 0.0, 0.0, 1.0]]
         assert [len(frame) for frame in motion["frames"]] == [1] * 9

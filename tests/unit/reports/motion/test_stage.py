@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgba
 from matplotlib.path import Path
 
-from problems.drawing import Disc, HalfPlane, Mark, Segment, Spring
+from problems.drawing import Circle, Mark, Segment, Spring, Wall
 from reports.drawing.style import FAINT, PURPLE, VERMILLION
 from reports.motion.animation import Animation
 from reports.motion.movie import Canvas
@@ -132,12 +132,12 @@ VIEWED = np.zeros(2), np.array([2.0, 1.0]), 0.01
 @pytest.mark.parametrize(
     ("shape", "low", "high"),
     [
-        (Disc(1, 2, 0.5), (0.5, 1.5), (1.5, 2.5)),
+        (Circle(1, 2, 0.5), (0.5, 1.5), (1.5, 2.5)),
         (Segment(0, 0, 1, 2), (0, 0), (1, 2)),
         (Spring(0, 0, 1, 0), (0, -0.04), (1, 0.04)),
         (Mark(0, 0), (-0.0225, -0.0225), (0.0225, 0.0225)),
         (Mark(1, 1, "goal"), (0.945, 0.945), (1.055, 1.055)),
-        (HalfPlane(0, 0, 0, 1), (-12, -12), (12, 0)),
+        (Wall(0, 0, 0, 1), (-12, -12), (12, 0)),
     ],
     ids=["disc", "segment", "spring", "mark", "goal", "half plane"],
 )
