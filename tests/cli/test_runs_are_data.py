@@ -200,7 +200,9 @@ def test_a_run_shows_its_problem_without_the_file(ocp, made: Path, tmp_path: Pat
 
 
 def test_what_is_not_drawn_ahead_says_why(ocp, made: Path, tmp_path: Path) -> None:
-    (tmp_path / "late.py").write_text(MINE.replace("return [Circle", "if state[0] < 0.9: return None\n    return [Circle"))
+    (tmp_path / "late.py").write_text(
+        MINE.replace("return [Circle", "if state[0] < 0.9: return None\n    return [Circle")
+    )
     solved = ocp("solve", "late.py", "-p", "N=4", "--json", "-q")
     assert solved.code == 0, "a run is never lost for its drawing"
     done = ocp("animate", solved.json["run"], "-o", "a.gif")
