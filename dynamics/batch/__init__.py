@@ -15,14 +15,8 @@ from dynamics.batch.graphs.policy import (
 )
 from dynamics.batch.graphs.tape import UnsupportedOperation
 from dynamics.batch.random import Gaussian
-from dynamics.batch.rolling import Moments
-from dynamics.batch.rollout import (
-    EpisodeFunction,
-    Episodes,
-    RolloutFunction,
-    RolloutMoments,
-    Rollouts,
-)
+from dynamics.batch.rolling import Moments, RolloutMoments
+from dynamics.batch.rollout import EpisodeFunction, Episodes, RolloutFunction, Rollouts
 
 __all__ = [
     "BatchFunction",

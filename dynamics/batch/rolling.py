@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import warnings
+from abc import ABC, abstractmethod
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Self
+from typing import Any, Self, TypedDict, Unpack
 
 import numpy as np
 
@@ -82,6 +83,8 @@ def merge_chunks(n: np.ndarray, mean: np.ndarray, m2: np.ndarray) -> Moments:
     return Moments(int(n[0]), mean[0], m2[0])
 
 
+Samples = tuple[Any, Any | None, Any | None, int | None]
+"""Parameters theta and p, noise, and number of the samples, as a call takes them."""
 Triple = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -113,11 +116,22 @@ class RolloutMoments:
     nonfinite: NonFinite
 
 
-class Rolling:
+class SampleOptions(TypedDict, total=False):
+    """Further arguments of rollouts, which some kinds of them take."""
+
+    u_before: Any
+    linearise_along: Any
+    terminal_gradient: np.ndarray | None
+
+
+class Rolling(ABC):
     """A step under a policy, rolled out over `horizon` steps for many samples.
 
     `parameters` are those of the step, then the objective's and the policy's own.
     """
+
+    _value_sign = 1.0
+    """Sign of a sample's value, of which the engines add up the cost."""
 
     def __init__(
         self,
@@ -148,6 +162,32 @@ class Rolling:
         """Masks of noise w_t (horizon, nu) and of theta, in its shape, that reach the cost."""
         noise = self.tapes.cost_dependence.over(self.horizon)[0]
         return noise, self.policy.acting_parameters(noise)
+
+    def moments(
+        self,
+        x0: Any,
+        theta: Any,
+        p: Any | None = None,
+        noise: Gaussian | Any | None = None,
+        n_samples: int | None = None,
+        *,
+        gradient: bool = True,
+        score: bool = False,
+        baseline: float = 0.0,
+        **options: Unpack[SampleOptions],
+    ) -> RolloutMoments:
+        """Mean and second moment over the samples, computed as they come and never stored.
+
+        Arguments as for a call; with `score`, `zeroth` has the moments of the zeroth-order
+        gradient (value - baseline) * score. Raises `ValueError` as a call does.
+        """
+        cost_baseline, samples = self._value_sign * float(baseline), (theta, p, noise, n_samples)
+        request = self._asked(x0, samples, gradient=gradient, score=score, baseline=cost_baseline, **options)
+        return self._summed(request, self._value_sign)
+
+    @abstractmethod
+    def _asked(self, x0: Any, samples: Samples, **options: Any) -> RolloutRequest:
+        """Return the request of a call."""
 
     def _makers(self) -> dict[str, Any]:
         tapes, threads = self.tapes, self.threads
@@ -214,10 +254,7 @@ class Rolling:
     def _request(
         self,
         start: np.ndarray,
-        theta: Any,
-        p: Any,
-        noise: Any,
-        n_samples: int | None,
+        samples: Samples,
         *,
         gradient: bool,
         score: bool,
@@ -225,7 +262,7 @@ class Rolling:
         terminal_gradient: np.ndarray | None = None,
         baseline: float = 0.0,
     ) -> RolloutRequest:
-        owner, tapes = "the rollout", self.tapes
+        owner, tapes, (theta, p, noise, n_samples) = "the rollout", self.tapes, samples
         theta_rows = self._theta_rows(theta)
         parameters = as_rows(self.default_p if p is None else p, len(self.default_p), "p", owner)
         derived = np.empty((tapes.np, len(parameters)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import casadi as ca
 import numpy as np
@@ -13,7 +13,7 @@ from dynamics.batch.engines.rollout_engines import RolloutArrays, RolloutRequest
 from dynamics.batch.graphs.objective import Costs
 from dynamics.batch.graphs.policy import RolloutPolicy
 from dynamics.batch.random import Gaussian
-from dynamics.batch.rolling import Rolling, RolloutMoments
+from dynamics.batch.rolling import Rolling, SampleOptions, Samples
 from dynamics.contact import Step
 
 
@@ -66,10 +66,10 @@ class RolloutFunction(Rolling):
         noise: Gaussian | Any | None = None,
         n_samples: int | None = None,
         *,
-        u_before: Any | None = None,
         gradient: bool = True,
         score: bool = False,
         out: Rollouts | None = None,
+        **options: Unpack[SampleOptions],
     ) -> Rollouts:
         """Cost of each sample, with its gradient by theta and its score on request.
 
@@ -83,8 +83,7 @@ class RolloutFunction(Rolling):
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """
-        start = self._start(x0, u_before)
-        q = self._request(start, theta, p, noise, n_samples, gradient=gradient, score=score)
+        q = self._asked(x0, (theta, p, noise, n_samples), gradient=gradient, score=score, **options)
         shape = (q.n, *self.policy.shape(self.horizon))
         cost = as_output(out and out.cost, (q.n,), "cost")
         requested = [
@@ -95,35 +94,8 @@ class RolloutFunction(Rolling):
         nonfinite = self._sampled(q, RolloutArrays(cost.reshape(-1, 1), slopes, scores))
         return Rollouts(cost, requested[0], requested[1], nonfinite)
 
-    def moments(
-        self,
-        x0: Any,
-        theta: Any,
-        p: Any | None = None,
-        noise: Gaussian | Any | None = None,
-        n_samples: int | None = None,
-        *,
-        u_before: Any | None = None,
-        gradient: bool = True,
-        score: bool = False,
-        baseline: float = 0.0,
-    ) -> RolloutMoments:
-        """Mean and second moment over the samples, computed as they come and never stored.
-
-        Arguments as for a call; with `score`, `zeroth` has the moments of the zeroth-order
-        gradient (cost - baseline) * score. Raises `ValueError` as a call does.
-        """
-        q = self._request(
-            self._start(x0, u_before),
-            theta,
-            p,
-            noise,
-            n_samples,
-            gradient=gradient,
-            score=score,
-            baseline=float(baseline),
-        )
-        return self._summed(q)
+    def _asked(self, x0: Any, samples: Samples, u_before: Any | None = None, **options: Any) -> RolloutRequest:
+        return self._request(self._start(x0, u_before), samples, **options)
 
     def _start(self, x0: Any, u_before: Any | None) -> np.ndarray:
         """Initial states, with the input before beside them where the cost asks for it."""
@@ -184,6 +156,8 @@ class EpisodeFunction(Rolling):
     makes the p of a call. Backends, threads and block as `RolloutFunction` has them, raises alike.
     """
 
+    _value_sign = -1.0
+
     def __call__(
         self,
         x0: Any,
@@ -195,8 +169,7 @@ class EpisodeFunction(Rolling):
         gradient: bool = False,
         score: bool = False,
         states: bool = False,
-        linearise_along: Episodes | None = None,
-        terminal_gradient: np.ndarray | None = None,
+        **options: Unpack[SampleOptions],
     ) -> Episodes:
         """Return of each sample, with its gradient by theta, score and states on request.
 
@@ -211,17 +184,7 @@ class EpisodeFunction(Rolling):
 
         Raises `ValueError` for wrong shapes, and for a score without `Gaussian` noise.
         """
-        q = self._asked(
-            x0,
-            theta,
-            p,
-            noise,
-            n_samples,
-            gradient=gradient,
-            score=score,
-            linearise_along=linearise_along,
-            terminal_gradient=terminal_gradient,
-        )
+        q = self._asked(x0, (theta, p, noise, n_samples), gradient=gradient, score=score, **options)
         shape = (q.n, *self.policy.shape(self.horizon))
         nx, last = self.tapes.nx, np.empty((q.n, self.tapes.nx))
         trail = np.empty((q.n, self.horizon + 1, nx)) if states else None
@@ -239,39 +202,13 @@ class EpisodeFunction(Rolling):
             nonfinite=nonfinite,
         )
 
-    def moments(
+    def _asked(
         self,
         x0: Any,
-        theta: Any,
-        p: Any | None = None,
-        noise: Gaussian | Any | None = None,
-        n_samples: int | None = None,
-        *,
-        gradient: bool = True,
-        score: bool = False,
-        baseline: float = 0.0,
+        samples: Samples,
         linearise_along: Episodes | None = None,
-    ) -> RolloutMoments:
-        """Mean and second moment over the samples, computed as they come and never stored.
-
-        Arguments as for a call; with `score`, `zeroth` has the moments of the zeroth-order
-        gradient (return - baseline) * score. Raises `ValueError` as a call does.
-        """
-        q = self._asked(
-            x0,
-            theta,
-            p,
-            noise,
-            n_samples,
-            gradient=gradient,
-            score=score,
-            linearise_along=linearise_along,
-            baseline=-float(baseline),
-        )
-        return self._summed(q, -1.0)
-
-    def _asked(
-        self, x0: Any, *arguments: Any, linearise_along: Episodes | None, terminal_gradient: Any = None, **outputs: Any
+        terminal_gradient: Any = None,
+        **options: Any,
     ) -> RolloutRequest:
         states = as_rows(x0, self.tapes.nx - 2, "x0", "the rollout")
         start = np.hstack([states, np.ones((len(states), 1)), np.zeros((len(states), 1))])
@@ -288,4 +225,4 @@ class EpisodeFunction(Rolling):
         if terminal_gradient is not None:
             rows = as_rows(terminal_gradient, self.tapes.nx - 2, "pull", "the rollout")
             end_gradient = np.hstack([-rows, np.zeros((len(rows), 2))])
-        return self._request(start, *arguments, linearise_along=states_along, terminal_gradient=end_gradient, **outputs)
+        return self._request(start, samples, linearise_along=states_along, terminal_gradient=end_gradient, **options)
