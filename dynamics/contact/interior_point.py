@@ -74,10 +74,6 @@ def advance_pair(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per
         step_length, gap_change = solve((target - product) * per_s - ratio * remaining_defect)
         return step_length, gap_change + remaining_defect
 
-    def length(pair_step: tuple[ca.SX, ca.SX], fraction: ca.SX | float) -> ca.SX:
-        decrease = -ca.vertcat(pair_step[0] * per_lam, pair_step[1] * per_s)
-        return 1 / ca.fmax(1, ca.mmax(decrease) / fraction)
-
     def excess(pair_step: tuple[ca.SX, ca.SX], step_length: ca.SX, target: ca.SX) -> ca.SX:
         return product_error + step_length * (target - product) + step_length**2 * (pair_step[0] * pair_step[1])
 
@@ -86,7 +82,7 @@ def advance_pair(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per
     is_near = ca.logic_and(worst < _NEAR_ERROR, largest < 1e-10)
     fraction = ca.fmax(_BOUNDARY_FRACTION, 1 - ca.fmax(ca.mmax(ca.fabs(product_error)), largest))
     affine_step = direction(mu, 0.0)
-    affine_length = length(affine_step, 1.0)
+    affine_length = _step_length(affine_step, (per_lam, per_s), 1.0)
     total_error = ca.sum1(ca.fabs(product_error))
     affine_error = ca.sum1(ca.fabs(excess(affine_step, affine_length, mu)))
     centring = ca.fmin(_MAX_CENTRING, (affine_error / ca.fmax(total_error, 1e-300)) ** 3)
@@ -96,29 +92,34 @@ def advance_pair(lam: ca.SX, s: ca.SX, gap: ca.SX, F: Compliance, mu: ca.SX, per
     second_order = affine_length**2 * affine_step[0] * affine_step[1]
     plain_step = direction(target, (1 - affine_length) ** 2)
     corrected_step = direction(target - second_order, (1 - affine_length) ** 2)
-    step_plain, step_corrected = length(plain_step, fraction), length(corrected_step, fraction)
+    step_plain, step_corrected = (_step_length(s, (per_lam, per_s), fraction) for s in (plain_step, corrected_step))
     # What is left of a step's products is (1 - step) off + step^2 dlam ds, at most.
     curvature = ca.mmax(ca.fabs(plain_step[0] * plain_step[1]) * per_mu)
     step_plain = ca.if_else(
         is_near, ca.fmin(step_plain, worst / ca.fmax(ca.fmax(2 * curvature, worst), 1e-300)), step_plain
     )
-    better = ca.sum1(ca.fabs(excess(corrected_step, step_corrected, target - second_order))) < ca.sum1(
-        ca.fabs(excess(plain_step, step_plain, target))
-    )
+    corrected_error = ca.sum1(ca.fabs(excess(corrected_step, step_corrected, target - second_order)))
+    better = corrected_error < ca.sum1(ca.fabs(excess(plain_step, step_plain, target)))
     use_corrected = ca.logic_and(better, ca.logic_and(step_corrected >= 0.9 * step_plain, 1 - is_near))
     step_length = ca.if_else(use_corrected, step_corrected, step_plain)
     new_lam = lam + step_length * ca.if_else(use_corrected, corrected_step[0], plain_step[0])
     new_s = s + step_length * ca.if_else(use_corrected, corrected_step[1], plain_step[1])
-    # The smaller one alone: the larger one is right, and moving it would spoil s = gap.
-    lam_is_smaller = new_lam < new_s
-    smallest_product = _MIN_PRODUCT_SHARE * target
-    lift_lam = ca.logic_and(lam_is_smaller, new_lam * new_s < smallest_product)
-    lift_s = ca.logic_and(ca.logic_not(lam_is_smaller), new_lam * new_s < smallest_product)
-    inverse_larger = 1 / ca.fmax(new_lam, new_s)
-    return (
-        ca.if_else(lift_lam, smallest_product * inverse_larger, new_lam),
-        ca.if_else(lift_s, smallest_product * inverse_larger, new_s),
-    )
+    return _lift(new_lam, new_s, _MIN_PRODUCT_SHARE * target)
+
+
+def _step_length(step: tuple[ca.SX, ca.SX], inverses: tuple[ca.SX, ca.SX], fraction: ca.SX | float) -> ca.SX:
+    """Return the length, at most 1, after which lam and s, whose ``inverses`` are given, are still positive."""
+    decrease = -ca.vertcat(step[0] * inverses[0], step[1] * inverses[1])
+    return 1 / ca.fmax(1, ca.mmax(decrease) / fraction)
+
+
+def _lift(lam: ca.SX, s: ca.SX, smallest_product: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Raise the smaller one of each pair whose product is too small: moving the larger would spoil s = gap."""
+    lam_is_smaller = lam < s
+    lift_lam = ca.logic_and(lam_is_smaller, lam * s < smallest_product)
+    lift_s = ca.logic_and(ca.logic_not(lam_is_smaller), lam * s < smallest_product)
+    lifted = smallest_product * (1 / ca.fmax(lam, s))
+    return ca.if_else(lift_lam, lifted, lam), ca.if_else(lift_s, lifted, s)
 
 
 def has_settled(

@@ -154,38 +154,14 @@ def contact_rows(
     phi, J, gap = approached("distance(q)", spec.distance, nc)
     normal_row, lam = Row("normal", gap, J, list(spec.contacts)), ca.SX.sym("lam", nc + nl)
     rows, owners = [normal_row], [list(range(nc))]
-    rough, f = spec.frictional_contacts
+    rough, _ = spec.frictional_contacts
     if spec.sliding is not None and rough:
         J_t, tangents = spec.sliding(q), 1 if space is None else min(2, space.edges // 2)
         check_shape(name, "sliding(q)", J_t, (tangents * nc, nv))
-        form, tangent_rows = FORMS[spec.cone], [J_t[nc * k : nc * (k + 1), :] for k in range(tangents)]
-        directions = tangent_rows if space is None else space.directions(tangent_rows)
-        lam = ca.SX.sym("lam", nc + nl + form.more(len(directions)) * len(rough))
-        contact_impulses = [lam[rough], *ca.vertsplit(lam[nc + nl :], len(rough))]
-        friction_contacts = tuple(spec.contacts[i] for i in rough)
-        slip_lengths = [step_along(row_block) for row_block in directions]
-        friction_spec = FrictionSpec(
-            friction_contacts,
-            gap[rough],
-            J[rough, :],
-            [row_block[rough, :] for row_block in directions],
-            f[rough],
-            [row_block[rough] for row_block in slip_lengths],
-            contact_impulses,
-        )
-        (contact_row, *further_rows), normal_impulses, tangential_impulses = form.pairs(friction_spec)
-        rows, owners = (
-            [_replaced(normal_row, contact_row, rough), *further_rows],
-            [*owners, *[rough] * len(further_rows)],
-        )
-        normal, tangential = lam[:nc], ca.SX.zeros(tangents * nc)
-        tangential_rows = [nc * k + i for k in range(tangents) for i in rough]
-        normal[rough] = normal_impulses
-        tangential[tangential_rows] = tangential_impulses[0] if space is None else space.components(tangential_impulses)
-        names = tuple(contact.name for contact in spec.contacts)
-        forces = ContactForces(
-            names, normal, tangential, ca.vertcat(*slip_lengths[:tangents]) / h, f, 2 if space is None else space.edges
-        )
+        tangent_rows = [J_t[nc * k : nc * (k + 1), :] for k in range(tangents)]
+        lam, (contact_row, *further_rows), forces = _friction_rows(spec, normal_row, tangent_rows, step_along, h)
+        rows = [_replaced(normal_row, contact_row, rough), *further_rows]
+        owners += [rough] * len(further_rows)
     rows[1:1], owners[1:1] = limits, [list(range(nc, nc + nl))] * len(limits)
     return ContactRows(
         lam,
@@ -197,6 +173,44 @@ def contact_rows(
         ca.vertcat(phi, limit_distances),
         ca.depends_on(ca.vertcat(J, *(limit.direction for limit in limits)), q),
     )
+
+
+def _friction_rows(
+    spec: ContactSpec,
+    normal_row: Row,
+    tangent_rows: list[ca.SX],
+    step_along: Callable[[ca.SX], ca.SX],
+    h: ca.SX | float,
+) -> tuple[ca.SX, list[Row], ContactForces]:
+    """Return all multipliers, the rows that friction's cone needs, and the contacts' forces.
+
+    The first row stands in place of that of the normals of contacts with friction; ``tangent_rows``
+    (nc, nv) are those along one tangent or two.
+    """
+    nc, nl, space, form = len(spec.contacts), len(spec.limit_names), spec.space, FORMS[spec.cone]
+    rough, f = spec.frictional_contacts
+    directions = tangent_rows if space is None else space.directions(tangent_rows)
+    lam = ca.SX.sym("lam", nc + nl + form.more(len(directions)) * len(rough))
+    slip_lengths = [step_along(row_block) for row_block in directions]
+    friction_spec = FrictionSpec(
+        tuple(spec.contacts[i] for i in rough),
+        normal_row.gap[rough],
+        normal_row.direction[rough, :],
+        [row_block[rough, :] for row_block in directions],
+        f[rough],
+        [row_block[rough] for row_block in slip_lengths],
+        [lam[rough], *ca.vertsplit(lam[nc + nl :], len(rough))],
+    )
+    rows, normal_impulses, tangential_impulses = form.pairs(friction_spec)
+    tangents = len(tangent_rows)
+    normal, tangential = lam[:nc], ca.SX.zeros(tangents * nc)
+    normal[rough] = normal_impulses
+    tangential[[nc * k + i for k in range(tangents) for i in rough]] = (
+        tangential_impulses[0] if space is None else space.components(tangential_impulses)
+    )
+    names = tuple(contact.name for contact in spec.contacts)
+    slip, edges = ca.vertcat(*slip_lengths[:tangents]) / h, 2 if space is None else space.edges
+    return lam, list(rows), ContactForces(names, normal, tangential, slip, f, edges)
 
 
 def _replaced(row: Row, replacement: Row, places: list[int]) -> Row:

@@ -146,7 +146,9 @@ def time_stepping(
         )
     inertia = M + h * D + h**2 * K
     free = ca.solve(inertia, M @ v + smooth_impulse - h * K @ q)
-    rows = pressed_rows(name, contacts, sliding(q), friction, load, inertia, free, v_next, h)
+    slide = sliding(q)
+    check_shape(name, "sliding(q)", slide, (nc, nq))
+    rows = pressed_rows(contacts, slide, friction, load, inertia, free, v_next, h)
     return build_from_rows(rows, RefereeModel())
 
 
@@ -172,7 +174,6 @@ def _check_arguments(
 
 
 def pressed_rows(
-    name: str,
     contacts: tuple[Signal, ...],
     slide: ca.SX,
     friction: ca.SX | float,
@@ -195,10 +196,9 @@ def pressed_rows(
     instead of two impulses and a way keep the multipliers unique in stick.
 
     The pairs are those of Li, Gong and Chalvatzaki, IMPACT, arXiv 2605.09127, and of adaptive
-    barrier smoothing, fig. 6b. Raises ``ValueError`` where a dimension does not fit.
+    barrier smoothing, fig. 6b.
     """
     nc = len(contacts)
-    check_shape(name, "sliding(q)", slide, (nc, inertia.shape[0]))
     lam = ca.SX.sym("lam", 2 * nc)
     compliance = slide @ ca.solve(inertia, slide.T)
     f = ca.solve(compliance, (lam[:nc] - lam[nc:]) / h - slide @ free)

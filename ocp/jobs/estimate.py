@@ -49,9 +49,8 @@ def estimate(
     ``sigma`` the noise is the objective's default, or a tenth of the inputs' largest scale.
     ``theta`` is the decision: the components of an objective, or a problem's inputs or gains at
     all steps, by default the problem's guess; ``engine`` takes ``backend`` and ``threads``.
-    Everything else is as in :class:`Sampling` and :func:`ocp.solve`. With ``jobs`` > 1, or the
-    address of a Dask ``scheduler``, samples are drawn in that many processes, or on the cluster,
-    with bitwise the same results.
+    Everything else is as in :class:`Sampling` and :func:`ocp.solve`. Results do not depend on the
+    number of processes, ``jobs``, nor on the Dask cluster of ``scheduler``.
 
     Raises :class:`~ocp.errors.InputError` for unknown names, parameters out of range, and noise
     beyond 1e9 times or below 1e-9 times the default.
@@ -64,16 +63,8 @@ def estimate(
     validated("seed", seed, Index)
     if theta is not None:
         theta = np.asarray(validated("theta", np.ravel(theta).tolist(), list[Number]))
-    case = ObjectiveCase(
-        fspath(problem),
-        params or {},
-        contact,
-        contact_settings or {},
-        policy,
-        policy_settings or {},
-        theta,
-        engine,
-    )
+    law, policy_request = (contact, contact_settings or {}), (policy, policy_settings or {})
+    case = ObjectiveCase(fspath(problem), params or {}, *law, *policy_request, theta, engine)
     named_objective = case.build()
     noise = named_objective.sigma if sigma is None else sigma
     sampling = Sampling(tuple(estimators), samples, noise, seed, rules, reference, reference_samples)

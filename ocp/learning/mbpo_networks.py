@@ -211,17 +211,19 @@ class Rates(NamedTuple):
 
 def begin_agent(
     rng: np.random.Generator,
-    n_o: int,
-    hidden: tuple[int, ...],
-    nu: int,
+    actor_sizes: tuple[int, ...],
     critics: tuple[int, ...],
     initial: float,
     sigma: float,
     alpha: float,
     rate: float,
 ) -> Agent:
-    """Return initial networks: means scaled by ``initial``, all deviations ``sigma``."""
-    *trunk, mean = initial_layers(rng, (n_o, *hidden, nu), initial)
+    """Return initial networks: means scaled by ``initial``, all deviations ``sigma``.
+
+    ``actor_sizes`` runs from the observation to the input, ``critics`` are hidden layers.
+    """
+    n_o, *_, nu = actor_sizes
+    *trunk, mean = initial_layers(rng, actor_sizes, initial)
     networks = Networks(
         Actor(tuple(trunk), mean, (np.zeros_like(mean[0]), np.full(nu, np.log(sigma), np.float32))),
         initial_ensemble(rng, 2, (n_o + nu, *critics, 1)),

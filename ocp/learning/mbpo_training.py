@@ -104,9 +104,7 @@ class MBPOTrainer:
         )
         self.first_agent = begin_agent(
             experiment.rng(0, "agent"),
-            self.n_o,
-            experiment.hidden,
-            self.nu,
+            (self.n_o, *experiment.hidden, self.nu),
             (settings.critic_units,) * settings.critic_layers,
             experiment.initial,
             settings.sigma,

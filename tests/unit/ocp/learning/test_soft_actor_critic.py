@@ -98,7 +98,7 @@ def test_the_temperature_falls_while_the_entropy_is_above_its_aim():
 @pytest.mark.costly
 def test_an_update_moves_targets_slowly_and_each_network_by_its_own_loss():
     rates = Rates(rate=1e-2, discount=0.9, tau=0.1, target_entropy=-1.5)
-    agent = begin_agent(np.random.default_rng(0), 2, (8,), 1, (8,), 0.1, 1.0, 0.2, rates.rate)
+    agent = begin_agent(np.random.default_rng(0), (2, 8, 1), (8,), 0.1, 1.0, 0.2, rates.rate)
     rng = np.random.default_rng(0)
     data = Batch(*(rng.standard_normal(shape).astype("f4") for shape in ((64, 2), (64, 1), (64,), (64,), (64, 2))))
     found, told = make_updater(rates)(agent, data, np.zeros((1, 4), int), jax.random.key(1))
@@ -123,7 +123,7 @@ def test_theta_is_laid_out_as_the_engine_s_dense_policy():
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 0)
     observe = ca.Function("observe", [x, p], [x])
     policy = dense_policy(observe, (5, 4), [-1.0, -1.0], [1.0, 1.0])
-    agent = begin_agent(np.random.default_rng(3), 3, (5, 4), 2, (8,), 1.0, 0.5, 0.2, 1e-3)
+    agent = begin_agent(np.random.default_rng(3), (3, 5, 4, 2), (8,), 1.0, 0.5, 0.2, 1e-3)
     theta = mean_action_parameters(agent.networks.actor)
     assert theta.shape == (policy.n_theta,)
     o = np.random.default_rng(0).standard_normal((6, 3))
