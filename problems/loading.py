@@ -72,11 +72,11 @@ class _Afresh(SourceFileLoader):
 @contextmanager
 def _no_bytecode() -> Iterator[None]:
     """Write none, for the same reason, of the modules that are imported inside either."""
-    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    setting, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         yield
     finally:
-        sys.dont_write_bytecode = before
+        sys.dont_write_bytecode = setting
 
 
 _contents: dict[str, tuple[str, str]] = {}
@@ -113,22 +113,22 @@ def check(spec: ProblemSpec) -> None:
     problem = spec.problem()
     p = problem.parameters.values
     system = problem.system
-    parts = {"system": lambda: system.reduced, "guess": lambda: problem.initial_guess(p)}
-    for what, evaluate in parts.items():
+    evaluations = {"system": lambda: system.reduced, "guess": lambda: problem.initial_guess(p)}
+    for part, evaluate in evaluations.items():
         try:
             evaluate()
         except Exception as error:
             message = reason(error).removeprefix(f"{spec.path}: ")
-            raise InputError(f"{spec.path}: the {what} does not fit: {message}") from error
+            raise InputError(f"{spec.path}: the {part} does not fit: {message}") from error
     start = problem.initial_states(p)
     if not np.all(np.isfinite(start)):
         raise InputError(f"{spec.path}: x0 is not finite: {start[0]}")
     cost = np.array(problem.cost_terms(start[0], np.zeros(system.nu), np.zeros(system.nu), 0, p))
     if not np.all(np.isfinite(cost)):
         raise InputError(f"{spec.path}: the cost is not a finite number at x0 and u = 0")
-    s, own = problem.system, problem.parameters.vector
-    at = ca.Function("step", [s.x, s.u, s.x_next, s.lam, own], [ca.vertcat(s.residual, s.gap)])
-    if not np.all(np.isfinite(np.array(at(start[0], 0, start[0], 0, p)))):
+    s, symbols = problem.system, problem.parameters.vector
+    residuals = ca.Function("step", [s.x, s.u, s.x_next, s.lam, symbols], [ca.vertcat(s.residual, s.gap)])
+    if not np.all(np.isfinite(np.array(residuals(start[0], 0, start[0], 0, p)))):
         raise InputError(f"{spec.path}: residual or gap is not finite at x0, u = 0 and lam = 0")
     params = spec.params({})
     for drawing in (spec.draw, spec.frames):
@@ -141,8 +141,8 @@ def _check_words(spec: ProblemSpec, params: BaseModel) -> None:
     """Values that a run's record can hold, and words that a terminal can show."""
     for about in describe(spec):
         parameter = f"parameter {validated(f'{spec.path}: a parameter', about['name'], Line)}"
-        for what in ("unit", "description"):
-            validated(f"{spec.path}: the {what} of {parameter}", about[what], Line)
+        for key in ("unit", "description"):
+            validated(f"{spec.path}: the {key} of {parameter}", about[key], Line)
     for name, value in params.model_dump().items():
         validated(f"{spec.path}: parameter {name}", value, Recorded)
 
@@ -219,12 +219,12 @@ def read(module: ModuleType, file: Path, digest: str) -> ProblemSpec:
     for key, kind in DEFINED_TYPES.items():
         if hasattr(module, key):
             setattr(module, key, validated(f"{file}: {key}", getattr(module, key), kind))
-    found = defined(ProblemSpec, module, path=file, digest=digest)
+    spec = defined(ProblemSpec, module, path=file, digest=digest)
     for key, (call, kind) in CALLS.items():
-        if function := getattr(found, key):
+        if function := getattr(spec, key):
             check = kind and partial(validated, "it", kind=kind)
-            found = replace(found, **{key: guarded(function, call, file, check)})
-    return found
+            spec = replace(spec, **{key: guarded(function, call, file, check)})
+    return spec
 
 
 def read_law(module: ModuleType, file: Path, digest: str) -> type[ContactLaw]:
@@ -241,7 +241,7 @@ def read_law(module: ModuleType, file: Path, digest: str) -> type[ContactLaw]:
     if len(classes) != 1:
         raise InputError(
             f"{file}: the file must define one class derived from dynamics.contact.ContactLaw;"
-            f" found {', '.join(one.__name__ for one in classes) or 'none'}"
+            f" found {', '.join(law_class.__name__ for law_class in classes) or 'none'}"
         )
     law = classes[0]
     if missing := [*sorted(law.__abstractmethods__), *(k for k in LAW_TYPES if not hasattr(law, k))]:
@@ -254,8 +254,8 @@ def read_law(module: ModuleType, file: Path, digest: str) -> type[ContactLaw]:
     for name, function in list(vars(law).items()):
         if inspect.isfunction(function):
             through = ValueError if name == "__init__" else ()
-            what = f"{law.__name__}.{name}(...)"
-            setattr(law, name, guarded(function, what, file, through=through))
+            call = f"{law.__name__}.{name}(...)"
+            setattr(law, name, guarded(function, call, file, through=through))
     law.source, law.source_digest = str(file), digest
     law.__reduce__ = lambda self: (contact_law, (str(file), self.settings()))
     return law

@@ -43,13 +43,13 @@ def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemS
     if not theirs:
         which = ", ".join(sorted({str(run.meta["problem"]) for run in runs}))
         raise InputError(f"--source: {which} is not defined in a file; drop --source")
-    found = load(source)
-    if found.name not in theirs:
+    spec = load(source)
+    if spec.name not in theirs:
         raise InputError(
-            f"--source {source} defines {found.name}, and the run is of {', '.join(theirs)}; name"
+            f"--source {source} defines {spec.name}, and the run is of {', '.join(theirs)}; name"
             " the file of that problem"
         )
-    return found
+    return spec
 
 
 def edited(run: StoredRun, own: ProblemSpec | None) -> str | None:
@@ -102,9 +102,9 @@ def spec_of(run: StoredRun, own: ProblemSpec | None = None) -> ProblemSpec:
     if own is not None and own.name == name:
         return own
     file = run.record.get("source")
-    made = f"the file {file}" if file else "a problem built in Python"
+    origin = f"the file {file}" if file else "a problem built in Python"
     raise InputError(
-        f"the run of {name} is of {made}, and a run never loads code by itself; name the file"
+        f"the run of {name} is of {origin}, and a run never loads code by itself; name the file"
         " that defines it with --source FILE (in Python source=, or problem=)"
     )
 
@@ -112,8 +112,8 @@ def spec_of(run: StoredRun, own: ProblemSpec | None = None) -> ProblemSpec:
 def _is_own(run: StoredRun) -> bool:
     """Whether a run's problem is none that ships with the workbench."""
     name = run.meta["problem"]
-    known = run.kind in ("train", "figure") or name in names() or name in objective_names()
-    return bool(run.record.get("source")) or not known
+    ships_with_the_workbench = run.kind in ("train", "figure") or name in names() or name in objective_names()
+    return bool(run.record.get("source")) or not ships_with_the_workbench
 
 
 def problem_of(run: StoredRun, own: ProblemSpec | None = None) -> tuple[ProblemSpec, Any, Problem]:
@@ -122,12 +122,12 @@ def problem_of(run: StoredRun, own: ProblemSpec | None = None) -> tuple[ProblemS
     Raises :class:`~ocp.errors.InputError` as :func:`spec_of` does, and where the problem no longer
     fits.
     """
-    found = spec_of(run, own)
-    given = known_parameters(run, found)
-    return found, found.params(given), found.problem(given)
+    problem_spec = spec_of(run, own)
+    values = known_parameters(run, problem_spec)
+    return problem_spec, problem_spec.params(values), problem_spec.problem(values)
 
 
 def known_parameters(run: StoredRun, found: Spec) -> dict[str, Any]:
     """Parameters of a run that its spec still has."""
-    known = found.Params.model_fields
-    return {k: v for k, v in run.record.get("params", {}).items() if k in known}
+    field_names = found.Params.model_fields
+    return {k: v for k, v in run.record.get("params", {}).items() if k in field_names}

@@ -36,10 +36,10 @@ def collect_piece(job: CollectJob, report: Report) -> Drawn:
 
     Raises :class:`~ocp.store.provenance.FilesChanged` where the problem's file has changed.
     """
-    found = registry.spec(job.problem)
-    check_content(job.problem, job.content, [found.digest], {})
-    problem = found.problem(job.params)
-    region = region_of(found, found.params(job.params), problem)
+    spec = registry.spec(job.problem)
+    check_content(job.problem, job.content, [spec.digest], {})
+    problem = spec.problem(job.params)
+    region = region_of(spec, spec.params(job.params), problem)
     return draw_piece(problem.exact_step, region, job.piece)
 
 
@@ -49,16 +49,16 @@ def region_of(spec: ProblemSpec, params: Any, problem: Problem) -> Region:
     Raises :class:`~ocp.errors.InputError` for a user's ``region`` that raises or does not fit.
     """
     owner = spec.path or spec.name
-    found = around_task(problem) if spec.region is None else spec.region(params)
-    if not isinstance(found, Region):
+    region = around_task(problem) if spec.region is None else spec.region(params)
+    if not isinstance(region, Region):
         raise InputError(
-            f"{owner}: region(params) returned {type(found).__name__}, expected a dynamics.learned.region.Region"
+            f"{owner}: region(params) returned {type(region).__name__}, expected a dynamics.learned.region.Region"
         )
     try:
-        found.check(problem.system)
+        region.check(problem.system)
     except (TypeError, ValueError) as error:
         raise InputError(f"{owner}: {error}") from error
-    return found
+    return region
 
 
 def around_task(problem: Problem) -> Region:
@@ -77,9 +77,9 @@ def around_task(problem: Problem) -> Region:
     nodes = np.vstack([X, x0, goal])
     low = np.maximum(nodes.min(axis=0) - sizes.x, x_low)
     high = np.minimum(nodes.max(axis=0) + sizes.x, x_high)
-    kept, chosen = _unchanging(system), [np.array(v).ravel() for v in problem.start_limits(p)]
-    low, high = (np.where(kept, end, own) for end, own in zip(chosen, (low, high), strict=True))
-    goal = np.where(kept, x0, goal)
+    unchanging, chosen = _unchanging(system), [np.array(v).ravel() for v in problem.start_limits(p)]
+    low, high = (np.where(unchanging, end, bound) for end, bound in zip(chosen, (low, high), strict=True))
+    goal = np.where(unchanging, x0, goal)
     u_low = np.where(np.isfinite(u_low), u_low, U.min(axis=0) - sizes.u)
     u_high = np.where(np.isfinite(u_high), u_high, U.max(axis=0) + sizes.u)
     return Region(
@@ -87,14 +87,14 @@ def around_task(problem: Problem) -> Region:
         _ranges([s.name for s in system.inputs], u_low, u_high),
         x0.tolist(),
         goal.tolist(),
-        np.where(kept, 0.0, _SPREAD * sizes.x).tolist(),
+        np.where(unchanging, 0.0, _SPREAD * sizes.x).tolist(),
     )
 
 
 def _unchanging(system: ContactSystem) -> np.ndarray:
     """Which states (nx,) the residual only carries on."""
-    pairs = zip(*(ca.vertsplit(part) for part in (system.x, system.x_next)), strict=True)
-    still = [after - before for before, after in pairs]
+    pairs = zip(*(ca.vertsplit(vector) for vector in (system.x, system.x_next)), strict=True)
+    still = [next_state - state for state, next_state in pairs]
     rows = ca.vertsplit(system.residual)
     return np.array([ca.is_equal(*pair, 3) for pair in zip(rows, still, strict=True)])
 
@@ -103,9 +103,9 @@ def _goal(problem: Problem, x0: np.ndarray, p: np.ndarray) -> np.ndarray:
     """One Newton step on the terminal cost from the start; the start where it leads nowhere."""
     x = problem.system.x
     curvature, slope = ca.hessian(problem.terminal_cost, x)
-    given = [x, problem.parameters.vector]
-    told = ca.Function("end", given, [ca.densify(curvature), ca.densify(slope)])
-    H, g = (np.array(value) for value in told(x0, p))
+    symbols = [x, problem.parameters.vector]
+    derivatives = ca.Function("end", symbols, [ca.densify(curvature), ca.densify(slope)])
+    H, g = (np.array(value) for value in derivatives(x0, p))
     step = np.linalg.pinv(H, hermitian=True) @ g if np.isfinite([H.sum(), g.sum()]).all() else 0 * g
     return x0 - step.ravel()
 

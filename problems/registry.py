@@ -125,9 +125,9 @@ def load(path: str | Path) -> ProblemSpec:
     file = expand_path(path).resolve()
     check_file(file)
     module, digest = _imported(file)
-    found = read(module, file, digest)
-    check(found)
-    return found
+    problem_spec = read(module, file, digest)
+    check(problem_spec)
+    return problem_spec
 
 
 _laws: dict[Path, type[ContactLaw]] = {}
@@ -153,11 +153,11 @@ def load_law(path: str | Path) -> type[ContactLaw]:
 
 def _imported(file: Path) -> tuple[ModuleType, str]:
     """A file's module, and the digest of all that it was made of."""
-    before, tries = source_digest(file), 1
+    earlier_digest, tries = source_digest(file), 1
     module = import_file(file)
     # Edited while it was read, neither text is known to be the module's.
-    while (digest := source_digest(file)) != before and tries < READING_ATTEMPTS:
-        before, tries = digest, tries + 1
+    while (digest := source_digest(file)) != earlier_digest and tries < READING_ATTEMPTS:
+        earlier_digest, tries = digest, tries + 1
         module = import_file(file)
     return module, digest
 
@@ -220,12 +220,12 @@ def named(name: str) -> ObjectiveSpec | ProblemSpec:
     """
     if name in OBJECTIVE_MODULES:
         return objective_spec(name)
-    known = [*names(), *OBJECTIVE_MODULES]
-    if name.endswith(".py") or name in known:
+    all_names = [*names(), *OBJECTIVE_MODULES]
+    if name.endswith(".py") or name in all_names:
         return spec(name)
     refuse_robot_file(name)
     raise InputError(
-        f"unknown problem {name!r}{did_you_mean(name, known)}; there are {', '.join(known)}, or"
+        f"unknown problem {name!r}{did_you_mean(name, all_names)}; there are {', '.join(all_names)}, or"
         " give the path of a file such as my_problem.py"
     )
 

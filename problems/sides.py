@@ -45,12 +45,12 @@ class SidePushing:
     @cached_property
     def _sides(self) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
         """Middle, inner normal and half length of every side."""
-        found, ends = [], [ca.vertcat(*(ca.SX(v) for v in corner)) for corner in self.corners]
+        sides, ends = [], [ca.vertcat(*(ca.SX(v) for v in corner)) for corner in self.corners]
         for first, second in zip(ends, ends[1:] + ends[:1], strict=True):
-            way = second - first
-            length = ca.norm_2(way)
-            found.append(((first + second) / 2, ca.vertcat(-way[1], way[0]) / length, length / 2))
-        return found
+            edge = second - first
+            length = ca.norm_2(edge)
+            sides.append(((first + second) / 2, ca.vertcat(-edge[1], edge[0]) / length, length / 2))
+        return sides
 
     @cached_property
     def system(self) -> ContactSystem:
@@ -93,9 +93,9 @@ class SidePushing:
     def on_the_side(self) -> Constraint:
         """The force acts between the ends of the side that pushes."""
         system = self.system
-        most = sum((system.lam[i] * half for i, (*_, half) in enumerate(self._sides)), ca.SX(0))
+        largest_moment = sum((system.lam[i] * half_length for i, (*_, half_length) in enumerate(self._sides)), ca.SX(0))
         m = system.u[len(self.corners)]
-        return Constraint("on the side", ca.vertcat(most - m, most + m), 0.0, ca.inf)
+        return Constraint("on the side", ca.vertcat(largest_moment - m, largest_moment + m), 0.0, ca.inf)
 
     @property
     def u_lower(self) -> ca.SX:
@@ -110,12 +110,12 @@ def outline(corners: Sequence[tuple[float, float]], pose: np.ndarray, role: str)
 
 def side_frames(corners: Sequence[tuple[float, float]], pose: np.ndarray) -> list[ContactFrame]:
     """Forces are drawn at the middle of their sides; the moment m says where they act."""
-    found = []
+    contact_frames = []
     for x1, y1, x2, y2 in _sides_at(corners, pose):
         length = math.hypot(x2 - x1, y2 - y1)
         middle = (x1 + x2) / 2, (y1 + y2) / 2
-        found.append(ContactFrame(*middle, (y1 - y2) / length, (x2 - x1) / length))
-    return found
+        contact_frames.append(ContactFrame(*middle, (y1 - y2) / length, (x2 - x1) / length))
+    return contact_frames
 
 
 def _sides_at(corners: Sequence[tuple[float, float]], pose: np.ndarray) -> list[tuple[float, float, float, float]]:

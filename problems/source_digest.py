@@ -33,11 +33,11 @@ def source_digest(path: Path) -> str:
 
     Raises :class:`~ocp.errors.InputError` where a file cannot be read.
     """
-    found = parts(path)
-    told = hashlib.sha256()
-    for name in sorted(found):
-        told.update(f"{name} {file_digest(found[name])}\n".encode("utf-8", "surrogateescape"))
-    return told.hexdigest()
+    files = parts(path)
+    digest = hashlib.sha256()
+    for name in sorted(files):
+        digest.update(f"{name} {file_digest(files[name])}\n".encode("utf-8", "surrogateescape"))
+    return digest.hexdigest()
 
 
 def parts(path: Path) -> dict[str, Path]:
@@ -62,7 +62,7 @@ def open_to_imports(folder: Path) -> None:
 
     They come after all that is installed, so that none of them hides what others mean.
     """
-    places, others = searched(folder), [one for one in _folders if one != str(folder)]
+    places, others = searched(folder), [other for other in _folders if other != str(folder)]
     _folders[:] = [str(folder), *others]
     sys.path[:] = [*places, *others]
 
@@ -96,17 +96,17 @@ class _Search:
 
     def _module(self, name: str) -> None:
         """Take a module by its whole name, and the packages around it."""
-        path, whole = self.path, ""
-        for part in name.split("."):
-            whole = f"{whole}.{part}" if whole else part
-            spec = None if whole in OWN else _spec(part, path)
+        path, module = self.path, ""
+        for word in name.split("."):
+            module = f"{module}.{word}" if module else word
+            spec = None if module in OWN else _spec(word, path)
             origin = None if spec is None else spec.origin and Path(spec.origin).resolve()
             if spec is None or (origin and any(map(origin.is_relative_to, _places()))):
                 return
             inside = spec.submodule_search_locations
-            if spec.origin and whole not in self.found:
-                package = whole if inside is not None else whole.rpartition(".")[0]
-                self.take(whole, Path(spec.origin), package)
+            if spec.origin and module not in self.found:
+                package = module if inside is not None else module.rpartition(".")[0]
+                self.take(module, Path(spec.origin), package)
             path = list(inside or ())
 
 

@@ -64,16 +64,16 @@ class Golden:
     @property
     def certificate(self) -> str:
         """Stationarity and kind in words as ``ocp solve`` says them."""
-        return ", ".join(part for part in (self.stationarity, self.kind) if part)
+        return ", ".join(word for word in (self.stationarity, self.kind) if word)
 
     @property
     def remarks(self) -> str:
         """What ``ocp solve`` is given beside its defaults, what confirms the value, the note."""
-        given = [f"-s {name}={value}" for name, value in self.settings.items()]
-        given += [f"--starts {self.start + 1}"] if self.start else []
-        how = f"found with {' '.join(given)}" if given else ""
+        options = [f"-s {name}={value}" for name, value in self.settings.items()]
+        options += [f"--starts {self.start + 1}"] if self.start else []
+        how = f"found with {' '.join(options)}" if options else ""
         confirmed = f"confirmed by {self.independent}" if self.independent else ""
-        return "; ".join(part for part in (how, confirmed, self.note) if part)
+        return "; ".join(remark for remark in (how, confirmed, self.note) if remark)
 
 
 def smoothed(cost: float, **more: Any) -> Golden:
@@ -144,8 +144,8 @@ class ProblemSpec(Spec):
         guess = problem.guess
         if guess is not None and self.path is not None:
             guess = guarded(guess, "guess(problem, p)", self.path)
-        symbols, given = problem.parameters.names, params.model_dump()
-        fixed = {name: value for name, value in given.items() if name not in symbols}
+        symbols, values_by_name = problem.parameters.names, params.model_dump()
+        fixed = {name: value for name, value in values_by_name.items() if name not in symbols}
         return replace(
             problem,
             guess=guess,
@@ -174,7 +174,7 @@ class UserProblemRecord:
         state; ``undrawn`` says why there is no drawing.
         """
         spec = self.spec
-        told = {
+        record = {
             "title": spec.title,
             "equations": list(spec.equations),
             "axes": list(spec.axes),
@@ -186,24 +186,24 @@ class UserProblemRecord:
             "undrawn": "",
         }
         if spec.draw is None:
-            return {**told, "undrawn": "its file has no draw(params, state)"}
+            return {**record, "undrawn": "its file has no draw(params, state)"}
         if sum(map(len, motions.values())) > MOST_NODES:
-            return {**told, "undrawn": f"its motion has more than {MOST_NODES} nodes"}
+            return {**record, "undrawn": f"its motion has more than {MOST_NODES} nodes"}
         try:
-            return {**told, "motions": {key: self._drawn(x) for key, x in motions.items()}}
+            return {**record, "motions": {key: self._drawn(x) for key, x in motions.items()}}
         except InputError as error:
-            return {**told, "undrawn": str(error)}
+            return {**record, "undrawn": str(error)}
 
     def _drawn(self, x: np.ndarray) -> dict[str, Any]:
-        spec, known = self.spec, np.isfinite(x).all(axis=1)
+        spec, finite = self.spec, np.isfinite(x).all(axis=1)
         assert spec.draw is not None
-        seen = x if known.all() else x[: max(1, int(np.argmin(known)))]
-        shapes = [spec.draw(self.params, state) for state in seen]
+        finite_states = x if finite.all() else x[: max(1, int(np.argmin(finite)))]
+        shapes = [spec.draw(self.params, state) for state in finite_states]
         words = {kind: word for word, kind in STORED_KINDS.items()}
-        contacts = [] if spec.frames is None else [spec.frames(self.params, s) for s in seen]
+        contacts = [] if spec.frames is None else [spec.frames(self.params, s) for s in finite_states]
         return {
-            "shapes": [[{"kind": words[type(s)], **asdict(s)} for s in at] for at in shapes],
-            "contacts": [[asdict(contact) for contact in at] for at in contacts],
+            "shapes": [[{"kind": words[type(s)], **asdict(s)} for s in node] for node in shapes],
+            "contacts": [[asdict(contact) for contact in node] for node in contacts],
         }
 
 
@@ -266,6 +266,6 @@ def defined(kind: type[S], module: ModuleType, **more: Any) -> S:
     before.
     """
     names = (field.name for field in fields(kind) if field.name not in more)
-    found = {name: getattr(module, name) for name in names if hasattr(module, name)}
-    text = re.sub(r"\n +", " ", found.get("equations", "").strip())
-    return kind(**{**found, **more, "equations": tuple(text.splitlines())})
+    values = {name: getattr(module, name) for name in names if hasattr(module, name)}
+    text = re.sub(r"\n +", " ", values.get("equations", "").strip())
+    return kind(**{**values, **more, "equations": tuple(text.splitlines())})

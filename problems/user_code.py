@@ -105,7 +105,7 @@ def where(error: BaseException, path: Path) -> str:
     place = f"line {lines[-1]}: " if lines else ""
     name = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
     beside = [path.parent / f"{name}.py", path.parent / name]
-    twin = next((one for one in beside if name in OWN and one.exists()), None)
+    twin = next((module for module in beside if name in OWN and module.exists()), None)
     hint = "" if twin is None else f"; {twin} has the name of a package of centralpath; rename it"
     return f"{place}{type(error).__name__}: {reason(error)}{hint}"
 

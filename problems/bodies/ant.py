@@ -41,15 +41,15 @@ CAMERA = PinholeCamera.around((0.2, 0.0, 0.3), 1.4)
 
 def _tube(end: tuple[float, float, float]) -> tuple[float, np.ndarray, np.ndarray]:
     """Return mass, centre and inertia (3, 3) about it of a capsule of 8 cm from the origin to ``end``."""
-    along = np.array(end)
-    length = float(np.linalg.norm(along))
-    axis, r = along / length, TUBE
+    to_end = np.array(end)
+    length = float(np.linalg.norm(to_end))
+    axis, r = to_end / length, TUBE
     middle, caps = DENSITY * pi * r**2 * length, DENSITY * 4 / 3 * pi * r**3
     about = middle * r**2 / 2 + caps * 2 / 5 * r**2
     across = middle * (r**2 / 4 + length**2 / 12)
     across += caps * (2 / 5 * r**2 + length**2 / 4 + 3 / 8 * length * r)
     outer = np.outer(axis, axis)
-    return middle + caps, along / 2, across * (np.eye(3) - outer) + about * outer
+    return middle + caps, to_end / 2, across * (np.eye(3) - outer) + about * outer
 
 
 def _six_entries(inertia: np.ndarray) -> tuple[float, ...]:
@@ -73,7 +73,7 @@ def ant() -> SpatialMachine:
     ball = DENSITY * 4 / 3 * pi * BALL**3
     tubes = [_tube((0.2 * x, 0.2 * y, 0.0)) for x, y in LEGS.values()]
     spread = sum(
-        (own + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre)) for mass, centre, own in tubes),
+        (inertia + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre)) for mass, centre, inertia in tubes),
         ball * 2 / 5 * BALL**2 * np.eye(3),
     )
     torso = ball + sum(mass for mass, *_ in tubes)

@@ -110,17 +110,17 @@ def build(params: Params) -> Problem:
     """
     p, friction = friction_of(table(params))
     joints = {key: p[key] for key in ("m", "m_leg", "m_foot", "stiffness", "damping")}
-    moved = in_torques(_machine(**joints).system(name, p, h=p["h"], friction=friction))
-    system = with_nominal(moved, p["speed"], Signal("nominal", "m", "nominal way of the torso"))
+    machine_system = in_torques(_machine(**joints).system(name, p, h=p["h"], friction=friction))
+    system = with_nominal(machine_system, p["speed"], Signal("nominal", "m", "nominal way of the torso"))
     start = ca.vertcat(0, *(p[key] for key in ("z0", "torso0", "knee0", "ankle0")))
     q, v, nominal = system.x[:5], system.x[5:10], system.x[10]
-    off = q - start - ca.vertcat(nominal + p["lead"], ca.SX.zeros(4))
-    running = p["w_q"] * ca.sumsqr(off) + p["w_v"] * ca.sumsqr(v)
+    error = q - start - ca.vertcat(nominal + p["lead"], ca.SX.zeros(4))
+    running = p["w_q"] * ca.sumsqr(error) + p["w_v"] * ca.sumsqr(v)
     return pose_problem(
         params,
         system,
         stage_cost=p["h"] * (running + p["w_u"] * ca.sumsqr(system.u)),
-        terminal_cost=p["w_end"] * ca.sumsqr(off) + p["w_rest"] * ca.sumsqr(v),
+        terminal_cost=p["w_end"] * ca.sumsqr(error) + p["w_rest"] * ca.sumsqr(v),
         x0=ca.vertcat(start, ca.SX.zeros(6)),
         scaling=Scaling(impulse=0.5, gap=0.1, x=0.1, u=0.5),
     )

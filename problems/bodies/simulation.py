@@ -44,13 +44,13 @@ def simulation(
     if gyroscopic not in get_args(Gyroscopic):
         raise InputError(f"gyroscopic must be 'explicit' or 'implicit', got {gyroscopic!r}")
     machine: PublishedMachine = _MACHINES[name]()
-    given: dict[str, Any] = {"spheres": "all", "N": steps, **params}
+    values: dict[str, Any] = {"spheres": "all", "N": steps, **params}
     x0 = machine.reset(seed)
     if name == "hopper":
-        given.setdefault("h", machine.h)
+        values.setdefault("h", machine.h)
     else:
-        x0 = np.append(x0, given.setdefault("h_max", machine.h))
-    problem = get(name, **given)
+        x0 = np.append(x0, values.setdefault("h_max", machine.h))
+    problem = get(name, **values)
     if gyroscopic == "implicit":
         problem = replace(problem, system=with_implicit_forces(problem.system))
     return problem, x0
@@ -95,16 +95,16 @@ def _reason(problem: Problem, plan: np.ndarray, law: ContactLaw | None, x0: np.n
     p = step.p.pack(problem.parameters.defaults)
     x = [x0]
     for u in plan:
-        after, _, _, error = (np.array(part).ravel() for part in step.solve(x[-1], u, p))
+        x_next, _, _, error = (np.array(value).ravel() for value in step.solve(x[-1], u, p))
         if not np.all(error <= STEP_TOLERANCE):
             break
-        x.append(after)
+        x.append(x_next)
     k, nq = len(x) - 1, system.nx // 2
-    turned = np.abs(np.diff(np.array(x), axis=0)[:, 2:nq]).max(axis=1, initial=0) > 2 * np.pi
+    spins = np.abs(np.diff(np.array(x), axis=0)[:, 2:nq]).max(axis=1, initial=0) > 2 * np.pi
     wild = ""
-    if turned.any():
+    if spins.any():
         wild = (
-            f"; since step {int(np.argmax(turned))} limbs turn by more than a whole turn in a step:"
+            f"; since step {int(np.argmax(spins))} limbs turn by more than a whole turn in a step:"
             ' take gyroscopic="implicit", a smaller h or smaller inputs'
         )
     free = ca.Function("free", [system.x, system.u, step.p.vector], [system.reduced.a])

@@ -65,12 +65,12 @@ def build(params: Params) -> Problem:
         parameters=p,
     )
     x, u = system.x, system.u
-    off = ca.sumsqr(x[:2] - ca.vertcat(p["goal_x"], p["goal_y"]))
+    squared_distance = ca.sumsqr(x[:2] - ca.vertcat(p["goal_x"], p["goal_y"]))
     return pose_problem(
         params,
         system,
         stage_cost=p["w_u"] * p["h"] * ca.sumsqr(u),
-        terminal_cost=p["w_end"] * off + p["w_v"] * ca.sumsqr(x[2:]),
+        terminal_cost=p["w_end"] * squared_distance + p["w_v"] * ca.sumsqr(x[2:]),
         x0=ca.vertcat(p["x0"], p["y0"], p["vx0"], p["vy0"]),
         scaling=Scaling(impulse=1.0, gap=0.1, x=1.0, u=5.0),
     )

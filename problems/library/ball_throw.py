@@ -81,7 +81,7 @@ def build(params: Params) -> Problem:
     theta, speed = ca.vertsplit(system.u)
     hand = system.x[4]
     goal = ca.vertcat(*(p[f"goal_{key}"] for key in ("x", "z", "vx", "vz")))
-    off = system.x[:4] - goal
+    error = system.x[:4] - goal
     thrown = p["w_speed"] * speed**2
     # Inputs after the throw have no effect; ten times its weight keeps them determined.
     idle = 10 * p["w_speed"] * (speed**2 + (p["speed_max"] * theta) ** 2)
@@ -89,7 +89,7 @@ def build(params: Params) -> Problem:
         params,
         system,
         stage_cost=hand * thrown + (1 - hand) * idle,
-        terminal_cost=p["w_end"] * ca.sumsqr(off[:2]) + p["w_v"] * ca.sumsqr(off[2:]),
+        terminal_cost=p["w_end"] * ca.sumsqr(error[:2]) + p["w_v"] * ca.sumsqr(error[2:]),
         x0=ca.vertcat(p["x0"], p["z0"], 0, 0, 1, 2 * p["g"] * p["z0"]),
         u_lower=ca.SX([-1.5, 0]),
         u_upper=ca.vertcat(1.5, p["speed_max"]),

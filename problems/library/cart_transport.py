@@ -57,10 +57,10 @@ class Params(Parameters):
 
     @model_validator(mode="after")
     def _on_the_cart(self) -> Params:
-        for what, place in (("starts", self.offset0), ("shall end", self.goal_offset)):
+        for verb, place in (("starts", self.offset0), ("shall end", self.goal_offset)):
             if abs(place) > self.reach:
                 raise ValueError(
-                    f"the box {what} off the cart: its offset is {place:g} m, which must lie"
+                    f"the box {verb} off the cart: its offset is {place:g} m, which must lie"
                     f" within reach = {self.reach:g} m of the middle"
                 )
         return self
@@ -89,12 +89,12 @@ def build(params: Params) -> Problem:
         parameters=p,
     )
     x, u = system.x, system.u
-    off = ca.sumsqr(x[:2] - ca.vertcat(p["goal"], p["goal_offset"]))
+    squared_error = ca.sumsqr(x[:2] - ca.vertcat(p["goal"], p["goal_offset"]))
     return pose_problem(
         params,
         system,
         stage_cost=p["w_u"] * h * u**2,
-        terminal_cost=p["w_end"] * off + p["w_v"] * ca.sumsqr(x[2:]),
+        terminal_cost=p["w_end"] * squared_error + p["w_v"] * ca.sumsqr(x[2:]),
         x0=ca.vertcat(p["cart0"], p["offset0"], 0, 0),
         x_lower=ca.vertcat(-ca.inf, -p["reach"], -ca.inf, -ca.inf),
         x_upper=ca.vertcat(ca.inf, p["reach"], ca.inf, ca.inf),

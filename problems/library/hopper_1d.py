@@ -79,8 +79,8 @@ def highest(params: Params) -> float:
 
     def value(s: int) -> float:
         share = float(np.clip(((N - s) / (2 * w) + g * N) / push - s, 0, 1))
-        way = push * (s * (2 * N - s + 1) / 2 + share * (N - s)) - g * N * (N + 1) / 2
-        return h**2 * way - w * (h * (push * (s + share) - g * N)) ** 2
+        distance = push * (s * (2 * N - s + 1) / 2 + share * (N - s)) - g * N * (N + 1) / 2
+        return h**2 * distance - w * (h * (push * (s + share) - g * N)) ** 2
 
     return max(value(s) for s in range(N))
 

@@ -105,13 +105,13 @@ class Params(Parameters):
                 )
         state = ca.SX([self.ox0, self.oy0, self.angle0, *self.joints])
         for link, contact in _touches(state, self).items():
-            if (off := float(contact.phi)) < 0:
-                raise ValueError(f"the ball starts {-off:.3g} m inside link {link}; move ox0, oy0 or open the arms")
+            if (gap := float(contact.phi)) < 0:
+                raise ValueError(f"the ball starts {-gap:.3g} m inside link {link}; move ox0, oy0 or open the arms")
         for side, x in (("left", -self.base), ("right", self.base)):
-            off = math.hypot(self.goal_x - x, self.goal_y) - self.R - self.r
-            if off < 0:
+            gap = math.hypot(self.goal_x - x, self.goal_y) - self.R - self.r
+            if gap < 0:
                 raise ValueError(
-                    f"the ball's goal lies {-off:.3g} m inside the base of the {side} arm; move"
+                    f"the ball's goal lies {-gap:.3g} m inside the base of the {side} arm; move"
                     f" goal_x, goal_y at least R + r = {self.R + self.r:g} m from ({x:g}, 0)"
                 )
         return self
@@ -134,15 +134,15 @@ class _Link:
 
 def _links(q: ca.SX, p: Params | ParameterTable) -> list[_Link]:
     """The four links at ``q``, both arms from the base outwards."""
-    found = []
+    links = []
     for arm, side, (first, second) in (("l", -1, (q[3], q[4])), ("r", 1, (q[5], q[6]))):
         start, angle = ca.vertcat(side * _of(p, "base"), 0), ca.SX(0)
         for number, joint in ((1, first), (2, second)):
             angle = angle + joint
             pose = shapes.Pose(start, -angle)
-            found.append(_Link(f"{arm}{number}", pose, (side * _of(p, f"length{number}"), 0.0)))
-            start = pose.to_world(found[-1].end)
-    return found
+            links.append(_Link(f"{arm}{number}", pose, (side * _of(p, f"length{number}"), 0.0)))
+            start = pose.to_world(links[-1].end)
+    return links
 
 
 def _touches(q: ca.SX, p: Params | ParameterTable, discs: bool = False) -> dict[str, shapes.Contact]:
@@ -195,8 +195,8 @@ def build(params: Params) -> Problem:
         parameters=p,
     )
     x, du = system.x, ca.SX.sym("du", 4)
-    off = x[:3] - ca.vertcat(p["goal_x"], p["goal_y"], p["goal_angle"])
-    state_cost = p["w"] * ca.sumsqr(off) + p["w_a"] * ca.sumsqr(x[3:] - start[3:])
+    error = x[:3] - ca.vertcat(p["goal_x"], p["goal_y"], p["goal_angle"])
+    state_cost = p["w"] * ca.sumsqr(error) + p["w_a"] * ca.sumsqr(x[3:] - start[3:])
     low, high = _limits()
     std = params.scenario_std
     return pose_problem(
@@ -254,8 +254,8 @@ def _hand(ball: Circle, angle: float) -> Segment:
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Every link, or disc of one, pushes the ball where the ball's rim is nearest to it."""
-    found = []
+    contact_frames = []
     for touch in _touches(ca.SX(ca.DM(state)), params, params.links == "discs").values():
-        x, y, nx, ny = (float(v) for part in (touch.point, touch.normal) for v in ca.vertsplit(part))
-        found.append(ContactFrame(x, y, nx, ny, params.friction))
-    return found
+        x, y, nx, ny = (float(v) for vector in (touch.point, touch.normal) for v in ca.vertsplit(vector))
+        contact_frames.append(ContactFrame(x, y, nx, ny, params.friction))
+    return contact_frames

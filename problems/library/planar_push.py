@@ -121,9 +121,9 @@ def build(params: Params) -> Problem:
         parameters=p,
     )
     x, du = system.x, ca.SX.sym("du", 2)
-    off = x - ca.vertcat(p["goal_x"], p["goal_y"], p["goal_angle"], p["rest_x"], p["rest_y"])
+    error = x - ca.vertcat(p["goal_x"], p["goal_y"], p["goal_angle"], p["rest_x"], p["rest_y"])
     weights = ca.vertcat(p["w_x"], p["w_x"], p["w_angle"], p["w_a"], p["w_a"])
-    state_cost = ca.dot(weights, off**2)
+    state_cost = ca.dot(weights, error**2)
     std = params.scenario_std
     return pose_problem(
         params,
@@ -143,13 +143,13 @@ def region(params: Params) -> Region:
     """The table around box and goal; in the tube the pusher goes along with the box."""
     start = (params.ox0, params.oy0, params.angle0, params.ax0, params.ay0)
     goal = (params.goal_x, params.goal_y, params.goal_angle)
-    along = (params.ax0 + goal[0] - params.ox0, params.ay0 + goal[1] - params.oy0)
+    pusher_goal = (params.ax0 + goal[0] - params.ox0, params.ay0 + goal[1] - params.oy0)
     hand, reach = (-1.5, 1.5), (-params.reach, params.reach)
     return Region(
         {"ox": (-1, 1), "oy": (-1, 1), "theta": (-math.pi, math.pi), "ax": hand, "ay": hand},
         {"ux": reach, "uy": reach},
         start,
-        (*goal, *along),
+        (*goal, *pusher_goal),
         spread=(0.1, 0.1, 0.2, 0.25, 0.25),
         around={"ux": "ax", "uy": "ay"},
     )
@@ -168,7 +168,7 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """The pusher pushes the box where its rim is nearest to it, into the box."""
-    found = _touch(ca.SX(ca.DM(state)), ca.SX(params.side), ca.SX(params.r))
-    x, y = (float(value) for value in ca.vertsplit(found.point - found.phi * found.normal))
-    nx, ny = (-float(value) for value in ca.vertsplit(found.normal))
+    touch = _touch(ca.SX(ca.DM(state)), ca.SX(params.side), ca.SX(params.r))
+    x, y = (float(value) for value in ca.vertsplit(touch.point - touch.phi * touch.normal))
+    nx, ny = (-float(value) for value in ca.vertsplit(touch.normal))
     return [ContactFrame(x, y, nx, ny, params.friction)]

@@ -75,12 +75,12 @@ def build(params: Params) -> Problem:
         parameters=p,
     )
     du = ca.SX.sym("du", 1)
-    off = system.x[0] - p["goal_x"]
+    error = system.x[0] - p["goal_x"]
     return pose_problem(
         params,
         system,
-        stage_cost=p["w_x"] * off**2 + p["w_du"] * du**2,
-        terminal_cost=p["w_end"] * off**2,
+        stage_cost=p["w_x"] * error**2 + p["w_du"] * du**2,
+        terminal_cost=p["w_end"] * error**2,
         x0=ca.vertcat(p["qu0"], p["qa0"]),
         du=du,
         u_before=p["qa0"],

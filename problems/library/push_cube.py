@@ -68,8 +68,8 @@ class Params(Parameters):
     @model_validator(mode="after")
     def _tip_starts_free(self) -> Params:
         x, y, z = abs(self.x0), abs(self.y0), abs(self.z0 - self.a / 2)
-        off = math.hypot(*(max(one - self.a / 2, 0.0) for one in (x, y, z))) - self.r
-        if off < 0 or self.z0 < 0:
+        gap = math.hypot(*(max(coordinate - self.a / 2, 0.0) for coordinate in (x, y, z))) - self.r
+        if gap < 0 or self.z0 < 0:
             raise ValueError(
                 f"the fingertip starts inside the cube or below the table, at ({self.x0:g},"
                 f" {self.y0:g}, {self.z0:g}) m; move x0, y0 or z0 away"
@@ -104,8 +104,8 @@ def machine(of: Params | ParameterTable) -> SpatialMachine:
 
 def goal_turn(yaw: ca.SX, over: bool) -> ca.SX:
     """Unit quaternion (4, 1): ``yaw`` about z, after a quarter turn about y where ``over``."""
-    half = ca.vertcat(ca.cos(yaw / 2), 0, 0, ca.sin(yaw / 2))
-    return rotation.product(half, ca.SX([math.sqrt(0.5), 0, math.sqrt(0.5), 0])) if over else half
+    about_z = ca.vertcat(ca.cos(yaw / 2), 0, 0, ca.sin(yaw / 2))
+    return rotation.product(about_z, ca.SX([math.sqrt(0.5), 0, math.sqrt(0.5), 0])) if over else about_z
 
 
 def turn_between(one: ca.SX, other: ca.SX) -> ca.SX:
@@ -127,12 +127,12 @@ def build(params: Params) -> Problem:
     tip = ca.vertcat(p["x0"], p["y0"], p["z0"])
     goal = ca.vertcat(p["goal_x"], p["goal_y"], p["a"] / 2)
     x = system.x
-    off = turn_between(goal_turn(p["yaw"], params.turn == "over"), x[3:7])
+    squared_turn = turn_between(goal_turn(p["yaw"], params.turn == "over"), x[3:7])
     return pose_problem(
         params,
         system,
         stage_cost=p["w_c"] * ca.sumsqr(system.u - x[7:10]),
-        terminal_cost=p["w_end"] * (ca.sumsqr(x[:3] - goal) + p["w_q"] * off),
+        terminal_cost=p["w_end"] * (ca.sumsqr(x[:3] - goal) + p["w_q"] * squared_turn),
         x0=ca.vertcat(0, 0, p["a"] / 2, 1, 0, 0, 0, tip, ca.SX.zeros(9)),
         guess=partial(_carried, over=math.pi / 2 if params.turn == "over" else 0.0),
         scaling=Scaling(impulse=0.5, gap=0.1),
@@ -141,27 +141,27 @@ def build(params: Params) -> Problem:
 
 def _carried(problem: Problem, p: np.ndarray, over: float) -> tuple[np.ndarray, np.ndarray]:
     """The cube on its way to the goal, evenly, about its lower front edge; the tip at its back."""
-    at, N = problem.parameters.unpack(p), problem.N
-    a, s = at["a"], np.linspace(0, 1, N + 1)
+    values, N = problem.parameters.unpack(p), problem.N
+    a, s = values["a"], np.linspace(0, 1, N + 1)
     X = np.tile(problem.initial_states(p)[0], (N + 1, 1))
     height = (0.35 if over else 0.0) * a
     for k, share in enumerate(s):
-        tilt, yaw = share * over / 2, share * at["yaw"] / 2
+        tilt, yaw = share * over / 2, share * values["yaw"] / 2
         turn = rotation.product(
             ca.SX([math.cos(yaw), 0, 0, math.sin(yaw)]),
             ca.SX([math.cos(tilt), 0, math.sin(tilt), 0]),
         )
         R = rotation.matrix(turn)
         X[k, 3:7] = np.array(ca.evalf(turn)).ravel()
-        X[k, :3] = share * at["goal_x"], share * at["goal_y"], a / 2
+        X[k, :3] = share * values["goal_x"], share * values["goal_y"], a / 2
         if over:
             back = np.array(ca.evalf(R @ ca.SX([-a / 2, 0, a / 2]))).ravel()
             X[k, :3] += back + np.array([a / 2 - share * a, 0.0, -a / 2])
-        behind = R @ ca.SX([-a / 2 - at["r"], 0, height])
+        behind = R @ ca.SX([-a / 2 - values["r"], 0, height])
         X[k, 7:10] = X[k, :3] + np.array(ca.evalf(behind)).ravel()
     X[0, 7:10] = problem.initial_states(p)[0][7:10]
-    X[1:, 10:13] = np.diff(X[:, :3], axis=0) / at["h"]
-    X[1:, 16:19] = np.diff(X[:, 7:10], axis=0) / at["h"]
+    X[1:, 10:13] = np.diff(X[:, :3], axis=0) / values["h"]
+    X[1:, 16:19] = np.diff(X[:, 7:10], axis=0) / values["h"]
     return X, X[1:, 7:10] + 0.02
 
 
@@ -177,17 +177,17 @@ def with_goal(shown: SpatialMachine, body: str, place: ca.SX, turn: ca.SX) -> Sp
     """``shown`` with a second ``body`` called goal, which never moves and touches nothing."""
     x, y, z, *q = (float(v) for v in ca.vertsplit(ca.evalf(ca.vertcat(place, turn))))
     goal = Body("goal", None, 0.0, joint="fixed", position=(x, y, z), quaternion=(q[0], q[1], q[2], q[3]))
-    again = (SpatialPart(f"goal {part.name}", "goal", part.shape) for part in shown.parts if part.body == body)
-    return replace(shown, bodies=(*shown.bodies, goal), parts=(*shown.parts, *again))
+    goal_parts = (SpatialPart(f"goal {part.name}", "goal", part.shape) for part in shown.parts if part.body == body)
+    return replace(shown, bodies=(*shown.bodies, goal), parts=(*shown.parts, *goal_parts))
 
 
 def seen_with_goal(shown: SpatialMachine, camera: PinholeCamera, state: np.ndarray, tips: set[str]) -> list[Shape]:
     """Draw a machine whose fingertips are ``tips``; one sees through its goal."""
-    found = [
-        replace(one, shade=0.0) if one.role == "goal" and isinstance(one, Circle | Outline) else one
-        for one in spatial_shapes(shown, camera, state, tips, {"goal"})
+    visible = [
+        replace(shape, shade=0.0) if shape.role == "goal" and isinstance(shape, Circle | Outline) else shape
+        for shape in spatial_shapes(shown, camera, state, tips, {"goal"})
     ]
-    return sorted(found, key=lambda one: one.role == "goal" and isinstance(one, Outline))
+    return sorted(visible, key=lambda shape: shape.role == "goal" and isinstance(shape, Outline))
 
 
 def _camera(params: Params) -> PinholeCamera:
@@ -203,5 +203,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Frames of every corner on the table, and of the fingertip on the cube."""
-    shown = _pictured(params.model_dump_json()), _camera(params), state
-    return [*spatial_frames(*shown, params.friction)[:-1], spatial_frames(*shown, params.grip)[-1]]
+    picture = _pictured(params.model_dump_json()), _camera(params), state
+    return [*spatial_frames(*picture, params.friction)[:-1], spatial_frames(*picture, params.grip)[-1]]

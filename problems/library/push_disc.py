@@ -90,13 +90,13 @@ def build(params: Params) -> Problem:
         parameters=p,
     )
     du = ca.SX.sym("du", 2)
-    off = ca.sumsqr(system.x[:2] - ca.vertcat(p["goal_x"], p["goal_y"]))
+    squared_distance = ca.sumsqr(system.x[:2] - ca.vertcat(p["goal_x"], p["goal_y"]))
     std = params.scenario_std
     return pose_problem(
         params,
         system,
-        stage_cost=p["w_x"] * off + p["w_du"] * ca.sumsqr(du),
-        terminal_cost=p["w_end"] * off,
+        stage_cost=p["w_x"] * squared_distance + p["w_du"] * ca.sumsqr(du),
+        terminal_cost=p["w_end"] * squared_distance,
         x0=ca.vertcat(p["ox0"], p["oy0"], p["ax0"], p["ay0"]),
         du=du,
         u_before=ca.vertcat(p["ax0"], p["ay0"]),

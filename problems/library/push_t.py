@@ -65,8 +65,8 @@ class Params(Parameters):
 
 def _corners(width: Width) -> list[tuple[Width, Width]]:
     """The T with its stem downwards, counter-clockwise from its foot, about the centre of mass."""
-    own = (-0.5, 0), (0.5, 0), (0.5, 3), (2, 3), (2, 4), (-2, 4), (-2, 3), (-0.5, 3)
-    return [(x * width, (y - _CENTRE) * width) for x, y in own]
+    corners = (-0.5, 0), (0.5, 0), (0.5, 3), (2, 3), (2, 4), (-2, 4), (-2, 3), (-0.5, 3)
+    return [(x * width, (y - _CENTRE) * width) for x, y in corners]
 
 
 def build(params: Params) -> Problem:

@@ -119,14 +119,14 @@ def build(params: Params) -> Problem:
     coefficients = ca.vertcat(ca.repmat(p["friction"], resting), ca.repmat(p["grip"], 3))
     system = machine(p, params.body).system(name, p, h=p["h"], friction=coefficients, inertial=False)
     x, tips = system.x, _starts(p["away"], p["z0"])
-    off = turn_between(_turned(params.axis, p["goal"]), x[3:7])
+    squared_turn = turn_between(_turned(params.axis, p["goal"]), x[3:7])
     place = ca.vertcat(0, 0, p["a"])
     free = ca.SX([ca.inf] * 7), ca.SX([ca.inf] * 15)
     return pose_problem(
         params,
         system,
         stage_cost=p["w_c"] * ca.sumsqr(system.u - x[7:16]),
-        terminal_cost=p["w_end"] * (ca.sumsqr(x[:3] - place) + p["w_q"] * off),
+        terminal_cost=p["w_end"] * (ca.sumsqr(x[:3] - place) + p["w_q"] * squared_turn),
         x0=ca.vertcat(place, 1, 0, 0, 0, tips, ca.SX.zeros(15)),
         x_lower=ca.vertcat(-free[0], tips - p["reach"], -free[1]),
         x_upper=ca.vertcat(free[0], tips + p["reach"], free[1]),
@@ -138,15 +138,15 @@ def build(params: Params) -> Problem:
 def _pictured(dumped: str) -> SpatialMachine:
     """With the goal, and with marks on a ball, which show how it has turned."""
     params = Params.model_validate_json(dumped)
-    shown, a = machine(params, params.body), params.a
+    pictured_machine, a = machine(params, params.body), params.a
     places = ((0.0, 0.0, a), (a, 0.0, 0.0), (-a, 0.0, 0.0), (0.0, a, 0.0), (0.0, -a, 0.0))
     marks = (
         SpatialPart(f"mark {k}", "ball", Sphere(0.15 * a, place))
         for k, place in enumerate(places)
         if params.body == "ball"
     )
-    shown = replace(shown, parts=(*shown.parts, *marks))
-    return with_goal(shown, params.body, ca.SX([0, 0, a]), _turned(params.axis, params.goal))
+    pictured_machine = replace(pictured_machine, parts=(*pictured_machine.parts, *marks))
+    return with_goal(pictured_machine, params.body, ca.SX([0, 0, a]), _turned(params.axis, params.goal))
 
 
 def _camera(params: Params) -> PinholeCamera:
@@ -160,5 +160,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Frames of every point on the table, and of every fingertip on the object."""
-    shown = _pictured(params.model_dump_json()), _camera(params), state
-    return [*spatial_frames(*shown, params.friction)[:-3], *spatial_frames(*shown, params.grip)[-3:]]
+    picture = _pictured(params.model_dump_json()), _camera(params), state
+    return [*spatial_frames(*picture, params.friction)[:-3], *spatial_frames(*picture, params.grip)[-3:]]

@@ -62,12 +62,12 @@ def build(params: Params) -> Problem:
         parameters=p,
     )
     x, v, u = system.x[0], system.x[1], system.u
-    off = x - p["goal_x"]
+    error = x - p["goal_x"]
     return pose_problem(
         params,
         system,
-        stage_cost=p["w_x"] * off**2 + p["w_v"] * v**2 + p["w_u"] * u**2,
-        terminal_cost=p["w_end"] * off**2,
+        stage_cost=p["w_x"] * error**2 + p["w_v"] * v**2 + p["w_u"] * u**2,
+        terminal_cost=p["w_end"] * error**2,
         x0=ca.vertcat(p["x0"], p["v0"]),
         scaling=Scaling(impulse=1.0, gap=0.1, x=1.0, u=0.5),
     )

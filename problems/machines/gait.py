@@ -60,14 +60,14 @@ def gait(
     system = machine.system(name, p, h=p["h"], friction=p["friction"], edges=int(params.edges))
     nq = machine.tree().nq
     q, v = system.x[:nq], system.x[nq:]
-    off = q - _end(stands, p["distance"], p["rise"], p["turn"])
+    error = q - _end(stands, p["distance"], p["rise"], p["turn"])
     return pose_problem(
         params,
         system,
         stage_cost=p["h"] * (p["w_u"] * ca.sumsqr(system.u) + p["w_v"] * ca.sumsqr(v)),
-        terminal_cost=p["w_place"] * ca.sumsqr(off[:3])
-        + p["w_turn"] * ca.sumsqr(off[3:7])
-        + p["w_joints"] * ca.sumsqr(off[7:])
+        terminal_cost=p["w_place"] * ca.sumsqr(error[:3])
+        + p["w_turn"] * ca.sumsqr(error[3:7])
+        + p["w_joints"] * ca.sumsqr(error[7:])
         + p["w_rest"] * ca.sumsqr(v),
         x0=ca.vertcat(start, ca.SX.zeros(v.numel())),
         guess=_straight(start, stands, swing),
@@ -89,8 +89,8 @@ def _straight(start: np.ndarray, stands: np.ndarray, swing: Callable[[np.ndarray
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         share, values = np.linspace(0, 1, problem.N + 1), problem.parameters.unpack(p)
-        moved = (values[key] for key in ("distance", "rise", "turn"))
-        end = np.array(ca.DM(_end(stands, *moved))).ravel()
+        changes = (values[key] for key in ("distance", "rise", "turn"))
+        end = np.array(ca.DM(_end(stands, *changes))).ravel()
         X = np.zeros((problem.N + 1, problem.system.nx))
         X[:, : len(end)] = np.outer(1 - share, start) + np.outer(share, end)
         X[:, 7 : len(end)] += min(1.0, abs(values["distance"])) * swing(share)

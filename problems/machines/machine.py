@@ -78,11 +78,11 @@ def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
     bars, poses = (np.array(out).T.tolist() for out in places(state[: places.numel_in(0)]))
     links = [Stadium(x1, z1, x2, z2, BAR_RADIUS) for x1, z1, x2, z2 in bars]
     parts = (*machine.spheres, *machine.parts)
-    drawn = (
+    outlines = (
         solid(part.shape, x, z, angle, "environment" if part.link == WORLD else "object")
         for part, (x, z, angle) in zip(parts, poses, strict=True)
     )
-    return [Wall(0, 0, 0, 1), *links, *drawn]
+    return [Wall(0, 0, 0, 1), *links, *outlines]
 
 
 def machine_frames(
@@ -90,8 +90,8 @@ def machine_frames(
 ) -> list[ContactFrame]:
     """Frames of the contacts: of ``spheres``, all by default, with the ground, and of the collision pairs."""
     frames = _frames(machine, None if spheres is None else tuple(spheres))
-    found = np.array(frames(state[: frames.numel_in(0)])).T.tolist()
-    return [ContactFrame(x, z, nx, nz, friction) for x, z, nx, nz in found]
+    rows = np.array(frames(state[: frames.numel_in(0)])).T.tolist()
+    return [ContactFrame(x, z, nx, nz, friction) for x, z, nx, nz in rows]
 
 
 @cache
@@ -99,8 +99,8 @@ def _frames(machine: Machine, spheres: tuple[str, ...] | None) -> ca.Function:
     """Map q to the place and the normal of every contact, (4, contacts)."""
     chain = machine.tree()
     q = ca.SX.sym("q", chain.nq)
-    found = machine.contacts(q, spheres).values()
-    columns = [ca.vertcat(contact.point, contact.normal) for contact in found]
+    contacts = machine.contacts(q, spheres).values()
+    columns = [ca.vertcat(contact.point, contact.normal) for contact in contacts]
     return ca.Function("frames", [q], [ca.densify(ca.horzcat(ca.SX(4, 0), *columns))])
 
 
@@ -108,9 +108,9 @@ def _rod(link: Link) -> tuple[tuple[float, float], tuple[float, float]]:
     """Ends of the thin rod with the link's mass, inertia and centre of mass, along its ``com``."""
     x, z = (float(c) for c in link.com)
     away = math.hypot(x, z)
-    along = (x / away, z / away) if away else (1.0, 0.0)
-    half = math.sqrt(3 * float(link.inertia) / float(link.mass))
-    dx, dz = half * along[0], half * along[1]
+    axis = (x / away, z / away) if away else (1.0, 0.0)
+    half_length = math.sqrt(3 * float(link.inertia) / float(link.mass))
+    dx, dz = half_length * axis[0], half_length * axis[1]
     return (x - dx, z - dz), (x + dx, z + dz)
 
 
@@ -123,8 +123,8 @@ def _places(machine: Machine) -> ca.Function:
     bars, poses = [ca.SX(4, 0)], [ca.SX(3, 0)]
     for link in machine.links:
         joints = [other.anchor for other in machine.links if other.parent == link.name]
-        own = [s.centre for s in machine.spheres if s.link == link.name]
-        points = sorted({(float(x), float(z)) for x, z in own + joints})
+        centres = [s.centre for s in machine.spheres if s.link == link.name]
+        points = sorted({(float(x), float(z)) for x, z in centres + joints})
         ends = [*pairwise(points)] if link.parent is None else [(JOINT_ORIGIN, p) for p in points]
         if not ends and all(part.link != link.name for part in (*machine.spheres, *machine.parts)):
             ends = [_rod(link)]

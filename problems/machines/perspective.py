@@ -81,8 +81,8 @@ class PinholeCamera:
 
     def project(self, points: Array) -> tuple[Array, Array]:
         """Places in the picture (n, 2), ``scale * (right, up)``, and depths (n,); points (n, 3)."""
-        seen = (points - np.array(self.eye)) @ self.axes.T
-        return seen[:, :2] * self.scale(seen[:, 2])[:, None], seen[:, 2]
+        in_camera = (points - np.array(self.eye)) @ self.axes.T
+        return in_camera[:, :2] * self.scale(in_camera[:, 2])[:, None], in_camera[:, 2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,20 +97,20 @@ class _Body:
 
 def solids_seen(camera: PinholeCamera, solids: Iterable[Solid]) -> list[Shape]:
     """Draw solids from back to front, above planes, which are grids of lines."""
-    drawn, bodies = list[Shape](), list[_Body]()
+    lines, bodies = list[Shape](), list[_Body]()
     for shape, R, p, role in solids:
         if isinstance(shape, shapes.Plane):
             origin, normal = np.array([shape.origin, shape.normal], dtype=float) @ R.T
-            drawn += _grid(camera, origin + p, normal, role)
+            lines += _grid(camera, origin + p, normal, role)
             continue
-        own, radius, sides = _parts(shape)
-        points, faces = own @ R.T + p, list[tuple[Array, Array, bool]]()
-        for at in (points[[*side]] for side in sides):
-            normal = np.cross(at[1] - at[0], at[2] - at[1])
-            seen = bool((camera.eye - at[0]) @ normal > 0)
-            faces.append((at, normal / np.linalg.norm(normal), seen))
+        local_points, radius, sides = _parts(shape)
+        points, faces = local_points @ R.T + p, list[tuple[Array, Array, bool]]()
+        for corners in (points[[*side]] for side in sides):
+            normal = np.cross(corners[1] - corners[0], corners[2] - corners[1])
+            faces_eye = bool((camera.eye - corners[0]) @ normal > 0)
+            faces.append((corners, normal / np.linalg.norm(normal), faces_eye))
         bodies.append(_Body(role, points, radius, faces))
-    return drawn + [one for body in _from_back(camera, bodies) for one in _seen(camera, body)]
+    return lines + [outline for body in _from_back(camera, bodies) for outline in _seen(camera, body)]
 
 
 def frame_seen(camera: PinholeCamera, point: Array, normal: Array, friction: float) -> ContactFrame:
@@ -122,11 +122,11 @@ def frame_seen(camera: PinholeCamera, point: Array, normal: Array, friction: flo
     right, up, forward = camera.axes @ normal
     scale, away = camera.scale(depth)[0], forward / depth[0]
     # sin(half) = sin(atan(friction)) / sin(angle), between normal and line of sight.
-    along = (point - camera.eye) @ normal / np.linalg.norm(point - camera.eye)
-    square = 1 - (1 + friction**2) * float(along) ** 2
+    cosine = (point - camera.eye) @ normal / np.linalg.norm(point - camera.eye)
+    square = 1 - (1 + friction**2) * float(cosine) ** 2
     wide = friction / math.sqrt(square) if square > 0 else 0.0
-    seen = map(float, (x, y, scale * right - x * away, scale * up - y * away))
-    return ContactFrame(*seen, friction=wide, flat=False)
+    numbers = map(float, (x, y, scale * right - x * away, scale * up - y * away))
+    return ContactFrame(*numbers, friction=wide, flat=False)
 
 
 def _parts(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
@@ -156,14 +156,14 @@ def _across(normal: Array) -> Array:
 
 def _grid(camera: PinholeCamera, origin: Array, normal: Array, role: str) -> Iterator[Segment]:
     """Lines of a plane around what is seen, but for those that come too near to the camera."""
-    axes, far = _across(normal), camera.distance
-    side = next((each for each in (2.0, 1.0, 0.5, 0.25, 0.1) if each <= far / 12), 0.05)
-    middle = axes @ (camera.target + FLOOR_SHIFT * far * camera.axes[2] - origin) // side
-    many = round(HALF_FLOOR * far / side)
+    axes, distance = _across(normal), camera.distance
+    side = next((each for each in (2.0, 1.0, 0.5, 0.25, 0.1) if each <= distance / 12), 0.05)
+    middle = axes @ (camera.target + FLOOR_SHIFT * distance * camera.axes[2] - origin) // side
+    many = round(HALF_FLOOR * distance / side)
     for k in range(-many, many + 1):
         for ends in ([(k, -many), (k, many)], [(-many, k), (many, k)]):
             places, depth = camera.project(origin + side * (middle + ends) @ axes)
-            if depth.min() > NEAREST_DEPTH * far:
+            if depth.min() > NEAREST_DEPTH * distance:
                 (x1, y1), (x2, y2) = places.tolist()
                 yield Segment(x1, y1, x2, y2, role, LINE_SHADE)
 
@@ -172,15 +172,15 @@ def _from_back(camera: PinholeCamera, bodies: list[_Body]) -> Iterator[_Body]:
     """The deepest first, but what is on the camera's side of a face after what is behind it."""
     shows = np.zeros((len(bodies), len(bodies)), dtype=bool)
     for i, body in enumerate(bodies):
-        for at, normal, seen in body.faces:
-            gaps = [float(((one.points - at[0]) @ normal).min()) - one.radius for one in bodies]
+        for corners, normal, faces_eye in body.faces:
+            gaps = [float(((other.points - corners[0]) @ normal).min()) - other.radius for other in bodies]
             outside = np.array(gaps) > -OVERLAP * camera.distance
-            shows[(i, slice(None)) if seen else (slice(None), i)] |= outside
+            shows[(i, slice(None)) if faces_eye else (slice(None), i)] |= outside
     first = shows & ~shows.T
-    left = sorted(range(len(bodies)), key=lambda i: -camera.project(bodies[i].points)[1].mean())
-    while left:
-        deepest = next((i for i in left if not first[left, i].any()), left[0])
-        yield bodies[left.pop(left.index(deepest))]
+    remaining = sorted(range(len(bodies)), key=lambda i: -camera.project(bodies[i].points)[1].mean())
+    while remaining:
+        deepest = next((i for i in remaining if not first[remaining, i].any()), remaining[0])
+        yield bodies[remaining.pop(remaining.index(deepest))]
 
 
 def _seen(camera: PinholeCamera, body: _Body) -> Iterator[Shape]:
@@ -200,6 +200,6 @@ def _seen(camera: PinholeCamera, body: _Body) -> Iterator[Shape]:
         # Joggled (QJ), so that points on one line have a hull too.
         hull = ConvexHull(cloud, qhull_options="QJ").vertices
         yield Outline(tuple(cloud[hull].tolist()), 0.0, body.role, ROUND_SHADE)
-    for at, normal, _ in (face for face in body.faces if face[2]):
+    for corners, normal, _ in (face for face in body.faces if face[2]):
         shade = DARK_FACE + (BRIGHT_FACE - DARK_FACE) * (1 + float(LIGHT @ camera.axes @ normal)) / 2
-        yield Outline(tuple(camera.project(at)[0].tolist()), 0.0, body.role, shade)
+        yield Outline(tuple(camera.project(corners)[0].tolist()), 0.0, body.role, shade)

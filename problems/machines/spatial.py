@@ -37,8 +37,8 @@ def spatial_frames(
     machine: SpatialMachine, camera: PinholeCamera, state: np.ndarray, friction: float
 ) -> list[ContactFrame]:
     """Place and normal of every contact at ``state``."""
-    found = np.array(_frames(machine)(_of_unit_length(machine, state))).T
-    return [frame_seen(camera, row[:3], row[3:], friction) for row in found]
+    rows = np.array(_frames(machine)(_of_unit_length(machine, state))).T
+    return [frame_seen(camera, row[:3], row[3:], friction) for row in rows]
 
 
 def _of_unit_length(machine: SpatialMachine, state: np.ndarray) -> np.ndarray:
@@ -56,8 +56,8 @@ def _poses(machine: SpatialMachine) -> ca.Function:
     tree = machine.tree()
     q = ca.SX.sym("q", tree.nq)
     fixed = ca.SX.eye(3), ca.SX(3, 1)
-    found = (fixed if p.body == WORLD else tree.pose(q, p.body) for p in machine.parts)
-    columns = [ca.vertcat(ca.vec(R), p) for R, p in found]
+    poses = (fixed if p.body == WORLD else tree.pose(q, p.body) for p in machine.parts)
+    columns = [ca.vertcat(ca.vec(R), p) for R, p in poses]
     return ca.Function("poses", [q], [ca.densify(ca.horzcat(*columns))], {"cse": True})
 
 
@@ -66,5 +66,5 @@ def _frames(machine: SpatialMachine) -> ca.Function:
     """Map q to the point and the normal of every contact, (6, contacts)."""
     tree = machine.tree()
     q = ca.SX.sym("q", tree.nq)
-    columns = [ca.vertcat(one.point, one.normal) for one in machine.contacts(q).values()]
+    columns = [ca.vertcat(contact.point, contact.normal) for contact in machine.contacts(q).values()]
     return ca.Function("frames", [q], [ca.densify(ca.horzcat(ca.SX(6, 0), *columns))])

@@ -26,5 +26,5 @@ def with_nominal(system: ContactSystem, rate: ca.SX, nominal: Signal) -> Contact
 
 def in_torques(system: ContactSystem) -> ContactSystem:
     """The system of a machine whose gears are 1 N m, with its inputs in this unit."""
-    torques = tuple(Signal(one.name, "N m", "torque") for one in system.inputs)
+    torques = tuple(Signal(signal.name, "N m", "torque") for signal in system.inputs)
     return replace(system, inputs=torques)

@@ -49,8 +49,8 @@ class Actuator:
 
 def exact(values: Sequence[float] | np.ndarray, size: float = 1.0) -> Any:
     """A tuple without what rounding leaves of 0 and of ±1, for numbers about ``size``."""
-    found = (0.0 if abs(value) < ROUNDED_TO_ZERO * size else float(value) for value in values)
-    return tuple(float(round(x)) if abs(abs(x) - 1) < ROUNDED_TO_ZERO else x for x in found)
+    without_zeros = (0.0 if abs(value) < ROUNDED_TO_ZERO * size else float(value) for value in values)
+    return tuple(float(round(x)) if abs(abs(x) - 1) < ROUNDED_TO_ZERO else x for x in without_zeros)
 
 
 def bodies(model: Any, actuators: Mapping[int, Actuator]) -> tuple[tuple[Body, ...], list[BodyFrame]]:
@@ -60,7 +60,7 @@ def bodies(model: Any, actuators: Mapping[int, Actuator]) -> tuple[tuple[Body, .
     of it without mass and named as their joints. A frame has its origin in its joint; its axes are
     those of the file's body where the joint is free or a ball, and else the parent's at q = 0.
     """
-    poses, found, last = [BodyFrame(WORLD)], list[Body](), dict[int, int]()
+    poses, chain, last = [BodyFrame(WORLD)], list[Body](), dict[int, int]()
     names = {model.body(b).name for b in range(model.nbody)}
     for b in range(1, model.nbody):
         pose = poses[model.body_parentid[b]].compose(model.body_pos[b], model.body_quat[b])
@@ -73,12 +73,12 @@ def bodies(model: Any, actuators: Mapping[int, Actuator]) -> tuple[tuple[Body, .
                     name += "'"
                 names.add(name)
             body, pose = _jointed(model, j, name, pose, actuators.get(j))
-            last[b] = len(found)
-            found.append(body)
+            last[b] = len(chain)
+            chain.append(body)
         poses.append(pose)
     for b, index in last.items():
-        found[index] = replace(found[index], **_inertia(model, b, poses))
-    return tuple(found), poses
+        chain[index] = replace(chain[index], **_inertia(model, b, poses))
+    return tuple(chain), poses
 
 
 def _jointed(model: Any, j: int, name: str, pose: BodyFrame, actuator: Actuator | None) -> tuple[Body, BodyFrame]:
@@ -86,7 +86,7 @@ def _jointed(model: Any, j: int, name: str, pose: BodyFrame, actuator: Actuator 
 
     With axes that are the parent's at q = 0 no rotation by 90 degrees leaves rounded zeros.
     """
-    kind, dof, at = JOINTS[model.jnt_type[j]], int(model.jnt_dofadr[j]), int(model.jnt_qposadr[j])
+    kind, dof, index = JOINTS[model.jnt_type[j]], int(model.jnt_dofadr[j]), int(model.jnt_qposadr[j])
     damping = float(model.dof_damping[dof]) + (actuator.damping if actuator else 0.0)
     above = None if pose.body == WORLD else pose.body
     body = Body(name, above, 0.0, joint=kind, damping=damping)
@@ -96,7 +96,7 @@ def _jointed(model: Any, j: int, name: str, pose: BodyFrame, actuator: Actuator 
     if kind == "ball":
         turn = exact(pose.turn.as_quat(canonical=True, scalar_first=True))
         return replace(body, position=exact(anchor), quaternion=turn), BodyFrame(name, -model.jnt_pos[j])
-    axis, q0 = pose.turn.apply(model.jnt_axis[j]), float(model.qpos0[at])
+    axis, q0 = pose.turn.apply(model.jnt_axis[j]), float(model.qpos0[index])
     back, slid = Rotation.from_rotvec(-q0 * axis), 0.0
     if kind == "slide":
         back, slid = Rotation.identity(), q0 * axis
@@ -109,7 +109,7 @@ def _jointed(model: Any, j: int, name: str, pose: BodyFrame, actuator: Actuator 
         axis=exact(axis),
         armature=float(model.dof_armature[dof]),
         spring=float(model.jnt_stiffness[j]),
-        rest=float(model.qpos_spring[at]) if model.jnt_stiffness[j] else 0.0,
+        rest=float(model.qpos_spring[index]) if model.jnt_stiffness[j] else 0.0,
         limits=(low, high) if np.isfinite(low) else None,
         gear=actuator and actuator.gear,
         servo=actuator and actuator.servo,
@@ -119,16 +119,16 @@ def _jointed(model: Any, j: int, name: str, pose: BodyFrame, actuator: Actuator 
 
 def _inertia(model: Any, body: int, poses: Sequence[BodyFrame]) -> dict[str, Any]:
     """Mass, inertia and centre of all that is welded to a body, in the frame of its carrier."""
-    parts = np.flatnonzero(model.body_weldid == body).tolist()
-    masses = model.body_mass[parts]
-    own = [poses[b].compose(model.body_ipos[b], model.body_iquat[b]) for b in parts]
+    welded = np.flatnonzero(model.body_weldid == body).tolist()
+    masses = model.body_mass[welded]
+    frames = [poses[b].compose(model.body_ipos[b], model.body_iquat[b]) for b in welded]
     total = float(masses.sum())
-    centre = masses @ np.array([pose.place for pose in own]) / (total or 1)
+    centre = masses @ np.array([pose.place for pose in frames]) / (total or 1)
     inertia = np.zeros((3, 3))
-    for b, mass, pose in zip(parts, masses, own, strict=True):
-        R, off = pose.turn.as_matrix(), pose.place - centre
+    for b, mass, pose in zip(welded, masses, frames, strict=True):
+        R, offset = pose.turn.as_matrix(), pose.place - centre
         inertia += R @ np.diag(model.body_inertia[b]) @ R.T
-        inertia += mass * (off @ off * np.eye(3) - np.outer(off, off))
+        inertia += mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
     six = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     return {"mass": total, "inertia": exact(six, float(np.trace(inertia))), "com": exact(centre)}
 
@@ -155,9 +155,9 @@ def actuators_of(model: Any, followers: Container[int] = ()) -> dict[int, Actuat
         actuators[joint] = actuator
     if model.nu == 0:
         for joint in np.flatnonzero(model.jnt_actfrclimited).tolist():
-            most = float(model.jnt_actfrcrange[joint][1])
-            if most > 0 and joint not in followers:
-                actuators[joint] = Actuator(model.joint(joint).name, (-1.0, 1.0), gear=most)
+            torque = float(model.jnt_actfrcrange[joint][1])
+            if torque > 0 and joint not in followers:
+                actuators[joint] = Actuator(model.joint(joint).name, (-1.0, 1.0), gear=torque)
     return dict(sorted(actuators.items()))
 
 

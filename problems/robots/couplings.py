@@ -24,9 +24,9 @@ def equations(model: Any, mimics: Iterable[Mimic]) -> list[Equation]:
     for k in _active(model):
         kind, name = int(model.eq_type[k]), model.equality(k).name
         if not 2 <= kind < len(EQUALITY_KINDS):
-            what = EQUALITY_KINDS[kind] if kind < 2 else "constraint"
+            element = EQUALITY_KINDS[kind] if kind < 2 else "constraint"
             raise ValueError(
-                f"equality <{what}> {name!r} closes a loop, and joints form trees here; delete it to plan without it"
+                f"equality <{element}> {name!r} closes a loop, and joints form trees here; delete it to plan without it"
             )
         offset, slope, *curved = model.eq_data[k][:5].tolist()
         if any(curved):

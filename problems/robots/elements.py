@@ -87,7 +87,7 @@ def unread(root: Element, *, urdf: bool) -> list[str]:
     Raises ``ValueError`` for elements without which the robot would be another.
     """
     table, pictures = URDF if urdf else MJCF, set[str]()
-    told: dict[tuple[str, str, str], list[str]] = {}
+    names_by_reason: dict[tuple[str, str, str], list[str]] = {}
     for element, owners in _walk(root, table, remove=None if urdf else _BULKY):
         tag, (kind, name) = element.tag, _named(element, owners)
         if tag in REFUSED and (not urdf or tag in REFUSED_OF_URDF):
@@ -98,16 +98,16 @@ def unread(root: Element, *, urdf: bool) -> list[str]:
             attributes = _unread_attributes(element, table[tag], urdf=urdf)
             pictures |= _PICTURES & attributes.keys()
             for attribute in (name for name in attributes if name not in _PICTURES):
-                key, what = _sentence(attribute, tag, kind, name)
-                told.setdefault(key, []).append(what)
+                key, named = _sentence(attribute, tag, kind, name)
+                names_by_reason.setdefault(key, []).append(named)
         elif tag == "sensor" and not urdf:
             names = [sensor.get("name", sensor.tag) for sensor in element]
-            told.setdefault(("", tag, _why(tag)), []).extend(names)
+            names_by_reason.setdefault(("", tag, _why(tag)), []).extend(names)
         else:
-            inside = dict.fromkeys(one.tag for one in element.iter() if one is not element)
+            inside = dict.fromkeys(child.tag for child in element.iter() if child is not element)
             name += f" ({', '.join(inside)})" if inside else ""
-            told.setdefault(("" if kind == tag else f"{tag} of ", kind, _why(tag)), []).append(name)
-    lines = [f"{prefix}{listed(kind, names)}: {why}" for (prefix, kind, why), names in told.items()]
+            names_by_reason.setdefault(("" if kind == tag else f"{tag} of ", kind, _why(tag)), []).append(name)
+    lines = [f"{prefix}{listed(kind, names)}: {why}" for (prefix, kind, why), names in names_by_reason.items()]
     return lines + ([f"{', '.join(sorted(pictures))}: change pictures alone"] if pictures else [])
 
 
@@ -151,9 +151,9 @@ def _walk(
 
 def _named(element: Element, owners: tuple[Element, ...]) -> tuple[str, str]:
     """Tag and name of the element, or of the nearest one above it that has a name."""
-    for one in (element, *reversed(owners)):
-        if one.tag in ("default", "worldbody"):
-            return ("body", "world") if one.tag == "worldbody" else (one.tag, one.get("class", "main"))
-        if name := one.get("name") or one.get("reference"):
-            return one.tag, name
+    for ancestor in (element, *reversed(owners)):
+        if ancestor.tag in ("default", "worldbody"):
+            return ("body", "world") if ancestor.tag == "worldbody" else (ancestor.tag, ancestor.get("class", "main"))
+        if name := ancestor.get("name") or ancestor.get("reference"):
+            return ancestor.tag, name
     return owners[0].tag if owners else element.tag, "as a whole"

@@ -71,42 +71,42 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) ->
             " by contype, conaffinity and exclude"
         )
     geoms = sorted({g for pair in pairs for g in pair})
-    found = _parts(model, poses, geoms, ignored)
-    machine = replace(machine, parts=tuple(found.values()))
-    tree, left = machine.tree(), defaultdict[str, list[str]](list)
+    parts = _parts(model, poses, geoms, ignored)
+    machine = replace(machine, parts=tuple(parts.values()))
+    tree, left_out = machine.tree(), defaultdict[str, list[str]](list)
     q = ca.SX.sym("q", tree.nq)
     above, places = joints_above(model), body_places(tree, q)
     friction, grounds, meetings = dict[str, float](), list[int](), list[tuple[str, str]]()
     phis = [ca.SX(0, 1)]
     for (a, b), coefficient in pairs.items():
-        if a not in found or b not in found:
+        if a not in parts or b not in parts:
             continue
         # A part of the world comes last.
-        one, other = (found[g] for g in ((b, a) if found[a].body == WORLD else (a, b)))
-        pair = one.name, other.name
+        first, second = (parts[g] for g in ((b, a) if parts[a].body == WORLD else (a, b)))
+        pair = first.name, second.name
         try:
-            points = contacts_between(one.shape, places[one.body], other.shape, places[other.body])
+            points = contacts_between(first.shape, places[first.body], second.shape, places[second.body])
         except ValueError as error:
-            left[str(error)].append(" and ".join(pair))
+            left_out[str(error)].append(" and ".join(pair))
             continue
-        points = [points[k] for k in distinct_points(tree, q, one.placed, other.placed, len(points))]
-        near = name_contacts(*pair, points)
-        if twice := friction.keys() & near.keys():
+        points = [points[k] for k in distinct_points(tree, q, first.placed, second.placed, len(points))]
+        named_contacts = name_contacts(*pair, points)
+        if twice := friction.keys() & named_contacts.keys():
             raise ValueError(f"two contacts are called {min(twice)!r}; give the geoms other names")
-        if not any(ca.depends_on(contact.phi, q) for contact in near.values()):
-            left["no joint moves them"].append(" and ".join(pair))
+        if not any(ca.depends_on(contact.phi, q) for contact in named_contacts.values()):
+            left_out["no joint moves them"].append(" and ".join(pair))
         elif never_collide(model, data, above, a, b):
-            left["they can never meet within the joints' limits"].append(" and ".join(pair))
+            left_out["they can never meet within the joints' limits"].append(" and ".join(pair))
         else:
-            if isinstance(other.shape, Plane) and other.shape.normal[2] == 1:
-                grounds += range(len(friction), len(friction) + len(near))
-            friction |= dict.fromkeys(near, coefficient)
+            if isinstance(second.shape, Plane) and second.shape.normal[2] == 1:
+                grounds += range(len(friction), len(friction) + len(named_contacts))
+            friction |= dict.fromkeys(named_contacts, coefficient)
             meetings.append(pair)
             phis += [contact.phi for contact in points]
-    for why, own in left.items():
-        more = f" and {len(own) - PAIRS_NAMED} more" if len(own) > PAIRS_NAMED else ""
-        many = "" if len(own) == 1 else "s"
-        ignored.append(f"{len(own)} pair{many} of geoms, {', '.join(own[:PAIRS_NAMED])}{more}: {why}")
+    for why, pair_names in left_out.items():
+        others = f" and {len(pair_names) - PAIRS_NAMED} more" if len(pair_names) > PAIRS_NAMED else ""
+        many = "" if len(pair_names) == 1 else "s"
+        ignored.append(f"{len(pair_names)} pair{many} of geoms, {', '.join(pair_names[:PAIRS_NAMED])}{others}: {why}")
     machine = replace(machine, collision_pairs=tuple(meetings))
     distances = ca.Function("distances", [q], [ca.densify(ca.vertcat(*phis))])
     return Touching(machine, distances, friction, grounds, geoms, ignored)
@@ -114,18 +114,18 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) ->
 
 def _parts(model: Any, poses: Sequence[BodyFrame], geoms: list[int], ignored: list[str]) -> dict[int, SpatialPart]:
     """Parts by geom; of ``geoms``, which may touch anything, tell what is no part."""
-    found: dict[int, SpatialPart] = {}
+    parts: dict[int, SpatialPart] = {}
     for g in range(model.ngeom):
-        name, told = model.geom(g).name, ""
+        name, note = model.geom(g).name, ""
         pose = poses[model.geom_bodyid[g]].compose(model.geom_pos[g], model.geom_quat[g])
         kind = import_module("mujoco").mjtGeom(int(model.geom_type[g])).name[7:].lower()
         try:
-            shape, told = _shape(model, g, kind, pose)
-            found[g] = SpatialPart(name, pose.body, shape)
+            shape, note = _shape(model, g, kind, pose)
+            parts[g] = SpatialPart(name, pose.body, shape)
         except ValueError as error:
-            told = f"geom {name}: it is {error}, and touches nothing here"
-        ignored += [told] if told and g in geoms else []
-    return found
+            note = f"geom {name}: it is {error}, and touches nothing here"
+        ignored += [note] if note and g in geoms else []
+    return parts
 
 
 def _shape(model: Any, g: int, kind: str, pose: BodyFrame) -> tuple[Shape, str]:
@@ -157,16 +157,16 @@ def _hull(model: Any, g: int, pose: BodyFrame) -> tuple[Hull, str]:
     mesh = int(model.geom_dataid[g])
     first, many = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     corners = model.mesh_vert[first : first + many].astype(float)
-    at = int(model.mesh_graphadr[mesh])
-    count = 0 if at < 0 else int(model.mesh_graph[at])
+    start = int(model.mesh_graphadr[mesh])
+    count = 0 if start < 0 else int(model.mesh_graph[start])
     if not 0 < count <= MOST_CORNERS:
         raise ValueError(f"a mesh without a hull of at most {MOST_CORNERS} corners")
-    kept = corners[model.mesh_graph[at + 2 + count : at + 2 + 2 * count]]
-    faces = ConvexHull(kept).equations
+    kept_corners = corners[model.mesh_graph[start + 2 + count : start + 2 + 2 * count]]
+    faces = ConvexHull(kept_corners).equations
     depth = 1e3 * float((corners @ faces[:, :3].T + faces[:, 3]).max())
-    told = f"hull of mesh {model.geom(g).name}: {count} corners, at most {depth:.2g} mm inside"
-    hull = Hull(tuple(exact(pose.place + at) for at in pose.turn.apply(kept)))
-    return hull, told if depth > 1e-3 else ""
+    note = f"hull of mesh {model.geom(g).name}: {count} corners, at most {depth:.2g} mm inside"
+    hull = Hull(tuple(exact(pose.place + corner) for corner in pose.turn.apply(kept_corners)))
+    return hull, note if depth > 1e-3 else ""
 
 
 def pairs_of(model: Any) -> dict[tuple[int, int], float]:
@@ -177,7 +177,7 @@ def pairs_of(model: Any) -> dict[tuple[int, int], float]:
     """
     if model.opt.disableflags & CONTACT_DISABLED:
         return {}
-    found: dict[tuple[int, int], float] = {}
+    coefficients: dict[tuple[int, int], float] = {}
     for k in range(model.npair):
         first, second = model.pair_friction[k][:2]
         if first != second and model.pair_dim[k] > 1:
@@ -186,7 +186,7 @@ def pairs_of(model: Any) -> dict[tuple[int, int], float]:
                 f" {second:g}; friction here is the same in all directions, so give one number"
             )
         a, b = sorted((int(model.pair_geom1[k]), int(model.pair_geom2[k])))
-        found[a, b] = float(model.pair_friction[k][0]) if model.pair_dim[k] > 1 else 0.0
+        coefficients[a, b] = float(model.pair_friction[k][0]) if model.pair_dim[k] > 1 else 0.0
     excluded = {frozenset(divmod(int(code), 1 << 16)) for code in model.exclude_signature}
     types, affinities, body = model.geom_contype, model.geom_conaffinity, model.geom_bodyid
     weld = model.body_weldid[body]
@@ -197,12 +197,12 @@ def pairs_of(model: Any) -> dict[tuple[int, int], float]:
         if weld[a] == weld[b] or joined or frozenset(body[[a, b]].tolist()) in excluded:
             continue
         if types[a] & affinities[b] or types[b] & affinities[a]:
-            found.setdefault((a, b), _friction(model, a, b))
-    return found
+            coefficients.setdefault((a, b), _friction(model, a, b))
+    return coefficients
 
 
 def _friction(model: Any, a: int, b: int) -> float:
     """Return friction of the geom with the higher priority, or the larger one."""
     ranks = model.geom_priority[[a, b]]
-    one = [a, b] if ranks[0] == ranks[1] else [a if ranks[0] > ranks[1] else b]
-    return float(model.geom_friction[one][:, 0].max()) if model.geom_condim[one].max() > 1 else 0.0
+    deciding = [a, b] if ranks[0] == ranks[1] else [a if ranks[0] > ranks[1] else b]
+    return float(model.geom_friction[deciding][:, 0].max()) if model.geom_condim[deciding].max() > 1 else 0.0

@@ -52,11 +52,11 @@ def _compare(name: str, expected: _Moments, compiled: _Moments) -> None:
     # What has no mass has its centre anywhere.
     length = np.sqrt(np.trace(expected[2]) / expected[0]) if expected[0] else np.inf
     sizes = expected[0], max(length, float(np.abs(expected[1]).max())), np.trace(expected[2])
-    for what, a, b, size in zip(("mass", "centre", "inertia"), expected, compiled, sizes, strict=True):
-        if (off := np.abs(np.subtract(a, b)).max()) > INERTIA_TOLERANCE * size:
+    for quantity, a, b, size in zip(("mass", "centre", "inertia"), expected, compiled, sizes, strict=True):
+        if (difference := np.abs(np.subtract(a, b)).max()) > INERTIA_TOLERANCE * size:
             raise ValueError(
-                f"body {name!r}: MuJoCo {import_module('mujoco').__version__} reads another {what}"
-                f" than the file says, by {off:.3g}; install a version that centralpath[robots]"
+                f"body {name!r}: MuJoCo {import_module('mujoco').__version__} reads another {quantity}"
+                f" than the file says, by {difference:.3g}; install a version that centralpath[robots]"
                 " allows"
             )
 
@@ -80,13 +80,13 @@ def _of_mjcf(body: Any, spec: Any) -> _Moments:
             degree=spec.compiler.degree, sequence=spec.compiler.eulerseq, orientation=body.ialt
         )
     six = [*body.inertia, 0, 0, 0] if np.isnan(full[0]) else full
-    turned = _turned(Rotation.from_quat(turn, scalar_first=True), six)
-    return body.mass, np.array(body.ipos), turned
+    inertia = _turned(Rotation.from_quat(turn, scalar_first=True), six)
+    return body.mass, np.array(body.ipos), inertia
 
 
 def _of_geoms(model: Any, body: Any, groups: Any) -> _Moments | None:
     """Sum over the geoms of a body; None where a mesh or a shell is among them."""
-    parts = list[_Moments]()
+    solids = list[_Moments]()
     for geom in body.geoms:
         if not groups[0] <= geom.group <= groups[1] or geom.mass == 0 or geom.density == 0:
             continue
@@ -100,15 +100,15 @@ def _of_geoms(model: Any, body: Any, groups: Any) -> _Moments | None:
         volume, diagonal = solid
         mass = geom.density * volume if np.isnan(geom.mass) else geom.mass
         turn = Rotation.from_quat(compiled.quat, scalar_first=True)
-        parts.append((mass, compiled.pos, mass * _turned(turn, [*diagonal, 0, 0, 0])))
-    total = sum(part[0] for part in parts)
+        solids.append((mass, compiled.pos, mass * _turned(turn, [*diagonal, 0, 0, 0])))
+    total = sum(solid_moments[0] for solid_moments in solids)
     if not total:
         return 0.0, np.zeros(3), np.zeros((3, 3))
-    centre = sum((mass * at for mass, at, _ in parts), np.zeros(3)) / total
+    centre = sum((mass * place for mass, place, _ in solids), np.zeros(3)) / total
     inertia = np.zeros((3, 3))
-    for mass, at, own in parts:
-        off = at - centre
-        inertia += own + mass * (off @ off * np.eye(3) - np.outer(off, off))
+    for mass, place, moments in solids:
+        offset = place - centre
+        inertia += moments + mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
     return total, centre, inertia
 
 

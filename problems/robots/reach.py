@@ -26,30 +26,30 @@ def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other
     parallel planes, beside each other.
     """
     mujoco, geoms = import_module("mujoco"), (one, other)
-    ways = [above[model.geom_bodyid[g]] for g in geoms]
-    shared = set(ways[0]) & set(ways[1])
-    ways = [[j for j in way if j not in shared] for way in ways]
-    joints = [j for way in ways for j in way]
+    chains = [above[model.geom_bodyid[g]] for g in geoms]
+    shared = set(chains[0]) & set(chains[1])
+    chains = [[j for j in chain if j not in shared] for chain in chains]
+    joints = [j for chain in chains for j in chain]
     if _beside(model, data, joints, geoms):
         return True
     ranges = np.array([_range(model, j) for j in joints]).reshape(-1, 2)
     if not np.isfinite(ranges).all():
         return False
     pieces = int(POSES_TRIED ** (1 / max(1, len(joints))))
-    half = np.ptp(ranges, axis=1) / (2 * pieces)
-    widths = dict(zip(joints, half, strict=True))
+    half_widths = np.ptp(ranges, axis=1) / (2 * pieces)
+    widths = dict(zip(joints, half_widths, strict=True))
     for numbers in product(range(1, 2 * pieces, 2), repeat=len(joints)):
-        data.qpos[model.jnt_qposadr[joints]] = ranges[:, 0] + half * numbers
+        data.qpos[model.jnt_qposadr[joints]] = ranges[:, 0] + half_widths * numbers
         mujoco.mj_kinematics(model, data)
-        moved = 0.0
-        for g, way in zip(geoms, ways, strict=True):
-            far = 0.0
+        reach = 0.0
+        for g, chain in zip(geoms, chains, strict=True):
+            radius = 0.0
             # From the last joint to the first, each moves what those before it have moved.
-            for j in way:
+            for j in chain:
                 arm = math.dist(data.xanchor[j], data.geom_xpos[g]) + model.geom_rbound[g]
-                far += widths[j] * (1 if model.jnt_type[j] == 2 else arm + far)
-            moved += far
-        if mujoco.mj_geomDistance(model, data, one, other, LONGEST_DISTANCE_M, None) <= moved:
+                radius += widths[j] * (1 if model.jnt_type[j] == 2 else arm + radius)
+            reach += radius
+        if mujoco.mj_geomDistance(model, data, one, other, LONGEST_DISTANCE_M, None) <= reach:
             return False
     return True
 
@@ -62,23 +62,23 @@ def _beside(model: Any, data: Any, joints: list[int], geoms: tuple[int, int]) ->
     if not hinges or any(model.jnt_type[j] < 2 for j in joints) or 0 in model.geom_type[[*geoms]]:
         return False
     axis = data.xaxis[hinges[0]].copy()
-    turned = np.abs(np.cross(data.xaxis[hinges], axis)).max()
+    tilt = np.abs(np.cross(data.xaxis[hinges], axis)).max()
     slid = np.abs([data.xaxis[j] @ axis for j in joints if model.jnt_type[j] == 2]).max(initial=0.0)
     middles, halves = list[float](), list[float]()
     for g in geoms:
-        along = data.geom_xmat[g].reshape(3, 3).T @ axis
-        middles.append(data.geom_xpos[g] @ axis + along @ model.geom_aabb[g, :3])
-        halves.append(np.abs(along) @ model.geom_aabb[g, 3:])
+        local_axis = data.geom_xmat[g].reshape(3, 3).T @ axis
+        middles.append(data.geom_xpos[g] @ axis + local_axis @ model.geom_aabb[g, :3])
+        halves.append(np.abs(local_axis) @ model.geom_aabb[g, 3:])
     gap = abs(middles[0] - middles[1]) - sum(halves)
-    return max(turned, slid) < PARALLEL_TOLERANCE and gap > PARALLEL_TOLERANCE * (sum(halves) + abs(middles[0]))
+    return max(tilt, slid) < PARALLEL_TOLERANCE and gap > PARALLEL_TOLERANCE * (sum(halves) + abs(middles[0]))
 
 
 def joints_above(model: Any) -> list[list[int]]:
     """Return the joints that move each body, its own first."""
     moving: list[list[int]] = [[]]
     for body in range(1, model.nbody):
-        own = np.flatnonzero(model.jnt_bodyid == body)[::-1].tolist()
-        moving.append(own + moving[model.body_parentid[body]])
+        joints = np.flatnonzero(model.jnt_bodyid == body)[::-1].tolist()
+        moving.append(joints + moving[model.body_parentid[body]])
     return moving
 
 

@@ -125,9 +125,9 @@ def _complete(spec: Any, source: Source) -> list[str]:
         # Where the hull is what has mass it must stay whole.
         if mesh.inertia != import_module("mujoco").mjtMeshInertia.mjMESH_INERTIA_CONVEX:
             mesh.maxhullvert = MOST_CORNERS
-    for what in ("body", "joint", "actuator", "tendon", "equality", "key", "sensor"):
-        elements = getattr(spec, {"body": "bodies", "equality": "equalities"}.get(what, f"{what}s"))
-        _name((one, f"{what} {k}") for k, one in enumerate(elements, what != "body"))
+    for kind in ("body", "joint", "actuator", "tendon", "equality", "key", "sensor"):
+        elements = getattr(spec, {"body": "bodies", "equality": "equalities"}.get(kind, f"{kind}s"))
+        _name((element, f"{kind} {k}") for k, element in enumerate(elements, kind != "body"))
     _name((geom, f"{body.name} geom {k}") for body in spec.bodies for k, geom in enumerate(body.geoms, 1))
     return [body.name for body in estimated if body.joints]
 
@@ -144,9 +144,9 @@ def _plane_axis(model: Any, file: Path) -> np.ndarray:
     axis = np.array(data.xaxis[hinges[0]] if len(hinges) else (0.0, 1.0, 0.0))
     axis *= np.sign(axis[np.abs(axis).argmax()])
     for j, kind in enumerate(model.jnt_type):
-        hinge, along = kind > _SLIDE, data.xaxis[j]
-        off = np.abs(np.cross(along, axis)).max() if hinge else abs(along @ axis)
-        if kind < _SLIDE or off > _TILT or (hinge and abs(along[2]) > _TILT):
+        hinge, joint_axis = kind > _SLIDE, data.xaxis[j]
+        deviation = np.abs(np.cross(joint_axis, axis)).max() if hinge else abs(joint_axis @ axis)
+        if kind < _SLIDE or deviation > _TILT or (hinge and abs(joint_axis[2]) > _TILT):
             raise InputError(
                 f"{file}: joint {model.joint(j).name!r} leaves the plane; planar robots have"
                 " hinges about one horizontal axis and slides across it"
@@ -159,21 +159,21 @@ def _free_in_plane(root: Any, axis: np.ndarray) -> None:
     kinds = import_module("mujoco").mjtJoint
     forward = np.cross(axis, (0.0, 0.0, 1.0))
     forward *= np.sign(forward[np.abs(forward).argmax()])
-    for name, along in (("xyz"[int(np.abs(forward).argmax())], forward), ("z", (0.0, 0.0, 1.0))):
-        root.add_joint(name=f"{root.name} {name}", type=kinds.mjJNT_SLIDE, axis=along)
+    for name, direction in (("xyz"[int(np.abs(forward).argmax())], forward), ("z", (0.0, 0.0, 1.0))):
+        root.add_joint(name=f"{root.name} {name}", type=kinds.mjJNT_SLIDE, axis=direction)
     root.add_joint(name=f"{root.name} turns", type=kinds.mjJNT_HINGE, axis=axis)
 
 
 def _name(elements: Iterable[tuple[Any, str]]) -> None:
     """Name those without a name as it stands beside them, each in another way."""
     listed = list(elements)
-    taken = {one.name for one, _ in listed}
-    for one, name in listed:
-        if not one.name:
-            while name in taken:
+    names = {element.name for element, _ in listed}
+    for element, name in listed:
+        if not element.name:
+            while name in names:
                 name += "'"
-            taken.add(name)
-            one.name = name
+            names.add(name)
+            element.name = name
 
 
 def _check(model: Any) -> None:
@@ -190,23 +190,23 @@ def _reason(message: str) -> str:
     lines = [line.strip() for line in message.splitlines() if line.strip()]
     text = lines[0].replace("XML ", "").replace("Error: ", "").replace("engine error: ", "")
     named = [line.split("'")[1] for line in lines if line.startswith("Element name '")]
-    where = f" in {named[0]!r}" if named and named[0] else ""
-    return f"not a robot that compiles: {text}{where}"
+    place = f" in {named[0]!r}" if named and named[0] else ""
+    return f"not a robot that compiles: {text}{place}"
 
 
 def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
     coupled = equations(model, source.mimics)
     followers = {next(iter(coefficients)) for coefficients, _ in coupled}
-    actuators, off = actuators_of(model, followers), import_module("mujoco").mjtDisableBit.mjDSBL_GRAVITY
+    actuators, no_gravity = actuators_of(model, followers), import_module("mujoco").mjtDisableBit.mjDSBL_GRAVITY
     tree, poses = bodies(model, actuators)
-    gx, gy, gz = [0.0] * 3 if model.opt.disableflags & off else model.opt.gravity.tolist()
+    gx, gy, gz = [0.0] * 3 if model.opt.disableflags & no_gravity else model.opt.gravity.tolist()
     couplings = tuple(
         Coupling({tree[j].name: factor for j, factor in coefficients.items()}, value) for coefficients, value in coupled
     )
     machine = SpatialMachine(tree, gravity=(gx, gy, gz), couplings=couplings)
     ties = machine.coupled_joints()
     notes += map(_equation, couplings)
-    found = touching(model, machine, poses)
+    touches = touching(model, machine, poses)
     damped = [actuator.name for actuator in actuators.values() if actuator.damping]
     if damped:
         notes.append(f"The kv of {listed('actuator', damped)} is part of the damping.")
@@ -219,9 +219,9 @@ def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
     home = np.array(model.key_qpos[keys["home"]] if "home" in keys else model.qpos0)
     past = []
     for j in np.flatnonzero(model.jnt_limited * (model.jnt_type >= _SLIDE)).tolist():
-        at, (low, high) = int(model.jnt_qposadr[j]), model.jnt_range[j]
-        if not low <= home[at] <= high:
-            home[at] = np.clip(home[at], low, high)
+        index, (low, high) = int(model.jnt_qposadr[j]), model.jnt_range[j]
+        if not low <= home[index] <= high:
+            home[index] = np.clip(home[index], low, high)
             past.append(model.joint(j).name or f"joint {j + 1}")
     if past:
         notes.append(f"Home is past the limits of {listed('joint', past)} and starts at them.")
@@ -230,15 +230,15 @@ def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
     joints = [model.joint(j).name for j, kind in enumerate(model.jnt_type) for _ in range(POSITIONS[JOINTS[kind]])]
     return Robot(
         file,
-        found.machine,
-        found.distances,
+        touches.machine,
+        touches.distances,
         tuple(joints),
         tuple(actuators.values()),
         home,
-        found.friction,
-        tuple(found.grounds),
+        touches.friction,
+        tuple(touches.grounds),
         _camera(model, home),
-        (*source.ignored, *found.ignored, *unsupported_features(model, found.geoms)),
+        (*source.ignored, *touches.ignored, *unsupported_features(model, touches.geoms)),
         tuple(notes),
     )
 

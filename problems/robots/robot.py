@@ -84,8 +84,8 @@ class Robot:
         for body in self.machine.bodies:
             if body.joint in ("hinge", "slide"):
                 low, high = body.limits or (-np.inf, np.inf)
-                at = tree.q_of[body.name]
-                goal[at] = ca.fmin(ca.fmax(goal[at] + way, low), high)
+                entry = tree.q_of[body.name]
+                goal[entry] = ca.fmin(ca.fmax(goal[entry] + way, low), high)
         ties = self.machine.coupled_joints()
         return ties.close(tree, goal) if ties else goal
 
@@ -99,20 +99,20 @@ class Robot:
     @cached_property
     def _ways(self) -> dict[str, tuple[int, float]]:
         """Index into q and sign of what moves the root along the world's axes, unhindered."""
-        tree, found, above = self.machine.tree(), {}, None
+        tree, slides, above = self.machine.tree(), {}, None
         for body in self.machine.bodies:
             if body.joint == "free":
                 return {axis: (tree.q_of[body.name].start + k, 1.0) for k, axis in enumerate("xyz")}
         for body in self.machine.bodies:
-            held = body.gear is not None or body.servo is not None or body.limits is not None
-            if body.joint != "slide" or body.parent != above or held:
+            hindered = body.gear is not None or body.servo is not None or body.limits is not None
+            if body.joint != "slide" or body.parent != above or hindered:
                 break
             # Slides have the axes of their parent, so that these are the world's.
             k = int(np.abs(body.axis).argmax())
             if abs(body.axis[k]) == 1:
-                found["xyz"[k]] = tree.q_of[body.name].start, float(body.axis[k])
+                slides["xyz"[k]] = tree.q_of[body.name].start, float(body.axis[k])
             above = body.name
-        return found
+        return slides
 
     def shapes(self, state: np.ndarray) -> list[Shape]:
         """Draw the machine at ``state`` (q, v, ...)."""
@@ -130,8 +130,8 @@ class Robot:
             "file": str(self.path),
             "links": [vars(body) for body in self.machine.bodies],
             "coordinates": [
-                {"name": signal.name, "joint": joint, "home": at}
-                for signal, joint, at in zip(tree.coordinates, self.joints, home, strict=True)
+                {"name": signal.name, "joint": joint, "home": position}
+                for signal, joint, position in zip(tree.coordinates, self.joints, home, strict=True)
             ],
             "motors": [
                 {

@@ -68,20 +68,20 @@ def read_source(file: Path, folder: Path | None = None) -> Source:
             " with UrdfExporter of the Python package rod, and read that"
         )
     if kind not in ("mujoco", "robot"):
-        part = "; give the file that includes it" if kind == "mujocoinclude" else ""
-        raise InputError(f"{file}: <{kind}> is neither a URDF (<robot>) nor an MJCF (<mujoco>) file{part}")
+        hint = "; give the file that includes it" if kind == "mujocoinclude" else ""
+        raise InputError(f"{file}: <{kind}> is neither a URDF (<robot>) nor an MJCF (<mujoco>) file{hint}")
     place = Place(file, (folder or file.parent).resolve())
-    urdf, seen = root.tag == "robot", {file.resolve()}
+    urdf, read_files = root.tag == "robot", {file.resolve()}
     # Step by step, as what is included may include more.
     while not urdf and (pair := next(children(root, {"include"}), None)):
         parent, child = pair
         name = child.get("file", "")
-        part = place.find(name, "include")
-        if part in seen:
+        included = place.find(name, "include")
+        if included in read_files:
             raise InputError(f"{file}: {name} is included twice; include it once")
-        seen.add(part)
+        read_files.add(included)
         index = list(parent).index(child)
-        inner, size = _parsed(part, size)
+        inner, size = _parsed(included, size)
         parent[index : index + 1] = list(inner)
     _check_size(root, file)
     if urdf:
@@ -247,8 +247,8 @@ def _take_meshes(root: Element, place: Place, ignored: list[str]) -> dict[str, b
     for mesh in [one for one in root.iter("mesh") if one.get(key)]:
         name = mesh.attrib[key]
         # The first folders may be a package's, or those of another computer.
-        parts = Path(name.rpartition("://")[2].lstrip("/") if urdf else name).parts
-        places = [str(base / Path(folder, *parts[k:])) for base in bases for k in range(len(parts))]
+        path_parts = Path(name.rpartition("://")[2].lstrip("/") if urdf else name).parts
+        places = [str(base / Path(folder, *path_parts[k:])) for base in bases for k in range(len(path_parts))]
         content = next(filter(None, map(place.existing, places)), None)
         if urdf and (content is None or content.suffix.lower() not in _MESHES):
             collision = above[above[mesh]]
@@ -262,9 +262,9 @@ def _take_meshes(root: Element, place: Place, ignored: list[str]) -> dict[str, b
             mesh.set("name", mesh.get("name", Path(name).stem))
         mesh.set(key, inner)
     if lost:
-        where = "no STL, OBJ or MSH file in the robot's folder, so it touches nothing"
+        reason = "no STL, OBJ or MSH file in the robot's folder, so it touches nothing"
         hint = "--folder DIR names a folder around it"
-        ignored.append(f"mesh of {listed('link', lost)}: {where}; {hint}")
+        ignored.append(f"mesh of {listed('link', lost)}: {reason}; {hint}")
     return assets
 
 

@@ -17,26 +17,26 @@ def unsupported_features(model: Any, geoms: Iterable[int]) -> list[str]:
 
     Of geoms those count that may touch anything.
     """
-    told = list[str]()
-    for what, kind, which, instead in _unsupported_elements(model):
+    sentences = list[str]()
+    for prefix, kind, which, instead in _unsupported_elements(model):
         names = [getattr(model, kind)(k).name for k in which]
         kind = "equality constraint" if kind == "eq" else kind
-        told += [f"{what}{listed(kind, names)}: {instead}"] if names else []
+        sentences += [f"{prefix}{listed(kind, names)}: {instead}"] if names else []
     if any(model.geom_condim[g] > 3 for g in geoms):
-        told.append("torsional and rolling friction (condim above 3): contacts only slide")
-    return told
+        sentences.append("torsional and rolling friction (condim above 3): contacts only slide")
+    return sentences
 
 
 def _unsupported_elements(model: Any) -> Iterator[tuple[str, str, list[int], str]]:
     """What of a kind of elements is left out, of which, and what holds instead."""
     single = np.flatnonzero(model.jnt_type < 2).tolist()
-    for what, has in (
+    for feature, has in (
         ("armature", model.dof_armature[model.jnt_dofadr]),
         ("spring", model.jnt_stiffness),
         ("limit", model.jnt_limited),
     ):
-        own = [j for j in single if has[j]]
-        yield f"{what} of ", "joint", own, "only hinges and slides have one"
+        joints = [j for j in single if has[j]]
+        yield f"{feature} of ", "joint", joints, "only hinges and slides have one"
     ties = [k for k in range(model.ntendon) if k not in coupled_tendons(model)]
     yield "", "tendon", ties, "only joints bind bodies"
     yield "", "eq", [k for k in range(model.neq) if not model.eq_active0[k]], "it is inactive"

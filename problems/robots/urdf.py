@@ -57,7 +57,7 @@ def take_friction(root: Element, file: Path, told: list[str]) -> dict[str, float
     stated: dict[str, dict[float, None]] = {}
     links = [(link, link.get("name", "")) for link in root.iterfind("link")]
     for element, name in links + [(g, g.get("reference", "")) for g in root.iterfind("gazebo")]:
-        along: dict[Element, float] = {}
+        by_element: dict[Element, float] = {}
         for parent, child in list(children(element, _FRICTION)):
             try:
                 value = float(child.get("value") or child.text or "")
@@ -66,9 +66,9 @@ def take_friction(root: Element, file: Path, told: list[str]) -> dict[str, float
             parent.remove(child)
             if not 0 <= value < np.inf:
                 raise InputError(f"{file}: friction {value:g} of link {name!r}; expected 0 or more")
-            if along.setdefault(parent, value) != value:
+            if by_element.setdefault(parent, value) != value:
                 raise InputError(
-                    f"{file}: link {name!r} has the friction {along[parent]:g} and {value:g};"
+                    f"{file}: link {name!r} has the friction {by_element[parent]:g} and {value:g};"
                     " friction here is the same in all directions, so give one number"
                 )
             stated.setdefault(name, {})[value] = None
@@ -113,10 +113,10 @@ def take_mimics(root: Element, file: Path) -> list[Mimic]:
 
 def clean(root: Element) -> list[str]:
     """Leave out inertias that no body has, and bounds that are infinite; return what to say."""
-    told = []
+    sentences = []
     odd = [link.get("name", "") for link in root.iter("link") if _mended(link)]
     if odd:
-        told.append(f"products of inertia of {listed('link', odd)}: no body has them")
+        sentences.append(f"products of inertia of {listed('link', odd)}: no body has them")
     for joint in root.iter("joint"):
         limit = joint.find("limit")
         if limit is None:
@@ -127,8 +127,8 @@ def clean(root: Element) -> list[str]:
         for end in infinite if {"lower", "upper"} <= infinite else infinite - {"lower", "upper"}:
             del limit.attrib[end]
         if "effort" in infinite:
-            told.append(f"effort of joint {joint.get('name')}: it is infinite, so no motor")
-    return told
+            sentences.append(f"effort of joint {joint.get('name')}: it is infinite, so no motor")
+    return sentences
 
 
 def _infinite(value: str | None) -> bool:
@@ -140,16 +140,16 @@ def _infinite(value: str | None) -> bool:
 
 def _mended(link: Element) -> bool:
     """Whether a link is a dummy whose products of inertia no body has; then leave these out."""
-    mass, found = link.find("inertial/mass"), link.find("inertial/inertia")
-    if mass is None or found is None:
+    mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
+    if mass is None or inertia is None:
         return False
     try:
         light = float(mass.get("value", "")) < DUMMY_MASS_KG
-        xx, yy, zz, xy, xz, yz = (float(found.get(key, 0)) for key in _MOMENTS)
+        xx, yy, zz, xy, xz, yz = (float(inertia.get(key, 0)) for key in _MOMENTS)
     except ValueError:
         return False
-    least = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0]
-    if not light or least > SINGULAR_INERTIA * max(xx, yy, zz) or min(xx, yy, zz) <= 0:
+    least_moment = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0]
+    if not light or least_moment > SINGULAR_INERTIA * max(xx, yy, zz) or min(xx, yy, zz) <= 0:
         return False
-    found.attrib |= dict.fromkeys(_MOMENTS[3:], "0")
+    inertia.attrib |= dict.fromkeys(_MOMENTS[3:], "0")
     return True

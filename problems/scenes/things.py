@@ -234,12 +234,12 @@ def contact_pairs(things: Sequence[Thing], non_colliding: Collection[frozenset[s
         if frozenset((first.name, second.name)) in non_colliding:
             continue
         label = f"{first.name} on {second.name}"
-        one, other = sorted(
+        freer, other = sorted(
             (first, second), key=lambda thing: [not isinstance(thing, kind) for kind in MOST_FREE_FIRST]
         )
-        pairs = [(a, b) for a in convex_parts(one.shape) for b in convex_parts(other.shape)]
-        if one.turns or other.turns:
-            pairs = vertex_pairs(one.shape, other.shape)
+        pairs = [(a, b) for a in convex_parts(freer.shape) for b in convex_parts(other.shape)]
+        if freer.turns or other.turns:
+            pairs = vertex_pairs(freer.shape, other.shape)
         names = [label] if len(pairs) == 1 else [f"{label} {i + 1}" for i in range(len(pairs))]
-        pairs_that_touch += [Touch(name, one, *shapes, other) for name, shapes in zip(names, pairs, strict=True)]
+        pairs_that_touch += [Touch(name, freer, *shapes, other) for name, shapes in zip(names, pairs, strict=True)]
     return pairs_that_touch

@@ -53,7 +53,7 @@ def build(params: Params) -> Task:
         p = ParameterTable(parameter for parameter in p if parameter.name != "speed")
     system = problem.thrown_ball(p, p["speed"] if params.fixed_speed else None)
     x = system.x
-    off = x[:4] - ca.vertcat(*(p[f"goal_{key}"] for key in ("x", "z", "vx", "vz")))
+    error = x[:4] - ca.vertcat(*(p[f"goal_{key}"] for key in ("x", "z", "vx", "vz")))
     return Task(
         name=name,
         system=system,
@@ -62,7 +62,7 @@ def build(params: Params) -> Task:
         start=ca.vertcat(p["x0"], p["z0"], 0, 0, 1, 2 * p["g"] * p["z0"]),
         chance=ca.SX(0, 1),
         reward=ca.SX(0),
-        final=-ca.sumsqr(off[:2]) - p["w_v"] * ca.sumsqr(off[2:]),
+        final=-ca.sumsqr(error[:2]) - p["w_v"] * ca.sumsqr(error[2:]),
         observation=x[:5],
         observations=system.states[:5],
         lower=np.array([-_STEEPEST, 0.0][: system.nu]),

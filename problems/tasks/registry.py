@@ -81,8 +81,8 @@ def default_settings(spec: TaskSpec, word: str, cls: type) -> dict[str, Any]:
     from ocp.learning.experiment import Experiment
 
     settings = {**spec.training.get("all", {}), **spec.training.get(word, {})}
-    known = {field.name for field in (*fields(cls), *fields(Experiment)) if field.init}
-    return {name: value for name, value in settings.items() if name in known}
+    field_names = {field.name for field in (*fields(cls), *fields(Experiment)) if field.init}
+    return {name: value for name, value in settings.items() if name in field_names}
 
 
 def make_algorithm(cls: type, values: Mapping[str, Any]) -> tuple[Algorithm, dict[str, Any]]:
@@ -90,9 +90,9 @@ def make_algorithm(cls: type, values: Mapping[str, Any]) -> tuple[Algorithm, dic
 
     Raises :class:`~ocp.errors.InputError` where they cannot be.
     """
-    own = {name: value for name, value in values.items() if name in settings_of(cls)}
+    algorithm_settings = {name: value for name, value in values.items() if name in settings_of(cls)}
     try:
-        algorithm = cls(**own)
+        algorithm = cls(**algorithm_settings)
     except (TypeError, ValueError) as error:
         raise InputError(str(error)) from error
-    return algorithm, {name: value for name, value in values.items() if name not in own}
+    return algorithm, {name: value for name, value in values.items() if name not in algorithm_settings}

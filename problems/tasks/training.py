@@ -44,18 +44,18 @@ def described(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:
     law: ``x`` (scenario, node, state), ``u`` (scenario, interval, control), ``lam`` (scenario,
     interval, contact), one scenario, and ``time``, up to the episode's end.
     """
-    found = data.drop_attrs().assign(_episode(experiment, policy_of(data)))
-    return _with_units(experiment, found)
+    labelled = data.drop_attrs().assign(_episode(experiment, policy_of(data)))
+    return _with_units(experiment, labelled)
 
 
 def _episode(experiment: Experiment, policy: Trained) -> dict[str, Any]:
     task = experiment.task
-    seen = evaluate(experiment, policy, EXACT, 1)
-    length = int(seen.lengths[0])
-    x, u = seen.states[0, : length + 1], seen.inputs[0, :length]
+    episode = evaluate(experiment, policy, EXACT, 1)
+    length = int(episode.lengths[0])
+    x, u = episode.states[0, : length + 1], episode.inputs[0, :length]
     step = EXACT.close(task.system)
     p = step.p.pack(dict(zip(task.parameters.names, task.parameters.values, strict=True)))
-    solved = [[np.array(value).ravel() for value in step.solve(*at, p)[1:3]] for at in zip(x, u, strict=False)]
+    solved = [[np.array(value).ravel() for value in step.solve(*pair, p)[1:3]] for pair in zip(x, u, strict=False)]
     pairs = np.array(solved).reshape(length, 2, step.n)
     lam, _ = least_slip(step, pairs[:, 0], pairs[:, 1])
     of = {"state": task.system.states, "control": task.system.inputs, "contact": task.system.contacts}
@@ -91,8 +91,8 @@ def _h(experiment: Experiment) -> float:
 
 def _with_units(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:
     task = experiment.task
-    known = {f"evaluation_{measure.signal.name}": measure.signal.unit for measure in task.measures}
-    known |= {"wall_s": "s"}
+    units = {f"evaluation_{measure.signal.name}": measure.signal.unit for measure in task.measures}
+    units |= {"wall_s": "s"}
     data = data.assign(
         observation_unit=("observation", [signal.unit for signal in task.observations]),
         physical_unit=("physical", [task.parameters.get(str(name)).unit for name in data["physical"].values]),
@@ -101,7 +101,7 @@ def _with_units(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:
         data[name].attrs["units"] = "see observation_unit"
     data["psi"].attrs["units"] = "see physical_unit"
     for name, variable in data.data_vars.items():
-        variable.attrs.setdefault("units", known.get(str(name), "1"))
+        variable.attrs.setdefault("units", units.get(str(name), "1"))
     return data
 
 
@@ -165,18 +165,18 @@ def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint)
 
     Those are of the same algorithm and seed on the same task.
     """
-    begun, asked = checkpoint.state(CHECKPOINT_KEY), to_json(experiment.settings())
+    state, own_settings = checkpoint.state(CHECKPOINT_KEY), to_json(experiment.settings())
     lines = [f"{job.name}: {note}" for note in checkpoint.notes]
-    if begun is not None:
-        lines.append(f"{job.name} resumes after {read_checkpoint(begun)[0]} iterations")
+    if state is not None:
+        lines.append(f"{job.name} resumes after {read_checkpoint(state)[0]} iterations")
     for other in checkpoint.other_states(CHECKPOINT_KEY):
         done, settings = read_checkpoint(other)
-        if [settings.get(key) for key in _ALIKE] == [asked[key] for key in _ALIKE]:
-            names = [name for name in {**settings, **asked} if settings.get(name) != asked.get(name)]
-            parts = (f"{name} = {settings.get(name)} instead of {asked.get(name)}" for name in names)
+        if [settings.get(key) for key in _ALIKE] == [own_settings[key] for key in _ALIKE]:
+            names = [name for name in {**settings, **own_settings} if settings.get(name) != own_settings.get(name)]
+            changes = (f"{name} = {settings.get(name)} instead of {own_settings.get(name)}" for name in names)
             lines.append(
                 f"another training by {job.name} is unfinished after {done} iterations, with"
-                f" {', '.join(parts) or 'other iterations'}; run its own command to resume it"
+                f" {', '.join(changes) or 'other iterations'}; run its own command to resume it"
             )
     return lines
 
@@ -214,24 +214,24 @@ def rebuilt(run: StoredRun) -> tuple[Experiment, Trained]:
     """
     if run.kind != KIND:
         raise InputError(f"{run.path} is a run of ocp {run.kind}, which holds no policy; give one of ocp train")
-    asked, data = run.record, run.data
+    record, data = run.record, run.data
     spec = registry.spec(str(run.meta["problem"]))
-    params = spec.params(asked["params"])
-    hidden = asked["hidden"]
+    params = spec.params(record["params"])
+    hidden = record["hidden"]
     experiment = Experiment(
         task=spec.build(params),
         # Which one made the policy does not matter where it is only judged.
         algorithm=FOPG(),
         hidden=None if hidden is None else tuple(hidden),
-        discount=asked["discount"],
+        discount=record["discount"],
         params=params.model_dump(),
     )
-    policy, seen = policy_of(data), [str(name) for name in data["observation"].values]
+    policy, observations = policy_of(data), [str(name) for name in data["observation"].values]
     names = [signal.name for signal in experiment.task.observations]
-    if seen != names or policy.theta.size != experiment.policy.n_theta:
+    if observations != names or policy.theta.size != experiment.policy.n_theta:
         raise InputError(
-            f"{run.path}: its policy has {policy.theta.size} parameters and sees {len(seen)}"
-            f" numbers, {', '.join(seen)}; a policy of {spec.name} has"
+            f"{run.path}: its policy has {policy.theta.size} parameters and sees {len(observations)}"
+            f" numbers, {', '.join(observations)}; a policy of {spec.name} has"
             f" {experiment.policy.n_theta} and sees {len(names)}, {', '.join(names)}: it is of"
             " another task; train one for this"
         )

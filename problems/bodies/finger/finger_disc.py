@@ -83,13 +83,13 @@ def build(params: Params) -> Problem:
     system = finger_system(name, p)
     p = system.parameters
     q, v, posture = system.x[:3], system.x[3:], _start(p)
-    off = p["w_a"] * ca.sumsqr(q[:2] - posture) + p["w_d"] * (q[2] - p["goal"]) ** 2
+    squared_error = p["w_a"] * ca.sumsqr(q[:2] - posture) + p["w_d"] * (q[2] - p["goal"]) ** 2
     moving = p["w_v"] * ca.sumsqr(v[:2]) + p["w_omega"] * v[2] ** 2
     return pose_problem(
         params,
         system,
-        stage_cost=p["h"] * (off + moving + p["w_u"] * ca.sumsqr(system.u)),
-        terminal_cost=p["w_end"] * off + p["w_rest"] * ca.sumsqr(v),
+        stage_cost=p["h"] * (squared_error + moving + p["w_u"] * ca.sumsqr(system.u)),
+        terminal_cost=p["w_end"] * squared_error + p["w_rest"] * ca.sumsqr(v),
         x0=ca.vertcat(posture, ca.SX.zeros(4)),
         scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=5.0),
     )

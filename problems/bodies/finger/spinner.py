@@ -56,13 +56,13 @@ def build(params: Params) -> Problem:
     p = table(params)
     system = with_nominal(finger_system(name, p), p["rate"], Signal("nominal", "rad", "nominal angle of the disc"))
     q, v, nominal = system.x[:3], system.x[3:6], system.x[6]
-    off = q - ca.vertcat(p["shoulder0"], p["elbow0"], nominal + p["lead"])
-    running = p["w_q"] * ca.sumsqr(off) + p["w_v"] * ca.sumsqr(v)
+    error = q - ca.vertcat(p["shoulder0"], p["elbow0"], nominal + p["lead"])
+    running = p["w_q"] * ca.sumsqr(error) + p["w_v"] * ca.sumsqr(v)
     return pose_problem(
         params,
         system,
         stage_cost=p["h"] * (running + p["w_u"] * ca.sumsqr(system.u)),
-        terminal_cost=p["w_end"] * ca.sumsqr(off) + p["w_rest"] * ca.sumsqr(v),
+        terminal_cost=p["w_end"] * ca.sumsqr(error) + p["w_rest"] * ca.sumsqr(v),
         x0=ca.vertcat(p["shoulder0"], p["elbow0"], ca.SX.zeros(5)),
         scaling=Scaling(impulse=0.5, gap=0.1, x=0.5, u=5.0),
     )

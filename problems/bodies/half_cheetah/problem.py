@@ -101,14 +101,14 @@ def build(params: Params) -> Problem:
     low[:3], high[:3] = [0.0, 0.3, -0.5], [0.0, 0.8, 0.5]
     at_rest = ca.vertcat(ca.DM(pose), p["speed"], ca.DM.zeros(nq - 1), middle)
     running = p["w_u"] * ca.sumsqr(system.u) + p["w_v"] * ca.sumsqr(x[nq : 2 * nq])
-    way = x[0] - p["speed"] * params.N * x[nx - 1]
+    stride_error = x[0] - p["speed"] * params.N * x[nx - 1]
     return pose_problem(
         params,
         system,
         stage_cost=running / params.N,
         terminal_cost=ca.SX(0),
         x0=at_rest,
-        terminal=[Constraint("stride", way, 0, 0)],
+        terminal=[Constraint("stride", stride_error, 0, 0)],
         start=FreeStart(
             lower=ca.vertcat(ca.DM(low), ca.DM(-np.full(nq, np.inf)), p["h_min"]),
             upper=ca.vertcat(ca.DM(high), ca.DM(np.full(nq, np.inf)), p["h_max"]),

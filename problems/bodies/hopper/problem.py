@@ -99,13 +99,13 @@ def build(params: Params) -> Problem:
     angles = [p[f"{joint}0"] for joint in ("pitch", "thigh", "leg", "foot")]
     start = ca.vertcat(0, p["z0"], *angles, ca.SX.zeros(nq))
     end = ca.vertcat(p["goal"], _STANDING, ca.SX.zeros(2 * nq - 2))
-    off = x - end
+    error = x - end
     running = p["w_u"] * ca.sumsqr(system.u) + p["w_v"] * ca.sumsqr(x[nq:])
     return pose_problem(
         params,
         system,
         stage_cost=p["h"] * running,
-        terminal_cost=p["w_end"] * ca.sumsqr(off[:nq]) + p["w_rest"] * ca.sumsqr(off[nq:]),
+        terminal_cost=p["w_end"] * ca.sumsqr(error[:nq]) + p["w_rest"] * ca.sumsqr(error[nq:]),
         x0=start,
         guess=_glide,
         scaling=Scaling(impulse=5.0, gap=0.1, x=0.1, u=0.1),

@@ -89,13 +89,13 @@ def build(params: Params) -> Task:
     x, u, nq = system.x, system.u, system.nx // 2
     lasts = ca.vertcat(x[1] - LOWEST_TORSO, STEEPEST_PITCH - x[2], STEEPEST_PITCH + x[2], LARGEST_STATE**2 - x**2)
     standing = ca.logic_and(x[1] > LOWEST_TORSO, ca.fabs(x[2]) < STEEPEST_PITCH)
-    seen = ca.fmax(-FASTEST_SEEN, ca.fmin(x[nq:], FASTEST_SEEN))
+    clipped_velocities = ca.fmax(-FASTEST_SEEN, ca.fmin(x[nq:], FASTEST_SEEN))
     return Task(
         **common,
         reward=system.x_next[nq] + 0.1 - 1e-4 * ca.sumsqr(u),
         done=ca.logic_not(ca.logic_and(standing, tame(x, LARGEST_STATE))),
         lasts=lasts,
-        observation=ca.vertcat(x[1:nq], seen),
+        observation=ca.vertcat(x[1:nq], clipped_velocities),
     )
 
 
