@@ -6,9 +6,10 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
+import xarray as xr
 from numpy.typing import ArrayLike
 from pydantic.fields import FieldInfo
 
@@ -17,10 +18,6 @@ from ocp.errors import InputError
 from ocp.store.checkpoint import UNSAVED, SavedWork
 from problems.parameters import Parameters
 from problems.spec import Citation, check_parameters
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 WITHIN_NOISE = "within noise"
 """Verdict of a claim whose margin is small."""
@@ -241,7 +238,6 @@ def dataset(variables: Mapping[str, Any], coordinates: Mapping[str, Any]) -> xr.
     A variable is (dims, values, unit, meaning), or (dims, values) of words; a coordinate
     (values, unit, meaning) or (values, unit), or a list of words.
     """
-    import xarray as xr
 
     def labelled(dims: Any, values: ArrayLike, *unit_and_meaning: str) -> Any:
         names = ("units", "long_name")

@@ -12,8 +12,9 @@ from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from string import ascii_lowercase
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import xarray as xr
 from rich.progress import Progress, TaskID
 
 from ocp import store
@@ -33,9 +34,6 @@ from reports.cli.request import check_outputs, parse_assignments
 from reports.documents.pdf import write_pdf
 from reports.figures.paper import FORMATS, bare_figure
 from reports.tables.listings import claim_table
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 FigureRequest = list["tuple[FigureStudy, dict[str, Any]] | StoredRun"]
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
@@ -15,10 +16,6 @@ from ocp.store.stored_run import StoredRun
 from reports.drawing.notation import label, symbol
 from reports.drawing.style import CYCLE, FAINT, GRADES, GREY, INK, PLANNED, REPLAYED, WIDTH
 from reports.figures.panels import use_log_if_wide
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 _GRADE_TEXTS = {"failed": "fails", "certified": "certified only", "survives": "survives"}
 """Text of each grade."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 from rich.table import Table
 
 from dynamics.batch import StepFunction
@@ -17,9 +18,6 @@ from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.problem import Problem
 from ocp.solution import units_of
 from reports.tables.console import number, table_of
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 _WARM = 10
 """Samples at the start of each seed that times leave out: the first plans start cold."""

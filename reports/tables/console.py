@@ -5,24 +5,22 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from ocp.judge.audit import Audit
-    from ocp.judge.certificate import Certificate
-    from ocp.judge.referee import RefereeReport
-    from ocp.judge.route_report import Attempt
-    from ocp.routes.homotopy import StageRecord
-    from ocp.solution import Solution
+from ocp.judge.audit import Audit
+from ocp.judge.certificate import Certificate
+from ocp.judge.referee import RefereeReport
+from ocp.judge.route_report import Attempt
+from ocp.routes.branches import NEIGHBOUR
+from ocp.routes.homotopy import StageRecord
+from ocp.solution import Solution
 
 TERMINAL_COLUMNS = 80
 """Width of tables [characters]."""
@@ -138,8 +136,6 @@ class StageFilter:
 
     def take(self, stage: StageRecord) -> bool:
         """Return whether the next stage is shown; ``number`` is then its number."""
-        from ocp.routes.branches import NEIGHBOUR
-
         lowers_cost = stage.accepted and stage.cost < self.lowest
         if lowers_cost and stage.label in ("active set", NEIGHBOUR):
             self.lowest = stage.cost
@@ -169,8 +165,6 @@ _SAME = 1e-6
 
 def stage_note(stages: Sequence[StageRecord], cost: float | None) -> str:
     """Return sentences on the answer's stage and on stages left out of tables; "" without stages."""
-    from ocp.routes.branches import NEIGHBOUR
-
     numbered_stages, has_answer = shown_stages(stages, cost)
     n_neighbours = sum(stage.label == NEIGHBOUR for stage in stages)
     n_neighbours -= sum(stage.label == NEIGHBOUR for _, stage in numbered_stages)

@@ -7,19 +7,16 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 from rich.console import Group
 from rich.text import Text
 
+from dynamics.learned.training import Epoch
+from dynamics.learned.transitions import Transitions
 from reports.tables.console import live, number, table_of
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from dynamics.learned.training import Epoch
-    from dynamics.learned.transitions import Transitions
 
 
 def data_document(data: Transitions) -> dict[str, Any]:

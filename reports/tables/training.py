@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from rich.table import Table
 
+from ocp.learning.training import PolicyEvaluation
+from ocp.problem.task import Task
+from ocp.store.stored_run import StoredRun
 from reports.tables.console import number, table_of, value_text
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from rich.table import Table
-
-    from ocp.learning.training import PolicyEvaluation
-    from ocp.problem.task import Task
-    from ocp.store.stored_run import StoredRun
-
 
 _EVALUATION_PREFIX = "evaluation_"
 """Prefix of the arrays that evaluations give."""
