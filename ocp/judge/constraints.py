@@ -178,16 +178,12 @@ def _constraints_off(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the violation of every entry, (S, steps, n), and the size of a change of it."""
     problem = evaluation.problem
-    system = problem.system
     expressions = ca.vertcat(*(c.expression for c in constraints))
     lower = ca.vertcat(*(c.lower for c in constraints))
     upper = ca.vertcat(*(c.upper for c in constraints))
     changes = row_sizes(problem, expressions, x_sizes)
-    function = ca.Function(
-        "constraints",
-        [system.x, system.u, system.x_next, system.lam, problem.parameters.vector],
-        [ca.densify(expression) for expression in (ca.fmax(lower - expressions, expressions - upper), changes)],
-    )
+    outputs = [ca.densify(ca.fmax(lower - expressions, expressions - upper)), ca.densify(changes)]
+    function = ca.Function("constraints", problem.step_symbols, outputs)
     violations, changes = at_steps(function, x, u, x_next, lam, p=evaluation.p)
     # Where nothing changes a constraint to first order, any violation of it is a large one.
     return violations, np.fmax(changes, 1e-12)

@@ -74,12 +74,10 @@ class ConstraintRows:
 
 def _path_sizes(problem: Problem) -> np.ndarray:
     """Return characteristic sizes of path constraints, one size away from the start; 1 for a constant."""
-    system, scales, p = problem.system, problem.scales, problem.parameters
+    scales, p = problem.scales, problem.parameters
     path = ca.vertcat(ca.SX(0, 1), *(constraint.expression for constraint in problem.path))
     x, u = (np.array(v).ravel() for v in problem.limits(p.values)[:2])
-    size = ca.Function(
-        "sizes", [system.x, system.u, system.x_next, system.lam, p.vector], [row_sizes(problem, path, scales.x)]
-    )
+    size = ca.Function("sizes", problem.step_symbols, [row_sizes(problem, path, scales.x)])
     x, u = x + scales.x, u + scales.u
     sizes = np.array(size(x, u, x, scales.impulse, p.values)).ravel()
     return np.where(np.isfinite(sizes) & (sizes > 0), sizes, 1.0)

@@ -184,8 +184,7 @@ class _Loop:
         self.misses, self.steps = 0, steps
         self.rows = ConstraintRows.of(problem)
         self.violation_amounts = np.zeros((seeds, steps, len(self.rows.names)))
-        arguments = [system.x, system.u, system.x_next, system.lam, problem.parameters.vector]
-        self._violation_function = ca.Function("off", arguments, [-self.rows.expression])
+        self._violation_function = ca.Function("off", problem.step_symbols, [-self.rows.expression])
 
     def default_noise(self) -> None:
         """Set the default noise of the plant ``noise``."""
@@ -260,9 +259,6 @@ def certify_plan(session: Session, plan: Plan, values: dict[str, float]) -> str:
     blocks = {"x": plan.x[None, 1:], "u": plan.u[None], "lam": plan.lam[None], "gap": plan.gap[None]}
     point = nlp.variables.pack({k: v for k, v in blocks.items() if k in nlp.variables})
     p, bounds = nlp.parameter_vector(values), nlp.bounds(values)
-    g = nlp.values(point, p)[1]
-    row_violation = np.maximum(bounds["lbg"] - g, g - bounds["ubg"]) / nlp.natural.g
-    box = np.maximum(bounds["lbx"] - point, point - bounds["ubx"]) / nlp.natural.x
-    if not max(row_violation.max(initial=0.0), box.max(initial=0.0)) <= FEASIBILITY_TOLERANCE:
+    if nlp.largest_violation(point, nlp.values(point, p)[1], bounds) > FEASIBILITY_TOLERANCE:
         return "infeasible"
     return certify(nlp, point, p, bounds).stationarity

@@ -232,6 +232,12 @@ class Problem:
         du = ca.SX.sym("du", system.nu) if self.du is None else self.du
         return [system.x, system.u, du, system.lam, self.parameters.vector]
 
+    @property
+    def step_symbols(self) -> list[ca.SX]:
+        """``(x, u, x_next, lam, p)``, which the equations of a step are in."""
+        system = self.system
+        return [system.x, system.u, system.x_next, system.lam, self.parameters.vector]
+
     @cached_property
     def scales(self) -> Scales:
         """The characteristic sizes in SI, signal by signal; those not stated are derived."""

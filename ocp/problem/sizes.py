@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
+from ocp.problem.parts import Scales
 from ocp.programs.units import dimension
 
 if TYPE_CHECKING:
@@ -23,18 +23,8 @@ DIFFERENCE_ROUNDING = 1e-12
 """Share of the largest entry below which a difference is rounding."""
 
 
-@dataclass(frozen=True)
-class DerivedSizes:
-    """Sizes in SI: of states (nx,), inputs (nu,), a contact impulse and a gap."""
-
-    x: np.ndarray
-    u: np.ndarray
-    impulse: float
-    gap: float
-
-
-def derive_sizes(problem: Problem) -> DerivedSizes:
-    """Derive the characteristic sizes of a problem at its own parameter values.
+def derive_sizes(problem: Problem) -> Scales:
+    """Derive the characteristic sizes of a problem, in SI, at its own parameter values.
 
     A state's size is the largest of: how far the guess and its exact rollout move it from x0, and
     how far away the goal is, by one Newton step on each cost and on each terminal constraint that
@@ -48,7 +38,7 @@ def derive_sizes(problem: Problem) -> DerivedSizes:
     data = _Data(problem)
     x = data.state_sizes()
     u = data.input_sizes(x)
-    return DerivedSizes(x, u, data.impulse(x), GAP_SHARE * data.typical_gap_change(x))
+    return Scales(data.impulse(x), GAP_SHARE * data.typical_gap_change(x), x, u)
 
 
 def describe_sizes(problem: Problem) -> str:
@@ -168,9 +158,7 @@ class _Data:
 
     def at_start(self, expression: ca.SX) -> np.ndarray:
         """Value of an expression at rest in x0, without contact impulses."""
-        s = self.system
-        symbols = [s.x, s.u, s.x_next, s.lam, self.problem.parameters.vector]
-        evaluate = ca.Function("at_start", symbols, [ca.densify(expression)])
+        evaluate = ca.Function("at_start", self.problem.step_symbols, [ca.densify(expression)])
         return np.nan_to_num(np.array(evaluate(self.x0, self.u_before, self.x0, 0, self.p)))
 
     def _travel(self) -> np.ndarray:

@@ -149,6 +149,14 @@ class Program(ABC):
         f, g = self.f_g(x, p)
         return float(f), np.array(g).ravel()
 
+    def largest_violation(self, x: np.ndarray, g: np.ndarray, bounds: dict[str, np.ndarray]) -> float:
+        """Return the largest violation of a bound or row, in natural units; infinite for NaN."""
+        amounts = [
+            np.maximum(bounds[f"lb{kind}"] - values, values - bounds[f"ub{kind}"]) / unit
+            for kind, values, unit in (("x", x, self.natural.x), ("g", g, self.natural.g))
+        ]
+        return float(np.nan_to_num(np.concatenate(amounts), nan=np.inf, posinf=np.inf).max(initial=0.0))
+
     def slopes(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
         """Gradient of the cost (n,), constraints (m,) and their Jacobian (m, n)."""
         import scipy.sparse as sp

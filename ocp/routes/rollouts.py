@@ -131,9 +131,8 @@ class RolloutStarts:
         """
         system, (x, u) = self.problem.system, self.guess
         equations = ca.vertcat(system.residual, system.gap)
-        arguments = [system.x, system.u, system.x_next, system.lam, self.problem.parameters.vector]
         slope = ca.sum1(ca.fabs(ca.jacobian(equations, system.u)))
-        slopes = ca.Function("slopes", arguments, [slope])
+        slopes = ca.Function("slopes", self.problem.step_symbols, [slope])
         rng, scales = np.random.default_rng(0), self.problem.scales
         sampled_inputs = u + scales.u * rng.standard_normal(u.shape)
         lam = scales.impulse * rng.random((len(u), system.nlam))
@@ -171,13 +170,6 @@ def pack_rollout(nlp: Program, plan: Rollout, gains: Gains | None) -> np.ndarray
     return nlp.variables.pack(
         {name: blocks[name][: block.shape[0]] for name, block in nlp.variables.blocks.items() if name in blocks}
     )
-
-
-def plan_of(nlp: NLP, x: np.ndarray) -> tuple[np.ndarray | Gains, np.ndarray | None]:
-    """Inputs or gains, and the start where that is chosen, out of an NLP's variables."""
-    blocks = nlp.variables.unpack(x)
-    plan = Gains(blocks["K"], blocks["k"]) if "K" in blocks else blocks["u"]
-    return plan, blocks["x0"][:, 0] if "x0" in blocks else None
 
 
 @dataclass(frozen=True)
@@ -247,9 +239,10 @@ class RolloutPolish:
 
     def _rolled_out(self, nlp: NLP, x: np.ndarray) -> tuple[Result, Point]:
         values = self.follower.values
-        plan, start = plan_of(nlp, x)
-        gains = plan if isinstance(plan, Gains) else None
-        rolled = roll_out(self.target.problem, plan, values, self.step, start)
+        blocks = nlp.variables.unpack(x)
+        gains = Gains(blocks["K"], blocks["k"]) if "K" in blocks else None
+        start = blocks["x0"][:, 0] if "x0" in blocks else None
+        rolled = roll_out(self.target.problem, gains or blocks["u"], values, self.step, start)
         target_point = Point(pack_rollout(self.target, rolled, gains))
         p = self.target.parameter_vector(values)
         result = Result.at(self.target, target_point, p, Status.SOLVED, "rolled out")

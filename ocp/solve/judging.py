@@ -226,25 +226,16 @@ class InterruptRecorder:
 
     def _best(self, nlp: Program, p: np.ndarray) -> Point:
         """Return the cheapest feasible point, or else the least infeasible one."""
-        bounds, natural = nlp.bounds(self.session.values), nlp.natural
+        bounds = nlp.bounds(self.session.values)
         candidates = []
         for program, result in self.ends:
             point = translate(result.point, program, nlp)
             cost, g = nlp.values(point.x, p)
-            violation = max(
-                max_bound_violation(g, bounds["lbg"], bounds["ubg"], natural.g),
-                max_bound_violation(point.x, bounds["lbx"], bounds["ubx"], natural.x),
-            )
+            violation = nlp.largest_violation(point.x, g, bounds)
             candidates.append((violation, cost if np.isfinite(cost) else np.inf, point))
         feasible = [candidate for candidate in candidates if candidate[0] <= FEASIBLE]
         by_cost = min(feasible, key=lambda candidate: candidate[1], default=None)
         return (by_cost or min(candidates, key=lambda candidate: candidate[0]))[2]
-
-
-def max_bound_violation(values: np.ndarray, lower: np.ndarray, upper: np.ndarray, size: np.ndarray) -> float:
-    """Return the largest violation of bounds, in natural units; infinite for NaN."""
-    violations = np.maximum(np.maximum(lower - values, values - upper), 0.0) / size
-    return float(np.nan_to_num(violations, nan=np.inf, posinf=np.inf).max(initial=0.0))
 
 
 @contextmanager

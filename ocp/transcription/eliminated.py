@@ -152,8 +152,3 @@ class ModelOutputs(Hidden):
         bends = self.map.curvature_function(queries.shape[1])
         curvatures = bends(queries, ca.reshape(weights, self.map.n_out, -1))
         return [ca.reshape(curvatures, -1, copies)]
-
-
-def inner_values(hidden: Hidden | None, w: ca.MX, p: ca.MX, copies: int) -> ca.MX:
-    """Values of ``hidden.symbols`` for all copies, shape (n, copies)."""
-    return ca.MX(0, copies) if hidden is None else hidden.values(w, p, copies)

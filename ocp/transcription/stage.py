@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from ocp.programs.program import Functions
-from ocp.transcription.eliminated import Compile, Hidden, inner_values
+from ocp.transcription.eliminated import Compile, Hidden
 
 
 @dataclass(eq=False)
@@ -115,26 +115,14 @@ def _nonzeros(matrix: ca.SX) -> ca.SX:
     return ca.vec(matrix[matrix.sparsity()].nz[:]) if matrix.nnz() else ca.SX(0, 1)
 
 
-class _Mapped:
-    """One stage's function mapped over its copies, called with the whole [x; data] and p."""
-
-    def __init__(self, stage: Stage, function: ca.Function) -> None:
-        self.stage = stage
-        common = [1]
-        self.map = function.map(f"{function.name()}_map", "serial", stage.copies, common, [])
-
-    def locals(self, source: ca.MX) -> ca.MX:
-        return ca.reshape(source[self.stage.index.ravel().tolist()], -1, self.stage.copies)
-
-    def __call__(self, source: ca.MX, p: ca.MX, *more: ca.MX) -> list[ca.MX]:
-        w = self.locals(source)
-        hidden = inner_values(self.stage.hidden, w, p, self.stage.copies)
-        last = self.stage.curvature_values([w, p, hidden, *more], self.stage.copies) if more else []
-        return _listed(self.map(w, p, hidden, *more, *last))
-
-
-def _listed(value: object) -> list[ca.MX]:
-    return list(value) if isinstance(value, (list, tuple)) else [value]  # pyright: ignore
+def _call_copies(stage: Stage, function: ca.Function, source: ca.MX, p: ca.MX, *more: ca.MX) -> list[ca.MX]:
+    """Call a stage's function for all its copies, with the whole [x; data] and p."""
+    copies, hidden = stage.copies, stage.hidden
+    w = ca.reshape(source[stage.index.ravel().tolist()], -1, copies)
+    inner = ca.MX(0, copies) if hidden is None else hidden.values(w, p, copies)
+    last = stage.curvature_values([w, p, inner, *more], copies) if more else []
+    mapped = function.map(f"{function.name()}_map", "serial", copies, [1], [])
+    return mapped.call([w, p, inner, *more, *last])
 
 
 def assemble(stages: list[Stage], n: int, n_data: int, m: int, n_p: int, compiled: Compile | None = None) -> Functions:
@@ -142,20 +130,22 @@ def assemble(stages: list[Stage], n: int, n_data: int, m: int, n_p: int, compile
 
     ``n_p`` parameters come first in the parameter vector, ``n_data`` data entries after them.
     """
-    compile_function = compiled or (lambda function: function)
     x, full = ca.MX.sym("x", n), ca.MX.sym("p", n_p + n_data)
     p, source = full[:n_p], ca.vertcat(x, full[n_p:])
 
+    def call(stage: Stage, function: ca.Function, *more: ca.MX) -> list[ca.MX]:
+        return _call_copies(stage, compiled(function) if compiled else function, source, p, *more)
+
     # Cost and constraints apart: solvers ask for them one at a time.
-    costs = [_Mapped(stage, compile_function(stage.cost_value()))(source, p) for stage in stages]
-    values = [_Mapped(stage, compile_function(stage.constraint_values()))(source, p) for stage in stages]
+    costs = [call(stage, stage.cost_value()) for stage in stages]
+    values = [call(stage, stage.constraint_values()) for stage in stages]
     f, g = _sum_costs(costs), _collect(stages, [v[0] for v in values], m)
 
-    slope = [_Mapped(stage, compile_function(stage.cost_slope()))(source, p) for stage in stages]
+    slope = [call(stage, stage.cost_slope()) for stage in stages]
     target = np.concatenate([stage.index.ravel() for stage in stages])
     grad = _add_up(target, n, ca.vertcat(*(ca.vec(v[1]) for v in slope)))
     slope_functions = [(stage, *stage.constraint_slopes()) for stage in stages]
-    first = [_Mapped(stage, compile_function(function))(source, p) for stage, function, _ in slope_functions]
+    first = [call(stage, function) for stage, function, _ in slope_functions]
     g1 = _collect(stages, [v[0] for v in first], m)
     jac = _scattered_jacobian([(stage, pattern) for stage, _, pattern in slope_functions], [v[1] for v in first], n, m)
 
@@ -165,7 +155,7 @@ def assemble(stages: list[Stage], n: int, n_data: int, m: int, n_p: int, compile
         function, pattern = stage.second()
         scale = ca.repmat(lam_f, 1, stage.copies)
         multipliers = ca.reshape(lam_g[stage.rows.ravel().tolist()], -1, stage.copies)
-        entries.append(_Mapped(stage, compile_function(function))(source, p, scale, multipliers)[0])
+        entries.append(call(stage, function, scale, multipliers)[0])
         patterns.append((stage, pattern))
     hess = _scattered_hessian(patterns, entries, n)
     symbols = (x, full, lam_f, lam_g)
