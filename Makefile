@@ -27,6 +27,7 @@ lint: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/basedpyright
 	$(BIN)/lint-imports
+	$(BIN)/python -m tests.readability
 
 # Style, types and contracts beside all tests that are not slow or costly (tests/conftest.py).
 test: setup
