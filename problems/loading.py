@@ -1,4 +1,4 @@
-"""A user's file of a problem or a law: imported, read, and checked before a command uses it."""
+"""Files of users that define a problem or a law: imported, read, and checked before a command uses them."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def check_file(path: Path) -> None:
 
 
 class _Afresh(SourceFileLoader):
-    """Compiles the file as it is: bytecode kept beside it goes by whole seconds and the size."""
+    """Loader that compiles the file as it is: bytecode beside it is matched by whole seconds and size alone."""
 
     def get_code(self, fullname: str) -> CodeType:
         content = self.get_data(self.path)
@@ -71,7 +71,7 @@ class _Afresh(SourceFileLoader):
 
 @contextmanager
 def _no_bytecode() -> Iterator[None]:
-    """Write none, for the same reason, of the modules that are imported inside either."""
+    """Keep Python from writing bytecode of modules that a user's file imports; see :class:`_Afresh`."""
     setting, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         yield
@@ -84,7 +84,7 @@ _contents: dict[str, tuple[str, str]] = {}
 
 
 def _forget_others(path: Path) -> None:
-    """Drop modules that differ from what the file would import now, and all that may use them."""
+    """Drop modules that the file would now import from another text, and all that may use them."""
     modules = folder_modules(path)
     now = {name: (str(file), file_digest(file)) for name, file in modules.items()}
     loaded = {name: file for name in now if (file := _loaded_from(name))}
@@ -95,7 +95,7 @@ def _forget_others(path: Path) -> None:
 
 
 def _loaded_from(name: str) -> str:
-    """File that a loaded module of a user came from; empty for Python's and installed modules.
+    """Return the file that a loaded module of a user came from; "" for Python's and installed modules.
 
     Those stay whatever lies beside the file: the whole program uses them.
     """
@@ -138,7 +138,7 @@ def check(spec: ProblemSpec) -> None:
 
 
 def _check_words(spec: ProblemSpec, params: BaseModel) -> None:
-    """Values that a run's record can hold, and words that a terminal can show."""
+    """Refuse values that a run's record cannot hold, and words that a terminal cannot show."""
     for about in describe(spec):
         parameter = f"parameter {validated(f'{spec.path}: a parameter', about['name'], Line)}"
         for key in ("unit", "description"):

@@ -1,4 +1,4 @@
-"""What :mod:`ocp` loads from this package by entry point (:mod:`ocp.plugins`)."""
+"""Functions that :mod:`ocp` loads from this package by entry point (:mod:`ocp.plugins`)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def source(name: str) -> ProblemSpec:
 
 
 def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemSpec | None:
-    """The problem in the file that a person names for ``runs``, None where none is named.
+    """Return the problem in the file that a person names for ``runs``, None where none is named.
 
     Raises :class:`~ocp.errors.InputError` where it cannot be read, or is none of theirs.
     """
@@ -53,7 +53,7 @@ def named_file(source: Path | str | None, runs: Sequence[StoredRun]) -> ProblemS
 
 
 def edited(run: StoredRun, own: ProblemSpec | None) -> str | None:
-    """A sentence where a user's file is not what it was when the run was stored, else None."""
+    """Return a sentence where a user's file has changed since the run was stored, else None."""
     if own is None or own.name != run.meta["problem"]:
         return None
     if own.digest == run.meta.get("source_digest"):
@@ -110,7 +110,7 @@ def spec_of(run: StoredRun, own: ProblemSpec | None = None) -> ProblemSpec:
 
 
 def _is_own(run: StoredRun) -> bool:
-    """Whether a run's problem is none that ships with the workbench."""
+    """Return whether a run's problem is none that ships with the workbench."""
     name = run.meta["problem"]
     ships_with_the_workbench = run.kind in ("train", "figure") or name in names() or name in objective_names()
     return bool(run.record.get("source")) or not ships_with_the_workbench
@@ -128,6 +128,6 @@ def problem_of(run: StoredRun, own: ProblemSpec | None = None) -> tuple[ProblemS
 
 
 def known_parameters(run: StoredRun, found: Spec) -> dict[str, Any]:
-    """Parameters of a run that its spec still has."""
+    """Return the parameters of a run that its spec still has."""
     field_names = found.Params.model_fields
     return {k: v for k, v in run.record.get("params", {}).items() if k in field_names}

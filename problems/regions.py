@@ -1,4 +1,4 @@
-"""Where a problem's transitions are drawn: as its file says, or around its task."""
+"""Regions in which a problem's transitions are drawn: as its file says, or around its task."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def collect_piece(job: CollectJob, report: Report) -> Drawn:
 
 
 def region_of(spec: ProblemSpec, params: Any, problem: Problem) -> Region:
-    """The region that the problem's file declares, else :func:`around_task`.
+    """Return the region that the problem's file declares, else :func:`around_task`.
 
     Raises :class:`~ocp.errors.InputError` for a user's ``region`` that raises or does not fit.
     """
@@ -62,7 +62,7 @@ def region_of(spec: ProblemSpec, params: Any, problem: Problem) -> Region:
 
 
 def around_task(problem: Problem) -> Region:
-    """A box around start, goal and guess, widened by the scales; inputs between their bounds.
+    """Return a box around start, goal and guess, widened by the scales; inputs between their bounds.
 
     The goal is the least point of the terminal cost, taken as quadratic at the start; coordinates
     that it leaves open stay where they start. Inputs without bounds have the guess's range, wider
@@ -92,7 +92,7 @@ def around_task(problem: Problem) -> Region:
 
 
 def _unchanging(system: ContactSystem) -> np.ndarray:
-    """Which states (nx,) the residual only carries on."""
+    """Return a mask (nx,) of the states that the residual only carries on."""
     pairs = zip(*(ca.vertsplit(vector) for vector in (system.x, system.x_next)), strict=True)
     still = [next_state - state for state, next_state in pairs]
     rows = ca.vertsplit(system.residual)
@@ -100,7 +100,7 @@ def _unchanging(system: ContactSystem) -> np.ndarray:
 
 
 def _goal(problem: Problem, x0: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """One Newton step on the terminal cost from the start; the start where it leads nowhere."""
+    """Return the state after one Newton step on the terminal cost; the start where it leads nowhere."""
     x = problem.system.x
     curvature, slope = ca.hessian(problem.terminal_cost, x)
     symbols = [x, problem.parameters.vector]

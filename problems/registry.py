@@ -1,4 +1,4 @@
-"""Every problem and static objective by name, and a user's own file as if it had one."""
+"""Every problem and static objective by name, and problems and laws of users' files."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def load_law(path: str | Path) -> type[ContactLaw]:
 
 
 def _imported(file: Path) -> tuple[ModuleType, str]:
-    """A file's module, and the digest of all that it was made of."""
+    """Return a file's module, and the digest of all that it was made of."""
     earlier_digest, tries = source_digest(file), 1
     module = import_file(file)
     # Edited while it was read, neither text is known to be the module's.
@@ -209,7 +209,7 @@ class ObjectiveSpec(Spec):
 
     @property
     def golden(self) -> dict[str, Any]:
-        """Known optima: an objective that is only sampled has none."""
+        """Known optima: none, as an objective is only sampled."""
         return {}
 
 

@@ -91,7 +91,7 @@ class SidePushing:
 
     @cached_property
     def on_the_side(self) -> Constraint:
-        """The force acts between the ends of the side that pushes."""
+        """Constraint that the force acts between the ends of the side that pushes."""
         system = self.system
         largest_moment = sum((system.lam[i] * half_length for i, (*_, half_length) in enumerate(self._sides)), ca.SX(0))
         m = system.u[len(self.corners)]
@@ -99,7 +99,7 @@ class SidePushing:
 
     @property
     def u_lower(self) -> ca.SX:
-        """Forces push."""
+        """Lower bounds of the inputs: forces push."""
         return ca.vertcat(ca.SX.zeros(len(self.corners)), -ca.inf)
 
 
@@ -109,7 +109,7 @@ def outline(corners: Sequence[tuple[float, float]], pose: np.ndarray, role: str)
 
 
 def side_frames(corners: Sequence[tuple[float, float]], pose: np.ndarray) -> list[ContactFrame]:
-    """Forces are drawn at the middle of their sides; the moment m says where they act."""
+    """Return a frame at the middle of every side; the moment m says where the force acts."""
     contact_frames = []
     for x1, y1, x2, y2 in _sides_at(corners, pose):
         length = math.hypot(x2 - x1, y2 - y1)

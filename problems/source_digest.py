@@ -1,4 +1,4 @@
-"""What a user's file is made of: its own text, what it imports from its folder, and data beside it.
+"""Files that a user's file is made of: its own text, what it imports from its folder, and data beside it.
 
 Installed modules, and the four packages of this program, are told by their versions instead
 (:mod:`ocp.store.provenance`).
@@ -41,7 +41,7 @@ def source_digest(path: Path) -> str:
 
 
 def parts(path: Path) -> dict[str, Path]:
-    """Files of :func:`source_digest`: ``""`` the file, modules by name, data as ``./name``."""
+    """Return the files of :func:`source_digest`: ``""`` the file, modules by name, data as ``./name``."""
     file = path.resolve()
     search = _Search(searched(file.parent))
     search.take("", file)
@@ -58,7 +58,7 @@ def searched(folder: Path) -> list[str]:
 
 
 def open_to_imports(folder: Path) -> None:
-    """Let modules in ``folder`` be found from now on, by what is imported inside of functions too.
+    """Let modules in ``folder`` be found from now on, also by imports inside of functions.
 
     They come after all that is installed, so that none of them hides what others mean.
     """
@@ -68,7 +68,7 @@ def open_to_imports(folder: Path) -> None:
 
 
 def folder_modules(path: Path) -> dict[str, Path]:
-    """Modules among :func:`parts` by name."""
+    """Return the modules among :func:`parts` by name."""
     return {name: file for name, file in parts(path).items() if name and "/" not in name}
 
 
@@ -129,7 +129,7 @@ def _places() -> set[Path]:
 
 
 def _nodes(tree: ast.AST) -> Iterator[ast.AST]:
-    """All nodes but those of a program's own part."""
+    """Yield all nodes but those of the part that runs as a program only."""
     waiting = [tree]
     while waiting:
         node = waiting.pop()
@@ -141,7 +141,7 @@ def _nodes(tree: ast.AST) -> Iterator[ast.AST]:
 
 
 def _imported(node: ast.AST, package: str) -> Iterator[str]:
-    """Whole names of modules that a statement may import; a part of one may be no module."""
+    """Yield whole names of modules that a statement may import; a part of one may be no module."""
     if isinstance(node, ast.Import):
         yield from (alias.name for alias in node.names)
     elif isinstance(node, ast.ImportFrom):
@@ -160,7 +160,7 @@ def _imported(node: ast.AST, package: str) -> Iterator[str]:
 
 
 def _named(node: ast.AST) -> str:
-    """The place of a file that a text, or texts joined by ``/``, could mean."""
+    """Return the place of a file that a text, or texts joined by ``/``, could mean."""
     steps: list[str] = []
     while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):
         if not (isinstance(node.right, ast.Constant) and isinstance(node.right.value, str)):

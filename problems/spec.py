@@ -1,4 +1,4 @@
-"""A named problem as the workbench knows it: parameters, builder, drawing, known optima."""
+"""Specifications of named problems: parameters, builder, drawing, known optima."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Citation:
 
 @dataclass(frozen=True)
 class Golden:
-    """The best known value at the default parameters, under the exact law unless told otherwise.
+    """The best known value at the default parameters, under the exact law unless ``law`` says another.
 
     Solving with ``settings`` from guess ``start`` (0 is the problem's own, k the k-th perturbed one
     of seed 0, see :mod:`ocp.problem.rollout`) ends at ``cost``, within ``tolerance`` relative, with
@@ -63,12 +63,12 @@ class Golden:
 
     @property
     def certificate(self) -> str:
-        """Stationarity and kind in words as ``ocp solve`` says them."""
+        """Stationarity and kind in the words of ``ocp solve``."""
         return ", ".join(word for word in (self.stationarity, self.kind) if word)
 
     @property
     def remarks(self) -> str:
-        """What ``ocp solve`` is given beside its defaults, what confirms the value, the note."""
+        """Settings of ``ocp solve`` beside its defaults, what confirms the value, and the note."""
         options = [f"-s {name}={value}" for name, value in self.settings.items()]
         options += [f"--starts {self.start + 1}"] if self.start else []
         how = f"found with {' '.join(options)}" if options else ""
@@ -77,13 +77,13 @@ class Golden:
 
 
 def smoothed(cost: float, **more: Any) -> Golden:
-    """The best known value under the barrier law, whose certificate is KKT and has no kinds."""
+    """Return the best known value under the barrier law, whose certificate is KKT and has no kinds."""
     return Golden(cost, law="barrier", stationarity="KKT", kind="", **more)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """What has a name, parameters, equations in typst's mathematics, and a source."""
+    """A name with parameters, equations in typst's mathematics, and a source."""
 
     name: str
     title: str
@@ -168,7 +168,7 @@ class UserProblemRecord:
     params: Any
 
     def told(self, motions: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        """Title, equations, parameters, and what is drawn at the states (n, nx) of each motion.
+        """Return title, equations, parameters, and the drawings at the states (n, nx) of each motion.
 
         Of the form of :class:`ocp.store.meta.OwnProblem`. A motion ends with its last finite
         state; ``undrawn`` says why there is no drawing.

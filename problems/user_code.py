@@ -90,7 +90,7 @@ def _folder() -> str | None:
 
 
 def _was_pressed(error: BaseException, path: Path) -> bool:
-    """Whether a KeyboardInterrupt came from a signal; Python's own handler leaves no frame."""
+    """Return True where a KeyboardInterrupt came from a signal; Python's own handler leaves no frame."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         return True
     frames = traceback.extract_tb(error.__traceback__)

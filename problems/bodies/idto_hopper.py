@@ -79,7 +79,7 @@ def _machine(
     stiffness: Number = 0.0,
     damping: Number = 0.0,
 ) -> PublishedMachine:
-    """Torso, leg and foot, whose disc at -0.15 m is the toe: it faces where it goes."""
+    """Return torso, leg and foot, whose disc at -0.15 m is the toe: it faces where it goes."""
     joint = partial(Link, spring=stiffness, damping=damping, gear=1.0)
     return PublishedMachine(
         (
@@ -127,10 +127,10 @@ def build(params: Params) -> Problem:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Links, discs of the foot, the ground, and the nominal place."""
+    """Draw links, discs of the foot, the ground, and the nominal place."""
     return [*machine_shapes(_PICTURED, state), Mark(float(state[10]) + params.lead, 0.0, "goal")]
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Toe and heel on the ground."""
+    """Return the frames of toe and heel on the ground."""
     return machine_frames(_PICTURED, state, None, params.friction)

@@ -1,4 +1,4 @@
-"""Machines let loose from the reset of the environment that their tables come from."""
+"""Machines simulated from the reset of the environment that their tables come from."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def simulation(
     gyroscopic: Gyroscopic = "implicit",
     **params: Any,
 ) -> tuple[Problem, Any]:
-    """The problem ``name`` over ``steps``, and the state x0 (nx,) of its environment's reset.
+    """Return the problem ``name`` over ``steps``, and the state x0 (nx,) of its environment's reset.
 
     All spheres may touch, h is the environment's 0.05 s, and the start its pose, lifted by 0.25 m
     and shaken by uniform noise out of ``seed``: 0.005 for ``hopper``, 0.1 for ``half-cheetah``, in
@@ -90,7 +90,7 @@ def simulate(
 
 
 def _reason(problem: Problem, plan: np.ndarray, law: ContactLaw | None, x0: np.ndarray, lost: NotConverged) -> str:
-    """Why the rollout of ``plan`` (N, nu) from ``x0`` (nx,) was ``lost``, as a sentence."""
+    """Return a sentence: why the rollout of ``plan`` (N, nu) from ``x0`` (nx,) was ``lost``."""
     step, system = problem.exact_step if law is None else law.close(problem.system), problem.system
     p = step.p.pack(problem.parameters.defaults)
     x = [x0]

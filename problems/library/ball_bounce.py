@@ -77,7 +77,7 @@ def build(params: Params) -> Problem:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Floor, goal and the ball, whose size is for the eye only: the model's ball is a point."""
+    """Draw floor, goal and the ball, whose size is for the eye only: the model's ball is a point."""
     radius = 0.05
     return [
         Wall(0, 0, 0, 1),
@@ -87,5 +87,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """The floor pushes upwards."""
+    """Return the frame of the floor, which pushes upwards."""
     return [ContactFrame(float(state[0]), float(state[1]), 0, 1)]

@@ -99,7 +99,7 @@ def build(params: Params) -> Problem:
 
 
 def thrown_ball(p: ParameterTable, fixed_speed: ca.SX | None = None) -> ContactSystem:
-    """The ball, see :func:`build`; with a ``fixed_speed`` [m/s] the angle is the only input."""
+    """Return the system of :func:`build`; with a ``fixed_speed`` [m/s] the angle is the only input."""
     x, x_next = ca.SX.sym("x", 6), ca.SX.sym("x_next", 6)
     theta, lam = ca.SX.sym("theta"), ca.SX.sym("lam")
     speed = ca.SX.sym("speed") if fixed_speed is None else fixed_speed
@@ -143,7 +143,7 @@ def thrown_ball(p: ParameterTable, fixed_speed: ca.SX | None = None) -> ContactS
 
 
 def roll(params: Params, theta: float, speed: float) -> np.ndarray:
-    """States (N+1, 6) of one throw under the exact law, step by step in closed form."""
+    """Return states (N+1, 6) of one throw under the exact law, step by step in closed form."""
     h, e, g = params.h, params.restitution, params.g
     states = np.zeros((params.N + 1, 6))
     fall = 2 * g * params.z0
@@ -172,7 +172,7 @@ def _guess(params: Params):
 
 
 def draw(params: Any, state: np.ndarray) -> list[Shape]:
-    """Floor, hand, goal and the ball, whose size is for the eye only; of the task as well."""
+    """Draw floor, hand, goal and the ball, whose size is for the eye only; of the task as well."""
     radius = 0.05
     return [
         Wall(0, 0, 0, 1),
@@ -183,5 +183,5 @@ def draw(params: Any, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Any, state: np.ndarray) -> list[ContactFrame]:
-    """The floor pushes upwards."""
+    """Return the frame of the floor, which pushes upwards."""
     return [ContactFrame(float(state[0]), float(state[1]), 0, 1)]

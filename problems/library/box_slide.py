@@ -79,7 +79,7 @@ def build(params: Params) -> Problem:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Floor, goal and the box, whose size is for the eye only."""
+    """Draw floor, goal and the box, whose size is for the eye only."""
     side = 0.2
     return [
         Wall(0, 0, 0, 1),
@@ -89,5 +89,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """The floor carries the box and rubs on it."""
+    """Return the frame of the floor, which carries the box and rubs on it."""
     return [ContactFrame(float(state[0]), 0, 0, 1, params.friction)]

@@ -109,7 +109,7 @@ BOX_SIDE = 0.15
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Floor, cart, the box on it, and where both shall end; heights are for the eye only."""
+    """Draw floor, cart, the box on it, and where both shall end; heights are for the eye only."""
     cart, offset = float(state[0]), float(state[1])
     return [
         Wall(0, 0, 0, 1),
@@ -121,5 +121,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """The cart carries the box and rubs on it."""
+    """Return the frame of the cart, which carries the box and rubs on it."""
     return [ContactFrame(float(state[0] + state[1]), CART_HEIGHT, 0, 1, params.friction)]

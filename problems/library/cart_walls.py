@@ -112,12 +112,12 @@ def _system(p: ParameterTable) -> ContactSystem:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Cart, pole with its tip, and the springs of both walls at the height of the tip."""
+    """Draw cart, pole with its tip, and the springs of both walls at the height of the tip."""
     return pole_shapes(float(state[0]), *_tip(params, state), params.wall)
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """The right wall pushes the tip to the left, the left wall to the right."""
+    """Return the frames of the walls: the right one pushes the tip to the left, the left one to the right."""
     return pole_frames(*_tip(params, state))
 
 
@@ -126,7 +126,7 @@ def _tip(params: Params, state: np.ndarray) -> tuple[float, float]:
 
 
 def pole_shapes(position: float, tip: float, height: float, wall: float) -> list[Shape]:
-    """A cart at ``position``, a pole with its ``tip`` at a ``height``, and the walls' springs.
+    """Draw a cart at ``position``, a pole with its ``tip`` at a ``height``, and the walls' springs.
 
     The model is linear in the angle, and so is the picture: then contact looks like contact.
     """
@@ -140,5 +140,5 @@ def pole_shapes(position: float, tip: float, height: float, wall: float) -> list
 
 
 def pole_frames(tip: float, height: float) -> list[ContactFrame]:
-    """Frames of the right wall and of the left on the tip."""
+    """Return the frames of the right wall and of the left on the tip."""
     return [ContactFrame(tip, height, -1, 0), ContactFrame(tip, height, 1, 0)]

@@ -39,7 +39,7 @@ def cost(params: Params, theta: ca.SX, p: ParameterTable) -> ca.SX:
 
 
 def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
-    """Mean and variances of the estimators.
+    """Return mean and variances of the estimators.
 
     With ``G(y) = y Phi(y/sigma) + sigma phi(y/sigma)``: ``F = (2/nu) (G(theta + nu/2) -
     G(theta - nu/2)) - 1`` and ``F' = (2/nu) p``, p the probability that the derivative, 2/nu, is
@@ -66,7 +66,7 @@ def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
 
 
 def zobg_variance(theta: float, nu: float, sigma: float, baseline: float) -> float:
-    """Variance of one ZoBG sample ``(f - b) w/sigma^2`` with a constant baseline b.
+    """Return the variance of one ZoBG sample ``(f - b) w/sigma^2`` with a constant baseline b.
 
     ``E[(f - b)^2 w^2]/sigma^4 - F'^2``: in closed form where ``f = +-1``, and by Gauss's rule over
     the linear part, which is exact to rounding and does not cancel for small nu.
@@ -80,7 +80,7 @@ def zobg_variance(theta: float, nu: float, sigma: float, baseline: float) -> flo
     f = np.clip(2 * (theta + w) / nu, -1, 1)
 
     def tail(y: float) -> float:
-        """E[w^2; w > y]."""
+        """Return E[w^2; w > y]."""
         return sigma**2 * float(norm.sf(y / sigma) + y / sigma * norm.pdf(y / sigma))
 
     second = (1 - baseline) ** 2 * tail(high) + (1 + baseline) ** 2 * (sigma**2 - tail(low))

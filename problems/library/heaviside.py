@@ -32,7 +32,7 @@ def cost(params: Params, theta: ca.SX, p: ParameterTable) -> ca.SX:
 
 
 def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
-    """Mean and variances of the estimators (pathologies, ex. III.2, and by parts).
+    """Return mean and variances of the estimators (pathologies, ex. III.2, and by parts).
 
     With ``t = theta/sigma`` and ``A = Phi(t) - t phi(t)``: ``F = Phi(t)``, ``F' = phi(t)/sigma``,
     one ZoBG sample varies by ``(A - phi(t)^2)/sigma^2``; FoBG is zero without variance. The text
@@ -52,7 +52,7 @@ def closed_form(values: dict[str, float], sigma: float) -> ClosedForm:
 
 
 def zobg_variance(theta: float, sigma: float, baseline: float) -> float:
-    """Variance of one ZoBG sample with a constant baseline b.
+    """Return the variance of one ZoBG sample with a constant baseline b.
 
     ``((1 - 2 b) A + b^2 - phi(t)^2)/sigma^2``, least at b = A.
     """

@@ -61,7 +61,7 @@ class Params(Parameters):
 
 
 def highest(params: Params) -> float:
-    """``zc_N - zc_0 - w_v vc_N²`` [m] at most, in closed form.
+    """Return the largest ``zc_N - zc_0 - w_v vc_N²`` [m], in closed form.
 
     The ground pushes with ``lam/h`` in [0, u_max + mf g], so the centre of mass accelerates within
     [-g, a], a = (u_max - mb g)/M, M = mb + mf. Greatest way in a given time is least time for a
@@ -120,14 +120,14 @@ def build(params: Params) -> Problem:
 
 
 def _standing(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Stand still, the leg carrying the body: a force of zero would let the body fall."""
+    """Return a guess that stands still, the leg carrying the body: a force of zero would let the body fall."""
     values = problem.parameters.unpack(p)
     states = np.tile([values["leg0"], 0, 0, 0], (problem.N + 1, 1))
     return states, np.full((problem.N, 1), values["mb"] * values["g"])
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Ground, body, leg and foot; sizes are for the eye only."""
+    """Draw ground, body, leg and foot; sizes are for the eye only."""
     body, foot = float(state[0]), float(state[1])
     radius = 0.04
     return [
@@ -139,6 +139,6 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """The ground pushes the foot upwards; the leg's stops push body and foot apart or together."""
+    """Return the frames of the ground on the foot, and of the leg's stops on body and foot."""
     body, foot = float(state[0]), float(state[1])
     return [ContactFrame(0, foot, 0, 1), ContactFrame(0, body, 0, 1), ContactFrame(0, body, 0, -1)]

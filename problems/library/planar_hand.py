@@ -118,7 +118,7 @@ class Params(Parameters):
 
 
 def _limits() -> tuple[list[float], list[float]]:
-    """Lower and upper limits [rad] of (l1, l2, r1, r2)."""
+    """Return lower and upper limits [rad] of (l1, l2, r1, r2)."""
     low, high = [pair[0] for pair in _RIGHT], [pair[1] for pair in _RIGHT]
     return [*(-value for value in high), *low], [*(-value for value in low), *high]
 
@@ -133,7 +133,7 @@ class _Link:
 
 
 def _links(q: ca.SX, p: Params | ParameterTable) -> list[_Link]:
-    """The four links at ``q``, both arms from the base outwards."""
+    """Return the four links at ``q``, both arms from the base outwards."""
     links = []
     for arm, side, (first, second) in (("l", -1, (q[3], q[4])), ("r", 1, (q[5], q[6]))):
         start, angle = ca.vertcat(side * _of(p, "base"), 0), ca.SX(0)
@@ -146,7 +146,7 @@ def _links(q: ca.SX, p: Params | ParameterTable) -> list[_Link]:
 
 
 def _touches(q: ca.SX, p: Params | ParameterTable, discs: bool = False) -> dict[str, shapes.Contact]:
-    """Contacts of the ball with the arms, link by link, or disc by disc."""
+    """Return the contacts of the ball with the arms, link by link, or disc by disc."""
     ball, R, r, arm_shapes = shapes.Pose(q[:2], -q[2]), _of(p, "R"), _of(p, "r"), []
     for link in _links(q, p):
         if not discs:
@@ -220,7 +220,7 @@ def build(params: Params) -> Problem:
 
 
 def region(params: Params) -> Region:
-    """The ball above the bases, the joints within their limits; in the tube they stay around."""
+    """Return the ball above the bases, the joints within their limits; in the tube they stay around."""
     joints, reach = ("l1", "l2", "r1", "r2"), (-params.reach, params.reach)
     limits = dict(zip(joints, zip(*_limits(), strict=True), strict=True))
     return Region(
@@ -234,7 +234,7 @@ def region(params: Params) -> Region:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Ball with a mark that turns, goal with its own, and the four links."""
+    """Draw the ball with a mark that turns, the goal with its own, and the four links."""
     ball = Circle(float(state[0]), float(state[1]), params.R)
     goal = Circle(params.goal_x, params.goal_y, params.R, "goal")
     shapes: list[Shape] = [goal, _hand(goal, params.goal_angle), ball, _hand(ball, float(state[2]))]
@@ -247,13 +247,13 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def _hand(ball: Circle, angle: float) -> Segment:
-    """A radius, upright at angle zero, that shows how a ball has turned."""
+    """Return the radius, upright at angle zero, that shows how a ball has turned."""
     x, y = ball.x - ball.radius * math.sin(angle), ball.y + ball.radius * math.cos(angle)
     return Segment(ball.x, ball.y, x, y, ball.role)
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Every link, or disc of one, pushes the ball where the ball's rim is nearest to it."""
+    """Return the frame of every link, or disc of one, where the ball's rim is nearest to it."""
     contact_frames = []
     for touch in _touches(ca.SX(ca.DM(state)), params, params.links == "discs").values():
         x, y, nx, ny = (float(v) for vector in (touch.point, touch.normal) for v in ca.vertsplit(vector))

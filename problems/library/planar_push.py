@@ -87,7 +87,7 @@ class Params(Parameters):
         return self
 
     def _distance(self, x: float, y: float, angle: float) -> float:
-        """Distance [m] of the pusher, where it starts, from the box at a pose."""
+        """Return the distance [m] of the pusher, where it starts, from the box at a pose."""
         state = ca.SX([x, y, angle, self.ax0, self.ay0])
         return float(_touch(state, ca.SX(self.side), ca.SX(self.r)).phi)
 
@@ -140,7 +140,7 @@ def build(params: Params) -> Problem:
 
 
 def region(params: Params) -> Region:
-    """The table around box and goal; in the tube the pusher goes along with the box."""
+    """Return the table around box and goal; in the tube the pusher goes along with the box."""
     start = (params.ox0, params.oy0, params.angle0, params.ax0, params.ay0)
     goal = (params.goal_x, params.goal_y, params.goal_angle)
     pusher_goal = (params.ax0 + goal[0] - params.ox0, params.ay0 + goal[1] - params.oy0)
@@ -156,7 +156,7 @@ def region(params: Params) -> Region:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Rectangle, pusher and goal."""
+    """Draw box, pusher and goal."""
     ox, oy, angle, ax, ay = (float(value) for value in state)
     side = params.side
     return [
@@ -167,7 +167,7 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """The pusher pushes the box where its rim is nearest to it, into the box."""
+    """Return the frame of the pusher, where its rim is nearest to the box, into the box."""
     touch = _touch(ca.SX(ca.DM(state)), ca.SX(params.side), ca.SX(params.r))
     x, y = (float(value) for value in ca.vertsplit(touch.point - touch.phi * touch.normal))
     nx, ny = (-float(value) for value in ca.vertsplit(touch.normal))

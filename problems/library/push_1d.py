@@ -89,7 +89,7 @@ def build(params: Params) -> Problem:
 
 
 def region(params: Params) -> Region:
-    """The line from start to goal and half a metre more; in the tube the pusher goes along."""
+    """Return the line from start to goal and half a metre more; in the tube the pusher goes along."""
     low, high = sorted((params.qu0, params.goal_x))
     pusher = params.qa0 + params.goal_x - params.qu0
     behind, front = min(params.qa0, pusher), max(params.qa0, pusher)
@@ -104,7 +104,7 @@ def region(params: Params) -> Region:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Object and pusher as boxes that touch at distance ``width``, and the goal."""
+    """Draw object and pusher as boxes that touch at distance ``width``, and the goal."""
     side = params.width or 0.05
     return [
         Mark(params.goal_x, 0, "goal"),
@@ -114,5 +114,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """The pusher pushes the object's left face towards positive x."""
+    """Return the frame of the pusher on the object's left face."""
     return [ContactFrame(float(state[0]) - params.width / 2, 0, 1, 0)]

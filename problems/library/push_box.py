@@ -77,7 +77,7 @@ def _corners(params: Params) -> list[tuple[float, float]]:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Box and goal."""
+    """Draw box and goal."""
     d, phi = params.distance, params.heading
     goal = np.array([d * math.cos(phi), d * math.sin(phi), phi])
     corners = _corners(params)
@@ -85,5 +85,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Frames of every side."""
+    """Return the frames of every side."""
     return side_frames(_corners(params), state)

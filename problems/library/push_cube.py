@@ -78,7 +78,7 @@ class Params(Parameters):
 
 
 def fingertip(called: str, stiffness: Number) -> tuple[Body, ...]:
-    """Three slides along x, y and z with servos; the last one, ``<called>z``, carries the tip."""
+    """Return three slides along x, y and z with servos; the last one, ``<called>z``, carries the tip."""
     x, y, z = (f"{called}{axis}" for axis in "xyz")
     return (
         Body(x, None, 0.0, joint="slide", axis=(1.0, 0.0, 0.0), servo=stiffness),
@@ -88,7 +88,7 @@ def fingertip(called: str, stiffness: Number) -> tuple[Body, ...]:
 
 
 def machine(of: Params | ParameterTable) -> SpatialMachine:
-    """Cube, fingertip and table, with the numbers of ``of`` or the symbols of its table."""
+    """Return cube, fingertip and table, with the numbers of ``of`` or the symbols of its table."""
     a, m, r, K = (of[key] if isinstance(of, ParameterTable) else getattr(of, key) for key in ("a", "m", "r", "K"))
     return SpatialMachine(
         (Body("cube", None, m, (m * a**2 / 6,) * 3, joint="free"), *fingertip("tip", K)),
@@ -103,13 +103,13 @@ def machine(of: Params | ParameterTable) -> SpatialMachine:
 
 
 def goal_turn(yaw: ca.SX, over: bool) -> ca.SX:
-    """Unit quaternion (4, 1): ``yaw`` about z, after a quarter turn about y where ``over``."""
+    """Return the unit quaternion (4, 1): ``yaw`` about z, after a quarter turn about y where ``over``."""
     about_z = ca.vertcat(ca.cos(yaw / 2), 0, 0, ca.sin(yaw / 2))
     return rotation.product(about_z, ca.SX([math.sqrt(0.5), 0, math.sqrt(0.5), 0])) if over else about_z
 
 
 def turn_between(one: ca.SX, other: ca.SX) -> ca.SX:
-    """Squared turn between unit quaternions, ``4 sin^2`` of half of the angle [rad^2]."""
+    """Return the squared turn between unit quaternions, ``4 sin^2`` of half of the angle [rad^2]."""
     inverse = ca.vertcat(one[0], -one[1:])
     return 4 * ca.sumsqr(rotation.product(inverse, other)[1:])
 
@@ -140,7 +140,7 @@ def build(params: Params) -> Problem:
 
 
 def _carried(problem: Problem, p: np.ndarray, over: float) -> tuple[np.ndarray, np.ndarray]:
-    """The cube on its way to the goal, evenly, about its lower front edge; the tip at its back."""
+    """Return a guess that brings the cube evenly to the goal, over its lower front edge, the tip at its back."""
     values, N = problem.parameters.unpack(p), problem.N
     a, s = values["a"], np.linspace(0, 1, N + 1)
     X = np.tile(problem.initial_states(p)[0], (N + 1, 1))
@@ -174,7 +174,7 @@ def _pictured(dumped: str) -> SpatialMachine:
 
 
 def with_goal(shown: SpatialMachine, body: str, place: ca.SX, turn: ca.SX) -> SpatialMachine:
-    """``shown`` with a second ``body`` called goal, which never moves and touches nothing."""
+    """Return ``shown`` with a second ``body`` called goal, which never moves and touches nothing."""
     x, y, z, *q = (float(v) for v in ca.vertsplit(ca.evalf(ca.vertcat(place, turn))))
     goal = Body("goal", None, 0.0, joint="fixed", position=(x, y, z), quaternion=(q[0], q[1], q[2], q[3]))
     goal_parts = (SpatialPart(f"goal {part.name}", "goal", part.shape) for part in shown.parts if part.body == body)
@@ -197,11 +197,11 @@ def _camera(params: Params) -> PinholeCamera:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Cube, fingertip and table, and the cube's goal."""
+    """Draw cube, fingertip and table, and the cube's goal."""
     return seen_with_goal(_pictured(params.model_dump_json()), _camera(params), state, {"tipz"})
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Frames of every corner on the table, and of the fingertip on the cube."""
+    """Return the frames of every corner on the table, and of the fingertip on the cube."""
     picture = _pictured(params.model_dump_json()), _camera(params), state
     return [*spatial_frames(*picture, params.friction)[:-1], spatial_frames(*picture, params.grip)[-1]]

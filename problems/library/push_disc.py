@@ -106,7 +106,7 @@ def build(params: Params) -> Problem:
 
 
 def region(params: Params) -> Region:
-    """A square around start and goal of both; in the tube the pusher goes along with the object."""
+    """Return a square around start and goal of both; in the tube the pusher goes along with the object."""
     start = np.array([params.ox0, params.oy0, params.ax0, params.ay0])
     goal = np.array([params.goal_x, params.goal_y])
     goal = np.concatenate([goal, start[2:] + goal - start[:2]])
@@ -123,7 +123,7 @@ def region(params: Params) -> Region:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Object, pusher and goal."""
+    """Draw object, pusher and goal."""
     ox, oy, ax, ay = (float(value) for value in state)
     return [
         Mark(params.goal_x, params.goal_y, "goal"),
@@ -133,7 +133,7 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """The pusher pushes the object along the line of centres."""
+    """Return the frame of the pusher on the object, along the line of centres."""
     normal = np.asarray(state[:2]) - np.asarray(state[2:])
     nx, ny = (float(value) for value in normal / np.linalg.norm(normal))
     return [ContactFrame(float(state[0]) - params.R * nx, float(state[1]) - params.R * ny, nx, ny)]

@@ -64,7 +64,7 @@ class Params(Parameters):
 
 
 def _corners(width: Width) -> list[tuple[Width, Width]]:
-    """The T with its stem downwards, counter-clockwise from its foot, about the centre of mass."""
+    """Return the T with its stem downwards, counter-clockwise from its foot, about the centre of mass."""
     corners = (-0.5, 0), (0.5, 0), (0.5, 3), (2, 3), (2, 4), (-2, 4), (-2, 3), (-0.5, 3)
     return [(x * width, (y - _CENTRE) * width) for x, y in corners]
 
@@ -101,12 +101,12 @@ def build(params: Params) -> Problem:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """T and goal."""
+    """Draw T and goal."""
     goal = np.array([params.goal_x, params.goal_y, params.goal_angle])
     corners = _corners(params.width)
     return [*outline(corners, goal, "goal"), *outline(corners, state, "object")]
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Frames of every side."""
+    """Return the frames of every side."""
     return side_frames(_corners(params.width), state)

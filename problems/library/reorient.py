@@ -78,13 +78,13 @@ class Params(Parameters):
 
 
 def _starts(away: ca.SX | float, z: ca.SX | float) -> ca.SX:
-    """Start of the fingertips (9, 1) [m]: behind the object, and at either side in front."""
+    """Return the start of the fingertips (9, 1) [m]: behind the object, and at either side in front."""
     angles = (math.pi / 2 + 2 * math.pi / 3 * k for k in range(3))
     return ca.vertcat(*(ca.vertcat(away * math.cos(t), away * math.sin(t), z) for t in angles))
 
 
 def machine(of: Params | ParameterTable, body: str) -> SpatialMachine:
-    """Object, fingertips and table, with the numbers of ``of`` or the symbols of its table."""
+    """Return object, fingertips and table, with the numbers of ``of`` or the symbols of its table."""
     a, m, r, K, g = (
         of[key] if isinstance(of, ParameterTable) else getattr(of, key) for key in ("a", "m", "r", "K", "g")
     )
@@ -103,7 +103,7 @@ def machine(of: Params | ParameterTable, body: str) -> SpatialMachine:
 
 
 def _turned(axis: str, angle: ca.SX | float) -> ca.SX:
-    """Unit quaternion (4, 1) of a turn by ``angle`` about an axis of the world."""
+    """Return the unit quaternion (4, 1) of a turn by ``angle`` about an axis of the world."""
     return ca.vertcat(ca.cos(angle / 2), ca.sin(angle / 2) * ca.SX(np.eye(3)["xyz".index(axis)]))
 
 
@@ -136,7 +136,7 @@ def build(params: Params) -> Problem:
 
 @cache
 def _pictured(dumped: str) -> SpatialMachine:
-    """With the goal, and with marks on a ball, which show how it has turned."""
+    """Return the machine with the goal, and with marks on a ball, which show how it has turned."""
     params = Params.model_validate_json(dumped)
     pictured_machine, a = machine(params, params.body), params.a
     places = ((0.0, 0.0, a), (a, 0.0, 0.0), (-a, 0.0, 0.0), (0.0, a, 0.0), (0.0, -a, 0.0))
@@ -154,11 +154,11 @@ def _camera(params: Params) -> PinholeCamera:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Object, fingertips and table, and the object's goal."""
+    """Draw object, fingertips and table, and the object's goal."""
     return seen_with_goal(_pictured(params.model_dump_json()), _camera(params), state, {f"{tip}z" for tip in TIPS})
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """Frames of every point on the table, and of every fingertip on the object."""
+    """Return the frames of every point on the table, and of every fingertip on the object."""
     picture = _pictured(params.model_dump_json()), _camera(params), state
     return [*spatial_frames(*picture, params.friction)[:-3], *spatial_frames(*picture, params.grip)[-3:]]

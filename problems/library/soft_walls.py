@@ -107,7 +107,7 @@ def build(params: Params) -> Problem:
 
 
 def cost_to_go(A: ca.SX, B: ca.SX, Q: ca.SX, R: ca.SX) -> ca.SX:
-    """P (n, n) of the discrete Riccati equation (soft-walls.5), symbolic in all that it is made of.
+    """Return P (n, n) of the discrete Riccati equation (soft-walls.5), symbolic in all that it is made of.
 
     Structure-preserving doubling, which converges quadratically: Chu, Fan and Lin, "A
     structure-preserving doubling algorithm for continuous-time algebraic Riccati equations", 2005.
@@ -120,11 +120,11 @@ def cost_to_go(A: ca.SX, B: ca.SX, Q: ca.SX, R: ca.SX) -> ca.SX:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Cart, pole with its tip, and the springs of both walls at the height of the tip."""
+    """Draw cart, pole with its tip, and the springs of both walls at the height of the tip."""
     tip = float(state[0]) - params.lp * float(state[1])
     return pole_shapes(float(state[0]), tip, params.lp, params.wall)
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """The right wall pushes the tip to the left, the left wall to the right."""
+    """Return the frames of the walls: the right one pushes the tip to the left, the left one to the right."""
     return pole_frames(float(state[0]) - params.lp * float(state[1]), params.lp)

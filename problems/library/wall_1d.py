@@ -74,7 +74,7 @@ def build(params: Params) -> Problem:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """The wall, the goal behind it, and the mass in front of it."""
+    """Draw the wall, the goal behind it, and the mass in front of it."""
     return [
         Wall(0, 0, 1, 0),
         Mark(params.goal_x, 0, "goal"),
@@ -83,5 +83,5 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
-    """The wall pushes towards positive x."""
+    """Return the frame of the wall, which pushes towards positive x."""
     return [ContactFrame(float(state[0]), 0, 1, 0)]

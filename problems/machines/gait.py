@@ -1,4 +1,4 @@
-"""A robot in space goes from one pose to another: what such problems share."""
+"""Problems of a robot in space that goes from one pose to another."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def gait(
     swing: Callable[[np.ndarray], np.ndarray],
     scaling: Scaling,
 ) -> Problem:
-    """The problem to go from the pose ``start`` to ``stands``, moved as the parameters ask.
+    """Build the problem to go from the pose ``start`` to ``stands``, moved as the parameters ask.
 
     Of q the first seven are the floating trunk's. ``swing`` maps shares of the way (n,) to what a
     gait of one metre adds to the joints of the guess (n, joints).
@@ -76,7 +76,7 @@ def gait(
 
 
 def _end(stands: np.ndarray, distance: ca.SX | float, rise: ca.SX | float, turn: ca.SX | float) -> ca.SX:
-    """q at the end."""
+    """Return q at the end."""
     end = ca.SX(stands)
     end[0] += distance
     end[2] += rise
@@ -85,7 +85,7 @@ def _end(stands: np.ndarray, distance: ca.SX | float, rise: ca.SX | float, turn:
 
 
 def _straight(start: np.ndarray, stands: np.ndarray, swing: Callable[[np.ndarray], np.ndarray]) -> Guess:
-    """From start to end along a straight way, legs swung in turn where it is long."""
+    """Return a guess along the straight line from start to end, with legs that swing where it is long."""
 
     def guess(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         share, values = np.linspace(0, 1, problem.N + 1), problem.parameters.unpack(p)

@@ -1,4 +1,4 @@
-"""What a published machine's table holds, and what the machine looks like."""
+"""Machines with the constants of a publication, and their pictures."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class PublishedMachine(Machine):
     noise: float
 
     def reset(self, seed: int = 0) -> np.ndarray:
-        """State (q, v) that the environment starts at, (2 nq,): the pose lifted, plus noise.
+        """Return the state (q, v) that the environment starts at, (2 nq,): the pose lifted, plus noise.
 
         The noise is uniform in [-noise, noise], in m, rad, m/s and rad/s alike.
         """
@@ -88,7 +88,7 @@ def machine_shapes(machine: Machine, state: np.ndarray) -> list[Shape]:
 def machine_frames(
     machine: Machine, state: np.ndarray, spheres: Collection[str] | None, friction: float
 ) -> list[ContactFrame]:
-    """Frames of the contacts: of ``spheres``, all by default, with the ground, and of the collision pairs."""
+    """Return frames of the contacts of ``spheres``, all by default, with the ground, and of the collision pairs."""
     frames = _frames(machine, None if spheres is None else tuple(spheres))
     rows = np.array(frames(state[: frames.numel_in(0)])).T.tolist()
     return [ContactFrame(x, z, nx, nz, friction) for x, z, nx, nz in rows]
@@ -105,7 +105,7 @@ def _frames(machine: Machine, spheres: tuple[str, ...] | None) -> ca.Function:
 
 
 def _rod(link: Link) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ends of the thin rod with the link's mass, inertia and centre of mass, along its ``com``."""
+    """Return the ends of the thin rod with the link's mass, inertia and centre of mass, along its ``com``."""
     x, z = (float(c) for c in link.com)
     away = math.hypot(x, z)
     axis = (x / away, z / away) if away else (1.0, 0.0)

@@ -1,4 +1,4 @@
-"""Solids in space as plane shapes: what a camera sees of them, and what hides what."""
+"""Solids in space as plane shapes that a camera sees, the farthest first."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class PinholeCamera:
     def around(
         cls, target: Place, size: float, azimuth: float = -math.pi / 3, elevation: float = 0.35
     ) -> PinholeCamera:
-        """Look at ``size`` [m]; the eye is ``azimuth`` about z from x, ``elevation`` up [rad]."""
+        """Return a camera that sees ``size`` [m]; the eye is ``azimuth`` about z from x, ``elevation`` up [rad]."""
         (x, y, z), away, flat = target, EYE_DISTANCE * size, EYE_DISTANCE * size * math.cos(elevation)
         ahead, aside = flat * math.cos(azimuth), flat * math.sin(azimuth)
         return cls((x + ahead, y + aside, z + away * math.sin(elevation)), target)
@@ -72,22 +72,24 @@ class PinholeCamera:
 
     @property
     def distance(self) -> float:
-        """From the eye to the target [m]."""
+        """Distance from the eye to the target [m]."""
         return math.dist(self.eye, self.target)
 
     def scale(self, depth: Array) -> Array:
-        """How long a metre is in the picture, at depths of at least a quarter of the distance."""
+        """Return the length of a metre in the picture, at depths of at least a quarter of the distance."""
         return self.focal * self.distance / np.maximum(depth, NEAREST_DEPTH * self.distance)
 
     def project(self, points: Array) -> tuple[Array, Array]:
-        """Places in the picture (n, 2), ``scale * (right, up)``, and depths (n,); points (n, 3)."""
+        """Return places in the picture (n, 2), ``scale * (right, up)``, and depths (n,) of points (n, 3)."""
         in_camera = (points - np.array(self.eye)) @ self.axes.T
         return in_camera[:, :2] * self.scale(in_camera[:, 2])[:, None], in_camera[:, 2]
 
 
 @dataclass(frozen=True, eq=False)
 class _Body:
-    """What is within ``radius`` of the hull of ``points``; of faces corners, normal, if seen."""
+    """All points within ``radius`` of the hull of ``points``; each face has corners, a normal, and if it faces the
+    eye.
+    """
 
     role: str
     points: Array
@@ -114,7 +116,7 @@ def solids_seen(camera: PinholeCamera, solids: Iterable[Solid]) -> list[Shape]:
 
 
 def frame_seen(camera: PinholeCamera, point: Array, normal: Array, friction: float) -> ContactFrame:
-    """The frame of a contact at ``point`` (3,) with unit ``normal`` (3,), as the camera sees it.
+    """Return the frame of a contact at ``point`` (3,) with unit ``normal`` (3,), as the camera sees it.
 
     A cone of friction looks wider the more it points to the camera, which is never inside of it.
     """
@@ -130,7 +132,7 @@ def frame_seen(camera: PinholeCamera, point: Array, normal: Array, friction: flo
 
 
 def _parts(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
-    """Points in the body's frame, the radius around them, and which of them each face has."""
+    """Return points in the body's frame, the radius around them, and the points that each face has."""
     match shape:
         case shapes.Sphere(radius, centre):
             return np.array([centre], dtype=float), float(radius), []
@@ -149,13 +151,13 @@ def _parts(shape: shapes.Shape) -> tuple[Array, float, Sequence[Sequence[int]]]:
 
 
 def _across(normal: Array) -> Array:
-    """Unit vectors (2, 3) that ``normal`` is counter-clockwise to; x and y where it is z."""
+    """Return unit vectors (2, 3) that ``normal`` is counter-clockwise to; x and y where it is z."""
     up = np.cross(normal, np.eye(3)[int(abs(normal[0]) > 0.9 * np.linalg.norm(normal))])
     return np.array([np.cross(up, normal) / np.linalg.norm(normal), up]) / np.linalg.norm(up)
 
 
 def _grid(camera: PinholeCamera, origin: Array, normal: Array, role: str) -> Iterator[Segment]:
-    """Lines of a plane around what is seen, but for those that come too near to the camera."""
+    """Yield lines of a plane around what is seen, but for those that come too near to the camera."""
     axes, distance = _across(normal), camera.distance
     side = next((each for each in (2.0, 1.0, 0.5, 0.25, 0.1) if each <= distance / 12), 0.05)
     middle = axes @ (camera.target + FLOOR_SHIFT * distance * camera.axes[2] - origin) // side
@@ -169,7 +171,7 @@ def _grid(camera: PinholeCamera, origin: Array, normal: Array, role: str) -> Ite
 
 
 def _from_back(camera: PinholeCamera, bodies: list[_Body]) -> Iterator[_Body]:
-    """The deepest first, but what is on the camera's side of a face after what is behind it."""
+    """Yield the deepest body first; a body on the camera's side of a face comes after the body behind it."""
     shows = np.zeros((len(bodies), len(bodies)), dtype=bool)
     for i, body in enumerate(bodies):
         for corners, normal, faces_eye in body.faces:
@@ -184,7 +186,7 @@ def _from_back(camera: PinholeCamera, bodies: list[_Body]) -> Iterator[_Body]:
 
 
 def _seen(camera: PinholeCamera, body: _Body) -> Iterator[Shape]:
-    """Its outline, and the faces that are turned to the camera."""
+    """Yield the outline of a body, and its faces that are turned to the camera."""
     from scipy.spatial import ConvexHull
 
     places, depth = camera.project(body.points)

@@ -1,4 +1,4 @@
-"""What a machine in space looks like: its parts and contacts at one state, through a camera."""
+"""Pictures of a machine in space: its parts and contacts at one state, through a camera."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ def spatial_shapes(
 def spatial_frames(
     machine: SpatialMachine, camera: PinholeCamera, state: np.ndarray, friction: float
 ) -> list[ContactFrame]:
-    """Place and normal of every contact at ``state``."""
+    """Return place and normal of every contact at ``state``."""
     rows = np.array(_frames(machine)(_of_unit_length(machine, state))).T
     return [frame_seen(camera, row[:3], row[3:], friction) for row in rows]
 
 
 def _of_unit_length(machine: SpatialMachine, state: np.ndarray) -> np.ndarray:
-    """q, with quaternions drawn back to unit length: films interpolate states."""
+    """Return q, with quaternions drawn back to unit length: films interpolate states."""
     tree = machine.tree()
     q, turning = np.array(state[: tree.nq], dtype=float), tree.quaternion_entries
     for four in (turning[k : k + 4] for k in range(0, len(turning), 4)):

@@ -1,4 +1,4 @@
-"""What tracking by a machine needs: torques in N m, and a nominal that runs in time."""
+"""Additions to a machine for tracking: torques in N m, and a nominal that runs in time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dynamics.systems import ContactSystem, Signal
 
 
 def with_nominal(system: ContactSystem, rate: ca.SX, nominal: Signal) -> ContactSystem:
-    """The system with the last state ``nominal``, which grows by ``rate`` a second.
+    """Return the system with the last state ``nominal``, which grows by ``rate`` a second.
 
     As a state it runs on between the plans of a closed loop, and at any step size.
     """
@@ -25,6 +25,6 @@ def with_nominal(system: ContactSystem, rate: ca.SX, nominal: Signal) -> Contact
 
 
 def in_torques(system: ContactSystem) -> ContactSystem:
-    """The system of a machine whose gears are 1 N m, with its inputs in this unit."""
+    """Return the system of a machine whose gears are 1 N m, with its inputs in this unit."""
     torques = tuple(Signal(signal.name, "N m", "torque") for signal in system.inputs)
     return replace(system, inputs=torques)

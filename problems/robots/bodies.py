@@ -20,21 +20,21 @@ JOINTS: tuple[Joint, ...] = ("free", "ball", "slide", "hinge")
 
 @dataclass(frozen=True)
 class BodyFrame:
-    """A frame in a ``body``'s: its origin ``place`` (3,) [m], the ``turn`` of its axes."""
+    """A frame that is fixed to ``body``: its origin ``place`` (3,) [m], and the ``turn`` of its axes."""
 
     body: str
     place: np.ndarray = field(default_factory=lambda: np.zeros(3))
     turn: Rotation = field(default_factory=Rotation.identity)
 
     def compose(self, place: np.ndarray, quaternion: np.ndarray) -> BodyFrame:
-        """A frame that is in this one as MuJoCo's numbers say, a quaternion (w, x, y, z)."""
+        """Return the frame that has ``place`` and ``quaternion`` (w, x, y, z) in this one."""
         turn = self.turn * Rotation.from_quat(quaternion, scalar_first=True)
         return BodyFrame(self.body, self.place + self.turn.apply(place), turn)
 
 
 @dataclass(frozen=True)
 class Actuator:
-    """An actuator's name and the range of its input; ``gear``, or ``servo``, and ``damping``.
+    """An actuator's name and the range of its input, with ``gear`` or ``servo``, and ``damping``.
 
     ``damper`` names a velocity servo whose damping it has too, and whose input is 0.
     """
@@ -48,13 +48,13 @@ class Actuator:
 
 
 def exact(values: Sequence[float] | np.ndarray, size: float = 1.0) -> Any:
-    """A tuple without what rounding leaves of 0 and of ±1, for numbers about ``size``."""
+    """Return a tuple in which entries that rounding keeps from 0 or ±1 are exact, for numbers about ``size``."""
     without_zeros = (0.0 if abs(value) < ROUNDED_TO_ZERO * size else float(value) for value in values)
     return tuple(float(round(x)) if abs(abs(x) - 1) < ROUNDED_TO_ZERO else x for x in without_zeros)
 
 
 def bodies(model: Any, actuators: Mapping[int, Actuator]) -> tuple[tuple[Body, ...], list[BodyFrame]]:
-    """Bodies in the order of q, and where each body of the file is in one of them.
+    """Return bodies in the order of q, and the frame of each body of the file in one of them.
 
     What is fixed to a body is part of it. One with several joints becomes a chain, all but the last
     of it without mass and named as their joints. A frame has its origin in its joint; its axes are
@@ -82,7 +82,7 @@ def bodies(model: Any, actuators: Mapping[int, Actuator]) -> tuple[tuple[Body, .
 
 
 def _jointed(model: Any, j: int, name: str, pose: BodyFrame, actuator: Actuator | None) -> tuple[Body, BodyFrame]:
-    """The body of a joint, without mass, and the pose of the file's body in it, not in the parent.
+    """Return the body of a joint, without mass, and the frame of the file's body in it, not in the parent.
 
     With axes that are the parent's at q = 0 no rotation by 90 degrees leaves rounded zeros.
     """
@@ -118,7 +118,7 @@ def _jointed(model: Any, j: int, name: str, pose: BodyFrame, actuator: Actuator 
 
 
 def _inertia(model: Any, body: int, poses: Sequence[BodyFrame]) -> dict[str, Any]:
-    """Mass, inertia and centre of all that is welded to a body, in the frame of its carrier."""
+    """Return mass, inertia and centre of all that is welded to a body, in the frame of its carrier."""
     welded = np.flatnonzero(model.body_weldid == body).tolist()
     masses = model.body_mass[welded]
     frames = [poses[b].compose(model.body_ipos[b], model.body_iquat[b]) for b in welded]
@@ -162,7 +162,7 @@ def actuators_of(model: Any, followers: Container[int] = ()) -> dict[int, Actuat
 
 
 def actuator_of(model: Any, k: int) -> Actuator | None:
-    """What actuator ``k`` is to a hinge or slide: a motor, or a servo that pulls to a position.
+    """Return actuator ``k`` of a hinge or slide: a motor, or a servo that pulls to a position.
 
     None where it is neither.
     """

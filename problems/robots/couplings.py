@@ -57,7 +57,7 @@ def _active(model: Any) -> Iterator[int]:
 
 
 def _length(model: Any, kind: int, number: int) -> tuple[Mapping[int, float], float]:
-    """Coefficients of a joint or fixed tendon, and its length at the joints' references."""
+    """Return coefficients of a joint or fixed tendon, and its length at the joints' references."""
     if number < 0:
         return {}, 0.0
     if kind == 2:

@@ -1,4 +1,4 @@
-"""What of a robot's file is read: one table of elements and attributes, and words for the rest."""
+"""Tables of the elements and attributes of a robot's file that are read, and reasons for the rest."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def _unread_attributes(element: Element, read: list[str], *, urdf: bool) -> dict
 
 
 def _sentence(attribute: str, tag: str, kind: str, name: str) -> tuple[tuple[str, str, str], str]:
-    """Begin, kind of element and reason of a sentence about an attribute, and what it names."""
+    """Return beginning, kind of element and reason of a sentence about an attribute, and the name it is about."""
     if tag in ("option", "flag"):
         return ("", "option", "settings of a simulator, or of a fluid"), attribute
     prefix = f"{attribute} of " if kind == tag else f"{attribute} of {tag} of "
@@ -150,7 +150,7 @@ def _walk(
 
 
 def _named(element: Element, owners: tuple[Element, ...]) -> tuple[str, str]:
-    """Tag and name of the element, or of the nearest one above it that has a name."""
+    """Return tag and name of the element, or of the nearest one above it that has a name."""
     for ancestor in (element, *reversed(owners)):
         if ancestor.tag in ("default", "worldbody"):
             return ("body", "world") if ancestor.tag == "worldbody" else (ancestor.tag, ancestor.get("class", "main"))

@@ -113,7 +113,7 @@ def touching(model: Any, machine: SpatialMachine, poses: Sequence[BodyFrame]) ->
 
 
 def _parts(model: Any, poses: Sequence[BodyFrame], geoms: list[int], ignored: list[str]) -> dict[int, SpatialPart]:
-    """Parts by geom; of ``geoms``, which may touch anything, tell what is no part."""
+    """Return parts by geom; say of ``geoms``, which may touch anything, what is no part."""
     parts: dict[int, SpatialPart] = {}
     for g in range(model.ngeom):
         name, note = model.geom(g).name, ""
@@ -129,7 +129,7 @@ def _parts(model: Any, poses: Sequence[BodyFrame], geoms: list[int], ignored: li
 
 
 def _shape(model: Any, g: int, kind: str, pose: BodyFrame) -> tuple[Shape, str]:
-    """A geom in the frame of its body, and what of it is left out.
+    """Return a geom in the frame of its body, and what of it is left out.
 
     Raises ``ValueError`` where no shape is like it, with the reason.
     """
@@ -153,7 +153,7 @@ def _shape(model: Any, g: int, kind: str, pose: BodyFrame) -> tuple[Shape, str]:
 
 
 def _hull(model: Any, g: int, pose: BodyFrame) -> tuple[Hull, str]:
-    """The corners that MuJoCo keeps of a mesh's hull, and how deep inside of it they are."""
+    """Return the corners that MuJoCo keeps of a mesh's hull, and how deep inside of it they are."""
     mesh = int(model.geom_dataid[g])
     first, many = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     corners = model.mesh_vert[first : first + many].astype(float)
@@ -170,7 +170,7 @@ def _hull(model: Any, g: int, pose: BodyFrame) -> tuple[Hull, str]:
 
 
 def pairs_of(model: Any) -> dict[tuple[int, int], float]:
-    """Pairs of geoms that may touch, with Coulomb's coefficient, 0 where they only push.
+    """Return pairs of geoms that may touch, with Coulomb's coefficient, 0 where they only push.
 
     Those that the file names, and those that their bits let touch: of bodies that are neither
     excluded nor fixed to each other, nor parent and child.

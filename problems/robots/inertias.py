@@ -1,4 +1,4 @@
-"""Mass and inertia of a compiled file, checked body by body against the file's own numbers."""
+"""Masses and inertias of a compiled file, checked body by body against the file's own numbers."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _of_mjcf(body: Any, spec: Any) -> _Moments:
 
 
 def _of_geoms(model: Any, body: Any, groups: Any) -> _Moments | None:
-    """Sum over the geoms of a body; None where a mesh or a shell is among them."""
+    """Return the sum over the geoms of a body; None where a mesh or a shell is among them."""
     solids = list[_Moments]()
     for geom in body.geoms:
         if not groups[0] <= geom.group <= groups[1] or geom.mass == 0 or geom.density == 0:
@@ -113,7 +113,7 @@ def _of_geoms(model: Any, body: Any, groups: Any) -> _Moments | None:
 
 
 def _solid(kind: str, a: float, b: float, c: float) -> tuple[float, list[float]] | None:
-    """Volume [m³] and moments (3,) [m²] of 1 kg of a solid with MuJoCo's sizes; None if unknown."""
+    """Return volume [m³] and moments (3,) [m²] of 1 kg of a solid with MuJoCo's sizes; None if unknown."""
     if kind == "sphere":
         kind, b, c = "ellipsoid", a, a
     if kind in ("ellipsoid", "box"):
@@ -129,6 +129,6 @@ def _solid(kind: str, a: float, b: float, c: float) -> tuple[float, list[float]]
 
 
 def _turned(turn: Rotation, six: Any) -> np.ndarray:
-    """``R I R'`` of moments (xx, yy, zz, xy, xz, yz) in a frame that is turned by R."""
+    """Return ``R I R'`` of moments (xx, yy, zz, xy, xz, yz) in a frame that is turned by R."""
     R, (xx, yy, zz, xy, xz, yz) = turn.as_matrix(), six
     return R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T

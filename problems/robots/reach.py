@@ -1,4 +1,4 @@
-"""Which geoms of a compiled file can never meet, whatever joints do within their limits."""
+"""Pairs of geoms of a compiled file that never meet, whatever joints do within their limits."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PARALLEL_TOLERANCE = 1e-9
 
 
 def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other: int) -> bool:
-    """Whether two geoms can never meet; False where that is not known.
+    """Return True where two geoms can never meet; False where that is not known.
 
     ``above`` has the joints that move each body; ``data`` is overwritten.
     The ranges of the joints between them are cut into pieces. They never meet if they are further
@@ -55,7 +55,7 @@ def never_collide(model: Any, data: Any, above: list[list[int]], one: int, other
 
 
 def _beside(model: Any, data: Any, joints: list[int], geoms: tuple[int, int]) -> bool:
-    """Whether boxes around two geoms are apart along the one axis about which all joints turn."""
+    """Return True where boxes around two geoms are apart along the one axis about which all joints turn."""
     data.qpos[:] = model.qpos0
     import_module("mujoco").mj_kinematics(model, data)
     hinges = [j for j in joints if model.jnt_type[j] == 3]
@@ -83,7 +83,7 @@ def joints_above(model: Any) -> list[list[int]]:
 
 
 def _range(model: Any, j: int) -> tuple[float, float]:
-    """Range of a hinge or a slide; without end for all other joints."""
+    """Return the range of a hinge or a slide; without end for all other joints."""
     if model.jnt_limited[j] and model.jnt_type[j] > 1:
         return tuple(model.jnt_range[j].tolist())
     return (-math.pi, math.pi) if model.jnt_type[j] == 3 else (-math.inf, math.inf)

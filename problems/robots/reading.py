@@ -133,7 +133,7 @@ def _complete(spec: Any, source: Source) -> list[str]:
 
 
 def _plane_axis(model: Any, file: Path) -> np.ndarray:
-    """Horizontal unit vector (3,) about which all hinges turn, y where there is none.
+    """Return the horizontal unit vector (3,) about which all hinges turn, y where there is none.
 
     Raises :class:`~ocp.errors.InputError` where a joint leaves the plane that it is normal to.
     """
@@ -165,7 +165,7 @@ def _free_in_plane(root: Any, axis: np.ndarray) -> None:
 
 
 def _name(elements: Iterable[tuple[Any, str]]) -> None:
-    """Name those without a name as it stands beside them, each in another way."""
+    """Name elements that have no name as it stands beside them, each in another way."""
     listed = list(elements)
     names = {element.name for element, _ in listed}
     for element, name in listed:
@@ -186,7 +186,7 @@ def _check(model: Any) -> None:
 
 
 def _reason(message: str) -> str:
-    """The compiler's first line as the rest of a sentence, with the element that it names."""
+    """Return the compiler's first line as the rest of a sentence, with the element that it names."""
     lines = [line.strip() for line in message.splitlines() if line.strip()]
     text = lines[0].replace("XML ", "").replace("Error: ", "").replace("engine error: ", "")
     named = [line.split("'")[1] for line in lines if line.startswith("Element name '")]
@@ -244,14 +244,14 @@ def _robot(file: Path, model: Any, source: Source, notes: list[str]) -> Robot:
 
 
 def _equation(coupling: Coupling) -> str:
-    """Write a coupling for people."""
+    """Return a coupling as a sentence."""
     (first, unit), *others = coupling.coefficients.items()
     terms = [f"{-factor / unit:g} {name}" for name, factor in others]
     return f"Joint {first} follows: {first} = {' + '.join([*terms, f'{coupling.value / unit:g}'])}."
 
 
 def _camera(model: Any, home: np.ndarray) -> PinholeCamera:
-    """One that sees all geoms at home; from the side, where all moves in the plane of x and z."""
+    """Return a camera that sees all geoms at home; from the side, where all moves in the plane of x and z."""
     data = import_module("mujoco").MjData(model)
     data.qpos[:] = home
     import_module("mujoco").mj_kinematics(model, data)

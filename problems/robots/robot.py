@@ -1,4 +1,4 @@
-"""What a robot's file says, as a machine and the numbers beside it."""
+"""A robot's file as a machine and the numbers beside it."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ class Robot:
 
     @property
     def floats(self) -> bool:
-        """Whether the root moves freely along z and along x or y."""
+        """True where the root moves freely along z and along x or y."""
         return "z" in self._ways and len(self._ways) > 1
 
     def standing(self) -> np.ndarray:
-        """Home (nq,), lifted or lowered to where a floating robot first touches the ground [m]."""
+        """Return home (nq,), lifted or lowered to where a floating robot first touches the ground [m]."""
         pose = self.home.copy()
         if self.floats and self.grounds:
             index, sign = self._ways["z"]
@@ -90,7 +90,7 @@ class Robot:
         return ties.close(tree, goal) if ties else goal
 
     def held(self, pose: np.ndarray) -> np.ndarray:
-        """Inputs (nu,) that ask for a pose: its positions of servos, and 0 of motors."""
+        """Return inputs (nu,) that ask for a pose: its positions of servos, and 0 of motors."""
         tree = self.machine.tree()
         return np.array(
             [pose[tree.q_of[name]][0] if tree.bodies[name].servo is not None else 0.0 for name in tree.actuated]
@@ -119,11 +119,11 @@ class Robot:
         return spatial_shapes(self.machine, self.camera, state)
 
     def frames(self, state: np.ndarray, friction: float) -> list[ContactFrame]:
-        """Place and normal of every contact, to draw its force."""
+        """Return place and normal of every contact, to draw its force."""
         return spatial_frames(self.machine, self.camera, state, friction)
 
     def document(self) -> dict[str, Any]:
-        """All that was read, as plain data: bodies, motors, contacts, home, and what was not."""
+        """Return all that was read, as plain data: bodies, motors, contacts, home, and what was not read."""
         tree = self.machine.tree()
         gaps, home = np.array(self.distances(self.home)).ravel().tolist(), self.home.tolist()
         return {

@@ -196,7 +196,7 @@ def _check_size(root: Element, file: Path) -> None:
 
 
 def _check(root: Element, place: Place) -> None:
-    """Refuse files out of the folder, and numbers that no robot has."""
+    """Refuse files outside the folder, and numbers that no robot has."""
     for element in root.iter():
         for name, value in element.attrib.items():
             if name == "file" or name in _FOLDERS[:2]:
@@ -206,7 +206,7 @@ def _check(root: Element, place: Place) -> None:
 
 
 def _out_of_range(name: str, value: str) -> str:
-    """What is wrong with the numbers of an attribute, "" where nothing is."""
+    """Return what is wrong with the numbers of an attribute, "" where nothing is."""
     for word in value.split():
         try:
             number = float(word)
@@ -222,7 +222,7 @@ def _out_of_range(name: str, value: str) -> str:
 
 
 def _strip_mjcf(root: Element) -> None:
-    """Leave out what names files of pictures and heights."""
+    """Remove the names of files of pictures and heights."""
     for element in root.iter():
         element.attrib.pop("material", None)
     for field in root.iter("hfield"):
@@ -269,7 +269,7 @@ def _take_meshes(root: Element, place: Place, ignored: list[str]) -> dict[str, b
 
 
 def _there(file: Path) -> bool:
-    """Whether a file is there; a name that is too long for one is no error."""
+    """Return whether a file exists; a name that is too long for one is no error."""
     try:
         return file.is_file()
     except OSError:

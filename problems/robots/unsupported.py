@@ -1,4 +1,4 @@
-"""What elements of a compiled file say in vain, since this kind of joint or motor has none."""
+"""Elements of a compiled file that have no effect, since this kind of joint or motor has none."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from problems.robots.elements import listed
 
 
 def unsupported_features(model: Any, geoms: Iterable[int]) -> list[str]:
-    """Say of everything that plays no part what it is, by name, and what holds instead.
+    """Return a sentence about everything that plays no part: its name, and what holds instead.
 
     Of geoms those count that may touch anything.
     """
@@ -28,7 +28,7 @@ def unsupported_features(model: Any, geoms: Iterable[int]) -> list[str]:
 
 
 def _unsupported_elements(model: Any) -> Iterator[tuple[str, str, list[int], str]]:
-    """What of a kind of elements is left out, of which, and what holds instead."""
+    """Yield the feature, the kind of element, those that have it, and what holds instead."""
     single = np.flatnonzero(model.jnt_type < 2).tolist()
     for feature, has in (
         ("armature", model.dof_armature[model.jnt_dofadr]),

@@ -1,4 +1,4 @@
-"""What URDF files say in their own ways: the world, friction, joints that follow, dummies."""
+"""Statements of URDF files in their own ways: the world, friction, joints that follow, dummies."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def take_mimics(root: Element, file: Path) -> list[Mimic]:
 
 
 def clean(root: Element) -> list[str]:
-    """Leave out inertias that no body has, and bounds that are infinite; return what to say."""
+    """Remove inertias that no body has, and bounds that are infinite; return sentences about them."""
     sentences = []
     odd = [link.get("name", "") for link in root.iter("link") if _mended(link)]
     if odd:
@@ -139,7 +139,7 @@ def _infinite(value: str | None) -> bool:
 
 
 def _mended(link: Element) -> bool:
-    """Whether a link is a dummy whose products of inertia no body has; then leave these out."""
+    """Return True for a dummy whose products of inertia no body has, after removing these."""
     mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
     if mass is None or inertia is None:
         return False

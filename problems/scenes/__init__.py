@@ -1,4 +1,4 @@
-"""Pushing problems from shapes: what is there, who touches whom, the system and the drawing."""
+"""Pushing problems from shapes: things, the pairs that touch, the system and the drawing."""
 
 from dynamics.systems.shapes import Box, Capsule, Disc, HalfPlane, Polygon, Union
 from problems.scenes.pictures import pictured

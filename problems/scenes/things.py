@@ -153,7 +153,7 @@ class Pusher(Thing):
 
     @property
     def coordinates(self) -> tuple[Signal, ...]:
-        """``<name>_x`` and ``<name>_y``, or the way gone ``<name>``."""
+        """``<name>_x`` and ``<name>_y``, or the distance ``<name>`` along the rail."""
         if self.axis is None:
             return _places(self.name)
         return (Signal(self.name, "m", f"way of {self.name} along its rail"),)
@@ -216,7 +216,7 @@ class Touch:
 
     @property
     def pair(self) -> frozenset[str]:
-        """Names of both."""
+        """Names of both things."""
         return frozenset((self.one.name, self.other.name))
 
 

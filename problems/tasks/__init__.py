@@ -1,1 +1,1 @@
-"""Named tasks that policies are trained for, one a file; :mod:`problems.tasks.registry`."""
+"""The registry of tasks that policies are trained for, and what several of them share."""

@@ -1,4 +1,4 @@
-"""Every task by name: what it is made of, and the settings by which algorithms learn it."""
+"""Tasks by name, with the settings by which algorithms learn them."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def get(name: str, **params: Any) -> Task:
 
 
 def default_settings(spec: TaskSpec, word: str, cls: type) -> dict[str, Any]:
-    """What the task has of the settings of the algorithm ``word``, and of its experiment's."""
+    """Return the task's settings of the algorithm ``word``, and of its experiment."""
     from ocp.learning.experiment import Experiment
 
     settings = {**spec.training.get("all", {}), **spec.training.get(word, {})}
@@ -86,7 +86,7 @@ def default_settings(spec: TaskSpec, word: str, cls: type) -> dict[str, Any]:
 
 
 def make_algorithm(cls: type, values: Mapping[str, Any]) -> tuple[Algorithm, dict[str, Any]]:
-    """The algorithm of its own settings among ``values``, and the others, its experiment's.
+    """Return the algorithm with its own settings among ``values``, and the others, its experiment's.
 
     Raises :class:`~ocp.errors.InputError` where they cannot be.
     """

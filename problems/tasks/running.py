@@ -1,4 +1,4 @@
-"""What the tasks of the running machines share: unknown weights, the reset, what is told."""
+"""Parts that the tasks of the running machines share: unknown weights, the reset, the measures."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def built(
     spring: str,
     spheres: Collection[str] | None,
 ) -> tuple[ContactSystem, dict[str, Any]]:
-    """System of the machine at ``params``, and the fields of :class:`~ocp.problem.task.Task` that all have.
+    """Return the machine's system at ``params``, and the fields of :class:`~ocp.problem.task.Task` that all have.
 
     The links weigh ``mass_<link>`` [kg] and ``inertia_<link>`` [kg m²]; ``spring`` names the
     parameter of the joints' springs. The start is that of :meth:`PublishedMachine.reset`, one unit
@@ -72,7 +72,7 @@ def built(
 
 
 def tame(x: ca.SX, bound: float) -> ca.SX:
-    """1 where every entry of ``x`` is below ``bound`` in size, else 0; no entry that is no number.
+    """Return 1 where every entry of ``x`` is a number below ``bound`` in size, else 0.
 
     A comparison with what is no number is false, so what is still well is compared.
     """

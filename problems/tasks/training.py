@@ -1,4 +1,4 @@
-"""Trainings of named tasks as jobs that any process can do, and what is stored of each."""
+"""Trainings of named tasks as jobs for any process, and the data stored of each."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def policy_of(data: xr.Dataset | Mapping[str, np.ndarray]) -> Trained:
-    """The policy of a stored training: parameters and normaliser, to the last bit."""
+    """Return the policy of a stored training: parameters and normaliser, to the last bit."""
     theta, mean, scale = (np.asarray(data[name]) for name in ("theta", "mean", "scale"))
     # In binary numbers the root of the square of a number is that number.
     return Trained(theta, Normaliser(2.0, mean, 2.0 * scale**2))
@@ -81,7 +81,7 @@ def _unit(dimension: str, signals: tuple[Signal, ...]) -> dict[str, str]:
 
 
 def _h(experiment: Experiment) -> float:
-    """Step size [s]."""
+    """Return the step size [s]."""
     import casadi as ca
 
     task = experiment.task
@@ -132,7 +132,7 @@ class TrainingJob:
 
     @property
     def name(self) -> str:
-        """Short, for a line on the terminal."""
+        """Short name, for a line on the terminal."""
         beside = self.algorithm.settings().get("of")
         return f"{f'{beside} with psi' if beside else self.algorithm.name} seed {self.seed}"
 
@@ -154,14 +154,14 @@ class TrainingJob:
         )
 
     def checkpoint(self, experiment: Experiment, store: Path) -> Checkpoint:
-        """What is kept of it in a store, named after all that decides its result."""
+        """Return the checkpoint in a store, named after all that decides its result."""
         decisive = {**experiment.settings(), "iterations": experiment.iterations}
         content = content_digest([self.law.source_digest], self.law.settings())
         return Checkpoint(store, self.task, {"training": decisive}, content)
 
 
 def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint) -> list[str]:
-    """Sentences: where the training resumes, and unfinished trainings with other settings.
+    """Return sentences: where the training resumes, and unfinished trainings with other settings.
 
     Those are of the same algorithm and seed on the same task.
     """
@@ -182,7 +182,7 @@ def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint)
 
 
 def trained(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Dataset:
-    """Do a job, from its checkpoint on; a :data:`~ocp.jobs.scheduling.Function`.
+    """Run a job, from its checkpoint on; a :data:`~ocp.jobs.scheduling.Function`.
 
     Tells every row with its iteration; returns what is stored.
     """
@@ -194,7 +194,7 @@ def trained(job: TrainingJob, tell: Callable[[dict[str, float]], None]) -> xr.Da
 
 
 def record(experiment: Experiment) -> dict[str, Any]:
-    """What was asked, as a run's description has it; :func:`rebuilt` reads it."""
+    """Return the request as a run's description has it; :func:`rebuilt` reads it."""
     names = ("hidden", "initial", "rest", "normalise", "discount", "iterations", "evaluate_every")
     return {
         "problem": experiment.task.name,
@@ -207,7 +207,7 @@ def record(experiment: Experiment) -> dict[str, Any]:
 
 
 def rebuilt(run: StoredRun) -> tuple[Experiment, Trained]:
-    """The experiment of a stored training, and its policy, to be judged again.
+    """Return the experiment of a stored training, and its policy, to be judged again.
 
     Raises :class:`~ocp.errors.InputError` for a run of another kind, and where the policy does not
     fit the task of that name.

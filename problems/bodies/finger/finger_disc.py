@@ -65,7 +65,7 @@ class Params(FingerParams):
 
 
 def _start(p: ParameterTable) -> ca.SX:
-    """Shoulder and elbow (2, 1) [rad] at which the tip touches the disc from the left."""
+    """Return shoulder and elbow (2, 1) [rad] at which the tip touches the disc from the left."""
     x, z, a, b = p["x"] - p["R"] - p["r"], p["z"], p["length"], p["length"] - p["r"]
     elbow = ca.acos((x**2 + z**2 - a**2 - b**2) / (2 * a * b))
     return ca.vertcat(ca.atan2(x, z) - ca.atan2(b * ca.sin(elbow), a + b * ca.cos(elbow)), elbow)
@@ -96,7 +96,7 @@ def build(params: Params) -> Problem:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Finger and disc, and the disc's goal."""
+    """Draw finger and disc, and the disc's goal."""
     return finger_shapes(params, state, params.goal)
 
 

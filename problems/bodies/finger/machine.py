@@ -33,7 +33,7 @@ class FingerParams(Parameters):
 
 
 def finger_system(name: str, p: ParameterTable) -> ContactSystem:
-    """One step of shoulder, elbow and disc, torques [N m] at both joints of the finger.
+    """Return the step of shoulder, elbow and disc, torques [N m] at both joints of the finger.
 
     Angles count clockwise from straight up, state (q, v); the centre of the fingertip lies ``r``
     before the end of the second link, and nothing else of the finger touches. The disc is balanced
@@ -61,7 +61,7 @@ def finger_system(name: str, p: ParameterTable) -> ContactSystem:
 
 
 def finger_shapes(params: FingerParams, state: np.ndarray, goal: float) -> list[Shape]:
-    """Links, tip, and the disc with a radius that turns; another is the goal's [rad]."""
+    """Draw links, tip, and the disc with a radius that turns; another is the goal's [rad]."""
     (x, z), elbow, tip = (params.x, params.z), *_places(params, state)
     disc = Circle(x, z, params.R)
 
@@ -79,7 +79,7 @@ def finger_shapes(params: FingerParams, state: np.ndarray, goal: float) -> list[
 
 
 def finger_frames(params: FingerParams, state: np.ndarray) -> list[ContactFrame]:
-    """The tip pushes the disc from where its rim is nearest to it."""
+    """Return the frame of the tip, which pushes the disc from where its rim is nearest."""
     tip = np.array(_places(params, state)[1])
     to_disc = np.array([params.x, params.z]) - tip
     nx, nz = (float(v) for v in to_disc / np.linalg.norm(to_disc))
@@ -88,7 +88,7 @@ def finger_frames(params: FingerParams, state: np.ndarray) -> list[ContactFrame]
 
 
 def _places(params: FingerParams, state: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:
-    """The elbow, and the centre of the fingertip."""
+    """Return the elbow, and the centre of the fingertip."""
     upper, fore = float(state[0]), float(state[0] + state[1])
     a, b = params.length, params.length - params.r
     elbow = a * math.sin(upper), a * math.cos(upper)

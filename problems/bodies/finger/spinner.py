@@ -69,7 +69,7 @@ def build(params: Params) -> Problem:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Finger and disc, and the nominal angle of the disc."""
+    """Draw finger and disc, and the nominal angle of the disc."""
     return finger_shapes(params, state, float(state[6]) + params.lead)
 
 

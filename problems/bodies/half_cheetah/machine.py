@@ -31,7 +31,7 @@ def half_cheetah(
     damping: Number = 1.0,
     limits: bool = True,
 ) -> PublishedMachine:
-    """Half-cheetah of adaptive barrier smoothing, sec. 7: 9 coordinates, 6 motors, 14.000 kg.
+    """Return the half-cheetah of adaptive barrier smoothing, sec. 7: 9 coordinates, 6 motors, 14.000 kg.
 
     ``spring_scale`` multiplies the springs of the six joints (60 to 240 N m/rad), ``damping``
     [N m s/rad] acts in each. ``base_damping`` drags x, z and angle of the torso [N s/m,

@@ -120,7 +120,7 @@ def build(params: Params) -> Problem:
 
 
 def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slide along in the standing pose."""
+    """Return a guess that slides along in the standing pose."""
     N, nx = problem.N, problem.system.nx
     start = problem.initial_states(p)[0]
     X = np.tile(start, (N + 1, 1))
@@ -129,10 +129,10 @@ def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw(params: Any, state: np.ndarray) -> list[Shape]:
-    """Links and the ground."""
+    """Draw links and the ground."""
     return machine_shapes(_PICTURED, state)
 
 
 def frames(params: Any, state: np.ndarray) -> list[ContactFrame]:
-    """Return where each sphere touches the ground, and the joint limits nowhere."""
+    """Return the frame of each sphere on the ground, and none of joint limits."""
     return machine_frames(_PICTURED, state, SPHERES[params.spheres], params.friction)

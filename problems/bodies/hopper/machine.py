@@ -20,7 +20,7 @@ def hopper(
     damping: Number = 1.0,
     limits: bool = False,
 ) -> PublishedMachine:
-    """Hopper of adaptive barrier smoothing, sec. 7: 6 coordinates, 3 motors, 15.265 kg.
+    """Return the hopper of adaptive barrier smoothing, sec. 7: 6 coordinates, 3 motors, 15.265 kg.
 
     ``spring`` [N m/rad] and ``damping`` [N m s/rad] act in the three joints, ``limits`` are those
     of the source's later version, where it first had any. ``base_damping`` drags x, z and angle

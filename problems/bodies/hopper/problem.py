@@ -113,7 +113,7 @@ def build(params: Params) -> Problem:
 
 
 def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slide upright from start to goal on a low arc."""
+    """Return a guess that slides upright from start to goal on a low arc."""
     position = problem.parameters.unpack(p)
     N, nx, nu = problem.N, problem.system.nx, problem.system.nu
     nq = nx // 2
@@ -127,10 +127,10 @@ def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Links, spheres, the ground, and the goal."""
+    """Draw links, spheres, the ground, and the goal."""
     return [*machine_shapes(_PICTURED, state), Mark(params.goal, 0.0, "goal")]
 
 
 def frames(params: Any, state: np.ndarray) -> list[ContactFrame]:
-    """Contacts of the spheres with the ground."""
+    """Return the frames of the spheres on the ground."""
     return machine_frames(_PICTURED, state, SPHERES[params.spheres], params.friction)

@@ -100,5 +100,5 @@ def build(params: Params) -> Task:
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
-    """Links, spheres and the ground."""
+    """Draw links, spheres and the ground."""
     return machine_shapes(_MACHINE, state)
