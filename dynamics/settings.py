@@ -126,9 +126,9 @@ class Setting:
     def message(self, label: str, value: Any, kind: str = "") -> str:
         """Return the sentence for a ``value`` that is not a ``kind`` or out of range; ``label`` names the setting."""
         words, hint = self.extra("words", ()), self.extra("hint", "")
-        shown = abbreviated_number(value)
+        value_text = abbreviated_number(value)
         proposal = did_you_mean(value, words) if isinstance(value, str) and words else ""
-        return f"{label} must be {self._range(kind)}, got {shown}{proposal}{'; ' if hint else ''}{hint}"
+        return f"{label} must be {self._range(kind)}, got {value_text}{proposal}{'; ' if hint else ''}{hint}"
 
     def read(self, value: Any, owner: str = "") -> Any:
         """Return ``value``, or the number, word or switch that it writes as text; the default is always taken.

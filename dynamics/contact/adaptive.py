@@ -74,13 +74,15 @@ class Adaptive(ContactLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        given = {name: getattr(self, name) for name in ("sigma", "mu_max", "scale", "power")}
+        parameters = {name: getattr(self, name) for name in ("sigma", "mu_max", "scale", "power")}
         defaults = DEFAULT_PARAMETERS.get(str(self.law), {})
-        for name, value in given.items():
+        for name, value in parameters.items():
             if value is not None and name not in defaults:
                 names = ", ".join(defaults) or "no parameter"
                 raise InputError(f"adaptive: {name} does not belong to law {self.law!r}; it takes {names}")
-        self.values = {name: default if given[name] is None else given[name] for name, default in defaults.items()}
+        self.values = {
+            name: default if parameters[name] is None else parameters[name] for name, default in defaults.items()
+        }
 
     @property
     def frozen(self) -> bool:

@@ -94,14 +94,14 @@ def _recovered(path: Path, followed: ca.Function) -> ca.Function:
 def _attempt(path: Path, followed: ca.Function) -> ca.Function:
     """From one start: ``(best, data) -> best``, best a pair, its error, the start's number."""
     n, size = path.n, path.size
-    best, data = ca.MX.sym("best", size + 2), ca.MX.sym("data", path.data.numel())
+    earlier, data = ca.MX.sym("best", size + 2), ca.MX.sym("data", path.data.numel())
     descent = _repeated(_damped_step(path), _LOG2_ITERATIONS, lambda point: point[n] < _MAX_DAMPING)
-    lam = descent(_start(path)(best[size + 1], data), data)[:n]
+    lam = descent(_start(path)(earlier[size + 1], data), data)[:n]
     pair, root_error = _paired(path)(lam, data)
     pair = _where(root_error < _POLISH_ERROR, followed, pair, data)
     error = ca.mmax(path.ending_function()(pair, data)[2])
-    best_pair = ca.if_else(error < best[size], ca.vertcat(pair, error), best[: size + 1])
-    return ca.Function("attempt", [best, data], [ca.vertcat(best_pair, best[size + 1] + 1)])
+    best_pair = ca.if_else(error < earlier[size], ca.vertcat(pair, error), earlier[: size + 1])
+    return ca.Function("attempt", [earlier, data], [ca.vertcat(best_pair, earlier[size + 1] + 1)])
 
 
 def _start(path: Path) -> ca.Function:

@@ -207,10 +207,10 @@ class Path:
 
     def gap_at(self, lam: ca.SX, on_true_gap: ca.SX) -> tuple[ca.SX, Compliance]:
         """The gap at lam and its compliance there, or as where the step starts, if not ``on_true_gap``."""
-        known = self.data_parts
-        z, F = ca.SX(known["z"]), ca.SX(self.pattern, known["entries"])
+        entries = self.data_parts
+        z, F = ca.SX(entries["z"]), ca.SX(self.pattern, entries["entries"])
         if self.curved:
-            rows, slopes = self.curved.gap_at(lam, known["D"], known["c"], known["more"])
+            rows, slopes = self.curved.gap_at(lam, entries["D"], entries["c"], entries["more"])
             for k, i in enumerate(self.curved.rows):
                 z[i] = ca.if_else(on_true_gap, rows[k] - slopes[k, :] @ lam, z[i])
                 F[i, :] = ca.if_else(on_true_gap, slopes[k, :], ca.densify(F[i, :]))
@@ -227,13 +227,13 @@ class Path:
         lam (impulse) and the gap are the caller's; ``error`` is each contact's scaled violation,
         the larger one of ``|lam s - mu|`` and ``|z + F lam - s| / (1 + s)``.
         """
-        n, known = self.n, self.data_parts
+        n, entries = self.n, self.data_parts
         pair = ca.SX.sym("pair", self.size)
-        lam, s, D, c, target_mu = pair[:n], pair[n : 2 * n], known["D"], known["c"], known["mu"]
+        lam, s, D, c, target_mu = pair[:n], pair[n : 2 * n], entries["D"], entries["c"], entries["mu"]
         gap, F = self.gap_at(lam, ca.SX(1))
         new_lam, new_s = lam, s
         if self.exact and self.unique:
-            new_lam, new_s = _on_active_set(lam, s, known["z"], F.matrix())
+            new_lam, new_s = _on_active_set(lam, s, entries["z"], F.matrix())
             target_mu, gap = ca.SX(0), gap + F.multiply(new_lam - lam)
         error = ca.fmax(ca.fabs(new_lam * new_s - target_mu), ca.fabs(gap - new_s) / (1 + s))
         # Diverged: not a number, which would pass for small in a comparison.

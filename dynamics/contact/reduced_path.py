@@ -97,15 +97,15 @@ class ReducedPath(Path):
 
     def gap_at(self, lam: ca.SX, on_true_gap: ca.SX) -> tuple[ca.SX, LowRankCompliance]:
         """The gap at lam and its compliance there, or as where the step starts, if not ``on_true_gap``."""
-        parts = self.data_parts
-        start = self.compliance_at_start(parts["entries"])
+        entries = self.data_parts
+        start = self.compliance_at_start(entries["entries"])
         if not self.curved:
-            return parts["z"] + start.multiply(lam), start
+            return entries["z"] + start.multiply(lam), start
         w = start.solve_coordinates(lam)
-        gap = parts["z"] + start.gap_change(lam, w)
-        D, c = parts["D"], parts["c"]
+        gap = entries["z"] + start.gap_change(lam, w)
+        D, c = entries["D"], entries["c"]
         E, Q = ca.SX(start.E), ca.SX(start.Q_own)
-        rows, by_lam, by_w = self.curved.gaps_along(c * D * lam, c * w, self.coordinates.C, parts["more"])
+        rows, by_lam, by_w = self.curved.gaps_along(c * D * lam, c * w, self.coordinates.C, entries["more"])
         for k, i in enumerate(self.curved.rows):
             representative = self.coordinates.Q_signs[i, :].sparsity().get_col()[0]
             # Opposite walls share one row but for its sign.

@@ -160,9 +160,9 @@ class Training:
 
     def model(self) -> MlpModel:
         """The network with the best weights so far, or with the last where nothing is held out."""
-        best = self._now.best
-        weights = tuple(np.array(layer.weight, float) for layer in best)
-        biases = tuple(np.array(layer.bias, float) for layer in best)
+        best_layers = self._now.best
+        weights = tuple(np.array(layer.weight, float) for layer in best_layers)
+        biases = tuple(np.array(layer.bias, float) for layer in best_layers)
         data_origin = self.data.origin
         origin = replace(data_origin, data_hash=data_origin.data_hash or self.data.hash)
         return MlpModel(weights, biases, *self._scales, self.sigma, origin, self.seed)
@@ -237,8 +237,8 @@ class Network:
         leaves, structure = jax.tree.flatten((start.layers, start.moments, start.best))
         restored_leaves = [jax.numpy.asarray(arrays[f"leaf_{i}"]) for i in range(len(leaves))]
         number, best_at, least_error = arrays["progress"]
-        layers, moments, best = jax.tree.unflatten(structure, restored_leaves)
-        return Progress(layers, moments, best, int(number), int(best_at), float(least_error))
+        layers, moments, best_layers = jax.tree.unflatten(structure, restored_leaves)
+        return Progress(layers, moments, best_layers, int(number), int(best_at), float(least_error))
 
 
 @functools.cache

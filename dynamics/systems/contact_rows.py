@@ -190,7 +190,7 @@ def _friction_rows(
     nc, nl, space, form = len(spec.contacts), len(spec.limit_names), spec.space, FORMS[spec.cone]
     rough, f = spec.frictional_contacts
     directions = tangent_rows if space is None else space.directions(tangent_rows)
-    lam = ca.SX.sym("lam", nc + nl + form.more(len(directions)) * len(rough))
+    lam = ca.SX.sym("lam", nc + nl + form.n_further(len(directions)) * len(rough))
     slip_lengths = [step_along(row_block) for row_block in directions]
     friction_spec = FrictionSpec(
         tuple(spec.contacts[i] for i in rough),

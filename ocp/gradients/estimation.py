@@ -18,10 +18,10 @@ from ocp.gradients.sampling import (
     NOT_SAVED,
     REFERENCE_KINDS,
     CheckpointKey,
+    ChunkWorkers,
     EstimatorRun,
     Progress,
     ReferenceGradient,
-    Workers,
     child_seed,
     reference_gradient,
     reference_kind,
@@ -204,7 +204,7 @@ def run_sampling(
     seed: np.random.SeedSequence,
     progress: Progress | None = None,
     keep: CheckpointKey = NOT_SAVED,
-    workers: Workers | None = None,
+    workers: ChunkWorkers | None = None,
 ) -> dict[str, Estimate]:
     """Estimate one objective by ``sampling``, with the random streams of ``seed``.
 

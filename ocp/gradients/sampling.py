@@ -25,7 +25,7 @@ Progress = Callable[[int], None]
 """Called with the number of samples done since the last call."""
 
 
-class Workers(Protocol):
+class ChunkWorkers(Protocol):
     """Workers that sum chunks elsewhere."""
 
     def chunks(self, estimator: Estimator | None, noise: Gaussian, first: int, last: int, n: int) -> Iterator[Chunk]:
@@ -54,7 +54,7 @@ def run_estimator(
     n: int,
     progress: Progress | None = None,
     keep: CheckpointKey = NOT_SAVED,
-    workers: Workers | None = None,
+    workers: ChunkWorkers | None = None,
 ) -> EstimatorRun:
     """Sample ``n`` estimates, merging the moments of chunks in order (Welford, Chan).
 
@@ -80,7 +80,7 @@ def _advance(
     estimator: Estimator,
     noise: Gaussian,
     n: int,
-    workers: Workers | None,
+    workers: ChunkWorkers | None,
 ) -> Iterator[int]:
     """Add all samples and yield their numbers: singly while they are kept, then in chunks."""
 
@@ -185,7 +185,7 @@ def reference_gradient(
     kind: str = "auto",
     progress: Progress | None = None,
     keep: CheckpointKey = NOT_SAVED,
-    workers: Workers | None = None,
+    workers: ChunkWorkers | None = None,
 ) -> ReferenceGradient | None:
     """Return the gradient of the smoothed objective; None for the kind ``none``.
 

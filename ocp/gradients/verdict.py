@@ -60,16 +60,16 @@ def empirical_bias(samples: np.ndarray, mean: np.ndarray | None = None) -> Empir
     complete_ball = np.append(radius[1:] > radius[:-1], True) & (2 * counts > n)
     beta = 1 - counts / n
     weight = np.divide(counts, n - counts, out=np.full(n, float(n)), where=counts < n)
-    best = int(np.argmax(np.where(complete_ball, weight * distance**2, -1.0)))
-    b, Delta, middle = float(beta[best]), float(distance[best]), inside[best]
-    upper = _probability_bound(n - int(counts[best]), n)
+    widest = int(np.argmax(np.where(complete_ball, weight * distance**2, -1.0)))
+    b, Delta, middle = float(beta[widest]), float(distance[widest]), inside[widest]
+    upper = _probability_bound(n - int(counts[widest]), n)
     share = b if b > 0 else upper
     shift = max(0.0, (1 - share) * Delta - share * float(np.linalg.norm(centre)))
     return EmpiricalBias(
         beta=b,
         beta_upper=upper,
         Delta=Delta,
-        S=float(np.linalg.norm(z[: best + 1] - middle, axis=1).max()),
+        S=float(np.linalg.norm(z[: widest + 1] - middle, axis=1).max()),
         variance=float(np.square(z - z.mean(axis=0)).sum(axis=1).mean()),
         bound=shift**2 / share,
         sharp=(1 - share) / share * Delta**2,
@@ -137,12 +137,12 @@ def find_sharpest_change(objective: SampledObjective, noise: Gaussian) -> Jump:
         values = [np.where(lower[:, 0], values[0], middle_cost), np.where(lower[:, 0], middle_cost, values[1])]
     final_change, spread = np.abs(values[1] - values[0]), float(np.ptp(cost[np.isfinite(cost)]))
     jumps = (final_change > 0.5 * initial_change) & (final_change > 1e-6 * spread)
-    best = int(np.argmax(np.where(jumps, final_change, -1.0) if jumps.any() else initial_change))
+    sharpest = int(np.argmax(np.where(jumps, final_change, -1.0) if jumps.any() else initial_change))
     if jumps.any():
-        width = float(np.linalg.norm(upper_end[best] - lower_end[best]))
-        return Jump(float(final_change[best]), width, discontinuous=True)
-    width = float(np.linalg.norm((end - start)[best])) / _LINE_SEGMENTS
-    return Jump(float(initial_change[best]), width, discontinuous=False)
+        width = float(np.linalg.norm(upper_end[sharpest] - lower_end[sharpest]))
+        return Jump(float(final_change[sharpest]), width, discontinuous=True)
+    width = float(np.linalg.norm((end - start)[sharpest])) / _LINE_SEGMENTS
+    return Jump(float(initial_change[sharpest]), width, discontinuous=False)
 
 
 def _least_linear(noise: np.ndarray, cost: np.ndarray) -> np.ndarray:

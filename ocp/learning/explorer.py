@@ -146,8 +146,8 @@ class Explorer:
         if self._distance is not None:
             touched = solved & (self._distance(x_next, self.p)[:, 0] <= CONTACT_DISTANCE_M)
         reward = np.where(solved, self.rewards(x, u, x_next), np.nan)
-        ended = solved & self.ended(x_next)
-        return EpisodeSteps(x, u, steps.x_next, reward, ended, solved, touched)
+        is_over = solved & self.ended(x_next)
+        return EpisodeSteps(x, u, steps.x_next, reward, is_over, solved, touched)
 
     def advance(self, steps: EpisodeSteps, age: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Return states and ages at the start of the next step; ended episodes start again."""
@@ -176,10 +176,10 @@ def random_transitions(explorer: Explorer, n: int, seed: int | Sequence[int]) ->
     gains, width = np.zeros(sizes), np.zeros((N_EXPLORED_EPISODES, 1))
     episode_steps: list[EpisodeSteps] = []
     while sum(int(steps.solved.sum()) for steps in episode_steps) < n:
-        begun = age == 0
-        gains = np.where(begun[:, None, None], rng.standard_normal(sizes), gains)
+        is_first_step = age == 0
+        gains = np.where(is_first_step[:, None, None], rng.standard_normal(sizes), gains)
         new_width = np.exp(rng.uniform(np.log(MIN_ACTION_WIDTH), np.log(MAX_ACTION_WIDTH), width.shape))
-        width = np.where(begun[:, None], new_width, width)
+        width = np.where(is_first_step[:, None], new_width, width)
         o = explorer.observations(x)
         largest = np.maximum(largest, np.abs(o).max(axis=0))
         a = np.einsum("eij,ej->ei", gains, o / largest) / np.sqrt(sizes[2])

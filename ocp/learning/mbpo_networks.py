@@ -278,8 +278,8 @@ def actor_loss(
 ) -> tuple[jax.Array, jax.Array]:
     """Return ``mean (alpha log pi - min_j Q_j)`` of new actions, and the mean of log pi."""
     t, log_density = sample_actions(actor, o, noise)
-    best = critic_values(critics, o, t).min(axis=0)
-    return jnp.mean(jnp.exp(log_alpha) * log_density - best), log_density.mean()
+    least_value = critic_values(critics, o, t).min(axis=0)
+    return jnp.mean(jnp.exp(log_alpha) * log_density - least_value), log_density.mean()
 
 
 def temperature_loss(log_alpha: jax.Array, log_density: jax.Array, target_entropy: float) -> jax.Array:

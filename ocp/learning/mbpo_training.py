@@ -82,8 +82,8 @@ class Walk(NamedTuple):
 class ObservationScales(NamedTuple):
     """Scales of observations, and of increments of states, from the explored steps."""
 
-    seen: Normaliser
-    moved: np.ndarray
+    observation: Normaliser
+    increment: np.ndarray
 
 
 class MBPOTrainer:
@@ -204,7 +204,7 @@ class MBPOTrainer:
         return (task.upper + task.lower) / 2 + half_range * np.asarray(t, dtype=float)
 
     def _normalised(self, scales: ObservationScales, x: np.ndarray) -> np.ndarray:
-        observations = (self.explorer.observations(x) - scales.seen.mean) / scales.seen.scale
+        observations = (self.explorer.observations(x) - scales.observation.mean) / scales.observation.scale
         return observations.astype(np.float32)
 
     def _tanh(self, u: np.ndarray) -> np.ndarray:
@@ -218,7 +218,7 @@ class MBPOTrainer:
         """Train the ensemble; return it and its members' errors on held-out rows."""
         settings, rng = self.settings, self.experiment.rng(k, "model")
         z = np.hstack([self._normalised(scales, real_steps.x), self._tanh(real_steps.u)])
-        y = ((real_steps.x_next - real_steps.x) / scales.moved).astype(np.float32)
+        y = ((real_steps.x_next - real_steps.x) / scales.increment).astype(np.float32)
         order = rng.permutation(len(z))
         held_out, training_rows = np.split(order, [max(1, int(settings.held_out * len(z)))])
         rows = training_rows[
@@ -249,7 +249,7 @@ class MBPOTrainer:
             member = elites[rng.integers(len(elites), size=len(x))]
             noise = rng.standard_normal(x.shape).astype(np.float32)
             increments = sample_next_states(learner.ensemble, member, z, noise)
-            return x + scales.moved * np.asarray(increments, dtype=float)
+            return x + scales.increment * np.asarray(increments, dtype=float)
 
         def choose(x: np.ndarray, step: int) -> np.ndarray:
             return self._inputs(agent, scales, rng, x)

@@ -50,9 +50,9 @@ def guess_from_constant_inputs(task: Task, n: int = 64, seed: int = 0) -> Guess:
         rollouts = TaskRollouts(task, EXACT, policy, task.horizon)
         start = np.repeat(problem.initial_states(p), n, axis=0)
         episodes = rollouts(start, np.arctanh(share), n_samples=n, model_params=p, states=True)
-        best = int(np.argmax(np.where(np.isfinite(episodes.value), episodes.value, -np.inf)))
-        constant_input = (task.upper + task.lower) / 2 + share[best] * (task.upper - task.lower) / 2
-        return _hold_last_state(episodes.states[best]), np.tile(constant_input, (problem.N, 1))
+        best_episode = int(np.argmax(np.where(np.isfinite(episodes.value), episodes.value, -np.inf)))
+        constant_input = (task.upper + task.lower) / 2 + share[best_episode] * (task.upper - task.lower) / 2
+        return _hold_last_state(episodes.states[best_episode]), np.tile(constant_input, (problem.N, 1))
 
     return guess
 
@@ -139,9 +139,9 @@ def best_plan(
         if outcome is None:
             outcome = session.solve(guess=guess, number=number)
         solutions.append(judge_outcome(session, outcome, seed=0))
-    best = best_of(session, solutions)
-    replay = (best.data[name].values[0] for name in ("x_replay", "u_replay"))
-    return BestPlan(best, *episode_return(task, *replay))
+    best_solution = best_of(session, solutions)
+    replay = (best_solution.data[name].values[0] for name in ("x_replay", "u_replay"))
+    return BestPlan(best_solution, *episode_return(task, *replay))
 
 
 def _polished_motion(session: Session, guess: InitialGuess) -> RouteResult | None:
@@ -167,8 +167,8 @@ def episode_return(task: Task, states: np.ndarray, inputs: np.ndarray) -> tuple[
     nothing is gained after that. At the task's own parameters.
     """
     p, n = task.parameters.values, len(inputs)
-    known = np.isfinite(states).all(axis=1)
-    solved = n if known.all() else max(int(np.argmin(known)) - 1, 0)
+    finite = np.isfinite(states).all(axis=1)
+    solved = n if finite.all() else max(int(np.argmin(finite)) - 1, 0)
     over = BatchFunction(task.ends, "numpy", 1)(states[: solved + 1], p)[:, 0] != 0
     lived = int(np.argmax(over)) if over.any() else solved
     if not lived:

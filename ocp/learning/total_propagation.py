@@ -26,8 +26,8 @@ class Particles:
 
     ``alive`` before a step; ``rewards`` with their discount, 0 where not alive; ``x_by_x`` (.., nx,
     nx) and ``x_by_u`` (.., nx, nu) of the step, ``r_by_x``, ``r_by_u`` and ``r_by_next`` of the
-    discounted reward; ``seen`` observations, ``o_by_x`` of the normalised ones; ``u_by_a`` (.., nu)
-    of the squashing. ``lived`` (n,) steps before the end; ``good`` (n,) those that stayed finite;
+    discounted reward; ``observed`` observations, ``o_by_x`` of the normalised ones; ``u_by_a`` (.., nu)
+    of the squashing. ``lived`` (n,) steps before the end; ``stays_finite`` (n,) marks samples without NaN or infinity;
     ``final`` (n,) and ``final_by_x`` (n, nx) what is gained at the end of a whole episode.
     """
 
@@ -36,7 +36,7 @@ class Particles:
     states: np.ndarray
     alive: np.ndarray
     rewards: np.ndarray
-    seen: np.ndarray
+    observed: np.ndarray
     x_by_x: np.ndarray
     x_by_u: np.ndarray
     r_by_x: np.ndarray
@@ -44,7 +44,7 @@ class Particles:
     r_by_next: np.ndarray
     o_by_x: np.ndarray
     u_by_a: np.ndarray
-    good: np.ndarray
+    stays_finite: np.ndarray
     final: np.ndarray
     final_by_x: np.ndarray
 
@@ -55,7 +55,7 @@ class Particles:
 
     def select(self, selected: np.ndarray) -> Particles:
         """Return the particles with ``selected`` (n,) true."""
-        sample_first = ("states", "good", "final", "final_by_x")
+        sample_first = ("states", "stays_finite", "final", "final_by_x")
         arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("policy", "trained")}
         selected_arrays = {n: a[selected] if n in sample_first else a[:, selected] for n, a in arrays.items()}
         return replace(self, **selected_arrays)
@@ -63,7 +63,7 @@ class Particles:
     def policy_vjp(self, t: int, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return ``bar' du/dtheta`` (n, n_theta) and ``bar' du/dx`` (n, nx) at step t, bar (n, nu)."""
         normaliser = self.trained.normaliser
-        observations = (self.seen[t] - normaliser.mean) / normaliser.scale
+        observations = (self.observed[t] - normaliser.mean) / normaliser.scale
         by_theta, observation_gradient = policy_vjp(self.policy, self.trained.theta, observations, bar * self.u_by_a[t])
         return by_theta, np.einsum("no,nox->nx", observation_gradient, self.o_by_x[t])
 
@@ -97,7 +97,7 @@ def simulate_particles(experiment: Experiment, trained: Trained, x0: np.ndarray,
         policy=experiment.policy,
         trained=trained,
         states=np.stack(states, axis=1),
-        good=stayed_finite,
+        stays_finite=stayed_finite,
         final=np.where(alive, weight * final_reward, 0.0),
         final_by_x=np.where(alive[:, None], weight * by_x, 0.0),
         **{name: np.stack([row[name] for row in rows]) for name in rows[0]},
@@ -213,11 +213,11 @@ class TotalPropagation(Clipping):
         shape = (steps, *starts.x.shape)
         noise = experiment.rng(k, "states").standard_normal(shape)
         particles = simulate_particles(experiment, Trained.of(state), starts.x, self.sigma * noise)
-        non_finite = np.argwhere(particles.good & ~np.isfinite(particles.rewards))
+        non_finite = np.argwhere(particles.stays_finite & ~np.isfinite(particles.rewards))
         if len(non_finite):
             step, sample = non_finite[0].tolist()
             raise InputError(non_finite_reward_message(experiment, step, f"sample {sample} in iteration {k}"))
-        finite = particles.good
+        finite = particles.stays_finite
         if finite.sum() < 2:
             raise NotConverged(
                 f"{experiment.task.name}: {finite.sum()} of {self.samples} particles of iteration {k}"
@@ -232,7 +232,7 @@ class TotalPropagation(Clipping):
             **self.climb(state, gradient),
             **starts.after(experiment, particles.states, particles.lived, k).arrays(),
         }
-        changed = with_observations(experiment, new_state, kept_particles.seen[kept_particles.alive])
+        changed = with_observations(experiment, new_state, kept_particles.observed[kept_particles.alive])
         row = {
             "return_mean": float(kept_particles.rewards.sum(axis=0).mean()),
             "nonfinite": float((~finite).sum()),

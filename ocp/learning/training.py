@@ -285,16 +285,16 @@ def _training_dataset(experiment: Experiment, progress: _Progress) -> xr.Dataset
     steps = np.nan_to_num(curves["env_steps"])
     curves["env_steps"] = np.concatenate([[0.0], np.cumsum(steps)[:-1]])
     trained = experiment.algorithm.policy(experiment, progress.state)
-    best = progress.best
+    best_policy = progress.best
     return xr.Dataset(
         {
             **{name: ("iteration", values) for name, values in curves.items()},
-            "theta": ("parameter", best["theta"]),
+            "theta": ("parameter", best_policy["theta"]),
             "theta_last": ("parameter", trained.theta),
-            "mean": ("observation", best["mean"]),
-            "scale": ("observation", best["scale"]),
+            "mean": ("observation", best_policy["mean"]),
+            "scale": ("observation", best_policy["scale"]),
             "psi": ("physical", progress.state.get("psi", experiment.physics)),
-            "best_iteration": ((), int(best["iteration"])),
+            "best_iteration": ((), int(best_policy["iteration"])),
         },
         coords={
             "iteration": np.arange(len(progress.rows)),

@@ -263,9 +263,9 @@ class ARS(Algorithm):
 
 def search_direction(returns: np.ndarray, delta: np.ndarray, top: int) -> np.ndarray:
     """Return ``sum (r+ - r-) delta / (top sigma_R)`` of returns (2, n) and directions (n, n_theta)."""
-    best = np.argsort(-returns.max(axis=0), kind="stable")[:top]
-    best_returns = returns[:, best]
+    best_directions = np.argsort(-returns.max(axis=0), kind="stable")[:top]
+    best_returns = returns[:, best_directions]
     deviation = best_returns.std()
     if deviation == 0:
         return np.zeros(delta.shape[1])
-    return (best_returns[0] - best_returns[1]) @ delta[best] / (top * deviation)
+    return (best_returns[0] - best_returns[1]) @ delta[best_directions] / (top * deviation)

@@ -212,7 +212,7 @@ def _shapes(mechanism: Mechanism) -> tuple[dict[str, PlacedShape], dict[str, tup
 
 def _geom(placed: PlacedShape, number: _Number) -> dict[str, Any]:
     """Return the attributes of a shape's geom."""
-    part, shape = placed.name, placed.shape
+    part_name, shape = placed.name, placed.shape
     match shape:
         case space.Sphere() | planar_shapes.Disc():
             radius = max(number(shape.radius), MIN_RADIUS_M)
@@ -227,9 +227,9 @@ def _geom(placed: PlacedShape, number: _Number) -> dict[str, Any]:
             x, z = shape.half_size[0], shape.half_size[1]
             return {"type": "box", "size": (x, x + z, z), "pos": _to_space(shape.centre)}
         case space.Hull():
-            return {"type": "mesh", "mesh": part}
+            return {"type": "mesh", "mesh": part_name}
         case space.Plane() | planar_shapes.HalfPlane() if placed.owner == WORLD:
             pose = {"pos": _to_space(shape.origin), "zaxis": _to_space(shape.normal)}
             return {"type": "plane", "size": "0 0 1", **pose}
     kind = "rounded" if isinstance(shape, planar_shapes.Box) else "moving"
-    raise InputError(f"part {part!r} is a {kind} {type(shape).__name__}, which MuJoCo has not")
+    raise InputError(f"part {part_name!r} is a {kind} {type(shape).__name__}, which MuJoCo has not")

@@ -19,8 +19,8 @@ def save(dataset: xr.Dataset, path: Path) -> None:
 
     Raises :class:`~ocp.errors.InputError` where the file cannot be written.
     """
-    whole = dataset.assign_attrs({files.CHECKSUM_KEY: files.checksum(dataset)})
-    atomic.write_file(path, atomic.netcdf_bytes(whole, f"the file {path}"), "the file")
+    sealed_dataset = dataset.assign_attrs({files.CHECKSUM_KEY: files.checksum(dataset)})
+    atomic.write_file(path, atomic.netcdf_bytes(sealed_dataset, f"the file {path}"), "the file")
 
 
 def load_any(path: Path) -> Transitions | xr.Dataset:

@@ -23,10 +23,10 @@ class _Frame(Pose):
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """Motion of a link by one coordinate: turn about the joint, or move along ``along``."""
+    """Motion of a link by one coordinate: turn about the joint, or move along ``direction``."""
 
     turn: float
-    along: ca.SX
+    direction: ca.SX
 
 
 # Frame of the world.
@@ -128,12 +128,12 @@ class Chain:
             for column, motion in self._motions(name, frames):
                 # Momentum of everything that this coordinate moves, about the joint; carried
                 # towards the root it meets every coordinate it couples to.
-                momentum = mass * motion.along + motion.turn * _swing(first)
-                spin = motion.turn * second + _moment(first, motion.along)
+                momentum = mass * motion.direction + motion.turn * _swing(first)
+                spin = motion.turn * second + _moment(first, motion.direction)
                 ancestor: str | None = name
                 while ancestor is not None:
                     for row, other in self._motions(ancestor, frames):
-                        M[row, column] = M[column, row] = other.turn * spin + other.along.T @ momentum
+                        M[row, column] = M[column, row] = other.turn * spin + other.direction.T @ momentum
                     spin = spin + _moment(frames[ancestor].step, momentum)
                     ancestor = self._links[ancestor].parent
         return M + ca.diag(self.armature)
@@ -208,7 +208,7 @@ class Chain:
             moment[name] += loads[name][1]
             force[name] += loads[name][0]
             for index, motion in self._motions(name, frames):
-                result[index] = motion.turn * moment[name] + motion.along.T @ force[name]
+                result[index] = motion.turn * moment[name] + motion.direction.T @ force[name]
             if link.parent is not None:
                 force[link.parent] += force[name]
                 moment[link.parent] += moment[name] + _moment(frames[name].step, force[name])
@@ -293,7 +293,7 @@ class Chain:
                 origin_velocity = velocity[link.parent] + spin * _swing(frames[link.name].step)
             for index, motion in self._motions(link.name, frames):
                 spin = spin + motion.turn * v[index]
-                origin_velocity = origin_velocity + motion.along * v[index]
+                origin_velocity = origin_velocity + motion.direction * v[index]
             omega[link.name], velocity[link.name] = spin, origin_velocity
             yield link, spin, origin_velocity + spin * _swing(frames[link.name].rotate(link.com))
 
@@ -316,8 +316,8 @@ class Chain:
             for index, motion in self._motions(link.name, frames):
                 spin = spin + motion.turn * v[index]
                 spin_rate = spin_rate + motion.turn * a[index]
-                origin_acceleration = origin_acceleration + motion.along * a[index]
-                origin_acceleration = origin_acceleration + 2 * base * v[index] * _swing(motion.along)
+                origin_acceleration = origin_acceleration + motion.direction * a[index]
+                origin_acceleration = origin_acceleration + 2 * base * v[index] * _swing(motion.direction)
             omega[link.name], alpha[link.name], acceleration[link.name] = spin, spin_rate, origin_acceleration
         return omega, alpha, acceleration
 

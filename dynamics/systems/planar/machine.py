@@ -205,7 +205,7 @@ class _PlanarStep:
     def _inner_contacts(self) -> set[str]:
         """Names of the contacts of two parts that move."""
         pairs = self.machine.meeting_shapes()
-        return {f"{one} on {other}" for (one, other), _, placed in pairs if placed.owner != WORLD}
+        return {f"{name_a} on {name_b}" for (name_a, name_b), _, placed in pairs if placed.owner != WORLD}
 
     def _impulse(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
         """Impulse of the smooth forces (nq, 1) [N s], without dampers and springs."""

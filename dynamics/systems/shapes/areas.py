@@ -151,7 +151,7 @@ def move_shape(shape: Shape | Union, by: Point) -> Shape | Union:
     """``shape`` moved by a vector of its frame; raises ``ValueError`` for a half-plane."""
     step = as_column(by)
 
-    def there(place: Point) -> tuple[ca.SX, ca.SX]:
+    def move_point(place: Point) -> tuple[ca.SX, ca.SX]:
         moved_point = as_column(place) + step
         return moved_point[0], moved_point[1]
 
@@ -159,11 +159,11 @@ def move_shape(shape: Shape | Union, by: Point) -> Shape | Union:
         case Union(members):
             return Union([move_shape(member, by) for member in members])  # type: ignore[misc]
         case Disc(radius, centre):
-            return Disc(radius, there(centre))
+            return Disc(radius, move_point(centre))
         case Capsule(start, end, radius):
-            return Capsule(there(start), there(end), radius)
+            return Capsule(move_point(start), move_point(end), radius)
         case Polygon(vertices, radius):
-            return Polygon([there(vertex) for vertex in vertices], radius)
+            return Polygon([move_point(vertex) for vertex in vertices], radius)
         case Box():
             return move_shape(box_polygon(shape), by)
     raise ValueError(f"a {type(shape).__name__} cannot be moved; give a bounded shape")

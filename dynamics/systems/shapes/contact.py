@@ -149,11 +149,11 @@ class FrictionSpec:
 class ConeForm(NamedTuple):
     """A form of the cone: how many rows it adds to the normal one, and all of them.
 
-    ``more`` maps the number of directions to those rows. ``pairs`` returns the rows, the normal
+    ``n_further`` maps the number of directions to the number of those rows. ``pairs`` returns the rows, the normal
     one first, and the impulses along the normal and along every direction.
     """
 
-    more: Callable[[int], int]
+    n_further: Callable[[int], int]
     pairs: Callable[[FrictionSpec], tuple[list[Row], ca.SX, list[ca.SX]]]
 
 

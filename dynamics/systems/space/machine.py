@@ -188,8 +188,8 @@ def distinct_points(tree: Tree, q: ca.SX, part_a: PlacedShape, part_b: PlacedSha
         _FIXED if body == WORLD else SpatialPose(*tree.pose(q, body)) for body in (part_a.owner, part_b.owner)
     )
     pair_contacts = contacts_between(part_a.shape, pose_a, part_b.shape, pose_b)
-    one, other = (_motions(tree, q, part.owner) for part in (part_a, part_b))
-    rows = [ca.horzcat(contact.phi, *contact.jacobian_rows(one, other, tree.nv)) for contact in pair_contacts]
+    axes_a, axes_b = (_motions(tree, q, part.owner) for part in (part_a, part_b))
+    rows = [ca.horzcat(contact.phi, *contact.jacobian_rows(axes_a, axes_b, tree.nv)) for contact in pair_contacts]
     stacked = ca.densify(ca.vertcat(*rows))
     if tree.quaternion_entries and ca.depends_on(stacked, q[tree.quaternion_entries]):
         return list(range(count))
