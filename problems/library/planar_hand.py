@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -49,6 +49,10 @@ _DISCS = ((0.0, 1 / 3, 2 / 3, 1.0), (0.5, 1.0))
 """Where the published discs sit along link 1 and link 2, as shares of the link's length."""
 _RIGHT = ((0.0, math.pi / 2), (0.0, 2.4))
 """Limits [rad] of the right arm's joints; the left arm's are mirrored."""
+
+
+Numbers = ParameterTable | Mapping[str, float]
+"""Parameters by name: symbols, or numbers."""
 
 
 class Params(Parameters):
@@ -104,7 +108,7 @@ class Params(Parameters):
                     f"joint {joint} starts outside its limits: {value:g} rad, which must lie in [{low:.4g}, {high:.4g}]"
                 )
         state = ca.SX([self.ox0, self.oy0, self.angle0, *self.joints])
-        for link, contact in _touches(state, self).items():
+        for link, contact in _touches(state, self.model_dump()).items():
             if (gap := float(contact.phi)) < 0:
                 raise ValueError(f"the ball starts {-gap:.3g} m inside link {link}; move ox0, oy0 or open the arms")
         for side, x in (("left", -self.base), ("right", self.base)):
@@ -132,22 +136,22 @@ class _Link:
     end: tuple[ca.SX, float]
 
 
-def _links(q: ca.SX, p: Params | ParameterTable) -> list[_Link]:
+def _links(q: ca.SX, p: Numbers) -> list[_Link]:
     """Return the four links at ``q``, both arms from the base outwards."""
     links = []
     for arm, side, (first, second) in (("l", -1, (q[3], q[4])), ("r", 1, (q[5], q[6]))):
-        start, angle = ca.vertcat(side * _of(p, "base"), 0), ca.SX(0)
+        start, angle = ca.vertcat(side * ca.SX(p["base"]), 0), ca.SX(0)
         for number, joint in ((1, first), (2, second)):
             angle = angle + joint
             pose = shapes.Pose(start, -angle)
-            links.append(_Link(f"{arm}{number}", pose, (side * _of(p, f"length{number}"), 0.0)))
+            links.append(_Link(f"{arm}{number}", pose, (side * ca.SX(p[f"length{number}"]), 0.0)))
             start = pose.to_world(links[-1].end)
     return links
 
 
-def _touches(q: ca.SX, p: Params | ParameterTable, discs: bool = False) -> dict[str, shapes.Contact]:
+def _touches(q: ca.SX, p: Numbers, discs: bool = False) -> dict[str, shapes.Contact]:
     """Return the contacts of the ball with the arms, link by link, or disc by disc."""
-    ball, R, r, arm_shapes = shapes.Pose(q[:2], -q[2]), _of(p, "R"), _of(p, "r"), []
+    ball, R, r, arm_shapes = shapes.Pose(q[:2], -q[2]), ca.SX(p["R"]), ca.SX(p["r"]), []
     for link in _links(q, p):
         if not discs:
             arm_shapes.append((link.name, link.pose, shapes.Capsule((0.0, 0.0), link.end, r)))
@@ -156,10 +160,6 @@ def _touches(q: ca.SX, p: Params | ParameterTable, discs: bool = False) -> dict[
             disc = shapes.Disc(r, (share * link.end[0], 0.0))
             arm_shapes.append((f"{link.name} disc {number}", link.pose, disc))
     return {called: shapes.Contact.between(shapes.Disc(R), ball, shape, pose) for called, pose, shape in arm_shapes}
-
-
-def _of(p: Params | ParameterTable, key: str) -> ca.SX:
-    return p[key] if isinstance(p, ParameterTable) else ca.SX(getattr(p, key))
 
 
 def build(params: Params) -> Problem:
@@ -238,7 +238,7 @@ def draw(params: Params, state: np.ndarray) -> list[Shape]:
     ball = Circle(float(state[0]), float(state[1]), params.R)
     goal = Circle(params.goal_x, params.goal_y, params.R, "goal")
     shapes: list[Shape] = [goal, _hand(goal, params.goal_angle), ball, _hand(ball, float(state[2]))]
-    for link in _links(ca.SX(ca.DM(state)), params):
+    for link in _links(ca.SX(ca.DM(state)), params.model_dump()):
         (x1, y1), (x2, y2) = (
             (float(point[0]), float(point[1])) for point in (link.pose.position, link.pose.to_world(link.end))
         )
@@ -255,7 +255,7 @@ def _hand(ball: Circle, angle: float) -> Segment:
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Return the frame of every link, or disc of one, where the ball's rim is nearest to it."""
     contact_frames = []
-    for touch in _touches(ca.SX(ca.DM(state)), params, params.links == "discs").values():
+    for touch in _touches(ca.SX(ca.DM(state)), params.model_dump(), params.links == "discs").values():
         x, y, nx, ny = (float(v) for vector in (touch.point, touch.normal) for v in ca.vertsplit(vector))
         contact_frames.append(ContactFrame(x, y, nx, ny, params.friction))
     return contact_frames

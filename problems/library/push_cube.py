@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache, partial
 
@@ -87,18 +88,18 @@ def fingertip(called: str, stiffness: Number) -> tuple[Body, ...]:
     )
 
 
-def machine(of: Params | ParameterTable) -> SpatialMachine:
-    """Return cube, fingertip and table, with the numbers of ``of`` or the symbols of its table."""
-    a, m, r, K = (of[key] if isinstance(of, ParameterTable) else getattr(of, key) for key in ("a", "m", "r", "K"))
+def machine(p: ParameterTable | Mapping[str, float]) -> SpatialMachine:
+    """Return cube, fingertip and table, with numbers or with the symbols of a table."""
+    a, m = p["a"], p["m"]
     return SpatialMachine(
-        (Body("cube", None, m, (m * a**2 / 6,) * 3, joint="free"), *fingertip("tip", K)),
+        (Body("cube", None, m, (m * a**2 / 6,) * 3, joint="free"), *fingertip("tip", p["K"])),
         (
             SpatialPart("table", "world", Plane()),
             SpatialPart("cube", "cube", Box((a / 2, a / 2, a / 2))),
-            SpatialPart("tip", "tipz", Sphere(r)),
+            SpatialPart("tip", "tipz", Sphere(p["r"])),
         ),
         (("cube", "table"), ("cube", "tip")),
-        gravity=(0.0, 0.0, -of.g if isinstance(of, Params) else -of["g"]),
+        gravity=(0.0, 0.0, -p["g"]),
     )
 
 
@@ -170,7 +171,7 @@ def _pictured(dumped: str) -> SpatialMachine:
     params = Params.model_validate_json(dumped)
     place = ca.SX([params.goal_x, params.goal_y, params.a / 2])
     turn = goal_turn(ca.SX(params.yaw), params.turn == "over")
-    return with_goal(machine(params), "cube", place, turn)
+    return with_goal(machine(params.model_dump()), "cube", place, turn)
 
 
 def with_goal(shown: SpatialMachine, body: str, place: ca.SX, turn: ca.SX) -> SpatialMachine:

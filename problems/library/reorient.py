@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 
@@ -83,22 +84,20 @@ def _starts(away: ca.SX | float, z: ca.SX | float) -> ca.SX:
     return ca.vertcat(*(ca.vertcat(away * math.cos(t), away * math.sin(t), z) for t in angles))
 
 
-def machine(of: Params | ParameterTable, body: str) -> SpatialMachine:
-    """Return object, fingertips and table, with the numbers of ``of`` or the symbols of its table."""
-    a, m, r, K, g = (
-        of[key] if isinstance(of, ParameterTable) else getattr(of, key) for key in ("a", "m", "r", "K", "g")
-    )
+def machine(p: ParameterTable | Mapping[str, float], body: str) -> SpatialMachine:
+    """Return object, fingertips and table, with numbers or with the symbols of a table."""
+    a, m = p["a"], p["m"]
     share, shape = (2 / 5, Sphere(a)) if body == "ball" else (2 / 3, Box((a, a, a)))
-    fingers = [body for tip in TIPS for body in fingertip(tip, K)]
+    fingers = [body for tip in TIPS for body in fingertip(tip, p["K"])]
     return SpatialMachine(
         (Body(body, None, m, (share * m * a**2,) * 3, joint="free"), *fingers),
         (
             SpatialPart("table", "world", Plane()),
             SpatialPart(body, body, shape),
-            *(SpatialPart(tip, f"{tip}z", Sphere(r)) for tip in TIPS),
+            *(SpatialPart(tip, f"{tip}z", Sphere(p["r"])) for tip in TIPS),
         ),
         ((body, "table"), *((body, tip) for tip in TIPS)),
-        gravity=(0.0, 0.0, -g),
+        gravity=(0.0, 0.0, -p["g"]),
     )
 
 
@@ -138,7 +137,7 @@ def build(params: Params) -> Problem:
 def _pictured(dumped: str) -> SpatialMachine:
     """Return the machine with the goal, and with marks on a ball, which show how it has turned."""
     params = Params.model_validate_json(dumped)
-    pictured_machine, a = machine(params, params.body), params.a
+    pictured_machine, a = machine(params.model_dump(), params.body), params.a
     places = ((0.0, 0.0, a), (a, 0.0, 0.0), (-a, 0.0, 0.0), (0.0, a, 0.0), (0.0, -a, 0.0))
     marks = (
         SpatialPart(f"mark {k}", "ball", Sphere(0.15 * a, place))

@@ -17,6 +17,7 @@ from ocp.learning.protocol import Algorithm, Normaliser, Trained
 from ocp.learning.training import CHECKPOINT_KEY, evaluate, read_checkpoint, train
 from ocp.learning.unroll_gradients import FOPG
 from ocp.problem.task import Task
+from ocp.solution import units_of
 from ocp.store.checkpoint import Checkpoint, SavedWork
 from ocp.store.json_values import to_json
 from ocp.store.provenance import content_digest
@@ -26,8 +27,6 @@ from problems.tasks import registry
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from dynamics.systems import Signal
 
 
 def policy_of(data: xr.Dataset | Mapping[str, np.ndarray]) -> Trained:
@@ -58,26 +57,16 @@ def _episode(experiment: Experiment, policy: Trained) -> dict[str, Any]:
     solved = [[np.array(value).ravel() for value in step.solve(*pair, p)[1:3]] for pair in zip(x, u, strict=False)]
     pairs = np.array(solved).reshape(length, 2, step.n)
     lam, _ = least_slip(step, pairs[:, 0], pairs[:, 1])
-    of = {"state": task.system.states, "control": task.system.inputs, "contact": task.system.contacts}
-    names = {key: (key, [signal.name for signal in signals]) for key, signals in of.items()}
-    units = {f"{key}_unit": (key, [signal.unit for signal in signals]) for key, signals in of.items()}
+    signals = {"state": task.system.states, "control": task.system.inputs, "contact": task.system.contacts}
+    units, attributes = units_of(signals)
     return {
-        "x": (("scenario", "node", "state"), x[None], _unit("state", of["state"])),
-        "u": (("scenario", "interval", "control"), u[None], _unit("control", of["control"])),
-        "lam": (
-            ("scenario", "interval", "contact"),
-            lam.reshape(1, length, step.n),
-            _unit("contact", of["contact"]),
-        ),
-        **names,
-        **units,
+        "x": (("scenario", "node", "state"), x[None], attributes["state"]),
+        "u": (("scenario", "interval", "control"), u[None], attributes["control"]),
+        "lam": (("scenario", "interval", "contact"), lam.reshape(1, length, step.n), attributes["contact"]),
+        **{key: (key, [signal.name for signal in group]) for key, group in signals.items()},
+        **{f"{key}_unit": (key, entries) for key, entries in units.items()},
         "time": ("node", _h(experiment) * np.arange(length + 1), {"units": "s"}),
     }
-
-
-def _unit(dimension: str, signals: tuple[Signal, ...]) -> dict[str, str]:
-    units = {signal.unit for signal in signals}
-    return {"units": units.pop() if len(units) == 1 else f"see {dimension}_unit"}
 
 
 def _h(experiment: Experiment) -> float:
