@@ -22,11 +22,7 @@ Function = Callable[..., Any]
 
 
 def guarded(
-    function: Function,
-    what: str,
-    path: Path,
-    check: Function | None = None,
-    through: type[Exception] | tuple[()] = (),
+    function: Function, what: str, path: Path, check: Function | None = None, through: type[Exception] | tuple[()] = ()
 ) -> Function:
     """Return ``function`` of the file at ``path`` with every error as one sentence.
 

@@ -73,11 +73,7 @@ class Params(Parameters):
 
 
 def _machine(
-    m: Number = 1.0,
-    m_leg: Number = 0.2,
-    m_foot: Number = 0.1,
-    stiffness: Number = 0.0,
-    damping: Number = 0.0,
+    m: Number = 1.0, m_leg: Number = 0.2, m_foot: Number = 0.1, stiffness: Number = 0.0, damping: Number = 0.0
 ) -> PublishedMachine:
     """Return torso, leg and foot, whose disc at -0.15 m is the toe: it faces where it goes."""
     joint = partial(Link, spring=stiffness, damping=damping, gear=1.0)

@@ -22,11 +22,7 @@ _MACHINES = {"hopper": hopper, "half-cheetah": half_cheetah}
 
 
 def simulation(
-    name: str,
-    steps: int = 50,
-    seed: int = 0,
-    gyroscopic: Gyroscopic = "implicit",
-    **params: Any,
+    name: str, steps: int = 50, seed: int = 0, gyroscopic: Gyroscopic = "implicit", **params: Any
 ) -> tuple[Problem, Any]:
     """Return the problem ``name`` over ``steps``, and the state x0 (nx,) of its environment's reset.
 

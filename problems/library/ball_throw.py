@@ -36,7 +36,7 @@ golden = {
         # point method ends where 2 u² = mu <= tol, which costs (N - 1) tol / 2 in all: 2.7e-7 of
         # the optimum at tol = 1e-10, 2.7e-5 at 1e-8 (9e-7 seen in direct, 2e-6 in shooting).
         tolerance=1e-6,
-    ),
+    )
 }
 
 

@@ -20,13 +20,7 @@ h v^+ = s_f - s_b, quad 0 <= s_f perp b + f >= 0, quad 0 <= s_b perp b - f >= 0
 "sliding forward" f = -b, quad "sliding backward" f = b, quad "at rest" f "is what holds the box"
 min sum_(k=0)^(N-1) w_u h u_k^2 + w_"end" (x_N - x_"goal")^2 + w_v v_N^2, quad abs(u) <= u_"max"
 """
-golden = {
-    "exact": Golden(
-        0.354703374,
-        tried=33,
-        independent="all 820 schedules stick, slide, stick, each a convex QP",
-    ),
-}
+golden = {"exact": Golden(0.354703374, tried=33, independent="all 820 schedules stick, slide, stick, each a convex QP")}
 
 
 class Params(Parameters):
@@ -81,11 +75,7 @@ def build(params: Params) -> Problem:
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Draw floor, goal and the box, whose size is for the eye only."""
     side = 0.2
-    return [
-        Wall(0, 0, 0, 1),
-        Mark(params.goal, side / 2, "goal"),
-        Rectangle(float(state[0]), side / 2, side, side),
-    ]
+    return [Wall(0, 0, 0, 1), Mark(params.goal, side / 2, "goal"), Rectangle(float(state[0]), side / 2, side, side)]
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:

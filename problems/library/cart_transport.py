@@ -25,10 +25,8 @@ min sum_(k=0)^(N-1) w_u h u_k^2 + w_"end" ((c_N - c_"goal")^2 + (r_N - r_"goal")
 """
 golden = {
     "exact": Golden(
-        0.592060446,
-        tried=33,
-        independent="all 820 schedules stick, slide forward, stick, each a convex QP",
-    ),
+        0.592060446, tried=33, independent="all 820 schedules stick, slide forward, stick, each a convex QP"
+    )
 }
 
 

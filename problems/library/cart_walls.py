@@ -33,9 +33,7 @@ golden = {
         " other minima: 193.17, 562.3",
     ),
     "barrier mu=1e-3": smoothed(
-        184.91946,
-        tried=11,
-        note="a plain Opti script ends no lower from 18 random guesses; one at 3285",
+        184.91946, tried=11, note="a plain Opti script ends no lower from 18 random guesses; one at 3285"
     ),
 }
 

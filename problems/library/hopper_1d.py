@@ -26,9 +26,7 @@ max z_(c,N) - z_(c,0) - w_v v_(c,N)^2, quad abs(u) <= u_"max": "as high as can b
 "optimum for large" w_v: "force" u_"max" "for a time" t = T (M g) / (u_"max" + m_f g) "then flight"
 z_(c,N) - z_(c,0) = (u_"max" - m_b g) / (2 M) t T, quad M = m_b + m_f
 """
-golden = {
-    "exact": Golden(-0.6146875, tried=33, independent="the closed form of the bang-bang optimum"),
-}
+golden = {"exact": Golden(-0.6146875, tried=33, independent="the closed form of the bang-bang optimum")}
 
 
 class Params(Parameters):

@@ -211,9 +211,7 @@ def build(params: Params) -> Problem:
         x_upper=ca.SX([ca.inf] * 3 + high),
         path=[Constraint("reach", system.u - x[3:], -p["reach"], p["reach"])],
         scenarios=Scenarios(
-            params.scenarios,
-            (std, std, params.scenario_angle_std, 0.0, 0.0, 0.0, 0.0),
-            params.scenario_seed,
+            params.scenarios, (std, std, params.scenario_angle_std, 0.0, 0.0, 0.0, 0.0), params.scenario_seed
         ),
         scaling=Scaling(impulse=0.3, gap=0.05, x=0.3, u=0.3),
     )

@@ -31,10 +31,7 @@ min sum_(k=0)^(N-1) norm(o_k - o_"goal")_w^2 + w_a norm(a_k - a_"rest")^2
   + w_"end" (norm(o_N - o_"goal")_w^2 + w_a norm(a_N - a_"rest")^2)
 delta u_k = u_k - u_(k-1), quad u_(-1) = a_0, quad norm(u_k - a_k)_infinity <= "reach"
 """
-golden = {
-    "exact": Golden(120.918554915, tried=33),
-    "barrier mu=1e-3": smoothed(120.603713118, tried=11),
-}
+golden = {"exact": Golden(120.918554915, tried=33), "barrier mu=1e-3": smoothed(120.603713118, tried=11)}
 
 
 class Params(Parameters):

@@ -25,11 +25,7 @@ min sum_(k=0)^(N-1) w_x (q_(u,k) - x_"goal")^2 + w_(delta u) delta u_k^2
 delta u_k = u_k - u_(k-1), quad u_(-1) = q_(a,0), quad abs(u) <= u_"max"
 """
 golden = {
-    "exact": Golden(
-        1.38481827,
-        tried=33,
-        independent="all 210 windows of contact, each a convex QP",
-    ),
+    "exact": Golden(1.38481827, tried=33, independent="all 210 windows of contact, each a convex QP"),
     "barrier mu=1e-3": smoothed(1.3869158, tried=11, note="a plain Opti script ends no lower from 18 random guesses"),
 }
 

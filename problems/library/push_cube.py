@@ -149,8 +149,7 @@ def _carried(problem: Problem, p: np.ndarray, over: float) -> tuple[np.ndarray, 
     for k, share in enumerate(s):
         tilt, yaw = share * over / 2, share * values["yaw"] / 2
         turn = rotation.product(
-            ca.SX([math.cos(yaw), 0, 0, math.sin(yaw)]),
-            ca.SX([math.cos(tilt), 0, math.sin(tilt), 0]),
+            ca.SX([math.cos(yaw), 0, 0, math.sin(yaw)]), ca.SX([math.cos(tilt), 0, math.sin(tilt), 0])
         )
         R = rotation.matrix(turn)
         X[k, 3:7] = np.array(ca.evalf(turn)).ravel()

@@ -25,9 +25,7 @@ delta u_k = u_k - u_(k-1), quad u_(-1) = a_0, quad norm(u_k)_infinity <= u_"max"
 """
 golden = {
     "exact": Golden(
-        0.100678475,
-        tried=33,
-        note="a plain Opti script, cold Scholtes homotopy, ends no lower from 36 random guesses",
+        0.100678475, tried=33, note="a plain Opti script, cold Scholtes homotopy, ends no lower from 36 random guesses"
     ),
     "barrier mu=1e-3": smoothed(0.100609441, tried=11, note="a plain Opti script ends no lower from 18 random guesses"),
 }
@@ -125,11 +123,7 @@ def region(params: Params) -> Region:
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Draw object, pusher and goal."""
     ox, oy, ax, ay = (float(value) for value in state)
-    return [
-        Mark(params.goal_x, params.goal_y, "goal"),
-        Circle(ox, oy, params.R),
-        Circle(ax, ay, params.r, "actuator"),
-    ]
+    return [Mark(params.goal_x, params.goal_y, "goal"), Circle(ox, oy, params.R), Circle(ax, ay, params.r, "actuator")]
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:

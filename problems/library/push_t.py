@@ -83,10 +83,7 @@ def build(params: Params) -> Problem:
     system = pushed.system
     x, angle, sides = system.x, p["goal_angle"], system.nlam
     away = ca.vertcat(
-        x[0] - p["goal_x"],
-        x[1] - p["goal_y"],
-        ca.cos(x[2]) - ca.cos(angle),
-        ca.sin(x[2]) - ca.sin(angle),
+        x[0] - p["goal_x"], x[1] - p["goal_y"], ca.cos(x[2]) - ca.cos(angle), ca.sin(x[2]) - ca.sin(angle)
     )
     return pose_problem(
         params,

@@ -31,9 +31,7 @@ P = Q + A_d^top P (A_d - B_d K), quad K = B_d^top P A_d \/ (w_u + B_d^top P B_d)
 """
 golden = {
     "exact": Golden(
-        361.3236972,
-        tried=21,
-        independent="all 210 windows of contact with the right wall, each a convex QP",
+        361.3236972, tried=21, independent="all 210 windows of contact with the right wall, each a convex QP"
     )
 }
 

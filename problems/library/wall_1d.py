@@ -75,11 +75,7 @@ def build(params: Params) -> Problem:
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Draw the wall, the goal behind it, and the mass in front of it."""
-    return [
-        Wall(0, 0, 1, 0),
-        Mark(params.goal_x, 0, "goal"),
-        Rectangle(float(state[0]) + 0.05, 0, 0.1, 0.1),
-    ]
+    return [Wall(0, 0, 1, 0), Mark(params.goal_x, 0, "goal"), Rectangle(float(state[0]) + 0.05, 0, 0.1, 0.1)]
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:

@@ -39,13 +39,7 @@ _TILT = 1e-5
 """How far an axis may be off the plane of a planar robot, or for a camera from its side."""
 
 
-def load(
-    path: str | Path,
-    *,
-    floating: bool = False,
-    planar: bool = False,
-    folder: str | Path | None = None,
-) -> Robot:
+def load(path: str | Path, *, floating: bool = False, planar: bool = False, folder: str | Path | None = None) -> Robot:
     """Read a robot from a URDF or MJCF file, all of whose numbers are in SI units.
 
     Bodies without joints become part of their parent. A URDF stands over the ground z = 0, and each

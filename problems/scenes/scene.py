@@ -9,13 +9,7 @@ from itertools import accumulate, pairwise
 
 import casadi as ca
 
-from dynamics.systems import (
-    ContactSystem,
-    ParameterTable,
-    Signal,
-    quasi_dynamic,
-    time_stepping,
-)
+from dynamics.systems import ContactSystem, ParameterTable, Signal, quasi_dynamic, time_stepping
 from dynamics.systems.checks import require_items, require_not_negative
 from dynamics.systems.contact_rows import Cone
 from dynamics.systems.shapes import Contact, Pose

@@ -31,11 +31,7 @@ def _weights(machine: PublishedMachine, name: str) -> tuple[float, float]:
 
 
 def built(
-    name: str,
-    params: Any,
-    machine_of: Callable[..., PublishedMachine],
-    spring: str,
-    spheres: Collection[str] | None,
+    name: str, params: Any, machine_of: Callable[..., PublishedMachine], spring: str, spheres: Collection[str] | None
 ) -> tuple[ContactSystem, dict[str, Any]]:
     """Return the machine's system at ``params``, and the fields of :class:`~ocp.problem.task.Task` that all have.
 

@@ -50,10 +50,7 @@ def finger_system(name: str, p: ParameterTable) -> ContactSystem:
             Link("disc", None, 1.0, p["disc_inertia"], anchor=(p["x"], p["z"]), damping=p["disc_damping"]),
         ),
         (),
-        parts=(
-            Part("tip", "elbow", shapes.Disc(r, (0.0, length - r))),
-            Part("disc", "disc", shapes.Disc(p["R"])),
-        ),
+        parts=(Part("tip", "elbow", shapes.Disc(r, (0.0, length - r))), Part("disc", "disc", shapes.Disc(p["R"]))),
         collision_pairs=(("tip", "disc"),),
         gravity=p["g"],
     )

@@ -25,11 +25,7 @@ _LEGS = (
 
 
 def half_cheetah(
-    *,
-    base_damping: Number = 0.0,
-    spring_scale: Number = 1.0,
-    damping: Number = 1.0,
-    limits: bool = True,
+    *, base_damping: Number = 0.0, spring_scale: Number = 1.0, damping: Number = 1.0, limits: bool = True
 ) -> PublishedMachine:
     """Return the half-cheetah of adaptive barrier smoothing, sec. 7: 9 coordinates, 6 motors, 14.000 kg.
 

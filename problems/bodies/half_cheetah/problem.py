@@ -85,13 +85,7 @@ def build(params: Params) -> Problem:
     step = ca.SX.sym("h")
     machine = machine_of(base_damping=p["base_damping"], damping=p["damping"], limits=bool(params.limits))
     system = machine.system(
-        name,
-        p,
-        h=step,
-        friction=friction,
-        spheres=SPHERES[params.spheres],
-        free_step=True,
-        cone=params.cone,
+        name, p, h=step, friction=friction, spheres=SPHERES[params.spheres], free_step=True, cone=params.cone
     )
     x, nx = system.x, system.nx
     nq = nx // 2

@@ -14,11 +14,7 @@ from problems.machines.machine import PublishedMachine
 
 
 def hopper(
-    *,
-    base_damping: Number = 0.0,
-    spring: Number = 10.0,
-    damping: Number = 1.0,
-    limits: bool = False,
+    *, base_damping: Number = 0.0, spring: Number = 10.0, damping: Number = 1.0, limits: bool = False
 ) -> PublishedMachine:
     """Return the hopper of adaptive barrier smoothing, sec. 7: 6 coordinates, 3 motors, 15.265 kg.
 

@@ -82,19 +82,9 @@ def build(params: Params) -> Problem:
     """Steps (hopper.1) with contacts (hopper.5); state (q, v), impulses lam [N s]."""
     p, friction = friction_of(table(params))
     machine = machine_of(
-        base_damping=p["base_damping"],
-        spring=p["spring"],
-        damping=p["damping"],
-        limits=bool(params.limits),
+        base_damping=p["base_damping"], spring=p["spring"], damping=p["damping"], limits=bool(params.limits)
     )
-    system = machine.system(
-        name,
-        p,
-        h=p["h"],
-        friction=friction,
-        spheres=SPHERES[params.spheres],
-        cone=params.cone,
-    )
+    system = machine.system(name, p, h=p["h"], friction=friction, spheres=SPHERES[params.spheres], cone=params.cone)
     x, nq = system.x, system.nx // 2
     angles = [p[f"{joint}0"] for joint in ("pitch", "thigh", "leg", "foot")]
     start = ca.vertcat(0, p["z0"], *angles, ca.SX.zeros(nq))
