@@ -158,17 +158,17 @@ class Setting:
         return TypeAdapter(kind, config=ConfigDict(arbitrary_types_allowed=True))
 
 
-def read_value(label: str, value: Any, annotation: Any) -> Any:
-    """Return ``value``, or what it writes as text, as the type ``annotation``.
+def read_value(label: str, value: Any, annotation: Any, **limits: Unpack[Range]) -> Any:
+    """Return ``value``, or what it writes as text, as the type ``annotation`` within ``limits``.
 
     Raises :class:`~dynamics.errors.InputError` that names it ``label``.
     """
-    return Setting(label, declare(..., ""), annotation).read(value)
+    return Setting(label, declare(..., "", limits=limits), annotation).read(value)
 
 
 def read_count(label: str, value: Any) -> int:
     """Return ``value`` as a whole number >= 1; raises :class:`~dynamics.errors.InputError` that names it ``label``."""
-    return Setting(label, declare(..., "", limits={"least": 1}), int).read(value)
+    return read_value(label, value, int, least=1)
 
 
 def abbreviated_number(value: Any) -> str:

@@ -12,13 +12,6 @@ DEFAULT_BLOCK = 32
 """Default number of samples per block."""
 
 
-def checked_block(block: int) -> int:
-    """Return `block`; raise `ValueError` unless it is a whole number of at least 1."""
-    if isinstance(block, bool) or not isinstance(block, int) or block < 1:
-        raise ValueError(f"block must be a whole number of samples, at least 1, not {block!r}")
-    return block
-
-
 def bind_arguments(positional: Sequence[Any], named: Mapping[str, Any], names: Sequence[str], owner: str) -> list[Any]:
     """Return arguments in the order of `names`, given either all by position or all by name.
 

@@ -19,7 +19,6 @@ from dynamics.batch.arguments import (
     as_output,
     as_rows,
     bind_arguments,
-    checked_block,
     common_length,
     non_finite_rows,
 )
@@ -42,6 +41,7 @@ from dynamics.batch.graphs.policy import open_loop
 from dynamics.batch.graphs.rollout_tapes import build_tapes
 from dynamics.batch.graphs.tape import Tape, UnsupportedOperation, tape_of
 from dynamics.contact import Step
+from dynamics.settings import read_count
 
 # Samples a chunk of CasADi's virtual machine.
 CASADI_CHUNK = 1024
@@ -80,7 +80,7 @@ class BatchFunction:
         self.input_sizes = tuple(fn.nnz_in(k) for k in range(fn.n_in()))
         self.output_sizes = tuple(fn.nnz_out(k) for k in range(fn.n_out()))
         self.threads = checked_threads(threads)
-        self.block = checked_block(block)
+        self.block = read_count("block", block)
         self.nonfinite = NonFinite()
         self.backend, self._engine = choose_backend(backend, self._makers(fn, backend), f"'{self.name}'")
 
@@ -172,7 +172,7 @@ class StepFunction:
         self, step: Step, backend: str = "auto", threads: int | None = None, block: int = DEFAULT_BLOCK
     ) -> None:
         system = step.system
-        self.threads, self.block = checked_threads(threads), checked_block(block)
+        self.threads, self.block = checked_threads(threads), read_count("block", block)
         self.default_p = step.p.values
         self.tapes = build_tapes(step, free_of_cost(step), open_loop(system.nx, system.nu))
         self._derive = NumpyKernel(tape_of(self.tapes.derived))

@@ -17,7 +17,6 @@ from dynamics.batch.arguments import (
     NonFinite,
     as_doubles,
     as_rows,
-    checked_block,
     common_length,
 )
 from dynamics.batch.engines.kernels import KERNEL_MAKERS, NumpyKernel, choose_backend
@@ -35,6 +34,7 @@ from dynamics.batch.graphs.step_graphs import ModelStepGraphs
 from dynamics.batch.graphs.tape import tape_of
 from dynamics.batch.random import Gaussian
 from dynamics.contact import Step
+from dynamics.settings import read_count, read_value
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class Rolling(ABC):
         block: int = DEFAULT_BLOCK,
     ) -> None:
         self.horizon, self.policy = _checked_horizon(horizon), policy
-        self.threads, self.block = checked_threads(threads), checked_block(block)
+        self.threads, self.block = checked_threads(threads), read_count("block", block)
         self.parameters = parameters_of(step, objective, policy)
         self.default_p = self.parameters.values
         self.tapes = build_tapes(step, objective, policy)
@@ -279,9 +279,7 @@ class Rolling(ABC):
         batched = {"noise": w, "along": linearise_along, "pull": terminal_gradient}
         lengths = {name: len(a) for name, a in batched.items() if a is not None}
         if n_samples is not None:
-            if isinstance(n_samples, bool) or int(n_samples) != n_samples or n_samples < 0:
-                raise ValueError(f"n_samples must be a whole number of at least 0, not {n_samples!r}")
-            lengths["n_samples"] = int(n_samples)
+            lengths["n_samples"] = read_value("n_samples", n_samples, int, least=0)
         return RolloutRequest(
             n=common_length({"x0": start, "theta": theta_rows, "p": parameters}, owner, lengths),
             horizon=self.horizon,

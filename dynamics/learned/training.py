@@ -15,7 +15,7 @@ import numpy as np
 from dynamics.errors import InputError
 from dynamics.learned.mlp import MlpModel
 from dynamics.learned.transitions import Samples, split_rows
-from dynamics.settings import Configured, setting
+from dynamics.settings import Configured, read_value, setting
 
 
 @dataclass(frozen=True)
@@ -81,9 +81,7 @@ class Training:
         seed: int = 0,
         state: dict[str, np.ndarray] | None = None,
     ) -> None:
-        if not (sigma >= 0 and math.isfinite(sigma)):
-            raise ValueError(f"mlp: sigma must be at least 0 and finite, got {sigma}")
-        self.data, self.sigma, self.seed = data, float(sigma), seed
+        self.data, self.sigma, self.seed = data, read_value("mlp: sigma", sigma, float, least=0), seed
         self.recipe = recipe or Recipe()
         self.trained_on, self.held_out = split_rows(len(data.z), self.recipe.held_out, seed)
         if len(self.trained_on) < 2 or (self.recipe.held_out and not len(self.held_out)):

@@ -11,6 +11,7 @@ import numpy as np
 
 from dynamics.batch import BatchFunction, StepFunction
 from dynamics.contact import Exact
+from dynamics.settings import read_count
 from ocp.errors import InputError
 from ocp.problem.task import Task
 
@@ -166,8 +167,7 @@ def random_transitions(explorer: Explorer, n: int, seed: int | Sequence[int]) ->
 
     Raises :class:`~ocp.errors.InputError` where no step was solved or ``n`` is below 1.
     """
-    if n < 1:
-        raise InputError(f"n must be at least 1 transition, got {n}")
+    n = read_count("n", n)
     task = explorer.task
     rng = np.random.default_rng(seed)
     sizes = N_EXPLORED_EPISODES, task.system.nu, len(task.observations)

@@ -130,9 +130,7 @@ def _pushes(words: Iterable[str], states: list[str], steps: int) -> dict[int, np
         sample, sign, change = word.partition(":")
         if not sign:
             raise InputError(f"--push: expected K:name=value, got {word!r}; write 20:{states[0]}=1")
-        k = read_value("--push: the sample", sample.strip(), int)
-        if not 0 <= k < steps:
-            raise InputError(f"--push {word}: the sample must be from 0 to {steps - 1}, got {k}")
+        k = read_value(f"--push {word}: the sample", sample.strip(), int, least=0, most=steps - 1)
         for name, text in parse_assignments("--push", [change]).items():
             if name not in states:
                 raise InputError(

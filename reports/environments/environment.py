@@ -13,6 +13,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from dynamics.settings import read_count
 from ocp.errors import InputError
 from reports.environments.world import World
 
@@ -153,9 +154,8 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         threads: int | None = None,
         **params: Any,
     ) -> None:
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
-            raise InputError(f"num_envs must be a whole number of at least 1, got {num_envs!r}")
-        self.num_envs, self.render_mode = num_envs, checked_mode(render_mode)
+        self.num_envs = num_envs = read_count("num_envs", num_envs)
+        self.render_mode = checked_mode(render_mode)
         self.world = world = World(task, contact, contact_settings, params)
         self.metadata = {**_VECTOR_METADATA, "render_fps": round(1 / world.seconds)}
         self.single_action_space = world.action_space

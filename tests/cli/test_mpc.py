@@ -112,7 +112,7 @@ def test_same_seed_same_bits(ocp: Ocp) -> None:
         (("--mismatch", "mpp=1"), "no physical parameter 'mpp' (did you mean 'mp'?)"),
         (("--mismatch", "mp=-1"), "parameter mp (mass of the pole) must be a number > 0 [kg]"),
         (("--push", "20"), "--push: expected K:name=value, got '20'"),
-        (("--push", "100:p=1"), "the sample must be from 0 to 99, got 100"),
+        (("--push", "100:p=1"), "the sample must be a whole number >= 0 and <= 99, got 100"),
         (("--push", "2:q=1"), "--push: unknown state 'q'"),
         (("--contact", "barrier"), "phase qpcc plans under the exact law, not under barrier"),
         (("-c", "mu=1"), "contact law exact has no setting 'mu'"),

@@ -13,6 +13,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from dynamics.settings import read_count
+
 ResultT = TypeVar("ResultT")
 _pool: ThreadPoolExecutor | None = None
 
@@ -26,11 +28,7 @@ def available_threads() -> int:
 
 def checked_threads(threads: int | None) -> int:
     """Return `threads`, or every available CPU for None; raise `ValueError` below one."""
-    if threads is None:
-        return available_threads()
-    if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
-        raise ValueError(f"threads must be a whole number of at least 1 or None, not {threads!r}")
-    return threads
+    return available_threads() if threads is None else read_count("threads", threads)
 
 
 def over_chunks(n: int, chunk: int, threads: int, work: Callable[[int, int], None]) -> None:

@@ -340,8 +340,8 @@ def test_training_holds_out_what_transitions_do() -> None:
         ({"batch": 1.5}, "batch must be a whole number >= 1"),
         ({"rate": 0.0}, "rate must be a number > 0"),
         ({"held_out": 1.0}, "held_out must be a number >= 0 and < 1"),
-        ({"sigma": -0.1}, "sigma must be at least 0 and finite, got -0.1"),
-        ({"sigma": np.inf}, "sigma must be at least 0 and finite, got inf"),
+        ({"sigma": -0.1}, "sigma must be a number >= 0, got -0.1"),
+        ({"sigma": np.inf}, "sigma must be a finite number >= 0, got inf"),
     ],
 )
 def test_a_recipe_that_cannot_be_is_said(change: dict, said: str) -> None:

@@ -52,7 +52,7 @@ def test_random_policies_give_transitions_of_the_system_the_same_for_a_seed():
     assert (again.x_next == found.x_next).all()
     other, _ = random_transitions(explorer, 330, seed=5)
     assert not (other.u == found.u).any()
-    with pytest.raises(InputError, match="n must be at least 1 transition, got 0"):
+    with pytest.raises(InputError, match="n must be a whole number >= 1, got 0"):
         random_transitions(explorer, 0, seed=4)
 
 

@@ -355,7 +355,7 @@ def test_pictures_show_the_body_and_the_ground():
         ({"horizon": 0}, "horizon"),
         ({"horizn": 5}, "unknown parameter 'horizn'.*did you mean 'horizon'"),
         ({"task": "hoper"}, "unknown task 'hoper'"),
-        ({"num_envs": 0}, "num_envs must be a whole number of at least 1, got 0"),
+        ({"num_envs": 0}, "num_envs must be a whole number >= 1, got 0"),
         ({"num_envs": 1.5}, "num_envs"),
         ({"render_mode": "human"}, "render_mode must be 'rgb_array' or None, got 'human'"),
     ],
