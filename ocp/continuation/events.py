@@ -94,8 +94,7 @@ def describe_events(events: list[Event], parameter: str) -> str:
             continue
         count = f"{len(events_of_kind)} {words[len(events_of_kind) > 1]}"
         listed = ", ".join(event.describe(parameter) for event in events_of_kind[:MAX_LISTED_EVENTS])
-        others = (
-            f" and {len(events_of_kind) - MAX_LISTED_EVENTS} more" if len(events_of_kind) > MAX_LISTED_EVENTS else ""
-        )
+        unlisted = len(events_of_kind) - MAX_LISTED_EVENTS
+        others = f" and {unlisted} more" if unlisted > 0 else ""
         sentences.append(count if kind == "bound" else f"{count}: {listed}{others}")
     return "; ".join(sentences)

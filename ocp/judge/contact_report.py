@@ -104,23 +104,13 @@ def contact_report(evaluation: Evaluation, step: Step, rollout: Rollout | Trajec
     # A multiplier in newton is a force already.
     are_forces = forces is None and all(signal.unit == "N" for signal in system.contacts)
     force = normal if are_forces else normal / h
-    flags = active, slipping, degenerate, distant
-    contacts = _summaries(names, force, np.abs(slip) * h, *flags)
-    has_friction, bound = forces is not None, friction * normal
-    return ContactReport(
-        names,
-        normal,
-        tangential,
-        slip,
-        bound,
-        active,
-        slipping,
-        degenerate,
-        contacts,
-        largest_entry(np.abs(tangential) - bound) if has_friction else float("nan"),
-        largest_entry(bound * slip_size + power) if has_friction else float("nan"),
-        *_books(system.energy_balance, evaluate),
-    )
+    contacts = _summaries(names, force, np.abs(slip) * h, active, slipping, degenerate, distant)
+    bound, cone, dissipation = friction * normal, float("nan"), float("nan")
+    if forces is not None:
+        cone = largest_entry(np.abs(tangential) - bound)
+        dissipation = largest_entry(bound * slip_size + power)
+    per_step = (normal, tangential, slip, bound, active, slipping, degenerate)
+    return ContactReport(names, *per_step, contacts, cone, dissipation, *_books(system.energy_balance, evaluate))
 
 
 def _in_space(

@@ -186,12 +186,8 @@ class StepSolutions:
         self._let_slide(slid_lam := lam.copy(), gap)
         remaining = (np.minimum(slid_lam, gap) > -self._reach).all(axis=1)
         step_index, active, lam = step_index[remaining], active[remaining], lam[remaining]
-        x, u, x_next, last_change = (
-            x[step_index],
-            u[step_index],
-            x_next[step_index] + dx[remaining],
-            np.ones(len(step_index)),
-        )
+        x, u, x_next = x[step_index], u[step_index], x_next[step_index] + dx[remaining]
+        last_change = np.ones(len(step_index))
         for _ in range(_NEWTON_ITERATIONS):
             remaining = np.flatnonzero((last_change >= _SOLVED) & (last_change < _LOST))
             if not remaining.size:

@@ -96,7 +96,17 @@ class Judgement:
     @property
     def headline(self) -> str:
         """Status, cost under the law, the exact law and the referee, and survival."""
-        return _headline(self)
+        word = self.status.value.partition(":")[0]
+        first = f"{word.capitalize()}: cost {self.cost:.6g}"
+        if not math.isfinite(self.cost):
+            return f"{first}."
+        referee, ending = self.referee, self.referee.word
+        feasible = self.success or self.status.label in _FEASIBLE_LABELS
+        if referee.survives is None or (ending.startswith("survives") and not feasible):
+            ending = ""
+        elif ending != "does not survive":
+            ending = ": at h/4 ".join([ending, *referee.refined_reasons[:1]])
+        return ", ".join([first, _exact_cost(self), _referee_cost(self)]) + (f"; {ending}." if ending else ".")
 
     @property
     def findings(self) -> list[Finding]:
@@ -111,20 +121,6 @@ class Judgement:
     def cost_share(self, change: float, cost: float) -> float:
         """Return a change of a cost as a share of what a plan can change of it."""
         return Evaluation(self.problem, self.values).cost_share(change, cost)
-
-
-def _headline(plan: Judgement) -> str:
-    word = plan.status.value.partition(":")[0]
-    first = f"{word.capitalize()}: cost {plan.cost:.6g}"
-    if not math.isfinite(plan.cost):
-        return f"{first}."
-    referee, ending = plan.referee, plan.referee.word
-    feasible = plan.success or plan.status.label in _FEASIBLE_LABELS
-    if referee.survives is None or (ending.startswith("survives") and not feasible):
-        ending = ""
-    elif ending != "does not survive":
-        ending = ": at h/4 ".join([ending, *referee.refined_reasons[:1]])
-    return ", ".join([first, _exact_cost(plan), _referee_cost(plan)]) + (f"; {ending}." if ending else ".")
 
 
 def _exact_cost(plan: Judgement) -> str:

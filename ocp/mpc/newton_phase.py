@@ -106,7 +106,8 @@ class NewtonPhase(Phase):
 
         The penalty then holds for the sample's other programs, so that their optima compare.
         """
-        arguments = (lin, rows, sample.x - self.plan.x[0], self.bounds_of_step(self.plan, sample))
+        step_bounds = (sample.bounds[0] - self.plan.u, sample.bounds[1] - self.plan.u)
+        arguments = (lin, rows, sample.x - self.plan.x[0], step_bounds)
         if self.penalty:
             return self.separate_slack_qp.solve(*arguments, self.penalty)
         best = self.qp.solve(*arguments)
@@ -183,7 +184,3 @@ class NewtonPhase(Phase):
                 inputs.append(u + share * proposal.step.du)
         K = np.array(gains)
         return K, np.array(inputs) - np.einsum("skij,skj->ski", K, np.array(centres))
-
-    def bounds_of_step(self, plan: Plan, sample: Sample) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bounds (N, nu) of du."""
-        return sample.bounds[0] - plan.u, sample.bounds[1] - plan.u

@@ -101,15 +101,16 @@ def check_mismatch(problem: Problem, mismatch: Mapping[str, float]) -> Mapping[s
     """
     mismatch = validated("mismatch", mismatch, Mapping[str, Number])
     names = problem.parameters.names
-    for name in mismatch:
-        if name not in names:
-            raise InputError(
-                f"mismatch: {problem.name} has no physical parameter {name!r}"
-                f"{did_you_mean(name, names)}; there are {', '.join(names)}"
-            )
+    _check_names(f"mismatch: {problem.name} has no physical parameter", mismatch, names)
     if mismatch:
         check_physics(problem, problem.parameters.defaults | dict(mismatch))
     return mismatch
+
+
+def _check_names(refusal: str, values: Mapping[str, float], names: list[str]) -> None:
+    for name in values:
+        if name not in names:
+            raise InputError(f"{refusal} {name!r}{did_you_mean(name, names)}; there are {', '.join(names)}")
 
 
 def check_pushes(problem: Problem, pushes: Mapping[int, np.ndarray], steps: int) -> None:
@@ -127,11 +128,7 @@ def deviations(values: float | Mapping[str, float], names: list[str], what: str)
     """
     values = validated(what, values, Number | Mapping[str, Number])
     if isinstance(values, Mapping):
-        for name in values:
-            if name not in names:
-                raise InputError(
-                    f"{what}: unknown signal {name!r}{did_you_mean(name, names)}; there are {', '.join(names)}"
-                )
+        _check_names(f"{what}: unknown signal", values, names)
         standard_deviations = np.array([float(values.get(name, 0.0)) for name in names])
     else:
         standard_deviations = np.full(len(names), float(values))

@@ -20,8 +20,8 @@ from ocp.programs.program import PENALTY, RELAXATION, Program
 from ocp.programs.solver import Point, Result, Solver, Status
 from ocp.routes.branches import Branches, polish
 from ocp.routes.complementarity import RelaxationPlan, by_strategy
-from ocp.routes.homotopy import Homotopy, RouteResult
-from ocp.routes.relaxations import STRATEGIES, Strategy
+from ocp.routes.homotopy import Homotopy
+from ocp.routes.relaxations import STRATEGIES
 from ocp.routes.schedules import improved
 
 
@@ -179,25 +179,24 @@ def _followed(
 ) -> tuple[MPCCSolution, Homotopy]:
     """Follow the strategies from ``start`` (n,), and improve their ends, cheapest first."""
     programs = programs_of(mpcc, parameter_values, start)
+
+    def start_point(program: MPCCProgram) -> Point:
+        return Point(program.extended(start))
+
     follower = Homotopy(programs, solver, {PENALTY: 0.0, RELAXATION: 0.0})
     branches = Branches(follower)
     large = branches.program.n >= _LARGE
     names = strategies or (DEFAULTS_LARGE if large else DEFAULTS)
     solutions: list[MPCCSolution] = []
     for batch in (names[:2], names[2:]) if large else (names,):
-        legs = [(name, _leg(follower, STRATEGIES[name], start)) for name in batch]
+        plans = [(name, RelaxationPlan(STRATEGIES[name], 1.0, start_point)) for name in batch]
+        legs = [(name, by_strategy(follower, plan, plan.strategy)) for name, plan in plans]
         for name, leg in sorted(legs, key=lambda leg: (not leg[1].finished, leg[1].result.f)):
             result = improved(branches, leg.result) if leg.finished else leg.result
             solutions.append(_judged(programs("none"), leg.nlp, result, start, name))
             if large and solutions[-1].success:
                 return solutions[-1], follower
     return min(solutions, key=_rank), follower
-
-
-def _leg(follower: Homotopy, strategy: Strategy, start: np.ndarray) -> RouteResult:
-    """Follow a strategy from ``start`` (n,), and solve the branch where it ends."""
-    search = RelaxationPlan(strategy, 1.0, lambda program: Point(program.extended(start)))
-    return by_strategy(follower, search, strategy)
 
 
 def softened(mpcc: MPCC, cost: float, weight: float) -> MPCC:

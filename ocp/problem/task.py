@@ -92,9 +92,7 @@ class Task:
     @cached_property
     def rewards(self) -> ca.Function:
         """Map ``(x, u, x_next, parameters)`` to the reward of a step."""
-        system = self.system
-        arguments = [system.x, system.u, system.x_next, self.parameters.vector]
-        return ca.Function("reward", arguments, [ca.densify(ca.SX(self.reward))])
+        return self._of_step("reward", self.reward)
 
     @cached_property
     def finals(self) -> ca.Function:
@@ -114,10 +112,11 @@ class Task:
     @cached_property
     def measure(self) -> ca.Function:
         """Map ``(x, u, x_next, parameters)`` to the measures of a step."""
-        system = self.system
-        arguments = [system.x, system.u, system.x_next, self.parameters.vector]
-        column = ca.vertcat(ca.SX(0, 1), *(measure.expression for measure in self.measures))
-        return ca.Function("measure", arguments, [ca.densify(column)])
+        return self._of_step("measure", ca.vertcat(ca.SX(0, 1), *(measure.expression for measure in self.measures)))
+
+    def _of_step(self, name: str, expression: ca.SX | float) -> ca.Function:
+        arguments = [self.system.x, self.system.u, self.system.x_next, self.parameters.vector]
+        return ca.Function(name, arguments, [ca.densify(ca.SX(expression))])
 
     def _of_state(self, name: str, expression: ca.SX | float) -> ca.Function:
         arguments = [self.system.x, self.parameters.vector]

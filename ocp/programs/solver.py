@@ -182,16 +182,8 @@ class Solver:
             status = Status.DIVERGED
         # Wall time in f, g and their derivatives, as CasADi measured it around each call.
         evaluation_s = sum(float(v) for key, v in stats.items() if key.startswith("t_wall_nlp_"))
-        result = Result(
-            point,
-            cost,
-            g,
-            status,
-            word,
-            int(stats.get("iter_count", 0)),
-            seconds,
-            evaluation_s,
-        )
+        iterations = int(stats.get("iter_count", 0))
+        result = Result(point, cost, g, status, word, iterations, seconds, evaluation_s)
         logger.debug(
             "%s on %s: %s after %d it in %.4f s, %.4f s of it in functions; options %s",
             self.name,

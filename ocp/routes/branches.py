@@ -79,8 +79,7 @@ class Branches:
             options = {**warm, "mu_init": mu_init, "max_iter": most}
         inside = Point(np.clip(start.x, bounds["lbx"], bounds["ubx"]), start.lam_x, start.lam_g)
         result = self.follower.solver.run(self.program, inside, self.p, bounds, **options)
-        self.follower.record(label, float(active.sum()), self.program, result, self.p, bounds)
-        return result
+        return self.follower.record(label, float(active.sum()), self.program, result, self.p, bounds)
 
     def solve_branch(self, start: Point, iteration_limit: int = LONGEST) -> Result | None:
         """Solve the branch on which a point lies, and go on to neighbours while these cost less.

@@ -189,13 +189,12 @@ class Homotopy:
         if self.solver.name == "ipopt":
             options = {**IPOPT_WARM_START, **stage.options} if usable.lam_g is not None else stage.options
         result = self.solver.run(nlp, usable, p, bounds, **options)
-        self.record(stage.label, stage.value, nlp, result, p, bounds)
-        return result
+        return self.record(stage.label, stage.value, nlp, result, p, bounds)
 
     def record(
         self, label: str, value: float, nlp: Program, result: Result, p: np.ndarray, bounds: dict[str, np.ndarray]
-    ) -> None:
-        """Add a line to the table and call ``progress``."""
+    ) -> Result:
+        """Add a line to the table, call ``progress``, and return the result."""
         g = result.g
         contact_violation = np.maximum(bounds["lbg"] - g, g - bounds["ubg"])
         line = StageRecord(
@@ -229,6 +228,7 @@ class Homotopy:
             self.trace.points.append((nlp.reformulation, result.point.x))
         if self.progress is not None:
             self.progress(line)
+        return result
 
 
 def translate(point: Point, source: Program, target: Program) -> Point:

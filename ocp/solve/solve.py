@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from dynamics.contact import ContactLaw
-from ocp.errors import InputError, input_errors
+from ocp.errors import InputError, choose, input_errors
 from ocp.problem.policy import Policy
 from ocp.problem.problem import Problem
 from ocp.problem.resources import check_memory, solve_memory
@@ -20,8 +20,8 @@ from ocp.solve.refinement import divided_step, refine_step_size
 from ocp.solve.request import ProblemLike, Settings, check_setting_names, rebuilder, resolve_problem
 from ocp.solve.starts import Rank, check_starts, solve_session
 from ocp.solve.warm_start import GuessLike, carried_guess, carry, given_guess
-from ocp.transcription import Method
-from ocp.transcription.factories import DEFAULT_LAW, make_law, method_of, policy_of, split_policy_settings
+from ocp.transcription import METHODS, Method
+from ocp.transcription.factories import DEFAULT_LAW, make_law, policy_of, split_policy_settings
 from ocp.transcription.nlp import StageCompiler
 
 
@@ -178,7 +178,7 @@ def new_session(
     raw_settings = settings.given() if isinstance(settings, Settings) else settings or {}
     policy_values, own_settings = split_policy_settings(raw_settings)
     built_problem, law_values = resolve_problem(problem, contact, params, contact_settings, keywords, solver)
-    transcription_method = method_of(method)
+    transcription_method = choose("method", method, METHODS)() if isinstance(method, str) else method
     check_setting_names(own_settings, solver)
     made_policy = policy_of(policy, policy_values)
     law = make_law(contact, law_values, built_problem.system)

@@ -100,11 +100,6 @@ class Graph:
         layout.add("u_before", (self.nu,))
         return layout
 
-    def add_start(self, variables: Layout) -> None:
-        """Append x_0 to the variables where it is chosen."""
-        if self.problem.start is not None:
-            variables.add("x0", (1, 1, self.nx), self.component_names("x"))
-
     def add_gains(self, variables: Layout) -> None:
         """Append gains and offsets to the variables."""
         if self.feedback:

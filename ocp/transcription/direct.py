@@ -61,7 +61,8 @@ def whole(
     **nlp_fields: Any,
 ) -> NLP:
     """The NLP of its intervals, the end, periodicity and the penalty of gains."""
-    last_stage = terminal_stage(graph, variables, constraints)
+    last_states = state_index(graph, variables)[:, -1]
+    last_stage = terminal_stage(graph, constraints, graph.problem.system.x, last_states)
     periodic_stages = periodicity(graph, variables, constraints)
     stages = [interval, last_stage, *periodic_stages, *gain_penalty(graph, variables)]
     functions = assemble(stages, variables.size, graph.data().size, constraints.size, len(graph.names), compiled)
@@ -71,7 +72,8 @@ def whole(
 def trajectory_variables(graph: Graph, pairs: bool) -> Layout:
     """States, inputs, gains where inputs come from them, and with ``pairs`` lam and gap."""
     layout, (S, N, n) = Layout(), (graph.scenarios, graph.problem.N, graph.step.n)
-    graph.add_start(layout)
+    if graph.problem.start is not None:
+        layout.add("x0", (1, 1, graph.nx), graph.component_names("x"))
     layout.add("x", (S, N, graph.nx), graph.component_names("x"))
     layout.add("u", (S if graph.feedback else 1, N, graph.nu), graph.component_names("u"))
     for name in ("lam", "gap") if pairs else ():
@@ -170,13 +172,12 @@ def solved_interval(graph: Graph, variables: Layout, constraints: Layout, compil
     return Stage("interval", w, graph.p, graph.stage_cost(), expression, index, rows, 1 / S, hidden)
 
 
-def terminal_stage(graph: Graph, variables: Layout, constraints: Layout) -> Stage:
-    """Terminal cost and constraints on x_N of every scenario."""
+def terminal_stage(graph: Graph, constraints: Layout, w: ca.SX, index: np.ndarray) -> Stage:
+    """Terminal cost and constraints on x_N of every scenario, which is in the locals w at ``index`` (S, nw)."""
     problem, S = graph.problem, graph.scenarios
     blocks = [("terminal", graph.terminal_constraints(), constraint_names(problem.terminal))]
     expression, rows = add_rows(constraints, blocks, S, 1)
-    index = state_index(graph, variables)[:, -1]
-    return Stage("terminal", problem.system.x, graph.p, problem.changeable_costs[1], expression, index, rows, 1 / S)
+    return Stage("terminal", w, graph.p, problem.changeable_costs[1], expression, index, rows, 1 / S)
 
 
 def periodicity(graph: Graph, variables: Layout, constraints: Layout) -> list[Stage]:

@@ -13,7 +13,6 @@ from dynamics.settings import settings_of
 from ocp import plugins
 from ocp.errors import InputError, choose, did_you_mean, input_errors
 from ocp.problem.policy import POLICIES, Policy
-from ocp.transcription import METHODS, Method
 from ocp.validation import expand_path
 
 if TYPE_CHECKING:
@@ -130,11 +129,6 @@ def _check_target(law: ContactLaw, system: ContactSystem, p: ParameterTable) -> 
         raise ValueError(
             f"{law.name}: target(system, z, F, p) must return mu of shape ({n}, 1), as z has, got {mu.shape}"
         )
-
-
-def method_of(method: Method | str) -> Method:
-    """Make the method called ``method``, or take it as it is."""
-    return choose("method", method, METHODS)() if isinstance(method, str) else method
 
 
 def policy_of(policy: Policy | str, values: Mapping[str, Any]) -> Policy:

@@ -207,22 +207,17 @@ class NLP(Program):
 
     def _constraint_bounds(self, physical: np.ndarray, known: dict[str, tuple]) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = {}, {}
-        for kind in ("path", "terminal"):
+        for kind, rows in (("path", self.problem.path), ("terminal", self.problem.terminal)):
             if kind in self.constraints and self.constraints[kind].size:
-                lower[kind], upper[kind] = _evaluated_bounds(self.problem, kind, physical)
+                ends = [ca.vertcat(*(getattr(row, end) for row in rows)) for end in ("lower", "upper")]
+                evaluated = ca.Function("ends", [self.problem.parameters.vector], ends)(physical)
+                lower[kind], upper[kind] = (np.array(end).ravel() for end in evaluated)
         for name in ("x", "u"):
             if f"{name}_bound" in self.constraints:
                 lower[f"{name}_bound"], upper[f"{name}_bound"] = known[name]
         if "separation" in self.constraints:
             upper["separation"] = np.inf
         return self.constraints.pack(lower), self.constraints.pack(upper)
-
-
-def _evaluated_bounds(problem: Problem, kind: str, physical: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    constraints = problem.path if kind == "path" else problem.terminal
-    ends = [ca.vertcat(*(getattr(c, end) for c in constraints)) for end in ("lower", "upper")]
-    lower, upper = ca.Function("ends", [problem.parameters.vector], ends)(physical)
-    return np.array(lower).ravel(), np.array(upper).ravel()
 
 
 class StageCompiler:

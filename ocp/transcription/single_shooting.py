@@ -16,11 +16,10 @@ import numpy as np
 
 from ocp.errors import InputError
 from ocp.problem.policy import Feedback
-from ocp.problem.problem import Problem
 from ocp.programs.layout import Layout
 from ocp.programs.program import Functions
 from ocp.transcription.common import Graph, constraint_names
-from ocp.transcription.direct import add_rows
+from ocp.transcription.direct import add_rows, terminal_stage
 from ocp.transcription.eliminated import Compile
 from ocp.transcription.nlp import NLP
 from ocp.transcription.stage import Stage
@@ -67,12 +66,17 @@ class _Condensed:
         self.S, self.N = graph.scenarios, problem.N
         self.theta_index = graph.gain_index(variables) if graph.feedback else variables["u"].index.reshape(self.N, -1)
         self._stage_expressions()
-        self._terminal_expressions()
+        index = np.zeros((self.S, self.xi.numel()), dtype=int)
+        self.terminal = terminal_stage(graph, constraints, self.xi, index)
+        self.end_rows = self.terminal.rows
+        # The places of all rows of g, the stages' and the ends', in the order in which they are computed.
+        self.places = np.argsort(np.concatenate([self.rows.ravel(), self.end_rows.ravel()])).tolist()
 
     def _stage_expressions(self) -> None:
         graph, problem, step = self.graph, self.graph.problem, self.graph.step
         system = problem.system
-        limits = _finite_limits(problem)
+        bounded_u = graph.feedback and _is_finite(problem.u_lower, problem.u_upper)
+        bounded_x = _is_finite(problem.x_lower, problem.x_upper)
         theta = ca.vertcat(*graph.gain_symbols()) if graph.feedback else system.u
         self.xi = ca.vertcat(system.x, *([graph.u_before] if problem.uses_du else []))
         u = graph.K @ system.x + graph.k if graph.feedback else system.u
@@ -84,8 +88,8 @@ class _Condensed:
         xi_next = ca.vertcat(x_next, *([u] if problem.uses_du else []))
         path_rows = ca.substitute(graph.path_constraints(), system.x_next, step.x_next_expr)
         extra = [
-            ("u_bound", u if graph.feedback and limits["u"] else ca.SX(0, 1), graph.component_names("u")),
-            ("x_bound", x_next if limits["x"] else ca.SX(0, 1), graph.component_names("x")),
+            ("u_bound", u if bounded_u else ca.SX(0, 1), graph.component_names("u")),
+            ("x_bound", x_next if bounded_x else ca.SX(0, 1), graph.component_names("x")),
             ("path", closed(path_rows), constraint_names(problem.path)),
         ]
         expression, self.rows = add_rows(self.constraints, extra, self.S, self.N)
@@ -106,17 +110,6 @@ class _Condensed:
         self.solve = hidden.solve
         gap = closed(step.gap_expr)
         self.gap = ca.Function("gap", [w, graph.p, hidden.symbols], [gap, u])
-
-    def _terminal_expressions(self) -> None:
-        graph, problem = self.graph, self.graph.problem
-        block = ("terminal", graph.terminal_constraints(), constraint_names(problem.terminal))
-        expression, self.end_rows = add_rows(self.constraints, [block], self.S, 1)
-        # The places of all rows of g, the stages' and the ends', in the order in which they are computed.
-        self.places = np.argsort(np.concatenate([self.rows.ravel(), self.end_rows.ravel()])).tolist()
-        index, rows = np.zeros((self.S, self.xi.numel()), dtype=int), self.end_rows
-        self.terminal = Stage(
-            "terminal", self.xi, graph.p, problem.changeable_costs[1], expression, index, rows, 1 / self.S
-        )
 
     def _rollout(self, theta: ca.MX, p: ca.MX, data: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
         """States xi of all scenarios (nxi, S (N+1)), locals w (nw, S N), solved inner unknowns."""
@@ -272,13 +265,6 @@ class _Condensed:
         return ca.horzcat(*columns)
 
 
-def _finite_limits(problem: Problem) -> dict[str, bool]:
-    """Tell which bounds are not infinite, so that no empty constraint is made of them."""
-
-    def finite(*values: ca.SX | float) -> bool:
-        return any(not ca.SX(v).is_constant() or np.isfinite(np.array(ca.DM(ca.SX(v)))).any() for v in values)
-
-    return {
-        "u": finite(problem.u_lower, problem.u_upper),
-        "x": finite(problem.x_lower, problem.x_upper),
-    }
+def _is_finite(*bounds: ca.SX | float) -> bool:
+    """Whether any bound is not infinite; no constraint is made of others."""
+    return any(not ca.SX(v).is_constant() or np.isfinite(np.array(ca.DM(ca.SX(v)))).any() for v in bounds)
