@@ -108,12 +108,16 @@ class Evaluation:
 
     def trajectory_costs(self, x: np.ndarray, u: np.ndarray, impulses: np.ndarray) -> np.ndarray:
         """Cost (S,) of trajectories."""
+        stage, terminal = self.cost_parts(x, u, impulses)
+        return stage.sum(axis=(1, 2)) + terminal[:, 0, 0]
+
+    def cost_parts(self, x: np.ndarray, u: np.ndarray, impulses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Stage costs (S, N, 1) and terminal costs (S, 1, 1) of trajectories."""
         u_before = self.limits.u_before
         du = np.diff(u, axis=1, prepend=np.broadcast_to(u_before, (len(u), 1, u_before.size)))
         stage, _ = at_steps(self.problem.cost_terms, x[:, :-1], u, du, impulses, p=self.p)
         last = (array[:, -1:] for array in (x, u, du, impulses))
-        _, terminal = at_steps(self.problem.cost_terms, *last, p=self.p)
-        return stage.sum(axis=(1, 2)) + terminal[:, 0, 0]
+        return stage, at_steps(self.problem.cost_terms, *last, p=self.p)[1]
 
     def cost_share(self, change: float, cost: float) -> float:
         """Return a ``change`` of the cost as a share of what a plan of that ``cost`` can change.

@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 from ocp.errors import InputError
 from ocp.store.stored_run import StoredRun
 from reports.documents.common import Page, law_summary, law_text, numbered_figures, page_header, setting_rows
-from reports.drawing.notation import label
 from reports.drawing.view import RunView
-from reports.figures.training import learning_figure, signal_figure, strobe_figures
+from reports.figures.training import learning_figure, measure_label, signal_figure, strobe_figures
 from reports.tables.console import number
 from reports.tables.training import SeedGroup, group_seeds, group_verdict, measure_names, summary_rows
 
@@ -70,18 +69,13 @@ def _key_numbers(run: StoredRun) -> list[list[str]]:
         ["untrained", number(meta["untrained"]["return"], 5)],
         ["after the last iteration", number(meta["last"]["return"], 5)],
         ["steps per episode", number(best["length"], 4)],
-        *([_titled(run, name), number(best[name], 4)] for name in measure_names(best)),
+        *([measure_label(run, name), number(best[name], 4)] for name in measure_names(best)),
         ["share of unsolved steps", number(best["unsolved"], 2)],
         ["iterations", str(meta["last"]["iteration"])],
         ["steps simulated", number(meta["env_steps"], 4)],
         ["time [s]", number(meta["wall_s"], 3)],
         ["parameters of the policy", str(run.data.sizes["parameter"])],
     ]
-
-
-def _titled(run: StoredRun, name: str) -> str:
-    unit = str(run.data[f"evaluation_{name}"].attrs.get("units", "1"))
-    return label(name, unit)
 
 
 def _learned(group: SeedGroup) -> list[list[str]]:

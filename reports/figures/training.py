@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from ocp.store.stored_run import StoredRun
 from reports.drawing.notation import label
 from reports.drawing.strobe import strobe, strobe_rows
 from reports.drawing.style import CYCLE, GREY, INK, WIDTH
@@ -34,8 +35,7 @@ def learning_figure(seed_groups: Sequence[SeedGroup]) -> Figure:
         for axis, over in zip(row, ("env_steps", "wall_s"), strict=True):
             for place, group in enumerate(seed_groups):
                 _banded(axis, group, over, f"evaluation_{name}", _color(place))
-        unit = str(seed_groups[0].runs[0].data[f"evaluation_{name}"].attrs.get("units", "1"))
-        row[0].set_ylabel(label(name, unit))
+        row[0].set_ylabel(measure_label(seed_groups[0].runs[0], name))
     axes[-1, 0].set_xlabel("steps simulated")
     axes[-1, 0].ticklabel_format(axis="x", style="sci", scilimits=(-3, 4), useMathText=True)
     axes[-1, 1].set_xlabel("wall time [s]")
@@ -70,6 +70,11 @@ def strobe_figures(seed_groups: Sequence[SeedGroup]) -> list[Figure]:
     seeds = [f", seed {group.best.meta['seed']}" * (len(group.runs) > 1) for group, _ in pictured]
     titled = zip(seeds, pictured, strict=True)
     return strobe_rows([((group.label + seed).removeprefix(", "), view) for seed, (group, view) in titled])[0]
+
+
+def measure_label(run: StoredRun, name: str) -> str:
+    """Return the name of a measure with its unit."""
+    return label(name, str(run.data[f"evaluation_{name}"].attrs.get("units", "1")))
 
 
 def _color(place: int) -> str:

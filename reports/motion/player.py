@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ocp.problem.evaluation import at_steps
+from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.task import Task
 from problems.drawing import Shape
 from reports.drawing import shapes
@@ -233,17 +233,10 @@ def cumulative_cost(view: RunView, suffix: str) -> tuple[np.ndarray, float] | No
         is_full_episode = u.shape[1] == problem.horizon
         last = np.array(problem.finals(x[0, -1], p)) if is_full_episode else np.zeros(1)
     else:
-        previous_input = np.array(problem.limits(p)[1]).ravel()
-        du = np.diff(np.concatenate([previous_input[None], u[0]]), axis=0)
-        lam = np.zeros((1, len(du), problem.system.nlam))
-        if problem.uses_impulses:
-            stored = view.array(f"lam{suffix}")
-            if stored is None or stored.shape[-1] != problem.system.nlam:
-                return None
-            lam = stored
-        stage, _ = at_steps(problem.cost_terms, x[:1, :-1], u[:1], du[None], lam[:1], p=p)
-        last = (values[:1, -1:] for values in (x, u, du[None], lam))
-        _, last = at_steps(problem.cost_terms, *last, p=p)
+        lam = view.array(f"lam{suffix}") if problem.uses_impulses else np.zeros((*u.shape[:2], problem.system.nlam))
+        if lam is None or lam.shape[-1] != problem.system.nlam:
+            return None
+        stage, last = Evaluation(problem, problem.parameters.defaults).cost_parts(x[:1], u[:1], lam[:1])
     sums = np.concatenate([[0.0], np.cumsum(stage[0, :, 0])])
     return sums, float(sums[-1] + last.item())
 

@@ -17,7 +17,7 @@ from ocp.mpc.simulate import ClosedLoop
 from ocp.problem.evaluation import Evaluation, at_steps
 from ocp.problem.problem import Problem
 from ocp.solution import units_of
-from reports.tables.console import number, table_of
+from reports.tables.console import number, percent, table_of
 
 _WARM = 10
 """Samples at the start of each seed that times leave out: the first plans start cold."""
@@ -148,8 +148,8 @@ def loop_rows(meta: Mapping[str, Any]) -> list[list[str]]:
         ["95 % interval", interval],
         ["of it stage costs", number(meta.get("stage_cost"), 7)],
         ["of it terminal cost", number(meta.get("terminal_cost"), 7)],
-        ["seeds that reached the end", _share(meta["survived"])],
-        ["samples with a new plan", _share(meta.get("planned"))],
+        ["seeds that reached the end", percent(meta["survived"])],
+        ["samples with a new plan", percent(meta.get("planned"))],
         ["time of a sample, p50 [ms]", _ms(times["p50"])],
         ["p99 [ms]", _ms(times["p99"])],
         ["largest [ms]", _ms(times["max"])],
@@ -157,17 +157,13 @@ def loop_rows(meta: Mapping[str, Any]) -> list[list[str]]:
         ["longer than the period", f"{times['over']} of {times['samples']}"],
         ["missed deadlines", str(meta["misses"])],
         *([name, str(count)] for name, count in meta["statuses"].items()),
-        ["plans judged stationary", _share(meta["certified"])],
+        ["plans judged stationary", percent(meta["certified"])],
     ]
 
 
 def loop_table(meta: Mapping[str, Any]) -> Table:
     """Return the rows of :func:`loop_rows` as a table."""
     return table_of("", ">", rows=loop_rows(meta), header=False)
-
-
-def _share(value: float | None) -> str:
-    return "–" if value is None else f"{number(100 * value, 3)} %"
 
 
 def _ms(seconds: float | None) -> str:

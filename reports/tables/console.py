@@ -43,6 +43,11 @@ def value_text(value: Any, digits: int = 6) -> str:
     return number(value, digits) if isinstance(value, float) else str(value)
 
 
+def percent(share: float | None) -> str:
+    """Return a share in percent; a dash for a missing or non-finite one."""
+    return "–" if share is None else f"{number(100 * share, 3)} %"
+
+
 def small(value: float | None) -> str:
     """Return a residual as text: two digits and the power of ten."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.1e}"

@@ -13,7 +13,7 @@ from rich.table import Table
 from ocp.learning.training import PolicyEvaluation
 from ocp.problem.task import Task
 from ocp.store.stored_run import StoredRun
-from reports.tables.console import number, table_of, value_text
+from reports.tables.console import number, percent, table_of, value_text
 
 _EVALUATION_PREFIX = "evaluation_"
 """Prefix of the arrays that evaluations give."""
@@ -254,11 +254,11 @@ def evaluation_sentence(judged: Mapping[str, Any]) -> str:
     head = f"Return {number(returns['mean'], 4)}{_interval(returns)} under the {judged['contact']} law"
     clauses = [f"{head} over {count_text}; in training it was {number(training_row['return'], 4)}"]
     if judged["fallen"]:
-        clauses.append(f"{_share(judged['fallen'])} of episodes end early")
+        clauses.append(f"{percent(judged['fallen'])} of episodes end early")
     if judged["unsolved"]:
         clauses.append(
-            f"contacts were not solved at {_share(judged['unsolved'])} of steps, where"
-            f" {_share(judged['lost'])} of episodes end"
+            f"contacts were not solved at {percent(judged['unsolved'])} of steps, where"
+            f" {percent(judged['lost'])} of episodes end"
         )
     return f"{'; '.join(clauses)}."
 
@@ -282,12 +282,5 @@ def evaluation_table(judged: Mapping[str, Any]) -> Table:
             title, number(spread["mean"], 4), _interval(spread).strip(), *ends, number(training_row.get(name), 4)
         )
     for name, title in _SHARE_TITLES.items():
-        training_value = training_row.get(name)
-        table.add_row(
-            title, _share(judged[name]), "", "", "", "–" if training_value is None else _share(training_value)
-        )
+        table.add_row(title, percent(judged[name]), "", "", "", percent(training_row.get(name)))
     return table
-
-
-def _share(value: float) -> str:
-    return f"{100 * value:.3g} %"
