@@ -145,7 +145,7 @@ class _ModelStep:
         return {
             "x_next": x_next,
             "rewards": rewards[:, 0],
-            "seen": observations,
+            "observed": observations,
             "x_by_x": x_by_x,
             "x_by_u": x_by_u,
             "r_by_x": r_by_x,
