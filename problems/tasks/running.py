@@ -8,26 +8,23 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from pydantic import create_model
 
 from dynamics.systems import ContactSystem, Signal
 from ocp.problem.task import Measure
 from problems.machines.machine import PublishedMachine
-from problems.parameters import friction_of, quantity, table
+from problems.parameters import Parameters, friction_of, quantity, table
 
 
-def mass(machine: PublishedMachine, link: str) -> Any:
-    """Declare the parameter ``mass_<link>``, as in the table."""
-    return quantity(_weights(machine, link)[0], "kg", f"mass of the {link}", above=0)
-
-
-def inertia(machine: PublishedMachine, link: str) -> Any:
-    """Declare the parameter ``inertia_<link>``, about its centre of mass, as in the table."""
-    return quantity(_weights(machine, link)[1], "kg m^2", f"inertia of the {link}", above=0)
-
-
-def _weights(machine: PublishedMachine, name: str) -> tuple[float, float]:
-    link = next(link for link in machine.links if link.name == name)
-    return float(link.mass), float(link.inertia)
+def with_weights(base: type[Parameters], machine: PublishedMachine) -> type[Parameters]:
+    """Return ``base`` with parameters ``mass_<link>`` and ``inertia_<link>`` of each link, as in its table."""
+    kinds = {"mass": "kg", "inertia": "kg m^2"}
+    weights: dict[str, Any] = {
+        f"{kind}_{link.name}": (float, quantity(getattr(link, kind), unit, f"{kind} of the {link.name}", above=0))
+        for kind, unit in kinds.items()
+        for link in machine.links
+    }
+    return create_model("Weights", __base__=base, **weights)
 
 
 def built(

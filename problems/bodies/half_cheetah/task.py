@@ -11,7 +11,7 @@ from problems.bodies.half_cheetah import problem as problem
 from problems.bodies.half_cheetah.machine import half_cheetah as machine_of
 from problems.parameters import Parameters, choice, quantity, structure
 from problems.spec import Citation
-from problems.tasks.running import built, inertia, mass, tame
+from problems.tasks.running import built, tame, with_weights
 
 name = "half-cheetah"
 title = "Half-cheetah: run"
@@ -33,8 +33,8 @@ _MACHINE = machine_of()
 SPHERE_SETS = ("all", "legs", "feet")
 
 
-class Params(Parameters):
-    """Parameters of ``half-cheetah``; masses and inertias are symbols, to be learned."""
+class CheetahDynamics(Parameters):
+    """Parameters of the half-cheetah's motion and of an episode."""
 
     h: float = quantity(_MACHINE.h, "s", "step size", above=0)
     horizon: int = structure(100, "steps of an episode, 80 in the source's training", least=1)
@@ -42,20 +42,11 @@ class Params(Parameters):
     spring_scale: float = quantity(1.0, "1", "factor of the joints' springs, 60 to 240 N m/rad", least=0)
     damping: float = quantity(1.0, "N m s/rad", "damping of each joint", least=0)
     base_damping: float = quantity(0.0, "N s/m", "drag on the torso, none in nature", least=0)
-    mass_torso: float = mass(_MACHINE, "torso")
-    mass_bthigh: float = mass(_MACHINE, "bthigh")
-    mass_bshin: float = mass(_MACHINE, "bshin")
-    mass_bfoot: float = mass(_MACHINE, "bfoot")
-    mass_fthigh: float = mass(_MACHINE, "fthigh")
-    mass_fshin: float = mass(_MACHINE, "fshin")
-    mass_ffoot: float = mass(_MACHINE, "ffoot")
-    inertia_torso: float = inertia(_MACHINE, "torso")
-    inertia_bthigh: float = inertia(_MACHINE, "bthigh")
-    inertia_bshin: float = inertia(_MACHINE, "bshin")
-    inertia_bfoot: float = inertia(_MACHINE, "bfoot")
-    inertia_fthigh: float = inertia(_MACHINE, "fthigh")
-    inertia_fshin: float = inertia(_MACHINE, "fshin")
-    inertia_ffoot: float = inertia(_MACHINE, "ffoot")
+
+
+class Params(with_weights(CheetahDynamics, _MACHINE)):
+    """Parameters of ``half-cheetah``; masses and inertias are symbols, to be learned."""
+
     spheres: str = choice(SPHERE_SETS, "which parts may touch: all nine, shins and feet, or the feet")
     cone: Cone = choice(("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues")
     limits: int = structure(1, "1 for joint limits, 0 for none", most=1)

@@ -13,7 +13,7 @@ from problems.drawing import Shape
 from problems.machines.machine import machine_shapes
 from problems.parameters import Parameters, choice, quantity, structure
 from problems.spec import Citation
-from problems.tasks.running import built, inertia, mass, tame
+from problems.tasks.running import built, tame, with_weights
 
 name = "hopper"
 title = "Hopper: run without falling"
@@ -57,8 +57,8 @@ observation_bounds = {signal.name: (-FASTEST_SEEN, FASTEST_SEEN) for signal in _
 SPHERE_SETS = ("all", "outer", "foot")
 
 
-class Params(Parameters):
-    """Parameters of ``hopper``; masses and inertias are symbols, so that they can be learned."""
+class HopperDynamics(Parameters):
+    """Parameters of the hopper's motion and of an episode."""
 
     h: float = quantity(_MACHINE.h, "s", "step size", above=0)
     horizon: int = structure(100, "steps of an episode", least=1)
@@ -66,14 +66,11 @@ class Params(Parameters):
     spring: float = quantity(10.0, "N m/rad", "stiffness of each joint", least=0)
     damping: float = quantity(1.0, "N m s/rad", "damping of each joint", least=0)
     base_damping: float = quantity(0.0, "N s/m", "drag on the torso, 50 as the source is parsed, 0 in nature", least=0)
-    mass_torso: float = mass(_MACHINE, "torso")
-    mass_thigh: float = mass(_MACHINE, "thigh")
-    mass_leg: float = mass(_MACHINE, "leg")
-    mass_foot: float = mass(_MACHINE, "foot")
-    inertia_torso: float = inertia(_MACHINE, "torso")
-    inertia_thigh: float = inertia(_MACHINE, "thigh")
-    inertia_leg: float = inertia(_MACHINE, "leg")
-    inertia_foot: float = inertia(_MACHINE, "foot")
+
+
+class Params(with_weights(HopperDynamics, _MACHINE)):
+    """Parameters of ``hopper``; masses and inertias are symbols, so that they can be learned."""
+
     spheres: str = choice(SPHERE_SETS, "which parts may touch: all, all but the hip, or toe and heel")
     cone: Cone = choice(("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues")
     limits: int = structure(0, "1 for joint limits, as in the source's later version", most=1)
