@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from dynamics.systems.space import WORLD, Body
 from dynamics.systems.space.body import Joint
+from problems.robots.inertias import Moments, combined
 
 ROUNDED_TO_ZERO = 1e-12
 """Share of the size of a vector below which an entry counts as zero."""
@@ -119,18 +120,14 @@ def _jointed(model: Any, j: int, name: str, pose: BodyFrame, actuator: Actuator 
 
 def _inertia(model: Any, body: int, poses: Sequence[BodyFrame]) -> dict[str, Any]:
     """Return mass, inertia and centre of all that is welded to a body, in the frame of its carrier."""
-    welded = np.flatnonzero(model.body_weldid == body).tolist()
-    masses = model.body_mass[welded]
-    frames = [poses[b].compose(model.body_ipos[b], model.body_iquat[b]) for b in welded]
-    total = float(masses.sum())
-    centre = masses @ np.array([pose.place for pose in frames]) / (total or 1)
-    inertia = np.zeros((3, 3))
-    for b, mass, pose in zip(welded, masses, frames, strict=True):
-        R, offset = pose.turn.as_matrix(), pose.place - centre
-        inertia += R @ np.diag(model.body_inertia[b]) @ R.T
-        inertia += mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+    solids = list[Moments]()
+    for b in np.flatnonzero(model.body_weldid == body).tolist():
+        frame = poses[b].compose(model.body_ipos[b], model.body_iquat[b])
+        R = frame.turn.as_matrix()
+        solids.append((model.body_mass[b], frame.place, R @ np.diag(model.body_inertia[b]) @ R.T))
+    total, centre, inertia = combined(solids)
     six = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    return {"mass": total, "inertia": exact(six, float(np.trace(inertia))), "com": exact(centre)}
+    return {"mass": float(total), "inertia": exact(six, float(np.trace(inertia))), "com": exact(centre)}
 
 
 def actuators_of(model: Any, followers: Container[int] = ()) -> dict[int, Actuator]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import import_module
 from math import pi
 from typing import Any
@@ -15,7 +16,7 @@ INERTIA_TOLERANCE = 1e-6
 _ADJUSTMENTS = ("boundmass", "boundinertia", "balanceinertia", "settotalmass")
 """Settings by which a file tells MuJoCo to change its masses and inertias, where positive."""
 
-_Moments = tuple[float, np.ndarray, np.ndarray]
+Moments = tuple[float, np.ndarray, np.ndarray]
 """Mass [kg], centre (3,) [m] and inertia about it (3, 3) [kg m²] in the axes of the body."""
 
 
@@ -47,7 +48,7 @@ def check_inertias(model: Any, spec: Any, urdf: Element | None) -> None:
             _compare(body.name, expected, compiled)
 
 
-def _compare(name: str, expected: _Moments, compiled: _Moments) -> None:
+def _compare(name: str, expected: Moments, compiled: Moments) -> None:
     """Raise ``ValueError`` where two bodies differ by more than rounding."""
     # What has no mass has its centre anywhere.
     length = np.sqrt(np.trace(expected[2]) / expected[0]) if expected[0] else np.inf
@@ -61,7 +62,7 @@ def _compare(name: str, expected: _Moments, compiled: _Moments) -> None:
             )
 
 
-def _of_urdf(inertial: Element) -> _Moments:
+def _of_urdf(inertial: Element) -> Moments:
     def numbers(tag: str, names: str, default: str = "0") -> list[float]:
         element = inertial.find(tag)
         attributes = {} if element is None else element.attrib
@@ -73,7 +74,7 @@ def _of_urdf(inertial: Element) -> _Moments:
     return mass, centre, _turned(turn, six)
 
 
-def _of_mjcf(body: Any, spec: Any) -> _Moments:
+def _of_mjcf(body: Any, spec: Any) -> Moments:
     turn, full = body.iquat, np.array(body.fullinertia)
     if not body.ialt.type.name.endswith("QUAT"):
         turn = spec.resolve_orientation(
@@ -84,9 +85,9 @@ def _of_mjcf(body: Any, spec: Any) -> _Moments:
     return body.mass, np.array(body.ipos), inertia
 
 
-def _of_geoms(model: Any, body: Any, groups: Any) -> _Moments | None:
+def _of_geoms(model: Any, body: Any, groups: Any) -> Moments | None:
     """Return the sum over the geoms of a body; None where a mesh or a shell is among them."""
-    solids = list[_Moments]()
+    solids = list[Moments]()
     for geom in body.geoms:
         if not groups[0] <= geom.group <= groups[1] or geom.mass == 0 or geom.density == 0:
             continue
@@ -101,14 +102,17 @@ def _of_geoms(model: Any, body: Any, groups: Any) -> _Moments | None:
         mass = geom.density * volume if np.isnan(geom.mass) else geom.mass
         turn = Rotation.from_quat(compiled.quat, scalar_first=True)
         solids.append((mass, compiled.pos, mass * _turned(turn, [*diagonal, 0, 0, 0])))
-    total = sum(solid_moments[0] for solid_moments in solids)
-    if not total:
-        return 0.0, np.zeros(3), np.zeros((3, 3))
-    centre = sum((mass * place for mass, place, _ in solids), np.zeros(3)) / total
+    return combined(solids)
+
+
+def combined(solids: Sequence[Moments]) -> Moments:
+    """Return mass, centre and inertia of several solids as one; no mass has its centre at the origin."""
+    total = sum(mass for mass, *_ in solids)
+    centre = sum((mass * place for mass, place, _ in solids), np.zeros(3)) / (total or 1)
     inertia = np.zeros((3, 3))
-    for mass, place, moments in solids:
+    for mass, place, own_inertia in solids:
         offset = place - centre
-        inertia += moments + mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+        inertia += own_inertia + mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
     return total, centre, inertia
 
 
