@@ -148,7 +148,9 @@ def _check_words(spec: ProblemSpec, params: BaseModel) -> None:
 
 
 REQUIRED_NAMES = ("name", "title", "Params", "build")
+"""Names that a problem's file must define."""
 LONGEST_NAME = 100
+"""Most characters of a problem's or a law's name."""
 
 
 def check_name(name: str) -> str:
@@ -194,6 +196,7 @@ DEFINED_TYPES: dict[str, Any] = {
     "frames": _MaybeFunction,
     "region": _MaybeFunction,
 }
+"""Types of what a problem's file may define."""
 CALLS = {
     "build": ("build(params)", None),
     "draw": ("draw(params, state)", list[Shape]),
@@ -262,6 +265,7 @@ def read_law(module: ModuleType, file: Path, digest: str) -> type[ContactLaw]:
 
 
 LAW_TYPES: dict[str, Any] = {"name": Annotated[Line, AfterValidator(check_name)], "summary": Line}
+"""Types of the attributes that a law must have."""
 
 
 def _check_types(law: type[ContactLaw], file: Path) -> None:

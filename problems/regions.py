@@ -18,7 +18,8 @@ from ocp.store.provenance import check_content
 from problems import registry
 from problems.spec import ProblemSpec
 
-_SPREAD = 0.3
+TUBE_SPREAD = 0.3
+"""Standard deviation of states in the tube, in characteristic sizes of the states."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def around_task(problem: Problem) -> Region:
         _ranges([s.name for s in system.inputs], u_low, u_high),
         x0.tolist(),
         goal.tolist(),
-        np.where(unchanging, 0.0, _SPREAD * sizes.x).tolist(),
+        np.where(unchanging, 0.0, TUBE_SPREAD * sizes.x).tolist(),
     )
 
 

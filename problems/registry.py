@@ -53,6 +53,7 @@ PROBLEM_MODULES = {
     "push-cube": "problems.library.push_cube",
     "reorient": "problems.library.reorient",
 }
+"""Modules of the problems by name, in the order of lists."""
 ROBOT_FILES = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
 """How the names of robots' files end."""
 READING_ATTEMPTS = 3
@@ -168,6 +169,7 @@ OBJECTIVE_MODULES = {
     "belt-block": "problems.library.belt_block",
     "ball-wall": "problems.library.ball_wall",
 }
+"""Modules of the static objectives by name."""
 DECISION = "theta"
 """Name of the parameter that an objective decides on."""
 NOISE = "sigma"

@@ -68,7 +68,7 @@ class Params(Parameters):
     @model_validator(mode="after")
     def _start_is_possible(self) -> Params:
         pose = [0.0, self.z0, self.torso0, self.knee0, self.ankle0]
-        _PICTURED.check_start(pose, ("toe", "heel"))
+        MACHINE.check_start(pose, ("toe", "heel"))
         return self
 
 
@@ -93,7 +93,8 @@ def _machine(
     )
 
 
-_PICTURED = _machine()
+MACHINE = _machine()
+"""The machine at its defaults, as it is drawn."""
 
 
 def build(params: Params) -> Problem:
@@ -124,9 +125,9 @@ def build(params: Params) -> Problem:
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Draw links, discs of the foot, the ground, and the nominal place."""
-    return [*machine_shapes(_PICTURED, state), Mark(float(state[10]) + params.lead, 0.0, "goal")]
+    return [*machine_shapes(MACHINE, state), Mark(float(state[10]) + params.lead, 0.0, "goal")]
 
 
 def frames(params: Params, state: np.ndarray) -> list[ContactFrame]:
     """Return the frames of toe and heel on the ground."""
-    return machine_frames(_PICTURED, state, None, params.friction)
+    return machine_frames(MACHINE, state, None, params.friction)

@@ -18,7 +18,8 @@ from problems.bodies.hopper.machine import hopper
 from problems.machines.machine import PublishedMachine
 from problems.registry import get
 
-_MACHINES = {"hopper": hopper, "half-cheetah": half_cheetah}
+MACHINES = {"hopper": hopper, "half-cheetah": half_cheetah}
+"""Machines by the names of their problems."""
 
 
 def simulation(
@@ -35,11 +36,11 @@ def simulation(
     Raises :class:`~ocp.errors.InputError` for a name that is no machine, another word in
     ``gyroscopic``, or a bad parameter.
     """
-    if name not in _MACHINES:
-        raise InputError(f"{name!r} is not a machine that can be simulated; available: {', '.join(_MACHINES)}")
+    if name not in MACHINES:
+        raise InputError(f"{name!r} is not a machine that can be simulated; available: {', '.join(MACHINES)}")
     if gyroscopic not in get_args(Gyroscopic):
         raise InputError(f"gyroscopic must be 'explicit' or 'implicit', got {gyroscopic!r}")
-    machine: PublishedMachine = _MACHINES[name]()
+    machine: PublishedMachine = MACHINES[name]()
     values: dict[str, Any] = {"spheres": "all", "N": steps, **params}
     x0 = machine.reset(seed)
     if name == "hopper":

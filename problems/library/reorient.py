@@ -43,6 +43,7 @@ min sum_(k=0)^(N-1) w_c sum_j norm(c_(j,k) - t_(j,k))^2 + w_"end" e_N
 """
 golden = {"exact": Golden(0.00348597807, settings={"strategy": "scholtes"}, tried=2, note="another minimum: 0.0037430")}
 TIPS = ("thumb", "index", "middle")
+"""Names of the fingertips."""
 
 
 class Params(Parameters):

@@ -21,6 +21,7 @@ min sum_(k=0)^(N-1) h (w_u norm(u_k)^2 + w_v norm(v_k)^2)
   + w_"joints" norm(theta_N - theta_"end")^2 + w_"rest" norm(v_N)^2
 p, e "place and quaternion of the trunk," theta "the joints"
 """
+"""Equations of all these problems."""
 
 
 class GaitParams(Parameters):

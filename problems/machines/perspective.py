@@ -41,8 +41,11 @@ LINE_SHADE = 0.4
 EQUAL_RADII = 1.15
 """Ratio of the radii at the ends of a capsule up to which it is drawn as one of equal ends."""
 CIRCLE = np.array([(math.cos(k * math.pi / 16), math.sin(k * math.pi / 16)) for k in range(32)])
+"""Points (32, 2) around the outline of a round body of radius 1."""
 CUBE_CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+"""Corners (8, 3) of a box with half sides of 1."""
 CUBE_SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+"""Corners of the faces of a box, counter-clockwise seen from outside."""
 
 
 @dataclass(frozen=True)

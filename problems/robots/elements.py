@@ -12,20 +12,29 @@ def _table(text: str) -> dict[str, list[str]]:
     return {key.strip(): words.split() for key, _, words in entries}
 
 
+def _by_name(text: str) -> dict[str, str]:
+    """Read ``reason: names; reason: names``, by name."""
+    return {name: reason for reason, names in _table(text).items() for name in names}
+
+
 ALL = "*"
 """Stands for every attribute."""
 _POSE = "pos quat axisangle xyaxes zaxis euler"
+"""Attributes of MJCF that place an element."""
 _ACTUATOR = """name class joint jointinparent tendon site body refsite cranksite slidersite gear
     ctrllimited ctrlrange forcelimited forcerange gainprm biasprm gaintype biastype
     dyntype dynprm inheritrange"""
-_URDF = """
+"""Attributes of MJCF that every actuator has."""
+URDF = _table("""
 robot: name; link: name; inertial:; origin: xyz rpy; mass: value; inertia: ixx ixy ixz iyy iyz
 izz; collision: name; geometry:; box: size; sphere: radius; cylinder: radius length; capsule:
 radius length; mesh: filename scale; joint: name type; parent: link; child: link; axis: xyz;
 limit: lower upper effort; dynamics: damping; mimic: joint multiplier offset; mujoco:; compiler:
 *; lateral_friction: value; mu: value; mu1: value; mu2: value
-"""
-_MJCF = """
+""")
+"""Attributes of URDF that are read, by element; the text of mu, mu1 and mu2 is read too."""
+MJCF = _table(
+    """
 mujoco: model; mujocoinclude: *; include: file; compiler: *; option: gravity; flag: gravity
 contact filterparent equality; default: class; worldbody:; body: name childclass mocap POSE;
 frame: name childclass POSE; inertial: mass diaginertia fullinertia POSE; freejoint: name align;
@@ -38,20 +47,14 @@ exclude: name body1 body2; equality:; connect: *; weld: *; tendon: name class ac
 tendon2 polycoef; fixed: name class; spatial: *; actuator:; general: ACTUATOR; motor: ACTUATOR;
 position: ACTUATOR kp kv dampratio timeconst; velocity: ACTUATOR kv; keyframe:; key: name qpos;
 intvelocity: *; damper: *; cylinder: *; muscle: *; adhesion: *; dcmotor: *
-"""
-URDF = _table(_URDF)
-"""Attributes of URDF that are read, by element; the text of mu, mu1 and mu2 is read too."""
-MJCF = _table(_MJCF.replace("POSE", _POSE).replace("ACTUATOR", _ACTUATOR))
+""".replace("POSE", _POSE).replace("ACTUATOR", _ACTUATOR)
+)
 """Attributes of MJCF that are read, by element; some may be in vain, see :mod:`problems.robots.unsupported`."""
-_PICTURE_WORDS = """
-camera color custom group light material numeric rgba size skin statistic texcoord text
-texture tuple user visual
-"""
-_PICTURES = set(_PICTURE_WORDS.split())
-"""Elements and attributes that change pictures alone."""
 _BULKY = {"camera", "custom", "light", "material", "skin", "statistic", "texture", "visual"}
 """Elements of MJCF that are left out before compiling; some name files."""
-_INSTEAD = """
+_PICTURES = _BULKY | {"color", "group", "numeric", "rgba", "size", "texcoord", "text", "tuple", "user"}
+"""Elements and attributes that change pictures alone."""
+_REASONS = _by_name("""
 nothing is measured here: sensor calibration; each joint has its own motor: transmission; settings
 of another program: gazebo; its soft limits and gains act in another program: safety_controller;
 speeds are not bounded: velocity; joints have no dry friction: friction frictionloss; gravity acts
@@ -60,17 +63,16 @@ rigid: solref solimp solmix margin gap contact contact_cfm contact_erp restituti
 rigid: solreflimit solimplimit; there is no such friction: solreffriction solimpfriction; there is
 no fluid: fluidshape fluidcoef; it stays flat and touches nothing: hfield; nothing acts at sites:
 site; surfaces do not run: surfacevel; motors act at once: delay; give it to the joint: armature
-"""
-_REASONS = {name: why for why, names in _table(_INSTEAD).items() for name in names}
+""")
 """What holds instead of elements and attributes that are not read."""
-_CHANGES = """
+REFUSED = _by_name("""
 it copies another file: attach; nothing bends here: composite flex flexcomp; it runs programs:
 extension plugin; of a URDF nothing is included: include; it closes a loop, and joints form trees
 here: loop_joint; it reads another file: model; it makes copies: replicate
-"""
-REFUSED = {name: why for why, names in _table(_CHANGES).items() for name in names}
+""")
 """Elements without which the robot would be another, and why they are not read."""
 REFUSED_OF_URDF = {"include", "loop_joint"}
+"""Those of them that a URDF may have."""
 
 
 def listed(what: str, names: Iterable[str]) -> str:

@@ -29,12 +29,8 @@ from problems.robots.unsupported import unsupported_features
 
 _SLIDE = 2
 """MuJoCo's number of a slide; hinges have the next."""
-_FINITE = ("body_mass", "body_inertia", "body_ipos", "geom_size", "dof_armature")
-_NOT_FREE = (
-    "nothing to set free: an MJCF file says itself what floats (<freejoint/>), and of a URDF it is"
-    " the one link that stands fixed in the world"
-)
-_WATER = "its mass is that of its shapes, at 1000 kg/m³"
+FINITE_FIELDS = ("body_mass", "body_inertia", "body_ipos", "geom_size", "dof_armature")
+"""Arrays of a compiled model that must be finite."""
 _TILT = 1e-5
 """How far an axis may be off the plane of a planar robot, or for a camera from its side."""
 
@@ -67,7 +63,10 @@ def load(path: str | Path, *, floating: bool = False, planar: bool = False, fold
             if floating and planar:
                 raise InputError("floating and planar are two ways to free a root; give one")
             if (floating or planar) and not rooted:
-                raise InputError(f"{file}: {_NOT_FREE}")
+                raise InputError(
+                    f"{file}: nothing to set free: an MJCF file says itself what floats (<freejoint/>), and of a URDF"
+                    " it is the one link that stands fixed in the world"
+                )
             still = rooted and not spec.joints and not (floating or planar)
             if floating or still:
                 roots[0].add_freejoint(name=f"{roots[0].name} floats")
@@ -89,7 +88,8 @@ def load(path: str | Path, *, floating: bool = False, planar: bool = False, fold
         notes = ["Without a joint its root is free."] if still else [fixed]
         notes = notes if rooted and not (floating or planar) else []
         if estimated:
-            notes.append(f"{listed('link', estimated)} moves without <inertial>: {_WATER}.")
+            moving = listed("link", estimated)
+            notes.append(f"{moving} moves without <inertial>: its mass is that of its shapes, at 1000 kg/m³.")
         return _robot(file, model, source, notes)
     except ValueError as error:
         raise InputError(f"{file}: {error}") from error
@@ -174,7 +174,7 @@ def _check(model: Any) -> None:
     """Raise ``ValueError`` for what does not move, or overflows."""
     if model.njnt == 0:
         raise ValueError("no joint, so nothing moves; expected a robot")
-    for name in _FINITE:
+    for name in FINITE_FIELDS:
         if not np.isfinite(getattr(model, name)).all():
             raise ValueError(f"{name.partition('_')[2]} overflows; give smaller numbers")
 

@@ -26,14 +26,15 @@ MOST_GEOMS = 1000
 """Most geoms of a robot."""
 LARGEST_NUMBER = 1e50
 """Largest number that is read; products of several such numbers stay finite."""
-_NAMES = {"name", "class", "childclass", "model", "text", "data"}
-_BOUNDS = {"lower", "upper", "effort", "velocity"}
-_RANGES = _BOUNDS | {"range", "ctrlrange", "forcerange", "actuatorfrcrange"}
+TEXT_ATTRIBUTES = {"name", "class", "childclass", "model", "text", "data"}
+"""Attributes whose numbers are not checked: names and texts."""
+INFINITE_ATTRIBUTES = {"lower", "upper", "effort", "velocity", "range", "ctrlrange", "forcerange", "actuatorfrcrange"}
 """Attributes that may be infinite."""
-_OWNERS = {"body", "worldbody", "frame"}
+OWNING_ELEMENTS = {"body", "worldbody", "frame"}
 """Elements of MJCF whose joints and geoms are those of the robot."""
-_FOLDERS = ("assetdir", "meshdir", "texturedir")
-_MESHES = {".stl", ".obj", ".msh"}
+FOLDER_ATTRIBUTES = ("assetdir", "meshdir", "texturedir")
+"""Attributes of a compiler that name folders: of all files, of meshes, of textures."""
+MESH_SUFFIXES = {".stl", ".obj", ".msh"}
 """Endings of the meshes that MuJoCo reads."""
 
 
@@ -180,7 +181,7 @@ def _check_size(root: Element, file: Path) -> None:
         joints = sum(joint.get("type") != "fixed" for joint in root.iterfind("joint"))
         geoms = sum(1 for _ in root.iter("collision"))
     else:
-        owners = [element for element in root.iter() if element.tag in _OWNERS]
+        owners = [element for element in root.iter() if element.tag in OWNING_ELEMENTS]
         owned = [child.tag for owner in owners for child in owner]
         joints, geoms = owned.count("joint") + owned.count("freejoint"), owned.count("geom")
     if joints > MOST_JOINTS:
@@ -199,9 +200,9 @@ def _check(root: Element, place: Place) -> None:
     """Refuse files outside the folder, and numbers that no robot has."""
     for element in root.iter():
         for name, value in element.attrib.items():
-            if name == "file" or name in _FOLDERS[:2]:
+            if name == "file" or name in FOLDER_ATTRIBUTES[:2]:
                 place.resolve(value, element.tag)
-            elif name not in _NAMES and (wrong := _out_of_range(name, value)):
+            elif name not in TEXT_ATTRIBUTES and (wrong := _out_of_range(name, value)):
                 raise InputError(f"{place.file}: {name}={abbreviated(value)} of <{element.tag}> {wrong}")
 
 
@@ -212,7 +213,7 @@ def _out_of_range(name: str, value: str) -> str:
             number = float(word)
         except ValueError:
             continue
-        if math.isinf(number) and name in _RANGES:
+        if math.isinf(number) and name in INFINITE_ATTRIBUTES:
             continue
         if not math.isfinite(number):
             return "is not finite; give finite numbers"
@@ -239,7 +240,7 @@ def _take_meshes(root: Element, place: Place, ignored: list[str]) -> dict[str, b
     urdf, folder = root.tag == "robot", ""
     assets, lost = dict[str, bytes](), dict[str, None]()
     for compiler in root.iter("compiler"):
-        named = {name: compiler.attrib.pop(name, "") for name in _FOLDERS}
+        named = {name: compiler.attrib.pop(name, "") for name in FOLDER_ATTRIBUTES}
         folder = named["meshdir"] or named["assetdir"] or folder
     above = {child: parent for parent in root.iter() for child in parent}
     key = "filename" if urdf else "file"
@@ -250,7 +251,7 @@ def _take_meshes(root: Element, place: Place, ignored: list[str]) -> dict[str, b
         path_parts = Path(name.rpartition("://")[2].lstrip("/") if urdf else name).parts
         places = [str(base / Path(folder, *path_parts[k:])) for base in bases for k in range(len(path_parts))]
         content = next(filter(None, map(place.existing, places)), None)
-        if urdf and (content is None or content.suffix.lower() not in _MESHES):
+        if urdf and (content is None or content.suffix.lower() not in MESH_SUFFIXES):
             collision = above[above[mesh]]
             above[collision].remove(collision)
             lost[above[collision].get("name", "")] = None

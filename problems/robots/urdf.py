@@ -13,10 +13,12 @@ import numpy as np
 from ocp.errors import InputError
 from problems.robots.elements import listed
 
-_FRICTION = {"lateral_friction", "mu", "mu1", "mu2"}
-_HOLDERS = {"contact", "gazebo", "surface", "friction", "ode"}
+FRICTION_TAGS = {"lateral_friction", "mu", "mu1", "mu2"}
+"""Elements of a URDF that state a coefficient of friction."""
+FRICTION_HOLDERS = {"contact", "gazebo", "surface", "friction", "ode"}
 """Elements of a URDF that friction may stand in."""
-_MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+"""Attributes of a link's inertia: moments, then products."""
 DUMMY_MASS_KG = 1e-3
 """Mass below which a link has one only because a program wants it [kg]."""
 SINGULAR_INERTIA = 1e-9
@@ -58,7 +60,7 @@ def take_friction(root: Element, file: Path, told: list[str]) -> dict[str, float
     links = [(link, link.get("name", "")) for link in root.iterfind("link")]
     for element, name in links + [(g, g.get("reference", "")) for g in root.iterfind("gazebo")]:
         by_element: dict[Element, float] = {}
-        for parent, child in list(children(element, _FRICTION)):
+        for parent, child in list(children(element, FRICTION_TAGS)):
             try:
                 value = float(child.get("value") or child.text or "")
             except ValueError:
@@ -77,7 +79,7 @@ def take_friction(root: Element, file: Path, told: list[str]) -> dict[str, float
             told.append(f"friction {max(values):g} of link {name}: the smaller {min(values):g} is")
             told[-1] += " used"
     # What held nothing else is read as a whole.
-    while empty := [pair for pair in children(root, _HOLDERS) if _is_empty(pair[1])]:
+    while empty := [pair for pair in children(root, FRICTION_HOLDERS) if _is_empty(pair[1])]:
         for parent, child in empty:
             parent.remove(child)
     return {name: min(values) for name, values in stated.items()}
@@ -145,11 +147,11 @@ def _mended(link: Element) -> bool:
         return False
     try:
         light = float(mass.get("value", "")) < DUMMY_MASS_KG
-        xx, yy, zz, xy, xz, yz = (float(inertia.get(key, 0)) for key in _MOMENTS)
+        xx, yy, zz, xy, xz, yz = (float(inertia.get(key, 0)) for key in MOMENTS)
     except ValueError:
         return False
     least_moment = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0]
     if not light or least_moment > SINGULAR_INERTIA * max(xx, yy, zz) or min(xx, yy, zz) <= 0:
         return False
-    inertia.attrib |= dict.fromkeys(_MOMENTS[3:], "0")
+    inertia.attrib |= dict.fromkeys(MOMENTS[3:], "0")
     return True

@@ -23,7 +23,8 @@ max -norm(q_N - q_"goal")^2 - w_v norm(v_N - v_"goal")^2, quad "dynamics as the 
 "over angle" theta "and speed" s "of the first input; later ones move nothing"
 theta "in" [-1.5, 1.5] "rad," quad s "in" [0, s_"max"], "or a fixed speed"
 """
-_STEEPEST = 1.5
+STEEPEST_THROW = 1.5
+"""Largest angle of the throw, up or down [rad]."""
 
 
 class Params(Parameters):
@@ -65,6 +66,6 @@ def build(params: Params) -> Task:
         final=-ca.sumsqr(error[:2]) - p["w_v"] * ca.sumsqr(error[2:]),
         observation=x[:5],
         observations=system.states[:5],
-        lower=np.array([-_STEEPEST, 0.0][: system.nu]),
-        upper=np.array([_STEEPEST, params.speed_max][: system.nu]),
+        lower=np.array([-STEEPEST_THROW, 0.0][: system.nu]),
+        upper=np.array([STEEPEST_THROW, params.speed_max][: system.nu]),
     )

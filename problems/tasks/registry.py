@@ -50,22 +50,23 @@ class TaskSpec(Spec):
         return self.build(self.params(values or {}))
 
 
-_MODULES = {
+TASK_MODULES = {
     "ball-throw": "problems.tasks.ball_throw",
     "hopper": "problems.bodies.hopper.task",
     "half-cheetah": "problems.bodies.half_cheetah.task",
 }
+"""Modules of the tasks by name."""
 
 
 def names() -> list[str]:
     """Names of the tasks that ship with the workbench."""
-    return list(_MODULES)
+    return list(TASK_MODULES)
 
 
 @cache
 def spec(name: str) -> TaskSpec:
     """Return the task called ``name``; raises :class:`~ocp.errors.InputError` for no name."""
-    return defined(TaskSpec, importlib.import_module(choose("task", name, _MODULES)))
+    return defined(TaskSpec, importlib.import_module(choose("task", name, TASK_MODULES)))
 
 
 def get(name: str, **params: Any) -> Task:

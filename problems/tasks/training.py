@@ -94,7 +94,8 @@ def _with_units(experiment: Experiment, data: xr.Dataset) -> xr.Dataset:
     return data
 
 
-_ALIKE = ("task", "algorithm", "seed")
+SAME_TRAINING = ("task", "algorithm", "seed")
+"""Settings that unfinished trainings must share to be compared."""
 KIND = "train"
 """Kind of a stored run."""
 
@@ -160,7 +161,7 @@ def unfinished(job: TrainingJob, experiment: Experiment, checkpoint: Checkpoint)
         lines.append(f"{job.name} resumes after {read_checkpoint(state)[0]} iterations")
     for other in checkpoint.other_states(CHECKPOINT_KEY):
         done, settings = read_checkpoint(other)
-        if [settings.get(key) for key in _ALIKE] == [own_settings[key] for key in _ALIKE]:
+        if [settings.get(key) for key in SAME_TRAINING] == [own_settings[key] for key in SAME_TRAINING]:
             names = [name for name in {**settings, **own_settings} if settings.get(name) != own_settings.get(name)]
             changes = (f"{name} = {settings.get(name)} instead of {own_settings.get(name)}" for name in names)
             lines.append(

@@ -11,7 +11,8 @@ from problems.drawing import Circle, ContactFrame, Segment, Shape, Stadium
 from problems.machines.tracking import in_torques
 from problems.parameters import Parameters, friction_of, quantity
 
-_WIDTH = 0.03
+LINK_RADIUS = 0.03
+"""Radius of the links in the picture [m]."""
 
 
 class FingerParams(Parameters):
@@ -69,8 +70,8 @@ def finger_shapes(params: FingerParams, state: np.ndarray, goal: float) -> list[
         disc,
         spoke(goal, "goal"),
         spoke(float(state[2]), "object"),
-        Stadium(0.0, 0.0, *elbow, _WIDTH, "actuator"),
-        Stadium(*elbow, *tip, _WIDTH, "actuator"),
+        Stadium(0.0, 0.0, *elbow, LINK_RADIUS, "actuator"),
+        Stadium(*elbow, *tip, LINK_RADIUS, "actuator"),
         Circle(*tip, params.r, "actuator"),
     ]
 

@@ -10,7 +10,8 @@ from dynamics.systems import Link, Sphere
 from dynamics.systems.planar.links import Number
 from problems.machines.machine import PublishedMachine
 
-_RADIUS = 0.046
+SPHERE_RADIUS = 0.046
+"""Radius of all spheres [m]."""
 
 # name, parent, mass, inertia, centre of mass and tip below the joint, anchor, offset, limits,
 # spring, gear
@@ -54,10 +55,10 @@ def half_cheetah(
     return PublishedMachine(
         links=(torso, *legs),
         spheres=(
-            Sphere("fore end", "torso", (0.5, 0.0), _RADIUS),
-            Sphere("hind end", "torso", (-0.5, 0.0), _RADIUS),
-            Sphere("head", "torso", (0.714, 0.1935), _RADIUS),
-            *(Sphere(name, name, (0.0, tip), _RADIUS) for name, _, _, _, _, tip, *_ in _LEGS),
+            Sphere("fore end", "torso", (0.5, 0.0), SPHERE_RADIUS),
+            Sphere("hind end", "torso", (-0.5, 0.0), SPHERE_RADIUS),
+            Sphere("head", "torso", (0.714, 0.1935), SPHERE_RADIUS),
+            *(Sphere(name, name, (0.0, tip), SPHERE_RADIUS) for name, _, _, _, _, tip, *_ in _LEGS),
         ),
         pose=(0.0, 0.576509, 0.02792, *[0.0] * len(_LEGS)),
         friction=0.4,

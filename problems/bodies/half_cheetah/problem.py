@@ -10,7 +10,7 @@ from pydantic import model_validator
 
 from dynamics.systems.contact_rows import Cone
 from ocp.problem.problem import Constraint, FreeStart, Problem, Scaling
-from problems.bodies.half_cheetah.machine import half_cheetah as machine_of
+from problems.bodies.half_cheetah.machine import half_cheetah
 from problems.drawing import ContactFrame, Shape
 from problems.machines.machine import machine_frames, machine_shapes
 from problems.parameters import Parameters, choice, friction_of, pose_problem, quantity, structure, table
@@ -33,12 +33,12 @@ phi "height of a sphere above the ground," psi "the way it slides in a step, aga
 min 1 / N sum_(k=0)^(N-1) (w_u norm(u_k)^2 + w_v norm(v_k)^2), quad abs(u) <= u_"max"
 "over a stride," x_N = x_0 + ("speed" N h, 0, dots); "start and step size" h "are chosen too"
 """
-_PARTS = ("thigh", "shin", "foot")
 SPHERES = {
     "legs": ("bshin", "bfoot", "fshin", "ffoot"),
-    "all": ("fore end", "hind end", "head", *(f"{end}{part}" for end in "bf" for part in _PARTS)),
+    "all": ("fore end", "hind end", "head", *(f"{end}{link}" for end in "bf" for link in ("thigh", "shin", "foot"))),
     "feet": ("bfoot", "ffoot"),
 }
+"""Spheres that may touch the ground, by the words of the parameter ``spheres``."""
 
 golden = {
     "exact": Golden(
@@ -49,7 +49,8 @@ golden = {
     ),
     "barrier mu=1e-3": smoothed(0.0402715748, tried=1),
 }
-_PICTURED = machine_of()
+MACHINE = half_cheetah()
+"""The machine at its defaults, as it is drawn."""
 
 
 class Params(Parameters):
@@ -83,7 +84,7 @@ def build(params: Params) -> Problem:
     """Steps (half-cheetah.1) with contacts (half-cheetah.5); state (q, v, h), lam in N s."""
     p, friction = friction_of(table(params))
     step = ca.SX.sym("h")
-    machine = machine_of(base_damping=p["base_damping"], damping=p["damping"], limits=bool(params.limits))
+    machine = half_cheetah(base_damping=p["base_damping"], damping=p["damping"], limits=bool(params.limits))
     system = machine.system(
         name, p, h=step, friction=friction, spheres=SPHERES[params.spheres], free_step=True, cone=params.cone
     )
@@ -124,9 +125,9 @@ def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def draw(params: Any, state: np.ndarray) -> list[Shape]:
     """Draw links and the ground."""
-    return machine_shapes(_PICTURED, state)
+    return machine_shapes(MACHINE, state)
 
 
 def frames(params: Any, state: np.ndarray) -> list[ContactFrame]:
     """Return the frame of each sphere on the ground, and none of joint limits."""
-    return machine_frames(_PICTURED, state, SPHERES[params.spheres], params.friction)
+    return machine_frames(MACHINE, state, SPHERES[params.spheres], params.friction)

@@ -8,7 +8,7 @@ import numpy as np
 from dynamics.systems.contact_rows import Cone
 from ocp.problem.task import Task
 from problems.bodies.half_cheetah import problem as problem
-from problems.bodies.half_cheetah.machine import half_cheetah as machine_of
+from problems.bodies.half_cheetah.machine import half_cheetah
 from problems.parameters import Parameters, choice, quantity, structure
 from problems.spec import Citation
 from problems.tasks.running import built, tame, with_weights
@@ -29,25 +29,23 @@ q_0 = q_"standing" + (0, 0.25 "m", 0, dots) + 0.1 xi, quad v_0 = 0.1 xi', quad
 """
 LARGEST_STATE = float(np.finfo(float).max)
 """An episode ends at an entry of the state above it: one that is not finite."""
-_MACHINE = machine_of()
-SPHERE_SETS = ("all", "legs", "feet")
 
 
 class CheetahDynamics(Parameters):
     """Parameters of the half-cheetah's motion and of an episode."""
 
-    h: float = quantity(_MACHINE.h, "s", "step size", above=0)
+    h: float = quantity(problem.MACHINE.h, "s", "step size", above=0)
     horizon: int = structure(100, "steps of an episode, 80 in the source's training", least=1)
-    friction: float = quantity(_MACHINE.friction, "1", "Coulomb's coefficient with the ground", least=0)
+    friction: float = quantity(problem.MACHINE.friction, "1", "Coulomb's coefficient with the ground", least=0)
     spring_scale: float = quantity(1.0, "1", "factor of the joints' springs, 60 to 240 N m/rad", least=0)
     damping: float = quantity(1.0, "N m s/rad", "damping of each joint", least=0)
     base_damping: float = quantity(0.0, "N s/m", "drag on the torso, none in nature", least=0)
 
 
-class Params(with_weights(CheetahDynamics, _MACHINE)):
+class Params(with_weights(CheetahDynamics, problem.MACHINE)):
     """Parameters of ``half-cheetah``; masses and inertias are symbols, to be learned."""
 
-    spheres: str = choice(SPHERE_SETS, "which parts may touch: all nine, shins and feet, or the feet")
+    spheres: str = choice(("all", "legs", "feet"), "which parts may touch: all nine, shins and feet, or the feet")
     cone: Cone = choice(("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues")
     limits: int = structure(1, "1 for joint limits, 0 for none", most=1)
 
@@ -55,7 +53,7 @@ class Params(with_weights(CheetahDynamics, _MACHINE)):
 def build(params: Params) -> Task:
     """Build the task; the state is (q, v), the reward [1] adds a speed [m/s] to numbers."""
     spheres = problem.SPHERES[params.spheres]
-    system, common = built(name, params, machine_of, "spring_scale", spheres)
+    system, common = built(name, params, half_cheetah, "spring_scale", spheres)
     x, nq = system.x, system.nx // 2
     return Task(
         **common,

@@ -10,7 +10,7 @@ from pydantic import model_validator
 
 from dynamics.systems.contact_rows import Cone
 from ocp.problem.problem import Problem, Scaling
-from problems.bodies.hopper.machine import hopper as machine_of
+from problems.bodies.hopper.machine import hopper
 from problems.drawing import ContactFrame, Mark, Shape
 from problems.machines.machine import machine_frames, machine_shapes
 from problems.parameters import Parameters, choice, friction_of, pose_problem, quantity, structure, table
@@ -37,13 +37,16 @@ golden = {
     "exact": Golden(0.0502015625, tried=13, note="other minima: 0.0505520, 0.0509175, 0.0516220"),
     "barrier mu=1e-3": smoothed(0.0514836513, tried=1),
 }
-_PICTURED = machine_of()
-_STANDING = 1.21
+MACHINE = hopper()
+"""The machine at its defaults, as it is drawn."""
+STANDING_HEIGHT = 1.21
+"""Height of the torso at the end [m]: the hopper stands upright."""
 SPHERES = {
     "outer": ("torso", "leg", "toe", "heel"),
     "all": ("torso", "thigh", "leg", "toe", "heel"),
     "foot": ("toe", "heel"),
 }
+"""Spheres that may touch the ground, by the words of the parameter ``spheres``."""
 
 
 class Params(Parameters):
@@ -72,7 +75,7 @@ class Params(Parameters):
 
     @model_validator(mode="after")
     def _start_is_possible(self) -> Params:
-        machine = machine_of(limits=bool(self.limits))
+        machine = hopper(limits=bool(self.limits))
         angles = [self.pitch0, self.thigh0, self.leg0, self.foot0]
         machine.check_start([0.0, self.z0, *angles], SPHERES[self.spheres])
         return self
@@ -81,14 +84,14 @@ class Params(Parameters):
 def build(params: Params) -> Problem:
     """Steps (hopper.1) with contacts (hopper.5); state (q, v), impulses lam [N s]."""
     p, friction = friction_of(table(params))
-    machine = machine_of(
+    machine = hopper(
         base_damping=p["base_damping"], spring=p["spring"], damping=p["damping"], limits=bool(params.limits)
     )
     system = machine.system(name, p, h=p["h"], friction=friction, spheres=SPHERES[params.spheres], cone=params.cone)
     x, nq = system.x, system.nx // 2
     angles = [p[f"{joint}0"] for joint in ("pitch", "thigh", "leg", "foot")]
     start = ca.vertcat(0, p["z0"], *angles, ca.SX.zeros(nq))
-    end = ca.vertcat(p["goal"], _STANDING, ca.SX.zeros(2 * nq - 2))
+    end = ca.vertcat(p["goal"], STANDING_HEIGHT, ca.SX.zeros(2 * nq - 2))
     error = x - end
     running = p["w_u"] * ca.sumsqr(system.u) + p["w_v"] * ca.sumsqr(x[nq:])
     return pose_problem(
@@ -111,16 +114,16 @@ def _glide(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     X = np.zeros((N + 1, nx))
     X[:, 0] = position["goal"] * s
     X[:, :nq] += (1 - s)[:, None] * problem.initial_states(p)[0][:nq]
-    X[:, 1] += s * _STANDING + 4 * 0.1 * s * (1 - s)
+    X[:, 1] += s * STANDING_HEIGHT + 4 * 0.1 * s * (1 - s)
     X[:, nq] = position["goal"] / (N * position["h"])
     return X, np.zeros((N, nu))
 
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Draw links, spheres, the ground, and the goal."""
-    return [*machine_shapes(_PICTURED, state), Mark(params.goal, 0.0, "goal")]
+    return [*machine_shapes(MACHINE, state), Mark(params.goal, 0.0, "goal")]
 
 
 def frames(params: Any, state: np.ndarray) -> list[ContactFrame]:
     """Return the frames of the spheres on the ground."""
-    return machine_frames(_PICTURED, state, SPHERES[params.spheres], params.friction)
+    return machine_frames(MACHINE, state, SPHERES[params.spheres], params.friction)

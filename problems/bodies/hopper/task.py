@@ -8,7 +8,7 @@ import numpy as np
 from dynamics.systems.contact_rows import Cone
 from ocp.problem.task import Task
 from problems.bodies.hopper import problem as problem
-from problems.bodies.hopper.machine import hopper as machine_of
+from problems.bodies.hopper.machine import hopper
 from problems.drawing import Shape
 from problems.machines.machine import machine_shapes
 from problems.parameters import Parameters, choice, quantity, structure
@@ -52,26 +52,24 @@ LARGEST_STATE = 100.0
 """Size of a state's entry at which an episode ends [m, rad, m/s, rad/s]."""
 FASTEST_SEEN = 10.0
 """Velocities are observed up to this size [m/s, rad/s]."""
-_MACHINE = machine_of()
-observation_bounds = {signal.name: (-FASTEST_SEEN, FASTEST_SEEN) for signal in _MACHINE.tree().velocities}
-SPHERE_SETS = ("all", "outer", "foot")
+observation_bounds = {signal.name: (-FASTEST_SEEN, FASTEST_SEEN) for signal in problem.MACHINE.tree().velocities}
 
 
 class HopperDynamics(Parameters):
     """Parameters of the hopper's motion and of an episode."""
 
-    h: float = quantity(_MACHINE.h, "s", "step size", above=0)
+    h: float = quantity(problem.MACHINE.h, "s", "step size", above=0)
     horizon: int = structure(100, "steps of an episode", least=1)
-    friction: float = quantity(_MACHINE.friction, "1", "Coulomb's coefficient with the ground", least=0)
+    friction: float = quantity(problem.MACHINE.friction, "1", "Coulomb's coefficient with the ground", least=0)
     spring: float = quantity(10.0, "N m/rad", "stiffness of each joint", least=0)
     damping: float = quantity(1.0, "N m s/rad", "damping of each joint", least=0)
     base_damping: float = quantity(0.0, "N s/m", "drag on the torso, 50 as the source is parsed, 0 in nature", least=0)
 
 
-class Params(with_weights(HopperDynamics, _MACHINE)):
+class Params(with_weights(HopperDynamics, problem.MACHINE)):
     """Parameters of ``hopper``; masses and inertias are symbols, so that they can be learned."""
 
-    spheres: str = choice(SPHERE_SETS, "which parts may touch: all, all but the hip, or toe and heel")
+    spheres: str = choice(("all", "outer", "foot"), "which parts may touch: all, all but the hip, or toe and heel")
     cone: Cone = choice(("linearised", "second-order"), "friction's cone: beta± and psi, or its eigenvalues")
     limits: int = structure(0, "1 for joint limits, as in the source's later version", most=1)
 
@@ -82,7 +80,7 @@ def build(params: Params) -> Task:
     The source leaves the inputs unbounded; the bounds of one unit, 200 N m, are ours. A state that
     is not finite ends the episode too.
     """
-    system, common = built(name, params, machine_of, "spring", problem.SPHERES[params.spheres])
+    system, common = built(name, params, hopper, "spring", problem.SPHERES[params.spheres])
     x, u, nq = system.x, system.u, system.nx // 2
     lasts = ca.vertcat(x[1] - LOWEST_TORSO, STEEPEST_PITCH - x[2], STEEPEST_PITCH + x[2], LARGEST_STATE**2 - x**2)
     standing = ca.logic_and(x[1] > LOWEST_TORSO, ca.fabs(x[2]) < STEEPEST_PITCH)
@@ -98,4 +96,4 @@ def build(params: Params) -> Task:
 
 def draw(params: Params, state: np.ndarray) -> list[Shape]:
     """Draw links, spheres and the ground."""
-    return machine_shapes(_MACHINE, state)
+    return machine_shapes(problem.MACHINE, state)
