@@ -1,0 +1,73 @@
+"""Slide a peg into a slot by compliance.
+
+In the manner of peg-in-hole by remote-centre compliance: the round peg hangs on a spring of the hand, and two blocks
+with round corners leave a slot half a millimetre wider than it. The hand stands off to the left, above a block's flat
+top: straight down only presses on it. It must go aside first, and let the corner lead the peg in. The best-known value
+is believed because the command's shortest way aside and down is a straight polygon round one corner.
+"""
+
+import casadi as ca
+import numpy as np
+
+from ocp import Problem, Scaling
+from problems.parameters import Parameters, quantity, structure, table
+from problems.scenes import Box, Disc, Obstacle, Pusher, Scene, pictured
+
+name = "peg-slot"
+title = "A peg slides into a slot"
+
+
+class Params(Parameters):
+    """The slot's middle is at x = 0, the tops of the blocks at y = 0."""
+
+    radius: float = quantity(0.01, "m", "radius of the peg", above=0)
+    slack: float = quantity(0.0005, "m", "by which the slot is wider than the peg", above=0)
+    deep: float = quantity(0.02, "m", "how deep its middle must go", above=0)
+    aside: float = quantity(-0.02, "m", "where the hand starts, beside the slot's middle")
+    friction: float = quantity(0.3, "1", "Coulomb's coefficient", least=0)
+    stiffness: float = quantity(400.0, "N/m", "of the hand's spring", above=0)
+    h: float = quantity(0.05, "s", "step size", above=0)
+    N: int = structure(30, "number of steps", least=1)
+
+
+def scene(p):
+    """Return the peg on its hand and the two blocks beside the slot."""
+    middle = p["radius"] + p["slack"] / 2 + 0.03
+    block = Box((0.025, 0.025), radius=0.005)
+    return Scene(
+        [
+            Pusher("peg", Disc(p["radius"]), at=(p["aside"], 0.03), stiffness=p["stiffness"]),
+            Obstacle("left", block, at=(-middle, -0.03)),
+            Obstacle("right", block, at=(middle, -0.03)),
+        ],
+        friction=p["friction"],
+    )
+
+
+draw, frames = pictured(scene)
+
+
+def build(params: Params) -> Problem:
+    """The input is where the hand wants the peg; effort is how fast that changes."""
+    p = table(params)
+    things = scene(p)
+    system = things.quasi_dynamic(name, p, h=p["h"])
+    off = things.of("peg", system.x) - ca.vertcat(0, -p["deep"])
+    du = ca.SX.sym("du", 2)
+    return Problem(
+        name,
+        system,
+        params.N,
+        stage_cost=10 * ca.sumsqr(off) + 200 * ca.sumsqr(du),
+        terminal_cost=2000 * ca.sumsqr(off),
+        x0=things.at_rest(system),
+        parameters=p,
+        du=du,
+        u_before=things.hold,
+        scaling=Scaling(impulse=0.2, gap=0.01, x=0.02, u=0.02),
+    )
+
+
+def reached(params: Params, state: np.ndarray) -> bool:
+    """Return whether the peg is in, to three millimetres."""
+    return bool(np.hypot(state[0], state[1] + params.deep) < 0.003)
