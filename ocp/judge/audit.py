@@ -80,12 +80,7 @@ class Audit:
 
 
 def audit_result(
-    nlp: NLP,
-    result: Result,
-    plan: Trajectories,
-    evaluation: Evaluation,
-    p: np.ndarray,
-    bounds: dict[str, np.ndarray],
+    nlp: NLP, result: Result, plan: Trajectories, evaluation: Evaluation, p: np.ndarray, bounds: dict[str, np.ndarray]
 ) -> tuple[Audit, Rollout, ContactReport]:
     """Judge a result by its trajectories, and replay it under the exact law.
 
@@ -132,11 +127,7 @@ def _natural(nlp: NLP, plan: Trajectories) -> tuple[np.ndarray, np.ndarray, np.n
         pair = np.prod([units.x[nlp.variables[name].index] for name in ("lam", "gap")], axis=0)
         rows = units.g[nlp.constraints["dynamics"].index]
     products = plan.lam * plan.gap
-    return (
-        np.abs(products / pair),
-        np.abs((products - plan.mu) / pair),
-        np.abs(plan.residual / rows),
-    )
+    return np.abs(products / pair), np.abs((products - plan.mu) / pair), np.abs(plan.residual / rows)
 
 
 def _without_contact(nlp: NLP, violation: np.ndarray) -> np.ndarray:

@@ -131,11 +131,7 @@ class Certificate:
 
 
 def certify(
-    nlp: Program,
-    x: np.ndarray,
-    p: np.ndarray,
-    bounds: dict[str, np.ndarray],
-    multipliers: np.ndarray | None = None,
+    nlp: Program, x: np.ndarray, p: np.ndarray, bounds: dict[str, np.ndarray], multipliers: np.ndarray | None = None
 ) -> Certificate:
     """Judge a feasible point ``x`` of ``nlp`` to first order, and count negative curvature.
 

@@ -100,12 +100,7 @@ class KKTCurve:
         return self.program.parameter_vector(values), self.program.bounds(values)
 
     def _held(
-        self,
-        x: np.ndarray,
-        reduced: np.ndarray,
-        y: np.ndarray,
-        g: np.ndarray,
-        bounds: dict[str, np.ndarray],
+        self, x: np.ndarray, reduced: np.ndarray, y: np.ndarray, g: np.ndarray, bounds: dict[str, np.ndarray]
     ) -> Held:
         """Return ends whose multiplier is larger than their slack, both in characteristic sizes."""
         slope, eta = reduced * self.sizes / self.scale, y / (self.scale * self.rows)

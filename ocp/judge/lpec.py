@@ -245,11 +245,7 @@ def _active(negative_slack: np.ndarray) -> np.ndarray:
 
 
 def _solved(
-    objective: np.ndarray,
-    rows: tuple[Any, ...],
-    box: tuple[Any, ...],
-    integrality: np.ndarray,
-    gap: float,
+    objective: np.ndarray, rows: tuple[Any, ...], box: tuple[Any, ...], integrality: np.ndarray, gap: float
 ) -> OptimizeResult:
     """Solve by HiGHS; a second time without presolve where it ran into numerical trouble."""
     from scipy.optimize import Bounds, LinearConstraint, milp
@@ -288,10 +284,7 @@ def negative_curvature(hessian: sp.csr_matrix, constraints: sp.csr_matrix) -> in
     augmented = sp.bmat([[top, constraints.T], [constraints, -_NULL_SPACE_SHIFT * sp.identity(m)]], format="csc")
     try:
         factors = sla.splu(
-            augmented,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
+            augmented, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
     except RuntimeError:
         return -1

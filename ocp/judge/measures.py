@@ -114,9 +114,7 @@ def measure(evaluation: Evaluation, step: Step, rollout: Rollout) -> Physics:
     next_distances = phi[:, 1:, : impulse.shape[2]]
     force_distances = np.where(impulse > ACTIVE * problem.scales.impulse, next_distances, 0.0)
     return Physics(
-        _worst(-phi, names),
-        between(evaluation, x),
-        None if np.isnan(impulse).all() else _worst(force_distances, names),
+        _worst(-phi, names), between(evaluation, x), None if np.isnan(impulse).all() else _worst(force_distances, names)
     )
 
 
@@ -179,9 +177,6 @@ def least_between(evaluation: Evaluation, x: np.ndarray) -> np.ndarray:
         low, high = np.where(in_left, low, left_point), np.where(in_left, right_point, high)
         new_point = np.where(in_left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
         phi_at_new = phi(new_point)
-        left_point, right_point = (
-            np.where(in_left, new_point, right_point),
-            np.where(in_left, left_point, new_point),
-        )
+        left_point, right_point = np.where(in_left, new_point, right_point), np.where(in_left, left_point, new_point)
         phi_left, phi_right = np.where(in_left, phi_at_new, phi_right), np.where(in_left, phi_left, phi_at_new)
     return np.minimum(least_phi, np.minimum(phi_left, phi_right))

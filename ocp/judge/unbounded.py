@@ -123,10 +123,7 @@ def runaway_inputs(problem: Problem, u: np.ndarray) -> str:
 
 
 def _input_rays(
-    evaluation: Evaluation,
-    step: Step,
-    plan: Rollout,
-    least: Callable[[np.ndarray], float] | None,
+    evaluation: Evaluation, step: Step, plan: Rollout, least: Callable[[np.ndarray], float] | None
 ) -> Iterator[Ray]:
     """Yield inputs without bounds: alone, by twos, and all as in the plan, along the whole horizon.
 
@@ -171,11 +168,7 @@ def _rolled(
 
 
 def unbounded_variables(
-    program: Program,
-    p: np.ndarray,
-    bounds: dict[str, np.ndarray],
-    answer: np.ndarray,
-    start: np.ndarray | None = None,
+    program: Program, p: np.ndarray, bounds: dict[str, np.ndarray], answer: np.ndarray, start: np.ndarray | None = None
 ) -> str:
     """Return a sentence on variables along which the cost falls for ever, or "".
 

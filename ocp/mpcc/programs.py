@@ -12,15 +12,7 @@ import numpy as np
 from ocp.errors import InputError
 from ocp.mpcc.sizes import variable_sizes
 from ocp.problem.cost_sizes import split_constant
-from ocp.programs.program import (
-    PENALTY,
-    RELAXATION,
-    Functions,
-    Layout,
-    PairName,
-    Program,
-    closure_rows,
-)
+from ocp.programs.program import PENALTY, RELAXATION, Functions, Layout, PairName, Program, closure_rows
 from ocp.programs.units import ORDINARY_ROWS, Scale, band, row_units, solver_unit
 
 
@@ -262,10 +254,7 @@ class MPCCProgram(Program):
         point = self.extended(self.start)
         bend = np.abs(self.hessian(point, p, 1.0, np.zeros(self.m)).sparse()).tocoo()
         sizes = self.sizes(point)
-        changes = (
-            np.abs(self.slopes(point, p)[0]) * sizes,
-            bend.data * sizes[bend.row] * sizes[bend.col],
-        )
+        changes = np.abs(self.slopes(point, p)[0]) * sizes, bend.data * sizes[bend.row] * sizes[bend.col]
         f = band(_largest(change.max(initial=0.0) for change in changes))
         g = row_units(x, lambda z, p: (0.0, self.slopes(z, p)[2]), p)
         if "contact" in self.constraints:

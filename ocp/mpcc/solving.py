@@ -171,11 +171,7 @@ def _jump_findings(mpcc: MPCC, p: np.ndarray, x: np.ndarray) -> tuple[str, ...]:
 
 
 def _followed(
-    mpcc: MPCC,
-    start: np.ndarray,
-    parameter_values: np.ndarray,
-    strategies: Sequence[str] | None,
-    solver: Solver,
+    mpcc: MPCC, start: np.ndarray, parameter_values: np.ndarray, strategies: Sequence[str] | None, solver: Solver
 ) -> tuple[MPCCSolution, Homotopy]:
     """Follow the strategies from ``start`` (n,), and improve their ends, cheapest first."""
     programs = programs_of(mpcc, parameter_values, start)

@@ -11,17 +11,7 @@ from pydantic import InstanceOf
 
 from ocp.errors import InputError, abbreviated
 from ocp.programs.units import SI, Units
-from ocp.validation import (
-    Count,
-    Index,
-    Line,
-    Name,
-    NotNegative,
-    Positive,
-    Recorded,
-    validate_fields,
-    validated,
-)
+from ocp.validation import Count, Index, Line, Name, NotNegative, Positive, Recorded, validate_fields, validated
 
 
 def column(what: str, value: Any, *sizes: int) -> ca.SX:

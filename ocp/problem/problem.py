@@ -261,10 +261,7 @@ class Problem:
         if not (self.scaling.units.plain and self.scaling.derived):
             return self._units_of_signals
         names = self.scaling.derived
-        return replace(
-            self._units_of_signals,
-            **{name: solver_unit(getattr(self.scales, name)) for name in names},
-        )
+        return replace(self._units_of_signals, **{name: solver_unit(getattr(self.scales, name)) for name in names})
 
     @cached_property
     def natural_scales(self) -> Scales:

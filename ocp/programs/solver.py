@@ -116,13 +116,7 @@ class Result:
 
     @classmethod
     def at(
-        cls,
-        program: Program,
-        point: Point,
-        p: np.ndarray,
-        status: Status,
-        word: str,
-        seconds: float = 0.0,
+        cls, program: Program, point: Point, p: np.ndarray, status: Status, word: str, seconds: float = 0.0
     ) -> Result:
         """Cost and constraints at a point that no solver moved."""
         return cls(point, *program.values(point.x, p), status, word, 0, seconds)
@@ -149,14 +143,7 @@ class Solver:
         self.name, self.options = name, check_options(name, options or {})
         self.on_result: Callable[[Program, Result], None] | None = None
 
-    def run(
-        self,
-        nlp: Program,
-        start: Point,
-        p: np.ndarray,
-        bounds: dict[str, np.ndarray],
-        **overrides: Any,
-    ) -> Result:
+    def run(self, nlp: Program, start: Point, p: np.ndarray, bounds: dict[str, np.ndarray], **overrides: Any) -> Result:
         """Solve from ``start``, with its multipliers where ``warm_start_init_point`` is set."""
         function = self._instance(nlp, overrides)
         _check_bounds(nlp, bounds)

@@ -58,12 +58,7 @@ class Branches:
         return self.program.active_sets(x)[-1]
 
     def solve(
-        self,
-        start: Point,
-        active: np.ndarray,
-        most: int = LONGEST,
-        mu_init: float = 1e-6,
-        label: str = "active set",
+        self, start: Point, active: np.ndarray, most: int = LONGEST, mu_init: float = 1e-6, label: str = "active set"
     ) -> Result:
         """Hold ``H = 0`` where ``active`` and ``G = 0`` elsewhere, and solve what remains.
 

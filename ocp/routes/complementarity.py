@@ -144,11 +144,6 @@ WIDE = CentralPath(factor=0.1, start_factor=10.0, start_below=False)
 """From where all contacts are felt from afar."""
 ALTERNATIVES = tuple(replace(strategy, max_iterations=SMALL_ITERATIONS) for strategy in (WIDE, ScholtesAdaptive()))
 """Followed too, with steps back, where the path of a small problem was hard to follow."""
-RELAXATIONS = (
-    CentralPath(),
-    WIDE,
-    CentralPath(factor=0.3),
-    ScholtesAdaptive(),
-)
+RELAXATIONS = (CentralPath(), WIDE, CentralPath(factor=0.3), ScholtesAdaptive())
 """Of several starts each takes another: fast from the characteristic sizes; from ten times their
 product; slowly; and beside the central path."""

@@ -18,22 +18,8 @@ from ocp.problem.resources import solve_memory, solve_seconds
 from ocp.problem.rollout import InitialGuess
 from ocp.programs.program import PENALTY, RELAXATION
 from ocp.programs.solver import Point, Solver
-from ocp.routes.homotopy import (
-    Homotopy,
-    HomotopyPath,
-    HomotopyStage,
-    Progress,
-    RouteResult,
-    translate,
-)
-from ocp.routes.relaxations import (
-    AVERAGED_STRATEGY,
-    DEFAULT_STRATEGY,
-    STRATEGIES,
-    L1Penalty,
-    L1ThenScholtes,
-    law_path,
-)
+from ocp.routes.homotopy import Homotopy, HomotopyPath, HomotopyStage, Progress, RouteResult, translate
+from ocp.routes.relaxations import AVERAGED_STRATEGY, DEFAULT_STRATEGY, STRATEGIES, L1Penalty, L1ThenScholtes, law_path
 from ocp.routes.table import Start, route_for
 from ocp.transcription import Direct, Method
 from ocp.transcription.common import Graph

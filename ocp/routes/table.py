@@ -24,23 +24,8 @@ from ocp.routes.complementarity import (
     RelaxationPlan,
     solve_pairs,
 )
-from ocp.routes.homotopy import (
-    IPOPT_PRIMAL_WARM_START,
-    Homotopy,
-    HomotopyStage,
-    RouteResult,
-    better,
-    lower,
-    translate,
-)
-from ocp.routes.relaxations import (
-    DEFAULT_STRATEGY,
-    MU_LAST,
-    STAGE_ITERATIONS,
-    STRATEGIES,
-    from_exact,
-    relaxed,
-)
+from ocp.routes.homotopy import IPOPT_PRIMAL_WARM_START, Homotopy, HomotopyStage, RouteResult, better, lower, translate
+from ocp.routes.relaxations import DEFAULT_STRATEGY, MU_LAST, STAGE_ITERATIONS, STRATEGIES, from_exact, relaxed
 from ocp.routes.rollouts import RolloutPolish, RolloutStarts, pack_rollout
 from ocp.transcription import Direct
 from ocp.transcription.nlp import NLP

@@ -150,10 +150,7 @@ def session_record(session: Session, seed: int) -> dict[str, Any]:
         "solver_options": session.solver.options,
         "strategy": session.strategy if session.complementary else None,
         "jit": session.compiled.outcome if session.compiled else None,
-        "params": {
-            **{name: session.values[name] for name in problem.parameters.names},
-            **problem.origin.settings,
-        },
+        "params": {**{name: session.values[name] for name in problem.parameters.names}, **problem.origin.settings},
         "law_parameters": {
             name: session.values[name] for name in session.step.p.names if name not in problem.parameters
         },

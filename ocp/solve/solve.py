@@ -133,10 +133,7 @@ def refine_from(
 
 
 def solve_from(
-    session: Session,
-    start: Solution,
-    seed: int = 0,
-    progress: Callable[[StageRecord], None] | None = None,
+    session: Session, start: Solution, seed: int = 0, progress: Callable[[StageRecord], None] | None = None
 ) -> Solution:
     """Solve a session from a solution; the record says which, and whether it converged so.
 

@@ -59,10 +59,7 @@ def multipliers(nlp: NLP, point: Point) -> dict[str, Any]:
     nothing holds, positive at upper bounds. A point without multipliers has none.
     """
     variables: dict[str, Any] = {}
-    for prefix, vector, layout in (
-        ("lam_g", point.lam_g, nlp.constraints),
-        ("lam_x", point.lam_x, nlp.variables),
-    ):
+    for prefix, vector, layout in (("lam_g", point.lam_g, nlp.constraints), ("lam_x", point.lam_x, nlp.variables)):
         if vector is None:
             continue
         for name, values in layout.unpack(vector).items():
@@ -176,10 +173,7 @@ def _check(solution: Solution | StoredPlan, nlp: NLP) -> None:
             "the run to start from has NaN or infinite trajectories"
             f" ({getattr(solution.status, 'label', solution.status)}); start from a solved one"
         )
-    for kind, dimension, signals in (
-        ("states", "state", system.states),
-        ("inputs", "control", system.inputs),
-    ):
+    for kind, dimension, signals in (("states", "state", system.states), ("inputs", "control", system.inputs)):
         solution_names = [str(value) for value in solution.data[dimension].values]
         problem_names = [signal.name for signal in signals]
         if solution_names != problem_names:
@@ -293,10 +287,7 @@ class _Carrier:
         share = np.sqrt(mu / (size.impulse * size.gap))
         large = np.maximum(np.maximum(lam / size.impulse, gap / size.gap), share)
         small = share**2 / large
-        return (
-            np.where(active, large, small) * size.impulse,
-            np.where(active, small, large) * size.gap,
-        )
+        return np.where(active, large, small) * size.impulse, np.where(active, small, large) * size.gap
 
     def duals(self, prefix: str, layout: Layout, method: str) -> dict[str, np.ndarray]:
         """Multipliers of the blocks that both sides have."""

@@ -80,11 +80,7 @@ def law_name(contact: ContactLaw | str) -> str:
 def law_record(law: ContactLaw) -> dict[str, Any]:
     """Return what a run stores of its law; for one of a user's file also where it is from."""
     origin = {"contact_source": law.source, "contact_digest": law.source_digest}
-    return {
-        "contact": law.name,
-        "contact_settings": law.settings(),
-        **(origin if law.source else {}),
-    }
+    return {"contact": law.name, "contact_settings": law.settings(), **(origin if law.source else {})}
 
 
 def law_digest(contact: ContactLaw | str) -> str | None:
