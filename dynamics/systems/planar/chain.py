@@ -8,7 +8,7 @@ from functools import cached_property
 
 import casadi as ca
 
-from dynamics.systems.memoise import memoise_expression
+from dynamics.systems.memoise import OncePerPose
 from dynamics.systems.parameters import Signal
 from dynamics.systems.planar.links import Link, Number, Vector, root_first
 from dynamics.systems.shapes.planar import Pose
@@ -67,7 +67,7 @@ class Chain:
             coordinates += _coordinates(link)
         self.coordinates: tuple[Signal, ...] = tuple(coordinates)
         """Names and units of q."""
-        self._frames_of: dict[tuple[int, ...], tuple[ca.SX, dict[str, _Frame]]] = {}
+        self._frames = OncePerPose(self._place)
 
     @property
     def nq(self) -> int:
@@ -221,10 +221,6 @@ class Chain:
 
     def _each(self, value: Callable[[Link], Number]) -> ca.SX:
         return ca.vertcat(*(ca.SX(value(link)) for link in self._links.values() for _ in _coordinates(link)))
-
-    def _frames(self, q: ca.SX) -> dict[str, _Frame]:
-        q = ca.SX(q)
-        return memoise_expression(self._frames_of, q, lambda: self._place(q))
 
     def _place(self, q: ca.SX) -> dict[str, _Frame]:
         frames: dict[str, _Frame] = {}

@@ -12,7 +12,7 @@ import numpy as np
 
 from dynamics.systems.checks import require_items, require_text
 from dynamics.systems.mechanism import WORLD, Mechanism, Multibody, PlacedShape, StepOptions, check_parts
-from dynamics.systems.memoise import memoise_expression
+from dynamics.systems.memoise import OncePerPose
 from dynamics.systems.parameters import ParameterTable
 from dynamics.systems.space.body import Body, Vector, require_vector
 from dynamics.systems.space.contact import JointAxes, SpatialContact, SpatialPose, at_random_poses, contacts_between
@@ -139,17 +139,13 @@ class SpatialMachine(Multibody):
         """
         tree = self.tree()
 
-        def touch(q: ca.SX) -> list[ContactPair]:
+        def contact_pairs(q: ca.SX) -> list[ContactPair]:
             return [
                 ContactPair(label, contact, _motions(tree, q, body_a), _motions(tree, q, body_b), body_b == WORLD)
                 for label, (contact, body_a, body_b) in self.contacts_with_bodies(q).items()
             ]
 
-        store: dict[tuple[int, ...], tuple[ca.SX, list[ContactPair]]] = {}
-
-        def touches(q: ca.SX) -> list[ContactPair]:
-            return memoise_expression(store, q, lambda: touch(q))
-
+        touches = OncePerPose(contact_pairs)
         step = SpatialStep(name, parameters, tree, touches, h, friction, self.coupled_joints(), **options)
         return replace(step.system(), machine=Mechanism(self, step.scale))
 

@@ -82,22 +82,16 @@ class SpatialStep:
             raise ValueError(f"system {self.name!r}: edges must be 4 or 8, got {self.edges}")
 
     @cached_property
-    def _x(self) -> ca.SX:
-        return ca.SX.sym("x", self.tree.nq + self.tree.nv)
-
-    @cached_property
-    def _x_next(self) -> ca.SX:
-        return ca.SX.sym("x_next", self.tree.nq + self.tree.nv)
-
-    @cached_property
-    def _u(self) -> ca.SX:
-        return ca.SX.sym("u", len(self.tree.actuated))
+    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """State, input, and state at the end of the step."""
+        nx, nu = self.tree.nq + self.tree.nv, len(self.tree.actuated)
+        return ca.SX.sym("x", nx), ca.SX.sym("u", nu), ca.SX.sym("x_next", nx)
 
     @property
     def _state(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Position q, velocity v, and v at the end of the step."""
-        nq = self.tree.nq
-        return self._x[:nq], self._x[nq:], self._x_next[nq:]
+        nq, (x, _, x_next) = self.tree.nq, self._symbols
+        return x[:nq], x[nq:], x_next[nq:]
 
     def system(self) -> ContactSystem:
         """Build the system."""
@@ -153,7 +147,7 @@ class SpatialStep:
         motor, servo = tree.per_velocity(lambda b: b.gear), tree.per_velocity(lambda b: b.servo)
         commands = ca.SX(tree.nv, 1)
         for k, name in enumerate(tree.actuated):
-            commands[tree.v_of[name]] = self._u[k]
+            commands[tree.v_of[name]] = self._symbols[1][k]
         position_next = tree.position_of(q) + self.h * v_next
         springs = tree.per_velocity(lambda b: b.spring) * (tree.per_velocity(lambda b: b.rest) - position_next)
         return (
@@ -178,17 +172,17 @@ class SpatialStep:
         return M, impulse
 
     def _build(self, spec: ContactSpec) -> ContactSystem:
-        tree, h, (q, _, v_next) = self.tree, self.h, self._state
-        q_next, (M, inertial_impulse) = self._x_next[: tree.nq], self._inertia
+        tree, h, (q, _, v_next), (x, u, x_next) = self.tree, self.h, self._state, self._symbols
+        q_next, (M, inertial_impulse) = x_next[: tree.nq], self._inertia
         rows = contact_rows(self.name, spec, q, q_next, lambda J: h * (J @ v_next), h)
         motion = inertial_impulse - h * self._forces - rows.push
         if self.coupled is not None:
             motion = self.coupled.constrain(motion, tree.position_of(q), v_next, h)
         return ContactSystem(
             name=self.name,
-            x=self._x,
-            u=self._u,
-            x_next=self._x_next,
+            x=x,
+            u=u,
+            x_next=x_next,
             lam=rows.lam,
             residual=ca.vertcat(q_next - tree.advance(q, h * v_next), motion),
             gap=rows.gap,

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import casadi as ca
 
-from dynamics.systems.memoise import memoise_expression
+from dynamics.systems.memoise import OncePerPose
 from dynamics.systems.parameters import Signal
 from dynamics.systems.planar.links import root_first
 from dynamics.systems.space import rotation
@@ -39,8 +39,8 @@ class Tree:
             self.q_of[body.name] = slice(nq, nq := nq + POSITIONS[body.joint])
             self.v_of[body.name] = slice(nv, nv := nv + VELOCITIES[body.joint])
         self.nq, self.nv = nq, nv
-        self._joints_at: dict[tuple[int, ...], tuple[ca.SX, dict[str, JointFrame]]] = {}
-        self._poses_at: dict[tuple[int, ...], tuple[ca.SX, dict[str, tuple[ca.SX, ca.SX]]]] = {}
+        self._joints = OncePerPose(self._joint_frames)
+        self._poses = OncePerPose(self._body_poses)
 
     @property
     def coordinates(self) -> tuple[Signal, ...]:
@@ -256,26 +256,19 @@ class Tree:
                 total += ca.SX(body.mass) * v[index] * (move + ca.cross(turn, centre - pivot))
         return total
 
-    def _joints(self, q: ca.SX) -> dict[str, JointFrame]:
-        return memoise_expression(
-            self._joints_at,
-            q,
-            lambda: {b.name: joint_frame(b, q[self.q_of[b.name]]) for b in self._ordered},
-        )
+    def _joint_frames(self, q: ca.SX) -> dict[str, JointFrame]:
+        return {body.name: joint_frame(body, q[self.q_of[body.name]]) for body in self._ordered}
 
-    def _poses(self, q: ca.SX) -> dict[str, tuple[ca.SX, ca.SX]]:
-        def make() -> dict[str, tuple[ca.SX, ca.SX]]:
-            poses: dict[str, tuple[ca.SX, ca.SX]] = {}
-            for body in self._ordered:
-                joint = self._joints(q)[body.name]
-                if body.parent is None:
-                    poses[body.name] = joint.R, joint.r
-                else:
-                    R, p = poses[body.parent]
-                    poses[body.name] = R @ joint.R, p + R @ joint.r
-            return poses
-
-        return memoise_expression(self._poses_at, q, make)
+    def _body_poses(self, q: ca.SX) -> dict[str, tuple[ca.SX, ca.SX]]:
+        poses: dict[str, tuple[ca.SX, ca.SX]] = {}
+        for body in self._ordered:
+            joint = self._joints(q)[body.name]
+            if body.parent is None:
+                poses[body.name] = joint.R, joint.r
+            else:
+                R, p = poses[body.parent]
+                poses[body.name] = R @ joint.R, p + R @ joint.r
+        return poses
 
     def _composites(self, joints: dict[str, JointFrame]) -> dict[str, tuple[ca.SX, ca.SX, ca.SX]]:
         """Mass, first and second moment about its origin of each body with all that hangs on it."""

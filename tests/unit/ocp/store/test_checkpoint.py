@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ocp.store import atomic
 from ocp.store import checkpoint as module
 from ocp.store.checkpoint import Checkpoint, SavedWork
 from ocp.store.provenance import content_digest
@@ -108,15 +109,14 @@ def test_a_place_that_vanishes_while_it_is_entered_is_not_held(tmp_path: Path, m
 
     def removing(handle: int, how: int) -> None:
         monkeypatch.undo()
-        (place / ".lock").unlink()
         place.rmdir()
-        module.fcntl.flock(handle, how)
+        atomic.fcntl.flock(handle, how)
 
     place.mkdir()
-    monkeypatch.setattr(module.fcntl, "flock", removing)
+    monkeypatch.setattr(atomic.fcntl, "flock", removing)
     with Checkpoint(tmp_path, "toy", ASKED) as entered:
         entered.save_rows(0, [{"mean": 1.0}])
-        assert entered.place is not None and (entered.place / ".lock").exists()
+        assert entered.place is not None and (entered.place / "point-00000.json").exists()
         with Checkpoint(tmp_path, "toy", ASKED) as other:
             assert other.place != entered.place
 
