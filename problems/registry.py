@@ -79,13 +79,17 @@ def registered(name: str) -> ProblemSpec:
 
     Raises :class:`~ocp.errors.InputError` for a name that there is not.
     """
-    refuse_robot_file(name)
-    if name not in PROBLEM_MODULES:
-        raise InputError(
-            f"unknown problem {name!r}{did_you_mean(name, PROBLEM_MODULES)}; there are"
-            f" {', '.join(PROBLEM_MODULES)}, or give the path of a file such as my_problem.py"
-        )
+    _require_known(name, names())
     return defined(ProblemSpec, importlib.import_module(PROBLEM_MODULES[name]))
+
+
+def _require_known(name: str, known_names: list[str]) -> None:
+    refuse_robot_file(name)
+    if name not in known_names:
+        raise InputError(
+            f"unknown problem {name!r}{did_you_mean(name, known_names)}; there are {', '.join(known_names)}, or"
+            " give the path of a file such as my_problem.py"
+        )
 
 
 def refuse_robot_file(name: str) -> None:
@@ -222,14 +226,9 @@ def named(name: str) -> ObjectiveSpec | ProblemSpec:
     """
     if name in OBJECTIVE_MODULES:
         return objective_spec(name)
-    all_names = [*names(), *OBJECTIVE_MODULES]
-    if name.endswith(".py") or name in all_names:
-        return spec(name)
-    refuse_robot_file(name)
-    raise InputError(
-        f"unknown problem {name!r}{did_you_mean(name, all_names)}; there are {', '.join(all_names)}, or"
-        " give the path of a file such as my_problem.py"
-    )
+    if not name.endswith(".py"):
+        _require_known(name, [*names(), *OBJECTIVE_MODULES])
+    return spec(name)
 
 
 def objective_names() -> list[str]:

@@ -26,20 +26,19 @@ class SidePushing:
     exceeds the sum of all others pushes with what is left, ``w_i = max(F_i - sum_(j != i) F_j, 0)``
     as ``0 <= w_i ⟂ w_i - F_i + sum_(j != i) F_j >= 0``: at most one side pushes, anywhere along
     its length, so that ``|m| <= sum_i w_i L_i / 2``. With the limit surface a sphere in (force,
-    moment / ``reach``), and ``weight`` [N] the largest force of friction with the table::
+    moment / ``reach``), and ``friction m g`` [N] the largest force of friction with the table::
 
-        (x', y') = R(theta) sum_i w_i n_i / weight
-        theta' = (m + sum_i w_i (c_i x n_i)) / (reach weight)
+        (x', y') = R(theta) sum_i w_i n_i / (friction m g)
+        theta' = (m + sum_i w_i (c_i x n_i)) / (reach friction m g)
 
     with n_i the inner normal, c_i the middle and L_i the length of side i; ``reach`` [m] is a
-    characteristic length times a factor. Steps are those of Euler's method.
+    characteristic length times a factor, the other numbers are ``parameters``. Steps are those of
+    Euler's method, h long.
     """
 
     name: str
     corners: Sequence[Corner]
-    weight: ca.SX
     reach: ca.SX
-    h: ca.SX
     parameters: ParameterTable
 
     @cached_property
@@ -55,7 +54,7 @@ class SidePushing:
     @cached_property
     def system(self) -> ContactSystem:
         """The system; states x, y, theta, inputs F_i and m, one multiplier w_i [N] a side."""
-        n = len(self.corners)
+        n, p = len(self.corners), self.parameters
         x, x_next, u, w = (ca.SX.sym(s, k) for s, k in (("x", 3), ("x_next", 3), ("u", n + 1), ("w", n)))
         force, moment = ca.SX(2, 1), u[n]
         for i, (middle, normal, _) in enumerate(self._sides):
@@ -70,7 +69,7 @@ class SidePushing:
             u=u,
             x_next=x_next,
             lam=w,
-            residual=x_next - x - self.h * rate / self.weight,
+            residual=x_next - x - p["h"] * rate / (p["friction"] * p["m"] * p["g"]),
             gap=w + ca.sum1(u[:n]) - 2 * u[:n],
             states=signals("x [m] body; y [m] body; theta [rad] body, anticlockwise"),
             inputs=signals(
@@ -82,8 +81,8 @@ class SidePushing:
                 )
             ),
             contacts=signals("; ".join(f"side{i} [N] force of side {i}" for i in sides)),
-            h=self.h,
-            parameters=self.parameters,
+            h=p["h"],
+            parameters=p,
             gap_unit="N",
             referee_model=RefereeModel(),
             refinable=True,

@@ -49,14 +49,7 @@ def build(params: Params) -> Problem:
     """
     p = table(params)
     a, b = p["a"], p["b"]
-    pushed = SidePushing(
-        name,
-        [(-a, -b), (a, -b), (a, b), (-a, b)],
-        weight=p["friction"] * p["m"] * p["g"],
-        reach=p["c"] * ca.sqrt(a**2 + b**2),
-        h=p["h"],
-        parameters=p,
-    )
+    pushed = SidePushing(name, [(-a, -b), (a, -b), (a, b), (-a, b)], p["c"] * ca.sqrt(a**2 + b**2), p)
     system, phi = pushed.system, p["heading"]
     goal = ca.vertcat(p["distance"] * ca.cos(phi), p["distance"] * ca.sin(phi), phi)
     return pose_problem(

@@ -72,14 +72,7 @@ def _corners(width: Width) -> list[tuple[Width, Width]]:
 def build(params: Params) -> Problem:
     """Steps (push-t.1), (push-t.2); by (push-t.3) the angle counts by cosine and sine."""
     p = table(params)
-    pushed = SidePushing(
-        name,
-        _corners(p["width"]),
-        weight=p["friction"] * p["m"] * p["g"],
-        reach=p["c"] * 2.8 * p["width"],
-        h=p["h"],
-        parameters=p,
-    )
+    pushed = SidePushing(name, _corners(p["width"]), p["c"] * 2.8 * p["width"], p)
     system = pushed.system
     x, angle, sides = system.x, p["goal_angle"], system.nlam
     away = ca.vertcat(

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import accumulate, pairwise
+from typing import Any
 
 import casadi as ca
 
@@ -113,8 +114,15 @@ class Scene:
             masses += [] if body.inertia is None else [ca.SX(body.inertia)]
         return masses
 
-    def _signals(self) -> tuple[Signal, ...]:
-        return tuple(Signal(t.name, "N s", "impulse along the normal") for t in self.touches)
+    def _contact_arguments(self, cone: Cone, linearised: bool) -> dict[str, Any]:
+        return {
+            "contacts": tuple(Signal(touch.name, "N s", "impulse along the normal") for touch in self.touches),
+            "distance": self.distance,
+            "sliding": self.sliding,
+            "friction": self.friction,
+            "cone": cone,
+            "linearised": linearised,
+        }
 
     def quasi_dynamic(
         self,
@@ -156,15 +164,9 @@ class Scene:
             name,
             states=self.coordinates,
             inputs=self._commands("m", "commanded"),
-            contacts=self._signals(),
             h=h,
             mass=ca.diag(ca.vertcat(ca.SX(0, 1), *self._masses)),
             stiffness=ca.diag(ca.vertcat(ca.SX(0, 1), *stiffness)),
-            distance=self.distance,
-            sliding=self.sliding,
-            friction=self.friction,
-            cone=cone,
-            linearised=linearised,
             load=ca.vertcat(ca.SX(0, 1), *weights),
             tables=[
                 surface
@@ -172,6 +174,7 @@ class Scene:
                 if (surface := body.limit_surface(self._at[body.name].start, gravity, inertial))
             ],
             parameters=parameters,
+            **self._contact_arguments(cone, linearised),
         )
         return replace(system, scene=not linearised)
 
@@ -211,17 +214,12 @@ class Scene:
             name,
             states=(*self.coordinates, *speeds),
             inputs=self._commands("N", "force on"),
-            contacts=self._signals(),
             h=h,
             mass=ca.diag(M),
             impulse=lambda q, v, u: h * (M * falling + ca.vertcat(ca.SX.zeros(free), u)),
-            distance=self.distance,
-            sliding=self.sliding,
-            friction=self.friction,
-            cone=cone,
-            linearised=linearised,
             parameters=parameters,
             energy_balance=energy_balance(self, M, M * falling, h),
+            **self._contact_arguments(cone, linearised),
         )
         return replace(system, scene=not linearised)
 

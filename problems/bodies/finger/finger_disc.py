@@ -10,7 +10,7 @@ from pydantic import model_validator
 
 from dynamics.systems import ParameterTable
 from ocp.problem.problem import Problem, Scaling
-from problems.bodies.finger.machine import FingerParams, finger_frames, finger_shapes, finger_system
+from problems.bodies.finger.machine import STEPS, FingerParams, finger_frames, finger_shapes, finger_system
 from problems.drawing import Shape
 from problems.parameters import pose_problem, quantity, structure, table
 from problems.spec import Citation, Golden
@@ -19,17 +19,14 @@ name = "finger-disc"
 title = "A finger that turns a disc to an angle"
 citation = Citation("nurkanovic2022nosnoc", "nosnoc's finger and disc; its code, examples/mpc/mpc_finger_ball")
 axes = ("x [m]", "z [m]")
-equations = r"""
-M(q) (v^+ - v) = h (u - b(q, v) - D v^+) + J_n^top gamma + J_t^top (beta^+ - beta^-), quad
-  q^+ = q + h v^+, quad q "= (shoulder, elbow, disc), clockwise"
-0 <= gamma perp phi(q^+) >= 0, quad phi = norm(p(q) - c) - R - r, quad
-  0 <= beta^plus.minus perp psi plus.minus h J_t v^+ >= 0, quad
-  0 <= psi perp f gamma - beta^+ - beta^- >= 0
-q_0: quad p(q_0) = c - (R + r, 0), quad q_2 > 0: "the elbow is above the line to the tip"
+equations = (
+    STEPS
+    + r"""q_0: quad p(q_0) = c - (R + r, 0), quad q_2 > 0: "the elbow is above the line to the tip"
 e^2 = w_a ((q_1 - q_(1,0))^2 + (q_2 - q_(2,0))^2) + w_d (q_3 - theta)^2
 min sum_(k=0)^(N-1) h (e_k^2 + w_v (v_1^2 + v_2^2) + w_omega v_3^2 + w_u norm(u_k)^2)
   + w_"end" e_N^2 + w_"rest" norm(v_N)^2, quad abs(u) <= u_"max"
 """
+)
 golden = {"exact": Golden(1.6414158127, tried=24)}
 
 

@@ -11,6 +11,14 @@ from problems.drawing import Circle, ContactFrame, Segment, Shape, Stadium
 from problems.machines.tracking import in_torques
 from problems.parameters import Parameters, friction_of, quantity
 
+STEPS = r"""
+M(q) (v^+ - v) = h (u - b(q, v) - D v^+) + J_n^top gamma + J_t^top (beta^+ - beta^-), quad
+  q^+ = q + h v^+, quad q "= (shoulder, elbow, disc), clockwise"
+0 <= gamma perp phi(q^+) >= 0, quad phi = norm(p(q) - c) - R - r, quad
+  0 <= beta^plus.minus perp psi plus.minus h J_t v^+ >= 0, quad
+  0 <= psi perp f gamma - beta^+ - beta^- >= 0
+"""
+"""Equations of the finger and the disc."""
 LINK_RADIUS = 0.03
 """Radius of the links in the picture [m]."""
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from dynamics.systems import Signal
 from ocp.problem.problem import Problem, Scaling
-from problems.bodies.finger.machine import FingerParams, finger_frames, finger_shapes, finger_system
+from problems.bodies.finger.machine import STEPS, FingerParams, finger_frames, finger_shapes, finger_system
 from problems.drawing import Shape
 from problems.machines.tracking import with_nominal
 from problems.parameters import pose_problem, quantity, structure, table
@@ -17,16 +17,13 @@ name = "spinner"
 title = "A finger that spins a disc"
 citation = Citation("kurtz2023idto", "IDTO's spinner; its code, examples/spinner")
 axes = ("x [m]", "z [m]")
-equations = r"""
-M(q) (v^+ - v) = h (u - b(q, v) - D v^+) + J_n^top gamma + J_t^top (beta^+ - beta^-), quad
-  q^+ = q + h v^+, quad q "= (shoulder, elbow, disc), clockwise"
-0 <= gamma perp phi(q^+) >= 0, quad phi = norm(p(q) - c) - R - r, quad
-  0 <= beta^plus.minus perp psi plus.minus h J_t v^+ >= 0, quad
-  0 <= psi perp f gamma - beta^+ - beta^- >= 0
-theta^+ = theta + h omega, quad e = (q_1 - q_(1,0), q_2 - q_(2,0), q_3 - theta - "lead")
+equations = (
+    STEPS
+    + r"""theta^+ = theta + h omega, quad e = (q_1 - q_(1,0), q_2 - q_(2,0), q_3 - theta - "lead")
 min sum_(k=0)^(N-1) h (w_q norm(e_k)^2 + w_v norm(v_k)^2 + w_u norm(u_k)^2)
   + w_"end" norm(e_N)^2 + w_"rest" norm(v_N)^2
 """
+)
 golden = {"exact": Golden(8.3918095564, tried=44, note="other minima: 8.3963802, 8.3984789, 8.4031937, 12.55, 17.73")}
 
 
