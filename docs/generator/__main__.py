@@ -14,11 +14,11 @@ def pages() -> dict[str, str]:
 
 def main() -> None:
     """Write all pages, and delete those that are no longer generated."""
-    made = pages()
-    for name, text in made.items():
+    page_texts = pages()
+    for name, text in page_texts.items():
         write_file(GENERATED / name, text.encode())
     for file in GENERATED.rglob("*.md"):
-        if not file.is_relative_to(DATA) and file.relative_to(GENERATED).as_posix() not in made:
+        if not file.is_relative_to(DATA) and file.relative_to(GENERATED).as_posix() not in page_texts:
             file.unlink()
 
 

@@ -15,6 +15,7 @@ from reports.tables import settings
 from reports.tables.settings import SettingGroup
 
 WIDTH = 80
+"""Columns of the terminal whose help texts are shown."""
 
 
 def pages() -> dict[str, str]:
@@ -24,13 +25,13 @@ def pages() -> dict[str, str]:
 
 def command_pages() -> dict[str, str]:
     """Help of every command, and a list of them."""
-    found = load_commands()
-    rows = [(f"[`ocp {name}`]({name}.md)", first_paragraph(c.help)) for name, c in found.items()]
-    written = {
+    commands = load_commands()
+    rows = [(f"[`ocp {name}`]({name}.md)", first_paragraph(c.help)) for name, c in commands.items()]
+    help_pages = {
         f"commands/{name}.md": f"# ocp {name}\n\n```text\n{help_text(name, command)}\n```\n"
-        for name, command in found.items()
+        for name, command in commands.items()
     }
-    return {"commands/index.md": f"# Commands\n\n{table(('command', 'what it does'), rows)}", **written}
+    return {"commands/index.md": f"# Commands\n\n{table(('command', 'what it does'), rows)}", **help_pages}
 
 
 def help_text(name: str, command: Any) -> str:
@@ -52,26 +53,27 @@ INTRODUCTIONS = {
     " option of IPOPT, with `-s NAME=VALUE`. `ocp settings ipopt` lists all of them, with IPOPT's"
     " descriptions.",
 }
+"""First paragraph of each page of settings."""
 
 
 def settings_pages() -> dict[str, str]:
     """A page each for laws, methods, estimators, training and the solver, and a list."""
-    shown = {
+    groups_by_page = {
         "laws": ("Contact laws", settings.law_groups()),
         "solves": ("Methods and policies", settings.method_groups()),
         "estimators": ("Estimators", settings.estimator_groups()),
         "training": ("Training", settings.training_groups()),
         "solver": ("IPOPT", [settings.changed_defaults(settings.solver_group("ipopt"))]),
     }
-    rows = [f"- [{name.capitalize()}]({name}.md): {INTRODUCTIONS[name]}\n" for name in shown]
+    rows = [f"- [{name.capitalize()}]({name}.md): {INTRODUCTIONS[name]}\n" for name in groups_by_page]
     head = (
         "# Settings\n\nEvery setting, from its declaration. Unknown settings are refused; the error"
         " names the closest match.\n\n"
     )
     pages = {"settings/index.md": head + "".join(rows)}
-    for name, (title, groups) in shown.items():
-        parts = [f"# {title}\n", f"{INTRODUCTIONS[name]}\n", *map(section, groups)]
-        pages[f"settings/{name}.md"] = "\n".join(parts)
+    for name, (title, groups) in groups_by_page.items():
+        sections = [f"# {title}\n", f"{INTRODUCTIONS[name]}\n", *map(section, groups)]
+        pages[f"settings/{name}.md"] = "\n".join(sections)
     return pages
 
 
@@ -82,18 +84,19 @@ def section(group: SettingGroup) -> str:
         return f"{head}\nIt has no settings.\n"
     rows = [
         (
-            f"`{one.name}`",
-            f"`{text}`" if (text := settings.default_text(one.default)) else "",
-            one.kind,
-            escaped(one.meaning),
+            f"`{setting.name}`",
+            f"`{text}`" if (text := settings.default_text(setting.default)) else "",
+            setting.kind,
+            escaped(setting.meaning),
         )
-        for one in group.settings
+        for setting in group.settings
     ]
     columns = (f"`{group.syntax}`", "default", "value", "meaning")
     return f"{head}\n{table(columns, rows)}"
 
 
 FOLDER = DOCS.parent / "examples"
+"""Folder of the examples."""
 
 
 def example_pages() -> dict[str, str]:
@@ -105,20 +108,21 @@ def example_pages() -> dict[str, str]:
     ]
     books = {file.stem: notebooks.title(file) for file in sorted(FOLDER.glob("*.ipynb"))}
     rows += [(f"[{name}]({name}.md)", f"Notebook: {title}.") for name, title in books.items()]
-    written = {
+    example_texts = {
         f"examples/{name}.md": f"<!-- notebook: {name} -->\n\n# {title}\n\nThe site shows"
         f" `examples/{name}.ipynb` here, with what each cell gives.\n"
         for name, title in books.items()
     }
-    written |= {
+    example_texts |= {
         f"examples/{name}.md": f'# {name}\n\n```python title="examples/{name}.py"\n{source}```\n'
         for name, source in scripts.items()
     }
     head = "# Examples\n\nWhole files that run, in `examples/` of the checkout.\n\n"
-    return {"examples/index.md": head + table(("", "what it shows"), rows), **written}
+    return {"examples/index.md": head + table(("", "what it shows"), rows), **example_texts}
 
 
 ROOT = DOCS.parent
+"""Root of the checkout."""
 _HEAD = (
     "# Architecture\n\n"
     "Four packages, one direction: `dynamics <- ocp <- problems <- reports`. A system is a "
@@ -129,7 +133,9 @@ _HEAD = (
     "contracts of `pyproject.toml`, where a line imports only lines below it, and the imports "
     "are read from the source files.\n\n"
 )
+"""Text above the table of packages."""
 PACKAGES = ("dynamics", "ocp", "problems", "reports")
+"""Packages of the wheel."""
 
 
 def architecture_pages() -> dict[str, str]:
@@ -166,10 +172,10 @@ def _summary(name: str) -> str:
 
 def _imports(name: str, names: list[str]) -> list[str]:
     """The other packages of ``names`` that a package's modules import."""
-    found = set()
+    imported_packages = set()
     for file in (ROOT / name.replace(".", "/")).rglob("*.py"):
-        found |= {".".join(module.split(".")[:2]) for module in _imported(file)}
-    return sorted(found.intersection(names) - {name})
+        imported_packages |= {".".join(module.split(".")[:2]) for module in _imported(file)}
+    return sorted(imported_packages.intersection(names) - {name})
 
 
 def _imported(file: Path) -> Iterator[str]:

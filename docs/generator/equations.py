@@ -21,11 +21,15 @@ from problems import names, spec
 from reports.drawing.notation import plain
 
 BLOCK = re.compile(r"<!-- equations:\s+(.*?)\s+-->\n+```text\n(.*?)\n```\n", re.S)
+"""Marker of equations with the plain text that stands in for them."""
 CITED = re.compile(r"\(([a-z][a-z0-9-]*)\.(\d+)\)")
+"""Citation of a numbered equation, as ``(push-disc.2)``."""
 _TEMPLATE = Path(__file__).with_name("equations.typ")
+"""File that typst sets lines of mathematics with."""
 _BREAKS = {"=", "≤", "≥", "⟂", "+", "−", "∈"}
 """Before these a line may break, where no bracket is open."""
 _BEFORE_COMMA = re.compile(r"</span> <wbr>(<math[^>]*><mo[^>]*>[,;])")
+"""Break that would leave a comma at the beginning of a line."""
 
 
 def listed(name: str) -> str:
@@ -36,26 +40,26 @@ def listed(name: str) -> str:
 
 def typeset(page: str, url: str) -> str:
     """The page at ``url`` with its equations in MathML, and citations of equations as links."""
-    page = CITED.sub(lambda found: _link(found, posixpath.dirname(url)), page)
-    return BLOCK.sub(lambda found: _equations(found[1]), page)
+    page = CITED.sub(lambda match: _link(match, posixpath.dirname(url)), page)
+    return BLOCK.sub(lambda match: _equations(match[1]), page)
 
 
-def _link(found: re.Match[str], folder: str) -> str:
-    text, name = found[0], found[1]
+def _link(match: re.Match[str], folder: str) -> str:
+    text, name = match[0], match[1]
     place = posixpath.relpath(f"generated/gallery/{name}.md#{text[1:-1]}", folder or ".")
     return f"[{text}]({place})" if name in names() else text
 
 
-def _equations(given: str) -> str:
-    named = given in names()
-    lines = spec(given).equations if named else tuple(given.splitlines())
-    shown = ""
+def _equations(content: str) -> str:
+    is_problem = content in names()
+    lines = spec(content).equations if is_problem else tuple(content.splitlines())
+    blocks = ""
     for k, (line, pieces) in enumerate(zip(lines, mathml(lines), strict=True), 1):
-        number, said = f"{given}.{k}", html.escape(plain(line))
-        place, told = (f' id="{number}"', f"<span>({number})</span>") if named else ("", "")
-        shown += f'<div class="equation"{place}><div role="math" aria-label="{said}">{pieces}</div>'
-        shown += f"{told}</div>"
-    return f'<div class="equations">{shown}</div>\n'
+        number, spoken = f"{content}.{k}", html.escape(plain(line))
+        place, number_text = (f' id="{number}"', f"<span>({number})</span>") if is_problem else ("", "")
+        blocks += f'<div class="equation"{place}><div role="math" aria-label="{spoken}">{pieces}</div>'
+        blocks += f"{number_text}</div>"
+    return f'<div class="equations">{blocks}</div>\n'
 
 
 @cache
@@ -68,27 +72,27 @@ def mathml(lines: Sequence[str]) -> list[str]:
         ignore_system_fonts=True,
         sys_inputs={"lines": json.dumps(lines)},
     )
-    found = re.findall(r"<math.*?</math>", page.decode(), re.S)
-    lines_of = ("<wbr>".join(_pieces(Xml.fromstring(formula))) for formula in found)
+    formulas = re.findall(r"<math.*?</math>", page.decode(), re.S)
+    lines_of = ("<wbr>".join(_pieces(Xml.fromstring(formula))) for formula in formulas)
     return [_BEFORE_COMMA.sub(r"</span>\1", line) for line in lines_of]
 
 
 def _pieces(formula: Xml.Element) -> Iterator[str]:
     """Formulas that begin with a relation or a sign, and words, which break like all words."""
     piece = ""
-    for part in formula:
-        word, wide = part.tag == "mtext", part.get("width") == "1em"
-        sign = part.tag == "mo" and part.text in _BREAKS and part.get("form") != "prefix"
+    for element in formula:
+        word, wide = element.tag == "mtext", element.get("width") == "1em"
+        sign = element.tag == "mo" and element.text in _BREAKS and element.get("form") != "prefix"
         if piece and (word or wide or sign):
             yield f'<math displaystyle="true">{piece}</math>'
             piece = ""
         if sign:
-            part.set("form", "infix")
+            element.set("form", "infix")
         if word:
-            yield f" <span>{html.escape(part.text or '')}</span> "
+            yield f" <span>{html.escape(element.text or '')}</span> "
         elif wide:
             yield '<span class="quad"></span>'
-        elif piece or part.tag != "mspace":
-            piece += Xml.tostring(part, encoding="unicode")
+        elif piece or element.tag != "mspace":
+            piece += Xml.tostring(element, encoding="unicode")
     if piece:
         yield f'<math displaystyle="true">{piece}</math>'

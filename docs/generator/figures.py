@@ -39,6 +39,7 @@ from reports.drawing.style import house_style
 from reports.figures.studies import DRAWINGS
 
 COLUMNS = ("claim", "source", "expected", "measured", "holds")
+"""Columns of the table of claims."""
 PAPERS = {
     "N": "How noising data affects learned contact dynamics",
     "P": "Pathologies of differentiable simulation through contact",
@@ -54,49 +55,49 @@ _TABLES = {"N3": ("smoothings", law_tables.smoothing_rows), "C1": ("smoothings-i
 
 def measured() -> dict[str, dict[str, Any]]:
     """Claims of every figure that was made, by its name, in the order of the papers."""
-    made = {file.stem for file in (DATA / "claims").glob("*.json")}
-    return {name: read(f"claims/{name}") for name in studies.ids() if name in made}
+    stored_names = {file.stem for file in (DATA / "claims").glob("*.json")}
+    return {name: read(f"claims/{name}") for name in studies.ids() if name in stored_names}
 
 
 def pages() -> dict[str, str]:
     """The page of each figure, and one that lists them."""
-    found = measured()
-    written = {f"figures/{name}.md": page(studies.get(name), found[name]) for name in found}
-    return {"figures/index.md": index(found), **written}
+    figures_by_name = measured()
+    figure_pages = {f"figures/{name}.md": page(studies.get(name), figures_by_name[name]) for name in figures_by_name}
+    return {"figures/index.md": index(figures_by_name), **figure_pages}
 
 
-def index(found: Mapping[str, Mapping[str, Any]]) -> str:
+def index(figures_by_name: Mapping[str, Mapping[str, Any]]) -> str:
     """List the figures, paper by paper, with how many of their claims hold."""
-    every = [claim for figure in found.values() for claim in figure["claims"]]
-    parts = [
+    all_claims = [claim for figure in figures_by_name.values() for claim in figure["claims"]]
+    sections = [
         "# Figures\n",
-        f"{count_text(every)} claims hold; those that do not are listed too.\n",
+        f"{count_text(all_claims)} claims hold; those that do not are listed too.\n",
         "Each figure of the papers is one command, which computes its data, draws it, and checks"
         " the claims of the paper: `ocp figure P3` writes a PDF beside its data.\n",
     ]
     for letter, paper in PAPERS.items():
         rows = [
             (f"[{name}]({name}.md)", studies.get(name).title, count_text(figure["claims"]))
-            for name, figure in found.items()
+            for name, figure in figures_by_name.items()
             if name.startswith(letter)
         ]
         if rows:
-            parts += [f"## {paper}\n", table(("", "what it shows", "claims that hold"), rows)]
-    return "\n".join(parts)
+            sections += [f"## {paper}\n", table(("", "what it shows", "claims that hold"), rows)]
+    return "\n".join(sections)
 
 
 def page(study: FigureStudy, figure: Mapping[str, Any]) -> str:
     """One figure: picture, caption, source, notes, claims, and where the numbers come from."""
     source = f"Source: {study.citation.text} of {full_citation(study.citation.key)}"
     source += "" if source.endswith(("?", "!", ".")) else "."
-    parts = [f"# {study.id}: {study.title}\n"]
+    sections = [f"# {study.id}: {study.title}\n"]
     if (DOCS / "pictures" / "figures" / f"{study.id}.png").exists():
-        parts.append(f"![{study.title}](../../pictures/figures/{study.id}.png)\n")
-    parts += [f"{DRAWINGS[study.id].caption}\n", f"{source}\n"]
-    parts += [f"## Claims\n\n{count_text(figure['claims'])} hold.\n", claims(figure), provenance(figure)]
+        sections.append(f"![{study.title}](../../pictures/figures/{study.id}.png)\n")
+    sections += [f"{DRAWINGS[study.id].caption}\n", f"{source}\n"]
+    sections += [f"## Claims\n\n{count_text(figure['claims'])} hold.\n", claims(figure), provenance(figure)]
     if study.notes:
-        parts.append("## Notes\n\n" + "".join(f"- {note}\n" for note in study.notes))
-    return "\n".join(parts)
+        sections.append("## Notes\n\n" + "".join(f"- {note}\n" for note in study.notes))
+    return "\n".join(sections)
 
 
 def claims(figure: Mapping[str, Any]) -> str:
@@ -121,35 +122,35 @@ def keep(figures: Sequence[Mapping[str, Any]]) -> list[Path]:
 
     Raises :class:`~ocp.errors.InputError` for a figure that no study has.
     """
-    written = []
+    written_files = []
     for figure in figures:
         study = studies.get(figure["id"])
-        written.append(write_data(f"claims/{study.id}", stored(figure)))
+        written_files.append(write_data(f"claims/{study.id}", stored(figure)))
         for file in (name for name in figure.get("files", ()) if name.endswith(".nc")):
             with xr.open_dataset(file, engine="scipy") as data, house_style():
-                drawn = DRAWINGS[study.id].draw(data)
-                written.append(save_picture(drawn, f"figures/{study.id}"))
+                drawing = DRAWINGS[study.id].draw(data)
+                written_files.append(save_picture(drawing, f"figures/{study.id}"))
                 if study.id in _TABLES:
                     name, rows_of = _TABLES[study.id]
                     columns, *rows = rows_of(data)
-                    written.append(
+                    written_files.append(
                         write_table(
                             name, title=study.title, command=f"ocp figure {study.id}", columns=columns, rows=rows
                         )
                     )
-    return written
+    return written_files
 
 
 def main() -> None:
     """Store the content of the file on the command line."""
     parser = ArgumentParser(prog="python -m docs.generator.figures", description=__doc__)
     parser.add_argument("figures", type=Path, metavar="FIGURES.json")
-    given = parser.parse_args()
-    content = json.loads(given.figures.read_text())
+    arguments = parser.parse_args()
+    content = json.loads(arguments.figures.read_text())
     try:
         keep(content.get("figures", [content]))
     except InputError as error:
-        sys.exit(f"error: {given.figures}: {error}")
+        sys.exit(f"error: {arguments.figures}: {error}")
 
 
 if __name__ == "__main__":

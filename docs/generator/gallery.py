@@ -15,13 +15,14 @@ from reports.documents.citations import full_citation
 from reports.drawing.notation import powers
 
 PICTURES = DOCS / "pictures"
+"""Folder of the pictures."""
 
 
 def pages() -> dict[str, str]:
     """The page of each problem, and one that shows them all."""
-    shown = [read(kind) for kind in ("verdicts", "refined") if (DATA / f"{kind}.json").exists()]
-    written = {f"gallery/{name}.md": page(spec(name), shown) for name in names()}
-    return {"gallery/index.md": index(), **written}
+    measured_tables = [read(kind) for kind in ("verdicts", "refined") if (DATA / f"{kind}.json").exists()]
+    problem_pages = {f"gallery/{name}.md": page(spec(name), measured_tables) for name in names()}
+    return {"gallery/index.md": index(), **problem_pages}
 
 
 def index() -> str:
@@ -34,9 +35,9 @@ def index() -> str:
     )
 
 
-def _card(found: ProblemSpec) -> str:
-    picture = f"    ![]({still})\n\n" if (still := _still(found.name)) else ""
-    return f"-   [**{found.name}**]({found.name}.md)\n\n{picture}    {found.title}\n\n"
+def _card(problem_spec: ProblemSpec) -> str:
+    picture = f"    ![]({still})\n\n" if (still := _still(problem_spec.name)) else ""
+    return f"-   [**{problem_spec.name}**]({problem_spec.name}.md)\n\n{picture}    {problem_spec.title}\n\n"
 
 
 def _still(name: str) -> str:
@@ -44,37 +45,41 @@ def _still(name: str) -> str:
     return f"../../pictures/problems/{name}.png" if file.exists() else ""
 
 
-def page(found: ProblemSpec, shown: Sequence[Mapping[str, Any]]) -> str:
+def page(problem_spec: ProblemSpec, measured_tables: Sequence[Mapping[str, Any]]) -> str:
     """One problem from its spec, and its rows of measured tables."""
-    solve = f"```sh\nocp solve {found.name} --contact exact\n```\n"
-    parts = [f"# {found.name}\n", f"{found.title}.\n", *_pictures(found), solve]
-    if found.equations:
-        used = cleaned(found.build.__doc__)
-        parts.append(f"## Equations\n\n{listed(found.name)}\nIn the code, `build`: {used}\n")
-    parts.append(f"## Parameters\n\n{_parameters(found)}")
-    if found.golden:
-        parts.append(f"## Best known values\n\n{_golden(found)}")
-    parts += [_measured(found.name, one) for one in shown if _rows(found.name, one)]
-    if found.citation is not None:
-        source = full_citation(found.citation.key)
-        parts.append(f"## Source\n\n{found.citation.text} ({source}).\n")
-    return "\n".join(parts)
+    solve = f"```sh\nocp solve {problem_spec.name} --contact exact\n```\n"
+    sections = [f"# {problem_spec.name}\n", f"{problem_spec.title}.\n", *_pictures(problem_spec), solve]
+    if problem_spec.equations:
+        used = cleaned(problem_spec.build.__doc__)
+        sections.append(f"## Equations\n\n{listed(problem_spec.name)}\nIn the code, `build`: {used}\n")
+    sections.append(f"## Parameters\n\n{_parameters(problem_spec)}")
+    if problem_spec.golden:
+        sections.append(f"## Best known values\n\n{_golden(problem_spec)}")
+    sections += [
+        _measured(problem_spec.name, measured_table)
+        for measured_table in measured_tables
+        if _rows(problem_spec.name, measured_table)
+    ]
+    if problem_spec.citation is not None:
+        source = full_citation(problem_spec.citation.key)
+        sections.append(f"## Source\n\n{problem_spec.citation.text} ({source}).\n")
+    return "\n".join(sections)
 
 
-def _pictures(found: ProblemSpec) -> list[str]:
-    moving = PICTURES / f"{found.name}.gif"
-    shown = []
+def _pictures(problem_spec: ProblemSpec) -> list[str]:
+    moving = PICTURES / f"{problem_spec.name}.gif"
+    image_lines = []
     if moving.exists():
-        shown.append(f"![{found.title}, in motion](../../pictures/{found.name}.gif)\n")
-    if still := _still(found.name):
-        shown.append(f"![{found.title}: early instants faint, contact forces in orange]({still})\n")
-    return shown
+        image_lines.append(f"![{problem_spec.title}, in motion](../../pictures/{problem_spec.name}.gif)\n")
+    if still := _still(problem_spec.name):
+        image_lines.append(f"![{problem_spec.title}: early instants faint, contact forces in orange]({still})\n")
+    return image_lines
 
 
-def _parameters(found: ProblemSpec) -> str:
+def _parameters(problem_spec: ProblemSpec) -> str:
     rows = [
         (f"`{row['name']}`", row["value"], powers(row["unit"]), _range(row), row["description"])
-        for row in describe(found)
+        for row in describe(problem_spec)
     ]
     return table(("parameter", "default", "unit", "range", "meaning"), rows)
 
@@ -84,13 +89,13 @@ def _range(row: Mapping[str, Any]) -> str:
     return re.sub("^a number ?", "", limits)
 
 
-def _golden(found: ProblemSpec) -> str:
+def _golden(problem_spec: ProblemSpec) -> str:
     rows = [
-        (key, best.law, best.method, f"{best.cost:.9g}", best.certificate, best.tried)
-        for key, best in found.golden.items()
+        (key, golden.law, golden.method, f"{golden.cost:.9g}", golden.certificate, golden.tried)
+        for key, golden in problem_spec.golden.items()
     ]
     columns = ("best known", "law", "method", "cost", "certificate", "of solves")
-    remarks = [f"- {key}: {best.remarks}\n" for key, best in found.golden.items() if best.remarks]
+    remarks = [f"- {key}: {golden.remarks}\n" for key, golden in problem_spec.golden.items() if golden.remarks]
     return table(columns, rows) + ("\n" + "".join(remarks) if remarks else "")
 
 
@@ -99,5 +104,5 @@ def _rows(name: str, measured: Mapping[str, Any]) -> list[list[Any]]:
 
 
 def _measured(name: str, measured: Mapping[str, Any]) -> str:
-    shown = {**measured, "columns": measured["columns"][1:], "rows": _rows(name, measured)}
-    return f"## {measured['title']}\n\n{snippet(shown)}"
+    problem_table = {**measured, "columns": measured["columns"][1:], "rows": _rows(name, measured)}
+    return f"## {measured['title']}\n\n{snippet(problem_table)}"

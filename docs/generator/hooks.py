@@ -1,4 +1,4 @@
-"""What mkdocs calls while it builds: folders become pages, notebooks and equations are set."""
+"""Hooks of mkdocs: folders become pages, notebooks and equations are set."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 from docs.generator import equations, notebooks
 
 _LINK = re.compile(r"\]\(([\w/.-]+\.md)")
+"""Link to a page in a list of pages."""
 
 
 def expanded(nav: Any, docs: Path) -> Any:
@@ -24,8 +25,8 @@ def expanded(nav: Any, docs: Path) -> Any:
         return _pages(docs, nav) if nav.endswith("/") else nav
     spliced = []
     for entry in nav:
-        found = expanded(entry, docs)
-        spliced += found if isinstance(found, list) else [found]
+        pages_of_entry = expanded(entry, docs)
+        spliced += pages_of_entry if isinstance(pages_of_entry, list) else [pages_of_entry]
     return [entry for entry in spliced if entry]
 
 

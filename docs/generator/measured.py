@@ -60,8 +60,11 @@ def escaped(text: str) -> str:
 
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
+"""Folder of the site."""
 GENERATED = DOCS / "generated"
+"""Folder of the generated pages."""
 DATA = GENERATED / "data"
+"""Folder of measured numbers."""
 
 Cell = str | int | float | bool | None
 
@@ -122,14 +125,14 @@ def write_data(name: str, content: Mapping[str, Any]) -> Path:
 
 def _lines(content: Mapping[str, Any]) -> str:
     """Write JSON in which each item of a list stands on a line of its own."""
-    parts = []
+    entries = []
     for key, value in content.items():
         text = json.dumps(value, ensure_ascii=False)
         if isinstance(value, list) and value and isinstance(value[0], list | dict):
             items = (f"  {json.dumps(item, ensure_ascii=False)}" for item in value)
             text = "[\n" + ",\n".join(items) + "\n]"
-        parts.append(f"{json.dumps(key)}: {text}")
-    return "{\n" + ",\n".join(parts) + "\n}\n"
+        entries.append(f"{json.dumps(key)}: {text}")
+    return "{\n" + ",\n".join(entries) + "\n}\n"
 
 
 def read(name: str) -> dict[str, Any]:
@@ -138,14 +141,17 @@ def read(name: str) -> dict[str, Any]:
 
 
 COLOURS = 200
+"""Colours of a stored picture, at most."""
 
 
 def save_picture(figure: Figure, name: str) -> Path:
     """Write ``figure`` to ``docs/pictures/<name>.png``, in few colours; returns the file."""
-    drawn, small = BytesIO(), BytesIO()
-    figure.savefig(drawn, format="png", dpi=110, bbox_inches="tight", metadata={"Software": None})
+    rendered, small = BytesIO(), BytesIO()
+    figure.savefig(rendered, format="png", dpi=110, bbox_inches="tight", metadata={"Software": None})
     picture = (
-        Image.open(drawn).convert("RGB").quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        Image.open(rendered)
+        .convert("RGB")
+        .quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     )
     picture.save(small, format="png", optimize=True)
     file = DOCS / "pictures" / f"{name}.png"
@@ -159,20 +165,20 @@ APART = {"verdicts", "refined"}
 
 def table_pages() -> dict[str, str]:
     """A snippet for each JSON table, and a page for the tables on no other page."""
-    found = {file.stem: read(file.stem) for file in sorted(DATA.glob("*.json"))}
-    tables = {name: content for name, content in found.items() if "columns" in content}
-    written = {f"tables/{name}.md": snippet(content) for name, content in tables.items()}
-    if left := [name for name in tables if name not in included() | APART]:
-        parts = [f"## {tables[name]['title']}\n\n{snippet(tables[name])}" for name in left]
-        written["measured/index.md"] = "\n".join(["# Other measurements\n", *parts])
-    return written
+    contents_by_name = {file.stem: read(file.stem) for file in sorted(DATA.glob("*.json"))}
+    tables = {name: content for name, content in contents_by_name.items() if "columns" in content}
+    snippets = {f"tables/{name}.md": snippet(content) for name, content in tables.items()}
+    if unplaced := [name for name in tables if name not in included() | APART]:
+        sections = [f"## {tables[name]['title']}\n\n{snippet(tables[name])}" for name in unplaced]
+        snippets["measured/index.md"] = "\n".join(["# Other measurements\n", *sections])
+    return snippets
 
 
 def included() -> set[str]:
-    """Names of the tables that table_pages written by hand include."""
-    written = (page for page in DOCS.rglob("*.md") if not page.is_relative_to(GENERATED))
-    found = re.compile(r'--8<-- "generated/tables/([\w-]+)\.md"')
-    return {name for page in written for name in found.findall(page.read_text(encoding="utf-8"))}
+    """Names of the tables that pages written by hand include."""
+    handwritten_pages = (page for page in DOCS.rglob("*.md") if not page.is_relative_to(GENERATED))
+    inclusion = re.compile(r'--8<-- "generated/tables/([\w-]+)\.md"')
+    return {name for page in handwritten_pages for name in inclusion.findall(page.read_text(encoding="utf-8"))}
 
 
 def snippet(content: Mapping[str, Any]) -> str:

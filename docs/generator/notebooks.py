@@ -10,15 +10,18 @@ from typing import Any
 from docs.generator.measured import DOCS
 
 FOLDER = DOCS.parent / "examples"
+"""Folder of the notebooks."""
 _PANDAS = re.compile(r'<style scoped>.*?</style>|(?<=<table) border="1" class="dataframe"', re.S)
+"""Styles of tables of pandas, which a page has none of."""
 _MARKER = re.compile(r"<!-- notebook: ([\w-]+) -->")
+"""Marker of the notebook that a page shows."""
 
 
 def shown(page: str) -> str:
     """The page, or the notebook of its ``<!-- notebook: NAME -->``: texts, code, and outputs."""
-    asked = _MARKER.search(page)
-    cells = _cells(FOLDER / f"{asked[1]}.ipynb") if asked else []
-    return "\n\n".join(part for cell in cells for part in _parts(cell)) or page
+    marker = _MARKER.search(page)
+    cells = _cells(FOLDER / f"{marker[1]}.ipynb") if marker else []
+    return "\n\n".join(block for cell in cells for block in _parts(cell)) or page
 
 
 def title(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""What a problem file is put together from, with signatures: a list that a tutorial includes."""
+"""Parts of a problem file with their signatures: a list that a tutorial includes."""
 
 from __future__ import annotations
 
@@ -36,22 +36,24 @@ PARTS: dict[str, tuple[Any, ...]] = {
     "Parameters": (parameters.quantity, parameters.structure, parameters.choice, parameters.table),
     "Drawing by hand": (drawing.Mark, drawing.Segment, drawing.Spring, drawing.ContactFrame),
 }
+"""Classes and functions of a problem file by their groups."""
 _INNER = {"self", "origin"}
+"""Arguments that nobody passes."""
 
 
 def pages() -> dict[str, str]:
     """The list, one group after the other."""
-    groups = (f"### {title}\n\n{''.join(map(_item, found))}" for title, found in PARTS.items())
+    groups = (f"### {title}\n\n{''.join(map(_item, members))}" for title, members in PARTS.items())
     return {"signatures/parts.md": "\n".join(groups)}
 
 
-def _item(one: Any) -> str:
+def _item(member: Any) -> str:
     """Names and defaults of the arguments, and the first paragraph of the docstring."""
-    given = inspect.signature(one).parameters.values()
-    shown = ", ".join(_argument(p) for p in given if p.name not in _INNER)
-    return f"- `{one.__qualname__}({shown})`: {cleaned(inspect.getdoc(one))}\n"
+    arguments = inspect.signature(member).parameters.values()
+    argument_texts = ", ".join(_argument(p) for p in arguments if p.name not in _INNER)
+    return f"- `{member.__qualname__}({argument_texts})`: {cleaned(inspect.getdoc(member))}\n"
 
 
-def _argument(one: inspect.Parameter) -> str:
-    text = str(one.replace(annotation=one.empty))
-    return text if "<" not in text and len(text) < 40 else f"{one.name}=..."
+def _argument(argument: inspect.Parameter) -> str:
+    text = str(argument.replace(annotation=argument.empty))
+    return text if "<" not in text and len(text) < 40 else f"{argument.name}=..."

@@ -23,8 +23,12 @@ from reports.drawing.view import RunView
 from reports.motion.animation import Animation, is_periodic, repeated
 from reports.motion.movie import write_animation
 
-_COLUMNS, _WIDTH = 3, 10.5
+_COLUMNS = 3
+"""Strobes beside each other."""
+_WIDTH = 10.5
+"""Width of the strobes [inch]."""
 _STRIDES = 4
+"""Strides of a periodic motion in an animation."""
 LARGEST = 1_500_000
 """Bytes that a page can carry for one animation."""
 
@@ -54,10 +58,10 @@ def newest(root: Path, name: str) -> RunView:
 
     Raises :class:`~ocp.errors.InputError` where there is none.
     """
-    found = [path for path in run_paths(root) if path.parent.name == name]
-    if not found:
+    paths = [path for path in run_paths(root) if path.parent.name == name]
+    if not paths:
         raise InputError(f"{root} has no run of {name}; ocp solve {name} --out {root} stores one")
-    return RunView.of(load(found[-1]))
+    return RunView.of(load(paths[-1]))
 
 
 def moving(view: RunView) -> Animation:
@@ -93,9 +97,9 @@ def main() -> None:
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("--still", nargs="+", required=True, metavar="NAME")
     parser.add_argument("--moving", nargs="*", default=[], metavar="NAME")
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     try:
-        for file in draw(given.root, given.folder, given.still, given.moving):
+        for file in draw(arguments.root, arguments.folder, arguments.still, arguments.moving):
             print(f"{file}  {file.stat().st_size / 1e3:.0f} kB")
     except InputError as error:
         sys.exit(f"error: {error}")

@@ -8,6 +8,7 @@ from typing import Any
 import griffe
 
 _ROLE = re.compile(r":(?:class|func|meth|mod|attr|data|exc|obj):`(~?)([\w.]+)`")
+"""Reference of a docstring, as ``:func:`a.b```."""
 
 
 def linked(text: str) -> str:
@@ -17,14 +18,14 @@ def linked(text: str) -> str:
 
 def cleaned(text: str | None) -> str:
     """The first paragraph of a docstring in Markdown, on one line, its references as code."""
-    named = _ROLE.sub(lambda found: f"`{found[2].rpartition('.')[2]}`", text or "")
-    return " ".join(named.partition("\n\n")[0].replace("``", "`").split())
+    with_names = _ROLE.sub(lambda match: f"`{match[2].rpartition('.')[2]}`", text or "")
+    return " ".join(with_names.partition("\n\n")[0].replace("``", "`").split())
 
 
-def _link(found: re.Match[str]) -> str:
-    short, name = found.groups()
-    shown = name.rpartition(".")[2] if short else name
-    return f'<autoref optional identifier="{name}"><code>{shown}</code></autoref>'
+def _link(match: re.Match[str]) -> str:
+    short, name = match.groups()
+    text = name.rpartition(".")[2] if short else name
+    return f'<autoref optional identifier="{name}"><code>{text}</code></autoref>'
 
 
 class Roles(griffe.Extension):

@@ -34,19 +34,26 @@ from reports.drawing.view import RunView
 LIMIT_S = 120
 """Seconds of processor time of one command, unless ``--limit`` is given."""
 SAMPLES = "2e4"
+"""Transitions that learned laws are fitted to."""
 ANALYTIC = {
     "exact": ("exact",),
     "barrier, mu = 1e-3": ("barrier", "-c", "mu=1e-3"),
     "adaptive, sigma = 0.02": ("adaptive", "-c", "sigma=0.02"),
     "randomized, sigma = 0.1": ("randomized", "-c", "sigma=0.1"),
 }
+"""Analytic laws by their titles, with the words of ``--contact``."""
 LEARNED = {"EWDA, noise 0.1": "ewda", "MLP, noise 0.1": "mlp"}
+"""Learned laws by their titles, with the kind of their model."""
 MATRIX_LAWS = ("exact", "barrier, mu = 1e-3", "adaptive, sigma = 0.02")
+"""Laws of the table of methods."""
 METHODS = ("direct", "multiple-shooting", "single-shooting")
+"""Methods of the table of methods."""
 LARGE = ("hopper", "half-cheetah", "quadruped", "ant", "push-cube", "reorient")
 """Problems of many joints and contacts: only solves by ``WAYS_OF_LARGE`` are tried."""
 WAYS_OF_LARGE = [("direct", *ANALYTIC[law]) for law in MATRIX_LAWS[:2]]
+"""Methods and laws that are tried on large problems."""
 NOT_TRIED = "not tried"
+"""Cell of a combination that was not tried."""
 
 Row = list[measured.Cell]
 
@@ -63,11 +70,11 @@ class Measurement:
         """Return the JSON document of ``ocp``; a refusal or the time limit as text."""
         command = [sys.executable, "-m", "ocp", *words, "--json", "--quiet"]
         limited = partial(resource.setrlimit, resource.RLIMIT_CPU, (self.limit_s, self.limit_s + 5))
-        before, start = _children_seconds(), time.perf_counter()
+        children_s_before, start = _children_seconds(), time.perf_counter()
         done = subprocess.run(command, capture_output=True, text=True, preexec_fn=limited)
         if done.returncode == -signal.SIGXCPU:
             return self.over
-        busy = (_children_seconds() - before) / (time.perf_counter() - start)
+        busy = (_children_seconds() - children_s_before) / (time.perf_counter() - start)
         if done.stdout:
             return {**json.loads(done.stdout), "busy": min(busy, 1.0)}
         refusal = re.search("^error: (.*?)(;|$)", done.stderr, re.MULTILINE)
@@ -84,7 +91,7 @@ class Measurement:
         if self.problem in LARGE and (method, *law) not in WAYS_OF_LARGE:
             return NOT_TRIED
         cheaper = [("direct", "exact"), ("direct", *law)]
-        if any((method, *law) != way and self.solve(*way) == self.over for way in cheaper):
+        if any((method, *law) != combination and self.solve(*combination) == self.over for combination in cheaper):
             return NOT_TRIED
         return self.solve(method, *law)
 
@@ -93,13 +100,13 @@ class Measurement:
         for law, words in ANALYTIC.items():
             yield self._verdict_row(law, words)
         data = self.folder / "data.nc"
-        drawn: dict[str, Any] | str = NOT_TRIED
+        collected: dict[str, Any] | str = NOT_TRIED
         if self.problem not in LARGE and self.solve("direct", "exact") != self.over:
-            drawn = self.run_command("collect", self.problem, "--samples", SAMPLES, "-o", str(data))
+            collected = self.run_command("collect", self.problem, "--samples", SAMPLES, "-o", str(data))
         for law, model in LEARNED.items():
             file = str(self.folder / f"{model}.nc")
-            learned = drawn
-            if not isinstance(drawn, str):
+            learned = collected
+            if not isinstance(collected, str):
                 learned = self.run_command("learn", str(data), "--model", model, "--noise", "0.1", "-o", file)
             if isinstance(learned, str):
                 yield [self.problem, law, learned, *[None] * 5]
@@ -200,11 +207,11 @@ def store(table: str, rows: Iterable[Row], keys: int) -> None:
     for row in rows:
         print(table, *row, sep="  ", flush=True)
         key = tuple(row[:keys])
-        kept = [old for old in measured.read(table)["rows"] if key in replaced or tuple(old[:keys]) != key]
+        remaining_rows = [old for old in measured.read(table)["rows"] if key in replaced or tuple(old[:keys]) != key]
         replaced.add(key)
-        kept.append(row)
-        kept.sort(key=lambda one: [order.index(str(cell).strip("`")) for cell in one[:keys]])
-        measured.write_table(table, rows=kept, **ABOUT[table])
+        remaining_rows.append(row)
+        remaining_rows.sort(key=lambda row: [order.index(str(cell).strip("`")) for cell in row[:keys]])
+        measured.write_table(table, rows=remaining_rows, **ABOUT[table])
 
 
 def main() -> None:
@@ -213,11 +220,11 @@ def main() -> None:
     parser.add_argument("problems", nargs="*", metavar="PROBLEM")
     parser.add_argument("--refine", action="store_true", help="cost over the step size instead")
     parser.add_argument("--limit", type=int, default=LIMIT_S, metavar="S", help="processor seconds of a command")
-    given = parser.parse_args()
-    for problem in given.problems or names():
+    arguments = parser.parse_args()
+    for problem in arguments.problems or names():
         with TemporaryDirectory() as folder, house_style():
-            measurement = Measurement(spec(problem).name, Path(folder), given.limit)
-            if given.refine:
+            measurement = Measurement(spec(problem).name, Path(folder), arguments.limit)
+            if arguments.refine:
                 store("refined", measurement.refined_rows(), keys=1)
             else:
                 store("verdicts", measurement.verdict_rows(), keys=2)
