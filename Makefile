@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 # Tests start many processes: each reads the bytecode that the first one wrote.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-mpcc bench-random bench-world bench-mpc bench-robots lint gallery claims docs generated notebooks numbers verdicts refined promises
+.PHONY: setup demo check test tests test-cpus test-slow test-attack bench bench-solve bench-solvers bench-laws bench-mpcc bench-random bench-world bench-found bench-mpc bench-robots lint gallery claims docs generated notebooks numbers verdicts refined promises
 
 setup: $(READY)
 
@@ -95,6 +95,14 @@ bench-world: setup
 	$(BIN)/python -m tests.benchmarks.ocp.world $(SCENES)
 	$(BIN)/python -m tests.benchmarks.ocp.pushing
 	$(BIN)/python -m tests.benchmarks.mpcc.switching
+
+# What the default command finds on thirty problems of strangers and two named ones, against the best
+# known plans, and rewrites the table of the site; PROBLEMS="hammer pivot_box" some of them, SEEDS=20
+# with as many seeds, EFFORT=quick with that effort. The best known plans come from
+# `python -m tests.benchmarks.found --reference NAME`.
+SEEDS ?= 1
+bench-found: setup
+	$(BIN)/python -m tests.benchmarks.found $(PROBLEMS) --seeds $(SEEDS) $(if $(EFFORT),--effort $(EFFORT))
 
 # Reference tasks in closed loop, each beside a plain Opti loop, and the quadratic programs of a
 # sample by other solvers, and rewrites the tables of the site; TASKS=soft-walls,spinner some of them.

@@ -1,0 +1,93 @@
+"""One ``ocp solve`` in a fresh process: what it answers, and its processor time with that of its children."""
+
+from __future__ import annotations
+
+import json
+import math
+import resource
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+
+from problems import get
+from tests.benchmarks.found.problems import Plan, source_of
+
+ROOT = Path(__file__).parents[3]
+RUNS = ROOT / "runs" / "found"
+"""Folder of the runs; not in the repository."""
+PROGRAM = "from reports.cli.start import main; main()"
+DIGITS = 10
+"""Digits of a stored input: unstable plans need more than they print."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What one command answered; costs are NaN where there is no answer.
+
+    ``exact_cost`` is what the exact law makes of the inputs, infinite where that breaks a constraint; ``survives`` is
+    the referee's word, ``survives_at_h`` that of the step size itself, and ``seconds`` processor time.
+    """
+
+    name: str
+    command: str
+    status: str
+    seconds: float
+    cost: float = math.nan
+    exact_cost: float = math.nan
+    certificate: str = "none"
+    survives: bool = False
+    survives_at_h: bool = False
+    run: str = ""
+
+    def plan(self) -> Plan:
+        """Return its inputs as a plan, from the stored run."""
+        with netCDF4.Dataset(Path(self.run) / "solution.nc") as solution:
+            inputs, states = (np.asarray(solution[key][:])[0] for key in ("u", "x"))
+        is_start_free = get(source_of(self.name)).start is not None
+        return Plan(self.exact_cost, self.command, _rounded(inputs), _rounded(states[0]) if is_start_free else None)
+
+
+def _rounded(values: np.ndarray) -> list:
+    return np.vectorize(lambda value: float(f"{value:.{DIGITS}g}"))(values).tolist()
+
+
+def answer_of(name: str, arguments: Sequence[str] = ()) -> Answer:
+    """Solve a problem by ``ocp solve`` with more ``arguments``, and wait for it."""
+    words = ["solve", source_of(name), *arguments]
+    command = shlex.join(["ocp", *words])
+    before = _children_seconds()
+    program = [sys.executable, "-c", PROGRAM, *words, "--json", "--quiet", "--out", str(RUNS)]
+    process = subprocess.run(program, capture_output=True, text=True, cwd=ROOT, check=False)
+    seconds = _children_seconds() - before
+    if not process.stdout.startswith("{"):
+        lines = process.stderr.strip().splitlines()
+        return Answer(name, command, lines[-1] if lines else f"exit code {process.returncode}", seconds)
+    document = json.loads(process.stdout)
+    broken = bool(document["replay_broken"]) or document["exact_cost"] is None
+    return Answer(
+        name,
+        command,
+        document["status"],
+        seconds,
+        _number(document["cost"]),
+        math.inf if broken else _number(document["exact_cost"]),
+        document["stationarity"] if document["success"] else "none",
+        bool(document["survives"]),
+        bool(document["survives_at_h"]),
+        document["run"],
+    )
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _children_seconds() -> float:
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime

@@ -1,0 +1,101 @@
+"""Problems of strangers and where they are, and the best plans of them that are known."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from ocp.store.atomic import write_file
+
+STRANGERS = Path(__file__).parents[2] / "strangers"
+"""Folder of the thirty problem files, one folder a theme."""
+NAMED = ("push-box", "push-t")
+"""Named problems that stand beside the files: the default command is known to be poor on them."""
+BEST_KNOWN = Path(__file__).parent / "best_known.json"
+"""Best known plans, the ways to them, and what the default command gave at first."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A plan that is known: its ``cost`` under the exact law, the ``command`` that found it, and its inputs (N, nu).
+
+    ``start`` (nx,) is the initial state where the plan chooses it.
+    """
+
+    cost: float
+    command: str
+    inputs: list[list[float]]
+    start: list[float] | None = None
+
+
+def problem_files() -> dict[str, Path]:
+    """Return the file of every stranger by its stem, in the order of the folders."""
+    files = sorted(STRANGERS.glob("*/*.py"))
+    return {file.stem: file for file in files}
+
+
+def problem_names() -> list[str]:
+    """Return all strangers and the named problems beside them."""
+    return [*problem_files(), *NAMED]
+
+
+def source_of(name: str) -> str:
+    """Return what ``ocp solve`` takes: the path of a file, relative to the root, or a name."""
+    root = Path(__file__).parents[3]
+    file = problem_files().get(name)
+    return name if file is None else str(file.relative_to(root))
+
+
+def module_of(name: str) -> ModuleType:
+    """Return the module of a stranger, for its ``Params`` and ``reached``."""
+    spec = importlib.util.spec_from_file_location(name, problem_files()[name])
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def stored() -> dict[str, dict]:
+    """Return what the file of best known plans holds, by problem: ``known``, costs with commands, ``plan``, ``before``.
+
+    ``known`` is in the order in which they were found, the last one the cheapest.
+    """
+    return json.loads(BEST_KNOWN.read_text(encoding="utf-8")) if BEST_KNOWN.exists() else {}
+
+
+def best_plan(name: str) -> Plan | None:
+    """Return the cheapest plan that is known, None before one is."""
+    entry = stored().get(name, {})
+    if "known" not in entry:
+        return None
+    return Plan(**entry["known"][-1], **entry["plan"])
+
+
+def keep_better(name: str, plans: Iterable[Plan]) -> Plan | None:
+    """Append the cheapest of the ``plans`` where it is cheaper than all that are known; return it, or None."""
+    known = best_plan(name)
+    better = min((plan for plan in plans if np.isfinite(plan.cost)), key=lambda plan: plan.cost, default=None)
+    if better is None or (known is not None and better.cost >= known.cost - 1e-6 * abs(known.cost)):
+        return None
+    entry = {key: value for key, value in asdict(better).items() if value is not None}
+    found = {key: entry.pop(key) for key in ("cost", "command")}
+    change_entry(name, known=[*stored().get(name, {}).get("known", []), found], plan=entry)
+    return better
+
+
+def change_entry(name: str, **fields: object) -> None:
+    """Store ``fields`` of one problem, a line a field."""
+    entries = stored()
+    entries[name] = {**entries.get(name, {}), **fields}
+    ordered = {known: entries[known] for known in problem_names() if known in entries}
+    problems = []
+    for known, entry in ordered.items():
+        rows = ",\n".join(f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in entry.items())
+        problems.append(f"{json.dumps(known)}: {{\n{rows}\n}}")
+    write_file(BEST_KNOWN, ("{\n" + ",\n".join(problems) + "\n}\n").encode())

@@ -1,0 +1,77 @@
+"""Best known plans by a large budget: every way to an exact plan that the command line offers, one after the other.
+
+A limit is a count of starts, seeds and iterations, never a clock. What is compared is the cost of the exact replay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from fnmatch import fnmatch
+
+from tests.benchmarks.found.command import Answer, answer_of
+from tests.benchmarks.found.problems import keep_better
+
+EXACT = ("--contact", "exact")
+STRATEGIES = (
+    "scholtes",
+    "scholtes-exact",
+    "l1-scholtes",
+    "scholtes-adaptive",
+    "l1",
+    "scholtes-quick",
+    "scholtes-cold",
+    "fischer-burmeister",
+    "lin-fukushima",
+)
+SMOOTHINGS = (
+    ("barrier", "mu=1e-3"),
+    ("barrier", "mu=1e-2"),
+    ("barrier", "mu=1e-4"),
+    ("adaptive", "sigma=0.02"),
+)
+SEARCHES = 3
+"""Seeds of the sampled search."""
+STARTS = 8
+"""Perturbed guesses of the default route, and of the one strategy that differs most from it."""
+Route = list[tuple[str, ...]]
+"""Arguments of commands, each of which but the first starts from the run before."""
+
+
+def routes() -> dict[str, Route]:
+    """Return every way by its name, the ones that found most first."""
+    smoothed = {f"{law} {value}, then exact": [("--contact", law, "-c", value), EXACT] for law, value in SMOOTHINGS}
+    return {
+        "default": [()],
+        "scholtes": [(*EXACT, "-s", "strategy=scholtes")],
+        **dict(list(smoothed.items())[:1]),
+        "search, seed 0": [(*EXACT, "--search", "--seed", "0")],
+        **{name: [(*EXACT, "-s", f"strategy={name}")] for name in STRATEGIES[1:]},
+        **dict(list(smoothed.items())[1:]),
+        **{f"search, seed {k}": [(*EXACT, "--search", "--seed", str(k))] for k in range(1, SEARCHES)},
+        f"{STARTS} starts": [(*EXACT, "--starts", str(STARTS), "--rank", "exact")],
+        f"{STARTS} starts, l1": [(*EXACT, "-s", "strategy=l1", "--starts", str(STARTS), "--rank", "exact")],
+    }
+
+
+def followed(name: str, route: Route) -> Iterator[Answer]:
+    """Yield the answers of a route's commands, until one has none."""
+    run = ""
+    for arguments in route:
+        answer = answer_of(name, (*arguments, *(("--from", run) if run else ())))
+        yield answer
+        run = answer.run
+        if not run:
+            return
+
+
+def find_best(name: str, patterns: Sequence[str] = ()) -> None:
+    """Try the routes whose names fit one of the ``patterns``, all by default, and keep what beats all before."""
+    for route_name, route in routes().items():
+        if patterns and not any(fnmatch(route_name, pattern) for pattern in patterns):
+            continue
+        for answer in followed(name, route):
+            cost = f"{answer.exact_cost:.6g}" if not math.isnan(answer.exact_cost) else answer.status
+            better = keep_better(name, [answer.plan()] if math.isfinite(answer.exact_cost) else [])
+            told = " best so far" if better else ""
+            print(f"{name:<20}{route_name:<28}{cost:>12} {answer.seconds:>7.1f} s{told}", flush=True)
