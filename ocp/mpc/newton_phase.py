@@ -7,6 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,12 +28,13 @@ UNSOLVED = "the quadratic program was not solved"
 """Note of a sample whose program has no solution."""
 
 
-@dataclass(frozen=True)
-class Proposal:
-    """A step of the plan, and the linearisation that its program had."""
+class Proposal(NamedTuple):
+    """An active set, the horizon linearised with it, and the step of the plan that its program has."""
 
-    step: Direction
+    closed: np.ndarray
     lin: Linearised
+    rows: Affine
+    step: Direction
 
 
 @dataclass
@@ -79,9 +81,15 @@ class NewtonPhase(Phase):
     def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
         """Return the rows (N, n_rows) that stay at 0 or above."""
 
-    @abstractmethod
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
         """Return the steps of solved programs to roll out, the best last; and a note."""
+        proposal = self.propose(prepared.lin, prepared.closed, sample)
+        return ([proposal], "") if proposal.step.solved else ([], UNSOLVED)
+
+    def propose(self, lin: Linearised, closed: np.ndarray, sample: Sample) -> Proposal:
+        """Solve the program of an active set."""
+        rows = self.rows(lin, closed)
+        return Proposal(closed, lin, rows, self.solve(lin, rows, sample))
 
     def prepare(self, plan: Plan, sample: Sample) -> None:
         """Evaluate and linearise ``plan``."""

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ocp.mpc.active_set import ActiveSets
-from ocp.mpc.horizon_qp import Direction
 from ocp.mpc.linearised import Affine, LinearClosure, Linearised
-from ocp.mpc.newton_phase import UNSOLVED, NewtonPhase, Prepared, Proposal
+from ocp.mpc.newton_phase import NewtonPhase, Prepared, Proposal
 from ocp.mpc.phase import Sample
 from ocp.mpc.rollouts import CandidateRollouts
 from ocp.mpc.stages import Plan, StageModel, StageValues
@@ -18,15 +15,6 @@ ACTIVE_TOLERANCE = 1e-6
 """Value of a row, in characteristic sizes, below which it counts as active."""
 MIN_EXCHANGE_GAIN = 1e-4
 """Smallest gain of an exchange, in characteristic costs for a characteristic size."""
-
-
-class ActiveSetTrial(NamedTuple):
-    """An active set, the horizon linearised with it, and the solution of its program."""
-
-    closed: np.ndarray
-    lin: Linearised
-    rows: Affine
-    direction: Direction
 
 
 class QPCC(NewtonPhase):
@@ -78,21 +66,15 @@ class QPCC(NewtonPhase):
 
     def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
         """Return the step with the plan's active set, and the best after exchanges."""
-        plan_trial = best_trial = self._try_active_set(prepared.lin, prepared.closed, sample)
-        if not plan_trial.direction.solved:
-            return [], UNSOLVED
-        exchanges = 0
-        for _ in range(self.exchanges):
-            better_trial = self._exchanged(prepared, best_trial, sample)
-            if better_trial is None:
+        steps, note = super().proposals(prepared, sample)
+        for _ in range(self.exchanges if steps else 0):
+            better = self._exchanged(prepared, steps[-1], sample)
+            if better is None:
                 break
-            best_trial, exchanges = better_trial, exchanges + 1
-        steps = [Proposal(plan_trial.direction, plan_trial.lin)]
-        if not exchanges:
-            return steps, ""
-        return [*steps, Proposal(best_trial.direction, best_trial.lin)], "contacts were exchanged"
+            steps, note = [steps[0], better], "contacts were exchanged"
+        return steps, note
 
-    def _exchanged(self, prepared: Prepared, incumbent: ActiveSetTrial, sample: Sample) -> ActiveSetTrial | None:
+    def _exchanged(self, prepared: Prepared, incumbent: Proposal, sample: Sample) -> Proposal | None:
         """Return the program after an exchange that lowers its optimum, or None."""
         gains = self._gains(incumbent)
         pays = gains > MIN_EXCHANGE_GAIN
@@ -102,9 +84,9 @@ class QPCC(NewtonPhase):
         for pairs in (pays, best_alone)[: 1 + (pays.sum() > 1)]:
             closed = self.sets.exchanged(incumbent.closed, pairs)
             lin = self.linearise_plan(prepared.plan, prepared.evaluated, closed)
-            trial = self._try_active_set(lin, closed, sample)
-            improves = trial.direction.objective < incumbent.direction.objective - MIN_EXCHANGE_GAIN * self.cost
-            if trial.direction.solved and improves:
+            trial = self.propose(lin, closed, sample)
+            improves = trial.step.objective < incumbent.step.objective - MIN_EXCHANGE_GAIN * self.cost
+            if trial.step.solved and improves:
                 return trial
         return None
 
@@ -113,11 +95,7 @@ class QPCC(NewtonPhase):
         """The characteristic cost."""
         return self.model.problem.scales.cost
 
-    def _try_active_set(self, lin: Linearised, closed: np.ndarray, sample: Sample) -> ActiveSetTrial:
-        rows = self.rows(lin, closed)
-        return ActiveSetTrial(closed, lin, rows, self.solve(lin, rows, sample))
-
-    def _gains(self, tried: ActiveSetTrial) -> np.ndarray:
+    def _gains(self, tried: Proposal) -> np.ndarray:
         """Return minus sigma (N, n) of pairs with both sides at zero, in characteristic costs."""
         closed, lin, rows, direction = tried
         model = self.model

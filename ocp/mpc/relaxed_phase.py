@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ocp.mpc.linearised import Affine, LinearClosure, Linearised
-from ocp.mpc.newton_phase import UNSOLVED, NewtonPhase, Prepared, Proposal
-from ocp.mpc.phase import Sample
+from ocp.mpc.newton_phase import NewtonPhase
 from ocp.mpc.stages import Plan, StageValues
 
 
@@ -25,8 +24,3 @@ class Relaxed(NewtonPhase):
     def rows(self, lin: Linearised, closed: np.ndarray) -> Affine:
         """Return the constraints."""
         return lin.rows
-
-    def proposals(self, prepared: Prepared, sample: Sample) -> tuple[list[Proposal], str]:
-        """Return the step of the program."""
-        direction = self.solve(prepared.lin, prepared.lin.rows, sample)
-        return ([Proposal(direction, prepared.lin)], "") if direction.solved else ([], UNSOLVED)
