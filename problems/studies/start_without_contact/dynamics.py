@@ -81,7 +81,7 @@ class Bundled(ContactLaw):
         """Return an empty vector: the pairs were solved at every draw."""
         return ca.SX(0, 1)
 
-    def closed(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
+    def close_at_nodes(self, system: ContactSystem, law: Closure, p: ParameterTable, nodes: tuple[Branch, ...]) -> Step:
         """Close the system by the bundle's map."""
         return LearnedStep(system, law, p, nodes, CasadiMap(self.bundle))
 
