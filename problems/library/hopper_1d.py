@@ -58,31 +58,6 @@ class Params(Parameters):
         return self
 
 
-def highest(params: Params) -> float:
-    """Return the largest ``zc_N - zc_0 - w_v vc_N²`` [m], in closed form.
-
-    The ground pushes with ``lam/h`` in [0, u_max + mf g], so the centre of mass accelerates within
-    [-g, a], a = (u_max - mb g)/M, M = mb + mf. Greatest way in a given time is least time for a
-    given way, and Pontryagin's principle gives one switch: full force for t with
-    ``a t = g (T - t)``, then flight; the way is half the largest velocity times T, ``a t T/2``.
-
-    Implicit Euler has ``zc_N - zc_0 = h² sum_j (N - j + 1) a_j`` and ``vc_N = h sum_j a_j``: steps
-    early in the jump count most, so s steps have full force and one, j = s + 1, a share of it,
-    at which ``vc_N = h (N - s)/(2 w_v)`` unless the share leaves [0, 1]. With t on a node that is
-    ``h² a s N/2 + h² (N - s)²/(4 w_v)``. It is reached where the leg is long enough for the body's
-    way in stance, (u_max/mb - g) t²/2.
-    """
-    N, h, g, w = params.N, params.h, params.g, params.w_v
-    push = (params.u_max + params.mf * g) / (params.mb + params.mf)
-
-    def value(s: int) -> float:
-        share = float(np.clip(((N - s) / (2 * w) + g * N) / push - s, 0, 1))
-        distance = push * (s * (2 * N - s + 1) / 2 + share * (N - s)) - g * N * (N + 1) / 2
-        return h**2 * distance - w * (h * (push * (s + share) - g * N)) ** 2
-
-    return max(value(s) for s in range(N))
-
-
 def build(params: Params) -> Problem:
     """Body (hopper-1d.1) and foot (hopper-1d.2) on a rail, the stops of the leg (hopper-1d.4).
 
