@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ocp.judge.constraints import Broken, Violation, row_sizes
+from ocp.problem.parts import repeat_bound
 from ocp.problem.problem import Problem
 from ocp.transcription.common import constraint_names
 
@@ -44,7 +45,7 @@ class ConstraintRows:
             *(("bound on x", signal.name) for signal in system.states),
         ]
         sizes = np.concatenate([_path_sizes(problem), problem.scales.x])
-        bounds = [ca.repmat(ca.SX(v), system.nx // ca.SX(v).numel()) for v in (problem.x_lower, problem.x_upper)]
+        bounds = [repeat_bound(bound, system.nx) for bound in (problem.x_lower, problem.x_upper)]
         ends = [
             ca.vertcat(*(getattr(constraint, side) for constraint in path), bound)
             for side, bound in zip(("lower", "upper"), bounds, strict=True)

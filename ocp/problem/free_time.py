@@ -12,10 +12,8 @@ import numpy as np
 from dynamics.systems import ContactSystem, Signal
 from dynamics.systems.pairs import RefereeModel
 from ocp.errors import InputError
-from ocp.problem.parts import Constraint, FreeStart, column
-
-_STEPLESS_FIELDS = ("u_before", "u_lower", "u_upper", "x_lower", "x_upper")
-"""Fields of a problem that may not depend on a free step size."""
+from ocp.problem.checks import BY_PARAMETERS
+from ocp.problem.parts import Constraint, FreeStart, column, repeat_bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +54,7 @@ def with_free_step(problem: Any, step: FreeStep) -> dict[str, Any]:
             f"{name}: the step size is free, but that of the system is not a parameter; build the system with h=p['h']"
         )
     rows = (*problem.path, *problem.terminal)
-    bounds = {bound_name: getattr(problem, bound_name) for bound_name in _STEPLESS_FIELDS}
+    bounds = {bound_name: getattr(problem, bound_name) for bound_name in BY_PARAMETERS if bound_name != "x0"}
     bounds |= {f"{side} of {row.name}": getattr(row, side) for row in rows for side in ("lower", "upper")}
     for bound_name, bound in bounds.items():
         if bound is not None and ca.depends_on(ca.SX(bound), step_symbols[0]):
@@ -79,22 +77,17 @@ def with_free_step(problem: Any, step: FreeStep) -> dict[str, Any]:
         "stage_cost": with_h(problem.stage_cost),
         "terminal_cost": with_h(problem.terminal_cost),
         "x0": ca.vertcat(problem.x0, step_symbols[0]),
-        "x_lower": ca.vertcat(_every(problem.x_lower, nx), step.lower),
-        "x_upper": ca.vertcat(_every(problem.x_upper, nx), step.upper),
+        "x_lower": ca.vertcat(repeat_bound(problem.x_lower, nx), step.lower),
+        "x_upper": ca.vertcat(repeat_bound(problem.x_upper, nx), step.upper),
         "path": tuple(constraint(row) for row in problem.path),
         "terminal": tuple(constraint(row) for row in problem.terminal),
         "start": FreeStart(
-            lower=ca.vertcat(_every(start.lower, nx), step.lower),
-            upper=ca.vertcat(_every(start.upper, nx), step.upper),
+            lower=ca.vertcat(repeat_bound(start.lower, nx), step.lower),
+            upper=ca.vertcat(repeat_bound(start.upper, nx), step.upper),
             periodic=start.periodic,
         ),
         "guess": None if problem.guess is None else _stretched_guess(problem.guess),
     }
-
-
-def _every(bound: ca.SX | float, nx: int) -> ca.SX:
-    value = ca.SX(bound)
-    return ca.repmat(value, nx // value.numel(), 1)
 
 
 def _stretched(system: ContactSystem, with_h: Callable[[Any], Any], h: ca.SX, h_next: ca.SX) -> ContactSystem:

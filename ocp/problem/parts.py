@@ -29,6 +29,12 @@ def column(what: str, value: Any, *sizes: int) -> ca.SX:
     return ca.vec(expression)
 
 
+def repeat_bound(bound: ca.SX | float, size: int) -> ca.SX:
+    """Return a bound of ``size`` entries, a single one repeated."""
+    column = ca.SX(bound)
+    return ca.repmat(column, size // max(column.numel(), 1), 1)
+
+
 def _expression(value: Any) -> ca.SX | None:
     if isinstance(value, np.ndarray | list | tuple) and not _numbers(value):
         return None
@@ -66,8 +72,7 @@ class Constraint:
         object.__setattr__(self, "expression", expression)
         for side in ("lower", "upper"):
             bound = column(f"{side} of constraint {name}", getattr(self, side), expression.numel(), 1)
-            every = ca.repmat(bound, expression.numel() // bound.numel())
-            object.__setattr__(self, side, every)
+            object.__setattr__(self, side, repeat_bound(bound, expression.numel()))
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from ocp.errors import InputError
 from ocp.problem.checks import BY_PARAMETERS, check_guess, check_problem_symbols
 from ocp.problem.cost_sizes import cost_band, split_constant
 from ocp.problem.free_time import FreeStep, with_free_step
-from ocp.problem.parts import Constraint, FreeStart, Origin, Scales, Scaling, Scenarios, column
+from ocp.problem.parts import Constraint, FreeStart, Origin, Scales, Scaling, Scenarios, column, repeat_bound
 from ocp.problem.sizes import GAP_SHARE, derive_sizes, gap_changes, residual_changes
 from ocp.programs.units import ORDINARY_ROWS, solver_unit
 from ocp.validation import Count, Name, validated
@@ -185,7 +185,7 @@ class Problem:
         u_before = ca.SX.zeros(nu) if self.u_before is None else self.u_before
         values = (self.x0, u_before, self.u_lower, self.u_upper, self.x_lower, self.x_upper)
         sizes = (nx, nu, nu, nu, nx, nx)
-        outputs = [_column(value, size) for value, size in zip(values, sizes, strict=True)]
+        outputs = [ca.densify(repeat_bound(value, size)) for value, size in zip(values, sizes, strict=True)]
         return ca.Function("limits", [self.parameters.vector], outputs, ["p"], [*BY_PARAMETERS])
 
     @cached_property
@@ -193,7 +193,7 @@ class Problem:
         """Map ``p`` to the bounds of x_0, each (nx, 1); both are ``x0`` where it is given."""
         nx, free = self.system.nx, self.start
         ends = (self.x0, self.x0) if free is None else (free.lower, free.upper)
-        outputs = [_column(end, nx) for end in ends]
+        outputs = [ca.densify(repeat_bound(end, nx)) for end in ends]
         return ca.Function("start_limits", [self.parameters.vector], outputs)
 
     @cached_property
@@ -320,8 +320,3 @@ class Problem:
             return check_guess(self, self.guess(self, p))
         x0, u_before = (np.array(v).ravel() for v in self.limits(p)[:2])
         return np.tile(x0, (self.N + 1, 1)), np.tile(u_before, (self.N, 1))
-
-
-def _column(value: ca.SX | float, size: int) -> ca.SX:
-    column = ca.SX(value)
-    return ca.repmat(column, size, 1) if column.numel() == 1 and size != 1 else ca.densify(column)
